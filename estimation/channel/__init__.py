@@ -1,0 +1,1 @@
+"""Channel parameter estimation: beam sweeps in, delays, angles and powers out."""

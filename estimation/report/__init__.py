@@ -1,0 +1,1 @@
+"""Figures and the HTML report: the only home of plotting."""

@@ -1,0 +1,1 @@
+"""Extended object estimation: incidence points in, object contours out."""

@@ -1,0 +1,1 @@
+"""Mapping and snapshot SLAM: channel parameters in, incidence points and receiver poses out."""

@@ -1,0 +1,45 @@
+"""What mapping and SLAM hand on: incidence points and receiver poses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+from scenes.record import BoolArray, FloatArray, IntArray, Record, array
+
+
+class SolveStatus(IntEnum):
+    """How a stop was solved. Non-convergence is a status, not an exception."""
+
+    FAILED = 0
+    LOS = 1
+    NLOS = 2
+    GIVEN = 3  # the pose was given, as in mapping
+
+
+@dataclass(frozen=True)
+class IncidencePoints(Record):
+    """Incidence points (IPs) of non-LOS paths, over all stops, ordered by stop and path."""
+
+    stop: IntArray = array("ip", dtype=int, doc="stop the path belongs to")
+    path: IntArray = array("ip", dtype=int, doc="index of the path in the channel estimate of its stop")
+    position_m: FloatArray = array("ip", "xy", unit="m", doc="estimated incidence point")
+    covariance_m2: FloatArray = array("ip", "xy", "xy2", unit="m^2", doc="covariance of the position")
+    cost: FloatArray = array("ip", doc="J of equation (4) at the minimum: chi-square, 1 degree of freedom")
+    is_inlier: BoolArray = array("ip", dtype=bool, doc="taken as a single bounce; only these are clustered")
+
+    def __len__(self) -> int:
+        return self.size("ip")
+
+
+@dataclass(frozen=True)
+class PoseEstimates(Record):
+    """Receiver state per stop. NaN where the status is FAILED."""
+
+    stop: IntArray = array("stop", dtype=int, doc="index of the receiver stop")
+    position_m: FloatArray = array("stop", "xy", unit="m", doc="receiver position")
+    heading_rad: FloatArray = array("stop", unit="rad", doc="receiver heading, world frame")
+    clock_bias_s: FloatArray = array("stop", unit="s", doc="receiver clock bias")
+    status: IntArray = array("stop", dtype=int, doc="SolveStatus")
+    n_inliers: IntArray = array("stop", dtype=int, doc="paths that agree with the solution, LOS included")
+    cost: FloatArray = array("stop", doc="cost of the chosen hypothesis")

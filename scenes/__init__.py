@@ -1,0 +1,1 @@
+"""The world: pure geometry and materials, no radio."""

@@ -1,0 +1,40 @@
+"""Poses and angles: where a device stands and which way its array frame looks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from scenes.record import FloatArray, Record, array
+
+SPEED_OF_LIGHT_M_S = 299_792_458.0
+
+
+@dataclass(frozen=True)
+class Pose(Record):
+    """Position and heading of a device in the world frame (right-handed, z up)."""
+
+    position_m: FloatArray = array("xyz", unit="m", doc="position in the world frame")
+    heading_rad: float = array(
+        unit="rad", doc="azimuth of the device's x axis, from world +x counter-clockwise"
+    )
+
+
+def wrap_angle(angle_rad: Any) -> Any:
+    """Angle(s) brought into [-pi, pi)."""
+    return (np.asarray(angle_rad) + np.pi) % (2 * np.pi) - np.pi
+
+
+def direction(azimuth_rad: Any, elevation_rad: Any = 0.0) -> FloatArray:
+    """Unit vector(s) (..., xyz) of azimuth (from +x counter-clockwise) and elevation (from horizontal)."""
+    azimuth, elevation = np.broadcast_arrays(np.asarray(azimuth_rad, float), np.asarray(elevation_rad, float))
+    level = np.cos(elevation)
+    return np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=-1)
+
+
+def azimuth_elevation(vector: Any) -> tuple[FloatArray, FloatArray]:
+    """Azimuth and elevation in rad of vector(s) (..., xyz); the inverse of `direction`."""
+    v = np.asarray(vector, float)
+    return np.arctan2(v[..., 1], v[..., 0]), np.arctan2(v[..., 2], np.hypot(v[..., 0], v[..., 1]))

@@ -1,0 +1,109 @@
+"""Records between stages: frozen dataclasses of numpy arrays with named axes and units.
+
+A record's fields carry their axes, unit, dtype and meaning in the dataclass field metadata, so one place
+checks shapes at construction, writes files and documents the field:
+
+>>> @dataclass(frozen=True)
+... class Echo(Record):
+...     delay_s: FloatArray = array("path", unit="s", doc="time of arrival")
+
+An axis name means the same length everywhere inside one record. The axes `xy` and `xyz` have fixed lengths.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields
+from typing import Any, Self, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+ComplexArray = NDArray[np.complex128]
+TextArray = NDArray[np.str_]
+
+R = TypeVar("R", bound="Record")
+
+FIXED_AXES = {"xy": 2, "xyz": 3}
+
+
+def array(*axes: str, unit: str = "1", dtype: Any = np.float64, doc: str = "") -> Any:
+    """Declare an array field of a record with its named `axes`, `unit`, `dtype` and meaning `doc`.
+
+    Without axes the field is a scalar and is stored as a Python number of that dtype.
+    """
+    return field(metadata={"axes": axes, "unit": unit, "dtype": np.dtype(dtype), "doc": doc})
+
+
+@dataclass(frozen=True)
+class Record:
+    """Base of all records: converts to the declared dtypes, checks the shapes, freezes the arrays.
+
+    Raises
+    ------
+    ValueError
+        Where an array has other axes than declared; the message names record, field, shape and axes.
+    """
+
+    def __post_init__(self) -> None:
+        sizes: dict[str, int] = dict(FIXED_AXES)
+        for spec in fields(self):
+            if "axes" not in spec.metadata:
+                continue
+            value = _checked(type(self).__name__, spec.name, getattr(self, spec.name), spec.metadata, sizes)
+            object.__setattr__(self, spec.name, value)
+
+    def take(self, axis: str, index: Any) -> Self:
+        """Select along one named axis everywhere: the same record with `index` (mask or integers) applied."""
+        changed = {}
+        for spec in fields(self):
+            value = getattr(self, spec.name)
+            axes = spec.metadata.get("axes", ())
+            if axis in axes:
+                value = value[(slice(None),) * axes.index(axis) + (index,)]
+            changed[spec.name] = value
+        return type(self)(**changed)
+
+    def size(self, axis: str) -> int:
+        """Length of a named axis; `KeyError` where no field has it."""
+        for spec in fields(self):
+            axes = spec.metadata.get("axes", ())
+            if axis in axes:
+                return int(getattr(self, spec.name).shape[axes.index(axis)])
+        raise KeyError(axis)
+
+
+def concatenate(records: Sequence[R], axis: str) -> R:
+    """Join records of one type along a named axis; fields without that axis are taken from the first.
+
+    Raises `ValueError` on an empty sequence: nothing says which type it would be.
+    """
+    if not records:
+        raise ValueError("concatenate: no records given, at least one is needed")
+    joined = {}
+    for spec in fields(records[0]):
+        axes = spec.metadata.get("axes", ())
+        values = [getattr(record, spec.name) for record in records]
+        joined[spec.name] = np.concatenate(values, axis=axes.index(axis)) if axis in axes else values[0]
+    return type(records[0])(**joined)
+
+
+def _checked(owner: str, name: str, value: Any, metadata: Any, sizes: dict[str, int]) -> Any:
+    axes: tuple[str, ...] = metadata["axes"]
+    dtype: np.dtype[Any] = metadata["dtype"]
+    kind = dtype.type if dtype.kind != "U" else str
+    result = np.asarray(value, dtype=kind).view()
+    if result.ndim != len(axes):
+        raise ValueError(f"{owner}.{name}: shape {result.shape} does not fit the axes {axes}")
+    for axis, length in zip(axes, result.shape, strict=True):
+        if sizes.setdefault(axis, length) != length:
+            raise ValueError(
+                f"{owner}.{name}: axis '{axis}' has length {length}, expected {sizes[axis]} (axes {axes})"
+            )
+    if not axes:
+        return result.item()
+    result.setflags(write=False)
+    return result

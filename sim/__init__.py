@@ -1,0 +1,1 @@
+"""The wave and the receiver: paths, arrays, PRS signal, noise and clock."""

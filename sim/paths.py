@@ -1,0 +1,111 @@
+"""The path record: what propagation hands to the signal, and what scoring knows as the truth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+
+from scenes.record import BoolArray, ComplexArray, FloatArray, IntArray, Record, TextArray, array
+
+
+class BounceKind(IntEnum):
+    """What happens to a path at one interaction; NONE pads unused bounce slots."""
+
+    NONE = 0
+    SPECULAR = 1
+    DIFFUSE = 2
+    REFRACTION = 3
+    DIFFRACTION = 4
+
+
+@dataclass(frozen=True)
+class Paths(Record):
+    """All propagation paths from the TX to one RX position; zero paths are valid.
+
+    The gain is that between two isotropic, vertically polarised elements and holds the carrier phase
+    exp(-j 2 pi f_c tau) and every interaction; |gain|^2 is received over transmitted power. Directions are in
+    the world frame: departure from the TX, arrival from the RX back towards the last interaction.
+    Unused bounce slots hold kind NONE, object -1 and NaN vertices, always behind the used ones.
+    """
+
+    gain: ComplexArray = array("path", dtype=complex, doc="complex amplitude gain incl. carrier phase")
+    delay_s: FloatArray = array("path", unit="s", doc="propagation delay, no clock bias")
+    aod_azimuth_rad: FloatArray = array("path", unit="rad", doc="azimuth of departure, world frame")
+    aod_elevation_rad: FloatArray = array("path", unit="rad", doc="elevation of departure")
+    aoa_azimuth_rad: FloatArray = array("path", unit="rad", doc="azimuth of arrival, world frame")
+    aoa_elevation_rad: FloatArray = array("path", unit="rad", doc="elevation of arrival")
+    bounce_kind: IntArray = array("path", "bounce", dtype=int, doc="BounceKind of each interaction, TX to RX")
+    bounce_object: IntArray = array("path", "bounce", dtype=int, doc="index into object_name, -1 for none")
+    vertex_m: FloatArray = array("path", "bounce", "xyz", unit="m", doc="interaction points, TX to RX")
+    object_name: TextArray = array("object", dtype=str, doc="names of the scene's objects")
+
+    def __len__(self) -> int:
+        return self.size("path")
+
+    @property
+    def power(self) -> FloatArray:
+        """|gain|^2 (path,): received over transmitted power between isotropic elements."""
+        return np.abs(self.gain) ** 2
+
+    @property
+    def n_bounces(self) -> IntArray:
+        """Number of interactions (path,)."""
+        return np.asarray((self.bounce_kind != BounceKind.NONE).sum(axis=1), int)
+
+    @property
+    def is_los(self) -> BoolArray:
+        """Paths without any interaction (path,)."""
+        return np.asarray(self.n_bounces == 0)
+
+    @property
+    def is_single_bounce(self) -> BoolArray:
+        """Paths with exactly one interaction, of whatever kind (path,)."""
+        return np.asarray(self.n_bounces == 1)
+
+    @property
+    def is_diffuse(self) -> BoolArray:
+        """Paths with a diffuse interaction (path,)."""
+        return np.asarray((self.bounce_kind == BounceKind.DIFFUSE).any(axis=1))
+
+
+def canonical_order(paths: Paths) -> Paths:
+    """Paths sorted by bounces, kinds, objects, delay and directions: one order whatever the tracer gave."""
+    quantised_delay = np.round(paths.delay_s * 1e15)
+    keys = [
+        paths.aoa_azimuth_rad, paths.aod_elevation_rad, paths.aod_azimuth_rad, quantised_delay,
+        *paths.bounce_object.T[::-1], *paths.bounce_kind.T[::-1], paths.is_diffuse, paths.n_bounces,
+    ]  # fmt: skip
+    return paths.take("path", np.lexsort(keys))
+
+
+def with_bounce_slots(paths: Paths, n_slots: int) -> Paths:
+    """The same paths with room for `n_slots` bounces each; `ValueError` where a path needs more."""
+    if len(paths) and paths.n_bounces.max() > n_slots:
+        raise ValueError(f"Paths.bounce: {paths.n_bounces.max()} bounces do not fit into {n_slots} slots")
+    changes = {}
+    for name, filler in (("bounce_kind", BounceKind.NONE), ("bounce_object", -1), ("vertex_m", np.nan)):
+        old = getattr(paths, name)[:, :n_slots]
+        new = np.full((old.shape[0], n_slots, *old.shape[2:]), filler, old.dtype)
+        new[:, : old.shape[1]] = old
+        changes[name] = new
+    return Paths(**{**{f: getattr(paths, f) for f in paths.__dataclass_fields__}, **changes})
+
+
+def empty_paths(object_name: TextArray | list[str], n_slots: int = 1) -> Paths:
+    """A record of zero paths in a scene with these objects."""
+    none = np.zeros(0)
+    unused = np.zeros((0, n_slots), int)
+    return Paths(
+        gain=none.astype(complex),
+        delay_s=none,
+        aod_azimuth_rad=none,
+        aod_elevation_rad=none,
+        aoa_azimuth_rad=none,
+        aoa_elevation_rad=none,
+        bounce_kind=unused,
+        bounce_object=unused,
+        vertex_m=np.zeros((0, n_slots, 3)),
+        object_name=np.asarray(object_name, str),
+    )
