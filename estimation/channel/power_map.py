@@ -1,0 +1,33 @@
+"""The beam power map: received power of every beam pair, the picture of a stop in angles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from scenes.record import FloatArray, Record, array
+from sim.sweep import BeamSweep
+
+
+@dataclass(frozen=True)
+class BeamPowerMap(Record):
+    """Beam reference signal received power (BRSRP) of one stop."""
+
+    stop: int = array(dtype=int, doc="index of the receiver stop")
+    tx_azimuth_rad: FloatArray = array("tx_beam", unit="rad", doc="pointing azimuth of TX beams, TX frame")
+    rx_azimuth_rad: FloatArray = array("rx_beam", unit="rad", doc="pointing azimuth of RX beams, RX frame")
+    power_dbm: FloatArray = array("tx_beam", "rx_beam", unit="dBm", doc="mean power over the subcarriers")
+
+
+def beam_power_map(sweep: BeamSweep) -> BeamPowerMap:
+    """Mean of |y|^2 over the subcarriers, per beam pair."""
+    samples = sweep.samples
+    power_mw = np.einsum("mnk,mnk->mn", samples.real, samples.real, dtype=np.float64)
+    power_mw += np.einsum("mnk,mnk->mn", samples.imag, samples.imag, dtype=np.float64)
+    return BeamPowerMap(
+        stop=sweep.stop,
+        tx_azimuth_rad=sweep.tx_codebook.azimuth_rad,
+        rx_azimuth_rad=sweep.rx_codebook.azimuth_rad,
+        power_dbm=10 * np.log10(power_mw / samples.shape[-1]),
+    )

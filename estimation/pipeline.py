@@ -1,0 +1,93 @@
+"""The estimation chain: sweeps to channel estimates, to maps, to shapes. Pure: records in, records out."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Iterable, Sequence
+
+import numpy as np
+
+from estimation.channel.power import estimate_power
+from estimation.channel.record import ChannelEstimate
+from estimation.config import CampaignConfig
+from estimation.results import MapResult
+from estimation.shape.estimate import estimate_shapes
+from estimation.slam.mapping import map_stops
+from estimation.slam.record import PoseEstimates, SolveStatus
+from estimation.slam.snapshot import run_slam
+from scenes.pose import Pose
+from sim.sweep import BeamSweep
+from sim.truth import Truth
+
+ChannelEstimator = Callable[[BeamSweep], ChannelEstimate]
+
+
+def channel_estimator(config: CampaignConfig, name: str | None = None) -> ChannelEstimator:
+    """The channel estimator to run: the power-only method, or a user's `package.module:function`.
+
+    The function takes a `BeamSweep` and returns a `ChannelEstimate`.
+
+    Raises
+    ------
+    ValueError
+        Where the name has another form, cannot be imported or is no function; and, when called, where the
+        function returns something else than the `ChannelEstimate` of the same stop.
+    """
+    if name is None:
+        return lambda sweep: estimate_power(sweep, config.channel)
+    function = _imported(name)
+
+    def checked(sweep: BeamSweep) -> ChannelEstimate:
+        estimate = function(sweep)
+        if not isinstance(estimate, ChannelEstimate):
+            returned = type(estimate).__name__
+            raise ValueError(f"estimator = '{name}': returned {returned}, a ChannelEstimate is needed")
+        if estimate.stop != sweep.stop:
+            raise ValueError(
+                f"estimator = '{name}': returned stop {estimate.stop}, the sweep is of stop {sweep.stop}"
+            )
+        return estimate
+
+    return checked
+
+
+def known_receiver(truths: Iterable[Truth]) -> PoseEstimates:
+    """The true receiver states as given poses: what mapping, and only mapping, is told."""
+    states = [(t.stop, *t.rx_pose.position_m[:2], t.rx_pose.heading_rad, t.clock_bias_s) for t in truths]
+    table = np.array(states, float).reshape(-1, 5)
+    return PoseEstimates(
+        stop=table[:, 0].astype(int),
+        position_m=table[:, 1:3],
+        heading_rad=table[:, 3],
+        clock_bias_s=table[:, 4],
+        status=np.full(len(table), SolveStatus.GIVEN),
+        n_inliers=np.zeros(len(table), int),
+        cost=np.zeros(len(table)),
+    )
+
+
+def map_known(
+    config: CampaignConfig, channel: Sequence[ChannelEstimate], tx_pose: Pose, receiver: PoseEstimates
+) -> MapResult:
+    """Mapping: incidence points from known receiver states, then shapes."""
+    ips = map_stops(channel, receiver, tx_pose, config.mapping)
+    return MapResult(receiver, ips, estimate_shapes(ips, config.shapes))
+
+
+def map_unknown(config: CampaignConfig, channel: Sequence[ChannelEstimate], tx_pose: Pose) -> MapResult:
+    """SLAM: receiver states and incidence points together, then shapes."""
+    poses, ips = run_slam(channel, tx_pose, config.slam, config.mapping)
+    return MapResult(poses, ips, estimate_shapes(ips, config.shapes))
+
+
+def _imported(name: str) -> Callable[[BeamSweep], object]:
+    module_name, colon, function_name = name.partition(":")
+    if not (module_name and colon and function_name):
+        raise ValueError(f"estimator = '{name}': write it as package.module:function")
+    try:
+        function = getattr(importlib.import_module(module_name), function_name)
+    except (ImportError, AttributeError) as error:
+        raise ValueError(f"estimator = '{name}': cannot be imported ({error})") from error
+    if not callable(function):
+        raise ValueError(f"estimator = '{name}': is no function")
+    return function  # type: ignore[no-any-return]

@@ -1,0 +1,195 @@
+"""Plan figure of a scene: objects by kind, the TX with its boresight, the walk of the RX."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any, Literal
+
+import numpy as np
+import shapely
+from matplotlib import patheffects
+from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
+
+from scenes.record import FloatArray
+from scenes.scene import Scene, SceneObject
+
+KIND_COLORS = {
+    "wall": "#4d4d4d",
+    "pillar": "#c0392b",
+    "kiosk": "#8e44ad",
+    "rail": "#b9770e",
+    "box": "#d68910",
+    "polygon": "#2e86c1",
+    "stairs": "#7f8c8d",
+}
+DRAWN_SAGITTA_M = 0.002
+BORESIGHT_LENGTH_M = 1.5
+CROP_MARGIN_M = 5.0
+EDGE_MARGIN_M = 0.5
+STOP_LABEL_STEP = 5
+LABEL_OFFSET_PT = 7.0
+OBJECT_LABEL_PT = 6.5
+LABEL_GAP_PT = 2.5
+
+Box = tuple[float, float, float, float]  # x_min, y_min, x_max, y_max
+
+
+def draw_plan(
+    ax: Any,
+    scene: Scene,
+    *,
+    stops: Iterable[int] | None = None,
+    labels: bool = True,
+    extent: Literal["walk", "all"] = "walk",
+    label_objects: bool | Iterable[str] = False,
+) -> None:
+    """Draw the plan of a scene on matplotlib axes, equal scales, in m.
+
+    Parameters
+    ----------
+    stops : indices of the RX stops to show; all where left out
+    labels : number every fifth stop, name the TX and add the legend outside the axes
+    extent : 'walk' crops to the walk and the TX with a margin, 'all' shows the bounds of the scene
+    label_objects : names of objects to write beside them; True for all in view
+    """
+    view = _view(scene, extent)
+    for item in scene.objects:
+        _draw_object(ax, item)
+    _draw_walk(ax, scene, stops, labels=labels)
+    _draw_tx(ax, scene, labels=labels)
+    ax.set(xlim=view[::2], ylim=view[1::2], aspect="equal", xlabel="x in m", ylabel="y in m")
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.set_major_locator(MaxNLocator(integer=True))
+    ax.grid(color="0.92", linewidth=0.6)
+    ax.set_axisbelow(True)
+    if label_objects:
+        names = scene.object_names if label_objects is True else label_objects
+        _label_objects(ax, scene, names, view)
+    if labels:
+        _draw_legend(ax, scene, view)
+
+
+def _view(scene: Scene, extent: str) -> Box:
+    boxes = np.array([scene.bounds_m, *(item.contour.bounds_m for item in scene.objects)])
+    low, high = boxes[:, :2].min(axis=0) - EDGE_MARGIN_M, boxes[:, 2:].max(axis=0) + EDGE_MARGIN_M
+    if extent == "walk":
+        points = np.vstack([scene.walk.positions_m()[:, :2], scene.tx.position_m[:2]])
+        low = np.maximum(points.min(axis=0) - CROP_MARGIN_M, low)
+        high = np.minimum(points.max(axis=0) + CROP_MARGIN_M, high)
+    return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+
+
+def _draw_object(ax: Any, item: SceneObject) -> None:
+    color, outline = KIND_COLORS[item.kind], item.contour.vertices(DRAWN_SAGITTA_M)
+    if item.contour.closed:
+        ax.fill(*outline.T, facecolor=color, alpha=0.35, linewidth=0)
+        ax.fill(*outline.T, facecolor="none", edgecolor=color, linewidth=1.2)
+    else:
+        ax.plot(*outline.T, color=color, linewidth=1.8, solid_capstyle="round")
+
+
+def _draw_walk(ax: Any, scene: Scene, stops: Iterable[int] | None, *, labels: bool) -> None:
+    position, heading = scene.walk.positions_m()[:, :2], scene.walk.headings_rad()
+    chosen = np.arange(len(position)) if stops is None else np.array(sorted(stops), dtype=int)
+    ax.plot(*scene.walk.waypoints_m.T, color="#1e8449", linewidth=0.8, alpha=0.5)
+    ax.plot(*position[chosen].T, "o", color="#1e8449", markersize=3.5, label="RX stop")
+    if not labels:
+        return
+    numbered = [index for index in chosen if index % STOP_LABEL_STEP == 0 or index == chosen[-1]]
+    for index in numbered:
+        offset = _label_offset(position, heading, index)
+        ax.annotate(
+            str(index), position[index], xytext=offset, textcoords="offset points", fontsize=7,
+            color="#145a32", ha="center", va="center", path_effects=_halo(),
+        )  # fmt: skip
+
+
+def _label_offset(position: FloatArray, heading: FloatArray, index: int) -> FloatArray:
+    """Offset (xy) in points to the left of the walk, where its label hides no other stop."""
+    before, after = position[max(index - 1, 0)], position[min(index + 1, len(position) - 1)]
+    along = after - before
+    if not np.any(along):
+        along = np.array([np.cos(heading[index]), np.sin(heading[index])])
+    along = along / np.linalg.norm(along)
+    return LABEL_OFFSET_PT * np.array([-along[1], along[0]])
+
+
+def _draw_tx(ax: Any, scene: Scene, *, labels: bool) -> None:
+    here = scene.tx.position_m[:2]
+    boresight = np.array([np.cos(scene.tx.heading_rad), np.sin(scene.tx.heading_rad)])
+    tip = here + BORESIGHT_LENGTH_M * boresight
+    arrow = {"arrowstyle": "-|>", "color": "black", "linewidth": 1.4, "shrinkA": 0, "shrinkB": 0}
+    ax.annotate("", tip, xytext=here, arrowprops=arrow)
+    ax.plot(*here, "D", color="black", markersize=6, label="TX, arrow: boresight", linestyle="none")
+    if labels:
+        ax.annotate(
+            "TX", here, xytext=-11 * boresight, textcoords="offset points", fontsize=9, weight="bold",
+            ha="center", va="center", path_effects=_halo(),
+        )  # fmt: skip
+
+
+def _label_objects(ax: Any, scene: Scene, names: Iterable[str], view: Box) -> None:
+    """Names beside the objects in view, each on the first side where it covers no stop and no other name."""
+    ax.apply_aspect()
+    to_points = 72 / ax.figure.dpi
+    frame = shapely.box(*view)
+    taken: list[Box] = [
+        (x - 5, y - 5, x + 5, y + 5)
+        for x, y in ax.transData.transform(scene.walk.positions_m()[:, :2]) * to_points
+    ]
+    for item in map(scene.object, names):
+        seen = shapely.intersection(item.contour.outline, frame)
+        if seen.is_empty or seen.length == 0:
+            continue
+        corners = ax.transData.transform(np.reshape(seen.bounds, (2, 2))) * to_points
+        center_pt, box = _free_place(corners, len(item.name), taken)
+        taken.append(box)
+        label = ax.text(
+            *ax.transData.inverted().transform(np.array(center_pt) / to_points), item.name,
+            fontsize=OBJECT_LABEL_PT, color=KIND_COLORS[item.kind], ha="center", va="center",
+            path_effects=_halo(), clip_on=True,
+        )  # fmt: skip
+        label.set_in_layout(False)
+
+
+def _free_place(corners_pt: FloatArray, n_letters: int, taken: list[Box]) -> tuple[tuple[float, float], Box]:
+    """Centre and box in points of a name beside a bounding box (corner, xy); the first place where none is free.
+
+    Slender upright objects are labelled at their sides first, all others above or below.
+    """
+    half_width, half_height = 0.32 * OBJECT_LABEL_PT * n_letters, 0.6 * OBJECT_LABEL_PT
+    (left, low), (right, high) = corners_pt
+    mid_x, mid_y = corners_pt.mean(axis=0)
+    x_left, x_right = left - half_width - LABEL_GAP_PT, right + half_width + LABEL_GAP_PT
+    y_low, y_high = low - half_height - LABEL_GAP_PT, high + half_height + LABEL_GAP_PT
+    sides, ends = [(x_right, mid_y), (x_left, mid_y)], [(mid_x, y_high), (mid_x, y_low)]
+    upright = high - low > 2 * (right - left)
+    places = [*(sides + ends if upright else ends + sides)]
+    places += [(x, y) for x in (x_right, x_left) for y in (y_high, y_low)]
+    boxes = [(x - half_width, y - half_height, x + half_width, y + half_height) for x, y in places]
+    free = [index for index, box in enumerate(boxes) if not any(_overlaps(box, other) for other in taken)]
+    chosen = free[0] if free else 0
+    return places[chosen], boxes[chosen]
+
+
+def _draw_legend(ax: Any, scene: Scene, view: Box) -> None:
+    """Legend to the right of the axes, where it hides nothing, of the kinds in view."""
+    kinds = {item.kind for item in scene.objects if _overlaps(item.contour.bounds_m, view)}
+    patches = [
+        Patch(facecolor=color + "59", edgecolor=color, label=kind)
+        for kind, color in KIND_COLORS.items() if kind in kinds
+    ]  # fmt: skip
+    handles, _ = ax.get_legend_handles_labels()
+    ax.legend(
+        handles=[*patches, *handles], loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0,
+        fontsize=8, frameon=False,
+    )  # fmt: skip
+
+
+def _overlaps(box: Box, other: Box) -> bool:
+    return box[0] < other[2] and other[0] < box[2] and box[1] < other[3] and other[1] < box[3]
+
+
+def _halo() -> list[Any]:
+    return [patheffects.withStroke(linewidth=2, foreground="white")]

@@ -1,0 +1,29 @@
+"""What the whole chain produced for one campaign, in memory."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from estimation.channel.power_map import BeamPowerMap
+from estimation.channel.record import ChannelEstimate
+from estimation.shape.record import Shapes
+from estimation.slam.record import IncidencePoints, PoseEstimates
+
+
+@dataclass(frozen=True)
+class MapResult:
+    """A map of the scene: receiver poses, incidence points and shapes, from mapping or from SLAM."""
+
+    poses: PoseEstimates
+    ips: IncidencePoints
+    shapes: Shapes
+
+
+@dataclass(frozen=True)
+class CampaignResults:
+    """All estimates of a campaign. `channel` and `power_maps` have one entry per stop, in order."""
+
+    channel: tuple[ChannelEstimate, ...]
+    power_maps: tuple[BeamPowerMap, ...]
+    mapping: MapResult
+    slam: MapResult

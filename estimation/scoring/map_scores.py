@@ -1,0 +1,122 @@
+"""Scores of a map: how close the incidence points are to real surfaces, and which objects were found."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.stats import chi2
+
+from estimation.results import MapResult
+from estimation.scoring.config import ScoringConfig
+from estimation.scoring.metric import Metric
+from estimation.scoring.provenance import ClusterOrigin, ip_paths
+from estimation.scoring.record import ClusterScores, IpScores, PathScores
+from estimation.scoring.statistics import mean, quantile, ratio, rms, squared_mahalanobis
+from scenes.record import BoolArray, FloatArray, IntArray
+from scenes.scene import OBJECT_KINDS, Scene
+
+
+def surface_distance_m(scene: Scene, points_m: FloatArray) -> FloatArray:
+    """Distance (point,) in m to the nearest boundary of any object of the scene; infinite without objects."""
+    nearest = np.full(len(points_m), np.inf)
+    for item in scene.objects:
+        nearest = np.minimum(nearest, np.abs(item.contour.signed_distance(points_m)))
+    return nearest
+
+
+def score_ips(scene: Scene, result: MapResult, paths: PathScores) -> IpScores:
+    """Table of all incidence points of a map.
+
+    Raises `ValueError` where the clusters are not given for every incidence point.
+    """
+    ips, label = result.ips, result.shapes.label
+    if len(label) != len(ips):
+        raise ValueError(
+            f"Shapes.label: {len(label)} labels for {len(ips)} incidence points, one each is needed"
+        )
+    row = ip_paths(ips, paths)
+    error = ips.position_m - paths.vertex_m[row]
+    return IpScores(
+        stop=ips.stop,
+        path=ips.path,
+        is_inlier=ips.is_inlier,
+        label=label,
+        object=paths.object[row],
+        surface_distance_m=surface_distance_m(scene, ips.position_m),
+        position_error_m=np.linalg.norm(error, axis=1),
+        nees=squared_mahalanobis(error, ips.covariance_m2),
+    )
+
+
+def close_counts(
+    scene: Scene, result: MapResult, ips: IpScores, origin: ClusterOrigin, reach_m: float
+) -> IntArray:
+    """IPs (cluster,) that stem from the cluster's object and lie within `reach_m` of it."""
+    counts = np.zeros(len(origin.object), int)
+    for cluster, name in enumerate(origin.object):
+        if name not in scene.object_names:
+            continue
+        own = (ips.label == cluster) & (ips.object == name)
+        distance = np.abs(scene.object(str(name)).contour.signed_distance(result.ips.position_m[own]))
+        counts[cluster] = (distance <= reach_m).sum()
+    return counts
+
+
+def is_ghost(ips: IpScores, n_clusters: int) -> BoolArray:
+    """Whether more than half of a cluster's IPs stem from no object: multiple bounces and false paths."""
+    nameless = [mean(ips.object[ips.label == cluster] == "") for cluster in range(n_clusters)]
+    return np.array(nameless, float) > 0.5
+
+
+def map_metrics(prefix: str, scene: Scene, ips: IpScores, clusters: ClusterScores) -> list[Metric]:
+    """Scores of one map; `prefix` is 'mapping' or 'slam'. Distances are those of single bounces by the estimator."""
+    inliers = ips.take("ip", ips.is_inlier)
+    clustered = inliers.label >= 0
+    return [
+        Metric(f"{prefix}.ips", len(inliers.stop), "1", "info"),
+        Metric(f"{prefix}.ips_clustered_share", mean(clustered), "1", "info"),
+        Metric(f"{prefix}.ips_from_single_bounce_share", mean(inliers.object != ""), "1", "higher"),
+        *_distance_metrics(f"{prefix}.ip_to_surface", inliers.surface_distance_m),
+        *_distance_metrics(f"{prefix}.ip_to_surface.clustered", inliers.surface_distance_m[clustered]),
+        *_distance_metrics(f"{prefix}.ip_position", inliers.position_error_m),
+        Metric(f"{prefix}.ip_position.nees", mean(inliers.nees / 2), "1", "info"),
+        Metric(f"{prefix}.ip_position.coverage95", _coverage(inliers.nees), "1", "info"),
+        *_object_metrics(prefix, scene, clusters),
+    ]
+
+
+def found_objects(clusters: ClusterScores) -> list[str]:
+    """Names of the objects found, each once, sorted."""
+    return sorted({str(name) for name in clusters.object[clusters.is_found]})
+
+
+def find_clusters(origin: ClusterOrigin, n_close: IntArray, config: ScoringConfig) -> BoolArray:
+    """Whether each cluster shows an object: named by provenance and with enough IPs close to it."""
+    return np.asarray((origin.object != "") & (n_close >= config.found_points))
+
+
+def _distance_metrics(prefix: str, distance_m: FloatArray) -> list[Metric]:
+    return [
+        Metric(f"{prefix}.median_m", quantile(distance_m, 0.5), "m", "lower"),
+        Metric(f"{prefix}.rms_m", rms(distance_m), "m", "lower"),
+        Metric(f"{prefix}.p90_m", quantile(distance_m, 0.9), "m", "lower"),
+    ]
+
+
+def _object_metrics(prefix: str, scene: Scene, clusters: ClusterScores) -> list[Metric]:
+    found = [scene.object(name).kind for name in found_objects(clusters)]
+    n_clusters = len(clusters.object)
+    return [
+        Metric(f"{prefix}.clusters", n_clusters, "1", "info"),
+        Metric(f"{prefix}.ghost_clusters", clusters.is_ghost.sum(), "1", "lower"),
+        Metric(f"{prefix}.cluster_purity", mean(clusters.purity), "1", "higher"),
+        Metric(f"{prefix}.objects_found", len(found), "1", "higher"),
+        Metric(f"{prefix}.objects_found_share", ratio(len(found), len(scene.objects)), "1", "higher"),
+        *(
+            Metric(f"{prefix}.objects_found.{kind}", found.count(kind), "1", "higher")
+            for kind in OBJECT_KINDS
+        ),
+    ]
+
+
+def _coverage(nees: FloatArray) -> float:
+    return mean(nees[np.isfinite(nees)] <= chi2.ppf(0.95, 2))

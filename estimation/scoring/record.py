@@ -1,0 +1,133 @@
+"""Tables behind the scores: every estimate with the truth it belongs to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+from scenes.record import BoolArray, FloatArray, IntArray, Record, TextArray, array
+
+
+class PathStatus(IntEnum):
+    """What an estimated path is worth."""
+
+    FALSE = 0
+    WEAK = 1  # explained by true energy that no significant path carries: weak or diffuse
+    DETECTED = 2
+
+
+class PathKind(IntEnum):
+    """Reflections of a true path; passing through a wall does not count as one."""
+
+    NONE = -1
+    LOS = 0
+    SINGLE_BOUNCE = 1
+    MULTI_BOUNCE = 2
+
+
+@dataclass(frozen=True)
+class PathScores(Record):
+    """Every estimated path of a campaign, ordered by stop and path. Errors are estimate minus truth.
+
+    Errors are NaN unless the path is detected; `object` is empty unless the true path bounces exactly once.
+    """
+
+    stop: IntArray = array("estimate", dtype=int, doc="index of the receiver stop")
+    path: IntArray = array("estimate", dtype=int, doc="index in the channel estimate of the stop")
+    status: IntArray = array("estimate", dtype=int, doc="PathStatus")
+    is_los: BoolArray = array("estimate", dtype=bool, doc="taken as line of sight by the estimator")
+    true_path: IntArray = array("estimate", dtype=int, doc="index in the true paths of the stop, -1 for none")
+    kind: IntArray = array("estimate", dtype=int, doc="PathKind of the true path")
+    object: TextArray = array("estimate", dtype=str, doc="object the true path bounced off")
+    vertex_m: FloatArray = array(
+        "estimate", "xy", unit="m", doc="true IP of a detected single bounce, or NaN"
+    )
+    delay_error_s: FloatArray = array("estimate", unit="s", doc="error of the delay")
+    aod_error_rad: FloatArray = array("estimate", unit="rad", doc="error of the azimuth of departure")
+    aoa_error_rad: FloatArray = array("estimate", unit="rad", doc="error of the azimuth of arrival")
+    power_error_db: FloatArray = array("estimate", unit="dB", doc="error of the power in the best beam pair")
+    nees: FloatArray = array("estimate", doc="squared error over covariance, 3 degrees of freedom")
+
+
+@dataclass(frozen=True)
+class SignificantPaths(Record):
+    """Every true path that a receiver could have detected, as its devices see it."""
+
+    stop: IntArray = array("true_path", dtype=int, doc="index of the receiver stop")
+    path: IntArray = array("true_path", dtype=int, doc="index in the true paths of the stop")
+    kind: IntArray = array("true_path", dtype=int, doc="PathKind")
+    object: TextArray = array("true_path", dtype=str, doc="object of a single bounce, else empty")
+    vertex_m: FloatArray = array("true_path", "xy", unit="m", doc="IP of a single bounce, or NaN")
+    delay_s: FloatArray = array("true_path", unit="s", doc="delay with the clock bias")
+    aod_azimuth_rad: FloatArray = array("true_path", unit="rad", doc="azimuth of departure, TX frame")
+    aoa_azimuth_rad: FloatArray = array("true_path", unit="rad", doc="azimuth of arrival, RX frame")
+    power_dbm: FloatArray = array("true_path", unit="dBm", doc="received power in the best beam pair")
+    is_detected: BoolArray = array("true_path", dtype=bool, doc="an estimate is assigned to it")
+    is_unresolved: BoolArray = array("true_path", dtype=bool, doc="missed, within the gate of a detected one")
+
+
+@dataclass(frozen=True)
+class PoseScores(Record):
+    """Receiver state per stop: the truth and the errors of SLAM, NaN where it found no solution."""
+
+    stop: IntArray = array("stop", dtype=int, doc="index of the receiver stop")
+    has_los: BoolArray = array("stop", dtype=bool, doc="the true line of sight is a significant path")
+    status: IntArray = array("stop", dtype=int, doc="SolveStatus of SLAM")
+    true_position_m: FloatArray = array("stop", "xy", unit="m", doc="true receiver position")
+    true_heading_rad: FloatArray = array("stop", unit="rad", doc="true receiver heading")
+    true_clock_bias_s: FloatArray = array("stop", unit="s", doc="true receiver clock bias")
+    position_error_m: FloatArray = array("stop", unit="m", doc="distance of the estimate to the truth")
+    heading_error_rad: FloatArray = array("stop", unit="rad", doc="estimate minus truth, wrapped")
+    clock_error_s: FloatArray = array("stop", unit="s", doc="estimate minus truth")
+
+
+@dataclass(frozen=True)
+class IpScores(Record):
+    """Every incidence point of one map, ordered as in the map."""
+
+    stop: IntArray = array("ip", dtype=int, doc="stop the path belongs to")
+    path: IntArray = array("ip", dtype=int, doc="index in the channel estimate of the stop")
+    is_inlier: BoolArray = array("ip", dtype=bool, doc="taken as a single bounce by the estimator")
+    label: IntArray = array("ip", dtype=int, doc="cluster, -1 for none")
+    object: TextArray = array("ip", dtype=str, doc="object of the true single bounce, else empty")
+    surface_distance_m: FloatArray = array("ip", unit="m", doc="distance to the nearest true surface")
+    position_error_m: FloatArray = array("ip", unit="m", doc="distance to the true IP, or NaN")
+    nees: FloatArray = array("ip", doc="squared position error over covariance, 2 degrees of freedom")
+
+
+@dataclass(frozen=True)
+class ClusterScores(Record):
+    """Every cluster of one map with the object it shows. Shape errors are NaN where there is no object."""
+
+    object: TextArray = array("cluster", dtype=str, doc="object of at least half of its IPs, else empty")
+    purity: FloatArray = array("cluster", doc="share of the IPs that stem from the most frequent object")
+    n_ips: IntArray = array("cluster", dtype=int, doc="incidence points")
+    n_close: IntArray = array("cluster", dtype=int, doc="IPs that stem from the object and lie close to it")
+    is_found: BoolArray = array("cluster", dtype=bool, doc="enough close IPs to call the object found")
+    is_ghost: BoolArray = array("cluster", dtype=bool, doc="more than half of the IPs stem from no object")
+    iou: FloatArray = array("cluster", doc="intersection over union of the areas, closed objects")
+    hausdorff_m: FloatArray = array("cluster", unit="m", doc="Hausdorff distance of the contours")
+    seen_rmse_m: FloatArray = array("cluster", unit="m", doc="RMS distance of the seen contour to the object")
+    full_rmse_m: FloatArray = array("cluster", unit="m", doc="RMS distance of the full contour to the object")
+    coverage95: FloatArray = array("cluster", doc="share of angles whose 95 % band holds the true radius")
+    seen_coverage95: FloatArray = array("cluster", doc="the same at seen angles")
+    extent_iou: FloatArray = array("cluster", doc="overlap of the seen contour with the lit extent, walls")
+
+
+@dataclass(frozen=True)
+class MapScores(Record):
+    """Tables of one map."""
+
+    ips: IpScores
+    clusters: ClusterScores
+
+
+@dataclass(frozen=True)
+class ScoreTables(Record):
+    """All tables of a campaign."""
+
+    paths: PathScores
+    significant: SignificantPaths
+    poses: PoseScores
+    mapping: MapScores
+    slam: MapScores

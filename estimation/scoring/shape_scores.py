@@ -1,0 +1,164 @@
+"""Scores of estimated contours against the true outlines of the objects they show."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+
+from estimation.scoring.config import ScoringConfig
+from estimation.scoring.metric import Metric
+from estimation.scoring.record import ClusterScores
+from estimation.scoring.statistics import maximum, mean, rms
+from estimation.shape.record import Shapes
+from scenes.contour import Contour
+from scenes.pose import wrap_angle
+from scenes.record import BoolArray, FloatArray
+from scenes.scene import OBJECT_KINDS, Scene
+
+BAND_SIGMAS = 2.0  # the paper's 95 % interval, section III-C: mean +- 2 standard deviations
+OUTLINE_SPACING_M = 0.02
+
+
+@dataclass(frozen=True)
+class ShapeErrors:
+    """Errors of one contour, NaN where not defined; units and meaning as in `ClusterScores`."""
+
+    iou: float = np.nan
+    hausdorff_m: float = np.nan
+    seen_rmse_m: float = np.nan
+    full_rmse_m: float = np.nan
+    coverage95: float = np.nan
+    seen_coverage95: float = np.nan
+    extent_iou: float = np.nan
+
+
+def contour_points_m(shapes: Shapes, cluster: int) -> FloatArray:
+    """Points (sample, xy) of the estimated contour of one cluster."""
+    unit = np.stack([np.cos(shapes.angle_rad), np.sin(shapes.angle_rad)], axis=-1)
+    return np.asarray(shapes.center_m[cluster] + shapes.radius_m[cluster][:, None] * unit)
+
+
+def seen_samples(angle_rad: FloatArray, training_rad: FloatArray, margin_rad: float) -> BoolArray:
+    """Mask (sample,) of the polar angles within the margin of a training angle."""
+    distance = np.abs(wrap_angle(angle_rad[:, None] - training_rad[None]))
+    return np.asarray((distance <= margin_rad).any(axis=1))
+
+
+def shape_errors(
+    shapes: Shapes,
+    cluster: int,
+    members_m: FloatArray,
+    contour: Contour,
+    lit_points_m: FloatArray,
+    config: ScoringConfig,
+) -> ShapeErrors:
+    """Errors of one cluster's contour against the contour of its object.
+
+    `members_m` (ip, xy) are the cluster's IPs, `lit_points_m` (point, xy) the true incidence points on the object
+    over the whole campaign. The band is tested where a ray from the cluster's centre meets the true contour; where
+    it does so more than once, the farthest crossing counts.
+    """
+    points = contour_points_m(shapes, cluster)
+    offset = members_m - shapes.center_m[cluster]
+    training = np.arctan2(offset[:, 1], offset[:, 0])
+    seen = seen_samples(shapes.angle_rad, training, np.deg2rad(config.seen_margin_deg))
+    distance = np.abs(contour.signed_distance(points))
+    true_radius = contour.radius(shapes.center_m[cluster], shapes.angle_rad)
+    half_width = BAND_SIGMAS * shapes.radius_std_m[cluster]
+    covered = np.abs(true_radius - shapes.radius_m[cluster]) <= half_width
+    exists = np.isfinite(true_radius)
+    return ShapeErrors(
+        iou=intersection_over_union(points, contour),
+        hausdorff_m=hausdorff_m(points, contour),
+        seen_rmse_m=rms(distance[seen]),
+        full_rmse_m=rms(distance),
+        coverage95=mean(covered[exists]),
+        seen_coverage95=mean(covered[exists & seen]),
+        extent_iou=extent_iou(points[seen], lit_points_m),
+    )
+
+
+def intersection_over_union(points_m: FloatArray, contour: Contour) -> float:
+    """IoU of the polygon through the points (point, xy) with a closed contour; NaN for an open one."""
+    if not contour.closed:
+        return float("nan")
+    estimate = shapely.make_valid(shapely.Polygon(points_m))
+    truth = shapely.Polygon(contour.outline)
+    return float(estimate.intersection(truth).area / estimate.union(truth).area)
+
+
+def hausdorff_m(points_m: FloatArray, contour: Contour) -> float:
+    """Hausdorff distance in m of the closed polygon through the points to the contour, both directions."""
+    ring = shapely.LinearRing(points_m)
+    towards = np.abs(contour.signed_distance(points_m)).max()
+    back = shapely.distance(ring, shapely.points(contour.sample(OUTLINE_SPACING_M))).max()
+    return float(max(towards, back))
+
+
+def extent_iou(points_m: FloatArray, lit_points_m: FloatArray) -> float:
+    """Overlap over union of two extents along the main direction of the lit points.
+
+    Only the lit part of a wall can be seen, so the lit points (point, xy), not the wall's ends, are the truth.
+    NaN where there are fewer than two distinct lit points or no points at all.
+    """
+    if len(lit_points_m) < 2 or not len(points_m):
+        return float("nan")
+    middle = lit_points_m.mean(axis=0)
+    _, spread, axes = np.linalg.svd(lit_points_m - middle, full_matrices=False)
+    if spread[0] < 1e-9:
+        return float("nan")
+    lit, seen = (lit_points_m - middle) @ axes[0], (points_m - middle) @ axes[0]
+    overlap = min(lit.max(), seen.max()) - max(lit.min(), seen.min())
+    union = max(lit.max(), seen.max()) - min(lit.min(), seen.min())
+    return float(max(overlap, 0.0) / union)
+
+
+def shape_metrics(map_name: str, scene: Scene, clusters: ClusterScores) -> list[Metric]:
+    """Scores of one map's shapes: over all objects, per kind, and per object.
+
+    An object counts once, with the cluster that has most IPs close to it.
+    """
+    prefix = f"shapes.{map_name}"
+    best = {item.name: _best_cluster(item.name, clusters) for item in scene.objects}
+    rows = clusters.take("cluster", [row for row in best.values() if row is not None])
+    metrics = _mean_metrics(prefix, rows)
+    for kind in OBJECT_KINDS:
+        names = [item.name for item in scene.objects if item.kind == kind]
+        chosen = [best[name] for name in names if best[name] is not None]
+        metrics += _mean_metrics(f"{prefix}.{kind}", clusters.take("cluster", np.array(chosen, int)))
+    for item in scene.objects:
+        metrics += _object_metrics(f"{prefix}.{item.name}", clusters, best[item.name])
+    return metrics
+
+
+def _best_cluster(name: str, clusters: ClusterScores) -> int | None:
+    rows = np.flatnonzero(clusters.object == name)
+    return int(rows[clusters.n_close[rows].argmax()]) if len(rows) else None
+
+
+def _mean_metrics(prefix: str, rows: ClusterScores) -> list[Metric]:
+    return [
+        Metric(f"{prefix}.iou.mean", mean(rows.iou), "1", "higher"),
+        Metric(f"{prefix}.hausdorff.mean_m", mean(rows.hausdorff_m), "m", "lower"),
+        Metric(f"{prefix}.seen_rmse.mean_m", mean(rows.seen_rmse_m), "m", "lower"),
+        Metric(f"{prefix}.full_rmse.mean_m", mean(rows.full_rmse_m), "m", "lower"),
+        Metric(f"{prefix}.extent_iou.mean", mean(rows.extent_iou), "1", "higher"),
+        Metric(f"{prefix}.coverage95", mean(rows.coverage95), "1", "info"),
+        Metric(f"{prefix}.seen_coverage95", mean(rows.seen_coverage95), "1", "info"),
+    ]
+
+
+def _object_metrics(prefix: str, clusters: ClusterScores, row: int | None) -> list[Metric]:
+    def value(name: str) -> float:
+        return float(getattr(clusters, name)[row]) if row is not None else float("nan")
+
+    return [
+        Metric(f"{prefix}.iou", value("iou"), "1", "higher"),
+        Metric(f"{prefix}.hausdorff_m", value("hausdorff_m"), "m", "lower"),
+        Metric(f"{prefix}.seen_rmse_m", value("seen_rmse_m"), "m", "lower"),
+        Metric(f"{prefix}.full_rmse_m", value("full_rmse_m"), "m", "lower"),
+        Metric(f"{prefix}.extent_iou", value("extent_iou"), "1", "higher"),
+        Metric(f"{prefix}.coverage95", value("coverage95"), "1", "info"),
+    ]

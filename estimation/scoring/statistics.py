@@ -1,0 +1,60 @@
+"""Summary statistics that leave out NaN entries and are NaN, without a warning, when nothing is left."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from scenes.record import FloatArray
+
+
+def measured(values: Any) -> FloatArray:
+    """The finite entries (n,) as floats."""
+    array = np.asarray(values, float).ravel()
+    return array[np.isfinite(array)]
+
+
+def mean(values: Any) -> float:
+    """Arithmetic mean."""
+    kept = measured(values)
+    return float(kept.mean()) if len(kept) else float("nan")
+
+
+def rms(values: Any) -> float:
+    """Root mean square."""
+    return float(np.sqrt(mean(np.square(np.asarray(values, float)))))
+
+
+def quantile(values: Any, level: float) -> float:
+    """Quantile in [0, 1], linear between order statistics."""
+    kept = measured(values)
+    return float(np.quantile(kept, level)) if len(kept) else float("nan")
+
+
+def maximum(values: Any) -> float:
+    """Largest entry."""
+    return quantile(values, 1.0)
+
+
+def ratio(part: float, whole: float) -> float:
+    """Part over whole; NaN where the whole is zero."""
+    return float(part) / float(whole) if whole else float("nan")
+
+
+def squared_mahalanobis(error: FloatArray, covariance: FloatArray) -> FloatArray:
+    """e' C^-1 e (n,) of errors (n, k) with covariances (n, k, k); NaN where a variance is not positive.
+
+    Errors are normalised by their standard deviations first, so parameters of very different size
+    (seconds and radians) do not upset the inverse.
+    """
+    variance = np.diagonal(covariance, axis1=1, axis2=2)
+    usable = (variance > 0).all(axis=1) & np.isfinite(covariance).all(axis=(1, 2))
+    usable &= np.isfinite(error).all(axis=1)
+    result = np.full(len(error), np.nan)
+    std = np.sqrt(variance[usable])
+    correlation = covariance[usable] / (std[:, :, None] * std[:, None, :])
+    normalised = error[usable] / std
+    inverse = np.linalg.pinv(correlation, hermitian=True)
+    result[usable] = np.einsum("ni,nij,nj->n", normalised, inverse, normalised)
+    return result

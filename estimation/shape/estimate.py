@@ -1,0 +1,60 @@
+"""From incidence points to contours: extended object estimation (paper, section III)."""
+
+from __future__ import annotations
+
+import numpy as np
+from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
+
+from estimation.shape.clustering import (
+    NOISE,
+    apply_biases,
+    centroids,
+    cluster_points,
+    radial_variance,
+    to_polar,
+)
+from estimation.shape.config import ShapeConfig
+from estimation.shape.gp import RadialGp, fit_radial_gp
+from estimation.shape.record import Shapes
+from estimation.slam.record import IncidencePoints
+from scenes.record import FloatArray, IntArray
+
+
+def estimate_shapes(ips: IncidencePoints, config: ShapeConfig) -> Shapes:
+    """Cluster the inlier incidence points and fit one star-convex contour to each cluster.
+
+    Points that are no inliers and points of no cluster have the label -1. Without clusters the record is
+    empty, which is valid.
+    """
+    label = np.full(len(ips), NOISE)
+    label[ips.is_inlier] = cluster_points(ips.position_m[ips.is_inlier], config.eps_m, config.min_samples)
+    center = apply_biases(centroids(ips.position_m, label), config.biases)
+    with threadpool_limits(limits=1, user_api="blas"):  # many small fits: threads cost more than they give
+        contours = [
+            _fit_contour(ips.take("ip", label == cluster), center[cluster], config)
+            for cluster in range(len(center))
+        ]
+        return _sample(label, center, contours, config.n_samples)
+
+
+def _fit_contour(ips: IncidencePoints, center_m: FloatArray, config: ShapeConfig) -> RadialGp:
+    angle, radius = to_polar(ips.position_m, center_m)
+    floor = np.sqrt(np.median(radial_variance(ips.covariance_m2, angle))) if config.noise_floor else 0.0
+    return fit_radial_gp(angle, radius, config.start, config.mean_uncertainty, float(floor))
+
+
+def _sample(label: IntArray, center_m: FloatArray, contours: list[RadialGp], n_samples: int) -> Shapes:
+    angle = np.linspace(-np.pi, np.pi, n_samples, endpoint=False)
+    samples = np.array([contour.predict(angle) for contour in contours]).reshape(len(contours), 2, n_samples)
+    return Shapes(
+        label=label,
+        center_m=center_m,
+        angle_rad=angle,
+        radius_m=samples[:, 0],
+        radius_std_m=samples[:, 1],
+        mean_m=np.array([contour.mean_m for contour in contours]),
+        signal_std_m=np.array([contour.signal_std_m for contour in contours]),
+        length_scale=np.array([contour.length_scale for contour in contours]),
+        noise_std_m=np.array([contour.noise_std_m for contour in contours]),
+        log_likelihood=np.array([contour.log_likelihood for contour in contours]),
+    )

@@ -1,0 +1,200 @@
+"""The campaign directory: which file holds what, and whether it still belongs to the campaign.
+
+    campaign.json       resolved settings               scene.toml   the scene as it was
+    truth/stop_000.nc   paths, RX pose, clock           sweep/stop_000.nc    samples, when kept
+    channel/stop_000.nc paths as estimated              map/NAME.nc  poses, incidence points, shapes
+    scores.json, provenance.nc, report.html, figures/
+
+Every netCDF file carries the fingerprint of the settings, scene and code that made it. A file with another
+fingerprint counts as missing, so an interrupted campaign resumes where it stopped and nothing stale is reused.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import json
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Literal, TypeVar
+
+from estimation.channel.power_map import BeamPowerMap
+from estimation.channel.record import ChannelEstimate
+from estimation.config import CampaignConfig
+from estimation.results import MapResult
+from estimation.shape.record import Shapes
+from estimation.slam.record import IncidencePoints, PoseEstimates
+from scenes.record import Record
+from sim.config import SimulationConfig
+from sim.store import read_attribute, read_record, write_record, write_text
+from sim.sweep import BeamSweep
+from sim.truth import Truth
+
+MapName = Literal["mapping", "slam"]
+PACKAGES = ("scenes", "sim", "estimation")
+R = TypeVar("R", bound=Record)
+
+
+@dataclass(frozen=True)
+class StopEstimate(Record):
+    """One channel file: the paths of a stop and its beam power map."""
+
+    channel: ChannelEstimate
+    power_map: BeamPowerMap
+
+
+@dataclass(frozen=True)
+class MapFile(Record):
+    """One map file: what mapping or SLAM made of all stops."""
+
+    poses: PoseEstimates
+    ips: IncidencePoints
+    shapes: Shapes
+
+
+@dataclass(frozen=True)
+class CampaignStore:
+    """A campaign directory under one configuration, scene and channel estimator."""
+
+    directory: Path
+    config: CampaignConfig
+    scene_text: str
+    estimator: str | None
+
+    @cached_property
+    def truth_fingerprint(self) -> str:
+        """Of what the simulation depends on."""
+        simulation = {name: getattr(self.config, name) for name in SimulationConfig.model_fields}
+        simulation.pop("scene")  # its text counts, not its name
+        settings = SimulationConfig(**simulation, scene="-").model_dump_json()
+        return _digest(settings, self.scene_text, _code_digest())
+
+    @cached_property
+    def channel_fingerprint(self) -> str:
+        """Of what the channel estimates depend on."""
+        estimator = self.estimator or self.config.channel.model_dump_json()
+        return _digest(self.truth_fingerprint, estimator, _estimator_source(self.estimator))
+
+    @cached_property
+    def map_fingerprint(self) -> str:
+        """Of what maps and shapes depend on."""
+        stages = [self.config.mapping, self.config.slam, self.config.shapes]
+        return _digest(self.channel_fingerprint, *(stage.model_dump_json() for stage in stages))
+
+    def open_for_writing(self) -> None:
+        """Write settings and scene; drop leftovers of interrupted writes.
+
+        Raises
+        ------
+        ValueError
+            Where the directory already holds another campaign.
+        """
+        if (self.directory / "campaign.json").is_file():
+            held = open_campaign(self.directory)
+            if (held.config, held.scene_text) != (self.config, self.scene_text):
+                raise ValueError(
+                    f"--out = {self.directory}: holds another campaign; choose another directory or remove it"
+                )
+        settings = {"estimator": self.estimator, "campaign": self.config.model_dump(mode="json")}
+        write_text(self.directory / "scene.toml", self.scene_text)
+        write_text(self.directory / "campaign.json", json.dumps(settings, indent=1))
+        for leftover in self.directory.rglob(".*.part"):
+            leftover.unlink(missing_ok=True)
+
+    def truth(self, stop: int) -> Truth | None:
+        """The truth of a stop, or None where it is still to be made."""
+        return self._read(self._stop("truth", stop), Truth, self.truth_fingerprint)
+
+    def has_truth(self, stop: int) -> bool:
+        """Whether the truth of a stop is stored."""
+        return self._is_current(self._stop("truth", stop), self.truth_fingerprint)
+
+    def has_sweep(self, stop: int) -> bool:
+        """Whether the samples of a stop are stored."""
+        return self._is_current(self._stop("sweep", stop), self.truth_fingerprint)
+
+    def write_truth(self, truth: Truth) -> None:
+        """Store the truth of a stop; scores made before are dropped."""
+        self._write(self._stop("truth", truth.stop), truth, self.truth_fingerprint)
+
+    def sweep(self, stop: int) -> BeamSweep | None:
+        """The samples of a stop, or None where they were not kept."""
+        return self._read(self._stop("sweep", stop), BeamSweep, self.truth_fingerprint)
+
+    def write_sweep(self, sweep: BeamSweep) -> None:
+        """Store the samples of a stop."""
+        self._write(self._stop("sweep", sweep.stop), sweep, self.truth_fingerprint)
+
+    def channel(self, stop: int) -> StopEstimate | None:
+        """The channel estimate of a stop, or None where it is still to be made."""
+        return self._read(self._stop("channel", stop), StopEstimate, self.channel_fingerprint)
+
+    def write_channel(self, estimate: StopEstimate) -> None:
+        """Store the channel estimate of a stop; scores made before are dropped."""
+        self._write(self._stop("channel", estimate.channel.stop), estimate, self.channel_fingerprint)
+
+    def map_result(self, name: MapName) -> MapResult | None:
+        """The map of mapping or SLAM, or None where it is still to be made."""
+        file = self._read(self.directory / "map" / f"{name}.nc", MapFile, self.map_fingerprint)
+        return MapResult(file.poses, file.ips, file.shapes) if file else None
+
+    def write_map(self, name: MapName, result: MapResult) -> None:
+        """Store the map of mapping or SLAM; scores made before are dropped."""
+        file = MapFile(result.poses, result.ips, result.shapes)
+        self._write(self.directory / "map" / f"{name}.nc", file, self.map_fingerprint)
+
+    def drop_results(self) -> None:
+        """Remove scores and report, which an upstream change has made stale."""
+        for name in ("scores.json", "provenance.nc", "report.html"):
+            (self.directory / name).unlink(missing_ok=True)
+
+    def _stop(self, kind: str, stop: int) -> Path:
+        return self.directory / kind / f"stop_{stop:03d}.nc"
+
+    def _read(self, path: Path, kind: type[R], fingerprint: str) -> R | None:
+        return read_record(path, kind) if self._is_current(path, fingerprint) else None
+
+    def _is_current(self, path: Path, fingerprint: str) -> bool:
+        return path.is_file() and read_attribute(path, "fingerprint") == fingerprint
+
+    def _write(self, path: Path, record: Record, fingerprint: str) -> None:
+        self.drop_results()
+        write_record(path, record, {"title": self.config.name, "fingerprint": fingerprint})
+
+
+def open_campaign(directory: Path) -> CampaignStore:
+    """The campaign in a directory, with the settings and the scene it was made with.
+
+    Raises
+    ------
+    ValueError
+        Where the directory holds no campaign, or its settings are damaged.
+    """
+    settings, scene = directory / "campaign.json", directory / "scene.toml"
+    if not settings.is_file() or not scene.is_file():
+        raise ValueError(f"{directory}: holds no campaign (no campaign.json); make one with 'arena run'")
+    try:
+        content = json.loads(settings.read_text(encoding="utf-8"))
+        config = CampaignConfig.model_validate_json(json.dumps(content["campaign"]))
+        return CampaignStore(directory, config, scene.read_text(encoding="utf-8"), content["estimator"])
+    except (ValueError, KeyError, TypeError) as error:
+        reason = str(error).splitlines()[0]
+        raise ValueError(f"{settings}: damaged settings ({reason}); run the campaign again") from error
+
+
+def _digest(*parts: str) -> str:
+    return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:16]
+
+
+def _code_digest() -> str:
+    root = Path(__file__).resolve().parent.parent
+    files = sorted(file for package in PACKAGES for file in (root / package).rglob("*.py"))
+    return _digest(*(file.read_text(encoding="utf-8") for file in files))
+
+
+def _estimator_source(estimator: str | None) -> str:
+    if estimator is None:
+        return ""
+    spec = importlib.util.find_spec(estimator.partition(":")[0])
+    return Path(spec.origin).read_text(encoding="utf-8") if spec and spec.origin else ""

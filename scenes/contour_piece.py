@@ -1,0 +1,202 @@
+"""Smooth pieces of a contour: straight lines, circular arcs and interpolating splines.
+
+A piece is a curve c(t), t in [0, 1], with its first two derivatives. Where a contour is closed it runs
+counter-clockwise, so the outward normal lies to the right of c'(t), and the signed curvature is positive where
+the contour is convex, seen from outside.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import Any, ClassVar
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from scenes.record import FloatArray, Record, array
+
+N_LENGTH_SAMPLES = 64  # arc-length table entries per spline knot interval
+
+
+@dataclass(frozen=True)
+class Piece(Record):
+    """One smooth curve c(t) in the plane, t in [0, 1]; all angles of view on it follow from its derivatives."""
+
+    is_curved: ClassVar[bool]
+
+    @abstractmethod
+    def point(self, t: Any) -> FloatArray:
+        """Points c(t) (..., xy) in m."""
+
+    @abstractmethod
+    def derivative(self, t: Any) -> FloatArray:
+        """Tangents c'(t) (..., xy) in m, not normalised."""
+
+    @abstractmethod
+    def second_derivative(self, t: Any) -> FloatArray:
+        """c''(t) (..., xy) in m."""
+
+    @property
+    @abstractmethod
+    def length(self) -> float:
+        """Arc length in m."""
+
+    @abstractmethod
+    def equidistant(self, n_segments: int) -> FloatArray:
+        """Parameters t (n_segments + 1,) that cut the piece into parts of equal arc length."""
+
+    def curvature(self, t: Any) -> FloatArray:
+        """Signed curvature (...) in 1/m: (x' y'' - y' x'') / |c'|^3, positive where the piece turns left."""
+        first, second = self.derivative(t), self.second_derivative(t)
+        cross = first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0]
+        return np.asarray(cross / np.linalg.norm(first, axis=-1) ** 3)
+
+    def outward_normal(self, t: Any) -> FloatArray:
+        """Unit normals (..., xy) to the right of c'(t)."""
+        first = self.derivative(t)
+        right = np.stack([first[..., 1], -first[..., 0]], axis=-1)
+        return np.asarray(right / np.linalg.norm(first, axis=-1, keepdims=True))
+
+    def n_chords(self, max_sagitta_m: float, max_turn_rad: float) -> int:
+        """Chords, equal in t, that stay within the sagitta and turn at most so much from one to the next.
+
+        A chord over a step h in t lies within h^2 max|c''| / 8 of the curve.
+        """
+        t = np.linspace(0, 1, 257)
+        speed = np.linalg.norm(self.derivative(t), axis=-1)
+        bend = np.linalg.norm(self.second_derivative(t), axis=-1).max()
+        turn = float((np.abs(self.curvature(t)) * speed).max())
+        by_sagitta = np.ceil(np.sqrt(bend / (8 * max_sagitta_m)) - 1e-9)
+        return int(max(1, by_sagitta, np.ceil(turn / max_turn_rad - 1e-9)))
+
+
+@dataclass(frozen=True)
+class LinePiece(Piece):
+    """A straight piece from start to end."""
+
+    start_m: FloatArray = array("xy", unit="m", doc="c(0)")
+    end_m: FloatArray = array("xy", unit="m", doc="c(1)")
+    is_curved = False
+
+    def point(self, t: Any) -> FloatArray:
+        """Points c(t) (..., xy) in m."""
+        return np.asarray(self.start_m + np.asarray(t, float)[..., None] * (self.end_m - self.start_m))
+
+    def derivative(self, t: Any) -> FloatArray:
+        """Constant c'(t) = end - start (..., xy) in m."""
+        return np.broadcast_to(self.end_m - self.start_m, (*np.shape(t), 2))
+
+    def second_derivative(self, t: Any) -> FloatArray:
+        """Zero (..., xy)."""
+        return np.zeros((*np.shape(t), 2))
+
+    @property
+    def length(self) -> float:
+        """Arc length in m."""
+        return float(np.linalg.norm(self.end_m - self.start_m))
+
+    def equidistant(self, n_segments: int) -> FloatArray:
+        """Parameters t (n_segments + 1,) of equal arc length."""
+        return np.linspace(0, 1, n_segments + 1)
+
+
+@dataclass(frozen=True)
+class ArcPiece(Piece):
+    """A circular arc; a negative sweep runs clockwise, a sweep of 2 pi is the whole circle."""
+
+    center_m: FloatArray = array("xy", unit="m", doc="centre of the circle")
+    radius_m: float = array(unit="m", doc="radius, > 0")
+    start_rad: float = array(unit="rad", doc="polar angle of c(0) about the centre")
+    sweep_rad: float = array(unit="rad", doc="polar angle from c(0) to c(1)")
+    is_curved = True
+
+    def _angle(self, t: Any) -> FloatArray:
+        return np.asarray(self.start_rad + self.sweep_rad * np.asarray(t, float))
+
+    def point(self, t: Any) -> FloatArray:
+        """Points c(t) (..., xy) in m."""
+        angle = self._angle(t)
+        return np.asarray(self.center_m + self.radius_m * np.stack([np.cos(angle), np.sin(angle)], axis=-1))
+
+    def derivative(self, t: Any) -> FloatArray:
+        """Tangents c'(t) (..., xy) in m, of constant length radius x |sweep|."""
+        angle = self._angle(t)
+        scale = self.radius_m * self.sweep_rad
+        return np.asarray(scale * np.stack([-np.sin(angle), np.cos(angle)], axis=-1))
+
+    def second_derivative(self, t: Any) -> FloatArray:
+        """c''(t) (..., xy) in m, towards the centre."""
+        angle = self._angle(t)
+        scale = -self.radius_m * self.sweep_rad**2
+        return np.asarray(scale * np.stack([np.cos(angle), np.sin(angle)], axis=-1))
+
+    @property
+    def length(self) -> float:
+        """Arc length in m."""
+        return self.radius_m * abs(self.sweep_rad)
+
+    def equidistant(self, n_segments: int) -> FloatArray:
+        """Parameters t (n_segments + 1,) of equal arc length."""
+        return np.linspace(0, 1, n_segments + 1)
+
+
+@dataclass(frozen=True)
+class SplinePiece(Piece):
+    """Interpolating cubic spline through points, its parameter proportional to the chord length between them.
+
+    Two points give a straight line, three a parabola, more the spline with not-a-knot ends.
+    """
+
+    points_m: FloatArray = array("knot", "xy", unit="m", doc="points passed, at least two, all distinct")
+    is_curved = True
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if len(self.points_m) < 2 or not np.all(np.isfinite(self.points_m)):
+            raise ValueError(f"points_m has {len(self.points_m)} point(s): at least 2 finite ones are needed")
+        step = np.linalg.norm(np.diff(self.points_m, axis=0), axis=1)
+        if step.min() < 1e-9:
+            raise ValueError(f"points_m[{step.argmin() + 1}] repeats the point before: all must differ")
+
+    @cached_property
+    def _curve(self) -> CubicSpline:
+        chord = np.linalg.norm(np.diff(self.points_m, axis=0), axis=1)
+        knots = np.concatenate([[0.0], np.cumsum(chord)]) / chord.sum()
+        return CubicSpline(knots, self.points_m)
+
+    @cached_property
+    def _arc_length_table(self) -> tuple[FloatArray, FloatArray]:
+        """Parameters t and the arc length from c(0) up to them, by Gauss-Legendre quadrature per interval."""
+        knots = self._curve.x
+        fine = [np.linspace(a, b, N_LENGTH_SAMPLES + 1) for a, b in pairwise(knots)]
+        t = np.unique(np.concatenate(fine))
+        node, weight = np.polynomial.legendre.leggauss(5)
+        half = np.diff(t) / 2
+        inside = (t[:-1] + half)[:, None] + half[:, None] * node
+        part = (np.linalg.norm(self.derivative(inside), axis=-1) * weight).sum(axis=1) * half
+        return t, np.concatenate([[0.0], np.cumsum(part)])
+
+    def point(self, t: Any) -> FloatArray:
+        """Points c(t) (..., xy) in m."""
+        return np.asarray(self._curve(np.asarray(t, float)))
+
+    def derivative(self, t: Any) -> FloatArray:
+        """Tangents c'(t) (..., xy) in m."""
+        return np.asarray(self._curve(np.asarray(t, float), 1))
+
+    def second_derivative(self, t: Any) -> FloatArray:
+        """c''(t) (..., xy) in m."""
+        return np.asarray(self._curve(np.asarray(t, float), 2))
+
+    @property
+    def length(self) -> float:
+        """Arc length in m."""
+        return float(self._arc_length_table[1][-1])
+
+    def equidistant(self, n_segments: int) -> FloatArray:
+        """Parameters t (n_segments + 1,) of equal arc length."""
+        t, length = self._arc_length_table
+        return np.interp(np.linspace(0, length[-1], n_segments + 1), length, t)

@@ -1,0 +1,117 @@
+"""Typed TOML files whose every mistake ends in one line: FILE: field.path = value: what is allowed."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Sequence
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+from pydantic_core import ErrorDetails, PydanticCustomError
+
+LONGEST_SHOWN_VALUE = 80
+
+
+class ConfigError(ValueError):
+    """A configuration file that cannot be used; the message is one line."""
+
+
+class ConfigModel(BaseModel):
+    """Base of all configuration tables: frozen, strict types, finite numbers, unknown keys are errors."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _refuse_unknown_keys(cls, data: Any) -> Any:
+        unknown = [key for key in data if key not in cls.model_fields] if isinstance(data, dict) else []
+        if unknown:
+            allowed = [key for key in cls.model_fields if key not in data]
+            close = get_close_matches(unknown[0], allowed, n=2)
+            hint = (
+                f"did you mean {' or '.join(close)}?" if close else f"allowed: {', '.join(cls.model_fields)}"
+            )
+            raise PydanticCustomError("unknown_key", "{hint}", {"hint": hint, "key": unknown[0]})
+        return data
+
+
+M = TypeVar("M", bound=ConfigModel)
+
+
+def load_config(path: str | Path, model: type[M]) -> M:
+    """Read a TOML file into a typed model; raises `ConfigError`, one line, where anything is wrong with it."""
+    return validate_config(read_toml(path), model, str(path))
+
+
+def read_toml(path: str | Path) -> dict[str, Any]:
+    """The tables of a TOML file; raises `ConfigError`, one line, where it is missing or no TOML."""
+    try:
+        with open(path, "rb") as file:
+            return tomllib.load(file)
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read ({error.strerror}); it must be a TOML file") from error
+    except ValueError as error:  # TOML syntax or text that is not UTF-8
+        raise ConfigError(f"{path}: not valid TOML: {_one_line(str(error))}") from error
+
+
+def validate_config(data: dict[str, Any], model: type[M], source: str) -> M:
+    """Turn plain tables into a typed model; `source` names the file in the `ConfigError`."""
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        problems = error.errors(include_url=False)
+        more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+        raise ConfigError(f"{source}: {_sentence(problems[0], data)}{more}") from error
+
+
+def _sentence(problem: ErrorDetails, data: dict[str, Any]) -> str:
+    path = _field_path(problem["loc"], data, is_missing=problem["type"] == "missing")
+    context, value = problem.get("ctx", {}), problem["input"]
+    message = _one_line(problem["msg"]).removeprefix("Value error, ").replace("Input should", "must")
+    match problem["type"]:
+        case "missing":
+            return f"{path} is missing: it has no default, so it must be given"
+        case "unknown_key":
+            key = context["key"]
+            return f"{_join(path, key)} = {_shown(value[key])}: unknown key; {message}"
+        case "union_tag_not_found":
+            return f"{_join(path, 'type')} is missing: it says what the table holds"
+        case "union_tag_invalid":
+            expected = context["expected_tags"].replace("'", "")
+            return f"{_join(path, 'type')} = {_shown(context['tag'])}: must be one of {expected}"
+        case "value_error" if isinstance(value, dict):
+            return _join(path, message)
+        case _:
+            return f"{path} = {_shown(value)}: {message}"
+
+
+def _field_path(location: Sequence[str | int], data: Any, *, is_missing: bool) -> str:
+    """Dotted path of an error location; a table in a list is called by its name where it has one."""
+    path = ""
+    for depth, part in enumerate(location):
+        if isinstance(part, int) and isinstance(data, list) and part < len(data):
+            data = data[part]
+            name = data.get("name") if isinstance(data, dict) else None
+            path += f"[{name}]" if isinstance(name, str) else f"[{part}]"
+        elif isinstance(data, dict) and part in data:
+            data = data[part]
+            path = _join(path, str(part))
+        elif is_missing and depth == len(location) - 1:
+            path = _join(path, str(part)) if isinstance(part, str) else f"{path}[{part}]"
+    return path
+
+
+def _join(path: str, rest: str) -> str:
+    return f"{path}.{rest}" if path else rest
+
+
+def _shown(value: Any) -> str:
+    text = _one_line(json.dumps(value, default=str, ensure_ascii=False))
+    return text if len(text) <= LONGEST_SHOWN_VALUE else text[: LONGEST_SHOWN_VALUE - 3] + "..."
+
+
+def _one_line(text: str) -> str:
+    return " ".join(text.split())

@@ -1,0 +1,76 @@
+"""The walk of the RX: stops along way-points and the pose at each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from scenes.pose import Pose
+from scenes.record import FloatArray, IntArray, Record, array
+
+
+@dataclass(frozen=True)
+class Walk(Record):
+    """Stops along way-points at one height.
+
+    With `n_stops` the stops lie equally spaced by arc length from the first way-point to the last; with
+    `n_stops` None the way-points themselves are the stops. A NaN heading looks along the path.
+    """
+
+    waypoints_m: FloatArray = array("waypoint", "xy", unit="m", doc="corners of the walk, first to last")
+    height_m: float = array(unit="m", doc="height of the RX array at every stop")
+    heading_rad: float = array(unit="rad", doc="heading at every stop; NaN: along the path")
+    n_stops: int | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if len(self.waypoints_m) == 0 or not np.all(np.isfinite(self.waypoints_m)):
+            raise ValueError(
+                f"waypoints_m = {self.waypoints_m.tolist()}: at least one finite point is needed"
+            )
+        if self.n_stops is not None and self.n_stops < 1:
+            raise ValueError(f"n_stops = {self.n_stops}: must be >= 1")
+        if self.n_stops is not None and self.n_stops > 1 and not self.length_m > 0:
+            raise ValueError(f"waypoints_m = {self.waypoints_m.tolist()}: {self.n_stops} stops need a path")
+
+    @property
+    def length_m(self) -> float:
+        """Length in m of the path through all way-points."""
+        return float(np.linalg.norm(np.diff(self.waypoints_m, axis=0), axis=1).sum())
+
+    def positions_m(self) -> FloatArray:
+        """Positions (stop, xyz) in m."""
+        at, stretch = self._stops()
+        start, step = self.waypoints_m[stretch], self._step(stretch)
+        share = np.clip(at - stretch, 0, 1)[:, None]
+        return np.column_stack([start + share * step, np.full(len(at), self.height_m)])
+
+    def headings_rad(self) -> FloatArray:
+        """Headings (stop,) in rad, from world +x counter-clockwise."""
+        _, stretch = self._stops()
+        if not np.isnan(self.heading_rad):
+            return np.full(len(stretch), self.heading_rad)
+        step = self._step(stretch)
+        return np.asarray(np.arctan2(step[:, 1], step[:, 0]))
+
+    def poses(self) -> tuple[Pose, ...]:
+        """Pose at each stop."""
+        stops = zip(self.positions_m(), self.headings_rad(), strict=True)
+        return tuple(Pose(position, heading) for position, heading in stops)
+
+    def _step(self, stretch: IntArray) -> FloatArray:
+        if len(self.waypoints_m) == 1:
+            return np.zeros((len(stretch), 2))
+        return np.asarray(np.diff(self.waypoints_m, axis=0)[stretch])
+
+    def _stops(self) -> tuple[FloatArray, IntArray]:
+        """Each stop as a fractional way-point index, and the stretch (index of its start) it lies on."""
+        n_last = max(len(self.waypoints_m) - 2, 0)
+        if self.n_stops is None:
+            at = np.arange(len(self.waypoints_m), dtype=float)
+        else:
+            length = np.linalg.norm(np.diff(self.waypoints_m, axis=0), axis=1)
+            reached = np.concatenate([[0.0], np.cumsum(length)])
+            at = np.interp(np.linspace(0, reached[-1], self.n_stops), reached, np.arange(len(reached)))
+        return at, np.minimum(at.astype(int), n_last)

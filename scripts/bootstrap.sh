@@ -1,0 +1,116 @@
+#!/usr/bin/env bash
+# Make .venv with the pinned dependencies and the project, and make sure that a usable libLLVM is there.
+# A run that finds everything in place only compares a checksum. PYTHON names the interpreter to use.
+set -euo pipefail
+
+root="$(cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd -P)"
+venv="$root/.venv"
+unfinished="$venv/.unfinished"  # there while the environment is being made
+installed="$venv/.installed"    # checkout, and checksum of what was installed
+llvm="$venv/.llvm"              # the libLLVM that compiled a kernel, or "cuda"
+
+say() { printf '%s\n' "$*" >&2; }
+die() { say "error: $*"; exit 1; }
+
+apt_line() { printf 'apt-get update && apt-get install -y %s' "$1"; }
+
+can_apt() { [[ "$(id -u)" == 0 ]] && command -v apt-get >/dev/null; }
+
+apt_install() {
+    say "Installing the package $1 ..."
+    export DEBIAN_FRONTEND=noninteractive
+    apt-get install -y -qq "$1" </dev/null >/dev/null 2>&1 && return
+    apt-get update -qq </dev/null >/dev/null || true
+    apt-get install -y -qq "$1" </dev/null >/dev/null || return 1
+}
+
+find_python() {
+    local name
+    for name in ${PYTHON:+"$PYTHON"} python3.11 python3.12 python3.13 python3; do
+        if "$name" -c 'import sys; sys.exit(sys.version_info < (3, 11))' >/dev/null 2>&1; then
+            command -v "$name"
+            return
+        fi
+        [[ "$name" != "${PYTHON:-}" ]] || die "PYTHON = $PYTHON: not a Python 3.11 or later"
+    done
+    die "no Python 3.11 or later found; install one: $(apt_line python3)"
+}
+
+make_venv() {
+    local python package
+    python="$(find_python)"
+    if ! "$python" -c 'import ensurepip, venv' >/dev/null 2>&1; then
+        package="$("$python" -c 'import sys; print("python%d.%d-venv" % sys.version_info[:2])')"
+        { can_apt && apt_install "$package"; } ||
+            die "$python cannot make virtual environments; run: $(apt_line "$package")"
+    fi
+    rm -rf -- "$venv"
+    mkdir -- "$venv"
+    touch -- "$unfinished"
+    "$python" -m venv "$venv" || die "$python -m venv $venv failed"
+}
+
+wanted() {
+    printf '%s\n' "$root"
+    cat -- "$root/requirements.lock" "$root/pyproject.toml" | cksum
+}
+
+# True where the environment is whole and belongs to this checkout: one copied or moved with its folder does not.
+venv_is_ours() {
+    [[ -x "$venv/bin/python" && ! -e "$unfinished" ]] || return 1
+    [[ ! -e "$installed" || "$(head -n 1 -- "$installed")" == "$root" ]]
+}
+
+install_packages() {
+    local pip=("$venv/bin/python" -m pip install --no-input --disable-pip-version-check -qq)
+    [[ -e "$installed" && "$(<"$installed")" == "$(wanted)" ]] && venv_is_ours && return
+    venv_is_ours || make_venv
+    touch -- "$unfinished"
+    rm -f -- "$installed" "$llvm"
+    say "Installing the pinned packages into $venv (once, about a minute) ..."
+    "${pip[@]}" -r "$root/requirements.lock" || die "the pinned packages could not be installed, see above"
+    "${pip[@]}" --no-deps --no-build-isolation -e "$root" || die "the project could not be installed, see above"
+    wanted >"$installed.part"
+    mv -- "$installed.part" "$installed"
+    rm -- "$unfinished"
+}
+
+# Write to .venv/.llvm what the ray tracer can compile with; fail where there is nothing.
+probe_llvm() {
+    "$venv/bin/python" - "$llvm" <<'PY'
+import sys
+from pathlib import Path
+
+from sim.llvm import find_llvm, n_cuda_devices, probe
+
+library = find_llvm()
+if n_cuda_devices():
+    Path(sys.argv[1]).write_text("cuda")
+elif library is not None and probe(library).ok:
+    Path(sys.argv[1]).write_text(str(library))
+else:
+    sys.exit(1)
+PY
+}
+
+ensure_llvm() {
+    local chosen="${DRJIT_LIBLLVM_PATH:-}" found=""
+    [[ ! -e "$llvm" ]] || found="$(<"$llvm")"
+    [[ "$found" == cuda ]] && return
+    [[ -n "$found" && -e "$found" && "$found" == "${chosen:-$found}" ]] && return
+    rm -f -- "$llvm"
+    probe_llvm && return
+    [[ -z "$chosen" ]] || die "DRJIT_LIBLLVM_PATH = $chosen: not a usable LLVM 17 or later; unset it or name another"
+    can_apt && apt_install libllvm19 && probe_llvm && return
+    die "no usable libLLVM (17 or later) found; install one: $(
+        "$venv/bin/python" -c 'from sim.llvm import install_command; print(install_command())'
+    )"
+}
+
+# One bootstrap at a time in this checkout, where flock is there.
+if command -v flock >/dev/null; then
+    exec 9<"$root"
+    flock 9
+fi
+install_packages
+ensure_llvm

@@ -1,0 +1,153 @@
+"""The stages of a campaign at the edge: files, progress and messages around the pure chain."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TypeVar
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
+from estimation.channel.power_map import beam_power_map
+from estimation.pipeline import channel_estimator, known_receiver, map_known, map_unknown
+from estimation.results import CampaignResults, MapResult
+from estimation.store import CampaignStore, MapName, StopEstimate, open_campaign
+from scenes.config import load_scene
+from scenes.scene import Scene
+from scripts.campaign_file import load_campaign
+from sim.campaign import observe, simulate_truth
+from sim.link import make_link
+from sim.truth import Truth
+
+console = Console(highlight=False)
+T = TypeVar("T")
+
+
+def prepare(campaign: str, out: Path, seed: int | None, estimator: str | None) -> CampaignStore:
+    """Open a campaign directory for a campaign file, with everything checked before anything is written."""
+    config, scene_file = load_campaign(campaign, seed)
+    channel_estimator(config, estimator)
+    load_scene(scene_file, config.waveform.carrier_ghz * 1e9)
+    store = CampaignStore(out, config, scene_file.read_text(encoding="utf-8"), estimator)
+    store.open_for_writing()
+    return store
+
+
+def reopen(directory: Path, estimator: str | None = None) -> CampaignStore:
+    """The campaign in a directory; another estimator than the stored one makes new channel estimates."""
+    store = open_campaign(directory)
+    if estimator is not None:
+        channel_estimator(store.config, estimator)
+        store = CampaignStore(store.directory, store.config, store.scene_text, estimator)
+        store.open_for_writing()
+    return store
+
+
+def sweep_only(store: CampaignStore, *, keep_sweeps: bool) -> None:
+    """Make the truth of every stop, and its sweep where it is to be kept."""
+    scene, link = scene_of(store), make_link(store.config)
+    with _progress() as progress:
+        for truth in progress.track(truths(store, scene), len(scene.stops), description="trace, sweep"):
+            if keep_sweeps and store.sweep(truth.stop) is None:
+                store.write_sweep(observe(store.config, link, scene, truth))
+
+
+def sweep_and_estimate(store: CampaignStore, *, keep_sweeps: bool) -> None:
+    """Make what is missing of truth and channel estimates, one stop in memory at a time."""
+    scene, link = scene_of(store), make_link(store.config)
+    estimator = channel_estimator(store.config, store.estimator)
+    with _progress() as progress:
+        for truth in progress.track(
+            truths(store, scene), len(scene.stops), description="trace, sweep, estimate"
+        ):
+            kept = not keep_sweeps or store.has_sweep(truth.stop)
+            if kept and store.channel(truth.stop) is not None:
+                continue
+            sweep = store.sweep(truth.stop) or observe(store.config, link, scene, truth)
+            if not kept:
+                store.write_sweep(sweep)
+            store.write_channel(StopEstimate(estimator(sweep), beam_power_map(sweep)))
+
+
+def build_maps(store: CampaignStore) -> None:
+    """Map with the known receiver and run SLAM without; fit shapes to both."""
+    if store.map_result("mapping") and store.map_result("slam"):
+        return
+    scene = scene_of(store)
+    channel = [estimate.channel for estimate in channel_estimates(store, len(scene.stops))]
+    with console.status("mapping, SLAM, shapes"):
+        receiver = known_receiver(stored_truths(store, len(scene.stops)))
+        store.write_map("mapping", map_known(store.config, channel, scene.tx, receiver))
+        store.write_map("slam", map_unknown(store.config, channel, scene.tx))
+
+
+def truths(store: CampaignStore, scene: Scene) -> Iterator[Truth]:
+    """The truth of every stop in order: read where it is stored, traced and stored where not."""
+    n_stops = len(scene.stops)
+    fresh = simulate_truth(
+        store.config, scene, (stop for stop in range(n_stops) if not store.has_truth(stop))
+    )
+    for stop in range(n_stops):
+        truth = store.truth(stop)
+        if truth is None:
+            truth = next(fresh)
+            store.write_truth(truth)
+        yield truth
+
+
+def stored_truths(store: CampaignStore, n_stops: int) -> Iterator[Truth]:
+    """The stored truth of every stop; `ValueError` where one is missing."""
+    for stop in range(n_stops):
+        yield _present(store, store.truth(stop), f"the truth of stop {stop}", "generate")
+
+
+def channel_estimates(store: CampaignStore, n_stops: int) -> Iterator[StopEstimate]:
+    """The stored channel estimate of every stop; `ValueError` where one is missing."""
+    for stop in range(n_stops):
+        yield _present(store, store.channel(stop), f"the channel estimate of stop {stop}", "estimate")
+
+
+def stored_results(store: CampaignStore, n_stops: int) -> CampaignResults:
+    """All estimates of a campaign directory; `ValueError` where some are missing."""
+    estimates = list(channel_estimates(store, n_stops))
+    maps: dict[MapName, MapResult] = {
+        name: _present(store, store.map_result(name), f"the {name} result", "estimate")
+        for name in ("mapping", "slam")
+    }
+    return CampaignResults(
+        channel=tuple(estimate.channel for estimate in estimates),
+        power_maps=tuple(estimate.power_map for estimate in estimates),
+        mapping=maps["mapping"],
+        slam=maps["slam"],
+    )
+
+
+def scene_of(store: CampaignStore) -> Scene:
+    """The scene stored with a campaign."""
+    return load_scene(store.directory / "scene.toml", store.config.waveform.carrier_ghz * 1e9)
+
+
+def _present(store: CampaignStore, value: T | None, what: str, verb: str) -> T:
+    if value is None:
+        raise ValueError(f"{store.directory}: {what} is missing or out of date; run 'arena {verb}' first")
+    return value
+
+
+def _progress() -> Progress:
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+        console=console,
+    )

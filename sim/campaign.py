@@ -1,0 +1,78 @@
+"""A campaign: from its settings to one (BeamSweep, Truth) after the other.
+
+Every stop and stage has its own random generator, derived from the seed, so any subset of stops in any order and
+on any number of workers gives the same bits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from enum import IntEnum
+
+import numpy as np
+
+from scenes.record import FloatArray
+from scenes.scene import Scene
+from sim.channel import beam_channel
+from sim.config import SimulationConfig
+from sim.link import Link
+from sim.propagation import Propagator
+from sim.raytrace import TraceConfig
+from sim.receiver import add_noise
+from sim.sweep import BeamSweep
+from sim.truth import Truth
+
+
+class RandomStage(IntEnum):
+    """The stages that draw random numbers; the number is part of the seed."""
+
+    CLOCK = 0
+    NOISE = 1
+
+
+def generator(seed: int, stage: RandomStage, stop: int = 0) -> np.random.Generator:
+    """The random generator of one stage at one stop."""
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(int(stage), stop)))
+
+
+def clock_biases_s(config: SimulationConfig, n_stops: int) -> FloatArray:
+    """Clock bias (stop,) in s: a random walk from the initial value."""
+    steps = generator(config.seed, RandomStage.CLOCK).standard_normal(n_stops)
+    return np.asarray((config.clock.initial_bias_ns + config.clock.walk_std_ns * np.cumsum(steps)) * 1e-9)
+
+
+def simulate_truth(config: SimulationConfig, scene: Scene, stops: Iterable[int]) -> Iterator[Truth]:
+    """Trace the given stops of a scene's walk, one after the other."""
+    poses = scene.stops
+    biases_s = clock_biases_s(config, len(poses))
+    propagator = Propagator(
+        scene, config.waveform.carrier_ghz * 1e9, TraceConfig(**config.propagation.model_dump())
+    )
+    for stop in stops:
+        yield Truth(propagator.paths(poses[stop].position_m), poses[stop], stop, biases_s[stop])
+
+
+def observe(config: SimulationConfig, link: Link, scene: Scene, truth: Truth) -> BeamSweep:
+    """The samples of one stop, equation (1) with noise and the unknown clock: the same bits at every call."""
+    channel = beam_channel(
+        truth.paths,
+        tx_codebook=link.tx_codebook,
+        rx_codebook=link.rx_codebook,
+        tx_pose=scene.tx,
+        rx_pose=truth.rx_pose,
+        frequency_offset_hz=link.frequency_offset_hz,
+        clock_bias_s=truth.clock_bias_s,
+    )
+    channel *= np.sqrt(link.tx_power_mw).astype(np.float32) * link.prs_symbol[:, None, :]
+    rng = generator(config.seed, RandomStage.NOISE, truth.stop)
+    return BeamSweep(
+        tx_codebook=link.tx_codebook,
+        rx_codebook=link.rx_codebook,
+        tx_pose=scene.tx,
+        stop=truth.stop,
+        samples=add_noise(channel, link.noise_power_mw, rng),
+        prs_symbol=link.prs_symbol,
+        frequency_offset_hz=link.frequency_offset_hz,
+        carrier_hz=link.carrier_hz,
+        noise_power_mw=link.noise_power_mw,
+    )

@@ -1,0 +1,309 @@
+"""Ray tracing with Sionna RT: line of sight, specular reflections off planes and diffuse scattering.
+
+The only module that knows Sionna, Mitsuba and Dr.Jit. They are imported inside functions, since that takes
+seconds and needs a fitting LLVM library (`sim.llvm`).
+
+Two solves are made per receiver, each on its own copy of the scene:
+
+- specular: curved facets absorb, so no flat-plate reflection of a facet survives in any chain, and the facets
+  do not fill the solver's hashed candidate table, which silently drops paths;
+- diffuse: first-order scattering off all surfaces, the facets of curved ones too.
+
+Sionna scales every specular bounce by sqrt(1 - S^2), diffuse scattering on or off: the scattered share S^2 of
+the power is missing in the specular paths either way.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from scenes.material import Material
+from scenes.pose import SPEED_OF_LIGHT_M_S, azimuth_elevation
+from scenes.record import ComplexArray, FloatArray, IntArray, concatenate
+from scenes.scene import Scene
+from sim.llvm import LLVM_VARIABLE, LLVM_VARIANT, require_llvm, variant
+from sim.occlusion import surface_names
+from sim.paths import BounceKind, Paths, empty_paths, with_bounce_slots
+
+if TYPE_CHECKING:
+    from scenes.mesh import MeshPart
+
+CANDIDATE_TABLE_SIZE = 10_000_000  # a chain is lost where its hash meets another one's in this table
+
+
+@dataclass(frozen=True)
+class TraceConfig:
+    """What is traced.
+
+    Attributes
+    ----------
+    max_bounces : specular bounces of a path at most; 0 leaves the line of sight alone
+    specular_samples : rays shot to find candidate chains; each is then solved exactly, so more find no other
+        paths once every reflecting face is hit
+    diffuse_samples : rays shot for diffuse scattering, 0 for none. They leave the TX on a fixed lattice, each
+        standing for 4 pi / diffuse_samples, so their number sets the grain, not the power
+
+    Raises
+    ------
+    ValueError
+        For a negative number of bounces or diffuse samples, or no specular samples.
+    """
+
+    max_bounces: int = 2
+    specular_samples: int = 200_000
+    diffuse_samples: int = 10_000
+
+    def __post_init__(self) -> None:
+        for name, least in (("max_bounces", 0), ("specular_samples", 1), ("diffuse_samples", 0)):
+            if getattr(self, name) < least:
+                raise ValueError(f"{name} = {getattr(self, name)}: must be >= {least}")
+
+    @property
+    def n_slots(self) -> int:
+        """Bounce slots of every path record."""
+        return max(1, self.max_bounces)
+
+
+class Tracer:
+    """A scene loaded into the ray tracer, to be asked for one receiver position after the other.
+
+    Raises `sim.llvm.LlvmError` where the CPU has to trace and there is no usable LLVM library.
+    """
+
+    def __init__(self, scene: Scene, carrier_hz: float, config: TraceConfig | None = None) -> None:
+        rt = _import_sionna()
+        from scenes.mesh import object_meshes  # noqa: PLC0415
+
+        self.config = config or TraceConfig()
+        self.carrier_hz = carrier_hz
+        self._names = surface_names(scene)
+        self._tx = np.asarray(scene.tx.position_m, float)
+        self._solver = rt.PathSolver(deterministic=True)
+        materials = _surface_materials(scene)
+        parts = object_meshes(scene, keep_hidden_caps=False)
+        self._specular_scene = _LoadedScene(parts, materials, self._tx, carrier_hz, absorb_curved=True)
+        scatters = any(materials[part.object_name].scattering_coefficient > 0 for part in parts)
+        self._diffuse_scene = None
+        if scatters and self.config.diffuse_samples and self.config.max_bounces:
+            self._diffuse_scene = _LoadedScene(parts, materials, self._tx, carrier_hz, absorb_curved=False)
+
+    def trace(self, rx_position_m: FloatArray) -> Paths:
+        """Paths from the TX to one receiver (xyz,): line of sight, planar specular and diffuse.
+
+        The same bits for the same position, whatever was traced before; in the order of the solver.
+        """
+        rx = np.asarray(rx_position_m, float)
+        specular = self._solve(
+            self._specular_scene, rx,
+            max_depth=self.config.max_bounces,
+            samples_per_src=self.config.specular_samples,
+            max_num_paths_per_src=CANDIDATE_TABLE_SIZE,
+            los=True, specular_reflection=True, diffuse_reflection=False,
+        )  # fmt: skip
+        if self._diffuse_scene is None:
+            return specular
+        diffuse = self._solve(
+            self._diffuse_scene, rx,
+            max_depth=1,
+            samples_per_src=self.config.diffuse_samples,
+            max_num_paths_per_src=self.config.diffuse_samples,
+            los=False, specular_reflection=False, diffuse_reflection=True,
+        )  # fmt: skip
+        return concatenate([specular, diffuse], "path")
+
+    def _solve(self, loaded: _LoadedScene, rx: FloatArray, **options: Any) -> Paths:
+        loaded.move_receiver(rx)
+        solved = self._solver(loaded.scene, refraction=False, **options)
+        if not solved.tau.shape[-1]:
+            return empty_paths(self._names, self.config.n_slots)
+        real, imaginary = (part.numpy()[0, 0, 0, 0] for part in solved.a)
+        kind, surface = _interactions(solved, loaded.surface_of_id, self._names)
+        return _paths(
+            amplitude=real + 1j * imaginary,
+            kind=kind,
+            surface=surface,
+            vertex=np.moveaxis(solved.vertices.numpy()[:, 0, 0], 0, 1).astype(float),
+            ends=(self._tx, rx),
+            carrier_hz=self.carrier_hz,
+            names=self._names,
+            n_slots=self.config.n_slots,
+        )
+
+
+def trace(
+    scene: Scene, rx_positions_m: FloatArray, *, carrier_hz: float, config: TraceConfig | None = None
+) -> list[Paths]:
+    """Paths to each receiver position (receiver, xyz), one record each; see `Tracer.trace`.
+
+    Receivers are traced one by one: memory does not grow with their number, and no receiver's candidates
+    push another's out of the table.
+    """
+    tracer = Tracer(scene, carrier_hz, config)
+    return [tracer.trace(position) for position in np.atleast_2d(rx_positions_m)]
+
+
+class _LoadedScene:
+    """A Sionna scene of triangle meshes with one isotropic, vertically polarised antenna at each end."""
+
+    def __init__(
+        self,
+        parts: Sequence[MeshPart],
+        materials: dict[str, Material],
+        tx: FloatArray,
+        carrier_hz: float,
+        *,
+        absorb_curved: bool,
+    ) -> None:
+        rt = _import_sionna()
+        absorber = rt.AbsorberRadioMaterial("absorber")
+        made = {
+            material: _radio_material(index, material)
+            for index, material in enumerate(set(materials.values()))
+        }
+        objects = []
+        self.surface_of_id = {}
+        for index, part in enumerate(parts):
+            absorbs = absorb_curved and part.is_curved
+            item = _mesh_object(
+                f"part-{index}", part, absorber if absorbs else made[materials[part.object_name]]
+            )
+            self.surface_of_id[int(item.object_id)] = part.object_name
+            objects.append(item)
+        self.scene = rt.Scene()
+        self.scene.frequency = carrier_hz  # before the objects: an absorber cannot follow a change
+        self.scene.edit(add=objects)
+        antenna = rt.PlanarArray(num_rows=1, num_cols=1, pattern="iso", polarization="V")
+        self.scene.tx_array = self.scene.rx_array = antenna
+        self._receiver = rt.Receiver("rx", position=_point(tx))
+        self.scene.add([rt.Transmitter("tx", position=_point(tx)), self._receiver])
+
+    def move_receiver(self, position_m: FloatArray) -> None:
+        self._receiver.position = _point(position_m)
+
+
+def _import_sionna() -> Any:
+    """The module sionna.rt, on CUDA where there is a device, else on LLVM."""
+    chosen = variant()
+    if chosen == LLVM_VARIANT or LLVM_VARIABLE in os.environ:
+        require_llvm()
+    import mitsuba as mi  # noqa: PLC0415
+
+    if mi.variant() is None:
+        mi.set_variant(chosen)
+    import sionna.rt  # noqa: PLC0415
+
+    return sionna.rt
+
+
+def _point(position_m: FloatArray) -> Any:
+    import mitsuba as mi  # noqa: PLC0415
+
+    return mi.Point3f(*(float(part) for part in position_m))
+
+
+def _surface_materials(scene: Scene) -> dict[str, Material]:
+    materials = {item.name: item.material for item in scene.objects}
+    for name in ("floor", "ceiling"):
+        plane = getattr(scene, name)
+        if plane is not None:
+            materials[name] = plane.material
+    return materials
+
+
+def _radio_material(index: int, material: Material) -> Any:
+    return _import_sionna().RadioMaterial(
+        f"material-{index}",
+        thickness=material.thickness_m,
+        relative_permittivity=material.relative_permittivity,
+        conductivity=material.conductivity_s_m,
+        scattering_coefficient=material.scattering_coefficient,
+        scattering_pattern="lambertian",
+    )
+
+
+def _mesh_object(name: str, part: MeshPart, radio_material: Any) -> Any:
+    """Sionna object of the triangles; normals are those of the flat faces."""
+    rt = _import_sionna()
+    import mitsuba as mi  # noqa: PLC0415
+
+    properties = mi.Properties()
+    properties.set_id(name)
+    properties["face_normals"] = True
+    properties["mesh_bsdf"] = radio_material
+    vertices, faces = np.asarray(part.mesh.vertices), np.asarray(part.mesh.faces)
+    mesh = mi.Mesh(name, len(vertices), len(faces), props=properties)
+    parameters = mi.traverse(mesh)
+    parameters["vertex_positions"] = vertices.astype(np.float32).ravel()
+    parameters["faces"] = faces.astype(np.uint32).ravel()
+    parameters.update()
+    return rt.SceneObject(mi_mesh=mesh, name=name, radio_material=radio_material)
+
+
+def _interactions(solved: Any, surface_of_id: dict[int, str], names: list[str]) -> tuple[IntArray, IntArray]:
+    """BounceKind and surface index, each (path, bounce), from the solver's codes and object numbers."""
+    codes = _import_sionna().InteractionType
+    kind_of_code = {
+        int(codes.NONE): BounceKind.NONE,
+        int(codes.SPECULAR): BounceKind.SPECULAR,
+        int(codes.DIFFUSE): BounceKind.DIFFUSE,
+        int(codes.REFRACTION): BounceKind.REFRACTION,
+        int(codes.DIFFRACTION): BounceKind.DIFFRACTION,
+    }
+    index_of_id = {number: names.index(name) for number, name in surface_of_id.items()}
+    code, number = solved.interactions.numpy()[:, 0, 0].T, solved.objects.numpy()[:, 0, 0].T
+    kind = np.vectorize(kind_of_code.__getitem__, otypes=[int])(code)
+    surface = np.full(kind.shape, -1)
+    used = kind != BounceKind.NONE
+    surface[used] = [index_of_id[int(one)] for one in number[used]]
+    return kind, surface
+
+
+def _paths(
+    *,
+    amplitude: ComplexArray,
+    kind: IntArray,
+    surface: IntArray,
+    vertex: FloatArray,
+    ends: tuple[FloatArray, FloatArray],
+    carrier_hz: float,
+    names: list[str],
+    n_slots: int,
+) -> Paths:
+    """Path record with delays, directions and the carrier phase in double precision from the vertices.
+
+    Sionna's amplitudes lack the phase of the travelled length; its own single-precision delay would leave an
+    error of some hundredths of a radian at 60 GHz.
+    """
+    tx, rx = ends
+    used = (kind != BounceKind.NONE)[..., None]
+    # An unused slot stands at the receiver, so it adds no length; the last used vertex is the one that counts.
+    points = np.concatenate(
+        [
+            np.broadcast_to(tx, (len(kind), 1, 3)),
+            np.where(used, vertex, rx),
+            np.broadcast_to(rx, (len(kind), 1, 3)),
+        ],
+        axis=1,
+    )
+    last = points[np.arange(len(kind)), used.sum(axis=(1, 2))]
+    delay_s = np.linalg.norm(np.diff(points, axis=1), axis=2).sum(axis=1) / SPEED_OF_LIGHT_M_S
+    aod_azimuth, aod_elevation = azimuth_elevation(points[:, 1] - tx)
+    aoa_azimuth, aoa_elevation = azimuth_elevation(last - rx)
+    paths = Paths(
+        gain=amplitude * np.exp(-2j * np.pi * carrier_hz * delay_s),
+        delay_s=delay_s,
+        aod_azimuth_rad=aod_azimuth,
+        aod_elevation_rad=aod_elevation,
+        aoa_azimuth_rad=aoa_azimuth,
+        aoa_elevation_rad=aoa_elevation,
+        bounce_kind=kind,
+        bounce_object=surface,
+        vertex_m=np.where(used, vertex, np.nan),
+        object_name=np.asarray(names, str),
+    )
+    return with_bounce_slots(paths, n_slots)

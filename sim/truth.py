@@ -1,0 +1,19 @@
+"""The truth behind one stop: for scoring only, never for an estimator."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from scenes.pose import Pose
+from scenes.record import Record, array
+from sim.paths import Paths
+
+
+@dataclass(frozen=True)
+class Truth(Record):
+    """What really was at one stop."""
+
+    paths: Paths
+    rx_pose: Pose
+    stop: int = array(dtype=int, doc="index of the receiver stop")
+    clock_bias_s: float = array(unit="s", doc="receiver clock minus transmitter clock")

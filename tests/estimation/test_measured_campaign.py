@@ -1,0 +1,121 @@
+"""The published algorithm on the measured Campus Arena data: its numbers must come out.
+
+The data is the authors' and no part of this project. ARENA_DATA names the folder with campus_arena_30.mat; by
+default it is shared/data beside the repository.
+"""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.io import loadmat
+
+from estimation.channel.record import ChannelEstimate
+from estimation.slam.config import MappingConfig, PathNoise, SnapshotConfig
+from estimation.slam.mapping import map_stops
+from estimation.slam.record import PoseEstimates, SolveStatus
+from estimation.slam.snapshot import run_slam
+from scenes.pose import SPEED_OF_LIGHT_M_S, Pose, wrap_angle
+
+BIAS_M = 10.0
+TX_HEADING_OFFSET_RAD = np.deg2rad(-1.6)
+FIXED = PathNoise(source="fixed")
+
+
+class Campaign:
+    """Channel estimates, TX, true RX states and labels of the measured stops; the paths sorted by delay."""
+
+    def __init__(self, path: Path) -> None:
+        data = loadmat(path, squeeze_me=True, struct_as_record=False)["sim"]
+        self.tx = Pose(np.array([*data.tx[:2, 0], 0.0]), float(data.tx[2, 0]) + TX_HEADING_OFFSET_RAD)
+        self.rx = data.rx.T
+        self.estimates, self.is_single_bounce = [], []
+        for stop, (y, power, label) in enumerate(zip(data.y, data.power, data.inlier, strict=True)):
+            order = np.argsort(y[0], kind="stable")
+            self.is_single_bounce.append(label[1, order] > 0)
+            self.estimates.append(
+                ChannelEstimate(
+                    stop=stop,
+                    delay_s=(y[0, order] + BIAS_M) / SPEED_OF_LIGHT_M_S,
+                    aod_azimuth_rad=y[1, order],
+                    aoa_azimuth_rad=y[2, order],
+                    power_dbm=power[order],
+                    snr_db=np.zeros(len(order)),
+                    covariance=np.zeros((len(order), 3, 3)),
+                    is_los=label[0, order] > 0,
+                )
+            )
+
+    @property
+    def has_los(self) -> np.ndarray:
+        return np.array([estimate.is_los.any() for estimate in self.estimates])
+
+
+@pytest.fixture(scope="module")
+def campaign() -> Campaign:
+    beside = Path(__file__).resolve().parents[3] / "shared" / "data"
+    path = Path(os.environ.get("ARENA_DATA", beside)) / "campus_arena_30.mat"
+    if not path.is_file():
+        pytest.skip(f"no measured data: {path.name} not found; set ARENA_DATA to its folder")
+    return Campaign(path)
+
+
+def errors(campaign: Campaign, poses: PoseEstimates) -> np.ndarray:
+    """Errors (stop, 3) in m, deg, ns."""
+    return np.column_stack(
+        [
+            np.hypot(*(poses.position_m - campaign.rx[:, :2]).T),
+            np.rad2deg(wrap_angle(poses.heading_rad - campaign.rx[:, 2])),
+            1e9 * (poses.clock_bias_s - BIAS_M / SPEED_OF_LIGHT_M_S),
+        ]
+    )
+
+
+def rmse(error: np.ndarray) -> np.ndarray:
+    return np.sqrt(np.mean(error**2, axis=0))
+
+
+def test_reference_reproduces_the_published_algorithm(campaign):
+    mapping = MappingConfig(noise=FIXED)
+    poses, points = run_slam(campaign.estimates, campaign.tx, SnapshotConfig(), mapping)
+    los = campaign.has_los
+    assert np.array_equal(poses.status == SolveStatus.LOS, los)
+    assert np.array_equal(poses.status == SolveStatus.NLOS, ~los)
+    error = errors(campaign, poses)
+    np.testing.assert_allclose(rmse(error[los]), [0.3115, 2.1511, 1.1390], atol=1e-4)
+    np.testing.assert_allclose(rmse(error[~los]), [0.5475, 2.6034, 2.5046], atol=1e-4)
+    np.testing.assert_allclose(rmse(error), [0.3973, 2.2962, 1.6703], atol=1e-4)
+    assert np.isfinite(points.position_m).all()
+
+
+def test_refinement_improves_every_error(campaign):
+    mapping = MappingConfig(noise=FIXED)
+    published, _ = run_slam(campaign.estimates, campaign.tx, SnapshotConfig(), mapping)
+    config = SnapshotConfig(refine=True, noise=FIXED)
+    refined, _ = run_slam(campaign.estimates, campaign.tx, config, mapping)
+    assert np.all(rmse(errors(campaign, refined)) < rmse(errors(campaign, published)))
+    assert rmse(errors(campaign, refined))[0] < 0.34
+
+
+def test_statistical_method_beats_the_reference_with_line_of_sight(campaign):
+    config = SnapshotConfig(method="statistical", noise=FIXED)
+    poses, _ = run_slam(campaign.estimates, campaign.tx, config, MappingConfig(noise=FIXED))
+    assert rmse(errors(campaign, poses)[campaign.has_los])[0] < 0.25
+
+
+def test_mapping_gate_agrees_with_the_single_bounce_labels(campaign):
+    n = len(campaign.estimates)
+    poses = PoseEstimates(
+        stop=np.arange(n),
+        position_m=campaign.rx[:, :2],
+        heading_rad=campaign.rx[:, 2],
+        clock_bias_s=np.full(n, BIAS_M / SPEED_OF_LIGHT_M_S),
+        status=np.full(n, SolveStatus.GIVEN),
+        n_inliers=np.zeros(n, int),
+        cost=np.zeros(n),
+    )
+    points = map_stops(campaign.estimates, poses, campaign.tx, MappingConfig(noise=FIXED))
+    label = np.array([campaign.is_single_bounce[s][p] for s, p in zip(points.stop, points.path, strict=True)])
+    assert np.mean(points.is_inlier[label]) > 0.9
+    assert np.mean(points.is_inlier[~label]) < 0.1

@@ -1,0 +1,113 @@
+"""The rules of the house: who imports whom, how long a file may be, and that packages neither print nor exit."""
+
+from __future__ import annotations
+
+import ast
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGES = ("scenes", "sim", "estimation")
+MAX_FILE_LINES = 350
+MAX_FUNCTION_LINES = 70
+
+ENDING_CALLS = {"print", "exit", "quit", "sys.exit", "os._exit", "os.abort"}
+OUTPUT_STREAMS = {"sys.stdout", "sys.stderr"}
+FILE_CALLS = {"open", "read_text", "read_bytes", "write_text", "write_bytes"}
+FILE_MODULES = {"store", "config", "toml_config", "mesh"}
+
+# One line appended to one file, and the contract that has to notice it.
+VIOLATIONS = [
+    ("scenes/pose.py", "import sim.array", "packages"),
+    ("estimation/slam/record.py", "import estimation.shape.record", "estimation"),
+    ("estimation/channel/record.py", "import estimation.slam.record", "estimation"),
+    ("estimation/shape/record.py", "import estimation.channel.power", "channel-beside"),
+    ("estimation/channel/record.py", "import sim.paths", "wall-sim"),
+    ("estimation/slam/record.py", "import scenes.scene", "wall-scenes"),
+    ("sim/sweep.py", "import sim.truth", "observation"),
+    ("sim/array.py", "def f():\n    import drjit", "tracer"),
+    ("sim/paths.py", "import trimesh", "mesh"),
+    ("scripts/__init__.py", "import matplotlib.pyplot", "figures"),
+    ("estimation/shape/record.py", "import xarray", "files"),
+]
+
+
+def python_files(*folders: str) -> list[Path]:
+    return sorted(path for folder in folders for path in (ROOT / folder).rglob("*.py"))
+
+
+def lint_imports(root: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [
+            sys.executable,
+            "-c",
+            "from importlinter.cli import lint_imports_command as run; run()",
+            *("--no-cache", "--no-logo", *arguments),
+        ],
+        cwd=root,
+        env={"PYTHONPATH": str(root), "COLUMNS": "200"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+@pytest.fixture(scope="module")
+def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    root = tmp_path_factory.mktemp("copy")
+    shutil.copy(ROOT / "pyproject.toml", root)
+    for package in (*PACKAGES, "scripts"):
+        shutil.copytree(ROOT / package, root / package, ignore=shutil.ignore_patterns("__pycache__"))
+    return root
+
+
+def test_import_contracts_hold() -> None:
+    result = lint_imports(ROOT)
+    assert result.returncode == 0, result.stdout + result.stderr
+
+
+@pytest.mark.parametrize(("file", "line", "contract"), VIOLATIONS)
+def test_import_contract_notices(copy: Path, file: str, line: str, contract: str) -> None:
+    original = (copy / file).read_text(encoding="utf-8")
+    (copy / file).write_text(f"{original}\n{line}\n", encoding="utf-8")
+    result = lint_imports(copy, "--contract", contract)
+    (copy / file).write_text(original, encoding="utf-8")
+    assert result.returncode == 1, result.stdout + result.stderr
+    assert "1 broken" in result.stdout, result.stdout + result.stderr
+
+
+@pytest.mark.parametrize(
+    "path", python_files(*PACKAGES, "scripts", "tests"), ids=lambda p: str(p.relative_to(ROOT))
+)
+def test_files_and_functions_are_short(path: Path) -> None:
+    text = path.read_text(encoding="utf-8")
+    assert len(text.splitlines()) <= MAX_FILE_LINES
+    long = [
+        f"{node.name} ({node.end_lineno - node.lineno + 1} lines)"
+        for node in ast.walk(ast.parse(text))
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+        and node.end_lineno is not None
+        and node.end_lineno - node.lineno >= MAX_FUNCTION_LINES
+    ]
+    assert not long, f"functions over {MAX_FUNCTION_LINES} lines: {long}"
+
+
+@pytest.mark.parametrize("path", python_files(*PACKAGES), ids=lambda p: str(p.relative_to(ROOT)))
+def test_packages_neither_print_nor_exit_nor_touch_files(path: Path) -> None:
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    found = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Call):
+            call = ast.unparse(node.func)
+            found += [call] if call in ENDING_CALLS else []
+            if path.stem not in FILE_MODULES and call.rpartition(".")[2] in FILE_CALLS:
+                found.append(call)
+        elif isinstance(node, ast.Attribute) and ast.unparse(node) in OUTPUT_STREAMS:
+            found.append(ast.unparse(node))
+        elif isinstance(node, ast.Name) and node.id == "SystemExit":
+            found.append("SystemExit")
+    assert not found, f"{path.relative_to(ROOT)}: {', '.join(found)}"
