@@ -53,7 +53,7 @@ class PropagationConfig(ConfigModel):
 
     max_bounces: int = Field(2, ge=0, le=3, description="specular bounces of a path at most")
     specular_samples: int = Field(200_000, ge=1000, le=10_000_000, description="rays that look for faces")
-    diffuse_samples: int = Field(10_000, ge=0, le=1_000_000, description="rays that scatter, 0 for none")
+    diffuse_samples: int = Field(2_000, ge=0, le=1_000_000, description="rays that scatter, 0 for none")
 
 
 class SimulationConfig(ConfigModel):

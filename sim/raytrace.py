@@ -56,7 +56,7 @@ class TraceConfig:
 
     max_bounces: int = 2
     specular_samples: int = 200_000
-    diffuse_samples: int = 10_000
+    diffuse_samples: int = 2_000
 
     def __post_init__(self) -> None:
         for name, least in (("max_bounces", 0), ("specular_samples", 1), ("diffuse_samples", 0)):

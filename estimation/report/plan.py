@@ -28,7 +28,7 @@ BORESIGHT_LENGTH_M = 1.5
 CROP_MARGIN_M = 5.0
 EDGE_MARGIN_M = 0.5
 STOP_LABEL_STEP = 5
-LABEL_OFFSET_PT = 7.0
+LABEL_OFFSET_PT = 8.5
 OBJECT_LABEL_PT = 6.5
 LABEL_GAP_PT = 2.5
 
@@ -45,6 +45,8 @@ def draw_plan(
     label_objects: bool | Iterable[str] = False,
 ) -> None:
     """Draw the plan of a scene on matplotlib axes, equal scales, in m.
+
+    The legend stands to the right of the axes: a figure with layout='compressed' makes room for it.
 
     Parameters
     ----------
@@ -130,10 +132,11 @@ def _draw_tx(ax: Any, scene: Scene, *, labels: bool) -> None:
 
 
 def _label_objects(ax: Any, scene: Scene, names: Iterable[str], view: Box) -> None:
-    """Names beside the objects in view, each on the first side where it covers no stop and no other name."""
+    """Names beside the objects in view, where they stay in view and cover no stop and no other name."""
     ax.apply_aspect()
     to_points = 72 / ax.figure.dpi
     frame = shapely.box(*view)
+    limits = tuple(ax.transData.transform(np.reshape(view, (2, 2))).ravel() * to_points)
     taken: list[Box] = [
         (x - 5, y - 5, x + 5, y + 5)
         for x, y in ax.transData.transform(scene.walk.positions_m()[:, :2]) * to_points
@@ -143,7 +146,7 @@ def _label_objects(ax: Any, scene: Scene, names: Iterable[str], view: Box) -> No
         if seen.is_empty or seen.length == 0:
             continue
         corners = ax.transData.transform(np.reshape(seen.bounds, (2, 2))) * to_points
-        center_pt, box = _free_place(corners, len(item.name), taken)
+        center_pt, box = _free_place(corners, len(item.name), taken, limits)
         taken.append(box)
         label = ax.text(
             *ax.transData.inverted().transform(np.array(center_pt) / to_points), item.name,
@@ -153,7 +156,9 @@ def _label_objects(ax: Any, scene: Scene, names: Iterable[str], view: Box) -> No
         label.set_in_layout(False)
 
 
-def _free_place(corners_pt: FloatArray, n_letters: int, taken: list[Box]) -> tuple[tuple[float, float], Box]:
+def _free_place(
+    corners_pt: FloatArray, n_letters: int, taken: list[Box], limits_pt: Box
+) -> tuple[tuple[float, float], Box]:
     """Centre and box in points of a name beside a bounding box (corner, xy); the first place where none is free.
 
     Slender upright objects are labelled at their sides first, all others above or below.
@@ -168,7 +173,11 @@ def _free_place(corners_pt: FloatArray, n_letters: int, taken: list[Box]) -> tup
     places = [*(sides + ends if upright else ends + sides)]
     places += [(x, y) for x in (x_right, x_left) for y in (y_high, y_low)]
     boxes = [(x - half_width, y - half_height, x + half_width, y + half_height) for x, y in places]
-    free = [index for index, box in enumerate(boxes) if not any(_overlaps(box, other) for other in taken)]
+    free = [
+        index
+        for index, box in enumerate(boxes)
+        if _inside(box, limits_pt) and not any(_overlaps(box, other) for other in taken)
+    ]
     chosen = free[0] if free else 0
     return places[chosen], boxes[chosen]
 
@@ -189,6 +198,10 @@ def _draw_legend(ax: Any, scene: Scene, view: Box) -> None:
 
 def _overlaps(box: Box, other: Box) -> bool:
     return box[0] < other[2] and other[0] < box[2] and box[1] < other[3] and other[1] < box[3]
+
+
+def _inside(box: Box, limits: Box) -> bool:
+    return limits[0] <= box[0] and limits[1] <= box[1] and box[2] <= limits[2] and box[3] <= limits[3]
 
 
 def _halo() -> list[Any]:

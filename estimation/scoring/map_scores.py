@@ -68,7 +68,7 @@ def is_ghost(ips: IpScores, n_clusters: int) -> BoolArray:
 
 
 def map_metrics(prefix: str, scene: Scene, ips: IpScores, clusters: ClusterScores) -> list[Metric]:
-    """Scores of one map; `prefix` is 'mapping' or 'slam'. Distances are those of single bounces by the estimator."""
+    """Scores of one map; `prefix` is 'mapping' or 'slam'. Distances are those of the estimator's inliers."""
     inliers = ips.take("ip", ips.is_inlier)
     clustered = inliers.label >= 0
     return [
@@ -103,7 +103,7 @@ def _distance_metrics(prefix: str, distance_m: FloatArray) -> list[Metric]:
 
 
 def _object_metrics(prefix: str, scene: Scene, clusters: ClusterScores) -> list[Metric]:
-    found = [scene.object(name).kind for name in found_objects(clusters)]
+    found: list[str] = [scene.object(name).kind for name in found_objects(clusters)]
     n_clusters = len(clusters.object)
     return [
         Metric(f"{prefix}.clusters", n_clusters, "1", "info"),

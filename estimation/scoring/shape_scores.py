@@ -10,7 +10,7 @@ import shapely
 from estimation.scoring.config import ScoringConfig
 from estimation.scoring.metric import Metric
 from estimation.scoring.record import ClusterScores
-from estimation.scoring.statistics import maximum, mean, rms
+from estimation.scoring.statistics import mean, rms
 from estimation.shape.record import Shapes
 from scenes.contour import Contour
 from scenes.pose import wrap_angle

@@ -12,7 +12,7 @@ from scenes.record import FloatArray
 def measured(values: Any) -> FloatArray:
     """The finite entries (n,) as floats."""
     array = np.asarray(values, float).ravel()
-    return array[np.isfinite(array)]
+    return np.asarray(array[np.isfinite(array)])
 
 
 def mean(values: Any) -> float:
@@ -43,10 +43,10 @@ def ratio(part: float, whole: float) -> float:
 
 
 def squared_mahalanobis(error: FloatArray, covariance: FloatArray) -> FloatArray:
-    """e' C^-1 e (n,) of errors (n, k) with covariances (n, k, k); NaN where a variance is not positive.
+    """Squared Mahalanobis distance e' C^-1 e (n,) of errors (n, k) with covariances (n, k, k).
 
     Errors are normalised by their standard deviations first, so parameters of very different size
-    (seconds and radians) do not upset the inverse.
+    (seconds and radians) do not upset the inverse. NaN where a variance is not positive.
     """
     variance = np.diagonal(covariance, axis1=1, axis2=2)
     usable = (variance > 0).all(axis=1) & np.isfinite(covariance).all(axis=(1, 2))

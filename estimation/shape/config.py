@@ -15,7 +15,7 @@ class CentroidBias(BaseModel):
     `within_m` the bias is not used.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     near_m: tuple[float, float] = Field(description="place of the cluster, x and y in m")
     bias_m: tuple[float, float] = Field(description="added to the centroid, x and y in m")
@@ -29,7 +29,7 @@ class ShapeConfig(BaseModel):
     has them all off.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     eps_m: float = Field(0.6, gt=0, description="neighbourhood radius of DBSCAN in m")
     min_samples: int = Field(5, ge=1, description="IPs within eps_m, itself included, that make a core point")

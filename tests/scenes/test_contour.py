@@ -70,7 +70,9 @@ def test_fillets_are_tangent_to_both_sides_and_clockwise_input_is_turned():
     assert sorted(abs(p.curvature(0.5)) for p in forward.pieces if p.is_curved) == pytest.approx(
         sorted(1 / r for r in RADII if r)
     )
-    assert [p.curvature(0.5) < 0 for p in forward.pieces if p.is_curved].count(True) == 1  # the re-entrant corner
+    assert [p.curvature(0.5) < 0 for p in forward.pieces if p.is_curved].count(
+        True
+    ) == 1  # the re-entrant corner
     backward = RoundedPolygon(L_SHAPE[::-1], RADII[::-1])
     assert backward.area_m2() == pytest.approx(forward.area_m2())
 

@@ -155,14 +155,13 @@ def test_demo_passes_arguments_on_and_says_where_the_report_is(
     checkout: Path, tmp_path: Path, given: str | None
 ) -> None:
     mark_installed(checkout)
-    standard = checkout / "out/campus_arena"
-    out = standard if given is None else tmp_path / "my out"
+    out = checkout / "out/campus_arena" if given is None else tmp_path / "my out"
     out.mkdir(parents=True)
     (out / "report.html").touch()
     arguments = {None: [], "--out=": [f"--out={out}"], "--out": ["--out", str(out)]}[given]
     executable(checkout / ".venv/bin/arena", 'printf "<%s>" "$@"; echo')
     result = run(checkout / "scripts/demo", *arguments, DRJIT_LIBLLVM_PATH="")
-    passed = "".join(f"<{word}>" for word in ["run", "campus_arena", "--out", str(standard), *arguments])
+    passed = "".join(f"<{word}>" for word in ["run", "campus_arena", "--out", str(out), *arguments])
     assert result.stdout == f"{passed}\nReport: {out}/report.html\n"
 
 

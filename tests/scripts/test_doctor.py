@@ -47,7 +47,7 @@ def test_a_missing_package_that_the_project_runs_on_fails(
 ) -> None:
     lock = tmp_path / "requirements.lock"
     lock.write_text("no-such-package==1.0\n", encoding="utf-8")
-    monkeypatch.setattr(module.metadata, "requires", lambda _: ["No_Such.Package>=1", "ruff; extra == 'dev'"])
+    monkeypatch.setattr(metadata, "requires", lambda _: ["No_Such.Package>=1", "ruff; extra == 'dev'"])
     check = module.check_packages(lock)
     assert check.status == "fail"
     assert "no-such-package" in check.detail

@@ -1,0 +1,79 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimation.scoring.map_scores import surface_distance_m
+from estimation.scoring.pose_scores import pose_metrics, score_poses
+from estimation.scoring.provenance import cluster_origin, path_origin
+from estimation.slam.record import SolveStatus
+from sim.paths import BounceKind, empty_paths
+
+
+def test_surface_distance_is_that_to_the_nearest_boundary(campaign):
+    points = np.array([[0.0, -4.0], [0.0, -3.5], [4.0, -4.9], [2.0, -6.8], [8.5, 0.0], [0.0, -4.25]])
+    np.testing.assert_allclose(
+        surface_distance_m(campaign.scene, points), [0.3, 0.2, 0.5, 0.2, 0.5, 0.05], atol=1e-9
+    )
+
+
+def test_surface_distance_matches_brute_force(campaign):
+    rng = np.random.default_rng(1)
+    points = rng.uniform([-3, -8], [9, 3], (40, 2))
+    surface = np.concatenate([item.contour.sample(1e-3) for item in campaign.scene.objects])
+    brute = np.linalg.norm(points[:, None] - surface[None], axis=2).min(axis=1)
+    np.testing.assert_allclose(surface_distance_m(campaign.scene, points), brute, atol=2e-3)
+
+
+def test_origin_knows_bounces_and_ignores_walls_passed(campaign):
+    paths = campaign.truths[0].paths
+    kind = paths.bounce_kind.copy()
+    kind[5, 0] = BounceKind.REFRACTION
+    kind[1, 0] = BounceKind.REFRACTION
+    origin = path_origin(replace(paths, bounce_kind=kind))
+    assert origin.kind.tolist() == [0, 0, 1, 1, 1, 1, 1, 1]
+    assert origin.object[5] == "wall_south"
+    assert origin.object[1] == ""
+    np.testing.assert_array_equal(origin.vertex_m[5], paths.vertex_m[5, 1, :2])
+    assert np.isnan(origin.vertex_m[:2]).all()
+    assert len(path_origin(empty_paths(["wall"], 0)).kind) == 0
+
+
+def test_clusters_take_the_majority_object():
+    label = np.array([0, 0, 0, 1, 1, 1, 2, 2, -1, 3, 3])
+    names = np.array(["a", "a", "b", "a", "b", "c", "", "", "a", "a", ""])
+    origin = cluster_origin(label, names, 5, 0.5)
+    assert origin.object.tolist() == ["a", "", "", "a", ""]
+    np.testing.assert_allclose(origin.purity, [2 / 3, 1 / 3, 0, 0.5, 0])
+
+
+def test_pose_errors_are_those_put_in(campaign):
+    poses, truths = campaign.results.slam.poses, campaign.truths
+    status = poses.status.copy()
+    status[-1] = SolveStatus.FAILED
+    shifted = replace(
+        poses,
+        position_m=poses.position_m + np.array([0.3, -0.4]),
+        heading_rad=poses.heading_rad + 2 * np.pi - np.deg2rad(2),
+        clock_bias_s=poses.clock_bias_s + 1e-9,
+        status=status,
+    )
+    has_los = np.arange(len(truths)) < 4
+    order = np.arange(len(truths))[::-1]
+    scores = score_poses(
+        poses.stop,
+        [t.rx_pose for t in truths],
+        np.array([t.clock_bias_s for t in truths]),
+        has_los,
+        shifted.take("stop", order),
+    )
+    values = {m.key: m.value for m in pose_metrics(scores)}
+    assert values["slam.position.rmse_m"] == pytest.approx(0.5)
+    assert values["slam.los.position.max_m"] == pytest.approx(0.5)
+    assert values["slam.nlos.heading.rmse_deg"] == pytest.approx(2)
+    assert values["slam.clock.rmse_ns"] == pytest.approx(1)
+    assert values["slam.solved_share"] == pytest.approx(11 / 12)
+    assert values["slam.los.stops"] == 4
+    assert values["slam.nlos.solved_share"] == pytest.approx(7 / 8)
+    with pytest.raises(ValueError, match="stop 99 is missing"):
+        score_poses(np.array([99]), [truths[0].rx_pose], np.zeros(1), np.ones(1, bool), poses)

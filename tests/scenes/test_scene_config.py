@@ -1,0 +1,153 @@
+"""Scene files: the library loads, and every mistake ends in one line with file, field and value."""
+
+import re
+
+import numpy as np
+import pytest
+
+from scenes.config import LIBRARY, ConfigError, load_scene
+
+ROOM = (LIBRARY / "box_room.toml").read_text()
+
+
+def test_campus_arena_holds_the_measured_hall():
+    scene = load_scene("campus_arena")
+    np.testing.assert_allclose(scene.tx.position_m, [2.25, 2.5, 1.8])
+    assert scene.tx.heading_rad == pytest.approx(-np.pi / 2)
+    position = scene.walk.positions_m()
+    assert len(position) == 45
+    assert scene.walk.length_m == pytest.approx(22.0, abs=0.2)
+    step = np.linalg.norm(np.diff(position, axis=0), axis=1)
+    assert step.max() < 0.51
+    pillars = [item for item in scene.objects if item.kind == "pillar"]
+    assert len(pillars) == 16
+    assert sorted({item.contour.radius_m for item in pillars}) == [0.203, 0.229]
+    assert all(item.material.conductivity_s_m == 1e7 for item in pillars)
+    centers = [piece.center_m for piece in scene.object("right_polygon").contour.pieces if piece.is_curved]
+    for expected in ((10.289, -4.926), (10.338, -7.874)):
+        assert min(np.linalg.norm(center - expected) for center in centers) < 0.03
+
+
+def test_campus_arena_surfaces_reflect_as_measured():
+    def slab_db(material, incidence_rad):
+        index = np.sqrt(material.complex_permittivity(60e9) - np.sin(incidence_rad) ** 2)
+        cosine = np.cos(incidence_rad)
+        face = (cosine - index) / (cosine + index)
+        turn = np.exp(-2j * np.pi * 60e9 / 299_792_458 * index * material.thickness_m)
+        around = 1 - face**2 * turn**2
+        return 20 * np.log10(np.abs([face * (1 - turn**2) / around, (1 - face**2) * turn / around]))
+
+    scene = load_scene("campus_arena")
+    assert slab_db(scene.object("ring_wall").material, np.deg2rad(35))[0] == pytest.approx(-3.8, abs=0.1)
+    glazing = scene.object("wall_left_south").material
+    for incidence_deg in (0, 20, 40, 50):
+        reflected, transmitted = slab_db(glazing, np.deg2rad(incidence_deg))
+        assert -4.2 < reflected < -2.9
+        assert 14 < -4 * transmitted < 22.5
+
+
+@pytest.fixture
+def load(tmp_path):
+    def load_text(text):
+        path = tmp_path / "room.toml"
+        path.write_text(text)
+        return load_scene(path)
+
+    return load_text
+
+
+def test_library_text_loads_from_any_path(load):
+    assert load(ROOM).object_names == load_scene("box_room").object_names
+
+
+def test_bounds_default_to_the_objects(load):
+    scene = load(ROOM.replace("bounds_m = [0.0, 0.0, 10.0, 8.0]", ""))
+    np.testing.assert_allclose(scene.bounds_m, (-1.15, -1.15, 11.15, 9.15), atol=1e-5)
+
+
+MISTAKES = [
+    ("n_stops = 4", "n_stop = 4", r"walk\.n_stop = 4: unknown key; did you mean n_stops\?"),
+    ("n_stops = 4", "xyzzy = 4", r"walk\.xyzzy = 4: unknown key; allowed: waypoints_m, height_m"),
+    ("n_stops = 4", "n_stops = 0", r"walk\.n_stops = 0: must be greater than or equal to 1"),
+    ("n_stops = 4", "n_stops = 4.5", r"walk\.n_stops = 4\.5: must be a valid integer"),
+    ("n_stops = 4", 'n_stops = "4"', r'walk\.n_stops = "4": must be a valid integer'),
+    ("height_m = 1.5", "", r"walk\.height_m is missing"),
+    ("height_m = 1.5", "height_m = nan", r"walk\.height_m = NaN: must be a finite number"),
+    ("[[4.0, 2.0], ", "[[4.0, 2.0, 1.0], ", r"walk\.waypoints_m\[0\].* = "),
+    (
+        "[[4.0, 2.0], ",
+        "[[5.0, 5.5], ",
+        r"RX stop 0 at \(5\.000, 5\.500, 1\.500\) m lies inside object 'pillar'",
+    ),
+    (
+        'type = "circle"',
+        'type = "cirle"',
+        r'objects\[pillar\]\.contour\.type = "cirle": must be one of circle, ',
+    ),
+    ('type = "circle", ', "", r"objects\[pillar\]\.contour\.type is missing"),
+    ("radius_m = 0.3", "radius_m = -0.3", r"objects\[pillar\]\.contour\.radius_m = -0\.3: must be greater"),
+    (", radius_m = 0.3", "", r"objects\[pillar\]\.contour\.radius_m is missing"),
+    (
+        "x_m = [7.0, 8.0]",
+        "x_m = [9.0, 8.0]",
+        r"objects\[box\]\.contour\.x_m = \[9\.0, 8\.0\]: the first must",
+    ),
+    ('kind = "pillar"', 'kind = "tree"', r"objects\[pillar\]\.kind = \"tree\": must be 'wall', "),
+    ('name = "box"', 'name = "pillar"', r"objects: the name 'pillar' is given twice"),
+    (
+        'material = "metal"',
+        'material = "tin"',
+        r"objects\[pillar\]\.material = 'tin': must be one of .*metal",
+    ),
+    ('itu = "wood"', 'itu = "brick"', r"materials\.wood\.itu = 'brick' at 60 GHz: .*allowed there: .*wood"),
+    ('itu = "wood", ', "", r"materials\.wood\.itu: give either itu or both"),
+    (
+        'itu = "wood"',
+        'itu = "wood", conductivity_s_m = 1.0',
+        r"materials\.wood\.itu: give either itu or both",
+    ),
+    (
+        'itu = "wood"',
+        "relative_permittivity = 0.2",
+        r"materials\.wood\.relative_permittivity = 0\.2: must be",
+    ),
+    ("z_m = 3.0", "z_m = -3.0", r"ceiling\.z_m = -3\.0: must lie above floor\.z_m = 0\.0"),
+    ("z_max_m = 1.2", "z_max_m = -1.2", r"objects\[box\]\.z_max_m = -1\.2: must be greater than z_min_m"),
+    ("[tx]", "[tx", r"not valid TOML: .*line"),
+]
+
+
+@pytest.mark.parametrize(("right", "wrong", "message"), MISTAKES, ids=[m[1] or m[0] for m in MISTAKES])
+def test_each_mistake_names_file_field_and_value(load, tmp_path, right, wrong, message):
+    assert right in ROOM
+    with pytest.raises(ConfigError) as caught:
+        load(ROOM.replace(right, wrong, 1))
+    text = str(caught.value)
+    assert "\n" not in text
+    assert re.search(rf"^{re.escape(str(tmp_path / 'room.toml'))}: .*{message}", text), text
+
+
+def test_polygon_needs_one_radius_per_vertex(load):
+    contour = 'type = "polygon", vertices_m = [[7, 5], [8, 5], [8, 6]], corner_radius_m = [0.1]'
+    text = ROOM.replace('type = "rectangle", x_m = [7.0, 8.0], y_m = [5.0, 5.8]', contour)
+    with pytest.raises(ConfigError, match=r"objects\[box\]\.contour\.corner_radius_m has 1 entries: .* 3$"):
+        load(text)
+    rounded = load(text.replace("[0.1]", "[0.1, 0.1, 0]"))
+    assert rounded.object("box").contour.area_m2() < 0.5
+
+
+def test_missing_file_and_unknown_name(tmp_path):
+    missing = tmp_path / "none.toml"
+    with pytest.raises(ConfigError, match=f"^{re.escape(str(missing))}: cannot be read \\(No such file"):
+        load_scene(missing)
+    with pytest.raises(ConfigError, match=r"^scene = 'attic': must be one of box_room, campus_arena, or"):
+        load_scene("attic")
+    binary = tmp_path / "binary.toml"
+    binary.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ConfigError, match="not valid TOML"):
+        load_scene(binary)
+
+
+def test_carrier_decides_which_materials_are_allowed():
+    with pytest.raises(ConfigError, match=r"materials\.concrete\.itu = 'concrete' at 500 GHz"):
+        load_scene("box_room", 500e9)
