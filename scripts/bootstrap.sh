@@ -12,9 +12,15 @@ llvm="$venv/.llvm"              # the libLLVM that compiled a kernel, or "cuda"
 say() { printf '%s\n' "$*" >&2; }
 die() { say "error: $*"; exit 1; }
 
-apt_line() { printf 'apt-get update && apt-get install -y %s' "$1"; }
+is_root() { [[ "$(id -u)" == 0 ]]; }
 
-can_apt() { [[ "$(id -u)" == 0 ]] && command -v apt-get >/dev/null; }
+can_apt() { is_root && command -v apt-get >/dev/null; }
+
+apt_line() {
+    local sudo="sudo "
+    ! is_root || sudo=""
+    printf '%sapt-get update && %sapt-get install -y %s' "$sudo" "$sudo" "$1"
+}
 
 apt_install() {
     say "Installing the package $1 ..."

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimation.channel.delay import parabola_peak
 from scenes.pose import wrap_angle
 from scenes.record import FloatArray, IntArray
 from sim.codebook import Codebook, beam_response
@@ -94,12 +95,3 @@ class BeamAxis:
         scale = (amplitude @ at) / energy
         misfit = ((amplitude - scale * at) ** 2).sum() / max(len(beams) - 2, 1)
         return float(information), float(misfit / amplitude.max() ** 2)
-
-
-def parabola_peak(values: FloatArray, index: int) -> float:
-    """Offset in samples, within +-1/2, of the vertex of a parabola through a sample and its two neighbours."""
-    if not 0 < index < len(values) - 1:
-        return 0.0
-    left, centre, right = values[index - 1 : index + 2]
-    curvature = left - 2 * centre + right
-    return float(np.clip(0.5 * (left - right) / curvature, -0.5, 0.5)) if curvature < 0 else 0.0

@@ -70,6 +70,32 @@ def delay_power(sweep: BeamSweep) -> DelayPower:
     )
 
 
+def match_delay(power: DelayPower, tx_beam: int, rx_beam: int, delay: int) -> tuple[float, float]:
+    """Offset in bins of a peak from its delay bin, and its misfit to the window's response.
+
+    The offset is the vertex of a parabola through the log power of three bins, nearly exact for a Hann window. The
+    misfit is the mean square difference in amplitude over the main lobe, relative to the peak: noise, and what is
+    not a single path.
+    """
+    reach = np.arange(-2 * OVERSAMPLING + 1, 2 * OVERSAMPLING)
+    profile = power.snr[tx_beam, rx_beam, (delay + reach) % power.snr.shape[2]].astype(float)
+    offset = parabola_peak(np.log(profile), len(reach) // 2)
+    model = window_response((reach - offset) / OVERSAMPLING, power.snr.shape[2] // OVERSAMPLING)
+    amplitude = np.sqrt(profile)
+    scale = (amplitude @ model) / (model @ model)
+    misfit = ((amplitude - scale * model) ** 2).sum() / (len(reach) - 2)
+    return offset, float(misfit / scale**2)
+
+
+def parabola_peak(values: FloatArray, index: int) -> float:
+    """Offset in samples, within +-1/2, of the vertex of a parabola through a sample and its two neighbours."""
+    if not 0 < index < len(values) - 1:
+        return 0.0
+    left, centre, right = values[index - 1 : index + 2]
+    curvature = left - 2 * centre + right
+    return float(np.clip(0.5 * (left - right) / curvature, -0.5, 0.5)) if curvature < 0 else 0.0
+
+
 def _rms_bandwidth_hz(window: FloatArray, spacing_hz: float) -> float:
     frequency = (np.arange(len(window)) - (len(window) - 1) / 2) * spacing_hz
     return float(np.sqrt((window * frequency**2).sum() / window.sum()))

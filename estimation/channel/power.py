@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from pydantic import Field
 
-from estimation.channel.beams import AngleFit, BeamAxis, parabola_peak
-from estimation.channel.delay import OVERSAMPLING, DelayPower, delay_power
+from estimation.channel.beams import AngleFit, BeamAxis
+from estimation.channel.delay import OVERSAMPLING, DelayPower, delay_power, match_delay
 from estimation.channel.detect import Peaks, SideLobeEnvelope, local_maxima, noise_threshold
 from estimation.channel.los import LosConfig, line_of_sight
 from estimation.channel.record import ChannelEstimate
@@ -30,8 +30,8 @@ class PowerMethodConfig(ConfigModel):
     side_lobe_margin_db: float = Field(4.0, ge=0, description="a peak must rise this far above side lobes")
     max_misfit: float = Field(0.05, gt=0, description="largest misfit of a path to the beam patterns")
     max_paths: int = Field(40, ge=1, description="paths per stop at the most")
-    delay_std_floor_ns: float = Field(0.1, ge=0, description="added in quadrature to every delay's std")
-    angle_std_floor_deg: float = Field(0.15, ge=0, description="added in quadrature to every angle's std")
+    delay_std_floor_ns: float = Field(0.02, ge=0, description="added in quadrature to every delay's std")
+    angle_std_floor_deg: float = Field(0.05, ge=0, description="added in quadrature to every angle's std")
     los: LosConfig = LosConfig()
 
 
@@ -43,6 +43,7 @@ class _Path:
     tx_beam: int
     rx_beam: int
     delay_bin: float
+    delay_misfit: float
     aod: AngleFit
     aoa: AngleFit
 
@@ -93,14 +94,13 @@ def _accept(
 def _refine(peaks: Peaks, index: int, power: DelayPower, tx: BeamAxis, rx: BeamAxis) -> _Path:
     """Delay by a parabola on the log power, angles from the singular vectors of the beam powers around a peak."""
     m, n, d = int(peaks.tx_beam[index]), int(peaks.rx_beam[index]), int(peaks.delay[index])
-    delays = (d + np.arange(-1, 2)) % power.snr.shape[2]
     tx_beams, rx_beams = tx.neighbourhood(m), rx.neighbourhood(n)
-    offset = parabola_peak(np.log(power.snr[m, n, delays].astype(float)), 1)
+    offset, misfit = match_delay(power, m, n, d)
     local = np.maximum(power.snr[tx_beams[:, None], rx_beams, d].astype(float) - 1, 0)
     left, values, right = np.linalg.svd(local)
     aod = tx.match(tx_beams, np.sqrt(np.abs(left[:, 0]) * values[0]))
     aoa = rx.match(rx_beams, np.sqrt(np.abs(right[0]) * values[0]))
-    return _Path(float(peaks.snr[index]), m, n, d + offset, aod, aoa)
+    return _Path(float(peaks.snr[index]), m, n, d + offset, misfit, aod, aoa)
 
 
 def _assemble(
@@ -149,14 +149,11 @@ def _covariances(
     # The envelope lists the paths as accepted; leave out every path's own contribution, the largest in its cell.
     interference = np.maximum(leaked.sum(axis=0) - leaked.max(axis=0), 0.0)
     disturbance = 0.5 * (1 + interference) / snr
-    aod_misfit = np.array([p.aod.residual for p in paths])
-    aoa_misfit = np.array([p.aoa.residual for p in paths])
-    misfit = np.maximum(aod_misfit, aoa_misfit)
+    misfit = np.array([max(p.delay_misfit, p.aod.residual, p.aoa.residual) for p in paths])
     delay_information = 2 * (2 * np.pi * power.rms_bandwidth_hz) ** 2
     covariance[:, 0, 0] = (disturbance + misfit) / delay_information + (config.delay_std_floor_ns * 1e-9) ** 2
     angle_floor = np.deg2rad(config.angle_std_floor_deg) ** 2
     for axis, fits in ((1, [p.aod for p in paths]), (2, [p.aoa for p in paths])):
         information = np.array([f.information for f in fits])
-        own_misfit = np.array([f.residual for f in fits])
-        covariance[:, axis, axis] = (disturbance + own_misfit) / information + angle_floor
+        covariance[:, axis, axis] = (disturbance + misfit) / information + angle_floor
     return covariance

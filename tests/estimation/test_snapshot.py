@@ -96,8 +96,8 @@ def test_refinement_takes_the_grid_solution_to_the_truth():
         config = SnapshotConfig(noise=SHARP)
         grid = solve_snapshot(estimate, TX, config)
         refined = solve_snapshot(estimate, TX, config.model_copy(update={"refine": True}))
-        if np.hypot(*state_error(grid, state)[:2]) < 0.5 and grid.is_inlier.all():
-            assert np.abs(state_error(refined, state)[:3]).max() < 1e-6
+        assert np.hypot(*state_error(grid, state)[:2]) > 1e-3
+        assert np.abs(state_error(refined, state)[:3]).max() < 1e-9
 
 
 def monte_carlo(config: SnapshotConfig, trials: int, **setting):
@@ -114,13 +114,16 @@ def monte_carlo(config: SnapshotConfig, trials: int, **setting):
     return np.array(errors), np.array(nees)
 
 
-def test_refinement_improves_and_is_consistent():
+def test_each_step_improves_and_covariances_are_consistent():
     setting = {"bounces": 6, "clutter": 2, "los": True, "noise": 1.0}
-    published, _ = monte_carlo(SnapshotConfig(), 60, **setting)
-    statistical, nees = monte_carlo(SnapshotConfig(method="statistical"), 60, **setting)
-    rmse = [np.sqrt(np.mean(np.sum(e[:, :2] ** 2, axis=1))) for e in (published, statistical)]
-    assert rmse[1] < 0.75 * rmse[0]
-    assert 2.5 < np.median(nees) * 4 / 3.357 < 5.5  # 3.357: median of chi-square with 4 degrees of freedom
+    median = []
+    for config in METHODS:
+        errors, nees = monte_carlo(config, 60, **setting)
+        median.append(np.median(np.hypot(errors[:, 0], errors[:, 1])))
+        if config.refine or config.method == "statistical":
+            assert 2.0 < np.median(nees) < 4.7  # 3.36 for chi-square with 4 degrees of freedom
+    assert median[0] > 1.1 * median[1] > 1.1 * 1.1 * median[2]
+    assert np.hypot(errors[:, 0], errors[:, 1]).max() < 1.0
 
 
 @pytest.mark.slow
@@ -182,19 +185,16 @@ def test_packed_equations_solve_like_least_squares():
 
 
 @pytest.mark.parametrize("config", METHODS, ids=["reference", "refined", "statistical"])
-@pytest.mark.parametrize("n", [0, 1, 2, 3])
-def test_too_few_paths_fail_as_a_status(config, n):
-    for los in (False, True):
-        if los and n == 3:
-            continue  # line of sight and two bounces are enough
-        rng = np.random.default_rng(n)
-        _, estimate = simulate(rng, bounces=max(n - los, 0), los=los)
-        if len(estimate) != n:
-            continue
-        solution = solve_snapshot(estimate, TX, config)
-        assert solution.status == SolveStatus.FAILED
-        assert np.isnan(solution.position_m).all()
-        assert not solution.is_inlier.any()
+@pytest.mark.parametrize(
+    ("bounces", "los"), [(0, False), (1, False), (2, False), (3, False), (0, True), (1, True)]
+)
+def test_too_few_paths_fail_as_a_status(config, bounces, los):
+    _, estimate = simulate(np.random.default_rng(1), bounces=bounces, los=los)
+    assert len(estimate) == bounces + los
+    solution = solve_snapshot(estimate, TX, config)
+    assert solution.status == SolveStatus.FAILED
+    assert np.isnan(solution.position_m).all()
+    assert not solution.is_inlier.any()
 
 
 @pytest.mark.filterwarnings("error")

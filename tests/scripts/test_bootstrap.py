@@ -137,7 +137,7 @@ def test_without_venv_the_line_to_run_is_printed(checkout: Path, tmp_path: Path)
     assert result.returncode == 1
     assert result.stderr == (
         f"error: {python} cannot make virtual environments; "
-        "run: apt-get update && apt-get install -y python3.11-venv\n"
+        "run: sudo apt-get update && sudo apt-get install -y python3.11-venv\n"
     )
 
 

@@ -160,28 +160,28 @@ def specular(paths, *, flat_only=True):
 def test_every_flat_specular_path_up_to_two_bounces(room, propagator, rx):
     found = specular(propagator.paths(rx))
     expected = list(image_paths(room, rx, 2))
-    assert len(found) == len(expected) > 15
+    assert len(found) == len(expected) > 10
     left = list(range(len(found)))
     for names, points, gain, delay in expected:
         used = found.vertex_m[left, : len(names)]
         match = found.n_bounces[left] == len(names)
-        match &= np.linalg.norm(used - points[1:-1], axis=2).max(axis=1, initial=0) < 1e-4
+        match &= np.linalg.norm(used - points[1:-1], axis=2).max(axis=1, initial=0) < 5e-4
         index = left.pop(np.flatnonzero(match).item())
         surfaces = found.bounce_object[index][: len(names)]
         assert found.object_name[surfaces].tolist() == names
         assert set(found.bounce_kind[index][: len(names)]) <= {BounceKind.SPECULAR}
-        assert found.delay_s[index] == pytest.approx(delay, abs=2e-14)
+        assert found.delay_s[index] == pytest.approx(delay, abs=1e-14)
         away, back = (points[1] - points[0], points[-2] - points[-1])
         for azimuth, elevation, vector in (
             (found.aod_azimuth_rad, found.aod_elevation_rad, away),
             (found.aoa_azimuth_rad, found.aoa_elevation_rad, back),
         ):
             np.testing.assert_allclose(
-                direction(azimuth[index], elevation[index]), vector / np.linalg.norm(vector), atol=1e-5
+                direction(azimuth[index], elevation[index]), vector / np.linalg.norm(vector), atol=2e-4
             )
         error = found.gain[index] / gain
         assert abs(error) == pytest.approx(1, abs=2e-3)
-        assert np.angle(error) == pytest.approx(0, abs=1e-2)
+        assert np.angle(error) == pytest.approx(0, abs=5e-3)
 
 
 def test_line_of_sight_is_free_space_with_the_carrier_phase(propagator, room):
@@ -234,7 +234,8 @@ def test_same_bits_whatever_was_traced_before(room, propagator):
 def test_same_bits_in_another_process(propagator):
     code = (
         "import sys, numpy; from scenes.config import load_scene; from sim.propagation import Propagator\n"
-        f"paths = Propagator(load_scene('box_room', {CARRIER_HZ}), {CARRIER_HZ}).paths(numpy.array({RX[3].tolist()}))\n"
+        f"propagator = Propagator(load_scene('box_room', {CARRIER_HZ}), {CARRIER_HZ})\n"
+        f"paths = propagator.paths(numpy.array({RX[3].tolist()}))\n"
         "sys.stdout.write(paths.gain.tobytes().hex() + paths.vertex_m.tobytes().hex())"
     )
     there = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout

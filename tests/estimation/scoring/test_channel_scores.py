@@ -100,7 +100,7 @@ def test_significance_follows_range_noise_and_kind(campaign, true_power):
     truth = campaign.truths[0]
     power = true_power(truth)
     assert significant_paths(truth.paths, power, LIMITS).tolist() == [True] * 6 + [False] * 2
-    narrow = Significance(dynamic_range_db=0.0, noise_threshold_dbm=-300)
+    narrow = Significance(dynamic_range_db=0.1, noise_threshold_dbm=-300)
     assert significant_paths(truth.paths, power, narrow).sum() == 1
     deaf = Significance(dynamic_range_db=300.0, noise_threshold_dbm=100)
     assert not significant_paths(truth.paths, power, deaf).any()

@@ -1,0 +1,96 @@
+"""The maps of mapping and SLAM side by side, as in the paper's figure 3."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from estimation.report.plan import draw_plan
+from estimation.report.style import (
+    BAND_ALPHA,
+    GHOST,
+    SLAM,
+    TRUTH,
+    cluster_look,
+    legend_below,
+    new_figure,
+    styled,
+)
+from estimation.results import CampaignResults, MapResult
+from estimation.scoring.record import PoseScores, ScoreTables
+from estimation.scoring.shape_scores import BAND_SIGMAS, contour_points_m
+from scenes.record import BoolArray
+from scenes.scene import Scene
+
+TRACK_COLOR = "#1e8449"  # of the walk in the plan
+
+
+@styled
+def map_figure(scene: Scene, results: CampaignResults, tables: ScoreTables) -> Figure:
+    """Incidence points by cluster and contours over the plan: receiver known (left), unknown (right)."""
+    figure = new_figure(12.0, 6.4)
+    axes = figure.subplots(1, 2, sharey=True)
+    stops = tables.poses.stop.tolist()
+    draw_plan(axes[0], scene, stops=stops, labels=False)
+    axes[0].set_title("Mapping: receiver pose and clock known")
+    _draw_map(axes[0], results.mapping, tables.mapping.clusters.is_ghost)
+    draw_plan(axes[1], scene, stops=stops, labels=False)
+    axes[1].set(title="SLAM: receiver pose and clock unknown", ylabel="")
+    _draw_track(axes[1], results, tables.poses)
+    _draw_map(axes[1], results.slam, tables.slam.clusters.is_ghost)
+    legend_below(figure, _legend_handles(), 7)
+    return figure
+
+
+def _draw_map(ax: Any, result: MapResult, is_ghost: BoolArray) -> None:
+    """Incidence points and contours; noise points and ghost clusters are grey."""
+    ips, shapes = result.ips, result.shapes
+    loose = ips.is_inlier & (shapes.label < 0)
+    ax.plot(*ips.position_m[loose].T, ".", color=GHOST, markersize=3.5, zorder=3)
+    for cluster in range(len(shapes.center_m)):
+        look = cluster_look(cluster)
+        if is_ghost[cluster]:
+            look = {"color": GHOST, "marker": "x"}
+        _draw_cluster(ax, result, cluster, look)
+
+
+def _draw_cluster(ax: Any, result: MapResult, cluster: int, look: dict[str, Any]) -> None:
+    shapes = result.shapes
+    points = result.ips.position_m[shapes.label == cluster]
+    edge = {} if look["marker"] == "x" else {"markeredgecolor": "white", "markeredgewidth": 0.4}
+    ax.plot(*points.T, linestyle="none", markersize=4.5, zorder=4, **look, **edge)
+    contour = contour_points_m(shapes, cluster)
+    unit = np.stack([np.cos(shapes.angle_rad), np.sin(shapes.angle_rad)], axis=-1)
+    outer = contour + BAND_SIGMAS * shapes.radius_std_m[cluster][:, None] * unit
+    ax.fill(*outer.T, color=look["color"], alpha=BAND_ALPHA, linewidth=0, zorder=2.5)
+    ax.fill(*contour.T, facecolor="none", edgecolor=look["color"], linewidth=1.4, zorder=5)
+    ax.annotate(
+        str(cluster), shapes.center_m[cluster], ha="center", va="center", fontsize=7, fontweight="bold",
+        color=TRUTH, zorder=6, annotation_clip=True,
+        bbox={"boxstyle": "circle,pad=0.15", "facecolor": "white", "edgecolor": look["color"], "alpha": 0.85},
+    )  # fmt: skip
+
+
+def _draw_track(ax: Any, results: CampaignResults, poses: PoseScores) -> None:
+    """Estimated positions, each tied to the true one by a thin line."""
+    row = {int(stop): position for position, stop in enumerate(results.slam.poses.stop)}
+    estimate = results.slam.poses.position_m[[row[int(stop)] for stop in poses.stop]]
+    ties = np.stack([poses.true_position_m, estimate, np.full_like(estimate, np.nan)], axis=1).reshape(-1, 2)
+    ax.plot(*ties.T, color=SLAM, linewidth=0.8, zorder=3)
+    ax.plot(*estimate.T, "+", color=SLAM, markersize=6, markeredgewidth=1.4, zorder=4)
+
+
+def _legend_handles() -> list[Any]:
+    return [
+        Line2D([], [], marker="D", linestyle="none", color="black", markersize=5, label="TX, boresight"),
+        Line2D([], [], marker="o", color=TRACK_COLOR, markersize=3.5, linewidth=0.8, label="true RX stops"),
+        Line2D([], [], marker="+", linestyle="none", color=SLAM, markeredgewidth=1.4, label="RX by SLAM"),
+        Line2D([], [], marker="o", linestyle="none", color="0.45", label="IPs of a cluster"),
+        Patch(facecolor="0.85", edgecolor="0.45", label="its contour, 95 % interval"),
+        Line2D([], [], marker="x", linestyle="none", color=GHOST, label="ghost cluster"),
+        Line2D([], [], marker=".", linestyle="none", color=GHOST, label="unclustered IP"),
+    ]

@@ -1,0 +1,71 @@
+"""The one look of all figures: colour-blind safe colours, light axes, sizes in inches."""
+
+from __future__ import annotations
+
+from io import BytesIO
+from typing import Any
+
+from matplotlib import rc_context
+from matplotlib.figure import Figure
+from matplotlib.legend import Legend
+
+TRUTH = "#222222"
+ESTIMATE = "#0072B2"
+MAPPING = "#0072B2"
+SLAM = "#D55E00"
+GHOST = "#8A8A8A"
+BAND_ALPHA = 0.2
+
+# Okabe and Ito (2008) without black and yellow, which are hard to see as points on white.
+CLUSTER_COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")
+CLUSTER_MARKERS = ("o", "s", "^", "D", "v", "P")
+
+STYLE = {
+    "axes.axisbelow": True,
+    "axes.edgecolor": "0.4",
+    "axes.grid": True,
+    "axes.labelsize": 9,
+    "axes.linewidth": 0.8,
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "axes.titlesize": 10,
+    "axes.titleweight": "bold",
+    "font.family": "DejaVu Sans",
+    "font.size": 9,
+    "grid.color": "0.9",
+    "grid.linewidth": 0.6,
+    "legend.fontsize": 8,
+    "legend.frameon": False,
+    "lines.linewidth": 1.6,
+    "xtick.labelsize": 8,
+    "ytick.labelsize": 8,
+}
+DOTS_PER_INCH = 130
+
+styled = rc_context(rc=STYLE)  # decorator: the function draws in this look, whatever the user's settings
+
+
+def new_figure(width_in: float, height_in: float) -> Figure:
+    """An empty figure with automatic layout, outside of any plotting state."""
+    return Figure(figsize=(width_in, height_in), layout="constrained")
+
+
+def cluster_look(cluster: int) -> dict[str, Any]:
+    """Colour and marker of a cluster; the marker changes when the colours are used up."""
+    return {
+        "color": CLUSTER_COLORS[cluster % len(CLUSTER_COLORS)],
+        "marker": CLUSTER_MARKERS[cluster // len(CLUSTER_COLORS) % len(CLUSTER_MARKERS)],
+    }
+
+
+def legend_below(figure: Figure, handles: list[Any], columns: int) -> Legend:
+    """One legend for the whole figure, under the axes, where it hides nothing."""
+    return figure.legend(handles=handles, loc="outside lower center", ncols=columns)
+
+
+@styled
+def png_bytes(figure: Figure) -> bytes:
+    """The figure as a PNG file; the same figure gives the same bytes."""
+    buffer = BytesIO()
+    figure.savefig(buffer, format="png", dpi=DOTS_PER_INCH, metadata={"Software": None})
+    return buffer.getvalue()
