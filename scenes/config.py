@@ -14,16 +14,12 @@ from scenes.contour import Circle, Contour, OpenSpline, Polygon, Polyline, Round
 from scenes.material import Material, itu_material
 from scenes.pose import Pose
 from scenes.scene import HorizontalPlane, ObjectKind, Scene, SceneObject
-from scenes.toml_config import ConfigError, ConfigModel, load_config
+from scenes.toml_config import ConfigError, ConfigModel, Pair, load_config
 from scenes.trajectory import Walk
-
-__all__ = ["ConfigError", "ConfigModel", "SceneConfig", "library_scenes", "load_config", "load_scene"]
 
 LIBRARY = Path(__file__).parent / "library"
 DEFAULT_MARGIN_M = 1.0  # of the bounds round all objects and stops where the file gives none
 
-# TOML arrays arrive as lists: the tuple takes them, its elements stay strict
-Pair = Annotated[tuple[float, float], Field(strict=False)]
 Triple = Annotated[tuple[float, float, float], Field(strict=False)]
 Quadruple = Annotated[tuple[float, float, float, float], Field(strict=False)]
 Points = Annotated[tuple[Pair, ...], Field(strict=False, min_length=1)]
@@ -218,19 +214,26 @@ def library_scenes() -> list[str]:
     return sorted(path.stem for path in LIBRARY.glob("*.toml"))
 
 
+def scene_path(name_or_path: str | Path) -> Path:
+    """The file of a scene: one of the library by name, or a path that ends in .toml.
+
+    Raises `ConfigError` where there is no scene of that name.
+    """
+    path = Path(name_or_path)
+    if path.suffix == ".toml":
+        return path
+    if str(name_or_path) not in library_scenes():
+        known = ", ".join(library_scenes())
+        raise ConfigError(f"scene = '{name_or_path}': must be one of {known}, or the path of a .toml file")
+    return LIBRARY / f"{name_or_path}.toml"
+
+
 def load_scene(name_or_path: str | Path, frequency_hz: float = 60e9) -> Scene:
     """A scene of the library by name, or one from a TOML file (a path that ends in .toml).
 
     Raises `ConfigError`, one line naming file, field, value and what is allowed.
     """
-    path = Path(name_or_path)
-    if path.suffix != ".toml":
-        if str(name_or_path) not in library_scenes():
-            known = ", ".join(library_scenes())
-            raise ConfigError(
-                f"scene = '{name_or_path}': must be one of {known}, or the path of a .toml file"
-            )
-        path = LIBRARY / f"{name_or_path}.toml"
+    path = scene_path(name_or_path)
     config = load_config(path, SceneConfig)
     with _field(str(path), ": "):
         return config.build(frequency_hz)

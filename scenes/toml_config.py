@@ -7,12 +7,15 @@ import tomllib
 from collections.abc import Sequence
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
-from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import ErrorDetails, PydanticCustomError
 
 LONGEST_SHOWN_VALUE = 80
+
+# TOML arrays arrive as lists: the tuple takes them, its elements stay strict
+Pair = Annotated[tuple[float, float], Field(strict=False)]
 
 
 class ConfigError(ValueError):

@@ -8,7 +8,7 @@ import pytest
 from scenes.pose import Pose
 from sim.link import Link, make_link
 from sim.channel import beam_channel
-from sim.config import SimulationConfig
+from sim.config import ArrayConfig, SimulationConfig, WaveformConfig
 from sim.paths import Paths
 from sim.receiver import add_noise
 from sim.sweep import BeamSweep
@@ -17,8 +17,21 @@ SweepMaker = Callable[..., BeamSweep]
 
 
 @pytest.fixture(scope="session")
-def link() -> Link:
+def full_link() -> Link:
     return make_link(SimulationConfig(scene="none"))
+
+
+@pytest.fixture(scope="session")
+def small_link() -> Link:
+    """Few beams and subcarriers over the same band, for Monte Carlo runs."""
+    return make_link(
+        SimulationConfig(
+            scene="none",
+            waveform=WaveformConfig(comb=12),
+            tx_array=ArrayConfig(beams_per_panel=10, sector_deg=60.0),
+            rx_array=ArrayConfig(beams_per_panel=12, sector_deg=70.0),
+        )
+    )
 
 
 @pytest.fixture(scope="session")
@@ -32,12 +45,18 @@ def rx_pose() -> Pose:
 
 
 @pytest.fixture(scope="session")
-def make_sweep(link: Link, tx_pose: Pose, rx_pose: Pose) -> SweepMaker:
+def make_sweep(full_link: Link, tx_pose: Pose, rx_pose: Pose) -> SweepMaker:
     """Sweep of paths at `rx_pose` with noise of the link scaled by `noise_factor`."""
 
     def make(
-        paths: Paths, rng: np.random.Generator, *, bias_s: float = 0.0, noise_factor: float = 1.0
+        paths: Paths,
+        rng: np.random.Generator,
+        *,
+        bias_s: float = 0.0,
+        noise_factor: float = 1.0,
+        over: Link | None = None,
     ) -> BeamSweep:
+        link = over or full_link
         samples = beam_channel(
             paths,
             tx_codebook=link.tx_codebook,

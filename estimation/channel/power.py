@@ -62,16 +62,16 @@ def estimate_power(sweep: BeamSweep, config: PowerMethodConfig | None = None) ->
     floor = max(threshold, float(power.snr.max()) * 10 ** (-config.dynamic_range_db / 10))
     peaks = local_maxima(power, tx, rx, floor)
     envelope = SideLobeEnvelope(tx, rx, power.snr.shape[2])
-    paths = _accept(peaks, power, tx, rx, envelope, config)
+    paths = _accept(peaks, power, (tx, rx), envelope, threshold, config)
     return _assemble(sweep, power, paths, envelope, config)
 
 
 def _accept(
     peaks: Peaks,
     power: DelayPower,
-    tx: BeamAxis,
-    rx: BeamAxis,
+    axes: tuple[BeamAxis, BeamAxis],
     envelope: SideLobeEnvelope,
+    threshold: float,
     config: PowerMethodConfig,
 ) -> list[_Path]:
     margin = 10 ** (config.side_lobe_margin_db / 20)
@@ -80,9 +80,10 @@ def _accept(
     for index in range(len(peaks)):
         if len(paths) == config.max_paths:
             break
-        if amplitude[index] <= margin * explained[index]:
+        side_lobes = explained[index]
+        if amplitude[index] <= max(margin * side_lobes, side_lobes + np.sqrt(threshold)):
             continue
-        path = _refine(peaks, index, power, tx, rx)
+        path = _refine(peaks, index, power, *axes)
         if max(path.aod.residual, path.aoa.residual) > config.max_misfit:
             continue
         paths.append(path)

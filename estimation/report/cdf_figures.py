@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import PercentFormatter
+from matplotlib.ticker import FuncFormatter, PercentFormatter
 
 from estimation.report.style import CLUSTER_COLORS, MAPPING, SLAM, legend_below, new_figure, styled
 from estimation.scoring.channel_scores import KIND_KEYS
@@ -15,6 +15,8 @@ from estimation.scoring.record import MapScores, PathScores, PoseScores, ScoreTa
 from estimation.scoring.statistics import measured
 from scenes.record import FloatArray
 
+SMALLEST_SHARE = 0.02  # the axis starts where this share of the errors lies below
+MOST_DECADES = 1e3
 LINE_STYLES = ("-", "--", ":")
 KIND_LABELS = {"los": "line of sight", "single_bounce": "single bounce", "multi_bounce": "multiple bounce"}
 
@@ -69,27 +71,33 @@ def _inlier_errors(maps: Mapping[str, MapScores], name: str) -> dict[str, FloatA
 
 
 def _figure(curves: Mapping[str, Mapping[str, FloatArray]], colors: Sequence[str]) -> Figure:
-    """One panel per quantity, one curve per group; the abscissa ends at the largest error."""
+    """One panel per quantity, one curve per group; the logarithmic abscissa ends at the largest error."""
     figure = new_figure(3.4 * len(curves), 3.1)
     axes = np.atleast_1d(figure.subplots(1, len(curves), sharey=True))
     handles: list[Any] = []
     for ax, (label, groups) in zip(axes, curves.items(), strict=True):
         errors = {name: np.sort(np.abs(measured(error))) for name, error in groups.items()}
         end = max((error[-1] for error in errors.values() if len(error)), default=1.0) or 1.0
+        every = np.concatenate([*errors.values(), [end]])
+        start = float(np.clip(np.quantile(every, SMALLEST_SHARE), end / MOST_DECADES, end / 10))
         handles = [
-            _draw_cdf(ax, error, end, name, colors[index], LINE_STYLES[index])
+            _draw_cdf(ax, error, (start / 2, end), name, colors[index], LINE_STYLES[index])
             for index, (name, error) in enumerate(errors.items())
         ]
-        ax.set(xlabel=label, xlim=(0, 1.03 * end), ylim=(0, 1.02))
+        ax.set(xlabel=label, xscale="log", xlim=(start, 1.1 * end), ylim=(0, 1.02))
+        ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axes[0].set_ylabel("share at most this large")
     axes[0].yaxis.set_major_formatter(PercentFormatter(1.0))
     legend_below(figure, handles, len(handles))
     return figure
 
 
-def _draw_cdf(ax: Any, error: FloatArray, end: float, name: str, color: str, linestyle: str) -> Any:
-    """Empirical distribution as steps from 0 to the end of the axis; nothing where there is no error."""
-    at = np.concatenate([[0.0], error, [1.03 * end]]) if len(error) else np.zeros(0)
+def _draw_cdf(
+    ax: Any, error: FloatArray, limits: tuple[float, float], name: str, color: str, linestyle: str
+) -> Any:
+    """Empirical distribution as steps over the whole axis; nothing where there is no error."""
+    start, end = limits
+    at = np.concatenate([[start], np.maximum(error, start), [1.1 * end]]) if len(error) else np.zeros(0)
     share = np.concatenate([np.arange(len(error) + 1) / len(error), [1.0]]) if len(error) else at
     (line,) = ax.step(at, share, where="post", color=color, linestyle=linestyle, label=name)
     return line

@@ -15,7 +15,7 @@ from scenes.record import FloatArray
 from scenes.scene import Scene
 
 POINT = {"marker": "o", "linestyle": "none", "color": SLAM, "markersize": 4, "markeredgecolor": "white"}
-DRAWN_SAGITTA_M = 0.002
+DRAWN_SAGITTA_M = 0.0002
 VIEW_MARGIN = 0.12
 
 

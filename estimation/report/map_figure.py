@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from matplotlib import patheffects
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -26,14 +27,18 @@ from estimation.scoring.shape_scores import BAND_SIGMAS, contour_points_m
 from scenes.record import BoolArray
 from scenes.scene import Scene
 
+WIDTH_IN = 12.0
+AXES_WIDTH_IN = 5.5  # of one plan
+SURROUND_IN = 1.15  # height of title, axis labels and legend
+VIEW_MARGIN_M = 1.0
 TRACK_COLOR = "#1e8449"  # of the walk in the plan
 
 
 @styled
 def map_figure(scene: Scene, results: CampaignResults, tables: ScoreTables) -> Figure:
     """Incidence points by cluster and contours over the plan: receiver known (left), unknown (right)."""
-    figure = new_figure(12.0, 6.4)
-    axes = figure.subplots(1, 2, sharey=True)
+    figure = new_figure(WIDTH_IN, WIDTH_IN / 2)
+    axes = figure.subplots(1, 2, sharex=True, sharey=True)
     stops = tables.poses.stop.tolist()
     draw_plan(axes[0], scene, stops=stops, labels=False)
     axes[0].set_title("Mapping: receiver pose and clock known")
@@ -42,8 +47,22 @@ def map_figure(scene: Scene, results: CampaignResults, tables: ScoreTables) -> F
     axes[1].set(title="SLAM: receiver pose and clock unknown", ylabel="")
     _draw_track(axes[1], results, tables.poses)
     _draw_map(axes[1], results.slam, tables.slam.clusters.is_ghost)
+    _fit(figure, axes[0], [results.mapping, results.slam])
     legend_below(figure, _legend_handles(), 7)
     return figure
+
+
+def _fit(figure: Figure, ax: Any, maps: list[MapResult]) -> None:
+    """Widen the view to all clustered incidence points and give the figure the height that the plan needs."""
+    points = np.vstack([one.ips.position_m[one.shapes.label >= 0] for one in maps])
+    low = np.array([ax.get_xlim()[0], ax.get_ylim()[0]])
+    high = np.array([ax.get_xlim()[1], ax.get_ylim()[1]])
+    if len(points):
+        low = np.minimum(low, points.min(axis=0) - VIEW_MARGIN_M)
+        high = np.maximum(high, points.max(axis=0) + VIEW_MARGIN_M)
+    ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+    width, height = high - low
+    figure.set_size_inches(WIDTH_IN, AXES_WIDTH_IN * height / width + SURROUND_IN)
 
 
 def _draw_map(ax: Any, result: MapResult, is_ghost: BoolArray) -> None:
@@ -62,16 +81,16 @@ def _draw_cluster(ax: Any, result: MapResult, cluster: int, look: dict[str, Any]
     shapes = result.shapes
     points = result.ips.position_m[shapes.label == cluster]
     edge = {} if look["marker"] == "x" else {"markeredgecolor": "white", "markeredgewidth": 0.4}
-    ax.plot(*points.T, linestyle="none", markersize=4.5, zorder=4, **look, **edge)
+    ax.plot(*points.T, linestyle="none", markersize=3.8, zorder=4, **look, **edge)
     contour = contour_points_m(shapes, cluster)
     unit = np.stack([np.cos(shapes.angle_rad), np.sin(shapes.angle_rad)], axis=-1)
     outer = contour + BAND_SIGMAS * shapes.radius_std_m[cluster][:, None] * unit
     ax.fill(*outer.T, color=look["color"], alpha=BAND_ALPHA, linewidth=0, zorder=2.5)
     ax.fill(*contour.T, facecolor="none", edgecolor=look["color"], linewidth=1.4, zorder=5)
     ax.annotate(
-        str(cluster), shapes.center_m[cluster], ha="center", va="center", fontsize=7, fontweight="bold",
-        color=TRUTH, zorder=6, annotation_clip=True,
-        bbox={"boxstyle": "circle,pad=0.15", "facecolor": "white", "edgecolor": look["color"], "alpha": 0.85},
+        str(cluster), shapes.center_m[cluster], xytext=(7, 7), textcoords="offset points", ha="center",
+        va="center", fontsize=8, fontweight="bold", color=TRUTH, zorder=6, annotation_clip=True,
+        path_effects=[patheffects.withStroke(linewidth=2.5, foreground="white")],
     )  # fmt: skip
 
 

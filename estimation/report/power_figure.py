@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from matplotlib import patheffects
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MultipleLocator
@@ -18,7 +19,7 @@ SHOWN_RANGE_DB = 45.0
 STATUS_LOOK = {
     PathStatus.DETECTED: ("estimated, detected", "x", SLAM),
     PathStatus.WEAK: ("estimated, weak or diffuse", "+", "#56B4E9"),
-    PathStatus.FALSE: ("estimated, false", "1", "#F0E442"),
+    PathStatus.FALSE: ("estimated, false", "1", "#FF5FC4"),
 }
 
 
@@ -33,7 +34,7 @@ def power_figure(power_map: BeamPowerMap, estimate: ChannelEstimate, tables: Sco
     true = tables.significant.take("true_path", tables.significant.stop == power_map.stop)
     ax.plot(
         np.rad2deg(true.aoa_azimuth_rad), np.rad2deg(true.aod_azimuth_rad), "o", markersize=11,
-        markerfacecolor="none", markeredgecolor="white", markeredgewidth=1.3,
+        markerfacecolor="none", markeredgecolor="white", markeredgewidth=1.3, path_effects=_outlined(),
     )  # fmt: skip
     _draw_estimates(ax, estimate, tables.paths.take("estimate", tables.paths.stop == power_map.stop))
     ax.set(
@@ -71,8 +72,8 @@ def _draw_estimates(ax: Any, estimate: ChannelEstimate, paths: PathScores) -> No
 
 def _legend_handles() -> list[Any]:
     true = Line2D(
-        [], [], marker="o", linestyle="none", markersize=9, markerfacecolor="#3b528b", markeredgecolor="white",
-        label="true, significant",
+        [], [], marker="o", linestyle="none", markersize=9, markerfacecolor="none", markeredgecolor="white",
+        markeredgewidth=1.3, path_effects=_outlined(), label="true, significant",
     )  # fmt: skip
     return [
         true,
@@ -81,3 +82,7 @@ def _legend_handles() -> list[Any]:
             for label, marker, color in STATUS_LOOK.values()
         ),
     ]
+
+
+def _outlined() -> list[Any]:
+    return [patheffects.withStroke(linewidth=2.6, foreground="0.15")]

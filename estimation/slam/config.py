@@ -5,23 +5,22 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from estimation.channel.record import ChannelEstimate
 from estimation.geometry import range_covariance
 from scenes.pose import SPEED_OF_LIGHT_M_S
 from scenes.record import FloatArray
+from scenes.toml_config import ConfigModel
 
 
-class PathNoise(BaseModel):
+class PathNoise(ConfigModel):
     """Which covariance R a path's (delay, departure, arrival) is given.
 
     `fixed` is diag(delay_std, angle_std, angle_std)^2 for every path, as in the paper after equation (2).
     `estimate` is the covariance of the channel estimate plus diag(floor)^2 for what it leaves out: model
     errors, survey errors, the third dimension.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     source: Literal["estimate", "fixed"] = "estimate"
     delay_std_ns: float = Field(1.0, gt=0)
@@ -37,15 +36,13 @@ class PathNoise(BaseModel):
         return range_covariance(estimate.covariance) + floor
 
 
-class MappingConfig(BaseModel):
+class MappingConfig(ConfigModel):
     """Mapping by equation (4) and the gate for single bounces.
 
     A path counts as a single bounce where J is below the chi-square quantile (1 degree of freedom) of
     `gate_probability`, the IP lies ahead of both devices at `min_leg_m` or more, and its largest standard
     deviation is at most `max_position_std_m` (nearly parallel rays leave the IP free along them).
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     noise: PathNoise = PathNoise()
     gate_probability: float = Field(0.99, gt=0, lt=1)
@@ -55,14 +52,12 @@ class MappingConfig(BaseModel):
     relative_tolerance: float = Field(1e-9, gt=0)
 
 
-class PathLoss(BaseModel):
+class PathLoss(ConfigModel):
     """Power of a line of sight: intercept + slope * log10(d / 1 m), with a Gaussian spread.
 
     A path is no credible line of sight where the log-likelihood of its power is below `min_log_likelihood`.
     The defaults are those of the measured campaign, arXiv 2404.10291.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     intercept_dbm: float = -13.0
     slope_db: float = -17.0
@@ -77,21 +72,19 @@ class PathLoss(BaseModel):
         return bool(log_likelihood >= self.min_log_likelihood)
 
 
-class Mixture(BaseModel):
+class Mixture(ConfigModel):
     """Model of a path's residual in the statistical method: a single bounce or clutter.
 
     A single bounce has a Student-t residual with the standard deviation its covariance gives; clutter is
     spread evenly over `clutter_width_m`.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
     clutter_share: float = Field(0.3, gt=0, lt=1)
     clutter_width_m: float = Field(30.0, gt=0)
     degrees_of_freedom: float = Field(4.0, gt=0)
 
 
-class SnapshotConfig(BaseModel):
+class SnapshotConfig(ConfigModel):
     """Robust snapshot SLAM; the defaults are the published algorithm and its parameters.
 
     `method`
@@ -101,8 +94,6 @@ class SnapshotConfig(BaseModel):
         Maximum-likelihood refinement of the reference solution on its inliers; the statistical method always
         refines.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     method: Literal["reference", "statistical"] = "reference"
     refine: bool = False

@@ -13,12 +13,12 @@ from sim.store import complete_file, read_attribute, read_record, write_record
 from sim.truth import Truth
 
 
-def test_nested_records_come_back_bit_by_bit(tmp_path: Path, link: Link) -> None:
-    write_record(tmp_path / "link.nc", link, {"fingerprint": "abc"})
+def test_nested_records_come_back_bit_by_bit(tmp_path: Path, full_link: Link) -> None:
+    write_record(tmp_path / "link.nc", full_link, {"fingerprint": "abc"})
     back = read_record(tmp_path / "link.nc", Link)
-    np.testing.assert_array_equal(back.rx_codebook.weights, link.rx_codebook.weights)
-    np.testing.assert_array_equal(back.prs_symbol, link.prs_symbol)
-    assert back.prs_symbol.dtype == link.prs_symbol.dtype
+    np.testing.assert_array_equal(back.rx_codebook.weights, full_link.rx_codebook.weights)
+    np.testing.assert_array_equal(back.prs_symbol, full_link.prs_symbol)
+    assert back.prs_symbol.dtype == full_link.prs_symbol.dtype
     assert back.tx_codebook.element_pattern == "tr38901"
     assert read_attribute(tmp_path / "link.nc", "fingerprint") == "abc"
 

@@ -1,0 +1,168 @@
+"""The power-only channel estimator: closed forms of its parts, Monte Carlo of the whole."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from estimation.channel.beams import BeamAxis
+from estimation.channel.delay import delay_power, hann_window, parabola_peak, window_response
+from estimation.channel.detect import noise_threshold
+from estimation.channel.los import LosConfig, line_of_sight
+from estimation.channel.power import PowerMethodConfig, estimate_power
+from estimation.channel.power_map import beam_power_map
+from estimation.channel.record import ChannelEstimate
+from scenes.pose import SPEED_OF_LIGHT_M_S, Pose, wrap_angle
+from sim.link import Link, best_beam_power_dbm
+from sim.paths import Paths, empty_paths
+from sim.sweep import BeamSweep
+
+Maker = Callable[..., Paths]
+SweepMaker = Callable[..., BeamSweep]
+GAIN_AT_6M = 3.98e-3 / (4 * np.pi * 6) * 1.255  # lambda / (4 pi d) at 60 GHz
+
+
+def errors(
+    estimate: ChannelEstimate, paths: Paths, tx_pose: Pose, rx_pose: Pose, bias_s: float = 0.0
+) -> np.ndarray:
+    """Delay (s), AoD and AoA (rad) errors (path, 3) of an estimate with the paths in the truth's delay order."""
+    order = np.argsort(paths.delay_s)
+    return np.stack(
+        [
+            estimate.delay_s - paths.delay_s[order] - bias_s,
+            wrap_angle(estimate.aod_azimuth_rad - paths.aod_azimuth_rad[order] + tx_pose.heading_rad),
+            wrap_angle(estimate.aoa_azimuth_rad - paths.aoa_azimuth_rad[order] + rx_pose.heading_rad),
+        ],
+        axis=1,
+    )
+
+
+def test_window_response_is_the_transform_of_the_window() -> None:
+    n = 1584
+    offset = np.linspace(-4, 4, 81)
+    phases = np.exp(2j * np.pi * np.outer(offset, np.arange(n) - (n - 1) / 2) / n)
+    expected = np.abs(phases @ hann_window(n)) / n
+    np.testing.assert_allclose(window_response(offset, n), expected, atol=2e-6)
+
+
+def test_noise_threshold_closed_form() -> None:
+    assert noise_threshold(1, 0.01) == pytest.approx(-np.log(0.01))
+    threshold = noise_threshold(1e6, 0.05)
+    assert 1 - (1 - np.exp(-threshold)) ** 1e6 == pytest.approx(0.05)
+
+
+def test_parabola_vertex() -> None:
+    x = np.arange(5.0)
+    assert parabola_peak(-((x - 2.3) ** 2), 2) == pytest.approx(0.3)
+    assert parabola_peak(x, 4) == 0.0
+
+
+def test_beam_neighbours_close_the_circle_only_when_beams_do(full_link: Link) -> None:
+    rx, tx = BeamAxis(full_link.rx_codebook), BeamAxis(full_link.tx_codebook)
+    assert rx.is_closed and not tx.is_closed
+    azimuth = full_link.rx_codebook.azimuth_rad
+    for beam in range(len(azimuth)):
+        around = wrap_angle(azimuth[rx.neighbourhood(beam)] - azimuth[beam])
+        assert len(around) == 5 and (np.diff(around) > 0).all() and around[2] == 0
+    assert tx.neighbourhood(0).tolist() == [0, 1, 2]
+    assert tx.neighbour(np.array([31]), 1).tolist() == [31]
+
+
+def test_angle_is_read_without_bias_everywhere(full_link: Link) -> None:
+    axis = BeamAxis(full_link.rx_codebook)
+    for azimuth in np.linspace(-np.pi, np.pi, 97):
+        amplitude = axis.relative_amplitude(azimuth)
+        beams = axis.neighbourhood(int(np.argmax(amplitude)))
+        fit = axis.match(beams, 3.0 * amplitude[beams])
+        assert abs(wrap_angle(fit.azimuth_rad - azimuth)) < np.deg2rad(0.01)
+        assert fit.residual < 1e-6
+
+
+def test_noise_level_is_estimated_from_the_samples(make_sweep: SweepMaker, full_link: Link) -> None:
+    sweep = make_sweep(empty_paths(["wall"]), np.random.default_rng(0))
+    power = delay_power(sweep)
+    n = sweep.samples.shape[-1]
+    expected = full_link.noise_power_mw * (hann_window(n) ** 2).sum() / n**2
+    np.testing.assert_allclose(power.noise_power_mw, expected, rtol=0.035)  # 5 sigma of the median
+    assert len(estimate_power(sweep)) == 0
+
+
+def test_false_alarm_probability_is_the_one_asked_for(make_sweep: SweepMaker, small_link: Link) -> None:
+    rng, trials, asked = np.random.default_rng(1), 150, 0.2
+    config = PowerMethodConfig(false_alarm_probability=asked, max_misfit=1e9)
+    alarms = sum(
+        len(estimate_power(make_sweep(empty_paths(["wall"]), rng, over=small_link), config)) > 0
+        for _ in range(trials)
+    )
+    spread = np.sqrt(trials * asked * (1 - asked))
+    # Zero padding correlates cells and adds some: between the asked rate and that of all padded cells.
+    assert asked * trials - 3 * spread < alarms < 2 * asked * trials + 3 * spread
+
+
+def test_separated_paths_are_all_found_and_nothing_else(
+    make_sweep: SweepMaker, make_paths: Maker, tx_pose: Pose, rx_pose: Pose, full_link: Link
+) -> None:
+    rng = np.random.default_rng(2)
+    level_db = np.array([0, -6, -9, -14, -18, -21])
+    delay = 2e-8 + 8e-9 * np.arange(6)
+    gain = GAIN_AT_6M * 10 ** (level_db / 20) * np.exp(2j * np.pi * rng.random(6))
+    paths = make_paths(gain, delay, -np.pi / 2 + rng.uniform(-1, 1, 6), rng.uniform(-np.pi, np.pi, 6))
+    sweep = make_sweep(paths, rng, bias_s=3.3e-8)
+    estimate = estimate_power(sweep)
+    assert len(estimate) == 6
+    error = np.abs(errors(estimate, paths, tx_pose, rx_pose, 3.3e-8))
+    assert (error < [0.1e-9, np.deg2rad(0.3), np.deg2rad(0.3)]).all()
+    expected_dbm = best_beam_power_dbm(paths, full_link, tx_pose, rx_pose)
+    np.testing.assert_allclose(estimate.power_dbm, expected_dbm, atol=0.7)
+    assert estimate.is_los.tolist() == [True] + 5 * [False]
+
+
+def test_a_clock_bias_below_zero_stays_below_zero(make_sweep: SweepMaker, make_paths: Maker) -> None:
+    paths = make_paths(GAIN_AT_6M, 2e-8, -1.4, 0.2)
+    estimate = estimate_power(make_sweep(paths, np.random.default_rng(3), bias_s=-9e-8))
+    assert estimate.delay_s[0] == pytest.approx(-7e-8, abs=0.1e-9)
+
+
+def test_side_lobes_of_one_strong_path_are_no_paths(make_sweep: SweepMaker, make_paths: Maker) -> None:
+    rng = np.random.default_rng(4)
+    config = PowerMethodConfig(dynamic_range_db=45)
+    for aod, aoa in rng.uniform(-1, 1, (4, 2)):
+        paths = make_paths(GAIN_AT_6M, 2e-8, aod - np.pi / 2, 3 * aoa)
+        assert len(estimate_power(make_sweep(paths, rng), config)) == 1
+
+
+def test_covariance_of_a_noise_limited_path_is_honest(
+    make_sweep: SweepMaker, make_paths: Maker, tx_pose: Pose, rx_pose: Pose, small_link: Link
+) -> None:
+    rng, z = np.random.default_rng(5), []
+    config = PowerMethodConfig(delay_std_floor_ns=0.0, angle_std_floor_deg=0.0, max_misfit=1.0)
+    for _ in range(120):
+        aod, aoa = rng.uniform(-0.4, 0.4, 2)
+        paths = make_paths(GAIN_AT_6M, 4e-8 + 1e-8 * rng.random(), aod - np.pi / 2, aoa + rx_pose.heading_rad)
+        estimate = estimate_power(make_sweep(paths, rng, over=small_link, noise_factor=3e4), config)
+        assert len(estimate) == 1 and 12 < estimate.snr_db[0] < 40
+        z.append(errors(estimate, paths, tx_pose, rx_pose)[0] / np.sqrt(np.diag(estimate.covariance[0])))
+    rms = np.sqrt((np.array(z) ** 2).mean(axis=0))
+    assert (rms > 0.5).all() and (rms < 1.3).all(), rms
+
+
+def test_los_decision_by_power_over_excess_delay() -> None:
+    config = LosConfig(power_at_1m_dbm=-13, tolerance_db=2)
+    bias_s, d0 = 4e-8, 5.0
+
+    def case(lengths_m: list[float], loss_db: list[float]) -> bool:
+        lengths = np.array(lengths_m)
+        power = -13 - 20 * np.log10(lengths) - np.array(loss_db)
+        return bool(line_of_sight(lengths / SPEED_OF_LIGHT_M_S + bias_s, power, config).any())
+
+    assert case([d0], [0])
+    assert case([d0, 9, 14], [0, 0, 5])
+    assert not case([d0, 6], [15, 4])  # the first is weak, the second shows it
+    assert not case([d0], [25])  # its power says 89 m, its delay 17 m with the bias
+    assert not line_of_sight(np.zeros(0), np.zeros(0), config).any()
+
+
+def test_power_map_is_the_mean_power(make_sweep: SweepMaker, make_paths: Maker) -> None:
+    sweep = make_sweep(make_paths(GAIN_AT_6M, 2e-8, -1.4, 0.2), np.random.default_rng(6))
+    expected = 10 * np.log10((np.abs(sweep.samples[3, 7].astype(complex)) ** 2).mean())
+    assert beam_power_map(sweep).power_dbm[3, 7] == pytest.approx(expected, abs=1e-4)
