@@ -7,15 +7,19 @@ from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
+from estimation.channel.delay import hann_window
+from estimation.channel.detect import noise_threshold
 from estimation.channel.power import estimate_power
 from estimation.channel.record import ChannelEstimate
 from estimation.config import CampaignConfig
 from estimation.results import MapResult
+from estimation.scoring.config import Significance
 from estimation.shape.estimate import estimate_shapes
 from estimation.slam.mapping import map_stops
 from estimation.slam.record import PoseEstimates, SolveStatus
 from estimation.slam.snapshot import run_slam
 from scenes.pose import Pose
+from sim.link import Link
 from sim.sweep import BeamSweep
 from sim.truth import Truth
 
@@ -78,6 +82,19 @@ def map_unknown(config: CampaignConfig, channel: Sequence[ChannelEstimate], tx_p
     """SLAM: receiver states and incidence points together, then shapes."""
     poses, ips = run_slam(channel, tx_pose, config.slam, config.mapping)
     return MapResult(poses, ips, estimate_shapes(ips, config.shapes))
+
+
+def significance(config: CampaignConfig, link: Link) -> Significance:
+    """Which true paths the power-only method has a fair chance to detect: its dynamic range and its threshold."""
+    n_tx, n_subcarriers = link.prs_symbol.shape
+    threshold = noise_threshold(
+        n_tx * len(link.rx_codebook) * n_subcarriers, config.channel.false_alarm_probability
+    )
+    noise_mw = link.noise_power_mw.max() * (hann_window(n_subcarriers) ** 2).sum() / n_subcarriers**2
+    return Significance(
+        dynamic_range_db=config.channel.dynamic_range_db,
+        noise_threshold_dbm=float(10 * np.log10(threshold * noise_mw)),
+    )
 
 
 def _imported(name: str) -> Callable[[BeamSweep], object]:

@@ -14,6 +14,8 @@ from __future__ import annotations
 import hashlib
 import importlib.util
 import json
+import shutil
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -23,11 +25,14 @@ from estimation.channel.power_map import BeamPowerMap
 from estimation.channel.record import ChannelEstimate
 from estimation.config import CampaignConfig
 from estimation.results import MapResult
+from estimation.scoring.metric import to_json
+from estimation.scoring.record import ScoreTables
+from estimation.scoring.score import Scores
 from estimation.shape.record import Shapes
 from estimation.slam.record import IncidencePoints, PoseEstimates
 from scenes.record import Record
 from sim.config import SimulationConfig
-from sim.store import read_attribute, read_record, write_record, write_text
+from sim.store import complete_file, read_attribute, read_record, write_record, write_text
 from sim.sweep import BeamSweep
 from sim.truth import Truth
 
@@ -143,6 +148,24 @@ class CampaignStore:
         """Store the map of mapping or SLAM; scores made before are dropped."""
         file = MapFile(result.poses, result.ips, result.shapes)
         self._write(self.directory / "map" / f"{name}.nc", file, self.map_fingerprint)
+
+    def score_tables(self) -> ScoreTables | None:
+        """The tables behind the scores, or None where they are still to be made."""
+        return self._read(self.directory / "provenance.nc", ScoreTables, self.map_fingerprint)
+
+    def write_scores(self, scores: Scores) -> None:
+        """Store the tables behind the scores, then the metrics; a report made before is dropped."""
+        self._write(self.directory / "provenance.nc", scores.tables, self.map_fingerprint)
+        write_text(self.directory / "scores.json", json.dumps(to_json(scores.metrics), indent=1) + "\n")
+
+    def write_report(self, page: str, pictures: Mapping[str, bytes]) -> None:
+        """Store the figures, then the page."""
+        figures = self.directory / "figures"
+        shutil.rmtree(figures, ignore_errors=True)
+        for name, picture in pictures.items():
+            with complete_file(figures / f"{name}.png") as partial:
+                partial.write_bytes(picture)
+        write_text(self.directory / "report.html", page)
 
     def drop_results(self) -> None:
         """Remove scores and report, which an upstream change has made stale."""

@@ -28,12 +28,13 @@ def show(
     ] = False,
 ) -> None:
     """Draw the plan of a scene."""
-    from estimation.report.plan import plan_png  # noqa: PLC0415
+    from estimation.report.plan import plan_figure  # noqa: PLC0415
+    from estimation.report.style import png_bytes  # noqa: PLC0415
     from scenes.config import load_scene  # noqa: PLC0415
     from sim.store import complete_file  # noqa: PLC0415
 
     scene = load_scene(name)
     path = out or Path(f"{scene.name}.png")
     with complete_file(path) as partial:
-        partial.write_bytes(plan_png(scene, everything=everything))
+        partial.write_bytes(png_bytes(plan_figure(scene, extent="all" if everything else "walk")))
     typer.echo(f"{scene.name}: {len(scene.objects)} objects, {len(scene.stops)} stops; plan in {path}")

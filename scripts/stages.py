@@ -17,14 +17,18 @@ from rich.progress import (
 )
 
 from estimation.channel.power_map import beam_power_map
-from estimation.pipeline import channel_estimator, known_receiver, map_known, map_unknown
+from estimation.pipeline import channel_estimator, known_receiver, map_known, map_unknown, significance
+from estimation.report.figures import make_figures
+from estimation.report.html import render_report
 from estimation.results import CampaignResults, MapResult
+from estimation.scoring.score import Scores, score_campaign, score_metrics
 from estimation.store import CampaignStore, MapName, StopEstimate, open_campaign
 from scenes.config import load_scene
 from scenes.scene import Scene
 from scripts.campaign_file import load_campaign
+from scripts.summary import run_facts, score_table
 from sim.campaign import observe, simulate_truth
-from sim.link import make_link
+from sim.link import best_beam_power_dbm, make_link
 from sim.truth import Truth
 
 console = Console(highlight=False)
@@ -87,6 +91,37 @@ def build_maps(store: CampaignStore) -> None:
         receiver = known_receiver(stored_truths(store, len(scene.stops)))
         store.write_map("mapping", map_known(store.config, channel, scene.tx, receiver))
         store.write_map("slam", map_unknown(store.config, channel, scene.tx))
+
+
+def write_scores(store: CampaignStore) -> None:
+    """Score every stage against the truth; write the metrics and where each estimate came from."""
+    scene, link = scene_of(store), make_link(store.config)
+    results = stored_results(store, len(scene.stops))
+    with console.status("scores"):
+        scores = score_campaign(
+            scene,
+            stored_truths(store, len(scene.stops)),
+            results,
+            true_power_dbm=lambda truth: best_beam_power_dbm(truth.paths, link, scene.tx, truth.rx_pose),
+            significance=significance(store.config, link),
+        )
+    store.write_scores(scores)
+    console.print(score_table(scores))
+
+
+def write_report(store: CampaignStore) -> None:
+    """Draw the figures and write the self-contained HTML report."""
+    scene = scene_of(store)
+    results = stored_results(store, len(scene.stops))
+    tables = _present(store, store.score_tables(), "the score", "score")
+    with console.status("report"):
+        scores = Scores(score_metrics(scene, tables), tables)
+        figures = make_figures(scene, results, scores)
+        page = render_report(
+            store.config.name, scores, figures, run_facts(store.config, scene, store.estimator)
+        )
+        store.write_report(page, {name: figure.png for name, figure in figures.items()})
+    console.print(f"report: {store.directory / 'report.html'}")
 
 
 def truths(store: CampaignStore, scene: Scene) -> Iterator[Truth]:

@@ -17,7 +17,6 @@ from sim.channel import beam_channel
 from sim.config import SimulationConfig
 from sim.link import Link
 from sim.propagation import Propagator
-from sim.raytrace import TraceConfig
 from sim.receiver import add_noise
 from sim.sweep import BeamSweep
 from sim.truth import Truth
@@ -45,9 +44,7 @@ def simulate_truth(config: SimulationConfig, scene: Scene, stops: Iterable[int])
     """Trace the given stops of a scene's walk, one after the other."""
     poses = scene.stops
     biases_s = clock_biases_s(config, len(poses))
-    propagator = Propagator(
-        scene, config.waveform.carrier_ghz * 1e9, TraceConfig(**config.propagation.model_dump())
-    )
+    propagator = Propagator(scene, config.waveform.carrier_ghz * 1e9, config.propagation)
     for stop in stops:
         yield Truth(propagator.paths(poses[stop].position_m), poses[stop], stop, biases_s[stop])
 

@@ -49,10 +49,17 @@ class ClockConfig(ConfigModel):
 
 
 class PropagationConfig(ConfigModel):
-    """What the ray tracer is asked for."""
+    """What is traced.
 
-    max_bounces: int = Field(2, ge=0, le=3, description="specular bounces of a path at most")
-    specular_samples: int = Field(200_000, ge=1000, le=10_000_000, description="rays that look for faces")
+    Specular rays only look for chains of faces, each of which is then solved exactly: more of them find no other
+    paths once every reflecting face is hit. Diffuse rays leave the TX on a fixed lattice, each standing for its
+    share of the sphere: their number sets the grain, not the power.
+    """
+
+    max_bounces: int = Field(
+        2, ge=0, le=3, description="specular bounces of a path, 0 for line of sight alone"
+    )
+    specular_samples: int = Field(200_000, ge=1, le=10_000_000, description="rays that look for faces")
     diffuse_samples: int = Field(2_000, ge=0, le=1_000_000, description="rays that scatter, 0 for none")
 
 

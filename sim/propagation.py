@@ -6,10 +6,11 @@ import numpy as np
 
 from scenes.record import FloatArray, concatenate
 from scenes.scene import Scene
+from sim.config import PropagationConfig
 from sim.curved import curved_reflections
 from sim.occlusion import occluders
 from sim.paths import Paths, canonical_order, with_bounce_slots
-from sim.raytrace import TraceConfig, Tracer
+from sim.raytrace import Tracer, n_bounce_slots
 
 
 class Propagator:
@@ -19,10 +20,10 @@ class Propagator:
     there is no usable LLVM library.
     """
 
-    def __init__(self, scene: Scene, carrier_hz: float, config: TraceConfig | None = None) -> None:
+    def __init__(self, scene: Scene, carrier_hz: float, config: PropagationConfig | None = None) -> None:
         self._scene = scene
         self._carrier_hz = carrier_hz
-        self._config = config or TraceConfig()
+        self._config = config or PropagationConfig()
         self._tracer = Tracer(scene, carrier_hz, self._config)
         self._faces = occluders(scene)
 
@@ -37,12 +38,12 @@ class Propagator:
             [curved] = curved_reflections(
                 self._scene, np.asarray(rx_position_m)[None], self._carrier_hz, self._faces
             )
-            parts.append(with_bounce_slots(curved, self._config.n_slots))
+            parts.append(with_bounce_slots(curved, n_bounce_slots(self._config)))
         return canonical_order(concatenate(parts, "path"))
 
 
 def propagate(
-    scene: Scene, rx_positions_m: FloatArray, *, carrier_hz: float, config: TraceConfig | None = None
+    scene: Scene, rx_positions_m: FloatArray, *, carrier_hz: float, config: PropagationConfig | None = None
 ) -> list[Paths]:
     """Paths to each receiver position (receiver, xyz), one record each; see `Propagator.paths`."""
     propagator = Propagator(scene, carrier_hz, config)

@@ -16,7 +16,6 @@ the power is missing in the specular paths either way.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,6 +24,7 @@ from scenes.material import Material
 from scenes.pose import SPEED_OF_LIGHT_M_S, azimuth_elevation
 from scenes.record import ComplexArray, FloatArray, IntArray, concatenate
 from scenes.scene import Scene
+from sim.config import PropagationConfig
 from sim.llvm import LLVM_VARIANT, require_llvm, variant
 from sim.occlusion import surface_names
 from sim.paths import BounceKind, Paths, empty_paths, with_bounce_slots
@@ -35,50 +35,17 @@ if TYPE_CHECKING:
 CANDIDATE_TABLE_SIZE = 10_000_000  # a chain is lost where its hash meets another one's in this table
 
 
-@dataclass(frozen=True)
-class TraceConfig:
-    """What is traced.
-
-    Attributes
-    ----------
-    max_bounces : specular bounces of a path at most; 0 leaves the line of sight alone
-    specular_samples : rays shot to find candidate chains; each is then solved exactly, so more find no other
-        paths once every reflecting face is hit
-    diffuse_samples : rays shot for diffuse scattering, 0 for none. They leave the TX on a fixed lattice, each
-        standing for 4 pi / diffuse_samples, so their number sets the grain, not the power
-
-    Raises
-    ------
-    ValueError
-        For a negative number of bounces or diffuse samples, or no specular samples.
-    """
-
-    max_bounces: int = 2
-    specular_samples: int = 200_000
-    diffuse_samples: int = 2_000
-
-    def __post_init__(self) -> None:
-        for name, least in (("max_bounces", 0), ("specular_samples", 1), ("diffuse_samples", 0)):
-            if getattr(self, name) < least:
-                raise ValueError(f"{name} = {getattr(self, name)}: must be >= {least}")
-
-    @property
-    def n_slots(self) -> int:
-        """Bounce slots of every path record."""
-        return max(1, self.max_bounces)
-
-
 class Tracer:
     """A scene loaded into the ray tracer, to be asked for one receiver position after the other.
 
     Raises `sim.llvm.LlvmError` where the CPU has to trace and there is no usable LLVM library.
     """
 
-    def __init__(self, scene: Scene, carrier_hz: float, config: TraceConfig | None = None) -> None:
+    def __init__(self, scene: Scene, carrier_hz: float, config: PropagationConfig | None = None) -> None:
         rt = _import_sionna()
         from scenes.mesh import object_meshes  # noqa: PLC0415
 
-        self.config = config or TraceConfig()
+        self.config = config or PropagationConfig()
         self.carrier_hz = carrier_hz
         self._names = surface_names(scene)
         self._tx = np.asarray(scene.tx.position_m, float)
@@ -119,7 +86,7 @@ class Tracer:
         loaded.move_receiver(rx)
         solved = self._solver(loaded.scene, refraction=False, **options)
         if not solved.tau.shape[-1]:
-            return empty_paths(self._names, self.config.n_slots)
+            return empty_paths(self._names, n_bounce_slots(self.config))
         real, imaginary = (part.numpy()[0, 0, 0, 0] for part in solved.a)
         kind, surface = _interactions(solved, loaded.surface_of_id, self._names)
         return _paths(
@@ -130,12 +97,17 @@ class Tracer:
             ends=(self._tx, rx),
             carrier_hz=self.carrier_hz,
             names=self._names,
-            n_slots=self.config.n_slots,
+            n_slots=n_bounce_slots(self.config),
         )
 
 
+def n_bounce_slots(config: PropagationConfig) -> int:
+    """Bounce slots of every path record."""
+    return max(1, config.max_bounces)
+
+
 def trace(
-    scene: Scene, rx_positions_m: FloatArray, *, carrier_hz: float, config: TraceConfig | None = None
+    scene: Scene, rx_positions_m: FloatArray, *, carrier_hz: float, config: PropagationConfig | None = None
 ) -> list[Paths]:
     """Paths to each receiver position (receiver, xyz), one record each; see `Tracer.trace`.
 

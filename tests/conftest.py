@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from scenes.pose import Pose
-from sim.link import Link, make_link
 from sim.channel import beam_channel
 from sim.config import ArrayConfig, SimulationConfig, WaveformConfig
+from sim.link import Link, make_link
 from sim.paths import Paths
 from sim.receiver import add_noise
 from sim.sweep import BeamSweep

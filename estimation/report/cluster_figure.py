@@ -17,6 +17,7 @@ from scenes.scene import Scene
 POINT = {"marker": "o", "linestyle": "none", "color": SLAM, "markersize": 4, "markeredgecolor": "white"}
 DRAWN_SAGITTA_M = 0.0002
 VIEW_MARGIN = 0.12
+WHOLE_OBJECT_M = 1.0  # a true outline up to this size is shown in full, a larger one as far as the estimate
 
 
 @styled
@@ -30,7 +31,7 @@ def cluster_figure(scene: Scene, result: MapResult, cluster: int, object_name: s
     radial, plane = figure.subplots(1, 2, width_ratios=[1.15, 1])
     points_m = result.ips.position_m[result.shapes.label == cluster]
     handles = _draw_radial(radial, scene, result, cluster, points_m, object_name)
-    center = _draw_contour(plane, scene, result, cluster, points_m)
+    center = _draw_contour(plane, scene, result, cluster, points_m, object_name)
     figure.suptitle(title, fontsize=10, fontweight="bold")
     legend_below(figure, [*handles, *center], 6)
     return figure
@@ -54,17 +55,20 @@ def _draw_radial(
     )  # fmt: skip
     handles = [mean, band, points]
     top = max(float((radius + half_width).max()), float(np.hypot(*offset.T).max(initial=0)))
+    truth = np.full(len(angle_deg), np.nan)
     if object_name in scene.object_names:
         truth = scene.object(object_name).contour.radius(shapes.center_m[cluster], shapes.angle_rad)
-        handles += ax.plot(angle_deg, truth, color=TRUTH, linestyle="--", linewidth=1.2, label="true outline")
-    else:
-        handles += ax.plot([], [], color=TRUTH, linestyle="--", linewidth=1.2, label="true outline")
+        highest = float(np.max(truth, initial=0.0, where=np.isfinite(truth)))
+        top = max(top, highest) if highest <= WHOLE_OBJECT_M else top
+    handles += ax.plot(angle_deg, truth, color=TRUTH, linestyle="--", linewidth=1.2, label="true outline")
     ax.set(xlabel="polar angle in deg", ylabel="radius in m", xlim=(-180, 180), ylim=(0, 1.08 * top))
     ax.xaxis.set_major_locator(MultipleLocator(60))
     return handles
 
 
-def _draw_contour(ax: Any, scene: Scene, result: MapResult, cluster: int, points_m: FloatArray) -> list[Any]:
+def _draw_contour(
+    ax: Any, scene: Scene, result: MapResult, cluster: int, points_m: FloatArray, object_name: str
+) -> list[Any]:
     shapes = result.shapes
     center, contour = shapes.center_m[cluster], contour_points_m(shapes, cluster)
     unit = np.stack([np.cos(shapes.angle_rad), np.sin(shapes.angle_rad)])
@@ -73,21 +77,20 @@ def _draw_contour(ax: Any, scene: Scene, result: MapResult, cluster: int, points
     inner = center[:, None] + np.maximum(shapes.radius_m[cluster] - half_width, 0) * unit
     ring = np.concatenate([_closed(outer.T), _closed(inner.T)[::-1]])
     ax.fill(*ring.T, color=ESTIMATE, alpha=BAND_ALPHA, linewidth=0)
+    shown = np.vstack([ring, points_m])
     for item in scene.objects:
         outline = item.contour.vertices(DRAWN_SAGITTA_M)
-        ax.plot(
-            *(_closed(outline) if item.contour.closed else outline).T,
-            color=TRUTH,
-            linestyle="--",
-            linewidth=1.2,
-        )
+        line = _closed(outline) if item.contour.closed else outline
+        ax.plot(*line.T, color=TRUTH, linestyle="--", linewidth=1.2)
+        if item.name == object_name and np.ptp(outline, axis=0).max() <= WHOLE_OBJECT_M:
+            shown = np.vstack([shown, outline])
     ax.plot(*_closed(contour).T, color=ESTIMATE)
     ax.plot(*points_m.T, **POINT)
     handles = ax.plot(
         *center, "X", color=TRUTH, markeredgecolor="white", markersize=8, label="object centre",
         linestyle="none",
     )  # fmt: skip
-    ax.set(xlabel="x in m", ylabel="y in m", aspect="equal", **_view(np.vstack([ring, points_m])))
+    ax.set(xlabel="x in m", ylabel="y in m", aspect="equal", **_view(shown))
     return list(handles)
 
 

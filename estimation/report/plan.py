@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 import shapely
 from matplotlib import patheffects
+from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
@@ -33,6 +34,13 @@ OBJECT_LABEL_PT = 6.5
 LABEL_GAP_PT = 2.5
 
 Box = tuple[float, float, float, float]  # x_min, y_min, x_max, y_max
+
+
+def plan_figure(scene: Scene, *, extent: Literal["walk", "all"] = "walk") -> Figure:
+    """The plan of a scene as a figure of its own, objects named where the whole scene is not asked for."""
+    figure = Figure(figsize=(9.5, 7), layout="compressed")
+    draw_plan(figure.subplots(), scene, extent=extent)
+    return figure
 
 
 def draw_plan(

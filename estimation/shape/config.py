@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
+
+from scenes.toml_config import ConfigModel, Pair
 
 
-class CentroidBias(BaseModel):
+class CentroidBias(ConfigModel):
     """A shift of one cluster's centre, set by hand: it moves a wall's centre off the wall (paper, section IV).
 
     The cluster is named by a place, not by a number, so that the bias stays with its object when other
@@ -15,25 +17,23 @@ class CentroidBias(BaseModel):
     `within_m` the bias is not used.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-    near_m: tuple[float, float] = Field(description="place of the cluster, x and y in m")
-    bias_m: tuple[float, float] = Field(description="added to the centroid, x and y in m")
+    near_m: Pair = Field(description="place of the cluster, x and y in m")
+    bias_m: Pair = Field(description="added to the centroid, x and y in m")
     within_m: float = Field(2.0, gt=0, description="largest distance from near_m to the centroid in m")
 
 
-class ShapeConfig(BaseModel):
+class ShapeConfig(ConfigModel):
     """Clusters of incidence points (IPs) by DBSCAN, a radial Gaussian process for each.
 
     The defaults correct three weaknesses of the printed method, each with its own switch; `ShapeConfig.paper`
     has them all off.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
     eps_m: float = Field(0.6, gt=0, description="neighbourhood radius of DBSCAN in m")
     min_samples: int = Field(5, ge=1, description="IPs within eps_m, itself included, that make a core point")
-    biases: tuple[CentroidBias, ...] = Field((), description="shifts of cluster centres, set by hand")
+    biases: Annotated[tuple[CentroidBias, ...], Field(strict=False)] = Field(
+        (), description="shifts of cluster centres, set by hand"
+    )
     start: Literal["paper", "data"] = Field(
         "data",
         description="start of the likelihood search: 'paper' is l = sigma_f = sigma_n = 2, which often ends "

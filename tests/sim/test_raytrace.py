@@ -3,7 +3,7 @@
 import itertools
 import subprocess
 import sys
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -14,12 +14,13 @@ from scenes.material import Material
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose, direction
 from scenes.scene import Scene, SceneObject
 from scenes.trajectory import Walk
+from sim.config import PropagationConfig
 from sim.curved import curved_reflections
 from sim.fresnel import slab_reflection, vertical_polarisation
 from sim.llvm import find_llvm, n_cuda_devices
 from sim.paths import BounceKind
 from sim.propagation import Propagator, propagate
-from sim.raytrace import TraceConfig, Tracer, trace
+from sim.raytrace import Tracer, trace
 
 pytestmark = pytest.mark.skipif(
     find_llvm() is None and not n_cuda_devices(), reason="no LLVM 17 or later and no CUDA device"
@@ -246,7 +247,7 @@ def test_same_bits_in_another_process(propagator):
 def test_diffuse_power_does_not_depend_on_the_number_of_rays(room):
     total = []
     for n_samples in (2_000, 20_000):
-        paths = Tracer(room, CARRIER_HZ, TraceConfig(diffuse_samples=n_samples)).trace(RX[0])
+        paths = Tracer(room, CARRIER_HZ, PropagationConfig(diffuse_samples=n_samples)).trace(RX[0])
         total.append(paths.power[paths.is_diffuse].sum())
         assert n_samples / 2 < paths.is_diffuse.sum() <= n_samples
     assert total[1] / total[0] == pytest.approx(1, abs=0.1)
@@ -262,7 +263,7 @@ def panel_scene(scattering_coefficient):
 def test_diffuse_power_is_the_lambertian_integral():
     """S^2 of the reflected flux leaves every spot over cos t / pi and meets the area lambda^2 / 4 pi."""
     scene, rx = panel_scene(0.5), np.array([-1.0, 2.0, 1.2])
-    paths = Tracer(scene, CARRIER_HZ, TraceConfig(diffuse_samples=100_000)).trace(rx)
+    paths = Tracer(scene, CARRIER_HZ, PropagationConfig(diffuse_samples=100_000)).trace(rx)
     traced = paths.power[paths.is_diffuse].sum()
     y, z = np.meshgrid(np.arange(-3, 3, 0.01) + 0.005, np.arange(0, 3, 0.01) + 0.005)
     spots = np.column_stack([np.full(y.size, 2.0), y.ravel(), z.ravel()])
@@ -289,7 +290,7 @@ def test_no_scattering_coefficient_gives_no_diffuse_paths():
 
 
 def test_zero_bounces_leave_the_line_of_sight_and_a_blocked_one_nothing(room):
-    config = TraceConfig(max_bounces=0)
+    config = PropagationConfig(max_bounces=0)
     clear, blocked = propagate(room, np.array([RX[0], [8.0, 6.9, 1.5]]), carrier_hz=CARRIER_HZ, config=config)
     assert clear.n_bounces.tolist() == [0]
     assert len(blocked) == 0
@@ -298,5 +299,5 @@ def test_zero_bounces_leave_the_line_of_sight_and_a_blocked_one_nothing(room):
 
 @pytest.mark.parametrize("field", ["max_bounces", "specular_samples", "diffuse_samples"])
 def test_bad_numbers_are_refused(field):
-    with pytest.raises(ValueError, match=f"{field} = -1"):
-        replace(TraceConfig(), **{field: -1})
+    with pytest.raises(ValueError, match=field):
+        PropagationConfig(**{field: -1})

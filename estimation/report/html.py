@@ -1,0 +1,77 @@
+"""The report page: one self-contained HTML file with scores, figures and what they mean."""
+
+from __future__ import annotations
+
+from base64 import b64encode
+from collections.abc import Mapping
+from html import escape
+from string import Template
+
+from estimation.report.figures import ReportFigure
+from estimation.report.page import PAGE, STYLE_SHEET
+from estimation.report.tables import (
+    CHANNEL_COUNTS,
+    CHANNEL_ERRORS,
+    MAPS,
+    POSES,
+    SHAPES,
+    all_scores_table,
+    headline_table,
+    html_table,
+    object_table,
+    score_table,
+)
+from estimation.scoring.score import Scores
+
+PIXELS_PER_INCH = 86  # on the page: the widest figure fills it, and all figures have letters of one size
+SECTIONS = {
+    "channel": "Channel estimation",
+    "maps": "Mapping and SLAM",
+    "poses": "Receiver state",
+    "shapes": "Object shapes",
+    "scores": "All scores",
+}
+
+
+def render_report(
+    title: str, scores: Scores, figures: Mapping[str, ReportFigure], facts: Mapping[str, str]
+) -> str:
+    """The report as one HTML page without any outside resource.
+
+    `title` names the campaign; `facts` (label to text) say what was run: settings, seed, versions.
+    """
+    metrics = scores.metrics
+    by_section = {
+        section: "\n".join(_figure(figure) for figure in figures.values() if figure.section == section)
+        for section in ("map", "channel", "pose", "shape")
+    }
+    return Template(PAGE).substitute(
+        title=escape(title),
+        style=STYLE_SHEET,
+        headline=headline_table(metrics),
+        facts=html_table(("", ""), [(escape(label), escape(text)) for label, text in facts.items()]),
+        channel_counts=score_table(CHANNEL_COUNTS, metrics),
+        channel_errors=score_table(CHANNEL_ERRORS, metrics),
+        poses=score_table(POSES, metrics),
+        maps=score_table(MAPS, metrics),
+        shapes=score_table(SHAPES, metrics),
+        objects=object_table(metrics),
+        all_scores=all_scores_table(metrics),
+        n_scores=str(len(metrics)),
+        contents=_contents(),
+        **{f"{section}_figures": text for section, text in by_section.items()},
+    )
+
+
+def _contents() -> str:
+    return " · ".join(f'<a href="#{anchor}">{escape(name)}</a>' for anchor, name in SECTIONS.items())
+
+
+def _figure(figure: ReportFigure) -> str:
+    data = b64encode(figure.png).decode("ascii")
+    width = round(PIXELS_PER_INCH * float(figure.figure.get_size_inches()[0]))
+    return (
+        f'<figure id="{escape(figure.name)}"><img alt="{escape(figure.title)}" width="{width}" '
+        f'src="data:image/png;base64,{data}"><figcaption><b>{escape(figure.title)}.</b> '
+        f"{escape(figure.caption)}</figcaption></figure>"
+    )

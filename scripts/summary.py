@@ -1,0 +1,57 @@
+"""What a run tells the terminal and the head of the report: main scores, and what was run."""
+
+from __future__ import annotations
+
+import platform
+from importlib.metadata import version
+
+from rich.table import Table
+
+from estimation.config import CampaignConfig
+from estimation.scoring.score import Scores
+from scenes.scene import Scene
+
+HEADLINES = {
+    "channel.detected_per_stop": "paths detected per stop",
+    "channel.missed_per_stop": "paths missed per stop",
+    "channel.false_per_stop": "false paths per stop",
+    "mapping.ip_to_surface.median_m": "mapping: incidence point to surface, median",
+    "mapping.objects_found.pillar": "mapping: pillars found",
+    "mapping.objects_found.wall": "mapping: walls found",
+    "slam.position.rmse_m": "SLAM: position error",
+    "slam.heading.rmse_deg": "SLAM: heading error",
+    "slam.clock.rmse_ns": "SLAM: clock error",
+    "slam.ip_to_surface.median_m": "SLAM: incidence point to surface, median",
+}
+LIBRARIES = ("sionna-rt", "numpy", "scipy")
+
+
+def score_table(scores: Scores) -> Table:
+    """The main scores as a table for the terminal."""
+    table = Table("score", "value", "unit", title="Scores")
+    table.columns[1].justify = "right"
+    metrics = {metric.key: metric for metric in scores.metrics}
+    for key, label in HEADLINES.items():
+        metric = metrics[key]
+        table.add_row(label, f"{metric.value:.3g}", metric.unit)
+    return table
+
+
+def run_facts(config: CampaignConfig, scene: Scene, estimator: str | None) -> dict[str, str]:
+    """What was run, for the head of the report."""
+    wave, tx, rx = config.waveform, config.tx_array, config.rx_array
+    bandwidth_mhz = wave.n_rb * 12 * 15e-3 * 2**wave.numerology
+    return {
+        "Scene": f"{scene.name}, {len(scene.objects)} objects, {len(scene.stops)} receiver stops",
+        "Seed": str(config.seed),
+        "Waveform": f"NR PRS at {wave.carrier_ghz:g} GHz, {bandwidth_mhz:.1f} MHz, comb {wave.comb}",
+        "TX": f"{tx.rows} x {tx.columns} elements, {len(tx.panel_azimuth_deg)} x {tx.beams_per_panel} beams",
+        "RX": f"{rx.rows} x {rx.columns} elements, {len(rx.panel_azimuth_deg)} x {rx.beams_per_panel} beams",
+        "Link": f"{config.link.tx_power_dbm:g} dBm, noise figure {config.link.noise_figure_db:g} dB",
+        "Channel estimator": estimator or "power-only, delay-resolved",
+        "SLAM": f"snapshot, {config.slam.method}",
+        "Versions": ", ".join(
+            [f"isac-arena {version('isac-arena')}", f"Python {platform.python_version()}"]
+            + [f"{name} {version(name)}" for name in LIBRARIES]
+        ),
+    }
