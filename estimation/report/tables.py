@@ -112,8 +112,8 @@ SHAPES = ScoreTable(
         ("Contour where seen, RMSE", "seen_rmse.mean_m"),
         ("Contour in full, RMSE", "full_rmse.mean_m"),
         ("Overlap with the lit extent", "extent_iou.mean"),
-        ("Coverage of the 95 % interval", "coverage95"),
-        ("Coverage where seen", "seen_coverage95"),
+        ("Coverage of the 95 % interval", "coverage95.mean"),
+        ("Coverage where seen", "seen_coverage95.mean"),
     ),
 )
 

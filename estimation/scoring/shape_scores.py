@@ -116,14 +116,15 @@ def extent_iou(points_m: FloatArray, lit_points_m: FloatArray) -> float:
 
 
 def shape_metrics(map_name: str, scene: Scene, clusters: ClusterScores) -> list[Metric]:
-    """Scores of one map's shapes: over all objects, per kind, and per object.
+    """Scores of one map's shapes: coverage over all objects, means per kind, and errors per object.
 
     An object counts once, with the cluster that has most IPs close to it.
     """
     prefix = f"shapes.{map_name}"
     best = {item.name: _best_cluster(item.name, clusters) for item in scene.objects}
     rows = clusters.take("cluster", [row for row in best.values() if row is not None])
-    metrics = _mean_metrics(prefix, rows)
+    metrics = [Metric(f"{prefix}.coverage95", mean(rows.coverage95), "1", "info")]
+    metrics.append(Metric(f"{prefix}.seen_coverage95", mean(rows.seen_coverage95), "1", "info"))
     for kind in OBJECT_KINDS:
         names = [item.name for item in scene.objects if item.kind == kind]
         chosen = [best[name] for name in names if best[name] is not None]
@@ -145,8 +146,8 @@ def _mean_metrics(prefix: str, rows: ClusterScores) -> list[Metric]:
         Metric(f"{prefix}.seen_rmse.mean_m", mean(rows.seen_rmse_m), "m", "lower"),
         Metric(f"{prefix}.full_rmse.mean_m", mean(rows.full_rmse_m), "m", "lower"),
         Metric(f"{prefix}.extent_iou.mean", mean(rows.extent_iou), "1", "higher"),
-        Metric(f"{prefix}.coverage95", mean(rows.coverage95), "1", "info"),
-        Metric(f"{prefix}.seen_coverage95", mean(rows.seen_coverage95), "1", "info"),
+        Metric(f"{prefix}.coverage95.mean", mean(rows.coverage95), "1", "info"),
+        Metric(f"{prefix}.seen_coverage95.mean", mean(rows.seen_coverage95), "1", "info"),
     ]
 
 

@@ -43,7 +43,7 @@ def test_a_perfect_campaign_has_no_error(score):
         assert scores.value(f"{name}.objects_found.kiosk") == 0
         assert scores.value(f"shapes.{name}.pillar.iou.mean") == pytest.approx(1, abs=1e-3)
         assert scores.value(f"shapes.{name}.pillar_a.hausdorff_m") == pytest.approx(0, abs=1e-3)
-        assert scores.value(f"shapes.{name}.pillar.coverage95") == 1
+        assert scores.value(f"shapes.{name}.pillar.coverage95.mean") == 1
     assert scores.tables.mapping.clusters.object.tolist() == [
         "pillar_a",
         "pillar_b",
@@ -64,6 +64,13 @@ def test_keys_stay_the_same_when_nothing_was_found(score, campaign):
     assert none.value("slam.solved_share") == 0
     assert np.isnan(none.value("slam.position.rmse_m"))
     json.dumps(to_json(none.metrics), allow_nan=False)
+
+
+def test_an_object_named_like_a_kind_keeps_its_own_keys(score, campaign):
+    scene = campaign.scene
+    more = (*scene.objects, replace(scene.objects[0], name="pillar"))
+    keys = [m.key for m in score_metrics(replace(scene, objects=more), score().tables)]
+    assert len(set(keys)) == len(keys)
 
 
 def test_tables_survive_a_file(score, campaign, tmp_path):

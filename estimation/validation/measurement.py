@@ -1,0 +1,44 @@
+"""One measured row of a validation or benchmark: a value, its unit, and the bar it has to meet."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """A measured value beside its bar. `direction` 'lower' wants value <= bar, 'higher' wants value >= bar."""
+
+    key: str
+    value: float
+    unit: str
+    direction: Literal["lower", "higher"]
+    bar: float
+    reason: str
+
+    @property
+    def met(self) -> bool:
+        """Whether the bar is met; a value that is not a number meets none."""
+        if math.isnan(self.value):
+            return False
+        return self.value <= self.bar if self.direction == "lower" else self.value >= self.bar
+
+
+def to_json(measurements: Iterable[Measurement]) -> dict[str, list[dict[str, Any]]]:
+    """The rows as {"metrics": [{key, value, unit, direction, bar, met}]}; values that are not finite become None."""
+    return {
+        "metrics": [
+            {
+                "key": row.key,
+                "value": row.value if math.isfinite(row.value) else None,
+                "unit": row.unit,
+                "direction": row.direction,
+                "bar": row.bar,
+                "met": row.met,
+            }
+            for row in measurements
+        ]
+    }
