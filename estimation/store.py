@@ -37,7 +37,6 @@ from sim.sweep import BeamSweep
 from sim.truth import Truth
 
 MapName = Literal["mapping", "slam"]
-PACKAGES = ("scenes", "sim", "estimation")
 R = TypeVar("R", bound=Record)
 
 
@@ -73,19 +72,26 @@ class CampaignStore:
         simulation = {name: getattr(self.config, name) for name in SimulationConfig.model_fields}
         simulation.pop("scene")  # its text counts, not its name
         settings = SimulationConfig(**simulation, scene="-").model_dump_json()
-        return _digest(settings, self.scene_text, _code_digest())
+        return _digest(settings, self.scene_text, _code_digest("scenes", "sim"))
 
     @cached_property
     def channel_fingerprint(self) -> str:
         """Of what the channel estimates depend on."""
         estimator = self.estimator or self.config.channel.model_dump_json()
-        return _digest(self.truth_fingerprint, estimator, _estimator_source(self.estimator))
+        code = _code_digest("estimation/channel")
+        return _digest(self.truth_fingerprint, estimator, _estimator_source(self.estimator), code)
 
     @cached_property
     def map_fingerprint(self) -> str:
         """Of what maps and shapes depend on."""
         stages = [self.config.mapping, self.config.slam, self.config.shapes]
-        return _digest(self.channel_fingerprint, *(stage.model_dump_json() for stage in stages))
+        code = _code_digest("estimation/geometry.py", "estimation/slam", "estimation/shape")
+        return _digest(self.channel_fingerprint, *(stage.model_dump_json() for stage in stages), code)
+
+    @cached_property
+    def score_fingerprint(self) -> str:
+        """Of what the scores depend on."""
+        return _digest(self.map_fingerprint, _code_digest("estimation/scoring"))
 
     def open_for_writing(self) -> None:
         """Write settings and scene; drop leftovers of interrupted writes.
@@ -151,11 +157,11 @@ class CampaignStore:
 
     def score_tables(self) -> ScoreTables | None:
         """The tables behind the scores, or None where they are still to be made."""
-        return self._read(self.directory / "provenance.nc", ScoreTables, self.map_fingerprint)
+        return self._read(self.directory / "provenance.nc", ScoreTables, self.score_fingerprint)
 
     def write_scores(self, scores: Scores) -> None:
         """Store the tables behind the scores, then the metrics; a report made before is dropped."""
-        self._write(self.directory / "provenance.nc", scores.tables, self.map_fingerprint)
+        self._write(self.directory / "provenance.nc", scores.tables, self.score_fingerprint)
         write_text(self.directory / "scores.json", json.dumps(to_json(scores.metrics), indent=1) + "\n")
 
     def write_report(self, page: str, pictures: Mapping[str, bytes]) -> None:
@@ -210,10 +216,14 @@ def _digest(*parts: str) -> str:
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:16]
 
 
-def _code_digest() -> str:
+def _code_digest(*parts: str) -> str:
     root = Path(__file__).resolve().parent.parent
-    files = sorted(file for package in PACKAGES for file in (root / package).rglob("*.py"))
+    files = [file for part in parts for file in _sources(root / part)]
     return _digest(*(file.read_text(encoding="utf-8") for file in files))
+
+
+def _sources(path: Path) -> list[Path]:
+    return [path] if path.suffix == ".py" else sorted(path.rglob("*.py"))
 
 
 def _estimator_source(estimator: str | None) -> str:

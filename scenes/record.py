@@ -33,8 +33,11 @@ FIXED_AXES = {"xy": 2, "xyz": 3}
 def array(*axes: str, unit: str = "1", dtype: Any = np.float64, doc: str = "") -> Any:
     """Declare an array field of a record with its named `axes`, `unit`, `dtype` and meaning `doc`.
 
-    Without axes the field is a scalar and is stored as a Python number of that dtype.
+    Without axes the field is a scalar and is stored as a Python number of that dtype. Axes of one field have
+    different names, also where their lengths agree: `ValueError` where one is repeated.
     """
+    if len(set(axes)) < len(axes):
+        raise ValueError(f"axes = {axes}: every axis of a field needs its own name")
     return field(metadata={"axes": axes, "unit": unit, "dtype": np.dtype(dtype), "doc": doc})
 
 

@@ -26,7 +26,7 @@ class ChannelEstimate(Record):
     covariance: FloatArray = array(
         "path",
         "parameter",
-        "parameter",
+        "parameter2",
         unit="(s, rad, rad)^2",
         doc="of delay, departure and arrival azimuth",
     )

@@ -55,3 +55,8 @@ def test_directions_and_angles_are_inverse() -> None:
     np.testing.assert_allclose(back, [azimuth, elevation], atol=1e-12)
     assert wrap_angle(np.pi) == -np.pi
     assert Pose([1, 2, 3], 0.5).position_m.dtype == float  # type: ignore[arg-type]
+
+
+def test_an_axis_cannot_be_named_twice_in_a_field() -> None:
+    with pytest.raises(ValueError, match="needs its own name"):
+        array("path", "parameter", "parameter")
