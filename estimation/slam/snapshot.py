@@ -32,7 +32,7 @@ class SnapshotSolution(Record):
     is_los: BoolArray = array("path", dtype=bool, doc="the path taken as line of sight: at most one")
     cost: float = array(doc="cost of the chosen hypothesis; minus the log evidence for `statistical`")
     covariance: FloatArray = array(
-        "state", "state", doc="of [x, y, heading, bias] in (m, m, rad, s); NaN without refinement"
+        "state", "state2", doc="of [x, y, heading, bias] in (m, m, rad, s); NaN without refinement"
     )
     evidence_gap: float = array(
         doc="log evidence over the next distinct mode; below about 4 the stop is ambiguous; inf where unknown"
