@@ -66,6 +66,11 @@ class BeamAxis:
         amplitude = np.abs(beam_response(self._codebook, azimuth_rad))[:, 0]
         return np.asarray(amplitude / amplitude.max())
 
+    def loss_db(self, azimuth_rad: float) -> float:
+        """Gain of the best beam towards a direction below the highest gain of any beam anywhere, nominal."""
+        best = np.abs(beam_response(self._codebook, azimuth_rad)).max()
+        return float(20 * np.log10(self._amplitude.max() / best))
+
     def match(self, beams: IntArray, amplitude: FloatArray) -> AngleFit:
         """Angle whose nominal pattern is nearest to the measured `amplitude` of `beams`, its scale free.
 

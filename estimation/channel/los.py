@@ -13,13 +13,15 @@ from scenes.toml_config import ConfigModel
 class LosConfig(ConfigModel):
     """The nominal line-of-sight power over distance and the tolerances of the decision."""
 
-    power_at_1m_dbm: float = Field(-13.0, description="LOS power in the best beam pair at 1 m")
+    power_at_1m_dbm: float = Field(-13.0, description="LOS power at 1 m between the peaks of two beams")
     tolerance_db: float = Field(3.0, gt=0, description="how far a path may exceed what its length allows")
     max_clock_bias_ns: float = Field(150.0, gt=0, description="largest clock bias that is credible")
 
 
 def line_of_sight(delay_s: FloatArray, power_dbm: FloatArray, config: LosConfig) -> BoolArray:
     """Mask (path,) with at most the earliest path set, for paths sorted by delay.
+
+    `power_dbm` (path,) is what the peaks of two beams would receive: without the loss of the beams' gain there.
 
     If the earliest path is the LOS, its power tells its length d0 by free-space loss, the unknown clock drops out,
     and a path that comes later by dt cannot be stronger than free space allows at d0 + c dt (a perfect mirror).

@@ -63,7 +63,7 @@ def estimate_power(sweep: BeamSweep, config: PowerMethodConfig | None = None) ->
     peaks = local_maxima(power, tx, rx, floor)
     envelope = SideLobeEnvelope(tx, rx, power.snr.shape[2])
     paths = _accept(peaks, power, (tx, rx), envelope, threshold, config)
-    return _assemble(sweep, power, paths, envelope, config)
+    return _assemble(sweep, power, paths, (tx, rx), envelope, config)
 
 
 def _accept(
@@ -108,6 +108,7 @@ def _assemble(
     sweep: BeamSweep,
     power: DelayPower,
     paths: list[_Path],
+    axes: tuple[BeamAxis, BeamAxis],
     envelope: SideLobeEnvelope,
     config: PowerMethodConfig,
 ) -> ChannelEstimate:
@@ -121,15 +122,18 @@ def _assemble(
     snr = np.array([p.snr for p in paths])
     noise_mw = power.noise_power_mw[[p.rx_beam for p in paths]] if paths else np.zeros(0)
     power_dbm = 10 * np.log10(snr * noise_mw)
+    tx, rx = axes
+    loss_db = np.array([tx.loss_db(p.aod.azimuth_rad) + rx.loss_db(p.aoa.azimuth_rad) for p in paths])
     return ChannelEstimate(
         stop=sweep.stop,
         delay_s=delay_s,
         aod_azimuth_rad=np.array([p.aod.azimuth_rad for p in paths]),
         aoa_azimuth_rad=np.array([p.aoa.azimuth_rad for p in paths]),
         power_dbm=power_dbm,
+        beam_loss_db=loss_db,
         snr_db=10 * np.log10(snr),
         covariance=_covariances(paths, envelope, power, config),
-        is_los=line_of_sight(delay_s, power_dbm, config.los),
+        is_los=line_of_sight(delay_s, power_dbm + loss_db, config.los),
     )
 
 

@@ -20,6 +20,11 @@ class ChannelEstimate(Record):
     aod_azimuth_rad: FloatArray = array("path", unit="rad", doc="azimuth of departure in the TX frame")
     aoa_azimuth_rad: FloatArray = array("path", unit="rad", doc="azimuth of arrival in the RX frame")
     power_dbm: FloatArray = array("path", unit="dBm", doc="received power in the best beam pair")
+    beam_loss_db: FloatArray = array(
+        "path",
+        unit="dB",
+        doc="nominal gain of the best beam pair below the peak of its panels; 0 where unknown",
+    )
     snr_db: FloatArray = array(
         "path", unit="dB", doc="SNR in the best beam pair after summing the subcarriers"
     )

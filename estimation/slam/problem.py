@@ -55,7 +55,8 @@ class Fit:
 def snapshot_problem(estimate: ChannelEstimate, tx: Pose, noise: PathNoise) -> SnapshotProblem:
     """Collect the paths of one stop and their covariances."""
     measured = measurements(estimate.delay_s, estimate.aod_azimuth_rad, estimate.aoa_azimuth_rad)
-    return SnapshotProblem(tx, measured, noise.covariance(estimate), estimate.power_dbm)
+    boresight_dbm = estimate.power_dbm + estimate.beam_loss_db
+    return SnapshotProblem(tx, measured, noise.covariance(estimate), boresight_dbm)
 
 
 def subsets(items: IntArray, size: int) -> IntArray:

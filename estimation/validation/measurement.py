@@ -28,7 +28,7 @@ class Measurement:
 
 
 def to_json(measurements: Iterable[Measurement]) -> dict[str, list[dict[str, Any]]]:
-    """The rows as {"metrics": [{key, value, unit, direction, bar, met}]}; values that are not finite become None."""
+    """The rows as {"metrics": [{key, value, unit, direction, bar, met}]}; a value that is not finite is None."""
     return {
         "metrics": [
             {

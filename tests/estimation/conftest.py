@@ -113,6 +113,7 @@ def exact_estimate(scene: Scene, truth: Truth) -> ChannelEstimate:
         aod_azimuth_rad=parameters[:, 1],
         aoa_azimuth_rad=parameters[:, 2],
         power_dbm=power_dbm(truth)[:count],
+        beam_loss_db=np.zeros(count),
         snr_db=np.full(count, 30.0),
         covariance=np.tile(np.diag(std**2), (count, 1, 1)),
         is_los=np.arange(count) == 0,

@@ -26,6 +26,7 @@ def estimate_of(measured: np.ndarray, *, stop: int = 0, is_los: np.ndarray | Non
         aod_azimuth_rad=measured[:, 1],
         aoa_azimuth_rad=measured[:, 2],
         power_dbm=np.full(n, -45.0),
+        beam_loss_db=np.zeros(n),
         snr_db=np.full(n, 20.0),
         covariance=np.tile(covariance, (n, 1, 1)),
         is_los=np.zeros(n, bool) if is_los is None else is_los,

@@ -41,6 +41,7 @@ class Campaign:
                     aod_azimuth_rad=y[1, order],
                     aoa_azimuth_rad=y[2, order],
                     power_dbm=power[order],
+                    beam_loss_db=np.zeros(len(order)),
                     snr_db=np.zeros(len(order)),
                     covariance=np.zeros((len(order), 3, 3)),
                     is_los=label[0, order] > 0,

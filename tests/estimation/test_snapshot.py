@@ -36,6 +36,7 @@ def estimate_of(measured: np.ndarray, power_dbm: np.ndarray) -> ChannelEstimate:
         aod_azimuth_rad=measured[:, 1],
         aoa_azimuth_rad=measured[:, 2],
         power_dbm=power_dbm,
+        beam_loss_db=np.zeros(n),
         snr_db=np.full(n, 20.0),
         covariance=np.tile(np.diag(std**2), (n, 1, 1)),
         is_los=np.zeros(n, bool),
