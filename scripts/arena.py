@@ -10,7 +10,7 @@ import sys
 
 import typer
 
-from scripts import campaign, doctor, scene
+from scripts import campaign, doctor, scene, validate
 
 app = typer.Typer(
     name="arena",
@@ -25,6 +25,8 @@ app.command("estimate")(campaign.estimate)
 app.command("score")(campaign.score)
 app.command("report")(campaign.report)
 app.command("doctor")(doctor.doctor)
+app.command("validate")(validate.validate)
+app.command("bench")(validate.bench)
 app.add_typer(scene.app, name="scene")
 
 

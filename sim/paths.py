@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
 
+from scenes.pose import SPEED_OF_LIGHT_M_S, direction
 from scenes.record import BoolArray, ComplexArray, FloatArray, IntArray, Record, TextArray, array
 
 
@@ -109,3 +111,50 @@ def empty_paths(object_name: TextArray | list[str], n_slots: int = 1) -> Paths:
         vertex_m=np.zeros((0, n_slots, 3)),
         object_name=np.asarray(object_name, str),
     )
+
+
+def doppler_hz(
+    paths: Paths, carrier_hz: float, rx_velocity_m_s: FloatArray, tx_velocity_m_s: FloatArray | None = None
+) -> FloatArray:
+    """Doppler shift (path,) in Hz of devices that move with the given velocities (xyz,) in a scene at rest.
+
+    f = f_c / c (v_rx . u_arrival + v_tx . u_departure), with both directions pointing away from their device: motion
+    towards where a path comes from shortens it.
+    """
+    arrival = direction(paths.aoa_azimuth_rad, paths.aoa_elevation_rad)
+    speed = arrival @ np.asarray(rx_velocity_m_s, float)
+    if tx_velocity_m_s is not None:
+        speed = speed + direction(paths.aod_azimuth_rad, paths.aod_elevation_rad) @ np.asarray(
+            tx_velocity_m_s
+        )
+    return np.asarray(carrier_hz / SPEED_OF_LIGHT_M_S * speed)
+
+
+def path_labels(paths: Paths) -> TextArray:
+    """A readable id (path,) that a path keeps from run to run: what it meets, in order, and its number among equals.
+
+    Kinds are S specular, D diffuse, R refraction, X diffraction: 'LOS', 'S wall_east', 'S wall_east > X kiosk #1'.
+    Paths with the same chain are numbered by delay, from #1 for the second.
+    """
+    letters = {
+        BounceKind.SPECULAR: "S",
+        BounceKind.DIFFUSE: "D",
+        BounceKind.REFRACTION: "R",
+        BounceKind.DIFFRACTION: "X",
+    }
+    chains = [
+        " > ".join(
+            f"{letters[BounceKind(kind)]} {paths.object_name[item]}"
+            for kind, item in zip(kinds, objects, strict=True)
+            if kind != BounceKind.NONE
+        )
+        or "LOS"
+        for kinds, objects in zip(paths.bounce_kind, paths.bounce_object, strict=True)
+    ]
+    labels = np.array(chains, dtype=object)
+    seen: Counter[str] = Counter()
+    for index in np.lexsort([paths.aoa_azimuth_rad, paths.delay_s]):
+        chain = chains[index]
+        labels[index] = f"{chain} #{seen[chain]}" if seen[chain] else chain
+        seen[chain] += 1
+    return labels.astype(str)

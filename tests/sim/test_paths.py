@@ -1,0 +1,59 @@
+"""The path record: derived Doppler and readable ids."""
+
+import numpy as np
+
+from sim.paths import BounceKind, Paths, doppler_hz, empty_paths, path_labels
+
+S, D, R, NONE = BounceKind.SPECULAR, BounceKind.DIFFUSE, BounceKind.REFRACTION, BounceKind.NONE
+
+
+def some_paths() -> Paths:
+    delay = np.array([3e-8, 1e-8, 4e-8, 2e-8])
+    level = np.zeros(4)
+    return Paths(
+        gain=np.ones(4, complex),
+        delay_s=delay,
+        aod_azimuth_rad=np.array([0.0, np.pi / 2, 0.0, 0.0]),
+        aod_elevation_rad=level,
+        aoa_azimuth_rad=np.array([0.0, np.pi, np.pi / 3, 0.0]),
+        aoa_elevation_rad=level,
+        bounce_kind=np.array([[S, NONE], [NONE, NONE], [S, NONE], [R, D]]),
+        bounce_object=np.array([[0, -1], [-1, -1], [0, -1], [1, 0]]),
+        vertex_m=np.full((4, 2, 3), np.nan),
+        object_name=np.array(["wall", "door"]),
+    )
+
+
+def test_labels_name_the_chain_and_number_equals_by_delay() -> None:
+    paths = some_paths()
+    assert path_labels(paths).tolist() == ["S wall", "LOS", "S wall #1", "R door > D wall"]
+    order = [2, 0, 3, 1]
+    assert path_labels(paths.take("path", order)).tolist() == [path_labels(paths)[i] for i in order]
+    assert path_labels(empty_paths(["wall"])).tolist() == []
+
+
+def test_doppler_is_the_rate_of_change_of_the_path_length() -> None:
+    paths, carrier_hz = some_paths(), 60e9
+    shift = doppler_hz(paths, carrier_hz, np.array([2.0, 0.0, 0.0]))
+    np.testing.assert_allclose(shift, carrier_hz * 2 / 299_792_458 * np.array([1, -1, 0.5, 1]), atol=1e-9)
+    both = doppler_hz(paths, carrier_hz, np.zeros(3), np.array([0.0, 1.0, 0.0]))
+    np.testing.assert_allclose(both, carrier_hz / 299_792_458 * np.array([0, 1, 0, 0]), atol=1e-6)
+
+
+def test_doppler_of_a_moving_receiver_by_finite_differences() -> None:
+    tx, mirror = np.array([0.0, 0.0]), np.array([0.0, 8.0])  # a wall at y = 4
+    rx, velocity, step = np.array([5.0, 1.0]), np.array([1.5, -0.7]), 1e-4
+    lengths = [
+        np.array([np.linalg.norm(rx + t * velocity - source) for source in (tx, mirror)])
+        for t in (-step, step)
+    ]
+    rate = (lengths[1] - lengths[0]) / (2 * step)
+    towards = [np.arctan2(*(source - rx)[::-1]) for source in (tx, mirror)]
+    level = np.zeros(2)
+    base = some_paths().take("path", [0, 1])
+    paths = Paths(
+        base.gain, base.delay_s, base.aod_azimuth_rad, level, np.array(towards), level,
+        base.bounce_kind, base.bounce_object, base.vertex_m, base.object_name,
+    )  # fmt: skip
+    shift = doppler_hz(paths, 60e9, np.append(velocity, 0.0))
+    np.testing.assert_allclose(shift, -rate * 60e9 / 299_792_458, rtol=1e-7)
