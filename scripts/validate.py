@@ -14,10 +14,10 @@ import typer
 if TYPE_CHECKING:
     from estimation.validation.measurement import Measurement
 
-MODULES = {
+MODULES: Mapping[str, tuple[str, ...]] = {
     "propagation": ("propagation_specular", "propagation_diffraction", "propagation_tracer"),
 }
-BENCHES = {"raytrace": ("bench_raytrace",)}
+BENCHES: Mapping[str, tuple[str, ...]] = {"raytrace": ("bench_raytrace",)}
 
 Json = Annotated[Path | None, typer.Option("--json", help="Write the rows to this JSON file as well.")]
 Quick = Annotated[bool, typer.Option("--quick", help="A subset that takes seconds.")]
@@ -46,7 +46,7 @@ def bench(
 
 def _measure(
     name: str,
-    modules: dict[str, tuple[str, ...]],
+    modules: Mapping[str, tuple[str, ...]],
     prefix: str,
     quick: bool,
     seed: int,

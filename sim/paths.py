@@ -118,8 +118,8 @@ def doppler_hz(
 ) -> FloatArray:
     """Doppler shift (path,) in Hz of devices that move with the given velocities (xyz,) in a scene at rest.
 
-    f = f_c / c (v_rx . u_arrival + v_tx . u_departure), with both directions pointing away from their device: motion
-    towards where a path comes from shortens it.
+    f = f_c / c (v_rx . u_arrival + v_tx . u_departure), with both directions pointing away from their device:
+    motion towards where a path comes from shortens it.
     """
     arrival = direction(paths.aoa_azimuth_rad, paths.aoa_elevation_rad)
     speed = arrival @ np.asarray(rx_velocity_m_s, float)
@@ -131,7 +131,7 @@ def doppler_hz(
 
 
 def path_labels(paths: Paths) -> TextArray:
-    """A readable id (path,) that a path keeps from run to run: what it meets, in order, and its number among equals.
+    """A readable id (path,) that a path keeps from run to run: what it meets, and its number among equals.
 
     Kinds are S specular, D diffuse, R refraction, X diffraction: 'LOS', 'S wall_east', 'S wall_east > X kiosk #1'.
     Paths with the same chain are numbered by delay, from #1 for the second.
