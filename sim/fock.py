@@ -127,11 +127,11 @@ def _by_quadrature(delta: FloatArray, polarisation: Polarisation) -> ComplexArra
 
 
 def _reflection_series(delta: FloatArray, polarisation: Polarisation) -> ComplexArray:
-    """Asymptotic scattering function +-sqrt(-delta/4) e^{j delta^3/12} (1 -+ 2j/delta^3 + ...), deep in the light."""
+    """Scattering function deep in the light: +-sqrt(-delta/4) e^{j delta^3/12} (1 +- 2j/delta^3 + ...)."""
     if polarisation == "soft":
-        sign, terms = 1.0, 1 - 2j / delta**3 + 20 / delta**6 + 560j / delta**9
+        sign, terms = 1.0, 1 + 2j / delta**3 + 20 / delta**6 - 560j / delta**9
     else:
-        sign, terms = -1.0, 1 + 2j / delta**3 - 28 / delta**6 - 896j / delta**9
+        sign, terms = -1.0, 1 - 2j / delta**3 - 28 / delta**6 + 896j / delta**9
     return np.asarray(sign * np.sqrt(-delta / 4) * np.exp(1j * delta**3 / 12) * terms)
 
 
@@ -143,4 +143,4 @@ def _residue_series(delta: FloatArray, polarisation: Polarisation) -> ComplexArr
     else:
         root, strength = -zero_prime, 1 / (-zero_prime * value_at_zero_prime**2)
     waves = np.exp(delta[:, None] * root * np.exp(-5j * np.pi / 6)) @ strength
-    return np.asarray(-np.exp(-1j * np.pi / 6) / (2 * np.sqrt(np.pi)) * waves)
+    return np.asarray(-np.exp(-1j * np.pi / 12) / (2 * np.sqrt(np.pi)) * waves)

@@ -18,7 +18,7 @@ from scipy.special import wofz
 
 from scenes.record import ComplexArray, FloatArray
 
-MIN_BOUNDARY_ANGLE = 1e-9  # the terms jump at their own boundary: they are taken this far (rad / 2n) beside it
+MIN_BOUNDARY_ANGLE = 1e-9  # rad beside its own boundary, where a term jumps, at least
 
 
 def transition(x: Any) -> ComplexArray:
