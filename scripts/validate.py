@@ -12,10 +12,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
     from estimation.validation.measurement import Measurement
 
 MODULES: Mapping[str, tuple[str, ...]] = {
-    "propagation": ("propagation_specular", "propagation_diffraction", "propagation_tracer"),
+    "propagation": ("propagation_diffraction",),
 }
 BENCHES: Mapping[str, tuple[str, ...]] = {"raytrace": ("bench_raytrace",)}
 
@@ -53,6 +55,7 @@ def _measure(
     json_file: Path | None,
 ) -> None:
     from rich.console import Console  # noqa: PLC0415
+    from rich.table import Table  # noqa: PLC0415
 
     from estimation.validation.measurement import to_json  # noqa: PLC0415
     from sim.store import write_text  # noqa: PLC0415
@@ -60,13 +63,17 @@ def _measure(
     if name not in modules:
         raise ValueError(f"name = '{name}': must be one of {', '.join(modules)}")
     console = Console(highlight=False)
+    table = Table("check", "key", "value", "bar", "unit", "met")
+    for column in (2, 3):
+        table.columns[column].justify = "right"
     rows: list[Measurement] = []
     for title, check in _checks(modules[name], prefix):
         started = time.perf_counter()
         with console.status(title):
             measured = check(seed, quick)
-        console.print(_table(f"{title} ({time.perf_counter() - started:.1f} s)", measured))
+        _add_section(table, f"{title}, {time.perf_counter() - started:.1f} s", measured)
         rows += measured
+    console.print(table)
     if json_file is not None:
         write_text(json_file, json.dumps(to_json(rows), indent=1) + "\n")
     missed = [row.key for row in rows if not row.met]
@@ -86,14 +93,11 @@ def _checks(
                 yield function_name.removeprefix(prefix).replace("_", " "), function
 
 
-def _table(title: str, rows: list[Measurement]) -> object:
-    from rich.table import Table  # noqa: PLC0415
-
-    table = Table("key", "value", "bar", "unit", "met", title=title, title_justify="left")
-    for column in (1, 2):
-        table.columns[column].justify = "right"
-    for row in rows:
+def _add_section(table: Table, title: str, rows: list[Measurement]) -> None:
+    for index, row in enumerate(rows):
         sign = "<=" if row.direction == "lower" else ">="
         met = "[green]yes[/]" if row.met else "[bold red]no[/]"
-        table.add_row(row.key, f"{row.value:.4g}", f"{sign} {row.bar:g}", row.unit, met)
-    return table
+        table.add_row(
+            "" if index else title, row.key, f"{row.value:.4g}", f"{sign} {row.bar:g}", row.unit, met
+        )
+    table.add_section()
