@@ -63,9 +63,10 @@ def _measure(
     if name not in modules:
         raise ValueError(f"name = '{name}': must be one of {', '.join(modules)}")
     console = Console(highlight=False)
-    table = Table("check", "key", "value", "bar", "unit", "met")
-    for column in (2, 3):
+    table = Table("key", "value", "bar", "unit", "met")
+    for column in (1, 2):
         table.columns[column].justify = "right"
+    table.columns[0].no_wrap = True
     rows: list[Measurement] = []
     for title, check in _checks(modules[name], prefix):
         started = time.perf_counter()
@@ -94,10 +95,9 @@ def _checks(
 
 
 def _add_section(table: Table, title: str, rows: list[Measurement]) -> None:
-    for index, row in enumerate(rows):
+    table.add_row(f"[bold]{title}[/]")
+    for row in rows:
         sign = "<=" if row.direction == "lower" else ">="
         met = "[green]yes[/]" if row.met else "[bold red]no[/]"
-        table.add_row(
-            "" if index else title, row.key, f"{row.value:.4g}", f"{sign} {row.bar:g}", row.unit, met
-        )
+        table.add_row(row.key, f"{row.value:.4g}", f"{sign} {row.bar:g}", row.unit, met)
     table.add_section()
