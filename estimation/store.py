@@ -31,6 +31,7 @@ from estimation.scoring.score import Scores
 from estimation.shape.record import Shapes
 from estimation.slam.record import IncidencePoints, PoseEstimates
 from scenes.record import Record
+from sim.codebook_store import weights_digest
 from sim.config import SimulationConfig
 from sim.store import complete_file, read_attribute, read_record, write_record, write_text
 from sim.sweep import BeamSweep
@@ -72,7 +73,9 @@ class CampaignStore:
         simulation = {name: getattr(self.config, name) for name in SimulationConfig.model_fields}
         simulation.pop("scene")  # its text counts, not its name
         settings = SimulationConfig(**simulation, scene="-").model_dump_json()
-        return _digest(settings, self.scene_text, _code_digest("scenes", "sim"))
+        arrays = (self.config.tx_array, self.config.rx_array)
+        weights = [weights_digest(array.weights_file) for array in arrays if array.weights_file is not None]
+        return _digest(settings, self.scene_text, _code_digest("scenes", "sim"), *weights)
 
     @cached_property
     def channel_fingerprint(self) -> str:

@@ -10,7 +10,7 @@ import sys
 
 import typer
 
-from scripts import campaign, doctor, scene, validate
+from scripts import campaign, doctor, link, scene, sigmf, validate
 
 app = typer.Typer(
     name="arena",
@@ -24,6 +24,8 @@ app.command("generate")(campaign.generate)
 app.command("estimate")(campaign.estimate)
 app.command("score")(campaign.score)
 app.command("report")(campaign.report)
+app.command("link")(link.link)
+app.command("export-sigmf")(sigmf.export_sigmf)
 app.command("doctor")(doctor.doctor)
 app.command("validate")(validate.validate)
 app.command("bench")(validate.bench)

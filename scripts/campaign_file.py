@@ -14,7 +14,7 @@ LIBRARY = Path(__file__).parent / "campaigns"
 def load_campaign(name_or_path: str, seed: int | None = None) -> tuple[CampaignConfig, Path]:
     """The settings of a campaign, with the seed replaced where one is given, and the file of its scene.
 
-    A scene file is looked up beside the campaign file that names it.
+    Scene and beam weight files are looked up beside the campaign file that names them.
 
     Raises `ConfigError`, one line naming file, field, value and what is allowed.
     """
@@ -22,6 +22,11 @@ def load_campaign(name_or_path: str, seed: int | None = None) -> tuple[CampaignC
     config = load_config(path, CampaignConfig)
     if seed is not None:
         config = config.model_copy(update={"seed": seed})
+    for device in ("tx_array", "rx_array"):
+        array = getattr(config, device)
+        if array.weights_file is not None:
+            file = str((path.parent / array.weights_file).resolve())
+            config = config.model_copy(update={device: array.model_copy(update={"weights_file": file})})
     is_file = config.scene.endswith(".toml")
     return config, path.parent / config.scene if is_file else scene_path(config.scene)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import platform
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 
 from rich.table import Table
 
@@ -23,7 +23,7 @@ HEADLINES = {
     "slam.clock.rmse_ns": "SLAM: clock error",
     "slam.ip_to_surface.median_m": "SLAM: incidence point to surface, median",
 }
-LIBRARIES = ("sionna-rt", "numpy", "scipy")
+LIBRARIES = ("isac-arena", "sionna-rt", "numpy", "scipy")
 
 
 def score_table(scores: Scores) -> Table:
@@ -51,7 +51,13 @@ def run_facts(config: CampaignConfig, scene: Scene, estimator: str | None) -> di
         "Channel estimator": estimator or "power-only, delay-resolved",
         "SLAM": f"snapshot, {config.slam.method}",
         "Versions": ", ".join(
-            [f"isac-arena {version('isac-arena')}", f"Python {platform.python_version()}"]
-            + [f"{name} {version(name)}" for name in LIBRARIES]
+            [f"Python {platform.python_version()}", *(f"{name} {_version(name)}" for name in LIBRARIES)]
         ),
     }
+
+
+def _version(distribution: str) -> str:
+    try:
+        return version(distribution)
+    except PackageNotFoundError:
+        return "(not installed)"

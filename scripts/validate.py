@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from estimation.validation.measurement import Measurement
 
 MODULES: Mapping[str, tuple[str, ...]] = {
+    "signal": ("signal_waveform",),
     "propagation": ("propagation_diffraction",),
 }
 BENCHES: Mapping[str, tuple[str, ...]] = {"raytrace": ("bench_raytrace",)}

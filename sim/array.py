@@ -1,4 +1,4 @@
-"""Antenna arrays: element positions, element patterns and steering vectors.
+"""Antenna arrays: element positions, element patterns, tapers, panel orientation and steering vectors.
 
 Arrays lie in the y-z plane of their panel frame and look along +x. A plane wave to or from direction u has
 phase exp(+j k r.u) at an element at r, relative to the array centre, which is the phase reference.
@@ -6,14 +6,17 @@ phase exp(+j k r.u) at an element at r, relative to the array centre, which is t
 
 from __future__ import annotations
 
+import warnings
 from typing import Any, Literal
 
 import numpy as np
+from scipy.signal import windows
 
-from scenes.pose import SPEED_OF_LIGHT_M_S, direction
+from scenes.pose import SPEED_OF_LIGHT_M_S, azimuth_elevation, direction
 from scenes.record import ComplexArray, FloatArray
 
 ElementPattern = Literal["tr38901", "isotropic"]
+Taper = Literal["uniform", "taylor", "chebyshev"]
 
 
 def upa_positions_m(
@@ -27,6 +30,30 @@ def upa_positions_m(
     z = (np.arange(rows) - (rows - 1) / 2) * spacing
     grid_z, grid_y = np.meshgrid(z, y, indexing="ij")
     return np.stack([np.zeros(rows * columns), grid_y.ravel(), grid_z.ravel()], axis=1)
+
+
+def upa_taper(rows: int, columns: int, taper: Taper, side_lobe_db: float = 30.0) -> FloatArray:
+    """Amplitudes (element,) of a planar array, largest 1, for side lobes `side_lobe_db` below the main lobe.
+
+    The product of one window along rows and one along columns: 'uniform', 'chebyshev' (Dolph, all side lobes
+    equal) or 'taylor' (four near-equal side lobes, then falling).
+
+    Raises `ValueError` for another taper name or a side-lobe level outside 15 to 80 dB.
+    """
+    if taper == "uniform":
+        return np.ones(rows * columns)
+    if not 15 <= side_lobe_db <= 80:
+        raise ValueError(f"taper_side_lobe_db = {side_lobe_db:g}: allowed is 15 to 80 dB")
+    if taper == "taylor":
+        along = [windows.get_window(("taylor", 4, side_lobe_db), n, fftbins=False) for n in (rows, columns)]
+    elif taper == "chebyshev":
+        with warnings.catch_warnings():  # scipy warns of low side-lobe levels, meant for spectral analysis
+            warnings.simplefilter("ignore", UserWarning)
+            along = [windows.chebwin(n, side_lobe_db) if n > 2 else np.ones(n) for n in (rows, columns)]
+    else:
+        raise ValueError(f"taper = '{taper}': allowed are 'uniform', 'taylor' and 'chebyshev'")
+    amplitude = np.outer(*along).ravel()
+    return np.asarray(amplitude / amplitude.max())
 
 
 def element_amplitude(pattern: str, azimuth_rad: Any, elevation_rad: Any) -> FloatArray:
@@ -55,3 +82,55 @@ def steering_vector(
     """Phases exp(+j k r.u) (..., element) of the elements at `position_m` for directions in the panel frame."""
     wavenumber = 2 * np.pi * carrier_hz / SPEED_OF_LIGHT_M_S
     return np.exp(1j * wavenumber * direction(azimuth_rad, elevation_rad) @ position_m.T)
+
+
+def panel_axes(panel_azimuth_rad: float, panel_tilt_rad: float) -> FloatArray:
+    """Axes (xyz of the panel, xyz of the device) of a panel looking to an azimuth, tilted up by `panel_tilt_rad`.
+
+    Row 0 is the boresight, row 1 the array's horizontal axis, row 2 its column axis.
+    """
+    boresight = direction(panel_azimuth_rad, panel_tilt_rad)
+    column = direction(panel_azimuth_rad, panel_tilt_rad + np.pi / 2)
+    return np.stack([boresight, np.cross(column, boresight), column])
+
+
+def to_panel(
+    azimuth_rad: Any, elevation_rad: Any, panel_azimuth_rad: float, panel_tilt_rad: float
+) -> tuple[FloatArray, FloatArray]:
+    """Azimuth and elevation in the panel frame of directions in the device frame."""
+    if panel_tilt_rad == 0:
+        return np.asarray(azimuth_rad) - panel_azimuth_rad, np.asarray(elevation_rad)
+    return azimuth_elevation(
+        direction(azimuth_rad, elevation_rad) @ panel_axes(panel_azimuth_rad, panel_tilt_rad).T
+    )
+
+
+def from_panel(
+    azimuth_rad: Any, elevation_rad: Any, panel_azimuth_rad: float, panel_tilt_rad: float
+) -> tuple[FloatArray, FloatArray]:
+    """Azimuth and elevation in the device frame of directions in the panel frame."""
+    if panel_tilt_rad == 0:
+        return np.asarray(azimuth_rad) + panel_azimuth_rad, np.asarray(elevation_rad)
+    return azimuth_elevation(
+        direction(azimuth_rad, elevation_rad) @ panel_axes(panel_azimuth_rad, panel_tilt_rad)
+    )
+
+
+def vertical_polarisation(
+    azimuth_rad: Any, elevation_rad: Any, panel_azimuth_rad: float, panel_tilt_rad: float, slant_rad: float
+) -> FloatArray:
+    """Share, -1 to 1, of an element's field that is vertical towards directions in the device frame.
+
+    TR 38.901 clauses 7.1.3 and 7.3.2 (model 2): cos(slant + psi), with psi the angle by which the panel's tilt
+    turns the element's polarisation against the device's vertical in that direction. The horizontal share meets
+    no path: path gains hold vertical to vertical alone.
+    """
+    if panel_tilt_rad == 0:
+        return np.full(np.broadcast(azimuth_rad, elevation_rad).shape, np.cos(slant_rad))
+    axes = panel_axes(panel_azimuth_rad, panel_tilt_rad)
+    local = to_panel(azimuth_rad, elevation_rad, panel_azimuth_rad, panel_tilt_rad)
+    up = direction(azimuth_rad, np.asarray(elevation_rad) + np.pi / 2)
+    local_up = direction(local[0], np.asarray(local[1]) + np.pi / 2) @ axes
+    left = np.stack([-np.sin(azimuth_rad), np.cos(azimuth_rad), np.zeros(np.shape(azimuth_rad))], axis=-1)
+    psi = np.arctan2(-(local_up * left).sum(axis=-1), (local_up * up).sum(axis=-1))
+    return np.asarray(np.cos(slant_rad + psi))

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from scenes.toml_config import ConfigModel
+from sim.prs import PrsConfig
 
 Comb = Literal[2, 4, 6, 12]
 AngleDeg = Annotated[float, Field(ge=-360, le=360)]
+ElevationDeg = Annotated[float, Field(ge=-90, le=90)]
 
 
 class WaveformConfig(ConfigModel):
@@ -17,28 +19,108 @@ class WaveformConfig(ConfigModel):
 
     carrier_ghz: float = Field(60.0, gt=1, le=300, description="carrier frequency")
     numerology: Literal[2, 3] = Field(3, description="mu: subcarrier spacing 15 kHz x 2^mu")
-    n_rb: int = Field(264, ge=24, le=275, description="resource blocks of 12 subcarriers")
-    comb: Comb = Field(2, description="every comb-th subcarrier is occupied")
+    n_rb: int = Field(264, ge=24, le=272, multiple_of=4, description="resource blocks of 12 subcarriers")
+    comb: Comb = Field(2, description="every comb-th subcarrier of a symbol is occupied")
+    n_symbols: Literal[2, 4, 6, 12] | None = Field(
+        None, description="symbols of a PRS resource, by default as many as the comb size"
+    )
+    rb_offset: int = Field(0, ge=0, le=251, description="resource block of the carrier where the PRS starts")
+    re_offset: int = Field(0, ge=0, le=11, description="first occupied subcarrier, below the comb size")
+    first_symbol: int = Field(0, ge=0, le=12, description="symbol of the slot where the resource starts")
+    carrier_rb: int | None = Field(
+        None, ge=24, le=275, description="resource blocks of the carrier; by default it ends with the PRS"
+    )
+    combine_symbols: bool = Field(
+        False,
+        description="a beam pair combines all symbols of a resource; otherwise it takes the first symbol alone",
+    )
+
+    @model_validator(mode="after")
+    def _follow_the_standard(self) -> Self:
+        try:
+            _ = self.prs
+        except ValueError as error:
+            raise ValueError(str(error).removeprefix("PrsConfig.")) from None
+        return self
+
+    @property
+    def prs(self) -> PrsConfig:
+        """The PRS resource that every beam sends."""
+        return PrsConfig(
+            n_rb=self.n_rb,
+            comb=self.comb,
+            numerology=self.numerology,
+            rb_offset=self.rb_offset,
+            re_offset=self.re_offset,
+            first_symbol=self.first_symbol,
+            n_symbols=self.n_symbols,
+            carrier_rb=self.carrier_rb,
+        )
 
 
 class ArrayConfig(ConfigModel):
-    """A uniform planar array, its panels and its horizontal beams."""
+    """A uniform planar array, the orientations of its panels and the beams of each."""
 
     rows: int = Field(4, ge=1, le=256)
     columns: int = Field(16, ge=1, le=256)
     element_pattern: Literal["tr38901", "isotropic"] = "tr38901"
+    polarisation_slant_deg: ElevationDeg = Field(0.0, description="slant of the elements, 0 is vertical")
     panel_azimuth_deg: list[AngleDeg] = Field(
         [0.0], min_length=1, description="panel boresights, device frame"
     )
-    beams_per_panel: int = Field(32, ge=1, le=1024, description="beams, uniform in the sine of azimuth")
-    sector_deg: float = Field(140.0, gt=0, le=180, description="azimuth sector that each panel covers")
+    panel_tilt_deg: list[ElevationDeg] = Field(
+        [0.0], min_length=1, description="elevation of the panel boresights, one for all or one each"
+    )
+    codebook: Literal["steered", "dft", "campus_63", "hierarchical", "file"] = Field(
+        "steered", description="beams of a panel"
+    )
+    beams_per_panel: int = Field(
+        32, ge=1, le=1024, description="steered: beams, uniform in the sine of azimuth"
+    )
+    sector_deg: float = Field(
+        140.0, gt=0, le=180, description="steered, hierarchical, campus_63: azimuth sector of each panel"
+    )
+    beam_elevation_deg: list[ElevationDeg] = Field(
+        [0.0], min_length=1, description="steered, campus_63: elevations of the beams in the panel frame"
+    )
+    hierarchy_levels: int = Field(4, ge=1, le=9, description="hierarchical: levels of 1, 2, 4, ... beams")
+    weights_file: str | None = Field(None, description="file: .npz or .csv with the weights of each beam")
+    taper: Literal["uniform", "taylor", "chebyshev"] = Field(
+        "uniform", description="amplitude over the array"
+    )
+    taper_side_lobe_db: float = Field(
+        30.0, ge=15, le=80, description="side lobes of a taper below the main lobe"
+    )
+    phase_bits: int | None = Field(
+        None, ge=1, le=16, description="bits of the phase shifters, none for ideal"
+    )
+
+    @model_validator(mode="after")
+    def _agree(self) -> Self:
+        if len(self.panel_tilt_deg) not in (1, len(self.panel_azimuth_deg)):
+            raise ValueError(
+                f"panel_tilt_deg = {self.panel_tilt_deg}: must have 1 value or one for each of"
+                f" {len(self.panel_azimuth_deg)} panels"
+            )
+        if (self.codebook == "file") != (self.weights_file is not None):
+            raise ValueError(
+                f"weights_file = {self.weights_file}: must be given with codebook = 'file', and only with it"
+            )
+        return self
 
 
 class LinkConfig(ConfigModel):
-    """The link budget."""
+    """The link budget. The converter shapes the budget of `arena link`, not the samples."""
 
     tx_power_dbm: float = Field(3.0, ge=-50, le=60, description="power into the TX array")
     noise_figure_db: float = Field(10.0, ge=0, le=40)
+    adc_effective_bits: float = Field(6.0, ge=1, le=24, description="ENOB of the receiver's converters")
+    adc_back_off_db: float = Field(
+        12.0,
+        ge=0,
+        le=40,
+        description="strongest signal of the campaign below a full-scale sine, at fixed gain",
+    )
 
 
 class ClockConfig(ConfigModel):
@@ -61,6 +143,16 @@ class PropagationConfig(ConfigModel):
     )
     specular_samples: int = Field(200_000, ge=1, le=10_000_000, description="rays that look for faces")
     diffuse_samples: int = Field(2_000, ge=0, le=1_000_000, description="rays that scatter, 0 for none")
+    transmission: bool = Field(False, description="whether paths go through thin walls and hollow solids")
+    max_crossed_faces: int = Field(4, ge=1, le=16, description="faces that one path may go through")
+    max_transmission_loss_db: float = Field(
+        30.0, gt=0, le=200, description="paths that lose more on their way through faces are left out"
+    )
+
+    @property
+    def n_bounce_slots(self) -> int:
+        """Bounce slots of every path record."""
+        return max(1, self.max_bounces + (self.max_crossed_faces if self.transmission else 0))
 
 
 class SimulationConfig(ConfigModel):

@@ -1,4 +1,4 @@
-"""A link: what stays the same over a campaign, the waveform, the beams and the power budget."""
+"""A link: what stays the same over a campaign, the waveform, the beams and the power."""
 
 from __future__ import annotations
 
@@ -8,11 +8,30 @@ import numpy as np
 
 from scenes.pose import Pose
 from scenes.record import ComplexArray, FloatArray, Record, array
-from sim.array import upa_positions_m
-from sim.codebook import Codebook, beam_response, steered_codebook
+from sim.array import upa_positions_m, upa_taper
+from sim.beams import (
+    PanelBeams,
+    campus_azimuths,
+    crossed,
+    dft_beams,
+    given_beams,
+    hierarchical_beams,
+    shaped,
+    sine_spaced_azimuths,
+    steered_beams,
+)
+from sim.codebook import Codebook, beam_response, codebook_on_panels
+from sim.codebook_store import read_weights
 from sim.config import ArrayConfig, SimulationConfig
 from sim.paths import Paths
-from sim.prs import PrsConfig, prs_subcarriers, prs_symbols, subcarrier_frequency_hz
+from sim.prs import (
+    SUBCARRIERS_PER_RB,
+    PrsConfig,
+    prs_comb_pass,
+    prs_subcarriers,
+    prs_symbols,
+    subcarrier_frequency_hz,
+)
 from sim.receiver import dbm_to_mw, noise_power_mw
 
 
@@ -32,38 +51,78 @@ class Link(Record):
 def make_link(config: SimulationConfig) -> Link:
     """Waveform, codebooks and link budget of a campaign.
 
-    TX beam m sends PRS sequence m in slot m (modulo the frame); a beam pair takes one OFDM symbol.
+    TX beam m sends PRS sequence m in slot m (modulo the frame). A beam pair takes one symbol of the resource, or
+    combines them all: its samples then cover every subcarrier of the band, and as every symbol has the whole
+    transmit power on its own comb, the noise per sample stays that of one symbol, less by L_PRS / K_comb where
+    subcarriers are sounded more than once.
     """
     carrier_hz = config.waveform.carrier_ghz * 1e9
-    prs = PrsConfig(config.waveform.n_rb, config.waveform.comb, config.waveform.numerology)
+    prs = config.waveform.prs
     tx_codebook = make_codebook(config.tx_array, carrier_hz)
     rx_codebook = make_codebook(config.rx_array, carrier_hz)
-    frequency_hz = subcarrier_frequency_hz(prs, prs_subcarriers(prs))
-    slots_per_frame = 10 * 2**prs.numerology
-    symbols = [prs_symbols(prs, beam % 4096, beam % slots_per_frame) for beam in range(len(tx_codebook))]
-    bandwidth_hz = len(frequency_hz) * prs.subcarrier_spacing_hz
+    slot = [prs_slot_of_beam(prs, beam) for beam in range(len(tx_codebook))]
+    bandwidth_hz = prs.n_subcarriers // prs.comb * prs.subcarrier_spacing_hz
     noise_mw = noise_power_mw(bandwidth_hz, config.link.noise_figure_db)
+    if config.waveform.combine_symbols:
+        subcarrier = prs.rb_offset * SUBCARRIERS_PER_RB + np.arange(prs.n_subcarriers)
+        pilots = [prs_comb_pass(prs, beam % 4096, slot[beam]) for beam in range(len(tx_codebook))]
+        noise_mw /= prs.length / prs.comb
+    else:
+        subcarrier = prs_subcarriers(prs)
+        pilots = [prs_symbols(prs, beam % 4096, slot[beam]) for beam in range(len(tx_codebook))]
     return Link(
         tx_codebook=tx_codebook,
         rx_codebook=rx_codebook,
-        prs_symbol=np.stack(symbols),
-        frequency_offset_hz=frequency_hz,
+        prs_symbol=np.stack(pilots),
+        frequency_offset_hz=subcarrier_frequency_hz(prs, subcarrier),
         carrier_hz=carrier_hz,
         tx_power_mw=dbm_to_mw(config.link.tx_power_dbm),
         noise_power_mw=np.full(len(rx_codebook), noise_mw),
     )
 
 
+def prs_slot_of_beam(prs: PrsConfig, tx_beam: int) -> int:
+    """Slot of the frame in which a TX beam sends its PRS."""
+    return tx_beam % prs.slots_per_frame
+
+
 def make_codebook(config: ArrayConfig, carrier_hz: float) -> Codebook:
-    """The beams of a device with the given array settings."""
-    return steered_codebook(
-        upa_positions_m(config.rows, config.columns, carrier_hz),
+    """The beams of a device with the given array settings.
+
+    Raises `ValueError` where a weights file does not fit the array, `OSError` where it cannot be read.
+    """
+    position_m = upa_positions_m(config.rows, config.columns, carrier_hz)
+    beams = panel_beams(config, position_m, carrier_hz)
+    if config.taper != "uniform" or config.phase_bits is not None:
+        taper = upa_taper(config.rows, config.columns, config.taper, config.taper_side_lobe_db)
+        beams = shaped(beams, taper, config.phase_bits)
+    return codebook_on_panels(
+        beams,
+        position_m,
         carrier_hz,
         panel_azimuth_rad=np.deg2rad(config.panel_azimuth_deg).tolist(),
-        beams_per_panel=config.beams_per_panel,
-        sector_rad=np.deg2rad(config.sector_deg),
+        panel_tilt_rad=np.deg2rad(config.panel_tilt_deg).tolist(),
         element_pattern=config.element_pattern,
+        polarisation_slant_rad=np.deg2rad(config.polarisation_slant_deg),
     )
+
+
+def panel_beams(config: ArrayConfig, position_m: FloatArray, carrier_hz: float) -> PanelBeams:
+    """The beams of one panel before any taper and phase quantisation."""
+    sector_rad = np.deg2rad(config.sector_deg)
+    if config.codebook == "dft":
+        return dft_beams(position_m, carrier_hz, config.rows, config.columns)
+    if config.codebook == "hierarchical":
+        return hierarchical_beams(position_m, carrier_hz, config.columns, config.hierarchy_levels, sector_rad)
+    if config.weights_file is not None:
+        weights = read_weights(config.weights_file)
+        return given_beams(position_m, carrier_hz, weights, config.element_pattern)
+    if config.codebook == "campus_63":
+        azimuth = campus_azimuths(sector_rad)
+    else:
+        azimuth = sine_spaced_azimuths(config.beams_per_panel, sector_rad)
+    elevation_rad = np.deg2rad(config.beam_elevation_deg).tolist()
+    return steered_beams(position_m, carrier_hz, *crossed(azimuth, elevation_rad))
 
 
 def best_beam_power_dbm(paths: Paths, link: Link, tx_pose: Pose, rx_pose: Pose) -> FloatArray:

@@ -16,6 +16,12 @@ class BeamSweep(Record):
     Equation (1) of the paper: samples[m, n, k] = sum_i xi_i G_TX^m(phi_i) G_RX^n(theta_i)
     exp(-j 2 pi f_k tau_i) x[m, k] + w, with f_k the frequency offset from the carrier and tau_i including
     the receiver's unknown clock bias. Only the occupied (comb) subcarriers are kept.
+
+    The index l of equation (1), over the symbols of a PRS resource, is no axis of its own. A beam pair either
+    takes one symbol, or its receiver divides out the pilots, averages the symbols that sound a subcarrier and puts
+    the interleaved combs together; then the samples cover every subcarrier and `prs_symbol` is the first pass.
+
+    Codebooks are nominal: designed weights, patterns and panels, whatever the hardware that made the samples.
     """
 
     tx_codebook: Codebook

@@ -1,0 +1,49 @@
+"""Beam weights from a file: one row of complex weights per beam."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+import numpy as np
+
+from scenes.record import ComplexArray
+
+
+def read_weights(path: str | Path) -> ComplexArray:
+    """Weights (beam, element) of a .npz file with an array `weights`, or a .csv file of numbers like 0.5-0.25j.
+
+    Raises
+    ------
+    FileNotFoundError
+        Where the file is missing.
+    ValueError
+        Where it is of another type, damaged, or holds no weights.
+    """
+    path = Path(path)
+    if path.suffix not in (".npz", ".csv"):
+        raise ValueError(f"weights_file = {path}: must end in .npz or .csv")
+    if not path.is_file():
+        raise FileNotFoundError(f"weights_file = {path}: no such file")
+    try:
+        weights = _npz(path) if path.suffix == ".npz" else _csv(path)
+    except (OSError, KeyError, ValueError) as error:
+        raise ValueError(f"weights_file = {path}: not readable as complex weights ({error})") from error
+    if weights.ndim != 2 or not weights.size:
+        raise ValueError(f"weights_file = {path}: shape {weights.shape}, needed is (beam, element)")
+    return weights
+
+
+def weights_digest(path: str | Path) -> str:
+    """Checksum of a weights file, whose content counts, not its name. Raises `OSError` where unreadable."""
+    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+
+
+def _npz(path: Path) -> ComplexArray:
+    with np.load(path, allow_pickle=False) as arrays:
+        return np.asarray(arrays["weights"], complex)
+
+
+def _csv(path: Path) -> ComplexArray:
+    lines = [line for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]
+    return np.array([[complex(cell.replace(" ", "")) for cell in line.split(",")] for line in lines], complex)
