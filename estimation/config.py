@@ -6,8 +6,9 @@ from pydantic import Field
 
 from estimation.channel.power import PowerMethodConfig
 from estimation.shape.config import ShapeConfig
-from estimation.slam.config import MappingConfig, SnapshotConfig
+from estimation.slam.config import MappingConfig, SnapshotConfig, TrajectoryConfig
 from sim.config import SimulationConfig
+from sim.link import line_of_sight_at_1m_dbm
 
 
 class CampaignConfig(SimulationConfig):
@@ -17,4 +18,25 @@ class CampaignConfig(SimulationConfig):
     channel: PowerMethodConfig = PowerMethodConfig()
     mapping: MappingConfig = MappingConfig()
     slam: SnapshotConfig = SnapshotConfig()
+    trajectory: TrajectoryConfig | None = Field(None, description="smooth all stops together; off without it")
     shapes: ShapeConfig = ShapeConfig()
+
+
+def with_link_levels(config: CampaignConfig) -> CampaignConfig:
+    """The settings with the nominal LOS power taken from the link wherever the campaign file does not give it.
+
+    A receiver knows its own array and the transmit power (signalled with the PRS), so both LOS decisions, of the
+    channel estimator and of snapshot SLAM, compare powers with free space on this link.
+    """
+    level_dbm = line_of_sight_at_1m_dbm(config)
+    los, path_loss = config.channel.los, config.slam.path_loss
+    if "power_at_1m_dbm" not in los.model_fields_set:
+        los = los.model_copy(update={"power_at_1m_dbm": level_dbm})
+    if "intercept_dbm" not in path_loss.model_fields_set:
+        path_loss = path_loss.model_copy(update={"intercept_dbm": level_dbm, "slope_db": -20.0})
+    return config.model_copy(
+        update={
+            "channel": config.channel.model_copy(update={"los": los}),
+            "slam": config.slam.model_copy(update={"path_loss": path_loss}),
+        }
+    )

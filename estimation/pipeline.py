@@ -10,14 +10,17 @@ import numpy as np
 from estimation.channel.delay import hann_window
 from estimation.channel.detect import noise_threshold
 from estimation.channel.power import estimate_power
-from estimation.channel.record import ChannelEstimate
+from estimation.channel.record import ChannelEstimate, check_estimate
 from estimation.config import CampaignConfig
+from estimation.measured import MeasuredTruth
 from estimation.results import MapResult
 from estimation.scoring.config import Significance
 from estimation.shape.estimate import estimate_shapes
+from estimation.slam.checks import check_estimates
 from estimation.slam.mapping import map_stops
 from estimation.slam.record import PoseEstimates, SolveStatus
 from estimation.slam.snapshot import run_slam
+from estimation.slam.trajectory import run_trajectory
 from scenes.pose import Pose
 from sim.link import Link
 from sim.sweep import BeamSweep
@@ -42,7 +45,11 @@ def channel_estimator(config: CampaignConfig, name: str | None = None) -> Channe
     function = _imported(name)
 
     def checked(sweep: BeamSweep) -> ChannelEstimate:
-        estimate = function(sweep)
+        try:
+            estimate = function(sweep)
+        except Exception as error:
+            reason = f"{type(error).__name__}: {error}"
+            raise ValueError(f"estimator = '{name}' at stop {sweep.stop}: {reason}") from error
         if not isinstance(estimate, ChannelEstimate):
             returned = type(estimate).__name__
             raise ValueError(f"estimator = '{name}': returned {returned}, a ChannelEstimate is needed")
@@ -50,12 +57,14 @@ def channel_estimator(config: CampaignConfig, name: str | None = None) -> Channe
             raise ValueError(
                 f"estimator = '{name}': returned stop {estimate.stop}, the sweep is of stop {sweep.stop}"
             )
+        period_s = 1 / float(np.diff(sweep.frequency_offset_hz[:2])[0])
+        check_estimate(estimate, period_s)
         return estimate
 
     return checked
 
 
-def known_receiver(truths: Iterable[Truth]) -> PoseEstimates:
+def known_receiver(truths: Iterable[Truth | MeasuredTruth]) -> PoseEstimates:
     """The true receiver states as given poses: what mapping, and only mapping, is told."""
     states = [(t.stop, *t.rx_pose.position_m[:2], t.rx_pose.heading_rad, t.clock_bias_s) for t in truths]
     table = np.array(states, float).reshape(-1, 5)
@@ -74,13 +83,21 @@ def map_known(
     config: CampaignConfig, channel: Sequence[ChannelEstimate], tx_pose: Pose, receiver: PoseEstimates
 ) -> MapResult:
     """Mapping: incidence points from known receiver states, then shapes."""
+    check_estimates(channel, tx_pose)
     ips = map_stops(channel, receiver, tx_pose, config.mapping)
     return MapResult(receiver, ips, estimate_shapes(ips, config.shapes))
 
 
 def map_unknown(config: CampaignConfig, channel: Sequence[ChannelEstimate], tx_pose: Pose) -> MapResult:
-    """SLAM: receiver states and incidence points together, then shapes."""
-    poses, ips = run_slam(channel, tx_pose, config.slam, config.mapping)
+    """SLAM: receiver states and incidence points together, then shapes.
+
+    Every stop on its own, or all stops together where the campaign has a `trajectory` table.
+    """
+    check_estimates(channel, tx_pose)
+    if config.trajectory is None:
+        poses, ips = run_slam(channel, tx_pose, config.slam, config.mapping)
+    else:
+        poses, ips, _ = run_trajectory(channel, tx_pose, config.slam, config.trajectory, config.mapping)
     return MapResult(poses, ips, estimate_shapes(ips, config.shapes))
 
 
@@ -103,8 +120,9 @@ def _imported(name: str) -> Callable[[BeamSweep], object]:
         raise ValueError(f"estimator = '{name}': write it as package.module:function")
     try:
         function = getattr(importlib.import_module(module_name), function_name)
-    except (ImportError, AttributeError) as error:
-        raise ValueError(f"estimator = '{name}': cannot be imported ({error})") from error
+    except Exception as error:
+        reason = f"{type(error).__name__}: {error}"
+        raise ValueError(f"estimator = '{name}': cannot be imported ({reason})") from error
     if not callable(function):
         raise ValueError(f"estimator = '{name}': is no function")
     return function  # type: ignore[no-any-return]

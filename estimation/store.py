@@ -5,6 +5,8 @@
     channel/stop_000.nc paths as estimated              map/NAME.nc  poses, incidence points, shapes
     scores.json, provenance.nc, report.html, figures/
 
+A measured campaign holds surveyed poses and labels in place of true paths, and no sweeps.
+
 Every netCDF file carries the fingerprint of the settings, scene and code that made it. A file with another
 fingerprint counts as missing, so an interrupted campaign resumes where it stopped and nothing stale is reused.
 """
@@ -14,7 +16,6 @@ from __future__ import annotations
 import hashlib
 import importlib.util
 import json
-import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -24,6 +25,7 @@ from typing import Literal, TypeVar
 from estimation.channel.power_map import BeamPowerMap
 from estimation.channel.record import ChannelEstimate
 from estimation.config import CampaignConfig
+from estimation.measured import MeasuredTruth
 from estimation.results import MapResult
 from estimation.scoring.metric import to_json
 from estimation.scoring.record import ScoreTables
@@ -33,10 +35,11 @@ from estimation.slam.record import IncidencePoints, PoseEstimates
 from scenes.record import Record
 from sim.codebook_store import weights_digest
 from sim.config import SimulationConfig
-from sim.store import complete_file, read_attribute, read_record, write_record, write_text
+from sim.store import complete_file, remove_leftovers, read_attribute, read_record, write_record, write_text
 from sim.sweep import BeamSweep
 from sim.truth import Truth
 
+FOLDERS = ("truth", "sweep", "channel", "map", "figures")
 MapName = Literal["mapping", "slam"]
 R = TypeVar("R", bound=Record)
 
@@ -60,16 +63,22 @@ class MapFile(Record):
 
 @dataclass(frozen=True)
 class CampaignStore:
-    """A campaign directory under one configuration, scene and channel estimator."""
+    """A campaign directory under one configuration, scene and channel estimator.
+
+    `measured` says what a measured campaign was imported from, down to its bits; None for a simulated one.
+    """
 
     directory: Path
     config: CampaignConfig
     scene_text: str
     estimator: str | None
+    measured: str | None = None
 
     @cached_property
     def truth_fingerprint(self) -> str:
-        """Of what the simulation depends on."""
+        """Of what the simulation, or the measurement, depends on."""
+        if self.measured is not None:
+            return _digest(self.measured, self.scene_text)
         simulation = {name: getattr(self.config, name) for name in SimulationConfig.model_fields}
         simulation.pop("scene")  # its text counts, not its name
         settings = SimulationConfig(**simulation, scene="-").model_dump_json()
@@ -80,6 +89,8 @@ class CampaignStore:
     @cached_property
     def channel_fingerprint(self) -> str:
         """Of what the channel estimates depend on."""
+        if self.measured is not None:
+            return self.truth_fingerprint
         estimator = self.estimator or self.config.channel.model_dump_json()
         code = _code_digest("estimation/channel")
         return _digest(self.truth_fingerprint, estimator, _estimator_source(self.estimator), code)
@@ -99,26 +110,43 @@ class CampaignStore:
     def open_for_writing(self) -> None:
         """Write settings and scene; drop leftovers of interrupted writes.
 
+        Scores and report of another estimator are dropped.
+
         Raises
         ------
         ValueError
-            Where the directory already holds another campaign.
+            Where the directory already holds another campaign, or files that are no campaign at all.
         """
-        if (self.directory / "campaign.json").is_file():
+        is_new = not (self.directory / "campaign.json").exists()
+        if is_new and self.directory.is_dir() and not self._is_leftover():
+            raise ValueError(
+                f"--out = {self.directory}: holds other files; choose an empty or a new directory"
+            )
+        if (self.directory / "campaign.json").is_file() and (self.directory / "scene.toml").is_file():
             held = open_campaign(self.directory)
-            if (held.config, held.scene_text) != (self.config, self.scene_text):
+            if (held.config, held.scene_text, held.measured) != (self.config, self.scene_text, self.measured):
                 raise ValueError(
                     f"--out = {self.directory}: holds another campaign; choose another directory or remove it"
                 )
-        settings = {"estimator": self.estimator, "campaign": self.config.model_dump(mode="json")}
+            if held.estimator != self.estimator:
+                self.drop_results()
+        settings = {
+            "estimator": self.estimator,
+            "measured": self.measured,
+            "campaign": self.config.model_dump(mode="json"),
+        }
         write_text(self.directory / "scene.toml", self.scene_text)
         write_text(self.directory / "campaign.json", json.dumps(settings, indent=1))
-        for leftover in self.directory.rglob(".*.part"):
-            leftover.unlink(missing_ok=True)
+        for folder in (self.directory, *(self.directory / name for name in FOLDERS)):
+            remove_leftovers(folder)
 
     def truth(self, stop: int) -> Truth | None:
         """The truth of a stop, or None where it is still to be made."""
         return self._read(self._stop("truth", stop), Truth, self.truth_fingerprint)
+
+    def measured_truth(self, stop: int) -> MeasuredTruth | None:
+        """What is known about a measured stop, or None where it was not imported."""
+        return self._read(self._stop("truth", stop), MeasuredTruth, self.truth_fingerprint)
 
     def has_truth(self, stop: int) -> bool:
         """Whether the truth of a stop is stored."""
@@ -128,7 +156,7 @@ class CampaignStore:
         """Whether the samples of a stop are stored."""
         return self._is_current(self._stop("sweep", stop), self.truth_fingerprint)
 
-    def write_truth(self, truth: Truth) -> None:
+    def write_truth(self, truth: Truth | MeasuredTruth) -> None:
         """Store the truth of a stop; scores made before are dropped."""
         self._write(self._stop("truth", truth.stop), truth, self.truth_fingerprint)
 
@@ -170,7 +198,8 @@ class CampaignStore:
     def write_report(self, page: str, pictures: Mapping[str, bytes]) -> None:
         """Store the figures, then the page."""
         figures = self.directory / "figures"
-        shutil.rmtree(figures, ignore_errors=True)
+        for old in figures.glob("*.png"):
+            old.unlink()
         for name, picture in pictures.items():
             with complete_file(figures / f"{name}.png") as partial:
                 partial.write_bytes(picture)
@@ -180,6 +209,12 @@ class CampaignStore:
         """Remove scores and report, which an upstream change has made stale."""
         for name in ("scores.json", "provenance.nc", "report.html"):
             (self.directory / name).unlink(missing_ok=True)
+
+    def _is_leftover(self) -> bool:
+        """Whether there is nothing but what a run killed at its very start left behind."""
+        return all(
+            entry.name == "scene.toml" or entry.name.endswith(".part") for entry in self.directory.iterdir()
+        )
 
     def _stop(self, kind: str, stop: int) -> Path:
         return self.directory / kind / f"stop_{stop:03d}.nc"
@@ -204,15 +239,17 @@ def open_campaign(directory: Path) -> CampaignStore:
         Where the directory holds no campaign, or its settings are damaged.
     """
     settings, scene = directory / "campaign.json", directory / "scene.toml"
-    if not settings.is_file() or not scene.is_file():
-        raise ValueError(f"{directory}: holds no campaign (no campaign.json); make one with 'arena run'")
+    for needed in (settings, scene):
+        if not needed.is_file():
+            raise ValueError(f"{directory}: holds no campaign (no {needed.name}); make one with 'arena run'")
     try:
         content = json.loads(settings.read_text(encoding="utf-8"))
         config = CampaignConfig.model_validate_json(json.dumps(content["campaign"]))
-        return CampaignStore(directory, config, scene.read_text(encoding="utf-8"), content["estimator"])
+        text, measured = scene.read_text(encoding="utf-8"), content.get("measured")
+        return CampaignStore(directory, config, text, content["estimator"], measured)
     except (ValueError, KeyError, TypeError) as error:
         reason = str(error).splitlines()[0]
-        raise ValueError(f"{settings}: damaged settings ({reason}); run the campaign again") from error
+        raise ValueError(f"{settings}: damaged settings ({reason}); remove the file and run again") from error
 
 
 def _digest(*parts: str) -> str:
@@ -230,7 +267,12 @@ def _sources(path: Path) -> list[Path]:
 
 
 def _estimator_source(estimator: str | None) -> str:
+    """The source of the top-level package that a user's estimator stands in."""
     if estimator is None:
         return ""
-    spec = importlib.util.find_spec(estimator.partition(":")[0])
-    return Path(spec.origin).read_text(encoding="utf-8") if spec and spec.origin else ""
+    spec = importlib.util.find_spec(estimator.partition(":")[0].partition(".")[0])
+    if spec is None or spec.origin is None or not spec.origin.endswith(".py"):
+        return ""
+    origin = Path(spec.origin)
+    files = [origin] if spec.submodule_search_locations is None else _sources(origin.parent)
+    return _digest(*(file.read_text(encoding="utf-8", errors="replace") for file in files))

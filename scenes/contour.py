@@ -4,24 +4,18 @@ A contour is a chain of smooth pieces. Closed contours run counter-clockwise; op
 of contour is a frozen dataclass that says `closed` and returns its `pieces`; all else follows from them.
 """
 
-from __future__ import annotations
-
-from dataclasses import dataclass
-from functools import cached_property
-from itertools import pairwise
-from typing import Any
-
-import numpy as np
-import shapely
-
 from scenes.contour_base import Contour
-from scenes.contour_piece import ArcPiece, LinePiece, Piece, SplinePiece
-from scenes.record import FloatArray, array
+from scenes.contour_piece import ArcPiece, EllipsePiece, LinePiece, Piece, SplinePiece
+from scenes.contour_polygon import Polygon, Polyline, RoundedPolygon, rectangle
+from scenes.contour_smooth import Circle, ClosedSpline, Ellipse, OpenSpline
 
 __all__ = [
     "ArcPiece",
     "Circle",
+    "ClosedSpline",
     "Contour",
+    "Ellipse",
+    "EllipsePiece",
     "LinePiece",
     "OpenSpline",
     "Piece",
@@ -31,191 +25,3 @@ __all__ = [
     "SplinePiece",
     "rectangle",
 ]
-
-
-@dataclass(frozen=True)
-class Circle(Contour):
-    """A circle; distance, area and radial function in closed form."""
-
-    center_m: FloatArray = array("xy", unit="m", doc="centre")
-    radius_m: float = array(unit="m", doc="radius")
-    closed = True
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not (np.isfinite(self.radius_m) and self.radius_m > 0):
-            raise ValueError(f"radius_m = {self.radius_m}: must be > 0")
-
-    @cached_property
-    def pieces(self) -> tuple[Piece, ...]:
-        """One arc over the whole circle, from the angle 0 on."""
-        return (ArcPiece(self.center_m, self.radius_m, 0.0, 2 * np.pi),)
-
-    def area_m2(self) -> float:
-        """Pi r^2."""
-        return float(np.pi * self.radius_m**2)
-
-    def signed_distance(self, points_m: Any) -> FloatArray:
-        """|p - centre| - radius (...) in m of points (..., xy)."""
-        return np.asarray(
-            np.linalg.norm(np.asarray(points_m, float) - self.center_m, axis=-1) - self.radius_m
-        )
-
-    def radius(self, center_m: Any, angle_rad: Any) -> FloatArray:
-        """Far root of |centre + rho u - circle centre| = radius (...) in m; NaN where the ray misses."""
-        angle = np.asarray(angle_rad, float)
-        offset = np.asarray(center_m, float) - self.center_m
-        along = np.cos(angle) * offset[0] + np.sin(angle) * offset[1]
-        square = along**2 - offset @ offset + self.radius_m**2
-        distance = -along + np.sqrt(np.maximum(square, 0))
-        return np.where((square >= 0) & (distance >= 0), distance, np.nan)
-
-
-@dataclass(frozen=True)
-class Polygon(Contour):
-    """A simple polygon; vertices given clockwise are turned round."""
-
-    vertices_m: FloatArray = array("vertex", "xy", unit="m", doc="corners, the first one not repeated")
-    closed = True
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        _check_simple(self.vertices_m)
-        if not shapely.LinearRing(self.vertices_m).is_ccw:
-            object.__setattr__(self, "vertices_m", self.vertices_m[::-1])
-
-    @cached_property
-    def pieces(self) -> tuple[Piece, ...]:
-        """One line per edge."""
-        return tuple(_lines([*self.vertices_m, self.vertices_m[0]]))
-
-
-@dataclass(frozen=True)
-class RoundedPolygon(Contour):
-    """A simple polygon whose corners are replaced by arcs tangent to both sides; radius 0 stays sharp."""
-
-    vertices_m: FloatArray = array("vertex", "xy", unit="m", doc="corners before rounding")
-    corner_radius_m: FloatArray = array("vertex", unit="m", doc="radius of the arc at each corner, >= 0")
-    closed = True
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        _check_simple(self.vertices_m)
-        if not shapely.LinearRing(self.vertices_m).is_ccw:
-            object.__setattr__(self, "vertices_m", self.vertices_m[::-1])
-            object.__setattr__(self, "corner_radius_m", self.corner_radius_m[::-1])
-        self._check_radii()
-
-    @property
-    def _turn_rad(self) -> FloatArray:
-        """Angle (vertex,) by which the outline turns left at each corner."""
-        after = np.roll(self.vertices_m, -1, axis=0) - self.vertices_m
-        before = np.roll(after, 1, axis=0)
-        cross = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
-        return np.asarray(np.arctan2(cross, (before * after).sum(axis=1)))
-
-    def _check_radii(self) -> None:
-        for index, radius in enumerate(self.corner_radius_m):
-            if not (np.isfinite(radius) and radius >= 0):
-                raise ValueError(f"corner_radius_m[{index}] = {radius}: must be >= 0")
-        cut = self.corner_radius_m * np.abs(np.tan(self._turn_rad / 2))
-        edge = np.linalg.norm(np.roll(self.vertices_m, -1, axis=0) - self.vertices_m, axis=1)
-        excess = cut + np.roll(cut, -1) - edge
-        if excess.max() > 1e-9:
-            worst = int(excess.argmax())
-            following = (worst + 1) % len(edge)
-            raise ValueError(
-                f"corner_radius_m = {self.corner_radius_m.tolist()}: the arcs at corners {worst} and {following}"
-                f" take {edge[worst] + excess[worst]:.3f} m of a side that is {edge[worst]:.3f} m long"
-            )
-
-    @cached_property
-    def pieces(self) -> tuple[Piece, ...]:
-        """Lines and arcs in turn, from the end of the first corner on."""
-        pieces: list[Piece] = []
-        corners = self.vertices_m
-        ahead = np.roll(corners, -1, axis=0) - corners
-        ahead = ahead / np.linalg.norm(ahead, axis=1, keepdims=True)
-        turn = self._turn_rad
-        cut = self.corner_radius_m * np.abs(np.tan(turn / 2))
-        for here in range(len(corners)):
-            there = (here + 1) % len(corners)
-            start = corners[here] + cut[here] * ahead[here]
-            end = corners[there] - cut[there] * ahead[here]
-            if np.linalg.norm(end - start) > 1e-9:
-                pieces.append(LinePiece(start, end))
-            if cut[there] > 1e-9:
-                pieces.append(
-                    _fillet(end, ahead[here], float(self.corner_radius_m[there]), float(turn[there]))
-                )
-        return tuple(pieces)
-
-
-@dataclass(frozen=True)
-class Polyline(Contour):
-    """An open thin wall of straight pieces."""
-
-    points_m: FloatArray = array("vertex", "xy", unit="m", doc="corners from one end to the other")
-    closed = False
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        _check_distinct("points_m", self.points_m, 2)
-
-    @cached_property
-    def pieces(self) -> tuple[Piece, ...]:
-        """One line per pair of neighbours."""
-        return tuple(_lines(list(self.points_m)))
-
-
-@dataclass(frozen=True)
-class OpenSpline(Contour):
-    """An open thin curved wall: interpolating cubic spline in chord length."""
-
-    points_m: FloatArray = array("vertex", "xy", unit="m", doc="points passed from one end to the other")
-    closed = False
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        _check_distinct("points_m", self.points_m, 3)
-
-    @cached_property
-    def pieces(self) -> tuple[Piece, ...]:
-        """One spline."""
-        return (SplinePiece(self.points_m),)
-
-
-def rectangle(x_m: tuple[float, float], y_m: tuple[float, float]) -> Polygon:
-    """Axis-parallel rectangle between two x and two y coordinates."""
-    for name, (low, high) in (("x_m", x_m), ("y_m", y_m)):
-        if not low < high:
-            raise ValueError(f"{name} = {[low, high]}: the first must be smaller than the second")
-    return Polygon(np.array([(x_m[0], y_m[0]), (x_m[1], y_m[0]), (x_m[1], y_m[1]), (x_m[0], y_m[1])]))
-
-
-def _lines(points: list[FloatArray]) -> list[Piece]:
-    return [LinePiece(start, end) for start, end in pairwise(points)]
-
-
-def _fillet(start_m: FloatArray, tangent: FloatArray, radius_m: float, turn_rad: float) -> ArcPiece:
-    """Arc that leaves `start_m` along `tangent` and turns by `turn_rad`, left where positive."""
-    side = np.sign(turn_rad)
-    to_center = side * np.array([-tangent[1], tangent[0]])
-    start_rad = float(np.arctan2(-to_center[1], -to_center[0]))
-    return ArcPiece(start_m + radius_m * to_center, radius_m, start_rad, turn_rad)
-
-
-def _check_distinct(name: str, points: FloatArray, n_least: int) -> None:
-    if len(points) < n_least or not np.all(np.isfinite(points)):
-        raise ValueError(f"{name} has {len(points)} point(s): at least {n_least} finite ones are needed")
-    step = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    if step.min() < 1e-9:
-        raise ValueError(f"{name}[{step.argmin() + 1}] repeats the point before: neighbours must differ")
-
-
-def _check_simple(vertices: FloatArray) -> None:
-    _check_distinct("vertices_m", vertices, 3)
-    outline = shapely.Polygon(vertices)
-    if not outline.is_valid or outline.area < 1e-12:
-        reason = shapely.is_valid_reason(outline) if not outline.is_valid else "no area"
-        raise ValueError(f"vertices_m = {vertices.tolist()}: sides must not cross or coincide ({reason})")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
@@ -13,6 +14,7 @@ import shapely
 from scenes.contour_piece import Piece
 from scenes.record import BoolArray, FloatArray, Record
 
+BODY_SAGITTA_M = 5e-4
 OUTLINE_SAGITTA_M = 1e-6  # of the polygon that stands for the contour in distance and area questions
 
 
@@ -49,6 +51,11 @@ class Contour(Record):
         shapely.prepare(outline)
         return outline
 
+    def body(self, max_sagitta_m: float = BODY_SAGITTA_M) -> Any:
+        """What the contour fills in plan view: a shapely polygon (closed) or line (open)."""
+        vertices = self.vertices(max_sagitta_m)
+        return shapely.Polygon(vertices) if self.closed else shapely.LineString(vertices)
+
     @cached_property
     def _interior(self) -> Any:
         interior = shapely.Polygon(self.outline)
@@ -67,8 +74,8 @@ class Contour(Record):
         return x_min, y_min, x_max, y_max
 
     def area_m2(self) -> float:
-        """Enclosed area in m^2; zero for an open contour."""
-        return float(self._interior.area) if self.closed else 0.0
+        """Enclosed area in m^2 by Green's theorem over the pieces; zero for an open contour."""
+        return sum(piece.swept_area_m2() for piece in self.pieces) if self.closed else 0.0
 
     def contains(self, points_m: Any) -> BoolArray:
         """Whether points (..., xy) lie inside, the boundary excluded; never inside an open contour."""
@@ -85,16 +92,27 @@ class Contour(Record):
             shapely.contains_xy(self._interior, points[..., 0], points[..., 1]), -distance, distance
         )
 
+    def curvature(self, spacing_m: float) -> FloatArray:
+        """Signed curvature (point,) in 1/m at the points of `sample`, positive where convex from outside."""
+        return self._at_samples(lambda piece, t: piece.curvature(t), spacing_m)
+
+    def outward_normal(self, spacing_m: float) -> FloatArray:
+        """Unit normals (point, xy) at the points of `sample`, to the right of the contour's sense."""
+        return self._at_samples(lambda piece, t: piece.outward_normal(t), spacing_m)
+
     def sample(self, spacing_m: float) -> FloatArray:
         """Points (point, xy) on the contour, at most `spacing_m` apart along each piece, its ends included."""
+        return self._at_samples(lambda piece, t: piece.point(t), spacing_m)
+
+    def _at_samples(self, of: Callable[[Piece, FloatArray], FloatArray], spacing_m: float) -> FloatArray:
         if not spacing_m > 0:
             raise ValueError(f"spacing_m = {spacing_m}: must be > 0")
         parts = []
         for piece in self.pieces:
             t = piece.equidistant(int(np.ceil(piece.length / spacing_m)))
-            parts.append(piece.point(t[:-1]))
+            parts.append(of(piece, t[:-1]))
         if not self.closed:
-            parts.append(self.pieces[-1].point(np.ones(1)))
+            parts.append(of(self.pieces[-1], np.ones(1)))
         return np.concatenate(parts)
 
     def radius(self, center_m: Any, angle_rad: Any) -> FloatArray:
@@ -111,3 +129,18 @@ class Contour(Record):
         distance = np.full(len(tips), -np.inf)
         np.maximum.at(distance, ray, np.linalg.norm(crossing - center, axis=1))
         return np.where(np.isfinite(distance), distance, np.nan).reshape(angle.shape)
+
+
+def check_distinct(name: str, points_m: FloatArray, n_least: int) -> None:
+    """Raise `ValueError` unless there are `n_least` finite points and no one repeats the one before."""
+    if len(points_m) < n_least or not np.all(np.isfinite(points_m)):
+        raise ValueError(f"{name} has {len(points_m)} point(s): at least {n_least} finite ones are needed")
+    step = np.linalg.norm(np.diff(points_m, axis=0), axis=1)
+    if step.min() < 1e-9:
+        raise ValueError(f"{name}[{step.argmin() + 1}] repeats the point before: neighbours must differ")
+
+
+def check_not_crossing(name: str, contour: Contour) -> None:
+    """Raise `ValueError` where a contour meets itself anywhere but at its two ends."""
+    if not shapely.is_simple(contour.outline):
+        raise ValueError(f"{name}: the contour they give crosses itself, which it must not")

@@ -1,4 +1,4 @@
-"""Smooth pieces of a contour: straight lines, circular arcs and interpolating splines.
+"""Smooth pieces of a contour: straight lines, circular arcs, ellipses and interpolating splines.
 
 A piece is a curve c(t), t in [0, 1], with its first two derivatives. Where a contour is closed it runs
 counter-clockwise, so the outward normal lies to the right of c'(t), and the signed curvature is positive where
@@ -18,7 +18,8 @@ from scipy.interpolate import CubicSpline
 
 from scenes.record import FloatArray, Record, array
 
-N_LENGTH_SAMPLES = 64  # arc-length table entries per spline knot interval
+N_LENGTH_SAMPLES = 64  # arc-length table entries per interval between breaks
+N_ELLIPSE_INTERVALS = 16
 
 
 @dataclass(frozen=True)
@@ -40,13 +41,35 @@ class Piece(Record):
         """c''(t) (..., xy) in m."""
 
     @property
-    @abstractmethod
+    def breaks(self) -> FloatArray:
+        """Parameters t from 0 to 1 between which the piece is analytic and bends little."""
+        return np.array([0.0, 1.0])
+
+    @property
     def length(self) -> float:
         """Arc length in m."""
+        return float(self._arc_length_table[1][-1])
 
-    @abstractmethod
     def equidistant(self, n_segments: int) -> FloatArray:
         """Parameters t (n_segments + 1,) that cut the piece into parts of equal arc length."""
+        t, length = self._arc_length_table
+        return np.interp(np.linspace(0, length[-1], n_segments + 1), length, t)
+
+    @cached_property
+    def _arc_length_table(self) -> tuple[FloatArray, FloatArray]:
+        """Parameters t and the arc length from c(0) up to them, by Gauss-Legendre quadrature per interval."""
+        fine = [np.linspace(a, b, N_LENGTH_SAMPLES + 1) for a, b in pairwise(self.breaks)]
+        t = np.unique(np.concatenate(fine))
+        inside, weight = _gauss(t, 5)
+        part = (np.linalg.norm(self.derivative(inside), axis=-1) * weight).sum(axis=1)
+        return t, np.concatenate([[0.0], np.cumsum(part)])
+
+    def swept_area_m2(self) -> float:
+        """Half the integral of x dy - y dx over the piece: what it adds to the area of a closed contour."""
+        t, weight = _gauss(self.breaks, 12)
+        point, slope = self.point(t), self.derivative(t)
+        cross = point[..., 0] * slope[..., 1] - point[..., 1] * slope[..., 0]
+        return float((cross * weight).sum() / 2)
 
     def curvature(self, t: Any) -> FloatArray:
         """Signed curvature (...) in 1/m: (x' y'' - y' x'') / |c'|^3, positive where the piece turns left."""
@@ -113,6 +136,11 @@ class ArcPiece(Piece):
     sweep_rad: float = array(unit="rad", doc="polar angle from c(0) to c(1)")
     is_curved = True
 
+    @property
+    def breaks(self) -> FloatArray:
+        """One interval per eighth of a turn."""
+        return np.linspace(0, 1, int(np.ceil(abs(self.sweep_rad) / (np.pi / 4) - 1e-9)) + 1)
+
     def _angle(self, t: Any) -> FloatArray:
         return np.asarray(self.start_rad + self.sweep_rad * np.asarray(t, float))
 
@@ -144,13 +172,56 @@ class ArcPiece(Piece):
 
 
 @dataclass(frozen=True)
+class EllipsePiece(Piece):
+    """A whole ellipse, counter-clockwise from the tip of its first semi-axis."""
+
+    center_m: FloatArray = array("xy", unit="m", doc="centre")
+    semi_axes_m: FloatArray = array("semi_axis", unit="m", doc="first and second semi-axis, > 0")
+    rotation_rad: float = array(unit="rad", doc="azimuth of the first semi-axis")
+    is_curved = True
+
+    @cached_property
+    def axes_m(self) -> FloatArray:
+        """Semi-axes u and v as vectors (2, xy) in m: c(t) = centre + u cos(2 pi t) + v sin(2 pi t)."""
+        c, s = np.cos(self.rotation_rad), np.sin(self.rotation_rad)
+        return np.asarray(self.semi_axes_m[:, None] * np.array([(c, s), (-s, c)]))
+
+    def _of_phase(self, t: Any, quarter_turns: int) -> FloatArray:
+        """Vectors u cos(p) + v sin(p) (..., xy) in m at p = 2 pi t + q pi/2."""
+        phase = 2 * np.pi * np.asarray(t, float)[..., None] + quarter_turns * np.pi / 2
+        u, v = self.axes_m
+        return np.asarray(u * np.cos(phase) + v * np.sin(phase))
+
+    @property
+    def breaks(self) -> FloatArray:
+        """Equal intervals."""
+        return np.linspace(0, 1, N_ELLIPSE_INTERVALS + 1)
+
+    def point(self, t: Any) -> FloatArray:
+        """Points c(t) (..., xy) in m."""
+        return np.asarray(self.center_m + self._of_phase(t, 0))
+
+    def derivative(self, t: Any) -> FloatArray:
+        """Tangents c'(t) (..., xy) in m."""
+        return 2 * np.pi * self._of_phase(t, 1)
+
+    def second_derivative(self, t: Any) -> FloatArray:
+        """c''(t) (..., xy) in m, towards the centre."""
+        return (2 * np.pi) ** 2 * self._of_phase(t, 2)
+
+
+@dataclass(frozen=True)
 class SplinePiece(Piece):
     """Interpolating cubic spline through points, its parameter proportional to the chord length between them.
 
-    Two points give a straight line, three a parabola, more the spline with not-a-knot ends.
+    Two points give a straight line, three a parabola, more the spline with not-a-knot ends. A periodic one ends
+    where it starts, with the same slope and curvature there.
     """
 
-    points_m: FloatArray = array("knot", "xy", unit="m", doc="points passed, at least two, all distinct")
+    points_m: FloatArray = array(
+        "knot", "xy", unit="m", doc="points passed, at least two, neighbours distinct"
+    )
+    is_periodic: bool = False
     is_curved = True
 
     def __post_init__(self) -> None:
@@ -160,24 +231,20 @@ class SplinePiece(Piece):
         step = np.linalg.norm(np.diff(self.points_m, axis=0), axis=1)
         if step.min() < 1e-9:
             raise ValueError(f"points_m[{step.argmin() + 1}] repeats the point before: all must differ")
+        if self.is_periodic and np.any(self.points_m[0] != self.points_m[-1]):
+            raise ValueError(f"points_m[-1] = {self.points_m[-1].tolist()}: must repeat the first point")
 
     @cached_property
     def _curve(self) -> CubicSpline:
-        chord = np.linalg.norm(np.diff(self.points_m, axis=0), axis=1)
-        knots = np.concatenate([[0.0], np.cumsum(chord)]) / chord.sum()
-        return CubicSpline(knots, self.points_m)
+        if self.is_periodic:
+            return CubicSpline(self.breaks, self.points_m, bc_type="periodic")
+        return CubicSpline(self.breaks, self.points_m)
 
-    @cached_property
-    def _arc_length_table(self) -> tuple[FloatArray, FloatArray]:
-        """Parameters t and the arc length from c(0) up to them, by Gauss-Legendre quadrature per interval."""
-        knots = self._curve.x
-        fine = [np.linspace(a, b, N_LENGTH_SAMPLES + 1) for a, b in pairwise(knots)]
-        t = np.unique(np.concatenate(fine))
-        node, weight = np.polynomial.legendre.leggauss(5)
-        half = np.diff(t) / 2
-        inside = (t[:-1] + half)[:, None] + half[:, None] * node
-        part = (np.linalg.norm(self.derivative(inside), axis=-1) * weight).sum(axis=1) * half
-        return t, np.concatenate([[0.0], np.cumsum(part)])
+    @property
+    def breaks(self) -> FloatArray:
+        """Parameter t of each knot; the piece is one cubic between two of them."""
+        chord = np.linalg.norm(np.diff(self.points_m, axis=0), axis=1)
+        return np.asarray(np.concatenate([[0.0], np.cumsum(chord)]) / chord.sum())
 
     def point(self, t: Any) -> FloatArray:
         """Points c(t) (..., xy) in m."""
@@ -191,12 +258,9 @@ class SplinePiece(Piece):
         """c''(t) (..., xy) in m."""
         return np.asarray(self._curve(np.asarray(t, float), 2))
 
-    @property
-    def length(self) -> float:
-        """Arc length in m."""
-        return float(self._arc_length_table[1][-1])
 
-    def equidistant(self, n_segments: int) -> FloatArray:
-        """Parameters t (n_segments + 1,) of equal arc length."""
-        t, length = self._arc_length_table
-        return np.interp(np.linspace(0, length[-1], n_segments + 1), length, t)
+def _gauss(breaks: FloatArray, n_nodes: int) -> tuple[FloatArray, FloatArray]:
+    """Gauss-Legendre nodes and weights, each (interval, node), for the integral over every interval."""
+    node, weight = np.polynomial.legendre.leggauss(n_nodes)
+    half = np.diff(breaks)[:, None] / 2
+    return breaks[:-1, None] + half * (1 + node), half * weight

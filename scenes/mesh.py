@@ -11,10 +11,14 @@ import shapely
 import trimesh
 
 from scenes.contour import Contour
+from scenes.mitsuba_xml import mitsuba_xml
 from scenes.record import FloatArray, IntArray
 from scenes.scene import Scene, SceneObject
+from scenes.scene_object import KIND_COLORS
 
 MAX_SAGITTA_M = 0.02
+EXPORT_SAGITTA_M = 1e-3
+PLANE_COLOR = "#d5d8dc"  # floor and ceiling of exported meshes
 MAX_TURN_RAD = 2 * np.pi / 24  # a round pillar becomes 24 facets however thin it is
 
 
@@ -39,7 +43,7 @@ def object_meshes(
     Closed contours give prisms with caps (the caps are flat facets), normals outward; open ones single vertical
     sheets. Flat and curved parts of an object share the vertices along their seam, so together they are
     watertight. Caps that lie in the floor or the ceiling cannot be seen; without `keep_hidden_caps` they are
-    left out.
+    left out. Last comes the clutter; its facets count as curved ones, for they seldom stand for flat faces.
     """
     planes = [("floor", scene.floor, True), ("ceiling", scene.ceiling, False)]
     hiding = [] if keep_hidden_caps else [plane.z_m for _, plane, _ in planes if plane is not None]
@@ -51,13 +55,69 @@ def object_meshes(
     for name, plane, upward in planes:
         if plane is not None:
             parts.append(MeshPart(name, False, _horizontal(corners, plane.z_m, upward=upward)))
+    for item in scene.clutter:
+        mesh = trimesh.Trimesh(np.array(item.vertices_m), np.array(item.faces), process=False)
+        parts.append(MeshPart(item.name, True, mesh))
     return parts
+
+
+def read_mesh(path: Path) -> tuple[FloatArray, IntArray]:
+    """Vertices (vertex, xyz) and faces (face, corner) of a mesh file, all its bodies joined.
+
+    Whatever trimesh reads: OBJ, STL, PLY, OFF, glTF and GLB (their y axis points up) and others. Raises
+    `ValueError` where the file cannot be read or holds no triangle.
+    """
+    if not path.is_file():
+        raise ValueError(f"file = '{path}': there is no such file")
+    try:
+        loaded = trimesh.load_scene(path).to_mesh()
+    except Exception as error:  # readers raise whatever they like on broken files
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise ValueError(f"file = '{path}': cannot be read as a mesh ({reason})") from error
+    if not len(getattr(loaded, "faces", ())):
+        raise ValueError(f"file = '{path}': holds no triangle")
+    return np.asarray(loaded.vertices, float), np.asarray(loaded.faces, int)
 
 
 def write_ply(part: MeshPart, folder: Path) -> Path:
     """Write a part as binary PLY 'NAME-flat.ply' or 'NAME-curved.ply' and return the path."""
     path = folder / f"{part.object_name}-{'curved' if part.is_curved else 'flat'}.ply"
     part.mesh.export(path)
+    return path
+
+
+def ply_bytes(scene: Scene, max_sagitta_m: float = EXPORT_SAGITTA_M) -> bytes:
+    """The whole scene as one binary PLY mesh in m, z up."""
+    whole = trimesh.util.concatenate([part.mesh for part in object_meshes(scene, max_sagitta_m)])
+    return bytes(whole.export(file_type="ply"))
+
+
+def glb_bytes(scene: Scene, max_sagitta_m: float = EXPORT_SAGITTA_M) -> bytes:
+    """The scene as binary glTF in m, y up as glTF wants it: one named, coloured node per mesh part."""
+    result = trimesh.Scene()
+    for part in object_meshes(scene, max_sagitta_m):
+        name = f"{part.object_name}-curved" if part.is_curved else part.object_name
+        kind = scene.kinds.get(part.object_name)
+        color = trimesh.visual.color.hex_to_rgba(KIND_COLORS[kind] if kind else PLANE_COLOR)
+        material = trimesh.visual.material.PBRMaterial(
+            name=name, baseColorFactor=color, metallicFactor=0.0, roughnessFactor=0.9
+        )
+        mesh = trimesh.Trimesh(part.mesh.vertices[:, [0, 2, 1]] * [1, 1, -1], part.mesh.faces, process=False)
+        mesh.visual = trimesh.visual.TextureVisuals(material=material)
+        result.add_geometry(mesh, node_name=name, geom_name=name)
+    return bytes(result.export(file_type="glb"))
+
+
+def write_mitsuba(scene: Scene, folder: Path, max_sagitta_m: float = MAX_SAGITTA_M) -> Path:
+    """Write FOLDER/NAME.xml with one PLY file per mesh part in FOLDER/meshes; returns the path of the XML."""
+    (folder / "meshes").mkdir(parents=True, exist_ok=True)
+    shapes = []
+    for part in object_meshes(scene, max_sagitta_m, keep_hidden_caps=False):
+        file = write_ply(part, folder / "meshes")
+        shapes.append((file.stem, f"meshes/{file.name}", scene.materials[part.object_name].name))
+    path = folder / f"{scene.name}.xml"
+    materials = {material.name: material for material in scene.materials.values()}
+    path.write_text(mitsuba_xml(materials, shapes), encoding="utf-8")
     return path
 
 

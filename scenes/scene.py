@@ -1,45 +1,24 @@
-"""The scene: objects as vertical prisms, floor and ceiling, the TX and the walk of the RX."""
+"""The scene: objects as vertical prisms, clutter, floor and ceiling, the TX and the walk of the RX."""
 
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
-from scenes.contour import Contour
+from scenes.clutter import Clutter
 from scenes.material import Material
 from scenes.pose import Pose
 from scenes.record import IntArray
+from scenes.scene_object import OBJECT_KINDS, ObjectKind, SceneObject, check_overlaps
 from scenes.trajectory import Walk
 
-ObjectKind = Literal["wall", "pillar", "kiosk", "rail", "box", "polygon", "stairs"]
-OBJECT_KINDS: tuple[str, ...] = get_args(ObjectKind)
+__all__ = ["OBJECT_KINDS", "HorizontalPlane", "ObjectKind", "Scene", "SceneObject"]
+
 THIN_WALL_CLEARANCE_M = 0.01  # a device closer to a thin wall than this stands on it
-
-
-@dataclass(frozen=True)
-class SceneObject:
-    """A vertical prism: a contour from `z_min_m` to `z_max_m` in one material.
-
-    A closed contour makes a solid, an open one a thin vertical sheet.
-    """
-
-    name: str
-    kind: ObjectKind
-    contour: Contour
-    z_min_m: float
-    z_max_m: float
-    material: Material
-
-    def __post_init__(self) -> None:
-        if not self.name or self.name in ("floor", "ceiling"):
-            raise ValueError(f"name = '{self.name}': must not be empty, 'floor' or 'ceiling'")
-        if self.kind not in OBJECT_KINDS:
-            raise ValueError(f"kind = '{self.kind}': must be one of {', '.join(OBJECT_KINDS)}")
-        if not self.z_min_m < self.z_max_m:
-            raise ValueError(f"z_max_m = {self.z_max_m}: must be greater than z_min_m = {self.z_min_m}")
 
 
 @dataclass(frozen=True)
@@ -54,13 +33,14 @@ class HorizontalPlane:
 class Scene:
     """The world of one campaign.
 
-    `bounds_m` is (x_min, y_min, x_max, y_max), the extent of floor and ceiling.
+    `bounds_m` is (x_min, y_min, x_max, y_max), the extent of floor and ceiling. A scene may hold several TX and
+    several walks: `tx` and `walk` are the ones in use, `choose` brings others to their place.
 
     Raises
     ------
     ValueError
-        Where two objects share a name, the ceiling is not above the floor, or the TX or an RX stop lies inside
-        an object, on a thin wall, or not between floor and ceiling.
+        Where two objects share a name, the ceiling is not above the floor, solids overlap without leave, or a TX
+        or an RX stop lies inside an object, on a thin wall, or not between floor and ceiling.
     """
 
     name: str
@@ -70,26 +50,73 @@ class Scene:
     bounds_m: tuple[float, float, float, float]
     floor: HorizontalPlane | None = None
     ceiling: HorizontalPlane | None = None
+    clutter: tuple[Clutter, ...] = ()
+    tx_name: str = "tx"
+    walk_name: str = "walk"
+    other_txs: Mapping[str, Pose] = field(default_factory=dict)
+    other_walks: Mapping[str, Walk] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        repeated = [name for name, count in Counter(item.name for item in self.objects).items() if count > 1]
-        if repeated:
-            raise ValueError(f"objects: the name '{repeated[0]}' is given twice; every object needs its own")
+        self._check_names()
         if self.floor and self.ceiling and not self.floor.z_m < self.ceiling.z_m:
             raise ValueError(f"ceiling.z_m = {self.ceiling.z_m}: must lie above floor.z_m = {self.floor.z_m}")
-        self._check_free(["TX"], self.tx.position_m[None, :])
-        stops = self.walk.positions_m()
-        self._check_free([f"RX stop {index}" for index in range(len(stops))], stops)
+        check_overlaps(self.objects)
+        for name, tx in self.txs.items():
+            label = f"TX '{name}'" if self.other_txs else "TX"
+            self._check_free([label], tx.position_m[None, :])
+        for name, walk in self.walks.items():
+            label = f"RX stop {{}} of walk '{name}'" if self.other_walks else "RX stop {}"
+            stops = walk.positions_m()
+            self._check_free([label.format(index) for index in range(len(stops))], stops)
 
     @property
     def object_names(self) -> list[str]:
-        """Names of all objects in order, without floor and ceiling."""
+        """Names of all prisms in order, without floor, ceiling and clutter."""
         return [item.name for item in self.objects]
+
+    @property
+    def materials(self) -> dict[str, Material]:
+        """Material by name: all objects in order, 'floor' and 'ceiling' where there are, the clutter."""
+        result = {item.name: item.material for item in self.objects}
+        for name, plane in (("floor", self.floor), ("ceiling", self.ceiling)):
+            if plane is not None:
+                result[name] = plane.material
+        return result | {item.name: item.material for item in self.clutter}
+
+    @property
+    def kinds(self) -> dict[str, str]:
+        """Kind by name of all objects and the clutter."""
+        return {item.name: item.kind for item in self.objects} | {
+            item.name: item.kind for item in self.clutter
+        }
 
     @property
     def stops(self) -> tuple[Pose, ...]:
         """RX pose at each stop of the walk."""
         return self.walk.poses()
+
+    @property
+    def txs(self) -> dict[str, Pose]:
+        """Every TX by name, the one in use first."""
+        return {self.tx_name: self.tx, **self.other_txs}
+
+    @property
+    def walks(self) -> dict[str, Walk]:
+        """Every walk by name, the one in use first."""
+        return {self.walk_name: self.walk, **self.other_walks}
+
+    def choose(self, tx: str | int = 0, walk: str | int = 0) -> Scene:
+        """The same scene with the TX and the walk of these names, or places in `txs` and `walks`, in use.
+
+        Raises `ValueError` that lists the names where there is none like that.
+        """
+        tx_name, walk_name = _chosen("tx", tx, self.txs), _chosen("walk", walk, self.walks)
+        txs, walks = self.txs, self.walks
+        return replace(
+            self,
+            tx=txs.pop(tx_name), tx_name=tx_name, other_txs=txs,
+            walk=walks.pop(walk_name), walk_name=walk_name, other_walks=walks,
+        )  # fmt: skip
 
     def object(self, name: str) -> SceneObject:
         """The object of that name; `ValueError` lists the names where there is none."""
@@ -112,6 +139,18 @@ class Scene:
             found[inside] = index
         return found
 
+    def _check_names(self) -> None:
+        names = [*self.object_names, *(item.name for item in self.clutter)]
+        repeated = [name for name, count in Counter(names).items() if count > 1]
+        if repeated:
+            raise ValueError(f"objects: the name '{repeated[0]}' is given twice; every object needs its own")
+        for field_name, name, others in (
+            ("tx", self.tx_name, self.other_txs),
+            ("walk", self.walk_name, self.other_walks),
+        ):
+            if name in others:
+                raise ValueError(f"{field_name}s: the name '{name}' is given twice; every one needs its own")
+
     def _check_free(self, labels: list[str], points_m: Any) -> None:
         z_low = self.floor.z_m if self.floor else -np.inf
         z_high = self.ceiling.z_m if self.ceiling else np.inf
@@ -121,3 +160,17 @@ class Scene:
                 raise ValueError(f"{place} lies inside object '{self.objects[index].name}': move one of them")
             if not z_low < point[2] < z_high:
                 raise ValueError(f"{place} must lie between floor and ceiling, z {z_low:g} to {z_high:g} m")
+        for item in self.clutter:
+            for label, point, inside in zip(labels, points_m, item.contains(points_m), strict=True):
+                if inside:
+                    place = f"{label} at ({point[0]:.3f}, {point[1]:.3f}, {point[2]:.3f}) m"
+                    raise ValueError(f"{place} lies inside mesh '{item.name}': move one of them")
+
+
+def _chosen(kind: str, wanted: str | int, known: Mapping[str, object]) -> str:
+    names = list(known)
+    if isinstance(wanted, int) and 0 <= wanted < len(names):
+        return names[wanted]
+    if wanted not in names:
+        raise ValueError(f"{kind} = {wanted!r}: must be one of {', '.join(names)}, or a place in that list")
+    return str(wanted)

@@ -60,6 +60,16 @@ def read_toml(path: str | Path) -> dict[str, Any]:
         raise ConfigError(f"{path}: not valid TOML: {_one_line(str(error))}") from error
 
 
+def read_text(path: str | Path) -> str:
+    """The text of a file; raises `ConfigError`, one line, where it is missing or no UTF-8."""
+    try:
+        return Path(path).read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read ({error.strerror})") from error
+    except ValueError as error:
+        raise ConfigError(f"{path}: not UTF-8 text") from error
+
+
 def validate_config(data: dict[str, Any], model: type[M], source: str) -> M:
     """Turn plain tables into a typed model; `source` names the file in the `ConfigError`."""
     try:

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
+from scenes.contour_piece import SplinePiece
 from scenes.pose import Pose
-from scenes.record import FloatArray, IntArray, Record, array
+from scenes.record import BoolArray, FloatArray, IntArray, Record, array
+
+N_DRAWN_PER_WAYPOINT = 16
 
 
 @dataclass(frozen=True)
@@ -15,13 +19,15 @@ class Walk(Record):
     """Stops along way-points at one height.
 
     With `n_stops` the stops lie equally spaced by arc length from the first way-point to the last; with
-    `n_stops` None the way-points themselves are the stops. A NaN heading looks along the path.
+    `n_stops` None the way-points themselves are the stops. A smooth walk follows the cubic spline through its
+    way-points, others straight lines. A NaN heading looks along the path.
     """
 
     waypoints_m: FloatArray = array("waypoint", "xy", unit="m", doc="corners of the walk, first to last")
     height_m: float = array(unit="m", doc="height of the RX array at every stop")
     heading_rad: float = array(unit="rad", doc="heading at every stop; NaN: along the path")
     n_stops: int | None = None
+    is_smooth: bool = False
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -29,18 +35,27 @@ class Walk(Record):
             raise ValueError(
                 f"waypoints_m = {self.waypoints_m.tolist()}: at least one finite point is needed"
             )
+        if not np.isfinite(self.height_m):
+            raise ValueError(f"height_m = {self.height_m}: must be finite")
         if self.n_stops is not None and self.n_stops < 1:
             raise ValueError(f"n_stops = {self.n_stops}: must be >= 1")
-        if self.n_stops is not None and self.n_stops > 1 and not self.length_m > 0:
+        if self.n_stops is not None and self.n_stops > 1 and not self._straight_length_m > 0:
             raise ValueError(f"waypoints_m = {self.waypoints_m.tolist()}: {self.n_stops} stops need a path")
+        if self.is_smooth and (len(self.waypoints_m) < 2 or np.any(self._is_repeated)):
+            raise ValueError(
+                f"waypoints_m = {self.waypoints_m.tolist()}: a smooth walk needs two or more, neighbours distinct"
+            )
 
     @property
     def length_m(self) -> float:
         """Length in m of the path through all way-points."""
-        return float(np.linalg.norm(np.diff(self.waypoints_m, axis=0), axis=1).sum())
+        return self._spline.length if self.is_smooth else self._straight_length_m
 
     def positions_m(self) -> FloatArray:
         """Positions (stop, xyz) in m."""
+        if self.is_smooth:
+            t = self._spline_stops()
+            return np.column_stack([self._spline.point(t), np.full(len(t), self.height_m)])
         at, stretch = self._stops()
         start, step = self.waypoints_m[stretch], self._step(stretch)
         share = np.clip(at - stretch, 0, 1)[:, None]
@@ -48,16 +63,41 @@ class Walk(Record):
 
     def headings_rad(self) -> FloatArray:
         """Headings (stop,) in rad, from world +x counter-clockwise."""
-        _, stretch = self._stops()
+        if self.is_smooth:
+            step = self._spline.derivative(self._spline_stops())
+        else:
+            _, stretch = self._stops()
+            step = self._step(stretch)
         if not np.isnan(self.heading_rad):
-            return np.full(len(stretch), self.heading_rad)
-        step = self._step(stretch)
+            return np.full(len(step), self.heading_rad)
         return np.asarray(np.arctan2(step[:, 1], step[:, 0]))
 
     def poses(self) -> tuple[Pose, ...]:
         """Pose at each stop."""
         stops = zip(self.positions_m(), self.headings_rad(), strict=True)
         return tuple(Pose(position, heading) for position, heading in stops)
+
+    def line_m(self) -> FloatArray:
+        """Points (point, xy) in m to draw the way between the stops with."""
+        if not self.is_smooth:
+            return self.waypoints_m
+        return self._spline.point(self._spline.equidistant(N_DRAWN_PER_WAYPOINT * len(self.waypoints_m)))
+
+    @cached_property
+    def _spline(self) -> SplinePiece:
+        return SplinePiece(self.waypoints_m)
+
+    def _spline_stops(self) -> FloatArray:
+        """Parameter (stop,) of each stop on the spline."""
+        return self._spline.breaks if self.n_stops is None else self._spline.equidistant(self.n_stops - 1)
+
+    @property
+    def _straight_length_m(self) -> float:
+        return float(np.linalg.norm(np.diff(self.waypoints_m, axis=0), axis=1).sum())
+
+    @property
+    def _is_repeated(self) -> BoolArray:
+        return np.asarray(np.linalg.norm(np.diff(self.waypoints_m, axis=0), axis=1) < 1e-9)
 
     def _step(self, stretch: IntArray) -> FloatArray:
         if len(self.waypoints_m) == 1:

@@ -6,11 +6,13 @@ Modules import heavy libraries inside their functions only, so `--help` answers 
 from __future__ import annotations
 
 import os
+import re
 import sys
 
+import click
 import typer
 
-from scripts import campaign, doctor, link, scene, sigmf, validate
+from scripts import ablate, bound, campaign, doctor, import_mat, link, scene, sigmf, validate
 
 app = typer.Typer(
     name="arena",
@@ -24,8 +26,11 @@ app.command("generate")(campaign.generate)
 app.command("estimate")(campaign.estimate)
 app.command("score")(campaign.score)
 app.command("report")(campaign.report)
+app.command("import-mat")(import_mat.import_mat)
 app.command("link")(link.link)
 app.command("export-sigmf")(sigmf.export_sigmf)
+app.command("bound")(bound.bound)
+app.command("ablate")(ablate.ablate)
 app.command("doctor")(doctor.doctor)
 app.command("validate")(validate.validate)
 app.command("bench")(validate.bench)
@@ -34,9 +39,14 @@ app.add_typer(scene.app, name="scene")
 
 def main() -> None:
     """Run the command line; every failure ends in one line on stderr and a non-zero exit code."""
+    sys.path.insert(0, os.getcwd())  # a user's estimator may stand where the command is run
+    sys.unraisablehook = lambda _: None  # a damaged file's reader complains once more when it is thrown away
     try:
-        app()
-    except KeyboardInterrupt:
+        sys.exit(app(standalone_mode=False))
+    except click.ClickException as error:
+        error.show()
+        sys.exit(error.exit_code)
+    except (KeyboardInterrupt, click.Abort):
         _fail("interrupted; the same command goes on where it stopped", 130)
     except (ValueError, OSError, RuntimeError) as error:
         _fail(_one_line(error), 2)
@@ -53,6 +63,7 @@ def _fail(message: str, code: int) -> None:
 
 def _one_line(error: Exception) -> str:
     if isinstance(error, OSError) and error.strerror:
-        place = f"{error.filename}: " if error.filename else ""
-        return f"{place}{error.strerror}"
+        # A file is written under a temporary name first; the user knows it by its own.
+        named = re.sub(r"\.([^/]+)\.\d+\.part$", r"\1", str(error.filename or ""))
+        return f"{named}: {error.strerror}" if named else error.strerror
     return " ".join(str(error).split()) or type(error).__name__

@@ -58,7 +58,7 @@ def estimate(directory: Directory, estimator: Estimator = None) -> None:
     from scripts import stages  # noqa: PLC0415
 
     store = stages.reopen(directory, estimator)
-    stages.sweep_and_estimate(store, keep_sweeps=False)
+    stages.sweep_and_estimate(store, keep_sweeps=False, again=estimator is not None)
     stages.build_maps(store)
 
 

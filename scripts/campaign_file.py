@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from estimation.config import CampaignConfig
+from estimation.config import CampaignConfig, with_link_levels
 from scenes.config import scene_path
 from scenes.toml_config import ConfigError, load_config
 
@@ -27,6 +27,7 @@ def load_campaign(name_or_path: str, seed: int | None = None) -> tuple[CampaignC
         if array.weights_file is not None:
             file = str((path.parent / array.weights_file).resolve())
             config = config.model_copy(update={device: array.model_copy(update={"weights_file": file})})
+    config = with_link_levels(config)
     is_file = config.scene.endswith(".toml")
     return config, path.parent / config.scene if is_file else scene_path(config.scene)
 

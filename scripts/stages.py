@@ -17,10 +17,12 @@ from rich.progress import (
 )
 
 from estimation.channel.power_map import beam_power_map
+from estimation.measured import MeasuredTruth
 from estimation.pipeline import channel_estimator, known_receiver, map_known, map_unknown, significance
 from estimation.report.figures import make_figures
 from estimation.report.html import render_report
 from estimation.results import CampaignResults, MapResult
+from estimation.scoring.measured_scores import measured_metrics, score_measured
 from estimation.scoring.score import Scores, score_campaign, score_metrics
 from estimation.store import CampaignStore, MapName, StopEstimate, open_campaign
 from scenes.config import load_scene
@@ -28,6 +30,7 @@ from scenes.scene import Scene
 from scripts.campaign_file import load_campaign
 from scripts.summary import run_facts, score_table
 from sim.campaign import observe, simulate_truth
+from sim.hardware import surveyed
 from sim.link import best_beam_power_dbm, make_link
 from sim.truth import Truth
 
@@ -49,6 +52,8 @@ def reopen(directory: Path, estimator: str | None = None) -> CampaignStore:
     """The campaign in a directory; another estimator than the stored one makes new channel estimates."""
     store = open_campaign(directory)
     if estimator is not None:
+        if store.measured is not None:
+            raise ValueError(f"--estimator = '{estimator}': {directory} is measured and holds no samples")
         channel_estimator(store.config, estimator)
         store = CampaignStore(store.directory, store.config, store.scene_text, estimator)
         store.open_for_writing()
@@ -60,12 +65,17 @@ def sweep_only(store: CampaignStore, *, keep_sweeps: bool) -> None:
     scene, link = scene_of(store), make_link(store.config)
     with _progress() as progress:
         for truth in progress.track(truths(store, scene), len(scene.stops), description="trace, sweep"):
-            if keep_sweeps and store.sweep(truth.stop) is None:
+            if keep_sweeps and not store.has_sweep(truth.stop):
                 store.write_sweep(observe(store.config, link, scene, truth))
 
 
-def sweep_and_estimate(store: CampaignStore, *, keep_sweeps: bool) -> None:
-    """Make what is missing of truth and channel estimates, one stop in memory at a time."""
+def sweep_and_estimate(store: CampaignStore, *, keep_sweeps: bool, again: bool = False) -> None:
+    """Make what is missing of truth and channel estimates, one stop in memory at a time.
+
+    `again` makes channel estimates that are there once more. A measured campaign holds both from its import.
+    """
+    if store.measured is not None:
+        return
     scene, link = scene_of(store), make_link(store.config)
     estimator = channel_estimator(store.config, store.estimator)
     with _progress() as progress:
@@ -73,7 +83,7 @@ def sweep_and_estimate(store: CampaignStore, *, keep_sweeps: bool) -> None:
             truths(store, scene), len(scene.stops), description="trace, sweep, estimate"
         ):
             kept = not keep_sweeps or store.has_sweep(truth.stop)
-            if kept and store.channel(truth.stop) is not None:
+            if kept and not again and store.channel(truth.stop) is not None:
                 continue
             sweep = store.sweep(truth.stop) or observe(store.config, link, scene, truth)
             if not kept:
@@ -88,23 +98,17 @@ def build_maps(store: CampaignStore) -> None:
     scene = scene_of(store)
     channel = [estimate.channel for estimate in channel_estimates(store, len(scene.stops))]
     with console.status("mapping, SLAM, shapes"):
-        receiver = known_receiver(stored_truths(store, len(scene.stops)))
+        receiver = known_receiver(known_stops(store, len(scene.stops)))
         store.write_map("mapping", map_known(store.config, channel, scene.tx, receiver))
         store.write_map("slam", map_unknown(store.config, channel, scene.tx))
 
 
 def write_scores(store: CampaignStore) -> None:
     """Score every stage against the truth; write the metrics and where each estimate came from."""
-    scene, link = scene_of(store), make_link(store.config)
+    scene = scene_of(store)
     results = stored_results(store, len(scene.stops))
     with console.status("scores"):
-        scores = score_campaign(
-            scene,
-            stored_truths(store, len(scene.stops)),
-            results,
-            true_power_dbm=lambda truth: best_beam_power_dbm(truth.paths, link, scene.tx, truth.rx_pose),
-            significance=significance(store.config, link),
-        )
+        scores = _measured_scores(store, scene, results) or _simulated_scores(store, scene, results)
     store.write_scores(scores)
     console.print(score_table(scores))
 
@@ -115,13 +119,34 @@ def write_report(store: CampaignStore) -> None:
     results = stored_results(store, len(scene.stops))
     tables = _present(store, store.score_tables(), "the score", "score")
     with console.status("report"):
-        scores = Scores(score_metrics(scene, tables), tables)
+        metrics = score_metrics if store.measured is None else measured_metrics
+        scores = Scores(metrics(scene, tables), tables)
         figures = make_figures(scene, results, scores)
         page = render_report(
-            store.config.name, scores, figures, run_facts(store.config, scene, store.estimator)
+            store.config.name,
+            scores,
+            figures,
+            run_facts(store.config, scene, store.estimator, store.measured),
         )
         store.write_report(page, {name: figure.png for name, figure in figures.items()})
     console.print(f"report: {store.directory / 'report.html'}")
+
+
+def _measured_scores(store: CampaignStore, scene: Scene, results: CampaignResults) -> Scores | None:
+    if store.measured is None:
+        return None
+    return score_measured(scene, measured_truths(store, len(scene.stops)), results)
+
+
+def _simulated_scores(store: CampaignStore, scene: Scene, results: CampaignResults) -> Scores:
+    link = make_link(store.config)
+    return score_campaign(
+        scene,
+        stored_truths(store, len(scene.stops)),
+        results,
+        true_power_dbm=lambda truth: best_beam_power_dbm(truth.paths, link, scene.tx, truth.rx_pose),
+        significance=significance(store.config, link),
+    )
 
 
 def truths(store: CampaignStore, scene: Scene) -> Iterator[Truth]:
@@ -144,6 +169,19 @@ def stored_truths(store: CampaignStore, n_stops: int) -> Iterator[Truth]:
         yield _present(store, store.truth(stop), f"the truth of stop {stop}", "generate")
 
 
+def measured_truths(store: CampaignStore, n_stops: int) -> Iterator[MeasuredTruth]:
+    """What is known about every measured stop; `ValueError` where one is missing."""
+    for stop in range(n_stops):
+        yield _present(store, store.measured_truth(stop), f"stop {stop} of the measurement", "import-mat")
+
+
+def known_stops(store: CampaignStore, n_stops: int) -> Iterator[Truth] | Iterator[MeasuredTruth]:
+    """What mapping is told of every stop: the measured pose, or the true one with the errors of its survey."""
+    if store.measured is not None:
+        return measured_truths(store, n_stops)
+    return (surveyed(store.config, truth) for truth in stored_truths(store, n_stops))
+
+
 def channel_estimates(store: CampaignStore, n_stops: int) -> Iterator[StopEstimate]:
     """The stored channel estimate of every stop; `ValueError` where one is missing."""
     for stop in range(n_stops):
@@ -159,7 +197,7 @@ def stored_results(store: CampaignStore, n_stops: int) -> CampaignResults:
     }
     return CampaignResults(
         channel=tuple(estimate.channel for estimate in estimates),
-        power_maps=tuple(estimate.power_map for estimate in estimates),
+        power_maps=tuple(estimate.power_map for estimate in estimates) if store.measured is None else (),
         mapping=maps["mapping"],
         slam=maps["slam"],
     )

@@ -37,18 +37,15 @@ def score_table(scores: Scores) -> Table:
     return table
 
 
-def run_facts(config: CampaignConfig, scene: Scene, estimator: str | None) -> dict[str, str]:
-    """What was run, for the head of the report."""
-    wave, tx, rx = config.waveform, config.tx_array, config.rx_array
-    bandwidth_mhz = wave.n_rb * 12 * 15e-3 * 2**wave.numerology
+def run_facts(
+    config: CampaignConfig, scene: Scene, estimator: str | None, measured: str | None = None
+) -> dict[str, str]:
+    """What was run, for the head of the report; `measured` says what a measured campaign was imported from."""
+    place = f"{scene.name}, {len(scene.objects)} objects, {len(scene.stops)} receiver stops"
+    signal = _signal_facts(config, estimator) if measured is None else {"Measurement": measured}
     return {
-        "Scene": f"{scene.name}, {len(scene.objects)} objects, {len(scene.stops)} receiver stops",
-        "Seed": str(config.seed),
-        "Waveform": f"NR PRS at {wave.carrier_ghz:g} GHz, {bandwidth_mhz:.1f} MHz, comb {wave.comb}",
-        "TX": f"{tx.rows} x {tx.columns} elements, {len(tx.panel_azimuth_deg)} x {tx.beams_per_panel} beams",
-        "RX": f"{rx.rows} x {rx.columns} elements, {len(rx.panel_azimuth_deg)} x {rx.beams_per_panel} beams",
-        "Link": f"{config.link.tx_power_dbm:g} dBm, noise figure {config.link.noise_figure_db:g} dB",
-        "Channel estimator": estimator or "power-only, delay-resolved",
+        "Scene": place,
+        **signal,
         "SLAM": f"snapshot, {config.slam.method}",
         "Versions": ", ".join(
             [f"Python {platform.python_version()}", *(f"{name} {_version(name)}" for name in LIBRARIES)]
@@ -61,3 +58,16 @@ def _version(distribution: str) -> str:
         return version(distribution)
     except PackageNotFoundError:
         return "(not installed)"
+
+
+def _signal_facts(config: CampaignConfig, estimator: str | None) -> dict[str, str]:
+    wave, tx, rx = config.waveform, config.tx_array, config.rx_array
+    bandwidth_mhz = wave.n_rb * 12 * 15e-3 * 2**wave.numerology
+    return {
+        "Seed": str(config.seed),
+        "Waveform": f"NR PRS at {wave.carrier_ghz:g} GHz, {bandwidth_mhz:.1f} MHz, comb {wave.comb}",
+        "TX": f"{tx.rows} x {tx.columns} elements, {len(tx.panel_azimuth_deg)} x {tx.beams_per_panel} beams",
+        "RX": f"{rx.rows} x {rx.columns} elements, {len(rx.panel_azimuth_deg)} x {rx.beams_per_panel} beams",
+        "Link": f"{config.link.tx_power_dbm:g} dBm, noise figure {config.link.noise_figure_db:g} dB",
+        "Channel estimator": estimator or "power-only, delay-resolved",
+    }

@@ -17,10 +17,15 @@ if TYPE_CHECKING:
     from estimation.validation.measurement import Measurement
 
 MODULES: Mapping[str, tuple[str, ...]] = {
-    "signal": ("signal_waveform",),
-    "propagation": ("propagation_diffraction",),
+    "signal": ("signal_waveform", "signal_generation"),
+    "propagation": ("propagation_closed_form", "propagation_specular", "propagation_diffraction"),
+    "slam": ("slam_measured", "slam"),
 }
-BENCHES: Mapping[str, tuple[str, ...]] = {"raytrace": ("bench_raytrace",)}
+BENCHES: Mapping[str, tuple[str, ...]] = {
+    "raytrace": ("bench_raytrace",),
+    "signal": ("bench_signal",),
+    "slam": ("bench_slam",),
+}
 
 Json = Annotated[Path | None, typer.Option("--json", help="Write the rows to this JSON file as well.")]
 Quick = Annotated[bool, typer.Option("--quick", help="A subset that takes seconds.")]

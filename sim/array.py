@@ -80,8 +80,20 @@ def steering_vector(
     position_m: FloatArray, carrier_hz: float, azimuth_rad: Any, elevation_rad: Any
 ) -> ComplexArray:
     """Phases exp(+j k r.u) (..., element) of the elements at `position_m` for directions in the panel frame."""
-    wavenumber = 2 * np.pi * carrier_hz / SPEED_OF_LIGHT_M_S
-    return np.exp(1j * wavenumber * direction(azimuth_rad, elevation_rad) @ position_m.T)
+    phase = 2 * np.pi * carrier_hz / SPEED_OF_LIGHT_M_S * direction(azimuth_rad, elevation_rad)
+    waves = []
+    for axis in range(3):  # a planar array has few distinct coordinates along each axis
+        coordinate, index = np.unique(position_m[:, axis], return_inverse=True)
+        if coordinate.any():
+            turn = phase[..., axis, None] * coordinate
+            wave = np.empty(turn.shape, complex)
+            np.cos(turn, out=wave.real)
+            np.sin(turn, out=wave.imag)
+            waves.append(wave.take(index, axis=-1))
+    steering = waves.pop() if waves else np.ones((*phase.shape[:-1], len(position_m)), complex)
+    for wave in waves:
+        steering *= wave
+    return np.asarray(steering)
 
 
 def panel_axes(panel_azimuth_rad: float, panel_tilt_rad: float) -> FloatArray:

@@ -7,7 +7,6 @@ on any number of workers gives the same bits.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from enum import IntEnum
 
 import numpy as np
 
@@ -15,29 +14,29 @@ from scenes.record import FloatArray
 from scenes.scene import Scene
 from sim.channel import beam_channel
 from sim.config import SimulationConfig
+from sim.hardware import (
+    RandomStage,
+    built_codebooks,
+    extra_clock_bias_s,
+    generator,
+    through_front_end,
+    true_tx_pose,
+    turn_by_oscillator,
+)
 from sim.link import Link
 from sim.propagation import Propagator
 from sim.receiver import add_noise
 from sim.sweep import BeamSweep
 from sim.truth import Truth
 
-
-class RandomStage(IntEnum):
-    """The stages that draw random numbers; the number is part of the seed."""
-
-    CLOCK = 0
-    NOISE = 1
-
-
-def generator(seed: int, stage: RandomStage, stop: int = 0) -> np.random.Generator:
-    """The random generator of one stage at one stop."""
-    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(int(stage), stop)))
+__all__ = ["RandomStage", "clock_biases_s", "generator", "observe", "simulate_truth"]
 
 
 def clock_biases_s(config: SimulationConfig, n_stops: int) -> FloatArray:
-    """Clock bias (stop,) in s: a random walk from the initial value."""
+    """Clock bias (stop,) in s: a random walk from the initial value, and the bias of every stop."""
     steps = generator(config.seed, RandomStage.CLOCK).standard_normal(n_stops)
-    return np.asarray((config.clock.initial_bias_ns + config.clock.walk_std_ns * np.cumsum(steps)) * 1e-9)
+    walk_s = (config.clock.initial_bias_ns + config.clock.walk_std_ns * np.cumsum(steps)) * 1e-9
+    return np.asarray(walk_s + extra_clock_bias_s(config, n_stops))
 
 
 def simulate_truth(config: SimulationConfig, scene: Scene, stops: Iterable[int]) -> Iterator[Truth]:
@@ -50,24 +49,31 @@ def simulate_truth(config: SimulationConfig, scene: Scene, stops: Iterable[int])
 
 
 def observe(config: SimulationConfig, link: Link, scene: Scene, truth: Truth) -> BeamSweep:
-    """The samples of one stop, equation (1) with noise and the unknown clock: the same bits at every call."""
-    channel = beam_channel(
+    """The samples of one stop, equation (1) with noise, the unknown clock and the impairments of the hardware.
+
+    The same bits at every call. The sweep itself tells only the nominal codebooks and TX pose.
+    """
+    tx_codebook, rx_codebook = built_codebooks(config, link)
+    samples = beam_channel(
         truth.paths,
-        tx_codebook=link.tx_codebook,
-        rx_codebook=link.rx_codebook,
-        tx_pose=scene.tx,
+        tx_codebook=tx_codebook,
+        rx_codebook=rx_codebook,
+        tx_pose=true_tx_pose(config, scene.tx),
         rx_pose=truth.rx_pose,
         frequency_offset_hz=link.frequency_offset_hz,
         clock_bias_s=truth.clock_bias_s,
     )
-    channel *= np.sqrt(link.tx_power_mw).astype(np.float32) * link.prs_symbol[:, None, :]
+    samples *= np.sqrt(link.tx_power_mw).astype(np.float32) * link.prs_symbol[:, None, :]
+    turn_by_oscillator(config, link, truth.stop, samples)
     rng = generator(config.seed, RandomStage.NOISE, truth.stop)
+    samples = add_noise(samples, link.noise_power_mw, rng)
+    through_front_end(config, link, truth.stop, samples)
     return BeamSweep(
         tx_codebook=link.tx_codebook,
         rx_codebook=link.rx_codebook,
         tx_pose=scene.tx,
         stop=truth.stop,
-        samples=add_noise(channel, link.noise_power_mw, rng),
+        samples=samples,
         prs_symbol=link.prs_symbol,
         frequency_offset_hz=link.frequency_offset_hz,
         carrier_hz=link.carrier_hz,

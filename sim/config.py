@@ -7,6 +7,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from scenes.toml_config import ConfigModel
+from sim.impairment_config import ImpairmentsConfig
 from sim.prs import PrsConfig
 
 Comb = Literal[2, 4, 6, 12]
@@ -143,6 +144,7 @@ class PropagationConfig(ConfigModel):
     )
     specular_samples: int = Field(200_000, ge=1, le=10_000_000, description="rays that look for faces")
     diffuse_samples: int = Field(2_000, ge=0, le=1_000_000, description="rays that scatter, 0 for none")
+    diffraction: bool = Field(True, description="first order, at vertical edges and round circular pillars")
     transmission: bool = Field(False, description="whether paths go through thin walls and hollow solids")
     max_crossed_faces: int = Field(4, ge=1, le=16, description="faces that one path may go through")
     max_transmission_loss_db: float = Field(
@@ -167,4 +169,5 @@ class SimulationConfig(ConfigModel):
     )
     link: LinkConfig = LinkConfig()
     clock: ClockConfig = ClockConfig()
+    impairments: ImpairmentsConfig = ImpairmentsConfig()
     propagation: PropagationConfig = PropagationConfig()

@@ -1,204 +1,255 @@
-"""Exact first-order reflection off smooth contours, which faceted ray tracing loses.
+"""Exact reflection off smooth contours, which faceted ray tracing loses, alone and with one flat face.
 
-All objects are vertical prisms, so the reflection point is a stationary point in plan view of the length
-|T - c(t)| + |c(t) - R|, and the height is linear in the unfolded horizontal length. Amplitudes are those of
-geometrical optics with the contour's own curvature.
+All objects are vertical prisms, so the point of reflection is a stationary point in plan view of the length
+|S - c(t)| + |c(t) - Q|, where S is the TX or its image in a flat face met before, and Q the RX or its image in
+a flat face met after. Every solution is found: a convex curve has at most one on its lit side, where the length
+is least; on a concave one all sign changes of the slope are followed, close pairs included.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from scenes.contour_piece import Piece
-from scenes.pose import SPEED_OF_LIGHT_M_S, azimuth_elevation
-from scenes.record import BoolArray, ComplexArray, FloatArray, IntArray, Record, array
-from scenes.scene import Scene, SceneObject
-from sim.fresnel import slab_reflection, vertical_reflection
-from sim.occlusion import OCCLUDER_SAGITTA_M, Occluders, blocked, occluders, surface_names
-from sim.paths import BounceKind, Paths
+from scenes.record import BoolArray, FloatArray, IntArray, Record, array
+from sim.curves import N_NODES, NODE_T, Curves
+from sim.image_method import CLEARANCE_M, Chains, outside_beam, reflect_back
+from sim.plan import PlanPaths, dot, norm
+from sim.surfaces import Faces
 
-N_GRID = 512  # intervals per piece searched for stationary points; two in one interval are both missed
-N_BISECTIONS = 45
-PIECE_OVERLAP = 1e-9  # pieces are searched this share beyond their ends, so that no joint falls between two
-SAME_POINT_M = 1e-6  # stationary points of one object closer than this are one
 MIN_COS_INCIDENCE = 1e-4
-# |1 + 2 k s1 s2 / ((s1 + s2) cos t)| is kept above this, a gain of at most 10 dB over a plane. That is about
-# the height of the Airy peak at a caustic of contours some metres large at 60 GHz.
-CAUSTIC_LIMIT = 0.1
+CURVE_OVERLAP = 1e-9  # curves are searched this share beyond their ends, so that no joint falls between two
+MAX_STEPS = 60
+STEP_LIMIT_M = 1e-10  # a Newton step below this is the last one: the next would be about its square
+RESIDUAL_LIMIT_M = 1e-9
+N_REFINED = 16  # parts of an interval that may hold a close pair of solutions
 
 
 @dataclass(frozen=True)
-class Reflections(Record):
-    """Reflection points of one TX and several receivers on the contours of the scene, occluded ones left out."""
+class Bounces(Record):
+    """Solutions on curves: the candidate each belongs to and the local geometry."""
 
-    receiver: IntArray = array("point", dtype=int, doc="index of the receiver")
-    surface: IntArray = array("point", dtype=int, doc="index of the object")
-    point_m: FloatArray = array("point", "xyz", unit="m", doc="reflection point")
-    normal: FloatArray = array("point", "xyz", doc="unit normal towards the lit side")
-    curvature: FloatArray = array("point", unit="1/m", doc="> 0 where convex, seen from the lit side")
-
-
-def curved_reflections(
-    scene: Scene, rx_positions_m: FloatArray, carrier_hz: float, faces: Occluders | None = None
-) -> list[Paths]:
-    """Paths of one specular bounce off a curved piece, one record per receiver position (receiver, xyz).
-
-    All solutions are found, the several ones of a concave contour too. `faces` are the scene's occluders, made
-    anew where not given. Gain convention of `sim.paths.Paths`; the specular share sqrt(1 - S^2) of a material
-    that also scatters is in the gain.
-    """
-    rx_positions_m = np.atleast_2d(np.asarray(rx_positions_m, float))
-    faces = occluders(scene) if faces is None else faces
-    found = reflection_points(scene, rx_positions_m)
-    found = found.take("point", _is_clear(found, scene.tx.position_m, rx_positions_m, faces))
-    paths = _paths(found, scene, rx_positions_m, carrier_hz)
-    return [paths.take("path", found.receiver == index) for index in range(len(rx_positions_m))]
+    row: IntArray = array("bounce", dtype=int, doc="index of the candidate")
+    point_m: FloatArray = array("bounce", "xy", unit="m", doc="point of reflection")
+    normal: FloatArray = array("bounce", "xy", doc="unit normal of the lit side")
+    curvature: FloatArray = array("bounce", unit="1/m", doc="> 0 where convex, seen from the lit side")
 
 
-def reflection_points(scene: Scene, rx_positions_m: FloatArray) -> Reflections:
-    """All points of reflection on curved pieces from the scene's TX to receivers (receiver, xyz), occluded or not.
-
-    TX and RX lie on the same side of the surface, the outer one of a closed contour, and the point within the
-    object's height.
-    """
-    tx = scene.tx.position_m
-    parts = []
-    for index, item in enumerate(scene.objects):
-        for piece in item.contour.pieces:
-            if piece.is_curved:
-                parts.append(_on_piece(item, index, piece, tx, rx_positions_m))
-    if not parts:
-        none = np.zeros(0, int)
-        return Reflections(none, none, np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
-    columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
-    found = Reflections(*columns)
-    return found.take("point", _is_first_of_its_kind(found))
-
-
-def stationary_parameters(
-    piece: Piece, tx_xy_m: FloatArray, rx_xy_m: FloatArray
-) -> tuple[IntArray, FloatArray]:
-    """Receiver indices and parameters t (solution,) where |T - c(t)| + |c(t) - R| is stationary on a piece.
-
-    Sign changes of c'(t) . (u_T + u_R) on a grid, then bisection; `rx_xy_m` is (receiver, xy).
-    """
-
-    def slope(t: FloatArray, rx: FloatArray) -> FloatArray:
-        point = piece.point(t)
-        from_tx, from_rx = point - tx_xy_m, point - rx
-        pull = from_tx / _norm(from_tx)[..., None] + from_rx / _norm(from_rx)[..., None]
-        return np.asarray((piece.derivative(t) * pull).sum(axis=-1))
-
-    grid = np.linspace(-PIECE_OVERLAP, 1 + PIECE_OVERLAP, N_GRID + 1)
-    is_rising = slope(np.broadcast_to(grid, (len(rx_xy_m), len(grid))), rx_xy_m[:, None]) > 0
-    receiver, interval = np.nonzero(is_rising[:, 1:] != is_rising[:, :-1])
-    low, high = grid[interval], grid[interval + 1]
-    low_rising = is_rising[receiver, interval]
-    for _ in range(N_BISECTIONS):
-        middle = (low + high) / 2
-        same = (slope(middle, rx_xy_m[receiver]) > 0) == low_rising
-        low, high = np.where(same, middle, low), np.where(same, high, middle)
-    return receiver, (low + high) / 2
-
-
-def spreading(
-    curvature: FloatArray, s1_m: FloatArray, s2_m: FloatArray, cos_incidence: FloatArray
-) -> ComplexArray:
-    """Amplitude (...) of a reflection off a cylinder over that off a plane.
-
-    1 / sqrt(1 + 2 k s1 s2 / ((s1 + s2) cos t)) by geometrical optics; curvature k > 0 is convex, the lengths
-    s1, s2 and the incidence t are horizontal. Past a caustic the root is of a negative number: the phase
-    advances by 90 deg. The gain is capped at the caustic.
-    """
-    factor = 1 + 2 * curvature * s1_m * s2_m / ((s1_m + s2_m) * cos_incidence)
-    amplitude = 1 / np.sqrt(np.maximum(np.abs(factor), CAUSTIC_LIMIT))
-    return np.asarray(amplitude * np.where(factor < 0, 1j, 1))
-
-
-def _on_piece(
-    item: SceneObject, index: int, piece: Piece, tx: FloatArray, rx: FloatArray
-) -> tuple[IntArray, IntArray, FloatArray, FloatArray, FloatArray]:
-    """Fields of `Reflections` for one piece."""
-    receiver, t = stationary_parameters(piece, tx[:2], rx[:, :2])
-    point, normal, curvature = piece.point(t), piece.outward_normal(t), piece.curvature(t)
-    to_tx, to_rx = tx[:2] - point, rx[receiver, :2] - point
-    s1, s2 = _norm(to_tx), _norm(to_rx)
-    cos_tx, cos_rx = (normal * to_tx).sum(axis=1) / s1, (normal * to_rx).sum(axis=1) / s2
-    height = tx[2] + (rx[receiver, 2] - tx[2]) * s1 / (s1 + s2)
-    side = np.sign(cos_tx)
-    valid = (cos_tx * cos_rx > 0) & (np.abs(cos_tx) > MIN_COS_INCIDENCE)
-    valid &= (height >= item.z_min_m) & (height <= item.z_max_m)
-    if item.contour.closed:
-        valid &= side > 0
-    point_3d = np.column_stack([point, height])
-    normal_3d = np.column_stack([normal * side[:, None], np.zeros(len(t))])
-    surface = np.full(len(t), index)
-    return receiver[valid], surface[valid], point_3d[valid], normal_3d[valid], (curvature * side)[valid]
-
-
-def _is_first_of_its_kind(found: Reflections) -> BoolArray:
-    """Mask (point,) without the repetitions that overlapping pieces of one object give."""
-    order = np.lexsort([found.point_m[:, 0], found.surface, found.receiver])
-    before, after = order[:-1], order[1:]
-    same = (found.receiver[before] == found.receiver[after]) & (found.surface[before] == found.surface[after])
-    same &= _norm(found.point_m[after] - found.point_m[before]) < SAME_POINT_M
-    first = np.ones(len(order), bool)
-    first[after[same]] = False
-    return first
-
-
-def _is_clear(found: Reflections, tx: FloatArray, rx: FloatArray, faces: Occluders) -> BoolArray:
-    """Mask (point,) of both legs free; they start off the surface by more than its polygon deviates from it."""
-    start = found.point_m + 2 * OCCLUDER_SAGITTA_M * found.normal
-    to_tx = np.broadcast_to(tx, start.shape)
-    return ~(blocked(faces, start, to_tx) | blocked(faces, start, rx[found.receiver]))
-
-
-def _paths(found: Reflections, scene: Scene, rx_positions_m: FloatArray, carrier_hz: float) -> Paths:
-    """Gains, delays and directions of all reflection points, as one record."""
-    from_tx, to_rx = found.point_m - scene.tx.position_m, rx_positions_m[found.receiver] - found.point_m
-    s1, s2 = _norm(from_tx[:, :2]), _norm(to_rx[:, :2])
-    leg_1, leg_2 = _norm(from_tx), _norm(to_rx)
-    length = leg_1 + leg_2
-    incident, reflected = from_tx / leg_1[:, None], to_rx / leg_2[:, None]
-    cos_horizontal = -(found.normal * from_tx).sum(axis=1) / s1
-    gain = spreading(found.curvature, s1, s2, cos_horizontal)
-    gain *= _reflection_gain(found, scene, incident, reflected, carrier_hz)
-    wavelength = SPEED_OF_LIGHT_M_S / carrier_hz
-    gain *= wavelength / (4 * np.pi * length) * np.exp(-2j * np.pi * length / wavelength)
-    aod_azimuth, aod_elevation = azimuth_elevation(incident)
-    aoa_azimuth, aoa_elevation = azimuth_elevation(-reflected)
-    return Paths(
-        gain=gain,
-        delay_s=length / SPEED_OF_LIGHT_M_S,
-        aod_azimuth_rad=aod_azimuth,
-        aod_elevation_rad=aod_elevation,
-        aoa_azimuth_rad=aoa_azimuth,
-        aoa_elevation_rad=aoa_elevation,
-        bounce_kind=np.full((len(length), 1), BounceKind.SPECULAR),
-        bounce_object=found.surface[:, None],
-        vertex_m=found.point_m[:, None],
-        object_name=np.asarray(surface_names(scene), str),
+def curved_paths(curves: Curves, tx_xy_m: FloatArray, rx_xy_m: FloatArray) -> PlanPaths:
+    """Paths of one bounce off a curve to receivers (receiver, xy), occlusion left aside."""
+    curve = _lit_curves(curves, tx_xy_m)
+    receiver, pick = (part.ravel() for part in np.indices((len(rx_xy_m), len(curve))))
+    curve = curve[pick]
+    found = bounces(curves, curve, np.broadcast_to(tx_xy_m, (len(curve), 2)), rx_xy_m[receiver])
+    return PlanPaths(
+        receiver[found.row],
+        curves.surface[curve[found.row], None],
+        found.point_m[:, None],
+        found.normal[:, None],
+        found.curvature[:, None],
     )
 
 
-def _reflection_gain(
-    found: Reflections, scene: Scene, incident: FloatArray, reflected: FloatArray, carrier_hz: float
-) -> ComplexArray:
-    """Slab reflection between vertically polarised antennas, times the specular share sqrt(1 - S^2) (point,)."""
-    gain = np.ones(len(incident), complex)
-    for surface in np.unique(found.surface):
-        here = found.surface == surface
-        material = scene.objects[surface].material
-        cosine = np.abs((found.normal[here] * incident[here]).sum(axis=1))
-        permittivity = material.complex_permittivity(carrier_hz)
-        r_s, r_p = slab_reflection(cosine, permittivity, material.thickness_m, carrier_hz)
-        gain[here] = vertical_reflection(incident[here], reflected[here], found.normal[here], r_s, r_p)
-        gain[here] *= np.sqrt(1 - material.scattering_coefficient**2)
-    return gain
+def planar_curved_paths(
+    faces: Faces, curves: Curves, chain: Chains, tx_xy_m: FloatArray, rx_xy_m: FloatArray
+) -> PlanPaths:
+    """Paths TX, flat face, curve, RX for the faces of the chains of length one."""
+    row, curve = np.indices((len(chain), len(curves))).reshape(2, -1)
+    face, image = chain.face[row, 0], chain.image_m[row, 1]
+    kept = _is_reached(faces, curves, face, image, curve)
+    face, image, curve = face[kept], image[kept], curve[kept]
+    receiver, pick = (part.ravel() for part in np.indices((len(rx_xy_m), len(curve))))
+    face, image, curve = face[pick], image[pick], curve[pick]
+    found = bounces(curves, curve, image, rx_xy_m[receiver])
+    return _with_face(faces, curves, face, image, curve, receiver, found, face_first=True)
 
 
-def _norm(vector: FloatArray) -> FloatArray:
-    return np.asarray(np.linalg.norm(vector, axis=-1))
+def curved_planar_paths(faces: Faces, curves: Curves, tx_xy_m: FloatArray, rx_xy_m: FloatArray) -> PlanPaths:
+    """Paths TX, curve, flat face, RX."""
+    every = np.arange(faces.size("face"))
+    receiver, face = np.nonzero(faces.height_over(every[None], rx_xy_m[:, None]) > CLEARANCE_M)
+    image = faces.mirror(face, rx_xy_m[receiver])
+    lit = _lit_curves(curves, tx_xy_m)
+    row, pick = (part.ravel() for part in np.indices((len(face), len(lit))))
+    face, image, receiver, curve = face[row], image[row], receiver[row], lit[pick]
+    kept = _is_reached(faces, curves, face, image, curve)
+    face, image, receiver, curve = face[kept], image[kept], receiver[kept], curve[kept]
+    found = bounces(curves, curve, np.broadcast_to(tx_xy_m, image.shape), image)
+    return _with_face(faces, curves, face, image, curve, receiver, found, face_first=False)
+
+
+def _with_face(
+    faces: Faces,
+    curves: Curves,
+    face: IntArray,
+    image_m: FloatArray,
+    curve: IntArray,
+    receiver: IntArray,
+    found: Bounces,
+    *,
+    face_first: bool,
+) -> PlanPaths:
+    """Paths of two corners: the bounces found on the curves, and the point of the flat face before or after."""
+    row = found.row
+    point, valid = reflect_back(faces, face[row], image_m[row], found.point_m)
+    row, found, point = row[valid], found.take("bounce", valid), point[valid]
+    return PlanPaths(
+        receiver[row],
+        _in_order(faces.surface[face[row]], curves.surface[curve[row]], face_first),
+        _in_order(point, found.point_m, face_first),
+        _in_order(faces.normal[face[row]], found.normal, face_first),
+        _in_order(np.zeros(len(row)), found.curvature, face_first),
+    )
+
+
+def _in_order(on_face: Any, on_curve: Any, face_first: bool) -> Any:
+    return np.stack((on_face, on_curve) if face_first else (on_curve, on_face), axis=1)
+
+
+def bounces(curves: Curves, curve: IntArray, source_m: FloatArray, target_m: FloatArray) -> Bounces:
+    """All lit points of reflection on curves (candidate,) between points (candidate, xy) and (candidate, xy)."""
+    row, low, high = _brackets(curves, curve, source_m, target_m)
+    t, residual = _refine(curves, curve[row], source_m[row], target_m[row], low, high)
+    index = curve[row]
+    point, first, second = curves.at(index, t)
+    normal = curves.normal(index, first)
+    to_source, to_target = source_m[row] - point, target_m[row] - point
+    valid = residual <= RESIDUAL_LIMIT_M
+    valid &= curves.is_cyclic[index] | ((t >= -CURVE_OVERLAP) & (t <= 1 + CURVE_OVERLAP))
+    valid &= dot(normal, to_source) > MIN_COS_INCIDENCE * norm(to_source)
+    valid &= dot(normal, to_target) > MIN_COS_INCIDENCE * norm(to_target)
+    curvature = curves.curvature(index, first, second)
+    return Bounces(row[valid], point[valid], normal[valid], curvature[valid])
+
+
+def slope_of_length(
+    curves: Curves, curve: IntArray, t: FloatArray, source_m: FloatArray, target_m: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """d/dt and d^2/dt^2 (n,) of |S - c(t)| + |c(t) - Q| in m, and the speed |c'| (n,) in m."""
+    point, first, second = curves.at(curve, t)
+    return *_slopes(point, first, second, source_m, target_m), norm(first)
+
+
+def _slopes(
+    point: FloatArray, first: FloatArray, second: FloatArray, source_m: FloatArray, target_m: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    slope: FloatArray = np.zeros(())
+    bend: FloatArray = np.zeros(())
+    speed_squared = dot(first, first)
+    for end in (source_m, target_m):
+        offset = point - end
+        distance = np.maximum(norm(offset), 1e-12)
+        along = dot(first, offset) / distance
+        slope = slope + along
+        bend = bend + dot(second, offset) / distance + (speed_squared - along * along) / distance
+    return slope, bend
+
+
+def _brackets(
+    curves: Curves, curve: IntArray, source_m: FloatArray, target_m: FloatArray
+) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Candidates and parameter intervals (low, high) that hold one solution each."""
+    convex = np.flatnonzero(curves.is_convex[curve])
+    node = curves.node_m[curve[convex]]
+    length = norm(node - source_m[convex, None]) + norm(node - target_m[convex, None])
+    least = length.argmin(axis=1)
+    step = NODE_T[1]
+    concave = np.flatnonzero(~curves.is_convex[curve])
+    parts = [(convex, NODE_T[least] - step, NODE_T[least] + step)]
+    if len(concave):
+        parts.append(_sign_changes(curves, curve, source_m, target_m, concave))
+    row, low, high = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return row, low, high
+
+
+def _sign_changes(
+    curves: Curves, curve: IntArray, source_m: FloatArray, target_m: FloatArray, rows: IntArray
+) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Intervals of the node grid where the slope changes sign, once or, found on a finer grid, twice."""
+    index = curve[rows]
+    slope, bend = _slopes(
+        curves.node_m[index], curves.node_first[index], curves.node_second[index],
+        source_m[rows, None], target_m[rows, None],
+    )  # fmt: skip
+    step = NODE_T[1]
+    rising = slope > 0
+    changes = rising[:, 1:] != rising[:, :-1]
+    one, interval = np.nonzero(changes)
+    ends = CURVE_OVERLAP * np.array([-1.0, 1.0])
+    low, high = NODE_T[interval], NODE_T[interval + 1]
+    low, high = np.where(interval == 0, ends[0], low), np.where(interval == N_NODES - 2, 1 + ends[1], high)
+    near, place = np.nonzero(~changes & _may_hold_pair(slope, bend * step))
+    if not len(near):
+        return rows[one], low, high
+    fine = NODE_T[place][:, None] + step * np.linspace(0, 1, N_REFINED + 1)
+    pick = np.repeat(rows[near], N_REFINED + 1)
+    fine_slope, _, _ = slope_of_length(curves, curve[pick], fine.ravel(), source_m[pick], target_m[pick])
+    rising = fine_slope.reshape(fine.shape) > 0
+    extra, part = np.nonzero(rising[:, 1:] != rising[:, :-1])
+    return (
+        np.concatenate([rows[one], rows[near][extra]]),
+        np.concatenate([low, fine[extra, part]]),
+        np.concatenate([high, fine[extra, part + 1]]),
+    )
+
+
+def _may_hold_pair(value: FloatArray, change: FloatArray) -> BoolArray:
+    """Whether a function dips to zero between nodes (row, node) by the tangents at both ends (row, node - 1)."""
+    sign = np.sign(value[:, :-1])
+    left, right = sign * value[:, :-1], sign * value[:, 1:]
+    fall, rise = -sign * change[:, :-1], sign * change[:, 1:]
+    dips = (fall > 0) & (rise > 0)
+    total = np.where(dips, fall + rise, 1.0)
+    # The tangents left - fall x and right - rise (1 - x) meet at x, below the function where it is convex.
+    meeting = left - fall * (left - right + rise) / total
+    return np.asarray(dips & (meeting < np.minimum(left, right) * 0.5))
+
+
+def _refine(
+    curves: Curves,
+    curve: IntArray,
+    source_m: FloatArray,
+    target_m: FloatArray,
+    low: FloatArray,
+    high: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Newton's method on the slope, kept inside the brackets by bisection: t and the last step in m."""
+    t = (low + high) / 2
+    low, high, residual = low.copy(), high.copy(), np.full(len(t), np.inf)
+    falls = slope_of_length(curves, curve, low, source_m, target_m)[0] > 0
+    falls &= ~curves.is_convex[curve]  # a convex curve has a minimum, whatever the slopes beyond its lit part
+    active = np.arange(len(t))
+    for _ in range(MAX_STEPS):
+        if not len(active):
+            break
+        here = curve[active]
+        slope, bend, speed = slope_of_length(curves, here, t[active], source_m[active], target_m[active])
+        beyond = (slope > 0) != falls[active]
+        high[active[beyond]] = t[active[beyond]]
+        low[active[~beyond]] = t[active[~beyond]]
+        usable = np.where(falls[active], bend < 0, bend > 0)
+        newton = t[active] - slope / np.where(usable, bend, 1.0)
+        usable &= (newton >= low[active]) & (newton <= high[active])
+        following = np.where(usable, newton, (low[active] + high[active]) / 2)
+        step = np.abs(following - t[active])
+        residual[active] = np.where(usable, step * speed, np.inf)
+        t[active] = following
+        active = active[step * speed > STEP_LIMIT_M]
+    return t, residual
+
+
+def _lit_curves(curves: Curves, point_m: FloatArray) -> IntArray:
+    """Curves with a node that sees a point (xy,) on its lit side."""
+    offset = point_m - curves.node_m
+    return np.flatnonzero((dot(curves.node_normal, offset) > 0).any(axis=1))
+
+
+def _is_reached(
+    faces: Faces, curves: Curves, face: IntArray, image_m: FloatArray, curve: IntArray
+) -> BoolArray:
+    """Whether a part of each curve lies in the beam that an image sends through a face, and before the face."""
+    center, reach = curves.center_m[curve], curves.reach_m[curve]
+    kept = faces.height_over(face, center) > -reach
+    return kept & ~outside_beam(faces, face, image_m, center, reach)

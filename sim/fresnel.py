@@ -1,4 +1,4 @@
-"""Reflection off a slab: coefficients of ITU-R P.2040-3 and what they do to a vertically polarised wave.
+"""Reflection off a slab and transmission through it: ITU-R P.2040-3, and what it does to a wave.
 
 Time dependence exp(+j 2 pi f t), so a lossy relative permittivity has a negative imaginary part.
 """
@@ -14,27 +14,49 @@ from scenes.record import ComplexArray, FloatArray
 
 
 def slab_reflection(
-    cos_incidence: Any, relative_permittivity: complex, thickness_m: float, frequency_hz: float
+    cos_incidence: Any, relative_permittivity: Any, thickness_m: Any, frequency_hz: float
 ) -> tuple[ComplexArray, ComplexArray]:
     """Reflection coefficients (R_s, R_p), each of the shape of `cos_incidence`, of a slab in air.
 
     R = R' (1 - e^{-j2q}) / (1 - R'^2 e^{-j2q}), q = (2 pi d / lambda) sqrt(eta - sin^2 t): ITU-R P.2040-3,
     equations (37) and (43a), R' being the Fresnel coefficient of one face. R_s (TE) is for the electric field
     normal to the plane of incidence, R_p (TM) for the field in it. An infinite permittivity is a perfect
-    conductor, R_s = -1 and R_p = +1.
+    conductor, R_s = -1 and R_p = +1. Permittivity and thickness may be arrays of the same shape.
     """
+    return slab(cos_incidence, relative_permittivity, thickness_m, frequency_hz)[0]
+
+
+def slab_transmission(
+    cos_incidence: Any, relative_permittivity: Any, thickness_m: Any, frequency_hz: float
+) -> tuple[ComplexArray, ComplexArray]:
+    """Transmission coefficients (T_s, T_p), each of the shape of `cos_incidence`, through a slab in air.
+
+    T = (1 - R'^2) e^{-jq} / (1 - R'^2 e^{-j2q}): ITU-R P.2040-3, equation (43b), from one face to the other.
+    Without loss |R|^2 + |T|^2 = 1. Zero through a perfect conductor.
+    """
+    return slab(cos_incidence, relative_permittivity, thickness_m, frequency_hz)[1]
+
+
+def slab(
+    cos_incidence: Any, relative_permittivity: Any, thickness_m: Any, frequency_hz: float
+) -> tuple[tuple[ComplexArray, ComplexArray], tuple[ComplexArray, ComplexArray]]:
+    """Both ((R_s, R_p), (T_s, T_p)), as `slab_reflection` and `slab_transmission` give them."""
     cosine = np.asarray(cos_incidence, float)
-    if not np.isfinite(relative_permittivity):
-        ones = np.ones(cosine.shape, complex)
-        return -ones, ones
-    refracted = np.sqrt(relative_permittivity - (1 - cosine**2) + 0j)
-    face_s = (cosine - refracted) / (cosine + refracted)
-    face_p = (relative_permittivity * cosine - refracted) / (relative_permittivity * cosine + refracted)
-    round_trip = np.exp(-4j * np.pi * thickness_m * frequency_hz / SPEED_OF_LIGHT_M_S * refracted)
-    return (
-        face_s * (1 - round_trip) / (1 - face_s**2 * round_trip),
-        face_p * (1 - round_trip) / (1 - face_p**2 * round_trip),
+    permittivity = np.asarray(relative_permittivity, complex)
+    perfect = ~np.isfinite(permittivity)
+    eta = np.where(perfect, 1.0, permittivity)
+    refracted = np.sqrt(eta - (1 - cosine**2) + 0j)
+    single_way = np.exp(-2j * np.pi * np.asarray(thickness_m) * frequency_hz / SPEED_OF_LIGHT_M_S * refracted)
+    faces = (
+        (cosine - refracted) / (cosine + refracted),
+        (eta * cosine - refracted) / (eta * cosine + refracted),
     )
+    reflection, transmission = [], []
+    for face, conductor in zip(faces, (-1.0, 1.0), strict=True):
+        echoes = 1 - face**2 * single_way**2
+        reflection.append(np.where(perfect, conductor, face * (1 - single_way**2) / echoes))
+        transmission.append(np.where(perfect, 0.0, (1 - face**2) * single_way / echoes))
+    return (reflection[0], reflection[1]), (transmission[0], transmission[1])
 
 
 def vertical_polarisation(direction: Any) -> FloatArray:
@@ -60,7 +82,7 @@ def vertical_reflection(
     incidence, each is scaled by its coefficient, and the sum is projected on the receiver's polarisation.
     """
     k_in, k_out = np.asarray(incident, float), np.asarray(reflected, float)
-    s_vector = _normal_to_plane_of_incidence(k_in, np.asarray(normal, float))
+    s_vector = normal_to_plane_of_incidence(k_in, np.asarray(normal, float))
     p_in, p_out = np.cross(s_vector, k_in), np.cross(s_vector, k_out)
     sent, received = vertical_polarisation(k_in), vertical_polarisation(k_out)
 
@@ -70,7 +92,7 @@ def vertical_reflection(
     return np.asarray(reflection_s * part(s_vector, s_vector) + reflection_p * part(p_in, p_out))
 
 
-def _normal_to_plane_of_incidence(incident: FloatArray, normal: FloatArray) -> FloatArray:
+def normal_to_plane_of_incidence(incident: FloatArray, normal: FloatArray) -> FloatArray:
     """Unit s vector (..., xyz); at normal incidence, where any will do, one along the surface."""
     across = np.cross(incident, normal)
     fallback = np.cross(normal, np.where(np.abs(normal[..., 2:]) < 0.9, [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scenes.pose import Pose
+from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
 from scenes.record import ComplexArray, FloatArray, Record, array
 from sim.array import upa_positions_m, upa_taper
 from sim.beams import (
@@ -131,3 +131,12 @@ def best_beam_power_dbm(paths: Paths, link: Link, tx_pose: Pose, rx_pose: Pose) 
     rx = beam_response(link.rx_codebook, paths.aoa_azimuth_rad - rx_pose.heading_rad, paths.aoa_elevation_rad)
     beam_gain = (np.abs(tx).max(axis=0) * np.abs(rx).max(axis=0)) ** 2
     return np.asarray(10 * np.log10(link.tx_power_mw * paths.power * beam_gain))
+
+
+def line_of_sight_at_1m_dbm(config: SimulationConfig) -> float:
+    """Power in dBm that the peaks of two beams exchange over 1 m of free space with these settings."""
+    carrier_hz = config.waveform.carrier_ghz * 1e9
+    books = [make_codebook(array, carrier_hz) for array in (config.tx_array, config.rx_array)]
+    peaks = [np.abs(beam_response(book, book.azimuth_rad, book.elevation_rad)).max() for book in books]
+    free_space = SPEED_OF_LIGHT_M_S / carrier_hz / (4 * np.pi)
+    return float(config.link.tx_power_dbm + 20 * np.log10(peaks[0] * peaks[1] * free_space))

@@ -50,7 +50,7 @@ class Tracer:
         self._names = surface_names(scene)
         self._tx = np.asarray(scene.tx.position_m, float)
         self._solver = rt.PathSolver(deterministic=True)
-        materials = _surface_materials(scene)
+        materials = scene.materials
         parts = object_meshes(scene, keep_hidden_caps=False)
         self._specular_scene = _LoadedScene(parts, materials, self._tx, carrier_hz, absorb_curved=True)
         scatters = any(materials[part.object_name].scattering_coefficient > 0 for part in parts)
@@ -63,28 +63,44 @@ class Tracer:
 
         The same bits for the same position, whatever was traced before; in the order of the solver.
         """
+        return concatenate([self.specular(rx_position_m), self.diffuse(rx_position_m)], "path")
+
+    def specular(self, rx_position_m: FloatArray) -> Paths:
+        """Line of sight and specular paths off flat faces to one receiver (xyz,)."""
         rx = np.asarray(rx_position_m, float)
-        specular = self._solve(
-            self._specular_scene, rx,
+        return self._record(self._specular_scene, rx, self.solved_specular(rx))
+
+    def solved_specular(self, rx_position_m: FloatArray) -> Any:
+        """The solver's own result for the specular paths, evaluated: what `specular` costs at the least."""
+        solved = self._solve(
+            self._specular_scene, np.asarray(rx_position_m, float),
             max_depth=self.config.max_bounces,
             samples_per_src=self.config.specular_samples,
             max_num_paths_per_src=CANDIDATE_TABLE_SIZE,
             los=True, specular_reflection=True, diffuse_reflection=False,
         )  # fmt: skip
+        solved.tau.numpy()
+        return solved
+
+    def diffuse(self, rx_position_m: FloatArray) -> Paths:
+        """First-order diffuse paths off all surfaces to one receiver (xyz,)."""
         if self._diffuse_scene is None:
-            return specular
-        diffuse = self._solve(
+            return empty_paths(self._names, n_bounce_slots(self.config))
+        rx = np.asarray(rx_position_m, float)
+        solved = self._solve(
             self._diffuse_scene, rx,
             max_depth=1,
             samples_per_src=self.config.diffuse_samples,
             max_num_paths_per_src=self.config.diffuse_samples,
             los=False, specular_reflection=False, diffuse_reflection=True,
         )  # fmt: skip
-        return concatenate([specular, diffuse], "path")
+        return self._record(self._diffuse_scene, rx, solved)
 
-    def _solve(self, loaded: _LoadedScene, rx: FloatArray, **options: Any) -> Paths:
+    def _solve(self, loaded: _LoadedScene, rx: FloatArray, **options: Any) -> Any:
         loaded.move_receiver(rx)
-        solved = self._solver(loaded.scene, refraction=False, **options)
+        return self._solver(loaded.scene, refraction=False, **options)
+
+    def _record(self, loaded: _LoadedScene, rx: FloatArray, solved: Any) -> Paths:
         if not solved.tau.shape[-1]:
             return empty_paths(self._names, n_bounce_slots(self.config))
         real, imaginary = (part.numpy()[0, 0, 0, 0] for part in solved.a)
@@ -103,7 +119,7 @@ class Tracer:
 
 def n_bounce_slots(config: PropagationConfig) -> int:
     """Bounce slots of every path record."""
-    return max(1, config.max_bounces)
+    return config.n_bounce_slots
 
 
 def trace(
@@ -175,15 +191,6 @@ def _point(position_m: FloatArray) -> Any:
     import mitsuba as mi  # noqa: PLC0415
 
     return mi.Point3f(*(float(part) for part in position_m))
-
-
-def _surface_materials(scene: Scene) -> dict[str, Material]:
-    materials = {item.name: item.material for item in scene.objects}
-    for name in ("floor", "ceiling"):
-        plane = getattr(scene, name)
-        if plane is not None:
-            materials[name] = plane.material
-    return materials
 
 
 def _radio_material(index: int, material: Material) -> Any:

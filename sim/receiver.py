@@ -25,12 +25,15 @@ def noise_power_mw(bandwidth_hz: float, noise_figure_db: float) -> float:
 
 
 def add_noise(samples: ComplexArray, power_mw: FloatArray, rng: np.random.Generator) -> ComplexArray:
-    """Samples (tx_beam, rx_beam, subcarrier) plus circular Gaussian noise of `power_mw` (rx_beam,).
+    """Samples (tx_beam, rx_beam, subcarrier), in place, plus circular Gaussian noise of `power_mw` (rx_beam,).
 
     Every beam pair is measured in its own OFDM symbol, so the noise is independent between pairs.
     """
-    shape = (*samples.shape, 2)
-    noise = rng.standard_normal(shape, np.float32).view(np.complex64)[..., 0]
-    noise *= np.sqrt(power_mw / 2).astype(np.float32)[:, None]
-    noise += samples
-    return noise
+    scale = np.sqrt(power_mw / 2).astype(np.float32)[:, None]
+    parts = np.empty((*samples.shape[1:], 2), np.float32)
+    noise = parts.view(np.complex64)[..., 0]
+    for beam in samples:  # one beam's noise stays in the cache
+        rng.standard_normal(dtype=np.float32, out=parts)
+        np.multiply(noise, scale, out=noise)
+        np.add(beam, noise, out=beam)
+    return samples

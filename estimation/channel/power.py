@@ -21,6 +21,8 @@ from scenes.record import FloatArray
 from scenes.toml_config import ConfigModel
 from sim.sweep import BeamSweep
 
+UNKNOWN_ANGLE_VARIANCE = np.pi**2 / 3  # of an angle anywhere on the circle: a single beam says no more
+
 
 class PowerMethodConfig(ConfigModel):
     """Settings of the power-only method."""
@@ -160,5 +162,6 @@ def _covariances(
     angle_floor = np.deg2rad(config.angle_std_floor_deg) ** 2
     for axis, fits in ((1, [p.aod for p in paths]), (2, [p.aoa for p in paths])):
         information = np.array([f.information for f in fits])
-        covariance[:, axis, axis] = (disturbance + misfit) / information + angle_floor
+        spread = (disturbance + misfit) / np.maximum(information, 1e-12) + angle_floor
+        covariance[:, axis, axis] = np.minimum(spread, UNKNOWN_ANGLE_VARIANCE)
     return covariance

@@ -44,7 +44,8 @@ def make_figures(
 ) -> dict[str, ReportFigure]:
     """All figures of a campaign by name, in the order of the report.
 
-    `power_map_stop` is the stop whose power map is shown: by default the one with most detected paths.
+    `power_map_stop` is the stop whose power map is shown: by default the one with most detected paths. A measured
+    campaign has neither power maps nor errors of its channel parameters.
 
     Raises
     ------
@@ -54,8 +55,7 @@ def make_figures(
     tables = scores.tables
     figures = [
         _map(scene, results, tables),
-        _power_map(results, tables, power_map_stop),
-        _channel_errors(tables),
+        *_channel(results, tables, power_map_stop),
         _surface_distances(tables),
         _pose_errors(tables),
         *_clusters("mapping", scene, results.mapping, tables.mapping),
@@ -72,6 +72,13 @@ def _map(scene: Scene, results: CampaignResults, tables: ScoreTables) -> ReportF
         "position to the true one. A ghost is a cluster most of whose IPs stem from no single bounce."
     )
     return ReportFigure("map", "map", "Maps", caption, map_figure(scene, results, tables))
+
+
+def _channel(results: CampaignResults, tables: ScoreTables, stop: int | None) -> Iterator[ReportFigure]:
+    if results.power_maps:
+        yield _power_map(results, tables, stop)
+    if np.isfinite(tables.paths.delay_error_s).any() or results.power_maps:
+        yield _channel_errors(tables)
 
 
 def _power_map(results: CampaignResults, tables: ScoreTables, stop: int | None) -> ReportFigure:

@@ -1,4 +1,4 @@
-"""Plan figure of a scene: objects by kind, the TX with its boresight, the walk of the RX."""
+"""Plan figure of a scene: objects by kind, the TX with its boresight, the walk of the RX, paths to a stop."""
 
 from __future__ import annotations
 
@@ -12,18 +12,16 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
+from estimation.report.path_lines import COLORS, SCATTER_COLOR, path_lines, path_summary, scatter_points
+from scenes.clutter import Clutter
 from scenes.record import FloatArray
 from scenes.scene import Scene, SceneObject
+from scenes.scene_object import KIND_COLORS
+from sim.paths import Paths
 
-KIND_COLORS = {
-    "wall": "#4d4d4d",
-    "pillar": "#c0392b",
-    "kiosk": "#8e44ad",
-    "rail": "#b9770e",
-    "box": "#d68910",
-    "polygon": "#2e86c1",
-    "stairs": "#7f8c8d",
-}
+RX_COLOR = "#1e8449"
+FIGURE_WIDTH_IN, PLAN_WIDTH_IN, MARGIN_IN = 10.5, 8.4, 0.9
+LEAST_DRAWN_M2 = 1e-9
 DRAWN_SAGITTA_M = 0.002
 BORESIGHT_LENGTH_M = 1.5
 CROP_MARGIN_M = 5.0
@@ -36,10 +34,24 @@ LABEL_GAP_PT = 2.5
 Box = tuple[float, float, float, float]  # x_min, y_min, x_max, y_max
 
 
-def plan_figure(scene: Scene, *, extent: Literal["walk", "all"] = "walk") -> Figure:
-    """The plan of a scene as a figure of its own, objects named where the whole scene is not asked for."""
-    figure = Figure(figsize=(9.5, 7), layout="compressed")
-    draw_plan(figure.subplots(), scene, extent=extent)
+def plan_figure(
+    scene: Scene,
+    *,
+    extent: Literal["walk", "all"] = "walk",
+    paths: Paths | None = None,
+    stop: int | None = None,
+) -> Figure:
+    """The plan of a scene as a figure of its own; with `paths`, those from the TX to the RX at `stop` over it."""
+    x_min, y_min, x_max, y_max = plan_view(scene, extent)
+    height_in = PLAN_WIDTH_IN * (y_max - y_min) / (x_max - x_min) + MARGIN_IN
+    figure = Figure(figsize=(FIGURE_WIDTH_IN, float(np.clip(height_in, 3.0, 8.0))), layout="compressed")
+    ax = figure.subplots()
+    title = scene.name
+    if paths is not None and stop is not None:
+        _draw_paths(ax, scene, paths, stop)
+        title = f"{scene.name}, stop {stop}: {path_summary(paths)}"
+    draw_plan(ax, scene, extent=extent)
+    ax.set_title(title, fontsize=11, weight="bold")
     return figure
 
 
@@ -63,9 +75,12 @@ def draw_plan(
     extent : 'walk' crops to the walk and the TX with a margin, 'all' shows the bounds of the scene
     label_objects : names of objects to write beside them; True for all in view
     """
-    view = _view(scene, extent)
+    view = plan_view(scene, extent)
     for item in scene.objects:
         _draw_object(ax, item)
+    for mesh in scene.clutter:
+        _draw_clutter(ax, mesh)
+    _draw_others(ax, scene, labels=labels)
     _draw_walk(ax, scene, stops, labels=labels)
     _draw_tx(ax, scene, labels=labels)
     ax.set(xlim=view[::2], ylim=view[1::2], aspect="equal", xlabel="x in m", ylabel="y in m")
@@ -80,11 +95,13 @@ def draw_plan(
         _draw_legend(ax, scene, view)
 
 
-def _view(scene: Scene, extent: str) -> Box:
-    boxes = np.array([scene.bounds_m, *(item.contour.bounds_m for item in scene.objects)])
+def plan_view(scene: Scene, extent: Literal["walk", "all"]) -> Box:
+    """What of a scene is shown: (x_min, y_min, x_max, y_max) in m."""
+    meshes = [np.ravel([corner[:2] for corner in item.bounds_m]) for item in scene.clutter]
+    boxes = np.array([scene.bounds_m, *(item.contour.bounds_m for item in scene.objects), *meshes])
     low, high = boxes[:, :2].min(axis=0) - EDGE_MARGIN_M, boxes[:, 2:].max(axis=0) + EDGE_MARGIN_M
     if extent == "walk":
-        points = np.vstack([scene.walk.positions_m()[:, :2], scene.tx.position_m[:2]])
+        points = np.vstack([scene.walk.line_m(), scene.tx.position_m[:2]])
         low = np.maximum(points.min(axis=0) - CROP_MARGIN_M, low)
         high = np.minimum(points.max(axis=0) + CROP_MARGIN_M, high)
     return float(low[0]), float(low[1]), float(high[0]), float(high[1])
@@ -99,11 +116,63 @@ def _draw_object(ax: Any, item: SceneObject) -> None:
         ax.plot(*outline.T, color=color, linewidth=1.8, solid_capstyle="round")
 
 
+def _draw_clutter(ax: Any, mesh: Clutter) -> None:
+    """What a mesh covers in plan view."""
+    corners = mesh.vertices_m[mesh.faces][..., :2]
+    upright = np.abs(np.linalg.det(np.diff(corners, axis=1))) < LEAST_DRAWN_M2
+    covered = shapely.union_all(shapely.polygons(corners[~upright]))
+    color = KIND_COLORS[mesh.kind]
+    for part in shapely.get_parts(covered):
+        outline = shapely.get_coordinates(part.exterior).T
+        ax.fill(*outline, facecolor=color + "59", edgecolor=color, linewidth=1.0)
+
+
+def _draw_others(ax: Any, scene: Scene, *, labels: bool) -> None:
+    """The TXs and walks that are not in use, faint."""
+    for name, walk in scene.other_walks.items():
+        line = walk.line_m()
+        ax.plot(*line.T, color="0.55", linewidth=0.8, linestyle=":")
+        ax.plot(*walk.positions_m()[:, :2].T, "o", color="0.55", markersize=2)
+        if labels:
+            _write(ax, name, line[0], (0, -9))
+    for name, tx in scene.other_txs.items():
+        ax.plot(*tx.position_m[:2], "D", color="0.55", markerfacecolor="white", markersize=6)
+        if labels:
+            middle_m = (scene.bounds_m[1] + scene.bounds_m[3]) / 2
+            _write(ax, name, tx.position_m[:2], (0, 10 if tx.position_m[1] > middle_m else -10))
+
+
+def _write(ax: Any, text: str, place_m: FloatArray, offset_pt: tuple[float, float]) -> None:
+    ax.annotate(
+        text, place_m[:2], xytext=offset_pt, textcoords="offset points", fontsize=7, color="0.35",
+        ha="center", va="center", path_effects=_halo(),
+    )  # fmt: skip
+
+
+def _draw_paths(ax: Any, scene: Scene, paths: Paths, stop: int) -> None:
+    here = scene.walk.positions_m()[stop]
+    scattered = scatter_points(paths)
+    if len(scattered):
+        ax.plot(*scattered[:, :2].T, "o", color=SCATTER_COLOR, markersize=1.0, alpha=0.4, zorder=2.1)
+    kinds = set()
+    for line in path_lines(paths, scene.tx.position_m, here):
+        kinds.add(line.kind)
+        ax.plot(
+            *line.points_m[:, :2].T, color=COLORS[line.kind], alpha=line.opacity, linewidth=0.9, zorder=2.2
+        )
+    for kind, color in COLORS.items():
+        if kind in kinds:
+            ax.plot([], [], color=color, label=kind)
+    if len(scattered):
+        ax.plot([], [], "o", color=SCATTER_COLOR, markersize=3, label="diffuse scattering", linestyle="none")
+    ax.plot(*here[:2], "o", color=RX_COLOR, markersize=9, markerfacecolor="none", markeredgewidth=1.6)
+
+
 def _draw_walk(ax: Any, scene: Scene, stops: Iterable[int] | None, *, labels: bool) -> None:
     position, heading = scene.walk.positions_m()[:, :2], scene.walk.headings_rad()
     chosen = np.arange(len(position)) if stops is None else np.array(sorted(stops), dtype=int)
-    ax.plot(*scene.walk.waypoints_m.T, color="#1e8449", linewidth=0.8, alpha=0.5)
-    ax.plot(*position[chosen].T, "o", color="#1e8449", markersize=3.5, label="RX stop")
+    ax.plot(*scene.walk.line_m().T, color=RX_COLOR, linewidth=0.8, alpha=0.5)
+    ax.plot(*position[chosen].T, "o", color=RX_COLOR, markersize=3.5, label="RX stop")
     if not labels:
         return
     numbered = [index for index in chosen if index % STOP_LABEL_STEP == 0 or index == chosen[-1]]
@@ -192,7 +261,8 @@ def _free_place(
 
 def _draw_legend(ax: Any, scene: Scene, view: Box) -> None:
     """Legend to the right of the axes, where it hides nothing, of the kinds in view."""
-    kinds = {item.kind for item in scene.objects if _overlaps(item.contour.bounds_m, view)}
+    kinds: set[str] = {item.kind for item in scene.objects if _overlaps(item.contour.bounds_m, view)}
+    kinds |= {item.kind for item in scene.clutter}
     patches = [
         Patch(facecolor=color + "59", edgecolor=color, label=kind)
         for kind, color in KIND_COLORS.items() if kind in kinds

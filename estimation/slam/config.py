@@ -81,7 +81,28 @@ class Mixture(ConfigModel):
 
     clutter_share: float = Field(0.3, gt=0, lt=1)
     clutter_width_m: float = Field(30.0, gt=0)
-    degrees_of_freedom: float = Field(4.0, gt=0)
+    degrees_of_freedom: float = Field(3.0, gt=0)
+
+
+class Consider(ConfigModel):
+    """Errors of the set-up that a stop cannot see and that only widen its covariance (consider-parameters).
+
+    A pointing error of the TX turns the whole solution about the TX; the survey error is the TX's position; the
+    heading error is how well a receiver's heading is known where states are compared.
+    """
+
+    pointing_std_deg: float = Field(0.0, ge=0)
+    survey_std_m: float = Field(0.0, ge=0)
+    heading_std_deg: float = Field(0.0, ge=0)
+
+    def covariance(self, from_tx_m: FloatArray) -> FloatArray:
+        """What to add (..., 4, 4) to the covariance of states [x, y, heading, bias] at offsets from the TX."""
+        x, y = from_tx_m[..., 0], from_tx_m[..., 1]
+        turn = np.stack([-y, x, np.ones_like(x), np.zeros_like(x)], axis=-1)
+        pointing = np.deg2rad(self.pointing_std_deg) ** 2 * turn[..., :, None] * turn[..., None, :]
+        heading = np.deg2rad(self.heading_std_deg)
+        rest = np.diag([self.survey_std_m, self.survey_std_m, heading, 0.0]) ** 2
+        return np.asarray(pointing + rest)
 
 
 class SnapshotConfig(ConfigModel):
@@ -110,7 +131,70 @@ class SnapshotConfig(ConfigModel):
     mixture: Mixture = Mixture()
     gate_probability: float = Field(0.997, gt=0, lt=1)
     n_modes: int = Field(16, ge=1)
+    n_ranked: int = Field(6, ge=2)
+    ambiguous_gap: float = Field(4.0, ge=0)
+    consider: Consider = Consider()
     max_iterations: int = Field(25, ge=1)
+
+
+class TrajectoryConfig(ConfigModel):
+    """The smoother over all stops.
+
+    The motion prior is a Student-t law of the second difference of the position, in m per stop squared:
+    `cross_track_std_m` across the walk, `along_track_std_m` along it, so that neither the spacing of the stops
+    need be known nor that it is even.
+
+    `use_landmarks`, `use_double_bounces`, `use_sessions`
+        Share walls and objects between stops; take paths by way of two known walls as information; look for
+        jumps of the TX heading offset.
+    """
+
+    use_landmarks: bool = True
+    use_double_bounces: bool = True
+    use_sessions: bool = True
+    degrees_of_freedom: float = Field(4.0, gt=0)
+    cross_track_std_m: float = Field(0.1, gt=0)
+    along_track_std_m: float = Field(0.5, gt=0)
+    motion_degrees_of_freedom: float = Field(2.0, gt=0)
+    spacing_m: float | None = Field(None, gt=0)
+    heading_step_deg: float = Field(10.0, gt=0)
+    clock_step_ns: float = Field(3.3, gt=0)
+    n_modes: int = Field(6, ge=1)
+    gate_probability: float = Field(0.997, gt=0, lt=1)
+
+    confirm_probability: float = Field(0.99, gt=0, lt=1)
+
+    cluster_eps_m: float = Field(0.6, gt=0)
+    cluster_min_samples: int = Field(5, ge=2)
+    min_wall_length_m: float = Field(1.0, gt=0)
+    max_object_extent_m: float = Field(1.5, gt=0)
+    wall_roughness_m: float = Field(0.03, ge=0)
+    object_roughness_m: float = Field(0.08, ge=0)
+    object_radius_m: float = Field(0.2, ge=0)
+    object_radius_std_m: float = Field(0.2, gt=0)
+
+    offset_std_deg: float = Field(5.0, gt=0)
+    min_session_stops: int = Field(4, ge=2)
+    min_session_gain: float = Field(10.0, gt=0)
+
+    rounds: int = Field(10, ge=1)
+    max_iterations: int = Field(20, ge=1)
+    relative_tolerance: float = Field(1e-5, gt=0)
+
+    @property
+    def heading_step_rad(self) -> float:
+        """Scale of the heading's step between stops, in rad."""
+        return float(np.deg2rad(self.heading_step_deg))
+
+    @property
+    def clock_step_m(self) -> float:
+        """Scale of the clock bias's step between stops, in m."""
+        return self.clock_step_ns * 1e-9 * SPEED_OF_LIGHT_M_S
+
+    @property
+    def offset_std_rad(self) -> float:
+        """Standard deviation of a session's TX heading offset, in rad."""
+        return float(np.deg2rad(self.offset_std_deg))
 
 
 def _diagonal(delay_std_ns: float, angle_std_deg: float) -> FloatArray:

@@ -14,7 +14,7 @@ from estimation.slam.problem import Fit, SnapshotProblem, snapshot_problem
 from estimation.slam.record import IncidencePoints, PoseEstimates, SolveStatus
 from estimation.slam.reference import solve_reference
 from estimation.slam.refine import refine
-from estimation.slam.statistical import solve_statistical
+from estimation.slam.statistical import distinct, solve_statistical
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
 from scenes.record import BoolArray, FloatArray, Record, array
 
@@ -37,6 +37,21 @@ class SnapshotSolution(Record):
     evidence_gap: float = array(
         doc="log evidence over the next distinct mode; below about 4 the stop is ambiguous; inf where unknown"
     )
+    is_ambiguous: bool = array(dtype=bool, doc="two modes are near-equal: the gap is below `ambiguous_gap`")
+    los_probability: float = array(doc="posterior probability that the earliest path is a line of sight")
+    position_std_m: float = array(
+        unit="m", doc="position standard deviation over all ranked modes by their probability; NaN if unknown"
+    )
+    mode_state: FloatArray = array(
+        "mode",
+        "state",
+        doc="[x, y, heading, bias] in m, m, rad, s of the ranked modes; the first is the solution",
+    )
+    mode_covariance: FloatArray = array("mode", "state", "state2", doc="of the modes in (m, m, rad, s)")
+    mode_log_evidence: FloatArray = array("mode", doc="log evidence of the modes, falling")
+    mode_is_los: BoolArray = array(
+        "mode", dtype=bool, doc="the mode takes the earliest path as line of sight"
+    )
 
 
 def solve_snapshot(estimate: ChannelEstimate, tx_pose: Pose, config: SnapshotConfig) -> SnapshotSolution:
@@ -45,12 +60,16 @@ def solve_snapshot(estimate: ChannelEstimate, tx_pose: Pose, config: SnapshotCon
     Kaltiokallio et al., arXiv 2404.10291; section II-C of the GP paper. Where nothing is feasible the status
     is FAILED and the state NaN.
     """
-    problem = snapshot_problem(estimate, tx_pose, config.noise)
+    fits = ranked_modes(snapshot_problem(estimate, tx_pose, config.noise), config)
+    return _solution(estimate, tx_pose, fits, config) if fits else _failed(estimate)
+
+
+def ranked_modes(problem: SnapshotProblem, config: SnapshotConfig) -> list[Fit]:
+    """The modes of one stop, best first: several for the statistical method, one for the reference."""
     if config.method == "statistical":
-        fit = _by_evidence(problem, config)
-    else:
-        fit = _line_of_sight_first(problem, config)
-    return _failed(estimate) if fit is None else _solution(estimate, fit)
+        return _by_evidence(problem, config)
+    fit = _line_of_sight_first(problem, config)
+    return [] if fit is None else [fit]
 
 
 def run_slam(
@@ -101,14 +120,19 @@ def _line_of_sight_first(problem: SnapshotProblem, config: SnapshotConfig) -> Fi
     return fit
 
 
-def _by_evidence(problem: SnapshotProblem, config: SnapshotConfig) -> Fit | None:
-    """The more evident of a credible line of sight and single bounces alone."""
-    with_los = solve_statistical(problem, config, True) if len(problem) > 1 else None
-    without = solve_statistical(problem, config, False) if len(problem) >= 4 else None
-    if with_los is not None and not _is_credible_los(problem, with_los, config):
-        with_los = None
-    fits = [fit for fit in (with_los, without) if fit is not None]
-    return min(fits, key=lambda fit: fit.cost, default=None)
+def _by_evidence(problem: SnapshotProblem, config: SnapshotConfig) -> list[Fit]:
+    """All modes with a credible line of sight and with single bounces alone, by falling evidence."""
+    with_los = solve_statistical(problem, config, True) if len(problem) > 1 else []
+    without = solve_statistical(problem, config, False) if len(problem) >= 4 else []
+    fits = [fit for fit in with_los if _is_credible_los(problem, fit, config)] + without
+    fits.sort(key=lambda fit: fit.cost)
+    # A line of sight explains the same state once more as a bounce: that is no second mode.
+    states = np.array([fit.state for fit in fits]).reshape(-1, 4)
+    kept = distinct(states, -np.array([fit.cost for fit in fits]), config.n_ranked)
+    chosen = [fits[k] for k in kept]
+    if len(chosen) > 1:
+        chosen[0] = replace(chosen[0], evidence_gap=chosen[1].cost - chosen[0].cost)
+    return chosen
 
 
 def _is_credible_los(problem: SnapshotProblem, fit: Fit, config: SnapshotConfig) -> bool:
@@ -123,20 +147,43 @@ def _refined(problem: SnapshotProblem, fit: Fit, config: SnapshotConfig) -> Fit:
     return replace(fit, state=refined.state[0], covariance=refined.covariance[0])
 
 
-def _solution(estimate: ChannelEstimate, fit: Fit) -> SnapshotSolution:
+def _solution(
+    estimate: ChannelEstimate, tx_pose: Pose, fits: Sequence[Fit], config: SnapshotConfig
+) -> SnapshotSolution:
     to_seconds = np.array([1.0, 1.0, 1.0, 1 / SPEED_OF_LIGHT_M_S])
+    state = np.array([fit.state for fit in fits])
+    considered = config.consider.covariance(state[:, :2] - tx_pose.position_m[:2])
+    covariance = (np.array([f.covariance for f in fits]) + considered) * np.outer(to_seconds, to_seconds)
+    evidence = np.array([-fit.cost for fit in fits])
+    mode_is_los = np.array([bool(fit.is_los.any()) for fit in fits])
+    share = np.exp(evidence - evidence.max())
+    best = fits[0]
     return SnapshotSolution(
         stop=estimate.stop,
-        status=SolveStatus.LOS if fit.is_los.any() else SolveStatus.NLOS,
-        position_m=fit.state[:2],
-        heading_rad=fit.state[2],
-        clock_bias_s=fit.state[3] / SPEED_OF_LIGHT_M_S,
-        is_inlier=fit.is_inlier,
-        is_los=fit.is_los,
-        cost=fit.cost,
-        covariance=fit.covariance * np.outer(to_seconds, to_seconds),
-        evidence_gap=fit.evidence_gap,
+        status=SolveStatus.LOS if mode_is_los[0] else SolveStatus.NLOS,
+        position_m=best.state[:2],
+        heading_rad=best.state[2],
+        clock_bias_s=best.state[3] / SPEED_OF_LIGHT_M_S,
+        is_inlier=best.is_inlier,
+        is_los=best.is_los,
+        cost=best.cost,
+        covariance=covariance[0],
+        evidence_gap=best.evidence_gap,
+        is_ambiguous=best.evidence_gap < config.ambiguous_gap,
+        los_probability=float(share[mode_is_los].sum() / share.sum()),
+        position_std_m=_spread(state, covariance, share / share.sum()),
+        mode_state=state * to_seconds,
+        mode_covariance=covariance,
+        mode_log_evidence=evidence,
+        mode_is_los=mode_is_los,
     )
+
+
+def _spread(state: FloatArray, covariance: FloatArray, probability: FloatArray) -> float:
+    """Root mean square distance in m from the first mode's position, over modes and within them."""
+    between = np.sum((state[:, :2] - state[0, :2]) ** 2, axis=1)
+    within = covariance[:, 0, 0] + covariance[:, 1, 1]
+    return float(np.sqrt(probability @ (between + within)))
 
 
 def _failed(estimate: ChannelEstimate) -> SnapshotSolution:
@@ -152,4 +199,11 @@ def _failed(estimate: ChannelEstimate) -> SnapshotSolution:
         cost=np.nan,
         covariance=np.full((4, 4), np.nan),
         evidence_gap=np.inf,
+        is_ambiguous=False,
+        los_probability=np.nan,
+        position_std_m=np.nan,
+        mode_state=np.empty((0, 4)),
+        mode_covariance=np.empty((0, 4, 4)),
+        mode_log_evidence=np.empty(0),
+        mode_is_los=np.empty(0, bool),
     )

@@ -22,33 +22,33 @@ _MODE_DISTANCE_M = 0.3
 _MODE_HEADING_RAD = np.deg2rad(5.0)
 
 
-def solve_statistical(problem: SnapshotProblem, config: SnapshotConfig, with_los: bool) -> Fit | None:
-    """State of the highest evidence; None where no hypothesis gathers enough inliers."""
+def solve_statistical(problem: SnapshotProblem, config: SnapshotConfig, with_los: bool) -> list[Fit]:
+    """Distinct modes by falling evidence; none where no hypothesis gathers enough inliers.
+
+    `cost` of a mode is minus its log evidence; `evidence_gap` is left infinite.
+    """
     is_los = np.zeros(len(problem), bool)
     is_los[problem.earliest] = with_los
     states = los_hypotheses(problem, config) if with_los else nlos_hypotheses(problem, config)
     if not len(states):
-        return None
+        return []
     score = log_likelihood(problem, states, is_los, config.mixture)
     modes = states[distinct(states, score, config.n_modes)]
     refined = refine(problem, modes, is_los, config.mixture, config.max_iterations)
     inlier = is_los | _gated(problem, refined.state, config)
     enough = config.min_los_inliers if with_los else config.min_nlos_inliers
     evidence = np.where(inlier.sum(axis=1) >= enough, refined.log_evidence, -np.inf)
-    order = distinct(refined.state, evidence, 2)
-    if not len(order):
-        return None
-    best = order[0]
-    state = refined.state[best].copy()
-    state[2] = wrap_angle(state[2])
-    return Fit(
-        state=state,
-        is_inlier=inlier[best],
-        is_los=is_los,
-        cost=float(-evidence[best]),
-        covariance=refined.covariance[best],
-        evidence_gap=float(evidence[best] - evidence[order[1]]) if len(order) > 1 else np.inf,
-    )
+    return [
+        Fit(
+            state=np.array([*refined.state[k, :2], wrap_angle(refined.state[k, 2]), refined.state[k, 3]]),
+            is_inlier=inlier[k],
+            is_los=is_los,
+            cost=float(-evidence[k]),
+            covariance=refined.covariance[k],
+            evidence_gap=np.inf,
+        )
+        for k in distinct(refined.state, evidence, config.n_ranked)
+    ]
 
 
 def los_hypotheses(problem: SnapshotProblem, config: SnapshotConfig) -> FloatArray:

@@ -12,10 +12,12 @@ import pytest
 from scipy.io import loadmat
 
 from estimation.channel.record import ChannelEstimate
-from estimation.slam.config import MappingConfig, PathNoise, SnapshotConfig
+from estimation.slam.config import MappingConfig, PathNoise, SnapshotConfig, TrajectoryConfig
 from estimation.slam.mapping import map_stops
 from estimation.slam.record import PoseEstimates, SolveStatus
-from estimation.slam.snapshot import run_slam
+from estimation.slam.residuals import PathKind
+from estimation.slam.snapshot import run_slam, solve_snapshot
+from estimation.slam.trajectory import run_trajectory
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose, wrap_angle
 
 BIAS_M = 10.0
@@ -120,3 +122,32 @@ def test_mapping_gate_agrees_with_the_single_bounce_labels(campaign):
     label = np.array([campaign.is_single_bounce[s][p] for s, p in zip(points.stop, points.path, strict=True)])
     assert np.mean(points.is_inlier[label]) > 0.9
     assert np.mean(points.is_inlier[~label]) < 0.1
+
+
+def test_statistical_method_flags_every_stop_that_is_far_off(campaign):
+    config = SnapshotConfig(method="statistical", noise=FIXED)
+    solutions = [solve_snapshot(estimate, campaign.tx, config) for estimate in campaign.estimates]
+    position = np.array([s.position_m for s in solutions])
+    error = np.hypot(*(position - campaign.rx[:, :2]).T)
+    assert np.sqrt(np.mean(error**2)) < 0.35
+    assert all(s.is_ambiguous for s, e in zip(solutions, error, strict=True) if e > 0.9)
+    assert np.array_equal([s.status == SolveStatus.LOS for s in solutions], campaign.has_los)
+    assert np.array_equal([s.los_probability > 0.5 for s in solutions], campaign.has_los)
+
+
+def test_trajectory_finds_the_two_sessions_and_beats_every_stop_alone(campaign):
+    config = SnapshotConfig(method="statistical", noise=FIXED)
+    poses, _, details = run_trajectory(
+        campaign.estimates, campaign.tx, config, TrajectoryConfig(), MappingConfig(noise=FIXED)
+    )
+    error = errors(campaign, poses)[:, 0]
+    assert np.sqrt(np.mean(error**2)) < 0.16
+    assert error.max() < 0.4
+    assert np.flatnonzero(np.diff(details.session)).tolist() == [12]
+    offset_deg = np.rad2deg(details.tx_offset_rad + TX_HEADING_OFFSET_RAD)
+    np.testing.assert_allclose(offset_deg, [-3.8, -1.25], atol=0.5)
+    label = np.concatenate(campaign.is_single_bounce)
+    los = np.concatenate([estimate.is_los for estimate in campaign.estimates])
+    found = np.isin(details.path_kind, [PathKind.BOUNCE, PathKind.WALL, PathKind.OBJECT])
+    hits = np.count_nonzero(found & label & ~los)
+    assert 2 * hits / (found[~los].sum() + label[~los].sum()) > 0.96

@@ -7,6 +7,8 @@ from hypothesis import strategies as st
 
 from scenes.contour import (
     Circle,
+    ClosedSpline,
+    Ellipse,
     LinePiece,
     OpenSpline,
     Polygon,
@@ -23,6 +25,8 @@ CLOSED = {
     "circle": Circle((1.0, -2.0), 0.7),
     "polygon": Polygon(L_SHAPE),
     "rounded": RoundedPolygon(L_SHAPE, RADII),
+    "ellipse": Ellipse((0.5, 1.0), (1.6, 0.6), 0.7),
+    "closed_spline": ClosedSpline([(0, 0), (2, -0.5), (3, 1), (1.8, 1.2), (1.2, 2.5), (-0.4, 1.6)]),
 }
 OPEN = {"polyline": Polyline(WAVE), "spline": OpenSpline(WAVE)}
 EVERY = CLOSED | OPEN
@@ -36,8 +40,26 @@ def test_area_closed_forms():
     assert CLOSED["circle"].area_m2() == pytest.approx(np.pi * 0.49, rel=1e-14)
     assert rectangle((1, 3), (0, 1.5)).area_m2() == pytest.approx(3.0)
     square = RoundedPolygon([(0, 0), (2, 0), (2, 2), (0, 2)], [0.5] * 4)
-    assert square.area_m2() == pytest.approx(4 - (4 - np.pi) * 0.25, abs=1e-5)
+    assert square.area_m2() == pytest.approx(4 - (4 - np.pi) * 0.25, rel=1e-13)
     assert square.length_m == pytest.approx(8 - 8 * 0.5 + np.pi)
+
+
+@contours(EVERY)
+def test_area_by_the_shoelace_formula(contour):
+    x, y = contour.vertices(1e-7).T if contour.closed else np.zeros((2, 3))
+    assert contour.area_m2() == pytest.approx(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)) / 2, abs=1e-5)
+
+
+@contours(EVERY)
+def test_normals_and_curvature_stand_at_the_samples(contour):
+    points, normals, curvature = (
+        of(0.2) for of in (contour.sample, contour.outward_normal, contour.curvature)
+    )
+    assert len(points) == len(normals) == len(curvature)
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0)
+    if isinstance(contour, Circle):
+        np.testing.assert_allclose(normals, (points - contour.center_m) / contour.radius_m, atol=1e-12)
+        np.testing.assert_allclose(curvature, 1 / contour.radius_m)
 
 
 def test_fully_rounded_square_is_a_circle():
@@ -198,6 +220,16 @@ def test_radial_function_of_circle_matches_the_outline_and_misses_are_nan():
         (lambda: rectangle((1, 0), (0, 1)), r"x_m = \[1, 0\]: the first must be smaller"),
         (lambda: LinePiece((0, 0, 0), (1, 1)), r"LinePiece\.start_m"),
         (lambda: Circle((0, 0), 1.0).vertices(0.0), r"max_sagitta_m = 0\.0: must be > 0"),
+        (lambda: Circle((0, np.nan), 1.0), r"center_m = \[0\.0, nan\]: must be finite"),
+        (lambda: Polygon([(0, 0), (1, 0), (1, 1), (0, 0)]), r"vertices_m\[3\] repeats the first vertex"),
+        (lambda: Polygon([(0, 0), (1, 0), (1, 1e-8)]), r"the outline has no thickness"),
+        (lambda: Polygon([(0, 0), (1, np.nan), (1, 1)]), r"at least 3 finite ones"),
+        (lambda: Polyline([(0, 0), (2, 0), (2, 1), (1, -1)]), r"points_m: .*crosses itself"),
+        (lambda: OpenSpline([(0, 0), (2, 0), (2, 1), (1, -1)]), r"points_m: .*crosses itself"),
+        (lambda: Ellipse((0, 0), (1, 0), 0.0), r"semi_axes_m = \[1\.0, 0\.0\]: must be two lengths > 0"),
+        (lambda: Ellipse((0, 0), (1, 2), np.inf), r"rotation_rad = inf"),
+        (lambda: ClosedSpline([(0, 0), (1, 1), (1, 0), (0, 1)]), r"points_m: .*crosses itself"),
+        (lambda: ClosedSpline([(0, 0), (1, 0), (1, 1), (0, 0)]), r"points_m\[3\] repeats the first point"),
         (lambda: Circle((0, 0), 1.0).sample(-1.0), r"spacing_m = -1\.0: must be > 0"),
     ],
 )

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from scenes.config import LIBRARY, ConfigError, load_scene
+from scenes.config import LIBRARY, library_scenes, load_scene
 
 ROOM = (LIBRARY / "box_room.toml").read_text()
 
@@ -67,7 +67,7 @@ def test_bounds_default_to_the_objects(load):
 
 MISTAKES = [
     ("n_stops = 4", "n_stop = 4", r"walk\.n_stop = 4: unknown key; did you mean n_stops\?"),
-    ("n_stops = 4", "xyzzy = 4", r"walk\.xyzzy = 4: unknown key; allowed: waypoints_m, height_m"),
+    ("n_stops = 4", "xyzzy = 4", r"walk\.xyzzy = 4: unknown key; allowed: name, type, waypoints_m, height_m"),
     ("n_stops = 4", "n_stops = 0", r"walk\.n_stops = 0: must be greater than or equal to 1"),
     ("n_stops = 4", "n_stops = 4.5", r"walk\.n_stops = 4\.5: must be a valid integer"),
     ("n_stops = 4", 'n_stops = "4"', r'walk\.n_stops = "4": must be a valid integer'),
@@ -114,6 +114,44 @@ MISTAKES = [
     ("z_m = 3.0", "z_m = -3.0", r"ceiling\.z_m = -3\.0: must lie above floor\.z_m = 0\.0"),
     ("z_max_m = 1.2", "z_max_m = -1.2", r"objects\[box\]\.z_max_m = -1\.2: must be greater than z_min_m"),
     ("[tx]", "[tx", r"not valid TOML: .*line"),
+    ("[tx]", "[[txs]]\nposition_m = [1.0, 1.0, 1.0]\n[tx]", r"tx: give either one \[tx\] or one or more"),
+    ("[walk]", "[[txs]]\nposition_m = [1.0, 1.0, 1.0]\n[walk]", r"tx: give either one \[tx\]"),
+    ("[tx]", "[[txs]]\nposition_m = [1.0, 7.0, 1.0]\n[[txs]]", r"txs: the name 'tx' is given twice"),
+    (
+        "height_m = 1.5",
+        'type = "circle"\nheight_m = 1.5',
+        r"walk\.type = \"circle\": must be one of waypoints",
+    ),
+    (
+        "waypoints_m = [[4.0, 2.0], [8.5, 2.0]]",
+        'type = "random"\nseed = 1\nclearance_m = 9.0',
+        r"walk\.clearance_m = 9\.0: no place of the area",
+    ),
+    (
+        "x_m = [7.0, 8.0], y_m = [5.0, 5.8]",
+        "x_m = [4.9, 8.0], y_m = [5.0, 5.8]",
+        r"objects 'pillar' and 'box' overlap in 0\.\d+ m\^2: move one of them",
+    ),
+    (
+        'type = "circle", center_m = [5.0, 5.5], radius_m = 0.3',
+        'type = "ellipse", center_m = [5.0, 5.5], semi_axes_m = [0.3, 0.0]',
+        r"objects\[pillar\]\.contour\.semi_axes_m\[1\] = 0\.0: must be greater than 0",
+    ),
+    (
+        'type = "circle", center_m = [5.0, 5.5], radius_m = 0.3',
+        'type = "closed_spline", points_m = [[5, 5], [6, 6], [6, 5], [5, 6]]',
+        r"objects\[pillar\]\.contour\.points_m: .* crosses itself",
+    ),
+    (
+        'type = "circle", center_m = [5.0, 5.5], radius_m = 0.3',
+        'type = "polygon", vertices_m = [[5, 5], [6, 6], [6, 5], [5, 6]]',
+        r"objects\[pillar\]\.contour\.vertices_m = .*must not cross",
+    ),
+    (
+        'type = "circle", center_m = [5.0, 5.5]',
+        'type = "circle", center_m = [5.0, nan]',
+        r"objects\[pillar\]\.contour\.center_m\[1\] = NaN: must be a finite",
+    ),
 ]
 
 
@@ -140,7 +178,9 @@ def test_missing_file_and_unknown_name(tmp_path):
     missing = tmp_path / "none.toml"
     with pytest.raises(ConfigError, match=f"^{re.escape(str(missing))}: cannot be read \\(No such file"):
         load_scene(missing)
-    with pytest.raises(ConfigError, match=r"^scene = 'attic': must be one of box_room, campus_arena, or"):
+    with pytest.raises(
+        ConfigError, match=r"^scene = 'attic': must be one of box_room, campus_arena, corridor, .*, or"
+    ):
         load_scene("attic")
     binary = tmp_path / "binary.toml"
     binary.write_bytes(b"\xff\xfe\x00")
@@ -151,3 +191,38 @@ def test_missing_file_and_unknown_name(tmp_path):
 def test_carrier_decides_which_materials_are_allowed():
     with pytest.raises(ConfigError, match=r"materials\.concrete\.itu = 'concrete' at 500 GHz"):
         load_scene("box_room", 500e9)
+
+
+def test_contour_types_and_walks(load):
+    ellipse = '{ type = "ellipse", center_m = [5.0, 5.5], semi_axes_m = [0.4, 0.2], rotation_deg = 90 }'
+    text = ROOM.replace('{ type = "circle", center_m = [5.0, 5.5], radius_m = 0.3 }', ellipse)
+    np.testing.assert_allclose(load(text).object("pillar").contour.bounds_m, (4.8, 5.1, 5.2, 5.9), atol=1e-5)
+    spline = '{ type = "closed_spline", points_m = [[5, 5], [5.5, 5.5], [5, 6], [4.5, 5.5]] }'
+    text = ROOM.replace('{ type = "circle", center_m = [5.0, 5.5], radius_m = 0.3 }', spline)
+    assert load(text).object("pillar").contour.closed
+    smooth = load(ROOM.replace("height_m = 1.5", 'type = "spline"\nheight_m = 1.5'))
+    assert smooth.walk.is_smooth and len(smooth.stops) == 4
+    old = "waypoints_m = [[4.0, 2.0], [8.5, 2.0]]"
+    assert old in ROOM
+    text = ROOM.replace(old, 'type = "random"\nseed = 4\nstart_m = [2.0, 2.0]\narea_m = [0, 0, 10, 4]')
+    first, second = load(text), load(text)
+    assert first.walk.waypoints_m.tobytes() == second.walk.waypoints_m.tobytes()
+    assert first.walk.waypoints_m[:, 1].max() <= 3.7
+    other = load(text.replace("seed = 4", "seed = 5"))
+    assert other.walk.waypoints_m.tobytes() != first.walk.waypoints_m.tobytes()
+
+
+def test_several_txs_and_walks_by_name():
+    scene = load_scene("pillar_hall")
+    assert list(scene.txs) == ["south_west", "north_east"] and list(scene.walks) == ["aisle", "visitor"]
+    assert scene.tx_name == "south_west" and scene.choose(tx=1).tx_name == "north_east"
+
+
+@pytest.mark.parametrize("name", library_scenes())
+def test_library_scenes_load_with_plausible_materials(name):
+    scene = load_scene(name)
+    assert scene.name == name and len(scene.stops) >= 4 and scene.floor and scene.ceiling
+    for material in scene.materials.values():
+        assert 1 <= material.relative_permittivity <= 15 and 5e-4 <= material.thickness_m <= 0.3
+    high = max(item.z_max_m for item in scene.objects)
+    assert high <= scene.ceiling.z_m

@@ -38,3 +38,22 @@ def test_explicit_points_and_single_stop():
 def test_bad_walks(points, n_stops, message):
     with pytest.raises(ValueError, match=message):
         Walk(points, 1.0, 0.0, n_stops)
+
+
+def test_smooth_walk_follows_the_spline_at_equal_arc_length():
+    angle = np.linspace(0, np.pi, 9)
+    arc = 2 * np.column_stack([np.cos(angle), np.sin(angle)])
+    walk = Walk(arc, 1.5, np.nan, 21, is_smooth=True)
+    position, heading = walk.positions_m(), walk.headings_rad()
+    assert walk.length_m == pytest.approx(2 * np.pi, rel=1e-4)
+    at = np.linspace(0, np.pi, 21)
+    np.testing.assert_allclose(position, [(2 * np.cos(a), 2 * np.sin(a), 1.5) for a in at], atol=2e-3)
+    np.testing.assert_allclose(np.unwrap(heading), at + np.pi / 2, atol=0.01)
+    assert walk.line_m()[0] == pytest.approx(arc[0]) and len(walk.line_m()) > 100
+    through = Walk(arc, 1.5, 0.3, is_smooth=True)
+    np.testing.assert_allclose(through.positions_m()[:, :2], arc, atol=1e-12)
+    np.testing.assert_array_equal(through.headings_rad(), np.full(9, 0.3))
+    with pytest.raises(ValueError, match="a smooth walk needs two or more, neighbours distinct"):
+        Walk([(0, 0)], 1.0, 0.0, is_smooth=True)
+    with pytest.raises(ValueError, match="height_m = nan: must be finite"):
+        Walk(CORNERS, np.nan, 0.0)

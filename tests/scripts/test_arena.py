@@ -105,7 +105,8 @@ def test_a_users_estimator_takes_the_place_of_ours(box_room: Path, tmp_path: Pat
 
 
 def test_help_answers_without_heavy_imports() -> None:
-    code = "import sys, scripts.arena; print([m for m in ('numpy', 'xarray', 'matplotlib', 'sionna') if m in sys.modules])"
+    heavy = "('numpy', 'xarray', 'matplotlib', 'sionna')"
+    code = f"import sys, scripts.arena; print([name for name in {heavy} if name in sys.modules])"
     result = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=True
     )

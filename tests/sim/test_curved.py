@@ -8,13 +8,16 @@ from hypothesis import strategies as st
 from scipy.special import hankel2, jv
 
 from scenes.contour import Circle, OpenSpline, rectangle
-from scenes.contour_piece import ArcPiece
 from scenes.material import Material
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose, direction
 from scenes.scene import Scene, SceneObject
 from scenes.trajectory import Walk
-from sim.curved import CAUSTIC_LIMIT, curved_reflections, reflection_points, spreading, stationary_parameters
+from sim.config import PropagationConfig
+from sim.curved import curved_paths
+from sim.exact import exact_paths
 from sim.paths import BounceKind
+from sim.rays import CAUSTIC_LIMIT, spreading
+from sim.surfaces import surfaces
 
 CARRIER_HZ = 60e9
 WAVELENGTH_M = SPEED_OF_LIGHT_M_S / CARRIER_HZ
@@ -30,6 +33,23 @@ def scene_of(tx, *items):
     )
     far = Walk(np.array([[90.0, 90.0]]), 1.0, 0.0)
     return Scene("test", objects, Pose(np.asarray(tx, float), 0.0), far, (-99, -99, 99, 99))
+
+
+def curved_reflections(scene, rx, carrier_hz):
+    solved = exact_paths(scene, rx, carrier_hz, PropagationConfig(max_bounces=1))
+    flat = [index for index, item in enumerate(scene.objects) if not item.contour.pieces[0].is_curved]
+    return [
+        paths.take("path", paths.is_single_bounce & ~np.isin(paths.bounce_object[:, 0], flat))
+        for paths in solved
+    ]
+
+
+def one_bounce(curvature, s1, s2, cosine):
+    return spreading(
+        np.atleast_1d(curvature)[:, None],
+        np.tile([s1, s2], (np.size(curvature), 1)),
+        np.full((np.size(curvature), 1), cosine),
+    )
 
 
 def pillar_scene(tx, material=METAL, radius=RADIUS_M, z=(0.0, 3.0)):
@@ -166,14 +186,14 @@ def test_spreading_is_the_stationary_phase_of_the_wave_integral(radius):
         r1, r2 = (np.linalg.norm(end - surface, axis=1) for end in (tx, rx))
         fields.append(wave_integral(r1 + r2, 1 / np.sqrt(r1 * r2), arc))
     expected = fields[0] / fields[1]
-    ours = spreading(np.array(1 / radius), np.array(s1), np.array(s2), np.cos(incidence))
+    [ours] = one_bounce(1 / radius, s1, s2, np.cos(incidence))
     assert abs(ours / expected) == pytest.approx(1, abs=0.01)
     assert np.angle(ours / expected) == pytest.approx(0, abs=0.02)
 
 
 def test_gain_is_capped_at_the_caustic():
     focused = -(2.0 + 3.0) / (2 * 2.0 * 3.0)
-    gain = spreading(np.array([focused, focused * 1.001]), np.array(2.0), np.array(3.0), np.array(1.0))
+    gain = one_bounce([focused, focused * 1.001], 2.0, 3.0, 1.0)
     np.testing.assert_allclose(np.abs(gain), CAUSTIC_LIMIT**-0.5)
 
 
@@ -193,11 +213,11 @@ def test_legs_hit_by_the_contour_itself_or_by_others_are_dropped():
     tx = np.array([-1.0, 4.0, 1.0])
     rx = np.column_stack([np.linspace(-4, 4, 33), np.full(33, 2.0), np.full(33, 1.2)])
     scene = scene_of(tx, (s_bend, 0.0, 3.0, METAL))
-    candidates = reflection_points(scene, rx)
+    candidates = curved_paths(surfaces(scene).curves, tx[:2], rx[:, :2])
     outline = shapely.LineString(s_bend.vertices(1e-7))
     expected = []
     for receiver, point, normal in zip(
-        candidates.receiver, candidates.point_m, candidates.normal, strict=True
+        candidates.receiver, candidates.point_m[:, 0], candidates.normal[:, 0], strict=True
     ):
         near = point[:2] + 1e-5 * normal[:2]
         legs = shapely.LineString([tx[:2], near, rx[receiver, :2]])
@@ -217,11 +237,17 @@ def test_reflection_at_the_joint_of_a_circle_is_found_once():
         assert len(paths) == 1
 
 
-def test_stationary_points_of_a_full_circle_are_symmetric():
-    piece = ArcPiece(np.zeros(2), 1.0, 0.1, 2 * np.pi)
-    receiver, t = stationary_parameters(piece, np.array([3.0, 1.0]), np.array([[3.0, -1.0]]))
-    assert receiver.tolist() == [0, 0]
-    np.testing.assert_allclose(np.abs(piece.point(t)[:, 1]), 0, atol=1e-12)
+def test_two_bounces_spread_like_the_lens_chain():
+    """Two equal thin lenses of power K against the matrix product [[1, s], [0, 1]] [[1, 0], [K, 1]] ..."""
+    k, legs, cosine = 0.8, np.array([2.0, 1.5, 3.0]), 0.7
+    lens = np.array([[1, 0], [2 * k / cosine, 1]])
+    free = [np.array([[1, leg], [0, 1]]) for leg in legs]
+    tube = (free[2] @ lens @ free[1] @ lens @ free[0])[0, 1]
+    [gain] = spreading(np.full((1, 2), k), legs[None], np.full((1, 2), cosine))
+    assert gain == pytest.approx(np.sqrt(legs.sum() / tube))
+    [focusing] = spreading(np.full((1, 2), -3.0), legs[None], np.full((1, 2), cosine))
+    assert focusing.real < 0  # two caustics turn the phase by 180 deg
+    assert abs(focusing.imag) < 1e-12
 
 
 def test_no_curved_object_gives_empty_records():

@@ -29,7 +29,7 @@ BOX = rectangle((0.0, 2.0), (-1.0, 0.0))
 
 def scene_of(*items, tx=(-40.0, 40.0, 1.0), material=STONE):
     objects = tuple(
-        SceneObject(f"object_{index}", "wall", contour, z_min, z_max, material)
+        SceneObject(f"object_{index}", "wall", contour, z_min, z_max, material, may_overlap=True)
         for index, (contour, z_min, z_max) in enumerate(items)
     )
     far = Walk(np.array([[90.0, 90.0]]), 1.0, 0.0)

@@ -68,7 +68,7 @@ def test_keys_stay_the_same_when_nothing_was_found(score, campaign):
 
 def test_an_object_named_like_a_kind_keeps_its_own_keys(score, campaign):
     scene = campaign.scene
-    more = (*scene.objects, replace(scene.objects[0], name="pillar"))
+    more = (*scene.objects, replace(scene.objects[0], name="pillar", may_overlap=True))
     keys = [m.key for m in score_metrics(replace(scene, objects=more), score().tables)]
     assert len(set(keys)) == len(keys)
 

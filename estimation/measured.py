@@ -1,0 +1,114 @@
+"""A measured campaign: what is known about each stop in place of simulated paths, and its channel estimates."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimation.channel.record import ChannelEstimate
+from estimation.slam.checks import check_enough_paths, check_estimates
+from estimation.slam.config import PathNoise
+from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
+from scenes.record import BoolArray, FloatArray, IntArray, Record, array
+
+INITIAL_BIAS_M = 10.0
+BIAS_STEP_STD_M = 1.0
+PUBLISHED_TX_OFFSET_DEG = -1.6
+# The published measurement covariance of the GP paper; the file holds none.
+PUBLISHED_NOISE = PathNoise(source="fixed", delay_std_ns=1.0, angle_std_deg=1.0)
+
+
+@dataclass(frozen=True)
+class MeasuredTruth(Record):
+    """What is known about one measured stop: the surveyed receiver and the labels of its paths.
+
+    Paths stand in the order of the channel estimate.
+    """
+
+    rx_pose: Pose
+    stop: int = array(dtype=int, doc="index of the receiver stop")
+    clock_bias_s: float = array(
+        unit="s", doc="receiver clock minus transmitter clock, as added at the import"
+    )
+    is_los: BoolArray = array("path", dtype=bool, doc="labelled as line of sight")
+    is_single_bounce: BoolArray = array("path", dtype=bool, doc="labelled as single bounce")
+    landmark_m: FloatArray = array("path", "xy", unit="m", doc="labelled IP; NaN unless a single bounce")
+
+
+@dataclass(frozen=True)
+class MeasuredCampaign:
+    """All stops of a measurement file. The TX heading holds its mounting offset."""
+
+    tx: Pose
+    channel: tuple[ChannelEstimate, ...]
+    truths: tuple[MeasuredTruth, ...]
+
+
+@dataclass(frozen=True)
+class MeasuredStop:
+    """One stop as the file has it: paths in the file's own order, angles in the array frames."""
+
+    rx: FloatArray  # (3,) x, y, heading in m, m, rad
+    measured: FloatArray  # (path, 3) range without clock bias, AoD, AoA in m, rad, rad
+    power_dbm: FloatArray  # (path,)
+    is_los: BoolArray  # (path,)
+    is_single_bounce: BoolArray  # (path,)
+    landmark_m: FloatArray  # (path, xy)
+
+
+def clock_walk_m(n_stops: int, rng: np.random.Generator) -> FloatArray:
+    """Clock bias (stop,) in m of the published loader: from 10 m, a random walk of variance 1 m^2 per stop."""
+    steps = BIAS_STEP_STD_M * rng.standard_normal(n_stops)
+    return np.asarray(INITIAL_BIAS_M + np.cumsum(steps) - steps[:1].sum())
+
+
+def measured_campaign(
+    tx: Pose, stops: Sequence[MeasuredStop], bias_m: FloatArray, height_m: float = 0.0
+) -> MeasuredCampaign:
+    """Channel estimates and labels of all stops, the paths sorted by delay and the clock bias (stop,) added.
+
+    The covariance of every path is that of `PUBLISHED_NOISE`; its line of sight is the labelled one.
+
+    Raises
+    ------
+    ValueError
+        Where a stop has one path only, repeats a path, or holds NaN or angles in degrees.
+    """
+    channel, truths = [], []
+    for index, (stop, bias) in enumerate(zip(stops, bias_m, strict=True)):
+        order = np.argsort(stop.measured[:, 0], kind="stable")
+        estimate = _channel_estimate(index, stop, order, float(bias))
+        check_enough_paths(estimate)
+        channel.append(estimate)
+        truths.append(
+            MeasuredTruth(
+                rx_pose=Pose(np.array([*stop.rx[:2], height_m]), float(stop.rx[2])),
+                stop=index,
+                clock_bias_s=float(bias) / SPEED_OF_LIGHT_M_S,
+                is_los=stop.is_los[order],
+                is_single_bounce=stop.is_single_bounce[order],
+                landmark_m=stop.landmark_m[order],
+            )
+        )
+    check_estimates(channel, tx)
+    return MeasuredCampaign(tx, tuple(channel), tuple(truths))
+
+
+def _channel_estimate(index: int, stop: MeasuredStop, order: IntArray, bias_m: float) -> ChannelEstimate:
+    n = len(order)
+    std = np.array(
+        [1e-9 * PUBLISHED_NOISE.delay_std_ns, *2 * [np.deg2rad(PUBLISHED_NOISE.angle_std_deg)]], float
+    )
+    return ChannelEstimate(
+        stop=index,
+        delay_s=(stop.measured[order, 0] + bias_m) / SPEED_OF_LIGHT_M_S,
+        aod_azimuth_rad=stop.measured[order, 1],
+        aoa_azimuth_rad=stop.measured[order, 2],
+        power_dbm=stop.power_dbm[order],
+        beam_loss_db=np.zeros(n),
+        snr_db=np.zeros(n),
+        covariance=np.tile(np.diag(std**2), (n, 1, 1)),
+        is_los=stop.is_los[order],
+    )

@@ -1,0 +1,120 @@
+"""Least squares whose information matrix is a banded block of stops bordered by a few shared parameters.
+
+[ B  E ]   B: 4 x 4 blocks per stop, coupled to the next two stops (second differences of position);
+[ E' C ]   E, C: shared parameters (session offsets, landmarks).
+
+Solving and the marginal covariances are linear in the number of stops.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_solve_banded, cholesky_banded
+
+from scenes.record import FloatArray
+
+_SIZE = 4  # state of a stop
+_COUPLING = 2  # stops ahead that a stop is coupled to
+_BAND = _SIZE * (_COUPLING + 1) - 1
+
+
+@dataclass(frozen=True)
+class ArrowSystem:
+    """Information matrix and gradient; `damped` and `solve` leave it unchanged."""
+
+    diagonal: FloatArray  # (stop, 4, 4)
+    next1: FloatArray  # (stop - 1, 4, 4), rows of stop k, columns of stop k + 1
+    next2: FloatArray  # (stop - 2, 4, 4)
+    border: FloatArray  # (stop, 4, shared)
+    corner: FloatArray  # (shared, shared)
+    gradient: FloatArray  # (stop, 4)
+    shared_gradient: FloatArray  # (shared,)
+
+    def damped(self, damping: float) -> ArrowSystem:
+        """The system with its diagonal raised by the given share."""
+        diagonal, corner = self.diagonal.copy(), self.corner.copy()
+        index = np.arange(_SIZE)
+        diagonal[:, index, index] *= 1 + damping
+        np.fill_diagonal(corner, np.diag(corner) * (1 + damping))
+        return ArrowSystem(
+            diagonal,
+            self.next1,
+            self.next2,
+            self.border,
+            corner,
+            self.gradient,
+            self.shared_gradient,
+        )
+
+    def solve(self) -> tuple[FloatArray, FloatArray]:
+        """Steps of the states (stop, 4) and of the shared parameters that zero the gradient."""
+        states, shared = self.solve_for(self.gradient.reshape(-1, 1), self.shared_gradient.reshape(-1, 1))
+        return -states.reshape(-1, _SIZE), -shared[:, 0]
+
+    def solve_for(self, states: FloatArray, shared: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Inverse of the matrix times columns given as (4 stop, column) and (shared, column)."""
+        n_shared = len(self.corner)
+        border = self.border.reshape(len(self.border) * _SIZE, n_shared)
+        factor = cholesky_banded(self._banded())
+        solved: FloatArray = cho_solve_banded((factor, False), np.column_stack([states, border]))
+        free, through = solved[:, : states.shape[1]], solved[:, states.shape[1] :]
+        if not n_shared:
+            return free, shared
+        schur = self.corner - border.T @ through
+        bordered = np.asarray(np.linalg.solve(schur, shared - border.T @ free), float)
+        return free - through @ bordered, bordered
+
+    def covariance(self) -> tuple[FloatArray, FloatArray]:
+        """Marginal covariances (stop, 4, 4) of the states and (shared, shared) of the shared parameters."""
+        blocks = self._inverse_blocks()
+        n_shared = len(self.corner)
+        if not n_shared:
+            return blocks, np.empty((0, 0))
+        border = self.border.reshape(len(self.border) * _SIZE, n_shared)
+        through = cho_solve_banded((cholesky_banded(self._banded()), False), border)
+        shared: FloatArray = np.asarray(np.linalg.inv(self.corner - border.T @ through))
+        through = through.reshape(-1, _SIZE, n_shared)
+        return blocks + through @ shared @ np.swapaxes(through, 1, 2), shared
+
+    def _banded(self) -> FloatArray:
+        """B in the upper banded form of scipy.linalg."""
+        n = len(self.diagonal)
+        banded = np.zeros((_BAND + 1, n * _SIZE))
+        rows, columns = np.indices((_SIZE, _SIZE))
+        for ahead, block in enumerate((self.diagonal, self.next1, self.next2)):
+            distance = ahead * _SIZE + columns - rows
+            kept = distance >= 0
+            k = np.arange(len(block))[:, None]
+            banded[_BAND - distance[kept], (k + ahead) * _SIZE + columns[kept]] = block[:, kept]
+        return banded
+
+    def _inverse_blocks(self) -> FloatArray:
+        """Diagonal blocks (stop, 4, 4) of the inverse of B, by the backward recursion over pairs of stops."""
+        n = len(self.diagonal)
+        pairs = (n + 1) // 2
+        main = np.zeros((pairs, 2 * _SIZE, 2 * _SIZE))
+        upper = np.zeros((max(pairs - 1, 0), 2 * _SIZE, 2 * _SIZE))
+        first, second = slice(0, _SIZE), slice(_SIZE, None)
+        main[:, second, second] = np.eye(_SIZE)
+        main[:, first, first] = self.diagonal[::2]
+        main[: n // 2, second, second] = self.diagonal[1::2]
+        inside = self.next1[::2]
+        main[: len(inside), first, second] = inside
+        main[: len(inside), second, first] = np.swapaxes(inside, 1, 2)
+        upper[: len(self.next1[1::2]), second, first] = self.next1[1::2]
+        upper[: len(self.next2[::2]), first, first] = self.next2[::2]
+        upper[: len(self.next2[1::2]), second, second] = self.next2[1::2]
+        pivots = [main[0]]
+        for k in range(pairs - 1):
+            pivots.append(main[k + 1] - upper[k].T @ np.linalg.solve(pivots[k], upper[k]))
+        inverse = np.empty_like(main)
+        inverse[-1] = np.linalg.inv(pivots[-1])
+        for k in range(pairs - 2, -1, -1):
+            own = np.linalg.inv(pivots[k])
+            gain = own @ upper[k]
+            inverse[k] = own + gain @ inverse[k + 1] @ gain.T
+        blocks = np.empty((2 * pairs, _SIZE, _SIZE))
+        blocks[::2], blocks[1::2] = inverse[:, first, first], inverse[:, second, second]
+        return blocks[:n]

@@ -1,0 +1,150 @@
+"""Cramer-Rao bounds of the receiver state and of the incidence points (IPs), per stop and along a walk.
+
+Paths are independent and Gaussian. The IP of a single bounce is an unknown of its own: it is marginalised, which
+leaves one equation per path on the receiver state (a Schur complement of rank one). Along a walk the stops share
+the positions by a smoothness prior, and every flat wall they have in common: one line, which mirrors the TX.
+States are [x, y, heading, bias] in m, m, rad, m; measurements are those of `estimation.geometry`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimation.geometry import (
+    bounce_jacobian_point,
+    bounce_jacobian_rx,
+    los_jacobian_rx,
+)
+from estimation.slam.landmarks import predict_walls
+from estimation.slam.mapping import point_covariance
+from scenes.pose import Pose
+from scenes.record import FloatArray, IntArray
+
+_NO_INFORMATION = 1e-12  # of the largest eigenvalue of an equilibrated information: no bound below it
+
+
+@dataclass(frozen=True)
+class StateBound:
+    """Bounds on the standard deviation of every unbiased estimate; infinite where the paths leave it free."""
+
+    position_m: FloatArray  # (...) root of the summed variance of x and y: the PEB
+    heading_rad: FloatArray  # (...)
+    clock_m: FloatArray  # (...)
+
+
+@dataclass(frozen=True)
+class StopPaths:
+    """The paths of one stop that say something of its receiver.
+
+    `wall` (path,) numbers the wall of single bounces off the same flat face along a walk, -1 for others.
+    """
+
+    point_m: FloatArray  # (path, xy) IPs of the single bounces
+    covariance: FloatArray  # (path, 3, 3) in (m, rad, rad)^2
+    wall: IntArray  # (path,)
+    los_covariance: FloatArray | None = None  # (3, 3); None without a line of sight
+
+
+def stop_information(tx: Pose, state: FloatArray, paths: StopPaths) -> FloatArray:
+    """Fisher information (4, 4) of one receiver state (4,), the IPs marginalised."""
+    information = np.zeros((4, 4))
+    if len(paths.point_m):
+        weight = np.linalg.inv(paths.covariance)
+        by_rx = bounce_jacobian_rx(tx, state, paths.point_m)
+        by_point = bounce_jacobian_point(tx, state, paths.point_m)
+        cross = np.swapaxes(by_rx, 1, 2) @ weight @ by_point
+        own = np.swapaxes(by_point, 1, 2) @ weight @ by_point
+        lost = cross @ np.linalg.pinv(own, hermitian=True) @ np.swapaxes(cross, 1, 2)
+        information += (np.swapaxes(by_rx, 1, 2) @ weight @ by_rx - lost).sum(axis=0)
+    if paths.los_covariance is not None:
+        by_rx = los_jacobian_rx(tx, state)
+        information += by_rx.T @ np.linalg.inv(paths.los_covariance) @ by_rx
+    return information
+
+
+def state_covariance(information: FloatArray) -> FloatArray:
+    """Inverse (n, n) of an information; infinite variances where a combination of the unknowns is left free."""
+    scale = np.sqrt(np.maximum(np.diagonal(information), 0.0))
+    scale = np.where(scale > 0, scale, 1.0)
+    value, vector = np.linalg.eigh(information / np.outer(scale, scale))
+    free = value <= _NO_INFORMATION * max(float(value[-1]), 1.0)
+    kept = vector[:, ~free]
+    covariance = (kept / value[~free]) @ kept.T / np.outer(scale, scale)
+    touched = np.any(np.abs(vector[:, free]) > 1e-6, axis=1)
+    covariance[touched, touched] = np.inf
+    return np.asarray(covariance)
+
+
+def state_bound(covariance: FloatArray) -> StateBound:
+    """Bounds from covariances (..., 4, 4) of the state."""
+    variance = np.diagonal(covariance, axis1=-2, axis2=-1)
+    return StateBound(
+        np.sqrt(variance[..., 0] + variance[..., 1]), np.sqrt(variance[..., 2]), np.sqrt(variance[..., 3])
+    )
+
+
+def stop_bound(tx: Pose, state: FloatArray, paths: StopPaths) -> tuple[StateBound, FloatArray]:
+    """Bounds of one stop: of its receiver state, and (path,) in m of the position of each IP.
+
+    The IPs carry the uncertainty of the state that the same paths leave.
+    """
+    covariance = state_covariance(stop_information(tx, state, paths))
+    if not len(paths.point_m):
+        return state_bound(covariance), np.zeros(0)
+    rows = np.tile(state, (len(paths.point_m), 1))
+    conditional, sensitivity = point_covariance(tx, rows, paths.point_m, paths.covariance)
+    if not np.isfinite(covariance).all():
+        return state_bound(covariance), np.full(len(paths.point_m), np.inf)
+    joint = conditional + sensitivity @ covariance @ np.swapaxes(sensitivity, 1, 2)
+    return state_bound(covariance), np.sqrt(np.einsum("nii->n", joint))
+
+
+def trajectory_covariance(
+    tx: Pose, states: FloatArray, stops: Sequence[StopPaths], smoothness_m: float | None
+) -> FloatArray:
+    """Covariances (stop, 4, 4) of all receiver states (stop, 4) of a walk, estimated together.
+
+    Single bounces off a numbered wall share its line; all others keep an IP of their own. `smoothness_m` is the
+    standard deviation of the second difference of the position per coordinate, in m per stop^2; None for no prior.
+    The sum is the exact information, solved whole: states first, walls behind them.
+    """
+    n = len(states)
+    walls = sorted({int(wall) for stop in stops for wall in stop.wall if wall >= 0})
+    column = {wall: 4 * n + 2 * index for index, wall in enumerate(walls)}
+    information = np.zeros((4 * n + 2 * len(walls),) * 2)
+    for index, (state, paths) in enumerate(zip(states, stops, strict=True)):
+        own = slice(4 * index, 4 * index + 4)
+        loose = paths.wall < 0
+        alone = StopPaths(
+            paths.point_m[loose], paths.covariance[loose], paths.wall[loose], paths.los_covariance
+        )
+        information[own, own] += stop_information(tx, state, alone)
+        line = wall_line(tx, state, paths.point_m[~loose])
+        by = predict_walls(tx, np.tile(state, (len(line), 1)), line[:, None])
+        jacobian = np.concatenate([by.by_state, by.by_landmark], axis=-1)
+        terms = np.swapaxes(jacobian, 1, 2) @ np.linalg.inv(paths.covariance[~loose]) @ jacobian
+        for wall, term in zip(paths.wall[~loose], terms, strict=True):
+            at = np.r_[own, column[int(wall)] + np.arange(2)]
+            information[np.ix_(at, at)] += term
+    if smoothness_m is not None and n > 2:
+        difference = np.kron(np.diff(np.eye(n), 2, axis=0), np.eye(4)[:2]) / smoothness_m
+        information[: 4 * n, : 4 * n] += difference.T @ difference
+    covariance = state_covariance(information)
+    return np.stack([covariance[4 * i : 4 * i + 4, 4 * i : 4 * i + 4] for i in range(n)])
+
+
+def wall_line(tx: Pose, state: FloatArray, point_m: FloatArray) -> FloatArray:
+    """Line [normal azimuth in rad, offset in m] (path, 2) of the flat wall that reflects at each IP (path, xy).
+
+    The mirror image of the TX lies on the ray from the receiver through the IP, as far as the path is long.
+    """
+    leg = point_m - state[:2]
+    to_tx = np.linalg.norm(point_m - tx.position_m[:2], axis=-1, keepdims=True)
+    image = point_m + leg / np.linalg.norm(leg, axis=-1, keepdims=True) * to_tx
+    normal = image - tx.position_m[:2]
+    azimuth = np.arctan2(normal[:, 1], normal[:, 0])
+    offset = point_m[:, 0] * np.cos(azimuth) + point_m[:, 1] * np.sin(azimuth)
+    return np.column_stack([azimuth, offset])

@@ -1,0 +1,119 @@
+"""Time and memory of the sweep generation, as ratios to one FFT pass over the same cube in the same run."""
+
+from __future__ import annotations
+
+import time
+import tracemalloc
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+import scipy.fft
+from threadpoolctl import threadpool_limits
+
+from estimation.validation.measurement import Measurement
+from scenes.pose import Pose
+from scenes.record import ComplexArray
+from sim.channel import beam_channel
+from sim.config import ArrayConfig, SimulationConfig, WaveformConfig
+from sim.link import Link, make_link
+from sim.paths import Paths
+from sim.receiver import add_noise
+
+N_SUBCARRIERS = 3168
+ORIGIN = Pose(np.zeros(3), 0.0)
+
+
+def bench_generation(seed: int, quick: bool) -> list[Measurement]:
+    """32 x 32 beams x 3,168 subcarriers with noise, from the paths on: array responses included."""
+    link = signal_link()
+    rng = np.random.default_rng(seed)
+    repeats = 2 if quick else 5
+    rows: list[Measurement] = []
+    with threadpool_limits(1):
+        cube = np.ones((32, 32, N_SUBCARRIERS), np.complex64)
+        fft_s, _ = best_time(lambda: scipy.fft.fft(cube, axis=-1), repeats)
+        for name, count, bar in (("64_paths", 64, 10.0), ("20000_paths", 20_000, 20.0)):
+            paths = random_paths(rng, count)
+            taken_s, _ = best_time(partial(noisy_cube, link, paths, rng), repeats)
+            rows.append(
+                Measurement(
+                    f"signal.generation.{name}", taken_s / fft_s, "FFT passes", "lower", bar,
+                    f"{1e3 * taken_s:.0f} ms over {1e3 * fft_s:.1f} ms, one thread",
+                )
+            )  # fmt: skip
+        rows += [_air_time(link, taken_s), _memory(link, paths, rng, cube.nbytes)]
+    return rows
+
+
+def signal_link() -> Link:
+    """32 x 32 beams of 4 x 16 arrays over 3,168 subcarriers."""
+    array = ArrayConfig()
+    waveform = WaveformConfig(combine_symbols=True)
+    return make_link(SimulationConfig(scene="-", waveform=waveform, tx_array=array, rx_array=array))
+
+
+def random_paths(rng: np.random.Generator, count: int) -> Paths:
+    """Paths of a hall: delays of 10 to 300 ns, thinning out exponentially, from everywhere in front."""
+    phase = rng.uniform(0, 2 * np.pi, count)
+    delay_s = 10e-9 + np.minimum(rng.exponential(40e-9, count), 290e-9)
+    return Paths(
+        gain=np.exp(1j * phase - (delay_s - 10e-9) / 80e-9) / np.sqrt(count),
+        delay_s=delay_s,
+        aod_azimuth_rad=rng.uniform(-1.2, 1.2, count),
+        aod_elevation_rad=rng.uniform(-0.5, 0.5, count),
+        aoa_azimuth_rad=rng.uniform(-1.2, 1.2, count),
+        aoa_elevation_rad=rng.uniform(-0.5, 0.5, count),
+        bounce_kind=np.zeros((count, 1), int),
+        bounce_object=np.full((count, 1), -1),
+        vertex_m=np.full((count, 1, 3), np.nan),
+        object_name=np.array(["none"]),
+    )
+
+
+def noiseless_cube(link: Link, paths: Paths) -> ComplexArray:
+    """Channel of all beam pairs."""
+    return beam_channel(
+        paths,
+        tx_codebook=link.tx_codebook,
+        rx_codebook=link.rx_codebook,
+        tx_pose=ORIGIN,
+        rx_pose=ORIGIN,
+        frequency_offset_hz=link.frequency_offset_hz,
+        clock_bias_s=0.0,
+    )
+
+
+def noisy_cube(link: Link, paths: Paths, rng: np.random.Generator) -> ComplexArray:
+    """Samples of all beam pairs."""
+    channel = noiseless_cube(link, paths)
+    channel *= np.sqrt(link.tx_power_mw).astype(np.float32) * link.prs_symbol[:, None, :]
+    return add_noise(channel, link.noise_power_mw, rng)
+
+
+def best_time(function: Callable[[], Any], repeats: int) -> tuple[float, Any]:
+    """Shortest time of several calls in s, and what the last one returned."""
+    shortest, value = np.inf, None
+    for _ in range(repeats):
+        started = time.perf_counter()
+        value = function()
+        shortest = min(shortest, time.perf_counter() - started)
+    return shortest, value
+
+
+def _air_time(link: Link, taken_s: float) -> Measurement:
+    step_hz = float(np.diff(link.frequency_offset_hz).min())
+    air_s = len(link.tx_codebook) * len(link.rx_codebook) * (1 + 144 / 2048) / step_hz
+    reason = f"beam pairs x symbol duration = {1e3 * air_s:.1f} ms; the bar only catches the absurd"
+    return Measurement("signal.generation.over_air_time", taken_s / air_s, "1", "lower", 100.0, reason)
+
+
+def _memory(link: Link, paths: Paths, rng: np.random.Generator, cube_bytes: int) -> Measurement:
+    tracemalloc.start()
+    noisy_cube(link, paths, rng)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    return Measurement(
+        "signal.generation.peak_memory", peak / cube_bytes, "cubes", "lower", 4.0, "20,000 paths"
+    )

@@ -1,0 +1,266 @@
+"""`arena validate slam`: Monte Carlo on made-up halls, bounds, consistency and Jacobians."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import softmax
+from scipy.stats import chi2
+
+from estimation.geometry import (
+    bounce_jacobian_point,
+    bounce_jacobian_rx,
+    los_jacobian_rx,
+    predict_bounce,
+    predict_los,
+    residual,
+)
+from estimation.scoring.statistics import squared_mahalanobis
+from estimation.slam.bounds import StopPaths, stop_bound
+from estimation.slam.config import MappingConfig, Mixture, PathNoise, SnapshotConfig, TrajectoryConfig
+from estimation.slam.landmarks import predict_circle, predict_walls
+from estimation.slam.mapping import map_stops
+from estimation.slam.record import SolveStatus
+from estimation.slam.refine import bounce_terms
+from estimation.slam.snapshot import SnapshotSolution, collect_poses, solve_snapshot
+from estimation.slam.trajectory import run_trajectory
+from estimation.validation.measurement import Measurement
+from estimation.validation.slam_scenarios import Scenario, ScenarioConfig, draw_stop, draw_trajectory
+from scenes.pose import SPEED_OF_LIGHT_M_S, wrap_angle
+from scenes.record import BoolArray, FloatArray
+
+NOISE = PathNoise(floor_delay_std_ns=0.0, floor_angle_std_deg=0.0)  # what is drawn, and nothing else
+REFERENCE = SnapshotConfig(noise=NOISE)
+OURS = SnapshotConfig(method="statistical", noise=NOISE)
+MAPPING = MappingConfig(noise=NOISE)
+CLEAN = ScenarioConfig()
+CLUTTERED = ScenarioConfig(outlier_share=0.5)
+# The model that is drawn where there are no outliers, errors so small that it is linear within them.
+MATCHED = OURS.model_copy(update={"mixture": Mixture(clutter_share=0.01, degrees_of_freedom=1000.0)})
+GAUSSIAN = ScenarioConfig(delay_std_ns=0.3, angle_std_deg=0.3)
+MAX_PEB_M = 0.5  # beyond it the geometry, not the solver, decides
+GROSS_M, CONFIDENT_M = 1.0, 0.5
+TO_METRES = np.array([1.0, 1.0, 1.0, SPEED_OF_LIGHT_M_S])
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One solved stop: its error (4,) and covariance in (m, m, rad, m)."""
+
+    scenario: Scenario
+    solution: SnapshotSolution
+    error: FloatArray
+    covariance: FloatArray
+
+    @property
+    def distance_m(self) -> float:
+        """Position error in m; infinite where the stop was not solved."""
+        return float(np.nan_to_num(np.hypot(*self.error[:2]), nan=np.inf))
+
+    @property
+    def peb_m(self) -> float:
+        """Bound of the position from the true single bounces and the line of sight."""
+        single, covariance = self.scenario.is_single, NOISE.covariance(self.scenario.estimate)
+        los = covariance[self.scenario.is_los]
+        paths = StopPaths(
+            self.scenario.point_m[single],
+            covariance[single],
+            np.full(int(single.sum()), -1),
+            los[0] if len(los) else None,
+        )
+        return float(stop_bound(self.scenario.tx, self.scenario.state, paths)[0].position_m)
+
+
+def solve(scenario: Scenario, config: SnapshotConfig) -> Trial:
+    """Solve a made-up stop."""
+    solution = solve_snapshot(scenario.estimate, scenario.tx, config)
+    state = np.array([*solution.position_m, solution.heading_rad, SPEED_OF_LIGHT_M_S * solution.clock_bias_s])
+    error = state - scenario.state
+    error[2] = wrap_angle(error[2])
+    return Trial(scenario, solution, error, solution.covariance * np.outer(TO_METRES, TO_METRES))
+
+
+def check_noiseless(seed: int, quick: bool) -> list[Measurement]:
+    """Stops without errors and without outliers, with and without line of sight."""
+    rng = np.random.default_rng(seed)
+    exact = replace(CLEAN, is_noisy=False)
+    worst = {}
+    for name, has_los in (("los", True), ("nlos", False)):
+        trials = [
+            solve(draw_stop(rng, replace(exact, has_los=has_los)), OURS) for _ in range(10 if quick else 40)
+        ]
+        worst[name] = max(float(np.max(np.nan_to_num(np.abs(trial.error), nan=np.inf))) for trial in trials)
+    return [
+        Measurement(f"noiseless.{name}.state_error_m", value, "m", "lower", 1e-6, "m, m, rad, m")
+        for name, value in worst.items()
+    ]
+
+
+def check_efficiency(seed: int, quick: bool) -> list[Measurement]:
+    """RMSE over the bound, and consistency of the covariances, with Gaussian errors and no outliers.
+
+    The mixture is matched to what is drawn: a heavy-tailed one gives some efficiency away.
+    """
+    rng = np.random.default_rng(seed + 1)
+    rows: list[Measurement] = []
+    every: list[Trial] = []
+    for name, has_los in (("los", True), ("nlos", False)):
+        settings = replace(GAUSSIAN, has_los=has_los)
+        trials = [solve(draw_stop(rng, settings), MATCHED) for _ in range(50 if quick else 800)]
+        trials = [trial for trial in trials if trial.peb_m <= MAX_PEB_M]
+        error = np.array([trial.distance_m for trial in trials])
+        peb = np.array([trial.peb_m for trial in trials])
+        ratio = float(np.sqrt(np.mean(error**2) / np.mean(peb**2)))
+        rows.append(
+            Measurement(f"monte_carlo.{name}.rmse_over_peb", ratio, "1", "lower", 1.1, "efficient estimator")
+        )
+        every += trials
+    return rows + _consistency("monte_carlo", every)
+
+
+def check_outliers(seed: int, quick: bool) -> list[Measurement]:
+    """Half of the paths are outliers: gross errors, ours beside the reference on the same stops."""
+    rng = np.random.default_rng(seed + 2)
+    los = [solve(draw_stop(rng, CLUTTERED), OURS) for _ in range(50 if quick else 300)]
+    scenarios = [draw_stop(rng, replace(CLUTTERED, has_los=False)) for _ in range(20 if quick else 200)]
+    nlos = [solve(scenario, OURS) for scenario in scenarios]
+    reference = [solve(scenario, REFERENCE) for scenario in scenarios]
+    rate = _gross_rate(nlos)
+    every = [*los, *nlos]
+    sure = [trial for trial in every if _position_std_m(trial) < CONFIDENT_M]
+    return [
+        Measurement("outliers50.los.gross_rate", _gross_rate(los), "1", "lower", 0.01, "error > 1 m"),
+        Measurement("outliers50.nlos.gross_rate", rate, "1", "lower", 0.30, "error > 1 m"),
+        Measurement(
+            "outliers50.nlos.gross_rate_over_reference", rate / max(_gross_rate(reference), 1e-12), "1", "lower",
+            0.5, "same stops",
+        ),
+        Measurement(
+            "outliers50.confident.gross_rate", _gross_rate(sure), "1", "lower", 0.01, "reported sigma < 0.5 m"
+        ),
+    ]  # fmt: skip
+
+
+def check_trajectories(seed: int, quick: bool) -> list[Measurement]:
+    """Walks with 30 % outliers and a stretch without line of sight."""
+    worst = []
+    for run in range(3 if quick else 20):
+        rng = np.random.default_rng([seed, run])
+        walk = draw_trajectory(rng, ScenarioConfig(n_paths=9, outlier_share=0.3), 30)
+        estimates = [scenario.estimate for scenario in walk]
+        poses, _, _ = run_trajectory(estimates, walk[0].tx, OURS, TrajectoryConfig(), MAPPING)
+        truth = np.array([scenario.state[:2] for scenario in walk])
+        error = np.nan_to_num(np.hypot(*(poses.position_m - truth).T), nan=np.inf)
+        worst.append(float(np.sqrt(np.mean(error**2))))
+    return [
+        Measurement("trajectory.outliers30.worst_rmse_m", max(worst), "m", "lower", 0.5, "worst of the runs")
+    ]
+
+
+def check_jacobians(seed: int, quick: bool) -> list[Measurement]:
+    """Every model's derivative against central differences."""
+    rng = np.random.default_rng(seed + 3)
+    scenario = draw_stop(rng, CLEAN)
+    tx, x, single = scenario.tx, scenario.state, scenario.is_single
+    point = scenario.point_m[single]
+    measured = predict_bounce(tx, x, point)
+    covariance = np.tile(CLEAN.covariance, (len(point), 1, 1))
+    wall, circle = np.array([[0.4, 9.0], [2.1, -7.0]]), np.array([3.0, -6.0, 0.4])
+    cases: dict[str, tuple[Callable[[FloatArray], FloatArray], FloatArray, FloatArray]] = {
+        "bounce_state": (lambda s: predict_bounce(tx, s, point), x, bounce_jacobian_rx(tx, x, point)),
+        "bounce_point": (
+            lambda q: predict_bounce(tx, x, q), point[0], bounce_jacobian_point(tx, x, point[0])
+        ),
+        "los_state": (lambda s: predict_los(tx, s), x, los_jacobian_rx(tx, x)),
+        "equation_state": (
+            lambda s: bounce_terms(tx, measured, covariance, s).value_m, x,
+            bounce_terms(tx, measured, covariance, x).jacobian,
+        ),
+        "wall_state": (
+            lambda s: predict_walls(tx, s, wall[:1]).value, x, predict_walls(tx, x, wall[:1]).by_state
+        ),
+        "wall_line": (
+            lambda w: predict_walls(tx, x, w.reshape(1, 2)).value, wall[0],
+            predict_walls(tx, x, wall[:1]).by_landmark,
+        ),
+        "double_state": (lambda s: predict_walls(tx, s, wall).value, x, predict_walls(tx, x, wall).by_state),
+        "double_lines": (
+            lambda w: predict_walls(tx, x, w.reshape(2, 2)).value, wall.ravel(),
+            predict_walls(tx, x, wall).by_landmark,
+        ),
+        "circle_state": (
+            lambda s: predict_circle(tx, s, circle).value, x, predict_circle(tx, x, circle).by_state
+        ),
+        "circle": (
+            lambda c: predict_circle(tx, x, c).value, circle, predict_circle(tx, x, circle).by_landmark
+        ),
+    }  # fmt: skip
+    return [
+        Measurement(f"jacobian.{name}", _derivative_error(*case), "1", "lower", 1e-6, "central differences")
+        for name, case in cases.items()
+    ]
+
+
+def _derivative_error(
+    model: Callable[[FloatArray], FloatArray], at: FloatArray, derivative: FloatArray, step: float = 1e-5
+) -> float:
+    """Largest deviation of a derivative (..., n) from central differences, angles unwrapped."""
+    columns = []
+    for change in step * np.eye(len(at)):
+        ahead, behind = model(at + change), model(at - change)
+        difference = residual(ahead, behind) if ahead.shape[-1] == 3 and ahead.ndim < 3 else ahead - behind
+        columns.append(difference / (2 * step))
+    return float(np.abs(np.stack(columns, axis=-1) - derivative).max())
+
+
+def _consistency(prefix: str, trials: list[Trial]) -> list[Measurement]:
+    """NEES and coverage of the states, and NEES of the incidence points of true single bounces."""
+    nees = squared_mahalanobis(
+        np.array([trial.error for trial in trials]), np.array([trial.covariance for trial in trials])
+    )
+    points = np.concatenate([_point_nees(trial) for trial in trials])
+    state, point = float(np.nanmean(nees)) / 4, float(np.nanmean(points)) / 2
+    cover = float(np.mean(nees <= chi2.ppf(0.95, 4)))
+    return [
+        Measurement(f"{prefix}.nees_pose_deviation", abs(state - 1), "1", "lower", 0.05, f"NEES {state:.3f}"),
+        Measurement(f"{prefix}.nees_ip_deviation", abs(point - 1), "1", "lower", 0.05, f"NEES {point:.3f}"),
+        Measurement(f"{prefix}.coverage95_deviation", abs(cover - 0.95), "1", "lower", 0.01, f"{cover:.3f}"),
+    ]
+
+
+def _point_nees(trial: Trial) -> FloatArray:
+    """Squared Mahalanobis error (ip,) of the IPs taken for single bounces that are."""
+    solution = trial.solution
+    if solution.status == SolveStatus.FAILED:
+        return np.zeros(0)
+    estimate = trial.scenario.estimate
+    points = map_stops(
+        [estimate],
+        replace(collect_poses([solution]), stop=np.array([estimate.stop])),
+        trial.scenario.tx,
+        MAPPING,
+        is_los=[solution.is_los],
+        is_inlier=[solution.is_inlier],
+        state_covariance=[solution.covariance],
+    )
+    right: BoolArray = points.is_inlier & trial.scenario.is_single[points.path]
+    error = points.position_m[right] - trial.scenario.point_m[points.path[right]]
+    return squared_mahalanobis(error, points.covariance_m2[right])
+
+
+def _gross_rate(trials: list[Trial]) -> float:
+    return float(np.mean([trial.distance_m > GROSS_M for trial in trials])) if trials else np.nan
+
+
+def _position_std_m(trial: Trial) -> float:
+    """Standard deviation of the position over all ranked modes, weighed by their evidence."""
+    solution = trial.solution
+    if solution.status == SolveStatus.FAILED:
+        return np.inf
+    weight = softmax(solution.mode_log_evidence)
+    place = solution.mode_state[:, :2]
+    inside = np.trace(solution.mode_covariance[:, :2, :2], axis1=1, axis2=2)
+    apart = np.sum((place - weight @ place) ** 2, axis=1)
+    return float(np.sqrt(weight @ (inside + apart)))

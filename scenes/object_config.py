@@ -1,0 +1,169 @@
+"""Materials, objects, floor plans, meshes and devices in scene files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from scenes.clutter import Clutter, placed
+from scenes.contour import Polyline
+from scenes.contour_config import ContourConfig, Positive
+from scenes.floorplan import merge_segments, parse_segments
+from scenes.material import Material, itu_material
+from scenes.pose import Pose
+from scenes.scene import HorizontalPlane, ObjectKind, SceneObject
+from scenes.toml_config import ConfigError, ConfigModel, read_text
+
+Triple = Annotated[tuple[float, float, float], Field(strict=False)]
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+$")]
+
+
+class MaterialConfig(ConfigModel):
+    """A material: `itu` names a row of ITU-R P.2040-3, or both electrical constants are given."""
+
+    itu: str | None = None
+    relative_permittivity: Annotated[float, Field(ge=1)] | None = None
+    conductivity_s_m: Annotated[float, Field(ge=0)] | None = None
+    thickness_m: Positive
+    scattering_coefficient: Annotated[float, Field(ge=0, le=1)] = 0.0
+
+    @model_validator(mode="after")
+    def _itu_or_custom(self) -> MaterialConfig:
+        custom = (self.relative_permittivity, self.conductivity_s_m)
+        if (self.itu is None) == (None in custom) or (self.itu is not None and custom != (None, None)):
+            raise ValueError("itu: give either itu or both relative_permittivity and conductivity_s_m")
+        return self
+
+    def build(self, name: str, frequency_hz: float) -> Material:
+        """The material with its constants at the carrier."""
+        if self.itu is not None:
+            return itu_material(
+                self.itu,
+                frequency_hz,
+                name=name,
+                thickness_m=self.thickness_m,
+                scattering_coefficient=self.scattering_coefficient,
+            )
+        assert self.relative_permittivity is not None and self.conductivity_s_m is not None
+        return Material(
+            name,
+            self.relative_permittivity,
+            self.conductivity_s_m,
+            self.thickness_m,
+            self.scattering_coefficient,
+        )
+
+
+class ObjectConfig(ConfigModel):
+    """One prism of the scene."""
+
+    name: Name
+    kind: ObjectKind
+    material: str
+    z_min_m: float = 0.0
+    z_max_m: float
+    may_overlap: bool = False
+    contour: ContourConfig
+
+    def build(self, materials: dict[str, Material]) -> SceneObject:
+        """The object; `ValueError` names the field."""
+        with field(f"objects[{self.name}]"):
+            material = find_material(self.material, materials)
+            with field("contour"):
+                contour = self.contour.build()
+            return SceneObject(
+                self.name, self.kind, contour, self.z_min_m, self.z_max_m, material, self.may_overlap
+            )
+
+
+class FloorplanConfig(ConfigModel):
+    """Thin walls from a CSV file of segments, x0_m,y0_m,x1_m,y1_m, beside the scene file."""
+
+    name: Name | None = None
+    file: str
+    material: str
+    kind: ObjectKind = "wall"
+    z_min_m: float = 0.0
+    z_max_m: float
+
+    def build(self, materials: dict[str, Material], folder: Path) -> list[SceneObject]:
+        """One object per straight wall, NAME_1, NAME_2 and so on; NAME is that of the file where none is given."""
+        name = self.name or Path(self.file).stem
+        with field(f"floorplans[{name}]"):
+            material = find_material(self.material, materials)
+            with field(self.file, ": "):
+                walls = merge_segments(parse_segments(read_text(folder / self.file)))
+            return [
+                SceneObject(
+                    f"{name}_{index}", self.kind, Polyline(wall), self.z_min_m, self.z_max_m, material
+                )
+                for index, wall in enumerate(walls, start=1)
+            ]
+
+
+class MeshConfig(ConfigModel):
+    """Clutter from a mesh file beside the scene file, scaled, turned about x, then y, then z, and moved."""
+
+    name: Name | None = None
+    file: str
+    material: str
+    kind: ObjectKind = "clutter"
+    position_m: Triple = (0.0, 0.0, 0.0)
+    scale: Positive = 1.0
+    rotation_deg: Triple = (0.0, 0.0, 0.0)
+
+    def build(self, materials: dict[str, Material], folder: Path) -> Clutter:
+        """The mesh; it is called like its file where no name is given."""
+        from scenes.mesh import read_mesh  # noqa: PLC0415
+
+        name = self.name or Path(self.file).stem
+        with field(f"meshes[{name}]"):
+            material = find_material(self.material, materials)
+            vertices, faces = read_mesh(folder / self.file)
+        vertices = placed(vertices, self.position_m, self.scale, np.deg2rad(self.rotation_deg).tolist())
+        with field(f"meshes[{name}]", ": "):
+            return Clutter(name, self.kind, material, vertices, faces)
+
+
+class PlaneConfig(ConfigModel):
+    """Floor or ceiling."""
+
+    z_m: float
+    material: str
+
+    def build(self, materials: dict[str, Material]) -> HorizontalPlane:
+        """The plane."""
+        return HorizontalPlane(self.z_m, find_material(self.material, materials))
+
+
+class TxConfig(ConfigModel):
+    """Where a transmitter stands and looks."""
+
+    name: Name = "tx"
+    position_m: Triple
+    heading_deg: float = 0.0
+
+    def build(self) -> Pose:
+        """The pose, its heading in radians."""
+        return Pose(np.array(self.position_m), float(np.deg2rad(self.heading_deg)))
+
+
+def find_material(name: str, materials: dict[str, Material]) -> Material:
+    """The material of that name; `ValueError` lists the names where there is none."""
+    if name not in materials:
+        raise ValueError(f"material = '{name}': must be one of the materials given, {', '.join(materials)}")
+    return materials[name]
+
+
+@contextmanager
+def field(path: str, joint: str = ".") -> Iterator[None]:
+    """Put the path of the field in front of what a `ValueError` inside says."""
+    try:
+        yield
+    except ValueError as error:
+        raise ConfigError(f"{path}{joint}{error}") from error

@@ -1,0 +1,156 @@
+"""The hardware of a campaign: which impairment is applied where, each with its own random generator."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from enum import IntEnum
+
+import numpy as np
+
+from scenes.pose import Pose
+from scenes.record import ComplexArray, FloatArray
+from sim.codebook import Codebook
+from sim.config import SimulationConfig
+from sim.impairments import (
+    clipped,
+    fft_bins,
+    from_time,
+    imbalanced,
+    pair_times_s,
+    quantised,
+    random_walk_rad,
+    surveyed_pose,
+    to_time,
+    turn_by_clock_drift,
+    wiener_phase_rad,
+    with_beam_phases,
+    with_element_errors,
+    with_mutual_coupling,
+)
+from sim.link import Link
+from sim.truth import Truth
+
+
+class RandomStage(IntEnum):
+    """The stages that draw random numbers; the number is part of the seed."""
+
+    CLOCK = 0
+    NOISE = 1
+    CLOCK_BIAS = 2
+    PAIR_PHASE = 3
+    SYMBOL_PHASE = 4
+    TX_ELEMENTS = 5
+    RX_ELEMENTS = 6
+    TX_BEAMS = 7
+    RX_BEAMS = 8
+    SURVEY = 9
+
+
+def generator(seed: int, stage: RandomStage, stop: int = 0) -> np.random.Generator:
+    """The random generator of one stage at one stop."""
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(int(stage), stop)))
+
+
+def built_codebooks(config: SimulationConfig, link: Link) -> tuple[Codebook, Codebook]:
+    """TX and RX codebook as the built arrays radiate them; the designed ones where nothing is wrong."""
+    return (
+        _built(config, link.tx_codebook, RandomStage.TX_ELEMENTS, RandomStage.TX_BEAMS),
+        _built(config, link.rx_codebook, RandomStage.RX_ELEMENTS, RandomStage.RX_BEAMS),
+    )
+
+
+def true_tx_pose(config: SimulationConfig, nominal: Pose) -> Pose:
+    """The TX pose with its pointing offset, of which only the nominal one is known."""
+    offset_deg = config.impairments.tx_pointing_offset_deg
+    if not offset_deg:
+        return nominal
+    return Pose(nominal.position_m, float(nominal.heading_rad + np.deg2rad(offset_deg)))
+
+
+def extra_clock_bias_s(config: SimulationConfig, n_stops: int) -> FloatArray:
+    """Clock bias (stop,) in s on top of the clock's own walk."""
+    draws = generator(config.seed, RandomStage.CLOCK_BIAS).standard_normal(n_stops)
+    return np.asarray(config.impairments.clock_bias_std_ns * 1e-9 * draws)
+
+
+def surveyed(config: SimulationConfig, truth: Truth) -> Truth:
+    """The truth with the RX pose that the survey of the stops has noted, for those who are told the pose."""
+    hardware = config.impairments
+    if not (hardware.rx_placement_std_m or hardware.rx_heading_std_deg):
+        return truth
+    rng = generator(config.seed, RandomStage.SURVEY, truth.stop)
+    pose = surveyed_pose(
+        truth.rx_pose, hardware.rx_placement_std_m, np.deg2rad(hardware.rx_heading_std_deg), rng
+    )
+    return replace(truth, rx_pose=pose)
+
+
+def turn_by_oscillator(config: SimulationConfig, link: Link, stop: int, samples: ComplexArray) -> None:
+    """Clock drift, CFO and phase noise from beam pair to beam pair, in place on noiseless samples."""
+    hardware = config.impairments
+    n_tx, n_rx = samples.shape[:2]
+    time_s = pair_times_s(n_tx, n_rx, config.waveform.prs.subcarrier_spacing_hz)
+    if hardware.clock_drift_ppm:
+        turn_by_clock_drift(samples, time_s, hardware.clock_drift_ppm, link.frequency_offset_hz)
+    phase_rad = 2 * np.pi * hardware.cfo_hz * time_s
+    if hardware.phase_noise_pair_deg:
+        rng = generator(config.seed, RandomStage.PAIR_PHASE, stop)
+        phase_rad = phase_rad + random_walk_rad((n_tx, n_rx), np.deg2rad(hardware.phase_noise_pair_deg), rng)
+    if hardware.cfo_hz or hardware.phase_noise_pair_deg:
+        samples *= np.exp(1j * phase_rad).astype(np.complex64)[..., None]
+
+
+def through_front_end(config: SimulationConfig, link: Link, stop: int, samples: ComplexArray) -> None:
+    """What acts on the samples over time, in place, TX beam by TX beam: oscillator, mixer, converters.
+
+    CFO and phase noise within a symbol leak between subcarriers, IQ imbalance mirrors them, and the converters
+    see the sum of all subcarriers. The converters' gain is set to the strongest beam pair of the stop.
+    """
+    hardware = config.impairments
+    if not (
+        hardware.cfo_hz or hardware.phase_noise_linewidth_hz or hardware.iq_gain_db or hardware.iq_phase_deg
+        or hardware.adc_bits or hardware.adc_clip_db is not None
+    ):  # fmt: skip
+        return
+    spacing_hz = config.waveform.prs.subcarrier_spacing_hz
+    bins, n_fft = fft_bins(link.frequency_offset_hz, spacing_hz)
+    strongest = max(float(np.linalg.norm(block, axis=1).max()) for block in samples) ** 2
+    rms = np.sqrt(strongest / n_fft / 2)
+    rng = generator(config.seed, RandomStage.SYMBOL_PHASE, stop)
+    cfo_rad = 2 * np.pi * hardware.cfo_hz / (spacing_hz * n_fft) * np.arange(n_fft, dtype=float)
+    for block in samples:
+        signal = to_time(block, bins, n_fft)
+        phase_rad: FloatArray = cfo_rad
+        if hardware.phase_noise_linewidth_hz:
+            phase_rad = phase_rad + wiener_phase_rad(
+                len(block), n_fft, hardware.phase_noise_linewidth_hz, spacing_hz * n_fft, rng
+            )
+        if hardware.cfo_hz or hardware.phase_noise_linewidth_hz:
+            signal = signal * np.exp(1j * phase_rad).astype(np.complex64)
+        if hardware.iq_gain_db or hardware.iq_phase_deg:
+            signal = imbalanced(signal, hardware.iq_gain_db, np.deg2rad(hardware.iq_phase_deg))
+        if hardware.adc_clip_db is not None:
+            signal = clipped(signal, rms * 10 ** (hardware.adc_clip_db / 20))
+        if hardware.adc_bits:
+            signal = quantised(signal, hardware.adc_bits, rms * 10 ** (hardware.adc_full_scale_db / 20))
+        block[:] = from_time(signal, bins)
+
+
+def _built(
+    config: SimulationConfig, codebook: Codebook, elements: RandomStage, beams: RandomStage
+) -> Codebook:
+    hardware = config.impairments
+    if hardware.element_gain_std_db or hardware.element_phase_std_deg:
+        codebook = with_element_errors(
+            codebook,
+            hardware.element_gain_std_db,
+            np.deg2rad(hardware.element_phase_std_deg),
+            generator(config.seed, elements),
+        )
+    if hardware.coupling_db is not None:
+        codebook = with_mutual_coupling(codebook, hardware.coupling_db)
+    if hardware.beam_phase_std_deg:
+        codebook = with_beam_phases(
+            codebook, np.deg2rad(hardware.beam_phase_std_deg), generator(config.seed, beams)
+        )
+    return codebook
