@@ -35,7 +35,7 @@ from estimation.slam.record import IncidencePoints, PoseEstimates
 from scenes.record import Record
 from sim.codebook_store import weights_digest
 from sim.config import SimulationConfig
-from sim.store import complete_file, remove_leftovers, read_attribute, read_record, write_record, write_text
+from sim.store import complete_file, read_attribute, read_record, remove_leftovers, write_record, write_text
 from sim.sweep import BeamSweep
 from sim.truth import Truth
 

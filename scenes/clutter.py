@@ -26,8 +26,8 @@ class Clutter(Record):
     """A triangle mesh in one material, closed or with a rim; `kind` is one of `scenes.scene.OBJECT_KINDS`.
 
     Raises `ValueError` on an empty mesh, coordinates that are not finite, faces without area only, and on a
-    non-manifold one: an edge with more than two faces. Bodies that touch along an edge are none: as many of
-    their faces run along it one way as the other.
+    non-manifold one: an edge, two vertices by their numbers, with more than two faces. Bodies that touch along an
+    edge are none: as many of their faces run along it one way as the other.
     """
 
     name: str
@@ -85,13 +85,8 @@ class Clutter(Record):
 
     @cached_property
     def _edge_uses(self) -> tuple[IntArray, IntArray]:
-        """Faces at each edge (edge,), and how many more run along it one way than the other (edge,).
-
-        Vertices at one place are taken as one.
-        """
-        _, same = np.unique(self.vertices_m, axis=0, return_inverse=True)
-        corner = np.reshape(same, -1)[self.faces]
-        edges = np.concatenate([corner[:, [0, 1]], corner[:, [1, 2]], corner[:, [2, 0]]])
+        """Faces at each edge (edge,), and how many more run along it one way than the other (edge,)."""
+        edges = np.concatenate([self.faces[:, [0, 1]], self.faces[:, [1, 2]], self.faces[:, [2, 0]]])
         edges = edges[edges[:, 0] != edges[:, 1]]
         way = np.sign(edges[:, 1] - edges[:, 0])
         _, edge = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True)

@@ -48,7 +48,7 @@ ITU_TABLE: dict[str, tuple[ItuRow, ...]] = {
 
 @dataclass(frozen=True)
 class Material:
-    """A homogeneous slab with a Lambertian share of scattering.
+    """A homogeneous slab that scatters a share of what it reflects.
 
     Attributes
     ----------
@@ -56,6 +56,8 @@ class Material:
     conductivity_s_m : conductivity in S/m at the carrier, >= 0
     thickness_m : thickness of the slab behind every face of an object, > 0
     scattering_coefficient : share S of the reflected field that is scattered, in [0, 1]; S^2 of the power
+    scattering_directivity : alpha_R >= 1 of the directive model (Degli-Esposti et al., 2007), whose lobe is
+        centred on the specular direction and narrows with it; None scatters evenly (Lambertian)
     is_itu : whether the electrical constants come from the ITU-R P.2040-3 table
     """
 
@@ -65,6 +67,7 @@ class Material:
     thickness_m: float = 0.1
     scattering_coefficient: float = 0.0
     is_itu: bool = False
+    scattering_directivity: int | None = None
 
     def __post_init__(self) -> None:
         for field, valid, allowed in (
@@ -72,6 +75,7 @@ class Material:
             ("conductivity_s_m", 0 <= self.conductivity_s_m < np.inf, "must be >= 0"),
             ("thickness_m", 0 < self.thickness_m < np.inf, "must be > 0"),
             ("scattering_coefficient", 0 <= self.scattering_coefficient <= 1, "must lie in [0, 1]"),
+            ("scattering_directivity", (self.scattering_directivity or 1) >= 1, "must be >= 1"),
         ):
             if not valid:
                 raise ValueError(f"{field} = {getattr(self, field)} (material '{self.name}'): {allowed}")

@@ -62,7 +62,7 @@ def object_meshes(
 
 
 def read_mesh(path: Path) -> tuple[FloatArray, IntArray]:
-    """Vertices (vertex, xyz) and faces (face, corner) of a mesh file, all its bodies joined.
+    """Vertices (vertex, xyz) and faces (face, corner) of a mesh file, vertices at one place of a body made one.
 
     Whatever trimesh reads: OBJ, STL, PLY, OFF, glTF and GLB (their y axis points up) and others. Raises
     `ValueError` where the file cannot be read or holds no triangle.
@@ -70,7 +70,10 @@ def read_mesh(path: Path) -> tuple[FloatArray, IntArray]:
     if not path.is_file():
         raise ValueError(f"file = '{path}': there is no such file")
     try:
-        loaded = trimesh.load_scene(path).to_mesh()
+        loaded = trimesh.load_scene(path)
+        for body in loaded.geometry.values():
+            body.merge_vertices(merge_norm=True, merge_tex=True)
+        loaded = loaded.to_mesh()
     except Exception as error:  # readers raise whatever they like on broken files
         reason = " ".join(str(error).split()) or type(error).__name__
         raise ValueError(f"file = '{path}': cannot be read as a mesh ({reason})") from error

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -31,6 +32,7 @@ class MaterialConfig(ConfigModel):
     conductivity_s_m: Annotated[float, Field(ge=0)] | None = None
     thickness_m: Positive
     scattering_coefficient: Annotated[float, Field(ge=0, le=1)] = 0.0
+    scattering_directivity: Annotated[int, Field(ge=1, le=100)] | None = None
 
     @model_validator(mode="after")
     def _itu_or_custom(self) -> MaterialConfig:
@@ -42,13 +44,14 @@ class MaterialConfig(ConfigModel):
     def build(self, name: str, frequency_hz: float) -> Material:
         """The material with its constants at the carrier."""
         if self.itu is not None:
-            return itu_material(
+            material = itu_material(
                 self.itu,
                 frequency_hz,
                 name=name,
                 thickness_m=self.thickness_m,
                 scattering_coefficient=self.scattering_coefficient,
             )
+            return replace(material, scattering_directivity=self.scattering_directivity)
         assert self.relative_permittivity is not None and self.conductivity_s_m is not None
         return Material(
             name,
@@ -56,6 +59,7 @@ class MaterialConfig(ConfigModel):
             self.conductivity_s_m,
             self.thickness_m,
             self.scattering_coefficient,
+            scattering_directivity=self.scattering_directivity,
         )
 
 

@@ -14,6 +14,8 @@ from sim.occlusion import Crossings
 from sim.paths import BounceKind, Paths
 from sim.rays import Rays
 
+MIN_LEG_M = 1e-9  # shorter legs are rounding
+
 
 @dataclass(frozen=True)
 class Slabs(Record):
@@ -88,11 +90,15 @@ def events(rays: Rays, points_m: FloatArray, met: Crossings, n_slots: int) -> Ev
 def paths_of(
     rays: Rays, points_m: FloatArray, happening: Events, known: Slabs, names: list[str], max_loss_db: float
 ) -> tuple[Paths, BoolArray]:
-    """The rays as path record, and which of them lose at most `max_loss_db` in transmission (ray,)."""
+    """The rays as path record, and which of them count (ray,).
+
+    Those that lose more than `max_loss_db` in transmission do not, nor do those that bounce twice in one point,
+    where two surfaces meet.
+    """
     travel = np.diff(points_m, axis=1)
     leg_m = np.sqrt((travel * travel).sum(axis=2))
     length = leg_m.sum(axis=1)
-    direction = travel / leg_m[..., None]
+    direction = travel / np.maximum(leg_m, MIN_LEG_M)[..., None]
     received, transmitted = _received(direction, happening, known)
     wavelength = SPEED_OF_LIGHT_M_S / known.carrier_hz
     gain = received * rays.spreading * (wavelength / (4 * np.pi * length))
@@ -111,7 +117,7 @@ def paths_of(
         vertex_m=happening.vertex_m,
         object_name=np.asarray(names, str),
     )
-    return paths, transmitted >= 10 ** (-max_loss_db / 20)
+    return paths, (transmitted >= 10 ** (-max_loss_db / 20)) & (leg_m > MIN_LEG_M).all(axis=1)
 
 
 def _received(direction: FloatArray, happening: Events, known: Slabs) -> tuple[ComplexArray, FloatArray]:

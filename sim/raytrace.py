@@ -194,13 +194,17 @@ def _point(position_m: FloatArray) -> Any:
 
 
 def _radio_material(index: int, material: Material) -> Any:
+    directivity = material.scattering_directivity
+    pattern: dict[str, Any] = {"scattering_pattern": "lambertian"}
+    if directivity is not None:
+        pattern = {"scattering_pattern": "directive", "alpha_r": directivity}
     return _import_sionna().RadioMaterial(
         f"material-{index}",
         thickness=material.thickness_m,
         relative_permittivity=material.relative_permittivity,
         conductivity=material.conductivity_s_m,
         scattering_coefficient=material.scattering_coefficient,
-        scattering_pattern="lambertian",
+        **pattern,
     )
 
 

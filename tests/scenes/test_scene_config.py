@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from scenes.config import LIBRARY, library_scenes, load_scene
+from scenes.config import LIBRARY, ConfigError, library_scenes, load_scene
 
 ROOM = (LIBRARY / "box_room.toml").read_text()
 

@@ -254,8 +254,8 @@ def test_diffuse_power_does_not_depend_on_the_number_of_rays(room):
     assert total[1] / total[0] == pytest.approx(1, abs=0.1)
 
 
-def panel_scene(scattering_coefficient):
-    material = Material("board", 5.0, 0.5, 0.05, scattering_coefficient)
+def panel_scene(scattering_coefficient, directivity=None):
+    material = Material("board", 5.0, 0.5, 0.05, scattering_coefficient, scattering_directivity=directivity)
     panel = SceneObject("panel", "wall", Polyline(np.array([(2.0, -3.0), (2.0, 3.0)])), 0.0, 3.0, material)
     walk = Walk(np.array([[-1.0, 2.0]]), 1.2, 0.0)
     return Scene("panel", (panel,), Pose(np.array([0.0, -0.5, 1.5]), 0.0), walk, (-5, -5, 5, 5))
@@ -282,6 +282,20 @@ def test_diffuse_power_is_the_lambertian_integral():
     incident = cos_in / (4 * np.pi * r1**2) * 1e-4
     radiated = 0.25 * reflected * incident * cos_out / np.pi / r2**2
     assert traced == pytest.approx((radiated * WAVELENGTH_M**2 / (4 * np.pi)).sum(), rel=0.01)
+
+
+def test_a_directive_surface_scatters_about_the_specular_direction():
+    rx = np.array([-1.0, 2.0, 1.2])
+    spread = []
+    for directivity in (None, 4, 30):
+        paths = Tracer(
+            panel_scene(0.5, directivity), CARRIER_HZ, PropagationConfig(diffuse_samples=50_000)
+        ).trace(rx)
+        diffuse = paths.take("path", paths.is_diffuse)
+        [mirrored] = paths.vertex_m[paths.is_single_bounce & ~paths.is_diffuse][:, 0]
+        distance = np.linalg.norm(diffuse.vertex_m[:, 0] - mirrored, axis=1)
+        spread.append(np.average(distance, weights=diffuse.power))
+    assert spread[0] > 1.2 * spread[1] > 1.2**2 * spread[2]
 
 
 def test_no_scattering_coefficient_gives_no_diffuse_paths():
