@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -17,11 +17,13 @@ from scenes.object_config import (
     FloorplanConfig,
     MaterialConfig,
     MeshConfig,
+    Name,
     ObjectConfig,
     PlaneConfig,
     TxConfig,
     field,
 )
+from scenes.pose import Pose
 from scenes.record import FloatArray
 from scenes.scene import Scene, SceneObject
 from scenes.toml_config import ConfigError, ConfigModel, load_config
@@ -29,6 +31,7 @@ from scenes.trajectory import Walk
 from scenes.walk_config import Quadruple, RandomWalkConfig, WalkConfig
 
 LIBRARY = Path(__file__).parent / "library"
+MIN_DISTANCE_M = 0.05  # between TX and RX: nearer, there is no far field to speak of
 DEFAULT_MARGIN_M = 1.0  # of the bounds round all objects and stops where the file gives none
 
 Bounds = tuple[float, float, float, float]
@@ -37,7 +40,7 @@ Bounds = tuple[float, float, float, float]
 class SceneConfig(ConfigModel):
     """A scene file: one `tx` or several `txs`, one `walk` or several `walks`; the first ones are in use."""
 
-    name: str
+    name: Name
     description: str = ""
     bounds_m: Quadruple | None = None
     tx: TxConfig | None = None
@@ -78,6 +81,7 @@ class SceneConfig(ConfigModel):
         bounds = self.bounds_m or self._bounds_round(objects, clutter)
         walks = dict(self._build_walks(objects, clutter, bounds))
         txs = {item.name: item.build() for item in self._tx_configs}
+        _check_places(bounds, txs, walks)
         tx_name, walk_name = next(iter(txs)), next(iter(walks))
         planes = {}
         for name in ("floor", "ceiling"):
@@ -129,6 +133,30 @@ class SceneConfig(ConfigModel):
         every = np.concatenate(points)
         low, high = every.min(axis=0) - DEFAULT_MARGIN_M, every.max(axis=0) + DEFAULT_MARGIN_M
         return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+
+
+def _check_places(bounds_m: Bounds, txs: Mapping[str, Pose], walks: Mapping[str, Walk]) -> None:
+    """`ValueError` where the bounds are turned round, a device stands outside them, or an RX stop on a TX."""
+    low, high = np.array(bounds_m[:2]), np.array(bounds_m[2:])
+    if not (low < high).all():
+        raise ValueError(
+            f"bounds_m = {list(bounds_m)}: must be [x_min, y_min, x_max, y_max], each min below max"
+        )
+    places = {f"TX '{name}'": tx.position_m[None] for name, tx in txs.items()}
+    places |= {f"walk '{name}'": walk.positions_m() for name, walk in walks.items()}
+    for name, points_m in places.items():
+        outside = ((points_m[:, :2] < low) | (points_m[:, :2] > high)).any(axis=1)
+        if outside.any():
+            at = points_m[np.argmax(outside), :2].tolist()
+            raise ValueError(f"{name} at {at} m: must lie within bounds_m = {list(bounds_m)}")
+    for name, walk in walks.items():
+        for tx in txs.values():
+            distance = np.linalg.norm(walk.positions_m() - tx.position_m, axis=1)
+            if (distance < MIN_DISTANCE_M).any():
+                stop = int(np.argmin(distance))
+                raise ValueError(
+                    f"walk '{name}', stop {stop}: must be {MIN_DISTANCE_M} m or more from the TX"
+                )
 
 
 def library_scenes() -> list[str]:

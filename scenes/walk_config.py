@@ -15,7 +15,7 @@ from scenes.toml_config import ConfigModel, Pair
 from scenes.trajectory import Walk
 
 Quadruple = Annotated[tuple[float, float, float, float], Field(strict=False)]
-Count = Annotated[int, Field(ge=1)]
+Count = Annotated[int, Field(ge=1, le=100_000)]
 
 
 class WaypointWalkConfig(ConfigModel):

@@ -52,19 +52,22 @@ def scene_figure(
     kinds = _draw_bodies(ax, scene, view)
     _draw_devices(ax, scene, stop)
     title = scene.name
+    shown: list[Line2D] = []
     if paths is not None and stop is not None:
-        _draw_paths(ax, scene, paths, stop, view)
+        shown = _draw_paths(ax, scene, paths, stop, view)
         title = f"{scene.name}, stop {stop}: {path_summary(paths)}"
     z_low, z_high = _heights(scene)
     ax.set(xlim=view[::2], ylim=view[1::2], zlim=(z_low, z_high))
     ax.set_box_aspect((view[2] - view[0], view[3] - view[1], z_high - z_low), zoom=1.12)
-    ax.set(xlabel="x in m", ylabel="y in m", zlabel="z in m")
+    ax.set_xlabel("x in m", labelpad=12)
+    ax.set_ylabel("y in m", labelpad=8)
+    ax.set_zlabel("z in m")
     ax.view_init(elev=ELEVATION_DEG, azim=AZIMUTH_DEG)
     for axis in (ax.xaxis, ax.yaxis, ax.zaxis):
         axis.set_major_locator(MaxNLocator(3 if axis is ax.zaxis else 6, integer=True))
         axis.pane.set_alpha(0.0)
     figure.suptitle(title, fontsize=11, weight="bold", x=0.43, y=0.97)
-    _draw_legend(ax, figure, kinds)
+    _draw_legend(figure, kinds, shown)
     return figure
 
 
@@ -136,7 +139,8 @@ def _draw_devices(ax: Any, scene: Scene, stop: int | None) -> None:
     ax.text(x, y, z + TX_LABEL_M, "TX", fontsize=9, weight="bold", ha="center", zorder=7)
 
 
-def _draw_paths(ax: Any, scene: Scene, paths: Paths, stop: int, view: Box) -> None:
+def _draw_paths(ax: Any, scene: Scene, paths: Paths, stop: int, view: Box) -> list[Line2D]:
+    """Draw the paths to a stop and return their entries of the legend."""
     lines = path_lines(paths, scene.tx.position_m, scene.walk.positions_m()[stop])
     scattered = scatter_points(paths)
     inside = (scattered[:, :2] >= view[:2]) & (scattered[:, :2] <= view[2:])
@@ -149,11 +153,14 @@ def _draw_paths(ax: Any, scene: Scene, paths: Paths, stop: int, view: Box) -> No
         if len(legs):
             ax.add_collection3d(Line3DCollection(legs, colors=shade, linewidths=1.1, zorder=4))
     present = {line.kind for line in lines}
-    for kind, color in COLORS.items():
-        if kind in present:
-            ax.plot([], [], [], color=color, label=kind)
+    entries = [Line2D([], [], color=COLORS[kind], label=kind) for kind in COLORS if kind in present]
     if len(scattered):
-        ax.plot([], [], [], "o", color=SCATTER_COLOR, markersize=3, label="diffuse scattering")
+        entries.append(_mark("o", SCATTER_COLOR, 3, "diffuse scattering"))
+    return entries
+
+
+def _mark(marker: str, color: str, size: float, label: str) -> Line2D:
+    return Line2D([], [], marker=marker, color=color, markersize=size, linestyle="none", label=label)
 
 
 def _clipped(points_m: FloatArray, view: Box) -> FloatArray:
@@ -176,18 +183,14 @@ def _shaded(color: str, opacity: float, ring: Ring) -> Color:
     return red * bright, green * bright, blue * bright, alpha
 
 
-def _draw_legend(ax: Any, figure: Figure, kinds: set[str]) -> None:
+def _draw_legend(figure: Figure, kinds: set[str], paths_shown: list[Line2D]) -> None:
     patches = [
         Patch(facecolor=color + "59", edgecolor=color, label=kind)
         for kind, color in KIND_COLORS.items() if kind in kinds
     ]  # fmt: skip
-    devices = [
-        Line2D([], [], marker="o", color=RX_COLOR, markersize=3.5, linestyle="none", label="RX stop"),
-        Line2D([], [], marker="D", color="black", markersize=5, linestyle="none", label="TX"),
-    ]
-    handles, _ = ax.get_legend_handles_labels()
+    devices = [_mark("o", RX_COLOR, 3.5, "RX stop"), _mark("D", "black", 5, "TX")]
     figure.legend(
-        handles=[*patches, *devices, *handles], loc="upper left", bbox_to_anchor=(0.855, 0.9), fontsize=8,
+        handles=[*patches, *devices, *paths_shown], loc="upper left", bbox_to_anchor=(0.855, 0.9), fontsize=8,
         frameon=False,
     )  # fmt: skip
 

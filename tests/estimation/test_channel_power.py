@@ -11,9 +11,10 @@ from estimation.channel.detect import noise_threshold
 from estimation.channel.los import LosConfig, line_of_sight
 from estimation.channel.power import PowerMethodConfig, estimate_power
 from estimation.channel.power_map import beam_power_map
-from estimation.channel.record import ChannelEstimate
+from estimation.channel.record import ChannelEstimate, check_estimate
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose, wrap_angle
-from sim.link import Link, best_beam_power_dbm
+from sim.config import ArrayConfig, SimulationConfig
+from sim.link import Link, best_beam_power_dbm, make_link
 from sim.paths import Paths, empty_paths
 from sim.sweep import BeamSweep
 
@@ -166,3 +167,38 @@ def test_power_map_is_the_mean_power(make_sweep: SweepMaker, make_paths: Maker) 
     sweep = make_sweep(make_paths(GAIN_AT_6M, 2e-8, -1.4, 0.2), np.random.default_rng(6))
     expected = 10 * np.log10((np.abs(sweep.samples[3, 7].astype(complex)) ** 2).mean())
     assert beam_power_map(sweep).power_dbm[3, 7] == pytest.approx(expected, abs=1e-4)
+
+
+def test_a_single_beam_says_nothing_about_an_angle(make_paths: Maker, make_sweep: SweepMaker) -> None:
+    one = ArrayConfig(beams_per_panel=1)
+    link = make_link(SimulationConfig(scene="none", tx_array=one, rx_array=one))
+    paths = make_paths(GAIN_AT_6M, 2e-8, -np.pi / 2, 0.4)
+    estimate = estimate_power(make_sweep(paths, np.random.default_rng(7), over=link))
+    assert len(estimate) == 1
+    spread = np.sqrt(np.diagonal(estimate.covariance, axis1=1, axis2=2)[0])
+    np.testing.assert_allclose(spread[1:], np.pi / np.sqrt(3))
+
+
+def estimate_with(**changes: object) -> ChannelEstimate:
+    values: dict[str, object] = {
+        "stop": 4, "delay_s": [1e-8, 2e-8], "aod_azimuth_rad": [0, 1], "aoa_azimuth_rad": [0, 1],
+        "power_dbm": [-40, -50], "beam_loss_db": [0, 0], "snr_db": [30, 20],
+        "covariance": np.tile(np.diag([1e-20, 1e-4, 1e-4]), (2, 1, 1)), "is_los": [True, False],
+    }  # fmt: skip
+    return ChannelEstimate(**(values | changes))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"delay_s": [1e-8, np.nan]}, "stop 4: delay_s = nan: must be finite"),
+        ({"delay_s": [10.0, 20.0]}, "stop 4: delay_s = 10: must be within"),
+        ({"delay_s": [2e-8, 1e-8]}, "stop 4: delay_s is not sorted"),
+        ({"covariance": np.zeros((2, 3, 3))}, "stop 4: covariance: every matrix"),
+        ({"is_los": [True, True]}, "stop 4: is_los = 2 paths"),
+    ],
+)
+def test_estimates_that_break_the_record_are_refused(changes: dict[str, object], message: str) -> None:
+    check_estimate(estimate_with(), 4e-6)
+    with pytest.raises(ValueError, match=message):
+        check_estimate(estimate_with(**changes), 4e-6)

@@ -226,3 +226,26 @@ def test_library_scenes_load_with_plausible_materials(name):
         assert 1 <= material.relative_permittivity <= 15 and 5e-4 <= material.thickness_m <= 0.3
     high = max(item.z_max_m for item in scene.objects)
     assert high <= scene.ceiling.z_m
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("[8.5, 2.0]", "[14.5, 2.0]", ["walk 'walk'", "bounds_m"]),
+        (
+            "bounds_m = [0.0, 0.0, 10.0, 8.0]",
+            "bounds_m = [10.0, 0.0, 0.0, 8.0]",
+            ["bounds_m", "min below max"],
+        ),
+        ("[4.0, 2.0]", "[1.5, 4.0]", ["stop 0", "from the TX"]),
+        ('name = "box_room"', 'name = "../room"', ["name", "pattern"]),
+    ],
+)
+def test_places_that_cannot_be_are_refused(tmp_path, old, new, words):
+    text = (LIBRARY / "box_room.toml").read_text()
+    assert old in text
+    path = tmp_path / "room.toml"
+    path.write_text(text.replace(old, new, 1))
+    with pytest.raises(ConfigError) as caught:
+        load_scene(path)
+    assert all(word in str(caught.value) for word in words), caught.value

@@ -95,6 +95,7 @@ def test_a_users_estimator_takes_the_place_of_ours(box_room: Path, tmp_path: Pat
         "from estimation.channel.power import PowerMethodConfig, estimate_power\n"
         "def few(sweep):\n    return estimate_power(sweep, PowerMethodConfig(max_paths=2))\n"
         "def nothing(sweep):\n    return None\n"
+        "def broken(sweep):\n    return 1 / 0\n"
     )
     out = tmp_path / "out"
     assert arena("run", "box_room", "--out", out, "--estimator", "mine:few", cwd=tmp_path).returncode == 0
@@ -102,6 +103,9 @@ def test_a_users_estimator_takes_the_place_of_ours(box_room: Path, tmp_path: Pat
     assert scores["channel.estimated_per_stop"] == 2
     message = failure("estimate", out, "--estimator", "mine:nothing", cwd=tmp_path)
     assert "mine:nothing" in message and "ChannelEstimate is needed" in message
+    assert not (out / "scores.json").exists()
+    message = failure("estimate", out, "--estimator", "mine:broken", cwd=tmp_path)
+    assert "estimator = 'mine:broken' at stop 0: ZeroDivisionError" in message
 
 
 def test_help_answers_without_heavy_imports() -> None:
@@ -150,7 +154,7 @@ def test_missing_things_are_named(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("waypoints_m = [[", "waypoints_m = [[-0.05, 3.0], [", ["RX stop 0", "wall_west"]),
+        ("waypoints_m = [[", "waypoints_m = [[5.0, 5.5], [", ["RX stop 0", "pillar"]),
         ('itu = "concrete"', 'itu = "brick"', ["brick", "60 GHz"]),
     ],
 )
@@ -169,6 +173,26 @@ def test_bad_scenes_are_refused_before_anything_runs(
 def test_an_output_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     assert str(tmp_path / "file") in failure("run", "box_room", "--out", tmp_path / "file" / "out")
+
+
+def test_files_that_are_no_campaign_are_left_alone(tmp_path: Path) -> None:
+    mine = {name: tmp_path / name for name in ("report.html", "scene.toml", ".film.mkv.1.part")}
+    (tmp_path / "figures").mkdir()
+    mine["figure"] = tmp_path / "figures" / "fig1.png"
+    for file in mine.values():
+        file.write_text("mine")
+    assert "holds other files" in failure("run", "box_room", "--out", tmp_path)
+    assert all(file.read_text() == "mine" for file in mine.values())
+
+
+def test_the_line_of_sight_level_follows_the_link(tmp_path: Path) -> None:
+    base, _ = load_campaign("box_room")
+    assert base.channel.los.power_at_1m_dbm == pytest.approx(-13, abs=0.3)
+    strong, _ = load_campaign(str(campaign_file(tmp_path, "[link]\ntx_power_dbm = 23.0\n")))
+    assert strong.channel.los.power_at_1m_dbm == pytest.approx(base.channel.los.power_at_1m_dbm + 20)
+    assert strong.slam.path_loss.intercept_dbm == strong.channel.los.power_at_1m_dbm
+    given, _ = load_campaign(str(campaign_file(tmp_path, "[channel.los]\npower_at_1m_dbm = -7.0\n")))
+    assert given.channel.los.power_at_1m_dbm == -7
 
 
 def test_a_directory_of_another_campaign_is_not_overwritten(box_room: Path) -> None:
