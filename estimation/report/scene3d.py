@@ -48,6 +48,7 @@ def scene_figure(
     """
     figure = Figure(figsize=(10.5, 7.5))
     ax: Any = figure.add_axes((0.0, 0.03, 0.86, 0.91), projection="3d", computed_zorder=False)
+    ax.autoscale(False)
     view = plan_view(scene, extent)
     kinds = _draw_bodies(ax, scene, view)
     _draw_devices(ax, scene, stop)
@@ -59,8 +60,9 @@ def scene_figure(
     z_low, z_high = _heights(scene)
     ax.set(xlim=view[::2], ylim=view[1::2], zlim=(z_low, z_high))
     ax.set_box_aspect((view[2] - view[0], view[3] - view[1], z_high - z_low), zoom=1.12)
-    ax.set_xlabel("x in m", labelpad=12)
-    ax.set_ylabel("y in m", labelpad=8)
+    slender = (view[2] - view[0]) / (view[3] - view[1])  # long axes are drawn close to their labels
+    ax.set_xlabel("x in m", labelpad=8 * max(slender, 1))
+    ax.set_ylabel("y in m", labelpad=8 * max(1 / slender, 1))
     ax.set_zlabel("z in m")
     ax.view_init(elev=ELEVATION_DEG, azim=AZIMUTH_DEG)
     for axis in (ax.xaxis, ax.yaxis, ax.zaxis):

@@ -135,6 +135,12 @@ class SnapshotConfig(ConfigModel):
     ambiguous_gap: float = Field(4.0, ge=0)
     consider: Consider = Consider()
     max_iterations: int = Field(25, ge=1)
+    max_clock_bias_ns: float = Field(300.0, gt=0, description="a larger clock bias is not credible")
+
+    @property
+    def max_clock_bias_m(self) -> float:
+        """Largest credible clock bias as a length."""
+        return self.max_clock_bias_ns * 1e-9 * SPEED_OF_LIGHT_M_S
 
 
 class TrajectoryConfig(ConfigModel):

@@ -57,10 +57,12 @@ class SnapshotSolution(Record):
 def solve_snapshot(estimate: ChannelEstimate, tx_pose: Pose, config: SnapshotConfig) -> SnapshotSolution:
     """Solve one stop: with the earliest path as line of sight if that is credible, else without.
 
-    Kaltiokallio et al., arXiv 2404.10291; section II-C of the GP paper. Where nothing is feasible the status
-    is FAILED and the state NaN.
+    Kaltiokallio et al., arXiv 2404.10291; section II-C of the GP paper. Where nothing is feasible, or nothing with
+    a credible clock (nearly parallel paths leave clock and distance free together), the status is FAILED and the
+    state NaN.
     """
-    fits = ranked_modes(snapshot_problem(estimate, tx_pose, config.noise), config)
+    modes = ranked_modes(snapshot_problem(estimate, tx_pose, config.noise), config)
+    fits = [fit for fit in modes if abs(fit.state[3]) <= config.max_clock_bias_m]
     return _solution(estimate, tx_pose, fits, config) if fits else _failed(estimate)
 
 
