@@ -172,6 +172,10 @@ class CampaignStore:
         """The channel estimate of a stop, or None where it is still to be made."""
         return self._read(self._stop("channel", stop), StopEstimate, self.channel_fingerprint)
 
+    def has_channel(self, stop: int) -> bool:
+        """Whether the channel estimate of a stop is stored."""
+        return self._is_current(self._stop("channel", stop), self.channel_fingerprint)
+
     def write_channel(self, estimate: StopEstimate) -> None:
         """Store the channel estimate of a stop; scores made before are dropped."""
         self._write(self._stop("channel", estimate.channel.stop), estimate, self.channel_fingerprint)

@@ -83,7 +83,7 @@ def sweep_and_estimate(store: CampaignStore, *, keep_sweeps: bool, again: bool =
             truths(store, scene), len(scene.stops), description="trace, sweep, estimate"
         ):
             kept = not keep_sweeps or store.has_sweep(truth.stop)
-            if kept and not again and store.channel(truth.stop) is not None:
+            if kept and not again and store.has_channel(truth.stop):
                 continue
             sweep = store.sweep(truth.stop) or observe(store.config, link, scene, truth)
             if not kept:

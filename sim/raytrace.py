@@ -85,7 +85,7 @@ class Tracer:
     def diffuse(self, rx_position_m: FloatArray) -> Paths:
         """First-order diffuse paths off all surfaces to one receiver (xyz,)."""
         if self._diffuse_scene is None:
-            return empty_paths(self._names, n_bounce_slots(self.config))
+            return empty_paths(self._names, self.config.n_bounce_slots)
         rx = np.asarray(rx_position_m, float)
         solved = self._solve(
             self._diffuse_scene, rx,
@@ -102,7 +102,7 @@ class Tracer:
 
     def _record(self, loaded: _LoadedScene, rx: FloatArray, solved: Any) -> Paths:
         if not solved.tau.shape[-1]:
-            return empty_paths(self._names, n_bounce_slots(self.config))
+            return empty_paths(self._names, self.config.n_bounce_slots)
         real, imaginary = (part.numpy()[0, 0, 0, 0] for part in solved.a)
         kind, surface = _interactions(solved, loaded.surface_of_id, self._names)
         return _paths(
@@ -113,13 +113,8 @@ class Tracer:
             ends=(self._tx, rx),
             carrier_hz=self.carrier_hz,
             names=self._names,
-            n_slots=n_bounce_slots(self.config),
+            n_slots=self.config.n_bounce_slots,
         )
-
-
-def n_bounce_slots(config: PropagationConfig) -> int:
-    """Bounce slots of every path record."""
-    return config.n_bounce_slots
 
 
 def trace(
