@@ -1,12 +1,44 @@
-"""The channel estimate: paths of one stop as the receiver knows them."""
+"""The channel estimate: paths of one stop as the receiver knows them, whatever method found them."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any
 
 import numpy as np
 
 from scenes.record import BoolArray, FloatArray, Record, array
+
+MIN_PARAMETERS = 3  # delay, departure azimuth, arrival azimuth; then departure and arrival elevation
+
+
+class EstimateStatus(StrEnum):
+    """How the estimate of a stop came about."""
+
+    OK = "ok"
+    NO_PATHS = "no paths"  # the sweep is sound, nothing rises above the noise
+    LIMITED = "limited"  # more paths than asked for, or than the data can hold
+    REFUSED = "refused"  # the samples tell nothing: empty, all zero, not finite
+
+
+class AngleKind(StrEnum):
+    """What the azimuths of one device are.
+
+    AZIMUTH
+        The horizontal direction itself: elevation was estimated, or the angle is known to be horizontal.
+    CONE
+        The azimuth that the beams would show at elevation 0: horizontal beams of a panel see only
+        sin(azimuth) cos(elevation) about its boresight, so a path from above or below comes out nearer to it.
+    """
+
+    AZIMUTH = "azimuth"
+    CONE = "cone"
+
+
+def _optional(*axes: str, **about: Any) -> Any:
+    """An array field that may be left out; the record then fills in what is said of it."""
+    return field(default=None, metadata=array(*axes, **about).metadata)
 
 
 @dataclass(frozen=True)
@@ -15,6 +47,9 @@ class ChannelEstimate(Record):
 
     Angles are in the devices' own frames: departure relative to the TX heading, arrival relative to the RX
     heading (the RX heading itself is unknown to the estimator). Delays contain the unknown clock bias.
+
+    Fields after `is_los` may be left out: what they say is then unknown (NaN), the probability of the line of
+    sight is 1 or 0, and azimuths are taken to be horizontal.
     """
 
     stop: int = array(dtype=int, doc="index of the receiver stop")
@@ -34,13 +69,70 @@ class ChannelEstimate(Record):
         "path",
         "parameter",
         "parameter2",
-        unit="(s, rad, rad)^2",
-        doc="of delay, departure and arrival azimuth",
+        unit="(s, rad, ...)^2",
+        doc="of delay, departure and arrival azimuth, then, where estimated, both elevations (NaN for one unknown)",
     )
     is_los: BoolArray = array("path", dtype=bool, doc="the path taken as line of sight: at most one")
+    los_probability: FloatArray = _optional("path", doc="probability that the path is the line of sight")
+    gain_amplitude: FloatArray = _optional(
+        "path", unit="sqrt(mW)", doc="magnitude of the path gain with the transmit power, without beams"
+    )
+    gain_phase_rad: FloatArray = _optional(
+        "path", unit="rad", doc="phase of the path gain at the carrier; NaN where phases are not kept"
+    )
+    aod_elevation_rad: FloatArray = _optional("path", unit="rad", doc="elevation of departure; NaN unknown")
+    aoa_elevation_rad: FloatArray = _optional("path", unit="rad", doc="elevation of arrival; NaN unknown")
+    aod_angle_kind: str = _optional(dtype=str, doc="departure azimuths are: 'azimuth' or 'cone' angles")
+    aoa_angle_kind: str = _optional(dtype=str, doc="arrival azimuths are: 'azimuth' or 'cone' angles")
+    method: str = _optional(dtype=str, doc="what found the paths")
+    status: str = _optional(dtype=str, doc="'ok', 'no paths', 'limited' or 'refused'")
+    reason: str = _optional(dtype=str, doc="what the method chose and why, or what was wrong")
+
+    def __post_init__(self) -> None:
+        n = len(self.delay_s)
+        unknown = dict.fromkeys(
+            ("gain_amplitude", "gain_phase_rad", "aod_elevation_rad", "aoa_elevation_rad"), np.full(n, np.nan)
+        )
+        defaults: dict[str, Any] = {
+            "los_probability": np.asarray(self.is_los, float),
+            **unknown,
+            "aod_angle_kind": AngleKind.AZIMUTH,
+            "aoa_angle_kind": AngleKind.AZIMUTH,
+            "method": "given",
+            "status": EstimateStatus.OK if n else EstimateStatus.NO_PATHS,
+            "reason": "",
+        }
+        for name, value in defaults.items():
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, value)
+        super().__post_init__()
 
     def __len__(self) -> int:
         return self.size("path")
+
+    @property
+    def plane_covariance(self) -> FloatArray:
+        """Covariance (path, 3, 3) of delay and both azimuths alone, in (s, rad, rad)^2."""
+        return self.covariance[:, :MIN_PARAMETERS, :MIN_PARAMETERS]
+
+
+def empty_estimate(stop: int, method: str, status: EstimateStatus, reason: str) -> ChannelEstimate:
+    """The estimate of a stop without any path, with what led to it."""
+    none = np.zeros(0)
+    return ChannelEstimate(
+        stop=stop,
+        delay_s=none,
+        aod_azimuth_rad=none,
+        aoa_azimuth_rad=none,
+        power_dbm=none,
+        beam_loss_db=none,
+        snr_db=none,
+        covariance=np.zeros((0, MIN_PARAMETERS, MIN_PARAMETERS)),
+        is_los=np.zeros(0, bool),
+        method=method,
+        status=status,
+        reason=reason,
+    )
 
 
 def check_estimate(estimate: ChannelEstimate, period_s: float) -> None:
@@ -52,11 +144,11 @@ def check_estimate(estimate: ChannelEstimate, period_s: float) -> None:
     ------
     ValueError
         Where a value is not finite, a delay lies beyond +-`period_s` (ns for s), paths are not sorted by delay, a
-        covariance is not symmetric and positive definite, or several paths are called line of sight; the message
-        names stop, field and value.
+        covariance is not symmetric and positive definite, several paths are called line of sight or one against
+        its probability, or a word is none of those allowed; the message names stop, field and value.
     """
     where = f"stop {estimate.stop}: "
-    for name in ("delay_s", "aod_azimuth_rad", "aoa_azimuth_rad", "power_dbm", "covariance"):
+    for name in ("delay_s", "aod_azimuth_rad", "aoa_azimuth_rad", "power_dbm"):
         value = getattr(estimate, name)
         if not np.isfinite(value).all():
             raise ValueError(f"{where}{name} = {value[~np.isfinite(value)][0]}: must be finite")
@@ -65,12 +157,50 @@ def check_estimate(estimate: ChannelEstimate, period_s: float) -> None:
         raise ValueError(f"{where}delay_s = {estimate.delay_s[late][0]:g}: must be within +-{period_s:.3g} s")
     if (np.diff(estimate.delay_s) < 0).any():
         raise ValueError(f"{where}delay_s is not sorted: paths must come in order of delay")
-    symmetric = np.allclose(estimate.covariance, np.swapaxes(estimate.covariance, 1, 2))
+    _check_covariance(estimate, where)
+    _check_los(estimate, where)
+    for name, allowed in (
+        ("aod_angle_kind", AngleKind),
+        ("aoa_angle_kind", AngleKind),
+        ("status", EstimateStatus),
+    ):
+        if getattr(estimate, name) not in list(allowed):
+            raise ValueError(
+                f"{where}{name} = '{getattr(estimate, name)}': must be one of {', '.join(allowed)}"
+            )
+
+
+def _check_covariance(estimate: ChannelEstimate, where: str) -> None:
+    n_parameters = estimate.size("parameter")
+    if n_parameters not in (MIN_PARAMETERS, MIN_PARAMETERS + 2) or n_parameters != estimate.size(
+        "parameter2"
+    ):
+        shape = estimate.covariance.shape
+        raise ValueError(f"{where}covariance has shape {shape}: every matrix must be 3 x 3 or 5 x 5")
+    if not len(estimate):
+        return
+    known = np.ones((len(estimate), n_parameters), bool)
+    elevations = np.stack([estimate.aod_elevation_rad, estimate.aoa_elevation_rad], axis=1)
+    known[:, MIN_PARAMETERS:] = np.isfinite(elevations[:, : n_parameters - MIN_PARAMETERS])
+    both = known[:, :, None] & known[:, None, :]
+    bad = both & ~np.isfinite(estimate.covariance)
+    if bad.any():
+        raise ValueError(f"{where}covariance = {estimate.covariance[bad][0]}: must be finite")
     # Delays in ns and angles in rad have comparable sizes, so that the eigenvalues can be judged.
-    scale = np.array([1e9, 1.0, 1.0])
-    if not symmetric or (np.linalg.eigvalsh(estimate.covariance * scale[:, None] * scale) <= 0).any():
+    scale = np.array([1e9, 1.0, 1.0, 1.0, 1.0])[:n_parameters]
+    scaled = np.where(both, estimate.covariance * scale[:, None] * scale, np.eye(n_parameters))
+    if not np.allclose(scaled, np.swapaxes(scaled, 1, 2)) or (np.linalg.eigvalsh(scaled) <= 0).any():
         raise ValueError(f"{where}covariance: every matrix must be symmetric and positive definite")
+
+
+def _check_los(estimate: ChannelEstimate, where: str) -> None:
     if estimate.is_los.sum() > 1:
         raise ValueError(
             f"{where}is_los = {int(estimate.is_los.sum())} paths: at most one can be line of sight"
         )
+    probability = estimate.los_probability
+    outside = ~((probability >= 0) & (probability <= 1))
+    if outside.any():
+        raise ValueError(f"{where}los_probability = {probability[outside][0]:g}: must be within 0 to 1")
+    if (estimate.is_los != (probability > 0.5)).any():
+        raise ValueError(f"{where}is_los: must be set where los_probability is above 0.5, and nowhere else")

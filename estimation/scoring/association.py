@@ -6,6 +6,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from estimation.scoring.config import Gate
+from estimation.scoring.set_metrics import Gospa, gospa
 from scenes.pose import wrap_angle
 from scenes.record import BoolArray, FloatArray, IntArray
 
@@ -37,3 +38,12 @@ def assign(estimate: FloatArray, truth: FloatArray, gate: Gate) -> IntArray:
     result = np.full(len(estimate), -1)
     result[rows[matched]] = columns[matched]
     return result
+
+
+def path_gospa(estimate: FloatArray, truth: FloatArray, gate: Gate) -> Gospa:
+    """GOSPA of estimated (estimate, 3) and true paths (true, 3) in (s, rad, rad), cutoff 1.
+
+    The base distance is the root mean square of the three errors in units of the gate.
+    """
+    error = parameter_errors(estimate[:, None], truth[None]) / gate.half_width
+    return gospa(np.sqrt(np.square(error).mean(axis=-1)), 1.0)

@@ -8,11 +8,11 @@ import numpy as np
 from scipy.stats import chi2
 
 from estimation.channel.record import ChannelEstimate
-from estimation.scoring.association import assign, inside_gate, parameter_errors
+from estimation.scoring.association import assign, inside_gate, parameter_errors, path_gospa
 from estimation.scoring.config import ScoringConfig, Significance
 from estimation.scoring.metric import Metric
 from estimation.scoring.provenance import PathOrigin, path_origin
-from estimation.scoring.record import PathKind, PathScores, PathStatus, SignificantPaths
+from estimation.scoring.record import PathKind, PathScores, PathStatus, SignificantPaths, StopScores
 from estimation.scoring.statistics import maximum, mean, ratio, rms, squared_mahalanobis
 from scenes.pose import Pose, wrap_angle
 from scenes.record import BoolArray, FloatArray, IntArray
@@ -58,8 +58,8 @@ def score_stop(
     power_dbm: FloatArray,
     limits: Significance,
     config: ScoringConfig,
-) -> tuple[PathScores, SignificantPaths]:
-    """Tables of one stop: each estimated path with its true one, and what there was to detect.
+) -> tuple[PathScores, SignificantPaths, StopScores]:
+    """Tables of one stop: each estimated path with its true one, what there was to detect, and how far they are.
 
     `power_dbm` (path,) is the received power of the true paths in their best beam pairs.
     """
@@ -78,6 +78,7 @@ def score_stop(
     return (
         _path_scores(stop, estimate, measured, true_path, status),
         _significant_scores(stop, significant, detected, config),
+        _stop_scores(stop, measured[status != PathStatus.WEAK], significant, config),
     )
 
 
@@ -124,7 +125,7 @@ def _path_scores(
         aod_error_rad=error[:, 1],
         aoa_error_rad=error[:, 2],
         power_error_db=power_error_db,
-        nees=squared_mahalanobis(error, estimate.covariance),
+        nees=squared_mahalanobis(error, estimate.plane_covariance),
     )
 
 
@@ -149,6 +150,19 @@ def _significant_scores(
     )
 
 
+def _stop_scores(
+    stop: _Stop, measured: FloatArray, significant: IntArray, config: ScoringConfig
+) -> StopScores:
+    distance = path_gospa(measured, stop.parameters[significant], config.gate)
+    return StopScores(
+        stop=np.array([stop.truth.stop]),
+        gospa=np.array([distance.value]),
+        localisation=np.array([distance.localisation]),
+        missed=np.array([distance.missed]),
+        false=np.array([distance.false]),
+    )
+
+
 def los_decision_is_right(stops: IntArray, paths: PathScores, significant: SignificantPaths) -> BoolArray:
     """Whether the LOS decision was right, per stop.
 
@@ -160,9 +174,14 @@ def los_decision_is_right(stops: IntArray, paths: PathScores, significant: Signi
     return np.where(named, np.isin(stops, paths.stop[is_los]), ~exists)
 
 
-def channel_metrics(stops: IntArray, paths: PathScores, significant: SignificantPaths) -> list[Metric]:
+def channel_metrics(sets: StopScores, paths: PathScores, significant: SignificantPaths) -> list[Metric]:
     """Scores of the channel estimates over the given stops. Errors are those of detected paths."""
+    stops = sets.stop
     return [
+        Metric("channel.gospa.mean", mean(sets.gospa), "gates", "lower"),
+        Metric("channel.gospa.localisation_mean", mean(sets.localisation), "gates", "lower"),
+        Metric("channel.gospa.missed_mean", mean(sets.missed), "gates", "lower"),
+        Metric("channel.gospa.false_mean", mean(sets.false), "gates", "lower"),
         *_count_metrics(stops, paths, significant),
         *_error_metrics(paths),
         Metric("channel.nees", mean(paths.nees / 3), "1", "info"),

@@ -13,7 +13,14 @@ from estimation.results import CampaignResults
 from estimation.scoring.config import ScoringConfig
 from estimation.scoring.metric import Metric
 from estimation.scoring.pose_scores import score_poses
-from estimation.scoring.record import PathKind, PathScores, PathStatus, ScoreTables, SignificantPaths
+from estimation.scoring.record import (
+    PathKind,
+    PathScores,
+    PathStatus,
+    ScoreTables,
+    SignificantPaths,
+    StopScores,
+)
 from estimation.scoring.score import Scores, score_map, score_metrics
 from scenes.record import FloatArray, TextArray, concatenate
 from scenes.scene import Scene
@@ -43,6 +50,7 @@ def score_measured(
     tables = ScoreTables(
         paths=paths,
         significant=significant,
+        stops=StopScores(stops, *np.full((4, len(stops)), np.nan)),
         poses=score_poses(
             stops,
             [truth.rx_pose for truth in known],

@@ -67,6 +67,21 @@ class SignificantPaths(Record):
 
 
 @dataclass(frozen=True)
+class StopScores(Record):
+    """Distance between the estimated and the significant true paths of every stop, as sets.
+
+    GOSPA (order 2, cutoff 1); the base distance is the root mean square of the three errors in units of the gate.
+    Estimates that weak or diffuse true energy explains count neither as found nor as false.
+    """
+
+    stop: IntArray = array("stop", dtype=int, doc="index of the receiver stop")
+    gospa: FloatArray = array("stop", doc="GOSPA of the paths")
+    localisation: FloatArray = array("stop", doc="its part of the errors of assigned paths")
+    missed: FloatArray = array("stop", doc="its part of the missed paths")
+    false: FloatArray = array("stop", doc="its part of the false paths")
+
+
+@dataclass(frozen=True)
 class PoseScores(Record):
     """Receiver state per stop: the truth and the errors of SLAM, NaN where it found no solution."""
 
@@ -76,6 +91,7 @@ class PoseScores(Record):
     true_position_m: FloatArray = array("stop", "xy", unit="m", doc="true receiver position")
     true_heading_rad: FloatArray = array("stop", unit="rad", doc="true receiver heading")
     true_clock_bias_s: FloatArray = array("stop", unit="s", doc="true receiver clock bias")
+    position_m: FloatArray = array("stop", "xy", unit="m", doc="estimated receiver position")
     position_error_m: FloatArray = array("stop", unit="m", doc="distance of the estimate to the truth")
     heading_error_rad: FloatArray = array("stop", unit="rad", doc="estimate minus truth, wrapped")
     clock_error_s: FloatArray = array("stop", unit="s", doc="estimate minus truth")
@@ -107,10 +123,13 @@ class ClusterScores(Record):
     is_ghost: BoolArray = array("cluster", dtype=bool, doc="more than half of the IPs stem from no object")
     iou: FloatArray = array("cluster", doc="intersection over union of the areas, closed objects")
     hausdorff_m: FloatArray = array("cluster", unit="m", doc="Hausdorff distance of the contours")
+    modified_hausdorff_m: FloatArray = array("cluster", unit="m", doc="larger mean distance of the contours")
+    chamfer_m: FloatArray = array("cluster", unit="m", doc="mean of the two mean distances of the contours")
     seen_rmse_m: FloatArray = array("cluster", unit="m", doc="RMS distance of the seen contour to the object")
     full_rmse_m: FloatArray = array("cluster", unit="m", doc="RMS distance of the full contour to the object")
     coverage95: FloatArray = array("cluster", doc="share of angles whose 95 % band holds the true radius")
     seen_coverage95: FloatArray = array("cluster", doc="the same at seen angles")
+    crps_m: FloatArray = array("cluster", unit="m", doc="mean CRPS of the predicted radius over all angles")
     extent_iou: FloatArray = array("cluster", doc="overlap of the seen contour with the lit extent, walls")
 
 
@@ -128,6 +147,7 @@ class ScoreTables(Record):
 
     paths: PathScores
     significant: SignificantPaths
+    stops: StopScores
     poses: PoseScores
     mapping: MapScores
     slam: MapScores

@@ -23,6 +23,7 @@ from estimation.scoring.record import (
     PoseScores,
     ScoreTables,
     SignificantPaths,
+    StopScores,
 )
 from estimation.scoring.shape_scores import ShapeErrors, shape_errors, shape_metrics
 from scenes.pose import Pose
@@ -66,10 +67,13 @@ def score_campaign(
         Where a stop has a truth but no estimate or the other way round, or no stop is given at all.
     """
     config = config or ScoringConfig()
-    paths, significant, poses = _score_stops(scene, truths, results, true_power_dbm, significance, config)
+    paths, significant, stops, poses = _score_stops(
+        scene, truths, results, true_power_dbm, significance, config
+    )
     tables = ScoreTables(
         paths=paths,
         significant=significant,
+        stops=stops,
         poses=poses,
         mapping=score_map(scene, results.mapping, paths, significant, config),
         slam=score_map(scene, results.slam, paths, significant, config),
@@ -79,7 +83,7 @@ def score_campaign(
 
 def score_metrics(scene: Scene, tables: ScoreTables) -> tuple[Metric, ...]:
     """All metrics of a campaign, always the same keys for the same scene."""
-    metrics = channel_metrics(tables.poses.stop, tables.paths, tables.significant)
+    metrics = channel_metrics(tables.stops, tables.paths, tables.significant)
     metrics += pose_metrics(tables.poses)
     for name, one_map in (("mapping", tables.mapping), ("slam", tables.slam)):
         metrics += map_metrics(name, scene, one_map.ips, one_map.clusters)
@@ -94,21 +98,23 @@ def _score_stops(
     true_power_dbm: Callable[[Truth], FloatArray],
     significance: Significance,
     config: ScoringConfig,
-) -> tuple[PathScores, SignificantPaths, PoseScores]:
+) -> tuple[PathScores, SignificantPaths, StopScores, PoseScores]:
     estimates = {estimate.stop: estimate for estimate in results.channel}
     stops: list[int] = []
     poses: list[Pose] = []
     biases_s: list[float] = []
     path_parts: list[PathScores] = []
     true_parts: list[SignificantPaths] = []
+    stop_parts: list[StopScores] = []
     for truth in truths:
         if truth.stop not in estimates:
             raise ValueError(f"results.channel: stop {truth.stop} has a truth but no channel estimate")
-        paths, significant = score_stop(
+        paths, significant, stop = score_stop(
             truth, estimates[truth.stop], scene.tx, true_power_dbm(truth), significance, config
         )
         path_parts.append(paths)
         true_parts.append(significant)
+        stop_parts.append(stop)
         stops.append(truth.stop)
         poses.append(truth.rx_pose)
         biases_s.append(truth.clock_bias_s)
@@ -118,7 +124,7 @@ def _score_stops(
     significant = concatenate(true_parts, "true_path")
     has_los = np.isin(stops, significant.stop[significant.kind == PathKind.LOS])
     pose_scores = score_poses(np.array(stops), poses, np.array(biases_s), has_los, results.slam.poses)
-    return concatenate(path_parts, "estimate"), significant, pose_scores
+    return concatenate(path_parts, "estimate"), significant, concatenate(stop_parts, "stop"), pose_scores
 
 
 def score_map(

@@ -8,6 +8,14 @@ import numpy as np
 import shapely
 
 from estimation.scoring.config import ScoringConfig
+from estimation.scoring.consistency import gaussian_crps
+from estimation.scoring.contour_metrics import (
+    chamfer_m,
+    extent_iou,
+    hausdorff_m,
+    intersection_over_union,
+    modified_hausdorff_m,
+)
 from estimation.scoring.metric import Metric
 from estimation.scoring.record import ClusterScores
 from estimation.scoring.statistics import mean, rms
@@ -27,10 +35,13 @@ class ShapeErrors:
 
     iou: float = np.nan
     hausdorff_m: float = np.nan
+    modified_hausdorff_m: float = np.nan
+    chamfer_m: float = np.nan
     seen_rmse_m: float = np.nan
     full_rmse_m: float = np.nan
     coverage95: float = np.nan
     seen_coverage95: float = np.nan
+    crps_m: float = np.nan
     extent_iou: float = np.nan
 
 
@@ -65,54 +76,28 @@ def shape_errors(
     training = np.arctan2(offset[:, 1], offset[:, 0])
     seen = seen_samples(shapes.angle_rad, training, np.deg2rad(config.seen_margin_deg))
     distance = np.abs(contour.signed_distance(points))
+    back = np.asarray(
+        shapely.distance(shapely.LinearRing(points), shapely.points(contour.sample(OUTLINE_SPACING_M)))
+    )
     true_radius = contour.radius(shapes.center_m[cluster], shapes.angle_rad)
     half_width = BAND_SIGMAS * shapes.radius_std_m[cluster]
     covered = np.abs(true_radius - shapes.radius_m[cluster]) <= half_width
     exists = np.isfinite(true_radius)
+    crps = gaussian_crps(
+        true_radius[exists], shapes.radius_m[cluster][exists], shapes.radius_std_m[cluster][exists]
+    )
     return ShapeErrors(
-        iou=intersection_over_union(points, contour),
-        hausdorff_m=hausdorff_m(points, contour),
+        iou=intersection_over_union(points, np.asarray(contour.outline.coords)) if contour.closed else np.nan,
+        hausdorff_m=hausdorff_m(distance, back),
+        modified_hausdorff_m=modified_hausdorff_m(distance, back),
+        chamfer_m=chamfer_m(distance, back),
         seen_rmse_m=rms(distance[seen]),
         full_rmse_m=rms(distance),
         coverage95=mean(covered[exists]),
         seen_coverage95=mean(covered[exists & seen]),
+        crps_m=mean(crps),
         extent_iou=extent_iou(points[seen], lit_points_m),
     )
-
-
-def intersection_over_union(points_m: FloatArray, contour: Contour) -> float:
-    """IoU of the polygon through the points (point, xy) with a closed contour; NaN for an open one."""
-    if not contour.closed:
-        return float("nan")
-    estimate = shapely.make_valid(shapely.Polygon(points_m))
-    truth = shapely.Polygon(contour.outline)
-    return float(estimate.intersection(truth).area / estimate.union(truth).area)
-
-
-def hausdorff_m(points_m: FloatArray, contour: Contour) -> float:
-    """Hausdorff distance in m of the closed polygon through the points to the contour, both directions."""
-    ring = shapely.LinearRing(points_m)
-    towards = np.abs(contour.signed_distance(points_m)).max()
-    back = shapely.distance(ring, shapely.points(contour.sample(OUTLINE_SPACING_M))).max()
-    return float(max(towards, back))
-
-
-def extent_iou(points_m: FloatArray, lit_points_m: FloatArray) -> float:
-    """Overlap over union of two extents along the main direction of the lit points.
-
-    Only the lit part of a wall can be seen, so the lit points (point, xy), not the wall's ends, are the truth.
-    NaN where there are fewer than two distinct lit points or no points at all.
-    """
-    if len(lit_points_m) < 2 or not len(points_m):
-        return float("nan")
-    middle = lit_points_m.mean(axis=0)
-    _, spread, axes = np.linalg.svd(lit_points_m - middle, full_matrices=False)
-    if spread[0] < 1e-9:
-        return float("nan")
-    lit, seen = (lit_points_m - middle) @ axes[0], (points_m - middle) @ axes[0]
-    overlap = min(lit.max(), seen.max()) - max(lit.min(), seen.min())
-    union = max(lit.max(), seen.max()) - min(lit.min(), seen.min())
-    return float(max(overlap, 0.0) / union)
 
 
 def shape_metrics(map_name: str, scene: Scene, clusters: ClusterScores) -> list[Metric]:
@@ -143,6 +128,9 @@ def _mean_metrics(prefix: str, rows: ClusterScores) -> list[Metric]:
     return [
         Metric(f"{prefix}.iou.mean", mean(rows.iou), "1", "higher"),
         Metric(f"{prefix}.hausdorff.mean_m", mean(rows.hausdorff_m), "m", "lower"),
+        Metric(f"{prefix}.modified_hausdorff.mean_m", mean(rows.modified_hausdorff_m), "m", "lower"),
+        Metric(f"{prefix}.chamfer.mean_m", mean(rows.chamfer_m), "m", "lower"),
+        Metric(f"{prefix}.crps.mean_m", mean(rows.crps_m), "m", "lower"),
         Metric(f"{prefix}.seen_rmse.mean_m", mean(rows.seen_rmse_m), "m", "lower"),
         Metric(f"{prefix}.full_rmse.mean_m", mean(rows.full_rmse_m), "m", "lower"),
         Metric(f"{prefix}.extent_iou.mean", mean(rows.extent_iou), "1", "higher"),

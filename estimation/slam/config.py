@@ -33,7 +33,7 @@ class PathNoise(ConfigModel):
         if self.source == "fixed":
             return np.tile(_diagonal(self.delay_std_ns, self.angle_std_deg), (len(estimate), 1, 1))
         floor = _diagonal(self.floor_delay_std_ns, self.floor_angle_std_deg)
-        return range_covariance(estimate.covariance) + floor
+        return range_covariance(estimate.plane_covariance) + floor
 
 
 class MappingConfig(ConfigModel):

@@ -13,8 +13,8 @@ CONFIG = ScoringConfig()
 
 
 def metrics_of(scored):
-    paths, significant = scored
-    return {m.key: m.value for m in channel_metrics(np.array([4]), paths, significant)}
+    paths, significant, sets = scored
+    return {m.key: m.value for m in channel_metrics(sets, paths, significant)}
 
 
 @pytest.fixture
@@ -33,8 +33,8 @@ def estimate(campaign):
 
 
 def test_exact_estimates_score_perfectly(stop, estimate):
-    paths, significant = stop()
-    values = metrics_of((paths, significant))
+    paths, significant, sets = stop()
+    values = metrics_of((paths, significant, sets))
     assert (paths.status == PathStatus.DETECTED).all()
     assert paths.object.tolist() == ["", "pillar_a", "pillar_b", "wall_south", "wall_east", ""]
     assert paths.kind.tolist() == [0, 1, 1, 1, 1, 2]
@@ -46,6 +46,7 @@ def test_exact_estimates_score_perfectly(stop, estimate):
     assert values["channel.power.rmse_db"] == pytest.approx(0, abs=1e-9)
     assert values["channel.nees"] == pytest.approx(0, abs=1e-12)
     assert values["channel.coverage95"] == 1
+    assert values["channel.gospa.mean"] == pytest.approx(0, abs=1e-6)
     assert values["channel.los.decision_accuracy"] == 1
 
 
@@ -80,7 +81,7 @@ def test_weak_energy_explains_and_thin_air_does_not(stop, estimate, campaign, tr
         is_los=np.zeros(2, bool),
     )
     both = concatenate([estimate, diffuse], "path")
-    paths, _ = stop(both)
+    paths, _, _ = stop(both)
     assert paths.status[-2:].tolist() == [PathStatus.WEAK, PathStatus.FALSE]
     assert paths.object[-2:].tolist() == ["wall_south", ""]
     assert paths.true_path[-2:].tolist() == [7, -1]
@@ -91,7 +92,7 @@ def test_weak_energy_explains_and_thin_air_does_not(stop, estimate, campaign, tr
 
 def test_a_duplicate_of_a_detected_path_is_false(stop, estimate):
     twice = concatenate([estimate, estimate.take("path", np.array([4]))], "path")
-    paths, _ = stop(twice)
+    paths, _, _ = stop(twice)
     assert (paths.status == PathStatus.DETECTED).sum() == len(estimate)
     assert (paths.status == PathStatus.FALSE).sum() == 1
 
@@ -120,8 +121,8 @@ def test_los_decision(stop, estimate):
 
 
 def test_nothing_estimated_is_valid(stop, estimate):
-    paths, significant = stop(estimate.take("path", np.zeros(0, int)))
-    values = metrics_of((paths, significant))
+    paths, significant, sets = stop(estimate.take("path", np.zeros(0, int)))
+    values = metrics_of((paths, significant, sets))
     assert values["channel.missed_per_stop"] == 6
     assert np.isnan(values["channel.delay.rmse_ns"])
     assert (significant.kind == [PathKind.LOS] + [PathKind.SINGLE_BOUNCE] * 4 + [PathKind.MULTI_BOUNCE]).all()

@@ -2,19 +2,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from estimation.scoring.config import ScoringConfig
-from estimation.scoring.shape_scores import (
-    extent_iou,
-    hausdorff_m,
-    intersection_over_union,
-    seen_samples,
-    shape_errors,
-)
+from estimation.scoring.shape_scores import seen_samples, shape_errors
 from estimation.shape.record import Shapes
-from scenes.contour import Circle, Polyline, rectangle
+from scenes.contour import Circle, Polyline
 
 ANGLE = np.linspace(-np.pi, np.pi, 720, endpoint=False)
 UNIT = np.stack([np.cos(ANGLE), np.sin(ANGLE)], axis=-1)
@@ -32,38 +24,12 @@ def shapes_of(radius_m, std_m, center=(1.0, 2.0)):
     return Shapes(np.zeros(0, int), np.array([center]), ANGLE, radius, std, one, one, one, one, one)
 
 
-def lens_area(radius, shift):
-    return 2 * radius**2 * np.arccos(shift / (2 * radius)) - shift / 2 * np.sqrt(4 * radius**2 - shift**2)
-
-
-@given(st.floats(0.0, 1.9))
-def test_shifted_circles_have_the_closed_form_overlap_and_distance(shift):
-    points = np.array([1.0, 2.0]) + UNIT
-    truth = circle(1.0, shift)
-    overlap = lens_area(1.0, shift)
-    assert intersection_over_union(points, truth) == pytest.approx(overlap / (2 * np.pi - overlap), abs=1e-4)
-    assert hausdorff_m(points, truth) == pytest.approx(shift, abs=1e-4)
-
-
-def test_hausdorff_looks_both_ways():
-    part = np.array([1.0, 2.0]) + 0.01 * UNIT
-    assert hausdorff_m(part, rectangle((0, 2), (1, 3))) == pytest.approx(np.sqrt(2) - 0.01, abs=1e-3)
-
-
-def test_open_contours_have_no_area():
-    assert np.isnan(intersection_over_union(UNIT, Polyline(np.array([[0.0, 0.0], [1.0, 0.0]]))))
-
-
-def test_a_contour_that_crosses_itself_still_has_an_overlap():
-    points = np.array([1.0, 2.0]) + np.cos(2 * ANGLE)[:, None] * UNIT
-    assert 0 < intersection_over_union(points, circle(1.0)) < 1
-
-
 def test_exact_contour_has_no_error_and_full_coverage():
     members = np.array([1.0, 2.0]) + UNIT[::60]
     errors = shape_errors(shapes_of(1.0, 0.01), 0, members, circle(1.0), members, CONFIG)
     assert errors.iou == pytest.approx(1, abs=1e-4)
     assert errors.full_rmse_m == pytest.approx(0, abs=1e-12)
+    assert errors.chamfer_m == pytest.approx(0, abs=1e-4)
     assert errors.coverage95 == errors.seen_coverage95 == 1
     too_narrow = shape_errors(shapes_of(1.1, 0.049), 0, members, circle(1.0), members, CONFIG)
     assert too_narrow.coverage95 == 0
@@ -106,20 +72,3 @@ def test_band_is_tested_only_where_the_true_radius_exists():
     assert errors.coverage95 == pytest.approx((np.sin(ANGLE) > 0.5).sum() / hit.sum(), abs=0.01)
     assert errors.seen_coverage95 == 1
     assert np.isnan(errors.iou)
-
-
-@settings(deadline=None)
-@given(st.floats(-1.5, 1.5), st.floats(0.1, 4), st.floats(-3, 3))
-def test_extent_of_segments_matches_intervals(turn, length, start):
-    axis = np.array([np.cos(turn), np.sin(turn)])
-    lit = np.outer(np.linspace(0, 2, 9), axis) + np.array([3, 1])
-    seen = np.outer(np.linspace(start, start + length, 9), axis) + np.array([3, 1])
-    overlap = max(0, min(2, start + length) - max(0, start))
-    union = max(2, start + length) - min(0, start)
-    assert extent_iou(seen, lit) == pytest.approx(overlap / union, abs=1e-9)
-
-
-def test_extent_needs_two_lit_points():
-    assert np.isnan(extent_iou(UNIT, np.array([[0.0, 0.0]])))
-    assert np.isnan(extent_iou(UNIT, np.zeros((2, 2))))
-    assert np.isnan(extent_iou(np.zeros((0, 2)), UNIT))
