@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from estimation.config import CampaignConfig, with_link_levels
-from scenes.config import scene_path
-from scenes.toml_config import ConfigError, load_config
+from scenes.config import load_scene, scene_path
+from scenes.scene import Scene
+from scenes.toml_config import ConfigError, read_toml, validate_config
 
 LIBRARY = Path(__file__).parent / "campaigns"
 
@@ -19,9 +21,16 @@ def load_campaign(name_or_path: str, seed: int | None = None) -> tuple[CampaignC
     Raises `ConfigError`, one line naming file, field, value and what is allowed.
     """
     path = campaign_path(name_or_path)
-    config = load_config(path, CampaignConfig)
-    if seed is not None:
-        config = config.model_copy(update={"seed": seed})
+    config, scene_file = resolve_campaign(read_toml(path), path)
+    return (config if seed is None else config.model_copy(update={"seed": seed})), scene_file
+
+
+def resolve_campaign(document: dict[str, Any], path: Path) -> tuple[CampaignConfig, Path]:
+    """The settings in the tables of a campaign file at `path`, and the file of its scene.
+
+    Raises `ConfigError` as `load_campaign` does.
+    """
+    config = validate_config(document, CampaignConfig, str(path))
     for device in ("tx_array", "rx_array"):
         array = getattr(config, device)
         if array.weights_file is not None:
@@ -30,6 +39,15 @@ def load_campaign(name_or_path: str, seed: int | None = None) -> tuple[CampaignC
     config = with_link_levels(config)
     is_file = config.scene.endswith(".toml")
     return config, path.parent / config.scene if is_file else scene_path(config.scene)
+
+
+def campaign_scene(config: CampaignConfig, scene_file: Path) -> Scene:
+    """The scene of a campaign, materials at its carrier, with the TX and the walk that it names in use.
+
+    Raises `ConfigError` where the scene file is wrong, `ValueError` where it has no TX or walk of that name.
+    """
+    scene = load_scene(scene_file, config.waveform.carrier_ghz * 1e9)
+    return scene.choose(config.tx or 0, config.walk or 0)
 
 
 def campaign_path(name_or_path: str) -> Path:

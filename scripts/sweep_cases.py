@@ -1,0 +1,155 @@
+"""The cases of a sweep: points of the design, each with its resolved campaign and scene."""
+
+from __future__ import annotations
+
+import copy
+import tomllib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomli_w
+from scipy.stats import qmc
+
+from estimation.config import CampaignConfig
+from scenes.record import FloatArray
+from scenes.toml_config import ConfigError, read_text, read_toml
+from scripts.campaign_file import campaign_path, resolve_campaign
+from scripts.sweep_config import AxisConfig, SweepConfig
+
+Point = tuple[Any, ...]  # one value per axis
+
+
+@dataclass(frozen=True)
+class Case:
+    """One campaign of a sweep: its place in the design and all it takes to run it."""
+
+    point: int  # index of the design point
+    repeat: int
+    values: Point
+    config: CampaignConfig
+    scene_file: str  # where files the scene names are looked up
+    scene_text: str
+    estimator: str | None
+    stop_every: int
+
+
+def design_points(config: SweepConfig) -> list[Point]:
+    """Value of every axis at every point of the design, in a fixed order.
+
+    Raises `ConfigError` where the axes of a list differ in length.
+    """
+    axes = config.axes
+    if config.design == "grid":
+        return list(product(*(_listed(axis) for axis in axes)))
+    if config.design == "list":
+        columns = [_listed(axis) for axis in axes]
+        lengths = sorted({len(column) for column in columns})
+        if len(lengths) > 1:
+            raise ConfigError(
+                f"axes: a list needs as many values on every axis, not {lengths[0]} and {lengths[-1]}"
+            )
+        return list(zip(*columns, strict=True)) if columns else [()]
+    rng, n = np.random.default_rng(config.design_seed), config.n_points or 1
+    if config.design == "latin_hypercube" and axes:
+        shares = qmc.LatinHypercube(len(axes), rng=rng).random(n)
+    else:
+        shares = rng.random((n, len(axes)))
+    return [
+        tuple(_drawn(axis, float(share)) for axis, share in zip(axes, row, strict=True)) for row in shares
+    ]
+
+
+def make_cases(
+    source: str, config: SweepConfig, points: Sequence[Point], repeats: Sequence[int]
+) -> Iterator[Case]:
+    """The cases of the given repeats of every point.
+
+    `source` is the sweep file; a relative base is looked up beside it. The seed of a case is its campaign's plus the
+    repeat, so all points share their random numbers.
+
+    Raises `ConfigError`, one line naming the axis and the value, where a case is no valid campaign.
+    """
+    base = base_path(source, config)
+    for index, point in enumerate(points):
+        for repeat in repeats:
+            yield _case(source, config, base, index, point, repeat)
+
+
+def base_path(source: str, config: SweepConfig) -> Path:
+    """The file of the base campaign; a relative path is looked up beside the sweep file."""
+    path = campaign_path(config.base)
+    return Path(source).parent / path if config.base.endswith(".toml") else path
+
+
+def _case(source: str, config: SweepConfig, base: Path, index: int, point: Point, repeat: int) -> Case:
+    document, estimator = read_toml(base), None
+    changes = [(axis.field, value) for axis, value in zip(config.axes, point, strict=True)]
+    in_scene = [(field.partition(".")[2], value) for field, value in changes if field.startswith("scene.")]
+    try:
+        for field, value in changes:
+            if field == "estimator":
+                estimator = str(value)
+            elif not field.startswith("scene."):
+                _put(document, field, value)
+        campaign, scene_file = resolve_campaign(document, base)
+        scene_text = _changed_scene(read_text(scene_file), in_scene) if in_scene else read_text(scene_file)
+    except ConfigError as error:
+        told = ", ".join(f"{field} = {value}" for field, value in changes) or "the base"
+        raise ConfigError(f"{source}: case {told}: {error}") from error
+    campaign = campaign.model_copy(update={"seed": campaign.seed + repeat})
+    return Case(index, repeat, point, campaign, str(scene_file), scene_text, estimator, config.stop_every)
+
+
+def _changed_scene(text: str, changes: Sequence[tuple[str, Any]]) -> str:
+    document = tomllib.loads(text)
+    for field, value in changes:
+        _put(document, field, value)
+    return tomli_w.dumps(document)
+
+
+def _put(document: dict[str, Any], field: str, value: Any) -> None:
+    """Set a dotted path in nested tables; tables of a list go by name or number. Missing tables are made."""
+    *parents, last = field.split(".")
+    here: Any = document
+    for part in parents:
+        here = here.setdefault(part, {}) if isinstance(here, dict) else here[_index(here, part, field)]
+        if not isinstance(here, dict | list):
+            raise ConfigError(f"field = '{field}': '{part}' is a value, not a table")
+    if isinstance(here, dict):
+        here[last] = copy.deepcopy(value)
+    else:
+        here[_index(here, last, field)] = copy.deepcopy(value)
+
+
+def _index(items: list[Any], part: str, field: str) -> int:
+    names = [item.get("name") if isinstance(item, dict) else None for item in items]
+    if part in names:
+        return names.index(part)
+    if part.isdecimal() and int(part) < len(items):
+        return int(part)
+    known = ", ".join(str(name) for name in names if name) or f"0 to {len(items) - 1}"
+    raise ConfigError(f"field = '{field}': there is no '{part}'; allowed: {known}")
+
+
+def _listed(axis: AxisConfig) -> list[Any]:
+    if axis.values is not None:
+        return axis.values
+    return [_drawn(axis, float(share)) for share in np.linspace(0, 1, axis.count or 2)]
+
+
+def _drawn(axis: AxisConfig, share: float) -> Any:
+    """The value at a share in [0, 1] of the axis: of its range, or of its list of values."""
+    if axis.values is not None:
+        return axis.values[min(int(share * len(axis.values)), len(axis.values) - 1)]
+    ends: FloatArray = np.array([axis.low, axis.high], float)
+    value = float(np.exp(_between(np.log(ends), share)) if axis.log else _between(ends, share))
+    value = float(np.clip(value, *ends))
+    return round(value) if axis.integer else value
+
+
+def _between(ends: FloatArray, share: float) -> float:
+    return float(ends[0] + share * (ends[1] - ends[0]))
