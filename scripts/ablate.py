@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import json
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -33,13 +32,12 @@ def ablate(
     from rich.progress import Progress, track  # noqa: PLC0415
 
     from estimation.ablation import score_variants, variants  # noqa: PLC0415
-    from scenes.config import load_scene  # noqa: PLC0415
-    from scripts.campaign_file import load_campaign  # noqa: PLC0415
+    from scripts.campaign_file import campaign_scene, load_campaign  # noqa: PLC0415
     from sim.campaign import simulate_truth  # noqa: PLC0415
 
     console = Console(highlight=False)
     config, scene_file = load_campaign(campaign, seed)
-    scene = load_scene(scene_file, config.waveform.carrier_ghz * 1e9)
+    scene = campaign_scene(config, scene_file)
     n_variants = len(variants(config.impairments))
     stops = range(0, len(scene.stops), step)
     traced = simulate_truth(config, scene, stops)
@@ -56,22 +54,27 @@ def ablate(
 
 def ablation_table(ablation: Ablation) -> Table:
     """One row per variant, the strongest impairment first."""
+    from rich.box import SIMPLE  # noqa: PLC0415
     from rich.table import Table  # noqa: PLC0415
 
-    from estimation.scoring.ablation import EFFECTS  # noqa: PLC0415
+    from estimation.scoring.ablation import EFFECTS, cell  # noqa: PLC0415
 
     table = Table(
         "impairment",
         *[f"{label}\n{unit}" for label, unit in EFFECTS.values()],
-        "mean\nfactor",
+        "mean\nratio",
         title="RMS errors with each impairment alone",
-        caption="mean factor: geometric mean over the columns of the error over that without impairments",
+        caption="mean ratio: geometric mean over the columns of the error over that without impairments;"
+        " what could not be measured (-) does not count",
+        box=SIMPLE,
+        padding=0,
+        show_edge=False,
     )
-    table.columns[0].no_wrap = True
-    for column in table.columns[1:]:
-        column.justify = "right"
+    for column in table.columns:
+        column.no_wrap = True
+        column.justify = "left" if column is table.columns[0] else "right"
     for name, values, growth in zip(ablation.variant, ablation.value, ablation.growth, strict=True):
-        cells = [f"{value:.3g}" if math.isfinite(value) else "-" for value in values]
+        cells = [cell(value) for value in values]
         table.add_row(name, *cells, f"{2.0**growth:.2f}")
     return table
 

@@ -11,6 +11,8 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from sim.budget import LinkBudget
+    from sim.config import SimulationConfig
+    from sim.link import Link
 
 
 def link(campaign: Campaign) -> None:
@@ -18,15 +20,14 @@ def link(campaign: Campaign) -> None:
     from rich.console import Console  # noqa: PLC0415
     from rich.progress import track  # noqa: PLC0415
 
-    from scenes.config import load_scene  # noqa: PLC0415
-    from scripts.campaign_file import load_campaign  # noqa: PLC0415
-    from sim.budget import link_budget, occupied_share  # noqa: PLC0415
+    from scripts.campaign_file import campaign_scene, load_campaign  # noqa: PLC0415
+    from sim.budget import converter_share, link_budget  # noqa: PLC0415
     from sim.campaign import simulate_truth  # noqa: PLC0415
     from sim.link import make_link  # noqa: PLC0415
 
     console = Console(highlight=False)
     config, scene_file = load_campaign(campaign)
-    scene = load_scene(scene_file, config.waveform.carrier_ghz * 1e9)
+    scene = campaign_scene(config, scene_file)
     specular = config.model_copy(
         update={"propagation": config.propagation.model_copy(update={"diffuse_samples": 0})}
     )
@@ -35,8 +36,8 @@ def link(campaign: Campaign) -> None:
     truths = track(
         simulate_truth(specular, scene, stops), "trace", len(stops), console=console, transient=True
     )
-    budget = link_budget(truths, made, scene.tx, config.link, occupied_share(config.waveform))
-    for line in head(budget):
+    budget = link_budget(truths, made, scene.tx, config.link, converter_share(config.waveform))
+    for line in (*head(budget), sweep_line(config, made)):
         console.print(line)
     console.print(stop_table(budget))
 
@@ -52,6 +53,16 @@ def head(budget: LinkBudget) -> list[str]:
         f"weakest path in a beam power map: {budget.weakest_dbm:.1f} dBm;"
         f" processing gain {budget.processing_gain_db:.1f} dB",
     ]
+
+
+def sweep_line(config: SimulationConfig, link: Link) -> str:
+    """Beam pairs, repetitions and air time of one sweep."""
+    from sim.occasions import sweep_occasions  # noqa: PLC0415
+
+    n_tx, n_rx = len(link.tx_codebook), len(link.rx_codebook)
+    occasions = sweep_occasions(config.waveform, n_tx, n_rx)
+    combined = f", {occasions.repetitions} repetitions combined" if config.waveform.schedule else ""
+    return f"sweep: {n_tx} x {n_rx} beam pairs{combined}, {1e3 * occasions.air_time_s:.1f} ms on the air"
 
 
 def stop_table(budget: LinkBudget) -> Table:

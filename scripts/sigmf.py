@@ -22,7 +22,8 @@ def export_sigmf(
     """Write the received samples of beam pairs as a SigMF recording, one annotated burst per pair."""
     from scripts import stages  # noqa: PLC0415
     from sim.campaign import observe  # noqa: PLC0415
-    from sim.link import make_link, prs_slot_of_beam  # noqa: PLC0415
+    from sim.link import make_link  # noqa: PLC0415
+    from sim.occasions import slot_of_beam  # noqa: PLC0415
     from sim.ofdm import sample_rate_hz  # noqa: PLC0415
     from sim.sigmf_store import write_sigmf  # noqa: PLC0415
     from sim.time_domain import received_samples  # noqa: PLC0415
@@ -37,7 +38,7 @@ def export_sigmf(
             )
         sweep = observe(store.config, make_link(store.config), scene, truth)
     prs = store.config.waveform.prs
-    slot = prs_slot_of_beam(prs, tx_beam)
+    slot = slot_of_beam(store.config.waveform, len(sweep.tx_codebook), tx_beam)
     beams = range(len(sweep.rx_codebook)) if rx_beam is None else [rx_beam]
     name = f"stop_{stop:03d}_tx_{tx_beam:03d}" + ("" if rx_beam is None else f"_rx_{rx_beam:03d}")
     meta = write_sigmf(

@@ -85,15 +85,26 @@ def steering_vector(
     for axis in range(3):  # a planar array has few distinct coordinates along each axis
         coordinate, index = np.unique(position_m[:, axis], return_inverse=True)
         if coordinate.any():
-            turn = phase[..., axis, None] * coordinate
-            wave = np.empty(turn.shape, complex)
-            np.cos(turn, out=wave.real)
-            np.sin(turn, out=wave.imag)
-            waves.append(wave.take(index, axis=-1))
+            waves.append(_waves(phase[..., axis], coordinate).take(index, axis=-1))
     steering = waves.pop() if waves else np.ones((*phase.shape[:-1], len(position_m)), complex)
     for wave in waves:
         steering *= wave
     return np.asarray(steering)
+
+
+def _waves(phase: FloatArray, coordinate: FloatArray) -> ComplexArray:
+    """exp(+j phase coordinate) (..., coordinate); powers of one step where the coordinates are evenly spaced."""
+    step = np.diff(coordinate)
+    is_even = len(step) > 2 and np.ptp(step) < 1e-9 * step[0]
+    turn = phase[..., None] * (np.array([coordinate[0], np.mean(step)]) if is_even else coordinate)
+    wave = np.empty(turn.shape, complex)
+    np.cos(turn, out=wave.real)
+    np.sin(turn, out=wave.imag)
+    if not is_even:
+        return wave
+    powers = np.empty((*phase.shape, len(coordinate)), complex)
+    powers[..., :1], powers[..., 1:] = wave[..., :1], wave[..., 1:]
+    return np.asarray(np.cumprod(powers, axis=-1, out=powers))
 
 
 def panel_axes(panel_azimuth_rad: float, panel_tilt_rad: float) -> FloatArray:

@@ -27,6 +27,7 @@ from scenes.record import FloatArray, IntArray, Record, array
 from sim.codebook import Codebook, beam_response
 from sim.config import LinkConfig, WaveformConfig
 from sim.link import Link, best_beam_power_dbm
+from sim.occasions import averaged
 from sim.paths import Paths
 from sim.receiver import dbm_to_mw
 from sim.truth import Truth
@@ -43,7 +44,9 @@ class LinkBudget(Record):
     eirp_dbm: float = array(unit="dBm", doc="transmit power plus the highest gain of any TX beam")
     tx_gain_dbi: float = array(unit="dB", doc="highest gain of any TX beam")
     rx_gain_dbi: float = array(unit="dB", doc="highest gain of any RX beam")
-    thermal_noise_dbm: float = array(unit="dBm", doc="kTBF per sample, B of the occupied subcarriers")
+    thermal_noise_dbm: float = array(
+        unit="dBm", doc="kTBF per sample, B of the occupied subcarriers, averaged"
+    )
     converter_noise_dbm: float = array(unit="dBm", doc="converter noise per sample; -inf without any path")
     processing_gain_db: float = array(unit="dB", doc="coherent sum over the samples of a beam pair")
     stop: IntArray = array("stop", dtype=int, doc="index of the receiver stop")
@@ -67,12 +70,11 @@ class LinkBudget(Record):
 
 
 def link_budget(
-    truths: Iterable[Truth], link: Link, tx_pose: Pose, settings: LinkConfig, occupied_share: float
+    truths: Iterable[Truth], link: Link, tx_pose: Pose, settings: LinkConfig, converter_share: float
 ) -> LinkBudget:
     """The budget of the stops given, with the converters' full scale set by the strongest path among them.
 
-    `occupied_share` is the part of the sampled band that the occupied subcarriers take, with that part of the
-    converter noise.
+    `converter_share` is the part of the converter noise that a sample has.
     """
     rows = [_stop_row(truth, link, tx_pose) for truth in truths]
     table = np.array(rows, float).reshape(-1, 7)
@@ -85,7 +87,7 @@ def link_budget(
         tx_gain_dbi=tx_dbi,
         rx_gain_dbi=rx_dbi,
         thermal_noise_dbm=thermal_dbm,
-        converter_noise_dbm=converter_noise_dbm(float(strongest_dbm), settings, occupied_share),
+        converter_noise_dbm=converter_noise_dbm(float(strongest_dbm), settings, converter_share),
         processing_gain_db=float(processing_db),
         stop=table[:, 0],
         distance_m=table[:, 1],
@@ -97,19 +99,19 @@ def link_budget(
     )
 
 
-def converter_noise_dbm(strongest_dbm: float, settings: LinkConfig, occupied_share: float = 1.0) -> float:
+def converter_noise_dbm(strongest_dbm: float, settings: LinkConfig, converter_share: float = 1.0) -> float:
     """Noise of the converters per sample, at the fixed gain that leaves the back-off above `strongest_dbm`.
 
     A sine at full scale stands 6.02 ENOB + 1.76 dB over the converter noise of the whole sampled band; the
     strongest signal lies the back-off below that sine, for the peaks of an OFDM signal to fit.
     """
     ratio_db = DB_PER_BIT * settings.adc_effective_bits + FULL_SCALE_SINE_DB - settings.adc_back_off_db
-    return float(strongest_dbm - ratio_db + 10 * np.log10(occupied_share))
+    return float(strongest_dbm - ratio_db + 10 * np.log10(converter_share))
 
 
-def occupied_share(waveform: WaveformConfig, n_fft: int = 4096) -> float:
-    """Subcarriers that one symbol of the PRS occupies over those of the whole sampled band."""
-    return waveform.prs.n_subcarriers / waveform.comb / n_fft
+def converter_share(waveform: WaveformConfig, n_fft: int = 4096) -> float:
+    """Part of the converter noise in a sample: that on occupied subcarriers, less by what is averaged."""
+    return waveform.prs.n_subcarriers / waveform.comb / n_fft / averaged(waveform)
 
 
 def peak_gain_dbi(codebook: Codebook) -> float:

@@ -10,23 +10,24 @@ beams of 16 columns span 16), so the product is made for a basis of the beams an
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 from scipy.special import i0
 
 from scenes.pose import Pose
-from scenes.record import ComplexArray, FloatArray
+from scenes.record import ComplexArray, FloatArray, concatenate
 from sim.codebook import Codebook, beam_response
 from sim.paths import Paths
 
-OVERSAMPLING = 2.0  # grid delays per 1 / bandwidth
-KERNEL_WIDTH = 8  # grid delays: with an oversampling of 2 the aliasing error is 2e-8
+OVERSAMPLING = 2.5  # grid delays per 1 / bandwidth
+KERNEL_WIDTH = 8  # grid delays: at an oversampling of 2.5, aliases at the edges of the band are below 1.4e-7
 KERNEL_BETA = np.pi * KERNEL_WIDTH * (1 - 1 / (2 * OVERSAMPLING))
 CELLS_PER_GROUP = 8  # grid intervals whose paths are spread in one product
 GROUP_ENTRIES = 1 << 18  # largest product of paths and beam pairs held at once
-PATHS_AT_ONCE = 256  # whose responses are computed together
-RANK_TOLERANCE = 4e-15  # of the largest power: weaker combinations of beams are rounding
+PATHS_AT_ONCE = 1024  # whose responses are computed together
+RANK_TOLERANCE = 1e-12  # of the strongest combination of beams: weaker ones are rounding
 
 
 def beam_channel(
@@ -74,63 +75,69 @@ def beam_channel_blocks(
     """
     if tx_beams_per_block < 1:
         raise ValueError(f"tx_beams_per_block = {tx_beams_per_block}: must be at least 1")
-    tx_response = _responses(
+    tx_basis, tx = _responses(
         tx_codebook, paths.aod_azimuth_rad - tx_pose.heading_rad, paths.aod_elevation_rad
     )
-    rx_response = _responses(
+    rx_basis, rx = _responses(
         rx_codebook, paths.aoa_azimuth_rad - rx_pose.heading_rad, paths.aoa_elevation_rad
     )
-    yield from wave_sums(
-        tx_response * paths.gain[:, None],
-        rx_response,
-        paths.delay_s + clock_bias_s,
-        frequency_offset_hz,
-        tx_beams_per_block,
-    )
+    sums = wave_sums(tx * paths.gain[:, None], rx, paths.delay_s + clock_bias_s, frequency_offset_hz)
+    for start in range(0, len(tx_basis), tx_beams_per_block):
+        weights = tx_basis[start : start + tx_beams_per_block]
+        block = np.empty((len(weights), len(rx_basis), len(frequency_offset_hz)), np.complex64)
+        for beam, row in enumerate(weights):  # one by one: the same bits in blocks of any size
+            np.matmul(rx_basis, np.tensordot(row, sums, 1), out=block[beam])
+        yield block
 
 
 def wave_sums(
-    tx_amplitude: ComplexArray,
-    rx_amplitude: ComplexArray,
-    delay_s: FloatArray,
-    frequency_hz: FloatArray,
-    tx_beams_per_block: int,
-) -> Iterator[ComplexArray]:
-    """Sums over paths a_m b_n exp(-j 2 pi f_k tau), as blocks (tx_beam, rx_beam, subcarrier) in complex64.
+    tx_amplitude: ComplexArray, rx_amplitude: ComplexArray, delay_s: FloatArray, frequency_hz: FloatArray
+) -> ComplexArray:
+    """Sums over paths a_m b_n exp(-j 2 pi f_k tau), (tx_beam, rx_beam, subcarrier) in complex64.
 
     Amplitudes are (path, tx_beam) and (path, rx_beam). The delay grid is used where it has fewer delays than
-    there are paths; beams that are sums of fewer beams are put together at the end.
+    there are paths.
     """
     centre_hz = (frequency_hz.min() + frequency_hz.max()) / 2
     turn = np.exp(-2j * np.pi * centre_hz * delay_s)
     order = np.argsort(delay_s, kind="stable")
-    tx_basis, tx = _compressed((tx_amplitude * turn[:, None])[order])
-    rx_basis, rx = _compressed(rx_amplitude[order])
+    tx = (tx_amplitude * turn[:, None])[order].astype(np.complex64)
+    rx = rx_amplitude[order].astype(np.complex64)
     pairs, waves = _terms(tx, rx, delay_s[order], frequency_hz - centre_hz)
-    reduced = (pairs.T @ waves).reshape(tx.shape[1], rx.shape[1] * len(frequency_hz))
-    del pairs, waves
-    for start in range(0, len(tx_basis), tx_beams_per_block):
-        basis = tx_basis[start : start + tx_beams_per_block]
-        block = np.empty((len(basis), len(rx_basis), len(frequency_hz)), np.complex64)
-        for beam, weights in enumerate(basis):
-            np.matmul(rx_basis, (weights @ reduced).reshape(rx.shape[1], len(frequency_hz)), out=block[beam])
-        yield block
+    return np.asarray((pairs.T @ waves).reshape(tx.shape[1], rx.shape[1], len(frequency_hz)))
 
 
-def _responses(codebook: Codebook, azimuth_rad: FloatArray, elevation_rad: FloatArray) -> ComplexArray:
-    """Beam responses (path, beam), a few paths at a time: the elements of an array never see all paths."""
-    response = np.empty((len(azimuth_rad), len(codebook)), complex)
+def _responses(
+    codebook: Codebook, azimuth_rad: FloatArray, elevation_rad: FloatArray
+) -> tuple[ComplexArray, ComplexArray]:
+    """Basis (beam, rank), in complex64, and responses (path, rank), whose product is the response of every beam.
+
+    A few paths at a time: the elements of an array never see all paths.
+    """
+    basis, spanning = _spanning(codebook)
+    response = np.empty((len(azimuth_rad), len(spanning)), complex)
     for first in range(0, len(azimuth_rad), PATHS_AT_ONCE):
         part = slice(first, first + PATHS_AT_ONCE)
-        response[part] = beam_response(codebook, azimuth_rad[part], elevation_rad[part]).T
-    return response
+        response[part] = beam_response(spanning, azimuth_rad[part], elevation_rad[part]).T
+    if len(response) < len(spanning):
+        directions, amplitude = np.linalg.qr(response.T)
+        basis, response = basis @ directions, amplitude.T
+    return basis.astype(np.complex64), response
 
 
-def _compressed(amplitude: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
-    """Orthonormal basis (beam, rank) and amplitudes (path, rank), in complex64, of amplitudes (path, beam)."""
-    values, vectors = np.linalg.eigh(amplitude.T @ amplitude.conj())
-    kept = vectors[:, values > RANK_TOLERANCE * max(values[-1], np.finfo(float).tiny)]
-    return kept.astype(np.complex64), (amplitude @ kept.conj()).astype(np.complex64)
+def _spanning(codebook: Codebook) -> tuple[ComplexArray, Codebook]:
+    """Basis (beam, rank) and as few beams as span those of a codebook, panel by panel."""
+    panels = np.stack([codebook.panel_azimuth_rad, codebook.panel_tilt_rad], axis=1)
+    columns, spanning = [], []
+    for panel in np.unique(panels, axis=0):
+        beams = np.flatnonzero((panels == panel).all(axis=1))
+        left, size, right = np.linalg.svd(codebook.weights[beams], full_matrices=False)
+        kept = size > RANK_TOLERANCE * size[0]
+        column = np.zeros((len(codebook), int(kept.sum())), complex)
+        column[beams] = left[:, kept] * size[kept]
+        columns.append(column)
+        spanning.append(replace(codebook.take("beam", beams[: column.shape[1]]), weights=right[kept]))
+    return np.concatenate(columns, axis=1), concatenate(spanning, "beam")
 
 
 def _terms(

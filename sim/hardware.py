@@ -16,7 +16,6 @@ from sim.impairments import (
     fft_bins,
     from_time,
     imbalanced,
-    pair_times_s,
     quantised,
     random_walk_rad,
     surveyed_pose,
@@ -27,7 +26,9 @@ from sim.impairments import (
     with_element_errors,
     with_mutual_coupling,
 )
-from sim.link import Link
+from sim.link import Link, pilots
+from sim.occasions import sweep_occasions
+from sim.receiver import add_noise
 from sim.truth import Truth
 
 
@@ -85,22 +86,58 @@ def surveyed(config: SimulationConfig, truth: Truth) -> Truth:
     return replace(truth, rx_pose=pose)
 
 
-def turn_by_oscillator(config: SimulationConfig, link: Link, stop: int, samples: ComplexArray) -> None:
-    """Clock drift, CFO and phase noise from beam pair to beam pair, in place on noiseless samples."""
+def received(config: SimulationConfig, link: Link, stop: int, clean: ComplexArray) -> ComplexArray:
+    """What a stop's receiver has of noiseless samples (tx_beam, rx_beam, subcarrier), which are overwritten.
+
+    Every occasion of a beam pair passes the oscillator, thermal noise and the front end by itself; the receiver
+    replaces its pilots by those of the first and averages. Where the slots of a beam differ between RX beams, the
+    pilots of the first stand for all.
+    """
+    occasions = sweep_occasions(config.waveform, *clean.shape[:2])
+    phase_rad = oscillator_phase_rad(config, stop, occasions.time_s)
+    noise_rng = generator(config.seed, RandomStage.NOISE, stop)
+    symbol_rng = generator(config.seed, RandomStage.SYMBOL_PHASE, stop)
+    count = occasions.repetitions
+    total = clean if count == 1 else np.zeros_like(clean)
+    for time_s, turn_rad, slot in zip(occasions.time_s, phase_rad, occasions.slot, strict=True):
+        samples = clean if count == 1 else clean.copy()
+        other_pilot = None
+        if count > 1:
+            other_pilot = (pilots(config.waveform, slot) * link.prs_symbol.conj()).astype(np.complex64)
+            samples *= other_pilot[:, None]
+        turn_by_oscillator(config, link, samples, time_s, turn_rad)
+        add_noise(samples, link.noise_power_mw * count, noise_rng)
+        through_front_end(config, link, samples, symbol_rng)
+        if other_pilot is not None:
+            samples *= other_pilot.conj()[:, None] / np.float32(count)
+            total += samples
+    return total
+
+
+def oscillator_phase_rad(config: SimulationConfig, stop: int, time_s: FloatArray) -> FloatArray:
+    """Phase (repetition, tx_beam, rx_beam) by which CFO and wandering have turned a receiver's oscillator."""
     hardware = config.impairments
-    n_tx, n_rx = samples.shape[:2]
-    time_s = pair_times_s(n_tx, n_rx, config.waveform.prs.subcarrier_spacing_hz)
-    if hardware.clock_drift_ppm:
-        turn_by_clock_drift(samples, time_s, hardware.clock_drift_ppm, link.frequency_offset_hz)
     phase_rad = 2 * np.pi * hardware.cfo_hz * time_s
     if hardware.phase_noise_pair_deg:
         rng = generator(config.seed, RandomStage.PAIR_PHASE, stop)
-        phase_rad = phase_rad + random_walk_rad((n_tx, n_rx), np.deg2rad(hardware.phase_noise_pair_deg), rng)
-    if hardware.cfo_hz or hardware.phase_noise_pair_deg:
+        phase_rad = phase_rad + random_walk_rad(time_s, np.deg2rad(hardware.phase_noise_pair_deg), rng)
+    return np.asarray(phase_rad)
+
+
+def turn_by_oscillator(
+    config: SimulationConfig, link: Link, samples: ComplexArray, time_s: FloatArray, phase_rad: FloatArray
+) -> None:
+    """Clock drift and the phase (tx_beam, rx_beam) of the oscillator, in place on noiseless samples."""
+    drift_ppm = config.impairments.clock_drift_ppm
+    if drift_ppm:
+        turn_by_clock_drift(samples, time_s, drift_ppm, link.frequency_offset_hz)
+    if phase_rad.any():
         samples *= np.exp(1j * phase_rad).astype(np.complex64)[..., None]
 
 
-def through_front_end(config: SimulationConfig, link: Link, stop: int, samples: ComplexArray) -> None:
+def through_front_end(
+    config: SimulationConfig, link: Link, samples: ComplexArray, rng: np.random.Generator
+) -> None:
     """What acts on the samples over time, in place, TX beam by TX beam: oscillator, mixer, converters.
 
     CFO and phase noise within a symbol leak between subcarriers, IQ imbalance mirrors them, and the converters
@@ -116,7 +153,6 @@ def through_front_end(config: SimulationConfig, link: Link, stop: int, samples: 
     bins, n_fft = fft_bins(link.frequency_offset_hz, spacing_hz)
     strongest = max(float(np.linalg.norm(block, axis=1).max()) for block in samples) ** 2
     rms = np.sqrt(strongest / n_fft / 2)
-    rng = generator(config.seed, RandomStage.SYMBOL_PHASE, stop)
     cfo_rad = 2 * np.pi * hardware.cfo_hz / (spacing_hz * n_fft) * np.arange(n_fft, dtype=float)
     for block in samples:
         signal = to_time(block, bins, n_fft)

@@ -1,6 +1,6 @@
 """Hardware impairments: arrays that are not as designed, oscillators and clocks, the receiver's front end.
 
-Pure functions on arrays; `sim.campaign` applies them where they arise and gives each its own random generator.
+Pure functions on arrays; `sim.hardware` applies them where they arise and gives each its own random generator.
 Angles are in radians and phases turn as exp(+j phase).
 """
 
@@ -14,8 +14,6 @@ import scipy.fft
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
 from scenes.record import ComplexArray, FloatArray, IntArray
 from sim.codebook import Codebook
-
-CYCLIC_PREFIX_SHARE = 144 / 2048  # of the useful symbol, TS 38.211 clause 5.3.1
 
 
 def with_element_errors(
@@ -54,12 +52,6 @@ def with_beam_phases(codebook: Codebook, std_rad: float, rng: np.random.Generato
     return replace(codebook, weights=codebook.weights * np.exp(1j * phase_rad)[:, None])
 
 
-def pair_times_s(n_tx: int, n_rx: int, subcarrier_spacing_hz: float) -> FloatArray:
-    """Start (tx_beam, rx_beam) in s of the OFDM symbol of every beam pair, TX beam by TX beam."""
-    symbol_s = (1 + CYCLIC_PREFIX_SHARE) / subcarrier_spacing_hz
-    return symbol_s * np.arange(n_tx * n_rx, dtype=float).reshape(n_tx, n_rx)
-
-
 def turn_by_clock_drift(
     samples: ComplexArray, time_s: FloatArray, drift_ppm: float, frequency_hz: FloatArray
 ) -> None:
@@ -69,9 +61,11 @@ def turn_by_clock_drift(
         samples[beam] *= np.exp(-2j * np.pi * delays[:, None] * frequency_hz).astype(np.complex64)
 
 
-def random_walk_rad(shape: tuple[int, int], step_rad: float, rng: np.random.Generator) -> FloatArray:
-    """Phase (tx_beam, rx_beam) of an oscillator that wanders by a Gaussian step from pair to pair."""
-    return np.asarray(step_rad * np.cumsum(rng.standard_normal(shape[0] * shape[1])).reshape(shape))
+def random_walk_rad(time_s: FloatArray, step_rad: float, rng: np.random.Generator) -> FloatArray:
+    """Phase, at times of any shape, of an oscillator that wanders by a Gaussian step from one to the next."""
+    walk = np.empty(time_s.size)
+    walk[np.argsort(time_s, axis=None, kind="stable")] = np.cumsum(rng.standard_normal(time_s.size))
+    return np.asarray(step_rad * walk.reshape(time_s.shape))
 
 
 def wiener_phase_rad(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
-from scenes.record import ComplexArray, FloatArray, Record, array
+from scenes.record import ComplexArray, FloatArray, IntArray, Record, array
 from sim.array import upa_positions_m, upa_taper
 from sim.beams import (
     PanelBeams,
@@ -22,11 +22,11 @@ from sim.beams import (
 )
 from sim.codebook import Codebook, beam_response, codebook_on_panels
 from sim.codebook_store import read_weights
-from sim.config import ArrayConfig, SimulationConfig
+from sim.config import ArrayConfig, SimulationConfig, WaveformConfig
+from sim.occasions import averaged, sweep_occasions
 from sim.paths import Paths
 from sim.prs import (
     SUBCARRIERS_PER_RB,
-    PrsConfig,
     prs_comb_pass,
     prs_subcarriers,
     prs_symbols,
@@ -51,29 +51,28 @@ class Link(Record):
 def make_link(config: SimulationConfig) -> Link:
     """Waveform, codebooks and link budget of a campaign.
 
-    TX beam m sends PRS sequence m in slot m (modulo the frame). A beam pair takes one symbol of the resource, or
-    combines them all: its samples then cover every subcarrier of the band, and as every symbol has the whole
-    transmit power on its own comb, the noise per sample stays that of one symbol, less by L_PRS / K_comb where
-    subcarriers are sounded more than once.
+    TX beam m sends PRS sequence m in slot m (modulo the frame), or where the schedule puts it. A beam pair takes
+    one symbol of the resource, or combines them all: its samples then cover every subcarrier of the band, and as
+    every symbol has the whole transmit power on its own comb, the noise per sample stays that of one symbol, less
+    by L_PRS / K_comb where subcarriers are sounded more than once. Repetitions lower it by their number.
+
+    Raises `ValueError` where the beams do not fit into the schedule, or a weights file is not of the array.
     """
     carrier_hz = config.waveform.carrier_ghz * 1e9
     prs = config.waveform.prs
     tx_codebook = make_codebook(config.tx_array, carrier_hz)
     rx_codebook = make_codebook(config.rx_array, carrier_hz)
-    slot = [prs_slot_of_beam(prs, beam) for beam in range(len(tx_codebook))]
+    occasions = sweep_occasions(config.waveform, len(tx_codebook), len(rx_codebook))
     bandwidth_hz = prs.n_subcarriers // prs.comb * prs.subcarrier_spacing_hz
-    noise_mw = noise_power_mw(bandwidth_hz, config.link.noise_figure_db)
+    noise_mw = noise_power_mw(bandwidth_hz, config.link.noise_figure_db) / averaged(config.waveform)
     if config.waveform.combine_symbols:
         subcarrier = prs.rb_offset * SUBCARRIERS_PER_RB + np.arange(prs.n_subcarriers)
-        pilots = [prs_comb_pass(prs, beam % 4096, slot[beam]) for beam in range(len(tx_codebook))]
-        noise_mw /= prs.length / prs.comb
     else:
         subcarrier = prs_subcarriers(prs)
-        pilots = [prs_symbols(prs, beam % 4096, slot[beam]) for beam in range(len(tx_codebook))]
     return Link(
         tx_codebook=tx_codebook,
         rx_codebook=rx_codebook,
-        prs_symbol=np.stack(pilots),
+        prs_symbol=pilots(config.waveform, occasions.slot[0]),
         frequency_offset_hz=subcarrier_frequency_hz(prs, subcarrier),
         carrier_hz=carrier_hz,
         tx_power_mw=dbm_to_mw(config.link.tx_power_dbm),
@@ -81,9 +80,10 @@ def make_link(config: SimulationConfig) -> Link:
     )
 
 
-def prs_slot_of_beam(prs: PrsConfig, tx_beam: int) -> int:
-    """Slot of the frame in which a TX beam sends its PRS."""
-    return tx_beam % prs.slots_per_frame
+def pilots(waveform: WaveformConfig, slot: IntArray) -> ComplexArray:
+    """PRS (tx_beam, subcarrier) of TX beams that are sent in slots (tx_beam,) of the frame."""
+    of_slot = prs_comb_pass if waveform.combine_symbols else prs_symbols
+    return np.stack([of_slot(waveform.prs, beam % 4096, int(at)) for beam, at in enumerate(slot)])
 
 
 def make_codebook(config: ArrayConfig, carrier_hz: float) -> Codebook:

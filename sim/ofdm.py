@@ -10,7 +10,7 @@ import numpy as np
 import scipy.fft
 
 from scenes.record import ComplexArray, IntArray
-from sim.prs import SYMBOLS_PER_SLOT
+from sim.prs import PREFIX_SHARE, SYMBOLS_PER_SLOT, CyclicPrefix, check_cyclic_prefix
 
 
 def sample_rate_hz(numerology: int, n_fft: int = 4096) -> float:
@@ -18,23 +18,31 @@ def sample_rate_hz(numerology: int, n_fft: int = 4096) -> float:
     return n_fft * 15e3 * 2.0**numerology
 
 
-def cp_lengths(numerology: int, slot: int, n_fft: int = 4096) -> IntArray:
-    """Samples of the normal cyclic prefix (symbol,) of the 14 symbols of a slot.
+def cp_lengths(
+    numerology: int, slot: int, n_fft: int = 4096, cyclic_prefix: CyclicPrefix = "normal"
+) -> IntArray:
+    """Samples of the cyclic prefix (symbol,) of the 14 symbols of a slot, or the 12 with the extended one.
 
-    144/2048 of a symbol, and 2^mu 16/2048 of it more in the first symbol of every half subframe (0.5 ms).
+    Normal: 144/2048 of a symbol, and 2^mu 16/2048 of it more in the first symbol of every half subframe (0.5 ms).
+    Extended: 512/2048 in every symbol.
 
     Raises
     ------
     ValueError
-        For an FFT size at which a prefix is no whole number of samples, or a numerology outside 0 to 6.
+        For an FFT size at which a prefix is no whole number of samples, a numerology outside 0 to 6, or the
+        extended prefix with another numerology than 2.
     """
     if n_fft < 128 or n_fft % 128:
         raise ValueError(f"n_fft = {n_fft}: allowed are multiples of 128, whose prefixes are whole samples")
     if not 0 <= numerology <= 6:
         raise ValueError(f"numerology = {numerology}: allowed is 0 to 6")
-    symbol = slot * SYMBOLS_PER_SLOT + np.arange(SYMBOLS_PER_SLOT)
-    is_longer = symbol % (7 * 2**numerology) == 0
-    return np.asarray(9 * n_fft // 128 + is_longer * (n_fft // 128 * 2**numerology))
+    check_cyclic_prefix(cyclic_prefix, numerology)
+    n_symbols = SYMBOLS_PER_SLOT[cyclic_prefix]
+    usual = np.full(n_symbols, round(PREFIX_SHARE[cyclic_prefix] * n_fft))
+    if cyclic_prefix == "extended":
+        return usual
+    is_longer = (slot * n_symbols + np.arange(n_symbols)) % (7 * 2**numerology) == 0
+    return np.asarray(usual + is_longer * (n_fft // 128 * 2**numerology))
 
 
 def modulate(grid: ComplexArray, cp_length: IntArray, n_fft: int = 4096) -> ComplexArray:

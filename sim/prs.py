@@ -6,13 +6,20 @@ One resource in one slot; in which slots a resource is sent is the subject of `s
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from scenes.record import ComplexArray, FloatArray, IntArray
 
-SYMBOLS_PER_SLOT = 14
 SUBCARRIERS_PER_RB = 12
+
+CyclicPrefix = Literal["normal", "extended"]
+
+# Symbols per slot, TS 38.211 Tables 4.3.2-1 and 4.3.2-2, and the usual length of a prefix over that of the useful
+# symbol, clause 5.3.1.
+SYMBOLS_PER_SLOT: dict[str, int] = {"normal": 14, "extended": 12}
+PREFIX_SHARE: dict[str, float] = {"normal": 144 / 2048, "extended": 512 / 2048}
 
 # Frequency offset k' by comb size and symbol within the resource, TS 38.211 Table 7.4.1.7.3-1.
 COMB_OFFSETS: dict[int, tuple[int, ...]] = {
@@ -48,6 +55,7 @@ class PrsConfig:
     first_symbol: int = 0
     n_symbols: int | None = None
     carrier_rb: int | None = None
+    cyclic_prefix: CyclicPrefix = "normal"
 
     def __post_init__(self) -> None:
         checks = {
@@ -56,10 +64,10 @@ class PrsConfig:
             "n_rb": (24 <= self.n_rb <= 272 and self.n_rb % 4 == 0, "24 to 272 in fours (TS 38.214 5.1.6.5)"),
             "rb_offset": (self.rb_offset >= 0, "0 or more"),
             "re_offset": (0 <= self.re_offset < self.comb, "0 to comb - 1 (TS 38.211 7.4.1.7.3)"),
-            "first_symbol": (0 <= self.first_symbol < SYMBOLS_PER_SLOT, "0 to 13"),
         }
         for name, (valid, allowed) in checks.items():
             _require(valid, name, getattr(self, name), allowed)
+        check_cyclic_prefix(self.cyclic_prefix, self.numerology)
         self._check_symbols()
         self._check_carrier()
 
@@ -69,9 +77,9 @@ class PrsConfig:
             self.length in COMB_LENGTHS[self.comb], "n_symbols", self.length,
             f"{allowed} with comb {self.comb} (pairs of TS 38.211 7.4.1.7.3)",
         )  # fmt: skip
-        last = SYMBOLS_PER_SLOT - self.length
+        last = self.symbols_per_slot - self.length
         _require(
-            self.first_symbol <= last, "first_symbol", self.first_symbol,
+            0 <= self.first_symbol <= last, "first_symbol", self.first_symbol,
             f"0 to {last}, so that {self.length} symbols stay within the slot",
         )  # fmt: skip
 
@@ -102,6 +110,16 @@ class PrsConfig:
     def subcarrier_spacing_hz(self) -> float:
         """Subcarrier spacing 15 kHz * 2^mu."""
         return 15e3 * 2.0**self.numerology
+
+    @property
+    def symbols_per_slot(self) -> int:
+        """OFDM symbols of a slot."""
+        return SYMBOLS_PER_SLOT[self.cyclic_prefix]
+
+    @property
+    def symbol_s(self) -> float:
+        """Duration of an OFDM symbol with a prefix of the usual length."""
+        return (1 + PREFIX_SHARE[self.cyclic_prefix]) / self.subcarrier_spacing_hz
 
     @property
     def slots_per_frame(self) -> int:
@@ -136,12 +154,23 @@ def gold_sequence(c_init: int, length: int) -> IntArray:
     return np.asarray(x1[1600:total] ^ x2[1600:total], dtype=int)
 
 
-def prs_c_init(sequence_id: int, slot: int, symbol: int) -> int:
+def check_cyclic_prefix(cyclic_prefix: str, numerology: int) -> None:
+    """Raise `ValueError` for an unknown prefix, or the extended one with another numerology than 2."""
+    if cyclic_prefix not in SYMBOLS_PER_SLOT:
+        raise ValueError(f"cyclic_prefix = '{cyclic_prefix}': allowed are 'normal' and 'extended'")
+    if cyclic_prefix == "extended" and numerology != 2:
+        raise ValueError(
+            f"cyclic_prefix = 'extended' with numerology = {numerology}: allowed is numerology 2 alone"
+            " (TS 38.211 Table 4.2-1)"
+        )
+
+
+def prs_c_init(sequence_id: int, slot: int, symbol: int, symbols_per_slot: int = 14) -> int:
     """Initialisation of the pseudo-random sequence of one OFDM symbol, TS 38.211 clause 7.4.1.7.2."""
     if not 0 <= sequence_id < 4096:
         raise ValueError(f"sequence_id = {sequence_id}: allowed is 0 to 4095 (TS 38.211 7.4.1.7.2)")
     low = sequence_id % 1024
-    mixed = 2**10 * (SYMBOLS_PER_SLOT * slot + symbol + 1) * (2 * low + 1)
+    mixed = 2**10 * (symbols_per_slot * slot + symbol + 1) * (2 * low + 1)
     return (2**22 * (sequence_id // 1024) + mixed + low) % 2**31
 
 
@@ -154,7 +183,8 @@ def prs_symbols(config: PrsConfig, sequence_id: int, slot: int, symbol: int | No
     symbol = config.first_symbol if symbol is None else symbol
     n_occupied = config.n_subcarriers // config.comb
     first = config.rb_offset * SUBCARRIERS_PER_RB // config.comb
-    bits = gold_sequence(prs_c_init(sequence_id, slot, symbol), 2 * (first + n_occupied))[2 * first :]
+    c_init = prs_c_init(sequence_id, slot, symbol, config.symbols_per_slot)
+    bits = gold_sequence(c_init, 2 * (first + n_occupied))[2 * first :]
     signs = (1 - 2 * bits.astype(float)) / np.sqrt(2)
     return np.asarray(signs[0::2] + 1j * signs[1::2])
 
@@ -178,7 +208,7 @@ def prs_subcarriers(config: PrsConfig, symbol: int | None = None) -> IntArray:
 
 def prs_slot(config: PrsConfig, sequence_id: int, slot: int) -> ComplexArray:
     """Grid (symbol, subcarrier) of the whole carrier in one slot with the PRS in it, zero elsewhere."""
-    grid = np.zeros((SYMBOLS_PER_SLOT, config.n_carrier_subcarriers), complex)
+    grid = np.zeros((config.symbols_per_slot, config.n_carrier_subcarriers), complex)
     for symbol in config.symbols:
         grid[symbol, prs_subcarriers(config, symbol)] = prs_symbols(config, sequence_id, slot, symbol)
     return grid

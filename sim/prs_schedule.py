@@ -17,9 +17,9 @@ MUTING_BIT_REPETITIONS = (1, 2, 4, 8)
 
 @dataclass(frozen=True)
 class PrsSchedule:
-    """Slots of one resource. All counts are in slots, except the repetitions; muting bits are 1 for sent.
+    """Slots of one resource; muting bits are 1 for sent.
 
-    The resource is sent `repetitions` times, `gap` slots apart, in every `period` of its set. `muting_1` has a bit
+    The resource is sent `repetitions` times, `gap_slots` apart, in every period of its set. `muting_1` has a bit
     for `muting_bit_repetition` consecutive periods, `muting_2` one for each repetition within a period; where both
     are given, both bits have to be 1.
 
@@ -30,11 +30,11 @@ class PrsSchedule:
     """
 
     numerology: int = 3
-    period: int = 80
-    offset: int = 0
-    resource_offset: int = 0
+    period_slots: int = 80
+    offset_slots: int = 0
+    resource_offset_slots: int = 0
     repetitions: int = 1
-    gap: int = 1
+    gap_slots: int = 1
     muting_1: tuple[int, ...] | None = None
     muting_bit_repetition: int = 1
     muting_2: tuple[int, ...] | None = None
@@ -43,11 +43,13 @@ class PrsSchedule:
         periods = [2**self.numerology * base for base in PERIODS]
         checks = {
             "numerology": (0 <= self.numerology <= 3, "0 to 3"),
-            "period": (self.period in periods, f"2^mu times one of {_listed(PERIODS)}"),
-            "offset": (0 <= self.offset < self.period, "0 to period - 1"),
-            "resource_offset": (0 <= self.resource_offset < min(self.period, 512), "0 to 511, within the period"),
+            "period_slots": (self.period_slots in periods, f"2^mu times one of {_listed(PERIODS)}"),
+            "offset_slots": (0 <= self.offset_slots < self.period_slots, "0 to period_slots - 1"),
+            "resource_offset_slots": (
+                0 <= self.resource_offset_slots < min(self.period_slots, 512), "0 to 511, within the period",
+            ),
             "repetitions": (self.repetitions in REPETITIONS, _listed(REPETITIONS)),
-            "gap": (self.gap in GAPS, _listed(GAPS)),
+            "gap_slots": (self.gap_slots in GAPS, _listed(GAPS)),
             "muting_1": (_is_bitmap(self.muting_1, MUTING_1_LENGTHS), f"{_listed(MUTING_1_LENGTHS)} bits"),
             "muting_bit_repetition": (
                 self.muting_bit_repetition in MUTING_BIT_REPETITIONS, _listed(MUTING_BIT_REPETITIONS),
@@ -57,26 +59,45 @@ class PrsSchedule:
         for name, (valid, allowed) in checks.items():
             if not valid:
                 raise ValueError(f"PrsSchedule.{name} = {getattr(self, name)}: allowed is {allowed}")
-        span = (self.repetitions - 1) * self.gap + 1
-        if span > self.period:
+        span = (self.repetitions - 1) * self.gap_slots + 1
+        if span > self.period_slots:
             raise ValueError(
-                f"PrsSchedule.repetitions = {self.repetitions}: {span} slots at gap = {self.gap} do not fit into"
-                f" the period of {self.period}"
+                f"PrsSchedule.repetitions = {self.repetitions}: {span} slots at gap_slots = {self.gap_slots} do"
+                f" not fit into the period of {self.period_slots}"
             )
 
 
 def is_sent(schedule: PrsSchedule, slot: IntArray) -> BoolArray:
     """Whether the resource is sent in slots (slot,), counted from the start of frame 0."""
-    since = np.asarray(slot) - schedule.offset - schedule.resource_offset
-    place = since % schedule.period
-    repetition = place // schedule.gap
-    sent = (place % schedule.gap == 0) & (repetition < schedule.repetitions)
+    since = np.asarray(slot) - schedule.offset_slots - schedule.resource_offset_slots
+    place = since % schedule.period_slots
+    repetition = place // schedule.gap_slots
+    sent = (place % schedule.gap_slots == 0) & (repetition < schedule.repetitions)
     if schedule.muting_1 is not None:
-        instance = since // (schedule.muting_bit_repetition * schedule.period)
+        instance = since // (schedule.muting_bit_repetition * schedule.period_slots)
         sent = sent & np.asarray(schedule.muting_1, bool)[instance % len(schedule.muting_1)]
     if schedule.muting_2 is not None:
         sent = sent & np.asarray(schedule.muting_2, bool)[repetition % len(schedule.muting_2)]
     return np.asarray(sent)
+
+
+def sent_slots(schedule: PrsSchedule, n_instances: int) -> IntArray:
+    """Slots (instance, repetition) of the first instances that are sent, what is muted passed over.
+
+    An instance is the set of repetitions in one period. Raises `ValueError` where all of them are muted.
+    """
+    n_bits = 1 if schedule.muting_1 is None else len(schedule.muting_1)
+    n_periods = n_instances * n_bits * schedule.muting_bit_repetition
+    first = schedule.offset_slots + schedule.resource_offset_slots
+    instance = first + schedule.period_slots * np.arange(n_periods)
+    slot = instance[:, None] + schedule.gap_slots * np.arange(schedule.repetitions)
+    sent = is_sent(schedule, slot)
+    if n_instances and not sent.any():
+        raise ValueError(
+            f"PrsSchedule: muting_1 = {schedule.muting_1} and muting_2 = {schedule.muting_2} leave nothing that is"
+            " sent, at least 1 bit of each must be 1"
+        )
+    return np.asarray(slot[sent.any(axis=1)][:n_instances][:, sent.any(axis=0)])
 
 
 def _is_bitmap(bits: tuple[int, ...] | None, lengths: tuple[int, ...]) -> bool:

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.constants import Boltzmann
 
 from scenes.record import ComplexArray, FloatArray
+from sim.gaussian import add_circular_gaussian
 
 REFERENCE_TEMPERATURE_K = 290.0
 
@@ -29,11 +30,6 @@ def add_noise(samples: ComplexArray, power_mw: FloatArray, rng: np.random.Genera
 
     Every beam pair is measured in its own OFDM symbol, so the noise is independent between pairs.
     """
-    scale = np.sqrt(power_mw / 2).astype(np.float32)[:, None]
-    parts = np.empty((*samples.shape[1:], 2), np.float32)
-    noise = parts.view(np.complex64)[..., 0]
     for beam in samples:  # one beam's noise stays in the cache
-        rng.standard_normal(dtype=np.float32, out=parts)
-        np.multiply(noise, scale, out=noise)
-        np.add(beam, noise, out=beam)
+        add_circular_gaussian(beam, power_mw, rng)
     return samples

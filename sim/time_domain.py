@@ -50,7 +50,8 @@ def received_samples(
     are empty. Raises `ValueError` as `received_grid` does.
     """
     grid = received_grid(sweep, prs, slot, tx_beam, rx_beam)
-    prefixes = cp_lengths(prs.numerology, slot, n_fft)[prs.symbols[0] : prs.symbols[0] + len(grid)]
+    prefixes = cp_lengths(prs.numerology, slot, n_fft, prs.cyclic_prefix)
+    prefixes = prefixes[prs.symbols[0] : prs.symbols[0] + len(grid)]
     return modulate(grid, prefixes, n_fft)
 
 

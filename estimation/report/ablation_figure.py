@@ -6,17 +6,21 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from estimation.report.style import new_figure, styled
-from estimation.scoring.ablation import EFFECTS, NONE, Ablation
+from estimation.scoring.ablation import EFFECTS, NONE, Ablation, cell
 
 SHOWN_FACTOR = 4.0
 
 
 @styled
 def ablation_figure(ablation: Ablation) -> Figure:
-    """Scores of every variant as a matrix, coloured by their ratio to the campaign without impairments."""
+    """Scores of every variant as a matrix, coloured by their ratio to the campaign without impairments.
+
+    The last column is the mean ratio, by which the variants are ranked.
+    """
     reference = ablation.value[ablation.variant.index(NONE)]
     with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = np.log2(ablation.value / reference)
+        ratio = np.column_stack([np.log2(ablation.value / reference), ablation.growth])
+    shown = np.column_stack([ablation.value, 2.0**ablation.growth])
     n_rows, n_columns = ratio.shape
     figure = new_figure(2.6 + 0.85 * n_columns, 1.5 + 0.3 * n_rows)
     ax = figure.subplots()
@@ -25,15 +29,18 @@ def ablation_figure(ablation: Ablation) -> Figure:
     image = ax.imshow(np.ma.masked_invalid(ratio), cmap="RdBu_r", vmin=-limit, vmax=limit, aspect="auto")
     ax.set_facecolor("0.9")
     for row, column in np.ndindex(ratio.shape):
-        value = ablation.value[row, column]
+        value = float(shown[row, column])
         dark = np.isfinite(ratio[row, column]) and abs(ratio[row, column]) > 0.7 * limit
-        text = f"{value:.3g}" if np.isfinite(value) else "-"
+        text = cell(value, decimals=2 if column == n_columns - 1 else 3)
         ax.text(column, row, text, ha="center", va="center", fontsize=8, color="white" if dark else "black")
-    ax.set_xticks(range(n_columns), [f"{label}\n{unit}" for label, unit in EFFECTS.values()])
+    labels = [f"{label}\n{unit}" for label, unit in EFFECTS.values()]
+    ax.set_xticks(range(n_columns), [*labels, "mean\nratio"])
     ax.set_yticks(range(n_rows), ablation.variant)
     ax.xaxis.tick_top()
     ax.tick_params(length=0)
     ax.axhline(n_rows - 2.5, color="0.3", linewidth=1.0)
+    ax.axvline(n_columns - 1.5, color="0.3", linewidth=1.0)
+    ax.set_title("RMS errors with each impairment alone", pad=40)
     ticks = np.arange(-limit, limit + 1)
     bar = figure.colorbar(image, ax=ax, ticks=ticks, extend="both", pad=0.02)
     bar.ax.set_yticklabels([f"{2.0**tick:g}" for tick in ticks])

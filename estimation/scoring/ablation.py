@@ -55,6 +55,13 @@ def table_rows(ablation: Ablation) -> Iterator[dict[str, str | float | None]]:
         yield {"variant": name, "growth_log2": float(growth), **effects}
 
 
+def cell(value: float, decimals: int = 3) -> str:
+    """A score as it is shown, with as many decimals below 10 and one above."""
+    if not np.isfinite(value):
+        return "-"
+    return f"{value:.{decimals if value < 10 else 1}f}"
+
+
 def _growth(value: FloatArray, reference: FloatArray) -> float:
     valid = (value > 0) & (reference > 0)
     return float(np.log2(value[valid] / reference[valid]).mean()) if valid.any() else 0.0

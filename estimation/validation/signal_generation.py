@@ -9,18 +9,20 @@ from scipy.linalg import dft
 from scipy.optimize import minimize_scalar
 from scipy.special import erfinv
 
-from estimation.validation.bench_signal import ORIGIN, noiseless_cube, random_paths, signal_link
+from estimation.validation.bench_signal import ORIGIN, noiseless_cube, signal_link
+from estimation.validation.made_paths import made_paths, random_paths
 from estimation.validation.measurement import Measurement
 from scenes.config import load_scene, scene_path
-from scenes.pose import Pose
+from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
 from scenes.record import ComplexArray, FloatArray
 from sim.campaign import clock_biases_s, observe
 from sim.codebook import beam_response
 from sim.config import ArrayConfig, SimulationConfig, WaveformConfig
 from sim.hardware import built_codebooks, surveyed
 from sim.impairment_config import ImpairmentsConfig
-from sim.impairments import coupling_matrix, fft_bins, pair_times_s
+from sim.impairments import coupling_matrix, fft_bins
 from sim.link import Link, make_link
+from sim.occasions import sweep_occasions
 from sim.paths import Paths
 from sim.truth import Truth
 
@@ -47,9 +49,9 @@ def check_equation_1(seed: int, quick: bool) -> list[Measurement]:
 
 def check_oscillators(seed: int, quick: bool) -> list[Measurement]:
     """Clock bias and drift, CFO and phase noise from phases of a line of sight over subcarriers and symbols."""
-    bench = Bench(seed)
-    time_s = pair_times_s(len(bench.link.tx_codebook), len(bench.link.rx_codebook), 120e3)
-    stops = range(2 if quick else 6)
+    bench, narrow = Bench(seed), Bench(seed, n_rb=24)
+    time_s = sweep_occasions(bench.config().waveform, 32, 32).time_s[0]
+    stops = range(12 if quick else 60)  # 1,024 symbols each: 1.3 or 0.6 % for a variance
 
     biased = bench.config(clock_bias_std_ns=5.0)
     bias_s = clock_biases_s(biased, 4)[3]
@@ -58,10 +60,10 @@ def check_oscillators(seed: int, quick: bool) -> list[Measurement]:
     found_ppm = np.polyfit(time_s.ravel(), drift.ravel(), 1)[0] * 1e6
     cfo = bench.phases_rad(bench.ratio(bench.config(cfo_hz=1500.0), 0)).ravel()
     found_hz = np.polyfit(time_s.ravel(), np.unwrap(cfo), 1)[0] / (2 * np.pi)
-    walking = bench.config(phase_noise_pair_deg=6.0)
-    steps = [np.diff(np.unwrap(bench.phases_rad(bench.ratio(walking, s)).ravel())) for s in stops]
-    noisy = bench.config(phase_noise_linewidth_hz=300.0)
-    common = [bench.phases_rad(bench.ratio(noisy, s)).ravel() for s in stops]
+    walking = narrow.config(phase_noise_pair_deg=6.0)
+    steps = [np.diff(np.unwrap(narrow.phases_rad(narrow.ratio(walking, s)).ravel())) for s in stops]
+    noisy = narrow.config(phase_noise_linewidth_hz=300.0)
+    common = [narrow.phases_rad(narrow.ratio(noisy, s)).ravel() for s in stops]
     found_linewidth = np.square(common).mean() * 3 * 120e3 / (2 * np.pi)
     return [
         _recovered("clock_bias", found_bias_s, bias_s, "slope of the phase over subcarriers"),
@@ -127,7 +129,7 @@ def check_arrays_as_built(seed: int, quick: bool) -> list[Measurement]:
         _recovered(
             "tx_pointing", bench.pointing_deg(bench.config(tx_pointing_offset_deg=2.0)), 2.0, "beam powers"
         ),
-        *_survey(bench, 500 if quick else 4000),
+        *_survey(bench, 4_000 if quick else 20_000),
     ]
 
 
@@ -137,12 +139,12 @@ class Bench:
     With `orthogonal` the TX has 64 orthonormal beams, which tell its 64 elements apart.
     """
 
-    def __init__(self, seed: int, *, orthogonal: bool = False) -> None:
+    def __init__(self, seed: int, *, orthogonal: bool = False, n_rb: int = 264) -> None:
         array = ArrayConfig(beams_per_panel=64 if orthogonal else 32)
         self._base = SimulationConfig(
             scene="box_room",
             seed=seed,
-            waveform=WaveformConfig(combine_symbols=True),
+            waveform=WaveformConfig(combine_symbols=True, n_rb=n_rb),
             tx_array=array,
             rx_array=ArrayConfig(),
         )
@@ -153,19 +155,11 @@ class Bench:
         self.scene = load_scene(scene_path("box_room"), 60e9)
         heading_rad = self.scene.tx.heading_rad
         self._rx_pose = Pose(self.scene.tx.position_m, float(heading_rad + np.pi))
-        delay_s = np.array([2.0 / 299_792_458])
-        zero = np.zeros(1)
-        self._paths = Paths(
-            gain=np.array([1.0 + 0j]),
-            delay_s=delay_s,
-            aod_azimuth_rad=zero + heading_rad + AOD_RAD[0],
-            aod_elevation_rad=zero + AOD_RAD[1],
-            aoa_azimuth_rad=zero + heading_rad + np.pi + AOD_RAD[0],
-            aoa_elevation_rad=zero - AOD_RAD[1],
-            bounce_kind=np.zeros((1, 1), int),
-            bounce_object=np.full((1, 1), -1),
-            vertex_m=np.full((1, 1, 3), np.nan),
-            object_name=np.array(["none"]),
+        self._paths = made_paths(
+            1.0 + 0j,
+            2.0 / SPEED_OF_LIGHT_M_S,
+            (heading_rad + AOD_RAD[0], AOD_RAD[1]),
+            (heading_rad + np.pi + AOD_RAD[0], -AOD_RAD[1]),
         )
 
     def config(self, **impairments: float) -> SimulationConfig:

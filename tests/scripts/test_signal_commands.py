@@ -38,11 +38,22 @@ def test_link_prints_a_row_per_stop() -> None:
     result = arena("link", "box_room")
     assert result.returncode == 0, result.stderr
     assert "EIRP 29.1 dBm" in result.stdout and "thermal -81.2 dBm" in result.stdout
+    assert "sweep: 32 x 96 beam pairs, 27.4 ms on the air" in result.stdout
     rows = re.findall(r"^│ +(\d) │ +(\S+) │ +(\S+) │", result.stdout, re.MULTILINE)
     assert [int(stop) for stop, _, _ in rows] == [0, 1, 2, 3]
     for _, distance_m, los_dbm in rows:
         free_space_dbm = -12.9 - 20 * np.log10(float(distance_m))
         assert free_space_dbm - 13 < float(los_dbm) <= free_space_dbm + 0.1
+
+
+def test_link_of_a_schedule_has_less_noise_and_more_air_time(tmp_path: Path) -> None:
+    schedule = "[waveform.schedule]\nperiod_slots = 160\nrepetitions = 4\nmuting_2 = [1, 1, 0, 0]\n"
+    (tmp_path / "own.toml").write_text(f'name = "own"\nscene = "box_room"\n{schedule}')
+    result = arena("link", tmp_path / "own.toml")
+    assert result.returncode == 0, result.stderr
+    assert "thermal -84.2 dBm" in result.stdout
+    # 95 periods of 20 ms, and in the last one 32 beams of 4 slots, of which the last two are muted
+    assert "2 repetitions combined, 1915.8 ms on the air" in " ".join(result.stdout.split())
 
 
 def test_exported_samples_demodulate_to_the_sweep(generated: Path) -> None:
@@ -103,6 +114,15 @@ def test_weight_files_lie_beside_the_campaign(tmp_path: Path) -> None:
             "link.noise_figure_db = -1.0: must be greater than or equal to 0",
         ),
         ("[tx_array]\ncodebook = 'file'\n", "tx_array.weights_file = None: must be given"),
+        (
+            "[waveform]\ncyclic_prefix = 'extended'\n",
+            "waveform.cyclic_prefix = 'extended' with numerology = 3: allowed is numerology 2 alone",
+        ),
+        (
+            "[waveform.schedule]\nperiod_slots = 6\n",
+            "schedule.period_slots = 6: allowed is 2^mu times one of 4,",
+        ),
+        ("[waveform.schedule]\nmuting_1 = [0, 0]\n", "leave nothing that is sent"),
     ],
 )
 def test_bad_settings_name_the_rule(tmp_path: Path, table: str, message: str) -> None:

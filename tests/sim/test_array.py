@@ -100,3 +100,16 @@ def test_bad_codebooks(changes: dict[str, object], message: str) -> None:
 def test_array_needs_an_element() -> None:
     with pytest.raises(ValueError, match="rows, columns = 0, 4"):
         upa_positions_m(0, 4, CARRIER_HZ)
+
+
+def test_steering_is_the_plane_wave_of_any_arrangement() -> None:
+    rng = np.random.default_rng(8)
+    irregular = rng.uniform(-0.02, 0.02, (9, 3))
+    column = np.stack([np.zeros(5), np.full(5, 1e-3), np.arange(5) * 2e-3], axis=1)
+    for position_m in (irregular, column, upa_positions_m(4, 16, 60e9), np.array([[1e-3, 0.0, 0.0]])):
+        azimuth, elevation = rng.uniform(-3, 3, 20), rng.uniform(-1.5, 1.5, 20)
+        path_m = direction(azimuth, elevation) @ position_m.T
+        expected = np.exp(2j * np.pi * 60e9 / SPEED_OF_LIGHT_M_S * path_m)
+        np.testing.assert_allclose(
+            steering_vector(position_m, 60e9, azimuth, elevation), expected, atol=1e-12
+        )

@@ -5,11 +5,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from estimation.validation.made_paths import random_paths
 from scenes.pose import Pose
-from sim.channel import beam_channel, beam_channel_blocks, wave_sums
+from sim.channel import _spanning, beam_channel, beam_channel_blocks, wave_sums
+from sim.codebook import beam_response
 from sim.config import ArrayConfig, SimulationConfig, WaveformConfig
-from sim.link import make_link
-from sim.paths import Paths
+from sim.link import make_codebook, make_link
 
 
 def direct(tx: np.ndarray, rx: np.ndarray, delay_s: np.ndarray, frequency_hz: np.ndarray) -> np.ndarray:
@@ -33,26 +34,10 @@ def test_sums_of_waves(count: int, spread_s: float, n_subcarriers: int, first_hz
     tx, rx = (rng.standard_normal((count, n, 2)) @ [1, 1j] for n in (5, 3))
     delay_s = rng.uniform(0, spread_s, count) + rng.uniform(-1e-7, 1e-7)
     frequency_hz = first_hz + 240e3 * np.arange(n_subcarriers) * 40
-    (found,) = wave_sums(tx, rx, delay_s, frequency_hz, 5)
+    found = wave_sums(tx, rx, delay_s, frequency_hz)
     expected = direct(tx, rx, delay_s, frequency_hz)
     assert found.dtype == np.complex64 and found.flags.c_contiguous
     assert np.abs(found - expected).max() <= 2e-6 * np.abs(expected).max()
-
-
-def hall_paths(count: int) -> Paths:
-    rng = np.random.default_rng(5)
-    return Paths(
-        gain=rng.standard_normal((count, 2)) @ [1, 1j],
-        delay_s=rng.uniform(1e-8, 2e-7, count),
-        aod_azimuth_rad=rng.uniform(-3, 3, count),
-        aod_elevation_rad=rng.uniform(-1, 1, count),
-        aoa_azimuth_rad=rng.uniform(-3, 3, count),
-        aoa_elevation_rad=rng.uniform(-1, 1, count),
-        bounce_kind=np.zeros((count, 1), int),
-        bounce_object=np.full((count, 1), -1),
-        vertex_m=np.full((count, 1, 3), np.nan),
-        object_name=np.array(["wall"]),
-    )
 
 
 @pytest.mark.parametrize("count", [0, 3, 1500])
@@ -69,9 +54,25 @@ def test_blocks_of_beams_are_parts_of_the_whole(count: int) -> None:
         "frequency_offset_hz": link.frequency_offset_hz,
         "clock_bias_s": 2e-8,
     }
-    whole = beam_channel(hall_paths(count), **arguments)
-    blocks = list(beam_channel_blocks(hall_paths(count), **arguments, tx_beams_per_block=3))
+    paths = random_paths(np.random.default_rng(5), count)
+    whole = beam_channel(paths, **arguments)
+    blocks = list(beam_channel_blocks(paths, **arguments, tx_beams_per_block=3))
     assert [len(block) for block in blocks] == [3, 3, 1]
     np.testing.assert_array_equal(np.concatenate(blocks), whole)
     with pytest.raises(ValueError, match="tx_beams_per_block = 0"):
-        next(beam_channel_blocks(hall_paths(count), **arguments, tx_beams_per_block=0))
+        next(beam_channel_blocks(paths, **arguments, tx_beams_per_block=0))
+
+
+def test_few_beams_span_those_of_every_panel() -> None:
+    array = ArrayConfig(rows=2, columns=4, panel_azimuth_deg=[-90.0, 0.0, 90.0], beams_per_panel=7)
+    codebook = make_codebook(array, 60e9)
+    basis, spanning = _spanning(codebook)
+    assert basis.shape == (
+        21,
+        12,
+    )  # horizontal beams of 4 columns span 4, whatever the rows, on each of 3 panels
+    rng = np.random.default_rng(2)
+    directions = rng.uniform(-np.pi, np.pi, 40), rng.uniform(-1, 1, 40)
+    np.testing.assert_allclose(
+        basis @ beam_response(spanning, *directions), beam_response(codebook, *directions), atol=1e-12
+    )

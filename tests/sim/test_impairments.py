@@ -1,9 +1,14 @@
 """Impairments: what each does to the samples in closed form, its off switch and its own random numbers."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from estimation.validation.signal_generation import Bench, check_arrays_as_built, check_front_end
+from sim.campaign import observe
+from sim.codebook import Codebook
+from sim.hardware import built_codebooks, true_tx_pose
 from sim.impairment_config import IMPAIRMENTS, ImpairmentsConfig
 from sim.impairments import clipped, coupling_matrix, fft_bins, from_time, imbalanced, quantised, to_time
 
@@ -35,6 +40,27 @@ def test_samples_change_with_each_impairment_of_the_signal_and_repeat() -> None:
         assert samples.dtype == np.complex64 and np.isfinite(samples).all()
         assert not np.array_equal(samples, clean), name
     np.testing.assert_array_equal(samples, bench.samples(config, 0))
+
+
+def test_the_sweep_tells_the_design_whatever_the_hardware() -> None:
+    bench = Bench(4)
+    deviating = TYPICAL.model_copy(update={"element_phase_std_deg": 30.0, "tx_pointing_offset_deg": 5.0})
+    config = bench.config(**deviating.model_dump(exclude_defaults=True))
+    built = built_codebooks(config, bench.link)
+    sweep = observe(config, bench.link, bench.scene, bench.truth(0))
+    for told, radiated, designed in zip(
+        (sweep.tx_codebook, sweep.rx_codebook),
+        built,
+        (bench.link.tx_codebook, bench.link.rx_codebook),
+        strict=True,
+    ):
+        assert np.abs(radiated.weights - designed.weights).max() > 0.05
+        for field in dataclasses.fields(Codebook):
+            np.testing.assert_array_equal(getattr(told, field.name), getattr(designed, field.name))
+    assert true_tx_pose(config, bench.scene.tx).heading_rad != bench.scene.tx.heading_rad
+    assert sweep.tx_pose.heading_rad == bench.scene.tx.heading_rad
+    for name in ("prs_symbol", "frequency_offset_hz", "noise_power_mw", "carrier_hz"):
+        np.testing.assert_array_equal(getattr(sweep, name), getattr(bench.link, name))
 
 
 def test_front_end_and_arrays_are_recovered_from_the_signal() -> None:

@@ -6,15 +6,17 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from estimation.validation.signal_waveform import free_space
+from estimation.validation.made_paths import free_space
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
 from sim.array import upa_positions_m
-from sim.budget import converter_noise_dbm, link_budget, occupied_share, peak_gain_dbi, side_lobe_db
+from sim.budget import converter_noise_dbm, converter_share, link_budget, peak_gain_dbi, side_lobe_db
 from sim.codebook import steered_codebook
 from sim.config import ArrayConfig, LinkConfig, SimulationConfig, WaveformConfig
 from sim.link import Link, make_link
+from sim.occasions import averaged
 from sim.paths import BounceKind, Paths, empty_paths
 from sim.prs import prs_comb_pass
+from sim.schedule_config import ScheduleConfig
 from sim.truth import Truth
 
 TX = Pose(np.array([0.0, 0.0, 1.5]), 0.0)
@@ -33,7 +35,7 @@ def bounced(paths: Paths) -> Paths:
 
 def test_budget_of_a_line_of_sight_by_hand(link: Link) -> None:
     los = Truth(free_space(TX, RX), RX, 0, 0.0)
-    budget = link_budget([los], link, TX, LinkConfig(), occupied_share(WaveformConfig()))
+    budget = link_budget([los], link, TX, LinkConfig(), converter_share(WaveformConfig()))
     loss_db = 20 * np.log10(4 * np.pi * 5 * 60e9 / SPEED_OF_LIGHT_M_S)
     array_db = 10 * np.log10(64) + 8
     assert budget.eirp_dbm == pytest.approx(3 + array_db)
@@ -47,7 +49,7 @@ def test_budget_of_a_line_of_sight_by_hand(link: Link) -> None:
 
 def test_the_converter_floor_is_set_once_for_the_strongest_stop(link: Link) -> None:
     far = Pose(np.array([50.0, 0.0, 1.5]), -np.pi)
-    settings, share = LinkConfig(adc_effective_bits=6, adc_back_off_db=12), occupied_share(WaveformConfig())
+    settings, share = LinkConfig(adc_effective_bits=6, adc_back_off_db=12), converter_share(WaveformConfig())
     near_stop, far_stop = Truth(free_space(TX, RX), RX, 0, 0.0), Truth(free_space(TX, far), far, 1, 0.0)
     both = link_budget([far_stop, near_stop], link, TX, settings, share)
     expected = both.los_dbm[1] - (20 * np.log10(64) + 1.76 - 12) + 10 * np.log10(1584 / 4096)
@@ -57,6 +59,19 @@ def test_the_converter_floor_is_set_once_for_the_strongest_stop(link: Link) -> N
     assert both.converter_noise_dbm - converter_noise_dbm(both.los_dbm[1], one_bit, share) == pytest.approx(
         20 * np.log10(2)
     )
+
+
+def test_averaging_lowers_both_noises_alike() -> None:
+    plain = WaveformConfig(n_rb=24)
+    four = WaveformConfig(
+        n_rb=24, n_symbols=4, combine_symbols=True, schedule=ScheduleConfig(repetitions=2, muting_2=[1, 1])
+    )
+    noise_mw = [
+        make_link(SimulationConfig(scene="none", waveform=wave)).noise_power_mw[0] for wave in (plain, four)
+    ]
+    assert averaged(plain) == 1 and averaged(four) == 4
+    assert noise_mw[0] / noise_mw[1] == pytest.approx(4)
+    assert converter_share(plain) / converter_share(four) == pytest.approx(4)
 
 
 def test_thermal_noise_takes_over_with_ideal_converters(link: Link) -> None:

@@ -25,6 +25,21 @@ def test_prefixes_of_the_real_campaign() -> None:
     assert cp_lengths(0, 0).tolist() == ([320] + [288] * 6) * 2
 
 
+def test_extended_prefixes_fill_twelve_symbols_of_numerology_2() -> None:
+    prefixes = cp_lengths(2, 3, 4096, "extended")
+    assert prefixes.tolist() == [1024] * 12
+    assert (prefixes + 4096).sum() == 0.25e-3 * sample_rate_hz(2)
+    grid = random_grid(5, 12, 240)
+    samples = modulate(grid, prefixes)
+    echo = np.concatenate([np.zeros(1000), samples[:-1000]])  # beyond a normal prefix, within this one
+    ramp = np.exp(-2j * np.pi * 1000 / 4096 * (np.arange(240) - 120))
+    np.testing.assert_allclose(demodulate(echo, 240, prefixes), grid * ramp, atol=1e-11)
+    with pytest.raises(ValueError, match=r"'extended' with numerology = 3: .*TS 38.211 Table 4.2-1"):
+        cp_lengths(3, 0, 4096, "extended")
+    with pytest.raises(ValueError, match="cyclic_prefix = 'long': allowed are"):
+        cp_lengths(2, 0, 4096, "long")  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize("numerology", range(7))
 def test_half_subframes_last_half_a_millisecond(numerology: int) -> None:
     slots = [cp_lengths(numerology, slot, 1024) + 1024 for slot in range(2**numerology)]

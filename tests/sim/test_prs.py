@@ -60,6 +60,19 @@ def test_whole_slot_element_by_element(comb: int, length: int) -> None:
     assert np.count_nonzero(grid) == length * 24 * 12 // comb
 
 
+def test_slots_with_the_extended_prefix_have_twelve_symbols() -> None:
+    config = PrsConfig(n_rb=24, comb=12, numerology=2, cyclic_prefix="extended")
+    grid = prs_slot(config, 77, 5)
+    assert grid.shape == (12, 288)
+    np.testing.assert_allclose(grid, prs_slot_bit_by_bit(config, 77, 5), atol=1e-15)
+    assert prs_c_init(6, slot=5, symbol=4, symbols_per_slot=12) == 1024 * (12 * 5 + 4 + 1) * 13 + 6
+    assert config.symbol_s == pytest.approx(1.25 / 60e3)
+    with pytest.raises(ValueError, match="first_symbol = 1: allowed is 0 to 0, so that 12 symbols"):
+        PrsConfig(comb=12, first_symbol=1, numerology=2, cyclic_prefix="extended")
+    with pytest.raises(ValueError, match="numerology = 3: allowed is numerology 2 alone"):
+        PrsConfig(cyclic_prefix="extended")
+
+
 def test_rb_offset_starts_inside_the_sequence_of_point_a() -> None:
     whole = prs_symbols(PrsConfig(n_rb=36, comb=6), 9, 0)
     part = prs_symbols(PrsConfig(n_rb=24, comb=6, rb_offset=10), 9, 0)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from estimation.validation.made_paths import random_paths
 from scenes.pose import Pose
 from scenes.record import concatenate
 from sim.array import element_amplitude, steering_vector
@@ -10,7 +11,7 @@ from sim.campaign import RandomStage, clock_biases_s, generator
 from sim.channel import beam_channel
 from sim.config import ArrayConfig, ClockConfig, SimulationConfig, WaveformConfig
 from sim.link import make_link
-from sim.paths import Paths, canonical_order, empty_paths
+from sim.paths import canonical_order, empty_paths
 from sim.receiver import add_noise, noise_power_mw
 
 SMALL = SimulationConfig(
@@ -23,24 +24,9 @@ SMALL = SimulationConfig(
 )
 
 
-def random_paths(rng: np.random.Generator, count: int) -> Paths:
-    return Paths(
-        gain=rng.standard_normal(count) + 1j * rng.standard_normal(count),
-        delay_s=rng.uniform(1e-8, 2e-7, count),
-        aod_azimuth_rad=rng.uniform(-3, 3, count),
-        aod_elevation_rad=rng.uniform(-1, 1, count),
-        aoa_azimuth_rad=rng.uniform(-3, 3, count),
-        aoa_elevation_rad=rng.uniform(-1, 1, count),
-        bounce_kind=np.zeros((count, 1), int),
-        bounce_object=np.full((count, 1), -1),
-        vertex_m=np.full((count, 1, 3), np.nan),
-        object_name=np.array(["wall"]),
-    )
-
-
 def test_samples_are_equation_1_term_by_term() -> None:
     rng = np.random.default_rng(1)
-    link, paths = make_link(SMALL), random_paths(rng, 4)
+    link, paths = make_link(SMALL), random_paths(rng, 4, 3.0, 1.0)
     tx_pose, rx_pose, bias_s = Pose(np.zeros(3), 0.7), Pose(np.ones(3), -1.1), 3e-8
     channel = beam_channel(
         paths, tx_codebook=link.tx_codebook, rx_codebook=link.rx_codebook, tx_pose=tx_pose, rx_pose=rx_pose,

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimation.validation.signal_waveform import free_space
+from estimation.validation.made_paths import free_space
 from scenes.pose import Pose
 from sim.channel import beam_channel
 from sim.config import ArrayConfig, SimulationConfig, WaveformConfig
@@ -53,6 +53,11 @@ def test_samples_demodulate_to_the_channel_times_the_slot(combine: bool) -> None
     channel = grid[symbol, subcarrier] / pilots[symbol, subcarrier] * np.exp(2j * np.pi * frequency * delay_s)
     np.testing.assert_allclose(channel, channel[0], rtol=1e-4)
     assert (np.abs(grid[0]) ** 2).sum() == pytest.approx((np.abs(sweep.samples[1, 2]) ** 2).mean(), rel=1e-4)
+
+
+def test_extended_prefixes_reach_the_samples() -> None:
+    wave = WaveformConfig(n_rb=24, numerology=2, cyclic_prefix="extended", combine_symbols=True)
+    assert len(received_samples(clean_sweep(wave), wave.prs, 1, 1, 2)) == 2 * (4096 + 1024)
 
 
 def test_beams_and_waveform_are_checked() -> None:
