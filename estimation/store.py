@@ -1,8 +1,10 @@
 """The campaign directory: which file holds what, and whether it still belongs to the campaign.
 
     campaign.json       resolved settings               scene.toml   the scene as it was
+    scene_files/        floor plans and meshes that the scene names
     truth/stop_000.nc   paths, RX pose, clock           sweep/stop_000.nc    samples, when kept
     channel/stop_000.nc paths as estimated              map/NAME.nc  poses, incidence points, shapes
+    channel/calibration.nc  arrays as self-calibrated, where asked for
     scores.json, provenance.nc, report.html, figures/
 
 A measured campaign holds surveyed poses and labels in place of true paths, and no sweeps.
@@ -17,11 +19,12 @@ import hashlib
 import importlib.util
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Literal, TypeVar
 
+from estimation.channel.calibration import Calibration
 from estimation.channel.power_map import BeamPowerMap
 from estimation.channel.record import ChannelEstimate
 from estimation.config import CampaignConfig
@@ -32,6 +35,7 @@ from estimation.scoring.record import ScoreTables
 from estimation.scoring.score import Scores
 from estimation.shape.record import Shapes
 from estimation.slam.record import IncidencePoints, PoseEstimates
+from scenes.object_config import KEPT_FOLDER
 from scenes.record import Record
 from sim.codebook_store import weights_digest
 from sim.config import SimulationConfig
@@ -66,6 +70,7 @@ class CampaignStore:
     """A campaign directory under one configuration, scene and channel estimator.
 
     `measured` says what a measured campaign was imported from, down to its bits; None for a simulated one.
+    `scene_files` holds what the files that the scene names contain, by the place of their copies in the directory.
     """
 
     directory: Path
@@ -73,18 +78,19 @@ class CampaignStore:
     scene_text: str
     estimator: str | None
     measured: str | None = None
+    scene_files: Mapping[str, bytes] = field(default_factory=dict)
 
     @cached_property
     def truth_fingerprint(self) -> str:
         """Of what the simulation, or the measurement, depends on."""
         if self.measured is not None:
-            return _digest(self.measured, self.scene_text)
+            return _digest(self.measured, self._scene_digest)
         simulation = {name: getattr(self.config, name) for name in SimulationConfig.model_fields}
         simulation.pop("scene")  # its text counts, not its name
         settings = SimulationConfig(**simulation, scene="-").model_dump_json()
         arrays = (self.config.tx_array, self.config.rx_array)
         weights = [weights_digest(array.weights_file) for array in arrays if array.weights_file is not None]
-        return _digest(settings, self.scene_text, _code_digest("scenes", "sim"), *weights)
+        return _digest(settings, self._scene_digest, _code_digest("scenes", "sim"), *weights)
 
     @cached_property
     def channel_fingerprint(self) -> str:
@@ -98,9 +104,10 @@ class CampaignStore:
     @cached_property
     def map_fingerprint(self) -> str:
         """Of what maps and shapes depend on."""
-        stages = [self.config.mapping, self.config.slam, self.config.shapes]
-        code = _code_digest("estimation/geometry.py", "estimation/slam", "estimation/shape")
-        return _digest(self.channel_fingerprint, *(stage.model_dump_json() for stage in stages), code)
+        settings = self.config.model_dump_json(include={"mapping", "slam", "trajectory", "shapes"})
+        geometry = ("estimation/geometry.py", "estimation/geometry_spatial.py")
+        code = _code_digest(*geometry, "estimation/slam", "estimation/shape")
+        return _digest(self.channel_fingerprint, settings, code)
 
     @cached_property
     def score_fingerprint(self) -> str:
@@ -124,7 +131,7 @@ class CampaignStore:
             )
         if (self.directory / "campaign.json").is_file() and (self.directory / "scene.toml").is_file():
             held = open_campaign(self.directory)
-            if (held.config, held.scene_text, held.measured) != (self.config, self.scene_text, self.measured):
+            if held._identity != self._identity:
                 raise ValueError(
                     f"--out = {self.directory}: holds another campaign; choose another directory or remove it"
                 )
@@ -135,9 +142,12 @@ class CampaignStore:
             "measured": self.measured,
             "campaign": self.config.model_dump(mode="json"),
         }
+        for name, content in self.scene_files.items():
+            with complete_file(self.directory / name) as partial:
+                partial.write_bytes(content)
         write_text(self.directory / "scene.toml", self.scene_text)
         write_text(self.directory / "campaign.json", json.dumps(settings, indent=1))
-        for folder in (self.directory, *(self.directory / name for name in FOLDERS)):
+        for folder in (self.directory, *(self.directory / name for name in (*FOLDERS, KEPT_FOLDER))):
             remove_leftovers(folder)
 
     def truth(self, stop: int) -> Truth | None:
@@ -180,6 +190,14 @@ class CampaignStore:
         """Store the channel estimate of a stop; scores made before are dropped."""
         self._write(self._stop("channel", estimate.channel.stop), estimate, self.channel_fingerprint)
 
+    def calibration(self) -> Calibration | None:
+        """What self-calibration found, or None where it is still to be made."""
+        return self._read(self.directory / "channel" / "calibration.nc", Calibration, self.channel_fingerprint)
+
+    def write_calibration(self, calibration: Calibration) -> None:
+        """Store what self-calibration found; scores made before are dropped."""
+        self._write(self.directory / "channel" / "calibration.nc", calibration, self.channel_fingerprint)
+
     def map_result(self, name: MapName) -> MapResult | None:
         """The map of mapping or SLAM, or None where it is still to be made."""
         file = self._read(self.directory / "map" / f"{name}.nc", MapFile, self.map_fingerprint)
@@ -214,11 +232,20 @@ class CampaignStore:
         for name in ("scores.json", "provenance.nc", "report.html"):
             (self.directory / name).unlink(missing_ok=True)
 
+    @property
+    def _identity(self) -> tuple[object, ...]:
+        """What two stores of one campaign share, whatever the estimator."""
+        return self.config, self.scene_text, dict(self.scene_files), self.measured
+
+    @property
+    def _scene_digest(self) -> str:
+        contents = (hashlib.sha256(content).hexdigest() for _, content in sorted(self.scene_files.items()))
+        return _digest(self.scene_text, *contents)
+
     def _is_leftover(self) -> bool:
         """Whether there is nothing but what a run killed at its very start left behind."""
-        return all(
-            entry.name == "scene.toml" or entry.name.endswith(".part") for entry in self.directory.iterdir()
-        )
+        names = {entry.name for entry in self.directory.iterdir() if not entry.name.endswith(".part")}
+        return names <= {"scene.toml", KEPT_FOLDER}
 
     def _stop(self, kind: str, stop: int) -> Path:
         return self.directory / kind / f"stop_{stop:03d}.nc"
@@ -250,7 +277,12 @@ def open_campaign(directory: Path) -> CampaignStore:
         content = json.loads(settings.read_text(encoding="utf-8"))
         config = CampaignConfig.model_validate_json(json.dumps(content["campaign"]))
         text, measured = scene.read_text(encoding="utf-8"), content.get("measured")
-        return CampaignStore(directory, config, text, content["estimator"], measured)
+        files = {
+            f"{KEPT_FOLDER}/{file.name}": file.read_bytes()
+            for file in sorted((directory / KEPT_FOLDER).glob("*"))
+            if not file.name.endswith(".part")
+        }
+        return CampaignStore(directory, config, text, content["estimator"], measured, files)
     except (ValueError, KeyError, TypeError) as error:
         reason = str(error).splitlines()[0]
         raise ValueError(f"{settings}: damaged settings ({reason}); remove the file and run again") from error

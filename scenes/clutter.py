@@ -1,7 +1,9 @@
 """Clutter: objects given as triangle meshes.
 
-The exact solver knows vertical prisms only. A mesh acts in the ray tracer, where it scatters, and occludes every
-path, for which `blocked` is asked; its facets never give a specular path, for they seldom stand for flat faces.
+The exact solver knows vertical prisms only, so the ray tracer looks for reflections off meshes; `crossings` tells
+where they stand in the way of any path. Their triangles are taken as the flat faces they are: they reflect,
+diffract at their edges and, with transmission, let paths through. A faceted round mesh therefore reflects to few
+receivers, too strongly there: draw round things as objects with a round contour.
 """
 
 from __future__ import annotations
@@ -9,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,6 +19,7 @@ from scenes.material import Material
 from scenes.record import BoolArray, FloatArray, IntArray, Record, array
 
 END_CLEARANCE_M = 1e-6  # what a leg meets closer than this to one of its ends is what it starts or ends on
+SAME_CROSSING_M = 1e-9  # crossings of a leg closer than this are one, on an edge that two faces share
 MAX_TABLE_ENTRIES = 2_000_000  # legs x triangles held at once
 PROBE = np.array([0.123_456, 0.234_567, 1.0])  # direction of the inside test: along no edge of a drawn mesh
 
@@ -79,7 +82,7 @@ class Clutter(Record):
         low, high = self.bounds_m
         inside = np.all((points >= low) & (points <= high), axis=1)
         reach = 2 * np.linalg.norm(high - low)
-        hits, _ = _hits(self, points[inside], points[inside] + reach * PROBE)
+        hits, _, _ = _hits(self, points[inside], points[inside] + reach * PROBE)
         inside[inside] = np.bincount(hits, minlength=int(inside.sum())) % 2 == 1
         return np.asarray(inside)
 
@@ -108,17 +111,31 @@ def placed(
     return np.asarray(result + np.asarray(position_m, float))
 
 
-def blocked(clutter: Sequence[Clutter], start_m: FloatArray, end_m: FloatArray) -> BoolArray:
-    """Whether each leg (leg, xyz) -> (leg, xyz) meets a mesh between its ends (leg,)."""
+class MeshCrossings(NamedTuple):
+    """Where legs meet a mesh, in no particular order."""
+
+    leg: IntArray  # (crossing,) index of the leg
+    share: FloatArray  # (crossing,) place along the leg, 0 at its start and 1 at its end
+    normal: FloatArray  # (crossing, xyz) unit normal of the face, of either side
+
+
+def crossings(item: Clutter, start_m: FloatArray, end_m: FloatArray) -> MeshCrossings:
+    """Where each leg (leg, xyz) -> (leg, xyz) meets a mesh between its ends, an edge of two faces counted once."""
     start, end = np.atleast_2d(start_m), np.atleast_2d(end_m)
-    result = np.zeros(len(start), bool)
-    for item in clutter:
-        near = np.flatnonzero(~result & _meets_box(*item.bounds_m, start, end))
-        margin = END_CLEARANCE_M / np.maximum(np.linalg.norm(end - start, axis=1), END_CLEARANCE_M)
-        leg, share = _hits(item, start[near], end[near])
-        leg = near[leg]
-        result[leg[(share > margin[leg]) & (share < 1 - margin[leg])]] = True
-    return result
+    near = np.flatnonzero(_meets_box(*item.bounds_m, start, end))
+    leg, share, face = _hits(item, start[near], end[near])
+    leg = near[leg]
+    length = np.maximum(np.linalg.norm(end - start, axis=1), END_CLEARANCE_M)[leg]
+    order = np.lexsort([share, leg])
+    place = (share * length)[order]
+    is_new = np.ones(len(order), bool)
+    is_new[1:] = (np.diff(leg[order]) != 0) | (np.diff(place) > SAME_CROSSING_M)
+    kept = order[is_new]
+    margin = END_CLEARANCE_M / length
+    kept = kept[(share[kept] > margin[kept]) & (share[kept] < 1 - margin[kept])]
+    a, b, c = np.moveaxis(item.vertices_m[item.faces[face[kept]]], 1, 0)
+    normal = np.cross(b - a, c - a)
+    return MeshCrossings(leg[kept], share[kept], normal / np.linalg.norm(normal, axis=1, keepdims=True))
 
 
 def _meets_box(low: FloatArray, high: FloatArray, start: FloatArray, end: FloatArray) -> BoolArray:
@@ -126,14 +143,14 @@ def _meets_box(low: FloatArray, high: FloatArray, start: FloatArray, end: FloatA
     return np.asarray(np.all((np.minimum(start, end) <= high) & (np.maximum(start, end) >= low), axis=1))
 
 
-def _hits(item: Clutter, start: FloatArray, end: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Legs (hit,) that cross a triangle and the share of the leg (hit,) at which they do.
+def _hits(item: Clutter, start: FloatArray, end: FloatArray) -> tuple[IntArray, FloatArray, IntArray]:
+    """Legs (hit,) that cross a triangle, the share of the leg (hit,) at which they do, and the triangle (hit,).
 
     Moeller and Trumbore, "Fast, minimum storage ray/triangle intersection", 1997.
     """
     corner = item.vertices_m[item.faces]
     edge_1, edge_2 = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
-    legs, shares = [np.zeros(0, int)], [np.zeros(0)]
+    legs, shares, triangles = [np.zeros(0, int)], [np.zeros(0)], [np.zeros(0, int)]
     step = max(1, MAX_TABLE_ENTRIES // len(corner))
     for first in range(0, len(start), step):
         along = (end - start)[first : first + step, None]
@@ -148,4 +165,5 @@ def _hits(item: Clutter, start: FloatArray, end: FloatArray) -> tuple[IntArray, 
         leg, triangle = np.nonzero((u >= 0) & (v >= 0) & (u + v <= 1) & (share >= 0) & (share <= 1))
         legs.append(leg + first)
         shares.append(share[leg, triangle])
-    return np.concatenate(legs), np.concatenate(shares)
+        triangles.append(triangle)
+    return np.concatenate(legs), np.concatenate(shares), np.concatenate(triangles)

@@ -22,6 +22,8 @@ from scenes.object_config import (
     PlaneConfig,
     TxConfig,
     field,
+    find_file,
+    kept_name,
 )
 from scenes.pose import Pose
 from scenes.record import FloatArray
@@ -193,6 +195,17 @@ def referenced_files(path: str | Path) -> list[Path]:
     """The floor plan and mesh files that a scene file names, as it names them: relative to its folder."""
     config = load_config(path, SceneConfig)
     return [*(Path(item.file) for item in config.floorplans), *(Path(item.file) for item in config.meshes)]
+
+
+def kept_files(path: str | Path) -> dict[str, bytes]:
+    """What the files that a scene file names hold, by the names under which a copy beside it is found again.
+
+    With them in its folder, a copy of the scene file is complete: see `scenes.object_config.find_file`.
+    """
+    folder = Path(path).parent
+    return {
+        kept_name(str(file)): find_file(folder, str(file)).read_bytes() for file in referenced_files(path)
+    }
 
 
 def _footprint(item: Clutter) -> Contour:

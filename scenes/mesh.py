@@ -43,7 +43,7 @@ def object_meshes(
     Closed contours give prisms with caps (the caps are flat facets), normals outward; open ones single vertical
     sheets. Flat and curved parts of an object share the vertices along their seam, so together they are
     watertight. Caps that lie in the floor or the ceiling cannot be seen; without `keep_hidden_caps` they are
-    left out. Last comes the clutter; its facets count as curved ones, for they seldom stand for flat faces.
+    left out. Last comes the clutter; its facets count as the flat faces they are.
     """
     planes = [("floor", scene.floor, True), ("ceiling", scene.ceiling, False)]
     hiding = [] if keep_hidden_caps else [plane.z_m for _, plane, _ in planes if plane is not None]
@@ -57,7 +57,7 @@ def object_meshes(
             parts.append(MeshPart(name, False, _horizontal(corners, plane.z_m, upward=upward)))
     for item in scene.clutter:
         mesh = trimesh.Trimesh(np.array(item.vertices_m), np.array(item.faces), process=False)
-        parts.append(MeshPart(item.name, True, mesh))
+        parts.append(MeshPart(item.name, False, mesh))
     return parts
 
 

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
+from urllib.parse import quote
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -19,6 +20,8 @@ from scenes.material import Material, itu_material
 from scenes.pose import Pose
 from scenes.scene import HorizontalPlane, ObjectKind, SceneObject
 from scenes.toml_config import ConfigError, ConfigModel, read_text
+
+KEPT_FOLDER = "scene_files"  # beside a copy of a scene file: the files that it names
 
 Triple = Annotated[tuple[float, float, float], Field(strict=False)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+$")]
@@ -101,7 +104,7 @@ class FloorplanConfig(ConfigModel):
         with field(f"floorplans[{name}]"):
             material = find_material(self.material, materials)
             with field(self.file, ": "):
-                walls = merge_segments(parse_segments(read_text(folder / self.file)))
+                walls = merge_segments(parse_segments(read_text(find_file(folder, self.file))))
             return [
                 SceneObject(
                     f"{name}_{index}", self.kind, Polyline(wall), self.z_min_m, self.z_max_m, material
@@ -128,7 +131,7 @@ class MeshConfig(ConfigModel):
         name = self.name or Path(self.file).stem
         with field(f"meshes[{name}]"):
             material = find_material(self.material, materials)
-            vertices, faces = read_mesh(folder / self.file)
+            vertices, faces = read_mesh(find_file(folder, self.file))
         vertices = placed(vertices, self.position_m, self.scale, np.deg2rad(self.rotation_deg).tolist())
         with field(f"meshes[{name}]", ": "):
             return Clutter(name, self.kind, material, vertices, faces)
@@ -155,6 +158,17 @@ class TxConfig(ConfigModel):
     def build(self) -> Pose:
         """The pose, its heading in radians."""
         return Pose(np.array(self.position_m), float(np.deg2rad(self.heading_deg)))
+
+
+def kept_name(file: str) -> str:
+    """The name, a path in the folder of the scene file, under which a copy of a file that it names is kept."""
+    return f"{KEPT_FOLDER}/{quote(file, safe='')}"
+
+
+def find_file(folder: Path, file: str) -> Path:
+    """Where a file that a scene file in `folder` names lies: the copy kept there, else where the name says."""
+    copy = folder / kept_name(file)
+    return copy if copy.is_file() else folder / file
 
 
 def find_material(name: str, materials: dict[str, Material]) -> Material:

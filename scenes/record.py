@@ -13,7 +13,7 @@ An axis name means the same length everywhere inside one record. The axes `xy` a
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import MISSING, dataclass, field, fields
 from typing import Any, Self, TypeVar
 
 import numpy as np
@@ -30,15 +30,16 @@ R = TypeVar("R", bound="Record")
 FIXED_AXES = {"xy": 2, "xyz": 3}
 
 
-def array(*axes: str, unit: str = "1", dtype: Any = np.float64, doc: str = "") -> Any:
+def array(*axes: str, unit: str = "1", dtype: Any = np.float64, doc: str = "", default: Any = MISSING) -> Any:
     """Declare an array field of a record with its named `axes`, `unit`, `dtype` and meaning `doc`.
 
-    Without axes the field is a scalar and is stored as a Python number of that dtype. Axes of one field have
-    different names, also where their lengths agree: `ValueError` where one is repeated.
+    Without axes the field is a scalar and is stored as a Python number of that dtype; it may have a `default`.
+    Axes of one field have different names, also where their lengths agree: `ValueError` where one is repeated.
     """
     if len(set(axes)) < len(axes):
         raise ValueError(f"axes = {axes}: every axis of a field needs its own name")
-    return field(metadata={"axes": axes, "unit": unit, "dtype": np.dtype(dtype), "doc": doc})
+    metadata = {"axes": axes, "unit": unit, "dtype": np.dtype(dtype), "doc": doc}
+    return field(metadata=metadata, default=default)
 
 
 @dataclass(frozen=True)

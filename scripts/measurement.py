@@ -15,7 +15,7 @@ from estimation.mat_store import count_stops, read_measurement
 from estimation.measured import PUBLISHED_NOISE, MeasuredCampaign, clock_walk_m
 from estimation.slam.config import MappingConfig, SnapshotConfig
 from estimation.store import CampaignStore, StopEstimate
-from scenes.config import load_scene, scene_path
+from scenes.config import kept_files, load_scene, scene_path
 
 METHODS = get_args(SnapshotConfig.model_fields["method"].annotation)
 
@@ -41,6 +41,7 @@ def import_campaign(
         scene_text=scene_text(scene_path(scene).read_text(encoding="utf-8"), campaign),
         estimator=None,
         measured=_origin(file, tx_offset_deg, clock_seed),
+        scene_files=kept_files(scene_path(scene)),
     )
     store.open_for_writing()
     load_scene(out / "scene.toml")

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
 
+import numpy as np
 from rich.console import Console
 from rich.progress import (
     BarColumn,
@@ -16,6 +18,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from estimation.channel.calibration import Calibration, self_calibrate
 from estimation.channel.power_map import beam_power_map
 from estimation.measured import MeasuredTruth
 from estimation.pipeline import channel_estimator, known_receiver, map_known, map_unknown, significance
@@ -25,13 +28,13 @@ from estimation.results import CampaignResults, MapResult
 from estimation.scoring.measured_scores import measured_metrics, score_measured
 from estimation.scoring.score import Scores, score_campaign, score_metrics
 from estimation.store import CampaignStore, MapName, StopEstimate, open_campaign
-from scenes.config import load_scene
+from scenes.config import kept_files
 from scenes.scene import Scene
-from scripts.campaign_file import load_campaign
-from scripts.summary import run_facts, score_table
+from scripts.campaign_file import campaign_scene, load_campaign
+from scripts.summary import PlanarCounts, run_facts, score_table
 from sim.campaign import observe, simulate_truth
 from sim.hardware import surveyed
-from sim.link import best_beam_power_dbm, make_link
+from sim.link import Link, best_beam_power_dbm, make_link
 from sim.truth import Truth
 
 console = Console(highlight=False)
@@ -42,8 +45,14 @@ def prepare(campaign: str, out: Path, seed: int | None, estimator: str | None) -
     """Open a campaign directory for a campaign file, with everything checked before anything is written."""
     config, scene_file = load_campaign(campaign, seed)
     channel_estimator(config, estimator)
-    load_scene(scene_file, config.waveform.carrier_ghz * 1e9)
-    store = CampaignStore(out, config, scene_file.read_text(encoding="utf-8"), estimator)
+    campaign_scene(config, scene_file)
+    store = CampaignStore(
+        out,
+        config,
+        scene_file.read_text(encoding="utf-8"),
+        estimator,
+        scene_files=kept_files(scene_file),
+    )
     store.open_for_writing()
     return store
 
@@ -55,7 +64,7 @@ def reopen(directory: Path, estimator: str | None = None) -> CampaignStore:
         if store.measured is not None:
             raise ValueError(f"--estimator = '{estimator}': {directory} is measured and holds no samples")
         channel_estimator(store.config, estimator)
-        store = CampaignStore(store.directory, store.config, store.scene_text, estimator)
+        store = replace(store, estimator=estimator)
         store.open_for_writing()
     return store
 
@@ -63,10 +72,13 @@ def reopen(directory: Path, estimator: str | None = None) -> CampaignStore:
 def sweep_only(store: CampaignStore, *, keep_sweeps: bool) -> None:
     """Make the truth of every stop, and its sweep where it is to be kept."""
     scene, link = scene_of(store), make_link(store.config)
+    counts = PlanarCounts()
     with _progress() as progress:
         for truth in progress.track(truths(store, scene), len(scene.stops), description="trace, sweep"):
+            counts += truth
             if keep_sweeps and not store.has_sweep(truth.stop):
                 store.write_sweep(observe(store.config, link, scene, truth))
+    _tell(counts)
 
 
 def sweep_and_estimate(store: CampaignStore, *, keep_sweeps: bool, again: bool = False) -> None:
@@ -77,11 +89,13 @@ def sweep_and_estimate(store: CampaignStore, *, keep_sweeps: bool, again: bool =
     if store.measured is not None:
         return
     scene, link = scene_of(store), make_link(store.config)
-    estimator = channel_estimator(store.config, store.estimator)
+    estimator = channel_estimator(store.config, store.estimator, _calibration(store, scene, link))
+    counts = PlanarCounts()
     with _progress() as progress:
         for truth in progress.track(
             truths(store, scene), len(scene.stops), description="trace, sweep, estimate"
         ):
+            counts += truth
             kept = not keep_sweeps or store.has_sweep(truth.stop)
             if kept and not again and store.has_channel(truth.stop):
                 continue
@@ -89,6 +103,26 @@ def sweep_and_estimate(store: CampaignStore, *, keep_sweeps: bool, again: bool =
             if not kept:
                 store.write_sweep(sweep)
             store.write_channel(StopEstimate(estimator(sweep), beam_power_map(sweep)))
+    _tell(counts)
+
+
+def _calibration(store: CampaignStore, scene: Scene, link: Link) -> Calibration | None:
+    """The calibration of both arrays where the settings ask for one: as stored, or made from some of the stops."""
+    settings = store.config.channel.self_calibration
+    if settings is None or store.estimator is not None:
+        return None
+    calibration = store.calibration()
+    if calibration is None:
+        chosen = set(np.linspace(0, len(scene.stops) - 1, settings.stops).round().astype(int).tolist())
+        with console.status("self-calibration"):
+            sweeps = (
+                store.sweep(truth.stop) or observe(store.config, link, scene, truth)
+                for truth in truths(store, scene)
+                if truth.stop in chosen
+            )
+            calibration = self_calibrate(sweeps, settings)
+        store.write_calibration(calibration)
+    return calibration
 
 
 def build_maps(store: CampaignStore) -> None:
@@ -205,13 +239,18 @@ def stored_results(store: CampaignStore, n_stops: int) -> CampaignResults:
 
 def scene_of(store: CampaignStore) -> Scene:
     """The scene stored with a campaign."""
-    return load_scene(store.directory / "scene.toml", store.config.waveform.carrier_ghz * 1e9)
+    return campaign_scene(store.config, store.directory / "scene.toml")
 
 
 def _present(store: CampaignStore, value: T | None, what: str, verb: str) -> T:
     if value is None:
         raise ValueError(f"{store.directory}: {what} is missing or out of date; run 'arena {verb}' first")
     return value
+
+
+def _tell(counts: PlanarCounts) -> None:
+    if counts.n_compared:
+        console.print(counts.line)
 
 
 def _progress() -> Progress:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import platform
+from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 
 from rich.table import Table
@@ -10,6 +11,7 @@ from rich.table import Table
 from estimation.config import CampaignConfig
 from estimation.scoring.score import Scores
 from scenes.scene import Scene
+from sim.truth import Truth
 
 HEADLINES = {
     "channel.detected_per_stop": "paths detected per stop",
@@ -24,6 +26,31 @@ HEADLINES = {
     "slam.ip_to_surface.median_m": "SLAM: incidence point to surface, median",
 }
 LIBRARIES = ("isac-arena", "sionna-rt", "numpy", "scipy")
+
+
+@dataclass(frozen=True)
+class PlanarCounts:
+    """Planar specular paths of a campaign: the ray tracer's beside the exact ones. Add a truth to count it."""
+
+    n_compared: int = 0
+    n_repaired: int = 0
+    n_extra: int = 0
+
+    def __add__(self, truth: Truth) -> PlanarCounts:
+        return PlanarCounts(
+            self.n_compared + truth.n_planar_compared,
+            self.n_repaired + truth.n_planar_repaired,
+            self.n_extra + truth.n_planar_extra,
+        )
+
+    @property
+    def line(self) -> str:
+        """One line for the terminal."""
+        left_out = f", {self.n_extra} it found alone left out" if self.n_extra else ""
+        return (
+            f"planar paths: {self.n_compared} of the ray tracer and the exact solver compared,"
+            f" {self.n_repaired} that the tracer lost repaired{left_out}"
+        )
 
 
 def score_table(scores: Scores) -> Table:

@@ -19,13 +19,11 @@ from sim.hardware import (
     built_codebooks,
     extra_clock_bias_s,
     generator,
-    through_front_end,
+    received,
     true_tx_pose,
-    turn_by_oscillator,
 )
 from sim.link import Link
 from sim.propagation import Propagator
-from sim.receiver import add_noise
 from sim.sweep import BeamSweep
 from sim.truth import Truth
 
@@ -40,12 +38,22 @@ def clock_biases_s(config: SimulationConfig, n_stops: int) -> FloatArray:
 
 
 def simulate_truth(config: SimulationConfig, scene: Scene, stops: Iterable[int]) -> Iterator[Truth]:
-    """Trace the given stops of a scene's walk, one after the other."""
+    """Trace the given stops of a scene's walk, one after the other.
+
+    The planar paths of the ray tracer are compared with the exact ones on the way, where it is needed at all and
+    `propagation.compare_planar` is set.
+    """
     poses = scene.stops
     biases_s = clock_biases_s(config, len(poses))
     propagator = Propagator(scene, config.waveform.carrier_ghz * 1e9, config.propagation)
     for stop in stops:
-        yield Truth(propagator.paths(poses[stop].position_m), poses[stop], stop, biases_s[stop])
+        paths, compared = propagator.compared_paths(poses[stop].position_m)
+        counts = (
+            compared.n_common + compared.n_repaired + compared.n_extra,
+            compared.n_repaired,
+            compared.n_extra,
+        )
+        yield Truth(paths, poses[stop], stop, biases_s[stop], *counts)
 
 
 def observe(config: SimulationConfig, link: Link, scene: Scene, truth: Truth) -> BeamSweep:
@@ -64,10 +72,7 @@ def observe(config: SimulationConfig, link: Link, scene: Scene, truth: Truth) ->
         clock_bias_s=truth.clock_bias_s,
     )
     samples *= np.sqrt(link.tx_power_mw).astype(np.float32) * link.prs_symbol[:, None, :]
-    turn_by_oscillator(config, link, truth.stop, samples)
-    rng = generator(config.seed, RandomStage.NOISE, truth.stop)
-    samples = add_noise(samples, link.noise_power_mw, rng)
-    through_front_end(config, link, truth.stop, samples)
+    samples = received(config, link, truth.stop, samples)
     return BeamSweep(
         tx_codebook=link.tx_codebook,
         rx_codebook=link.rx_codebook,

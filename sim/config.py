@@ -9,6 +9,8 @@ from pydantic import Field, model_validator
 from scenes.toml_config import ConfigModel
 from sim.impairment_config import ImpairmentsConfig
 from sim.prs import PrsConfig
+from sim.prs_schedule import sent_slots
+from sim.schedule_config import ScheduleConfig
 
 Comb = Literal[2, 4, 6, 12]
 AngleDeg = Annotated[float, Field(ge=-360, le=360)]
@@ -35,13 +37,22 @@ class WaveformConfig(ConfigModel):
         False,
         description="a beam pair combines all symbols of a resource; otherwise it takes the first symbol alone",
     )
+    cyclic_prefix: Literal["normal", "extended"] = Field(
+        "normal", description="extended with numerology 2 alone"
+    )
+    schedule: ScheduleConfig | None = Field(
+        None, description="slots in which the beams are sent; without it one symbol follows the other"
+    )
 
     @model_validator(mode="after")
     def _follow_the_standard(self) -> Self:
         try:
-            _ = self.prs
+            prs = self.prs
+            if self.schedule is not None:
+                sent_slots(self.schedule.of_resource(prs.numerology), 1)
         except ValueError as error:
-            raise ValueError(str(error).removeprefix("PrsConfig.")) from None
+            text = str(error).removeprefix("PrsConfig.")
+            raise ValueError(text.replace("PrsSchedule", "schedule", 1)) from None
         return self
 
     @property
@@ -56,6 +67,7 @@ class WaveformConfig(ConfigModel):
             first_symbol=self.first_symbol,
             n_symbols=self.n_symbols,
             carrier_rb=self.carrier_rb,
+            cyclic_prefix=self.cyclic_prefix,
         )
 
 
@@ -144,8 +156,14 @@ class PropagationConfig(ConfigModel):
     )
     specular_samples: int = Field(200_000, ge=1, le=10_000_000, description="rays that look for faces")
     diffuse_samples: int = Field(2_000, ge=0, le=1_000_000, description="rays that scatter, 0 for none")
-    diffraction: bool = Field(True, description="first order, at vertical edges and round circular pillars")
+    diffraction: bool = Field(
+        True, description="first order, at vertical edges, edges of meshes, and round smooth solids"
+    )
     transmission: bool = Field(False, description="whether paths go through thin walls and hollow solids")
+    compare_planar: bool = Field(
+        True,
+        description="compare the ray tracer's planar paths with the exact ones, where it is needed at all",
+    )
     max_crossed_faces: int = Field(4, ge=1, le=16, description="faces that one path may go through")
     max_transmission_loss_db: float = Field(
         30.0, gt=0, le=200, description="paths that lose more on their way through faces are left out"
@@ -161,6 +179,10 @@ class SimulationConfig(ConfigModel):
     """One campaign: a scene, a seed and the settings of every simulated part."""
 
     scene: str = Field(min_length=1, description="library name or path of the scene file")
+    tx: str | None = Field(None, description="TX to use where the scene has several; by default the first")
+    walk: str | None = Field(
+        None, description="walk to use where the scene has several; by default the first"
+    )
     seed: int = Field(1, ge=0, lt=2**63)
     waveform: WaveformConfig = WaveformConfig()
     tx_array: ArrayConfig = ArrayConfig()

@@ -19,7 +19,7 @@ from sim.image_method import CLEARANCE_M, Chains, outside_beam, reflect_back
 from sim.plan import PlanPaths, dot, norm
 from sim.surfaces import Faces
 
-MIN_COS_INCIDENCE = 1e-4
+MIN_COS_INCIDENCE = 1e-5  # nearer to grazing, rounding decides whether the curve stands in its own way
 CURVE_OVERLAP = 1e-9  # curves are searched this share beyond their ends, so that no joint falls between two
 MAX_STEPS = 60
 STEP_LIMIT_M = 1e-10  # a Newton step below this is the last one: the next would be about its square

@@ -43,7 +43,8 @@ class ExactSolver:
         self._tx = np.asarray(scene.tx.position_m, float)
         self._wavenumber = 2 * np.pi * carrier_hz / SPEED_OF_LIGHT_M_S
         self._names = surface_names(scene)
-        self._faces = occluders(scene) if faces is None else faces
+        self.faces = occluders(scene) if faces is None else faces
+        self.n_bounce_slots = self._config.n_bounce_slots
         self._known = surfaces(scene)
         self._slabs = slabs(scene, carrier_hz)
         self._opaque = self._slabs.opaque(self._config.max_transmission_loss_db)
@@ -72,7 +73,7 @@ class ExactSolver:
         slots = self._config.n_bounce_slots
         parts, owners = [empty_paths(self._names, slots)], [np.zeros(0, int)]
         for n in range(limit + 1):
-            paths, receiver = self._finished(concatenate(rays[n], "ray"), rx)
+            paths, receiver = self.finished(concatenate(rays[n], "ray"), rx)
             parts.append(paths)
             owners.append(receiver)
         joined, owner = concatenate(parts, "path"), np.concatenate(owners)
@@ -94,12 +95,12 @@ class ExactSolver:
             yield distinct(curved_planar_paths(faces, curves, tx_xy, rx_xy)), 0
             yield distinct(curved_curved_paths(curves, self._pairs, tx_xy, rx_xy)), 0
 
-    def _finished(self, rays: Rays, rx: FloatArray) -> tuple[Paths, IntArray]:
-        """Unobstructed rays with their gains, and the receiver (path,) of each."""
+    def finished(self, rays: Rays, rx: FloatArray) -> tuple[Paths, IntArray]:
+        """Unobstructed rays to receivers (receiver, xyz) with their gains, and the receiver (path,) of each."""
         config = self._config
         points = corner_points(rays, self._tx, rx)
         n_crossed = config.max_crossed_faces if config.transmission else 0
-        kept, met = unobstructed(rays, points, self._faces, self._opaque, n_crossed)
+        kept, met = unobstructed(rays, points, self.faces, self._opaque, n_crossed)
         renumbered = np.full(len(rays), -1)
         renumbered[kept] = np.arange(len(kept))
         n_legs = points.shape[1] - 1

@@ -57,17 +57,36 @@ def creeping_gain(
 ) -> ComplexArray:
     """Field in the shadow of a round cylinder over that of a free wave of the path's length s1 + radius turn + s2.
 
+    `convex_creeping_gain` of a circle: turn_rad > 0 is the angle between the points of tangency.
+    """
+    radius, turn = np.asarray(radius_m, float), np.asarray(turn_rad, float)
+    return convex_creeping_gain(
+        k, (radius, radius), s1_m, s2_m, radius * turn, np.cbrt(radius) * turn, polarisation
+    )
+
+
+def convex_creeping_gain(
+    k: Any,
+    radii_m: tuple[Any, Any],
+    s1_m: Any,
+    s2_m: Any,
+    arc_m: Any,
+    bend: Any,
+    polarisation: Polarisation,
+) -> ComplexArray:
+    """Field in the shadow of a convex cylinder over that of a free wave of the path's length s1 + arc + s2.
+
     Equations (35) and (36) of Pathak, Burnside and Marhefka, all arguments broadcast: legs s1, s2 in m from the
-    ends to their points of tangency, and the angle > 0 between these, along which the wave creeps. At the shadow
-    boundary, turn 0, it continues the field of the lit side.
+    ends to their points of tangency, the radii of curvature there, the length of the arc between these, along
+    which the wave creeps, and its bend, the integral of curvature^(2/3) in m^(1/3), which makes the Fock parameter
+    xi = integral of m / radius. At the shadow boundary, arc 0, it continues the field of the lit side.
     """
     k, s1, s2 = (np.asarray(value, float) for value in (k, s1_m, s2_m))
-    turn, radius = np.asarray(turn_rad, float), np.asarray(radius_m, float)
-    m = _size_parameter(k, radius)
-    xi = np.maximum(m * turn, MIN_ARGUMENT)
-    x = k * s1 * s2 / (s1 + s2) * xi**2 / (2 * m**2)
-    spread = np.sqrt((s1 + radius * turn + s2) / (s1 * s2))
-    return np.asarray(-m * np.sqrt(2 / k) * _bracket(xi, x, polarisation) * spread)
+    m1, m2 = (_size_parameter(k, np.asarray(radius, float)) for radius in radii_m)
+    xi = np.maximum(np.cbrt(k / 2) * np.asarray(bend, float), MIN_ARGUMENT)
+    x = k * s1 * s2 / (s1 + s2) * xi**2 / (2 * m1 * m2)
+    spread = np.sqrt((s1 + np.asarray(arc_m, float) + s2) / (s1 * s2))
+    return np.asarray(-np.sqrt(m1 * m2) * np.sqrt(2 / k) * _bracket(xi, x, polarisation) * spread)
 
 
 def pekeris(delta: Any, polarisation: Polarisation) -> ComplexArray:

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from scenes import clutter as meshes
 from scenes.clutter import Clutter
-from scenes.clutter import blocked as blocked_by_clutter
 from scenes.contour_piece import LinePiece
 from scenes.record import BoolArray, FloatArray, IntArray, Record, array, concatenate
 from scenes.scene import Scene
@@ -23,7 +23,10 @@ N_BISECTIONS = 54
 
 @dataclass(frozen=True)
 class Occluders(Record):
-    """All vertical faces of a scene, its curved walls, and the lids of its solids."""
+    """All vertical faces of a scene, its curved walls, the lids of its solids, and its meshes.
+
+    `first_mesh` is the index of the first mesh among all surfaces.
+    """
 
     edge_start_m: FloatArray = array("edge", "xy", unit="m", doc="start of each flat face in plan view")
     edge_end_m: FloatArray = array("edge", "xy", unit="m", doc="end of each flat face in plan view")
@@ -34,6 +37,7 @@ class Occluders(Record):
     cubics: Curves = field(default_factory=lambda: collect([]))
     lids: tuple[Level, ...] = ()
     clutter: tuple[Clutter, ...] = ()
+    first_mesh: int = 0
 
 
 @dataclass(frozen=True)
@@ -71,18 +75,19 @@ def occluders(scene: Scene) -> Occluders:
         collect([one for one in curved if not one.is_conic[0]]),
         tuple(level for level in levels(scene) if level.surface < len(scene.objects)),
         scene.clutter,
+        len(surface_names(scene)) - len(scene.clutter),
     )
 
 
 def blocked(faces: Occluders, start_m: FloatArray, end_m: FloatArray) -> BoolArray:
-    """Whether each leg (leg, xyz) -> (leg, xyz) meets a face, a lid or clutter between its ends (leg,)."""
+    """Whether each leg (leg, xyz) -> (leg, xyz) meets a face, a lid or a mesh between its ends (leg,)."""
     result = np.zeros(len(np.atleast_2d(start_m)), bool)
     result[crossings(faces, start_m, end_m).leg] = True
-    return result | blocked_by_clutter(faces.clutter, start_m, end_m)
+    return result
 
 
 def crossings(faces: Occluders, start_m: FloatArray, end_m: FloatArray) -> Crossings:
-    """All faces and lids that legs (leg, xyz) -> (leg, xyz) meet between their ends."""
+    """All faces, lids and triangles of meshes that legs (leg, xyz) -> (leg, xyz) meet between their ends."""
     start, end = np.atleast_2d(start_m), np.atleast_2d(end_m)
     n_faces = faces.size("edge") + len(faces.conics) + len(faces.cubics)
     step = max(1, MAX_TABLE_ENTRIES // max(1, n_faces))
@@ -93,6 +98,9 @@ def crossings(faces: Occluders, start_m: FloatArray, end_m: FloatArray) -> Cross
             found = find(faces, start[leg], end[leg])
             parts.append(_between(found, faces, start[leg], end[leg], first))
     parts += [_lid(lid, start, end) for lid in faces.lids]
+    for index, item in enumerate(faces.clutter, start=faces.first_mesh):
+        met = meshes.crossings(item, start, end)
+        parts.append(Crossings(met.leg, met.share, np.full(len(met.leg), index), met.normal))
     return concatenate(parts, "crossing")
 
 

@@ -37,7 +37,11 @@ class Slabs(Record):
 def slabs(scene: Scene, carrier_hz: float) -> Slabs:
     """The slab of every surface of a scene."""
     planes = [plane.material for plane in (scene.floor, scene.ceiling) if plane is not None]
-    materials = [*(item.material for item in scene.objects), *planes]
+    materials = [
+        *(item.material for item in scene.objects),
+        *planes,
+        *(item.material for item in scene.clutter),
+    ]
     return Slabs(
         carrier_hz,
         np.array([material.complex_permittivity(carrier_hz) for material in materials], complex),

@@ -52,18 +52,28 @@ class Paths(Record):
         return np.abs(self.gain) ** 2
 
     @property
-    def n_bounces(self) -> IntArray:
-        """Number of interactions (path,)."""
+    def n_interactions(self) -> IntArray:
+        """Number of interactions of any kind (path,): used bounce slots."""
         return np.asarray((self.bounce_kind != BounceKind.NONE).sum(axis=1), int)
 
     @property
+    def n_bounces(self) -> IntArray:
+        """Number of interactions that turn a path (path,): all but the ways through walls."""
+        turns = ~np.isin(self.bounce_kind, (BounceKind.NONE, BounceKind.REFRACTION))
+        return np.asarray(turns.sum(axis=1), int)
+
+    @property
     def is_los(self) -> BoolArray:
-        """Paths without any interaction (path,)."""
-        return np.asarray(self.n_bounces == 0)
+        """Paths without any interaction (path,); a straight way through a wall is no line of sight."""
+        return np.asarray(self.n_interactions == 0)
 
     @property
     def is_single_bounce(self) -> BoolArray:
-        """Paths with exactly one interaction, of whatever kind (path,)."""
+        """Paths that turn exactly once, by whatever kind of interaction (path,).
+
+        Such a path has one incidence point. Walls on its way change neither its directions nor its delay and do
+        not count; a straight way through a wall has no bounce.
+        """
         return np.asarray(self.n_bounces == 1)
 
     @property
@@ -73,19 +83,21 @@ class Paths(Record):
 
 
 def canonical_order(paths: Paths) -> Paths:
-    """Paths sorted by bounces, kinds, objects, delay and directions: one order whatever the tracer gave."""
+    """Paths sorted by interactions, kinds, objects, delay, directions: one order whatever the tracer gave."""
     quantised_delay = np.round(paths.delay_s * 1e15)
     keys = [
         paths.aoa_azimuth_rad, paths.aod_elevation_rad, paths.aod_azimuth_rad, quantised_delay,
-        *paths.bounce_object.T[::-1], *paths.bounce_kind.T[::-1], paths.is_diffuse, paths.n_bounces,
+        *paths.bounce_object.T[::-1], *paths.bounce_kind.T[::-1], paths.is_diffuse, paths.n_interactions,
     ]  # fmt: skip
     return paths.take("path", np.lexsort(keys))
 
 
 def with_bounce_slots(paths: Paths, n_slots: int) -> Paths:
-    """The same paths with room for `n_slots` bounces each; `ValueError` where a path needs more."""
-    if len(paths) and paths.n_bounces.max() > n_slots:
-        raise ValueError(f"Paths.bounce: {paths.n_bounces.max()} bounces do not fit into {n_slots} slots")
+    """The same paths with room for `n_slots` interactions each; `ValueError` where a path needs more."""
+    if len(paths) and paths.n_interactions.max() > n_slots:
+        raise ValueError(
+            f"Paths.bounce: {paths.n_interactions.max()} interactions do not fit into {n_slots} slots"
+        )
     changes = {}
     for name, filler in (("bounce_kind", BounceKind.NONE), ("bounce_object", -1), ("vertex_m", np.nan)):
         old = getattr(paths, name)[:, :n_slots]
@@ -133,7 +145,8 @@ def doppler_hz(
 def path_labels(paths: Paths) -> TextArray:
     """A readable id (path,) that a path keeps from run to run: what it meets, and its number among equals.
 
-    Kinds are S specular, D diffuse, R refraction, X diffraction: 'LOS', 'S wall_east', 'S wall_east > X kiosk #1'.
+    Kinds are S specular, D diffuse, R refraction (through a wall), X diffraction: 'LOS', 'S wall_east',
+    'R door > S wall_east #1'; 'R door' is the straight way through the door.
     Paths with the same chain are numbered by delay, from #1 for the second.
     """
     letters = {

@@ -12,7 +12,6 @@ from itertools import pairwise, product
 
 import numpy as np
 
-from scenes.clutter import blocked as blocked_by_clutter
 from scenes.record import BoolArray, ComplexArray, FloatArray, IntArray, Record, array, concatenate
 from sim.fock import grazing_factor
 from sim.occlusion import Crossings, Occluders, crossings
@@ -209,8 +208,6 @@ def unobstructed(
         found = crossings(faces, points_m[alive, leg], points_m[alive, leg + 1])
         ray = alive[found.leg]
         np.add.at(n_crossed, ray, 1 + max_crossed * opaque[found.surface])
-        lost = blocked_by_clutter(faces.clutter, points_m[alive, leg], points_m[alive, leg + 1])
-        n_crossed[alive[lost]] += 1 + max_crossed
         parts.append(Crossings(ray * n_legs + leg, found.share, found.surface, found.normal))
         alive = alive[n_crossed[alive] <= max_crossed]
     met = concatenate(parts, "crossing")

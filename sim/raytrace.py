@@ -1,12 +1,13 @@
-"""Ray tracing with Sionna RT: line of sight, specular reflections off planes and diffuse scattering.
+"""Ray tracing with Sionna RT: line of sight, specular paths off flat faces and meshes, diffuse scattering.
 
 The only module that knows Sionna, Mitsuba and Dr.Jit. They are imported inside functions, since that takes
 seconds and needs a fitting LLVM library (`sim.llvm`).
 
 Two solves are made per receiver, each on its own copy of the scene:
 
-- specular: curved facets absorb, so no flat-plate reflection of a facet survives in any chain, and the facets
-  do not fill the solver's hashed candidate table, which silently drops paths;
+- specular: the facets of smooth contours absorb, so no flat-plate reflection of one survives in any chain, and
+  they do not fill the solver's hashed candidate table, which silently drops paths; the facets of user meshes are
+  taken as the flat faces they are;
 - diffuse: first-order scattering off all surfaces, the facets of curved ones too.
 
 Sionna scales every specular bounce by sqrt(1 - S^2), diffuse scattering on or off: the scattered share S^2 of
@@ -21,13 +22,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from scenes.material import Material
-from scenes.pose import SPEED_OF_LIGHT_M_S, azimuth_elevation
-from scenes.record import ComplexArray, FloatArray, IntArray, concatenate
+from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
+from scenes.record import FloatArray, IntArray, concatenate
 from scenes.scene import Scene
 from sim.config import PropagationConfig
 from sim.llvm import LLVM_VARIANT, require_llvm, variant
+from sim.mesh_paths import Chains
 from sim.occlusion import surface_names
-from sim.paths import BounceKind, Paths, empty_paths, with_bounce_slots
+from sim.paths import BounceKind, Paths, empty_paths
+from sim.traced import traced_paths
 
 if TYPE_CHECKING:
     from scenes.mesh import MeshPart
@@ -66,18 +69,37 @@ class Tracer:
         return concatenate([self.specular(rx_position_m), self.diffuse(rx_position_m)], "path")
 
     def specular(self, rx_position_m: FloatArray) -> Paths:
-        """Line of sight and specular paths off flat faces to one receiver (xyz,)."""
+        """Line of sight and specular paths off flat faces to one receiver (xyz,); gains as Sionna has them."""
+        return self.specular_chains(rx_position_m)[0]
+
+    def specular_chains(self, rx_position_m: FloatArray) -> tuple[Paths, Chains]:
+        """The same paths, and what each of them meets with the triangles, by one solve.
+
+        With `transmission` there are ways through faces among them. Chains of more than `max_bounces` reflections,
+        which that lets in, are left out.
+        """
         rx = np.asarray(rx_position_m, float)
-        return self._record(self._specular_scene, rx, self.solved_specular(rx))
+        loaded, n_slots = self._specular_scene, self.config.n_bounce_slots
+        solved = self.solved_specular(rx)
+        paths = self._record(loaded, rx, solved)
+        kept = np.flatnonzero(paths.n_bounces <= self.config.max_bounces)
+        paths = paths.take("path", kept)
+        corner = np.full((len(paths), n_slots, 3, 3), np.nan)
+        if len(paths):
+            number, primitive = (of.numpy()[:, 0, 0].T[kept] for of in (solved.objects, solved.primitives))
+            for path, slot in zip(*np.nonzero(paths.bounce_kind != BounceKind.NONE), strict=True):
+                corner[path, slot] = loaded.triangles_of_id[int(number[path, slot])][primitive[path, slot]]
+        return paths, Chains(paths.bounce_kind, paths.bounce_object, corner)
 
     def solved_specular(self, rx_position_m: FloatArray) -> Any:
         """The solver's own result for the specular paths, evaluated: what `specular` costs at the least."""
+        config = self.config
         solved = self._solve(
             self._specular_scene, np.asarray(rx_position_m, float),
-            max_depth=self.config.max_bounces,
-            samples_per_src=self.config.specular_samples,
+            max_depth=config.n_bounce_slots if config.transmission else config.max_bounces,
+            samples_per_src=config.specular_samples,
             max_num_paths_per_src=CANDIDATE_TABLE_SIZE,
-            los=True, specular_reflection=True, diffuse_reflection=False,
+            los=True, specular_reflection=True, diffuse_reflection=False, refraction=config.transmission,
         )  # fmt: skip
         solved.tau.numpy()
         return solved
@@ -92,20 +114,20 @@ class Tracer:
             max_depth=1,
             samples_per_src=self.config.diffuse_samples,
             max_num_paths_per_src=self.config.diffuse_samples,
-            los=False, specular_reflection=False, diffuse_reflection=True,
+            los=False, specular_reflection=False, diffuse_reflection=True, refraction=False,
         )  # fmt: skip
         return self._record(self._diffuse_scene, rx, solved)
 
     def _solve(self, loaded: _LoadedScene, rx: FloatArray, **options: Any) -> Any:
         loaded.move_receiver(rx)
-        return self._solver(loaded.scene, refraction=False, **options)
+        return self._solver(loaded.scene, **options)
 
     def _record(self, loaded: _LoadedScene, rx: FloatArray, solved: Any) -> Paths:
         if not solved.tau.shape[-1]:
             return empty_paths(self._names, self.config.n_bounce_slots)
         real, imaginary = (part.numpy()[0, 0, 0, 0] for part in solved.a)
         kind, surface = _interactions(solved, loaded.surface_of_id, self._names)
-        return _paths(
+        return traced_paths(
             amplitude=real + 1j * imaginary,
             kind=kind,
             surface=surface,
@@ -148,13 +170,15 @@ class _LoadedScene:
             for index, material in enumerate(dict.fromkeys(materials.values()))
         }
         objects = []
-        self.surface_of_id = {}
+        self.surface_of_id: dict[int, str] = {}
+        self.triangles_of_id: dict[int, FloatArray] = {}
         for index, part in enumerate(parts):
             absorbs = absorb_curved and part.is_curved
             item = _mesh_object(
                 f"part-{index}", part, absorber if absorbs else made[materials[part.object_name]]
             )
             self.surface_of_id[int(item.object_id)] = part.object_name
+            self.triangles_of_id[int(item.object_id)] = np.asarray(part.mesh.vertices)[part.mesh.faces]
             objects.append(item)
         self.scene = rt.Scene()
         self.scene.frequency = carrier_hz  # before the objects: an absorber cannot follow a change
@@ -240,47 +264,22 @@ def _interactions(solved: Any, surface_of_id: dict[int, str], names: list[str]) 
     return kind, surface
 
 
-def _paths(
-    *,
-    amplitude: ComplexArray,
-    kind: IntArray,
-    surface: IntArray,
-    vertex: FloatArray,
-    ends: tuple[FloatArray, FloatArray],
-    carrier_hz: float,
-    names: list[str],
-    n_slots: int,
-) -> Paths:
-    """Path record with delays, directions and the carrier phase in double precision from the vertices.
+def solved_between_panels(
+    scene: Scene, rx: Pose, carrier_hz: float, config: PropagationConfig, *, rows: int, columns: int
+) -> tuple[Any, FloatArray]:
+    """Specular paths between two half-wavelength panels of TR 38.901 elements, as Sionna keeps them.
 
-    Sionna's amplitudes lack the phase of the travelled length; its own single-precision delay would leave an
-    error of several milliradians at 60 GHz.
+    Panels look along the headings of their devices. Returns the solver's result, whose `cfr` is the channel
+    between all elements, and the positions (element, xyz) in m of the elements in its order, in the panel frame.
     """
-    tx, rx = ends
-    used = (kind != BounceKind.NONE)[..., None]
-    # An unused slot stands at the receiver, so it adds no length; the last used vertex is the one that counts.
-    points = np.concatenate(
-        [
-            np.broadcast_to(tx, (len(kind), 1, 3)),
-            np.where(used, vertex, rx),
-            np.broadcast_to(rx, (len(kind), 1, 3)),
-        ],
-        axis=1,
-    )
-    last = points[np.arange(len(kind)), used.sum(axis=(1, 2))]
-    delay_s = np.linalg.norm(np.diff(points, axis=1), axis=2).sum(axis=1) / SPEED_OF_LIGHT_M_S
-    aod_azimuth, aod_elevation = azimuth_elevation(points[:, 1] - tx)
-    aoa_azimuth, aoa_elevation = azimuth_elevation(last - rx)
-    paths = Paths(
-        gain=amplitude * np.exp(-2j * np.pi * carrier_hz * delay_s),
-        delay_s=delay_s,
-        aod_azimuth_rad=aod_azimuth,
-        aod_elevation_rad=aod_elevation,
-        aoa_azimuth_rad=aoa_azimuth,
-        aoa_elevation_rad=aoa_elevation,
-        bounce_kind=kind,
-        bounce_object=surface,
-        vertex_m=np.where(used, vertex, np.nan),
-        object_name=np.asarray(names, str),
-    )
-    return with_bounce_slots(paths, n_slots)
+    rt = _import_sionna()
+    import mitsuba as mi  # noqa: PLC0415
+
+    tracer = Tracer(scene, carrier_hz, config)
+    loaded = tracer._specular_scene.scene
+    panel = rt.PlanarArray(num_rows=rows, num_cols=columns, pattern="tr38901", polarization="V")
+    loaded.tx_array = loaded.rx_array = panel
+    for device, pose in ((loaded.transmitters["tx"], scene.tx), (loaded.receivers["rx"], rx)):
+        device.orientation = mi.Point3f(float(pose.heading_rad), 0.0, 0.0)
+    solved = tracer.solved_specular(rx.position_m)
+    return solved, np.asarray(panel.positions(SPEED_OF_LIGHT_M_S / carrier_hz).numpy().T, float)

@@ -39,7 +39,7 @@ def path_lines(paths: Paths, tx_m: FloatArray, rx_m: FloatArray) -> list[PathLin
     level_db = 10 * np.log10(np.maximum(drawn.power, 1e-300))
     lines = []
     for index in np.argsort(level_db, kind="stable")[-N_DRAWN:]:
-        n = int(drawn.n_bounces[index])
+        n = int(drawn.n_interactions[index])
         strength = np.clip(1 - (level_db.max() - level_db[index]) / FAINTEST_DB, 0, 1)
         lines.append(
             PathLine(

@@ -232,8 +232,8 @@ def _round_the_back(
     rays = [creeping_rays(circle, np.append(tx, 0.0), np.append(rx, 0.0)[None], sense) for sense in (1, -1)]
     total = 0j
     for ray in rays:
-        gain = creeping_gain(K, radius, ray.s1_m, ray.s2_m, ray.turn_rad, polarisation)
-        level = ray.s1_m + ray.s2_m + radius * ray.turn_rad
+        gain = creeping_gain(K, radius, ray.s1_m, ray.s2_m, ray.arc_m / radius, polarisation)
+        level = ray.s1_m + ray.s2_m + ray.arc_m
         total += (gain * hankel2(0, K * level)).sum() / hankel2(0, K * length_m)
     return complex(total)
 

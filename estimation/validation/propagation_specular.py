@@ -22,7 +22,7 @@ from estimation.validation.propagation_scenes import (
 from estimation.validation.shooting import Shooter
 from scenes.config import library_scenes, load_scene
 from scenes.contour import Circle, OpenSpline
-from scenes.pose import SPEED_OF_LIGHT_M_S
+from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
 from scenes.random_arena import random_arena
 from scenes.record import FloatArray
 from scenes.scene import Scene
@@ -204,8 +204,8 @@ def _moved(scene: Scene, rx_m: FloatArray, turn_rad: float, shift_m: FloatArray)
         names = ("center_m", "vertices_m", "points_m")
         changed = {name: move(getattr(contour, name)) for name in names if hasattr(contour, name)}
         objects.append(replace(item, contour=replace(contour, **changed)))
-    moved = replace(with_tx(scene, move(scene.tx.position_m)), objects=tuple(objects))
-    return moved, move(rx_m)
+    tx = Pose(move(scene.tx.position_m), scene.tx.heading_rad)
+    return replace(scene, tx=tx, objects=tuple(objects)), move(rx_m)
 
 
 def _relative(a: Paths, b: Paths) -> float:

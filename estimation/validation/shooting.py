@@ -1,7 +1,9 @@
 """Rays shot in plan view and bisected onto the receiver: finds reflections without stationary points.
 
 Rays leave the TX towards closely spaced points of every contour and are followed mirror by mirror; where two
-neighbours over the same objects pass the receiver on different sides, a path lies between them.
+neighbours over the same objects pass the receiver on different sides, a path lies between them. Where two
+neighbours meet different objects, the last rays that still meet the same ones are found first: a path that grazes
+a pillar lies in a sliver of angle beside its rim.
 """
 
 from __future__ import annotations
@@ -54,8 +56,23 @@ class Shooter:
                 aim = piece.point(t)
                 angle = np.unwrap(np.arctan2(aim[:, 1] - self._tx[1], aim[:, 0] - self._tx[0]))
                 for n in range(1, max_bounces + 1):
-                    found += self._between(angle[:-1], angle[1:], rx_xy_m, n)
+                    found += self._between(*self._stretches(angle, rx_xy_m, n), rx_xy_m, n)
         return _distinct(found)
+
+    def _stretches(self, angle: FloatArray, rx: FloatArray, n: int) -> tuple[FloatArray, FloatArray]:
+        """Intervals of angle, lower and upper ends, over which the rays meet the same objects."""
+        chain = self._follow(angle, rx, n)[0]
+        differs = np.flatnonzero((chain[:-1] != chain[1:]).any(axis=1))
+        low, high = [np.delete(angle[:-1], differs)], [np.delete(angle[1:], differs)]
+        for anchor, other in ((differs, differs + 1), (differs + 1, differs)):
+            near, far = angle[anchor], angle[other]
+            for _ in range(N_BISECTIONS):
+                middle = (near + far) / 2
+                same = (self._follow(middle, rx, n)[0] == chain[anchor]).all(axis=1)
+                near, far = np.where(same, middle, near), np.where(same, far, middle)
+            low.append(angle[anchor])
+            high.append(near)
+        return np.concatenate(low), np.concatenate(high)
 
     def _between(self, low: FloatArray, high: FloatArray, rx: FloatArray, n: int) -> list[ShotPath]:
         chain_low, miss_low, _, _ = self._follow(low, rx, n)

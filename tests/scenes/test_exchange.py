@@ -45,7 +45,7 @@ def test_meshes_become_clutter(load, kind):
     assert (item.name, item.kind, item.material.name) == ("crate", "clutter", "wood") and item.is_closed
     np.testing.assert_allclose(item.bounds_m, [(2.85, 5.75, 0.3), (3.15, 6.25, 0.9)], atol=1e-6)
     part = object_meshes(scene)[-1]
-    assert part.object_name == "crate" and part.is_curved and part.mesh.is_volume
+    assert part.object_name == "crate" and not part.is_curved and part.mesh.is_volume
     assert list(scene.materials) == [*scene.object_names, "floor", "ceiling", "crate"]
     assert scene.kinds["crate"] == "clutter"
 

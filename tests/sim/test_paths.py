@@ -32,6 +32,28 @@ def test_labels_name_the_chain_and_number_equals_by_delay() -> None:
     assert path_labels(empty_paths(["wall"])).tolist() == []
 
 
+def test_a_way_through_a_wall_is_neither_line_of_sight_nor_bounce() -> None:
+    kinds = [[NONE, NONE], [R, NONE], [R, R], [S, NONE], [R, S], [S, R], [S, S], [D, NONE]]
+    n = len(kinds)
+    empty = empty_paths(["wall"], 2)
+    paths = Paths(
+        *(np.zeros(n) for _ in range(6)),
+        bounce_kind=np.array(kinds), bounce_object=np.zeros((n, 2), int),
+        vertex_m=np.zeros((n, 2, 3)), object_name=empty.object_name,
+    )  # fmt: skip
+    assert paths.is_los.tolist() == [True] + 7 * [False]
+    assert paths.n_interactions.tolist() == [0, 1, 2, 1, 2, 2, 2, 1]
+    assert paths.n_bounces.tolist() == [0, 0, 0, 1, 1, 1, 2, 1]
+    assert paths.is_single_bounce.tolist() == [False, False, False, True, True, True, False, True]
+    assert path_labels(paths).tolist()[:5] == [
+        "LOS",
+        "R wall",
+        "R wall > R wall",
+        "S wall",
+        "R wall > S wall",
+    ]
+
+
 def test_doppler_is_the_rate_of_change_of_the_path_length() -> None:
     paths, carrier_hz = some_paths(), 60e9
     shift = doppler_hz(paths, carrier_hz, np.array([2.0, 0.0, 0.0]))
