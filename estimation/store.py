@@ -16,7 +16,6 @@ fingerprint counts as missing, so an interrupted campaign resumes where it stopp
 from __future__ import annotations
 
 import hashlib
-import importlib.util
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -28,6 +27,7 @@ from estimation.channel.calibration import Calibration
 from estimation.channel.power_map import BeamPowerMap
 from estimation.channel.record import ChannelEstimate
 from estimation.config import CampaignConfig
+from estimation.fingerprint import code_digest, digest, estimator_source
 from estimation.measured import MeasuredTruth
 from estimation.results import MapResult
 from estimation.scoring.metric import to_json
@@ -84,13 +84,13 @@ class CampaignStore:
     def truth_fingerprint(self) -> str:
         """Of what the simulation, or the measurement, depends on."""
         if self.measured is not None:
-            return _digest(self.measured, self._scene_digest)
+            return digest(self.measured, self._scene_digest)
         simulation = {name: getattr(self.config, name) for name in SimulationConfig.model_fields}
         simulation.pop("scene")  # its text counts, not its name
         settings = SimulationConfig(**simulation, scene="-").model_dump_json()
         arrays = (self.config.tx_array, self.config.rx_array)
         weights = [weights_digest(array.weights_file) for array in arrays if array.weights_file is not None]
-        return _digest(settings, self._scene_digest, _code_digest("scenes", "sim"), *weights)
+        return digest(settings, self._scene_digest, code_digest("scenes", "sim"), *weights)
 
     @cached_property
     def channel_fingerprint(self) -> str:
@@ -98,21 +98,21 @@ class CampaignStore:
         if self.measured is not None:
             return self.truth_fingerprint
         estimator = self.estimator or self.config.channel.model_dump_json()
-        code = _code_digest("estimation/channel")
-        return _digest(self.truth_fingerprint, estimator, _estimator_source(self.estimator), code)
+        code = code_digest("estimation/channel")
+        return digest(self.truth_fingerprint, estimator, estimator_source(self.estimator), code)
 
     @cached_property
     def map_fingerprint(self) -> str:
         """Of what maps and shapes depend on."""
         settings = self.config.model_dump_json(include={"mapping", "slam", "trajectory", "shapes"})
         geometry = ("estimation/geometry.py", "estimation/geometry_spatial.py")
-        code = _code_digest(*geometry, "estimation/slam", "estimation/shape")
-        return _digest(self.channel_fingerprint, settings, code)
+        code = code_digest(*geometry, "estimation/slam", "estimation/shape")
+        return digest(self.channel_fingerprint, settings, code)
 
     @cached_property
     def score_fingerprint(self) -> str:
         """Of what the scores depend on."""
-        return _digest(self.map_fingerprint, _code_digest("estimation/scoring"))
+        return digest(self.map_fingerprint, code_digest("estimation/scoring"))
 
     def open_for_writing(self) -> None:
         """Write settings and scene; drop leftovers of interrupted writes.
@@ -192,7 +192,9 @@ class CampaignStore:
 
     def calibration(self) -> Calibration | None:
         """What self-calibration found, or None where it is still to be made."""
-        return self._read(self.directory / "channel" / "calibration.nc", Calibration, self.channel_fingerprint)
+        return self._read(
+            self.directory / "channel" / "calibration.nc", Calibration, self.channel_fingerprint
+        )
 
     def write_calibration(self, calibration: Calibration) -> None:
         """Store what self-calibration found; scores made before are dropped."""
@@ -240,7 +242,7 @@ class CampaignStore:
     @property
     def _scene_digest(self) -> str:
         contents = (hashlib.sha256(content).hexdigest() for _, content in sorted(self.scene_files.items()))
-        return _digest(self.scene_text, *contents)
+        return digest(self.scene_text, *contents)
 
     def _is_leftover(self) -> bool:
         """Whether there is nothing but what a run killed at its very start left behind."""
@@ -286,29 +288,3 @@ def open_campaign(directory: Path) -> CampaignStore:
     except (ValueError, KeyError, TypeError) as error:
         reason = str(error).splitlines()[0]
         raise ValueError(f"{settings}: damaged settings ({reason}); remove the file and run again") from error
-
-
-def _digest(*parts: str) -> str:
-    return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:16]
-
-
-def _code_digest(*parts: str) -> str:
-    root = Path(__file__).resolve().parent.parent
-    files = [file for part in parts for file in _sources(root / part)]
-    return _digest(*(file.read_text(encoding="utf-8") for file in files))
-
-
-def _sources(path: Path) -> list[Path]:
-    return [path] if path.suffix == ".py" else sorted(path.rglob("*.py"))
-
-
-def _estimator_source(estimator: str | None) -> str:
-    """The source of the top-level package that a user's estimator stands in."""
-    if estimator is None:
-        return ""
-    spec = importlib.util.find_spec(estimator.partition(":")[0].partition(".")[0])
-    if spec is None or spec.origin is None or not spec.origin.endswith(".py"):
-        return ""
-    origin = Path(spec.origin)
-    files = [origin] if spec.submodule_search_locations is None else _sources(origin.parent)
-    return _digest(*(file.read_text(encoding="utf-8", errors="replace") for file in files))
