@@ -15,6 +15,8 @@ from estimation.slam.sessions import split_sessions
 from estimation.slam.smoother import normal_equations, optimise
 from scenes.record import BoolArray
 
+_ROUGH_ITERATIONS = 6
+
 
 def smooth(
     seen: Observations, is_los: BoolArray, start: TrajectoryState, config: TrajectoryConfig
@@ -61,9 +63,11 @@ def _settle(
     seen: Observations, is_los: BoolArray, now: TrajectoryState, config: TrajectoryConfig
 ) -> tuple[TrajectoryState, Association]:
     """Alternate association and least squares until every path keeps its explanation."""
+    # An association that will change need not be solved to the end.
+    rough = config.model_copy(update={"max_iterations": min(_ROUGH_ITERATIONS, config.max_iterations)})
     link, now = associate(seen, now, is_los, config)
     for _ in range(config.rounds):
-        now = optimise(seen, link, now, config)
+        now = optimise(seen, link, now, rough)
         before = link
         link, now = associate(seen, now, is_los, config)
         if np.array_equal(link.kind, before.kind) and np.array_equal(link.landmark, before.landmark):

@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_solve_banded, cholesky_banded
+from scipy.linalg import lapack
 
 from scenes.record import FloatArray
 
@@ -57,8 +57,7 @@ class ArrowSystem:
         """Inverse of the matrix times columns given as (4 stop, column) and (shared, column)."""
         n_shared = len(self.corner)
         border = self.border.reshape(len(self.border) * _SIZE, n_shared)
-        factor = cholesky_banded(self._banded())
-        solved: FloatArray = cho_solve_banded((factor, False), np.column_stack([states, border]))
+        solved = self._solve_banded(np.hstack([states, border]))
         free, through = solved[:, : states.shape[1]], solved[:, states.shape[1] :]
         if not n_shared:
             return free, shared
@@ -73,10 +72,18 @@ class ArrowSystem:
         if not n_shared:
             return blocks, np.empty((0, 0))
         border = self.border.reshape(len(self.border) * _SIZE, n_shared)
-        through = cho_solve_banded((cholesky_banded(self._banded()), False), border)
+        through = self._solve_banded(border)
         shared: FloatArray = np.asarray(np.linalg.inv(self.corner - border.T @ through))
         through = through.reshape(-1, _SIZE, n_shared)
         return blocks + through @ shared @ np.swapaxes(through, 1, 2), shared
+
+    def _solve_banded(self, right_side: FloatArray) -> FloatArray:
+        """Inverse of B times columns (4 stop, column). `LinAlgError` where B is not positive definite."""
+        factor, order = lapack.dpbtrf(self._banded(), overwrite_ab=1)
+        if order:
+            raise np.linalg.LinAlgError(f"the block of stop {(order - 1) // _SIZE} is not positive definite")
+        solved, _ = lapack.dpbtrs(factor, right_side)
+        return np.asarray(solved)
 
     def _banded(self) -> FloatArray:
         """B in the upper banded form of scipy.linalg."""

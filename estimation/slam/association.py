@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import combinations, permutations
+from itertools import combinations
 
 import numpy as np
 from scipy.stats import chi2
-from sklearn.cluster import DBSCAN
 
 from estimation.geometry import start_point
+from estimation.slam.assignment import assign
 from estimation.slam.config import TrajectoryConfig
-from estimation.slam.landmarks import wall_point
+from estimation.slam.density import density_clusters
 from estimation.slam.mapping import point_covariance
 from estimation.slam.refine import bounce_terms
 from estimation.slam.residuals import (
@@ -20,16 +20,16 @@ from estimation.slam.residuals import (
     PathKind,
     TrajectoryState,
     corrected,
-    landmark_residual,
-    object_residual,
 )
-from scenes.record import BoolArray, FloatArray, IntArray
+from scenes.pose import Pose
+from scenes.record import BoolArray, FloatArray
 
 # Incidence points less certain than this take no part in finding landmarks.
 _MAX_POINT_STD_M = 0.6
 _WALL_TOLERANCE_M = 0.25
 _MAX_OBJECT_SCATTER_M = 0.4
-_END_MARGIN_M = 0.7
+# The normals of a flat face agree: this share of them within so many standard deviations.
+_FLAT_QUANTILE, _FLAT_STDS = 0.8, 3.0
 
 
 def single_bounces(
@@ -62,112 +62,89 @@ def associate(
     point = start_point(seen.tx, state, measured)
     covariance, _ = point_covariance(seen.tx, state, point, seen.covariance[path])
     sharp = np.linalg.eigvalsh(covariance)[:, -1] < _MAX_POINT_STD_M**2
-    walls, objects, spans = find_landmarks(point[sharp], config)
+    normal = _lit_normals(seen.tx, state[sharp], point[sharp])
+    variance = seen.covariance[path[sharp]]
+    angle_std_rad = np.sqrt(variance[:, 1, 1] + variance[:, 2, 2] + 2 * variance[:, 1, 2]) / 2
+    walls, objects, spans = find_landmarks(point[sharp], normal, angle_std_rad, config)
     now = replace(now, walls=walls, objects=objects)
     return assign(seen, now, link, spans, config), now
 
 
 def find_landmarks(
-    point_m: FloatArray, config: TrajectoryConfig
-) -> tuple[FloatArray, FloatArray, list[tuple[float, float]]]:
-    """Walls (wall, 2), circles (object, 3) and the extents of the walls along themselves, from IPs (ip, 2)."""
+    point_m: FloatArray, normal: FloatArray, normal_std_rad: FloatArray, config: TrajectoryConfig
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Walls (wall, 2), circles (object, 3) and the stretches (wall, 2) of the walls seen.
+
+    From IPs (ip, 2) and the outward normals (ip, 2) of the surfaces that reflect there, known to `normal_std_rad`
+    (ip,). A compact cluster that reflects in one direction only is a stretch of a wall, or too short to tell;
+    else the centre of its circle lies behind each IP by the radius.
+    """
     walls: list[FloatArray] = []
     objects: list[FloatArray] = []
     spans: list[tuple[float, float]] = []
     if not len(point_m):
-        return np.empty((0, 2)), np.empty((0, 3)), spans
-    label = DBSCAN(eps=config.cluster_eps_m, min_samples=config.cluster_min_samples).fit_predict(point_m)
+        return np.empty((0, 2)), np.empty((0, 3)), np.empty((0, 2))
+    label = density_clusters(point_m, config.cluster_eps_m, config.cluster_min_samples)
     for cluster in range(label.max() + 1):
-        rest = point_m[label == cluster]
+        rest, outward, std = (
+            point_m[label == cluster],
+            normal[label == cluster],
+            normal_std_rad[label == cluster],
+        )
         while len(rest) >= config.cluster_min_samples:
             if _scatter(rest) <= _MAX_OBJECT_SCATTER_M and _extent(rest) <= config.max_object_extent_m:
-                objects.append(np.array([*np.median(rest, axis=0), config.object_radius_m]))
+                if _is_flat(outward, std):
+                    wall = _facing(rest, outward)
+                    span = _stretch(rest, wall)
+                    if span[1] - span[0] >= config.min_wall_length_m:
+                        walls.append(wall)
+                        spans.append(span)
+                else:
+                    centre = np.median(rest - config.object_radius_m * outward, axis=0)
+                    objects.append(np.array([*centre, config.object_radius_m]))
                 break
             wall, on_wall = _best_line(rest)
-            along = rest[on_wall] @ np.array([-np.sin(wall[0]), np.cos(wall[0])])
             enough = np.count_nonzero(on_wall) >= config.cluster_min_samples
-            if not enough or np.ptp(along) < config.min_wall_length_m:
+            span = _stretch(rest[on_wall], wall) if enough else (0.0, 0.0)
+            if span[1] - span[0] < config.min_wall_length_m:
                 break
             walls.append(wall)
-            spans.append((float(along.min()), float(along.max())))
-            rest = rest[~on_wall]
-    return np.array(walls).reshape(-1, 2), np.array(objects).reshape(-1, 3), spans
-
-
-def assign(
-    seen: Observations,
-    now: TrajectoryState,
-    link: Association,
-    spans: list[tuple[float, float]],
-    config: TrajectoryConfig,
-) -> Association:
-    """Give every path but the lines of sight to the landmark of smallest chi-square within the gate."""
-    kind, landmark = link.kind.copy(), link.landmark.copy()
-    path = np.flatnonzero(kind != PathKind.LOS)
-    limit = chi2.ppf(config.gate_probability, 3)
-    best = np.full(len(path), limit)
-    for w in range(len(now.walls)):
-        distance = wall_distance(seen, now, path, np.array([w]), config)
-        distance[~_within(seen, now, path, w, spans[w])] = np.inf
-        best = _take(best, distance, path, kind, landmark, PathKind.WALL, (w, -1))
-    for o in range(len(now.objects)):
-        distance = _object_distance(seen, now, path, o, config)
-        best = _take(best, distance, path, kind, landmark, PathKind.OBJECT, (o, -1))
-    if config.use_double_bounces:
-        path = np.flatnonzero(kind == PathKind.UNUSED)
-        best = np.full(len(path), chi2.ppf(0.95, 3))
-        for a, b in permutations(range(len(now.walls)), 2):
-            distance = wall_distance(seen, now, path, np.array([a, b]), config)
-            best = _take(best, distance, path, kind, landmark, PathKind.DOUBLE, (a, b))
-    return Association(kind, landmark)
-
-
-def wall_distance(
-    seen: Observations, now: TrajectoryState, path: IntArray, walls: IntArray, config: TrajectoryConfig
-) -> FloatArray:
-    """Chi-square distance (path,), 3 degrees of freedom, to the path by way of the walls of these indices."""
-    state = now.state[seen.row[path]]
-    chain = np.broadcast_to(now.walls[walls], (len(path), len(walls), 2))
-    difference, covariance, _ = landmark_residual(
-        seen.tx, state, corrected(seen, now, path), seen.covariance[path], chain, config.wall_roughness_m
+            spans.append(span)
+            rest, outward, std = rest[~on_wall], outward[~on_wall], std[~on_wall]
+    return (
+        np.array(walls).reshape(-1, 2),
+        np.array(objects).reshape(-1, 3),
+        np.array(spans).reshape(-1, 2),
     )
-    return _quadratic(difference, covariance)
 
 
-def _object_distance(
-    seen: Observations, now: TrajectoryState, path: IntArray, index: int, config: TrajectoryConfig
-) -> FloatArray:
-    state = now.state[seen.row[path]]
-    circle = np.broadcast_to(now.objects[index], (len(path), 3))
-    difference, covariance, _ = object_residual(
-        seen.tx, state, corrected(seen, now, path), seen.covariance[path], circle, config.object_roughness_m
-    )
-    return _quadratic(difference, covariance)
+def _lit_normals(tx: Pose, state: FloatArray, point_m: FloatArray) -> FloatArray:
+    """Unit vectors (ip, 2) that halve the angle between the directions to both devices."""
+    total = np.zeros_like(point_m)
+    for device in (tx.position_m[:2], state[:, :2]):
+        away = device - point_m
+        total += away / np.maximum(np.hypot(*away.T), 1e-6)[:, None]
+    return np.asarray(total / np.maximum(np.hypot(*total.T), 1e-6)[:, None])
 
 
-def _within(
-    seen: Observations, now: TrajectoryState, path: IntArray, wall: int, span: tuple[float, float]
-) -> BoolArray:
-    """Whether the specular point lies on the stretch of the wall that was seen."""
-    line = np.broadcast_to(now.walls[wall], (len(path), 2))
-    point = wall_point(seen.tx, now.state[seen.row[path], :2], line)
-    along = point @ np.array([-np.sin(line[0, 0]), np.cos(line[0, 0])]) if len(path) else np.empty(0)
-    return np.asarray((along > span[0] - _END_MARGIN_M) & (along < span[1] + _END_MARGIN_M))
+def _is_flat(normal: FloatArray, std_rad: FloatArray) -> bool:
+    """Whether normals (ip, 2) of these standard deviations (ip,) are all one."""
+    mean = np.median(normal, axis=0)
+    off = np.abs(np.arctan2(normal[:, 1] * mean[0] - normal[:, 0] * mean[1], normal @ mean))
+    return bool(np.quantile(off / std_rad, _FLAT_QUANTILE) < _FLAT_STDS)
 
 
-def _take(
-    best: FloatArray,
-    distance: FloatArray,
-    path: IntArray,
-    kind: IntArray,
-    landmark: IntArray,
-    as_kind: PathKind,
-    index: tuple[int, int],
-) -> FloatArray:
-    """Hand the paths that fit better than before to a landmark, in place; returns the new distances."""
-    better = distance < best
-    kind[path[better]], landmark[path[better]] = as_kind, index
-    return np.where(better, distance, best)
+def _facing(point_m: FloatArray, normal: FloatArray) -> FloatArray:
+    """Line [azimuth of normal, offset] through IPs that face one way."""
+    n = np.median(normal, axis=0)
+    n = n / np.hypot(*n)
+    return np.array([np.arctan2(n[1], n[0]), np.median(point_m @ n)])
+
+
+def _stretch(point_m: FloatArray, wall: FloatArray) -> tuple[float, float]:
+    """First and last place of points along a wall."""
+    along = point_m @ np.array([-np.sin(wall[0]), np.cos(wall[0])])
+    return float(along.min()), float(along.max())
 
 
 def _best_line(point_m: FloatArray) -> tuple[FloatArray, BoolArray]:
@@ -190,16 +167,11 @@ def _best_line(point_m: FloatArray) -> tuple[FloatArray, BoolArray]:
 
 def _extent(point_m: FloatArray) -> float:
     """Length in m of the middle nine tenths of a cluster along its main axis."""
-    along = (point_m - point_m.mean(axis=0)) @ np.linalg.svd(point_m - point_m.mean(axis=0))[2][0]
-    low, high = np.quantile(along, [0.05, 0.95])
+    along = np.sort(point_m @ np.linalg.eigh(np.cov(point_m.T))[1][:, -1])
+    low, high = np.interp([0.05, 0.95], np.linspace(0, 1, len(along)), along)
     return float(high - low)
 
 
 def _scatter(point_m: FloatArray) -> float:
     """Standard deviation in m along the main axis."""
     return float(np.sqrt(np.linalg.eigvalsh(np.cov(point_m.T))[-1]))
-
-
-def _quadratic(difference: FloatArray, covariance: FloatArray) -> FloatArray:
-    solved = np.linalg.solve(covariance, difference[..., None])[..., 0]
-    return np.asarray(np.sum(difference * solved, axis=-1))

@@ -18,7 +18,7 @@ from estimation.geometry import (
     bounce_jacobian_rx,
     los_jacobian_rx,
 )
-from estimation.slam.landmarks import predict_walls
+from estimation.slam.landmarks import predict_circle, predict_walls
 from estimation.slam.mapping import point_covariance
 from scenes.pose import Pose
 from scenes.record import FloatArray, IntArray
@@ -39,13 +39,23 @@ class StateBound:
 class StopPaths:
     """The paths of one stop that say something of its receiver.
 
-    `wall` (path,) numbers the wall of single bounces off the same flat face along a walk, -1 for others.
+    `wall` (path,) numbers the wall of single bounces off the same flat face along a walk, -1 for others; `circle`
+    (path,) the round object of `RoundObjects`, none without it.
     """
 
     point_m: FloatArray  # (path, xy) IPs of the single bounces
     covariance: FloatArray  # (path, 3, 3) in (m, rad, rad)^2
     wall: IntArray  # (path,)
     los_covariance: FloatArray | None = None  # (3, 3); None without a line of sight
+    circle: IntArray | None = None  # (path,)
+
+
+@dataclass(frozen=True)
+class RoundObjects:
+    """Round objects that the stops of a walk share, their radii known beforehand to `radius_std_m`."""
+
+    circle: FloatArray  # (object, 3) x, y, radius in m
+    radius_std_m: float
 
 
 def stop_information(tx: Pose, state: FloatArray, paths: StopPaths) -> FloatArray:
@@ -103,32 +113,46 @@ def stop_bound(tx: Pose, state: FloatArray, paths: StopPaths) -> tuple[StateBoun
 
 
 def trajectory_covariance(
-    tx: Pose, states: FloatArray, stops: Sequence[StopPaths], smoothness_m: float | None
+    tx: Pose,
+    states: FloatArray,
+    stops: Sequence[StopPaths],
+    smoothness_m: float | None,
+    objects: RoundObjects | None = None,
 ) -> FloatArray:
     """Covariances (stop, 4, 4) of all receiver states (stop, 4) of a walk, estimated together.
 
-    Single bounces off a numbered wall share its line; all others keep an IP of their own. `smoothness_m` is the
-    standard deviation of the second difference of the position per coordinate, in m per stop^2; None for no prior.
-    The sum is the exact information, solved whole: states first, walls behind them.
+    Single bounces off a numbered wall share its line, those off a numbered object its circle; all others keep an
+    IP of their own. `smoothness_m` is the standard deviation of the second difference of the position per
+    coordinate, in m per stop^2; None for no prior. The sum is the exact information, solved whole: states first,
+    landmarks behind them.
     """
     n = len(states)
     walls = sorted({int(wall) for stop in stops for wall in stop.wall if wall >= 0})
     column = {wall: 4 * n + 2 * index for index, wall in enumerate(walls)}
-    information = np.zeros((4 * n + 2 * len(walls),) * 2)
+    first_circle = 4 * n + 2 * len(walls)
+    size = first_circle + (objects.circle.size if objects is not None else 0)
+    information = np.zeros((size, size))
     for index, (state, paths) in enumerate(zip(states, stops, strict=True)):
         own = slice(4 * index, 4 * index + 4)
-        loose = paths.wall < 0
+        circle = np.full(len(paths.wall), -1) if paths.circle is None or objects is None else paths.circle
+        loose = (paths.wall < 0) & (circle < 0)
         alone = StopPaths(
             paths.point_m[loose], paths.covariance[loose], paths.wall[loose], paths.los_covariance
         )
         information[own, own] += stop_information(tx, state, alone)
-        line = wall_line(tx, state, paths.point_m[~loose])
-        by = predict_walls(tx, np.tile(state, (len(line), 1)), line[:, None])
-        jacobian = np.concatenate([by.by_state, by.by_landmark], axis=-1)
-        terms = np.swapaxes(jacobian, 1, 2) @ np.linalg.inv(paths.covariance[~loose]) @ jacobian
-        for wall, term in zip(paths.wall[~loose], terms, strict=True):
-            at = np.r_[own, column[int(wall)] + np.arange(2)]
-            information[np.ix_(at, at)] += term
+        line = wall_line(tx, state, paths.point_m)
+        for path in np.flatnonzero(~loose):
+            if circle[path] >= 0 and objects is not None:
+                by = predict_circle(tx, state, objects.circle[circle[path]])
+                at = np.r_[own, first_circle + 3 * circle[path] + np.arange(3)]
+            else:
+                by = predict_walls(tx, state, line[path, None])
+                at = np.r_[own, column[int(paths.wall[path])] + np.arange(2)]
+            jacobian = np.concatenate([by.by_state, by.by_landmark], axis=-1)
+            information[np.ix_(at, at)] += jacobian.T @ np.linalg.inv(paths.covariance[path]) @ jacobian
+    if objects is not None:
+        radii = np.arange(first_circle + 2, size, 3)
+        information[radii, radii] += objects.radius_std_m**-2.0
     if smoothness_m is not None and n > 2:
         difference = np.kron(np.diff(np.eye(n), 2, axis=0), np.eye(4)[:2]) / smoothness_m
         information[: 4 * n, : 4 * n] += difference.T @ difference

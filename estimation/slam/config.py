@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from estimation.channel.record import ChannelEstimate
 from estimation.geometry import range_covariance
@@ -46,6 +46,7 @@ class MappingConfig(ConfigModel):
 
     noise: PathNoise = PathNoise()
     gate_probability: float = Field(0.99, gt=0, lt=1)
+    use_elevation: bool = Field(True, description="map in space where elevations were estimated")
     max_position_std_m: float = Field(1.0, gt=0)
     min_leg_m: float = Field(0.2, ge=0)
     max_iterations: int = Field(30, ge=1)
@@ -57,31 +58,65 @@ class PathLoss(ConfigModel):
 
     A path is no credible line of sight where the log-likelihood of its power is below `min_log_likelihood`.
     The defaults are those of the measured campaign, arXiv 2404.10291.
+
+    All other paths lose `reflection_loss_db` more, give or take `reflection_std_db` each and `level_std_db` all
+    together; the statistical method takes how power falls with length as a weak sign of the clock bias.
     """
 
     intercept_dbm: float = -13.0
     slope_db: float = -17.0
     std_db: float = Field(1.8, gt=0)
     min_log_likelihood: float = -10.8
+    reflection_loss_db: float = 10.0
+    reflection_std_db: float = Field(5.0, gt=0)
+    level_std_db: float = Field(3.0, gt=0)
+
+    def expected_dbm(self, distance_m: FloatArray) -> FloatArray:
+        """Power of a line of sight of that length."""
+        return np.asarray(self.intercept_dbm + self.slope_db * np.log10(np.maximum(distance_m, 1e-3)))
+
+    def log_density(self, power_dbm: FloatArray, distance_m: FloatArray) -> FloatArray:
+        """Log density of the power of a line of sight of that length."""
+        deviation = (power_dbm - self.expected_dbm(distance_m)) / self.std_db
+        return np.asarray(-0.5 * deviation**2 - np.log(np.sqrt(2 * np.pi) * self.std_db))
 
     def is_credible(self, power_dbm: float, distance_m: float) -> bool:
         """Whether a received power fits a line of sight of that length."""
-        expected = self.intercept_dbm + self.slope_db * np.log10(max(distance_m, 1e-3))
-        deviation = (power_dbm - expected) / self.std_db
-        log_likelihood = -0.5 * deviation**2 - np.log(np.sqrt(2 * np.pi) * self.std_db)
-        return bool(log_likelihood >= self.min_log_likelihood)
+        density = self.log_density(np.asarray(power_dbm), np.asarray(distance_m))
+        return bool(density >= self.min_log_likelihood)
+
+    def log_density_of_others(self, power_dbm: FloatArray, length_m: FloatArray) -> FloatArray:
+        """Log density (...) of the powers of all other paths (path,) of lengths (..., path)."""
+        n = power_dbm.shape[-1]
+        excess = power_dbm - self.expected_dbm(length_m) + self.reflection_loss_db
+        level = excess.mean(axis=-1, keepdims=True) if n else np.zeros((*length_m.shape[:-1], 1))
+        own, common = self.reflection_std_db**2, self.level_std_db**2
+        square = np.sum((excess - level) ** 2, axis=-1) / own + n * level[..., 0] ** 2 / (own + n * common)
+        spread = n * np.log(2 * np.pi * own) + np.log1p(n * common / own)
+        return np.asarray(-0.5 * (square + spread))
 
 
 class Mixture(ConfigModel):
-    """Model of a path's residual in the statistical method: a single bounce or clutter.
+    """What the statistical method takes a path for that is no line of sight.
 
-    A single bounce has a Student-t residual with the standard deviation its covariance gives; clutter is
-    spread evenly over `clutter_width_m`.
+    A single bounce has a Student-t residual with the standard deviation its covariance gives. A bounce off two
+    walls at right angles, or parallel to within `wall_angle_std_deg`, has parallel directions of departure and
+    arrival; `double_share` 0 leaves this out. Clutter has any angles, and its range is spread evenly over
+    `clutter_width_m`.
     """
 
-    clutter_share: float = Field(0.3, gt=0, lt=1)
+    clutter_share: float = Field(0.2, gt=0, lt=1)
+    double_share: float = Field(0.0, ge=0, lt=1)
     clutter_width_m: float = Field(30.0, gt=0)
-    degrees_of_freedom: float = Field(3.0, gt=0)
+    degrees_of_freedom: int = Field(3, ge=1)
+    wall_angle_std_deg: float = Field(0.5, ge=0)
+
+    @model_validator(mode="after")
+    def _leave_room_for_single_bounces(self) -> Mixture:
+        if self.clutter_share + self.double_share >= 1:
+            total = self.clutter_share + self.double_share
+            raise ValueError(f"clutter_share + double_share = {total:g}: must be below 1")
+        return self
 
 
 class Consider(ConfigModel):
@@ -114,10 +149,13 @@ class SnapshotConfig(ConfigModel):
     `refine`
         Maximum-likelihood refinement of the reference solution on its inliers; the statistical method always
         refines.
+    `reach_m`
+        Standard deviation of the receiver's place about the TX, before anything is measured.
     """
 
     method: Literal["reference", "statistical"] = "reference"
     refine: bool = False
+    use_elevation: bool = Field(True, description="solve in space where elevations were estimated")
     path_loss: PathLoss = PathLoss()
     max_hypothesis_paths: int = Field(12, ge=4)
     min_los_inliers: int = Field(3, ge=2)
@@ -129,18 +167,26 @@ class SnapshotConfig(ConfigModel):
 
     noise: PathNoise = PathNoise()
     mixture: Mixture = Mixture()
+    reach_m: float = Field(20.0, gt=0)
     gate_probability: float = Field(0.997, gt=0, lt=1)
-    n_modes: int = Field(16, ge=1)
+    n_modes: int = Field(8, ge=1)
     n_ranked: int = Field(6, ge=2)
-    ambiguous_gap: float = Field(4.0, ge=0)
+    ambiguous_gap: float = Field(6.0, ge=0)
     consider: Consider = Consider()
-    max_iterations: int = Field(25, ge=1)
+    max_iterations: int = Field(40, ge=1)
     max_clock_bias_ns: float = Field(300.0, gt=0, description="a larger clock bias is not credible")
+    max_position_std_m: float = Field(3.0, gt=0, description="a stop known less well than this has failed")
 
     @property
     def max_clock_bias_m(self) -> float:
         """Largest credible clock bias as a length."""
         return self.max_clock_bias_ns * 1e-9 * SPEED_OF_LIGHT_M_S
+
+    @property
+    def prior_std(self) -> FloatArray:
+        """Standard deviations (4,) in m, m, rad, m of the state from the TX: any heading, any credible clock."""
+        uniform = np.array([np.pi, self.max_clock_bias_m]) / np.sqrt(3)
+        return np.array([self.reach_m, self.reach_m, *uniform])
 
 
 class TrajectoryConfig(ConfigModel):
@@ -150,6 +196,10 @@ class TrajectoryConfig(ConfigModel):
     `cross_track_std_m` across the walk, `along_track_std_m` along it, so that neither the spacing of the stops
     need be known nor that it is even.
 
+    Each scale is what it measures: stops put down by hand and walked unevenly, turns between them, a free-running
+    clock, surfaces that depart from a plane or a circle. No measured data set them: `arena validate slam` halves
+    and doubles each on simulated walks, where none then gains much over the default.
+
     `use_landmarks`, `use_double_bounces`, `use_sessions`
         Share walls and objects between stops; take paths by way of two known walls as information; look for
         jumps of the TX heading offset.
@@ -158,7 +208,7 @@ class TrajectoryConfig(ConfigModel):
     use_landmarks: bool = True
     use_double_bounces: bool = True
     use_sessions: bool = True
-    degrees_of_freedom: float = Field(4.0, gt=0)
+    degrees_of_freedom: int = Field(4, ge=1)
     cross_track_std_m: float = Field(0.1, gt=0)
     along_track_std_m: float = Field(0.5, gt=0)
     motion_degrees_of_freedom: float = Field(2.0, gt=0)

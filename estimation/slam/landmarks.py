@@ -11,12 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimation.geometry import (
-    bounce_jacobian_point,
-    bounce_jacobian_rx,
-    predict_bounce,
-)
-from scenes.pose import Pose, wrap_angle
+from estimation.compiled import compiled
+from estimation.slam.landmark_kernels import circle_path, wall_cut, wall_path, wrapped
+from scenes.pose import Pose
 from scenes.record import FloatArray
 
 
@@ -29,138 +26,76 @@ class Prediction:
     by_landmark: FloatArray  # (..., 3, parameter)
 
 
+def plane_pose(tx: Pose) -> FloatArray:
+    """[x, y, heading] (3,) of a pose, as the compiled functions take it."""
+    return np.array([tx.position_m[0], tx.position_m[1], tx.heading_rad], float)
+
+
 def predict_walls(tx: Pose, state: FloatArray, walls: FloatArray) -> Prediction:
     """Specular path by way of one or more walls, in the order from TX to RX.
-
-    The image of the TX in all walls, p_i' = p_i + 2 (offset - n' p_i) n, gives range and arrival; the image of
-    the RX in all walls, in reverse order, gives the departure.
 
     Parameters
     ----------
     walls
         (..., bounce, 2) lines. `by_landmark` has 2 parameters per bounce, in order.
     """
-    image, image_by_wall, _ = _mirror(np.broadcast_to(tx.position_m[:2], state[..., :2].shape), walls)
-    target, target_by_wall, turn = _mirror(state[..., :2], walls[..., ::-1, :])
-    target_by_wall = target_by_wall[..., ::-1, :, :]
-    arrival, departure = image - state[..., :2], target - tx.position_m[:2]
-    length, unit, turn_rx = _polar(arrival)
-    _, _, turn_tx = _polar(departure)
-    value = np.stack(
-        [
-            length + state[..., 3],
-            wrap_angle(np.arctan2(departure[..., 1], departure[..., 0]) - tx.heading_rad),
-            wrap_angle(np.arctan2(arrival[..., 1], arrival[..., 0]) - state[..., 2]),
-        ],
-        axis=-1,
-    )
-    by_state = np.zeros((*length.shape, 3, 4))
-    by_state[..., 0, :2] = -unit
-    by_state[..., 0, 3] = 1.0
-    by_state[..., 1, :2] = np.einsum("...i,...ij->...j", turn_tx, turn)
-    by_state[..., 2, :2] = -turn_rx
-    by_state[..., 2, 2] = -1.0
-    n = 2 * walls.shape[-2]
-    image_by_wall = np.moveaxis(image_by_wall, -3, -2).reshape(*length.shape, 2, n)
-    target_by_wall = np.moveaxis(target_by_wall, -3, -2).reshape(*length.shape, 2, n)
-    by_landmark = np.stack(
-        [
-            np.einsum("...i,...ij->...j", unit, image_by_wall),
-            np.einsum("...i,...ij->...j", turn_tx, target_by_wall),
-            np.einsum("...i,...ij->...j", turn_rx, image_by_wall),
-        ],
-        axis=-2,
-    )
-    return Prediction(value, by_state, by_landmark)
+    leading = np.broadcast_shapes(state.shape[:-1], walls.shape[:-2])
+    states = _rows(state, leading, (4,))
+    chains = _rows(walls, leading, walls.shape[-2:])
+    return _shaped(_predict_walls(plane_pose(tx), states, chains), leading)
 
 
 def predict_circle(tx: Pose, state: FloatArray, circle: FloatArray) -> Prediction:
-    """Specular path by way of the lit side of a circle (..., 3).
-
-    The IP q = c + radius m is where the tangent is perpendicular to the sum of the unit vectors from both
-    devices; its derivatives follow from that condition.
-    """
-    centre, radius = circle[..., :2], circle[..., 2, None]
-    source, receiver = tx.position_m[:2], state[..., :2]
-    normal = _unit(_unit(source - centre) + _unit(receiver - centre))
-    for _ in range(30):
-        point, before = centre + radius * normal, normal
-        normal = _unit(_unit(source - point) + _unit(receiver - point))
-        if np.all(np.abs(normal - before) < 1e-13):
-            break
-    point = centre + radius * normal
-    tangent = np.stack([-normal[..., 1], normal[..., 0]], axis=-1)
-    across_tx, across_rx = _transverse(point - source), _transverse(point - receiver)
-    both = np.einsum("...i,...ij->...j", tangent, across_tx + across_rx)
-    units = _unit(point - source) + _unit(point - receiver)
-    slope = -_dot(normal, units) + radius[..., 0] * _dot(both, tangent)
-    # d angle / d [x, y of RX, x, y of centre, radius]
-    by_receiver = np.einsum("...i,...ij->...j", tangent, across_rx) / slope[..., None]
-    by_circle = -np.concatenate([both, _dot(both, normal)[..., None]], axis=-1) / slope[..., None]
-    sweep = radius * tangent
-    point_by_rx = sweep[..., :, None] * by_receiver[..., None, :]
-    direct = np.concatenate(
-        [np.broadcast_to(np.eye(2), (*normal.shape[:-1], 2, 2)), normal[..., None]], axis=-1
+    """Specular path by way of the lit side of a circle (..., 3)."""
+    leading = np.broadcast_shapes(state.shape[:-1], circle.shape[:-1])
+    return _shaped(
+        _predict_circles(plane_pose(tx), _rows(state, leading, (4,)), _rows(circle, leading, (3,))), leading
     )
-    point_by_circle = direct + sweep[..., :, None] * by_circle[..., None, :]
-    by_point = bounce_jacobian_point(tx, state, point)
-    by_state = bounce_jacobian_rx(tx, state, point)
-    by_state[..., :2] += by_point @ point_by_rx
-    return Prediction(predict_bounce(tx, state, point), by_state, by_point @ point_by_circle)
 
 
 def wall_point(tx: Pose, position_m: FloatArray, wall: FloatArray) -> FloatArray:
     """Specular point (..., 2) on a wall (..., 2) for RX positions (..., 2)."""
-    image, _, _ = _mirror(np.broadcast_to(tx.position_m[:2], position_m.shape), wall[..., None, :])
-    normal = _unit_vector(wall[..., 0])
-    before, after = wall[..., 1] - _dot(normal, image), wall[..., 1] - _dot(normal, position_m)
-    total = before - after
-    share = before / np.where(np.abs(total) < 1e-9, 1e-9, total)
-    return np.asarray(image + share[..., None] * (position_m - image))
+    leading = np.broadcast_shapes(position_m.shape[:-1], wall.shape[:-1])
+    points = _wall_points(plane_pose(tx), _rows(position_m, leading, (2,)), _rows(wall, leading, (2,)))
+    return points.reshape(*leading, 2)
 
 
-def _mirror(point: FloatArray, walls: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Image of a point in walls (..., bounce, 2), one after the other.
-
-    Returns the image (..., 2), its derivatives (..., bounce, 2, 2) by each wall's (azimuth, offset), the bounce
-    axis in the order of the walls, and the derivative (..., 2, 2) by the point.
-    """
-    derivatives: list[FloatArray] = []
-    turn = np.broadcast_to(np.eye(2), (*point.shape[:-1], 2, 2))
-    for b in range(walls.shape[-2]):
-        azimuth, offset = walls[..., b, 0], walls[..., b, 1]
-        normal = _unit_vector(azimuth)
-        tangent = np.stack([-normal[..., 1], normal[..., 0]], axis=-1)
-        gap = offset - _dot(normal, point)
-        by_azimuth = 2 * (gap[..., None] * tangent - _dot(tangent, point)[..., None] * normal)
-        reflect = np.eye(2) - 2 * normal[..., :, None] * normal[..., None, :]
-        derivatives = [reflect @ d for d in derivatives]
-        derivatives.append(np.stack([by_azimuth, 2 * normal], axis=-1))
-        turn = reflect @ turn
-        point = point + 2 * gap[..., None] * normal
-    return point, np.stack(np.broadcast_arrays(*derivatives), axis=-3), turn
+def _rows(value: FloatArray, leading: tuple[int, ...], shape: tuple[int, ...]) -> FloatArray:
+    return np.ascontiguousarray(np.broadcast_to(value, (*leading, *shape)), dtype=float).reshape(-1, *shape)
 
 
-def _polar(vector: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Length, unit vector and gradient of the azimuth of a vector (..., 2)."""
-    length = np.maximum(np.hypot(vector[..., 0], vector[..., 1]), 1e-6)
-    unit = vector / length[..., None]
-    return length, unit, np.stack([-unit[..., 1], unit[..., 0]], axis=-1) / length[..., None]
+def _shaped(parts: tuple[FloatArray, FloatArray, FloatArray], leading: tuple[int, ...]) -> Prediction:
+    return Prediction(*(part.reshape(*leading, *part.shape[1:]) for part in parts))
 
 
-def _transverse(vector: FloatArray) -> FloatArray:
-    """Derivative (..., 2, 2) of a vector's unit vector by the vector."""
-    length, unit, _ = _polar(vector)
-    return np.asarray((np.eye(2) - unit[..., :, None] * unit[..., None, :]) / length[..., None, None])
+@compiled
+def _predict_walls(
+    tx: FloatArray, state: FloatArray, walls: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    n, point = len(state), np.empty(2)
+    value, by_state = np.empty((n, 3)), np.empty((n, 3, 4))
+    by_wall = np.empty((n, 3, 2 * walls.shape[1]))
+    for i in range(n):
+        wall_path(tx, state[i], walls[i], value[i], by_state[i], by_wall[i], point)
+        value[i, 1], value[i, 2] = wrapped(value[i, 1]), wrapped(value[i, 2])
+    return value, by_state, by_wall
 
 
-def _unit(vector: FloatArray) -> FloatArray:
-    return _polar(vector)[1]
+@compiled
+def _predict_circles(
+    tx: FloatArray, state: FloatArray, circle: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    n, point = len(state), np.empty(2)
+    value, by_state, by_circle = np.empty((n, 3)), np.empty((n, 3, 4)), np.empty((n, 3, 3))
+    for i in range(n):
+        circle_path(tx, state[i], circle[i], value[i], by_state[i], by_circle[i], point)
+        value[i, 1], value[i, 2] = wrapped(value[i, 1]), wrapped(value[i, 2])
+    return value, by_state, by_circle
 
 
-def _unit_vector(azimuth_rad: FloatArray) -> FloatArray:
-    return np.stack([np.cos(azimuth_rad), np.sin(azimuth_rad)], axis=-1)
-
-
-def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
-    return np.asarray(np.einsum("...i,...i->...", a, b))
+@compiled
+def _wall_points(tx: FloatArray, position: FloatArray, wall: FloatArray) -> FloatArray:
+    points = np.empty((len(position), 2))
+    for i in range(len(position)):
+        wall_cut(tx, position[i], wall[i], points[i])
+    return points

@@ -27,9 +27,19 @@ class SnapshotProblem:
         return len(self.measured)
 
     @property
+    def departure_rad(self) -> FloatArray:
+        """Azimuth of departure (path,) in the world frame."""
+        return np.asarray(self.measured[:, 1] + self.tx.heading_rad)
+
+    @property
     def earliest(self) -> int:
         """Index of the path that arrives first: the candidate for the line of sight."""
         return int(np.argmin(self.measured[:, 0]))
+
+    def take(self, index: IntArray | BoolArray) -> SnapshotProblem:
+        """The same problem with some of its paths."""
+        kept = self.measured[index], self.covariance[index], self.power_dbm[index]
+        return SnapshotProblem(self.tx, *kept)
 
     def strongest(self, n: int) -> IntArray:
         """Indices of the n strongest paths, in path order; ties go to the first."""
@@ -41,7 +51,7 @@ class SnapshotProblem:
 class Fit:
     """A solution for the RX state [x, y, heading, bias] in m, m, rad, m.
 
-    `covariance` is NaN and `evidence_gap` infinite where the method gives none.
+    `cost` is minus the log evidence for the statistical method. `covariance` is NaN where the method gives none.
     """
 
     state: FloatArray  # (4,)
@@ -49,7 +59,6 @@ class Fit:
     is_los: BoolArray  # (path,)
     cost: float
     covariance: FloatArray  # (4, 4)
-    evidence_gap: float
 
 
 def snapshot_problem(estimate: ChannelEstimate, tx: Pose, noise: PathNoise) -> SnapshotProblem:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
+from typing import Any
+
+import numpy as np
 
 from scenes.record import BoolArray, FloatArray, IntArray, Record, array
 
@@ -17,6 +20,18 @@ class SolveStatus(IntEnum):
     GIVEN = 3  # the pose was given, as in mapping
 
 
+def _optional(*axes: str, **about: Any) -> Any:
+    """An array field that may be left out."""
+    return field(default=None, metadata=array(*axes, **about).metadata)
+
+
+def _fill(record: Record, **values: FloatArray) -> None:
+    """Give fields that were left out their values."""
+    for name, value in values.items():
+        if getattr(record, name) is None:
+            object.__setattr__(record, name, value)
+
+
 @dataclass(frozen=True)
 class IncidencePoints(Record):
     """Incidence points (IPs) of non-LOS paths, over all stops, ordered by stop and path."""
@@ -27,6 +42,15 @@ class IncidencePoints(Record):
     covariance_m2: FloatArray = array("ip", "xy", "xy2", unit="m^2", doc="covariance of the position")
     cost: FloatArray = array("ip", doc="J of equation (4) at the minimum: chi-square, 1 degree of freedom")
     is_inlier: BoolArray = array("ip", dtype=bool, doc="taken as a single bounce; only these are clustered")
+    height_m: FloatArray = _optional("ip", unit="m", doc="estimated height; NaN in the plane")
+    height_covariance_m2: FloatArray = _optional(
+        "ip", "xyz", unit="m^2", doc="covariance of the height with x, y and itself; NaN in the plane"
+    )
+
+    def __post_init__(self) -> None:
+        n = len(self.stop)
+        _fill(self, height_m=np.full(n, np.nan), height_covariance_m2=np.full((n, 3), np.nan))
+        super().__post_init__()
 
     def __len__(self) -> int:
         return self.size("ip")
@@ -43,3 +67,10 @@ class PoseEstimates(Record):
     status: IntArray = array("stop", dtype=int, doc="SolveStatus")
     n_inliers: IntArray = array("stop", dtype=int, doc="paths that agree with the solution, LOS included")
     cost: FloatArray = array("stop", doc="cost of the chosen hypothesis")
+    height_m: FloatArray = _optional("stop", unit="m", doc="receiver height; NaN in the plane")
+    height_std_m: FloatArray = _optional("stop", unit="m", doc="its standard deviation; NaN in the plane")
+
+    def __post_init__(self) -> None:
+        unknown = np.full(len(self.stop), np.nan)
+        _fill(self, height_m=unknown, height_std_m=unknown)
+        super().__post_init__()

@@ -44,7 +44,6 @@ def solve_reference(problem: SnapshotProblem, config: SnapshotConfig, with_los: 
         is_los=is_los,
         cost=float(cost[best]),
         covariance=np.full((4, 4), np.nan),
-        evidence_gap=np.inf,
     )
 
 

@@ -8,7 +8,8 @@ from itertools import pairwise
 import numpy as np
 
 from estimation.slam.config import TrajectoryConfig
-from estimation.slam.residuals import Association, Observations, TrajectoryState, residual_blocks
+from estimation.slam.linearise import linearise
+from estimation.slam.residuals import Association, Observations, TrajectoryState
 from estimation.slam.smoother import normal_equations, optimise, robust_cost
 from scenes.record import FloatArray, IntArray
 
@@ -90,22 +91,24 @@ def score_gains(
     """Fall of the cost (candidate,) predicted by one Gauss-Newton step for a jump before each stop."""
     system = normal_equations(seen, link, now, config)
     n, m = len(now.session), len(candidates)
-    by_jump = np.zeros((n, 4, m))
-    shared_by_jump = np.zeros((now.n_shared, m))
-    own, slope = np.zeros(m), np.zeros(m)
-    for block in residual_blocks(seen, link, now, config):
-        row = seen.row[block.path]
-        freedom = config.degrees_of_freedom
-        square = np.sum(block.value**2, axis=1)
-        weight = (freedom + block.value.shape[1]) / (freedom + square)
-        turn = block.by_shared[:, :, 0] * weight[:, None]
-        after = row[:, None] >= candidates
-        pull = np.einsum("pd,pdi->pi", turn, block.by_state)
-        np.add.at(by_jump, row, pull[:, :, None] * after[:, None, :])
-        shared_pull = np.einsum("pd,pdi->pi", turn, block.by_shared)
-        np.add.at(shared_by_jump, block.shared, shared_pull[:, :, None] * after[:, None, :])
-        own += np.sum(turn * block.by_shared[:, :, 0], axis=1) @ after
-        slope += np.sum(turn * block.value, axis=1) @ after
+    residuals = linearise(seen, link, now, config)
+    turn = residuals.by_shared[:, :, 0] * residuals.weight(config.degrees_of_freedom)[:, None]
+    # What the turn of one stop adds; a jump turns all stops from a candidate on.
+    by_stop = np.zeros((n, 4))
+    np.add.at(by_stop, residuals.row, np.einsum("pd,pdi->pi", turn, residuals.by_state))
+    shared_by_stop = np.zeros((n, now.n_shared))
+    product = np.einsum("pd,pdi->pi", turn, residuals.by_shared)
+    used = residuals.shared >= 0
+    np.add.at(
+        shared_by_stop,
+        (np.broadcast_to(residuals.row[:, None], used.shape)[used], residuals.shared[used]),
+        product[used],
+    )
+    after = (np.arange(n)[:, None] >= candidates).astype(float)
+    by_jump = by_stop[:, :, None] * after[:, None, :]
+    shared_by_jump = shared_by_stop.T @ after
+    own: FloatArray = np.bincount(residuals.row, product[:, 0], n) @ after
+    slope: FloatArray = np.bincount(residuals.row, np.einsum("pd,pd->p", turn, residuals.value), n) @ after
     shared_by_jump[now.anchor] = 0.0
     states, shared = system.solve_for(by_jump.reshape(4 * n, m), shared_by_jump)
     gradient = system.gradient.ravel()

@@ -13,8 +13,8 @@ from estimation.slam.mapping import map_stops
 from estimation.slam.problem import Fit, SnapshotProblem, snapshot_problem
 from estimation.slam.record import IncidencePoints, PoseEstimates, SolveStatus
 from estimation.slam.reference import solve_reference
-from estimation.slam.refine import refine
-from estimation.slam.statistical import distinct, solve_statistical
+from estimation.slam.refine import refine_members
+from estimation.slam.statistical import solve_statistical
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
 from scenes.record import BoolArray, FloatArray, Record, array
 
@@ -57,21 +57,23 @@ class SnapshotSolution(Record):
 def solve_snapshot(estimate: ChannelEstimate, tx_pose: Pose, config: SnapshotConfig) -> SnapshotSolution:
     """Solve one stop: with the earliest path as line of sight if that is credible, else without.
 
-    Kaltiokallio et al., arXiv 2404.10291; section II-C of the GP paper. Where nothing is feasible, or nothing with
-    a credible clock (nearly parallel paths leave clock and distance free together), the status is FAILED and the
-    state NaN.
+    Kaltiokallio et al., arXiv 2404.10291; section II-C of the GP paper. The status is FAILED and the state NaN
+    where nothing is feasible, nothing has a credible clock or, with the statistical method, clutter alone is the
+    better explanation, or the best mode leaves the position free: nearly parallel paths, as along a corridor,
+    leave clock and distance free together.
     """
-    modes = ranked_modes(snapshot_problem(estimate, tx_pose, config.noise), config)
-    fits = [fit for fit in modes if abs(fit.state[3]) <= config.max_clock_bias_m]
-    return _solution(estimate, tx_pose, fits, config) if fits else _failed(estimate)
+    fits = ranked_modes(snapshot_problem(estimate, tx_pose, config.noise), config)
+    if not fits or np.trace(fits[0].covariance[:2, :2]) > config.max_position_std_m**2:
+        return _failed(estimate)
+    return _solution(estimate, tx_pose, fits, config)
 
 
 def ranked_modes(problem: SnapshotProblem, config: SnapshotConfig) -> list[Fit]:
-    """The modes of one stop, best first: several for the statistical method, one for the reference."""
+    """The modes of one stop with a credible clock, best first: one at most for the reference method."""
     if config.method == "statistical":
-        return _by_evidence(problem, config)
+        return solve_statistical(problem, config)
     fit = _line_of_sight_first(problem, config)
-    return [] if fit is None else [fit]
+    return [] if fit is None or abs(fit.state[3]) > config.max_clock_bias_m else [fit]
 
 
 def run_slam(
@@ -122,21 +124,6 @@ def _line_of_sight_first(problem: SnapshotProblem, config: SnapshotConfig) -> Fi
     return fit
 
 
-def _by_evidence(problem: SnapshotProblem, config: SnapshotConfig) -> list[Fit]:
-    """All modes with a credible line of sight and with single bounces alone, by falling evidence."""
-    with_los = solve_statistical(problem, config, True) if len(problem) > 1 else []
-    without = solve_statistical(problem, config, False) if len(problem) >= 4 else []
-    fits = [fit for fit in with_los if _is_credible_los(problem, fit, config)] + without
-    fits.sort(key=lambda fit: fit.cost)
-    # A line of sight explains the same state once more as a bounce: that is no second mode.
-    states = np.array([fit.state for fit in fits]).reshape(-1, 4)
-    kept = distinct(states, -np.array([fit.cost for fit in fits]), config.n_ranked)
-    chosen = [fits[k] for k in kept]
-    if len(chosen) > 1:
-        chosen[0] = replace(chosen[0], evidence_gap=chosen[1].cost - chosen[0].cost)
-    return chosen
-
-
 def _is_credible_los(problem: SnapshotProblem, fit: Fit, config: SnapshotConfig) -> bool:
     distance = float(np.hypot(*(fit.state[:2] - problem.tx.position_m[:2])))
     enough = np.count_nonzero(fit.is_inlier) >= config.min_los_inliers
@@ -144,9 +131,11 @@ def _is_credible_los(problem: SnapshotProblem, fit: Fit, config: SnapshotConfig)
 
 
 def _refined(problem: SnapshotProblem, fit: Fit, config: SnapshotConfig) -> Fit:
-    state = fit.state[None]
-    refined = refine(problem, state, fit.is_los, config.mixture, config.max_iterations, fit.is_inlier)
-    return replace(fit, state=refined.state[0], covariance=refined.covariance[0])
+    """The published solution refined by maximum likelihood on its inliers."""
+    tx = np.array([*problem.tx.position_m[:2], 0.0, 0.0])
+    los = int(np.argmax(fit.is_los[fit.is_inlier])) if fit.is_los.any() else -1
+    state, covariance = refine_members(problem.take(fit.is_inlier), los, fit.state - tx, config)
+    return replace(fit, state=state + tx, covariance=covariance)
 
 
 def _solution(
@@ -159,7 +148,7 @@ def _solution(
     evidence = np.array([-fit.cost for fit in fits])
     mode_is_los = np.array([bool(fit.is_los.any()) for fit in fits])
     share = np.exp(evidence - evidence.max())
-    best = fits[0]
+    best, gap = fits[0], float(evidence[0] - evidence[1]) if len(fits) > 1 else np.inf
     return SnapshotSolution(
         stop=estimate.stop,
         status=SolveStatus.LOS if mode_is_los[0] else SolveStatus.NLOS,
@@ -170,8 +159,8 @@ def _solution(
         is_los=best.is_los,
         cost=best.cost,
         covariance=covariance[0],
-        evidence_gap=best.evidence_gap,
-        is_ambiguous=best.evidence_gap < config.ambiguous_gap,
+        evidence_gap=gap,
+        is_ambiguous=gap < config.ambiguous_gap,
         los_probability=float(share[mode_is_los].sum() / share.sum()),
         position_std_m=_spread(state, covariance, share / share.sum()),
         mode_state=state * to_seconds,

@@ -17,10 +17,11 @@ from estimation.slam.alternation import smooth
 from estimation.slam.config import MappingConfig, SnapshotConfig, TrajectoryConfig
 from estimation.slam.mapping import map_stops
 from estimation.slam.modes import choose_modes
+from estimation.slam.motion import course_of
 from estimation.slam.problem import Fit, SnapshotProblem, snapshot_problem
 from estimation.slam.record import IncidencePoints, PoseEstimates, SolveStatus
 from estimation.slam.residuals import Association, Observations, PathKind, TrajectoryState
-from estimation.slam.smoother import course_of, normal_equations, robust_cost
+from estimation.slam.smoother import robust_cost, solution_covariance
 from estimation.slam.snapshot import ranked_modes
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose, wrap_angle
 from scenes.record import BoolArray, FloatArray, IntArray, Record, array
@@ -75,8 +76,7 @@ def run_trajectory(
     if np.all(chosen < 0):
         return _unsolved(estimates, seen)
     now, link = smooth(seen, is_los, initial_state(modes, chosen), config)
-    system = normal_equations(seen, link, now, config)
-    covariance, shared_covariance = system.covariance()
+    covariance, shared_covariance = solution_covariance(seen, link, now, config)
     poses = _poses(estimates, now, link, seen, chosen, is_los, robust_cost(seen, link, now, config))
     details = _details(now, link, seen, chosen, covariance, shared_covariance, snapshot)
     points = _incidence_points(estimates, poses, details, link, is_los, seen, tx_pose, mapping_config)
@@ -157,13 +157,13 @@ def _details(
     link: Association,
     seen: Observations,
     chosen: IntArray,
-    covariance: FloatArray,
+    state_covariance: FloatArray,
     shared: FloatArray,
     snapshot: SnapshotConfig,
 ) -> TrajectoryDetails:
     to_seconds = np.array([1.0, 1.0, 1.0, 1 / SPEED_OF_LIGHT_M_S])
     from_tx = now.state[:, :2] - seen.tx.position_m[:2]
-    total = (covariance + snapshot.consider.covariance(from_tx)) * np.outer(to_seconds, to_seconds)
+    total = (state_covariance + snapshot.consider.covariance(from_tx)) * np.outer(to_seconds, to_seconds)
     sessions, walls = len(now.offset_rad), len(now.walls)
     offset_std = np.sqrt(np.diag(shared)[:sessions])
     offset_std[now.anchor] = 0.0

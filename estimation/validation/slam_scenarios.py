@@ -26,7 +26,8 @@ class ScenarioConfig:
     """What is drawn. `n_paths` counts all paths of a stop but the line of sight.
 
     `outlier_share` of them are no single bounce, and `double_share` of those go off two walls. The errors
-    are those that remain in the measured campaign once the receiver is known.
+    are those that remain in the measured campaign once the receiver is known. Stops of a walk stand off its line
+    by `placement_std_m` per coordinate, and are spaced unevenly by `spacing_std` of the mean.
     """
 
     n_paths: int = 10
@@ -37,6 +38,8 @@ class ScenarioConfig:
     angle_std_deg: float = 0.6
     n_pillars: int = 10
     is_noisy: bool = True
+    placement_std_m: float = 0.0
+    spacing_std: float = 0.0
 
     @property
     def covariance(self) -> FloatArray:
@@ -53,6 +56,15 @@ class Hall:
     pillar_m: FloatArray  # (pillar, xy)
     radius_m: float
     tx: Pose
+
+
+@dataclass(frozen=True)
+class TrueWalk:
+    """Where a receiver stood in a hall, and from where it saw the TX."""
+
+    hall: Hall
+    state: FloatArray  # (stop, 4)
+    has_los: BoolArray  # (stop,)
 
 
 @dataclass(frozen=True)
@@ -92,24 +104,33 @@ def draw_stop(rng: np.random.Generator, config: ScenarioConfig, stop: int = 0) -
 
 
 def draw_trajectory(rng: np.random.Generator, config: ScenarioConfig, n_stops: int) -> list[Scenario]:
+    """The stops of `draw_walk`, each observed on its own."""
+    walk = draw_walk(rng, config, n_stops)
+    return [
+        observe_stop(
+            rng, config if clear else replace(config, has_los=False), walk.hall, walk.state[stop], stop
+        )
+        for stop, clear in enumerate(walk.has_los)
+    ]
+
+
+def draw_walk(rng: np.random.Generator, config: ScenarioConfig, n_stops: int) -> TrueWalk:
     """A smooth closed walk through one hall, stops about 0.5 m apart, with a clock that walks 1 m per stop.
 
     With `has_los` a stretch of about a third of the stops has no line of sight all the same.
     """
     hall = draw_hall(rng, config)
-    position = _loop(hall, n_stops)
+    uneven = config.spacing_std * rng.standard_normal(n_stops) if config.spacing_std else np.zeros(n_stops)
+    position = _loop(hall, np.arange(n_stops) + uneven)
+    if config.placement_std_m:
+        position = position + config.placement_std_m * rng.standard_normal(position.shape)
     clear = _length(hall.pillar_m[:, None] - position).min(axis=(1, 2)) >= _CLEARANCE_M
     hall = replace(hall, pillar_m=hall.pillar_m[clear])
     bias = 10.0 + np.cumsum(rng.standard_normal(n_stops))
-    heading = rng.uniform(-np.pi, np.pi)
+    heading = np.full(n_stops, rng.uniform(-np.pi, np.pi))
     first_hidden = rng.integers(n_stops)
     hidden = (np.arange(n_stops) - first_hidden) % n_stops < n_stops // 3
-    scenarios = []
-    for stop in range(n_stops):
-        settings = config if config.has_los and not hidden[stop] else replace(config, has_los=False)
-        state = np.array([*position[stop], heading, bias[stop]])
-        scenarios.append(observe_stop(rng, settings, hall, state, stop))
-    return scenarios
+    return TrueWalk(hall, np.column_stack([position, heading, bias]), config.has_los & ~hidden)
 
 
 def observe_stop(
@@ -250,9 +271,9 @@ def _free_place(rng: np.random.Generator, hall: Hall) -> FloatArray:
             return np.asarray(place)
 
 
-def _loop(hall: Hall, n_stops: int) -> FloatArray:
-    """Stops (stop, xy) on an ellipse in the middle of the hall, at most 0.5 m apart."""
+def _loop(hall: Hall, step: FloatArray) -> FloatArray:
+    """Stops (stop, xy) on an ellipse in the middle of the hall at steps (stop,) of at most 0.5 m along it."""
     axes = 0.3 * hall.size_m
-    turn = min(2 * np.pi, 0.5 * n_stops / float(axes.max()))
-    angle = np.linspace(0.0, turn, n_stops, endpoint=False)
+    turn = min(2 * np.pi, 0.5 * len(step) / float(axes.max()))
+    angle = turn / len(step) * step
     return np.asarray(0.45 * hall.size_m + axes * np.stack([np.cos(angle), np.sin(angle)], axis=-1))

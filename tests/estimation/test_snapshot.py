@@ -1,7 +1,5 @@
 """Snapshot SLAM on simulated path parameters: exactness, robustness, consistency, degenerate input."""
 
-from itertools import combinations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -10,11 +8,10 @@ from hypothesis import strategies as st
 from estimation.channel.record import ChannelEstimate
 from estimation.geometry import predict_bounce, predict_los
 from estimation.slam.config import MappingConfig, PathNoise, SnapshotConfig
-from estimation.slam.problem import packed_normal, snapshot_problem, solve_packed, subsets
+from estimation.slam.problem import packed_normal, snapshot_problem, solve_packed
 from estimation.slam.record import SolveStatus
-from estimation.slam.refine import bounce_residual
+from estimation.slam.refine import bounce_terms
 from estimation.slam.snapshot import run_slam, solve_snapshot
-from estimation.slam.statistical import four_path_headings
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose, wrap_angle
 
 TX = Pose(np.array([2.25, 2.5, 1.8]), -1.6)
@@ -120,9 +117,9 @@ def test_each_step_improves_and_covariances_are_consistent():
     median = []
     for config in METHODS:
         errors, nees = monte_carlo(config, 60, **setting)
-        median.append(np.median(np.hypot(errors[:, 0], errors[:, 1])))
+        median.append(np.nanmedian(np.hypot(errors[:, 0], errors[:, 1])))
         if config.refine or config.method == "statistical":
-            assert 2.0 < np.median(nees) < 4.7  # 3.36 for chi-square with 4 degrees of freedom
+            assert 2.0 < np.nanmedian(nees) < 4.7  # 3.36 for chi-square with 4 degrees of freedom
     assert median[0] > 1.1 * median[1] > 1.1 * 1.1 * median[2]
     assert np.hypot(errors[:, 0], errors[:, 1]).max() < 1.0
 
@@ -137,43 +134,25 @@ def test_statistical_method_makes_fewer_gross_errors_without_line_of_sight():
     assert gross[1] < 0.75 * gross[0]
 
 
-@settings(max_examples=40, deadline=None, derandomize=True)
-@given(seed=st.integers(0, 2**32 - 1))
-def test_determinant_of_four_paths_gives_the_true_heading(seed):
-    state, estimate = simulate(np.random.default_rng(seed), bounces=6, los=False)
-    problem = snapshot_problem(estimate, TX, SHARP)
-    sets = subsets(np.arange(6), 4)
-    assert sets.tolist() == [list(s) for s in combinations(range(6), 4)]
-    index, heading = four_path_headings(problem, sets)
-    error = np.abs(wrap_angle(heading - state[2]))
-    nearest = [error[index == i].min() for i in range(len(sets))]
-    assert np.median(nearest) < 1e-6
-    assert np.all(np.bincount(index, minlength=len(sets)) <= 2)
-
-
 def test_jacobian_and_variance_of_the_bounce_residual_match_finite_differences():
-    rng = np.random.default_rng(2)
-    state, estimate = simulate(rng, bounces=6, los=False, noise=1.0)
+    state, estimate = simulate(np.random.default_rng(2), bounces=6, los=False, noise=1.0)
     problem = snapshot_problem(estimate, TX, PathNoise(source="fixed"))
-    state = state[None] + 0.1
-    at = bounce_residual(problem, state)
+    state = state + 0.1
+
+    def value(moved_state, moved):
+        return bounce_terms(TX, moved, problem.covariance, moved_state).value_m
+
+    at = bounce_terms(TX, problem.measured, problem.covariance, state)
     for i in range(4):
         step = 1e-6 * np.eye(4)[i]
-        ahead = bounce_residual(problem, state + step).value_m
-        behind = bounce_residual(problem, state - step).value_m
-        np.testing.assert_allclose(at.jacobian[..., i], (ahead - behind) / 2e-6, atol=1e-6)
-    gradient = np.empty((6, 3))
+        slope = (value(state + step, problem.measured) - value(state - step, problem.measured)) / 2e-6
+        np.testing.assert_allclose(at.jacobian[:, i], slope, atol=1e-6)
     for i in range(3):
-        moved = [
-            type(problem)(
-                TX, problem.measured + s * 1e-6 * np.eye(3)[i], problem.covariance, problem.power_dbm
-            )
-            for s in (1, -1)
-        ]
-        ahead, behind = (bounce_residual(p, state).value_m[0] for p in moved)
-        gradient[:, i] = (ahead - behind) / 2e-6
-    expected = np.einsum("mi,mij,mj->m", gradient, problem.covariance, gradient)
-    np.testing.assert_allclose(at.variance_m2[0], expected, rtol=1e-5)
+        step = 1e-6 * np.eye(3)[i]
+        slope = (value(state, problem.measured + step) - value(state, problem.measured - step)) / 2e-6
+        np.testing.assert_allclose(at.by_measurement[:, i], slope, atol=1e-6)
+    expected = np.einsum("mi,mij,mj->m", at.by_measurement, problem.covariance, at.by_measurement)
+    np.testing.assert_allclose(at.variance_m2, expected, rtol=1e-12)
 
 
 def test_packed_equations_solve_like_least_squares():

@@ -1,7 +1,5 @@
 """Trajectory SLAM on simulated walks past walls and pillars: exactness, robustness, sessions, derivatives."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -15,12 +13,10 @@ from estimation.slam.config import (
 )
 from estimation.slam.filter import run_filter
 from estimation.slam.landmarks import predict_circle, predict_walls
-from estimation.slam.problem import snapshot_problem
 from estimation.slam.record import SolveStatus
-from estimation.slam.residuals import Association, PathKind, TrajectoryState, residual_blocks
+from estimation.slam.residuals import PathKind
 from estimation.slam.sessions import segment_offsets
-from estimation.slam.smoother import course_of
-from estimation.slam.trajectory import observations, run_trajectory
+from estimation.slam.trajectory import run_trajectory
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose, wrap_angle
 
 TX = Pose(np.array([2.25, 2.5, 1.8]), -1.6)
@@ -148,53 +144,6 @@ def test_campaigns_without_a_solved_stop_are_a_status():
     assert len(details.walls) == 0
 
 
-def test_derivatives_of_all_residuals_match_finite_differences():
-    truth, estimates = campaign(np.random.default_rng(8), n=8)
-    problems = [snapshot_problem(e, TX, FIXED) for e in estimates]
-    seen = observations(problems, TX)
-    is_los = np.concatenate([e.is_los for e in estimates])
-    start = TrajectoryState(
-        state=truth + 0.03,
-        offset_rad=np.array([0.0, 0.02]),
-        walls=np.empty((0, 2)),
-        objects=np.empty((0, 3)),
-        session=np.repeat([0, 1], 4),
-        anchor=0,
-        course=course_of(truth),
-    )
-    config = TrajectoryConfig(wall_roughness_m=0.0, object_roughness_m=0.0)
-    kind = np.arange(len(is_los)) % 4 + 2
-    kind[is_los] = PathKind.LOS
-    wall = np.stack([np.arange(len(kind)) % 2, (np.arange(len(kind)) + 1) % 2], axis=1)
-    link = Association(kind, wall)
-    now = replace(start, walls=WALLS[:2, 0], objects=PILLARS[:2])
-    step = 1e-6
-    for block in residual_blocks(seen, link, now, config):
-        if link.kind[block.path[0]] == PathKind.BOUNCE:
-            continue  # its variance moves with the state; the re-weighted problem holds it
-        for axis in range(4):
-            move = step * np.eye(4)[axis]
-            ahead, behind = (
-                _same(seen, link, replace(now, state=now.state + s * move), config, block) for s in (1, -1)
-            )
-            np.testing.assert_allclose(
-                block.by_state[..., axis], (ahead - behind) / (2 * step), rtol=1e-5, atol=1e-4
-            )
-        for column in range(now.n_shared):
-            shared = step * np.eye(now.n_shared)[column]
-            none = np.zeros_like(now.state)
-            ahead, behind = (_same(seen, link, now.moved(none, s * shared), config, block) for s in (1, -1))
-            chosen = block.shared == column
-            expected = np.einsum("pdi,pi->pd", block.by_shared, chosen.astype(float))
-            np.testing.assert_allclose(expected, (ahead - behind) / (2 * step), rtol=1e-5, atol=1e-4)
-
-
-def _same(seen, link, now, config, block):
-    """The value of the same block at other unknowns."""
-    blocks = residual_blocks(seen, link, now, config)
-    return next(b for b in blocks if np.array_equal(b.path, block.path)).value
-
-
 def test_double_bounces_between_known_walls_become_information():
     truth, estimates = campaign(np.random.default_rng(4), clutter=0.0)
     chain = np.concatenate([WALLS[0], WALLS[1]])
@@ -204,8 +153,8 @@ def test_double_bounces_between_known_walls_become_information():
         delay = np.append(estimate.delay_s, path[0] / SPEED_OF_LIGHT_M_S)
         m = len(delay)
         longer.append(
-            replace(
-                estimate,
+            ChannelEstimate(
+                stop=estimate.stop,
                 delay_s=delay,
                 aod_azimuth_rad=np.append(estimate.aod_azimuth_rad, path[1]),
                 aoa_azimuth_rad=np.append(estimate.aoa_azimuth_rad, path[2]),

@@ -1,0 +1,249 @@
+"""`arena validate slam`: stops and walks with elevations, solved in space."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import chi2
+
+from estimation import geometry, geometry_spatial
+from estimation.scoring.statistics import squared_mahalanobis
+from estimation.slam.bounds import StopPaths, stop_bound
+from estimation.slam.config import MappingConfig, Mixture, PathNoise, SnapshotConfig, TrajectoryConfig
+from estimation.slam.record import SolveStatus
+from estimation.slam.spatial import SpatialSolution, solve_spatial
+from estimation.slam.spatial_bounds import SpatialPaths, spatial_bound
+from estimation.slam.spatial_campaign import collect_spatial, run_spatial_trajectory
+from estimation.slam.spatial_mapping import map_stops_spatial
+from estimation.validation.measurement import Measurement
+from estimation.validation.slam_scenarios import ScenarioConfig
+from estimation.validation.spatial_scenarios import (
+    SpatialScenario,
+    covariance_of,
+    draw_spatial_stop,
+    draw_spatial_walk,
+)
+from scenes.pose import SPEED_OF_LIGHT_M_S, Pose, wrap_angle
+from scenes.record import FloatArray
+
+NOISE = PathNoise(floor_delay_std_ns=0.0, floor_angle_std_deg=0.0)  # what is drawn, and nothing else
+OURS = SnapshotConfig(method="statistical", noise=NOISE)
+# Gaussian errors and no clutter: a heavy-tailed model gives some efficiency away.
+MATCHED = OURS.model_copy(
+    update={"mixture": Mixture(clutter_share=0.005, double_share=0.005, degrees_of_freedom=1000)}
+)
+MAPPING = MappingConfig(noise=NOISE)
+CLEAN = ScenarioConfig()
+GAUSSIAN = ScenarioConfig(delay_std_ns=0.3, angle_std_deg=0.3)
+MAX_PEB_M = 0.5  # beyond it the geometry, not the solver, decides
+_TO_METRES = np.array([1.0, 1.0, 1.0, 1.0, SPEED_OF_LIGHT_M_S])
+
+
+@dataclass(frozen=True)
+class SpatialTrial:
+    """One solved stop: its error (5,) and covariance in (m, m, m, rad, m)."""
+
+    scenario: SpatialScenario
+    solution: SpatialSolution
+    error: FloatArray
+    covariance: FloatArray
+    peb_m: float
+
+
+def solve_trial(scenario: SpatialScenario, config: SnapshotConfig) -> SpatialTrial:
+    """Solve a made-up stop; the bound is that of its true single bounces and line of sight."""
+    solution = solve_spatial(scenario.estimate, scenario.tx, config)
+    state = np.array([*solution.position_m, solution.heading_rad, SPEED_OF_LIGHT_M_S * solution.clock_bias_s])
+    error = state - scenario.state
+    error[3] = wrap_angle(error[3])
+    covariance = scenario.estimate.covariance * np.outer(
+        *2 * [np.array([SPEED_OF_LIGHT_M_S, 1.0, 1.0, 1.0, 1.0])]
+    )
+    los = covariance[scenario.is_los]
+    paths = SpatialPaths(
+        scenario.point_m[scenario.is_single], covariance[scenario.is_single], los[0] if len(los) else None
+    )
+    bound, _ = spatial_bound(scenario.tx, scenario.state, paths)
+    return SpatialTrial(
+        scenario, solution, error, solution.covariance * np.outer(_TO_METRES, _TO_METRES), bound.position_m
+    )
+
+
+def check_space_noiseless(seed: int, quick: bool) -> list[Measurement]:
+    """Stops without errors and without outliers, with and without line of sight."""
+    rng = np.random.default_rng(seed + 20)
+    exact = replace(CLEAN, is_noisy=False)
+    rows = []
+    for name, has_los in (("los", True), ("nlos", False)):
+        trials = [
+            solve_trial(draw_spatial_stop(rng, replace(exact, has_los=has_los)), OURS)
+            for _ in range(5 if quick else 30)
+        ]
+        worst = max(float(np.max(np.nan_to_num(np.abs(trial.error), nan=np.inf))) for trial in trials)
+        rows.append(
+            Measurement(f"space.noiseless.{name}.state_error_m", worst, "m", "lower", 1e-6, "m, m, m, rad, m")
+        )
+    return rows
+
+
+def check_space_efficiency(seed: int, quick: bool) -> list[Measurement]:
+    """RMSE over the bound, and consistency of the covariances, with Gaussian errors and no outliers."""
+    rng = np.random.default_rng(seed + 21)
+    rows: list[Measurement] = []
+    every: list[SpatialTrial] = []
+    for name, has_los in (("los", True), ("nlos", False)):
+        settings = replace(GAUSSIAN, has_los=has_los)
+        trials = [solve_trial(draw_spatial_stop(rng, settings), MATCHED) for _ in range(40 if quick else 500)]
+        trials = [trial for trial in trials if trial.peb_m <= MAX_PEB_M]
+        square = [np.nan_to_num(np.sum(trial.error[:3] ** 2), nan=np.inf) for trial in trials]
+        ratio = float(np.sqrt(np.mean(square) / np.mean([trial.peb_m**2 for trial in trials])))
+        bar = 1.3 if quick else 1.1  # a mean of 40 squares of 3 components scatters by 15 %
+        rows.append(
+            Measurement(f"space.{name}.rmse_over_peb", ratio, "1", "lower", bar, "efficient estimator")
+        )
+        every += trials
+    return rows + _consistency(every, quick)
+
+
+def check_space_trajectory(seed: int, quick: bool) -> list[Measurement]:
+    """Walks with elevations and 30 % outliers, solved all stops together."""
+    worst, height = [], []
+    for run in range(1 if quick else 8):
+        rng = np.random.default_rng([seed, run, 22])
+        walk = draw_spatial_walk(rng, ScenarioConfig(n_paths=10, outlier_share=0.3), 15 if quick else 30)
+        estimates = [scenario.estimate for scenario in walk]
+        poses, _, _ = run_spatial_trajectory(estimates, walk[0].tx, OURS, TrajectoryConfig(), MAPPING)
+        truth = np.array([scenario.state[:3] for scenario in walk])
+        plan = np.nan_to_num(np.hypot(*(poses.position_m - truth[:, :2]).T), nan=np.inf)
+        worst.append(float(np.sqrt(np.mean(plan**2))))
+        height.append(float(np.sqrt(np.mean(np.nan_to_num(poses.height_m - truth[:, 2], nan=np.inf) ** 2))))
+    return [
+        Measurement(
+            "space.trajectory.outliers30.worst_rmse_m", max(worst), "m", "lower", 0.5, "as in the plane"
+        ),
+        Measurement(
+            "space.trajectory.outliers30.worst_height_rmse_m", max(height), "m", "lower", 0.5, "worst run"
+        ),
+    ]
+
+
+def check_space_plane(seed: int, quick: bool) -> list[Measurement]:
+    """Everything in one horizontal plane: prediction, equation and bound are those of the plane."""
+    rng = np.random.default_rng(seed + 23)
+    predicted, equation, peb = [], [], []
+    for _ in range(20):
+        tx = Pose(np.array([*rng.uniform(-2, 2, 2), 1.8]), rng.uniform(-3, 3))
+        state = np.array([*rng.uniform(-6, 6, 2), 1.8, rng.uniform(-3, 3), rng.uniform(-5, 15)])
+        point = np.column_stack([rng.uniform(-9, 9, (6, 2)), np.full(6, 1.8)])
+        flat = state[[0, 1, 3, 4]]
+        measured = geometry_spatial.predict_bounce(tx, state, point)
+        in_plane = geometry.predict_bounce(tx, flat, point[:, :2])
+        predicted.append(np.abs(measured[:, :3] - in_plane).max())
+        shifted = measured + rng.normal(size=measured.shape) * [0.3, 0.05, 0.05, 0.0, 0.0]
+        two = geometry_spatial.bounce_equations(tx, state, shifted).value_m
+        one = geometry.bounce_equation(tx, flat[2], shifted[:, :3]).residual_m(flat[[0, 1, 3]])
+        equation.append(np.abs(np.abs(two) - np.column_stack([np.abs(one), np.zeros(6)])).max())
+        covariance = np.tile(covariance_of(CLEAN), (6, 1, 1))
+        space, _ = spatial_bound(tx, state, SpatialPaths(point, covariance, covariance[0]))
+        plane, _ = stop_bound(
+            tx,
+            flat,
+            StopPaths(point[:, :2], covariance[:, :3, :3], np.full(6, -1), covariance[0, :3, :3]),
+        )
+        peb.append(abs(space.plan_m / float(plane.position_m) - 1))
+    return [
+        Measurement("space.plane.prediction_deviation", max(predicted), "m, rad", "lower", 1e-12, "same law"),
+        Measurement("space.plane.equation_deviation_m", max(equation), "m", "lower", 1e-12, "same equation"),
+        Measurement("space.plane.peb_deviation", max(peb), "1", "lower", 1e-6, "same bound"),
+    ]
+
+
+def check_space_jacobians(seed: int, quick: bool) -> list[Measurement]:
+    """Every derivative in space against central differences, away from any solution."""
+    rng = np.random.default_rng(seed + 24)
+    scenario = draw_spatial_stop(rng, CLEAN)
+    tx, x, point = scenario.tx, scenario.state, scenario.point_m[scenario.is_single]
+    measured = geometry_spatial.predict_bounce(tx, x, point) + rng.normal(size=(len(point), 5)) * 0.05
+    at = geometry_spatial.bounce_equations(tx, x, measured)
+    one = geometry_spatial.bounce_equations(tx, x, measured[0])
+    cases: dict[str, tuple[Callable[[FloatArray], FloatArray], FloatArray, FloatArray]] = {
+        "bounce_state": (
+            lambda s: geometry_spatial.predict_bounce(tx, s, point), x,
+            geometry_spatial.bounce_jacobian_rx(tx, x, point),
+        ),
+        "bounce_point": (
+            lambda q: geometry_spatial.predict_bounce(tx, x, q), point[0],
+            geometry_spatial.bounce_jacobian_point(tx, x, point[0]),
+        ),
+        "los_state": (
+            lambda s: geometry_spatial.predict_los(tx, s), x, geometry_spatial.los_jacobian_rx(tx, x)
+        ),
+        "equations_state": (
+            lambda s: geometry_spatial.bounce_equations(tx, s, measured).value_m, x, at.by_state
+        ),
+        "equations_measurement": (
+            lambda y: geometry_spatial.bounce_equations(tx, x, y).value_m, measured[0], one.by_measurement
+        ),
+    }  # fmt: skip
+    return [
+        Measurement(
+            f"space.jacobian.{name}", _derivative_error(*case), "1", "lower", 1e-6, "central differences"
+        )
+        for name, case in cases.items()
+    ]
+
+
+def _derivative_error(
+    model: Callable[[FloatArray], FloatArray], at: FloatArray, derivative: FloatArray, step: float = 1e-5
+) -> float:
+    columns = []
+    for change in step * np.eye(len(at)):
+        ahead, behind = model(at + change), model(at - change)
+        is_measurement = ahead.shape[-1] == geometry_spatial.N_MEASURED
+        difference = geometry_spatial.residual(ahead, behind) if is_measurement else ahead - behind
+        columns.append(difference / (2 * step))
+    return float(np.abs(np.stack(columns, axis=-1) - derivative).max())
+
+
+def _consistency(trials: list[SpatialTrial], quick: bool) -> list[Measurement]:
+    """NEES and coverage of the states, and NEES of the incidence points of true single bounces."""
+    solved = [trial for trial in trials if trial.solution.status != SolveStatus.FAILED]
+    nees = squared_mahalanobis(
+        np.array([trial.error for trial in solved]), np.array([trial.covariance for trial in solved])
+    )
+    points = np.concatenate([_point_nees(trial) for trial in solved])
+    state, point = float(np.mean(nees)) / 5, float(np.mean(points)) / 3
+    cover = float(np.mean(nees <= chi2.ppf(0.95, 5)))
+    rows = [
+        ("nees_pose_deviation", abs(state - 1), 0.05, 0.25, f"NEES {state:.3f}"),
+        ("nees_ip_deviation", abs(point - 1), 0.05, 0.25, f"NEES {point:.3f}"),
+        ("coverage95_deviation", abs(cover - 0.95), 0.01, 0.08, f"{cover:.3f}"),
+    ]
+    return [
+        Measurement(f"space.{key}", value, "1", "lower", loose if quick else bar, reason)
+        for key, value, bar, loose, reason in rows
+    ]
+
+
+def _point_nees(trial: SpatialTrial) -> FloatArray:
+    """Squared Mahalanobis error (ip,) in space of the IPs taken for single bounces that are."""
+    solution, scenario = trial.solution, trial.scenario
+    points = map_stops_spatial(
+        [scenario.estimate],
+        collect_spatial([solution]),
+        scenario.tx,
+        MAPPING,
+        is_los=[solution.is_los],
+        is_inlier=[solution.is_inlier],
+        state_covariance=[solution.covariance],
+    )
+    right = points.is_inlier & scenario.is_single[points.path]
+    error = (
+        np.column_stack([points.position_m, points.height_m])[right] - scenario.point_m[points.path[right]]
+    )
+    covariance = np.zeros((len(points), 3, 3))
+    covariance[:, :2, :2] = points.covariance_m2
+    covariance[:, 2], covariance[:, :, 2] = points.height_covariance_m2, points.height_covariance_m2
+    return squared_mahalanobis(error, covariance[right])
