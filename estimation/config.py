@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from estimation.channel.power import PowerMethodConfig
+from estimation.channel.estimate import ChannelConfig
 from estimation.shape.config import ShapeConfig
 from estimation.slam.config import MappingConfig, SnapshotConfig, TrajectoryConfig
 from sim.config import SimulationConfig
@@ -15,7 +15,7 @@ class CampaignConfig(SimulationConfig):
     """The campaign file: simulation settings at the top, one table per estimation stage."""
 
     name: str = Field(min_length=1, description="name of the campaign")
-    channel: PowerMethodConfig = PowerMethodConfig()
+    channel: ChannelConfig = ChannelConfig()
     mapping: MappingConfig = MappingConfig()
     slam: SnapshotConfig = SnapshotConfig()
     trajectory: TrajectoryConfig | None = Field(None, description="smooth all stops together; off without it")

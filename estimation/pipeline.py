@@ -7,10 +7,11 @@ from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
+from estimation.channel.calibration import Calibration
 from estimation.channel.delay import hann_window
 from estimation.channel.detect import noise_threshold
-from estimation.channel.power import estimate_power
-from estimation.channel.record import ChannelEstimate, check_estimate
+from estimation.channel.estimate import ChannelEstimator, checked_estimate, estimate_channel
+from estimation.channel.record import ChannelEstimate
 from estimation.config import CampaignConfig
 from estimation.measured import MeasuredTruth
 from estimation.results import MapResult
@@ -20,19 +21,22 @@ from estimation.slam.checks import check_estimates
 from estimation.slam.mapping import map_stops
 from estimation.slam.record import PoseEstimates, SolveStatus
 from estimation.slam.snapshot import run_slam
+from estimation.slam.spatial_campaign import is_spatial, run_spatial_slam, run_spatial_trajectory
+from estimation.slam.spatial_mapping import map_stops_spatial
 from estimation.slam.trajectory import run_trajectory
 from scenes.pose import Pose
 from sim.link import Link
 from sim.sweep import BeamSweep
 from sim.truth import Truth
 
-ChannelEstimator = Callable[[BeamSweep], ChannelEstimate]
 
+def channel_estimator(
+    config: CampaignConfig, name: str | None = None, calibration: Calibration | None = None
+) -> ChannelEstimator:
+    """The channel estimator to run: the method of the settings, or a user's `package.module:function`.
 
-def channel_estimator(config: CampaignConfig, name: str | None = None) -> ChannelEstimator:
-    """The channel estimator to run: the power-only method, or a user's `package.module:function`.
-
-    The function takes a `BeamSweep` and returns a `ChannelEstimate`.
+    The function takes a `BeamSweep` and returns a `ChannelEstimate`. A calibration replaces the nominal codebooks
+    for the methods of the settings; a user's function gets the sweep as it is.
 
     Raises
     ------
@@ -41,7 +45,9 @@ def channel_estimator(config: CampaignConfig, name: str | None = None) -> Channe
         function returns something else than the `ChannelEstimate` of the same stop.
     """
     if name is None:
-        return lambda sweep: estimate_power(sweep, config.channel)
+        return lambda sweep: estimate_channel(
+            sweep if calibration is None else calibration.applied(sweep), config=config.channel
+        )
     function = _imported(name)
 
     def checked(sweep: BeamSweep) -> ChannelEstimate:
@@ -50,32 +56,25 @@ def channel_estimator(config: CampaignConfig, name: str | None = None) -> Channe
         except Exception as error:
             reason = f"{type(error).__name__}: {error}"
             raise ValueError(f"estimator = '{name}' at stop {sweep.stop}: {reason}") from error
-        if not isinstance(estimate, ChannelEstimate):
-            returned = type(estimate).__name__
-            raise ValueError(f"estimator = '{name}': returned {returned}, a ChannelEstimate is needed")
-        if estimate.stop != sweep.stop:
-            raise ValueError(
-                f"estimator = '{name}': returned stop {estimate.stop}, the sweep is of stop {sweep.stop}"
-            )
-        period_s = 1 / float(np.diff(sweep.frequency_offset_hz[:2])[0])
-        check_estimate(estimate, period_s)
-        return estimate
+        return checked_estimate(estimate, sweep, name)
 
     return checked
 
 
 def known_receiver(truths: Iterable[Truth | MeasuredTruth]) -> PoseEstimates:
     """The true receiver states as given poses: what mapping, and only mapping, is told."""
-    states = [(t.stop, *t.rx_pose.position_m[:2], t.rx_pose.heading_rad, t.clock_bias_s) for t in truths]
-    table = np.array(states, float).reshape(-1, 5)
+    states = [(t.stop, *t.rx_pose.position_m, t.rx_pose.heading_rad, t.clock_bias_s) for t in truths]
+    table = np.array(states, float).reshape(-1, 6)
     return PoseEstimates(
         stop=table[:, 0].astype(int),
         position_m=table[:, 1:3],
-        heading_rad=table[:, 3],
-        clock_bias_s=table[:, 4],
+        heading_rad=table[:, 4],
+        clock_bias_s=table[:, 5],
         status=np.full(len(table), SolveStatus.GIVEN),
         n_inliers=np.zeros(len(table), int),
         cost=np.zeros(len(table)),
+        height_m=table[:, 3],
+        height_std_m=np.zeros(len(table)),
     )
 
 
@@ -84,20 +83,25 @@ def map_known(
 ) -> MapResult:
     """Mapping: incidence points from known receiver states, then shapes."""
     check_estimates(channel, tx_pose)
-    ips = map_stops(channel, receiver, tx_pose, config.mapping)
+    spatial = is_spatial(channel, use_elevation=config.mapping.use_elevation)
+    ips = (map_stops_spatial if spatial else map_stops)(channel, receiver, tx_pose, config.mapping)
     return MapResult(receiver, ips, estimate_shapes(ips, config.shapes))
 
 
 def map_unknown(config: CampaignConfig, channel: Sequence[ChannelEstimate], tx_pose: Pose) -> MapResult:
     """SLAM: receiver states and incidence points together, then shapes.
 
-    Every stop on its own, or all stops together where the campaign has a `trajectory` table.
+    Every stop on its own, or all stops together where the campaign has a `trajectory` table; with heights where
+    elevations were estimated.
     """
     check_estimates(channel, tx_pose)
+    spatial = is_spatial(channel, use_elevation=config.slam.use_elevation)
     if config.trajectory is None:
-        poses, ips = run_slam(channel, tx_pose, config.slam, config.mapping)
+        solve = run_spatial_slam if spatial else run_slam
+        poses, ips = solve(channel, tx_pose, config.slam, config.mapping)
     else:
-        poses, ips, _ = run_trajectory(channel, tx_pose, config.slam, config.trajectory, config.mapping)
+        smooth = run_spatial_trajectory if spatial else run_trajectory
+        poses, ips, _ = smooth(channel, tx_pose, config.slam, config.trajectory, config.mapping)
     return MapResult(poses, ips, estimate_shapes(ips, config.shapes))
 
 
@@ -105,11 +109,11 @@ def significance(config: CampaignConfig, link: Link) -> Significance:
     """Which true paths the power-only method has a fair chance to detect: its dynamic range and its threshold."""
     n_tx, n_subcarriers = link.prs_symbol.shape
     threshold = noise_threshold(
-        n_tx * len(link.rx_codebook) * n_subcarriers, config.channel.false_alarm_probability
+        n_tx * len(link.rx_codebook) * n_subcarriers, config.channel.power.false_alarm_probability
     )
     noise_mw = link.noise_power_mw.max() * (hann_window(n_subcarriers) ** 2).sum() / n_subcarriers**2
     return Significance(
-        dynamic_range_db=config.channel.dynamic_range_db,
+        dynamic_range_db=config.channel.power.dynamic_range_db,
         noise_threshold_dbm=float(10 * np.log10(threshold * noise_mw)),
     )
 

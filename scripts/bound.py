@@ -1,4 +1,4 @@
-"""`arena bound`: how well a receiver could be located, over the plan of a scene."""
+"""`arena bound`: how well paths and receiver could be known, over the plan of a scene."""
 
 from __future__ import annotations
 
@@ -13,20 +13,33 @@ def bound(
     out: Annotated[Path, typer.Option(help="PNG file to write.")],
     step_m: Annotated[float, typer.Option("--step", min=0.05, max=5.0, help="Grid step in m.")] = 0.5,
 ) -> None:
-    """Draw the position error bound over the plan, and print the bounds along the walk."""
+    """Draw the bounds of position and channel over the plan, and print those along the walk.
+
+    The channel's figure, of delay and angles of the strongest path, is written beside: NAME_channel.png.
+    """
     from estimation.report.bound_figure import bound_figure  # noqa: PLC0415
+    from estimation.report.channel_bound_figure import channel_bound_figure  # noqa: PLC0415
     from estimation.report.style import png_bytes  # noqa: PLC0415
-    from scripts import bound_map  # noqa: PLC0415
+    from scripts import bound_map, channel_bound  # noqa: PLC0415
     from scripts.stages import console  # noqa: PLC0415
     from sim.store import complete_file  # noqa: PLC0415
 
     if out.suffix != ".png":
         raise ValueError(f"--out = {out}: must end in .png")
     prepared = bound_map.prepare(campaign)
+    model = channel_bound.channel_model(prepared)
     with console.status("paths and bounds"):
-        figure = bound_figure(prepared.scene, bound_map.over_plan(prepared, step_m))
-        table = bound_map.along_walk(prepared)
-    with complete_file(out) as partial:
-        partial.write_bytes(png_bytes(figure))
-    console.print(table)
-    console.print(f"figure: {out}")
+        grid = bound_map.plan_grid(prepared, step_m)
+        figures = {
+            out: bound_figure(prepared.scene, bound_map.over_plan(prepared, grid)),
+            out.with_stem(f"{out.stem}_channel"): channel_bound_figure(
+                prepared.scene, channel_bound.over_plan(model, grid)
+            ),
+        }
+        tables = [channel_bound.along_walk(model), bound_map.along_walk(prepared)]
+    for file, figure in figures.items():
+        with complete_file(file) as partial:
+            partial.write_bytes(png_bytes(figure))
+    for table in tables:
+        console.print(table)
+    console.print("figures: " + ", ".join(map(str, figures)))

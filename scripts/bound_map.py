@@ -12,11 +12,10 @@ from estimation.report.bound_figure import BoundMap
 from estimation.scoring.provenance import path_origin
 from estimation.scoring.record import PathKind
 from estimation.slam.bounds import StopPaths, state_bound, stop_bound, trajectory_covariance, wall_line
-from scenes.config import load_scene
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
-from scenes.record import FloatArray
+from scenes.record import BoolArray, FloatArray
 from scenes.scene import Scene
-from scripts.campaign_file import load_campaign
+from scripts.campaign_file import campaign_scene, load_campaign
 from sim.exact import ExactSolver
 from sim.paths import Paths
 
@@ -41,7 +40,7 @@ def prepare(campaign: str) -> Prepared:
     """Scene and settings of a campaign; every path gets the fixed covariance of the campaign's SLAM settings."""
     config, scene_file = load_campaign(campaign)
     carrier_hz = config.waveform.carrier_ghz * 1e9
-    scene = load_scene(scene_file, carrier_hz)
+    scene = campaign_scene(config, scene_file)
     noise = config.slam.noise
     angle = np.deg2rad(noise.angle_std_deg)
     std = np.array([SPEED_OF_LIGHT_M_S * 1e-9 * noise.delay_std_ns, angle, angle])
@@ -49,8 +48,19 @@ def prepare(campaign: str) -> Prepared:
     return Prepared(config, scene, ExactSolver(scene, carrier_hz, single), np.diag(std**2))
 
 
-def over_plan(prepared: Prepared, step_m: float) -> BoundMap:
-    """PEB of a snapshot at every place of a grid round the TX and the walk."""
+@dataclass(frozen=True)
+class PlanGrid:
+    """Places of a receiver over the plan, with the paths to those that are free."""
+
+    x_m: FloatArray  # (x,)
+    y_m: FloatArray  # (y,)
+    is_free: BoolArray  # (y, x)
+    position_m: FloatArray  # (place, xyz)
+    paths: list[Paths]  # (place,)
+
+
+def plan_grid(prepared: Prepared, step_m: float) -> PlanGrid:
+    """A grid round the TX and the walk, at the height of the walk."""
     scene = prepared.scene
     known = np.vstack([scene.walk.positions_m()[:, :2], scene.tx.position_m[:2]])
     low, high = known.min(axis=0) - MARGIN_M, known.max(axis=0) + MARGIN_M
@@ -59,14 +69,17 @@ def over_plan(prepared: Prepared, step_m: float) -> BoundMap:
     places = np.stack([*np.meshgrid(x, y), height], axis=-1)
     to_tx = np.linalg.norm(places - scene.tx.position_m, axis=-1)
     is_free = (scene.occupied(places) < 0) & (to_tx >= MIN_TX_DISTANCE_M)
-    peb, has_los = np.full(is_free.shape, np.nan), np.zeros(is_free.shape, bool)
-    for at, position, paths in zip(
-        np.argwhere(is_free), places[is_free], prepared.solver.paths(places[is_free]), strict=True
-    ):
+    return PlanGrid(x, y, is_free, places[is_free], prepared.solver.paths(places[is_free]))
+
+
+def over_plan(prepared: Prepared, grid: PlanGrid) -> BoundMap:
+    """PEB of a snapshot at every place of a grid."""
+    peb, has_los = np.full(grid.is_free.shape, np.nan), np.zeros(grid.is_free.shape, bool)
+    for at, position, paths in zip(np.argwhere(grid.is_free), grid.position_m, grid.paths, strict=True):
         stop = stop_paths(prepared, paths)
-        limits, _ = stop_bound(scene.tx, np.array([*position[:2], 0.0, 0.0]), stop)
+        limits, _ = stop_bound(prepared.scene.tx, np.array([*position[:2], 0.0, 0.0]), stop)
         peb[tuple(at)], has_los[tuple(at)] = limits.position_m, stop.los_covariance is not None
-    return BoundMap(x, y, peb, has_los)
+    return BoundMap(grid.x_m, grid.y_m, peb, has_los)
 
 
 def along_walk(prepared: Prepared) -> Table:
@@ -99,7 +112,7 @@ def stop_paths(prepared: Prepared, paths: Paths) -> StopPaths:
     origin = path_origin(paths)
     seen = np.zeros(0, bool)
     if len(paths):
-        seen = paths.power >= paths.power.max() * 10 ** (-prepared.config.channel.dynamic_range_db / 10)
+        seen = paths.power >= paths.power.max() * 10 ** (-prepared.config.channel.power.dynamic_range_db / 10)
     single = seen & (origin.kind == PathKind.SINGLE_BOUNCE) & ~np.isin(origin.object, HORIZONTAL)
     has_los = bool(np.any(seen & (origin.kind == PathKind.LOS)))
     covariance = np.tile(prepared.covariance, (int(single.sum()), 1, 1))

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import importlib
+import inspect
 import json
 import time
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -18,18 +20,36 @@ if TYPE_CHECKING:
 
 MODULES: Mapping[str, tuple[str, ...]] = {
     "signal": ("signal_waveform", "signal_generation"),
-    "propagation": ("propagation_closed_form", "propagation_specular", "propagation_diffraction"),
-    "slam": ("slam_measured", "slam"),
+    "propagation": (
+        "propagation_closed_form",
+        "propagation_specular",
+        "propagation_diffraction",
+        "propagation_mesh",
+    ),
+    "slam": ("slam_measured", "slam", "slam_trajectory", "slam_spatial"),
+    "scoring": ("scoring",),
+    "channel": ("channel", "channel_noise", "channel_hardware", "channel_arena"),
+    "shape": ("shape_gp", "shape_points", "shape_law", "shape_reflection", "shape_measured"),
 }
 BENCHES: Mapping[str, tuple[str, ...]] = {
     "raytrace": ("bench_raytrace",),
-    "signal": ("bench_signal",),
+    "signal": ("bench_signal", "bench_sionna"),
     "slam": ("bench_slam",),
+    "channel": ("bench_channel",),
+    "shape": ("bench_shape", "bench_shape_reflection"),
 }
 
 Json = Annotated[Path | None, typer.Option("--json", help="Write the rows to this JSON file as well.")]
 Quick = Annotated[bool, typer.Option("--quick", help="A subset that takes seconds.")]
 Seed = Annotated[int, typer.Option(min=0, help="Seed of the random cases.")]
+Trials = Annotated[
+    int | None,
+    typer.Option(min=1, help="Scenes of the longest Monte Carlo run; the others take their share of it."),
+]
+Estimator = Annotated[
+    str | None,
+    typer.Option(help="Check your own estimator in place of ours: package.module:function."),
+]
 
 
 def validate(
@@ -37,9 +57,14 @@ def validate(
     quick: Quick = False,
     seed: Seed = 1,
     json_file: Json = None,
+    trials: Trials = None,
+    estimator: Estimator = None,
 ) -> None:
     """Measure a stage against closed forms, exact solutions and brute force; exit 1 where a bar is missed."""
-    _measure(name, MODULES, "check_", quick, seed, json_file)
+    options = {
+        key: value for key, value in (("trials", trials), ("estimator", estimator)) if value is not None
+    }
+    _measure(name, MODULES, "check_", quick, seed, json_file, options)
 
 
 def bench(
@@ -59,6 +84,7 @@ def _measure(
     quick: bool,
     seed: int,
     json_file: Path | None,
+    options: Mapping[str, object] = MappingProxyType({}),
 ) -> None:
     from rich.console import Console  # noqa: PLC0415
     from rich.table import Table  # noqa: PLC0415
@@ -74,10 +100,15 @@ def _measure(
         table.columns[column].justify = "right"
     table.columns[0].no_wrap = True
     rows: list[Measurement] = []
-    for title, check in _checks(modules[name], prefix):
+    checks = list(_checks(modules[name], prefix))
+    for option in options:
+        if not any(option in inspect.signature(check).parameters for _, check in checks):
+            raise ValueError(f"--{option}: the checks of '{name}' have none; leave it out")
+    for title, check in checks:
         started = time.perf_counter()
+        accepted = {key: options[key] for key in options if key in inspect.signature(check).parameters}
         with console.status(title):
-            measured = check(seed, quick)
+            measured = check(seed, quick, **accepted)
         _add_section(table, f"{title}, {time.perf_counter() - started:.1f} s", measured)
         rows += measured
     console.print(table)
@@ -89,9 +120,7 @@ def _measure(
         raise typer.Exit(1)
 
 
-def _checks(
-    modules: tuple[str, ...], prefix: str
-) -> Iterator[tuple[str, Callable[[int, bool], list[Measurement]]]]:
+def _checks(modules: tuple[str, ...], prefix: str) -> Iterator[tuple[str, Callable[..., list[Measurement]]]]:
     """The check functions of validation modules in the order they are written, with the title of each."""
     for module_name in modules:
         module = importlib.import_module(f"estimation.validation.{module_name}")
@@ -105,5 +134,5 @@ def _add_section(table: Table, title: str, rows: list[Measurement]) -> None:
     for row in rows:
         sign = "<=" if row.direction == "lower" else ">="
         met = "[green]yes[/]" if row.met else "[bold red]no[/]"
-        table.add_row(row.key, f"{row.value:.4g}", f"{sign} {row.bar:g}", row.unit, met)
+        table.add_row(row.key, f"{row.value:.4g}", f"{sign} {row.bar:.4g}", row.unit, met)
     table.add_section()

@@ -18,7 +18,7 @@ MAX_FUNCTION_LINES = 70
 ENDING_CALLS = {"print", "exit", "quit", "sys.exit", "os._exit", "os.abort"}
 OUTPUT_STREAMS = {"sys.stdout", "sys.stderr"}
 FILE_CALLS = {"open", "read_text", "read_bytes", "write_text", "write_bytes"}
-FILE_MODULES = {"store", "config", "toml_config", "mesh"}
+FILE_MODULES = {"store", "config", "toml_config", "mesh", "fingerprint"}
 
 # One line appended to one file, and the contract that has to notice it.
 VIOLATIONS = [

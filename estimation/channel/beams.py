@@ -32,7 +32,7 @@ class BeamAxis:
     """The beams of one device in order of azimuth, with their nominal amplitude patterns on a fine grid.
 
     The axis is closed (the last beam is a neighbour of the first) where the gap across is no wider than twice the
-    widest between beams.
+    widest between beams. `peak_gain_db` is the highest gain of any beam in the horizontal plane.
     """
 
     def __init__(self, codebook: Codebook) -> None:
@@ -44,6 +44,7 @@ class BeamAxis:
         self.is_closed = bool(len(azimuth) > 2 and gap <= 2 * np.diff(azimuth).max())
         self._grid_rad = np.arange(-np.pi, np.pi, GRID_STEP_RAD)
         self._amplitude = np.abs(beam_response(codebook, self._grid_rad))
+        self.peak_gain_db = float(20 * np.log10(self._amplitude.max()))
 
     def neighbour(self, beam: IntArray, step: int) -> IntArray:
         """Index of the beam `step` places further in azimuth; at the end of an open axis the beam itself."""
@@ -69,7 +70,7 @@ class BeamAxis:
     def loss_db(self, azimuth_rad: float) -> float:
         """Gain of the best beam towards a direction below the highest gain of any beam anywhere, nominal."""
         best = np.abs(beam_response(self._codebook, azimuth_rad)).max()
-        return float(20 * np.log10(self._amplitude.max() / best))
+        return float(self.peak_gain_db - 20 * np.log10(best))
 
     def match(self, beams: IntArray, amplitude: FloatArray) -> AngleFit:
         """Angle whose nominal pattern is nearest to the measured `amplitude` of `beams`, its scale free.
@@ -78,7 +79,8 @@ class BeamAxis:
         """
         strongest = self._codebook.azimuth_rad[beams[np.argmax(amplitude)]]
         pointing = wrap_angle(self._codebook.azimuth_rad[beams] - strongest)
-        margin = np.diff(np.sort(pointing)).max() if len(beams) > 1 else np.pi / 8
+        # Beams that are all the same have no spacing.
+        margin = np.diff(np.sort(pointing)).max(initial=0.0) or np.pi / 8
         low, high = pointing.min() - margin, pointing.max() + margin
         offset = wrap_angle(self._grid_rad - strongest)
         inside = np.flatnonzero((offset >= low) & (offset <= high))

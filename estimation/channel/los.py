@@ -1,40 +1,151 @@
-"""Is the earliest path the line of sight? A decision from delays and powers, with the clock unknown."""
+"""Which path is the line of sight? A probability from delays, powers and, where poses are known, angles.
+
+Hypotheses: path i is the line of sight and what came before it are ghosts, or there is none. With b the clock bias
+and l_j = c (tau_j - b) the length of path j, its loss beyond free space is
+
+    L_j(b) = level - 20 log10(l_j / 1 m) - P_j,
+
+about zero for a line of sight, about `reflection_loss_db` for any other path, and never much below zero. The
+strongest later path has the smallest loss M_i of them all. The evidence for path i is the Bayes factor
+
+    B_i = int p(b) N(L_i; 0, s) f(M_i; m, s_m) db / int p(b) f(L_i; r, s_r) f(M_i; m, s_m) db
+
+with f a normal density whose part below zero is damped by exp(-L^2 / 2 s^2), times that of the angles, a normal
+density about the known direction over one uniform on the circle. An unknown clock makes power say little but for
+later paths that are too strong; a known clock makes it power against distance. One factor for the strongest later
+path, not one for each: losses of paths over the same walls are not independent.
+"""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from pydantic import Field
 
-from scenes.pose import SPEED_OF_LIGHT_M_S
+from scenes.pose import SPEED_OF_LIGHT_M_S, wrap_angle
 from scenes.record import BoolArray, FloatArray
 from scenes.toml_config import ConfigModel
 
+CANDIDATES = 3  # earliest paths that may be the line of sight
+CLOCK_POINTS = 3001
+MIN_LENGTH_M = 0.1
+NONE_FOR_SURE = -700.0  # log of a likelihood that is zero in double precision
+
 
 class LosConfig(ConfigModel):
-    """The nominal line-of-sight power over distance and the tolerances of the decision."""
+    """What is known beforehand about lines of sight, reflections and the clock."""
 
     power_at_1m_dbm: float = Field(-13.0, description="LOS power at 1 m between the peaks of two beams")
-    tolerance_db: float = Field(3.0, gt=0, description="how far a path may exceed what its length allows")
+    tolerance_db: float = Field(3.0, gt=0, description="spread of a LOS's power about free space")
+    reflection_loss_db: float = Field(
+        12.0, ge=0, description="mean loss of a reflected path beyond free space"
+    )
+    reflection_std_db: float = Field(7.0, gt=0, description="spread of that loss")
+    least_loss_db: float = Field(6.0, ge=0, description="mean loss of a stop's least attenuated reflection")
+    least_loss_std_db: float = Field(5.0, gt=0, description="spread of that loss")
+    blocked_share: float = Field(0.3, gt=0, lt=1, description="share of stops without a LOS, beforehand")
+    ghost_share: float = Field(0.01, gt=0, lt=1, description="share of estimated paths that are none")
     max_clock_bias_ns: float = Field(150.0, gt=0, description="largest clock bias that is credible")
+    clock_std_ns: float | None = Field(
+        None, gt=0, description="spread of the clock bias about zero where clocks are synchronised"
+    )
+    angle_std_deg: float = Field(2.0, gt=0, description="of known directions: poses, pointing")
 
 
-def line_of_sight(delay_s: FloatArray, power_dbm: FloatArray, config: LosConfig) -> BoolArray:
-    """Mask (path,) with at most the earliest path set, for paths sorted by delay.
+@dataclass(frozen=True)
+class LosDirection:
+    """Where the line of sight must be, for a receiver whose pose is known; rad in the device frames."""
 
-    `power_dbm` (path,) is what the peaks of two beams would receive: without the loss of the beams' gain there.
+    aod_azimuth_rad: float
+    aoa_azimuth_rad: float
 
-    If the earliest path is the LOS, its power tells its length d0 by free-space loss, the unknown clock drops out,
-    and a path that comes later by dt cannot be stronger than free space allows at d0 + c dt (a perfect mirror).
-    One that is stronger, beyond the tolerance, shows that the earliest path was itself attenuated: no LOS. Nor is
-    it where its delay and length differ by more than any credible clock bias.
+
+def los_probability(
+    delay_s: FloatArray,
+    power_dbm: FloatArray,
+    config: LosConfig,
+    *,
+    angles_rad: FloatArray | None = None,
+    angle_variance: FloatArray | None = None,
+    direction: LosDirection | None = None,
+) -> FloatArray:
+    """Probability (path,) of every path to be the line of sight, for paths sorted by delay.
+
+    Parameters
+    ----------
+    delay_s
+        (path,) with the unknown clock bias.
+    power_dbm
+        (path,) that the peaks of two beams would receive: without the loss of the beams' gain there.
+    angles_rad, angle_variance
+        (path, 2) azimuths of departure and arrival and their variances; used where `direction` is known.
     """
-    is_los = np.zeros(len(delay_s), bool)
-    if not len(delay_s):
-        return is_los
-    length_m = 10 ** ((config.power_at_1m_dbm - power_dbm[0]) / 20)
-    later_m = length_m + SPEED_OF_LIGHT_M_S * (delay_s - delay_s[0])
-    allowed_dbm = config.power_at_1m_dbm - 20 * np.log10(later_m)
-    clock_bias_s = delay_s[0] - length_m / SPEED_OF_LIGHT_M_S
-    is_weak_enough = (power_dbm <= allowed_dbm + config.tolerance_db).all()
-    is_los[0] = bool(is_weak_enough and abs(clock_bias_s) <= config.max_clock_bias_ns * 1e-9)
-    return is_los
+    n = len(delay_s)
+    candidates = range(min(n, CANDIDATES))
+    log_odds = [_log_bayes_factor(delay_s[i:], power_dbm[i:], config) for i in candidates]
+    if direction is not None and angles_rad is not None:
+        variance = np.zeros((n, 2)) if angle_variance is None else angle_variance
+        log_odds = [
+            odds + _angle_factor(angles_rad[i], variance[i], direction, config)
+            for i, odds in zip(candidates, log_odds, strict=True)
+        ]
+    prior = np.log1p(-config.blocked_share) + np.log(config.ghost_share) * np.arange(len(log_odds))
+    score = np.array([np.log(config.blocked_share), *(prior + np.array(log_odds))])
+    weight = np.exp(score - score.max())
+    probability = np.zeros(n)
+    probability[: len(log_odds)] = weight[1:] / weight.sum()
+    return probability
+
+
+def line_of_sight(probability: FloatArray) -> BoolArray:
+    """Mask (path,) of the path that is more likely than not the line of sight: one at the most."""
+    return np.asarray(probability > 0.5)
+
+
+def _log_bayes_factor(delay_s: FloatArray, power_dbm: FloatArray, config: LosConfig) -> float:
+    """Log of B for the first of these paths."""
+    bias_s, log_prior = _clock(config)
+    bias_s, log_prior = (
+        values[delay_s[0] - bias_s >= MIN_LENGTH_M / SPEED_OF_LIGHT_M_S] for values in (bias_s, log_prior)
+    )
+    if not len(bias_s):
+        return NONE_FOR_SURE
+    length_m = SPEED_OF_LIGHT_M_S * (delay_s - bias_s[:, None])
+    loss_db = config.power_at_1m_dbm - 20 * np.log10(length_m) - power_dbm
+    own, least = loss_db[:, 0], loss_db[:, 1:].min(axis=1, initial=np.inf)
+    later = np.zeros(len(bias_s))
+    if len(delay_s) > 1:
+        later = _log_loss(least, config.least_loss_db, config.least_loss_std_db, config.tolerance_db)
+    sight = -0.5 * (own / config.tolerance_db) ** 2 - np.log(config.tolerance_db)
+    bounce = _log_loss(own, config.reflection_loss_db, config.reflection_std_db, config.tolerance_db)
+    return float(
+        np.logaddexp.reduce(log_prior + sight + later) - np.logaddexp.reduce(log_prior + bounce + later)
+    )
+
+
+def _clock(config: LosConfig) -> tuple[FloatArray, FloatArray]:
+    """Clock biases in s, evenly spaced, and the log of their prior, not normalised."""
+    if config.clock_std_ns is None:
+        bias_ns = np.linspace(-config.max_clock_bias_ns, config.max_clock_bias_ns, CLOCK_POINTS)
+        return 1e-9 * bias_ns, np.zeros(CLOCK_POINTS)
+    deviation = np.linspace(-6.0, 6.0, CLOCK_POINTS)
+    return 1e-9 * config.clock_std_ns * deviation, -0.5 * deviation**2
+
+
+def _log_loss(loss_db: FloatArray, mean_db: float, std_db: float, tolerance_db: float) -> FloatArray:
+    """Log density, up to a constant, of the loss of a reflection: no more than a perfect mirror gives."""
+    gain_db = np.minimum(loss_db, 0.0)
+    return np.asarray(
+        -0.5 * ((loss_db - mean_db) / std_db) ** 2 - 0.5 * (gain_db / tolerance_db) ** 2 - np.log(std_db)
+    )
+
+
+def _angle_factor(
+    angles_rad: FloatArray, variance: FloatArray, direction: LosDirection, config: LosConfig
+) -> float:
+    """Log of the density about the known direction over that of any direction."""
+    known = np.array([direction.aod_azimuth_rad, direction.aoa_azimuth_rad])
+    spread = variance + np.deg2rad(config.angle_std_deg) ** 2
+    error = wrap_angle(angles_rad - known)
+    return float((-0.5 * error**2 / spread - 0.5 * np.log(2 * np.pi * spread) + np.log(2 * np.pi)).sum())

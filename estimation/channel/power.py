@@ -15,8 +15,8 @@ from pydantic import Field
 from estimation.channel.beams import AngleFit, BeamAxis
 from estimation.channel.delay import OVERSAMPLING, DelayPower, delay_power, match_delay
 from estimation.channel.detect import Peaks, SideLobeEnvelope, local_maxima, noise_threshold
-from estimation.channel.los import LosConfig, line_of_sight
-from estimation.channel.record import ChannelEstimate
+from estimation.channel.los import LosConfig, line_of_sight, los_probability
+from estimation.channel.record import AngleKind, ChannelEstimate
 from scenes.record import FloatArray
 from scenes.toml_config import ConfigModel
 from sim.sweep import BeamSweep
@@ -34,7 +34,6 @@ class PowerMethodConfig(ConfigModel):
     max_paths: int = Field(40, ge=1, description="paths per stop at the most")
     delay_std_floor_ns: float = Field(0.02, ge=0, description="added in quadrature to every delay's std")
     angle_std_floor_deg: float = Field(0.05, ge=0, description="added in quadrature to every angle's std")
-    los: LosConfig = LosConfig()
 
 
 @dataclass(frozen=True)
@@ -50,7 +49,9 @@ class _Path:
     aoa: AngleFit
 
 
-def estimate_power(sweep: BeamSweep, config: PowerMethodConfig | None = None) -> ChannelEstimate:
+def estimate_power(
+    sweep: BeamSweep, config: PowerMethodConfig | None = None, los: LosConfig | None = None
+) -> ChannelEstimate:
     """Paths of one stop by the power-only, delay-resolved method.
 
     Peaks of the beam power over delay are taken from the strongest down; one is kept when it rises above the noise
@@ -65,7 +66,7 @@ def estimate_power(sweep: BeamSweep, config: PowerMethodConfig | None = None) ->
     peaks = local_maxima(power, tx, rx, floor)
     envelope = SideLobeEnvelope(tx, rx, power.snr.shape[2])
     paths = _accept(peaks, power, (tx, rx), envelope, threshold, config)
-    return _assemble(sweep, power, paths, (tx, rx), envelope, config)
+    return _assemble(sweep, power, paths, (tx, rx), envelope, config, los or LosConfig())
 
 
 def _accept(
@@ -113,6 +114,7 @@ def _assemble(
     axes: tuple[BeamAxis, BeamAxis],
     envelope: SideLobeEnvelope,
     config: PowerMethodConfig,
+    los: LosConfig,
 ) -> ChannelEstimate:
     n_bins = power.snr.shape[2]
     bin_s = float(power.delay_s[1])
@@ -126,6 +128,8 @@ def _assemble(
     power_dbm = 10 * np.log10(snr * noise_mw)
     tx, rx = axes
     loss_db = np.array([tx.loss_db(p.aod.azimuth_rad) + rx.loss_db(p.aoa.azimuth_rad) for p in paths])
+    probability = los_probability(delay_s, power_dbm + loss_db, los)
+    beam_gain_db = tx.peak_gain_db + rx.peak_gain_db - loss_db
     return ChannelEstimate(
         stop=sweep.stop,
         delay_s=delay_s,
@@ -135,7 +139,12 @@ def _assemble(
         beam_loss_db=loss_db,
         snr_db=10 * np.log10(snr),
         covariance=_covariances(paths, envelope, power, config),
-        is_los=line_of_sight(delay_s, power_dbm + loss_db, config.los),
+        is_los=line_of_sight(probability),
+        los_probability=probability,
+        gain_amplitude=10 ** ((power_dbm - beam_gain_db) / 20),
+        aod_angle_kind=AngleKind.CONE,
+        aoa_angle_kind=AngleKind.CONE,
+        method="power",
     )
 
 

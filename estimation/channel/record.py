@@ -70,7 +70,7 @@ class ChannelEstimate(Record):
         "parameter",
         "parameter2",
         unit="(s, rad, ...)^2",
-        doc="of delay, departure and arrival azimuth, then, where estimated, both elevations (NaN for one unknown)",
+        doc="of delay, both azimuths (departure, arrival) and, where estimated, both elevations; NaN unknown",
     )
     is_los: BoolArray = array("path", dtype=bool, doc="the path taken as line of sight: at most one")
     los_probability: FloatArray = _optional("path", doc="probability that the path is the line of sight")

@@ -24,7 +24,7 @@ class Measurement:
         """Whether the bar is met; a value that is not a number meets none."""
         if math.isnan(self.value):
             return False
-        return self.value <= self.bar if self.direction == "lower" else self.value >= self.bar
+        return bool(self.value <= self.bar if self.direction == "lower" else self.value >= self.bar)
 
 
 def to_json(measurements: Iterable[Measurement]) -> dict[str, list[dict[str, Any]]]:
@@ -33,7 +33,7 @@ def to_json(measurements: Iterable[Measurement]) -> dict[str, list[dict[str, Any
         "metrics": [
             {
                 "key": row.key,
-                "value": row.value if math.isfinite(row.value) else None,
+                "value": float(row.value) if math.isfinite(row.value) else None,
                 "unit": row.unit,
                 "direction": row.direction,
                 "bar": row.bar,

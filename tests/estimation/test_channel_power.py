@@ -8,11 +8,10 @@ import pytest
 from estimation.channel.beams import BeamAxis
 from estimation.channel.delay import delay_power, hann_window, parabola_peak, window_response
 from estimation.channel.detect import noise_threshold
-from estimation.channel.los import LosConfig, line_of_sight
 from estimation.channel.power import PowerMethodConfig, estimate_power
 from estimation.channel.power_map import beam_power_map
 from estimation.channel.record import ChannelEstimate, check_estimate
-from scenes.pose import SPEED_OF_LIGHT_M_S, Pose, wrap_angle
+from scenes.pose import Pose, wrap_angle
 from sim.config import ArrayConfig, SimulationConfig
 from sim.link import Link, best_beam_power_dbm, make_link
 from sim.paths import Paths, empty_paths
@@ -136,7 +135,9 @@ def test_covariance_of_a_noise_limited_path_is_honest(
     make_sweep: SweepMaker, make_paths: Maker, tx_pose: Pose, rx_pose: Pose, small_link: Link
 ) -> None:
     rng, z = np.random.default_rng(5), []
-    config = PowerMethodConfig(delay_std_floor_ns=0.0, angle_std_floor_deg=0.0, max_misfit=1.0)
+    config = PowerMethodConfig(
+        false_alarm_probability=1e-5, delay_std_floor_ns=0.0, angle_std_floor_deg=0.0, max_misfit=1.0
+    )
     for _ in range(120):
         aod, aoa = rng.uniform(-0.4, 0.4, 2)
         paths = make_paths(GAIN_AT_6M, 4e-8 + 1e-8 * rng.random(), aod - np.pi / 2, aoa + rx_pose.heading_rad)
@@ -145,22 +146,6 @@ def test_covariance_of_a_noise_limited_path_is_honest(
         z.append(errors(estimate, paths, tx_pose, rx_pose)[0] / np.sqrt(np.diag(estimate.covariance[0])))
     rms = np.sqrt((np.array(z) ** 2).mean(axis=0))
     assert (rms > 0.5).all() and (rms < 1.3).all(), rms
-
-
-def test_los_decision_by_power_over_excess_delay() -> None:
-    config = LosConfig(power_at_1m_dbm=-13, tolerance_db=2)
-    bias_s, d0 = 4e-8, 5.0
-
-    def case(lengths_m: list[float], loss_db: list[float]) -> bool:
-        lengths = np.array(lengths_m)
-        power = -13 - 20 * np.log10(lengths) - np.array(loss_db)
-        return bool(line_of_sight(lengths / SPEED_OF_LIGHT_M_S + bias_s, power, config).any())
-
-    assert case([d0], [0])
-    assert case([d0, 9, 14], [0, 0, 5])
-    assert not case([d0, 6], [15, 4])  # the first is weak, the second shows it
-    assert not case([d0], [25])  # its power says 89 m, its delay 17 m with the bias
-    assert not line_of_sight(np.zeros(0), np.zeros(0), config).any()
 
 
 def test_power_map_is_the_mean_power(make_sweep: SweepMaker, make_paths: Maker) -> None:
@@ -195,7 +180,12 @@ def estimate_with(**changes: object) -> ChannelEstimate:
         ({"delay_s": [10.0, 20.0]}, "stop 4: delay_s = 10: must be within"),
         ({"delay_s": [2e-8, 1e-8]}, "stop 4: delay_s is not sorted"),
         ({"covariance": np.zeros((2, 3, 3))}, "stop 4: covariance: every matrix"),
+        ({"covariance": np.zeros((2, 4, 4))}, "stop 4: covariance has shape"),
         ({"is_los": [True, True]}, "stop 4: is_los = 2 paths"),
+        ({"los_probability": [0.3, 0.2]}, "stop 4: is_los: must be set where los_probability"),
+        ({"los_probability": [1.2, 0.0]}, "stop 4: los_probability = 1.2: must be within"),
+        ({"aod_angle_kind": "zenith"}, "stop 4: aod_angle_kind = 'zenith': must be one of azimuth, cone"),
+        ({"status": "fine"}, "stop 4: status = 'fine': must be one of ok"),
     ],
 )
 def test_estimates_that_break_the_record_are_refused(changes: dict[str, object], message: str) -> None:

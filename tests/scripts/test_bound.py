@@ -2,15 +2,18 @@
 
 import numpy as np
 
+from estimation.channel.crb import crb
 from estimation.report.bound_figure import bound_figure
+from estimation.report.channel_bound_figure import channel_bound_figure
 from estimation.report.style import png_bytes
 from estimation.slam.bounds import stop_bound
-from scripts import bound_map
+from scenes.pose import Pose
+from scripts import bound_map, channel_bound
 
 
 def test_bounds_over_the_plan_are_those_of_the_paths_there():
     prepared = bound_map.prepare("box_room")
-    bound = bound_map.over_plan(prepared, 0.7)
+    bound = bound_map.over_plan(prepared, bound_map.plan_grid(prepared, 0.7))
     assert bound.peb_m.shape == (len(bound.y_m), len(bound.x_m)) == bound.has_los.shape
     finite = np.argwhere(np.isfinite(bound.peb_m))
     row, column = finite[len(finite) // 2]
@@ -39,3 +42,50 @@ def test_faces_are_shared_by_the_stops_that_see_them_and_pillars_are_not():
         assert np.all(stop.wall[on_pillar] == -1)
     walls = np.concatenate([stop.wall for stop in shared])
     assert 1 <= len(np.unique(walls[walls >= 0])) <= 8
+
+
+def test_channel_bounds_over_the_plan_are_those_of_the_strongest_path_there():
+    prepared = bound_map.prepare("box_room")
+    model, grid = channel_bound.channel_model(prepared), bound_map.plan_grid(prepared, 1.1)
+    bound = channel_bound.over_plan(model, grid)
+    assert model.is_coherent and bound.delay_std_s.shape == bound.has_los.shape
+    in_sight = np.flatnonzero(bound.has_los[grid.is_free])
+    index = in_sight[len(in_sight) // 2]
+    at = tuple(np.argwhere(grid.is_free)[index])
+    pose = Pose(grid.position_m[index], float(prepared.scene.walk.headings_rad()[0]))
+    paths, link = grid.paths[index], model.link
+    los = int(np.argmax(paths.power))
+    assert bound.has_los[at] and paths.is_los[los]
+    alone = crb(
+        link.tx_codebook,
+        link.rx_codebook,
+        link.frequency_offset_hz,
+        link.noise_power_mw,
+        delay_s=paths.delay_s[los],
+        aod_rad=paths.aod_azimuth_rad[[los]] - prepared.scene.tx.heading_rad,
+        aoa_rad=paths.aoa_azimuth_rad[[los]] - pose.heading_rad,
+        amplitude=np.sqrt(link.tx_power_mw) * paths.gain[los],
+    )
+    together = np.array([bound.delay_std_s[at], bound.aod_std_rad[at], bound.aoa_std_rad[at]])
+    assert np.all(together >= alone.std[0] * (1 - 1e-6)) and np.all(together < 10 * alone.std[0])
+    assert png_bytes(channel_bound_figure(prepared.scene, bound)).startswith(b"\x89PNG")
+
+
+def test_the_channel_table_has_both_kinds_of_paths_and_of_phases():
+    table = channel_bound.along_walk(channel_bound.channel_model(bound_map.prepare("box_room")))
+    delay = [float(list(column.cells)[1]) for column in table.columns[1:5]]
+    assert table.row_count == 5 and delay[0] < delay[2]
+    assert delay[1] >= delay[0] and delay[3] >= delay[2]
+
+
+def test_hardware_without_phase_is_bounded_as_such():
+    prepared = bound_map.prepare("campus_arena_hardware")
+    assert not channel_bound.channel_model(prepared).is_coherent
+
+
+def test_weak_paths_are_left_out():
+    prepared = bound_map.prepare("box_room")
+    model, pose = channel_bound.channel_model(prepared), prepared.scene.walk.poses()[0]
+    (paths,) = prepared.solver.paths(pose.position_m)
+    kept, bounds = channel_bound.stop_bounds(model, paths, pose, coherent=True)
+    assert 0 < len(kept) <= len(paths) and np.all(bounds.snr_db > channel_bound.LEAST_SNR_DB - 3)

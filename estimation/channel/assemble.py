@@ -1,0 +1,92 @@
+"""From the paths of a maximum-likelihood fit to the channel estimate that mapping and SLAM read."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from estimation.channel.fit import PathFit
+from estimation.channel.los import LosConfig, line_of_sight, los_probability
+from estimation.channel.manifold import Manifold
+from estimation.channel.record import AngleKind, ChannelEstimate, EstimateStatus
+from scenes.record import FloatArray
+from sim.sweep import BeamSweep
+
+UNKNOWN_ANGLE_VARIANCE = np.pi**2 / 3  # of an angle anywhere on the circle
+GRID_PER_CELL = 4.0  # directions per Rayleigh cell among which the highest gain of a codebook is sought
+
+
+def assemble_estimate(
+    sweep: BeamSweep, fit: PathFit, tx: Manifold, rx: Manifold, los: LosConfig, method: str, reason: str
+) -> ChannelEstimate:
+    """The channel estimate of a fit made with the manifolds `tx` and `rx`.
+
+    Powers and beam losses are those of the best beams towards the paths. Variances that the data leave open are
+    those of an angle anywhere on the circle.
+    """
+    n = len(fit)
+    tx_gain, tx_peak = _best_gains(tx, fit.aod_rad)
+    rx_gain, rx_peak = _best_gains(rx, fit.aoa_rad)
+    power_dbm = 20 * np.log10(fit.amplitude * tx_gain * rx_gain)
+    loss_db = 20 * np.log10(tx_peak * rx_peak / (tx_gain * rx_gain))
+    covariance = ordered_covariance(fit.covariance, tx.n_angles, rx.n_angles)
+    angles = np.stack([fit.aod_rad[:, 0], fit.aoa_rad[:, 0]], axis=1)
+    probability = los_probability(fit.delay_s, power_dbm + loss_db, los)
+    return ChannelEstimate(
+        stop=sweep.stop,
+        delay_s=fit.delay_s,
+        aod_azimuth_rad=angles[:, 0],
+        aoa_azimuth_rad=angles[:, 1],
+        power_dbm=power_dbm,
+        beam_loss_db=loss_db,
+        snr_db=fit.snr_db,
+        covariance=covariance,
+        is_los=line_of_sight(probability),
+        los_probability=probability,
+        gain_amplitude=fit.amplitude,
+        gain_phase_rad=fit.phase_rad,
+        aod_elevation_rad=_elevation(fit.aod_rad),
+        aoa_elevation_rad=_elevation(fit.aoa_rad),
+        aod_angle_kind=angle_kind(tx),
+        aoa_angle_kind=angle_kind(rx),
+        method=method,
+        status=EstimateStatus.OK if n else EstimateStatus.NO_PATHS,
+        reason=reason,
+    )
+
+
+def angle_kind(manifold: Manifold) -> AngleKind:
+    """What the azimuths of a device are: those of directions, or cone angles where elevation is not observable."""
+    return AngleKind.AZIMUTH if manifold.n_angles == 2 else AngleKind.CONE
+
+
+def ordered_covariance(covariance: FloatArray, n_aod_angles: int, n_aoa_angles: int) -> FloatArray:
+    """Covariance (path, 3 or 5, 3 or 5) of delay, azimuths and elevations from that in the order of a fit.
+
+    A fit counts delay, angles of departure, angles of arrival. With an elevation at one end only, the other's row
+    and column are NaN.
+    """
+    n_fit = 1 + n_aod_angles + n_aoa_angles
+    place = [0, 1, 1 + n_aod_angles]
+    if n_fit > 3:
+        place += [2 if n_aod_angles == 2 else -1, 2 + n_aod_angles if n_aoa_angles == 2 else -1]
+    index = np.array(place)
+    covariance = covariance[:, index[:, None], index]
+    unknown = index < 0
+    covariance[:, unknown] = np.nan
+    covariance[:, :, unknown] = np.nan
+    for axis in range(1, len(index)):
+        variance = covariance[:, axis, axis]
+        wide = variance > UNKNOWN_ANGLE_VARIANCE
+        covariance[wide, axis, :] = covariance[wide, :, axis] = 0.0
+        covariance[wide, axis, axis] = UNKNOWN_ANGLE_VARIANCE
+    return np.asarray(covariance)
+
+
+def _elevation(angles_rad: FloatArray) -> FloatArray:
+    return angles_rad[:, 1] if angles_rad.shape[1] == 2 else np.full(len(angles_rad), np.nan)
+
+
+def _best_gains(manifold: Manifold, angles_rad: FloatArray) -> tuple[FloatArray, float]:
+    """Amplitude gain (direction,) of the best beam, and the highest of any beam anywhere."""
+    peak = float(np.abs(manifold.response(manifold.grid(GRID_PER_CELL))).max())
+    return np.abs(manifold.response(angles_rad)).max(axis=1, initial=0.0), peak

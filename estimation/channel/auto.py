@@ -1,0 +1,218 @@
+"""Which likelihood a sweep deserves: the phases of its beam pairs are read and tested, and the data decide.
+
+A coherent fit gains resolution and 2 dB of detection, and is ruined by phases that it does not know. So the
+incoherent fit comes first. It tells the phase of every pair that a path lights. A constant frequency offset turns
+these phases evenly from one TX beam, and from one RX beam, to the next, whichever a sweep goes through first.
+What remains after that turn, with the share of noise taken off, decides: small, and the sweep is turned back and
+fitted coherently. Phases that wander are not followed: a path's own phases would fit them, and the coherent
+covariance would count them as known.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+import scipy.fft
+
+from estimation.channel.config import MaximumLikelihoodConfig
+from estimation.channel.diffuse import fit_over_background
+from estimation.channel.fit import PathFit
+from estimation.channel.incoherent import IncoherentFit, fit_incoherent
+from estimation.channel.manifold import Manifold
+from scenes.pose import wrap_angle
+from scenes.record import FloatArray, IntArray
+from sim.sweep import BeamSweep
+
+LARGEST_RESIDUAL_RAD = np.deg2rad(10.0)  # rms, beyond noise, of phases that are taken as kept
+_LEAST_SNR = 6.0  # of a pair whose phase is read: its noise has a standard deviation of 17 deg at most
+_LEAST_PAIRS = 4  # more than the parameters of a turn
+_CONFIDENCE = 1.64  # standard deviations by which the residual must be below its limit: 95 %
+_ZERO_PADDING = 4
+_CYCLIC_PREFIX = 144 / 2048  # of a symbol, TS 38.211 clause 5.3.1
+_REFINEMENTS = 6
+_LEAST_VARIANCE = np.deg2rad(1.0) ** 2  # of the remainder, as far as weights go
+
+
+@dataclass(frozen=True)
+class PhaseTurn:
+    """An even turn of the phase over the beam pairs, and what of the phases it leaves.
+
+    Attributes
+    ----------
+    tx_step_rad, rx_step_rad : turn from one TX beam, and from one RX beam, to the next
+    residual_rad : rms of what remains of the phases, the noise taken off
+    upper_rad : its upper confidence limit
+    walk_rad : rms change of the remainder from one RX beam to the next, the noise taken off
+    n_pairs : beam pairs whose phases were used; 0, and the rest NaN, where they are too few
+    """
+
+    tx_step_rad: float
+    rx_step_rad: float
+    residual_rad: float
+    upper_rad: float
+    walk_rad: float
+    n_pairs: int
+
+    def frequency_offset_hz(self, n_rx: int, pair_s: float) -> float:
+        """The offset that turns so where pairs take `pair_s` each, RX beam after RX beam and TX beam by TX beam.
+
+        The step between TX beams, `n_rx` pairs apart, tells it sharply but for whole turns, which the step between
+        RX beams tells.
+        """
+        turns = np.rint((n_rx * self.rx_step_rad - self.tx_step_rad) / (2 * np.pi))
+        return float((self.tx_step_rad / (2 * np.pi) + turns) / (n_rx * pair_s))
+
+
+@dataclass(frozen=True)
+class AutoFit:
+    """A fit, the mode that was chosen for it, and why."""
+
+    fit: PathFit
+    mode: Literal["coherent", "incoherent"]
+    turn: PhaseTurn
+    frequency_offset_hz: float  # that turns so, if each pair takes one symbol of the sounded spacing
+    reason: str
+
+
+def fit_auto(
+    sweep: BeamSweep,
+    config: MaximumLikelihoodConfig | None = None,
+    tx_manifold: Manifold | None = None,
+    rx_manifold: Manifold | None = None,
+) -> tuple[PathFit, str]:
+    """Paths of one stop by the likelihood that its phases allow, and the reason of the choice in words."""
+    chosen = choose(sweep, config, tx_manifold, rx_manifold)
+    return chosen.fit, chosen.reason
+
+
+def choose(
+    sweep: BeamSweep,
+    config: MaximumLikelihoodConfig | None = None,
+    tx_manifold: Manifold | None = None,
+    rx_manifold: Manifold | None = None,
+) -> AutoFit:
+    """Paths of one stop by the likelihood that its phases allow.
+
+    Arguments and errors are those of `fit_incoherent`.
+    """
+    config = config or MaximumLikelihoodConfig()
+    incoherent = fit_incoherent(sweep, config, tx_manifold, rx_manifold)
+    turn = even_turn(incoherent)
+    spacing_hz = float(np.ptp(sweep.frequency_offset_hz)) / (sweep.samples.shape[2] - 1)
+    offset_hz = turn.frequency_offset_hz(sweep.samples.shape[1], (1 + _CYCLIC_PREFIX) / spacing_hz)
+    kept = turn.n_pairs > 0 and turn.upper_rad <= LARGEST_RESIDUAL_RAD
+    if kept:
+        coherent = fit_over_background(
+            turned_back(sweep, turn.tx_step_rad, turn.rx_step_rad), config, tx_manifold, rx_manifold
+        )
+        if len(coherent):
+            return AutoFit(coherent, "coherent", turn, offset_hz, "coherent: " + _words(turn, offset_hz))
+    return AutoFit(incoherent, "incoherent", turn, offset_hz, "incoherent: " + _words(turn, offset_hz))
+
+
+def turned_back(sweep: BeamSweep, tx_step_rad: float, rx_step_rad: float) -> BeamSweep:
+    """The sweep without an even turn from TX beam to TX beam and from RX beam to RX beam."""
+    n_tx, n_rx = sweep.samples.shape[:2]
+    phase = tx_step_rad * np.arange(n_tx)[:, None] + rx_step_rad * np.arange(n_rx)
+    return replace(sweep, samples=sweep.samples * np.exp(-1j * phase).astype(np.complex64)[:, :, None])
+
+
+def even_turn(fit: IncoherentFit) -> PhaseTurn:
+    """The even turn that explains most of the pair phases of a fit.
+
+    Phases of different paths have no common reference, so every path has a constant of its own: the turn is the
+    maximum over both steps nu of sum_i |sum over the pairs p of path i of w_p exp(j psi_p - j nu^T p)|, refined by
+    least squares. Weights follow the noise and the variance that was found the round before.
+    """
+    n_rx = fit.pair_snr.shape[1]
+    used = np.flatnonzero(fit.pair_snr.ravel() > _LEAST_SNR)
+    path = fit.pair_path.ravel()[used]
+    several = np.bincount(path, minlength=1)[path] > 1  # one pair says nothing beyond its path's constant
+    used, path = used[several], path[several]
+    pair = np.stack(np.divmod(used, n_rx), axis=1)
+    phase, noise = fit.pair_phase_rad.ravel()[used], _phase_variance(fit.pair_snr.ravel()[used])
+    n_free = len(used) - len(np.unique(path)) - 2
+    if n_free < _LEAST_PAIRS:
+        return PhaseTurn(np.nan, np.nan, np.nan, np.nan, np.nan, 0)
+    variance = LARGEST_RESIDUAL_RAD**2
+    step = _strongest_turn(pair, phase, path, 1 / (noise + variance), fit.pair_snr.shape)
+    for _ in range(_REFINEMENTS):
+        weight = 1 / (noise + max(variance, _LEAST_VARIANCE))
+        centred = pair - np.stack([_path_means(axis.astype(float), path, weight) for axis in pair.T], axis=1)
+        left = _remainder(pair, phase, path, weight, step)
+        # A step that the pairs do not tell, as of a single beam, stays.
+        step = step + np.linalg.pinv((centred * weight[:, None]).T @ centred) @ (centred.T @ (weight * left))
+        left = _remainder(pair, phase, path, weight, step)
+        variance = float((weight * (left**2 * len(used) / n_free - noise)).sum() / weight.sum())
+    error = np.sqrt(2 * (weight**2 * (noise + max(variance, 0.0)) ** 2).sum()) / weight.sum()
+    return PhaseTurn(
+        tx_step_rad=float(wrap_angle(step[0])),
+        rx_step_rad=float(wrap_angle(step[1])),
+        residual_rad=float(np.sqrt(max(variance, 0.0))),
+        upper_rad=float(np.sqrt(max(variance + _CONFIDENCE * error, 0.0))),
+        walk_rad=_walk(used, path, left, noise),
+        n_pairs=len(used),
+    )
+
+
+def _phase_variance(snr: FloatArray) -> FloatArray:
+    """Variance of the phase of a pair with this SNR, to second order: 1 / (2 g) + 1 / (4 g^2)."""
+    return np.asarray(0.5 / snr + 0.25 / snr**2)
+
+
+def _strongest_turn(
+    pair: IntArray, phase: FloatArray, path: IntArray, weight: FloatArray, shape: tuple[int, ...]
+) -> FloatArray:
+    """Steps (2,) on a fine grid at which the phases of all paths add up best."""
+    size = [scipy.fft.next_fast_len(_ZERO_PADDING * n) for n in shape]
+    total = np.zeros(size)
+    for i in np.unique(path):
+        of_path = path == i
+        plane = np.zeros(size, complex)
+        plane[pair[of_path, 0], pair[of_path, 1]] = weight[of_path] * np.exp(1j * phase[of_path])
+        total += np.abs(scipy.fft.fft2(plane))
+    best = np.unravel_index(int(np.argmax(total)), total.shape)
+    return np.asarray(2 * np.pi * np.array(best) / size)
+
+
+def _remainder(
+    pair: IntArray, phase: FloatArray, path: IntArray, weight: FloatArray, step: FloatArray
+) -> FloatArray:
+    """Phases without an even turn and every path's constant."""
+    turned = phase - pair @ step
+    phasor = np.exp(1j * turned)
+    real, imaginary = (_path_means(part, path, weight) for part in (phasor.real, phasor.imag))
+    return np.asarray(wrap_angle(turned - np.arctan2(imaginary, real)))
+
+
+def _path_means(values: FloatArray, path: IntArray, weight: FloatArray) -> FloatArray:
+    """Weighted mean over the pairs of the same path, for every pair."""
+    return np.asarray(
+        (np.bincount(path, weight * values) / np.maximum(np.bincount(path, weight), 1e-300))[path]
+    )
+
+
+def _walk(pair: IntArray, path: IntArray, left: FloatArray, noise: FloatArray) -> float:
+    """Rms change of the remainder between neighbouring pairs of a path, noise taken off; NaN without any."""
+    next_to = (np.diff(pair) == 1) & (np.diff(path) == 0)
+    if not next_to.any():
+        return np.nan
+    change = wrap_angle(np.diff(left))[next_to] ** 2 - (noise[1:] + noise[:-1])[next_to]
+    return float(np.sqrt(max(change.mean(), 0.0)))
+
+
+def _words(turn: PhaseTurn, offset_hz: float) -> str:
+    if not turn.n_pairs:
+        return "too few beam pairs have a phase to test"
+    limit = np.rad2deg(LARGEST_RESIDUAL_RAD)
+    text = (
+        f"phases of {turn.n_pairs} beam pairs turn by {np.rad2deg(turn.tx_step_rad):.3g} deg per TX beam"
+        f" and {np.rad2deg(turn.rx_step_rad):.3g} deg per RX beam ({offset_hz:.4g} Hz at one symbol a"
+        f" pair) and keep within {np.rad2deg(turn.residual_rad):.2g} deg rms of that, at the most"
+        f" {np.rad2deg(turn.upper_rad):.2g} deg; the limit is {limit:.0f} deg"
+    )
+    if turn.upper_rad > LARGEST_RESIDUAL_RAD and np.isfinite(turn.walk_rad):
+        text += f"; from one pair to the next they change by {np.rad2deg(turn.walk_rad):.2g} deg rms"
+    return text

@@ -1,0 +1,179 @@
+"""Channel estimation of one stop: one entry for every method, one record from all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Literal, get_args
+
+import numpy as np
+from pydantic import Field
+
+from estimation.channel.assemble import assemble_estimate
+from estimation.channel.auto import fit_auto
+from estimation.channel.calibration import SelfCalibrationConfig
+from estimation.channel.config import MaximumLikelihoodConfig
+from estimation.channel.diffuse import fit_over_background
+from estimation.channel.fit import PathFit
+from estimation.channel.incoherent import fit_incoherent
+from estimation.channel.los import LosConfig
+from estimation.channel.plan import nominal_manifold
+from estimation.channel.power import PowerMethodConfig, estimate_power
+from estimation.channel.record import ChannelEstimate, EstimateStatus, check_estimate, empty_estimate
+from scenes.toml_config import ConfigModel
+from sim.codebook import Codebook
+from sim.sweep import BeamSweep
+
+ChannelEstimator = Callable[[BeamSweep], ChannelEstimate]
+MethodName = Literal["auto", "coherent", "incoherent", "power"]
+
+RANK_TOLERANCE = 1e-6  # singular values of beam weights below this share of the largest are rounding
+NUMBERS_PER_PATH = 5  # real ones: delay, two angles, a complex gain
+
+
+class ChannelConfig(ConfigModel):
+    """Settings of channel estimation: which method, and what each of them needs."""
+
+    method: MethodName = Field("power", description="auto, coherent, incoherent or power")
+    maximum_likelihood: MaximumLikelihoodConfig = MaximumLikelihoodConfig()
+    power: PowerMethodConfig = PowerMethodConfig()
+    los: LosConfig = LosConfig()
+    delay_std_floor_ns: float = Field(
+        0.0,
+        ge=0,
+        description="of maximum-likelihood delays, in quadrature: what no model of separate paths holds",
+    )
+    angle_std_floor_deg: float = Field(0.0, ge=0, description="the same of their angles")
+    self_calibration: SelfCalibrationConfig | None = Field(
+        None, description="calibrate both arrays from the campaign itself; off without it"
+    )
+
+
+def estimate_channel(
+    sweep: BeamSweep,
+    method: str | ChannelEstimator | None = None,
+    config: ChannelConfig | None = None,
+) -> ChannelEstimate:
+    """The paths of one stop.
+
+    Parameters
+    ----------
+    sweep
+        What the receiver has of the stop.
+    method
+        `coherent`: joint maximum likelihood with phases kept over the sweep; `incoherent`: with an unknown phase
+        for every beam pair; `auto`: whichever a test on the data chooses; `power`: beam powers over delay alone;
+        or a function of the sweep. The one in `config` by default.
+
+    Returns
+    -------
+    ChannelEstimate
+        `status` is 'ok', 'no paths', 'limited' where there were more paths than could be reported, or 'refused'
+        where the sweep is empty, all zero or not finite; `reason` says what was chosen and why, or what is wrong.
+
+    Raises
+    ------
+    ValueError
+        For an unknown method, and for what a given function returns that is no channel estimate of this stop.
+    """
+    config = config or ChannelConfig()
+    method = config.method if method is None else method
+    if callable(method):
+        return checked_estimate(method(sweep), sweep, getattr(method, "__name__", "estimator"))
+    if method not in get_args(MethodName):
+        raise ValueError(f"method = '{method}': must be auto, coherent, incoherent, power or a function")
+    wrong = _unusable(sweep)
+    if wrong:
+        return empty_estimate(sweep.stop, method, EstimateStatus.REFUSED, wrong)
+    blind = _blind_ends(sweep)
+    if method == "power" or blind:
+        estimate = estimate_power(sweep, config.power, config.los)
+        reason = f"{blind}; powers alone give all that can be told" if blind else ""
+        return replace(_limited(estimate, config.power.max_paths), reason=reason) if reason else estimate
+    return _maximum_likelihood(sweep, method, config)
+
+
+def checked_estimate(estimate: object, sweep: BeamSweep, name: str) -> ChannelEstimate:
+    """What a user's function returned, where it is a channel estimate of the sweep's stop; else `ValueError`."""
+    if not isinstance(estimate, ChannelEstimate):
+        raise ValueError(
+            f"estimator = '{name}': returned {type(estimate).__name__}, a ChannelEstimate is needed"
+        )
+    if estimate.stop != sweep.stop:
+        raise ValueError(
+            f"estimator = '{name}': returned stop {estimate.stop}, the sweep is of stop {sweep.stop}"
+        )
+    check_estimate(estimate, 1 / float(np.diff(sweep.frequency_offset_hz[:2])[0]))
+    return estimate
+
+
+def _maximum_likelihood(sweep: BeamSweep, method: str, config: ChannelConfig) -> ChannelEstimate:
+    settings = config.maximum_likelihood
+    capacity = path_capacity(sweep)
+    if settings.max_paths > capacity:
+        settings = settings.model_copy(update={"max_paths": capacity})
+    if method == "coherent":
+        fit, reason = fit_over_background(sweep, settings), ""
+    elif method == "incoherent":
+        fit, reason = fit_incoherent(sweep, settings), ""
+    else:
+        fit, reason = fit_auto(sweep, settings)
+    fit = _widened(fit, config)
+    tx, rx = nominal_manifold(sweep.tx_codebook), nominal_manifold(sweep.rx_codebook)
+    return _limited(assemble_estimate(sweep, fit, tx, rx, config.los, method, reason), settings.max_paths)
+
+
+def _widened(fit: PathFit, config: ChannelConfig) -> PathFit:
+    """The fit with the floors of the settings added to its covariances."""
+    std = np.full(fit.size("parameter"), np.deg2rad(config.angle_std_floor_deg))
+    std[0] = 1e-9 * config.delay_std_floor_ns
+    return replace(fit, covariance=fit.covariance + np.diag(std**2))
+
+
+def path_capacity(sweep: BeamSweep) -> int:
+    """Most paths whose numbers the samples could determine: delay, two angles and a complex gain for each."""
+    n_real = 2 * _rank(sweep.tx_codebook) * _rank(sweep.rx_codebook) * int(sweep.samples.shape[2])
+    return max(1, n_real // (2 * NUMBERS_PER_PATH))
+
+
+def _limited(estimate: ChannelEstimate, max_paths: int) -> ChannelEstimate:
+    """The estimate with its status and reason set where it holds as many paths as it may."""
+    if len(estimate) < max_paths:
+        return estimate
+    reason = f"max_paths = {max_paths} reached: there may be more"
+    joined = "; ".join(part for part in (estimate.reason, reason) if part)
+    return replace(estimate, status=EstimateStatus.LIMITED, reason=joined)
+
+
+def _unusable(sweep: BeamSweep) -> str:
+    """What makes the samples useless; empty where nothing does."""
+    shape = sweep.samples.shape
+    if min(shape) == 0 or shape[2] < 2:
+        return f"samples has shape {shape}: at least 1 x 1 beams and 2 subcarriers are needed"
+    power = np.einsum("mnk,mnk->mn", sweep.samples.real, sweep.samples.real, dtype=float)
+    power += np.einsum("mnk,mnk->mn", sweep.samples.imag, sweep.samples.imag, dtype=float)
+    if not np.isfinite(power).all():
+        m, n = np.argwhere(~np.isfinite(power))[0]
+        return f"samples of beam pair ({m}, {n}) are not finite"
+    if not power.any():
+        return "samples are all zero"
+    return ""
+
+
+def _blind_ends(sweep: BeamSweep) -> str:
+    """Which ends cannot tell directions apart: one beam, or beams that are all the same; empty where none."""
+    blind = [
+        f"{name} beams of rank 1: no angle of {angle}"
+        for name, book, angle in (
+            ("TX", sweep.tx_codebook, "departure"),
+            ("RX", sweep.rx_codebook, "arrival"),
+        )
+        if _rank(book) == 1
+    ]
+    return ", ".join(blind)
+
+
+def _rank(codebook: Codebook) -> int:
+    """Number of independent beams."""
+    value = np.linalg.svd(nominal_manifold(codebook).weights(), compute_uv=False)
+    return int((value > RANK_TOLERANCE * value[0]).sum())

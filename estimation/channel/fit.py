@@ -1,0 +1,57 @@
+"""What every maximum-likelihood method returns: the paths of one stop and what is known about them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from scenes.record import FloatArray, Record, array
+
+FitStatus = Literal["ok", "no_paths", "no_signal"]
+
+
+@dataclass(frozen=True)
+class PathFit(Record):
+    """Paths of one stop, sorted by delay; zero paths are valid.
+
+    An end has one angle (azimuth, or the cone angle where its beams cannot tell elevations apart) or two (azimuth,
+    elevation). `status` is 'ok' where paths were found, 'no_paths' where nothing rises above the noise and
+    'no_signal' where the samples are all zero.
+    """
+
+    delay_s: FloatArray = array("path", unit="s", doc="time of arrival, clock bias included")
+    aod_rad: FloatArray = array("path", "aod_angle", unit="rad", doc="departure in the TX frame")
+    aoa_rad: FloatArray = array("path", "aoa_angle", unit="rad", doc="arrival in the RX frame")
+    amplitude: FloatArray = array(
+        "path", unit="sqrt(mW)", doc="|xi|, at the elements of both ends, per sample"
+    )
+    phase_rad: FloatArray = array("path", unit="rad", doc="phase of xi, NaN where it is not observed")
+    snr_db: FloatArray = array("path", unit="dB", doc="SNR in the best beam pair, subcarriers summed")
+    covariance: FloatArray = array(
+        "path",
+        "parameter",
+        "parameter2",
+        unit="(s, rad, ...)^2",
+        doc="of delay, departure angles and arrival angles",
+    )
+    status: FitStatus = array(dtype=str, doc="ok, no_paths or no_signal")
+
+    def __len__(self) -> int:
+        return self.size("path")
+
+
+def empty_fit(n_aod_angles: int, n_aoa_angles: int, status: FitStatus) -> PathFit:
+    """A fit without paths, of ends with so many angles."""
+    n_parameters = 1 + n_aod_angles + n_aoa_angles
+    return PathFit(
+        delay_s=np.zeros(0),
+        aod_rad=np.zeros((0, n_aod_angles)),
+        aoa_rad=np.zeros((0, n_aoa_angles)),
+        amplitude=np.zeros(0),
+        phase_rad=np.zeros(0),
+        snr_db=np.zeros(0),
+        covariance=np.zeros((0, n_parameters, n_parameters)),
+        status=status,
+    )

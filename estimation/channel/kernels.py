@@ -1,0 +1,172 @@
+"""Compiled inner loops of the path model: responses along every axis, and the Gram matrices of their derivatives.
+
+Every function writes out one formula over small arrays, where the overhead of array operations exceeds the work.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from scenes.record import ComplexArray, FloatArray, IntArray
+
+NEAR_BINS = 1e-3  # distance from its peak where the Dirichlet kernel is taken by its series
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def dirichlet(position: IntArray, delay_bins: FloatArray, n: int) -> FloatArray:
+    """Dirichlet kernel sin(pi x) / (n sin(pi x / n)) of `n` subcarriers and its slope over x, (delay, 2, bin).
+
+    x is how far the bins at whole `position` (bin,) lie beyond the delays (delay,), in bins. Sines are taken of
+    bins and delays apart.
+    """
+    kernel = np.empty((len(delay_bins), 2, len(position)))
+    second = np.pi**2 / 3 * (1 - 1 / n**2)
+    fourth = np.pi**4 / 5 * (1 - 1 / n**2) * (1 - 7 / (3 * n**2))
+    bin_sine, bin_cosine = np.sin(np.pi / n * position), np.cos(np.pi / n * position)
+    for i in range(len(delay_bins)):
+        delay = delay_bins[i]
+        turn_sine, turn_cosine = np.sin(np.pi * delay), np.cos(np.pi * delay)
+        slow_sine, slow_cosine = np.sin(np.pi / n * delay), np.cos(np.pi / n * delay)
+        for j in range(len(position)):
+            sign = -1.0 if position[j] % 2 else 1.0
+            sine = bin_sine[j] * slow_cosine - bin_cosine[j] * slow_sine
+            cosine = bin_cosine[j] * slow_cosine + bin_sine[j] * slow_sine
+            if abs(sine) < np.pi / n * NEAR_BINS:
+                x = n / np.pi * np.arctan(sine / cosine)
+                peak = sign * turn_cosine / (np.cos(np.pi * x) * np.sign(cosine))
+                kernel[i, 0, j] = peak * (1 - second * x**2 / 2 + fourth * x**4 / 24)
+                kernel[i, 1, j] = peak * (-second * x + fourth * x**3 / 6)
+            else:
+                value = -sign * turn_sine / (n * sine)
+                kernel[i, 0, j] = value
+                kernel[i, 1, j] = np.pi * (sign * turn_cosine - cosine * value) / (n * sine)
+    return kernel
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def unit_vectors(azimuth_rad: FloatArray, elevation_rad: FloatArray) -> FloatArray:
+    """Unit vectors of directions and their derivatives over azimuth and elevation, (direction, 3, xyz)."""
+    vectors = np.zeros((len(azimuth_rad), 3, 3))
+    for p in range(len(azimuth_rad)):
+        sine, cosine = np.sin(azimuth_rad[p]), np.cos(azimuth_rad[p])
+        height, level = np.sin(elevation_rad[p]), np.cos(elevation_rad[p])
+        vectors[p, 0, 0], vectors[p, 0, 1], vectors[p, 0, 2] = level * cosine, level * sine, height
+        vectors[p, 1, 0], vectors[p, 1, 1] = -level * sine, level * cosine
+        vectors[p, 2, 0], vectors[p, 2, 1], vectors[p, 2, 2] = -height * cosine, -height * sine, level
+    return vectors
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def add_panel_tangents(
+    out: ComplexArray,
+    vectors: FloatArray,
+    amplitude: FloatArray,
+    slope: FloatArray,
+    wave_vector: FloatArray,
+    weights: ComplexArray,
+) -> None:
+    """Add to `out` (direction, 1 + angle, beam) the responses of one panel's beams and their derivatives.
+
+    Directions and their derivatives are unit `vectors` (direction, 1 + angle, xyz) or more; the element's
+    `amplitude` (direction,) has the `slope` (direction, angle); `wave_vector` (element, xyz), `weights`
+    (element, beam).
+    """
+    n_directions, n_factors, n_beams = out.shape
+    factor = np.empty(n_factors, np.complex128)
+    for p in range(n_directions):
+        for e in range(len(wave_vector)):
+            phase = 0.0
+            for axis in range(3):
+                phase += wave_vector[e, axis] * vectors[p, 0, axis]
+            wave = complex(np.cos(phase), np.sin(phase))
+            factor[0] = amplitude[p] * wave
+            for a in range(n_factors - 1):
+                rate = 0.0
+                for axis in range(3):
+                    rate += wave_vector[e, axis] * vectors[p, 1 + a, axis]
+                factor[a + 1] = (slope[p, a] + 1j * amplitude[p] * rate) * wave
+            for a in range(n_factors):
+                for b in range(n_beams):
+                    out[p, a, b] += factor[a] * weights[e, b]
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def tangent_products(slices: FloatArray, tx: ComplexArray, rx: ComplexArray) -> ComplexArray:
+    """Inner products (path, tangent) of tangents with samples already summed over delay.
+
+    `slices` (path, delay factor, part, tx_rank, rx_rank) are the samples times each delay factor; `tx` and `rx`
+    (path, 1 + angle, rank). Tangents: value, derivatives over delay (if there is a second factor), `tx`, `rx`.
+    """
+    n_paths, n_delay, _, n_tx, n_rx = slices.shape
+    n_aod, n_aoa = tx.shape[1] - 1, rx.shape[1] - 1
+    products = np.zeros((n_paths, n_delay + n_aod + n_aoa), np.complex128)
+    along = np.empty(1 + n_aoa, np.complex128)
+    for p in range(n_paths):
+        for d in range(n_delay):
+            n_needed = 1 + n_aoa if d == 0 else 1
+            for i in range(n_tx):
+                along[:] = 0
+                for j in range(n_rx):
+                    sample = complex(slices[p, d, 0, i, j], slices[p, d, 1, i, j])
+                    for b in range(n_needed):
+                        along[b] += sample * rx[p, b, j].conjugate()
+                products[p, d] += along[0] * tx[p, 0, i].conjugate()
+                if d == 0:
+                    for a in range(n_aod):
+                        products[p, n_delay + a] += along[0] * tx[p, 1 + a, i].conjugate()
+                    for b in range(n_aoa):
+                        products[p, n_delay + n_aod + b] += along[1 + b] * tx[p, 0, i].conjugate()
+    return products
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def hadamard_gram(tx: ComplexArray, rx: ComplexArray, delay: FloatArray) -> ComplexArray:
+    """Inner products (path, tangent, path, tangent) from those of the factors of an axis (path, factor, ...)."""
+    n_paths, n_others = tx.shape[0], tx.shape[2]
+    n_aod, n_aoa, n_delay = tx.shape[1] - 1, rx.shape[1] - 1, delay.shape[1]
+    m_aod, m_aoa, m_delay = tx.shape[3] - 1, rx.shape[3] - 1, delay.shape[3]
+    n, m = n_delay + n_aod + n_aoa, m_delay + m_aod + m_aoa
+    gram = np.empty((n_paths, n, n_others, m), np.complex128)
+    for p in range(n_paths):
+        for a in range(n):
+            d = a if a < n_delay else 0
+            i = a - n_delay + 1 if n_delay <= a < n_delay + n_aod else 0
+            j = a - n_delay - n_aod + 1 if a >= n_delay + n_aod else 0
+            for q in range(n_others):
+                for b in range(m):
+                    e = b if b < m_delay else 0
+                    k = b - m_delay + 1 if m_delay <= b < m_delay + m_aod else 0
+                    h = b - m_delay - m_aod + 1 if b >= m_delay + m_aod else 0
+                    gram[p, a, q, b] = tx[p, i, q, k] * rx[p, j, q, h] * delay[p, d, q, e]
+    return gram
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def real_equations(
+    gram: ComplexArray, left: ComplexArray, amplitude: ComplexArray
+) -> tuple[FloatArray, FloatArray]:
+    """Normal matrix (path, column, path, column) and gradient (path, column) in real unknowns.
+
+    From the `gram` (path, tangent, path, tangent) of the tangents and their products (path, tangent) with what is
+    `left` of the samples. The columns of a path are the derivatives over the real and the imaginary part of its
+    amplitude, then over its parameters.
+    """
+    n_paths, n_tangents = left.shape
+    n = n_tangents + 1
+    matrix, slope = np.empty((n_paths, n, n_paths, n)), np.empty((n_paths, n))
+    scale = np.empty((n_paths, n), np.complex128)
+    for p in range(n_paths):
+        scale[p, 0], scale[p, 1] = 1.0, 1j
+        for a in range(2, n):
+            scale[p, a] = amplitude[p]
+    for p in range(n_paths):
+        for a in range(n):
+            turned = scale[p, a].conjugate()
+            tangent = max(a - 1, 0)
+            slope[p, a] = (turned * left[p, tangent]).real
+            for q in range(n_paths):
+                for b in range(n):
+                    product = turned * gram[p, tangent, q, max(b - 1, 0)] * scale[q, b]
+                    matrix[p, a, q, b] = product.real
+    return matrix, slope

@@ -1,0 +1,113 @@
+"""`arena validate channel`: how often noise alone makes a path, against the probability asked for.
+
+Coherent trials draw the noise where the compression leaves it: white, of unit power, on the span of the beams and
+all delay bins. That is what `compress` makes of a sweep of noise, as a test shows, and takes a tenth of its time;
+everything behind it is the estimator's own. Incoherent trials, and a user's estimator, get whole sweeps.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from estimation.channel.coherent import fit_paths
+from estimation.channel.compress import DelayCube, compress, noise_scale_of
+from estimation.channel.config import MaximumLikelihoodConfig
+from estimation.channel.incoherent import fit_incoherent
+from estimation.channel.plan import SearchPlan, delay_window, nominal_manifold, search_plan
+from estimation.validation.channel import TRIALS, make_estimator
+from estimation.validation.channel_match import most_by_chance
+from estimation.validation.channel_scenes import Bench, make_bench, noise_stop
+from estimation.validation.measurement import Measurement
+from scenes.record import ComplexArray
+
+QUICK = (("coherent", 0.1, 30), ("incoherent", 0.1, 15))  # method, probability, trials
+FULL = (("coherent", 1e-2, 10_000), ("coherent", 1e-3, 100_000), ("incoherent", 1e-2, 2_000))
+
+
+def check_false_alarms(
+    seed: int, quick: bool, trials: int | None = None, estimator: str | None = None
+) -> list[Measurement]:
+    """Rate of stops with a path in noise alone, over the nominal one: 0.5 to 1.5."""
+    bench = make_bench(seed)
+    if estimator is not None:
+        return [_user_rate(bench, seed, trials or (QUICK[0][2] if quick else 1000), estimator)]
+    rows = []
+    for method, probability, count in QUICK if quick else FULL:
+        n = count if trials is None else max(1, round(count * trials / TRIALS))
+        rate = coherent_rate if method == "coherent" else incoherent_rate
+        hits = rate(bench, np.random.default_rng([seed, 5]), probability, n)
+        rows.append(false_alarm_row(f"{method}.false_alarm_{probability:g}", hits, n, probability, quick))
+    return rows
+
+
+def coherent_rate(bench: Bench, rng: np.random.Generator, probability: float, n_trials: int) -> int:
+    """Trials in which the coherent method finds a path in noise."""
+    plan, template = noise_template(bench)
+    config = MaximumLikelihoodConfig(false_alarm_probability=probability)
+    shape = template.spectrum.shape
+    hits = 0
+    for _ in range(n_trials):
+        spectrum = white_noise(rng, shape)
+        cube = replace(template, spectrum=spectrum, noise_scale=noise_scale_of(spectrum))
+        window = delay_window(cube, plan, config)
+        if window is not None:
+            hits += len(fit_paths(cube.window(window.position), window, plan, config).paths) > 0
+    return hits
+
+
+def incoherent_rate(bench: Bench, rng: np.random.Generator, probability: float, n_trials: int) -> int:
+    """Trials in which the incoherent method finds a path in noise."""
+    config = MaximumLikelihoodConfig(false_alarm_probability=probability)
+    template = noise_stop(bench, 0)
+    scale = np.sqrt(bench.link.noise_power_mw)[:, None].astype(np.float32)
+    hits = 0
+    for _ in range(n_trials):
+        samples = white_noise(rng, template.samples.shape) * scale
+        hits += len(fit_incoherent(replace(template, samples=samples), config)) > 0
+    return hits
+
+
+def noise_template(bench: Bench) -> tuple[SearchPlan, DelayCube]:
+    """The search plan of a link, and a compressed sweep of noise on its beams."""
+    link = bench.link
+    plan = search_plan(
+        nominal_manifold(link.tx_codebook),
+        nominal_manifold(link.rx_codebook),
+        tuple(link.noise_power_mw.tolist()),
+        MaximumLikelihoodConfig().oversampling,
+    )
+    return plan, compress(noise_stop(bench, 0), plan.tx, plan.rx)
+
+
+def white_noise(rng: np.random.Generator, shape: tuple[int, ...]) -> ComplexArray:
+    """Circular Gaussian noise of unit power, complex64."""
+    parts = rng.standard_normal((*shape, 2), dtype=np.float32)
+    parts *= np.float32(np.sqrt(0.5))
+    return np.asarray(parts.view(np.complex64)[..., 0])
+
+
+def false_alarm_row(key: str, hits: int, n_trials: int, probability: float, quick: bool) -> Measurement:
+    """Deviation of the rate over the nominal one from 1, at most 0.5."""
+    over = hits / n_trials / probability
+    expected = n_trials * probability
+    bar = most_by_chance(1.5 * expected) / expected - 1 if quick else 0.5
+    return Measurement(
+        f"{key}_deviation",
+        abs(over - 1),
+        "1",
+        "lower",
+        bar,
+        f"{over:.2f} of nominal: {hits} in {n_trials} trials",
+    )
+
+
+def _user_rate(bench: Bench, seed: int, n_trials: int, estimator: str) -> Measurement:
+    """A user's estimator has its own nominal probability; 1e-2 is taken as the most of it."""
+    estimate = make_estimator("coherent", estimator)
+    hits = sum(len(estimate(noise_stop(bench, stop))) > 0 for stop in range(n_trials))
+    rate = hits / n_trials
+    return Measurement(
+        "estimator.false_alarm_rate", rate, "1", "lower", 1e-2, f"{hits} in {n_trials} stops of noise"
+    )

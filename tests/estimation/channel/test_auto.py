@@ -1,0 +1,91 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimation.channel.auto import choose, even_turn, fit_auto, turned_back
+from estimation.channel.coherent import fit_coherent
+from estimation.channel.incoherent import fit_incoherent
+from scenes.record import FloatArray
+from sim.config import WaveformConfig
+from sim.occasions import sweep_occasions
+from sim.sweep import BeamSweep
+from tests.estimation.channel.plain_sweeps import no_plain_paths, plain_link, plain_paths, plain_sweep
+
+SMALL = plain_link()
+PATHS = plain_paths(
+    SMALL, [30.0, 130.0, 131.0], [-20.0, 20.0, 40.0], [5.0, 25.0, -35.0], [33.0, 27.0, 24.0], phase=[0, 1, 2]
+)
+
+
+def turned(phase_rad: FloatArray, seed: int = 1) -> BeamSweep:
+    sweep = plain_sweep(SMALL, PATHS, np.random.default_rng(seed))
+    return replace(sweep, samples=sweep.samples * np.exp(1j * phase_rad)[:, :, None])
+
+
+@pytest.mark.parametrize("offset_hz", [0.0, 150.0, -1500.0, 20e3])
+def test_a_frequency_offset_is_found_and_taken_back(offset_hz: float) -> None:
+    times = sweep_occasions(WaveformConfig(), 10, 10).time_s[0]
+    chosen = choose(turned(2 * np.pi * offset_hz * times))
+    assert chosen.mode == "coherent"
+    assert chosen.frequency_offset_hz == pytest.approx(offset_hz, abs=60)
+    assert np.rad2deg(chosen.turn.residual_rad) < 4
+    assert len(chosen.fit) == 3
+    assert np.allclose(chosen.fit.delay_s, PATHS.delay_s, atol=5e-10)
+    assert np.isfinite(chosen.fit.phase_rad).all()
+    assert chosen.reason.startswith("coherent: phases of ")
+
+
+def test_a_sweep_may_go_through_the_tx_beams_first() -> None:
+    chosen = choose(turned(0.02 * np.arange(10)[:, None] + 0.2 * np.arange(10)))
+    assert chosen.mode == "coherent"
+    assert chosen.turn.tx_step_rad == pytest.approx(0.02, abs=0.03)
+    assert chosen.turn.rx_step_rad == pytest.approx(0.2, abs=0.03)
+
+
+def test_random_phases_are_left_alone() -> None:
+    phase = np.random.default_rng(2).uniform(-np.pi, np.pi, (10, 10))
+    fit, reason = fit_auto(turned(phase))
+    assert reason.startswith("incoherent: ")
+    assert len(fit) == 3
+    assert np.isnan(fit.phase_rad).all()
+
+
+def test_phases_that_wander_are_told_and_left_alone() -> None:
+    phase = np.deg2rad(12) * np.cumsum(np.random.default_rng(3).standard_normal(100)).reshape(10, 10)
+    chosen = choose(turned(phase))
+    assert chosen.mode == "incoherent"
+    assert "from one pair to the next they change by" in chosen.reason
+    assert 5 < np.rad2deg(chosen.turn.walk_rad) < 20
+
+
+@pytest.mark.parametrize(("spread_deg", "mode"), [(4.0, "coherent"), (25.0, "incoherent")])
+def test_the_residual_is_that_of_the_phases_without_noise(spread_deg: float, mode: str) -> None:
+    phase = np.deg2rad(spread_deg) * np.random.default_rng(4).standard_normal((10, 10))
+    chosen = choose(turned(phase))
+    assert np.rad2deg(chosen.turn.residual_rad) == pytest.approx(spread_deg, rel=0.35, abs=1.5)
+    assert chosen.turn.upper_rad > chosen.turn.residual_rad
+    assert chosen.mode == mode
+
+
+def test_turning_back_undoes_a_turn() -> None:
+    sweep = turned(np.zeros((10, 10)))
+    back = turned_back(turned(0.3 * np.arange(10)[:, None] - 0.1 * np.arange(10)), 0.3, -0.1)
+    assert np.allclose(back.samples, sweep.samples, atol=1e-4)
+
+
+def test_too_few_pairs_stay_incoherent() -> None:
+    nothing = plain_sweep(SMALL, no_plain_paths(SMALL), np.random.default_rng(5))
+    chosen = choose(nothing)
+    assert chosen.mode == "incoherent"
+    assert "too few beam pairs" in chosen.reason
+    assert chosen.turn.n_pairs == 0
+    assert len(chosen.fit) == 0
+
+
+def test_without_a_turn_the_fit_is_the_coherent_one() -> None:
+    sweep = turned(np.zeros((10, 10)))
+    chosen, coherent = choose(sweep), fit_coherent(sweep)
+    std = np.sqrt(np.einsum("paa->pa", coherent.covariance))[:, 0]
+    assert (np.abs(chosen.fit.delay_s - coherent.delay_s) < 0.3 * std).all()
+    assert even_turn(fit_incoherent(sweep)).n_pairs == chosen.turn.n_pairs
