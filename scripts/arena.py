@@ -12,7 +12,7 @@ import sys
 import click
 import typer
 
-from scripts import ablate, bound, campaign, doctor, import_mat, link, scene, sigmf, validate
+from scripts import ablate, bound, campaign, doctor, import_mat, link, scene, sigmf, study, sweep, validate
 
 app = typer.Typer(
     name="arena",
@@ -31,10 +31,12 @@ app.command("link")(link.link)
 app.command("export-sigmf")(sigmf.export_sigmf)
 app.command("bound")(bound.bound)
 app.command("ablate")(ablate.ablate)
+app.command("sweep")(sweep.sweep)
 app.command("doctor")(doctor.doctor)
 app.command("validate")(validate.validate)
 app.command("bench")(validate.bench)
 app.add_typer(scene.app, name="scene")
+app.add_typer(study.app, name="study")
 
 
 def main() -> None:

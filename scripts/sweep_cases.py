@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -15,6 +15,7 @@ import tomli_w
 from scipy.stats import qmc
 
 from estimation.config import CampaignConfig
+from scenes.config import kept_files
 from scenes.record import FloatArray
 from scenes.toml_config import ConfigError, read_text, read_toml
 from scripts.campaign_file import campaign_path, resolve_campaign
@@ -31,8 +32,8 @@ class Case:
     repeat: int
     values: Point
     config: CampaignConfig
-    scene_file: str  # where files the scene names are looked up
     scene_text: str
+    scene_files: Mapping[str, bytes]  # what the files that the scene names hold
     estimator: str | None
     stop_every: int
 
@@ -68,8 +69,8 @@ def make_cases(
 ) -> Iterator[Case]:
     """The cases of the given repeats of every point.
 
-    `source` is the sweep file; a relative base is looked up beside it. The seed of a case is its campaign's plus the
-    repeat, so all points share their random numbers.
+    `source` is the sweep file, beside which a relative base is looked up. The seed of a case is that of its
+    campaign plus the repeat, so all points share their random numbers.
 
     Raises `ConfigError`, one line naming the axis and the value, where a case is no valid campaign.
     """
@@ -101,7 +102,9 @@ def _case(source: str, config: SweepConfig, base: Path, index: int, point: Point
         told = ", ".join(f"{field} = {value}" for field, value in changes) or "the base"
         raise ConfigError(f"{source}: case {told}: {error}") from error
     campaign = campaign.model_copy(update={"seed": campaign.seed + repeat})
-    return Case(index, repeat, point, campaign, str(scene_file), scene_text, estimator, config.stop_every)
+    return Case(
+        index, repeat, point, campaign, scene_text, kept_files(scene_file), estimator, config.stop_every
+    )
 
 
 def _changed_scene(text: str, changes: Sequence[tuple[str, Any]]) -> str:

@@ -1,0 +1,77 @@
+"""One object's estimated shape, the same record whatever the method that made it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from scenes.record import FloatArray, Record, TextArray, array
+
+KINDS = (
+    "circle",
+    "ellipse",
+    "rounded_square",
+    "star_convex",
+    "support_gp",
+    "wall",
+    "depth_line",
+    "edge",
+    "none",
+)
+OK, PRIOR, FAILED = "ok", "prior", "failed"
+
+
+@dataclass(frozen=True)
+class ShapeFit(Record):
+    """Contour of one object with its uncertainty.
+
+    `status` is `ok`, `prior` where the data said nothing and the answer is as wide as the prior, or `failed:
+    why`. A closed contour is sampled counter-clockwise without a repeated end, an open one end to end. Raises
+    `ValueError` for a kind or a status that is none of these.
+    """
+
+    kind: str
+    status: str
+    is_closed: bool
+    contour_m: FloatArray = array("sample", "xy", unit="m", doc="points of the contour")
+    std_m: FloatArray = array(
+        "sample", unit="m", doc="standard deviation along the contour's normal: the 95 % band is +-1.96 of it"
+    )
+    log_evidence: float = array(
+        unit="nat", doc="log marginal likelihood, comparable among models of the same data; NaN without one"
+    )
+    parameter: FloatArray = array("parameter", doc="parameters of the model; empty where it has none")
+    parameter_covariance: FloatArray = array("parameter", "parameter2", doc="their covariance")
+    parameter_name: TextArray = array("parameter", dtype=np.str_, doc="their names, units included")
+    extent_m: float = array(unit="m", doc="lit length of an open contour, mean radius of a closed one")
+    extent_std_m: float = array(unit="m", doc="standard deviation of the extent")
+
+    def __post_init__(self) -> None:
+        if self.kind not in KINDS:
+            raise ValueError(f"ShapeFit.kind = '{self.kind}': must be one of {', '.join(KINDS)}")
+        if self.status not in (OK, PRIOR) and not self.status.startswith(FAILED):
+            raise ValueError(f"ShapeFit.status = '{self.status}': must be ok, prior or 'failed: why'")
+        super().__post_init__()
+
+    @property
+    def is_usable(self) -> bool:
+        """Whether there is a contour to use: every status but a failure."""
+        return not self.status.startswith(FAILED)
+
+
+def failed_fit(kind: str, why: str) -> ShapeFit:
+    """The answer of a method that found no shape: an empty contour and the reason as status."""
+    return ShapeFit(
+        kind=kind,
+        status=f"{FAILED}: {why}",
+        is_closed=False,
+        contour_m=np.zeros((0, 2)),
+        std_m=np.zeros(0),
+        log_evidence=np.nan,
+        parameter=np.zeros(0),
+        parameter_covariance=np.zeros((0, 0)),
+        parameter_name=np.zeros(0, dtype=np.str_),
+        extent_m=np.nan,
+        extent_std_m=np.nan,
+    )

@@ -1,0 +1,110 @@
+"""Single-bounce paths of one object over a campaign: the data of the fits by the reflection law."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from pydantic import Field
+
+from scenes.record import FloatArray, IntArray, Record, array
+from scenes.toml_config import ConfigModel
+
+
+@dataclass(frozen=True)
+class Reflections(Record):
+    """Delay and angles of the paths with the poses they were measured from.
+
+    Raises `ValueError` for values that are not finite and covariances that are not symmetric and positive
+    (measurement) or have a negative variance (pose).
+    """
+
+    measured: FloatArray = array(
+        "path", "quantity", doc="range in m, azimuth of departure, of arrival in rad"
+    )
+    covariance: FloatArray = array("path", "quantity", "quantity2", doc="covariance in m, rad, rad")
+    tx: FloatArray = array("path", "tx_pose", doc="x and y in m, heading in rad of the TX")
+    rx_state: FloatArray = array(
+        "path", "state", doc="x and y in m, heading in rad, clock bias in m of the RX"
+    )
+    rx_covariance: FloatArray = array("path", "state", "state2", doc="covariance of the RX state; 0: exact")
+    session: IntArray = array("path", dtype=int, doc="session of the TX heading offset, from 0")
+    stop: IntArray = array("path", dtype=int, doc="stop of the RX")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("measured", "covariance", "tx", "rx_state", "rx_covariance"):
+            if not np.all(np.isfinite(getattr(self, name))):
+                raise ValueError(f"Reflections.{name}: every value must be finite")
+        if np.any(self.session < 0):
+            raise ValueError(f"Reflections.session = {int(self.session.min())}: must be >= 0")
+        asymmetry = np.abs(self.covariance - np.swapaxes(self.covariance, 1, 2)).max(initial=0.0)
+        if asymmetry > 1e-9 or np.any(np.linalg.eigvalsh(self.covariance) <= 0):
+            raise ValueError("Reflections.covariance: must be symmetric and positive definite")
+        if np.any(np.diagonal(self.rx_covariance, axis1=1, axis2=2) < 0):
+            raise ValueError("Reflections.rx_covariance: variances must be >= 0")
+
+    def __len__(self) -> int:
+        return len(self.stop)
+
+    @property
+    def n_sessions(self) -> int:
+        """Number of sessions, those without a path included."""
+        return int(self.session.max(initial=-1)) + 1
+
+
+class ReflectionConfig(ConfigModel):
+    """Priors of the fits by the reflection law. A standard deviation of 0 fixes that unknown."""
+
+    radius_median_m: float = Field(
+        0.45, gt=0, description="median of the log-normal prior of the radius in m"
+    )
+    radius_log_std: float = Field(0.5, gt=0, description="standard deviation of the logarithm of the radius")
+    axis_ratio_log_std: float = Field(
+        0.6, gt=0, description="ellipse: standard deviation of either part of the log axis ratio"
+    )
+    round_share_median: float = Field(
+        0.25, gt=0, lt=1, description="rounded square: median of the corner radius over half the width"
+    )
+    round_share_log_odds_std: float = Field(1.0, gt=0, description="rounded square: of its log odds")
+    harmonic_std: float = Field(0.15, gt=0, description="support GP: standard deviation of h / R - 1")
+    harmonic_length: float = Field(0.8, gt=0, description="support GP: length scale of the periodic kernel")
+    n_harmonics: int = Field(6, ge=2, description="support GP: highest harmonic")
+    area_m2: float = Field(
+        400.0, gt=0, description="area in m^2 a centre or an edge lies in, all places alike"
+    )
+    delay_offset_std_ns: float = Field(1.0, ge=0, description="common error of all delays in ns")
+    aod_offset_std_deg: float = Field(3.0, ge=0, description="common error of a session's departures in deg")
+    aoa_offset_std_deg: float = Field(3.0, ge=0, description="common error of all arrivals in deg")
+    ghost_share: float = Field(0.05, ge=0, lt=1, description="share of paths from elsewhere before any data")
+    ghost_range_m: float = Field(20.0, gt=0, description="ghosts: uniform over this window of range in m")
+    ghost_angle_deg: float = Field(
+        60.0, gt=0, le=360, description="ghosts: uniform over this window of angles"
+    )
+    n_samples: int = Field(180, ge=8, description="samples of each contour")
+
+    @property
+    def log_ghost_density(self) -> float:
+        """Log density of a ghost's range and angles, times its share, per m rad^2; -inf without ghosts."""
+        if self.ghost_share == 0:
+            return -np.inf
+        window = self.ghost_range_m * np.deg2rad(self.ghost_angle_deg) ** 2
+        return float(np.log(self.ghost_share / window))
+
+
+def ray_points(data: Reflections) -> tuple[FloatArray, FloatArray]:
+    """Point (path, xy) in m where the two rays of each path meet at its length, and its normal's azimuth (path,).
+
+    The path length L is split so that p_TX + g L u and p_RX + (1 - g) L v are nearest, and their midpoint is
+    taken; g stays inside [0.02, 0.98]. The normal halves the angle of the rays back to TX and RX.
+    """
+    departure, arrival = data.tx[:, 2] + data.measured[:, 1], data.rx_state[:, 2] + data.measured[:, 2]
+    u = np.column_stack([np.cos(departure), np.sin(departure)])
+    v = np.column_stack([np.cos(arrival), np.sin(arrival)])
+    length = np.maximum(data.measured[:, 0] - data.rx_state[:, 3], 0.1)[:, None]
+    gap = data.rx_state[:, :2] - data.tx[:, :2] + length * v
+    total = u + v
+    square = np.maximum(np.sum(total**2, axis=1, keepdims=True), 1e-9)
+    share = np.clip(np.sum(total * gap, axis=1, keepdims=True) / (length * square), 0.02, 0.98)
+    point = (data.tx[:, :2] + share * length * u + data.rx_state[:, :2] + (1 - share) * length * v) / 2
+    return point, np.arctan2(-total[:, 1], -total[:, 0])
