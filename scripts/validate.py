@@ -98,7 +98,9 @@ def _measure(
     table = Table("key", "value", "bar", "unit", "met")
     for column in (1, 2):
         table.columns[column].justify = "right"
-    table.columns[0].no_wrap = True
+    for column in table.columns[1:]:
+        column.no_wrap = True  # on a narrow terminal the keys break, not the numbers
+    table.columns[0].overflow = "fold"
     rows: list[Measurement] = []
     checks = list(_checks(modules[name], prefix))
     for option in options:
