@@ -23,7 +23,7 @@ def variants(impairments: ImpairmentsConfig) -> dict[str, ImpairmentsConfig]:
     """Impairment settings by name: none, each that is on alone, all; `ValueError` where none is on."""
     names = impairments.switched_on
     if not names:
-        raise ValueError("impairments: all are off, at least one must be on to be ablated")
+        raise ValueError("impairments: all are off, at least one must be on, as in campus_arena_hardware")
     return {
         NONE: ImpairmentsConfig(),
         **{name: impairments.only(name) for name in names},

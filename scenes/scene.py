@@ -172,5 +172,5 @@ def _chosen(kind: str, wanted: str | int, known: Mapping[str, object]) -> str:
     if isinstance(wanted, int) and 0 <= wanted < len(names):
         return names[wanted]
     if wanted not in names:
-        raise ValueError(f"{kind} = {wanted!r}: must be one of {', '.join(names)}, or a place in that list")
+        raise ValueError(f"{kind} = {wanted!r}: must be one of {', '.join(names)}")
     return str(wanted)

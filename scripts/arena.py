@@ -8,11 +8,13 @@ from __future__ import annotations
 import os
 import re
 import sys
+from typing import Any
 
-import click
 import typer
 
 from scripts import ablate, bound, campaign, doctor, import_mat, link, scene, sigmf, study, sweep, validate
+
+USAGE_ERROR: Any = typer.BadParameter.__bases__[0]  # of click, or of the copy of it that typer brings along
 
 app = typer.Typer(
     name="arena",
@@ -45,10 +47,9 @@ def main() -> None:
     sys.unraisablehook = lambda _: None  # a damaged file's reader complains once more when it is thrown away
     try:
         sys.exit(app(standalone_mode=False))
-    except click.ClickException as error:
-        error.show()
-        sys.exit(error.exit_code)
-    except (KeyboardInterrupt, click.Abort):
+    except USAGE_ERROR as error:
+        _fail(" ".join(error.format_message().split()), error.exit_code)
+    except (KeyboardInterrupt, typer.Abort):
         _fail("interrupted; the same command goes on where it stopped", 130)
     except (ValueError, OSError, RuntimeError) as error:
         _fail(_one_line(error), 2)

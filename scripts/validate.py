@@ -98,8 +98,8 @@ def _measure(
     table = Table("key", "value", "bar", "unit", "met")
     for column in (1, 2):
         table.columns[column].justify = "right"
-    for column in table.columns[1:]:
-        column.no_wrap = True  # on a narrow terminal the keys break, not the numbers
+    for numbers in table.columns[1:]:
+        numbers.no_wrap = True  # on a narrow terminal the keys break, not the numbers
     table.columns[0].overflow = "fold"
     rows: list[Measurement] = []
     checks = list(_checks(modules[name], prefix))
