@@ -13,13 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from scenes.contour import Circle
-from scenes.pose import SPEED_OF_LIGHT_M_S, azimuth_elevation
+from scenes.pose import SPEED_OF_LIGHT_M_S
 from scenes.record import BoolArray, FloatArray, IntArray, Record, array, concatenate
 from scenes.scene import Scene, SceneObject
 from sim.convex import Ring, convex_ring
 from sim.fock import convex_creeping_gain
 from sim.occlusion import OCCLUDER_SAGITTA_M, Occluders, blocked, occluders, surface_names
-from sim.paths import BounceKind, Paths, empty_paths
+from sim.paths import BounceKind, Paths, empty_paths, lone_interaction, unfolded_paths
 
 MIN_GAIN = 1e-3  # over a free wave of the same length; weaker creeping waves are left out
 
@@ -185,21 +185,14 @@ def _paths(
     rx, tx = rx_positions_m[rays.receiver], scene.tx.position_m
     level = rays.s1_m + rays.arc_m + rays.s2_m
     length = np.hypot(level, rx[:, 2] - tx[2])
-    aod_azimuth, aod_elevation = azimuth_elevation(rays.attach_m - tx)
-    aoa_azimuth, aoa_elevation = azimuth_elevation(rays.shed_m - rx)
-    wavelength = SPEED_OF_LIGHT_M_S / carrier_hz
-    k_horizontal = 2 * np.pi / wavelength * level / length
+    k_horizontal = 2 * np.pi * carrier_hz / SPEED_OF_LIGHT_M_S * level / length
     radii = rays.radius_1_m, rays.radius_2_m
-    gain = convex_creeping_gain(k_horizontal, radii, rays.s1_m, rays.s2_m, rays.arc_m, rays.bend, "soft")
-    return Paths(
-        gain=gain * wavelength / (4 * np.pi * length) * np.exp(-2j * np.pi * length / wavelength),
-        delay_s=length / SPEED_OF_LIGHT_M_S,
-        aod_azimuth_rad=aod_azimuth,
-        aod_elevation_rad=aod_elevation,
-        aoa_azimuth_rad=aoa_azimuth,
-        aoa_elevation_rad=aoa_elevation,
-        bounce_kind=np.full((len(length), 1), BounceKind.DIFFRACTION),
-        bounce_object=np.full((len(length), 1), index),
-        vertex_m=rays.middle_m[:, None],
-        object_name=np.asarray(surface_names(scene), str),
+    return unfolded_paths(
+        convex_creeping_gain(k_horizontal, radii, rays.s1_m, rays.s2_m, rays.arc_m, rays.bend, "soft"),
+        length,
+        rays.attach_m - tx,
+        rx - rays.shed_m,
+        lone_interaction(BounceKind.DIFFRACTION, index, rays.middle_m),
+        surface_names(scene),
+        carrier_hz,
     )

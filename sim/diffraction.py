@@ -10,13 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scenes.pose import SPEED_OF_LIGHT_M_S, azimuth_elevation
+from scenes.pose import SPEED_OF_LIGHT_M_S
 from scenes.record import BoolArray, ComplexArray, FloatArray, IntArray, Record, array
 from scenes.scene import Scene
 from sim.edges import Edges, find_edges
 from sim.fresnel import slab_reflection, vertical_reflection
 from sim.occlusion import OCCLUDER_SAGITTA_M, Occluders, blocked, occluders, surface_names
-from sim.paths import BounceKind, Paths
+from sim.paths import BounceKind, Paths, lone_interaction, unfolded_paths
 from sim.utd import wedge_gain
 
 EDGE_CLEARANCE_M = 2 * OCCLUDER_SAGITTA_M  # legs end this far from the edge, in the middle of its free sector
@@ -91,22 +91,14 @@ def _paths(
 ) -> Paths:
     """Gains, delays and directions of all points, as one record."""
     from_tx, to_rx = found.point_m - scene.tx.position_m, rx_positions_m[found.receiver] - found.point_m
-    length = np.linalg.norm(from_tx, axis=1) + np.linalg.norm(to_rx, axis=1)
-    aod_azimuth, aod_elevation = azimuth_elevation(from_tx)
-    aoa_azimuth, aoa_elevation = azimuth_elevation(-to_rx)
-    wavelength = SPEED_OF_LIGHT_M_S / carrier_hz
-    gain = _wedge_gain(found, edges, scene, rx_positions_m, carrier_hz)
-    return Paths(
-        gain=gain * wavelength / (4 * np.pi * length) * np.exp(-2j * np.pi * length / wavelength),
-        delay_s=length / SPEED_OF_LIGHT_M_S,
-        aod_azimuth_rad=aod_azimuth,
-        aod_elevation_rad=aod_elevation,
-        aoa_azimuth_rad=aoa_azimuth,
-        aoa_elevation_rad=aoa_elevation,
-        bounce_kind=np.full((len(length), 1), BounceKind.DIFFRACTION),
-        bounce_object=edges.object[found.edge][:, None],
-        vertex_m=found.point_m[:, None],
-        object_name=np.asarray(surface_names(scene), str),
+    return unfolded_paths(
+        _wedge_gain(found, edges, scene, rx_positions_m, carrier_hz),
+        np.linalg.norm(from_tx, axis=1) + np.linalg.norm(to_rx, axis=1),
+        from_tx,
+        to_rx,
+        lone_interaction(BounceKind.DIFFRACTION, edges.object[found.edge], found.point_m),
+        surface_names(scene),
+        carrier_hz,
     )
 
 

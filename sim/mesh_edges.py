@@ -15,13 +15,13 @@ import numpy as np
 
 from scenes.clutter import Clutter
 from scenes.material import Material
-from scenes.pose import SPEED_OF_LIGHT_M_S, azimuth_elevation
+from scenes.pose import SPEED_OF_LIGHT_M_S
 from scenes.record import ComplexArray, FloatArray, IntArray, Record, array, concatenate
 from sim.diffraction import EDGE_CLEARANCE_M, MIN_LEG_M
 from sim.edges import MIN_TURN_RAD
 from sim.fresnel import normal_to_plane_of_incidence, slab_reflection, vertical_polarisation
 from sim.occlusion import Occluders, blocked
-from sim.paths import BounceKind, Paths, with_bounce_slots
+from sim.paths import BounceKind, Paths, lone_interaction, unfolded_paths, with_bounce_slots
 from sim.utd import wedge_gain
 
 FULL_TURN = 2 * np.pi
@@ -84,22 +84,15 @@ def diffracted_by_meshes(
     for end in ends_m:
         start = rays.point_m + EDGE_CLEARANCE_M * _outward(edges, rays.edge)
         rays = rays.take("ray", ~blocked(faces, start, np.broadcast_to(end, start.shape)))
-    length = rays.s_in_m + rays.s_out_m
-    wavelength = SPEED_OF_LIGHT_M_S / carrier_hz
-    aod_azimuth, aod_elevation = azimuth_elevation(rays.before)
-    aoa_azimuth, aoa_elevation = azimuth_elevation(-rays.after)
-    gain = _gain(edges, rays, materials, carrier_hz)
-    paths = Paths(
-        gain=gain * wavelength / (4 * np.pi * length) * np.exp(-2j * np.pi * length / wavelength),
-        delay_s=length / SPEED_OF_LIGHT_M_S,
-        aod_azimuth_rad=aod_azimuth,
-        aod_elevation_rad=aod_elevation,
-        aoa_azimuth_rad=aoa_azimuth,
-        aoa_elevation_rad=aoa_elevation,
-        bounce_kind=np.full((len(length), 1), BounceKind.DIFFRACTION),
-        bounce_object=(len(names) - len(materials) + edges.mesh[rays.edge])[:, None],
-        vertex_m=rays.point_m[:, None],
-        object_name=np.asarray(names, str),
+    item = len(names) - len(materials) + edges.mesh[rays.edge]
+    paths = unfolded_paths(
+        _gain(edges, rays, materials, carrier_hz),
+        rays.s_in_m + rays.s_out_m,
+        rays.before,
+        rays.after,
+        lone_interaction(BounceKind.DIFFRACTION, item, rays.point_m),
+        names,
+        carrier_hz,
     )
     return with_bounce_slots(paths, n_slots)
 

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scenes.pose import SPEED_OF_LIGHT_M_S, azimuth_elevation
+from scenes.pose import SPEED_OF_LIGHT_M_S
 from scenes.record import BoolArray, ComplexArray, FloatArray, IntArray, Record, array
 from scenes.scene import Scene
 from sim.fresnel import normal_to_plane_of_incidence, slab, vertical_polarisation
 from sim.occlusion import Crossings
-from sim.paths import BounceKind, Paths
+from sim.paths import BounceKind, Paths, unfolded_paths
 from sim.rays import Rays
 
 MIN_LEG_M = 1e-9  # shorter legs are rounding
@@ -104,22 +104,15 @@ def paths_of(
     length = leg_m.sum(axis=1)
     direction = travel / np.maximum(leg_m, MIN_LEG_M)[..., None]
     received, transmitted = _received(direction, happening, known)
-    wavelength = SPEED_OF_LIGHT_M_S / known.carrier_hz
-    gain = received * rays.spreading * (wavelength / (4 * np.pi * length))
-    gain = gain * np.exp(-2j * np.pi * length / wavelength)
-    aod_azimuth, aod_elevation = azimuth_elevation(direction[:, 0])
-    aoa_azimuth, aoa_elevation = azimuth_elevation(-direction[:, -1])
-    paths = Paths(
-        gain=gain,
-        delay_s=length / SPEED_OF_LIGHT_M_S,
-        aod_azimuth_rad=aod_azimuth,
-        aod_elevation_rad=aod_elevation,
-        aoa_azimuth_rad=aoa_azimuth,
-        aoa_elevation_rad=aoa_elevation,
-        bounce_kind=happening.kind,
-        bounce_object=happening.surface,
-        vertex_m=happening.vertex_m,
-        object_name=np.asarray(names, str),
+    interactions = happening.kind, happening.surface, happening.vertex_m
+    paths = unfolded_paths(
+        received * rays.spreading,
+        length,
+        direction[:, 0],
+        direction[:, -1],
+        interactions,
+        names,
+        known.carrier_hz,
     )
     return paths, (transmitted >= 10 ** (-max_loss_db / 20)) & (leg_m > MIN_LEG_M).all(axis=1)
 

@@ -8,7 +8,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from scenes.pose import SPEED_OF_LIGHT_M_S, direction
+from scenes.pose import SPEED_OF_LIGHT_M_S, azimuth_elevation, direction
 from scenes.record import BoolArray, ComplexArray, FloatArray, IntArray, Record, TextArray, array
 
 
@@ -123,6 +123,46 @@ def empty_paths(object_name: TextArray | list[str], n_slots: int = 1) -> Paths:
         vertex_m=np.zeros((0, n_slots, 3)),
         object_name=np.asarray(object_name, str),
     )
+
+
+def unfolded_paths(
+    field: ComplexArray,
+    length_m: FloatArray,
+    departure: FloatArray,
+    arrival: FloatArray,
+    interactions: tuple[IntArray, IntArray, FloatArray],
+    object_name: TextArray | list[str],
+    carrier_hz: float,
+) -> Paths:
+    """Paths whose field is `field` (path,) times that of a free wave over their unfolded lengths (path,) in m.
+
+    `departure` and `arrival` (path, xyz) point along the wave as it leaves the TX and as it reaches the receiver;
+    `interactions` are kinds (path, bounce), objects (path, bounce) and vertices (path, bounce, xyz).
+    """
+    wavelength = SPEED_OF_LIGHT_M_S / carrier_hz
+    aod_azimuth, aod_elevation = azimuth_elevation(departure)
+    aoa_azimuth, aoa_elevation = azimuth_elevation(-arrival)
+    kind, item, vertex_m = interactions
+    return Paths(
+        gain=field * (wavelength / (4 * np.pi * length_m)) * np.exp(-2j * np.pi * length_m / wavelength),
+        delay_s=length_m / SPEED_OF_LIGHT_M_S,
+        aod_azimuth_rad=aod_azimuth,
+        aod_elevation_rad=aod_elevation,
+        aoa_azimuth_rad=aoa_azimuth,
+        aoa_elevation_rad=aoa_elevation,
+        bounce_kind=kind,
+        bounce_object=item,
+        vertex_m=vertex_m,
+        object_name=np.asarray(object_name, str),
+    )
+
+
+def lone_interaction(
+    kind: BounceKind, item: IntArray | int, vertex_m: FloatArray
+) -> tuple[IntArray, IntArray, FloatArray]:
+    """Kinds, objects and vertices of paths of one interaction each, at `vertex_m` (path, xyz)."""
+    shape = (len(vertex_m), 1)
+    return np.full(shape, kind), np.broadcast_to(np.reshape(item, (-1, 1)), shape), vertex_m[:, None]
 
 
 def doppler_hz(
