@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Annotated
 
@@ -29,8 +30,8 @@ from scenes.pose import Pose
 from scenes.record import FloatArray
 from scenes.scene import Scene, SceneObject
 from scenes.toml_config import ConfigError, ConfigModel, load_config
-from scenes.trajectory import Walk
-from scenes.walk_config import Quadruple, RandomWalkConfig, WalkConfig
+from scenes.trajectory import AnyWalk
+from scenes.walk_config import Quadruple, RandomWalkConfig, RecordedWalkConfig, WalkConfig
 
 LIBRARY = Path(__file__).parent / "library"
 MIN_DISTANCE_M = 0.05  # between TX and RX: nearer, there is no far field to speak of
@@ -80,8 +81,10 @@ class SceneConfig(ConfigModel):
         for plan in self.floorplans:
             objects += plan.build(materials, folder)
         clutter = [item.build(materials, folder) for item in self.meshes]
-        bounds = self.bounds_m or self._bounds_round(objects, clutter)
-        walks = dict(self._build_walks(objects, clutter, bounds))
+        given = dict(self._given_walks(folder))
+        bounds = self.bounds_m or self._bounds_round(objects, clutter, given.values())
+        walks = given | dict(self._random_walks(objects, clutter, bounds))
+        walks = {item.name: walks[item.name] for item in self._walk_configs}
         txs = {item.name: item.build() for item in self._tx_configs}
         _check_places(bounds, txs, walks)
         tx_name, walk_name = next(iter(txs)), next(iter(walks))
@@ -112,32 +115,41 @@ class SceneConfig(ConfigModel):
     def _walk_configs(self) -> Sequence[WalkConfig]:
         return self.walks if self.walk is None else (self.walk,)
 
-    def _build_walks(
-        self, objects: Sequence[SceneObject], clutter: Sequence[Clutter], bounds_m: Bounds
-    ) -> Iterator[tuple[str, Walk]]:
-        """Names and walks, random ones among all that stands on the ground or reaches down to the RX."""
+    def _given_walks(self, folder: Path) -> Iterator[tuple[str, AnyWalk]]:
+        """Names and walks that the file or one beside it gives."""
         for item in self._walk_configs:
-            obstacles = [one.contour for one in objects if one.z_min_m <= item.height_m]
-            obstacles += [_footprint(one) for one in clutter if one.bounds_m[0][2] <= item.height_m]
-            with field(f"walks[{item.name}]" if self.walks else "walk"):
-                yield item.name, item.build(obstacles, bounds_m)
+            if not isinstance(item, RandomWalkConfig):
+                with self._walk_field(item.name):
+                    yield item.name, item.build(folder)
 
-    def _bounds_round(self, objects: Sequence[SceneObject], clutter: Sequence[Clutter]) -> Bounds:
-        """All objects, TXs and way-points with a margin round them."""
+    def _random_walks(
+        self, objects: Sequence[SceneObject], clutter: Sequence[Clutter], bounds_m: Bounds
+    ) -> Iterator[tuple[str, AnyWalk]]:
+        """Names and walks at random among all that stands on the ground or reaches down to the RX."""
+        for item in self._walk_configs:
+            if isinstance(item, RandomWalkConfig):
+                obstacles = [one.contour for one in objects if one.z_min_m <= item.height_m]
+                obstacles += [_footprint(one) for one in clutter if one.bounds_m[0][2] <= item.height_m]
+                with self._walk_field(item.name):
+                    yield item.name, item.build(obstacles, bounds_m)
+
+    def _walk_field(self, name: str) -> AbstractContextManager[None]:
+        return field(f"walks[{name}]" if self.walks else "walk")
+
+    def _bounds_round(
+        self, objects: Sequence[SceneObject], clutter: Sequence[Clutter], walks: Iterable[AnyWalk]
+    ) -> Bounds:
+        """All objects, TXs and walks with a margin round them."""
         points: list[FloatArray] = [np.reshape(item.contour.bounds_m, (2, 2)) for item in objects]
         points += [np.array(item.bounds_m)[:, :2] for item in clutter]
         points += [np.array([item.position_m[:2]]) for item in self._tx_configs]
-        points += [
-            np.array(item.waypoints_m)
-            for item in self._walk_configs
-            if not isinstance(item, RandomWalkConfig)
-        ]
+        points += [walk.line_m() for walk in walks]
         every = np.concatenate(points)
         low, high = every.min(axis=0) - DEFAULT_MARGIN_M, every.max(axis=0) + DEFAULT_MARGIN_M
         return float(low[0]), float(low[1]), float(high[0]), float(high[1])
 
 
-def _check_places(bounds_m: Bounds, txs: Mapping[str, Pose], walks: Mapping[str, Walk]) -> None:
+def _check_places(bounds_m: Bounds, txs: Mapping[str, Pose], walks: Mapping[str, AnyWalk]) -> None:
     """`ValueError` where the bounds are turned round, a device stands outside them, or an RX stop on a TX."""
     low, high = np.array(bounds_m[:2]), np.array(bounds_m[2:])
     if not (low < high).all():
@@ -192,9 +204,11 @@ def load_scene(name_or_path: str | Path, frequency_hz: float = 60e9) -> Scene:
 
 
 def referenced_files(path: str | Path) -> list[Path]:
-    """The floor plan and mesh files that a scene file names, as it names them: relative to its folder."""
+    """The plan, mesh and trajectory files that a scene file names, as it names them: relative to its folder."""
     config = load_config(path, SceneConfig)
-    return [*(Path(item.file) for item in config.floorplans), *(Path(item.file) for item in config.meshes)]
+    named = [*(item.file for item in config.floorplans), *(item.file for item in config.meshes)]
+    named += [item.file for item in config._walk_configs if isinstance(item, RecordedWalkConfig)]
+    return [Path(file) for file in named]
 
 
 def kept_files(path: str | Path) -> dict[str, bytes]:

@@ -6,6 +6,7 @@ import csv
 from collections.abc import Iterator
 
 import numpy as np
+import shapely
 from scipy.sparse.csgraph import connected_components
 
 from scenes.record import BoolArray, FloatArray
@@ -29,6 +30,29 @@ def parse_segments(text: str) -> FloatArray:
     if not len(segments):
         raise ValueError("there is no segment: at least one is needed")
     return segments
+
+
+def parse_geojson(text: str) -> FloatArray:
+    """Segments (segment, end, xy) in m of the lines and polygons of a GeoJSON text (RFC 7946), in local metres.
+
+    Points are passed over, heights too. Raises `ValueError` where the text is no GeoJSON or has no segment.
+    """
+    try:
+        shapes = shapely.get_parts(shapely.from_geojson(text))
+    except shapely.errors.GEOSException as error:
+        raise ValueError(f"no GeoJSON ({' '.join(str(error).split())})") from error
+    while any(item.geom_type.startswith(("Multi", "GeometryCollection")) for item in shapes):
+        shapes = shapely.get_parts(shapes)
+    rings = [item for item in shapes if item.geom_type in ("LineString", "LinearRing")]
+    for item in shapes:
+        if item.geom_type == "Polygon":
+            rings += [item.exterior, *item.interiors]
+    lines = [shapely.get_coordinates(shapely.remove_repeated_points(ring)) for ring in rings]
+    segments = [np.stack([line[:-1], line[1:]], axis=1) for line in lines]
+    found = np.concatenate([np.zeros((0, 2, 2)), *segments])
+    if not len(found):
+        raise ValueError("there is no line and no polygon: at least one is needed")
+    return found
 
 
 def _numbers(rows: csv.DictReader[str]) -> Iterator[list[float]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -95,8 +95,27 @@ def ply_bytes(scene: Scene, max_sagitta_m: float = EXPORT_SAGITTA_M) -> bytes:
     return bytes(whole.export(file_type="ply"))
 
 
-def glb_bytes(scene: Scene, max_sagitta_m: float = EXPORT_SAGITTA_M) -> bytes:
-    """The scene as binary glTF in m, y up as glTF wants it: one named, coloured node per mesh part."""
+@dataclass(frozen=True)
+class Polyline3d:
+    """A line in space that is exported as a named, coloured node."""
+
+    name: str
+    color: str  # as #rrggbb
+    points_m: FloatArray  # (point, xyz)
+
+
+def mesh_bytes(vertices_m: FloatArray, faces: IntArray) -> bytes:
+    """A mesh of vertices (vertex, xyz) and faces (face, corner) as binary PLY in m."""
+    return bytes(trimesh.Trimesh(vertices_m, faces, process=False).export(file_type="ply"))
+
+
+def glb_bytes(
+    scene: Scene, max_sagitta_m: float = EXPORT_SAGITTA_M, polylines: Sequence[Polyline3d] = ()
+) -> bytes:
+    """The scene as binary glTF in m, y up as glTF wants it: one named, coloured node per mesh part.
+
+    Each of `polylines`, such as the rays of a stop, is a node as well, and needs a name of its own.
+    """
     result = trimesh.Scene()
     for part in object_meshes(scene, max_sagitta_m):
         name = f"{part.object_name}-curved" if part.is_curved else part.object_name
@@ -108,6 +127,14 @@ def glb_bytes(scene: Scene, max_sagitta_m: float = EXPORT_SAGITTA_M) -> bytes:
         mesh = trimesh.Trimesh(part.mesh.vertices[:, [0, 2, 1]] * [1, 1, -1], part.mesh.faces, process=False)
         mesh.visual = trimesh.visual.TextureVisuals(material=material)
         result.add_geometry(mesh, node_name=name, geom_name=name)
+    for line in polylines:
+        path = trimesh.path.Path3D(
+            entities=[trimesh.path.entities.Line(np.arange(len(line.points_m)))],
+            vertices=line.points_m[:, [0, 2, 1]] * [1, 1, -1],
+            colors=trimesh.visual.color.hex_to_rgba(line.color)[None],
+            process=False,
+        )
+        result.add_geometry(path, node_name=line.name, geom_name=line.name)
     return bytes(result.export(file_type="glb"))
 
 

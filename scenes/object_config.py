@@ -15,7 +15,7 @@ from pydantic import Field, model_validator
 from scenes.clutter import Clutter, placed
 from scenes.contour import Polyline
 from scenes.contour_config import ContourConfig, Positive
-from scenes.floorplan import merge_segments, parse_segments
+from scenes.floorplan import merge_segments, parse_geojson, parse_segments
 from scenes.material import Material, itu_material
 from scenes.pose import Pose
 from scenes.scene import HorizontalPlane, ObjectKind, SceneObject
@@ -89,7 +89,7 @@ class ObjectConfig(ConfigModel):
 
 
 class FloorplanConfig(ConfigModel):
-    """Thin walls from a CSV file of segments, x0_m,y0_m,x1_m,y1_m, beside the scene file."""
+    """Thin walls from a file beside the scene file: CSV of segments, x0_m,y0_m,x1_m,y1_m, or GeoJSON."""
 
     name: Name | None = None
     file: str
@@ -104,7 +104,8 @@ class FloorplanConfig(ConfigModel):
         with field(f"floorplans[{name}]"):
             material = find_material(self.material, materials)
             with field(self.file, ": "):
-                walls = merge_segments(parse_segments(read_text(find_file(folder, self.file))))
+                parse = parse_geojson if Path(self.file).suffix in (".geojson", ".json") else parse_segments
+                walls = merge_segments(parse(read_text(find_file(folder, self.file))))
             return [
                 SceneObject(
                     f"{name}_{index}", self.kind, Polyline(wall), self.z_min_m, self.z_max_m, material

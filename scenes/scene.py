@@ -14,7 +14,7 @@ from scenes.material import Material
 from scenes.pose import Pose
 from scenes.record import IntArray
 from scenes.scene_object import OBJECT_KINDS, ObjectKind, SceneObject, check_overlaps
-from scenes.trajectory import Walk
+from scenes.trajectory import AnyWalk
 
 __all__ = ["OBJECT_KINDS", "HorizontalPlane", "ObjectKind", "Scene", "SceneObject"]
 
@@ -46,7 +46,7 @@ class Scene:
     name: str
     objects: tuple[SceneObject, ...]
     tx: Pose
-    walk: Walk
+    walk: AnyWalk
     bounds_m: tuple[float, float, float, float]
     floor: HorizontalPlane | None = None
     ceiling: HorizontalPlane | None = None
@@ -54,7 +54,7 @@ class Scene:
     tx_name: str = "tx"
     walk_name: str = "walk"
     other_txs: Mapping[str, Pose] = field(default_factory=dict)
-    other_walks: Mapping[str, Walk] = field(default_factory=dict)
+    other_walks: Mapping[str, AnyWalk] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self._check_names()
@@ -101,7 +101,7 @@ class Scene:
         return {self.tx_name: self.tx, **self.other_txs}
 
     @property
-    def walks(self) -> dict[str, Walk]:
+    def walks(self) -> dict[str, AnyWalk]:
         """Every walk by name, the one in use first."""
         return {self.walk_name: self.walk, **self.other_walks}
 

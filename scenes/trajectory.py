@@ -114,3 +114,48 @@ class Walk(Record):
             reached = np.concatenate([[0.0], np.cumsum(length)])
             at = np.interp(np.linspace(0, reached[-1], self.n_stops), reached, np.arange(len(reached)))
         return at, np.minimum(at.astype(int), n_last)
+
+
+@dataclass(frozen=True)
+class RecordedWalk(Record):
+    """Stops with a pose of its own each, as recorded or made elsewhere."""
+
+    position_m: FloatArray = array("stop", "xyz", unit="m", doc="position of the RX array at every stop")
+    heading_rad: FloatArray = array("stop", unit="rad", doc="heading at every stop")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not len(self.position_m) or not np.isfinite(self.position_m).all():
+            raise ValueError("position_m: at least one stop and finite numbers are needed")
+        if not np.isfinite(self.heading_rad).all():
+            raise ValueError("heading_rad: finite numbers are needed")
+
+    @property
+    def height_m(self) -> float:
+        """Mean height in m of the stops."""
+        return float(self.position_m[:, 2].mean())
+
+    @property
+    def length_m(self) -> float:
+        """Length in m of the way from stop to stop."""
+        return float(np.linalg.norm(np.diff(self.position_m, axis=0), axis=1).sum())
+
+    def positions_m(self) -> FloatArray:
+        """Positions (stop, xyz) in m."""
+        return self.position_m
+
+    def headings_rad(self) -> FloatArray:
+        """Headings (stop,) in rad, from world +x counter-clockwise."""
+        return self.heading_rad
+
+    def poses(self) -> tuple[Pose, ...]:
+        """Pose at each stop."""
+        stops = zip(self.position_m, self.heading_rad, strict=True)
+        return tuple(Pose(position, float(heading)) for position, heading in stops)
+
+    def line_m(self) -> FloatArray:
+        """Points (point, xy) in m to draw the way between the stops with."""
+        return self.position_m[:, :2]
+
+
+AnyWalk = Walk | RecordedWalk

@@ -1,8 +1,9 @@
-"""Walks in scene files: along way-points, along the spline through them, or at random."""
+"""Walks in scene files: along way-points, along the spline through them, at random, or as recorded."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -10,9 +11,11 @@ from pydantic import Discriminator, Field, Tag
 
 from scenes.contour import Contour
 from scenes.contour_config import Points, Positive
+from scenes.object_config import field, find_file
 from scenes.random_walk import random_walk
-from scenes.toml_config import ConfigModel, Pair
-from scenes.trajectory import Walk
+from scenes.toml_config import ConfigModel, Pair, read_text
+from scenes.trajectory import RecordedWalk, Walk
+from scenes.tum import parse_tum
 
 Quadruple = Annotated[tuple[float, float, float, float], Field(strict=False)]
 Count = Annotated[int, Field(ge=1, le=100_000)]
@@ -31,8 +34,8 @@ class WaypointWalkConfig(ConfigModel):
     n_stops: Count | None = None
     heading_deg: float | None = None
 
-    def build(self, obstacles: Sequence[Contour], bounds_m: Quadruple) -> Walk:
-        """The walk, angles in radians."""
+    def build(self, folder: Path) -> Walk:
+        """The walk, angles in radians; it needs no file of `folder`."""
         waypoints = np.array(self.waypoints_m)
         return Walk(waypoints, self.height_m, _radians(self.heading_deg), self.n_stops, self.type == "spline")
 
@@ -69,6 +72,20 @@ class RandomWalkConfig(ConfigModel):
         )
 
 
+class RecordedWalkConfig(ConfigModel):
+    """Stops from a trajectory file in the TUM format, `time x y z qx qy qz qw`, beside the scene file."""
+
+    name: str = "walk"
+    type: Literal["tum"]
+    file: str
+
+    def build(self, folder: Path) -> RecordedWalk:
+        """The walk, a stop per line of the file."""
+        with field(self.file, ": "):
+            _, position_m, heading_rad = parse_tum(read_text(find_file(folder, self.file)))
+        return RecordedWalk(position_m, heading_rad)
+
+
 def _radians(heading_deg: float | None) -> float:
     return np.nan if heading_deg is None else float(np.deg2rad(heading_deg))
 
@@ -80,6 +97,8 @@ def _type_of(walk: Any) -> Any:
 
 
 WalkConfig = Annotated[
-    Annotated[WaypointWalkConfig, Tag("waypoints")] | Annotated[RandomWalkConfig, Tag("random")],
+    Annotated[WaypointWalkConfig, Tag("waypoints")]
+    | Annotated[RandomWalkConfig, Tag("random")]
+    | Annotated[RecordedWalkConfig, Tag("tum")],
     Discriminator(_type_of),
 ]

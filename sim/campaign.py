@@ -7,6 +7,7 @@ on any number of workers gives the same bits.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from pathlib import Path
 
 import numpy as np
 
@@ -14,6 +15,8 @@ from scenes.record import FloatArray
 from scenes.scene import Scene
 from sim.channel import beam_channel
 from sim.config import SimulationConfig
+from sim.deepmimo import SAME_PLACE_M, PathScenario
+from sim.deepmimo_store import read_deepmimo
 from sim.hardware import (
     RandomStage,
     built_codebooks,
@@ -40,12 +43,19 @@ def clock_biases_s(config: SimulationConfig, n_stops: int) -> FloatArray:
 def simulate_truth(config: SimulationConfig, scene: Scene, stops: Iterable[int]) -> Iterator[Truth]:
     """Trace the given stops of a scene's walk, one after the other.
 
-    The planar paths of the ray tracer are compared with the exact ones on the way, where it is needed at all and
-    `propagation.compare_planar` is set.
+    Where the settings name a DeepMIMO scenario, its paths stand in for traced ones. The planar paths of the ray
+    tracer are compared with the exact ones on the way, where it is needed at all and `propagation.compare_planar`
+    is set.
     """
     poses = scene.stops
     biases_s = clock_biases_s(config, len(poses))
-    propagator = Propagator(scene, config.waveform.carrier_ghz * 1e9, config.propagation)
+    carrier_hz = config.waveform.carrier_ghz * 1e9
+    if config.propagation.deepmimo is not None:
+        scenario = _scenario(config.propagation.deepmimo, scene, carrier_hz)
+        for stop in stops:
+            yield Truth(scenario.paths_at(poses[stop].position_m), poses[stop], stop, biases_s[stop])
+        return
+    propagator = Propagator(scene, carrier_hz, config.propagation)
     for stop in stops:
         paths, compared = propagator.compared_paths(poses[stop].position_m)
         counts = (
@@ -54,6 +64,22 @@ def simulate_truth(config: SimulationConfig, scene: Scene, stops: Iterable[int])
             compared.n_extra,
         )
         yield Truth(paths, poses[stop], stop, biases_s[stop], *counts)
+
+
+def _scenario(folder: str, scene: Scene, carrier_hz: float) -> PathScenario:
+    """The paths of a DeepMIMO scenario of the same carrier and TX; `ValueError` where it has others."""
+    scenario = read_deepmimo(Path(folder))
+    if abs(scenario.carrier_hz - carrier_hz) > 1:
+        traced_ghz = scenario.carrier_hz / 1e9
+        raise ValueError(
+            f"waveform.carrier_ghz = {carrier_hz / 1e9:g}: {folder} was traced at {traced_ghz:g} GHz"
+        )
+    if np.linalg.norm(scenario.tx_position_m - scene.tx.position_m) > SAME_PLACE_M:
+        place = ", ".join(f"{value:g}" for value in scenario.tx_position_m)
+        raise ValueError(
+            f"propagation.deepmimo = {folder}: its TX stands at ({place}) m, that of the scene does not"
+        )
+    return scenario
 
 
 def observe(config: SimulationConfig, link: Link, scene: Scene, truth: Truth) -> BeamSweep:

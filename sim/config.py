@@ -168,6 +168,9 @@ class PropagationConfig(ConfigModel):
     max_transmission_loss_db: float = Field(
         30.0, gt=0, le=200, description="paths that lose more on their way through faces are left out"
     )
+    deepmimo: str | None = Field(
+        None, description="folder: paths of this DeepMIMO v4 scenario in place of traced ones"
+    )
 
     @property
     def n_bounce_slots(self) -> int:

@@ -189,6 +189,7 @@ def path_labels(paths: Paths) -> TextArray:
     'R door > S wall_east #1'; 'R door' is the straight way through the door.
     Paths with the same chain are numbered by delay, from #1 for the second.
     """
+    names = [*paths.object_name.tolist(), "?"]  # the last for objects that are not known: index -1
     letters = {
         BounceKind.SPECULAR: "S",
         BounceKind.DIFFUSE: "D",
@@ -197,7 +198,7 @@ def path_labels(paths: Paths) -> TextArray:
     }
     chains = [
         " > ".join(
-            f"{letters[BounceKind(kind)]} {paths.object_name[item]}"
+            f"{letters[BounceKind(kind)]} {names[item]}"
             for kind, item in zip(kinds, objects, strict=True)
             if kind != BounceKind.NONE
         )

@@ -10,7 +10,7 @@ import pytest
 import trimesh
 
 from scenes.config import library_scenes, load_scene, referenced_files
-from scenes.mesh import glb_bytes, object_meshes, ply_bytes, read_mesh, write_mitsuba
+from scenes.mesh import Polyline3d, glb_bytes, object_meshes, ply_bytes, read_mesh, write_mitsuba
 from scenes.toml_config import ConfigError
 
 ROOM = (load_scene.__globals__["LIBRARY"] / "box_room.toml").read_text()
@@ -170,3 +170,15 @@ def test_sionna_loads_the_mitsuba_xml(tmp_path):
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert found.startswith("8 ") and "arena-plasterboard" in found
     shutil.rmtree(tmp_path)
+
+
+def test_rays_are_nodes_of_lines(tmp_path):
+    scene = load_scene("box_room")
+    corners = [np.array([[0, 0, 1], [2, 0, 1.0]]), np.array([[0, 0, 1], [0, 3, 1], [4, 3, 2.0]])]
+    lines = [Polyline3d(f"ray {i}", "#ff0000", points) for i, points in enumerate(corners)]
+    (tmp_path / "room.glb").write_bytes(glb_bytes(scene, polylines=lines))
+    nodes = trimesh.load_scene(tmp_path / "room.glb").geometry
+    rays = [nodes["ray 0"], nodes["ray 1"]]
+    assert all(isinstance(ray, trimesh.path.Path3D) for ray in rays)
+    assert [ray.length for ray in rays] == pytest.approx([2, 3 + np.sqrt(17)], rel=1e-6)
+    np.testing.assert_allclose(np.ptp(rays[1].vertices, axis=0), [4, 1, 3], atol=1e-6)  # y is up in glTF

@@ -1,5 +1,6 @@
 """Floor plans: pieces of walls grow together, and mistakes name their line."""
 
+import json
 from itertools import pairwise
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from scenes.floorplan import merge_segments, parse_segments
+from scenes.floorplan import merge_segments, parse_geojson, parse_segments
 
 HEADER = "x0_m,y0_m,x1_m,y1_m\n"
 ROOM = np.array(
@@ -66,3 +67,35 @@ def test_parse():
 def test_mistakes(text, message):
     with pytest.raises(ValueError, match=message):
         parse_segments(text)
+
+
+def geojson(*geometries):
+    features = [{"type": "Feature", "properties": {}, "geometry": each} for each in geometries]
+    return json.dumps({"type": "FeatureCollection", "features": features})
+
+
+def test_geojson_lines_and_polygons_become_segments():
+    line = {"type": "LineString", "coordinates": [[0, 0], [1, 0], [1, 0], [1, 2]]}
+    room = [[0, 0], [4, 0], [4, 3], [0, 3], [0, 0]]
+    hole = [[1, 1], [2, 1], [1, 2], [1, 1]]
+    parts = {"type": "MultiPolygon", "coordinates": [[room, hole]]}
+    point = {"type": "Point", "coordinates": [9, 9]}
+    assert parse_geojson(geojson(line)).tolist() == [[[0, 0], [1, 0]], [[1, 0], [1, 2]]]
+    assert len(parse_geojson(geojson(line, parts, point))) == 2 + 4 + 3
+    assert parse_geojson(json.dumps(line)).shape == (2, 2, 2)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "no GeoJSON"),
+        ("{", "no GeoJSON"),
+        ('{"a": 1}', "no GeoJSON"),
+        ('{"type": "LineString", "coordinates": [[0, 0]]}', "no GeoJSON"),
+        ('{"type": "Point", "coordinates": [0, 0]}', "there is no line and no polygon"),
+        ('{"type": "FeatureCollection", "features": []}', "there is no line and no polygon"),
+    ],
+)
+def test_other_geojson_is_refused(text, message):
+    with pytest.raises(ValueError, match=message):
+        parse_geojson(text)

@@ -1,5 +1,7 @@
 """The path record: derived Doppler and readable ids."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from sim.paths import BounceKind, Paths, doppler_hz, empty_paths, path_labels
@@ -79,3 +81,17 @@ def test_doppler_of_a_moving_receiver_by_finite_differences() -> None:
     )  # fmt: skip
     shift = doppler_hz(paths, 60e9, np.append(velocity, 0.0))
     np.testing.assert_allclose(shift, -rate * 60e9 / 299_792_458, rtol=1e-7)
+
+
+def test_labels_of_paths_over_unknown_objects():
+    paths = empty_paths([]).take("path", [])
+    one = replace(
+        paths,
+        **{name: np.zeros(1) for name in ("delay_s", "aod_azimuth_rad", "aod_elevation_rad", "aoa_azimuth_rad",
+                                          "aoa_elevation_rad")},
+        gain=np.ones(1, complex),
+        bounce_kind=np.array([[BounceKind.SPECULAR]]),
+        bounce_object=np.array([[-1]]),
+        vertex_m=np.zeros((1, 1, 3)),
+    )  # fmt: skip
+    assert path_labels(one).tolist() == ["S ?"]

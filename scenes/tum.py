@@ -1,0 +1,46 @@
+"""Trajectories in the TUM format: `time x y z qx qy qz qw` a line, in seconds and metres, the quaternion unit."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from scenes.pose import wrap_angle
+from scenes.record import FloatArray
+
+N_COLUMNS = 8
+MAX_TILT = 0.02  # part of the quaternion about x and y; more is no turn about the vertical
+
+
+def tum_text(time_s: FloatArray, position_m: FloatArray, heading_rad: FloatArray) -> str:
+    """Lines of times (stop,), positions (stop, xyz) and headings (stop,), those that are not finite left out."""
+    table = np.column_stack([time_s, position_m, np.zeros((len(time_s), 2))])
+    table = np.column_stack([table, np.sin(heading_rad / 2), np.cos(heading_rad / 2)])
+    rows = table[np.isfinite(table).all(axis=1)]
+    lines = (" ".join(f"{value:.9g}" for value in row) for row in rows)
+    return "".join(f"{line}\n" for line in ("# time_s x_m y_m z_m qx qy qz qw", *lines))
+
+
+def parse_tum(text: str) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Times (stop,) in s, positions (stop, xyz) in m and headings (stop,) in rad of a text.
+
+    Empty lines and those that start with # are passed over. Raises `ValueError` naming the line where it has not
+    eight finite numbers, the quaternion has no length, or the device is tilted, and where there is no line.
+    """
+    rows = []
+    for number, line in enumerate(text.splitlines(), start=1):
+        if not line.strip() or line.lstrip().startswith("#"):
+            continue
+        try:
+            row = np.array(line.replace(",", " ").split(), float)
+        except ValueError:
+            row = np.zeros(0)
+        if len(row) != N_COLUMNS or not np.isfinite(row).all():
+            raise ValueError(f"line {number}: must be eight finite numbers, time x y z qx qy qz qw")
+        length = np.linalg.norm(row[4:])
+        if length == 0 or np.hypot(*row[4:6]) > MAX_TILT * length:
+            raise ValueError(f"line {number}: the quaternion must turn about the vertical: qx = qy = 0")
+        rows.append(row)
+    if not rows:
+        raise ValueError("there is no pose: at least one is needed")
+    table = np.array(rows)
+    return table[:, 0], table[:, 1:4], np.asarray(wrap_angle(2 * np.arctan2(table[:, 6], table[:, 7])))
