@@ -30,7 +30,8 @@ def assemble_estimate(
     loss_db = 20 * np.log10(tx_peak * rx_peak / (tx_gain * rx_gain))
     covariance = ordered_covariance(fit.covariance, tx.n_angles, rx.n_angles)
     angles = np.stack([fit.aod_rad[:, 0], fit.aoa_rad[:, 0]], axis=1)
-    probability = los_probability(fit.delay_s, power_dbm + loss_db, los)
+    cell_s = 1 / float(np.ptp(sweep.frequency_offset_hz))
+    probability = los_probability(fit.delay_s, power_dbm + loss_db, los, cell_s=cell_s)
     return ChannelEstimate(
         stop=sweep.stop,
         delay_s=fit.delay_s,

@@ -1,11 +1,11 @@
 """Which likelihood a sweep deserves: the phases of its beam pairs are read and tested, and the data decide.
 
 A coherent fit gains resolution and 2 dB of detection, and is ruined by phases that it does not know. So the
-incoherent fit comes first. It tells the phase of every pair that a path lights. A constant frequency offset turns
-these phases evenly from one TX beam, and from one RX beam, to the next, whichever a sweep goes through first.
-What remains after that turn, with the share of noise taken off, decides: small, and the sweep is turned back and
-fitted coherently. Phases that wander are not followed: a path's own phases would fit them, and the coherent
-covariance would count them as known.
+incoherent fit comes first, of the strongest paths; of all where these leave doubt. It tells the phase of every
+pair that a path lights. A constant frequency offset turns these phases evenly from one TX beam, and from one RX
+beam, to the next, whichever a sweep goes through first. What remains after that turn, with the share of noise
+taken off, decides: small, and the sweep is turned back and fitted coherently. Phases that wander are not followed:
+a path's own phases would fit them, and the coherent covariance would count them as known.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from scenes.record import FloatArray, IntArray
 from sim.sweep import BeamSweep
 
 LARGEST_RESIDUAL_RAD = np.deg2rad(10.0)  # rms, beyond noise, of phases that are taken as kept
+_TELLING_PATHS = 12  # strongest ones that are asked first: all others change little where phases are kept
 _LEAST_SNR = 6.0  # of a pair whose phase is read: its noise has a standard deviation of 17 deg at most
 _LEAST_PAIRS = 4  # more than the parameters of a turn
 _CONFIDENCE = 1.64  # standard deviations by which the residual must be below its limit: 95 %
@@ -54,6 +55,11 @@ class PhaseTurn:
     upper_rad: float
     walk_rad: float
     n_pairs: int
+
+    @property
+    def is_kept(self) -> bool:
+        """Whether the phases keep to the turn well enough for a coherent fit."""
+        return self.n_pairs > 0 and self.upper_rad <= LARGEST_RESIDUAL_RAD
 
     def frequency_offset_hz(self, n_rx: int, pair_s: float) -> float:
         """The offset that turns so where pairs take `pair_s` each, RX beam after RX beam and TX beam by TX beam.
@@ -98,18 +104,21 @@ def choose(
     Arguments and errors are those of `fit_incoherent`.
     """
     config = config or MaximumLikelihoodConfig()
-    incoherent = fit_incoherent(sweep, config, tx_manifold, rx_manifold)
+    few = config.model_copy(update={"max_paths": min(config.max_paths, _TELLING_PATHS)})
+    incoherent = fit_incoherent(sweep, few, tx_manifold, rx_manifold)
     turn = even_turn(incoherent)
+    if not turn.is_kept and few.max_paths <= len(incoherent) < config.max_paths:
+        incoherent = fit_incoherent(sweep, config, tx_manifold, rx_manifold)
+        turn = even_turn(incoherent)
     spacing_hz = float(np.ptp(sweep.frequency_offset_hz)) / (sweep.samples.shape[2] - 1)
     offset_hz = turn.frequency_offset_hz(sweep.samples.shape[1], (1 + _CYCLIC_PREFIX) / spacing_hz)
-    kept = turn.n_pairs > 0 and turn.upper_rad <= LARGEST_RESIDUAL_RAD
-    if kept:
-        coherent = fit_over_background(
-            turned_back(sweep, turn.tx_step_rad, turn.rx_step_rad), config, tx_manifold, rx_manifold
-        )
+    if turn.is_kept:
+        back = turned_back(sweep, turn.tx_step_rad, turn.rx_step_rad)
+        coherent = fit_over_background(back, config, tx_manifold, rx_manifold)
         if len(coherent):
             return AutoFit(coherent, "coherent", turn, offset_hz, "coherent: " + _words(turn, offset_hz))
-    return AutoFit(incoherent, "incoherent", turn, offset_hz, "incoherent: " + _words(turn, offset_hz))
+    words = "; ".join(part for part in (_words(turn, offset_hz), incoherent.reservation) if part)
+    return AutoFit(incoherent, "incoherent", turn, offset_hz, "incoherent: " + words)
 
 
 def turned_back(sweep: BeamSweep, tx_step_rad: float, rx_step_rad: float) -> BeamSweep:
@@ -124,22 +133,27 @@ def even_turn(fit: IncoherentFit) -> PhaseTurn:
 
     Phases of different paths have no common reference, so every path has a constant of its own: the turn is the
     maximum over both steps nu of sum_i |sum over the pairs p of path i of w_p exp(j psi_p - j nu^T p)|, refined by
-    least squares. Weights follow the noise and the variance that was found the round before.
+    least squares. Weights follow the noise and the variance that was found the round before; pairs count less
+    where paths were not found, as what is left there can turn their phases.
     """
     n_rx = fit.pair_snr.shape[1]
     used = np.flatnonzero(fit.pair_snr.ravel() > _LEAST_SNR)
+    used = used[
+        ~fit.has_rivals[fit.pair_path.ravel()[used]]
+    ]  # their phases are those of one direction of several
     path = fit.pair_path.ravel()[used]
     several = np.bincount(path, minlength=1)[path] > 1  # one pair says nothing beyond its path's constant
     used, path = used[several], path[several]
     pair = np.stack(np.divmod(used, n_rx), axis=1)
-    phase, noise = fit.pair_phase_rad.ravel()[used], _phase_variance(fit.pair_snr.ravel()[used])
+    phase, snr = fit.pair_phase_rad.ravel()[used], fit.pair_snr.ravel()[used]
+    noise, hidden = _phase_variance(snr), 0.5 * fit.pair_left.ravel()[used] / snr
     n_free = len(used) - len(np.unique(path)) - 2
     if n_free < _LEAST_PAIRS:
         return PhaseTurn(np.nan, np.nan, np.nan, np.nan, np.nan, 0)
     variance = LARGEST_RESIDUAL_RAD**2
-    step = _strongest_turn(pair, phase, path, 1 / (noise + variance), fit.pair_snr.shape)
+    step = _strongest_turn(pair, phase, path, 1 / (noise + hidden + variance), fit.pair_snr.shape)
     for _ in range(_REFINEMENTS):
-        weight = 1 / (noise + max(variance, _LEAST_VARIANCE))
+        weight = 1 / (noise + hidden + max(variance, _LEAST_VARIANCE))
         centred = pair - np.stack([_path_means(axis.astype(float), path, weight) for axis in pair.T], axis=1)
         left = _remainder(pair, phase, path, weight, step)
         # A step that the pairs do not tell, as of a single beam, stays.

@@ -8,8 +8,11 @@ in batches, false alarms controlled over the continuous field, and the model ord
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
+from estimation.channel.cancel import parted
 from estimation.channel.compress import CompressedSweep, check_sweep, compress
 from estimation.channel.config import MaximumLikelihoodConfig
 from estimation.channel.fit import PathFit, empty_fit
@@ -34,7 +37,7 @@ MAX_ROUNDS = 30
 ROUND_STEPS = 3  # Levenberg-Marquardt steps of a round: paths not found yet would lead further ones astray
 FINAL_STEPS = 30
 CERTAIN = 1.5  # times the detection level: a peak on the grid that needs no refinement to be tested
-SIDE_LOBE_MARGIN = 1.4  # in amplitude: what a search grid of two points per cell can hide of a peak
+SIDE_LOBE_MARGIN = 1.7  # in amplitude: what a search grid of two points per cell hides of a peak, and more
 
 
 def fit_coherent(
@@ -54,6 +57,35 @@ def fit_coherent(
         For a sweep that nothing can be estimated from (no beams, subcarriers or noise power) and samples that are
         not finite; the message is one line.
     """
+    stop = prepare(sweep, config, tx_manifold, rx_manifold)
+    if isinstance(stop, PathFit):
+        return stop
+    solution = fit_paths(stop.compressed, stop.window, stop.plan, stop.config)
+    return path_fit(solution, stop.compressed, stop.tx, stop.rx, sweep.noise_power_mw)
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A stop ready for the search of paths; `tx` and `rx` are the manifolds of all beams."""
+
+    compressed: CompressedSweep
+    window: DelayWindow
+    plan: SearchPlan
+    config: MaximumLikelihoodConfig
+    tx: Manifold
+    rx: Manifold
+
+
+def prepare(
+    sweep: BeamSweep,
+    config: MaximumLikelihoodConfig | None,
+    tx_manifold: Manifold | None,
+    rx_manifold: Manifold | None,
+) -> Prepared | PathFit:
+    """The compressed samples of a stop at the delays that may hold paths, or the empty fit where there are none.
+
+    Arguments and errors are those of `fit_coherent`.
+    """
     config = config or MaximumLikelihoodConfig()
     check_sweep(sweep)
     tx = tx_manifold or nominal_manifold(sweep.tx_codebook)
@@ -65,9 +97,7 @@ def fit_coherent(
     window = delay_window(cube, plan, config)
     if window is None:
         return empty_fit(tx.n_angles, rx.n_angles, "no_paths")
-    compressed = cube.window(window.position)
-    solution = fit_paths(compressed, window, plan, config)
-    return path_fit(solution, compressed, tx, rx, sweep.noise_power_mw)
+    return Prepared(cube.window(window.position), window, plan, config, tx, rx)
 
 
 def fit_paths(
@@ -88,6 +118,7 @@ def fit_paths(
                 return solution
         trial = refine(reference, solution.paths.joined(new), ROUND_STEPS)
         trial = pruned(reference, trial, window.level_at, ROUND_STEPS)
+        trial = parted(reference, trial, ROUND_STEPS)
         if trial.explained - solution.explained < window.level / 2:
             break
         solution, reference = trial, Reference(sweep, trial.paths)
@@ -95,9 +126,12 @@ def fit_paths(
 
 
 def _settled(reference: Reference, solution: Solution, window: DelayWindow) -> Solution:
-    """The solution after convergence, without paths that are not needed."""
-    solution = refine(reference, solution.paths, FINAL_STEPS)
-    return pruned(reference, solution, window.level_at, FINAL_STEPS)
+    """The solution after convergence, without paths that are not needed or cancel each other."""
+    solution = pruned(reference, refine(reference, solution.paths, FINAL_STEPS), window.level_at, FINAL_STEPS)
+    apart = parted(reference, solution, FINAL_STEPS)
+    if apart is solution:
+        return solution
+    return parted(reference, pruned(reference, apart, window.level_at, FINAL_STEPS), FINAL_STEPS)
 
 
 def path_fit(

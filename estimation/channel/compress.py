@@ -23,7 +23,7 @@ from sim.sweep import BeamSweep
 RANK_TOLERANCE = 1e-6  # of the largest singular value: weaker sums of beams are rounding
 REAL_TOLERANCE = 1e-9  # share of imaginary parts that is rounding
 LEAST_NOISE = 0.5  # of the nominal noise power: samples are not believed to hold less
-NOISE_CELLS = 50_000  # cells that the noise is measured in, about; with less than
+NOISE_CELLS = 25_000  # cells that the noise is measured in, about; with less than
 LEAST_NOISE_CELLS = 2_000  # it is taken as it is nominally
 EVEN_SPACING = 1e-6  # relative deviation of subcarrier spacings that is rounding
 
@@ -111,7 +111,7 @@ class DelayCube:
         """The delay bins at `position` (bin,), counted through the period, with phases from the band's middle."""
         n = self.n_bins
         turn = np.exp(-1j * np.pi / n * ((n - 1) * position % (2 * n))) / np.sqrt(self.noise_scale)
-        samples = self.spectrum[..., position % n] * turn.astype(np.complex64)
+        samples = np.take(self.spectrum, position % n, axis=2) * turn.astype(np.complex64)
         return CompressedSweep(
             parts=np.stack([samples.real, samples.imag]),
             tx=self.tx,

@@ -250,6 +250,7 @@ class _Factors:
         aoa_rad: FloatArray,
         amplitude: ComplexArray,
     ) -> _Factors:
+        """The factors of paths with arguments as in `path_information`, parameters in the order of the module."""
         n, n_tx, n_rx = len(delay_s), tx.n_angles, rx.n_angles
         size = 3 + n_tx + n_rx
         noise = np.sqrt(noise_mw)

@@ -3,8 +3,10 @@
 Weak paths by the thousand add to the noise of the cells they fall into. Their power over delay is estimated from
 what the found paths leave, without assuming its shape (RiMAX takes an exponential decay; rooms have several), the
 delay bins are whitened by it, and the paths are found anew, until both agree. A path must also stand out of the
-background in its own direction: of the power that its matched filter shows at the delays around it, strong paths
-taken out. Where a path shares its direction with such a background, its covariance grows by that factor.
+background in its own direction, of the power that its matched filter shows at the delays around it, strong paths
+taken out, and of the heavier tail of powers where diffuse paths fill some cells and leave others empty. Where a
+path shares its direction with a background its covariance grows by that factor, and by another where the residual
+shows that the paths found do not explain the samples about it (`misfit`).
 
 With too few samples beside the paths to tell the background from noise, noise it is.
 """
@@ -15,26 +17,30 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimation.channel.coherent import fit_paths, path_fit
-from estimation.channel.compress import CompressedSweep, check_sweep, compress
+from estimation.channel.coherent import Prepared, fit_paths, path_fit, prepare
+from estimation.channel.compress import CompressedSweep
 from estimation.channel.config import MaximumLikelihoodConfig
-from estimation.channel.fit import PathFit, empty_fit
+from estimation.channel.fit import PathFit
 from estimation.channel.manifold import Manifold
+from estimation.channel.misfit import misfit_factor
 from estimation.channel.path_model import Paths, responses
-from estimation.channel.plan import DelayWindow, SearchPlan, delay_window, nominal_manifold, search_plan
+from estimation.channel.plan import DelayWindow
 from estimation.channel.prune import wald_statistic
-from estimation.channel.refine import Solution
-from scenes.record import BoolArray, ComplexArray, FloatArray
+from estimation.channel.refine import Reference, Solution
+from scenes.record import BoolArray, ComplexArray, FloatArray, IntArray
 from sim.sweep import BeamSweep
 
 MAX_TURNS = 3
 SMOOTHING_BINS = 2  # to either side, of the background's power over delay
 NOISE_STD = 5.0  # of a smoothed bin's power, that count as noise
 KEPT_SHARE = 0.95  # of the directions, from the weakest up, that the background is told from
-AROUND_BINS = 12  # to either side of a path, where its direction's background is read
+AROUND_BINS = 24  # to either side of a path, where its direction's background is read
+NEAR_BINS = 12  # to either side, where it is seen how unevenly the background is spread
 OWN_BINS = 2  # to either side, that the path itself fills
 STRONG = 4.0  # power over the level of detection, from which a path is no part of a background
-NOTABLE = 1.5  # background in a direction that a path is held against: below it lies what noise alone shows
+NOTABLE = 1.7  # background in a direction that a path is held against: noise alone shows it once in 250 times
+UNEVEN = 1.06  # scale of the background's tail, from which on it counts: two standard deviations in noise
+STRONG_CELL = 40.0  # power of a cell that is no dense background any more
 UNEXPLAINED = 3.0  # mean power left in a path's own cells, from which it is more than noise
 CHANGED = 0.1  # relative, of the background from one turn to the next, that asks for another
 
@@ -49,19 +55,11 @@ def fit_over_background(
 
     As `fit_coherent`, with which it agrees where there is no background.
     """
-    config = config or MaximumLikelihoodConfig()
-    check_sweep(sweep)
-    tx = tx_manifold or nominal_manifold(sweep.tx_codebook)
-    rx = rx_manifold or nominal_manifold(sweep.rx_codebook)
-    plan = search_plan(tx, rx, tuple(sweep.noise_power_mw.tolist()), config.oversampling)
-    cube = compress(sweep, plan.tx, plan.rx)
-    if not cube.spectrum.any():
-        return empty_fit(tx.n_angles, rx.n_angles, "no_signal")
-    window = delay_window(cube, plan, config)
-    if window is None:
-        return empty_fit(tx.n_angles, rx.n_angles, "no_paths")
-    found = _settled(cube.window(window.position), window, plan, config)
-    return _reported(found, path_fit(found.solution, found.sweep, tx, rx, sweep.noise_power_mw))
+    stop = prepare(sweep, config, tx_manifold, rx_manifold)
+    if isinstance(stop, PathFit):
+        return stop
+    found = _settled(stop)
+    return _reported(found, path_fit(found.solution, found.sweep, stop.tx, stop.rx, sweep.noise_power_mw))
 
 
 @dataclass(frozen=True)
@@ -75,44 +73,38 @@ class _Found:
     background: FloatArray  # (bin,) noise power of every delay bin beside the paths, receiver noise 1
 
 
-def _settled(
-    sweep: CompressedSweep, window: DelayWindow, plan: SearchPlan, config: MaximumLikelihoodConfig
-) -> _Found:
+def _settled(stop: Prepared) -> _Found:
     """Turns of finding paths and of telling the background from what they leave, until both agree."""
-    found = _turn(sweep, np.ones(len(sweep.position)), window, plan, config)
-    background = np.ones(len(sweep.position))
-    for _ in range(MAX_TURNS if config.whiten_background else 0):
+    background = np.ones(len(stop.compressed.position))
+    found = _turn(stop, background)
+    for _ in range(MAX_TURNS if stop.config.whiten_background else 0):
         changed = np.abs(found.background / background - 1).max() > CHANGED
         if not changed:
             break
         background = found.background
-        found = _turn(sweep, background, window, plan, config)
+        found = _turn(stop, background)
     return found
 
 
-def _turn(
-    sweep: CompressedSweep,
-    background: FloatArray,
-    window: DelayWindow,
-    plan: SearchPlan,
-    config: MaximumLikelihoodConfig,
-) -> _Found:
+def _turn(stop: Prepared, background: FloatArray) -> _Found:
+    sweep, window = stop.compressed, stop.window
     white = sweep
     if (background > 1).any():
         ranks = sweep.samples.shape[:2]
         white = sweep.whitened(np.eye(ranks[0]), np.eye(ranks[1]), np.sqrt(background))
-    solution = fit_paths(white, window, plan, config)
+    solution = fit_paths(white, window, stop.plan, stop.config)
     rise, stands_out = _direction_test(white, solution, window)
     left = without_paths(sweep, solution.paths.take(stands_out))
     return _Found(white, solution, rise, stands_out, background_over_delay(left))
 
 
 def _reported(found: _Found, fit: PathFit) -> PathFit:
-    """The paths that stand out, in order of delay, their covariances widened by their directions' background."""
-    n = found.sweep.n_subcarriers
-    delay_bins = (found.solution.paths.delay_bins + n / 8) % n - n / 8
+    """The paths that stand out, in order of delay, their covariances widened by background and misfit."""
+    n, paths = found.sweep.n_subcarriers, found.solution.paths
+    delay_bins = (paths.delay_bins + n / 8) % n - n / 8
     order = np.argsort(delay_bins, kind="stable")
-    fit = replace(fit, covariance=fit.covariance * found.rise[order][:, None, None])
+    factor = found.rise * misfit_factor(Reference(found.sweep, paths), found.solution)
+    fit = replace(fit, covariance=fit.covariance * factor[order][:, None, None])
     kept: PathFit = fit.take("path", found.stands_out[order])
     return kept if len(kept) else replace(kept, status="no_paths")
 
@@ -168,9 +160,26 @@ def _direction_test(
             left - own, at.tx[path, 0], at.rx[path, 0], sweep.position - paths.delay_bins[path]
         )
         own_rise[path] = _mean_over_cells(power_left, at.tx[path, 0], at.rx[path, 0], at.delay[path, 0])
-    stands_out = wald_statistic(solution) >= np.where(rise > NOTABLE, rise, 0.0) * level
+    tail = _tail_scale(power_left, sweep.position, paths.delay_bins)
+    needed = np.maximum(np.where(rise > NOTABLE, rise, 0.0), np.where(tail > UNEVEN, tail, 0.0))
+    stands_out = wald_statistic(solution) >= needed * level
     widened = np.maximum(np.where(rise > NOTABLE, rise, 1.0), np.where(own_rise > UNEXPLAINED, own_rise, 1.0))
     return widened, np.asarray(stands_out)
+
+
+def _tail_scale(power: FloatArray, position: IntArray, delay_bins: FloatArray) -> FloatArray:
+    """Scale (path,) of the tail of the power that is left (tx_rank, rx_rank, bin) around a path; 1 for noise.
+
+    The power of noise is exponential, and so is that of the cells that diffuse paths fill; but where they do not
+    fill all, high powers come from the filled ones alone. Of a mixture of exponentials a third of the mean cube
+    over the mean square is the mean scale of the cells that its high powers are in. Much stronger cells are no
+    dense background, but what strong paths nearby leave.
+    """
+    weak = np.where(power < STRONG_CELL, power, 0.0)
+    square = np.square(weak).mean(axis=(0, 1), dtype=float)
+    cube = np.power(weak, 3).mean(axis=(0, 1), dtype=float)
+    is_near = np.abs(position - delay_bins[:, None]) <= NEAR_BINS
+    return np.asarray(is_near @ cube / 3 / np.maximum(is_near @ square, np.finfo(float).tiny))
 
 
 def _mean_over_cells(power: FloatArray, tx: ComplexArray, rx: ComplexArray, delay: FloatArray) -> float:

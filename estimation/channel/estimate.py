@@ -115,7 +115,8 @@ def _maximum_likelihood(sweep: BeamSweep, method: str, config: ChannelConfig) ->
     if method == "coherent":
         fit, reason = fit_over_background(sweep, settings), ""
     elif method == "incoherent":
-        fit, reason = fit_incoherent(sweep, settings), ""
+        fit = fit_incoherent(sweep, settings)
+        reason = fit.reservation
     else:
         fit, reason = fit_auto(sweep, settings)
     fit = _widened(fit, config)

@@ -17,6 +17,7 @@ from estimation.channel.config import MaximumLikelihoodConfig
 from estimation.channel.crb import path_covariance
 from estimation.channel.fit import PathFit, empty_fit
 from estimation.channel.incoherent_likelihood import Ends, Score
+from estimation.channel.incoherent_rivals import weighed_rivals
 from estimation.channel.incoherent_screen import Screen
 from estimation.channel.incoherent_search import Search
 from estimation.channel.incoherent_spectrum import delay_spectrum
@@ -24,7 +25,7 @@ from estimation.channel.incoherent_threshold import Levels, null_tail
 from estimation.channel.manifold import Manifold
 from estimation.channel.plan import nominal_manifold
 from scenes.pose import wrap_angle
-from scenes.record import FloatArray, IntArray, array
+from scenes.record import BoolArray, FloatArray, IntArray, array
 from sim.sweep import BeamSweep
 
 
@@ -36,12 +37,24 @@ class IncoherentFit(PathFit):
     relative to that of the path which is strongest in it.
     """
 
+    has_rivals: BoolArray = array(
+        "path", dtype=bool, doc="magnitudes fit several directions; the covariance spans them"
+    )
     pair_phase_rad: FloatArray = array("tx_beam", "rx_beam", unit="rad", doc="most likely phase of a pair")
     pair_snr: FloatArray = array(
         "tx_beam", "rx_beam", doc="energy of the paths in a pair over its noise, 0 without any path"
     )
+    pair_left: FloatArray = array(
+        "tx_beam", "rx_beam", doc="energy beside the paths at their delays over that of noise, at least 0"
+    )
     pair_path: IntArray = array("tx_beam", "rx_beam", dtype=int, doc="strongest path in a pair, -1 none")
     log_likelihood_ratio: float = array(doc="of the paths to noise alone")
+
+    @property
+    def reservation(self) -> str:
+        """What the covariances alone would hide; empty where there is nothing."""
+        n = int(self.has_rivals.sum())
+        return f"{n} of {len(self)} paths fit several directions alike by magnitudes alone" if n else ""
 
 
 def fit_incoherent(
@@ -89,19 +102,25 @@ def fit_incoherent(
 
 def _assemble(sweep: BeamSweep, search: Search, paths: FloatArray, at: Score) -> IncoherentFit:
     ends, spectrum = search.ends, search.spectrum
+    paths, at, spread = weighed_rivals(search.local, ends, paths, at)
     n, size = paths.shape
     # A clock bias can bring the first path below zero: the last eighth of the period counts as negative.
     delay_bins = (paths[:, 0] + spectrum.n_bins / 8) % spectrum.n_bins - spectrum.n_bins / 8
     order = np.argsort(delay_bins, kind="stable")
     information = at.information.reshape(n, size, n, size)[order][:, :, order]
-    paths, delay_bins = paths[order], delay_bins[order]
+    paths, delay_bins, spread = paths[order], delay_bins[order], spread[order]
     block = np.einsum("iaib->iab", path_covariance(information))[:, :-2, :-2]
+    if search.background is not None:
+        block = block * search.background.widening(ends, paths)[:, None, None]
+    block = block + spread
     scale = np.concatenate([[spectrum.bin_s], np.ones(size - 3)])
     power = np.abs(ends.amplitudes(paths)) ** 2 * spectrum.n_bins
     shape = sweep.samples.shape[:2]
     pairs = search.local.pair
-    phase, snr = np.zeros(shape[0] * shape[1]), np.zeros(shape[0] * shape[1])
+    phase, snr, left = np.zeros((3, shape[0] * shape[1]))
     phase[pairs], snr[pairs] = np.angle(at.pair_phasor), at.pair_snr
+    signal = search.local.signal(ends, paths) * at.pair_phasor
+    left[pairs] = np.square(np.abs(search.local.samples - signal)).sum(axis=0) - len(signal)
     n_tx = ends.tx.n_angles
     return IncoherentFit(
         delay_s=delay_bins * spectrum.bin_s,
@@ -112,8 +131,10 @@ def _assemble(sweep: BeamSweep, search: Search, paths: FloatArray, at: Score) ->
         snr_db=10 * np.log10(power.max(axis=0)),
         covariance=block * scale[:, None] * scale,
         status="ok",
+        has_rivals=np.einsum("iaa->i", spread) > 0,
         pair_phase_rad=phase.reshape(shape),
         pair_snr=snr.reshape(shape),
+        pair_left=np.maximum(left, 0.0).reshape(shape),
         pair_path=np.where(snr > 0, power.argmax(axis=1), -1).reshape(shape),
         log_likelihood_ratio=at.value,
     )
@@ -123,8 +144,10 @@ def _empty(sweep: BeamSweep, fit: PathFit) -> IncoherentFit:
     shape = sweep.samples.shape[:2]
     return IncoherentFit(
         **{field.name: getattr(fit, field.name) for field in fields(fit)},
+        has_rivals=np.zeros(0, bool),
         pair_phase_rad=np.zeros(shape),
         pair_snr=np.zeros(shape),
+        pair_left=np.zeros(shape),
         pair_path=np.full(shape, -1),
         log_likelihood_ratio=0.0,
     )

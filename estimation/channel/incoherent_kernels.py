@@ -1,4 +1,4 @@
-"""Compiled loops of the phase-incoherent method: amplitudes over the cube, and the marginal likelihood."""
+"""Compiled loops of the phase-incoherent method: the marginal likelihood of paths."""
 
 from __future__ import annotations
 
@@ -8,45 +8,6 @@ import numpy as np
 from numba import njit
 
 from scenes.record import ComplexArray, FloatArray, IntArray
-
-
-@njit(cache=True, fastmath=True)  # type: ignore[untyped-decorator]
-def cell_amplitudes(
-    value: ComplexArray, scale: FloatArray, sign: float, out: FloatArray
-) -> None:  # pragma: no cover
-    """Amplitudes over the noise at delay bins and half way to the next, minus the mean of noise alone.
-
-    `value` (tx_beam, rx_beam, n + 1) holds one more bin than `out` (tx_beam, rx_beam, 2, n); `scale` (rx_beam,)
-    is 1 over the noise amplitude. A path half way between bins is equally strong in both, and of the same phase
-    but for the `sign`, +1 or -1.
-    """
-    mean = np.float32(math.sqrt(math.pi) / 2)
-    half = np.float32(math.sqrt(0.5))
-    turn = np.float32(sign)
-    n = out.shape[3]
-    for m in range(value.shape[0]):
-        for j in range(value.shape[1]):
-            row = value[m, j]
-            s = scale[j]
-            for k in range(n):
-                re, im = row[k].real, row[k].imag
-                out[m, j, 0, k] = s * np.sqrt(re * re + im * im) - mean
-            s *= half
-            for k in range(n):
-                re, im = row[k].real + turn * row[k + 1].real, row[k].imag + turn * row[k + 1].imag
-                out[m, j, 1, k] = s * np.sqrt(re * re + im * im) - mean
-
-
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def column_maxima(values: FloatArray) -> tuple[FloatArray, IntArray]:  # pragma: no cover
-    """Largest value of every column of a matrix, and its row."""
-    largest, row = values[0].copy(), np.zeros(values.shape[1], np.int64)
-    for i in range(1, values.shape[0]):
-        for k in range(values.shape[1]):
-            if values[i, k] > largest[k]:
-                largest[k] = values[i, k]
-                row[k] = i
-    return largest, row
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
@@ -96,34 +57,17 @@ def log_bessel(x: float) -> tuple[float, float]:  # pragma: no cover
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _weigh(
-    matched: ComplexArray,
-    gram: FloatArray,
-    tx: ComplexArray,
-    rx: ComplexArray,
-    amplitude: ComplexArray,
-    weight: ComplexArray,
-    along: ComplexArray,
-) -> tuple[complex, float]:  # pragma: no cover
-    """Inner product of the samples of one pair with its signal, and the energy of the signal over the noise.
+    sent: ComplexArray, tx: ComplexArray, rx: ComplexArray, weight: ComplexArray, along: ComplexArray
+) -> None:  # pragma: no cover
+    """Derivatives of one pair's signal by the parameters of every path, and their products with the signal.
 
-    Filled in are the derivatives of the signal by the parameters of every path, `weight` (path, parameter), and
-    their inner products with the signal, `along`. `matched`, `tx` and `rx` are those of the pair, see
-    `pair_scores`; `amplitude` (path,) is that of each path in the pair.
+    Filled in are `weight` and `along` (path, parameter); `sent`, `tx` and `rx` are those of the pair, see
+    `pair_scores`.
     """
     n_paths, n_tx, n_rx = tx.shape[0], tx.shape[1] - 1, rx.shape[1] - 1
     size = 3 + n_tx + n_rx
-    z, snr = 0j, 0.0
     for i in range(n_paths):
-        a = amplitude[i]
-        wave_re, wave_im, slope_re, slope_im = 0.0, 0.0, 0.0, 0.0
-        for r in range(n_paths):
-            b, g, h = amplitude[r], gram[i, r], gram[n_paths + i, r]
-            wave_re += g * b.real
-            wave_im += g * b.imag
-            slope_re += h * b.real
-            slope_im += h * b.imag
-        z += a.conjugate() * matched[i]
-        snr += a.real * wave_re + a.imag * wave_im
+        a, wave = tx[i, 0] * rx[i, 0], sent[i].conjugate()
         weight[i, 0] = a
         for k in range(n_tx):
             weight[i, 1 + k] = tx[i, 1 + k] * rx[i, 0]
@@ -131,15 +75,17 @@ def _weigh(
             weight[i, 1 + n_tx + k] = tx[i, 0] * rx[i, 1 + k]
         weight[i, size - 2] = a
         weight[i, size - 1] = 1j * a
-        along[i, 0] = complex(slope_re, -slope_im) * a
+        along[i, 0] = sent[n_paths + i].conjugate() * a
         for k in range(1, size):
-            along[i, k] = complex(wave_re, -wave_im) * weight[i, k]
-    return z, snr
+            along[i, k] = wave * weight[i, k]
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def pair_scores(
+    inner: ComplexArray,
+    pair_snr: FloatArray,
     matched: ComplexArray,
+    sent: ComplexArray,
     gram: FloatArray,
     tx: ComplexArray,
     rx: ComplexArray,
@@ -150,24 +96,23 @@ def pair_scores(
     gradient: FloatArray,
     information: FloatArray,
     pair_value: FloatArray,
-    pair_snr: FloatArray,
     pair_phasor: ComplexArray,
 ) -> None:  # pragma: no cover
     """Marginal log-likelihood of every pair over that of noise, its phase, and the summed score and information.
 
+    inner, pair_snr : (pair,) inner product of the signal with the samples, and its energy over the noise
     matched : (2 path, pair) inner products of the samples with the waves and slopes of all paths
+    sent : (2 path, pair) the same of the signal
     gram : (2 path, 2 path) inner products among waves and slopes
     tx, rx : (path, 1 + angle, beam) responses and derivatives; `tx` holds the gain, `rx` 1 / noise amplitude
     table : (3, n) log SNR, A / SNR and B of `phase_information`
     faint : SNR of a path in a pair below which the pair is left out of the path's information
     gradient, information : (path * parameter,) and squared, added to; parameters are delay, AoD angles, AoA
         angles, log amplitude, phase; of the information the blocks on and above the diagonal
-    pair_value, pair_snr, pair_phasor : (pair,) log-likelihood, energy of the signal over the noise, and the
-        expectation of exp(j psi) given the samples
+    pair_value, pair_phasor : (pair,) log-likelihood, and the expectation of exp(j psi) given the samples
     """
     n_paths, n_tx, n_rx = tx.shape[0], tx.shape[1] - 1, rx.shape[1] - 1
     size = 3 + n_tx + n_rx
-    amplitude = np.empty(n_paths, np.complex128)
     weight = np.empty((n_paths, size), np.complex128)
     along = np.empty((n_paths, size), np.complex128)
     bright = np.empty(n_paths, np.int64)
@@ -176,15 +121,15 @@ def pair_scores(
         n_bright = 0
         for i in range(n_paths):
             a = tx[i, 0, m] * rx[i, 0, j]
-            amplitude[i] = a
-            if (a.real * a.real + a.imag * a.imag) * gram[0, 0] > faint:
+            if (a.real * a.real + a.imag * a.imag) * gram[i, i] > faint:
                 bright[n_bright] = i
                 n_bright += 1
-        z, snr = _weigh(matched[:, p], gram, tx[:, :, m], rx[:, :, j], amplitude, weight, along)
+        _weigh(sent[:, p], tx[:, :, m], rx[:, :, j], weight, along)
+        z, snr = inner[p], pair_snr[p]
         strength = abs(z)
         value, ratio = log_bessel(2 * strength)
         phasor = ratio * z / strength if strength > 0 else 0j
-        pair_value[p], pair_snr[p], pair_phasor[p] = value - snr, snr, phasor
+        pair_value[p], pair_phasor[p] = value - snr, phasor
         for i in range(n_paths):
             slope = phasor * matched[n_paths + i, p].conjugate()
             wave = phasor * matched[i, p].conjugate()
@@ -193,7 +138,7 @@ def pair_scores(
             for k in range(1, size):
                 pull = wave * weight[i, k]
                 gradient[i * size + k] += 2 * (pull.real - along[i, k].real)
-        if snr > faint:
+        if n_bright and snr > 0:
             _add_information(information, gram, weight, along, bright[:n_bright], snr, table)
 
 
@@ -240,6 +185,31 @@ def _add_information(
                     row[j * size + el] += (
                         rest * (wk.real * wl.real + wk.imag * wl.imag) + tre * tl.real - tim * tl.imag
                     )
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def values_without(
+    inner: ComplexArray,
+    pair_snr: FloatArray,
+    matched: ComplexArray,
+    sent: ComplexArray,
+    amplitude: ComplexArray,
+    energy: FloatArray,
+    chosen: IntArray,
+) -> FloatArray:  # pragma: no cover
+    """Marginal log-likelihood (chosen,) of all paths but one, as `pair_scores` sums it over the pairs.
+
+    `matched`, `sent` and `amplitude` (path, pair) are products with the waves; `energy` (path,) is that of a wave.
+    """
+    total = np.zeros(len(chosen))
+    for p in range(len(inner)):
+        for q in range(len(chosen)):
+            i = chosen[q]
+            conjugate = amplitude[i, p].conjugate()
+            own = (amplitude[i, p] * conjugate).real * energy[i]
+            left = pair_snr[p] - 2 * (conjugate * sent[i, p]).real + own
+            total[q] += log_bessel(2 * abs(inner[p] - conjugate * matched[i, p]))[0] - left
+    return total
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import i0e
 
+from estimation.channel.incoherent_grid_kernels import candidate_ratios
 from estimation.channel.incoherent_likelihood import Ends
 from estimation.channel.incoherent_screen import Candidates, Screen
 from scenes.record import ComplexArray, FloatArray
@@ -24,41 +24,22 @@ def starting_points(
 ) -> tuple[FloatArray, FloatArray]:
     """Parameters (candidate, parameter) and log-likelihood ratios (candidate,) of candidates.
 
-    Parameters ---------- matched : (pair, candidate) samples matched to the candidate's delay, of unit noise
-    power, known paths removed phasor : (pair,) phase of every pair as far as the known paths tell, 0 where
-    they do not; where they or earlier
-        candidates do, a candidate is matched in phase as well, and the larger ratio counts
+    Parameters
+    ----------
+    matched
+        (pair, candidate) samples matched to the candidate's delay, of unit noise power, known paths removed.
+    phasor
+        (pair,) phase of every pair as far as the known paths tell, 0 where they do not; where they or earlier
+        candidates do, a candidate is matched in phase as well, and the larger ratio counts.
     """
     tx_angles, rx_angles = (
         screen.tx_angles[candidates.tx_direction],
         screen.rx_angles[candidates.rx_direction],
     )
     tx, rx = ends.tx.response(tx_angles), ends.rx.response(rx_angles) / np.sqrt(ends.noise_mw)
-    norm = np.linalg.norm(tx, axis=1) * np.linalg.norm(rx, axis=1)
-    log_amplitude, phase, ratio = (np.zeros(len(candidates)) for _ in range(3))
-    phasor = phasor.copy()
-    for i in range(len(candidates)):
-        share = np.outer(np.abs(tx[i]), np.abs(rx[i])).ravel() / norm[i]
-        used = np.flatnonzero(share**2 > _WEAKEST * share.max() ** 2)
-        m, n = np.divmod(used, rx.shape[1])
-        shape, received, known = tx[i, m] * rx[i, n] / norm[i], matched[used, i], phasor[used]
-        in_phase = np.vdot(shape * known, received)
-        amplitude, ratio[i] = _best_amplitude(share[used], np.abs(received))
-        if abs(in_phase) ** 2 > ratio[i]:
-            amplitude, ratio[i] = abs(in_phase), abs(in_phase) ** 2
-        log_amplitude[i] = np.log(amplitude / (norm[i] * np.sqrt(n_bins)))
-        phase[i] = np.angle(in_phase)
-        strength = amplitude * (shape * np.exp(1j * phase[i])).conj() * received
-        told = strength / (np.abs(strength) + _PHASE_KNOWN)
-        phasor[used] = np.where(np.abs(told) > np.abs(known), told, known)
+    tx_norm, rx_norm = (np.linalg.norm(part, axis=1, keepdims=True) for part in (tx, rx))
+    amplitude, phase, ratio = candidate_ratios(
+        tx / tx_norm, rx / rx_norm, matched, phasor.copy(), _AMPLITUDES, _WEAKEST, _PHASE_KNOWN
+    )
+    log_amplitude = np.log(amplitude / ((tx_norm * rx_norm)[:, 0] * np.sqrt(n_bins)))
     return np.column_stack([candidates.delay_bins, tx_angles, rx_angles, log_amplitude, phase]), ratio
-
-
-def _best_amplitude(share: FloatArray, amplitude: FloatArray) -> tuple[float, float]:
-    """Amplitude over all pairs and the log-likelihood ratio of a path with these shares (pair,) of amplitude."""
-    trial = (share @ amplitude) / (share @ share) * _AMPLITUDES
-    signal = trial[:, None] * share
-    argument = 2 * signal * amplitude
-    ratio = (np.log(i0e(argument)) + argument - signal**2).sum(axis=1)
-    best = int(np.argmax(ratio))
-    return float(trial[best]), float(ratio[best])

@@ -13,7 +13,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.channel.incoherent_kernels import cell_amplitudes, column_maxima
+from estimation.channel.incoherent_grid_kernels import cell_amplitudes, column_maxima
 from estimation.channel.incoherent_spectrum import DelaySpectrum
 from estimation.channel.manifold import Manifold
 from scenes.record import ComplexArray, FloatArray, IntArray, Record, array

@@ -17,9 +17,11 @@ import numpy as np
 import scipy.fft
 
 from estimation.channel.compress import LEAST_NOISE, NOISE_CELLS
+from estimation.channel.incoherent_grid_kernels import waves_and_slopes
 from scenes.record import ComplexArray, FloatArray, IntArray
 from sim.sweep import BeamSweep
 
+MARGIN_BINS = 48  # of delay about every path that its fit sees: 0.3 % of a standard deviation is lost
 _MEDIAN = np.log(2)  # of a unit exponential
 _NOISE_SAMPLES = 25_000  # of every RX beam: its noise level is known to 1 %
 _TRUSTED_SHARE = (0.05, 0.95)  # of samples below the nominal median, from which the noise level can be read
@@ -105,17 +107,13 @@ def delay_waves(bins: IntArray, delay_bins: FloatArray, n_bins: int) -> tuple[Fl
 
     Bins and delays are less than one period apart.
     """
-    offset = bins[:, None] - delay_bins
-    near = np.abs(offset) < 1e-4
-    # sin and cos of pi (n - x) / K from those of n and of x; pi (n - x) turns by half turns over n.
-    turn, turn_x = np.pi / n_bins * bins[:, None], np.pi / n_bins * delay_bins
-    small = np.sin(turn) * np.cos(turn_x) - np.cos(turn) * np.sin(turn_x)
-    small_cosine = np.cos(turn) * np.cos(turn_x) + np.sin(turn) * np.sin(turn_x)
-    sign = 1.0 - 2.0 * (bins[:, None] % 2)
-    root = np.sqrt(n_bins)
-    over = 1 / (root * np.where(near, 1.0, small))
-    value = -sign * np.sin(np.pi * delay_bins) * over
-    slope = over * np.pi * (value * small_cosine / root - sign * np.cos(np.pi * delay_bins))
-    curvature = np.pi**2 / 3 * (1 - 1 / n_bins**2)  # of the wave at its peak
-    value = np.where(near, root * (1 - curvature / 2 * offset**2), value)
-    return value, np.where(near, root * curvature * offset, slope)
+    value, slope = waves_and_slopes(bins, delay_bins, n_bins)
+    return value, slope
+
+
+def window_bins(delay_bins: FloatArray, n_bins: int) -> IntArray:
+    """Delay bins (bin,) about the delays, in ascending order, of the period that begins an eighth below zero."""
+    reach = np.arange(-MARGIN_BINS, MARGIN_BINS + 2)
+    bins = np.unique(np.rint(delay_bins).astype(int)[:, None] + reach)
+    first = -(n_bins // 8)
+    return bins[(bins >= first) & (bins < first + n_bins)]

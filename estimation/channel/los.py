@@ -28,6 +28,7 @@ from scenes.record import BoolArray, FloatArray
 from scenes.toml_config import ConfigModel
 
 CANDIDATES = 3  # earliest paths that may be the line of sight
+OUTSHONE_DB = 10.0  # stronger path in the same delay cell, beside which another is no line of sight
 CLOCK_POINTS = 3001
 MIN_LENGTH_M = 0.1
 NONE_FOR_SURE = -700.0  # log of a likelihood that is zero in double precision
@@ -69,6 +70,7 @@ def los_probability(
     angles_rad: FloatArray | None = None,
     angle_variance: FloatArray | None = None,
     direction: LosDirection | None = None,
+    cell_s: float = 0.0,
 ) -> FloatArray:
     """Probability (path,) of every path to be the line of sight, for paths sorted by delay.
 
@@ -80,7 +82,23 @@ def los_probability(
         (path,) that the peaks of two beams would receive: without the loss of the beams' gain there.
     angles_rad, angle_variance
         (path, 2) azimuths of departure and arrival and their variances; used where `direction` is known.
+    cell_s
+        Resolution in delay. Within it the order of paths says nothing, and what is far below another path there is
+        its side lobe by wrong beam patterns, or a later path: neither a line of sight nor evidence against one.
     """
+    seen = ~_outshone(delay_s, power_dbm, cell_s)
+    if not seen.all():
+        probability = np.zeros(len(delay_s))
+        angles, spread = (None if part is None else part[seen] for part in (angles_rad, angle_variance))
+        probability[seen] = los_probability(
+            delay_s[seen],
+            power_dbm[seen],
+            config,
+            angles_rad=angles,
+            angle_variance=spread,
+            direction=direction,
+        )
+        return probability
     n = len(delay_s)
     candidates = range(min(n, CANDIDATES))
     log_odds = [_log_bayes_factor(delay_s[i:], power_dbm[i:], config) for i in candidates]
@@ -96,6 +114,13 @@ def los_probability(
     probability = np.zeros(n)
     probability[: len(log_odds)] = weight[1:] / weight.sum()
     return probability
+
+
+def _outshone(delay_s: FloatArray, power_dbm: FloatArray, cell_s: float) -> BoolArray:
+    """Mask (path,) of the paths with another, much stronger one in their delay cell."""
+    near = np.abs(delay_s[:, None] - delay_s) < cell_s
+    louder = power_dbm[None] > power_dbm[:, None] + OUTSHONE_DB
+    return np.asarray((near & louder).any(axis=1))
 
 
 def line_of_sight(probability: FloatArray) -> BoolArray:

@@ -14,6 +14,7 @@ import numpy as np
 
 from estimation.channel.compress import CompressedSweep
 from estimation.channel.kernels import hadamard_gram, tangent_products
+from estimation.channel.manifold import CELL
 from scenes.record import BoolArray, ComplexArray, FloatArray, IntArray
 
 
@@ -134,6 +135,14 @@ def own_energy(at: Tangents) -> FloatArray:
     """Squared norm (path,) of the paths' responses at unit amplitude."""
     factors = (at.tx[:, 0], at.rx[:, 0], at.delay[:, 0])
     return np.asarray(np.prod([(np.abs(factor) ** 2).sum(axis=1) for factor in factors], axis=0))
+
+
+def manifold_rates(sweep: CompressedSweep, paths: Paths) -> FloatArray:
+    """Length on the manifold (path, parameter) per delay bin and per rad of every angle; a cell is `CELL` long."""
+    rates = [np.full((len(paths), 1), CELL)]
+    for manifold, angles in ((sweep.tx, paths.aod_rad), (sweep.rx, paths.aoa_rad)):
+        rates.append(np.sqrt(np.einsum("paa->pa", manifold.metric(angles))))
+    return np.concatenate(rates, axis=1)
 
 
 def residual(sweep: CompressedSweep, paths: Paths) -> FloatArray:

@@ -7,17 +7,30 @@ the samples are taken with what reference paths leave, small numbers in single p
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg.lapack import dposv
 
 from estimation.channel.compress import CompressedSweep
 from estimation.channel.kernels import real_equations
 from estimation.channel.manifold import CELL
-from estimation.channel.path_model import Paths, Tangents, gram, own_energy, products_with, residual, tangents
-from scenes.record import ComplexArray, FloatArray
+from estimation.channel.path_model import (
+    Paths,
+    Tangents,
+    gram,
+    manifold_rates,
+    own_energy,
+    products_with,
+    residual,
+    tangents,
+)
+from scenes.pose import wrap_angle
+from scenes.record import BoolArray, ComplexArray, FloatArray
 
 APART_STEPS = 2
+NEAR_CELLS = 2.0  # resolution cells along every axis, beyond which paths hardly move each other
+FEW = 24  # paths that are refined together as fast as only some of them
 CONVERGED = 1e-3  # decrease of the squared residual, in units of the noise power, that ends the iteration
 LARGEST_DAMPING = 1e8
 LONGEST_STEP = 0.5  # resolution cells
@@ -119,15 +132,42 @@ def refine(reference: Reference, paths: Paths, max_steps: int, enough: float = n
         if now.explained > enough:
             break
         step, expected = _step(now, damping)
+        if expected < CONVERGED:
+            break
         trial = solve_at(reference, now.paths.moved(step))
         gain = trial.explained - now.explained
         if gain >= 0:
             now, damping = trial, max(damping / 10, 1e-9)
         else:
             damping *= 10
-        if expected < CONVERGED or damping > LARGEST_DAMPING:
+        if damping > LARGEST_DAMPING:
             break
     return now
+
+
+def refine_near(
+    reference: Reference, paths: Paths, about: Paths, max_steps: int, enough: float = np.inf
+) -> Solution:
+    """As `refine`, of the paths near those `about` which something changed; of the others only the amplitudes.
+
+    Paths that share no resolution cell hardly move each other. Of few paths all are refined: it takes no longer.
+    """
+    if len(paths) <= FEW:
+        return refine(reference, paths, max_steps, enough)
+    moves = near(reference.sweep, paths, about)
+    left = replace(reference.sweep, parts=residual(reference.sweep, paths.take(~moves)))
+    moved = refine(Reference(left, paths.take(moves)), paths.take(moves), max_steps)
+    order = np.argsort(np.concatenate([np.flatnonzero(~moves), np.flatnonzero(moves)]))
+    return solve_at(reference, paths.take(~moves).joined(moved.paths).take(order))
+
+
+def near(sweep: CompressedSweep, paths: Paths, about: Paths) -> BoolArray:
+    """Which paths (path,) lie within `NEAR_CELLS` of any of those `about`, along every axis."""
+    apart = [paths.delay_bins[:, None, None] - about.delay_bins[:, None]]
+    for angles, others in ((paths.aod_rad, about.aod_rad), (paths.aoa_rad, about.aoa_rad)):
+        apart.append(wrap_angle(angles[:, None] - others))
+    cells = np.abs(np.concatenate(apart, axis=2)) * manifold_rates(sweep, about) / CELL
+    return np.asarray((cells <= NEAR_CELLS).all(axis=2).any(axis=1))
 
 
 def _step(now: Solution, damping: float) -> tuple[FloatArray, float]:
@@ -140,12 +180,18 @@ def _step(now: Solution, damping: float) -> tuple[FloatArray, float]:
     scale = _unit_scale(diagonal)
     scaled = matrix * scale[:, None] * scale
     scaled[np.diag_indices_from(scaled)] += damping + TINY
-    flat = scale * np.linalg.solve(scaled, scale * now.slope.ravel())
+    flat = scale * _solve_positive(scaled, scale * now.slope.ravel())
     step = flat.reshape(now.slope.shape)[:, 2:]
     own = diagonal.reshape(now.slope.shape)
     length = np.abs(step) * np.sqrt(own[:, 2:] / own[:, :1]) / np.abs(now.paths.amplitude)[:, None]
     limit = np.minimum(1.0, LONGEST_STEP * CELL / np.maximum(length.max(axis=1), SMALLEST))
     return step * limit[:, None], float(flat @ now.slope.ravel())
+
+
+def _solve_positive(matrix: FloatArray, right: FloatArray) -> FloatArray:
+    """Solution of normal equations by Cholesky, or by elimination where rounding makes them indefinite."""
+    _, solution, failed = dposv(matrix, right)
+    return np.asarray(np.linalg.solve(matrix, right) if failed else solution)
 
 
 def covariances(solution: Solution, n_subcarriers: int) -> FloatArray:

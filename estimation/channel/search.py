@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from functools import lru_cache
 
 import numpy as np
 from numba import njit
 
 from estimation.channel.compress import CompressedSweep
+from estimation.channel.kernels import dirichlet
 from estimation.channel.manifold import Manifold
 from estimation.channel.path_model import Paths, no_paths, own_energy, responses
 from scenes.record import BoolArray, ComplexArray, FloatArray, IntArray
@@ -84,7 +86,8 @@ class Search:
         parts = np.arange(oversampling) / oversampling
         self._delay_bins = (sweep.position[:, None] + parts).ravel()
         # At whole bins the response is a single bin, so only the delays in between take a product.
-        self._between = [_matched_delays(sweep, sweep.position + part) for part in parts[1:]]
+        apart, weight = (sweep.position - sweep.position[0]).tobytes(), sweep.weight.tobytes()
+        self._between = [_matched_delays(apart, weight, part, sweep.n_subcarriers) for part in parts[1:]]
 
     def peaks(self, parts: FloatArray, level: float) -> Peaks:
         """Local maxima above `level` of the spectrum of samples given as parts (part, tx_rank, rx_rank, bin).
@@ -155,9 +158,15 @@ def without_side_lobes(
     return peaks.take(np.array(kept, int))
 
 
-def _matched_delays(sweep: CompressedSweep, delay_bins: FloatArray) -> FloatArray:
-    """Delay responses of unit norm (bin, delay), single precision."""
-    response = sweep.delay_response(delay_bins)[:, 0]
+@lru_cache(maxsize=16)
+def _matched_delays(apart: bytes, weight: bytes, part: float, n_subcarriers: int) -> FloatArray:
+    """Responses of unit norm (bin, delay), single precision, to the delays `part` of a bin beyond every bin.
+
+    Only distances count, so the table is made once for all stops with equally spaced bins of equal weights; both
+    are given by their bytes.
+    """
+    position = np.frombuffer(apart, int)
+    response = dirichlet(position, position + part, n_subcarriers)[:, 0] * np.frombuffer(weight)
     return np.asarray((response / np.linalg.norm(response, axis=1, keepdims=True)).T.astype(np.float32))
 
 

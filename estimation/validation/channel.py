@@ -15,6 +15,7 @@ from estimation.config import CampaignConfig
 from estimation.pipeline import channel_estimator
 from estimation.validation.channel_match import (
     Estimator,
+    PathTable,
     consistency_rows,
     efficiency_rows,
     estimate_places,
@@ -61,18 +62,10 @@ def check_coherent_scenes(
     """Random scenes with phases kept: efficiency, detection, false paths and consistency."""
     bench = make_bench(seed)
     stops = scene_stops(bench, seed, scaled(trials, quick, 1.0))
-    table = run_stops(bench, stops, make_estimator("coherent", estimator), coherent=True)
-    return [
-        *efficiency_rows(
-            "coherent", table, min_snr_db=10, min_separation=SEPARATED_CELLS, bars=(1.10, 1.05), quick=quick
-        ),
-        *consistency_rows("coherent", table, min_snr_db=10, min_separation=SEPARATED_CELLS, quick=quick),
-        rate_row(
-            "coherent.detection.scenes", table.is_found[table.identifiable(9)], 0.99,
-            "known as well as lone ones from 9 dB on", quick,
-        ),
-        false_row("coherent.false_per_stop", table.n_false, 1e-3, quick),
-    ]  # fmt: skip
+    estimate = make_estimator("coherent", estimator)
+    return _scene_rows(
+        "coherent", run_stops(bench, stops, estimate, coherent=True), (1.10, 1.05), 10, 9, quick
+    )
 
 
 def check_incoherent_scenes(
@@ -81,17 +74,29 @@ def check_incoherent_scenes(
     """Random scenes with a random phase on every beam pair, against the bound of that."""
     bench = make_bench(seed, phase_noise_pair_deg=UNIFORM_DEG)
     stops = scene_stops(bench, seed + 1, scaled(trials, quick, 0.2 if not quick else 0.5))
-    table = run_stops(bench, stops, make_estimator("incoherent", estimator), coherent=False)
+    estimate = make_estimator("incoherent", estimator)
+    return _scene_rows(
+        "incoherent", run_stops(bench, stops, estimate, coherent=False), (1.10, 1.10), 12, 11, quick
+    )
+
+
+def _scene_rows(
+    method: str, table: PathTable, bars: tuple[float, float], sharp_db: float, found_db: float, quick: bool
+) -> list[Measurement]:
+    """All rows of random scenes: errors are scored from `sharp_db` on, detection from `found_db` on.
+
+    `bars` are those of every RMSE over its bound and of their mean.
+    """
     return [
         *efficiency_rows(
-            "incoherent", table, min_snr_db=12, min_separation=SEPARATED_CELLS, bars=(1.10, 1.10), quick=quick
+            method, table, min_snr_db=sharp_db, min_separation=SEPARATED_CELLS, bars=bars, quick=quick
         ),
-        *consistency_rows("incoherent", table, min_snr_db=12, min_separation=SEPARATED_CELLS, quick=quick),
+        *consistency_rows(method, table, min_snr_db=sharp_db, min_separation=SEPARATED_CELLS, quick=quick),
         rate_row(
-            "incoherent.detection.scenes", table.is_found[table.identifiable(11)], 0.99,
-            "known as well as lone ones from 11 dB on", quick,
+            f"{method}.detection.scenes", table.is_found[table.identifiable(found_db)], 0.99,
+            f"known as well as lone ones from {found_db:g} dB on", quick,
         ),
-        false_row("incoherent.false_per_stop", table.n_false, 1e-3, quick),
+        false_row(f"{method}.false_per_stop", table.n_false, 1e-3, quick),
     ]  # fmt: skip
 
 

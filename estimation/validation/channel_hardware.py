@@ -11,7 +11,7 @@ import numpy as np
 from estimation.channel.calibration import self_calibrate
 from estimation.channel.record import ChannelEstimate
 from estimation.scoring.statistics import squared_mahalanobis
-from estimation.validation.channel import make_estimator, scaled, scene_paths
+from estimation.validation.channel import UNIFORM_DEG, make_estimator, scaled, scene_paths
 from estimation.validation.channel_match import (
     Estimator,
     efficiency_rows,
@@ -19,6 +19,7 @@ from estimation.validation.channel_match import (
     false_row,
     match_stop,
     most_by_chance,
+    rate_row,
     run_stops,
     widened,
 )
@@ -45,6 +46,20 @@ CFO_HZ = 150.0
 BACKGROUND_DB = 10.0  # below the path
 PATH_DB = 30.0  # SNR of the path before the background
 CALIBRATED_MIN_DB = 15.0
+CHOICES: dict[str, tuple[dict[str, float], ...]] = {
+    "coherent": (
+        {},
+        {"cfo_hz": CFO_HZ},
+        {"cfo_hz": -2000.0},
+        {"cfo_hz": 2000.0, "phase_noise_linewidth_hz": 500.0},
+    ),
+    "incoherent": (
+        {"phase_noise_pair_deg": 5.0},
+        {"phase_noise_pair_deg": 25.0},
+        {"phase_noise_pair_deg": UNIFORM_DEG},
+        {"beam_phase_std_deg": 60.0},
+    ),
+}  # a linewidth of 500 Hz leaves 5 deg rms, a walk of 5 deg from pair to pair 25 deg; the limit lies at 10 deg
 
 
 def check_element_errors(
@@ -102,33 +117,71 @@ def check_cfo(
     )
 
 
+def check_choice(
+    seed: int, quick: bool, trials: int | None = None, estimator: str | None = None
+) -> list[Measurement]:
+    """Whether `auto` fits coherently where phases are kept but for an even turn, and only there.
+
+    Scenes with no impairment, with frequency offsets, and with phases of pairs or of beams that no turn explains.
+    """
+    estimate = make_estimator("auto", estimator)
+    plain = make_bench(seed)
+    count = scaled(trials, quick, 0.25 if quick else 0.02)
+    rows = []
+    for mode, cases in CHOICES.items():
+        right = []
+        for case, impairments in enumerate(cases):
+            bench = with_settings(plain, **impairments)
+            for index in range(count):
+                paths = scene_paths(bench, seed + 2, case * count + index)
+                found = estimate(observe_paths(bench, paths, index).sweep)
+                right.append(found.reason.startswith(mode))
+        reason = f"{mode} is right: {', '.join(map(_words, cases))}"
+        rows.append(rate_row(f"auto.chooses_{mode}", np.array(right), 0.95, reason, quick))
+    return rows
+
+
 def check_diffuse(
     seed: int, quick: bool, trials: int | None = None, estimator: str | None = None
 ) -> list[Measurement]:
-    """One path over dense diffuse multipath 10 dB below it in total power."""
-    estimate = make_estimator("coherent", estimator)
-    bench = make_bench(seed)
-    rng = np.random.default_rng([seed, 4])
-    extra, nees = [], []
-    for index in range(scaled(trials, quick, 0.25 if quick else 0.08)):
-        paths = single_path(rng, PATH_DB)
-        background = diffuse_background(rng, bench, paths, below_db=BACKGROUND_DB)
-        stop = observe_paths(bench, paths, index, background)
-        found = estimate(stop.sweep)
-        nees += _nees(bench, stop, found)
-        extra.append(len(found) - 1)
-    mean = float(np.mean(nees)) / 3 if nees else np.nan
-    n = len(extra)
+    """One path over dense diffuse multipath 10 dB below it in total power, with phases kept and lost."""
+    rows = []
+    for method, phase_deg, share in (
+        ("coherent", 0.0, 1.0),
+        ("incoherent", UNIFORM_DEG, 0.5),
+        ("auto", 0.0, 0.5),
+    ):
+        estimate = make_estimator(method, estimator)
+        bench = make_bench(seed, phase_noise_pair_deg=phase_deg)
+        rng = np.random.default_rng([seed, 4])
+        extra, nees = [], []
+        for index in range(scaled(trials, quick, share * (0.25 if quick else 0.08))):
+            paths = single_path(rng, PATH_DB)
+            background = diffuse_background(rng, bench, paths, below_db=BACKGROUND_DB)
+            stop = observe_paths(bench, paths, index, background)
+            found = estimate(stop.sweep)
+            nees += _nees(bench, stop, found)
+            extra.append(len(found) - 1)
+        rows += _diffuse_rows("" if method == "coherent" else f".{method}", extra, nees, quick)
+    return rows
+
+
+def _diffuse_rows(suffix: str, extra: list[int], nees: list[float], quick: bool) -> list[Measurement]:
+    mean, n = float(np.mean(nees)) / 3 if nees else np.nan, len(extra)
     return [
         Measurement(
-            "diffuse10db.extra_per_stop", float(np.mean(extra)), "per stop", "lower",
+            f"diffuse10db{suffix}.extra_per_stop", float(np.mean(extra)), "per stop", "lower",
             most_by_chance(0.3 * n) / n if quick else 0.3, f"{n} stops",
         ),
         Measurement(
-            "diffuse10db.nees", mean, "1", "lower", widened(1.5, 1.5 * np.sqrt(2 / 3 / n), quick),
+            f"diffuse10db{suffix}.nees", mean, "1", "lower", widened(1.5, 1.5 * np.sqrt(2 / 3 / n), quick),
             f"NEES/3 of {len(nees)} found paths",
         ),
     ]  # fmt: skip
+
+
+def _words(impairments: dict[str, float]) -> str:
+    return " and ".join(f"{name} {value:g}" for name, value in impairments.items()) or "ideal"
 
 
 def _campaign(bench: Bench, seed: int, campaign: int) -> Iterator[ChannelStop]:

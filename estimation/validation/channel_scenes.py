@@ -115,8 +115,7 @@ def make_bench(seed: int, **impairments: Any) -> Bench:
         rx_array=array,
         impairments=ImpairmentsConfig(**impairments),
     )
-    link = make_link(config)
-    return Bench(config, link, Manifold(link.tx_codebook), Manifold(link.rx_codebook))
+    return _bench(config)
 
 
 def draw_paths(
@@ -266,6 +265,17 @@ def with_settings(bench: Bench, **impairments: Any) -> Bench:
     """The same link with other impairments."""
     settings = bench.config.model_copy(update={"impairments": ImpairmentsConfig(**impairments)})
     return replace(bench, config=settings)
+
+
+def with_bandwidth(bench: Bench, n_rb: int) -> Bench:
+    """The same beams over 12 subcarriers in each of `n_rb` resource blocks."""
+    waveform = bench.config.waveform.model_copy(update={"n_rb": n_rb})
+    return _bench(bench.config.model_copy(update={"waveform": waveform}))
+
+
+def _bench(config: SimulationConfig) -> Bench:
+    link = make_link(config)
+    return Bench(config, link, Manifold(link.tx_codebook), Manifold(link.rx_codebook))
 
 
 def _amplitudes(bench: Bench, paths: DrawnPaths) -> ComplexArray:

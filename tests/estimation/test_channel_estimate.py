@@ -108,9 +108,70 @@ def test_an_end_that_sees_no_direction_says_so(
     assert estimate.delay_s[0] == pytest.approx(2e-8, abs=1e-9)
 
 
-def test_more_paths_than_asked_for_are_reported_as_such(sweep: BeamSweep) -> None:
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_an_empty_sweep_is_refused(sweep: BeamSweep, method: str, axis: int) -> None:
+    cut = [slice(None)] * 3
+    cut[axis] = slice(0)
+    kept_tx, kept_rx = ([] if axis == end else list(range(12)) for end in (0, 1))
+    empty = replace(
+        sweep,
+        tx_codebook=sweep.tx_codebook.take("beam", kept_tx),
+        rx_codebook=sweep.rx_codebook.take("beam", kept_rx),
+        samples=sweep.samples[tuple(cut)],
+        prs_symbol=sweep.prs_symbol[cut[0], cut[2]],
+        frequency_offset_hz=sweep.frequency_offset_hz[cut[2]],
+        noise_power_mw=sweep.noise_power_mw[cut[1]],
+    )
+    estimate = estimate_channel(empty, method)
+    assert len(estimate) == 0
+    assert estimate.status == EstimateStatus.REFUSED
+    assert "at least 1 x 1 beams" in estimate.reason
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_one_beam_at_either_end_and_no_more_than_two_subcarriers_give_no_garbage(
+    sweep: BeamSweep, method: str
+) -> None:
+    least = replace(
+        sweep,
+        tx_codebook=sweep.tx_codebook.take("beam", [6]),
+        rx_codebook=sweep.rx_codebook.take("beam", [6]),
+        samples=sweep.samples[6:7, 6:7, :2],
+        prs_symbol=sweep.prs_symbol[6:7, :2],
+        frequency_offset_hz=sweep.frequency_offset_hz[:2],
+        noise_power_mw=sweep.noise_power_mw[6:7],
+    )
+    estimate = estimate_channel(least, method)
+    check_estimate(estimate, PERIOD_S)
+    assert len(estimate) <= 1
+    assert "TX beams of rank 1" in estimate.reason and "RX beams of rank 1" in estimate.reason
+
+
+@pytest.mark.parametrize(
+    ("spoilt", "message"),
+    [
+        ({"delay_s": np.array([np.nan, 1e-8])}, "delay_s = nan: must be finite"),
+        ({"delay_s": np.array([6e-8, 2e-8])}, "not sorted"),
+        ({"covariance": np.zeros((2, 3, 3))}, "symmetric and positive definite"),
+        ({"covariance": np.full((2, 3, 3), np.nan)}, "must be finite"),
+        ({"los_probability": np.array([1.5, 0.0])}, "los_probability = 1.5"),
+        ({"status": "fine"}, "status = 'fine'"),
+    ],
+)
+def test_garbage_of_a_users_function_is_refused_in_one_line(
+    sweep: BeamSweep, spoilt: dict[str, object], message: str
+) -> None:
+    good = estimate_channel(sweep, "power")
+    with pytest.raises(ValueError, match=message) as caught:
+        estimate_channel(sweep, lambda _: replace(good, **spoilt))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("method", ["coherent", "incoherent", "auto"])
+def test_more_paths_than_asked_for_are_reported_as_such(sweep: BeamSweep, method: str) -> None:
     one = ChannelConfig(maximum_likelihood=MaximumLikelihoodConfig(max_paths=1))
-    estimate = estimate_channel(sweep, "coherent", one)
+    estimate = estimate_channel(sweep, method, one)
     assert len(estimate) == 1
     assert estimate.status == EstimateStatus.LIMITED
     assert "max_paths = 1" in estimate.reason
@@ -128,7 +189,8 @@ def test_no_more_paths_are_asked_for_than_the_samples_can_hold(link: Link, sweep
         noise_power_mw=sweep.noise_power_mw[5:7],
     )
     assert path_capacity(few) == 6
-    assert len(estimate_channel(few, "coherent")) <= 6
+    for method in METHODS:
+        assert len(estimate_channel(few, method)) <= 6
 
 
 def test_a_function_is_a_method_and_is_checked(sweep: BeamSweep) -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from estimation.channel.coherent import fit_coherent
-from estimation.channel.diffuse import background_over_delay, fit_over_background
+from estimation.channel.diffuse import _tail_scale, background_over_delay, fit_over_background
 from estimation.validation.channel_scenes import (
     diffuse_background,
     draw_paths,
@@ -53,3 +53,16 @@ def test_the_background_over_delay_is_noise_where_noise_explains_it() -> None:
     found = background_over_delay(noise * np.sqrt(power))
     np.testing.assert_allclose(found[:60], power[:60], rtol=0.15)
     assert (found[180:] == 1).all()
+
+
+def test_the_tail_is_that_of_the_cells_that_are_filled() -> None:
+    """One cell in five with three times the power of the others: high powers are theirs."""
+    rng = np.random.default_rng(3)
+    shape = (16, 16, 60)
+    power = rng.exponential(size=shape)
+    near, far = np.array([20.0]), np.arange(60)
+    assert abs(_tail_scale(power, far, near)[0] - 1) < 0.1
+    power *= np.where(rng.random(shape) < 0.2, 3.0, 1.0)
+    assert _tail_scale(power, far, near)[0] > 1.4
+    power[3, 3, 20] = 1e4  # what a strong path leaves is no background
+    assert _tail_scale(power, far, near)[0] < 3

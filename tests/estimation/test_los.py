@@ -59,6 +59,27 @@ def test_a_ghost_before_the_line_of_sight_is_not_taken_for_it() -> None:
     assert found[1] > 0.5
 
 
+def test_side_lobes_in_the_delay_cell_of_a_line_of_sight_do_not_hide_it() -> None:
+    """Wrong beam patterns leave ghosts around the strongest path, some of them by chance a little before it."""
+    lengths = np.array([4.99, 4.995, 4.998, 5.0, 5.01, 9.0])
+    power = -13.0 - 20 * np.log10(lengths) - np.array([25, 30, 28, 0, 24, 10])
+    delay = lengths / SPEED_OF_LIGHT_M_S + BIAS_S
+    blind = los_probability(delay, power, LosConfig())
+    found = los_probability(delay, power, LosConfig(), cell_s=2.6e-9)
+    alone = los_probability(delay[[3, 5]], power[[3, 5]], LosConfig())
+    assert blind[3] < 0.5
+    assert found[[3, 5]].tolist() == alone.tolist()
+    assert found[3] > 0.7
+    assert (found[[0, 1, 2, 4]] == 0).all()
+
+
+def test_an_equal_path_in_the_delay_cell_is_not_outshone() -> None:
+    delay = np.array([5.0, 5.2]) / SPEED_OF_LIGHT_M_S
+    power = np.array([-27.0, -31.0])
+    plain, found = (los_probability(delay, power, LosConfig(), cell_s=cell) for cell in (0.0, 2.6e-9))
+    assert plain.tolist() == found.tolist()
+
+
 def test_at_most_one_path_is_the_line_of_sight_and_none_of_none() -> None:
     assert probability([], []).shape == (0,)
     for seed in range(50):

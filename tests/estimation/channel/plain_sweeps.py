@@ -1,16 +1,26 @@
 """Sweeps of a small link, equation (1) written out path by path."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from estimation.channel.compress import CompressedSweep, compress
+from estimation.channel.crb import PathBounds, crb
+from estimation.channel.fit import PathFit
+from estimation.channel.plan import nominal_manifold, search_plan
 from scenes.pose import Pose
 from scenes.record import ComplexArray, FloatArray
 from sim.codebook import Codebook, beam_response
 from sim.config import ArrayConfig, SimulationConfig, WaveformConfig
 from sim.link import Link, make_link
 from sim.sweep import BeamSweep
+
+PANELS = ArrayConfig(
+    columns=8, beams_per_panel=8, sector_deg=90.0, panel_azimuth_deg=[-180.0, -90.0, 0.0, 90.0]
+)
+ELEVATION = ArrayConfig(columns=8, beams_per_panel=8, beam_elevation_deg=[-20.0, 0.0, 20.0])
+CHI2_95 = 7.815  # of 3 degrees of freedom
 
 
 @dataclass(frozen=True)
@@ -89,6 +99,35 @@ def plain_sweep(
         carrier_hz=link.carrier_hz,
         noise_power_mw=noise,
     )
+
+
+def compressed(sweep: BeamSweep) -> CompressedSweep:
+    """A sweep compressed as the coherent method does it, over the whole delay period."""
+    noise_mw = tuple(sweep.noise_power_mw.tolist())
+    plan = search_plan(
+        nominal_manifold(sweep.tx_codebook), nominal_manifold(sweep.rx_codebook), noise_mw, 2.0
+    )
+    cube = compress(sweep, plan.tx, plan.rx)
+    return cube.window(np.arange(cube.n_bins))
+
+
+def scrambled(sweep: BeamSweep, rng: np.random.Generator) -> BeamSweep:
+    """The sweep with a random phase on every beam pair."""
+    phasor = np.exp(2j * np.pi * rng.random(sweep.samples.shape[:2])).astype(np.complex64)
+    return replace(sweep, samples=sweep.samples * phasor[:, :, None])
+
+
+def places(paths: PathFit | PlainPaths) -> FloatArray:
+    """Delay and angles (path, parameter) in the order of a covariance."""
+    return np.concatenate([paths.delay_s[:, None], paths.aod_rad, paths.aoa_rad], axis=1)
+
+
+def plain_bounds(link: Link, paths: PlainPaths, *, coherent: bool = True) -> PathBounds:
+    """Bounds of paths in noise of unit power."""
+    return crb(
+        link.tx_codebook, link.rx_codebook, link.frequency_offset_hz, 1.0, delay_s=paths.delay_s,
+        aod_rad=paths.aod_rad, aoa_rad=paths.aoa_rad, amplitude=paths.amplitude, coherent=coherent,
+    )  # fmt: skip
 
 
 def _gain(codebook: Codebook, angles: FloatArray) -> ComplexArray:

@@ -10,8 +10,16 @@ from scipy.special import ive
 
 from estimation.channel.crb import path_information
 from estimation.channel.incoherent_companions import _known, _probes, _score
-from estimation.channel.incoherent_kernels import cell_amplitudes, column_maxima, log_bessel
-from estimation.channel.incoherent_likelihood import Ends, climb, local_samples, score
+from estimation.channel.incoherent_grid_kernels import candidate_ratios, cell_amplitudes, column_maxima
+from estimation.channel.incoherent_kernels import log_bessel
+from estimation.channel.incoherent_likelihood import (
+    Ends,
+    climb,
+    coupled,
+    likelihood_without,
+    local_samples,
+    score,
+)
 from estimation.channel.incoherent_spectrum import delay_spectrum, delay_waves
 from estimation.channel.manifold import Manifold
 from sim.config import ArrayConfig
@@ -176,3 +184,54 @@ def test_cell_amplitudes_and_column_maxima():
     largest, row = column_maxima(table)
     assert (largest == table.max(axis=0)).all()
     assert (row == table.argmax(axis=0)).all()
+
+
+def test_paths_taken_as_they_are_count_as_if_they_were_fitted(stop):
+    _, _, ends, local = stop
+    whole = score(local, ends, PATHS)
+    beside = score(local.beside(ends, PATHS[1:]), ends, PATHS[:1])
+    assert beside.value == pytest.approx(whole.value, rel=1e-9)
+    assert beside.pair_snr == pytest.approx(whole.pair_snr, rel=1e-9)
+    assert beside.gradient == pytest.approx(
+        whole.gradient[:5], rel=1e-6, abs=1e-6 * np.abs(whole.gradient).max()
+    )
+    assert beside.information == pytest.approx(whole.information[:5, :5], rel=1e-6, abs=1e-6)
+
+
+def test_the_likelihood_without_a_path_is_that_of_the_others(stop):
+    _, _, ends, local = stop
+    chosen = np.array([2, 0])
+    found = likelihood_without(local, ends, PATHS, chosen)
+    expected = [score(local, ends, np.delete(PATHS, path, axis=0)).value for path in chosen]
+    assert found == pytest.approx(expected, rel=1e-6)
+    alone = likelihood_without(local, ends, PATHS[:1], np.array([0]))
+    assert alone == pytest.approx([0.0], abs=1e-6)
+
+
+def test_paths_far_apart_are_not_coupled(stop):
+    _, _, ends, local = stop
+    at = score(local, ends, PATHS)
+    assert coupled(at, 3, 0, 0.1).tolist() == [False, True, False]
+    assert coupled(at, 3, 2, 0.1).tolist() == [False, False, False]
+
+
+def test_candidates_are_weighed_by_their_likelihood():
+    rng = np.random.default_rng(2)
+    factors = np.linspace(0.5, 1.5, 5)
+    tx, rx = (rng.standard_normal((2, n)) + 1j * rng.standard_normal((2, n)) for n in (3, 4))
+    tx, rx = (part / np.linalg.norm(part, axis=1, keepdims=True) for part in (tx, rx))
+    noise = rng.standard_normal((12, 2)) + 1j * rng.standard_normal((12, 2))
+    shape = np.einsum("im,in->mni", tx, rx).reshape(12, 2)
+    turns = np.exp(2j * np.pi * rng.random((12, 1)))
+    matched = (6 * shape * turns + noise).astype(np.complex64)
+    unknown, told = np.zeros(12, complex), 0.99 * turns[:, 0]
+    amplitude, _, ratio = candidate_ratios(tx, rx, matched, unknown.copy(), factors, 0.0, 0.5)
+    share, received = np.abs(shape[:, 0]), np.abs(matched[:, 0]).astype(float)
+    trial = (share @ received) * factors[:, None] * share
+    expected = (np.log(ive(0, 2 * trial * received)) + 2 * trial * received - trial**2).sum(axis=1)
+    assert ratio[0] == pytest.approx(expected.max(), rel=1e-5)
+    assert amplitude[0] == pytest.approx((share @ received) * factors[expected.argmax()], rel=1e-5)
+    amplitude, phase, ratio = candidate_ratios(tx, rx, matched, told.copy(), factors, 0.0, 0.5)
+    in_phase = np.vdot(shape[:, 0] * told, matched[:, 0])
+    assert ratio[0] == pytest.approx(max(expected.max(), abs(in_phase) ** 2), rel=1e-5)
+    assert phase[0] == pytest.approx(np.angle(in_phase), abs=1e-5)
