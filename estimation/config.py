@@ -5,7 +5,7 @@ from __future__ import annotations
 from pydantic import Field
 
 from estimation.channel.estimate import ChannelConfig
-from estimation.shape.config import ShapeConfig
+from estimation.shape.config import ContourConfig, ShapeConfig
 from estimation.slam.config import MappingConfig, SnapshotConfig, TrajectoryConfig
 from sim.config import SimulationConfig
 from sim.link import line_of_sight_at_1m_dbm
@@ -20,6 +20,7 @@ class CampaignConfig(SimulationConfig):
     slam: SnapshotConfig = SnapshotConfig()
     trajectory: TrajectoryConfig | None = Field(None, description="smooth all stops together; off without it")
     shapes: ShapeConfig = ShapeConfig()
+    contours: ContourConfig = ContourConfig()
 
 
 def with_link_levels(config: CampaignConfig) -> CampaignConfig:

@@ -16,14 +16,14 @@ from estimation.config import CampaignConfig
 from estimation.measured import MeasuredTruth
 from estimation.results import MapResult
 from estimation.scoring.config import Significance
+from estimation.shape.contours import estimate_contours
 from estimation.shape.estimate import estimate_shapes
+from estimation.slam.campaign import locate_and_map
 from estimation.slam.checks import check_estimates
 from estimation.slam.mapping import map_stops
-from estimation.slam.record import PoseEstimates, SolveStatus
-from estimation.slam.snapshot import run_slam
-from estimation.slam.spatial_campaign import is_spatial, run_spatial_slam, run_spatial_trajectory
+from estimation.slam.record import IncidencePoints, PoseEstimates, SolveStatus
 from estimation.slam.spatial_mapping import map_stops_spatial
-from estimation.slam.trajectory import run_trajectory
+from estimation.slam.spatial_problem import is_spatial
 from scenes.pose import Pose
 from sim.link import Link
 from sim.sweep import BeamSweep
@@ -85,24 +85,33 @@ def map_known(
     check_estimates(channel, tx_pose)
     spatial = is_spatial(channel, use_elevation=config.mapping.use_elevation)
     ips = (map_stops_spatial if spatial else map_stops)(channel, receiver, tx_pose, config.mapping)
-    return MapResult(receiver, ips, estimate_shapes(ips, config.shapes))
+    return _with_shapes(config, channel, tx_pose, receiver, ips)
 
 
 def map_unknown(config: CampaignConfig, channel: Sequence[ChannelEstimate], tx_pose: Pose) -> MapResult:
     """SLAM: receiver states and incidence points together, then shapes.
 
-    Every stop on its own, or all stops together where the campaign has a `trajectory` table; with heights where
-    elevations were estimated.
+    Every stop on its own, or all stops together or by a filter where the campaign has a `trajectory` table; with
+    heights where elevations were estimated.
     """
     check_estimates(channel, tx_pose)
-    spatial = is_spatial(channel, use_elevation=config.slam.use_elevation)
-    if config.trajectory is None:
-        solve = run_spatial_slam if spatial else run_slam
-        poses, ips = solve(channel, tx_pose, config.slam, config.mapping)
-    else:
-        smooth = run_spatial_trajectory if spatial else run_trajectory
-        poses, ips, _ = smooth(channel, tx_pose, config.slam, config.trajectory, config.mapping)
-    return MapResult(poses, ips, estimate_shapes(ips, config.shapes))
+    poses, ips = locate_and_map(channel, tx_pose, config.slam, config.trajectory, config.mapping)
+    return _with_shapes(config, channel, tx_pose, poses, ips)
+
+
+def _with_shapes(
+    config: CampaignConfig,
+    channel: Sequence[ChannelEstimate],
+    tx_pose: Pose,
+    poses: PoseEstimates,
+    ips: IncidencePoints,
+) -> MapResult:
+    """The map with the paper's shapes of its clusters and our contours of its objects."""
+    shapes = estimate_shapes(ips, config.shapes)
+    contours = estimate_contours(
+        channel, tx_pose, poses, ips, shapes.label, config.mapping.noise, config.contours
+    )
+    return MapResult(poses, ips, shapes, contours)
 
 
 def significance(config: CampaignConfig, link: Link) -> Significance:

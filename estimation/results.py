@@ -6,17 +6,21 @@ from dataclasses import dataclass
 
 from estimation.channel.power_map import BeamPowerMap
 from estimation.channel.record import ChannelEstimate
-from estimation.shape.record import Shapes
+from estimation.shape.record import Contours, Shapes
 from estimation.slam.record import IncidencePoints, PoseEstimates
 
 
 @dataclass(frozen=True)
 class MapResult:
-    """A map of the scene: receiver poses, incidence points and shapes, from mapping or from SLAM."""
+    """A map of the scene, from mapping or from SLAM.
+
+    Receiver poses, incidence points, the paper's shapes of clusters and our contours of objects.
+    """
 
     poses: PoseEstimates
     ips: IncidencePoints
     shapes: Shapes
+    contours: Contours
 
 
 @dataclass(frozen=True)

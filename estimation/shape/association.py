@@ -27,7 +27,6 @@ MIN_GAIN_NAT = 5.0  # of the evidence over that of ghosts alone
 GATE = 16.27  # chi-square of 3 degrees of freedom at 0.999
 _MAX_OBJECTS = 5
 _MAX_ROUNDS = 5
-_FAMILY = {"circle": CIRCLE, "wall": WALL, "edge": EDGE}
 
 
 @dataclass(frozen=True)
@@ -48,7 +47,7 @@ def split_cluster(data: Reflections, config: ReflectionConfig) -> Association:
     found: list[tuple[str, Optimum]] = []
     while len(found) < _MAX_OBJECTS:
         rest = np.flatnonzero(label == GHOST)
-        best = _most_evident(data.take("path", rest), config)
+        best = most_evident(data.take("path", rest), config)
         if best is None:
             break
         members = rest[best[1].inlier > 0.5]
@@ -64,7 +63,12 @@ def split_cluster(data: Reflections, config: ReflectionConfig) -> Association:
     return Association(label, tuple(kind for kind, _ in found))
 
 
-def _most_evident(data: Reflections, config: ReflectionConfig) -> tuple[str, Optimum] | None:
+def family_of(kind: str) -> int:
+    """Family of `estimation.shape.specular.predict` of the simplest kind of a class."""
+    return {"circle": CIRCLE, "wall": WALL, "edge": EDGE}[kind]
+
+
+def most_evident(data: Reflections, config: ReflectionConfig) -> tuple[str, Optimum] | None:
     """Kind and optimum of highest evidence, None where ghosts alone explain the paths about as well."""
     if len(data) < MIN_PATHS:
         return None
@@ -85,7 +89,7 @@ def _nearest(data: Reflections, found: list[tuple[str, Optimum]]) -> IntArray:
     """The object (path,) that predicts each path best, -1 where all are beyond the gate."""
     if not found:
         return np.full(len(data), GHOST)
-    square: FloatArray = np.array([path_squares(_FAMILY[kind], optimum, data) for kind, optimum in found])
+    square: FloatArray = np.array([path_squares(family_of(kind), optimum, data) for kind, optimum in found])
     return np.where(square.min(axis=0) <= GATE, square.argmin(axis=0), GHOST)
 
 
@@ -97,7 +101,7 @@ def _fitted(
     found: list[tuple[str, Optimum]] = []
     for number in range(n_objects):
         members = label == number
-        best = _most_evident(data.take("path", members), config)
+        best = most_evident(data.take("path", members), config)
         if best is not None:
             renewed[members] = len(found)
             found.append(best)

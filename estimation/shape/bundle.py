@@ -9,34 +9,26 @@ complement). Paths weigh in with their probability of not being ghosts, as in `e
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from estimation.geometry import los_jacobian_rx, predict_los, residual
-from estimation.shape.direct import closed_prior, closed_shape, fit_closed
-from estimation.shape.edge import edge_shape, fit_point, point_prior
+from estimation.shape.bundle_kinds import BundleObject, family_of_kind, prior_of, shape_of, start_of
 from estimation.shape.fit import ShapeFit, failed_fit
-from estimation.shape.mirror_wall import fit_wall, wall_prior, wall_shape
 from estimation.shape.path_likelihood import N_COMMON
 from estimation.shape.posterior import Optimum, Prior, with_offsets
 from estimation.shape.reflections import ReflectionConfig, Reflections
-from estimation.shape.specular import EDGE, WALL, predict
-from estimation.shape.support import CLOSED_FAMILY
+from estimation.shape.specular import predict
 from scenes.pose import Pose
 from scenes.record import FloatArray, IntArray
 
 _MAX_STEPS = 40
 _SETTLED_NAT = 1e-6
+_LEAST_INFORMATION = 1e-8  # on an object that lost all its paths to ghosts, per square of m or rad
+_LEAST_LEFT = 0.05  # share of a variance that the fit does not take up
+_NORMAL_MEDIAN = 0.6745  # of the size of a standard normal number
 _EXACT_STD = 1e-6  # of a state given as exact, in m and rad
-
-
-@dataclass(frozen=True)
-class BundleObject:
-    """The paths of one object and the kind of contour they are fitted with: closed, `wall` or `edge`."""
-
-    kind: str
-    paths: Reflections
 
 
 @dataclass(frozen=True)
@@ -49,6 +41,8 @@ class Bundle:
     offset_std: FloatArray  # (2 + session,)
     stop: IntArray  # (stop,) the stops that have paths
     rx_state: FloatArray  # (stop, 4) x, y, heading, clock bias in m, m, rad, m
+    rx_covariance: FloatArray  # (stop, 4, 4)
+    noise_scale: FloatArray  # (3,) standard deviations of range, departures, arrivals over the stated ones
 
 
 @dataclass(frozen=True)
@@ -80,7 +74,8 @@ class _System:
         raised = self.stop * (1 + damping * np.eye(4))
         through = np.linalg.solve(raised, np.concatenate([self.stop_gradient[..., None], self.cross], axis=2))
         own, cross = through[..., 0], through[..., 1:]
-        left = self.common * (1 + damping * np.eye(len(self.common)))
+        size = len(self.common)
+        left = self.common * (1 + damping * np.eye(size)) + _LEAST_INFORMATION * np.eye(size)
         return left - np.einsum("sic,sid->cd", self.cross, cross), own, cross
 
 
@@ -96,7 +91,7 @@ def fit_bundle(objects: Sequence[BundleObject], los: Reflections, config: Reflec
     ValueError
         Where the kind of an object is unknown.
     """
-    starts = [_start(each, config) for each in objects]
+    starts = [start_of(each, config) for each in objects]
     given = [each.paths for each, start in zip(objects, starts, strict=True) if start is not None]
     stop, prior_state, prior_weight = _prior_states([*given, los])
     n_offsets = N_COMMON + max((data.n_sessions for data in [*given, los]), default=0)
@@ -107,8 +102,8 @@ def fit_bundle(objects: Sequence[BundleObject], los: Reflections, config: Reflec
             parts.append(None)
             continue
         row = np.searchsorted(stop, each.paths.stop)
-        prior = _prior(each.kind, start.parameter, config)
-        parts.append(_Part(each.kind, _family(each.kind), each.paths, row, first, start, prior))
+        prior = prior_of(each, start.parameter, config)
+        parts.append(_Part(each.kind, family_of_kind(each.kind), each.paths, row, first, start, prior))
         first += len(start.parameter)
     used = [part for part in parts if part is not None]
     common = np.zeros(first)
@@ -119,10 +114,15 @@ def fit_bundle(objects: Sequence[BundleObject], los: Reflections, config: Reflec
         used, los, np.searchsorted(stop, los.stop), prior_state, prior_weight, n_offsets, config
     )
     common, state = problem.solve(common)
-    covariance = np.asarray(np.linalg.inv(problem.system(common, state).schur(0.0)[0]), float)
+    system = problem.system(common, state)
+    left, _, cross = system.schur(0.0)
+    own = np.asarray(np.linalg.inv(system.stop), float)
+    covariance = np.asarray(np.linalg.inv(left), float)
     found = [None if part is None else problem.optimum(part, common, state, covariance) for part in parts]
     shapes = tuple(
-        failed_fit(each.kind, "no start") if optimum is None else _shape(each, optimum, state, stop, config)
+        failed_fit(each.kind, "no start")
+        if optimum is None
+        else shape_of(each, optimum, state[np.searchsorted(stop, each.paths.stop)], config)
         for each, optimum in zip(objects, found, strict=True)
     )
     return Bundle(
@@ -132,6 +132,8 @@ def fit_bundle(objects: Sequence[BundleObject], los: Reflections, config: Reflec
         offset_std=np.sqrt(np.diagonal(covariance)[:n_offsets]),
         stop=stop,
         rx_state=state,
+        rx_covariance=own + cross @ covariance @ np.swapaxes(cross, 1, 2),
+        noise_scale=problem.noise_scale(common, state, covariance, cross, own),
     )
 
 
@@ -208,6 +210,32 @@ class _Problem:
             parameter, common[: self.n_offsets], covariance[np.ix_(index, index)], np.nan, share, paths
         )
 
+    def noise_scale(
+        self,
+        common: FloatArray,
+        state: FloatArray,
+        covariance: FloatArray,
+        cross: FloatArray,
+        own: FloatArray,
+    ) -> FloatArray:
+        """Median size (3,) of the residuals over the expected one: what the fit takes up of the noise is left out.
+
+        A residual of a path has the covariance R - J S J', S that of all unknowns (Foerstner 1979, variance
+        components). The median leaves out ghosts and objects of unusual noise. NaN without a path.
+        """
+        sizes = [np.zeros((0, 3))]
+        for paths, row, difference, by_common, by_rx in self._residuals(common, state):
+            _, share = self._mixture(difference, np.asarray(np.linalg.inv(paths.covariance), float))
+            # A change of the common unknowns moves the states by -cross, so J S J' splits in two.
+            moved = by_common - by_rx @ cross[row]
+            taken = np.einsum("nac,cd,nad->na", moved, covariance, moved)
+            taken += np.einsum("nai,nij,naj->na", by_rx, own[row], by_rx)
+            stated = np.diagonal(paths.covariance, axis1=1, axis2=2)
+            left = np.maximum(stated - taken, _LEAST_LEFT * stated)
+            sizes.append((np.abs(difference) / np.sqrt(left))[share > 0.5])
+        size = np.concatenate(sizes)
+        return np.median(size, axis=0) / _NORMAL_MEDIAN if len(size) else np.full(3, np.nan)
+
     def _residuals(
         self, common: FloatArray, state: FloatArray
     ) -> list[tuple[Reflections, IntArray, FloatArray, FloatArray, FloatArray]]:
@@ -249,35 +277,6 @@ class _Problem:
         log_inlier = log_norm + 0.5 * np.linalg.slogdet(weight)[1] - 0.5 * square
         log_total = np.logaddexp(log_inlier, self.config.log_ghost_density)
         return -float(np.sum(log_total)), np.exp(log_inlier - log_total)
-
-
-def _start(each: BundleObject, config: ReflectionConfig) -> Optimum | None:
-    if each.kind not in (*CLOSED_FAMILY, "wall", "edge"):
-        raise ValueError(f"kind = '{each.kind}': must be one of {', '.join(CLOSED_FAMILY)}, wall, edge")
-    if len(each.paths) == 0:
-        return None
-    if each.kind == "wall":
-        return fit_wall(each.paths, config)
-    return fit_point(each.paths, config) if each.kind == "edge" else fit_closed(each.paths, each.kind, config)
-
-
-def _prior(kind: str, start: FloatArray, config: ReflectionConfig) -> Prior:
-    if kind == "wall":
-        return wall_prior(config)
-    return point_prior(config) if kind == "edge" else closed_prior(kind, start, config)
-
-
-def _family(kind: str) -> int:
-    return {**CLOSED_FAMILY, "wall": WALL, "edge": EDGE}[kind]
-
-
-def _shape(
-    each: BundleObject, found: Optimum, state: FloatArray, stop: IntArray, config: ReflectionConfig
-) -> ShapeFit:
-    if each.kind == "wall":
-        solved = replace(each.paths, rx_state=state[np.searchsorted(stop, each.paths.stop)])
-        return wall_shape(found, solved)
-    return edge_shape(found) if each.kind == "edge" else closed_shape(found, each.kind, config)
 
 
 def _prior_states(sets: Sequence[Reflections]) -> tuple[IntArray, FloatArray, FloatArray]:

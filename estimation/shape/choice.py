@@ -4,18 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
 
 import numpy as np
+import shapely
 
+from estimation.shape.arc import fit_arc
 from estimation.shape.direct import fit_direct
 from estimation.shape.edge import fit_edge
 from estimation.shape.fit import ShapeFit
 from estimation.shape.mirror_wall import fit_mirror_wall
 from estimation.shape.reflections import ReflectionConfig, Reflections
 
-# Share of each kind within its class before any data: half of all pillars are taken as round.
+# Share of each kind within its class before any data: half of all pillars are taken as round, a quarter of all
+# walls as bent.
 CLASSES: Mapping[str, Mapping[str, float]] = {
-    "wall": {"wall": 1.0},
+    "wall": {"wall": 0.75, "arc": 0.25},
     "edge": {"edge": 1.0},
     "pillar": {"circle": 0.5, "ellipse": 0.25, "rounded_square": 0.25},
 }
@@ -36,20 +41,37 @@ class Choice:
 
     @property
     def best(self) -> ShapeFit:
-        """The fit of the most probable kind of the most probable class."""
-        return self.fits[max(CLASSES[self.best_class], key=lambda kind: self.probability[kind])]
+        """The fit to use of the most probable class.
+
+        Of open contours the most probable kind, of closed ones that of the largest expected overlap
+        (intersection over union) with the truth, were the fit of each kind true with its probability.
+        """
+        kinds = [kind for kind in CLASSES[self.best_class] if self.fits[kind].is_usable]
+        if not all(self.fits[kind].is_closed for kind in kinds):
+            return self.fits[max(kinds, key=lambda kind: self.probability[kind])]
+        areas = {kind: shapely.Polygon(self.fits[kind].contour_m).buffer(0.0) for kind in kinds}
+
+        def expected(kind: str) -> float:
+            return sum(self.probability[other] * _overlap(areas[kind], areas[other]) for other in kinds)
+
+        return self.fits[max(kinds, key=expected)]
 
 
 def choose_shape(
-    data: Reflections, config: ReflectionConfig, classes: Sequence[str] = tuple(CLASSES)
+    data: Reflections,
+    config: ReflectionConfig,
+    classes: Sequence[str] = tuple(CLASSES),
+    shares: Mapping[str, float] = MappingProxyType({}),
 ) -> Choice:
     """Fit every kind of object of the classes to the paths and weigh them by their evidence.
+
+    `shares` replaces the shares that kinds have within their class before the data.
 
     Raises `ValueError` where there is no path or every fit failed: nothing could be weighed.
     """
     if len(data) == 0:
         raise ValueError("choose_shape: data holds 0 paths, at least one is needed")
-    share = {kind: share for name in classes for kind, share in CLASSES[name].items()}
+    share = {kind: shares.get(kind, own) for name in classes for kind, own in CLASSES[name].items()}
     fits = {kind: fit_kind(data, kind, config) for kind in share}
     usable = {kind: fit.log_evidence + np.log(share[kind]) for kind, fit in fits.items() if fit.is_usable}
     if not usable:
@@ -61,9 +83,17 @@ def choose_shape(
 
 
 def fit_kind(data: Reflections, kind: str, config: ReflectionConfig) -> ShapeFit:
-    """Fit one kind of object: wall, edge or a closed contour."""
+    """Fit one kind of object: wall, bent wall, edge or a closed contour."""
     if kind == "wall":
         return fit_mirror_wall(data, config)
+    if kind == "arc":
+        return fit_arc(data, config)
     if kind == "edge":
         return fit_edge(data, config)
     return fit_direct(data, kind, config)
+
+
+def _overlap(one: Any, other: Any) -> float:
+    """Intersection over union of two areas."""
+    union = one.union(other).area
+    return float(one.intersection(other).area / union) if union > 0 else 0.0

@@ -1,11 +1,15 @@
-"""Parameters of clustering and Gaussian-process shape estimation."""
+"""Parameters of clustering, of the paper's Gaussian-process shapes, and of our contours."""
 
 from __future__ import annotations
 
 from typing import Annotated, Literal, Self
 
+import numpy as np
 from pydantic import Field
 
+from estimation.shape.reflections import ReflectionConfig
+from scenes.pose import SPEED_OF_LIGHT_M_S
+from scenes.record import FloatArray
 from scenes.toml_config import ConfigModel, Pair
 
 
@@ -52,3 +56,50 @@ class ShapeConfig(ConfigModel):
         """The method exactly as printed in section III; `changes` set the other fields."""
         printed: dict[str, object] = {"start": "paper", "mean_uncertainty": False, "noise_floor": False}
         return cls.model_validate(printed | changes)
+
+
+class ContourConfig(ConfigModel):
+    """Contours of objects, beside the paper's shapes of clusters.
+
+    `method`
+        `reflection`: contours fitted to delays and angles by the reflection law, all objects, poses and common
+        offsets together, kind and class by evidence, ghosts left out. `points`: where only points are trusted,
+        the more evident of the marginalised-incidence contour, a line and a line of varying depth per cluster.
+        Any other name: that method for points alone, for comparisons. `none`: no contours.
+    """
+
+    method: Literal[
+        "reflection",
+        "points",
+        "mic",
+        "line",
+        "depth_line",
+        "paper_gp",
+        "prior_only",
+        "convex_hull",
+        "random_matrix",
+        "circle",
+        "recursive_gp",
+        "star_convex_rhm",
+        "none",
+    ] = "reflection"
+    eps_m: float = Field(0.6, gt=0, description="neighbourhood radius of DBSCAN in m, for candidate objects")
+    min_samples: int = Field(5, ge=1, description="IPs within eps_m, itself included, that make a core point")
+    reflection: ReflectionConfig = ReflectionConfig()
+    learn_noise: bool = Field(
+        True,
+        description="scale the paths' covariances by what all of them show, and an object's own if larger",
+    )
+    survey_position_std_m: float = Field(0.05, gt=0, description="poses that are given: of x and of y")
+    survey_heading_std_deg: float = Field(1.0, gt=0, description="of their heading")
+    survey_clock_std_ns: float = Field(0.1, gt=0, description="of their clock bias")
+    slam_widening: float = Field(
+        3.0, ge=1, description="factor on the standard deviations of poses found from the same paths by SLAM"
+    )
+
+    @property
+    def survey_std(self) -> FloatArray:
+        """Standard deviations (4,) of a given state in m, m, rad, m."""
+        clock_m = 1e-9 * SPEED_OF_LIGHT_M_S * self.survey_clock_std_ns
+        position = self.survey_position_std_m
+        return np.array([position, position, np.deg2rad(self.survey_heading_std_deg), clock_m])

@@ -1,7 +1,8 @@
 """Recessed or gently curved walls: depth along a line as a Gaussian process.
 
-depth(t) ~ GP(0, sigma^2 k(t)) about the wall's line, k the Matern kernel of order 3/2 whose functions may bend
-sharply. Its standard deviation and length are integrated over a grid, the ends are those of the line.
+depth(t) ~ GP(0, sigma^2 k(t)) about the wall's line, k the Matern kernel of order 3/2, whose functions may bend
+sharply, or of order 1/2, whose functions may jump as a recess does. Order, standard deviation and length are
+integrated over a grid, the ends are those of the line.
 """
 
 from __future__ import annotations
@@ -30,6 +31,22 @@ class _Cell(NamedTuple):
     log_likelihood: float
     mean_m: FloatArray
     variance_m2: FloatArray
+
+
+class _Kernel(NamedTuple):
+    """Covariance of the depth: a Matern kernel plus the unknown offset and azimuth of the line."""
+
+    std_m: float
+    length_m: float
+    is_rough: bool  # of order 1/2, else 3/2
+
+    def between(self, a_m: FloatArray, b_m: FloatArray) -> FloatArray:
+        distance = np.abs(a_m[:, None] - b_m) / self.length_m
+        line = LINE_OFFSET_STD_M**2 + LINE_AZIMUTH_STD_RAD**2 * a_m[:, None] * b_m
+        if self.is_rough:
+            return np.asarray(self.std_m**2 * np.exp(-distance) + line)
+        scaled = np.sqrt(3) * distance
+        return np.asarray(self.std_m**2 * (1 + scaled) * np.exp(-scaled) + line)
 
 
 def fit_depth_line(points: PointCluster, prior: LinePrior = WALL_PRIOR) -> ShapeFit:
@@ -70,7 +87,8 @@ def _depth(points: PointCluster, line: Line, at_m: FloatArray) -> tuple[FloatArr
     depth = (points.position_m - line.origin_m) @ normal
     noise = np.einsum("i,nij,j->n", normal, points.covariance_m2, normal)
     cells = [
-        _depth_cell(place, depth - line.parameter[1], noise, at_m, std, length)
+        _depth_cell(place, depth - line.parameter[1], noise, at_m, _Kernel(std, length, is_rough))
+        for is_rough in (False, True)
         for std in DEPTH_STD_M
         for length in LENGTH_M
     ]
@@ -87,24 +105,16 @@ def _depth_cell(
     depth_m: FloatArray,
     noise_m2: FloatArray,
     at_m: FloatArray,
-    std_m: float,
-    length_m: float,
+    kernel: _Kernel,
 ) -> _Cell:
-    covariance = _kernel(place_m, place_m, std_m, length_m) + np.diag(noise_m2)
-    cross = _kernel(place_m, at_m, std_m, length_m)
+    covariance = kernel.between(place_m, place_m) + np.diag(noise_m2)
+    cross = kernel.between(place_m, at_m)
     factor = cholesky(covariance, lower=True)
     solved = cho_solve((factor, True), depth_m)
     log_determinant = 2 * np.log(np.diagonal(factor)).sum()
     log_likelihood = -0.5 * (depth_m @ solved + log_determinant + len(depth_m) * np.log(2 * np.pi))
     whitened = solve_triangular(factor, cross, lower=True)
-    prior = std_m**2 + LINE_OFFSET_STD_M**2 + (LINE_AZIMUTH_STD_RAD * at_m) ** 2
+    prior = kernel.std_m**2 + LINE_OFFSET_STD_M**2 + (LINE_AZIMUTH_STD_RAD * at_m) ** 2
     return _Cell(
         float(log_likelihood), cross.T @ solved, np.maximum(prior - np.sum(whitened**2, axis=0), 0.0)
     )
-
-
-def _kernel(a_m: FloatArray, b_m: FloatArray, std_m: float, length_m: float) -> FloatArray:
-    """Matern 3/2 plus the unknown offset and azimuth of the line."""
-    scaled = np.sqrt(3) * np.abs(a_m[:, None] - b_m) / length_m
-    line = LINE_OFFSET_STD_M**2 + LINE_AZIMUTH_STD_RAD**2 * a_m[:, None] * b_m
-    return np.asarray(std_m**2 * (1 + scaled) * np.exp(-scaled) + line)

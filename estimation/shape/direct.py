@@ -51,10 +51,16 @@ def fit_closed(data: Reflections, kind: str, config: ReflectionConfig) -> Optimu
     places = (circle.parameter, circle_starts(data, [config.radius_median_m])[0])
     for place, shape in product(places, _shape_starts(kind, config)):
         start = np.concatenate([place, shape])
-        found = maximise(CLOSED_FAMILY[kind], start, closed_prior(kind, start, config), data, config)
+        prior = closed_prior(kind, start, config)
+        found = maximise(CLOSED_FAMILY[kind], start, prior, data, config, refreshes=1)
         if found is not None:
-            optima.append(found)
-    return max(optima, key=lambda optimum: optimum.log_evidence, default=None)
+            optima.append((found, prior))
+    if not optima:
+        return None
+    best, prior = max(optima, key=lambda pair: pair[0].log_evidence)
+    if not np.any(data.rx_covariance):
+        return best
+    return maximise(CLOSED_FAMILY[kind], best.parameter, prior, data, config)
 
 
 def closed_prior(kind: str, start: FloatArray, config: ReflectionConfig) -> Prior:

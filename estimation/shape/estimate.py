@@ -28,6 +28,14 @@ def estimate_shapes(ips: IncidencePoints, config: ShapeConfig) -> Shapes:
     """
     label = np.full(len(ips), NOISE)
     label[ips.is_inlier] = cluster_points(ips.position_m[ips.is_inlier], config.eps_m, config.min_samples)
+    return fit_shapes(ips, label, config)
+
+
+def fit_shapes(ips: IncidencePoints, label: IntArray, config: ShapeConfig) -> Shapes:
+    """One star-convex contour for each cluster 0 .. max(label) of incidence points, which are given.
+
+    `label` (ip,) is the cluster of every point, -1 for none; every cluster has at least one.
+    """
     center = apply_biases(centroids(ips.position_m, label), config.biases)
     with threadpool_limits(limits=1, user_api="blas"):  # many small fits: threads cost more than they give
         contours = [

@@ -15,6 +15,7 @@ KINDS = (
     "star_convex",
     "support_gp",
     "wall",
+    "arc",
     "depth_line",
     "edge",
     "none",

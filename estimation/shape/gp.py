@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import Bounds, minimize
+from scipy.optimize import Bounds, OptimizeResult, minimize
 
 from estimation.shape.gp_exact import ExactPosterior, Likelihood, chord, log_marginal_likelihood
 from estimation.shape.gp_fourier import (
@@ -34,6 +34,8 @@ SMALLEST_SCALE_M = 0.01
 
 COARSE_TOLERANCE_NAT = 0.1  # slope by log beta where a start stops: about 0.01 nat from its optimum
 FINE_TOLERANCE_NAT = 1e-3  # slope where the search of the best start ends: about 1e-6 nat from the optimum
+TRIAL_STEPS, HOPELESS_NAT = 6, 50.0  # a start this far behind another after so many steps is given up
+RELATIVE_TOLERANCE = 2.2e-9  # L-BFGS-B's own, of the likelihood
 PAPER_START = np.array([[4.0, 4.0, 4.0]])  # beta of sigma_f = l = sigma_n = 2
 
 
@@ -122,9 +124,12 @@ def fit_radial_gp(
     bounds = _search_bounds(radius_m, noise_floor_std_m)
     starts = PAPER_START if start == "paper" else _data_starts(angle_rad, radius_m)
     with one_blas_thread():
-        coarse = [_maximise_likelihood(data, first, bounds, COARSE_TOLERANCE_NAT) for first in starts]
-        best = max(coarse, key=lambda optimum: optimum[0])[1]
-        log_likelihood, beta = _maximise_likelihood(data, best, bounds, FINE_TOLERANCE_NAT)
+        careful = start == "data"
+        best: tuple[float, FloatArray] = (-np.inf, starts[0])
+        for first in starts:
+            found = _maximise_likelihood(data, first, bounds, COARSE_TOLERANCE_NAT, careful, best[0])
+            best = max(best, found, key=lambda optimum: optimum[0])
+        log_likelihood, beta = _maximise_likelihood(data, best[1], bounds, FINE_TOLERANCE_NAT, careful)
         mu = data.log_marginal_likelihood(beta).mu
         posterior = data.posterior(beta, mu)
     signal_std, length_scale, noise_std = (float(value) for value in np.sqrt(beta))
@@ -132,28 +137,49 @@ def fit_radial_gp(
 
 
 def _maximise_likelihood(
-    data: RadialData, start: FloatArray, bounds: FloatArray, tolerance_nat: float
+    data: RadialData,
+    start: FloatArray,
+    bounds: FloatArray,
+    tolerance_nat: float,
+    careful: bool,
+    to_beat: float = -np.inf,
 ) -> tuple[float, FloatArray]:
     """Log likelihood and beta at the optimum over log beta, by L-BFGS-B; mu follows from beta at each step.
 
-    The likelihood is not scaled: L-BFGS-B's first step is the shorter the steeper it is, and where the paper's
-    start ends depends on that.
+    L-BFGS-B's first step follows the gradient to the bounds where the likelihood is steep, and there the length
+    scale asks for the most harmonics. A `careful` search is scaled to a first step of about 1; where the paper's
+    start ends depends on the long step. A search that after some steps is still far below the likelihood
+    `to_beat` of another start is given up.
     """
+    first = np.log(np.clip(start, *bounds))
+    steepness = 1.0
+    if careful:
+        gradient = data.log_marginal_likelihood(np.exp(first)).gradient[1:] * np.exp(first)
+        steepness = max(float(np.linalg.norm(gradient)), 1.0)
 
     def negative(log_beta: FloatArray) -> tuple[float, FloatArray]:
         beta = np.exp(log_beta)
         likelihood = data.log_marginal_likelihood(beta)
-        return -likelihood.value, -likelihood.gradient[1:] * beta
+        return -likelihood.value / steepness, -likelihood.gradient[1:] * beta / steepness
+
+    steps = 0
+
+    def give_up(intermediate_result: OptimizeResult) -> None:
+        nonlocal steps
+        steps += 1
+        if steps >= TRIAL_STEPS and -steepness * float(intermediate_result.fun) < to_beat - HOPELESS_NAT:
+            raise StopIteration
 
     found = minimize(
         negative,
-        np.log(np.clip(start, *bounds)),
+        first,
+        callback=give_up,
         jac=True,
         method="L-BFGS-B",
         bounds=Bounds(*np.log(bounds)),
-        options={"gtol": tolerance_nat},
+        options={"gtol": tolerance_nat / steepness, "ftol": RELATIVE_TOLERANCE / steepness},
     )
-    return -float(found.fun), np.exp(found.x)
+    return -steepness * float(found.fun), np.exp(found.x)
 
 
 def _search_bounds(radius_m: FloatArray, noise_floor_std_m: float) -> FloatArray:

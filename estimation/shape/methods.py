@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
+import numpy as np
+
 from estimation.shape.depth_line import fit_depth_line
 from estimation.shape.fit import ShapeFit
 from estimation.shape.line import fit_line
@@ -17,6 +19,8 @@ from estimation.shape.peers import (
 )
 from estimation.shape.peers_recursive import fit_recursive_gp, fit_star_convex_rhm
 from estimation.shape.points import PointCluster
+from estimation.shape.record import CLASS_NAMES
+from scenes.record import FloatArray
 
 POINT_METHODS: Mapping[str, Callable[[PointCluster], ShapeFit]] = {
     "mic": fit_mic,
@@ -30,3 +34,19 @@ POINT_METHODS: Mapping[str, Callable[[PointCluster], ShapeFit]] = {
     "recursive_gp": fit_recursive_gp,
     "star_convex_rhm": fit_star_convex_rhm,
 }
+
+# Ours for points alone, by class, with their shares before any data; an edge cannot be told by points.
+_OWN = {"mic": ("pillar", 0.5), "line": ("wall", 0.25), "depth_line": ("wall", 0.25)}
+
+
+def choose_points(points: PointCluster) -> tuple[ShapeFit, FloatArray]:
+    """The more evident of contour, line and line of varying depth, and the probability (class,) of each class."""
+    fits = {name: POINT_METHODS[name](points) for name in _OWN}
+    score = {name: fit.log_evidence + np.log(_OWN[name][1]) for name, fit in fits.items() if fit.is_usable}
+    total = np.logaddexp.reduce(list(score.values()))
+    probability = np.zeros(len(CLASS_NAMES))
+    for name, value in score.items():
+        probability[CLASS_NAMES.index(_OWN[name][0])] += np.exp(value - total)
+    best = CLASS_NAMES[int(probability.argmax())]
+    own = {name: value for name, value in score.items() if _OWN[name][0] == best}
+    return fits[max(own, key=lambda name: own[name])], probability

@@ -11,12 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimation import geometry
 from estimation.geometry import bounce_jacobian_point, bounce_jacobian_rx
 from estimation.shape.fit import OK, ShapeFit, failed_fit
 from estimation.shape.reflections import ReflectionConfig, Reflections, ray_points
 from estimation.shape.support import CIRCLE, contour_points, normal_std_m
 from estimation.slam.config import MappingConfig
-from estimation.slam.mapping import locate
+from estimation.slam.point_fit import locate
 from scenes.pose import Pose
 from scenes.record import FloatArray
 
@@ -45,7 +46,7 @@ def oriented_points(data: Reflections) -> OrientedPoints:
         tx, state = Pose(np.array([*row[:2], 0.0]), float(row[2])), data.rx_state[mine]
         by_rx = bounce_jacobian_rx(tx, state, start[mine])
         total = data.covariance[mine] + by_rx @ data.rx_covariance[mine] @ np.swapaxes(by_rx, 1, 2)
-        position[mine], _ = locate(tx, state, data.measured[mine], total, MappingConfig())
+        position[mine], _ = locate(geometry, tx, state, data.measured[mine], total, MappingConfig())
         by_point = bounce_jacobian_point(tx, state, position[mine])
         information = np.swapaxes(by_point, 1, 2) @ np.linalg.solve(total, by_point)
         floor = 1e-9 * np.einsum("nii->n", information)

@@ -79,20 +79,25 @@ class Optimum:
 
 
 def maximise(
-    family: int, start: FloatArray, prior: Prior, data: Reflections, config: ReflectionConfig
+    family: int,
+    start: FloatArray,
+    prior: Prior,
+    data: Reflections,
+    config: ReflectionConfig,
+    refreshes: int = _MAX_REFRESHES,
 ) -> Optimum | None:
     """The local maximum of the posterior from `start` (parameter,); None where the information is singular.
 
     Where the start is far off for the accuracy of the paths, all would be ghosts to it: the covariances are
     then raised at first and cooled to their own. The pose errors' share of the path covariances is held while
-    the search runs and renewed until it stays.
+    the search runs and renewed until it stays, at most `refreshes` times.
     """
     m = len(start)
     full = with_offsets(prior, data.n_sessions, config)
     value = np.concatenate([start, np.zeros(N_COMMON + data.n_sessions)])
     value[m:] = full.mean[m:]
     exact_pose = not np.any(data.rx_covariance)
-    for _ in range(1 if exact_pose else _MAX_REFRESHES):
+    for _ in range(1 if exact_pose else refreshes):
         paths = predict(family, value[:m], data.tx, data.rx_state)
         weight, log_norm = path_weights(paths, data, config)
         before = value

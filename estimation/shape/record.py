@@ -1,10 +1,15 @@
-"""What shape estimation hands on: clusters and their contours."""
+"""What shape estimation hands on: the paper's contours of clusters, and ours of objects."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from scenes.record import FloatArray, IntArray, Record, array
+import numpy as np
+
+from scenes.record import BoolArray, FloatArray, IntArray, Record, TextArray, array
+
+CLASS_NAMES = ("wall", "edge", "pillar")
+N_CONTOUR_SAMPLES = 180
 
 
 @dataclass(frozen=True)
@@ -26,3 +31,66 @@ class Shapes(Record):
     length_scale: FloatArray = array("cluster", unit="1", doc="learned l of the periodic kernel")
     noise_std_m: FloatArray = array("cluster", unit="m", doc="learned sigma_n")
     log_likelihood: FloatArray = array("cluster", doc="log marginal likelihood at the optimum")
+
+
+@dataclass(frozen=True)
+class Contours(Record):
+    """One contour per accepted object, of the method that the settings choose; a rejected ghost has no row.
+
+    A closed contour is sampled counter-clockwise without a repeated end, an open one end to end. The stops and
+    paths that an object was fitted to are those of the incidence points with its row in `object`. Offsets are
+    added to what geometry predicts; they are NaN where none was fitted.
+    """
+
+    method: str = array(dtype=str, doc="method of the settings")
+    kind: TextArray = array("contour", dtype=str, doc="kind of the contour: circle, ellipse, wall, edge, ...")
+    status: TextArray = array("contour", dtype=str, doc="'ok', or 'prior' where the data said nothing")
+    is_closed: BoolArray = array("contour", dtype=bool, doc="closed contour of a pillar")
+    center_m: FloatArray = array("contour", "xy", unit="m", doc="mean of the sampled contour")
+    contour_m: FloatArray = array("contour", "sample", "xy", unit="m", doc="points of the contour")
+    std_m: FloatArray = array(
+        "contour", "sample", unit="m", doc="standard deviation along the normal: 95 % band is +-1.96 of it"
+    )
+    extent_m: FloatArray = array("contour", unit="m", doc="lit length if open, mean radius if closed")
+    extent_std_m: FloatArray = array("contour", unit="m", doc="standard deviation of the extent")
+    class_name: TextArray = array("class", dtype=str, doc="classes of objects")
+    class_probability: FloatArray = array("contour", "class", doc="probability of each class; NaN unknown")
+    cluster: IntArray = array("contour", dtype=int, doc="cluster of `shapes` with most of its IPs, -1 none")
+    object: IntArray = array("ip", dtype=int, doc="contour that each incidence point supports, -1 for none")
+    delay_offset_s: float = array(unit="s", doc="common error of all delays")
+    delay_offset_std_s: float = array(unit="s", doc="its standard deviation")
+    aoa_offset_rad: float = array(unit="rad", doc="common error of all azimuths of arrival")
+    aoa_offset_std_rad: float = array(unit="rad", doc="its standard deviation")
+    aod_offset_rad: FloatArray = array("session", unit="rad", doc="of a session's azimuths of departure")
+    aod_offset_std_rad: FloatArray = array("session", unit="rad", doc="its standard deviation")
+    session: IntArray = array("stop", dtype=int, doc="session of each stop, of all stops in order")
+
+    def __len__(self) -> int:
+        return len(self.kind)
+
+
+def no_contours(n_ips: int, n_stops: int, method: str = "none") -> Contours:
+    """The record without any object."""
+    n, none = N_CONTOUR_SAMPLES, np.zeros(0)
+    return Contours(
+        method=method,
+        kind=np.zeros(0, str),
+        status=np.zeros(0, str),
+        is_closed=np.zeros(0, bool),
+        center_m=np.zeros((0, 2)),
+        contour_m=np.zeros((0, n, 2)),
+        std_m=np.zeros((0, n)),
+        extent_m=none,
+        extent_std_m=none,
+        class_name=np.array(CLASS_NAMES),
+        class_probability=np.zeros((0, len(CLASS_NAMES))),
+        cluster=np.zeros(0, int),
+        object=np.full(n_ips, -1),
+        delay_offset_s=np.nan,
+        delay_offset_std_s=np.nan,
+        aoa_offset_rad=np.nan,
+        aoa_offset_std_rad=np.nan,
+        aod_offset_rad=np.zeros(0),
+        aod_offset_std_rad=np.zeros(0),
+        session=np.zeros(n_stops, int),
+    )

@@ -70,6 +70,11 @@ class ReflectionConfig(ConfigModel):
     harmonic_std: float = Field(0.15, gt=0, description="support GP: standard deviation of h / R - 1")
     harmonic_length: float = Field(0.8, gt=0, description="support GP: length scale of the periodic kernel")
     n_harmonics: int = Field(6, ge=2, description="support GP: highest harmonic")
+    pillars_resemble: bool = Field(
+        True, description="a pillar's prior of radius and kind is what the other pillars of the scene show"
+    )
+    bend_radius_median_m: float = Field(6.0, gt=0, description="bent wall: median of the log-normal radius")
+    bend_radius_log_std: float = Field(0.8, gt=0, description="bent wall: of the logarithm of the radius")
     area_m2: float = Field(
         400.0, gt=0, description="area in m^2 a centre or an edge lies in, all places alike"
     )

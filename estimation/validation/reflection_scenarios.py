@@ -254,14 +254,6 @@ def true_measurements(true: TruePaths) -> FloatArray:
     )
 
 
-def lit_arc_rad(true: TruePaths) -> float:
-    """Span in rad of the bisectors at the specular points: the arc of normals the walk lights."""
-    back = _back(true.point_m, true.rx)
-    azimuth = np.sort(np.arctan2(back[:, 1], back[:, 0]))
-    gaps = np.diff(np.append(azimuth, azimuth[0] + 2 * np.pi))
-    return float(2 * np.pi - gaps.max())
-
-
 def _receivers(rng: np.random.Generator) -> FloatArray:
     position = walk_positions()
     return np.column_stack([position, rng.uniform(-np.pi, np.pi, len(position))])

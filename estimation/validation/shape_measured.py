@@ -15,7 +15,8 @@ from estimation.geometry import measurements
 from estimation.mat_store import read_measurement
 from estimation.measured import MeasuredCampaign
 from estimation.scoring.contour_metrics import intersection_over_union
-from estimation.shape.bundle import Bundle, BundleObject, fit_bundle
+from estimation.shape.bundle import Bundle, fit_bundle
+from estimation.shape.bundle_kinds import BundleObject
 from estimation.shape.clustering import to_polar
 from estimation.shape.gp import fit_radial_gp
 from estimation.shape.normals import oriented_points

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimation.scoring.contour_metrics import intersection_over_union, interval_iou, perpendicular_rmse_m
-from estimation.shape.bundle import BundleObject
+from estimation.shape.bundle_kinds import BundleObject
 from estimation.shape.choice import choose_shape
 from estimation.shape.direct import fit_direct
 from estimation.shape.fit import ShapeFit

@@ -7,7 +7,8 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.stats import chi2
 
-from estimation.shape.bundle import BundleObject, fit_bundle
+from estimation.shape.bundle import fit_bundle
+from estimation.shape.bundle_kinds import BundleObject
 from estimation.shape.direct import fit_direct
 from estimation.shape.reflections import ReflectionConfig
 from estimation.shape.specular import predict

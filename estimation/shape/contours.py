@@ -1,0 +1,39 @@
+"""From paths and poses to contours of objects, by the method of the settings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from estimation.channel.record import ChannelEstimate
+from estimation.shape.campaign_fit import fit_campaign
+from estimation.shape.campaign_paths import campaign_paths
+from estimation.shape.config import ContourConfig
+from estimation.shape.contour_rows import contour_record
+from estimation.shape.point_contours import fit_point_contours
+from estimation.shape.record import Contours, no_contours
+from estimation.slam.config import PathNoise
+from estimation.slam.record import IncidencePoints, PoseEstimates
+from scenes.pose import Pose
+from scenes.record import IntArray
+
+
+def estimate_contours(
+    channel: Sequence[ChannelEstimate],
+    tx_pose: Pose,
+    poses: PoseEstimates,
+    ips: IncidencePoints,
+    label: IntArray,
+    noise: PathNoise,
+    config: ContourConfig,
+) -> Contours:
+    """One contour per object, of the method of the settings.
+
+    `label` (ip,) are the clusters of the paper's shapes: the objects of the methods for points alone, and what
+    the record compares with.
+    """
+    if config.method == "none":
+        return no_contours(len(ips), len(poses.stop))
+    if config.method != "reflection":
+        return fit_point_contours(ips, label, tx_pose, poses, config)
+    paths = campaign_paths(channel, tx_pose, poses, ips, noise, config)
+    return contour_record(fit_campaign(paths, config), paths.session, label, len(ips))
