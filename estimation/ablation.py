@@ -10,6 +10,7 @@ from estimation.config import CampaignConfig
 from estimation.pipeline import channel_estimator, known_receiver, map_known, map_unknown, significance
 from estimation.results import CampaignResults
 from estimation.scoring.ablation import ALL, EFFECTS, NONE, Ablation, ranked
+from estimation.scoring.link_view import link_view
 from estimation.scoring.score import Scores, score_campaign
 from scenes.scene import Scene
 from sim.campaign import clock_biases_s, observe
@@ -72,4 +73,5 @@ def run_variant(config: CampaignConfig, scene: Scene, paths_of_stops: Sequence[T
         results,
         true_power_dbm=lambda truth: best_beam_power_dbm(truth.paths, link, scene.tx, truth.rx_pose),
         significance=significance(config, link),
+        view=link_view(config, link, scene),
     )

@@ -1,19 +1,19 @@
-"""Scores of the channel estimates: detected, missed and false paths, errors and their consistency."""
+"""Tables of the channel estimates: each estimated path with its true one, each true one with what became of it."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
 
-from estimation.channel.record import ChannelEstimate
+from estimation.channel.record import ChannelEstimate, EstimateStatus
 from estimation.scoring.association import assign, inside_gate, parameter_errors, path_gospa
+from estimation.scoring.causes import Evidence, false_causes, miss_causes, weak_causes
 from estimation.scoring.config import ScoringConfig, Significance
-from estimation.scoring.metric import Metric
+from estimation.scoring.link_view import LinkView
 from estimation.scoring.provenance import PathOrigin, path_origin
 from estimation.scoring.record import PathKind, PathScores, PathStatus, SignificantPaths, StopScores
-from estimation.scoring.statistics import maximum, mean, ratio, rms, squared_mahalanobis
+from estimation.scoring.statistics import squared_mahalanobis
 from scenes.pose import Pose, wrap_angle
 from scenes.record import BoolArray, FloatArray, IntArray
 from sim.paths import Paths
@@ -21,13 +21,17 @@ from sim.truth import Truth
 
 
 @dataclass(frozen=True)
-class _Stop:
-    """One stop prepared for scoring: true paths as the devices see them."""
+class TrueStop:
+    """One stop prepared for scoring: true paths as the devices see them, and those that could be detected."""
 
     truth: Truth
     origin: PathOrigin
     parameters: FloatArray  # (path, 3) in (s, rad, rad)
-    power_dbm: FloatArray
+    power_dbm: FloatArray  # (path,)
+    significant: IntArray  # rows of the significant paths
+    covariance: FloatArray  # (significant, 3, 3) bound in (s, rad, rad)^2, NaN without a view of the link
+    limits: Significance
+    view: LinkView | None
 
 
 def device_parameters(truth: Truth, tx_pose: Pose) -> FloatArray:
@@ -51,47 +55,63 @@ def significant_paths(paths: Paths, power_dbm: FloatArray, limits: Significance)
     return np.asarray(candidate)
 
 
-def score_stop(
-    truth: Truth,
-    estimate: ChannelEstimate,
-    tx_pose: Pose,
-    power_dbm: FloatArray,
-    limits: Significance,
-    config: ScoringConfig,
-) -> tuple[PathScores, SignificantPaths, StopScores]:
-    """Tables of one stop: each estimated path with its true one, what there was to detect, and how far they are.
-
-    `power_dbm` (path,) is the received power of the true paths in their best beam pairs.
-    """
-    stop = _Stop(truth, path_origin(truth.paths), device_parameters(truth, tx_pose), power_dbm)
+def true_stop(
+    truth: Truth, tx_pose: Pose, power_dbm: FloatArray, limits: Significance, view: LinkView | None
+) -> TrueStop:
+    """Prepare one stop; `power_dbm` (path,) is the received power of the true paths in their best beam pairs."""
     significant = np.flatnonzero(significant_paths(truth.paths, power_dbm, limits))
-    measured = np.stack([estimate.delay_s, estimate.aod_azimuth_rad, estimate.aoa_azimuth_rad], axis=-1)
-    match = assign(measured, stop.parameters[significant], config.gate)
-    true_path = np.append(significant, -1)[match]
-    status = np.where(true_path >= 0, PathStatus.DETECTED, PathStatus.FALSE)
-    for index in np.flatnonzero(true_path < 0):
-        true_path[index] = _weak_origin(
-            stop, measured[index], float(estimate.power_dbm[index]), significant, config
-        )
-        status[index] = PathStatus.WEAK if true_path[index] >= 0 else PathStatus.FALSE
-    detected = np.isin(np.arange(len(significant)), match)
-    return (
-        _path_scores(stop, estimate, measured, true_path, status),
-        _significant_scores(stop, significant, detected, config),
-        _stop_scores(stop, measured[status != PathStatus.WEAK], significant, config),
+    covariance = np.full((len(significant), 3, 3), np.nan)
+    if view is not None:
+        found = view.bounds(replace(truth, paths=truth.paths.take("path", significant)))
+        azimuths = [0, 1, 1 + found.n_aod_angles]
+        covariance = found.covariance[:, azimuths][:, :, azimuths]
+    parameters = device_parameters(truth, tx_pose)
+    return TrueStop(
+        truth, path_origin(truth.paths), parameters, power_dbm, significant, covariance, limits, view
     )
 
 
-def _weak_origin(
-    stop: _Stop, measured: FloatArray, estimate_dbm: float, significant: IntArray, config: ScoringConfig
-) -> int:
+def significant_alone(stop: TrueStop) -> TrueStop:
+    """The same stop with nothing but its significant paths."""
+    keep = stop.significant
+    return replace(
+        stop,
+        truth=replace(stop.truth, paths=stop.truth.paths.take("path", keep)),
+        origin=PathOrigin(stop.origin.kind[keep], stop.origin.object[keep], stop.origin.vertex_m[keep]),
+        parameters=stop.parameters[keep],
+        power_dbm=stop.power_dbm[keep],
+        significant=np.arange(len(keep)),
+    )
+
+
+def score_stop(
+    stop: TrueStop, estimate: ChannelEstimate, config: ScoringConfig
+) -> tuple[PathScores, SignificantPaths, StopScores]:
+    """Tables of one stop: each estimated path with its true one, what there was to detect, and their distance."""
+    measured = np.stack([estimate.delay_s, estimate.aod_azimuth_rad, estimate.aoa_azimuth_rad], axis=-1)
+    match = assign(measured, stop.parameters[stop.significant], config.gate)
+    true_path = np.append(stop.significant, -1)[match]
+    status = np.where(true_path >= 0, PathStatus.DETECTED, PathStatus.FALSE)
+    for index in np.flatnonzero(true_path < 0):
+        true_path[index] = _weak_origin(stop, measured[index], float(estimate.power_dbm[index]), config)
+        status[index] = PathStatus.WEAK if true_path[index] >= 0 else PathStatus.FALSE
+    detected = np.isin(np.arange(len(stop.significant)), match)
+    evidence = _evidence(stop, estimate, measured, status, detected, config)
+    return (
+        _path_scores(stop, estimate, measured, true_path, evidence, config),
+        _significant_scores(stop, evidence, config),
+        _stop_scores(stop, measured[status != PathStatus.WEAK], config),
+    )
+
+
+def _weak_origin(stop: TrueStop, measured: FloatArray, estimate_dbm: float, config: ScoringConfig) -> int:
     """The strongest weak or diffuse path behind an estimate, -1 where true energy does not explain it.
 
     The energy inside the gate that no significant path carries must reach the estimate's power less the margin.
     Of it, the object that contributes most is taken.
     """
     near = inside_gate(parameter_errors(measured, stop.parameters), config.gate)
-    near[significant] = False
+    near[stop.significant] = False
     candidates = np.flatnonzero(near)
     power_mw = 10 ** (stop.power_dbm[candidates] / 10)
     if power_mw.sum() < 10 ** ((estimate_dbm - config.weak_margin_db) / 10) or not len(candidates):
@@ -101,9 +121,56 @@ def _weak_origin(
     return int(candidates[np.where(group == strongest_group, power_mw, -1.0).argmax()])
 
 
+def _evidence(
+    stop: TrueStop,
+    estimate: ChannelEstimate,
+    measured: FloatArray,
+    status: IntArray,
+    detected: BoolArray,
+    config: ScoringConfig,
+) -> Evidence:
+    """What the causes are told from."""
+    own, n_true = stop.parameters[stop.significant], len(stop.significant)
+    half_width = config.gate.half_width
+    diffuse = np.flatnonzero(stop.truth.paths.is_diffuse)
+    around = inside_gate(parameter_errors(own[:, None], stop.parameters[diffuse][None]), config.gate)
+    diffuse_mw = around @ 10 ** (stop.power_dbm[diffuse] / 10)
+    leaked, crosstalk = np.full((len(estimate), n_true), np.nan), np.full((n_true, n_true), np.nan)
+    beam_loss = np.full(n_true, np.nan)
+    if stop.view is not None:
+        truth = significant_alone(stop).truth
+        leaked = stop.view.leaked_dbm(truth, stop.view.estimated_cells(estimate))
+        crosstalk = stop.view.leaked_dbm(truth, stop.view.true_cells(truth))
+        beam_loss = stop.view.beam_loss_db(truth)
+    true_dbm, limits = stop.power_dbm[stop.significant], stop.limits
+    strongest_dbm = true_dbm.max(initial=-np.inf)
+    return Evidence(
+        status=status,
+        distance=np.abs(parameter_errors(measured[:, None], own[None]) / half_width).max(axis=2),
+        true_distance=np.abs(parameter_errors(own[:, None], own[None]) / half_width).max(axis=2),
+        is_detected=detected,
+        estimate_dbm=estimate.power_dbm,
+        true_dbm=true_dbm,
+        leaked_dbm=leaked,
+        crosstalk_dbm=crosstalk,
+        beam_loss_db=beam_loss,
+        diffuse_dbm=10 * np.log10(np.maximum(diffuse_mw, np.finfo(float).tiny)),
+        noise_threshold_dbm=limits.noise_threshold_dbm,
+        significance_dbm=max(limits.noise_threshold_dbm, strongest_dbm - limits.dynamic_range_db),
+        is_limited=estimate.status == EstimateStatus.LIMITED,
+        is_refused=estimate.status == EstimateStatus.REFUSED,
+    )
+
+
 def _path_scores(
-    stop: _Stop, estimate: ChannelEstimate, measured: FloatArray, true_path: IntArray, status: IntArray
+    stop: TrueStop,
+    estimate: ChannelEstimate,
+    measured: FloatArray,
+    true_path: IntArray,
+    evidence: Evidence,
+    config: ScoringConfig,
 ) -> PathScores:
+    status = evidence.status
     detected = status == PathStatus.DETECTED
     matched = true_path[detected]
     error = np.full((len(estimate), 3), np.nan)
@@ -112,10 +179,12 @@ def _path_scores(
     power_error_db[detected] = estimate.power_dbm[detected] - stop.power_dbm[matched]
     vertex_m = np.full((len(estimate), 2), np.nan)
     vertex_m[detected] = stop.origin.vertex_m[matched]
+    weak = weak_causes(status, np.append(stop.truth.paths.is_diffuse, False)[true_path])
     return PathScores(
         stop=np.full(len(estimate), stop.truth.stop),
         path=np.arange(len(estimate)),
         status=status,
+        cause=np.where(status == PathStatus.WEAK, weak, false_causes(evidence, config)),
         is_los=estimate.is_los,
         true_path=true_path,
         kind=np.append(stop.origin.kind, PathKind.NONE)[true_path],
@@ -129,12 +198,10 @@ def _path_scores(
     )
 
 
-def _significant_scores(
-    stop: _Stop, significant: IntArray, detected: BoolArray, config: ScoringConfig
-) -> SignificantPaths:
+def _significant_scores(stop: TrueStop, evidence: Evidence, config: ScoringConfig) -> SignificantPaths:
+    significant = stop.significant
     parameters = stop.parameters[significant]
-    error = parameter_errors(parameters[:, None], parameters[None, detected])
-    near_detected = inside_gate(error, config.gate).any(axis=1)
+    bound = np.sqrt(np.diagonal(stop.covariance, axis1=1, axis2=2))
     return SignificantPaths(
         stop=np.full(len(significant), stop.truth.stop),
         path=significant,
@@ -145,15 +212,16 @@ def _significant_scores(
         aod_azimuth_rad=parameters[:, 1],
         aoa_azimuth_rad=parameters[:, 2],
         power_dbm=stop.power_dbm[significant],
-        is_detected=detected,
-        is_unresolved=near_detected & ~detected,
+        is_detected=evidence.is_detected,
+        cause=miss_causes(evidence, config),
+        delay_bound_s=bound[:, 0],
+        aod_bound_rad=bound[:, 1],
+        aoa_bound_rad=bound[:, 2],
     )
 
 
-def _stop_scores(
-    stop: _Stop, measured: FloatArray, significant: IntArray, config: ScoringConfig
-) -> StopScores:
-    distance = path_gospa(measured, stop.parameters[significant], config.gate)
+def _stop_scores(stop: TrueStop, measured: FloatArray, config: ScoringConfig) -> StopScores:
+    distance = path_gospa(measured, stop.parameters[stop.significant], config.gate)
     return StopScores(
         stop=np.array([stop.truth.stop]),
         gospa=np.array([distance.value]),
@@ -161,88 +229,3 @@ def _stop_scores(
         missed=np.array([distance.missed]),
         false=np.array([distance.false]),
     )
-
-
-def los_decision_is_right(stops: IntArray, paths: PathScores, significant: SignificantPaths) -> BoolArray:
-    """Whether the LOS decision was right, per stop.
-
-    Right is to name the path detected as the true line of sight, or to name none where no significant one exists.
-    """
-    named = np.isin(stops, paths.stop[paths.is_los])
-    is_los = paths.is_los & (paths.kind == PathKind.LOS) & (paths.status == PathStatus.DETECTED)
-    exists = np.isin(stops, significant.stop[significant.kind == PathKind.LOS])
-    return np.where(named, np.isin(stops, paths.stop[is_los]), ~exists)
-
-
-def channel_metrics(sets: StopScores, paths: PathScores, significant: SignificantPaths) -> list[Metric]:
-    """Scores of the channel estimates over the given stops. Errors are those of detected paths."""
-    stops = sets.stop
-    return [
-        Metric("channel.gospa.mean", mean(sets.gospa), "gates", "lower"),
-        Metric("channel.gospa.localisation_mean", mean(sets.localisation), "gates", "lower"),
-        Metric("channel.gospa.missed_mean", mean(sets.missed), "gates", "lower"),
-        Metric("channel.gospa.false_mean", mean(sets.false), "gates", "lower"),
-        *_count_metrics(stops, paths, significant),
-        *_error_metrics(paths),
-        Metric("channel.nees", mean(paths.nees / 3), "1", "info"),
-        Metric("channel.coverage95", _coverage(paths.nees), "1", "info"),
-        Metric(
-            "channel.los.decision_accuracy",
-            mean(los_decision_is_right(stops, paths, significant)),
-            "1",
-            "higher",
-        ),
-    ]
-
-
-def _count_metrics(stops: IntArray, paths: PathScores, significant: SignificantPaths) -> list[Metric]:
-    n = len(stops)
-    false = paths.status == PathStatus.FALSE
-    detected = significant.is_detected
-    metrics = [
-        Metric("channel.estimated_per_stop", ratio(len(paths.stop), n), "1", "info"),
-        Metric("channel.significant_per_stop", ratio(len(detected), n), "1", "info"),
-        Metric("channel.detected_per_stop", ratio(detected.sum(), n), "1", "higher"),
-        Metric("channel.missed_per_stop", ratio((~detected).sum(), n), "1", "lower"),
-        Metric("channel.unresolved_per_stop", ratio(significant.is_unresolved.sum(), n), "1", "info"),
-        Metric("channel.weak_per_stop", ratio((paths.status == PathStatus.WEAK).sum(), n), "1", "info"),
-        Metric("channel.false_per_stop", ratio(false.sum(), n), "1", "lower"),
-        Metric(
-            "channel.false_per_stop.max",
-            maximum([(paths.stop[false] == stop).sum() for stop in stops]),
-            "1",
-            "lower",
-        ),
-        Metric("channel.detection_rate", mean(detected), "1", "higher"),
-    ]
-    for kind, name in KIND_KEYS.items():
-        rate = mean(detected[significant.kind == kind])
-        metrics.append(Metric(f"channel.{name}.detection_rate", rate, "1", "higher"))
-    return metrics
-
-
-KIND_KEYS = {
-    PathKind.LOS: "los",
-    PathKind.SINGLE_BOUNCE: "single_bounce",
-    PathKind.MULTI_BOUNCE: "multi_bounce",
-}
-
-
-def _error_metrics(paths: PathScores) -> list[Metric]:
-    errors = {
-        ("delay", "ns"): 1e9 * paths.delay_error_s,
-        ("aod", "deg"): np.rad2deg(paths.aod_error_rad),
-        ("aoa", "deg"): np.rad2deg(paths.aoa_error_rad),
-        ("power", "dB"): paths.power_error_db,
-    }
-    metrics = []
-    for (name, unit), error in errors.items():
-        suffix = unit.lower()
-        metrics.append(Metric(f"channel.{name}.rmse_{suffix}", rms(error), unit, "lower"))
-        metrics.append(Metric(f"channel.{name}.bias_{suffix}", mean(error), unit, "info"))
-    return metrics
-
-
-def _coverage(nees: FloatArray) -> float:
-    """Share of the detected paths inside the 95 % region of their covariance."""
-    return mean(nees[np.isfinite(nees)] <= chi2.ppf(0.95, 3))

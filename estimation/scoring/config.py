@@ -42,6 +42,13 @@ class ScoringConfig(BaseModel):
 
     gate: Gate = Gate()
     weak_margin_db: float = Field(6.0, ge=0, description="true energy may lie this far below an estimate")
+    near_gates: float = Field(
+        2.0, ge=1, description="an estimate this many gates off is a poor one of a path"
+    )
+    threshold_margin_db: float = Field(3.0, ge=0, description="chance decides this far above a threshold")
+    outside_beams_db: float = Field(
+        10.0, gt=0, description="no beam points where the best gain is this far below the highest"
+    )
     found_distance_m: float = Field(0.5, gt=0, description="an IP this close to its object speaks for it")
     found_points: int = Field(3, ge=1, description="such IPs needed to call an object found")
     found_share: float = Field(0.5, gt=0, le=1, description="share of a cluster that must stem from it")

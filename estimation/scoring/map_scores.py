@@ -6,10 +6,11 @@ import numpy as np
 from scipy.stats import chi2
 
 from estimation.results import MapResult
+from estimation.scoring.causes import GHOST_CAUSES, Cause, point_causes
 from estimation.scoring.config import ScoringConfig
 from estimation.scoring.metric import Metric
 from estimation.scoring.provenance import ClusterOrigin, ip_paths
-from estimation.scoring.record import ClusterScores, IpScores, PathScores
+from estimation.scoring.record import ClusterScores, ContourScores, IpScores, PathScores
 from estimation.scoring.statistics import mean, quantile, ratio, rms, squared_mahalanobis
 from scenes.record import BoolArray, FloatArray, IntArray
 from scenes.scene import OBJECT_KINDS, Scene
@@ -41,6 +42,7 @@ def score_ips(scene: Scene, result: MapResult, paths: PathScores) -> IpScores:
         is_inlier=ips.is_inlier,
         label=label,
         object=paths.object[row],
+        cause=point_causes(ips.is_inlier, paths.object[row], paths.kind[row], paths.cause[row]),
         surface_distance_m=surface_distance_m(scene, ips.position_m),
         position_error_m=np.linalg.norm(error, axis=1),
         nees=squared_mahalanobis(error, ips.covariance_m2),
@@ -75,6 +77,7 @@ def map_metrics(prefix: str, scene: Scene, ips: IpScores, clusters: ClusterScore
         Metric(f"{prefix}.ips", len(inliers.stop), "1", "info"),
         Metric(f"{prefix}.ips_clustered_share", mean(clustered), "1", "info"),
         Metric(f"{prefix}.ips_from_single_bounce_share", mean(inliers.object != ""), "1", "higher"),
+        *_cause_metrics(prefix, ips),
         *_distance_metrics(f"{prefix}.ip_to_surface", inliers.surface_distance_m),
         *_distance_metrics(f"{prefix}.ip_to_surface.clustered", inliers.surface_distance_m[clustered]),
         *_distance_metrics(f"{prefix}.ip_position", inliers.position_error_m),
@@ -84,7 +87,7 @@ def map_metrics(prefix: str, scene: Scene, ips: IpScores, clusters: ClusterScore
     ]
 
 
-def found_objects(clusters: ClusterScores) -> list[str]:
+def found_objects(clusters: ClusterScores | ContourScores) -> list[str]:
     """Names of the objects found, each once, sorted."""
     return sorted({str(name) for name in clusters.object[clusters.is_found]})
 
@@ -92,6 +95,17 @@ def found_objects(clusters: ClusterScores) -> list[str]:
 def find_clusters(origin: ClusterOrigin, n_close: IntArray, config: ScoringConfig) -> BoolArray:
     """Whether each cluster shows an object: named by provenance and with enough IPs close to it."""
     return np.asarray((origin.object != "") & (n_close >= config.found_points))
+
+
+def _cause_metrics(prefix: str, ips: IpScores) -> list[Metric]:
+    """How many inliers stem from no object, for each cause, and how many true single bounces are no inliers."""
+    return [
+        *(
+            Metric(f"{prefix}.ghost_ips.{cause}", (ips.cause[ips.is_inlier] == cause).sum(), "1", "info")
+            for cause in GHOST_CAUSES
+        ),
+        Metric(f"{prefix}.rejected_ips", (ips.cause == Cause.REJECTED).sum(), "1", "info"),
+    ]
 
 
 def _distance_metrics(prefix: str, distance_m: FloatArray) -> list[Metric]:

@@ -10,9 +10,10 @@ import numpy as np
 from estimation.channel.record import ChannelEstimate
 from estimation.measured import MeasuredTruth
 from estimation.results import CampaignResults
+from estimation.scoring.causes import Cause
 from estimation.scoring.config import ScoringConfig
 from estimation.scoring.metric import Metric
-from estimation.scoring.pose_scores import score_poses
+from estimation.scoring.pose_scores import score_poses, unknown_bound
 from estimation.scoring.record import (
     PathKind,
     PathScores,
@@ -57,6 +58,7 @@ def score_measured(
             np.array([truth.clock_bias_s for truth in known]),
             np.array([truth.is_los.any() for truth in known]),
             results.slam.poses,
+            unknown_bound(len(stops)),
         ),
         mapping=score_map(scene, results.mapping, paths, significant, config),
         slam=score_map(scene, results.slam, paths, significant, config),
@@ -99,6 +101,7 @@ def _label_scores(
         stop=np.full(n, truth.stop),
         path=np.arange(n),
         status=np.where(truth.is_los | single, PathStatus.DETECTED, PathStatus.FALSE),
+        cause=np.where(truth.is_los | single, Cause.NONE.value, Cause.UNKNOWN.value),
         is_los=estimate.is_los,
         true_path=np.full(n, -1),
         kind=np.select([truth.is_los, single], [PathKind.LOS, PathKind.SINGLE_BOUNCE], PathKind.NONE),
@@ -125,5 +128,8 @@ def _no_paths() -> SignificantPaths:
         aoa_azimuth_rad=none,
         power_dbm=none,
         is_detected=np.zeros(0, bool),
-        is_unresolved=np.zeros(0, bool),
+        cause=np.zeros(0, str),
+        delay_bound_s=none,
+        aod_bound_rad=none,
+        aoa_bound_rad=none,
     )

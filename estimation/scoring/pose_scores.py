@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Sequence
+from dataclasses import fields
 
+import numpy as np
+from scipy.stats import chi2
+
+from estimation.geometry import range_covariance
+from estimation.scoring.channel_scores import TrueStop
 from estimation.scoring.metric import Metric
-from estimation.scoring.record import PoseScores
-from estimation.scoring.statistics import maximum, mean, quantile, rms
+from estimation.scoring.record import PathKind, PoseScores
+from estimation.scoring.statistics import maximum, mean, measured, quantile, ratio, rms, squared_mahalanobis
 from estimation.scoring.trajectory_metrics import absolute_errors, relative_errors
+from estimation.slam.bounds import StateBound, StopPaths, stop_bound
 from estimation.slam.record import PoseEstimates, SolveStatus
-from scenes.pose import Pose, wrap_angle
+from scenes.pose import SPEED_OF_LIGHT_M_S, Pose, wrap_angle
 from scenes.record import BoolArray, FloatArray, IntArray
+from scenes.scene import Scene
 
 
 def score_poses(
@@ -19,8 +27,9 @@ def score_poses(
     true_clock_bias_s: FloatArray,
     has_los: BoolArray,
     estimate: PoseEstimates,
+    bound: StateBound,
 ) -> PoseScores:
-    """Table of pose errors over the stops given, in their order.
+    """Table of pose errors over the stops given, in their order, beside the bounds (stop,) of each.
 
     Raises `ValueError` where the estimate has not one pose for each of them.
     """
@@ -32,6 +41,10 @@ def score_poses(
     position_m = np.array([pose.position_m[:2] for pose in true_pose]).reshape(-1, 2)
     heading_rad = np.array([pose.heading_rad for pose in true_pose])
     solved = estimate.status != SolveStatus.FAILED
+    clock_error_s = estimate.clock_bias_s - true_clock_bias_s
+    error = np.column_stack(
+        [estimate.position_m - position_m, wrap_angle(estimate.heading_rad - heading_rad), clock_error_s]
+    )
     return PoseScores(
         stop=stop,
         has_los=has_los,
@@ -41,14 +54,55 @@ def score_poses(
         true_clock_bias_s=true_clock_bias_s,
         position_m=np.where(solved[:, None], estimate.position_m, np.nan),
         position_error_m=_where(solved, np.linalg.norm(estimate.position_m - position_m, axis=1)),
-        heading_error_rad=_where(solved, wrap_angle(estimate.heading_rad - heading_rad)),
-        clock_error_s=_where(solved, estimate.clock_bias_s - true_clock_bias_s),
+        heading_error_rad=_where(solved, error[:, 2]),
+        clock_error_s=_where(solved, clock_error_s),
+        nees=_where(solved, squared_mahalanobis(error, estimate.covariance)),
+        position_nees=_where(solved, squared_mahalanobis(error[:, :2], estimate.covariance[:, :2, :2])),
+        position_bound_m=bound.position_m,
+        heading_bound_rad=bound.heading_rad,
+        clock_bound_s=bound.clock_m / SPEED_OF_LIGHT_M_S,
     )
+
+
+def pose_bounds(scene: Scene, stops: Sequence[TrueStop]) -> StateBound:
+    """Bounds (stop,) of the receiver states from the significant paths of each stop alone.
+
+    Line of sight and single bounces off upright objects count, each known as well as the Cramer-Rao bound of its
+    delay and azimuths; incidence points are unknowns. Infinite where the paths leave the state free, NaN without a
+    view of the link.
+    """
+    found = [_pose_bound(scene, stop) for stop in stops]
+    return StateBound(
+        *(np.array([getattr(one, field.name) for one in found], float) for field in fields(StateBound))
+    )
+
+
+def unknown_bound(n_stops: int) -> StateBound:
+    """The bounds (stop,) where nothing is known of them."""
+    return StateBound(*np.full((3, n_stops), np.nan))
+
+
+def _pose_bound(scene: Scene, stop: TrueStop) -> StateBound:
+    if stop.view is None:
+        return StateBound(*np.full(3, np.nan))
+    rows, pose = stop.significant, stop.truth.rx_pose
+    covariance = range_covariance(stop.covariance)
+    known = np.isfinite(covariance).all(axis=(1, 2))
+    is_los = known & (stop.origin.kind[rows] == PathKind.LOS)
+    bounce = known & np.isin(stop.origin.object[rows], scene.object_names)
+    state = np.array([*pose.position_m[:2], pose.heading_rad, stop.truth.clock_bias_s * SPEED_OF_LIGHT_M_S])
+    paths = StopPaths(
+        point_m=stop.origin.vertex_m[rows[bounce]],
+        covariance=covariance[bounce],
+        wall=np.full(bounce.sum(), -1),
+        los_covariance=covariance[is_los][0] if is_los.any() else None,
+    )
+    return stop_bound(scene.tx, state, paths)[0]
 
 
 def pose_metrics(poses: PoseScores) -> list[Metric]:
     """Scores of the trajectory, then of all stops and of those with and without a significant true LOS."""
-    metrics = _trajectory_metrics(poses)
+    metrics = [*_trajectory_metrics(poses), *_consistency_metrics(poses), *_bound_metrics(poses)]
     groups = {"slam": np.ones(len(poses.stop), bool), "slam.los": poses.has_los, "slam.nlos": ~poses.has_los}
     for prefix, members in groups.items():
         group = poses.take("stop", members)
@@ -78,6 +132,34 @@ def _trajectory_metrics(poses: PoseScores) -> list[Metric]:
         Metric("slam.rpe.rmse_m", rms(rpe_m), "m", "lower"),
         Metric("slam.rpe.heading_rmse_deg", rms(np.rad2deg(rpe_rad)), "deg", "lower"),
     ]
+
+
+def _consistency_metrics(poses: PoseScores) -> list[Metric]:
+    """Mean NEES over its degrees of freedom and coverage of the 95 % region, of the state and of the position."""
+    return [
+        metric
+        for prefix, nees, freedom in (("slam", poses.nees, 4), ("slam.position", poses.position_nees, 2))
+        for metric in (
+            Metric(f"{prefix}.nees", mean(nees / freedom), "1", "info"),
+            Metric(f"{prefix}.coverage95", mean(measured(nees) <= chi2.ppf(0.95, freedom)), "1", "info"),
+        )
+    ]
+
+
+def _bound_metrics(poses: PoseScores) -> list[Metric]:
+    """RMS errors over RMS bounds of the solved stops, and the median over stops of error over bound."""
+    metrics = []
+    for name, error, bound in (
+        ("position", poses.position_error_m, poses.position_bound_m),
+        ("heading", poses.heading_error_rad, poses.heading_bound_rad),
+        ("clock", poses.clock_error_s, poses.clock_bound_s),
+    ):
+        known = np.isfinite(error) & np.isfinite(bound) & (bound > 0)
+        share = np.abs(error[known]) / bound[known]
+        overall = ratio(rms(error[known]), rms(bound[known])) if known.any() else np.nan
+        metrics.append(Metric(f"slam.{name}.over_bound", overall, "1", "lower"))
+        metrics.append(Metric(f"slam.{name}.over_bound.median", quantile(share, 0.5), "1", "lower"))
+    return metrics
 
 
 def _where(solved: BoolArray, error: FloatArray) -> FloatArray:

@@ -35,6 +35,7 @@ class PathScores(Record):
     stop: IntArray = array("estimate", dtype=int, doc="index of the receiver stop")
     path: IntArray = array("estimate", dtype=int, doc="index in the channel estimate of the stop")
     status: IntArray = array("estimate", dtype=int, doc="PathStatus")
+    cause: TextArray = array("estimate", dtype=str, doc="why it is weak or false, see docs/metrics.md")
     is_los: BoolArray = array("estimate", dtype=bool, doc="taken as line of sight by the estimator")
     true_path: IntArray = array("estimate", dtype=int, doc="index in the true paths of the stop, -1 for none")
     kind: IntArray = array("estimate", dtype=int, doc="PathKind of the true path")
@@ -63,7 +64,10 @@ class SignificantPaths(Record):
     aoa_azimuth_rad: FloatArray = array("true_path", unit="rad", doc="azimuth of arrival, RX frame")
     power_dbm: FloatArray = array("true_path", unit="dBm", doc="received power in the best beam pair")
     is_detected: BoolArray = array("true_path", dtype=bool, doc="an estimate is assigned to it")
-    is_unresolved: BoolArray = array("true_path", dtype=bool, doc="missed, within the gate of a detected one")
+    cause: TextArray = array("true_path", dtype=str, doc="why it was missed, see docs/metrics.md")
+    delay_bound_s: FloatArray = array("true_path", unit="s", doc="Cramer-Rao bound of the standard deviation")
+    aod_bound_rad: FloatArray = array("true_path", unit="rad", doc="the same of the azimuth of departure")
+    aoa_bound_rad: FloatArray = array("true_path", unit="rad", doc="the same of the azimuth of arrival")
 
 
 @dataclass(frozen=True)
@@ -95,6 +99,11 @@ class PoseScores(Record):
     position_error_m: FloatArray = array("stop", unit="m", doc="distance of the estimate to the truth")
     heading_error_rad: FloatArray = array("stop", unit="rad", doc="estimate minus truth, wrapped")
     clock_error_s: FloatArray = array("stop", unit="s", doc="estimate minus truth")
+    nees: FloatArray = array("stop", doc="squared error over covariance, 4 degrees of freedom")
+    position_nees: FloatArray = array("stop", doc="the same of the position, 2 degrees of freedom")
+    position_bound_m: FloatArray = array("stop", unit="m", doc="bound of the position from this stop alone")
+    heading_bound_rad: FloatArray = array("stop", unit="rad", doc="the same of the heading")
+    clock_bound_s: FloatArray = array("stop", unit="s", doc="the same of the clock bias")
 
 
 @dataclass(frozen=True)
@@ -106,6 +115,9 @@ class IpScores(Record):
     is_inlier: BoolArray = array("ip", dtype=bool, doc="taken as a single bounce by the estimator")
     label: IntArray = array("ip", dtype=int, doc="cluster, -1 for none")
     object: TextArray = array("ip", dtype=str, doc="object of the true single bounce, else empty")
+    cause: TextArray = array(
+        "ip", dtype=str, doc="why an inlier stems from no object, or a single bounce is none"
+    )
     surface_distance_m: FloatArray = array("ip", unit="m", doc="distance to the nearest true surface")
     position_error_m: FloatArray = array("ip", unit="m", doc="distance to the true IP, or NaN")
     nees: FloatArray = array("ip", doc="squared position error over covariance, 2 degrees of freedom")
@@ -121,6 +133,7 @@ class ClusterScores(Record):
     n_close: IntArray = array("cluster", dtype=int, doc="IPs that stem from the object and lie close to it")
     is_found: BoolArray = array("cluster", dtype=bool, doc="enough close IPs to call the object found")
     is_ghost: BoolArray = array("cluster", dtype=bool, doc="more than half of the IPs stem from no object")
+    cause: TextArray = array("cluster", dtype=str, doc="of a ghost: most frequent cause of its IPs")
     iou: FloatArray = array("cluster", doc="intersection over union of the areas, closed objects")
     hausdorff_m: FloatArray = array("cluster", unit="m", doc="Hausdorff distance of the contours")
     modified_hausdorff_m: FloatArray = array("cluster", unit="m", doc="larger mean distance of the contours")
@@ -134,11 +147,51 @@ class ClusterScores(Record):
 
 
 @dataclass(frozen=True)
+class ContourScores(Record):
+    """Every contour of one map with the object it shows. Errors are NaN where there is no object."""
+
+    object: TextArray = array("contour", dtype=str, doc="object of at least half of its IPs, else empty")
+    purity: FloatArray = array("contour", doc="share of the IPs that stem from the most frequent object")
+    n_ips: IntArray = array("contour", dtype=int, doc="incidence points it was fitted to")
+    n_close: IntArray = array("contour", dtype=int, doc="IPs that stem from the object and lie close to it")
+    is_found: BoolArray = array("contour", dtype=bool, doc="enough close IPs to call the object found")
+    is_ghost: BoolArray = array("contour", dtype=bool, doc="more than half of the IPs stem from no object")
+    cause: TextArray = array("contour", dtype=str, doc="of a ghost: most frequent cause of its IPs")
+    class_right: FloatArray = array("contour", doc="1 where the most probable class is the object's, else 0")
+    iou: FloatArray = array("contour", doc="intersection over union of the areas, closed objects")
+    hausdorff_m: FloatArray = array("contour", unit="m", doc="Hausdorff distance of the contours")
+    modified_hausdorff_m: FloatArray = array("contour", unit="m", doc="larger mean distance of the contours")
+    chamfer_m: FloatArray = array("contour", unit="m", doc="mean of the two mean distances of the contours")
+    seen_rmse_m: FloatArray = array("contour", unit="m", doc="RMS distance of the seen contour to the object")
+    full_rmse_m: FloatArray = array("contour", unit="m", doc="RMS distance of the full contour to the object")
+    coverage95: FloatArray = array("contour", doc="share of samples whose 95 % band holds the true outline")
+    seen_coverage95: FloatArray = array("contour", doc="the same of the seen samples")
+    crps_m: FloatArray = array("contour", unit="m", doc="mean CRPS of the distance along the normal")
+    extent_iou: FloatArray = array("contour", doc="overlap of the seen contour with the lit extent, walls")
+
+
+@dataclass(frozen=True)
+class SceneScores(Record):
+    """Distance between all closed outlines of one map and all lit closed objects, as sets.
+
+    GOSPA (order 2, cutoff 1); the base distance is 1 - IoU.
+    """
+
+    method: TextArray = array("method", dtype=str, doc="shapes: the paper's; contours: ours")
+    gospa: FloatArray = array("method", doc="GOSPA of the outlines")
+    localisation: FloatArray = array("method", doc="its part of the errors of assigned outlines")
+    missed: FloatArray = array("method", doc="its part of the missed objects")
+    false: FloatArray = array("method", doc="its part of the false outlines")
+
+
+@dataclass(frozen=True)
 class MapScores(Record):
     """Tables of one map."""
 
     ips: IpScores
     clusters: ClusterScores
+    contours: ContourScores
+    scene: SceneScores
 
 
 @dataclass(frozen=True)

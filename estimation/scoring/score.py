@@ -8,11 +8,15 @@ from dataclasses import astuple, dataclass, fields
 import numpy as np
 
 from estimation.results import CampaignResults, MapResult
-from estimation.scoring.channel_scores import channel_metrics, score_stop
+from estimation.scoring.causes import cluster_causes
+from estimation.scoring.channel_metrics import channel_metrics
+from estimation.scoring.channel_scores import TrueStop, score_stop, significant_alone, true_stop
 from estimation.scoring.config import ScoringConfig, Significance
+from estimation.scoring.contour_scores import contour_metrics, score_contours
+from estimation.scoring.link_view import LinkView
 from estimation.scoring.map_scores import close_counts, find_clusters, is_ghost, map_metrics, score_ips
 from estimation.scoring.metric import Metric
-from estimation.scoring.pose_scores import pose_metrics, score_poses
+from estimation.scoring.pose_scores import pose_bounds, pose_metrics, score_poses
 from estimation.scoring.provenance import cluster_origin
 from estimation.scoring.record import (
     ClusterScores,
@@ -25,8 +29,8 @@ from estimation.scoring.record import (
     SignificantPaths,
     StopScores,
 )
+from estimation.scoring.scene_scores import scene_metrics, score_scene
 from estimation.scoring.shape_scores import ShapeErrors, shape_errors, shape_metrics
-from scenes.pose import Pose
 from scenes.record import FloatArray, concatenate
 from scenes.scene import Scene
 from sim.truth import Truth
@@ -54,12 +58,14 @@ def score_campaign(
     *,
     true_power_dbm: Callable[[Truth], FloatArray],
     significance: Significance,
+    view: LinkView | None = None,
     config: ScoringConfig | None = None,
 ) -> Scores:
     """Score every stage of a campaign against the truth.
 
     `truths` is read once, one stop at a time. `true_power_dbm` gives the received power (path,) in dBm of the true
-    paths of a stop in their best beam pairs.
+    paths of a stop in their best beam pairs. Without a `view` of the link no cause is told that needs the beams,
+    and bounds are NaN.
 
     Raises
     ------
@@ -67,9 +73,8 @@ def score_campaign(
         Where a stop has a truth but no estimate or the other way round, or no stop is given at all.
     """
     config = config or ScoringConfig()
-    paths, significant, stops, poses = _score_stops(
-        scene, truths, results, true_power_dbm, significance, config
-    )
+    prepared = (true_stop(truth, scene.tx, true_power_dbm(truth), significance, view) for truth in truths)
+    paths, significant, stops, poses = _score_stops(scene, prepared, results, config)
     tables = ScoreTables(
         paths=paths,
         significant=significant,
@@ -88,51 +93,48 @@ def score_metrics(scene: Scene, tables: ScoreTables) -> tuple[Metric, ...]:
     for name, one_map in (("mapping", tables.mapping), ("slam", tables.slam)):
         metrics += map_metrics(name, scene, one_map.ips, one_map.clusters)
         metrics += shape_metrics(name, scene, one_map.clusters)
+        metrics += contour_metrics(name, scene, one_map.contours)
+        metrics += scene_metrics(name, one_map.scene)
     return tuple(metrics)
 
 
 def _score_stops(
-    scene: Scene,
-    truths: Iterable[Truth],
-    results: CampaignResults,
-    true_power_dbm: Callable[[Truth], FloatArray],
-    significance: Significance,
-    config: ScoringConfig,
+    scene: Scene, stops: Iterable[TrueStop], results: CampaignResults, config: ScoringConfig
 ) -> tuple[PathScores, SignificantPaths, StopScores, PoseScores]:
     estimates = {estimate.stop: estimate for estimate in results.channel}
-    stops: list[int] = []
-    poses: list[Pose] = []
-    biases_s: list[float] = []
-    path_parts: list[PathScores] = []
-    true_parts: list[SignificantPaths] = []
-    stop_parts: list[StopScores] = []
-    for truth in truths:
-        if truth.stop not in estimates:
-            raise ValueError(f"results.channel: stop {truth.stop} has a truth but no channel estimate")
-        paths, significant, stop = score_stop(
-            truth, estimates[truth.stop], scene.tx, true_power_dbm(truth), significance, config
-        )
-        path_parts.append(paths)
-        true_parts.append(significant)
-        stop_parts.append(stop)
-        stops.append(truth.stop)
-        poses.append(truth.rx_pose)
-        biases_s.append(truth.clock_bias_s)
-    unscored = sorted(set(estimates) - set(stops))
-    if unscored or not stops:
+    parts: list[tuple[PathScores, SignificantPaths, StopScores]] = []
+    bare: list[TrueStop] = []  # without the many paths
+    for stop in stops:
+        index = stop.truth.stop
+        if index not in estimates:
+            raise ValueError(f"results.channel: stop {index} has a truth but no channel estimate")
+        parts.append(score_stop(stop, estimates[index], config))
+        bare.append(significant_alone(stop))
+    scored = [stop.truth.stop for stop in bare]
+    unscored = sorted(set(estimates) - set(scored))
+    if unscored or not scored:
         raise ValueError(f"truths: no truth for stop {unscored[0]}" if unscored else "truths: no stop given")
-    significant = concatenate(true_parts, "true_path")
-    has_los = np.isin(stops, significant.stop[significant.kind == PathKind.LOS])
-    pose_scores = score_poses(np.array(stops), poses, np.array(biases_s), has_los, results.slam.poses)
-    return concatenate(path_parts, "estimate"), significant, concatenate(stop_parts, "stop"), pose_scores
+    paths, true_paths, sets = zip(*parts, strict=True)
+    significant = concatenate(true_paths, "true_path")
+    poses = score_poses(
+        np.array(scored),
+        [stop.truth.rx_pose for stop in bare],
+        np.array([stop.truth.clock_bias_s for stop in bare]),
+        np.isin(scored, significant.stop[significant.kind == PathKind.LOS]),
+        results.slam.poses,
+        pose_bounds(scene, bare),
+    )
+    return concatenate(paths, "estimate"), significant, concatenate(sets, "stop"), poses
 
 
 def score_map(
     scene: Scene, result: MapResult, paths: PathScores, significant: SignificantPaths, config: ScoringConfig
 ) -> MapScores:
-    """Tables of one map: its incidence points and its clusters."""
+    """Tables of one map: its incidence points, its clusters, its contours and the scene they make."""
     ips = score_ips(scene, result, paths)
-    return MapScores(ips, _score_clusters(scene, result, ips, significant, config))
+    clusters = _score_clusters(scene, result, ips, significant, config)
+    contours = score_contours(scene, result, ips, significant, config)
+    return MapScores(ips, clusters, contours, score_scene(scene, result, clusters, contours, significant))
 
 
 def _score_clusters(
@@ -151,12 +153,14 @@ def _score_clusters(
         contour = scene.object(str(name)).contour
         errors.append(shape_errors(result.shapes, cluster, members_m, contour, lit_m, config))
     columns = np.array([astuple(error) for error in errors]).reshape(-1, len(fields(ShapeErrors))).T
+    ghost = is_ghost(ips, n_clusters)
     return ClusterScores(
         object=origin.object,
         purity=origin.purity,
         n_ips=np.bincount(ips.label[ips.label >= 0], minlength=n_clusters),
         n_close=n_close,
         is_found=find_clusters(origin, n_close, config),
-        is_ghost=is_ghost(ips, n_clusters),
+        is_ghost=ghost,
+        cause=cluster_causes(ips.label, ips.object, ips.cause, ghost),
         **{field.name: column for field, column in zip(fields(ShapeErrors), columns, strict=True)},
     )

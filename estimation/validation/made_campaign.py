@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from estimation.channel.power_map import BeamPowerMap
 from estimation.channel.record import ChannelEstimate
+from estimation.config import CampaignConfig
 from estimation.results import CampaignResults, MapResult
 from estimation.scoring.channel_scores import device_parameters
-from estimation.shape.record import Shapes
+from estimation.scoring.link_view import LinkView, link_view
+from estimation.shape.fit import OK
+from estimation.shape.record import CLASS_NAMES, Contours, Shapes, no_contours
 from estimation.slam.record import IncidencePoints, PoseEstimates, SolveStatus
 from scenes.contour import Circle, Polyline
 from scenes.material import Material
@@ -18,6 +21,8 @@ from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
 from scenes.record import FloatArray, IntArray
 from scenes.scene import Scene, SceneObject
 from scenes.trajectory import Walk
+from sim.config import ArrayConfig, WaveformConfig
+from sim.link import make_link
 from sim.paths import BounceKind, Paths
 from sim.truth import Truth
 
@@ -25,6 +30,17 @@ NAMES = ["pillar_a", "pillar_b", "wall_south", "wall_east"]
 SINGLES = len(NAMES)
 DOUBLE, DIFFUSE = SINGLES + 1, SINGLES + 2  # rows of a stop's paths behind the LOS and the single bounces
 HEADING_RAD = 0.3
+
+
+SMALL_LINK = CampaignConfig(
+    name="small",
+    scene="made_up",
+    waveform=WaveformConfig(comb=12),
+    tx_array=ArrayConfig(rows=1, columns=8, beams_per_panel=12),
+    rx_array=ArrayConfig(
+        rows=1, columns=8, beams_per_panel=8, sector_deg=90.0, panel_azimuth_deg=[-180.0, -90.0, 0.0, 90.0]
+    ),
+)
 
 
 @dataclass(frozen=True)
@@ -131,6 +147,37 @@ def exact_shapes(scene: Scene, label: IntArray, n_samples: int = 360) -> Shapes:
     )  # fmt: skip
 
 
+def exact_contours(scene: Scene, ips: IncidencePoints, label: IntArray, n_samples: int = 180) -> Contours:
+    """The true circles of the pillars, and of each wall what lies between its outermost incidence points."""
+    contours = []
+    for number, item in enumerate(scene.objects):
+        points = ips.position_m[label == number]
+        if isinstance(item.contour, Circle):
+            angle = np.linspace(-np.pi, np.pi, n_samples, endpoint=False)
+            unit = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+            contours.append(item.contour.center_m + item.contour.radius_m * unit)
+        else:
+            contours.append(np.linspace(points.min(axis=0), points.max(axis=0), n_samples))
+    contour = np.array(contours)
+    is_pillar = np.array([item.kind == "pillar" for item in scene.objects])
+    lit = np.linalg.norm(contour[:, -1] - contour[:, 0], axis=1)
+    kind = np.where(is_pillar, "pillar", "wall")
+    return replace(
+        no_contours(len(ips), len(scene.stops), "exact"),
+        kind=np.where(is_pillar, "circle", "wall"),
+        status=np.full(SINGLES, OK),
+        is_closed=is_pillar,
+        center_m=contour.mean(axis=1),
+        contour_m=contour,
+        std_m=np.full(contour.shape[:2], 0.01),
+        extent_m=np.where(is_pillar, np.ptp(contour[:, :, 0], axis=1) / 2, lit),
+        extent_std_m=np.full(SINGLES, 0.01),
+        class_probability=(kind[:, None] == np.array(CLASS_NAMES)).astype(float),
+        cluster=np.arange(SINGLES),
+        object=label,
+    )
+
+
 def exact_map(scene: Scene, truths: tuple[Truth, ...], status: SolveStatus) -> MapResult:
     """True poses, the true incidence point of every single bounce, and one cluster per object."""
     n = len(truths)
@@ -152,7 +199,7 @@ def exact_map(scene: Scene, truths: tuple[Truth, ...], status: SolveStatus) -> M
         cost=np.zeros(n * SINGLES),
         is_inlier=np.ones(n * SINGLES, bool),
     )
-    return MapResult(poses, ips, exact_shapes(scene, label))
+    return MapResult(poses, ips, exact_shapes(scene, label), exact_contours(scene, ips, label))
 
 
 def make_power_map(truth: Truth, scene: Scene) -> BeamPowerMap:
@@ -176,3 +223,8 @@ def make_campaign() -> MadeCampaign:
         slam=exact_map(scene, truths, SolveStatus.LOS),
     )
     return MadeCampaign(scene, truths, results)
+
+
+def made_view() -> LinkView:
+    """The view of a small link in the made scene."""
+    return link_view(SMALL_LINK, make_link(SMALL_LINK), make_scene())

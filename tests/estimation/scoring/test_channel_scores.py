@@ -3,7 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimation.scoring.channel_scores import channel_metrics, score_stop, significant_paths
+from estimation.scoring.channel_metrics import channel_metrics
+from estimation.scoring.channel_scores import score_stop, significant_paths, true_stop
 from estimation.scoring.config import ScoringConfig, Significance
 from estimation.scoring.record import PathKind, PathStatus
 from scenes.record import concatenate
@@ -22,7 +23,8 @@ def stop(campaign, true_power):
     truth, estimate = campaign.truths[4], campaign.results.channel[4]
 
     def score(estimate=estimate, limits=LIMITS):
-        return score_stop(truth, estimate, campaign.scene.tx, true_power(truth), limits, CONFIG)
+        stop = true_stop(truth, campaign.scene.tx, true_power(truth), limits, None)
+        return score_stop(stop, estimate, CONFIG)
 
     return score
 

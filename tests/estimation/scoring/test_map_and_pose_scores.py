@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 from estimation.scoring.map_scores import surface_distance_m
-from estimation.scoring.pose_scores import pose_metrics, score_poses
+from estimation.scoring.pose_scores import pose_metrics, score_poses, unknown_bound
 from estimation.scoring.provenance import cluster_origin, path_origin
+from estimation.slam.bounds import StateBound
 from estimation.slam.record import SolveStatus
+from scenes.pose import SPEED_OF_LIGHT_M_S
 from sim.paths import BounceKind, empty_paths
 
 
@@ -57,6 +59,7 @@ def test_pose_errors_are_those_put_in(campaign):
         heading_rad=poses.heading_rad + 2 * np.pi - np.deg2rad(2),
         clock_bias_s=poses.clock_bias_s + 1e-9,
         status=status,
+        covariance=np.tile(np.diag([0.3, 0.4, np.deg2rad(1), 2e-9]) ** 2, (len(truths), 1, 1)),
     )
     has_los = np.arange(len(truths)) < 4
     order = np.arange(len(truths))[::-1]
@@ -66,6 +69,9 @@ def test_pose_errors_are_those_put_in(campaign):
         np.array([t.clock_bias_s for t in truths]),
         has_los,
         shifted.take("stop", order),
+        StateBound(
+            *np.array([0.1, np.deg2rad(4), SPEED_OF_LIGHT_M_S * 1e-10])[:, None] * np.ones(len(truths))
+        ),
     )
     values = {m.key: m.value for m in pose_metrics(scores)}
     assert values["slam.position.rmse_m"] == pytest.approx(0.5)
@@ -75,5 +81,13 @@ def test_pose_errors_are_those_put_in(campaign):
     assert values["slam.solved_share"] == pytest.approx(11 / 12)
     assert values["slam.los.stops"] == 4
     assert values["slam.nlos.solved_share"] == pytest.approx(7 / 8)
+    assert values["slam.position.nees"] == pytest.approx(1)
+    assert values["slam.nees"] == pytest.approx((1 + 1 + 4 + 0.25) / 4)
+    assert values["slam.coverage95"] == values["slam.position.coverage95"] == 1
+    assert values["slam.position.over_bound"] == values["slam.position.over_bound.median"] == pytest.approx(5)
+    assert values["slam.heading.over_bound"] == pytest.approx(0.5)
+    assert values["slam.clock.over_bound"] == pytest.approx(10)
     with pytest.raises(ValueError, match="stop 99 is missing"):
-        score_poses(np.array([99]), [truths[0].rx_pose], np.zeros(1), np.ones(1, bool), poses)
+        score_poses(
+            np.array([99]), [truths[0].rx_pose], np.zeros(1), np.ones(1, bool), poses, unknown_bound(1)
+        )

@@ -9,7 +9,9 @@ from estimation.scoring.config import Significance
 from estimation.scoring.metric import to_json
 from estimation.scoring.record import ScoreTables
 from estimation.scoring.score import score_campaign, score_metrics
+from estimation.shape.record import no_contours
 from estimation.slam.record import SolveStatus
+from scenes.record import concatenate
 from sim.store import read_record, write_record
 
 LIMITS = Significance(dynamic_range_db=28.0, noise_threshold_dbm=-150.0)
@@ -28,7 +30,7 @@ def score(campaign, true_power):
 def emptied(result):
     shapes = result.shapes.take("ip", slice(0, 0)).take("cluster", slice(0, 0))
     poses = replace(result.poses, status=np.full(len(result.poses.stop), SolveStatus.FAILED))
-    return MapResult(poses, result.ips.take("ip", slice(0, 0)), shapes)
+    return MapResult(poses, result.ips.take("ip", slice(0, 0)), shapes, no_contours(0, len(poses.stop)))
 
 
 def test_a_perfect_campaign_has_no_error(score):
@@ -78,6 +80,35 @@ def test_tables_survive_a_file(score, campaign, tmp_path):
     write_record(tmp_path / "provenance.nc", scores.tables)
     tables = read_record(tmp_path / "provenance.nc", ScoreTables)
     assert to_json(score_metrics(campaign.scene, tables)) == to_json(scores.metrics)
+
+
+def test_causes_add_up_to_what_is_missed_false_and_ghostly(score, campaign):
+    """Two paths missed everywhere, every fourth stop with a copy of a path, and the double bounces as points."""
+    channel = []
+    for index, estimate in enumerate(campaign.results.channel):
+        kept = estimate.take("path", [0, 1, 4, 5])
+        channel.append(concatenate([kept, kept.take("path", [1])], "path") if index % 4 == 0 else kept)
+    mapping = campaign.results.mapping
+    path = np.minimum(mapping.ips.path, 2)
+    path[mapping.shapes.label == 1] = 3  # the double bounce
+    results = replace(
+        campaign.results,
+        channel=tuple(channel),
+        mapping=replace(mapping, ips=replace(mapping.ips, path=path)),
+        slam=replace(campaign.results.slam, ips=replace(mapping.ips, path=path)),
+    )
+    scores = score(results)
+    tables, n_stops = scores.tables, len(campaign.truths)
+    counts = {m.key.split(".", 1)[1]: m.value for m in scores.metrics}
+    missed = {key: value for key, value in counts.items() if key.startswith("missed.")}
+    assert sum(missed.values()) == (~tables.significant.is_detected).sum() == 2 * n_stops
+    assert (tables.significant.cause != "").tolist() == (~tables.significant.is_detected).tolist()
+    false = {key: value for key, value in counts.items() if key.startswith("false.")}
+    assert sum(false.values()) == false["false.duplicate"] == 3
+    assert scores.value("mapping.ghost_ips.double_bounce") == n_stops
+    ghosts = tables.mapping.ips.is_inlier & (tables.mapping.ips.object == "")
+    assert (tables.mapping.ips.cause != "").tolist() == ghosts.tolist()
+    assert tables.mapping.clusters.cause.tolist() == ["", "double_bounce", "", ""]
 
 
 def test_ghost_clusters_are_told_from_objects(score, campaign):

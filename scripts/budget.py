@@ -1,0 +1,107 @@
+"""`arena budget`: where the final pose and shape errors of a campaign come from."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from scripts.campaign import Campaign, Estimator, Seed
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from estimation.budget.record import Budget
+
+
+def budget(
+    campaign: Campaign,
+    out: Annotated[
+        Path,
+        typer.Option(help="Directory of the budget; CAMPAIGN_DIR/budget puts it in the report."),
+    ],
+    seed: Seed = None,
+    repeats: Annotated[
+        int, typer.Option(min=1, help="Runs with seeds that count up; paths are traced once for all.")
+    ] = 1,
+    stops: Annotated[
+        str | None,
+        typer.Option(help="Receiver stops: 0,4,9 or first:last:step, last left out; all by default."),
+    ] = None,
+    estimator: Estimator = None,
+) -> None:
+    """Put truth in the place of each stage, switch off physics, and say what the final errors fall by.
+
+    All variants draw the same random numbers. An interrupted budget goes on where it stopped.
+    """
+    from rich.console import Console  # noqa: PLC0415
+
+    from scripts.budget_run import budget_job, run_budget  # noqa: PLC0415
+
+    console = Console(highlight=False)
+    with budget_job(campaign, out, seed, repeats, stops, estimator) as job:
+        found = run_budget(job, console)
+        write_budget(out, found)
+    for table in budget_tables(found):
+        console.print(table)
+    console.print(f"budget: {out / 'budget.png'}, .csv and .json")
+
+
+def budget_tables(budget: Budget) -> list[Table]:
+    """A table per outcome and kind of budget: what every part adds to the mean square error."""
+    from rich.box import SIMPLE  # noqa: PLC0415
+    from rich.table import Table  # noqa: PLC0415
+
+    from estimation.budget.record import OUTCOMES, table_rows  # noqa: PLC0415
+
+    tables: dict[tuple[str, str], Table] = {}
+    for row in table_rows(budget):
+        key = str(row["outcome"]), str(row["budget"])
+        if key not in tables:
+            tables[key] = Table(
+                "part", "share %", "95 % from", "to", "RMS m", "alone m",
+                title=f"{key[0]} error by {key[1]}",
+                caption=f"shares of the mean square; intervals over {OUTCOMES[key[0]][1]}s and orders",
+                box=SIMPLE, padding=(0, 1), show_edge=False,
+            )  # fmt: skip
+            for column in tables[key].columns[1:]:
+                column.justify = "right"
+                column.no_wrap = True
+        shares = [_cell(row[name], 100, 1) for name in ("share", "share_low", "share_high")]
+        tables[key].add_row(
+            str(row["part"]), *shares, _cell(row["rms_m"], 1, 4), _cell(row["alone_rms_m"], 1, 4)
+        )
+    return list(tables.values())
+
+
+def write_budget(out: Path, budget: Budget) -> None:
+    """Write budget.csv, budget.json and budget.png."""
+    from estimation.budget.record import table_rows  # noqa: PLC0415
+    from estimation.report.budget_figure import budget_figure  # noqa: PLC0415
+    from estimation.report.style import png_bytes  # noqa: PLC0415
+    from sim.store import complete_file, write_text  # noqa: PLC0415
+
+    rows = list(table_rows(budget))
+    text = io.StringIO()
+    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    write_text(out / "budget.csv", text.getvalue())
+    about = {
+        "campaign": budget.campaign,
+        "stops": list(budget.stops),
+        "objects": list(budget.objects),
+        "repeats": budget.repeats,
+        "rows": rows,
+    }
+    write_text(out / "budget.json", json.dumps(about, indent=1, allow_nan=False) + "\n")
+    with complete_file(out / "budget.png") as partial:
+        partial.write_bytes(png_bytes(budget_figure(budget)))
+
+
+def _cell(value: str | float | None, scale: float, decimals: int) -> str:
+    return "-" if value is None else f"{scale * float(value):.{decimals}f}"
