@@ -46,10 +46,10 @@ class PlanarCounts:
     @property
     def line(self) -> str:
         """One line for the terminal."""
-        left_out = f", {self.n_extra} it found alone left out" if self.n_extra else ""
+        extra = f"; {self.n_extra} that only the tracer saw are left out" if self.n_extra else ""
         return (
-            f"planar paths: {self.n_compared} of the ray tracer and the exact solver compared,"
-            f" {self.n_repaired} that the tracer lost repaired{left_out}"
+            f"planar paths: {self.n_compared - self.n_extra} by the exact solver, of which the ray tracer"
+            f" missed {self.n_repaired}{extra}"
         )
 
 
@@ -64,11 +64,17 @@ def score_table(scores: Scores) -> Table:
     return table
 
 
+def content(scene: Scene) -> str:
+    """How many objects a scene has, and meshes where it has any."""
+    meshes = f" and {len(scene.clutter)} mesh{'es' * (len(scene.clutter) > 1)}" if scene.clutter else ""
+    return f"{len(scene.objects)} objects{meshes}"
+
+
 def run_facts(
     config: CampaignConfig, scene: Scene, estimator: str | None, measured: str | None = None
 ) -> dict[str, str]:
     """What was run, for the head of the report; `measured` says what a measured campaign was imported from."""
-    place = f"{scene.name}, {len(scene.objects)} objects, {len(scene.stops)} receiver stops"
+    place = f"{scene.name}, {content(scene)}, {len(scene.stops)} receiver stops"
     signal = _signal_facts(config, estimator) if measured is None else {"Measurement": measured}
     return {
         "Scene": place,

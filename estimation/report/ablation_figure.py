@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from matplotlib.figure import Figure
 
 from estimation.report.style import new_figure, styled
 from estimation.scoring.ablation import EFFECTS, NONE, Ablation, cell
 
-SHOWN_FACTOR = 4.0
+SHOWN_OCTAVES = (1.0, 4.0)  # the colours reach at least a factor of 2 either way, at most 16
+DARK_LUMINANCE = 0.45  # text is white on darker cells
 
 
 @styled
@@ -25,12 +28,15 @@ def ablation_figure(ablation: Ablation) -> Figure:
     figure = new_figure(2.6 + 0.85 * n_columns, 1.5 + 0.3 * n_rows)
     ax = figure.subplots()
     ax.grid(visible=False)
-    limit = np.log2(SHOWN_FACTOR)
+    farthest = float(np.max(np.abs(ratio), where=np.isfinite(ratio), initial=0.0))
+    limit = float(np.clip(np.ceil(farthest - 1e-9), *SHOWN_OCTAVES))
     image = ax.imshow(np.ma.masked_invalid(ratio), cmap="RdBu_r", vmin=-limit, vmax=limit, aspect="auto")
     ax.set_facecolor("0.9")
     for row, column in np.ndindex(ratio.shape):
         value = float(shown[row, column])
-        dark = np.isfinite(ratio[row, column]) and abs(ratio[row, column]) > 0.7 * limit
+        dark = (
+            np.isfinite(ratio[row, column]) and _luminance(image, float(ratio[row, column])) < DARK_LUMINANCE
+        )
         text = cell(value, decimals=2 if column == n_columns - 1 else 3)
         ax.text(column, row, text, ha="center", va="center", fontsize=8, color="white" if dark else "black")
     labels = [f"{label}\n{unit}" for label, unit in EFFECTS.values()]
@@ -42,7 +48,15 @@ def ablation_figure(ablation: Ablation) -> Figure:
     ax.axvline(n_columns - 1.5, color="0.3", linewidth=1.0)
     ax.set_title("RMS errors with each impairment alone", pad=40)
     ticks = np.arange(-limit, limit + 1)
-    bar = figure.colorbar(image, ax=ax, ticks=ticks, extend="both", pad=0.02)
-    bar.ax.set_yticklabels([f"{2.0**tick:g}" for tick in ticks])
+    bar = figure.colorbar(
+        image, ax=ax, ticks=ticks, extend="both" if farthest > limit else "neither", pad=0.02
+    )
+    bar.ax.set_yticklabels([f"x {2.0**tick:g}" if tick >= 0 else f"x 1/{2.0**-tick:g}" for tick in ticks])
     bar.set_label("error over that without impairments")
     return figure
+
+
+def _luminance(image: Any, value: float) -> float:
+    """How bright a cell looks, from 0 to 1 (ITU-R BT.709, clause 3.2)."""
+    red, green, blue, _ = image.cmap(image.norm(value))
+    return float(0.2126 * red + 0.7152 * green + 0.0722 * blue)

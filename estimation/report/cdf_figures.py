@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, PercentFormatter
 
 from estimation.report.style import CLUSTER_COLORS, MAPPING, SLAM, legend_below, new_figure, styled
-from estimation.scoring.channel_scores import KIND_KEYS
+from estimation.scoring.channel_metrics import KIND_KEYS
 from estimation.scoring.record import MapScores, PathScores, PoseScores, ScoreTables
 from estimation.scoring.statistics import measured
 from scenes.record import FloatArray

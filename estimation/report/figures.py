@@ -67,9 +67,10 @@ def make_figures(
 def _map(scene: Scene, results: CampaignResults, tables: ScoreTables) -> ReportFigure:
     caption = (
         f"Plan of '{scene.name}' with the incidence points (IPs) of {len(tables.poses.stop)} receiver stops, "
-        "coloured by cluster, and the contour of every cluster with its 95 % interval. Left: mapping with the "
-        "true receiver pose and clock. Right: snapshot SLAM, which finds both; thin lines tie each estimated "
-        "position to the true one. A ghost is a cluster most of whose IPs stem from no single bounce."
+        "coloured by the object they support, and the contour of every object with its 95 % interval; dashed, "
+        "the paper's contours of clusters. Left: mapping with the true receiver pose and clock. Right: SLAM, "
+        "which finds both; thin lines tie each estimated position to the true one. A ghost is a contour most of "
+        "whose IPs stem from no single bounce."
     )
     return ReportFigure("map", "map", "Maps", caption, map_figure(scene, results, tables))
 

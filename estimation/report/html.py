@@ -1,17 +1,22 @@
-"""The report page: one self-contained HTML file with scores, figures and what they mean."""
+"""The report page: one self-contained HTML file with an instrument to explore a campaign, scores and figures."""
 
 from __future__ import annotations
 
+import json
 from base64 import b64encode
 from collections.abc import Mapping
 from html import escape
 from string import Template
+from typing import Any
 
+from estimation.report.asset_store import script_text, style_text
 from estimation.report.figures import ReportFigure
-from estimation.report.page import PAGE, STYLE_SHEET
+from estimation.report.page import PAGE
 from estimation.report.tables import (
+    ACCEPTED,
     CHANNEL_COUNTS,
     CHANNEL_ERRORS,
+    CONTOURS,
     MAPS,
     POSES,
     SHAPES,
@@ -25,6 +30,7 @@ from estimation.scoring.score import Scores
 
 PIXELS_PER_INCH = 86  # on the page: the widest figure fills it, and all figures have letters of one size
 SECTIONS = {
+    "explore": "Explore",
     "channel": "Channel estimation",
     "maps": "Mapping and SLAM",
     "poses": "Receiver state",
@@ -34,12 +40,14 @@ SECTIONS = {
 
 
 def render_report(
-    title: str, scores: Scores, figures: Mapping[str, ReportFigure], facts: Mapping[str, str]
+    payload: Mapping[str, Any], scores: Scores, figures: Mapping[str, ReportFigure], facts: Mapping[str, str]
 ) -> str:
     """The report as one HTML page without any outside resource.
 
-    `title` names the campaign; `facts` (label to text) say what was run: settings, seed, versions.
+    `payload` is what `report_payload` makes, and names the campaign; `facts` (label to text) say what was run:
+    settings, seed, versions.
     """
+    title = str(payload["name"])
     metrics = scores.metrics
     by_section = {
         section: "\n".join(_figure(figure) for figure in figures.values() if figure.section == section)
@@ -47,20 +55,31 @@ def render_report(
     }
     return Template(PAGE).substitute(
         title=escape(title),
-        style=STYLE_SHEET,
+        style=style_text(),
+        script=script_text(),
+        campaign=_script_json(payload),
         headline=headline_table(metrics),
         facts=html_table(("", ""), [(escape(label), escape(text)) for label, text in facts.items()]),
         channel_counts=score_table(CHANNEL_COUNTS, metrics),
         channel_errors=score_table(CHANNEL_ERRORS, metrics),
         poses=score_table(POSES, metrics),
         maps=score_table(MAPS, metrics),
+        accepted=score_table(ACCEPTED, metrics),
+        contours=score_table(CONTOURS, metrics),
+        contour_objects=object_table(metrics, "contours"),
         shapes=score_table(SHAPES, metrics),
-        objects=object_table(metrics),
+        shape_objects=object_table(metrics, "shapes"),
         all_scores=all_scores_table(metrics),
         n_scores=str(len(metrics)),
         contents=_contents(),
         **{f"{section}_figures": text for section, text in by_section.items()},
     )
+
+
+def _script_json(payload: Mapping[str, Any]) -> str:
+    """JSON that can stand inside a script element: no text in it can end the element."""
+    text = json.dumps(payload, separators=(",", ":"), allow_nan=False, ensure_ascii=False)
+    return text.replace("<", "\\u003c")
 
 
 def _contents() -> str:

@@ -13,14 +13,22 @@ N_DRAWN = 80  # strongest paths drawn as lines
 FAINTEST_DB = 40.0  # below the strongest path a line has the least opacity
 LEAST_OPACITY, MOST_OPACITY = 0.2, 0.95
 N_SCATTER_POINTS = 4000
-SCATTER_COLOR = "#CC79A7"
+SCATTER_COLOR = "#D55E00"
 COLORS = {  # Okabe and Ito (2008)
     "line of sight": "#000000",
     "one reflection": "#0072B2",
     "two reflections": "#E69F00",
     "three reflections": "#009E73",
-    "diffracted": "#D55E00",
+    "diffracted": "#CC79A7",
     "through walls": "#56B4E9",
+}
+DASHES: dict[str, tuple[float, ...]] = {  # on, off, ... in line widths; no kind is known by its colour alone
+    "line of sight": (),
+    "one reflection": (),
+    "two reflections": (6.0, 2.0),
+    "three reflections": (2.0, 2.0),
+    "diffracted": (6.0, 2.0, 1.5, 2.0),
+    "through walls": (1.0, 1.5),
 }
 
 
@@ -44,7 +52,7 @@ def path_lines(paths: Paths, tx_m: FloatArray, rx_m: FloatArray) -> list[PathLin
         lines.append(
             PathLine(
                 np.vstack([tx_m, drawn.vertex_m[index, :n], rx_m]),
-                _kind(drawn.bounce_kind[index, :n]),
+                path_kind(drawn.bounce_kind[index, :n]),
                 float(LEAST_OPACITY + (MOST_OPACITY - LEAST_OPACITY) * strength),
             )
         )
@@ -66,7 +74,13 @@ def path_summary(paths: Paths) -> str:
     return f"{len(paths) - n_diffuse} paths{shown}, {n_diffuse} diffuse"
 
 
-def _kind(bounces: IntArray) -> str:
+def line_style(kind: str) -> tuple[float, tuple[float, ...] | None]:
+    """The dashes of a kind of path as matplotlib wants them."""
+    return 0.0, DASHES[kind] or None
+
+
+def path_kind(bounces: IntArray) -> str:
+    """The kind of a path by the `BounceKind` (bounce,) of all its interactions, one of `COLORS`."""
     if np.any(bounces == BounceKind.DIFFRACTION):
         return "diffracted"
     if np.any(bounces == BounceKind.REFRACTION):

@@ -12,7 +12,14 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
-from estimation.report.path_lines import COLORS, SCATTER_COLOR, path_lines, path_summary, scatter_points
+from estimation.report.path_lines import (
+    COLORS,
+    SCATTER_COLOR,
+    line_style,
+    path_lines,
+    path_summary,
+    scatter_points,
+)
 from scenes.clutter import Clutter
 from scenes.record import FloatArray
 from scenes.scene import Scene, SceneObject
@@ -117,14 +124,17 @@ def _draw_object(ax: Any, item: SceneObject) -> None:
 
 
 def _draw_clutter(ax: Any, mesh: Clutter) -> None:
-    """What a mesh covers in plan view."""
+    color = KIND_COLORS[mesh.kind]
+    for outline in clutter_outlines(mesh):
+        ax.fill(*outline.T, facecolor=color + "59", edgecolor=color, linewidth=1.0)
+
+
+def clutter_outlines(mesh: Clutter) -> list[FloatArray]:
+    """Rims (point, xy) in m of what a mesh covers in plan view."""
     corners = mesh.vertices_m[mesh.faces][..., :2]
     upright = np.abs(np.linalg.det(np.diff(corners, axis=1))) < LEAST_DRAWN_M2
     covered = shapely.union_all(shapely.polygons(corners[~upright]))
-    color = KIND_COLORS[mesh.kind]
-    for part in shapely.get_parts(covered):
-        outline = shapely.get_coordinates(part.exterior).T
-        ax.fill(*outline, facecolor=color + "59", edgecolor=color, linewidth=1.0)
+    return [shapely.get_coordinates(part.exterior) for part in shapely.get_parts(covered)]
 
 
 def _draw_others(ax: Any, scene: Scene, *, labels: bool) -> None:
@@ -158,11 +168,12 @@ def _draw_paths(ax: Any, scene: Scene, paths: Paths, stop: int) -> None:
     for line in path_lines(paths, scene.tx.position_m, here):
         kinds.add(line.kind)
         ax.plot(
-            *line.points_m[:, :2].T, color=COLORS[line.kind], alpha=line.opacity, linewidth=0.9, zorder=2.2
-        )
+            *line.points_m[:, :2].T, color=COLORS[line.kind], linestyle=line_style(line.kind),
+            alpha=line.opacity, linewidth=0.9, zorder=2.2,
+        )  # fmt: skip
     for kind, color in COLORS.items():
         if kind in kinds:
-            ax.plot([], [], color=color, label=kind)
+            ax.plot([], [], color=color, linestyle=line_style(kind), label=kind)
     if len(scattered):
         ax.plot([], [], "o", color=SCATTER_COLOR, markersize=3, label="diffuse scattering", linestyle="none")
     ax.plot(*here[:2], "o", color=RX_COLOR, markersize=9, markerfacecolor="none", markeredgewidth=1.6)

@@ -14,7 +14,14 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
-from estimation.report.path_lines import COLORS, SCATTER_COLOR, path_lines, path_summary, scatter_points
+from estimation.report.path_lines import (
+    COLORS,
+    SCATTER_COLOR,
+    line_style,
+    path_lines,
+    path_summary,
+    scatter_points,
+)
 from estimation.report.plan import RX_COLOR, plan_view
 from scenes.record import FloatArray
 from scenes.scene import Scene, SceneObject
@@ -153,9 +160,14 @@ def _draw_paths(ax: Any, scene: Scene, paths: Paths, stop: int, view: Box) -> li
         legs = _clipped(line.points_m, view)
         shade = to_rgba(COLORS[line.kind], line.opacity)
         if len(legs):
-            ax.add_collection3d(Line3DCollection(legs, colors=shade, linewidths=1.1, zorder=4))
+            look = {"colors": shade, "linestyles": [line_style(line.kind)], "linewidths": 1.1, "zorder": 4}
+            ax.add_collection3d(Line3DCollection(legs, **look))
     present = {line.kind for line in lines}
-    entries = [Line2D([], [], color=COLORS[kind], label=kind) for kind in COLORS if kind in present]
+    entries = [
+        Line2D([], [], color=COLORS[kind], linestyle=line_style(kind), label=kind)
+        for kind in COLORS
+        if kind in present
+    ]
     if len(scattered):
         entries.append(_mark("o", SCATTER_COLOR, 3, "diffuse scattering"))
     return entries

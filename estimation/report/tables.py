@@ -30,8 +30,9 @@ HEADLINE = (
     ("Incidence point to surface, SLAM, median", "slam.ip_to_surface.median_m"),
     ("Pillars found by mapping", "mapping.objects_found.pillar"),
     ("Walls found by mapping", "mapping.objects_found.wall"),
-    ("Contour of pillars where seen, mapping, RMSE", "shapes.mapping.pillar.seen_rmse.mean_m"),
-    ("Overlap with the true pillars (IoU), mapping", "shapes.mapping.pillar.iou.mean"),
+    ("Pillars where seen, our contours, mapping, RMSE", "contours.mapping.pillar.seen_rmse.mean_m"),
+    ("Pillars, IoU of our contours, mapping", "contours.mapping.pillar.iou.mean"),
+    ("Pillars, IoU of the paper's contours, mapping", "shapes.mapping.pillar.iou.mean"),
 )
 
 CHANNEL_COUNTS = ScoreTable(
@@ -99,21 +100,39 @@ MAPS = ScoreTable(
     ),
 )
 
-SHAPES = ScoreTable(
+SHAPE_ROWS = (
+    ("Overlap with the true area (IoU)", "iou.mean"),
+    ("Hausdorff distance", "hausdorff.mean_m"),
+    ("Contour where seen, RMSE", "seen_rmse.mean_m"),
+    ("Contour in full, RMSE", "full_rmse.mean_m"),
+    ("Overlap with the lit extent", "extent_iou.mean"),
+    ("Coverage of the 95 % interval", "coverage95.mean"),
+    ("Coverage where seen", "seen_coverage95.mean"),
+)
+
+
+def _shape_columns(method: str) -> tuple[tuple[str, str], ...]:
+    """Pillars and walls of both maps, by the scores of one method: 'shapes' the paper's, 'contours' ours."""
+    kinds = (("pillars", "pillar"), ("walls", "wall"))
+    maps = (("mapping", "mapping"), ("SLAM", "slam"))
+    return tuple(
+        (f"{heading}, {label}", f"{method}.{one_map}.{kind}.")
+        for heading, kind in kinds
+        for label, one_map in maps
+    )
+
+
+SHAPES = ScoreTable(_shape_columns("shapes"), SHAPE_ROWS)
+CONTOURS = ScoreTable(_shape_columns("contours"), SHAPE_ROWS)
+
+ACCEPTED = ScoreTable(
+    (("mapping", "contours.mapping."), ("SLAM", "contours.slam.")),
     (
-        ("pillars, mapping", "shapes.mapping.pillar."),
-        ("pillars, SLAM", "shapes.slam.pillar."),
-        ("walls, mapping", "shapes.mapping.wall."),
-        ("walls, SLAM", "shapes.slam.wall."),
-    ),
-    (
-        ("Overlap with the true area (IoU)", "iou.mean"),
-        ("Hausdorff distance", "hausdorff.mean_m"),
-        ("Contour where seen, RMSE", "seen_rmse.mean_m"),
-        ("Contour in full, RMSE", "full_rmse.mean_m"),
-        ("Overlap with the lit extent", "extent_iou.mean"),
-        ("Coverage of the 95 % interval", "coverage95.mean"),
-        ("Coverage where seen", "seen_coverage95.mean"),
+        ("Contours accepted", "accepted"),
+        ("of these, ghosts", "ghosts"),
+        ("Objects found", "objects_found"),
+        ("Right class, share", "class_accuracy"),
+        ("GOSPA of the scene over 1 - IoU", "scene_gospa"),
     ),
 )
 
@@ -137,16 +156,16 @@ def score_table(table: ScoreTable, metrics: Sequence[Metric]) -> str:
     return html_table(("", *(escape(heading) for heading, _ in table.columns), "unit"), rows)
 
 
-def object_table(metrics: Sequence[Metric]) -> str:
-    """One row per object that either map shows: the shape scores of its best cluster."""
+def object_table(metrics: Sequence[Metric], method: str) -> str:
+    """One row per object that either map shows: the scores of its best contour by 'shapes' or 'contours'."""
     known = {metric.key: metric for metric in metrics}
     columns = (("IoU", "iou"), ("seen RMSE in m", "seen_rmse_m"), ("coverage", "coverage95"))
     suffix = ".hausdorff_m"
-    names = [key.split(".", 2)[2][: -len(suffix)] for key in known if _is_object_key(key, suffix)]
+    names = [key.split(".", 2)[2][: -len(suffix)] for key in known if _is_object_key(key, method, suffix)]
     rows = []
     for name in names:
         cells = [
-            known.get(f"shapes.{one}.{name}.{field}") for one in ("mapping", "slam") for _, field in columns
+            known.get(f"{method}.{one}.{name}.{field}") for one in ("mapping", "slam") for _, field in columns
         ]
         if any(cell is not None and math.isfinite(cell.value) for cell in cells):
             rows.append((escape(name), *map(_value, cells)))
@@ -176,8 +195,8 @@ def html_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return f"<table>\n<thead><tr>{head}</tr></thead>\n<tbody>\n{body}\n</tbody>\n</table>"
 
 
-def _is_object_key(key: str, suffix: str) -> bool:
-    return key.startswith("shapes.mapping.") and key.endswith(suffix)
+def _is_object_key(key: str, method: str, suffix: str) -> bool:
+    return key.startswith(f"{method}.mapping.") and key.endswith(suffix)
 
 
 def _value(metric: Metric | None) -> str:

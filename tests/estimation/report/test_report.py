@@ -1,3 +1,4 @@
+import json
 import re
 from base64 import b64decode
 from dataclasses import replace
@@ -7,10 +8,13 @@ import pytest
 
 from estimation.report.figures import best_stop, make_figures
 from estimation.report.html import render_report
+from estimation.report.payload import report_payload
 from estimation.report.style import cluster_look
 from estimation.report.tables import (
+    ACCEPTED,
     CHANNEL_COUNTS,
     CHANNEL_ERRORS,
+    CONTOURS,
     HEADLINE,
     MAPS,
     POSES,
@@ -21,6 +25,7 @@ from estimation.results import MapResult
 from estimation.scoring.config import Significance
 from estimation.scoring.metric import Metric
 from estimation.scoring.score import score_campaign
+from estimation.shape.record import no_contours
 from estimation.slam.record import SolveStatus
 
 LIMITS = Significance(dynamic_range_db=28.0, noise_threshold_dbm=-150.0)
@@ -43,8 +48,9 @@ def figures(campaign, scores):
 
 
 @pytest.fixture(scope="module")
-def page(scores, figures):
-    return render_report("a <b> & c", scores, figures, {"seed": "1", "<note>": "x & y"})
+def page(campaign, scores, figures):
+    payload = report_payload("a <b> & </script> c", campaign.scene, campaign.results, scores.tables)
+    return render_report(payload, scores, figures, {"seed": "1", "<note>": "x & y"})
 
 
 def test_every_cluster_and_stage_has_its_figure(figures):
@@ -79,19 +85,21 @@ def test_the_same_figure_gives_the_same_bytes(campaign, scores, figures):
 
 def test_page_is_self_contained_and_escaped(page, figures):
     assert not re.search(r'(?:src|href)="(?!data:image/png;base64,|#)', page)
-    assert "http" not in re.sub(r"base64,[^\"]*", "", page)
-    assert "<script" not in page
-    assert "a &lt;b&gt; &amp; c" in page
+    assert "http" not in re.sub(r"base64,[^\"]*", "", page).replace("http-equiv", "")
+    assert "default-src 'none'" in page
+    assert page.count("<script") == page.count("</script>") == 2
+    assert "a &lt;b&gt; &amp; &lt;/script&gt; c" in page
     assert "x &amp; y" in page
-    assert "$" not in re.sub(r"base64,[^\"]*", "", page)
-    images = [b64decode(text) for text in re.findall(r"base64,([^\"]*)", page)]
+    images = [b64decode(text) for text in re.findall(r"image/png;base64,([^\"]+)\"", page)]
     assert sorted(images) == sorted(figure.png for figure in figures.values())
+    (data,) = re.findall(r'<script type="application/json" id="campaign">(.*?)</script>', page)
+    assert json.loads(data)["name"] == "a <b> & </script> c"
 
 
 def test_every_shown_score_exists(scores):
     keys = {metric.key for metric in scores.metrics}
     shown = {key for _, key in HEADLINE}
-    for table in (CHANNEL_COUNTS, CHANNEL_ERRORS, POSES, MAPS, SHAPES):
+    for table in (CHANNEL_COUNTS, CHANNEL_ERRORS, POSES, MAPS, SHAPES, CONTOURS, ACCEPTED):
         shown |= {prefix + suffix for _, prefix in table.columns for _, suffix in table.rows}
     assert shown <= keys
 
@@ -111,7 +119,7 @@ def test_a_campaign_without_any_result_still_has_a_report(campaign, true_power):
         poses = replace(
             result.poses, status=np.full(n, SolveStatus.FAILED), position_m=np.full((n, 2), np.nan)
         )
-        return MapResult(poses, result.ips.take("ip", slice(0, 0)), shapes)
+        return MapResult(poses, result.ips.take("ip", slice(0, 0)), shapes, no_contours(0, len(poses.stop)))
 
     results = campaign.results
     silent = tuple(estimate.take("path", slice(0, 0)) for estimate in results.channel)
@@ -119,7 +127,8 @@ def test_a_campaign_without_any_result_still_has_a_report(campaign, true_power):
     scores = scored(campaign, empty, true_power)
     figures = make_figures(campaign.scene, empty, scores)
     assert len(figures) == 5
-    assert "–" in render_report("empty", scores, figures, {})
+    payload = report_payload("empty", campaign.scene, empty, scores.tables, campaign.truths)
+    assert "–" in render_report(payload, scores, figures, {})
 
 
 def test_power_map_stop_is_chosen_and_checked(campaign, scores):

@@ -1,0 +1,99 @@
+// The data of the page, elements, marks and numbers: what all other parts build on.
+
+const page = document.documentElement;
+function noteError(text) {
+  page.dataset.errors = page.dataset.errors ? `${page.dataset.errors}\n${text}` : text;
+}
+window.addEventListener("error", (event) => noteError(event.message));
+window.addEventListener("unhandledrejection", (event) => noteError(String(event.reason)));
+
+const data = JSON.parse(document.getElementById("campaign").textContent);
+const MAPS = { mapping: "Mapping: receiver known", slam: "SLAM: receiver unknown" };
+const N_COLORS = 6;
+const GLYPHS = ["circle", "square", "up", "diamond", "down", "hexagon"];
+
+function fill(element, attributes, children) {
+  for (const [name, value] of Object.entries(attributes ?? {})) {
+    if (name.startsWith("on")) element.addEventListener(name.slice(2), value);
+    else if (value !== null && value !== undefined && value !== false) {
+      element.setAttribute(name, value === true ? "" : value);
+    }
+  }
+  element.append(...children.flat().filter((child) => child !== null && child !== undefined));
+  return element;
+}
+
+/** An HTML element; attributes that start with `on` are listeners. */
+function html(tag, attributes, ...children) {
+  return fill(document.createElement(tag), attributes, children);
+}
+
+const svgNamespace = (() => {
+  const template = document.createElement("template");
+  template.innerHTML = "<svg></svg>";
+  return template.content.firstChild.namespaceURI;
+})();
+
+/** An SVG element. */
+function svg(tag, attributes, ...children) {
+  return fill(document.createElementNS(svgNamespace, tag), attributes, children);
+}
+
+/** Flat [x, y, x, y, ...] as a list of [x, y]; points that are not known are left out. */
+function pairs(flat) {
+  const points = [];
+  for (let i = 0; i + 1 < flat.length; i += 2) if (flat[i] !== null) points.push([flat[i], flat[i + 1]]);
+  return points;
+}
+
+/** Row `index` of flat [x, y, ...], or null where it is not known. */
+function pairAt(flat, index) {
+  const x = flat[2 * index];
+  return x === null || x === undefined ? null : [x, flat[2 * index + 1]];
+}
+
+function lineD(points, closed = false) {
+  if (!points.length) return "";
+  const steps = points.map(([x, y]) => `${x.toFixed(1)} ${y.toFixed(1)}`);
+  return `M${steps.join("L")}${closed ? "Z" : ""}`;
+}
+
+/** Outline of a mark about a place, for the `d` of a path. */
+function glyphD(shape, [x, y], r) {
+  const around = (corners) => lineD(corners.map(([dx, dy]) => [x + r * dx, y + r * dy]), true);
+  switch (shape) {
+    case "square": return around([[-0.85, -0.85], [0.85, -0.85], [0.85, 0.85], [-0.85, 0.85]]);
+    case "diamond": return around([[0, -1.2], [1.2, 0], [0, 1.2], [-1.2, 0]]);
+    case "up": return around([[0, -1.2], [1.1, 0.8], [-1.1, 0.8]]);
+    case "down": return around([[0, 1.2], [1.1, -0.8], [-1.1, -0.8]]);
+    case "hexagon": return around([[1, 0], [0.5, 0.9], [-0.5, 0.9], [-1, 0], [-0.5, -0.9], [0.5, -0.9]]);
+    case "cross": return `M${x - r} ${y - r}l${2 * r} ${2 * r}m0 ${-2 * r}l${-2 * r} ${2 * r}`;
+    case "plus": return `M${x - r} ${y}h${2 * r}M${x} ${y - r}v${2 * r}`;
+    case "tripod": return `M${x} ${y}v${1.3 * r}M${x} ${y}l${-1.1 * r} ${-0.8 * r}M${x} ${y}l${1.1 * r} ${-0.8 * r}`;
+    default: return `M${x - r} ${y}a${r} ${r} 0 1 0 ${2 * r} 0a${r} ${r} 0 1 0 ${-2 * r} 0z`;
+  }
+}
+
+/** Colour and mark of the `index`-th object; no two of the first 36 share both. */
+function look(index) {
+  return {
+    color: `var(--c${index % N_COLORS})`,
+    shape: GLYPHS[(index + Math.floor(index / N_COLORS)) % GLYPHS.length],
+  };
+}
+
+/** A number with a fixed count of decimals and a true minus sign; a dash where it is not known. */
+function shown(value, decimals = 2, unit = "") {
+  if (value === null || value === undefined) return "–";
+  const text = value.toFixed(decimals).replace(/^-(0(\.0*)?)$/, "$1").replace("-", "−");
+  return unit ? `${text} ${unit}` : text;
+}
+
+function nearestTicks(low, high, count) {
+  const raw = (high - low) / Math.max(count, 1);
+  const power = 10 ** Math.floor(Math.log10(raw));
+  const step = power * [1, 2, 5, 10].find((factor) => factor * power >= raw);
+  const ticks = [];
+  for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9 * step; k += 1) ticks.push(k * step);
+  return { ticks, decimals: Math.max(0, -Math.floor(Math.log10(step) + 1e-9)) };
+}

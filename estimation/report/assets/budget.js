@@ -1,0 +1,68 @@
+// The error budget, where one was made: waterfalls from all of an error down to what is left.
+
+const OUTCOMES = { pose: "Receiver position", shape: "The paper's contours", contour: "Our contours" };
+const BUDGETS = { stages: "truth in place of a stage", physics: "physics switched off" };
+
+function makeBudgetPanel(parent) {
+  if (!data.budget) return;
+  parent.append(html("h3", { id: "budget-title" }, "Error budget"), html("p", {}, "What the final error falls by when truth stands in " +
+    "for a stage, or when a part of physics is switched off: shares of the mean square error, with 95 % intervals, and " +
+    "the root of each part's mean square."));
+  const grid = html("div", { class: "pair" });
+  parent.append(grid);
+  const groups = new Map();
+  for (const row of data.budget) {
+    const key = `${row.outcome}-${row.budget}`;
+    groups.set(key, [...(groups.get(key) ?? []), row]);
+  }
+  for (const [key, rows] of groups) {
+    const title = `${OUTCOMES[rows[0].outcome] ?? rows[0].outcome}: ${BUDGETS[rows[0].budget]}`;
+    const made = figure(grid, {
+      name: `budget-${key}`,
+      label: `Error budget, ${title}`,
+      height: () => 34 * rows.length + 46,
+      draw: (drawing, width, height) => drawWaterfall(drawing, rows, width, height),
+    });
+    made.caption.append(html("b", {}, title));
+  }
+}
+
+/** Rows run from the whole error at the top, part by part, to the rest. */
+function drawWaterfall(drawing, rows, width, height) {
+  const whole = rows.filter((row) => row.part === "all errors");
+  const rest = rows.filter((row) => row.part === "rest");
+  const parts = rows.filter((row) => !whole.includes(row) && !rest.includes(row));
+  const lines = [...whole, ...parts, ...rest];
+  const box = { left: 134, top: 4, width: width - 134 - 130, height: height - 44 };
+  const percent = (share) => 100 * (share ?? 0);
+  let left = 100;
+  const bars = lines.map((row) => {
+    if (!parts.includes(row)) return { row, from: 0, to: percent(row.share), kind: whole.includes(row) ? "whole" : "left" };
+    const bar = { row, from: left, to: left - percent(row.share), kind: (row.share ?? 0) < 0 ? "grows" : "falls" };
+    left = bar.to;
+    return bar;
+  });
+  const ends = bars.flatMap((bar) => [bar.from, bar.to]);
+  const x = [Math.min(0, ...ends), Math.max(100, ...ends)];
+  const { sx } = axes(drawing, box, { x, y: [0, 1], rows: false, yLabel: "", xLabel: "share of the mean square error, %" });
+  const step = box.height / lines.length;
+  const words = svg("g", { class: "ticks" });
+  const hits = [];
+  bars.forEach(({ row, from, to, kind }, index) => {
+    const y = box.top + (index + 0.5) * step;
+    const [low, high] = [Math.min(sx(from), sx(to)), Math.max(sx(from), sx(to))];
+    drawing.append(svg("rect", { class: `budget ${kind}`, x: low, y: y - 0.3 * step, width: Math.max(high - low, 1), height: 0.6 * step }));
+    if (row.share_low !== null && row.share_high !== null && kind !== "whole") {
+      const at = (share) => Math.min(Math.max(sx(kind === "left" ? percent(share) : from - percent(share)), box.left), box.left + box.width);
+      drawing.append(svg("path", { class: "whisker", d: `M${at(row.share_low)} ${y}H${at(row.share_high)}` }));
+    }
+    words.append(svg("text", { x: box.left - 8, y: y + 4, "text-anchor": "end" }, row.part));
+    const sign = kind === "grows" ? "grows " : "";
+    const note = `${sign}${shown(Math.abs(percent(row.share)), 1)} %, ${shown(Math.abs(row.rms_m ?? 0), 3)} m`;
+    words.append(svg("text", { x: width - 2, y: y + 4, "text-anchor": "end" }, note));
+    const span = `95 %: ${shown(percent(row.share_low), 1)} to ${shown(percent(row.share_high), 1)} %`;
+    hits.push({ x: (low + high) / 2, y, text: `${row.part}: ${note}; ${span}` });
+  });
+  drawing.append(words);
+  return hits;
+}

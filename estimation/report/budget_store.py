@@ -1,0 +1,50 @@
+"""The error budget of a campaign, as `arena budget` left it beside the campaign, for the report page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel, ValidationError
+
+BUDGET_FILE = Path("budget") / "budget.json"  # of a campaign directory
+
+
+class BudgetRow(BaseModel):
+    """One part of an error: its share of the mean square, and the root of its mean square with a sign."""
+
+    outcome: str
+    budget: Literal["stages", "physics"]
+    part: str
+    share: float | None
+    share_low: float | None
+    share_high: float | None
+    rms_m: float | None
+
+
+class BudgetFile(BaseModel):
+    """What the page needs of a budget file."""
+
+    campaign: str
+    rows: list[BudgetRow]
+
+
+def read_budget(directory: Path, campaign: str) -> list[dict[str, Any]] | None:
+    """Rows of the budget in a campaign directory, None where there is none.
+
+    Raises
+    ------
+    ValueError
+        Where the file is damaged, holds something else, or is the budget of another campaign.
+    """
+    path = directory / BUDGET_FILE
+    if not path.is_file():
+        return None
+    try:
+        found = BudgetFile.model_validate_json(path.read_text(encoding="utf-8"))
+    except (ValidationError, UnicodeDecodeError) as error:
+        reason = " ".join(str(error).splitlines()[:2])
+        raise ValueError(f"{path}: no error budget ({reason}); run 'arena budget' again") from error
+    if found.campaign != campaign:
+        raise ValueError(f"{path}: is the budget of '{found.campaign}', not of '{campaign}'; remove it")
+    return [row.model_dump() for row in found.rows]

@@ -1,0 +1,39 @@
+"""Numbers for the page: rounded, flat, and nothing where there is nothing."""
+
+from __future__ import annotations
+
+import math
+from base64 import b64encode
+from typing import Any
+
+import numpy as np
+
+from scenes.record import FloatArray
+
+POWER_STEP_DB = 0.25
+POWER_LEVELS = 255
+
+
+def rounded(values: Any, decimals: int) -> list[float | None]:
+    """All values of an array in order, None for those that are not finite."""
+    flat = np.round(np.asarray(values, float).ravel(), decimals) + 0.0  # no negative zero
+    return [_short(value) if math.isfinite(value) else None for value in flat.tolist()]
+
+
+def number(value: float, decimals: int) -> float | None:
+    """One value as in `rounded`."""
+    return rounded([value], decimals)[0]
+
+
+def _short(value: float) -> float:
+    return int(value) if value == int(value) else value
+
+
+def quantised_power(power_dbm: FloatArray) -> tuple[float, str]:
+    """Largest power in dBm, and how far each value (row, column) lies below it as one byte, base64.
+
+    Steps are `POWER_STEP_DB`; what lies `POWER_LEVELS` steps below or more has the last level.
+    """
+    top = float(power_dbm.max())
+    steps = np.clip(np.round((top - power_dbm) / POWER_STEP_DB), 0, POWER_LEVELS)
+    return round(top, 2), b64encode(steps.astype(np.uint8).tobytes()).decode("ascii")

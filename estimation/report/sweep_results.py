@@ -1,0 +1,138 @@
+"""The results of a sweep as arrays, and what they say about each value of an axis."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.stats import t as student
+
+from scenes.record import BoolArray, FloatArray, IntArray
+
+MOST_VALUES = 12  # of a numeric axis that are shown one by one; more go into bins
+BINS = 8
+
+# A metric, and the one that says how many times its bound it is: their ratio is the bound itself.
+OVER_BOUND = {
+    "slam.position.rmse_m": "slam.position.over_bound",
+    "slam.heading.rmse_deg": "slam.heading.over_bound",
+    "slam.clock.rmse_ns": "slam.clock.over_bound",
+}
+
+
+@dataclass(frozen=True)
+class SweepAxis:
+    """One axis: its name, its value at every case, and whether a range was uniform in the logarithm."""
+
+    name: str
+    values: tuple[Any, ...]
+    is_log: bool = False
+
+    @property
+    def is_numeric(self) -> bool:
+        """Whether all values are numbers."""
+        return all(isinstance(value, int | float) and not isinstance(value, bool) for value in self.values)
+
+
+@dataclass(frozen=True)
+class SweepMetric:
+    """One metric: its value (case,), NaN where it could not be measured."""
+
+    key: str
+    unit: str
+    direction: str
+    value: FloatArray
+
+
+@dataclass(frozen=True)
+class SweepResults:
+    """All finished cases of a sweep."""
+
+    point: IntArray  # (case,) index of the design point
+    axes: tuple[SweepAxis, ...]
+    metrics: Mapping[str, SweepMetric]
+
+    def bound(self, key: str) -> FloatArray | None:
+        """The bound (case,) of a metric, in its unit; None where it has none."""
+        over = self.metrics.get(OVER_BOUND.get(key, ""))
+        if over is None:
+            return None
+        with np.errstate(divide="ignore", invalid="ignore"):
+            value = self.metrics[key].value / over.value
+        return value if np.isfinite(value).any() else None
+
+
+@dataclass(frozen=True)
+class Group:
+    """The cases that share a value of an axis, or a range of its values."""
+
+    label: str
+    place: float  # on the axis
+    members: BoolArray  # (case,)
+
+
+def mean_interval(values: FloatArray, confidence: float = 0.95) -> tuple[float, float, int]:
+    """Mean of the values that were measured, half the width of its Student's t interval, and their number.
+
+    The half width of one value is infinite; the mean of none is NaN.
+    """
+    known = values[np.isfinite(values)]
+    n = len(known)
+    if n < 2:
+        return (float(known[0]) if n else np.nan), np.inf, n
+    error = float(known.std(ddof=1)) / np.sqrt(n)
+    return float(known.mean()), float(student.ppf((1 + confidence) / 2, n - 1) * error), n
+
+
+def groups(axis: SweepAxis) -> list[Group]:
+    """The values of an axis in order, or bins of equal counts where there are many numbers."""
+    if not axis.is_numeric:
+        distinct: list[Hashable] = list(dict.fromkeys(str(value) for value in axis.values))
+        texts = np.array([str(value) for value in axis.values], dtype=str)
+        return [Group(str(value), float(at), texts == value) for at, value in enumerate(distinct)]
+    numbers = np.array(axis.values, float)
+    values = np.unique(numbers)
+    if len(values) <= MOST_VALUES:
+        return [Group(f"{value:.4g}", float(value), numbers == value) for value in values]
+    edges = np.quantile(numbers, np.linspace(0, 1, BINS + 1))
+    index = np.clip(np.searchsorted(edges, numbers, side="right") - 1, 0, BINS - 1)
+    made = []
+    for at in range(BINS):
+        members = index == at
+        if members.any():
+            label = f"{edges[at]:.3g} to {edges[at + 1]:.3g}"
+            made.append(Group(label, float(np.median(numbers[members])), members))
+    return made
+
+
+def point_means(results: SweepResults, key: str) -> FloatArray:
+    """Mean of a metric over the repeats of every design point (point,), NaN where it has none."""
+    points = np.unique(results.point)
+    value = results.metrics[key].value
+    return np.array([mean_interval(value[results.point == point])[0] for point in points])
+
+
+def nondominated(costs: FloatArray) -> BoolArray:
+    """Which rows (point,) of costs (point, criterion) no other row beats; rows with NaN never.
+
+    A row beats another that it is nowhere above and somewhere below.
+    """
+    known: BoolArray = np.asarray(np.isfinite(costs).all(axis=1))
+    front: BoolArray = np.array(known, bool)
+    for row in np.flatnonzero(known):
+        below = (costs[known] <= costs[row]).all(axis=1) & (costs[known] < costs[row]).any(axis=1)
+        front[row] = not below.any()
+    return front
+
+
+def varying(results: SweepResults, keys: Sequence[str]) -> list[str]:
+    """Those of the keys that are there, were measured somewhere and are not the same everywhere."""
+    found = []
+    for key in keys:
+        metric = results.metrics.get(key)
+        known = metric.value[np.isfinite(metric.value)] if metric is not None else np.zeros(0)
+        if len(known) and np.ptp(known) > 0:
+            found.append(key)
+    return found
