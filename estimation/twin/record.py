@@ -1,0 +1,68 @@
+"""Tables of a twin: what was taken off the measured paths, and what explains each of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+from scenes.record import BoolArray, FloatArray, IntArray, Record, TextArray, array
+
+
+class HeadingSource(IntEnum):
+    """Where the RX heading of a stop is taken from."""
+
+    LINE_OF_SIGHT = 0  # the labelled line of sight of the stop
+    STRAIGHT = 1  # a path that is not labelled so, but has the delay and departure of the straight line
+    OTHER_STOPS = 2
+
+
+@dataclass(frozen=True)
+class Offsets(Record):
+    """What the measured delays and angles of every stop differ from the surveyed geometry by, as a whole.
+
+    The offset of the arrival is minus the error of the surveyed RX heading, that of the departure minus the error
+    of the TX heading. The path that gave the heading of its stop is itself judged by what other stops tell.
+    """
+
+    delay_s: FloatArray = array("stop", unit="s", doc="of the delays, known clock bias aside")
+    aod_rad: FloatArray = array("stop", unit="rad", doc="of the departures, TX frame")
+    aoa_rad: FloatArray = array("stop", unit="rad", doc="of the arrivals, RX frame")
+    heading_source: IntArray = array("stop", dtype=int, doc="HeadingSource")
+    heading_path: IntArray = array("stop", dtype=int, doc="path that gave the heading, -1 for none")
+    told_aoa_rad: FloatArray = array("stop", unit="rad", doc="offset of the arrivals as other stops tell it")
+    session: IntArray = array("stop", dtype=int, doc="stretch of stops with one TX heading offset")
+
+
+@dataclass(frozen=True)
+class TwinPaths(Record):
+    """Every measured path of a campaign with the simulated path that explains it, ordered by stop and delay.
+
+    Residuals are measured minus simulated, offsets taken off; NaN, -1 and empty where nothing explains the path.
+    """
+
+    stop: IntArray = array("path", dtype=int, doc="index of the receiver stop")
+    path: IntArray = array("path", dtype=int, doc="index in the channel estimate of the stop")
+    is_los: BoolArray = array("path", dtype=bool, doc="labelled as line of sight")
+    is_single_bounce: BoolArray = array("path", dtype=bool, doc="labelled as single bounce")
+    landmark_m: FloatArray = array("path", "xy", unit="m", doc="labelled IP; NaN unless a single bounce")
+    power_dbm: FloatArray = array("path", unit="dBm", doc="measured power")
+    simulated: IntArray = array("path", dtype=int, doc="simulated path within the wide gate")
+    simulated_narrow: IntArray = array("path", dtype=int, doc="simulated path within the narrow gate")
+    chain: TextArray = array("path", dtype=str, doc="what the simulated path meets")
+    object: TextArray = array("path", dtype=str, doc="object of a simulated single bounce")
+    n_bounces: IntArray = array("path", dtype=int, doc="bounces of the simulated path")
+    delay_residual_s: FloatArray = array("path", unit="s", doc="residual of the delay")
+    aod_residual_rad: FloatArray = array("path", unit="rad", doc="residual of the departure")
+    aoa_residual_rad: FloatArray = array("path", unit="rad", doc="residual of the arrival")
+    signal_dbm: FloatArray = array("path", unit="dBm", doc="simulated power of the path alone")
+    predicted_dbm: FloatArray = array("path", unit="dBm", doc="simulated power with the floor under it")
+
+    @property
+    def is_explained(self) -> BoolArray:
+        """Paths (path,) with a simulated path within the wide gate."""
+        return self.simulated >= 0
+
+    @property
+    def power_residual_db(self) -> FloatArray:
+        """Measured over predicted power (path,) in dB."""
+        return self.power_dbm - self.predicted_dbm
