@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import importlib.util
+from functools import cache
 from pathlib import Path
 
 
@@ -12,8 +13,9 @@ def digest(*parts: str) -> str:
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:16]
 
 
+@cache
 def code_digest(*parts: str) -> str:
-    """Hash of the source of files and packages of this project, named by their path."""
+    """Hash of the source of files and packages of this project, named by their path; read once per process."""
     root = Path(__file__).resolve().parent.parent
     files = [file for part in parts for file in _sources(root / part)]
     return digest(*(file.read_text(encoding="utf-8") for file in files))

@@ -3,7 +3,7 @@
     campaign.json       resolved settings               scene.toml   the scene as it was
     scene_files/        floor plans and meshes that the scene names
     truth/stop_000.nc   paths, RX pose, clock           sweep/stop_000.nc    samples, when kept
-    channel/stop_000.nc paths as estimated              map/NAME.nc  poses, incidence points, shapes
+    channel/stop_000.nc paths as estimated              map/NAME.nc  poses, incidence points, shapes, contours
     channel/calibration.nc  arrays as self-calibrated, where asked for
     scores.json, provenance.nc, report.html, figures/
 
@@ -33,12 +33,13 @@ from estimation.results import MapResult
 from estimation.scoring.metric import to_json
 from estimation.scoring.record import ScoreTables
 from estimation.scoring.score import Scores
-from estimation.shape.record import Shapes
+from estimation.shape.record import Contours, Shapes
 from estimation.slam.record import IncidencePoints, PoseEstimates
 from scenes.object_config import KEPT_FOLDER
 from scenes.record import Record
 from sim.codebook_store import weights_digest
 from sim.config import SimulationConfig
+from sim.deepmimo_store import scenario_digest
 from sim.store import complete_file, read_attribute, read_record, remove_leftovers, write_record, write_text
 from sim.sweep import BeamSweep
 from sim.truth import Truth
@@ -63,6 +64,7 @@ class MapFile(Record):
     poses: PoseEstimates
     ips: IncidencePoints
     shapes: Shapes
+    contours: Contours
 
 
 @dataclass(frozen=True)
@@ -90,7 +92,9 @@ class CampaignStore:
         settings = SimulationConfig(**simulation, scene="-").model_dump_json()
         arrays = (self.config.tx_array, self.config.rx_array)
         weights = [weights_digest(array.weights_file) for array in arrays if array.weights_file is not None]
-        return digest(settings, self._scene_digest, code_digest("scenes", "sim"), *weights)
+        scenario = self.config.propagation.deepmimo
+        paths = [] if scenario is None else [scenario_digest(scenario)]
+        return digest(settings, self._scene_digest, code_digest("scenes", "sim"), *weights, *paths)
 
     @cached_property
     def channel_fingerprint(self) -> str:
@@ -104,7 +108,9 @@ class CampaignStore:
     @cached_property
     def map_fingerprint(self) -> str:
         """Of what maps and shapes depend on."""
-        settings = self.config.model_dump_json(include={"mapping", "slam", "trajectory", "shapes"})
+        settings = self.config.model_dump_json(
+            include={"mapping", "slam", "trajectory", "shapes", "contours"}
+        )
         geometry = ("estimation/geometry.py", "estimation/geometry_spatial.py")
         code = code_digest(*geometry, "estimation/slam", "estimation/shape")
         return digest(self.channel_fingerprint, settings, code)
@@ -203,11 +209,11 @@ class CampaignStore:
     def map_result(self, name: MapName) -> MapResult | None:
         """The map of mapping or SLAM, or None where it is still to be made."""
         file = self._read(self.directory / "map" / f"{name}.nc", MapFile, self.map_fingerprint)
-        return MapResult(file.poses, file.ips, file.shapes) if file else None
+        return MapResult(file.poses, file.ips, file.shapes, file.contours) if file else None
 
     def write_map(self, name: MapName, result: MapResult) -> None:
         """Store the map of mapping or SLAM; scores made before are dropped."""
-        file = MapFile(result.poses, result.ips, result.shapes)
+        file = MapFile(result.poses, result.ips, result.shapes, result.contours)
         self._write(self.directory / "map" / f"{name}.nc", file, self.map_fingerprint)
 
     def score_tables(self) -> ScoreTables | None:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,7 +15,8 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from scripts.sweep_config import SweepConfig
-    from scripts.sweep_run import Job
+    from scripts.sweep_job import Job
+    from scripts.sweep_plan import Plan
 
 
 def sweep(
@@ -36,82 +38,110 @@ def sweep(
     """Run every case of a sweep that is not there yet, and write the table of all results."""
     from rich.console import Console  # noqa: PLC0415
 
-    from scenes.toml_config import load_config, read_text  # noqa: PLC0415
-    from scripts.sweep_cases import base_path  # noqa: PLC0415
+    from scenes.toml_config import load_config  # noqa: PLC0415
     from scripts.sweep_config import SweepConfig  # noqa: PLC0415
-    from scripts.sweep_engine import connected  # noqa: PLC0415
-    from scripts.sweep_store import forget_failures, open_sweep, read_failures  # noqa: PLC0415
+    from scripts.sweep_plan import make_plan  # noqa: PLC0415
 
     console = Console(highlight=False)
     config = load_config(file, SweepConfig)
-    jobs = checked_jobs(file, config, out, range(config.repeats))
+    plan = make_plan(str(file), config, out, range(config.repeats))
     if dry_run:
-        tell_plan(console, config, jobs)
+        tell_plan(console, config, plan)
         return
-    open_sweep(out, config, read_text(base_path(str(file), config)))
-    if retry_failed:
-        forget_failures(out, read_failures(out))
-    if any(not job.is_done for job in jobs) or config.until is not None:
-        with connected(workers, scheduler) as client:
-            jobs = run_until_known(client, console, file, config, out, jobs)
-    tell_results(console, out, config, jobs)
+    if run_sweep(console, file, config, out, plan, Workers(workers, scheduler), retry_failed):
+        raise typer.Exit(1)
 
 
-def checked_jobs(file: Path, config: SweepConfig, out: Path, repeats: Iterable[int]) -> list[Job]:
-    """Every case of the sweep, with its settings and its scene checked before anything runs or is written.
+def run_sweep(
+    console: Console,
+    file: Path,
+    config: SweepConfig,
+    out: Path,
+    plan: Plan,
+    workers: Workers,
+    retry_failed: bool = False,
+) -> int:
+    """Run what is missing of a sweep, write its tables and its manifest, and return how many cases failed."""
+    from scenes.toml_config import read_text  # noqa: PLC0415
+    from scripts.directory import one_run  # noqa: PLC0415
+    from scripts.manifest import write_manifest  # noqa: PLC0415
+    from scripts.sweep_cases import base_path  # noqa: PLC0415
+    from scripts.sweep_job import store_scene  # noqa: PLC0415
+    from scripts.sweep_store import forget_failures, open_sweep, read_failures  # noqa: PLC0415
 
-    Raises `ConfigError`, one line, where a case is no valid campaign, and `ValueError` for an unknown estimator.
-    """
-    from scripts.sweep_cases import design_points, make_cases  # noqa: PLC0415
-    from scripts.sweep_run import Job, check_case  # noqa: PLC0415
+    with one_run(out):
+        open_sweep(out, config, read_text(base_path(str(file), config)))
+        for scene in plan.scenes.values():
+            store_scene(out, scene)
+        if retry_failed:
+            forget_failures(out, read_failures(out))
+        with workers:
+            jobs = run_until_known(workers, console, file, config, out, plan.jobs)
+        n_failed = tell_results(console, out, config, jobs)
+        write_manifest(out)
+    return n_failed
 
-    jobs, seen = [], set()
-    for case in make_cases(str(file), config, design_points(config), list(repeats)):
-        job = Job(case, out)
-        checked = (job.scene_hash, case.config.tx, case.config.walk, case.estimator)
-        if checked not in seen:
-            check_case(job)
-            seen.add(checked)
-        jobs.append(job)
-    return jobs
+
+class Workers:
+    """The workers of a sweep, started when the first case needs them: with all cases done there are none."""
+
+    def __init__(self, workers: int | None, scheduler: str | None) -> None:
+        self._options = workers, scheduler
+        self._stack = ExitStack()
+        self._client: Client | None = None
+
+    def __enter__(self) -> Workers:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._stack.close()
+
+    @property
+    def client(self) -> Client:
+        """The client of the scheduler."""
+        from scripts.sweep_engine import connected  # noqa: PLC0415
+
+        if self._client is None:
+            self._client = self._stack.enter_context(connected(*self._options))
+        return self._client
 
 
 def run_until_known(
-    client: Client, console: Console, file: Path, config: SweepConfig, out: Path, jobs: list[Job]
+    workers: Workers, console: Console, file: Path, config: SweepConfig, out: Path, jobs: list[Job]
 ) -> list[Job]:
     """Run the jobs; with `until`, repeat points with more seeds until the mean of the metric is known there."""
-    run_missing(client, console, out, jobs)
+    from scripts.sweep_plan import make_plan  # noqa: PLC0415
+    from scripts.sweep_store import planned, write_plan  # noqa: PLC0415
+
+    write_plan(out, planned(jobs))
+    run_missing(workers, console, out, jobs)
     repeat = config.repeats
     while config.until is not None and repeat < config.until.max_repeats:
         open_points = unknown_points(out, config, jobs)
-        more = [job for job in checked_jobs(file, config, out, [repeat]) if job.case.point in open_points]
-        if not more:
+        if not open_points:
             break
-        run_missing(client, console, out, more)
+        made = make_plan(str(file), config, out, [repeat]).jobs
+        more = [job for job in made if job.point in open_points]
         jobs, repeat = [*jobs, *more], repeat + 1
+        write_plan(out, planned(jobs))
+        run_missing(workers, console, out, jobs)
     return jobs
 
 
 def unknown_points(out: Path, config: SweepConfig, jobs: Sequence[Job]) -> set[int]:
-    """Points of the design whose mean of the metric in `until` is not known well enough yet.
-
-    Raises `ValueError` where no finished case has that metric.
-    """
-    from scripts.sweep_store import read_failures  # noqa: PLC0415
+    """Points of the design whose mean of the metric in `until` is not known well enough yet."""
+    from scripts.sweep_store import planned, read_failures  # noqa: PLC0415
     from scripts.sweep_table import result_rows, spread  # noqa: PLC0415
 
     if config.until is None:
         return set()
-    rows = result_rows(config, jobs, read_failures(out))
-    keys = {row["key"] for row in rows if row["key"] is not None}
-    if keys and config.until.metric not in keys:
-        raise ValueError(f"until.metric = '{config.until.metric}': no such metric in scores.json")
+    rows = result_rows(out, config, planned(jobs), read_failures(out))
     found = spread(rows, config.until.metric, config.until.confidence)
     wanted = config.until.half_width
     return {point for point, value in found.items() if not value.half_width <= wanted}
 
 
-def run_missing(client: Client, console: Console, out: Path, jobs: Sequence[Job]) -> None:
+def run_missing(workers: Workers, console: Console, out: Path, jobs: Sequence[Job]) -> None:
     """Run the jobs that are neither done nor known to fail, with throughput, failures and time left."""
     from rich.progress import (  # noqa: PLC0415
         BarColumn,
@@ -151,39 +181,43 @@ def run_missing(client: Client, console: Console, out: Path, jobs: Sequence[Job]
             per_minute = 60 * done / (time.monotonic() - started)
             progress.update(task, advance=1, rate=f"{per_minute:.3g} a minute, {n_failed} failed")
 
-        run_jobs(client, pending, report)
+        run_jobs(workers.client, pending, report)
 
 
-def tell_results(console: Console, out: Path, config: SweepConfig, jobs: Sequence[Job]) -> None:
-    """Write the tables, and say how many cases are done and what failed."""
-    from scripts.sweep_store import read_failures  # noqa: PLC0415
+def tell_results(console: Console, out: Path, config: SweepConfig, jobs: Sequence[Job]) -> int:
+    """Write the tables, say how many cases are done and what failed, and return how many did."""
+    from scripts.sweep_store import planned, read_failures  # noqa: PLC0415
     from scripts.sweep_table import result_rows, write_tables  # noqa: PLC0415
 
     failures = read_failures(out)
-    write_tables(out, config, result_rows(config, jobs, failures))
+    write_tables(out, config, result_rows(out, config, planned(jobs), failures))
     failed = [job for job in jobs if job.key in failures and not job.is_done]
     console.print(f"{sum(job.is_done for job in jobs)} of {len(jobs)} cases done, {len(failed)} failed")
     for job in failed[:5]:
-        console.print(f"  case {job.key}: {failures[job.key]}")
+        console.print(f"  case {job.key}: {failures[job.key]}", markup=False)
     console.print(f"results: {out / 'results.parquet'} and .csv")
-    if failed:
-        raise typer.Exit(1)
+    return len(failed)
 
 
-def tell_plan(console: Console, config: SweepConfig, jobs: Sequence[Job]) -> None:
+def tell_plan(console: Console, config: SweepConfig, plan: Plan) -> None:
     """Say what a sweep would run, how long one core would take and how much disk it would fill."""
     from scripts.sweep_plan import estimate_cost  # noqa: PLC0415
 
-    scenes = len({job.scene_hash for job in jobs})
+    jobs = plan.jobs
+    points = len({job.point for job in jobs})
     paths = len({job.paths_hash for job in jobs})
-    points = len({job.case.point for job in jobs})
     console.print(
-        f"{config.name}: {len(jobs)} cases, {points} points of {len(config.axes)} axes, {scenes} scenes, "
-        f"{paths} sets of paths; {sum(job.is_done for job in jobs)} done"
+        f"{config.name}: {len(jobs)} cases, {points} points of {len(config.axes)} axes, "
+        f"{len(plan.scenes)} scenes, {paths} sets of paths; {sum(job.is_done for job in jobs)} done"
     )
-    if jobs:
-        cost = estimate_cost(jobs)
+    if config.until is not None:
+        console.print(f"  and up to {config.until.max_repeats} repeats of every point")
+    cost = estimate_cost(plan)
+    console.print(
+        f"about {cost.core_hours:.2g} core hours and {cost.start_up_s:.0f} s for every worker to start, "
+        f"{cost.disk_gb:.2g} GB; judged from a few stops of {cost.n_tried} cases"
+    )
+    if cost.samples_gb:
         console.print(
-            f"about {cost.core_hours:.2g} core hours and {cost.disk_gb:.2g} GB, judged from one stop of each of "
-            f"{cost.n_tried} cases"
+            f"  and {cost.samples_gb:.2g} GB a worker for samples, dropped behind the cases that share them"
         )

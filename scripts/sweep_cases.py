@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import copy
+import hashlib
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -15,6 +17,7 @@ import tomli_w
 from scipy.stats import qmc
 
 from estimation.config import CampaignConfig
+from estimation.fingerprint import digest
 from scenes.config import kept_files
 from scenes.record import FloatArray
 from scenes.toml_config import ConfigError, read_text, read_toml
@@ -25,6 +28,20 @@ Point = tuple[Any, ...]  # one value per axis
 
 
 @dataclass(frozen=True)
+class SceneSource:
+    """A scene file and what the files that it names hold."""
+
+    text: str
+    files: Mapping[str, bytes]
+
+    @cached_property
+    def hash(self) -> str:
+        """Hash of the scene file and of the files it names: the name of the scene in a sweep."""
+        contents = sorted(f"{name} {hashlib.sha256(data).hexdigest()}" for name, data in self.files.items())
+        return digest(self.text, *contents)
+
+
+@dataclass(frozen=True)
 class Case:
     """One campaign of a sweep: its place in the design and all it takes to run it."""
 
@@ -32,8 +49,7 @@ class Case:
     repeat: int
     values: Point
     config: CampaignConfig
-    scene_text: str
-    scene_files: Mapping[str, bytes]  # what the files that the scene names hold
+    scene: SceneSource
     estimator: str | None
     stop_every: int
 
@@ -75,9 +91,18 @@ def make_cases(
     Raises `ConfigError`, one line naming the axis and the value, where a case is no valid campaign.
     """
     base = base_path(source, config)
+    document = read_toml(base)
+    scene_of = cache(_scene_source)
     for index, point in enumerate(points):
+        changes = [(axis.field, value) for axis, value in zip(config.axes, point, strict=True)]
+        try:
+            campaign, scene, estimator = _resolved(document, base, changes, scene_of)
+        except ConfigError as error:
+            told = ", ".join(f"{field} = {value}" for field, value in changes) or "the base"
+            raise ConfigError(f"{source}: case {told}: {error}") from error
         for repeat in repeats:
-            yield _case(source, config, base, index, point, repeat)
+            seeded = campaign.model_copy(update={"seed": campaign.seed + repeat})
+            yield Case(index, repeat, point, seeded, scene, estimator, config.stop_every)
 
 
 def base_path(source: str, config: SweepConfig) -> Path:
@@ -86,25 +111,29 @@ def base_path(source: str, config: SweepConfig) -> Path:
     return Path(source).parent / path if config.base.endswith(".toml") else path
 
 
-def _case(source: str, config: SweepConfig, base: Path, index: int, point: Point, repeat: int) -> Case:
-    document, estimator = read_toml(base), None
-    changes = [(axis.field, value) for axis, value in zip(config.axes, point, strict=True)]
+def _resolved(
+    document: Mapping[str, Any],
+    base: Path,
+    changes: Sequence[tuple[str, Any]],
+    scene_of: Callable[[Path], SceneSource],
+) -> tuple[CampaignConfig, SceneSource, str | None]:
+    """Campaign, scene and estimator of a base campaign with some fields changed."""
+    changed, estimator = copy.deepcopy(dict(document)), None
     in_scene = [(field.partition(".")[2], value) for field, value in changes if field.startswith("scene.")]
-    try:
-        for field, value in changes:
-            if field == "estimator":
-                estimator = str(value)
-            elif not field.startswith("scene."):
-                _put(document, field, value)
-        campaign, scene_file = resolve_campaign(document, base)
-        scene_text = _changed_scene(read_text(scene_file), in_scene) if in_scene else read_text(scene_file)
-    except ConfigError as error:
-        told = ", ".join(f"{field} = {value}" for field, value in changes) or "the base"
-        raise ConfigError(f"{source}: case {told}: {error}") from error
-    campaign = campaign.model_copy(update={"seed": campaign.seed + repeat})
-    return Case(
-        index, repeat, point, campaign, scene_text, kept_files(scene_file), estimator, config.stop_every
-    )
+    for field, value in changes:
+        if field == "estimator":
+            estimator = str(value)
+        elif not field.startswith("scene."):
+            _put(changed, field, value)
+    campaign, scene_file = resolve_campaign(changed, base)
+    scene = scene_of(scene_file)
+    if in_scene:
+        scene = replace(scene, text=_changed_scene(scene.text, in_scene))
+    return campaign, scene, estimator
+
+
+def _scene_source(file: Path) -> SceneSource:
+    return SceneSource(read_text(file), kept_files(file))
 
 
 def _changed_scene(text: str, changes: Sequence[tuple[str, Any]]) -> str:

@@ -1,6 +1,7 @@
-"""The directory of a sweep beside its cases: what it is a sweep of, and which cases failed.
+"""The directory of a sweep beside its cases: what it is a sweep of, which cases it has, and which of them failed.
 
 sweep.json          the resolved sweep and its base campaign
+plan.json           key, point, repeat, seed and axis values of every case
 failures/KEY.json   the error of a case; dropped when it is tried again
 """
 
@@ -8,37 +9,115 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
+from scripts.manifest import file_digest, read_manifest
 from scripts.sweep_config import SweepConfig
+from scripts.sweep_job import CASE_FILES, Job
 from sim.store import remove_leftovers, write_text
+
+SWEEP = "sweep.json"
+MAY_CHANGE = {"repeats", "until"}  # of a sweep in the same directory: they only add cases
+
+
+@dataclass(frozen=True)
+class PlannedCase:
+    """A case of a sweep by its name and its place in the design."""
+
+    key: str
+    point: int
+    repeat: int
+    seed: int
+    values: tuple[Any, ...]  # of every axis
 
 
 def open_sweep(directory: Path, config: SweepConfig, base_text: str) -> None:
-    """Claim a directory for a sweep, or go on with the sweep that is there.
+    """Claim a directory for a sweep, or go on with the sweep that is there; repeats may change.
 
     Raises `ValueError` where the directory holds another sweep or other files.
     """
-    content = json.dumps({"sweep": config.model_dump(mode="json"), "base": base_text}, indent=1) + "\n"
-    settings = directory / "sweep.json"
-    if settings.is_file():
-        if settings.read_text(encoding="utf-8") != content:
+    if (directory / SWEEP).is_file():
+        held, held_base = read_sweep(directory)
+        names = [name for name in SweepConfig.model_fields if name not in MAY_CHANGE]
+        changed = [name for name in names if getattr(held, name) != getattr(config, name)]
+        if changed or held_base != base_text:
+            what = changed[0] if changed else "its base campaign"
             raise ValueError(
-                f"--out = {directory}: holds a sweep with other settings; choose another directory"
+                f"--out = {directory}: holds a sweep with other settings ({what} differs); choose another "
+                "directory. Only repeats and until may change"
             )
     elif directory.is_dir() and any(not entry.name.endswith(".part") for entry in directory.iterdir()):
         raise ValueError(f"--out = {directory}: holds other files; choose an empty or a new directory")
-    write_text(settings, content)
-    for folder in (directory, directory / "failures"):
+    content = {"sweep": config.model_dump(mode="json"), "base": base_text}
+    write_text(directory / SWEEP, json.dumps(content, indent=1) + "\n")
+    for folder in (directory, directory / "failures", directory / "cases"):
         remove_leftovers(folder)
 
 
+def read_sweep(directory: Path) -> tuple[SweepConfig, str]:
+    """The sweep in a directory and the text of its base campaign.
+
+    Raises `ValueError`, one line, where the directory holds no sweep or its settings are damaged.
+    """
+    file = directory / SWEEP
+    if not file.is_file():
+        raise ValueError(f"{directory}: holds no sweep (no {SWEEP}); make one with 'arena sweep'")
+    try:
+        content = json.loads(file.read_text(encoding="utf-8"))
+        return SweepConfig.model_validate_json(json.dumps(content["sweep"])), str(content["base"])
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        raise ValueError(f"{file}: damaged settings ({_first_line(error)})") from error
+
+
+def write_plan(directory: Path, cases: Iterable[PlannedCase]) -> None:
+    """Store which cases the sweep has."""
+    content = {"cases": [asdict(case) for case in cases]}
+    write_text(directory / "plan.json", json.dumps(content) + "\n")
+
+
+def read_plan(directory: Path) -> list[PlannedCase]:
+    """The cases of a sweep; `ValueError`, one line, where the plan is missing or damaged."""
+    file = directory / "plan.json"
+    try:
+        content = json.loads(file.read_text(encoding="utf-8"))
+        return [PlannedCase(**{**case, "values": tuple(case["values"])}) for case in content["cases"]]
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+        raise ValueError(
+            f"{file}: missing or damaged ({_first_line(error)}); run 'arena sweep' again"
+        ) from error
+
+
+def planned(jobs: Iterable[Job]) -> list[PlannedCase]:
+    """The plan of some jobs, ordered by point and repeat."""
+    cases = [PlannedCase(job.key, job.point, job.repeat, job.config.seed, job.values) for job in jobs]
+    return sorted(cases, key=lambda case: (case.point, case.repeat))
+
+
+def is_done(directory: Path, key: str) -> bool:
+    """Whether a case is there, whole."""
+    return all((directory / "cases" / key / name).is_file() for name in CASE_FILES)
+
+
+def read_scores(directory: Path, key: str) -> list[dict[str, Any]]:
+    """The metrics of a finished case; `ValueError` where they are not as they were written."""
+    case = directory / "cases" / key
+    file = case / "scores.json"
+    if read_manifest(case)["files"].get(file.name, {}).get("sha256") != file_digest(file):
+        raise ValueError(f"{file}: damaged or edited since it was written; remove {case} and run again")
+    return json.loads(file.read_text(encoding="utf-8"))  # type: ignore[no-any-return]
+
+
 def read_failures(directory: Path) -> dict[str, str]:
-    """The errors of the failed cases, one line each, by the key of the case."""
-    return {
-        file.stem: json.loads(file.read_text(encoding="utf-8"))["error"]
-        for file in sorted((directory / "failures").glob("*.json"))
-    }
+    """The errors of the failed cases, one line each, by the key of the case; a damaged one counts for nothing."""
+    found = {}
+    for file in sorted((directory / "failures").glob("*.json")):
+        try:
+            found[file.stem] = str(json.loads(file.read_text(encoding="utf-8"))["error"])
+        except (ValueError, KeyError, TypeError, RecursionError):
+            continue
+    return found
 
 
 def write_failure(directory: Path, key: str, error: BaseException) -> None:
@@ -51,3 +130,7 @@ def forget_failures(directory: Path, keys: Iterable[str]) -> None:
     """Drop recorded failures, so that their cases run again."""
     for key in keys:
         (directory / "failures" / f"{key}.json").unlink(missing_ok=True)
+
+
+def _first_line(error: BaseException) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0]

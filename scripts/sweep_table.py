@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from scipy.stats import t as student
 
+from estimation.report.sweep_results import mean_interval
 from scripts.sweep_config import SweepConfig
-from scripts.sweep_run import Job
+from scripts.sweep_store import PlannedCase, is_done, read_scores
 from sim.store import complete_file, write_text
 
 CASE_COLUMNS = ("case", "point", "repeat", "seed", "status", "error")
@@ -34,28 +34,27 @@ class Spread:
     n: int
 
 
-def result_rows(config: SweepConfig, jobs: Iterable[Job], failures: Mapping[str, str]) -> list[Row]:
-    """One row per metric and finished case, one for a case that failed, ordered by point, repeat and metric.
+def result_rows(
+    directory: Path, config: SweepConfig, cases: Iterable[PlannedCase], failures: Mapping[str, str]
+) -> list[Row]:
+    """One row per metric and finished case, one for a case that failed, in the order of the cases and metrics.
 
     `failures` holds the error of a failed case by its key. Cases that are neither done nor failed have no row.
+
+    Raises `ValueError` where the scores of a case are not as they were written.
     """
     rows: list[Row] = []
-    for job in sorted(jobs, key=lambda job: (job.case.point, job.case.repeat)):
+    for case in cases:
         values = {
-            axis.label or axis.field: value for axis, value in zip(config.axes, job.case.values, strict=True)
+            axis.label or axis.field: value for axis, value in zip(config.axes, case.values, strict=True)
         }
-        head = {
-            "case": job.key,
-            "point": job.case.point,
-            "repeat": job.case.repeat,
-            "seed": job.case.config.seed,
-        }
-        if job.is_done:
-            metrics = json.loads((job.directory / "scores.json").read_text(encoding="utf-8"))
+        head = {"case": case.key, "point": case.point, "repeat": case.repeat, "seed": case.seed}
+        if is_done(directory, case.key):
+            metrics = read_scores(directory, case.key)
             rows += [{**head, "status": "done", "error": None, **values, **metric} for metric in metrics]
-        elif job.key in failures:
+        elif case.key in failures:
             nothing = dict.fromkeys(METRIC_COLUMNS)
-            rows.append({**head, "status": "failed", "error": failures[job.key], **values, **nothing})
+            rows.append({**head, "status": "failed", "error": failures[case.key], **values, **nothing})
     return rows
 
 
@@ -81,15 +80,7 @@ def spread(rows: Iterable[Row], metric: str, confidence: float = 0.95) -> dict[i
     for row in rows:
         if row["key"] == metric and row["value"] is not None:
             values.setdefault(row["point"], []).append(float(row["value"]))
-    return {point: _spread(np.array(found), confidence) for point, found in values.items()}
-
-
-def _spread(found: Any, confidence: float) -> Spread:
-    n = len(found)
-    if n < 2:
-        return Spread(float(found.mean()), float("inf"), n)
-    error = float(found.std(ddof=1)) / np.sqrt(n)
-    return Spread(float(found.mean()), float(student.ppf((1 + confidence) / 2, n - 1) * error), n)
+    return {point: Spread(*mean_interval(np.array(found), confidence)) for point, found in values.items()}
 
 
 def _column(values: list[Any]) -> pa.Array:

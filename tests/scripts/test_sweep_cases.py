@@ -71,7 +71,7 @@ def test_random_points_take_lists_and_whole_numbers():
 def test_scene_fields_change_the_scene_and_nothing_else():
     config = sweep([{"field": "scene.objects.pillar.contour.radius_m", "values": [0.3, 0.4]}])
     made = cases(config)
-    documents = [tomllib.loads(case.scene_text) for case in made]
+    documents = [tomllib.loads(case.scene.text) for case in made]
     radii = [
         next(item for item in document["objects"] if item["name"] == "pillar")["contour"]["radius_m"]
         for document in documents
