@@ -1,0 +1,64 @@
+"""How the documentation is built as a site: `scripts/docs`."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[1]
+
+project = "ISAC Arena"
+extensions = ["myst_parser", "sphinx.ext.apidoc", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+exclude_patterns = ["_build"]
+html_theme = "furo"
+html_title = project
+napoleon_google_docstring = False
+autodoc_mock_imports = ["sionna", "mitsuba", "drjit"]
+autodoc_typehints = "description"
+autodoc_default_options = {"members": True, "undoc-members": False}
+autodoc_preserve_defaults = True
+apidoc_modules = [
+    {"path": str(ROOT / name), "destination": "api", "separate_modules": True, "include_private": False}
+    for name in ("scenes", "sim", "estimation")
+]
+suppress_warnings = ["myst.xref_missing", "misc.highlighting_failure", "ref.python"]
+
+
+def add_fields(app: Any, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
+    """Append what the fields of a record or of a settings model say of themselves to its docstring."""
+    if what != "class":
+        return
+    rows = list(record_fields(thing)) if dataclasses.is_dataclass(thing) else list(settings_fields(thing))
+    if rows:
+        lines += ["", ".. list-table::", "   :widths: auto", ""]
+        for row in rows:
+            lines += [f"   {'*' if cell is row[0] else ' '} - {cell}" for cell in row]
+        lines.append("")
+
+
+def record_fields(record: Any) -> Any:
+    """Name, axes, unit and meaning of every array of a record."""
+    for spec in dataclasses.fields(record):
+        if "axes" in spec.metadata:
+            axes = ", ".join(spec.metadata["axes"]) or "scalar"
+            yield (
+                f"``{spec.name}``",
+                f"({axes})",
+                spec.metadata.get("unit") or "1",
+                spec.metadata.get("doc", ""),
+            )
+
+
+def settings_fields(model: Any) -> Any:
+    """Name, default and meaning of every field of a settings model."""
+    for name, field in getattr(model, "model_fields", {}).items():
+        default = (
+            "required" if field.is_required() else f"``{field.get_default(call_default_factory=True)!r}``"
+        )
+        yield f"``{name}``", default if len(default) < 60 else "as below", field.description or ""
+
+
+def setup(app: Any) -> None:
+    """Hook into autodoc."""
+    app.connect("autodoc-process-docstring", add_fields)
