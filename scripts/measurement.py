@@ -12,10 +12,12 @@ import numpy as np
 from estimation.channel.power_map import BeamPowerMap
 from estimation.config import CampaignConfig
 from estimation.mat_store import count_stops, read_measurement
-from estimation.measured import PUBLISHED_NOISE, MeasuredCampaign, clock_walk_m
+from estimation.measured import PUBLISHED_MAX_POSITION_STD_M, PUBLISHED_NOISE, MeasuredCampaign, clock_walk_m
 from estimation.slam.config import MappingConfig, SnapshotConfig
 from estimation.store import CampaignStore, StopEstimate
 from scenes.config import kept_files, load_scene, scene_path
+from scripts.directory import one_run
+from scripts.manifest import write_manifest
 
 METHODS = get_args(SnapshotConfig.model_fields["method"].annotation)
 
@@ -43,17 +45,21 @@ def import_campaign(
         measured=_origin(file, tx_offset_deg, clock_seed),
         scene_files=kept_files(scene_path(scene)),
     )
-    store.open_for_writing()
-    load_scene(out / "scene.toml")
-    for truth, channel in zip(campaign.truths, campaign.channel, strict=True):
-        store.write_truth(truth)
-        store.write_channel(StopEstimate(channel, _no_power_map(channel.stop)))
+    with one_run(out):
+        store.open_for_writing()
+        load_scene(out / "scene.toml")
+        for truth, channel in zip(campaign.truths, campaign.channel, strict=True):
+            store.write_truth(truth)
+            store.write_channel(StopEstimate(channel, _no_power_map(channel.stop)))
+        write_manifest(out)
     return len(campaign.truths)
 
 
 def settings(name: str, method: str) -> CampaignConfig:
     """Settings of a measured campaign: the published covariance for all paths, which the file does not hold."""
-    slam = SnapshotConfig.model_validate({"method": method, "noise": PUBLISHED_NOISE})
+    slam = SnapshotConfig.model_validate(
+        {"method": method, "noise": PUBLISHED_NOISE, "max_position_std_m": PUBLISHED_MAX_POSITION_STD_M}
+    )
     return CampaignConfig(
         name=name, scene="measured", mapping=MappingConfig(noise=PUBLISHED_NOISE), slam=slam
     )

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.stats import chi2
 
-from estimation.slam.association import associate
+from estimation.slam.association import associate, in_use, reassign
 from estimation.slam.config import TrajectoryConfig
 from estimation.slam.refine import bounce_terms
 from estimation.slam.residuals import Association, Observations, PathKind, TrajectoryState, corrected
@@ -62,14 +62,28 @@ def _confirm(
 def _settle(
     seen: Observations, is_los: BoolArray, now: TrajectoryState, config: TrajectoryConfig
 ) -> tuple[TrajectoryState, Association]:
-    """Alternate association and least squares until every path keeps its explanation."""
+    """Alternate association and least squares until every path keeps its explanation.
+
+    Landmarks are found anew until they stay; then paths are taken in and left out at the landmarks solved for,
+    which know their places better than the clusters they come from.
+    """
     # An association that will change need not be solved to the end.
     rough = config.model_copy(update={"max_iterations": min(_ROUGH_ITERATIONS, config.max_iterations)})
-    link, now = associate(seen, now, is_los, config)
+    link, now, spans = associate(seen, now, is_los, config)
     for _ in range(config.rounds):
         now = optimise(seen, link, now, rough)
         before = link
-        link, now = associate(seen, now, is_los, config)
-        if np.array_equal(link.kind, before.kind) and np.array_equal(link.landmark, before.landmark):
+        link, now, spans = associate(seen, now, is_los, config)
+        if _same(link, before):
             break
-    return optimise(seen, link, now, config), link
+    for _ in range(config.rounds):
+        now = optimise(seen, link, now, rough)
+        before = link
+        link = reassign(seen, now, is_los, spans, config)
+        if _same(link, before):
+            break
+    return in_use(optimise(seen, link, now, config), link)
+
+
+def _same(link: Association, other: Association) -> bool:
+    return np.array_equal(link.kind, other.kind) and np.array_equal(link.landmark, other.landmark)

@@ -8,11 +8,11 @@ from itertools import combinations
 import numpy as np
 from scipy.stats import chi2
 
-from estimation.geometry import start_point
+from estimation import geometry
 from estimation.slam.assignment import assign
 from estimation.slam.config import TrajectoryConfig
 from estimation.slam.density import density_clusters
-from estimation.slam.mapping import point_covariance
+from estimation.slam.point_fit import point_covariance
 from estimation.slam.refine import bounce_terms
 from estimation.slam.residuals import (
     Association,
@@ -28,6 +28,8 @@ from scenes.record import BoolArray, FloatArray
 _MAX_POINT_STD_M = 0.6
 _WALL_TOLERANCE_M = 0.25
 _MAX_OBJECT_SCATTER_M = 0.4
+# How far a landmark may lie off its place before it is solved for.
+_START_STD_M = 0.05
 # The normals of a flat face agree: this share of them within so many standard deviations.
 _FLAT_QUANTILE, _FLAT_STDS = 0.8, 3.0
 
@@ -44,30 +46,67 @@ def single_bounces(
 
 def associate(
     seen: Observations, now: TrajectoryState, is_los: BoolArray, config: TrajectoryConfig
-) -> tuple[Association, TrajectoryState]:
+) -> tuple[Association, TrajectoryState, FloatArray]:
     """Explain every path at the present trajectory, and start the landmarks it shows.
 
     Single bounces are mapped and clustered; long clusters become walls, compact ones circles. A path belongs to
-    the landmark that predicts it best, if within the gate; a single bounce without one keeps an IP of its own;
-    what is left may be a double bounce between two walls.
+    the landmark that predicts it best, if within the gate, wide enough for landmarks that are still to be solved
+    for; a single bounce without one keeps an IP of its own; what is left may be a double bounce between two walls.
+    Also the stretches (wall, 2) of the walls seen.
     """
     bounce = single_bounces(seen, now, is_los, config)
-    kind = np.where(is_los, PathKind.LOS, np.where(bounce, PathKind.BOUNCE, PathKind.UNUSED))
-    link = Association(kind, np.full((len(kind), 2), -1))
+    link = _without_landmarks(is_los, bounce)
     now = replace(now, walls=np.empty((0, 2)), objects=np.empty((0, 3)))
     if not config.use_landmarks or not bounce.any():
-        return link, now
+        return link, now, np.empty((0, 2))
     path = np.flatnonzero(bounce)
     state, measured = now.state[seen.row[path]], corrected(seen, now, path)
-    point = start_point(seen.tx, state, measured)
-    covariance, _ = point_covariance(seen.tx, state, point, seen.covariance[path])
+    point = geometry.start_point(seen.tx, state, measured)
+    covariance, _ = point_covariance(geometry, seen.tx, state, point, seen.covariance[path])
     sharp = np.linalg.eigvalsh(covariance)[:, -1] < _MAX_POINT_STD_M**2
     normal = _lit_normals(seen.tx, state[sharp], point[sharp])
     variance = seen.covariance[path[sharp]]
     angle_std_rad = np.sqrt(variance[:, 1, 1] + variance[:, 2, 2] + 2 * variance[:, 1, 2]) / 2
     walls, objects, spans = find_landmarks(point[sharp], normal, angle_std_rad, config)
     now = replace(now, walls=walls, objects=objects)
-    return assign(seen, now, link, spans, config), now
+    rough = np.hypot([config.wall_roughness_m, config.object_roughness_m], _START_STD_M)
+    loose = config.model_copy(update={"wall_roughness_m": rough[0], "object_roughness_m": rough[1]})
+    return assign(seen, now, link, spans, loose), now, spans
+
+
+def reassign(
+    seen: Observations,
+    now: TrajectoryState,
+    is_los: BoolArray,
+    spans: FloatArray,
+    config: TrajectoryConfig,
+) -> Association:
+    """Explain every path at the present trajectory and landmarks, whose walls were seen on `spans` (wall, 2)."""
+    link = _without_landmarks(is_los, single_bounces(seen, now, is_los, config))
+    return assign(seen, now, link, spans, config) if config.use_landmarks else link
+
+
+def in_use(now: TrajectoryState, link: Association) -> tuple[TrajectoryState, Association]:
+    """The same without the landmarks that no path comes from."""
+    landmark = link.landmark.copy()
+    kept = []
+    for kinds, n in (
+        ((PathKind.WALL, PathKind.DOUBLE), len(now.walls)),
+        ((PathKind.OBJECT,), len(now.objects)),
+    ):
+        mine = np.isin(link.kind, kinds)
+        used = np.isin(np.arange(n), landmark[mine])
+        number = np.where(used, np.cumsum(used) - 1, -1)
+        landmark[mine] = np.where(landmark[mine] >= 0, number[landmark[mine]], -1) if n else landmark[mine]
+        kept.append(used)
+    return replace(now, walls=now.walls[kept[0]], objects=now.objects[kept[1]]), Association(
+        link.kind, landmark
+    )
+
+
+def _without_landmarks(is_los: BoolArray, bounce: BoolArray) -> Association:
+    kind = np.where(is_los, PathKind.LOS, np.where(bounce, PathKind.BOUNCE, PathKind.UNUSED))
+    return Association(kind, np.full((len(kind), 2), -1))
 
 
 def find_landmarks(

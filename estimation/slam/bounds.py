@@ -13,13 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimation.geometry import (
-    bounce_jacobian_point,
-    bounce_jacobian_rx,
-    los_jacobian_rx,
-)
+from estimation import geometry
 from estimation.slam.landmarks import predict_circle, predict_walls
-from estimation.slam.mapping import point_covariance
+from estimation.slam.point_fit import point_bound, state_information
 from scenes.pose import Pose
 from scenes.record import FloatArray, IntArray
 
@@ -60,19 +56,7 @@ class RoundObjects:
 
 def stop_information(tx: Pose, state: FloatArray, paths: StopPaths) -> FloatArray:
     """Fisher information (4, 4) of one receiver state (4,), the IPs marginalised."""
-    information = np.zeros((4, 4))
-    if len(paths.point_m):
-        weight = np.linalg.inv(paths.covariance)
-        by_rx = bounce_jacobian_rx(tx, state, paths.point_m)
-        by_point = bounce_jacobian_point(tx, state, paths.point_m)
-        cross = np.swapaxes(by_rx, 1, 2) @ weight @ by_point
-        own = np.swapaxes(by_point, 1, 2) @ weight @ by_point
-        lost = cross @ np.linalg.pinv(own, hermitian=True) @ np.swapaxes(cross, 1, 2)
-        information += (np.swapaxes(by_rx, 1, 2) @ weight @ by_rx - lost).sum(axis=0)
-    if paths.los_covariance is not None:
-        by_rx = los_jacobian_rx(tx, state)
-        information += by_rx.T @ np.linalg.inv(paths.los_covariance) @ by_rx
-    return information
+    return state_information(geometry, tx, state, paths.point_m, paths.covariance, paths.los_covariance)
 
 
 def state_covariance(information: FloatArray) -> FloatArray:
@@ -102,14 +86,8 @@ def stop_bound(tx: Pose, state: FloatArray, paths: StopPaths) -> tuple[StateBoun
     The IPs carry the uncertainty of the state that the same paths leave.
     """
     covariance = state_covariance(stop_information(tx, state, paths))
-    if not len(paths.point_m):
-        return state_bound(covariance), np.zeros(0)
-    rows = np.tile(state, (len(paths.point_m), 1))
-    conditional, sensitivity = point_covariance(tx, rows, paths.point_m, paths.covariance)
-    if not np.isfinite(covariance).all():
-        return state_bound(covariance), np.full(len(paths.point_m), np.inf)
-    joint = conditional + sensitivity @ covariance @ np.swapaxes(sensitivity, 1, 2)
-    return state_bound(covariance), np.sqrt(np.einsum("nii->n", joint))
+    points = point_bound(geometry, tx, state, paths.point_m, paths.covariance, covariance)
+    return state_bound(covariance), points
 
 
 def trajectory_covariance(

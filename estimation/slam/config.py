@@ -131,12 +131,19 @@ class Consider(ConfigModel):
     heading_std_deg: float = Field(0.0, ge=0)
 
     def covariance(self, from_tx_m: FloatArray) -> FloatArray:
-        """What to add (..., 4, 4) to the covariance of states [x, y, heading, bias] at offsets from the TX."""
+        """What to add (..., state, state) to the covariance of states at offsets (..., 2 or 3) from the TX.
+
+        States are [x, y, heading, bias] or [x, y, z, heading, bias].
+        """
         x, y = from_tx_m[..., 0], from_tx_m[..., 1]
-        turn = np.stack([-y, x, np.ones_like(x), np.zeros_like(x)], axis=-1)
+        survey = np.full(from_tx_m.shape[-1], self.survey_std_m)
+        level = np.zeros((*x.shape, len(survey) - 2))
+        turn = np.concatenate(
+            [np.stack([-y, x], axis=-1), level, np.ones((*x.shape, 1)), np.zeros((*x.shape, 1))], -1
+        )
         pointing = np.deg2rad(self.pointing_std_deg) ** 2 * turn[..., :, None] * turn[..., None, :]
         heading = np.deg2rad(self.heading_std_deg)
-        rest = np.diag([self.survey_std_m, self.survey_std_m, heading, 0.0]) ** 2
+        rest = np.diag([*survey, heading, 0.0]) ** 2
         return np.asarray(pointing + rest)
 
 
@@ -149,6 +156,10 @@ class SnapshotConfig(ConfigModel):
     `refine`
         Maximum-likelihood refinement of the reference solution on its inliers; the statistical method always
         refines.
+    `max_position_std_m`
+        Where the best mode leaves the position free, nearly parallel paths, as along a corridor, leave clock and
+        distance free together, and false modes abound. In simulated halls and corridors hardly a right mode, but
+        most of the gross errors, lie beyond the default; path errors stated too large widen it in proportion.
     `reach_m`
         Standard deviation of the receiver's place about the TX, before anything is measured.
     """
@@ -175,7 +186,7 @@ class SnapshotConfig(ConfigModel):
     consider: Consider = Consider()
     max_iterations: int = Field(40, ge=1)
     max_clock_bias_ns: float = Field(300.0, gt=0, description="a larger clock bias is not credible")
-    max_position_std_m: float = Field(3.0, gt=0, description="a stop known less well than this has failed")
+    max_position_std_m: float = Field(1.5, gt=0, description="a stop known less well than this has failed")
 
     @property
     def max_clock_bias_m(self) -> float:
@@ -190,7 +201,11 @@ class SnapshotConfig(ConfigModel):
 
 
 class TrajectoryConfig(ConfigModel):
-    """The smoother over all stops.
+    """All stops together, by the smoother or by the filter.
+
+    `method`
+        `smooth`: all stops at once, landmarks shared. `filter`: every stop from itself and those before it, for
+        use while the walk goes on; it takes the modes and the motion prior alone.
 
     The motion prior is a Student-t law of the second difference of the position, in m per stop squared:
     `cross_track_std_m` across the walk, `along_track_std_m` along it, so that neither the spacing of the stops
@@ -205,6 +220,7 @@ class TrajectoryConfig(ConfigModel):
         jumps of the TX heading offset.
     """
 
+    method: Literal["smooth", "filter"] = "smooth"
     use_landmarks: bool = True
     use_double_bounces: bool = True
     use_sessions: bool = True

@@ -1,62 +1,122 @@
-"""Log evidence of the modes of one stop: what ranks them, and what tells a line of sight from none."""
+"""Log evidence of the modes of one stop: what ranks them, and what tells a line of sight from none; compiled."""
 
 from __future__ import annotations
 
+import math
+from typing import NamedTuple
+
 import numpy as np
 
-from estimation.slam.config import SnapshotConfig
-from estimation.slam.problem import SnapshotProblem
-from estimation.slam.refine import Refined
+from estimation.compiled import compiled
+from estimation.slam.config import PathLoss, SnapshotConfig
 from scenes.record import FloatArray
 
 _DISTANCES = np.geomspace(0.05, 2.0, 12)  # of the reach
+_MIN_LENGTH_M = 1e-3
 
 
+class PowerLaw(NamedTuple):
+    """`estimation.slam.config.PathLoss` in the form that the compiled functions take; variances in dB^2."""
+
+    intercept_dbm: float
+    slope_db: float
+    los_std_db: float
+    loss_db: float
+    own_variance: float
+    level_variance: float
+
+
+class Prior(NamedTuple):
+    """What is known of a state and of clutter before anything is measured."""
+
+    reach_m: float
+    max_clock_m: float
+    information: FloatArray  # (4,) inverse variances
+    clutter_share: float
+    log_clutter_volume: float  # log of the volume, in m rad^2, over which clutter is spread
+
+
+def power_law(loss: PathLoss) -> PowerLaw:
+    """Constants of the powers of lines of sight and of all other paths."""
+    return PowerLaw(
+        loss.intercept_dbm,
+        loss.slope_db,
+        loss.std_db,
+        loss.reflection_loss_db,
+        loss.reflection_std_db**2,
+        loss.level_std_db**2,
+    )
+
+
+def prior_of(config: SnapshotConfig) -> Prior:
+    """The prior: Gaussian about the TX, any heading, any credible clock; clutter has any two angles."""
+    volume = (2 * math.pi) ** 2 * config.mixture.clutter_width_m
+    information = config.prior_std**-2.0
+    reach, clock = config.reach_m, config.max_clock_bias_m
+    return Prior(reach, clock, information, config.mixture.clutter_share, math.log(volume))
+
+
+@compiled
 def log_evidence(
-    problem: SnapshotProblem, los: int, refined: Refined, config: SnapshotConfig
-) -> tuple[FloatArray, FloatArray]:
-    """Laplace approximation of the log evidence (mode,), and the covariance (mode, 4, 4) it rests on.
+    range_m: FloatArray,
+    power_dbm: FloatArray,
+    los: int,
+    los_covariance: FloatArray,
+    state: FloatArray,
+    information: FloatArray,
+    log_likelihood: float,
+    law: PowerLaw,
+    prior: Prior,
+) -> tuple[float, FloatArray]:
+    """Laplace approximation of the log evidence of one mode, and the covariance (4, 4) it rests on.
 
-    The likelihood of the paths' delays and angles and of their powers, integrated over the state. `los` is the
-    index of the line of sight, -1 for none. A stop has one or has none with the same prior probability, so that
-    the modes of all of these compare. States of a clock beyond the credible get minus infinity.
+    The likelihood of the paths' delays and angles, `log_likelihood` with its information (4, 4), and of their
+    powers, integrated over the state (4,). `los` is the index of the line of sight with covariance (3, 3), -1 for
+    none. A stop has one or has none with the same prior probability, so that the modes of all of these compare.
     """
-    state = refined.state
-    information = refined.information + np.diag(config.prior_std**-2.0)
-    evidence = refined.log_likelihood - 0.5 * np.linalg.slogdet(information)[1]
-    evidence = evidence - 0.5 * np.sum((state[:, :2] / config.reach_m) ** 2, axis=1)
-    # The prior: Gaussian about the TX, any heading, any credible clock.
-    evidence = evidence - np.log(2 * config.reach_m**2 * config.max_clock_bias_m)
-    evidence = evidence + _log_power(problem, los, state, config)
+    full = information + np.diag(prior.information)
+    distance = math.hypot(state[0], state[1])
+    evidence = log_likelihood - 0.5 * np.linalg.slogdet(full)[1]
+    evidence -= 0.5 * (distance / prior.reach_m) ** 2
+    evidence -= math.log(2 * prior.reach_m**2 * prior.max_clock_m)
+    # No path is shorter than the straight line; one that seems to be is false.
+    evidence += log_power_of_others(power_dbm, np.maximum(range_m - state[3], distance), los, law)
     if los >= 0:
-        # The density of clutter: any two angles, range over its width.
-        clutter = (2 * np.pi) ** 2 * config.mixture.clutter_width_m
-        evidence = (
-            evidence - 0.5 * np.linalg.slogdet(2 * np.pi * problem.covariance[los])[1] + np.log(clutter)
-        )
-    evidence[np.abs(state[:, 3]) > config.max_clock_bias_m] = -np.inf
-    return evidence, np.asarray(np.linalg.inv(information))
+        deviation = (power_dbm[los] - _expected_dbm(distance, law)) / law.los_std_db
+        evidence -= 0.5 * deviation**2 + math.log(math.sqrt(2 * math.pi) * law.los_std_db)
+        evidence -= 0.5 * np.linalg.slogdet(2 * math.pi * los_covariance)[1]
+        evidence += prior.log_clutter_volume
+    return float(evidence), np.asarray(np.linalg.inv(full))
 
 
-def log_clutter(problem: SnapshotProblem, config: SnapshotConfig) -> float:
+@compiled
+def log_clutter(range_m: FloatArray, power_dbm: FloatArray, law: PowerLaw, prior: Prior) -> float:
     """Log evidence of all paths being clutter; the straight line has any length up to twice the reach."""
-    distance = config.reach_m * _DISTANCES[:, None]
-    length = problem.measured[:, 0] - problem.measured[:, 0].min(initial=np.inf) + distance
-    density = config.path_loss.log_density_of_others(problem.power_dbm, length)
+    first = range_m.min()
+    density = np.empty(len(_DISTANCES))
+    for k in range(len(_DISTANCES)):
+        length = range_m - first + prior.reach_m * _DISTANCES[k]
+        density[k] = log_power_of_others(power_dbm, length, -1, law)
     most = density.max()
-    share = len(problem) * np.log(config.mixture.clutter_share)
-    return float(most + np.log(np.mean(np.exp(density - most))) + share)
+    share = len(range_m) * math.log(prior.clutter_share)
+    return float(most + math.log(np.mean(np.exp(density - most))) + share)
 
 
-def _log_power(problem: SnapshotProblem, los: int, state: FloatArray, config: SnapshotConfig) -> FloatArray:
-    """Log density (mode,) of the powers of all paths at the lengths that the clock bias leaves them.
+@compiled
+def log_power_of_others(power_dbm: FloatArray, length_m: FloatArray, los: int, law: PowerLaw) -> float:
+    """Log density of the powers of all paths (path,) of lengths (path,) but the line of sight, -1 for none."""
+    n, total, square = 0, 0.0, 0.0
+    for j in range(len(power_dbm)):
+        if j != los:
+            excess = power_dbm[j] - _expected_dbm(length_m[j], law) + law.loss_db
+            n, total, square = n + 1, total + excess, square + excess * excess
+    if n == 0:
+        return 0.0
+    own, level, both = law.own_variance, total / n, law.own_variance + n * law.level_variance
+    chi2 = max(square - n * level * level, 0.0) / own + n * level * level / both
+    return float(-0.5 * (chi2 + n * math.log(2 * math.pi * own) + math.log(both / own)))
 
-    No path is shorter than the straight line; one that seems to be is false.
-    """
-    others = np.arange(len(problem)) != los
-    distance = np.hypot(state[:, 0], state[:, 1])
-    length = np.maximum(problem.measured[others, 0] - state[:, 3, None], distance[:, None])
-    density = config.path_loss.log_density_of_others(problem.power_dbm[others], length)
-    if los < 0:
-        return density
-    return density + config.path_loss.log_density(problem.power_dbm[los], distance)
+
+@compiled
+def _expected_dbm(length_m: float, law: PowerLaw) -> float:
+    return float(law.intercept_dbm + law.slope_db * math.log10(max(length_m, _MIN_LENGTH_M)))

@@ -2,53 +2,90 @@
 
 Several hypotheses are kept, each a Gaussian over the state of the last stop and its displacement. Every stop adds
 one branch per mode and one for none of them; a branch is weighed by the mode's evidence and by how well its state
-was foreseen.
+was foreseen. States are [x, y, heading, bias] in the plane and [x, y, z, heading, bias] in space, in m and rad.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from estimation.channel.record import ChannelEstimate
-from estimation.slam.config import SnapshotConfig, TrajectoryConfig
+from estimation.slam.config import MappingConfig, SnapshotConfig, TrajectoryConfig
+from estimation.slam.mapping import map_stops
 from estimation.slam.problem import Fit, snapshot_problem
-from estimation.slam.record import PoseEstimates, SolveStatus
+from estimation.slam.record import IncidencePoints, PoseEstimates
 from estimation.slam.snapshot import ranked_modes
-from scenes.pose import SPEED_OF_LIGHT_M_S, Pose, wrap_angle
+from estimation.slam.solution import (
+    SnapshotSolution,
+    collect_poses,
+    failed_solution,
+    seconds_of_metres,
+    solution_of,
+)
+from estimation.slam.spatial import ranked_spatial_modes
+from estimation.slam.spatial_mapping import map_stops_spatial
+from estimation.slam.spatial_problem import is_spatial, spatial_problem
+from scenes.pose import Pose, wrap_angle
 from scenes.record import FloatArray
 
 _NONE_COST = 12.0  # log evidence a stop loses when it is in none of its modes
 _START_STEP_M = 2.0
-# The next state from [x, y, heading, bias, dx, dy]: the last displacement again.
-_MOVE = np.eye(6) + np.eye(6, k=4)
-_MOVE[2:4, 4:] = 0.0
+_SAME_M, _SAME_RAD = 0.3, np.deg2rad(5.0)  # hypotheses of one mode
 
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """A Gaussian over [x, y, heading, bias, dx, dy], its log weight and the mode last taken."""
+    """A Gaussian over the state and the displacement [dx, dy] since the last stop; the mode last taken."""
 
-    mean: FloatArray  # (6,)
-    covariance: FloatArray  # (6, 6)
+    mean: FloatArray  # (state + 2,)
+    covariance: FloatArray  # (state + 2, state + 2)
     log_weight: float
     mode: Fit | None
 
+    @property
+    def n_state(self) -> int:
+        """Components of the state."""
+        return len(self.mean) - 2
+
 
 def run_filter(
-    estimates: Sequence[ChannelEstimate], tx_pose: Pose, snapshot: SnapshotConfig, config: TrajectoryConfig
-) -> PoseEstimates:
-    """State of every stop from that stop and those before it; NaN and FAILED until the first solved stop."""
+    estimates: Sequence[ChannelEstimate],
+    tx_pose: Pose,
+    snapshot: SnapshotConfig,
+    config: TrajectoryConfig,
+    mapping_config: MappingConfig,
+) -> tuple[PoseEstimates, IncidencePoints]:
+    """State of every stop from that stop and those before it, and the incidence points mapped from it.
+
+    FAILED until the first solved stop, and at stops in none of their modes, whose state is the one foreseen. The
+    status is that of the best hypothesis; its rivals make the gap, the alternative and the line of sight's
+    probability.
+    """
+    spatial = is_spatial(estimates, use_elevation=snapshot.use_elevation)
     ranked = snapshot.model_copy(update={"method": "statistical", "n_ranked": config.n_modes})
     hypotheses: list[Hypothesis] = []
-    best: list[Hypothesis | None] = []
+    solutions: list[SnapshotSolution] = []
     for estimate in estimates:
-        modes = ranked_modes(snapshot_problem(estimate, tx_pose, ranked.noise), ranked)
+        if spatial:
+            modes = ranked_spatial_modes(spatial_problem(estimate, tx_pose, ranked.noise), ranked)
+        else:
+            modes = ranked_modes(snapshot_problem(estimate, tx_pose, ranked.noise), ranked)
         hypotheses = advance(hypotheses, modes, config)
-        best.append(hypotheses[0] if hypotheses else None)
-    return _poses(estimates, best)
+        solutions.append(_solution(estimate, tx_pose, hypotheses, snapshot, 5 if spatial else 4))
+    poses = collect_poses(solutions)
+    points = (map_stops_spatial if spatial else map_stops)(
+        estimates,
+        poses,
+        tx_pose,
+        mapping_config,
+        is_los=[solution.is_los for solution in solutions],
+        is_inlier=[solution.is_inlier for solution in solutions],
+        state_covariance=[np.nan_to_num(solution.covariance) for solution in solutions],
+    )
+    return poses, points
 
 
 def advance(
@@ -70,32 +107,40 @@ def advance(
 
 def predicted(before: Hypothesis, config: TrajectoryConfig) -> Hypothesis:
     """One stop ahead at the last displacement, with the motion prior's scatter."""
+    n = before.n_state
+    move = np.eye(n + 2)
+    move[[0, 1], [n, n + 1]] = 1.0
     scatter = max(config.cross_track_std_m, config.along_track_std_m) ** 2
-    noise = np.diag([scatter, scatter, config.heading_step_rad**2, config.clock_step_m**2, scatter, scatter])
-    noise[[0, 1], [4, 5]] = noise[[4, 5], [0, 1]] = 0.999 * scatter
-    covariance = _MOVE @ before.covariance @ _MOVE.T + noise
-    return Hypothesis(_MOVE @ before.mean, covariance, before.log_weight, None)
+    level = [config.cross_track_std_m**2] * (n - 4)
+    noise = np.diag(
+        [scatter, scatter, *level, config.heading_step_rad**2, config.clock_step_m**2, scatter, scatter]
+    )
+    noise[[0, 1], [n, n + 1]] = noise[[n, n + 1], [0, 1]] = 0.999 * scatter
+    covariance = move @ before.covariance @ move.T + noise
+    return Hypothesis(move @ before.mean, covariance, before.log_weight, None)
 
 
 def updated(foreseen: Hypothesis, mode: Fit, log_evidence: float) -> Hypothesis:
     """Kalman update with a mode's state and covariance; its weight grows by the predictive log density."""
-    innovation = mode.state - foreseen.mean[:4]
-    innovation[2] = wrap_angle(innovation[2])
-    spread = foreseen.covariance[:4, :4] + mode.covariance
-    gain = np.linalg.solve(spread, foreseen.covariance[:4]).T
+    n = foreseen.n_state
+    innovation = mode.state - foreseen.mean[:n]
+    innovation[n - 2] = wrap_angle(innovation[n - 2])
+    spread = foreseen.covariance[:n, :n] + mode.covariance
+    gain = np.linalg.solve(spread, foreseen.covariance[:n]).T
     mean = foreseen.mean + gain @ innovation
-    covariance = foreseen.covariance - gain @ foreseen.covariance[:4]
+    covariance = foreseen.covariance - gain @ foreseen.covariance[:n]
     square = float(innovation @ np.linalg.solve(spread, innovation))
     # The evidence already integrates over a wide prior of the state; Student-t with 4 degrees of freedom.
-    density = -4.0 * np.log1p(square / 4.0) - 0.5 * float(np.linalg.slogdet(spread)[1])
+    density = -(4.0 + n) / 2 * np.log1p(square / 4.0) - 0.5 * float(np.linalg.slogdet(spread)[1])
     weight = foreseen.log_weight + log_evidence + density
     return Hypothesis(mean, (covariance + covariance.T) / 2, weight, mode)
 
 
 def _started(mode: Fit) -> Hypothesis:
-    covariance = np.zeros((6, 6))
-    covariance[:4, :4] = mode.covariance
-    covariance[4:, 4:] = np.eye(2) * _START_STEP_M**2
+    n = len(mode.state)
+    covariance = np.zeros((n + 2, n + 2))
+    covariance[:n, :n] = mode.covariance
+    covariance[n:, n:] = np.eye(2) * _START_STEP_M**2
     return Hypothesis(np.concatenate([mode.state, np.zeros(2)]), covariance, -mode.cost, mode)
 
 
@@ -106,20 +151,48 @@ def _normalised(hypotheses: list[Hypothesis], config: TrajectoryConfig) -> list[
     return [Hypothesis(h.mean, h.covariance, h.log_weight - top, h.mode) for h in kept]
 
 
-def _poses(estimates: Sequence[ChannelEstimate], best: Sequence[Hypothesis | None]) -> PoseEstimates:
-    state = np.array([np.full(4, np.nan) if h is None else h.mean[:4] for h in best]).reshape(-1, 4)
-    status, inliers = [], []
-    for h in best:
-        mode = None if h is None else h.mode
-        solved = SolveStatus.NLOS if mode is None or not mode.is_los.any() else SolveStatus.LOS
-        status.append(SolveStatus.FAILED if mode is None else solved)
-        inliers.append(0 if mode is None else int(np.count_nonzero(mode.is_inlier)))
-    return PoseEstimates(
-        stop=np.array([estimate.stop for estimate in estimates], dtype=int),
-        position_m=state[:, :2],
-        heading_rad=wrap_angle(state[:, 2]),
-        clock_bias_s=state[:, 3] / SPEED_OF_LIGHT_M_S,
-        status=np.array(status, dtype=int),
-        n_inliers=np.array(inliers, dtype=int),
-        cost=np.array([np.nan if h is None else -h.log_weight for h in best]),
+def _solution(
+    estimate: ChannelEstimate,
+    tx_pose: Pose,
+    hypotheses: Sequence[Hypothesis],
+    config: SnapshotConfig,
+    n_state: int,
+) -> SnapshotSolution:
+    """The best hypothesis as the solution of a stop, the best of each other place as its further modes."""
+    if not hypotheses:
+        return failed_solution(estimate, n_state)
+    if hypotheses[0].mode is None:
+        return _carried(estimate, tx_pose, hypotheses[0], config)
+    fits: list[Fit] = []
+    for h in hypotheses:
+        if h.mode is None:
+            continue
+        state = h.mean[:n_state].copy()
+        state[n_state - 2] = wrap_angle(state[n_state - 2])
+        if all(_differ(state, fit.state) for fit in fits):
+            fits.append(
+                Fit(state, h.mode.is_inlier, h.mode.is_los, -h.log_weight, h.covariance[:n_state, :n_state])
+            )
+    return solution_of(estimate, tx_pose, fits, config)
+
+
+def _carried(
+    estimate: ChannelEstimate, tx_pose: Pose, best: Hypothesis, config: SnapshotConfig
+) -> SnapshotSolution:
+    """The foreseen state of a stop in none of its modes, with status FAILED."""
+    n = best.n_state
+    scale, offset = seconds_of_metres(n), best.mean[: n - 2] - tx_pose.position_m[: n - 2]
+    covariance = best.covariance[:n, :n] + config.consider.covariance(offset)
+    state = best.mean[:n] * scale
+    return replace(
+        failed_solution(estimate, n),
+        position_m=state[: n - 2],
+        heading_rad=float(wrap_angle(state[n - 2])),
+        clock_bias_s=state[n - 1],
+        covariance=covariance * np.outer(scale, scale),
     )
+
+
+def _differ(a: FloatArray, b: FloatArray) -> bool:
+    turn = abs(wrap_angle(a[-2] - b[-2]))
+    return bool(np.linalg.norm(a[:-2] - b[:-2]) > _SAME_M or turn > _SAME_RAD)

@@ -28,19 +28,16 @@ def four_bounce_states(paths: PathTable, candidates: IntArray) -> FloatArray:
     heading alpha it is exactly A + C cos alpha + S sin alpha; A, C, S follow from three samples.
     """
     n = len(candidates)
-    sampled = np.empty((3, n, 4))
-    for h in range(3):
-        for i in range(n):
-            _row(paths, candidates[i], math.sin(math.pi / 3 * h), math.cos(math.pi / 3 * h), sampled[h, i])
+    minors = _pair_minors(paths, candidates)
     states = np.empty((n * (n - 1) * (n - 2) * (n - 3) // 12, 4))
     found = 0
     for a in range(n):
         for b in range(a + 1, n):
             for c in range(b + 1, n):
                 for d in range(c + 1, n):
-                    d0 = _determinant(sampled[0], a, b, c, d)
-                    d1 = _determinant(sampled[1], a, b, c, d)
-                    d2 = _determinant(sampled[2], a, b, c, d)
+                    d0 = _determinant(minors[0], a, b, c, d)
+                    d1 = _determinant(minors[1], a, b, c, d)
+                    d2 = _determinant(minors[2], a, b, c, d)
                     mean, cosine, sine = (
                         (d0 + d1 + d2) / 3,
                         (2 * d0 - d1 - d2) / 3,
@@ -119,16 +116,33 @@ def _row(paths: PathTable, j: int, sine: float, cosine: float, row: FloatArray) 
 
 
 @compiled
-def _determinant(rows: FloatArray, a: int, b: int, c: int, d: int) -> float:
-    """Determinant of four of the rows (path, 4), by the minors of its two halves."""
-    p, q, r, s = rows[a], rows[b], rows[c], rows[d]
+def _pair_minors(paths: PathTable, candidates: IntArray) -> FloatArray:
+    """Minors (3, n, n, 2) of every two candidates' rows at the headings 0, 120 and 240 deg.
+
+    Of the first two columns and of the last two.
+    """
+    n = len(candidates)
+    rows, minors = np.empty((n, 4)), np.empty((3, n, n, 2))
+    for h in range(3):
+        for i in range(n):
+            _row(paths, candidates[i], math.sin(math.pi / 3 * h), math.cos(math.pi / 3 * h), rows[i])
+        for i in range(n):
+            for j in range(i + 1, n):
+                minors[h, i, j, 0] = rows[i, 0] * rows[j, 1] - rows[j, 0] * rows[i, 1]
+                minors[h, i, j, 1] = rows[i, 2] * rows[j, 3] - rows[j, 2] * rows[i, 3]
+    return minors
+
+
+@compiled
+def _determinant(minors: FloatArray, a: int, b: int, c: int, d: int) -> float:
+    """Determinant of four rows by the minors (row, row, 2) of their two halves (Laplace expansion)."""
     return float(
-        (p[0] * q[1] - q[0] * p[1]) * (r[2] * s[3] - s[2] * r[3])
-        - (p[0] * r[1] - r[0] * p[1]) * (q[2] * s[3] - s[2] * q[3])
-        + (p[0] * s[1] - s[0] * p[1]) * (q[2] * r[3] - r[2] * q[3])
-        + (q[0] * r[1] - r[0] * q[1]) * (p[2] * s[3] - s[2] * p[3])
-        - (q[0] * s[1] - s[0] * q[1]) * (p[2] * r[3] - r[2] * p[3])
-        + (r[0] * s[1] - s[0] * r[1]) * (p[2] * q[3] - q[2] * p[3])
+        minors[a, b, 0] * minors[c, d, 1]
+        - minors[a, c, 0] * minors[b, d, 1]
+        + minors[a, d, 0] * minors[b, c, 1]
+        + minors[b, c, 0] * minors[a, d, 1]
+        - minors[b, d, 0] * minors[a, c, 1]
+        + minors[c, d, 0] * minors[a, b, 1]
     )
 
 

@@ -29,7 +29,7 @@ EARLY_SHARE = 0.05
 # Beyond 20 standard deviations nothing is a single bounce, beyond 6 none off two walls.
 FAR_SINGLE, FAR_DOUBLE = 400.0, 36.0
 _STEP_LIMIT = (2.0, 2.0, 0.3, 4.0)  # of one iteration, in m, m, rad, m
-_SETTLED = 1e-8  # of these limits
+_SETTLED = 1e-6  # of these limits; Newton steps square what is left
 
 # Columns of the work array: one row per path.
 _VALUE, _SPREAD, _PEAK, _TILT, _TILT_PEAK, _CLUTTER, _JACOBIAN, _CURVATURE = 0, 1, 2, 3, 4, 5, 6, 10

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -46,6 +47,43 @@ def choose_modes(modes: Sequence[Sequence[Fit]], config: TrajectoryConfig) -> In
         score.append(own + reached)
         back.append(pointer)
     return _trace_back(score, back, modes)
+
+
+@dataclass(frozen=True)
+class Rivals:
+    """How well each stop's chosen mode stands against its others, its neighbours in their chosen modes."""
+
+    gap: FloatArray  # (stop,) log odds over the best other mode; NaN where there is none
+    state: FloatArray  # (stop, 4) that mode's state
+    los_probability: FloatArray  # (stop,) of all modes with a line of sight; NaN where no mode is chosen
+    square_m2: FloatArray  # (stop,) mean square distance from the mode chosen, by the modes' probabilities
+
+
+def rival_modes(modes: Sequence[Sequence[Fit]], chosen: IntArray, config: TrajectoryConfig) -> Rivals:
+    """Weigh every mode of a stop by its evidence and the moves from and to its neighbours."""
+    spacing = config.spacing_m or typical_spacing(modes)
+    gap, los, square = np.full(len(modes), np.nan), np.full(len(modes), np.nan), np.zeros(len(modes))
+    state = np.full((len(modes), 4), np.nan)
+    solved = np.flatnonzero(chosen >= 0).tolist()
+    for at, k in enumerate(solved):
+        fits, own = modes[k], chosen[k]
+        score = np.array([-fit.cost for fit in fits])
+        if at > 0:
+            j = solved[at - 1]
+            score -= transition_cost([modes[j][chosen[j]]], fits, (k - j) * spacing, config)[0]
+        if at + 1 < len(solved):
+            j = solved[at + 1]
+            score -= transition_cost(fits, [modes[j][chosen[j]]], (j - k) * spacing, config)[:, 0]
+        probability = np.exp(score - score.max())
+        probability /= probability.sum()
+        place = np.array([fit.state[:2] for fit in fits])
+        los[k] = probability[[bool(fit.is_los.any()) for fit in fits]].sum()
+        square[k] = probability @ np.sum((place - place[own]) ** 2, axis=1)
+        others = np.delete(np.arange(len(fits)), own)
+        if len(others):
+            best = others[np.argmax(score[others])]
+            gap[k], state[k] = score[own] - score[best], fits[best].state
+    return Rivals(gap, state, los, square)
 
 
 def transition_cost(

@@ -9,7 +9,7 @@ import numpy as np
 
 from estimation.channel.record import ChannelEstimate
 from estimation.geometry import measurements
-from estimation.slam.config import PathNoise
+from estimation.slam.config import PathNoise, SnapshotConfig
 from scenes.pose import Pose
 from scenes.record import BoolArray, FloatArray, IntArray
 
@@ -59,6 +59,12 @@ class Fit:
     is_los: BoolArray  # (path,)
     cost: float
     covariance: FloatArray  # (4, 4)
+
+
+def certain(fits: list[Fit], config: SnapshotConfig) -> list[Fit]:
+    """The ranked modes; none where the best one leaves the position free, up to `max_position_std_m`."""
+    free = bool(fits) and np.trace(fits[0].covariance[:2, :2]) > config.max_position_std_m**2
+    return [] if free else fits
 
 
 def snapshot_problem(estimate: ChannelEstimate, tx: Pose, noise: PathNoise) -> SnapshotProblem:

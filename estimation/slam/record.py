@@ -10,6 +10,8 @@ import numpy as np
 
 from scenes.record import BoolArray, FloatArray, IntArray, Record, array
 
+N_STATE = 4  # x, y, heading, clock bias
+
 
 class SolveStatus(IntEnum):
     """How a stop was solved. Non-convergence is a status, not an exception."""
@@ -25,7 +27,7 @@ def _optional(*axes: str, **about: Any) -> Any:
     return field(default=None, metadata=array(*axes, **about).metadata)
 
 
-def _fill(record: Record, **values: FloatArray) -> None:
+def _fill(record: Record, **values: FloatArray | BoolArray) -> None:
     """Give fields that were left out their values."""
     for name, value in values.items():
         if getattr(record, name) is None:
@@ -58,7 +60,11 @@ class IncidencePoints(Record):
 
 @dataclass(frozen=True)
 class PoseEstimates(Record):
-    """Receiver state per stop. NaN where the status is FAILED."""
+    """Receiver state per stop. NaN where the status is FAILED.
+
+    A state is [x, y, heading, clock bias] in (m, m, rad, s); `covariance` is of the errors, estimate minus truth
+    in these units, the heading wrapped. It holds for the mode chosen; `position_std_m` spans all modes.
+    """
 
     stop: IntArray = array("stop", dtype=int, doc="index of the receiver stop")
     position_m: FloatArray = array("stop", "xy", unit="m", doc="receiver position")
@@ -69,8 +75,48 @@ class PoseEstimates(Record):
     cost: FloatArray = array("stop", doc="cost of the chosen hypothesis")
     height_m: FloatArray = _optional("stop", unit="m", doc="receiver height; NaN in the plane")
     height_std_m: FloatArray = _optional("stop", unit="m", doc="its standard deviation; NaN in the plane")
+    covariance: FloatArray = _optional(
+        "stop",
+        "state",
+        "state2",
+        doc="of the state, consider-parameters included; NaN where none was estimated",
+    )
+    height_covariance: FloatArray = _optional(
+        "stop",
+        "state",
+        doc="covariance of the height with the state in (m^2, m^2, m rad, m s); NaN in the plane",
+    )
+    position_std_m: FloatArray = _optional(
+        "stop",
+        unit="m",
+        doc="standard deviation of the plan position over all modes by their probability; NaN where unknown",
+    )
+    is_ambiguous: BoolArray = _optional(
+        "stop", dtype=bool, doc="two modes are near-equal: the gap is below `ambiguous_gap` of the settings"
+    )
+    evidence_gap: FloatArray = _optional(
+        "stop", doc="log evidence of the mode chosen over the next distinct one; NaN where there is none"
+    )
+    alternative: FloatArray = _optional(
+        "stop", "state", doc="state of the next distinct mode; NaN where there is none"
+    )
+    los_probability: FloatArray = _optional(
+        "stop", doc="posterior probability that one of the paths is a line of sight; NaN where unknown"
+    )
 
     def __post_init__(self) -> None:
-        unknown = np.full(len(self.stop), np.nan)
-        _fill(self, height_m=unknown, height_std_m=unknown)
+        n = len(self.stop)
+        unknown = np.full(n, np.nan)
+        _fill(
+            self,
+            height_m=unknown,
+            height_std_m=unknown,
+            covariance=np.full((n, N_STATE, N_STATE), np.nan),
+            height_covariance=np.full((n, N_STATE), np.nan),
+            position_std_m=unknown,
+            is_ambiguous=np.zeros(n, bool),
+            evidence_gap=unknown,
+            alternative=np.full((n, N_STATE), np.nan),
+            los_probability=unknown,
+        )
         super().__post_init__()

@@ -6,7 +6,6 @@ mixture of single bounces and clutter, the best refined by re-weighted least squ
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
@@ -14,8 +13,10 @@ from scipy.special import expit
 from scipy.stats import chi2
 
 from estimation.channel.record import ChannelEstimate
-from estimation.slam.config import Consider, SnapshotConfig
-from estimation.slam.record import SolveStatus
+from estimation.geometry_spatial import N_STATE
+from estimation.slam.config import SnapshotConfig
+from estimation.slam.problem import Fit, certain
+from estimation.slam.solution import SnapshotSolution, failed_solution, solution_of
 from estimation.slam.spatial_hypotheses import bounce_states, los_states
 from estimation.slam.spatial_problem import (
     BounceFit,
@@ -26,8 +27,8 @@ from estimation.slam.spatial_problem import (
     spatial_problem,
 )
 from estimation.slam.student import efficiency
-from scenes.pose import SPEED_OF_LIGHT_M_S, Pose, wrap_angle
-from scenes.record import BoolArray, FloatArray, IntArray, Record, array
+from scenes.pose import Pose, wrap_angle
+from scenes.record import BoolArray, FloatArray, IntArray
 
 # Two states this close in position (m) and heading (rad) are one mode.
 _MODE_DISTANCE_M = 0.3
@@ -35,56 +36,26 @@ _MODE_HEADING_RAD = np.deg2rad(5.0)
 _MIN_BOUNCES = 4
 _Evaluated = tuple[BounceFit, FloatArray, FloatArray, FloatArray]
 Array = TypeVar("Array", FloatArray, BoolArray)
-_TO_SECONDS = np.array([1.0, 1.0, 1.0, 1.0, 1 / SPEED_OF_LIGHT_M_S])
 
 
-@dataclass(frozen=True)
-class SpatialSolution(Record):
-    """RX state of one stop in space; NaN where the status is FAILED."""
-
-    stop: int = array(dtype=int, doc="index of the receiver stop")
-    status: int = array(dtype=int, doc="SolveStatus")
-    position_m: FloatArray = array("xyz", unit="m", doc="receiver position")
-    heading_rad: float = array(unit="rad", doc="receiver heading, world frame")
-    clock_bias_s: float = array(unit="s", doc="receiver clock bias")
-    covariance: FloatArray = array("state", "state2", doc="of [x, y, z, heading, bias] in (m, m, m, rad, s)")
-    is_inlier: BoolArray = array("path", dtype=bool, doc="paths that agree with the solution, LOS included")
-    is_los: BoolArray = array("path", dtype=bool, doc="the path taken as line of sight: at most one")
-    cost: float = array(doc="minus the log evidence")
-    evidence_gap: float = array(doc="log evidence over the next distinct mode; inf where there is none")
-    is_ambiguous: bool = array(dtype=bool, doc="the gap is below `ambiguous_gap`")
-
-
-@dataclass(frozen=True)
-class _Modes:
-    """Refined states of one stop with or without a line of sight."""
-
-    state: FloatArray  # (mode, 5)
-    covariance: FloatArray  # (mode, 5, 5)
-    log_evidence: FloatArray  # (mode,)
-    is_inlier: BoolArray  # (mode, path)
-    los: int
-
-
-def solve_spatial(estimate: ChannelEstimate, tx_pose: Pose, config: SnapshotConfig) -> SpatialSolution:
+def solve_spatial(estimate: ChannelEstimate, tx_pose: Pose, config: SnapshotConfig) -> SnapshotSolution:
     """Solve one stop whose paths have elevations: with the first path as line of sight, and without one.
 
     The line of sight has to have a credible power. Status FAILED where nothing feasible gathers enough paths.
     """
-    problem = spatial_problem(estimate, tx_pose, config.noise)
-    found = [
-        modes for modes in (_with_los(problem, config), _without_los(problem, config)) if modes is not None
-    ]
-    ranked = [(modes.log_evidence[k], modes, k) for modes in found for k in range(len(modes.state))]
-    ranked = [one for one in ranked if np.isfinite(one[0])]
-    if not ranked:
-        return _failed(estimate)
-    ranked.sort(key=lambda one: -one[0])
-    states = np.array([modes.state[k] for _, modes, k in ranked])
-    kept = distinct(states, np.array([one[0] for one in ranked]), 2)
-    gap = float(ranked[kept[0]][0] - ranked[kept[1]][0]) if len(kept) > 1 else np.inf
-    _, modes, k = ranked[kept[0]]
-    return _solution(estimate, tx_pose, modes, k, gap, config)
+    fits = ranked_spatial_modes(spatial_problem(estimate, tx_pose, config.noise), config)
+    return solution_of(estimate, tx_pose, fits, config) if fits else failed_solution(estimate, N_STATE)
+
+
+def ranked_spatial_modes(problem: SpatialProblem, config: SnapshotConfig) -> list[Fit]:
+    """Distinct modes of one stop, best first, their states [x, y, z, heading, bias] in m, m, m, rad, m.
+
+    None where the best one leaves the plan position free.
+    """
+    fits = _with_los(problem, config) + _without_los(problem, config)
+    state = np.array([fit.state for fit in fits]).reshape(-1, N_STATE)
+    kept = distinct(state, np.array([-fit.cost for fit in fits]), config.n_ranked)
+    return certain([fits[k] for k in kept], config)
 
 
 def refine_spatial(
@@ -137,32 +108,22 @@ def distinct(state: FloatArray, score: FloatArray, n: int) -> IntArray:
     return np.array(chosen, dtype=np.int64)
 
 
-def consider_covariance(consider: Consider, from_tx_m: FloatArray) -> FloatArray:
-    """What set-up errors add (5, 5) to the covariance of a state at an offset (3,) from the TX."""
-    plane = consider.covariance(from_tx_m[:2])
-    total = np.zeros((5, 5))
-    at = np.array([0, 1, 3, 4])
-    total[np.ix_(at, at)] = plane
-    total[2, 2] = consider.survey_std_m**2
-    return total
-
-
-def _with_los(problem: SpatialProblem, config: SnapshotConfig) -> _Modes | None:
+def _with_los(problem: SpatialProblem, config: SnapshotConfig) -> list[Fit]:
     if len(problem) < config.min_los_inliers:
-        return None
+        return []
     return _modes(problem, los_states(problem, _strongest(problem, config)), problem.direct, config)
 
 
-def _without_los(problem: SpatialProblem, config: SnapshotConfig) -> _Modes | None:
+def _without_los(problem: SpatialProblem, config: SnapshotConfig) -> list[Fit]:
     if len(problem) < _MIN_BOUNCES:
-        return None
+        return []
     return _modes(problem, bounce_states(problem, _strongest(problem, config)), -1, config)
 
 
-def _modes(problem: SpatialProblem, state: FloatArray, los: int, config: SnapshotConfig) -> _Modes | None:
-    """Distinct refined modes of the best hypotheses, with their evidence."""
+def _modes(problem: SpatialProblem, state: FloatArray, los: int, config: SnapshotConfig) -> list[Fit]:
+    """Distinct refined modes of the best hypotheses, with minus their log evidence as cost."""
     if not len(state):
-        return None
+        return []
     others = np.arange(len(problem)) != los
     score = _evaluate(problem, state, los, others, config)[1]
     start = state[distinct(state, score, config.n_modes)]
@@ -183,8 +144,12 @@ def _modes(problem: SpatialProblem, state: FloatArray, los: int, config: Snapsho
         reach = np.linalg.norm(state[:, :3] - problem.tx.position_m, axis=1)
         level = [config.path_loss.is_credible(float(problem.power_dbm[los]), float(r)) for r in reach]
         credible = credible & np.array(level)
-    evidence = np.where(enough & credible, evidence, -np.inf)
-    return _Modes(state, np.asarray(np.linalg.inv(full)), evidence, inlier, los)
+    covariances, is_los = np.linalg.inv(full), np.arange(len(problem)) == los
+    state[:, 3] = wrap_angle(state[:, 3])
+    return [
+        Fit(state[k], inlier[k], is_los, float(-evidence[k]), covariances[k])
+        for k in np.flatnonzero(enough & credible & np.isfinite(evidence))
+    ]
 
 
 def _chosen(better: BoolArray, trial: _Evaluated, before: _Evaluated) -> _Evaluated:
@@ -245,41 +210,3 @@ def _prior(config: SnapshotConfig) -> FloatArray:
 def _strongest(problem: SpatialProblem, config: SnapshotConfig) -> IntArray:
     order = np.argsort(-problem.power_dbm, kind="stable")[: config.max_hypothesis_paths]
     return np.sort(order)
-
-
-def _solution(
-    estimate: ChannelEstimate, tx_pose: Pose, modes: _Modes, k: int, gap: float, config: SnapshotConfig
-) -> SpatialSolution:
-    state = modes.state[k]
-    considered = consider_covariance(config.consider, state[:3] - tx_pose.position_m)
-    covariance = (modes.covariance[k] + considered) * np.outer(_TO_SECONDS, _TO_SECONDS)
-    return SpatialSolution(
-        stop=estimate.stop,
-        status=SolveStatus.LOS if modes.los >= 0 else SolveStatus.NLOS,
-        position_m=state[:3],
-        heading_rad=float(wrap_angle(state[3])),
-        clock_bias_s=state[4] / SPEED_OF_LIGHT_M_S,
-        covariance=covariance,
-        is_inlier=modes.is_inlier[k],
-        is_los=np.arange(len(estimate)) == modes.los,
-        cost=float(-modes.log_evidence[k]),
-        evidence_gap=gap,
-        is_ambiguous=gap < config.ambiguous_gap,
-    )
-
-
-def _failed(estimate: ChannelEstimate) -> SpatialSolution:
-    nobody = np.zeros(len(estimate), bool)
-    return SpatialSolution(
-        stop=estimate.stop,
-        status=SolveStatus.FAILED,
-        position_m=np.full(3, np.nan),
-        heading_rad=np.nan,
-        clock_bias_s=np.nan,
-        covariance=np.full((5, 5), np.nan),
-        is_inlier=nobody,
-        is_los=nobody,
-        cost=np.nan,
-        evidence_gap=np.inf,
-        is_ambiguous=False,
-    )

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimation.geometry_spatial import bounce_jacobian_point, bounce_jacobian_rx, los_jacobian_rx
+from estimation import geometry_spatial
 from estimation.slam.bounds import state_covariance
-from estimation.slam.spatial_mapping import spatial_point_covariance
+from estimation.slam.point_fit import point_bound, state_information
 from scenes.pose import Pose
 from scenes.record import FloatArray
 
@@ -40,19 +40,8 @@ class SpatialPaths:
 
 def spatial_information(tx: Pose, state: FloatArray, paths: SpatialPaths) -> FloatArray:
     """Fisher information (5, 5) of one receiver state (5,), the IPs marginalised."""
-    information = np.zeros((5, 5))
-    if len(paths.point_m):
-        weight = np.linalg.inv(paths.covariance)
-        by_rx = bounce_jacobian_rx(tx, state, paths.point_m)
-        by_point = bounce_jacobian_point(tx, state, paths.point_m)
-        cross = np.swapaxes(by_rx, 1, 2) @ weight @ by_point
-        own = np.swapaxes(by_point, 1, 2) @ weight @ by_point
-        lost = cross @ np.linalg.pinv(own, hermitian=True) @ np.swapaxes(cross, 1, 2)
-        information += (np.swapaxes(by_rx, 1, 2) @ weight @ by_rx - lost).sum(axis=0)
-    if paths.los_covariance is not None:
-        by_rx = los_jacobian_rx(tx, state)
-        information += by_rx.T @ np.linalg.inv(paths.los_covariance) @ by_rx
-    return information
+    covariance, los_covariance = paths.covariance, paths.los_covariance
+    return state_information(geometry_spatial, tx, state, paths.point_m, covariance, los_covariance)
 
 
 def spatial_bound(tx: Pose, state: FloatArray, paths: SpatialPaths) -> tuple[SpatialBound, FloatArray]:
@@ -66,11 +55,4 @@ def spatial_bound(tx: Pose, state: FloatArray, paths: SpatialPaths) -> tuple[Spa
         heading_rad=float(np.sqrt(variance[3])),
         clock_m=float(np.sqrt(variance[4])),
     )
-    if not len(paths.point_m):
-        return bound, np.zeros(0)
-    if not np.isfinite(covariance).all():
-        return bound, np.full(len(paths.point_m), np.inf)
-    rows = np.tile(state, (len(paths.point_m), 1))
-    conditional, sensitivity = spatial_point_covariance(tx, rows, paths.point_m, paths.covariance)
-    joint = conditional + sensitivity @ covariance @ np.swapaxes(sensitivity, 1, 2)
-    return bound, np.sqrt(np.einsum("nii->n", joint))
+    return bound, point_bound(geometry_spatial, tx, state, paths.point_m, paths.covariance, covariance)

@@ -7,6 +7,7 @@ m, m, m, rad, m.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -66,6 +67,11 @@ def has_elevations(estimate: ChannelEstimate) -> bool:
     """Whether any path of a stop has an elevation."""
     known = np.isfinite(estimate.aod_elevation_rad) | np.isfinite(estimate.aoa_elevation_rad)
     return bool(known.any())
+
+
+def is_spatial(estimates: Sequence[ChannelEstimate], *, use_elevation: bool) -> bool:
+    """Whether a campaign is solved in space: elevations were estimated somewhere, and are wanted."""
+    return use_elevation and any(has_elevations(estimate) for estimate in estimates)
 
 
 def spatial_problem(estimate: ChannelEstimate, tx: Pose, noise: PathNoise) -> SpatialProblem:

@@ -16,13 +16,14 @@ from estimation.channel.record import ChannelEstimate
 from estimation.slam.alternation import smooth
 from estimation.slam.config import MappingConfig, SnapshotConfig, TrajectoryConfig
 from estimation.slam.mapping import map_stops
-from estimation.slam.modes import choose_modes
+from estimation.slam.modes import Rivals, choose_modes, rival_modes
 from estimation.slam.motion import course_of
 from estimation.slam.problem import Fit, SnapshotProblem, snapshot_problem
 from estimation.slam.record import IncidencePoints, PoseEstimates, SolveStatus
 from estimation.slam.residuals import Association, Observations, PathKind, TrajectoryState
 from estimation.slam.smoother import robust_cost, solution_covariance
 from estimation.slam.snapshot import ranked_modes
+from estimation.slam.solution import seconds_of_metres
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose, wrap_angle
 from scenes.record import BoolArray, FloatArray, IntArray, Record, array
 
@@ -35,12 +36,6 @@ class TrajectoryDetails(Record):
     `anchor` session: an error that all sessions share turns everything about the TX and cannot be seen.
     """
 
-    covariance: FloatArray = array(
-        "stop",
-        "state",
-        "state2",
-        doc="of [x, y, heading, bias] in (m, m, rad, s), consider-parameters included",
-    )
     mode: IntArray = array("stop", dtype=int, doc="rank of the mode chosen; -1 where the stop is in none")
     session: IntArray = array("stop", dtype=int, doc="session of every stop")
     tx_offset_rad: FloatArray = array("session", unit="rad", doc="offset of the TX heading in every session")
@@ -78,7 +73,10 @@ def run_trajectory(
     now, link = smooth(seen, is_los, initial_state(modes, chosen), config)
     covariance, shared_covariance = solution_covariance(seen, link, now, config)
     poses = _poses(estimates, now, link, seen, chosen, is_los, robust_cost(seen, link, now, config))
-    details = _details(now, link, seen, chosen, covariance, shared_covariance, snapshot)
+    from_tx = now.state[:, :2] - tx_pose.position_m[:2]
+    covariance = covariance + snapshot.consider.covariance(from_tx)
+    poses = _weighed(poses, covariance, rival_modes(modes, chosen, config), snapshot)
+    details = _details(now, link, seen, chosen, shared_covariance)
     points = _incidence_points(estimates, poses, details, link, is_los, seen, tx_pose, mapping_config)
     return poses, points, details
 
@@ -152,23 +150,33 @@ def _poses(
     )
 
 
+def _weighed(
+    poses: PoseEstimates, covariance: FloatArray, rivals: Rivals, snapshot: SnapshotConfig
+) -> PoseEstimates:
+    """Poses with their covariances (stop, 4, 4) in (m, m, rad, m) and how the modes chosen stand."""
+    scale = seconds_of_metres(4)
+    return replace(
+        poses,
+        covariance=covariance * np.outer(scale, scale),
+        evidence_gap=rivals.gap,
+        is_ambiguous=rivals.gap < snapshot.ambiguous_gap,
+        alternative=rivals.state * scale,
+        los_probability=rivals.los_probability,
+        position_std_m=np.sqrt(covariance[:, 0, 0] + covariance[:, 1, 1] + rivals.square_m2),
+    )
+
+
 def _details(
     now: TrajectoryState,
     link: Association,
     seen: Observations,
     chosen: IntArray,
-    state_covariance: FloatArray,
     shared: FloatArray,
-    snapshot: SnapshotConfig,
 ) -> TrajectoryDetails:
-    to_seconds = np.array([1.0, 1.0, 1.0, 1 / SPEED_OF_LIGHT_M_S])
-    from_tx = now.state[:, :2] - seen.tx.position_m[:2]
-    total = (state_covariance + snapshot.consider.covariance(from_tx)) * np.outer(to_seconds, to_seconds)
     sessions, walls = len(now.offset_rad), len(now.walls)
     offset_std = np.sqrt(np.diag(shared)[:sessions])
     offset_std[now.anchor] = 0.0
     return TrajectoryDetails(
-        covariance=total,
         mode=chosen,
         session=now.session,
         tx_offset_rad=now.offset_rad,
@@ -205,7 +213,6 @@ def _unsolved(
         is_inlier=np.empty(0, bool),
     )
     details = TrajectoryDetails(
-        covariance=np.full((n, 4, 4), np.nan),
         mode=np.full(n, -1),
         session=np.zeros(n, int),
         tx_offset_rad=np.zeros(1),
@@ -250,5 +257,5 @@ def _incidence_points(
         config,
         is_los=np.split(is_los, split),
         is_inlier=np.split(single, split),
-        state_covariance=list(details.covariance),
+        state_covariance=list(poses.covariance),
     )

@@ -14,20 +14,18 @@ from estimation.channel.record import ChannelEstimate
 from estimation.geometry import ray_directions
 from estimation.shape.config import ShapeConfig
 from estimation.shape.estimate import estimate_shapes
-from estimation.slam.config import MappingConfig, PathNoise, SnapshotConfig, TrajectoryConfig
+from estimation.slam.config import SnapshotConfig, TrajectoryConfig
 from estimation.slam.problem import SnapshotProblem, snapshot_problem
 from estimation.slam.reference import solve_reference
 from estimation.slam.snapshot import solve_snapshot
 from estimation.slam.trajectory import run_trajectory
 from estimation.validation.measurement import Measurement
+from estimation.validation.slam_common import MAPPING, NOISE, OURS
 from estimation.validation.slam_scenarios import Scenario, ScenarioConfig, draw_stop, draw_trajectory
 from scenes.record import BoolArray, FloatArray
 
 T = TypeVar("T")
-NOISE = PathNoise(floor_delay_std_ns=0.0, floor_angle_std_deg=0.0)
 REFERENCE = SnapshotConfig(noise=NOISE)
-OURS = SnapshotConfig(method="statistical", noise=NOISE)
-MAPPING = MappingConfig(noise=NOISE)
 # As in the measured stops without line of sight: nine paths, about a quarter of them no single bounce.
 STOPS = ScenarioConfig(n_paths=9, outlier_share=0.25)
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import softmax
-from scipy.stats import chi2
 
 from estimation.geometry import (
     bounce_jacobian_point,
@@ -19,31 +18,36 @@ from estimation.geometry import (
 )
 from estimation.scoring.statistics import squared_mahalanobis
 from estimation.slam.bounds import StopPaths, stop_bound
-from estimation.slam.config import MappingConfig, Mixture, PathNoise, SnapshotConfig, TrajectoryConfig
+from estimation.slam.campaign import run_slam
+from estimation.slam.config import Mixture, SnapshotConfig, TrajectoryConfig
+from estimation.slam.filter import run_filter
 from estimation.slam.landmarks import predict_circle, predict_walls
 from estimation.slam.mapping import map_stops
 from estimation.slam.record import SolveStatus
 from estimation.slam.refine import bounce_terms
-from estimation.slam.snapshot import SnapshotSolution, collect_poses, solve_snapshot
+from estimation.slam.snapshot import solve_snapshot
+from estimation.slam.solution import SnapshotSolution, collect_poses
 from estimation.slam.trajectory import run_trajectory
 from estimation.validation.measurement import Measurement
+from estimation.validation.slam_common import (
+    CLEAN,
+    GAUSSIAN,
+    MAPPING,
+    MAX_PEB_M,
+    NOISE,
+    OURS,
+    consistency_rows,
+    derivative_error,
+    solution_error,
+)
 from estimation.validation.slam_scenarios import Scenario, ScenarioConfig, draw_stop, draw_trajectory
-from scenes.pose import SPEED_OF_LIGHT_M_S, wrap_angle
 from scenes.record import BoolArray, FloatArray
 
-NOISE = PathNoise(floor_delay_std_ns=0.0, floor_angle_std_deg=0.0)  # what is drawn, and nothing else
 REFERENCE = SnapshotConfig(noise=NOISE)
-OURS = SnapshotConfig(method="statistical", noise=NOISE)
 # By default nothing is assumed of the building; the walls of the made-up halls stand at right angles.
 RIGHT_ANGLES = OURS.model_copy(update={"mixture": Mixture(double_share=0.1)})
-MAPPING = MappingConfig(noise=NOISE)
-CLEAN = ScenarioConfig()
 CLUTTERED = ScenarioConfig(outlier_share=0.5)
-# Errors so small that the model is linear within them.
-GAUSSIAN = ScenarioConfig(delay_std_ns=0.3, angle_std_deg=0.3)
-MAX_PEB_M = 0.5  # beyond it the geometry, not the solver, decides
 GROSS_M, CONFIDENT_M = 1.0, 0.5
-TO_METRES = np.array([1.0, 1.0, 1.0, SPEED_OF_LIGHT_M_S])
 
 
 @dataclass(frozen=True)
@@ -77,10 +81,7 @@ class Trial:
 def solve(scenario: Scenario, config: SnapshotConfig) -> Trial:
     """Solve a made-up stop."""
     solution = solve_snapshot(scenario.estimate, scenario.tx, config)
-    state = np.array([*solution.position_m, solution.heading_rad, SPEED_OF_LIGHT_M_S * solution.clock_bias_s])
-    error = state - scenario.state
-    error[2] = wrap_angle(error[2])
-    return Trial(scenario, solution, error, solution.covariance * np.outer(TO_METRES, TO_METRES))
+    return Trial(scenario, solution, *solution_error(solution, scenario.state))
 
 
 def check_noiseless(seed: int, quick: bool) -> list[Measurement]:
@@ -116,7 +117,11 @@ def check_efficiency(seed: int, quick: bool) -> list[Measurement]:
             Measurement(f"monte_carlo.{name}.rmse_over_peb", ratio, "1", "lower", bar, "efficient estimator")
         )
         every += trials
-    return rows + _consistency(every, quick)
+    error = np.array([trial.error for trial in every])
+    covariance = np.array([trial.covariance for trial in every])
+    points = [_point_nees(trial) for trial in every]
+    loose = (0.25, 0.25, 0.07) if quick else None
+    return rows + consistency_rows("monte_carlo", error, covariance, points, 2, loose)
 
 
 def check_outliers(seed: int, quick: bool) -> list[Measurement]:
@@ -149,19 +154,27 @@ def check_outliers(seed: int, quick: bool) -> list[Measurement]:
 
 
 def check_trajectories(seed: int, quick: bool) -> list[Measurement]:
-    """Walks with 30 % outliers and a stretch without line of sight."""
-    worst = []
+    """Walks with 30 % outliers and a stretch without line of sight: all stops together, and stop by stop."""
+    worst, square = [], np.zeros(2)
     for run in range(3 if quick else 20):
         rng = np.random.default_rng([seed, run])
         walk = draw_trajectory(rng, ScenarioConfig(n_paths=9, outlier_share=0.3), 30)
-        estimates = [scenario.estimate for scenario in walk]
-        poses, _, _ = run_trajectory(estimates, walk[0].tx, OURS, TrajectoryConfig(), MAPPING)
+        estimates, tx = [scenario.estimate for scenario in walk], walk[0].tx
         truth = np.array([scenario.state[:2] for scenario in walk])
+        poses, _, _ = run_trajectory(estimates, tx, OURS, TrajectoryConfig(), MAPPING)
         error = np.nan_to_num(np.hypot(*(poses.position_m - truth).T), nan=np.inf)
         worst.append(float(np.sqrt(np.mean(error**2))))
+        alone, _ = run_slam(estimates, tx, OURS, MAPPING)
+        filtered, _ = run_filter(estimates, tx, OURS, TrajectoryConfig(), MAPPING)
+        solved = (alone.status != SolveStatus.FAILED) & (filtered.status != SolveStatus.FAILED)
+        square += [np.sum((p.position_m - truth)[solved] ** 2) for p in (filtered, alone)]
     return [
-        Measurement("trajectory.outliers30.worst_rmse_m", max(worst), "m", "lower", 0.5, "worst of the runs")
-    ]
+        Measurement("trajectory.outliers30.worst_rmse_m", max(worst), "m", "lower", 0.5, "worst of the runs"),
+        Measurement(
+            "filter.outliers30.rmse_over_stops_alone", float(np.sqrt(square[0] / square[1])), "1", "lower", 1.0,
+            "the past helps",
+        ),
+    ]  # fmt: skip
 
 
 def check_jacobians(seed: int, quick: bool) -> list[Measurement]:
@@ -203,41 +216,17 @@ def check_jacobians(seed: int, quick: bool) -> list[Measurement]:
         ),
     }  # fmt: skip
     return [
-        Measurement(f"jacobian.{name}", _derivative_error(*case), "1", "lower", 1e-6, "central differences")
+        Measurement(
+            f"jacobian.{name}", derivative_error(*case, _unwrapped), "1", "lower", 1e-6, "central differences"
+        )
         for name, case in cases.items()
     ]
 
 
-def _derivative_error(
-    model: Callable[[FloatArray], FloatArray], at: FloatArray, derivative: FloatArray, step: float = 1e-5
-) -> float:
-    """Largest deviation of a derivative (..., n) from central differences, angles unwrapped."""
-    columns = []
-    for change in step * np.eye(len(at)):
-        ahead, behind = model(at + change), model(at - change)
-        difference = residual(ahead, behind) if ahead.shape[-1] == 3 and ahead.ndim < 3 else ahead - behind
-        columns.append(difference / (2 * step))
-    return float(np.abs(np.stack(columns, axis=-1) - derivative).max())
-
-
-def _consistency(trials: list[Trial], quick: bool) -> list[Measurement]:
-    """NEES and coverage of the states, and NEES of the incidence points of true single bounces."""
-    nees = squared_mahalanobis(
-        np.array([trial.error for trial in trials]), np.array([trial.covariance for trial in trials])
-    )
-    points = np.concatenate([_point_nees(trial) for trial in trials])
-    state, point = float(np.nanmean(nees)) / 4, float(np.nanmean(points)) / 2
-    cover = float(np.mean(nees <= chi2.ppf(0.95, 4)))
-    # A hundred trials scatter: NEES by 7 %, coverage by 2 %.
-    rows = [
-        ("nees_pose_deviation", abs(state - 1), 0.05, 0.25, f"NEES {state:.3f}"),
-        ("nees_ip_deviation", abs(point - 1), 0.05, 0.25, f"NEES {point:.3f}"),
-        ("coverage95_deviation", abs(cover - 0.95), 0.01, 0.07, f"{cover:.3f}"),
-    ]
-    return [
-        Measurement(f"monte_carlo.{key}", value, "1", "lower", loose if quick else bar, reason)
-        for key, value, bar, loose, reason in rows
-    ]
+def _unwrapped(ahead: FloatArray, behind: FloatArray) -> FloatArray:
+    """Difference of measurements with the angles unwrapped; of anything else as it is."""
+    is_measurement = ahead.shape[-1] == 3 and ahead.ndim < 3
+    return residual(ahead, behind) if is_measurement else ahead - behind
 
 
 def _point_nees(trial: Trial) -> FloatArray:

@@ -15,13 +15,21 @@ from typing import Literal
 import numpy as np
 
 from estimation.mat_store import read_measurement
-from estimation.measured import INITIAL_BIAS_M, PUBLISHED_NOISE, PUBLISHED_TX_OFFSET_DEG, MeasuredCampaign
+from estimation.measured import (
+    INITIAL_BIAS_M,
+    PUBLISHED_MAX_POSITION_STD_M,
+    PUBLISHED_NOISE,
+    PUBLISHED_TX_OFFSET_DEG,
+    MeasuredCampaign,
+)
 from estimation.shape.config import ShapeConfig
 from estimation.shape.estimate import estimate_shapes
+from estimation.slam.campaign import run_slam
 from estimation.slam.config import MappingConfig, SnapshotConfig, TrajectoryConfig
 from estimation.slam.mapping import map_stops
 from estimation.slam.record import IncidencePoints, PoseEstimates, SolveStatus
-from estimation.slam.snapshot import SnapshotSolution, collect_poses, run_slam, solve_snapshot
+from estimation.slam.snapshot import solve_snapshot
+from estimation.slam.solution import SnapshotSolution, collect_poses
 from estimation.slam.trajectory import run_trajectory
 from estimation.validation.measurement import Measurement
 from scenes.pose import SPEED_OF_LIGHT_M_S, wrap_angle
@@ -30,7 +38,9 @@ from scenes.record import BoolArray, FloatArray
 N_STOPS = 30
 FILE, PLAN = "campus_arena_30.mat", "campus_arena_floorplan.csv"
 MAPPING = MappingConfig(noise=PUBLISHED_NOISE)
-OURS = SnapshotConfig(method="statistical", noise=PUBLISHED_NOISE)
+OURS = SnapshotConfig(
+    method="statistical", noise=PUBLISHED_NOISE, max_position_std_m=PUBLISHED_MAX_POSITION_STD_M
+)
 PUBLISHED = {
     "los": (0.3115, 2.1511, 1.1390),
     "nlos": (0.5475, 2.6034, 2.5046),

@@ -170,9 +170,13 @@ def observe_stop(
 def channel_estimate(
     stop: int, measured: FloatArray, power_dbm: FloatArray, covariance: FloatArray, is_los: BoolArray
 ) -> ChannelEstimate:
-    """A channel estimate of paths (path, 3) in (m, rad, rad) that share one covariance (3, 3)."""
-    n = len(measured)
-    to_seconds = np.array([1 / SPEED_OF_LIGHT_M_S, 1.0, 1.0])
+    """A channel estimate of paths (path, m) in m and rad that share one covariance (m, m).
+
+    m is 3, or 5 with the elevations of departure and arrival.
+    """
+    n, size = measured.shape
+    to_seconds = np.array([1 / SPEED_OF_LIGHT_M_S, *(size - 1) * [1.0]])
+    elevations = dict(zip(("aod_elevation_rad", "aoa_elevation_rad"), measured.T[3:], strict=False))
     return ChannelEstimate(
         stop=stop,
         delay_s=measured[:, 0] / SPEED_OF_LIGHT_M_S,
@@ -183,6 +187,7 @@ def channel_estimate(
         snr_db=np.full(n, 20.0),
         covariance=np.tile(covariance * np.outer(to_seconds, to_seconds), (n, 1, 1)),
         is_los=is_los,
+        **elevations,
     )
 
 

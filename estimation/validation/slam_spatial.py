@@ -6,18 +6,29 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
 
 from estimation import geometry, geometry_spatial
 from estimation.scoring.statistics import squared_mahalanobis
 from estimation.slam.bounds import StopPaths, stop_bound
-from estimation.slam.config import MappingConfig, Mixture, PathNoise, SnapshotConfig, TrajectoryConfig
+from estimation.slam.config import SnapshotConfig, TrajectoryConfig
 from estimation.slam.record import SolveStatus
-from estimation.slam.spatial import SpatialSolution, solve_spatial
+from estimation.slam.solution import SnapshotSolution, collect_poses
+from estimation.slam.spatial import solve_spatial
 from estimation.slam.spatial_bounds import SpatialPaths, spatial_bound
-from estimation.slam.spatial_campaign import collect_spatial, run_spatial_trajectory
 from estimation.slam.spatial_mapping import map_stops_spatial
+from estimation.slam.spatial_trajectory import run_spatial_trajectory
 from estimation.validation.measurement import Measurement
+from estimation.validation.slam_common import (
+    CLEAN,
+    GAUSSIAN,
+    MAPPING,
+    MATCHED,
+    MAX_PEB_M,
+    OURS,
+    consistency_rows,
+    derivative_error,
+    solution_error,
+)
 from estimation.validation.slam_scenarios import ScenarioConfig
 from estimation.validation.spatial_scenarios import (
     SpatialScenario,
@@ -25,20 +36,10 @@ from estimation.validation.spatial_scenarios import (
     draw_spatial_stop,
     draw_spatial_walk,
 )
-from scenes.pose import SPEED_OF_LIGHT_M_S, Pose, wrap_angle
+from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
 from scenes.record import FloatArray
 
-NOISE = PathNoise(floor_delay_std_ns=0.0, floor_angle_std_deg=0.0)  # what is drawn, and nothing else
-OURS = SnapshotConfig(method="statistical", noise=NOISE)
-# Gaussian errors and no clutter: a heavy-tailed model gives some efficiency away.
-MATCHED = OURS.model_copy(
-    update={"mixture": Mixture(clutter_share=0.005, double_share=0.005, degrees_of_freedom=1000)}
-)
-MAPPING = MappingConfig(noise=NOISE)
-CLEAN = ScenarioConfig()
-GAUSSIAN = ScenarioConfig(delay_std_ns=0.3, angle_std_deg=0.3)
-MAX_PEB_M = 0.5  # beyond it the geometry, not the solver, decides
-_TO_METRES = np.array([1.0, 1.0, 1.0, 1.0, SPEED_OF_LIGHT_M_S])
+_TO_METRES = np.array([SPEED_OF_LIGHT_M_S, 1.0, 1.0, 1.0, 1.0])
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,7 @@ class SpatialTrial:
     """One solved stop: its error (5,) and covariance in (m, m, m, rad, m)."""
 
     scenario: SpatialScenario
-    solution: SpatialSolution
+    solution: SnapshotSolution
     error: FloatArray
     covariance: FloatArray
     peb_m: float
@@ -55,20 +56,13 @@ class SpatialTrial:
 def solve_trial(scenario: SpatialScenario, config: SnapshotConfig) -> SpatialTrial:
     """Solve a made-up stop; the bound is that of its true single bounces and line of sight."""
     solution = solve_spatial(scenario.estimate, scenario.tx, config)
-    state = np.array([*solution.position_m, solution.heading_rad, SPEED_OF_LIGHT_M_S * solution.clock_bias_s])
-    error = state - scenario.state
-    error[3] = wrap_angle(error[3])
-    covariance = scenario.estimate.covariance * np.outer(
-        *2 * [np.array([SPEED_OF_LIGHT_M_S, 1.0, 1.0, 1.0, 1.0])]
-    )
+    covariance = scenario.estimate.covariance * np.outer(_TO_METRES, _TO_METRES)
     los = covariance[scenario.is_los]
     paths = SpatialPaths(
         scenario.point_m[scenario.is_single], covariance[scenario.is_single], los[0] if len(los) else None
     )
     bound, _ = spatial_bound(scenario.tx, scenario.state, paths)
-    return SpatialTrial(
-        scenario, solution, error, solution.covariance * np.outer(_TO_METRES, _TO_METRES), bound.position_m
-    )
+    return SpatialTrial(scenario, solution, *solution_error(solution, scenario.state), bound.position_m)
 
 
 def check_space_noiseless(seed: int, quick: bool) -> list[Measurement]:
@@ -104,7 +98,12 @@ def check_space_efficiency(seed: int, quick: bool) -> list[Measurement]:
             Measurement(f"space.{name}.rmse_over_peb", ratio, "1", "lower", bar, "efficient estimator")
         )
         every += trials
-    return rows + _consistency(every, quick)
+    solved = [trial for trial in every if trial.solution.status != SolveStatus.FAILED]
+    error = np.array([trial.error for trial in solved])
+    covariance = np.array([trial.covariance for trial in solved])
+    points = [_point_nees(trial) for trial in solved]
+    loose = (0.25, 0.25, 0.08) if quick else None
+    return rows + consistency_rows("space", error, covariance, points, 3, loose)
 
 
 def check_space_trajectory(seed: int, quick: bool) -> list[Measurement]:
@@ -189,42 +188,21 @@ def check_space_jacobians(seed: int, quick: bool) -> list[Measurement]:
     }  # fmt: skip
     return [
         Measurement(
-            f"space.jacobian.{name}", _derivative_error(*case), "1", "lower", 1e-6, "central differences"
+            f"space.jacobian.{name}",
+            derivative_error(*case, _unwrapped),
+            "1",
+            "lower",
+            1e-6,
+            "central differences",
         )
         for name, case in cases.items()
     ]
 
 
-def _derivative_error(
-    model: Callable[[FloatArray], FloatArray], at: FloatArray, derivative: FloatArray, step: float = 1e-5
-) -> float:
-    columns = []
-    for change in step * np.eye(len(at)):
-        ahead, behind = model(at + change), model(at - change)
-        is_measurement = ahead.shape[-1] == geometry_spatial.N_MEASURED
-        difference = geometry_spatial.residual(ahead, behind) if is_measurement else ahead - behind
-        columns.append(difference / (2 * step))
-    return float(np.abs(np.stack(columns, axis=-1) - derivative).max())
-
-
-def _consistency(trials: list[SpatialTrial], quick: bool) -> list[Measurement]:
-    """NEES and coverage of the states, and NEES of the incidence points of true single bounces."""
-    solved = [trial for trial in trials if trial.solution.status != SolveStatus.FAILED]
-    nees = squared_mahalanobis(
-        np.array([trial.error for trial in solved]), np.array([trial.covariance for trial in solved])
-    )
-    points = np.concatenate([_point_nees(trial) for trial in solved])
-    state, point = float(np.mean(nees)) / 5, float(np.mean(points)) / 3
-    cover = float(np.mean(nees <= chi2.ppf(0.95, 5)))
-    rows = [
-        ("nees_pose_deviation", abs(state - 1), 0.05, 0.25, f"NEES {state:.3f}"),
-        ("nees_ip_deviation", abs(point - 1), 0.05, 0.25, f"NEES {point:.3f}"),
-        ("coverage95_deviation", abs(cover - 0.95), 0.01, 0.08, f"{cover:.3f}"),
-    ]
-    return [
-        Measurement(f"space.{key}", value, "1", "lower", loose if quick else bar, reason)
-        for key, value, bar, loose, reason in rows
-    ]
+def _unwrapped(ahead: FloatArray, behind: FloatArray) -> FloatArray:
+    """Difference of measurements with the angles unwrapped; of anything else as it is."""
+    is_measurement = ahead.shape[-1] == geometry_spatial.N_MEASURED
+    return geometry_spatial.residual(ahead, behind) if is_measurement else ahead - behind
 
 
 def _point_nees(trial: SpatialTrial) -> FloatArray:
@@ -232,7 +210,7 @@ def _point_nees(trial: SpatialTrial) -> FloatArray:
     solution, scenario = trial.solution, trial.scenario
     points = map_stops_spatial(
         [scenario.estimate],
-        collect_spatial([solution]),
+        collect_poses([solution]),
         scenario.tx,
         MAPPING,
         is_los=[solution.is_los],

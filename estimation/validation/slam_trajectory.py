@@ -10,10 +10,12 @@ from scipy.stats import chi2
 
 from estimation.scoring.statistics import squared_mahalanobis
 from estimation.slam.bounds import RoundObjects, StopPaths, state_bound, trajectory_covariance
-from estimation.slam.config import MappingConfig, Mixture, PathNoise, SnapshotConfig, TrajectoryConfig
+from estimation.slam.config import TrajectoryConfig
 from estimation.slam.residuals import PathKind
 from estimation.slam.trajectory import TrajectoryDetails, run_trajectory
 from estimation.validation.measurement import Measurement
+from estimation.validation.slam_common import MAPPING, NOISE, OURS
+from estimation.validation.slam_common import MATCHED as CLEAN_SNAPSHOT
 from estimation.validation.slam_scenarios import (
     Hall,
     Scenario,
@@ -25,9 +27,6 @@ from estimation.validation.slam_scenarios import (
 from scenes.pose import SPEED_OF_LIGHT_M_S, wrap_angle
 from scenes.record import BoolArray, FloatArray, IntArray
 
-NOISE = PathNoise(floor_delay_std_ns=0.0, floor_angle_std_deg=0.0)  # what is drawn, and nothing else
-MAPPING = MappingConfig(noise=NOISE)
-OURS = SnapshotConfig(method="statistical", noise=NOISE)
 N_STOPS = 24
 _SAME_M = 0.5
 _MAX_OPENING_RAD = np.deg2rad(150.0)  # between the directions from a pillar to both devices
@@ -43,9 +42,6 @@ MATCHED = TrajectoryConfig(
     object_roughness_m=0.0,
     use_double_bounces=False,
     use_sessions=False,
-)
-CLEAN_SNAPSHOT = OURS.model_copy(
-    update={"mixture": Mixture(clutter_share=0.005, double_share=0.005, degrees_of_freedom=1000)}
 )
 # Receivers put down by hand on an uneven walk, a third of the paths false: what the settings have to serve.
 REALISTIC = ScenarioConfig(n_paths=9, outlier_share=0.3, placement_std_m=0.05, spacing_std=0.3)
@@ -168,7 +164,7 @@ def matched_trial(rng: np.random.Generator) -> WalkTrial:
     bound = state_bound(trajectory_covariance(hall.tx, states, stops, BEND_M, objects))
     walls, circles = landmark_nees(details, hall)
     return WalkTrial(
-        error, details.covariance * np.outer(to_metres, to_metres), bound.position_m, walls, circles
+        error, poses.covariance * np.outer(to_metres, to_metres), bound.position_m, walls, circles
     )
 
 

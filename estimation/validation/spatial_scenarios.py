@@ -17,6 +17,7 @@ from estimation.validation.slam_scenarios import (
     Hall,
     ScenarioConfig,
     bounce_points,
+    channel_estimate,
     draw_hall,
     draw_walk,
 )
@@ -26,7 +27,6 @@ from scenes.record import BoolArray, FloatArray
 _CEILING_M = 4.0
 _TX_HEIGHT_M, _RX_HEIGHT_M = 2.6, 1.5
 _N_ROUGH = 6
-_TO_SECONDS = np.array([1 / SPEED_OF_LIGHT_M_S, 1.0, 1.0, 1.0, 1.0])
 
 
 @dataclass(frozen=True)
@@ -97,28 +97,8 @@ def observe(
     is_single = ~is_los & (np.arange(n) < n_los + n_single)
     point = np.full((n, 3), np.nan)
     point[is_single] = points
-    estimate = spatial_estimate(stop, measured[order], power[order], covariance_of(config), is_los[order])
+    estimate = channel_estimate(stop, measured[order], power[order], covariance_of(config), is_los[order])
     return SpatialScenario(tx, estimate, state, is_los[order], is_single[order], point[order])
-
-
-def spatial_estimate(
-    stop: int, measured: FloatArray, power_dbm: FloatArray, covariance: FloatArray, is_los: BoolArray
-) -> ChannelEstimate:
-    """A channel estimate of paths (path, 5) in (m, rad, ...) that share one covariance (5, 5)."""
-    n = len(measured)
-    return ChannelEstimate(
-        stop=stop,
-        delay_s=measured[:, 0] / SPEED_OF_LIGHT_M_S,
-        aod_azimuth_rad=measured[:, 1],
-        aoa_azimuth_rad=measured[:, 2],
-        power_dbm=power_dbm,
-        beam_loss_db=np.zeros(n),
-        snr_db=np.full(n, 20.0),
-        covariance=np.tile(covariance * np.outer(_TO_SECONDS, _TO_SECONDS), (n, 1, 1)),
-        is_los=is_los,
-        aod_elevation_rad=measured[:, 3],
-        aoa_elevation_rad=measured[:, 4],
-    )
 
 
 def spatial_points(rng: np.random.Generator, hall: Hall, tx: Pose, rx_m: FloatArray) -> FloatArray:

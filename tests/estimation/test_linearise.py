@@ -17,8 +17,8 @@ from estimation.slam.linearise import linearise
 from estimation.slam.motion import add_motion, course_of, motion_cost
 from estimation.slam.residuals import Association, Observations, PathKind, TrajectoryState
 from estimation.slam.smoother import normal_equations, robust_cost
-from estimation.validation import plain_residuals as plain
 from scenes.pose import Pose
+from tests.estimation import residual_oracle as plain
 
 TX = Pose(np.array([2.25, 2.5, 1.8]), -1.6)
 WALLS = np.array([[0.03, 8.0], [1.55, -9.0], [0.1, -7.5]])

@@ -12,17 +12,20 @@ import pytest
 from scipy.io import loadmat
 
 from estimation.channel.record import ChannelEstimate
+from estimation.measured import PUBLISHED_MAX_POSITION_STD_M
+from estimation.slam.campaign import run_slam
 from estimation.slam.config import MappingConfig, PathNoise, SnapshotConfig, TrajectoryConfig
 from estimation.slam.mapping import map_stops
 from estimation.slam.record import PoseEstimates, SolveStatus
 from estimation.slam.residuals import PathKind
-from estimation.slam.snapshot import run_slam, solve_snapshot
+from estimation.slam.snapshot import solve_snapshot
 from estimation.slam.trajectory import run_trajectory
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose, wrap_angle
 
 BIAS_M = 10.0
 TX_HEADING_OFFSET_RAD = np.deg2rad(-1.6)
 FIXED = PathNoise(source="fixed")
+OURS = SnapshotConfig(method="statistical", noise=FIXED, max_position_std_m=PUBLISHED_MAX_POSITION_STD_M)
 
 
 class Campaign:
@@ -95,15 +98,14 @@ def test_reference_reproduces_the_published_algorithm(campaign):
 def test_refinement_improves_every_error(campaign):
     mapping = MappingConfig(noise=FIXED)
     published, _ = run_slam(campaign.estimates, campaign.tx, SnapshotConfig(), mapping)
-    config = SnapshotConfig(refine=True, noise=FIXED)
+    config = SnapshotConfig(refine=True, noise=FIXED, max_position_std_m=PUBLISHED_MAX_POSITION_STD_M)
     refined, _ = run_slam(campaign.estimates, campaign.tx, config, mapping)
     assert np.all(rmse(errors(campaign, refined)) < rmse(errors(campaign, published)))
     assert rmse(errors(campaign, refined))[0] < 0.34
 
 
 def test_statistical_method_beats_the_reference_with_line_of_sight(campaign):
-    config = SnapshotConfig(method="statistical", noise=FIXED)
-    poses, _ = run_slam(campaign.estimates, campaign.tx, config, MappingConfig(noise=FIXED))
+    poses, _ = run_slam(campaign.estimates, campaign.tx, OURS, MappingConfig(noise=FIXED))
     assert rmse(errors(campaign, poses)[campaign.has_los])[0] < 0.25
 
 
@@ -125,8 +127,7 @@ def test_mapping_gate_agrees_with_the_single_bounce_labels(campaign):
 
 
 def test_statistical_method_flags_every_stop_that_is_far_off(campaign):
-    config = SnapshotConfig(method="statistical", noise=FIXED)
-    solutions = [solve_snapshot(estimate, campaign.tx, config) for estimate in campaign.estimates]
+    solutions = [solve_snapshot(estimate, campaign.tx, OURS) for estimate in campaign.estimates]
     position = np.array([s.position_m for s in solutions])
     error = np.hypot(*(position - campaign.rx[:, :2]).T)
     assert np.sqrt(np.mean(error**2)) < 0.35
@@ -136,9 +137,8 @@ def test_statistical_method_flags_every_stop_that_is_far_off(campaign):
 
 
 def test_trajectory_finds_the_two_sessions_and_beats_every_stop_alone(campaign):
-    config = SnapshotConfig(method="statistical", noise=FIXED)
     poses, _, details = run_trajectory(
-        campaign.estimates, campaign.tx, config, TrajectoryConfig(), MappingConfig(noise=FIXED)
+        campaign.estimates, campaign.tx, OURS, TrajectoryConfig(), MappingConfig(noise=FIXED)
     )
     error = errors(campaign, poses)[:, 0]
     assert np.sqrt(np.mean(error**2)) < 0.16

@@ -9,22 +9,23 @@ from hypothesis import strategies as st
 
 from estimation import geometry, geometry_spatial
 from estimation.slam.bounds import StopPaths, stop_bound
+from estimation.slam.campaign import run_slam
 from estimation.slam.config import MappingConfig, TrajectoryConfig
 from estimation.slam.mapping import map_stops
 from estimation.slam.record import PoseEstimates, SolveStatus
 from estimation.slam.spatial import refine_spatial, solve_spatial
 from estimation.slam.spatial_bounds import SpatialPaths, spatial_bound, spatial_information
-from estimation.slam.spatial_campaign import is_spatial, run_spatial_slam, run_spatial_trajectory
 from estimation.slam.spatial_hypotheses import bounce_states, los_states
 from estimation.slam.spatial_mapping import map_stops_spatial
-from estimation.slam.spatial_problem import SpatialProblem, spatial_covariance, spatial_problem
+from estimation.slam.spatial_problem import SpatialProblem, is_spatial, spatial_covariance, spatial_problem
+from estimation.slam.spatial_trajectory import run_spatial_trajectory
 from estimation.validation import slam_spatial as checks
-from estimation.validation.slam_scenarios import ScenarioConfig
+from estimation.validation.slam_common import NOISE
+from estimation.validation.slam_scenarios import ScenarioConfig, channel_estimate
 from estimation.validation.spatial_scenarios import (
     covariance_of,
     draw_spatial_stop,
     draw_spatial_walk,
-    spatial_estimate,
 )
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose, wrap_angle
 
@@ -104,7 +105,7 @@ def test_noiseless_stops_are_exact_with_their_incidence_points(has_los):
     rng = np.random.default_rng(5)
     for _ in range(3):
         scenario = draw_spatial_stop(rng, replace(EXACT, has_los=has_los))
-        poses, points = run_spatial_slam([scenario.estimate], scenario.tx, checks.OURS, checks.MAPPING)
+        poses, points = run_slam([scenario.estimate], scenario.tx, checks.OURS, checks.MAPPING)
         assert poses.status[0] == (SolveStatus.LOS if has_los else SolveStatus.NLOS)
         np.testing.assert_allclose([*poses.position_m[0], poses.height_m[0]], scenario.state[:3], atol=1e-6)
         truth = scenario.point_m[points.path]
@@ -148,7 +149,7 @@ def test_mapping_in_the_plane_is_that_of_the_plane_and_heights_come_with_covaria
         0,
     ]
     measured = measured[np.argsort(measured[:, 0])]
-    estimate = spatial_estimate(0, measured, np.zeros(6), R, np.zeros(6, bool))
+    estimate = channel_estimate(0, measured, np.zeros(6), R, np.zeros(6, bool))
     space = map_stops_spatial([estimate], given_poses(state), tx, checks.MAPPING)
     plane = map_stops([estimate], given_poses(state), tx, checks.MAPPING)
     np.testing.assert_allclose(space.position_m, plane.position_m, atol=1e-5)
@@ -202,14 +203,14 @@ def test_unknown_elevations_are_wide_and_known_ones_keep_their_covariance():
     estimate = scenario.estimate
     nowhere = np.full(len(estimate), np.nan)
     one_end = replace(estimate, aod_elevation_rad=nowhere)
-    problem = spatial_problem(one_end, scenario.tx, checks.NOISE)
+    problem = spatial_problem(one_end, scenario.tx, NOISE)
     assert np.all(problem.measured[:, 3] == 0) and np.all(problem.covariance[:, 3, 3] > 0.1)
     np.testing.assert_allclose(problem.covariance[:, 4, 4], R[4, 4])
     assert is_spatial([one_end], use_elevation=True) and not is_spatial([one_end], use_elevation=False)
     flat = replace(one_end, aoa_elevation_rad=nowhere)
     assert not is_spatial([flat], use_elevation=True)
     both = np.ones((len(estimate), 2), bool)
-    fixed = checks.NOISE.model_copy(update={"source": "fixed"})
+    fixed = NOISE.model_copy(update={"source": "fixed"})
     np.testing.assert_allclose(np.sqrt(spatial_covariance(estimate, fixed, both)[:, 3, 3]), np.deg2rad(1.0))
     solved = solve_spatial(one_end, scenario.tx, checks.OURS)
     np.testing.assert_allclose(solved.position_m[:2], scenario.state[:2], atol=0.05)
@@ -226,7 +227,7 @@ def test_a_stop_without_enough_paths_is_a_status():
     scenario = draw_spatial_stop(np.random.default_rng(12), replace(EXACT, has_los=False, n_paths=3))
     solution = solve_spatial(scenario.estimate, scenario.tx, checks.OURS)
     assert solution.status == SolveStatus.FAILED and np.isnan(solution.position_m).all()
-    poses, points = run_spatial_slam([scenario.estimate], scenario.tx, checks.OURS, checks.MAPPING)
+    poses, points = run_slam([scenario.estimate], scenario.tx, checks.OURS, checks.MAPPING)
     assert len(points) == 0 and np.isnan(poses.height_m).all()
 
 

@@ -11,6 +11,7 @@ from scipy.stats import norm
 
 from estimation.geometry import predict_bounce, predict_los
 from estimation.slam.config import Mixture, PathLoss, PathNoise, SnapshotConfig
+from estimation.slam.evidence import log_clutter, log_evidence, power_law, prior_of
 from estimation.slam.hypotheses import distinct, four_bounce_states, line_of_sight_states
 from estimation.slam.likelihood import log_likelihood
 from estimation.slam.path_table import line_of_sight, path_model, path_table
@@ -233,3 +234,42 @@ def test_a_clock_beyond_the_credible_is_no_mode():
 def test_shares_must_leave_room_for_single_bounces():
     with pytest.raises(ValueError, match="must be below 1"):
         Mixture(clutter_share=0.6, double_share=0.4)
+
+
+@settings(max_examples=20, deadline=None, derandomize=True)
+@given(seed=st.integers(0, 2**32 - 1), has_los=st.booleans())
+def test_compiled_evidence_is_that_of_its_parts(seed, has_los):
+    """Laplace: likelihood, prior, powers and the density of clutter the line of sight is set against."""
+    scenario, problem, tx = drawn(seed, has_los=has_los)
+    los = int(np.argmax(scenario.is_los)) if has_los else -1
+    state, root = scenario.state - tx, np.random.default_rng(seed).normal(size=(4, 4))
+    information, loss, reach = 50 * root @ root.T, OURS.path_loss, float(np.hypot(*(scenario.state - tx)[:2]))
+    ranges, clock = problem.measured[:, 0], OURS.max_clock_bias_m
+    found, covariance = log_evidence(
+        ranges, problem.power_dbm, los, problem.covariance[los], state, information, -3.0,
+        power_law(loss), prior_of(OURS),
+    )  # fmt: skip
+    full = information + np.diag(OURS.prior_std**-2.0)
+    assert_allclose(covariance @ full, np.eye(4), atol=1e-8)
+    others = np.arange(len(problem)) != los
+    length = np.maximum(ranges[others] - state[3], reach)
+    expected = -3.0 - 0.5 * np.linalg.slogdet(full)[1]
+    expected += norm.logpdf(state[:2], scale=OURS.reach_m).sum() - np.log(2 * np.pi * 2 * clock)
+    # The determinant of the Laplace approximation stands without its factors of 2 pi.
+    expected += 2 * np.log(2 * np.pi)
+    expected += float(loss.log_density_of_others(problem.power_dbm[others], length))
+    if has_los:
+        expected += float(loss.log_density(problem.power_dbm[los], np.array(reach)))
+        expected -= 0.5 * np.linalg.slogdet(2 * np.pi * problem.covariance[los])[1]
+        expected += np.log((2 * np.pi) ** 2 * OURS.mixture.clutter_width_m)
+    assert found == pytest.approx(expected, abs=1e-8)
+
+
+def test_clutter_is_weighed_over_all_lengths_of_the_straight_line():
+    _, problem, _ = drawn(5, has_los=False)
+    loss, ranges = OURS.path_loss, problem.measured[:, 0]
+    distance = OURS.reach_m * np.geomspace(0.05, 2.0, 12)[:, None]
+    density = loss.log_density_of_others(problem.power_dbm, ranges - ranges.min() + distance)
+    expected = np.log(np.mean(np.exp(density))) + len(problem) * np.log(OURS.mixture.clutter_share)
+    found = log_clutter(ranges, problem.power_dbm, power_law(loss), prior_of(OURS))
+    assert found == pytest.approx(expected)

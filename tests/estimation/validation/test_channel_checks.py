@@ -69,8 +69,8 @@ def test_compressed_noise_is_the_white_noise_that_is_drawn_in_its_place(bench):
 
 def test_a_path_in_a_noise_trial_would_be_seen(bench):
     """The loop behind the rate counts what the estimator finds: at a probability near one, nearly always."""
-    assert channel_noise.coherent_rate(bench, np.random.default_rng(1), 0.999, 3) == 3
-    assert channel_noise.coherent_rate(bench, np.random.default_rng(1), 1e-9, 2) == 0
+    assert channel_noise.compressed_hits(bench, np.random.default_rng(1), 0.999, 3) == 3
+    assert channel_noise.compressed_hits(bench, np.random.default_rng(1), 1e-9, 2) == 0
 
 
 def test_rates_are_judged_from_both_sides():

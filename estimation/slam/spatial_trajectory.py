@@ -1,4 +1,4 @@
-"""SLAM in space over a whole campaign: every stop on its own, or all stops together.
+"""Trajectory SLAM in space: all stops of a walk with elevations together.
 
 A walk in space is solved in two steps. Upright surfaces, floors and ceilings keep the size of a ray's elevation,
 so that a path seen from above is a path of the plane, shorter by the elevation's cosine: every path is levelled,
@@ -17,12 +17,12 @@ from estimation.geometry_spatial import bounce_equations
 from estimation.slam.config import MappingConfig, SnapshotConfig, TrajectoryConfig
 from estimation.slam.record import IncidencePoints, PoseEstimates, SolveStatus
 from estimation.slam.residuals import PathKind
-from estimation.slam.spatial import SpatialSolution, solve_spatial
+from estimation.slam.solution import PLANE_OF_SPACE, SnapshotSolution
+from estimation.slam.spatial import solve_spatial
 from estimation.slam.spatial_mapping import map_stops_spatial
 from estimation.slam.spatial_problem import (
     SpatialProblem,
     bounce_fit,
-    has_elevations,
     los_fit,
     spatial_problem,
 )
@@ -32,46 +32,6 @@ from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
 from scenes.record import BoolArray, FloatArray, IntArray
 
 _HEIGHT_ROUNDS = 10
-_PLANE = np.array([0, 1, 3, 4])  # of a state in space
-
-
-def is_spatial(estimates: Sequence[ChannelEstimate], *, use_elevation: bool) -> bool:
-    """Whether a campaign is solved in space: elevations were estimated somewhere, and are wanted."""
-    return use_elevation and any(has_elevations(estimate) for estimate in estimates)
-
-
-def run_spatial_slam(
-    estimates: Sequence[ChannelEstimate], tx_pose: Pose, config: SnapshotConfig, mapping_config: MappingConfig
-) -> tuple[PoseEstimates, IncidencePoints]:
-    """Solve every stop on its own, then map the IPs of those that were solved."""
-    solutions = [solve_spatial(estimate, tx_pose, config) for estimate in estimates]
-    poses = collect_spatial(solutions)
-    points = map_stops_spatial(
-        estimates,
-        poses,
-        tx_pose,
-        mapping_config,
-        is_los=[solution.is_los for solution in solutions],
-        is_inlier=[solution.is_inlier for solution in solutions],
-        state_covariance=[np.nan_to_num(solution.covariance) for solution in solutions],
-    )
-    return poses, points
-
-
-def collect_spatial(solutions: Sequence[SpatialSolution]) -> PoseEstimates:
-    """Receiver states of all stops as one record."""
-    position = np.array([s.position_m for s in solutions]).reshape(-1, 3)
-    return PoseEstimates(
-        stop=np.array([s.stop for s in solutions], dtype=int),
-        position_m=position[:, :2],
-        heading_rad=np.array([s.heading_rad for s in solutions]),
-        clock_bias_s=np.array([s.clock_bias_s for s in solutions]),
-        status=np.array([s.status for s in solutions], dtype=int),
-        n_inliers=np.array([np.count_nonzero(s.is_inlier) for s in solutions], dtype=int),
-        cost=np.array([s.cost for s in solutions]),
-        height_m=position[:, 2],
-        height_std_m=np.sqrt([s.covariance[2, 2] for s in solutions]),
-    )
 
 
 def run_spatial_trajectory(
@@ -101,12 +61,17 @@ def run_spatial_trajectory(
     guess = _filled(np.array([s.position_m[2] for s in alone]), tx_pose.position_m[2])
     joint = np.array(
         [
-            _with_height(problem, kind, _state(poses, k, guess[k]), details.covariance[k], snapshot)
+            _with_height(problem, kind, _state(poses, k, guess[k]), poses.covariance[k], snapshot)
             for k, (problem, kind) in enumerate(zip(problems, kinds, strict=True))
         ]
     ).reshape(-1, 26)
     covariance = joint[:, 1:].reshape(-1, 5, 5)
-    poses = replace(poses, height_m=joint[:, 0], height_std_m=np.sqrt(covariance[:, 2, 2]))
+    poses = replace(
+        poses,
+        height_m=joint[:, 0],
+        height_std_m=np.sqrt(covariance[:, 2, 2]),
+        height_covariance=covariance[:, 2, PLANE_OF_SPACE],
+    )
     single = (PathKind.BOUNCE, PathKind.WALL, PathKind.OBJECT)
     points = map_stops_spatial(
         turned,
@@ -123,7 +88,7 @@ def run_spatial_trajectory(
 def levelled(
     estimates: Sequence[ChannelEstimate],
     problems: Sequence[SpatialProblem],
-    alone: Sequence[SpatialSolution],
+    alone: Sequence[SnapshotSolution],
 ) -> list[ChannelEstimate]:
     """The paths of all stops as paths of the plane: lengths after the clock bias times the elevations' cosine.
 
@@ -138,7 +103,7 @@ def levelled(
 
 
 def _levelled(
-    estimate: ChannelEstimate, problem: SpatialProblem, solution: SpatialSolution, bias_m: float
+    estimate: ChannelEstimate, problem: SpatialProblem, solution: SnapshotSolution, bias_m: float
 ) -> ChannelEstimate:
     elevations = problem.measured[:, 3:].copy()
     known = np.isfinite(np.column_stack([estimate.aod_elevation_rad, estimate.aoa_elevation_rad]))
@@ -194,12 +159,12 @@ def _with_height(
     value, slope, weight = _residuals(problem, state, used, los, freedom)
     weight = np.where(np.arange(len(value)) < 2 * used.sum(), efficiency(freedom, 1), 1.0)
     information = max(float(np.sum(weight * slope[:, 2] ** 2)), 1e-12)
-    lean = -np.sum((weight * slope[:, 2])[:, None] * slope[:, _PLANE], axis=0) / information
+    lean = -np.sum((weight * slope[:, 2])[:, None] * slope[:, PLANE_OF_SPACE], axis=0) / information
     to_metres = np.array([1.0, 1.0, 1.0, SPEED_OF_LIGHT_M_S])
     plane = plane_covariance * np.outer(to_metres, to_metres)
     covariance = np.zeros((5, 5))
-    covariance[np.ix_(_PLANE, _PLANE)] = plane
-    covariance[2, _PLANE] = covariance[_PLANE, 2] = plane @ lean
+    covariance[np.ix_(PLANE_OF_SPACE, PLANE_OF_SPACE)] = plane
+    covariance[2, PLANE_OF_SPACE] = covariance[PLANE_OF_SPACE, 2] = plane @ lean
     covariance[2, 2] = 1 / information + lean @ plane @ lean
     to_seconds = np.array([1.0, 1.0, 1.0, 1.0, 1 / SPEED_OF_LIGHT_M_S])
     return np.concatenate([[state[2]], (covariance * np.outer(to_seconds, to_seconds)).ravel()])

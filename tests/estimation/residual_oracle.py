@@ -1,7 +1,7 @@
 """Residuals of a campaign in plain array operations: the slow, obvious form of the compiled ones.
 
 The functions have the names and the meaning of those in `estimation.slam.landmarks` and
-`estimation.slam.linearise`; tests and `arena bench slam` compare both.
+`estimation.slam.linearise`.
 """
 
 from __future__ import annotations
