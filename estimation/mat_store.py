@@ -1,4 +1,4 @@
-"""The public measurement file of the Campus Arena campaign (MATLAB 5): read and checked.
+"""The layout of the public measurement file of the Campus Arena campaign (MATLAB 5): read, checked, written.
 
 The file holds one struct `sim`. Fields of T stops: `tx` and `rx` (3 x T: x, y in m, heading in rad), `y` (cells of
 3 x M: range in m, AoD and AoA in rad, array frames), `power` (cells of M, dBm), and, where labelled, `inlier`
@@ -8,11 +8,13 @@ excerpt of 30 stops and the whole file of 45 have this same layout.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.io import loadmat
+from scipy.io import loadmat, savemat
 
 from estimation.measured import PUBLISHED_TX_OFFSET_DEG, MeasuredCampaign, MeasuredStop, measured_campaign
 from scenes.pose import Pose
@@ -58,6 +60,28 @@ def read_measurement(
         return measured_campaign(pose, stops, bias, height_m)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
+
+
+def measurement_bytes(tx: Pose, stops: Sequence[MeasuredStop]) -> bytes:
+    """A MATLAB 5 file of the same layout; `read_measurement` without a heading offset gives the stops back."""
+
+    def cells(values: Iterable[FloatArray]) -> Any:
+        row = np.empty((1, len(stops)), object)
+        row[0, :] = [np.asarray(value, float) for value in values]
+        return row
+
+    pose = np.array([*tx.position_m[:2], tx.heading_rad])
+    sim = {
+        "tx": np.repeat(pose[:, None], len(stops), axis=1),
+        "rx": np.stack([stop.rx for stop in stops], axis=1),
+        "y": cells(stop.measured.T for stop in stops),
+        "power": cells(stop.power_dbm[None] for stop in stops),
+        "inlier": cells(np.stack([stop.is_los, stop.is_single_bounce]) for stop in stops),
+        "MU": cells(stop.landmark_m.T for stop in stops),
+    }
+    content = BytesIO()
+    savemat(content, {"sim": sim}, do_compression=True)
+    return content.getvalue()
 
 
 def count_stops(path: Path) -> int:

@@ -12,9 +12,32 @@ from typing import Any
 
 import typer
 
-from scripts import ablate, bound, campaign, doctor, import_mat, link, scene, sigmf, study, sweep, validate
+from scripts import (
+    ablate,
+    bound,
+    budget,
+    campaign,
+    compare,
+    doctor,
+    export,
+    golden,
+    import_deepmimo,
+    import_mat,
+    link,
+    scene,
+    sigmf,
+    study,
+    sweep,
+    sweep_report,
+    twin,
+    validate,
+    verify,
+    view,
+)
 
 USAGE_ERROR: Any = typer.BadParameter.__bases__[0]  # of click, or of the copy of it that typer brings along
+
+INTERRUPTED = 130
 
 app = typer.Typer(
     name="arena",
@@ -28,12 +51,21 @@ app.command("generate")(campaign.generate)
 app.command("estimate")(campaign.estimate)
 app.command("score")(campaign.score)
 app.command("report")(campaign.report)
+app.command("view")(view.view)
 app.command("import-mat")(import_mat.import_mat)
+app.command("import-deepmimo")(import_deepmimo.import_deepmimo)
+app.command("export")(export.export)
 app.command("link")(link.link)
 app.command("export-sigmf")(sigmf.export_sigmf)
 app.command("bound")(bound.bound)
 app.command("ablate")(ablate.ablate)
+app.command("budget")(budget.budget)
 app.command("sweep")(sweep.sweep)
+app.command("sweep-report")(sweep_report.sweep_report)
+app.command("verify")(verify.verify)
+app.command("compare")(compare.compare)
+app.command("golden")(golden.golden)
+app.command("twin")(twin.twin)
 app.command("doctor")(doctor.doctor)
 app.command("validate")(validate.validate)
 app.command("bench")(validate.bench)
@@ -46,11 +78,14 @@ def main() -> None:
     sys.path.insert(0, os.getcwd())  # a user's estimator may stand where the command is run
     sys.unraisablehook = lambda _: None  # a damaged file's reader complains once more when it is thrown away
     try:
-        sys.exit(app(standalone_mode=False))
+        code = app(standalone_mode=False)
+        if code == INTERRUPTED:  # typer turns Ctrl-C into an exit without a word
+            raise KeyboardInterrupt
+        sys.exit(code)
     except USAGE_ERROR as error:
         _fail(" ".join(error.format_message().split()), error.exit_code)
     except (KeyboardInterrupt, typer.Abort):
-        _fail("interrupted; the same command goes on where it stopped", 130)
+        _fail("interrupted; the same command goes on where it stopped", INTERRUPTED)
     except (ValueError, OSError, RuntimeError) as error:
         _fail(_one_line(error), 2)
     except Exception as error:  # a defect of ours: still one line, with a way to see more
@@ -67,6 +102,6 @@ def _fail(message: str, code: int) -> None:
 def _one_line(error: Exception) -> str:
     if isinstance(error, OSError) and error.strerror:
         # A file is written under a temporary name first; the user knows it by its own.
-        named = re.sub(r"\.([^/]+)\.\d+\.part$", r"\1", str(error.filename or ""))
+        named = re.sub(r"\.([^/]+)\.\d+\.part(?=/|$)", r"\1", str(error.filename or ""))
         return f"{named}: {error.strerror}" if named else error.strerror
     return " ".join(str(error).split()) or type(error).__name__

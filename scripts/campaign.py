@@ -31,11 +31,11 @@ def run(
     """Run a campaign from the scene to the report. An interrupted run goes on where it stopped."""
     from scripts import stages  # noqa: PLC0415
 
-    store = stages.prepare(campaign, out, seed, estimator)
-    stages.sweep_and_estimate(store, keep_sweeps=keep_sweeps)
-    stages.build_maps(store)
-    stages.write_scores(store)
-    stages.write_report(store)
+    with stages.opened(campaign, out, seed, estimator) as store:
+        stages.sweep_and_estimate(store, keep_sweeps=keep_sweeps)
+        stages.build_maps(store)
+        stages.write_scores(store)
+        stages.write_report(store)
 
 
 def generate(
@@ -49,28 +49,30 @@ def generate(
     """Trace the scene and make the sweeps of a campaign, with the truth behind them."""
     from scripts import stages  # noqa: PLC0415
 
-    store = stages.prepare(campaign, out, seed, None)
-    stages.sweep_only(store, keep_sweeps=keep_sweeps)
+    with stages.opened(campaign, out, seed, None) as store:
+        stages.sweep_only(store, keep_sweeps=keep_sweeps)
 
 
 def estimate(directory: Directory, estimator: Estimator = None) -> None:
     """Estimate channel parameters, maps, poses and shapes from the sweeps of a campaign directory."""
     from scripts import stages  # noqa: PLC0415
 
-    store = stages.reopen(directory, estimator)
-    stages.sweep_and_estimate(store, keep_sweeps=False, again=estimator is not None)
-    stages.build_maps(store)
+    with stages.reopened(directory, estimator) as store:
+        stages.sweep_and_estimate(store, keep_sweeps=False, again=estimator is not None)
+        stages.build_maps(store)
 
 
 def score(directory: Directory) -> None:
     """Score the estimates in a campaign directory against the truth."""
     from scripts import stages  # noqa: PLC0415
 
-    stages.write_scores(stages.reopen(directory))
+    with stages.reopened(directory) as store:
+        stages.write_scores(store)
 
 
 def report(directory: Directory) -> None:
     """Write the figures and the HTML report of a scored campaign directory."""
     from scripts import stages  # noqa: PLC0415
 
-    stages.write_report(stages.reopen(directory))
+    with stages.reopened(directory) as store:
+        stages.write_report(store)

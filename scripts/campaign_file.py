@@ -36,6 +36,10 @@ def resolve_campaign(document: dict[str, Any], path: Path) -> tuple[CampaignConf
         if array.weights_file is not None:
             file = str((path.parent / array.weights_file).resolve())
             config = config.model_copy(update={device: array.model_copy(update={"weights_file": file})})
+    if config.propagation.deepmimo is not None:
+        folder = str((path.parent / config.propagation.deepmimo).resolve())
+        propagation = config.propagation.model_copy(update={"deepmimo": folder})
+        config = config.model_copy(update={"propagation": propagation})
     config = with_link_levels(config)
     is_file = config.scene.endswith(".toml")
     return config, path.parent / config.scene if is_file else scene_path(config.scene)
@@ -46,8 +50,15 @@ def campaign_scene(config: CampaignConfig, scene_file: Path) -> Scene:
 
     Raises `ConfigError` where the scene file is wrong, `ValueError` where it has no TX or walk of that name.
     """
-    scene = load_scene(scene_file, config.waveform.carrier_ghz * 1e9)
-    return scene.choose(config.tx or 0, config.walk or 0)
+    return scene_in_use(scene_file, config.waveform.carrier_ghz, config.tx, config.walk)
+
+
+def scene_in_use(scene_file: Path, carrier_ghz: float, tx: str | None, walk: str | None) -> Scene:
+    """A scene, materials at a carrier, with a TX and a walk by name in use, or its first ones.
+
+    Raises as `campaign_scene` does.
+    """
+    return load_scene(scene_file, carrier_ghz * 1e9).choose(tx or 0, walk or 0)
 
 
 def campaign_path(name_or_path: str) -> Path:

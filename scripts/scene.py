@@ -62,6 +62,7 @@ def show(
     from estimation.report.scene3d import scene_figure  # noqa: PLC0415
     from estimation.report.style import png_bytes  # noqa: PLC0415
     from scenes.config import load_scene  # noqa: PLC0415
+    from scripts.summary import content  # noqa: PLC0415
     from sim.store import complete_file  # noqa: PLC0415
 
     scene = load_scene(name, CARRIER_HZ).choose(tx or 0, walk or 0)
@@ -71,9 +72,7 @@ def show(
     figure = draw(scene, extent="all" if everything else "walk", paths=paths, stop=stop)
     with complete_file(path) as partial:
         partial.write_bytes(png_bytes(figure))
-    typer.echo(
-        f"{scene.name}: {len(scene.objects)} objects, {len(scene.stops)} stops; {view.value} in {path}"
-    )
+    typer.echo(f"{scene.name}: {content(scene)}, {len(scene.stops)} stops; {view.value} in {path}")
 
 
 @app.command("export")
@@ -87,6 +86,7 @@ def export(
     """Export a scene as triangle meshes: one GLB or PLY file, or a Mitsuba XML file that Sionna RT loads."""
     from scenes.config import load_scene  # noqa: PLC0415
     from scenes.mesh import glb_bytes, ply_bytes, write_mitsuba  # noqa: PLC0415
+    from scripts.summary import content  # noqa: PLC0415
     from sim.store import complete_file  # noqa: PLC0415
 
     scene = load_scene(name, CARRIER_HZ)
@@ -99,7 +99,7 @@ def export(
         make = glb_bytes if mesh_format == MeshFormat.glb else ply_bytes
         with complete_file(path) as partial:
             partial.write_bytes(make(scene))
-    typer.echo(f"{scene.name}: {len(scene.objects)} objects, {len(scene.clutter)} meshes in {path}")
+    typer.echo(f"{scene.name}: {content(scene)} in {path}")
 
 
 def _paths(scene: Scene, stop: int) -> Paths:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from rich.console import Console
@@ -22,19 +23,26 @@ from estimation.channel.calibration import Calibration, self_calibrate
 from estimation.channel.power_map import beam_power_map
 from estimation.measured import MeasuredTruth
 from estimation.pipeline import channel_estimator, known_receiver, map_known, map_unknown, significance
+from estimation.report.budget_store import read_budget
 from estimation.report.figures import make_figures
 from estimation.report.html import render_report
+from estimation.report.payload import report_payload
 from estimation.results import CampaignResults, MapResult
+from estimation.scoring.link_view import link_view
 from estimation.scoring.measured_scores import measured_metrics, score_measured
+from estimation.scoring.record import ScoreTables
 from estimation.scoring.score import Scores, score_campaign, score_metrics
 from estimation.store import CampaignStore, MapName, StopEstimate, open_campaign
 from scenes.config import kept_files
 from scenes.scene import Scene
 from scripts.campaign_file import campaign_scene, load_campaign
+from scripts.directory import one_run
+from scripts.manifest import write_manifest
 from scripts.summary import PlanarCounts, run_facts, score_table
 from sim.campaign import observe, simulate_truth
 from sim.hardware import surveyed
 from sim.link import Link, best_beam_power_dbm, make_link
+from sim.store import read_attribute
 from sim.truth import Truth
 
 console = Console(highlight=False)
@@ -43,18 +51,41 @@ T = TypeVar("T")
 
 def prepare(campaign: str, out: Path, seed: int | None, estimator: str | None) -> CampaignStore:
     """Open a campaign directory for a campaign file, with everything checked before anything is written."""
+    store = _checked(campaign, out, seed, estimator)
+    store.open_for_writing()
+    return store
+
+
+@contextmanager
+def opened(campaign: str, out: Path, seed: int | None, estimator: str | None) -> Iterator[CampaignStore]:
+    """As `prepare`, for a run of its own: the directory is held for it, and has its manifest at the end."""
+    store = _checked(campaign, out, seed, estimator)
+    with one_run(out):
+        store.open_for_writing()
+        yield store
+        write_manifest(out)
+
+
+def _checked(campaign: str, out: Path, seed: int | None, estimator: str | None) -> CampaignStore:
     config, scene_file = load_campaign(campaign, seed)
     channel_estimator(config, estimator)
     campaign_scene(config, scene_file)
-    store = CampaignStore(
+    return CampaignStore(
         out,
         config,
         scene_file.read_text(encoding="utf-8"),
         estimator,
         scene_files=kept_files(scene_file),
     )
-    store.open_for_writing()
-    return store
+
+
+@contextmanager
+def reopened(directory: Path, estimator: str | None = None) -> Iterator[CampaignStore]:
+    """As `reopen`, for work in the directory: held for one run, and with its manifest at the end."""
+    open_campaign(directory)
+    with one_run(directory):
+        yield reopen(directory, estimator)
+        write_manifest(directory)
 
 
 def reopen(directory: Path, estimator: str | None = None) -> CampaignStore:
@@ -142,7 +173,7 @@ def write_scores(store: CampaignStore) -> None:
     scene = scene_of(store)
     results = stored_results(store, len(scene.stops))
     with console.status("scores"):
-        scores = _measured_scores(store, scene, results) or _simulated_scores(store, scene, results)
+        scores = scores_of(store, scene, results)
     store.write_scores(scores)
     console.print(score_table(scores))
 
@@ -151,19 +182,33 @@ def write_report(store: CampaignStore) -> None:
     """Draw the figures and write the self-contained HTML report."""
     scene = scene_of(store)
     results = stored_results(store, len(scene.stops))
-    tables = _present(store, store.score_tables(), "the score", "score")
+    tables = _present(store, store.score_tables(), "the score (provenance.nc)", "score")
     with console.status("report"):
         metrics = score_metrics if store.measured is None else measured_metrics
         scores = Scores(metrics(scene, tables), tables)
         figures = make_figures(scene, results, scores)
         page = render_report(
-            store.config.name,
+            _page_payload(store, scene, results, tables),
             scores,
             figures,
             run_facts(store.config, scene, store.estimator, store.measured),
         )
         store.write_report(page, {name: figure.png for name, figure in figures.items()})
     console.print(f"report: {store.directory / 'report.html'}")
+
+
+def _page_payload(
+    store: CampaignStore, scene: Scene, results: CampaignResults, tables: ScoreTables
+) -> dict[str, Any]:
+    """What the report page knows of a campaign; a measured one has no true paths."""
+    name, n_stops = store.config.name, len(scene.stops)
+    truths = stored_truths(store, n_stops) if store.measured is None else ()
+    return report_payload(name, scene, results, tables, truths, read_budget(store.directory, name))
+
+
+def scores_of(store: CampaignStore, scene: Scene, results: CampaignResults) -> Scores:
+    """The scores of a campaign's estimates against its stored truth, or the measurement."""
+    return _measured_scores(store, scene, results) or _simulated_scores(store, scene, results)
 
 
 def _measured_scores(store: CampaignStore, scene: Scene, results: CampaignResults) -> Scores | None:
@@ -180,6 +225,7 @@ def _simulated_scores(store: CampaignStore, scene: Scene, results: CampaignResul
         results,
         true_power_dbm=lambda truth: best_beam_power_dbm(truth.paths, link, scene.tx, truth.rx_pose),
         significance=significance(store.config, link),
+        view=link_view(store.config, link, scene),
     )
 
 
@@ -200,7 +246,8 @@ def truths(store: CampaignStore, scene: Scene) -> Iterator[Truth]:
 def stored_truths(store: CampaignStore, n_stops: int) -> Iterator[Truth]:
     """The stored truth of every stop; `ValueError` where one is missing."""
     for stop in range(n_stops):
-        yield _present(store, store.truth(stop), f"the truth of stop {stop}", "generate")
+        what = f"the truth of stop {stop} (truth/stop_{stop:03d}.nc)"
+        yield _present(store, store.truth(stop), what, "generate")
 
 
 def measured_truths(store: CampaignStore, n_stops: int) -> Iterator[MeasuredTruth]:
@@ -219,14 +266,15 @@ def known_stops(store: CampaignStore, n_stops: int) -> Iterator[Truth] | Iterato
 def channel_estimates(store: CampaignStore, n_stops: int) -> Iterator[StopEstimate]:
     """The stored channel estimate of every stop; `ValueError` where one is missing."""
     for stop in range(n_stops):
-        yield _present(store, store.channel(stop), f"the channel estimate of stop {stop}", "estimate")
+        what = f"the channel estimate of stop {stop} (channel/stop_{stop:03d}.nc)"
+        yield _present(store, store.channel(stop), what, "estimate")
 
 
 def stored_results(store: CampaignStore, n_stops: int) -> CampaignResults:
     """All estimates of a campaign directory; `ValueError` where some are missing."""
     estimates = list(channel_estimates(store, n_stops))
     maps: dict[MapName, MapResult] = {
-        name: _present(store, store.map_result(name), f"the {name} result", "estimate")
+        name: _present(store, store.map_result(name), f"the {name} result (map/{name}.nc)", "estimate")
         for name in ("mapping", "slam")
     }
     return CampaignResults(
@@ -244,6 +292,11 @@ def scene_of(store: CampaignStore) -> Scene:
 
 def _present(store: CampaignStore, value: T | None, what: str, verb: str) -> T:
     if value is None:
+        for path in [*sorted(store.directory.glob("*/*.nc")), store.directory / "provenance.nc"]:
+            if path.is_file() and read_attribute(path, "fingerprint") is None:
+                raise ValueError(
+                    f"{path}: damaged, or no file of a campaign; remove it, run 'arena {verb}' again"
+                )
         raise ValueError(f"{store.directory}: {what} is missing or out of date; run 'arena {verb}' first")
     return value
 

@@ -27,9 +27,17 @@ MODULES: Mapping[str, tuple[str, ...]] = {
         "propagation_mesh",
     ),
     "slam": ("slam_measured", "slam", "slam_trajectory", "slam_spatial"),
-    "scoring": ("scoring",),
+    "scoring": ("scoring", "scoring_bounds", "scoring_budget"),
     "channel": ("channel", "channel_noise", "channel_hardware", "channel_arena"),
-    "shape": ("shape_gp", "shape_points", "shape_law", "shape_reflection", "shape_measured"),
+    "shape": (
+        "shape_gp",
+        "shape_points",
+        "shape_law",
+        "shape_reflection",
+        "shape_campaign",
+        "shape_measured",
+    ),
+    "twin": ("twin",),
 }
 BENCHES: Mapping[str, tuple[str, ...]] = {
     "raytrace": ("bench_raytrace",),
@@ -37,6 +45,7 @@ BENCHES: Mapping[str, tuple[str, ...]] = {
     "slam": ("bench_slam",),
     "channel": ("bench_channel",),
     "shape": ("bench_shape", "bench_shape_reflection"),
+    "sweep": ("scripts.bench_sweep",),
 }
 
 Json = Annotated[Path | None, typer.Option("--json", help="Write the rows to this JSON file as well.")]
@@ -125,7 +134,8 @@ def _measure(
 def _checks(modules: tuple[str, ...], prefix: str) -> Iterator[tuple[str, Callable[..., list[Measurement]]]]:
     """The check functions of validation modules in the order they are written, with the title of each."""
     for module_name in modules:
-        module = importlib.import_module(f"estimation.validation.{module_name}")
+        path = module_name if "." in module_name else f"estimation.validation.{module_name}"
+        module = importlib.import_module(path)
         for function_name, function in vars(module).items():
             if function_name.startswith(prefix) and getattr(function, "__module__", "") == module.__name__:
                 yield function_name.removeprefix(prefix).replace("_", " "), function

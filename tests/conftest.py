@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from hypothesis import settings
 
 from scenes.pose import Pose
 from sim.channel import beam_channel
@@ -14,6 +15,9 @@ from sim.receiver import add_noise
 from sim.sweep import BeamSweep
 
 SweepMaker = Callable[..., BeamSweep]
+
+settings.register_profile("untimed", deadline=None)  # a test fails on no time, however busy the machine is
+settings.load_profile("untimed")
 
 
 @pytest.fixture(scope="session")

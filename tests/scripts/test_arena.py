@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -205,3 +206,30 @@ def test_every_library_campaign_is_valid() -> None:
     for file in (ROOT / "scripts/campaigns").glob("*.toml"):
         config, scene = load_campaign(file.stem)
         assert config.name == file.stem and scene.is_file()
+
+
+def test_the_view_stands_by_itself_and_knows_its_stops(box_room: Path, tmp_path: Path) -> None:
+    out = tmp_path / "view.html"
+    result = arena("view", box_room, "--stop", 2, "--out", out, "--no-open")
+    assert result.returncode == 0 and str(out) in result.stdout.replace("\n", ""), result.stderr
+    page = out.read_text()
+    assert "box_room: 3-D view" in page and '"active":2' in page and "default-src 'none'" in page
+    assert "stop = 4: the campaign has stops 0 to 3" in failure("view", box_room, "--stop", 4, "--no-open")
+    assert "holds no campaign" in failure("view", tmp_path, "--no-open")
+
+
+def test_a_truncated_or_foreign_file_is_named_and_refused(box_room: Path, tmp_path: Path) -> None:
+    out = tmp_path / "box"
+    shutil.copytree(box_room, out)
+    file = out / "map" / "slam.nc"
+    whole = file.read_bytes()
+    for verb in ("report", "view"):
+        file.write_bytes(whole[: len(whole) // 2])
+        assert f"{file}: damaged" in failure(verb, out)
+        file.write_text("not a campaign file")
+        assert f"{file}: damaged" in failure(verb, out)
+    shutil.copy(out / "provenance.nc", file)
+    assert "map/slam.nc" in failure("report", out)
+    file.write_bytes(whole)
+    shutil.copy(out / "channel" / "stop_000.nc", out / "truth" / "stop_001.nc")
+    assert "truth/stop_001.nc" in failure("report", out)
