@@ -20,10 +20,14 @@ HEADLINES = {
     "mapping.ip_to_surface.median_m": "mapping: incidence point to surface, median",
     "mapping.objects_found.pillar": "mapping: pillars found",
     "mapping.objects_found.wall": "mapping: walls found",
+    "contours.mapping.pillar.iou.mean": "mapping: overlap of pillar contours (IoU)",
+    "shapes.mapping.pillar.iou.mean": "mapping: the same, paper's method",
     "slam.position.rmse_m": "SLAM: position error",
     "slam.heading.rmse_deg": "SLAM: heading error",
     "slam.clock.rmse_ns": "SLAM: clock error",
     "slam.ip_to_surface.median_m": "SLAM: incidence point to surface, median",
+    "contours.slam.pillar.iou.mean": "SLAM: overlap of pillar contours (IoU)",
+    "shapes.slam.pillar.iou.mean": "SLAM: the same, paper's method",
 }
 LIBRARIES = ("isac-arena", "sionna-rt", "numpy", "scipy")
 

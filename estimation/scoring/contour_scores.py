@@ -58,7 +58,9 @@ def score_contours(
         item = scene.object(str(name))
         members_m = result.ips.position_m[own.label == row]
         lit_m = significant.vertex_m[significant.object == name]
-        errors.append(contour_errors(contours, row, members_m, item.contour, lit_m, config))
+        error = contour_errors(contours, row, members_m, item.contour, lit_m, config)
+        is_flat = item.kind == "wall" and not contours.is_closed[row]
+        errors.append(replace(error, iou=np.nan) if is_flat else error)  # its thickness is nobody's to find
         right.append(float(is_class_right(contours, row, item)))
     columns = np.array([astuple(error) for error in errors]).reshape(-1, len(fields(ShapeErrors))).T
     ghost = is_ghost(own, n)

@@ -1,4 +1,4 @@
-"""The scene as a whole: all closed outlines of a map against all closed objects that light fell on."""
+"""The scene as a whole: all closed outlines of a map against all compact objects that light fell on."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from estimation.scoring.metric import Metric
 from estimation.scoring.record import ClusterScores, ContourScores, SceneScores, SignificantPaths
 from estimation.scoring.shape_scores import contour_points_m
 from scenes.record import FloatArray, TextArray
-from scenes.scene import Scene
+from scenes.scene import Scene, SceneObject
 
 METHODS = ("shapes", "contours")  # the paper's and ours, in the order of the rows
 
@@ -26,10 +26,11 @@ def score_scene(
 ) -> SceneScores:
     """Scene-level GOSPA of the paper's shapes and of our contours.
 
-    What stems from an open object is left out, for it has no area. An open contour of a closed object has none
-    either: it counts as false, and its object as missed.
+    What stems from a wall or another open object is left out: it is seen from one side, and its thickness is
+    nobody's to find. An open contour of a compact object has no area: it counts as false, its object as missed.
     """
-    lit = [item for item in scene.objects if item.contour.closed and (significant.object == item.name).any()]
+    compact = [item for item in scene.objects if _is_compact(item)]
+    lit = [item for item in compact if (significant.object == item.name).any()]
     truths = [np.asarray(item.contour.outline.coords)[:-1] for item in lit]
     shapes = [contour_points_m(result.shapes, row) for row in _with_area(scene, clusters.object)]
     ours = [result.contours.contour_m[row] for row in _with_area(scene, contours.object)]
@@ -53,9 +54,13 @@ def scene_metrics(map_name: str, table: SceneScores) -> list[Metric]:
 
 
 def _with_area(scene: Scene, names: TextArray) -> list[int]:
-    """Rows of estimates of no object or of a closed one."""
-    open_names = {item.name for item in scene.objects if not item.contour.closed}
-    return [row for row, name in enumerate(names) if str(name) not in open_names]
+    """Rows of estimates of no object or of a compact one."""
+    flat_names = {item.name for item in scene.objects if not _is_compact(item)}
+    return [row for row, name in enumerate(names) if str(name) not in flat_names]
+
+
+def _is_compact(item: SceneObject) -> bool:
+    return item.contour.closed and item.kind != "wall"
 
 
 def _row(estimates_m: Sequence[FloatArray], truths_m: Sequence[FloatArray]) -> list[float]:
