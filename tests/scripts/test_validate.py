@@ -42,4 +42,4 @@ def test_options_reach_the_checks_that_have_them(monkeypatch, tmp_path):
 
 def test_every_module_of_the_channel_has_checks():
     checks = [title for title, _ in validate._checks(validate.MODULES["channel"], "check_")]
-    assert checks[0] == "coherent scenes" and len(checks) == len(set(checks)) == 9
+    assert checks[0] == "coherent scenes" and len(checks) == len(set(checks)) == 10
