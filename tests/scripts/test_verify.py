@@ -119,6 +119,15 @@ def test_bytes_changed_behind_the_manifest_stay_noticeable(tmp_path: Path) -> No
     assert set(made_by()) == {"code", "python", "libraries", "machine", "threads"}
 
 
+def test_files_that_were_added_are_no_damage(tmp_path: Path) -> None:
+    (tmp_path / "a.txt").write_text("a")
+    write_manifest(tmp_path)
+    (tmp_path / "export").mkdir()
+    (tmp_path / "export" / "b.txt").write_text("b")
+    found = check_files(tmp_path)
+    assert found.unknown == ("export/b.txt",) and found.problems == []
+
+
 def test_differences_are_relative_and_nan_equals_nan() -> None:
     pose = Pose(np.array([1.0, 2.0, 4.0]), 0.5)
     near = Pose(np.array([1.0, 2.0, 4.0 * (1 + TOLERANCE / 2)]), 0.5)
