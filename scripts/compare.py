@@ -29,6 +29,8 @@ def compare(
 
     from estimation.compare import compare_runs  # noqa: PLC0415
 
+    if (out / "campaign.json").exists():
+        raise ValueError(f"--out = {out}: holds a campaign; choose another directory")
     tables = [read_tables(directory) for directory in (first, second)]
     metrics = [read_metrics(directory) for directory in (first, second)]
     try:

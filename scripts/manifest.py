@@ -96,7 +96,7 @@ def read_manifest(directory: Path) -> dict[str, Any]:
     """
     file = directory / MANIFEST
     if not file.is_file():
-        raise ValueError(f"{file}: missing; it is written when a run ends, so run the same command again")
+        raise ValueError(f"{file}: missing; a run of 'arena run' or 'arena sweep' ends with writing it")
     try:
         content = json.loads(file.read_text(encoding="utf-8"))
         entries = content["files"].values()

@@ -43,7 +43,12 @@ class _Mesh:
 def import_scenario(
     folder: Path, out: Path, *, n_stops: int | None, tx_set: int | None, tx: int, rx_set: int | None
 ) -> Imported:
-    """Write campaign, scene, walk, meshes and paths of a scenario; raises `ValueError` as `read_deepmimo` does."""
+    """Write campaign, scene, walk, meshes and paths of a scenario into a new or empty folder.
+
+    Raises `ValueError` as `read_deepmimo` does, and where the folder holds files: they may have been edited.
+    """
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise ValueError(f"--out = {out}: must be a new or an empty directory")
     scenario, facets = read_deepmimo(folder, tx_set=tx_set, tx=tx, rx_set=rx_set), read_facets(folder)
     n_all = len(scenario.paths)
     n_stops = min(n_stops or n_all, n_all)

@@ -179,7 +179,8 @@ def test_missing_file_and_unknown_name(tmp_path):
     with pytest.raises(ConfigError, match=f"^{re.escape(str(missing))}: cannot be read \\(No such file"):
         load_scene(missing)
     with pytest.raises(
-        ConfigError, match=r"^scene = 'attic': must be one of box_room, box_room_heights, campus_arena, .*, or"
+        ConfigError,
+        match=r"^scene = 'attic': must be one of box_room, box_room_heights, campus_arena, .*, or",
     ):
         load_scene("attic")
     binary = tmp_path / "binary.toml"

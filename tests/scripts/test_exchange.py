@@ -95,6 +95,8 @@ def test_a_scenario_goes_out_and_comes_back_as_a_campaign(run: Path, exported: P
     np.testing.assert_allclose(scenario.paths[1].gain, strongest.gain, rtol=1e-12)
     done = arena("import-deepmimo", exported / "small", "--out", tmp_path / "in", "--stops", 2)
     assert done.returncode == 0, done.stderr
+    again = arena("import-deepmimo", exported / "small", "--out", tmp_path / "in")
+    assert again.returncode == 2 and "must be a new or an empty directory" in again.stderr
     text = (tmp_path / "in" / "campaign.toml").read_text()
     (tmp_path / "in" / "campaign.toml").write_text(text.replace("[waveform]", "[waveform]\ncomb = 12"))
     done = arena("run", tmp_path / "in" / "campaign.toml", "--out", tmp_path / "out")
