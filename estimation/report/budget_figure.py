@@ -137,4 +137,5 @@ def _metres(mean_square: float) -> str:
 def _title(budget: Budget) -> str:
     counts = [(len(budget.stops), "stop"), (len(budget.objects), "object"), (budget.repeats, "repeat")]
     words = [f"{count} {name}{'' if count == 1 else 's'}" for count, name in counts]
-    return f"{budget.campaign}: {', '.join(words)}; RMS errors in m"
+    whiskers = "whiskers: 95 % interval of where a bar ends, without a cap where it goes on"
+    return f"{budget.campaign}: {', '.join(words)}; RMS errors in m; {whiskers}"
