@@ -19,14 +19,22 @@ autodoc_typehints = "description"
 autodoc_default_options = {"members": True, "undoc-members": False}
 autodoc_preserve_defaults = True
 apidoc_modules = [
-    {"path": str(ROOT / name), "destination": "api", "separate_modules": True, "include_private": False}
+    {
+        "path": str(ROOT / name),
+        "destination": f"api/{name}",
+        "separate_modules": True,
+        "include_private": False,
+    }
     for name in ("scenes", "sim", "estimation")
 ]
-suppress_warnings = ["myst.xref_missing", "misc.highlighting_failure", "ref.python"]
+suppress_warnings = ["myst.xref_missing", "misc.highlighting_failure", "ref.python", "toc.not_included"]
 
 
 def add_fields(app: Any, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
     """Append what the fields of a record or of a settings model say of themselves to its docstring."""
+    lines[:] = [
+        line if "``" in line else line.replace("|", "\\|") for line in lines
+    ]  # |x| is no substitution
     if what != "class":
         return
     rows = list(record_fields(thing)) if dataclasses.is_dataclass(thing) else list(settings_fields(thing))
