@@ -7,16 +7,14 @@ from dataclasses import replace
 
 from estimation.channel.power_map import beam_power_map
 from estimation.config import CampaignConfig
-from estimation.pipeline import channel_estimator, known_receiver, map_known, map_unknown, significance
-from estimation.results import CampaignResults
+from estimation.pipeline import channel_estimator, known_receiver, map_both, score_simulated
 from estimation.scoring.ablation import ALL, EFFECTS, NONE, Ablation, ranked
-from estimation.scoring.link_view import link_view
-from estimation.scoring.score import Scores, score_campaign
+from estimation.scoring.score import Scores
 from scenes.scene import Scene
 from sim.campaign import clock_biases_s, observe
 from sim.hardware import surveyed
 from sim.impairment_config import ImpairmentsConfig
-from sim.link import best_beam_power_dbm, make_link
+from sim.link import make_link
 from sim.truth import Truth
 
 
@@ -61,17 +59,6 @@ def run_variant(config: CampaignConfig, scene: Scene, paths_of_stops: Sequence[T
     ]
     channel = tuple(estimate for estimate, _ in estimated)
     receiver = known_receiver(surveyed(config, truth) for truth in truths)
-    results = CampaignResults(
-        channel=channel,
-        power_maps=tuple(power_map for _, power_map in estimated),
-        mapping=map_known(config, channel, scene.tx, receiver),
-        slam=map_unknown(config, channel, scene.tx),
-    )
-    return score_campaign(
-        scene,
-        truths,
-        results,
-        true_power_dbm=lambda truth: best_beam_power_dbm(truth.paths, link, scene.tx, truth.rx_pose),
-        significance=significance(config, link),
-        view=link_view(config, link, scene),
-    )
+    power_maps = [power_map for _, power_map in estimated]
+    results = map_both(config, channel, power_maps, scene.tx, receiver)
+    return score_simulated(config, link, scene, truths, results)

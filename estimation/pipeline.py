@@ -11,11 +11,14 @@ from estimation.channel.calibration import Calibration
 from estimation.channel.delay import hann_window
 from estimation.channel.detect import noise_threshold
 from estimation.channel.estimate import ChannelEstimator, checked_estimate, estimate_channel
+from estimation.channel.power_map import BeamPowerMap
 from estimation.channel.record import ChannelEstimate
 from estimation.config import CampaignConfig
 from estimation.measured import MeasuredTruth
-from estimation.results import MapResult
+from estimation.results import CampaignResults, MapResult
 from estimation.scoring.config import Significance
+from estimation.scoring.link_view import link_view
+from estimation.scoring.score import Scores, score_campaign
 from estimation.shape.contours import estimate_contours
 from estimation.shape.estimate import estimate_shapes
 from estimation.slam.campaign import locate_and_map
@@ -25,7 +28,8 @@ from estimation.slam.record import IncidencePoints, PoseEstimates, SolveStatus
 from estimation.slam.spatial_mapping import map_stops_spatial
 from estimation.slam.spatial_problem import is_spatial
 from scenes.pose import Pose
-from sim.link import Link
+from scenes.scene import Scene
+from sim.link import Link, best_beam_power_dbm
 from sim.sweep import BeamSweep
 from sim.truth import Truth
 
@@ -112,6 +116,36 @@ def _with_shapes(
         channel, tx_pose, poses, ips, shapes.label, config.mapping.noise, config.contours
     )
     return MapResult(poses, ips, shapes, contours)
+
+
+def map_both(
+    config: CampaignConfig,
+    channel: Sequence[ChannelEstimate],
+    power_maps: Sequence[BeamPowerMap],
+    tx_pose: Pose,
+    receiver: PoseEstimates,
+) -> CampaignResults:
+    """All estimates of a campaign, from the channel estimates of its stops; `receiver` is what mapping is told."""
+    return CampaignResults(
+        channel=tuple(channel),
+        power_maps=tuple(power_maps),
+        mapping=map_known(config, channel, tx_pose, receiver),
+        slam=map_unknown(config, channel, tx_pose),
+    )
+
+
+def score_simulated(
+    config: CampaignConfig, link: Link, scene: Scene, truths: Iterable[Truth], results: CampaignResults
+) -> Scores:
+    """Score a simulated campaign; raises as `score_campaign` does."""
+    return score_campaign(
+        scene,
+        truths,
+        results,
+        true_power_dbm=lambda truth: best_beam_power_dbm(truth.paths, link, scene.tx, truth.rx_pose),
+        significance=significance(config, link),
+        view=link_view(config, link, scene),
+    )
 
 
 def significance(config: CampaignConfig, link: Link) -> Significance:

@@ -40,7 +40,7 @@ from scenes.record import Record
 from sim.codebook_store import weights_digest
 from sim.config import SimulationConfig
 from sim.deepmimo_store import scenario_digest
-from sim.store import complete_file, read_attribute, read_record, remove_leftovers, write_record, write_text
+from sim.store import read_attribute, read_record, remove_leftovers, write_bytes, write_record, write_text
 from sim.sweep import BeamSweep
 from sim.truth import Truth
 
@@ -149,8 +149,7 @@ class CampaignStore:
             "campaign": self.config.model_dump(mode="json"),
         }
         for name, content in self.scene_files.items():
-            with complete_file(self.directory / name) as partial:
-                partial.write_bytes(content)
+            write_bytes(self.directory / name, content)
         write_text(self.directory / "scene.toml", self.scene_text)
         write_text(self.directory / "campaign.json", json.dumps(settings, indent=1))
         for folder in (self.directory, *(self.directory / name for name in (*FOLDERS, KEPT_FOLDER))):
@@ -231,8 +230,7 @@ class CampaignStore:
         for old in figures.glob("*.png"):
             old.unlink()
         for name, picture in pictures.items():
-            with complete_file(figures / f"{name}.png") as partial:
-                partial.write_bytes(picture)
+            write_bytes(figures / f"{name}.png", picture)
         write_text(self.directory / "report.html", page)
 
     def drop_results(self) -> None:

@@ -84,7 +84,7 @@ def write_ablation(out: Path, ablation: Ablation) -> None:
     from estimation.report.ablation_figure import ablation_figure  # noqa: PLC0415
     from estimation.report.style import png_bytes  # noqa: PLC0415
     from estimation.scoring.ablation import table_rows  # noqa: PLC0415
-    from sim.store import complete_file, write_text  # noqa: PLC0415
+    from sim.store import write_bytes, write_text  # noqa: PLC0415
 
     rows = list(table_rows(ablation))
     text = io.StringIO()
@@ -93,5 +93,4 @@ def write_ablation(out: Path, ablation: Ablation) -> None:
     writer.writerows(rows)
     write_text(out / "ablation.csv", text.getvalue())
     write_text(out / "ablation.json", json.dumps({"variants": rows}, indent=1) + "\n")
-    with complete_file(out / "ablation.png") as partial:
-        partial.write_bytes(png_bytes(ablation_figure(ablation)))
+    write_bytes(out / "ablation.png", png_bytes(ablation_figure(ablation)))

@@ -22,7 +22,7 @@ def bound(
     from estimation.report.style import png_bytes  # noqa: PLC0415
     from scripts import bound_map, channel_bound  # noqa: PLC0415
     from scripts.stages import console  # noqa: PLC0415
-    from sim.store import complete_file  # noqa: PLC0415
+    from sim.store import write_bytes  # noqa: PLC0415
 
     if out.suffix != ".png":
         raise ValueError(f"--out = {out}: must end in .png")
@@ -38,8 +38,7 @@ def bound(
         }
         tables = [channel_bound.along_walk(model), bound_map.along_walk(prepared)]
     for file, figure in figures.items():
-        with complete_file(file) as partial:
-            partial.write_bytes(png_bytes(figure))
+        write_bytes(file, png_bytes(figure))
     for table in tables:
         console.print(table)
     console.print("figures: " + ", ".join(map(str, figures)))

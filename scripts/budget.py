@@ -83,7 +83,7 @@ def write_budget(out: Path, budget: Budget) -> None:
     from estimation.budget.record import table_rows  # noqa: PLC0415
     from estimation.report.budget_figure import budget_figure  # noqa: PLC0415
     from estimation.report.style import png_bytes  # noqa: PLC0415
-    from sim.store import complete_file, write_text  # noqa: PLC0415
+    from sim.store import write_bytes, write_text  # noqa: PLC0415
 
     rows = list(table_rows(budget))
     text = io.StringIO()
@@ -99,8 +99,7 @@ def write_budget(out: Path, budget: Budget) -> None:
         "rows": rows,
     }
     write_text(out / "budget.json", json.dumps(about, indent=1, allow_nan=False) + "\n")
-    with complete_file(out / "budget.png") as partial:
-        partial.write_bytes(png_bytes(budget_figure(budget)))
+    write_bytes(out / "budget.png", png_bytes(budget_figure(budget)))
 
 
 def _cell(value: str | float | None, scale: float, decimals: int) -> str:

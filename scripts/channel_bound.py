@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from rich.table import Table
 
-from estimation.channel.apparent import apparent_angles
-from estimation.channel.crb import PathBounds, path_bounds
+from estimation.channel.crb import PathBounds
 from estimation.channel.manifold import Manifold
 from estimation.report.channel_bound_figure import ChannelBoundMap
+from estimation.scoring.link_view import true_path_bounds
 from estimation.scoring.provenance import path_origin
 from estimation.scoring.record import PathKind
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
@@ -49,24 +49,8 @@ def stop_bounds(
     power_dbm = best_beam_power_dbm(paths, link, tx_pose, rx_pose)
     noise_dbm = 10 * np.log10(link.noise_power_mw.min() / len(link.frequency_offset_hz))
     paths = paths.take("path", power_dbm - noise_dbm >= LEAST_SNR_DB)
-    aod, tx_gain = apparent_angles(
-        link.tx_codebook, model.tx, paths.aod_azimuth_rad - tx_pose.heading_rad, paths.aod_elevation_rad
-    )
-    aoa, rx_gain = apparent_angles(
-        link.rx_codebook, model.rx, paths.aoa_azimuth_rad - rx_pose.heading_rad, paths.aoa_elevation_rad
-    )
-    bounds = path_bounds(
-        model.tx,
-        model.rx,
-        link.frequency_offset_hz,
-        link.noise_power_mw,
-        paths.delay_s,
-        aod,
-        aoa,
-        np.sqrt(link.tx_power_mw) * paths.gain * tx_gain * rx_gain,
-        coherent=coherent,
-    )
-    return paths, bounds
+    manifolds, poses = (model.tx, model.rx), (tx_pose, rx_pose)
+    return paths, true_path_bounds(link, manifolds, paths, poses, coherent=coherent)
 
 
 def over_plan(model: ChannelModel, grid: PlanGrid) -> ChannelBoundMap:

@@ -115,7 +115,7 @@ def write_comparison(
     """Write compare.json and compare.png."""
     from estimation.report.compare_figure import compare_figure  # noqa: PLC0415
     from estimation.report.style import png_bytes  # noqa: PLC0415
-    from sim.store import complete_file, write_text  # noqa: PLC0415
+    from sim.store import write_bytes, write_text  # noqa: PLC0415
 
     content = {
         "first": names[0],
@@ -135,8 +135,7 @@ def write_comparison(
     labels = [Path(name).name or name for name in names]
     if labels[0] == labels[1]:
         labels = ["A", "B"]
-    with complete_file(out / "compare.png") as partial:
-        partial.write_bytes(png_bytes(compare_figure(compared.differences, *labels)))
+    write_bytes(out / "compare.png", png_bytes(compare_figure(compared.differences, *labels)))
 
 
 def _side_by_side(first: tuple[Metric, ...], second: tuple[Metric, ...]) -> list[dict[str, Any]]:

@@ -21,7 +21,7 @@ from scripts import stages
 from sim.deepmimo import PathScenario
 from sim.deepmimo_store import scene_facets, write_deepmimo
 from sim.paths import Paths
-from sim.store import complete_file
+from sim.store import write_bytes
 
 
 def write_mat(store: CampaignStore, folder: Path) -> Iterator[Path]:
@@ -109,6 +109,5 @@ def _true_paths(store: CampaignStore, stop: int) -> Paths:
 
 
 def _written(file: Path, content: bytes) -> Path:
-    with complete_file(file) as partial:
-        partial.write_bytes(content)
+    write_bytes(file, content)
     return file

@@ -16,7 +16,7 @@ from scenes.mesh import mesh_bytes
 from scenes.record import FloatArray, IntArray
 from scenes.tum import tum_text
 from sim.deepmimo_store import Facets, read_deepmimo, read_facets, write_deepmimo
-from sim.store import complete_file, write_text
+from sim.store import write_bytes, write_text
 
 MAX_PATHS = 10_000  # all of them, which are rarely more than 25
 PATHS_FOLDER = "paths"
@@ -59,8 +59,7 @@ def import_scenario(
     name = folder.resolve().name
     materials, meshes = _materials(facets), _meshes(facets)
     for mesh in meshes:
-        with complete_file(out / f"{mesh.name}.ply") as partial:
-            partial.write_bytes(mesh_bytes(mesh.vertices_m, mesh.faces))
+        write_bytes(out / f"{mesh.name}.ply", mesh_bytes(mesh.vertices_m, mesh.faces))
     scene = {
         "name": name,
         "tx": {"position_m": scenario.tx_position_m.tolist(), "heading_deg": 0.0},

@@ -63,15 +63,14 @@ def show(
     from estimation.report.style import png_bytes  # noqa: PLC0415
     from scenes.config import load_scene  # noqa: PLC0415
     from scripts.summary import content  # noqa: PLC0415
-    from sim.store import complete_file  # noqa: PLC0415
+    from sim.store import write_bytes  # noqa: PLC0415
 
     scene = load_scene(name, CARRIER_HZ).choose(tx or 0, walk or 0)
     paths = None if stop is None else _paths(scene, stop)
     path = out or Path(f"{scene.name}.png")
     draw = plan_figure if view == View.plan else scene_figure
     figure = draw(scene, extent="all" if everything else "walk", paths=paths, stop=stop)
-    with complete_file(path) as partial:
-        partial.write_bytes(png_bytes(figure))
+    write_bytes(path, png_bytes(figure))
     typer.echo(f"{scene.name}: {content(scene)}, {len(scene.stops)} stops; {view.value} in {path}")
 
 
@@ -87,7 +86,7 @@ def export(
     from scenes.config import load_scene  # noqa: PLC0415
     from scenes.mesh import glb_bytes, ply_bytes, write_mitsuba  # noqa: PLC0415
     from scripts.summary import content  # noqa: PLC0415
-    from sim.store import complete_file  # noqa: PLC0415
+    from sim.store import write_bytes  # noqa: PLC0415
 
     scene = load_scene(name, CARRIER_HZ)
     if mesh_format == MeshFormat.xml:
@@ -97,8 +96,7 @@ def export(
         if path.is_dir():
             path /= f"{scene.name}.{mesh_format.value}"
         make = glb_bytes if mesh_format == MeshFormat.glb else ply_bytes
-        with complete_file(path) as partial:
-            partial.write_bytes(make(scene))
+        write_bytes(path, make(scene))
     typer.echo(f"{scene.name}: {content(scene)} in {path}")
 
 

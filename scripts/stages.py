@@ -22,16 +22,15 @@ from rich.progress import (
 from estimation.channel.calibration import Calibration, self_calibrate
 from estimation.channel.power_map import beam_power_map
 from estimation.measured import MeasuredTruth
-from estimation.pipeline import channel_estimator, known_receiver, map_known, map_unknown, significance
+from estimation.pipeline import channel_estimator, known_receiver, map_known, map_unknown, score_simulated
 from estimation.report.budget_store import read_budget
 from estimation.report.figures import make_figures
 from estimation.report.html import render_report
 from estimation.report.payload import report_payload
 from estimation.results import CampaignResults, MapResult
-from estimation.scoring.link_view import link_view
 from estimation.scoring.measured_scores import measured_metrics, score_measured
 from estimation.scoring.record import ScoreTables
-from estimation.scoring.score import Scores, score_campaign, score_metrics
+from estimation.scoring.score import Scores, score_metrics
 from estimation.store import CampaignStore, MapName, StopEstimate, open_campaign
 from scenes.config import kept_files
 from scenes.scene import Scene
@@ -41,7 +40,7 @@ from scripts.manifest import write_manifest
 from scripts.summary import PlanarCounts, run_facts, score_table
 from sim.campaign import observe, simulate_truth
 from sim.hardware import surveyed
-from sim.link import Link, best_beam_power_dbm, make_link
+from sim.link import Link, make_link
 from sim.store import read_attribute
 from sim.truth import Truth
 
@@ -218,15 +217,8 @@ def _measured_scores(store: CampaignStore, scene: Scene, results: CampaignResult
 
 
 def _simulated_scores(store: CampaignStore, scene: Scene, results: CampaignResults) -> Scores:
-    link = make_link(store.config)
-    return score_campaign(
-        scene,
-        stored_truths(store, len(scene.stops)),
-        results,
-        true_power_dbm=lambda truth: best_beam_power_dbm(truth.paths, link, scene.tx, truth.rx_pose),
-        significance=significance(store.config, link),
-        view=link_view(store.config, link, scene),
-    )
+    truths = stored_truths(store, len(scene.stops))
+    return score_simulated(store.config, make_link(store.config), scene, truths, results)
 
 
 def truths(store: CampaignStore, scene: Scene) -> Iterator[Truth]:

@@ -75,7 +75,6 @@ def rmse_table(cells: Sequence[StudyCell]) -> Table:
 
 def _write_figure(path: Path, figure: Figure) -> None:
     from estimation.report.style import png_bytes  # noqa: PLC0415
-    from sim.store import complete_file  # noqa: PLC0415
+    from sim.store import write_bytes  # noqa: PLC0415
 
-    with complete_file(path) as partial:
-        partial.write_bytes(png_bytes(figure))
+    write_bytes(path, png_bytes(figure))

@@ -19,7 +19,7 @@ from scenes.scene import Scene
 from scripts.campaign_file import scene_in_use
 from scripts.sweep_cases import Case, Point, SceneSource
 from sim.config import WaveformConfig
-from sim.store import complete_file
+from sim.store import write_bytes
 
 CASE_FILES = ("campaign.json", "provenance.nc", "scores.json", "manifest.json")
 
@@ -120,8 +120,7 @@ def store_scene(root: Path, scene: SceneSource) -> None:
     if all(path.is_file() and path.read_bytes() == data for path, data in contents.items()):
         return
     for path, data in contents.items():
-        with complete_file(path) as partial:
-            partial.write_bytes(data)
+        write_bytes(path, data)
 
 
 @lru_cache(maxsize=2)

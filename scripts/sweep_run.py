@@ -18,11 +18,9 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from estimation.channel.calibration import Calibration, self_calibrate
-from estimation.pipeline import channel_estimator, known_receiver, map_known, map_unknown, significance
-from estimation.results import CampaignResults
-from estimation.scoring.link_view import link_view
+from estimation.pipeline import channel_estimator, known_receiver, map_both, score_simulated
 from estimation.scoring.metric import to_json
-from estimation.scoring.score import Scores, score_campaign
+from estimation.scoring.score import Scores
 from scenes.record import Record
 from scenes.scene import Scene
 from scripts.campaign_file import scene_in_use
@@ -31,7 +29,7 @@ from scripts.sweep_cases import Case
 from scripts.sweep_job import Job, store_scene, tracing_config
 from sim.campaign import clock_biases_s, observe, simulate_truth
 from sim.hardware import surveyed
-from sim.link import Link, best_beam_power_dbm, make_link
+from sim.link import Link, make_link
 from sim.store import read_record, write_record, write_text
 from sim.sweep import BeamSweep
 from sim.truth import Truth
@@ -85,20 +83,8 @@ def score_case(job: Job, stops: Sequence[int] | None = None) -> Scores:
         estimator = channel_estimator(config, job.estimator, _calibration(job, link, known))
         channel = tuple(estimator(_sweep(job, link, truth)) for truth in known)
         receiver = known_receiver(surveyed(config, truth) for truth in known)
-        results = CampaignResults(
-            channel=channel,
-            power_maps=(),
-            mapping=map_known(config, channel, scene.tx, receiver),
-            slam=map_unknown(config, channel, scene.tx),
-        )
-        return score_campaign(
-            scene,
-            known,
-            results,
-            true_power_dbm=lambda truth: best_beam_power_dbm(truth.paths, link, scene.tx, truth.rx_pose),
-            significance=significance(config, link),
-            view=link_view(config, link, scene),
-        )
+        results = map_both(config, channel, (), scene.tx, receiver)
+        return score_simulated(config, link, scene, known, results)
 
 
 def store_case(job: Job, scores: Scores) -> None:

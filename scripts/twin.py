@@ -129,7 +129,7 @@ def _write(out: Path, made: Twin, scene: Scene) -> tuple[Metric, ...]:
     from estimation.report.twin_figure import twin_map_figure, twin_residual_figure  # noqa: PLC0415
     from estimation.scoring.metric import to_json  # noqa: PLC0415
     from estimation.twin.scores import object_residuals, twin_metrics  # noqa: PLC0415
-    from sim.store import complete_file, write_text  # noqa: PLC0415
+    from sim.store import write_bytes, write_text  # noqa: PLC0415
 
     metrics = twin_metrics(made, scene.kinds)
     content = {
@@ -153,8 +153,7 @@ def _write(out: Path, made: Twin, scene: Scene) -> tuple[Metric, ...]:
         "twin_residuals": twin_residual_figure(scene, made),
     }
     for name, figure in figures.items():
-        with complete_file(out / f"{name}.png") as partial:
-            partial.write_bytes(png_bytes(figure))
+        write_bytes(out / f"{name}.png", png_bytes(figure))
     return metrics
 
 

@@ -138,6 +138,7 @@ def cubics(piece: Piece, knots: FloatArray, max_segments: int = MAX_SEGMENTS) ->
     """Maker of curves of up to `max_segments` cubics that interpolate a piece and its slope at `knots`."""
 
     def make(surface: int, side: float) -> list[Curves]:
+        """Curves of one surface that is lit on one side: as few as bend one way and turn little enough each."""
         parts = [part for low, high in pairwise(knots) for part in _parts(_hermite(piece, low, high), side)]
         groups: list[list[_Part]] = []
         for part in parts:

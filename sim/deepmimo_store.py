@@ -19,7 +19,7 @@ from scenes.record import FloatArray
 from scenes.scene import Scene
 from sim.deepmimo import PATH_MATRICES, PathScenario, path_matrices, paths_of_matrices
 from sim.paths import BounceKind, Paths
-from sim.store import complete_file, write_text
+from sim.store import write_bytes, write_text
 
 VERSION = "4.0.0"
 TX_SET, RX_SET = 0, 1
@@ -133,8 +133,7 @@ def _pair(tx_set: int, tx: int, rx_set: int) -> str:
 def _write_mat(path: Path, name: str, matrix: FloatArray) -> None:
     content = BytesIO()
     savemat(content, {name: matrix}, do_compression=True)
-    with complete_file(path) as partial:
-        partial.write_bytes(content.getvalue())
+    write_bytes(path, content.getvalue())
 
 
 def _params(scenario: PathScenario, facets: Facets) -> dict[str, Any]:

@@ -60,14 +60,18 @@ def write_text(path: Path, text: str) -> None:
         partial.write_text(text, encoding="utf-8")
 
 
+def write_bytes(path: Path, content: bytes) -> None:
+    """Write a whole binary file, or leave what was there."""
+    with complete_file(path) as partial:
+        partial.write_bytes(content)
+
+
 def write_record(path: Path, record: Record, attributes: Mapping[str, str] | None = None) -> None:
     """Write a record and the records inside it, with global `attributes`, as one netCDF-4 file.
 
     Raises `OSError` where it cannot be written.
     """
-    content = to_netcdf(record, attributes or {})
-    with complete_file(path) as partial:
-        partial.write_bytes(content)
+    write_bytes(path, to_netcdf(record, attributes or {}))
 
 
 def read_record(path: Path, kind: type[R]) -> R:

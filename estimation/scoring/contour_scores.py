@@ -2,28 +2,30 @@
 
 from __future__ import annotations
 
-from dataclasses import astuple, fields, replace
+from dataclasses import replace
 
 import numpy as np
 import shapely
 
 from estimation.results import MapResult
-from estimation.scoring.causes import cluster_causes
 from estimation.scoring.config import ScoringConfig
 from estimation.scoring.consistency import gaussian_crps
 from estimation.scoring.contour_metrics import (
-    chamfer_m,
     extent_iou,
-    hausdorff_m,
     intersection_over_union,
-    modified_hausdorff_m,
 )
-from estimation.scoring.map_scores import close_counts, find_clusters, found_objects, is_ghost
+from estimation.scoring.map_scores import found_objects
 from estimation.scoring.metric import Metric
-from estimation.scoring.provenance import cluster_origin
+from estimation.scoring.outline_table import is_compact, outline_columns
 from estimation.scoring.record import ContourScores, IpScores, SignificantPaths
-from estimation.scoring.shape_scores import OUTLINE_SPACING_M, ShapeErrors, outline_metrics, seen_samples
-from estimation.scoring.statistics import mean, rms
+from estimation.scoring.shape_scores import (
+    OUTLINE_SPACING_M,
+    ShapeErrors,
+    distance_errors,
+    outline_metrics,
+    seen_samples,
+)
+from estimation.scoring.statistics import mean
 from estimation.shape.record import Contours
 from scenes.contour import Contour
 from scenes.record import BoolArray, FloatArray
@@ -46,35 +48,21 @@ def score_contours(
             f"Contours.object: {len(contours.object)} values for {len(ips.stop)} incidence points, "
             "one each is needed"
         )
-    own = replace(ips, label=contours.object)
-    origin = cluster_origin(own.label, own.object, n, config.found_share)
-    n_close = close_counts(scene, result, own, origin, config.found_distance_m)
-    errors, right = [], []
-    for row, name in enumerate(origin.object):
-        if name not in scene.object_names:
-            errors.append(ShapeErrors())
-            right.append(np.nan)
-            continue
-        item = scene.object(str(name))
-        members_m = result.ips.position_m[own.label == row]
-        lit_m = significant.vertex_m[significant.object == name]
+
+    def error_of(row: int, item: SceneObject, members_m: FloatArray, lit_m: FloatArray) -> ShapeErrors:
         error = contour_errors(contours, row, members_m, item.contour, lit_m, config)
-        is_flat = item.kind == "wall" and not contours.is_closed[row]
-        errors.append(replace(error, iou=np.nan) if is_flat else error)  # its thickness is nobody's to find
-        right.append(float(is_class_right(contours, row, item)))
-    columns = np.array([astuple(error) for error in errors]).reshape(-1, len(fields(ShapeErrors))).T
-    ghost = is_ghost(own, n)
-    return ContourScores(
-        object=origin.object,
-        purity=origin.purity,
-        n_ips=np.bincount(own.label[own.label >= 0], minlength=n),
-        n_close=n_close,
-        is_found=find_clusters(origin, n_close, config),
-        is_ghost=ghost,
-        cause=cluster_causes(own.label, own.object, own.cause, ghost),
-        class_right=np.array(right, float),
-        **{field.name: column for field, column in zip(fields(ShapeErrors), columns, strict=True)},
-    )
+        is_flat = not is_compact(item) and not contours.is_closed[row]
+        return replace(error, iou=np.nan) if is_flat else error
+
+    own = replace(ips, label=contours.object)
+    columns = outline_columns(scene, result, own, n, significant, config, error_of)
+    right = [
+        float(is_class_right(contours, row, scene.object(str(name))))
+        if name in scene.object_names
+        else np.nan
+        for row, name in enumerate(columns["object"])
+    ]
+    return ContourScores(class_right=np.array(right, float), **columns)
 
 
 def contour_errors(
@@ -103,11 +91,7 @@ def contour_errors(
         iou = intersection_over_union(points, np.asarray(true.outline.coords))
     return ShapeErrors(
         iou=iou,
-        hausdorff_m=hausdorff_m(distance, back),
-        modified_hausdorff_m=modified_hausdorff_m(distance, back),
-        chamfer_m=chamfer_m(distance, back),
-        seen_rmse_m=rms(distance[seen]),
-        full_rmse_m=rms(distance),
+        **distance_errors(distance, back, seen),
         coverage95=mean(covered[known]),
         seen_coverage95=mean(covered[known & seen]),
         crps_m=mean(crps),

@@ -74,27 +74,12 @@ class LinkView:
 
     def bounds(self, truth: Truth) -> PathBounds:
         """Cramer-Rao bounds of the given paths of a stop, all of them estimated together, beams as designed."""
-        link, paths = self.link, truth.paths
-        aod, tx_gain = apparent_angles(link.tx_codebook, self.tx, *self._departure(paths))
-        aoa, rx_gain = apparent_angles(link.rx_codebook, self.rx, *_arrival(truth))
-        return path_bounds(
-            self.tx,
-            self.rx,
-            link.frequency_offset_hz,
-            link.noise_power_mw,
-            paths.delay_s,
-            aod,
-            aoa,
-            np.sqrt(link.tx_power_mw) * paths.gain * tx_gain * rx_gain,
-            coherent=self.is_coherent,
-        )
+        poses = self.tx_pose, truth.rx_pose
+        return true_path_bounds(self.link, (self.tx, self.rx), truth.paths, poses, coherent=self.is_coherent)
 
     def _amplitudes(self, truth: Truth) -> tuple[FloatArray, FloatArray]:
-        tx = beam_response(self.tx_built, *self._departure(truth.paths))
-        return np.abs(tx), np.abs(beam_response(self.rx_built, *_arrival(truth)))
-
-    def _departure(self, paths: Paths) -> tuple[FloatArray, FloatArray]:
-        return paths.aod_azimuth_rad - self.tx_pose.heading_rad, paths.aod_elevation_rad
+        tx = beam_response(self.tx_built, *_departure(truth.paths, self.tx_pose))
+        return np.abs(tx), np.abs(beam_response(self.rx_built, *_arrival(truth.paths, truth.rx_pose)))
 
 
 def link_view(config: CampaignConfig, link: Link, scene: Scene) -> LinkView:
@@ -114,8 +99,35 @@ def link_view(config: CampaignConfig, link: Link, scene: Scene) -> LinkView:
     )
 
 
-def _arrival(truth: Truth) -> tuple[FloatArray, FloatArray]:
-    return truth.paths.aoa_azimuth_rad - truth.rx_pose.heading_rad, truth.paths.aoa_elevation_rad
+def true_path_bounds(
+    link: Link,
+    manifolds: tuple[Manifold, Manifold],
+    paths: Paths,
+    poses: tuple[Pose, Pose],
+    *,
+    coherent: bool,
+) -> PathBounds:
+    """Cramer-Rao bounds of true paths, all of them estimated together; manifolds and poses of TX and RX."""
+    aod, tx_gain = apparent_angles(link.tx_codebook, manifolds[0], *_departure(paths, poses[0]))
+    aoa, rx_gain = apparent_angles(link.rx_codebook, manifolds[1], *_arrival(paths, poses[1]))
+    return path_bounds(
+        *manifolds,
+        link.frequency_offset_hz,
+        link.noise_power_mw,
+        paths.delay_s,
+        aod,
+        aoa,
+        np.sqrt(link.tx_power_mw) * paths.gain * tx_gain * rx_gain,
+        coherent=coherent,
+    )
+
+
+def _departure(paths: Paths, tx_pose: Pose) -> tuple[FloatArray, FloatArray]:
+    return paths.aod_azimuth_rad - tx_pose.heading_rad, paths.aod_elevation_rad
+
+
+def _arrival(paths: Paths, rx_pose: Pose) -> tuple[FloatArray, FloatArray]:
+    return paths.aoa_azimuth_rad - rx_pose.heading_rad, paths.aoa_elevation_rad
 
 
 def _peak(book: Codebook) -> float:

@@ -9,10 +9,11 @@ import numpy as np
 from estimation.results import MapResult
 from estimation.scoring.contour_metrics import scene_gospa
 from estimation.scoring.metric import Metric
+from estimation.scoring.outline_table import is_compact
 from estimation.scoring.record import ClusterScores, ContourScores, SceneScores, SignificantPaths
 from estimation.scoring.shape_scores import contour_points_m
 from scenes.record import FloatArray, TextArray
-from scenes.scene import Scene, SceneObject
+from scenes.scene import Scene
 
 METHODS = ("shapes", "contours")  # the paper's and ours, in the order of the rows
 
@@ -29,7 +30,7 @@ def score_scene(
     What stems from a wall or another open object is left out: it is seen from one side, and its thickness is
     nobody's to find. An open contour of a compact object has no area: it counts as false, its object as missed.
     """
-    compact = [item for item in scene.objects if _is_compact(item)]
+    compact = [item for item in scene.objects if is_compact(item)]
     lit = [item for item in compact if (significant.object == item.name).any()]
     truths = [np.asarray(item.contour.outline.coords)[:-1] for item in lit]
     shapes = [contour_points_m(result.shapes, row) for row in _with_area(scene, clusters.object)]
@@ -55,12 +56,8 @@ def scene_metrics(map_name: str, table: SceneScores) -> list[Metric]:
 
 def _with_area(scene: Scene, names: TextArray) -> list[int]:
     """Rows of estimates of no object or of a compact one."""
-    flat_names = {item.name for item in scene.objects if not _is_compact(item)}
+    flat_names = {item.name for item in scene.objects if not is_compact(item)}
     return [row for row, name in enumerate(names) if str(name) not in flat_names]
-
-
-def _is_compact(item: SceneObject) -> bool:
-    return item.contour.closed and item.kind != "wall"
 
 
 def _row(estimates_m: Sequence[FloatArray], truths_m: Sequence[FloatArray]) -> list[float]:

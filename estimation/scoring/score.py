@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import astuple, dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
 from estimation.results import CampaignResults, MapResult
-from estimation.scoring.causes import cluster_causes
 from estimation.scoring.channel_metrics import channel_metrics
 from estimation.scoring.channel_scores import TrueStop, score_stop, significant_alone, true_stop
 from estimation.scoring.config import ScoringConfig, Significance
 from estimation.scoring.contour_scores import contour_metrics, score_contours
 from estimation.scoring.link_view import LinkView
-from estimation.scoring.map_scores import close_counts, find_clusters, is_ghost, map_metrics, score_ips
+from estimation.scoring.map_scores import map_metrics, score_ips
 from estimation.scoring.metric import Metric
+from estimation.scoring.outline_table import outline_columns
 from estimation.scoring.pose_scores import pose_bounds, pose_metrics, score_poses
-from estimation.scoring.provenance import cluster_origin
 from estimation.scoring.record import (
     ClusterScores,
     IpScores,
@@ -32,7 +31,7 @@ from estimation.scoring.record import (
 from estimation.scoring.scene_scores import scene_metrics, score_scene
 from estimation.scoring.shape_scores import ShapeErrors, shape_errors, shape_metrics
 from scenes.record import FloatArray, concatenate
-from scenes.scene import Scene
+from scenes.scene import Scene, SceneObject
 from sim.truth import Truth
 
 
@@ -140,27 +139,8 @@ def score_map(
 def _score_clusters(
     scene: Scene, result: MapResult, ips: IpScores, significant: SignificantPaths, config: ScoringConfig
 ) -> ClusterScores:
+    def error_of(cluster: int, item: SceneObject, members_m: FloatArray, lit_m: FloatArray) -> ShapeErrors:
+        return shape_errors(result.shapes, cluster, members_m, item.contour, lit_m, config)
+
     n_clusters = len(result.shapes.center_m)
-    origin = cluster_origin(ips.label, ips.object, n_clusters, config.found_share)
-    n_close = close_counts(scene, result, ips, origin, config.found_distance_m)
-    errors = []
-    for cluster, name in enumerate(origin.object):
-        if name not in scene.object_names:
-            errors.append(ShapeErrors())
-            continue
-        members_m = result.ips.position_m[ips.label == cluster]
-        lit_m = significant.vertex_m[significant.object == name]
-        contour = scene.object(str(name)).contour
-        errors.append(shape_errors(result.shapes, cluster, members_m, contour, lit_m, config))
-    columns = np.array([astuple(error) for error in errors]).reshape(-1, len(fields(ShapeErrors))).T
-    ghost = is_ghost(ips, n_clusters)
-    return ClusterScores(
-        object=origin.object,
-        purity=origin.purity,
-        n_ips=np.bincount(ips.label[ips.label >= 0], minlength=n_clusters),
-        n_close=n_close,
-        is_found=find_clusters(origin, n_close, config),
-        is_ghost=ghost,
-        cause=cluster_causes(ips.label, ips.object, ips.cause, ghost),
-        **{field.name: column for field, column in zip(fields(ShapeErrors), columns, strict=True)},
-    )
+    return ClusterScores(**outline_columns(scene, result, ips, n_clusters, significant, config, error_of))

@@ -57,6 +57,20 @@ def seen_samples(angle_rad: FloatArray, training_rad: FloatArray, margin_rad: fl
     return np.asarray((distance <= margin_rad).any(axis=1))
 
 
+def distance_errors(distance_m: FloatArray, back_m: FloatArray, seen: BoolArray) -> dict[str, float]:
+    """Errors by name, from the distances (sample,) of a contour to the true outline and (point,) back from it.
+
+    `seen` (sample,) marks the part of the contour that was seen.
+    """
+    return {
+        "hausdorff_m": hausdorff_m(distance_m, back_m),
+        "modified_hausdorff_m": modified_hausdorff_m(distance_m, back_m),
+        "chamfer_m": chamfer_m(distance_m, back_m),
+        "seen_rmse_m": rms(distance_m[seen]),
+        "full_rmse_m": rms(distance_m),
+    }
+
+
 def shape_errors(
     shapes: Shapes,
     cluster: int,
@@ -88,11 +102,7 @@ def shape_errors(
     )
     return ShapeErrors(
         iou=intersection_over_union(points, np.asarray(contour.outline.coords)) if contour.closed else np.nan,
-        hausdorff_m=hausdorff_m(distance, back),
-        modified_hausdorff_m=modified_hausdorff_m(distance, back),
-        chamfer_m=chamfer_m(distance, back),
-        seen_rmse_m=rms(distance[seen]),
-        full_rmse_m=rms(distance),
+        **distance_errors(distance, back, seen),
         coverage95=mean(covered[exists]),
         seen_coverage95=mean(covered[exists & seen]),
         crps_m=mean(crps),

@@ -4,17 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from estimation.channel.record import ChannelEstimate
 from estimation.slam.config import MappingConfig, SnapshotConfig, TrajectoryConfig
 from estimation.slam.filter import run_filter
-from estimation.slam.mapping import map_stops
+from estimation.slam.mapped_solutions import collect_and_map
 from estimation.slam.record import IncidencePoints, PoseEstimates
 from estimation.slam.snapshot import solve_snapshot
-from estimation.slam.solution import collect_poses
 from estimation.slam.spatial import solve_spatial
-from estimation.slam.spatial_mapping import map_stops_spatial
 from estimation.slam.spatial_problem import is_spatial
 from estimation.slam.spatial_trajectory import run_spatial_trajectory
 from estimation.slam.trajectory import run_trajectory
@@ -54,16 +50,6 @@ def run_slam(
     state has a covariance, it is carried into the covariance of the IPs.
     """
     spatial = is_spatial(estimates, use_elevation=config.use_elevation)
-    solve, map_all = (solve_spatial, map_stops_spatial) if spatial else (solve_snapshot, map_stops)
+    solve = solve_spatial if spatial else solve_snapshot
     solutions = [solve(estimate, tx_pose, config) for estimate in estimates]
-    poses = collect_poses(solutions)
-    points = map_all(
-        estimates,
-        poses,
-        tx_pose,
-        mapping_config,
-        is_los=[solution.is_los for solution in solutions],
-        is_inlier=[solution.is_inlier for solution in solutions],
-        state_covariance=[np.nan_to_num(solution.covariance) for solution in solutions],
-    )
-    return poses, points
+    return collect_and_map(estimates, solutions, tx_pose, mapping_config, spatial=spatial)

@@ -14,19 +14,17 @@ import numpy as np
 
 from estimation.channel.record import ChannelEstimate
 from estimation.slam.config import MappingConfig, SnapshotConfig, TrajectoryConfig
-from estimation.slam.mapping import map_stops
+from estimation.slam.mapped_solutions import collect_and_map
 from estimation.slam.problem import Fit, snapshot_problem
 from estimation.slam.record import IncidencePoints, PoseEstimates
 from estimation.slam.snapshot import ranked_modes
 from estimation.slam.solution import (
     SnapshotSolution,
-    collect_poses,
     failed_solution,
     seconds_of_metres,
     solution_of,
 )
 from estimation.slam.spatial import ranked_spatial_modes
-from estimation.slam.spatial_mapping import map_stops_spatial
 from estimation.slam.spatial_problem import is_spatial, spatial_problem
 from scenes.pose import Pose, wrap_angle
 from scenes.record import FloatArray
@@ -75,17 +73,7 @@ def run_filter(
             modes = ranked_modes(snapshot_problem(estimate, tx_pose, ranked.noise), ranked)
         hypotheses = advance(hypotheses, modes, config)
         solutions.append(_solution(estimate, tx_pose, hypotheses, snapshot, 5 if spatial else 4))
-    poses = collect_poses(solutions)
-    points = (map_stops_spatial if spatial else map_stops)(
-        estimates,
-        poses,
-        tx_pose,
-        mapping_config,
-        is_los=[solution.is_los for solution in solutions],
-        is_inlier=[solution.is_inlier for solution in solutions],
-        state_covariance=[np.nan_to_num(solution.covariance) for solution in solutions],
-    )
-    return poses, points
+    return collect_and_map(estimates, solutions, tx_pose, mapping_config, spatial=spatial)
 
 
 def advance(

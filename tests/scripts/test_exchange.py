@@ -1,9 +1,7 @@
 """`arena export` and `arena import-deepmimo`: other tools' formats, on the small campaign."""
 
 import json
-import os
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -16,9 +14,9 @@ from estimation.mat_store import read_measurement
 from estimation.store import open_campaign
 from scenes.tum import parse_tum
 from sim.deepmimo_store import read_deepmimo
+from tests.scripts.sweep_files import ROOT
+from tests.scripts.sweep_files import arena as arena_in
 
-ROOT = Path(__file__).resolve().parents[2]
-ARENA = [sys.executable, "-c", "from scripts.arena import main; main()"]
 CAMPAIGN = """
 name = "small"
 scene = "box_room"
@@ -30,9 +28,7 @@ diffuse_samples = 0
 
 
 def arena(*arguments: object) -> subprocess.CompletedProcess[str]:
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "200"}
-    command = [*ARENA, *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, cwd=ROOT, env=environment, check=False)
+    return arena_in(*arguments, cwd=ROOT)
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,37 @@
+"""Solved stops handed on: their poses in one record, and the incidence points that mapping makes of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from estimation.channel.record import ChannelEstimate
+from estimation.slam.config import MappingConfig
+from estimation.slam.mapping import map_stops
+from estimation.slam.record import IncidencePoints, PoseEstimates
+from estimation.slam.solution import SnapshotSolution, collect_poses
+from estimation.slam.spatial_mapping import map_stops_spatial
+from scenes.pose import Pose
+
+
+def collect_and_map(
+    estimates: Sequence[ChannelEstimate],
+    solutions: Sequence[SnapshotSolution],
+    tx_pose: Pose,
+    config: MappingConfig,
+    *,
+    spatial: bool,
+) -> tuple[PoseEstimates, IncidencePoints]:
+    """Poses of all stops and IPs of those that were solved; a solution's covariance is carried into its IPs."""
+    poses = collect_poses(solutions)
+    points = (map_stops_spatial if spatial else map_stops)(
+        estimates,
+        poses,
+        tx_pose,
+        config,
+        is_los=[solution.is_los for solution in solutions],
+        is_inlier=[solution.is_inlier for solution in solutions],
+        state_covariance=[np.nan_to_num(solution.covariance) for solution in solutions],
+    )
+    return poses, points
