@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimation.channel.apparent import seen_from_horizon
 from estimation.channel.cancel import parted
 from estimation.channel.compress import CompressedSweep, check_sweep, compress
 from estimation.channel.config import MaximumLikelihoodConfig
@@ -27,6 +28,7 @@ from estimation.channel.plan import (
     search_plan,
 )
 from estimation.channel.prune import companions, pruned
+from estimation.channel.raised import raised
 from estimation.channel.refine import Reference, Solution, covariances, refine, refine_apart, solve_at
 from estimation.channel.search import Search, without_side_lobes
 from scenes.pose import wrap_angle
@@ -97,7 +99,8 @@ def prepare(
     window = delay_window(cube, plan, config)
     if window is None:
         return empty_fit(tx.n_angles, rx.n_angles, "no_paths")
-    return Prepared(cube.window(window.position), window, plan, config, tx, rx)
+    compressed = cube.window(window.position).with_hidden_elevation()
+    return Prepared(compressed, window, plan, config, tx, rx)
 
 
 def fit_paths(
@@ -111,8 +114,10 @@ def fit_paths(
         room = min(config.max_paths, _most_paths(sweep)) - len(solution.paths)
         new = _new_paths(search, reference, window, room)
         if not len(new):
-            solution = _settled(reference, solution, window)
+            solution, is_raised = _finished(reference, solution, window)
             reference = Reference(sweep, solution.paths)
+            if is_raised:
+                continue
             new = companions(reference, solution, window.level) if room > 0 else new
             if not len(new):
                 return solution
@@ -120,9 +125,20 @@ def fit_paths(
         trial = pruned(reference, trial, window.level_at, ROUND_STEPS)
         trial = parted(reference, trial, ROUND_STEPS)
         if trial.explained - solution.explained < window.level / 2:
-            break
+            trial, is_raised = _finished(reference, solution, window)
+            if not is_raised:
+                return trial
         solution, reference = trial, Reference(sweep, trial.paths)
-    return _settled(reference, solution, window)
+    return _finished(reference, solution, window)[0]
+
+
+def _finished(reference: Reference, solution: Solution, window: DelayWindow) -> tuple[Solution, bool]:
+    """The settled solution, with paths above or below the horizon where one explains several; whether so."""
+    solution = _settled(reference, solution, window)
+    above = raised(reference, solution, window.level_at, FINAL_STEPS)
+    if above is solution:
+        return solution, False
+    return _settled(reference, above, window), True
 
 
 def _settled(reference: Reference, solution: Solution, window: DelayWindow) -> Solution:
@@ -143,24 +159,36 @@ def path_fit(
     delay_s = delay_bins * sweep.bin_s
     turns = np.round((delay_bins - paths.delay_bins) / n)  # every period turns the middle of the band
     gain = paths.amplitude * np.sqrt(sweep.noise_scale) * np.where(turns * (n - 1) % 2, -1, 1)
-    gain = gain * np.exp(2j * np.pi * sweep.centre_hz * delay_s)
-    tx_gain = np.abs(tx.response(paths.aod_rad)) ** 2
-    rx_gain = np.abs(rx.response(paths.aoa_rad)) ** 2 / noise_power_mw
+    aod_rad, aod_slopes, tx_factor = seen_from_horizon(tx, paths.aod_rad)
+    aoa_rad, aoa_slopes, rx_factor = seen_from_horizon(rx, paths.aoa_rad)
+    gain = gain * np.exp(2j * np.pi * sweep.centre_hz * delay_s) * tx_factor * rx_factor
+    tx_gain = np.abs(tx.response(aod_rad)) ** 2
+    rx_gain = np.abs(rx.response(aoa_rad)) ** 2 / noise_power_mw
     snr = np.abs(gain) ** 2 * tx_gain.max(axis=1) * rx_gain.max(axis=1) * n / sweep.noise_scale
-    covariance = covariances(solution, n)
+    covariance = _of_reported(covariances(solution, n), aod_slopes, aoa_slopes)
     covariance[:, 0] *= sweep.bin_s
     covariance[:, :, 0] *= sweep.bin_s
     order = np.argsort(delay_s, kind="stable")
     return PathFit(
         delay_s=delay_s[order],
-        aod_rad=wrap_angle(paths.aod_rad[order]),
-        aoa_rad=wrap_angle(paths.aoa_rad[order]),
+        aod_rad=wrap_angle(aod_rad[order]),
+        aoa_rad=wrap_angle(aoa_rad[order]),
         amplitude=np.abs(gain)[order],
         phase_rad=np.angle(gain)[order],
         snr_db=10 * np.log10(snr[order]),
         covariance=covariance[order],
         status="ok" if len(paths) else "no_paths",
     )
+
+
+def _of_reported(covariance: FloatArray, aod_slopes: FloatArray, aoa_slopes: FloatArray) -> FloatArray:
+    """Covariance of delay and reported angles from that of fitted ones; slopes are (path, reported, fitted)."""
+    n, (n_aod, n_aoa) = len(covariance), (aod_slopes.shape[1], aoa_slopes.shape[1])
+    slopes = np.zeros((n, 1 + n_aod + n_aoa, covariance.shape[1]))
+    slopes[:, 0, 0] = 1.0
+    slopes[:, 1 : 1 + n_aod, 1 : 1 + aod_slopes.shape[2]] = aod_slopes
+    slopes[:, 1 + n_aod :, 1 + aod_slopes.shape[2] :] = aoa_slopes
+    return np.asarray(slopes @ covariance @ slopes.swapaxes(1, 2))
 
 
 def _new_paths(search: Search, reference: Reference, window: DelayWindow, room: int) -> Paths:

@@ -69,6 +69,10 @@ class CompressedSweep:
         scale = np.sqrt(self.n_subcarriers) * self.weight
         return np.asarray(kernel * (np.array([[1.0], [-1.0]]) * scale))
 
+    def with_hidden_elevation(self) -> Self:
+        """The sweep with elevations in its model that several panels show (`Manifold.with_hidden_elevation`)."""
+        return replace(self, tx=self.tx.with_hidden_elevation(), rx=self.rx.with_hidden_elevation())
+
     def whitened(
         self, tx: ComplexArray | FloatArray, rx: ComplexArray | FloatArray, bin_std: FloatArray
     ) -> Self:

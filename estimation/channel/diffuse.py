@@ -22,8 +22,8 @@ from estimation.channel.compress import CompressedSweep
 from estimation.channel.config import MaximumLikelihoodConfig
 from estimation.channel.fit import PathFit
 from estimation.channel.manifold import Manifold
-from estimation.channel.misfit import misfit_factor
-from estimation.channel.path_model import Paths, responses
+from estimation.channel.misfit import misfit_factor, widened
+from estimation.channel.path_model import Paths, manifold_rates, responses
 from estimation.channel.plan import DelayWindow
 from estimation.channel.prune import wald_statistic
 from estimation.channel.refine import Reference, Solution
@@ -59,7 +59,8 @@ def fit_over_background(
     if isinstance(stop, PathFit):
         return stop
     found = _settled(stop)
-    return _reported(found, path_fit(found.solution, found.sweep, stop.tx, stop.rx, sweep.noise_power_mw))
+    fit = path_fit(found.solution, found.sweep, stop.tx, stop.rx, sweep.noise_power_mw)
+    return _reported(found, fit, stop.tx, stop.rx)
 
 
 @dataclass(frozen=True)
@@ -98,13 +99,16 @@ def _turn(stop: Prepared, background: FloatArray) -> _Found:
     return _Found(white, solution, rise, stands_out, background_over_delay(left))
 
 
-def _reported(found: _Found, fit: PathFit) -> PathFit:
-    """The paths that stand out, in order of delay, their covariances widened by background and misfit."""
+def _reported(found: _Found, fit: PathFit, tx: Manifold, rx: Manifold) -> PathFit:
+    """The paths of a `fit` that stand out, their covariances widened by background and misfit."""
     n, paths = found.sweep.n_subcarriers, found.solution.paths
     delay_bins = (paths.delay_bins + n / 8) % n - n / 8
     order = np.argsort(delay_bins, kind="stable")
     factor = found.rise * misfit_factor(Reference(found.sweep, paths), found.solution)
-    fit = replace(fit, covariance=fit.covariance * factor[order][:, None, None])
+    reported = Paths(fit.delay_s / found.sweep.bin_s, fit.aod_rad, fit.aoa_rad, fit.amplitude.astype(complex))
+    rate = manifold_rates(replace(found.sweep, tx=tx, rx=rx), reported)
+    rate[:, 0] /= found.sweep.bin_s
+    fit = replace(fit, covariance=widened(fit.covariance, factor[order], rate))
     kept: PathFit = fit.take("path", found.stands_out[order])
     return kept if len(kept) else replace(kept, status="no_paths")
 

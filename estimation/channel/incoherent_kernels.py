@@ -100,6 +100,8 @@ def pair_scores(
 ) -> None:  # pragma: no cover
     """Marginal log-likelihood of every pair over that of noise, its phase, and the summed score and information.
 
+    Parameters
+    ----------
     inner, pair_snr : (pair,) inner product of the signal with the samples, and its energy over the noise
     matched : (2 path, pair) inner products of the samples with the waves and slopes of all paths
     sent : (2 path, pair) the same of the signal

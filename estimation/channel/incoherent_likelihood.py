@@ -71,6 +71,17 @@ class Ends:
         tx, rx = self._beams(paths)
         return np.asarray((np.abs(tx) ** 2).sum(axis=1) * (np.abs(rx) ** 2).sum(axis=1))
 
+    def shares_in_light(self, paths: FloatArray, n_bins: int) -> FloatArray:
+        """Share (path,) of every path's energy in beam pairs whose phases the other paths tell.
+
+        A path of SNR g in a pair tells its phase by about g / (g + 1/2), the mean of the cosine of its error.
+        """
+        tx, rx = (np.square(np.abs(part)) for part in self._beams(paths))
+        power = n_bins * tx[:, :, None] * rx[:, None]
+        others = power.sum(axis=0) - power
+        told = others / (others + 0.5)
+        return np.asarray((power * told).sum(axis=(1, 2)) / np.maximum(power.sum(axis=(1, 2)), 1e-300))
+
     def _beams(self, paths: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         n = self.tx.n_angles
         gain = np.exp(paths[:, -2] + 1j * paths[:, -1])

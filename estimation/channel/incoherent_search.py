@@ -280,9 +280,10 @@ class Search:
     def _thresholds(self, paths: FloatArray, strongest: int) -> FloatArray:
         """Likelihood ratio (path,) that paths need: the strongest anywhere, the others with its delay known.
 
-        It rises with the background where that is known.
+        It rises with the share of a path in beam pairs whose phases others tell, and with a known background.
         """
-        limit = self.levels.further(paths[:, 0], float(paths[strongest, 0]))
+        known = self.ends.shares_in_light(paths, self.spectrum.n_bins)
+        limit = self.levels.further(paths[:, 0], float(paths[strongest, 0]), known)
         limit[strongest] = self.levels.first(paths[strongest, :1])[0]
         return limit if self.background is None else limit * self.background.rise(self.ends, paths)
 

@@ -13,6 +13,10 @@ this into
 
 and l(eta), a sum over beam pairs, is near Gaussian under eta where that counts, about max l = t. Its moments
 and J follow from the SNR of every pair; no simulation is needed.
+
+In pairs that known paths light the phases are known too. A further path has a phase of its own there, and its
+ratio is that of a coherent search, which noise drives higher: chi-square of 2 degrees of freedom at every place
+(`estimation.channel.field`). A path that lies in such pairs by a share needs a level between both by that share.
 """
 
 from __future__ import annotations
@@ -26,6 +30,12 @@ from scipy.optimize import brentq
 from scipy.special import i0e, log_ndtr, logsumexp
 
 from estimation.channel.config import MaximumLikelihoodConfig
+from estimation.channel.field import (
+    delay_curvatures,
+    detection_level,
+    direction_curvatures,
+    region_curvatures,
+)
 from estimation.channel.manifold import Manifold
 from estimation.channel.phase_information import pair_information
 from estimation.channel.plan import NEAR_SHARE
@@ -40,11 +50,18 @@ _LARGEST_THRESHOLD = 500.0
 
 @dataclass(frozen=True, eq=False)
 class NullTail:
-    """Terms of the sum for P(max l > t) per delay bin: means and variances of l, and log weights, all (term,)."""
+    """What tells P(max l > t) of noise: with no phase known, and with all of them.
+
+    Attributes
+    ----------
+    mean, variance, log_weight : (term,) of l, in the sum per delay bin with no phase known
+    curvatures : (dimension,) of the directions of both ends, for phases that are known
+    """
 
     mean: FloatArray
     variance: FloatArray
     log_weight: FloatArray
+    curvatures: FloatArray
 
     def log_probability(self, threshold: float, n_bins: float) -> float:
         """Log of the expected number of false alarms over `n_bins` delay bins."""
@@ -61,6 +78,12 @@ class NullTail:
             brentq(lambda t: self.log_probability(t, n_bins) - target, 0.0, _LARGEST_THRESHOLD, xtol=1e-3)
         )
 
+    @lru_cache(maxsize=64)  # noqa: B019
+    def coherent_threshold(self, probability: float, n_bins: float, n_subcarriers: int) -> float:
+        """The same where the phases of all beam pairs are known; at least that without them."""
+        region = region_curvatures(delay_curvatures(n_bins, n_subcarriers), self.curvatures)
+        return max(detection_level(probability, region), self.threshold(probability, n_bins))
+
 
 @dataclass(frozen=True)
 class Levels:
@@ -76,25 +99,38 @@ class Levels:
         early, late = (1e-9 * ns / self.bin_s for ns in self.config.expected_delay_ns)
         return self._inside(delay_bins, early, late)
 
-    def further(self, delay_bins: FloatArray, strongest_bins: float) -> FloatArray:
-        """Level (path,) of the others, with the delay of the strongest path known."""
+    def further(self, delay_bins: FloatArray, strongest_bins: float, known: FloatArray) -> FloatArray:
+        """Level (path,) of the others, with the delay of the strongest path known.
+
+        `known` (path,) is the share of each path that lies in beam pairs whose phases other paths tell.
+        """
         before, after = (
             1e-9 * ns / self.bin_s for ns in (self.config.delay_before_ns, self.config.delay_after_ns)
         )
-        return self._inside(delay_bins, strongest_bins - before, strongest_bins + after)
+        return self._inside(delay_bins, strongest_bins - before, strongest_bins + after, known)
 
     @property
     def lowest(self) -> float:
         """The least that any path needs."""
-        return float(min(self.first(np.zeros(1))[0], self.further(np.zeros(1), 0.0)[0]))
+        return float(min(self.first(np.zeros(1))[0], self.further(np.zeros(1), 0.0, np.zeros(1))[0]))
 
-    def _inside(self, delay_bins: FloatArray, early: float, late: float) -> FloatArray:
+    def _inside(
+        self, delay_bins: FloatArray, early: float, late: float, known: FloatArray | float = 0.0
+    ) -> FloatArray:
         probability, n_near = self.config.false_alarm_probability, late - early
         if n_near >= self.n_bins:
-            return np.full(len(delay_bins), self.tail.threshold(probability, self.n_bins))
-        near = self.tail.threshold(NEAR_SHARE * probability, n_near)
-        other = self.tail.threshold((1 - NEAR_SHARE) * probability, self.n_bins - n_near)
+            return np.full(len(delay_bins), self._between(probability, self.n_bins, known))
+        near = self._between(NEAR_SHARE * probability, n_near, known)
+        other = self._between((1 - NEAR_SHARE) * probability, self.n_bins - n_near, known)
         return np.where((delay_bins - early) % self.n_bins <= n_near, near, other)
+
+    def _between(self, probability: float, n_bins: float, known: FloatArray | float) -> FloatArray:
+        """Level between those of phases that are unknown and known, by the share of the latter."""
+        ends = (
+            self.tail.threshold(probability, n_bins),
+            self.tail.coherent_threshold(probability, n_bins, self.n_bins),
+        )
+        return np.asarray(ends[0] + known * (ends[1] - ends[0]))
 
 
 @lru_cache(maxsize=8)
@@ -107,7 +143,8 @@ def null_tail(tx: Manifold, rx: Manifold) -> NullTail:
         for i, j in product(range(len(tx_profile)), range(len(rx_profile)))
     ]
     mean, variance, log_weight = (np.concatenate(part) for part in zip(*terms, strict=True))
-    return NullTail(mean, variance, log_weight)
+    curvatures = region_curvatures(direction_curvatures(tx), direction_curvatures(rx))
+    return NullTail(mean, variance, log_weight, curvatures)
 
 
 def _patterns(manifold: Manifold) -> tuple[FloatArray, FloatArray, FloatArray]:

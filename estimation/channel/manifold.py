@@ -42,6 +42,12 @@ class _Panel:
     pattern: str
     slant_rad: float
 
+    def response(self, azimuth_rad: FloatArray, elevation_rad: FloatArray) -> ComplexArray:
+        """Responses (direction, beam) of the panel's beams."""
+        phase = direction(azimuth_rad, elevation_rad) @ self.wave_vector.T
+        wave = _phasor(phase) * self.amplitude(azimuth_rad, elevation_rad)[:, None]
+        return np.asarray(wave @ self.weights.T)
+
     def amplitude(self, azimuth_rad: FloatArray, elevation_rad: FloatArray) -> FloatArray:
         """Element amplitude (direction,), of the vertical polarisation."""
         amplitude = element_amplitude(
@@ -74,6 +80,7 @@ class Manifold:
     ----------
     n_beams, n_angles : number of beams, and of angles (azimuth, or azimuth and elevation) that they observe
     azimuth_range_rad, elevation_range_rad : directions that the beams see; `is_closed` where azimuths go all round
+    hides_elevation : whether elevations are in the model that only a second panel shows
     """
 
     n_beams: int
@@ -81,6 +88,7 @@ class Manifold:
     azimuth_range_rad: tuple[float, float]
     elevation_range_rad: tuple[float, float]
     is_closed: bool
+    hides_elevation: bool = False
 
     def __init__(self, codebook: Codebook, n_angles: int | None = None) -> None:
         self._panels = _panels(codebook)
@@ -102,6 +110,29 @@ class Manifold:
         other.n_beams = len(matrix)
         return other
 
+    def with_hidden_elevation(self) -> Self:
+        """The manifold over azimuth and elevation of horizontal beams on several upright panels; else itself.
+
+        One panel shows the cone angle of a path about its own boresight and no more. Two panels show two, and with
+        them the elevation but for its sign. What rows make of it, the same for all beams, is part of the gain.
+        """
+        several = len({panel.azimuth_rad for panel in self._panels}) > 1
+        if self.n_angles == 2 or not several or any(panel.tilt_rad for panel in self._panels):
+            return self
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__dict__)
+        other.n_angles, other.hides_elevation = 2, True
+        return other
+
+    def best_panel_rad(self, angles: FloatArray) -> FloatArray:
+        """Boresight azimuth (direction,) of the panel of the best beam towards `angles` (direction, angle)."""
+        azimuth, elevation = self._split(angles)
+        strongest = [
+            np.abs(panel.response(azimuth, elevation)).max(axis=1, initial=0.0) for panel in self._panels
+        ]
+        boresight = np.array([panel.azimuth_rad for panel in self._panels])
+        return np.asarray(boresight[np.argmax(strongest, axis=0)])
+
     def weights(self) -> ComplexArray:
         """All that the beams sum, (beam, element) over the panels in turn: their span holds every response."""
         return np.concatenate([panel.weights for panel in self._panels], axis=1)
@@ -115,11 +146,9 @@ class Manifold:
     def response(self, angles: FloatArray) -> ComplexArray:
         """Responses (direction, beam) towards `angles` (direction, angle) in rad, in the device frame."""
         azimuth, elevation = self._split(angles)
-        unit = direction(azimuth, elevation)
         response = np.zeros((len(azimuth), self.n_beams), complex)
         for panel in self._panels:
-            wave = _phasor(unit @ panel.wave_vector.T) * panel.amplitude(azimuth, elevation)[:, None]
-            response += wave @ panel.weights.T
+            response += panel.response(azimuth, elevation)
         return response
 
     def jacobian(self, angles: FloatArray) -> ComplexArray:

@@ -116,7 +116,9 @@ class Search:
         tx, rx = self.grids
         if not len(peaks):
             return no_paths(self.sweep)
-        paths = Paths(peaks.delay_bins, tx.angle_rad[peaks.tx], rx.angle_rad[peaks.rx], peaks.value)
+        aod = _at_horizon(tx.angle_rad[peaks.tx], self.sweep.tx)
+        aoa = _at_horizon(rx.angle_rad[peaks.rx], self.sweep.rx)
+        paths = Paths(peaks.delay_bins, aod, aoa, peaks.value)
         return replace(paths, amplitude=peaks.value / np.sqrt(own_energy(responses(self.sweep, paths))))
 
     def _delay_filtered(self, parts: FloatArray) -> FloatArray:
@@ -156,6 +158,11 @@ def without_side_lobes(
         is_close = tx.close[peaks.tx, peaks.tx[index]] & rx.close[peaks.rx, peaks.rx[index]]
         explained += amplitude[index] * np.where(is_close & (distance <= CLOSE_BINS), 1.0, lobe)
     return peaks.take(np.array(kept, int))
+
+
+def _at_horizon(angles_rad: FloatArray, manifold: Manifold) -> FloatArray:
+    """Directions of the grid with as many angles as the manifold has: hidden elevations start at zero."""
+    return np.pad(angles_rad, ((0, 0), (0, manifold.n_angles - angles_rad.shape[1])))
 
 
 @lru_cache(maxsize=16)

@@ -4,9 +4,16 @@ import numpy as np
 import pytest
 
 from estimation.channel.config import MaximumLikelihoodConfig
+from estimation.channel.field import (
+    delay_curvatures,
+    detection_level,
+    direction_curvatures,
+    region_curvatures,
+)
 from estimation.channel.incoherent import fit_incoherent
 from estimation.channel.incoherent_threshold import Levels, null_tail
 from estimation.channel.manifold import Manifold
+from estimation.channel.plan import NEAR_SHARE
 from tests.estimation.channel.plain_sweeps import (
     CHI2_95,
     places,
@@ -62,11 +69,23 @@ def test_levels_fall_where_paths_are_expected() -> None:
     tail = null_tail(Manifold(SMALL.tx_codebook), Manifold(SMALL.rx_codebook))
     levels = Levels(tail, MaximumLikelihoodConfig(), 1e-9, 8000)
     expected, late = levels.first(np.array([100.0, 5000.0]))
-    near, far = levels.further(np.array([5100.0, 100.0]), 5000.0)
+    near, far = levels.further(np.array([5100.0, 100.0]), 5000.0, np.zeros(2))
     assert near < expected < late
     assert near < far
     probability = np.exp(tail.log_probability(tail.threshold(1e-3, 500.0), 500.0))
     assert probability == pytest.approx(1e-3, rel=0.01)
+
+
+def test_levels_rise_to_those_of_known_phases() -> None:
+    """A path among pairs whose phases others tell is found coherently, and so is noise."""
+    ends = Manifold(SMALL.tx_codebook), Manifold(SMALL.rx_codebook)
+    levels = Levels(null_tail(*ends), MaximumLikelihoodConfig(), 1e-9, 8000)
+    dark, half, lit = levels.further(np.full(3, 100.0), 50.0, np.array([0.0, 0.5, 1.0]))
+    assert dark < half < lit
+    assert half == pytest.approx((dark + lit) / 2)
+    n_near = levels.config.delay_before_ns + levels.config.delay_after_ns
+    region = region_curvatures(delay_curvatures(n_near, 8000), *map(direction_curvatures, ends))
+    assert lit == pytest.approx(detection_level(NEAR_SHARE * levels.config.false_alarm_probability, region))
 
 
 def test_two_equal_paths_of_nearly_one_delay_are_two() -> None:

@@ -235,3 +235,17 @@ def test_candidates_are_weighed_by_their_likelihood():
     in_phase = np.vdot(shape[:, 0] * told, matched[:, 0])
     assert ratio[0] == pytest.approx(max(expected.max(), abs(in_phase) ** 2), rel=1e-5)
     assert phase[0] == pytest.approx(np.angle(in_phase), abs=1e-5)
+
+
+def test_a_path_lies_in_the_light_of_those_in_its_beam_pairs() -> None:
+    link = plain_link()
+    ends = Ends(Manifold(link.tx_codebook), Manifold(link.rx_codebook), np.ones(len(link.rx_codebook)))
+    lone = np.array([[10.0, 0.5, -0.4, 0.0, 0.0]])
+    assert ends.shares_in_light(lone, K) == pytest.approx(0.0)
+    beside = np.concatenate([lone, [[30.0, 0.5, -0.4, 3.0, 1.0]]])
+    aside = np.concatenate([lone, [[10.0, -0.7, 0.6, -1.0, 1.0]]])
+    assert ends.shares_in_light(beside, K)[0] > 0.99
+    power = K * np.square(np.abs(ends.amplitudes(aside)))
+    told = power[:, 1] / (power[:, 1] + 0.5)
+    assert ends.shares_in_light(aside, K)[0] == pytest.approx(told @ power[:, 0] / power[:, 0].sum())
+    assert ends.shares_in_light(aside, K)[0] < 0.5
