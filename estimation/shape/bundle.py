@@ -9,18 +9,18 @@ complement). Paths weigh in with their probability of not being ghosts, as in `e
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimation.geometry import los_jacobian_rx, predict_los, residual
+from estimation.geometry import residual
 from estimation.shape.bundle_kinds import BundleObject, family_of_kind, prior_of, shape_of, start_of
+from estimation.shape.bundle_states import at_solution, line_of_sight, prior_states
 from estimation.shape.fit import ShapeFit, failed_fit
 from estimation.shape.path_likelihood import N_COMMON
-from estimation.shape.posterior import Optimum, Prior, with_offsets
+from estimation.shape.posterior import CHI2_MEDIAN, FAR_OFF, Optimum, Prior, with_offsets
 from estimation.shape.reflections import ReflectionConfig, Reflections
 from estimation.shape.specular import predict
-from scenes.pose import Pose
 from scenes.record import FloatArray, IntArray
 
 _MAX_STEPS = 40
@@ -28,7 +28,6 @@ _SETTLED_NAT = 1e-6
 _LEAST_INFORMATION = 1e-8  # on an object that lost all its paths to ghosts, per square of m or rad
 _LEAST_LEFT = 0.05  # share of a variance that the fit does not take up
 _NORMAL_MEDIAN = 0.6745  # of the size of a standard normal number
-_EXACT_STD = 1e-6  # of a state given as exact, in m and rad
 
 
 @dataclass(frozen=True)
@@ -38,11 +37,16 @@ class Bundle:
     shapes: tuple[ShapeFit, ...]
     inlier: tuple[FloatArray, ...]  # per object (path,) probability of not being a ghost
     offset: FloatArray  # (2 + session,) delay in m, arrivals, departures of each session in rad
-    offset_std: FloatArray  # (2 + session,)
+    offset_covariance: FloatArray  # (2 + session, 2 + session)
     stop: IntArray  # (stop,) the stops that have paths
     rx_state: FloatArray  # (stop, 4) x, y, heading, clock bias in m, m, rad, m
     rx_covariance: FloatArray  # (stop, 4, 4)
     noise_scale: FloatArray  # (3,) standard deviations of range, departures, arrivals over the stated ones
+
+    @property
+    def offset_std(self) -> FloatArray:
+        """Standard deviations (2 + session,) of the offsets."""
+        return np.sqrt(np.diagonal(self.offset_covariance))
 
 
 @dataclass(frozen=True)
@@ -93,7 +97,7 @@ def fit_bundle(objects: Sequence[BundleObject], los: Reflections, config: Reflec
     """
     starts = [start_of(each, config) for each in objects]
     given = [each.paths for each, start in zip(objects, starts, strict=True) if start is not None]
-    stop, prior_state, prior_weight = _prior_states([*given, los])
+    stop, prior_state, prior_weight = prior_states([*given, los])
     n_offsets = N_COMMON + max((data.n_sessions for data in [*given, los]), default=0)
     parts: list[_Part | None] = []
     first = n_offsets
@@ -116,23 +120,23 @@ def fit_bundle(objects: Sequence[BundleObject], los: Reflections, config: Reflec
     common, state = problem.solve(common)
     system = problem.system(common, state)
     left, _, cross = system.schur(0.0)
-    own = np.asarray(np.linalg.inv(system.stop), float)
-    covariance = np.asarray(np.linalg.inv(left), float)
+    own, covariance = np.asarray(np.linalg.inv(system.stop)), np.asarray(np.linalg.inv(left))
     found = [None if part is None else problem.optimum(part, common, state, covariance) for part in parts]
+    rx_covariance = own + cross @ covariance @ np.swapaxes(cross, 1, 2)
     shapes = tuple(
         failed_fit(each.kind, "no start")
         if optimum is None
-        else shape_of(each, optimum, state[np.searchsorted(stop, each.paths.stop)], config)
+        else shape_of(each, optimum, at_solution(each.paths, stop, state, rx_covariance), config)
         for each, optimum in zip(objects, found, strict=True)
     )
     return Bundle(
         shapes=shapes,
         inlier=tuple(np.zeros(0) if optimum is None else optimum.inlier for optimum in found),
         offset=common[:n_offsets],
-        offset_std=np.sqrt(np.diagonal(covariance)[:n_offsets]),
+        offset_covariance=covariance[:n_offsets, :n_offsets],
         stop=stop,
         rx_state=state,
-        rx_covariance=own + cross @ covariance @ np.swapaxes(cross, 1, 2),
+        rx_covariance=rx_covariance,
         noise_scale=problem.noise_scale(common, state, covariance, cross, own),
     )
 
@@ -148,8 +152,48 @@ class _Problem:
     config: ReflectionConfig
 
     def solve(self, common: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Common unknowns and states at the minimum, by Levenberg-Marquardt."""
-        state, damping = self.prior_state, 1e-3
+        """Common unknowns and states at the minimum.
+
+        Fits alone took up offsets of their own, and given states have errors, so that an object may start where
+        all its paths are ghosts to it: the covariances of such paths are raised at first and cooled to their own.
+        """
+        state = self.prior_state
+        for heat in self._cooling(common, state):
+            common, state = self._heated(heat)._descend(common, state)
+        return common, state
+
+    def _cooling(self, common: FloatArray, state: FloatArray) -> FloatArray:
+        """Factors (round, set) on the covariances of objects and, last, of lines of sight.
+
+        The first make half of the squared errors of a set usual ones.
+        """
+        first = np.ones(len(self.parts) + 1)
+        sets = [*range(len(self.parts)), *([len(self.parts)] if len(self.los) else [])]
+        for k, (paths, _, difference, _, _) in zip(sets, self._residuals(common, state), strict=True):
+            weight = np.asarray(np.linalg.inv(paths.covariance))
+            square = np.einsum("na,nab,nb->n", difference, weight, difference)
+            first[k] = float(np.median(square)) / CHI2_MEDIAN
+        first = np.where(first > FAR_OFF, first, 1.0)
+        rounds = int(np.ceil(np.log10(first.max()))) + 1
+        return np.asarray(
+            first ** np.linspace(1.0, 0.0, rounds)[:, None] if rounds > 1 else [np.ones(len(first))]
+        )
+
+    def _heated(self, heat: FloatArray) -> _Problem:
+        """The problem with the covariances of objects and lines of sight (set,) raised."""
+
+        def raised(paths: Reflections, factor: float) -> Reflections:
+            return replace(paths, covariance=paths.covariance * factor)
+
+        parts = [
+            replace(part, paths=raised(part.paths, float(factor)))
+            for part, factor in zip(self.parts, heat[:-1], strict=True)
+        ]
+        return replace(self, parts=parts, los=raised(self.los, float(heat[-1])))
+
+    def _descend(self, common: FloatArray, state: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The minimum from a start, by Levenberg-Marquardt."""
+        damping = 1e-3
         now = self.system(common, state)
         for _ in range(_MAX_STEPS):
             left, own, cross = now.schur(damping)
@@ -249,7 +293,7 @@ class _Problem:
             difference = self._difference(part.paths, paths.measured, common)
             found.append((part.paths, part.row, difference, by_common, paths.by_rx))
         if len(self.los):
-            measured, by_rx = _los(self.los.tx, state[self.los_row])
+            measured, by_rx = line_of_sight(self.los.tx, state[self.los_row])
             difference = self._difference(self.los, measured, common)
             found.append((self.los, self.los_row, difference, self._by_offset(self.los, len(common)), by_rx))
         return found
@@ -277,21 +321,3 @@ class _Problem:
         log_inlier = log_norm + 0.5 * np.linalg.slogdet(weight)[1] - 0.5 * square
         log_total = np.logaddexp(log_inlier, self.config.log_ghost_density)
         return -float(np.sum(log_total)), np.exp(log_inlier - log_total)
-
-
-def _prior_states(sets: Sequence[Reflections]) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Stops, the states (stop, 4) given for them, and the inverse (stop, 4, 4) of their covariances."""
-    stop, first = np.unique(np.concatenate([data.stop for data in sets]), return_index=True)
-    state = np.concatenate([data.rx_state for data in sets])[first]
-    covariance = np.concatenate([data.rx_covariance for data in sets])[first]
-    return stop, state, np.asarray(np.linalg.inv(covariance + _EXACT_STD**2 * np.eye(4)))
-
-
-def _los(tx: FloatArray, state: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Lines of sight (path, 3) and their derivatives (path, 3, 4) for TX rows (path, 3)."""
-    measured, by_rx = np.zeros((len(tx), 3)), np.zeros((len(tx), 3, 4))
-    for row in np.unique(tx, axis=0):
-        mine = np.all(tx == row, axis=1)
-        pose = Pose(np.array([*row[:2], 0.0]), float(row[2]))
-        measured[mine], by_rx[mine] = predict_los(pose, state[mine]), los_jacobian_rx(pose, state[mine])
-    return measured, by_rx

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from estimation.shape.arc import arc_prior, arc_shape, fit_bent
@@ -68,10 +68,10 @@ def prior_of(each: BundleObject, start: FloatArray, config: ReflectionConfig) ->
     )
 
 
-def shape_of(each: BundleObject, found: Optimum, rx_state: FloatArray, config: ReflectionConfig) -> ShapeFit:
-    """The record of an object solved with its receivers at `rx_state` (path, 4)."""
+def shape_of(each: BundleObject, found: Optimum, solved: Reflections, config: ReflectionConfig) -> ShapeFit:
+    """The record of an object; `solved` are its paths with the receivers where they were found to be."""
     if each.kind == "wall":
-        return wall_shape(found, replace(each.paths, rx_state=rx_state))
+        return wall_shape(found, solved)
     if each.kind == "edge":
         return edge_shape(found)
     settings = _settings(each, config)

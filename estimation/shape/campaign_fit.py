@@ -1,7 +1,8 @@
 """Contours of all objects of a campaign by the reflection law: find them, choose their kinds, fit all at once.
 
 Lines of sight tell the common offsets and sharpen the poses first; objects are found in what is left, and all of
-them together tell offsets and poses once more before paths, classes and kinds are settled.
+them together tell offsets and poses once more before paths, classes and kinds are settled. Poses that SLAM found
+stop by stop are turned onto each other where the objects show that the TX heading jumped.
 """
 
 from __future__ import annotations
@@ -23,6 +24,13 @@ from estimation.shape.posterior import CHI2_MEDIAN, path_squares
 from estimation.shape.reflections import ReflectionConfig, Reflections
 from estimation.shape.resemblance import prior_from_others
 from estimation.shape.threads import one_blas_thread
+from estimation.shape.tx_sessions import (
+    Sessions,
+    loosened,
+    object_sessions,
+    refined_sessions,
+    turned_about_tx,
+)
 from scenes.pose import SPEED_OF_LIGHT_M_S
 from scenes.record import FloatArray, IntArray
 
@@ -41,11 +49,14 @@ class CampaignFit:
     class_probability: FloatArray  # (object, class)
     paths: tuple[IntArray, ...]  # per object: rows of the incidence points
     bundle: Bundle | None
+    sessions: Sessions  # with the offsets that the bundle was not told of
 
 
 def fit_campaign(paths: CampaignPaths, config: ContourConfig) -> CampaignFit:
     """Contours of the objects among the paths; none where no object has enough of them."""
     with one_blas_thread():
+        if paths.widening > 1 and len(paths.sessions.offset_rad) == 1:
+            paths = _aligned(paths, config)
         data, settings = paths.bounces, paths.config
         if paths.widening == 1:
             data, settings = corrected(data, _bundle(paths, []), settings)
@@ -105,6 +116,25 @@ def object_noise(square: FloatArray) -> float:
     n = len(square)
     found = n * float(np.median(square)) / CHI2_MEDIAN + _STATED_PATHS
     return max(found / (n + _STATED_PATHS), 1.0)
+
+
+def _aligned(paths: CampaignPaths, config: ContourConfig) -> CampaignPaths:
+    """Paths and poses of sessions turned onto each other, where the objects show more than one.
+
+    Objects that hold the paths of all sessions tell the sessions; those found after the turn the rest of it.
+    """
+    data = (paths.bounces, paths.los)
+    loose = loosened(paths.bounces, config.reflection)
+    objects = find_objects(loose, config.eps_m, config.min_samples, paths.config)
+    sessions = object_sessions(objects, *data, paths.stop, config.reflection)
+    if len(sessions.offset_rad) == 1:
+        return paths
+    first = turned_about_tx(paths.bounces, sessions.of_paths(paths.bounces, paths.stop))
+    objects = find_objects(first, config.eps_m, config.min_samples, paths.config)
+    if objects:
+        sessions = refined_sessions(objects, *data, sessions, paths.stop, config.reflection)
+    bounces, los = (turned_about_tx(each, sessions.of_paths(each, paths.stop)) for each in data)
+    return replace(paths, bounces=bounces, los=los, sessions=sessions)
 
 
 def _simple_bundle(paths: CampaignPaths, objects: list[Found]) -> Bundle:
@@ -179,4 +209,5 @@ def _final(
         class_probability=np.array(probability).reshape(len(kept), len(CLASSES)),
         paths=tuple(objects[k].paths[bundle.inlier[k] > _LIKELY] for k in kept),
         bundle=bundle,
+        sessions=paths.sessions,
     )

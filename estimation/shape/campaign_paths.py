@@ -8,25 +8,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimation.channel.record import ChannelEstimate
-from estimation.geometry import measurements, predict_los, residual
+from estimation.geometry import measurements
 from estimation.shape.config import ContourConfig
 from estimation.shape.reflections import ReflectionConfig, Reflections
+from estimation.shape.tx_sessions import Sessions, los_sessions, rows_of
 from estimation.slam.config import PathNoise
 from estimation.slam.record import IncidencePoints, PoseEstimates, SolveStatus
-from estimation.slam.sessions import segment_offsets
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
 from scenes.record import FloatArray, IntArray
 
-MIN_SESSION_LOS = 3
-_NORMAL_MEDIAN = 0.6745  # of the size of a standard normal number
-_LEAST_SCATTER = 0.25  # stated accuracies are believed to be pessimistic by this factor at most
 _TO_METRES = np.array([1.0, 1.0, 1.0, SPEED_OF_LIGHT_M_S])
-
-
-def _scatter(deviation: FloatArray) -> float:
-    """Standard deviation of deviations (n,) from one to the next, which jumps do not raise, inside its limits."""
-    median = float(np.median(np.abs(np.diff(deviation))))
-    return float(np.clip(median / (_NORMAL_MEDIAN * np.sqrt(2)), _LEAST_SCATTER, 1.0))
 
 
 @dataclass(frozen=True)
@@ -35,7 +26,8 @@ class CampaignPaths:
 
     bounces: Reflections  # a path per incidence point
     los: Reflections
-    session: IntArray  # (stop,)
+    stop: IntArray  # (stop,) all stops of the campaign
+    sessions: Sessions  # of these stops, with the offsets that were taken out of the departures
     widening: float  # on the standard deviations of the poses where these paths count once more
     config: ReflectionConfig  # with the priors of the offsets that can be told from the poses
 
@@ -59,35 +51,17 @@ def campaign_paths(
     bounce = np.array([row[pair] for pair in zip(ips.stop.tolist(), ips.path.tolist(), strict=True)], int)
     direct = np.setdiff1d(np.arange(len(every)), bounce)
     bounces, los = every.take("path", bounce), every.take("path", direct)
-    session, offset = los_sessions(los, tx_pose, poses.stop)
+    sessions = los_sessions(los, tx_pose, poses.stop)
     solved = poses.status != SolveStatus.FAILED
     if np.all(poses.status[solved] == SolveStatus.GIVEN):
-        joined = [replace(data, session=session[_rows(data, poses.stop)]) for data in (bounces, los)]
-        return CampaignPaths(joined[0], joined[1], session, 1.0, config.reflection)
-    turned = [_turned(data, offset[session[_rows(data, poses.stop)]]) for data in (bounces, los)]
+        joined = [
+            replace(data, session=sessions.of_stop[rows_of(data, poses.stop)]) for data in (bounces, los)
+        ]
+        unknown = sessions._replace(offset_rad=0 * sessions.offset_rad, std_rad=0 * sessions.std_rad)
+        return CampaignPaths(joined[0], joined[1], poses.stop, unknown, 1.0, config.reflection)
+    turned = [_turned(data, sessions.of_paths(data, poses.stop)) for data in (bounces, los)]
     anchored = config.reflection.model_copy(update={"aod_offset_std_deg": 0.0})
-    return CampaignPaths(turned[0], turned[1], session, config.slam_widening, anchored)
-
-
-def los_sessions(los: Reflections, tx_pose: Pose, stop: IntArray) -> tuple[IntArray, FloatArray]:
-    """Session (stop,) of every stop, and departure offsets (session,) in rad relative to the longest session.
-
-    The departures of the lines of sight show where the TX heading jumped; without enough of them there is one
-    session.
-    """
-    if len(los) < 2 * MIN_SESSION_LOS:
-        return np.zeros(len(stop), dtype=np.int64), np.zeros(1)
-    order = np.argsort(los.stop, kind="stable")
-    expected = predict_los(tx_pose, los.rx_state[order])
-    departure = residual(los.measured[order], expected)[:, 1]
-    reach = np.hypot(*(los.rx_state[order, :2] - tx_pose.position_m[:2]).T)
-    sideways = np.einsum("nii->n", los.rx_covariance[order][:, :2, :2]) / 2 / np.maximum(reach, 0.1) ** 2
-    std = np.sqrt(los.covariance[order, 1, 1] + sideways)
-    first, offset = segment_offsets(departure, std * _scatter(departure / std), min_length=MIN_SESSION_LOS)
-    begin = los.stop[order][first[1:]]
-    session = np.searchsorted(begin, stop, side="right")
-    anchor = int(np.argmax(np.bincount(session, minlength=len(first))))
-    return np.asarray(session, dtype=np.int64), offset - offset[anchor]
+    return CampaignPaths(turned[0], turned[1], poses.stop, sessions, config.slam_widening, anchored)
 
 
 def in_plane(
@@ -155,9 +129,3 @@ def _turned(data: Reflections, offset_rad: FloatArray) -> Reflections:
     shift = np.zeros((len(data), 3))
     shift[:, 1] = offset_rad
     return replace(data, measured=data.measured - shift)
-
-
-def _rows(data: Reflections, stop: IntArray) -> IntArray:
-    """Row (path,) in `stop` of the stop of each path."""
-    row = {number: k for k, number in enumerate(stop.tolist())}
-    return np.array([row[number] for number in data.stop.tolist()], dtype=np.int64)

@@ -12,7 +12,7 @@ from scenes.pose import SPEED_OF_LIGHT_M_S
 from scenes.record import FloatArray, IntArray
 
 
-def contour_record(fit: CampaignFit, session: IntArray, label: IntArray, n_ips: int) -> Contours:
+def contour_record(fit: CampaignFit, label: IntArray, n_ips: int) -> Contours:
     """The record of the objects of a campaign; `label` (ip,) are the clusters to name beside each object."""
     n = len(fit.shapes)
     owner = np.full(n_ips, -1)
@@ -41,7 +41,7 @@ def contour_record(fit: CampaignFit, session: IntArray, label: IntArray, n_ips: 
         aoa_offset_std_rad=float(offset_std[1]),
         aod_offset_rad=offset[N_COMMON:],
         aod_offset_std_rad=offset_std[N_COMMON:],
-        session=session,
+        session=fit.sessions.of_stop,
     )
 
 
@@ -66,8 +66,17 @@ def _most(label: IntArray) -> int:
 
 
 def _offsets(fit: CampaignFit) -> tuple[FloatArray, FloatArray]:
-    """Offsets (2 + session,) and their standard deviations; NaN where none were fitted."""
+    """Offsets (2 + session,) and their standard deviations; NaN where none were fitted.
+
+    Departures add what was taken out before the bundle; the bundle then had all of them in one session.
+    """
+    n = len(fit.sessions.offset_rad)
     if fit.bundle is None:
-        unknown = np.full(N_COMMON, np.nan)
-        return unknown, unknown
-    return fit.bundle.offset, fit.bundle.offset_std
+        return np.full(N_COMMON, np.nan), np.full(N_COMMON, np.nan)
+    common, common_std = fit.bundle.offset[:N_COMMON], fit.bundle.offset_std[:N_COMMON]
+    own, own_std = fit.bundle.offset[N_COMMON:], fit.bundle.offset_std[N_COMMON:]
+    if len(own) == 0:
+        return common, common_std
+    own, own_std = (np.broadcast_to(value, n) if len(value) == 1 else value for value in (own, own_std))
+    offset, std = fit.sessions.offset_rad + own, np.hypot(fit.sessions.std_rad, own_std)
+    return np.concatenate([common, offset]), np.concatenate([common_std, std])

@@ -36,4 +36,4 @@ def estimate_contours(
     if config.method != "reflection":
         return fit_point_contours(ips, label, tx_pose, poses, config)
     paths = campaign_paths(channel, tx_pose, poses, ips, noise, config)
-    return contour_record(fit_campaign(paths, config), paths.session, label, len(ips))
+    return contour_record(fit_campaign(paths, config), label, len(ips))

@@ -1,8 +1,9 @@
-"""Recessed or gently curved walls: depth along a line as a Gaussian process.
+"""Recessed or gently curved walls: depth along a line as a Gaussian process or as one recess.
 
 depth(t) ~ GP(0, sigma^2 k(t)) about the wall's line, k the Matern kernel of order 3/2, whose functions may bend
-sharply, or of order 1/2, whose functions may jump as a recess does. Order, standard deviation and length are
-integrated over a grid, the ends are those of the line.
+sharply, or of order 1/2, whose functions may jump; or the line with one recess (`estimation.shape.recess`). The
+three are alike before the data; kernel order, standard deviation and length are integrated over a grid. The ends
+are those of the line.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from scipy.special import logsumexp
 from estimation.shape.fit import OK, PRIOR, ShapeFit
 from estimation.shape.line import WALL_PRIOR, Line, LinePrior, end_posterior, places_along, robust_line
 from estimation.shape.points import PointCluster
+from estimation.shape.recess import DepthPoints, DepthPosterior, fit_recess
 from estimation.shape.threads import one_blas_thread
 from scenes.record import FloatArray
 
@@ -23,14 +25,6 @@ N_SAMPLES = 100
 DEPTH_STD_M = np.geomspace(0.03, 1.0, 6)
 LENGTH_M = np.geomspace(0.3, 10.0, 6)
 LINE_OFFSET_STD_M, LINE_AZIMUTH_STD_RAD = 1.0, 0.5  # the line itself is relearned with the depth
-
-
-class _Cell(NamedTuple):
-    """Posterior of the depth for one kernel."""
-
-    log_likelihood: float
-    mean_m: FloatArray
-    variance_m2: FloatArray
 
 
 class _Kernel(NamedTuple):
@@ -52,7 +46,7 @@ class _Kernel(NamedTuple):
 def fit_depth_line(points: PointCluster, prior: LinePrior = WALL_PRIOR) -> ShapeFit:
     """Wall whose depth varies along it, sampled from end to end; parameters as those of `fit_line`.
 
-    Points count as far as they belong to the line or its surroundings: the outlier share widens their noise.
+    Every point counts in full: one far off the line may lie in a recess.
     """
     with one_blas_thread():
         line = robust_line(points, LinePrior(outlier_share=prior.outlier_share, log_noise_scale_std=1.0))
@@ -81,40 +75,46 @@ def fit_depth_line(points: PointCluster, prior: LinePrior = WALL_PRIOR) -> Shape
 
 
 def _depth(points: PointCluster, line: Line, at_m: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-    """Mean and variance (sample,) of the depth in m over all kernels, and the log evidence of the distances."""
+    """Mean and variance (sample,) of the depth in m over all models, and the log evidence of the distances."""
     along, normal = line.axes
-    place, _ = places_along(points, line, along, normal)
-    depth = (points.position_m - line.origin_m) @ normal
-    noise = np.einsum("i,nij,j->n", normal, points.covariance_m2, normal)
-    cells = [
-        _depth_cell(place, depth - line.parameter[1], noise, at_m, _Kernel(std, length, is_rough))
+    place, place_std = places_along(points, line, along, normal)
+    seen = DepthPoints(
+        place,
+        place_std,
+        (points.position_m - line.origin_m) @ normal - line.parameter[1],
+        np.einsum("i,nij,j->n", normal, points.covariance_m2, normal),
+    )
+    models = [
+        [
+            _fit_kernel(seen, at_m, _Kernel(std, length, is_rough))
+            for std in DEPTH_STD_M
+            for length in LENGTH_M
+        ]
         for is_rough in (False, True)
-        for std in DEPTH_STD_M
-        for length in LENGTH_M
     ]
-    log_likelihood = np.array([cell.log_likelihood for cell in cells])
-    total = float(logsumexp(log_likelihood))
-    share = np.exp(log_likelihood - total)
-    mean = share @ np.array([cell.mean_m for cell in cells])
-    variance = share @ np.array([cell.variance_m2 + (cell.mean_m - mean) ** 2 for cell in cells])
-    return line.parameter[1] + mean, variance, total - float(np.log(len(cells)))
+    models.append(
+        [fit_recess(seen, at_m, std, (LINE_OFFSET_STD_M, LINE_AZIMUTH_STD_RAD)) for std in DEPTH_STD_M]
+    )
+    members = [member for model in models for member in model]
+    log_prior = -np.log(np.repeat([len(model) for model in models], [len(model) for model in models]))
+    log_share = np.array([member.log_likelihood for member in members]) + log_prior
+    total = float(logsumexp(log_share))
+    share = np.exp(log_share - total)
+    mean = share @ np.array([member.mean_m for member in members])
+    variance = share @ np.array([member.variance_m2 + (member.mean_m - mean) ** 2 for member in members])
+    return line.parameter[1] + mean, variance, total - float(np.log(len(models)))
 
 
-def _depth_cell(
-    place_m: FloatArray,
-    depth_m: FloatArray,
-    noise_m2: FloatArray,
-    at_m: FloatArray,
-    kernel: _Kernel,
-) -> _Cell:
-    covariance = kernel.between(place_m, place_m) + np.diag(noise_m2)
-    cross = kernel.between(place_m, at_m)
+def _fit_kernel(points: DepthPoints, at_m: FloatArray, kernel: _Kernel) -> DepthPosterior:
+    covariance = kernel.between(points.place_m, points.place_m) + np.diag(points.variance_m2)
+    cross = kernel.between(points.place_m, at_m)
     factor = cholesky(covariance, lower=True)
-    solved = cho_solve((factor, True), depth_m)
+    solved = cho_solve((factor, True), points.depth_m)
     log_determinant = 2 * np.log(np.diagonal(factor)).sum()
-    log_likelihood = -0.5 * (depth_m @ solved + log_determinant + len(depth_m) * np.log(2 * np.pi))
+    n = len(points.depth_m)
+    log_likelihood = -0.5 * (points.depth_m @ solved + log_determinant + n * np.log(2 * np.pi))
     whitened = solve_triangular(factor, cross, lower=True)
     prior = kernel.std_m**2 + LINE_OFFSET_STD_M**2 + (LINE_AZIMUTH_STD_RAD * at_m) ** 2
-    return _Cell(
+    return DepthPosterior(
         float(log_likelihood), cross.T @ solved, np.maximum(prior - np.sum(whitened**2, axis=0), 0.0)
     )

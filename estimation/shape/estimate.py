@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from estimation.shape.clustering import (
     NOISE,
@@ -14,8 +13,9 @@ from estimation.shape.clustering import (
     to_polar,
 )
 from estimation.shape.config import ShapeConfig
-from estimation.shape.gp import RadialGp, fit_radial_gp
+from estimation.shape.gp import RadialGp, fit_radial_gps
 from estimation.shape.record import Shapes
+from estimation.shape.threads import one_blas_thread
 from estimation.slam.record import IncidencePoints
 from scenes.record import FloatArray, IntArray
 
@@ -37,18 +37,19 @@ def fit_shapes(ips: IncidencePoints, label: IntArray, config: ShapeConfig) -> Sh
     `label` (ip,) is the cluster of every point, -1 for none; every cluster has at least one.
     """
     center = apply_biases(centroids(ips.position_m, label), config.biases)
-    with threadpool_limits(limits=1, user_api="blas"):  # many small fits: threads cost more than they give
-        contours = [
-            _fit_contour(ips.take("ip", label == cluster), center[cluster], config)
-            for cluster in range(len(center))
-        ]
+    members = [ips.take("ip", label == cluster) for cluster in range(len(center))]
+    polar = [to_polar(one.position_m, at) for one, at in zip(members, center, strict=True)]
+    floor = [0.0] * len(members)
+    if config.noise_floor:
+        floor = [_radial_std(one, angle) for one, (angle, _) in zip(members, polar, strict=True)]
+    contours = fit_radial_gps(polar, config.start, config.mean_uncertainty, floor)
+    with one_blas_thread():
         return _sample(label, center, contours, config.n_samples)
 
 
-def _fit_contour(ips: IncidencePoints, center_m: FloatArray, config: ShapeConfig) -> RadialGp:
-    angle, radius = to_polar(ips.position_m, center_m)
-    floor = np.sqrt(np.median(radial_variance(ips.covariance_m2, angle))) if config.noise_floor else 0.0
-    return fit_radial_gp(angle, radius, config.start, config.mean_uncertainty, float(floor))
+def _radial_std(ips: IncidencePoints, angle_rad: FloatArray) -> float:
+    """Median standard deviation in m of points along their radii."""
+    return float(np.sqrt(np.median(radial_variance(ips.covariance_m2, angle_rad))))
 
 
 def _sample(label: IntArray, center_m: FloatArray, contours: list[RadialGp], n_samples: int) -> Shapes:

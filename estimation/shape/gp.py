@@ -2,11 +2,13 @@
 
 The kernel is the periodic squared exponential with period 2 pi, the mean is an unknown constant mu, and mu and
 beta = (sigma_f^2, l^2, sigma_n^2) maximise the log marginal likelihood by its analytic gradient. Few points go
-through their covariance matrix (`gp_exact`), many through the harmonics of the kernel (`gp_fourier`).
+through their covariance matrix (`gp_exact`), many through the harmonics of the kernel (`gp_fourier`); small
+clusters are searched together in one compiled call (`gp_newton`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
@@ -22,6 +24,7 @@ from estimation.shape.gp_fourier import (
     log_marginal_likelihood_fourier,
     smallest_order,
 )
+from estimation.shape.gp_newton import most_likely
 from estimation.shape.threads import one_blas_thread
 from scenes.record import FloatArray
 
@@ -36,6 +39,8 @@ COARSE_TOLERANCE_NAT = 0.1  # slope by log beta where a start stops: about 0.01 
 FINE_TOLERANCE_NAT = 1e-3  # slope where the search of the best start ends: about 1e-6 nat from the optimum
 TRIAL_STEPS, HOPELESS_NAT = 6, 50.0  # a start this far behind another after so many steps is given up
 RELATIVE_TOLERANCE = 2.2e-9  # L-BFGS-B's own, of the likelihood
+LARGEST_COMPILED = 32  # most points of a cluster that the compiled search takes
+NEWTON_TOLERANCE_NAT = 1e-5  # slope where the compiled search ends: about 1e-10 nat from the optimum
 PAPER_START = np.array([[4.0, 4.0, 4.0]])  # beta of sigma_f = l = sigma_n = 2
 
 
@@ -115,25 +120,71 @@ def fit_radial_gp(
     ValueError
         Where there is no point, or angles and radii differ in number.
     """
-    if len(angle_rad) == 0 or len(angle_rad) != len(radius_m):
-        raise ValueError(
-            f"radial GP: {len(angle_rad)} angles and {len(radius_m)} radii given, the same number of at least "
-            "1 is needed"
-        )
-    data = RadialData(angle_rad, radius_m)
-    bounds = _search_bounds(radius_m, noise_floor_std_m)
-    starts = PAPER_START if start == "paper" else _data_starts(angle_rad, radius_m)
+    return fit_radial_gps([(angle_rad, radius_m)], start, mean_uncertainty, [noise_floor_std_m])[0]
+
+
+def fit_radial_gps(
+    clusters: Sequence[tuple[FloatArray, FloatArray]],
+    start: Literal["paper", "data"] = "data",
+    mean_uncertainty: bool = True,
+    noise_floor_std_m: Sequence[float] | None = None,
+) -> list[RadialGp]:
+    """Fit the radial function of every cluster (angle (ip,) in rad, radius (ip,) in m), as `fit_radial_gp` does.
+
+    Small clusters go through one compiled call. The paper's start keeps to L-BFGS-B: where it ends depends on
+    the search. `noise_floor_std_m` (cluster,) is 0 without.
+    """
+    for angle, radius in clusters:
+        if len(angle) == 0 or len(angle) != len(radius):
+            raise ValueError(
+                f"radial GP: {len(angle)} angles and {len(radius)} radii given, the same number of at least 1 is "
+                "needed"
+            )
+    floors = [0.0] * len(clusters) if noise_floor_std_m is None else noise_floor_std_m
+    data = [RadialData(*cluster) for cluster in clusters]
+    bounds = [_search_bounds(one.radius_m, floor) for one, floor in zip(data, floors, strict=True)]
+    is_small = [start == "data" and len(one.radius_m) <= LARGEST_COMPILED for one in data]
+    small = [k for k, compiled in enumerate(is_small) if compiled]
     with one_blas_thread():
-        careful = start == "data"
-        best: tuple[float, FloatArray] = (-np.inf, starts[0])
-        for first in starts:
-            found = _maximise_likelihood(data, first, bounds, COARSE_TOLERANCE_NAT, careful, best[0])
-            best = max(best, found, key=lambda optimum: optimum[0])
-        log_likelihood, beta = _maximise_likelihood(data, best[1], bounds, FINE_TOLERANCE_NAT, careful)
-        mu = data.log_marginal_likelihood(beta).mu
-        posterior = data.posterior(beta, mu)
+        together = iter(_most_likely([data[k] for k in small], [bounds[k] for k in small]))
+        return [
+            _fitted(one, next(together) if compiled else _searched(one, start, limits), mean_uncertainty)
+            for one, limits, compiled in zip(data, bounds, is_small, strict=True)
+        ]
+
+
+def _fitted(data: RadialData, beta: FloatArray, mean_uncertainty: bool) -> RadialGp:
+    likelihood = data.log_marginal_likelihood(beta)
+    posterior = data.posterior(beta, likelihood.mu)
     signal_std, length_scale, noise_std = (float(value) for value in np.sqrt(beta))
-    return RadialGp(mu, signal_std, length_scale, noise_std, log_likelihood, mean_uncertainty, posterior)
+    return RadialGp(
+        likelihood.mu, signal_std, length_scale, noise_std, likelihood.value, mean_uncertainty, posterior
+    )
+
+
+def _most_likely(data: list[RadialData], bounds: list[FloatArray]) -> FloatArray:
+    """Most likely beta (cluster, 3) of small clusters, from the starts that their data give."""
+    if not data:
+        return np.zeros((0, 3))
+    first = np.cumsum([0, *(len(one.radius_m) for one in data)])
+    angle, radius = (
+        np.concatenate([np.asarray(getattr(one, name), float) for one in data])
+        for name in ("angle_rad", "radius_m")
+    )
+    starts = np.array([_data_starts(one.angle_rad, one.radius_m) for one in data])
+    low, high = np.log(np.stack(bounds, axis=1))
+    return np.exp(most_likely(first, angle, radius, np.log(starts), low, high, NEWTON_TOLERANCE_NAT))
+
+
+def _searched(data: RadialData, start: Literal["paper", "data"], bounds: FloatArray) -> FloatArray:
+    """Most likely beta (3,) by L-BFGS-B from each start, the best of them pursued to the end."""
+    careful = start == "data"
+    starts = _data_starts(data.angle_rad, data.radius_m) if careful else PAPER_START
+    best: tuple[float, FloatArray] = (-np.inf, starts[0])
+    for first in starts:
+        found = _maximise_likelihood(data, first, bounds, COARSE_TOLERANCE_NAT, careful, best[0])
+        best = max(best, found, key=lambda optimum: optimum[0])
+    return _maximise_likelihood(data, best[1], bounds, FINE_TOLERANCE_NAT, careful)[1]
 
 
 def _maximise_likelihood(

@@ -13,7 +13,7 @@ from scenes.record import FloatArray
 
 
 class Likelihood(NamedTuple):
-    """Log marginal likelihood, the mean radius mu in m it holds for, and its gradient by (mu, *beta)."""
+    """Log marginal likelihood, the mean radius mu in m it holds for, and its gradient by mu and beta."""
 
     value: float
     mu: float

@@ -11,10 +11,12 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.optimize import approx_fprime, minimize
-from scipy.special import logsumexp, ndtr
+from scipy.special import ive, logsumexp, ndtr
 
 from estimation.shape.fit import OK, PRIOR, ShapeFit
+from estimation.shape.line_evidence import importance_evidence, segment_log_likelihood
 from estimation.shape.points import PointCluster
 from estimation.shape.threads import one_blas_thread
 from scenes.record import FloatArray
@@ -23,8 +25,8 @@ N_ENDS = 48  # grid values of either end
 N_SAMPLES = 100
 END_STDS = 4.0
 DIFFERENCE_STEP = 1e-6
-SMALLEST_COSINE = 0.05
 LOG_SCALE_BOUNDS = (-2.0, 2.0)
+PROPOSAL_STD = (0.15, 0.25, 0.25, 0.4)  # first ones of offset in m, log noise scale, middle in m, log length
 
 
 @dataclass(frozen=True)
@@ -35,8 +37,9 @@ class LinePrior:
     offset_std_m: float = 0.5  # of the line about the middle of the points
     middle_range_m: float = 1.25  # the middle of the wall has a density of one over this, wherever it is
     log_noise_scale_std: float = 0.3
+    facing_concentration: float = 3.5  # of its normal about the sensor, as that of the points on a pillar
     outlier_share: float = 0.05
-    outlier_margin_m: float = 1.0
+    outlier_margin_m: float = 0.5
 
 
 WALL_PRIOR = LinePrior()
@@ -48,7 +51,6 @@ class Line(NamedTuple):
     origin_m: FloatArray  # (xy,) the middle of the points
     parameter: FloatArray  # (3,): azimuth of the line in rad, its offset d in m, log noise scale
     covariance: FloatArray  # (3, 3)
-    log_mass: float  # of the points' distances from the line and of the prior, about the optimum (Laplace)
     inlier_share: FloatArray  # (ip,) probability of each point to belong to the line
 
     @property
@@ -73,6 +75,7 @@ def fit_line(points: PointCluster, prior: LinePrior = WALL_PRIOR) -> ShapeFit:
     with one_blas_thread():
         line = robust_line(points, prior)
         ends = end_posterior(points, line, prior)
+        log_evidence = _log_evidence(points, line, ends, prior)
     at = np.linspace(ends.median_m[0], ends.median_m[1], N_SAMPLES)
     along, normal = line.axes
     contour = line.origin_m + at[:, None] * along + line.parameter[1] * normal
@@ -87,13 +90,40 @@ def fit_line(points: PointCluster, prior: LinePrior = WALL_PRIOR) -> ShapeFit:
         is_closed=False,
         contour_m=contour,
         std_m=std,
-        log_evidence=line.log_mass + ends.log_evidence,
+        log_evidence=log_evidence,
         parameter=np.concatenate([line.parameter, ends.median_m]),
         parameter_covariance=covariance,
         parameter_name=np.array(["azimuth_rad", "offset_m", "log_noise_scale", "end_a_m", "end_b_m"]),
         extent_m=float(np.diff(ends.median_m)[0]),
         extent_std_m=float(np.sqrt(difference @ ends.covariance_m2 @ difference)),
     )
+
+
+def _log_evidence(points: PointCluster, line: Line, ends: Ends, prior: LinePrior) -> float:
+    """Evidence of the segment, about the line and the ends that were fitted."""
+    size = np.ptp(points.position_m, axis=0) + 2 * prior.outlier_margin_m
+    log_length = np.log(prior.length_m)
+    offset = points.position_m - line.origin_m
+
+    def log_density(segment: FloatArray) -> FloatArray:
+        azimuth, distance, log_scale, _, length = segment.T
+        held = np.abs(azimuth - line.parameter[0]) < np.pi / 2
+        held &= (length > log_length[0]) & (length < log_length[1])
+        value = np.full(len(segment), -np.inf)
+        value[held] = segment_log_likelihood(
+            segment[held], offset, points.covariance_m2, prior.outlier_share, -float(np.log(np.prod(size)))
+        )
+        facing = _log_facing(azimuth, points.away, prior.facing_concentration)
+        spread = (distance / prior.offset_std_m) ** 2 + (log_scale / prior.log_noise_scale_std) ** 2
+        constant = 2 * np.pi * prior.offset_std_m * prior.log_noise_scale_std
+        constant *= (log_length[1] - log_length[0]) * prior.middle_range_m
+        return np.asarray(value + facing - 0.5 * spread - np.log(constant))
+
+    start, end = ends.median_m
+    within = np.clip(np.log(max(end - start, prior.length_m[0])), *(log_length + np.array([0.1, -0.1])))
+    mean = np.array([*line.parameter, (start + end) / 2, within])
+    azimuth_std = min(1.3 * float(np.sqrt(line.covariance[0, 0])), 0.4)
+    return importance_evidence(log_density, mean, np.diag([azimuth_std, *PROPOSAL_STD]) ** 2)
 
 
 def robust_line(points: PointCluster, prior: LinePrior) -> Line:
@@ -119,7 +149,7 @@ def robust_line(points: PointCluster, prior: LinePrior) -> Line:
         log_prior = -0.5 * scale**2 - np.log(prior.log_noise_scale_std * np.sqrt(2 * np.pi))
         log_prior -= 0.5 * (parameter[1] / prior.offset_std_m) ** 2
         log_prior -= np.log(prior.offset_std_m * np.sqrt(2 * np.pi))
-        log_prior += _log_facing(_axes(parameter[0])[1], points.away)
+        log_prior += float(_log_facing(parameter[0], points.away, prior.facing_concentration))
         return -float(terms(parameter)[1].sum() + log_prior)
 
     def gradient(parameter: FloatArray) -> FloatArray:
@@ -144,9 +174,13 @@ def robust_line(points: PointCluster, prior: LinePrior) -> Line:
     hessian = (np.array(rows) + np.array(rows).T) / 2
     value, vector = np.linalg.eigh(hessian)
     value = np.maximum(value, 1.0)  # no direction less certain than an azimuth of 1 rad or an offset of 1 m
-    log_mass = -float(best.fun) + 1.5 * np.log(2 * np.pi) - 0.5 * float(np.log(value).sum())
     inlier, total = terms(best.x)
-    return Line(origin, np.asarray(best.x), (vector / value) @ vector.T, log_mass, np.exp(inlier - total))
+    covariance = (vector / value) @ vector.T
+    # Given the scale s the line's covariance is s^2 C. With the line integrated out, log s has its mode two of its
+    # variances v higher, so that the mean of s^2 is exp(6 v) times that at the optimum.
+    spread = np.exp(np.array([3.0, 3.0, 0.0]) * covariance[2, 2])
+    covariance = covariance * np.outer(spread, spread)
+    return Line(origin, np.asarray(best.x), covariance, np.exp(inlier - total))
 
 
 def end_posterior(points: PointCluster, line: Line, prior: LinePrior) -> Ends:
@@ -201,11 +235,13 @@ def _median(at_m: FloatArray, share: FloatArray) -> float:
     return float(np.interp(0.5, np.append(0.0, np.cumsum(share)), edge))
 
 
-def _log_facing(normal: FloatArray, away: FloatArray) -> float:
-    """Log density per rad of a wall's azimuth: as wide as the wall looks from the sensor, uniform without one."""
+def _log_facing(azimuth_rad: ArrayLike, away: FloatArray, concentration: float) -> FloatArray:
+    """Log density per rad of a wall's azimuth: von Mises of its normal about the sensor, uniform without one."""
+    azimuth = np.asarray(azimuth_rad, float)
     if not away.any():
-        return -float(np.log(np.pi))
-    return float(np.log(0.5 * max(abs(float(normal @ away)), SMALLEST_COSINE)))
+        return np.full(azimuth.shape, -np.log(np.pi))
+    cosine = np.abs(away[1] * np.cos(azimuth) - away[0] * np.sin(azimuth))
+    return np.asarray(concentration * (cosine - 1) - np.log(2 * np.pi * ive(0, concentration)))
 
 
 def _axes(azimuth_rad: float) -> tuple[FloatArray, FloatArray]:

@@ -3,7 +3,7 @@
 A star-convex contour x(t) = c + R exp(sum_k>=2 a_k cos k t + b_k sin k t) (cos t, sin t), whose centre and mean
 radius stand for the harmonics 1 and 0 of a radial Gaussian process; the others keep the spectrum of its periodic
 kernel. Where on the contour a point lies is unknown and integrated out over a von Mises density about the
-direction of the sensor; 5 % of the points may lie anywhere, and the scale of the covariances is learned.
+direction of the sensor; some points may lie anywhere, their share and the scale of the covariances are learned.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import minimize
-from scipy.special import ive, logsumexp
+from scipy.special import expit, ive, log_expit, logit, logsumexp
 
 from estimation.shape.fit import OK, PRIOR, ShapeFit
 from estimation.shape.mic_likelihood import log_likelihood
@@ -26,7 +26,7 @@ START_RADII_M = (0.3, 0.7)
 N_RADII = 5
 GRADIENT_TOLERANCE_NAT = 1e-2  # per standard deviation of the parameters, about
 DIFFERENCE_STEP = 1e-4
-CENTER_X, CENTER_Y, LOG_RADIUS, LOG_SCALE, LOG_VISIBLE, FIRST_HARMONIC = range(6)
+CENTER_X, CENTER_Y, LOG_RADIUS, LOG_SCALE, LOG_VISIBLE, LOGIT_OUTLIER, FIRST_HARMONIC = range(7)
 
 
 @dataclass(frozen=True)
@@ -42,9 +42,10 @@ class MicPrior:
     length_scale: float = 0.5
     log_noise_scale_std: float = 0.3
     visible_concentration: float = 3.5  # of the von Mises density over the visible side: about +-60 deg
-    log_concentration_std: float = 0.6
+    log_concentration_std: float = 0.4
     outlier_share: float = 0.05
-    outlier_margin_m: float = 1.0  # outliers lie anywhere in the box of the points widened by this
+    logit_outlier_share_std: float = 1.0
+    outlier_margin_m: float = 0.5  # outliers lie anywhere in the box of the points widened by this
 
 
 class _Mode(NamedTuple):
@@ -102,7 +103,7 @@ def _radius_modes(model: _Model, best: FloatArray) -> list[_Mode]:
 
 
 class _Model:
-    """Log posterior of the parameters (c_x, c_y, log R, log s, log kappa, a_2, b_2, ..)."""
+    """Log posterior of the parameters (c_x, c_y, log R, log s, log kappa, logit q, a_2, b_2, ..)."""
 
     def __init__(self, points: PointCluster, prior: MicPrior) -> None:
         self.points, self.prior = points, prior
@@ -116,16 +117,26 @@ class _Model:
         self.log_constant = 0.5 * np.linalg.slogdet(self.precision)[1] - np.log(2 * np.pi)
         self.facing = -self.unit @ points.away  # cosine of the angle to the sensor's direction
         size = np.ptp(points.position_m, axis=0) + 2 * prior.outlier_margin_m
-        self.log_background = float(np.log(prior.outlier_share / np.prod(size)))
+        self.log_area = float(np.log(np.prod(size)))
 
     def _prior_moments(self, harmonic: FloatArray) -> tuple[FloatArray, FloatArray]:
         prior = self.prior
         spectrum = np.repeat(2 * ive(harmonic, 1 / prior.length_scale**2), 2)
         center = self.points.middle_m + prior.behind_radii * prior.radius_m * self.points.away
-        others = [np.log(prior.radius_m), 0.0, np.log(prior.visible_concentration)]
+        others = [
+            np.log(prior.radius_m),
+            0.0,
+            np.log(prior.visible_concentration),
+            logit(prior.outlier_share),
+        ]
         mean = np.concatenate([center, others, np.zeros(len(spectrum))])
         center_std = [prior.center_std_m] * 2
-        scales = [prior.log_radius_std, prior.log_noise_scale_std, prior.log_concentration_std]
+        scales = [
+            prior.log_radius_std,
+            prior.log_noise_scale_std,
+            prior.log_concentration_std,
+            prior.logit_outlier_share_std,
+        ]
         return mean, np.concatenate([center_std, scales, prior.shape_std * np.sqrt(spectrum)])
 
     def starts(self) -> list[FloatArray]:
@@ -163,14 +174,15 @@ class _Model:
             self.points.position_m,
             self.precision,
             self.log_constant,
-            np.asarray(log_weight + np.log1p(-self.prior.outlier_share)),
+            np.asarray(log_weight + log_expit(-parameter[LOGIT_OUTLIER])),
             node,
             parameter[LOG_SCALE],
-            self.log_background,
+            float(log_expit(parameter[LOGIT_OUTLIER])) - self.log_area,
         )
         by_log_radius = radius * np.sum(by_node * self.unit, axis=1)
         by_visible = concentration * (n_at_node @ self.facing - n_at_node.sum() * (weight @ self.facing))
-        others = [by_log_radius.sum(), by_scale, by_visible]
+        by_outlier = len(self.points) * expit(-parameter[LOGIT_OUTLIER]) - n_at_node.sum()
+        others = [by_log_radius.sum(), by_scale, by_visible, by_outlier]
         gradient = np.concatenate([by_node.sum(axis=0), others, by_log_radius @ self.feature])
         deviation = (parameter - self.mean) / self.std
         log_prior = -0.5 * deviation @ deviation - np.sum(np.log(self.std * np.sqrt(2 * np.pi)))
@@ -212,6 +224,7 @@ def _mixed(model: _Model, modes: list[_Mode]) -> ShapeFit:
         variance += part * (within + np.sum(normal * (at - node), axis=1) ** 2)
     harmonics = range(2, model.prior.highest_harmonic + 1)
     names = ["center_x_m", "center_y_m", "log_radius", "log_noise_scale", "log_concentration"]
+    names.append("logit_outlier_share")
     names += [f"{part}_{k}" for k in harmonics for part in ("cosine", "sine")]
     radius_std = float(np.sqrt(covariance[LOG_RADIUS, LOG_RADIUS]))
     extent = float(np.linalg.norm(node - parameter[:2], axis=1).mean())

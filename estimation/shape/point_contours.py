@@ -13,6 +13,7 @@ from estimation.shape.methods import POINT_METHODS, choose_points
 from estimation.shape.points import PointCluster
 from estimation.shape.record import CLASS_NAMES, Contours
 from estimation.shape.threads import one_blas_thread
+from estimation.shape.tx_sessions import one_session
 from estimation.slam.record import IncidencePoints, PoseEstimates
 from scenes.pose import Pose
 from scenes.record import FloatArray, IntArray
@@ -43,5 +44,6 @@ def fit_point_contours(
                 shapes.append(shape)
                 probability.append(chances)
                 members.append(rows)
-    fit = CampaignFit(config.method, tuple(shapes), np.array(probability), tuple(members), None)
-    return contour_record(fit, np.zeros(len(poses.stop), dtype=np.int64), label, len(ips))
+    together = one_session(poses.stop)
+    fit = CampaignFit(config.method, tuple(shapes), np.array(probability), tuple(members), None, together)
+    return contour_record(fit, label, len(ips))

@@ -13,6 +13,10 @@ from estimation.slam.residuals import Association, Observations, TrajectoryState
 from estimation.slam.smoother import normal_equations, optimise, robust_cost
 from scenes.record import FloatArray, IntArray
 
+_FAR_SHARE = (
+    1e-3  # of what lies beyond 3 standard deviations counts: far from two sessions the nearer is better
+)
+
 
 def segment_offsets(
     residual_rad: FloatArray, std_rad: FloatArray, *, min_length: int = 3, min_gain: float = 8.0
@@ -44,7 +48,7 @@ def segment_offsets(
             part = slice(start, stop)
             offset = _robust_mean(residual_rad[part], std_rad[part])
             z2 = ((residual_rad[part] - offset) / std_rad[part]) ** 2
-            cost = best[start] + min_gain + 0.5 * float(np.sum(np.minimum(z2, 9.0)))
+            cost = best[start] + min_gain + 0.5 * float(np.sum(np.minimum(z2, 9.0 + _FAR_SHARE * z2)))
             if cost < best[stop]:
                 best[stop], previous[stop] = cost, start
     first: list[int] = []

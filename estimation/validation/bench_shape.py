@@ -11,7 +11,7 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import ConstantKernel, ExpSineSquared, WhiteKernel
 
-from estimation.shape.gp import fit_radial_gp
+from estimation.shape.gp import fit_radial_gp, fit_radial_gps
 from estimation.shape.threads import one_blas_thread
 from estimation.validation.gp_study import SHAPES, draw_points
 from estimation.validation.measurement import Measurement
@@ -34,6 +34,22 @@ def bench_radial_gp(seed: int, quick: bool) -> list[Measurement]:
             20.0,
             f"M = {counts}, three starts",
         ),
+    ]
+
+
+def bench_batched_gp(seed: int, quick: bool) -> list[Measurement]:
+    """CPU time per cluster of 256 clusters of 16 points in one call, and one by one."""
+    rng = np.random.default_rng(seed)
+    n_clusters, repeats = (64, 3) if quick else (256, 10)
+    shapes = list(SHAPES)
+    clusters = [draw_points(shapes[k % len(shapes)], 16, rng) for k in range(n_clusters)]
+    fit_radial_gps(clusters)
+    together = _cpu_s(lambda: fit_radial_gps(clusters), repeats) / n_clusters
+    one_by_one = _cpu_s(lambda: [fit_radial_gp(*cluster) for cluster in clusters], repeats) / n_clusters
+    reason = f"M = 16, {n_clusters} clusters, three starts; {1e3 * one_by_one:.2f} ms one by one"
+    return [
+        Measurement("gp.batched16_ms", 1e3 * together, "ms", "lower", 1.5, reason),
+        Measurement("gp.batch_over_one_by_one", one_by_one / together, "1", "higher", 1.0, reason),
     ]
 
 

@@ -2,7 +2,8 @@
 
 Three round pillars, a wall and an edge beside the Campus Arena's walk, seen with the line of sight and two ghosts
 per stop: paths over two random points, as double bounces are. Poses have the errors of a survey, or are found by
-SLAM; delays and departures have a constant error, which SLAM's map is given without: it cannot tell it.
+SLAM; delays and departures have a constant error, which SLAM's map is given without: it cannot tell it. SLAM is
+tried once more with a TX heading that jumps on the way, which no stop by itself can tell.
 """
 
 from __future__ import annotations
@@ -39,6 +40,7 @@ N_GHOSTS = 2  # per stop
 LEVEL = 0.3  # of the noise, in ns, deg and deg
 SURVEY = np.array([0.05, 0.05, np.deg2rad(1.0)])
 DELAY_OFFSET_NS, DEPARTURE_OFFSET_DEG = 0.3, 1.0
+JUMP_DEG, JUMP_STOP = 2.0, 20  # of the TX heading, in the rows of two sessions
 CLEARANCE_M = 1.5
 CLUTTER_BOX_M = np.array([[-8.0, 10.0], [-10.0, 3.0]])
 WALL, EDGE, LOS, GHOST = (
@@ -76,10 +78,14 @@ def check_campaign_contours(seed: int, quick: bool) -> list[Measurement]:
     n = 1 if quick else 6
     config = CampaignConfig(name="made", scene="-", seed=0, slam=SnapshotConfig(method="statistical"))
     rows: list[Measurement] = []
-    for name, offset in (("mapping", True), ("slam", False)):
+    for name, offset, jump_deg in (
+        ("mapping", True, 0.0),
+        ("slam", False, 0.0),
+        ("slam_jump", False, JUMP_DEG),
+    ):
         scores = []
         for k in range(n):
-            made = make_arena(np.random.default_rng([seed, k]), offset=offset)
+            made = make_arena(np.random.default_rng([seed, k]), offset=offset, jump_deg=jump_deg)
             tx = Pose(np.array([*TX[:2], 0.0]), float(TX[2]))
             if name == "mapping":
                 result = map_known(config, made.channel, tx, made.poses)
@@ -119,8 +125,11 @@ def score(made: MadeArena, result: MapResult) -> MapScore:
     )
 
 
-def make_arena(rng: np.random.Generator, *, offset: bool) -> MadeArena:
-    """A random campaign; `offset` puts the constant errors on delays and departures."""
+def make_arena(rng: np.random.Generator, *, offset: bool, jump_deg: float = 0.0) -> MadeArena:
+    """A random campaign; `offset` puts the constant errors on delays and departures.
+
+    `jump_deg` is an error of the TX heading at the stops before `JUMP_STOP`.
+    """
     pillars: list[Circle] = []
     truths: list[TruePaths] = []
     while len(pillars) < N_PILLARS:
@@ -141,7 +150,8 @@ def make_arena(rng: np.random.Generator, *, offset: bool) -> MadeArena:
     for stop, position in enumerate(walk):
         rx = np.array([*position, heading[stop]])
         exact, kind = _true_paths(truths, rx, rng)
-        estimate, order = _estimate(stop, exact + shift + np.array([clock_m[stop], 0, 0]), kind, rng)
+        jump = np.deg2rad(jump_deg) if stop < JUMP_STOP else 0.0
+        estimate, order = _estimate(stop, exact + shift + np.array([clock_m[stop], jump, 0]), kind, rng)
         channel.append(estimate)
         source.append(kind[order])
     n = len(walk)

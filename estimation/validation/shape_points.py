@@ -106,6 +106,7 @@ def check_walls(seed: int, quick: bool) -> list[Measurement]:
     row.band("coverage", scores.coverage, 0.93, 0.97)
     depth = wall_scores(fit_depth_line, recessed)
     row.lower("recessed.perpendicular_rmse_m", depth.perpendicular_rmse_m, 0.09)
+    row.band("recessed.coverage", depth.coverage, 0.93, 0.97)
     return row.rows
 
 

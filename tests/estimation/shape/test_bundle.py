@@ -17,7 +17,9 @@ from estimation.validation.reflection_scenarios import (
     TX,
     Errors,
     closed_paths,
+    draw_circle,
     edge_paths,
+    lit_pillar,
     observe_together,
     wall_paths,
 )
@@ -122,3 +124,18 @@ def test_unknown_kinds_are_refused() -> None:
     objects, los = campaign(1)
     with pytest.raises(ValueError, match="kind = 'cube'"):
         fit_bundle([BundleObject("cube", objects[0].paths)], los, CONFIG)
+
+
+@pytest.mark.parametrize("seed", [0, 6, 12])
+def test_paths_far_more_accurate_than_poses_are_no_ghosts(seed: int) -> None:
+    """At the given states and the offsets of each fit alone all paths are far off; none may stay so."""
+    rng = np.random.default_rng(seed)
+    errors = Errors(
+        level=0.02, position_std_m=0.1, heading_std_deg=1.0, delay_offset_ns=0.3, angle_offset_deg=2.0
+    )
+    truths = [lit_pillar(draw_circle, rng) for _ in range(3)]
+    objects, los = observe_together([true for _, true in truths], errors, rng)
+    found = fit_bundle([BundleObject("circle", each) for each in objects], los, CONFIG)
+    for shape, inlier, (pillar, _) in zip(found.shapes, found.inlier, truths, strict=True):
+        assert np.mean(inlier > 0.5) > 0.95
+        assert np.hypot(*(shape.parameter[:2] - pillar.center_m)) < 0.15

@@ -10,7 +10,7 @@ from estimation.geometry import predict_los
 from estimation.pipeline import map_known
 from estimation.shape.bundle import fit_bundle
 from estimation.shape.campaign_fit import corrected, object_noise
-from estimation.shape.campaign_paths import campaign_paths, in_plane, los_sessions
+from estimation.shape.campaign_paths import campaign_paths, in_plane
 from estimation.shape.config import ContourConfig
 from estimation.shape.contour_rows import resampled
 from estimation.shape.contours import estimate_contours
@@ -18,6 +18,7 @@ from estimation.shape.methods import POINT_METHODS, choose_points
 from estimation.shape.peers import fit_circle
 from estimation.shape.points import PointCluster
 from estimation.shape.record import Contours
+from estimation.shape.tx_sessions import los_sessions
 from estimation.slam.config import PathNoise
 from estimation.slam.record import SolveStatus
 from estimation.validation.shape_campaign import (
@@ -152,9 +153,9 @@ def test_offsets_of_sessions_are_relative_to_the_longest(made, result):
     los = paths.los
     exact = predict_los(TX_POSE, los.rx_state)
     exact[los.stop >= 30, 1] += 0.05
-    session, offset = los_sessions(replace(los, measured=exact), TX_POSE, made.poses.stop)
-    np.testing.assert_array_equal(session, made.poses.stop >= 30)
-    np.testing.assert_allclose(offset, [0.0, 0.05], atol=1e-9)
+    sessions = los_sessions(replace(los, measured=exact), TX_POSE, made.poses.stop)
+    np.testing.assert_array_equal(sessions.of_stop, made.poses.stop >= 30)
+    np.testing.assert_allclose(sessions.offset_rad, [0.0, 0.05], atol=1e-9)
 
 
 def test_paths_from_above_are_level_paths_shortened(made):

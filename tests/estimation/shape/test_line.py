@@ -30,6 +30,32 @@ def test_line_is_within_its_uncertainty():
     assert 1.2 < np.mean(normalised) < 3.0  # two degrees of freedom, 60 draws
 
 
+@pytest.mark.parametrize("n", [8, 16, 64])
+def test_the_line_of_few_points_counts_that_their_noise_is_unknown(n):
+    """Against the posterior of azimuth, offset and noise scale on a grid."""
+    points, prior = wall_points(n, 5), LinePrior(outlier_share=1e-12)
+    line = robust_line(points, prior)
+    reach = 6 * np.sqrt(np.diagonal(line.covariance)[:2])
+    azimuth, offset = (
+        at + r * np.linspace(-1, 1, 61) for at, r in zip(line.parameter[:2], reach, strict=True)
+    )
+    scale = np.linspace(-1.2, 1.2, 49)
+    normal = np.stack([-np.sin(azimuth), np.cos(azimuth)])
+    variance = np.einsum("ia,nij,ja->na", normal, points.covariance_m2, normal)
+    distance = ((points.position_m - line.origin_m) @ normal)[:, :, None] - offset
+    square = np.sum(distance**2 / variance[:, :, None], axis=0)
+    log_posterior = -0.5 * square[..., None] * np.exp(-2 * scale) - n * scale
+    log_posterior += -0.5 * np.log(variance).sum(axis=0)[:, None, None]
+    log_posterior += -0.5 * (scale / prior.log_noise_scale_std) ** 2
+    log_posterior += -0.5 * (offset / prior.offset_std_m)[:, None] ** 2
+    share = np.exp(log_posterior - log_posterior.max())
+    share /= share.sum()
+    for k, (values, axes) in enumerate(((azimuth, (1, 2)), (offset, (0, 2)))):
+        density = share.sum(axis=axes)
+        spread = density @ (values - density @ values) ** 2
+        assert line.covariance[k, k] == pytest.approx(spread, rel=0.1)
+
+
 def test_end_posterior_against_a_fine_grid():
     points, prior = wall_points(6, 3, length=4.0), LinePrior()
     line = robust_line(points, prior)._replace(inlier_share=np.ones(6))

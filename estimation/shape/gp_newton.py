@@ -1,0 +1,135 @@
+"""Most likely hyperparameters of many small radial Gaussian processes, in one compiled call.
+
+For few points the calls around a covariance matrix cost more than the matrix. Here every cluster goes through the
+same compiled search by itself, a projected Newton ascent over log beta with the analytic Hessian of the profiled
+log marginal likelihood, so what a cluster yields does not depend on the others of its batch.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from estimation.compiled import compiled
+from scenes.record import FloatArray, IntArray
+
+LARGEST_STEP = 1.5  # of a log parameter
+SMALLEST_CURVATURE_NAT = 1e-3
+SUFFICIENT_RISE = 1e-4  # of what the slope promises (Armijo)
+N_STEPS, N_HALVINGS = 60, 25
+
+
+@compiled
+def likelihood_terms(
+    chords: FloatArray, radius_m: FloatArray, log_beta: FloatArray
+) -> tuple[float, FloatArray, FloatArray]:
+    """Log marginal likelihood with mu at its best, its gradient (3,) and Hessian (3, 3) by log beta.
+
+    As `gp_exact.log_marginal_likelihood`. With P = K_y^-1, alpha = P (r - mu), D_i the derivatives of K_y and
+    u_i = D_i alpha the Hessian is (alpha' D_ij alpha - tr P D_ij + tr P D_i P D_j) / 2 - u_i' P u_j, and mu being
+    profiled adds (1' P u_i) (1' P u_j) / (1' P 1).
+    """
+    n = len(radius_m)
+    signal_variance, length_squared, noise_variance = np.exp(log_beta)
+    scaled = chords / length_squared
+    by_signal = signal_variance * np.exp(-scaled)
+    K_y = by_signal.copy()
+    for i in range(n):
+        K_y[i, i] += noise_variance
+    log_determinant = 2 * np.sum(np.log(np.diag(np.linalg.cholesky(K_y))))
+    P = np.linalg.inv(K_y)
+    row_sum = P.sum(axis=0)
+    eta = radius_m - (row_sum @ radius_m) / row_sum.sum()
+    alpha = P @ eta
+    value = -0.5 * (eta @ alpha + log_determinant + n * np.log(2 * np.pi))
+
+    by_length = by_signal * scaled
+    twice_by_length = by_length * (scaled - 1)
+    u = np.stack((by_signal @ alpha, by_length @ alpha, noise_variance * alpha))
+    W = np.stack((P @ by_signal, P @ by_length, noise_variance * P))
+    Pu = u @ P
+    from_mean = u @ row_sum
+    inner = np.outer(alpha, alpha) - P
+    second = np.zeros((3, 3))
+    second[0, 0] = np.sum(inner * by_signal)
+    second[0, 1] = second[1, 0] = np.sum(inner * by_length)
+    second[1, 1] = np.sum(inner * twice_by_length)
+    second[2, 2] = noise_variance * np.trace(inner)
+    gradient, hessian = np.empty(3), np.empty((3, 3))
+    for i in range(3):
+        gradient[i] = 0.5 * (alpha @ u[i] - np.trace(W[i]))
+        for j in range(3):
+            hessian[i, j] = 0.5 * (second[i, j] + np.sum(W[i] * W[j].T)) - u[i] @ Pu[j]
+            hessian[i, j] += from_mean[i] * from_mean[j] / row_sum.sum()
+    return value, gradient, hessian
+
+
+@compiled
+def _ascend(
+    chords: FloatArray,
+    radius_m: FloatArray,
+    start: FloatArray,
+    low: FloatArray,
+    high: FloatArray,
+    slope_nat: float,
+) -> tuple[float, FloatArray]:
+    """Likelihood and log beta where no free slope exceeds `slope_nat`, uphill from a start within the bounds."""
+    at = np.minimum(np.maximum(start, low), high)
+    value, gradient, hessian = likelihood_terms(chords, radius_m, at)
+    for _ in range(N_STEPS):
+        held = ((at <= low) & (gradient < 0)) | ((at >= high) & (gradient > 0))
+        slope = np.where(held, 0.0, gradient)
+        if np.max(np.abs(slope)) <= slope_nat:
+            break
+        curvature = -hessian
+        for i in range(3):
+            if held[i]:
+                curvature[i, :] = 0.0
+                curvature[:, i] = 0.0
+                curvature[i, i] = 1.0
+        eigenvalue, vector = np.linalg.eigh(curvature)
+        step = vector @ ((vector.T @ slope) / np.maximum(np.abs(eigenvalue), SMALLEST_CURVATURE_NAT))
+        step *= min(1.0, LARGEST_STEP / np.max(np.abs(step)))
+        rose = False
+        for _ in range(N_HALVINGS):
+            there = np.minimum(np.maximum(at + step, low), high)
+            found, its_gradient, its_hessian = likelihood_terms(chords, radius_m, there)
+            if found >= value + SUFFICIENT_RISE * (slope @ (there - at)):
+                at, value, gradient, hessian = there, found, its_gradient, its_hessian
+                rose = True
+                break
+            step = step / 2
+        if not rose:
+            break
+    return value, at
+
+
+@compiled
+def most_likely(
+    first: IntArray,
+    angle_rad: FloatArray,
+    radius_m: FloatArray,
+    start: FloatArray,
+    low: FloatArray,
+    high: FloatArray,
+    slope_nat: float,
+) -> FloatArray:
+    """Log beta (cluster, 3) of the most likely optimum of every cluster.
+
+    Cluster c holds the points `first[c]` up to `first[c + 1]` of `angle_rad` and `radius_m` (ip,). Each of its
+    starts of log beta (cluster, start, 3) is followed within the bounds `low` and `high` (cluster, 3) until no
+    free slope exceeds `slope_nat`.
+    """
+    log_beta = np.empty((len(first) - 1, 3))
+    for c in range(len(first) - 1):
+        angle, radius = angle_rad[first[c] : first[c + 1]], radius_m[first[c] : first[c + 1]]
+        chords = np.empty((len(angle), len(angle)))
+        for i in range(len(angle)):
+            for j in range(len(angle)):
+                chords[i, j] = 2 * np.sin((angle[i] - angle[j]) / 2) ** 2
+        best = -np.inf
+        for k in range(start.shape[1]):
+            value, end = _ascend(chords, radius, start[c, k], low[c], high[c], slope_nat)
+            if value > best:
+                best = value
+                log_beta[c] = end
+    return log_beta
