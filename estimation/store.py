@@ -27,6 +27,7 @@ from estimation.channel.calibration import Calibration
 from estimation.channel.power_map import BeamPowerMap
 from estimation.channel.record import ChannelEstimate
 from estimation.config import CampaignConfig
+from estimation.difference import first_difference, line_difference
 from estimation.fingerprint import code_digest, digest, estimator_source
 from estimation.measured import MeasuredTruth
 from estimation.results import MapResult
@@ -40,7 +41,15 @@ from scenes.record import Record
 from sim.codebook_store import weights_digest
 from sim.config import SimulationConfig
 from sim.deepmimo_store import scenario_digest
-from sim.store import read_attribute, read_record, remove_leftovers, write_bytes, write_record, write_text
+from sim.store import (
+    read_attribute,
+    read_record,
+    remove_file,
+    remove_leftovers,
+    write_bytes,
+    write_record,
+    write_text,
+)
 from sim.sweep import BeamSweep
 from sim.truth import Truth
 
@@ -137,9 +146,10 @@ class CampaignStore:
             )
         if (self.directory / "campaign.json").is_file() and (self.directory / "scene.toml").is_file():
             held = open_campaign(self.directory)
-            if held._identity != self._identity:
+            if difference := self._difference(held):
                 raise ValueError(
-                    f"--out = {self.directory}: holds another campaign; choose another directory or remove it"
+                    f"--out = {self.directory}: holds another campaign ({difference}); choose another "
+                    "directory or remove it"
                 )
             if held.estimator != self.estimator:
                 self.drop_results()
@@ -228,7 +238,7 @@ class CampaignStore:
         """Store the figures, then the page."""
         figures = self.directory / "figures"
         for old in figures.glob("*.png"):
-            old.unlink()
+            remove_file(old)
         for name, picture in pictures.items():
             write_bytes(figures / f"{name}.png", picture)
         write_text(self.directory / "report.html", page)
@@ -236,12 +246,20 @@ class CampaignStore:
     def drop_results(self) -> None:
         """Remove scores and report, which an upstream change has made stale."""
         for name in ("scores.json", "provenance.nc", "report.html"):
-            (self.directory / name).unlink(missing_ok=True)
+            remove_file(self.directory / name)
 
-    @property
-    def _identity(self) -> tuple[object, ...]:
-        """What two stores of one campaign share, whatever the estimator."""
-        return self.config, self.scene_text, dict(self.scene_files), self.measured
+    def _difference(self, held: CampaignStore) -> str | None:
+        """The first thing in which this campaign is not the one held, the estimator apart; None for the same."""
+        there, here = (store.config.model_dump(mode="json") for store in (held, self))
+        if found := first_difference(there, here):
+            return found
+        if held.measured != self.measured:
+            return f"{held.measured or 'simulated'} there, {self.measured or 'simulated'} here"
+        if held.scene_text != self.scene_text:
+            return f"scene.toml{line_difference(held.scene_text, self.scene_text)}"
+        names = sorted({*held.scene_files, *self.scene_files})
+        changed = [name for name in names if held.scene_files.get(name) != self.scene_files.get(name)]
+        return f"{changed[0]} differs" if changed else None
 
     @property
     def _scene_digest(self) -> str:
@@ -267,6 +285,13 @@ class CampaignStore:
         write_record(path, record, {"title": self.config.name, "fingerprint": fingerprint})
 
 
+def check_is_campaign(directory: Path) -> None:
+    """Raise `ValueError`, one line, where a directory holds no campaign."""
+    for name in ("campaign.json", "scene.toml"):
+        if not (directory / name).is_file():
+            raise ValueError(f"{directory}: holds no campaign (no {name}); make one with 'arena run'")
+
+
 def open_campaign(directory: Path) -> CampaignStore:
     """The campaign in a directory, with the settings and the scene it was made with.
 
@@ -275,10 +300,8 @@ def open_campaign(directory: Path) -> CampaignStore:
     ValueError
         Where the directory holds no campaign, or its settings are damaged.
     """
+    check_is_campaign(directory)
     settings, scene = directory / "campaign.json", directory / "scene.toml"
-    for needed in (settings, scene):
-        if not needed.is_file():
-            raise ValueError(f"{directory}: holds no campaign (no {needed.name}); make one with 'arena run'")
     try:
         content = json.loads(settings.read_text(encoding="utf-8"))
         config = CampaignConfig.model_validate_json(json.dumps(content["campaign"]))
@@ -289,6 +312,9 @@ def open_campaign(directory: Path) -> CampaignStore:
             if not file.name.endswith(".part")
         }
         return CampaignStore(directory, config, text, content["estimator"], measured, files)
-    except (ValueError, KeyError, TypeError) as error:
-        reason = str(error).splitlines()[0]
-        raise ValueError(f"{settings}: damaged settings ({reason}); remove the file and run again") from error
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        reason = (str(error).splitlines() or [type(error).__name__])[0]
+        raise ValueError(
+            f"{settings}: damaged, or of another version ({reason}); put it back as it was, or run the campaign "
+            "in a new directory"
+        ) from error

@@ -5,6 +5,7 @@ Modules import heavy libraries inside their functions only, so `--help` answers 
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 import sys
@@ -38,6 +39,8 @@ from scripts import (
 USAGE_ERROR: Any = typer.BadParameter.__bases__[0]  # of click, or of the copy of it that typer brings along
 
 INTERRUPTED = 130
+FULL = "free some space and run the same command again: it goes on where it stopped"
+ELSEWHERE = "choose an --out that can be written"
 
 app = typer.Typer(
     name="arena",
@@ -83,7 +86,7 @@ def main() -> None:
             raise KeyboardInterrupt
         sys.exit(code)
     except USAGE_ERROR as error:
-        _fail(" ".join(error.format_message().split()), error.exit_code)
+        _fail(_usage(error), error.exit_code)
     except (KeyboardInterrupt, typer.Abort):
         _fail("interrupted; the same command goes on where it stopped", INTERRUPTED)
     except (ValueError, OSError, RuntimeError) as error:
@@ -99,9 +102,22 @@ def _fail(message: str, code: int) -> None:
     sys.exit(code)
 
 
+def _usage(error: Any) -> str:
+    """What is wrong with an option: its name, the value given and what is allowed, where a value is wrong."""
+    details: list[Any] = getattr(error.__cause__, "errors", list)()  # of pydantic, which checks the values
+    if not details or error.param is None:
+        return " ".join(error.format_message().split())
+    option = next((name for name in error.param.opts if name.startswith("--")), error.param.name)
+    allowed = details[0]["msg"].removeprefix("Value error, ").replace("Input should", "must")
+    return f"{option} = {details[0]['input']}: {allowed}"
+
+
 def _one_line(error: Exception) -> str:
     if isinstance(error, OSError) and error.strerror:
         # A file is written under a temporary name first; the user knows it by its own.
         named = re.sub(r"\.([^/]+)\.\d+\.part(?=/|$)", r"\1", str(error.filename or ""))
-        return f"{named}: {error.strerror}" if named else error.strerror
+        told = f"{named}: {error.strerror}" if named else error.strerror
+        if error.errno in (errno.ENOSPC, errno.EDQUOT):
+            return f"{told}; {FULL}"
+        return f"{told}; {ELSEWHERE}" if "cannot be written" in told else told
     return " ".join(str(error).split()) or type(error).__name__

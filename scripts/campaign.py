@@ -57,7 +57,7 @@ def estimate(directory: Directory, estimator: Estimator = None) -> None:
     """Estimate channel parameters, maps, poses and shapes from the sweeps of a campaign directory."""
     from scripts import stages  # noqa: PLC0415
 
-    with stages.reopened(directory, estimator) as store:
+    with stages.reopened(directory, estimator, (*stages.SAMPLES, *stages.ESTIMATES)) as store:
         stages.sweep_and_estimate(store, keep_sweeps=False, again=estimator is not None)
         stages.build_maps(store)
 
@@ -74,5 +74,5 @@ def report(directory: Directory) -> None:
     """Write the figures and the HTML report of a scored campaign directory."""
     from scripts import stages  # noqa: PLC0415
 
-    with stages.reopened(directory) as store:
+    with stages.reopened(directory, reads=stages.SCORED) as store:
         stages.write_report(store)

@@ -22,10 +22,16 @@ def one_run(directory: Path) -> Iterator[None]:
 
     File systems without locks hold nothing.
 
-    Raises `DirectoryHeldError`, one line, where another run holds it, `OSError` where it cannot be made or opened.
+    Raises `DirectoryHeldError` where another run holds it, `ValueError` where it cannot be made or opened.
     """
-    directory.mkdir(parents=True, exist_ok=True)
-    handle = os.open(directory, os.O_RDONLY)
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        handle = os.open(directory, os.O_RDONLY)
+    except OSError as error:
+        reason = "is a file" if isinstance(error, FileExistsError) else error.strerror
+        raise ValueError(
+            f"--out = {directory}: {reason}; must be a directory that can be written, or made"
+        ) from error
     try:
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -39,19 +39,21 @@ def export(
 ) -> None:
     """Write a campaign for MATLAB, DeepMIMO, trajectory tools, GIS tools or 3-D viewers."""
     from scripts import exchange, stages  # noqa: PLC0415
+    from scripts.recording import recorded_additions  # noqa: PLC0415
 
-    store = stages.reopen(directory)
+    store = stages.reopen(directory, reads=stages.SCORED)
     folder = out or directory / "export"
-    if file_format == ExportFormat.deepmimo:
-        files = [exchange.write_scenario(store, folder / store.config.name.lower(), max_paths)]
-    elif file_format == ExportFormat.glb:
-        files = [exchange.write_glb(store, folder / f"stop_{stop:03d}.glb", stop, max_paths)]
-    else:
-        write = {
-            ExportFormat.mat: exchange.write_mat,
-            ExportFormat.tum: exchange.write_tum,
-            ExportFormat.geojson: exchange.write_geojson,
-        }[file_format]
-        files = list(write(store, folder))
+    with recorded_additions(directory):
+        if file_format == ExportFormat.deepmimo:
+            files = [exchange.write_scenario(store, folder / store.config.name.lower(), max_paths)]
+        elif file_format == ExportFormat.glb:
+            files = [exchange.write_glb(store, folder / f"stop_{stop:03d}.glb", stop, max_paths)]
+        else:
+            write = {
+                ExportFormat.mat: exchange.write_mat,
+                ExportFormat.tum: exchange.write_tum,
+                ExportFormat.geojson: exchange.write_geojson,
+            }[file_format]
+            files = list(write(store, folder))
     for file in files:
         stages.console.print(f"{file_format.value}: {file}")

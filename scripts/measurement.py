@@ -17,7 +17,7 @@ from estimation.slam.config import MappingConfig, SnapshotConfig
 from estimation.store import CampaignStore, StopEstimate
 from scenes.config import kept_files, load_scene, scene_path
 from scripts.directory import one_run
-from scripts.manifest import write_manifest
+from scripts.recording import recorded_run
 
 METHODS = get_args(SnapshotConfig.model_fields["method"].annotation)
 
@@ -45,13 +45,12 @@ def import_campaign(
         measured=_origin(file, tx_offset_deg, clock_seed),
         scene_files=kept_files(scene_path(scene)),
     )
-    with one_run(out):
+    with one_run(out), recorded_run(out):
         store.open_for_writing()
         load_scene(out / "scene.toml")
         for truth, channel in zip(campaign.truths, campaign.channel, strict=True):
             store.write_truth(truth)
             store.write_channel(StopEstimate(channel, _no_power_map(channel.stop)))
-        write_manifest(out)
     return len(campaign.truths)
 
 

@@ -21,6 +21,7 @@ def export_sigmf(
 ) -> None:
     """Write the received samples of beam pairs as a SigMF recording, one annotated burst per pair."""
     from scripts import stages  # noqa: PLC0415
+    from scripts.recording import recorded_additions  # noqa: PLC0415
     from sim.campaign import observe  # noqa: PLC0415
     from sim.link import make_link  # noqa: PLC0415
     from sim.occasions import slot_of_beam  # noqa: PLC0415
@@ -28,7 +29,7 @@ def export_sigmf(
     from sim.sigmf_store import write_sigmf  # noqa: PLC0415
     from sim.time_domain import received_samples  # noqa: PLC0415
 
-    store = stages.reopen(directory)
+    store = stages.reopen(directory, reads=[f"{kind}/stop_{stop:03d}.nc" for kind in stages.SAMPLES])
     sweep = store.sweep(stop)
     if sweep is None:
         scene, truth = stages.scene_of(store), store.truth(stop)
@@ -41,12 +42,13 @@ def export_sigmf(
     slot = slot_of_beam(store.config.waveform, len(sweep.tx_codebook), tx_beam)
     beams = range(len(sweep.rx_codebook)) if rx_beam is None else [rx_beam]
     name = f"stop_{stop:03d}_tx_{tx_beam:03d}" + ("" if rx_beam is None else f"_rx_{rx_beam:03d}")
-    meta = write_sigmf(
-        (out or directory / "sigmf") / name,
-        [received_samples(sweep, prs, slot, tx_beam, beam) for beam in beams],
-        [f"tx {tx_beam} rx {beam}" for beam in beams],
-        sample_rate_hz=sample_rate_hz(prs.numerology),
-        carrier_hz=sweep.carrier_hz,
-        description=f"{store.config.name}, stop {stop}: PRS in sqrt(mW), one beam pair per capture",
-    )
+    with recorded_additions(directory):
+        meta = write_sigmf(
+            (out or directory / "sigmf") / name,
+            [received_samples(sweep, prs, slot, tx_beam, beam) for beam in beams],
+            [f"tx {tx_beam} rx {beam}" for beam in beams],
+            sample_rate_hz=sample_rate_hz(prs.numerology),
+            carrier_hz=sweep.carrier_hz,
+            description=f"{store.config.name}, stop {stop}: PRS in sqrt(mW), one beam pair per capture",
+        )
     stages.console.print(f"samples: {meta}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -23,7 +23,7 @@ from estimation.channel.calibration import Calibration, self_calibrate
 from estimation.channel.power_map import beam_power_map
 from estimation.measured import MeasuredTruth
 from estimation.pipeline import channel_estimator, known_receiver, map_known, map_unknown, score_simulated
-from estimation.report.budget_store import read_budget
+from estimation.report.budget_store import BUDGET_FILE, read_budget
 from estimation.report.figures import make_figures
 from estimation.report.html import render_report
 from estimation.report.payload import report_payload
@@ -31,12 +31,12 @@ from estimation.results import CampaignResults, MapResult
 from estimation.scoring.measured_scores import measured_metrics, score_measured
 from estimation.scoring.record import ScoreTables
 from estimation.scoring.score import Scores, score_metrics
-from estimation.store import CampaignStore, MapName, StopEstimate, open_campaign
+from estimation.store import CampaignStore, MapName, StopEstimate, check_is_campaign, open_campaign
 from scenes.config import kept_files
 from scenes.scene import Scene
 from scripts.campaign_file import campaign_scene, load_campaign
 from scripts.directory import one_run
-from scripts.manifest import write_manifest
+from scripts.recording import SETTINGS, check_unchanged, recorded_run, remedy
 from scripts.summary import PlanarCounts, run_facts, score_table
 from sim.campaign import observe, simulate_truth
 from sim.hardware import surveyed
@@ -46,6 +46,11 @@ from sim.truth import Truth
 
 console = Console(highlight=False)
 T = TypeVar("T")
+
+# Files and folders of a campaign directory that a command reads beside the settings
+SAMPLES = ("truth", "sweep")
+ESTIMATES = ("truth", "channel", "map")
+SCORED = (*ESTIMATES, "provenance.nc")
 
 
 def prepare(campaign: str, out: Path, seed: int | None, estimator: str | None) -> CampaignStore:
@@ -59,10 +64,10 @@ def prepare(campaign: str, out: Path, seed: int | None, estimator: str | None) -
 def opened(campaign: str, out: Path, seed: int | None, estimator: str | None) -> Iterator[CampaignStore]:
     """As `prepare`, for a run of its own: the directory is held for it, and has its manifest at the end."""
     store = _checked(campaign, out, seed, estimator)
-    with one_run(out):
+    with one_run(out), recorded_run(out):
+        check_unchanged(out, (*SETTINGS, *SAMPLES, *ESTIMATES))
         store.open_for_writing()
         yield store
-        write_manifest(out)
 
 
 def _checked(campaign: str, out: Path, seed: int | None, estimator: str | None) -> CampaignStore:
@@ -79,16 +84,22 @@ def _checked(campaign: str, out: Path, seed: int | None, estimator: str | None) 
 
 
 @contextmanager
-def reopened(directory: Path, estimator: str | None = None) -> Iterator[CampaignStore]:
+def reopened(
+    directory: Path, estimator: str | None = None, reads: Sequence[str] = ESTIMATES
+) -> Iterator[CampaignStore]:
     """As `reopen`, for work in the directory: held for one run, and with its manifest at the end."""
-    open_campaign(directory)
-    with one_run(directory):
-        yield reopen(directory, estimator)
-        write_manifest(directory)
+    check_is_campaign(directory)
+    with one_run(directory), recorded_run(directory):
+        yield reopen(directory, estimator, reads)
 
 
-def reopen(directory: Path, estimator: str | None = None) -> CampaignStore:
-    """The campaign in a directory; another estimator than the stored one makes new channel estimates."""
+def reopen(directory: Path, estimator: str | None = None, reads: Sequence[str] = ESTIMATES) -> CampaignStore:
+    """The campaign in a directory; another estimator than the stored one makes new channel estimates.
+
+    Raises `ValueError`, one line, where its settings, or what is in `reads`, are not as they were written.
+    """
+    check_is_campaign(directory)
+    check_unchanged(directory, (*SETTINGS, *reads))
     store = open_campaign(directory)
     if estimator is not None:
         if store.measured is not None:
@@ -202,6 +213,7 @@ def _page_payload(
     """What the report page knows of a campaign; a measured one has no true paths."""
     name, n_stops = store.config.name, len(scene.stops)
     truths = stored_truths(store, n_stops) if store.measured is None else ()
+    check_unchanged(store.directory / BUDGET_FILE.parent, [BUDGET_FILE.name])
     return report_payload(name, scene, results, tables, truths, read_budget(store.directory, name))
 
 
@@ -286,9 +298,8 @@ def _present(store: CampaignStore, value: T | None, what: str, verb: str) -> T:
     if value is None:
         for path in [*sorted(store.directory.glob("*/*.nc")), store.directory / "provenance.nc"]:
             if path.is_file() and read_attribute(path, "fingerprint") is None:
-                raise ValueError(
-                    f"{path}: damaged, or no file of a campaign; remove it, run 'arena {verb}' again"
-                )
+                name = path.relative_to(store.directory).as_posix()
+                raise ValueError(f"{path}: damaged, or no file of a campaign; {remedy(name)}")
         raise ValueError(f"{store.directory}: {what} is missing or out of date; run 'arena {verb}' first")
     return value
 

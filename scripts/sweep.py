@@ -64,22 +64,21 @@ def run_sweep(
     """Run what is missing of a sweep, write its tables and its manifest, and return how many cases failed."""
     from scenes.toml_config import read_text  # noqa: PLC0415
     from scripts.directory import one_run  # noqa: PLC0415
-    from scripts.manifest import write_manifest  # noqa: PLC0415
+    from scripts.recording import recorded_run  # noqa: PLC0415
     from scripts.sweep_cases import base_path  # noqa: PLC0415
     from scripts.sweep_job import store_scene  # noqa: PLC0415
-    from scripts.sweep_store import forget_failures, open_sweep, read_failures  # noqa: PLC0415
+    from scripts.sweep_store import forget_failures, open_sweep, read_failures, stale_names  # noqa: PLC0415
 
-    with one_run(out):
+    with one_run(out), recorded_run(out) as recording:
         open_sweep(out, config, read_text(base_path(str(file), config)))
         for scene in plan.scenes.values():
             store_scene(out, scene)
         if retry_failed:
             forget_failures(out, read_failures(out))
+        recording.drop(stale_names(out, recording.names))
         with workers:
             jobs = run_until_known(workers, console, file, config, out, plan.jobs)
-        n_failed = tell_results(console, out, config, jobs)
-        write_manifest(out)
-    return n_failed
+        return tell_results(console, out, config, jobs)
 
 
 class Workers:
@@ -172,10 +171,10 @@ def run_missing(workers: Workers, console: Console, out: Path, jobs: Sequence[Jo
     with Progress(*columns, console=console, speed_estimate_period=3600) as progress:
         task = progress.add_task("cases", total=len(jobs), completed=len(jobs) - len(pending), rate="")
 
-        def report(job: Job, error: BaseException | None) -> None:
+        def report(job: Job, reason: str | None) -> None:
             nonlocal n_failed
-            if error is not None:
-                write_failure(out, job.key, error)
+            if reason is not None:
+                write_failure(out, job.key, reason)
                 n_failed += 1
             done = progress.tasks[task].completed + 1 - (len(jobs) - len(pending))
             per_minute = 60 * done / (time.monotonic() - started)

@@ -9,20 +9,29 @@ import shutil
 import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import CancelledError
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, TypeVar
 
+import dask.config
 from distributed import Client, Future, LocalCluster, WorkerPlugin, as_completed
 
 from scripts.sweep_job import Job
-from scripts.sweep_run import make_signals, run_case, trace_stops
+from scripts.sweep_run import make_signals, reason, run_cases, trace_stops
 
 STOPS_PER_TASK = 8
+CASES_PER_TASK = 8  # at the most, of those that share their samples: they are read once for all
 ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL", "NUMBA")}
+# By default dask has the C library hand freed memory back at once and samples the stack of every task: together a
+# fifth of the time of small cases, most of it in page faults.
+LEAN = {"distributed.nanny.pre-spawn-environ": ONE_THREAD, "distributed.worker.profile.enabled": False}
 # Faults of the place, not of a case: the sweep ends at once and no case is recorded as failed.
 PLACE_FAULTS = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM, errno.EIO, errno.EFBIG}
 
-Report = Callable[[Job, BaseException | None], None]
+LOST = "the scheduler was lost; the same command goes on where the sweep stopped"
+
+Report = Callable[[Job, str | None], None]  # of a case that ended, and why where it failed
+T = TypeVar("T")
 
 
 class WarmUp(WorkerPlugin):  # type: ignore[misc]
@@ -61,13 +70,12 @@ def connected(workers: int | None, scheduler: str | None) -> Iterator[Client]:
             yield client
         return
     n_workers = workers or os.cpu_count() or 1
-    with _interrupts_ignored():
+    with dask.config.set(LEAN), _interrupts_ignored():
         cluster = LocalCluster(
             n_workers=n_workers,
             threads_per_worker=1,
             dashboard_address="127.0.0.1:0",
             silence_logs="CRITICAL",
-            env=ONE_THREAD,
         )
     with cluster, Client(cluster) as client:
         client.register_plugin(WarmUp())
@@ -91,7 +99,7 @@ def run_jobs(client: Client, jobs: Sequence[Job], report: Report) -> None:
     """Run all jobs, the paths and samples they share first; `report` is told of each one that ends.
 
     Jobs that share their samples stand together: their samples are dropped before those of many others are made.
-    A job whose worker dies is tried again elsewhere; one that fails is reported with its error and stops no other.
+    Jobs whose worker dies are tried again elsewhere; one that fails is reported with its reason, no other stops.
 
     Raises
     ------
@@ -104,19 +112,29 @@ def run_jobs(client: Client, jobs: Sequence[Job], report: Report) -> None:
     for job in jobs:
         waiting.setdefault(job.signal_hash, []).append(job)
     futures = _submit(client, waiting)
-    for future in as_completed(futures):
-        job = futures.pop(future)
-        report(job, _error(future))
-        waiting[job.signal_hash].remove(job)
-        if not waiting[job.signal_hash]:
-            shutil.rmtree(job.signal_file(0).parent, ignore_errors=True)
+    ended = as_completed(futures)
+    for future in ended:
+        batch = futures.pop(future)
+        reasons = _reasons(future, batch)
+        if reasons is None:  # one of them took its worker down: which one shows when they run one by one
+            alone = {_submit_batch(client, [job], [], 0): [job] for job in batch}
+            futures |= alone
+            ended.update(alone)
+            continue
+        for job, why in zip(batch, reasons, strict=True):
+            report(job, why)
+            waiting[job.signal_hash].remove(job)
+        if not waiting[batch[0].signal_hash]:
+            shutil.rmtree(batch[0].signal_file(0).parent, ignore_errors=True)
         future.release()
 
 
-def _submit(client: Client, groups: dict[str, list[Job]]) -> dict[Future, Job]:
+def _submit(client: Client, groups: dict[str, list[Job]]) -> dict[Future, list[Job]]:
     """Tasks of all cases, group by group of those that share samples, behind the tasks they wait for."""
-    futures: dict[Future, Job] = {}
+    futures: dict[Future, list[Job]] = {}
     paths: dict[str, list[Future]] = {}
+    n_cases, n_threads = sum(map(len, groups.values())), sum(client.nthreads().values())
+    size = min(CASES_PER_TASK, -(-n_cases // max(n_threads, 1)))
     for rank, group in enumerate(groups.values()):
         first = group[0]
         if first.paths_hash not in paths:
@@ -124,12 +142,15 @@ def _submit(client: Client, groups: dict[str, list[Job]]) -> dict[Future, Job]:
         before = paths[first.paths_hash]
         if len(group) > 1:
             before = _submit_signals(client, first, before, -rank) or before
-        for job in group:
-            future = client.submit(
-                _after, before, run_case, job, key=f"case-{job.key}", pure=False, priority=-rank
-            )
-            futures[future] = job
+        for batch in _blocks(group, size):
+            futures[_submit_batch(client, batch, before, -rank)] = list(batch)
     return futures
+
+
+def _submit_batch(client: Client, batch: Sequence[Job], before: Sequence[Future], priority: int) -> Future:
+    """The task of some cases that share their samples."""
+    key = f"cases-{batch[0].key}-{len(batch)}"
+    return client.submit(_after, before, run_cases, batch, key=key, pure=False, priority=priority)
 
 
 def _submit_paths(client: Client, job: Job, priority: int) -> list[Future]:
@@ -139,7 +160,7 @@ def _submit_paths(client: Client, job: Job, priority: int) -> list[Future]:
         client.submit(
             trace_stops, job, block, key=f"paths-{job.paths_hash}-{block[0]}", pure=False, priority=priority
         )
-        for block in _blocks(missing)
+        for block in _blocks(missing, STOPS_PER_TASK)
     ]
 
 
@@ -157,25 +178,33 @@ def _submit_signals(client: Client, job: Job, paths: list[Future], priority: int
             pure=False,
             priority=priority,
         )
-        for block in _blocks(missing)
+        for block in _blocks(missing, STOPS_PER_TASK)
     ]
 
 
-def _error(future: Future) -> BaseException | None:
-    """The error of a case that ended; raises those that are no fault of the case."""
+def _reasons(future: Future, batch: Sequence[Job]) -> list[str | None] | None:
+    """Why each case of a batch failed, None for one that is done; None where several share a fault.
+
+    Raises what is no fault of a case.
+    """
     if future.status in ("cancelled", "lost"):
-        raise ConnectionError("the scheduler was lost; the same command goes on where the sweep stopped")
+        raise ConnectionError(LOST)
     error = future.exception()
     if isinstance(error, OSError) and error.errno in PLACE_FAULTS:
         raise error
-    return error if isinstance(error, BaseException) else None
+    if isinstance(error, BaseException):
+        return [reason(error)] if len(batch) == 1 else None
+    try:
+        return list(future.result())
+    except (OSError, CancelledError) as gone:
+        raise ConnectionError(LOST) from gone
 
 
-def _after(done: Sequence[None], function: Callable[..., None], *arguments: Any) -> None:
+def _after(done: Sequence[None], function: Callable[..., T], *arguments: Any) -> T:
     """Call a function when the tasks whose results stand in `done` have ended."""
     del done
-    function(*arguments)
+    return function(*arguments)
 
 
-def _blocks(stops: Sequence[int]) -> list[Sequence[int]]:
-    return [stops[start : start + STOPS_PER_TASK] for start in range(0, len(stops), STOPS_PER_TASK)]
+def _blocks(items: Sequence[T], size: int) -> list[Sequence[T]]:
+    return [items[start : start + size] for start in range(0, len(items), size)]

@@ -115,12 +115,9 @@ def scene_file(root: Path, scene_hash: str) -> Path:
 def store_scene(root: Path, scene: SceneSource) -> None:
     """Store a scene with the files it names, the scene file last; one that was changed since is put right."""
     file = scene_file(root, scene.hash)
-    contents = {file.parent / name: data for name, data in scene.files.items()}
-    contents[file] = scene.text.encode()
-    if all(path.is_file() and path.read_bytes() == data for path, data in contents.items()):
-        return
-    for path, data in contents.items():
-        write_bytes(path, data)
+    for name, data in scene.files.items():
+        write_bytes(file.parent / name, data)
+    write_bytes(file, scene.text.encode())
 
 
 @lru_cache(maxsize=2)

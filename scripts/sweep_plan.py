@@ -72,9 +72,9 @@ def make_plan(source: str, config: SweepConfig, root: Path, repeats: Iterable[in
 
 def metric_keys(scene: Scene) -> list[str]:
     """Keys of all metrics of a campaign in a scene, from tables of a campaign without a path."""
-    tables = _empty(ScoreTables)
+    tables = empty_record(ScoreTables)
     types = get_type_hints(MapResult)
-    nothing = MapResult(**{field.name: _empty(types[field.name]) for field in fields(MapResult)})
+    nothing = MapResult(**{field.name: empty_record(types[field.name]) for field in fields(MapResult)})
     empty = tables.mapping
     whole = score_scene(scene, nothing, empty.clusters, empty.contours, tables.significant)
     maps = replace(empty, scene=whole)
@@ -178,7 +178,7 @@ def _check_metric(config: SweepConfig, scene: Scene) -> None:
         raise ValueError(f"until.metric = '{metric}': scene '{scene.name}' has no such metric; {hint}")
 
 
-def _empty(kind: type[R]) -> R:
+def empty_record(kind: type[R]) -> R:
     """A record without any rows."""
     types, values = get_type_hints(kind), {}
     for spec in fields(kind):
@@ -186,5 +186,5 @@ def _empty(kind: type[R]) -> R:
             shape = [FIXED_AXES.get(axis, 0) for axis in spec.metadata["axes"]]
             values[spec.name] = np.zeros(shape, spec.metadata["dtype"])
         else:
-            values[spec.name] = _empty(types[spec.name])
+            values[spec.name] = empty_record(types[spec.name])
     return kind(**values)

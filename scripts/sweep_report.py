@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -46,14 +45,16 @@ def sweep_report(
         typer.Option(help="Two metrics of a trade-off, KEY,KEY; may be given several times."),
     ] = None,
 ) -> None:
-    """Write sweep_report.html: every metric over every axis with 95 % intervals and bounds, and trade-offs."""
+    """Write sweep_report.html: every metric over every axis, with intervals and bounds, and trade-offs."""
     from rich.console import Console  # noqa: PLC0415
 
+    from scripts.recording import check_unchanged, recorded_additions  # noqa: PLC0415
     from scripts.sweep_store import read_failures, read_plan, read_sweep  # noqa: PLC0415
     from scripts.sweep_table import result_rows  # noqa: PLC0415
     from sim.store import write_text  # noqa: PLC0415
 
     console = Console(highlight=False)
+    check_unchanged(directory, ("sweep.json", "plan.json"))
     config, _ = read_sweep(directory)
     cases, failures = read_plan(directory), read_failures(directory)
     results = sweep_results(config, result_rows(directory, config, cases, {}))
@@ -61,19 +62,9 @@ def sweep_report(
     pairs = _pairs(results, pareto, directory)
     with console.status("figures"):
         page = sweep_page(directory, config, cases, failures, results, keys, pairs)
-        write_text(directory / REPORT, page)
-        note_in_manifest(directory)
+        with recorded_additions(directory):
+            write_text(directory / REPORT, page)
     console.print(f"report: {directory / REPORT}")
-
-
-def note_in_manifest(directory: Path) -> None:
-    """Enter the report in the manifest of a finished sweep; one at work writes its own at its end."""
-    from scripts.directory import DirectoryHeldError, one_run  # noqa: PLC0415
-    from scripts.manifest import MANIFEST, write_manifest  # noqa: PLC0415
-
-    if (directory / MANIFEST).is_file():
-        with suppress(DirectoryHeldError), one_run(directory):
-            write_manifest(directory)
 
 
 def sweep_results(config: SweepConfig, rows: Sequence[dict[str, Any]]) -> SweepResults:
@@ -150,7 +141,7 @@ def sweep_facts(
         pace = (len(times) - 1) / (times[-1] - times[0])
         facts["Pace"] = f"{60 * pace:.3g} cases a minute; {left} left, about {left / pace / 60:.3g} minutes"
     if (directory / MANIFEST).is_file():
-        origins = read_manifest(directory)["made_by"]
+        origins = read_manifest(directory).made_by
         told = [
             f"code {one['code']}, Python {one['python']}, {one['machine']['processor']}" for one in origins
         ]
@@ -159,37 +150,32 @@ def sweep_facts(
 
 
 def _axis_figures(results: SweepResults, keys: Sequence[str]) -> list[SweepFigure | str]:
+    from estimation.report.sweep_captions import axis_caption  # noqa: PLC0415
     from estimation.report.sweep_figures import axis_figure  # noqa: PLC0415
 
     if not results.axes:
         return ["<p>The sweep has no axes; its tables hold the repeats.</p>"]
-    caption = "Mean over the cases at each value, with the 95 % interval of the mean (Student's t)."
-    made: list[SweepFigure | str] = []
-    for key in keys:
-        bounded = " Dashed: the bound on the same stops." if results.bound(key) is not None else ""
-        made.append(_picture(axis_figure(results, key), key, caption + bounded))
-    return made
+    return [_picture(axis_figure(results, key), key, axis_caption(results, key)) for key in keys]
 
 
 def _pareto_figures(results: SweepResults, pairs: Sequence[tuple[str, str]]) -> list[SweepFigure | str]:
+    from estimation.report.sweep_captions import pareto_caption  # noqa: PLC0415
     from estimation.report.sweep_figures import pareto_figure  # noqa: PLC0415
 
-    caption = (
-        "A dot per point of the design, its mean over the repeats; named by its axis values on the front."
-    )
     return [
-        _picture(pareto_figure(results, first, second), f"{first} against {second}", caption)
+        _picture(pareto_figure(results, first, second), f"{first} against {second}", pareto_caption(results))
         for first, second in pairs
     ]
 
 
 def _parallel_figures(results: SweepResults, keys: Sequence[str]) -> list[SweepFigure | str]:
+    from estimation.report.sweep_captions import parallel_caption  # noqa: PLC0415
     from estimation.report.sweep_figures import parallel_figure  # noqa: PLC0415
 
     if not results.axes:
         return []
     shown = list(keys[:5])
-    caption = f"A line per point of the design, coloured by {shown[0]}: dark is high."
+    caption = parallel_caption(results, shown[0])
     return [_picture(parallel_figure(results, shown), "Parallel coordinates", caption)]
 
 

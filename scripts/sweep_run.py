@@ -10,21 +10,24 @@ import json
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import ParamSpec, TypeVar
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from estimation.channel.calibration import Calibration, self_calibrate
+from estimation.channel.calibration import self_calibrate
+from estimation.channel.estimate import ChannelEstimator
+from estimation.channel.record import ChannelEstimate
 from estimation.pipeline import channel_estimator, known_receiver, map_both, score_simulated
 from estimation.scoring.metric import to_json
 from estimation.scoring.score import Scores
 from scenes.record import Record
 from scenes.scene import Scene
 from scripts.campaign_file import scene_in_use
-from scripts.manifest import write_manifest
+from scripts.recording import recorded_run
 from scripts.sweep_cases import Case
 from scripts.sweep_job import Job, store_scene, tracing_config
 from sim.campaign import clock_biases_s, observe, simulate_truth
@@ -33,6 +36,10 @@ from sim.link import Link, make_link
 from sim.store import read_record, write_record, write_text
 from sim.sweep import BeamSweep
 from sim.truth import Truth
+
+P = ParamSpec("P")
+R = TypeVar("R")
+K = TypeVar("K", bound=Record)
 
 
 def check_case(case: Case) -> Scene:
@@ -54,37 +61,85 @@ def check_case(case: Case) -> Scene:
 
 def trace_stops(job: Job, stops: Sequence[int]) -> None:
     """Trace the paths of the given stops that are not stored yet, or are damaged."""
-    missing = [stop for stop in stops if not _is_whole(job.paths_file(stop), Truth)]
-    if missing:
-        for truth in simulate_truth(tracing_config(job.config), job.scene, missing):
-            write_record(job.paths_file(truth.stop), truth)
+    _traced(job, stops)
 
 
 def make_signals(job: Job, stops: Sequence[int]) -> None:
     """Store the samples of the given stops for the cases that wait for them."""
+    missing = [stop for stop in stops if _read(job.signal_file(stop), BeamSweep) is None]
     link = make_link(job.config)
-    for truth in truths(job, [stop for stop in stops if not _is_whole(job.signal_file(stop), BeamSweep)]):
+    for truth in truths(job, missing):
         write_record(job.signal_file(truth.stop), observe(job.config, link, job.scene, truth))
 
 
-def run_case(job: Job) -> None:
-    """Run a case from its traced paths to its scores and store them."""
-    if not job.is_done:
-        store_case(job, score_case(job))
+def run_cases(jobs: Sequence[Job]) -> list[str | None]:
+    """Run cases that share their samples and store them; why each one failed, None where it is done.
+
+    Raises `OSError` where a directory cannot be written: that is no fault of a case.
+    """
+    missing = [job for job in jobs if not job.is_done]
+    reasons: dict[str, str] = {}
+    for job, scores in zip(missing, score_cases(missing), strict=True):
+        if isinstance(scores, Scores):
+            store_case(job, scores)
+        else:
+            reasons[job.key] = reason(scores)
+    return [reasons.get(job.key) for job in jobs]
+
+
+def reason(error: BaseException) -> str:
+    """An error in one line."""
+    return " ".join(f"{type(error).__name__}: {error}".split())
 
 
 def score_case(job: Job, stops: Sequence[int] | None = None) -> Scores:
     """The scores of a case over all its stops or some; nothing is stored but paths not traced before."""
-    stops = job.stops if stops is None else stops
-    trace_stops(job, stops)
-    config, scene, link = job.config, job.scene, make_link(job.config)
-    known = list(truths(job, stops))
+    (scores,) = score_cases([job], stops)
+    if isinstance(scores, Exception):
+        raise scores
+    return scores
+
+
+def score_cases(jobs: Sequence[Job], stops: Sequence[int] | None = None) -> Iterator[Scores | Exception]:
+    """The scores of cases that share their samples, or the error of a case; samples are read once for all."""
+    if not jobs:
+        return
+    first = jobs[0]
+    link, known = make_link(first.config), truths(first, first.stops if stops is None else stops)
+    for job, channel in zip(jobs, _channels(jobs, link, known), strict=True):
+        yield channel if isinstance(channel, Exception) else _tried(_scored, job, link, known, channel)
+
+
+def _channels(
+    jobs: Sequence[Job], link: Link, known: Sequence[Truth]
+) -> list[list[ChannelEstimate] | Exception]:
+    """The channel estimates of every case at every stop, or the error that ended it."""
+    found: list[list[ChannelEstimate] | Exception] = [[] for _ in jobs]
     with threadpool_limits(limits=1):  # the last digits of sums depend on the number of threads
-        estimator = channel_estimator(config, job.estimator, _calibration(job, link, known))
-        channel = tuple(estimator(_sweep(job, link, truth)) for truth in known)
-        receiver = known_receiver(surveyed(config, truth) for truth in known)
-        results = map_both(config, channel, (), scene.tx, receiver)
-        return score_simulated(config, link, scene, known, results)
+        estimators = [_tried(_estimator, job, link, known) for job in jobs]
+        for truth in known:
+            sweep = _sweep(jobs[0], link, truth)
+            for case, (estimator, so_far) in enumerate(zip(estimators, found, strict=True)):
+                if isinstance(so_far, Exception):
+                    continue
+                estimate = estimator if isinstance(estimator, Exception) else _tried(estimator, sweep)
+                found[case] = estimate if isinstance(estimate, Exception) else [*so_far, estimate]
+    return found
+
+
+def _scored(job: Job, link: Link, known: Sequence[Truth], channel: Sequence[ChannelEstimate]) -> Scores:
+    receiver = known_receiver(surveyed(job.config, truth) for truth in known)
+    with threadpool_limits(limits=1):
+        results = map_both(job.config, channel, (), job.scene.tx, receiver)
+        return score_simulated(job.config, link, job.scene, known, results)
+
+
+def _tried(function: Callable[P, R], *arguments: P.args, **options: P.kwargs) -> R | Exception:
+    """What a step of a case returns, or the error in which it ended: the cases beside it go on."""
+    try:
+        return function(*arguments, **options)
+    except Exception as error:
+        return error
 
 
 def store_case(job: Job, scores: Scores) -> None:
@@ -100,10 +155,10 @@ def store_case(job: Job, scores: Scores) -> None:
         "campaign": job.config.model_dump(mode="json"),
     }
     try:
-        write_text(partial / "campaign.json", json.dumps(settings, indent=1) + "\n")
-        write_record(partial / "provenance.nc", scores.tables)
-        write_text(partial / "scores.json", json.dumps(to_json(scores.metrics), indent=1) + "\n")
-        write_manifest(partial)
+        with recorded_run(partial):
+            write_text(partial / "campaign.json", json.dumps(settings, indent=1) + "\n")
+            write_record(partial / "provenance.nc", scores.tables)
+            write_text(partial / "scores.json", json.dumps(to_json(scores.metrics), indent=1) + "\n")
         if not job.is_done:
             shutil.rmtree(job.directory, ignore_errors=True)  # a case that lost some of its files
             partial.rename(job.directory)
@@ -114,33 +169,41 @@ def store_case(job: Job, scores: Scores) -> None:
         shutil.rmtree(partial, ignore_errors=True)
 
 
-def truths(job: Job, stops: Sequence[int]) -> Iterator[Truth]:
-    """The truth of every stop: the traced paths with the clock of the case."""
+def truths(job: Job, stops: Sequence[int]) -> list[Truth]:
+    """The truth of every stop: the paths, traced where they are not stored, with the clock of the case."""
     biases_s = clock_biases_s(job.config, job.n_stops)
-    for stop in stops:
-        yield replace(read_record(job.paths_file(stop), Truth), clock_bias_s=float(biases_s[stop]))
+    return [replace(truth, clock_bias_s=float(biases_s[truth.stop])) for truth in _traced(job, stops)]
 
 
-def _calibration(job: Job, link: Link, known: Sequence[Truth]) -> Calibration | None:
-    """The calibration of both arrays from some of the stops, where the settings ask for one."""
-    settings = job.config.channel.self_calibration
-    if settings is None or job.estimator is not None:
-        return None
-    chosen = sorted(set(np.linspace(0, len(known) - 1, settings.stops).round().astype(int).tolist()))
-    return self_calibrate((_sweep(job, link, known[index]) for index in chosen), settings)
+def _traced(job: Job, stops: Sequence[int]) -> list[Truth]:
+    """The paths of the given stops as stored, traced and stored where they are missing or damaged."""
+    found = {stop: _read(job.paths_file(stop), Truth) for stop in stops}
+    missing = [stop for stop, truth in found.items() if truth is None]
+    if missing:
+        for truth in simulate_truth(tracing_config(job.config), job.scene, missing):
+            write_record(job.paths_file(truth.stop), truth)
+            found[truth.stop] = truth
+    return [truth for truth in found.values() if truth is not None]
+
+
+def _estimator(job: Job, link: Link, known: Sequence[Truth]) -> ChannelEstimator:
+    """The channel estimator of a case, calibrated on some of its stops where the settings ask for it."""
+    settings, calibration = job.config.channel.self_calibration, None
+    if settings is not None and job.estimator is None:
+        chosen = sorted(set(np.linspace(0, len(known) - 1, settings.stops).round().astype(int).tolist()))
+        calibration = self_calibrate((_sweep(job, link, known[index]) for index in chosen), settings)
+    return channel_estimator(job.config, job.estimator, calibration)
 
 
 def _sweep(job: Job, link: Link, truth: Truth) -> BeamSweep:
-    stored = job.signal_file(truth.stop)
-    try:
-        return read_record(stored, BeamSweep)
-    except (FileNotFoundError, ValueError):
-        return observe(job.config, link, job.scene, truth)
+    """The samples of a stop as stored, made where they are not."""
+    stored = _read(job.signal_file(truth.stop), BeamSweep)
+    return stored if stored is not None else observe(job.config, link, job.scene, truth)
 
 
-def _is_whole(file: Path, kind: type[Record]) -> bool:
+def _read(file: Path, kind: type[K]) -> K | None:
+    """A record, None where it is missing or damaged."""
     try:
-        read_record(file, kind)
+        return read_record(file, kind)
     except (FileNotFoundError, ValueError):
-        return False
-    return True
+        return None

@@ -13,10 +13,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from estimation.difference import first_difference, line_difference
 from scripts.manifest import file_digest, read_manifest
 from scripts.sweep_config import SweepConfig
 from scripts.sweep_job import CASE_FILES, Job
-from sim.store import remove_leftovers, write_text
+from sim.store import remove_file, remove_leftovers, write_text
 
 SWEEP = "sweep.json"
 MAY_CHANGE = {"repeats", "until"}  # of a sweep in the same directory: they only add cases
@@ -40,13 +41,14 @@ def open_sweep(directory: Path, config: SweepConfig, base_text: str) -> None:
     """
     if (directory / SWEEP).is_file():
         held, held_base = read_sweep(directory)
-        names = [name for name in SweepConfig.model_fields if name not in MAY_CHANGE]
-        changed = [name for name in names if getattr(held, name) != getattr(config, name)]
-        if changed or held_base != base_text:
-            what = changed[0] if changed else "its base campaign"
+        there, here = (one.model_dump(mode="json", exclude=MAY_CHANGE) for one in (held, config))
+        what = first_difference(there, here)
+        if what is None and held_base != base_text:
+            what = f"the base campaign{line_difference(held_base, base_text)}"
+        if what is not None:
             raise ValueError(
-                f"--out = {directory}: holds a sweep with other settings ({what} differs); choose another "
-                "directory. Only repeats and until may change"
+                f"--out = {directory}: holds a sweep with other settings ({what}); choose another directory. "
+                "Only repeats and until may change"
             )
     elif directory.is_dir() and any(not entry.name.endswith(".part") for entry in directory.iterdir()):
         raise ValueError(f"--out = {directory}: holds other files; choose an empty or a new directory")
@@ -68,7 +70,10 @@ def read_sweep(directory: Path) -> tuple[SweepConfig, str]:
         content = json.loads(file.read_text(encoding="utf-8"))
         return SweepConfig.model_validate_json(json.dumps(content["sweep"])), str(content["base"])
     except (ValueError, KeyError, TypeError, RecursionError) as error:
-        raise ValueError(f"{file}: damaged settings ({_first_line(error)})") from error
+        raise ValueError(
+            f"{file}: damaged, or of another version ({_first_line(error)}); put it back as it was, or sweep into "
+            "a new directory"
+        ) from error
 
 
 def write_plan(directory: Path, cases: Iterable[PlannedCase]) -> None:
@@ -95,6 +100,13 @@ def planned(jobs: Iterable[Job]) -> list[PlannedCase]:
     return sorted(cases, key=lambda case: (case.point, case.repeat))
 
 
+def stale_names(directory: Path, names: Iterable[str]) -> list[str]:
+    """Of names of files of a sweep those of cases that are not whole: they will be made again."""
+    keys = {name: Path(name).parts[1] for name in names if name.startswith("cases/")}
+    stale = {key for key in set(keys.values()) if not is_done(directory, key)}
+    return [name for name, key in keys.items() if key in stale]
+
+
 def is_done(directory: Path, key: str) -> bool:
     """Whether a case is there, whole."""
     return all((directory / "cases" / key / name).is_file() for name in CASE_FILES)
@@ -104,7 +116,7 @@ def read_scores(directory: Path, key: str) -> list[dict[str, Any]]:
     """The metrics of a finished case; `ValueError` where they are not as they were written."""
     case = directory / "cases" / key
     file = case / "scores.json"
-    if read_manifest(case)["files"].get(file.name, {}).get("sha256") != file_digest(file):
+    if read_manifest(case).files.get(file.name, {}).get("sha256") != file_digest(file):
         raise ValueError(f"{file}: damaged or edited since it was written; remove {case} and run again")
     return json.loads(file.read_text(encoding="utf-8"))  # type: ignore[no-any-return]
 
@@ -120,16 +132,15 @@ def read_failures(directory: Path) -> dict[str, str]:
     return found
 
 
-def write_failure(directory: Path, key: str, error: BaseException) -> None:
+def write_failure(directory: Path, key: str, reason: str) -> None:
     """Record that a case failed and why."""
-    reason = " ".join(f"{type(error).__name__}: {error}".split())
     write_text(directory / "failures" / f"{key}.json", json.dumps({"error": reason}) + "\n")
 
 
 def forget_failures(directory: Path, keys: Iterable[str]) -> None:
     """Drop recorded failures, so that their cases run again."""
     for key in keys:
-        (directory / "failures" / f"{key}.json").unlink(missing_ok=True)
+        remove_file(directory / "failures" / f"{key}.json")
 
 
 def _first_line(error: BaseException) -> str:

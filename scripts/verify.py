@@ -27,14 +27,17 @@ def verify(
     """
     from rich.console import Console  # noqa: PLC0415
 
-    from scripts.manifest import check_files, made_by, read_manifest  # noqa: PLC0415
+    from scripts.manifest import MANIFEST, check_files, made_by  # noqa: PLC0415
     from scripts.verify_campaign import recomputed_campaign  # noqa: PLC0415
     from scripts.verify_sweep import checked_tables, recomputed_cases  # noqa: PLC0415
 
     console = Console(highlight=False, soft_wrap=True)
     is_sweep = (directory / "sweep.json").is_file()
-    origins, here = read_manifest(directory)["made_by"], made_by()
-    checked = check_files(directory)
+    if not is_sweep and not any((directory / name).is_file() for name in ("campaign.json", MANIFEST)):
+        raise ValueError(
+            f"{directory}: holds no campaign and no sweep; 'arena run' and 'arena sweep' make them"
+        )
+    checked, here = check_files(directory), made_by()
     for problem in checked.problems:
         console.print(f"  {problem}", markup=False)
     if checked.unknown:
@@ -42,18 +45,20 @@ def verify(
     console.print(
         f"files: {checked.n_files - len(checked.problems)} of {checked.n_files} as they were written"
     )
-    exact = all(origin == here for origin in origins)
-    for origin in origins:
+    exact = all(origin == here for origin in checked.made_by)
+    for origin in checked.made_by:
         tell_origin(console, origin, here)
     findings: list[Finding] = list(checked_tables(directory)) if is_sweep else []
-    with console.status("computing once more"):
-        again = recomputed_cases if is_sweep else recomputed_campaign
-        findings += again(directory, share, seed)
+    if is_sweep or (directory / "campaign.json").is_file():
+        with console.status("computing once more"):
+            again = recomputed_cases if is_sweep else recomputed_campaign
+            findings += again(directory, share, seed)
     for finding in findings:
         console.print(f"  {finding.line(exact)}", markup=False)
     bad = sum(not finding.holds(exact) for finding in findings)
-    wanted = "bit by bit" if exact else "within the tolerance"
-    console.print(f"computed once more: {len(findings) - bad} of {len(findings)} agree {wanted}")
+    if findings:
+        wanted = "bit by bit" if exact else "within the tolerance"
+        console.print(f"computed once more: {len(findings) - bad} of {len(findings)} agree {wanted}")
     if checked.problems or bad:
         raise typer.Exit(1)
 

@@ -1,7 +1,8 @@
 """Records as netCDF-4 files, sealed.
 
-Named axes become dimensions, units and meanings become attributes, a record inside a record is a group. A complex
-field `x` is stored as two variables `x_re` and `x_im`, so every netCDF or HDF5 reader understands it.
+Named axes become dimensions (HDF5 dimension scales), units and meanings become attributes, a record inside a
+record is a group. A complex field `x` is stored as two variables `x_re` and `x_im`, so every netCDF or HDF5 reader
+understands it.
 
 Behind the end that HDF5 knows of stands a seal, a hash of all bytes before it. It is checked before anything else
 is read: a file that changed on the disk since it was written could otherwise give other values, or none for ever.
@@ -10,9 +11,10 @@ is read: a file that changed on the disk since it was written could otherwise gi
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Container, Iterator, Mapping
 from dataclasses import fields
 from io import BytesIO
+from itertools import count
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
@@ -26,14 +28,16 @@ R = TypeVar("R", bound=Record)
 
 SEAL = b"sha256 "
 SEAL_BYTES = len(SEAL) + 64
+HASHED_AT_ONCE = 1 << 20
 
 
 def to_netcdf(record: Record, attributes: Mapping[str, str]) -> bytes:
     """The bytes of a sealed netCDF-4 file of a record and the records inside it, with global `attributes`."""
     buffer = BytesIO()
-    with h5netcdf.File(buffer, "w", track_order=True) as file:
+    with h5py.File(buffer, "w", track_order=True) as file:
+        file.attrs["_NCProperties"] = f"version=2,h5netcdf={h5netcdf.__version__}"
         file.attrs.update(attributes)
-        _write_group(file, record)
+        _write_group(file, record, count())
     content = buffer.getvalue()
     return content + SEAL + hashlib.sha256(content).hexdigest().encode()
 
@@ -59,41 +63,83 @@ def global_attribute(path: Path, name: str) -> str | None:
     return None if value is None else str(value)
 
 
+def has_seal(path: Path) -> bool:
+    """Whether a file is, byte by byte, as `to_netcdf` made it."""
+    left, body = path.stat().st_size - SEAL_BYTES, hashlib.sha256()
+    with path.open("rb") as file:
+        while left > 0 and (part := file.read(min(left, HASHED_AT_ONCE))):
+            body.update(part)
+            left -= len(part)
+        return file.read() == SEAL + body.hexdigest().encode()
+
+
 def _check_seal(path: Path) -> None:
-    """Raise `ValueError` where a file is not, byte by byte, as it was written."""
-    content = memoryview(path.read_bytes())
-    body, seal = content[:-SEAL_BYTES], bytes(content[-SEAL_BYTES:])
-    if seal != SEAL + hashlib.sha256(body).hexdigest().encode():
+    if not has_seal(path):
         raise ValueError("its content is not what was written")
 
 
-def _write_group(group: Any, record: Record) -> None:
+def _write_group(group: h5py.Group, record: Record, dimension_ids: Iterator[int]) -> None:
+    """Write a record as a group, by h5py alone: with many variables several times faster than by h5netcdf."""
     group.attrs["record"] = type(record).__name__
-    axes: set[str] = set()
+    variables = list(_variables(record))
+    lengths = {axis: n for _, axes, array, _ in variables for axis, n in zip(axes, array.shape, strict=True)}
+    ids = {axis: np.int32(next(dimension_ids)) for axis in lengths}
+    own = {name for name, axes, _, _ in variables if axes == (name,)}  # variables along themselves
+    scales = {axis: _write_dimension(group, axis, lengths[axis]) for axis in lengths if axis not in own}
+    for name, _, array, _ in variables:
+        if name in own:
+            scales[name] = _write_array(group, name, array)
+            scales[name].make_scale(name)
+    for axis, scale in scales.items():
+        scale.attrs["_Netcdf4Dimid"] = ids[axis]
+    for name, axes, array, about in variables:
+        variable = scales[name] if name in own else _write_array(group, _free_name(name, lengths), array)
+        if name not in own:
+            for place, axis in enumerate(axes):
+                variable.dims[place].attach_scale(scales[axis])
+        if axes:
+            variable.attrs["_Netcdf4Coordinates"] = np.array([ids[axis] for axis in axes])
+        if array.dtype.kind == "b":
+            variable.attrs["dtype"] = "bool"  # as xarray marks them
+        variable.attrs["units"], variable.attrs["long_name"] = about["unit"], about["doc"]
     for spec in fields(record):
-        value = getattr(record, spec.name)
         if "axes" not in spec.metadata:
-            _write_group(group.create_group(spec.name), value)
+            inner = group.create_group(spec.name, track_order=True)
+            _write_group(inner, getattr(record, spec.name), dimension_ids)
+
+
+def _variables(record: Record) -> Iterator[tuple[str, tuple[str, ...], Any, Mapping[str, Any]]]:
+    """Name, axes, values and metadata of the variables of a record; two for a complex field."""
+    for spec in fields(record):
+        if "axes" not in spec.metadata:
             continue
-        array = np.asarray(value)
-        for axis, length in zip(spec.metadata["axes"], array.shape, strict=True):
-            if axis not in axes:
-                group.dimensions[axis] = length
-                axes.add(axis)
+        array, axes = np.asarray(getattr(record, spec.name)), tuple(spec.metadata["axes"])
         if array.dtype.kind == "c":
-            _write_variable(group, f"{spec.name}_re", spec.metadata, array.real)
-            _write_variable(group, f"{spec.name}_im", spec.metadata, array.imag)
+            yield f"{spec.name}_re", axes, array.real, spec.metadata
+            yield f"{spec.name}_im", axes, array.imag, spec.metadata
         else:
-            _write_variable(group, spec.name, spec.metadata, array)
+            yield spec.name, axes, array, spec.metadata
 
 
-def _write_variable(group: Any, name: str, metadata: Any, value: Any) -> None:
-    kind = {"U": h5py.string_dtype(), "b": np.dtype(np.int8)}.get(value.dtype.kind, value.dtype)
-    data = value.astype(object if value.dtype.kind == "U" else kind)
-    variable = group.create_variable(name, metadata["axes"], dtype=kind, data=data)
-    if value.dtype.kind == "b":
-        variable.attrs["dtype"] = "bool"  # as xarray marks them
-    variable.attrs["units"], variable.attrs["long_name"] = metadata["unit"], metadata["doc"]
+def _write_dimension(group: h5py.Group, axis: str, length: int) -> h5py.Dataset:
+    """A dimension without a variable of its own; one of length zero is unlimited, as netCDF knows no other."""
+    scale = group.create_dataset(
+        axis, (length,), ">f4", maxshape=None if length else (None,), track_order=True
+    )
+    scale.make_scale(f"This is a netCDF dimension but not a netCDF variable.{length:10d}")
+    return scale
+
+
+def _write_array(group: h5py.Group, name: str, array: Any) -> h5py.Dataset:
+    kind = {"U": h5py.string_dtype(), "b": np.dtype(np.int8)}.get(array.dtype.kind, array.dtype)
+    data = array.astype(object if array.dtype.kind == "U" else kind)
+    unlimited = tuple(n or None for n in array.shape) if 0 in array.shape else None
+    return group.create_dataset(name, array.shape, kind, data, maxshape=unlimited, track_order=True)
+
+
+def _free_name(name: str, dimensions: Container[str]) -> str:
+    """The HDF5 name of a variable: another one where a dimension that is not its own has its name."""
+    return f"_nc4_non_coord_{name}" if name in dimensions else name
 
 
 def _read_group(group: Any, kind: type[R]) -> R:
@@ -103,7 +149,9 @@ def _read_group(group: Any, kind: type[R]) -> R:
         if "axes" not in spec.metadata:
             values[spec.name] = _read_group(group.groups[spec.name], types[spec.name])
         elif spec.metadata["dtype"].kind == "c":
-            values[spec.name] = _read(group, f"{spec.name}_re") + 1j * _read(group, f"{spec.name}_im")
+            real = _read(group, f"{spec.name}_re")
+            values[spec.name] = whole = np.empty(real.shape, np.result_type(real, np.complex64))
+            whole.real, whole.imag = real, _read(group, f"{spec.name}_im")
         else:
             values[spec.name] = _read(group, spec.name)
     return kind(**values)

@@ -4,17 +4,39 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+import shutil
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from pathlib import Path
 from typing import TypeVar
 
 from scenes.record import Record
-from sim.netcdf_store import from_netcdf, global_attribute, to_netcdf
+from sim.netcdf_store import from_netcdf, global_attribute, has_seal, to_netcdf
 
 # What HDF5 raises on files whose bytes were changed
 READ_ERRORS = (OSError, LookupError, AttributeError, ValueError, TypeError, RuntimeError, MemoryError)
 R = TypeVar("R", bound=Record)
+
+# Told of a file before it takes its name: the name and the complete file, None where a file is about to go
+FileListener = Callable[[Path, Path | None], None]
+_LISTENER: ContextVar[FileListener | None] = ContextVar("file_listener", default=None)
+
+
+@contextmanager
+def files_told_to(listener: FileListener) -> Iterator[None]:
+    """Tell a listener of every file that the functions here write or remove in the block."""
+    token = _LISTENER.set(listener)
+    try:
+        yield
+    finally:
+        _LISTENER.reset(token)
+
+
+def _tell(path: Path, complete: Path | None) -> None:
+    listener = _LISTENER.get()
+    if listener is not None:
+        listener(path, complete)
 
 
 @contextmanager
@@ -23,25 +45,36 @@ def complete_file(path: Path) -> Iterator[Path]:
 
     Raises `OSError` where the folder cannot be written, or its disk is full.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
+        path.parent.mkdir(parents=True, exist_ok=True)
         yield partial
+        _tell(path, partial)
         os.replace(partial, path)
     except OSError as error:
-        if error.errno is None or error.filename is not None:
+        if error.errno is None or error.filename not in (None, str(partial), str(path.parent)):
             raise
-        raise OSError(error.errno, error.strerror, str(path)) from error  # a full disk names no file
+        raise OSError(error.errno, f"cannot be written ({error.strerror})", str(path)) from error
     finally:
-        partial.unlink(missing_ok=True)
+        with suppress(OSError):
+            partial.unlink(missing_ok=True)
+
+
+def remove_file(path: Path) -> None:
+    """Remove a file where it is there."""
+    _tell(path, None)
+    path.unlink(missing_ok=True)
 
 
 def remove_leftovers(folder: Path) -> None:
-    """Remove temporary files in a folder (not below it) whose writing process is gone."""
+    """Remove temporary files and folders in a folder (not below it) whose writing process is gone."""
     for leftover in folder.glob(".*.part"):
         match = re.fullmatch(r"\..+\.(\d+)\.part", leftover.name)
         if match and not _is_running(int(match[1])):
-            leftover.unlink(missing_ok=True)
+            if leftover.is_dir():
+                shutil.rmtree(leftover, ignore_errors=True)
+            else:
+                leftover.unlink(missing_ok=True)
 
 
 def _is_running(process: int) -> bool:
@@ -91,6 +124,11 @@ def read_record(path: Path, kind: type[R]) -> R:
     except READ_ERRORS as error:
         reason = " ".join(str(error).split())
         raise ValueError(f"{path}: not a readable {kind.__name__} file ({reason})") from error
+
+
+def is_sealed(path: Path) -> bool:
+    """Whether a file is a record, and byte by byte as `write_record` wrote it."""
+    return has_seal(path)
 
 
 def read_attribute(path: Path, name: str) -> str | None:

@@ -249,4 +249,4 @@ def test_no_pickle_is_read_from_any_file(undisturbed: Path, monkeypatch: pytest.
         monkeypatch.setattr(pickle, name, refuse)
     out = undisturbed / "out"
     assert read_record(min(out.glob("cases/*/provenance.nc")), ScoreTables)
-    assert json.loads((out / "manifest.json").read_text()) == read_manifest(out)
+    assert json.loads((out / "manifest.json").read_text())["files"] == read_manifest(out).files

@@ -7,10 +7,16 @@ import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner, Result
 
+from estimation.scoring.score import Scores
+from scenes.toml_config import load_config
 from scripts import sweep_store
 from scripts.arena import app
 from scripts.directory import one_run
-from scripts.sweep_plan import metric_keys
+from scripts.sweep_config import SweepConfig
+from scripts.sweep_job import store_scene
+from scripts.sweep_plan import make_plan, metric_keys
+from scripts.sweep_run import score_case, score_cases
+from scripts.verify_compare import compare_records
 from tests.scripts.sweep_files import N_CASES, arena, results, write_sweep
 
 UNTIL = """
@@ -20,6 +26,8 @@ half_width = 1e-9
 max_repeats = 3
 """
 ESTIMATOR = """
+import os
+import signal
 from pathlib import Path
 
 from estimation.channel.power import estimate_power
@@ -29,6 +37,10 @@ def estimate(sweep):
     if Path(__file__).with_name("broken").exists():
         raise RuntimeError("broken on purpose")
     return estimate_power(sweep)
+
+
+def deadly(sweep):
+    os.kill(os.getpid(), signal.SIGKILL)
 """
 
 
@@ -86,6 +98,31 @@ def test_a_failed_case_is_recorded_and_stops_no_other(files: Path) -> None:
     assert "2 of 2 cases done, 0 failed" in mended.output
 
 
+@pytest.mark.slow
+def test_a_case_that_takes_its_worker_down_fails_alone(files: Path) -> None:
+    estimators = '["mine:deadly", "mine:estimate", "estimation.channel.power:estimate_power"]'
+    write_sweep(files, 1, **{"link.tx_power_dbm": "estimator", "[0.0, 20.0]": estimators})
+    result = run(files, "out", "--workers", "1")
+    assert result.exit_code == 1
+    assert "2 of 3 cases done, 1 failed" in result.output
+    assert "KilledWorker" in result.output
+
+
+def test_cases_that_share_their_samples_score_as_they_do_alone(files: Path) -> None:
+    estimators = '["mine:estimate", "estimation.channel.power:estimate_power"]'
+    write_sweep(files, 1, **{"link.tx_power_dbm": "estimator", "[0.0, 20.0]": estimators})
+    plan = make_plan(
+        str(files / "sweep.toml"), load_config(files / "sweep.toml", SweepConfig), files / "out", range(1)
+    )
+    for scene in plan.scenes.values():
+        store_scene(files / "out", scene)
+    assert len({job.signal_hash for job in plan.jobs}) == 1
+    together = list(score_cases(plan.jobs))
+    for job, scores in reversed(list(zip(plan.jobs, together, strict=True))):
+        assert isinstance(scores, Scores)
+        assert compare_records(job.key, score_case(job).tables, scores.tables).holds(exact=True)
+
+
 def test_points_are_repeated_until_the_mean_is_known_also_later_in_the_same_directory(files: Path) -> None:
     write_sweep(files, 2)
     assert run(files, "out", "--workers", "1").exit_code == 0
@@ -105,7 +142,7 @@ def test_points_are_repeated_until_the_mean_is_known_also_later_in_the_same_dire
     assert pq.read_table(files / "out" / "results.parquet").to_pydict()["repeat"].count(1) == 0
     assert {path.name for path in (files / "out" / "cases").iterdir()} == set(cases)
     write_sweep(files, 1, **{"[0.0, 20.0]": "[0.0, 10.0]"})
-    assert "holds a sweep with other settings (axes differs)" in str(run(files, "out").exception)
+    assert "(axes.0.values = [0.0, 20.0] there, [0.0, 10.0] here)" in str(run(files, "out").exception)
 
 
 def test_a_dry_run_writes_nothing_and_wrong_sweeps_are_refused(files: Path) -> None:

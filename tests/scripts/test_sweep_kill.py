@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 
+from scripts.manifest import check_files
 from tests.scripts.sweep_files import ARENA, N_CASES, arena, environment, results, write_sweep
 
 SCHEDULER = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0"]
@@ -96,6 +97,8 @@ def check_whole(folder: Path, before: dict[str, int], undisturbed: Path) -> None
         rows = [(row["case"], row["key"]) for row in csv.DictReader(file)]
     assert len(rows) == len(set(rows)) and {case for case, _ in rows} == set(after)
     assert not list((folder / "out").rglob("*.part"))
+    found = check_files(folder / "out")
+    assert found.problems == [] and found.unknown == ()
     assert not list((folder / "out" / "failures").glob("*"))
 
 
@@ -143,17 +146,20 @@ def test_a_lost_scheduler_ends_the_sweep_in_one_line(undisturbed: Path, tmp_path
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("role", ROLES)
 @pytest.mark.parametrize("trial", range(10))
-def test_killed_at_a_random_moment(undisturbed: Path, tmp_path: Path, trial: int) -> None:
-    rng = random.Random(trial)
+def test_killed_at_a_random_moment(undisturbed: Path, tmp_path: Path, role: str, trial: int) -> None:
+    rng = random.Random(f"{role} {trial}")
     write_sweep(tmp_path, repeats=N_CASES // 2)
-    role, wait_s = ROLES[trial % 3], rng.uniform(0.0, 8.0)
+    n_before, wait_s = rng.randrange(N_CASES), rng.uniform(0.0, 0.5)
     with cluster(tmp_path) as dask:
         client = sweeping(tmp_path, "--scheduler", dask.address)
         wait_for((tmp_path / "out" / "plan.json").is_file, client)
+        wait_for(lambda: len(done(tmp_path)) >= n_before, client)
         time.sleep(wait_s)
         victim = {"client": client, "worker": rng.choice(dask.workers), "scheduler": dask.scheduler}[role]
         os.kill(victim.pid, signal.SIGKILL)
+        victim.wait()
         client.communicate(timeout=120)
         before = done(tmp_path)
         if role == "client":  # its cases may go on for a moment on the workers

@@ -1,6 +1,6 @@
 import json
-import os
 import shutil
+from contextlib import suppress
 from pathlib import Path
 
 import h5py
@@ -10,8 +10,10 @@ from typer.testing import CliRunner, Result
 
 from scenes.pose import Pose
 from scripts.arena import app
-from scripts.manifest import check_files, made_by, write_manifest
+from scripts.manifest import check_files, read_manifest
+from scripts.recording import recorded_run
 from scripts.verify_compare import TOLERANCE, compare_metrics, compare_records
+from sim.store import remove_file, write_bytes, write_text
 from tests.scripts.sweep_files import arena, write_sweep
 
 
@@ -67,6 +69,7 @@ def test_damaged_edited_and_missing_files_are_named(copies: Path) -> None:
     assert "not of the run: notes.txt" in result.output
     (run / "manifest.json").unlink()
     assert "manifest.json: missing" in str(verify(run).exception)
+    assert f"{copies / 'none'}: holds no campaign and no sweep" in str(verify(copies / "none").exception)
 
 
 def test_results_that_are_not_what_comes_out_are_named(copies: Path) -> None:
@@ -74,8 +77,8 @@ def test_results_that_are_not_what_comes_out_are_named(copies: Path) -> None:
     scores = json.loads((run / "scores.json").read_text())
     at = next(index for index, row in enumerate(scores) if row["key"] == "slam.position.rmse_m")
     scores[at]["value"] *= 0.5
-    (run / "scores.json").write_text(json.dumps(scores))
-    write_manifest(run)  # somebody who covers it up
+    with recorded_run(run):  # somebody who covers it up
+        write_text(run / "scores.json", json.dumps(scores))
     result = verify(run, 0.25)
     assert result.exit_code == 1
     assert "scores.json: DIFFERS, by 1 of the largest value in slam.position.rmse_m" in result.output
@@ -96,38 +99,6 @@ def test_a_changed_table_or_case_of_a_sweep_is_named(copies: Path) -> None:
     assert "1 of 2 are missing" in verify(sweep).output
 
 
-def test_bytes_changed_behind_the_manifest_stay_noticeable(tmp_path: Path) -> None:
-    (tmp_path / "a.txt").write_text("first")
-    write_manifest(tmp_path)
-    times = (tmp_path / "a.txt").stat()
-    (tmp_path / "a.txt").write_text("worst")
-    os.utime(tmp_path / "a.txt", ns=(times.st_atime_ns, times.st_mtime_ns))  # as a fault of the disk would
-    (tmp_path / "b.txt").write_text("second")
-    write_manifest(tmp_path)
-    assert check_files(tmp_path).changed == ("a.txt",)
-    manifest = json.loads((tmp_path / "manifest.json").read_text())
-    assert manifest["made_by"] == [made_by()]
-    manifest["made_by"][0]["code"] = "older"
-    (tmp_path / "manifest.json").write_text(json.dumps(manifest))
-    (tmp_path / "c.txt").write_text("third")
-    write_manifest(tmp_path)
-    manifest = json.loads((tmp_path / "manifest.json").read_text())
-    origins = {
-        name: manifest["made_by"][entry["made_by"]]["code"] for name, entry in manifest["files"].items()
-    }
-    assert origins == {"a.txt": "older", "b.txt": "older", "c.txt": made_by()["code"]}
-    assert set(made_by()) == {"code", "python", "libraries", "machine", "threads"}
-
-
-def test_files_that_were_added_are_no_damage(tmp_path: Path) -> None:
-    (tmp_path / "a.txt").write_text("a")
-    write_manifest(tmp_path)
-    (tmp_path / "export").mkdir()
-    (tmp_path / "export" / "b.txt").write_text("b")
-    found = check_files(tmp_path)
-    assert found.unknown == ("export/b.txt",) and found.problems == []
-
-
 def test_differences_are_relative_and_nan_equals_nan() -> None:
     pose = Pose(np.array([1.0, 2.0, 4.0]), 0.5)
     near = Pose(np.array([1.0, 2.0, 4.0 * (1 + TOLERANCE / 2)]), 0.5)
@@ -138,6 +109,80 @@ def test_differences_are_relative_and_nan_equals_nan() -> None:
     assert compare_metrics("scores", [row], [row]).holds(exact=True)
     assert "finite in other places" in compare_metrics("scores", [row], [{**row, "value": 1.0}]).reason
     assert "other metrics: b" in compare_metrics("scores", [row], [row, {**row, "key": "b"}]).reason
+
+
+@pytest.mark.parametrize(
+    ("verb", "options"),
+    [
+        ("estimate", ()),
+        ("score", ()),
+        ("report", ()),
+        ("view", ("--no-open",)),
+        ("export", ("--format", "tum")),
+    ],
+)
+def test_a_command_refuses_what_is_damaged_and_never_covers_it_up(
+    copies: Path, verb: str, options: tuple[str, ...]
+) -> None:
+    run = copies / "run"
+    manifest = (run / "manifest.json").read_bytes()
+    shutil.copy(run / "channel" / "stop_000.nc", run / "channel" / "stop_001.nc")  # whole, but another file
+    refused = CliRunner().invoke(app, [verb, str(run), *options])
+    assert isinstance(refused.exception, ValueError)
+    told = str(refused.exception)
+    assert f"{run}/channel/stop_001.nc: damaged or edited since it was written" in told
+    assert "remove it and run 'arena estimate' again" in told
+    assert (run / "manifest.json").read_bytes() == manifest
+    assert verify(run).exit_code == 1
+
+
+def test_a_command_enters_what_it_wrote_and_nothing_else(copies: Path) -> None:
+    run = copies / "run"
+    scores = run / "scores.json"
+    scores.write_text(scores.read_text().replace("1", "2", 1))  # which a report does not read
+    (run / "notes.txt").write_text("mine")
+    (run / "view.html").write_text("made by hand")
+    (run / "figures" / "map.png").write_bytes(b"drawn over")
+    for command in (
+        ["report", str(run)],
+        ["view", str(run), "--no-open"],
+        ["export", str(run), "--format", "tum"],
+        ["export", str(run), "--format", "geojson", "--out", str(copies / "elsewhere")],
+    ):
+        assert CliRunner().invoke(app, command).exit_code == 0
+    found = check_files(run)
+    assert found.changed == ("scores.json",) and found.unknown == ("notes.txt",) and found.missing == ()
+    assert {"view.html", "export/slam.tum", "figures/map.png"} <= set(read_manifest(run).files)
+    assert "scores.json: damaged or edited since it was written" in verify(run).output
+
+
+def test_a_run_that_did_not_end_is_told_and_mended_by_the_next(copies: Path) -> None:
+    run = copies / "run"
+    with suppress(KeyboardInterrupt), recorded_run(run):
+        remove_file(run / "scores.json")
+        write_bytes(run / "channel" / "stop_001.nc", (run / "channel" / "stop_000.nc").read_bytes())
+        raise KeyboardInterrupt
+    result = verify(run)
+    assert result.exit_code == 1 and "manifest.json: a run here did not end" in result.output
+    assert check_files(run).unknown == ("channel/stop_001.nc",)
+    (run / "channel" / "stop_001.nc").unlink()
+    assert CliRunner().invoke(app, ["estimate", str(run)]).exit_code == 0
+    assert CliRunner().invoke(app, ["score", str(run)]).exit_code == 0
+    assert verify(run).exit_code == 0
+
+
+def test_damaged_settings_and_budgets_are_named_by_every_command(copies: Path) -> None:
+    run = copies / "run"
+    settings = (run / "campaign.json").read_text()
+    for text in (settings[:-30], settings.replace("small", "large")):
+        (run / "campaign.json").write_text(text)
+        for verb in ("score", "report"):
+            told = str(CliRunner().invoke(app, [verb, str(run)]).exception)
+            assert f"{run}/campaign.json: damaged or edited since it was written; put it back" in told
+    (run / "manifest.json").unlink()
+    (run / "campaign.json").write_text(settings[:-30])
+    told = str(CliRunner().invoke(app, ["score", str(run)]).exception)
+    assert f"{run}/campaign.json: damaged, or of another version" in told and "put it back" in told
 
 
 def test_a_value_changed_in_a_file_is_noticed_by_every_command(copies: Path) -> None:

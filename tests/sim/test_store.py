@@ -142,7 +142,7 @@ def test_an_error_while_writing_leaves_the_old_file(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
 def test_a_full_disk_names_the_file(tmp_path: Path) -> None:
-    full = pytest.raises(OSError, match=r"No space left on device: '.*scores.json'")
+    full = pytest.raises(OSError, match=r"cannot be written .No space left on device.: '.*scores.json'")
     with full, complete_file(tmp_path / "scores.json") as partial:
         partial.symlink_to("/dev/full")
         partial.write_text("x" * 10_000)
