@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
+PACKAGES = ("scenes", "sim", "estimation")
 
 project = "ISAC Arena"
 extensions = ["myst_parser", "sphinx.ext.apidoc", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
@@ -14,6 +15,7 @@ exclude_patterns = ["_build"]
 html_theme = "furo"
 html_title = project
 napoleon_google_docstring = False
+napoleon_use_ivar = True  # the attributes of a dataclass are its members already
 autodoc_mock_imports = ["sionna", "mitsuba", "drjit"]
 autodoc_typehints = "description"
 autodoc_default_options = {"members": True, "undoc-members": False}
@@ -25,24 +27,30 @@ apidoc_modules = [
         "separate_modules": True,
         "include_private": False,
     }
-    for name in ("scenes", "sim", "estimation")
+    for name in PACKAGES
 ]
 suppress_warnings = ["myst.xref_missing", "misc.highlighting_failure", "ref.python", "toc.not_included"]
 
 
 def add_fields(app: Any, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
     """Append what the fields of a record or of a settings model say of themselves to its docstring."""
-    lines[:] = [
-        line if "``" in line else line.replace("|", "\\|") for line in lines
-    ]  # |x| is no substitution
-    if what != "class":
-        return
-    rows = list(record_fields(thing)) if dataclasses.is_dataclass(thing) else list(settings_fields(thing))
+    rows: list[Any] = []
+    if what == "class":
+        rows += record_fields(thing) if dataclasses.is_dataclass(thing) else settings_fields(thing)
     if rows:
         lines += ["", ".. list-table::", "   :widths: auto", ""]
         for row in rows:
             lines += [f"   {'*' if cell is row[0] else ' '} - {cell}" for cell in row]
         lines.append("")
+    lines[:] = [
+        line if "``" in line else line.replace("|", "\\|") for line in lines
+    ]  # |x| is no substitution
+
+
+def skip_foreign(app: Any, what: str, name: str, thing: Any, skip: bool, options: Any) -> bool | None:
+    """Leave out what a module imports from elsewhere; the arguments of some of it cannot be shown."""
+    home = (getattr(thing, "__module__", None) or "").partition(".")[0]
+    return True if callable(thing) and home not in PACKAGES else None
 
 
 def record_fields(record: Any) -> Any:
@@ -70,3 +78,4 @@ def settings_fields(model: Any) -> Any:
 def setup(app: Any) -> None:
     """Hook into autodoc."""
     app.connect("autodoc-process-docstring", add_fields)
+    app.connect("autodoc-skip-member", skip_foreign)

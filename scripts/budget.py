@@ -52,7 +52,10 @@ def budget(
 
 
 def budget_tables(budget: Budget) -> list[Table]:
-    """A table per outcome and kind of budget: what every part adds to the mean square error."""
+    """A table per outcome and kind of budget: what every part adds to the mean square error.
+
+    In shares with their intervals, or in cm^2 where shares would mean nothing.
+    """
     from rich.box import SIMPLE  # noqa: PLC0415
     from rich.table import Table  # noqa: PLC0415
 
@@ -62,19 +65,25 @@ def budget_tables(budget: Budget) -> list[Table]:
     for row in table_rows(budget):
         key = str(row["outcome"]), str(row["budget"])
         if key not in tables:
+            caption = f"Shares of the mean square; intervals over {OUTCOMES[key[0]][1]}s and orders;"
+            caption += " undecided: the interval holds zero."
+            columns = ["share %", "95 % from", "to", "RMS m", "alone m", "without it"]
+            if row["objection"]:
+                caption = f"No shares: {row['objection']}. Parts of the mean square in cm2 and their roots."
+                columns = ["cm2", "RMS m", "alone m"]
             tables[key] = Table(
-                "part", "share %", "95 % from", "to", "RMS m", "alone m",
-                title=f"{key[0]} error by {key[1]}",
-                caption=f"shares of the mean square; intervals over {OUTCOMES[key[0]][1]}s and orders",
-                box=SIMPLE, padding=(0, 1), show_edge=False,
+                "part", *columns, title=f"{key[0]} error by {key[1]}", caption=caption, box=SIMPLE,
+                padding=(0, 1, 0, 0), show_edge=False, pad_edge=False, caption_justify="left",
             )  # fmt: skip
             for column in tables[key].columns[1:]:
-                column.justify = "right"
+                column.justify = "left" if column.header == "without it" else "right"
                 column.no_wrap = True
-        shares = [_cell(row[name], 100, 1) for name in ("share", "share_low", "share_high")]
-        tables[key].add_row(
-            str(row["part"]), *shares, _cell(row["rms_m"], 1, 4), _cell(row["alone_rms_m"], 1, 4)
-        )
+        roots = _cell(row["rms_m"], 1, 4), _cell(row["alone_rms_m"], 1, 4)
+        if row["objection"]:
+            tables[key].add_row(str(row["part"]), _cell(row["mean_square_m2"], 1e4, 2), *roots)
+        else:
+            shares = [_cell(row[name], 100, 1) for name in ("share", "share_low", "share_high")]
+            tables[key].add_row(str(row["part"]), *shares, *roots, str(row["effect"]))
     return list(tables.values())
 
 

@@ -30,6 +30,7 @@ from scenes.config import kept_files
 from scenes.scene import Scene
 from scripts.campaign_file import campaign_scene, load_campaign
 from scripts.directory import one_run
+from scripts.recording import recorded_run
 from sim.campaign import clock_biases_s, simulate_truth
 from sim.link import Link, best_beam_power_dbm, make_link
 from sim.store import read_attribute, read_record, write_record
@@ -104,7 +105,7 @@ def budget_job(
     chosen = chosen_stops(stops, len(scene.stops))
     text = scene_file.read_text(encoding="utf-8")
     paths = CampaignStore(out / "paths", config, text, estimator, scene_files=kept_files(scene_file))
-    with one_run(out):
+    with one_run(out), recorded_run(out):
         paths.open_for_writing()
         yield BudgetJob(out, paths, scene, chosen, repeats)
 

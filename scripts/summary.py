@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import platform
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
@@ -22,9 +23,9 @@ HEADLINES = {
     "mapping.objects_found.wall": "mapping: walls found",
     "contours.mapping.pillar.iou.mean": "mapping: overlap of pillar contours (IoU)",
     "shapes.mapping.pillar.iou.mean": "mapping: the same, paper's method",
-    "slam.position.rmse_m": "SLAM: position error",
-    "slam.heading.rmse_deg": "SLAM: heading error",
-    "slam.clock.rmse_ns": "SLAM: clock error",
+    "slam.position.rmse_m": "SLAM: position error, RMSE",
+    "slam.heading.rmse_deg": "SLAM: heading error, RMSE",
+    "slam.clock.rmse_ns": "SLAM: clock error, RMSE",
     "slam.ip_to_surface.median_m": "SLAM: incidence point to surface, median",
     "contours.slam.pillar.iou.mean": "SLAM: overlap of pillar contours (IoU)",
     "shapes.slam.pillar.iou.mean": "SLAM: the same, paper's method",
@@ -64,7 +65,8 @@ def score_table(scores: Scores) -> Table:
     metrics = {metric.key: metric for metric in scores.metrics}
     for key, label in HEADLINES.items():
         metric = metrics[key]
-        table.add_row(label, f"{metric.value:.3g}", metric.unit)
+        value = f"{metric.value:.3g}" if math.isfinite(metric.value) else "-"
+        table.add_row(label, value, metric.unit.replace("1", ""))
     return table
 
 
@@ -83,11 +85,18 @@ def run_facts(
     return {
         "Scene": place,
         **signal,
-        "SLAM": f"snapshot, {config.slam.method}",
+        "SLAM": _slam_fact(config),
         "Versions": ", ".join(
             [f"Python {platform.python_version()}", *(f"{name} {_version(name)}" for name in LIBRARIES)]
         ),
     }
+
+
+def _slam_fact(config: CampaignConfig) -> str:
+    """How states were found: every stop by itself, or all of them together."""
+    if config.trajectory is None:
+        return f"snapshot, {config.slam.method}"
+    return f"trajectory, {config.trajectory.method}; snapshots {config.slam.method}"
 
 
 def _version(distribution: str) -> str:
@@ -106,5 +115,5 @@ def _signal_facts(config: CampaignConfig, estimator: str | None) -> dict[str, st
         "TX": f"{tx.rows} x {tx.columns} elements, {len(tx.panel_azimuth_deg)} x {tx.beams_per_panel} beams",
         "RX": f"{rx.rows} x {rx.columns} elements, {len(rx.panel_azimuth_deg)} x {rx.beams_per_panel} beams",
         "Link": f"{config.link.tx_power_dbm:g} dBm, noise figure {config.link.noise_figure_db:g} dB",
-        "Channel estimator": estimator or "power-only, delay-resolved",
+        "Channel estimator": estimator or config.channel.method,
     }

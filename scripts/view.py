@@ -27,6 +27,7 @@ def view(
 
     from estimation.report.view3d import view_page  # noqa: PLC0415
     from scripts import stages  # noqa: PLC0415
+    from scripts.recording import recorded_additions  # noqa: PLC0415
     from sim.store import write_text  # noqa: PLC0415
 
     store = stages.reopen(directory)
@@ -35,7 +36,9 @@ def view(
     is_measured = store.measured is not None
     paths = [] if is_measured else [truth.paths for truth in stages.stored_truths(store, len(scene.stops))]
     path = out or directory / "view.html"
-    write_text(path, view_page(store.config.name, scene, results, paths, stop or 0))
+    page = view_page(store.config.name, scene, results, paths, stop or 0)
+    with recorded_additions(directory):
+        write_text(path, page)
     typer.echo(f"3-D view: {path}")
     if show and _has_display():
         webbrowser.open(path.resolve().as_uri())

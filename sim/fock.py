@@ -90,12 +90,12 @@ def convex_creeping_gain(
 
 
 def pekeris(delta: Any, polarisation: Polarisation) -> ComplexArray:
-    """Pekeris caret functions p*(delta) (soft) and q*(delta) (hard) of a real argument, same shape.
+    """Pekeris caret functions ``p*(delta)`` (soft) and ``q*(delta)`` (hard) of a real argument, same shape.
 
-    p* = 1/sqrt(pi) [int_0^inf V/W2 e^{-j delta t} dt + 1/2j int_-inf^0 W1/W2 e^{-j delta t} dt] with the Fock-type
-    Airy functions V, W1, W2 (their derivatives for q*): N. A. Logan, LMSD-288087 (1959). The second integral runs
-    along the ray arg t = -2 pi/3, where W1/W2 falls off fastest. Towards the lit side (delta << 0) the reflection
-    expansion takes over, in the shadow (delta >> 0) the residue series.
+    ``p* = 1/sqrt(pi) [int_0^inf V/W2 e^{-j delta t} dt + 1/2j int_-inf^0 W1/W2 e^{-j delta t} dt]`` with the
+    Fock-type Airy functions V, W1, W2 (their derivatives for ``q*``): N. A. Logan, LMSD-288087 (1959). The second
+    integral runs along the ray arg t = -2 pi/3, where W1/W2 falls off fastest. Towards the lit side (delta << 0)
+    the reflection expansion takes over, in the shadow (delta >> 0) the residue series.
     """
     delta = np.asarray(delta, float)
     result = np.zeros(delta.shape, complex)

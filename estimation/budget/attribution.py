@@ -17,9 +17,12 @@ import numpy as np
 from scipy.stats import bootstrap
 
 from estimation.budget.stages import Groups, Part, orders
-from scenes.record import FloatArray, IntArray
+from scenes.record import FloatArray, IntArray, TextArray
 
 CONFIDENCE = 0.95
+MIN_UNITS = 6  # of fewer stops or objects a bootstrap interval is far too short
+NOTHING = 1e-9  # of the whole: what rounding leaves
+MOST_SHARE = 2.0  # a larger part is made good by others of the other sign
 
 
 @dataclass(frozen=True)
@@ -43,6 +46,32 @@ class Attribution:
     rest: float  # with all parts replaced
     rest_low: float  # of the rest over the total
     rest_high: float
+    n_units: int
+
+    @property
+    def effect(self) -> TextArray:
+        """Whether the error 'falls' or 'grows' without each part (part,), or does nothing at all ('none').
+
+        'undecided' where the interval holds zero: then the part may as well have no effect.
+        """
+        effect = np.full(len(self.part), "undecided")
+        effect[self.low > NOTHING] = "falls"
+        effect[self.high < -NOTHING] = "grows"
+        effect[(np.abs(self.low) <= NOTHING) & (np.abs(self.high) <= NOTHING)] = "none"
+        return effect
+
+    @property
+    def objection(self) -> str:
+        """Why shares of the total would mean nothing; empty where they mean something."""
+        if self.total == 0:
+            return "there is no error"
+        if self.n_units < MIN_UNITS:
+            return f"{self.n_units} stops or objects, an interval needs {MIN_UNITS}"
+        if np.abs(self.contribution).max() > MOST_SHARE * self.total:
+            return f"parts cancel: one is more than {MOST_SHARE:g} times the whole"
+        if not np.isin(self.effect, ("falls", "grows")).any() and not self.rest_low > NOTHING:
+            return "no part stands out of its interval"
+        return ""
 
 
 def root(mean_square: FloatArray | float) -> FloatArray:
@@ -110,6 +139,7 @@ def attribute(
         rest=float(everything.mean()),
         rest_low=float(low[-2]),
         rest_high=float(high[-2]),
+        n_units=len(all_units),
     )
 
 

@@ -48,30 +48,41 @@ def take_apart(variants: Variants, groups: Groups, rng: np.random.Generator) -> 
 def table_rows(budget: Budget) -> Iterator[dict[str, str | float | None]]:
     """One row per outcome, budget and part, then the rest, then the total they add up to.
 
-    `share` is of the total mean square, with the interval of that share (of the total: of the total itself);
-    `rms_m` is the root of the contribution, with its sign.
+    `mean_square_m2` is the contribution, `rms_m` its root with its sign. `share` is of the total, with the
+    interval of that share (of the total: of the total itself), None where it would mean nothing: `objection` says
+    why.
+    `effect` says what the error does without the part; empty where there are no shares.
     """
     for (outcome, kind), found in budget.attribution.items():
-        about: dict[str, str | float | None] = {"outcome": outcome, "budget": kind}
-        total = found.total or np.nan
+        about: dict[str, str | float | None] = {
+            "outcome": outcome, "budget": kind, "objection": found.objection
+        }  # fmt: skip
+        total = np.nan if found.objection else found.total
         for index, part in enumerate(found.part):
             yield about | {
                 "part": str(part),
-                **_shares(found.contribution[index] / total, found.low[index], found.high[index]),
-                "rms_m": _finite(root(found.contribution[index])),
+                **_parts(found.contribution[index], total, found.low[index], found.high[index]),
+                "effect": "" if found.objection else str(found.effect[index]),
                 "alone_rms_m": _finite(root(found.alone[index])),
                 "first_rms_m": _finite(root(found.first[index])),
                 "last_rms_m": _finite(root(found.last[index])),
             }
-        blank = dict.fromkeys(("alone_rms_m", "first_rms_m", "last_rms_m"))
-        rest = _shares(found.rest / total, found.rest_low, found.rest_high)
-        yield about | {"part": REST, **rest, "rms_m": _finite(root(found.rest)), **blank}
-        whole = _shares(found.total / total, found.total_low / total, found.total_high / total)
-        yield about | {"part": TOTAL, **whole, "rms_m": _finite(root(found.total)), **blank}
+        blank = {"effect": "", **dict.fromkeys(("alone_rms_m", "first_rms_m", "last_rms_m"))}
+        yield about | {"part": REST, **_parts(found.rest, total, found.rest_low, found.rest_high), **blank}
+        spread = found.total_low / total, found.total_high / total
+        yield about | {"part": TOTAL, **_parts(found.total, total, *spread), **blank}
 
 
-def _shares(value: float, low: float, high: float) -> dict[str, float | None]:
-    return {"share": _finite(value), "share_low": _finite(low), "share_high": _finite(high)}
+def _parts(mean_square: float, total: float, low: float, high: float) -> dict[str, float | None]:
+    """A mean square in m^2, its root, and its share with the interval of that; no shares of a total of NaN."""
+    share = mean_square / total
+    return {
+        "share": _finite(share),
+        "share_low": _finite(low) if np.isfinite(share) else None,
+        "share_high": _finite(high) if np.isfinite(share) else None,
+        "mean_square_m2": _finite(mean_square),
+        "rms_m": _finite(root(mean_square)),
+    }
 
 
 def _finite(value: float | np.ndarray) -> float | None:

@@ -10,21 +10,23 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from estimation.budget.attribution import Attribution, root
+from estimation.budget.attribution import NOTHING, Attribution, root
 from estimation.budget.record import OUTCOMES, REST, TOTAL, Budget
 from estimation.report.style import ESTIMATE, GHOST, TRUTH, legend_below, new_figure, styled
 
 WORSE = "#E69F00"
-ROW_IN, MARGIN_IN, WIDTH_IN = 0.36, 0.85, 5.9
+ROW_IN, MARGIN_IN, WIDTH_IN = 0.36, 1.0, 5.9
 TITLES = {"pose": "Receiver position", "shape": "The paper's contours", "contour": "Our contours"}
 KINDS = {"stages": "truth in place of a stage", "physics": "physics switched off"}
 RESTS = {"stages": "all by truth", "physics": "the estimators alone"}
+SQUARE_CM = 1e4  # in a square metre
+PALE = 0.4
 WIDEST = (-60.0, 160.0)  # % of the mean square to which whiskers are shown; bars are shown whole
 
 
 @dataclass(frozen=True)
 class _Bar:
-    """One row: a bar from `start` to `end`, its interval, all in % of the whole, and what is said of it."""
+    """One row: a bar from `start` to `end`, its interval, in % of the whole or in cm^2, and what is said of it."""
 
     name: str
     start: float
@@ -32,6 +34,7 @@ class _Bar:
     interval: tuple[float, float]
     color: str
     text: str
+    is_told: bool = True
 
 
 @styled
@@ -39,8 +42,9 @@ def budget_figure(budget: Budget) -> Figure:
     """A waterfall per outcome and kind of budget, in shares of the mean square error.
 
     Bars run from the whole error at the top down to the rest. Whiskers are 95 % intervals over stops or objects
-    and over the order of the parts, drawn about the end that moves. The text gives share, interval and the root of
-    the part's mean square.
+    and over the order of the parts, drawn about the end that moves; bars of parts whose interval holds zero are
+    pale. The text gives share, interval and the root of the part's mean square. Where shares would mean nothing
+    the bars are in cm^2, without intervals, and the axis says why.
     """
     outcomes = [name for name in TITLES if any(key[0] == name for key in budget.attribution)]
     kinds = [name for name in KINDS if any(key[1] == name for key in budget.attribution)]
@@ -54,7 +58,7 @@ def budget_figure(budget: Budget) -> Figure:
         for ax, kind in zip(line, kinds, strict=True):
             _draw(ax, bars[outcome, kind], count)
             ax.set_title(f"{TITLES[outcome]}, {KINDS[kind]}", loc="left")
-            ax.set_xlabel(f"% of the mean square error over the {OUTCOMES[outcome][1]}s")
+            ax.set_xlabel(_axis_label(budget.attribution[outcome, kind], OUTCOMES[outcome][1]))
     figure.suptitle(_title(budget), x=0.01, ha="left", fontsize=9, color="0.35")
     colors = {
         "all errors": TRUTH,
@@ -62,40 +66,60 @@ def budget_figure(budget: Budget) -> Figure:
         "it grows": WORSE,
         "what is left": GHOST,
     }
-    legend_below(figure, [Patch(color=color, label=label) for label, color in colors.items()], len(colors))
+    handles = [Patch(color=color, label=label) for label, color in colors.items()]
+    if any(not bar.is_told for found in bars.values() for bar in found):
+        handles.append(Patch(color=ESTIMATE, alpha=PALE, label="undecided: the interval holds 0"))
+    legend_below(figure, handles, len(handles))
     return figure
+
+
+def _axis_label(found: Attribution, unit: str) -> str:
+    if found.objection:
+        return f"mean square error over the {unit}s in cm²\nno shares: {found.objection}"
+    return f"% of the mean square error over the {unit}s"
 
 
 def _bars(found: Attribution, kind: str) -> Iterator[_Bar]:
     """The rows from all errors to the rest; parts that cannot matter, downstream of the error, are left out."""
-    scale = 100 / found.total if found.total else 0.0
+    has_shares = not found.objection
+    scale = 100 / found.total if has_shares else SQUARE_CM
+    width = 100.0 if has_shares else np.nan  # of intervals, which are of shares
     spread = (scale * found.total_low, scale * found.total_high)
     yield _Bar(TOTAL, 0.0, scale * found.total, spread, TRUTH, _metres(found.total))
     level = scale * found.total
     for index, part in enumerate(found.part):
-        share, low, high = scale * found.contribution[index], 100 * found.low[index], 100 * found.high[index]
-        if share == 0 and not (low < 0 or high > 0):
+        size, low, high = (
+            scale * found.contribution[index],
+            width * found.low[index],
+            width * found.high[index],
+        )
+        is_small = abs(found.contribution[index]) <= NOTHING * found.total
+        if found.effect[index] == "none" or (is_small and not has_shares):
             continue
-        end = level - share
-        text = f"{_percent(share, low, high)}   {_metres(found.contribution[index])}"
-        color = ESTIMATE if share >= 0 else WORSE
-        yield _Bar(str(part), level, end, (level - high, level - low), color, text)
+        end = level - size
+        text = _metres(found.contribution[index])
+        text = f"{_percent(size, low, high)}   {text}" if has_shares else text
+        color = ESTIMATE if size >= 0 else WORSE
+        is_told = found.effect[index] != "undecided" or not has_shares
+        yield _Bar(str(part), level, end, (level - high, level - low), color, text, is_told)
         level = end
-    rest = scale * found.rest
-    span = (100 * found.rest_low, 100 * found.rest_high)
-    name = f"{REST}: {RESTS[kind]}"
-    yield _Bar(name, 0.0, rest, span, GHOST, f"{_percent(rest, *span)}   {_metres(found.rest)}")
+    rest, text = scale * found.rest, _metres(found.rest)
+    span = (width * found.rest_low, width * found.rest_high)
+    text = f"{_percent(rest, *span)}   {text}" if has_shares else text
+    yield _Bar(f"{REST}: {RESTS[kind]}", 0.0, rest, span, GHOST, text)
 
 
 def _draw(ax: Any, bars: list[_Bar], n_rows: int) -> None:
     ends = np.array([[bar.start, bar.end] for bar in bars])
     whiskers = np.clip([bar.interval for bar in bars[1:]], *WIDEST)
     low = min(float(ends.min()), float(np.nanmin(whiskers, initial=0.0)))
-    high = max(float(ends.max()), float(np.nanmax(whiskers, initial=0.0)), 1.0)
+    high = max(float(ends.max()), float(np.nanmax(whiskers, initial=0.0))) or 1.0
     limits = low - 0.03 * (high - low), high + 0.03 * (high - low)
     for row, bar in enumerate(bars):
         left, right = sorted((bar.start, bar.end))
-        ax.barh(row, right - left, left=left, height=0.62, color=bar.color)
+        ax.barh(
+            row, right - left, left=left, height=0.62, color=bar.color, alpha=1.0 if bar.is_told else PALE
+        )
         if row and np.isfinite(bar.interval).all():
             _whisker(ax, row, bar.interval, limits)
         if row < len(bars) - 2:
@@ -130,12 +154,14 @@ def _whole(value: float) -> str:
 
 
 def _metres(mean_square: float) -> str:
-    value = round(float(root(mean_square)), 3)
-    return f"{value or 0.0:.3f} m".replace("-", "\N{MINUS SIGN}")
+    value = float(root(mean_square))
+    text = f"{1e3 * value:.2g} mm" if 1e-9 < abs(value) < 0.01 else f"{round(value, 3) or 0.0:.3f} m"
+    return text.replace("-", "\N{MINUS SIGN}")
 
 
 def _title(budget: Budget) -> str:
     counts = [(len(budget.stops), "stop"), (len(budget.objects), "object"), (budget.repeats, "repeat")]
     words = [f"{count} {name}{'' if count == 1 else 's'}" for count, name in counts]
-    whiskers = "whiskers: 95 % interval of where a bar ends, without a cap where it goes on"
-    return f"{budget.campaign}: {', '.join(words)}; RMS errors in m; {whiskers}"
+    whiskers = "; whiskers: 95 % interval of where a bar ends, without a cap where it goes on"
+    has_shares = any(not found.objection for found in budget.attribution.values())
+    return f"{budget.campaign}: {', '.join(words)}; roots of mean squares{whiskers if has_shares else ''}"

@@ -11,14 +11,20 @@ BUDGET_FILE = Path("budget") / "budget.json"  # of a campaign directory
 
 
 class BudgetRow(BaseModel):
-    """One part of an error: its share of the mean square, and the root of its mean square with a sign."""
+    """One part of an error: its mean square, the root of that with a sign, and its share where that says anything.
+
+    `objection` says why there are no shares, `effect` whether the error falls or grows without the part.
+    """
 
     outcome: str
     budget: Literal["stages", "physics"]
     part: str
+    objection: str
+    effect: Literal["falls", "grows", "none", "undecided", ""]
     share: float | None
     share_low: float | None
     share_high: float | None
+    mean_square_m2: float | None
     rms_m: float | None
 
 

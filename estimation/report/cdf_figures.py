@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, PercentFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, PercentFormatter
 
 from estimation.report.style import CLUSTER_COLORS, MAPPING, SLAM, legend_below, new_figure, styled
 from estimation.scoring.channel_metrics import KIND_KEYS
@@ -17,6 +17,7 @@ from scenes.record import FloatArray
 
 SMALLEST_SHARE = 0.02  # the axis starts where this share of the errors lies below
 MOST_DECADES = 1e3
+WIDE_RANGE = 60.0  # end over start of an axis: below it 1, 2 and 5 are labelled
 LINE_STYLES = ("-", "--", ":")
 KIND_LABELS = {"los": "line of sight", "single_bounce": "single bounce", "multi_bounce": "multiple bounce"}
 
@@ -74,30 +75,33 @@ def _figure(curves: Mapping[str, Mapping[str, FloatArray]], colors: Sequence[str
     """One panel per quantity, one curve per group; the logarithmic abscissa ends at the largest error."""
     figure = new_figure(3.4 * len(curves), 3.1)
     axes = np.atleast_1d(figure.subplots(1, len(curves), sharey=True))
-    handles: list[Any] = []
+    handles: dict[str, Any] = {}
     for ax, (label, groups) in zip(axes, curves.items(), strict=True):
         errors = {name: np.sort(np.abs(measured(error))) for name, error in groups.items()}
         end = max((error[-1] for error in errors.values() if len(error)), default=1.0) or 1.0
         every = np.concatenate([*errors.values(), [end]])
         start = float(np.clip(np.quantile(every, SMALLEST_SHARE), end / MOST_DECADES, end / 10))
-        handles = [
-            _draw_cdf(ax, error, (start / 2, end), name, colors[index], LINE_STYLES[index])
-            for index, (name, error) in enumerate(errors.items())
-        ]
+        for index, (name, error) in enumerate(errors.items()):
+            if len(error):
+                look = {"color": colors[index], "linestyle": LINE_STYLES[index]}
+                handles.setdefault(name, _draw_cdf(ax, error, (start / 2, end), name, look))
         ax.set(xlabel=label, xscale="log", xlim=(start, 1.1 * end), ylim=(0, 1.02))
+        if end < WIDE_RANGE * start:
+            ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        ax.xaxis.set_minor_formatter(NullFormatter())
     axes[0].set_ylabel("share at most this large")
     axes[0].yaxis.set_major_formatter(PercentFormatter(1.0))
-    legend_below(figure, handles, len(handles))
+    legend_below(figure, list(handles.values()), max(len(handles), 1))
     return figure
 
 
 def _draw_cdf(
-    ax: Any, error: FloatArray, limits: tuple[float, float], name: str, color: str, linestyle: str
+    ax: Any, error: FloatArray, limits: tuple[float, float], name: str, look: Mapping[str, str]
 ) -> Any:
-    """Empirical distribution as steps over the whole axis; nothing where there is no error."""
+    """Empirical distribution of some sorted errors as steps over the whole axis."""
     start, end = limits
-    at = np.concatenate([[start], np.maximum(error, start), [1.1 * end]]) if len(error) else np.zeros(0)
-    share = np.concatenate([np.arange(len(error) + 1) / len(error), [1.0]]) if len(error) else at
-    (line,) = ax.step(at, share, where="post", color=color, linestyle=linestyle, label=name)
+    at = np.concatenate([[start], np.maximum(error, start), [1.1 * end]])
+    share = np.concatenate([np.arange(len(error) + 1) / len(error), [1.0]])
+    (line,) = ax.step(at, share, where="post", label=name, **look)
     return line

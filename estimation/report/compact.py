@@ -11,6 +11,7 @@ import numpy as np
 from scenes.record import FloatArray
 
 POWER_STEP_DB = 0.25
+SIGNIFICANT_DIGITS = 4
 POWER_LEVELS = 255
 
 
@@ -18,6 +19,14 @@ def rounded(values: Any, decimals: int) -> list[float | None]:
     """All values of an array in order, None for those that are not finite."""
     flat = np.round(np.asarray(values, float).ravel(), decimals) + 0.0  # no negative zero
     return [_short(value) if math.isfinite(value) else None for value in flat.tolist()]
+
+
+def significant(values: Any) -> list[float | None]:
+    """All values of an array in order to `SIGNIFICANT_DIGITS`, None for those that are not finite."""
+    flat = np.asarray(values, float).ravel().tolist()
+    return [
+        _short(float(f"{value:.{SIGNIFICANT_DIGITS}g}")) if math.isfinite(value) else None for value in flat
+    ]
 
 
 def number(value: float, decimals: int) -> float | None:

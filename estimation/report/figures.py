@@ -69,8 +69,8 @@ def _map(scene: Scene, results: CampaignResults, tables: ScoreTables) -> ReportF
         f"Plan of '{scene.name}' with the incidence points (IPs) of {len(tables.poses.stop)} receiver stops, "
         "coloured by the object they support, and the contour of every object with its 95 % interval; dashed, "
         "the paper's contours of clusters. Left: mapping with the true receiver pose and clock. Right: SLAM, "
-        "which finds both; thin lines tie each estimated position to the true one. A ghost is a contour most of "
-        "whose IPs stem from no single bounce."
+        "which finds both; thin lines tie each estimated position to the true one. Contours are numbered "
+        "as in the files. A ghost is a contour most of whose IPs stem from no single bounce."
     )
     return ReportFigure("map", "map", "Maps", caption, map_figure(scene, results, tables))
 

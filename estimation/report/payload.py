@@ -9,7 +9,7 @@ import matplotlib
 import numpy as np
 from matplotlib.colors import to_hex
 
-from estimation.report.compact import POWER_STEP_DB, number, quantised_power, rounded
+from estimation.report.compact import POWER_STEP_DB, number, quantised_power, rounded, significant
 from estimation.report.payload_maps import map_payload
 from estimation.report.payload_paths import estimated_paths, true_paths
 from estimation.report.plan import clutter_outlines, plan_view
@@ -90,12 +90,12 @@ def _stops(scene: Scene, poses: PoseScores) -> Payload:
         "los": poses.has_los.tolist(),
         "xy": rounded(poses.true_position_m, 3),
         "heading_deg": rounded(np.rad2deg(scene.walk.headings_rad()[poses.stop]), 2),
-        "position_error_m": rounded(poses.position_error_m, 4),
-        "heading_error_deg": rounded(np.rad2deg(poses.heading_error_rad), 3),
-        "clock_error_ns": rounded(1e9 * poses.clock_error_s, 3),
-        "position_bound_m": rounded(poses.position_bound_m, 4),
-        "heading_bound_deg": rounded(np.rad2deg(poses.heading_bound_rad), 3),
-        "clock_bound_ns": rounded(1e9 * poses.clock_bound_s, 3),
+        "position_error_m": significant(poses.position_error_m),
+        "heading_error_deg": significant(np.rad2deg(poses.heading_error_rad)),
+        "clock_error_ns": significant(1e9 * poses.clock_error_s),
+        "position_bound_m": significant(poses.position_bound_m),
+        "heading_bound_deg": significant(np.rad2deg(poses.heading_bound_rad)),
+        "clock_bound_ns": significant(1e9 * poses.clock_bound_s),
     }
 
 

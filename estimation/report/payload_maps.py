@@ -9,7 +9,7 @@ import numpy as np
 from estimation.report.bands import Curve, contour_curve, shape_curve
 from estimation.report.compact import number, rounded
 from estimation.results import MapResult
-from estimation.scoring.record import ClusterScores, ContourScores, IpScores, MapScores
+from estimation.scoring.record import ContourScores, IpScores, MapScores, OutlineScores
 from estimation.slam.record import SolveStatus
 from scenes.record import IntArray
 
@@ -67,7 +67,7 @@ def _contour(result: MapResult, scores: ContourScores, row: int) -> dict[str, An
     }
 
 
-def _shape(result: MapResult, scores: ClusterScores, row: int) -> dict[str, Any]:
+def _shape(result: MapResult, scores: OutlineScores, row: int) -> dict[str, Any]:
     shapes = result.shapes
     return {
         "kind": "star-convex",
@@ -81,7 +81,7 @@ def _shape(result: MapResult, scores: ClusterScores, row: int) -> dict[str, Any]
     }
 
 
-def _origin(scores: ClusterScores | ContourScores, row: int, label: IntArray) -> dict[str, Any]:
+def _origin(scores: OutlineScores, row: int, label: IntArray) -> dict[str, Any]:
     """What a contour shows, and how well."""
     return {
         "object": str(scores.object[row]),

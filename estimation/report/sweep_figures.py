@@ -31,6 +31,7 @@ MARGIN, LOG_MARGIN = 0.15, 1.5  # of the vertical axis round the values: a share
 MOST_TICKS = 7
 FLOOR = 1e-3  # of the least value: intervals end there, so that a logarithmic axis shows them
 LINE_COLORS = CLUSTER_COLORS
+PALEST = 0.15  # of the colour map: below it lines cannot be seen on white
 LABEL_BOX = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.8}
 
 
@@ -46,7 +47,7 @@ def axis_figure(results: SweepResults, key: str) -> Figure:
     figure = new_figure(min(4.4 * max(len(axes), 1), 13.2), 3.4)
     panels = figure.subplots(1, max(len(axes), 1), squeeze=False, sharey=True)[0]
     for panel, axis in zip(panels, axes, strict=False):
-        lines = _lines(results, axis)
+        lines = axis_lines(results, axis)
         for (label, members), color in zip(lines, LINE_COLORS, strict=False):
             _curve(panel, axis, metric.value, members, color, label)
         if bound is not None:
@@ -54,7 +55,7 @@ def axis_figure(results: SweepResults, key: str) -> Figure:
         _dress(panel, axis)
         if any(label for label, _ in lines) or bound is not None:
             panel.legend()
-    _scale(panels[0], metric.value, bound, [groups(axis) for axis in axes])
+    _scale(panels[0], drawn_means(results, key))
     panels[0].set_ylabel(_label(metric))
     return figure
 
@@ -71,8 +72,9 @@ def pareto_figure(results: SweepResults, first: str, second: str) -> Figure:
     panel.plot(*means[order].T, "o-", color=ESTIMATE, markersize=6, label="beaten by none")
     for index in order[:: max(1, len(order) // 8)]:
         panel.annotate(
-            _values_at(results, index), means[index], xytext=(6, 5), textcoords="offset points", fontsize=7
-        )
+            _values_at(results, index), means[index], xytext=(6, 5), textcoords="offset points", fontsize=7,
+            bbox=LABEL_BOX,
+        )  # fmt: skip
     for key, name in ((first, "x"), (second, "y")):
         getattr(panel, f"set_{name}label")(_label(results.metrics[key]))
     panel.margins(0.12)
@@ -106,7 +108,7 @@ def parallel_figure(results: SweepResults, keys: Sequence[str]) -> Figure:
     scale = Normalize(float(known.min()), float(known.max()))
     heights = np.column_stack([_unit_interval(values) for _, values, _ in columns])
     for height, value in zip(heights, colour, strict=True):
-        look = colormaps["viridis_r"](scale(value)) if np.isfinite(value) else "0.8"
+        look = colormaps["viridis_r"](PALEST + (1 - PALEST) * scale(value)) if np.isfinite(value) else "0.8"
         panel.plot(np.arange(len(columns)), height, color=look, linewidth=1.1, alpha=0.8)
     for at, texts in enumerate(ends):
         panel.axvline(at, color="0.3", linewidth=0.9)
@@ -130,7 +132,7 @@ def parallel_figure(results: SweepResults, keys: Sequence[str]) -> Figure:
     return figure
 
 
-def _lines(results: SweepResults, axis: SweepAxis) -> list[tuple[str, BoolArray]]:
+def axis_lines(results: SweepResults, axis: SweepAxis) -> list[tuple[str, BoolArray]]:
     """The cases of every line in the panel of an axis, with its name; one unnamed line for all."""
     everyone = [("", np.ones(len(results.point), bool))]
     others = [other for other in results.axes if other is not axis]
@@ -175,14 +177,23 @@ def _bound_curve(panel: Any, parts: Sequence[Group], bound: FloatArray) -> None:
     panel.plot(place, mean, "--", color=TRUTH, linewidth=1.2, label="bound, mean")
 
 
-def _scale(panel: Any, value: FloatArray, bound: FloatArray | None, axes: Sequence[Sequence[Group]]) -> None:
+def drawn_means(results: SweepResults, key: str) -> FloatArray:
+    """All means (dot,) that stand over the axes for a metric, those of its bound included."""
+    value, bound = results.metrics[key].value, results.bound(key)
+    means = [
+        mean_interval(value[part.members & members])[0]
+        for axis in results.axes
+        for _, members in axis_lines(results, axis)
+        for part in groups(axis)
+    ]
+    if bound is not None:
+        means += [mean_interval(bound[part.members])[0] for axis in results.axes for part in groups(axis)]
+    known = np.array(means, float)
+    return np.asarray(known[np.isfinite(known)])
+
+
+def _scale(panel: Any, means: FloatArray) -> None:
     """Limits round the means, not the intervals: those of a few repeats would fill the figure."""
-    curves = [value] if bound is None else [value, bound]
-    means = np.array(
-        [mean_interval(curve[part.members])[0] for curve in curves for parts in axes for part in parts]
-    )
-    known = value[np.isfinite(value)]
-    means = np.concatenate([means[np.isfinite(means)], known])
     if not len(means) or means.min() == means.max():
         return
     low, high = float(means.min()), float(means.max())

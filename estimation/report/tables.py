@@ -75,6 +75,7 @@ POSES = ScoreTable(
         ("Position, RMSE", "position.rmse_m"),
         ("Position, median", "position.median_m"),
         ("Position, largest", "position.max_m"),
+        ("Height, RMSE", "height.rmse_m"),
         ("Heading, RMSE", "heading.rmse_deg"),
         ("Clock bias, RMSE", "clock.rmse_ns"),
     ),
@@ -91,6 +92,8 @@ MAPS = ScoreTable(
         ("Distance to the nearest surface, 90 %", "ip_to_surface.p90_m"),
         ("Distance to the true incidence point, RMS", "ip_position.rms_m"),
         ("Coverage of its 95 % region, target 0.95", "ip_position.coverage95"),
+        ("Height error of the incidence point, RMS", "ip_height.rms_m"),
+        ("Coverage of its 95 % interval, target 0.95", "ip_height.coverage95"),
         ("Clusters", "clusters"),
         ("Ghost clusters", "ghost_clusters"),
         ("Purity of the clusters, mean", "cluster_purity"),
@@ -204,12 +207,13 @@ def _value(metric: Metric | None) -> str:
     if metric is None or not math.isfinite(metric.value):
         return "–"
     value = metric.value
+    digits = 0 if value == 0 else max(0, 2 - math.floor(math.log10(abs(value))))
+    text = f"{value:.{min(digits, 5)}f}"
     if value == round(value) and abs(value) < 1e6:
-        return f"{value:.0f}"
-    if abs(value) < 1e-4:
-        return f"{value:.1e}"
-    digits = max(0, 2 - math.floor(math.log10(abs(value))))
-    return f"{value:.{min(digits, 5)}f}"
+        text = f"{value:.0f}"
+    elif abs(value) < 1e-4:
+        text = f"{value:.1e}"
+    return text.replace("-", "\N{MINUS SIGN}") if value < 0 else text
 
 
 def _unit(metric: Metric | None) -> str:

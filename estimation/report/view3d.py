@@ -30,7 +30,7 @@ from scenes.scene import Scene
 from sim.paths import Paths
 
 CONTOUR_MARGIN_M = 0.4  # of the top of the contours above the receiver
-EYE = {"x": -0.9, "y": -1.2, "z": 1.0}
+EYE = {"x": -1.0, "y": -1.35, "z": 1.1}
 
 # No address may be asked; plotly builds some of its drawing programs from text.
 PAGE = """<!DOCTYPE html>

@@ -21,9 +21,9 @@ OPACITY = {"wall": 0.16, "polygon": 0.16, "floor": 0.5, "ceiling": 0.25}  # othe
 SOLID_OPACITY = 0.55
 FRAME_M = 0.8  # length of the axes of a device
 FRAME_COLORS = {"x": "#D55E00", "y": "#009E73", "z": "#0072B2"}
-DASH_NAMES = {  # plotly's names for the dashes of `path_lines`
-    "line of sight": "solid", "one reflection": "solid", "two reflections": "dash",
-    "three reflections": "dot", "diffracted": "dashdot", "through walls": "longdash",
+WIDTHS = {  # of rays in pixels; dashes in space look like fragments, for their length goes with the view
+    "line of sight": 7.0, "one reflection": 4.5, "two reflections": 3.0,
+    "three reflections": 2.0, "diffracted": 2.5, "through walls": 3.5,
 }  # fmt: skip
 
 Trace = dict[str, Any]
@@ -98,17 +98,16 @@ def frame_axes(heading_rad: float) -> FloatArray:
 
 
 def ray_traces(lines: Iterable[PathLine]) -> list[Trace]:
-    """One trace per kind of `COLORS`, in its order, empty where the stop has no path of it."""
+    """One trace per kind of `COLORS`, in its order, empty where the stop has no path of it.
+
+    Kinds differ in colour and width, and the legend switches each of them.
+    """
     known = list(lines)
     return [
         {
             **_line(joined([line.points_m for line in known if line.kind == kind])),
             "name": kind,
-            "line": {
-                "color": color,
-                "width": 4 if DASH_NAMES[kind] == "solid" else 2.5,
-                "dash": DASH_NAMES[kind],
-            },
+            "line": {"color": color, "width": WIDTHS[kind]},
             "mode": "lines",
             "hovertemplate": f"{kind}<extra></extra>",
             "showlegend": True,

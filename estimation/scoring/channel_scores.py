@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -77,7 +77,7 @@ def significant_alone(stop: TrueStop) -> TrueStop:
     return replace(
         stop,
         truth=replace(stop.truth, paths=stop.truth.paths.take("path", keep)),
-        origin=PathOrigin(stop.origin.kind[keep], stop.origin.object[keep], stop.origin.vertex_m[keep]),
+        origin=PathOrigin(*(getattr(stop.origin, field.name)[keep] for field in fields(PathOrigin))),
         parameters=stop.parameters[keep],
         power_dbm=stop.power_dbm[keep],
         significant=np.arange(len(keep)),
@@ -177,8 +177,8 @@ def _path_scores(
     error[detected] = parameter_errors(measured[detected], stop.parameters[matched])
     power_error_db = np.full(len(estimate), np.nan)
     power_error_db[detected] = estimate.power_dbm[detected] - stop.power_dbm[matched]
-    vertex_m = np.full((len(estimate), 2), np.nan)
-    vertex_m[detected] = stop.origin.vertex_m[matched]
+    vertex_m, height_m = np.full((len(estimate), 2), np.nan), np.full(len(estimate), np.nan)
+    vertex_m[detected], height_m[detected] = stop.origin.vertex_m[matched], stop.origin.height_m[matched]
     weak = weak_causes(status, np.append(stop.truth.paths.is_diffuse, False)[true_path])
     return PathScores(
         stop=np.full(len(estimate), stop.truth.stop),
@@ -190,6 +190,7 @@ def _path_scores(
         kind=np.append(stop.origin.kind, PathKind.NONE)[true_path],
         object=np.append(stop.origin.object, "")[true_path],
         vertex_m=vertex_m,
+        vertex_height_m=height_m,
         delay_error_s=error[:, 0],
         aod_error_rad=error[:, 1],
         aoa_error_rad=error[:, 2],

@@ -122,7 +122,7 @@ def contour_metrics(map_name: str, scene: Scene, table: ContourScores) -> list[M
     prefix = f"contours.{map_name}"
     found = [scene.object(name).kind for name in found_objects(table)]
     return [
-        *outline_metrics(prefix, scene, table, "contour"),
+        *outline_metrics(prefix, scene, table),
         Metric(f"{prefix}.accepted", len(table.object), "1", "info"),
         Metric(f"{prefix}.ghosts", table.is_ghost.sum(), "1", "lower"),
         Metric(f"{prefix}.objects_found", len(found), "1", "higher"),

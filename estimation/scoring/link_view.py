@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from estimation.channel.apparent import apparent_angles
 from estimation.channel.crb import PathBounds, path_bounds
 from estimation.channel.delay import hann_window
 from estimation.channel.manifold import Manifold
+from estimation.channel.plan import nominal_manifold
 from estimation.channel.record import ChannelEstimate
 from estimation.config import CampaignConfig
 from scenes.pose import Pose
@@ -67,8 +69,8 @@ class LinkView:
     def beam_loss_db(self, truth: Truth) -> FloatArray:
         """Gain (path,) of the best beam towards each path below the highest gain of any, at the worse end."""
         loss = [
-            20 * np.log10(_peak(book) / np.maximum(amplitude.max(axis=0), 1e-9))
-            for book, amplitude in zip((self.tx_built, self.rx_built), self._amplitudes(truth), strict=True)
+            20 * np.log10(peak / np.maximum(amplitude.max(axis=0), 1e-9))
+            for peak, amplitude in zip(self._peaks, self._amplitudes(truth), strict=True)
         ]
         return np.asarray(np.maximum(*loss))
 
@@ -76,6 +78,10 @@ class LinkView:
         """Cramer-Rao bounds of the given paths of a stop, all of them estimated together, beams as designed."""
         poses = self.tx_pose, truth.rx_pose
         return true_path_bounds(self.link, (self.tx, self.rx), truth.paths, poses, coherent=self.is_coherent)
+
+    @cached_property
+    def _peaks(self) -> tuple[float, float]:
+        return _peak(self.tx_built), _peak(self.rx_built)
 
     def _amplitudes(self, truth: Truth) -> tuple[FloatArray, FloatArray]:
         tx = beam_response(self.tx_built, *_departure(truth.paths, self.tx_pose))
@@ -94,8 +100,8 @@ def link_view(config: CampaignConfig, link: Link, scene: Scene) -> LinkView:
         rx_built=rx_built,
         window=hann_window(n) if config.channel.method == "power" else np.ones(n),
         is_coherent=not (hardware.cfo_hz or hardware.phase_noise_pair_deg),
-        tx=Manifold(link.tx_codebook),
-        rx=Manifold(link.rx_codebook),
+        tx=nominal_manifold(link.tx_codebook),
+        rx=nominal_manifold(link.rx_codebook),
     )
 
 

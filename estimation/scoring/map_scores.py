@@ -10,7 +10,7 @@ from estimation.scoring.causes import GHOST_CAUSES, Cause, point_causes
 from estimation.scoring.config import ScoringConfig
 from estimation.scoring.metric import Metric
 from estimation.scoring.provenance import ClusterOrigin, ip_paths
-from estimation.scoring.record import ClusterScores, ContourScores, IpScores, PathScores
+from estimation.scoring.record import IpScores, OutlineScores, PathScores
 from estimation.scoring.statistics import mean, quantile, ratio, rms, squared_mahalanobis
 from scenes.record import BoolArray, FloatArray, IntArray
 from scenes.scene import OBJECT_KINDS, Scene
@@ -36,6 +36,7 @@ def score_ips(scene: Scene, result: MapResult, paths: PathScores) -> IpScores:
         )
     row = ip_paths(ips, paths)
     error = ips.position_m - paths.vertex_m[row]
+    height_error = ips.height_m - paths.vertex_height_m[row]
     return IpScores(
         stop=ips.stop,
         path=ips.path,
@@ -46,6 +47,8 @@ def score_ips(scene: Scene, result: MapResult, paths: PathScores) -> IpScores:
         surface_distance_m=surface_distance_m(scene, ips.position_m),
         position_error_m=np.linalg.norm(error, axis=1),
         nees=squared_mahalanobis(error, ips.covariance_m2),
+        height_error_m=height_error,
+        height_nees=squared_mahalanobis(height_error[:, None], ips.height_covariance_m2[:, 2:, None]),
     )
 
 
@@ -69,7 +72,7 @@ def is_ghost(ips: IpScores, n_clusters: int) -> BoolArray:
     return np.array(nameless, float) > 0.5
 
 
-def map_metrics(prefix: str, scene: Scene, ips: IpScores, clusters: ClusterScores) -> list[Metric]:
+def map_metrics(prefix: str, scene: Scene, ips: IpScores, clusters: OutlineScores) -> list[Metric]:
     """Scores of one map; `prefix` is 'mapping' or 'slam'. Distances are those of the estimator's inliers."""
     inliers = ips.take("ip", ips.is_inlier)
     clustered = inliers.label >= 0
@@ -82,12 +85,15 @@ def map_metrics(prefix: str, scene: Scene, ips: IpScores, clusters: ClusterScore
         *_distance_metrics(f"{prefix}.ip_to_surface.clustered", inliers.surface_distance_m[clustered]),
         *_distance_metrics(f"{prefix}.ip_position", inliers.position_error_m),
         Metric(f"{prefix}.ip_position.nees", mean(inliers.nees / 2), "1", "info"),
-        Metric(f"{prefix}.ip_position.coverage95", _coverage(inliers.nees), "1", "info"),
+        Metric(f"{prefix}.ip_position.coverage95", _coverage(inliers.nees, 2), "1", "info"),
+        *_distance_metrics(f"{prefix}.ip_height", np.abs(inliers.height_error_m)),
+        Metric(f"{prefix}.ip_height.nees", mean(inliers.height_nees), "1", "info"),
+        Metric(f"{prefix}.ip_height.coverage95", _coverage(inliers.height_nees, 1), "1", "info"),
         *_object_metrics(prefix, scene, clusters),
     ]
 
 
-def found_objects(clusters: ClusterScores | ContourScores) -> list[str]:
+def found_objects(clusters: OutlineScores) -> list[str]:
     """Names of the objects found, each once, sorted."""
     return sorted({str(name) for name in clusters.object[clusters.is_found]})
 
@@ -116,7 +122,7 @@ def _distance_metrics(prefix: str, distance_m: FloatArray) -> list[Metric]:
     ]
 
 
-def _object_metrics(prefix: str, scene: Scene, clusters: ClusterScores) -> list[Metric]:
+def _object_metrics(prefix: str, scene: Scene, clusters: OutlineScores) -> list[Metric]:
     found: list[str] = [scene.object(name).kind for name in found_objects(clusters)]
     n_clusters = len(clusters.object)
     return [
@@ -132,5 +138,5 @@ def _object_metrics(prefix: str, scene: Scene, clusters: ClusterScores) -> list[
     ]
 
 
-def _coverage(nees: FloatArray) -> float:
-    return mean(nees[np.isfinite(nees)] <= chi2.ppf(0.95, 2))
+def _coverage(nees: FloatArray, freedom: int) -> float:
+    return mean(nees[np.isfinite(nees)] <= chi2.ppf(0.95, freedom))

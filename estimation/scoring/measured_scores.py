@@ -107,6 +107,7 @@ def _label_scores(
         kind=np.select([truth.is_los, single], [PathKind.LOS, PathKind.SINGLE_BOUNCE], PathKind.NONE),
         object=name.astype(str),
         vertex_m=np.where(single[:, None], truth.landmark_m, np.nan),
+        vertex_height_m=unknown,
         delay_error_s=unknown,
         aod_error_rad=unknown,
         aoa_error_rad=unknown,

@@ -42,6 +42,7 @@ def score_poses(
     heading_rad = np.array([pose.heading_rad for pose in true_pose])
     solved = estimate.status != SolveStatus.FAILED
     clock_error_s = estimate.clock_bias_s - true_clock_bias_s
+    height_error_m = estimate.height_m - np.array([pose.position_m[2] for pose in true_pose])
     error = np.column_stack(
         [estimate.position_m - position_m, wrap_angle(estimate.heading_rad - heading_rad), clock_error_s]
     )
@@ -58,6 +59,8 @@ def score_poses(
         clock_error_s=_where(solved, clock_error_s),
         nees=_where(solved, squared_mahalanobis(error, estimate.covariance)),
         position_nees=_where(solved, squared_mahalanobis(error[:, :2], estimate.covariance[:, :2, :2])),
+        height_error_m=_where(solved, height_error_m),
+        height_nees=_where(solved, (height_error_m / estimate.height_std_m) ** 2),
         position_bound_m=bound.position_m,
         heading_bound_rad=bound.heading_rad,
         clock_bound_s=bound.clock_m / SPEED_OF_LIGHT_M_S,
@@ -114,6 +117,7 @@ def pose_metrics(poses: PoseScores) -> list[Metric]:
             Metric(f"{prefix}.position.rmse_m", rms(position_m), "m", "lower"),
             Metric(f"{prefix}.position.median_m", quantile(position_m, 0.5), "m", "lower"),
             Metric(f"{prefix}.position.max_m", maximum(position_m), "m", "lower"),
+            Metric(f"{prefix}.height.rmse_m", rms(group.height_error_m), "m", "lower"),
             Metric(f"{prefix}.heading.rmse_deg", rms(np.rad2deg(group.heading_error_rad)), "deg", "lower"),
             Metric(f"{prefix}.clock.rmse_ns", rms(1e9 * group.clock_error_s), "ns", "lower"),
         ]
@@ -135,10 +139,15 @@ def _trajectory_metrics(poses: PoseScores) -> list[Metric]:
 
 
 def _consistency_metrics(poses: PoseScores) -> list[Metric]:
-    """Mean NEES over its degrees of freedom and coverage of the 95 % region, of the state and of the position."""
+    """Mean NEES over its degrees of freedom and coverage of the 95 % region: state, position and height."""
+    tested = (
+        ("slam", poses.nees, 4),
+        ("slam.position", poses.position_nees, 2),
+        ("slam.height", poses.height_nees, 1),
+    )
     return [
         metric
-        for prefix, nees, freedom in (("slam", poses.nees, 4), ("slam.position", poses.position_nees, 2))
+        for prefix, nees, freedom in tested
         for metric in (
             Metric(f"{prefix}.nees", mean(nees / freedom), "1", "info"),
             Metric(f"{prefix}.coverage95", mean(measured(nees) <= chi2.ppf(0.95, freedom)), "1", "info"),

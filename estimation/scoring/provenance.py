@@ -19,6 +19,7 @@ class PathOrigin:
     kind: IntArray  # (path,) PathKind
     object: TextArray  # (path,) object of a single bounce, else empty
     vertex_m: FloatArray  # (path, xy) IP of a single bounce, else NaN
+    height_m: FloatArray  # (path,) its height
 
 
 def path_origin(paths: Paths) -> PathOrigin:
@@ -33,6 +34,7 @@ def path_origin(paths: Paths) -> PathOrigin:
         kind=np.minimum(n_bounces, PathKind.MULTI_BOUNCE),
         object=np.append(paths.object_name, "")[index],
         vertex_m=np.where(single[:, None], paths.vertex_m[path, slot, :2], np.nan),
+        height_m=np.where(single, paths.vertex_m[path, slot, 2], np.nan),
     )
 
 

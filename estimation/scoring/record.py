@@ -43,6 +43,7 @@ class PathScores(Record):
     vertex_m: FloatArray = array(
         "estimate", "xy", unit="m", doc="true IP of a detected single bounce, or NaN"
     )
+    vertex_height_m: FloatArray = array("estimate", unit="m", doc="height of that IP, or NaN")
     delay_error_s: FloatArray = array("estimate", unit="s", doc="error of the delay")
     aod_error_rad: FloatArray = array("estimate", unit="rad", doc="error of the azimuth of departure")
     aoa_error_rad: FloatArray = array("estimate", unit="rad", doc="error of the azimuth of arrival")
@@ -101,6 +102,8 @@ class PoseScores(Record):
     clock_error_s: FloatArray = array("stop", unit="s", doc="estimate minus truth")
     nees: FloatArray = array("stop", doc="squared error over covariance, 4 degrees of freedom")
     position_nees: FloatArray = array("stop", doc="the same of the position, 2 degrees of freedom")
+    height_error_m: FloatArray = array("stop", unit="m", doc="estimate minus truth; NaN in the plane")
+    height_nees: FloatArray = array("stop", doc="squared height error over variance; NaN in the plane")
     position_bound_m: FloatArray = array("stop", unit="m", doc="bound of the position from this stop alone")
     heading_bound_rad: FloatArray = array("stop", unit="rad", doc="the same of the heading")
     clock_bound_s: FloatArray = array("stop", unit="s", doc="the same of the clock bias")
@@ -121,53 +124,42 @@ class IpScores(Record):
     surface_distance_m: FloatArray = array("ip", unit="m", doc="distance to the nearest true surface")
     position_error_m: FloatArray = array("ip", unit="m", doc="distance to the true IP, or NaN")
     nees: FloatArray = array("ip", doc="squared position error over covariance, 2 degrees of freedom")
+    height_error_m: FloatArray = array("ip", unit="m", doc="height minus the true IP's; NaN in the plane")
+    height_nees: FloatArray = array("ip", doc="squared height error over variance; NaN in the plane")
 
 
 @dataclass(frozen=True)
-class ClusterScores(Record):
-    """Every cluster of one map with the object it shows. Shape errors are NaN where there is no object."""
+class OutlineScores(Record):
+    """Every outline of one map with the object it shows: the paper's of clusters, or ours.
 
-    object: TextArray = array("cluster", dtype=str, doc="object of at least half of its IPs, else empty")
-    purity: FloatArray = array("cluster", doc="share of the IPs that stem from the most frequent object")
-    n_ips: IntArray = array("cluster", dtype=int, doc="incidence points")
-    n_close: IntArray = array("cluster", dtype=int, doc="IPs that stem from the object and lie close to it")
-    is_found: BoolArray = array("cluster", dtype=bool, doc="enough close IPs to call the object found")
-    is_ghost: BoolArray = array("cluster", dtype=bool, doc="more than half of the IPs stem from no object")
-    cause: TextArray = array("cluster", dtype=str, doc="of a ghost: most frequent cause of its IPs")
-    iou: FloatArray = array("cluster", doc="intersection over union of the areas, closed objects")
-    hausdorff_m: FloatArray = array("cluster", unit="m", doc="Hausdorff distance of the contours")
-    modified_hausdorff_m: FloatArray = array("cluster", unit="m", doc="larger mean distance of the contours")
-    chamfer_m: FloatArray = array("cluster", unit="m", doc="mean of the two mean distances of the contours")
-    seen_rmse_m: FloatArray = array("cluster", unit="m", doc="RMS distance of the seen contour to the object")
-    full_rmse_m: FloatArray = array("cluster", unit="m", doc="RMS distance of the full contour to the object")
-    coverage95: FloatArray = array("cluster", doc="share of angles whose 95 % band holds the true radius")
-    seen_coverage95: FloatArray = array("cluster", doc="the same at seen angles")
-    crps_m: FloatArray = array("cluster", unit="m", doc="mean CRPS of the predicted radius over all angles")
-    extent_iou: FloatArray = array("cluster", doc="overlap of the seen contour with the lit extent, walls")
+    Errors are NaN where there is no object. The samples of the paper's outlines are polar angles, their bands and
+    CRPS those of the radius; of ours they are points, bands and CRPS along the normal.
+    """
+
+    object: TextArray = array("outline", dtype=str, doc="object of at least half of its IPs, else empty")
+    purity: FloatArray = array("outline", doc="share of the IPs that stem from the most frequent object")
+    n_ips: IntArray = array("outline", dtype=int, doc="incidence points it was fitted to")
+    n_close: IntArray = array("outline", dtype=int, doc="IPs that stem from the object and lie close to it")
+    is_found: BoolArray = array("outline", dtype=bool, doc="enough close IPs to call the object found")
+    is_ghost: BoolArray = array("outline", dtype=bool, doc="more than half of the IPs stem from no object")
+    cause: TextArray = array("outline", dtype=str, doc="of a ghost: most frequent cause of its IPs")
+    iou: FloatArray = array("outline", doc="intersection over union of the areas, closed objects")
+    hausdorff_m: FloatArray = array("outline", unit="m", doc="Hausdorff distance of the contours")
+    modified_hausdorff_m: FloatArray = array("outline", unit="m", doc="larger mean distance of the contours")
+    chamfer_m: FloatArray = array("outline", unit="m", doc="mean of the two mean distances of the contours")
+    seen_rmse_m: FloatArray = array("outline", unit="m", doc="RMS distance of the seen contour to the object")
+    full_rmse_m: FloatArray = array("outline", unit="m", doc="RMS distance of the full contour to the object")
+    coverage95: FloatArray = array("outline", doc="share of samples whose 95 % band holds the true outline")
+    seen_coverage95: FloatArray = array("outline", doc="the same of the seen samples")
+    crps_m: FloatArray = array("outline", unit="m", doc="mean CRPS of the predicted radius or distance")
+    extent_iou: FloatArray = array("outline", doc="overlap of the seen contour with the lit extent, walls")
 
 
 @dataclass(frozen=True)
-class ContourScores(Record):
-    """Every contour of one map with the object it shows. Errors are NaN where there is no object."""
+class ContourScores(OutlineScores):
+    """Every contour of ours in one map, and whether its class is right."""
 
-    object: TextArray = array("contour", dtype=str, doc="object of at least half of its IPs, else empty")
-    purity: FloatArray = array("contour", doc="share of the IPs that stem from the most frequent object")
-    n_ips: IntArray = array("contour", dtype=int, doc="incidence points it was fitted to")
-    n_close: IntArray = array("contour", dtype=int, doc="IPs that stem from the object and lie close to it")
-    is_found: BoolArray = array("contour", dtype=bool, doc="enough close IPs to call the object found")
-    is_ghost: BoolArray = array("contour", dtype=bool, doc="more than half of the IPs stem from no object")
-    cause: TextArray = array("contour", dtype=str, doc="of a ghost: most frequent cause of its IPs")
-    class_right: FloatArray = array("contour", doc="1 where the most probable class is the object's, else 0")
-    iou: FloatArray = array("contour", doc="intersection over union of the areas, closed objects")
-    hausdorff_m: FloatArray = array("contour", unit="m", doc="Hausdorff distance of the contours")
-    modified_hausdorff_m: FloatArray = array("contour", unit="m", doc="larger mean distance of the contours")
-    chamfer_m: FloatArray = array("contour", unit="m", doc="mean of the two mean distances of the contours")
-    seen_rmse_m: FloatArray = array("contour", unit="m", doc="RMS distance of the seen contour to the object")
-    full_rmse_m: FloatArray = array("contour", unit="m", doc="RMS distance of the full contour to the object")
-    coverage95: FloatArray = array("contour", doc="share of samples whose 95 % band holds the true outline")
-    seen_coverage95: FloatArray = array("contour", doc="the same of the seen samples")
-    crps_m: FloatArray = array("contour", unit="m", doc="mean CRPS of the distance along the normal")
-    extent_iou: FloatArray = array("contour", doc="overlap of the seen contour with the lit extent, walls")
+    class_right: FloatArray = array("outline", doc="1 where the most probable class is the object's, else 0")
 
 
 @dataclass(frozen=True)
@@ -189,7 +181,7 @@ class MapScores(Record):
     """Tables of one map."""
 
     ips: IpScores
-    clusters: ClusterScores
+    clusters: OutlineScores
     contours: ContourScores
     scene: SceneScores
 

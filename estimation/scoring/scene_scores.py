@@ -10,7 +10,7 @@ from estimation.results import MapResult
 from estimation.scoring.contour_metrics import scene_gospa
 from estimation.scoring.metric import Metric
 from estimation.scoring.outline_table import is_compact
-from estimation.scoring.record import ClusterScores, ContourScores, SceneScores, SignificantPaths
+from estimation.scoring.record import OutlineScores, SceneScores, SignificantPaths
 from estimation.scoring.shape_scores import contour_points_m
 from scenes.record import FloatArray, TextArray
 from scenes.scene import Scene
@@ -21,8 +21,8 @@ METHODS = ("shapes", "contours")  # the paper's and ours, in the order of the ro
 def score_scene(
     scene: Scene,
     result: MapResult,
-    clusters: ClusterScores,
-    contours: ContourScores,
+    clusters: OutlineScores,
+    contours: OutlineScores,
     significant: SignificantPaths,
 ) -> SceneScores:
     """Scene-level GOSPA of the paper's shapes and of our contours.

@@ -18,9 +18,9 @@ from estimation.scoring.metric import Metric
 from estimation.scoring.outline_table import outline_columns
 from estimation.scoring.pose_scores import pose_bounds, pose_metrics, score_poses
 from estimation.scoring.record import (
-    ClusterScores,
     IpScores,
     MapScores,
+    OutlineScores,
     PathKind,
     PathScores,
     PoseScores,
@@ -138,9 +138,9 @@ def score_map(
 
 def _score_clusters(
     scene: Scene, result: MapResult, ips: IpScores, significant: SignificantPaths, config: ScoringConfig
-) -> ClusterScores:
+) -> OutlineScores:
     def error_of(cluster: int, item: SceneObject, members_m: FloatArray, lit_m: FloatArray) -> ShapeErrors:
         return shape_errors(result.shapes, cluster, members_m, item.contour, lit_m, config)
 
     n_clusters = len(result.shapes.center_m)
-    return ClusterScores(**outline_columns(scene, result, ips, n_clusters, significant, config, error_of))
+    return OutlineScores(**outline_columns(scene, result, ips, n_clusters, significant, config, error_of))

@@ -17,7 +17,7 @@ from estimation.scoring.contour_metrics import (
     modified_hausdorff_m,
 )
 from estimation.scoring.metric import Metric
-from estimation.scoring.record import ClusterScores, ContourScores
+from estimation.scoring.record import OutlineScores
 from estimation.scoring.statistics import mean, rms
 from estimation.shape.record import Shapes
 from scenes.contour import Contour
@@ -31,7 +31,7 @@ OUTLINE_SPACING_M = 0.02
 
 @dataclass(frozen=True)
 class ShapeErrors:
-    """Errors of one contour, NaN where not defined; units and meaning as in `ClusterScores`."""
+    """Errors of one contour, NaN where not defined; units and meaning as in `OutlineScores`."""
 
     iou: float = np.nan
     hausdorff_m: float = np.nan
@@ -110,37 +110,35 @@ def shape_errors(
     )
 
 
-def shape_metrics(map_name: str, scene: Scene, clusters: ClusterScores) -> list[Metric]:
+def shape_metrics(map_name: str, scene: Scene, clusters: OutlineScores) -> list[Metric]:
     """Scores of one map's shapes of clusters."""
-    return outline_metrics(f"shapes.{map_name}", scene, clusters, "cluster")
+    return outline_metrics(f"shapes.{map_name}", scene, clusters)
 
 
-def outline_metrics(
-    prefix: str, scene: Scene, table: ClusterScores | ContourScores, axis: str
-) -> list[Metric]:
-    """Coverage over all objects, means per kind, and errors per object; `axis` counts the table's rows.
+def outline_metrics(prefix: str, scene: Scene, table: OutlineScores) -> list[Metric]:
+    """Coverage over all objects, means per kind, and errors per object.
 
     An object counts once, with the row that has most IPs close to it.
     """
     best = {item.name: _best_row(item.name, table) for item in scene.objects}
-    rows = table.take(axis, [row for row in best.values() if row is not None])
+    rows = table.take("outline", [row for row in best.values() if row is not None])
     metrics = [Metric(f"{prefix}.coverage95", mean(rows.coverage95), "1", "info")]
     metrics.append(Metric(f"{prefix}.seen_coverage95", mean(rows.seen_coverage95), "1", "info"))
     for kind in OBJECT_KINDS:
         names = [item.name for item in scene.objects if item.kind == kind]
         chosen = [best[name] for name in names if best[name] is not None]
-        metrics += _mean_metrics(f"{prefix}.{kind}", table.take(axis, np.array(chosen, int)))
+        metrics += _mean_metrics(f"{prefix}.{kind}", table.take("outline", np.array(chosen, int)))
     for item in scene.objects:
         metrics += _object_metrics(f"{prefix}.{item.name}", table, best[item.name])
     return metrics
 
 
-def _best_row(name: str, table: ClusterScores | ContourScores) -> int | None:
+def _best_row(name: str, table: OutlineScores) -> int | None:
     rows = np.flatnonzero(table.object == name)
     return int(rows[table.n_close[rows].argmax()]) if len(rows) else None
 
 
-def _mean_metrics(prefix: str, rows: ClusterScores | ContourScores) -> list[Metric]:
+def _mean_metrics(prefix: str, rows: OutlineScores) -> list[Metric]:
     return [
         Metric(f"{prefix}.iou.mean", mean(rows.iou), "1", "higher"),
         Metric(f"{prefix}.hausdorff.mean_m", mean(rows.hausdorff_m), "m", "lower"),
@@ -155,7 +153,7 @@ def _mean_metrics(prefix: str, rows: ClusterScores | ContourScores) -> list[Metr
     ]
 
 
-def _object_metrics(prefix: str, table: ClusterScores | ContourScores, row: int | None) -> list[Metric]:
+def _object_metrics(prefix: str, table: OutlineScores, row: int | None) -> list[Metric]:
     def value(name: str) -> float:
         return float(getattr(table, name)[row]) if row is not None else float("nan")
 

@@ -173,7 +173,28 @@ def test_bad_scenes_are_refused_before_anything_runs(
 
 def test_an_output_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    assert str(tmp_path / "file") in failure("run", "box_room", "--out", tmp_path / "file" / "out")
+    for name, reason in (("file", "is a file"), ("file/out", "Not a directory")):
+        message = failure("run", "box_room", "--out", tmp_path / name)
+        assert f"--out = {tmp_path / name}: {reason}; must be a directory that can be written" in message
+
+
+@pytest.mark.parametrize(
+    ("command", "told"),
+    [
+        (
+            ("run", "box_room", "--out", "x", "--seed", "-1"),
+            "--seed = -1: must be greater than or equal to 0",
+        ),
+        (
+            ("sweep", "s.toml", "--out", "x", "--workers", "0"),
+            "--workers = 0: must be greater than or equal to 1",
+        ),
+        (("verify", "x", "--share", "2"), "--share = 2: must be less than or equal to 1"),
+        (("export", "x", "--format", "xyz"), "--format = xyz: 'xyz' is not one of 'mat'"),
+    ],
+)
+def test_a_wrong_option_is_told_with_its_value(command: tuple[str, ...], told: str) -> None:
+    assert told in failure(*command)
 
 
 def test_files_that_are_no_campaign_are_left_alone(tmp_path: Path) -> None:
@@ -198,7 +219,8 @@ def test_the_line_of_sight_level_follows_the_link(tmp_path: Path) -> None:
 
 def test_a_directory_of_another_campaign_is_not_overwritten(box_room: Path) -> None:
     before = (box_room / "scores.json").read_bytes()
-    assert "holds another campaign" in failure("run", "box_room", "--out", box_room, "--seed", 9)
+    message = failure("run", "box_room", "--out", box_room, "--seed", 9)
+    assert "holds another campaign (seed = 1 there, 9 here)" in message
     assert (box_room / "scores.json").read_bytes() == before
 
 

@@ -2,43 +2,37 @@
 
 import csv
 import json
+from io import StringIO
 
+import numpy as np
 import pytest
+from rich.console import Console
 from typer.testing import CliRunner
 
+from estimation.budget.outcome import FinalErrors
+from estimation.budget.record import Budget, take_apart
 from scripts.arena import app
+from scripts.budget import budget_tables
 from scripts.budget_run import chosen_stops
+from tests.scripts.sweep_files import CAMPAIGN
 
-CAMPAIGN = """
-name = "small"
-scene = "box_room"
-[waveform]
-n_rb = 132
-[tx_array]
-rows = 1
-columns = 8
-beams_per_panel = 12
-[rx_array]
-rows = 1
-columns = 8
-beams_per_panel = 12
-panel_azimuth_deg = [-180.0, -90.0, 0.0, 90.0]
-[propagation]
-diffuse_samples = 0
-diffraction = false
-compare_planar = false
+# Two bounces beside what the smallest campaign has, and clusters of two points.
+BUDGETED = (
+    CAMPAIGN.replace("max_bounces = 1\n", "")
+    + """
 [slam]
 method = "statistical"
 [shapes]
 eps_m = 1.0
 min_samples = 2
 """
+)
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     path = tmp_path_factory.mktemp("budget")
-    (path / "small.toml").write_text(CAMPAIGN)
+    (path / "small.toml").write_text(BUDGETED)
     return path
 
 
@@ -64,7 +58,8 @@ def test_the_parts_of_every_outcome_add_up_in_the_files(done, folder):
         rows = [row for row in found["rows"] if (row["outcome"], row["budget"]) == (outcome, kind)]
         total = rows.pop()
         assert total["part"] == "all errors"
-        assert sum(row["share"] for row in rows) == pytest.approx(1)
+        assert sum(row["mean_square_m2"] for row in rows) == pytest.approx(total["mean_square_m2"])
+        assert total["objection"] and all(row["share"] is None for row in rows)  # two stops, few objects
         if kind == "stages":
             assert rows[-1]["part"] == "rest" and rows[-1]["rms_m"] <= 1e-9
     physics = [
@@ -74,7 +69,29 @@ def test_the_parts_of_every_outcome_add_up_in_the_files(done, folder):
     with (folder / "out" / "budget.csv").open() as file:
         assert len(list(csv.DictReader(file))) == len(found["rows"])
     assert (folder / "out" / "budget.png").read_bytes().startswith(b"\x89PNG")
-    assert "pose error by stages" in done.output
+    assert "pose error by stages" in done.output and "%" not in done.output
+    assert "No shares: 2 stops or objects" in " ".join(done.output.split())
+
+
+def test_a_table_has_shares_and_says_what_is_told():
+    rng = np.random.default_rng(1)
+    size, noise = 0.1 * rng.uniform(1, 2, 30), 0.003 * rng.standard_normal(30)
+    groups = (("large", "nothing"),)
+    errors = {
+        frozenset(): size,
+        frozenset({"large"}): 0.01 + 0 * size,
+        frozenset({"nothing"}): np.sqrt(size**2 + noise * size),
+        frozenset({"large", "nothing"}): 0.01 + 0.1 * np.abs(noise),
+    }
+    variants = {parts: [FinalErrors(value, np.zeros(0), np.zeros(0))] for parts, value in errors.items()}
+    found = take_apart(variants, groups, rng)["pose"]
+    (table,) = budget_tables(Budget("made", tuple(range(30)), (), 1, {("pose", "physics"): found}))
+    console = Console(width=80, file=StringIO())
+    console.print(table)
+    rows = {words[0]: words for line in console.file.getvalue().splitlines() if (words := line.split())}
+    assert "share %" in console.file.getvalue() and max(map(len, console.file.getvalue().splitlines())) <= 80
+    assert rows["large"][-1] == "falls" and rows["nothing"][-1] == "undecided"
+    assert 95 < float(rows["large"][1]) < 100
 
 
 def test_an_interrupted_budget_goes_on_to_the_same_end(done, folder):

@@ -7,7 +7,8 @@ function makeBudgetPanel(parent) {
   if (!data.budget) return;
   parent.append(html("h3", { id: "budget-title" }, "Error budget"), html("p", {}, "What the final error falls by when truth stands in " +
     "for a stage, or when a part of physics is switched off: shares of the mean square error, with 95 % intervals, and " +
-    "the root of each part's mean square."));
+    "the root of each part's mean square. Pale: the interval holds zero, so the part may as well have no effect. Where " +
+    "shares would mean nothing, the parts are in cm²."));
   const grid = html("div", { class: "pair" });
   parent.append(grid);
   const groups = new Map();
@@ -23,7 +24,7 @@ function makeBudgetPanel(parent) {
       height: () => 34 * rows.length + 46,
       draw: (drawing, width, height) => drawWaterfall(drawing, rows, width, height),
     });
-    made.caption.append(html("b", {}, title));
+    made.caption.append(html("b", {}, title), rows[0].objection ? `. No shares: ${rows[0].objection}.` : "");
   }
 }
 
@@ -34,17 +35,21 @@ function drawWaterfall(drawing, rows, width, height) {
   const parts = rows.filter((row) => !whole.includes(row) && !rest.includes(row));
   const lines = [...whole, ...parts, ...rest];
   const box = { left: 134, top: 4, width: width - 134 - 130, height: height - 44 };
+  const hasShares = !rows[0].objection;
   const percent = (share) => 100 * (share ?? 0);
-  let left = 100;
+  const size = (row) => (hasShares ? percent(row.share) : 1e4 * (row.mean_square_m2 ?? 0));
+  let left = size(whole[0]);
   const bars = lines.map((row) => {
-    if (!parts.includes(row)) return { row, from: 0, to: percent(row.share), kind: whole.includes(row) ? "whole" : "left" };
-    const bar = { row, from: left, to: left - percent(row.share), kind: (row.share ?? 0) < 0 ? "grows" : "falls" };
+    if (!parts.includes(row)) return { row, from: 0, to: size(row), kind: whole.includes(row) ? "whole" : "left" };
+    const sign = size(row) < 0 ? "grows" : "falls";
+    const bar = { row, from: left, to: left - size(row), kind: `${sign} ${row.effect === "undecided" ? "undecided" : ""}` };
     left = bar.to;
     return bar;
   });
   const ends = bars.flatMap((bar) => [bar.from, bar.to]);
-  const x = [Math.min(0, ...ends), Math.max(100, ...ends)];
-  const { sx } = axes(drawing, box, { x, y: [0, 1], rows: false, yLabel: "", xLabel: "share of the mean square error, %" });
+  const x = [Math.min(0, ...ends), Math.max(...ends, 1e-9)];
+  const { sx } = axes(drawing, box, { x, y: [0, 1], rows: false, yLabel: "",
+    xLabel: hasShares ? "share of the mean square error, %" : "mean square error, cm²" });
   const step = box.height / lines.length;
   const words = svg("g", { class: "ticks" });
   const hits = [];
@@ -57,11 +62,12 @@ function drawWaterfall(drawing, rows, width, height) {
       drawing.append(svg("path", { class: "whisker", d: `M${at(row.share_low)} ${y}H${at(row.share_high)}` }));
     }
     words.append(svg("text", { x: box.left - 8, y: y + 4, "text-anchor": "end" }, row.part));
-    const sign = kind === "grows" ? "grows " : "";
-    const note = `${sign}${shown(Math.abs(percent(row.share)), 1)} %, ${shown(Math.abs(row.rms_m ?? 0), 3)} m`;
+    const sign = kind.startsWith("grows") ? "grows " : "";
+    const note = `${sign}${hasShares ? `${shown(Math.abs(percent(row.share)), 1)} %, ` : ""}${measured(Math.abs(row.rms_m ?? 0), "m")}`;
     words.append(svg("text", { x: width - 2, y: y + 4, "text-anchor": "end" }, note));
-    const span = `95 %: ${shown(percent(row.share_low), 1)} to ${shown(percent(row.share_high), 1)} %`;
-    hits.push({ x: (low + high) / 2, y, text: `${row.part}: ${note}; ${span}` });
+    const span = row.share_low === null ? "" : `; 95 %: ${shown(percent(row.share_low), 1)} to ${shown(percent(row.share_high), 1)} %`;
+    const doubt = row.effect === "undecided" ? "; undecided" : "";
+    hits.push({ x: (low + high) / 2, y, text: `${row.part}: ${note}${span}${doubt}` });
   });
   drawing.append(words);
   return hits;

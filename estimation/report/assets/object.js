@@ -25,7 +25,7 @@ function makeObjectPanel(parent) {
       height: (width) => Math.min(0.8 * width, 460),
       draw: (drawing, width, height) => drawObject(drawing, mapName, width, height),
     });
-    plot.caption.textContent = `${label}. Solid: our contour; dashed: the paper's; black: true outline.`;
+    plot.caption.textContent = `${label}. Solid: our contour; dashed: the paper's; plain: true outline.`;
     details[mapName] = { side, plot, below: side.appendChild(html("div", { class: "below" })) };
   }
   body.append(sides);

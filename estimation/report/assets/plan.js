@@ -238,8 +238,10 @@ function drawStops({ add, to, hits, mapName }) {
 function drawNames({ add, to, hits, width, height }) {
   const words = add("g", { class: "object-names halo" });
   const taken = [];
-  const write = (text, [x, y], kind) => {
-    const box = [x - 3.6 * text.length, y - 11, x + 3.6 * text.length, y + 3];
+  const write = (text, [middle, y], kind) => {
+    const half = 3.6 * text.length;
+    const x = Math.max(Math.min(middle, width - half - 2), half + 2);
+    const box = [x - half, y - 11, x + half, y + 3];
     if (taken.some((other) => box[0] < other[2] && other[0] < box[2] && box[1] < other[3] && other[1] < box[3])) return;
     taken.push(box);
     words.append(svg("text", { x, y, "text-anchor": "middle", class: kind }, text));

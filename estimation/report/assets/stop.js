@@ -12,7 +12,9 @@ function makeStopPanel(parent) {
   const facts = html("p", { id: "stop-facts" });
   const figures = html("div", { class: "pair" });
   const table = html("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Paths of the stop" });
-  parent.append(title, facts, figures, table);
+  const key = html("p", { class: "hint" }, "True paths by what they meet: S reflects, D scatters, X diffracts at an edge, R goes " +
+    "through a wall; #1 is the second of equals. Δ: estimate minus truth.");
+  parent.append(title, facts, figures, table, ...(data.has_truth ? [key] : []));
   if (data.power) {
     const power = figure(figures, {
       name: "power-map",
@@ -65,13 +67,13 @@ function stopFacts(row) {
   } else {
     words.push(`${estimated.status.length} measured paths, ${count("detected")} labelled line of sight or single bounce.`);
   }
-  const bound = (value, decimals) => (value === null ? "" : `, bound ${shown(value, decimals)}`);
+  const bound = (value, unit) => (value === null ? "" : ` (bound ${measured(value, unit)})`);
   if (stops.position_error_m[row] === null) words.push("SLAM found no pose.");
   else {
-    words.push(`Pose by SLAM (${data.maps.slam.poses.status[row]}): ${shown(stops.position_error_m[row], 3)} m off`
-      + `${bound(stops.position_bound_m[row], 4)}; heading ${shown(stops.heading_error_deg[row], 3)} deg`
-      + `${bound(stops.heading_bound_deg[row], 3)}; clock ${shown(stops.clock_error_ns[row], 3)} ns`
-      + `${bound(stops.clock_bound_ns[row], 3)}.`);
+    words.push(`Pose by SLAM (${data.maps.slam.poses.status[row]}): position ${measured(stops.position_error_m[row], "m")} off`
+      + `${bound(stops.position_bound_m[row], "m")}, heading ${measured(stops.heading_error_deg[row], "deg", true)}`
+      + `${bound(stops.heading_bound_deg[row], "deg")}, clock ${measured(stops.clock_error_ns[row], "ns", true)}`
+      + `${bound(stops.clock_bound_ns[row], "ns")}.`);
   }
   if (estimated.reason) words.push(`Estimator: ${estimated.method}, ${estimated.reason}.`);
   return words.join(" ");

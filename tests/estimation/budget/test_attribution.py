@@ -99,6 +99,40 @@ def test_one_unit_has_no_interval_and_no_error_no_share():
     assert none.total == 0 and np.isnan(none.low).all()
 
 
+def test_shares_are_refused_where_they_would_mean_nothing():
+    rng = np.random.default_rng(10)
+    clear, _ = additive(FREE, rng, 200)
+    found = attribute(clear, FREE, rng, 200)
+    assert set(found.effect) == {"falls"} and found.objection == ""
+    few = attribute({met: rows[:5] for met, rows in clear.items()}, FREE, rng, 50)
+    assert few.objection == "5 stops or objects, an interval needs 6"
+    noise = {met: rng.chisquare(1, 8) for met in clear} | {frozenset("abc"): np.zeros(8)}
+    assert attribute(noise, FREE, rng, 200).objection == "no part stands out of its interval"
+    cancel = {met: np.ones(40) for met in clear} | {frozenset("a"): np.full(40, 90.0)}
+    assert attribute(cancel, FREE, rng, 50).objection.startswith("parts cancel")
+    assert attribute({met: np.zeros(9) for met in clear}, FREE, rng, 20).objection == "there is no error"
+
+
+def test_a_part_is_told_where_its_interval_leaves_out_zero():
+    rng = np.random.default_rng(12)
+    groups, n = (("a", "b"),), 60
+    a, b = 4 * rng.chisquare(4, n), rng.normal(0, 1, n)
+    table = {frozenset(): a + b, frozenset("a"): b, frozenset("b"): a, frozenset("ab"): np.zeros(n)}
+    found = attribute(table, groups, rng, 400)
+    assert found.effect.tolist() == ["falls", "undecided"] and found.objection == ""
+    only_chance = {parts: b + 10 * (len(parts) < 2) for parts in table}
+    unclear = attribute({**only_chance, frozenset("ab"): 10 + rng.normal(0, 1, n)}, groups, rng, 400)
+    assert unclear.objection == "" and set(unclear.effect) == {"undecided"}  # all of it is the rest
+
+
+def test_a_part_downstream_has_no_effect():
+    rng = np.random.default_rng(13)
+    error = rng.chisquare(2, 30)
+    table = {met: error * (1.0 if "a" not in met else 1e-14) for met in coalitions(FREE)}
+    found = attribute(table, FREE, rng, 100)
+    assert found.effect.tolist() == ["falls", "none", "none"]
+
+
 def test_units_must_agree():
     table = {met: np.zeros(3) for met in coalitions(FREE)}
     with pytest.raises(ValueError, match=r"\[2, 3\] units"):

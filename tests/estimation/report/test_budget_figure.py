@@ -26,9 +26,10 @@ def budget():
 def test_bars_run_from_all_errors_to_the_rest(budget):
     figure = budget_figure(budget)
     assert len(figure.axes) == 4
-    keys = [(outcome, kind) for outcome in ("pose", "shape") for kind in ("stages", "physics")]
-    for ax, key in zip(figure.axes, keys, strict=True):
+    keys = [("pose", kind) for kind in ("stages", "physics")]
+    for ax, key in zip(figure.axes[:2], keys, strict=True):
         found = budget.attribution[key]
+        assert not found.objection
         bars = list(ax.patches)
         assert len(bars) == len(found.part) + 2
         assert bars[0].get_width() == pytest.approx(100)
@@ -37,6 +38,18 @@ def test_bars_run_from_all_errors_to_the_rest(budget):
         assert bars[-1].get_x() == 0
         assert bars[-1].get_width() == pytest.approx(100 * found.rest / found.total)
     assert png_bytes(figure) == png_bytes(budget_figure(budget))
+
+
+def test_a_budget_of_few_units_is_in_squares(budget):
+    """Three objects give no interval: parts in cm^2 that add up, without a share."""
+    found = budget.attribution["shape", "stages"]
+    assert found.n_units == 3 and found.objection
+    ax = budget_figure(budget).axes[2]
+    assert "cm²" in ax.get_xlabel() and found.objection in ax.get_xlabel()
+    bars = list(ax.patches)
+    assert bars[0].get_width() == pytest.approx(1e4 * found.total)
+    assert [bar.get_width() for bar in bars[1:-1]] == pytest.approx(1e4 * np.abs(found.contribution))
+    assert not any("%" in text.get_text() for text in ax.texts)
 
 
 def test_an_error_of_nothing_and_a_single_unit_can_be_drawn():

@@ -21,11 +21,13 @@ from scenes.record import concatenate
 
 LIMITS = Significance(dynamic_range_db=28.0, noise_threshold_dbm=-150.0)
 BUDGET = [
-    {"outcome": "pose", "budget": "stages", "part": part, "share": share, "share_low": low, "share_high": high,
-     "rms_m": rms}
-    for part, share, low, high, rms in (
-        ("channel", 0.7, 0.5, 0.8, 0.3), ("association", -0.1, -0.2, 0.1, -0.1), ("rest", 0.4, 0.3, 0.6, 0.2),
-        ("all errors", 1.0, None, None, 0.4),
+    {"outcome": "pose", "budget": budget, "objection": objection, "part": part, "effect": effect,
+     "share": None if objection else share, "share_low": low, "share_high": high,
+     "mean_square_m2": 0.16 * share, "rms_m": rms}
+    for budget, objection in (("stages", ""), ("physics", "4 stops or objects, an interval needs 6"))
+    for part, share, low, high, rms, effect in (
+        ("channel", 0.7, 0.5, 0.8, 0.3, "falls"), ("association", -0.1, -0.2, 0.1, -0.1, "undecided"),
+        ("rest", 0.4, 0.3, 0.6, 0.2, ""), ("all errors", 1.0, None, None, 0.4, ""),
     )
 ]  # fmt: skip
 
@@ -210,10 +212,36 @@ def test_the_budget_is_a_waterfall_that_adds_up(tab: Any, page: Path) -> None:
         " [one.getAttribute('class'), +one.getAttribute('x'), +one.getAttribute('width')])"
     )
     assert [kind.split()[1] for kind, *_ in bars] == ["whole", "falls", "grows", "left"]
+    assert [kind.endswith("undecided") for kind, *_ in bars] == [False, False, True, False]
     (_, zero, whole), (_, at, fall), (_, grown_at, growth), (_, rest_at, rest) = bars
     assert fall == pytest.approx(0.7 * whole) and growth == pytest.approx(0.1 * whole)
     assert at == pytest.approx(zero + 0.3 * whole) and grown_at == pytest.approx(at)
     assert rest_at == pytest.approx(zero) and rest == pytest.approx(0.4 * whole)
+    drawn = tab.evaluate("document.querySelector('#drawing-budget-pose-stages').textContent")
+    assert "70.0 %, 30.0 cm" in drawn and "share of the mean square error, %" in drawn
+
+
+def test_a_budget_without_shares_is_in_squares_and_says_why(tab: Any, page: Path) -> None:
+    tab.show(page)
+    drawn = tab.evaluate("document.querySelector('#drawing-budget-pose-physics').textContent")
+    assert "30.0 cm" in drawn and "mean square error, cm²" in drawn and "%" not in drawn
+    assert "No shares: 4 stops or objects" in tab.text("#figure-budget-pose-physics figcaption")
+    assert tab.is_silent()
+
+
+def test_the_text_of_a_stop_keeps_its_digits(tab: Any, page: Path) -> None:
+    """Bounds of tenths of a millimetre and of picoseconds are no zeros."""
+    tab.show(page)
+    script = tab.evaluate("document.querySelector('script:not([type])').textContent")
+    parts = [
+        re.search(rf"function {name}\(.*?\n}}\n", script, re.DOTALL)[0] for name in ("shown", "measured")
+    ]
+    given = "[[0.000043, 'm'], [0.0123, 'm'], [1.5, 'm'], [0.000999, 'm'], [0.00052, 'deg'], [-0.0316, 'ns'],"
+    given += " [0, 'm'], [null, 'm']]"
+    calls = f"return {given}.map(([value, unit]) => measured(value, unit));"
+    shown = tab.evaluate(f"(() => {{ {''.join(parts)} {calls} }})()")
+    assert shown == ["43.0 µm", "1.23 cm", "1.50 m", "999 µm", "0.520 mdeg", "−31.6 ps", "0 m", "–"]
+    assert "0.000" not in tab.text("#stop-facts")
 
 
 def test_a_measured_campaign_shows_what_can_be_known(tab: Any, measured_page: Path) -> None:

@@ -169,7 +169,8 @@ def test_a_budget_is_read_and_a_wrong_one_named_and_refused(tmp_path):
     path.parent.mkdir()
     row = {
         "outcome": "pose", "budget": "stages", "part": "slam", "share": 0.4, "share_low": None,
-        "share_high": None, "rms_m": 0.1, "alone_rms_m": 0.2,
+        "share_high": None, "rms_m": 0.1, "alone_rms_m": 0.2, "mean_square_m2": 0.01, "objection": "",
+        "effect": "falls",
     }  # fmt: skip
     text = json.dumps({"campaign": "hall", "rows": [row]})
     path.write_text(text)

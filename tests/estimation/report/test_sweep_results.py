@@ -1,10 +1,13 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import t as student
 
-from estimation.report.sweep_figures import axis_figure, front_of, parallel_figure, pareto_figure
+from estimation.report.sweep_captions import axis_caption, parallel_caption, pareto_caption
+from estimation.report.sweep_figures import axis_figure, drawn_means, front_of, parallel_figure, pareto_figure
 from estimation.report.sweep_page import SweepFigure, axis_tables, render_sweep
 from estimation.report.sweep_results import (
     SweepAxis,
@@ -79,6 +82,40 @@ def test_bounds_stand_beside_what_they_bound() -> None:
     np.testing.assert_allclose(lines["bound, mean"].get_ydata(), expected)
     assert {"method a", "method b"} <= set(lines)
     assert varying(results, [KEY, "same", "nothing"]) == [KEY]
+
+
+def test_the_axis_spans_what_is_drawn_and_no_single_outlier() -> None:
+    results = made()
+    value = results.metrics["rate"].value.copy()
+    value[0] = 1e3
+    wild = replace(
+        results, axes=results.axes[:1], metrics={"rate": replace(results.metrics["rate"], value=value)}
+    )
+    panel = axis_figure(wild, "rate").axes[0]
+    means = [np.mean(value[results.point == at]) for at in range(6)]
+    low, high = panel.get_ylim()
+    assert low < min(means) and max(means) < high < 1e3
+    assert len(drawn_means(results, KEY)) == (3 + 3) + 2 * 1 + 6 + 2  # two lines; both methods; their bounds
+
+
+def test_captions_promise_no_more_than_the_cases_give() -> None:
+    single = made(repeats=1)
+    assert axis_caption(single, "rate") == (
+        "Means of 1 to 3 cases each, with the 95 % interval of the mean (Student's t); a single one has"
+        " none. Of so few it may go on beyond the figure. Cases at one value differ in the other axes too, and the"
+        " interval holds that."
+    )
+    alone = replace(single, axes=single.axes[:1])
+    assert axis_caption(alone, "rate") == "One case behind each dot, so there are no intervals."
+    assert "mean" not in pareto_caption(alone) and "mean" not in parallel_caption(alone, "rate")
+    often = replace(made(), axes=made().axes[:1])
+    assert axis_caption(often, "rate").startswith("Means of 4 cases each, with the 95 % interval")
+    assert "figure" not in axis_caption(often, "rate") and "repeats" in pareto_caption(often)
+    assert axis_caption(often, KEY).endswith("Dashed: the bound on the same stops.")
+    value = often.metrics["rate"].value.copy()
+    value[1:4] = np.nan
+    holes = replace(often, metrics={"rate": replace(often.metrics["rate"], value=value)})
+    assert "Means of 1 to 4 cases" in axis_caption(holes, "rate")
 
 
 def test_trade_offs_heed_the_directions() -> None:

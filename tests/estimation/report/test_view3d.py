@@ -15,7 +15,7 @@ from estimation.report.bands import contour_curve
 from estimation.report.path_lines import COLORS, DASHES, path_lines
 from estimation.report.view3d import estimated_ways, view_page
 from estimation.report.view_traces import (
-    DASH_NAMES,
+    WIDTHS,
     body_traces,
     contour_traces,
     coordinates,
@@ -56,7 +56,7 @@ def test_rays_keep_their_corners_and_part_at_gaps(campaign):
     truth, tx = campaign.truths[2], campaign.scene.tx.position_m
     lines = path_lines(truth.paths, tx, truth.rx_pose.position_m)
     traces = {trace["name"]: trace for trace in ray_traces(lines)}
-    assert list(traces) == list(COLORS) == list(DASHES) == list(DASH_NAMES)
+    assert list(traces) == list(COLORS) == list(WIDTHS)
     single = points(traces["one reflection"])
     assert np.isnan(single).all(axis=1).sum() == 4 and len(single) == 4 * 4
     expected = {tuple(np.round(row, 3)) for row in truth.paths.vertex_m[1:5, 0]}
@@ -69,6 +69,12 @@ def test_kinds_of_paths_differ_in_more_than_colour():
     assert len({color for color, _ in looks}) == len(COLORS)
     alike = [kind for kind in COLORS if not DASHES[kind]]
     assert alike == ["line of sight", "one reflection"]  # black and blue tell these apart in grey too
+    assert len(set(WIDTHS.values())) == len(WIDTHS)
+
+
+def test_rays_in_space_are_whole_lines():
+    """A dashed line of two reflections reads as fragments that hang in the air."""
+    assert not any("dash" in trace["line"] for trace in ray_traces([]))
 
 
 def test_an_axis_points_along_the_heading():

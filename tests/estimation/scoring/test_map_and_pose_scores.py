@@ -36,7 +36,7 @@ def test_origin_knows_bounces_and_ignores_walls_passed(campaign):
     assert origin.kind.tolist() == [0, 0, 1, 1, 1, 1, 1, 1]
     assert origin.object[5] == "wall_south"
     assert origin.object[1] == ""
-    np.testing.assert_array_equal(origin.vertex_m[5], paths.vertex_m[5, 1, :2])
+    np.testing.assert_array_equal([*origin.vertex_m[5], origin.height_m[5]], paths.vertex_m[5, 1])
     assert np.isnan(origin.vertex_m[:2]).all()
     assert len(path_origin(empty_paths(["wall"], 0)).kind) == 0
 
@@ -60,6 +60,8 @@ def test_pose_errors_are_those_put_in(campaign):
         clock_bias_s=poses.clock_bias_s + 1e-9,
         status=status,
         covariance=np.tile(np.diag([0.3, 0.4, np.deg2rad(1), 2e-9]) ** 2, (len(truths), 1, 1)),
+        height_m=np.array([truth.rx_pose.position_m[2] for truth in truths]) - 0.2,
+        height_std_m=np.full(len(truths), 0.1),
     )
     has_los = np.arange(len(truths)) < 4
     order = np.arange(len(truths))[::-1]
@@ -78,6 +80,10 @@ def test_pose_errors_are_those_put_in(campaign):
     assert values["slam.los.position.max_m"] == pytest.approx(0.5)
     assert values["slam.nlos.heading.rmse_deg"] == pytest.approx(2)
     assert values["slam.clock.rmse_ns"] == pytest.approx(1)
+    assert values["slam.height.rmse_m"] == values["slam.nlos.height.rmse_m"] == pytest.approx(0.2)
+    assert np.isnan(scores.height_error_m[-1]) and scores.height_error_m[0] == pytest.approx(-0.2)
+    assert values["slam.height.nees"] == pytest.approx(4)
+    assert values["slam.height.coverage95"] == 0
     assert values["slam.solved_share"] == pytest.approx(11 / 12)
     assert values["slam.los.stops"] == 4
     assert values["slam.nlos.solved_share"] == pytest.approx(7 / 8)

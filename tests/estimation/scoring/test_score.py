@@ -68,6 +68,26 @@ def test_keys_stay_the_same_when_nothing_was_found(score, campaign):
     json.dumps(to_json(none.metrics), allow_nan=False)
 
 
+def test_heights_are_scored_where_they_were_estimated(score, campaign):
+    flat = score()
+    assert np.isnan([flat.value(f"mapping.ip_height.{key}") for key in ("rms_m", "nees", "coverage95")]).all()
+    mapping = campaign.results.mapping
+    height_m = np.full(len(mapping.ips), 1.8 + 0.3)  # of all true incidence points, and an error
+    height_m[mapping.shapes.label == 1] = np.nan
+    covariance = np.tile([0.0, 0.0, 0.15**2], (len(mapping.ips), 1))
+    path = np.where(
+        mapping.shapes.label == 0, 5, mapping.ips.path
+    )  # the double bounce has no point of its own
+    ips = replace(mapping.ips, height_m=height_m, height_covariance_m2=covariance, path=path)
+    scores = score(replace(campaign.results, mapping=replace(mapping, ips=ips)))
+    known = np.isfinite(scores.tables.mapping.ips.height_error_m)
+    assert known.tolist() == (mapping.shapes.label >= 2).tolist()
+    assert scores.value("mapping.ip_height.rms_m") == pytest.approx(0.3)
+    assert scores.value("mapping.ip_height.median_m") == pytest.approx(0.3)
+    assert scores.value("mapping.ip_height.nees") == pytest.approx(4)
+    assert scores.value("mapping.ip_height.coverage95") == 0
+
+
 def test_an_object_named_like_a_kind_keeps_its_own_keys(score, campaign):
     scene = campaign.scene
     more = (*scene.objects, replace(scene.objects[0], name="pillar", may_overlap=True))

@@ -1,24 +1,18 @@
-"""Paired differences: closed forms, coverage of the intervals, and what cannot be paired."""
+"""Two runs: what is paired with what, what only one of them has, and the figure of it."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
 
-from estimation import compare
-from estimation.compare import MIN_GROUPS, Pairs, compare_runs, paired_difference
+from estimation.compare.runs import compare_runs, pair
 from estimation.report.compare_figure import compare_figure
 from estimation.report.style import png_bytes
 from estimation.scoring.config import Significance
 from estimation.scoring.score import score_campaign
+from estimation.shape.record import no_contours
 
 LIMITS = Significance(dynamic_range_db=28.0, noise_threshold_dbm=-150.0)
-
-
-def pairs(first, second, group=None, direction="lower"):
-    group = np.arange(len(first)) if group is None else group
-    return Pairs("a.key", "m", direction, group, np.asarray(first, float), np.asarray(second, float))
 
 
 @pytest.fixture(scope="module")
@@ -44,60 +38,6 @@ def moved(results, by_m, rng):
 
 def by_key(compared):
     return {one.key: one for one in compared.differences}
-
-
-def test_a_constant_shift_is_told_exactly():
-    first = np.linspace(1, 2, 12)
-    for direction, verdict in (("lower", "worse"), ("higher", "better"), ("info", "different")):
-        found = paired_difference(pairs(first, first + 0.25, direction=direction))
-        assert (found.n_pairs, found.n_groups, found.verdict) == (12, 12, verdict)
-        assert_allclose([found.difference, found.low, found.high], 0.25)
-        assert found.second - found.first == pytest.approx(found.difference)
-
-
-def test_the_mean_difference_is_between_the_ends_and_changes_sign_with_the_order():
-    rng = np.random.default_rng(1)
-    first, second = rng.exponential(size=(2, 15))
-    there, back = paired_difference(pairs(first, second)), paired_difference(pairs(second, first))
-    assert there.difference == pytest.approx((second - first).mean()) == pytest.approx(-back.difference)
-    assert there.low < there.difference < there.high
-    assert there.p_value == pytest.approx(back.p_value)
-
-
-def test_intervals_cover_what_is_true(monkeypatch):
-    monkeypatch.setattr(compare, "RESAMPLES", 499)
-    rng = np.random.default_rng(2)
-    held = 0
-    for _ in range(150):
-        first = rng.standard_normal(25)
-        found = paired_difference(pairs(first, first + 0.3 + rng.standard_normal(25)))
-        held += found.low <= 0.3 <= found.high
-    assert 0.88 <= held / 150 <= 0.99
-
-
-def test_paths_of_one_stop_count_together():
-    rng = np.random.default_rng(3)
-    first, second = rng.standard_normal((2, 10))
-    once = paired_difference(pairs(first, second))
-    often = paired_difference(pairs(*np.repeat([first, second], 20, axis=1), np.repeat(np.arange(10), 20)))
-    assert often.n_pairs == 200 and often.n_groups == 10
-    assert_allclose([often.low, often.high, often.p_value], [once.low, once.high, once.p_value])
-
-
-def test_few_groups_tell_nothing_and_missing_values_are_left_out():
-    values = np.arange(MIN_GROUPS - 1.0)
-    few = paired_difference(pairs(values, values + 1 + 0.1 * values))
-    assert few.verdict == "too few" and np.isnan(few.low) and np.isnan(few.p_value)
-    holes = np.append(values, np.nan)
-    assert paired_difference(pairs(holes, holes[::-1])).n_pairs == len(holes) - 2
-    assert paired_difference(pairs([], [])).n_pairs == 0
-
-
-def test_a_difference_without_the_test_is_undecided():
-    first = np.zeros(7)
-    second = np.array([-1e-3, 1e-3, -2e-3, 2e-3, 0.9, 1.0, 1.1])
-    found = paired_difference(pairs(first, second))
-    assert found.low > 0 and found.p_value > 0.05 and found.verdict == "undecided"
 
 
 def test_a_run_is_the_same_as_itself(score):
@@ -132,7 +72,7 @@ def test_stops_are_paired_by_number_and_place(score):
     )
     compared = compare_runs(whole, part)
     assert compared.n_stops == 10
-    assert compared.notes == ("10 stops are the same in both, of 12 and 10",)
+    assert compared.notes == ("10 stops are the same in both, of 12 in A and 10 in B",)
     assert by_key(compared)["channel.delay_error"].n_groups == 10
 
 
@@ -146,6 +86,47 @@ def test_other_places_cannot_be_paired(score):
 def test_other_true_paths_are_not_paired(score):
     tables = score()
     turned = replace(tables.significant, aod_azimuth_rad=tables.significant.aod_azimuth_rad + 1e-3)
-    compared = compare_runs(tables, replace(tables, significant=turned))
-    assert compared.notes == ("the true paths differ: paths are not paired",)
+    compared, n = compare_runs(tables, replace(tables, significant=turned)), len(tables.significant.stop)
+    assert compared.notes == (f"the true paths differ ({n} in A, {n} in B): paths are not paired",)
     assert "channel.delay_error" not in by_key(compared)
+
+
+def test_items_are_paired_by_what_they_are():
+    found = pair("key", "m", "lower", {(0, 1): 1.0, (0, 2): 2.0, (3, 1): 3.0}, {(3, 1): 30.0, (0, 4): 40.0})
+    np.testing.assert_array_equal(found.first, [1, 2, 3, np.nan])
+    np.testing.assert_array_equal(found.second, [np.nan, np.nan, 30, 40])
+    assert found.group.tolist() == [0, 0, 1, 0]
+
+
+def test_nothing_that_one_run_has_is_dropped_without_a_word(score, campaign):
+    mapping = campaign.results.mapping
+    none = replace(mapping, contours=no_contours(len(mapping.ips), len(campaign.truths)))
+    fewer = tuple(one.take("path", slice(0, 5)) for one in campaign.results.channel)
+    found = by_key(
+        compare_runs(score(), score(results=replace(campaign.results, mapping=none, channel=fewer)))
+    )
+    contour = found["contours.mapping.iou"]
+    assert contour.verdict == "only in A" and contour.first == pytest.approx(1, abs=1e-3)
+    assert by_key(compare_runs(score(), score()))["contours.mapping.iou"].verdict != "only in A"
+    delay = found["channel.delay_error"]
+    assert (delay.n_first, delay.n_second, delay.n_pairs) == (12 * 6, 12 * 5, 12 * 5)
+    assert found["channel.detected"].n_pairs == 12 * 6 and found["channel.detected"].verdict == "worse"
+
+
+def test_the_figure_shows_every_quantity_and_where_it_ends(score, campaign):
+    worse = score(results=moved(campaign.results, 0.05, np.random.default_rng(4)))
+    start = score(results=moved(campaign.results, 0.001, np.random.default_rng(5)))
+    compared = compare_runs(start, worse).differences
+    assert next(one for one in compared if one.key == "slam.position_error").verdict == "worse"
+    figure = compare_figure(compared, "a", "b")
+    ax = figure.axes[0]
+    assert [label.get_text().split(" (")[0] for label in ax.get_yticklabels()] == [
+        one.key for one in reversed(compared)
+    ]
+    texts = [text.get_text() for text in ax.texts]
+    row = next(text for text in texts if text.endswith("%"))
+    assert "n = 12; +4" in row  # 49 times as much: beyond the axis, written out
+    arrows = [line for line in ax.get_lines() if line.get_marker() in "<>" and line.get_marker()]
+    assert len(arrows) == 1 and arrows[0].get_xdata()[0] == ax.get_xlim()[1]
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert {"worse", "same", "goes on beyond the axis"} <= set(labels)

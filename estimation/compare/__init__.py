@@ -1,0 +1,1 @@
+"""Two runs beside each other: paired differences of their scores, and settings that differ."""
