@@ -16,8 +16,11 @@ from sim.sweep import BeamSweep
 
 SweepMaker = Callable[..., BeamSweep]
 
-settings.register_profile("untimed", deadline=None)  # a test fails on no time, however busy the machine is
-settings.load_profile("untimed")
+# A test fails on no time, however busy the machine is, and the same examples are drawn every time;
+# `scripts/test --hypothesis-profile fresh` draws others.
+settings.register_profile("repeatable", deadline=None, derandomize=True)
+settings.register_profile("fresh", deadline=None, database=None)
+settings.load_profile("repeatable")
 
 
 @pytest.fixture(scope="session")
