@@ -10,6 +10,7 @@ import numpy as np
 from estimation.compare.difference import PairedDifference, Pairs, paired_difference
 from estimation.scoring.metric import Direction
 from estimation.scoring.record import MapScores, OutlineScores, ScoreTables
+from estimation.scoring.shape_scores import best_rows
 from estimation.scoring.statistics import quantile
 from scenes.record import FloatArray, IntArray
 
@@ -163,22 +164,13 @@ def _object_pairs(name: str, maps: Sequence[MapScores]) -> Iterator[Pairs]:
         "contours": [one.contours for one in maps],
     }
     for kind, tables in kinds.items():
-        rows = [_best_rows(table) for table in tables]
+        rows = [best_rows(table) for table in tables]
         for field, unit, direction in columns:
             sides: list[Values] = [
                 {item: float(getattr(table, field)[row]) for item, row in best.items()}
                 for table, best in zip(tables, rows, strict=True)
             ]
             yield pair(f"{kind}.{name}.{field.removesuffix('_m')}", unit, direction, *sides)
-
-
-def _best_rows(items: OutlineScores) -> dict[str, int]:
-    """Row by object: where several show one, that with the most incidence points close to it."""
-    best: dict[str, int] = {}
-    for row, name in enumerate(items.object.tolist()):
-        if name and (name not in best or items.n_close[row] > items.n_close[best[name]]):
-            best[name] = row
-    return best
 
 
 def _of_stops(stop: IntArray, value: FloatArray, wanted: IntArray) -> Values:

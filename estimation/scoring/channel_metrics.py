@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import chi2
 
 from estimation.scoring.causes import FALSE_CAUSES, MISS_CAUSES, Cause
+from estimation.scoring.consistency import consistency_metrics
 from estimation.scoring.metric import Metric
 from estimation.scoring.record import PathKind, PathScores, PathStatus, SignificantPaths, StopScores
 from estimation.scoring.statistics import maximum, mean, quantile, ratio, rms
-from scenes.record import BoolArray, FloatArray, IntArray
+from scenes.record import BoolArray, IntArray
 
 
 def los_decision_is_right(stops: IntArray, paths: PathScores, significant: SignificantPaths) -> BoolArray:
@@ -35,8 +35,7 @@ def channel_metrics(sets: StopScores, paths: PathScores, significant: Significan
         *_cause_metrics(paths, significant),
         *_error_metrics(paths),
         *_bound_metrics(paths, significant),
-        Metric("channel.nees", mean(paths.nees / 3), "1", "info"),
-        Metric("channel.coverage95", _coverage(paths.nees), "1", "info"),
+        *consistency_metrics("channel", paths.nees, 3),
         Metric(
             "channel.los.decision_accuracy",
             mean(los_decision_is_right(stops, paths, significant)),
@@ -131,8 +130,3 @@ def _bound_metrics(paths: PathScores, significant: SignificantPaths) -> list[Met
         metrics.append(Metric(f"channel.{name}.over_bound.rms", rms(share), "1", "lower"))
         metrics.append(Metric(f"channel.{name}.over_bound.median", quantile(share, 0.5), "1", "lower"))
     return metrics
-
-
-def _coverage(nees: FloatArray) -> float:
-    """Share of the detected paths inside the 95 % region of their covariance."""
-    return mean(nees[np.isfinite(nees)] <= chi2.ppf(0.95, 3))

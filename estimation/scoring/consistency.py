@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import binomtest, chi2, norm
 
+from estimation.scoring.metric import Metric
 from estimation.scoring.statistics import mean, measured, squared_mahalanobis
 from scenes.record import BoolArray, FloatArray
 
@@ -39,6 +40,14 @@ def region_coverage(error: FloatArray, covariance: FloatArray, level: float = 0.
     """Share of errors (n, k) inside the `level` region of their covariance, with its Wilson interval."""
     nees = measured(squared_mahalanobis(error, covariance))
     return share(nees <= chi2.ppf(level, error.shape[1]))
+
+
+def consistency_metrics(prefix: str, nees: FloatArray, freedom: int) -> list[Metric]:
+    """Mean NEES (n,) over its degrees of freedom, and share inside the 95 % region; NaN entries do not count."""
+    return [
+        Metric(f"{prefix}.nees", mean(nees / freedom), "1", "info"),
+        Metric(f"{prefix}.coverage95", mean(measured(nees) <= chi2.ppf(0.95, freedom)), "1", "info"),
+    ]
 
 
 def share(hits: BoolArray) -> Interval:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import chi2
 
 from estimation.results import MapResult
 from estimation.scoring.causes import GHOST_CAUSES, Cause, point_causes
 from estimation.scoring.config import ScoringConfig
+from estimation.scoring.consistency import consistency_metrics
 from estimation.scoring.metric import Metric
 from estimation.scoring.provenance import ClusterOrigin, ip_paths
 from estimation.scoring.record import IpScores, OutlineScores, PathScores
@@ -84,11 +84,9 @@ def map_metrics(prefix: str, scene: Scene, ips: IpScores, clusters: OutlineScore
         *_distance_metrics(f"{prefix}.ip_to_surface", inliers.surface_distance_m),
         *_distance_metrics(f"{prefix}.ip_to_surface.clustered", inliers.surface_distance_m[clustered]),
         *_distance_metrics(f"{prefix}.ip_position", inliers.position_error_m),
-        Metric(f"{prefix}.ip_position.nees", mean(inliers.nees / 2), "1", "info"),
-        Metric(f"{prefix}.ip_position.coverage95", _coverage(inliers.nees, 2), "1", "info"),
+        *consistency_metrics(f"{prefix}.ip_position", inliers.nees, 2),
         *_distance_metrics(f"{prefix}.ip_height", np.abs(inliers.height_error_m)),
-        Metric(f"{prefix}.ip_height.nees", mean(inliers.height_nees), "1", "info"),
-        Metric(f"{prefix}.ip_height.coverage95", _coverage(inliers.height_nees, 1), "1", "info"),
+        *consistency_metrics(f"{prefix}.ip_height", inliers.height_nees, 1),
         *_object_metrics(prefix, scene, clusters),
     ]
 
@@ -136,7 +134,3 @@ def _object_metrics(prefix: str, scene: Scene, clusters: OutlineScores) -> list[
             for kind in OBJECT_KINDS
         ),
     ]
-
-
-def _coverage(nees: FloatArray, freedom: int) -> float:
-    return mean(nees[np.isfinite(nees)] <= chi2.ppf(0.95, freedom))

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from dataclasses import fields
 
 import numpy as np
-from scipy.stats import chi2
 
 from estimation.geometry import range_covariance
 from estimation.scoring.channel_scores import TrueStop
+from estimation.scoring.consistency import consistency_metrics
 from estimation.scoring.metric import Metric
 from estimation.scoring.record import PathKind, PoseScores
-from estimation.scoring.statistics import maximum, mean, measured, quantile, ratio, rms, squared_mahalanobis
+from estimation.scoring.statistics import maximum, mean, quantile, ratio, rms, squared_mahalanobis
 from estimation.scoring.trajectory_metrics import absolute_errors, relative_errors
 from estimation.slam.bounds import StateBound, StopPaths, stop_bound
 from estimation.slam.record import PoseEstimates, SolveStatus
@@ -105,7 +105,13 @@ def _pose_bound(scene: Scene, stop: TrueStop) -> StateBound:
 
 def pose_metrics(poses: PoseScores) -> list[Metric]:
     """Scores of the trajectory, then of all stops and of those with and without a significant true LOS."""
-    metrics = [*_trajectory_metrics(poses), *_consistency_metrics(poses), *_bound_metrics(poses)]
+    metrics = [
+        *_trajectory_metrics(poses),
+        *consistency_metrics("slam", poses.nees, 4),
+        *consistency_metrics("slam.position", poses.position_nees, 2),
+        *consistency_metrics("slam.height", poses.height_nees, 1),
+        *_bound_metrics(poses),
+    ]
     groups = {"slam": np.ones(len(poses.stop), bool), "slam.los": poses.has_los, "slam.nlos": ~poses.has_los}
     for prefix, members in groups.items():
         group = poses.take("stop", members)
@@ -135,23 +141,6 @@ def _trajectory_metrics(poses: PoseScores) -> list[Metric]:
         Metric("slam.ape_aligned.heading_rmse_deg", rms(np.rad2deg(ape_rad)), "deg", "lower"),
         Metric("slam.rpe.rmse_m", rms(rpe_m), "m", "lower"),
         Metric("slam.rpe.heading_rmse_deg", rms(np.rad2deg(rpe_rad)), "deg", "lower"),
-    ]
-
-
-def _consistency_metrics(poses: PoseScores) -> list[Metric]:
-    """Mean NEES over its degrees of freedom and coverage of the 95 % region: state, position and height."""
-    tested = (
-        ("slam", poses.nees, 4),
-        ("slam.position", poses.position_nees, 2),
-        ("slam.height", poses.height_nees, 1),
-    )
-    return [
-        metric
-        for prefix, nees, freedom in tested
-        for metric in (
-            Metric(f"{prefix}.nees", mean(nees / freedom), "1", "info"),
-            Metric(f"{prefix}.coverage95", mean(measured(nees) <= chi2.ppf(0.95, freedom)), "1", "info"),
-        )
     ]
 
 

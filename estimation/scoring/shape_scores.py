@@ -120,22 +120,25 @@ def outline_metrics(prefix: str, scene: Scene, table: OutlineScores) -> list[Met
 
     An object counts once, with the row that has most IPs close to it.
     """
-    best = {item.name: _best_row(item.name, table) for item in scene.objects}
-    rows = table.take("outline", [row for row in best.values() if row is not None])
+    best = best_rows(table)
+    rows = table.take("outline", [best[item.name] for item in scene.objects if item.name in best])
     metrics = [Metric(f"{prefix}.coverage95", mean(rows.coverage95), "1", "info")]
     metrics.append(Metric(f"{prefix}.seen_coverage95", mean(rows.seen_coverage95), "1", "info"))
     for kind in OBJECT_KINDS:
-        names = [item.name for item in scene.objects if item.kind == kind]
-        chosen = [best[name] for name in names if best[name] is not None]
+        chosen = [best[item.name] for item in scene.objects if item.kind == kind and item.name in best]
         metrics += _mean_metrics(f"{prefix}.{kind}", table.take("outline", np.array(chosen, int)))
     for item in scene.objects:
-        metrics += _object_metrics(f"{prefix}.{item.name}", table, best[item.name])
+        metrics += _object_metrics(f"{prefix}.{item.name}", table, best.get(item.name))
     return metrics
 
 
-def _best_row(name: str, table: OutlineScores) -> int | None:
-    rows = np.flatnonzero(table.object == name)
-    return int(rows[table.n_close[rows].argmax()]) if len(rows) else None
+def best_rows(table: OutlineScores) -> dict[str, int]:
+    """Row by object: where several show one, the first of those with the most incidence points close to it."""
+    best: dict[str, int] = {}
+    for row, name in enumerate(table.object.tolist()):
+        if name and (name not in best or table.n_close[row] > table.n_close[best[name]]):
+            best[name] = row
+    return best
 
 
 def _mean_metrics(prefix: str, rows: OutlineScores) -> list[Metric]:

@@ -101,17 +101,18 @@ def fit_line(points: PointCluster, prior: LinePrior = WALL_PRIOR) -> ShapeFit:
 
 def _log_evidence(points: PointCluster, line: Line, ends: Ends, prior: LinePrior) -> float:
     """Evidence of the segment, about the line and the ends that were fitted."""
-    size = np.ptp(points.position_m, axis=0) + 2 * prior.outlier_margin_m
+    log_outlier_density = -float(np.log(points.area_m2(prior.outlier_margin_m)))
     log_length = np.log(prior.length_m)
     offset = points.position_m - line.origin_m
 
     def log_density(segment: FloatArray) -> FloatArray:
+        """Log of likelihood times prior (draw,) of segments (draw, 5); minus infinity outside the prior."""
         azimuth, distance, log_scale, _, length = segment.T
         held = np.abs(azimuth - line.parameter[0]) < np.pi / 2
         held &= (length > log_length[0]) & (length < log_length[1])
         value = np.full(len(segment), -np.inf)
         value[held] = segment_log_likelihood(
-            segment[held], offset, points.covariance_m2, prior.outlier_share, -float(np.log(np.prod(size)))
+            segment[held], offset, points.covariance_m2, prior.outlier_share, log_outlier_density
         )
         facing = _log_facing(azimuth, points.away, prior.facing_concentration)
         spread = (distance / prior.offset_std_m) ** 2 + (log_scale / prior.log_noise_scale_std) ** 2
@@ -130,10 +131,11 @@ def robust_line(points: PointCluster, prior: LinePrior) -> Line:
     """The most probable line, by its points' distances from it, from the best of four azimuths."""
     origin = points.middle_m
     offset = points.position_m - origin
-    size = np.ptp(points.position_m, axis=0) + 2 * prior.outlier_margin_m
     length = float(np.hypot(*np.ptp(points.position_m, axis=0))) + prior.length_m[0]
     reach = END_STDS * prior.offset_std_m + length
-    background = np.log(prior.outlier_share) - float(np.log(np.prod(size))) + np.log(length)
+    background = (
+        np.log(prior.outlier_share) - float(np.log(points.area_m2(prior.outlier_margin_m))) + np.log(length)
+    )
 
     def terms(parameter: FloatArray) -> tuple[FloatArray, FloatArray]:
         _, normal = _axes(parameter[0])

@@ -116,8 +116,7 @@ class _Model:
         self.precision: FloatArray = np.asarray(np.linalg.inv(points.covariance_m2), np.float64)
         self.log_constant = 0.5 * np.linalg.slogdet(self.precision)[1] - np.log(2 * np.pi)
         self.facing = -self.unit @ points.away  # cosine of the angle to the sensor's direction
-        size = np.ptp(points.position_m, axis=0) + 2 * prior.outlier_margin_m
-        self.log_area = float(np.log(np.prod(size)))
+        self.log_area = float(np.log(points.area_m2(prior.outlier_margin_m)))
 
     def _prior_moments(self, harmonic: FloatArray) -> tuple[FloatArray, FloatArray]:
         prior = self.prior

@@ -45,6 +45,10 @@ class PointCluster(Record):
         """Median position (xy,) in m: the centroid that no outlier moves far."""
         return np.asarray(np.median(self.position_m, axis=0))
 
+    def area_m2(self, margin_m: float) -> float:
+        """Area of the box of the points widened by a margin on every side: where outliers may lie."""
+        return float(np.prod(np.ptp(self.position_m, axis=0) + 2 * margin_m))
+
     @property
     def away(self) -> FloatArray:
         """Unit vector (xy,) from the sensor to the points; zero where the side is not known."""
