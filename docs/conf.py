@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
-PACKAGES = ("scenes", "sim", "estimation")
+PACKAGES = ("scenes", "sim", "estimation", "isac_arena")
 
 project = "ISAC Arena"
 extensions = ["myst_parser", "sphinx.ext.apidoc", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]

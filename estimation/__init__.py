@@ -1,1 +1,5 @@
-"""The estimation back-end: channel parameters, mapping, SLAM, object shapes, and their scores."""
+"""Estimators: they see observations, never the truth.
+
+The steps in their order: `channel/` (samples to paths), `slam/` (paths to poses and incidence points), `shape/`
+(incidence points and paths to contours). `laws/` holds the reflection law, `inference/` what the estimators share.
+"""

@@ -11,10 +11,9 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field, model_validator
 
-from scenes.clutter import Clutter
-from scenes.contour import Contour, rectangle
-from scenes.material import Material
-from scenes.object_config import (
+from scenes.contours import Contour, rectangle
+from scenes.objects.clutter import Clutter
+from scenes.objects.config import (
     FloorplanConfig,
     MaterialConfig,
     MeshConfig,
@@ -26,12 +25,13 @@ from scenes.object_config import (
     find_file,
     kept_name,
 )
+from scenes.objects.material import Material
 from scenes.pose import Pose
 from scenes.record import FloatArray
 from scenes.scene import Scene, SceneObject
 from scenes.toml_config import ConfigError, ConfigModel, load_config
-from scenes.trajectory import AnyWalk
-from scenes.walk_config import Quadruple, RandomWalkConfig, RecordedWalkConfig, WalkConfig
+from scenes.walks.config import Quadruple, RandomWalkConfig, RecordedWalkConfig, WalkConfig
+from scenes.walks.trajectory import AnyWalk
 
 LIBRARY = Path(__file__).parent / "library"
 MIN_DISTANCE_M = 0.05  # between TX and RX: nearer, there is no far field to speak of
@@ -214,7 +214,7 @@ def referenced_files(path: str | Path) -> list[Path]:
 def kept_files(path: str | Path) -> dict[str, bytes]:
     """What the files that a scene file names hold, by the names under which a copy beside it is found again.
 
-    With them in its folder, a copy of the scene file is complete: see `scenes.object_config.find_file`.
+    With them in its folder, a copy of the scene file is complete: see `scenes.objects.config.find_file`.
     """
     folder = Path(path).parent
     return {

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import shapely
 
-from scenes.contour import (
+from scenes.contours import (
     Circle,
     ClosedSpline,
     Contour,
@@ -17,12 +17,12 @@ from scenes.contour import (
     RoundedPolygon,
     rectangle,
 )
-from scenes.material import Material, itu_material
+from scenes.objects.material import Material, itu_material
 from scenes.pose import Pose, direction
-from scenes.random_walk import random_walk
 from scenes.record import FloatArray
 from scenes.scene import HorizontalPlane, ObjectKind, Scene, SceneObject
-from scenes.trajectory import Walk
+from scenes.walks.random_walk import random_walk
+from scenes.walks.trajectory import Walk
 
 FREQUENCY_HZ = 60e9
 WALL_M = 0.15

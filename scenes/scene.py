@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from scenes.clutter import Clutter
-from scenes.material import Material
+from scenes.objects.clutter import Clutter
+from scenes.objects.material import Material
+from scenes.objects.scene_object import OBJECT_KINDS, ObjectKind, SceneObject, check_overlaps
 from scenes.pose import Pose
 from scenes.record import IntArray
-from scenes.scene_object import OBJECT_KINDS, ObjectKind, SceneObject, check_overlaps
-from scenes.trajectory import AnyWalk
+from scenes.walks.trajectory import AnyWalk
 
 __all__ = ["OBJECT_KINDS", "HorizontalPlane", "ObjectKind", "Scene", "SceneObject"]
 

@@ -87,7 +87,7 @@ probe_llvm() {
 import sys
 from pathlib import Path
 
-from sim.llvm import find_llvm, n_cuda_devices, probe
+from sim.propagation.llvm import find_llvm, n_cuda_devices, probe
 
 library = find_llvm()
 if n_cuda_devices():
@@ -109,7 +109,7 @@ ensure_llvm() {
     [[ -z "$chosen" ]] || die "DRJIT_LIBLLVM_PATH = $chosen: not a usable LLVM 17 or later; unset it or name another"
     can_apt && apt_install libllvm19 && probe_llvm && return
     die "no usable libLLVM (17 or later) found; install one: $(
-        "$venv/bin/python" -c 'from sim.llvm import install_command; print(install_command())'
+        "$venv/bin/python" -c 'from sim.propagation.llvm import install_command; print(install_command())'
     )"
 }
 

@@ -7,10 +7,10 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from scenes.toml_config import ConfigModel
-from sim.impairment_config import ImpairmentsConfig
-from sim.prs import PrsConfig
-from sim.prs_schedule import sent_slots
-from sim.schedule_config import ScheduleConfig
+from sim.signal.hardware.config import ImpairmentsConfig
+from sim.signal.waveform.config import ScheduleConfig
+from sim.signal.waveform.prs import PrsConfig
+from sim.signal.waveform.schedule import sent_slots
 
 Comb = Literal[2, 4, 6, 12]
 AngleDeg = Annotated[float, Field(ge=-360, le=360)]

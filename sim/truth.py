@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from scenes.pose import Pose
 from scenes.record import Record, array
-from sim.paths import Paths
+from sim.propagation.paths import Paths
 
 
 @dataclass(frozen=True)

@@ -7,12 +7,12 @@ import pytest
 from hypothesis import settings
 
 from scenes.pose import Pose
-from sim.channel import beam_channel
 from sim.config import ArrayConfig, SimulationConfig, WaveformConfig
-from sim.link import Link, make_link
-from sim.paths import Paths
-from sim.receiver import add_noise
-from sim.sweep import BeamSweep
+from sim.observation import BeamSweep
+from sim.propagation.paths import Paths
+from sim.signal.generation import beam_channel
+from sim.signal.link import Link, make_link
+from sim.signal.receiver import add_noise
 
 SweepMaker = Callable[..., BeamSweep]
 

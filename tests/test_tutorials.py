@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 from markdown_it import MarkdownIt
 
-from estimation.store import StopEstimate
-from estimation.validation.made_campaign import make_campaign
-from sim.store import write_record
+from isac_arena.campaign.directory import StopEstimate
+from isac_arena.campaign.files import write_record
+from isac_arena.validation.scoring.made_campaign import make_campaign
 
 ROOT = Path(__file__).resolve().parents[1]
 TUTORIALS = sorted((ROOT / "docs" / "tutorials").glob("*.md"))
@@ -37,7 +37,10 @@ def test_tutorial(tutorial: Path, tmp_path: Path) -> None:
             for line in block.content.splitlines():
                 name, *arguments = line.split()
                 assert name == "arena"
-                run([sys.executable, "-c", "from scripts.arena import main; main()", *arguments], tmp_path)
+                run(
+                    [sys.executable, "-c", "from isac_arena.cli.main import main; main()", *arguments],
+                    tmp_path,
+                )
         elif language == "python":
             run([sys.executable, "-c", block.content], tmp_path)
 

@@ -6,10 +6,10 @@ import numpy as np
 
 from estimation.channel.fit import PathFit
 from estimation.channel.los import LosConfig, line_of_sight, los_probability
-from estimation.channel.manifold import Manifold
+from estimation.channel.model.manifold import Manifold
 from estimation.channel.record import AngleKind, ChannelEstimate, EstimateStatus
 from scenes.record import FloatArray
-from sim.sweep import BeamSweep
+from sim.observation import BeamSweep
 
 UNKNOWN_ANGLE_VARIANCE = np.pi**2 / 3  # of an angle anywhere on the circle
 GRID_PER_CELL = 4.0  # directions per Rayleigh cell among which the highest gain of a codebook is sought

@@ -16,14 +16,14 @@ from typing import Literal
 import numpy as np
 import scipy.fft
 
+from estimation.channel.coherent.diffuse import fit_over_background
 from estimation.channel.config import MaximumLikelihoodConfig
-from estimation.channel.diffuse import fit_over_background
 from estimation.channel.fit import PathFit
-from estimation.channel.incoherent import IncoherentFit, fit_incoherent
-from estimation.channel.manifold import Manifold
+from estimation.channel.incoherent.paths import IncoherentFit, fit_incoherent
+from estimation.channel.model.manifold import Manifold
 from scenes.pose import wrap_angle
 from scenes.record import FloatArray, IntArray
-from sim.sweep import BeamSweep
+from sim.observation import BeamSweep
 
 LARGEST_RESIDUAL_RAD = np.deg2rad(10.0)  # rms, beyond noise, of phases that are taken as kept
 _TELLING_PATHS = 12  # strongest ones that are asked first: all others change little where phases are kept

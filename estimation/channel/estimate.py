@@ -11,18 +11,18 @@ from pydantic import Field
 
 from estimation.channel.assemble import assemble_estimate
 from estimation.channel.auto import fit_auto
-from estimation.channel.calibration import SelfCalibrationConfig
+from estimation.channel.calibration.self_calibration import SelfCalibrationConfig
+from estimation.channel.coherent.diffuse import fit_over_background
+from estimation.channel.coherent.plan import nominal_manifold
 from estimation.channel.config import MaximumLikelihoodConfig
-from estimation.channel.diffuse import fit_over_background
 from estimation.channel.fit import PathFit
-from estimation.channel.incoherent import fit_incoherent
+from estimation.channel.incoherent.paths import fit_incoherent
 from estimation.channel.los import LosConfig
-from estimation.channel.plan import nominal_manifold
-from estimation.channel.power import PowerMethodConfig, estimate_power
+from estimation.channel.power.paths import PowerMethodConfig, estimate_power
 from estimation.channel.record import ChannelEstimate, EstimateStatus, check_estimate, empty_estimate
 from scenes.toml_config import ConfigModel
-from sim.codebook import Codebook
-from sim.sweep import BeamSweep
+from sim.observation import BeamSweep
+from sim.signal.arrays.codebook import Codebook
 
 ChannelEstimator = Callable[[BeamSweep], ChannelEstimate]
 MethodName = Literal["auto", "coherent", "incoherent", "power"]

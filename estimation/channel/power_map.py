@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from scenes.record import FloatArray, Record, array
-from sim.sweep import BeamSweep
+from sim.observation import BeamSweep
 
 
 @dataclass(frozen=True)

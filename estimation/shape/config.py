@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self
 import numpy as np
 from pydantic import Field
 
-from estimation.shape.reflections import ReflectionConfig
+from estimation.shape.reflection.reflections import ReflectionConfig
 from scenes.pose import SPEED_OF_LIGHT_M_S
 from scenes.record import FloatArray
 from scenes.toml_config import ConfigModel, Pair

@@ -3,7 +3,7 @@
 Paths are independent and Gaussian. The IP of a single bounce is an unknown of its own: it is marginalised, which
 leaves one equation per path on the receiver state (a Schur complement of rank one). Along a walk the stops share
 the positions by a smoothness prior, and every flat wall they have in common: one line, which mirrors the TX.
-States are [x, y, heading, bias] in m, m, rad, m; measurements are those of `estimation.geometry`.
+States are [x, y, heading, bias] in m, m, rad, m; measurements are those of `estimation.laws.plane`.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimation import geometry
-from estimation.slam.landmarks import predict_circle, predict_walls
-from estimation.slam.point_fit import point_bound, state_information
+from estimation.laws import plane as plane_law
+from estimation.slam.mapping.point_fit import point_bound, state_information
+from estimation.slam.walk.landmarks import predict_circle, predict_walls
 from scenes.pose import Pose
 from scenes.record import FloatArray, IntArray
 
@@ -56,7 +56,7 @@ class RoundObjects:
 
 def stop_information(tx: Pose, state: FloatArray, paths: StopPaths) -> FloatArray:
     """Fisher information (4, 4) of one receiver state (4,), the IPs marginalised."""
-    return state_information(geometry, tx, state, paths.point_m, paths.covariance, paths.los_covariance)
+    return state_information(plane_law, tx, state, paths.point_m, paths.covariance, paths.los_covariance)
 
 
 def state_covariance(information: FloatArray) -> FloatArray:
@@ -86,7 +86,7 @@ def stop_bound(tx: Pose, state: FloatArray, paths: StopPaths) -> tuple[StateBoun
     The IPs carry the uncertainty of the state that the same paths leave.
     """
     covariance = state_covariance(stop_information(tx, state, paths))
-    points = point_bound(geometry, tx, state, paths.point_m, paths.covariance, covariance)
+    points = point_bound(plane_law, tx, state, paths.point_m, paths.covariance, covariance)
     return state_bound(covariance), points
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from estimation.channel.record import ChannelEstimate
-from estimation.geometry import range_covariance
+from estimation.laws.plane import range_covariance
 from scenes.pose import SPEED_OF_LIGHT_M_S
 from scenes.record import FloatArray
 from scenes.toml_config import ConfigModel

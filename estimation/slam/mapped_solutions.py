@@ -8,10 +8,10 @@ import numpy as np
 
 from estimation.channel.record import ChannelEstimate
 from estimation.slam.config import MappingConfig
-from estimation.slam.mapping import map_stops
+from estimation.slam.mapping.incidence_points import map_stops
 from estimation.slam.record import IncidencePoints, PoseEstimates
-from estimation.slam.solution import SnapshotSolution, collect_poses
-from estimation.slam.spatial_mapping import map_stops_spatial
+from estimation.slam.snapshot.solution import SnapshotSolution, collect_poses
+from estimation.slam.space.mapping import map_stops_spatial
 from scenes.pose import Pose
 
 

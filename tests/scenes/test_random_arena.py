@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import shapely
 
-from scenes.mesh import object_meshes
+from scenes.meshes.mesh import object_meshes
 from scenes.random_arena import CLEARANCE_M, random_arena
 
 DIFFICULTIES = (0.0, 0.3, 0.7, 1.0)

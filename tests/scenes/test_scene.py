@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from scenes.config import load_scene
-from scenes.contour import Circle, Contour, Ellipse, LinePiece, Polyline, rectangle
-from scenes.material import Material
+from scenes.contours import Circle, Contour, Ellipse, LinePiece, Polyline, rectangle
+from scenes.objects.material import Material
 from scenes.pose import Pose
 from scenes.scene import HorizontalPlane, SceneObject
-from scenes.trajectory import Walk
+from scenes.walks.trajectory import Walk
 
 WOOD = Material("wood", 2.0, 0.4)
 

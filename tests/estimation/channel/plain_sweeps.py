@@ -5,16 +5,16 @@ from typing import Any
 
 import numpy as np
 
-from estimation.channel.compress import CompressedSweep, compress
-from estimation.channel.crb import PathBounds, crb
+from estimation.channel.coherent.plan import nominal_manifold, search_plan
 from estimation.channel.fit import PathFit
-from estimation.channel.plan import nominal_manifold, search_plan
+from estimation.channel.model.compress import CompressedSweep, compress
+from estimation.channel.model.crb import PathBounds, crb
 from scenes.pose import Pose
 from scenes.record import ComplexArray, FloatArray
-from sim.codebook import Codebook, beam_response
 from sim.config import ArrayConfig, SimulationConfig, WaveformConfig
-from sim.link import Link, make_link
-from sim.sweep import BeamSweep
+from sim.observation import BeamSweep
+from sim.signal.arrays.codebook import Codebook, beam_response
+from sim.signal.link import Link, make_link
 
 PANELS = ArrayConfig(
     columns=8, beams_per_panel=8, sector_deg=90.0, panel_azimuth_deg=[-180.0, -90.0, 0.0, 90.0]

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from estimation.channel.auto import choose, even_turn, fit_auto, turned_back
-from estimation.channel.coherent import fit_coherent
-from estimation.channel.incoherent import fit_incoherent
+from estimation.channel.coherent.paths import fit_coherent
+from estimation.channel.incoherent.paths import fit_incoherent
 from scenes.record import FloatArray
 from sim.config import WaveformConfig
-from sim.occasions import sweep_occasions
-from sim.sweep import BeamSweep
+from sim.observation import BeamSweep
+from sim.signal.waveform.occasions import sweep_occasions
 from tests.estimation.channel.plain_sweeps import no_plain_paths, plain_link, plain_paths, plain_sweep
 
 SMALL = plain_link()

@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from estimation.channel.coherent import fit_coherent
+from estimation.channel.coherent.paths import fit_coherent
 from estimation.channel.config import MaximumLikelihoodConfig
 from estimation.channel.fit import PathFit
-from estimation.channel.incoherent import fit_incoherent
-from estimation.channel.manifold import Manifold
+from estimation.channel.incoherent.paths import fit_incoherent
+from estimation.channel.model.manifold import Manifold
 from sim.config import ArrayConfig
-from sim.impairments import with_element_errors
-from sim.sweep import BeamSweep
+from sim.observation import BeamSweep
+from sim.signal.hardware.impairments import with_element_errors
 from tests.estimation.channel.plain_sweeps import (
     ELEVATION,
     PANELS,

@@ -5,20 +5,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimation.shape.arc import fit_arc
-from estimation.shape.bundle import fit_bundle
-from estimation.shape.bundle_kinds import BundleObject
-from estimation.shape.choice import choose_shape
-from estimation.shape.reflections import ReflectionConfig
-from estimation.shape.resemblance import prior_from_others, radius_prior
-from estimation.validation.reflection_scenarios import (
+from estimation.shape.kinds.arc import fit_arc
+from estimation.shape.reflection.bundle import fit_bundle
+from estimation.shape.reflection.bundle_kinds import BundleObject
+from estimation.shape.reflection.choice import choose_shape
+from estimation.shape.reflection.reflections import ReflectionConfig
+from estimation.shape.reflection.resemblance import prior_from_others, radius_prior
+from isac_arena.validation.shape.reflection_scenarios import (
     Errors,
     closed_paths,
     lit_pillar,
     observe,
     observe_together,
 )
-from scenes.contour_smooth import Circle
+from scenes.contours.smooth import Circle
 
 CONFIG = ReflectionConfig()
 RING = Circle(np.array([0.0, -13.0]), 5.0)

@@ -7,13 +7,13 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.stats import chi2
 
-from estimation.shape.bundle import fit_bundle
-from estimation.shape.bundle_kinds import BundleObject
-from estimation.shape.direct import fit_direct
-from estimation.shape.reflections import ReflectionConfig
-from estimation.shape.specular import predict
-from estimation.shape.support import CIRCLE
-from estimation.validation.reflection_scenarios import (
+from estimation.laws.contour import predict
+from estimation.laws.support import CIRCLE
+from estimation.shape.kinds.closed import fit_direct
+from estimation.shape.reflection.bundle import fit_bundle
+from estimation.shape.reflection.bundle_kinds import BundleObject
+from estimation.shape.reflection.reflections import ReflectionConfig
+from isac_arena.validation.shape.reflection_scenarios import (
     TX,
     Errors,
     closed_paths,
@@ -23,7 +23,7 @@ from estimation.validation.reflection_scenarios import (
     observe_together,
     wall_paths,
 )
-from scenes.contour_smooth import Circle
+from scenes.contours.smooth import Circle
 from scenes.pose import SPEED_OF_LIGHT_M_S
 
 CENTERS = np.array([[1.0, -5.0], [-3.0, -6.0], [4.0, -4.0]])

@@ -5,23 +5,24 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimation.config import CampaignConfig
-from estimation.geometry import predict_los
-from estimation.pipeline import map_known
-from estimation.shape.bundle import fit_bundle
-from estimation.shape.campaign_fit import corrected, object_noise
-from estimation.shape.campaign_paths import campaign_paths, in_plane
+from estimation.laws.plane import predict_los
+from estimation.shape.baselines.peers import fit_circle
 from estimation.shape.config import ContourConfig
-from estimation.shape.contour_rows import resampled
 from estimation.shape.contours import estimate_contours
-from estimation.shape.methods import POINT_METHODS, choose_points
-from estimation.shape.peers import fit_circle
-from estimation.shape.points import PointCluster
+from estimation.shape.points.cluster import PointCluster
+from estimation.shape.points.methods import POINT_METHODS, choose_points
 from estimation.shape.record import Contours
-from estimation.shape.tx_sessions import los_sessions
+from estimation.shape.reflection.bundle import fit_bundle
+from estimation.shape.reflection.fit_all import corrected, object_noise
+from estimation.shape.reflection.paths import campaign_paths, in_plane
+from estimation.shape.reflection.rows import resampled
+from estimation.shape.reflection.tx_sessions import los_sessions
 from estimation.slam.config import PathNoise
 from estimation.slam.record import SolveStatus
-from estimation.validation.shape_campaign import (
+from isac_arena.campaign.chain import map_known
+from isac_arena.campaign.config import CampaignConfig
+from isac_arena.campaign.files import read_record, write_record
+from isac_arena.validation.shape.campaign import (
     DELAY_OFFSET_NS,
     DEPARTURE_OFFSET_DEG,
     TX,
@@ -29,7 +30,6 @@ from estimation.validation.shape_campaign import (
     score,
 )
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
-from sim.store import read_record, write_record
 
 TX_POSE = Pose(np.array([*TX[:2], 0.0]), float(TX[2]))
 

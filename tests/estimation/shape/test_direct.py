@@ -6,14 +6,20 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from estimation.scoring.contour_metrics import intersection_over_union
-from estimation.shape.direct import fit_closed, fit_direct, harmonic_std
-from estimation.shape.posterior import Prior, maximise
-from estimation.shape.reflections import ReflectionConfig, Reflections
-from estimation.shape.specular import predict
-from estimation.shape.support import CIRCLE, CLOSED_FAMILY, contour_points
-from estimation.validation.reflection_scenarios import Errors, closed_paths, draw_circle, lit_pillar, observe
-from scenes.contour_smooth import Circle
+from estimation.laws.contour import predict
+from estimation.laws.support import CIRCLE, CLOSED_FAMILY, contour_points
+from estimation.shape.kinds.closed import fit_closed, fit_direct, harmonic_std
+from estimation.shape.reflection.posterior import Prior, maximise
+from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
+from isac_arena.scoring.metrics.contours import intersection_over_union
+from isac_arena.validation.shape.reflection_scenarios import (
+    Errors,
+    closed_paths,
+    draw_circle,
+    lit_pillar,
+    observe,
+)
+from scenes.contours.smooth import Circle
 
 SURE = ReflectionConfig(delay_offset_std_ns=0.0, aod_offset_std_deg=0.0, aoa_offset_std_deg=0.0)
 OFFSETS = ReflectionConfig()

@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from estimation.shape.choice import choose_shape
-from estimation.shape.edge import fit_edge
-from estimation.shape.mirror_wall import fit_mirror_wall, lit_places
-from estimation.shape.normals import fit_normals, normals, oriented_points
-from estimation.shape.reflections import ReflectionConfig
-from estimation.validation.reflection_scenarios import (
+from estimation.shape.kinds.edge import fit_edge
+from estimation.shape.kinds.mirror_wall import fit_mirror_wall, lit_places
+from estimation.shape.reflection.choice import choose_shape
+from estimation.shape.reflection.normals import fit_normals, normals, oriented_points
+from estimation.shape.reflection.reflections import ReflectionConfig
+from isac_arena.validation.shape.law import check_reflection_information
+from isac_arena.validation.shape.reflection_scenarios import (
     TX,
     Errors,
     closed_paths,
@@ -18,8 +19,7 @@ from estimation.validation.reflection_scenarios import (
     observe,
     wall_paths,
 )
-from estimation.validation.shape_law import check_reflection_information
-from scenes.contour_smooth import Circle
+from scenes.contours.smooth import Circle
 
 SURE = ReflectionConfig(delay_offset_std_ns=0.0, aod_offset_std_deg=0.0, aoa_offset_std_deg=0.0)
 PILLAR = Circle(np.array([1.0, -5.0]), 0.4)

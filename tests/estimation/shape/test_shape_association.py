@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from estimation.shape.association import GHOST, split_cluster
-from estimation.shape.reflections import ReflectionConfig, Reflections
-from estimation.validation.reflection_scenarios import (
+from estimation.shape.reflection.association import GHOST, split_cluster
+from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
+from isac_arena.validation.shape.reflection_scenarios import (
     Errors,
     TruePaths,
     closed_paths,
@@ -12,7 +12,7 @@ from estimation.validation.reflection_scenarios import (
     observe,
     wall_paths,
 )
-from scenes.contour_smooth import Circle
+from scenes.contours.smooth import Circle
 from scenes.record import concatenate
 
 SURE = ReflectionConfig(delay_offset_std_ns=0.0, aod_offset_std_deg=0.0, aoa_offset_std_deg=0.0)

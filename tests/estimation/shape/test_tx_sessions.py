@@ -5,12 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimation.config import CampaignConfig
-from estimation.geometry import predict_bounce, predict_los
-from estimation.pipeline import map_unknown
-from estimation.shape import tx_sessions
-from estimation.shape.reflections import ReflectionConfig
-from estimation.shape.tx_sessions import (
+from estimation.laws.plane import predict_bounce, predict_los
+from estimation.shape.reflection import tx_sessions
+from estimation.shape.reflection.reflections import ReflectionConfig
+from estimation.shape.reflection.tx_sessions import (
     Sessions,
     loosened,
     object_sessions,
@@ -19,9 +17,11 @@ from estimation.shape.tx_sessions import (
     turned_about_tx,
 )
 from estimation.slam.config import SnapshotConfig
-from estimation.validation.reflection_scenarios import TX, Errors, closed_paths, observe
-from estimation.validation.shape_campaign import JUMP_STOP, make_arena, score
-from scenes.contour_smooth import Circle
+from isac_arena.campaign.chain import map_unknown
+from isac_arena.campaign.config import CampaignConfig
+from isac_arena.validation.shape.campaign import JUMP_STOP, make_arena, score
+from isac_arena.validation.shape.reflection_scenarios import TX, Errors, closed_paths, observe
+from scenes.contours.smooth import Circle
 from scenes.pose import Pose
 
 TX_POSE = Pose(np.array([*TX[:2], 0.0]), float(TX[2]))

@@ -1,0 +1,288 @@
+"""Self-calibration: the true responses of both arrays from paths whose directions are not known.
+
+A path alone in its delay cell leaves a matrix over TX and RX beams of rank 1, whatever the arrays: its
+singular vectors are the responses t(phi) and r(theta) of the two codebooks as built, up to a complex factor. With
+the designed weights W, the panel geometry a(phi), unknown element responses e and unknown beam factors b,
+
+    t(phi) ~ diag(b) W diag(a(phi)) e.
+
+Over the dominant paths of some 20 stops the directions, e and b are estimated in turns: directions by maximising
+the match, e by least squares on the part of the model orthogonal to the measured vector (linear in e, free of the
+unknown factor), b by least squares beam by beam. A weak prior about 1 settles what no path sees, such as the share
+of each row in a column of elements when all beams are horizontal.
+
+Gauge: a common complex factor belongs to the path gains, and a phase that is linear over the aperture turns all
+directions alike. Both are taken out of e, so a constant pointing offset of a device stays as it is: only mapping
+and SLAM, which see positions, can tell it.
+
+Where phases are not kept from beam pair to beam pair (tested on the data), the magnitudes of the matrix still
+have rank 1; the phases of the vectors are then those of the model, renewed at every turn. Magnitudes cannot tell
+element factors from their conjugates in reverse order; either serves where only magnitudes count.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from pydantic import Field
+
+from estimation.channel.calibration.dominant import DominantPaths, dominant_paths
+from estimation.channel.model.manifold import Manifold
+from scenes.record import ComplexArray, FloatArray, Record, array, concatenate
+from scenes.toml_config import ConfigModel
+from sim.observation import BeamSweep
+from sim.signal.arrays.array import element_amplitude, steering_vector, to_panel, vertical_polarisation
+from sim.signal.arrays.codebook import Codebook
+
+INCOHERENT_GAIN = 4.0  # misfit of complex vectors over that of magnitudes, from which phases count as lost
+START_OVERSAMPLING = 4.0  # directions per Rayleigh cell where the search for a path's direction starts
+FIRST_STEP_RAD = np.deg2rad(0.5)  # of the search for directions; halved from turn to turn, down to
+LAST_STEP_RAD = np.deg2rad(0.02)
+LEAST_MISFIT = 1e-9
+
+
+class SelfCalibrationConfig(ConfigModel):
+    """Self-calibration of the arrays from the sweeps of a campaign."""
+
+    stops: int = Field(20, ge=2, description="stops, spread over the campaign, that it is made from")
+    errors: Literal["elements", "beams", "both"] = Field("elements", description="what may be wrong")
+    prior_std: float = Field(0.3, gt=0, description="spread of relative errors, beforehand")
+    min_snr_db: float = Field(16.0, ge=10, description="of a path that is used, in its best beam pair")
+    min_purity: float = Field(0.97, gt=0, lt=1, description="share of the first singular value's power")
+    turns: int = Field(30, ge=1, description="of directions, elements and beams")
+
+
+@dataclass(frozen=True)
+class Calibration(Record):
+    """What self-calibration found: both codebooks with the responses as built in their weights."""
+
+    tx_codebook: Codebook
+    rx_codebook: Codebook
+    tx_element: ComplexArray = array("tx_element", dtype=complex, doc="response over the designed one")
+    rx_element: ComplexArray = array("rx_element", dtype=complex, doc="response over the designed one")
+    n_paths: int = array(dtype=int, doc="paths that it was made from")
+    is_coherent: bool = array(dtype=bool, doc="whether phases between beam pairs could be used")
+    misfit: float = array(doc="mean share of a path's power that neither calibrated array explains")
+
+    def applied(self, sweep: BeamSweep) -> BeamSweep:
+        """The sweep with the calibrated codebooks in place of the designed ones."""
+        return replace(sweep, tx_codebook=self.tx_codebook, rx_codebook=self.rx_codebook)
+
+
+@dataclass(frozen=True)
+class ArrayFactors:
+    """What one device differs from its design by."""
+
+    element: ComplexArray  # (element,)
+    beam: ComplexArray  # (beam,)
+    misfit: float  # mean share of the measured vectors' power that the model leaves
+
+
+def self_calibrate(sweeps: Iterable[BeamSweep], config: SelfCalibrationConfig | None = None) -> Calibration:
+    """Calibrate both arrays of a link from the sweeps of several stops, which are read one at a time.
+
+    Raises
+    ------
+    ValueError
+        Where there are no sweeps, or not a single dominant path in them.
+    """
+    config = config or SelfCalibrationConfig()
+    found, books = [], None
+    for sweep in sweeps:
+        books = books or (sweep.tx_codebook, sweep.rx_codebook)
+        found.append(dominant_paths(sweep, config.min_snr_db))
+    if books is None:
+        raise ValueError("self_calibration: no sweeps, at least 2 stops are needed")
+    paths = concatenate(found, "path")
+    magnitudes = _calibrated(books, paths, config, is_coherent=False)
+    best = magnitudes
+    if paths.phases_may_be_kept() and len(paths.pure(True, config.min_purity)):
+        coherent = _calibrated(books, paths, config, is_coherent=True)
+        if coherent.misfit <= INCOHERENT_GAIN * magnitudes.misfit:
+            best = coherent
+    return best
+
+
+def _calibrated(
+    books: tuple[Codebook, Codebook],
+    paths: DominantPaths,
+    config: SelfCalibrationConfig,
+    *,
+    is_coherent: bool,
+) -> Calibration:
+    paths = paths.pure(is_coherent, config.min_purity)
+    if not len(paths):
+        raise ValueError("self_calibration: no path stands alone in its delay cell at any of the stops")
+    vectors = paths.vectors(is_coherent)
+    tx, rx = (
+        calibrate_array(book, vector, paths.snr, config, is_coherent=is_coherent)
+        for book, vector in zip(books, vectors, strict=True)
+    )
+    return Calibration(
+        tx_codebook=with_responses(books[0], tx.element, tx.beam),
+        rx_codebook=with_responses(books[1], rx.element, rx.beam),
+        tx_element=tx.element,
+        rx_element=rx.element,
+        n_paths=len(paths),
+        is_coherent=is_coherent,
+        misfit=tx.misfit + rx.misfit,
+    )
+
+
+def with_responses(codebook: Codebook, element: ComplexArray, beam: ComplexArray) -> Codebook:
+    """The codebook whose elements (element,) and beams (beam,) respond by these factors."""
+    return replace(codebook, weights=codebook.weights * element * beam[:, None])
+
+
+def calibrate_array(
+    codebook: Codebook,
+    vectors: ComplexArray,
+    snr: FloatArray,
+    config: SelfCalibrationConfig,
+    *,
+    is_coherent: bool = True,
+) -> ArrayFactors:
+    """Factors of the elements and of the beams of one device, 1 where it is as designed.
+
+    Parameters
+    ----------
+    vectors
+        (path, beam) of unit norm: the device's response to one path each, up to a complex factor.
+    snr
+        (path,) inverse of the noise power of an entry of `vectors`. Paths that fit worse than their noise explains
+        (others in the same delay cell, side lobes) count by their misfit instead.
+    """
+    element = np.ones(codebook.size("element"), complex)
+    beam = np.ones(len(codebook), complex)
+    manifold = Manifold(codebook)
+    angles = _start(manifold, vectors if is_coherent else np.abs(vectors), is_coherent=is_coherent)
+    step = FIRST_STEP_RAD
+    for _ in range(config.turns):
+        matrix = element_matrix(codebook, *_azimuth_elevation(angles)) * beam[:, None]
+        measured = vectors if is_coherent else _model_phases(vectors, matrix @ element)
+        angles = _searched(codebook, element, beam, measured, angles, step)
+        matrix = element_matrix(codebook, *_azimuth_elevation(angles))
+        misfit = 1 - _match(measured, (matrix @ element) * beam)
+        weight = np.minimum(snr, (vectors.shape[1] - 1) / np.maximum(misfit, LEAST_MISFIT))
+        if config.errors != "beams":
+            element = _element_step(matrix * beam[:, None], measured, weight, element, config.prior_std)
+            element = without_gauge(codebook, element)
+        if config.errors != "elements":
+            beam = _beam_step(matrix @ element, measured, weight, beam, config.prior_std)
+        step = max(step / 2, LAST_STEP_RAD)
+    return ArrayFactors(element, beam, float(np.average(misfit, weights=weight)))
+
+
+def element_matrix(codebook: Codebook, azimuth_rad: FloatArray, elevation_rad: FloatArray) -> ComplexArray:
+    """What every element adds to every beam (direction, beam, element) towards directions in the device frame."""
+    matrix = np.empty((len(azimuth_rad), *codebook.weights.shape), complex)
+    panels = np.stack([codebook.panel_azimuth_rad, codebook.panel_tilt_rad], axis=1)
+    slant = codebook.polarisation_slant_rad
+    for panel, tilt in np.unique(panels, axis=0):
+        beams = np.flatnonzero((panels == (panel, tilt)).all(axis=1))
+        local = to_panel(azimuth_rad, elevation_rad, panel, tilt)
+        gain = element_amplitude(codebook.element_pattern, *local)
+        if slant or tilt:
+            gain = gain * vertical_polarisation(azimuth_rad, elevation_rad, panel, tilt, slant)
+        wave = steering_vector(codebook.element_position_m, codebook.carrier_hz, *local) * gain[:, None]
+        matrix[:, beams] = codebook.weights[beams] * wave[:, None]
+    return matrix
+
+
+def without_gauge(codebook: Codebook, element: ComplexArray) -> ComplexArray:
+    """Element factors without the common complex factor and the linear phase that no path can show.
+
+    The phase slope is the weighted least-squares one, so that no turn of 2 pi is met for errors of less than pi.
+    """
+    position = codebook.element_position_m[:, 1:]
+    position = position - position.mean(axis=0)
+    base = np.column_stack([np.ones(len(element)), position])
+    weight = np.abs(element)
+    turned = element * np.exp(-1j * np.angle(element.sum()))
+    slope, *_ = np.linalg.lstsq(base * weight[:, None], np.angle(turned) * weight, rcond=None)
+    turned = turned * np.exp(-1j * base @ slope)
+    return np.asarray(turned / np.sqrt(np.mean(np.abs(turned) ** 2)))
+
+
+def _element_step(
+    matrix: ComplexArray, measured: ComplexArray, snr: FloatArray, element: ComplexArray, prior_std: float
+) -> ComplexArray:
+    """Least squares for e on what of the model (path, beam, element) is orthogonal to the measured vectors.
+
+    The noise of a unit vector is 1 / SNR per entry, that of the orthogonal part |A e|^2 / SNR.
+    """
+    scale = np.sqrt(snr / np.square(np.abs(matrix @ element)).sum(axis=1))
+    across = matrix - measured[:, :, None] * (measured[:, None].conj() @ matrix)
+    rows = (across * scale[:, None, None]).reshape(-1, matrix.shape[2])
+    normal = rows.conj().T @ rows + np.eye(matrix.shape[2]) / prior_std**2
+    # The prior pulls e to 1; its pull along the scale is undone by the gauge.
+    return np.asarray(np.linalg.solve(normal, np.full(matrix.shape[2], 1 / prior_std**2, complex)))
+
+
+def _beam_step(
+    model: ComplexArray, measured: ComplexArray, snr: FloatArray, beam: ComplexArray, prior_std: float
+) -> ComplexArray:
+    """Least squares for the factor of every beam, given the responses (path, beam) without it."""
+    current = model * beam
+    factor = (current.conj() * measured).sum(axis=1) / np.square(np.abs(current)).sum(axis=1)
+    expected = model * factor[:, None]
+    weight = np.square(np.abs(expected)) * snr[:, None]
+    matched = expected.conj() * measured * snr[:, None]
+    updated = (matched.sum(axis=0) + 1 / prior_std**2) / (weight.sum(axis=0) + 1 / prior_std**2)
+    scale = np.sqrt(np.mean(np.square(np.abs(updated))))
+    return np.asarray(updated / (scale * np.exp(1j * np.angle(updated.sum()))))
+
+
+def _start(manifold: Manifold, measured: ComplexArray, *, is_coherent: bool) -> FloatArray:
+    """Directions (path, angle) of the grid whose designed responses are nearest to the measured vectors."""
+    grid = manifold.grid(START_OVERSAMPLING)
+    response = manifold.response(grid)
+    if not is_coherent:
+        response = np.abs(response).astype(complex)
+    response = response / np.linalg.norm(response, axis=1, keepdims=True)
+    return np.asarray(grid[np.abs(measured.conj() @ response.T).argmax(axis=1)])
+
+
+def _searched(
+    codebook: Codebook,
+    element: ComplexArray,
+    beam: ComplexArray,
+    measured: ComplexArray,
+    angles: FloatArray,
+    step_rad: float,
+) -> FloatArray:
+    """Directions moved to the vertex of a parabola through the match at three points along every angle."""
+    angles = angles.copy()
+    for axis in range(angles.shape[1]):
+        match = []
+        for move in (-step_rad, 0.0, step_rad):
+            tried = angles.copy()
+            tried[:, axis] += move
+            response = (element_matrix(codebook, *_azimuth_elevation(tried)) @ element) * beam
+            match.append(np.log(_match(measured, response)))
+        left, centre, right = match
+        curvature = left - 2 * centre + right
+        with np.errstate(divide="ignore", invalid="ignore"):
+            vertex = np.where(
+                curvature < 0, np.clip(0.5 * (left - right) / curvature, -1, 1), np.sign(right - left)
+            )
+        angles[:, axis] += step_rad * vertex
+    return angles
+
+
+def _match(measured: ComplexArray, model: ComplexArray) -> FloatArray:
+    """Share (path,) of the power of the unit vectors `measured` (path, beam) along the model."""
+    along = np.square(np.abs((measured.conj() * model).sum(axis=1)))
+    return np.asarray(along / np.square(np.abs(model)).sum(axis=1))
+
+
+def _model_phases(vectors: ComplexArray, model: ComplexArray) -> ComplexArray:
+    """The magnitudes of the vectors (path, beam) with the phases of the model."""
+    return np.asarray(np.abs(vectors) * np.exp(1j * np.angle(model)))
+
+
+def _azimuth_elevation(angles: FloatArray) -> tuple[FloatArray, FloatArray]:
+    return angles[:, 0], angles[:, 1] if angles.shape[1] == 2 else np.zeros(len(angles))

@@ -1,0 +1,82 @@
+"""Paths that cancel each other, which no scene has: put apart, or taken for one.
+
+Two paths that nearly coincide with opposite amplitudes are the derivative of one. A fit of too few paths
+explains by it what a group of several leaves, and the nearer the two come the larger both grow, without a bound.
+True phases are independent: even where their amplitudes are equal two true paths cancel by 20 dB in 3 % of cases.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from estimation.channel.coherent.refine import Reference, Solution, refine_near
+from estimation.channel.model.manifold import CELL
+from estimation.channel.model.path_model import Paths, manifold_rates
+from scenes.pose import wrap_angle
+from scenes.record import BoolArray, FloatArray
+
+CANCELLED = 100.0  # power of a path over what it and its near ones show at its place, which no true one has
+NEAR = 0.5  # squared coherence of paths near each other, half a resolution cell apart
+SAME = 0.997  # of paths in one place, 0.03 cell apart
+APART_CELLS = (0.5, 1.0)  # resolution cells that two paths which cancelled are put apart
+
+
+def parted(reference: Reference, solution: Solution, max_steps: int) -> Solution:
+    """The solution without paths that cancel each other or coincide.
+
+    They are put apart where, fitted again, as many paths explain most and do neither; else they become one.
+    """
+    for _ in range(2 * len(solution.paths)):
+        pair = _worst_pair(solution)
+        if not pair.any():
+            break
+        others, two = solution.paths.take(~pair), solution.paths.take(pair)
+        trials = [
+            refine_near(reference, others.joined(_apart(reference, two, c)), two, max_steps)
+            for c in APART_CELLS
+        ]
+        sound = [trial for trial in trials if not alike(trial)[-2:].any()]
+        if sound:
+            solution = max(sound, key=lambda trial: trial.explained)
+        else:
+            one = _apart(reference, two, 0.0).take(slice(1))
+            solution = refine_near(reference, others.joined(one), two, max_steps)
+    return solution
+
+
+def alike(solution: Solution) -> FloatArray:
+    """Squared coherence (path, path) of pairs that no scene has, 0 of all others.
+
+    Those that coincide, and those near each other of which the first is cancelled: it has far more power than its
+    matched filter shows of it and all that are near it together.
+    """
+    information, amplitude = solution.information, solution.paths.amplitude
+    inner = information[:, 0, :, 0] - 1j * information[:, 0, :, 1]  # products of the responses
+    energy = np.diagonal(inner).real
+    coherence = np.square(np.abs(inner)) / (energy[:, None] * energy)
+    is_near = coherence >= NEAR
+    together = np.square(np.abs(np.where(is_near, inner, 0.0) @ amplitude)) / energy
+    is_cancelled = np.square(np.abs(amplitude)) * energy >= CANCELLED * together
+    np.fill_diagonal(coherence, 0.0)
+    return np.where((coherence >= SAME) | (is_near & is_cancelled[:, None]), coherence, 0.0)
+
+
+def _worst_pair(solution: Solution) -> BoolArray:
+    """The two paths (path,) most alike; none where no pair is."""
+    pair: BoolArray = np.zeros(len(solution.paths), bool)
+    coherence = alike(solution)
+    if coherence.any():
+        pair[list(np.unravel_index(np.argmax(coherence), coherence.shape))] = True
+    return pair
+
+
+def _apart(reference: Reference, two: Paths, cells: float) -> Paths:
+    """Two paths at so many resolution cells about their middle, on the line through both."""
+    rate = manifold_rates(reference.sweep, two).mean(axis=0)
+    step = np.concatenate(
+        [np.diff(two.delay_bins), *(wrap_angle(np.diff(a, axis=0))[0] for a in (two.aod_rad, two.aoa_rad))]
+    )
+    length = max(float(np.linalg.norm(step * rate)), np.finfo(float).tiny)
+    half = step / 2 * cells * CELL / length
+    first = two.take(slice(1)).moved(step[None] / 2)
+    return first.moved(-half[None]).joined(first.moved(half[None]))

@@ -1,0 +1,208 @@
+"""Coherent maximum likelihood over a dense diffuse background: found paths, and the noise that the rest makes.
+
+Weak paths by the thousand add to the noise of the cells they fall into. Their power over delay is estimated from
+what the found paths leave, without assuming its shape (RiMAX takes an exponential decay; rooms have several), the
+delay bins are whitened by it, and the paths are found anew, until both agree. A path must also stand out of the
+background in its own direction, of the power that its matched filter shows at the delays around it, strong paths
+taken out, and of the heavier tail of powers where diffuse paths fill some cells and leave others empty. Where a
+path shares its direction with a background its covariance grows by that factor, and by another where the residual
+shows that the paths found do not explain the samples about it (`misfit`).
+
+With too few samples beside the paths to tell the background from noise, noise it is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimation.channel.coherent.misfit import misfit_factor, widened
+from estimation.channel.coherent.paths import Prepared, fit_paths, path_fit, prepare
+from estimation.channel.coherent.plan import DelayWindow
+from estimation.channel.coherent.prune import wald_statistic
+from estimation.channel.coherent.refine import Reference, Solution
+from estimation.channel.config import MaximumLikelihoodConfig
+from estimation.channel.fit import PathFit
+from estimation.channel.model.compress import CompressedSweep
+from estimation.channel.model.manifold import Manifold
+from estimation.channel.model.path_model import Paths, manifold_rates, responses
+from scenes.record import BoolArray, ComplexArray, FloatArray, IntArray
+from sim.observation import BeamSweep
+
+MAX_TURNS = 3
+SMOOTHING_BINS = 2  # to either side, of the background's power over delay
+NOISE_STD = 5.0  # of a smoothed bin's power, that count as noise
+KEPT_SHARE = 0.95  # of the directions, from the weakest up, that the background is told from
+AROUND_BINS = 24  # to either side of a path, where its direction's background is read
+NEAR_BINS = 12  # to either side, where it is seen how unevenly the background is spread
+OWN_BINS = 2  # to either side, that the path itself fills
+STRONG = 4.0  # power over the level of detection, from which a path is no part of a background
+NOTABLE = 1.7  # background in a direction that a path is held against: noise alone shows it once in 250 times
+UNEVEN = 1.06  # scale of the background's tail, from which on it counts: two standard deviations in noise
+STRONG_CELL = 40.0  # power of a cell that is no dense background any more
+UNEXPLAINED = 3.0  # mean power left in a path's own cells, from which it is more than noise
+CHANGED = 0.1  # relative, of the background from one turn to the next, that asks for another
+
+
+def fit_over_background(
+    sweep: BeamSweep,
+    config: MaximumLikelihoodConfig | None = None,
+    tx_manifold: Manifold | None = None,
+    rx_manifold: Manifold | None = None,
+) -> PathFit:
+    """Paths of one stop by coherent maximum likelihood, dense diffuse multipath counted as noise.
+
+    As `fit_coherent`, with which it agrees where there is no background.
+    """
+    stop = prepare(sweep, config, tx_manifold, rx_manifold)
+    if isinstance(stop, PathFit):
+        return stop
+    found = _settled(stop)
+    fit = path_fit(found.solution, found.sweep, stop.tx, stop.rx, sweep.noise_power_mw)
+    return _reported(found, fit, stop.tx, stop.rx)
+
+
+@dataclass(frozen=True)
+class _Found:
+    """Paths found after whitening by some background, and what the ones that stand out of it leave."""
+
+    sweep: CompressedSweep  # whitened
+    solution: Solution
+    rise: FloatArray  # (path,) power of the background about the path, over the whitened noise
+    stands_out: BoolArray  # (path,)
+    background: FloatArray  # (bin,) noise power of every delay bin beside the paths, receiver noise 1
+
+
+def _settled(stop: Prepared) -> _Found:
+    """Turns of finding paths and of telling the background from what they leave, until both agree."""
+    background = np.ones(len(stop.compressed.position))
+    found = _turn(stop, background)
+    for _ in range(MAX_TURNS if stop.config.whiten_background else 0):
+        changed = np.abs(found.background / background - 1).max() > CHANGED
+        if not changed:
+            break
+        background = found.background
+        found = _turn(stop, background)
+    return found
+
+
+def _turn(stop: Prepared, background: FloatArray) -> _Found:
+    sweep, window = stop.compressed, stop.window
+    white = sweep
+    if (background > 1).any():
+        ranks = sweep.samples.shape[:2]
+        white = sweep.whitened(np.eye(ranks[0]), np.eye(ranks[1]), np.sqrt(background))
+    solution = fit_paths(white, window, stop.plan, stop.config)
+    rise, stands_out = _direction_test(white, solution, window)
+    left = without_paths(sweep, solution.paths.take(stands_out))
+    return _Found(white, solution, rise, stands_out, background_over_delay(left))
+
+
+def _reported(found: _Found, fit: PathFit, tx: Manifold, rx: Manifold) -> PathFit:
+    """The paths of a `fit` that stand out, their covariances widened by background and misfit."""
+    n, paths = found.sweep.n_subcarriers, found.solution.paths
+    delay_bins = (paths.delay_bins + n / 8) % n - n / 8
+    order = np.argsort(delay_bins, kind="stable")
+    factor = found.rise * misfit_factor(Reference(found.sweep, paths), found.solution)
+    reported = Paths(fit.delay_s / found.sweep.bin_s, fit.aod_rad, fit.aoa_rad, fit.amplitude.astype(complex))
+    rate = manifold_rates(replace(found.sweep, tx=tx, rx=rx), reported)
+    rate[:, 0] /= found.sweep.bin_s
+    fit = replace(fit, covariance=widened(fit.covariance, factor[order], rate))
+    kept: PathFit = fit.take("path", found.stands_out[order])
+    return kept if len(kept) else replace(kept, status="no_paths")
+
+
+def background_over_delay(left: ComplexArray) -> FloatArray:
+    """Power (bin,) of what the paths leave (tx_rank, rx_rank, bin), smoothed; 1 where noise explains it.
+
+    From all directions but the strongest few: what fills those alone, as paths too close to be told apart, is no
+    dense background. The mean of an exponential variable below its quantile p is 1 + (1 - p) log(1 - p) / p.
+    """
+    directions = np.sort(np.square(np.abs(left)).reshape(-1, left.shape[2]), axis=0)
+    n_kept = max(1, int(np.ceil(KEPT_SHARE * len(directions))))
+    share = n_kept / len(directions)
+    expected = 1 + (1 - share) * np.log(1 - share) / share if share < 1 else 1.0
+    power = directions[:n_kept].mean(axis=0, dtype=float) / expected
+    width = 2 * SMOOTHING_BINS + 1
+    smooth = np.convolve(np.pad(power, SMOOTHING_BINS, mode="edge"), np.ones(width) / width, "valid")
+    n_cells = left.shape[0] * left.shape[1] * width
+    return np.where(smooth > 1 + NOISE_STD / np.sqrt(n_cells), smooth, 1.0)
+
+
+def without_paths(sweep: CompressedSweep, paths: Paths) -> ComplexArray:
+    """The samples (tx_rank, rx_rank, bin) of a compressed sweep less what the paths leave in them."""
+    at = responses(sweep, paths)
+    tx, rx, delay = at.tx[:, 0], at.rx[:, 0], at.delay[:, 0]
+    beams = (paths.amplitude[:, None, None] * tx[:, :, None] * rx[:, None]).reshape(
+        len(paths), tx.shape[1] * rx.shape[1]
+    )
+    return np.asarray(sweep.samples - (beams.T @ delay).reshape(sweep.samples.shape))
+
+
+def _direction_test(
+    sweep: CompressedSweep, solution: Solution, window: DelayWindow
+) -> tuple[FloatArray, BoolArray]:
+    """Power (path,) over noise, at least 1, that widens the paths' covariances; which paths stand out of it.
+
+    Of the background in their directions strong paths are taken out; weak ones, near the level of detection, may
+    be part of it and stay in. What all paths leave in a path's own cells widens its covariance too.
+    """
+    paths = solution.paths
+    level = window.level_at(paths.delay_bins)
+    at = responses(sweep, paths)
+    energy = np.square(np.abs(at.tx[:, 0])).sum(axis=1) * np.square(np.abs(at.rx[:, 0])).sum(axis=1)
+    energy *= np.square(at.delay[:, 0]).sum(axis=1)
+    is_strong = np.square(np.abs(paths.amplitude)) * energy > STRONG * level
+    left = without_paths(sweep, paths.take(is_strong))
+    power_left = np.square(np.abs(without_paths(sweep, paths)))
+    rise, own_rise = np.ones(len(paths)), np.ones(len(paths))
+    for path in range(len(paths)):
+        beams = paths.amplitude[path] * at.tx[path, 0][:, None] * at.rx[path, 0]
+        own = 0.0 if is_strong[path] else beams[:, :, None] * at.delay[path, 0]
+        rise[path] = _background_along(
+            left - own, at.tx[path, 0], at.rx[path, 0], sweep.position - paths.delay_bins[path]
+        )
+        own_rise[path] = _mean_over_cells(power_left, at.tx[path, 0], at.rx[path, 0], at.delay[path, 0])
+    tail = _tail_scale(power_left, sweep.position, paths.delay_bins)
+    needed = np.maximum(np.where(rise > NOTABLE, rise, 0.0), np.where(tail > UNEVEN, tail, 0.0))
+    stands_out = wald_statistic(solution) >= needed * level
+    widened = np.maximum(np.where(rise > NOTABLE, rise, 1.0), np.where(own_rise > UNEXPLAINED, own_rise, 1.0))
+    return widened, np.asarray(stands_out)
+
+
+def _tail_scale(power: FloatArray, position: IntArray, delay_bins: FloatArray) -> FloatArray:
+    """Scale (path,) of the tail of the power that is left (tx_rank, rx_rank, bin) around a path; 1 for noise.
+
+    The power of noise is exponential, and so is that of the cells that diffuse paths fill; but where they do not
+    fill all, high powers come from the filled ones alone. Of a mixture of exponentials a third of the mean cube
+    over the mean square is the mean scale of the cells that its high powers are in. Much stronger cells are no
+    dense background, but what strong paths nearby leave.
+    """
+    weak = np.where(power < STRONG_CELL, power, 0.0)
+    square = np.square(weak).mean(axis=(0, 1), dtype=float)
+    cube = np.power(weak, 3).mean(axis=(0, 1), dtype=float)
+    is_near = np.abs(position - delay_bins[:, None]) <= NEAR_BINS
+    return np.asarray(is_near @ cube / 3 / np.maximum(is_near @ square, np.finfo(float).tiny))
+
+
+def _mean_over_cells(power: FloatArray, tx: ComplexArray, rx: ComplexArray, delay: FloatArray) -> float:
+    """Mean power left in the cells that a path fills, weighted by the share of the path in them."""
+    weights = [np.square(np.abs(part)) for part in (tx, rx, delay)]
+    total = np.einsum("m,mnd,n,d->", weights[0], power, weights[1], weights[2], optimize=True)
+    return float(total / np.prod([weight.sum() for weight in weights]))
+
+
+def _background_along(
+    left: ComplexArray, tx: ComplexArray, rx: ComplexArray, offset_bins: FloatArray
+) -> float:
+    """Noise power about a path that its direction's matched filter shows, at least 1.
+
+    From the median over the delays beside the path: a few other paths there do not count.
+    """
+    beside = (np.abs(offset_bins) > OWN_BINS) & (np.abs(offset_bins) <= AROUND_BINS)
+    if beside.sum() < AROUND_BINS:
+        return 1.0
+    filtered = np.einsum("m,mnd,n->d", tx.conj(), left[:, :, beside], rx.conj(), optimize=True)
+    energy = np.square(np.abs(tx)).sum() * np.square(np.abs(rx)).sum()
+    return float(max(1.0, np.median(np.square(np.abs(filtered))) / np.log(2) / energy))

@@ -1,0 +1,115 @@
+"""Paths from above or below the horizon, which horizontal beams of several panels show more than once.
+
+Every panel sees a path under the cone angle about its own boresight. A direction of elevation e and azimuth a
+from a boresight lies on the cone of sine sin(a) cos(e), so what two panels show of one path agrees in no
+horizontal direction: a model of horizontal paths needs further ones for other panels. Those have the delay and the
+angle at the far end of the first, and amplitudes that follow from it. Where one path with an elevation explains
+the samples as well as all of them, it takes their place.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from estimation.channel.coherent.prune import Levels
+from estimation.channel.coherent.refine import Reference, Solution, refine_near
+from estimation.channel.model.manifold import Manifold
+from estimation.channel.model.path_model import Paths, responses
+from scenes.record import BoolArray, ComplexArray, FloatArray
+
+ELEVATIONS_RAD = np.deg2rad(np.arange(3.0, 75.0, 2.0))  # that are tried
+SAME_PLACE = 0.5  # squared coherence over delay and the angle at the far end, of what may be one path
+OTHER_ANGLE = 0.25  # squared coherence over the angle at this end, below which two are no close pair
+UNLIKE = 0.7  # of the amplitude of a path: difference from what a raised one would leave there, at the most
+
+
+def raised(reference: Reference, solution: Solution, levels: Levels, max_steps: int) -> Solution:
+    """The solution with raised paths in place of several at the horizon each, where they explain as much.
+
+    As much as without the others, but for their levels. Manifolds that hide no elevation leave it as it is.
+    """
+    for is_tx, manifold in ((True, reference.sweep.tx), (False, reference.sweep.rx)):
+        if not manifold.hides_elevation:
+            continue
+        tried: BoolArray = np.zeros(len(solution.paths), bool)
+        while True:
+            images = _clearest_images(reference, solution.paths, tried, is_tx=is_tx)
+            if images is None:
+                break
+            first, seconds, angles = images
+            tried[first] = True
+            enough = solution.explained - levels(solution.paths.delay_bins[seconds]).sum()
+            trial = _with_angles(solution.paths, first, angles, is_tx=is_tx).take(~seconds)
+            about = solution.paths.take(seconds | (np.arange(len(tried)) == first))
+            one = refine_near(reference, trial, about, max_steps)
+            if one.explained > enough:
+                solution, tried = one, tried[~seconds]
+    return solution
+
+
+def _clearest_images(
+    reference: Reference, paths: Paths, tried: BoolArray, *, is_tx: bool
+) -> tuple[int, BoolArray, FloatArray] | None:
+    """A path, others (path,) that it would leave if it had the angles (2,) instead; None without any.
+
+    Of all paths at the horizon that were not tried yet, and all elevations, those that explain most power.
+    """
+    at = responses(reference.sweep, paths)
+    tx, rx, delay = at.tx[:, 0], at.rx[:, 0], at.delay[:, 0]
+    own, far = (tx, rx) if is_tx else (rx, tx)
+    angles_rad = paths.aod_rad if is_tx else paths.aoa_rad
+    manifold = reference.sweep.tx if is_tx else reference.sweep.rx
+    beside = (far.conj() @ far.T) * (delay @ delay.T)
+    energy = np.diagonal(beside).real
+    together = np.square(np.abs(beside)) >= SAME_PLACE * energy * energy[:, None]
+    inner = own.conj() @ own.T
+    own_energy = np.diagonal(inner).real
+    together &= np.square(np.abs(inner)) < OTHER_ANGLE * own_energy * own_energy[:, None]
+    together[tried | (angles_rad[:, 1] != 0)] = False
+    best: tuple[int, BoolArray, FloatArray] | None = None
+    most = 0.0
+    for first in np.flatnonzero(together.any(axis=1)):
+        others = np.flatnonzero(together[first])
+        directions = _same_cone(manifold, angles_rad[first])
+        change = paths.amplitude[first] * (manifold.response(directions) - own[first])
+        seen = paths.amplitude[others] * beside[first, others] / energy[first]
+        for angles, left in zip(directions, change, strict=True):
+            agree, power = _agreeing(own[others], seen, left)
+            if power > most:
+                most, best = power, (int(first), np.isin(np.arange(len(paths)), others[agree]), angles)
+    return best
+
+
+def _agreeing(
+    responses_: ComplexArray, amplitude: ComplexArray, left: ComplexArray
+) -> tuple[BoolArray, float]:
+    """Which paths (path,) of given responses (path, rank) have the amplitudes that something `left` (rank,) shows.
+
+    And their power. Paths that have not are taken out, the farthest off first, until all others agree.
+    """
+    agree: BoolArray = np.ones(len(amplitude), bool)
+    while agree.any():
+        shown = np.linalg.lstsq(responses_[agree].T, left, rcond=None)[0]
+        unlike = np.abs(shown / amplitude[agree] - 1)
+        if unlike.max() <= UNLIKE:
+            break
+        agree[np.flatnonzero(agree)[np.argmax(unlike)]] = False
+    power = np.square(np.abs(amplitude[agree] @ responses_[agree])).sum()
+    return agree, float(power)
+
+
+def _same_cone(manifold: Manifold, angles_rad: FloatArray) -> FloatArray:
+    """Directions (elevation, 2) above the horizon on the cone about its panel of one (2,) at the horizon."""
+    boresight = manifold.best_panel_rad(angles_rad[None])[0]
+    sine = np.sin(angles_rad[0] - boresight) / np.cos(ELEVATIONS_RAD)
+    is_there = np.abs(sine) < 1
+    return np.stack([boresight + np.arcsin(sine[is_there]), ELEVATIONS_RAD[is_there]], axis=1)
+
+
+def _with_angles(paths: Paths, path: int, angles_rad: FloatArray, *, is_tx: bool) -> Paths:
+    """The paths, one of which has other angles (2,) at one end."""
+    angles = (paths.aod_rad if is_tx else paths.aoa_rad).copy()
+    angles[path] = angles_rad
+    return replace(paths, aod_rad=angles) if is_tx else replace(paths, aoa_rad=angles)

@@ -1,0 +1,216 @@
+"""Coherent maximum likelihood: all paths of a stop jointly, phases known from beam pair to beam pair.
+
+Whitened and compressed without loss, the sweep is searched by matched filter; peaks that side lobes do not explain
+are refined, tested, and fitted jointly with all others, round by round until nothing above the noise is left. The
+idea is that of Newtonised orthogonal matching pursuit (Mamandipoor, Ramasamy and Madhow, 2016), with paths taken
+in batches, false alarms controlled over the continuous field, and the model order decided by likelihood ratios.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimation.channel.coherent.cancel import parted
+from estimation.channel.coherent.elevated import raised
+from estimation.channel.coherent.plan import (
+    SCALLOPING,
+    DelayWindow,
+    SearchPlan,
+    delay_window,
+    nominal_manifold,
+    search_plan,
+)
+from estimation.channel.coherent.prune import companions, pruned
+from estimation.channel.coherent.refine import (
+    Reference,
+    Solution,
+    covariances,
+    refine,
+    refine_apart,
+    solve_at,
+)
+from estimation.channel.coherent.search import Search, without_side_lobes
+from estimation.channel.config import MaximumLikelihoodConfig
+from estimation.channel.fit import PathFit, empty_fit
+from estimation.channel.model.apparent import seen_from_horizon
+from estimation.channel.model.compress import CompressedSweep, check_sweep, compress
+from estimation.channel.model.manifold import Manifold
+from estimation.channel.model.path_model import Paths, no_paths
+from scenes.pose import wrap_angle
+from scenes.record import FloatArray
+from sim.observation import BeamSweep
+
+MAX_ROUNDS = 30
+ROUND_STEPS = 3  # Levenberg-Marquardt steps of a round: paths not found yet would lead further ones astray
+FINAL_STEPS = 30
+CERTAIN = 1.5  # times the detection level: a peak on the grid that needs no refinement to be tested
+SIDE_LOBE_MARGIN = 1.7  # in amplitude: what a search grid of two points per cell hides of a peak, and more
+
+
+def fit_coherent(
+    sweep: BeamSweep,
+    config: MaximumLikelihoodConfig | None = None,
+    tx_manifold: Manifold | None = None,
+    rx_manifold: Manifold | None = None,
+) -> PathFit:
+    """Paths of one stop by coherent maximum likelihood, with the covariance of each.
+
+    The manifolds are by default those of the sweep's nominal codebooks; others, such as of calibrated arrays, can
+    be given. Zero paths are valid, and so are samples that are all zero: the status says so.
+
+    Raises
+    ------
+    ValueError
+        For a sweep that nothing can be estimated from (no beams, subcarriers or noise power) and samples that are
+        not finite; the message is one line.
+    """
+    stop = prepare(sweep, config, tx_manifold, rx_manifold)
+    if isinstance(stop, PathFit):
+        return stop
+    solution = fit_paths(stop.compressed, stop.window, stop.plan, stop.config)
+    return path_fit(solution, stop.compressed, stop.tx, stop.rx, sweep.noise_power_mw)
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A stop ready for the search of paths; `tx` and `rx` are the manifolds of all beams."""
+
+    compressed: CompressedSweep
+    window: DelayWindow
+    plan: SearchPlan
+    config: MaximumLikelihoodConfig
+    tx: Manifold
+    rx: Manifold
+
+
+def prepare(
+    sweep: BeamSweep,
+    config: MaximumLikelihoodConfig | None,
+    tx_manifold: Manifold | None,
+    rx_manifold: Manifold | None,
+) -> Prepared | PathFit:
+    """The compressed samples of a stop at the delays that may hold paths, or the empty fit where there are none.
+
+    Arguments and errors are those of `fit_coherent`.
+    """
+    config = config or MaximumLikelihoodConfig()
+    check_sweep(sweep)
+    tx = tx_manifold or nominal_manifold(sweep.tx_codebook)
+    rx = rx_manifold or nominal_manifold(sweep.rx_codebook)
+    plan = search_plan(tx, rx, tuple(sweep.noise_power_mw.tolist()), config.oversampling)
+    cube = compress(sweep, plan.tx, plan.rx)
+    if not cube.spectrum.any():
+        return empty_fit(tx.n_angles, rx.n_angles, "no_signal")
+    window = delay_window(cube, plan, config)
+    if window is None:
+        return empty_fit(tx.n_angles, rx.n_angles, "no_paths")
+    compressed = cube.window(window.position).with_hidden_elevation()
+    return Prepared(compressed, window, plan, config, tx, rx)
+
+
+def fit_paths(
+    sweep: CompressedSweep, window: DelayWindow, plan: SearchPlan, config: MaximumLikelihoodConfig
+) -> Solution:
+    """Paths in a compressed sweep: find, fit jointly and prune until no more stand out of what is left."""
+    search = Search(sweep, plan.grids, plan.oversampling)
+    reference = Reference(sweep, no_paths(sweep))
+    solution = solve_at(reference, reference.paths)
+    for _ in range(MAX_ROUNDS):
+        room = min(config.max_paths, _most_paths(sweep)) - len(solution.paths)
+        new = _new_paths(search, reference, window, room)
+        if not len(new):
+            solution, is_raised = _finished(reference, solution, window)
+            reference = Reference(sweep, solution.paths)
+            if is_raised:
+                continue
+            new = companions(reference, solution, window.level) if room > 0 else new
+            if not len(new):
+                return solution
+        trial = refine(reference, solution.paths.joined(new), ROUND_STEPS)
+        trial = pruned(reference, trial, window.level_at, ROUND_STEPS)
+        trial = parted(reference, trial, ROUND_STEPS)
+        if trial.explained - solution.explained < window.level / 2:
+            trial, is_raised = _finished(reference, solution, window)
+            if not is_raised:
+                return trial
+        solution, reference = trial, Reference(sweep, trial.paths)
+    return _finished(reference, solution, window)[0]
+
+
+def _finished(reference: Reference, solution: Solution, window: DelayWindow) -> tuple[Solution, bool]:
+    """The settled solution, with paths above or below the horizon where one explains several; whether so."""
+    solution = _settled(reference, solution, window)
+    above = raised(reference, solution, window.level_at, FINAL_STEPS)
+    if above is solution:
+        return solution, False
+    return _settled(reference, above, window), True
+
+
+def _settled(reference: Reference, solution: Solution, window: DelayWindow) -> Solution:
+    """The solution after convergence, without paths that are not needed or cancel each other."""
+    solution = pruned(reference, refine(reference, solution.paths, FINAL_STEPS), window.level_at, FINAL_STEPS)
+    apart = parted(reference, solution, FINAL_STEPS)
+    if apart is solution:
+        return solution
+    return parted(reference, pruned(reference, apart, window.level_at, FINAL_STEPS), FINAL_STEPS)
+
+
+def path_fit(
+    solution: Solution, sweep: CompressedSweep, tx: Manifold, rx: Manifold, noise_power_mw: FloatArray
+) -> PathFit:
+    """A solution in physical units, sorted by delay; `tx` and `rx` are the manifolds of all beams."""
+    paths, n = solution.paths, sweep.n_subcarriers
+    delay_bins = (paths.delay_bins + n / 8) % n - n / 8
+    delay_s = delay_bins * sweep.bin_s
+    turns = np.round((delay_bins - paths.delay_bins) / n)  # every period turns the middle of the band
+    gain = paths.amplitude * np.sqrt(sweep.noise_scale) * np.where(turns * (n - 1) % 2, -1, 1)
+    aod_rad, aod_slopes, tx_factor = seen_from_horizon(tx, paths.aod_rad)
+    aoa_rad, aoa_slopes, rx_factor = seen_from_horizon(rx, paths.aoa_rad)
+    gain = gain * np.exp(2j * np.pi * sweep.centre_hz * delay_s) * tx_factor * rx_factor
+    tx_gain = np.abs(tx.response(aod_rad)) ** 2
+    rx_gain = np.abs(rx.response(aoa_rad)) ** 2 / noise_power_mw
+    snr = np.abs(gain) ** 2 * tx_gain.max(axis=1) * rx_gain.max(axis=1) * n / sweep.noise_scale
+    covariance = _of_reported(covariances(solution, n), aod_slopes, aoa_slopes)
+    covariance[:, 0] *= sweep.bin_s
+    covariance[:, :, 0] *= sweep.bin_s
+    order = np.argsort(delay_s, kind="stable")
+    return PathFit(
+        delay_s=delay_s[order],
+        aod_rad=wrap_angle(aod_rad[order]),
+        aoa_rad=wrap_angle(aoa_rad[order]),
+        amplitude=np.abs(gain)[order],
+        phase_rad=np.angle(gain)[order],
+        snr_db=10 * np.log10(snr[order]),
+        covariance=covariance[order],
+        status="ok" if len(paths) else "no_paths",
+    )
+
+
+def _of_reported(covariance: FloatArray, aod_slopes: FloatArray, aoa_slopes: FloatArray) -> FloatArray:
+    """Covariance of delay and reported angles from that of fitted ones; slopes are (path, reported, fitted)."""
+    n, (n_aod, n_aoa) = len(covariance), (aod_slopes.shape[1], aoa_slopes.shape[1])
+    slopes = np.zeros((n, 1 + n_aod + n_aoa, covariance.shape[1]))
+    slopes[:, 0, 0] = 1.0
+    slopes[:, 1 : 1 + n_aod, 1 : 1 + aod_slopes.shape[2]] = aod_slopes
+    slopes[:, 1 + n_aod :, 1 + aod_slopes.shape[2] :] = aoa_slopes
+    return np.asarray(slopes @ covariance @ slopes.swapaxes(1, 2))
+
+
+def _new_paths(search: Search, reference: Reference, window: DelayWindow, room: int) -> Paths:
+    """Paths that stand out of what the known ones leave; where the grid leaves doubt, refined and tested."""
+    if room <= 0:
+        return no_paths(search.sweep)
+    peaks = search.peaks(reference.parts, SCALLOPING * window.level)
+    peaks = without_side_lobes(peaks, search.grids, SIDE_LOBE_MARGIN, room)
+    level = window.level_at(peaks.delay_bins)
+    is_certain = np.abs(peaks.value) ** 2 >= CERTAIN * level
+    doubtful, power = refine_apart(reference, search.paths(peaks.take(~is_certain)))
+    return search.paths(peaks.take(is_certain)).joined(doubtful.take(power >= level[~is_certain]))
+
+
+def _most_paths(sweep: CompressedSweep) -> int:
+    """Paths that the samples can hold with as many samples left over as parameters."""
+    n_parameters = 3 + sweep.tx.n_angles + sweep.rx.n_angles
+    return max(1, sweep.samples.size // n_parameters)

@@ -1,0 +1,154 @@
+"""Model order: which paths the data do not need, and which hide a second path close by."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from estimation.channel.coherent.refine import Reference, Solution, near, refine, refine_near, regular_inverse
+from estimation.channel.model.manifold import CELL
+from estimation.channel.model.path_model import Paths, gram, manifold_rates, own_energy, responses, tangents
+from scenes.record import BoolArray, ComplexArray, FloatArray
+
+Levels = Callable[[FloatArray], FloatArray]  # power over noise power that paths at delays in bins need
+
+COMPANION_OFFSET = 0.5  # resolution cells from a path where a second one is looked for
+LEAST_OWN_SHARE = (
+    0.02  # of a probe's energy that no path known so far can leave: below it, a probe says nothing
+)
+
+
+def wald_statistic(solution: Solution) -> FloatArray:
+    """Squared amplitude (path,) of every path over twice its variance when all parameters are unknown.
+
+    In the limit of small amplitudes' errors it is by how much the squared residual grows, in units of the noise
+    power, if the path is left out and all others are fitted again (Wald's test for the likelihood ratio).
+    """
+    n = len(solution.paths)
+    inverse = regular_inverse(solution.flat_information).reshape(solution.information.shape)
+    own = np.einsum("iaib->iab", inverse)[:, :2, :2]
+    amplitude = np.stack([solution.paths.amplitude.real, solution.paths.amplitude.imag], axis=1)
+    weighted = np.linalg.solve(own, amplitude[..., None])[..., 0] if n else np.zeros((0, 2))
+    return np.asarray((amplitude * weighted).sum(axis=1))
+
+
+def pruned(reference: Reference, solution: Solution, levels: Levels, max_steps: int) -> Solution:
+    """The solution without paths whose likelihood ratio is below their level, others fitted again.
+
+    Wald's test names the candidates; the likelihood without them decides, of all that seem needless together or
+    of the weakest alone. Where the two disagree the path was caught in a side maximum: it is put where it explains
+    most.
+    """
+    needed: BoolArray = np.zeros(len(solution.paths), bool)
+    is_changed = False
+    while True:
+        level = levels(solution.paths.delay_bins)
+        excess = np.where(needed, np.inf, wald_statistic(solution) - level)
+        if not (excess < 0).any():
+            return refine(reference, solution.paths, max_steps) if is_changed else solution
+        weakest = np.arange(len(level)) == np.argmin(excess)
+        enough = solution.explained - level[weakest][0]
+        together = needless(solution, np.where(needed, 0.0, level))
+        for dropped in (together, weakest) if together.any() else (weakest,):
+            out = solution.paths.take(dropped)
+            without = refine_near(reference, solution.paths.take(~dropped), out, max_steps, enough)
+            if without.explained > enough:
+                solution, needed, is_changed = without, needed[~dropped], True
+                break
+        else:
+            moved = _moved(reference, without, solution.paths.take(weakest), max_steps, solution.explained)
+            if moved.explained > solution.explained:
+                solution, needed, is_changed = moved, np.append(needed[~weakest], True), True
+            else:
+                needed = needed | weakest
+
+
+def needless(solution: Solution, level: FloatArray) -> BoolArray:
+    """Paths (path,) that the others would make up for in the linearised model, dropped one after another.
+
+    To drop a path is to put all its columns of the normal equations to zero: what that adds to the squared
+    residual and by how much it moves all others follows from their joint covariance. The path that adds least is
+    dropped, as long as it adds less than its `level` (path,), and the others take its place before the next is
+    looked at.
+    """
+    n, n_columns = solution.slope.shape
+    dropped: BoolArray = np.zeros(n, bool)
+    covariance = regular_inverse(solution.flat_information)
+    value = np.zeros((n, n_columns))
+    value[:, 0], value[:, 1] = solution.paths.amplitude.real, solution.paths.amplitude.imag
+    while True:
+        own = np.einsum("iaib->iab", covariance.reshape(n, n_columns, n, n_columns))
+        weight = np.linalg.solve(own, value[..., None])[..., 0]
+        loss = np.where(dropped, np.inf, (value * weight).sum(axis=1) - level)
+        path = int(np.argmin(loss))
+        if loss[path] >= 0:
+            return dropped
+        dropped[path] = True
+        block = slice(path * n_columns, (path + 1) * n_columns)
+        cross = covariance[:, block].copy()
+        value -= (cross @ weight[path]).reshape(value.shape)
+        covariance -= cross @ np.linalg.solve(own[path], cross.T)
+        covariance[block, block] = np.eye(n_columns)  # settled, and nothing to do with the others
+
+
+def _moved(reference: Reference, without: Solution, path: Paths, max_steps: int, enough: float) -> Solution:
+    """The solution with one more path, where the score test wants it about the place of a `path` taken out."""
+    about = path.joined(without.paths.take(near(reference.sweep, without.paths, path)))
+    place = companions(Reference(reference.sweep, without.paths), without, 0.0, about)
+    if not len(place):
+        return without
+    return refine_near(reference, without.paths.joined(place), path, max_steps, enough)
+
+
+def companions(reference: Reference, solution: Solution, level: float, about: Paths | None = None) -> Paths:
+    """The likeliest second path next to one of the `reference`, if it explains more than `level`; else none.
+
+    `solution` is at the reference's paths. Probes lie half a resolution cell off every path, or off those `about`
+    which to look, along every axis. What they explain is counted by the score test: of their energy only what no
+    change of the known paths could leave.
+    """
+    about = solution.paths if about is None else about
+    if not len(about):
+        return about
+    probes = _probes(reference, about)
+    if not len(probes):
+        return probes
+    at, known = responses(reference.sweep, probes), tangents(reference.sweep, solution.paths)
+    product = reference.left(at)[:, 0]
+    energy = own_energy(at)
+    cross = _columns(gram(at, known)[:, 0], solution)
+    both = np.stack([cross, -1j * cross], axis=1).real  # probe times 1 and j against every column
+    known_inverse = regular_inverse(solution.flat_information)
+    both_known = both.reshape(2 * len(probes), len(known_inverse)) @ known_inverse
+    explained_by_known = both_known.reshape(both.shape) @ both.swapaxes(1, 2)
+    own = energy[:, None, None] * np.eye(2) - explained_by_known
+    own += LEAST_OWN_SHARE * energy[:, None, None] * np.eye(2)
+    pair = np.stack([product.real, product.imag], axis=1)
+    weighted = np.linalg.solve(own, pair[..., None])[..., 0]
+    score = (pair * weighted).sum(axis=1)
+    best = int(np.argmax(score))
+    if score[best] < level:
+        return probes.take(slice(0, 0))
+    chosen = probes.take(slice(best, best + 1))
+    return Paths(chosen.delay_bins, chosen.aod_rad, chosen.aoa_rad, weighted[best : best + 1] @ [1, 1j])
+
+
+def _probes(reference: Reference, paths: Paths) -> Paths:
+    """Paths half a resolution cell to either side of every path, along delay and every angle it has."""
+    rate = manifold_rates(reference.sweep, paths)
+    probes = paths.take(slice(0, 0))
+    for axis in range(rate.shape[1]):
+        seen = rate[:, axis] > 1e-3 * CELL
+        for sign in (-1, 1):
+            step = np.zeros((int(seen.sum()), rate.shape[1]))
+            step[:, axis] = sign * COMPANION_OFFSET * CELL / rate[seen, axis]
+            probes = probes.joined(paths.take(seen).moved(step))
+    return probes
+
+
+def _columns(values: ComplexArray, solution: Solution) -> ComplexArray:
+    """Inner products (probe, path, tangent) as those with the columns of the information, (probe, all columns)."""
+    amplitude = solution.paths.amplitude[:, None]
+    columns = np.concatenate([values[:, :, :1], 1j * values[:, :, :1], values[:, :, 1:] * amplitude], axis=2)
+    return columns.reshape(len(values), -1)

@@ -1,0 +1,222 @@
+"""Joint maximum likelihood of all paths by Levenberg-Marquardt, with what it says about their uncertainty.
+
+The likelihood of white noise is a sum of squares. Amplitudes enter linearly and are solved for at every point
+(variable projection); delays and angles take damped Gauss-Newton steps with analytic derivatives. Products with
+the samples are taken with what reference paths leave, small numbers in single precision; what they add is exact.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg.lapack import dposv
+
+from estimation.channel.model.compress import CompressedSweep
+from estimation.channel.model.kernels import real_equations
+from estimation.channel.model.manifold import CELL
+from estimation.channel.model.path_model import (
+    Paths,
+    Tangents,
+    gram,
+    manifold_rates,
+    own_energy,
+    products_with,
+    residual,
+    tangents,
+)
+from scenes.pose import wrap_angle
+from scenes.record import BoolArray, ComplexArray, FloatArray
+
+APART_STEPS = 2
+NEAR_CELLS = 2.0  # resolution cells along every axis, beyond which paths hardly move each other
+FEW = 24  # paths that are refined together as fast as only some of them
+CONVERGED = 1e-3  # decrease of the squared residual, in units of the noise power, that ends the iteration
+LARGEST_DAMPING = 1e8
+LONGEST_STEP = 0.5  # resolution cells
+TINY = 1e-12  # relative ridge that keeps normal equations of coinciding paths solvable
+SMALLEST = 1e-150  # diagonal of a parameter that the samples do not depend on
+
+
+class Reference:
+    """Samples as reference paths and what they leave: inner products with any tangents, in double precision."""
+
+    def __init__(self, sweep: CompressedSweep, paths: Paths) -> None:
+        self.sweep = sweep
+        self.paths = paths
+        self.parts = residual(sweep, paths)
+        self._at = tangents(sweep, paths)
+
+    def left(self, at: Tangents) -> ComplexArray:
+        """Inner products (path, tangent) of tangents with what the reference paths leave of the samples."""
+        return products_with(self.parts, at)
+
+    def products(self, at: Tangents) -> ComplexArray:
+        """Inner products (path, tangent) of tangents with the sweep's samples."""
+        explained = gram(at, self._at)[:, :, :, 0] @ self.paths.amplitude
+        return np.asarray(self.left(at) + explained)
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Paths at a point of the likelihood, with the normal equations there.
+
+    Attributes
+    ----------
+    paths : with the amplitudes that fit best at their delays and angles
+    explained : squared norm of the samples that the paths explain; the likelihood up to a constant
+    information : (path, column, path, column) half the Fisher information; columns are the real and imaginary part
+        of the amplitude, the delay in bins, the angles of departure and of arrival in rad
+    slope : (path, column) half the gradient of the log-likelihood
+    """
+
+    paths: Paths
+    explained: float
+    information: FloatArray
+    slope: FloatArray
+
+    @property
+    def flat_information(self) -> FloatArray:
+        """`information` as a matrix."""
+        n = self.slope.size
+        return self.information.reshape(n, n)
+
+
+def solve_at(reference: Reference, paths: Paths) -> Solution:
+    """Best amplitudes at given delays and angles, and the normal equations of all parameters."""
+    at = tangents(reference.sweep, paths)
+    return _solved(paths, reference.products(at), gram(at, at))
+
+
+def refine_apart(reference: Reference, paths: Paths) -> tuple[Paths, FloatArray]:
+    """Paths refined one by one in what the reference leaves, each as if alone, and the power (path,) it explains.
+
+    Gauss-Newton steps from points of a search grid; a step that explains less is not taken.
+    """
+    best, power = paths, np.full(len(paths), -np.inf)
+    for _ in range(APART_STEPS + 1 if len(paths) else 0):
+        at = tangents(reference.sweep, paths)
+        product, inner = reference.left(at), gram(at, at) * np.eye(len(paths))[:, None, :, None]
+        apart = _solved(paths, product, inner)
+        explained = np.abs(product[:, 0]) ** 2 / own_energy(at)
+        is_better = explained > power
+        power = np.where(is_better, explained, power)
+        best = best.replaced(is_better, apart.paths)
+        blocks = np.einsum("iaib->iab", apart.information)
+        diagonal = np.einsum("iaa->ia", blocks)
+        blocks = blocks + (1e-2 * diagonal + SMALLEST)[:, :, None] * np.eye(blocks.shape[1])
+        step = np.linalg.solve(blocks, apart.slope[..., None])[:, 2:, 0]
+        paths = apart.paths.moved(step)
+    return best, power
+
+
+def _solved(paths: Paths, product: ComplexArray, inner: ComplexArray) -> Solution:
+    values = inner[:, 0, :, 0]
+    ridge = TINY * np.abs(values.diagonal()).max(initial=0.0) * np.eye(len(paths))
+    amplitude = np.linalg.solve(values + ridge, product[:, 0])
+    left = product - inner[:, :, :, 0] @ amplitude
+    information, slope = real_equations(inner, left, amplitude)
+    explained = float((product[:, 0].conj() @ amplitude).real)
+    paths = Paths(paths.delay_bins, paths.aod_rad, paths.aoa_rad, amplitude)
+    return Solution(paths, explained, information, slope)
+
+
+def refine(reference: Reference, paths: Paths, max_steps: int, enough: float = np.inf) -> Solution:
+    """Paths of largest likelihood near the given ones, after at most `max_steps` Levenberg-Marquardt steps.
+
+    The steps end where `enough` is explained.
+    """
+    now = solve_at(reference, paths)
+    damping = 1e-3
+    for _ in range(max_steps if len(paths) else 0):
+        if now.explained > enough:
+            break
+        step, expected = _step(now, damping)
+        if expected < CONVERGED:
+            break
+        trial = solve_at(reference, now.paths.moved(step))
+        gain = trial.explained - now.explained
+        if gain >= 0:
+            now, damping = trial, max(damping / 10, 1e-9)
+        else:
+            damping *= 10
+        if damping > LARGEST_DAMPING:
+            break
+    return now
+
+
+def refine_near(
+    reference: Reference, paths: Paths, about: Paths, max_steps: int, enough: float = np.inf
+) -> Solution:
+    """As `refine`, of the paths near those `about` which something changed; of the others only the amplitudes.
+
+    Paths that share no resolution cell hardly move each other. Of few paths all are refined: it takes no longer.
+    """
+    if len(paths) <= FEW:
+        return refine(reference, paths, max_steps, enough)
+    moves = near(reference.sweep, paths, about)
+    left = replace(reference.sweep, parts=residual(reference.sweep, paths.take(~moves)))
+    moved = refine(Reference(left, paths.take(moves)), paths.take(moves), max_steps)
+    order = np.argsort(np.concatenate([np.flatnonzero(~moves), np.flatnonzero(moves)]))
+    return solve_at(reference, paths.take(~moves).joined(moved.paths).take(order))
+
+
+def near(sweep: CompressedSweep, paths: Paths, about: Paths) -> BoolArray:
+    """Which paths (path,) lie within `NEAR_CELLS` of any of those `about`, along every axis."""
+    apart = [paths.delay_bins[:, None, None] - about.delay_bins[:, None]]
+    for angles, others in ((paths.aod_rad, about.aod_rad), (paths.aoa_rad, about.aoa_rad)):
+        apart.append(wrap_angle(angles[:, None] - others))
+    cells = np.abs(np.concatenate(apart, axis=2)) * manifold_rates(sweep, about) / CELL
+    return np.asarray((cells <= NEAR_CELLS).all(axis=2).any(axis=1))
+
+
+def _step(now: Solution, damping: float) -> tuple[FloatArray, float]:
+    """Damped step (path, parameter) of delays and angles, and the gain in likelihood expected of it.
+
+    No path moves by more than `LONGEST_STEP` along any axis: farther off its neighbours are others.
+    """
+    matrix = now.flat_information
+    diagonal = np.diagonal(matrix)
+    scale = _unit_scale(diagonal)
+    scaled = matrix * scale[:, None] * scale
+    scaled[np.diag_indices_from(scaled)] += damping + TINY
+    flat = scale * _solve_positive(scaled, scale * now.slope.ravel())
+    step = flat.reshape(now.slope.shape)[:, 2:]
+    own = diagonal.reshape(now.slope.shape)
+    length = np.abs(step) * np.sqrt(own[:, 2:] / own[:, :1]) / np.abs(now.paths.amplitude)[:, None]
+    limit = np.minimum(1.0, LONGEST_STEP * CELL / np.maximum(length.max(axis=1), SMALLEST))
+    return step * limit[:, None], float(flat @ now.slope.ravel())
+
+
+def _solve_positive(matrix: FloatArray, right: FloatArray) -> FloatArray:
+    """Solution of normal equations by Cholesky, or by elimination where rounding makes them indefinite."""
+    _, solution, failed = dposv(matrix, right)
+    return np.asarray(np.linalg.solve(matrix, right) if failed else solution)
+
+
+def covariances(solution: Solution, n_subcarriers: int) -> FloatArray:
+    """Covariance (path, parameter, parameter) of delay in bins and angles in rad, all other parameters unknown.
+
+    The inverse of the joint Fisher information of all paths, with what is known beforehand: delays lie within the
+    period, angles on the circle. A parameter that the data do not show so keeps the variance of a uniform one.
+    """
+    n, n_columns = solution.slope.shape
+    information = 2 * solution.information
+    prior = np.full(n_columns, 12 / (2 * np.pi) ** 2)
+    prior[:3] = [0.0, 0.0, 12 / n_subcarriers**2]
+    information = information + np.einsum("pq,ab,b->paqb", np.eye(n), np.eye(n_columns), prior)
+    inverse = regular_inverse(information.reshape(n * n_columns, -1)).reshape(information.shape)
+    block = np.einsum("iaib->iab", inverse)[:, 2:, 2:]
+    return np.asarray((block + block.swapaxes(1, 2)) / 2)
+
+
+def regular_inverse(information: FloatArray) -> FloatArray:
+    """Inverse of a positive semidefinite matrix; directions without information come out large, but finite."""
+    scale = _unit_scale(np.diagonal(information))
+    scaled = information * scale[:, None] * scale
+    return np.asarray(np.linalg.inv(scaled + TINY * np.eye(len(scale))) * scale[:, None] * scale)
+
+
+def _unit_scale(diagonal: FloatArray) -> FloatArray:
+    """What makes the diagonal of a matrix one: its columns have units as different as amplitudes and angles."""
+    return np.asarray(1 / np.sqrt(np.maximum(diagonal, SMALLEST)))

@@ -1,0 +1,233 @@
+"""Search for paths: a matched-filter spectrum over delay and angles, its peaks, and which are no side lobes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from functools import lru_cache
+
+import numpy as np
+from numba import njit
+
+from estimation.channel.model.compress import CompressedSweep
+from estimation.channel.model.kernels import dirichlet
+from estimation.channel.model.manifold import Manifold
+from estimation.channel.model.path_model import Paths, no_paths, own_energy, responses
+from scenes.record import BoolArray, ComplexArray, FloatArray, IntArray
+
+NEIGHBOUR_COHERENCE = 0.5  # of directions about half a resolution cell apart: next to each other on the grid
+CLOSE_BINS = 1.5
+FILTER_REACH_BINS = 24  # of the response between two bins that is summed: all but 0.8 % of its energy
+BINS_AT_ONCE = 64
+CELLS_AT_ONCE = 1 << 17  # spectrum cells held at a time
+
+
+@dataclass(frozen=True)
+class DirectionGrid:
+    """Directions searched at one end.
+
+    Attributes
+    ----------
+    angle_rad : (direction, angle)
+    matched : (direction, rank) conjugate responses of unit norm, single precision, real where the responses are
+    neighbour : (direction, place) directions next to each, padded with the direction itself
+    envelope : (direction, direction) most that a path near the second direction can leave around the first
+    close : (direction, direction) whether two are within some one and a half resolution cells
+    """
+
+    angle_rad: FloatArray
+    matched: ComplexArray | FloatArray
+    neighbour: IntArray
+    envelope: FloatArray
+    close: BoolArray
+
+
+@dataclass(frozen=True)
+class Peaks:
+    """Local maxima of the spectrum, strongest first: indices on the grids, delay in bins, filter output."""
+
+    tx: IntArray
+    rx: IntArray
+    delay_bins: FloatArray
+    value: ComplexArray
+
+    def __len__(self) -> int:
+        return len(self.tx)
+
+    def take(self, index: IntArray | BoolArray | slice) -> Peaks:
+        """Some of the peaks."""
+        return Peaks(self.tx[index], self.rx[index], self.delay_bins[index], self.value[index])
+
+
+def direction_grid(manifold: Manifold, oversampling: float) -> DirectionGrid:
+    """Grid over all directions that the beams see, `oversampling` per resolution cell."""
+    angles = manifold.grid(oversampling)
+    response = manifold.response(angles)
+    unit = response / np.linalg.norm(response, axis=1, keepdims=True)
+    matched = unit.real.astype(np.float32) if manifold.is_real else unit.conj().astype(np.complex64)
+    coherence = np.abs(unit @ unit.conj().T)
+    next_to = coherence >= NEIGHBOUR_COHERENCE
+    own = np.arange(len(angles))
+    neighbour = np.tile(own[:, None], (1, max(1, int(next_to.sum(axis=1).max()))))
+    for i, row in enumerate(next_to):
+        others = np.flatnonzero(row)
+        neighbour[i, : len(others)] = others
+    envelope = coherence[neighbour].max(axis=1)
+    close = np.linalg.matrix_power(next_to.astype(float), round(1.5 * oversampling)) > 0
+    return DirectionGrid(angles, matched, neighbour, envelope, close)
+
+
+class Search:
+    """The search of one compressed sweep: matched-filter spectra of its samples or of what is left of them."""
+
+    def __init__(
+        self, sweep: CompressedSweep, grids: tuple[DirectionGrid, DirectionGrid], oversampling: int
+    ) -> None:
+        self.sweep, self.grids = sweep, grids
+        parts = np.arange(oversampling) / oversampling
+        self._delay_bins = (sweep.position[:, None] + parts).ravel()
+        # At whole bins the response is a single bin, so only the delays in between take a product.
+        apart, weight = (sweep.position - sweep.position[0]).tobytes(), sweep.weight.tobytes()
+        self._between = [_matched_delays(apart, weight, part, sweep.n_subcarriers) for part in parts[1:]]
+
+    def peaks(self, parts: FloatArray, level: float) -> Peaks:
+        """Local maxima above `level` of the spectrum of samples given as parts (part, tx_rank, rx_rank, bin).
+
+        The spectrum is the power that a path of each delay and pair of directions would have, in units of the
+        noise. It is made for a few delays at a time.
+        """
+        tx, rx = self.grids
+        fine, n_delays = self._delay_filtered(parts), len(self._delay_bins)
+        n_at_once = max(8, CELLS_AT_ONCE // (len(tx.angle_rad) * len(rx.angle_rad)))
+        found = []
+        for start in range(0, n_delays, n_at_once):
+            low, high = max(0, start - 1), min(n_delays, start + n_at_once + 1)
+            real, imaginary = _spectrum(np.ascontiguousarray(fine[..., low:high]), tx, rx)
+            power = real * real + imaginary * imaginary
+            i, j, d = _local_maxima(power, tx.neighbour, rx.neighbour, np.float32(level)).T
+            inside = (d + low >= start) & (d + low < start + n_at_once)
+            i, j, d = i[inside], j[inside], d[inside]
+            value = real[i, j, d] + 1j * imaginary[i, j, d].astype(float)
+            found.append(Peaks(i, j, self._delay_bins[d + low], value))
+        peaks = Peaks(*(np.concatenate([getattr(p, f.name) for p in found]) for f in fields(Peaks)))
+        return peaks.take(np.argsort(-np.abs(peaks.value), kind="stable"))
+
+    def paths(self, peaks: Peaks) -> Paths:
+        """Paths at the grid points of peaks, with the amplitudes that match them there."""
+        tx, rx = self.grids
+        if not len(peaks):
+            return no_paths(self.sweep)
+        aod = _at_horizon(tx.angle_rad[peaks.tx], self.sweep.tx)
+        aoa = _at_horizon(rx.angle_rad[peaks.rx], self.sweep.rx)
+        paths = Paths(peaks.delay_bins, aod, aoa, peaks.value)
+        return replace(paths, amplitude=peaks.value / np.sqrt(own_energy(responses(self.sweep, paths))))
+
+    def _delay_filtered(self, parts: FloatArray) -> FloatArray:
+        """Samples (part, tx_rank, rx_rank, delay) matched to all delays of the grid."""
+        n_bins = parts.shape[3]
+        rows = parts.reshape(-1, n_bins)
+        fine: FloatArray = np.empty((len(rows), n_bins, 1 + len(self._between)), np.float32)
+        fine[..., 0] = rows
+        for start in range(0, n_bins, BINS_AT_ONCE):
+            end = min(n_bins, start + BINS_AT_ONCE)
+            near = slice(max(0, start - FILTER_REACH_BINS), end + FILTER_REACH_BINS)
+            for k, matched in enumerate(self._between):
+                fine[:, start:end, k + 1] = rows[:, near] @ matched[near, start:end]
+        return np.asarray(fine.reshape(*parts.shape[:3], -1))
+
+
+def without_side_lobes(
+    peaks: Peaks, grids: tuple[DirectionGrid, DirectionGrid], margin: float, at_most: int
+) -> Peaks:
+    """Peaks, from the strongest down, that rise above `margin` times all side lobes of those kept before.
+
+    Side lobes of several paths are added in amplitude, as if they were in phase. Of peaks close to each other on
+    all axes only the strongest is kept: what an ill-placed path leaves has two.
+    """
+    tx, rx = grids
+    amplitude, explained = np.abs(peaks.value), np.zeros(len(peaks))
+    kept: list[int] = []
+    for index in range(len(peaks)):
+        if len(kept) == at_most:
+            break
+        if amplitude[index] <= margin * explained[index]:
+            continue
+        kept.append(index)
+        distance = np.abs(peaks.delay_bins - peaks.delay_bins[index])
+        lobe = 1 / np.maximum(1.0, distance)
+        lobe *= tx.envelope[peaks.tx, peaks.tx[index]] * rx.envelope[peaks.rx, peaks.rx[index]]
+        is_close = tx.close[peaks.tx, peaks.tx[index]] & rx.close[peaks.rx, peaks.rx[index]]
+        explained += amplitude[index] * np.where(is_close & (distance <= CLOSE_BINS), 1.0, lobe)
+    return peaks.take(np.array(kept, int))
+
+
+def _at_horizon(angles_rad: FloatArray, manifold: Manifold) -> FloatArray:
+    """Directions of the grid with as many angles as the manifold has: hidden elevations start at zero."""
+    return np.pad(angles_rad, ((0, 0), (0, manifold.n_angles - angles_rad.shape[1])))
+
+
+@lru_cache(maxsize=16)
+def _matched_delays(apart: bytes, weight: bytes, part: float, n_subcarriers: int) -> FloatArray:
+    """Responses of unit norm (bin, delay), single precision, to the delays `part` of a bin beyond every bin.
+
+    Only distances count, so the table is made once for all stops with equally spaced bins of equal weights; both
+    are given by their bytes.
+    """
+    position = np.frombuffer(apart, int)
+    response = dirichlet(position, position + part, n_subcarriers)[:, 0] * np.frombuffer(weight)
+    return np.asarray((response / np.linalg.norm(response, axis=1, keepdims=True)).T.astype(np.float32))
+
+
+def _spectrum(fine: FloatArray, tx: DirectionGrid, rx: DirectionGrid) -> FloatArray:
+    """Filter output (part, tx direction, rx direction, delay) of samples (part, tx_rank, rx_rank, delay)."""
+    _, n_tx, n_rx, n_delays = fine.shape
+    beams = _times(tx.matched, fine.reshape(2, n_tx, -1)).reshape(2, len(tx.matched), n_rx, n_delays)
+    return _times(rx.matched, beams)
+
+
+def _times(matched: ComplexArray | FloatArray, parts: FloatArray) -> FloatArray:
+    """Product of a matrix with samples, both the samples and the result as parts along the first axis."""
+    if not np.iscomplexobj(matched):
+        return np.asarray(matched @ parts)
+    real, imaginary = matched.real.copy(), matched.imag.copy()
+    product = np.asarray(real @ parts)
+    product[0] -= imaginary @ parts[1]
+    product[1] += imaginary @ parts[0]
+    return product
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _local_maxima(
+    power: FloatArray, tx_neighbour: IntArray, rx_neighbour: IntArray, level: np.float32
+) -> IntArray:
+    """Cells (peak, 3) of power (tx, rx, delay) above `level` that no neighbour exceeds; equal ones: the first."""
+    n_tx, n_rx, n_delays = power.shape
+    cells = []
+    for i in range(n_tx):
+        for j in range(n_rx):
+            row = power[i, j]
+            for d in range(n_delays):
+                if row[d] <= level or (d > 0 and row[d - 1] >= row[d]):
+                    continue
+                if d + 1 < n_delays and row[d + 1] > row[d]:
+                    continue
+                if _tops_directions(power, tx_neighbour[i], rx_neighbour[j], (i, j, d)):
+                    cells.append((i, j, d))
+    found = np.empty((len(cells), 3), np.int64)
+    for k in range(len(cells)):
+        found[k, 0], found[k, 1], found[k, 2] = cells[k]
+    return found
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _tops_directions(
+    power: FloatArray, tx_neighbour: IntArray, rx_neighbour: IntArray, cell: tuple[int, int, int]
+) -> bool:
+    """Whether no neighbouring pair of directions exceeds a cell at its delay; of equal ones the first counts."""
+    i, j, d = cell
+    value = power[i, j, d]
+    for a in tx_neighbour:
+        for b in rx_neighbour:
+            other = power[a, b, d]
+            if other > value or (other == value and (a, b) < (i, j)):
+                return False
+    return True

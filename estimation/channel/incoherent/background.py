@@ -1,0 +1,69 @@
+"""Noise that weak paths by the thousand make beside the found ones, as a path of the incoherent search meets it.
+
+Dense diffuse multipath differs from delay to delay and from direction to direction. A path meets what lies in the
+beam pairs that it lights, at the delays around it: the power that the found paths leave there, weighted by the
+path's own share of every pair, counts as its noise (the local noise estimate of a constant false-alarm rate
+detector; the greater one of both sides, since diffuse power sets in at once with the first path; Hansen 1973).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimation.channel.incoherent.likelihood import Ends
+from estimation.channel.incoherent.spectrum import delay_waves
+from scenes.record import ComplexArray, FloatArray, IntArray
+
+AROUND_BINS = 12  # to either side of a path, where its background is read
+OWN_BINS = 2  # to either side, that the path itself fills
+NOTABLE = 1.5  # background that a path is held against: below it lies what noise alone shows
+UNEXPLAINED = 3.0  # mean power left in a path's own cells, from which it is more than noise
+
+
+@dataclass(frozen=True)
+class Background:
+    """Power over the noise (pair, bin) that the found paths leave of all beam pairs at the delay `bins`."""
+
+    power: FloatArray
+    bins: IntArray
+    n_bins: int
+
+    @classmethod
+    def of(cls, left: ComplexArray, bins: IntArray, n_bins: int) -> Background:
+        """The background in samples (pair, bin) of unit noise that are left."""
+        return cls(np.square(left.real) + np.square(left.imag), bins, n_bins)
+
+    def rise(self, ends: Ends, paths: FloatArray) -> FloatArray:
+        """Noise power (path,) that paths (path, parameter) meet, over that of the receiver; 1 below `NOTABLE`."""
+        profile, n_pairs = self._profile(ends, paths)
+        distance = self.bins - paths[:, :1]
+        beside = (np.abs(distance) > OWN_BINS) & (np.abs(distance) <= AROUND_BINS)
+        rise = np.ones(len(paths))
+        for path in range(len(paths)):
+            sides = [profile[path, beside[path] & side] for side in (distance[path] < 0, distance[path] > 0)]
+            level = max(
+                (float(np.median(side)) for side in sides if len(side) > AROUND_BINS / 2), default=1.0
+            )
+            # The median of the mean of n unit exponentials (Wilson and Hilferty 1931), and by how much the greater
+            # of two sample medians lies above it.
+            n = n_pairs[path]
+            rise[path] = level / (
+                (1 - 1 / (9 * n)) ** 3 * (1 + np.sqrt(0.5 / (n * (AROUND_BINS - OWN_BINS))))
+            )
+        return np.where(rise > NOTABLE, rise, 1.0)
+
+    def widening(self, ends: Ends, paths: FloatArray) -> FloatArray:
+        """Factor (path,) on the covariances of paths: their noise, or what even the paths' own cells hold."""
+        profile, _ = self._profile(ends, paths)
+        waves, _ = delay_waves(self.bins, paths[:, 0], self.n_bins)
+        own = np.einsum("ik,ki->i", profile, waves**2) / self.n_bins
+        return np.maximum(self.rise(ends, paths), np.where(own > UNEXPLAINED, own, 1.0))
+
+    def _profile(self, ends: Ends, paths: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Power over delay (path, bin) that each path meets, and the number of pairs (path,) it is a mean of."""
+        share = np.square(np.abs(ends.amplitudes(paths))).T
+        share = share / np.maximum(share.sum(axis=1, keepdims=True), 1e-300)
+        n_pairs = 1 / np.maximum(np.square(share).sum(axis=1), 1e-300)
+        return np.asarray(share.astype(np.float32) @ self.power, float), n_pairs

@@ -1,0 +1,153 @@
+"""Maximum likelihood with known beam patterns when every beam pair has a phase of its own.
+
+Real sweeps lose the phase between beam pairs to phase noise and frequency offsets. Within a pair it holds
+over all subcarriers, so delays are as sharp as ever; directions follow from the amplitudes over the pairs,
+which cost an isolated path almost nothing. Compare SAGE with a random phase per scan direction, arXiv
+2212.11756; here the phases are marginalised, not estimated.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from estimation.channel.coherent.plan import nominal_manifold
+from estimation.channel.config import MaximumLikelihoodConfig
+from estimation.channel.fit import PathFit, empty_fit
+from estimation.channel.incoherent.likelihood import Ends, Score
+from estimation.channel.incoherent.rivals import weighed_rivals
+from estimation.channel.incoherent.screen import Screen
+from estimation.channel.incoherent.search import Search
+from estimation.channel.incoherent.spectrum import delay_spectrum
+from estimation.channel.incoherent.threshold import Levels, null_tail
+from estimation.channel.model.compress import check_sweep
+from estimation.channel.model.crb import path_covariance
+from estimation.channel.model.manifold import Manifold
+from scenes.pose import wrap_angle
+from scenes.record import BoolArray, FloatArray, IntArray, array
+from sim.observation import BeamSweep
+
+
+@dataclass(frozen=True)
+class IncoherentFit(PathFit):
+    """Paths, and the phases that the beam pairs had beside them.
+
+    The phases of paths that share no beam pair are arbitrary among each other, hence NaN; a pair's phase is
+    relative to that of the path which is strongest in it.
+    """
+
+    has_rivals: BoolArray = array(
+        "path", dtype=bool, doc="magnitudes fit several directions; the covariance spans them"
+    )
+    pair_phase_rad: FloatArray = array("tx_beam", "rx_beam", unit="rad", doc="most likely phase of a pair")
+    pair_snr: FloatArray = array(
+        "tx_beam", "rx_beam", doc="energy of the paths in a pair over its noise, 0 without any path"
+    )
+    pair_left: FloatArray = array(
+        "tx_beam", "rx_beam", doc="energy beside the paths at their delays over that of noise, at least 0"
+    )
+    pair_path: IntArray = array("tx_beam", "rx_beam", dtype=int, doc="strongest path in a pair, -1 none")
+    log_likelihood_ratio: float = array(doc="of the paths to noise alone")
+
+    @property
+    def reservation(self) -> str:
+        """What the covariances alone would hide; empty where there is nothing."""
+        n = int(self.has_rivals.sum())
+        return f"{n} of {len(self)} paths fit several directions alike by magnitudes alone" if n else ""
+
+
+def fit_incoherent(
+    sweep: BeamSweep,
+    config: MaximumLikelihoodConfig | None = None,
+    tx_manifold: Manifold | None = None,
+    rx_manifold: Manifold | None = None,
+) -> IncoherentFit:
+    """Paths of one stop by maximum likelihood with one unknown phase per beam pair.
+
+    Paths are proposed where amplitudes rise together over the beam pairs, fitted jointly with all others, and
+    kept where the likelihood ratio exceeds what noise alone reaches with the configured probability; again on
+    what is left, until nothing is.
+
+    Parameters
+    ----------
+    sweep : the samples of one stop
+    config : settings, the defaults if left out
+    tx_manifold, rx_manifold : in place of those of the nominal codebooks, such as of calibrated arrays
+
+    Raises
+    ------
+    ValueError
+        For a sweep that nothing can be estimated from (no beams, subcarriers or noise power) and samples that
+        are not finite; the message is one line.
+    """
+    config = config or MaximumLikelihoodConfig()
+    check_sweep(sweep)
+    tx = tx_manifold or nominal_manifold(sweep.tx_codebook)
+    rx = rx_manifold or nominal_manifold(sweep.rx_codebook)
+    spectrum = delay_spectrum(sweep)
+    if not np.isfinite(spectrum.noise_mw).any():
+        return _empty(sweep, empty_fit(tx.n_angles, rx.n_angles, "no_signal"))
+    ends = Ends(tx, rx, spectrum.noise_mw)
+    screen = Screen.make(
+        tx, rx, tx.grid(config.oversampling), rx.grid(config.oversampling), spectrum.noise_mw
+    )
+    levels = Levels(null_tail(tx, rx), config, spectrum.bin_s, spectrum.n_bins)
+    search = Search(spectrum, ends, screen, levels, config)
+    paths, at = search.run()
+    if at is None:
+        return _empty(sweep, empty_fit(tx.n_angles, rx.n_angles, "no_paths"))
+    return _assemble(sweep, search, paths, at)
+
+
+def _assemble(sweep: BeamSweep, search: Search, paths: FloatArray, at: Score) -> IncoherentFit:
+    ends, spectrum = search.ends, search.spectrum
+    paths, at, spread = weighed_rivals(search.local, ends, paths, at)
+    n, size = paths.shape
+    # A clock bias can bring the first path below zero: the last eighth of the period counts as negative.
+    delay_bins = (paths[:, 0] + spectrum.n_bins / 8) % spectrum.n_bins - spectrum.n_bins / 8
+    order = np.argsort(delay_bins, kind="stable")
+    information = at.information.reshape(n, size, n, size)[order][:, :, order]
+    paths, delay_bins, spread = paths[order], delay_bins[order], spread[order]
+    block = np.einsum("iaib->iab", path_covariance(information))[:, :-2, :-2]
+    if search.background is not None:
+        block = block * search.background.widening(ends, paths)[:, None, None]
+    block = block + spread
+    scale = np.concatenate([[spectrum.bin_s], np.ones(size - 3)])
+    power = np.abs(ends.amplitudes(paths)) ** 2 * spectrum.n_bins
+    shape = sweep.samples.shape[:2]
+    pairs = search.local.pair
+    phase, snr, left = np.zeros((3, shape[0] * shape[1]))
+    phase[pairs], snr[pairs] = np.angle(at.pair_phasor), at.pair_snr
+    signal = search.local.signal(ends, paths) * at.pair_phasor
+    left[pairs] = np.square(np.abs(search.local.samples - signal)).sum(axis=0) - len(signal)
+    n_tx = ends.tx.n_angles
+    return IncoherentFit(
+        delay_s=delay_bins * spectrum.bin_s,
+        aod_rad=wrap_angle(paths[:, 1 : 1 + n_tx]),
+        aoa_rad=wrap_angle(paths[:, 1 + n_tx : -2]),
+        amplitude=np.exp(paths[:, -2]),
+        phase_rad=np.full(n, np.nan),
+        snr_db=10 * np.log10(power.max(axis=0)),
+        covariance=block * scale[:, None] * scale,
+        status="ok",
+        has_rivals=np.einsum("iaa->i", spread) > 0,
+        pair_phase_rad=phase.reshape(shape),
+        pair_snr=snr.reshape(shape),
+        pair_left=np.maximum(left, 0.0).reshape(shape),
+        pair_path=np.where(snr > 0, power.argmax(axis=1), -1).reshape(shape),
+        log_likelihood_ratio=at.value,
+    )
+
+
+def _empty(sweep: BeamSweep, fit: PathFit) -> IncoherentFit:
+    shape = sweep.samples.shape[:2]
+    return IncoherentFit(
+        **{field.name: getattr(fit, field.name) for field in fields(fit)},
+        has_rivals=np.zeros(0, bool),
+        pair_phase_rad=np.zeros(shape),
+        pair_snr=np.zeros(shape),
+        pair_left=np.zeros(shape),
+        pair_path=np.full(shape, -1),
+        log_likelihood_ratio=0.0,
+    )

@@ -1,0 +1,123 @@
+"""Where paths may be: delays and directions at which amplitudes, phases apart, rise together over the beam pairs.
+
+The sum over beam pairs of amplitudes |r| with the weights |G_TX| |G_RX| is what the likelihood ratio becomes
+for strong pairs (log I0(x) ~ x), is separable over the two ends, hence two matrix products, and is Gaussian
+to a good approximation for noise alone. It only proposes; the likelihood decides.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.channel.incoherent.grid_kernels import cell_amplitudes, column_maxima
+from estimation.channel.incoherent.spectrum import DelaySpectrum
+from estimation.channel.model.manifold import Manifold
+from scenes.record import ComplexArray, FloatArray, IntArray, Record, array
+
+_NOISE_STD = np.sqrt(1 - np.pi / 4)  # of the amplitude of unit noise
+_DELAYS_AT_ONCE = 128
+_HIDDEN = 0.4  # of a candidate's level: what others of its delay but of other directions may have
+_SIDE_LOBE_MARGIN = 1.6  # by which a candidate must exceed what stronger ones can leave in its place
+
+
+@dataclass(frozen=True)
+class Candidates(Record):
+    """Places that a path may have, strongest first."""
+
+    delay_bins: FloatArray = array("candidate", doc="delay in bins")
+    tx_direction: IntArray = array("candidate", dtype=int, doc="index of the direction of departure")
+    rx_direction: IntArray = array("candidate", dtype=int, doc="index of the direction of arrival")
+    level: FloatArray = array("candidate", doc="summed amplitude in standard deviations of noise")
+
+    def __len__(self) -> int:
+        return self.size("candidate")
+
+
+@dataclass(frozen=True)
+class Screen:
+    """Search directions of both ends and the weight of every beam for each, of unit norm."""
+
+    tx_angles: FloatArray  # (direction, angle)
+    rx_angles: FloatArray
+    tx_weight: FloatArray  # (direction, tx_beam), float32
+    rx_weight: FloatArray
+
+    @classmethod
+    def make(
+        cls, tx: Manifold, rx: Manifold, tx_grid: FloatArray, rx_grid: FloatArray, noise_mw: FloatArray
+    ) -> Self:
+        """Screen for directions (direction, angle) of both ends; `noise_mw` is (rx_beam,)."""
+        return cls(
+            tx_angles=tx_grid,
+            rx_angles=rx_grid,
+            tx_weight=_weights(np.abs(tx.response(tx_grid))),
+            rx_weight=_weights(np.abs(rx.response(rx_grid)) / np.sqrt(noise_mw)),
+        )
+
+    def levels(self, value: ComplexArray, noise_mw: FloatArray, sign: float) -> tuple[FloatArray, IntArray]:
+        """Highest level over directions, and where, (delay,) each, at bins and half way to the next in turn.
+
+        `value` is (tx_beam, rx_beam, bin), one bin more than are searched; its noise power is `noise_mw`
+        (rx_beam,).
+        """
+        n_tx, n_rx, n = value.shape
+        amplitude = np.empty((n_tx, n_rx, 2, n - 1), np.float32)
+        cell_amplitudes(value, (1 / np.sqrt(noise_mw)).astype(np.float32), sign, amplitude)
+        half = (self.tx_weight @ amplitude.reshape(n_tx, -1)).reshape(-1, n_rx, 2 * (n - 1))
+        level, place = column_maxima((self.rx_weight @ half).reshape(-1, 2 * (n - 1)))
+        return _interleaved(level / _NOISE_STD), _interleaved(place)
+
+    def all_levels(self, spectrum: DelaySpectrum) -> tuple[FloatArray, IntArray]:
+        """`levels` of a whole spectrum, (2 bin,) each, a few delays at a time."""
+        parts = []
+        for first in range(0, spectrum.n_bins, _DELAYS_AT_ONCE):
+            value = spectrum.value[:, :, first : first + _DELAYS_AT_ONCE + 1]
+            if first + _DELAYS_AT_ONCE >= spectrum.n_bins:  # the last bin's neighbour is the first
+                value = np.concatenate([value, spectrum.value[:, :, :1]], axis=2)
+            # Referred to the first subcarrier, the phase of a path turns by nearly half a turn from bin to bin.
+            parts.append(self.levels(value, spectrum.noise_mw, -1.0))
+        level, place = zip(*parts, strict=True)
+        return np.concatenate(level), np.concatenate(place)
+
+    def candidates(
+        self, level: FloatArray, place: IntArray, delay_bins: FloatArray, lowest: float, most: int
+    ) -> Candidates:
+        """Peaks over delay that are no side lobes of stronger ones, strongest first, at most so many.
+
+        `level` and `place` are those of `levels`; `delay_bins` (delay,) may have gaps. Peaks below `lowest`
+        are none.
+        """
+        before, after = np.roll(level, 1), np.roll(level, -1)
+        peak = np.flatnonzero((level >= lowest) & (level >= before) & (level > after))
+        peak = peak[np.argsort(-level[peak], kind="stable")]
+        tx, rx = np.divmod(place, len(self.rx_angles))
+        expected = np.zeros(len(peak))
+        chosen: list[int] = []
+        for index, at in enumerate(peak.tolist()):
+            if len(chosen) == most:
+                break
+            if level[at] < _SIDE_LOBE_MARGIN * expected[index]:
+                continue
+            chosen.append(at)
+            distance = np.abs(delay_bins[peak] - delay_bins[at])
+            alike = (self.tx_weight[tx[peak]] @ self.tx_weight[tx[at]]) * (
+                self.rx_weight[rx[peak]] @ self.rx_weight[rx[at]]
+            )
+            alike[(distance > 0.5)] = np.maximum(alike[distance > 0.5], _HIDDEN)
+            expected += level[at] * alike / np.maximum(1.0, np.pi * distance)
+        at_peaks = np.array(chosen, int)
+        return Candidates(delay_bins[at_peaks], tx[at_peaks], rx[at_peaks], level[at_peaks])
+
+
+def _interleaved(values: NDArray[Any]) -> NDArray[Any]:
+    """Values at all bins and then at all half bins, in order of delay."""
+    return values.reshape(2, -1).T.ravel()
+
+
+def _weights(amplitude: FloatArray) -> FloatArray:
+    norm = np.linalg.norm(amplitude, axis=1, keepdims=True)
+    return np.asarray(amplitude / np.maximum(norm, 1e-300), np.float32)

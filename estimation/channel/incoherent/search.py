@@ -1,0 +1,291 @@
+"""From candidates to paths: joint fits, tests, and a look at what is left, until nothing is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from estimation.channel.config import MaximumLikelihoodConfig
+from estimation.channel.incoherent.background import Background
+from estimation.channel.incoherent.companions import companion
+from estimation.channel.incoherent.likelihood import (
+    MOST_STEPS,
+    Ends,
+    LocalSamples,
+    Score,
+    climb,
+    coupled,
+    likelihood_without,
+    local_samples,
+)
+from estimation.channel.incoherent.proposal import starting_points
+from estimation.channel.incoherent.screen import Candidates, Screen
+from estimation.channel.incoherent.spectrum import DelaySpectrum, delay_waves, window_bins
+from estimation.channel.incoherent.threshold import Levels
+from estimation.channel.model.crb import path_covariance
+from scenes.record import ComplexArray, FloatArray, IntArray
+
+_LIT = 0.02  # SNR of a beam pair from which on it takes part in a fit
+_ROUNDS = 30
+_ROUND_STEPS = 6  # of the fit of many paths: others not found yet would lead them astray,
+_PATH_STEPS = 400  # over the number of paths, where that is more
+_REFIT_STEPS = 2  # of one after it, without the paths that were not needed
+_COUPLED = 0.03  # correlation from which on another path can take over what one leaves
+_REBUILDS = 6  # of the compressed samples while delays leave their reach
+_VISIBLE = 0.9  # level of a path at the threshold over the root of its likelihood ratio, at the least
+_PROMISING = 0.55  # of the threshold: likelihood ratio on the grid from which on a candidate is fitted
+_SURE = 1.5  # of the threshold: from which on it is taken into the joint fit at once,
+_NEARLY = 0.7  # and below that, if it comes this near when it is fitted alone
+_ALONE_BINS = 12  # of delay to either side for that
+_SAFE = 4.0  # of the threshold: Wald statistic from which on no likelihood ratio is computed
+_SAME_CELLS = 0.8  # a candidate this near to one that has failed is not tried again
+
+
+@dataclass
+class Search:
+    """The search for the paths of one stop. Paths are (path, parameter) as in `incoherent_likelihood`."""
+
+    spectrum: DelaySpectrum
+    ends: Ends
+    screen: Screen
+    levels: Levels
+    config: MaximumLikelihoodConfig
+    local: LocalSamples = field(init=False)
+    bins: IntArray = field(init=False)  # of the window in which the current paths are fitted
+    window: ComplexArray = field(init=False)
+    pairs: IntArray = field(init=False)  # that the current paths light
+    background: Background | None = None  # beside the paths of the last round
+    failed: list[FloatArray] = field(default_factory=list)  # delays and angles
+
+    @property
+    def _state(self) -> tuple[LocalSamples, IntArray, ComplexArray, IntArray]:
+        """The samples on which the current paths are fitted."""
+        return self.local, self.bins, self.window, self.pairs
+
+    @_state.setter
+    def _state(self, state: tuple[LocalSamples, IntArray, ComplexArray, IntArray]) -> None:
+        self.local, self.bins, self.window, self.pairs = state
+
+    def run(self) -> tuple[FloatArray, Score | None]:
+        """Paths and the likelihood at its maximum; None where there are none."""
+        paths, at = np.zeros((0, self.ends.n_parameters)), None
+        new = self._first_starts()[: self.config.max_paths]
+        for _ in range(_ROUNDS):
+            if len(new):
+                paths = np.concatenate([paths, new])
+                paths, at = self._fitted(paths, max(_ROUND_STEPS, min(MOST_STEPS, _PATH_STEPS // len(paths))))
+            if at is None:
+                return paths, None
+            paths, at, left = self._standing_out(paths, at)
+            if at is None:
+                return paths, None
+            room = self.config.max_paths - len(paths)
+            new = self._further_starts(paths, at, left)[:room]
+            if len(new):
+                continue
+            paths, at = self._settled(paths, at)
+            n_paths = len(paths)
+            if at is not None and room:
+                paths, at = self._with_companion(paths, at)
+            if len(paths) == n_paths:
+                return paths, at
+        return self._settled(paths, at)
+
+    def _first_starts(self) -> FloatArray:
+        """Starting points of paths from the samples as they are."""
+        spectrum, n_bins = self.spectrum, self.spectrum.n_bins
+        level, place = self.screen.all_levels(spectrum)
+        first = -(n_bins // 8)  # a clock bias can bring the first path below zero
+        delay_bins = (np.arange(2 * n_bins) / 2 - first) % n_bins + first
+        candidates = self._candidates(level, place, delay_bins)
+        low = np.floor(candidates.delay_bins).astype(int)
+        half = candidates.delay_bins > low
+        matched = spectrum.window(low)
+        matched[:, half] = (matched[:, half] + spectrum.window(low[half] + 1)) * np.float32(np.sqrt(0.5))
+        starts, ratio = starting_points(
+            self.screen, self.ends, candidates, matched, np.zeros(len(matched), complex), n_bins
+        )
+        if not len(starts):
+            return starts
+        limit = self.levels.first(starts[:, 0])
+        strongest = int(np.argmax(ratio))
+        if ratio[strongest] > limit[strongest]:
+            limit = self._thresholds(starts, strongest)
+        self.bins = window_bins(starts[ratio > _PROMISING * limit, 0], n_bins)
+        return self._promising(starts, ratio, limit, spectrum.window(self.bins))
+
+    def _further_starts(self, paths: FloatArray, at: Score, left: ComplexArray) -> FloatArray:
+        """Starting points of more paths from what the fitted ones leave (pair, bin) of the samples about them."""
+        n_bins = self.spectrum.n_bins
+        phasor = self._phasor(at)
+        candidates = self._candidates_within(left)
+        waves, _ = delay_waves(self.bins, candidates.delay_bins, n_bins)
+        matched = left @ (waves / np.sqrt(n_bins)).astype(np.complex64)
+        starts, ratio = starting_points(self.screen, self.ends, candidates, matched, phasor, n_bins)
+        limit = self._thresholds(np.concatenate([paths, starts]), self._strongest(paths))[len(paths) :]
+        for failed in self.failed:
+            ratio[self.ends.distance_cells(starts, failed) < _SAME_CELLS] = 0.0
+        return self._promising(starts, ratio, limit, left)
+
+    def _standing_out(self, paths: FloatArray, at: Score) -> tuple[FloatArray, Score | None, ComplexArray]:
+        """Paths that the samples call for above the background beside them, and what they leave (pair, bin)."""
+        left, n_paths = self._left(paths, at), len(paths)
+        self.background = Background.of(left, self.bins, self.spectrum.n_bins)
+        needed, then = self._needed(paths, at, _REFIT_STEPS)
+        return needed, then, left if then is None or len(needed) == n_paths else self._left(needed, then)
+
+    def _left(self, paths: FloatArray, at: Score) -> ComplexArray:
+        """What paths leave (pair, bin) of the samples about them."""
+        waves, _ = delay_waves(self.bins, paths[:, 0], self.spectrum.n_bins)
+        signal = (self.ends.amplitudes(paths) * self._phasor(at)[:, None]).astype(np.complex64)
+        return np.asarray(self.window - signal @ waves.T.astype(np.complex64))
+
+    def _phasor(self, at: Score) -> ComplexArray:
+        """Phase (pair,) of every pair as far as the fitted paths tell, 0 where they do not."""
+        phasor = np.zeros(len(self.window), complex)
+        phasor[self.pairs] = at.pair_phasor
+        return phasor
+
+    def _with_companion(self, paths: FloatArray, at: Score) -> tuple[FloatArray, Score]:
+        """Paths with one more next to a known one, where that raises the likelihood by the threshold."""
+        start = companion(self.local, self.ends, paths, at, _NEARLY * self.levels.lowest)
+        if start is None:
+            return paths, at
+        fitted = self._state
+        more, then = self._fitted(np.concatenate([paths, start]), MOST_STEPS)
+        limit = self._thresholds(more, self._strongest(more))[-1]
+        if then.value - at.value > limit and self.ends.in_sight(more).all():
+            return more, then
+        self._state = fitted
+        return paths, at
+
+    def _promising(
+        self, starts: FloatArray, ratio: FloatArray, limit: FloatArray, window: ComplexArray
+    ) -> FloatArray:
+        """Starting points that exceed the threshold by far, or come near it when fitted alone to the `window`."""
+        kept = ratio > _SURE * limit
+        for i in np.flatnonzero((ratio > _PROMISING * limit) & ~kept):
+            near = np.abs(self.bins - starts[i, 0]) < _ALONE_BINS
+            starts[[i]], alone = self._alone(starts[[i]], window[:, near], self.bins[near])
+            kept[i] = alone > _NEARLY * limit[i]
+        return starts[kept]
+
+    def _alone(self, path: FloatArray, window: ComplexArray, bins: IntArray) -> tuple[FloatArray, float]:
+        """One path at the maximum of its own likelihood, and the logarithm of that."""
+        local = local_samples(self.spectrum, window, bins, self._lit_pairs(path), path[:, 0])
+        path, at, _ = climb(local, self.ends, path)
+        return path, at.value
+
+    def _lit_pairs(self, paths: FloatArray) -> IntArray:
+        snr = (np.abs(self.ends.amplitudes(paths)) ** 2).sum(axis=1) * self.spectrum.n_bins
+        return np.flatnonzero(snr > _LIT)
+
+    def _candidates(self, level: FloatArray, place: IntArray, delay_bins: FloatArray) -> Candidates:
+        lowest = _VISIBLE * np.sqrt(self.levels.lowest)
+        return self.screen.candidates(level, place, delay_bins, float(lowest), self.config.max_paths)
+
+    def _candidates_within(self, left: ComplexArray) -> Candidates:
+        """Candidates in samples (pair, bin) of unit noise at the bins of the window, which may have gaps."""
+        ends = self.ends
+        cuts = np.flatnonzero(np.diff(self.bins) > 1) + 1
+        parts = [
+            (
+                bins[0] + np.arange(2 * len(bins) - 2) / 2,
+                *self.screen.levels(part, np.ones(ends.rx.n_beams), 1.0),
+            )
+            for bins, part in zip(
+                np.split(self.bins, cuts),
+                np.split(left.reshape(ends.tx.n_beams, ends.rx.n_beams, -1), cuts, axis=2),
+                strict=True,
+            )
+        ]
+        delay_bins, level, place = (np.concatenate(part) for part in zip(*parts, strict=True))
+        return self._candidates(level, place, delay_bins)
+
+    def _fitted(self, paths: FloatArray, most_steps: int) -> tuple[FloatArray, Score]:
+        """Paths near the maximum of their joint likelihood, and the samples it was found on."""
+        for _ in range(_REBUILDS):
+            self.bins = window_bins(paths[:, 0], self.spectrum.n_bins)
+            self.window = self.spectrum.window(self.bins)
+            self.pairs = self._lit_pairs(paths)
+            self.local = local_samples(self.spectrum, self.window, self.bins, self.pairs, paths[:, 0])
+            paths, at, is_near = climb(self.local, self.ends, paths, most_steps)
+            if is_near:
+                break
+        return paths, at
+
+    def _settled(self, paths: FloatArray, at: Score | None) -> tuple[FloatArray, Score | None]:
+        """The needed ones of paths after convergence."""
+        if at is None:
+            return paths, at
+        paths, at, is_near = climb(self.local, self.ends, paths)
+        if not is_near:
+            paths, at = self._fitted(paths, MOST_STEPS)
+        return self._needed(paths, at, MOST_STEPS)
+
+    def _needed(self, paths: FloatArray, at: Score, most_steps: int) -> tuple[FloatArray, Score | None]:
+        """Paths that the samples call for, fitted again without the others.
+
+        A path is left out at once where the likelihood without it, all others as they are, is too near. Where
+        others could take its place, as Wald's test tells, those are fitted again without it, and that likelihood
+        decides.
+        """
+        settled = np.zeros(len(paths), bool)
+        while True:
+            limit = self._thresholds(paths, self._strongest(paths))
+            wald = self._wald(paths, at)
+            failing = (self._ratios(paths, at, wald, limit) < limit) | ~self.ends.in_sight(paths)
+            if failing.any():
+                self.failed += list(paths[failing, :-2])
+                paths, settled = paths[~failing], settled[~failing]
+                if not len(paths):
+                    return paths, None
+                paths, at = self._fitted(paths, most_steps)
+                continue
+            doubtful = np.flatnonzero((wald < limit) & ~settled)
+            if not len(doubtful) or len(paths) == 1:
+                return paths, at
+            worst = int(doubtful[np.argmin(wald[doubtful])])
+            without, value = self._without(paths, at, worst)
+            if at.value - value > limit[worst]:
+                settled[worst] = True
+            else:
+                self.failed.append(paths[worst, :-2])
+                settled = np.delete(settled, worst)
+                paths, at = self._fitted(without, most_steps)
+
+    def _without(self, paths: FloatArray, at: Score, path: int) -> tuple[FloatArray, float]:
+        """Paths without one, those that can take its place fitted again, and the likelihood."""
+        near = coupled(at, len(paths), path, _COUPLED)
+        rest = np.delete(paths, path, axis=0)
+        if not near.any():
+            return rest, float(likelihood_without(self.local, self.ends, paths, np.array([path]))[0])
+        near = np.delete(near, path)
+        rest[near], then, _ = climb(self.local.beside(self.ends, rest[~near]), self.ends, rest[near])
+        return rest, then.value
+
+    def _wald(self, paths: FloatArray, at: Score) -> FloatArray:
+        """Wald's statistic (path,) of every path: half the inverse variance of its log amplitude."""
+        n, size = paths.shape
+        covariance = path_covariance(at.information.reshape(n, size, n, size))
+        return np.asarray(0.5 / np.einsum("iaia->ia", covariance)[:, -2])
+
+    def _ratios(self, paths: FloatArray, at: Score, wald: FloatArray, limit: FloatArray) -> FloatArray:
+        """Log-likelihood ratio (path,) to the other paths as they are; Wald's statistic where that is safe."""
+        ratio, doubtful = wald.copy(), np.flatnonzero(wald < _SAFE * limit)
+        ratio[doubtful] = at.value - likelihood_without(self.local, self.ends, paths, doubtful)
+        return ratio
+
+    def _thresholds(self, paths: FloatArray, strongest: int) -> FloatArray:
+        """Likelihood ratio (path,) that paths need: the strongest anywhere, the others with its delay known.
+
+        It rises with the share of a path in beam pairs whose phases others tell, and with a known background.
+        """
+        known = self.ends.shares_in_light(paths, self.spectrum.n_bins)
+        limit = self.levels.further(paths[:, 0], float(paths[strongest, 0]), known)
+        limit[strongest] = self.levels.first(paths[strongest, :1])[0]
+        return limit if self.background is None else limit * self.background.rise(self.ends, paths)
+
+    def _strongest(self, paths: FloatArray) -> int:
+        return int(np.argmax(self.ends.energies(paths)))

@@ -1,0 +1,311 @@
+"""Cramer-Rao bounds of path parameters from beam sweeps, with phases kept or lost between beam pairs.
+
+Model, equation (1): y[m, n, k] = sum_i xi_i T_m(phi_i) R_n(theta_i) exp(-j 2 pi f_k tau_i) x[m, k] + w with
+|x| = 1 and white w of power sigma_n^2. Parameters of a path are, in this order,
+
+    delay in s, AoD angles in rad, AoA angles in rad, log |xi|, arg xi.
+
+Every derivative of the mean is a product of one factor over TX beams, one over RX beams and one over subcarriers,
+so the coherent Fisher information is the Hadamard product of three small Grams:
+J_ab = 2 Re(c_a^* c_b G_T G_R G_W) (Kay 1993, equation 15.52, for a circular Gaussian with a known covariance).
+
+Incoherent means one unknown, uniform phase per beam pair: the information is the exact one of the likelihood that
+is marginalised over these phases; see `estimation.channel.model.phase_information`. For its sake gains are
+log-magnitude and phase: with real and imaginary part a path near an axis gets a bound that is too small.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from estimation.channel.model.manifold import Manifold
+from estimation.channel.model.phase_information import pair_information
+from scenes.record import ComplexArray, FloatArray, Record, array
+from sim.signal.arrays.codebook import Codebook
+
+_NO_INFORMATION = 1e-13  # of the largest eigenvalue of an equilibrated information
+_TOUCHED = 1e-6  # share of a parameter in a direction without information
+
+
+@dataclass(frozen=True)
+class PathBounds(Record):
+    """Bounds of every path when all paths of the stop are estimated together.
+
+    Infinite where the sweep leaves a parameter free: an angle seen by one beam, two paths in one place. Phases are
+    NaN in incoherent mode: no common phase exists there.
+    """
+
+    covariance: FloatArray = array(
+        "path", "parameter", "parameter2", unit="(s, rad)^2", doc="of delay, AoD angles and AoA angles"
+    )
+    gain_std_db: FloatArray = array("path", unit="dB", doc="of the path's gain magnitude")
+    phase_std_rad: FloatArray = array("path", unit="rad", doc="of the path's gain phase")
+    snr_db: FloatArray = array("path", unit="dB", doc="of the best beam pair after summing the subcarriers")
+    n_aod_angles: int = array(dtype=int, doc="1: azimuth, 2: azimuth and elevation; the rest are AoA angles")
+
+    @property
+    def std(self) -> FloatArray:
+        """Bounds (path, parameter) on standard deviations, in s and rad."""
+        return np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
+
+    @property
+    def delay_std_s(self) -> FloatArray:
+        """Delay (path,)."""
+        return self.std[:, 0]
+
+    @property
+    def aod_std_rad(self) -> FloatArray:
+        """Angles of departure (path, angle)."""
+        return self.std[:, 1 : 1 + self.n_aod_angles]
+
+    @property
+    def aoa_std_rad(self) -> FloatArray:
+        """Angles of arrival (path, angle)."""
+        return self.std[:, 1 + self.n_aod_angles :]
+
+
+def crb(
+    tx_codebook: Codebook,
+    rx_codebook: Codebook,
+    frequency_offset_hz: FloatArray,
+    noise_power_mw: Any,
+    *,
+    delay_s: Any,
+    aod_rad: Any,
+    aoa_rad: Any,
+    amplitude: Any,
+    coherent: bool = True,
+) -> PathBounds:
+    """Cramer-Rao bounds of the paths of one stop, for design studies: any codebooks, subcarriers and paths.
+
+    Two paths 2 ns apart, seen by the beams of a link:
+
+    >>> bounds = crb(
+    ...     link.tx_codebook, link.rx_codebook, link.frequency_offset_hz, link.noise_power_mw,
+    ...     delay_s=[20e-9, 22e-9], aod_rad=[0.1, 0.2], aoa_rad=[-0.3, 0.1], amplitude=[1e-4, 5e-5j],
+    ... )  # doctest: +SKIP
+    >>> bounds.delay_std_s  # doctest: +SKIP
+
+    Parameters
+    ----------
+    tx_codebook, rx_codebook : beams of both ends, of any kind and number of panels
+    frequency_offset_hz : (subcarrier,) sounded subcarriers relative to the phase reference of the gains
+    noise_power_mw : scalar or (rx_beam,), per sample
+    delay_s : (path,)
+    aod_rad, aoa_rad : (path,) or (path, angle) in the device frames: azimuth, and elevation where the codebook
+        has beams that tell it (`Manifold.n_angles`)
+    amplitude : (path,) complex xi in sqrt(mW), the transmit power included
+    coherent : whether phases are kept from beam pair to beam pair
+
+    Raises
+    ------
+    ValueError
+        For arrays of other shapes, values that are not finite, and noise powers that are not positive.
+    """
+    tx, rx = Manifold(tx_codebook), Manifold(rx_codebook)
+    amplitude = np.atleast_1d(np.asarray(amplitude, complex))
+    n = len(amplitude)
+    delay = _checked("delay_s", delay_s, (n,))
+    aod = _checked("aod_rad", aod_rad, (n, tx.n_angles))
+    aoa = _checked("aoa_rad", aoa_rad, (n, rx.n_angles))
+    noise = _checked("noise_power_mw", np.broadcast_to(noise_power_mw, rx.n_beams), (rx.n_beams,))
+    if not np.isfinite(amplitude).all() or amplitude.ndim != 1:
+        raise ValueError("amplitude: must be finite, one number per path")
+    if (noise <= 0).any():
+        raise ValueError(f"noise_power_mw = {noise.min():g}: must be positive")
+    frequency_hz = np.asarray(frequency_offset_hz, float)
+    return path_bounds(tx, rx, frequency_hz, noise, delay, aod, aoa, amplitude, coherent=coherent)
+
+
+def path_bounds(
+    tx: Manifold,
+    rx: Manifold,
+    frequency_offset_hz: FloatArray,
+    noise_power_mw: FloatArray,
+    delay_s: FloatArray,
+    aod_rad: FloatArray,
+    aoa_rad: FloatArray,
+    amplitude: ComplexArray,
+    *,
+    coherent: bool,
+) -> PathBounds:
+    """Bounds as `crb` has them, for manifolds at hand: arguments as in `path_information`."""
+    paths = delay_s, aod_rad, aoa_rad, amplitude
+    information = path_information(tx, rx, frequency_offset_hz, noise_power_mw, *paths, coherent=coherent)
+    covariance = path_covariance(information)
+    block = np.einsum("iaib->iab", covariance)
+    phase_std = np.sqrt(block[:, -1, -1])
+    return PathBounds(
+        covariance=block[:, :-2, :-2],
+        gain_std_db=20 / np.log(10) * np.sqrt(block[:, -2, -2]),
+        phase_std_rad=phase_std if coherent else np.full(len(delay_s), np.nan),
+        snr_db=path_snr_db(tx, rx, len(frequency_offset_hz), noise_power_mw, aod_rad, aoa_rad, amplitude),
+        n_aod_angles=tx.n_angles,
+    )
+
+
+def path_information(
+    tx: Manifold,
+    rx: Manifold,
+    frequency_offset_hz: FloatArray,
+    noise_power_mw: FloatArray,
+    delay_s: FloatArray,
+    aod_rad: FloatArray,
+    aoa_rad: FloatArray,
+    amplitude: ComplexArray,
+    *,
+    coherent: bool,
+) -> FloatArray:
+    """Fisher information (path, parameter, path, parameter) of all parameters of all paths.
+
+    `noise_power_mw` is (rx_beam,); angles are (path, angle) as the manifolds count them, `amplitude` (path,) is
+    xi in sqrt(mW).
+    """
+    factors = _Factors.make(tx, rx, frequency_offset_hz, noise_power_mw, delay_s, aod_rad, aoa_rad, amplitude)
+    flat = _coherent(factors) if coherent else _incoherent(factors)
+    n = len(delay_s)
+    size = 3 + tx.n_angles + rx.n_angles
+    return flat.reshape(n, size, n, size)
+
+
+def path_covariance(information: FloatArray) -> FloatArray:
+    """Inverse (path, parameter, path, parameter) of a path information.
+
+    Variances of parameters that a direction without information touches are infinite, such as all phases in
+    incoherent mode. Parameters are scaled to a unit diagonal first: seconds and radians differ by 1e20.
+    """
+    n, size = information.shape[:2]
+    if not n:
+        return np.zeros_like(information)
+    flat = information.reshape(n * size, n * size)
+    diagonal = np.diagonal(flat)
+    scale = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+    value, vector = np.linalg.eigh(flat / np.outer(scale, scale))
+    free = value <= _NO_INFORMATION * len(flat)
+    kept = vector[:, ~free]
+    covariance = (kept / value[~free]) @ kept.T / np.outer(scale, scale)
+    touched = np.any(np.abs(vector[:, free]) > _TOUCHED, axis=1)
+    covariance[touched, touched] = np.inf
+    return np.asarray(covariance.reshape(information.shape))
+
+
+def joint_loss_db(information: FloatArray) -> FloatArray:
+    """SNR (path,) in dB that a path loses to all others: `snr - loss` is that of a lone path known as well.
+
+    It is the factor by which the others raise the worst variance of delay, angles and gain magnitude above that of
+    the path alone; infinite where they leave it free.
+    """
+    n = len(information)
+    if not n:
+        return np.zeros(0)
+    joint = np.einsum("iaia->ia", path_covariance(information))
+    alone = [path_covariance(information[i : i + 1, :, i : i + 1])[0, :, 0] for i in range(n)]
+    own = np.array([np.diagonal(covariance) for covariance in alone])
+    ratio = np.full((n, joint.shape[1] - 1), np.inf)
+    np.divide(joint[:, :-1], own[:, :-1], out=ratio, where=np.isfinite(joint[:, :-1]))
+    return np.asarray(10 * np.log10(ratio.max(axis=1)))
+
+
+def path_snr_db(
+    tx: Manifold,
+    rx: Manifold,
+    n_subcarriers: int,
+    noise_power_mw: FloatArray,
+    aod_rad: FloatArray,
+    aoa_rad: FloatArray,
+    amplitude: ComplexArray,
+) -> FloatArray:
+    """SNR (path,) in dB of the best beam pair, subcarriers summed: |xi|^2 max|T|^2 max|R|^2 K / sigma^2."""
+    tx_gain = np.square(np.abs(tx.response(aod_rad))).max(axis=1, initial=0.0)
+    rx_gain = (np.square(np.abs(rx.response(aoa_rad))) / noise_power_mw).max(axis=1, initial=0.0)
+    snr = np.square(np.abs(amplitude)) * tx_gain * rx_gain * n_subcarriers
+    return np.asarray(10 * np.log10(np.maximum(snr, np.finfo(float).tiny)))
+
+
+@dataclass(frozen=True)
+class _Factors:
+    """The factors of every parameter's derivative of the mean, in units of the noise.
+
+    A derivative is coefficient x TX factor (beam,) x RX factor (beam,) x wave (subcarrier,).
+    """
+
+    coefficient: ComplexArray  # (parameter,)
+    tx: ComplexArray  # (parameter, tx_beam)
+    rx: ComplexArray  # (parameter, rx_beam), over the noise amplitude
+    wave_gram: ComplexArray  # (parameter, parameter)
+    magnitude: Any  # indices (path,) of the parameters log |xi|
+
+    @classmethod
+    def make(
+        cls,
+        tx: Manifold,
+        rx: Manifold,
+        frequency_hz: FloatArray,
+        noise_mw: FloatArray,
+        delay_s: FloatArray,
+        aod_rad: FloatArray,
+        aoa_rad: FloatArray,
+        amplitude: ComplexArray,
+    ) -> _Factors:
+        """The factors of paths with arguments as in `path_information`, parameters in the order of the module."""
+        n, n_tx, n_rx = len(delay_s), tx.n_angles, rx.n_angles
+        size = 3 + n_tx + n_rx
+        noise = np.sqrt(noise_mw)
+        tx_tangent, rx_tangent = tx.tangents(aod_rad), rx.tangents(aoa_rad)  # the response, then its slopes
+        tx_factor = np.repeat(tx_tangent[:, :1], size, axis=1)
+        tx_factor[:, 1 : 1 + n_tx] = tx_tangent[:, 1:]
+        rx_factor = np.repeat(rx_tangent[:, :1], size, axis=1)
+        rx_factor[:, 1 + n_tx : 1 + n_tx + n_rx] = rx_tangent[:, 1:]
+        coefficient = np.repeat(amplitude[:, None], size, axis=1).astype(complex)
+        coefficient[:, -1] *= 1j
+        wave = np.exp(-2j * np.pi * delay_s[:, None] * frequency_hz)
+        slope = -2j * np.pi * frequency_hz * wave
+        kind = np.zeros((n, size), int)  # of wave: 0 the wave, 1 its slope
+        kind[:, 0] = 1
+        index = (2 * np.arange(n)[:, None] + kind).ravel()
+        waves = np.stack([wave, slope], axis=1).reshape(2 * n, len(frequency_hz))
+        gram = waves.conj() @ waves.T
+        return cls(
+            coefficient=coefficient.ravel(),
+            tx=tx_factor.reshape(n * size, tx.n_beams),
+            rx=rx_factor.reshape(n * size, rx.n_beams) / noise,
+            wave_gram=gram[np.ix_(index, index)],
+            magnitude=size * np.arange(n) + size - 2,
+        )
+
+
+def _coherent(factors: _Factors) -> FloatArray:
+    c = factors.coefficient
+    grams = (factors.tx.conj() @ factors.tx.T) * (factors.rx.conj() @ factors.rx.T) * factors.wave_gram
+    return np.asarray(2 * np.real(np.outer(c.conj(), c) * grams))
+
+
+def _incoherent(factors: _Factors) -> FloatArray:
+    """4 A Re(alpha) Re(alpha)' + 2 B Re(d'^H d') summed over beam pairs."""
+    pairs = factors.tx[:, :, None] * factors.rx[:, None, :]
+    weight = factors.coefficient[:, None] * pairs.reshape(len(pairs), -1)  # (parameter, pair)
+    gram = factors.wave_gram
+    # mu is the sum of the derivatives by log |xi|, so mu^H d is a sum over these rows.
+    along = weight * (gram[factors.magnitude].T @ weight[factors.magnitude].conj())
+    snr = np.maximum(along[factors.magnitude].real.sum(axis=0), 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        alpha = np.where(snr > 0, along / snr, 0.0)
+    a, b = pair_information(snr)
+    whole = gram * ((weight.conj() * b) @ weight.T)
+    parallel = (alpha.conj() * (snr * b)) @ alpha.T
+    kept = (alpha.real * a) @ alpha.real.T
+    return np.asarray(4 * kept + 2 * np.real(whole - parallel))
+
+
+def _checked(name: str, value: Any, shape: tuple[int, ...]) -> FloatArray:
+    result = np.atleast_1d(np.asarray(value, float))
+    if len(shape) == 2 and shape[1] == 1 and result.ndim == 1:
+        result = result[:, None]
+    if result.shape != shape:
+        raise ValueError(f"{name}: shape {result.shape}, {shape} is needed")
+    if not np.isfinite(result).all():
+        raise ValueError(f"{name}: must be finite")
+    return result

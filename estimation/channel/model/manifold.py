@@ -1,0 +1,315 @@
+"""The beam manifold: responses of a codebook's beams over direction, their derivatives, and their geometry.
+
+Distances on the manifold are Fubini-Study: ds = |P g'| / |g| dangle, with P the projection orthogonal to the
+response g. They say how fast a normalised response turns, whatever its scale and phase; a uniform aperture moves
+by pi / sqrt(3) over one Rayleigh cell, along any axis.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+
+from estimation.channel.model.kernels import add_panel_tangents, unit_vectors
+from scenes.pose import SPEED_OF_LIGHT_M_S, direction, wrap_angle
+from scenes.record import ComplexArray, FloatArray
+from sim.signal.arrays.array import element_amplitude, panel_axes, to_panel, vertical_polarisation
+from sim.signal.arrays.codebook import Codebook
+
+CELL = np.pi / np.sqrt(3)  # length on the manifold of one Rayleigh cell of a uniform aperture
+SCAN_STEP_RAD = np.deg2rad(0.5)
+HIGHEST_ELEVATION_RAD = np.deg2rad(75.0)
+DARKEST = 10 ** (
+    -30 / 20
+)  # directions whose best beam is weaker than this of the strongest beam are not seen
+REAL_TOLERANCE = 1e-8  # share of imaginary parts that is rounding
+NULL = 1e-16  # power of a response, relative to that of the weights, that is rounding: no beam sees there
+FLAT = 1e-6  # length on the manifold below which beams tell no directions apart
+DIFFERENCE_STEP_RAD = 1e-5  # of the element amplitude, which is real and smooth: the error is below 1e-9
+ELEVATION_SHARE = 0.03  # of the information of the bare elements, from which on beams tell elevations apart
+
+
+@dataclass(frozen=True)
+class _Panel:
+    """One panel: what its beams sum, and the phase of every element per unit direction in the device frame."""
+
+    weights: ComplexArray  # (beam, element), rows of zeros for the beams of other panels
+    wave_vector: FloatArray  # (element, xyz): phase in rad = wave_vector @ u
+    azimuth_rad: float
+    tilt_rad: float
+    pattern: str
+    slant_rad: float
+
+    def response(self, azimuth_rad: FloatArray, elevation_rad: FloatArray) -> ComplexArray:
+        """Responses (direction, beam) of the panel's beams."""
+        phase = direction(azimuth_rad, elevation_rad) @ self.wave_vector.T
+        wave = _phasor(phase) * self.amplitude(azimuth_rad, elevation_rad)[:, None]
+        return np.asarray(wave @ self.weights.T)
+
+    def amplitude(self, azimuth_rad: FloatArray, elevation_rad: FloatArray) -> FloatArray:
+        """Element amplitude (direction,), of the vertical polarisation."""
+        amplitude = element_amplitude(
+            self.pattern, *to_panel(azimuth_rad, elevation_rad, self.azimuth_rad, self.tilt_rad)
+        )
+        if self.slant_rad or self.tilt_rad:
+            amplitude = amplitude * vertical_polarisation(
+                azimuth_rad, elevation_rad, self.azimuth_rad, self.tilt_rad, self.slant_rad
+            )
+        return np.asarray(amplitude)
+
+    def amplitude_and_slope(
+        self, azimuth_rad: FloatArray, elevation_rad: FloatArray, n_angles: int
+    ) -> tuple[FloatArray, FloatArray]:
+        """Element amplitude (direction,) and its derivative (direction, angle), by central differences."""
+        step = DIFFERENCE_STEP_RAD * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])[: 1 + 2 * n_angles]
+        values = self.amplitude(azimuth_rad + step[:, :1], elevation_rad + step[:, 1:])
+        slopes = (values[1::2] - values[2::2]) / (2 * DIFFERENCE_STEP_RAD)
+        return values[0], slopes.T
+
+
+class Manifold:
+    """Responses G (direction, beam) of a codebook's beams and their derivatives over direction.
+
+    Where the beams cannot tell elevations apart (`n_angles` 1) the elevation is taken as zero, and the angle found
+    for a path of another elevation is the cone angle of its panel. `n_angles` can be given to keep what a device's
+    designed beams observe while its weights are replaced by estimated ones.
+
+    Attributes
+    ----------
+    n_beams, n_angles : number of beams, and of angles (azimuth, or azimuth and elevation) that they observe
+    azimuth_range_rad, elevation_range_rad : directions that the beams see; `is_closed` where azimuths go all round
+    hides_elevation : whether elevations are in the model that only a second panel shows
+    """
+
+    n_beams: int
+    n_angles: int
+    azimuth_range_rad: tuple[float, float]
+    elevation_range_rad: tuple[float, float]
+    is_closed: bool
+    hides_elevation: bool = False
+
+    def __init__(self, codebook: Codebook, n_angles: int | None = None) -> None:
+        self._panels = _panels(codebook)
+        self.n_beams = len(codebook)
+        self.n_angles = 2
+        self.elevation_range_rad = (0.0, 0.0)
+        self._scan_azimuths()
+        self.n_angles = n_angles or (2 if self._sees_elevation() else 1)
+        if self.n_angles == 1:
+            self._panels = [_merged_at_horizon(panel) for panel in self._panels]
+        else:
+            self._scan_elevations()
+
+    def combined(self, matrix: ComplexArray | FloatArray) -> Self:
+        """The manifold of sums of beams: responses G @ matrix.T, for `matrix` (output, beam)."""
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__dict__)
+        other._panels = [replace(panel, weights=matrix @ panel.weights) for panel in self._panels]
+        other.n_beams = len(matrix)
+        return other
+
+    def with_hidden_elevation(self) -> Self:
+        """The manifold over azimuth and elevation of horizontal beams on several upright panels; else itself.
+
+        One panel shows the cone angle of a path about its own boresight and no more. Two panels show two, and with
+        them the elevation but for its sign. What rows make of it, the same for all beams, is part of the gain.
+        """
+        several = len({panel.azimuth_rad for panel in self._panels}) > 1
+        if self.n_angles == 2 or not several or any(panel.tilt_rad for panel in self._panels):
+            return self
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__dict__)
+        other.n_angles, other.hides_elevation = 2, True
+        return other
+
+    def best_panel_rad(self, angles: FloatArray) -> FloatArray:
+        """Boresight azimuth (direction,) of the panel of the best beam towards `angles` (direction, angle)."""
+        azimuth, elevation = self._split(angles)
+        strongest = [
+            np.abs(panel.response(azimuth, elevation)).max(axis=1, initial=0.0) for panel in self._panels
+        ]
+        boresight = np.array([panel.azimuth_rad for panel in self._panels])
+        return np.asarray(boresight[np.argmax(strongest, axis=0)])
+
+    def weights(self) -> ComplexArray:
+        """All that the beams sum, (beam, element) over the panels in turn: their span holds every response."""
+        return np.concatenate([panel.weights for panel in self._panels], axis=1)
+
+    @property
+    def is_real(self) -> bool:
+        """Whether all responses are real but for rounding, as those of symmetric arrays are."""
+        response = self.response(self.grid(1.0))
+        return bool(np.abs(response.imag).max() <= REAL_TOLERANCE * np.abs(response).max())
+
+    def response(self, angles: FloatArray) -> ComplexArray:
+        """Responses (direction, beam) towards `angles` (direction, angle) in rad, in the device frame."""
+        azimuth, elevation = self._split(angles)
+        response = np.zeros((len(azimuth), self.n_beams), complex)
+        for panel in self._panels:
+            response += panel.response(azimuth, elevation)
+        return response
+
+    def jacobian(self, angles: FloatArray) -> ComplexArray:
+        """Derivatives (direction, angle, beam) per rad of the responses towards `angles` (direction, angle)."""
+        return self.tangents(angles)[:, 1:]
+
+    def tangents(self, angles: FloatArray) -> ComplexArray:
+        """Responses and their derivatives per rad, (direction, 1 + angle, beam)."""
+        azimuth, elevation = self._split(angles)
+        vectors = unit_vectors(azimuth, elevation)
+        tangents = np.zeros((len(azimuth), 1 + self.n_angles, self.n_beams), complex)
+        for panel in self._panels:
+            amplitude, slope = panel.amplitude_and_slope(azimuth, elevation, self.n_angles)
+            weights = np.ascontiguousarray(panel.weights.T)
+            add_panel_tangents(tangents, vectors, amplitude, slope, panel.wave_vector, weights)
+        return tangents
+
+    def metric(self, angles: FloatArray) -> FloatArray:
+        """Fubini-Study metric (direction, angle, angle) in rad^-2; zero where there is no response."""
+        tangents = self.tangents(angles)
+        value, slopes = tangents[:, :1], tangents[:, 1:]
+        power = (np.abs(value) ** 2).sum(axis=2, keepdims=True)
+        power[power <= NULL * sum((np.abs(panel.weights) ** 2).sum() for panel in self._panels)] = np.inf
+        along = (slopes * value.conj()).sum(axis=2, keepdims=True) / power
+        across = slopes - along * value
+        return np.asarray((across @ across.conj().swapaxes(1, 2)).real / power)
+
+    def grid(self, oversampling: float) -> FloatArray:
+        """Directions (direction, angle) in rad over what the beams see, `oversampling` per Rayleigh cell.
+
+        Points are evenly spaced on the manifold: along azimuth for one angle; for two on circles of elevation.
+        Directions that no beam sees (a lone beam's nulls) are left out. Beams that tell no directions apart have
+        one, where they are strongest.
+        """
+        step = CELL / oversampling
+        levels = self._levels(step) if self.n_angles == 2 else np.zeros(1)
+        grid = np.concatenate([self._row(np.array([level]), step) for level in levels])[:, : self.n_angles]
+        gain = np.linalg.norm(self.response(grid), axis=1)
+        return np.asarray(grid[gain >= DARKEST * gain.max()])
+
+    def azimuths(self) -> FloatArray:
+        """Fine, even azimuths (azimuth,) over what the beams see; a closed circle without its end."""
+        low, high = self.azimuth_range_rad
+        n = max(2, round((high - low) / SCAN_STEP_RAD) + 1)
+        return np.linspace(low, high, n - self.is_closed, endpoint=not self.is_closed)
+
+    def elevations(self) -> FloatArray:
+        """Fine, even elevations (elevation,) over what the beams see; zero alone for one angle."""
+        low, high = self.elevation_range_rad
+        return np.linspace(low, high, max(2, round((high - low) / (4 * SCAN_STEP_RAD)) + 1))
+
+    def _split(self, angles: FloatArray) -> tuple[FloatArray, FloatArray]:
+        angles = np.asarray(angles, float).reshape(-1, self.n_angles)
+        return angles[:, 0], angles[:, 1] if self.n_angles == 2 else np.zeros(len(angles))
+
+    def _row(self, elevation_rad: FloatArray, step: float) -> FloatArray:
+        """Directions (direction, 2) at one elevation, evenly spaced on the manifold by `step` or a little less."""
+        azimuth = self.azimuths()
+        angles = np.stack([azimuth, np.broadcast_to(elevation_rad, azimuth.shape)], axis=1)[
+            :, : self.n_angles
+        ]
+        speed = np.sqrt(self.metric(angles)[:, 0, 0])
+        strongest = azimuth[int(np.argmax(np.linalg.norm(self.response(angles), axis=1)))]
+        if self.is_closed:
+            azimuth, speed = np.append(azimuth, azimuth[0] + 2 * np.pi), np.append(speed, speed[0])
+        even = _evenly(azimuth, speed, step, strongest, is_closed=self.is_closed)
+        return np.stack([wrap_angle(even), np.broadcast_to(elevation_rad, even.shape)], axis=1)
+
+    def _levels(self, step: float) -> FloatArray:
+        """Elevations (level,) no further apart than `step` on the manifold at any azimuth."""
+        elevation, azimuth = self.elevations(), self.azimuths()[::4]
+        speed = [
+            np.sqrt(self.metric(np.stack([azimuth, np.full(len(azimuth), e)], axis=1))[:, 1, 1].max())
+            for e in elevation
+        ]
+        return _evenly(elevation, np.array(speed), step, float(elevation.mean()), is_closed=False)
+
+    def _scan_azimuths(self) -> None:
+        """Set the azimuths that beams see from the front of their panel; all gaps but the widest are bridged."""
+        azimuth = np.arange(-np.pi, np.pi - SCAN_STEP_RAD / 2, SCAN_STEP_RAD)
+        gain = np.max([self._best_gain(azimuth, e) for e in np.linspace(-0.6, 0.6, 7)], axis=0)
+        in_front = np.any([np.cos(azimuth - panel.azimuth_rad) > 0 for panel in self._panels], axis=0)
+        seen = np.flatnonzero(in_front & (gain >= DARKEST * gain[in_front].max()))
+        gaps = np.diff(seen, append=seen[0] + len(azimuth))
+        widest = int(np.argmax(gaps))
+        self.is_closed = bool(gaps[widest] == 1)
+        first = seen[(widest + 1) % len(seen)]
+        length_rad = (len(azimuth) - (0 if self.is_closed else gaps[widest])) * SCAN_STEP_RAD
+        self.azimuth_range_rad = (float(azimuth[first]), float(azimuth[first] + length_rad))
+
+    def _scan_elevations(self) -> None:
+        """Set the elevations, about the beams' own, that some beam sees at some azimuth."""
+        elevation = np.arange(-HIGHEST_ELEVATION_RAD, HIGHEST_ELEVATION_RAD + 1e-9, SCAN_STEP_RAD)
+        azimuth = self.azimuths()[::4]
+        gain = np.array([self._best_gain(azimuth, e).max() for e in elevation])
+        seen = elevation[gain >= DARKEST * gain.max()]
+        self.elevation_range_rad = (float(seen[0]), float(seen[-1]))
+
+    def _best_gain(self, azimuth_rad: FloatArray, elevation_rad: float) -> FloatArray:
+        angles = np.stack([azimuth_rad, np.full(len(azimuth_rad), elevation_rad)], axis=1)
+        return np.asarray(np.abs(self.response(angles)).max(axis=1))
+
+    def _sees_elevation(self) -> bool:
+        """Whether the beams, their scale and phase apart, turn over elevation in a way that azimuth does not.
+
+        Compared with what the elements would see if each were read out alone: the variance of their phase slope.
+        """
+        azimuth = self.azimuths()
+        angles = np.stack([azimuth, np.zeros(len(azimuth))], axis=1)
+        metric = self.metric(angles)
+        across = np.maximum(metric[:, 0, 0], np.finfo(float).tiny)
+        share = metric[:, 1, 1] - metric[:, 0, 1] ** 2 / across
+        bare = max(float(panel.wave_vector[:, 2].var()) for panel in self._panels)
+        return bool(bare > 0 and np.median(share) > ELEVATION_SHARE * bare)
+
+
+def _panels(codebook: Codebook) -> list[_Panel]:
+    wave_vector = 2 * np.pi * codebook.carrier_hz / SPEED_OF_LIGHT_M_S * codebook.element_position_m
+    boresights = np.stack([codebook.panel_azimuth_rad, codebook.panel_tilt_rad], axis=1)
+    panels = []
+    for azimuth, tilt in np.unique(boresights, axis=0):
+        beams = (boresights == (azimuth, tilt)).all(axis=1)
+        panels.append(
+            _Panel(
+                weights=np.where(beams[:, None], codebook.weights, 0.0),
+                wave_vector=wave_vector @ panel_axes(azimuth, tilt),
+                azimuth_rad=float(azimuth),
+                tilt_rad=float(tilt),
+                pattern=codebook.element_pattern,
+                slant_rad=codebook.polarisation_slant_rad,
+            )
+        )
+    return panels
+
+
+def _merged_at_horizon(panel: _Panel) -> _Panel:
+    """The panel with elements that no horizontal direction tells apart summed into one."""
+    horizontal = np.round(panel.wave_vector[:, :2], 12)
+    places, index = np.unique(horizontal, axis=0, return_inverse=True)
+    summed = np.zeros((len(panel.weights), len(places)), complex)
+    np.add.at(summed.T, index, panel.weights.T)
+    return replace(panel, weights=summed, wave_vector=np.pad(places, ((0, 0), (0, 1))))
+
+
+def _evenly(
+    position: FloatArray, speed: FloatArray, step: float, middle: float, *, is_closed: bool
+) -> FloatArray:
+    """Positions whose distances along a curve of this `speed` are even and at most `step`.
+
+    An open curve has its outermost points half a step inside its ends; one of no length has its `middle` alone.
+    """
+    length = np.concatenate([[0.0], np.cumsum((speed[1:] + speed[:-1]) / 2 * np.diff(position))])
+    n = max(1, int(np.ceil(length[-1] / step)))
+    if length[-1] < FLAT:
+        return np.array([middle])
+    fractions = (np.arange(n) + (0.0 if is_closed else 0.5)) / n
+    return np.asarray(np.interp(fractions * length[-1], length, position))
+
+
+def _phasor(phase_rad: FloatArray) -> ComplexArray:
+    phasor = np.empty(phase_rad.shape, complex)
+    np.cos(phase_rad, out=phasor.real)
+    np.sin(phase_rad, out=phasor.imag)
+    return phasor

@@ -1,0 +1,164 @@
+"""The model of paths in a compressed sweep: tangents, their inner products with samples and with each other.
+
+A path leaves c t(phi) r(theta) d(tau), a product over the three axes. So do its derivatives, one factor replaced,
+and every inner product of two of them is a product of three short ones: the Fisher information is a Hadamard
+product of small Gram matrices, and no array of the size paths x samples is made.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+
+from estimation.channel.model.compress import CompressedSweep
+from estimation.channel.model.kernels import hadamard_gram, tangent_products
+from estimation.channel.model.manifold import CELL
+from scenes.record import BoolArray, ComplexArray, FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class Paths:
+    """Paths as the model counts them: delays (path,) in bins, angles (path, angle) in rad, amplitudes (path,)."""
+
+    delay_bins: FloatArray
+    aod_rad: FloatArray
+    aoa_rad: FloatArray
+    amplitude: ComplexArray
+
+    def __len__(self) -> int:
+        return len(self.delay_bins)
+
+    def take(self, index: IntArray | BoolArray | slice) -> Self:
+        """Some of the paths."""
+        return replace(
+            self,
+            delay_bins=self.delay_bins[index],
+            aod_rad=self.aod_rad[index],
+            aoa_rad=self.aoa_rad[index],
+            amplitude=self.amplitude[index],
+        )  # fmt: skip
+
+    def joined(self, other: Paths) -> Paths:
+        """These paths, then the others."""
+        return Paths(
+            np.concatenate([self.delay_bins, other.delay_bins]),
+            np.concatenate([self.aod_rad, other.aod_rad]),
+            np.concatenate([self.aoa_rad, other.aoa_rad]),
+            np.concatenate([self.amplitude, other.amplitude]),
+        )
+
+    def replaced(self, where: BoolArray, other: Paths) -> Paths:
+        """The paths with those marked in `where` (path,) taken from `other`."""
+        return Paths(
+            np.where(where, other.delay_bins, self.delay_bins),
+            np.where(where[:, None], other.aod_rad, self.aod_rad),
+            np.where(where[:, None], other.aoa_rad, self.aoa_rad),
+            np.where(where, other.amplitude, self.amplitude),
+        )
+
+    def moved(self, step: FloatArray) -> Paths:
+        """The paths after a step (path, parameter) of delays and angles."""
+        n_aod = self.aod_rad.shape[1]
+        return replace(
+            self,
+            delay_bins=self.delay_bins + step[:, 0],
+            aod_rad=self.aod_rad + step[:, 1 : 1 + n_aod],
+            aoa_rad=self.aoa_rad + step[:, 1 + n_aod :],
+        )
+
+
+def no_paths(sweep: CompressedSweep) -> Paths:
+    """Zero paths with as many angles as the beams of a sweep observe."""
+    return Paths(
+        delay_bins=np.zeros(0),
+        aod_rad=np.zeros((0, sweep.tx.n_angles)),
+        aoa_rad=np.zeros((0, sweep.rx.n_angles)),
+        amplitude=np.zeros(0, complex),
+    )
+
+
+@dataclass(frozen=True)
+class Tangents:
+    """Factors of the responses of paths and of their derivatives along every axis, the value first.
+
+    In the products of three factors that they stand for, the value of a path comes first, then its derivatives
+    over delay, angles of departure and angles of arrival.
+
+    Attributes
+    ----------
+    tx : (path, 1 + aod angle, tx_rank); rx : (path, 1 + aoa angle, rx_rank); delay : (path, 2, bin)
+    """
+
+    tx: ComplexArray
+    rx: ComplexArray
+    delay: FloatArray
+
+
+def tangents(sweep: CompressedSweep, paths: Paths) -> Tangents:
+    """Responses of the paths and their derivatives over delay (per bin) and angles (per rad)."""
+    return Tangents(
+        tx=sweep.tx.tangents(paths.aod_rad),
+        rx=sweep.rx.tangents(paths.aoa_rad),
+        delay=sweep.delay_response(paths.delay_bins),
+    )
+
+
+def responses(sweep: CompressedSweep, paths: Paths) -> Tangents:
+    """Responses of the paths alone, without derivatives."""
+    return Tangents(
+        tx=sweep.tx.response(paths.aod_rad)[:, None],
+        rx=sweep.rx.response(paths.aoa_rad)[:, None],
+        delay=sweep.delay_response(paths.delay_bins)[:, :1],
+    )
+
+
+def products_with(parts: FloatArray, at: Tangents) -> ComplexArray:
+    """Inner products (path, tangent) of the tangents with samples given as parts (part, tx_rank, rx_rank, bin)."""
+    n_paths, n_factors, n_bins = at.delay.shape
+    short = at.delay.reshape(n_paths * n_factors, n_bins).astype(np.float32)
+    slices = short @ parts.reshape(-1, n_bins).T
+    return np.asarray(tangent_products(slices.reshape(n_paths, n_factors, *parts.shape[:3]), at.tx, at.rx))
+
+
+def gram(at: Tangents, other: Tangents) -> ComplexArray:
+    """Inner products (path, tangent, path, tangent) of two sets of tangents."""
+    return np.asarray(
+        hadamard_gram(
+            _axis_gram(at.tx, other.tx), _axis_gram(at.rx, other.rx), _axis_gram(at.delay, other.delay)
+        )
+    )
+
+
+def own_energy(at: Tangents) -> FloatArray:
+    """Squared norm (path,) of the paths' responses at unit amplitude."""
+    factors = (at.tx[:, 0], at.rx[:, 0], at.delay[:, 0])
+    return np.asarray(np.prod([(np.abs(factor) ** 2).sum(axis=1) for factor in factors], axis=0))
+
+
+def manifold_rates(sweep: CompressedSweep, paths: Paths) -> FloatArray:
+    """Length on the manifold (path, parameter) per delay bin and per rad of every angle; a cell is `CELL` long."""
+    rates = [np.full((len(paths), 1), CELL)]
+    for manifold, angles in ((sweep.tx, paths.aod_rad), (sweep.rx, paths.aoa_rad)):
+        rates.append(np.sqrt(np.einsum("paa->pa", manifold.metric(angles))))
+    return np.concatenate(rates, axis=1)
+
+
+def residual(sweep: CompressedSweep, paths: Paths) -> FloatArray:
+    """Parts (part, tx_rank, rx_rank, bin) of the samples less what the paths leave in them."""
+    if not len(paths):
+        return sweep.parts
+    at = responses(sweep, paths)
+    beams = (paths.amplitude[:, None, None] * at.tx[:, 0, :, None] * at.rx[:, 0, None]).reshape(
+        len(paths), -1
+    )
+    model = np.concatenate([beams.real, beams.imag], axis=1).astype(np.float32).T @ at.delay[:, 0].astype(
+        np.float32
+    )
+    return sweep.parts - model.reshape(sweep.parts.shape)
+
+
+def _axis_gram(one: ComplexArray | FloatArray, other: ComplexArray | FloatArray) -> ComplexArray:
+    product = one.reshape(-1, one.shape[2]).conj() @ other.reshape(-1, other.shape[2]).T
+    return np.asarray(product.reshape(*one.shape[:2], *other.shape[:2]))

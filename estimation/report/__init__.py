@@ -1,1 +1,0 @@
-"""Figures and the HTML report: the only home of plotting."""

@@ -1,0 +1,251 @@
+"""Gaussian-process (GP) regression of a radial function r = f(angle) + n (paper, section III-B).
+
+The kernel is the periodic squared exponential with period 2 pi, the mean is an unknown constant mu, and mu and
+beta = (sigma_f^2, l^2, sigma_n^2) maximise the log marginal likelihood by its analytic gradient. Few points go
+through their covariance matrix (`gp_exact`), many through the harmonics of the kernel (`gp_fourier`); small
+clusters are searched together in one compiled call (`gp_newton`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import Bounds, OptimizeResult, minimize
+
+from estimation.inference.threads import one_blas_thread
+from estimation.shape.gp.exact import ExactPosterior, Likelihood, chord, log_marginal_likelihood
+from estimation.shape.gp.fourier import (
+    FourierPosterior,
+    FourierSums,
+    log_marginal_likelihood_fourier,
+    smallest_order,
+)
+from estimation.shape.gp.newton import most_likely
+from scenes.record import FloatArray
+
+# Bounds of the search: standard deviations relative to the rms radius, the length scale as it is. They keep
+# the covariance matrix well conditioned; an optimum beyond them describes the same function in practice.
+SIGNAL_STD_BOUNDS = (1e-4, 10.0)
+NOISE_STD_BOUNDS = (1e-3, 10.0)
+LENGTH_SCALE_BOUNDS = (0.05, 10.0)
+SMALLEST_SCALE_M = 0.01
+
+COARSE_TOLERANCE_NAT = 0.1  # slope by log beta where a start stops: about 0.01 nat from its optimum
+FINE_TOLERANCE_NAT = 1e-3  # slope where the search of the best start ends: about 1e-6 nat from the optimum
+TRIAL_STEPS, HOPELESS_NAT = 6, 50.0  # a start this far behind another after so many steps is given up
+RELATIVE_TOLERANCE = 2.2e-9  # L-BFGS-B's own, of the likelihood
+LARGEST_COMPILED = 32  # most points of a cluster that the compiled search takes
+NEWTON_TOLERANCE_NAT = 1e-5  # slope where the compiled search ends: about 1e-10 nat from the optimum
+PAPER_START = np.array([[4.0, 4.0, 4.0]])  # beta of sigma_f = l = sigma_n = 2
+
+
+@dataclass(frozen=True)
+class RadialGp:
+    """A fitted radial function: the learned parameters and the posterior they give."""
+
+    mean_m: float
+    signal_std_m: float
+    length_scale: float
+    noise_std_m: float
+    log_likelihood: float
+    mean_uncertainty: bool
+    posterior: ExactPosterior | FourierPosterior
+
+    def predict(self, angle_rad: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Mean and standard deviation in m of the radius f at angles (sample,) in rad.
+
+        The printed predictive mean and variance; with `mean_uncertainty` the variance of the learned mean is
+        added.
+        """
+        deviation, variance, of_mean = self.posterior.predict(np.asarray(angle_rad, float))
+        if self.mean_uncertainty:
+            variance = variance + of_mean
+        return self.mean_m + deviation, np.sqrt(variance)
+
+
+class RadialData:
+    """Contour points in polar form, with what either form of the likelihood needs of them, made when asked for."""
+
+    def __init__(self, angle_rad: FloatArray, radius_m: FloatArray) -> None:
+        self.angle_rad = angle_rad
+        self.radius_m = radius_m
+
+    @cached_property
+    def chords(self) -> FloatArray:
+        """Chords (ip, ip) of the angles, for the exact form."""
+        return chord(self.angle_rad, self.angle_rad)
+
+    @cached_property
+    def sums(self) -> FourierSums:
+        """Sums over the points, for the Fourier form."""
+        return FourierSums(self.angle_rad, self.radius_m)
+
+    def is_exact(self, beta: FloatArray) -> bool:
+        """Whether the covariance matrix is smaller than that of the harmonics the length scale asks for."""
+        return len(self.radius_m) < 2 * smallest_order(float(np.sqrt(beta[1]))) + 1
+
+    def log_marginal_likelihood(self, beta: FloatArray) -> Likelihood:
+        """Log marginal likelihood with mu at its best, in the cheaper form."""
+        if self.is_exact(beta):
+            return log_marginal_likelihood(self.chords, self.radius_m, beta)
+        return log_marginal_likelihood_fourier(self.sums, beta)
+
+    def posterior(self, beta: FloatArray, mu: float) -> ExactPosterior | FourierPosterior:
+        """Posterior of the radial function, in the cheaper form."""
+        if self.is_exact(beta):
+            return ExactPosterior.of(self.angle_rad, self.radius_m, beta, mu)
+        return FourierPosterior.of(self.sums, beta, mu)
+
+
+def fit_radial_gp(
+    angle_rad: FloatArray,
+    radius_m: FloatArray,
+    start: Literal["paper", "data"] = "data",
+    mean_uncertainty: bool = True,
+    noise_floor_std_m: float = 0.0,
+) -> RadialGp:
+    """Fit the radial function to contour points at angle (ip,) in rad and radius (ip,) in m, one or more.
+
+    `start` is `paper`: l = sigma_f = sigma_n = 2; or `data`: the most likely result of three starts taken from
+    the data. The search runs over log beta with mu at its best for each beta, so mu needs no start. sigma_n
+    stays at or above `noise_floor_std_m`.
+
+    Raises
+    ------
+    ValueError
+        Where there is no point, or angles and radii differ in number.
+    """
+    return fit_radial_gps([(angle_rad, radius_m)], start, mean_uncertainty, [noise_floor_std_m])[0]
+
+
+def fit_radial_gps(
+    clusters: Sequence[tuple[FloatArray, FloatArray]],
+    start: Literal["paper", "data"] = "data",
+    mean_uncertainty: bool = True,
+    noise_floor_std_m: Sequence[float] | None = None,
+) -> list[RadialGp]:
+    """Fit the radial function of every cluster (angle (ip,) in rad, radius (ip,) in m), as `fit_radial_gp` does.
+
+    Small clusters go through one compiled call. The paper's start keeps to L-BFGS-B: where it ends depends on
+    the search. `noise_floor_std_m` (cluster,) is 0 without.
+    """
+    for angle, radius in clusters:
+        if len(angle) == 0 or len(angle) != len(radius):
+            raise ValueError(
+                f"radial GP: {len(angle)} angles and {len(radius)} radii given, the same number of at least 1 is "
+                "needed"
+            )
+    floors = [0.0] * len(clusters) if noise_floor_std_m is None else noise_floor_std_m
+    data = [RadialData(*cluster) for cluster in clusters]
+    bounds = [_search_bounds(one.radius_m, floor) for one, floor in zip(data, floors, strict=True)]
+    is_small = [start == "data" and len(one.radius_m) <= LARGEST_COMPILED for one in data]
+    small = [k for k, compiled in enumerate(is_small) if compiled]
+    with one_blas_thread():
+        together = iter(_most_likely([data[k] for k in small], [bounds[k] for k in small]))
+        return [
+            _fitted(one, next(together) if compiled else _searched(one, start, limits), mean_uncertainty)
+            for one, limits, compiled in zip(data, bounds, is_small, strict=True)
+        ]
+
+
+def _fitted(data: RadialData, beta: FloatArray, mean_uncertainty: bool) -> RadialGp:
+    likelihood = data.log_marginal_likelihood(beta)
+    posterior = data.posterior(beta, likelihood.mu)
+    signal_std, length_scale, noise_std = (float(value) for value in np.sqrt(beta))
+    return RadialGp(
+        likelihood.mu, signal_std, length_scale, noise_std, likelihood.value, mean_uncertainty, posterior
+    )
+
+
+def _most_likely(data: list[RadialData], bounds: list[FloatArray]) -> FloatArray:
+    """Most likely beta (cluster, 3) of small clusters, from the starts that their data give."""
+    if not data:
+        return np.zeros((0, 3))
+    first = np.cumsum([0, *(len(one.radius_m) for one in data)])
+    angle, radius = (
+        np.concatenate([np.asarray(getattr(one, name), float) for one in data])
+        for name in ("angle_rad", "radius_m")
+    )
+    starts = np.array([_data_starts(one.angle_rad, one.radius_m) for one in data])
+    low, high = np.log(np.stack(bounds, axis=1))
+    return np.exp(most_likely(first, angle, radius, np.log(starts), low, high, NEWTON_TOLERANCE_NAT))
+
+
+def _searched(data: RadialData, start: Literal["paper", "data"], bounds: FloatArray) -> FloatArray:
+    """Most likely beta (3,) by L-BFGS-B from each start, the best of them pursued to the end."""
+    careful = start == "data"
+    starts = _data_starts(data.angle_rad, data.radius_m) if careful else PAPER_START
+    best: tuple[float, FloatArray] = (-np.inf, starts[0])
+    for first in starts:
+        found = _maximise_likelihood(data, first, bounds, COARSE_TOLERANCE_NAT, careful, best[0])
+        best = max(best, found, key=lambda optimum: optimum[0])
+    return _maximise_likelihood(data, best[1], bounds, FINE_TOLERANCE_NAT, careful)[1]
+
+
+def _maximise_likelihood(
+    data: RadialData,
+    start: FloatArray,
+    bounds: FloatArray,
+    tolerance_nat: float,
+    careful: bool,
+    to_beat: float = -np.inf,
+) -> tuple[float, FloatArray]:
+    """Log likelihood and beta at the optimum over log beta, by L-BFGS-B; mu follows from beta at each step.
+
+    L-BFGS-B's first step follows the gradient to the bounds where the likelihood is steep, and there the length
+    scale asks for the most harmonics. A `careful` search is scaled to a first step of about 1; where the paper's
+    start ends depends on the long step. A search that after some steps is still far below the likelihood
+    `to_beat` of another start is given up.
+    """
+    first = np.log(np.clip(start, *bounds))
+    steepness = 1.0
+    if careful:
+        gradient = data.log_marginal_likelihood(np.exp(first)).gradient[1:] * np.exp(first)
+        steepness = max(float(np.linalg.norm(gradient)), 1.0)
+
+    def negative(log_beta: FloatArray) -> tuple[float, FloatArray]:
+        beta = np.exp(log_beta)
+        likelihood = data.log_marginal_likelihood(beta)
+        return -likelihood.value / steepness, -likelihood.gradient[1:] * beta / steepness
+
+    steps = 0
+
+    def give_up(intermediate_result: OptimizeResult) -> None:
+        nonlocal steps
+        steps += 1
+        if steps >= TRIAL_STEPS and -steepness * float(intermediate_result.fun) < to_beat - HOPELESS_NAT:
+            raise StopIteration
+
+    found = minimize(
+        negative,
+        first,
+        callback=give_up,
+        jac=True,
+        method="L-BFGS-B",
+        bounds=Bounds(*np.log(bounds)),
+        options={"gtol": tolerance_nat / steepness, "ftol": RELATIVE_TOLERANCE / steepness},
+    )
+    return -steepness * float(found.fun), np.exp(found.x)
+
+
+def _search_bounds(radius_m: FloatArray, noise_floor_std_m: float) -> FloatArray:
+    """Lower and upper bounds (2, 3) of beta."""
+    scale = max(float(np.sqrt(np.mean(radius_m**2))), SMALLEST_SCALE_M)
+    noise = np.maximum(scale * np.array(NOISE_STD_BOUNDS), noise_floor_std_m)
+    return np.stack([scale * np.array(SIGNAL_STD_BOUNDS), LENGTH_SCALE_BOUNDS, noise], axis=1) ** 2
+
+
+def _data_starts(angle_rad: FloatArray, radius_m: FloatArray) -> FloatArray:
+    """Starts (3, 3) of beta from the spread of the radii and the differences between neighbours in angle.
+
+    Two take the spread as signal, with a short and a long length scale; one takes nearly all of it as noise.
+    """
+    around = radius_m[np.argsort(angle_rad)]
+    spread = max(float(np.var(radius_m)), SMALLEST_SCALE_M**2)
+    noise = max(0.5 * float(np.mean((around - np.roll(around, 1)) ** 2)), 1e-4 * spread)
+    return np.array([[spread, 0.3**2, noise], [spread, 1.0, noise], [0.01 * spread, 1.0, spread]])

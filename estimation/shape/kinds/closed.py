@@ -1,0 +1,154 @@
+"""Closed contours fitted directly to delays and angles: contour, TX and RX determine every path.
+
+There are no incidence points in between: the contour predicts each delay and both angles, and is fitted to
+them with their own covariances (`estimation.shape.reflection.posterior`). Circle, ellipse, rounded square, and a
+Gaussian process on the support function: harmonics whose prior variances are those of the periodic
+squared-exponential kernel.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise, product
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.special import ive
+
+from estimation.laws.support import CIRCLE, CLOSED_FAMILY, contour_points, normal_std_m
+from estimation.shape.fit import OK, PRIOR, ShapeFit, failed_fit
+from estimation.shape.reflection.posterior import Optimum, Prior, best_start, maximise
+from estimation.shape.reflection.reflections import ReflectionConfig, Reflections, ray_points
+from scenes.record import FloatArray
+
+START_RADII_M = np.geomspace(0.06, 2.0, 10)
+PRIOR_SHARE = 0.9  # of the prior's standard deviation: with more left of it the data said nothing of the size
+
+
+def fit_direct(data: Reflections, kind: str, config: ReflectionConfig) -> ShapeFit:
+    """Fit a closed contour of one kind, a key of `CLOSED_FAMILY`, to the paths of one object.
+
+    The status is `prior` where the radius stays as uncertain as before the data, `failed` where there is no
+    path or the search does not end inside the numbers. Raises `ValueError` for another kind.
+    """
+    if kind not in CLOSED_FAMILY:
+        raise ValueError(f"kind = '{kind}': must be one of {', '.join(CLOSED_FAMILY)}")
+    if len(data) == 0:
+        return failed_fit(kind, "no paths")
+    found = fit_closed(data, kind, config)
+    if found is None:
+        return failed_fit(kind, "singular information")
+    return closed_shape(found, kind, config)
+
+
+def fit_closed(data: Reflections, kind: str, config: ReflectionConfig) -> Optimum | None:
+    """The most evident optimum of the starts of one kind, the circle's being the start of all others."""
+    circle_prior = closed_prior("circle", np.zeros(3), config)
+    start = best_start(CIRCLE, circle_starts(data, START_RADII_M), circle_prior, data, config)
+    circle = maximise(CIRCLE, start, circle_prior, data, config)
+    if kind == "circle" or circle is None:
+        return circle
+    optima = []
+    places = (circle.parameter, circle_starts(data, [config.radius_median_m])[0])
+    for place, shape in product(places, _shape_starts(kind, config)):
+        start = np.concatenate([place, shape])
+        prior = closed_prior(kind, start, config)
+        found = maximise(CLOSED_FAMILY[kind], start, prior, data, config, refreshes=1)
+        if found is not None:
+            optima.append((found, prior))
+    if not optima:
+        return None
+    best, prior = max(optima, key=lambda pair: pair[0].log_evidence)
+    if not np.any(data.rx_covariance):
+        return best
+    return maximise(CLOSED_FAMILY[kind], best.parameter, prior, data, config)
+
+
+def closed_prior(kind: str, start: FloatArray, config: ReflectionConfig) -> Prior:
+    """Prior of [x, y, log R, shape ...]: the centre anywhere in the area, the rest Gaussian.
+
+    The turn of a rounded square is uniform over a quarter; the Gaussian of the same variance about its start
+    stands for that.
+    """
+    mean, std = [np.log(config.radius_median_m)], [config.radius_log_std]
+    if kind == "ellipse":
+        mean, std = [*mean, 0.0, 0.0], [*std, *2 * [config.axis_ratio_log_std]]
+    elif kind == "rounded_square":
+        mean = [*mean, _log_odds(config.round_share_median), start[4]]
+        std = [*std, config.round_share_log_odds_std, np.pi / 2 / np.sqrt(12)]
+    elif kind == "support_gp":
+        spread = np.repeat(harmonic_std(config), 2)
+        mean, std = [*mean, *np.zeros(len(spread))], [*std, *spread]
+    return Prior(
+        mean=np.array([0.0, 0.0, *mean]),
+        precision=np.array([0.0, 0.0, *np.array(std) ** -2.0]),
+        flat_width=np.array([*2 * [np.sqrt(config.area_m2)], *np.ones(len(mean))]),
+    )
+
+
+def harmonic_std(config: ReflectionConfig) -> FloatArray:
+    """Standard deviation (harmonic,) of the cosine and sine coefficients of h / R from the second harmonic on.
+
+    The periodic kernel exp(-2 sin^2(d / 2) / l^2) has the Fourier weights 2 I_k(1 / l^2) exp(-1 / l^2); the
+    first two harmonics are the radius and the centre, the rest is scaled to the variance asked for.
+    """
+    order = np.arange(2, config.n_harmonics + 1)
+    weight = ive(order, config.harmonic_length**-2.0)
+    return np.asarray(config.harmonic_std * np.sqrt(weight / weight.sum()))
+
+
+def closed_shape(found: Optimum, kind: str, config: ReflectionConfig) -> ShapeFit:
+    """The record of a fitted closed contour."""
+    family, parameter, covariance = CLOSED_FAMILY[kind], found.parameter, found.parameter_covariance
+    psi = np.linspace(-np.pi, np.pi, config.n_samples, endpoint=False)
+    log_std = float(np.sqrt(covariance[2, 2]))
+    radius = float(np.exp(parameter[2]))
+    return ShapeFit(
+        kind=kind,
+        status=OK if log_std < PRIOR_SHARE * config.radius_log_std else PRIOR,
+        is_closed=True,
+        contour_m=contour_points(family, parameter, psi),
+        std_m=normal_std_m(family, parameter, covariance, psi),
+        log_evidence=found.log_evidence,
+        parameter=parameter,
+        parameter_covariance=covariance,
+        parameter_name=np.array(parameter_names(kind, len(parameter))),
+        extent_m=radius,
+        extent_std_m=radius * log_std,
+    )
+
+
+def parameter_names(kind: str, n: int) -> list[str]:
+    """Names of the parameters of a closed contour, units included."""
+    shape = {
+        "circle": [],
+        "ellipse": ["log_axis_ratio_cos", "log_axis_ratio_sin"],
+        "rounded_square": ["round_share_log_odds", "turn_rad"],
+        "support_gp": [f"{part}_{k // 2 + 2}" for k, part in enumerate((n - 3) // 2 * ["cos", "sin"])],
+    }
+    return ["center_x_m", "center_y_m", "log_radius", *shape[kind]]
+
+
+def circle_starts(data: Reflections, radii_m: ArrayLike) -> FloatArray:
+    """Circles (start, 3) of the given radii (start,), each with the median centre that rays and bisectors give.
+
+    Medians withstand ghosts up to half of the paths.
+    """
+    point, normal = ray_points(data)
+    outward = np.column_stack([np.cos(normal), np.sin(normal)])
+    radius = np.asarray(radii_m, float)
+    center = np.median(point - radius[:, None, None] * outward, axis=1)
+    return np.column_stack([center, np.log(radius)])
+
+
+def _shape_starts(kind: str, config: ReflectionConfig) -> list[FloatArray]:
+    if kind == "ellipse":
+        turns = np.arange(4) * np.pi / 2
+        return [0.4 * np.array([np.cos(turn), np.sin(turn)]) for turn in turns]
+    if kind == "rounded_square":
+        edges = np.linspace(0, np.pi / 2, 5)
+        return [np.array([_log_odds(config.round_share_median), (a + b) / 2]) for a, b in pairwise(edges)]
+    return [np.zeros(2 * (config.n_harmonics - 1))]
+
+
+def _log_odds(share: float) -> float:
+    return float(np.log(share / (1 - share)))

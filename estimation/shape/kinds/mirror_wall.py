@@ -1,0 +1,122 @@
+"""Walls as mirrors: the line n . x = d fitted to delays and angles, and the part of it the walk lights.
+
+Every path off a flat wall comes from the mirror image of the TX, so two parameters explain all of them. What
+the paths can show of the wall's ends is the lit part: from the first to the last specular point.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from estimation.laws.contour import WALL
+from estimation.shape.fit import OK, ShapeFit, failed_fit
+from estimation.shape.reflection.posterior import Optimum, Prior, best_start, maximise
+from estimation.shape.reflection.reflections import ReflectionConfig, Reflections, ray_points
+from scenes.record import FloatArray
+
+_N_STARTS = 6
+_SAMPLE_SPACING_M = 0.05
+
+
+def fit_mirror_wall(data: Reflections, config: ReflectionConfig) -> ShapeFit:
+    """Fit a wall to the paths of one object; its contour runs over the lit part, end to end.
+
+    `parameter` is [azimuth of the normal in rad, offset in m, first and last lit place along the wall in m],
+    places counted along the normal turned by +90 deg from the foot of the origin's perpendicular. The status
+    is `failed` where there is no path.
+    """
+    if len(data) == 0:
+        return failed_fit("wall", "no paths")
+    found = fit_wall(data, config)
+    if found is None:
+        return failed_fit("wall", "singular information")
+    return wall_shape(found, data)
+
+
+def wall_shape(found: Optimum, data: Reflections) -> ShapeFit:
+    """The record of a fitted wall over the part that its paths light."""
+    ends, ends_slope, ends_variance = _lit_ends(found, data)
+    covariance = _with_ends(found.parameter_covariance, ends_slope, ends_variance)
+    azimuth, offset = found.parameter
+    normal = np.array([np.cos(azimuth), np.sin(azimuth)])
+    tangent = np.array([-normal[1], normal[0]])
+    length = ends[1] - ends[0]
+    along = np.linspace(ends[0], ends[1], max(int(np.ceil(length / _SAMPLE_SPACING_M)) + 1, 2))
+    # A point at place s moves by (change of d) - s (change of azimuth) along the normal.
+    lever = np.column_stack([-along, np.ones(len(along))])
+    variance = np.einsum("pi,ij,pj->p", lever, covariance[:2, :2], lever)
+    span = np.array([0.0, 0.0, -1.0, 1.0])
+    return ShapeFit(
+        kind="wall",
+        status=OK,
+        is_closed=False,
+        contour_m=offset * normal + along[:, None] * tangent,
+        std_m=np.sqrt(variance),
+        log_evidence=found.log_evidence,
+        parameter=np.array([azimuth, offset, *ends]),
+        parameter_covariance=covariance,
+        parameter_name=np.array(["normal_azimuth_rad", "offset_m", "first_end_m", "last_end_m"]),
+        extent_m=float(length),
+        extent_std_m=float(np.sqrt(max(span @ covariance @ span, 0.0))),
+    )
+
+
+def fit_wall(data: Reflections, config: ReflectionConfig) -> Optimum | None:
+    """The most likely [azimuth of the normal, offset], from the best of several paths' own bisectors.
+
+    Their mean would fall between the modes where ghosts or another object's echoes are among the paths.
+    """
+    prior = wall_prior(config)
+    point, normal = ray_points(data)
+    chosen = np.argsort(normal)[np.unique(np.linspace(0, len(normal) - 1, _N_STARTS).astype(int))]
+    outward = np.column_stack([np.cos(normal[chosen]), np.sin(normal[chosen])])
+    starts = np.column_stack([normal[chosen], np.median(outward @ point.T, axis=1)])
+    return maximise(WALL, best_start(WALL, starts, prior, data, config), prior, data, config)
+
+
+def wall_prior(config: ReflectionConfig) -> Prior:
+    """Prior of [azimuth, offset]: any direction, anywhere in a square of the area."""
+    return Prior(np.zeros(2), np.zeros(2), np.array([2 * np.pi, np.sqrt(config.area_m2)]))
+
+
+def _lit_ends(found: Optimum, data: Reflections) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Places (end,) in m of the first and last inlier along the wall, slopes (end, 2) and own variances (end,).
+
+    The slopes are by azimuth and offset; the variances come from the RX positions.
+    """
+    place, slope, by_rx = lit_places(found.parameter, data.tx[:, :2], data.rx_state[:, :2])
+    member = np.flatnonzero((found.inlier > 0.5) & found.paths.is_lit)
+    if len(member) == 0:
+        member = np.arange(len(place))
+    ends = member[[int(np.argmin(place[member])), int(np.argmax(place[member]))]]
+    variance = np.einsum("ni,nij,nj->n", by_rx[ends], data.rx_covariance[ends][:, :2, :2], by_rx[ends])
+    return place[ends], slope[ends], variance
+
+
+def lit_places(
+    wall: FloatArray, tx_m: FloatArray, rx_m: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Place (path,) in m of each specular point along a wall [azimuth, offset], and its derivatives.
+
+    They are by the wall (path, 2) and by the RX position (path, xy).
+    """
+    normal = np.array([np.cos(wall[0]), np.sin(wall[0])])
+    tangent = np.array([-normal[1], normal[0]])
+    place_t, place_r = tx_m @ tangent, rx_m @ tangent
+    depth_t, depth_r = tx_m @ normal - wall[1], rx_m @ normal - wall[1]
+    total = depth_t + depth_r
+    total = np.where(np.abs(total) < 1e-9, 1e-9, total)
+    place = (place_r * depth_t + place_t * depth_r) / total
+    turned = 2 * place_t * place_r - (depth_r + wall[1]) * depth_t - (depth_t + wall[1]) * depth_r
+    slope = np.column_stack([turned - place * (place_t + place_r), 2 * place - place_t - place_r])
+    slope /= total[:, None]
+    by_rx = (depth_t[:, None] * tangent + (place_t - place)[:, None] * normal) / total[:, None]
+    return np.asarray(place), np.asarray(slope), np.asarray(by_rx)
+
+
+def _with_ends(covariance: FloatArray, slope: FloatArray, variance: FloatArray) -> FloatArray:
+    """Covariance (4, 4) of wall and ends."""
+    spread = np.vstack([np.eye(2), slope])
+    total = spread @ covariance @ spread.T
+    total[2:, 2:] += np.diag(variance)
+    return np.asarray(total)

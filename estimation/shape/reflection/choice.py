@@ -1,0 +1,99 @@
+"""Which kind of object the paths show: wall, edge point or pillar, and which closed contour, by evidence."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import shapely
+
+from estimation.shape.fit import ShapeFit
+from estimation.shape.kinds.arc import fit_arc
+from estimation.shape.kinds.closed import fit_direct
+from estimation.shape.kinds.edge import fit_edge
+from estimation.shape.kinds.mirror_wall import fit_mirror_wall
+from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
+
+# Share of each kind within its class before any data: half of all pillars are taken as round, a quarter of all
+# walls as bent.
+CLASSES: Mapping[str, Mapping[str, float]] = {
+    "wall": {"wall": 0.75, "arc": 0.25},
+    "edge": {"edge": 1.0},
+    "pillar": {"circle": 0.5, "ellipse": 0.25, "rounded_square": 0.25},
+}
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Fits of all kinds with their posterior probabilities; before the data all classes are alike."""
+
+    fits: Mapping[str, ShapeFit]
+    probability: Mapping[str, float]  # of each kind
+    class_probability: Mapping[str, float]
+
+    @property
+    def best_class(self) -> str:
+        """The most probable class."""
+        return max(self.class_probability, key=lambda name: self.class_probability[name])
+
+    @property
+    def best(self) -> ShapeFit:
+        """The fit to use of the most probable class.
+
+        Of open contours the most probable kind, of closed ones that of the largest expected overlap
+        (intersection over union) with the truth, were the fit of each kind true with its probability.
+        """
+        kinds = [kind for kind in CLASSES[self.best_class] if self.fits[kind].is_usable]
+        if not all(self.fits[kind].is_closed for kind in kinds):
+            return self.fits[max(kinds, key=lambda kind: self.probability[kind])]
+        areas = {kind: shapely.Polygon(self.fits[kind].contour_m).buffer(0.0) for kind in kinds}
+
+        def expected(kind: str) -> float:
+            return sum(self.probability[other] * _overlap(areas[kind], areas[other]) for other in kinds)
+
+        return self.fits[max(kinds, key=expected)]
+
+
+def choose_shape(
+    data: Reflections,
+    config: ReflectionConfig,
+    classes: Sequence[str] = tuple(CLASSES),
+    shares: Mapping[str, float] = MappingProxyType({}),
+) -> Choice:
+    """Fit every kind of object of the classes to the paths and weigh them by their evidence.
+
+    `shares` replaces the shares that kinds have within their class before the data.
+
+    Raises `ValueError` where there is no path or every fit failed: nothing could be weighed.
+    """
+    if len(data) == 0:
+        raise ValueError("choose_shape: data holds 0 paths, at least one is needed")
+    share = {kind: shares.get(kind, own) for name in classes for kind, own in CLASSES[name].items()}
+    fits = {kind: fit_kind(data, kind, config) for kind in share}
+    usable = {kind: fit.log_evidence + np.log(share[kind]) for kind, fit in fits.items() if fit.is_usable}
+    if not usable:
+        raise ValueError(f"choose_shape: no kind fits the {len(data)} paths; the poses are no use to them")
+    total = np.logaddexp.reduce(list(usable.values()))
+    probability = {kind: float(np.exp(usable.get(kind, -np.inf) - total)) for kind in share}
+    by_class = {name: sum(probability[kind] for kind in CLASSES[name]) for name in classes}
+    return Choice(fits, probability, by_class)
+
+
+def fit_kind(data: Reflections, kind: str, config: ReflectionConfig) -> ShapeFit:
+    """Fit one kind of object: wall, bent wall, edge or a closed contour."""
+    if kind == "wall":
+        return fit_mirror_wall(data, config)
+    if kind == "arc":
+        return fit_arc(data, config)
+    if kind == "edge":
+        return fit_edge(data, config)
+    return fit_direct(data, kind, config)
+
+
+def _overlap(one: Any, other: Any) -> float:
+    """Intersection over union of two areas."""
+    union = one.union(other).area
+    return float(one.intersection(other).area / union) if union > 0 else 0.0

@@ -1,0 +1,130 @@
+"""Incidence points (IPs) with their normals: a circle by generalised least squares on p = c + R n.
+
+The normal of a specular point halves the angle of its rays to TX and RX. It is computed at the IP, so that
+point and normal have one joint covariance; to first order the pair carries the same information as delays and
+angles fitted directly. R is the slope of the points against their normals.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimation.laws import plane as plane_law
+from estimation.laws.plane import bounce_jacobian_point, bounce_jacobian_rx
+from estimation.laws.support import CIRCLE, contour_points, normal_std_m
+from estimation.shape.fit import OK, ShapeFit, failed_fit
+from estimation.shape.reflection.reflections import ReflectionConfig, Reflections, ray_points
+from estimation.slam.config import MappingConfig
+from estimation.slam.mapping.point_fit import locate
+from scenes.pose import Pose
+from scenes.record import FloatArray
+
+_ROUNDS = 20
+_SETTLED_M = 1e-6
+_DEGREES_OF_FREEDOM = 4.0  # Student t weights: ghosts among the points lose theirs
+
+
+@dataclass(frozen=True)
+class OrientedPoints:
+    """IPs with the normals their rays give."""
+
+    position_m: FloatArray  # (path, xy)
+    covariance_m2: FloatArray  # (path, xy, xy)
+    normal_rad: FloatArray  # (path,) azimuth of the outward normal
+    normal_slope_rad_m: FloatArray  # (path, xy) derivative of the normal by the position
+
+
+def oriented_points(data: Reflections) -> OrientedPoints:
+    """Most likely IP of every path (equation (4) of the paper) and its normal, pose errors in the covariance."""
+    n = len(data)
+    position, covariance = np.zeros((n, 2)), np.zeros((n, 2, 2))
+    start, _ = ray_points(data)
+    for row in np.unique(data.tx, axis=0):
+        mine = np.all(data.tx == row, axis=1)
+        tx, state = Pose(np.array([*row[:2], 0.0]), float(row[2])), data.rx_state[mine]
+        by_rx = bounce_jacobian_rx(tx, state, start[mine])
+        total = data.covariance[mine] + by_rx @ data.rx_covariance[mine] @ np.swapaxes(by_rx, 1, 2)
+        position[mine], _ = locate(plane_law, tx, state, data.measured[mine], total, MappingConfig())
+        by_point = bounce_jacobian_point(tx, state, position[mine])
+        information = np.swapaxes(by_point, 1, 2) @ np.linalg.solve(total, by_point)
+        floor = 1e-9 * np.einsum("nii->n", information)
+        covariance[mine] = np.linalg.inv(information + floor[:, None, None] * np.eye(2))
+    normal, slope = normals(position, data.tx[:, :2], data.rx_state[:, :2])
+    return OrientedPoints(position, covariance, normal, slope)
+
+
+def normals(point_m: FloatArray, tx_m: FloatArray, rx_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Azimuth (path,) of the bisector at points (path, xy) of the rays to TX and RX, and its slope (path, xy)."""
+    azimuth, slope = np.zeros((2, len(point_m))), np.zeros((2, *point_m.shape))
+    for k, device in enumerate((tx_m, rx_m)):
+        away = device - point_m
+        azimuth[k] = np.arctan2(away[:, 1], away[:, 0])
+        square = np.maximum(np.sum(away**2, axis=1), 1e-12)
+        slope[k] = np.column_stack([away[:, 1], -away[:, 0]]) / square[:, None]
+    half = (azimuth[1] - azimuth[0] + np.pi) % (2 * np.pi) - np.pi
+    return azimuth[0] + half / 2, slope.mean(axis=0)
+
+
+def residual_covariance(points: OrientedPoints, radius_m: float) -> FloatArray:
+    """Covariance (path, xy, xy) of p - c - R n: that of D p with D = I - R e (slope of the normal)'."""
+    tangent = np.column_stack([-np.sin(points.normal_rad), np.cos(points.normal_rad)])
+    spread = np.eye(2) - radius_m * np.einsum("ni,nj->nij", tangent, points.normal_slope_rad_m)
+    return np.asarray(spread @ points.covariance_m2 @ np.swapaxes(spread, 1, 2))
+
+
+def circle_design(normal_rad: FloatArray) -> FloatArray:
+    """Derivative (path, xy, 3) of c + R n by [x, y, R]."""
+    design = np.zeros((len(normal_rad), 2, 3))
+    design[:, 0, 0], design[:, 1, 1] = 1.0, 1.0
+    design[:, :, 2] = np.column_stack([np.cos(normal_rad), np.sin(normal_rad)])
+    return design
+
+
+def fit_normals(data: Reflections, config: ReflectionConfig) -> ShapeFit:
+    """A circle through IPs with normals, the radius with a Gaussian prior of the log-normal's width.
+
+    The residuals' covariance depends on R, so the weights are renewed until R stays. `parameter` is [x, y, R]
+    in m.
+    """
+    if len(data) == 0:
+        return failed_fit("circle", "no paths")
+    points = oriented_points(data)
+    design = circle_design(points.normal_rad)
+    median, std = config.radius_median_m, config.radius_median_m * config.radius_log_std
+    prior = np.diag([0.0, 0.0, std**-2])
+    circle = np.array([*np.median(points.position_m - median * design[:, :, 2], axis=0), median])
+    for _ in range(_ROUNDS):
+        inverse = np.linalg.inv(residual_covariance(points, circle[2]))
+        residual = points.position_m - design @ circle
+        square = np.einsum("ni,nij,nj->n", residual, inverse, residual)
+        weight = inverse * ((_DEGREES_OF_FREEDOM + 2) / (_DEGREES_OF_FREEDOM + square))[:, None, None]
+        information = np.einsum("nki,nkl,nlj->ij", design, weight, design) + prior
+        right = np.einsum("nki,nkl,nl->i", design, weight, points.position_m) + prior[:, 2] * median
+        before, circle = circle, np.linalg.solve(information, right)
+        circle[2] = max(circle[2], 0.01)
+        if np.max(np.abs(circle - before)) < _SETTLED_M:
+            break
+    return _shape(circle, np.linalg.inv(information), config)
+
+
+def _shape(circle: FloatArray, covariance: FloatArray, config: ReflectionConfig) -> ShapeFit:
+    to_log = np.array([1.0, 1.0, 1 / circle[2]])
+    logged, psi = (
+        np.array([*circle[:2], np.log(circle[2])]),
+        np.linspace(-np.pi, np.pi, config.n_samples, False),
+    )
+    return ShapeFit(
+        kind="circle",
+        status=OK,
+        is_closed=True,
+        contour_m=contour_points(CIRCLE, logged, psi),
+        std_m=normal_std_m(CIRCLE, logged, covariance * np.outer(to_log, to_log), psi),
+        log_evidence=np.nan,
+        parameter=circle,
+        parameter_covariance=covariance,
+        parameter_name=np.array(["center_x_m", "center_y_m", "radius_m"]),
+        extent_m=float(circle[2]),
+        extent_std_m=float(np.sqrt(covariance[2, 2])),
+    )

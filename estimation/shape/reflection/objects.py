@@ -1,0 +1,165 @@
+"""The objects of a campaign: clusters split by the reflection law, joined where one object explains both.
+
+A wall is seen in pieces wherever the walk leaves gaps, so that clusters are where objects are looked for, not
+what they are: after the split every path may join any object, and objects that one contour explains as well are
+one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import permutations
+
+import numpy as np
+
+from estimation.laws.plane import bounce_jacobian_rx, predict_bounce, residual
+from estimation.shape.gp.clustering import NOISE, cluster_points
+from estimation.shape.reflection.association import (
+    GATE,
+    GHOST,
+    MIN_PATHS,
+    family_of,
+    most_evident,
+    split_cluster,
+)
+from estimation.shape.reflection.normals import oriented_points
+from estimation.shape.reflection.posterior import Optimum, path_squares
+from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
+from scenes.pose import Pose
+from scenes.record import BoolArray, FloatArray, IntArray
+
+_MAX_ROUNDS = 6
+_SHARED = 0.5  # of an object's paths that another explains: the two are tried as one
+
+
+@dataclass(frozen=True)
+class Found:
+    """One object: its class's simplest kind, its optimum, and its paths."""
+
+    kind: str
+    optimum: Optimum
+    paths: IntArray  # rows of the data
+
+
+def find_objects(data: Reflections, eps_m: float, min_samples: int, config: ReflectionConfig) -> list[Found]:
+    """Objects among all paths of a campaign; a path belongs to one of them or to none."""
+    seeds = []
+    label = seed_clusters(data, eps_m, min_samples)
+    for cluster in range(int(label.max(initial=NOISE)) + 1):
+        rows = np.flatnonzero(label == cluster)
+        split = split_cluster(data.take("path", rows), config)
+        seeds += [rows[split.label == k] for k in range(len(split.kind))]
+    return settle(data, seeds, min_samples, config)
+
+
+def settle(data: Reflections, seeds: list[IntArray], min_paths: int, config: ReflectionConfig) -> list[Found]:
+    """Objects from the paths of `seeds`: join what one contour explains, let every path choose, fit anew."""
+    fitter = _Fitter(data, config, {})
+    objects = fitter.objects(seeds, min_paths)
+    for _ in range(_MAX_ROUNDS):
+        before = [each.paths for each in objects]
+        objects = _joined(fitter, objects)
+        objects = fitter.objects(_choices(data, objects), min_paths)
+        if len(before) == len(objects) and all(
+            np.array_equal(old, new.paths) for old, new in zip(before, objects, strict=True)
+        ):
+            break
+    return objects
+
+
+def seed_clusters(data: Reflections, eps_m: float, min_samples: int) -> IntArray:
+    """Cluster (path,) of the incidence points of the paths that can be single bounces, -1 for none."""
+    label = np.full(len(data), NOISE)
+    if not len(data):
+        return label
+    points = oriented_points(data)
+    largest = np.linalg.eigvalsh(points.covariance_m2)[:, -1]
+    good = (largest <= eps_m**2) & _is_single_bounce(data, points.position_m)
+    label[good] = cluster_points(points.position_m[good], eps_m, min_samples)
+    return label
+
+
+def _is_single_bounce(data: Reflections, point_m: FloatArray) -> BoolArray:
+    """Whether its point (path, xy) explains all three measurements of each path, inside the gate."""
+    predicted, covariance = np.empty((len(data), 3)), data.covariance.copy()
+    for row in np.unique(data.tx, axis=0):
+        mine = np.all(data.tx == row, axis=1)
+        tx = Pose(np.array([*row[:2], 0.0]), float(row[2]))
+        predicted[mine] = predict_bounce(tx, data.rx_state[mine], point_m[mine])
+        by_rx = bounce_jacobian_rx(tx, data.rx_state[mine], point_m[mine])
+        covariance[mine] += by_rx @ data.rx_covariance[mine] @ np.swapaxes(by_rx, 1, 2)
+    difference = residual(data.measured, predicted)
+    return np.asarray(np.einsum("na,nab,nb->n", difference, np.linalg.inv(covariance), difference) <= GATE)
+
+
+@dataclass(frozen=True)
+class _Fitter:
+    """Fits of groups of paths, each made once."""
+
+    data: Reflections
+    config: ReflectionConfig
+    known: dict[bytes, tuple[str, Optimum] | None]
+
+    def fit(self, rows: IntArray) -> tuple[str, Optimum] | None:
+        """The most evident simple contour of some paths, None where ghosts explain them as well."""
+        key = rows.tobytes()
+        if key not in self.known:
+            self.known[key] = most_evident(self.data.take("path", rows), self.config)
+        return self.known[key]
+
+    def objects(self, groups: list[IntArray], min_paths: int) -> list[Found]:
+        """The groups that are objects by themselves, the largest first."""
+        least, objects = max(min_paths, MIN_PATHS), []
+        for rows in groups:
+            best = self.fit(rows) if len(rows) >= least else None
+            if best is not None and np.count_nonzero(best[1].inlier > 0.5) >= least:
+                objects.append(Found(*best, rows))
+        return sorted(objects, key=lambda each: (-len(each.paths), int(each.paths[0])))
+
+
+def _choices(data: Reflections, objects: list[Found]) -> list[IntArray]:
+    """Paths of each object when every path takes the one that explains it best, if any does.
+
+    A stop sees a contour by one path: of several the nearest counts.
+    """
+    if not objects:
+        return []
+    square = _squares(data, objects)
+    choice = np.where(square.min(axis=0) <= GATE, square.argmin(axis=0), GHOST)
+    groups = []
+    for k in range(len(objects)):
+        rows = np.flatnonzero(choice == k)
+        rows = rows[np.argsort(square[k, rows], kind="stable")]
+        _, first = np.unique(data.stop[rows], return_index=True)
+        groups.append(np.sort(rows[first]))
+    return groups
+
+
+def _joined(fitter: _Fitter, objects: list[Found]) -> list[Found]:
+    """Objects with those merged that have more evidence as one than as two."""
+    tried: set[bytes] = set()
+    while True:
+        pair = _next_pair(_squares(fitter.data, objects), objects, tried)
+        if pair is None:
+            return objects
+        one, other = (objects[k] for k in pair)
+        rows = np.sort(np.concatenate([one.paths, other.paths]))
+        tried.add(rows.tobytes())
+        best = fitter.fit(rows)
+        apart = one.optimum.log_evidence + other.optimum.log_evidence
+        if best is not None and best[1].log_evidence > apart:
+            objects = [each for k, each in enumerate(objects) if k not in pair]
+            objects.append(Found(*best, rows))
+
+
+def _next_pair(square: FloatArray, objects: list[Found], tried: set[bytes]) -> tuple[int, int] | None:
+    """The first pair not tried yet of which one explains at least half of the other's paths."""
+    for k, j in permutations(range(len(objects)), 2):
+        rows = np.sort(np.concatenate([objects[k].paths, objects[j].paths]))
+        if rows.tobytes() not in tried and np.mean(square[k, objects[j].paths] <= GATE) >= _SHARED:
+            return k, j
+    return None
+
+
+def _squares(data: Reflections, objects: list[Found]) -> FloatArray:
+    return np.array([path_squares(family_of(each.kind), each.optimum, data) for each in objects])

@@ -1,0 +1,131 @@
+"""The paths of a campaign as data of the reflection law: bounces, lines of sight, poses and sessions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimation.channel.record import ChannelEstimate
+from estimation.laws.plane import measurements
+from estimation.shape.config import ContourConfig
+from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
+from estimation.shape.reflection.tx_sessions import Sessions, los_sessions, rows_of
+from estimation.slam.config import PathNoise
+from estimation.slam.record import IncidencePoints, PoseEstimates, SolveStatus
+from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
+from scenes.record import FloatArray, IntArray
+
+_TO_METRES = np.array([1.0, 1.0, 1.0, SPEED_OF_LIGHT_M_S])
+
+
+@dataclass(frozen=True)
+class CampaignPaths:
+    """What the contours are fitted to, and the priors that go with it."""
+
+    bounces: Reflections  # a path per incidence point
+    los: Reflections
+    stop: IntArray  # (stop,) all stops of the campaign
+    sessions: Sessions  # of these stops, with the offsets that were taken out of the departures
+    widening: float  # on the standard deviations of the poses where these paths count once more
+    config: ReflectionConfig  # with the priors of the offsets that can be told from the poses
+
+
+def campaign_paths(
+    channel: Sequence[ChannelEstimate],
+    tx_pose: Pose,
+    poses: PoseEstimates,
+    ips: IncidencePoints,
+    noise: PathNoise,
+    config: ContourConfig,
+) -> CampaignPaths:
+    """Paths with the poses of mapping or of SLAM; those not among the incidence points are lines of sight.
+
+    A pose that was given has the accuracy of its survey. One that SLAM found was found from the same paths: it
+    counts with a wider covariance, so that no path counts twice. SLAM can tell offsets that jump between
+    sessions, not one that all sessions share: it turns everything about the TX.
+    """
+    every, key = _all_paths(channel, tx_pose, poses, noise, config)
+    row = {pair: k for k, pair in enumerate(key)}
+    bounce = np.array([row[pair] for pair in zip(ips.stop.tolist(), ips.path.tolist(), strict=True)], int)
+    direct = np.setdiff1d(np.arange(len(every)), bounce)
+    bounces, los = every.take("path", bounce), every.take("path", direct)
+    sessions = los_sessions(los, tx_pose, poses.stop)
+    solved = poses.status != SolveStatus.FAILED
+    if np.all(poses.status[solved] == SolveStatus.GIVEN):
+        joined = [
+            replace(data, session=sessions.of_stop[rows_of(data, poses.stop)]) for data in (bounces, los)
+        ]
+        unknown = sessions._replace(offset_rad=0 * sessions.offset_rad, std_rad=0 * sessions.std_rad)
+        return CampaignPaths(joined[0], joined[1], poses.stop, unknown, 1.0, config.reflection)
+    turned = [_turned(data, sessions.of_paths(data, poses.stop)) for data in (bounces, los)]
+    anchored = config.reflection.model_copy(update={"aod_offset_std_deg": 0.0})
+    return CampaignPaths(turned[0], turned[1], poses.stop, sessions, config.slam_widening, anchored)
+
+
+def in_plane(
+    estimate: ChannelEstimate, covariance: FloatArray, bias_m: float
+) -> tuple[FloatArray, FloatArray]:
+    """Measurements (path, 3) and covariances (path, 3, 3) of the paths as seen from above, in m and rad.
+
+    Upright surfaces keep the size of a ray's elevation: what is left of the length after the clock bias shrinks
+    by its cosine. Where one end's elevation is unknown the other's counts, where both are, the path is level.
+    """
+    measured = measurements(estimate.delay_s, estimate.aod_azimuth_rad, estimate.aoa_azimuth_rad)
+    elevation = np.column_stack([estimate.aod_elevation_rad, estimate.aoa_elevation_rad])
+    known = np.isfinite(elevation)
+    share = known / np.maximum(known.sum(axis=1, keepdims=True), 1)
+    elevation = np.where(known, elevation, 0.0)
+    cosine = np.where(known.any(axis=1), np.sum(share * np.cos(elevation), axis=1), 1.0)
+    length = measured[:, 0] - bias_m
+    measured[:, 0] = bias_m + length * cosine
+    scale = np.column_stack([cosine, np.ones((len(cosine), 2))])
+    covariance = covariance * scale[:, :, None] * scale[:, None, :]
+    if estimate.covariance.shape[-1] > measured.shape[1]:
+        slope = -length[:, None] * share * np.sin(elevation)
+        variance = np.nan_to_num(np.diagonal(estimate.covariance[:, 3:, 3:], axis1=1, axis2=2))
+        covariance[:, 0, 0] += np.sum(slope**2 * variance, axis=1)
+    return measured, covariance
+
+
+def _all_paths(
+    channel: Sequence[ChannelEstimate],
+    tx_pose: Pose,
+    poses: PoseEstimates,
+    noise: PathNoise,
+    config: ContourConfig,
+) -> tuple[Reflections, list[tuple[int, int]]]:
+    """Paths of the solved stops, all in one session, with the stop and the index of each."""
+    state = np.column_stack([poses.position_m, poses.heading_rad, SPEED_OF_LIGHT_M_S * poses.clock_bias_s])
+    solved = (poses.status != SolveStatus.FAILED) & np.isfinite(state).all(axis=1)
+    estimate = {item.stop: item for item in channel}
+    used = [(k, estimate[stop]) for k, stop in enumerate(poses.stop.tolist()) if solved[k]]
+    parts = [in_plane(item, noise.covariance(item), float(state[k, 3])) for k, item in used]
+    row = np.repeat([k for k, _ in used], [len(item) for _, item in used]).astype(int)
+    n = len(row)
+    data = Reflections(
+        measured=np.concatenate([np.zeros((0, 3)), *(part[0] for part in parts)]),
+        covariance=np.concatenate([np.zeros((0, 3, 3)), *(part[1] for part in parts)]),
+        tx=np.tile([*tx_pose.position_m[:2], tx_pose.heading_rad], (n, 1)),
+        rx_state=state[row],
+        rx_covariance=_pose_covariance(poses, config)[row],
+        session=np.zeros(n, dtype=np.int64),
+        stop=poses.stop[row],
+    )
+    return data, [(item.stop, path) for _, item in used for path in range(len(item))]
+
+
+def _pose_covariance(poses: PoseEstimates, config: ContourConfig) -> FloatArray:
+    """Covariance (stop, 4, 4) in m, m, rad, m : SLAM's own, or the survey's where the pose was given."""
+    survey = np.diag(config.survey_std**2)
+    covariance = poses.covariance * np.outer(_TO_METRES, _TO_METRES)
+    unknown = ~np.isfinite(covariance).all(axis=(1, 2)) | (poses.status == SolveStatus.GIVEN)
+    return np.where(unknown[:, None, None], survey, covariance)
+
+
+def _turned(data: Reflections, offset_rad: FloatArray) -> Reflections:
+    """Departures with an offset (path,) taken out."""
+    shift = np.zeros((len(data), 3))
+    shift[:, 1] = offset_rad
+    return replace(data, measured=data.measured - shift)

@@ -1,0 +1,221 @@
+"""Maximum a posteriori fit of one contour to delays and angles, with common offsets and a ghost component.
+
+A path is the contour's with probability 1 - q, with Gaussian errors of its own covariance plus that of its RX
+pose (to first order), or a ghost, uniform over a window. Unknowns are the contour's parameters, one delay
+offset, one arrival offset and one departure offset per session. The minimum is found by Levenberg-Marquardt
+on the path-weighted normal equations (the expectation-maximisation bound); the covariance and the evidence
+are Laplace's.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from estimation.laws.contour import SpecularPaths, predict
+from estimation.laws.support import HARMONICS
+from estimation.shape.reflection.path_likelihood import (
+    N_COMMON,
+    normal_equations,
+    path_covariance,
+    path_weights,
+    squared_distances,
+)
+from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
+from scenes.pose import SPEED_OF_LIGHT_M_S
+from scenes.record import FloatArray
+
+CHI2_MEDIAN = 2.366  # of 3 degrees of freedom
+FAR_OFF = 4.0  # variances of most paths over the stated ones, from which on a start is cooled
+_FIXED_STD = 1e-7
+_MAX_STEPS = 60
+_SETTLED_NAT = 1e-7
+_MAX_REFRESHES = 4
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Independent priors: Gaussians, or where the precision is 0 flat over a width.
+
+    A flat prior counts in the evidence as the Gaussian of the same peak density, so that paths which say
+    nothing of a parameter leave the evidence as it is.
+    """
+
+    mean: FloatArray  # (parameter,)
+    precision: FloatArray  # (parameter,)
+    flat_width: FloatArray  # (parameter,) of the flat ones
+
+    def log_density(self, value: FloatArray) -> FloatArray:
+        """Log density (...) at parameters (..., parameter)."""
+        flat = self.precision == 0
+        norm = np.log(self.precision[~flat] / (2 * np.pi)).sum() / 2 - np.log(self.flat_width[flat]).sum()
+        return np.asarray(norm - 0.5 * (value - self.mean) ** 2 @ self.precision)
+
+    @property
+    def evidence_precision(self) -> FloatArray:
+        """Precision (parameter,) with that of the Gaussians that stand for the flat priors."""
+        flat = self.precision == 0
+        return np.where(flat, 2 * np.pi / np.where(flat, self.flat_width, 1.0) ** 2, self.precision)
+
+
+@dataclass(frozen=True)
+class Optimum:
+    """The most likely contour with its offsets, Laplace covariance and evidence."""
+
+    parameter: FloatArray  # (parameter,)
+    offset: FloatArray  # (2 + session,) delay in m, arrival, departure of each session in rad
+    covariance: FloatArray  # (parameter + 2 + session, ...) of parameter and offset together
+    log_evidence: float
+    inlier: FloatArray  # (path,) probability of belonging to the contour
+    paths: SpecularPaths
+
+    @property
+    def parameter_covariance(self) -> FloatArray:
+        """Covariance (parameter, parameter) with the offsets unknown."""
+        m = len(self.parameter)
+        return self.covariance[:m, :m]
+
+
+def maximise(
+    family: int,
+    start: FloatArray,
+    prior: Prior,
+    data: Reflections,
+    config: ReflectionConfig,
+    refreshes: int = _MAX_REFRESHES,
+) -> Optimum | None:
+    """The local maximum of the posterior from `start` (parameter,); None where the information is singular.
+
+    Where the start is far off for the accuracy of the paths, all would be ghosts to it: the covariances are
+    then raised at first and cooled to their own. The pose errors' share of the path covariances is held while
+    the search runs and renewed until it stays, at most `refreshes` times.
+    """
+    m = len(start)
+    full = with_offsets(prior, data.n_sessions, config)
+    value = np.concatenate([start, np.zeros(N_COMMON + data.n_sessions)])
+    value[m:] = full.mean[m:]
+    exact_pose = not np.any(data.rx_covariance)
+    for _ in range(1 if exact_pose else refreshes):
+        paths = predict(family, value[:m], data.tx, data.rx_state)
+        weight, log_norm = path_weights(paths, data, config)
+        before = value
+        for scale in _cooling(squared_distances(paths, value[m:], data, weight)):
+            hot = log_norm - 1.5 * np.log(scale)
+            value = _descend(family, value, full, data, weight / scale, hot, config)
+        if np.max(np.abs(value - before)) < 1e-6:
+            break
+    paths = predict(family, value[:m], data.tx, data.rx_state)
+    if not exact_pose:
+        weight, log_norm = path_weights(paths, data, config)
+    minus_log, _, hessian, inlier = normal_equations(paths, value[m:], data, weight, log_norm, config)
+    hessian = hessian + np.diag(full.evidence_precision)
+    try:
+        factor = cho_factor(hessian, lower=True)
+    except (np.linalg.LinAlgError, ValueError):
+        return None
+    log_determinant = 2 * np.sum(np.log(np.diagonal(factor[0])))
+    evidence = (
+        float(full.log_density(value)) - minus_log + 0.5 * (len(value) * np.log(2 * np.pi) - log_determinant)
+    )
+    return Optimum(value[:m], value[m:], cho_solve(factor, np.eye(len(value))), evidence, inlier, paths)
+
+
+def best_start(
+    family: int, starts: FloatArray, prior: Prior, data: Reflections, config: ReflectionConfig
+) -> FloatArray:
+    """Of starts (start, parameter) the one of highest posterior density, offsets at zero.
+
+    The covariances are raised until the start that suits most paths best has usual errors.
+    """
+    square, log_norm = np.empty((2, len(starts), len(data)))
+    exact_pose = not np.any(data.rx_covariance)
+    for i, start in enumerate(starts):
+        paths = predict(family, start, data.tx, data.rx_state)
+        if i == 0 or not exact_pose:
+            weight, log_norm[i] = path_weights(paths, data, config)
+        else:
+            log_norm[i] = log_norm[0]
+        square[i] = squared_distances(paths, np.zeros(N_COMMON + data.n_sessions), data, weight)
+    scale = max(np.median(square, axis=1).min() / CHI2_MEDIAN, 1.0)
+    log_inlier = log_norm - 1.5 * np.log(scale) - 0.5 * square / scale
+    density = np.logaddexp(log_inlier, config.log_ghost_density).sum(axis=1)
+    density += prior.log_density(starts)
+    return np.asarray(starts[np.argmax(np.nan_to_num(density, nan=-np.inf))])
+
+
+def path_squares(family: int, found: Optimum, data: Reflections) -> FloatArray:
+    """Squared Mahalanobis distances (path,) of paths from what a fitted contour with its offsets predicts.
+
+    The data's covariance with that of the poses counts, the contour's own does not. Sessions that the fit did
+    not have keep its mean departure offset.
+    """
+    paths = predict(family, found.parameter, data.tx, data.rx_state)
+    n_known = len(found.offset) - N_COMMON
+    missing = np.full(max(data.n_sessions - n_known, 0), found.offset[N_COMMON:].mean())
+    weight = np.asarray(np.linalg.inv(path_covariance(paths, data)), float)
+    return squared_distances(paths, np.concatenate([found.offset, missing]), data, weight)
+
+
+def with_offsets(prior: Prior, n_sessions: int, config: ReflectionConfig) -> Prior:
+    """The prior of a contour's parameters followed by those of delay, arrival and the sessions' departures."""
+    std = np.array(
+        [
+            1e-9 * SPEED_OF_LIGHT_M_S * config.delay_offset_std_ns,
+            np.deg2rad(config.aoa_offset_std_deg),
+            *n_sessions * [np.deg2rad(config.aod_offset_std_deg)],
+        ]
+    )
+    precision = np.maximum(std, _FIXED_STD) ** -2.0
+    return Prior(
+        np.concatenate([prior.mean, np.zeros(len(std))]),
+        np.concatenate([prior.precision, precision]),
+        np.concatenate([prior.flat_width, np.ones(len(std))]),
+    )
+
+
+def _cooling(square: FloatArray) -> list[float]:
+    """Factors on the covariances, falling to 1: the first makes half of the squared errors (path,) usual ones."""
+    first = float(np.median(square)) / CHI2_MEDIAN
+    if not first > FAR_OFF:
+        return [1.0]
+    return [*np.geomspace(first, 1.0, int(np.ceil(np.log10(first))) + 1)]
+
+
+def _descend(
+    family: int,
+    value: FloatArray,
+    prior: Prior,
+    data: Reflections,
+    weight: FloatArray,
+    log_norm: FloatArray,
+    config: ReflectionConfig,
+) -> FloatArray:
+    m = len(value) - N_COMMON - data.n_sessions
+
+    def evaluate(at: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+        paths = predict(family, at[:m], data.tx, data.rx_state)
+        cost, gradient, hessian, _ = normal_equations(paths, at[m:], data, weight, log_norm, config)
+        away = at - prior.mean
+        cost += 0.5 * float(np.sum(prior.precision * away**2))
+        return cost, gradient + prior.precision * away, hessian + np.diag(prior.precision)
+
+    cost, gradient, hessian = evaluate(value)
+    damping = 1e-3
+    for _ in range(_MAX_STEPS):
+        damped = hessian + np.diag(damping * np.diagonal(hessian) + 1e-12)
+        step = -np.linalg.solve(damped, gradient)
+        step[2:m] = np.clip(step[2:m], -1.0, 1.0) if family <= HARMONICS else step[2:m]
+        trial = evaluate(value + step)
+        if trial[0] < cost:
+            gain, value = cost - trial[0], value + step
+            cost, gradient, hessian = trial
+            damping = max(damping / 10, 1e-9)
+            if gain < _SETTLED_NAT:
+                break
+        else:
+            if damping > 1e8 or -gradient @ step < _SETTLED_NAT:
+                break
+            damping *= 10
+    return value

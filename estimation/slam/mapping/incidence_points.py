@@ -1,0 +1,157 @@
+"""Mapping: the incidence point (IP) of every non-LOS path for known RX states, equations (2) to (4)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from estimation.channel.record import ChannelEstimate
+from estimation.laws import plane as plane_law
+from estimation.slam.config import MappingConfig
+from estimation.slam.mapping.point_fit import ReflectionLaw, joint_covariance, locate, point_covariance
+from estimation.slam.record import IncidencePoints, PoseEstimates, SolveStatus
+from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
+from scenes.record import BoolArray, FloatArray, IntArray
+
+_TO_METRES = np.array([1.0, 1.0, 1.0, SPEED_OF_LIGHT_M_S])
+
+
+@dataclass(frozen=True)
+class SeenPaths:
+    """All paths of all stops, in the order of the estimates, in the units of a reflection law."""
+
+    measured: FloatArray  # (path, m)
+    covariance: FloatArray  # (path, m, m)
+    is_los: BoolArray  # (path,)
+    is_inlier: BoolArray  # (path,)
+
+
+@dataclass(frozen=True)
+class MappedPaths:
+    """IPs of the paths that are no line of sight, at the stops that were solved."""
+
+    row: IntArray  # (ip,) row of the stop
+    path: IntArray  # (ip,) index of the path in its stop
+    point_m: FloatArray  # (ip, point)
+    covariance: FloatArray  # (ip, point, point)
+    cost: FloatArray  # (ip,)
+    is_inlier: BoolArray  # (ip,)
+
+
+def map_stops(
+    estimates: Sequence[ChannelEstimate],
+    poses: PoseEstimates,
+    tx_pose: Pose,
+    config: MappingConfig,
+    *,
+    is_los: Sequence[BoolArray] | None = None,
+    is_inlier: Sequence[BoolArray] | None = None,
+    state_covariance: Sequence[FloatArray] | None = None,
+) -> IncidencePoints:
+    """IPs of all non-LOS paths at the RX states given; stops with status FAILED are left out.
+
+    Parameters
+    ----------
+    estimates
+        Channel estimates, one per row of `poses`.
+    is_los
+        Per stop (path,): the line of sight; the channel estimate's own decision by default.
+    is_inlier
+        Per stop (path,): paths taken as single bounces by SLAM; `is_inlier` of the result needs both this and
+        the gate of `config`.
+    state_covariance
+        Per stop (4, 4) of [x, y, heading, bias] in (m, m, rad, s): adds the uncertainty of the RX state to the
+        IP's covariance, as in the joint estimate. The states are taken as exact by default.
+
+    Raises
+    ------
+    ValueError
+        Where `poses` does not hold the stops of `estimates` in their order.
+    """
+    measured = [plane_law.measurements(e.delay_s, e.aod_azimuth_rad, e.aoa_azimuth_rad) for e in estimates]
+    seen = SeenPaths(
+        joined(measured, float, (3,)),
+        joined([config.noise.covariance(e) for e in estimates], float, (3, 3)),
+        *path_flags(estimates, is_los, is_inlier),
+    )
+    bias_m = SPEED_OF_LIGHT_M_S * poses.clock_bias_s
+    state = np.column_stack([poses.position_m, poses.heading_rad, bias_m])
+    joint = None
+    if state_covariance is not None:
+        joint = np.reshape(state_covariance, (-1, 4, 4)) * np.outer(_TO_METRES, _TO_METRES)
+    mapped = map_paths(plane_law, estimates, poses, tx_pose, config, seen, state, joint)
+    return IncidencePoints(
+        stop=poses.stop[mapped.row],
+        path=mapped.path,
+        position_m=mapped.point_m,
+        covariance_m2=mapped.covariance,
+        cost=mapped.cost,
+        is_inlier=mapped.is_inlier,
+    )
+
+
+def map_paths(
+    law: ReflectionLaw,
+    estimates: Sequence[ChannelEstimate],
+    poses: PoseEstimates,
+    tx_pose: Pose,
+    config: MappingConfig,
+    seen: SeenPaths,
+    state: FloatArray,
+    state_covariance: FloatArray | None,
+) -> MappedPaths:
+    """IPs in the plane or in space at states (stop, state), with covariances (stop, state, state) or None.
+
+    A path is an inlier where `seen` says so and the gate of `config` agrees.
+
+    Raises
+    ------
+    ValueError
+        Where `poses` does not hold the stops of `estimates` in their order.
+    """
+    if [estimate.stop for estimate in estimates] != poses.stop.tolist():
+        raise ValueError(f"poses.stop = {poses.stop.tolist()}: must equal the stops of the channel estimates")
+    row = np.repeat(np.arange(len(estimates)), [len(estimate) for estimate in estimates])
+    use = ~seen.is_los & (poses.status[row] != SolveStatus.FAILED)
+    row, measured, path_covariance = row[use], seen.measured[use], seen.covariance[use]
+    point, cost = locate(law, tx_pose, state[row], measured, path_covariance, config)
+    conditional, sensitivity = point_covariance(law, tx_pose, state[row], point, path_covariance)
+    covariance = conditional
+    if state_covariance is not None:
+        covariance = joint_covariance(conditional, sensitivity, state_covariance[row])
+    freedom = measured.shape[-1] - point.shape[-1]
+    passed = cost <= chi2.ppf(config.gate_probability, freedom)
+    passed &= _is_possible(tx_pose, state[row], point, conditional, config)
+    path = joined([np.arange(len(e)) for e in estimates], int, ())[use]
+    return MappedPaths(row, path, point, covariance, cost, seen.is_inlier[use] & passed)
+
+
+def path_flags(
+    estimates: Sequence[ChannelEstimate],
+    is_los: Sequence[BoolArray] | None,
+    is_inlier: Sequence[BoolArray] | None,
+) -> tuple[BoolArray, BoolArray]:
+    """Flags (path,) of all paths from those per stop; by default the estimates' lines of sight and all inliers."""
+    los = [e.is_los for e in estimates] if is_los is None else is_los
+    inlier = [np.ones(len(e), bool) for e in estimates] if is_inlier is None else is_inlier
+    return joined(los, bool, ()), joined(inlier, bool, ())
+
+
+def _is_possible(
+    tx_pose: Pose, state: FloatArray, point: FloatArray, covariance: FloatArray, config: MappingConfig
+) -> BoolArray:
+    """Whether IPs lie off both devices and are known well enough in plan; the height need not be."""
+    axes = point.shape[-1]
+    legs = [np.linalg.norm(point - end, axis=1) for end in (tx_pose.position_m[:axes], state[:, :axes])]
+    largest = np.linalg.eigvalsh(covariance[:, :2, :2])[:, -1]
+    return np.asarray((np.minimum(*legs) >= config.min_leg_m) & (largest <= config.max_position_std_m**2))
+
+
+def joined(parts: Sequence[NDArray[Any]], dtype: type, shape: tuple[int, ...]) -> NDArray[Any]:
+    """Concatenate per-stop arrays along the path axis; an empty sequence gives no paths."""
+    return np.concatenate([np.empty((0, *shape), dtype), *parts]).astype(dtype)

@@ -1,0 +1,162 @@
+"""Incidence points (IPs) of single bounces and what they leave to know of the receiver, in the plane and in space.
+
+The reflection law is an argument: the module `estimation.laws.plane` (points of 2, states of 4, measurements of 3
+components) or `estimation.laws.space` (3, 5, 5).
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+
+from estimation.slam.config import MappingConfig
+from scenes.pose import Pose
+from scenes.record import FloatArray
+
+
+class ReflectionLaw(Protocol):
+    """What the modules of the reflection law have in common; arrays broadcast over leading axes."""
+
+    def predict_bounce(self, tx: Pose, state: FloatArray, point_m: FloatArray, /) -> FloatArray:
+        """Measurement of the single bounce at each IP."""
+
+    def bounce_jacobian_point(self, tx: Pose, state: FloatArray, point_m: FloatArray, /) -> FloatArray:
+        """Its derivative by the IP."""
+
+    def bounce_jacobian_rx(self, tx: Pose, state: FloatArray, point_m: FloatArray, /) -> FloatArray:
+        """Its derivative by the RX state."""
+
+    def los_jacobian_rx(self, tx: Pose, state: FloatArray, /) -> FloatArray:
+        """Derivative of the line of sight's measurement by the RX state."""
+
+    def residual(self, measured: FloatArray, predicted: FloatArray, /) -> FloatArray:
+        """Measured minus predicted, angles wrapped."""
+
+    def start_point(self, tx: Pose, state: FloatArray, measured: FloatArray, /) -> FloatArray:
+        """A place of the IP to start from; the IP itself for paths without noise."""
+
+
+def locate(
+    law: ReflectionLaw,
+    tx_pose: Pose,
+    state: FloatArray,
+    measured: FloatArray,
+    covariance: FloatArray,
+    config: MappingConfig,
+) -> tuple[FloatArray, FloatArray]:
+    """Minimise J of equation (4) for all paths at once, by damped Gauss-Newton from the midpoint start.
+
+    Parameters
+    ----------
+    state
+        (path, state) RX state of each path, in m and rad.
+    measured, covariance
+        (path, m) and (path, m, m) in m and rad.
+
+    Returns
+    -------
+    point_m, cost
+        (path, point) and (path,): the IPs and J at the minimum.
+    """
+    weight = np.asarray(np.linalg.inv(covariance), float)
+    point = law.start_point(tx_pose, state, measured)
+    damping = np.full(len(point), 1e-9)
+    difference = law.residual(measured, law.predict_bounce(tx_pose, state, point))
+    cost = _quadratic(difference, weight)
+    for _ in range(config.max_iterations):
+        jacobian = law.bounce_jacobian_point(tx_pose, state, point)
+        gradient = np.einsum("nai,nab,nb->ni", jacobian, weight, difference)
+        information = np.swapaxes(jacobian, 1, 2) @ weight @ jacobian
+        trace = np.einsum("nii->n", information)
+        information = information + (damping * trace)[:, None, None] * np.eye(point.shape[-1])
+        trial = point + np.linalg.solve(information, gradient[..., None])[..., 0]
+        trial_difference = law.residual(measured, law.predict_bounce(tx_pose, state, trial))
+        trial_cost = _quadratic(trial_difference, weight)
+        better = trial_cost < cost
+        gain = np.where(better, cost - trial_cost, 0.0)
+        settled = np.where(better, gain <= config.relative_tolerance * cost, damping > 1.0)
+        point = np.where(better[:, None], trial, point)
+        difference = np.where(better[:, None], trial_difference, difference)
+        cost = np.where(better, trial_cost, cost)
+        damping = np.where(better, np.maximum(damping / 10, 1e-9), damping * 10)
+        if settled.all():
+            break
+    return point, cost
+
+
+def point_covariance(
+    law: ReflectionLaw, tx_pose: Pose, state: FloatArray, point_m: FloatArray, covariance: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Covariance (path, point, point) of the IPs with the RX state exact, and their sensitivity to the state.
+
+    The covariance is inv(J' inv(R) J); directions the path says nothing about get a huge, finite variance. The
+    sensitivity is (path, point, state).
+    """
+    weight = np.linalg.inv(covariance)
+    jacobian = law.bounce_jacobian_point(tx_pose, state, point_m)
+    weighted = np.swapaxes(jacobian, 1, 2) @ weight
+    information = weighted @ jacobian
+    floor = 1e-12 * np.einsum("nii->n", information)
+    conditional = np.linalg.inv(information + floor[:, None, None] * np.eye(point_m.shape[-1]))
+    return conditional, -conditional @ weighted @ law.bounce_jacobian_rx(tx_pose, state, point_m)
+
+
+def joint_covariance(
+    conditional: FloatArray, sensitivity: FloatArray, state_covariance: FloatArray
+) -> FloatArray:
+    """Covariance (path, point, point) of the IPs where the states have covariances (..., state, state)."""
+    return np.asarray(conditional + sensitivity @ state_covariance @ np.swapaxes(sensitivity, 1, 2))
+
+
+def state_information(
+    law: ReflectionLaw,
+    tx: Pose,
+    state: FloatArray,
+    point_m: FloatArray,
+    covariance: FloatArray,
+    los_covariance: FloatArray | None,
+) -> FloatArray:
+    """Fisher information (state, state) of one receiver state (state,), the IPs (path, point) marginalised.
+
+    `covariance` (path, m, m) is of the single bounces, `los_covariance` (m, m) of the line of sight, None without.
+    """
+    information = np.zeros((len(state), len(state)))
+    if len(point_m):
+        weight = np.linalg.inv(covariance)
+        by_rx = law.bounce_jacobian_rx(tx, state, point_m)
+        by_point = law.bounce_jacobian_point(tx, state, point_m)
+        cross = np.swapaxes(by_rx, 1, 2) @ weight @ by_point
+        own = np.swapaxes(by_point, 1, 2) @ weight @ by_point
+        lost = cross @ np.linalg.pinv(own, hermitian=True) @ np.swapaxes(cross, 1, 2)
+        information += (np.swapaxes(by_rx, 1, 2) @ weight @ by_rx - lost).sum(axis=0)
+    if los_covariance is not None:
+        by_rx = law.los_jacobian_rx(tx, state)
+        information += by_rx.T @ np.linalg.inv(los_covariance) @ by_rx
+    return information
+
+
+def point_bound(
+    law: ReflectionLaw,
+    tx: Pose,
+    state: FloatArray,
+    point_m: FloatArray,
+    covariance: FloatArray,
+    state_covariance: FloatArray,
+) -> FloatArray:
+    """Bound (path,) in m of the position of each IP (path, point), with the uncertainty of the state.
+
+    Infinite where the state has no bound.
+    """
+    if not len(point_m):
+        return np.zeros(0)
+    if not np.isfinite(state_covariance).all():
+        return np.full(len(point_m), np.inf)
+    rows = np.tile(state, (len(point_m), 1))
+    conditional, sensitivity = point_covariance(law, tx, rows, point_m, covariance)
+    joint = joint_covariance(conditional, sensitivity, state_covariance)
+    return np.asarray(np.sqrt(np.einsum("nii->n", joint)))
+
+
+def _quadratic(difference: FloatArray, weight: FloatArray) -> FloatArray:
+    return np.asarray(np.einsum("na,nab,nb->n", difference, weight, difference))

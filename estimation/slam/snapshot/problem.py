@@ -1,0 +1,108 @@
+"""The snapshot problem of one stop, and the linear algebra its hypotheses share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from estimation.channel.record import ChannelEstimate
+from estimation.laws.plane import measurements
+from estimation.slam.config import PathNoise, SnapshotConfig
+from scenes.pose import Pose
+from scenes.record import BoolArray, FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class SnapshotProblem:
+    """Paths of one stop in the units of `estimation.laws.plane` (range in m instead of delay in s)."""
+
+    tx: Pose
+    measured: FloatArray  # (path, 3) in m, rad, rad
+    covariance: FloatArray  # (path, 3, 3) in (m, rad, rad)^2
+    power_dbm: FloatArray  # (path,)
+
+    def __len__(self) -> int:
+        return len(self.measured)
+
+    @property
+    def departure_rad(self) -> FloatArray:
+        """Azimuth of departure (path,) in the world frame."""
+        return np.asarray(self.measured[:, 1] + self.tx.heading_rad)
+
+    @property
+    def earliest(self) -> int:
+        """Index of the path that arrives first: the candidate for the line of sight."""
+        return int(np.argmin(self.measured[:, 0]))
+
+    def take(self, index: IntArray | BoolArray) -> SnapshotProblem:
+        """The same problem with some of its paths."""
+        kept = self.measured[index], self.covariance[index], self.power_dbm[index]
+        return SnapshotProblem(self.tx, *kept)
+
+    def strongest(self, n: int) -> IntArray:
+        """Indices of the n strongest paths, in path order; ties go to the first."""
+        order = np.argsort(-self.power_dbm, kind="stable")
+        return np.sort(order[:n])
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A solution for the RX state [x, y, heading, bias] in m, m, rad, m.
+
+    `cost` is minus the log evidence for the statistical method. `covariance` is NaN where the method gives none.
+    """
+
+    state: FloatArray  # (4,)
+    is_inlier: BoolArray  # (path,), the line of sight included
+    is_los: BoolArray  # (path,)
+    cost: float
+    covariance: FloatArray  # (4, 4)
+
+
+def certain(fits: list[Fit], config: SnapshotConfig) -> list[Fit]:
+    """The ranked modes; none where the best one leaves the position free, up to `max_position_std_m`."""
+    free = bool(fits) and np.trace(fits[0].covariance[:2, :2]) > config.max_position_std_m**2
+    return [] if free else fits
+
+
+def snapshot_problem(estimate: ChannelEstimate, tx: Pose, noise: PathNoise) -> SnapshotProblem:
+    """Collect the paths of one stop and their covariances."""
+    measured = measurements(estimate.delay_s, estimate.aod_azimuth_rad, estimate.aoa_azimuth_rad)
+    boresight_dbm = estimate.power_dbm + estimate.beam_loss_db
+    return SnapshotProblem(tx, measured, noise.covariance(estimate), boresight_dbm)
+
+
+def subsets(items: IntArray, size: int) -> IntArray:
+    """All subsets (subset, size) of some path indices, in lexicographic order."""
+    chosen = list(combinations(items.tolist(), size))
+    return np.array(chosen, dtype=np.int64).reshape(-1, size)
+
+
+def packed_normal(row: FloatArray, right_side: FloatArray) -> FloatArray:
+    """Terms (..., 9) of the normal equations of row' z = right_side: 6 of the symmetric matrix, 3 of the right.
+
+    They add up over equations; `solve_packed` solves the sum.
+    """
+    i, j = np.triu_indices(3)
+    return np.concatenate([row[..., i] * row[..., j], row * right_side[..., None]], axis=-1)
+
+
+def solve_packed(packed: FloatArray) -> FloatArray:
+    """Solution z (..., 3) of packed normal equations (..., 9) by Cramer's rule; NaN where singular."""
+    a, b, c, d, e, f, p, q, r = np.moveaxis(packed, -1, 0)
+    cof_a, cof_b, cof_c = d * f - e * e, c * e - b * f, b * e - c * d
+    cof_d, cof_e, cof_f = a * f - c * c, b * c - a * e, a * d - b * b
+    det = a * cof_a + b * cof_b + c * cof_c
+    scale = np.abs(a * d * f)
+    singular = np.abs(det) <= 1e-12 * scale
+    z = np.stack(
+        [
+            cof_a * p + cof_b * q + cof_c * r,
+            cof_b * p + cof_d * q + cof_e * r,
+            cof_c * p + cof_e * q + cof_f * r,
+        ],
+        axis=-1,
+    )
+    return np.where(singular[..., None], np.nan, z / np.where(singular, 1.0, det)[..., None])

@@ -1,0 +1,100 @@
+"""Maximum-likelihood refinement of RX states with the IPs eliminated.
+
+The likelihood and its maximisation are compiled (`estimation.slam.snapshot.likelihood`); here they are set up
+from a problem and its settings. `bounce_terms` is the residual of a single bounce by itself, for arrays of
+paths.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimation.laws.plane import bounce_equation
+from estimation.slam.config import SnapshotConfig
+from estimation.slam.snapshot.likelihood import refine_states
+from estimation.slam.snapshot.path_table import (
+    FEASIBLE_STDS,
+    PathTable,
+    line_of_sight,
+    path_model,
+    path_table,
+)
+from estimation.slam.snapshot.problem import SnapshotProblem
+from scenes.pose import Pose
+from scenes.record import BoolArray, FloatArray
+
+_NO_CLUTTER = 1e-12  # share that keeps logarithms finite where every path counts
+
+
+@dataclass(frozen=True)
+class BounceResidual:
+    """Residuals of paths as single bounces."""
+
+    value_m: FloatArray  # (...)
+    variance_m2: FloatArray  # (...)
+    jacobian: FloatArray  # (..., 4), per [x, y, heading, bias]
+    by_measurement: FloatArray  # (..., 3), per [range, departure, arrival]
+    is_feasible: BoolArray  # (...): the IP lies between the devices' rays
+
+
+@dataclass(frozen=True)
+class Refined:
+    """A batch of refined states."""
+
+    state: FloatArray  # (state, 4) in m, m, rad, m, from the TX
+    information: FloatArray  # (state, 4, 4), of the paths alone
+    log_likelihood: (
+        FloatArray  # (state,), relative to clutter of unit share; see `estimation.slam.snapshot.evidence`
+    )
+    square: (
+        FloatArray  # (state, path) normalised residuals of single bounces, squared; infinite where infeasible
+    )
+
+
+def refine(
+    problem: SnapshotProblem, table: PathTable, los: int, start: FloatArray, config: SnapshotConfig
+) -> Refined:
+    """Refine states (state, 4), each path weighed by its probability of being a single bounce.
+
+    `los` is the index of the line of sight, -1 for none.
+    """
+    direct = line_of_sight(problem, los)
+    return Refined(*refine_states(table, direct, path_model(config.mixture), start, config.max_iterations))
+
+
+def refine_members(
+    problem: SnapshotProblem, los: int, start: FloatArray, config: SnapshotConfig
+) -> tuple[FloatArray, FloatArray]:
+    """State (4,) and covariance (4, 4) with every path of the problem taken for what it is said to be."""
+    mixture = config.mixture.model_copy(update={"clutter_share": _NO_CLUTTER, "double_share": 0.0})
+    direct = line_of_sight(problem, los)
+    state, information, _, _ = refine_states(
+        path_table(problem, mixture), direct, path_model(mixture), start[None], config.max_iterations
+    )
+    return state[0], np.linalg.inv(information[0] + np.diag(config.prior_std**-2.0))
+
+
+def bounce_terms(tx: Pose, measured: FloatArray, covariance: FloatArray, state: FloatArray) -> BounceResidual:
+    """Residual of the bounce equation, its variance and Jacobian; paths (..., 3) and states (..., 4) broadcast.
+
+    A bounce is feasible where its IP lies between the devices' rays, up to two standard deviations of the angles:
+    where the rays are nearly opposite, as at the line of sight or just behind an obstacle, the place of the IP
+    along them is not determined.
+    """
+    equation = bounce_equation(tx, state[..., 2], measured)
+    z = state[..., [0, 1, 3]]
+    value = equation.residual_m(z)
+    row = equation.row
+    from_tx = z[..., :2] - tx.position_m[:2]
+    along = from_tx[..., 0] * row[..., 1] - from_tx[..., 1] * row[..., 0]
+    length = measured[..., 0] - z[..., 2]
+    reach = length * equation.along
+    by_measurement = np.stack([-row[..., 2], -(along + reach) / 2, -(along - reach) / 2], axis=-1)
+    variance = np.einsum("...i,...ij,...j->...", by_measurement, covariance, by_measurement)
+    jacobian = np.stack([row[..., 0], row[..., 1], by_measurement[..., 2], row[..., 2]], axis=-1)
+    angle_std = np.sqrt(covariance[..., 1, 1] + covariance[..., 2, 2])
+    slack = FEASIBLE_STDS * angle_std * length * np.abs(row[..., 2])
+    feasible = (length > 0) & (np.abs(along) <= np.abs(reach) + slack)
+    return BounceResidual(value, np.maximum(variance, 1e-18), jacobian, by_measurement, feasible)

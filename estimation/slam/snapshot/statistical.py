@@ -1,0 +1,152 @@
+"""Snapshot SLAM with closed-form headings and modes ranked by evidence.
+
+Where the reference searches headings on a grid, gates by distance and weighs by power, here four single bounces
+give the heading in closed form, hypotheses are refined under the covariances of all paths, and the modes they
+lead to are ranked by their evidence: with every credible path as line of sight, and without one.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+from scipy.stats import chi2
+
+from estimation.compiled import compiled
+from estimation.slam.config import SnapshotConfig
+from estimation.slam.snapshot.evidence import PowerLaw, Prior, log_clutter, log_evidence, power_law, prior_of
+from estimation.slam.snapshot.hypotheses import distinct, four_bounce_states, line_of_sight_states
+from estimation.slam.snapshot.likelihood import log_likelihood, refine_states
+from estimation.slam.snapshot.path_table import (
+    LineOfSight,
+    PathModel,
+    PathTable,
+    path_model,
+    path_table,
+)
+from estimation.slam.snapshot.problem import Fit, SnapshotProblem
+from scenes.pose import wrap_angle
+from scenes.record import BoolArray, FloatArray, IntArray
+
+_SAME_DELAY_STDS = 3.0
+# A hypothesis this much less likely than the best one does not refine to a mode that counts.
+_MAX_DEFICIT = 15.0
+
+
+class Limits(NamedTuple):
+    """The settings of the search in the form that the compiled function takes."""
+
+    gate: float  # chi-square of an inlier
+    min_los_inliers: int
+    min_nlos_inliers: int
+    n_modes: int
+    n_ranked: int
+    max_iterations: int
+
+
+def solve_statistical(problem: SnapshotProblem, config: SnapshotConfig) -> list[Fit]:
+    """Distinct modes by falling evidence; none where no hypothesis gathers enough inliers.
+
+    `cost` of a mode is minus its log evidence.
+    """
+    if not len(problem):
+        return []
+    limits = Limits(
+        _gate(config.gate_probability),
+        config.min_los_inliers,
+        config.min_nlos_inliers,
+        config.n_modes,
+        config.n_ranked,
+        config.max_iterations,
+    )
+    state, covariance, evidence, inlier, los = _ranked(
+        path_table(problem, config.mixture),
+        np.column_stack([problem.measured[:, 0], problem.departure_rad, problem.measured[:, 2]]),
+        problem.power_dbm,
+        np.append(los_candidates(problem), -1),
+        problem.strongest(config.max_hypothesis_paths),
+        path_model(config.mixture),
+        power_law(config.path_loss),
+        prior_of(config),
+        limits,
+    )
+    state[:, :2] += problem.tx.position_m[:2]
+    state[:, 2] = wrap_angle(state[:, 2])
+    number = np.arange(len(problem))
+    return [
+        Fit(state[k], inlier[k], number == los[k], float(-evidence[k]), covariance[k])
+        for k in range(len(state))
+    ]
+
+
+def los_candidates(problem: SnapshotProblem) -> IntArray:
+    """Paths that may be the line of sight: all that come as early as the first within errors, and the strongest.
+
+    A bounce close to the line of sight may come first by chance, a false path well before it.
+    """
+    if len(problem) < 2:
+        return np.empty(0, np.int64)
+    variance, first = problem.covariance[:, 0, 0], problem.earliest
+    later = problem.measured[:, 0] - problem.measured[first, 0]
+    credible = later <= _SAME_DELAY_STDS * np.sqrt(variance + variance[first])
+    credible[np.argmax(problem.power_dbm)] = True
+    return np.flatnonzero(credible)
+
+
+@compiled
+def _ranked(
+    paths: PathTable,
+    measured: FloatArray,
+    power_dbm: FloatArray,
+    lines: IntArray,
+    strongest: IntArray,
+    model: PathModel,
+    law: PowerLaw,
+    prior: Prior,
+    limits: Limits,
+) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray, IntArray]:
+    """Modes with each of `lines` as line of sight, -1 for none, that enough paths agree with, the best first.
+
+    Clutter alone must be a worse explanation. `measured` (path, 3) holds world departures. Returns states (mode,
+    4) from the TX, covariances (mode, 4, 4), log evidences (mode,), inliers (mode, path) and lines of sight
+    (mode,).
+    """
+    n, most = len(power_dbm), len(lines) * limits.n_modes
+    state, covariance = np.empty((most, 4)), np.empty((most, 4, 4))
+    evidence, inlier, los = np.empty(most), np.zeros((most, n), np.bool_), np.empty(most, np.int64)
+    clutter, found = log_clutter(paths.range_m, power_dbm, law, prior), 0
+    for line in lines:
+        direct, least = LineOfSight(-1, np.zeros(3), np.zeros((3, 3))), limits.min_nlos_inliers
+        if line >= 0:
+            whitening = np.ascontiguousarray(np.linalg.inv(np.linalg.cholesky(paths.covariance[line])))
+            direct, least = LineOfSight(line, measured[line], whitening), limits.min_los_inliers
+            start = line_of_sight_states(paths, line, measured[line, 1:], strongest[strongest != line])
+        else:
+            start = four_bounce_states(paths, strongest)
+        score = log_likelihood(paths, direct, model, start)
+        first = distinct(start, score, limits.n_modes, _MAX_DEFICIT)
+        refined, information, likelihood, square = refine_states(
+            paths, direct, model, start[first], limits.max_iterations
+        )
+        for k in range(len(first)):
+            inlier[found] = square[k] <= limits.gate
+            if line >= 0:
+                inlier[found, line] = True
+            if np.sum(inlier[found]) < least or abs(refined[k, 3]) > prior.max_clock_m:
+                continue
+            evidence[found], covariance[found] = log_evidence(
+                paths.range_m, power_dbm, line, paths.covariance[line], refined[k], information[k],
+                likelihood[k], law, prior,
+            )  # fmt: skip
+            if evidence[found] > clutter:
+                state[found], los[found] = refined[k], line
+                found += 1
+    # A line of sight explains the same state once more as a bounce: that is no second mode.
+    kept = distinct(state[:found], evidence[:found], limits.n_ranked, np.inf)
+    return state[kept], covariance[kept], evidence[kept], inlier[kept], los[kept]
+
+
+@cache
+def _gate(probability: float) -> float:
+    return float(chi2.ppf(probability, 1))

@@ -1,0 +1,212 @@
+"""Robust snapshot SLAM in space: position with height, heading and clock bias of one stop.
+
+As the statistical method of the plane: hypotheses from few paths, scored by the log-likelihood of all paths as a
+mixture of single bounces and clutter, the best refined by re-weighted least squares and ranked by evidence.
+"""
+
+from __future__ import annotations
+
+from typing import TypeVar
+
+import numpy as np
+from scipy.special import expit
+from scipy.stats import chi2
+
+from estimation.channel.record import ChannelEstimate
+from estimation.inference.student import efficiency
+from estimation.laws.space import N_STATE
+from estimation.slam.config import SnapshotConfig
+from estimation.slam.snapshot.problem import Fit, certain
+from estimation.slam.snapshot.solution import SnapshotSolution, failed_solution, solution_of
+from estimation.slam.space.hypotheses import bounce_states, los_states
+from estimation.slam.space.problem import (
+    BounceFit,
+    SpatialProblem,
+    bounce_fit,
+    bounce_log_ratio,
+    los_fit,
+    spatial_problem,
+)
+from scenes.pose import Pose, wrap_angle
+from scenes.record import BoolArray, FloatArray, IntArray
+
+# Two states this close in position (m) and heading (rad) are one mode.
+_MODE_DISTANCE_M = 0.3
+_MODE_HEADING_RAD = np.deg2rad(5.0)
+_MIN_BOUNCES = 4
+_Evaluated = tuple[BounceFit, FloatArray, FloatArray, FloatArray]
+Array = TypeVar("Array", FloatArray, BoolArray)
+
+
+def solve_spatial(estimate: ChannelEstimate, tx_pose: Pose, config: SnapshotConfig) -> SnapshotSolution:
+    """Solve one stop whose paths have elevations: with the first path as line of sight, and without one.
+
+    The line of sight has to have a credible power. Status FAILED where nothing feasible gathers enough paths.
+    """
+    fits = ranked_spatial_modes(spatial_problem(estimate, tx_pose, config.noise), config)
+    return solution_of(estimate, tx_pose, fits, config) if fits else failed_solution(estimate, N_STATE)
+
+
+def ranked_spatial_modes(problem: SpatialProblem, config: SnapshotConfig) -> list[Fit]:
+    """Distinct modes of one stop, best first, their states [x, y, z, heading, bias] in m, m, m, rad, m.
+
+    None where the best one leaves the plan position free.
+    """
+    fits = _with_los(problem, config) + _without_los(problem, config)
+    state = np.array([fit.state for fit in fits]).reshape(-1, N_STATE)
+    kept = distinct(state, np.array([-fit.cost for fit in fits]), config.n_ranked)
+    return certain([fits[k] for k in kept], config)
+
+
+def refine_spatial(
+    problem: SpatialProblem, start: FloatArray, los: int, config: SnapshotConfig
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Refine states (state, 5) by damped, re-weighted Gauss-Newton steps, each path by its odds of a bounce.
+
+    Returns the states, their information (state, 5, 5) under Gaussian errors, and their log-likelihoods; `los` is
+    the index of the line of sight, -1 for none.
+    """
+    state, damping = start.copy(), np.full(len(start), 1e-6)
+    others = np.arange(len(problem)) != los
+    parts, weak = _evaluate(problem, state, los, others, config), np.diag(_prior(config) ** -2.0)
+    for _ in range(config.max_iterations):
+        fit, _, direct, slope = parts
+        weight = _weights(fit, others, config)
+        jacobian = fit.jacobian * weight[..., None]
+        information = np.einsum("spia,spib->sab", jacobian, fit.jacobian) + np.swapaxes(slope, 1, 2) @ slope
+        gradient = np.einsum("spia,spi->sa", jacobian, fit.white) + np.einsum("sia,si->sa", slope, direct)
+        damped = (information + weak) * (1 + damping[:, None, None] * np.eye(5))
+        step = -np.linalg.solve(damped, gradient[..., None])[..., 0]
+        trial = _evaluate(problem, state + step, los, others, config)
+        # Weights and variances are held: the cost whose gradient this is.
+        held = (fit.whitening @ trial[0].value_m[..., None])[..., 0]
+        before = np.sum(weight * fit.white**2, axis=(1, 2)) + np.sum(direct**2, axis=1)
+        after = np.sum(weight * held**2, axis=(1, 2)) + np.sum(trial[2] ** 2, axis=1)
+        better = after <= before * (1 + 1e-12)
+        state = np.where(better[:, None], state + step, state)
+        parts = _chosen(better, trial, parts)
+        damping = np.where(better, np.maximum(damping / 10, 1e-9), np.minimum(damping * 10, 1e9))
+        if np.all(np.abs(step) <= 1e-10 * (1 + np.abs(state))):
+            break
+    fit, score, _, slope = parts
+    share = expit(bounce_log_ratio(fit, config.mixture)) * others
+    kept = efficiency(config.mixture.degrees_of_freedom, 1)
+    information = np.einsum("sp,spia,spib->sab", kept * share, fit.jacobian, fit.jacobian)
+    return state, information + np.swapaxes(slope, 1, 2) @ slope, score
+
+
+def distinct(state: FloatArray, score: FloatArray, n: int) -> IntArray:
+    """Indices of up to n states (state, 5) of the highest score that differ in place or heading."""
+    left = score.copy()
+    chosen: list[int] = []
+    while len(chosen) < n and np.any(left > -np.inf):
+        best = int(np.argmax(left))
+        chosen.append(best)
+        near = np.linalg.norm(state[:, :3] - state[best, :3], axis=1) < _MODE_DISTANCE_M
+        near &= np.abs(wrap_angle(state[:, 3] - state[best, 3])) < _MODE_HEADING_RAD
+        left[near | (np.arange(len(left)) == best)] = -np.inf
+    return np.array(chosen, dtype=np.int64)
+
+
+def _with_los(problem: SpatialProblem, config: SnapshotConfig) -> list[Fit]:
+    if len(problem) < config.min_los_inliers:
+        return []
+    return _modes(problem, los_states(problem, _strongest(problem, config)), problem.direct, config)
+
+
+def _without_los(problem: SpatialProblem, config: SnapshotConfig) -> list[Fit]:
+    if len(problem) < _MIN_BOUNCES:
+        return []
+    return _modes(problem, bounce_states(problem, _strongest(problem, config)), -1, config)
+
+
+def _modes(problem: SpatialProblem, state: FloatArray, los: int, config: SnapshotConfig) -> list[Fit]:
+    """Distinct refined modes of the best hypotheses, with minus their log evidence as cost."""
+    if not len(state):
+        return []
+    others = np.arange(len(problem)) != los
+    score = _evaluate(problem, state, los, others, config)[1]
+    start = state[distinct(state, score, config.n_modes)]
+    state, information, score = refine_spatial(problem, start, los, config)
+    full = information + np.diag(_prior(config) ** -2.0)
+    fit = bounce_fit(problem, state)
+    inlier = others & fit.is_feasible & (fit.square <= chi2.ppf(config.gate_probability, 2))
+    if los >= 0:
+        inlier[:, los] = True
+    evidence = score - 0.5 * np.linalg.slogdet(full)[1] + _log_power(problem, los, state, config)
+    enough = inlier.sum(axis=1) >= (config.min_los_inliers if los >= 0 else config.min_nlos_inliers)
+    credible = np.abs(state[:, 4]) <= config.max_clock_bias_m
+    if los >= 0:
+        covariance = problem.covariance[los]
+        # The density of clutter: any direction of both ends, range over its width.
+        clutter = np.log((4 * np.pi) ** 2 * config.mixture.clutter_width_m)
+        evidence = evidence - 0.5 * np.linalg.slogdet(2 * np.pi * covariance)[1] + clutter
+        reach = np.linalg.norm(state[:, :3] - problem.tx.position_m, axis=1)
+        level = [config.path_loss.is_credible(float(problem.power_dbm[los]), float(r)) for r in reach]
+        credible = credible & np.array(level)
+    covariances, is_los = np.linalg.inv(full), np.arange(len(problem)) == los
+    state[:, 3] = wrap_angle(state[:, 3])
+    return [
+        Fit(state[k], inlier[k], is_los, float(-evidence[k]), covariances[k])
+        for k in np.flatnonzero(enough & credible & np.isfinite(evidence))
+    ]
+
+
+def _chosen(better: BoolArray, trial: _Evaluated, before: _Evaluated) -> _Evaluated:
+    """State by state, the trial where it is better."""
+
+    def pick(new: Array, old: Array) -> Array:
+        return np.where(better.reshape(-1, *(1,) * (new.ndim - 1)), new, old)
+
+    fit, other = trial[0], before[0]
+    picked = BounceFit(
+        pick(fit.value_m, other.value_m),
+        pick(fit.whitening, other.whitening),
+        pick(fit.white, other.white),
+        pick(fit.jacobian, other.jacobian),
+        pick(fit.log_scale, other.log_scale),
+        pick(fit.is_feasible, other.is_feasible),
+    )
+    return picked, pick(trial[1], before[1]), pick(trial[2], before[2]), pick(trial[3], before[3])
+
+
+def _evaluate(
+    problem: SpatialProblem, state: FloatArray, los: int, others: BoolArray, config: SnapshotConfig
+) -> _Evaluated:
+    """Bounces, log-likelihood (state,), and whitened line of sight (state, 5 or 0) with its derivative."""
+    fit = bounce_fit(problem, state)
+    share = config.mixture.clutter_share + config.mixture.double_share
+    gain = np.logaddexp(0.0, bounce_log_ratio(fit, config.mixture)) + np.log(share)
+    score = gain[:, others].sum(axis=1)
+    if los < 0:
+        return fit, score, np.zeros((len(state), 0)), np.zeros((len(state), 0, 5))
+    direct, slope = los_fit(problem, state, los)
+    return fit, score - 0.5 * np.sum(direct**2, axis=1), direct, slope
+
+
+def _weights(fit: BounceFit, others: BoolArray, config: SnapshotConfig) -> FloatArray:
+    """Weight (state, path, 2) of every whitened equation: Student-t, times the probability of a bounce."""
+    freedom = config.mixture.degrees_of_freedom
+    share = expit(bounce_log_ratio(fit, config.mixture)) * others
+    return np.asarray(share[..., None] * (freedom + 1) / (freedom + fit.white**2))
+
+
+def _log_power(problem: SpatialProblem, los: int, state: FloatArray, config: SnapshotConfig) -> FloatArray:
+    """Log density (mode,) of the powers of all paths at the lengths that the clock bias leaves them."""
+    others = np.arange(len(problem)) != los
+    length = np.maximum(problem.measured[others, 0] - state[:, 4, None], 0.1)
+    density = config.path_loss.log_density_of_others(problem.power_dbm[others], length)
+    if los < 0:
+        return density
+    reach = np.linalg.norm(state[:, :3] - problem.tx.position_m, axis=1)
+    return density + config.path_loss.log_density(problem.power_dbm[los], reach)
+
+
+def _prior(config: SnapshotConfig) -> FloatArray:
+    """Standard deviations (5,) of the weak prior: the plane's, and its reach for the height as well."""
+    return np.insert(config.prior_std, 2, config.reach_m)
+
+
+def _strongest(problem: SpatialProblem, config: SnapshotConfig) -> IntArray:
+    order = np.argsort(-problem.power_dbm, kind="stable")[: config.max_hypothesis_paths]
+    return np.sort(order)

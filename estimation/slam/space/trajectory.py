@@ -1,0 +1,197 @@
+"""Trajectory SLAM in space: all stops of a walk with elevations together.
+
+A walk in space is solved in two steps. Upright surfaces, floors and ceilings keep the size of a ray's elevation,
+so that a path seen from above is a path of the plane, shorter by the elevation's cosine: every path is levelled,
+the smoother of the plane shares walls and objects between stops, and heights follow stop by stop.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from estimation.channel.record import ChannelEstimate
+from estimation.inference.student import efficiency
+from estimation.laws.space import bounce_equations
+from estimation.slam.config import MappingConfig, SnapshotConfig, TrajectoryConfig
+from estimation.slam.record import IncidencePoints, PoseEstimates, SolveStatus
+from estimation.slam.snapshot.solution import PLANE_OF_SPACE, SnapshotSolution
+from estimation.slam.space.mapping import map_stops_spatial
+from estimation.slam.space.problem import (
+    SpatialProblem,
+    bounce_fit,
+    los_fit,
+    spatial_problem,
+)
+from estimation.slam.space.snapshot import solve_spatial
+from estimation.slam.walk.residuals import PathKind
+from estimation.slam.walk.trajectory import TrajectoryDetails, run_trajectory
+from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
+from scenes.record import BoolArray, FloatArray, IntArray
+
+_HEIGHT_ROUNDS = 10
+
+
+def run_spatial_trajectory(
+    estimates: Sequence[ChannelEstimate],
+    tx_pose: Pose,
+    snapshot: SnapshotConfig,
+    config: TrajectoryConfig,
+    mapping_config: MappingConfig,
+) -> tuple[PoseEstimates, IncidencePoints, TrajectoryDetails]:
+    """Poses, incidence points and shared landmarks of a walk with elevations; stops in the order of the walk."""
+    problems = [spatial_problem(estimate, tx_pose, snapshot.noise) for estimate in estimates]
+    alone = [solve_spatial(estimate, tx_pose, snapshot) for estimate in estimates]
+    flat = levelled(estimates, problems, alone)
+    # The levelled covariance holds all there is to it.
+    exact = snapshot.noise.model_copy(
+        update={"source": "estimate", "floor_delay_std_ns": 0.0, "floor_angle_std_deg": 0.0}
+    )
+    in_plane = snapshot.model_copy(update={"noise": exact})
+    poses, _, details = run_trajectory(flat, tx_pose, in_plane, config, mapping_config)
+    kinds = np.split(details.path_kind, np.cumsum([len(e) for e in estimates])[:-1])
+    offset = details.tx_offset_rad[details.session]
+    turned = [
+        replace(e, aod_azimuth_rad=e.aod_azimuth_rad + shift)
+        for e, shift in zip(estimates, offset, strict=True)
+    ]
+    problems = [spatial_problem(estimate, tx_pose, snapshot.noise) for estimate in turned]
+    guess = _filled(np.array([s.position_m[2] for s in alone]), tx_pose.position_m[2])
+    joint = np.array(
+        [
+            _with_height(problem, kind, _state(poses, k, guess[k]), poses.covariance[k], snapshot)
+            for k, (problem, kind) in enumerate(zip(problems, kinds, strict=True))
+        ]
+    ).reshape(-1, 26)
+    covariance = joint[:, 1:].reshape(-1, 5, 5)
+    poses = replace(
+        poses,
+        height_m=joint[:, 0],
+        height_std_m=np.sqrt(covariance[:, 2, 2]),
+        height_covariance=covariance[:, 2, PLANE_OF_SPACE],
+    )
+    single = (PathKind.BOUNCE, PathKind.WALL, PathKind.OBJECT)
+    points = map_stops_spatial(
+        turned,
+        poses,
+        tx_pose,
+        mapping_config,
+        is_los=[kind == PathKind.LOS for kind in kinds],
+        is_inlier=[np.isin(kind, single) for kind in kinds],
+        state_covariance=list(np.nan_to_num(covariance)),
+    )
+    return poses, points, details
+
+
+def levelled(
+    estimates: Sequence[ChannelEstimate],
+    problems: Sequence[SpatialProblem],
+    alone: Sequence[SnapshotSolution],
+) -> list[ChannelEstimate]:
+    """The paths of all stops as paths of the plane: lengths after the clock bias times the elevations' cosine.
+
+    Each leg counts with its share of the length. The bias is that of the stop by itself, or of the nearest stop
+    that was solved: an error b of it changes a length by b (1 - cosine) alone. Covariances are propagated.
+    """
+    bias = _filled(np.array([SPEED_OF_LIGHT_M_S * s.clock_bias_s for s in alone]), 0.0)
+    return [
+        _levelled(estimate, problem, solution, float(bias[k]))
+        for k, (estimate, problem, solution) in enumerate(zip(estimates, problems, alone, strict=True))
+    ]
+
+
+def _levelled(
+    estimate: ChannelEstimate, problem: SpatialProblem, solution: SnapshotSolution, bias_m: float
+) -> ChannelEstimate:
+    elevations = problem.measured[:, 3:].copy()
+    known = np.isfinite(np.column_stack([estimate.aod_elevation_rad, estimate.aoa_elevation_rad]))
+    # Specular surfaces keep its size: one end speaks for the other.
+    elevations = np.where(known, elevations, elevations[:, ::-1])
+    share = np.full(len(estimate), 0.5)
+    if solution.status != SolveStatus.FAILED:
+        state = np.array(
+            [*solution.position_m, solution.heading_rad, SPEED_OF_LIGHT_M_S * solution.clock_bias_s]
+        )
+        fraction = bounce_equations(problem.tx, state, problem.measured).fraction
+        share = np.clip(np.where(solution.is_los, 0.5, np.nan_to_num(fraction, nan=0.5)), 0.0, 1.0)
+    shares = np.column_stack([share, 1 - share])
+    cosine = np.sum(shares * np.cos(elevations), axis=1)
+    length = problem.measured[:, 0] - bias_m
+    jacobian = np.zeros((len(estimate), 3, 5))
+    jacobian[:, 0, 0], jacobian[:, 1, 1], jacobian[:, 2, 2] = cosine, 1.0, 1.0
+    jacobian[:, 0, 3:] = -length[:, None] * shares * np.sin(elevations) * known
+    covariance = jacobian @ problem.covariance @ np.swapaxes(jacobian, 1, 2)
+    to_seconds = np.array([1 / SPEED_OF_LIGHT_M_S, 1.0, 1.0])
+    return replace(
+        estimate,
+        delay_s=(bias_m + length * cosine) / SPEED_OF_LIGHT_M_S,
+        covariance=covariance * np.outer(to_seconds, to_seconds),
+        aod_elevation_rad=np.full(len(estimate), np.nan),
+        aoa_elevation_rad=np.full(len(estimate), np.nan),
+    )
+
+
+def _with_height(
+    problem: SpatialProblem,
+    kind: IntArray,
+    state: FloatArray,
+    plane_covariance: FloatArray,
+    snapshot: SnapshotConfig,
+) -> FloatArray:
+    """Height of one stop and the covariance of its state in space, flat (26,): height, then 5 x 5.
+
+    Robust least squares in the height alone; what the plane's state leaves uncertain in it is added.
+    """
+    used = np.isin(kind, (PathKind.BOUNCE, PathKind.WALL, PathKind.OBJECT))
+    los = np.flatnonzero(kind == PathKind.LOS)
+    if not np.isfinite(state).all() or not (used.any() or len(los)):
+        return np.full(26, np.nan)
+    freedom = snapshot.mixture.degrees_of_freedom
+    state = state.copy()
+    for _ in range(_HEIGHT_ROUNDS):
+        value, slope, weight = _residuals(problem, state, used, los, freedom)
+        step = float(np.sum(weight * slope[:, 2] * value) / max(np.sum(weight * slope[:, 2] ** 2), 1e-12))
+        state[2] -= step
+        if abs(step) < 1e-9:
+            break
+    value, slope, weight = _residuals(problem, state, used, los, freedom)
+    weight = np.where(np.arange(len(value)) < 2 * used.sum(), efficiency(freedom, 1), 1.0)
+    information = max(float(np.sum(weight * slope[:, 2] ** 2)), 1e-12)
+    lean = -np.sum((weight * slope[:, 2])[:, None] * slope[:, PLANE_OF_SPACE], axis=0) / information
+    to_metres = np.array([1.0, 1.0, 1.0, SPEED_OF_LIGHT_M_S])
+    plane = plane_covariance * np.outer(to_metres, to_metres)
+    covariance = np.zeros((5, 5))
+    covariance[np.ix_(PLANE_OF_SPACE, PLANE_OF_SPACE)] = plane
+    covariance[2, PLANE_OF_SPACE] = covariance[PLANE_OF_SPACE, 2] = plane @ lean
+    covariance[2, 2] = 1 / information + lean @ plane @ lean
+    to_seconds = np.array([1.0, 1.0, 1.0, 1.0, 1 / SPEED_OF_LIGHT_M_S])
+    return np.concatenate([[state[2]], (covariance * np.outer(to_seconds, to_seconds)).ravel()])
+
+
+def _residuals(
+    problem: SpatialProblem, state: FloatArray, used: BoolArray, los: IntArray, freedom: int
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Whitened residuals (n,), derivatives (n, 5) and weights (n,): bounces first, then the line of sight."""
+    fit = bounce_fit(problem, state[None])
+    value, slope = fit.white[0, used].ravel(), fit.jacobian[0, used].reshape(-1, 5)
+    weight = (freedom + 1) / (freedom + value**2)
+    if len(los):
+        direct, by_state = los_fit(problem, state[None], int(los[0]))
+        value, slope = np.concatenate([value, direct[0]]), np.concatenate([slope, by_state[0]])
+        weight = np.concatenate([weight, np.ones(5)])
+    return value, slope, weight
+
+
+def _state(poses: PoseEstimates, k: int, height_m: float) -> FloatArray:
+    bias = SPEED_OF_LIGHT_M_S * poses.clock_bias_s[k]
+    return np.array([*poses.position_m[k], height_m, poses.heading_rad[k], bias])
+
+
+def _filled(value: FloatArray, default: float) -> FloatArray:
+    """Values (stop,) with NaN interpolated from the neighbours; `default` where there are none."""
+    known = np.flatnonzero(np.isfinite(value))
+    if not len(known):
+        return np.full(len(value), default)
+    return np.interp(np.arange(len(value)), known, value[known])

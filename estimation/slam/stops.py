@@ -1,0 +1,55 @@
+"""SLAM over a whole campaign: every stop on its own, all stops together, or stop by stop as the walk goes on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from estimation.channel.record import ChannelEstimate
+from estimation.slam.config import MappingConfig, SnapshotConfig, TrajectoryConfig
+from estimation.slam.mapped_solutions import collect_and_map
+from estimation.slam.record import IncidencePoints, PoseEstimates
+from estimation.slam.snapshot.solve import solve_snapshot
+from estimation.slam.space.problem import is_spatial
+from estimation.slam.space.snapshot import solve_spatial
+from estimation.slam.space.trajectory import run_spatial_trajectory
+from estimation.slam.walk.filter import run_filter
+from estimation.slam.walk.trajectory import run_trajectory
+from scenes.pose import Pose
+
+
+def locate_and_map(
+    estimates: Sequence[ChannelEstimate],
+    tx_pose: Pose,
+    slam: SnapshotConfig,
+    trajectory: TrajectoryConfig | None,
+    mapping: MappingConfig,
+) -> tuple[PoseEstimates, IncidencePoints]:
+    """Poses and incidence points by the settings: every stop on its own without `trajectory`, else by its method.
+
+    In space where elevations were estimated and `slam.use_elevation` wants them.
+    """
+    if trajectory is None:
+        return run_slam(estimates, tx_pose, slam, mapping)
+    if trajectory.method == "filter":
+        return run_filter(estimates, tx_pose, slam, trajectory, mapping)
+    spatial = is_spatial(estimates, use_elevation=slam.use_elevation)
+    smooth = run_spatial_trajectory if spatial else run_trajectory
+    poses, points, _ = smooth(estimates, tx_pose, slam, trajectory, mapping)
+    return poses, points
+
+
+def run_slam(
+    estimates: Sequence[ChannelEstimate],
+    tx_pose: Pose,
+    config: SnapshotConfig,
+    mapping_config: MappingConfig,
+) -> tuple[PoseEstimates, IncidencePoints]:
+    """Solve every stop on its own, then map the IPs of the stops that were solved.
+
+    An IP is an inlier where SLAM took its path as a single bounce and mapping's own gate agrees. Where the
+    state has a covariance, it is carried into the covariance of the IPs.
+    """
+    spatial = is_spatial(estimates, use_elevation=config.use_elevation)
+    solve = solve_spatial if spatial else solve_snapshot
+    solutions = [solve(estimate, tx_pose, config) for estimate in estimates]
+    return collect_and_map(estimates, solutions, tx_pose, mapping_config, spatial=spatial)

@@ -1,0 +1,89 @@
+"""Alternation between explaining the paths of a campaign and solving for the trajectory."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.stats import chi2
+
+from estimation.slam.config import TrajectoryConfig
+from estimation.slam.snapshot.refine import bounce_terms
+from estimation.slam.walk.association import associate, in_use, reassign
+from estimation.slam.walk.residuals import Association, Observations, PathKind, TrajectoryState, corrected
+from estimation.slam.walk.sessions import split_sessions
+from estimation.slam.walk.smoother import normal_equations, optimise
+from scenes.record import BoolArray
+
+_ROUGH_ITERATIONS = 6
+
+
+def smooth(
+    seen: Observations, is_los: BoolArray, start: TrajectoryState, config: TrajectoryConfig
+) -> tuple[TrajectoryState, Association]:
+    """Motion prior alone, then with landmarks, then with sessions, each until the association settles."""
+    now, _ = _settle(seen, is_los, start, config.model_copy(update={"use_landmarks": False}))
+    now, link = _settle(seen, is_los, now, config)
+    now, link = _confirm(seen, link, now, config)
+    while config.use_sessions:
+        split = split_sessions(seen, link, now, config)
+        if len(split.offset_rad) == len(now.offset_rad):
+            break
+        now, link = _settle(seen, is_los, split, config)
+        now, link = _confirm(seen, link, now, config)
+    return now, link
+
+
+def _confirm(
+    seen: Observations, link: Association, now: TrajectoryState, config: TrajectoryConfig
+) -> tuple[TrajectoryState, Association]:
+    """Keep a single bounce of its own only where the other paths of its stop do not contradict it.
+
+    Lines of sight and shared landmarks are far more certain. Where a stop has two of them, its remaining bounces
+    are gated against the solution without them, with the covariance of that solution.
+    """
+    certain = np.isin(link.kind, [PathKind.LOS, PathKind.WALL, PathKind.OBJECT])
+    counted = np.bincount(seen.row[certain], minlength=seen.n_stops) >= 2
+    doubted = np.flatnonzero((link.kind == PathKind.BOUNCE) & counted[seen.row])
+    kind = link.kind.copy()
+    kind[doubted] = PathKind.UNUSED
+    without = replace(link, kind=kind)
+    alone = optimise(seen, without, now, config)
+    covariance, _ = normal_equations(seen, without, alone, config).covariance()
+    row = seen.row[doubted]
+    terms = bounce_terms(seen.tx, corrected(seen, alone, doubted), seen.covariance[doubted], alone.state[row])
+    spread = np.einsum("pi,pij,pj->p", terms.jacobian, covariance[row], terms.jacobian)
+    gate = chi2.ppf(config.confirm_probability, 1)
+    agrees = terms.is_feasible & (terms.value_m**2 <= gate * (terms.variance_m2 + spread))
+    kind[doubted[agrees]] = PathKind.BOUNCE
+    return optimise(seen, replace(link, kind=kind), alone, config), replace(link, kind=kind)
+
+
+def _settle(
+    seen: Observations, is_los: BoolArray, now: TrajectoryState, config: TrajectoryConfig
+) -> tuple[TrajectoryState, Association]:
+    """Alternate association and least squares until every path keeps its explanation.
+
+    Landmarks are found anew until they stay; then paths are taken in and left out at the landmarks solved for,
+    which know their places better than the clusters they come from.
+    """
+    # An association that will change need not be solved to the end.
+    rough = config.model_copy(update={"max_iterations": min(_ROUGH_ITERATIONS, config.max_iterations)})
+    link, now, spans = associate(seen, now, is_los, config)
+    for _ in range(config.rounds):
+        now = optimise(seen, link, now, rough)
+        before = link
+        link, now, spans = associate(seen, now, is_los, config)
+        if _same(link, before):
+            break
+    for _ in range(config.rounds):
+        now = optimise(seen, link, now, rough)
+        before = link
+        link = reassign(seen, now, is_los, spans, config)
+        if _same(link, before):
+            break
+    return in_use(optimise(seen, link, now, config), link)
+
+
+def _same(link: Association, other: Association) -> bool:
+    return np.array_equal(link.kind, other.kind) and np.array_equal(link.landmark, other.landmark)

@@ -1,0 +1,208 @@
+"""Which of the known landmarks a path belongs to: the smallest chi-square within the gate, compiled."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.stats import chi2
+
+from estimation.compiled import compiled
+from estimation.slam.config import TrajectoryConfig
+from estimation.slam.walk.landmark_kernels import cholesky3, circle_path, wall_cut, wall_path, wrapped
+from estimation.slam.walk.landmarks import plane_pose
+from estimation.slam.walk.linearise import roughen
+from estimation.slam.walk.residuals import Association, Observations, PathKind, TrajectoryState, corrected
+from scenes.record import FloatArray, IntArray
+
+_END_MARGIN_M = 0.7  # beyond the stretch of a wall that was seen
+_DOUBLE_PROBABILITY = 0.95
+_UNUSED, _LOS = PathKind.UNUSED, PathKind.LOS
+_WALL, _OBJECT, _DOUBLE = PathKind.WALL, PathKind.OBJECT, PathKind.DOUBLE
+
+
+def assign(
+    seen: Observations,
+    now: TrajectoryState,
+    link: Association,
+    spans: FloatArray,
+    config: TrajectoryConfig,
+) -> Association:
+    """Give every path but the lines of sight to the landmark of smallest chi-square within the gate.
+
+    `spans` (wall, 2) are the stretches of the walls, along themselves, on which incidence points were seen. Paths
+    that stay without any explanation may be double bounces off two walls.
+    """
+    gates = np.array(
+        [
+            chi2.ppf(config.gate_probability, 3),
+            chi2.ppf(_DOUBLE_PROBABILITY, 3) if config.use_double_bounces else 0.0,
+        ]
+    )
+    kind, landmark = link.kind.copy(), link.landmark.copy()
+    _assign(
+        plane_pose(seen.tx),
+        now.state[seen.row],
+        corrected(seen, now, np.arange(len(kind))),
+        seen.covariance,
+        now.walls,
+        spans + np.array([-_END_MARGIN_M, _END_MARGIN_M]),
+        now.objects,
+        np.array([config.wall_roughness_m, config.object_roughness_m]),
+        gates,
+        kind,
+        landmark,
+    )
+    return Association(kind, landmark)
+
+
+@compiled
+def _assign(
+    tx: FloatArray,
+    state: FloatArray,
+    measured: FloatArray,
+    covariance: FloatArray,
+    walls: FloatArray,
+    spans: FloatArray,
+    objects: FloatArray,
+    rough_m: FloatArray,
+    gates: FloatArray,
+    kind: IntArray,
+    landmark: IntArray,
+) -> None:
+    """Fill `kind` (path,) and `landmark` (path, 2) in place.
+
+    Delay alone bounds the chi-square from below, since roughness r adds at most (2 r)^2 to its variance: most
+    pairs of path and landmark need no more than that.
+    """
+    chain = np.empty((2, 2))
+    single, double = _images(tx, walls)
+    for i in range(len(kind)):
+        if kind[i] == _LOS:
+            continue
+        x, seen, cov = state[i], measured[i], covariance[i]
+        reach, variance = seen[0] - x[3], cov[0, 0] + 4 * rough_m**2
+        best = gates[0]
+        for w in range(len(walls)):
+            if (reach - _apart(single[w], x)) ** 2 > best * variance[0]:
+                continue
+            if not _is_on_wall(tx, x, walls[w], spans[w]):
+                continue
+            chain[0] = walls[w]
+            distance = wall_distance(tx, x, seen, cov, chain[:1], rough_m[0])
+            if distance < best:
+                best, kind[i], landmark[i, 0], landmark[i, 1] = distance, _WALL, w, -1
+        for o in range(len(objects)):
+            short = abs(reach - _apart(tx, objects[o]) - _apart(objects[o], x)) - 2 * abs(objects[o, 2])
+            if short > 0 and short**2 > best * variance[1]:
+                continue
+            distance = circle_distance(tx, x, seen, cov, objects[o], rough_m[1])
+            if distance < best:
+                best, kind[i], landmark[i, 0], landmark[i, 1] = distance, _OBJECT, o, -1
+        if kind[i] == _UNUSED:
+            _assign_double(
+                tx, x, seen, cov, walls, double, rough_m[0], gates[1], kind[i : i + 1], landmark[i]
+            )
+
+
+@compiled
+def _assign_double(
+    tx: FloatArray,
+    x: FloatArray,
+    seen: FloatArray,
+    cov: FloatArray,
+    walls: FloatArray,
+    images: FloatArray,
+    rough_m: float,
+    best: float,
+    kind: IntArray,
+    landmark: IntArray,
+) -> None:
+    """Give one path to the pair of walls that explains it best within the gate, in place."""
+    chain = np.empty((2, 2))
+    for a in range(len(walls)):
+        for b in range(len(walls)):
+            short = seen[0] - x[3] - _apart(images[a, b], x)
+            if a == b or short**2 > best * (cov[0, 0] + 4 * rough_m**2):
+                continue
+            chain[0], chain[1] = walls[a], walls[b]
+            distance = wall_distance(tx, x, seen, cov, chain, rough_m)
+            if distance < best:
+                best, kind[0], landmark[0], landmark[1] = distance, _DOUBLE, a, b
+
+
+@compiled
+def _images(tx: FloatArray, walls: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Images of the TX in every wall (wall, 2), and of those in every other wall (wall, wall, 2)."""
+    n = len(walls)
+    single, double = np.empty((n, 2)), np.empty((n, n, 2))
+    for a in range(n):
+        _mirror(tx, walls[a], single[a])
+        for b in range(n):
+            _mirror(single[a], walls[b], double[a, b])
+    return single, double
+
+
+@compiled
+def _mirror(point: FloatArray, wall: FloatArray, image: FloatArray) -> None:
+    nx, ny = np.cos(wall[0]), np.sin(wall[0])
+    gap = 2 * (wall[1] - nx * point[0] - ny * point[1])
+    image[0], image[1] = point[0] + gap * nx, point[1] + gap * ny
+
+
+@compiled
+def _apart(a: FloatArray, b: FloatArray) -> float:
+    return float(np.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2))
+
+
+@compiled
+def _is_on_wall(tx: FloatArray, x: FloatArray, wall: FloatArray, span: FloatArray) -> bool:
+    """Whether the specular point lies on the stretch of the wall that was seen."""
+    point = np.empty(2)
+    wall_cut(tx, x, wall, point)
+    along = -np.sin(wall[0]) * point[0] + np.cos(wall[0]) * point[1]
+    return bool(span[0] < along < span[1])
+
+
+@compiled
+def wall_distance(
+    tx: FloatArray, x: FloatArray, seen: FloatArray, cov: FloatArray, walls: FloatArray, rough_m: float
+) -> float:
+    """Chi-square distance, 3 degrees of freedom, of a path to the one by way of walls (bounce, 2)."""
+    value, by_state, by_wall = np.empty(3), np.empty((3, 4)), np.empty((3, 2 * len(walls)))
+    point = np.empty(2)
+    wall_path(tx, x, walls, value, by_state, by_wall, point)
+    return _distance(tx, x, seen, cov, value, point, rough_m)
+
+
+@compiled
+def circle_distance(
+    tx: FloatArray, x: FloatArray, seen: FloatArray, cov: FloatArray, circle: FloatArray, rough_m: float
+) -> float:
+    """The same to the path by way of a circle (3,)."""
+    value, by_state, by_circle = np.empty(3), np.empty((3, 4)), np.empty((3, 3))
+    point = np.empty(2)
+    circle_path(tx, x, circle, value, by_state, by_circle, point)
+    return _distance(tx, x, seen, cov, value, circle[:2], rough_m)
+
+
+@compiled
+def _distance(
+    tx: FloatArray,
+    x: FloatArray,
+    seen: FloatArray,
+    cov: FloatArray,
+    predicted: FloatArray,
+    point: FloatArray,
+    rough_m: float,
+) -> float:
+    difference = seen - predicted
+    difference[1], difference[2] = wrapped(difference[1]), wrapped(difference[2])
+    spread = cov.copy()
+    roughen(tx, x, point, rough_m, spread)
+    total = 0.0
+    cholesky3(spread)
+    for i in range(3):
+        for j in range(i):
+            difference[i] -= spread[i, j] * difference[j]
+        difference[i] /= spread[i, i]
+        total += difference[i] ** 2
+    return total

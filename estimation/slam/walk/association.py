@@ -1,0 +1,216 @@
+"""Which shared landmark a path comes from: incidence points clustered into walls and compact objects."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+from scipy.stats import chi2
+
+from estimation.laws import plane as plane_law
+from estimation.slam.config import TrajectoryConfig
+from estimation.slam.mapping.point_fit import point_covariance
+from estimation.slam.snapshot.refine import bounce_terms
+from estimation.slam.walk.assignment import assign
+from estimation.slam.walk.density import density_clusters
+from estimation.slam.walk.residuals import (
+    Association,
+    Observations,
+    PathKind,
+    TrajectoryState,
+    corrected,
+)
+from scenes.pose import Pose
+from scenes.record import BoolArray, FloatArray
+
+# Incidence points less certain than this take no part in finding landmarks.
+_MAX_POINT_STD_M = 0.6
+_WALL_TOLERANCE_M = 0.25
+_MAX_OBJECT_SCATTER_M = 0.4
+# How far a landmark may lie off its place before it is solved for.
+_START_STD_M = 0.05
+# The normals of a flat face agree: this share of them within so many standard deviations.
+_FLAT_QUANTILE, _FLAT_STDS = 0.8, 3.0
+
+
+def single_bounces(
+    seen: Observations, now: TrajectoryState, is_los: BoolArray, config: TrajectoryConfig
+) -> BoolArray:
+    """Paths (path,) that the present trajectory explains as a single bounce somewhere."""
+    everyone = np.ones(len(is_los), bool)
+    terms = bounce_terms(seen.tx, corrected(seen, now, everyone), seen.covariance, now.state[seen.row])
+    gate = chi2.ppf(config.gate_probability, 1)
+    return np.asarray(~is_los & terms.is_feasible & (terms.value_m**2 <= gate * terms.variance_m2))
+
+
+def associate(
+    seen: Observations, now: TrajectoryState, is_los: BoolArray, config: TrajectoryConfig
+) -> tuple[Association, TrajectoryState, FloatArray]:
+    """Explain every path at the present trajectory, and start the landmarks it shows.
+
+    Single bounces are mapped and clustered; long clusters become walls, compact ones circles. A path belongs to
+    the landmark that predicts it best, if within the gate, wide enough for landmarks that are still to be solved
+    for; a single bounce without one keeps an IP of its own; what is left may be a double bounce between two walls.
+    Also the stretches (wall, 2) of the walls seen.
+    """
+    bounce = single_bounces(seen, now, is_los, config)
+    link = _without_landmarks(is_los, bounce)
+    now = replace(now, walls=np.empty((0, 2)), objects=np.empty((0, 3)))
+    if not config.use_landmarks or not bounce.any():
+        return link, now, np.empty((0, 2))
+    path = np.flatnonzero(bounce)
+    state, measured = now.state[seen.row[path]], corrected(seen, now, path)
+    point = plane_law.start_point(seen.tx, state, measured)
+    covariance, _ = point_covariance(plane_law, seen.tx, state, point, seen.covariance[path])
+    sharp = np.linalg.eigvalsh(covariance)[:, -1] < _MAX_POINT_STD_M**2
+    normal = _lit_normals(seen.tx, state[sharp], point[sharp])
+    variance = seen.covariance[path[sharp]]
+    angle_std_rad = np.sqrt(variance[:, 1, 1] + variance[:, 2, 2] + 2 * variance[:, 1, 2]) / 2
+    walls, objects, spans = find_landmarks(point[sharp], normal, angle_std_rad, config)
+    now = replace(now, walls=walls, objects=objects)
+    rough = np.hypot([config.wall_roughness_m, config.object_roughness_m], _START_STD_M)
+    loose = config.model_copy(update={"wall_roughness_m": rough[0], "object_roughness_m": rough[1]})
+    return assign(seen, now, link, spans, loose), now, spans
+
+
+def reassign(
+    seen: Observations,
+    now: TrajectoryState,
+    is_los: BoolArray,
+    spans: FloatArray,
+    config: TrajectoryConfig,
+) -> Association:
+    """Explain every path at the present trajectory and landmarks, whose walls were seen on `spans` (wall, 2)."""
+    link = _without_landmarks(is_los, single_bounces(seen, now, is_los, config))
+    return assign(seen, now, link, spans, config) if config.use_landmarks else link
+
+
+def in_use(now: TrajectoryState, link: Association) -> tuple[TrajectoryState, Association]:
+    """The same without the landmarks that no path comes from."""
+    landmark = link.landmark.copy()
+    kept = []
+    for kinds, n in (
+        ((PathKind.WALL, PathKind.DOUBLE), len(now.walls)),
+        ((PathKind.OBJECT,), len(now.objects)),
+    ):
+        mine = np.isin(link.kind, kinds)
+        used = np.isin(np.arange(n), landmark[mine])
+        number = np.where(used, np.cumsum(used) - 1, -1)
+        landmark[mine] = np.where(landmark[mine] >= 0, number[landmark[mine]], -1) if n else landmark[mine]
+        kept.append(used)
+    return replace(now, walls=now.walls[kept[0]], objects=now.objects[kept[1]]), Association(
+        link.kind, landmark
+    )
+
+
+def _without_landmarks(is_los: BoolArray, bounce: BoolArray) -> Association:
+    kind = np.where(is_los, PathKind.LOS, np.where(bounce, PathKind.BOUNCE, PathKind.UNUSED))
+    return Association(kind, np.full((len(kind), 2), -1))
+
+
+def find_landmarks(
+    point_m: FloatArray, normal: FloatArray, normal_std_rad: FloatArray, config: TrajectoryConfig
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Walls (wall, 2), circles (object, 3) and the stretches (wall, 2) of the walls seen.
+
+    From IPs (ip, 2) and the outward normals (ip, 2) of the surfaces that reflect there, known to `normal_std_rad`
+    (ip,). A compact cluster that reflects in one direction only is a stretch of a wall, or too short to tell;
+    else the centre of its circle lies behind each IP by the radius.
+    """
+    walls: list[FloatArray] = []
+    objects: list[FloatArray] = []
+    spans: list[tuple[float, float]] = []
+    if not len(point_m):
+        return np.empty((0, 2)), np.empty((0, 3)), np.empty((0, 2))
+    label = density_clusters(point_m, config.cluster_eps_m, config.cluster_min_samples)
+    for cluster in range(label.max() + 1):
+        rest, outward, std = (
+            point_m[label == cluster],
+            normal[label == cluster],
+            normal_std_rad[label == cluster],
+        )
+        while len(rest) >= config.cluster_min_samples:
+            if _scatter(rest) <= _MAX_OBJECT_SCATTER_M and _extent(rest) <= config.max_object_extent_m:
+                if _is_flat(outward, std):
+                    wall = _facing(rest, outward)
+                    span = _stretch(rest, wall)
+                    if span[1] - span[0] >= config.min_wall_length_m:
+                        walls.append(wall)
+                        spans.append(span)
+                else:
+                    centre = np.median(rest - config.object_radius_m * outward, axis=0)
+                    objects.append(np.array([*centre, config.object_radius_m]))
+                break
+            wall, on_wall = _best_line(rest)
+            enough = np.count_nonzero(on_wall) >= config.cluster_min_samples
+            span = _stretch(rest[on_wall], wall) if enough else (0.0, 0.0)
+            if span[1] - span[0] < config.min_wall_length_m:
+                break
+            walls.append(wall)
+            spans.append(span)
+            rest, outward, std = rest[~on_wall], outward[~on_wall], std[~on_wall]
+    return (
+        np.array(walls).reshape(-1, 2),
+        np.array(objects).reshape(-1, 3),
+        np.array(spans).reshape(-1, 2),
+    )
+
+
+def _lit_normals(tx: Pose, state: FloatArray, point_m: FloatArray) -> FloatArray:
+    """Unit vectors (ip, 2) that halve the angle between the directions to both devices."""
+    total = np.zeros_like(point_m)
+    for device in (tx.position_m[:2], state[:, :2]):
+        away = device - point_m
+        total += away / np.maximum(np.hypot(*away.T), 1e-6)[:, None]
+    return np.asarray(total / np.maximum(np.hypot(*total.T), 1e-6)[:, None])
+
+
+def _is_flat(normal: FloatArray, std_rad: FloatArray) -> bool:
+    """Whether normals (ip, 2) of these standard deviations (ip,) are all one."""
+    mean = np.median(normal, axis=0)
+    off = np.abs(np.arctan2(normal[:, 1] * mean[0] - normal[:, 0] * mean[1], normal @ mean))
+    return bool(np.quantile(off / std_rad, _FLAT_QUANTILE) < _FLAT_STDS)
+
+
+def _facing(point_m: FloatArray, normal: FloatArray) -> FloatArray:
+    """Line [azimuth of normal, offset] through IPs that face one way."""
+    n = np.median(normal, axis=0)
+    n = n / np.hypot(*n)
+    return np.array([np.arctan2(n[1], n[0]), np.median(point_m @ n)])
+
+
+def _stretch(point_m: FloatArray, wall: FloatArray) -> tuple[float, float]:
+    """First and last place of points along a wall."""
+    along = point_m @ np.array([-np.sin(wall[0]), np.cos(wall[0])])
+    return float(along.min()), float(along.max())
+
+
+def _best_line(point_m: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Line [azimuth of normal, offset] through two of the points with the most points near it, refitted."""
+    pairs = np.array(list(combinations(range(min(len(point_m), 60)), 2)))
+    along = point_m[pairs[:, 1]] - point_m[pairs[:, 0]]
+    pairs = pairs[np.hypot(*along.T) > 0.5]
+    if not len(pairs):
+        return np.zeros(2), np.zeros(len(point_m), bool)
+    along = point_m[pairs[:, 1]] - point_m[pairs[:, 0]]
+    normal = np.column_stack([-along[:, 1], along[:, 0]]) / np.hypot(*along.T)[:, None]
+    gap = np.abs(normal @ point_m.T - np.sum(normal * point_m[pairs[:, 0]], axis=1)[:, None])
+    closeness = np.sum(np.maximum(1 - (gap / _WALL_TOLERANCE_M) ** 2, 0), axis=1)
+    on_wall = gap[int(np.argmax(closeness))] < _WALL_TOLERANCE_M
+    centre = point_m[on_wall].mean(axis=0)
+    axes = np.linalg.svd(point_m[on_wall] - centre, full_matrices=False)[2]
+    n = np.array([-axes[0, 1], axes[0, 0]])
+    return np.array([np.arctan2(n[1], n[0]), n @ centre]), on_wall
+
+
+def _extent(point_m: FloatArray) -> float:
+    """Length in m of the middle nine tenths of a cluster along its main axis."""
+    along = np.sort(point_m @ np.linalg.eigh(np.cov(point_m.T))[1][:, -1])
+    low, high = np.interp([0.05, 0.95], np.linspace(0, 1, len(along)), along)
+    return float(high - low)
+
+
+def _scatter(point_m: FloatArray) -> float:
+    """Standard deviation in m along the main axis."""
+    return float(np.sqrt(np.linalg.eigvalsh(np.cov(point_m.T))[-1]))

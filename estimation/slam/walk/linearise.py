@@ -1,0 +1,235 @@
+"""Residuals of all paths of a campaign with their derivatives, compiled, and what they add to a least squares.
+
+Every path in use has up to three residuals in units of their standard deviations: three of the line of sight and
+of paths by way of shared landmarks, one of a single bounce whose incidence point (IP) is eliminated. A landmark's
+surface is known up to its roughness: the IP may stand off it that far in any direction.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimation.compiled import compiled
+from estimation.inference.student import efficiency
+from estimation.slam.config import TrajectoryConfig
+from estimation.slam.walk.landmark_kernels import (
+    bounce_path,
+    cholesky3,
+    circle_path,
+    los_path,
+    wall_path,
+    wrapped,
+)
+from estimation.slam.walk.landmarks import plane_pose
+from estimation.slam.walk.residuals import Association, Observations, PathKind, TrajectoryState
+from scenes.record import FloatArray, IntArray
+
+_UNUSED, _LOS, _BOUNCE, _OBJECT = PathKind.UNUSED, PathKind.LOS, PathKind.BOUNCE, PathKind.OBJECT
+_WALL, _DOUBLE = PathKind.WALL, PathKind.DOUBLE
+N_SHARED = 5  # shared parameters a path depends on at most: the session's offset and two walls
+_MIN_VARIANCE_M2 = 1e-18
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """Whitened residuals of all paths; what lies beyond a path's number of residuals or parameters is zero."""
+
+    row: IntArray  # (path,) index of the stop
+    size: IntArray  # (path,) residuals: 0 of paths not in use, 1 or 3
+    value: FloatArray  # (path, 3)
+    by_state: FloatArray  # (path, 3, 4)
+    by_shared: FloatArray  # (path, 3, 5)
+    shared: IntArray  # (path, 5) columns of the shared parameters, -1 for none; the first is the offset
+
+    def square(self) -> FloatArray:
+        """Sum of squares (path,)."""
+        return np.asarray(np.einsum("pd,pd->p", self.value, self.value))
+
+    def weight(self, freedom: float) -> FloatArray:
+        """Student-t weight (path,); 0 where not in use."""
+        return np.asarray((self.size > 0) * (freedom + self.size) / (freedom + self.square()))
+
+    def efficient_weight(self, freedom: float) -> FloatArray:
+        """Weight (path,) that paths have on average under Gaussian errors, in place of those of the errors met."""
+        by_size = np.array([0.0, efficiency(freedom, 1), 0.0, efficiency(freedom, 3)])
+        return np.asarray(by_size[self.size])
+
+    def cost(self, freedom: float) -> float:
+        """Minus the Student-t log-likelihood, up to a constant."""
+        return float(np.sum((self.size > 0) * (freedom + self.size) / 2 * np.log1p(self.square() / freedom)))
+
+
+def linearise(
+    seen: Observations, link: Association, now: TrajectoryState, config: TrajectoryConfig
+) -> Linearised:
+    """Residuals of all paths at the present unknowns."""
+    parts = _linearise(
+        plane_pose(seen.tx),
+        seen.row,
+        seen.measured,
+        seen.covariance,
+        link.kind,
+        link.landmark,
+        now.state,
+        now.session,
+        now.offset_rad,
+        now.walls,
+        now.objects,
+        np.array([config.wall_roughness_m, config.object_roughness_m]),
+    )
+    return Linearised(seen.row, *parts)
+
+
+@compiled
+def _linearise(
+    tx: FloatArray,
+    row: IntArray,
+    measured: FloatArray,
+    covariance: FloatArray,
+    kind: IntArray,
+    landmark: IntArray,
+    state: FloatArray,
+    session: IntArray,
+    offset: FloatArray,
+    walls: FloatArray,
+    objects: FloatArray,
+    rough_m: FloatArray,
+) -> tuple[IntArray, FloatArray, FloatArray, FloatArray, IntArray]:
+    n = len(row)
+    size, shared = np.zeros(n, np.int64), np.full((n, N_SHARED), -1)
+    value, by_state, by_shared = np.zeros((n, 3)), np.zeros((n, 3, 4)), np.zeros((n, 3, N_SHARED))
+    seen, point = np.empty(3), np.empty(2)
+    chain, cov = np.empty((2, 2)), np.empty((3, 3))
+    for i in range(n):
+        if kind[i] == _UNUSED:
+            continue
+        x = state[row[i]]
+        seen[:] = measured[i]
+        seen[1] += offset[session[row[i]]]
+        shared[i, 0] = session[row[i]]
+        if kind[i] == _BOUNCE:
+            size[i] = 1
+            _bounce(tx, x, seen, covariance[i], value[i], by_state[i], by_shared[i])
+            continue
+        size[i] = 3
+        cov[:] = covariance[i]
+        if kind[i] == _LOS:
+            los_path(tx, x, value[i], by_state[i])
+        elif kind[i] == _OBJECT:
+            circle = objects[landmark[i, 0]]
+            circle_path(tx, x, circle, value[i], by_state[i], by_shared[i, :, 1:4], point)
+            shared[i, 1:4] = len(offset) + walls.size + 3 * landmark[i, 0] + np.arange(3)
+            # The centre stands for the IP: both see it under nearly the same directions.
+            roughen(tx, x, circle[:2], rough_m[1], cov)
+        else:
+            bounces = 1 if kind[i] == _WALL else 2
+            for b in range(bounces):
+                chain[b] = walls[landmark[i, b]]
+                shared[i, 1 + 2 * b] = len(offset) + 2 * landmark[i, b]
+                shared[i, 2 + 2 * b] = shared[i, 1 + 2 * b] + 1
+            by_wall = by_shared[i, :, 1 : 1 + 2 * bounces]
+            wall_path(tx, x, chain[:bounces], value[i], by_state[i], by_wall, point)
+            roughen(tx, x, point, rough_m[0], cov)
+        for a in range(3):
+            value[i, a] = seen[a] - value[i, a]
+            if a:
+                value[i, a] = wrapped(value[i, a])
+        by_shared[i, 1, 0] = -1.0
+        _whiten(cov, value[i], by_state[i], by_shared[i])
+    return size, value, by_state, by_shared, shared
+
+
+@compiled
+def _bounce(
+    tx: FloatArray,
+    x: FloatArray,
+    seen: FloatArray,
+    covariance: FloatArray,
+    value: FloatArray,
+    by_state: FloatArray,
+    by_shared: FloatArray,
+) -> None:
+    """The equation of `estimation.laws.plane.BounceEquation` over its standard deviation."""
+    departure, arrival = tx[2] + seen[1], x[2] + seen[2]
+    s, delta = (arrival + departure) / 2, (arrival - departure) / 2
+    a, b, c = -np.sin(s), np.cos(s), -np.sin(delta)
+    dx, dy, length = x[0] - tx[0], x[1] - tx[1], seen[0] - x[3]
+    along, reach = dx * b - dy * a, length * np.cos(delta)
+    by = (-c, -(along + reach) / 2, -(along - reach) / 2)
+    variance = 0.0
+    for i in range(3):
+        for j in range(3):
+            variance += by[i] * covariance[i, j] * by[j]
+    scale = 1 / np.sqrt(max(variance, _MIN_VARIANCE_M2))
+    value[0] = (a * dx + b * dy - c * length) * scale
+    by_state[0, 0], by_state[0, 1] = a * scale, b * scale
+    by_state[0, 2], by_state[0, 3] = by[2] * scale, c * scale
+    by_shared[0, 0] = by[1] * scale
+
+
+@compiled
+def roughen(tx: FloatArray, x: FloatArray, point: FloatArray, rough_m: float, cov: FloatArray) -> None:
+    """Add to a covariance what an IP off by `rough_m` in both directions does to the measurement, in place."""
+    value, by_state, by_point = np.empty(3), np.empty((3, 4)), np.empty((3, 2))
+    bounce_path(tx, x, point, value, by_state, by_point)
+    for i in range(3):
+        for j in range(3):
+            both = by_point[i, 0] * by_point[j, 0] + by_point[i, 1] * by_point[j, 1]
+            cov[i, j] += rough_m**2 * both
+
+
+@compiled
+def _whiten(cov: FloatArray, value: FloatArray, by_state: FloatArray, by_shared: FloatArray) -> None:
+    """Turn differences and derivatives of the prediction into whitened residuals with theirs, in place."""
+    cholesky3(cov)
+    for i in range(3):
+        for j in range(i):
+            ratio = cov[i, j]
+            value[i] -= ratio * value[j]
+            by_state[i] -= ratio * by_state[j]
+            by_shared[i] -= ratio * by_shared[j]
+        value[i] /= cov[i, i]
+        by_state[i] /= cov[i, i]
+        by_shared[i] /= cov[i, i]
+    by_state *= -1.0
+    by_shared *= -1.0
+
+
+@compiled
+def accumulate(
+    row: IntArray,
+    size: IntArray,
+    weight: FloatArray,
+    value: FloatArray,
+    by_state: FloatArray,
+    by_shared: FloatArray,
+    shared: IntArray,
+    diagonal: FloatArray,
+    border: FloatArray,
+    corner: FloatArray,
+    gradient: FloatArray,
+    shared_gradient: FloatArray,
+) -> None:
+    """Add weighted squares and products of all residuals to the blocks of an `ArrowSystem`, in place."""
+    for i in range(len(row)):
+        k = row[i]
+        for d in range(size[i]):
+            w = weight[i]
+            for a in range(4):
+                wa = w * by_state[i, d, a]
+                gradient[k, a] += wa * value[i, d]
+                for b in range(4):
+                    diagonal[k, a, b] += wa * by_state[i, d, b]
+                for p in range(N_SHARED):
+                    if shared[i, p] >= 0:
+                        border[k, a, shared[i, p]] += wa * by_shared[i, d, p]
+            for p in range(N_SHARED):
+                if shared[i, p] < 0:
+                    continue
+                wp = w * by_shared[i, d, p]
+                shared_gradient[shared[i, p]] += wp * value[i, d]
+                for q in range(N_SHARED):
+                    if shared[i, q] >= 0:
+                        corner[shared[i, p], shared[i, q]] += wp * by_shared[i, d, q]

@@ -1,0 +1,120 @@
+"""The motion prior of a walk, compiled: smooth positions, slowly changing heading and clock bias.
+
+The second difference of the position, split along and across the course, is Student-t; so are the steps of heading
+and clock bias between stops, with 2 degrees of freedom.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from estimation.compiled import compiled
+from estimation.slam.config import TrajectoryConfig
+from estimation.slam.walk.landmark_kernels import wrapped
+from scenes.record import FloatArray
+
+_DRIFT_FREEDOM = 2.0
+
+
+def course_of(state: FloatArray) -> FloatArray:
+    """Unit vectors (stop - 2, 2) from the stop before to the stop after; zero where these coincide."""
+    step = state[2:, :2] - state[:-2, :2]
+    return np.asarray(step / np.maximum(np.hypot(*step.T), 1e-9)[:, None])
+
+
+def motion_cost(state: FloatArray, course: FloatArray, config: TrajectoryConfig) -> float:
+    """Minus the log-likelihood of a walk (stop, 4), up to a constant."""
+    return float(_cost(state, course, _scales(config), config.motion_degrees_of_freedom))
+
+
+def add_motion(
+    state: FloatArray,
+    course: FloatArray,
+    config: TrajectoryConfig,
+    diagonal: FloatArray,
+    gradient: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Add the prior's information to diagonal blocks (stop, 4, 4) and gradient (stop, 4), in place.
+
+    Returns its coupling blocks to the next (stop - 1, 4, 4) and the second next stop (stop - 2, 4, 4).
+    """
+    n = len(state)
+    next1, next2 = np.zeros((max(n - 1, 0), 4, 4)), np.zeros((max(n - 2, 0), 4, 4))
+    _add(state, course, _scales(config), config.motion_degrees_of_freedom, diagonal, gradient, next1, next2)
+    return next1, next2
+
+
+def _scales(config: TrajectoryConfig) -> FloatArray:
+    """Scales along and across the course in m, of the heading in rad and of the clock bias in m."""
+    return np.array(
+        [config.along_track_std_m, config.cross_track_std_m, config.heading_step_rad, config.clock_step_m]
+    )
+
+
+@compiled
+def _bend(state: FloatArray, course: FloatArray, scale: FloatArray, k: int) -> tuple[float, float]:
+    """Second difference of the position round stop k + 1, along and across, over its scales."""
+    x = state[k, 0] - 2 * state[k + 1, 0] + state[k + 2, 0]
+    y = state[k, 1] - 2 * state[k + 1, 1] + state[k + 2, 1]
+    cx, cy = course[k, 0], course[k, 1]
+    return (cx * x + cy * y) / scale[0], (-cy * x + cx * y) / scale[1]
+
+
+@compiled
+def _drift(state: FloatArray, scale: FloatArray, k: int, axis: int) -> float:
+    """Step of heading (axis 2) or clock bias (3) from stop k to the next over its scale."""
+    step = state[k + 1, axis] - state[k, axis]
+    return float((wrapped(step) if axis == 2 else step) / scale[axis])
+
+
+@compiled
+def _cost(state: FloatArray, course: FloatArray, scale: FloatArray, freedom: float) -> float:
+    total = 0.0
+    for k in range(len(state) - 2):
+        along, across = _bend(state, course, scale, k)
+        total += (freedom + 2) / 2 * np.log1p((along**2 + across**2) / freedom)
+    for k in range(len(state) - 1):
+        for axis in (2, 3):
+            drift = _drift(state, scale, k, axis)
+            total += (_DRIFT_FREEDOM + 1) / 2 * np.log1p(drift**2 / _DRIFT_FREEDOM)
+    return total
+
+
+@compiled
+def _add(
+    state: FloatArray,
+    course: FloatArray,
+    scale: FloatArray,
+    freedom: float,
+    diagonal: FloatArray,
+    gradient: FloatArray,
+    next1: FloatArray,
+    next2: FloatArray,
+) -> None:
+    for k in range(len(state) - 1):
+        for axis in (2, 3):
+            drift = _drift(state, scale, k, axis)
+            weight = (_DRIFT_FREEDOM + 1) / (_DRIFT_FREEDOM + drift**2)
+            information = weight / scale[axis] ** 2
+            diagonal[k, axis, axis] += information
+            diagonal[k + 1, axis, axis] += information
+            next1[k, axis, axis] -= information
+            gradient[k, axis] -= weight * drift / scale[axis]
+            gradient[k + 1, axis] += weight * drift / scale[axis]
+    sign = np.array([1.0, -2.0, 1.0])
+    for k in range(len(state) - 2):
+        along, across = _bend(state, course, scale, k)
+        weight = (freedom + 2) / (freedom + along**2 + across**2)
+        cx, cy = course[k, 0], course[k, 1]
+        a, b = cx / scale[0], cy / scale[0]
+        c, d = -cy / scale[1], cx / scale[1]
+        pull = (weight * (a * along + c * across), weight * (b * along + d * across))
+        own = (weight * (a * a + c * c), weight * (a * b + c * d), weight * (b * b + d * d))
+        for i in range(3):
+            for p in range(2):
+                gradient[k + i, p] += sign[i] * pull[p]
+            for j in range(i, 3):
+                target = diagonal[k + i] if j == i else (next1[k + i] if j == i + 1 else next2[k])
+                for p in range(2):
+                    for q in range(2):
+                        target[p, q] += sign[i] * sign[j] * own[p + q]

@@ -1,0 +1,75 @@
+"""A whole campaign: its paths, what they are taken for, and the unknowns that explain them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import IntEnum
+
+from scenes.pose import Pose
+from scenes.record import BoolArray, FloatArray, IntArray
+
+
+class PathKind(IntEnum):
+    """What the smoother takes a path for."""
+
+    UNUSED = 0
+    LOS = 1
+    BOUNCE = 2  # a single bounce at a place of its own
+    WALL = 3
+    OBJECT = 4
+    DOUBLE = 5  # by way of two walls
+
+
+@dataclass(frozen=True)
+class Observations:
+    """Paths of all stops, in the units of `estimation.laws.plane`."""
+
+    tx: Pose
+    n_stops: int
+    row: IntArray  # (path,) index of the stop
+    measured: FloatArray  # (path, 3)
+    covariance: FloatArray  # (path, 3, 3)
+
+
+@dataclass(frozen=True)
+class Association:
+    """What every path is taken for. `landmark` (path, 2): walls of WALL and DOUBLE, object of OBJECT."""
+
+    kind: IntArray
+    landmark: IntArray
+
+
+@dataclass(frozen=True)
+class TrajectoryState:
+    """All unknowns. `session` (stop,) tells which offset applies; the offset of `anchor` is held at zero."""
+
+    state: FloatArray  # (stop, 4) in m, m, rad, m
+    offset_rad: FloatArray  # (session,)
+    walls: FloatArray  # (wall, 2)
+    objects: FloatArray  # (object, 3)
+    session: IntArray  # (stop,)
+    anchor: int
+    course: FloatArray  # (stop - 2, 2) unit vector of the walk at the inner stops
+
+    @property
+    def n_shared(self) -> int:
+        """Number of parameters that stops share."""
+        return len(self.offset_rad) + self.walls.size + self.objects.size
+
+    def moved(self, step: FloatArray, shared: FloatArray) -> TrajectoryState:
+        """The unknowns after a step."""
+        a, b = len(self.offset_rad), len(self.offset_rad) + self.walls.size
+        return replace(
+            self,
+            state=self.state + step,
+            offset_rad=self.offset_rad + shared[:a],
+            walls=self.walls + shared[a:b].reshape(-1, 2),
+            objects=self.objects + shared[b:].reshape(-1, 3),
+        )
+
+
+def corrected(seen: Observations, now: TrajectoryState, path: IntArray | BoolArray) -> FloatArray:
+    """Measurements of some paths with the departure turned by their session's TX heading offset."""
+    measured = seen.measured[path].copy()
+    measured[:, 1] += now.offset_rad[now.session[seen.row[path]]]
+    return measured

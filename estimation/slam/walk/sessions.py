@@ -1,0 +1,158 @@
+"""Sessions: stretches of a campaign between which the heading offset of a device jumps."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from estimation.slam.config import TrajectoryConfig
+from estimation.slam.walk.linearise import linearise
+from estimation.slam.walk.residuals import Association, Observations, TrajectoryState
+from estimation.slam.walk.smoother import normal_equations, optimise, robust_cost
+from scenes.record import FloatArray, IntArray
+
+_FAR_SHARE = (
+    1e-3  # of what lies beyond 3 standard deviations counts: far from two sessions the nearer is better
+)
+
+
+def segment_offsets(
+    residual_rad: FloatArray, std_rad: FloatArray, *, min_length: int = 3, min_gain: float = 8.0
+) -> tuple[IntArray, FloatArray]:
+    """Piecewise constant mean of a sequence of angles by dynamic programming with a penalty per jump.
+
+    For known receivers: residuals of the line of sight show the offsets of both headings directly. Each
+    residual's squared deviation counts up to 3 standard deviations.
+
+    Parameters
+    ----------
+    residual_rad, std_rad
+        (n,) residuals and their standard deviations.
+    min_gain
+        How much half the sum of squares has to fall for a jump.
+
+    Returns
+    -------
+    first, offset_rad
+        (session,) index of the first residual of every session, and its offset.
+    """
+    n = len(residual_rad)
+    best, previous = np.full(n + 1, np.inf), np.zeros(n + 1, int)
+    best[0] = -min_gain
+    for stop in range(min(min_length, n), n + 1):
+        for start in range(0, max(stop - min_length, 0) + 1):
+            if not np.isfinite(best[start]):
+                continue
+            part = slice(start, stop)
+            offset = _robust_mean(residual_rad[part], std_rad[part])
+            z2 = ((residual_rad[part] - offset) / std_rad[part]) ** 2
+            cost = best[start] + min_gain + 0.5 * float(np.sum(np.minimum(z2, 9.0 + _FAR_SHARE * z2)))
+            if cost < best[stop]:
+                best[stop], previous[stop] = cost, start
+    first: list[int] = []
+    stop = n
+    while stop > 0:
+        stop = int(previous[stop])
+        first.append(stop)
+    first.reverse()
+    bounds = [*first, n]
+    means = [_robust_mean(residual_rad[a:b], std_rad[a:b]) for a, b in pairwise(bounds)]
+    return np.array(first, dtype=np.int64), np.array(means)
+
+
+def split_sessions(
+    seen: Observations, link: Association, now: TrajectoryState, config: TrajectoryConfig
+) -> TrajectoryState:
+    """Split a session where a jump of the TX heading offset lowers the cost most, if by `min_session_gain`.
+
+    Candidates are ranked by the gain of one Gauss-Newton step with the stops from there on turned, all other
+    unknowns free; the best few are solved. The longest session keeps offset zero: an error that all sessions
+    share turns the whole campaign about the TX and cannot be seen.
+    """
+    candidates = _candidates(now.session, config)
+    if not len(candidates):
+        return now
+    gain = score_gains(seen, link, now, candidates, config)
+    before = robust_cost(seen, link, now, config)
+    best, best_cost = now, before - config.min_session_gain
+    for stop in candidates[np.argsort(-gain)[:5]]:
+        trial = optimise(seen, link, with_jump(now, int(stop)), config)
+        cost = robust_cost(seen, link, trial, config)
+        if cost < best_cost:
+            best, best_cost = trial, cost
+    return best
+
+
+def score_gains(
+    seen: Observations,
+    link: Association,
+    now: TrajectoryState,
+    candidates: IntArray,
+    config: TrajectoryConfig,
+) -> FloatArray:
+    """Fall of the cost (candidate,) predicted by one Gauss-Newton step for a jump before each stop."""
+    system = normal_equations(seen, link, now, config)
+    n, m = len(now.session), len(candidates)
+    residuals = linearise(seen, link, now, config)
+    turn = residuals.by_shared[:, :, 0] * residuals.weight(config.degrees_of_freedom)[:, None]
+    # What the turn of one stop adds; a jump turns all stops from a candidate on.
+    by_stop = np.zeros((n, 4))
+    np.add.at(by_stop, residuals.row, np.einsum("pd,pdi->pi", turn, residuals.by_state))
+    shared_by_stop = np.zeros((n, now.n_shared))
+    product = np.einsum("pd,pdi->pi", turn, residuals.by_shared)
+    used = residuals.shared >= 0
+    np.add.at(
+        shared_by_stop,
+        (np.broadcast_to(residuals.row[:, None], used.shape)[used], residuals.shared[used]),
+        product[used],
+    )
+    after = (np.arange(n)[:, None] >= candidates).astype(float)
+    by_jump = by_stop[:, :, None] * after[:, None, :]
+    shared_by_jump = shared_by_stop.T @ after
+    own: FloatArray = np.bincount(residuals.row, product[:, 0], n) @ after
+    slope: FloatArray = np.bincount(residuals.row, np.einsum("pd,pd->p", turn, residuals.value), n) @ after
+    shared_by_jump[now.anchor] = 0.0
+    states, shared = system.solve_for(by_jump.reshape(4 * n, m), shared_by_jump)
+    gradient = system.gradient.ravel()
+    slope = slope - gradient @ states - system.shared_gradient @ shared
+    through = np.sum(by_jump.reshape(4 * n, m) * states, axis=0) + np.sum(shared_by_jump * shared, axis=0)
+    return np.asarray(0.5 * slope**2 / np.maximum(own - through, 1e-3))
+
+
+def with_jump(now: TrajectoryState, stop: int) -> TrajectoryState:
+    """The same state with a new session from `stop` to the end of its session, the longest one as anchor."""
+    new = int(now.session.max()) + 1
+    session = now.session.copy()
+    session[stop:][session[stop:] == session[stop]] = new
+    order = np.unique(session, return_index=True)[1]
+    rank = np.argsort(np.argsort(order))
+    session = rank[session]
+    old_of_new = np.append(np.arange(new), now.session[stop])[np.argsort(order)]
+    anchor = int(np.argmax(np.bincount(session)))
+    offset = now.offset_rad[old_of_new]
+    return replace(now, session=session, offset_rad=offset - offset[anchor], anchor=anchor)
+
+
+def _candidates(session: IntArray, config: TrajectoryConfig) -> IntArray:
+    """Stops that may open a session: every session keeps `min_session_stops`; at most about 60 of them."""
+    least = config.min_session_stops
+    stops = [
+        k
+        for k in range(least, len(session) - least + 1)
+        if session[k - least] == session[k] == session[k + least - 1]
+    ]
+    stride = max(1, len(stops) // 60)
+    return np.array(stops[::stride], dtype=np.int64)
+
+
+def _robust_mean(value: FloatArray, std: FloatArray) -> float:
+    """Mean with weights that fall off beyond 3 standard deviations, started at the median."""
+    mean = float(np.median(value))
+    for _ in range(5):
+        weight = (np.abs(value - mean) <= 3 * std) / std**2
+        if not weight.any():
+            break
+        mean = float(np.average(value, weights=weight))
+    return mean

@@ -1,0 +1,129 @@
+"""The trajectory smoother: robust least squares over all stops, session offsets and shared landmarks.
+
+Unknown are the RX states, one offset of the TX heading per session and the landmarks. Residuals, in units of
+their standard deviations: of the line of sight (3), of a single bounce with its IP eliminated (1), of a path by
+way of a shared landmark (3), and the second difference of the position as motion prior (2).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from estimation.inference.arrow import ArrowSystem
+from estimation.slam.config import TrajectoryConfig
+from estimation.slam.walk.linearise import Linearised, accumulate, linearise
+from estimation.slam.walk.motion import add_motion, course_of, motion_cost
+from estimation.slam.walk.residuals import Association, Observations, TrajectoryState
+from scenes.record import FloatArray
+
+_WEAK_STD = np.array([50.0, 50.0, np.pi, 50.0])
+
+
+def optimise(
+    seen: Observations, link: Association, start: TrajectoryState, config: TrajectoryConfig
+) -> TrajectoryState:
+    """Levenberg-Marquardt on the robust cost, re-weighting at every step."""
+    now, damping = replace(start, course=course_of(start.state)), 1e-4
+    residuals = linearise(seen, link, now, config)
+    cost = _cost(residuals, now, config)
+    for _ in range(config.max_iterations):
+        system = _system(residuals, now, config)
+        step, shared = system.damped(damping).solve()
+        trial = now.moved(step, shared)
+        trial_residuals = linearise(seen, link, trial, config)
+        trial_cost = _cost(trial_residuals, trial, config)
+        if not trial_cost <= cost:
+            damping *= 10
+            if damping > 1e6:
+                break
+            continue
+        settled = cost - trial_cost <= config.relative_tolerance * (1 + abs(cost))
+        now, residuals, cost, damping = trial, trial_residuals, trial_cost, max(damping / 10, 1e-9)
+        if settled:
+            break
+    return now
+
+
+def robust_cost(
+    seen: Observations, link: Association, now: TrajectoryState, config: TrajectoryConfig
+) -> float:
+    """Minus the log-likelihood under Student-t residuals and the motion prior, up to a constant."""
+    return _cost(linearise(seen, link, now, config), now, config)
+
+
+def _cost(residuals: Linearised, now: TrajectoryState, config: TrajectoryConfig) -> float:
+    total = residuals.cost(config.degrees_of_freedom)
+    total += motion_cost(now.state, now.course, config)
+    radius = (now.objects[:, 2] - config.object_radius_m) / config.object_radius_std_m
+    return total + 0.5 * float(np.sum(radius**2) + np.sum((now.offset_rad / config.offset_std_rad) ** 2))
+
+
+def normal_equations(
+    seen: Observations, link: Association, now: TrajectoryState, config: TrajectoryConfig
+) -> ArrowSystem:
+    """Information and gradient of the re-weighted problem at the present unknowns."""
+    return _system(linearise(seen, link, now, config), now, config)
+
+
+def solution_covariance(
+    seen: Observations, link: Association, now: TrajectoryState, config: TrajectoryConfig
+) -> tuple[FloatArray, FloatArray]:
+    """Covariances (stop, 4, 4) of the states and (shared, shared) of the shared unknowns at the solution.
+
+    Paths count with the weight they have on average, not with that of the errors they happen to have.
+    """
+    residuals = linearise(seen, link, now, config)
+    weight = residuals.efficient_weight(config.degrees_of_freedom)
+    return _system(residuals, now, config, weight).covariance()
+
+
+def _system(
+    residuals: Linearised,
+    now: TrajectoryState,
+    config: TrajectoryConfig,
+    weight: FloatArray | None = None,
+) -> ArrowSystem:
+    n, m = len(now.state), now.n_shared
+    diagonal = np.tile(np.diag(_WEAK_STD**-2.0), (n, 1, 1))
+    border, corner = np.zeros((n, 4, m)), np.zeros((m, m))
+    gradient, shared_gradient = np.zeros((n, 4)), np.zeros(m)
+    accumulate(
+        residuals.row,
+        residuals.size,
+        residuals.weight(config.degrees_of_freedom) if weight is None else weight,
+        residuals.value,
+        residuals.by_state,
+        residuals.by_shared,
+        residuals.shared,
+        diagonal,
+        border,
+        corner,
+        gradient,
+        shared_gradient,
+    )
+    next1, next2 = add_motion(now.state, now.course, config, diagonal, gradient)
+    _add_shared_priors(corner, shared_gradient, border, now, config)
+    return ArrowSystem(diagonal, next1, next2, border, corner, gradient, shared_gradient)
+
+
+def _add_shared_priors(
+    corner: FloatArray,
+    gradient: FloatArray,
+    border: FloatArray,
+    now: TrajectoryState,
+    config: TrajectoryConfig,
+) -> None:
+    """Priors on offsets and radii, in place; the anchor session's offset is taken out of the problem."""
+    sessions = np.arange(len(now.offset_rad))
+    corner[sessions, sessions] += config.offset_std_rad**-2.0
+    gradient[sessions] += now.offset_rad * config.offset_std_rad**-2.0
+    first = len(sessions) + now.walls.size
+    radii = first + 3 * np.arange(len(now.objects)) + 2
+    corner[radii, radii] += config.object_radius_std_m**-2.0
+    gradient[radii] += (now.objects[:, 2] - config.object_radius_m) * config.object_radius_std_m**-2.0
+    shared = np.arange(len(sessions), len(corner))
+    corner[shared, shared] += 1e-6
+    corner[now.anchor], corner[:, now.anchor], border[:, :, now.anchor] = 0.0, 0.0, 0.0
+    corner[now.anchor, now.anchor], gradient[now.anchor] = 1e12, 0.0

@@ -1,0 +1,261 @@
+"""Trajectory SLAM: all stops together, with a motion prior, shared landmarks and session offsets.
+
+`run_trajectory` chooses among the ranked modes of every stop (Viterbi), then alternates between explaining the
+paths (walls, compact objects, single bounces of their own, double bounces) and the robust least squares over all
+unknowns. Sessions are split where the TX heading offset jumps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimation.channel.record import ChannelEstimate
+from estimation.slam.config import MappingConfig, SnapshotConfig, TrajectoryConfig
+from estimation.slam.mapping.incidence_points import map_stops
+from estimation.slam.record import IncidencePoints, PoseEstimates, SolveStatus
+from estimation.slam.snapshot.problem import Fit, SnapshotProblem, snapshot_problem
+from estimation.slam.snapshot.solution import seconds_of_metres
+from estimation.slam.snapshot.solve import ranked_modes
+from estimation.slam.walk.alternation import smooth
+from estimation.slam.walk.modes import Rivals, choose_modes, rival_modes
+from estimation.slam.walk.motion import course_of
+from estimation.slam.walk.residuals import Association, Observations, PathKind, TrajectoryState
+from estimation.slam.walk.smoother import robust_cost, solution_covariance
+from scenes.pose import SPEED_OF_LIGHT_M_S, Pose, wrap_angle
+from scenes.record import BoolArray, FloatArray, IntArray, Record, array
+
+
+@dataclass(frozen=True)
+class TrajectoryDetails(Record):
+    """What the smoother found beside poses and incidence points.
+
+    Walls are lines n' q = offset with n = [cos, sin] of the azimuth. Session offsets are relative to the
+    `anchor` session: an error that all sessions share turns everything about the TX and cannot be seen.
+    """
+
+    mode: IntArray = array("stop", dtype=int, doc="rank of the mode chosen; -1 where the stop is in none")
+    session: IntArray = array("stop", dtype=int, doc="session of every stop")
+    tx_offset_rad: FloatArray = array("session", unit="rad", doc="offset of the TX heading in every session")
+    tx_offset_std_rad: FloatArray = array(
+        "session", unit="rad", doc="its standard deviation; 0 for the anchor"
+    )
+    walls: FloatArray = array("wall", "line", doc="azimuth of the normal in rad, offset in m")
+    wall_covariance: FloatArray = array("wall", "line", "line2", doc="of the walls")
+    objects: FloatArray = array("object", "circle", unit="m", doc="x, y and radius of compact objects")
+    object_covariance: FloatArray = array("object", "circle", "circle2", unit="m^2", doc="of the objects")
+    path_stop: IntArray = array("path", dtype=int, doc="stop of every path, in the order of the estimates")
+    path_kind: IntArray = array("path", dtype=int, doc="PathKind: what the path was taken for")
+
+
+def run_trajectory(
+    estimates: Sequence[ChannelEstimate],
+    tx_pose: Pose,
+    snapshot: SnapshotConfig,
+    config: TrajectoryConfig,
+    mapping_config: MappingConfig,
+) -> tuple[PoseEstimates, IncidencePoints, TrajectoryDetails]:
+    """Poses, incidence points and shared landmarks of a whole campaign; stops in the order of the walk.
+
+    Stops that no snapshot mode explains are carried by their neighbours where the campaign has at least three
+    solved stops, and keep status FAILED (their state is then the smoothed one); IPs are mapped for solved stops.
+    """
+    problems = [snapshot_problem(estimate, tx_pose, snapshot.noise) for estimate in estimates]
+    ranked = replace_ranks(snapshot, config)
+    modes = [ranked_modes(problem, ranked) for problem in problems]
+    chosen = choose_modes(modes, config)
+    seen = observations(problems, tx_pose)
+    is_los = _lines_of_sight(problems, modes, chosen)
+    if np.all(chosen < 0):
+        return _unsolved(estimates, seen)
+    now, link = smooth(seen, is_los, initial_state(modes, chosen), config)
+    covariance, shared_covariance = solution_covariance(seen, link, now, config)
+    poses = _poses(estimates, now, link, seen, chosen, is_los, robust_cost(seen, link, now, config))
+    from_tx = now.state[:, :2] - tx_pose.position_m[:2]
+    covariance = covariance + snapshot.consider.covariance(from_tx)
+    poses = _weighed(poses, covariance, rival_modes(modes, chosen, config), snapshot)
+    details = _details(now, link, seen, chosen, shared_covariance)
+    points = _incidence_points(estimates, poses, details, link, is_los, seen, tx_pose, mapping_config)
+    return poses, points, details
+
+
+def replace_ranks(snapshot: SnapshotConfig, config: TrajectoryConfig) -> SnapshotConfig:
+    """Snapshot settings that rank as many modes as the trajectory wants."""
+    return snapshot.model_copy(update={"method": "statistical", "n_ranked": config.n_modes})
+
+
+def observations(problems: Sequence[SnapshotProblem], tx_pose: Pose) -> Observations:
+    """All paths of all stops in one table."""
+    measured = [problem.measured for problem in problems]
+    covariance = [problem.covariance for problem in problems]
+    return Observations(
+        tx_pose,
+        len(problems),
+        np.repeat(np.arange(len(problems)), [len(m) for m in measured]),
+        np.concatenate([np.empty((0, 3)), *measured]),
+        np.concatenate([np.empty((0, 3, 3)), *covariance]),
+    )
+
+
+def initial_state(modes: Sequence[Sequence[Fit]], chosen: IntArray) -> TrajectoryState:
+    """The chosen modes; stops in none are interpolated from their neighbours."""
+    n = len(modes)
+    solved = [k for k in range(n) if chosen[k] >= 0]
+    states = np.array([modes[k][chosen[k]].state for k in solved])
+    states[:, 2] = np.unwrap(states[:, 2])
+    filled = np.column_stack([np.interp(np.arange(n), solved, column) for column in states.T])
+    return TrajectoryState(
+        state=filled,
+        offset_rad=np.zeros(1),
+        walls=np.empty((0, 2)),
+        objects=np.empty((0, 3)),
+        session=np.zeros(n, dtype=np.int64),
+        anchor=0,
+        course=course_of(filled),
+    )
+
+
+def _lines_of_sight(
+    problems: Sequence[SnapshotProblem], modes: Sequence[Sequence[Fit]], chosen: IntArray
+) -> BoolArray:
+    parts = [
+        fits[m].is_los if m >= 0 else np.zeros(len(problem), bool)
+        for problem, fits, m in zip(problems, modes, chosen, strict=True)
+    ]
+    return np.concatenate([np.empty(0, bool), *parts])
+
+
+def _poses(
+    estimates: Sequence[ChannelEstimate],
+    now: TrajectoryState,
+    link: Association,
+    seen: Observations,
+    chosen: IntArray,
+    is_los: BoolArray,
+    cost: float,
+) -> PoseEstimates:
+    n = seen.n_stops
+    has_los = np.bincount(seen.row[is_los], minlength=n) > 0
+    status = np.where(has_los, SolveStatus.LOS, np.where(chosen >= 0, SolveStatus.NLOS, SolveStatus.FAILED))
+    return PoseEstimates(
+        stop=np.array([estimate.stop for estimate in estimates], dtype=int),
+        position_m=now.state[:, :2],
+        heading_rad=wrap_angle(now.state[:, 2]),
+        clock_bias_s=now.state[:, 3] / SPEED_OF_LIGHT_M_S,
+        status=status,
+        n_inliers=np.bincount(seen.row[link.kind != PathKind.UNUSED], minlength=n),
+        cost=np.full(n, cost / n),
+    )
+
+
+def _weighed(
+    poses: PoseEstimates, covariance: FloatArray, rivals: Rivals, snapshot: SnapshotConfig
+) -> PoseEstimates:
+    """Poses with their covariances (stop, 4, 4) in (m, m, rad, m) and how the modes chosen stand."""
+    scale = seconds_of_metres(4)
+    return replace(
+        poses,
+        covariance=covariance * np.outer(scale, scale),
+        evidence_gap=rivals.gap,
+        is_ambiguous=rivals.gap < snapshot.ambiguous_gap,
+        alternative=rivals.state * scale,
+        los_probability=rivals.los_probability,
+        position_std_m=np.sqrt(covariance[:, 0, 0] + covariance[:, 1, 1] + rivals.square_m2),
+    )
+
+
+def _details(
+    now: TrajectoryState,
+    link: Association,
+    seen: Observations,
+    chosen: IntArray,
+    shared: FloatArray,
+) -> TrajectoryDetails:
+    sessions, walls = len(now.offset_rad), len(now.walls)
+    offset_std = np.sqrt(np.diag(shared)[:sessions])
+    offset_std[now.anchor] = 0.0
+    return TrajectoryDetails(
+        mode=chosen,
+        session=now.session,
+        tx_offset_rad=now.offset_rad,
+        tx_offset_std_rad=offset_std,
+        walls=now.walls,
+        wall_covariance=_blocks(shared, sessions, walls, 2),
+        objects=now.objects,
+        object_covariance=_blocks(shared, sessions + 2 * walls, len(now.objects), 3),
+        path_stop=seen.row,
+        path_kind=link.kind,
+    )
+
+
+def _unsolved(
+    estimates: Sequence[ChannelEstimate], seen: Observations
+) -> tuple[PoseEstimates, IncidencePoints, TrajectoryDetails]:
+    """The result where no stop has a mode."""
+    n, paths = seen.n_stops, len(seen.row)
+    poses = PoseEstimates(
+        stop=np.array([estimate.stop for estimate in estimates], dtype=int),
+        position_m=np.full((n, 2), np.nan),
+        heading_rad=np.full(n, np.nan),
+        clock_bias_s=np.full(n, np.nan),
+        status=np.full(n, SolveStatus.FAILED),
+        n_inliers=np.zeros(n, int),
+        cost=np.full(n, np.nan),
+    )
+    points = IncidencePoints(
+        stop=np.empty(0, int),
+        path=np.empty(0, int),
+        position_m=np.empty((0, 2)),
+        covariance_m2=np.empty((0, 2, 2)),
+        cost=np.empty(0),
+        is_inlier=np.empty(0, bool),
+    )
+    details = TrajectoryDetails(
+        mode=np.full(n, -1),
+        session=np.zeros(n, int),
+        tx_offset_rad=np.zeros(1),
+        tx_offset_std_rad=np.zeros(1),
+        walls=np.empty((0, 2)),
+        wall_covariance=np.empty((0, 2, 2)),
+        objects=np.empty((0, 3)),
+        object_covariance=np.empty((0, 3, 3)),
+        path_stop=seen.row,
+        path_kind=np.full(paths, PathKind.UNUSED),
+    )
+    return poses, points, details
+
+
+def _blocks(matrix: FloatArray, first: int, n: int, size: int) -> FloatArray:
+    index = first + size * np.arange(n)[:, None] + np.arange(size)
+    return np.asarray(matrix[index[:, :, None], index[:, None, :]])
+
+
+def _incidence_points(
+    estimates: Sequence[ChannelEstimate],
+    poses: PoseEstimates,
+    details: TrajectoryDetails,
+    link: Association,
+    is_los: BoolArray,
+    seen: Observations,
+    tx_pose: Pose,
+    config: MappingConfig,
+) -> IncidencePoints:
+    """IPs of all paths, the departures turned by their session's offset."""
+    offset = details.tx_offset_rad[details.session]
+    turned = [
+        replace(e, aod_azimuth_rad=e.aod_azimuth_rad + shift)
+        for e, shift in zip(estimates, offset, strict=True)
+    ]
+    single = np.isin(link.kind, [PathKind.BOUNCE, PathKind.WALL, PathKind.OBJECT])
+    split = np.cumsum(np.bincount(seen.row, minlength=seen.n_stops))[:-1]
+    return map_stops(
+        turned,
+        poses,
+        tx_pose,
+        config,
+        is_los=np.split(is_los, split),
+        is_inlier=np.split(single, split),
+        state_covariance=list(poses.covariance),
+    )

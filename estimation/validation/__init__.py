@@ -1,1 +1,0 @@
-"""Validation: closed-form and Monte Carlo checks of every stage, each against a bar with its reason."""

@@ -1,0 +1,43 @@
+"""Settings of a whole campaign: the simulation and every estimation stage."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from estimation.channel.estimate import ChannelConfig
+from estimation.shape.config import ContourConfig, ShapeConfig
+from estimation.slam.config import MappingConfig, SnapshotConfig, TrajectoryConfig
+from sim.config import SimulationConfig
+from sim.signal.link import line_of_sight_at_1m_dbm
+
+
+class CampaignConfig(SimulationConfig):
+    """The campaign file: simulation settings at the top, one table per estimation stage."""
+
+    name: str = Field(min_length=1, description="name of the campaign")
+    channel: ChannelConfig = ChannelConfig()
+    mapping: MappingConfig = MappingConfig()
+    slam: SnapshotConfig = SnapshotConfig()
+    trajectory: TrajectoryConfig | None = Field(None, description="smooth all stops together; off without it")
+    shapes: ShapeConfig = ShapeConfig()
+    contours: ContourConfig = ContourConfig()
+
+
+def with_link_levels(config: CampaignConfig) -> CampaignConfig:
+    """The settings with the nominal LOS power taken from the link wherever the campaign file does not give it.
+
+    A receiver knows its own array and the transmit power (signalled with the PRS), so both LOS decisions, of the
+    channel estimator and of snapshot SLAM, compare powers with free space on this link.
+    """
+    level_dbm = line_of_sight_at_1m_dbm(config)
+    los, path_loss = config.channel.los, config.slam.path_loss
+    if "power_at_1m_dbm" not in los.model_fields_set:
+        los = los.model_copy(update={"power_at_1m_dbm": level_dbm})
+    if "intercept_dbm" not in path_loss.model_fields_set:
+        path_loss = path_loss.model_copy(update={"intercept_dbm": level_dbm, "slope_db": -20.0})
+    return config.model_copy(
+        update={
+            "channel": config.channel.model_copy(update={"los": los}),
+            "slam": config.slam.model_copy(update={"path_loss": path_loss}),
+        }
+    )

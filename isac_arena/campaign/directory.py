@@ -1,0 +1,319 @@
+"""The campaign directory: which file holds what, and whether it still belongs to the campaign.
+
+    campaign.json       resolved settings               scene.toml   the scene as it was
+    scene_files/        floor plans and meshes that the scene names
+    truth/stop_000.nc   paths, RX pose, clock           sweep/stop_000.nc    samples, when kept
+    channel/stop_000.nc paths as estimated              map/NAME.nc  poses, incidence points, shapes, contours
+    channel/calibration.nc  arrays as self-calibrated, where asked for
+    scores.json, provenance.nc, report.html, figures/
+
+A measured campaign holds surveyed poses and labels in place of true paths, and no sweeps.
+
+Every netCDF file carries the fingerprint of the settings, scene and code that made it. A file with another
+fingerprint counts as missing, so an interrupted campaign resumes where it stopped and nothing stale is reused.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Literal, TypeVar
+
+from estimation.channel.calibration.self_calibration import Calibration
+from estimation.channel.power_map import BeamPowerMap
+from estimation.channel.record import ChannelEstimate
+from estimation.shape.record import Contours, Shapes
+from estimation.slam.record import IncidencePoints, PoseEstimates
+from isac_arena.campaign.config import CampaignConfig
+from isac_arena.campaign.difference import first_difference, line_difference
+from isac_arena.campaign.files import (
+    read_attribute,
+    read_record,
+    remove_file,
+    remove_leftovers,
+    write_bytes,
+    write_record,
+    write_text,
+)
+from isac_arena.campaign.fingerprint import code_digest, digest, estimator_source
+from isac_arena.campaign.measured import MeasuredTruth
+from isac_arena.campaign.results import MapResult
+from isac_arena.scoring.metrics.metric import to_json
+from isac_arena.scoring.record import ScoreTables
+from isac_arena.scoring.score import Scores
+from scenes.objects.config import KEPT_FOLDER
+from scenes.record import Record
+from sim.config import SimulationConfig
+from sim.observation import BeamSweep
+from sim.propagation.deepmimo.folder import scenario_digest
+from sim.signal.arrays.weights_file import weights_digest
+from sim.truth import Truth
+
+FOLDERS = ("truth", "sweep", "channel", "map", "figures")
+MapName = Literal["mapping", "slam"]
+R = TypeVar("R", bound=Record)
+
+
+@dataclass(frozen=True)
+class StopEstimate(Record):
+    """One channel file: the paths of a stop and its beam power map."""
+
+    channel: ChannelEstimate
+    power_map: BeamPowerMap
+
+
+@dataclass(frozen=True)
+class MapFile(Record):
+    """One map file: what mapping or SLAM made of all stops."""
+
+    poses: PoseEstimates
+    ips: IncidencePoints
+    shapes: Shapes
+    contours: Contours
+
+
+@dataclass(frozen=True)
+class CampaignStore:
+    """A campaign directory under one configuration, scene and channel estimator.
+
+    `measured` says what a measured campaign was imported from, down to its bits; None for a simulated one.
+    `scene_files` holds what the files that the scene names contain, by the place of their copies in the directory.
+    """
+
+    directory: Path
+    config: CampaignConfig
+    scene_text: str
+    estimator: str | None
+    measured: str | None = None
+    scene_files: Mapping[str, bytes] = field(default_factory=dict)
+
+    @cached_property
+    def truth_fingerprint(self) -> str:
+        """Of what the simulation, or the measurement, depends on."""
+        if self.measured is not None:
+            return digest(self.measured, self._scene_digest)
+        simulation = {name: getattr(self.config, name) for name in SimulationConfig.model_fields}
+        simulation.pop("scene")  # its text counts, not its name
+        settings = SimulationConfig(**simulation, scene="-").model_dump_json()
+        arrays = (self.config.tx_array, self.config.rx_array)
+        weights = [weights_digest(array.weights_file) for array in arrays if array.weights_file is not None]
+        scenario = self.config.propagation.deepmimo
+        paths = [] if scenario is None else [scenario_digest(scenario)]
+        return digest(settings, self._scene_digest, code_digest("scenes", "sim"), *weights, *paths)
+
+    @cached_property
+    def channel_fingerprint(self) -> str:
+        """Of what the channel estimates depend on."""
+        if self.measured is not None:
+            return self.truth_fingerprint
+        estimator = self.estimator or self.config.channel.model_dump_json()
+        code = code_digest("estimation/channel", "estimation/compiled.py")
+        return digest(self.truth_fingerprint, estimator, estimator_source(self.estimator), code)
+
+    @cached_property
+    def map_fingerprint(self) -> str:
+        """Of what maps and shapes depend on."""
+        settings = self.config.model_dump_json(
+            include={"mapping", "slam", "trajectory", "shapes", "contours"}
+        )
+        code = code_digest(*(f"estimation/{part}" for part in ("laws", "inference", "slam", "shape")))
+        return digest(self.channel_fingerprint, settings, code)
+
+    @cached_property
+    def score_fingerprint(self) -> str:
+        """Of what the scores depend on."""
+        return digest(self.map_fingerprint, code_digest("isac_arena/scoring"))
+
+    def open_for_writing(self) -> None:
+        """Write settings and scene; drop leftovers of interrupted writes.
+
+        Scores and report of another estimator are dropped.
+
+        Raises
+        ------
+        ValueError
+            Where the directory already holds another campaign, or files that are no campaign at all.
+        """
+        is_new = not (self.directory / "campaign.json").exists()
+        if is_new and self.directory.is_dir() and not self._is_leftover():
+            raise ValueError(
+                f"--out = {self.directory}: holds other files; choose an empty or a new directory"
+            )
+        if (self.directory / "campaign.json").is_file() and (self.directory / "scene.toml").is_file():
+            held = open_campaign(self.directory)
+            if difference := self._difference(held):
+                raise ValueError(
+                    f"--out = {self.directory}: holds another campaign ({difference}); choose another "
+                    "directory or remove it"
+                )
+            if held.estimator != self.estimator:
+                self.drop_results()
+        settings = {
+            "estimator": self.estimator,
+            "measured": self.measured,
+            "campaign": self.config.model_dump(mode="json"),
+        }
+        for name, content in self.scene_files.items():
+            write_bytes(self.directory / name, content)
+        write_text(self.directory / "scene.toml", self.scene_text)
+        write_text(self.directory / "campaign.json", json.dumps(settings, indent=1))
+        for folder in (self.directory, *(self.directory / name for name in (*FOLDERS, KEPT_FOLDER))):
+            remove_leftovers(folder)
+
+    def truth(self, stop: int) -> Truth | None:
+        """The truth of a stop, or None where it is still to be made."""
+        return self._read(self._stop("truth", stop), Truth, self.truth_fingerprint)
+
+    def measured_truth(self, stop: int) -> MeasuredTruth | None:
+        """What is known about a measured stop, or None where it was not imported."""
+        return self._read(self._stop("truth", stop), MeasuredTruth, self.truth_fingerprint)
+
+    def has_truth(self, stop: int) -> bool:
+        """Whether the truth of a stop is stored."""
+        return self._is_current(self._stop("truth", stop), self.truth_fingerprint)
+
+    def has_sweep(self, stop: int) -> bool:
+        """Whether the samples of a stop are stored."""
+        return self._is_current(self._stop("sweep", stop), self.truth_fingerprint)
+
+    def write_truth(self, truth: Truth | MeasuredTruth) -> None:
+        """Store the truth of a stop; scores made before are dropped."""
+        self._write(self._stop("truth", truth.stop), truth, self.truth_fingerprint)
+
+    def sweep(self, stop: int) -> BeamSweep | None:
+        """The samples of a stop, or None where they were not kept."""
+        return self._read(self._stop("sweep", stop), BeamSweep, self.truth_fingerprint)
+
+    def write_sweep(self, sweep: BeamSweep) -> None:
+        """Store the samples of a stop."""
+        self._write(self._stop("sweep", sweep.stop), sweep, self.truth_fingerprint)
+
+    def channel(self, stop: int) -> StopEstimate | None:
+        """The channel estimate of a stop, or None where it is still to be made."""
+        return self._read(self._stop("channel", stop), StopEstimate, self.channel_fingerprint)
+
+    def has_channel(self, stop: int) -> bool:
+        """Whether the channel estimate of a stop is stored."""
+        return self._is_current(self._stop("channel", stop), self.channel_fingerprint)
+
+    def write_channel(self, estimate: StopEstimate) -> None:
+        """Store the channel estimate of a stop; scores made before are dropped."""
+        self._write(self._stop("channel", estimate.channel.stop), estimate, self.channel_fingerprint)
+
+    def calibration(self) -> Calibration | None:
+        """What self-calibration found, or None where it is still to be made."""
+        return self._read(
+            self.directory / "channel" / "calibration.nc", Calibration, self.channel_fingerprint
+        )
+
+    def write_calibration(self, calibration: Calibration) -> None:
+        """Store what self-calibration found; scores made before are dropped."""
+        self._write(self.directory / "channel" / "calibration.nc", calibration, self.channel_fingerprint)
+
+    def map_result(self, name: MapName) -> MapResult | None:
+        """The map of mapping or SLAM, or None where it is still to be made."""
+        file = self._read(self.directory / "map" / f"{name}.nc", MapFile, self.map_fingerprint)
+        return MapResult(file.poses, file.ips, file.shapes, file.contours) if file else None
+
+    def write_map(self, name: MapName, result: MapResult) -> None:
+        """Store the map of mapping or SLAM; scores made before are dropped."""
+        file = MapFile(result.poses, result.ips, result.shapes, result.contours)
+        self._write(self.directory / "map" / f"{name}.nc", file, self.map_fingerprint)
+
+    def score_tables(self) -> ScoreTables | None:
+        """The tables behind the scores, or None where they are still to be made."""
+        return self._read(self.directory / "provenance.nc", ScoreTables, self.score_fingerprint)
+
+    def write_scores(self, scores: Scores) -> None:
+        """Store the tables behind the scores, then the metrics; a report made before is dropped."""
+        self._write(self.directory / "provenance.nc", scores.tables, self.score_fingerprint)
+        write_text(self.directory / "scores.json", json.dumps(to_json(scores.metrics), indent=1) + "\n")
+
+    def write_report(self, page: str, pictures: Mapping[str, bytes]) -> None:
+        """Store the figures, then the page."""
+        figures = self.directory / "figures"
+        for old in figures.glob("*.png"):
+            remove_file(old)
+        for name, picture in pictures.items():
+            write_bytes(figures / f"{name}.png", picture)
+        write_text(self.directory / "report.html", page)
+
+    def drop_results(self) -> None:
+        """Remove scores and report, which an upstream change has made stale."""
+        for name in ("scores.json", "provenance.nc", "report.html"):
+            remove_file(self.directory / name)
+
+    def _difference(self, held: CampaignStore) -> str | None:
+        """The first thing in which this campaign is not the one held, the estimator apart; None for the same."""
+        there, here = (store.config.model_dump(mode="json") for store in (held, self))
+        if found := first_difference(there, here):
+            return found
+        if held.measured != self.measured:
+            return f"{held.measured or 'simulated'} there, {self.measured or 'simulated'} here"
+        if held.scene_text != self.scene_text:
+            return f"scene.toml{line_difference(held.scene_text, self.scene_text)}"
+        names = sorted({*held.scene_files, *self.scene_files})
+        changed = [name for name in names if held.scene_files.get(name) != self.scene_files.get(name)]
+        return f"{changed[0]} differs" if changed else None
+
+    @property
+    def _scene_digest(self) -> str:
+        contents = (hashlib.sha256(content).hexdigest() for _, content in sorted(self.scene_files.items()))
+        return digest(self.scene_text, *contents)
+
+    def _is_leftover(self) -> bool:
+        """Whether there is nothing but what a run killed at its very start left behind."""
+        names = {entry.name for entry in self.directory.iterdir() if not entry.name.endswith(".part")}
+        return names <= {"scene.toml", KEPT_FOLDER}
+
+    def _stop(self, kind: str, stop: int) -> Path:
+        return self.directory / kind / f"stop_{stop:03d}.nc"
+
+    def _read(self, path: Path, kind: type[R], fingerprint: str) -> R | None:
+        return read_record(path, kind) if self._is_current(path, fingerprint) else None
+
+    def _is_current(self, path: Path, fingerprint: str) -> bool:
+        return path.is_file() and read_attribute(path, "fingerprint") == fingerprint
+
+    def _write(self, path: Path, record: Record, fingerprint: str) -> None:
+        self.drop_results()
+        write_record(path, record, {"title": self.config.name, "fingerprint": fingerprint})
+
+
+def check_is_campaign(directory: Path) -> None:
+    """Raise `ValueError`, one line, where a directory holds no campaign."""
+    for name in ("campaign.json", "scene.toml"):
+        if not (directory / name).is_file():
+            raise ValueError(f"{directory}: holds no campaign (no {name}); make one with 'arena run'")
+
+
+def open_campaign(directory: Path) -> CampaignStore:
+    """The campaign in a directory, with the settings and the scene it was made with.
+
+    Raises
+    ------
+    ValueError
+        Where the directory holds no campaign, or its settings are damaged.
+    """
+    check_is_campaign(directory)
+    settings, scene = directory / "campaign.json", directory / "scene.toml"
+    try:
+        content = json.loads(settings.read_text(encoding="utf-8"))
+        config = CampaignConfig.model_validate_json(json.dumps(content["campaign"]))
+        text, measured = scene.read_text(encoding="utf-8"), content.get("measured")
+        files = {
+            f"{KEPT_FOLDER}/{file.name}": file.read_bytes()
+            for file in sorted((directory / KEPT_FOLDER).glob("*"))
+            if not file.name.endswith(".part")
+        }
+        return CampaignStore(directory, config, text, content["estimator"], measured, files)
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        reason = (str(error).splitlines() or [type(error).__name__])[0]
+        raise ValueError(
+            f"{settings}: damaged, or of another version ({reason}); put it back as it was, or run the campaign "
+            "in a new directory"
+        ) from error

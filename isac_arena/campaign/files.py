@@ -1,0 +1,136 @@
+"""Files that appear under their name only when they are complete: texts, and records as netCDF-4 files."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
+from pathlib import Path
+from typing import TypeVar
+
+from isac_arena.campaign.netcdf import from_netcdf, global_attribute, has_seal, to_netcdf
+from scenes.record import Record
+
+# What HDF5 raises on files whose bytes were changed
+READ_ERRORS = (OSError, LookupError, AttributeError, ValueError, TypeError, RuntimeError, MemoryError)
+R = TypeVar("R", bound=Record)
+
+# Told of a file before it takes its name: the name and the complete file, None where a file is about to go
+FileListener = Callable[[Path, Path | None], None]
+_LISTENER: ContextVar[FileListener | None] = ContextVar("file_listener", default=None)
+
+
+@contextmanager
+def files_told_to(listener: FileListener) -> Iterator[None]:
+    """Tell a listener of every file that the functions here write or remove in the block."""
+    token = _LISTENER.set(listener)
+    try:
+        yield
+    finally:
+        _LISTENER.reset(token)
+
+
+def _tell(path: Path, complete: Path | None) -> None:
+    listener = _LISTENER.get()
+    if listener is not None:
+        listener(path, complete)
+
+
+@contextmanager
+def complete_file(path: Path) -> Iterator[Path]:
+    """A temporary path beside `path` that takes its name when the block ends without an error.
+
+    Raises `OSError` where the folder cannot be written, or its disk is full.
+    """
+    partial = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        yield partial
+        _tell(path, partial)
+        os.replace(partial, path)
+    except OSError as error:
+        if error.errno is None or error.filename not in (None, str(partial), str(path.parent)):
+            raise
+        raise OSError(error.errno, f"cannot be written ({error.strerror})", str(path)) from error
+    finally:
+        with suppress(OSError):
+            partial.unlink(missing_ok=True)
+
+
+def remove_file(path: Path) -> None:
+    """Remove a file where it is there."""
+    _tell(path, None)
+    path.unlink(missing_ok=True)
+
+
+def remove_leftovers(folder: Path) -> None:
+    """Remove temporary files and folders in a folder (not below it) whose writing process is gone."""
+    for leftover in folder.glob(".*.part"):
+        match = re.fullmatch(r"\..+\.(\d+)\.part", leftover.name)
+        if match and not _is_running(int(match[1])):
+            if leftover.is_dir():
+                shutil.rmtree(leftover, ignore_errors=True)
+            else:
+                leftover.unlink(missing_ok=True)
+
+
+def _is_running(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        return True
+    return True
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a whole text file, or leave what was there."""
+    with complete_file(path) as partial:
+        partial.write_text(text, encoding="utf-8")
+
+
+def write_bytes(path: Path, content: bytes) -> None:
+    """Write a whole binary file, or leave what was there."""
+    with complete_file(path) as partial:
+        partial.write_bytes(content)
+
+
+def write_record(path: Path, record: Record, attributes: Mapping[str, str] | None = None) -> None:
+    """Write a record and the records inside it, with global `attributes`, as one netCDF-4 file.
+
+    Raises `OSError` where it cannot be written.
+    """
+    write_bytes(path, to_netcdf(record, attributes or {}))
+
+
+def read_record(path: Path, kind: type[R]) -> R:
+    """Read a record of the given type from a file written by `write_record`.
+
+    Raises
+    ------
+    FileNotFoundError
+        Where the file is missing.
+    ValueError
+        Where the file is damaged, has changed since it was written, or holds something else.
+    """
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: no such file")
+    try:
+        return from_netcdf(path, kind)
+    except READ_ERRORS as error:
+        reason = " ".join(str(error).split())
+        raise ValueError(f"{path}: not a readable {kind.__name__} file ({reason})") from error
+
+
+def is_sealed(path: Path) -> bool:
+    """Whether a file is a record, and byte by byte as `write_record` wrote it."""
+    return has_seal(path)
+
+
+def read_attribute(path: Path, name: str) -> str | None:
+    """A global attribute of a netCDF file; None where the file or the attribute is missing or unreadable."""
+    return global_attribute(path, name)

@@ -1,0 +1,194 @@
+"""The manifest of a directory: a hash of every file that a run wrote there, and what made them.
+
+It tells damaged and edited files from those a run wrote, and which code, libraries and machine made each: several
+where a run was resumed elsewhere. A hash is taken when a file is written, and no other run touches it: see
+`isac_arena.campaign.recording`. The manifest itself is sealed by a hash of its content. A directory in the
+directory with a manifest of its own, such as a case of a sweep, is a unit: the outer manifest holds the inner
+one alone.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import platform
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from threadpoolctl import threadpool_info
+
+from isac_arena.campaign.files import is_sealed, write_text
+from isac_arena.campaign.fingerprint import code_digest
+
+MANIFEST = "manifest.json"
+LIBRARIES = ("numpy", "scipy", "numba", "scikit-learn", "shapely", "trimesh", "sionna-rt", "h5py", "pydantic")
+PARTIAL = ".part"
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """What made the files of a directory, and the entry of each: `sha256`, `bytes` and `made_by`, an index."""
+
+    made_by: list[dict[str, Any]]
+    files: dict[str, dict[str, Any]]  # by the name relative to the directory
+    finished: bool  # False while a run changes the files, and where it was killed
+
+
+@dataclass(frozen=True)
+class FileCheck:
+    """How the files of a directory compare with its manifest; names relative to the directory."""
+
+    n_files: int
+    missing: tuple[str, ...]
+    changed: tuple[str, ...]
+    unknown: tuple[str, ...]  # there, and in no manifest
+    unfinished: tuple[str, ...]  # manifests of runs that did not end
+    made_by: tuple[dict[str, Any], ...]
+
+    @property
+    def problems(self) -> list[str]:
+        """One line per file that is not as it was written; others may have been added since."""
+        return [
+            *(f"{name}: a run here did not end; run the same command again" for name in self.unfinished),
+            *(f"{name}: missing" for name in self.missing),
+            *(f"{name}: damaged or edited since it was written" for name in self.changed),
+        ]
+
+
+def made_by() -> dict[str, Any]:
+    """What results depend on beside their settings: code, versions of the libraries, machine."""
+    return {**_software(), "threads": max((pool["num_threads"] for pool in threadpool_info()), default=1)}
+
+
+@cache
+def _software() -> dict[str, Any]:
+    return {
+        "code": code_digest("scenes", "sim", "estimation", "isac_arena"),
+        "python": platform.python_version(),
+        "libraries": {name: _version(name) for name in LIBRARIES},
+        "machine": {"system": platform.system(), "processor": _processor()},
+    }
+
+
+def write_manifest(directory: Path, manifest: Manifest) -> None:
+    """Write a manifest, sealed; what made none of its files is left out."""
+    used = sorted({entry["made_by"] for entry in manifest.files.values()})
+    content = {
+        "made_by": [manifest.made_by[index] for index in used],
+        "finished": manifest.finished,
+        "files": {
+            name: {**entry, "made_by": used.index(entry["made_by"])}
+            for name, entry in sorted(manifest.files.items())
+        },
+    }
+    write_text(directory / MANIFEST, json.dumps({**content, "seal": _seal(content)}, indent=1) + "\n")
+
+
+def read_manifest(directory: Path) -> Manifest:
+    """The manifest of a directory.
+
+    Raises `ValueError`, one line, where there is none, or it is not as it was written.
+    """
+    file = directory / MANIFEST
+    if not file.is_file():
+        raise ValueError(
+            f"{file}: missing; a run that comes to its end writes it: run the same command again"
+        )
+    try:
+        content = json.loads(file.read_text(encoding="utf-8"))
+        seal = content.pop("seal")
+    except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
+        reason = " ".join(str(error).split())
+        raise ValueError(f"{file}: damaged ({reason}); remove it and run the same command again") from error
+    if seal != _seal(content):
+        raise ValueError(
+            f"{file}: damaged or edited since it was written; remove it and run the same command again"
+        )
+    return Manifest(**content)
+
+
+def shows_whole(file: Path) -> bool:
+    """Whether a file shows by itself that it is whole: a record, or a manifest."""
+    if file.name == MANIFEST:
+        try:
+            return bool(read_manifest(file.parent).files)
+        except ValueError:
+            return False
+    return file.suffix == ".nc" and is_sealed(file)
+
+
+def check_files(directory: Path) -> FileCheck:
+    """Hash every file of a directory and of the units in it and compare with the manifests.
+
+    Raises as `read_manifest`.
+    """
+    manifest = read_manifest(directory)
+    entries, here = manifest.files, set(file_names(directory))
+    changed = {
+        name for name in here & set(entries) if file_digest(directory / name) != entries[name]["sha256"]
+    }
+    units = sorted(Path(name).parent for name in here - changed if name.endswith(f"/{MANIFEST}"))
+    found = FileCheck(
+        n_files=len(entries),
+        missing=tuple(sorted(set(entries) - here)),
+        changed=tuple(sorted(changed)),
+        unknown=tuple(sorted(name for name in here - set(entries) if Path(name).parent not in units)),
+        unfinished=() if manifest.finished else (MANIFEST,),
+        made_by=tuple(manifest.made_by),
+    )
+    for unit in units:
+        found = _with_unit(found, unit, check_files(directory / unit))
+    return found
+
+
+def _with_unit(found: FileCheck, unit: Path, inner: FileCheck) -> FileCheck:
+    """What was found in a directory and in a unit of it."""
+    lists = {
+        name: getattr(found, name) + tuple((unit / one).as_posix() for one in getattr(inner, name))
+        for name in ("missing", "changed", "unknown", "unfinished")
+    }
+    origins = tuple(origin for origin in inner.made_by if origin not in found.made_by)
+    return FileCheck(found.n_files + inner.n_files, **lists, made_by=found.made_by + origins)
+
+
+def file_digest(path: Path) -> str:
+    """SHA-256 of a file."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def file_names(directory: Path) -> Iterator[str]:
+    """Names of all files below a directory but its manifest and unfinished ones; of a unit its manifest alone."""
+    for folder, folders, names in os.walk(directory):
+        here = Path(folder)
+        is_unit = here != directory and MANIFEST in names
+        folders[:] = [] if is_unit else sorted(name for name in folders if not name.endswith(PARTIAL))
+        for name in [MANIFEST] if is_unit else sorted(names):
+            if not name.endswith(PARTIAL) and here / name != directory / MANIFEST:
+                yield (here / name).relative_to(directory).as_posix()
+
+
+def _seal(content: dict[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def _version(distribution: str) -> str | None:
+    try:
+        return version(distribution)
+    except PackageNotFoundError:
+        return None
+
+
+def _processor() -> str:
+    """The model of the processor: last digits depend on the instructions that it has."""
+    try:
+        text = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        text = ""
+    models = [line.partition(":")[2].strip() for line in text.splitlines() if line.startswith("model name")]
+    return models[0] if models else platform.processor() or platform.machine()

@@ -1,0 +1,333 @@
+"""The stages of a campaign at the edge: files, progress and messages around the pure chain."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
+from estimation.channel.calibration.self_calibration import Calibration, self_calibrate
+from estimation.channel.power_map import beam_power_map
+from isac_arena.campaign.chain import (
+    channel_estimator,
+    known_receiver,
+    map_known,
+    map_unknown,
+    score_simulated,
+)
+from isac_arena.campaign.directory import (
+    CampaignStore,
+    MapName,
+    StopEstimate,
+    check_is_campaign,
+    open_campaign,
+)
+from isac_arena.campaign.files import read_attribute
+from isac_arena.campaign.load import campaign_scene, load_campaign
+from isac_arena.campaign.lock import one_run
+from isac_arena.campaign.measured import MeasuredTruth
+from isac_arena.campaign.recording import SETTINGS, check_unchanged, recorded_run, remedy
+from isac_arena.campaign.results import CampaignResults, MapResult
+from isac_arena.campaign.summary import PlanarCounts, run_facts, score_table
+from isac_arena.report.page.budget_file import BUDGET_FILE, read_budget
+from isac_arena.report.page.figures import make_figures
+from isac_arena.report.page.html import render_report
+from isac_arena.report.page.payload import report_payload
+from isac_arena.scoring.measured import measured_metrics, score_measured
+from isac_arena.scoring.record import ScoreTables
+from isac_arena.scoring.score import Scores, score_metrics
+from scenes.config import kept_files
+from scenes.scene import Scene
+from sim.signal.hardware.application import surveyed
+from sim.signal.link import Link, make_link
+from sim.simulate import observe, simulate_truth
+from sim.truth import Truth
+
+console = Console(highlight=False)
+T = TypeVar("T")
+
+# Files and folders of a campaign directory that a command reads beside the settings
+SAMPLES = ("truth", "sweep")
+ESTIMATES = ("truth", "channel", "map")
+SCORED = (*ESTIMATES, "provenance.nc")
+
+
+def prepare(campaign: str, out: Path, seed: int | None, estimator: str | None) -> CampaignStore:
+    """Open a campaign directory for a campaign file, with everything checked before anything is written."""
+    store = _checked(campaign, out, seed, estimator)
+    store.open_for_writing()
+    return store
+
+
+@contextmanager
+def opened(campaign: str, out: Path, seed: int | None, estimator: str | None) -> Iterator[CampaignStore]:
+    """As `prepare`, for a run of its own: the directory is held for it, and has its manifest at the end."""
+    store = _checked(campaign, out, seed, estimator)
+    with one_run(out), recorded_run(out):
+        check_unchanged(out, (*SETTINGS, *SAMPLES, *ESTIMATES))
+        store.open_for_writing()
+        yield store
+
+
+def _checked(campaign: str, out: Path, seed: int | None, estimator: str | None) -> CampaignStore:
+    config, scene_file = load_campaign(campaign, seed)
+    channel_estimator(config, estimator)
+    campaign_scene(config, scene_file)
+    return CampaignStore(
+        out,
+        config,
+        scene_file.read_text(encoding="utf-8"),
+        estimator,
+        scene_files=kept_files(scene_file),
+    )
+
+
+@contextmanager
+def reopened(
+    directory: Path, estimator: str | None = None, reads: Sequence[str] = ESTIMATES
+) -> Iterator[CampaignStore]:
+    """As `reopen`, for work in the directory: held for one run, and with its manifest at the end."""
+    check_is_campaign(directory)
+    with one_run(directory), recorded_run(directory):
+        yield reopen(directory, estimator, reads)
+
+
+def reopen(directory: Path, estimator: str | None = None, reads: Sequence[str] = ESTIMATES) -> CampaignStore:
+    """The campaign in a directory; another estimator than the stored one makes new channel estimates.
+
+    Raises `ValueError`, one line, where its settings, or what is in `reads`, are not as they were written.
+    """
+    check_is_campaign(directory)
+    check_unchanged(directory, (*SETTINGS, *reads))
+    store = open_campaign(directory)
+    if estimator is not None:
+        if store.measured is not None:
+            raise ValueError(f"--estimator = '{estimator}': {directory} is measured and holds no samples")
+        channel_estimator(store.config, estimator)
+        store = replace(store, estimator=estimator)
+        store.open_for_writing()
+    return store
+
+
+def sweep_only(store: CampaignStore, *, keep_sweeps: bool) -> None:
+    """Make the truth of every stop, and its sweep where it is to be kept."""
+    scene, link = scene_of(store), make_link(store.config)
+    counts = PlanarCounts()
+    with _progress() as progress:
+        for truth in progress.track(truths(store, scene), len(scene.stops), description="trace, sweep"):
+            counts += truth
+            if keep_sweeps and not store.has_sweep(truth.stop):
+                store.write_sweep(observe(store.config, link, scene, truth))
+    _tell(counts)
+
+
+def sweep_and_estimate(store: CampaignStore, *, keep_sweeps: bool, again: bool = False) -> None:
+    """Make what is missing of truth and channel estimates, one stop in memory at a time.
+
+    `again` makes channel estimates that are there once more. A measured campaign holds both from its import.
+    """
+    if store.measured is not None:
+        return
+    scene, link = scene_of(store), make_link(store.config)
+    estimator = channel_estimator(store.config, store.estimator, _calibration(store, scene, link))
+    counts = PlanarCounts()
+    with _progress() as progress:
+        for truth in progress.track(
+            truths(store, scene), len(scene.stops), description="trace, sweep, estimate"
+        ):
+            counts += truth
+            kept = not keep_sweeps or store.has_sweep(truth.stop)
+            if kept and not again and store.has_channel(truth.stop):
+                continue
+            sweep = store.sweep(truth.stop) or observe(store.config, link, scene, truth)
+            if not kept:
+                store.write_sweep(sweep)
+            store.write_channel(StopEstimate(estimator(sweep), beam_power_map(sweep)))
+    _tell(counts)
+
+
+def _calibration(store: CampaignStore, scene: Scene, link: Link) -> Calibration | None:
+    """The calibration of both arrays where the settings ask for one: as stored, or made from some of the stops."""
+    settings = store.config.channel.self_calibration
+    if settings is None or store.estimator is not None:
+        return None
+    calibration = store.calibration()
+    if calibration is None:
+        chosen = set(np.linspace(0, len(scene.stops) - 1, settings.stops).round().astype(int).tolist())
+        with console.status("self-calibration"):
+            sweeps = (
+                store.sweep(truth.stop) or observe(store.config, link, scene, truth)
+                for truth in truths(store, scene)
+                if truth.stop in chosen
+            )
+            calibration = self_calibrate(sweeps, settings)
+        store.write_calibration(calibration)
+    return calibration
+
+
+def build_maps(store: CampaignStore) -> None:
+    """Map with the known receiver and run SLAM without; fit shapes to both."""
+    if store.map_result("mapping") and store.map_result("slam"):
+        return
+    scene = scene_of(store)
+    channel = [estimate.channel for estimate in channel_estimates(store, len(scene.stops))]
+    with console.status("mapping, SLAM, shapes"):
+        receiver = known_receiver(known_stops(store, len(scene.stops)))
+        store.write_map("mapping", map_known(store.config, channel, scene.tx, receiver))
+        store.write_map("slam", map_unknown(store.config, channel, scene.tx))
+
+
+def write_scores(store: CampaignStore) -> None:
+    """Score every stage against the truth; write the metrics and where each estimate came from."""
+    scene = scene_of(store)
+    results = stored_results(store, len(scene.stops))
+    with console.status("scores"):
+        scores = scores_of(store, scene, results)
+    store.write_scores(scores)
+    console.print(score_table(scores))
+
+
+def write_report(store: CampaignStore) -> None:
+    """Draw the figures and write the self-contained HTML report."""
+    scene = scene_of(store)
+    results = stored_results(store, len(scene.stops))
+    tables = _present(store, store.score_tables(), "the score (provenance.nc)", "score")
+    with console.status("report"):
+        metrics = score_metrics if store.measured is None else measured_metrics
+        scores = Scores(metrics(scene, tables), tables)
+        figures = make_figures(scene, results, scores)
+        page = render_report(
+            _page_payload(store, scene, results, tables),
+            scores,
+            figures,
+            run_facts(store.config, scene, store.estimator, store.measured),
+        )
+        store.write_report(page, {name: figure.png for name, figure in figures.items()})
+    console.print(f"report: {store.directory / 'report.html'}")
+
+
+def _page_payload(
+    store: CampaignStore, scene: Scene, results: CampaignResults, tables: ScoreTables
+) -> dict[str, Any]:
+    """What the report page knows of a campaign; a measured one has no true paths."""
+    name, n_stops = store.config.name, len(scene.stops)
+    truths = stored_truths(store, n_stops) if store.measured is None else ()
+    check_unchanged(store.directory / BUDGET_FILE.parent, [BUDGET_FILE.name])
+    return report_payload(name, scene, results, tables, truths, read_budget(store.directory, name))
+
+
+def scores_of(store: CampaignStore, scene: Scene, results: CampaignResults) -> Scores:
+    """The scores of a campaign's estimates against its stored truth, or the measurement."""
+    return _measured_scores(store, scene, results) or _simulated_scores(store, scene, results)
+
+
+def _measured_scores(store: CampaignStore, scene: Scene, results: CampaignResults) -> Scores | None:
+    if store.measured is None:
+        return None
+    return score_measured(scene, measured_truths(store, len(scene.stops)), results)
+
+
+def _simulated_scores(store: CampaignStore, scene: Scene, results: CampaignResults) -> Scores:
+    truths = stored_truths(store, len(scene.stops))
+    return score_simulated(store.config, make_link(store.config), scene, truths, results)
+
+
+def truths(store: CampaignStore, scene: Scene) -> Iterator[Truth]:
+    """The truth of every stop in order: read where it is stored, traced and stored where not."""
+    n_stops = len(scene.stops)
+    fresh = simulate_truth(
+        store.config, scene, (stop for stop in range(n_stops) if not store.has_truth(stop))
+    )
+    for stop in range(n_stops):
+        truth = store.truth(stop)
+        if truth is None:
+            truth = next(fresh)
+            store.write_truth(truth)
+        yield truth
+
+
+def stored_truths(store: CampaignStore, n_stops: int) -> Iterator[Truth]:
+    """The stored truth of every stop; `ValueError` where one is missing."""
+    for stop in range(n_stops):
+        what = f"the truth of stop {stop} (truth/stop_{stop:03d}.nc)"
+        yield _present(store, store.truth(stop), what, "generate")
+
+
+def measured_truths(store: CampaignStore, n_stops: int) -> Iterator[MeasuredTruth]:
+    """What is known about every measured stop; `ValueError` where one is missing."""
+    for stop in range(n_stops):
+        yield _present(store, store.measured_truth(stop), f"stop {stop} of the measurement", "import-mat")
+
+
+def known_stops(store: CampaignStore, n_stops: int) -> Iterator[Truth] | Iterator[MeasuredTruth]:
+    """What mapping is told of every stop: the measured pose, or the true one with the errors of its survey."""
+    if store.measured is not None:
+        return measured_truths(store, n_stops)
+    return (surveyed(store.config, truth) for truth in stored_truths(store, n_stops))
+
+
+def channel_estimates(store: CampaignStore, n_stops: int) -> Iterator[StopEstimate]:
+    """The stored channel estimate of every stop; `ValueError` where one is missing."""
+    for stop in range(n_stops):
+        what = f"the channel estimate of stop {stop} (channel/stop_{stop:03d}.nc)"
+        yield _present(store, store.channel(stop), what, "estimate")
+
+
+def stored_results(store: CampaignStore, n_stops: int) -> CampaignResults:
+    """All estimates of a campaign directory; `ValueError` where some are missing."""
+    estimates = list(channel_estimates(store, n_stops))
+    maps: dict[MapName, MapResult] = {
+        name: _present(store, store.map_result(name), f"the {name} result (map/{name}.nc)", "estimate")
+        for name in ("mapping", "slam")
+    }
+    return CampaignResults(
+        channel=tuple(estimate.channel for estimate in estimates),
+        power_maps=tuple(estimate.power_map for estimate in estimates) if store.measured is None else (),
+        mapping=maps["mapping"],
+        slam=maps["slam"],
+    )
+
+
+def scene_of(store: CampaignStore) -> Scene:
+    """The scene stored with a campaign."""
+    return campaign_scene(store.config, store.directory / "scene.toml")
+
+
+def _present(store: CampaignStore, value: T | None, what: str, verb: str) -> T:
+    if value is None:
+        for path in [*sorted(store.directory.glob("*/*.nc")), store.directory / "provenance.nc"]:
+            if path.is_file() and read_attribute(path, "fingerprint") is None:
+                name = path.relative_to(store.directory).as_posix()
+                raise ValueError(f"{path}: damaged, or no file of a campaign; {remedy(name)}")
+        raise ValueError(f"{store.directory}: {what} is missing or out of date; run 'arena {verb}' first")
+    return value
+
+
+def _tell(counts: PlanarCounts) -> None:
+    if counts.n_compared:
+        console.print(counts.line)
+
+
+def _progress() -> Progress:
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+        console=console,
+    )

@@ -1,0 +1,119 @@
+"""What a run tells the terminal and the head of the report: main scores, and what was run."""
+
+from __future__ import annotations
+
+import math
+import platform
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+
+from rich.table import Table
+
+from isac_arena.campaign.config import CampaignConfig
+from isac_arena.scoring.score import Scores
+from scenes.scene import Scene
+from sim.truth import Truth
+
+HEADLINES = {
+    "channel.detected_per_stop": "paths detected per stop",
+    "channel.missed_per_stop": "paths missed per stop",
+    "channel.false_per_stop": "false paths per stop",
+    "mapping.ip_to_surface.median_m": "mapping: incidence point to surface, median",
+    "mapping.objects_found.pillar": "mapping: pillars found",
+    "mapping.objects_found.wall": "mapping: walls found",
+    "contours.mapping.pillar.iou.mean": "mapping: overlap of pillar contours (IoU)",
+    "shapes.mapping.pillar.iou.mean": "mapping: the same, paper's method",
+    "slam.position.rmse_m": "SLAM: position error, RMSE",
+    "slam.heading.rmse_deg": "SLAM: heading error, RMSE",
+    "slam.clock.rmse_ns": "SLAM: clock error, RMSE",
+    "slam.ip_to_surface.median_m": "SLAM: incidence point to surface, median",
+    "contours.slam.pillar.iou.mean": "SLAM: overlap of pillar contours (IoU)",
+    "shapes.slam.pillar.iou.mean": "SLAM: the same, paper's method",
+}
+LIBRARIES = ("isac-arena", "sionna-rt", "numpy", "scipy")
+
+
+@dataclass(frozen=True)
+class PlanarCounts:
+    """Planar specular paths of a campaign: the ray tracer's beside the exact ones. Add a truth to count it."""
+
+    n_compared: int = 0
+    n_repaired: int = 0
+    n_extra: int = 0
+
+    def __add__(self, truth: Truth) -> PlanarCounts:
+        return PlanarCounts(
+            self.n_compared + truth.n_planar_compared,
+            self.n_repaired + truth.n_planar_repaired,
+            self.n_extra + truth.n_planar_extra,
+        )
+
+    @property
+    def line(self) -> str:
+        """One line for the terminal."""
+        extra = f"; {self.n_extra} that only the tracer saw are left out" if self.n_extra else ""
+        return (
+            f"planar paths: {self.n_compared - self.n_extra} by the exact solver, of which the ray tracer"
+            f" missed {self.n_repaired}{extra}"
+        )
+
+
+def score_table(scores: Scores) -> Table:
+    """The main scores as a table for the terminal."""
+    table = Table("score", "value", "unit", title="Scores")
+    table.columns[1].justify = "right"
+    metrics = {metric.key: metric for metric in scores.metrics}
+    for key, label in HEADLINES.items():
+        metric = metrics[key]
+        value = f"{metric.value:.3g}" if math.isfinite(metric.value) else "-"
+        table.add_row(label, value, metric.unit.replace("1", ""))
+    return table
+
+
+def content(scene: Scene) -> str:
+    """How many objects a scene has, and meshes where it has any."""
+    meshes = f" and {len(scene.clutter)} mesh{'es' * (len(scene.clutter) > 1)}" if scene.clutter else ""
+    return f"{len(scene.objects)} objects{meshes}"
+
+
+def run_facts(
+    config: CampaignConfig, scene: Scene, estimator: str | None, measured: str | None = None
+) -> dict[str, str]:
+    """What was run, for the head of the report; `measured` says what a measured campaign was imported from."""
+    place = f"{scene.name}, {content(scene)}, {len(scene.stops)} receiver stops"
+    signal = _signal_facts(config, estimator) if measured is None else {"Measurement": measured}
+    return {
+        "Scene": place,
+        **signal,
+        "SLAM": _slam_fact(config),
+        "Versions": ", ".join(
+            [f"Python {platform.python_version()}", *(f"{name} {_version(name)}" for name in LIBRARIES)]
+        ),
+    }
+
+
+def _slam_fact(config: CampaignConfig) -> str:
+    """How states were found: every stop by itself, or all of them together."""
+    if config.trajectory is None:
+        return f"snapshot, {config.slam.method}"
+    return f"trajectory, {config.trajectory.method}; snapshots {config.slam.method}"
+
+
+def _version(distribution: str) -> str:
+    try:
+        return version(distribution)
+    except PackageNotFoundError:
+        return "(not installed)"
+
+
+def _signal_facts(config: CampaignConfig, estimator: str | None) -> dict[str, str]:
+    wave, tx, rx = config.waveform, config.tx_array, config.rx_array
+    bandwidth_mhz = wave.n_rb * 12 * 15e-3 * 2**wave.numerology
+    return {
+        "Seed": str(config.seed),
+        "Waveform": f"NR PRS at {wave.carrier_ghz:g} GHz, {bandwidth_mhz:.1f} MHz, comb {wave.comb}",
+        "TX": f"{tx.rows} x {tx.columns} elements, {len(tx.panel_azimuth_deg)} x {tx.beams_per_panel} beams",
+        "RX": f"{rx.rows} x {rx.columns} elements, {len(rx.panel_azimuth_deg)} x {rx.beams_per_panel} beams",
+        "Link": f"{config.link.tx_power_dbm:g} dBm, noise figure {config.link.noise_figure_db:g} dB",
+        "Channel estimator": estimator or config.channel.method,
+    }

@@ -1,0 +1,96 @@
+"""`arena ablate`: one campaign with each hardware impairment alone, with all and with none."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from isac_arena.cli.campaign import Campaign, Seed
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from isac_arena.insight.ablation_ranking import Ablation
+
+
+def ablate(
+    campaign: Campaign,
+    out: Annotated[Path, typer.Option(help="Directory of the table and the figure; made where missing.")],
+    seed: Seed = None,
+    step: Annotated[int, typer.Option(min=1, help="Take every step-th receiver stop.")] = 1,
+) -> None:
+    """Rank the hardware impairments of a campaign by their effect on ToA, angles, pose, map and shape.
+
+    Paths are traced once and all variants draw the same random numbers.
+    """
+    from rich.console import Console  # noqa: PLC0415
+    from rich.progress import Progress, track  # noqa: PLC0415
+
+    from isac_arena.campaign.load import campaign_scene, load_campaign  # noqa: PLC0415
+    from isac_arena.insight.ablation import score_variants, variants  # noqa: PLC0415
+    from sim.simulate import simulate_truth  # noqa: PLC0415
+
+    console = Console(highlight=False)
+    config, scene_file = load_campaign(campaign, seed)
+    scene = campaign_scene(config, scene_file)
+    n_variants = len(variants(config.impairments))
+    stops = range(0, len(scene.stops), step)
+    traced = simulate_truth(config, scene, stops)
+    truths = list(track(traced, "trace", len(stops), console=console, transient=True))
+    with Progress(console=console, transient=True) as progress:
+        task = progress.add_task("variants", total=n_variants)
+        ablation = score_variants(
+            config, scene, truths, lambda name: progress.update(task, advance=1, description=f"{name} done")
+        )
+    console.print(ablation_table(ablation))
+    write_ablation(out, ablation)
+    console.print(f"ablation: {out / 'ablation.png'}, .csv and .json")
+
+
+def ablation_table(ablation: Ablation) -> Table:
+    """One row per variant, the strongest impairment first."""
+    from rich.box import SIMPLE  # noqa: PLC0415
+    from rich.table import Table  # noqa: PLC0415
+
+    from isac_arena.insight.ablation_ranking import EFFECTS, cell  # noqa: PLC0415
+
+    table = Table(
+        "impairment",
+        *[f"{label}\n{unit}" for label, unit in EFFECTS.values()],
+        "mean\nratio",
+        title="RMS errors with each impairment alone",
+        caption="mean ratio: geometric mean over the columns of the error over that without impairments;"
+        " what could not be measured (-) does not count",
+        box=SIMPLE,
+        padding=0,
+        show_edge=False,
+    )
+    for column in table.columns:
+        column.no_wrap = True
+        column.justify = "left" if column is table.columns[0] else "right"
+    for name, values, growth in zip(ablation.variant, ablation.value, ablation.growth, strict=True):
+        cells = [cell(value) for value in values]
+        table.add_row(name, *cells, f"{2.0**growth:.2f}")
+    return table
+
+
+def write_ablation(out: Path, ablation: Ablation) -> None:
+    """Write ablation.csv, ablation.json and ablation.png."""
+    from isac_arena.campaign.files import write_bytes, write_text  # noqa: PLC0415
+    from isac_arena.insight.ablation_ranking import table_rows  # noqa: PLC0415
+    from isac_arena.report.figures.ablation import ablation_figure  # noqa: PLC0415
+    from isac_arena.report.style import png_bytes  # noqa: PLC0415
+
+    rows = list(table_rows(ablation))
+    text = io.StringIO()
+    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    write_text(out / "ablation.csv", text.getvalue())
+    write_text(out / "ablation.json", json.dumps({"variants": rows}, indent=1) + "\n")
+    write_bytes(out / "ablation.png", png_bytes(ablation_figure(ablation)))

@@ -1,0 +1,78 @@
+"""The campaign verbs: `run`, and its stages alone: `generate`, `estimate`, `score`, `report`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+Campaign = Annotated[str, typer.Argument(help="Campaign name of the library, or path of a TOML file.")]
+Out = Annotated[Path, typer.Option(help="Directory of the campaign; made where missing.")]
+Directory = Annotated[Path, typer.Argument(help="Directory of a campaign.")]
+Seed = Annotated[
+    int | None, typer.Option(min=0, max=2**63 - 1, help="Seed, in place of the campaign file's.")
+]
+Estimator = Annotated[
+    str | None,
+    typer.Option(help="Your channel estimator: package.module:function, BeamSweep to ChannelEstimate."),
+]
+
+
+def run(
+    campaign: Campaign,
+    out: Out,
+    seed: Seed = None,
+    estimator: Estimator = None,
+    keep_sweeps: Annotated[
+        bool, typer.Option(help="Keep the samples of every stop (about 40 MB each).")
+    ] = False,
+) -> None:
+    """Run a campaign from the scene to the report. An interrupted run goes on where it stopped."""
+    from isac_arena.campaign import stages  # noqa: PLC0415
+
+    with stages.opened(campaign, out, seed, estimator) as store:
+        stages.sweep_and_estimate(store, keep_sweeps=keep_sweeps)
+        stages.build_maps(store)
+        stages.write_scores(store)
+        stages.write_report(store)
+
+
+def generate(
+    campaign: Campaign,
+    out: Out,
+    seed: Seed = None,
+    keep_sweeps: Annotated[
+        bool, typer.Option(help="Keep the samples of every stop (about 40 MB each).")
+    ] = True,
+) -> None:
+    """Trace the scene and make the sweeps of a campaign, with the truth behind them."""
+    from isac_arena.campaign import stages  # noqa: PLC0415
+
+    with stages.opened(campaign, out, seed, None) as store:
+        stages.sweep_only(store, keep_sweeps=keep_sweeps)
+
+
+def estimate(directory: Directory, estimator: Estimator = None) -> None:
+    """Estimate channel parameters, maps, poses and shapes from the sweeps of a campaign directory."""
+    from isac_arena.campaign import stages  # noqa: PLC0415
+
+    with stages.reopened(directory, estimator, (*stages.SAMPLES, *stages.ESTIMATES)) as store:
+        stages.sweep_and_estimate(store, keep_sweeps=False, again=estimator is not None)
+        stages.build_maps(store)
+
+
+def score(directory: Directory) -> None:
+    """Score the estimates in a campaign directory against the truth."""
+    from isac_arena.campaign import stages  # noqa: PLC0415
+
+    with stages.reopened(directory) as store:
+        stages.write_scores(store)
+
+
+def report(directory: Directory) -> None:
+    """Write the figures and the HTML report of a scored campaign directory."""
+    from isac_arena.campaign import stages  # noqa: PLC0415
+
+    with stages.reopened(directory, reads=stages.SCORED) as store:
+        stages.write_report(store)

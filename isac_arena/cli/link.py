@@ -1,0 +1,106 @@
+"""`arena link`: the link budget of a campaign at each stop."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from isac_arena.cli.campaign import Campaign
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from sim.config import SimulationConfig
+    from sim.signal.link import Link
+    from sim.signal.link_budget import LinkBudget
+
+
+def link(campaign: Campaign) -> None:
+    """Print the link budget of a campaign: what each stop receives, over which floors."""
+    from rich.console import Console  # noqa: PLC0415
+    from rich.progress import track  # noqa: PLC0415
+
+    from isac_arena.campaign.load import campaign_scene, load_campaign  # noqa: PLC0415
+    from sim.signal.link import make_link  # noqa: PLC0415
+    from sim.signal.link_budget import converter_share, link_budget  # noqa: PLC0415
+    from sim.simulate import simulate_truth  # noqa: PLC0415
+
+    console = Console(highlight=False)
+    config, scene_file = load_campaign(campaign)
+    scene = campaign_scene(config, scene_file)
+    specular = config.model_copy(
+        update={"propagation": config.propagation.model_copy(update={"diffuse_samples": 0})}
+    )
+    made = make_link(config)
+    stops = range(len(scene.stops))
+    truths = track(
+        simulate_truth(specular, scene, stops), "trace", len(stops), console=console, transient=True
+    )
+    budget = link_budget(truths, made, scene.tx, config.link, converter_share(config.waveform))
+    for line in (*head(budget), sweep_line(config, made)):
+        console.print(line)
+    console.print(stop_table(budget))
+
+
+def head(budget: LinkBudget) -> list[str]:
+    """What holds at every stop, a line each."""
+    tx_power_dbm = budget.eirp_dbm - budget.tx_gain_dbi
+    return [
+        f"EIRP {budget.eirp_dbm:.1f} dBm: {tx_power_dbm:.1f} dBm, gain {budget.tx_gain_dbi:.1f} dBi;"
+        f" RX gain {budget.rx_gain_dbi:.1f} dBi",
+        f"noise per sample: thermal {budget.thermal_noise_dbm:.1f} dBm,"
+        f" converter at fixed gain {budget.converter_noise_dbm:.1f} dBm",
+        f"weakest path in a beam power map: {budget.weakest_dbm:.1f} dBm;"
+        f" processing gain {budget.processing_gain_db:.1f} dB",
+    ]
+
+
+def sweep_line(config: SimulationConfig, link: Link) -> str:
+    """Beam pairs, repetitions and air time of one sweep."""
+    from sim.signal.waveform.occasions import sweep_occasions  # noqa: PLC0415
+
+    n_tx, n_rx = len(link.tx_codebook), len(link.rx_codebook)
+    occasions = sweep_occasions(config.waveform, n_tx, n_rx)
+    combined = f", {occasions.repetitions} repetitions combined" if config.waveform.schedule else ""
+    return f"sweep: {n_tx} x {n_rx} beam pairs{combined}, {1e3 * occasions.air_time_s:.1f} ms on the air"
+
+
+def stop_table(budget: LinkBudget) -> Table:
+    """One row per stop."""
+    from rich.table import Table  # noqa: PLC0415
+
+    table = Table(
+        "stop",
+        "distance\nm",
+        "LOS\ndBm",
+        "bounce\ndBm",
+        "noise\ndBm",
+        "SNR\ndB",
+        "range\ndB",
+        "side lobes\ndB",
+        title="Link budget, best beam pairs",
+        caption="bounce: strongest single one; SNR: strongest path, all subcarriers combined; range: LOS over the"
+        " weakest path in a beam power map; side lobes of the LOS: in one angle, in both",
+    )
+    for column in table.columns:
+        column.justify = "right"
+    columns = zip(
+        budget.stop, budget.distance_m, budget.los_dbm, budget.single_bounce_dbm, budget.processed_snr_db,
+        budget.dynamic_range_db, budget.cross_db, budget.off_cross_db, strict=True,
+    )  # fmt: skip
+    for stop, distance_m, los, bounce, snr, usable, cross, off_cross in columns:
+        table.add_row(
+            str(stop),
+            f"{distance_m:.2f}",
+            _cell(los, "blocked"),
+            _cell(bounce, "none"),
+            f"{budget.thermal_noise_dbm:.1f}",
+            _cell(snr, "none"),
+            _cell(usable, "-"),
+            "-" if math.isnan(cross) else f"{cross:.1f}, {off_cross:.1f}",
+        )
+    return table
+
+
+def _cell(value: float, otherwise: str) -> str:
+    return f"{value:.1f}" if math.isfinite(value) else otherwise

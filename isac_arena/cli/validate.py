@@ -1,0 +1,149 @@
+"""`arena validate NAME`: closed-form and Monte Carlo checks of a stage, each value beside its bar."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import json
+import time
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from isac_arena.validation.measurement import Measurement
+
+MODULES: Mapping[str, tuple[str, ...]] = {
+    "signal": ("signal.waveform", "signal.generation"),
+    "propagation": (
+        "propagation.closed_form",
+        "propagation.specular",
+        "propagation.diffraction",
+        "propagation.mesh",
+    ),
+    "slam": ("slam.measured", "slam.snapshot", "slam.trajectory", "slam.spatial"),
+    "scoring": ("scoring.metrics", "scoring.bounds", "scoring.budget"),
+    "channel": ("channel.efficiency", "channel.noise", "channel.hardware", "channel.arena"),
+    "shape": (
+        "shape.gp",
+        "shape.points",
+        "shape.law",
+        "shape.reflection",
+        "shape.campaign",
+        "shape.measured",
+    ),
+    "twin": ("twin",),
+}
+BENCHES: Mapping[str, tuple[str, ...]] = {
+    "raytrace": ("benches.raytrace",),
+    "signal": ("benches.signal", "benches.sionna"),
+    "slam": ("benches.slam",),
+    "channel": ("benches.channel",),
+    "shape": ("benches.shape", "benches.shape_reflection"),
+    "sweep": ("benches.sweep",),
+}
+
+Json = Annotated[Path | None, typer.Option("--json", help="Write the rows to this JSON file as well.")]
+Quick = Annotated[bool, typer.Option("--quick", help="A subset that takes seconds.")]
+Seed = Annotated[int, typer.Option(min=0, help="Seed of the random cases.")]
+Trials = Annotated[
+    int | None,
+    typer.Option(min=1, help="Scenes of the longest Monte Carlo run; the others take their share of it."),
+]
+Estimator = Annotated[
+    str | None,
+    typer.Option(help="Check your own estimator in place of ours: package.module:function."),
+]
+
+
+def validate(
+    name: Annotated[str, typer.Argument(help=f"One of: {', '.join(MODULES)}.")],
+    quick: Quick = False,
+    seed: Seed = 1,
+    json_file: Json = None,
+    trials: Trials = None,
+    estimator: Estimator = None,
+) -> None:
+    """Measure a stage against closed forms, exact solutions and brute force; exit 1 where a bar is missed."""
+    options = {
+        key: value for key, value in (("trials", trials), ("estimator", estimator)) if value is not None
+    }
+    _measure(name, MODULES, "check_", quick, seed, json_file, options)
+
+
+def bench(
+    name: Annotated[str, typer.Argument(help=f"One of: {', '.join(BENCHES)}.")],
+    quick: Quick = False,
+    seed: Seed = 1,
+    json_file: Json = None,
+) -> None:
+    """Time a stage, as ratios inside one run; exit 1 where a bar is missed."""
+    _measure(name, BENCHES, "bench_", quick, seed, json_file)
+
+
+def _measure(
+    name: str,
+    modules: Mapping[str, tuple[str, ...]],
+    prefix: str,
+    quick: bool,
+    seed: int,
+    json_file: Path | None,
+    options: Mapping[str, object] = MappingProxyType({}),
+) -> None:
+    from rich.console import Console  # noqa: PLC0415
+    from rich.table import Table  # noqa: PLC0415
+
+    from isac_arena.campaign.files import write_text  # noqa: PLC0415
+    from isac_arena.validation.measurement import to_json  # noqa: PLC0415
+
+    if name not in modules:
+        raise ValueError(f"name = '{name}': must be one of {', '.join(modules)}")
+    console = Console(highlight=False)
+    table = Table("key", "value", "bar", "unit", "met")
+    for column in (1, 2):
+        table.columns[column].justify = "right"
+    for numbers in table.columns[1:]:
+        numbers.no_wrap = True  # on a narrow terminal the keys break, not the numbers
+    table.columns[0].overflow = "fold"
+    rows: list[Measurement] = []
+    checks = list(_checks(modules[name], prefix))
+    for option in options:
+        if not any(option in inspect.signature(check).parameters for _, check in checks):
+            raise ValueError(f"--{option}: the checks of '{name}' have none; leave it out")
+    for title, check in checks:
+        started = time.perf_counter()
+        accepted = {key: options[key] for key in options if key in inspect.signature(check).parameters}
+        with console.status(title):
+            measured = check(seed, quick, **accepted)
+        _add_section(table, f"{title}, {time.perf_counter() - started:.1f} s", measured)
+        rows += measured
+    console.print(table)
+    if json_file is not None:
+        write_text(json_file, json.dumps(to_json(rows), indent=1) + "\n")
+    missed = [row.key for row in rows if not row.met]
+    console.print(f"{len(rows) - len(missed)} of {len(rows)} bars met")
+    if missed:
+        raise typer.Exit(1)
+
+
+def _checks(modules: tuple[str, ...], prefix: str) -> Iterator[tuple[str, Callable[..., list[Measurement]]]]:
+    """The check functions of validation modules in the order they are written, with the title of each."""
+    for module_name in modules:
+        module = importlib.import_module(f"isac_arena.validation.{module_name}")
+        for function_name, function in vars(module).items():
+            if function_name.startswith(prefix) and getattr(function, "__module__", "") == module.__name__:
+                yield function_name.removeprefix(prefix).replace("_", " "), function
+
+
+def _add_section(table: Table, title: str, rows: list[Measurement]) -> None:
+    table.add_row(f"[bold]{title}[/]")
+    for row in rows:
+        sign = "<=" if row.direction == "lower" else ">="
+        met = "[green]yes[/]" if row.met else "[bold red]no[/]"
+        table.add_row(row.key, f"{row.value:.4g}", f"{sign} {row.bar:.4g}", row.unit, met)
+    table.add_section()

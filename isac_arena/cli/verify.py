@@ -1,0 +1,78 @@
+"""`arena verify`: is a directory as its run left it, and does the same come out once more?"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from isac_arena.verification.compare import Finding
+
+
+def verify(
+    directory: Annotated[Path, typer.Argument(help="Directory of a campaign or of a sweep.")],
+    share: Annotated[
+        float, typer.Option(min=0.0, max=1.0, help="Share of the stops, or cases, computed once more.")
+    ] = 0.1,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the choice of stops, or cases.")] = 1,
+) -> None:
+    """Check every file against the manifest and compute a share of the results once more; exit 1 if one differs.
+
+    On the machine and with the code and libraries that made them results have to agree bit by bit, elsewhere
+    within a tolerance.
+    """
+    from rich.console import Console  # noqa: PLC0415
+
+    from isac_arena.campaign.manifest import MANIFEST, check_files, made_by  # noqa: PLC0415
+    from isac_arena.verification.campaign import recomputed_campaign  # noqa: PLC0415
+    from isac_arena.verification.sweep import checked_tables, recomputed_cases  # noqa: PLC0415
+
+    console = Console(highlight=False, soft_wrap=True)
+    is_sweep = (directory / "sweep.json").is_file()
+    if not is_sweep and not any((directory / name).is_file() for name in ("campaign.json", MANIFEST)):
+        raise ValueError(
+            f"{directory}: holds no campaign and no sweep; 'arena run' and 'arena sweep' make them"
+        )
+    checked, here = check_files(directory), made_by()
+    for problem in checked.problems:
+        console.print(f"  {problem}", markup=False)
+    if checked.unknown:
+        console.print(f"  not of the run: {', '.join(checked.unknown[:5])}", markup=False)
+    console.print(
+        f"files: {checked.n_files - len(checked.problems)} of {checked.n_files} as they were written"
+    )
+    exact = all(origin == here for origin in checked.made_by)
+    for origin in checked.made_by:
+        tell_origin(console, origin, here)
+    findings: list[Finding] = list(checked_tables(directory)) if is_sweep else []
+    if is_sweep or (directory / "campaign.json").is_file():
+        with console.status("computing once more"):
+            again = recomputed_cases if is_sweep else recomputed_campaign
+            findings += again(directory, share, seed)
+    for finding in findings:
+        console.print(f"  {finding.line(exact)}", markup=False)
+    bad = sum(not finding.holds(exact) for finding in findings)
+    if findings:
+        wanted = "bit by bit" if exact else "within the tolerance"
+        console.print(f"computed once more: {len(findings) - bad} of {len(findings)} agree {wanted}")
+    if checked.problems or bad:
+        raise typer.Exit(1)
+
+
+def tell_origin(console: Console, made: dict[str, object], here: dict[str, object]) -> None:
+    """Say what of code, libraries and machine differs between the run and here."""
+    differing = [name for name in here if made.get(name) != here[name]]
+    if differing:
+        told = ", ".join(f"{name} {_shown(made.get(name), here[name])}" for name in differing)
+        console.print(f"made elsewhere: {told}", markup=False)
+
+
+def _shown(made: object, here: object) -> str:
+    if isinstance(made, dict) and isinstance(here, dict):
+        pairs = [f"{key} {made.get(key)} (here {here[key]})" for key in here if made.get(key) != here[key]]
+        return ", ".join(pairs)
+    return f"{made} (here {here})"

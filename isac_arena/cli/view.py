@@ -1,0 +1,49 @@
+"""`arena view`: a campaign in three dimensions, in the browser."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
+
+
+def view(
+    directory: Annotated[Path, typer.Argument(help="Directory of a campaign.")],
+    stop: Annotated[
+        int | None, typer.Option(min=0, help="RX stop whose paths are shown at first; by default the first.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="HTML file to write; DIRECTORY/view.html by default.")
+    ] = None,
+    show: Annotated[bool, typer.Option("--open/--no-open", help="Open the page in the browser.")] = True,
+) -> None:
+    """Show the hall with its paths and the estimated contours in 3-D: one HTML file, about 5 MB."""
+    import webbrowser  # noqa: PLC0415
+
+    from isac_arena.campaign import stages  # noqa: PLC0415
+    from isac_arena.campaign.files import write_text  # noqa: PLC0415
+    from isac_arena.campaign.recording import recorded_additions  # noqa: PLC0415
+    from isac_arena.report.view.page import view_page  # noqa: PLC0415
+
+    store = stages.reopen(directory)
+    scene = stages.scene_of(store)
+    results = stages.stored_results(store, len(scene.stops))
+    is_measured = store.measured is not None
+    paths = [] if is_measured else [truth.paths for truth in stages.stored_truths(store, len(scene.stops))]
+    path = out or directory / "view.html"
+    page = view_page(store.config.name, scene, results, paths, stop or 0)
+    with recorded_additions(directory):
+        write_text(path, page)
+    typer.echo(f"3-D view: {path}")
+    if show and _has_display():
+        webbrowser.open(path.resolve().as_uri())
+
+
+def _has_display() -> bool:
+    """Whether a browser would come up in a window: without a display Linux would start one in the terminal."""
+    return not sys.platform.startswith("linux") or any(os.environ.get(name) for name in DISPLAYS)

@@ -1,0 +1,113 @@
+"""Campaigns in the formats of other tools, at the edge: which file holds what."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from isac_arena.campaign import stages
+from isac_arena.campaign.directory import CampaignStore
+from isac_arena.campaign.files import write_bytes
+from isac_arena.exchange.deepmimo_export import scene_facets, write_deepmimo
+from isac_arena.exchange.geojson import map_geojson
+from isac_arena.exchange.mat import measurement_bytes
+from isac_arena.exchange.measurement_export import labelled_stops
+from isac_arena.report.figures.path_lines import COLORS, path_kind
+from scenes.meshes.mesh import Polyline3d, glb_bytes
+from scenes.record import FloatArray
+from scenes.walks.tum import tum_text
+from sim.propagation.deepmimo.scenario import PathScenario
+from sim.propagation.paths import Paths
+
+
+def write_mat(store: CampaignStore, folder: Path) -> Iterator[Path]:
+    """The estimates and labels as the public measurement file lays them out."""
+    scene = stages.scene_of(store)
+    n_stops = len(scene.stops)
+    truths = stages.known_stops(store, n_stops)
+    channel = [estimate.channel for estimate in stages.channel_estimates(store, n_stops)]
+    tables = store.score_tables()
+    if tables is None:
+        raise ValueError(f"{store.directory}: the score is missing or out of date; run 'arena score' first")
+    content = measurement_bytes(scene.tx, labelled_stops(channel, truths, tables.paths))
+    yield _written(folder / f"{store.config.name}.mat", content)
+
+
+def write_tum(store: CampaignStore, folder: Path) -> Iterator[Path]:
+    """The true trajectory and that of SLAM, a stop a second."""
+    scene = stages.scene_of(store)
+    poses = scene.stops
+    position = np.array([pose.position_m for pose in poses])
+    heading = np.array([pose.heading_rad for pose in poses])
+    found = stages.stored_results(store, len(poses)).slam.poses
+    height = np.where(np.isfinite(found.height_m), found.height_m, scene.walk.height_m)
+    estimate = np.column_stack([found.position_m, height])
+    time_s = np.arange(len(poses), dtype=float)  # a stop a second: a walk from stop to stop has no clock
+    for name, text in (
+        ("truth", tum_text(time_s, position, heading)),
+        ("slam", tum_text(found.stop.astype(float), estimate, found.heading_rad)),
+    ):
+        yield _written(folder / f"{name}.tum", text.encode())
+
+
+def write_geojson(store: CampaignStore, folder: Path) -> Iterator[Path]:
+    """The maps of mapping and SLAM with the true outlines."""
+    scene = stages.scene_of(store)
+    results = stages.stored_results(store, len(scene.stops))
+    for name, result in (("mapping", results.mapping), ("slam", results.slam)):
+        text = json.dumps(map_geojson(scene, result), allow_nan=False)
+        yield _written(folder / f"{name}.geojson", text.encode())
+
+
+def write_scenario(store: CampaignStore, folder: Path, max_paths: int) -> Path:
+    """The true paths as a DeepMIMO v4 scenario; returns its params.json."""
+    scene = stages.scene_of(store)
+    scenario = PathScenario(
+        tx_position_m=scene.tx.position_m,
+        rx_position_m=np.array([pose.position_m for pose in scene.stops]),
+        carrier_hz=store.config.waveform.carrier_ghz * 1e9,
+        paths=tuple(_true_paths(store, stop) for stop in range(len(scene.stops))),
+    )
+    return write_deepmimo(folder, scenario, scene_facets(scene), max_paths)
+
+
+def write_glb(store: CampaignStore, file: Path, stop: int, max_paths: int) -> Path:
+    """The scene with the strongest true paths of a stop, named by their kind."""
+    scene = stages.scene_of(store)
+    if stop >= len(scene.stops):
+        raise ValueError(f"--stop = {stop}: the walk has stops 0 to {len(scene.stops) - 1}")
+    rays = _rays(_true_paths(store, stop), scene.tx.position_m, scene.stops[stop].position_m, max_paths)
+    return _written(file, glb_bytes(scene, polylines=rays))
+
+
+def _rays(paths: Paths, tx_m: FloatArray, rx_m: FloatArray, max_paths: int) -> list[Polyline3d]:
+    """The strongest paths as lines from TX to RX, numbered by strength within their kind."""
+    lines: list[Polyline3d] = []
+    seen: Counter[str] = Counter()
+    for path in np.argsort(-paths.power, kind="stable")[:max_paths]:
+        n = int(paths.n_interactions[path])
+        kind = path_kind(paths.bounce_kind[path, :n])
+        seen[kind] += 1
+        corners = np.vstack([tx_m, paths.vertex_m[path, :n], rx_m])
+        lines.append(Polyline3d(f"{kind} {seen[kind]}", COLORS[kind], corners))
+    return lines
+
+
+def _true_paths(store: CampaignStore, stop: int) -> Paths:
+    if store.measured is not None:
+        raise ValueError(f"{store.directory}: a measured campaign has no true paths to export")
+    truth = store.truth(stop)
+    if truth is None:
+        raise ValueError(
+            f"{store.directory}: the truth of stop {stop} is missing or out of date; run 'arena generate' first"
+        )
+    return truth.paths
+
+
+def _written(file: Path, content: bytes) -> Path:
+    write_bytes(file, content)
+    return file

@@ -1,0 +1,164 @@
+"""The layout of the public measurement file of the Campus Arena campaign (MATLAB 5): read, checked, written.
+
+The file holds one struct `sim`. Fields of T stops: `tx` and `rx` (3 x T: x, y in m, heading in rad), `y` (cells of
+3 x M: range in m, AoD and AoA in rad, array frames), `power` (cells of M, dBm), and, where labelled, `inlier`
+(cells of 2 x M: line of sight, single bounce) and `MU` (cells of 2 x M: IP in m, NaN but for single bounces). The
+excerpt of 30 stops and the whole file of 45 have this same layout.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.io import loadmat, savemat
+
+from isac_arena.campaign.measured import (
+    PUBLISHED_TX_OFFSET_DEG,
+    MeasuredCampaign,
+    MeasuredStop,
+    measured_campaign,
+)
+from scenes.pose import Pose
+from scenes.record import FloatArray
+
+NEEDED = ("tx", "rx", "y", "power")
+
+
+def read_measurement(
+    path: Path,
+    *,
+    tx_offset_deg: float = PUBLISHED_TX_OFFSET_DEG,
+    clock_bias_m: FloatArray | None = None,
+    height_m: float = 0.0,
+) -> MeasuredCampaign:
+    """All stops of a measurement file.
+
+    `tx_offset_deg` is added to the TX heading of the file, `clock_bias_m` (stop,) to the ranges (zero without it),
+    and all devices stand at `height_m`.
+
+    Raises
+    ------
+    FileNotFoundError
+        Where the file is missing.
+    ValueError
+        Where it is no MATLAB 5 file or has another layout; the message names file, field, shape and what is
+        needed.
+    """
+    sim = _struct(path)
+    rx = _numbers(path, sim, "rx")
+    n_stops = len(rx)
+    tx = _one_pose(path, _numbers(path, sim, "tx"), n_stops)
+    cells = {name: _cells(path, sim, name, n_stops) for name in ("y", "power", "inlier", "MU")}
+    stops = [
+        _stop(path, index, rx[index], {name: cell[index] for name, cell in cells.items()})
+        for index in range(n_stops)
+    ]
+    pose = Pose(np.array([*tx[:2], height_m]), float(tx[2] + np.deg2rad(tx_offset_deg)))
+    bias = np.zeros(n_stops) if clock_bias_m is None else np.asarray(clock_bias_m, float)
+    if bias.shape != (n_stops,):
+        raise ValueError(f"clock_bias_m: shape {bias.shape}, one value for each of {n_stops} stops is needed")
+    try:
+        return measured_campaign(pose, stops, bias, height_m)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+
+
+def measurement_bytes(tx: Pose, stops: Sequence[MeasuredStop]) -> bytes:
+    """A MATLAB 5 file of the same layout; `read_measurement` without a heading offset gives the stops back."""
+
+    def cells(values: Iterable[FloatArray]) -> Any:
+        row = np.empty((1, len(stops)), object)
+        row[0, :] = [np.asarray(value, float) for value in values]
+        return row
+
+    pose = np.array([*tx.position_m[:2], tx.heading_rad])
+    sim = {
+        "tx": np.repeat(pose[:, None], len(stops), axis=1),
+        "rx": np.stack([stop.rx for stop in stops], axis=1),
+        "y": cells(stop.measured.T for stop in stops),
+        "power": cells(stop.power_dbm[None] for stop in stops),
+        "inlier": cells(np.stack([stop.is_los, stop.is_single_bounce]) for stop in stops),
+        "MU": cells(stop.landmark_m.T for stop in stops),
+    }
+    content = BytesIO()
+    savemat(content, {"sim": sim}, do_compression=True)
+    return content.getvalue()
+
+
+def count_stops(path: Path) -> int:
+    """Number of stops in a measurement file; raises as `read_measurement`."""
+    return len(_numbers(path, _struct(path), "rx"))
+
+
+def _struct(path: Path) -> dict[str, Any]:
+    if not path.is_file():
+        raise FileNotFoundError(2, "no such file", str(path))
+    try:
+        content = loadmat(path)
+    except (ValueError, NotImplementedError, TypeError, OSError) as error:
+        raise ValueError(f"{path}: no MATLAB 5 file ({' '.join(str(error).split())[:80]})") from error
+    names = sorted(name for name in content if not name.startswith("__"))
+    sim = content.get("sim")
+    if sim is None or sim.dtype.names is None or sim.size != 1:
+        raise ValueError(f"{path}: holds {', '.join(names) or 'nothing'}; one struct 'sim' is needed")
+    missing = [name for name in NEEDED if name not in sim.dtype.names]
+    if missing:
+        raise ValueError(f"{path}: sim.{missing[0]} is missing; needed are {', '.join(NEEDED)}")
+    return {name: sim[name].flat[0] for name in sim.dtype.names}
+
+
+def _numbers(path: Path, sim: dict[str, Any], name: str) -> FloatArray:
+    """Poses (stop, 3) of a 3 x T field."""
+    value = sim[name]
+    if value.dtype.kind not in "fiu" or value.ndim != 2 or value.shape[0] != 3 or value.shape[1] == 0:
+        raise ValueError(f"{path}: sim.{name} has shape {value.shape}, 3 x T numbers are needed")
+    if not np.isfinite(value).all():
+        raise ValueError(f"{path}: sim.{name} holds values that are not finite")
+    return np.asarray(value.T, float)
+
+
+def _one_pose(path: Path, tx: FloatArray, n_stops: int) -> FloatArray:
+    """The TX pose (3,), the same at every stop."""
+    if len(tx) not in (1, n_stops):
+        raise ValueError(
+            f"{path}: sim.tx has {len(tx)} poses, 1 or one for each of {n_stops} stops is needed"
+        )
+    if np.any(tx != tx[0]):
+        raise ValueError(f"{path}: sim.tx moves; only a TX at rest is known")
+    return np.asarray(tx[0])
+
+
+def _cells(path: Path, sim: dict[str, Any], name: str, n_stops: int) -> list[FloatArray | None]:
+    """The matrix of every stop; None each where the field is left out."""
+    if name not in sim:
+        return [None] * n_stops
+    value = sim[name]
+    if value.dtype != object or value.size != n_stops:
+        raise ValueError(
+            f"{path}: sim.{name} has {value.size} entries, one cell for each of {n_stops} stops is needed"
+        )
+    return [np.asarray(cell, float) for cell in value.flat]
+
+
+def _stop(path: Path, index: int, rx: FloatArray, cell: dict[str, FloatArray | None]) -> MeasuredStop:
+    y = cell["y"]
+    n = y.shape[1] if y is not None and y.ndim == 2 else 0
+    value = {}
+    for name, shape, default in (
+        ("y", (3, n), np.nan),
+        ("power", (1, n), np.nan),
+        ("inlier", (2, n), 0.0),
+        ("MU", (2, n), np.nan),
+    ):
+        given = cell[name]
+        value[name] = np.full(shape, default) if given is None else given
+        if value[name].shape != shape:
+            raise ValueError(
+                f"{path}: sim.{name}{{{index + 1}}} has shape {value[name].shape}, {shape} is needed for {n} paths"
+            )
+    label = value["inlier"] > 0
+    return MeasuredStop(rx, value["y"].T, value["power"][0], label[0], label[1], value["MU"].T)

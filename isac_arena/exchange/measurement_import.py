@@ -1,0 +1,103 @@
+"""A measurement file made into a campaign directory: settings, scene, labels and channel estimates."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+
+from estimation.channel.power_map import BeamPowerMap
+from estimation.slam.config import MappingConfig, SnapshotConfig
+from isac_arena.campaign.config import CampaignConfig
+from isac_arena.campaign.directory import CampaignStore, StopEstimate
+from isac_arena.campaign.lock import one_run
+from isac_arena.campaign.measured import (
+    PUBLISHED_MAX_POSITION_STD_M,
+    PUBLISHED_NOISE,
+    MeasuredCampaign,
+    clock_walk_m,
+)
+from isac_arena.campaign.recording import recorded_run
+from isac_arena.exchange.mat import count_stops, read_measurement
+from scenes.config import kept_files, load_scene, scene_path
+
+METHODS = get_args(SnapshotConfig.model_fields["method"].annotation)
+
+
+def import_campaign(
+    file: Path, out: Path, *, tx_offset_deg: float, clock_seed: int | None, method: str, scene: str
+) -> int:
+    """Write the campaign directory of a measurement file and return its number of stops.
+
+    Raises `ValueError` where the file has another layout, the method is unknown, or the directory holds another
+    campaign.
+    """
+    if method not in METHODS:
+        raise ValueError(f"--method = '{method}': must be one of {', '.join(METHODS)}")
+    height_m = float(load_scene(scene).tx.position_m[2])
+    bias_m = (
+        None if clock_seed is None else clock_walk_m(count_stops(file), np.random.default_rng(clock_seed))
+    )
+    campaign = read_measurement(file, tx_offset_deg=tx_offset_deg, clock_bias_m=bias_m, height_m=height_m)
+    store = CampaignStore(
+        directory=out,
+        config=settings(file.stem, method),
+        scene_text=scene_text(scene_path(scene).read_text(encoding="utf-8"), campaign),
+        estimator=None,
+        measured=_origin(file, tx_offset_deg, clock_seed),
+        scene_files=kept_files(scene_path(scene)),
+    )
+    with one_run(out), recorded_run(out):
+        store.open_for_writing()
+        load_scene(out / "scene.toml")
+        for truth, channel in zip(campaign.truths, campaign.channel, strict=True):
+            store.write_truth(truth)
+            store.write_channel(StopEstimate(channel, _no_power_map(channel.stop)))
+    return len(campaign.truths)
+
+
+def settings(name: str, method: str) -> CampaignConfig:
+    """Settings of a measured campaign: the published covariance for all paths, which the file does not hold."""
+    slam = SnapshotConfig.model_validate(
+        {"method": method, "noise": PUBLISHED_NOISE, "max_position_std_m": PUBLISHED_MAX_POSITION_STD_M}
+    )
+    return CampaignConfig(
+        name=name, scene="measured", mapping=MappingConfig(noise=PUBLISHED_NOISE), slam=slam
+    )
+
+
+def scene_text(text: str, campaign: MeasuredCampaign) -> str:
+    """A scene file with the measured TX and receiver stops in place of its own."""
+    position, height_m = campaign.tx.position_m, float(campaign.tx.position_m[2])
+    stops = [truth.rx_pose for truth in campaign.truths]
+    headings = {stop.heading_rad for stop in stops}
+    if len(headings) > 1:
+        raise ValueError("sim.rx: the heading changes; only one heading for all stops is known")
+    points = ",\n".join(f"    [{x!r}, {y!r}]" for x, y, _ in (stop.position_m.tolist() for stop in stops))
+    tx = f"position_m = {position.tolist()}\nheading_deg = {float(np.rad2deg(campaign.tx.heading_rad))!r}\n"
+    walk = f"waypoints_m = [\n{points},\n]\nheight_m = {height_m!r}\n"
+    walk += f"heading_deg = {float(np.rad2deg(headings.pop()))!r}\n"
+    return _with_table(_with_table(text, "tx", tx), "walk", walk)
+
+
+def _with_table(text: str, name: str, body: str) -> str:
+    """TOML with the content of one table replaced."""
+    pattern = re.compile(rf"^\[{name}\][^\n]*\n.*?(?=^\[[^\n]*\]|\Z)", re.MULTILINE | re.DOTALL)
+    replaced, count = pattern.subn(lambda _: f"[{name}]\n{body}\n", text)
+    if count != 1:
+        raise ValueError(f"scene: the table [{name}] is found {count} times, once is needed")
+    return replaced
+
+
+def _origin(file: Path, tx_offset_deg: float, clock_seed: int | None) -> str:
+    digest = hashlib.sha256(file.read_bytes()).hexdigest()[:16]
+    clock = "as in the file" if clock_seed is None else f"10 m and a random walk, seed {clock_seed}"
+    return f"{file.name} (sha256 {digest}), TX heading offset {tx_offset_deg:g} deg, clock {clock}"
+
+
+def _no_power_map(stop: int) -> BeamPowerMap:
+    none = np.zeros(0)
+    return BeamPowerMap(stop, none, none, np.zeros((0, 0)))

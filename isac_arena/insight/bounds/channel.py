@@ -1,0 +1,110 @@
+"""Cramer-Rao bounds of the channel parameters of a campaign, over the plan and along the walk."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from rich.table import Table
+
+from estimation.channel.model.crb import PathBounds
+from estimation.channel.model.manifold import Manifold
+from isac_arena.insight.bounds.position import PlanGrid, Prepared
+from isac_arena.report.figures.channel_bound import ChannelBoundMap
+from isac_arena.scoring.link_view import true_path_bounds
+from isac_arena.scoring.provenance import path_origin
+from isac_arena.scoring.record import PathKind
+from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
+from scenes.record import BoolArray, FloatArray
+from sim.propagation.paths import Paths
+from sim.signal.link import Link, best_beam_power_dbm, make_link
+
+LEAST_SNR_DB = 10.0  # weaker paths are not found
+
+
+@dataclass(frozen=True)
+class ChannelModel:
+    """A campaign's link, the manifolds of its beams, and whether its hardware keeps phases between beam pairs."""
+
+    prepared: Prepared
+    link: Link
+    tx: Manifold
+    rx: Manifold
+    is_coherent: bool
+
+
+def channel_model(prepared: Prepared) -> ChannelModel:
+    """The channel model of a campaign: phases are lost where it has a CFO or phase noise between pairs."""
+    link = make_link(prepared.config)
+    hardware = prepared.config.impairments
+    keeps_phase = not (hardware.cfo_hz or hardware.phase_noise_pair_deg)
+    return ChannelModel(prepared, link, Manifold(link.tx_codebook), Manifold(link.rx_codebook), keeps_phase)
+
+
+def stop_bounds(
+    model: ChannelModel, paths: Paths, rx_pose: Pose, *, coherent: bool
+) -> tuple[Paths, PathBounds]:
+    """The paths of a place from `LEAST_SNR_DB` on and their bounds, all of them estimated together."""
+    link, tx_pose = model.link, model.prepared.scene.tx
+    power_dbm = best_beam_power_dbm(paths, link, tx_pose, rx_pose)
+    noise_dbm = 10 * np.log10(link.noise_power_mw.min() / len(link.frequency_offset_hz))
+    paths = paths.take("path", power_dbm - noise_dbm >= LEAST_SNR_DB)
+    manifolds, poses = (model.tx, model.rx), (tx_pose, rx_pose)
+    return paths, true_path_bounds(link, manifolds, paths, poses, coherent=coherent)
+
+
+def over_plan(model: ChannelModel, grid: PlanGrid) -> ChannelBoundMap:
+    """Bounds of the strongest path at every place, the receiver turned as at the first stop of the walk."""
+    shape = grid.is_free.shape
+    std, has_los = np.full((3, *shape), np.nan), np.zeros(shape, bool)
+    heading = float(model.prepared.scene.walk.headings_rad()[0])
+    for at, position, paths in zip(np.argwhere(grid.is_free), grid.position_m, grid.paths, strict=True):
+        pose = Pose(position, heading)
+        kept, bounds = stop_bounds(model, paths, pose, coherent=model.is_coherent)
+        if not len(kept):
+            std[(slice(None), *at)] = np.inf
+            continue
+        best = int(np.argmax(bounds.snr_db))
+        angles = bounds.aod_std_rad[best, 0], bounds.aoa_std_rad[best, 0]
+        std[(slice(None), *at)] = bounds.delay_std_s[best], *angles
+        has_los[tuple(at)] = bool(kept.is_los.any())
+    return ChannelBoundMap(grid.x_m, grid.y_m, std[0], std[1], std[2], has_los, model.is_coherent)
+
+
+def along_walk(model: ChannelModel) -> Table:
+    """Median bounds over all stops of the walk, of LOS and single bounces, phases kept and lost."""
+    scene = model.prepared.scene
+    stops = list(zip(scene.walk.poses(), model.prepared.solver.paths(scene.walk.positions_m()), strict=True))
+    table = Table("channel, median", "LOS", "phases lost", "1 bounce", "phases lost", "unit")
+    for column in range(1, 5):
+        table.columns[column].justify = "right"
+    kinds: dict[PathKind, list[FloatArray]] = {PathKind.LOS: [], PathKind.SINGLE_BOUNCE: []}
+    for coherent in (True, False):
+        found = [stop_bounds(model, paths, pose, coherent=coherent) for pose, paths in stops]
+        for kind, columns in kinds.items():
+            rows = [_table_rows(bounds, path_origin(kept).kind == kind) for kept, bounds in found]
+            columns.append(_median(np.concatenate(rows)))
+    values = np.stack([column for columns in kinds.values() for column in columns])
+    for index, (label, unit) in enumerate(
+        [
+            ("SNR", "dB"),
+            ("delay", "ps"),
+            ("path length", "mm"),
+            ("AoD azimuth", "mdeg"),
+            ("AoA azimuth", "mdeg"),
+        ]
+    ):
+        cells = ["-" if np.isnan(value) else f"{value:.3g}" for value in values[:, index]]
+        table.add_row(label, *cells, unit)
+    return table
+
+
+def _table_rows(bounds: PathBounds, chosen: BoolArray) -> FloatArray:
+    """SNR in dB, delay in ps and mm, AoD and AoA azimuth in mdeg (path, 5) of the chosen paths."""
+    delay = bounds.delay_std_s
+    angles = 1e3 * np.rad2deg(np.stack([bounds.aod_std_rad[:, 0], bounds.aoa_std_rad[:, 0]], axis=1))
+    return np.column_stack([bounds.snr_db, 1e12 * delay, 1e3 * SPEED_OF_LIGHT_M_S * delay, angles])[chosen]
+
+
+def _median(rows: FloatArray) -> FloatArray:
+    return np.asarray(np.median(rows, axis=0)) if len(rows) else np.full(rows.shape[1], np.nan)

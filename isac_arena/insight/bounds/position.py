@@ -1,0 +1,212 @@
+"""Bounds of a campaign's receiver from the exact paths of its scene."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from rich.table import Table
+
+from estimation.slam.bounds import (
+    StateBound,
+    StopPaths,
+    state_bound,
+    stop_bound,
+    trajectory_covariance,
+    wall_line,
+)
+from estimation.slam.space.bounds import SpatialBound, SpatialPaths, spatial_bound
+from isac_arena.campaign.config import CampaignConfig
+from isac_arena.campaign.load import campaign_scene, load_campaign
+from isac_arena.report.figures.bound import BoundMap
+from isac_arena.scoring.provenance import path_origin
+from isac_arena.scoring.record import PathKind
+from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
+from scenes.record import BoolArray, FloatArray
+from scenes.scene import Scene
+from sim.propagation.paths import BounceKind, Paths
+from sim.propagation.specular.solver import ExactSolver
+
+MARGIN_M = 3.0  # of the grid round the TX and the walk
+MIN_TX_DISTANCE_M = 0.1  # no receiver stands closer to the TX
+SMOOTHNESS_M = 0.1  # second difference of the walk, per coordinate and stop^2
+SAME_LINE_DECIMALS = 6
+HORIZONTAL = ("floor", "ceiling")
+QUANTITIES = (
+    ("position error bound", "position_m", 1.0, "m"),
+    ("heading error bound", "heading_rad", 180 / np.pi, "deg"),
+    ("clock error bound", "clock_m", 1e9 / SPEED_OF_LIGHT_M_S, "ns"),
+)
+IP_ROW = "incidence point error bound"
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A scene with its solver and the covariance of a path."""
+
+    config: CampaignConfig
+    scene: Scene
+    solver: ExactSolver
+    covariance: FloatArray  # (3, 3) in (m, rad, rad)^2; (5, 5) with elevations in space
+    in_space: bool  # elevations are estimated
+
+
+def prepare(campaign: str) -> Prepared:
+    """Scene and settings of a campaign; every path gets the fixed covariance of the campaign's SLAM settings."""
+    config, scene_file = load_campaign(campaign)
+    carrier_hz = config.waveform.carrier_ghz * 1e9
+    scene = campaign_scene(config, scene_file)
+    noise, in_space = config.slam.noise, sees_elevations(config)
+    angles = (4 if in_space else 2) * [np.deg2rad(noise.angle_std_deg)]
+    std = np.array([SPEED_OF_LIGHT_M_S * 1e-9 * noise.delay_std_ns, *angles])
+    single = config.propagation.model_copy(update={"max_bounces": min(1, config.propagation.max_bounces)})
+    return Prepared(config, scene, ExactSolver(scene, carrier_hz, single), np.diag(std**2), in_space)
+
+
+def sees_elevations(config: CampaignConfig) -> bool:
+    """Whether a device's beams stand at several elevations and the campaign's estimator and SLAM take them up."""
+    arrays = (config.tx_array, config.rx_array)
+    several = any(len(set(a.beam_elevation_deg)) * len(set(a.panel_tilt_deg)) > 1 for a in arrays)
+    return several and config.channel.method != "power" and config.slam.use_elevation
+
+
+@dataclass(frozen=True)
+class PlanGrid:
+    """Places of a receiver over the plan, with the paths to those that are free."""
+
+    x_m: FloatArray  # (x,)
+    y_m: FloatArray  # (y,)
+    is_free: BoolArray  # (y, x)
+    position_m: FloatArray  # (place, xyz)
+    paths: list[Paths]  # (place,)
+
+
+def plan_grid(prepared: Prepared, step_m: float) -> PlanGrid:
+    """A grid round the TX and the walk, at the height of the walk."""
+    scene = prepared.scene
+    known = np.vstack([scene.walk.positions_m()[:, :2], scene.tx.position_m[:2]])
+    low, high = known.min(axis=0) - MARGIN_M, known.max(axis=0) + MARGIN_M
+    x, y = (np.arange(low[axis], high[axis] + step_m / 2, step_m) for axis in (0, 1))
+    height = np.full((len(y), len(x)), scene.walk.height_m)
+    places = np.stack([*np.meshgrid(x, y), height], axis=-1)
+    to_tx = np.linalg.norm(places - scene.tx.position_m, axis=-1)
+    is_free = (scene.occupied(places) < 0) & (to_tx >= MIN_TX_DISTANCE_M)
+    return PlanGrid(x, y, is_free, places[is_free], prepared.solver.paths(places[is_free]))
+
+
+def over_plan(prepared: Prepared, grid: PlanGrid) -> BoundMap:
+    """PEB of a snapshot at every place of a grid, in plan."""
+    peb, has_los = np.full(grid.is_free.shape, np.nan), np.zeros(grid.is_free.shape, bool)
+    for at, position, paths in zip(np.argwhere(grid.is_free), grid.position_m, grid.paths, strict=True):
+        bound, has_los[tuple(at)] = place_bound(prepared, position, paths)
+        peb[tuple(at)] = bound.plan_m if isinstance(bound, SpatialBound) else bound.position_m
+    return BoundMap(grid.x_m, grid.y_m, peb, has_los)
+
+
+def place_bound(
+    prepared: Prepared, position_m: FloatArray, paths: Paths
+) -> tuple[StateBound | SpatialBound, bool]:
+    """Bound of a receiver at a place (3,), in space where the campaign is, and whether it sees the TX."""
+    if prepared.in_space:
+        spatial = spatial_paths(prepared, paths)
+        state = np.array([*position_m, 0.0, 0.0])
+        return spatial_bound(prepared.scene.tx, state, spatial)[0], spatial.los_covariance is not None
+    stop = stop_paths(prepared, paths)
+    limits, _ = stop_bound(prepared.scene.tx, np.array([*position_m[:2], 0.0, 0.0]), stop)
+    return limits, stop.los_covariance is not None
+
+
+def along_walk(prepared: Prepared) -> Table:
+    """Median bounds over the stops of the walk: each alone, and, in the plane, all together with shared walls."""
+    table = Table("median over the walk", "each stop alone", "whole walk", "unit")
+    for column in (1, 2):
+        table.columns[column].justify = "right"
+    for label, alone, together, unit in _in_space(prepared) if prepared.in_space else _in_plane(prepared):
+        table.add_row(label, *(f"{v:.3g}" if np.isfinite(v) else "-" for v in (alone, together)), unit)
+    return table
+
+
+def _in_plane(prepared: Prepared) -> list[tuple[str, float, float, str]]:
+    """Rows: label, median of stops alone and of the whole walk, unit."""
+    scene = prepared.scene
+    positions = scene.walk.positions_m()
+    stops = [stop_paths(prepared, paths) for paths in prepared.solver.paths(positions)]
+    states = np.column_stack([positions[:, :2], scene.walk.headings_rad(), np.zeros(len(positions))])
+    alone = [stop_bound(scene.tx, state, stop) for state, stop in zip(states, stops, strict=True)]
+    shared = share_walls(scene.tx, states, stops)
+    together = state_bound(trajectory_covariance(scene.tx, states, shared, SMOOTHNESS_M))
+    rows = []
+    for label, name, scale, unit in QUANTITIES:
+        own = scale * np.median([getattr(limits, name) for limits, _ in alone])
+        rows.append((label, float(own), float(scale * np.median(getattr(together, name))), unit))
+    points = np.concatenate([ips for _, ips in alone])
+    rows.append((IP_ROW, float(np.median(points)) if len(points) else np.nan, np.nan, "m"))
+    return rows
+
+
+def _in_space(prepared: Prepared) -> list[tuple[str, float, float, str]]:
+    """The same of stops alone, with heights."""
+    scene = prepared.scene
+    positions = scene.walk.positions_m()
+    states = np.column_stack([positions, scene.walk.headings_rad(), np.zeros(len(positions))])
+    stops = [spatial_paths(prepared, paths) for paths in prepared.solver.paths(positions)]
+    alone = [spatial_bound(scene.tx, state, stop) for state, stop in zip(states, stops, strict=True)]
+    rows = []
+    for label, name, scale, unit in (*QUANTITIES, ("height error bound", "height_m", 1.0, "m")):
+        own = scale * np.median([getattr(limits, name) for limits, _ in alone])
+        rows.append((label, float(own), np.nan, unit))
+    points = np.concatenate([ips for _, ips in alone])
+    rows.append((IP_ROW, float(np.median(points)) if len(points) else np.nan, np.nan, "m"))
+    return rows
+
+
+def spatial_paths(prepared: Prepared, paths: Paths) -> SpatialPaths:
+    """Line of sight and single bounces off anything, floor and ceiling too, within the dynamic range."""
+    kind = path_origin(paths).kind
+    seen = _within_range(prepared, paths)
+    single = np.flatnonzero(seen & (kind == PathKind.SINGLE_BOUNCE))
+    passed = (paths.bounce_kind == BounceKind.NONE) | (paths.bounce_kind == BounceKind.REFRACTION)
+    point = np.zeros((0, 3))
+    if len(single):
+        point = paths.vertex_m[single, np.argmin(passed[single], axis=1)]
+    has_los = bool(np.any(seen & (kind == PathKind.LOS)))
+    covariance = np.tile(prepared.covariance, (len(single), 1, 1))
+    return SpatialPaths(point, covariance, prepared.covariance if has_los else None)
+
+
+def stop_paths(prepared: Prepared, paths: Paths) -> StopPaths:
+    """Line of sight and single bounces off upright objects within the estimator's dynamic range."""
+    origin, seen = path_origin(paths), _within_range(prepared, paths)
+    single = seen & (origin.kind == PathKind.SINGLE_BOUNCE) & ~np.isin(origin.object, HORIZONTAL)
+    has_los = bool(np.any(seen & (origin.kind == PathKind.LOS)))
+    covariance = np.tile(prepared.covariance, (int(single.sum()), 1, 1))
+    return StopPaths(
+        origin.vertex_m[single],
+        covariance,
+        np.full(int(single.sum()), -1),
+        prepared.covariance if has_los else None,
+    )
+
+
+def _within_range(prepared: Prepared, paths: Paths) -> BoolArray:
+    """Paths (path,) that the estimator's dynamic range shows beside the strongest."""
+    if not len(paths):
+        return np.zeros(0, bool)
+    least = 10 ** (-prepared.config.channel.power.dynamic_range_db / 10)
+    return np.asarray(paths.power >= paths.power.max() * least)
+
+
+def share_walls(tx: Pose, states: FloatArray, stops: list[StopPaths]) -> list[StopPaths]:
+    """The same paths with a number for every flat face that two or more of them reflect off.
+
+    Faces are told apart by their line, so the sides of a block and the places along a curve stay different.
+    """
+    lines = np.concatenate(
+        [wall_line(tx, state, stop.point_m) for state, stop in zip(states, stops, strict=True)]
+    )
+    _, face, count = np.unique(
+        lines.round(SAME_LINE_DECIMALS), axis=0, return_inverse=True, return_counts=True
+    )
+    wall = np.where(count[face] > 1, face, -1)
+    ends = np.cumsum([len(stop.point_m) for stop in stops])[:-1]
+    return [replace(stop, wall=part) for stop, part in zip(stops, np.split(wall, ends), strict=True)]

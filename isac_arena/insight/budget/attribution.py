@@ -1,0 +1,174 @@
+"""Attribution of an error to parts of a chain, with intervals.
+
+The error is a mean square over units (stops, objects): squares of independent errors add, their roots do not.
+The parts are replaced one after the other until all are; the contribution of a part is what the mean square falls
+by at its turn, averaged over all orders that respect the causal order of the parts: the asymmetric Shapley value
+of Frye, Rowat and Feige, "Asymmetric Shapley values: incorporating causal knowledge into model-agnostic
+explainability", NeurIPS 2020; with one group of parts Shapley's own (1953). The contributions add up to the whole
+mean square less what remains at the end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import bootstrap
+
+from isac_arena.insight.budget.stages import Groups, Part, orders
+from scenes.record import FloatArray, IntArray, TextArray
+
+CONFIDENCE = 0.95
+MIN_UNITS = 6  # of fewer stops or objects a bootstrap interval is far too short
+NOTHING = 1e-9  # of the whole: what rounding leaves
+MOST_SHARE = 2.0  # a larger part is made good by others of the other sign
+
+
+@dataclass(frozen=True)
+class Attribution:
+    """One mean square taken apart. Intervals hold the sampling of the units and the choice of the order.
+
+    `low` and `high` span the bootstrap intervals of the share in every admissible order, so that replacing two
+    parts in the other order moves no share out of its interval. Shares are NaN where there is no error at all.
+    """
+
+    part: tuple[Part, ...]
+    contribution: FloatArray  # (part,) mean over orders
+    low: FloatArray  # (part,) of the contribution over the total
+    high: FloatArray  # (part,)
+    alone: FloatArray  # (part,) what it falls by when this part alone is replaced
+    first: FloatArray  # (part,) contribution where it comes as early as it may
+    last: FloatArray  # (part,) and as late
+    total: float  # with nothing replaced
+    total_low: float
+    total_high: float
+    rest: float  # with all parts replaced
+    rest_low: float  # of the rest over the total
+    rest_high: float
+    n_units: int
+
+    @property
+    def effect(self) -> TextArray:
+        """Whether the error 'falls' or 'grows' without each part (part,), or does nothing at all ('none').
+
+        'undecided' where the interval holds zero: then the part may as well have no effect.
+        """
+        effect = np.full(len(self.part), "undecided")
+        effect[self.low > NOTHING] = "falls"
+        effect[self.high < -NOTHING] = "grows"
+        effect[(np.abs(self.low) <= NOTHING) & (np.abs(self.high) <= NOTHING)] = "none"
+        return effect
+
+    @property
+    def objection(self) -> str:
+        """Why shares of the total would mean nothing; empty where they mean something."""
+        if self.total == 0:
+            return "there is no error"
+        if self.n_units < MIN_UNITS:
+            return f"{self.n_units} stops or objects, an interval needs {MIN_UNITS}"
+        if np.abs(self.contribution).max() > MOST_SHARE * self.total:
+            return f"parts cancel: one is more than {MOST_SHARE:g} times the whole"
+        if not np.isin(self.effect, ("falls", "grows")).any() and not self.rest_low > NOTHING:
+            return "no part stands out of its interval"
+        return ""
+
+
+def root(mean_square: FloatArray | float) -> FloatArray:
+    """The length whose square a mean square, or a difference of two, is; of its sign."""
+    return np.asarray(np.sign(mean_square) * np.sqrt(np.abs(mean_square)))
+
+
+def attribute(
+    squared_error: Mapping[frozenset[Part], FloatArray],
+    groups: Groups,
+    rng: np.random.Generator,
+    n_resamples: int = 2000,
+) -> Attribution:
+    """Take an error apart from the squared errors (unit,) of every coalition of replaced parts.
+
+    Intervals are percentile bootstrap intervals over the units (Efron and Tibshirani 1993, section 13.3), NaN
+    with a single unit.
+
+    Raises
+    ------
+    ValueError
+        Where there are no units, or coalitions differ in their number.
+    """
+    table = {parts: np.asarray(values, float) for parts, values in squared_error.items()}
+    n_units = {len(values) for values in table.values()}
+    if len(n_units) != 1 or n_units == {0}:
+        raise ValueError(
+            f"squared_error: {sorted(n_units)} units; every coalition needs the same, one or more"
+        )
+    parts = tuple(part for group in groups for part in group)
+    sequences = list(orders(groups))
+    whole, everything = table[frozenset()], table[frozenset(parts)]
+
+    def falls(index: IntArray) -> FloatArray:
+        value = {key: values[index].mean(axis=-1) for key, values in table.items()}
+        return np.stack([_falls(value, order, parts) for order in sequences])
+
+    def shares(units: FloatArray, axis: int = -1) -> FloatArray:
+        """Shares (order, part, ...), then the share of the rest and the total, as rows of one array."""
+        del axis
+        index = units.astype(int)
+        by_part, total = falls(index), whole[index].mean(axis=-1)
+        rows = np.concatenate([by_part.reshape(-1, *by_part.shape[2:]), [everything[index].mean(axis=-1)]])
+        over = np.divide(rows, total, out=np.zeros_like(rows), where=total > 0)
+        return np.concatenate([over, [total]])
+
+    all_units = np.arange(n_units.pop())
+    by_order, total = falls(all_units), float(whole.mean())
+    low, high = _interval(all_units.astype(float), shares, by_order.size + 2, rng, n_resamples)
+    of_order = by_order / total if total else np.full_like(by_order, np.nan)
+    alone = [whole.mean() - table[frozenset({part})].mean() for part in parts]
+    place = np.array([[order.index(part) for part in parts] for order in sequences])
+    earliest, latest = place == place.min(axis=0), place == place.max(axis=0)
+    return Attribution(
+        part=parts,
+        contribution=by_order.mean(axis=0),
+        low=np.minimum(low[:-2].reshape(by_order.shape), of_order).min(axis=0),
+        high=np.maximum(high[:-2].reshape(by_order.shape), of_order).max(axis=0),
+        alone=np.array(alone),
+        first=np.where(earliest, by_order, 0).sum(axis=0) / earliest.sum(axis=0),
+        last=np.where(latest, by_order, 0).sum(axis=0) / latest.sum(axis=0),
+        total=total,
+        total_low=float(low[-1]),
+        total_high=float(high[-1]),
+        rest=float(everything.mean()),
+        rest_low=float(low[-2]),
+        rest_high=float(high[-2]),
+        n_units=len(all_units),
+    )
+
+
+def _falls(
+    value: Mapping[frozenset[Part], FloatArray], order: tuple[Part, ...], parts: tuple[Part, ...]
+) -> FloatArray:
+    """What the mean square falls by at the turn of every part (part, ...) in one order."""
+    met = [value[frozenset(order[:length])] for length in range(len(order) + 1)]
+    fall = {part: before - after for part, before, after in zip(order, met, met[1:], strict=False)}
+    return np.stack([fall[part] for part in parts])
+
+
+def _interval(
+    units: FloatArray,
+    statistic: Callable[..., FloatArray],
+    size: int,
+    rng: np.random.Generator,
+    n_resamples: int,
+) -> tuple[FloatArray, FloatArray]:
+    """Percentile bootstrap interval of `size` statistics of the units, NaN where there is one unit alone."""
+    if len(units) < 2:
+        return np.full(size, np.nan), np.full(size, np.nan)
+    found = bootstrap(
+        (units,),
+        statistic,
+        n_resamples=n_resamples,
+        vectorized=True,
+        confidence_level=CONFIDENCE,
+        method="percentile",
+        rng=rng,
+    ).confidence_interval
+    return np.asarray(found.low), np.asarray(found.high)

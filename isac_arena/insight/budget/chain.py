@@ -1,0 +1,164 @@
+"""The estimation chain of a campaign with truth in the place of any of its stages."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from estimation.channel.record import ChannelEstimate
+from estimation.shape.contours import estimate_contours
+from estimation.shape.gp.estimate import estimate_shapes, fit_shapes
+from estimation.slam.mapping.incidence_points import map_stops
+from estimation.slam.record import IncidencePoints, PoseEstimates
+from estimation.slam.space.mapping import map_stops_spatial
+from estimation.slam.space.problem import is_spatial
+from estimation.slam.stops import locate_and_map
+from isac_arena.campaign.chain import known_receiver
+from isac_arena.campaign.config import CampaignConfig
+from isac_arena.insight.budget.oracles import (
+    TracedPaths,
+    object_labels,
+    typical_covariance,
+    with_true_association,
+    with_true_detection,
+    with_true_geometry,
+)
+from isac_arena.insight.budget.outcome import (
+    FinalErrors,
+    LitObject,
+    object_errors,
+    outlines_of_contours,
+    outlines_of_shapes,
+    pose_errors,
+)
+from isac_arena.insight.budget.stages import Part, Stage
+from isac_arena.scoring.config import ScoringConfig
+from isac_arena.scoring.provenance import cluster_origin
+from isac_arena.scoring.stages.channel import TrueStop, score_stop
+from scenes.record import FloatArray, IntArray, TextArray
+from scenes.scene import Scene
+
+UPSTREAM = (Stage.DETECTION, Stage.GEOMETRY, Stage.ASSOCIATION, Stage.POSE)
+FALLBACK_STD = np.array([1e-9, np.deg2rad(1.0), np.deg2rad(1.0)])  # where no path has a covariance
+
+
+@dataclass(frozen=True)
+class Mapped:
+    """What the chain has before the contours: paths, receiver states, incidence points and their objects."""
+
+    channel: list[ChannelEstimate]
+    poses: PoseEstimates
+    ips: IncidencePoints
+    ip_object: TextArray  # (ip,) upright object of the true single bounce behind it, else empty
+
+
+@dataclass(frozen=True)
+class Chain:
+    """A campaign from its channel estimates on, with the truth of the same stops for the oracles."""
+
+    config: CampaignConfig
+    scene: Scene
+    stops: list[TrueStop]
+    paths: list[TracedPaths]
+    objects: list[LitObject]
+    _maps: dict[frozenset[Part], Mapped] = field(default_factory=dict, repr=False)
+
+    def final_errors(self, replaced: frozenset[Part]) -> FinalErrors:
+        """Final errors with truth in the place of some stages."""
+        key = replaced & set(UPSTREAM)
+        if key not in self._maps:
+            self._maps[key] = self._map(key)
+        mapped = self._maps[key]
+        return FinalErrors(pose_errors(mapped.poses, self.stops), *self._shapes(mapped, replaced))
+
+    def _map(self, replaced: frozenset[Part]) -> Mapped:
+        """Receiver states and incidence points."""
+        paths = self._channel(replaced)
+        channel = [one.estimate for one in paths]
+        config, tx = self.config, self.scene.tx
+        if Stage.POSE in replaced:
+            poses = known_receiver(stop.truth for stop in self.stops)
+            ips = self._mapped(channel, poses)
+        else:
+            poses, ips = locate_and_map(channel, tx, config.slam, config.trajectory, config.mapping)
+            if Stage.ASSOCIATION in replaced:
+                ips = self._mapped(channel, poses)
+        if Stage.ASSOCIATION in replaced:
+            ips = replace(ips, is_inlier=np.asarray(np.isfinite(ips.position_m).all(axis=1)))
+        row = {int(stop): index for index, stop in enumerate(poses.stop)}
+        names = [
+            np.append(self.stops[row[stop]].origin.object, "")[paths[row[stop]].true_path[path]]
+            for stop, path in zip(ips.stop.tolist(), ips.path.tolist(), strict=True)
+        ]
+        upright = np.isin(np.array(names, str), self.scene.object_names)
+        return Mapped(channel, poses, ips, np.where(upright, np.array(names, str), ""))
+
+    def _channel(self, replaced: frozenset[Part]) -> list[TracedPaths]:
+        paths = self.paths
+        if Stage.DETECTION in replaced:
+            typical = typical_covariance([one.estimate for one in paths], FALLBACK_STD**2)
+            paths = [
+                with_true_detection(one, stop, typical) for one, stop in zip(paths, self.stops, strict=True)
+            ]
+        if Stage.GEOMETRY in replaced:
+            paths = [with_true_geometry(one, stop) for one, stop in zip(paths, self.stops, strict=True)]
+        if Stage.ASSOCIATION in replaced:
+            paths = [
+                with_true_association(one, stop, self.scene)
+                for one, stop in zip(paths, self.stops, strict=True)
+            ]
+        return paths
+
+    def _mapped(self, channel: Sequence[ChannelEstimate], poses: PoseEstimates) -> IncidencePoints:
+        spatial = is_spatial(channel, use_elevation=self.config.mapping.use_elevation)
+        return (map_stops_spatial if spatial else map_stops)(
+            channel, poses, self.scene.tx, self.config.mapping
+        )
+
+    def _shapes(self, mapped: Mapped, replaced: frozenset[Part]) -> tuple[FloatArray, FloatArray]:
+        """Errors (object,) of the paper's contours and of ours; the latter empty where they are not made."""
+        ips, names, settings = mapped.ips, mapped.ip_object, self.config.contours
+        if Stage.CLUSTERS in replaced:
+            label, shown = object_labels(ips, names)
+            shapes = fit_shapes(ips, label, self.config.shapes)
+        else:
+            shapes = estimate_shapes(ips, self.config.shapes)
+            shown = _majority(shapes.label, names, len(shapes.center_m))
+        paper = object_errors(self.objects, outlines_of_shapes(shapes, ips.position_m, shown))
+        if settings.method == "none":
+            ours = np.zeros(0)
+        else:
+            contours = estimate_contours(
+                mapped.channel, self.scene.tx, mapped.poses, ips, shapes.label, self.config.mapping.noise, settings
+            )  # fmt: skip
+            owner = _majority(contours.object, names, len(contours))
+            ours = object_errors(self.objects, outlines_of_contours(contours, ips.position_m, owner))
+        if Stage.FIT not in replaced:
+            return paper, ours
+        # The true contours of all objects that have a cluster, and of all that have an inlier.
+        return self._exact(paper, np.asarray(shown)), self._exact(ours, names[ips.is_inlier])
+
+    def _exact(self, errors: FloatArray, found: TextArray) -> FloatArray:
+        """Errors (object,) with the true contour in the place of that of every object found."""
+        is_found = np.isin([item.name for item in self.objects], found)
+        return np.where(is_found, 0.0, errors) if len(errors) else errors
+
+
+def _majority(label: IntArray, ip_object: TextArray, count: int) -> TextArray:
+    """Object (cluster,) of at least half of the points of each cluster, empty for none."""
+    return cluster_origin(label, ip_object, count, ScoringConfig().found_share).object
+
+
+def make_chain(
+    config: CampaignConfig,
+    scene: Scene,
+    stops: list[TrueStop],
+    channel: Sequence[ChannelEstimate],
+    objects: list[LitObject],
+) -> Chain:
+    """The chain of a campaign; `stops` and `channel` are of the same stops in the same order."""
+    scored = [score_stop(stop, one, ScoringConfig())[0] for stop, one in zip(stops, channel, strict=True)]
+    paths = [TracedPaths(one, rows.true_path) for one, rows in zip(channel, scored, strict=True)]
+    return Chain(config, scene, stops, paths, objects)

@@ -1,0 +1,123 @@
+"""The final errors of a budget, positions and contours, capped so that failures count as such."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+
+from estimation.shape.record import Contours, Shapes
+from estimation.slam.record import PoseEstimates, SolveStatus
+from isac_arena.scoring.stages.channel import TrueStop
+from isac_arena.scoring.stages.shapes import contour_points_m, seen_samples
+from scenes.contours import Contour
+from scenes.record import BoolArray, FloatArray, Record, TextArray, array
+from scenes.scene import Scene
+
+POSE_CUTOFF_M = 1.0  # a stop not solved, or further off, counts as this
+SHAPE_CUTOFF_M = (
+    0.5  # an object not found, or further off, counts as this: the reach of 'found' in the scores
+)
+SEEN_MARGIN_RAD = np.deg2rad(10.0)
+
+
+@dataclass(frozen=True)
+class FinalErrors(Record):
+    """Final errors of one variant of a campaign; a method of contours that does not run has no objects."""
+
+    pose_error_m: FloatArray = array("stop", unit="m", doc="distance of the position to the truth, capped")
+    shape_error_m: FloatArray = array(
+        "object", unit="m", doc="RMS distance of the paper's contours and the lit outline, capped"
+    )
+    contour_error_m: FloatArray = array("contour_object", unit="m", doc="the same of our contours")
+
+
+@dataclass(frozen=True)
+class LitObject:
+    """An object that enough paths met: its outline and the points (point, xy) that light fell on."""
+
+    name: str
+    contour: Contour
+    lit_m: FloatArray
+
+
+@dataclass(frozen=True)
+class Outline:
+    """An estimated contour: points (sample, xy), and the part (sample,) that incidence points support."""
+
+    points_m: FloatArray
+    is_seen: BoolArray
+    is_closed: bool
+
+    @property
+    def line(self) -> shapely.Geometry:
+        """The contour as a line; as a point where all points are one."""
+        if np.ptp(self.points_m, axis=0).max() == 0:
+            return shapely.Point(self.points_m[0])
+        return shapely.LinearRing(self.points_m) if self.is_closed else shapely.LineString(self.points_m)
+
+
+def lit_objects(scene: Scene, stops: Sequence[TrueStop], least_points: int) -> list[LitObject]:
+    """Objects with at least so many significant single bounces over the walk, in the order of the scene."""
+    name = np.concatenate([stop.origin.object[stop.significant] for stop in stops])
+    vertex = np.concatenate([stop.origin.vertex_m[stop.significant] for stop in stops])
+    lit = [LitObject(item.name, item.contour, vertex[name == item.name]) for item in scene.objects]
+    return [item for item in lit if len(item.lit_m) >= least_points]
+
+
+def pose_errors(poses: PoseEstimates, stops: Sequence[TrueStop]) -> FloatArray:
+    """Error (stop,) of the positions in m, `POSE_CUTOFF_M` where there is none or it is further off."""
+    truth = np.array([stop.truth.rx_pose.position_m[:2] for stop in stops]).reshape(-1, 2)
+    error = np.linalg.norm(poses.position_m - truth, axis=1)
+    error[poses.status == SolveStatus.FAILED] = POSE_CUTOFF_M
+    return np.asarray(np.minimum(error, POSE_CUTOFF_M))
+
+
+def outlines_of_shapes(
+    shapes: Shapes, ip_m: FloatArray, cluster_object: TextArray
+) -> dict[str, list[Outline]]:
+    """The paper's contours by the object (cluster,) they show; `ip_m` (ip, xy) are the points behind them."""
+    found: dict[str, list[Outline]] = {}
+    for row, name in enumerate(cluster_object):
+        members = np.arctan2(*(ip_m[shapes.label == row] - shapes.center_m[row]).T[::-1])
+        seen = seen_samples(shapes.angle_rad, members, SEEN_MARGIN_RAD)
+        found.setdefault(str(name), []).append(Outline(contour_points_m(shapes, row), seen, True))
+    return found
+
+
+def outlines_of_contours(
+    contours: Contours, ip_m: FloatArray, contour_object: TextArray
+) -> dict[str, list[Outline]]:
+    """Our contours by the object (contour,) they show; open ones were seen as a whole."""
+    found: dict[str, list[Outline]] = {}
+    for row, name in enumerate(contour_object):
+        points, closed = contours.contour_m[row], bool(contours.is_closed[row])
+        seen = np.ones(len(points), bool)
+        if closed:
+            around = np.arctan2(*(points - contours.center_m[row]).T[::-1])
+            members = np.arctan2(*(ip_m[contours.object == row] - contours.center_m[row]).T[::-1])
+            seen = seen_samples(around, members, SEEN_MARGIN_RAD)
+        found.setdefault(str(name), []).append(Outline(points, seen, closed))
+    return found
+
+
+def object_errors(objects: Sequence[LitObject], outlines: Mapping[str, Sequence[Outline]]) -> FloatArray:
+    """Error (object,) of the contours in m, `SHAPE_CUTOFF_M` where there is none or it is further off."""
+    errors = [
+        outline_error_m(outlines[item.name], item) if item.name in outlines else np.inf for item in objects
+    ]
+    return np.asarray(np.minimum(np.array(errors, float), SHAPE_CUTOFF_M))
+
+
+def outline_error_m(outlines: Sequence[Outline], item: LitObject) -> float:
+    """Root of the mean of two mean squares: of the seen contours to the true outline, and of lit points to them.
+
+    All contours of an object count together. So neither a contour too short nor one too long goes unpunished, and
+    what no path lights is not asked for.
+    """
+    seen_m = np.concatenate([one.points_m[one.is_seen] for one in outlines])
+    forward = item.contour.signed_distance(seen_m) if len(seen_m) else np.full(1, np.inf)
+    back = shapely.distance(shapely.union_all([one.line for one in outlines]), shapely.points(item.lit_m))
+    return float(np.sqrt((np.square(forward).mean() + np.square(back).mean()) / 2))

@@ -1,0 +1,84 @@
+"""What `arena compare` tells the terminal: a table of differences and one of settings, for 80 columns and more."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
+
+from rich.box import SIMPLE
+from rich.markup import escape
+from rich.table import Table
+
+if TYPE_CHECKING:
+    from isac_arena.campaign.difference import SettingDifference
+    from isac_arena.insight.comparison.difference import PairedDifference
+    from isac_arena.insight.comparison.runs import Comparison
+
+COLORS = {"better": "green", "worse": "bold red", "different": "magenta", "same": "dim", "undecided": "dim"}
+LONGEST_VALUE = 160
+NAME_WIDTH = 18  # holds every heading and most names
+COUNTS_WIDTH = 7  # of the numbers of pairs: two short lines rather than one long
+
+
+def difference_table(compared: Comparison) -> Table:
+    """A row per quantity that a run has, under a heading for every group of quantities."""
+    paired = [one for one in compared.differences if one.n_pairs]
+    chance = round(0.05 * len(paired))
+    table = Table(
+        "quantity", "A", "B", "B - A (95 % interval)", "n", "B is",
+        title=f"Paired differences over {compared.n_stops} stops", caption_justify="left",
+        caption="n: pairs of stops, paths or objects, and how many of them A|B have where that is more. Intervals:"
+        " BCa bootstrap over stops or objects. A difference is told where the signed-rank test agrees; of"
+        f" {len(paired)} quantities about {chance} may by chance",
+        box=SIMPLE, padding=0, show_edge=False,  # the box parts columns by a space
+    )  # fmt: skip
+    for index, column in enumerate(table.columns):
+        column.overflow = "fold"
+        column.no_wrap = 0 < index < 4
+        column.justify = "right" if index in (1, 2, 4) else "left"
+    table.columns[0].min_width = NAME_WIDTH
+    table.columns[4].max_width = COUNTS_WIDTH
+    group = ""
+    for one in compared.differences:
+        prefix, _, name = one.key.rpartition(".")
+        if prefix != group:
+            group = prefix
+            table.add_row(f"[bold]{prefix}[/]")
+        words = name.replace("_", " ")  # lines break at spaces
+        table.add_row(f"{words} {one.unit}" if one.unit != "1" else words, *_cells(one))
+    return table
+
+
+def setting_table(differences: Iterable[SettingDifference]) -> Table:
+    """A row per setting that is not the same in both runs."""
+    table = Table(
+        "setting", "A", "B", title="Settings that differ", box=SIMPLE, padding=(0, 1, 0, 0), show_edge=False
+    )
+    for column in table.columns:
+        column.overflow = "fold"
+    for one in differences:
+        table.add_row(escape(one.field), escape(_value(one.first)), escape(_value(one.second)))
+    return table
+
+
+def _cells(one: PairedDifference) -> list[str]:
+    color = COLORS.get(one.verdict)
+    verdict = f"[{color}]{one.verdict}[/]" if color else one.verdict
+    if not one.n_pairs:
+        counts = f"{one.n_first}|{one.n_second}"
+        return [_number(one.first), _number(one.second), "-", counts, verdict]
+    counts = "" if one.n_first == one.n_second == one.n_pairs else f" of {one.n_first}|{one.n_second}"
+    interval = "" if math.isnan(one.low) else f" ({one.low:.2g}, {one.high:.2g})"
+    values = _number(one.first), _number(one.second), f"{one.difference:+.2g}{interval}"
+    return [*values, f"{one.n_pairs}{counts}", verdict]
+
+
+def _number(value: float) -> str:
+    return "-" if math.isnan(value) else f"{value:.3g}"
+
+
+def _value(value: Any) -> str:
+    text = "not set" if value is None else value if isinstance(value, str) else json.dumps(value)
+    return text if len(text) <= LONGEST_VALUE else f"{text[:LONGEST_VALUE]} ..."

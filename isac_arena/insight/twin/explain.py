@@ -1,0 +1,88 @@
+"""Measured paths explained by simulated ones, and how many would be by chance."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from isac_arena.campaign.measured import MeasuredCampaign
+from isac_arena.insight.twin.matching import NARROW_GATE, WIDE_GATE, assign, differences
+from isac_arena.insight.twin.offsets import without_offsets
+from isac_arena.insight.twin.power import PowerModel, over_floor
+from isac_arena.insight.twin.record import Offsets, TwinPaths
+from isac_arena.scoring.provenance import path_origin
+from scenes.record import FloatArray, IntArray, concatenate
+from sim.propagation.paths import Paths, path_labels
+
+FAR_M = 2.0  # stops as far apart share no path within the wide gate but by chance: it is 0.45 m of delay
+
+
+def explained(
+    campaign: MeasuredCampaign, simulated: Sequence[Paths], offsets: Offsets, power: PowerModel
+) -> TwinPaths:
+    """Every measured path with what explains it; all paths of a stop, of whatever label, share its candidates."""
+    return concatenate(
+        [_explained_stop(campaign, stop, paths, offsets, power) for stop, paths in enumerate(simulated)],
+        "path",
+    )
+
+
+def chance_share(campaign: MeasuredCampaign, simulated: Sequence[Paths], offsets: Offsets) -> float:
+    """Share of labelled single bounces that simulated paths of stops at least `FAR_M` away explain."""
+    position = np.array([truth.rx_pose.position_m for truth in campaign.truths])
+    found, total = 0, 0
+    for stop, truth in enumerate(campaign.truths):
+        distance = np.linalg.norm(position - position[stop], axis=1)
+        for other in np.flatnonzero(distance >= FAR_M).tolist():
+            match = _matches(campaign, stop, simulated[other], offsets, WIDE_GATE)[0]
+            found += int((match[truth.is_single_bounce] >= 0).sum())
+            total += int(truth.is_single_bounce.sum())
+    return found / total if total else float("nan")
+
+
+def _explained_stop(
+    campaign: MeasuredCampaign, stop: int, simulated: Paths, offsets: Offsets, power: PowerModel
+) -> TwinPaths:
+    truth, estimate = campaign.truths[stop], campaign.channel[stop]
+    wide, difference = _matches(campaign, stop, simulated, offsets, WIDE_GATE)
+    narrow, _ = _matches(campaign, stop, simulated, offsets, NARROW_GATE)
+    known = wide >= 0
+    origin = path_origin(simulated)
+    residual = np.full((len(wide), 3), np.nan)
+    residual[known] = difference[known, wide[known]]
+    signal_dbm = np.full(len(wide), np.nan)
+    signal_dbm[known] = power.reference_dbm[stop] + 10 * np.log10(simulated.power[wide[known]])
+    return TwinPaths(
+        stop=np.full(len(wide), stop),
+        path=np.arange(len(wide)),
+        is_los=truth.is_los,
+        is_single_bounce=truth.is_single_bounce,
+        landmark_m=truth.landmark_m,
+        power_dbm=estimate.power_dbm,
+        simulated=wide,
+        simulated_narrow=narrow,
+        chain=np.append(path_labels(simulated), "")[wide],
+        object=np.append(origin.object, "")[wide],
+        n_bounces=np.append(simulated.n_bounces, -1)[wide],
+        delay_residual_s=residual[:, 0],
+        aod_residual_rad=residual[:, 1],
+        aoa_residual_rad=residual[:, 2],
+        signal_dbm=signal_dbm,
+        predicted_dbm=over_floor(signal_dbm, np.full(len(wide), power.floor_dbm[stop])),
+    )
+
+
+def _matches(
+    campaign: MeasuredCampaign, stop: int, simulated: Paths, offsets: Offsets, gate: FloatArray
+) -> tuple[IntArray, FloatArray]:
+    """What explains the measured paths (path,) of a stop, and all differences (path, candidate, 3)."""
+    candidates = np.column_stack(
+        [
+            simulated.delay_s,
+            simulated.aod_azimuth_rad - campaign.tx.heading_rad,
+            simulated.aoa_azimuth_rad - campaign.truths[stop].rx_pose.heading_rad,
+        ]
+    )
+    difference = differences(without_offsets(campaign, stop, offsets), candidates)
+    return assign(difference, gate), difference

@@ -1,0 +1,77 @@
+"""The twin: simulated paths of every model beside the measured ones, as they are and calibrated on other stops."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from isac_arena.campaign.measured import MeasuredCampaign
+from isac_arena.insight.twin.calibration import calibrate, explained_calibrated
+from isac_arena.insight.twin.explain import chance_share, explained
+from isac_arena.insight.twin.offsets import leave_one_out, sight_offsets
+from isac_arena.insight.twin.power import fit_power
+from isac_arena.insight.twin.record import Offsets, TwinPaths
+from scenes.record import BoolArray
+from scenes.scene import Scene
+from sim.propagation.paths import Paths
+
+
+@dataclass(frozen=True)
+class ModelTwin:
+    """A measured campaign explained by one model of propagation.
+
+    `calibrated` has offsets, floor, reference and gains of objects from the half of the stops that a stop is not
+    in; `chance` is the share of labelled single bounces that the paths of stops far away explain.
+    """
+
+    paths: TwinPaths
+    calibrated: TwinPaths
+    chance: float
+
+
+@dataclass(frozen=True)
+class Twin:
+    """All models, by name, the offsets they share, and which stops have a line of sight (stop,)."""
+
+    models: Mapping[str, ModelTwin]
+    offsets: Offsets
+    has_los: BoolArray
+    simulated_los: BoolArray
+
+
+def make_twin(campaign: MeasuredCampaign, scene: Scene, simulated: Mapping[str, Sequence[Paths]]) -> Twin:
+    """Explain the measured paths of a campaign by those that each model simulates at its stops.
+
+    `simulated` holds by model the paths of every stop, found with the measured TX and the surveyed receivers in
+    `scene`. Offsets come from lines of sight and straight paths, those of clock and TX from other stops only
+    (leave one out); reference power and floor from other stops.
+
+    Raises
+    ------
+    ValueError
+        Where lines of sight are too few, or a model has another number of stops.
+    """
+    n_stops = len(campaign.truths)
+    for name, paths in simulated.items():
+        if len(paths) != n_stops:
+            raise ValueError(f"simulated['{name}']: {len(paths)} stops, the campaign has {n_stops}")
+    plainest = next(iter(simulated))
+    tells = leave_one_out(n_stops)
+    offsets = sight_offsets(campaign, tells)
+    power = fit_power(campaign, simulated[plainest], tells)
+    calibration = calibrate(campaign, simulated[plainest])
+    models = {}
+    for name, paths in simulated.items():
+        models[name] = ModelTwin(
+            paths=explained(campaign, paths, offsets, power),
+            calibrated=explained_calibrated(campaign, scene, paths, calibration),
+            chance=chance_share(campaign, paths, offsets),
+        )
+    return Twin(
+        models=models,
+        offsets=offsets,
+        has_los=np.array([truth.is_los.any() for truth in campaign.truths]),
+        simulated_los=np.array([paths.is_los.any() for paths in simulated[plainest]]),
+    )

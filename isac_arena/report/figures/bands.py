@@ -1,0 +1,55 @@
+"""Contours to draw, with the edges of their 95 % bands."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimation.shape.record import Contours, Shapes
+from isac_arena.scoring.stages.contours import BAND_SIGMAS as CONTOUR_SIGMAS
+from isac_arena.scoring.stages.shapes import BAND_SIGMAS as SHAPE_SIGMAS
+from scenes.record import FloatArray
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A contour (sample, xy) in m between the inner and the outer edge of its band, sample by sample."""
+
+    points_m: FloatArray
+    outer_m: FloatArray
+    inner_m: FloatArray
+    is_closed: bool
+
+
+def shape_curve(shapes: Shapes, cluster: int, step: int = 1) -> Curve:
+    """The paper's contour of a cluster, every `step`-th sample; its band lies along the radius, from 0 up."""
+    angle = shapes.angle_rad[::step]
+    radius, half = shapes.radius_m[cluster, ::step], SHAPE_SIGMAS * shapes.radius_std_m[cluster, ::step]
+    unit, center = np.stack([np.cos(angle), np.sin(angle)], axis=1), shapes.center_m[cluster]
+    rings = [
+        center + length[:, None] * unit for length in (radius, radius + half, np.maximum(radius - half, 0))
+    ]
+    return Curve(rings[0], rings[1], rings[2], is_closed=True)
+
+
+def contour_curve(contours: Contours, row: int) -> Curve:
+    """One of our contours; its band lies along the normal."""
+    points, is_closed = contours.contour_m[row], bool(contours.is_closed[row])
+    shift = (CONTOUR_SIGMAS * contours.std_m[row])[:, None] * normals(points, is_closed=is_closed)
+    return Curve(points, points + shift, points - shift, is_closed)
+
+
+def normals(points_m: FloatArray, *, is_closed: bool) -> FloatArray:
+    """Unit normals (sample, xy) to the right of a curve: outward where it runs counter-clockwise.
+
+    They follow from central differences, at the ends of an open curve from one-sided ones; zero where points of
+    the curve coincide.
+    """
+    if is_closed:
+        along = np.roll(points_m, -1, axis=0) - np.roll(points_m, 1, axis=0)
+    else:
+        along = np.gradient(points_m, axis=0)
+    length = np.linalg.norm(along, axis=1, keepdims=True)
+    unit = np.divide(along, length, out=np.zeros_like(along), where=length > 0)
+    return np.stack([unit[:, 1], -unit[:, 0]], axis=1)

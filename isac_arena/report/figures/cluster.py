@@ -1,0 +1,108 @@
+"""One cluster: its radial function and its contour, as in the paper's figure 2."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import MultipleLocator
+
+from isac_arena.campaign.results import MapResult
+from isac_arena.report.style import BAND_ALPHA, ESTIMATE, SLAM, TRUTH, legend_below, new_figure, styled
+from isac_arena.scoring.stages.shapes import BAND_SIGMAS, contour_points_m
+from scenes.record import FloatArray
+from scenes.scene import Scene
+
+POINT = {"marker": "o", "linestyle": "none", "color": SLAM, "markersize": 4, "markeredgecolor": "white"}
+DRAWN_SAGITTA_M = 0.0002
+VIEW_MARGIN = 0.12
+WHOLE_OBJECT_M = 1.0  # a true outline up to this size is shown in full, a larger one as far as the estimate
+
+
+@styled
+def cluster_figure(scene: Scene, result: MapResult, cluster: int, object_name: str, title: str) -> Figure:
+    """Radius over polar angle (left) and contour in the plane (right) of one cluster.
+
+    `object_name` is the object the cluster shows, empty where it shows none; its true radius is drawn where a ray
+    from the centre meets it.
+    """
+    figure = new_figure(8.4, 3.9)
+    radial, plane = figure.subplots(1, 2, width_ratios=[1.15, 1])
+    points_m = result.ips.position_m[result.shapes.label == cluster]
+    handles = _draw_radial(radial, scene, result, cluster, points_m, object_name)
+    center = _draw_contour(plane, scene, result, cluster, points_m, object_name)
+    figure.suptitle(title, fontsize=10, fontweight="bold")
+    legend_below(figure, [*handles, *center], 6)
+    return figure
+
+
+def _draw_radial(
+    ax: Any, scene: Scene, result: MapResult, cluster: int, points_m: FloatArray, object_name: str
+) -> list[Any]:
+    shapes = result.shapes
+    angle_deg, radius = np.rad2deg(shapes.angle_rad), shapes.radius_m[cluster]
+    half_width = BAND_SIGMAS * shapes.radius_std_m[cluster]
+    offset = points_m - shapes.center_m[cluster]
+    band = ax.fill_between(
+        angle_deg, radius - half_width, radius + half_width, color=ESTIMATE, alpha=BAND_ALPHA, linewidth=0,
+        label="95 % interval",
+    )  # fmt: skip
+    (mean,) = ax.plot(angle_deg, radius, color=ESTIMATE, label="GP prediction")
+    (points,) = ax.plot(
+        np.rad2deg(np.arctan2(offset[:, 1], offset[:, 0])), np.hypot(*offset.T), **POINT,
+        label="incidence points",
+    )  # fmt: skip
+    handles = [mean, band, points]
+    top = max(float((radius + half_width).max()), float(np.hypot(*offset.T).max(initial=0)))
+    truth = np.full(len(angle_deg), np.nan)
+    if object_name in scene.object_names:
+        truth = scene.object(object_name).contour.radius(shapes.center_m[cluster], shapes.angle_rad)
+        highest = float(np.max(truth, initial=0.0, where=np.isfinite(truth)))
+        top = max(top, highest) if highest <= WHOLE_OBJECT_M else top
+    handles += ax.plot(angle_deg, truth, color=TRUTH, linestyle="--", linewidth=1.2, label="true outline")
+    ax.set(xlabel="polar angle in deg", ylabel="radius in m", xlim=(-180, 180), ylim=(0, 1.08 * top))
+    ax.xaxis.set_major_locator(MultipleLocator(60))
+    return handles
+
+
+def _draw_contour(
+    ax: Any, scene: Scene, result: MapResult, cluster: int, points_m: FloatArray, object_name: str
+) -> list[Any]:
+    shapes = result.shapes
+    center, contour = shapes.center_m[cluster], contour_points_m(shapes, cluster)
+    unit = np.stack([np.cos(shapes.angle_rad), np.sin(shapes.angle_rad)])
+    half_width = BAND_SIGMAS * shapes.radius_std_m[cluster]
+    outer = center[:, None] + (shapes.radius_m[cluster] + half_width) * unit
+    inner = center[:, None] + np.maximum(shapes.radius_m[cluster] - half_width, 0) * unit
+    ring = np.concatenate([_closed(outer.T), _closed(inner.T)[::-1]])
+    ax.fill(*ring.T, color=ESTIMATE, alpha=BAND_ALPHA, linewidth=0)
+    shown = np.vstack([ring, points_m])
+    for item in scene.objects:
+        outline = item.contour.vertices(DRAWN_SAGITTA_M)
+        line = _closed(outline) if item.contour.closed else outline
+        ax.plot(*line.T, color=TRUTH, linestyle="--", linewidth=1.2)
+        if item.name == object_name and np.ptp(outline, axis=0).max() <= WHOLE_OBJECT_M:
+            shown = np.vstack([shown, outline])
+    ax.plot(*_closed(contour).T, color=ESTIMATE)
+    ax.plot(*points_m.T, **POINT)
+    handles = ax.plot(
+        *center, "X", color=TRUTH, markeredgecolor="white", markersize=8, label="object centre",
+        linestyle="none",
+    )  # fmt: skip
+    ax.set(xlabel="x in m", ylabel="y in m", aspect="equal", **_view(shown))
+    return list(handles)
+
+
+def _view(points_m: FloatArray) -> dict[str, tuple[float, float]]:
+    """Square limits around the points."""
+    low, high = points_m.min(axis=0), points_m.max(axis=0)
+    middle, half = (low + high) / 2, (0.5 + VIEW_MARGIN) * float((high - low).max())
+    return {
+        "xlim": (middle[0] - half, middle[0] + half),
+        "ylim": (middle[1] - half, middle[1] + half),
+    }
+
+
+def _closed(points_m: FloatArray) -> FloatArray:
+    return np.concatenate([points_m, points_m[:1]])

@@ -1,0 +1,104 @@
+"""Figure of a comparison: paired differences of two runs with their intervals."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from isac_arena.insight.comparison.difference import PairedDifference
+from isac_arena.report.style import ESTIMATE, GHOST, SLAM, TRUTH, legend_below, new_figure, styled
+
+MOST_SHOWN_PERCENT = 150.0
+VERDICTS: dict[str, dict[str, Any]] = {
+    "better": {"color": ESTIMATE, "marker": "o"},
+    "worse": {"color": SLAM, "marker": "s"},
+    "different": {"color": "#CC79A7", "marker": "D"},
+    "undecided": {"color": GHOST, "marker": "o"},
+    "same": {"color": TRUTH, "marker": "o", "markerfacecolor": "white", "markeredgewidth": 1.4},
+    "too few": {"color": GHOST, "marker": "X"},
+}
+CLIPPED: dict[str, Any] = {"marker": ">", "color": "0.25", "markersize": 5, "linestyle": "none"}
+
+
+@styled
+def compare_figure(differences: Sequence[PairedDifference], first: str, second: str) -> Figure:
+    """Mean difference of every quantity in percent of the first run's mean, with its 95 % interval.
+
+    What goes on beyond the axis ends in an arrow, and its interval is written out. Quantities whose mean is zero
+    in the first run have no percentage and stand at zero; those without a pair have a row that says who has them.
+    """
+    figure = new_figure(9.8, 1.6 + 0.24 * max(len(differences), 1))
+    ax = figure.subplots()
+    spans = [_percent(one) for one in differences]
+    ends = [min(abs(value), MOST_SHOWN_PERCENT) for span in spans for value in span if math.isfinite(value)]
+    limit = 1.05 * max([10.0, *ends])
+    is_clipped = False
+    for row, (one, span) in enumerate(zip(reversed(differences), reversed(spans), strict=True)):
+        is_clipped |= _draw_row(ax, row, one, span, limit)
+        ax.annotate(
+            _text(one, span, limit, first, second), (1.025, row), xycoords=("axes fraction", "data"),
+            fontsize=7, va="center",
+        )  # fmt: skip
+    ax.axvline(0, color="0.3", linewidth=0.9, zorder=0)
+    ax.set_yticks(range(len(differences)), [_label(one) for one in reversed(differences)], fontsize=7.5)
+    ax.set(xlim=(-limit, limit), ylim=(-0.7, len(differences) - 0.3))
+    ax.set_xlabel(f"{second} minus {first}, in % of {first}")
+    ax.set_title(f"{second} against {first}, 95 % intervals")
+    seen = {one.verdict for one in differences}
+    handles = [
+        Line2D([], [], linestyle="none", markersize=6, label=verdict, **look)
+        for verdict, look in VERDICTS.items() if verdict in seen
+    ]  # fmt: skip
+    if is_clipped:
+        handles.append(Line2D([], [], label="goes on beyond the axis", **CLIPPED))
+    legend_below(figure, handles, 7)
+    return figure
+
+
+def _draw_row(ax: Any, row: int, one: PairedDifference, span: tuple[float, ...], limit: float) -> bool:
+    """Interval and mean of one quantity; returns whether an end of them lies beyond the axis."""
+    if not one.n_pairs:
+        ax.axhspan(row - 0.5, row + 0.5, color="0.94", zorder=-1, linewidth=0)
+        return False
+    look = VERDICTS[one.verdict]
+    place, *ends = (max(-limit, min(limit, value)) if math.isfinite(value) else math.nan for value in span)
+    ax.plot(ends, [row, row], color=look["color"], linewidth=2.0)
+    beyond = {math.copysign(limit, value) for value in span if math.isfinite(value) and abs(value) > limit}
+    for end in beyond:
+        marker = ">" if end > 0 else "<"
+        ax.plot(end, row, **{**CLIPPED, "marker": marker, "color": look["color"]}, clip_on=False, zorder=6)
+    if abs(place) != limit:
+        at = place if math.isfinite(place) else 0.0
+        ax.plot(at, row, markersize=6, zorder=5, **look)
+    return bool(beyond)
+
+
+def _percent(one: PairedDifference) -> tuple[float, ...]:
+    """Difference and ends of its interval in % of the first run's mean, NaN where there are none."""
+    scale = 100 / abs(one.first) if one.n_pairs and one.first else math.nan
+    return tuple(scale * value for value in (one.difference, one.low, one.high))
+
+
+def _text(one: PairedDifference, span: tuple[float, ...], limit: float, first: str, second: str) -> str:
+    unit = "" if one.unit == "1" else f" {one.unit}"
+    if one.verdict in ("only in A", "only in B"):
+        is_first = one.verdict == "only in A"
+        mean, count = (one.first, one.n_first) if is_first else (one.second, one.n_second)
+        return f"only in {first if is_first else second}: {mean:.3g}{unit}, n = {count}"
+    if not one.n_pairs:
+        return f"no pair among {one.n_first} and {one.n_second}"
+    counts = "" if one.n_first == one.n_second == one.n_pairs else f" of {one.n_first} and {one.n_second}"
+    text = f"{one.first:.3g} to {one.second:.3g}{unit}, n = {one.n_pairs}{counts}"
+    if any(abs(value) > limit for value in span):
+        known = [value for value in span[1:] if math.isfinite(value)]
+        text += f"; {known[0]:+.0f} to {known[1]:+.0f} %" if known else f"; {span[0]:+.0f} %"
+    return text.replace("-", "\N{MINUS SIGN}")
+
+
+def _label(one: PairedDifference) -> str:
+    wanted = {"lower": " (less is better)", "higher": " (more is better)", "info": ""}[one.direction]
+    return f"{one.key}{wanted}"

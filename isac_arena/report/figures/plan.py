@@ -1,0 +1,297 @@
+"""Plan figure of a scene: objects by kind, the TX with its boresight, the walk of the RX, paths to a stop."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any, Literal
+
+import numpy as np
+import shapely
+from matplotlib import patheffects
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
+
+from isac_arena.report.figures.path_lines import (
+    COLORS,
+    SCATTER_COLOR,
+    line_style,
+    path_lines,
+    path_summary,
+    scatter_points,
+)
+from scenes.objects.clutter import Clutter
+from scenes.objects.scene_object import KIND_COLORS
+from scenes.record import FloatArray
+from scenes.scene import Scene, SceneObject
+from sim.propagation.paths import Paths
+
+RX_COLOR = "#1e8449"
+FIGURE_WIDTH_IN, PLAN_WIDTH_IN, MARGIN_IN = 10.5, 8.4, 0.9
+LEAST_DRAWN_M2 = 1e-9
+DRAWN_SAGITTA_M = 0.002
+BORESIGHT_LENGTH_M = 1.5
+CROP_MARGIN_M = 5.0
+EDGE_MARGIN_M = 0.5
+STOP_LABEL_STEP = 5
+LABEL_OFFSET_PT = 8.5
+OBJECT_LABEL_PT = 6.5
+LABEL_GAP_PT = 2.5
+
+Box = tuple[float, float, float, float]  # x_min, y_min, x_max, y_max
+
+
+def plan_figure(
+    scene: Scene,
+    *,
+    extent: Literal["walk", "all"] = "walk",
+    paths: Paths | None = None,
+    stop: int | None = None,
+) -> Figure:
+    """The plan of a scene as a figure of its own; with `paths`, those from the TX to the RX at `stop` over it."""
+    x_min, y_min, x_max, y_max = plan_view(scene, extent)
+    height_in = PLAN_WIDTH_IN * (y_max - y_min) / (x_max - x_min) + MARGIN_IN
+    figure = Figure(figsize=(FIGURE_WIDTH_IN, float(np.clip(height_in, 3.0, 8.0))), layout="compressed")
+    ax = figure.subplots()
+    title = scene.name
+    if paths is not None and stop is not None:
+        _draw_paths(ax, scene, paths, stop)
+        title = f"{scene.name}, stop {stop}: {path_summary(paths)}"
+    draw_plan(ax, scene, extent=extent)
+    ax.set_title(title, fontsize=11, weight="bold")
+    return figure
+
+
+def draw_plan(
+    ax: Any,
+    scene: Scene,
+    *,
+    stops: Iterable[int] | None = None,
+    labels: bool = True,
+    extent: Literal["walk", "all"] = "walk",
+    label_objects: bool | Iterable[str] = False,
+) -> None:
+    """Draw the plan of a scene on matplotlib axes, equal scales, in m.
+
+    The legend stands to the right of the axes: a figure with layout='compressed' makes room for it.
+
+    Parameters
+    ----------
+    stops : indices of the RX stops to show; all where left out
+    labels : number every fifth stop, name the TX and add the legend outside the axes
+    extent : 'walk' crops to the walk and the TX with a margin, 'all' shows the bounds of the scene
+    label_objects : names of objects to write beside them; True for all in view
+    """
+    view = plan_view(scene, extent)
+    for item in scene.objects:
+        _draw_object(ax, item)
+    for mesh in scene.clutter:
+        _draw_clutter(ax, mesh)
+    _draw_others(ax, scene, labels=labels)
+    _draw_walk(ax, scene, stops, labels=labels)
+    _draw_tx(ax, scene, labels=labels)
+    ax.set(xlim=view[::2], ylim=view[1::2], aspect="equal", xlabel="x in m", ylabel="y in m")
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.set_major_locator(MaxNLocator(integer=True))
+    ax.grid(color="0.92", linewidth=0.6)
+    ax.set_axisbelow(True)
+    if label_objects:
+        names = scene.object_names if label_objects is True else label_objects
+        _label_objects(ax, scene, names, view)
+    if labels:
+        _draw_legend(ax, scene, view)
+
+
+def plan_view(scene: Scene, extent: Literal["walk", "all"]) -> Box:
+    """What of a scene is shown: (x_min, y_min, x_max, y_max) in m."""
+    meshes = [np.ravel([corner[:2] for corner in item.bounds_m]) for item in scene.clutter]
+    boxes = np.array([scene.bounds_m, *(item.contour.bounds_m for item in scene.objects), *meshes])
+    low, high = boxes[:, :2].min(axis=0) - EDGE_MARGIN_M, boxes[:, 2:].max(axis=0) + EDGE_MARGIN_M
+    if extent == "walk":
+        points = np.vstack([scene.walk.line_m(), scene.tx.position_m[:2]])
+        low = np.maximum(points.min(axis=0) - CROP_MARGIN_M, low)
+        high = np.minimum(points.max(axis=0) + CROP_MARGIN_M, high)
+    return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+
+
+def _draw_object(ax: Any, item: SceneObject) -> None:
+    color, outline = KIND_COLORS[item.kind], item.contour.vertices(DRAWN_SAGITTA_M)
+    if item.contour.closed:
+        ax.fill(*outline.T, facecolor=color, alpha=0.35, linewidth=0)
+        ax.fill(*outline.T, facecolor="none", edgecolor=color, linewidth=1.2)
+    else:
+        ax.plot(*outline.T, color=color, linewidth=1.8, solid_capstyle="round")
+
+
+def _draw_clutter(ax: Any, mesh: Clutter) -> None:
+    color = KIND_COLORS[mesh.kind]
+    for outline in clutter_outlines(mesh):
+        ax.fill(*outline.T, facecolor=color + "59", edgecolor=color, linewidth=1.0)
+
+
+def clutter_outlines(mesh: Clutter) -> list[FloatArray]:
+    """Rims (point, xy) in m of what a mesh covers in plan view."""
+    corners = mesh.vertices_m[mesh.faces][..., :2]
+    upright = np.abs(np.linalg.det(np.diff(corners, axis=1))) < LEAST_DRAWN_M2
+    covered = shapely.union_all(shapely.polygons(corners[~upright]))
+    return [shapely.get_coordinates(part.exterior) for part in shapely.get_parts(covered)]
+
+
+def _draw_others(ax: Any, scene: Scene, *, labels: bool) -> None:
+    """The TXs and walks that are not in use, faint."""
+    for name, walk in scene.other_walks.items():
+        line = walk.line_m()
+        ax.plot(*line.T, color="0.55", linewidth=0.8, linestyle=":")
+        ax.plot(*walk.positions_m()[:, :2].T, "o", color="0.55", markersize=2)
+        if labels:
+            _write(ax, name, line[0], (0, -9))
+    for name, tx in scene.other_txs.items():
+        ax.plot(*tx.position_m[:2], "D", color="0.55", markerfacecolor="white", markersize=6)
+        if labels:
+            middle_m = (scene.bounds_m[1] + scene.bounds_m[3]) / 2
+            _write(ax, name, tx.position_m[:2], (0, 10 if tx.position_m[1] > middle_m else -10))
+
+
+def _write(ax: Any, text: str, place_m: FloatArray, offset_pt: tuple[float, float]) -> None:
+    ax.annotate(
+        text, place_m[:2], xytext=offset_pt, textcoords="offset points", fontsize=7, color="0.35",
+        ha="center", va="center", path_effects=_halo(),
+    )  # fmt: skip
+
+
+def _draw_paths(ax: Any, scene: Scene, paths: Paths, stop: int) -> None:
+    here = scene.walk.positions_m()[stop]
+    scattered = scatter_points(paths)
+    if len(scattered):
+        ax.plot(*scattered[:, :2].T, "o", color=SCATTER_COLOR, markersize=1.0, alpha=0.4, zorder=2.1)
+    kinds = set()
+    for line in path_lines(paths, scene.tx.position_m, here):
+        kinds.add(line.kind)
+        ax.plot(
+            *line.points_m[:, :2].T, color=COLORS[line.kind], linestyle=line_style(line.kind),
+            alpha=line.opacity, linewidth=0.9, zorder=2.2,
+        )  # fmt: skip
+    for kind, color in COLORS.items():
+        if kind in kinds:
+            ax.plot([], [], color=color, linestyle=line_style(kind), label=kind)
+    if len(scattered):
+        ax.plot([], [], "o", color=SCATTER_COLOR, markersize=3, label="diffuse scattering", linestyle="none")
+    ax.plot(*here[:2], "o", color=RX_COLOR, markersize=9, markerfacecolor="none", markeredgewidth=1.6)
+
+
+def _draw_walk(ax: Any, scene: Scene, stops: Iterable[int] | None, *, labels: bool) -> None:
+    position, heading = scene.walk.positions_m()[:, :2], scene.walk.headings_rad()
+    chosen = np.arange(len(position)) if stops is None else np.array(sorted(stops), dtype=int)
+    ax.plot(*scene.walk.line_m().T, color=RX_COLOR, linewidth=0.8, alpha=0.5)
+    ax.plot(*position[chosen].T, "o", color=RX_COLOR, markersize=3.5, label="RX stop")
+    if not labels:
+        return
+    numbered = [index for index in chosen if index % STOP_LABEL_STEP == 0 or index == chosen[-1]]
+    for index in numbered:
+        offset = _label_offset(position, heading, index)
+        ax.annotate(
+            str(index), position[index], xytext=offset, textcoords="offset points", fontsize=7,
+            color="#145a32", ha="center", va="center", path_effects=_halo(),
+        )  # fmt: skip
+
+
+def _label_offset(position: FloatArray, heading: FloatArray, index: int) -> FloatArray:
+    """Offset (xy) in points to the left of the walk, where its label hides no other stop."""
+    before, after = position[max(index - 1, 0)], position[min(index + 1, len(position) - 1)]
+    along = after - before
+    if not np.any(along):
+        along = np.array([np.cos(heading[index]), np.sin(heading[index])])
+    along = along / np.linalg.norm(along)
+    return LABEL_OFFSET_PT * np.array([-along[1], along[0]])
+
+
+def _draw_tx(ax: Any, scene: Scene, *, labels: bool) -> None:
+    here = scene.tx.position_m[:2]
+    boresight = np.array([np.cos(scene.tx.heading_rad), np.sin(scene.tx.heading_rad)])
+    tip = here + BORESIGHT_LENGTH_M * boresight
+    arrow = {"arrowstyle": "-|>", "color": "black", "linewidth": 1.4, "shrinkA": 0, "shrinkB": 0}
+    ax.annotate("", tip, xytext=here, arrowprops=arrow)
+    ax.plot(*here, "D", color="black", markersize=6, label="TX, arrow: boresight", linestyle="none")
+    if labels:
+        ax.annotate(
+            "TX", here, xytext=-11 * boresight, textcoords="offset points", fontsize=9, weight="bold",
+            ha="center", va="center", path_effects=_halo(),
+        )  # fmt: skip
+
+
+def _label_objects(ax: Any, scene: Scene, names: Iterable[str], view: Box) -> None:
+    """Names beside the objects in view, where they stay in view and cover no stop and no other name."""
+    ax.apply_aspect()
+    to_points = 72 / ax.figure.dpi
+    frame = shapely.box(*view)
+    limits = tuple(ax.transData.transform(np.reshape(view, (2, 2))).ravel() * to_points)
+    taken: list[Box] = [
+        (x - 5, y - 5, x + 5, y + 5)
+        for x, y in ax.transData.transform(scene.walk.positions_m()[:, :2]) * to_points
+    ]
+    for item in map(scene.object, names):
+        seen = shapely.intersection(item.contour.outline, frame)
+        if seen.is_empty or seen.length == 0:
+            continue
+        corners = ax.transData.transform(np.reshape(seen.bounds, (2, 2))) * to_points
+        center_pt, box = _free_place(corners, len(item.name), taken, limits)
+        taken.append(box)
+        label = ax.text(
+            *ax.transData.inverted().transform(np.array(center_pt) / to_points), item.name,
+            fontsize=OBJECT_LABEL_PT, color=KIND_COLORS[item.kind], ha="center", va="center",
+            path_effects=_halo(), clip_on=True,
+        )  # fmt: skip
+        label.set_in_layout(False)
+
+
+def _free_place(
+    corners_pt: FloatArray, n_letters: int, taken: list[Box], limits_pt: Box
+) -> tuple[tuple[float, float], Box]:
+    """Centre and box in points of a name beside a bounding box (corner, xy); the first place where none is free.
+
+    Slender upright objects are labelled at their sides first, all others above or below.
+    """
+    half_width, half_height = 0.32 * OBJECT_LABEL_PT * n_letters, 0.6 * OBJECT_LABEL_PT
+    (left, low), (right, high) = corners_pt
+    mid_x, mid_y = corners_pt.mean(axis=0)
+    x_left, x_right = left - half_width - LABEL_GAP_PT, right + half_width + LABEL_GAP_PT
+    y_low, y_high = low - half_height - LABEL_GAP_PT, high + half_height + LABEL_GAP_PT
+    sides, ends = [(x_right, mid_y), (x_left, mid_y)], [(mid_x, y_high), (mid_x, y_low)]
+    upright = high - low > 2 * (right - left)
+    places = [*(sides + ends if upright else ends + sides)]
+    places += [(x, y) for x in (x_right, x_left) for y in (y_high, y_low)]
+    boxes = [(x - half_width, y - half_height, x + half_width, y + half_height) for x, y in places]
+    free = [
+        index
+        for index, box in enumerate(boxes)
+        if _inside(box, limits_pt) and not any(_overlaps(box, other) for other in taken)
+    ]
+    chosen = free[0] if free else 0
+    return places[chosen], boxes[chosen]
+
+
+def _draw_legend(ax: Any, scene: Scene, view: Box) -> None:
+    """Legend to the right of the axes, where it hides nothing, of the kinds in view."""
+    kinds: set[str] = {item.kind for item in scene.objects if _overlaps(item.contour.bounds_m, view)}
+    kinds |= {item.kind for item in scene.clutter}
+    patches = [
+        Patch(facecolor=color + "59", edgecolor=color, label=kind)
+        for kind, color in KIND_COLORS.items() if kind in kinds
+    ]  # fmt: skip
+    handles, _ = ax.get_legend_handles_labels()
+    ax.legend(
+        handles=[*patches, *handles], loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0,
+        fontsize=8, frameon=False,
+    )  # fmt: skip
+
+
+def _overlaps(box: Box, other: Box) -> bool:
+    return box[0] < other[2] and other[0] < box[2] and box[1] < other[3] and other[1] < box[3]
+
+
+def _inside(box: Box, limits: Box) -> bool:
+    return limits[0] <= box[0] and limits[1] <= box[1] and box[2] <= limits[2] and box[3] <= limits[3]
+
+
+def _halo() -> list[Any]:
+    return [patheffects.withStroke(linewidth=2, foreground="white")]

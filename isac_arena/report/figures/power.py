@@ -1,0 +1,88 @@
+"""The power map of a stop: received power over departure and arrival, with true and estimated paths."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib import patheffects
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MultipleLocator
+
+from estimation.channel.power_map import BeamPowerMap
+from estimation.channel.record import ChannelEstimate
+from isac_arena.report.style import SLAM, legend_below, new_figure, styled
+from isac_arena.scoring.record import PathScores, PathStatus, ScoreTables
+
+SHOWN_RANGE_DB = 45.0
+STATUS_LOOK = {
+    PathStatus.DETECTED: ("estimated, detected", "x", SLAM),
+    PathStatus.WEAK: ("estimated, weak or diffuse", "+", "#56B4E9"),
+    PathStatus.FALSE: ("estimated, false", "1", "#FF5FC4"),
+}
+
+
+@styled
+def power_figure(power_map: BeamPowerMap, estimate: ChannelEstimate, tables: ScoreTables) -> Figure:
+    """Power in dBm per beam pair of one stop, with the significant true paths and all estimated ones."""
+    figure = new_figure(8.4, 5.2)
+    ax = figure.subplots()
+    ax.grid(visible=False)
+    mesh = _draw_power(ax, power_map)
+    figure.colorbar(mesh, ax=ax, label="received power per beam pair in dBm", pad=0.02, extend="min")
+    true = tables.significant.take("true_path", tables.significant.stop == power_map.stop)
+    ax.plot(
+        np.rad2deg(true.aoa_azimuth_rad), np.rad2deg(true.aod_azimuth_rad), "o", markersize=11,
+        markerfacecolor="none", markeredgecolor="white", markeredgewidth=1.3, path_effects=_outlined(),
+    )  # fmt: skip
+    _draw_estimates(ax, estimate, tables.paths.take("estimate", tables.paths.stop == power_map.stop))
+    ax.set(
+        xlabel="azimuth of arrival in the RX frame, deg", ylabel="azimuth of departure in the TX frame, deg"
+    )
+    ax.xaxis.set_major_locator(MultipleLocator(30))
+    ax.yaxis.set_major_locator(MultipleLocator(20))
+    legend_below(figure, _legend_handles(), 4)
+    return figure
+
+
+def _draw_power(ax: Any, power_map: BeamPowerMap) -> Any:
+    tx_order, rx_order = np.argsort(power_map.tx_azimuth_rad), np.argsort(power_map.rx_azimuth_rad)
+    top = float(power_map.power_dbm.max())
+    return ax.pcolormesh(
+        np.rad2deg(power_map.rx_azimuth_rad[rx_order]),
+        np.rad2deg(power_map.tx_azimuth_rad[tx_order]),
+        power_map.power_dbm[np.ix_(tx_order, rx_order)],
+        shading="nearest",
+        cmap="viridis",
+        vmax=top,
+        vmin=max(top - SHOWN_RANGE_DB, float(power_map.power_dbm.min())),
+        rasterized=True,
+    )
+
+
+def _draw_estimates(ax: Any, estimate: ChannelEstimate, paths: PathScores) -> None:
+    for status, (_, marker, color) in STATUS_LOOK.items():
+        chosen = paths.path[paths.status == status]
+        ax.plot(
+            np.rad2deg(estimate.aoa_azimuth_rad[chosen]), np.rad2deg(estimate.aod_azimuth_rad[chosen]), marker,
+            color=color, markersize=8, markeredgewidth=1.8,
+        )  # fmt: skip
+
+
+def _legend_handles() -> list[Any]:
+    true = Line2D(
+        [], [], marker="o", linestyle="none", markersize=9, markerfacecolor="none", markeredgecolor="white",
+        markeredgewidth=1.3, path_effects=_outlined(), label="true, significant",
+    )  # fmt: skip
+    return [
+        true,
+        *(
+            Line2D([], [], marker=marker, linestyle="none", color=color, markeredgewidth=1.8, label=label)
+            for label, marker, color in STATUS_LOOK.values()
+        ),
+    ]
+
+
+def _outlined() -> list[Any]:
+    return [patheffects.withStroke(linewidth=2.6, foreground="0.15")]

@@ -1,0 +1,153 @@
+"""All figures of a report, each with the caption that says what is seen."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from isac_arena.campaign.results import CampaignResults, MapResult
+from isac_arena.report.figures.cdf import channel_cdf_figure, pose_cdf_figure, surface_cdf_figure
+from isac_arena.report.figures.cluster import cluster_figure
+from isac_arena.report.figures.map import map_figure
+from isac_arena.report.figures.power import power_figure
+from isac_arena.report.style import png_bytes
+from isac_arena.scoring.record import MapScores, PathStatus, ScoreTables
+from isac_arena.scoring.score import Scores
+from scenes.scene import Scene
+
+Section = Literal["channel", "map", "pose", "shape"]
+
+
+@dataclass(frozen=True)
+class ReportFigure:
+    """A figure with its place in the report."""
+
+    name: str
+    section: Section
+    title: str
+    caption: str
+    figure: Figure
+
+    @cached_property
+    def png(self) -> bytes:
+        """The figure as a PNG file."""
+        return png_bytes(self.figure)
+
+
+def make_figures(
+    scene: Scene, results: CampaignResults, scores: Scores, power_map_stop: int | None = None
+) -> dict[str, ReportFigure]:
+    """All figures of a campaign by name, in the order of the report.
+
+    `power_map_stop` is the stop whose power map is shown: by default the one with most detected paths. A measured
+    campaign has neither power maps nor errors of its channel parameters.
+
+    Raises
+    ------
+    ValueError
+        Where the stop has no power map.
+    """
+    tables = scores.tables
+    figures = [
+        _map(scene, results, tables),
+        *_channel(results, tables, power_map_stop),
+        _surface_distances(tables),
+        _pose_errors(tables),
+        *_clusters("mapping", scene, results.mapping, tables.mapping),
+        *_clusters("slam", scene, results.slam, tables.slam),
+    ]
+    return {figure.name: figure for figure in figures}
+
+
+def _map(scene: Scene, results: CampaignResults, tables: ScoreTables) -> ReportFigure:
+    caption = (
+        f"Plan of '{scene.name}' with the incidence points (IPs) of {len(tables.poses.stop)} receiver stops, "
+        "coloured by the object they support, and the contour of every object with its 95 % interval; dashed, "
+        "the paper's contours of clusters. Left: mapping with the true receiver pose and clock. Right: SLAM, "
+        "which finds both; thin lines tie each estimated position to the true one. Contours are numbered "
+        "as in the files. A ghost is a contour most of whose IPs stem from no single bounce."
+    )
+    return ReportFigure("map", "map", "Maps", caption, map_figure(scene, results, tables))
+
+
+def _channel(results: CampaignResults, tables: ScoreTables, stop: int | None) -> Iterator[ReportFigure]:
+    if results.power_maps:
+        yield _power_map(results, tables, stop)
+    if np.isfinite(tables.paths.delay_error_s).any() or results.power_maps:
+        yield _channel_errors(tables)
+
+
+def _power_map(results: CampaignResults, tables: ScoreTables, stop: int | None) -> ReportFigure:
+    stop = best_stop(tables) if stop is None else stop
+    row = {power_map.stop: index for index, power_map in enumerate(results.power_maps)}
+    if stop not in row:
+        raise ValueError(f"power_map_stop = {stop}: must be one of the {len(row)} stops of the campaign")
+    power_map, estimate = results.power_maps[row[stop]], results.channel[row[stop]]
+    n_tx, n_rx = power_map.power_dbm.shape
+    caption = (
+        f"Mean received power of each of the {n_tx} x {n_rx} beam pairs at stop {stop}. Circles: true paths "
+        "within the estimator's reach. Marks: estimated paths, by what they are worth. Strong paths show "
+        "side-lobe stripes along both axes; paths that differ only in delay share one place."
+    )
+    figure = power_figure(power_map, estimate, tables)
+    return ReportFigure("power_map", "channel", f"Power map of stop {stop}", caption, figure)
+
+
+def best_stop(tables: ScoreTables) -> int:
+    """The stop with most detected paths, the first of them."""
+    detected = tables.paths.stop[tables.paths.status == PathStatus.DETECTED]
+    counts = [(detected == stop).sum() for stop in tables.poses.stop]
+    return int(tables.poses.stop[int(np.argmax(counts))])
+
+
+def _channel_errors(tables: ScoreTables) -> ReportFigure:
+    n = int((tables.paths.status == PathStatus.DETECTED).sum())
+    caption = (
+        f"Absolute errors of delay, azimuth of departure (AoD) and of arrival (AoA) of the {n} detected paths, "
+        "by the kind of the true path. Errors larger than the gate are misses and do not appear."
+    )
+    figure = channel_cdf_figure(tables.paths)
+    return ReportFigure("cdf_channel", "channel", "Errors of the channel parameters", caption, figure)
+
+
+def _surface_distances(tables: ScoreTables) -> ReportFigure:
+    n_mapping, n_slam = tables.mapping.ips.is_inlier.sum(), tables.slam.ips.is_inlier.sum()
+    caption = (
+        f"IPs taken as single bounces, {n_mapping} in mapping and {n_slam} in SLAM. Left: distance to the nearest "
+        "true surface. Right: distance to the true point of incidence, where the path really bounced once."
+    )
+    figure = surface_cdf_figure(tables)
+    return ReportFigure("cdf_ip_to_surface", "map", "Errors of the incidence points", caption, figure)
+
+
+def _pose_errors(tables: ScoreTables) -> ReportFigure:
+    n_los = int(tables.poses.has_los.sum())
+    caption = (
+        "Absolute errors of the receiver states found by SLAM, over the stops it solved. "
+        f"{n_los} of {len(tables.poses.stop)} stops have a line of sight within the estimator's reach."
+    )
+    figure = pose_cdf_figure(tables.poses)
+    return ReportFigure("cdf_pose", "pose", "Errors of the receiver state", caption, figure)
+
+
+def _clusters(name: str, scene: Scene, result: MapResult, table: MapScores) -> Iterator[ReportFigure]:
+    label = {"mapping": "Mapping", "slam": "SLAM"}[name]
+    shapes, clusters = result.shapes, table.clusters
+    for cluster in range(len(shapes.center_m)):
+        shown = str(clusters.object[cluster]) or (
+            "ghost" if clusters.is_ghost[cluster] else "several objects"
+        )
+        title = f"{label}, cluster {cluster}: {shown}"
+        caption = (
+            f"{clusters.n_ips[cluster]} incidence points. Left: radius about the object centre with its 95 % "
+            f"interval. Right: the contour in the plane. Learned: mean {shapes.mean_m[cluster]:.2f} m, "
+            f"sigma_f {shapes.signal_std_m[cluster]:.3f} m, l {shapes.length_scale[cluster]:.2f}, "
+            f"sigma_n {shapes.noise_std_m[cluster]:.3f} m."
+        )
+        figure = cluster_figure(scene, result, cluster, str(clusters.object[cluster]), title)
+        yield ReportFigure(f"{name}_cluster_{cluster:02d}", "shape", title, caption, figure)

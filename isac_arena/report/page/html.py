@@ -1,0 +1,96 @@
+"""The report page: one self-contained HTML file with an instrument to explore a campaign, scores and figures."""
+
+from __future__ import annotations
+
+import json
+from base64 import b64encode
+from collections.abc import Mapping
+from html import escape
+from string import Template
+from typing import Any
+
+from isac_arena.report.page.asset_files import script_text, style_text
+from isac_arena.report.page.figures import ReportFigure
+from isac_arena.report.page.tables import (
+    ACCEPTED,
+    CHANNEL_COUNTS,
+    CHANNEL_ERRORS,
+    CONTOURS,
+    MAPS,
+    POSES,
+    SHAPES,
+    all_scores_table,
+    headline_table,
+    html_table,
+    object_table,
+    score_table,
+)
+from isac_arena.report.page.template import PAGE
+from isac_arena.scoring.score import Scores
+
+PIXELS_PER_INCH = 86  # on the page: the widest figure fills it, and all figures have letters of one size
+SECTIONS = {
+    "explore": "Explore",
+    "channel": "Channel estimation",
+    "maps": "Mapping and SLAM",
+    "poses": "Receiver state",
+    "shapes": "Object shapes",
+    "scores": "All scores",
+}
+
+
+def render_report(
+    payload: Mapping[str, Any], scores: Scores, figures: Mapping[str, ReportFigure], facts: Mapping[str, str]
+) -> str:
+    """The report as one HTML page without any outside resource.
+
+    `payload` is what `report_payload` makes, and names the campaign; `facts` (label to text) say what was run:
+    settings, seed, versions.
+    """
+    title = str(payload["name"])
+    metrics = scores.metrics
+    by_section = {
+        section: "\n".join(_figure(figure) for figure in figures.values() if figure.section == section)
+        for section in ("map", "channel", "pose", "shape")
+    }
+    return Template(PAGE).substitute(
+        title=escape(title),
+        style=style_text(),
+        script=script_text(),
+        campaign=_script_json(payload),
+        headline=headline_table(metrics),
+        facts=html_table(("", ""), [(escape(label), escape(text)) for label, text in facts.items()]),
+        channel_counts=score_table(CHANNEL_COUNTS, metrics),
+        channel_errors=score_table(CHANNEL_ERRORS, metrics),
+        poses=score_table(POSES, metrics),
+        maps=score_table(MAPS, metrics),
+        accepted=score_table(ACCEPTED, metrics),
+        contours=score_table(CONTOURS, metrics),
+        contour_objects=object_table(metrics, "contours"),
+        shapes=score_table(SHAPES, metrics),
+        shape_objects=object_table(metrics, "shapes"),
+        all_scores=all_scores_table(metrics),
+        n_scores=str(len(metrics)),
+        contents=_contents(),
+        **{f"{section}_figures": text for section, text in by_section.items()},
+    )
+
+
+def _script_json(payload: Mapping[str, Any]) -> str:
+    """JSON that can stand inside a script element: no text in it can end the element."""
+    text = json.dumps(payload, separators=(",", ":"), allow_nan=False, ensure_ascii=False)
+    return text.replace("<", "\\u003c")
+
+
+def _contents() -> str:
+    return " · ".join(f'<a href="#{anchor}">{escape(name)}</a>' for anchor, name in SECTIONS.items())
+
+
+def _figure(figure: ReportFigure) -> str:
+    data = b64encode(figure.png).decode("ascii")
+    width = round(PIXELS_PER_INCH * float(figure.figure.get_size_inches()[0]))
+    return (
+        f'<figure id="{escape(figure.name)}"><img alt="{escape(figure.title)}" width="{width}" '
+        f'src="data:image/png;base64,{data}"><figcaption><b>{escape(figure.title)}.</b> '
+        f"{escape(figure.caption)}</figcaption></figure>"
+    )

@@ -1,0 +1,118 @@
+"""What the report page knows of a campaign: records in, one dictionary of plain numbers and words out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.colors import to_hex
+
+from isac_arena.campaign.results import CampaignResults
+from isac_arena.report.figures.plan import clutter_outlines, plan_view
+from isac_arena.report.page.compact import POWER_STEP_DB, number, quantised_power, rounded, significant
+from isac_arena.report.page.payload_maps import map_payload
+from isac_arena.report.page.payload_paths import estimated_paths, true_paths
+from isac_arena.scoring.record import PoseScores, ScoreTables
+from scenes.scene import Scene
+from sim.truth import Truth
+
+OUTLINE_SAGITTA_M = 0.0005
+POWER_COLORS = 33  # of the colour map, from the weakest to the strongest
+
+Payload = dict[str, Any]
+
+
+def report_payload(
+    name: str,
+    scene: Scene,
+    results: CampaignResults,
+    tables: ScoreTables,
+    truths: Iterable[Truth] = (),
+    budget: list[dict[str, Any]] | None = None,
+) -> Payload:
+    """All that the page draws, ready for JSON: lengths in m, delays in ns, angles in deg, powers in dBm.
+
+    Numbers are rounded to what a screen shows; points are flat lists of x and y; None stands for what is not
+    known. Rows of stops, paths, incidence points and contours keep the order of their records. `truths` gives the
+    corners of the true paths, one stop at a time; a measured campaign has none, and no power maps. `budget` are
+    the rows of the campaign's error budget, where one was made.
+    """
+    by_stop = {truth.stop: true_paths(truth, tables) for truth in truths}
+    stops = tables.poses.stop.tolist()
+    return {
+        "name": name,
+        "has_truth": bool(by_stop),
+        "scene": _scene(scene),
+        "stops": _stops(scene, tables.poses),
+        "estimated": [estimated_paths(stop, results, tables) for stop in stops],
+        "true": [by_stop.get(stop) for stop in stops],
+        "power": _power(results, stops),
+        "maps": {
+            "mapping": map_payload(results.mapping, tables.mapping),
+            "slam": map_payload(results.slam, tables.slam),
+        },
+        "budget": budget,
+    }
+
+
+def _scene(scene: Scene) -> Payload:
+    objects = [
+        {
+            "name": item.name,
+            "kind": item.kind,
+            "closed": item.contour.closed,
+            "xy": rounded(item.contour.vertices(OUTLINE_SAGITTA_M), 3),
+        }
+        for item in scene.objects
+    ]
+    return {
+        "name": scene.name,
+        "view": rounded(plan_view(scene, "walk"), 2),
+        "extent": rounded(plan_view(scene, "all"), 2),
+        "objects": objects,
+        "clutter": [
+            {"name": mesh.name, "rings": [rounded(ring, 3) for ring in clutter_outlines(mesh)]}
+            for mesh in scene.clutter
+        ],
+        "tx": {
+            "xy": rounded(scene.tx.position_m[:2], 3),
+            "heading_deg": number(np.rad2deg(scene.tx.heading_rad), 2),
+        },
+        "walk": rounded(scene.walk.line_m(), 2),
+    }
+
+
+def _stops(scene: Scene, poses: PoseScores) -> Payload:
+    return {
+        "stop": poses.stop.tolist(),
+        "los": poses.has_los.tolist(),
+        "xy": rounded(poses.true_position_m, 3),
+        "heading_deg": rounded(np.rad2deg(scene.walk.headings_rad()[poses.stop]), 2),
+        "position_error_m": significant(poses.position_error_m),
+        "heading_error_deg": significant(np.rad2deg(poses.heading_error_rad)),
+        "clock_error_ns": significant(1e9 * poses.clock_error_s),
+        "position_bound_m": significant(poses.position_bound_m),
+        "heading_bound_deg": significant(np.rad2deg(poses.heading_bound_rad)),
+        "clock_bound_ns": significant(1e9 * poses.clock_bound_s),
+    }
+
+
+def _power(results: CampaignResults, stops: list[int]) -> Payload | None:
+    """Beam power maps of the stops, beams in order of azimuth; None where the campaign holds none."""
+    if not results.power_maps:
+        return None
+    maps = {power_map.stop: power_map for power_map in results.power_maps}
+    first = results.power_maps[0]
+    tx, rx = np.argsort(first.tx_azimuth_rad), np.argsort(first.rx_azimuth_rad)
+    levels = [quantised_power(maps[stop].power_dbm[np.ix_(tx, rx)]) for stop in stops]
+    shades = matplotlib.colormaps["viridis"](np.linspace(0, 1, POWER_COLORS))
+    return {
+        "tx_deg": rounded(np.rad2deg(first.tx_azimuth_rad[tx]), 2),
+        "rx_deg": rounded(np.rad2deg(first.rx_azimuth_rad[rx]), 2),
+        "step_db": POWER_STEP_DB,
+        "top_dbm": [top for top, _ in levels],
+        "below": [below for _, below in levels],
+        "colors": [to_hex(shade) for shade in shades],
+    }

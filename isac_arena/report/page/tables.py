@@ -1,0 +1,220 @@
+"""Tables of the report: which scores are shown where, under which readable name."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from html import escape
+
+from isac_arena.scoring.metrics.metric import Metric
+
+DIRECTION_MARKS = {"lower": "↓", "higher": "↑", "info": ""}
+
+
+@dataclass(frozen=True)
+class ScoreTable:
+    """A table with one row per quantity and one column per group; a key is prefix + row."""
+
+    columns: tuple[tuple[str, str], ...]  # heading, key prefix
+    rows: tuple[tuple[str, str], ...]  # label, key without the prefix
+
+
+HEADLINE = (
+    ("Paths detected, share of the significant ones", "channel.detection_rate"),
+    ("False paths per stop", "channel.false_per_stop"),
+    ("Receiver position by SLAM, RMSE", "slam.position.rmse_m"),
+    ("Receiver heading by SLAM, RMSE", "slam.heading.rmse_deg"),
+    ("Receiver clock bias by SLAM, RMSE", "slam.clock.rmse_ns"),
+    ("Incidence point to surface, mapping, median", "mapping.ip_to_surface.median_m"),
+    ("Incidence point to surface, SLAM, median", "slam.ip_to_surface.median_m"),
+    ("Pillars found by mapping", "mapping.objects_found.pillar"),
+    ("Walls found by mapping", "mapping.objects_found.wall"),
+    ("Pillars where seen, our contours, mapping, RMSE", "contours.mapping.pillar.seen_rmse.mean_m"),
+    ("Pillars, IoU of our contours, mapping", "contours.mapping.pillar.iou.mean"),
+    ("Pillars, IoU of the paper's contours, mapping", "shapes.mapping.pillar.iou.mean"),
+)
+
+CHANNEL_COUNTS = ScoreTable(
+    (("value", "channel."),),
+    (
+        ("Estimated paths per stop", "estimated_per_stop"),
+        ("Significant true paths per stop", "significant_per_stop"),
+        ("Detected per stop", "detected_per_stop"),
+        ("Missed per stop", "missed_per_stop"),
+        ("of these, closer than the gate to a detected one", "unresolved_per_stop"),
+        ("Weak or diffuse per stop", "weak_per_stop"),
+        ("False per stop", "false_per_stop"),
+        ("Detection rate, line of sight", "los.detection_rate"),
+        ("Detection rate, single bounce", "single_bounce.detection_rate"),
+        ("Detection rate, multiple bounce", "multi_bounce.detection_rate"),
+        ("Right LOS decisions, share of stops", "los.decision_accuracy"),
+    ),
+)
+
+CHANNEL_ERRORS = ScoreTable(
+    (("value", "channel."),),
+    (
+        ("Delay, RMSE", "delay.rmse_ns"),
+        ("Delay, bias", "delay.bias_ns"),
+        ("Azimuth of departure, RMSE", "aod.rmse_deg"),
+        ("Azimuth of departure, bias", "aod.bias_deg"),
+        ("Azimuth of arrival, RMSE", "aoa.rmse_deg"),
+        ("Azimuth of arrival, bias", "aoa.bias_deg"),
+        ("Power, RMSE", "power.rmse_db"),
+        ("Squared error over covariance (NEES / 3), target 1", "nees"),
+        ("Coverage of the 95 % region, target 0.95", "coverage95"),
+    ),
+)
+
+POSES = ScoreTable(
+    (("all stops", "slam."), ("LOS stops", "slam.los."), ("NLOS stops", "slam.nlos.")),
+    (
+        ("Stops", "stops"),
+        ("Solved, share", "solved_share"),
+        ("Position, RMSE", "position.rmse_m"),
+        ("Position, median", "position.median_m"),
+        ("Position, largest", "position.max_m"),
+        ("Height, RMSE", "height.rmse_m"),
+        ("Heading, RMSE", "heading.rmse_deg"),
+        ("Clock bias, RMSE", "clock.rmse_ns"),
+    ),
+)
+
+MAPS = ScoreTable(
+    (("mapping", "mapping."), ("SLAM", "slam.")),
+    (
+        ("Incidence points taken as single bounces", "ips"),
+        ("of these, truly from one bounce, share", "ips_from_single_bounce_share"),
+        ("of these, clustered, share", "ips_clustered_share"),
+        ("Distance to the nearest surface, median", "ip_to_surface.median_m"),
+        ("Distance to the nearest surface, RMS", "ip_to_surface.rms_m"),
+        ("Distance to the nearest surface, 90 %", "ip_to_surface.p90_m"),
+        ("Distance to the true incidence point, RMS", "ip_position.rms_m"),
+        ("Coverage of its 95 % region, target 0.95", "ip_position.coverage95"),
+        ("Height error of the incidence point, RMS", "ip_height.rms_m"),
+        ("Coverage of its 95 % interval, target 0.95", "ip_height.coverage95"),
+        ("Clusters", "clusters"),
+        ("Ghost clusters", "ghost_clusters"),
+        ("Purity of the clusters, mean", "cluster_purity"),
+        ("Objects found", "objects_found"),
+        ("Pillars found", "objects_found.pillar"),
+        ("Walls found", "objects_found.wall"),
+    ),
+)
+
+SHAPE_ROWS = (
+    ("Overlap with the true area (IoU)", "iou.mean"),
+    ("Hausdorff distance", "hausdorff.mean_m"),
+    ("Contour where seen, RMSE", "seen_rmse.mean_m"),
+    ("Contour in full, RMSE", "full_rmse.mean_m"),
+    ("Overlap with the lit extent", "extent_iou.mean"),
+    ("Coverage of the 95 % interval", "coverage95.mean"),
+    ("Coverage where seen", "seen_coverage95.mean"),
+)
+
+
+def _shape_columns(method: str) -> tuple[tuple[str, str], ...]:
+    """Pillars and walls of both maps, by the scores of one method: 'shapes' the paper's, 'contours' ours."""
+    kinds = (("pillars", "pillar"), ("walls", "wall"))
+    maps = (("mapping", "mapping"), ("SLAM", "slam"))
+    return tuple(
+        (f"{heading}, {label}", f"{method}.{one_map}.{kind}.")
+        for heading, kind in kinds
+        for label, one_map in maps
+    )
+
+
+SHAPES = ScoreTable(_shape_columns("shapes"), SHAPE_ROWS)
+CONTOURS = ScoreTable(_shape_columns("contours"), SHAPE_ROWS)
+
+ACCEPTED = ScoreTable(
+    (("mapping", "contours.mapping."), ("SLAM", "contours.slam.")),
+    (
+        ("Contours accepted", "accepted"),
+        ("of these, ghosts", "ghosts"),
+        ("Objects found", "objects_found"),
+        ("Right class, share", "class_accuracy"),
+        ("GOSPA of the scene over 1 - IoU", "scene_gospa"),
+    ),
+)
+
+
+def headline_table(metrics: Sequence[Metric]) -> str:
+    """The scores that sum up a campaign."""
+    known = {metric.key: metric for metric in metrics}
+    rows = [(escape(label), _value(known.get(key)), _unit(known.get(key))) for label, key in HEADLINE]
+    return html_table(("", "value", "unit"), rows)
+
+
+def score_table(table: ScoreTable, metrics: Sequence[Metric]) -> str:
+    """A table of chosen scores; rows without any value in any column are left out."""
+    known = {metric.key: metric for metric in metrics}
+    rows = []
+    for label, suffix in table.rows:
+        cells = [known.get(prefix + suffix) for _, prefix in table.columns]
+        present = [cell for cell in cells if cell is not None]
+        if any(math.isfinite(cell.value) for cell in present):
+            rows.append((escape(label), *map(_value, cells), _unit(present[0])))
+    return html_table(("", *(escape(heading) for heading, _ in table.columns), "unit"), rows)
+
+
+def object_table(metrics: Sequence[Metric], method: str) -> str:
+    """One row per object that either map shows: the scores of its best contour by 'shapes' or 'contours'."""
+    known = {metric.key: metric for metric in metrics}
+    columns = (("IoU", "iou"), ("seen RMSE in m", "seen_rmse_m"), ("coverage", "coverage95"))
+    suffix = ".hausdorff_m"
+    names = [key.split(".", 2)[2][: -len(suffix)] for key in known if _is_object_key(key, method, suffix)]
+    rows = []
+    for name in names:
+        cells = [
+            known.get(f"{method}.{one}.{name}.{field}") for one in ("mapping", "slam") for _, field in columns
+        ]
+        if any(cell is not None and math.isfinite(cell.value) for cell in cells):
+            rows.append((escape(name), *map(_value, cells)))
+    heads = [f"{label}, {one}" for one in ("mapping", "SLAM") for label, _ in columns]
+    return html_table(("object", *heads), rows)
+
+
+def all_scores_table(metrics: Iterable[Metric]) -> str:
+    """Every score that could be measured, with its key."""
+    rows = [
+        (
+            f"<code>{escape(metric.key)}</code>",
+            _value(metric),
+            _unit(metric),
+            DIRECTION_MARKS[metric.direction],
+        )
+        for metric in metrics
+        if math.isfinite(metric.value)
+    ]
+    return html_table(("key", "value", "unit", "better"), rows)
+
+
+def html_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """An HTML table; heads and cells are HTML already."""
+    head = "".join(f"<th>{cell}</th>" for cell in heads)
+    body = "\n".join(f"<tr>{''.join(f'<td>{cell}</td>' for cell in row)}</tr>" for row in rows)
+    return f"<table>\n<thead><tr>{head}</tr></thead>\n<tbody>\n{body}\n</tbody>\n</table>"
+
+
+def _is_object_key(key: str, method: str, suffix: str) -> bool:
+    return key.startswith(f"{method}.mapping.") and key.endswith(suffix)
+
+
+def _value(metric: Metric | None) -> str:
+    """Three significant digits, whole numbers as such; a dash where there is nothing."""
+    if metric is None or not math.isfinite(metric.value):
+        return "–"
+    value = metric.value
+    digits = 0 if value == 0 else max(0, 2 - math.floor(math.log10(abs(value))))
+    text = f"{value:.{min(digits, 5)}f}"
+    if value == round(value) and abs(value) < 1e6:
+        text = f"{value:.0f}"
+    elif abs(value) < 1e-4:
+        text = f"{value:.1e}"
+    return text.replace("-", "\N{MINUS SIGN}") if value < 0 else text
+
+
+def _unit(metric: Metric | None) -> str:
+    return "" if metric is None or metric.unit == "1" else escape(metric.unit)

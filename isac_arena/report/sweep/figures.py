@@ -1,0 +1,275 @@
+"""Figures of a sweep: a metric over each axis, trade-offs between two metrics, and all of them side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, NullLocator, ScalarFormatter
+
+from isac_arena.report.style import BAND_ALPHA, CLUSTER_COLORS, ESTIMATE, GHOST, TRUTH, new_figure, styled
+from isac_arena.report.sweep.results import (
+    Group,
+    SweepAxis,
+    SweepMetric,
+    SweepResults,
+    groups,
+    mean_interval,
+    nondominated,
+    point_means,
+)
+from scenes.record import BoolArray, FloatArray
+
+MOST_LINES = 5  # values of the other axis of two that have lines of their own
+LONGEST_LABEL = 24
+DECADES_FOR_LOG = 1.5
+MARGIN, LOG_MARGIN = 0.15, 1.5  # of the vertical axis round the values: a share of their range, a factor
+MOST_TICKS = 7
+FLOOR = 1e-3  # of the least value: intervals end there, so that a logarithmic axis shows them
+LINE_COLORS = CLUSTER_COLORS
+PALEST = 0.15  # of the colour map: below it lines cannot be seen on white
+LABEL_BOX = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.8}
+
+
+@styled
+def axis_figure(results: SweepResults, key: str) -> Figure:
+    """Mean of a metric over every axis with its 95 % interval, and its bound where it has one.
+
+    One panel per axis. With two axes the other one, where it has few values, gives a line each; with more the mean
+    goes over all their values. Numbers with many values are averaged in bins of equal counts.
+    """
+    metric, bound = results.metrics[key], results.bound(key)
+    axes = results.axes
+    figure = new_figure(min(4.4 * max(len(axes), 1), 13.2), 3.4)
+    panels = figure.subplots(1, max(len(axes), 1), squeeze=False, sharey=True)[0]
+    for panel, axis in zip(panels, axes, strict=False):
+        lines = axis_lines(results, axis)
+        for (label, members), color in zip(lines, LINE_COLORS, strict=False):
+            _curve(panel, axis, metric.value, members, color, label)
+        if bound is not None:
+            _bound_curve(panel, groups(axis), bound)
+        _dress(panel, axis)
+        if any(label for label, _ in lines) or bound is not None:
+            panel.legend()
+    _scale(panels[0], drawn_means(results, key))
+    panels[0].set_ylabel(_label(metric))
+    return figure
+
+
+@styled
+def pareto_figure(results: SweepResults, first: str, second: str) -> Figure:
+    """Two metrics against each other: every design point by its mean, and those that no other one beats."""
+    figure = new_figure(6.4, 4.4)
+    panel = figure.subplots()
+    means = np.column_stack([point_means(results, key) for key in (first, second)])
+    front = front_of(results, first, second)
+    panel.plot(*means[~front].T, "o", color=GHOST, markersize=4, label="beaten by another point")
+    order = np.flatnonzero(front)[np.argsort(means[front][:, 0])]
+    panel.plot(*means[order].T, "o-", color=ESTIMATE, markersize=6, label="beaten by none")
+    for index in order[:: max(1, len(order) // 8)]:
+        panel.annotate(
+            _values_at(results, index), means[index], xytext=(6, 5), textcoords="offset points", fontsize=7,
+            bbox=LABEL_BOX,
+        )  # fmt: skip
+    for key, name in ((first, "x"), (second, "y")):
+        getattr(panel, f"set_{name}label")(_label(results.metrics[key]))
+    panel.margins(0.12)
+    panel.legend()
+    return figure
+
+
+def front_of(results: SweepResults, first: str, second: str) -> BoolArray:
+    """Which design points (point,) no other one beats in both metrics."""
+    sign = {"lower": 1.0, "higher": -1.0, "info": 1.0}
+    costs = [sign[results.metrics[key].direction] * point_means(results, key) for key in (first, second)]
+    return nondominated(np.column_stack(costs))
+
+
+@styled
+def parallel_figure(results: SweepResults, keys: Sequence[str]) -> Figure:
+    """Parallel coordinates: one line per design point through its axis values and its mean metrics.
+
+    The lines are coloured by the first metric.
+    """
+    columns = [_axis_column(results, axis) for axis in results.axes]
+    columns += [(_label(results.metrics[key]), point_means(results, key), None) for key in keys]
+    ends = [_ends(values, labels) for _, values, labels in columns]
+    for at, axis in enumerate(results.axes):
+        if axis.is_numeric and axis.is_log:
+            ends[at] = [(height, f"{10 ** float(text):.3g}") for height, text in ends[at]]
+    figure = new_figure(min(1.9 * len(columns) + 1.5, 13.2), 4.2)
+    panel = figure.subplots()
+    colour = point_means(results, keys[0])
+    known = colour[np.isfinite(colour)]
+    scale = Normalize(float(known.min()), float(known.max()))
+    heights = np.column_stack([_unit_interval(values) for _, values, _ in columns])
+    for height, value in zip(heights, colour, strict=True):
+        look = colormaps["viridis_r"](PALEST + (1 - PALEST) * scale(value)) if np.isfinite(value) else "0.8"
+        panel.plot(np.arange(len(columns)), height, color=look, linewidth=1.1, alpha=0.8)
+    for at, texts in enumerate(ends):
+        panel.axvline(at, color="0.3", linewidth=0.9)
+        for height, text in texts:
+            panel.annotate(
+                text,
+                (at, height),
+                xytext=(3, 0),
+                textcoords="offset points",
+                fontsize=7,
+                va="center",
+                bbox=LABEL_BOX,
+            )
+    panel.set_xticks(np.arange(len(columns)), [_wrapped(label) for label, _, _ in columns], fontsize=7)
+    panel.set_yticks([])
+    panel.grid(visible=False)
+    panel.set_ylim(-0.06, 1.06)
+    panel.set_xlim(-0.1, len(columns) - 0.5)
+    for side in ("left", "bottom"):
+        panel.spines[side].set_visible(False)
+    return figure
+
+
+def axis_lines(results: SweepResults, axis: SweepAxis) -> list[tuple[str, BoolArray]]:
+    """The cases of every line in the panel of an axis, with its name; one unnamed line for all."""
+    everyone = [("", np.ones(len(results.point), bool))]
+    others = [other for other in results.axes if other is not axis]
+    if len(others) != 1:
+        return everyone
+    parts = groups(others[0])
+    distinct = len({str(value) for value in others[0].values})
+    if not 1 < len(parts) <= MOST_LINES or distinct > MOST_LINES:
+        return everyone
+    return [(_short(f"{others[0].name} {part.label}"), part.members) for part in parts]
+
+
+def _curve(
+    panel: Any, axis: SweepAxis, value: FloatArray, members: BoolArray, color: str, label: str
+) -> None:
+    """Means of the groups of an axis with their intervals: a line with a band, or bars where values are texts."""
+    rows = np.array([(part.place, *mean_interval(value[part.members & members])) for part in groups(axis)])
+    rows = rows[np.isfinite(rows[:, 1])]
+    place, mean, half = rows[:, 0], rows[:, 1], np.where(np.isfinite(rows[:, 2]), rows[:, 2], 0.0)
+    lower, upper = mean - half, mean + half
+    known = value[np.isfinite(value)]
+    if len(known) and known.min() >= 0:
+        lower = np.maximum(lower, FLOOR * known.min())  # no mean of such values lies below 0
+    if not axis.is_numeric:
+        panel.errorbar(
+            place,
+            mean,
+            np.stack([mean - lower, upper - mean]),
+            fmt="o",
+            color=color,
+            capsize=3,
+            label=label or None,
+        )
+        return
+    panel.plot(place, mean, "o-", color=color, markersize=4, label=label or None)
+    panel.fill_between(place, lower, upper, color=color, alpha=BAND_ALPHA, linewidth=0)
+
+
+def _bound_curve(panel: Any, parts: Sequence[Group], bound: FloatArray) -> None:
+    mean = np.array([mean_interval(bound[part.members])[0] for part in parts])
+    place = np.array([part.place for part in parts])
+    panel.plot(place, mean, "--", color=TRUTH, linewidth=1.2, label="bound, mean")
+
+
+def drawn_means(results: SweepResults, key: str) -> FloatArray:
+    """All means (dot,) that stand over the axes for a metric, those of its bound included."""
+    value, bound = results.metrics[key].value, results.bound(key)
+    means = [
+        mean_interval(value[part.members & members])[0]
+        for axis in results.axes
+        for _, members in axis_lines(results, axis)
+        for part in groups(axis)
+    ]
+    if bound is not None:
+        means += [mean_interval(bound[part.members])[0] for axis in results.axes for part in groups(axis)]
+    known = np.array(means, float)
+    return np.asarray(known[np.isfinite(known)])
+
+
+def _scale(panel: Any, means: FloatArray) -> None:
+    """Limits round the means, not the intervals: those of a few repeats would fill the figure."""
+    if not len(means) or means.min() == means.max():
+        return
+    low, high = float(means.min()), float(means.max())
+    if low > 0 and np.log10(high / low) > DECADES_FOR_LOG:
+        panel.set_yscale("log")
+        panel.set_ylim(low / LOG_MARGIN, high * LOG_MARGIN)
+    else:
+        margin = MARGIN * (high - low)
+        panel.set_ylim(max(low - margin, -0.02 * high) if low >= 0 else low - margin, high + margin)
+
+
+def _dress(panel: Any, axis: SweepAxis) -> None:
+    panel.set_xlabel(axis.name)
+    parts = groups(axis)
+    places = [part.place for part in parts]
+    if not axis.is_numeric:
+        panel.set_xticks(places, [_short(part.label) for part in parts], rotation=20, ha="right")
+        panel.margins(x=0.25)
+        return
+    if axis.is_log:
+        panel.set_xscale("log")
+        panel.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        panel.xaxis.set_major_formatter(ScalarFormatter())
+        panel.xaxis.set_minor_formatter(NullFormatter())
+    if len(places) <= MOST_TICKS and len(set(axis.values)) == len(places):
+        panel.set_xticks(places, [part.label for part in parts])
+        panel.xaxis.set_minor_locator(NullLocator())
+    elif not axis.is_log:
+        panel.xaxis.set_major_locator(MaxNLocator(6))
+
+
+def _axis_column(results: SweepResults, axis: SweepAxis) -> tuple[str, FloatArray, list[str] | None]:
+    """Name, place of every design point and, for texts, the texts of the places."""
+    first = [int(np.flatnonzero(results.point == point)[0]) for point in np.unique(results.point)]
+    if axis.is_numeric:
+        numbers = np.array([axis.values[index] for index in first], float)
+        return axis.name, np.log10(numbers) if axis.is_log else numbers, None
+    labels = [part.label for part in groups(axis)]
+    return axis.name, np.array([labels.index(str(axis.values[index])) for index in first], float), labels
+
+
+def _unit_interval(values: FloatArray) -> FloatArray:
+    known = values[np.isfinite(values)]
+    if not len(known) or np.ptp(known) == 0:
+        return np.where(np.isfinite(values), 0.5, np.nan)
+    return np.asarray((values - known.min()) / np.ptp(known))
+
+
+def _ends(values: FloatArray, labels: list[str] | None) -> list[tuple[float, str]]:
+    """Heights and texts along a coordinate: its ends, or all of its texts."""
+    if labels is not None:
+        places = np.arange(len(labels)) / max(1, len(labels) - 1) if len(labels) > 1 else np.array([0.5])
+        return [(float(place), _short(label)) for place, label in zip(places, labels, strict=True)]
+    known = values[np.isfinite(values)]
+    if not len(known):
+        return []
+    if np.ptp(known) == 0:
+        return [(0.5, f"{known[0]:.3g}")]
+    return [(0.0, f"{known.min():.3g}"), (1.0, f"{known.max():.3g}")]
+
+
+def _values_at(results: SweepResults, index: int) -> str:
+    """The axis values of a design point, by its row among the points."""
+    case = int(np.flatnonzero(results.point == np.unique(results.point)[index])[0])
+    shown = [axis.values[case] for axis in results.axes]
+    return ", ".join(f"{value:.3g}" if isinstance(value, float) else _short(str(value)) for value in shown)
+
+
+def _label(metric: SweepMetric) -> str:
+    unit = "" if metric.unit == "1" else f" in {metric.unit}"
+    return f"{metric.key}{unit}"
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= LONGEST_LABEL else "…" + text[-LONGEST_LABEL + 1 :]
+
+
+def _wrapped(label: str) -> str:
+    return label.replace(".", ".\n", 2).replace(" in ", "\nin ")

@@ -1,0 +1,121 @@
+"""The report of a sweep as one HTML page without any outside resource."""
+
+from __future__ import annotations
+
+from base64 import b64encode
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+from string import Template
+
+import numpy as np
+
+from isac_arena.report.style import DOTS_PER_INCH
+from isac_arena.report.sweep.results import SweepResults, groups, mean_interval
+
+STYLE = """
+:root { color-scheme: light; }
+body { font: 15px/1.5 system-ui, "Segoe UI", "DejaVu Sans", sans-serif; color: #222; background: #fff;
+  max-width: 74rem; margin: 0 auto; padding: 1.5rem 1.25rem 4rem; }
+h1 { font-size: 1.7rem; margin: 0 0 .4rem; }
+h2 { font-size: 1.25rem; margin: 2.4rem 0 .6rem; padding-bottom: .2rem; border-bottom: 2px solid #0072b2; }
+h3 { font-size: 1rem; margin: 1.4rem 0 .2rem; }
+p { max-width: 50rem; }
+.wide { overflow-x: auto; }
+table { border-collapse: collapse; margin: .4rem 0 1.2rem; font-variant-numeric: tabular-nums; }
+th, td { padding: .22rem .9rem .22rem 0; border-bottom: 1px solid #e3e3e3; text-align: right;
+  vertical-align: top; }
+th:first-child, td:first-child { text-align: left; }
+th { font-weight: 600; border-bottom: 1.5px solid #999; font-size: .82rem; }
+.facts td { text-align: left; }
+.failed td { text-align: left; font-size: .85rem; }
+figure { margin: 1rem 0 1.8rem; break-inside: avoid; }
+figure img { max-width: 100%; height: auto; display: block; }
+figcaption { font-size: .87rem; color: #444; max-width: 52rem; margin-top: .3rem; }
+@media print { body { max-width: none; padding: 0; font-size: 10pt; } }
+"""
+
+PAGE = """<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>$title</title>
+<style>$style</style>
+</head>
+<body>
+<h1>$title</h1>
+<div class="facts">$facts</div>
+$sections
+</body>
+</html>
+"""
+
+
+@dataclass(frozen=True)
+class SweepFigure:
+    """A picture of the page with its caption."""
+
+    title: str
+    png: bytes
+    width_in: float
+    caption: str
+
+
+def render_sweep(
+    title: str, facts: Mapping[str, str], sections: Sequence[tuple[str, Sequence[SweepFigure | str]]]
+) -> str:
+    """The page: `facts` (label to text) at the head, then sections of figures and of HTML tables."""
+    parts = []
+    for heading, items in sections:
+        parts.append(f"<h2>{escape(heading)}</h2>")
+        parts += [_figure(item) if isinstance(item, SweepFigure) else item for item in items]
+    return Template(PAGE).substitute(
+        title=escape(title),
+        style=STYLE,
+        facts=table([], [[label, text] for label, text in facts.items()]),
+        sections="\n".join(parts),
+    )
+
+
+def axis_tables(results: SweepResults, keys: Sequence[str]) -> list[str]:
+    """One HTML table per axis: the mean of every metric at each of its values, with its 95 % interval."""
+    made = []
+    for axis in results.axes:
+        head = [axis.name, "cases", *(_heading(results, key) for key in keys)]
+        rows = []
+        for group in groups(axis):
+            cells = [_interval(results.metrics[key].value[group.members]) for key in keys]
+            rows.append([group.label, str(int(group.members.sum())), *cells])
+        made.append(f'<h3>{escape(axis.name)}</h3><div class="wide">{table(head, rows)}</div>')
+    return made
+
+
+def table(head: Sequence[str], rows: Sequence[Sequence[str]], style: str = "") -> str:
+    """An HTML table of texts."""
+    top = "".join(f"<th>{escape(cell)}</th>" for cell in head)
+    body = "".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
+    kind = f' class="{style}"' if style else ""
+    return f"<table{kind}><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def _figure(figure: SweepFigure) -> str:
+    data = b64encode(figure.png).decode("ascii")
+    width = round(0.66 * DOTS_PER_INCH * figure.width_in)
+    return (
+        f'<figure><img alt="{escape(figure.title)}" width="{width}" src="data:image/png;base64,{data}">'
+        f"<figcaption><b>{escape(figure.title)}.</b> {escape(figure.caption)}</figcaption></figure>"
+    )
+
+
+def _heading(results: SweepResults, key: str) -> str:
+    metric = results.metrics[key]
+    unit = "" if metric.unit == "1" else f" ({metric.unit})"
+    return f"{key}{unit} {dict(lower='↓', higher='↑').get(metric.direction, '')}".strip()
+
+
+def _interval(values: object) -> str:
+    mean, half, n = mean_interval(np.asarray(values, float))
+    if n == 0:
+        return "–"
+    return f"{mean:.3g}" if not np.isfinite(half) else f"{mean:.3g} ± {half:.2g}"

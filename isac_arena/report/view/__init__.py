@@ -1,0 +1,4 @@
+"""The 3-D view of a campaign: one HTML file.
+
+Read `page.py` first, then `traces.py`.
+"""

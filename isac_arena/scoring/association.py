@@ -1,0 +1,49 @@
+"""Which estimated path is which true path: gated optimal one-to-one assignment."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from isac_arena.scoring.config import Gate
+from isac_arena.scoring.metrics.sets import Gospa, gospa
+from scenes.pose import wrap_angle
+from scenes.record import BoolArray, FloatArray, IntArray
+
+
+def parameter_errors(estimate: FloatArray, truth: FloatArray) -> FloatArray:
+    """Estimate minus truth (..., 3) of (delay in s, AoD in rad, AoA in rad), the angles wrapped."""
+    error = np.asarray(estimate - truth)
+    error[..., 1:] = wrap_angle(error[..., 1:])
+    return error
+
+
+def inside_gate(error: FloatArray, gate: Gate) -> BoolArray:
+    """Whether all three errors (..., 3) are within the gate."""
+    return np.asarray((np.abs(error) <= gate.half_width).all(axis=-1))
+
+
+def assign(estimate: FloatArray, truth: FloatArray, gate: Gate) -> IntArray:
+    """Index (estimate,) of the true path assigned to each estimate, -1 for none.
+
+    Minimises the sum over all pairs of min(d^2, 3), with d the error (estimate, 3) to (true, 3) in units of the
+    gate: a pair outside the gate costs as much as one at its corner and is no match. So a poor second match never
+    displaces a good one at more cost than it saves.
+    """
+    error = parameter_errors(estimate[:, None], truth[None])
+    inside = inside_gate(error, gate)
+    cost = np.where(inside, np.square(error / gate.half_width).sum(axis=-1), 3.0)
+    rows, columns = linear_sum_assignment(cost)
+    matched = inside[rows, columns]
+    result = np.full(len(estimate), -1)
+    result[rows[matched]] = columns[matched]
+    return result
+
+
+def path_gospa(estimate: FloatArray, truth: FloatArray, gate: Gate) -> Gospa:
+    """GOSPA of estimated (estimate, 3) and true paths (true, 3) in (s, rad, rad), cutoff 1.
+
+    The base distance is the root mean square of the three errors in units of the gate.
+    """
+    error = parameter_errors(estimate[:, None], truth[None]) / gate.half_width
+    return gospa(np.sqrt(np.square(error).mean(axis=-1)), 1.0)

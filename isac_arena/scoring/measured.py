@@ -1,0 +1,136 @@
+"""Scores of a measured campaign: poses, maps and shapes; what needs true paths stays NaN."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from estimation.channel.record import ChannelEstimate
+from isac_arena.campaign.measured import MeasuredTruth
+from isac_arena.campaign.results import CampaignResults
+from isac_arena.scoring.causes import Cause
+from isac_arena.scoring.config import ScoringConfig
+from isac_arena.scoring.metrics.metric import Metric
+from isac_arena.scoring.record import (
+    PathKind,
+    PathScores,
+    PathStatus,
+    ScoreTables,
+    SignificantPaths,
+    StopScores,
+)
+from isac_arena.scoring.score import Scores, score_map, score_metrics
+from isac_arena.scoring.stages.poses import score_poses, unknown_bound
+from scenes.record import FloatArray, TextArray, concatenate
+from scenes.scene import Scene
+
+
+def score_measured(
+    scene: Scene,
+    truths: Iterable[MeasuredTruth],
+    results: CampaignResults,
+    config: ScoringConfig | None = None,
+) -> Scores:
+    """Score maps, poses and shapes against the survey, the labels of the paths and the scene.
+
+    A labelled single bounce stems from the object nearest to its labelled point, where one is within
+    `found_distance_m` of it.
+
+    Raises `ValueError` where a stop has labels but no channel estimate of the same paths.
+    """
+    config = config or ScoringConfig()
+    known = list(truths)
+    estimates = {estimate.stop: estimate for estimate in results.channel}
+    parts = [_label_scores(scene, truth, estimates.get(truth.stop), config) for truth in known]
+    if not parts:
+        raise ValueError("truths: no stop given")
+    paths, significant = concatenate(parts, "estimate"), _no_paths()
+    stops = np.array([truth.stop for truth in known])
+    tables = ScoreTables(
+        paths=paths,
+        significant=significant,
+        stops=StopScores(stops, *np.full((4, len(stops)), np.nan)),
+        poses=score_poses(
+            stops,
+            [truth.rx_pose for truth in known],
+            np.array([truth.clock_bias_s for truth in known]),
+            np.array([truth.is_los.any() for truth in known]),
+            results.slam.poses,
+            unknown_bound(len(stops)),
+        ),
+        mapping=score_map(scene, results.mapping, paths, significant, config),
+        slam=score_map(scene, results.slam, paths, significant, config),
+    )
+    return Scores(measured_metrics(scene, tables), tables)
+
+
+def measured_metrics(scene: Scene, tables: ScoreTables) -> tuple[Metric, ...]:
+    """All metrics under the keys of a simulated campaign; NaN for those of the channel, which need true paths."""
+    return tuple(
+        replace(metric, value=np.nan)
+        if metric.key.startswith("channel.") and metric.key != "channel.estimated_per_stop"
+        else metric
+        for metric in score_metrics(scene, tables)
+    )
+
+
+def nearest_objects(scene: Scene, points_m: FloatArray, reach_m: float) -> TextArray:
+    """Name (point,) of the object whose boundary is nearest to each point (point, xy); empty beyond `reach_m`."""
+    if not scene.objects:
+        return np.full(len(points_m), "", dtype=str)
+    distance = np.stack([np.abs(item.contour.signed_distance(points_m)) for item in scene.objects])
+    nearest = np.array(scene.object_names)[distance.argmin(axis=0)]
+    return np.asarray(np.where(distance.min(axis=0) <= reach_m, nearest, ""))
+
+
+def _label_scores(
+    scene: Scene, truth: MeasuredTruth, estimate: ChannelEstimate | None, config: ScoringConfig
+) -> PathScores:
+    n = truth.size("path")
+    if estimate is None or len(estimate) != n:
+        raise ValueError(
+            f"results.channel: stop {truth.stop} has {n} labelled paths but no estimate of as many"
+        )
+    single = truth.is_single_bounce
+    name = np.full(n, "", dtype=object)
+    name[single] = nearest_objects(scene, truth.landmark_m[single], config.found_distance_m)
+    unknown = np.full(n, np.nan)
+    return PathScores(
+        stop=np.full(n, truth.stop),
+        path=np.arange(n),
+        status=np.where(truth.is_los | single, PathStatus.DETECTED, PathStatus.FALSE),
+        cause=np.where(truth.is_los | single, Cause.NONE.value, Cause.UNKNOWN.value),
+        is_los=estimate.is_los,
+        true_path=np.full(n, -1),
+        kind=np.select([truth.is_los, single], [PathKind.LOS, PathKind.SINGLE_BOUNCE], PathKind.NONE),
+        object=name.astype(str),
+        vertex_m=np.where(single[:, None], truth.landmark_m, np.nan),
+        vertex_height_m=unknown,
+        delay_error_s=unknown,
+        aod_error_rad=unknown,
+        aoa_error_rad=unknown,
+        power_error_db=unknown,
+        nees=unknown,
+    )
+
+
+def _no_paths() -> SignificantPaths:
+    none, index = np.zeros(0), np.zeros(0, int)
+    return SignificantPaths(
+        stop=index,
+        path=index,
+        kind=index,
+        object=np.zeros(0, str),
+        vertex_m=np.zeros((0, 2)),
+        delay_s=none,
+        aod_azimuth_rad=none,
+        aoa_azimuth_rad=none,
+        power_dbm=none,
+        is_detected=np.zeros(0, bool),
+        cause=np.zeros(0, str),
+        delay_bound_s=none,
+        aod_bound_rad=none,
+        aoa_bound_rad=none,
+    )

@@ -1,0 +1,76 @@
+"""Where things come from: true paths, incidence points and clusters traced back to the scene's objects."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimation.slam.record import IncidencePoints
+from isac_arena.scoring.record import PathKind, PathScores
+from scenes.record import FloatArray, IntArray, TextArray
+from sim.propagation.paths import BounceKind, Paths, with_bounce_slots
+
+
+@dataclass(frozen=True)
+class PathOrigin:
+    """What each true path met on its way."""
+
+    kind: IntArray  # (path,) PathKind
+    object: TextArray  # (path,) object of a single bounce, else empty
+    vertex_m: FloatArray  # (path, xy) IP of a single bounce, else NaN
+    height_m: FloatArray  # (path,) its height
+
+
+def path_origin(paths: Paths) -> PathOrigin:
+    """Kind, object and incidence point of every true path; a passage through a wall is no bounce."""
+    paths = with_bounce_slots(paths, max(1, paths.size("bounce")))
+    bounces = (paths.bounce_kind != BounceKind.NONE) & (paths.bounce_kind != BounceKind.REFRACTION)
+    n_bounces = bounces.sum(axis=1)
+    single = n_bounces == PathKind.SINGLE_BOUNCE
+    path, slot = np.arange(len(paths)), bounces.argmax(axis=1)
+    index = np.where(single, paths.bounce_object[path, slot], -1)
+    return PathOrigin(
+        kind=np.minimum(n_bounces, PathKind.MULTI_BOUNCE),
+        object=np.append(paths.object_name, "")[index],
+        vertex_m=np.where(single[:, None], paths.vertex_m[path, slot, :2], np.nan),
+        height_m=np.where(single, paths.vertex_m[path, slot, 2], np.nan),
+    )
+
+
+def ip_paths(ips: IncidencePoints, paths: PathScores) -> IntArray:
+    """Row (ip,) of `paths` that each incidence point was made from.
+
+    Raises `ValueError` where an incidence point names a path that no channel estimate has.
+    """
+    rows = {key: row for row, key in enumerate(zip(paths.stop.tolist(), paths.path.tolist(), strict=True))}
+    keys = list(zip(ips.stop.tolist(), ips.path.tolist(), strict=True))
+    unknown = [key for key in keys if key not in rows]
+    if unknown:
+        raise ValueError(
+            f"IncidencePoints.path = {unknown[0][1]} at stop {unknown[0][0]}: "
+            "must be a path of the channel estimate of that stop"
+        )
+    return np.array([rows[key] for key in keys], int)
+
+
+@dataclass(frozen=True)
+class ClusterOrigin:
+    """The object each cluster shows."""
+
+    object: TextArray  # (cluster,) empty where none gave at least half of the IPs
+    purity: FloatArray  # (cluster,) share of the most frequent object
+
+
+def cluster_origin(
+    label: IntArray, ip_object: TextArray, n_clusters: int, least_share: float
+) -> ClusterOrigin:
+    """Most frequent object among the IPs of each cluster, named where it gave at least `least_share` of them."""
+    objects, purity = [], np.zeros(n_clusters)
+    for cluster in range(n_clusters):
+        members = ip_object[label == cluster]
+        names, counts = np.unique(members[members != ""], return_counts=True)
+        best = counts.argmax() if len(counts) else -1
+        purity[cluster] = counts[best] / len(members) if len(counts) else 0.0
+        objects.append(str(names[best]) if len(counts) and purity[cluster] >= least_share else "")
+    return ClusterOrigin(np.asarray(objects, str), purity)

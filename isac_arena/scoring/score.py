@@ -1,0 +1,146 @@
+"""Scores of a whole campaign: truths streamed once, tables small enough to keep."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from isac_arena.campaign.results import CampaignResults, MapResult
+from isac_arena.scoring.config import ScoringConfig, Significance
+from isac_arena.scoring.link_view import LinkView
+from isac_arena.scoring.metrics.metric import Metric
+from isac_arena.scoring.record import (
+    IpScores,
+    MapScores,
+    OutlineScores,
+    PathKind,
+    PathScores,
+    PoseScores,
+    ScoreTables,
+    SignificantPaths,
+    StopScores,
+)
+from isac_arena.scoring.stages.channel import TrueStop, score_stop, significant_alone, true_stop
+from isac_arena.scoring.stages.channel_metrics import channel_metrics
+from isac_arena.scoring.stages.contours import contour_metrics, score_contours
+from isac_arena.scoring.stages.maps import map_metrics, score_ips
+from isac_arena.scoring.stages.outlines import outline_columns
+from isac_arena.scoring.stages.poses import pose_bounds, pose_metrics, score_poses
+from isac_arena.scoring.stages.scene import scene_metrics, score_scene
+from isac_arena.scoring.stages.shapes import ShapeErrors, shape_errors, shape_metrics
+from scenes.record import FloatArray, concatenate
+from scenes.scene import Scene, SceneObject
+from sim.truth import Truth
+
+
+@dataclass(frozen=True)
+class Scores:
+    """All metrics of a campaign, and the tables they were drawn from."""
+
+    metrics: tuple[Metric, ...]
+    tables: ScoreTables
+
+    def value(self, key: str) -> float:
+        """Value of one metric; `KeyError` where there is none of that key."""
+        for metric in self.metrics:
+            if metric.key == key:
+                return metric.value
+        raise KeyError(key)
+
+
+def score_campaign(
+    scene: Scene,
+    truths: Iterable[Truth],
+    results: CampaignResults,
+    *,
+    true_power_dbm: Callable[[Truth], FloatArray],
+    significance: Significance,
+    view: LinkView | None = None,
+    config: ScoringConfig | None = None,
+) -> Scores:
+    """Score every stage of a campaign against the truth.
+
+    `truths` is read once, one stop at a time. `true_power_dbm` gives the received power (path,) in dBm of the true
+    paths of a stop in their best beam pairs. Without a `view` of the link no cause is told that needs the beams,
+    and bounds are NaN.
+
+    Raises
+    ------
+    ValueError
+        Where a stop has a truth but no estimate or the other way round, or no stop is given at all.
+    """
+    config = config or ScoringConfig()
+    prepared = (true_stop(truth, scene.tx, true_power_dbm(truth), significance, view) for truth in truths)
+    paths, significant, stops, poses = _score_stops(scene, prepared, results, config)
+    tables = ScoreTables(
+        paths=paths,
+        significant=significant,
+        stops=stops,
+        poses=poses,
+        mapping=score_map(scene, results.mapping, paths, significant, config),
+        slam=score_map(scene, results.slam, paths, significant, config),
+    )
+    return Scores(score_metrics(scene, tables), tables)
+
+
+def score_metrics(scene: Scene, tables: ScoreTables) -> tuple[Metric, ...]:
+    """All metrics of a campaign, always the same keys for the same scene."""
+    metrics = channel_metrics(tables.stops, tables.paths, tables.significant)
+    metrics += pose_metrics(tables.poses)
+    for name, one_map in (("mapping", tables.mapping), ("slam", tables.slam)):
+        metrics += map_metrics(name, scene, one_map.ips, one_map.clusters)
+        metrics += shape_metrics(name, scene, one_map.clusters)
+        metrics += contour_metrics(name, scene, one_map.contours)
+        metrics += scene_metrics(name, one_map.scene)
+    return tuple(metrics)
+
+
+def _score_stops(
+    scene: Scene, stops: Iterable[TrueStop], results: CampaignResults, config: ScoringConfig
+) -> tuple[PathScores, SignificantPaths, StopScores, PoseScores]:
+    estimates = {estimate.stop: estimate for estimate in results.channel}
+    parts: list[tuple[PathScores, SignificantPaths, StopScores]] = []
+    bare: list[TrueStop] = []  # without the many paths
+    for stop in stops:
+        index = stop.truth.stop
+        if index not in estimates:
+            raise ValueError(f"results.channel: stop {index} has a truth but no channel estimate")
+        parts.append(score_stop(stop, estimates[index], config))
+        bare.append(significant_alone(stop))
+    scored = [stop.truth.stop for stop in bare]
+    unscored = sorted(set(estimates) - set(scored))
+    if unscored or not scored:
+        raise ValueError(f"truths: no truth for stop {unscored[0]}" if unscored else "truths: no stop given")
+    paths, true_paths, sets = zip(*parts, strict=True)
+    significant = concatenate(true_paths, "true_path")
+    poses = score_poses(
+        np.array(scored),
+        [stop.truth.rx_pose for stop in bare],
+        np.array([stop.truth.clock_bias_s for stop in bare]),
+        np.isin(scored, significant.stop[significant.kind == PathKind.LOS]),
+        results.slam.poses,
+        pose_bounds(scene, bare),
+    )
+    return concatenate(paths, "estimate"), significant, concatenate(sets, "stop"), poses
+
+
+def score_map(
+    scene: Scene, result: MapResult, paths: PathScores, significant: SignificantPaths, config: ScoringConfig
+) -> MapScores:
+    """Tables of one map: its incidence points, its clusters, its contours and the scene they make."""
+    ips = score_ips(scene, result, paths)
+    clusters = _score_clusters(scene, result, ips, significant, config)
+    contours = score_contours(scene, result, ips, significant, config)
+    return MapScores(ips, clusters, contours, score_scene(scene, result, clusters, contours, significant))
+
+
+def _score_clusters(
+    scene: Scene, result: MapResult, ips: IpScores, significant: SignificantPaths, config: ScoringConfig
+) -> OutlineScores:
+    def error_of(cluster: int, item: SceneObject, members_m: FloatArray, lit_m: FloatArray) -> ShapeErrors:
+        return shape_errors(result.shapes, cluster, members_m, item.contour, lit_m, config)
+
+    n_clusters = len(result.shapes.center_m)
+    return OutlineScores(**outline_columns(scene, result, ips, n_clusters, significant, config, error_of))

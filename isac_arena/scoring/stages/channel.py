@@ -1,0 +1,232 @@
+"""Tables of the channel estimates: each estimated path with its true one, each true one with what became of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from estimation.channel.record import ChannelEstimate, EstimateStatus
+from isac_arena.scoring.association import assign, inside_gate, parameter_errors, path_gospa
+from isac_arena.scoring.causes import Evidence, false_causes, miss_causes, weak_causes
+from isac_arena.scoring.config import ScoringConfig, Significance
+from isac_arena.scoring.link_view import LinkView
+from isac_arena.scoring.metrics.statistics import squared_mahalanobis
+from isac_arena.scoring.provenance import PathOrigin, path_origin
+from isac_arena.scoring.record import PathKind, PathScores, PathStatus, SignificantPaths, StopScores
+from scenes.pose import Pose, wrap_angle
+from scenes.record import BoolArray, FloatArray, IntArray
+from sim.propagation.paths import Paths
+from sim.truth import Truth
+
+
+@dataclass(frozen=True)
+class TrueStop:
+    """One stop prepared for scoring: true paths as the devices see them, and those that could be detected."""
+
+    truth: Truth
+    origin: PathOrigin
+    parameters: FloatArray  # (path, 3) in (s, rad, rad)
+    power_dbm: FloatArray  # (path,)
+    significant: IntArray  # rows of the significant paths
+    covariance: FloatArray  # (significant, 3, 3) bound in (s, rad, rad)^2, NaN without a view of the link
+    limits: Significance
+    view: LinkView | None
+
+
+def device_parameters(truth: Truth, tx_pose: Pose) -> FloatArray:
+    """True (delay in s with the clock bias, AoD in the TX frame, AoA in the RX frame) (path, 3)."""
+    paths = truth.paths
+    return np.stack(
+        [
+            paths.delay_s + truth.clock_bias_s,
+            wrap_angle(paths.aod_azimuth_rad - tx_pose.heading_rad),
+            wrap_angle(paths.aoa_azimuth_rad - truth.rx_pose.heading_rad),
+        ],
+        axis=-1,
+    )
+
+
+def significant_paths(paths: Paths, power_dbm: FloatArray, limits: Significance) -> BoolArray:
+    """Mask (path,) of the paths an estimator can detect: not diffuse, above noise, within its dynamic range."""
+    candidate = ~paths.is_diffuse & (power_dbm >= limits.noise_threshold_dbm)
+    if candidate.any():
+        candidate &= power_dbm >= power_dbm[candidate].max() - limits.dynamic_range_db
+    return np.asarray(candidate)
+
+
+def true_stop(
+    truth: Truth, tx_pose: Pose, power_dbm: FloatArray, limits: Significance, view: LinkView | None
+) -> TrueStop:
+    """Prepare one stop; `power_dbm` (path,) is the received power of the true paths in their best beam pairs."""
+    significant = np.flatnonzero(significant_paths(truth.paths, power_dbm, limits))
+    covariance = np.full((len(significant), 3, 3), np.nan)
+    if view is not None:
+        found = view.bounds(replace(truth, paths=truth.paths.take("path", significant)))
+        azimuths = [0, 1, 1 + found.n_aod_angles]
+        covariance = found.covariance[:, azimuths][:, :, azimuths]
+    parameters = device_parameters(truth, tx_pose)
+    return TrueStop(
+        truth, path_origin(truth.paths), parameters, power_dbm, significant, covariance, limits, view
+    )
+
+
+def significant_alone(stop: TrueStop) -> TrueStop:
+    """The same stop with nothing but its significant paths."""
+    keep = stop.significant
+    return replace(
+        stop,
+        truth=replace(stop.truth, paths=stop.truth.paths.take("path", keep)),
+        origin=PathOrigin(*(getattr(stop.origin, field.name)[keep] for field in fields(PathOrigin))),
+        parameters=stop.parameters[keep],
+        power_dbm=stop.power_dbm[keep],
+        significant=np.arange(len(keep)),
+    )
+
+
+def score_stop(
+    stop: TrueStop, estimate: ChannelEstimate, config: ScoringConfig
+) -> tuple[PathScores, SignificantPaths, StopScores]:
+    """Tables of one stop: each estimated path with its true one, what there was to detect, and their distance."""
+    measured = np.stack([estimate.delay_s, estimate.aod_azimuth_rad, estimate.aoa_azimuth_rad], axis=-1)
+    match = assign(measured, stop.parameters[stop.significant], config.gate)
+    true_path = np.append(stop.significant, -1)[match]
+    status = np.where(true_path >= 0, PathStatus.DETECTED, PathStatus.FALSE)
+    for index in np.flatnonzero(true_path < 0):
+        true_path[index] = _weak_origin(stop, measured[index], float(estimate.power_dbm[index]), config)
+        status[index] = PathStatus.WEAK if true_path[index] >= 0 else PathStatus.FALSE
+    detected = np.isin(np.arange(len(stop.significant)), match)
+    evidence = _evidence(stop, estimate, measured, status, detected, config)
+    return (
+        _path_scores(stop, estimate, measured, true_path, evidence, config),
+        _significant_scores(stop, evidence, config),
+        _stop_scores(stop, measured[status != PathStatus.WEAK], config),
+    )
+
+
+def _weak_origin(stop: TrueStop, measured: FloatArray, estimate_dbm: float, config: ScoringConfig) -> int:
+    """The strongest weak or diffuse path behind an estimate, -1 where true energy does not explain it.
+
+    The energy inside the gate that no significant path carries must reach the estimate's power less the margin.
+    Of it, the object that contributes most is taken.
+    """
+    near = inside_gate(parameter_errors(measured, stop.parameters), config.gate)
+    near[stop.significant] = False
+    candidates = np.flatnonzero(near)
+    power_mw = 10 ** (stop.power_dbm[candidates] / 10)
+    if power_mw.sum() < 10 ** ((estimate_dbm - config.weak_margin_db) / 10) or not len(candidates):
+        return -1
+    names, group = np.unique(stop.origin.object[candidates], return_inverse=True)
+    strongest_group = np.bincount(group, weights=power_mw, minlength=len(names)).argmax()
+    return int(candidates[np.where(group == strongest_group, power_mw, -1.0).argmax()])
+
+
+def _evidence(
+    stop: TrueStop,
+    estimate: ChannelEstimate,
+    measured: FloatArray,
+    status: IntArray,
+    detected: BoolArray,
+    config: ScoringConfig,
+) -> Evidence:
+    """What the causes are told from."""
+    own, n_true = stop.parameters[stop.significant], len(stop.significant)
+    half_width = config.gate.half_width
+    diffuse = np.flatnonzero(stop.truth.paths.is_diffuse)
+    around = inside_gate(parameter_errors(own[:, None], stop.parameters[diffuse][None]), config.gate)
+    diffuse_mw = around @ 10 ** (stop.power_dbm[diffuse] / 10)
+    leaked, crosstalk = np.full((len(estimate), n_true), np.nan), np.full((n_true, n_true), np.nan)
+    beam_loss = np.full(n_true, np.nan)
+    if stop.view is not None:
+        truth = significant_alone(stop).truth
+        leaked = stop.view.leaked_dbm(truth, stop.view.estimated_cells(estimate))
+        crosstalk = stop.view.leaked_dbm(truth, stop.view.true_cells(truth))
+        beam_loss = stop.view.beam_loss_db(truth)
+    true_dbm, limits = stop.power_dbm[stop.significant], stop.limits
+    strongest_dbm = true_dbm.max(initial=-np.inf)
+    return Evidence(
+        status=status,
+        distance=np.abs(parameter_errors(measured[:, None], own[None]) / half_width).max(axis=2),
+        true_distance=np.abs(parameter_errors(own[:, None], own[None]) / half_width).max(axis=2),
+        is_detected=detected,
+        estimate_dbm=estimate.power_dbm,
+        true_dbm=true_dbm,
+        leaked_dbm=leaked,
+        crosstalk_dbm=crosstalk,
+        beam_loss_db=beam_loss,
+        diffuse_dbm=10 * np.log10(np.maximum(diffuse_mw, np.finfo(float).tiny)),
+        noise_threshold_dbm=limits.noise_threshold_dbm,
+        significance_dbm=max(limits.noise_threshold_dbm, strongest_dbm - limits.dynamic_range_db),
+        is_limited=estimate.status == EstimateStatus.LIMITED,
+        is_refused=estimate.status == EstimateStatus.REFUSED,
+    )
+
+
+def _path_scores(
+    stop: TrueStop,
+    estimate: ChannelEstimate,
+    measured: FloatArray,
+    true_path: IntArray,
+    evidence: Evidence,
+    config: ScoringConfig,
+) -> PathScores:
+    status = evidence.status
+    detected = status == PathStatus.DETECTED
+    matched = true_path[detected]
+    error = np.full((len(estimate), 3), np.nan)
+    error[detected] = parameter_errors(measured[detected], stop.parameters[matched])
+    power_error_db = np.full(len(estimate), np.nan)
+    power_error_db[detected] = estimate.power_dbm[detected] - stop.power_dbm[matched]
+    vertex_m, height_m = np.full((len(estimate), 2), np.nan), np.full(len(estimate), np.nan)
+    vertex_m[detected], height_m[detected] = stop.origin.vertex_m[matched], stop.origin.height_m[matched]
+    weak = weak_causes(status, np.append(stop.truth.paths.is_diffuse, False)[true_path])
+    return PathScores(
+        stop=np.full(len(estimate), stop.truth.stop),
+        path=np.arange(len(estimate)),
+        status=status,
+        cause=np.where(status == PathStatus.WEAK, weak, false_causes(evidence, config)),
+        is_los=estimate.is_los,
+        true_path=true_path,
+        kind=np.append(stop.origin.kind, PathKind.NONE)[true_path],
+        object=np.append(stop.origin.object, "")[true_path],
+        vertex_m=vertex_m,
+        vertex_height_m=height_m,
+        delay_error_s=error[:, 0],
+        aod_error_rad=error[:, 1],
+        aoa_error_rad=error[:, 2],
+        power_error_db=power_error_db,
+        nees=squared_mahalanobis(error, estimate.plane_covariance),
+    )
+
+
+def _significant_scores(stop: TrueStop, evidence: Evidence, config: ScoringConfig) -> SignificantPaths:
+    significant = stop.significant
+    parameters = stop.parameters[significant]
+    bound = np.sqrt(np.diagonal(stop.covariance, axis1=1, axis2=2))
+    return SignificantPaths(
+        stop=np.full(len(significant), stop.truth.stop),
+        path=significant,
+        kind=stop.origin.kind[significant],
+        object=stop.origin.object[significant],
+        vertex_m=stop.origin.vertex_m[significant],
+        delay_s=parameters[:, 0],
+        aod_azimuth_rad=parameters[:, 1],
+        aoa_azimuth_rad=parameters[:, 2],
+        power_dbm=stop.power_dbm[significant],
+        is_detected=evidence.is_detected,
+        cause=miss_causes(evidence, config),
+        delay_bound_s=bound[:, 0],
+        aod_bound_rad=bound[:, 1],
+        aoa_bound_rad=bound[:, 2],
+    )
+
+
+def _stop_scores(stop: TrueStop, measured: FloatArray, config: ScoringConfig) -> StopScores:
+    distance = path_gospa(measured, stop.parameters[stop.significant], config.gate)
+    return StopScores(
+        stop=np.array([stop.truth.stop]),
+        gospa=np.array([distance.value]),
+        localisation=np.array([distance.localisation]),
+        missed=np.array([distance.missed]),
+        false=np.array([distance.false]),
+    )

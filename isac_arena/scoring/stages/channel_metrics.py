@@ -1,0 +1,132 @@
+"""Scores of the channel estimates: detected, missed and false paths with their causes, errors and bounds."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from isac_arena.scoring.causes import FALSE_CAUSES, MISS_CAUSES, Cause
+from isac_arena.scoring.metrics.consistency import consistency_metrics
+from isac_arena.scoring.metrics.metric import Metric
+from isac_arena.scoring.metrics.statistics import maximum, mean, quantile, ratio, rms
+from isac_arena.scoring.record import PathKind, PathScores, PathStatus, SignificantPaths, StopScores
+from scenes.record import BoolArray, IntArray
+
+
+def los_decision_is_right(stops: IntArray, paths: PathScores, significant: SignificantPaths) -> BoolArray:
+    """Whether the LOS decision was right, per stop.
+
+    Right is to name the path detected as the true line of sight, or to name none where no significant one exists.
+    """
+    named = np.isin(stops, paths.stop[paths.is_los])
+    is_los = paths.is_los & (paths.kind == PathKind.LOS) & (paths.status == PathStatus.DETECTED)
+    exists = np.isin(stops, significant.stop[significant.kind == PathKind.LOS])
+    return np.where(named, np.isin(stops, paths.stop[is_los]), ~exists)
+
+
+def channel_metrics(sets: StopScores, paths: PathScores, significant: SignificantPaths) -> list[Metric]:
+    """Scores of the channel estimates over the given stops. Errors are those of detected paths."""
+    stops = sets.stop
+    return [
+        Metric("channel.gospa.mean", mean(sets.gospa), "gates", "lower"),
+        Metric("channel.gospa.localisation_mean", mean(sets.localisation), "gates", "lower"),
+        Metric("channel.gospa.missed_mean", mean(sets.missed), "gates", "lower"),
+        Metric("channel.gospa.false_mean", mean(sets.false), "gates", "lower"),
+        *_count_metrics(stops, paths, significant),
+        *_cause_metrics(paths, significant),
+        *_error_metrics(paths),
+        *_bound_metrics(paths, significant),
+        *consistency_metrics("channel", paths.nees, 3),
+        Metric(
+            "channel.los.decision_accuracy",
+            mean(los_decision_is_right(stops, paths, significant)),
+            "1",
+            "higher",
+        ),
+    ]
+
+
+def _count_metrics(stops: IntArray, paths: PathScores, significant: SignificantPaths) -> list[Metric]:
+    n = len(stops)
+    false = paths.status == PathStatus.FALSE
+    detected = significant.is_detected
+    metrics = [
+        Metric("channel.estimated_per_stop", ratio(len(paths.stop), n), "1", "info"),
+        Metric("channel.significant_per_stop", ratio(len(detected), n), "1", "info"),
+        Metric("channel.detected_per_stop", ratio(detected.sum(), n), "1", "higher"),
+        Metric("channel.missed_per_stop", ratio((~detected).sum(), n), "1", "lower"),
+        Metric(
+            "channel.unresolved_per_stop",
+            ratio((significant.cause == Cause.UNRESOLVED).sum(), n),
+            "1",
+            "info",
+        ),
+        Metric("channel.weak_per_stop", ratio((paths.status == PathStatus.WEAK).sum(), n), "1", "info"),
+        Metric("channel.false_per_stop", ratio(false.sum(), n), "1", "lower"),
+        Metric(
+            "channel.false_per_stop.max",
+            maximum([(paths.stop[false] == stop).sum() for stop in stops]),
+            "1",
+            "lower",
+        ),
+        Metric("channel.detection_rate", mean(detected), "1", "higher"),
+    ]
+    for kind, name in KIND_KEYS.items():
+        rate = mean(detected[significant.kind == kind])
+        metrics.append(Metric(f"channel.{name}.detection_rate", rate, "1", "higher"))
+    return metrics
+
+
+KIND_KEYS = {
+    PathKind.LOS: "los",
+    PathKind.SINGLE_BOUNCE: "single_bounce",
+    PathKind.MULTI_BOUNCE: "multi_bounce",
+}
+
+
+def _error_metrics(paths: PathScores) -> list[Metric]:
+    errors = {
+        ("delay", "ns"): 1e9 * paths.delay_error_s,
+        ("aod", "deg"): np.rad2deg(paths.aod_error_rad),
+        ("aoa", "deg"): np.rad2deg(paths.aoa_error_rad),
+        ("power", "dB"): paths.power_error_db,
+    }
+    metrics = []
+    for (name, unit), error in errors.items():
+        suffix = unit.lower()
+        metrics.append(Metric(f"channel.{name}.rmse_{suffix}", rms(error), unit, "lower"))
+        metrics.append(Metric(f"channel.{name}.bias_{suffix}", mean(error), unit, "info"))
+    return metrics
+
+
+def _cause_metrics(paths: PathScores, significant: SignificantPaths) -> list[Metric]:
+    """How many paths of the campaign are false, and how many missed, for each cause."""
+    false = paths.cause[paths.status == PathStatus.FALSE]
+    missed = significant.cause[~significant.is_detected]
+    return [
+        Metric(f"channel.{name}.{cause}", (found == cause).sum(), "1", "info")
+        for name, found, causes in (("missed", missed, MISS_CAUSES), ("false", false, FALSE_CAUSES))
+        for cause in causes
+    ]
+
+
+def _bound_metrics(paths: PathScores, significant: SignificantPaths) -> list[Metric]:
+    """Errors of the detected paths over the Cramer-Rao bounds of their true ones: 1 for an efficient estimator."""
+    # A measured path has no true one.
+    is_known = (paths.status == PathStatus.DETECTED) & (paths.true_path >= 0)
+    detected = paths.take("estimate", is_known)
+    row = {
+        key: i for i, key in enumerate(zip(significant.stop.tolist(), significant.path.tolist(), strict=True))
+    }
+    of_path = [row[key] for key in zip(detected.stop.tolist(), detected.true_path.tolist(), strict=True)]
+    bound = significant.take("true_path", np.array(of_path, int))
+    metrics = []
+    for name, error, std in (
+        ("delay", detected.delay_error_s, bound.delay_bound_s),
+        ("aod", detected.aod_error_rad, bound.aod_bound_rad),
+        ("aoa", detected.aoa_error_rad, bound.aoa_bound_rad),
+    ):
+        known = np.isfinite(std) & (std > 0)
+        share = np.abs(error[known]) / std[known]
+        metrics.append(Metric(f"channel.{name}.over_bound.rms", rms(share), "1", "lower"))
+        metrics.append(Metric(f"channel.{name}.over_bound.median", quantile(share, 0.5), "1", "lower"))
+    return metrics

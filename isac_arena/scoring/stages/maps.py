@@ -1,0 +1,136 @@
+"""Scores of a map: how close the incidence points are to real surfaces, and which objects were found."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from isac_arena.campaign.results import MapResult
+from isac_arena.scoring.causes import GHOST_CAUSES, Cause, point_causes
+from isac_arena.scoring.config import ScoringConfig
+from isac_arena.scoring.metrics.consistency import consistency_metrics
+from isac_arena.scoring.metrics.metric import Metric
+from isac_arena.scoring.metrics.statistics import mean, quantile, ratio, rms, squared_mahalanobis
+from isac_arena.scoring.provenance import ClusterOrigin, ip_paths
+from isac_arena.scoring.record import IpScores, OutlineScores, PathScores
+from scenes.record import BoolArray, FloatArray, IntArray
+from scenes.scene import OBJECT_KINDS, Scene
+
+
+def surface_distance_m(scene: Scene, points_m: FloatArray) -> FloatArray:
+    """Distance (point,) in m to the nearest boundary of any object of the scene; infinite without objects."""
+    nearest = np.full(len(points_m), np.inf)
+    for item in scene.objects:
+        nearest = np.minimum(nearest, np.abs(item.contour.signed_distance(points_m)))
+    return nearest
+
+
+def score_ips(scene: Scene, result: MapResult, paths: PathScores) -> IpScores:
+    """Table of all incidence points of a map.
+
+    Raises `ValueError` where the clusters are not given for every incidence point.
+    """
+    ips, label = result.ips, result.shapes.label
+    if len(label) != len(ips):
+        raise ValueError(
+            f"Shapes.label: {len(label)} labels for {len(ips)} incidence points, one each is needed"
+        )
+    row = ip_paths(ips, paths)
+    error = ips.position_m - paths.vertex_m[row]
+    height_error = ips.height_m - paths.vertex_height_m[row]
+    return IpScores(
+        stop=ips.stop,
+        path=ips.path,
+        is_inlier=ips.is_inlier,
+        label=label,
+        object=paths.object[row],
+        cause=point_causes(ips.is_inlier, paths.object[row], paths.kind[row], paths.cause[row]),
+        surface_distance_m=surface_distance_m(scene, ips.position_m),
+        position_error_m=np.linalg.norm(error, axis=1),
+        nees=squared_mahalanobis(error, ips.covariance_m2),
+        height_error_m=height_error,
+        height_nees=squared_mahalanobis(height_error[:, None], ips.height_covariance_m2[:, 2:, None]),
+    )
+
+
+def close_counts(
+    scene: Scene, result: MapResult, ips: IpScores, origin: ClusterOrigin, reach_m: float
+) -> IntArray:
+    """IPs (cluster,) that stem from the cluster's object and lie within `reach_m` of it."""
+    counts = np.zeros(len(origin.object), int)
+    for cluster, name in enumerate(origin.object):
+        if name not in scene.object_names:
+            continue
+        own = (ips.label == cluster) & (ips.object == name)
+        distance = np.abs(scene.object(str(name)).contour.signed_distance(result.ips.position_m[own]))
+        counts[cluster] = (distance <= reach_m).sum()
+    return counts
+
+
+def is_ghost(ips: IpScores, n_clusters: int) -> BoolArray:
+    """Whether more than half of a cluster's IPs stem from no object: multiple bounces and false paths."""
+    nameless = [mean(ips.object[ips.label == cluster] == "") for cluster in range(n_clusters)]
+    return np.array(nameless, float) > 0.5
+
+
+def map_metrics(prefix: str, scene: Scene, ips: IpScores, clusters: OutlineScores) -> list[Metric]:
+    """Scores of one map; `prefix` is 'mapping' or 'slam'. Distances are those of the estimator's inliers."""
+    inliers = ips.take("ip", ips.is_inlier)
+    clustered = inliers.label >= 0
+    return [
+        Metric(f"{prefix}.ips", len(inliers.stop), "1", "info"),
+        Metric(f"{prefix}.ips_clustered_share", mean(clustered), "1", "info"),
+        Metric(f"{prefix}.ips_from_single_bounce_share", mean(inliers.object != ""), "1", "higher"),
+        *_cause_metrics(prefix, ips),
+        *_distance_metrics(f"{prefix}.ip_to_surface", inliers.surface_distance_m),
+        *_distance_metrics(f"{prefix}.ip_to_surface.clustered", inliers.surface_distance_m[clustered]),
+        *_distance_metrics(f"{prefix}.ip_position", inliers.position_error_m),
+        *consistency_metrics(f"{prefix}.ip_position", inliers.nees, 2),
+        *_distance_metrics(f"{prefix}.ip_height", np.abs(inliers.height_error_m)),
+        *consistency_metrics(f"{prefix}.ip_height", inliers.height_nees, 1),
+        *_object_metrics(prefix, scene, clusters),
+    ]
+
+
+def found_objects(clusters: OutlineScores) -> list[str]:
+    """Names of the objects found, each once, sorted."""
+    return sorted({str(name) for name in clusters.object[clusters.is_found]})
+
+
+def find_clusters(origin: ClusterOrigin, n_close: IntArray, config: ScoringConfig) -> BoolArray:
+    """Whether each cluster shows an object: named by provenance and with enough IPs close to it."""
+    return np.asarray((origin.object != "") & (n_close >= config.found_points))
+
+
+def _cause_metrics(prefix: str, ips: IpScores) -> list[Metric]:
+    """How many inliers stem from no object, for each cause, and how many true single bounces are no inliers."""
+    return [
+        *(
+            Metric(f"{prefix}.ghost_ips.{cause}", (ips.cause[ips.is_inlier] == cause).sum(), "1", "info")
+            for cause in GHOST_CAUSES
+        ),
+        Metric(f"{prefix}.rejected_ips", (ips.cause == Cause.REJECTED).sum(), "1", "info"),
+    ]
+
+
+def _distance_metrics(prefix: str, distance_m: FloatArray) -> list[Metric]:
+    return [
+        Metric(f"{prefix}.median_m", quantile(distance_m, 0.5), "m", "lower"),
+        Metric(f"{prefix}.rms_m", rms(distance_m), "m", "lower"),
+        Metric(f"{prefix}.p90_m", quantile(distance_m, 0.9), "m", "lower"),
+    ]
+
+
+def _object_metrics(prefix: str, scene: Scene, clusters: OutlineScores) -> list[Metric]:
+    found: list[str] = [scene.object(name).kind for name in found_objects(clusters)]
+    n_clusters = len(clusters.object)
+    return [
+        Metric(f"{prefix}.clusters", n_clusters, "1", "info"),
+        Metric(f"{prefix}.ghost_clusters", clusters.is_ghost.sum(), "1", "lower"),
+        Metric(f"{prefix}.cluster_purity", mean(clusters.purity), "1", "higher"),
+        Metric(f"{prefix}.objects_found", len(found), "1", "higher"),
+        Metric(f"{prefix}.objects_found_share", ratio(len(found), len(scene.objects)), "1", "higher"),
+        *(
+            Metric(f"{prefix}.objects_found.{kind}", found.count(kind), "1", "higher")
+            for kind in OBJECT_KINDS
+        ),
+    ]

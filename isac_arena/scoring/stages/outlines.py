@@ -1,0 +1,64 @@
+"""Outlines against the objects that they show: the columns that the paper's shapes and our contours share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import astuple, fields
+from typing import Any
+
+import numpy as np
+
+from isac_arena.campaign.results import MapResult
+from isac_arena.scoring.causes import cluster_causes
+from isac_arena.scoring.config import ScoringConfig
+from isac_arena.scoring.provenance import cluster_origin
+from isac_arena.scoring.record import IpScores, SignificantPaths
+from isac_arena.scoring.stages.maps import close_counts, find_clusters, is_ghost
+from isac_arena.scoring.stages.shapes import ShapeErrors
+from scenes.record import FloatArray
+from scenes.scene import Scene, SceneObject
+
+ErrorOf = Callable[[int, SceneObject, FloatArray, FloatArray], ShapeErrors]
+
+
+def outline_columns(
+    scene: Scene,
+    result: MapResult,
+    ips: IpScores,
+    n_rows: int,
+    significant: SignificantPaths,
+    config: ScoringConfig,
+    error_of: ErrorOf,
+) -> dict[str, Any]:
+    """Columns (row,) by name: the object of each row, how sure that is, and its errors.
+
+    `ips.label` (ip,) is the row of each incidence point, -1 for none. `error_of` is told the row, its object, the
+    points of the row (ip, xy) and the true incidence points on the object (point, xy) over the whole campaign.
+    """
+    origin = cluster_origin(ips.label, ips.object, n_rows, config.found_share)
+    n_close = close_counts(scene, result, ips, origin, config.found_distance_m)
+    errors = []
+    for row, name in enumerate(origin.object):
+        if name not in scene.object_names:
+            errors.append(ShapeErrors())
+            continue
+        members_m = result.ips.position_m[ips.label == row]
+        lit_m = significant.vertex_m[significant.object == name]
+        errors.append(error_of(row, scene.object(str(name)), members_m, lit_m))
+    columns = np.array([astuple(error) for error in errors]).reshape(-1, len(fields(ShapeErrors))).T
+    ghost = is_ghost(ips, n_rows)
+    return {
+        "object": origin.object,
+        "purity": origin.purity,
+        "n_ips": np.bincount(ips.label[ips.label >= 0], minlength=n_rows),
+        "n_close": n_close,
+        "is_found": find_clusters(origin, n_close, config),
+        "is_ghost": ghost,
+        "cause": cluster_causes(ips.label, ips.object, ips.cause, ghost),
+        **{field.name: column for field, column in zip(fields(ShapeErrors), columns, strict=True)},
+    }
+
+
+def is_compact(item: SceneObject) -> bool:
+    """Whether an object has an area to find: of a wall one side is seen, and its thickness is nobody's to find."""
+    return item.contour.closed and item.kind != "wall"

@@ -1,0 +1,164 @@
+"""Scores of the receiver poses and clock that SLAM found."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import fields
+
+import numpy as np
+
+from estimation.laws.plane import range_covariance
+from estimation.slam.bounds import StateBound, StopPaths, stop_bound
+from estimation.slam.record import PoseEstimates, SolveStatus
+from isac_arena.scoring.metrics.consistency import consistency_metrics
+from isac_arena.scoring.metrics.metric import Metric
+from isac_arena.scoring.metrics.statistics import maximum, mean, quantile, ratio, rms, squared_mahalanobis
+from isac_arena.scoring.metrics.trajectories import absolute_errors, relative_errors
+from isac_arena.scoring.record import PathKind, PoseScores
+from isac_arena.scoring.stages.channel import TrueStop
+from scenes.pose import SPEED_OF_LIGHT_M_S, Pose, wrap_angle
+from scenes.record import BoolArray, FloatArray, IntArray
+from scenes.scene import Scene
+
+
+def score_poses(
+    stop: IntArray,
+    true_pose: list[Pose],
+    true_clock_bias_s: FloatArray,
+    has_los: BoolArray,
+    estimate: PoseEstimates,
+    bound: StateBound,
+) -> PoseScores:
+    """Table of pose errors over the stops given, in their order, beside the bounds (stop,) of each.
+
+    Raises `ValueError` where the estimate has not one pose for each of them.
+    """
+    row = {int(index): position for position, index in enumerate(estimate.stop)}
+    missing = [int(index) for index in stop if int(index) not in row]
+    if missing:
+        raise ValueError(f"PoseEstimates.stop: stop {missing[0]} is missing, every scored stop needs a pose")
+    estimate = estimate.take("stop", np.array([row[int(index)] for index in stop], int))
+    position_m = np.array([pose.position_m[:2] for pose in true_pose]).reshape(-1, 2)
+    heading_rad = np.array([pose.heading_rad for pose in true_pose])
+    solved = estimate.status != SolveStatus.FAILED
+    clock_error_s = estimate.clock_bias_s - true_clock_bias_s
+    height_error_m = estimate.height_m - np.array([pose.position_m[2] for pose in true_pose])
+    error = np.column_stack(
+        [estimate.position_m - position_m, wrap_angle(estimate.heading_rad - heading_rad), clock_error_s]
+    )
+    return PoseScores(
+        stop=stop,
+        has_los=has_los,
+        status=estimate.status,
+        true_position_m=position_m,
+        true_heading_rad=heading_rad,
+        true_clock_bias_s=true_clock_bias_s,
+        position_m=np.where(solved[:, None], estimate.position_m, np.nan),
+        position_error_m=_where(solved, np.linalg.norm(estimate.position_m - position_m, axis=1)),
+        heading_error_rad=_where(solved, error[:, 2]),
+        clock_error_s=_where(solved, clock_error_s),
+        nees=_where(solved, squared_mahalanobis(error, estimate.covariance)),
+        position_nees=_where(solved, squared_mahalanobis(error[:, :2], estimate.covariance[:, :2, :2])),
+        height_error_m=_where(solved, height_error_m),
+        height_nees=_where(solved, (height_error_m / estimate.height_std_m) ** 2),
+        position_bound_m=bound.position_m,
+        heading_bound_rad=bound.heading_rad,
+        clock_bound_s=bound.clock_m / SPEED_OF_LIGHT_M_S,
+    )
+
+
+def pose_bounds(scene: Scene, stops: Sequence[TrueStop]) -> StateBound:
+    """Bounds (stop,) of the receiver states from the significant paths of each stop alone.
+
+    Line of sight and single bounces off upright objects count, each known as well as the Cramer-Rao bound of its
+    delay and azimuths; incidence points are unknowns. Infinite where the paths leave the state free, NaN without a
+    view of the link.
+    """
+    found = [_pose_bound(scene, stop) for stop in stops]
+    return StateBound(
+        *(np.array([getattr(one, field.name) for one in found], float) for field in fields(StateBound))
+    )
+
+
+def unknown_bound(n_stops: int) -> StateBound:
+    """The bounds (stop,) where nothing is known of them."""
+    return StateBound(*np.full((3, n_stops), np.nan))
+
+
+def _pose_bound(scene: Scene, stop: TrueStop) -> StateBound:
+    if stop.view is None:
+        return StateBound(*np.full(3, np.nan))
+    rows, pose = stop.significant, stop.truth.rx_pose
+    covariance = range_covariance(stop.covariance)
+    known = np.isfinite(covariance).all(axis=(1, 2))
+    is_los = known & (stop.origin.kind[rows] == PathKind.LOS)
+    bounce = known & np.isin(stop.origin.object[rows], scene.object_names)
+    state = np.array([*pose.position_m[:2], pose.heading_rad, stop.truth.clock_bias_s * SPEED_OF_LIGHT_M_S])
+    paths = StopPaths(
+        point_m=stop.origin.vertex_m[rows[bounce]],
+        covariance=covariance[bounce],
+        wall=np.full(bounce.sum(), -1),
+        los_covariance=covariance[is_los][0] if is_los.any() else None,
+    )
+    return stop_bound(scene.tx, state, paths)[0]
+
+
+def pose_metrics(poses: PoseScores) -> list[Metric]:
+    """Scores of the trajectory, then of all stops and of those with and without a significant true LOS."""
+    metrics = [
+        *_trajectory_metrics(poses),
+        *consistency_metrics("slam", poses.nees, 4),
+        *consistency_metrics("slam.position", poses.position_nees, 2),
+        *consistency_metrics("slam.height", poses.height_nees, 1),
+        *_bound_metrics(poses),
+    ]
+    groups = {"slam": np.ones(len(poses.stop), bool), "slam.los": poses.has_los, "slam.nlos": ~poses.has_los}
+    for prefix, members in groups.items():
+        group = poses.take("stop", members)
+        position_m = group.position_error_m
+        solved = group.status != SolveStatus.FAILED
+        metrics += [
+            Metric(f"{prefix}.stops", len(group.stop), "1", "info"),
+            Metric(f"{prefix}.solved_share", mean(solved), "1", "higher"),
+            Metric(f"{prefix}.position.rmse_m", rms(position_m), "m", "lower"),
+            Metric(f"{prefix}.position.median_m", quantile(position_m, 0.5), "m", "lower"),
+            Metric(f"{prefix}.position.max_m", maximum(position_m), "m", "lower"),
+            Metric(f"{prefix}.height.rmse_m", rms(group.height_error_m), "m", "lower"),
+            Metric(f"{prefix}.heading.rmse_deg", rms(np.rad2deg(group.heading_error_rad)), "deg", "lower"),
+            Metric(f"{prefix}.clock.rmse_ns", rms(1e9 * group.clock_error_s), "ns", "lower"),
+        ]
+    return metrics
+
+
+def _trajectory_metrics(poses: PoseScores) -> list[Metric]:
+    """APE after the best rigid motion and RPE from stop to stop, in the order of the stops."""
+    truth_m, truth_rad = poses.true_position_m, poses.true_heading_rad
+    heading_rad = truth_rad + poses.heading_error_rad
+    ape_m, ape_rad = absolute_errors(poses.position_m, heading_rad, truth_m, truth_rad, align=True)
+    rpe_m, rpe_rad = relative_errors(poses.position_m, heading_rad, truth_m, truth_rad)
+    return [
+        Metric("slam.ape_aligned.rmse_m", rms(ape_m), "m", "lower"),
+        Metric("slam.ape_aligned.heading_rmse_deg", rms(np.rad2deg(ape_rad)), "deg", "lower"),
+        Metric("slam.rpe.rmse_m", rms(rpe_m), "m", "lower"),
+        Metric("slam.rpe.heading_rmse_deg", rms(np.rad2deg(rpe_rad)), "deg", "lower"),
+    ]
+
+
+def _bound_metrics(poses: PoseScores) -> list[Metric]:
+    """RMS errors over RMS bounds of the solved stops, and the median over stops of error over bound."""
+    metrics = []
+    for name, error, bound in (
+        ("position", poses.position_error_m, poses.position_bound_m),
+        ("heading", poses.heading_error_rad, poses.heading_bound_rad),
+        ("clock", poses.clock_error_s, poses.clock_bound_s),
+    ):
+        known = np.isfinite(error) & np.isfinite(bound) & (bound > 0)
+        share = np.abs(error[known]) / bound[known]
+        overall = ratio(rms(error[known]), rms(bound[known])) if known.any() else np.nan
+        metrics.append(Metric(f"slam.{name}.over_bound", overall, "1", "lower"))
+        metrics.append(Metric(f"slam.{name}.over_bound.median", quantile(share, 0.5), "1", "lower"))
+    return metrics
+
+
+def _where(solved: BoolArray, error: FloatArray) -> FloatArray:
+    return np.where(solved, error, np.nan)

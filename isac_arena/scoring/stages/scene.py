@@ -1,0 +1,65 @@
+"""The scene as a whole: all closed outlines of a map against all compact objects that light fell on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from isac_arena.campaign.results import MapResult
+from isac_arena.scoring.metrics.contours import scene_gospa
+from isac_arena.scoring.metrics.metric import Metric
+from isac_arena.scoring.record import OutlineScores, SceneScores, SignificantPaths
+from isac_arena.scoring.stages.outlines import is_compact
+from isac_arena.scoring.stages.shapes import contour_points_m
+from scenes.record import FloatArray, TextArray
+from scenes.scene import Scene
+
+METHODS = ("shapes", "contours")  # the paper's and ours, in the order of the rows
+
+
+def score_scene(
+    scene: Scene,
+    result: MapResult,
+    clusters: OutlineScores,
+    contours: OutlineScores,
+    significant: SignificantPaths,
+) -> SceneScores:
+    """Scene-level GOSPA of the paper's shapes and of our contours.
+
+    What stems from a wall or another open object is left out: it is seen from one side, and its thickness is
+    nobody's to find. An open contour of a compact object has no area: it counts as false, its object as missed.
+    """
+    compact = [item for item in scene.objects if is_compact(item)]
+    lit = [item for item in compact if (significant.object == item.name).any()]
+    truths = [np.asarray(item.contour.outline.coords)[:-1] for item in lit]
+    shapes = [contour_points_m(result.shapes, row) for row in _with_area(scene, clusters.object)]
+    ours = [result.contours.contour_m[row] for row in _with_area(scene, contours.object)]
+    flat = ~result.contours.is_closed[_with_area(scene, contours.object)]
+    ours = [
+        points[:1].repeat(3, axis=0) if open_ else points for points, open_ in zip(ours, flat, strict=True)
+    ]
+    rows = [_row(estimates, truths) for estimates in (shapes, ours)]
+    return SceneScores(np.array(METHODS), *np.array(rows).T)
+
+
+def scene_metrics(map_name: str, table: SceneScores) -> list[Metric]:
+    """Scene GOSPA of either method, and its parts."""
+    metrics = []
+    for row, method in enumerate(table.method):
+        prefix = f"{method}.{map_name}.scene_gospa"
+        metrics.append(Metric(prefix, table.gospa[row], "1", "lower"))
+        for part in ("localisation", "missed", "false"):
+            metrics.append(Metric(f"{prefix}.{part}", getattr(table, part)[row], "1", "info"))
+    return metrics
+
+
+def _with_area(scene: Scene, names: TextArray) -> list[int]:
+    """Rows of estimates of no object or of a compact one."""
+    flat_names = {item.name for item in scene.objects if not is_compact(item)}
+    return [row for row, name in enumerate(names) if str(name) not in flat_names]
+
+
+def _row(estimates_m: Sequence[FloatArray], truths_m: Sequence[FloatArray]) -> list[float]:
+    distance = scene_gospa(estimates_m, truths_m)
+    return [distance.value, distance.localisation, distance.missed, distance.false]

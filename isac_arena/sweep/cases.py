@@ -1,0 +1,187 @@
+"""The cases of a sweep: points of the design, each with its resolved campaign and scene."""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+import tomllib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomli_w
+from scipy.stats import qmc
+
+from isac_arena.campaign.config import CampaignConfig
+from isac_arena.campaign.fingerprint import digest
+from isac_arena.campaign.load import campaign_path, resolve_campaign
+from isac_arena.sweep.config import AxisConfig, SweepConfig
+from scenes.config import kept_files
+from scenes.record import FloatArray
+from scenes.toml_config import ConfigError, read_text, read_toml
+
+Point = tuple[Any, ...]  # one value per axis
+
+
+@dataclass(frozen=True)
+class SceneSource:
+    """A scene file and what the files that it names hold."""
+
+    text: str
+    files: Mapping[str, bytes]
+
+    @cached_property
+    def hash(self) -> str:
+        """Hash of the scene file and of the files it names: the name of the scene in a sweep."""
+        contents = sorted(f"{name} {hashlib.sha256(data).hexdigest()}" for name, data in self.files.items())
+        return digest(self.text, *contents)
+
+
+@dataclass(frozen=True)
+class Case:
+    """One campaign of a sweep: its place in the design and all it takes to run it."""
+
+    point: int  # index of the design point
+    repeat: int
+    values: Point
+    config: CampaignConfig
+    scene: SceneSource
+    estimator: str | None
+    stop_every: int
+
+
+def design_points(config: SweepConfig) -> list[Point]:
+    """Value of every axis at every point of the design, in a fixed order.
+
+    Raises `ConfigError` where the axes of a list differ in length.
+    """
+    axes = config.axes
+    if config.design == "grid":
+        return list(product(*(_listed(axis) for axis in axes)))
+    if config.design == "list":
+        columns = [_listed(axis) for axis in axes]
+        lengths = sorted({len(column) for column in columns})
+        if len(lengths) > 1:
+            raise ConfigError(
+                f"axes: a list needs as many values on every axis, not {lengths[0]} and {lengths[-1]}"
+            )
+        return list(zip(*columns, strict=True)) if columns else [()]
+    rng, n = np.random.default_rng(config.design_seed), config.n_points or 1
+    if config.design == "latin_hypercube" and axes:
+        shares = qmc.LatinHypercube(len(axes), rng=rng).random(n)
+    else:
+        shares = rng.random((n, len(axes)))
+    return [
+        tuple(_drawn(axis, float(share)) for axis, share in zip(axes, row, strict=True)) for row in shares
+    ]
+
+
+def make_cases(
+    source: str, config: SweepConfig, points: Sequence[Point], repeats: Sequence[int]
+) -> Iterator[Case]:
+    """The cases of the given repeats of every point.
+
+    `source` is the sweep file, beside which a relative base is looked up. The seed of a case is that of its
+    campaign plus the repeat, so all points share their random numbers.
+
+    Raises `ConfigError`, one line naming the axis and the value, where a case is no valid campaign.
+    """
+    base = base_path(source, config)
+    document = read_toml(base)
+    scene_of = cache(_scene_source)
+    for index, point in enumerate(points):
+        changes = [(axis.field, value) for axis, value in zip(config.axes, point, strict=True)]
+        try:
+            campaign, scene, estimator = _resolved(document, base, changes, scene_of)
+        except ConfigError as error:
+            told = ", ".join(f"{field} = {value}" for field, value in changes) or "the base"
+            raise ConfigError(f"{source}: case {told}: {error}") from error
+        for repeat in repeats:
+            seeded = campaign.model_copy(update={"seed": campaign.seed + repeat})
+            yield Case(index, repeat, point, seeded, scene, estimator, config.stop_every)
+
+
+def base_path(source: str, config: SweepConfig) -> Path:
+    """The file of the base campaign; a relative path is looked up beside the sweep file."""
+    path = campaign_path(config.base)
+    return Path(source).parent / path if config.base.endswith(".toml") else path
+
+
+def _resolved(
+    document: Mapping[str, Any],
+    base: Path,
+    changes: Sequence[tuple[str, Any]],
+    scene_of: Callable[[Path], SceneSource],
+) -> tuple[CampaignConfig, SceneSource, str | None]:
+    """Campaign, scene and estimator of a base campaign with some fields changed."""
+    changed, estimator = copy.deepcopy(dict(document)), None
+    in_scene = [(field.partition(".")[2], value) for field, value in changes if field.startswith("scene.")]
+    for field, value in changes:
+        if field == "estimator":
+            estimator = str(value)
+        elif not field.startswith("scene."):
+            _put(changed, field, value)
+    campaign, scene_file = resolve_campaign(changed, base)
+    scene = scene_of(scene_file)
+    if in_scene:
+        scene = replace(scene, text=_changed_scene(scene.text, in_scene))
+    return campaign, scene, estimator
+
+
+def _scene_source(file: Path) -> SceneSource:
+    return SceneSource(read_text(file), kept_files(file))
+
+
+def _changed_scene(text: str, changes: Sequence[tuple[str, Any]]) -> str:
+    document = tomllib.loads(text)
+    for field, value in changes:
+        _put(document, field, value)
+    return tomli_w.dumps(document)
+
+
+def _put(document: dict[str, Any], field: str, value: Any) -> None:
+    """Set a dotted path in nested tables; tables of a list go by name or number. Missing tables are made."""
+    *parents, last = field.split(".")
+    here: Any = document
+    for part in parents:
+        here = here.setdefault(part, {}) if isinstance(here, dict) else here[_index(here, part, field)]
+        if not isinstance(here, dict | list):
+            raise ConfigError(f"field = '{field}': '{part}' is a value, not a table")
+    if isinstance(here, dict):
+        here[last] = copy.deepcopy(value)
+    else:
+        here[_index(here, last, field)] = copy.deepcopy(value)
+
+
+def _index(items: list[Any], part: str, field: str) -> int:
+    names = [item.get("name") if isinstance(item, dict) else None for item in items]
+    if part in names:
+        return names.index(part)
+    if part.isdecimal() and int(part) < len(items):
+        return int(part)
+    known = ", ".join(str(name) for name in names if name) or f"0 to {len(items) - 1}"
+    raise ConfigError(f"field = '{field}': there is no '{part}'; allowed: {known}")
+
+
+def _listed(axis: AxisConfig) -> list[Any]:
+    if axis.values is not None:
+        return axis.values
+    return [_drawn(axis, float(share)) for share in np.linspace(0, 1, axis.count or 2)]
+
+
+def _drawn(axis: AxisConfig, share: float) -> Any:
+    """The value at a share in [0, 1] of the axis: of its range, or of its list of values."""
+    if axis.values is not None:
+        return axis.values[min(int(share * len(axis.values)), len(axis.values) - 1)]
+    ends: FloatArray = np.array([axis.low, axis.high], float)
+    value = float(np.exp(_between(np.log(ends), share)) if axis.log else _between(ends, share))
+    value = float(np.clip(value, *ends))
+    return round(value) if axis.integer else value
+
+
+def _between(ends: FloatArray, share: float) -> float:
+    return float(ends[0] + share * (ends[1] - ends[0]))

@@ -1,0 +1,210 @@
+"""Many cases on many processes: what to run in which order, by dask.distributed. The only user of dask."""
+
+from __future__ import annotations
+
+import errno
+import logging
+import os
+import shutil
+import signal
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import CancelledError
+from contextlib import contextmanager
+from typing import Any, TypeVar
+
+import dask.config
+from distributed import Client, Future, LocalCluster, WorkerPlugin, as_completed
+
+from isac_arena.sweep.job import Job
+from isac_arena.sweep.run import make_signals, reason, run_cases, trace_stops
+
+STOPS_PER_TASK = 8
+CASES_PER_TASK = 8  # at the most, of those that share their samples: they are read once for all
+ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL", "NUMBA")}
+# By default dask has the C library hand freed memory back at once and samples the stack of every task: together a
+# fifth of the time of small cases, most of it in page faults.
+LEAN = {"distributed.nanny.pre-spawn-environ": ONE_THREAD, "distributed.worker.profile.enabled": False}
+# Faults of the place, not of a case: the sweep ends at once and no case is recorded as failed.
+PLACE_FAULTS = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM, errno.EIO, errno.EFBIG}
+
+LOST = "the scheduler was lost; the same command goes on where the sweep stopped"
+
+Report = Callable[[Job, str | None], None]  # of a case that ended, and why where it failed
+T = TypeVar("T")
+
+
+class WarmUp(WorkerPlugin):  # type: ignore[misc]
+    """Imports the heavy libraries once per worker, before its first case."""
+
+    name = "arena-warm-up"
+
+    def setup(self, worker: Any) -> None:
+        """Called by dask in every worker, also in those that join late."""
+        del worker
+        os.environ.update(ONE_THREAD)
+        import isac_arena.campaign.chain  # noqa: F401, PLC0415
+        import sim.propagation.propagator  # noqa: F401, PLC0415
+
+
+@contextmanager
+def connected(workers: int | None, scheduler: str | None) -> Iterator[Client]:
+    """A client of the scheduler at an address, or of new worker processes here, one per core by default.
+
+    Raises `ValueError` where no scheduler answers at the address.
+    """
+    for name in list(logging.root.manager.loggerDict):
+        if name.partition(".")[0] in ("distributed", "tornado", "asyncio"):
+            logging.getLogger(name).setLevel(
+                logging.CRITICAL + 1
+            )  # what matters comes back as an error of a case
+    if scheduler is not None:
+        try:
+            client = Client(scheduler, timeout="10s")
+        except (OSError, ValueError, TypeError) as error:
+            raise ValueError(
+                f"--scheduler = '{scheduler}': no dask scheduler answers there; give its address as tcp://HOST:PORT"
+            ) from error
+        with client:
+            client.register_plugin(WarmUp())
+            yield client
+        return
+    n_workers = workers or os.cpu_count() or 1
+    with dask.config.set(LEAN), _interrupts_ignored():
+        cluster = LocalCluster(
+            n_workers=n_workers,
+            threads_per_worker=1,
+            dashboard_address="127.0.0.1:0",
+            silence_logs="CRITICAL",
+        )
+    with cluster, Client(cluster) as client:
+        client.register_plugin(WarmUp())
+        yield client
+
+
+@contextmanager
+def _interrupts_ignored() -> Iterator[None]:
+    """Ignore Ctrl-C, and for good in processes started meanwhile: it is the client's to handle."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def run_jobs(client: Client, jobs: Sequence[Job], report: Report) -> None:
+    """Run all jobs, the paths and samples they share first; `report` is told of each one that ends.
+
+    Jobs that share their samples stand together: their samples are dropped before those of many others are made.
+    Jobs whose worker dies are tried again elsewhere; one that fails is reported with its reason, no other stops.
+
+    Raises
+    ------
+    OSError
+        Where the directory of the sweep cannot be written, or its disk is full.
+    ConnectionError
+        Where the scheduler was lost.
+    """
+    waiting: dict[str, list[Job]] = {}
+    for job in jobs:
+        waiting.setdefault(job.signal_hash, []).append(job)
+    futures = _submit(client, waiting)
+    ended = as_completed(futures)
+    for future in ended:
+        batch = futures.pop(future)
+        reasons = _reasons(future, batch)
+        if reasons is None:  # one of them took its worker down: which one shows when they run one by one
+            alone = {_submit_batch(client, [job], [], 0): [job] for job in batch}
+            futures |= alone
+            ended.update(alone)
+            continue
+        for job, why in zip(batch, reasons, strict=True):
+            report(job, why)
+            waiting[job.signal_hash].remove(job)
+        if not waiting[batch[0].signal_hash]:
+            shutil.rmtree(batch[0].signal_file(0).parent, ignore_errors=True)
+        future.release()
+
+
+def _submit(client: Client, groups: dict[str, list[Job]]) -> dict[Future, list[Job]]:
+    """Tasks of all cases, group by group of those that share samples, behind the tasks they wait for."""
+    futures: dict[Future, list[Job]] = {}
+    paths: dict[str, list[Future]] = {}
+    n_cases, n_threads = sum(map(len, groups.values())), sum(client.nthreads().values())
+    size = min(CASES_PER_TASK, -(-n_cases // max(n_threads, 1)))
+    for rank, group in enumerate(groups.values()):
+        first = group[0]
+        if first.paths_hash not in paths:
+            paths[first.paths_hash] = _submit_paths(client, first, -rank)
+        before = paths[first.paths_hash]
+        if len(group) > 1:
+            before = _submit_signals(client, first, before, -rank) or before
+        for batch in _blocks(group, size):
+            futures[_submit_batch(client, batch, before, -rank)] = list(batch)
+    return futures
+
+
+def _submit_batch(client: Client, batch: Sequence[Job], before: Sequence[Future], priority: int) -> Future:
+    """The task of some cases that share their samples."""
+    key = f"cases-{batch[0].key}-{len(batch)}"
+    return client.submit(_after, before, run_cases, batch, key=key, pure=False, priority=priority)
+
+
+def _submit_paths(client: Client, job: Job, priority: int) -> list[Future]:
+    """Tasks that trace what is not stored, in blocks of stops."""
+    missing = [stop for stop in job.stops if not job.paths_file(stop).is_file()]
+    return [
+        client.submit(
+            trace_stops, job, block, key=f"paths-{job.paths_hash}-{block[0]}", pure=False, priority=priority
+        )
+        for block in _blocks(missing, STOPS_PER_TASK)
+    ]
+
+
+def _submit_signals(client: Client, job: Job, paths: list[Future], priority: int) -> list[Future]:
+    """Tasks that make the samples for which several jobs wait."""
+    missing = [stop for stop in job.stops if not job.signal_file(stop).is_file()]
+    return [
+        client.submit(
+            _after,
+            paths,
+            make_signals,
+            job,
+            block,
+            key=f"signals-{job.signal_hash}-{block[0]}",
+            pure=False,
+            priority=priority,
+        )
+        for block in _blocks(missing, STOPS_PER_TASK)
+    ]
+
+
+def _reasons(future: Future, batch: Sequence[Job]) -> list[str | None] | None:
+    """Why each case of a batch failed, None for one that is done; None where several share a fault.
+
+    Raises what is no fault of a case.
+    """
+    if future.status in ("cancelled", "lost"):
+        raise ConnectionError(LOST)
+    error = future.exception()
+    if isinstance(error, OSError) and error.errno in PLACE_FAULTS:
+        raise error
+    if isinstance(error, BaseException):
+        return [reason(error)] if len(batch) == 1 else None
+    try:
+        return list(future.result())
+    except (OSError, CancelledError) as gone:
+        raise ConnectionError(LOST) from gone
+
+
+def _after(done: Sequence[None], function: Callable[..., T], *arguments: Any) -> T:
+    """Call a function when the tasks whose results stand in `done` have ended."""
+    del done
+    return function(*arguments)
+
+
+def _blocks(items: Sequence[T], size: int) -> list[Sequence[T]]:
+    return [items[start : start + size] for start in range(0, len(items), size)]

@@ -1,0 +1,131 @@
+"""A case in the directory of its sweep, and the names its files go by.
+
+scenes/HASH/scene.toml     a scene and the files it names
+paths/HASH/stop_000.nc     traced paths, shared by all cases of the same scene and propagation
+signals/HASH/stop_000.nc   samples, while several cases wait for them
+cases/HASH/                campaign.json, scores.json, provenance.nc, manifest.json: there only when whole
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+from isac_arena.campaign.config import CampaignConfig
+from isac_arena.campaign.directory import CampaignStore
+from isac_arena.campaign.files import write_bytes
+from isac_arena.campaign.fingerprint import digest
+from isac_arena.campaign.load import scene_in_use
+from isac_arena.sweep.cases import Case, Point, SceneSource
+from scenes.scene import Scene
+from sim.config import WaveformConfig
+
+CASE_FILES = ("campaign.json", "provenance.nc", "scores.json", "manifest.json")
+
+
+@dataclass(frozen=True)
+class Job:
+    """All it takes to run a case beside its stored scene: small, for it is sent to the workers."""
+
+    root: Path
+    point: int
+    repeat: int
+    values: Point
+    config: CampaignConfig
+    estimator: str | None
+    stop_every: int
+    n_stops: int  # of the walk
+    scene_hash: str
+    paths_hash: str  # of what the paths depend on: equal for cases that differ in signal, noise or estimator
+    signal_hash: str  # of what the samples depend on
+    key: str  # of settings, scene, estimator and code: the name of the case
+
+    @property
+    def directory(self) -> Path:
+        """Where the finished case is."""
+        return self.root / "cases" / self.key
+
+    @property
+    def is_done(self) -> bool:
+        """Whether the case is there, whole."""
+        return all((self.directory / name).is_file() for name in CASE_FILES)
+
+    @property
+    def scene(self) -> Scene:
+        """The scene of the case, with the TX and the walk it chooses."""
+        config = self.config
+        return _loaded(self.scene_file, config.waveform.carrier_ghz, config.tx, config.walk)
+
+    @property
+    def scene_file(self) -> Path:
+        """The stored scene file of the case."""
+        return scene_file(self.root, self.scene_hash)
+
+    @property
+    def stops(self) -> range:
+        """Indices of the receiver stops that the sweep takes."""
+        return range(0, self.n_stops, self.stop_every)
+
+    def paths_file(self, stop: int) -> Path:
+        """The traced paths of a stop."""
+        return self.root / "paths" / self.paths_hash / f"stop_{stop:03d}.nc"
+
+    def signal_file(self, stop: int) -> Path:
+        """The samples of a stop."""
+        return self.root / "signals" / self.signal_hash / f"stop_{stop:03d}.nc"
+
+
+def make_job(case: Case, root: Path, n_stops: int) -> Job:
+    """The job of a case whose walk has `n_stops` stops."""
+    store = _store(case, root, case.config)
+    return Job(
+        root=root,
+        point=case.point,
+        repeat=case.repeat,
+        values=case.values,
+        config=case.config,
+        estimator=case.estimator,
+        stop_every=case.stop_every,
+        n_stops=n_stops,
+        scene_hash=case.scene.hash,
+        paths_hash=_store(case, root, tracing_config(case.config)).truth_fingerprint,
+        signal_hash=store.truth_fingerprint,
+        key=digest(store.score_fingerprint, str(case.stop_every)),
+    )
+
+
+def tracing_config(config: CampaignConfig) -> CampaignConfig:
+    """The settings that paths depend on, all others at their defaults."""
+    return CampaignConfig(
+        name="-",
+        scene=config.scene,
+        tx=config.tx,
+        walk=config.walk,
+        propagation=config.propagation,
+        waveform=WaveformConfig(carrier_ghz=config.waveform.carrier_ghz),
+    )
+
+
+def scene_file(root: Path, scene_hash: str) -> Path:
+    """Where a sweep keeps a scene."""
+    return root / "scenes" / scene_hash / "scene.toml"
+
+
+def store_scene(root: Path, scene: SceneSource) -> None:
+    """Store a scene with the files it names, the scene file last; one that was changed since is put right."""
+    file = scene_file(root, scene.hash)
+    for name, data in scene.files.items():
+        write_bytes(file.parent / name, data)
+    write_bytes(file, scene.text.encode())
+
+
+@lru_cache(maxsize=2)
+def _loaded(file: Path, carrier_ghz: float, tx: str | None, walk: str | None) -> Scene:
+    """A stored scene; the name of its file follows from its content."""
+    return scene_in_use(file, carrier_ghz, tx, walk)
+
+
+def _store(case: Case, root: Path, config: CampaignConfig) -> CampaignStore:
+    """The case as a campaign of its own, for the fingerprints that tell it from others."""
+    return CampaignStore(root, config, case.scene.text, case.estimator, scene_files=dict(case.scene.files))

@@ -1,0 +1,190 @@
+"""What a sweep will run, and what it will cost, judged by running a few stops of a few of its cases."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, fields, replace
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any, TypeVar, get_type_hints
+
+import numpy as np
+
+from isac_arena.campaign.results import MapResult
+from isac_arena.scoring.record import ScoreTables
+from isac_arena.scoring.score import score_metrics
+from isac_arena.scoring.stages.scene import score_scene
+from isac_arena.sweep.cases import SceneSource, design_points, make_cases
+from isac_arena.sweep.config import SweepConfig
+from isac_arena.sweep.job import Job, make_job, store_scene
+from isac_arena.sweep.run import check_case, make_signals, score_case, store_case, trace_stops
+from scenes.record import FIXED_AXES, Record
+from scenes.scene import Scene
+
+R = TypeVar("R", bound=Record)
+FEW, MORE = 1, 3  # stops that a case is tried with
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The cases of a sweep, and the scenes they need by their hash."""
+
+    jobs: list[Job]
+    scenes: dict[str, SceneSource]
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Estimated time on one core and disk space of what a sweep has still to do."""
+
+    core_hours: float
+    start_up_s: float  # of a worker: libraries loaded, code compiled
+    disk_gb: float
+    samples_gb: float  # of one set of samples that several cases share; dropped behind them
+    n_tried: int
+
+
+def make_plan(source: str, config: SweepConfig, root: Path, repeats: Iterable[int]) -> Plan:
+    """Every case of the sweep, with its settings and its scene checked before anything runs or is written.
+
+    Raises `ConfigError`, one line, where a case is no valid campaign, and `ValueError` for a scene, an estimator
+    or a metric in `until` that cannot be used; the message names the sweep file.
+    """
+    n_stops: dict[Any, int] = {}
+    plan = Plan([], {})
+    for case in make_cases(source, config, design_points(config), list(repeats)):
+        place = (case.config.tx, case.config.walk, case.config.waveform.carrier_ghz)
+        chosen = (case.scene.hash, *place, case.estimator)
+        if chosen not in n_stops:
+            try:
+                scene = check_case(case)
+                _check_metric(config, scene)
+            except ValueError as error:
+                raise ValueError(f"{source}: {error}") from error
+            n_stops[chosen] = len(scene.stops)
+        plan.scenes[case.scene.hash] = case.scene
+        plan.jobs.append(make_job(case, root, n_stops[chosen]))
+    return plan
+
+
+def metric_keys(scene: Scene) -> list[str]:
+    """Keys of all metrics of a campaign in a scene, from tables of a campaign without a path."""
+    tables = empty_record(ScoreTables)
+    types = get_type_hints(MapResult)
+    nothing = MapResult(**{field.name: empty_record(types[field.name]) for field in fields(MapResult)})
+    empty = tables.mapping
+    whole = score_scene(scene, nothing, empty.clusters, empty.contours, tables.significant)
+    maps = replace(empty, scene=whole)
+    return [metric.key for metric in score_metrics(scene, replace(tables, mapping=maps, slam=maps))]
+
+
+def estimate_cost(plan: Plan) -> Cost:
+    """Try the first, the middle and the last case in a temporary directory on a few stops, and scale."""
+    missing = [job for job in plan.jobs if not job.is_done]
+    if not missing:
+        return Cost(0.0, 0.0, 0.0, 0.0, 0)
+    chosen = [missing[index] for index in sorted({0, len(missing) // 2, len(missing) - 1})]
+    imports_s = time.process_time()  # a worker loads what this process has loaded
+    start_up_s = imports_s + _try_cold(chosen[0], plan.scenes)
+    tried = [_try_case(job, plan.scenes) for job in chosen]
+    mean = {
+        field.name: float(np.mean([getattr(trial, field.name) for trial in tried])) for field in fields(Trial)
+    }
+    sets = Counter(job.signal_hash for job in missing)
+    traced = {job.paths_hash: len(job.stops) for job in missing}
+    n_stops = sum(len(job.stops) for job in missing)
+    seconds = mean["trace_start_s"] * len(traced) + mean["trace_stop_s"] * sum(traced.values())
+    seconds += mean["case_start_s"] * len(missing) + mean["case_stop_s"] * n_stops
+    size = mean["path_bytes"] * sum(traced.values()) + mean["case_bytes"] * len(missing)
+    shared = max((len(job.stops) for job in missing if sets[job.signal_hash] > 1), default=0)
+    samples = mean["sample_bytes"] * shared
+    return Cost(seconds / 3600, start_up_s, size / 1e9, samples / 1e9, len(tried))
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What a case took: seconds of its start and of each stop, and bytes."""
+
+    trace_start_s: float
+    trace_stop_s: float
+    case_start_s: float
+    case_stop_s: float
+    path_bytes: float  # of a stop
+    sample_bytes: float  # of a stop
+    case_bytes: float
+
+
+def _try_cold(job: Job, scenes: Mapping[str, SceneSource]) -> float:
+    """Seconds that the first stop in a process takes beyond a later one: libraries loaded, code compiled."""
+    taken = []
+    for _ in range(2):
+        with tempfile.TemporaryDirectory() as folder:
+            here = _moved(job, folder, scenes)
+            started = time.perf_counter()
+            score_case(here, here.stops[:FEW])
+            taken.append(time.perf_counter() - started)
+    return max(0.0, taken[0] - taken[1])
+
+
+def _try_case(job: Job, scenes: Mapping[str, SceneSource]) -> Trial:
+    """Run a case on a few stops and on more of them, spread over the walk: a line through both times."""
+    taken: dict[int, tuple[float, float]] = {}
+    for count in sorted({FEW, min(MORE, len(job.stops))}):
+        with tempfile.TemporaryDirectory() as folder:
+            here = _moved(job, folder, scenes)
+            stops = [here.stops[int(at)] for at in np.linspace(0, len(here.stops) - 1, count)]
+            started = time.perf_counter()
+            trace_stops(here, stops)
+            traced = time.perf_counter()
+            store_case(here, score_case(here, stops))
+            taken[count] = traced - started, time.perf_counter() - traced
+            make_signals(here, stops[:1])
+            path_bytes = _size(here.paths_file(0).parent) / count
+            sizes = path_bytes, _size(here.signal_file(0).parent), _size(here.directory)
+    (trace_start, trace_stop), (case_start, case_stop) = (
+        _line({count: times[part] for count, times in taken.items()}) for part in (0, 1)
+    )
+    return Trial(trace_start, trace_stop, case_start, case_stop, *sizes)
+
+
+def _line(taken: Mapping[int, float]) -> tuple[float, float]:
+    """Offset and slope, neither below zero, of the times at one or two counts of stops."""
+    (few, first), (more, last) = min(taken.items()), max(taken.items())
+    if few == more:
+        return 0.0, first / few
+    slope = max(0.0, (last - first) / (more - few))
+    return max(0.0, last - slope * more), slope
+
+
+def _moved(job: Job, folder: str, scenes: Mapping[str, SceneSource]) -> Job:
+    store_scene(Path(folder), scenes[job.scene_hash])
+    return replace(job, root=Path(folder))
+
+
+def _size(folder: Path) -> float:
+    return float(sum(path.stat().st_size for path in folder.iterdir()))
+
+
+def _check_metric(config: SweepConfig, scene: Scene) -> None:
+    if config.until is None:
+        return
+    metric, keys = config.until.metric, metric_keys(scene)
+    if metric not in keys:
+        close = get_close_matches(metric, keys, n=3)
+        hint = f"did you mean {' or '.join(close)}?" if close else "scores.json of a run lists the keys"
+        raise ValueError(f"until.metric = '{metric}': scene '{scene.name}' has no such metric; {hint}")
+
+
+def empty_record(kind: type[R]) -> R:
+    """A record without any rows."""
+    types, values = get_type_hints(kind), {}
+    for spec in fields(kind):
+        if "axes" in spec.metadata:
+            shape = [FIXED_AXES.get(axis, 0) for axis in spec.metadata["axes"]]
+            values[spec.name] = np.zeros(shape, spec.metadata["dtype"])
+        else:
+            values[spec.name] = empty_record(types[spec.name])
+    return kind(**values)

@@ -1,0 +1,147 @@
+"""The directory of a sweep beside its cases: what it is a sweep of, which cases it has, and which of them failed.
+
+sweep.json          the resolved sweep and its base campaign
+plan.json           key, point, repeat, seed and axis values of every case
+failures/KEY.json   the error of a case; dropped when it is tried again
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from isac_arena.campaign.difference import first_difference, line_difference
+from isac_arena.campaign.files import remove_file, remove_leftovers, write_text
+from isac_arena.campaign.manifest import file_digest, read_manifest
+from isac_arena.sweep.config import SweepConfig
+from isac_arena.sweep.job import CASE_FILES, Job
+
+SWEEP = "sweep.json"
+MAY_CHANGE = {"repeats", "until"}  # of a sweep in the same directory: they only add cases
+
+
+@dataclass(frozen=True)
+class PlannedCase:
+    """A case of a sweep by its name and its place in the design."""
+
+    key: str
+    point: int
+    repeat: int
+    seed: int
+    values: tuple[Any, ...]  # of every axis
+
+
+def open_sweep(directory: Path, config: SweepConfig, base_text: str) -> None:
+    """Claim a directory for a sweep, or go on with the sweep that is there; repeats may change.
+
+    Raises `ValueError` where the directory holds another sweep or other files.
+    """
+    if (directory / SWEEP).is_file():
+        held, held_base = read_sweep(directory)
+        there, here = (one.model_dump(mode="json", exclude=MAY_CHANGE) for one in (held, config))
+        what = first_difference(there, here)
+        if what is None and held_base != base_text:
+            what = f"the base campaign{line_difference(held_base, base_text)}"
+        if what is not None:
+            raise ValueError(
+                f"--out = {directory}: holds a sweep with other settings ({what}); choose another directory. "
+                "Only repeats and until may change"
+            )
+    elif directory.is_dir() and any(not entry.name.endswith(".part") for entry in directory.iterdir()):
+        raise ValueError(f"--out = {directory}: holds other files; choose an empty or a new directory")
+    content = {"sweep": config.model_dump(mode="json"), "base": base_text}
+    write_text(directory / SWEEP, json.dumps(content, indent=1) + "\n")
+    for folder in (directory, directory / "failures", directory / "cases"):
+        remove_leftovers(folder)
+
+
+def read_sweep(directory: Path) -> tuple[SweepConfig, str]:
+    """The sweep in a directory and the text of its base campaign.
+
+    Raises `ValueError`, one line, where the directory holds no sweep or its settings are damaged.
+    """
+    file = directory / SWEEP
+    if not file.is_file():
+        raise ValueError(f"{directory}: holds no sweep (no {SWEEP}); make one with 'arena sweep'")
+    try:
+        content = json.loads(file.read_text(encoding="utf-8"))
+        return SweepConfig.model_validate_json(json.dumps(content["sweep"])), str(content["base"])
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        raise ValueError(
+            f"{file}: damaged, or of another version ({_first_line(error)}); put it back as it was, or sweep into "
+            "a new directory"
+        ) from error
+
+
+def write_plan(directory: Path, cases: Iterable[PlannedCase]) -> None:
+    """Store which cases the sweep has."""
+    content = {"cases": [asdict(case) for case in cases]}
+    write_text(directory / "plan.json", json.dumps(content) + "\n")
+
+
+def read_plan(directory: Path) -> list[PlannedCase]:
+    """The cases of a sweep; `ValueError`, one line, where the plan is missing or damaged."""
+    file = directory / "plan.json"
+    try:
+        content = json.loads(file.read_text(encoding="utf-8"))
+        return [PlannedCase(**{**case, "values": tuple(case["values"])}) for case in content["cases"]]
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+        raise ValueError(
+            f"{file}: missing or damaged ({_first_line(error)}); run 'arena sweep' again"
+        ) from error
+
+
+def planned(jobs: Iterable[Job]) -> list[PlannedCase]:
+    """The plan of some jobs, ordered by point and repeat."""
+    cases = [PlannedCase(job.key, job.point, job.repeat, job.config.seed, job.values) for job in jobs]
+    return sorted(cases, key=lambda case: (case.point, case.repeat))
+
+
+def stale_names(directory: Path, names: Iterable[str]) -> list[str]:
+    """Of names of files of a sweep those of cases that are not whole: they will be made again."""
+    keys = {name: Path(name).parts[1] for name in names if name.startswith("cases/")}
+    stale = {key for key in set(keys.values()) if not is_done(directory, key)}
+    return [name for name, key in keys.items() if key in stale]
+
+
+def is_done(directory: Path, key: str) -> bool:
+    """Whether a case is there, whole."""
+    return all((directory / "cases" / key / name).is_file() for name in CASE_FILES)
+
+
+def read_scores(directory: Path, key: str) -> list[dict[str, Any]]:
+    """The metrics of a finished case; `ValueError` where they are not as they were written."""
+    case = directory / "cases" / key
+    file = case / "scores.json"
+    if read_manifest(case).files.get(file.name, {}).get("sha256") != file_digest(file):
+        raise ValueError(f"{file}: damaged or edited since it was written; remove {case} and run again")
+    return json.loads(file.read_text(encoding="utf-8"))  # type: ignore[no-any-return]
+
+
+def read_failures(directory: Path) -> dict[str, str]:
+    """The errors of the failed cases, one line each, by the key of the case; a damaged one counts for nothing."""
+    found = {}
+    for file in sorted((directory / "failures").glob("*.json")):
+        try:
+            found[file.stem] = str(json.loads(file.read_text(encoding="utf-8"))["error"])
+        except (ValueError, KeyError, TypeError, RecursionError):
+            continue
+    return found
+
+
+def write_failure(directory: Path, key: str, reason: str) -> None:
+    """Record that a case failed and why."""
+    write_text(directory / "failures" / f"{key}.json", json.dumps({"error": reason}) + "\n")
+
+
+def forget_failures(directory: Path, keys: Iterable[str]) -> None:
+    """Drop recorded failures, so that their cases run again."""
+    for key in keys:
+        remove_file(directory / "failures" / f"{key}.json")
+
+
+def _first_line(error: BaseException) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0]

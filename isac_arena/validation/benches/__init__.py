@@ -1,0 +1,1 @@
+"""Times and memory, as ratios to work done in the same run."""

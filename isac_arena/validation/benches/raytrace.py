@@ -1,0 +1,77 @@
+"""`arena bench raytrace`: the exact solver against the ray tracer, as ratios inside one run."""
+
+from __future__ import annotations
+
+import resource
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from isac_arena.validation.measurement import Measurement
+from scenes.config import load_scene
+from sim.config import PropagationConfig
+from sim.propagation.specular.solver import ExactSolver
+from sim.propagation.tracer import Tracer
+
+CARRIER_HZ = 60e9
+
+
+def bench_exact_solver(seed: int, quick: bool) -> list[Measurement]:
+    """Time per receiver of the exact solver, 2 bounces with curves, against the tracer's specular solve.
+
+    The exact solver takes all stops of campus_arena at once, the tracer one by one (together they lose paths),
+    both after a warm-up. The tracer shoots as many rays as lose no planar path there, the default of
+    `PropagationConfig`.
+    """
+    scene = load_scene("campus_arena")
+    stops = [pose.position_m for pose in scene.stops][:: 9 if quick else 1]
+    config = PropagationConfig(diffuse_samples=0)
+    solver, tracer = ExactSolver(scene, CARRIER_HZ, config), Tracer(scene, CARRIER_HZ, config)
+    solver.paths(np.array(stops))
+    started = time.perf_counter()
+    solver.paths(np.array(stops))
+    exact_s = (time.perf_counter() - started) / len(stops)
+    traced_s = _median_time(tracer.specular, stops)
+    call_s = _median_time(tracer.solved_specular, stops)
+    return [
+        Measurement(
+            "exact_over_tracer_time", exact_s / traced_s, "1", "lower", 1 / 3,
+            "exact curved and planar paths must not cost more than the tracer that loses some",
+        ),
+        Measurement(
+            "tracing_overhead", traced_s / call_s, "1", "lower", 1.2,
+            "records, names and double precision on top of the tracer's own solve",
+        ),
+        Measurement("exact_per_receiver", 1e3 * exact_s, "ms", "lower", 50.0, "time of a plain numpy prototype"),
+    ]  # fmt: skip
+
+
+def bench_memory(seed: int, quick: bool) -> list[Measurement]:
+    """Peak memory of this process after 1,000 receivers of campus_arena (100 in the quick run)."""
+    scene = load_scene("campus_arena")
+    rng = np.random.default_rng(seed)
+    positions = np.array([pose.position_m for pose in scene.stops])
+    receivers = positions[rng.integers(0, len(positions), 100 if quick else 1000)]
+    receivers = receivers + rng.uniform(-0.1, 0.1, receivers.shape) * [1, 1, 0]
+    config = PropagationConfig(diffuse_samples=0)
+    solver = ExactSolver(scene, CARRIER_HZ, config)
+    for receiver in receivers:
+        solver.paths(receiver)
+    tracer = Tracer(scene, CARRIER_HZ, config)
+    for receiver in receivers[:: 10 if quick else 5]:
+        tracer.specular(receiver)
+    peak_gb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9
+    return [
+        Measurement("peak_memory", peak_gb, "GB", "lower", 2.0, "memory must not grow with the receivers")
+    ]
+
+
+def _median_time(work: Callable[[np.ndarray], object], stops: list[np.ndarray]) -> float:
+    work(stops[0])
+    times = []
+    for stop in stops:
+        started = time.perf_counter()
+        work(stop)
+        times.append(time.perf_counter() - started)
+    return float(np.median(times))

@@ -1,0 +1,97 @@
+"""`arena bench shape`: the radial Gaussian process on one thread, and against scikit-learn in the same run."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Callable
+
+import numpy as np
+from sklearn.exceptions import ConvergenceWarning
+from sklearn.gaussian_process import GaussianProcessRegressor
+from sklearn.gaussian_process.kernels import ConstantKernel, ExpSineSquared, WhiteKernel
+
+from estimation.inference.threads import one_blas_thread
+from estimation.shape.gp.radial import fit_radial_gp, fit_radial_gps
+from isac_arena.validation.measurement import Measurement
+from isac_arena.validation.shape.gp_study import SHAPES, draw_points
+from scenes.record import FloatArray
+
+
+def bench_radial_gp(seed: int, quick: bool) -> list[Measurement]:
+    """CPU time of a fit with three starts; the slowest shape, the least of its repeats."""
+    rng = np.random.default_rng(seed)
+    repeats = 5 if quick else 20
+    counts = (64, 4096) if quick else (16, 64, 128, 256, 1024, 4096)
+    slowest = {n: max(_cpu_s(_fit(*draw_points(shape, n, rng)), repeats) for shape in SHAPES) for n in counts}
+    return [
+        Measurement("gp.points64_ms", 1e3 * slowest[64], "ms", "lower", 12.0, "three starts"),
+        Measurement(
+            "gp.any_points_ms",
+            1e3 * max(slowest.values()),
+            "ms",
+            "lower",
+            20.0,
+            f"M = {counts}, three starts",
+        ),
+    ]
+
+
+def bench_batched_gp(seed: int, quick: bool) -> list[Measurement]:
+    """CPU time per cluster of 256 clusters of 16 points in one call, and one by one."""
+    rng = np.random.default_rng(seed)
+    n_clusters, repeats = (64, 3) if quick else (256, 10)
+    shapes = list(SHAPES)
+    clusters = [draw_points(shapes[k % len(shapes)], 16, rng) for k in range(n_clusters)]
+    fit_radial_gps(clusters)
+    together = _cpu_s(lambda: fit_radial_gps(clusters), repeats) / n_clusters
+    one_by_one = _cpu_s(lambda: [fit_radial_gp(*cluster) for cluster in clusters], repeats) / n_clusters
+    reason = f"M = 16, {n_clusters} clusters, three starts; {1e3 * one_by_one:.2f} ms one by one"
+    return [
+        Measurement("gp.batched16_ms", 1e3 * together, "ms", "lower", 1.5, reason),
+        Measurement("gp.batch_over_one_by_one", one_by_one / together, "1", "higher", 1.0, reason),
+    ]
+
+
+def bench_against_scikit_learn(seed: int, quick: bool) -> list[Measurement]:
+    """Same kernel, same points, one start for scikit-learn (from the same spread) and three for ours.
+
+    scikit-learn has no unknown mean: it is given the mean of the radii.
+    """
+    n = 256 if quick else 1024
+    angle, radius = draw_points("star", n, np.random.default_rng(seed))
+    ours = _cpu_s(_fit(angle, radius), 5)
+    started = time.process_time()
+    theirs = _scikit_learn_likelihood(angle, radius)
+    scikit_learn = time.process_time() - started
+    gain = fit_radial_gp(angle, radius).log_likelihood - theirs
+    bar = 5.0 if quick else 100.0
+    return [
+        Measurement("gp.speed_over_scikit_learn", scikit_learn / ours, "1", "higher", bar, f"M = {n}"),
+        Measurement("gp.likelihood_over_scikit_learn_nat", gain, "nat", "higher", -1e-3, f"M = {n}"),
+    ]
+
+
+def _fit(angle_rad: FloatArray, radius_m: FloatArray) -> Callable[[], object]:
+    return lambda: fit_radial_gp(angle_rad, radius_m)
+
+
+def _cpu_s(work: Callable[[], object], repeats: int) -> float:
+    times = []
+    for _ in range(repeats):
+        started = time.process_time()
+        work()
+        times.append(time.process_time() - started)
+    return min(times)
+
+
+def _scikit_learn_likelihood(angle_rad: FloatArray, radius_m: FloatArray) -> float:
+    """Log marginal likelihood at scikit-learn's optimum, from where our first start begins."""
+    spread = float(np.var(radius_m))
+    kernel = ConstantKernel(spread, (1e-8, 1e3)) * ExpSineSquared(
+        0.6, 2 * np.pi, length_scale_bounds=(0.05, 20.0), periodicity_bounds="fixed"
+    ) + WhiteKernel(0.01, (1e-6, 1e2))
+    with one_blas_thread(), warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        model = GaussianProcessRegressor(kernel).fit(angle_rad[:, None], radius_m - radius_m.mean())
+    return float(model.log_marginal_likelihood_value_)

@@ -1,0 +1,212 @@
+"""Scoring of made-up stops: which estimate is which true path, and tables over many stops.
+
+Truncation would make errors look small: an estimate is matched within a whole Rayleigh cell, or five standard
+deviations of the bound where that is more, and errors and consistency are scored on separated paths at 10 dB and
+above only. Their bounds are below a tenth of a cell, so the gate cuts off nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+from scipy.stats import binom, chi2, norm, poisson
+
+from estimation.channel.record import ChannelEstimate
+from isac_arena.scoring.metrics.statistics import squared_mahalanobis
+from isac_arena.validation.channel.scenes import Bench, ChannelStop, TrueBounds, true_bounds
+from isac_arena.validation.measurement import Measurement
+from scenes.pose import wrap_angle
+from scenes.record import BoolArray, FloatArray, IntArray
+from sim.observation import BeamSweep
+
+Estimator = Callable[[BeamSweep], ChannelEstimate]
+
+GATE_CELLS = 1.0
+GATE_DEVIATIONS = 5.0
+STANDARD_ERRORS = 3.0  # that a quick run, with few trials, may stray from its bar by chance
+BY_CHANCE = float(norm.cdf(-STANDARD_ERRORS))
+
+
+@dataclass(frozen=True)
+class PathTable:
+    """All true paths of many stops, and what became of them. Errors of paths that were not found are NaN."""
+
+    snr_db: FloatArray  # (path,)
+    loss_db: FloatArray  # (path,) SNR lost to the other paths of the stop
+    separation: FloatArray  # (path,) cells to the nearest other path
+    bound: FloatArray  # (path, 3) standard deviations of delay in s, AoD and AoA in rad
+    error: FloatArray  # (path, 3)
+    nees: FloatArray  # (path,) squared error in units of the reported covariance
+    n_false: IntArray  # (stop,) estimates that no true path explains
+
+    @property
+    def is_found(self) -> BoolArray:
+        """Whether an estimate was matched to the path (path,)."""
+        return np.asarray(np.isfinite(self.error).all(axis=1))
+
+    def chosen(self, min_snr_db: float, min_separation: float) -> BoolArray:
+        """Mask (path,) of separated paths with an SNR from `min_snr_db` on."""
+        return np.asarray((self.snr_db >= min_snr_db) & (self.separation >= min_separation))
+
+    def identifiable(self, min_snr_db: float) -> BoolArray:
+        """Mask (path,) of the paths that are known as well as a lone path of at least this SNR."""
+        return np.asarray(self.snr_db - self.loss_db >= min_snr_db)
+
+
+def match_stop(
+    bench: Bench, stop: ChannelStop, estimate: ChannelEstimate, bounds: TrueBounds
+) -> tuple[IntArray, int]:
+    """Estimate (path,) of every true path, -1 for none, and the number of false estimates.
+
+    One to one, with the least sum of squared distances in gates. Of the estimates left over, those outside the
+    gates of all true paths are false, and so are all but one beside a true path: it has its estimate already.
+    Only an estimate inside the gate of a path that was not found is none.
+    """
+    truth, place = stop.paths.cells, estimate_places(estimate)
+    std = np.sqrt(np.diagonal(bounds.covariance, axis1=1, axis2=2))
+    std = std * np.column_stack([np.ones(len(std)), *np.cos(stop.paths.parameters[:, 1:]).T])
+    gate = np.maximum(GATE_CELLS * bench.cell, GATE_DEVIATIONS * np.where(np.isfinite(std), std, 0.0))
+    distance = np.square((place[None] - truth[:, None]) / gate[:, None]).max(axis=2)
+    rows, columns = linear_sum_assignment(np.minimum(distance, 1.0))
+    inside = distance[rows, columns] < 1
+    found = np.full(len(truth), -1)
+    found[rows[inside]] = columns[inside]
+    left = np.setdiff1d(np.arange(len(place)), found)
+    explained = (distance[np.ix_(found < 0, left)] < 1).any(axis=0)
+    return found, int((~explained).sum())
+
+
+def estimate_places(estimate: ChannelEstimate) -> FloatArray:
+    """Delay in s and the sines of both azimuths (path, 3) of an estimate."""
+    return np.stack(
+        [estimate.delay_s, np.sin(estimate.aod_azimuth_rad), np.sin(estimate.aoa_azimuth_rad)], axis=-1
+    )
+
+
+def run_stops(
+    bench: Bench, stops: Iterable[ChannelStop], estimator: Estimator, *, coherent: bool
+) -> PathTable:
+    """Estimate and score stops one after the other."""
+    rows, n_false = [], []
+    for stop in stops:
+        estimate = estimator(stop.sweep)
+        bounds = true_bounds(bench, stop, coherent=coherent)
+        found, false = match_stop(bench, stop, estimate, bounds)
+        n_false.append(false)
+        rows.append(_path_rows(stop, estimate, bounds, found))
+    table = np.concatenate(rows)
+    return PathTable(
+        table[:, 0], table[:, 1], table[:, 2], table[:, 3:6], table[:, 6:9], table[:, 9], np.array(n_false)
+    )
+
+
+def _path_rows(
+    stop: ChannelStop, estimate: ChannelEstimate, bounds: TrueBounds, found: IntArray
+) -> FloatArray:
+    n = len(stop.paths)
+    measured = np.stack([estimate.delay_s, estimate.aod_azimuth_rad, estimate.aoa_azimuth_rad], axis=-1)
+    error = np.full((n, 3), np.nan)
+    error[found >= 0] = measured[found[found >= 0]] - stop.paths.parameters[found >= 0]
+    error[:, 1:] = wrap_angle(error[:, 1:])
+    covariance = np.full((n, 3, 3), np.nan)
+    covariance[found >= 0] = estimate.covariance[found[found >= 0], :3, :3]
+    std = np.sqrt(np.diagonal(bounds.covariance, axis1=1, axis2=2))
+    return np.column_stack(
+        [
+            stop.paths.snr_db,
+            bounds.loss_db,
+            bounds.separation,
+            std,
+            error,
+            squared_mahalanobis(error, covariance),
+        ]
+    )
+
+
+def efficiency_rows(
+    prefix: str,
+    table: PathTable,
+    *,
+    min_snr_db: float,
+    min_separation: float,
+    bars: tuple[float, float],
+    quick: bool,
+) -> list[Measurement]:
+    """RMSE over the bound of delay, AoD and AoA and their mean, on separated paths that were found.
+
+    `bars` are those of each and of the mean.
+    """
+    use = table.is_found & table.chosen(min_snr_db, min_separation)
+    ratio = (
+        np.sqrt(np.mean(np.square(table.error[use] / table.bound[use]), axis=0))
+        if use.any()
+        else np.full(3, np.nan)
+    )
+    n = int(use.sum())
+    reason = f"{n} separated paths from {min_snr_db:g} dB on"
+    spread = 1 / np.sqrt(2 * max(n, 1))
+    rows = [
+        Measurement(
+            f"{prefix}.rmse_over_crb.{name}",
+            float(value),
+            "1",
+            "lower",
+            widened(bars[0], spread, quick),
+            reason,
+        )
+        for name, value in zip(("delay", "aod", "aoa"), ratio, strict=True)
+    ]
+    mean_bar = widened(bars[1], spread / np.sqrt(3), quick)
+    return [
+        *rows,
+        Measurement(f"{prefix}.rmse_over_crb.mean", float(ratio.mean()), "1", "lower", mean_bar, reason),
+    ]
+
+
+def consistency_rows(
+    prefix: str, table: PathTable, *, min_snr_db: float, min_separation: float, quick: bool
+) -> list[Measurement]:
+    """Coverage of the 95 % region and NEES over its dimension, as deviations from their nominal values."""
+    nees = table.nees[table.is_found & table.chosen(min_snr_db, min_separation)]
+    n = max(len(nees), 1)
+    cover = float(np.mean(nees <= chi2.ppf(0.95, 3))) if len(nees) else np.nan
+    mean = float(np.mean(nees)) / 3 if len(nees) else np.nan
+    return [
+        Measurement(
+            f"{prefix}.coverage95_deviation", abs(cover - 0.95), "1", "lower",
+            widened(0.01, np.sqrt(0.95 * 0.05 / n), quick), f"{cover:.4f} of {n} paths",
+        ),
+        Measurement(
+            f"{prefix}.nees_deviation", abs(mean - 1), "1", "lower", widened(0.05, np.sqrt(2 / 3 / n), quick),
+            f"NEES/3 = {mean:.3f} of {n} paths",
+        ),
+    ]  # fmt: skip
+
+
+def rate_row(key: str, hits: BoolArray, bar: float, reason: str, quick: bool) -> Measurement:
+    """Share of hits, at least `bar`."""
+    n = max(len(hits), 1)
+    value = float(np.mean(hits)) if len(hits) else np.nan
+    allowed = float(binom.ppf(BY_CHANCE, n, bar)) / n if quick else bar
+    return Measurement(key, value, "1", "higher", allowed, f"{reason}, {len(hits)} paths")
+
+
+def false_row(key: str, n_false: IntArray, bar: float, quick: bool) -> Measurement:
+    """False paths per stop, at most `bar`."""
+    n = max(len(n_false), 1)
+    value = float(np.mean(n_false)) if len(n_false) else np.nan
+    allowed = most_by_chance(bar * n) / n if quick else bar
+    return Measurement(key, value, "per stop", "lower", allowed, f"{int(np.sum(n_false))} in {n} stops")
+
+
+def most_by_chance(expected: float) -> float:
+    """Count that rare events, `expected` on average, exceed with the probability of three standard errors."""
+    return float(poisson.ppf(1 - BY_CHANCE, expected))
+
+
+def widened(bar: float, standard_error: float, quick: bool) -> float:
+    """The bar itself; in a quick run, with few trials, moved by three (signed) standard errors of the value."""
+    return float(bar + STANDARD_ERRORS * standard_error) if quick else bar

@@ -1,0 +1,162 @@
+"""`arena validate channel`: how often noise alone makes a path, against the probability asked for.
+
+Coherent trials draw the noise where the compression leaves it: white, of unit power, on the span of the beams and
+all delay bins; everything behind is the estimator's own. One row has whole sweeps instead, to show that both
+agree. The 1e-3 row needs 100,000 trials and has them on 432 subcarriers, not 3,168: the period, and the share of
+it where paths are expected, are the same. Incoherent trials, and a user's estimator, get whole sweeps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimation.channel.coherent.diffuse import fit_over_background
+from estimation.channel.coherent.paths import fit_paths
+from estimation.channel.coherent.plan import SearchPlan, delay_window, nominal_manifold, search_plan
+from estimation.channel.config import MaximumLikelihoodConfig
+from estimation.channel.fit import PathFit
+from estimation.channel.incoherent.paths import fit_incoherent
+from estimation.channel.model.compress import DelayCube, compress, noise_scale_of
+from isac_arena.validation.channel.efficiency import TRIALS, make_estimator
+from isac_arena.validation.channel.match import most_by_chance
+from isac_arena.validation.channel.scenes import Bench, make_bench, noise_stop, with_bandwidth
+from isac_arena.validation.measurement import Measurement
+from scenes.record import ComplexArray
+from sim.observation import BeamSweep
+
+FEW_RB = 36
+
+
+@dataclass(frozen=True)
+class NoiseRow:
+    """Trials of a method at a nominal probability; coherent ones are compressed unless `whole` sweeps."""
+
+    method: str
+    probability: float
+    n_trials: int
+    n_rb: int = 264
+    whole: bool = False
+
+    @property
+    def key(self) -> str:
+        """Name of the row."""
+        return f"{self.method}.false_alarm_{self.probability:g}{'_whole_sweeps' if self.whole else ''}"
+
+    def hits(self, seed: int, n_trials: int) -> int:
+        """Trials with a path."""
+        bench, rng = with_bandwidth(make_bench(seed), self.n_rb), np.random.default_rng([seed, 5])
+        if self.method == "coherent" and not self.whole:
+            return compressed_hits(bench, rng, self.probability, n_trials)
+        return sweep_hits(bench, rng, METHODS[self.method], self.probability, n_trials)
+
+
+METHODS: dict[str, Callable[[BeamSweep, MaximumLikelihoodConfig], PathFit]] = {
+    "coherent": fit_over_background,
+    "incoherent": fit_incoherent,
+}
+QUICK = (
+    NoiseRow("coherent", 0.1, 30),
+    NoiseRow("coherent", 0.1, 15, whole=True),
+    NoiseRow("incoherent", 0.1, 15),
+)
+FULL = (
+    NoiseRow("coherent", 1e-2, 10_000),
+    NoiseRow("coherent", 1e-3, 100_000, FEW_RB),
+    NoiseRow("coherent", 0.1, 1_000, whole=True),
+    NoiseRow("incoherent", 1e-2, 2_000),
+)
+
+
+def check_false_alarms(
+    seed: int, quick: bool, trials: int | None = None, estimator: str | None = None
+) -> list[Measurement]:
+    """Rate of stops with a path in noise alone, over the nominal one: 0.5 to 1.5."""
+    if estimator is not None:
+        return [
+            _user_rate(make_bench(seed), seed, trials or (QUICK[0].n_trials if quick else 1000), estimator)
+        ]
+    rows = []
+    for row in QUICK if quick else FULL:
+        n = row.n_trials if trials is None else max(1, round(row.n_trials * trials / TRIALS))
+        rows.append(false_alarm_row(row.key, row.hits(seed, n), n, row.probability, quick))
+    return rows
+
+
+def compressed_hits(bench: Bench, rng: np.random.Generator, probability: float, n_trials: int) -> int:
+    """Trials in which the coherent method finds a path in noise that is drawn compressed."""
+    plan, template = noise_template(bench)
+    config = MaximumLikelihoodConfig(false_alarm_probability=probability)
+    shape = template.spectrum.shape
+    hits = 0
+    for _ in range(n_trials):
+        spectrum = white_noise(rng, shape)
+        cube = replace(template, spectrum=spectrum, noise_scale=noise_scale_of(spectrum))
+        window = delay_window(cube, plan, config)
+        if window is not None:
+            hits += len(fit_paths(cube.window(window.position), window, plan, config).paths) > 0
+    return hits
+
+
+def sweep_hits(
+    bench: Bench,
+    rng: np.random.Generator,
+    fit: Callable[[BeamSweep, MaximumLikelihoodConfig], PathFit],
+    probability: float,
+    n_trials: int,
+) -> int:
+    """Trials in which a method finds a path in whole sweeps of noise."""
+    config = MaximumLikelihoodConfig(false_alarm_probability=probability)
+    template = noise_stop(bench, 0)
+    scale = np.sqrt(bench.link.noise_power_mw)[:, None].astype(np.float32)
+    hits = 0
+    for _ in range(n_trials):
+        samples = white_noise(rng, template.samples.shape) * scale
+        hits += len(fit(replace(template, samples=samples), config)) > 0
+    return hits
+
+
+def noise_template(bench: Bench) -> tuple[SearchPlan, DelayCube]:
+    """The search plan of a link, and a compressed sweep of noise on its beams."""
+    link = bench.link
+    plan = search_plan(
+        nominal_manifold(link.tx_codebook),
+        nominal_manifold(link.rx_codebook),
+        tuple(link.noise_power_mw.tolist()),
+        MaximumLikelihoodConfig().oversampling,
+    )
+    return plan, compress(noise_stop(bench, 0), plan.tx, plan.rx)
+
+
+def white_noise(rng: np.random.Generator, shape: tuple[int, ...]) -> ComplexArray:
+    """Circular Gaussian noise of unit power, complex64."""
+    parts = rng.standard_normal((*shape, 2), dtype=np.float32)
+    parts *= np.float32(np.sqrt(0.5))
+    return np.asarray(parts.view(np.complex64)[..., 0])
+
+
+def false_alarm_row(key: str, hits: int, n_trials: int, probability: float, quick: bool) -> Measurement:
+    """Deviation of the rate over the nominal one from 1, at most 0.5."""
+    over = hits / n_trials / probability
+    expected = n_trials * probability
+    bar = most_by_chance(1.5 * expected) / expected - 1 if quick else 0.5
+    return Measurement(
+        f"{key}_deviation",
+        abs(over - 1),
+        "1",
+        "lower",
+        bar,
+        f"{over:.2f} of nominal: {hits} in {n_trials} trials",
+    )
+
+
+def _user_rate(bench: Bench, seed: int, n_trials: int, estimator: str) -> Measurement:
+    """A user's estimator has its own nominal probability; 1e-2 is taken as the most of it."""
+    estimate = make_estimator("coherent", estimator)
+    hits = sum(len(estimate(noise_stop(bench, stop))) > 0 for stop in range(n_trials))
+    rate = hits / n_trials
+    return Measurement(
+        "estimator.false_alarm_rate", rate, "1", "lower", 1e-2, f"{hits} in {n_trials} stops of noise"
+    )

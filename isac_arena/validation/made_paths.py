@@ -1,0 +1,54 @@
+"""Path records without a scene: random ones, and the line of sight through free space."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from scenes.pose import SPEED_OF_LIGHT_M_S, Pose, azimuth_elevation
+from sim.propagation.paths import Paths
+
+
+def made_paths(gain: Any, delay_s: Any, departure_rad: Any, arrival_rad: Any) -> Paths:
+    """Paths without interactions, from gains (path,), delays (path,) and azimuths with elevations (2, path)."""
+    count = len(np.atleast_1d(gain))
+    return Paths(
+        gain=np.atleast_1d(gain),
+        delay_s=np.atleast_1d(delay_s),
+        aod_azimuth_rad=np.atleast_1d(departure_rad[0]),
+        aod_elevation_rad=np.atleast_1d(departure_rad[1]),
+        aoa_azimuth_rad=np.atleast_1d(arrival_rad[0]),
+        aoa_elevation_rad=np.atleast_1d(arrival_rad[1]),
+        bounce_kind=np.zeros((count, 1), int),
+        bounce_object=np.full((count, 1), -1),
+        vertex_m=np.full((count, 1, 3), np.nan),
+        object_name=np.array(["none"]),
+    )
+
+
+def random_paths(
+    rng: np.random.Generator, count: int, azimuth_rad: float = 1.2, elevation_rad: float = 0.5
+) -> Paths:
+    """Paths of a hall: delays of 10 to 300 ns, thinning out exponentially, angles within these on either side."""
+    phase = rng.uniform(0, 2 * np.pi, count)
+    delay_s = 10e-9 + np.minimum(rng.exponential(40e-9, count), 290e-9)
+    limits = np.array([[azimuth_rad], [elevation_rad]])
+    return made_paths(
+        np.exp(1j * phase - (delay_s - 10e-9) / 80e-9) / np.sqrt(max(count, 1)),
+        delay_s,
+        limits * rng.uniform(-1, 1, (2, count)),
+        limits * rng.uniform(-1, 1, (2, count)),
+    )
+
+
+def free_space(tx: Pose, rx: Pose, carrier_hz: float = 60e9) -> Paths:
+    """The unobstructed line of sight alone: lambda / (4 pi d), with the carrier's phase."""
+    distance_m = float(np.linalg.norm(rx.position_m - tx.position_m))
+    wavelength_m = SPEED_OF_LIGHT_M_S / carrier_hz
+    return made_paths(
+        wavelength_m / (4 * np.pi * distance_m) * np.exp(-2j * np.pi * distance_m / wavelength_m),
+        distance_m / SPEED_OF_LIGHT_M_S,
+        azimuth_elevation([rx.position_m - tx.position_m]),
+        azimuth_elevation([tx.position_m - rx.position_m]),
+    )

@@ -1,0 +1,130 @@
+"""`arena validate scoring`: an error budget closes, and its order does not matter beyond its intervals."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from estimation.channel.record import ChannelEstimate
+from estimation.shape.config import ContourConfig, ShapeConfig
+from estimation.slam.config import SnapshotConfig
+from isac_arena.campaign.config import CampaignConfig
+from isac_arena.insight.budget.attribution import attribute, root
+from isac_arena.insight.budget.chain import Chain, make_chain
+from isac_arena.insight.budget.outcome import lit_objects
+from isac_arena.insight.budget.record import OUTCOMES, Variants, take_apart
+from isac_arena.insight.budget.stages import STAGE_GROUPS, Groups, Stage, coalitions, orders
+from isac_arena.scoring.config import Significance
+from isac_arena.scoring.stages.channel import true_stop
+from isac_arena.validation.measurement import Measurement
+from isac_arena.validation.scoring.made_campaign import make_campaign, power_dbm
+from scenes.record import concatenate
+
+LIMITS = Significance(dynamic_range_db=28.0, noise_threshold_dbm=-150.0)
+GROUPS: Groups = (("a", "b", "c"),)
+
+
+def check_budget(seed: int, quick: bool) -> list[Measurement]:
+    """A made campaign with noisy, missed and false paths, from its channel estimates to its contours."""
+    rng = np.random.default_rng(seed)
+    variants: Variants = {parts: [] for parts in coalitions(STAGE_GROUPS)}
+    for _ in range(1 if quick else 8):
+        chain = faulty_chain(rng)
+        variants = {parts: [*done, chain.final_errors(parts)] for parts, done in variants.items()}
+    found = take_apart(variants, STAGE_GROUPS, np.random.default_rng(seed))
+    rest = max(float(root(one.rest)) for one in found.values())
+    gap = max(abs(one.contribution.sum() + one.rest - one.total) / one.total for one in found.values())
+    outside = sum(_swaps_outside(variants, outcome) for outcome in found)
+    solver = variants[frozenset({Stage.DETECTION, Stage.GEOMETRY, Stage.ASSOCIATION})]
+    left_m = max(float(errors.pose_error_m.max()) for errors in solver)
+    return [
+        _row("budget.all_oracle_error", rest, "m", 1e-9, "error with truth in the place of every stage"),
+        _row("budget.gap", gap, "1", 1e-12, "parts and rest less the total, over the total"),
+        _row(
+            "budget.swaps_outside", outside, "1", 0, "shares that another order moves out of their interval"
+        ),
+        _row(
+            "budget.solver_error", left_m, "m", 1e-5, "largest pose error from true paths: solver tolerance"
+        ),
+    ]
+
+
+def check_attribution(seed: int, quick: bool) -> list[Measurement]:
+    """Independent errors of known size: shares exact, intervals that cover as often as they say."""
+    runs, hits = 100 if quick else 1000, 0
+    worst = 0.0
+    for run in range(runs):
+        rng = np.random.default_rng([seed, run])
+        term = dict(zip("abc", np.array([[6.0], [3.0], [1.0]]) * rng.chisquare(4, (3, 60)), strict=True))
+        table = {
+            met: np.sum([term[part] for part in "abc" if part not in met] or [np.zeros(60)], axis=0)
+            for met in coalitions(GROUPS)
+        }
+        found = attribute(table, GROUPS, rng, 400)
+        mean = np.array([term[part].mean() for part in "abc"])
+        worst = max(worst, float(np.abs(found.contribution - mean).max()))
+        hits += bool(found.low[0] <= 0.6 <= found.high[0])
+    shortfall = 0.95 - hits / runs
+    bar = 0.02 + 3 * np.sqrt(0.05 * 0.95 / runs)
+    return [
+        _row(
+            "attribution.independent", worst, "1", 1e-9, "contribution less the mean of the part's own error"
+        ),
+        _row(
+            "attribution.coverage_shortfall", shortfall, "1", bar, "0.02 for 60 units, 3 standard deviations"
+        ),
+    ]
+
+
+def faulty_chain(rng: np.random.Generator) -> Chain:
+    """The chain of the made campaign from estimates with errors of their stated size, some missed, some false."""
+    made = make_campaign()
+    stops = [true_stop(truth, made.scene.tx, power_dbm(truth), LIMITS, None) for truth in made.truths]
+    config = CampaignConfig(
+        name=made.scene.name,
+        scene=made.scene.name,
+        slam=SnapshotConfig(method="statistical"),
+        shapes=ShapeConfig(eps_m=1.5, min_samples=3),
+        contours=ContourConfig(method="none"),
+    )
+    channel = [_faulty(estimate, rng) for estimate in made.results.channel]
+    return make_chain(config, made.scene, stops, channel, lit_objects(made.scene, stops, 3))
+
+
+def _faulty(estimate: ChannelEstimate, rng: np.random.Generator) -> ChannelEstimate:
+    std = np.sqrt(np.diagonal(estimate.covariance, axis1=1, axis2=2))
+    error = std * rng.standard_normal(std.shape)
+    noisy = replace(
+        estimate,
+        delay_s=estimate.delay_s + error[:, 0],
+        aod_azimuth_rad=estimate.aod_azimuth_rad + error[:, 1],
+        aoa_azimuth_rad=estimate.aoa_azimuth_rad + error[:, 2],
+    )
+    one = noisy.take("path", [int(rng.integers(1, len(estimate)))])
+    false = replace(one, delay_s=one.delay_s + rng.uniform(5e-9, 20e-9))
+    found = np.arange(len(estimate)) != rng.integers(1, len(estimate))
+    both = concatenate([noisy.take("path", found), false], "path")
+    return both.take("path", np.argsort(both.delay_s, kind="stable"))
+
+
+def _swaps_outside(variants: Variants, outcome: str) -> int:
+    """Shares that lie outside their interval in any admissible order."""
+    name = OUTCOMES[outcome][0]
+    mean = {
+        parts: float(np.mean([np.square(getattr(errors, name)).mean() for errors in repeats]))
+        for parts, repeats in variants.items()
+    }
+    found = take_apart(variants, STAGE_GROUPS, np.random.default_rng(1))[outcome]
+    outside = 0
+    for order in orders(STAGE_GROUPS):
+        met = [frozenset(order[:length]) for length in range(len(order) + 1)]
+        for part, (before, after) in zip(order, pairwise(met), strict=True):
+            share, index = (mean[before] - mean[after]) / found.total, found.part.index(part)
+            outside += not found.low[index] - 1e-12 <= share <= found.high[index] + 1e-12
+    return outside
+
+
+def _row(key: str, value: float, unit: str, bar: float, reason: str) -> Measurement:
+    return Measurement(f"scoring.{key}", value, unit, "lower", bar, reason)

@@ -1,0 +1,208 @@
+"""`arena validate shape`: contours by the reflection law, on made-up pillars, columns, walls and edges."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimation.shape.fit import ShapeFit
+from estimation.shape.kinds.closed import fit_direct
+from estimation.shape.kinds.mirror_wall import fit_mirror_wall
+from estimation.shape.reflection.bundle_kinds import BundleObject
+from estimation.shape.reflection.choice import choose_shape
+from estimation.shape.reflection.normals import fit_normals
+from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
+from isac_arena.scoring.metrics.contours import intersection_over_union, interval_iou, perpendicular_rmse_m
+from isac_arena.validation.measurement import Measurement
+from isac_arena.validation.shape.reflection_scenarios import (
+    Errors,
+    draw_circle,
+    draw_ellipse,
+    draw_rounded_square,
+    lit_edge,
+    lit_pillar,
+    lit_wall,
+    observe,
+    observe_together,
+)
+from scenes.contours.base import Contour
+from scenes.record import BoolArray
+
+OFFSETS = ReflectionConfig()
+NO_OFFSETS = ReflectionConfig(delay_offset_std_ns=0.0, aod_offset_std_deg=0.0, aoa_offset_std_deg=0.0)
+LEVELS = (1.0, 0.5, 0.1)  # ns, deg and deg
+POSE = Errors(position_std_m=0.2, heading_std_deg=2.0)
+OFFSET_ERRORS = Errors(delay_offset_ns=0.3, angle_offset_deg=2.0)
+CAMPAIGN_ERRORS = replace(OFFSET_ERRORS, position_std_m=0.2, heading_std_deg=2.0)
+QUICK_SLACK = 0.12  # of a mean over the quick run's few sets: three of its standard errors
+OUTLINE_SPACING_M = 0.01
+
+
+@dataclass(frozen=True)
+class PillarScores:
+    """Mean scores of one fit over sets of pillars."""
+
+    iou: float
+    coverage: float  # of the 95 % band, over all samples of all contours
+
+
+def check_reflection_pillars(seed: int, quick: bool) -> list[Measurement]:
+    """Random round pillars without offsets: exact poses, and poses with errors of known covariance."""
+    slack = QUICK_SLACK if quick else 0.0
+    rows: list[Measurement] = []
+    for name, errors, bars in (("exact", Errors(), (0.78, 0.86, 0.965)), ("pose", POSE, (0.72, 0.80, 0.92))):
+        scores = [_pillars(seed, quick, replace(errors, level=level), NO_OFFSETS) for level in LEVELS]
+        rows += [
+            Measurement(
+                f"reflection.pillar.{name}.level{level:g}.iou",
+                score.iou,
+                "1",
+                "higher",
+                bar - slack,
+                "direct",
+            )
+            for level, score, bar in zip(LEVELS, scores, bars, strict=True)
+        ]
+        coverage = float(np.mean([score.coverage for score in scores]))
+        key = f"reflection.pillar.{name}.coverage"
+        rows.append(Measurement(key, coverage, "1", "higher", 0.92 - slack, "95 % band, all levels"))
+        if not quick:
+            rows.append(Measurement(f"{key}_upper", coverage, "1", "lower", 0.97, "95 % band, all levels"))
+    points = _pillars(seed, quick, Errors(), NO_OFFSETS, fit_normals)
+    key = "reflection.pillar.exact.level1.points_and_normals_iou"
+    rows.append(Measurement(key, points.iou, "1", "higher", 0.76 - slack, "own mode, reference 0.78"))
+    return rows
+
+
+def check_reflection_offsets(seed: int, quick: bool) -> list[Measurement]:
+    """Constant errors of 0.3 ns and 2 deg and 10 % ghosts: with the offsets as unknowns and without."""
+    slack = QUICK_SLACK if quick else 0.0
+    both = replace(OFFSET_ERRORS, ghost_share=0.1)
+    rows = []
+    for level, bar in ((1.0, 0.73), (0.5, 0.82)):
+        score = _pillars(seed, quick, replace(both, level=level), OFFSETS)
+        key = f"reflection.pillar.offsets_ghosts.level{level:g}.iou"
+        rows.append(Measurement(key, score.iou, "1", "higher", bar - slack, "offsets unknown"))
+    ignored = _pillars(seed, quick, OFFSET_ERRORS, NO_OFFSETS).iou
+    key = "reflection.pillar.offsets_ignored.level1.iou"
+    rows.append(Measurement(key, ignored, "1", "lower", 0.60 + slack, "must show: no offset unknowns"))
+    return rows
+
+
+def check_reflection_columns(seed: int, quick: bool) -> list[Measurement]:
+    """Ellipses and rounded squares at the 0.5 level by evidence, and what circles lose by the choice."""
+    slack = QUICK_SLACK if quick else 0.0
+    ellipse = _pillars(seed, quick, Errors(0.5), NO_OFFSETS, _chosen, draw_ellipse, 100).iou
+    square = _pillars(seed, quick, Errors(0.5), NO_OFFSETS, _chosen, draw_rounded_square, 100).iou
+    circle = _pillars(seed, quick, Errors(0.5), NO_OFFSETS, n_sets=100).iou
+    by_evidence = _pillars(seed, quick, Errors(0.5), NO_OFFSETS, _chosen, draw_circle, 100).iou
+    loss = circle - by_evidence
+    return [
+        Measurement("reflection.ellipse.level0.5.iou", ellipse, "1", "higher", 0.60 - slack, "by evidence"),
+        Measurement("reflection.square.level0.5.iou", square, "1", "higher", 0.65 - slack, "by evidence"),
+        Measurement("reflection.circle.level0.5.evidence_loss", loss, "1", "lower", 0.02 + slack / 2, "IoU"),
+    ]
+
+
+def check_reflection_classes(seed: int, quick: bool) -> list[Measurement]:
+    """Pillar, wall or edge by evidence at the 1 ns, 1 deg level."""
+    slack = QUICK_SLACK if quick else 0.0
+    rows = []
+    for name, errors, bar, n_each in (("exact", Errors(), 0.98, 70), ("pose", POSE, 0.95, 150)):
+        right = _right_classes(seed, 4 if quick else n_each, errors)
+        key = f"reflection.class.{name}.right"
+        rows.append(Measurement(key, float(right.mean()), "1", "higher", bar - slack, "share of all objects"))
+    return rows
+
+
+def check_reflection_walls(seed: int, quick: bool) -> list[Measurement]:
+    """Walls of 3 to 20 m as mirror images at the 1 ns, 1 deg level: the line and its lit part."""
+    distances, angles, extents = [], [], []
+    for k in range(10 if quick else 200):
+        rng = np.random.default_rng([seed, k])
+        ends, true = lit_wall(rng)
+        data, _ = observe(true, Errors(), rng)
+        fit = fit_mirror_wall(data, NO_OFFSETS)
+        distances.append(perpendicular_rmse_m(fit.contour_m, *ends))
+        along = ends[1] - ends[0]
+        azimuth = np.arctan2(along[1], along[0]) + np.pi / 2 - fit.parameter[0]
+        angles.append(np.rad2deg((azimuth + np.pi / 2) % np.pi - np.pi / 2))
+        tangent = np.array([-np.sin(fit.parameter[0]), np.cos(fit.parameter[0])])
+        lit = true.point_m @ tangent
+        extents.append(interval_iou((fit.parameter[2], fit.parameter[3]), (lit.min(), lit.max())))
+    factor = 1.8 if quick else 1.0
+    rmse, angle = float(np.mean(distances)), float(np.mean(np.abs(angles)))
+    return [
+        Measurement(
+            "reflection.wall.perpendicular_rmse_m", rmse, "m", "lower", 0.021 * factor, "lit part, mean"
+        ),
+        Measurement("reflection.wall.angle_error_deg", angle, "deg", "lower", 0.11 * factor, "mean size"),
+        Measurement(
+            "reflection.wall.lit_extent_iou", float(np.mean(extents)), "1", "higher", 0.975, "lit part"
+        ),
+    ]
+
+
+def made_pillar(rng: np.random.Generator, errors: Errors) -> Reflections:
+    """Measured paths of a random round pillar."""
+    return observe(lit_pillar(draw_circle, rng)[1], errors, rng)[0]
+
+
+def made_wall(rng: np.random.Generator, errors: Errors) -> Reflections:
+    """Measured paths of a random wall."""
+    return observe(lit_wall(rng)[1], errors, rng)[0]
+
+
+def made_campaign(
+    rng: np.random.Generator, errors: Errors = CAMPAIGN_ERRORS, n_pillars: int = 3
+) -> tuple[list[BundleObject], Reflections]:
+    """Random round pillars and lines of sight from the same walk, with common pose errors and offsets."""
+    truths = [lit_pillar(draw_circle, rng)[1] for _ in range(n_pillars)]
+    objects, los = observe_together(truths, errors, rng)
+    return [BundleObject("circle", data) for data in objects], los
+
+
+def _chosen(data: Reflections, config: ReflectionConfig) -> ShapeFit:
+    """The most probable closed contour."""
+    return choose_shape(data, config, ("pillar",)).best
+
+
+def _direct(data: Reflections, config: ReflectionConfig) -> ShapeFit:
+    return fit_direct(data, "circle", config)
+
+
+def _pillars(
+    seed: int,
+    quick: bool,
+    errors: Errors,
+    config: ReflectionConfig,
+    fit: Callable[[Reflections, ReflectionConfig], ShapeFit] = _direct,
+    draw: Callable[[np.random.Generator], Contour] = draw_circle,
+    n_sets: int = 200,
+) -> PillarScores:
+    iou, covered = [], []
+    for k in range(12 if quick else n_sets):
+        rng = np.random.default_rng([seed, k])
+        contour, true = lit_pillar(draw, rng)
+        data, _ = observe(true, errors, rng)
+        found = fit(data, config)
+        iou.append(intersection_over_union(found.contour_m, contour.sample(OUTLINE_SPACING_M)))
+        covered.append(np.mean(np.abs(contour.signed_distance(found.contour_m)) <= 1.96 * found.std_m))
+    return PillarScores(float(np.mean(iou)), float(np.mean(covered)))
+
+
+def _right_classes(seed: int, n_each: int, errors: Errors) -> BoolArray:
+    """Whether the most probable class is the true one, for as many pillars as walls and edges."""
+    right = []
+    for k in range(n_each):
+        rng = np.random.default_rng([seed, k])
+        for name, true in (
+            ("pillar", lit_pillar(draw_circle, rng)[1]),
+            ("wall", lit_wall(rng)[1]),
+            ("edge", lit_edge(rng)),
+        ):
+            data, _ = observe(true, errors, rng)
+            right.append(choose_shape(data, NO_OFFSETS).best_class == name)
+    return np.array(right)

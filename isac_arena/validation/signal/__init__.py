@@ -1,0 +1,4 @@
+"""Checks of waveform, arrays and samples.
+
+Read `waveform.py` first, then `generation.py`.
+"""

@@ -1,0 +1,234 @@
+"""`arena validate slam`: consistency of the smoother, its bound, and where its settings come from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import chi2
+
+from estimation.slam.bounds import RoundObjects, StopPaths, state_bound, trajectory_covariance
+from estimation.slam.config import TrajectoryConfig
+from estimation.slam.walk.residuals import PathKind
+from estimation.slam.walk.trajectory import TrajectoryDetails, run_trajectory
+from isac_arena.scoring.metrics.statistics import squared_mahalanobis
+from isac_arena.validation.measurement import Measurement
+from isac_arena.validation.slam.common import MAPPING, NOISE, OURS
+from isac_arena.validation.slam.common import MATCHED as CLEAN_SNAPSHOT
+from isac_arena.validation.slam.scenarios import (
+    Hall,
+    Scenario,
+    ScenarioConfig,
+    draw_hall,
+    draw_trajectory,
+    observe_stop,
+)
+from scenes.pose import SPEED_OF_LIGHT_M_S, wrap_angle
+from scenes.record import BoolArray, FloatArray, IntArray
+
+N_STOPS = 24
+_SAME_M = 0.5
+_MAX_OPENING_RAD = np.deg2rad(150.0)  # between the directions from a pillar to both devices
+# A walk drawn from the motion prior, Gaussian errors, smooth surfaces: the model is what is drawn.
+BEND_M = 0.03
+GAUSSIAN = ScenarioConfig(n_paths=9, delay_std_ns=0.1, angle_std_deg=0.1, n_pillars=6)
+MATCHED = TrajectoryConfig(
+    degrees_of_freedom=1000,
+    motion_degrees_of_freedom=1000.0,
+    cross_track_std_m=BEND_M,
+    along_track_std_m=BEND_M,
+    wall_roughness_m=0.0,
+    object_roughness_m=0.0,
+    use_double_bounces=False,
+    use_sessions=False,
+)
+# Receivers put down by hand on an uneven walk, a third of the paths false: what the settings have to serve.
+REALISTIC = ScenarioConfig(n_paths=9, outlier_share=0.3, placement_std_m=0.05, spacing_std=0.3)
+TUNED = (
+    "degrees_of_freedom",
+    "cross_track_std_m",
+    "along_track_std_m",
+    "motion_degrees_of_freedom",
+    "cluster_eps_m",
+    "cluster_min_samples",
+    "max_object_extent_m",
+    "wall_roughness_m",
+    "object_roughness_m",
+    "object_radius_m",
+    "object_radius_std_m",
+)
+
+
+@dataclass(frozen=True)
+class WalkTrial:
+    """One walk of the matched model: errors (stop, 4), covariances, bound, and normalised landmark errors."""
+
+    error: FloatArray
+    covariance: FloatArray
+    peb_m: FloatArray  # (stop,)
+    wall_nees: FloatArray  # (wall,) 2 degrees of freedom each
+    object_nees: FloatArray  # (object,) of the centre, 2 degrees of freedom each
+
+
+def check_trajectory_consistency(seed: int, quick: bool) -> list[Measurement]:
+    """Walks drawn from the smoother's own model: RMSE over the bound, NEES of poses and landmarks, coverage.
+
+    Errors of one walk go together, so the mean over walks settles slowly: 20 walks leave the NEES uncertain by
+    about 8 %, 300 by 2 %.
+    """
+    rng = np.random.default_rng(seed + 30)
+    trials = [matched_trial(rng) for _ in range(8 if quick else 300)]
+    error = np.concatenate([trial.error for trial in trials])
+    nees = squared_mahalanobis(error, np.concatenate([trial.covariance for trial in trials]))
+    walls = np.concatenate([trial.wall_nees for trial in trials])
+    objects = np.concatenate([trial.object_nees for trial in trials])
+    peb = np.concatenate([trial.peb_m for trial in trials])
+    ratio = float(np.sqrt(np.mean(np.sum(error[:, :2] ** 2, axis=1)) / np.mean(peb**2)))
+    pose, wall, circle = (float(value.mean()) / size for value, size in ((nees, 4), (walls, 2), (objects, 2)))
+    cover = float(np.mean(nees <= chi2.ppf(0.95, 4)))
+    wide = 4.0 if quick else 1.0  # 8 walks instead of 300 scatter six times as much
+    return [
+        Measurement("trajectory.rmse_over_peb", ratio, "1", "lower", 1 + 0.1 * wide, "efficient estimator"),
+        Measurement(
+            "trajectory.nees_pose_deviation", abs(pose - 1), "1", "lower", 0.05 * wide, f"NEES {pose:.3f}"
+        ),
+        Measurement(
+            "trajectory.nees_wall_deviation", abs(wall - 1), "1", "lower", 0.05 * wide,
+            f"NEES {wall:.3f} of {len(walls)}",
+        ),
+        Measurement(
+            "trajectory.nees_object_deviation", abs(circle - 1), "1", "lower", 0.05 * wide,
+            f"NEES {circle:.3f} of {len(objects)}",
+        ),
+        Measurement(
+            "trajectory.coverage95_deviation", abs(cover - 0.95), "1", "lower", 0.01 * wide, f"{cover:.3f}"
+        ),
+    ]  # fmt: skip
+
+
+def check_trajectory_settings(seed: int, quick: bool) -> list[Measurement]:
+    """Every setting of the smoother halved and doubled on simulated walks: none is much better than the default.
+
+    This is where the defaults come from; no measured data takes part.
+    """
+    names = TUNED[:1] if quick else TUNED
+    walks = [
+        draw_trajectory(np.random.default_rng([seed, run, 31]), REALISTIC, 30)
+        for run in range(3 if quick else 6)
+    ]
+    standard = TrajectoryConfig()
+    at_default = walks_rmse_m(walks, standard)
+    gain = {}
+    for name in names:
+        value = getattr(standard, name)
+        for factor in (0.5, 2.0):
+            other = max(2, round(value * factor)) if isinstance(value, int) else value * factor
+            moved = standard.model_copy(update={name: other})
+            gain[f"{name} = {other:g}"] = at_default / walks_rmse_m(walks, moved)
+    best = max(gain, key=lambda key: gain[key])
+    return [
+        Measurement(
+            "trajectory.settings.best_gain", gain[best], "1", "lower", 1.15, f"RMSE over that with {best}"
+        )
+    ]
+
+
+def walks_rmse_m(walks: Sequence[Sequence[Scenario]], config: TrajectoryConfig) -> float:
+    """Root mean square position error over all stops of all walks."""
+    square = []
+    for walk in walks:
+        poses, _, _ = run_trajectory([s.estimate for s in walk], walk[0].tx, OURS, config, MAPPING)
+        truth = np.array([scenario.state[:2] for scenario in walk])
+        square.append(np.sum((poses.position_m - truth) ** 2, axis=1))
+    return float(np.sqrt(np.mean(np.nan_to_num(np.concatenate(square), nan=np.inf))))
+
+
+def matched_trial(rng: np.random.Generator) -> WalkTrial:
+    """Draw a walk from the motion prior through a hall, solve it, and bound it."""
+    hall = draw_hall(rng, GAUSSIAN)
+    states = draw_states(rng, hall)
+    hall = replace(hall, pillar_m=hall.pillar_m[_stands_clear(hall, states)])
+    walk = [observe_stop(rng, GAUSSIAN, hall, state, stop) for stop, state in enumerate(states)]
+    poses, _, details = run_trajectory([s.estimate for s in walk], hall.tx, CLEAN_SNAPSHOT, MATCHED, MAPPING)
+    found = np.column_stack([poses.position_m, poses.heading_rad, SPEED_OF_LIGHT_M_S * poses.clock_bias_s])
+    error = found - states
+    error[:, 2] = wrap_angle(error[:, 2])
+    to_metres = np.array([1.0, 1.0, 1.0, SPEED_OF_LIGHT_M_S])
+    objects = RoundObjects(
+        np.column_stack([hall.pillar_m, np.full(len(hall.pillar_m), hall.radius_m)]),
+        MATCHED.object_radius_std_m,
+    )
+    kinds = np.split(details.path_kind, np.cumsum([len(scenario.estimate) for scenario in walk])[:-1])
+    stops = [stop_paths(scenario, kind) for scenario, kind in zip(walk, kinds, strict=True)]
+    bound = state_bound(trajectory_covariance(hall.tx, states, stops, BEND_M, objects))
+    walls, circles = landmark_nees(details, hall)
+    return WalkTrial(
+        error, poses.covariance * np.outer(to_metres, to_metres), bound.position_m, walls, circles
+    )
+
+
+def _stands_clear(hall: Hall, states: FloatArray) -> BoolArray:
+    """Pillars (pillar,) at 1 m or more from all stops that never come between TX and receiver."""
+    to_rx = states[:, :2] - hall.pillar_m[:, None]
+    to_tx = hall.tx.position_m[:2] - hall.pillar_m
+    reach, back = np.linalg.norm(to_rx, axis=-1), np.linalg.norm(to_tx, axis=-1)
+    cosine = np.einsum("psi,pi->ps", to_rx, to_tx) / (reach * back[:, None])
+    return np.asarray((reach.min(axis=1) > 1.0) & (cosine.min(axis=1) > np.cos(_MAX_OPENING_RAD)))
+
+
+def draw_states(rng: np.random.Generator, hall: Hall) -> FloatArray:
+    """A walk (stop, 4) whose second differences are Gaussian, 0.4 m per stop, clear of TX and walls."""
+    while True:
+        second = BEND_M * rng.standard_normal((N_STOPS, 2))
+        azimuth = rng.uniform(-np.pi, np.pi)
+        step = 0.4 * np.array([np.cos(azimuth), np.sin(azimuth)]) + np.cumsum(second, axis=0)
+        place = rng.uniform([1.0, 1.0], hall.size_m - 1.0) + np.cumsum(step, axis=0)
+        inside = np.all((place > 1.0) & (place < hall.size_m - 1.0))
+        if inside and np.linalg.norm(place - hall.tx.position_m[:2], axis=1).min() > 1.0:
+            break
+    bias = 10.0 + np.cumsum(rng.standard_normal(N_STOPS))
+    return np.column_stack([place, np.full(N_STOPS, rng.uniform(-np.pi, np.pi)), bias])
+
+
+def stop_paths(scenario: Scenario, kind: IntArray) -> StopPaths:
+    """The true single bounces of a stop, with those landmarks that the smoother shares, by `kind` (path,)."""
+    single, covariance = scenario.is_single, NOISE.covariance(scenario.estimate)
+    landmark, los, taken = scenario.landmark[single], covariance[scenario.is_los], kind[single]
+    return StopPaths(
+        scenario.point_m[single],
+        covariance[single],
+        np.where((landmark < 4) & (taken == PathKind.WALL), landmark, -1),
+        los[0] if len(los) else None,
+        np.where((landmark >= 4) & (taken == PathKind.OBJECT), landmark - 4, -1),
+    )
+
+
+def landmark_nees(details: TrajectoryDetails, hall: Hall) -> tuple[FloatArray, FloatArray]:
+    """Normalised squared errors of the walls (wall,) and of the centres of round objects (object,) found.
+
+    A wall is one where its normal is within 3 deg and 0.5 m of a true wall's, an object within 0.5 m of a pillar.
+    """
+    true_walls = np.array([[0.0, 0.0], [0.0, hall.size_m[0]], [np.pi / 2, 0.0], [np.pi / 2, hall.size_m[1]]])
+    walls = [
+        _wall_nees(wall, covariance, true_walls)
+        for wall, covariance in zip(details.walls, details.wall_covariance, strict=True)
+    ]
+    error = np.reshape(details.objects[:, None, :2] - hall.pillar_m, (-1, len(hall.pillar_m), 2))
+    nearest = np.argmin(np.sum(error**2, axis=-1), axis=1) if error.size else np.empty(0, int)
+    error = error[np.arange(len(error)), nearest].reshape(-1, 2)
+    circles = squared_mahalanobis(error, details.object_covariance[:, :2, :2])
+    known = np.array(walls)
+    return known[np.isfinite(known)], np.asarray(circles[np.hypot(*error.T) < _SAME_M])
+
+
+def _wall_nees(wall: FloatArray, covariance: FloatArray, true_walls: FloatArray) -> float:
+    """Of the true wall that it is; infinite where it is none. A line is the same with its normal reversed."""
+    for sign, turn in ((1.0, 0.0), (-1.0, np.pi)):
+        error = np.array([wall[0] + turn, sign * wall[1]]) - true_walls
+        error[:, 0] = wrap_angle(error[:, 0])
+        same = np.all(np.abs(error) < [np.deg2rad(3.0), _SAME_M], axis=1)
+        if same.any():
+            flip = np.outer([1.0, sign], [1.0, sign])
+            return float(squared_mahalanobis(error[same][:1], (covariance * flip)[None])[0])
+    return np.inf

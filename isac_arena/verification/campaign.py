@@ -1,0 +1,116 @@
+"""A share of the stops of a campaign directory computed once more, and its maps and scores."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import fields
+from itertools import chain
+from pathlib import Path
+
+import numpy as np
+
+from estimation.channel.power_map import beam_power_map
+from isac_arena.campaign import stages
+from isac_arena.campaign.chain import channel_estimator, known_receiver, map_known, map_unknown
+from isac_arena.campaign.config import CampaignConfig
+from isac_arena.campaign.directory import CampaignStore, MapName, StopEstimate, open_campaign
+from isac_arena.campaign.results import MapResult
+from isac_arena.scoring.metrics.metric import to_json
+from isac_arena.verification.compare import Finding, compare_metrics, compare_records
+from scenes.scene import Scene
+from sim.signal.link import make_link
+from sim.simulate import observe, simulate_truth
+
+
+class StoredCampaign(CampaignStore):
+    """A campaign directory read as it is, also where another version of the code made it."""
+
+    def _is_current(self, path: Path, fingerprint: str) -> bool:
+        del fingerprint
+        return path.is_file()
+
+
+def recomputed_campaign(directory: Path, share: float, seed: int) -> list[Finding]:
+    """Findings of a share of the stops, of both maps and of the scores; none for a share of 0.
+
+    Every stage starts from what the stage before it stored. A measured campaign has no stops to simulate.
+
+    Raises `ValueError`, one line, where files are missing.
+    """
+    if share == 0:
+        return []
+    held = open_campaign(directory)
+    store = StoredCampaign(**{field.name: getattr(held, field.name) for field in fields(held)})
+    scene = stages.scene_of(store)
+    stops = chosen(len(scene.stops), share, seed) if store.measured is None else []
+    steps = (
+        _guarded("stops", _stops(store, scene, stops)),
+        _guarded("map", _maps(store, scene)),
+        _guarded("scores.json", _scores(store, scene)),
+    )
+    return list(chain.from_iterable(steps))
+
+
+def chosen(count: int, share: float, seed: int) -> list[int]:
+    """A share of `count` indices, at least one, in order."""
+    n = min(count, int(np.ceil(share * count)))
+    return sorted(np.random.default_rng(seed).choice(count, n, replace=False).tolist())
+
+
+def _guarded(name: str, findings: Iterator[Finding]) -> Iterator[Finding]:
+    """The findings; what cannot be read or computed becomes one as well."""
+    try:
+        yield from findings
+    except (ValueError, FileNotFoundError) as error:
+        yield Finding(name, 0.0, reason=" ".join(str(error).split()))
+
+
+def _stops(store: CampaignStore, scene: Scene, stops: Sequence[int]) -> Iterator[Finding]:
+    config: CampaignConfig = store.config
+    link = make_link(config)
+    estimator = channel_estimator(config, store.estimator, store.calibration())
+    for traced in simulate_truth(config, scene, stops):
+        stop = traced.stop
+        truth = store.truth(stop)
+        if truth is None:
+            raise ValueError(f"{store.directory}: the truth of stop {stop} is missing")
+        yield compare_records(f"truth/stop_{stop:03d}.nc", truth, traced)
+        sweep = observe(config, link, scene, truth)
+        stored_sweep, stored = store.sweep(stop), store.channel(stop)
+        if stored_sweep is not None:
+            yield compare_records(f"sweep/stop_{stop:03d}.nc", stored_sweep, sweep)
+        if stored is not None:
+            again = StopEstimate(estimator(sweep), beam_power_map(sweep))
+            yield compare_records(f"channel/stop_{stop:03d}.nc", stored, again)
+
+
+def _maps(store: CampaignStore, scene: Scene) -> Iterator[Finding]:
+    n_stops = len(scene.stops)
+    names: tuple[MapName, ...] = ("mapping", "slam")
+    stored = {name: store.map_result(name) for name in names}
+    if not any(stored.values()):
+        return
+    channel = [estimate.channel for estimate in stages.channel_estimates(store, n_stops)]
+    receiver = known_receiver(stages.known_stops(store, n_stops))
+    again: dict[MapName, MapResult] = {
+        "mapping": map_known(store.config, channel, scene.tx, receiver),
+        "slam": map_unknown(store.config, channel, scene.tx),
+    }
+    for name, result in stored.items():
+        if result is not None:
+            for part in fields(result):
+                yield compare_records(
+                    f"map/{name}.nc, {part.name}", getattr(result, part.name), getattr(again[name], part.name)
+                )
+
+
+def _scores(store: CampaignStore, scene: Scene) -> Iterator[Finding]:
+    file = store.directory / "scores.json"
+    if file.is_file():
+        scores = stages.scores_of(store, scene, stages.stored_results(store, len(scene.stops)))
+        try:
+            stored = json.loads(file.read_text(encoding="utf-8"))
+            yield compare_metrics("scores.json", stored, to_json(scores.metrics))
+        except (KeyError, TypeError) as error:
+            raise ValueError(f"{file}: damaged ({error!r})") from error

@@ -1,0 +1,108 @@
+"""A share of the cases of a sweep computed once more, and its tables against its cases."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from isac_arena.campaign.config import CampaignConfig
+from isac_arena.campaign.files import read_record
+from isac_arena.scoring.metrics.metric import to_json
+from isac_arena.scoring.record import ScoreTables
+from isac_arena.sweep.cases import Case, SceneSource
+from isac_arena.sweep.job import make_job, scene_file, store_scene
+from isac_arena.sweep.run import check_case, score_case
+from isac_arena.sweep.store import is_done, read_failures, read_plan, read_scores, read_sweep
+from isac_arena.sweep.table import result_rows, write_tables
+from isac_arena.verification.campaign import chosen
+from isac_arena.verification.compare import Finding, compare_metrics, compare_records
+from scenes.objects.config import KEPT_FOLDER
+
+
+def checked_tables(directory: Path) -> Iterator[Finding]:
+    """Whether the tables hold what the cases hold, once each, and nothing else."""
+    config, _ = read_sweep(directory)
+    cases = read_plan(directory)
+    missing = [case.key for case in cases if not is_done(directory, case.key)]
+    failures = read_failures(directory)
+    unfinished = [key for key in missing if key not in failures]
+    if unfinished:
+        told = f"{len(unfinished)} of {len(cases)} are missing, the first is {unfinished[0]}"
+        yield Finding("cases", 0.0, reason=told)
+    try:
+        rows = result_rows(directory, config, cases, failures)
+    except ValueError as error:
+        yield Finding("tables", 0.0, reason=str(error))
+        return
+    with TemporaryDirectory() as folder:
+        write_tables(Path(folder), config, rows)
+        same = _bytes(Path(folder) / "results.csv") == _bytes(directory / "results.csv")
+        yield Finding("results.csv", 0.0, reason="" if same else "does not hold what the cases hold")
+        try:
+            same = pq.read_table(directory / "results.parquet").equals(
+                pq.read_table(Path(folder) / "results.parquet")
+            )
+        except (OSError, ValueError, pa.ArrowException):
+            same = False
+        yield Finding("results.parquet", 0.0, reason="" if same else "does not hold what the cases hold")
+
+
+def recomputed_cases(directory: Path, share: float, seed: int) -> Iterator[Finding]:
+    """Findings of a share of the finished cases, from their scene to their scores; none for a share of 0."""
+    done = [case.key for case in read_plan(directory) if is_done(directory, case.key)]
+    if share == 0 or not done:
+        return
+    for index in chosen(len(done), share, seed):
+        try:
+            yield from _recomputed(directory, done[index])
+        except (ValueError, FileNotFoundError) as error:
+            yield Finding(f"cases/{done[index]}", 0.0, reason=" ".join(str(error).split()))
+
+
+def stored_case(directory: Path, key: str) -> Case:
+    """A finished case with its scene; `ValueError`, one line, where its files are damaged or missing."""
+    file = directory / "cases" / key / "campaign.json"
+    try:
+        settings = json.loads(file.read_text(encoding="utf-8"))
+        scene = scene_file(directory, settings["scene"])
+        kept = sorted((scene.parent / KEPT_FOLDER).glob("*"))
+        source = SceneSource(
+            scene.read_text(encoding="utf-8"),
+            {f"{KEPT_FOLDER}/{item.name}": item.read_bytes() for item in kept},
+        )
+        case = Case(
+            point=settings["point"],
+            repeat=settings["repeat"],
+            values=(),
+            config=CampaignConfig.model_validate_json(json.dumps(settings["campaign"])),
+            scene=source,
+            estimator=settings["estimator"],
+            stop_every=settings["stop_every"],
+        )
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+        reason = " ".join(str(error).split())
+        raise ValueError(f"{file}: missing or damaged, or its scene is ({reason})") from error
+    if source.hash != settings["scene"]:
+        raise ValueError(f"{scene.parent}: the scene was edited since its cases ran")
+    return case
+
+
+def _recomputed(directory: Path, key: str) -> Iterator[Finding]:
+    case = stored_case(directory, key)
+    scene = check_case(case)
+    with TemporaryDirectory() as folder:
+        store_scene(Path(folder), case.scene)
+        job = make_job(case, Path(folder), len(scene.stops))
+        scores = score_case(job)
+    tables = read_record(directory / "cases" / key / "provenance.nc", ScoreTables)
+    yield compare_records(f"cases/{key}/provenance.nc", tables, scores.tables)
+    yield compare_metrics(f"cases/{key}/scores.json", read_scores(directory, key), to_json(scores.metrics))
+
+
+def _bytes(file: Path) -> bytes | None:
+    return file.read_bytes() if file.is_file() else None

@@ -1,0 +1,146 @@
+"""What every contour can do: polygonise itself, measure distances and areas, and give its radial function."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar
+
+import numpy as np
+import shapely
+
+from scenes.contours.pieces import Piece
+from scenes.record import BoolArray, FloatArray, Record
+
+BODY_SAGITTA_M = 5e-4
+OUTLINE_SAGITTA_M = 1e-6  # of the polygon that stands for the contour in distance and area questions
+
+
+@dataclass(frozen=True)
+class Contour(Record):
+    """Boundary of a vertical prism. Distances of curved contours are good to 1e-6 m."""
+
+    closed: ClassVar[bool]
+
+    @property
+    @abstractmethod
+    def pieces(self) -> tuple[Piece, ...]:
+        """The smooth pieces, end to start; counter-clockwise where the contour is closed."""
+
+    def vertices(self, max_sagitta_m: float, max_turn_rad: float = np.pi / 4) -> FloatArray:
+        """Polygon (vertex, xy) inscribed in the contour; the first vertex of a closed one is not repeated.
+
+        Curved pieces are cut so that each chord stays within `max_sagitta_m` of the curve and turns at most
+        `max_turn_rad` against the next one.
+        """
+        if not max_sagitta_m > 0:
+            raise ValueError(f"max_sagitta_m = {max_sagitta_m}: must be > 0")
+        steps = [np.linspace(0, 1, piece.n_chords(max_sagitta_m, max_turn_rad) + 1) for piece in self.pieces]
+        parts = [piece.point(t[:-1]) for piece, t in zip(self.pieces, steps, strict=True)]
+        if not self.closed:
+            parts.append(self.pieces[-1].point(np.ones(1)))
+        return np.concatenate(parts)
+
+    @cached_property
+    def outline(self) -> Any:
+        """The contour as a shapely ring (closed) or line (open), within 1e-6 m."""
+        vertices = self.vertices(OUTLINE_SAGITTA_M)
+        outline = shapely.LinearRing(vertices) if self.closed else shapely.LineString(vertices)
+        shapely.prepare(outline)
+        return outline
+
+    def body(self, max_sagitta_m: float = BODY_SAGITTA_M) -> Any:
+        """What the contour fills in plan view: a shapely polygon (closed) or line (open)."""
+        vertices = self.vertices(max_sagitta_m)
+        return shapely.Polygon(vertices) if self.closed else shapely.LineString(vertices)
+
+    @cached_property
+    def _interior(self) -> Any:
+        interior = shapely.Polygon(self.outline)
+        shapely.prepare(interior)
+        return interior
+
+    @property
+    def length_m(self) -> float:
+        """Arc length of the whole contour in m."""
+        return sum(piece.length for piece in self.pieces)
+
+    @property
+    def bounds_m(self) -> tuple[float, float, float, float]:
+        """(x_min, y_min, x_max, y_max) in m."""
+        x_min, y_min, x_max, y_max = self.outline.bounds
+        return x_min, y_min, x_max, y_max
+
+    def area_m2(self) -> float:
+        """Enclosed area in m^2 by Green's theorem over the pieces; zero for an open contour."""
+        return sum(piece.swept_area_m2() for piece in self.pieces) if self.closed else 0.0
+
+    def contains(self, points_m: Any) -> BoolArray:
+        """Whether points (..., xy) lie inside, the boundary excluded; never inside an open contour."""
+        return np.asarray(self.signed_distance(points_m) < 0)
+
+    def signed_distance(self, points_m: Any) -> FloatArray:
+        """Distance (...) in m of points (..., xy) to the boundary, negative inside a closed contour."""
+        points = np.asarray(points_m, float)
+        geometry = shapely.points(points)
+        distance = np.asarray(shapely.distance(self.outline, geometry))
+        if not self.closed:
+            return distance
+        return np.where(
+            shapely.contains_xy(self._interior, points[..., 0], points[..., 1]), -distance, distance
+        )
+
+    def curvature(self, spacing_m: float) -> FloatArray:
+        """Signed curvature (point,) in 1/m at the points of `sample`, positive where convex from outside."""
+        return self._at_samples(lambda piece, t: piece.curvature(t), spacing_m)
+
+    def outward_normal(self, spacing_m: float) -> FloatArray:
+        """Unit normals (point, xy) at the points of `sample`, to the right of the contour's sense."""
+        return self._at_samples(lambda piece, t: piece.outward_normal(t), spacing_m)
+
+    def sample(self, spacing_m: float) -> FloatArray:
+        """Points (point, xy) on the contour, at most `spacing_m` apart along each piece, its ends included."""
+        return self._at_samples(lambda piece, t: piece.point(t), spacing_m)
+
+    def _at_samples(self, of: Callable[[Piece, FloatArray], FloatArray], spacing_m: float) -> FloatArray:
+        if not spacing_m > 0:
+            raise ValueError(f"spacing_m = {spacing_m}: must be > 0")
+        parts = []
+        for piece in self.pieces:
+            t = piece.equidistant(int(np.ceil(piece.length / spacing_m)))
+            parts.append(of(piece, t[:-1]))
+        if not self.closed:
+            parts.append(of(self.pieces[-1], np.ones(1)))
+        return np.concatenate(parts)
+
+    def radius(self, center_m: Any, angle_rad: Any) -> FloatArray:
+        """Radial function (...) in m: distance from the centre to the contour under each polar angle (...).
+
+        Where a ray crosses the contour more than once the farthest crossing counts; NaN where it misses.
+        """
+        angle = np.asarray(angle_rad, float)
+        center = np.asarray(center_m, float)
+        reach = 2 * float(shapely.hausdorff_distance(shapely.Point(center), self.outline)) + 1.0
+        tips = center + reach * np.stack([np.cos(angle), np.sin(angle)], axis=-1).reshape(-1, 2)
+        rays = shapely.linestrings(np.stack([np.broadcast_to(center, tips.shape), tips], axis=1))
+        crossing, ray = shapely.get_coordinates(shapely.intersection(rays, self.outline), return_index=True)
+        distance = np.full(len(tips), -np.inf)
+        np.maximum.at(distance, ray, np.linalg.norm(crossing - center, axis=1))
+        return np.where(np.isfinite(distance), distance, np.nan).reshape(angle.shape)
+
+
+def check_distinct(name: str, points_m: FloatArray, n_least: int) -> None:
+    """Raise `ValueError` unless there are `n_least` finite points and no one repeats the one before."""
+    if len(points_m) < n_least or not np.all(np.isfinite(points_m)):
+        raise ValueError(f"{name} has {len(points_m)} point(s): at least {n_least} finite ones are needed")
+    step = np.linalg.norm(np.diff(points_m, axis=0), axis=1)
+    if step.min() < 1e-9:
+        raise ValueError(f"{name}[{step.argmin() + 1}] repeats the point before: neighbours must differ")
+
+
+def check_not_crossing(name: str, contour: Contour) -> None:
+    """Raise `ValueError` where a contour meets itself anywhere but at its two ends."""
+    if not shapely.is_simple(contour.outline):
+        raise ValueError(f"{name}: the contour they give crosses itself, which it must not")

@@ -1,0 +1,169 @@
+"""Clutter: objects given as triangle meshes.
+
+The exact solver knows vertical prisms only, so the ray tracer looks for reflections off meshes; `crossings` tells
+where they stand in the way of any path. Their triangles are taken as the flat faces they are: they reflect,
+diffract at their edges and, with transmission, let paths through. A faceted round mesh therefore reflects to few
+receivers, too strongly there: draw round things as objects with a round contour.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from scenes.objects.material import Material
+from scenes.record import BoolArray, FloatArray, IntArray, Record, array
+
+END_CLEARANCE_M = 1e-6  # what a leg meets closer than this to one of its ends is what it starts or ends on
+SAME_CROSSING_M = 1e-9  # crossings of a leg closer than this are one, on an edge that two faces share
+MAX_TABLE_ENTRIES = 2_000_000  # legs x triangles held at once
+PROBE = np.array([0.123_456, 0.234_567, 1.0])  # direction of the inside test: along no edge of a drawn mesh
+
+
+@dataclass(frozen=True)
+class Clutter(Record):
+    """A triangle mesh in one material, closed or with a rim; `kind` is one of `scenes.scene.OBJECT_KINDS`.
+
+    Raises `ValueError` on an empty mesh, coordinates that are not finite, faces without area only, and on a
+    non-manifold one: an edge, two vertices by their numbers, with more than two faces. Bodies that touch along an
+    edge are none: as many of their faces run along it one way as the other.
+    """
+
+    name: str
+    kind: str
+    material: Material
+    vertices_m: FloatArray = array("vertex", "xyz", unit="m", doc="corners of the triangles")
+    faces: IntArray = array("face", "corner", dtype=int, doc="vertex index of each corner")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not len(self.faces) or self.faces.shape[1] != 3:
+            raise ValueError(f"mesh '{self.name}' has no triangles: at least one is needed")
+        if self.faces.min() < 0 or self.faces.max() >= len(self.vertices_m):
+            raise ValueError(f"mesh '{self.name}': a face names a vertex that is not there")
+        bad = np.flatnonzero(~np.isfinite(self.vertices_m).all(axis=1))
+        if len(bad):
+            place = self.vertices_m[bad[0]].tolist()
+            raise ValueError(f"mesh '{self.name}': vertex {bad[0]} = {place} must be finite")
+        if not self.area_m2() > 0:
+            raise ValueError(f"mesh '{self.name}': its faces have no area")
+        uses, balance = self._edge_uses
+        n_crowded = int(((uses > 2) & (balance != 0)).sum())
+        if n_crowded:
+            raise ValueError(
+                f"mesh '{self.name}' is not manifold: {n_crowded} edge(s) belong to more than two faces"
+            )
+
+    @property
+    def bounds_m(self) -> tuple[FloatArray, FloatArray]:
+        """Lowest and highest coordinates, each (xyz,) in m."""
+        used = self.vertices_m[self.faces].reshape(-1, 3)
+        return used.min(axis=0), used.max(axis=0)
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether every edge belongs to two faces, or four where bodies touch: whether the mesh has an inside."""
+        return bool(np.all(self._edge_uses[0] % 2 == 0))
+
+    def area_m2(self) -> float:
+        """Area of all faces in m^2."""
+        a, b, c = np.moveaxis(self.vertices_m[self.faces], 1, 0)
+        return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
+
+    def contains(self, points_m: Any) -> BoolArray:
+        """Whether points (point, xyz) lie inside a closed mesh: rays from inside meet an odd number of faces."""
+        points = np.asarray(points_m, float)
+        if not self.is_closed:
+            return np.zeros(len(points), bool)
+        low, high = self.bounds_m
+        inside = np.all((points >= low) & (points <= high), axis=1)
+        reach = 2 * np.linalg.norm(high - low)
+        hits, _, _ = _hits(self, points[inside], points[inside] + reach * PROBE)
+        inside[inside] = np.bincount(hits, minlength=int(inside.sum())) % 2 == 1
+        return np.asarray(inside)
+
+    @cached_property
+    def _edge_uses(self) -> tuple[IntArray, IntArray]:
+        """Faces at each edge (edge,), and how many more run along it one way than the other (edge,)."""
+        edges = np.concatenate([self.faces[:, [0, 1]], self.faces[:, [1, 2]], self.faces[:, [2, 0]]])
+        edges = edges[edges[:, 0] != edges[:, 1]]
+        way = np.sign(edges[:, 1] - edges[:, 0])
+        _, edge = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True)
+        edge = np.reshape(edge, -1)
+        return np.bincount(edge), np.bincount(edge, weights=way).astype(int)
+
+
+def placed(
+    vertices_m: FloatArray, position_m: Sequence[float], scale: float, rotation_rad: Sequence[float]
+) -> FloatArray:
+    """Vertices (vertex, xyz) scaled, turned about x, then y, then z of the world, and moved."""
+    result = scale * np.asarray(vertices_m, float)
+    for axis, angle in enumerate(rotation_rad):
+        first, second = (axis + 1) % 3, (axis + 2) % 3
+        turn = np.eye(3)
+        turn[[first, second], [first, second]] = np.cos(angle)
+        turn[first, second], turn[second, first] = -np.sin(angle), np.sin(angle)
+        result = result @ turn.T
+    return np.asarray(result + np.asarray(position_m, float))
+
+
+class MeshCrossings(NamedTuple):
+    """Where legs meet a mesh, in no particular order."""
+
+    leg: IntArray  # (crossing,) index of the leg
+    share: FloatArray  # (crossing,) place along the leg, 0 at its start and 1 at its end
+    normal: FloatArray  # (crossing, xyz) unit normal of the face, of either side
+
+
+def crossings(item: Clutter, start_m: FloatArray, end_m: FloatArray) -> MeshCrossings:
+    """Where each leg (leg, xyz) -> (leg, xyz) meets a mesh between its ends, an edge of two faces counted once."""
+    start, end = np.atleast_2d(start_m), np.atleast_2d(end_m)
+    near = np.flatnonzero(_meets_box(*item.bounds_m, start, end))
+    leg, share, face = _hits(item, start[near], end[near])
+    leg = near[leg]
+    length = np.maximum(np.linalg.norm(end - start, axis=1), END_CLEARANCE_M)[leg]
+    order = np.lexsort([share, leg])
+    place = (share * length)[order]
+    is_new = np.ones(len(order), bool)
+    is_new[1:] = (np.diff(leg[order]) != 0) | (np.diff(place) > SAME_CROSSING_M)
+    kept = order[is_new]
+    margin = END_CLEARANCE_M / length
+    kept = kept[(share[kept] > margin[kept]) & (share[kept] < 1 - margin[kept])]
+    a, b, c = np.moveaxis(item.vertices_m[item.faces[face[kept]]], 1, 0)
+    normal = np.cross(b - a, c - a)
+    return MeshCrossings(leg[kept], share[kept], normal / np.linalg.norm(normal, axis=1, keepdims=True))
+
+
+def _meets_box(low: FloatArray, high: FloatArray, start: FloatArray, end: FloatArray) -> BoolArray:
+    """Whether the bounding boxes of legs meet a box (leg,)."""
+    return np.asarray(np.all((np.minimum(start, end) <= high) & (np.maximum(start, end) >= low), axis=1))
+
+
+def _hits(item: Clutter, start: FloatArray, end: FloatArray) -> tuple[IntArray, FloatArray, IntArray]:
+    """Legs (hit,) that cross a triangle, the share of the leg (hit,) at which they do, and the triangle (hit,).
+
+    Moeller and Trumbore, "Fast, minimum storage ray/triangle intersection", 1997.
+    """
+    corner = item.vertices_m[item.faces]
+    edge_1, edge_2 = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
+    legs, shares, triangles = [np.zeros(0, int)], [np.zeros(0)], [np.zeros(0, int)]
+    step = max(1, MAX_TABLE_ENTRIES // len(corner))
+    for first in range(0, len(start), step):
+        along = (end - start)[first : first + step, None]
+        offset = start[first : first + step, None] - corner[:, 0]
+        normal = np.cross(along, edge_2)
+        scale = (normal * edge_1).sum(axis=-1)
+        scale = np.where(scale == 0, np.nan, scale)
+        u = (normal * offset).sum(axis=-1) / scale
+        turned = np.cross(offset, edge_1)
+        v = (turned * along).sum(axis=-1) / scale
+        share = (turned * edge_2).sum(axis=-1) / scale
+        leg, triangle = np.nonzero((u >= 0) & (v >= 0) & (u + v <= 1) & (share >= 0) & (share <= 1))
+        legs.append(leg + first)
+        shares.append(share[leg, triangle])
+        triangles.append(triangle)
+    return np.concatenate(legs), np.concatenate(shares), np.concatenate(triangles)

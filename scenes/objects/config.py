@@ -1,0 +1,188 @@
+"""Materials, objects, floor plans, meshes and devices in scene files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+from urllib.parse import quote
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from scenes.contours import Polyline
+from scenes.contours.config import ContourConfig, Positive
+from scenes.meshes.floorplan import merge_segments, parse_geojson, parse_segments
+from scenes.objects.clutter import Clutter, placed
+from scenes.objects.material import Material, itu_material
+from scenes.pose import Pose
+from scenes.scene import HorizontalPlane, ObjectKind, SceneObject
+from scenes.toml_config import ConfigError, ConfigModel, read_text
+
+KEPT_FOLDER = "scene_files"  # beside a copy of a scene file: the files that it names
+
+Triple = Annotated[tuple[float, float, float], Field(strict=False)]
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+$")]
+
+
+class MaterialConfig(ConfigModel):
+    """A material: `itu` names a row of ITU-R P.2040-3, or both electrical constants are given."""
+
+    itu: str | None = None
+    relative_permittivity: Annotated[float, Field(ge=1)] | None = None
+    conductivity_s_m: Annotated[float, Field(ge=0)] | None = None
+    thickness_m: Positive
+    scattering_coefficient: Annotated[float, Field(ge=0, le=1)] = 0.0
+    scattering_directivity: Annotated[int, Field(ge=1, le=100)] | None = None
+
+    @model_validator(mode="after")
+    def _itu_or_custom(self) -> MaterialConfig:
+        custom = (self.relative_permittivity, self.conductivity_s_m)
+        if (self.itu is None) == (None in custom) or (self.itu is not None and custom != (None, None)):
+            raise ValueError("itu: give either itu or both relative_permittivity and conductivity_s_m")
+        return self
+
+    def build(self, name: str, frequency_hz: float) -> Material:
+        """The material with its constants at the carrier."""
+        if self.itu is not None:
+            material = itu_material(
+                self.itu,
+                frequency_hz,
+                name=name,
+                thickness_m=self.thickness_m,
+                scattering_coefficient=self.scattering_coefficient,
+            )
+            return replace(material, scattering_directivity=self.scattering_directivity)
+        assert self.relative_permittivity is not None and self.conductivity_s_m is not None
+        return Material(
+            name,
+            self.relative_permittivity,
+            self.conductivity_s_m,
+            self.thickness_m,
+            self.scattering_coefficient,
+            scattering_directivity=self.scattering_directivity,
+        )
+
+
+class ObjectConfig(ConfigModel):
+    """One prism of the scene."""
+
+    name: Name
+    kind: ObjectKind
+    material: str
+    z_min_m: float = 0.0
+    z_max_m: float
+    may_overlap: bool = False
+    contour: ContourConfig
+
+    def build(self, materials: dict[str, Material]) -> SceneObject:
+        """The object; `ValueError` names the field."""
+        with field(f"objects[{self.name}]"):
+            material = find_material(self.material, materials)
+            with field("contour"):
+                contour = self.contour.build()
+            return SceneObject(
+                self.name, self.kind, contour, self.z_min_m, self.z_max_m, material, self.may_overlap
+            )
+
+
+class FloorplanConfig(ConfigModel):
+    """Thin walls from a file beside the scene file: CSV of segments, x0_m,y0_m,x1_m,y1_m, or GeoJSON."""
+
+    name: Name | None = None
+    file: str
+    material: str
+    kind: ObjectKind = "wall"
+    z_min_m: float = 0.0
+    z_max_m: float
+
+    def build(self, materials: dict[str, Material], folder: Path) -> list[SceneObject]:
+        """One object per straight wall, NAME_1, NAME_2 and so on; NAME is that of the file where none is given."""
+        name = self.name or Path(self.file).stem
+        with field(f"floorplans[{name}]"):
+            material = find_material(self.material, materials)
+            with field(self.file, ": "):
+                parse = parse_geojson if Path(self.file).suffix in (".geojson", ".json") else parse_segments
+                walls = merge_segments(parse(read_text(find_file(folder, self.file))))
+            return [
+                SceneObject(
+                    f"{name}_{index}", self.kind, Polyline(wall), self.z_min_m, self.z_max_m, material
+                )
+                for index, wall in enumerate(walls, start=1)
+            ]
+
+
+class MeshConfig(ConfigModel):
+    """Clutter from a mesh file beside the scene file, scaled, turned about x, then y, then z, and moved."""
+
+    name: Name | None = None
+    file: str
+    material: str
+    kind: ObjectKind = "clutter"
+    position_m: Triple = (0.0, 0.0, 0.0)
+    scale: Positive = 1.0
+    rotation_deg: Triple = (0.0, 0.0, 0.0)
+
+    def build(self, materials: dict[str, Material], folder: Path) -> Clutter:
+        """The mesh; it is called like its file where no name is given."""
+        from scenes.meshes.mesh import read_mesh  # noqa: PLC0415
+
+        name = self.name or Path(self.file).stem
+        with field(f"meshes[{name}]"):
+            material = find_material(self.material, materials)
+            vertices, faces = read_mesh(find_file(folder, self.file))
+        vertices = placed(vertices, self.position_m, self.scale, np.deg2rad(self.rotation_deg).tolist())
+        with field(f"meshes[{name}]", ": "):
+            return Clutter(name, self.kind, material, vertices, faces)
+
+
+class PlaneConfig(ConfigModel):
+    """Floor or ceiling."""
+
+    z_m: float
+    material: str
+
+    def build(self, materials: dict[str, Material]) -> HorizontalPlane:
+        """The plane."""
+        return HorizontalPlane(self.z_m, find_material(self.material, materials))
+
+
+class TxConfig(ConfigModel):
+    """Where a transmitter stands and looks."""
+
+    name: Name = "tx"
+    position_m: Triple
+    heading_deg: float = 0.0
+
+    def build(self) -> Pose:
+        """The pose, its heading in radians."""
+        return Pose(np.array(self.position_m), float(np.deg2rad(self.heading_deg)))
+
+
+def kept_name(file: str) -> str:
+    """The name, a path in the folder of the scene file, under which a copy of a file that it names is kept."""
+    return f"{KEPT_FOLDER}/{quote(file, safe='')}"
+
+
+def find_file(folder: Path, file: str) -> Path:
+    """Where a file that a scene file in `folder` names lies: the copy kept there, else where the name says."""
+    copy = folder / kept_name(file)
+    return copy if copy.is_file() else folder / file
+
+
+def find_material(name: str, materials: dict[str, Material]) -> Material:
+    """The material of that name; `ValueError` lists the names where there is none."""
+    if name not in materials:
+        raise ValueError(f"material = '{name}': must be one of the materials given, {', '.join(materials)}")
+    return materials[name]
+
+
+@contextmanager
+def field(path: str, joint: str = ".") -> Iterator[None]:
+    """Put the path of the field in front of what a `ValueError` inside says."""
+    try:
+        yield
+    except ValueError as error:
+        raise ConfigError(f"{path}{joint}{error}") from error

@@ -1,0 +1,104 @@
+"""Walks in scene files: along way-points, along the spline through them, at random, or as recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Discriminator, Field, Tag
+
+from scenes.contours import Contour
+from scenes.contours.config import Points, Positive
+from scenes.objects.config import field, find_file
+from scenes.toml_config import ConfigModel, Pair, read_text
+from scenes.walks.random_walk import random_walk
+from scenes.walks.trajectory import RecordedWalk, Walk
+from scenes.walks.tum import parse_tum
+
+Quadruple = Annotated[tuple[float, float, float, float], Field(strict=False)]
+Count = Annotated[int, Field(ge=1, le=100_000)]
+
+
+class WaypointWalkConfig(ConfigModel):
+    """A walk along way-points; without `n_stops` they are the stops, without `heading_deg` the RX looks ahead.
+
+    `type = "spline"` follows the smooth curve through the way-points in place of straight lines.
+    """
+
+    name: str = "walk"
+    type: Literal["waypoints", "spline"] = "waypoints"
+    waypoints_m: Points
+    height_m: float
+    n_stops: Count | None = None
+    heading_deg: float | None = None
+
+    def build(self, folder: Path) -> Walk:
+        """The walk, angles in radians; it needs no file of `folder`."""
+        waypoints = np.array(self.waypoints_m)
+        return Walk(waypoints, self.height_m, _radians(self.heading_deg), self.n_stops, self.type == "spline")
+
+
+class RandomWalkConfig(ConfigModel):
+    """A seeded walk of equal steps that keeps `clearance_m` from all objects and the rim of its area.
+
+    The area is the bounds of the scene where `area_m`, (x_min, y_min, x_max, y_max), is left out.
+    """
+
+    name: str = "walk"
+    type: Literal["random"]
+    seed: Annotated[int, Field(ge=0)]
+    n_stops: Count
+    height_m: float
+    step_m: Positive = 0.5
+    clearance_m: Annotated[float, Field(ge=0.01)] = 0.3
+    area_m: Quadruple | None = None
+    start_m: Pair | None = None
+    heading_deg: float | None = None
+
+    def build(self, obstacles: Sequence[Contour], bounds_m: Quadruple) -> Walk:
+        """The walk, the same for the same seed and objects."""
+        return random_walk(
+            np.random.default_rng(self.seed),
+            obstacles,
+            area_m=self.area_m or bounds_m,
+            n_stops=self.n_stops,
+            step_m=self.step_m,
+            height_m=self.height_m,
+            clearance_m=self.clearance_m,
+            start_m=None if self.start_m is None else np.array(self.start_m),
+            heading_rad=_radians(self.heading_deg),
+        )
+
+
+class RecordedWalkConfig(ConfigModel):
+    """Stops from a trajectory file in the TUM format, `time x y z qx qy qz qw`, beside the scene file."""
+
+    name: str = "walk"
+    type: Literal["tum"]
+    file: str
+
+    def build(self, folder: Path) -> RecordedWalk:
+        """The walk, a stop per line of the file."""
+        with field(self.file, ": "):
+            _, position_m, heading_rad = parse_tum(read_text(find_file(folder, self.file)))
+        return RecordedWalk(position_m, heading_rad)
+
+
+def _radians(heading_deg: float | None) -> float:
+    return np.nan if heading_deg is None else float(np.deg2rad(heading_deg))
+
+
+def _type_of(walk: Any) -> Any:
+    """Which kind a walk is; `type` may be left out for way-points."""
+    kind = walk.get("type", "waypoints") if isinstance(walk, dict) else getattr(walk, "type", None)
+    return "waypoints" if kind == "spline" else kind
+
+
+WalkConfig = Annotated[
+    Annotated[WaypointWalkConfig, Tag("waypoints")]
+    | Annotated[RandomWalkConfig, Tag("random")]
+    | Annotated[RecordedWalkConfig, Tag("tum")],
+    Discriminator(_type_of),
+]

@@ -1,0 +1,96 @@
+"""Random walks of a receiver that keep clear of everything that stands in the way."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import shapely
+
+from scenes.contours import Contour
+from scenes.pose import direction
+from scenes.record import FloatArray
+from scenes.walks.trajectory import Walk
+
+TURN_STD_RAD = 0.35  # change of course from one step to the next
+N_DIRECTIONS = 24  # courses tried where the wanted one is blocked
+N_STARTS = 2000
+MARGIN_M = 1e-3  # added to the clearance: curves are taken as polygons
+N_QUADRANT_CHORDS = 32
+
+
+def random_walk(
+    rng: np.random.Generator,
+    obstacles: Sequence[Contour],
+    *,
+    area_m: tuple[float, float, float, float],
+    n_stops: int,
+    step_m: float,
+    height_m: float,
+    clearance_m: float,
+    start_m: FloatArray | None = None,
+    heading_rad: float = np.nan,
+) -> Walk:
+    """A walk of equal steps that keeps `clearance_m` from all obstacles and the rim of the area.
+
+    The course drifts by a normal turn per step; where that way is blocked, the free course nearest to it is
+    taken, and where there is none the walk goes back. The steps themselves keep clear too, not only their ends.
+
+    Parameters
+    ----------
+    area_m : (x_min, y_min, x_max, y_max) the walk stays in
+    start_m : first stop (xy,); drawn where left out
+    heading_rad : of the array at every stop; NaN looks along the walk
+
+    Raises `ValueError` where the start given is not clear, or no clear one is found.
+    """
+    free = _free_area(obstacles, area_m, clearance_m)
+    here = _start(rng, free, area_m, start_m, clearance_m)
+    course = rng.uniform(-np.pi, np.pi)
+    fan = np.arange(N_DIRECTIONS) * 2 * np.pi / N_DIRECTIONS
+    fan = fan[np.argsort(np.abs((fan + np.pi) % (2 * np.pi) - np.pi), kind="stable")]
+    points = [here]
+    for _ in range(n_stops - 1):
+        course += TURN_STD_RAD * rng.standard_normal()
+        for turn in fan:
+            there = here + step_m * direction(course + turn)[:2]
+            if free.covers(shapely.LineString([here, there])):
+                course, here = course + turn, there
+                break
+        else:
+            raise ValueError(f"step_m = {step_m}: there is no clear step from {np.round(here, 3).tolist()}")
+        points.append(here)
+    return Walk(np.array(points), height_m, heading_rad)
+
+
+def _free_area(
+    obstacles: Sequence[Contour], area_m: tuple[float, float, float, float], clearance_m: float
+) -> Any:
+    """All places of the area that keep the clearance, prepared for questions."""
+    margin = clearance_m + MARGIN_M
+    bodies = [contour.body().buffer(margin, quad_segs=N_QUADRANT_CHORDS) for contour in obstacles]
+    free = shapely.box(*area_m).buffer(-clearance_m).difference(shapely.union_all(bodies))
+    shapely.prepare(free)
+    return free
+
+
+def _start(
+    rng: np.random.Generator,
+    free: Any,
+    area_m: tuple[float, float, float, float],
+    start_m: FloatArray | None,
+    clearance_m: float,
+) -> FloatArray:
+    if start_m is not None:
+        start = np.asarray(start_m, float)
+        if not free.covers(shapely.Point(start)):
+            raise ValueError(
+                f"start_m = {start.tolist()}: must lie clearance_m = {clearance_m} away from objects and rim"
+            )
+        return start
+    candidates = rng.uniform(area_m[:2], area_m[2:], (N_STARTS, 2))
+    clear = np.flatnonzero(shapely.covers(free, shapely.points(candidates)))
+    if not len(clear):
+        raise ValueError(f"clearance_m = {clearance_m}: no place of the area is so far from all objects")
+    return np.asarray(candidates[clear[0]])

@@ -1,0 +1,37 @@
+"""The observation record: all that a receiver would have of one stop, and nothing else."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from scenes.pose import Pose
+from scenes.record import ComplexArray, FloatArray, Record, array
+from sim.signal.arrays.codebook import Codebook
+
+
+@dataclass(frozen=True)
+class BeamSweep(Record):
+    """Samples of all TX beams x RX beams at one stop, with what is known about the signal.
+
+    Equation (1) of the paper: samples[m, n, k] = sum_i xi_i G_TX^m(phi_i) G_RX^n(theta_i)
+    exp(-j 2 pi f_k tau_i) x[m, k] + w, with f_k the frequency offset from the carrier and tau_i including
+    the receiver's unknown clock bias. Only the occupied (comb) subcarriers are kept.
+
+    The index l of equation (1), over the symbols of a PRS resource, is no axis of its own. A beam pair either
+    takes one symbol, or its receiver divides out the pilots, averages the symbols that sound a subcarrier and puts
+    the interleaved combs together; then the samples cover every subcarrier and `prs_symbol` is the first pass.
+
+    Codebooks are nominal: designed weights, patterns and panels, whatever the hardware that made the samples.
+    """
+
+    tx_codebook: Codebook
+    rx_codebook: Codebook
+    tx_pose: Pose
+    stop: int = array(dtype=int, doc="index of the receiver stop")
+    samples: ComplexArray = array(
+        "tx_beam", "rx_beam", "subcarrier", unit="sqrt(mW)", dtype="complex64", doc="received samples"
+    )
+    prs_symbol: ComplexArray = array("tx_beam", "subcarrier", dtype="complex64", doc="transmitted, |x| = 1")
+    frequency_offset_hz: FloatArray = array("subcarrier", unit="Hz", doc="subcarrier offset from the carrier")
+    carrier_hz: float = array(unit="Hz", doc="carrier frequency")
+    noise_power_mw: FloatArray = array("rx_beam", unit="mW", doc="nominal noise power per sample")

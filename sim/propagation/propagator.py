@@ -1,0 +1,188 @@
+"""All propagation paths of a scene, in one order: exact specular ones, those over meshes, diffuse ones."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from scenes.contours.pieces import LinePiece, Piece
+from scenes.record import BoolArray, FloatArray, concatenate
+from scenes.scene import Scene
+from sim.config import PropagationConfig
+from sim.propagation.diffraction.creeping import convex_rings, creeping_paths
+from sim.propagation.diffraction.edge_paths import diffracted_paths
+from sim.propagation.diffraction.edges import find_edges
+from sim.propagation.diffraction.mesh_edges import diffracted_by_meshes, mesh_edges
+from sim.propagation.occlusion import occluders, surface_names
+from sim.propagation.paths import BounceKind, Paths, canonical_order, with_bounce_slots
+from sim.propagation.specular.facets import Chains, mesh_rays
+from sim.propagation.specular.solver import ExactSolver
+from sim.propagation.tracer import Tracer
+
+SAME_VERTEX_M = 5e-3  # the tracer places its vertices in single precision
+ON_FACE_M = 1e-6
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Planar specular paths of the tracer against the exact ones: found by both, by one alone."""
+
+    n_common: int
+    n_repaired: int
+    n_extra: int
+
+
+class Propagator:
+    """A scene made ready for propagation, to be asked for one receiver position after the other.
+
+    Where a material scatters or there are meshes, the tracer is imported and the scene loaded, which takes
+    seconds; raises `sim.propagation.llvm.LlvmError` where there is no usable LLVM library then.
+    """
+
+    def __init__(self, scene: Scene, carrier_hz: float, config: PropagationConfig | None = None) -> None:
+        self._config = config or PropagationConfig()
+        self._scene, self._carrier_hz = scene, carrier_hz
+        self._faces = occluders(scene)
+        self._exact = ExactSolver(scene, carrier_hz, self._config, self._faces)
+        self._edges = find_edges(scene) if self._diffracts else None
+        self._rings = convex_rings(scene) if self._diffracts else {}
+        self._tracer = Tracer(scene, carrier_hz, self._config) if _needs_tracer(scene, self._config) else None
+        self._meshes = None
+        if self._tracer is not None and scene.clutter:
+            self._meshes = MeshSolver(scene, carrier_hz, self._diffracts, self._exact, self._tracer)
+
+    def paths(self, rx_position_m: FloatArray) -> Paths:
+        """All paths from the scene's TX to a receiver (xyz,), in canonical order.
+
+        Line of sight, specular reflections off flat and curved surfaces up to `max_bounces` (two where one is
+        curved), with `transmission` also ways through faces, with `diffraction` those round one edge or pillar,
+        and first-order diffuse scattering. Reflections off user meshes are found by the tracer, all other specular
+        paths by the exact solver. The same bits on every run, whatever was asked before.
+        """
+        rx = np.asarray(rx_position_m, float)
+        return self._paths(rx, self._exact.paths(rx), None)
+
+    def compared_paths(self, rx_position_m: FloatArray) -> tuple[Paths, Comparison]:
+        """The same paths, and how the tracer's own planar paths compare with the exact ones.
+
+        All counts are zero where the scene needs no tracer, or without `compare_planar`.
+        """
+        if self._tracer is None or not self._config.compare_planar:
+            return self.paths(rx_position_m), Comparison(0, 0, 0)
+        rx = np.asarray(rx_position_m, float)
+        traced, chains = self._tracer.specular_chains(rx)
+        exact = self._exact.paths(rx)
+        return self._paths(rx, exact, chains), compare_planar(self._scene, traced, exact[0])
+
+    def _paths(self, rx: FloatArray, exact: list[Paths], chains: Chains | None) -> Paths:
+        """All paths to a receiver (xyz,); `chains` are the tracer's where it has been asked already."""
+        parts = list(exact)
+        if self._edges is not None:
+            bent = diffracted_paths(self._scene, rx, self._carrier_hz, self._faces, self._edges)
+            bent += creeping_paths(self._scene, rx, self._carrier_hz, self._faces, self._rings)
+            parts += [with_bounce_slots(paths, self._config.n_bounce_slots) for paths in bent]
+        if self._meshes is not None:
+            parts += self._meshes.paths(rx, chains)
+        if self._tracer is not None:
+            parts.append(self._tracer.diffuse(rx))
+        return canonical_order(concatenate(parts, "path"))
+
+    @property
+    def _diffracts(self) -> bool:
+        return self._config.diffraction and self._config.max_bounces > 0
+
+
+class MeshSolver:
+    """The meshes of a scene made ready: the tracer finds what reflects off them, points and gains are exact."""
+
+    def __init__(
+        self, scene: Scene, carrier_hz: float, diffracts: bool, exact: ExactSolver, tracer: Tracer
+    ) -> None:
+        self._carrier_hz, self._exact, self._tracer = carrier_hz, exact, tracer
+        self._tx = np.asarray(scene.tx.position_m, float)
+        self._clutter, self._names = scene.clutter, surface_names(scene)
+        self._edges = mesh_edges(scene.clutter) if diffracts else None
+
+    def paths(self, rx_m: FloatArray, chains: Chains | None = None) -> list[Paths]:
+        """Paths to a receiver (xyz,) that reflect off, or are diffracted at, at least one mesh, in no order."""
+        chains = self._tracer.specular_chains(rx_m)[1] if chains is None else chains
+        first = len(self._names) - len(self._clutter)
+        rays = mesh_rays(chains, self._tx, rx_m, self._clutter, first)
+        parts = [self._exact.finished(one, rx_m[None])[0] for one in rays]
+        if self._edges is not None:
+            materials = [item.material for item in self._clutter]
+            parts.append(
+                diffracted_by_meshes(
+                    self._edges, (self._tx, rx_m), materials, self._exact.faces, self._carrier_hz, self._names,
+                    self._exact.n_bounce_slots,
+                )
+            )  # fmt: skip
+        return parts
+
+
+def propagate(
+    scene: Scene, rx_positions_m: FloatArray, *, carrier_hz: float, config: PropagationConfig | None = None
+) -> list[Paths]:
+    """Paths to each receiver position (receiver, xyz), one record each; see `Propagator.paths`."""
+    propagator = Propagator(scene, carrier_hz, config)
+    return [propagator.paths(position) for position in np.atleast_2d(rx_positions_m)]
+
+
+def compare_planar(scene: Scene, traced: Paths, exact: Paths) -> Comparison:
+    """How many exact paths without curved bounce or transmission the tracer lost (repaired), and found beyond.
+
+    Paths that meet a mesh are left aside. A path is the same where kinds and objects agree and all vertices lie
+    within 5 mm.
+    """
+    ours = exact.take("path", _is_planar(scene, exact))
+    theirs = traced.take("path", _is_planar(scene, traced))
+    left = list(range(len(theirs)))
+    for index in range(len(ours)):
+        match = next((other for other in left if _same(ours, index, theirs, other)), None)
+        if match is not None:
+            left.remove(match)
+    n_common = len(theirs) - len(left)
+    return Comparison(n_common, len(ours) - n_common, len(left))
+
+
+def _is_planar(scene: Scene, paths: Paths) -> BoolArray:
+    """Paths (path,) of specular bounces alone, all of them off flat faces of prisms, floor or ceiling."""
+    planar = np.isin(paths.bounce_kind, (BounceKind.NONE, BounceKind.SPECULAR)).all(axis=1)
+    planar &= (paths.bounce_object < len(paths.object_name) - len(scene.clutter)).all(axis=1)
+    for index, item in enumerate(scene.objects):
+        if any(piece.is_curved for piece in item.contour.pieces):
+            z = paths.vertex_m[..., 2]
+            on_lid = np.minimum(np.abs(z - item.z_min_m), np.abs(z - item.z_max_m)) < SAME_VERTEX_M
+            flat = on_lid | _on_lines(paths.vertex_m[..., :2], item.contour.pieces)
+            planar &= ~((paths.bounce_object == index) & ~flat).any(axis=1)
+    return np.asarray(planar)
+
+
+def _on_lines(xy_m: FloatArray, pieces: tuple[Piece, ...]) -> BoolArray:
+    """Whether points (..., xy) lie on a straight piece, within its ends."""
+    found = np.zeros(xy_m.shape[:-1], bool)
+    for piece in pieces:
+        if isinstance(piece, LinePiece):
+            along = piece.end_m - piece.start_m
+            offset = xy_m - piece.start_m
+            share = (offset @ along) / (along @ along)
+            aside = np.abs(offset[..., 0] * along[1] - offset[..., 1] * along[0]) / piece.length
+            found |= (share >= 0) & (share <= 1) & (aside < ON_FACE_M)
+    return found
+
+
+def _same(ours: Paths, index: int, theirs: Paths, other: int) -> bool:
+    n = int(ours.n_interactions[index])
+    if n != theirs.n_interactions[other]:
+        return False
+    if np.any(ours.bounce_object[index, :n] != theirs.bounce_object[other, :n]):
+        return False
+    offset = ours.vertex_m[index, :n] - theirs.vertex_m[other, :n]
+    return bool(np.abs(offset).max(initial=0) < SAME_VERTEX_M)
+
+
+def _needs_tracer(scene: Scene, config: PropagationConfig) -> bool:
+    """Whether there is anything to trace: diffuse paths, or such that meet meshes."""
+    rough = any(material.scattering_coefficient > 0 for material in scene.materials.values())
+    return config.max_bounces > 0 and ((rough and config.diffuse_samples > 0) or bool(scene.clutter))

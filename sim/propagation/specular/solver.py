@@ -1,0 +1,120 @@
+"""The exact specular solver: line of sight, reflections off flat and curved walls, and ways through thin ones.
+
+Paths are found in plan view (images for flat faces, stationary points for curves), raised to their heights, and
+followed past everything that stands in the way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from scenes.pose import SPEED_OF_LIGHT_M_S
+from scenes.record import FloatArray, IntArray, concatenate
+from scenes.scene import Scene
+from sim.config import PropagationConfig
+from sim.propagation.occlusion import Occluders, occluders, surface_names
+from sim.propagation.paths import Paths, canonical_order, empty_paths
+from sim.propagation.specular.curved import curved_paths, curved_planar_paths, planar_curved_paths
+from sim.propagation.specular.curved_pairs import curved_curved_paths, facing_pairs
+from sim.propagation.specular.images import chains, planar_paths
+from sim.propagation.specular.path_gain import events, paths_of, slabs
+from sim.propagation.specular.plan import PlanPaths, distinct, straight
+from sim.propagation.specular.rays import Rays, corner_points, raised, unobstructed
+from sim.propagation.specular.surfaces import surfaces
+
+MAX_CURVED_BOUNCES = 2  # bounces of a path that meets a curved wall
+CHUNK = 16  # receivers solved at once
+
+
+class ExactSolver:
+    """A scene made ready for the exact solver: tables of its surfaces and of the images of its TX."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        carrier_hz: float,
+        config: PropagationConfig | None = None,
+        faces: Occluders | None = None,
+    ) -> None:
+        self._config = config or PropagationConfig()
+        self._tx = np.asarray(scene.tx.position_m, float)
+        self._wavenumber = 2 * np.pi * carrier_hz / SPEED_OF_LIGHT_M_S
+        self._names = surface_names(scene)
+        self.faces = occluders(scene) if faces is None else faces
+        self.n_bounce_slots = self._config.n_bounce_slots
+        self._known = surfaces(scene)
+        self._slabs = slabs(scene, carrier_hz)
+        self._opaque = self._slabs.opaque(self._config.max_transmission_loss_db)
+        if not self._config.transmission:
+            self._opaque = np.ones_like(self._opaque)
+        self._chains = chains(self._known.faces, self._tx[:2], self._config.max_bounces)
+        self._pairs = facing_pairs(self._known.curves, self._tx[:2]) if self._config.max_bounces > 1 else None
+
+    def paths(self, rx_positions_m: FloatArray, chunk: int = CHUNK) -> list[Paths]:
+        """All specular paths to receivers (receiver, xyz), one record each in canonical order.
+
+        Receivers are solved `chunk` at a time, which bounds the memory; the result does not depend on it.
+        """
+        rx = np.atleast_2d(np.asarray(rx_positions_m, float))
+        solved: list[Paths] = []
+        for first in range(0, len(rx), chunk):
+            solved += self._solve(rx[first : first + chunk])
+        return solved
+
+    def _solve(self, rx: FloatArray) -> list[Paths]:
+        limit = self._config.max_bounces
+        rays: dict[int, list[Rays]] = {}
+        for plan, max_levels in self._plan_paths(rx):
+            for found in raised(plan, self._known, self._tx, rx, max_levels, self._wavenumber):
+                rays.setdefault(found.size("bounce"), []).append(found)
+        slots = self._config.n_bounce_slots
+        parts, owners = [empty_paths(self._names, slots)], [np.zeros(0, int)]
+        for n in range(limit + 1):
+            paths, receiver = self.finished(concatenate(rays[n], "ray"), rx)
+            parts.append(paths)
+            owners.append(receiver)
+        joined, owner = concatenate(parts, "path"), np.concatenate(owners)
+        return [canonical_order(joined.take("path", owner == index)) for index in range(len(rx))]
+
+    def _plan_paths(self, rx: FloatArray) -> Iterator[tuple[PlanPaths, int]]:
+        """Plan paths of every kind, and how many bounces off floor, ceiling and lids they may have besides."""
+        limit = self._config.max_bounces
+        tx_xy, rx_xy = self._tx[:2], rx[:, :2]
+        faces, curves = self._known.faces, self._known.curves
+        yield straight(len(rx)), limit
+        for n, chain in enumerate(self._chains, start=1):
+            yield distinct(planar_paths(faces, chain, rx_xy)), limit - n
+        limit = min(limit, MAX_CURVED_BOUNCES)
+        if limit >= 1 and len(curves):
+            yield distinct(curved_paths(curves, tx_xy, rx_xy)), limit - 1
+        if self._pairs is not None and len(curves):
+            yield distinct(planar_curved_paths(faces, curves, self._chains[0], tx_xy, rx_xy)), 0
+            yield distinct(curved_planar_paths(faces, curves, tx_xy, rx_xy)), 0
+            yield distinct(curved_curved_paths(curves, self._pairs, tx_xy, rx_xy)), 0
+
+    def finished(self, rays: Rays, rx: FloatArray) -> tuple[Paths, IntArray]:
+        """Unobstructed rays to receivers (receiver, xyz) with their gains, and the receiver (path,) of each."""
+        config = self._config
+        points = corner_points(rays, self._tx, rx)
+        n_crossed = config.max_crossed_faces if config.transmission else 0
+        kept, met = unobstructed(rays, points, self.faces, self._opaque, n_crossed)
+        renumbered = np.full(len(rays), -1)
+        renumbered[kept] = np.arange(len(kept))
+        n_legs = points.shape[1] - 1
+        met = replace(met, leg=renumbered[met.leg // n_legs] * n_legs + met.leg % n_legs)
+        rays, points = rays.take("ray", kept), points[kept]
+        happening = events(rays, points, met, config.n_bounce_slots)
+        paths, strong = paths_of(
+            rays, points, happening, self._slabs, self._names, config.max_transmission_loss_db
+        )
+        return paths.take("path", strong), rays.receiver[strong]
+
+
+def exact_paths(
+    scene: Scene, rx_positions_m: FloatArray, carrier_hz: float, config: PropagationConfig | None = None
+) -> list[Paths]:
+    """All specular paths to receivers (receiver, xyz), one record each; see `ExactSolver.paths`."""
+    return ExactSolver(scene, carrier_hz, config).paths(rx_positions_m)

@@ -1,0 +1,95 @@
+"""When the beam pairs of a sweep are measured.
+
+Without a schedule every beam pair follows on the one before, as in a measurement in which nothing else is sent.
+With one the TX beams are the resources of a PRS resource set: the receiver stays on an RX beam for one instance of
+the set, in which every TX beam has its repetitions, and combines these. It knows the schedule, so it passes over
+what is muted: muted instances cost air time, muted repetitions the gain of combining them; no pair is left out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from scenes.record import FloatArray, IntArray, Record, array
+from sim.config import WaveformConfig
+from sim.signal.waveform.config import ScheduleConfig
+from sim.signal.waveform.schedule import sent_slots
+
+
+@dataclass(frozen=True)
+class Occasions(Record):
+    """The times at which a receiver takes every beam pair, over the repetitions that it combines."""
+
+    time_s: FloatArray = array(
+        "repetition", "tx_beam", "rx_beam", unit="s", doc="start of the PRS since the first of the sweep"
+    )
+    slot: IntArray = array("repetition", "tx_beam", dtype=int, doc="slot of the frame, at the first RX beam")
+    air_time_s: float = array(unit="s", doc="duration of the sweep")
+
+    @property
+    def repetitions(self) -> int:
+        """Occasions that are combined to one sample."""
+        return self.size("repetition")
+
+
+def sweep_occasions(waveform: WaveformConfig, n_tx: int, n_rx: int) -> Occasions:
+    """The occasions of a sweep over `n_tx` x `n_rx` beams.
+
+    Raises `ValueError` where the beams do not fit into the period of the schedule, or all of it is muted.
+    """
+    prs, schedule = waveform.prs, waveform.schedule
+    if schedule is None:
+        pair_s = prs.symbol_s * (prs.length if waveform.combine_symbols else 1)
+        return Occasions(
+            time_s=pair_s * np.arange(n_tx * n_rx, dtype=float).reshape(1, n_tx, n_rx),
+            slot=np.arange(n_tx)[None] % prs.slots_per_frame,
+            air_time_s=pair_s * n_tx * n_rx,
+        )
+    offset = resource_offsets(schedule, n_tx)
+    first = sent_slots(
+        schedule.of_resource(prs.numerology), n_rx
+    )  # (rx_beam, repetition) of the first TX beam
+    slot = first.T[:, None, :] + offset[:, None]
+    slot_s = 1e-3 / 2**prs.numerology
+    return Occasions(
+        time_s=slot_s * (slot - slot.min()),
+        slot=slot[:, :, 0] % prs.slots_per_frame,
+        air_time_s=slot_s * float(np.ptp(slot) + 1),
+    )
+
+
+def averaged(waveform: WaveformConfig) -> float:
+    """Measurements of a subcarrier that a sample is the mean of: repetitions, and passes over the comb."""
+    passes = waveform.prs.length / waveform.prs.comb if waveform.combine_symbols else 1.0
+    if waveform.schedule is None:
+        return passes
+    sent = sent_slots(waveform.schedule.of_resource(waveform.prs.numerology), 1)
+    return passes * float(sent.shape[1])
+
+
+def slot_of_beam(waveform: WaveformConfig, n_tx: int, tx_beam: int) -> int:
+    """Slot of the frame in which one of `n_tx` TX beams first sends its PRS; `ValueError` for another beam."""
+    if not 0 <= tx_beam < n_tx:
+        raise ValueError(f"tx_beam = {tx_beam}: allowed is 0 to {n_tx - 1}")
+    return int(sweep_occasions(waveform, n_tx, 1).slot[0, tx_beam])
+
+
+def resource_offsets(schedule: ScheduleConfig, n_tx: int) -> IntArray:
+    """Slot (tx_beam,) within the period at which every beam starts, so that no two share one.
+
+    As many beams as the gap has slots take turns, then the next ones. Raises `ValueError` where the period is too
+    short, or an offset above 511, the largest of TS 38.214 clause 5.1.6.5.
+    """
+    gap, repetitions = schedule.gap_slots, schedule.repetitions
+    beam = np.arange(n_tx)
+    offset = beam // gap * gap * repetitions + beam % gap
+    needed = int(offset.max()) + (repetitions - 1) * gap + 1
+    if needed > schedule.period_slots or offset.max() > 511:
+        raise ValueError(
+            f"waveform.schedule.period_slots = {schedule.period_slots}: {n_tx} TX beams with repetitions ="
+            f" {repetitions} at gap_slots = {gap} take {needed} slots, allowed are {schedule.period_slots} and"
+            " offsets up to 511 (TS 38.214 5.1.6.5)"
+        )
+    return np.asarray(offset)

@@ -1,0 +1,112 @@
+"""A campaign: from its settings to one (BeamSweep, Truth) after the other.
+
+Every stop and stage has its own random generator, derived from the seed, so any subset of stops in any order and
+on any number of workers gives the same bits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import numpy as np
+
+from scenes.record import FloatArray
+from scenes.scene import Scene
+from sim.config import SimulationConfig
+from sim.observation import BeamSweep
+from sim.propagation.deepmimo.folder import read_deepmimo
+from sim.propagation.deepmimo.scenario import SAME_PLACE_M, PathScenario
+from sim.propagation.propagator import Propagator
+from sim.signal.generation import beam_channel
+from sim.signal.hardware.application import (
+    RandomStage,
+    built_codebooks,
+    extra_clock_bias_s,
+    generator,
+    received,
+    true_tx_pose,
+)
+from sim.signal.link import Link
+from sim.truth import Truth
+
+__all__ = ["RandomStage", "clock_biases_s", "generator", "observe", "simulate_truth"]
+
+
+def clock_biases_s(config: SimulationConfig, n_stops: int) -> FloatArray:
+    """Clock bias (stop,) in s: a random walk from the initial value, and the bias of every stop."""
+    steps = generator(config.seed, RandomStage.CLOCK).standard_normal(n_stops)
+    walk_s = (config.clock.initial_bias_ns + config.clock.walk_std_ns * np.cumsum(steps)) * 1e-9
+    return np.asarray(walk_s + extra_clock_bias_s(config, n_stops))
+
+
+def simulate_truth(config: SimulationConfig, scene: Scene, stops: Iterable[int]) -> Iterator[Truth]:
+    """Trace the given stops of a scene's walk, one after the other.
+
+    Where the settings name a DeepMIMO scenario, its paths stand in for traced ones. The planar paths of the ray
+    tracer are compared with the exact ones on the way, where it is needed at all and `propagation.compare_planar`
+    is set.
+    """
+    poses = scene.stops
+    biases_s = clock_biases_s(config, len(poses))
+    carrier_hz = config.waveform.carrier_ghz * 1e9
+    if config.propagation.deepmimo is not None:
+        scenario = _scenario(config.propagation.deepmimo, scene, carrier_hz)
+        for stop in stops:
+            yield Truth(scenario.paths_at(poses[stop].position_m), poses[stop], stop, biases_s[stop])
+        return
+    propagator = Propagator(scene, carrier_hz, config.propagation)
+    for stop in stops:
+        paths, compared = propagator.compared_paths(poses[stop].position_m)
+        counts = (
+            compared.n_common + compared.n_repaired + compared.n_extra,
+            compared.n_repaired,
+            compared.n_extra,
+        )
+        yield Truth(paths, poses[stop], stop, biases_s[stop], *counts)
+
+
+def _scenario(folder: str, scene: Scene, carrier_hz: float) -> PathScenario:
+    """The paths of a DeepMIMO scenario of the same carrier and TX; `ValueError` where it has others."""
+    scenario = read_deepmimo(Path(folder))
+    if abs(scenario.carrier_hz - carrier_hz) > 1:
+        traced_ghz = scenario.carrier_hz / 1e9
+        raise ValueError(
+            f"waveform.carrier_ghz = {carrier_hz / 1e9:g}: {folder} was traced at {traced_ghz:g} GHz"
+        )
+    if np.linalg.norm(scenario.tx_position_m - scene.tx.position_m) > SAME_PLACE_M:
+        place = ", ".join(f"{value:g}" for value in scenario.tx_position_m)
+        raise ValueError(
+            f"propagation.deepmimo = {folder}: its TX stands at ({place}) m, that of the scene does not"
+        )
+    return scenario
+
+
+def observe(config: SimulationConfig, link: Link, scene: Scene, truth: Truth) -> BeamSweep:
+    """The samples of one stop, equation (1) with noise, the unknown clock and the impairments of the hardware.
+
+    The same bits at every call. The sweep itself tells only the nominal codebooks and TX pose.
+    """
+    tx_codebook, rx_codebook = built_codebooks(config, link)
+    samples = beam_channel(
+        truth.paths,
+        tx_codebook=tx_codebook,
+        rx_codebook=rx_codebook,
+        tx_pose=true_tx_pose(config, scene.tx),
+        rx_pose=truth.rx_pose,
+        frequency_offset_hz=link.frequency_offset_hz,
+        clock_bias_s=truth.clock_bias_s,
+    )
+    samples *= np.sqrt(link.tx_power_mw).astype(np.float32) * link.prs_symbol[:, None, :]
+    samples = received(config, link, truth.stop, samples)
+    return BeamSweep(
+        tx_codebook=link.tx_codebook,
+        rx_codebook=link.rx_codebook,
+        tx_pose=scene.tx,
+        stop=truth.stop,
+        samples=samples,
+        prs_symbol=link.prs_symbol,
+        frequency_offset_hz=link.frequency_offset_hz,
+        carrier_hz=link.carrier_hz,
+        noise_power_mw=link.noise_power_mw,
+    )

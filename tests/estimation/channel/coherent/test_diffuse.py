@@ -1,0 +1,68 @@
+"""Dense diffuse background: noise where it is dense, nothing where there is none."""
+
+import numpy as np
+
+from estimation.channel.coherent.diffuse import _tail_scale, background_over_delay, fit_over_background
+from estimation.channel.coherent.paths import fit_coherent
+from isac_arena.validation.channel.scenes import (
+    diffuse_background,
+    draw_paths,
+    make_bench,
+    observe_paths,
+    single_path,
+)
+
+
+def test_without_a_background_it_is_the_coherent_fit() -> None:
+    bench, rng = make_bench(1), np.random.default_rng(1)
+    for stop in range(2):
+        paths = draw_paths(rng, bench.cell, strongest_db=(20.0, 40.0))
+        sweep = observe_paths(bench, paths, stop).sweep
+        plain, over = fit_coherent(sweep), fit_over_background(sweep)
+        assert len(over) == len(plain)
+        np.testing.assert_allclose(over.delay_s, plain.delay_s, atol=1e-13)
+        ratio = over.covariance[:, 0, 0] / plain.covariance[:, 0, 0]
+        assert (ratio > 0.99).all()
+        assert np.median(ratio) < 1.3
+
+
+def test_diffuse_power_is_taken_as_noise() -> None:
+    bench, rng = make_bench(1), np.random.default_rng([1, 4])
+    plain, over, nees = 0, 0, []
+    for stop in range(8):
+        paths = single_path(rng, 33.0)
+        background = diffuse_background(rng, bench, paths, below_db=10.0)
+        sweep = observe_paths(bench, paths, stop, background).sweep
+        plain += len(fit_coherent(sweep)) - 1
+        fit = fit_over_background(sweep)
+        over += len(fit) - 1
+        best = int(np.argmax(fit.snr_db))
+        found = np.array([fit.delay_s[best], fit.aod_rad[best, 0], fit.aoa_rad[best, 0]])
+        error = found - paths.parameters[0]
+        nees.append(error @ np.linalg.solve(fit.covariance[best], error) / 3)
+    assert over <= 0.4 * plain
+    assert np.mean(nees) < 2.0
+
+
+def test_the_background_over_delay_is_noise_where_noise_explains_it() -> None:
+    rng = np.random.default_rng(2)
+    shape = (16, 16, 200)
+    noise = (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2)
+    assert (background_over_delay(noise) == 1).all()
+    power = 1 + 4 * np.exp(-np.arange(200) / 20)
+    found = background_over_delay(noise * np.sqrt(power))
+    np.testing.assert_allclose(found[:60], power[:60], rtol=0.15)
+    assert (found[180:] == 1).all()
+
+
+def test_the_tail_is_that_of_the_cells_that_are_filled() -> None:
+    """One cell in five with three times the power of the others: high powers are theirs."""
+    rng = np.random.default_rng(3)
+    shape = (16, 16, 60)
+    power = rng.exponential(size=shape)
+    near, far = np.array([20.0]), np.arange(60)
+    assert abs(_tail_scale(power, far, near)[0] - 1) < 0.1
+    power *= np.where(rng.random(shape) < 0.2, 3.0, 1.0)
+    assert _tail_scale(power, far, near)[0] > 1.4
+    power[3, 3, 20] = 1e4  # what a strong path leaves is no background
+    assert _tail_scale(power, far, near)[0] < 3

@@ -1,0 +1,50 @@
+"""Which paths the others make up for, and refinement of only those that are near."""
+
+import numpy as np
+
+from estimation.channel.coherent.prune import needless
+from estimation.channel.coherent.refine import Reference, near, refine, refine_near, solve_at
+from estimation.channel.model.path_model import Paths
+from tests.estimation.channel.plain_sweeps import compressed, plain_link, plain_paths, plain_sweep
+
+SMALL = plain_link()
+
+
+def _fitted(delay_ns: list[float], snr_db: float = 30.0) -> tuple[Reference, Paths]:
+    n = len(delay_ns)
+    angles = np.linspace(-40, 40, n)
+    paths = plain_paths(SMALL, delay_ns, angles, angles[::-1], snr_db, phase=np.arange(n))
+    sweep = compressed(plain_sweep(SMALL, paths, np.random.default_rng(3)))
+    places = Paths(paths.delay_s / sweep.bin_s, paths.aod_rad, paths.aoa_rad, paths.amplitude)
+    return Reference(sweep, places.take(slice(0))), places
+
+
+def test_of_two_for_one_path_one_is_needless() -> None:
+    reference, truth = _fitted([100.0, 400.0])
+    double = truth.joined(truth.take(slice(1)).moved(np.array([[0.1, 0.0, 0.0]])))
+    solution = solve_at(reference, double)
+    dropped = needless(solution, np.full(3, 24.0))
+    assert dropped.sum() == 1
+    assert not dropped[1]
+
+
+def test_what_a_needless_path_adds_is_what_its_removal_leaves() -> None:
+    """A weak path alone in its place: the linear model is exact, its power is what is lost."""
+    reference, truth = _fitted([100.0, 400.0, 900.0], 20.0)
+    solution = refine(reference, truth, 30)
+    without = refine(reference, truth.take(np.array([True, False, True])), 30)
+    loss = solution.explained - without.explained
+    for share, expected in ((0.99, False), (1.01, True)):
+        level = np.array([0.0, share * loss, 0.0])
+        assert needless(solution, level)[1] == expected
+
+
+def test_refining_what_is_near_is_refining_all_where_the_rest_is_far() -> None:
+    reference, truth = _fitted(list(np.linspace(50, 8000, 30)))
+    start = truth.moved(np.where(np.arange(30)[:, None] == 7, [0.2, 0.02, 0.02], 0.0))
+    about = start.take(slice(7, 8))
+    assert list(np.flatnonzero(near(reference.sweep, start, about))) == [7]
+    local, whole = refine_near(reference, start, about, 30), refine(reference, start, 30)
+    assert np.allclose(local.paths.delay_bins[7], whole.paths.delay_bins[7], atol=0.03)
+    assert np.allclose(local.paths.aod_rad[7], whole.paths.aod_rad[7], atol=3e-3)
+    assert np.array_equal(local.paths.delay_bins[:7], start.delay_bins[:7])

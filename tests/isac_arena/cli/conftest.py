@@ -1,0 +1,17 @@
+"""A finished sweep that several tests compare with."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.isac_arena.cli.sweep_files import N_CASES, arena, write_sweep
+
+
+@pytest.fixture(scope="session")
+def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a sweep of `N_CASES` cases that ran to its end on one worker."""
+    folder = tmp_path_factory.mktemp("undisturbed")
+    write_sweep(folder, repeats=N_CASES // 2)
+    result = arena("sweep", "sweep.toml", "--out", "out", "--workers", "1", cwd=folder)
+    assert result.returncode == 0, result.stderr
+    return folder

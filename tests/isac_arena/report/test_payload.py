@@ -1,0 +1,184 @@
+"""What the page is told is what the records say."""
+
+import json
+from base64 import b64decode
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from isac_arena.report.figures.bands import contour_curve, normals, shape_curve
+from isac_arena.report.page.budget_file import BUDGET_FILE, read_budget
+from isac_arena.report.page.compact import POWER_LEVELS, POWER_STEP_DB, number, quantised_power, rounded
+from isac_arena.report.page.payload import report_payload
+from isac_arena.scoring.config import Significance
+from isac_arena.scoring.score import score_campaign
+from scenes.record import concatenate
+
+LIMITS = Significance(dynamic_range_db=28.0, noise_threshold_dbm=-150.0)
+
+
+def scored(campaign, results, true_power):
+    scores = score_campaign(
+        campaign.scene, campaign.truths, results, true_power_dbm=true_power, significance=LIMITS
+    )
+    return scores.tables
+
+
+@pytest.fixture(scope="module")
+def tables(campaign, true_power):
+    return scored(campaign, campaign.results, true_power)
+
+
+@pytest.fixture(scope="module")
+def payload(campaign, tables):
+    return report_payload("made up", campaign.scene, campaign.results, tables, campaign.truths)
+
+
+def test_numbers_are_rounded_and_what_is_not_known_is_none():
+    assert rounded([[1.23456, np.nan], [-0.0001, np.inf]], 3) == [1.235, None, 0, None]
+    assert json.dumps(rounded([2.0, -0.0], 3)) == "[2, 0]"
+    assert number(float("nan"), 2) is None
+
+
+@given(arrays(float, (3, 5), elements=st.floats(-140, -20)))
+def test_power_is_kept_to_half_a_step(power_dbm):
+    top, text = quantised_power(power_dbm)
+    steps = np.frombuffer(b64decode(text), np.uint8).reshape(3, 5)
+    reach = top - POWER_STEP_DB * POWER_LEVELS
+    np.testing.assert_allclose(
+        top - POWER_STEP_DB * steps, np.maximum(power_dbm, reach), atol=POWER_STEP_DB / 2 + 0.006
+    )
+
+
+def test_the_band_of_a_circle_is_a_ring_and_that_of_a_wall_a_strip(campaign):
+    contours = campaign.results.mapping.contours
+    pillar = contour_curve(contours, 0)
+    center = np.array([0.0, -4.0])
+    for ring, radius in ((pillar.outer_m, 0.3 + 0.0196), (pillar.inner_m, 0.3 - 0.0196)):
+        np.testing.assert_allclose(np.linalg.norm(ring - center, axis=1), radius, atol=1e-9)
+    wall = contour_curve(contours, 2)
+    assert not wall.is_closed
+    np.testing.assert_allclose(np.abs(wall.outer_m[:, 1] + 7.0), 0.0196, atol=1e-9)
+    np.testing.assert_allclose(wall.outer_m + wall.inner_m, 2 * wall.points_m, atol=1e-12)
+
+
+def test_bands_of_the_paper_lie_along_the_radius_and_end_at_the_centre(campaign):
+    shapes = campaign.results.mapping.shapes
+    wide = replace(shapes, radius_std_m=np.full_like(shapes.radius_m, 0.25))
+    curve = shape_curve(wide, 0, step=3)
+    radii = [
+        np.linalg.norm(ring - wide.center_m[0], axis=1)
+        for ring in (curve.points_m, curve.outer_m, curve.inner_m)
+    ]
+    assert len(radii[0]) == 120
+    for found, expected in zip(radii, (0.3, 0.8, 0.0), strict=True):
+        np.testing.assert_allclose(found, expected, atol=1e-12)
+
+
+def test_normals_of_points_that_coincide_are_zero():
+    points = np.array([[1.0, 2.0]] * 4)
+    np.testing.assert_array_equal(normals(points, is_closed=True), np.zeros((4, 2)))
+
+
+def test_paths_of_a_stop_are_those_of_the_records(campaign, tables, payload):
+    estimate, paths = campaign.results.channel[4], payload["estimated"][4]
+    np.testing.assert_allclose(paths["delay_ns"], 1e9 * estimate.delay_s, atol=6e-4)
+    np.testing.assert_allclose(np.deg2rad(paths["aoa_deg"]), estimate.aoa_azimuth_rad, atol=1e-5)
+    np.testing.assert_allclose(paths["aod_std_deg"], 0.5, atol=1e-4)
+    assert paths["status"] == ["detected"] * len(estimate)
+    assert paths["los"][0] and not any(paths["los"][1:])
+    truth = payload["true"][4]
+    assert truth["kind"][:2] == ["line of sight", "one reflection"]
+    assert truth["label"][1] == "S pillar_a" and truth["object"][1] == "pillar_a"
+    vertex = campaign.truths[4].paths.vertex_m[1, 0, :2]
+    np.testing.assert_allclose(truth["corners"][1], vertex, atol=6e-4)
+    assert [truth["path"].index(path) for path in paths["true_path"]] == list(range(len(truth["path"])))
+
+
+def test_points_know_what_they_support_and_where_they_come_from(campaign, payload):
+    points = payload["maps"]["slam"]["ips"]
+    result = campaign.results.slam
+    assert points["ours"] == result.contours.object.tolist()
+    assert points["paper"] == result.shapes.label.tolist()
+    np.testing.assert_allclose(np.reshape(points["xy"], (-1, 2)), result.ips.position_m, atol=6e-4)
+    np.testing.assert_allclose(points["std_m"], 0.1, atol=1e-4)
+    contours = payload["maps"]["mapping"]["contours"]
+    assert [one["object"] for one in contours] == ["pillar_a", "pillar_b", "wall_south", "wall_east"]
+    assert contours[0]["probability"] == [0, 0, 1] and contours[0]["n_ips"] == 12
+    assert contours[0]["scores"]["iou"] > 0.99
+
+
+def test_ellipses_have_their_long_axis_first(campaign, true_power):
+    result = campaign.results.mapping
+    turned = np.array([[0.04, 0.0], [0.0, 0.01]])
+    ips = replace(result.ips, covariance_m2=np.tile(turned, (len(result.ips), 1, 1)))
+    results = replace(campaign.results, mapping=replace(result, ips=ips))
+    payload = report_payload("x", campaign.scene, results, scored(campaign, results, true_power))
+    points = payload["maps"]["mapping"]["ips"]
+    assert points["std_m"][:2] == [0.2, 0.1]
+    assert abs(np.sin(np.deg2rad(points["axis_deg"][0]))) < 1e-9
+
+
+def test_power_maps_come_with_beams_in_order(campaign, payload):
+    power = payload["power"]
+    assert power["rx_deg"] == sorted(power["rx_deg"]) and len(power["colors"][0]) == 7
+    truth = campaign.results.power_maps[2]
+    steps = np.frombuffer(b64decode(power["below"][2]), np.uint8).reshape(truth.power_dbm.shape)
+    strongest = np.unravel_index(truth.power_dbm.argmax(), truth.power_dbm.shape)
+    assert steps[strongest] == 0
+
+
+def test_missed_and_false_paths_are_told_apart_with_their_cause(campaign, true_power):
+    first = campaign.results.channel[0]
+    extra = replace(first.take("path", slice(1, 2)), delay_s=first.delay_s[1:2] + 60e-9)
+    changed = concatenate([first.take("path", np.array([0, 1, 3, 4, 5])), extra], "path")
+    results = replace(campaign.results, channel=(changed, *campaign.results.channel[1:]))
+    tables = scored(campaign, results, true_power)
+    payload = report_payload("x", campaign.scene, results, tables, campaign.truths)
+    assert payload["estimated"][0]["status"][-1] == "false"
+    assert payload["estimated"][0]["delay_error_ns"][-1] is None
+    truth = payload["true"][0]
+    assert truth["detected"][2] is False and truth["cause"][2] and not truth["cause"][1]
+
+
+def test_angles_are_those_of_one_turn(campaign, tables):
+    first = campaign.results.channel[0]
+    turned = replace(first, aoa_azimuth_rad=first.aoa_azimuth_rad - 2 * np.pi)
+    results = replace(campaign.results, channel=(turned, *campaign.results.channel[1:]))
+    payload = report_payload("x", campaign.scene, results, tables)
+    np.testing.assert_allclose(
+        np.deg2rad(payload["estimated"][0]["aoa_deg"]), first.aoa_azimuth_rad, atol=1e-5
+    )
+
+
+def test_a_campaign_without_truth_or_samples_says_so(campaign, tables):
+    results = replace(campaign.results, power_maps=())
+    payload = report_payload("measured", campaign.scene, results, tables)
+    assert payload["has_truth"] is False and payload["power"] is None
+    assert payload["true"] == [None] * len(campaign.truths)
+    json.dumps(payload, allow_nan=False)
+
+
+def test_a_budget_is_read_and_a_wrong_one_named_and_refused(tmp_path):
+    assert read_budget(tmp_path, "hall") is None
+    path = tmp_path / BUDGET_FILE
+    path.parent.mkdir()
+    row = {
+        "outcome": "pose", "budget": "stages", "part": "slam", "share": 0.4, "share_low": None,
+        "share_high": None, "rms_m": 0.1, "alone_rms_m": 0.2, "mean_square_m2": 0.01, "objection": "",
+        "effect": "falls",
+    }  # fmt: skip
+    text = json.dumps({"campaign": "hall", "rows": [row]})
+    path.write_text(text)
+    (found,) = read_budget(tmp_path, "hall")
+    assert found["part"] == "slam" and "alone_rms_m" not in found
+    with pytest.raises(ValueError, match=r"budget\.json: is the budget of 'hall', not of 'other'"):
+        read_budget(tmp_path, "other")
+    for wrong in (text[:-20], '{"rows": 3}', ""):
+        path.write_text(wrong)
+        with pytest.raises(ValueError, match=r"budget\.json: no error budget"):
+            read_budget(tmp_path, "hall")

@@ -1,0 +1,137 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import t as student
+
+from isac_arena.report.sweep.captions import axis_caption, parallel_caption, pareto_caption
+from isac_arena.report.sweep.figures import axis_figure, drawn_means, front_of, parallel_figure, pareto_figure
+from isac_arena.report.sweep.page import SweepFigure, axis_tables, render_sweep
+from isac_arena.report.sweep.results import (
+    SweepAxis,
+    SweepMetric,
+    SweepResults,
+    groups,
+    mean_interval,
+    nondominated,
+    varying,
+)
+
+KEY, OVER = "slam.position.rmse_m", "slam.position.over_bound"
+
+
+def made(n_points: int = 6, repeats: int = 4) -> SweepResults:
+    rng = np.random.default_rng(1)
+    point = np.repeat(np.arange(n_points), repeats)
+    power = tuple(float(value) for value in point)
+    method = tuple("ab"[value % 2] for value in point)
+    error = 1.0 / (1.0 + point) + 0.01 * rng.standard_normal(len(point))
+    metrics = {
+        KEY: SweepMetric(KEY, "m", "lower", error),
+        OVER: SweepMetric(OVER, "1", "lower", np.full(len(point), 2.0)),
+        "rate": SweepMetric("rate", "1", "higher", -error),
+        "same": SweepMetric("same", "1", "info", np.ones(len(point))),
+    }
+    return SweepResults(point, (SweepAxis("power", power), SweepAxis("method", method)), metrics)
+
+
+def test_the_interval_is_students() -> None:
+    mean, half, n = mean_interval(np.array([1.0, np.nan, 2.0, 6.0]))
+    assert (mean, n) == (3.0, 3)
+    assert half == pytest.approx(student.ppf(0.975, 2) * np.std([1, 2, 6], ddof=1) / np.sqrt(3))
+    assert mean_interval(np.array([5.0]))[1] == np.inf
+    assert np.isnan(mean_interval(np.array([np.nan]))[0])
+
+
+def test_the_interval_holds_the_mean_as_often_as_it_says() -> None:
+    rng = np.random.default_rng(3)
+    held = [
+        abs(mean) <= half for mean, half, _ in (mean_interval(rng.standard_normal(5)) for _ in range(2000))
+    ]
+    assert 0.935 <= np.mean(held) <= 0.965
+
+
+@given(st.lists(st.tuples(st.integers(0, 4), st.integers(0, 4)), min_size=1, max_size=12))
+def test_the_front_is_what_nobody_beats(rows: list[tuple[int, int]]) -> None:
+    costs = np.array(rows, float)
+    brute = [not any((other <= row).all() and (other < row).any() for other in costs) for row in costs]
+    np.testing.assert_array_equal(nondominated(costs), brute)
+    assert not nondominated(np.array([[np.nan, 0.0]])).any()
+
+
+@given(st.lists(st.floats(-1e3, 1e3), min_size=1, max_size=60))
+def test_every_case_is_in_one_group(values: list[float]) -> None:
+    parts = groups(SweepAxis("x", tuple(values)))
+    np.testing.assert_array_equal(np.sum([part.members for part in parts], axis=0), 1)
+    texts = groups(SweepAxis("x", ("b", "a", "b")))
+    assert [(part.label, part.members.tolist()) for part in texts] == [
+        ("b", [True, False, True]),
+        ("a", [False, True, False]),
+    ]
+
+
+def test_bounds_stand_beside_what_they_bound() -> None:
+    results = made()
+    np.testing.assert_allclose(results.bound(KEY), results.metrics[KEY].value / 2)
+    assert results.bound("rate") is None
+    panel = axis_figure(results, KEY).axes[0]
+    lines = {line.get_label(): line for line in panel.get_lines()}
+    expected = [np.mean(results.metrics[KEY].value[results.point == at]) / 2 for at in range(6)]
+    np.testing.assert_allclose(lines["bound, mean"].get_ydata(), expected)
+    assert {"method a", "method b"} <= set(lines)
+    assert varying(results, [KEY, "same", "nothing"]) == [KEY]
+
+
+def test_the_axis_spans_what_is_drawn_and_no_single_outlier() -> None:
+    results = made()
+    value = results.metrics["rate"].value.copy()
+    value[0] = 1e3
+    wild = replace(
+        results, axes=results.axes[:1], metrics={"rate": replace(results.metrics["rate"], value=value)}
+    )
+    panel = axis_figure(wild, "rate").axes[0]
+    means = [np.mean(value[results.point == at]) for at in range(6)]
+    low, high = panel.get_ylim()
+    assert low < min(means) and max(means) < high < 1e3
+    assert len(drawn_means(results, KEY)) == (3 + 3) + 2 * 1 + 6 + 2  # two lines; both methods; their bounds
+
+
+def test_captions_promise_no_more_than_the_cases_give() -> None:
+    single = made(repeats=1)
+    assert axis_caption(single, "rate") == (
+        "Means of 1 to 3 cases each, with the 95 % interval of the mean (Student's t); a single one has"
+        " none. Of so few it may go on beyond the figure. Cases at one value differ in the other axes too, and the"
+        " interval holds that."
+    )
+    alone = replace(single, axes=single.axes[:1])
+    assert axis_caption(alone, "rate") == "One case behind each dot, so there are no intervals."
+    assert "mean" not in pareto_caption(alone) and "mean" not in parallel_caption(alone, "rate")
+    often = replace(made(), axes=made().axes[:1])
+    assert axis_caption(often, "rate").startswith("Means of 4 cases each, with the 95 % interval")
+    assert "figure" not in axis_caption(often, "rate") and "repeats" in pareto_caption(often)
+    assert axis_caption(often, KEY).endswith("Dashed: the bound on the same stops.")
+    value = often.metrics["rate"].value.copy()
+    value[1:4] = np.nan
+    holes = replace(often, metrics={"rate": replace(often.metrics["rate"], value=value)})
+    assert "Means of 1 to 4 cases" in axis_caption(holes, "rate")
+
+
+def test_trade_offs_heed_the_directions() -> None:
+    results = made()
+    assert front_of(results, KEY, "rate").tolist() == [False] * 5 + [True]  # both are best at the last point
+    figure = pareto_figure(results, KEY, "rate")
+    assert figure.axes[0].get_xlabel() == f"{KEY} in m"
+    parallel = parallel_figure(results, [KEY, "rate"])
+    assert sum(len(line.get_xdata()) == 4 for line in parallel.axes[0].get_lines()) == 6  # a line per point
+
+
+def test_the_page_is_whole_and_escapes_names() -> None:
+    results = made()
+    tables = axis_tables(results, [KEY])
+    assert "power" in tables[0] and "±" in tables[0]
+    picture = SweepFigure("a <b>", b"png", 4.0, "caption & more")
+    page = render_sweep("<sweep>", {"Cases": "1 < 2"}, [("Figures", [picture]), ("Tables", tables)])
+    assert "<sweep>" not in page and "&lt;sweep&gt;" in page and "1 &lt; 2" in page
+    assert "http" not in page.split("<body")[1] and page.count("data:image/png;base64,") == 1

@@ -1,0 +1,99 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimation.slam.bounds import StateBound
+from estimation.slam.record import SolveStatus
+from isac_arena.scoring.provenance import cluster_origin, path_origin
+from isac_arena.scoring.stages.maps import surface_distance_m
+from isac_arena.scoring.stages.poses import pose_metrics, score_poses, unknown_bound
+from scenes.pose import SPEED_OF_LIGHT_M_S
+from sim.propagation.paths import BounceKind, empty_paths
+
+
+def test_surface_distance_is_that_to_the_nearest_boundary(campaign):
+    points = np.array([[0.0, -4.0], [0.0, -3.5], [4.0, -4.9], [2.0, -6.8], [8.5, 0.0], [0.0, -4.25]])
+    np.testing.assert_allclose(
+        surface_distance_m(campaign.scene, points), [0.3, 0.2, 0.5, 0.2, 0.5, 0.05], atol=1e-9
+    )
+
+
+def test_surface_distance_matches_brute_force(campaign):
+    rng = np.random.default_rng(1)
+    points = rng.uniform([-3, -8], [9, 3], (40, 2))
+    surface = np.concatenate([item.contour.sample(1e-3) for item in campaign.scene.objects])
+    brute = np.linalg.norm(points[:, None] - surface[None], axis=2).min(axis=1)
+    np.testing.assert_allclose(surface_distance_m(campaign.scene, points), brute, atol=2e-3)
+
+
+def test_origin_knows_bounces_and_ignores_walls_passed(campaign):
+    paths = campaign.truths[0].paths
+    kind = paths.bounce_kind.copy()
+    kind[5, 0] = BounceKind.REFRACTION
+    kind[1, 0] = BounceKind.REFRACTION
+    origin = path_origin(replace(paths, bounce_kind=kind))
+    assert origin.kind.tolist() == [0, 0, 1, 1, 1, 1, 1, 1]
+    assert origin.object[5] == "wall_south"
+    assert origin.object[1] == ""
+    np.testing.assert_array_equal([*origin.vertex_m[5], origin.height_m[5]], paths.vertex_m[5, 1])
+    assert np.isnan(origin.vertex_m[:2]).all()
+    assert len(path_origin(empty_paths(["wall"], 0)).kind) == 0
+
+
+def test_clusters_take_the_majority_object():
+    label = np.array([0, 0, 0, 1, 1, 1, 2, 2, -1, 3, 3])
+    names = np.array(["a", "a", "b", "a", "b", "c", "", "", "a", "a", ""])
+    origin = cluster_origin(label, names, 5, 0.5)
+    assert origin.object.tolist() == ["a", "", "", "a", ""]
+    np.testing.assert_allclose(origin.purity, [2 / 3, 1 / 3, 0, 0.5, 0])
+
+
+def test_pose_errors_are_those_put_in(campaign):
+    poses, truths = campaign.results.slam.poses, campaign.truths
+    status = poses.status.copy()
+    status[-1] = SolveStatus.FAILED
+    shifted = replace(
+        poses,
+        position_m=poses.position_m + np.array([0.3, -0.4]),
+        heading_rad=poses.heading_rad + 2 * np.pi - np.deg2rad(2),
+        clock_bias_s=poses.clock_bias_s + 1e-9,
+        status=status,
+        covariance=np.tile(np.diag([0.3, 0.4, np.deg2rad(1), 2e-9]) ** 2, (len(truths), 1, 1)),
+        height_m=np.array([truth.rx_pose.position_m[2] for truth in truths]) - 0.2,
+        height_std_m=np.full(len(truths), 0.1),
+    )
+    has_los = np.arange(len(truths)) < 4
+    order = np.arange(len(truths))[::-1]
+    scores = score_poses(
+        poses.stop,
+        [t.rx_pose for t in truths],
+        np.array([t.clock_bias_s for t in truths]),
+        has_los,
+        shifted.take("stop", order),
+        StateBound(
+            *np.array([0.1, np.deg2rad(4), SPEED_OF_LIGHT_M_S * 1e-10])[:, None] * np.ones(len(truths))
+        ),
+    )
+    values = {m.key: m.value for m in pose_metrics(scores)}
+    assert values["slam.position.rmse_m"] == pytest.approx(0.5)
+    assert values["slam.los.position.max_m"] == pytest.approx(0.5)
+    assert values["slam.nlos.heading.rmse_deg"] == pytest.approx(2)
+    assert values["slam.clock.rmse_ns"] == pytest.approx(1)
+    assert values["slam.height.rmse_m"] == values["slam.nlos.height.rmse_m"] == pytest.approx(0.2)
+    assert np.isnan(scores.height_error_m[-1]) and scores.height_error_m[0] == pytest.approx(-0.2)
+    assert values["slam.height.nees"] == pytest.approx(4)
+    assert values["slam.height.coverage95"] == 0
+    assert values["slam.solved_share"] == pytest.approx(11 / 12)
+    assert values["slam.los.stops"] == 4
+    assert values["slam.nlos.solved_share"] == pytest.approx(7 / 8)
+    assert values["slam.position.nees"] == pytest.approx(1)
+    assert values["slam.nees"] == pytest.approx((1 + 1 + 4 + 0.25) / 4)
+    assert values["slam.coverage95"] == values["slam.position.coverage95"] == 1
+    assert values["slam.position.over_bound"] == values["slam.position.over_bound.median"] == pytest.approx(5)
+    assert values["slam.heading.over_bound"] == pytest.approx(0.5)
+    assert values["slam.clock.over_bound"] == pytest.approx(10)
+    with pytest.raises(ValueError, match="stop 99 is missing"):
+        score_poses(
+            np.array([99]), [truths[0].rx_pose], np.zeros(1), np.ones(1, bool), poses, unknown_bound(1)
+        )

@@ -1,0 +1,58 @@
+import json
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from isac_arena.scoring.metrics.metric import Metric, from_json, to_json
+from isac_arena.scoring.metrics.statistics import maximum, mean, quantile, ratio, rms, squared_mahalanobis
+
+
+def test_rows_survive_json_and_nan_becomes_null():
+    metrics = (Metric("a.b_m", 1.5, "m", "lower"), Metric("c", math.nan, "1", "info"))
+    rows = json.loads(json.dumps(to_json(metrics), allow_nan=False))
+    assert rows[0] == {"key": "a.b_m", "value": 1.5, "unit": "m", "direction": "lower"}
+    assert rows[1]["value"] is None
+    back = from_json(rows)
+    assert back[0] == metrics[0]
+    assert math.isnan(back[1].value)
+
+
+@pytest.mark.parametrize(("key", "direction"), [("", "lower"), ("a", "sideways")])
+def test_bad_metric_is_refused(key, direction):
+    with pytest.raises(ValueError, match="Metric"):
+        Metric(key, 1.0, "m", direction)
+
+
+def test_missing_field_is_named():
+    with pytest.raises(ValueError, match=r"metrics\[0\]: 'unit' is missing"):
+        from_json([{"key": "a", "value": 1, "direction": "info"}])
+
+
+def test_statistics_leave_out_nan_and_survive_nothing():
+    assert rms([3.0, np.nan, -4.0]) == pytest.approx(np.sqrt(12.5))
+    assert mean([True, False, True, True]) == 0.75
+    assert maximum([1.0, np.nan, 3.0]) == 3.0
+    assert quantile([0.0, 1.0, 2.0], 0.5) == 1.0
+    assert all(math.isnan(f([])) for f in (rms, mean, maximum))
+    assert math.isnan(ratio(1, 0))
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_mahalanobis_matches_the_plain_inverse(seed):
+    rng = np.random.default_rng(seed)
+    factor = rng.standard_normal((5, 3, 3)) + 2 * np.eye(3)
+    covariance = factor @ factor.transpose(0, 2, 1) + 0.01 * np.eye(3)  # both inverses resolve it
+    error = rng.standard_normal((5, 3))
+    expected = [e @ np.linalg.solve(c, e) for e, c in zip(error, covariance, strict=True)]
+    scale = np.array([1e-9, 1e-2, 1.0])
+    got = squared_mahalanobis(error * scale, covariance * np.outer(scale, scale))
+    np.testing.assert_allclose(got, expected, rtol=1e-6)
+
+
+def test_mahalanobis_is_nan_without_variance_or_error():
+    error = np.array([[1.0, 1.0], [np.nan, 1.0], [3.0, 4.0]])
+    covariance = np.array([np.zeros((2, 2)), np.eye(2), np.eye(2)])
+    np.testing.assert_allclose(squared_mahalanobis(error, covariance), [np.nan, np.nan, 25.0])
