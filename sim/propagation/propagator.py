@@ -16,7 +16,7 @@ from sim.propagation.diffraction.edges import find_edges
 from sim.propagation.diffraction.mesh_edges import diffracted_by_meshes, mesh_edges
 from sim.propagation.occlusion import occluders, surface_names
 from sim.propagation.paths import BounceKind, Paths, canonical_order, with_bounce_slots
-from sim.propagation.specular.facets import Chains, mesh_rays
+from sim.propagation.specular.facets import TracedChains, mesh_rays
 from sim.propagation.specular.solver import ExactSolver
 from sim.propagation.tracer import Tracer
 
@@ -25,7 +25,7 @@ ON_FACE_M = 1e-6
 
 
 @dataclass(frozen=True)
-class Comparison:
+class PlanarComparison:
     """Planar specular paths of the tracer against the exact ones: found by both, by one alone."""
 
     n_common: int
@@ -63,19 +63,19 @@ class Propagator:
         rx = np.asarray(rx_position_m, float)
         return self._paths(rx, self._exact.paths(rx), None)
 
-    def compared_paths(self, rx_position_m: FloatArray) -> tuple[Paths, Comparison]:
+    def compared_paths(self, rx_position_m: FloatArray) -> tuple[Paths, PlanarComparison]:
         """The same paths, and how the tracer's own planar paths compare with the exact ones.
 
         All counts are zero where the scene needs no tracer, or without `compare_planar`.
         """
         if self._tracer is None or not self._config.compare_planar:
-            return self.paths(rx_position_m), Comparison(0, 0, 0)
+            return self.paths(rx_position_m), PlanarComparison(0, 0, 0)
         rx = np.asarray(rx_position_m, float)
         traced, chains = self._tracer.specular_chains(rx)
         exact = self._exact.paths(rx)
         return self._paths(rx, exact, chains), compare_planar(self._scene, traced, exact[0])
 
-    def _paths(self, rx: FloatArray, exact: list[Paths], chains: Chains | None) -> Paths:
+    def _paths(self, rx: FloatArray, exact: list[Paths], chains: TracedChains | None) -> Paths:
         """All paths to a receiver (xyz,); `chains` are the tracer's where it has been asked already."""
         parts = list(exact)
         if self._edges is not None:
@@ -104,7 +104,7 @@ class MeshSolver:
         self._clutter, self._names = scene.clutter, surface_names(scene)
         self._edges = mesh_edges(scene.clutter) if diffracts else None
 
-    def paths(self, rx_m: FloatArray, chains: Chains | None = None) -> list[Paths]:
+    def paths(self, rx_m: FloatArray, chains: TracedChains | None = None) -> list[Paths]:
         """Paths to a receiver (xyz,) that reflect off, or are diffracted at, at least one mesh, in no order."""
         chains = self._tracer.specular_chains(rx_m)[1] if chains is None else chains
         first = len(self._names) - len(self._clutter)
@@ -129,7 +129,7 @@ def propagate(
     return [propagator.paths(position) for position in np.atleast_2d(rx_positions_m)]
 
 
-def compare_planar(scene: Scene, traced: Paths, exact: Paths) -> Comparison:
+def compare_planar(scene: Scene, traced: Paths, exact: Paths) -> PlanarComparison:
     """How many exact paths without curved bounce or transmission the tracer lost (repaired), and found beyond.
 
     Paths that meet a mesh are left aside. A path is the same where kinds and objects agree and all vertices lie
@@ -143,7 +143,7 @@ def compare_planar(scene: Scene, traced: Paths, exact: Paths) -> Comparison:
         if match is not None:
             left.remove(match)
     n_common = len(theirs) - len(left)
-    return Comparison(n_common, len(ours) - n_common, len(left))
+    return PlanarComparison(n_common, len(ours) - n_common, len(left))
 
 
 def _is_planar(scene: Scene, paths: Paths) -> BoolArray:

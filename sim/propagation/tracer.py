@@ -29,7 +29,7 @@ from sim.config import PropagationConfig
 from sim.propagation.llvm import LLVM_VARIANT, require_llvm, variant
 from sim.propagation.occlusion import surface_names
 from sim.propagation.paths import BounceKind, Paths, empty_paths
-from sim.propagation.specular.facets import Chains
+from sim.propagation.specular.facets import TracedChains
 from sim.propagation.traced import traced_paths
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ class Tracer:
         """Line of sight and specular paths off flat faces to one receiver (xyz,); gains as Sionna has them."""
         return self.specular_chains(rx_position_m)[0]
 
-    def specular_chains(self, rx_position_m: FloatArray) -> tuple[Paths, Chains]:
+    def specular_chains(self, rx_position_m: FloatArray) -> tuple[Paths, TracedChains]:
         """The same paths, and what each of them meets with the triangles, by one solve.
 
         With `transmission` there are ways through faces among them. Chains of more than `max_bounces` reflections,
@@ -89,7 +89,7 @@ class Tracer:
             number, primitive = (of.numpy()[:, 0, 0].T[kept] for of in (solved.objects, solved.primitives))
             for path, slot in zip(*np.nonzero(paths.bounce_kind != BounceKind.NONE), strict=True):
                 corner[path, slot] = loaded.triangles_of_id[int(number[path, slot])][primitive[path, slot]]
-        return paths, Chains(paths.bounce_kind, paths.bounce_object, corner)
+        return paths, TracedChains(paths.bounce_kind, paths.bounce_object, corner)
 
     def solved_specular(self, rx_position_m: FloatArray) -> Any:
         """The solver's own result for the specular paths, evaluated: what `specular` costs at the least."""

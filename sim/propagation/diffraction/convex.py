@@ -21,7 +21,7 @@ FLAT = 1e-9  # curvature in 1/m, and turn in rad, that rounding may make out of 
 LEAST_CURVATURE = 1e-4  # 1/m; where a contour is flatter, it counts as that round
 
 
-class Tangents(NamedTuple):
+class TangentPoints(NamedTuple):
     """Where rays from points touch a contour (point,), and whether it is smooth there."""
 
     place_m: FloatArray
@@ -53,7 +53,7 @@ class Ring:
         """Arc length all round."""
         return float(self.place_m[-1])
 
-    def tangents(self, point_m: FloatArray, *, ends_light: bool) -> Tangents:
+    def tangents(self, point_m: FloatArray, *, ends_light: bool) -> TangentPoints:
         """Where the part of the contour that points (point, xy) outside it see ends, or begins.
 
         Counter-clockwise along the contour.
@@ -71,7 +71,7 @@ class Ring:
         point, normal, curvature = _at(self.pieces, piece, t)
         before = np.searchsorted(self.piece + self.t, piece + t, side="right") - 1
         arc, _ = _integrals(self.pieces, piece, self.t[before], t)
-        return Tangents(
+        return TangentPoints(
             self.place_m[before] + arc,
             point,
             normal,

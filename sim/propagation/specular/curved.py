@@ -15,7 +15,7 @@ import numpy as np
 
 from scenes.record import BoolArray, FloatArray, IntArray, Record, array
 from sim.propagation.specular.curves import N_NODES, NODE_T, Curves
-from sim.propagation.specular.images import CLEARANCE_M, Chains, outside_beam, reflect_back
+from sim.propagation.specular.images import CLEARANCE_M, FaceChains, outside_beam, reflect_back
 from sim.propagation.specular.plan import PlanPaths, dot, norm
 from sim.propagation.specular.surfaces import Faces
 
@@ -53,7 +53,7 @@ def curved_paths(curves: Curves, tx_xy_m: FloatArray, rx_xy_m: FloatArray) -> Pl
 
 
 def planar_curved_paths(
-    faces: Faces, curves: Curves, chain: Chains, tx_xy_m: FloatArray, rx_xy_m: FloatArray
+    faces: Faces, curves: Curves, chain: FaceChains, tx_xy_m: FloatArray, rx_xy_m: FloatArray
 ) -> PlanPaths:
     """Paths TX, flat face, curve, RX for the faces of the chains of length one."""
     row, curve = np.indices((len(chain), len(curves))).reshape(2, -1)

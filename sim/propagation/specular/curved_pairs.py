@@ -25,7 +25,7 @@ GRID = np.arange(0, N_NODES, 4)  # nodes that make the grid of starts
 
 
 @dataclass(frozen=True)
-class Pairs:
+class CurvePairs:
     """Candidates: receiver, first and second curve (candidate,), and the ends (candidate, xy)."""
 
     receiver: IntArray
@@ -34,9 +34,9 @@ class Pairs:
     source_m: FloatArray
     target_m: FloatArray
 
-    def take(self, index: IntArray | BoolArray) -> Pairs:
+    def take(self, index: IntArray | BoolArray) -> CurvePairs:
         """The candidates of an index."""
-        return Pairs(
+        return CurvePairs(
             self.receiver[index],
             self.first[index],
             self.second[index],
@@ -69,7 +69,9 @@ def curved_curved_paths(
     lit = _sees(curves, rx_xy_m)
     receiver, pick = np.nonzero(lit[:, second])
     target = rx_xy_m[receiver]
-    candidates = Pairs(receiver, first[pick], second[pick], np.broadcast_to(tx_xy_m, target.shape), target)
+    candidates = CurvePairs(
+        receiver, first[pick], second[pick], np.broadcast_to(tx_xy_m, target.shape), target
+    )
     both = curves.is_convex[candidates.first] & curves.is_convex[candidates.second]
     convex, other = candidates.take(both), candidates.take(~both)
     row, start = _grid_starts(curves, other)
@@ -77,9 +79,9 @@ def curved_curved_paths(
     return _solved(curves, joined, np.concatenate([_convex_start(curves, convex), start]))
 
 
-def _joined(a: Pairs, b: Pairs) -> Pairs:
-    return Pairs(
-        *(np.concatenate([getattr(a, name), getattr(b, name)]) for name in Pairs.__dataclass_fields__)
+def _joined(a: CurvePairs, b: CurvePairs) -> CurvePairs:
+    return CurvePairs(
+        *(np.concatenate([getattr(a, name), getattr(b, name)]) for name in CurvePairs.__dataclass_fields__)
     )
 
 
@@ -91,7 +93,7 @@ def _sees(curves: Curves, point_m: FloatArray) -> BoolArray:
     )
 
 
-def _convex_start(curves: Curves, pairs: Pairs) -> FloatArray:
+def _convex_start(curves: Curves, pairs: CurvePairs) -> FloatArray:
     """Parameters (candidate, 2) of the nodes between which the path is about shortest."""
     a, b = pairs.first, pairs.second
     other = curves.center_m[b]
@@ -107,7 +109,7 @@ def _nearest_node(curves: Curves, curve: IntArray, source_m: FloatArray, target_
     return np.asarray((norm(node - source_m[:, None]) + norm(node - target_m[:, None])).argmin(axis=1))
 
 
-def _grid_starts(curves: Curves, pairs: Pairs) -> tuple[IntArray, FloatArray]:
+def _grid_starts(curves: Curves, pairs: CurvePairs) -> tuple[IntArray, FloatArray]:
     """Candidates and parameters (start, 2) of the grid cells in or beside which both slopes change sign."""
     x = curves.node_m[pairs.first][:, GRID, None]
     y = curves.node_m[pairs.second][:, None, GRID]
@@ -135,7 +137,7 @@ def _changes_sign(value: FloatArray) -> BoolArray:
     return np.asarray(found[0] & found[1])
 
 
-def _solved(curves: Curves, pairs: Pairs, start: FloatArray) -> PlanPaths:
+def _solved(curves: Curves, pairs: CurvePairs, start: FloatArray) -> PlanPaths:
     """Newton's method from starts (candidate, 2); lit solutions only."""
     u = start.copy()
     residual = np.full(len(u), np.inf)
@@ -153,7 +155,7 @@ def _solved(curves: Curves, pairs: Pairs, start: FloatArray) -> PlanPaths:
     return _lit(curves, pairs, u, residual <= RESIDUAL_LIMIT_M)
 
 
-def _newton_step(curves: Curves, pairs: Pairs, u: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _newton_step(curves: Curves, pairs: CurvePairs, u: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Step (candidate, 2) to where both slopes vanish, downhill where both curves are convex; and max |c'|."""
     x, dx, ddx = curves.at(pairs.first, u[:, 0])
     y, dy, ddy = curves.at(pairs.second, u[:, 1])
@@ -188,7 +190,7 @@ def _length_terms(
     return along, dot(second, offset) / length + (dot(first, first) - along * along) / length
 
 
-def _lit(curves: Curves, pairs: Pairs, u: FloatArray, valid: BoolArray) -> PlanPaths:
+def _lit(curves: Curves, pairs: CurvePairs, u: FloatArray, valid: BoolArray) -> PlanPaths:
     ends = np.column_stack([curves.is_cyclic[pairs.first], curves.is_cyclic[pairs.second]])
     valid = valid & (ends | ((u >= -CURVE_OVERLAP) & (u <= 1 + CURVE_OVERLAP))).all(axis=1)
     pairs, u = pairs.take(valid), u[valid]

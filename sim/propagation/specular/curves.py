@@ -140,7 +140,7 @@ def cubics(piece: Piece, knots: FloatArray, max_segments: int = MAX_SEGMENTS) ->
     def make(surface: int, side: float) -> list[Curves]:
         """Curves of one surface that is lit on one side: as few as bend one way and turn little enough each."""
         parts = [part for low, high in pairwise(knots) for part in _parts(_hermite(piece, low, high), side)]
-        groups: list[list[_Part]] = []
+        groups: list[list[_CubicArc]] = []
         for part in parts:
             last = groups[-1] if groups else []
             turn = part.turn_rad + sum(one.turn_rad for one in last)
@@ -157,7 +157,7 @@ def cubics(piece: Piece, knots: FloatArray, max_segments: int = MAX_SEGMENTS) ->
     return make
 
 
-class _Part(NamedTuple):
+class _CubicArc(NamedTuple):
     """A cubic of one sign of curvature."""
 
     row: FloatArray
@@ -165,7 +165,7 @@ class _Part(NamedTuple):
     turn_rad: float
 
 
-def _parts(whole: FloatArray, side: float) -> Iterator[_Part]:
+def _parts(whole: FloatArray, side: float) -> Iterator[_CubicArc]:
     """Stretches of a cubic between its inflections that turn little enough."""
     for low, high in pairwise([0.0, *_inflections(whole), 1.0]):
         slope, bend = _slopes(whole, (low + high) / 2)
@@ -174,7 +174,7 @@ def _parts(whole: FloatArray, side: float) -> Iterator[_Part]:
         turn = float(abs(np.arctan2(_cross(*ends), ends[0] @ ends[1])))
         n = _n_cuts(turn, is_convex)
         for a, b in pairwise(np.linspace(low, high, n + 1)):
-            yield _Part(_stretch(whole, a, b), is_convex, turn / n)
+            yield _CubicArc(_stretch(whole, a, b), is_convex, turn / n)
 
 
 def _max_turn(is_convex: bool) -> float:

@@ -24,7 +24,7 @@ SAME_POINT_M = 1e-6  # reflections off the same objects in the same points are o
 
 
 @dataclass(frozen=True)
-class Chains(Record):
+class TracedChains(Record):
     """What specular paths meet, TX to RX: reflections (SPECULAR) and ways through faces (REFRACTION)."""
 
     kind: IntArray = array("path", "bounce", dtype=int, doc="BounceKind; NONE pads")
@@ -33,7 +33,7 @@ class Chains(Record):
 
 
 def mesh_rays(
-    found: Chains, tx_m: FloatArray, rx_m: FloatArray, clutter: Sequence[Clutter], first: int
+    found: TracedChains, tx_m: FloatArray, rx_m: FloatArray, clutter: Sequence[Clutter], first: int
 ) -> list[Rays]:
     """Rays from TX to RX (xyz,) that reflect off at least one mesh, one record per number of reflections.
 

@@ -18,7 +18,7 @@ CLEARANCE_M = 1e-9  # a point or a part of a face nearer than this to a plane is
 
 
 @dataclass(frozen=True)
-class Chains(Record):
+class FaceChains(Record):
     """Sequences of faces and the image of the TX in the first, first two, ... of them."""
 
     face: IntArray = array("chain", "corner", dtype=int, doc="faces in the order they are met")
@@ -28,20 +28,20 @@ class Chains(Record):
         return self.size("chain")
 
 
-def chains(faces: Faces, tx_xy_m: FloatArray, max_corners: int) -> list[Chains]:
+def chains(faces: Faces, tx_xy_m: FloatArray, max_corners: int) -> list[FaceChains]:
     """All chains of 1 ... `max_corners` faces that can reflect the wave of a TX (xy,), one record per length."""
     every = np.arange(faces.size("face"))
     first = every[faces.height_over(every, tx_xy_m[None]) > CLEARANCE_M]
     image = faces.mirror(first, tx_xy_m[None])
     tx = np.broadcast_to(tx_xy_m, image.shape)
-    found = [Chains(first[:, None], np.stack([tx, image], axis=1))]
+    found = [FaceChains(first[:, None], np.stack([tx, image], axis=1))]
     facing = _facing(faces)
     while len(found) < max_corners:
         found.append(_extended(found[-1], faces, facing))
     return found[:max_corners]
 
 
-def planar_paths(faces: Faces, chain: Chains, rx_xy_m: FloatArray) -> PlanPaths:
+def planar_paths(faces: Faces, chain: FaceChains, rx_xy_m: FloatArray) -> PlanPaths:
     """Paths to receivers (receiver, xy) over all chains of one length, occlusion left aside."""
     n = chain.size("corner")
     last = chain.face[:, -1]
@@ -87,7 +87,7 @@ def outside_beam(
     return np.asarray((low < limit) | (high < limit))
 
 
-def _extended(chain: Chains, faces: Faces, facing: BoolArray) -> Chains:
+def _extended(chain: FaceChains, faces: Faces, facing: BoolArray) -> FaceChains:
     last = chain.face[:, -1]
     row, following = np.nonzero(facing[last])
     image = chain.image_m[row, -1]
@@ -97,7 +97,7 @@ def _extended(chain: Chains, faces: Faces, facing: BoolArray) -> Chains:
         lit &= (at_start > -CLEARANCE_M) | (at_end > -CLEARANCE_M)
     row, following, image = row[lit], following[lit], image[lit]
     images = np.concatenate([chain.image_m[row], faces.mirror(following, image)[:, None]], axis=1)
-    return Chains(np.column_stack([chain.face[row], following]), images)
+    return FaceChains(np.column_stack([chain.face[row], following]), images)
 
 
 def _rim_distances(

@@ -18,7 +18,7 @@ from sim.propagation.llvm import find_llvm, n_cuda_devices
 from sim.propagation.occlusion import occluders
 from sim.propagation.paths import BounceKind, path_labels
 from sim.propagation.propagator import Propagator, propagate
-from sim.propagation.specular.facets import Chains, mesh_rays
+from sim.propagation.specular.facets import TracedChains, mesh_rays
 from sim.propagation.specular.fresnel import slab_reflection, slab_transmission
 from sim.propagation.specular.solver import exact_paths
 
@@ -109,7 +109,7 @@ def test_single_bounces_need_no_tracer_and_chains_that_miss_or_repeat_give_no_ra
         ([S, S], [0, 0], [wall[0], wall[1]]),  # meets no mesh
     ]
     kind, surface, corner = (np.array(column) for column in zip(*rows, strict=True))
-    single, double = mesh_rays(Chains(kind, surface, corner), tx, rx, (mesh,), 7)
+    single, double = mesh_rays(TracedChains(kind, surface, corner), tx, rx, (mesh,), 7)
     np.testing.assert_allclose(single.vertex_m, [[(0.0, 1.2, 1.0)]], atol=1e-12)
     assert single.surface.tolist() == [[7]]
     assert double.surface.tolist() == [[7, 0]]
@@ -119,7 +119,7 @@ def test_single_bounces_need_no_tracer_and_chains_that_miss_or_repeat_give_no_ra
 def test_no_ray_reflects_within_a_solid():
     tx, rx = np.array([-1.0, 1.0, 1.0]), np.array([-1.0, 1.4, 1.0])
     closed, sheet = box((0, 0, 0), (2, 2, 2)), np.array([(2, 0, 0), (2, 2, 0), (2, 1, 3)], float)
-    none = Chains(np.zeros((0, 1), int), np.zeros((0, 1), int), np.zeros((0, 1, 3, 3)))
+    none = TracedChains(np.zeros((0, 1), int), np.zeros((0, 1), int), np.zeros((0, 1, 3, 3)))
     behind = Clutter("sheet", "clutter", BOARD, sheet, np.array([(0, 1, 2)]))
     [rays] = mesh_rays(none, tx, rx, (closed, behind), 0)
     assert sorted(rays.surface[:, 0].tolist()) == [
