@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_limits
 from estimation.channel.coherent.paths import fit_coherent
 from estimation.channel.incoherent.paths import fit_incoherent
 from isac_arena.validation.channel.efficiency import STRONGEST_DB
-from isac_arena.validation.channel.scenes import Bench, draw_paths, make_bench, observe_paths
+from isac_arena.validation.channel.scenes import LinkBench, draw_paths, make_bench, observe_paths
 from isac_arena.validation.measurement import Measurement
 from sim.observation import BeamSweep
 
@@ -52,7 +52,7 @@ def bench_methods(seed: int, quick: bool) -> list[Measurement]:
     return rows
 
 
-def _sweep(bench: Bench, seed: int, stop: int) -> BeamSweep:
+def _sweep(bench: LinkBench, seed: int, stop: int) -> BeamSweep:
     paths = draw_paths(np.random.default_rng([seed, stop]), bench.cell, strongest_db=STRONGEST_DB)
     return observe_paths(bench, paths, stop).sweep
 

@@ -38,7 +38,7 @@ WEAK_MARGIN_DB = 6.0  # true energy may lie this far below an estimate that it e
 
 
 @dataclass(frozen=True)
-class SeenPaths:
+class ApparentPaths:
     """The true paths of a stop as the beams see them."""
 
     delay_s: FloatArray  # (path,) with the clock bias
@@ -53,9 +53,9 @@ class SeenPaths:
         """Delay in s, AoD and AoA azimuth in rad (path, 3)."""
         return np.stack([self.delay_s, self.aod_rad[:, 0], self.aoa_rad[:, 0]], axis=-1)
 
-    def take(self, chosen: BoolArray | IntArray) -> SeenPaths:
+    def take(self, chosen: BoolArray | IntArray) -> ApparentPaths:
         """Some of the paths."""
-        return SeenPaths(*(getattr(self, name)[chosen] for name in self.__dataclass_fields__))
+        return ApparentPaths(*(getattr(self, name)[chosen] for name in self.__dataclass_fields__))
 
 
 def check_campus_arena(
@@ -88,7 +88,7 @@ def arena_settings(seed: int) -> CampaignConfig:
     return CampaignConfig(name="validation", scene=SCENE, seed=seed)
 
 
-def seen_paths(link: Link, truth: Truth, tx_heading_rad: float) -> SeenPaths:
+def seen_paths(link: Link, truth: Truth, tx_heading_rad: float) -> ApparentPaths:
     """True paths in device frames: cone angles where the beams are horizontal, delays with the clock bias."""
     paths = truth.paths
     tx, rx = Manifold(link.tx_codebook), Manifold(link.rx_codebook)
@@ -101,10 +101,10 @@ def seen_paths(link: Link, truth: Truth, tx_heading_rad: float) -> SeenPaths:
     amplitude = np.sqrt(link.tx_power_mw) * paths.gain * tx_gain * rx_gain
     n_subcarriers = len(link.frequency_offset_hz)
     snr = path_snr_db(tx, rx, n_subcarriers, link.noise_power_mw, aod, aoa, amplitude)
-    return SeenPaths(paths.delay_s + truth.clock_bias_s, aod, aoa, amplitude, snr, paths.is_diffuse)
+    return ApparentPaths(paths.delay_s + truth.clock_bias_s, aod, aoa, amplitude, snr, paths.is_diffuse)
 
 
-def identifiable(link: Link, seen: SeenPaths) -> IntArray:
+def identifiable(link: Link, seen: ApparentPaths) -> IntArray:
     """Indices of the paths that are known as well as a lone one of `MIN_SNR_DB` over noise and diffuse power."""
     candidate = np.flatnonzero(~seen.is_diffuse & (seen.snr_db >= WEAKEST_DB))
     chosen = seen.take(candidate)
@@ -117,13 +117,13 @@ def identifiable(link: Link, seen: SeenPaths) -> IntArray:
     return candidate[chosen.snr_db - loss_db >= MIN_SNR_DB]
 
 
-def diffuse_loss_db(link: Link, paths: SeenPaths, diffuse: SeenPaths) -> FloatArray:
+def diffuse_loss_db(link: Link, paths: ApparentPaths, diffuse: ApparentPaths) -> FloatArray:
     """Noise rise (path,) in dB by the diffuse power that passes each path's matched filter."""
     tx, rx = Manifold(link.tx_codebook), Manifold(link.rx_codebook)
     noise = np.sqrt(link.noise_power_mw)
     frequency_hz = link.frequency_offset_hz
 
-    def factors(some: SeenPaths) -> list[ComplexArray]:
+    def factors(some: ApparentPaths) -> list[ComplexArray]:
         wave = np.exp(-2j * np.pi * some.delay_s[:, None] * frequency_hz)
         return [tx.response(some.aod_rad), rx.response(some.aoa_rad) / noise, wave]
 
@@ -134,7 +134,7 @@ def diffuse_loss_db(link: Link, paths: SeenPaths, diffuse: SeenPaths) -> FloatAr
     return np.asarray(10 * np.log10(1 + rise @ power))
 
 
-def matched(link: Link, found: ChannelEstimate, target: SeenPaths) -> IntArray:
+def matched(link: Link, found: ChannelEstimate, target: ApparentPaths) -> IntArray:
     """Estimate (path,) of every true path within half a resolution cell on all axes, -1 for none; one to one."""
     distance = _cells(link, estimated(found)[None] - target.parameters[:, None]) / GATE_CELLS
     cost = np.minimum(distance.max(axis=2, initial=0.0), 1.0)
@@ -145,7 +145,7 @@ def matched(link: Link, found: ChannelEstimate, target: SeenPaths) -> IntArray:
     return match
 
 
-def count_unexplained(link: Link, found: ChannelEstimate, left: IntArray, seen: SeenPaths) -> int:
+def count_unexplained(link: Link, found: ChannelEstimate, left: IntArray, seen: ApparentPaths) -> int:
     """How many estimates have less true power within a cell around them than they claim, by over 6 dB."""
     near = (_cells(link, estimated(found)[left, None] - seen.parameters[None]) < 2 * GATE_CELLS).all(axis=2)
     near_power = near @ 10 ** (seen.snr_db / 10)

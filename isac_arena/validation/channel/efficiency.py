@@ -15,7 +15,7 @@ from isac_arena.campaign.chain import channel_estimator
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.validation.channel.match import (
     Estimator,
-    PathTable,
+    MatchedPaths,
     consistency_rows,
     efficiency_rows,
     estimate_places,
@@ -25,9 +25,9 @@ from isac_arena.validation.channel.match import (
 )
 from isac_arena.validation.channel.scenes import (
     SEPARATED_CELLS,
-    Bench,
     ChannelStop,
     DrawnPaths,
+    LinkBench,
     draw_paths,
     equal_pair,
     make_bench,
@@ -81,7 +81,7 @@ def check_incoherent_scenes(
 
 
 def _scene_rows(
-    method: str, table: PathTable, bars: tuple[float, float], sharp_db: float, found_db: float, quick: bool
+    method: str, table: MatchedPaths, bars: tuple[float, float], sharp_db: float, found_db: float, quick: bool
 ) -> list[Measurement]:
     """All rows of random scenes: errors are scored from `sharp_db` on, detection from `found_db` on.
 
@@ -140,7 +140,7 @@ def check_resolution(
     return rows
 
 
-def is_resolved(bench: Bench, stop: ChannelStop, estimate: Estimator) -> bool:
+def is_resolved(bench: LinkBench, stop: ChannelStop, estimate: Estimator) -> bool:
     """Whether two paths and no others are found, each within half a cell of its own true path on every axis."""
     places = estimate_places(estimate(stop.sweep))
     if len(places) != 2:
@@ -150,12 +150,12 @@ def is_resolved(bench: Bench, stop: ChannelStop, estimate: Estimator) -> bool:
     return bool((near[0, 0] and near[1, 1]) or (near[0, 1] and near[1, 0]))
 
 
-def scene_stops(bench: Bench, seed: int, count: int) -> Iterator[ChannelStop]:
+def scene_stops(bench: LinkBench, seed: int, count: int) -> Iterator[ChannelStop]:
     """Random stops, the same for every estimator."""
     for stop in range(count):
         yield observe_paths(bench, scene_paths(bench, seed, stop), stop)
 
 
-def scene_paths(bench: Bench, seed: int, stop: int) -> DrawnPaths:
+def scene_paths(bench: LinkBench, seed: int, stop: int) -> DrawnPaths:
     """The paths of one random stop."""
     return draw_paths(np.random.default_rng([seed, stop]), bench.cell, strongest_db=STRONGEST_DB)

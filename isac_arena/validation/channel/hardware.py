@@ -25,8 +25,8 @@ from isac_arena.validation.channel.match import (
 )
 from isac_arena.validation.channel.scenes import (
     SEPARATED_CELLS,
-    Bench,
     ChannelStop,
+    LinkBench,
     diffuse_background,
     make_bench,
     observe_paths,
@@ -184,7 +184,7 @@ def _words(impairments: dict[str, float]) -> str:
     return " and ".join(f"{name} {value:g}" for name, value in impairments.items()) or "ideal"
 
 
-def _campaign(bench: Bench, seed: int, campaign: int) -> Iterator[ChannelStop]:
+def _campaign(bench: LinkBench, seed: int, campaign: int) -> Iterator[ChannelStop]:
     """The stops of one campaign, made anew at every call: they do not fit in memory together."""
     for stop in range(CALIBRATION_STOPS):
         paths = scene_paths(bench, seed, campaign * CALIBRATION_STOPS + stop)
@@ -192,7 +192,7 @@ def _campaign(bench: Bench, seed: int, campaign: int) -> Iterator[ChannelStop]:
 
 
 def _two_errors(
-    bench: Bench, stop: ChannelStop, estimate: Estimator, sweeps: list[BeamSweep]
+    bench: LinkBench, stop: ChannelStop, estimate: Estimator, sweeps: list[BeamSweep]
 ) -> tuple[FloatArray, int]:
     """Errors (path, sweep, 2) in both sines of separated paths found in every sweep; false paths in the first."""
     bounds = true_bounds(bench, stop, coherent=True)
@@ -219,7 +219,7 @@ def _less_mean(errors: FloatArray) -> FloatArray:
     return np.asarray(errors - errors.mean(axis=0))
 
 
-def _nees(bench: Bench, stop: ChannelStop, found: ChannelEstimate) -> list[float]:
+def _nees(bench: LinkBench, stop: ChannelStop, found: ChannelEstimate) -> list[float]:
     """Squared error in units of the reported covariance, of the path where it was found."""
     match, _ = match_stop(bench, stop, found, true_bounds(bench, stop, coherent=True))
     if match[0] < 0:

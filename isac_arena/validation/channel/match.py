@@ -16,7 +16,7 @@ from scipy.stats import binom, chi2, norm, poisson
 
 from estimation.channel.record import ChannelEstimate
 from isac_arena.scoring.metrics.statistics import squared_mahalanobis
-from isac_arena.validation.channel.scenes import Bench, ChannelStop, TrueBounds, true_bounds
+from isac_arena.validation.channel.scenes import ChannelStop, LinkBench, TrueBounds, true_bounds
 from isac_arena.validation.measurement import Measurement
 from scenes.pose import wrap_angle
 from scenes.record import BoolArray, FloatArray, IntArray
@@ -31,7 +31,7 @@ BY_CHANCE = float(norm.cdf(-STANDARD_ERRORS))
 
 
 @dataclass(frozen=True)
-class PathTable:
+class MatchedPaths:
     """All true paths of many stops, and what became of them. Errors of paths that were not found are NaN."""
 
     snr_db: FloatArray  # (path,)
@@ -57,7 +57,7 @@ class PathTable:
 
 
 def match_stop(
-    bench: Bench, stop: ChannelStop, estimate: ChannelEstimate, bounds: TrueBounds
+    bench: LinkBench, stop: ChannelStop, estimate: ChannelEstimate, bounds: TrueBounds
 ) -> tuple[IntArray, int]:
     """Estimate (path,) of every true path, -1 for none, and the number of false estimates.
 
@@ -87,8 +87,8 @@ def estimate_places(estimate: ChannelEstimate) -> FloatArray:
 
 
 def run_stops(
-    bench: Bench, stops: Iterable[ChannelStop], estimator: Estimator, *, coherent: bool
-) -> PathTable:
+    bench: LinkBench, stops: Iterable[ChannelStop], estimator: Estimator, *, coherent: bool
+) -> MatchedPaths:
     """Estimate and score stops one after the other."""
     rows, n_false = [], []
     for stop in stops:
@@ -98,7 +98,7 @@ def run_stops(
         n_false.append(false)
         rows.append(_path_rows(stop, estimate, bounds, found))
     table = np.concatenate(rows)
-    return PathTable(
+    return MatchedPaths(
         table[:, 0], table[:, 1], table[:, 2], table[:, 3:6], table[:, 6:9], table[:, 9], np.array(n_false)
     )
 
@@ -128,7 +128,7 @@ def _path_rows(
 
 def efficiency_rows(
     prefix: str,
-    table: PathTable,
+    table: MatchedPaths,
     *,
     min_snr_db: float,
     min_separation: float,
@@ -167,7 +167,7 @@ def efficiency_rows(
 
 
 def consistency_rows(
-    prefix: str, table: PathTable, *, min_snr_db: float, min_separation: float, quick: bool
+    prefix: str, table: MatchedPaths, *, min_snr_db: float, min_separation: float, quick: bool
 ) -> list[Measurement]:
     """Coverage of the 95 % region and NEES over its dimension, as deviations from their nominal values."""
     nees = table.nees[table.is_found & table.chosen(min_snr_db, min_separation)]

@@ -22,7 +22,7 @@ from estimation.channel.incoherent.paths import fit_incoherent
 from estimation.channel.model.compress import DelayCube, compress, noise_scale_of
 from isac_arena.validation.channel.efficiency import TRIALS, make_estimator
 from isac_arena.validation.channel.match import most_by_chance
-from isac_arena.validation.channel.scenes import Bench, make_bench, noise_stop, with_bandwidth
+from isac_arena.validation.channel.scenes import LinkBench, make_bench, noise_stop, with_bandwidth
 from isac_arena.validation.measurement import Measurement
 from scenes.record import ComplexArray
 from sim.observation import BeamSweep
@@ -85,7 +85,7 @@ def check_false_alarms(
     return rows
 
 
-def compressed_hits(bench: Bench, rng: np.random.Generator, probability: float, n_trials: int) -> int:
+def compressed_hits(bench: LinkBench, rng: np.random.Generator, probability: float, n_trials: int) -> int:
     """Trials in which the coherent method finds a path in noise that is drawn compressed."""
     plan, template = noise_template(bench)
     config = MaximumLikelihoodConfig(false_alarm_probability=probability)
@@ -101,7 +101,7 @@ def compressed_hits(bench: Bench, rng: np.random.Generator, probability: float, 
 
 
 def sweep_hits(
-    bench: Bench,
+    bench: LinkBench,
     rng: np.random.Generator,
     fit: Callable[[BeamSweep, MaximumLikelihoodConfig], PathFit],
     probability: float,
@@ -118,7 +118,7 @@ def sweep_hits(
     return hits
 
 
-def noise_template(bench: Bench) -> tuple[SearchPlan, DelayCube]:
+def noise_template(bench: LinkBench) -> tuple[SearchPlan, DelayCube]:
     """The search plan of a link, and a compressed sweep of noise on its beams."""
     link = bench.link
     plan = search_plan(
@@ -152,7 +152,7 @@ def false_alarm_row(key: str, hits: int, n_trials: int, probability: float, quic
     )
 
 
-def _user_rate(bench: Bench, seed: int, n_trials: int, estimator: str) -> Measurement:
+def _user_rate(bench: LinkBench, seed: int, n_trials: int, estimator: str) -> Measurement:
     """A user's estimator has its own nominal probability; 1e-2 is taken as the most of it."""
     estimate = make_estimator("coherent", estimator)
     hits = sum(len(estimate(noise_stop(bench, stop))) > 0 for stop in range(n_trials))

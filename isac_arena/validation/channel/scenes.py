@@ -41,7 +41,7 @@ LONE_SCENE = Scene(
 
 
 @dataclass(frozen=True)
-class Bench:
+class LinkBench:
     """A link with the manifolds of its beams: what all stops of a Monte Carlo run share."""
 
     config: SimulationConfig
@@ -104,7 +104,7 @@ class TrueBounds:
     separation: FloatArray  # (path,) distance in cells to the nearest other path
 
 
-def make_bench(seed: int, **impairments: Any) -> Bench:
+def make_bench(seed: int, **impairments: Any) -> LinkBench:
     """The 32 x 32 beam link with 3,168 subcarriers, and the given impairments of the hardware."""
     array = ArrayConfig(beams_per_panel=32, sector_deg=SECTOR_DEG, columns=COLUMNS)
     config = SimulationConfig(
@@ -178,7 +178,9 @@ def equal_pair(
     return DrawnPaths(delay_s, aod_sine, aoa_sine, np.full(2, snr_db), rng.uniform(-np.pi, np.pi, 2))
 
 
-def observe_paths(bench: Bench, paths: DrawnPaths, stop: int, background: Paths | None = None) -> ChannelStop:
+def observe_paths(
+    bench: LinkBench, paths: DrawnPaths, stop: int, background: Paths | None = None
+) -> ChannelStop:
     """The sweep of drawn paths at a stop through the campaign's simulator, noise and impairments included.
 
     The stop's number picks the random draws of noise and hardware. `background` adds paths that are no truth.
@@ -191,7 +193,7 @@ def observe_paths(bench: Bench, paths: DrawnPaths, stop: int, background: Paths 
     return ChannelStop(sweep, paths, amplitude)
 
 
-def noise_stop(bench: Bench, stop: int) -> BeamSweep:
+def noise_stop(bench: LinkBench, stop: int) -> BeamSweep:
     """A sweep without any path."""
     none = made_paths(np.zeros(0, complex), np.zeros((0, 3)))
     return observe(bench.config, bench.link, LONE_SCENE, Truth(none, LONE_STOP, stop, 0.0))
@@ -215,7 +217,7 @@ def made_paths(gain: ComplexArray, parameters: FloatArray) -> Paths:
     )
 
 
-def true_bounds(bench: Bench, stop: ChannelStop, *, coherent: bool) -> TrueBounds:
+def true_bounds(bench: LinkBench, stop: ChannelStop, *, coherent: bool) -> TrueBounds:
     """Bounds from the joint Fisher information of all true paths of a stop."""
     parameters = stop.paths.parameters
     information = path_information(
@@ -246,7 +248,7 @@ def separated(bounds: TrueBounds) -> BoolArray:
 
 
 def diffuse_background(
-    rng: np.random.Generator, bench: Bench, paths: DrawnPaths, *, below_db: float, n: int = 2000
+    rng: np.random.Generator, bench: LinkBench, paths: DrawnPaths, *, below_db: float, n: int = 2000
 ) -> Paths:
     """Dense multipath: many weak paths from everywhere behind the first path, `below_db` under it in total power.
 
@@ -261,24 +263,24 @@ def diffuse_background(
     return made_paths(gain, np.column_stack([delay, np.arcsin(sines)]))
 
 
-def with_settings(bench: Bench, **impairments: Any) -> Bench:
+def with_settings(bench: LinkBench, **impairments: Any) -> LinkBench:
     """The same link with other impairments."""
     settings = bench.config.model_copy(update={"impairments": ImpairmentsConfig(**impairments)})
     return replace(bench, config=settings)
 
 
-def with_bandwidth(bench: Bench, n_rb: int) -> Bench:
+def with_bandwidth(bench: LinkBench, n_rb: int) -> LinkBench:
     """The same beams over 12 subcarriers in each of `n_rb` resource blocks."""
     waveform = bench.config.waveform.model_copy(update={"n_rb": n_rb})
     return _bench(bench.config.model_copy(update={"waveform": waveform}))
 
 
-def _bench(config: SimulationConfig) -> Bench:
+def _bench(config: SimulationConfig) -> LinkBench:
     link = make_link(config)
-    return Bench(config, link, Manifold(link.tx_codebook), Manifold(link.rx_codebook))
+    return LinkBench(config, link, Manifold(link.tx_codebook), Manifold(link.rx_codebook))
 
 
-def _amplitudes(bench: Bench, paths: DrawnPaths) -> ComplexArray:
+def _amplitudes(bench: LinkBench, paths: DrawnPaths) -> ComplexArray:
     """Gains xi (path,) in sqrt(mW) that give the drawn SNRs."""
     parameters = paths.parameters
     tx = np.square(np.abs(bench.tx.response(parameters[:, 1:2]))).max(axis=1)

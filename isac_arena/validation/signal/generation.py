@@ -49,7 +49,7 @@ def check_equation_1(seed: int, quick: bool) -> list[Measurement]:
 
 def check_oscillators(seed: int, quick: bool) -> list[Measurement]:
     """Clock bias and drift, CFO and phase noise from phases of a line of sight over subcarriers and symbols."""
-    bench, narrow = Bench(seed), Bench(seed, n_rb=24)
+    bench, narrow = ImpairmentBench(seed), ImpairmentBench(seed, n_rb=24)
     time_s = sweep_occasions(bench.config().waveform, 32, 32).time_s[0]
     stops = range(12 if quick else 60)  # 1,024 symbols each: 1.3 or 0.6 % for a variance
 
@@ -78,7 +78,7 @@ def check_oscillators(seed: int, quick: bool) -> list[Measurement]:
 
 def check_front_end(seed: int, quick: bool) -> list[Measurement]:
     """IQ imbalance, quantiser step and clipping level from the strongest beam pair."""
-    bench = Bench(seed)
+    bench = ImpairmentBench(seed)
     clean = bench.samples(bench.config(), 0)
     best = np.unravel_index(np.argmax(np.linalg.norm(clean, axis=2)), clean.shape[:2])
     strong = clean[best]
@@ -105,7 +105,7 @@ def check_front_end(seed: int, quick: bool) -> list[Measurement]:
 
 def check_arrays_as_built(seed: int, quick: bool) -> list[Measurement]:
     """Element errors, coupling, beam phases and pointing from the TX beams of a line of sight; the survey."""
-    bench = Bench(seed, orthogonal=True)
+    bench = ImpairmentBench(seed, orthogonal=True)
     weights, position_m = bench.link.tx_codebook.weights, bench.link.tx_codebook.element_position_m
     errors = bench.config(element_gain_std_db=1.0, element_phase_std_deg=10.0)
     built = np.linalg.lstsq(weights, built_codebooks(errors, bench.link)[0].weights, rcond=None)[0]
@@ -133,7 +133,7 @@ def check_arrays_as_built(seed: int, quick: bool) -> list[Measurement]:
     ]
 
 
-class Bench:
+class ImpairmentBench:
     """One strong path of 2 m between two arrays, in fixed noise: what one impairment changes.
 
     With `orthogonal` the TX has 64 orthonormal beams, which tell its 64 elements apart.
@@ -229,7 +229,7 @@ def direct_channel(link: Link, paths: Paths, frequency_hz: FloatArray) -> Comple
     return channel
 
 
-def _survey(bench: Bench, n_stops: int) -> list[Measurement]:
+def _survey(bench: ImpairmentBench, n_stops: int) -> list[Measurement]:
     config = bench.config(rx_placement_std_m=0.1, rx_heading_std_deg=2.0)
     truths = [bench.truth(stop) for stop in range(n_stops)]
     poses = [surveyed(config, truth).rx_pose for truth in truths]

@@ -51,7 +51,7 @@ GROSS_M, CONFIDENT_M = 1.0, 0.5
 
 
 @dataclass(frozen=True)
-class Trial:
+class SnapshotTrial:
     """One solved stop: its error (4,) and covariance in (m, m, rad, m)."""
 
     scenario: Scenario
@@ -78,10 +78,10 @@ class Trial:
         return float(stop_bound(self.scenario.tx, self.scenario.state, paths)[0].position_m)
 
 
-def solve(scenario: Scenario, config: SnapshotConfig) -> Trial:
+def solve(scenario: Scenario, config: SnapshotConfig) -> SnapshotTrial:
     """Solve a made-up stop."""
     solution = solve_snapshot(scenario.estimate, scenario.tx, config)
-    return Trial(scenario, solution, *solution_error(solution, scenario.state))
+    return SnapshotTrial(scenario, solution, *solution_error(solution, scenario.state))
 
 
 def check_noiseless(seed: int, quick: bool) -> list[Measurement]:
@@ -104,7 +104,7 @@ def check_efficiency(seed: int, quick: bool) -> list[Measurement]:
     """RMSE over the bound, and consistency of the covariances, with Gaussian errors and no outliers."""
     rng = np.random.default_rng(seed + 1)
     rows: list[Measurement] = []
-    every: list[Trial] = []
+    every: list[SnapshotTrial] = []
     for name, has_los in (("los", True), ("nlos", False)):
         settings = replace(GAUSSIAN, has_los=has_los)
         trials = [solve(draw_stop(rng, settings), OURS) for _ in range(50 if quick else 800)]
@@ -229,7 +229,7 @@ def _unwrapped(ahead: FloatArray, behind: FloatArray) -> FloatArray:
     return residual(ahead, behind) if is_measurement else ahead - behind
 
 
-def _point_nees(trial: Trial) -> FloatArray:
+def _point_nees(trial: SnapshotTrial) -> FloatArray:
     """Squared Mahalanobis error (ip,) of the IPs taken for single bounces that are."""
     solution = trial.solution
     if solution.status == SolveStatus.FAILED:
@@ -249,11 +249,11 @@ def _point_nees(trial: Trial) -> FloatArray:
     return squared_mahalanobis(error, points.covariance_m2[right])
 
 
-def _gross_rate(trials: list[Trial]) -> float:
+def _gross_rate(trials: list[SnapshotTrial]) -> float:
     return float(np.mean([trial.distance_m > GROSS_M for trial in trials])) if trials else np.nan
 
 
-def _position_std_m(trial: Trial) -> float:
+def _position_std_m(trial: SnapshotTrial) -> float:
     """Standard deviation of the position over all ranked modes, weighed by their evidence."""
     solution = trial.solution
     if solution.status == SolveStatus.FAILED:

@@ -15,7 +15,7 @@ from estimation.channel.calibration.self_calibration import (
     without_gauge,
 )
 from estimation.channel.model.manifold import Manifold
-from isac_arena.validation.channel.scenes import Bench, draw_paths, make_bench, observe_paths
+from isac_arena.validation.channel.scenes import LinkBench, draw_paths, make_bench, observe_paths
 from scenes.record import ComplexArray, FloatArray
 from sim.observation import BeamSweep
 from sim.signal.arrays.array import upa_positions_m
@@ -100,11 +100,11 @@ def test_the_gauge_takes_out_a_common_factor_and_a_pointing_offset() -> None:
 
 
 @pytest.fixture(scope="module")
-def bench() -> Bench:
+def bench() -> LinkBench:
     return make_bench(3, element_gain_std_db=1.0, element_phase_std_deg=10.0)
 
 
-def stop_sweeps(bench: Bench, n: int) -> list[BeamSweep]:
+def stop_sweeps(bench: LinkBench, n: int) -> list[BeamSweep]:
     rng = np.random.default_rng(5)
     drawn = (draw_paths(rng, bench.cell, strongest_db=(25.0, 40.0)) for _ in range(n))
     return [observe_paths(bench, paths, stop).sweep for stop, paths in enumerate(drawn)]
@@ -119,7 +119,7 @@ def misfit_db(true: Codebook, other: Codebook) -> float:
     return float(10 * np.log10(np.mean(1 - np.square(np.abs(seen.conj() @ model.T)).max(axis=1))))
 
 
-def test_a_few_stops_calibrate_both_arrays(bench: Bench) -> None:
+def test_a_few_stops_calibrate_both_arrays(bench: LinkBench) -> None:
     sweeps = stop_sweeps(bench, 8)
     calibration = self_calibrate(sweeps)
     assert calibration.is_coherent
@@ -143,14 +143,14 @@ def test_lost_phases_are_noticed() -> None:
     assert not calibration.is_coherent
 
 
-def test_paths_that_share_a_delay_cell_are_left_out(bench: Bench) -> None:
+def test_paths_that_share_a_delay_cell_are_left_out(bench: LinkBench) -> None:
     paths = dominant_paths(stop_sweeps(bench, 1)[0], 16.0)
     mixed = replace(paths, amplitude=paths.amplitude[:1] + paths.amplitude[1:2][:, ::-1])
     assert paths.pure(True, 0.97).size("path") >= 1
     assert mixed.pure(True, 0.97).size("path") == 0
 
 
-def test_nothing_to_calibrate_from_is_an_error(bench: Bench) -> None:
+def test_nothing_to_calibrate_from_is_an_error(bench: LinkBench) -> None:
     with pytest.raises(ValueError, match="no sweeps, at least 2"):
         self_calibrate([])
     sweep = stop_sweeps(bench, 1)[0]

@@ -108,7 +108,7 @@ def arena_link():
 def seen(parameters, snr_db, is_diffuse=False):
     parameters = np.array(parameters, float)
     n = len(parameters)
-    return channel_arena.SeenPaths(
+    return channel_arena.ApparentPaths(
         delay_s=parameters[:, 0] * 1e-9,
         aod_rad=parameters[:, 1:2],
         aoa_rad=parameters[:, 2:],

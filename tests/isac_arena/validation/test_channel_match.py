@@ -8,7 +8,7 @@ import pytest
 from estimation.channel.record import ChannelEstimate
 from isac_arena.scoring.metrics.statistics import squared_mahalanobis
 from isac_arena.validation.channel.match import (
-    PathTable,
+    MatchedPaths,
     consistency_rows,
     efficiency_rows,
     false_row,
@@ -86,7 +86,7 @@ def drawn_table(rng, n, *, scale=1.0):
     root = rng.standard_normal((n, 3, 3)) * np.array([1e-11, 1e-3, 1e-3])[:, None]
     covariance = root @ np.swapaxes(root, 1, 2)
     error = scale * np.einsum("nij,nj->ni", root, rng.standard_normal((n, 3)))
-    return PathTable(
+    return MatchedPaths(
         snr_db=np.full(n, 20.0),
         loss_db=np.zeros(n),
         separation=np.full(n, 5.0),

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from isac_arena.validation.signal.generation import Bench, check_arrays_as_built, check_front_end
+from isac_arena.validation.signal.generation import ImpairmentBench, check_arrays_as_built, check_front_end
 from sim.signal.arrays.codebook import Codebook
 from sim.signal.hardware.application import built_codebooks, true_tx_pose
 from sim.signal.hardware.config import IMPAIRMENTS, ImpairmentsConfig
@@ -39,7 +39,7 @@ def test_every_setting_belongs_to_one_impairment() -> None:
 
 
 def test_samples_change_with_each_impairment_of_the_signal_and_repeat() -> None:
-    bench = Bench(3)
+    bench = ImpairmentBench(3)
     clean = bench.samples(bench.config(), 0)
     assert np.isfinite(clean).all()
     for name in set(IMPAIRMENTS) - {"clock bias", "RX placement", "RX heading"}:
@@ -51,7 +51,7 @@ def test_samples_change_with_each_impairment_of_the_signal_and_repeat() -> None:
 
 
 def test_the_sweep_tells_the_design_whatever_the_hardware() -> None:
-    bench = Bench(4)
+    bench = ImpairmentBench(4)
     deviating = TYPICAL.model_copy(update={"element_phase_std_deg": 30.0, "tx_pointing_offset_deg": 5.0})
     config = bench.config(**deviating.model_dump(exclude_defaults=True))
     built = built_codebooks(config, bench.link)
