@@ -12,7 +12,7 @@ import typer
 
 if TYPE_CHECKING:
     from isac_arena.campaign.difference import SettingDifference
-    from isac_arena.insight.comparison.runs import Comparison
+    from isac_arena.insight.comparison.runs import RunComparison
     from isac_arena.scoring.metrics.metric import Metric
     from isac_arena.scoring.record import ScoreTables
 
@@ -131,7 +131,7 @@ def changed_settings(first: Run, second: Run) -> list[SettingDifference]:
 def write_comparison(
     out: Path,
     runs: tuple[Run, Run],
-    compared: Comparison,
+    compared: RunComparison,
     changed: list[SettingDifference],
     notes: list[str],
 ) -> None:

@@ -9,7 +9,7 @@ from rich.table import Table
 
 from estimation.channel.model.crb import PathBounds
 from estimation.channel.model.manifold import Manifold
-from isac_arena.insight.bounds.position import PlanGrid, Prepared
+from isac_arena.insight.bounds.position import BoundInputs, PlanGrid
 from isac_arena.report.figures.channel_bound import ChannelBoundMap
 from isac_arena.scoring.link_view import true_path_bounds
 from isac_arena.scoring.provenance import path_origin
@@ -26,14 +26,14 @@ LEAST_SNR_DB = 10.0  # weaker paths are not found
 class ChannelModel:
     """A campaign's link, the manifolds of its beams, and whether its hardware keeps phases between beam pairs."""
 
-    prepared: Prepared
+    prepared: BoundInputs
     link: Link
     tx: Manifold
     rx: Manifold
     is_coherent: bool
 
 
-def channel_model(prepared: Prepared) -> ChannelModel:
+def channel_model(prepared: BoundInputs) -> ChannelModel:
     """The channel model of a campaign: phases are lost where it has a CFO or phase noise between pairs."""
     link = make_link(prepared.config)
     hardware = prepared.config.impairments

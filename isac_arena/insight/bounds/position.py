@@ -41,7 +41,7 @@ IP_ROW = "incidence point error bound"
 
 
 @dataclass(frozen=True)
-class Prepared:
+class BoundInputs:
     """A scene with its solver and the covariance of a path."""
 
     config: CampaignConfig
@@ -51,7 +51,7 @@ class Prepared:
     in_space: bool  # elevations are estimated
 
 
-def prepare(campaign: str) -> Prepared:
+def prepare(campaign: str) -> BoundInputs:
     """Scene and settings of a campaign; every path gets the fixed covariance of the campaign's SLAM settings."""
     config, scene_file = load_campaign(campaign)
     carrier_hz = config.waveform.carrier_ghz * 1e9
@@ -60,7 +60,7 @@ def prepare(campaign: str) -> Prepared:
     angles = (4 if in_space else 2) * [np.deg2rad(noise.angle_std_deg)]
     std = np.array([SPEED_OF_LIGHT_M_S * 1e-9 * noise.delay_std_ns, *angles])
     single = config.propagation.model_copy(update={"max_bounces": min(1, config.propagation.max_bounces)})
-    return Prepared(config, scene, ExactSolver(scene, carrier_hz, single), np.diag(std**2), in_space)
+    return BoundInputs(config, scene, ExactSolver(scene, carrier_hz, single), np.diag(std**2), in_space)
 
 
 def sees_elevations(config: CampaignConfig) -> bool:
@@ -81,7 +81,7 @@ class PlanGrid:
     paths: list[Paths]  # (place,)
 
 
-def plan_grid(prepared: Prepared, step_m: float) -> PlanGrid:
+def plan_grid(prepared: BoundInputs, step_m: float) -> PlanGrid:
     """A grid round the TX and the walk, at the height of the walk."""
     scene = prepared.scene
     known = np.vstack([scene.walk.positions_m()[:, :2], scene.tx.position_m[:2]])
@@ -94,7 +94,7 @@ def plan_grid(prepared: Prepared, step_m: float) -> PlanGrid:
     return PlanGrid(x, y, is_free, places[is_free], prepared.solver.paths(places[is_free]))
 
 
-def over_plan(prepared: Prepared, grid: PlanGrid) -> BoundMap:
+def over_plan(prepared: BoundInputs, grid: PlanGrid) -> BoundMap:
     """PEB of a snapshot at every place of a grid, in plan."""
     peb, has_los = np.full(grid.is_free.shape, np.nan), np.zeros(grid.is_free.shape, bool)
     for at, position, paths in zip(np.argwhere(grid.is_free), grid.position_m, grid.paths, strict=True):
@@ -104,7 +104,7 @@ def over_plan(prepared: Prepared, grid: PlanGrid) -> BoundMap:
 
 
 def place_bound(
-    prepared: Prepared, position_m: FloatArray, paths: Paths
+    prepared: BoundInputs, position_m: FloatArray, paths: Paths
 ) -> tuple[StateBound | SpatialBound, bool]:
     """Bound of a receiver at a place (3,), in space where the campaign is, and whether it sees the TX."""
     if prepared.in_space:
@@ -116,7 +116,7 @@ def place_bound(
     return limits, stop.los_covariance is not None
 
 
-def along_walk(prepared: Prepared) -> Table:
+def along_walk(prepared: BoundInputs) -> Table:
     """Median bounds over the stops of the walk: each alone, and, in the plane, all together with shared walls."""
     table = Table("median over the walk", "each stop alone", "whole walk", "unit")
     for column in (1, 2):
@@ -126,7 +126,7 @@ def along_walk(prepared: Prepared) -> Table:
     return table
 
 
-def _in_plane(prepared: Prepared) -> list[tuple[str, float, float, str]]:
+def _in_plane(prepared: BoundInputs) -> list[tuple[str, float, float, str]]:
     """Rows: label, median of stops alone and of the whole walk, unit."""
     scene = prepared.scene
     positions = scene.walk.positions_m()
@@ -144,7 +144,7 @@ def _in_plane(prepared: Prepared) -> list[tuple[str, float, float, str]]:
     return rows
 
 
-def _in_space(prepared: Prepared) -> list[tuple[str, float, float, str]]:
+def _in_space(prepared: BoundInputs) -> list[tuple[str, float, float, str]]:
     """The same of stops alone, with heights."""
     scene = prepared.scene
     positions = scene.walk.positions_m()
@@ -160,7 +160,7 @@ def _in_space(prepared: Prepared) -> list[tuple[str, float, float, str]]:
     return rows
 
 
-def spatial_paths(prepared: Prepared, paths: Paths) -> SpatialPaths:
+def spatial_paths(prepared: BoundInputs, paths: Paths) -> SpatialPaths:
     """Line of sight and single bounces off anything, floor and ceiling too, within the dynamic range."""
     kind = path_origin(paths).kind
     seen = _within_range(prepared, paths)
@@ -174,7 +174,7 @@ def spatial_paths(prepared: Prepared, paths: Paths) -> SpatialPaths:
     return SpatialPaths(point, covariance, prepared.covariance if has_los else None)
 
 
-def stop_paths(prepared: Prepared, paths: Paths) -> StopPaths:
+def stop_paths(prepared: BoundInputs, paths: Paths) -> StopPaths:
     """Line of sight and single bounces off upright objects within the estimator's dynamic range."""
     origin, seen = path_origin(paths), _within_range(prepared, paths)
     single = seen & (origin.kind == PathKind.SINGLE_BOUNCE) & ~np.isin(origin.object, HORIZONTAL)
@@ -188,7 +188,7 @@ def stop_paths(prepared: Prepared, paths: Paths) -> StopPaths:
     )
 
 
-def _within_range(prepared: Prepared, paths: Paths) -> BoolArray:
+def _within_range(prepared: BoundInputs, paths: Paths) -> BoolArray:
     """Paths (path,) that the estimator's dynamic range shows beside the strongest."""
     if not len(paths):
         return np.zeros(0, bool)

@@ -20,7 +20,7 @@ MIN_GROUPS = 6
 
 
 @dataclass(frozen=True)
-class Pairs:
+class PairedValues:
     """One quantity in both runs; what is of one group, a stop or an object, is not independent."""
 
     key: str
@@ -75,7 +75,7 @@ class PairedDifference:
         return "better" if (self.difference > 0) == (self.direction == "higher") else "worse"
 
 
-def paired_difference(pairs: Pairs) -> PairedDifference:
+def paired_difference(pairs: PairedValues) -> PairedDifference:
     """Mean difference with a bias-corrected and accelerated bootstrap interval over groups (Efron, 1987).
 
     Whole groups are drawn anew: what happens to the paths of one stop happens together. The test is Wilcoxon's

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from isac_arena.insight.comparison.difference import PairedDifference, Pairs, paired_difference
+from isac_arena.insight.comparison.difference import PairedDifference, PairedValues, paired_difference
 from isac_arena.scoring.metrics.metric import Direction
 from isac_arena.scoring.metrics.statistics import quantile
 from isac_arena.scoring.record import MapScores, OutlineScores, ScoreTables
@@ -22,7 +22,7 @@ Values = dict[Hashable, float]  # of one run, by what makes a pair
 
 
 @dataclass(frozen=True)
-class Comparison:
+class RunComparison:
     """All differences of two runs, how many stops they share, and what could not be paired and why."""
 
     differences: tuple[PairedDifference, ...]
@@ -30,7 +30,7 @@ class Comparison:
     notes: tuple[str, ...]
 
 
-def compare_runs(first: ScoreTables, second: ScoreTables) -> Comparison:
+def compare_runs(first: ScoreTables, second: ScoreTables) -> RunComparison:
     """Paired differences of two runs, second minus first; quantities that neither run has are left out.
 
     Raises
@@ -56,7 +56,7 @@ def compare_runs(first: ScoreTables, second: ScoreTables) -> Comparison:
         maps = getattr(first, name), getattr(second, name)
         pairs += [*_ip_pairs(name, maps, stops), *_object_pairs(name, maps)]
     differences = (paired_difference(one) for one in pairs)
-    return Comparison(tuple(one for one in differences if one.verdict), len(stops), tuple(notes))
+    return RunComparison(tuple(one for one in differences if one.verdict), len(stops), tuple(notes))
 
 
 def common_stops(first: ScoreTables, second: ScoreTables) -> IntArray:
@@ -66,7 +66,7 @@ def common_stops(first: ScoreTables, second: ScoreTables) -> IntArray:
     return np.asarray(first.poses.stop[one[apart <= SAME_PLACE_M]])
 
 
-def pair(key: str, unit: str, direction: Direction, first: Values, second: Values) -> Pairs:
+def pair(key: str, unit: str, direction: Direction, first: Values, second: Values) -> PairedValues:
     """The values of two runs side by side, NaN where one of them has none.
 
     The group of an item is the first part of its key where that is a tuple, else the item itself.
@@ -75,10 +75,10 @@ def pair(key: str, unit: str, direction: Direction, first: Values, second: Value
     groups = [item[0] if isinstance(item, tuple) else item for item in items]
     number = {group: index for index, group in enumerate(dict.fromkeys(groups))}
     sides = (np.array([run.get(item, np.nan) for item in items], float) for run in (first, second))
-    return Pairs(key, unit, direction, np.array([number[group] for group in groups], int), *sides)
+    return PairedValues(key, unit, direction, np.array([number[group] for group in groups], int), *sides)
 
 
-def _pose_pairs(runs: Sequence[ScoreTables], stops: IntArray) -> Iterator[Pairs]:
+def _pose_pairs(runs: Sequence[ScoreTables], stops: IntArray) -> Iterator[PairedValues]:
     for key, unit, field, scale in (
         ("slam.position_error", "m", "position_error_m", 1.0),
         ("slam.height_error", "m", "height_error_m", 1.0),
@@ -89,7 +89,7 @@ def _pose_pairs(runs: Sequence[ScoreTables], stops: IntArray) -> Iterator[Pairs]
         yield pair(key, unit, "lower", *sides)
 
 
-def _set_pairs(runs: Sequence[ScoreTables], stops: IntArray) -> Iterator[Pairs]:
+def _set_pairs(runs: Sequence[ScoreTables], stops: IntArray) -> Iterator[PairedValues]:
     sides = (_of_stops(run.stops.stop, run.stops.gospa, stops) for run in runs)
     yield pair("channel.gospa", "1", "lower", *sides)
 
@@ -115,7 +115,7 @@ def _same_paths(runs: Sequence[ScoreTables], stops: IntArray) -> bool:
     return bool(common) and max(apart) <= SAME_DIRECTION_RAD
 
 
-def _path_pairs(runs: Sequence[ScoreTables], stops: IntArray) -> Iterator[Pairs]:
+def _path_pairs(runs: Sequence[ScoreTables], stops: IntArray) -> Iterator[PairedValues]:
     """Detection of the significant true paths, and the errors of those detected."""
     detected = (
         _of_paths(
@@ -137,7 +137,7 @@ def _path_pairs(runs: Sequence[ScoreTables], stops: IntArray) -> Iterator[Pairs]
         yield pair(key, unit, "lower", *errors)
 
 
-def _ip_pairs(name: str, maps: Sequence[MapScores], stops: IntArray) -> Iterator[Pairs]:
+def _ip_pairs(name: str, maps: Sequence[MapScores], stops: IntArray) -> Iterator[PairedValues]:
     """Medians of the inlier incidence points of every stop: distance to the nearest surface, height error."""
     for key, field in (("ip_to_surface", "surface_distance_m"), ("ip_height_error", "height_error_m")):
         sides = (
@@ -152,7 +152,7 @@ def _ip_pairs(name: str, maps: Sequence[MapScores], stops: IntArray) -> Iterator
         yield pair(f"{name}.{key}", "m", "lower", *sides)
 
 
-def _object_pairs(name: str, maps: Sequence[MapScores]) -> Iterator[Pairs]:
+def _object_pairs(name: str, maps: Sequence[MapScores]) -> Iterator[PairedValues]:
     columns: tuple[tuple[str, str, Direction], ...] = (
         ("iou", "1", "higher"),
         ("modified_hausdorff_m", "m", "lower"),

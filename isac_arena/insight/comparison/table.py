@@ -14,7 +14,7 @@ from rich.table import Table
 if TYPE_CHECKING:
     from isac_arena.campaign.difference import SettingDifference
     from isac_arena.insight.comparison.difference import PairedDifference
-    from isac_arena.insight.comparison.runs import Comparison
+    from isac_arena.insight.comparison.runs import RunComparison
 
 COLORS = {"better": "green", "worse": "bold red", "different": "magenta", "same": "dim", "undecided": "dim"}
 LONGEST_VALUE = 160
@@ -22,7 +22,7 @@ NAME_WIDTH = 18  # holds every heading and most names
 COUNTS_WIDTH = 7  # of the numbers of pairs: two short lines rather than one long
 
 
-def difference_table(compared: Comparison) -> Table:
+def difference_table(compared: RunComparison) -> Table:
     """A row per quantity that a run has, under a heading for every group of quantities."""
     paired = [one for one in compared.differences if one.n_pairs]
     chance = round(0.05 * len(paired))

@@ -32,7 +32,7 @@ class Told:
 
 
 @dataclass(frozen=True)
-class Calibration:
+class TwinCalibration:
     """What the other stops of its own half tell about every stop (`within`), and the other half (`across`).
 
     `half` (stop, stop) says which stops are in the other half.
@@ -43,7 +43,7 @@ class Calibration:
     half: BoolArray
 
 
-def calibrate(campaign: MeasuredCampaign, simulated: Sequence[Paths]) -> Calibration:
+def calibrate(campaign: MeasuredCampaign, simulated: Sequence[Paths]) -> TwinCalibration:
     """Offsets and power of every stop from the half of the stops that it is not in.
 
     The offsets are those of the lines of sight, corrected by the single bounces that `simulated` explains. Within
@@ -56,11 +56,11 @@ def calibrate(campaign: MeasuredCampaign, simulated: Sequence[Paths]) -> Calibra
     told = Told(sight_offsets(campaign, within), fit_power(campaign, simulated, within))
     teachers = explained(campaign, simulated, told.offsets, told.power)
     offsets = corrected_offsets(sight_offsets(campaign, half), teachers, teachers.is_single_bounce, half)
-    return Calibration(told, Told(offsets, fit_power(campaign, simulated, half)), half)
+    return TwinCalibration(told, Told(offsets, fit_power(campaign, simulated, half)), half)
 
 
 def explained_calibrated(
-    campaign: MeasuredCampaign, scene: Scene, simulated: Sequence[Paths], calibration: Calibration
+    campaign: MeasuredCampaign, scene: Scene, simulated: Sequence[Paths], calibration: TwinCalibration
 ) -> TwinPaths:
     """Every measured path with what explains it, by offsets, power and gains of objects from the other half."""
     materials = {name: material.name for name, material in scene.materials.items()}

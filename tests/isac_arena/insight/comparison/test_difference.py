@@ -5,12 +5,12 @@ import pytest
 from numpy.testing import assert_allclose
 
 from isac_arena.insight.comparison import difference
-from isac_arena.insight.comparison.difference import MIN_GROUPS, Pairs, paired_difference
+from isac_arena.insight.comparison.difference import MIN_GROUPS, PairedValues, paired_difference
 
 
 def pairs(first, second, group=None, direction="lower"):
     group = np.arange(len(first)) if group is None else group
-    return Pairs("a.key", "m", direction, group, np.asarray(first, float), np.asarray(second, float))
+    return PairedValues("a.key", "m", direction, group, np.asarray(first, float), np.asarray(second, float))
 
 
 def test_a_constant_shift_is_told_exactly():
