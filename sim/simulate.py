@@ -19,7 +19,7 @@ from sim.propagation.deepmimo.folder import read_deepmimo
 from sim.propagation.deepmimo.scenario import SAME_PLACE_M, PathScenario
 from sim.propagation.propagator import Propagator
 from sim.signal.generation import beam_channel
-from sim.signal.hardware.application import (
+from sim.signal.hardware.apply_impairments import (
     RandomStage,
     built_codebooks,
     extra_clock_bias_s,

@@ -12,7 +12,7 @@ from sim.observation import BeamSweep
 from sim.propagation.paths import Paths
 from sim.signal.generation import beam_channel
 from sim.signal.link import Link, make_link
-from sim.signal.receiver import add_noise
+from sim.signal.noise import add_noise
 
 SweepMaker = Callable[..., BeamSweep]
 

@@ -51,7 +51,7 @@ from isac_arena.scoring.record import ScoreTables
 from isac_arena.scoring.score import Scores, score_metrics
 from scenes.config import kept_files
 from scenes.scene import Scene
-from sim.signal.hardware.application import surveyed
+from sim.signal.hardware.apply_impairments import surveyed
 from sim.signal.link import Link, make_link
 from sim.simulate import observe, simulate_truth
 from sim.truth import Truth

@@ -11,7 +11,7 @@ from isac_arena.campaign.config import CampaignConfig
 from isac_arena.insight.ablation_ranking import ALL, EFFECTS, NONE, Ablation, ranked
 from isac_arena.scoring.score import Scores
 from scenes.scene import Scene
-from sim.signal.hardware.application import surveyed
+from sim.signal.hardware.apply_impairments import surveyed
 from sim.signal.hardware.config import ImpairmentsConfig
 from sim.signal.link import make_link
 from sim.simulate import clock_biases_s, observe

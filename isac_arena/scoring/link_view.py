@@ -19,7 +19,7 @@ from scenes.record import FloatArray, IntArray
 from scenes.scene import Scene
 from sim.propagation.paths import Paths
 from sim.signal.arrays.codebook import Codebook, beam_response
-from sim.signal.hardware.application import built_codebooks, true_tx_pose
+from sim.signal.hardware.apply_impairments import built_codebooks, true_tx_pose
 from sim.signal.link import Link
 from sim.truth import Truth
 

@@ -32,7 +32,7 @@ from isac_arena.sweep.job import Job, store_scene, tracing_config
 from scenes.record import Record
 from scenes.scene import Scene
 from sim.observation import BeamSweep
-from sim.signal.hardware.application import surveyed
+from sim.signal.hardware.apply_impairments import surveyed
 from sim.signal.link import Link, make_link
 from sim.simulate import clock_biases_s, observe, simulate_truth
 from sim.truth import Truth

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import shapely
 import trimesh
 
 from scenes.contours import Contour
-from scenes.meshes.mitsuba_xml import mitsuba_xml
+from scenes.objects.material import Material
 from scenes.objects.scene_object import KIND_COLORS
 from scenes.record import FloatArray, IntArray
 from scenes.scene import Scene, SceneObject
@@ -19,6 +20,8 @@ from scenes.scene import Scene, SceneObject
 MAX_SAGITTA_M = 0.02
 EXPORT_SAGITTA_M = 1e-3
 PLANE_COLOR = "#d5d8dc"  # floor and ceiling of exported meshes
+MITSUBA_VERSION = "2.1.0"
+MITSUBA_PREFIX = "mat-arena-"  # Sionna reads names of ITU materials, and names with itu in front, as its own
 MAX_TURN_RAD = 2 * np.pi / 24  # a round pillar becomes 24 facets however thin it is
 
 
@@ -149,6 +152,31 @@ def write_mitsuba(scene: Scene, folder: Path, max_sagitta_m: float = MAX_SAGITTA
     materials = {material.name: material for material in scene.materials.values()}
     path.write_text(mitsuba_xml(materials, shapes), encoding="utf-8")
     return path
+
+
+def mitsuba_xml(materials: Mapping[str, Material], shapes: Iterable[tuple[str, str, str]]) -> str:
+    """XML text of the materials by name and the shapes (id, PLY file, name of the material).
+
+    Every material is a `radio-material` with its constants at the carrier written out; Lambertian scattering is
+    what Sionna assumes then.
+    """
+    root = ET.Element("scene", version=MITSUBA_VERSION)
+    for name, material in materials.items():
+        node = ET.SubElement(root, "bsdf", type="radio-material", id=MITSUBA_PREFIX + name)
+        for constant, value in (
+            ("relative_permittivity", material.relative_permittivity),
+            ("conductivity", material.conductivity_s_m),
+            ("thickness", material.thickness_m),
+            ("scattering_coefficient", material.scattering_coefficient),
+        ):
+            ET.SubElement(node, "float", name=constant, value=repr(float(value)))
+    for name, file, material_name in shapes:
+        node = ET.SubElement(root, "shape", type="ply", id=f"mesh-{name}")
+        ET.SubElement(node, "string", name="filename", value=file)
+        ET.SubElement(node, "boolean", name="face_normals", value="true")
+        ET.SubElement(node, "ref", id=MITSUBA_PREFIX + material_name, name="bsdf")
+    ET.indent(root, space="    ")
+    return ET.tostring(root, encoding="unicode") + "\n"
 
 
 def _object_parts(

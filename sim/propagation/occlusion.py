@@ -12,7 +12,7 @@ from scenes.objects.clutter import Clutter
 from scenes.record import BoolArray, FloatArray, IntArray, Record, array, concatenate
 from scenes.scene import Scene
 from sim.propagation.specular.curves import Curves, collect
-from sim.propagation.specular.plan import cross, dot, norm
+from sim.propagation.specular.plan_view import cross, dot, norm
 from sim.propagation.specular.surfaces import Level, curves_of, levels
 
 OCCLUDER_SAGITTA_M = 1e-4  # legs that start at a corner may start off it by as much

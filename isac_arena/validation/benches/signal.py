@@ -20,7 +20,7 @@ from sim.config import ArrayConfig, SimulationConfig, WaveformConfig
 from sim.propagation.paths import Paths
 from sim.signal.generation import beam_channel
 from sim.signal.link import Link, make_link
-from sim.signal.receiver import add_noise
+from sim.signal.noise import add_noise
 
 N_SUBCARRIERS = 3168
 ORIGIN = Pose(np.zeros(3), 0.0)

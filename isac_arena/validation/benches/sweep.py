@@ -20,7 +20,7 @@ from isac_arena.sweep.plan import make_plan
 from isac_arena.sweep.run import make_signals, run_cases, trace_stops, truths
 from isac_arena.validation.measurement import Measurement
 from sim.observation import BeamSweep
-from sim.signal.hardware.application import surveyed
+from sim.signal.hardware.apply_impairments import surveyed
 
 COMMON = """
 name = "bench"

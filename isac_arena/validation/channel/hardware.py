@@ -37,7 +37,7 @@ from isac_arena.validation.channel.scenes import (
 from isac_arena.validation.measurement import Measurement
 from scenes.record import FloatArray, IntArray
 from sim.observation import BeamSweep
-from sim.signal.hardware.application import built_codebooks
+from sim.signal.hardware.apply_impairments import built_codebooks
 
 CALIBRATION_STOPS = 20
 QUICK_STOPS = 8  # of the 20 that are calibrated on, estimated in a quick run

@@ -18,7 +18,7 @@ from scenes.record import ComplexArray, FloatArray
 from sim.config import ArrayConfig, SimulationConfig, WaveformConfig
 from sim.propagation.paths import Paths
 from sim.signal.arrays.codebook import beam_response
-from sim.signal.hardware.application import built_codebooks, surveyed
+from sim.signal.hardware.apply_impairments import built_codebooks, surveyed
 from sim.signal.hardware.config import ImpairmentsConfig
 from sim.signal.hardware.impairments import coupling_matrix, fft_bins
 from sim.signal.link import Link, make_link

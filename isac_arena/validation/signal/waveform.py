@@ -17,7 +17,7 @@ from sim.signal.arrays.array import upa_positions_m
 from sim.signal.arrays.codebook import steered_codebook
 from sim.signal.link import Link, make_link
 from sim.signal.link_budget import LinkBudget, converter_share, link_budget, peak_gain_dbi
-from sim.signal.receiver import add_noise
+from sim.signal.noise import add_noise
 from sim.signal.waveform.config import ScheduleConfig
 from sim.signal.waveform.ofdm import cp_lengths, demodulate, modulate, sample_rate_hz
 from sim.signal.waveform.prs import COMB_LENGTHS, SYMBOLS_PER_SLOT, CyclicPrefix, PrsConfig, prs_slot

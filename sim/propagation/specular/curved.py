@@ -16,7 +16,7 @@ import numpy as np
 from scenes.record import BoolArray, FloatArray, IntArray, Record, array
 from sim.propagation.specular.curves import N_NODES, NODE_T, Curves
 from sim.propagation.specular.images import CLEARANCE_M, FaceChains, outside_beam, reflect_back
-from sim.propagation.specular.plan import PlanPaths, dot, norm
+from sim.propagation.specular.plan_view import PlanPaths, dot, norm
 from sim.propagation.specular.surfaces import Faces
 
 MIN_COS_INCIDENCE = 1e-5  # nearer to grazing, rounding decides whether the curve stands in its own way

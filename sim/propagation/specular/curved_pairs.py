@@ -14,7 +14,7 @@ import numpy as np
 from scenes.record import BoolArray, FloatArray, IntArray
 from sim.propagation.specular.curved import CURVE_OVERLAP, MIN_COS_INCIDENCE, RESIDUAL_LIMIT_M, STEP_LIMIT_M
 from sim.propagation.specular.curves import N_NODES, NODE_T, Curves
-from sim.propagation.specular.plan import SAME_POINT_M, PlanPaths, dot, norm
+from sim.propagation.specular.plan_view import SAME_POINT_M, PlanPaths, dot, norm
 
 MAX_STEPS = 24
 PATIENCE, LOST_STEP = 10, 0.01  # after so many steps a start that still moves so far leads nowhere

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from scenes.record import BoolArray, FloatArray, IntArray, Record, array
-from sim.propagation.specular.plan import PlanPaths, cross, norm
+from sim.propagation.specular.plan_view import PlanPaths, cross, norm
 from sim.propagation.specular.surfaces import Faces
 
 CLEARANCE_M = 1e-9  # a point or a part of a face nearer than this to a plane is not in front of it

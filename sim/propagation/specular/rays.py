@@ -15,7 +15,7 @@ import numpy as np
 from scenes.record import BoolArray, ComplexArray, FloatArray, IntArray, Record, array, concatenate
 from sim.propagation.diffraction.fock import grazing_factor
 from sim.propagation.occlusion import Crossings, Occluders, crossings
-from sim.propagation.specular.plan import PlanPaths, dot, norm
+from sim.propagation.specular.plan_view import PlanPaths, dot, norm
 from sim.propagation.specular.surfaces import Level, Surfaces
 
 # |J| / L is kept above this, a gain of at most 10 dB over planes only. That is about the height of the Airy peak

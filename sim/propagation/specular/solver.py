@@ -21,7 +21,7 @@ from sim.propagation.specular.curved import curved_paths, curved_planar_paths, p
 from sim.propagation.specular.curved_pairs import curved_curved_paths, facing_pairs
 from sim.propagation.specular.images import chains, planar_paths
 from sim.propagation.specular.path_gain import events, paths_of, slabs
-from sim.propagation.specular.plan import PlanPaths, distinct, straight
+from sim.propagation.specular.plan_view import PlanPaths, distinct, straight
 from sim.propagation.specular.rays import Rays, corner_points, raised, unobstructed
 from sim.propagation.specular.surfaces import surfaces
 

@@ -10,7 +10,6 @@ import warnings
 from typing import Any, Literal
 
 import numpy as np
-from scipy.signal import windows
 
 from scenes.pose import SPEED_OF_LIGHT_M_S, azimuth_elevation, direction
 from scenes.record import ComplexArray, FloatArray
@@ -44,6 +43,8 @@ def upa_taper(rows: int, columns: int, taper: Taper, side_lobe_db: float = 30.0)
         return np.ones(rows * columns)
     if not 15 <= side_lobe_db <= 80:
         raise ValueError(f"taper_side_lobe_db = {side_lobe_db:g}: allowed is 15 to 80 dB")
+    from scipy.signal import windows  # noqa: PLC0415  (slow to import)
+
     if taper == "taylor":
         along = [windows.get_window(("taylor", 4, side_lobe_db), n, fftbins=False) for n in (rows, columns)]
     elif taper == "chebyshev":

@@ -1,7 +1,7 @@
 """Hardware impairments: arrays that are not as designed, oscillators and clocks, the receiver's front end.
 
-Pure functions on arrays; `sim.signal.hardware.application` applies them where they arise and gives each its own
-random generator. Angles are in radians and phases turn as exp(+j phase).
+Pure functions on arrays. `sim.signal.hardware.apply_impairments` applies them where they arise and gives each one
+its own random generator. Angles are in radians. A positive phase multiplies by exp(+j phase).
 """
 
 from __future__ import annotations

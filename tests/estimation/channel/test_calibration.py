@@ -21,7 +21,7 @@ from sim.observation import BeamSweep
 from sim.signal.arrays.array import upa_positions_m
 from sim.signal.arrays.beams import sine_spaced_azimuths, steered_beams
 from sim.signal.arrays.codebook import Codebook, beam_response, codebook_on_panels
-from sim.signal.hardware.application import built_codebooks
+from sim.signal.hardware.apply_impairments import built_codebooks
 
 CARRIER_HZ = 60e9
 

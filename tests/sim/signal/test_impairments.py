@@ -7,7 +7,7 @@ import pytest
 
 from isac_arena.validation.signal.generation import ImpairmentBench, check_arrays_as_built, check_front_end
 from sim.signal.arrays.codebook import Codebook
-from sim.signal.hardware.application import built_codebooks, true_tx_pose
+from sim.signal.hardware.apply_impairments import built_codebooks, true_tx_pose
 from sim.signal.hardware.config import IMPAIRMENTS, ImpairmentsConfig
 from sim.signal.hardware.impairments import (
     clipped,

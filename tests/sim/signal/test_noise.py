@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from sim.signal.gaussian import add_circular_gaussian
+from sim.signal.noise import add_circular_gaussian
 
 
 def slow_box_muller(shape: tuple[int, int], power: np.ndarray, rng: np.random.Generator) -> np.ndarray:

@@ -1,8 +1,13 @@
-"""Circular Gaussian numbers at memory speed: the method of Box and Muller (1958) in single precision.
+"""Thermal noise of the receiver: its power, and circular Gaussian numbers that are fast to draw.
 
-A uniform u gives the power -ln u, exponentially distributed, a second one the phase. Logarithm, sine and cosine
-are their own series, cut where single precision ends: loops of them run on whole vectors of a processor, calls of
-a mathematics library do not. Without reassociation of sums the bits do not depend on the machine.
+Samples are scaled so that |y|^2 is the power received in all occupied subcarriers together: the transmit power
+is spread over them evenly, and the noise is that of their summed bandwidth.
+
+The numbers follow the method of Box and Muller (1958) in single precision. A uniform number u gives the power
+-ln u, which is exponentially distributed. A second uniform number gives the phase. Logarithm, sine and cosine are
+truncated series with the accuracy of single precision: the compiler turns loops of them into vector instructions,
+which it cannot do with calls of a mathematics library. Sums are not reassociated, so all machines give the same
+bits.
 """
 
 from __future__ import annotations
@@ -12,12 +17,35 @@ from numba import njit
 
 from scenes.record import ComplexArray, FloatArray
 
+BOLTZMANN_J_K = 1.380649e-23
+REFERENCE_TEMPERATURE_K = 290.0
+
 LN_2 = np.float32(np.log(2.0))
 TURN_34 = np.float32(2 * np.pi / 2**34)  # 32 bits over a quarter turn
 ROOT_HALF_BITS = np.int32(np.float32(np.sqrt(0.5)).view(np.int32))
 LOG_SERIES = tuple(np.float32(2 / n) for n in (1, 3, 5, 7, 9))  # ln((1 + s) / (1 - s)), |s| < 0.172: 2e-9
 SIN_SERIES = tuple(np.float32(1 / n) for n in (1, -6, 120, -5040, 362880))  # up to pi / 4: 2e-9
 COS_SERIES = tuple(np.float32(1 / n) for n in (1, -2, 24, -720, 40320))  # up to pi / 4: 3e-8
+
+
+def dbm_to_mw(power_dbm: float) -> float:
+    """Power in mW."""
+    return float(10 ** (power_dbm / 10))
+
+
+def noise_power_mw(bandwidth_hz: float, noise_figure_db: float) -> float:
+    """Thermal noise power k T0 B F in mW of one combined sample; unit-norm beam weights leave it unchanged."""
+    return float(BOLTZMANN_J_K * REFERENCE_TEMPERATURE_K * bandwidth_hz * 1e3 * 10 ** (noise_figure_db / 10))
+
+
+def add_noise(samples: ComplexArray, power_mw: FloatArray, rng: np.random.Generator) -> ComplexArray:
+    """Samples (tx_beam, rx_beam, subcarrier), in place, plus circular Gaussian noise of `power_mw` (rx_beam,).
+
+    Every beam pair is measured in its own OFDM symbol, so the noise is independent between pairs.
+    """
+    for beam in samples:  # one beam's noise stays in the cache
+        add_circular_gaussian(beam, power_mw, rng)
+    return samples
 
 
 def add_circular_gaussian(samples: ComplexArray, power: FloatArray, rng: np.random.Generator) -> None:

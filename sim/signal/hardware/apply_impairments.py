@@ -27,7 +27,7 @@ from sim.signal.hardware.impairments import (
     with_mutual_coupling,
 )
 from sim.signal.link import Link, pilots
-from sim.signal.receiver import add_noise
+from sim.signal.noise import add_noise
 from sim.signal.waveform.occasions import sweep_occasions
 from sim.truth import Truth
 
