@@ -11,7 +11,7 @@ import numpy as np
 
 from estimation.channel.coherent.refine import Reference, Solution, refine_near
 from estimation.channel.model.manifold import CELL
-from estimation.channel.model.path_model import Paths, manifold_rates
+from estimation.channel.model.path_model import PathParameters, manifold_rates
 from scenes.pose import wrap_angle
 from scenes.record import BoolArray, FloatArray
 
@@ -70,7 +70,7 @@ def _worst_pair(solution: Solution) -> BoolArray:
     return pair
 
 
-def _apart(reference: Reference, two: Paths, cells: float) -> Paths:
+def _apart(reference: Reference, two: PathParameters, cells: float) -> PathParameters:
     """Two paths at so many resolution cells about their middle, on the line through both."""
     rate = manifold_rates(reference.sweep, two).mean(axis=0)
     step = np.concatenate(

@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimation.channel.coherent.misfit import misfit_factor, widened
-from estimation.channel.coherent.paths import Prepared, fit_paths, path_fit, prepare
+from estimation.channel.coherent.paths import PreparedStop, fit_paths, path_fit, prepare
 from estimation.channel.coherent.plan import DelayWindow
 from estimation.channel.coherent.prune import wald_statistic
 from estimation.channel.coherent.refine import Reference, Solution
@@ -26,7 +26,7 @@ from estimation.channel.config import MaximumLikelihoodConfig
 from estimation.channel.fit import PathFit
 from estimation.channel.model.compress import CompressedSweep
 from estimation.channel.model.manifold import Manifold
-from estimation.channel.model.path_model import Paths, manifold_rates, responses
+from estimation.channel.model.path_model import PathParameters, manifold_rates, responses
 from scenes.record import BoolArray, ComplexArray, FloatArray, IntArray
 from sim.observation import BeamSweep
 
@@ -74,7 +74,7 @@ class _Found:
     background: FloatArray  # (bin,) noise power of every delay bin beside the paths, receiver noise 1
 
 
-def _settled(stop: Prepared) -> _Found:
+def _settled(stop: PreparedStop) -> _Found:
     """Turns of finding paths and of telling the background from what they leave, until both agree."""
     background = np.ones(len(stop.compressed.position))
     found = _turn(stop, background)
@@ -87,7 +87,7 @@ def _settled(stop: Prepared) -> _Found:
     return found
 
 
-def _turn(stop: Prepared, background: FloatArray) -> _Found:
+def _turn(stop: PreparedStop, background: FloatArray) -> _Found:
     sweep, window = stop.compressed, stop.window
     white = sweep
     if (background > 1).any():
@@ -105,7 +105,9 @@ def _reported(found: _Found, fit: PathFit, tx: Manifold, rx: Manifold) -> PathFi
     delay_bins = (paths.delay_bins + n / 8) % n - n / 8
     order = np.argsort(delay_bins, kind="stable")
     factor = found.rise * misfit_factor(Reference(found.sweep, paths), found.solution)
-    reported = Paths(fit.delay_s / found.sweep.bin_s, fit.aod_rad, fit.aoa_rad, fit.amplitude.astype(complex))
+    reported = PathParameters(
+        fit.delay_s / found.sweep.bin_s, fit.aod_rad, fit.aoa_rad, fit.amplitude.astype(complex)
+    )
     rate = manifold_rates(replace(found.sweep, tx=tx, rx=rx), reported)
     rate[:, 0] /= found.sweep.bin_s
     fit = replace(fit, covariance=widened(fit.covariance, factor[order], rate))
@@ -130,7 +132,7 @@ def background_over_delay(left: ComplexArray) -> FloatArray:
     return np.where(smooth > 1 + NOISE_STD / np.sqrt(n_cells), smooth, 1.0)
 
 
-def without_paths(sweep: CompressedSweep, paths: Paths) -> ComplexArray:
+def without_paths(sweep: CompressedSweep, paths: PathParameters) -> ComplexArray:
     """The samples (tx_rank, rx_rank, bin) of a compressed sweep less what the paths leave in them."""
     at = responses(sweep, paths)
     tx, rx, delay = at.tx[:, 0], at.rx[:, 0], at.delay[:, 0]

@@ -16,7 +16,7 @@ import numpy as np
 from estimation.channel.coherent.prune import Levels
 from estimation.channel.coherent.refine import Reference, Solution, refine_near
 from estimation.channel.model.manifold import Manifold
-from estimation.channel.model.path_model import Paths, responses
+from estimation.channel.model.path_model import PathParameters, responses
 from scenes.record import BoolArray, ComplexArray, FloatArray
 
 ELEVATIONS_RAD = np.deg2rad(np.arange(3.0, 75.0, 2.0))  # that are tried
@@ -50,7 +50,7 @@ def raised(reference: Reference, solution: Solution, levels: Levels, max_steps: 
 
 
 def _clearest_images(
-    reference: Reference, paths: Paths, tried: BoolArray, *, is_tx: bool
+    reference: Reference, paths: PathParameters, tried: BoolArray, *, is_tx: bool
 ) -> tuple[int, BoolArray, FloatArray] | None:
     """A path, others (path,) that it would leave if it had the angles (2,) instead; None without any.
 
@@ -108,7 +108,7 @@ def _same_cone(manifold: Manifold, angles_rad: FloatArray) -> FloatArray:
     return np.stack([boresight + np.arcsin(sine[is_there]), ELEVATIONS_RAD[is_there]], axis=1)
 
 
-def _with_angles(paths: Paths, path: int, angles_rad: FloatArray, *, is_tx: bool) -> Paths:
+def _with_angles(paths: PathParameters, path: int, angles_rad: FloatArray, *, is_tx: bool) -> PathParameters:
     """The paths, one of which has other angles (2,) at one end."""
     angles = (paths.aod_rad if is_tx else paths.aoa_rad).copy()
     angles[path] = angles_rad

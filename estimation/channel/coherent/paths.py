@@ -31,13 +31,13 @@ from estimation.channel.coherent.refine import (
     refine_apart,
     solve_at,
 )
-from estimation.channel.coherent.search import Search, without_side_lobes
+from estimation.channel.coherent.search import SpectrumSearch, without_side_lobes
 from estimation.channel.config import MaximumLikelihoodConfig
 from estimation.channel.fit import PathFit, empty_fit
 from estimation.channel.model.apparent import seen_from_horizon
 from estimation.channel.model.compress import CompressedSweep, check_sweep, compress
 from estimation.channel.model.manifold import Manifold
-from estimation.channel.model.path_model import Paths, no_paths
+from estimation.channel.model.path_model import PathParameters, no_paths
 from scenes.pose import wrap_angle
 from scenes.record import FloatArray
 from sim.observation import BeamSweep
@@ -74,7 +74,7 @@ def fit_coherent(
 
 
 @dataclass(frozen=True)
-class Prepared:
+class PreparedStop:
     """A stop ready for the search of paths; `tx` and `rx` are the manifolds of all beams."""
 
     compressed: CompressedSweep
@@ -90,7 +90,7 @@ def prepare(
     config: MaximumLikelihoodConfig | None,
     tx_manifold: Manifold | None,
     rx_manifold: Manifold | None,
-) -> Prepared | PathFit:
+) -> PreparedStop | PathFit:
     """The compressed samples of a stop at the delays that may hold paths, or the empty fit where there are none.
 
     Arguments and errors are those of `fit_coherent`.
@@ -107,14 +107,14 @@ def prepare(
     if window is None:
         return empty_fit(tx.n_angles, rx.n_angles, "no_paths")
     compressed = cube.window(window.position).with_hidden_elevation()
-    return Prepared(compressed, window, plan, config, tx, rx)
+    return PreparedStop(compressed, window, plan, config, tx, rx)
 
 
 def fit_paths(
     sweep: CompressedSweep, window: DelayWindow, plan: SearchPlan, config: MaximumLikelihoodConfig
 ) -> Solution:
     """Paths in a compressed sweep: find, fit jointly and prune until no more stand out of what is left."""
-    search = Search(sweep, plan.grids, plan.oversampling)
+    search = SpectrumSearch(sweep, plan.grids, plan.oversampling)
     reference = Reference(sweep, no_paths(sweep))
     solution = solve_at(reference, reference.paths)
     for _ in range(MAX_ROUNDS):
@@ -198,7 +198,9 @@ def _of_reported(covariance: FloatArray, aod_slopes: FloatArray, aoa_slopes: Flo
     return np.asarray(slopes @ covariance @ slopes.swapaxes(1, 2))
 
 
-def _new_paths(search: Search, reference: Reference, window: DelayWindow, room: int) -> Paths:
+def _new_paths(
+    search: SpectrumSearch, reference: Reference, window: DelayWindow, room: int
+) -> PathParameters:
     """Paths that stand out of what the known ones leave; where the grid leaves doubt, refined and tested."""
     if room <= 0:
         return no_paths(search.sweep)

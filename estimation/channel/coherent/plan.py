@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 
 from estimation.channel.coherent.refine import Reference, refine_apart
-from estimation.channel.coherent.search import DirectionGrid, Search, direction_grid
+from estimation.channel.coherent.search import DirectionGrid, SpectrumSearch, direction_grid
 from estimation.channel.config import MaximumLikelihoodConfig
 from estimation.channel.model.compress import BeamSpan, DelayCube, beam_span
 from estimation.channel.model.false_alarms import (
@@ -201,7 +201,7 @@ def _strongest_path(cube: DelayCube, plan: SearchPlan, levels: FloatArray) -> in
         end = min(n, start + TILE_BINS)
         margin = min(MARGIN_BINS, (n - (end - start)) // 2)
         tile = cube.window(np.arange(start - margin, end + margin))
-        search = Search(tile, plan.grids, plan.oversampling)
+        search = SpectrumSearch(tile, plan.grids, plan.oversampling)
         peaks = search.peaks(tile.parts, SCALLOPING * levels[start:end].min())
         inside = (peaks.delay_bins >= start - 0.5) & (peaks.delay_bins < end - 0.5)
         paths, power = refine_apart(Reference(tile, no_paths(tile)), search.paths(peaks.take(inside)))

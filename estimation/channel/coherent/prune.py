@@ -8,7 +8,14 @@ import numpy as np
 
 from estimation.channel.coherent.refine import Reference, Solution, near, refine, refine_near, regular_inverse
 from estimation.channel.model.manifold import CELL
-from estimation.channel.model.path_model import Paths, gram, manifold_rates, own_energy, responses, tangents
+from estimation.channel.model.path_model import (
+    PathParameters,
+    gram,
+    manifold_rates,
+    own_energy,
+    responses,
+    tangents,
+)
 from scenes.record import BoolArray, ComplexArray, FloatArray
 
 Levels = Callable[[FloatArray], FloatArray]  # power over noise power that paths at delays in bins need
@@ -92,7 +99,9 @@ def needless(solution: Solution, level: FloatArray) -> BoolArray:
         covariance[block, block] = np.eye(n_columns)  # settled, and nothing to do with the others
 
 
-def _moved(reference: Reference, without: Solution, path: Paths, max_steps: int, enough: float) -> Solution:
+def _moved(
+    reference: Reference, without: Solution, path: PathParameters, max_steps: int, enough: float
+) -> Solution:
     """The solution with one more path, where the score test wants it about the place of a `path` taken out."""
     about = path.joined(without.paths.take(near(reference.sweep, without.paths, path)))
     place = companions(Reference(reference.sweep, without.paths), without, 0.0, about)
@@ -101,7 +110,9 @@ def _moved(reference: Reference, without: Solution, path: Paths, max_steps: int,
     return refine_near(reference, without.paths.joined(place), path, max_steps, enough)
 
 
-def companions(reference: Reference, solution: Solution, level: float, about: Paths | None = None) -> Paths:
+def companions(
+    reference: Reference, solution: Solution, level: float, about: PathParameters | None = None
+) -> PathParameters:
     """The likeliest second path next to one of the `reference`, if it explains more than `level`; else none.
 
     `solution` is at the reference's paths. Probes lie half a resolution cell off every path, or off those `about`
@@ -131,10 +142,12 @@ def companions(reference: Reference, solution: Solution, level: float, about: Pa
     if score[best] < level:
         return probes.take(slice(0, 0))
     chosen = probes.take(slice(best, best + 1))
-    return Paths(chosen.delay_bins, chosen.aod_rad, chosen.aoa_rad, weighted[best : best + 1] @ [1, 1j])
+    return PathParameters(
+        chosen.delay_bins, chosen.aod_rad, chosen.aoa_rad, weighted[best : best + 1] @ [1, 1j]
+    )
 
 
-def _probes(reference: Reference, paths: Paths) -> Paths:
+def _probes(reference: Reference, paths: PathParameters) -> PathParameters:
     """Paths half a resolution cell to either side of every path, along delay and every angle it has."""
     rate = manifold_rates(reference.sweep, paths)
     probes = paths.take(slice(0, 0))

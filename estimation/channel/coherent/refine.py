@@ -16,8 +16,8 @@ from estimation.channel.model.compress import CompressedSweep
 from estimation.channel.model.kernels import real_equations
 from estimation.channel.model.manifold import CELL
 from estimation.channel.model.path_model import (
-    Paths,
-    Tangents,
+    PathParameters,
+    PathTangents,
     gram,
     manifold_rates,
     own_energy,
@@ -41,17 +41,17 @@ SMALLEST = 1e-150  # diagonal of a parameter that the samples do not depend on
 class Reference:
     """Samples as reference paths and what they leave: inner products with any tangents, in double precision."""
 
-    def __init__(self, sweep: CompressedSweep, paths: Paths) -> None:
+    def __init__(self, sweep: CompressedSweep, paths: PathParameters) -> None:
         self.sweep = sweep
         self.paths = paths
         self.parts = residual(sweep, paths)
         self._at = tangents(sweep, paths)
 
-    def left(self, at: Tangents) -> ComplexArray:
+    def left(self, at: PathTangents) -> ComplexArray:
         """Inner products (path, tangent) of tangents with what the reference paths leave of the samples."""
         return products_with(self.parts, at)
 
-    def products(self, at: Tangents) -> ComplexArray:
+    def products(self, at: PathTangents) -> ComplexArray:
         """Inner products (path, tangent) of tangents with the sweep's samples."""
         explained = gram(at, self._at)[:, :, :, 0] @ self.paths.amplitude
         return np.asarray(self.left(at) + explained)
@@ -70,7 +70,7 @@ class Solution:
     slope : (path, column) half the gradient of the log-likelihood
     """
 
-    paths: Paths
+    paths: PathParameters
     explained: float
     information: FloatArray
     slope: FloatArray
@@ -82,13 +82,13 @@ class Solution:
         return self.information.reshape(n, n)
 
 
-def solve_at(reference: Reference, paths: Paths) -> Solution:
+def solve_at(reference: Reference, paths: PathParameters) -> Solution:
     """Best amplitudes at given delays and angles, and the normal equations of all parameters."""
     at = tangents(reference.sweep, paths)
     return _solved(paths, reference.products(at), gram(at, at))
 
 
-def refine_apart(reference: Reference, paths: Paths) -> tuple[Paths, FloatArray]:
+def refine_apart(reference: Reference, paths: PathParameters) -> tuple[PathParameters, FloatArray]:
     """Paths refined one by one in what the reference leaves, each as if alone, and the power (path,) it explains.
 
     Gauss-Newton steps from points of a search grid; a step that explains less is not taken.
@@ -110,18 +110,18 @@ def refine_apart(reference: Reference, paths: Paths) -> tuple[Paths, FloatArray]
     return best, power
 
 
-def _solved(paths: Paths, product: ComplexArray, inner: ComplexArray) -> Solution:
+def _solved(paths: PathParameters, product: ComplexArray, inner: ComplexArray) -> Solution:
     values = inner[:, 0, :, 0]
     ridge = TINY * np.abs(values.diagonal()).max(initial=0.0) * np.eye(len(paths))
     amplitude = np.linalg.solve(values + ridge, product[:, 0])
     left = product - inner[:, :, :, 0] @ amplitude
     information, slope = real_equations(inner, left, amplitude)
     explained = float((product[:, 0].conj() @ amplitude).real)
-    paths = Paths(paths.delay_bins, paths.aod_rad, paths.aoa_rad, amplitude)
+    paths = PathParameters(paths.delay_bins, paths.aod_rad, paths.aoa_rad, amplitude)
     return Solution(paths, explained, information, slope)
 
 
-def refine(reference: Reference, paths: Paths, max_steps: int, enough: float = np.inf) -> Solution:
+def refine(reference: Reference, paths: PathParameters, max_steps: int, enough: float = np.inf) -> Solution:
     """Paths of largest likelihood near the given ones, after at most `max_steps` Levenberg-Marquardt steps.
 
     The steps end where `enough` is explained.
@@ -146,7 +146,7 @@ def refine(reference: Reference, paths: Paths, max_steps: int, enough: float = n
 
 
 def refine_near(
-    reference: Reference, paths: Paths, about: Paths, max_steps: int, enough: float = np.inf
+    reference: Reference, paths: PathParameters, about: PathParameters, max_steps: int, enough: float = np.inf
 ) -> Solution:
     """As `refine`, of the paths near those `about` which something changed; of the others only the amplitudes.
 
@@ -161,7 +161,7 @@ def refine_near(
     return solve_at(reference, paths.take(~moves).joined(moved.paths).take(order))
 
 
-def near(sweep: CompressedSweep, paths: Paths, about: Paths) -> BoolArray:
+def near(sweep: CompressedSweep, paths: PathParameters, about: PathParameters) -> BoolArray:
     """Which paths (path,) lie within `NEAR_CELLS` of any of those `about`, along every axis."""
     apart = [paths.delay_bins[:, None, None] - about.delay_bins[:, None]]
     for angles, others in ((paths.aod_rad, about.aod_rad), (paths.aoa_rad, about.aoa_rad)):

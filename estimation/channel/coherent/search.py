@@ -11,7 +11,7 @@ from numba import njit
 from estimation.channel.model.compress import CompressedSweep
 from estimation.channel.model.kernels import dirichlet
 from estimation.channel.model.manifold import Manifold
-from estimation.channel.model.path_model import Paths, no_paths, own_energy, responses
+from estimation.channel.model.path_model import PathParameters, no_paths, own_energy, responses
 from scenes.record import BoolArray, ComplexArray, FloatArray, IntArray
 
 NEIGHBOUR_COHERENCE = 0.5  # of directions about half a resolution cell apart: next to each other on the grid
@@ -42,7 +42,7 @@ class DirectionGrid:
 
 
 @dataclass(frozen=True)
-class Peaks:
+class SpectrumPeaks:
     """Local maxima of the spectrum, strongest first: indices on the grids, delay in bins, filter output."""
 
     tx: IntArray
@@ -53,9 +53,9 @@ class Peaks:
     def __len__(self) -> int:
         return len(self.tx)
 
-    def take(self, index: IntArray | BoolArray | slice) -> Peaks:
+    def take(self, index: IntArray | BoolArray | slice) -> SpectrumPeaks:
         """Some of the peaks."""
-        return Peaks(self.tx[index], self.rx[index], self.delay_bins[index], self.value[index])
+        return SpectrumPeaks(self.tx[index], self.rx[index], self.delay_bins[index], self.value[index])
 
 
 def direction_grid(manifold: Manifold, oversampling: float) -> DirectionGrid:
@@ -76,7 +76,7 @@ def direction_grid(manifold: Manifold, oversampling: float) -> DirectionGrid:
     return DirectionGrid(angles, matched, neighbour, envelope, close)
 
 
-class Search:
+class SpectrumSearch:
     """The search of one compressed sweep: matched-filter spectra of its samples or of what is left of them."""
 
     def __init__(
@@ -89,7 +89,7 @@ class Search:
         apart, weight = (sweep.position - sweep.position[0]).tobytes(), sweep.weight.tobytes()
         self._between = [_matched_delays(apart, weight, part, sweep.n_subcarriers) for part in parts[1:]]
 
-    def peaks(self, parts: FloatArray, level: float) -> Peaks:
+    def peaks(self, parts: FloatArray, level: float) -> SpectrumPeaks:
         """Local maxima above `level` of the spectrum of samples given as parts (part, tx_rank, rx_rank, bin).
 
         The spectrum is the power that a path of each delay and pair of directions would have, in units of the
@@ -107,18 +107,20 @@ class Search:
             inside = (d + low >= start) & (d + low < start + n_at_once)
             i, j, d = i[inside], j[inside], d[inside]
             value = real[i, j, d] + 1j * imaginary[i, j, d].astype(float)
-            found.append(Peaks(i, j, self._delay_bins[d + low], value))
-        peaks = Peaks(*(np.concatenate([getattr(p, f.name) for p in found]) for f in fields(Peaks)))
+            found.append(SpectrumPeaks(i, j, self._delay_bins[d + low], value))
+        peaks = SpectrumPeaks(
+            *(np.concatenate([getattr(p, f.name) for p in found]) for f in fields(SpectrumPeaks))
+        )
         return peaks.take(np.argsort(-np.abs(peaks.value), kind="stable"))
 
-    def paths(self, peaks: Peaks) -> Paths:
+    def paths(self, peaks: SpectrumPeaks) -> PathParameters:
         """Paths at the grid points of peaks, with the amplitudes that match them there."""
         tx, rx = self.grids
         if not len(peaks):
             return no_paths(self.sweep)
         aod = _at_horizon(tx.angle_rad[peaks.tx], self.sweep.tx)
         aoa = _at_horizon(rx.angle_rad[peaks.rx], self.sweep.rx)
-        paths = Paths(peaks.delay_bins, aod, aoa, peaks.value)
+        paths = PathParameters(peaks.delay_bins, aod, aoa, peaks.value)
         return replace(paths, amplitude=peaks.value / np.sqrt(own_energy(responses(self.sweep, paths))))
 
     def _delay_filtered(self, parts: FloatArray) -> FloatArray:
@@ -136,8 +138,8 @@ class Search:
 
 
 def without_side_lobes(
-    peaks: Peaks, grids: tuple[DirectionGrid, DirectionGrid], margin: float, at_most: int
-) -> Peaks:
+    peaks: SpectrumPeaks, grids: tuple[DirectionGrid, DirectionGrid], margin: float, at_most: int
+) -> SpectrumPeaks:
     """Peaks, from the strongest down, that rise above `margin` times all side lobes of those kept before.
 
     Side lobes of several paths are added in amplitude, as if they were in phase. Of peaks close to each other on

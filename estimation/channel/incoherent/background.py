@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimation.channel.incoherent.likelihood import Ends
+from estimation.channel.incoherent.likelihood import LinkBeams
 from estimation.channel.incoherent.spectrum import delay_waves
 from scenes.record import ComplexArray, FloatArray, IntArray
 
@@ -35,7 +35,7 @@ class Background:
         """The background in samples (pair, bin) of unit noise that are left."""
         return cls(np.square(left.real) + np.square(left.imag), bins, n_bins)
 
-    def rise(self, ends: Ends, paths: FloatArray) -> FloatArray:
+    def rise(self, ends: LinkBeams, paths: FloatArray) -> FloatArray:
         """Noise power (path,) that paths (path, parameter) meet, over that of the receiver; 1 below `NOTABLE`."""
         profile, n_pairs = self._profile(ends, paths)
         distance = self.bins - paths[:, :1]
@@ -54,14 +54,14 @@ class Background:
             )
         return np.where(rise > NOTABLE, rise, 1.0)
 
-    def widening(self, ends: Ends, paths: FloatArray) -> FloatArray:
+    def widening(self, ends: LinkBeams, paths: FloatArray) -> FloatArray:
         """Factor (path,) on the covariances of paths: their noise, or what even the paths' own cells hold."""
         profile, _ = self._profile(ends, paths)
         waves, _ = delay_waves(self.bins, paths[:, 0], self.n_bins)
         own = np.einsum("ik,ki->i", profile, waves**2) / self.n_bins
         return np.maximum(self.rise(ends, paths), np.where(own > UNEXPLAINED, own, 1.0))
 
-    def _profile(self, ends: Ends, paths: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _profile(self, ends: LinkBeams, paths: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Power over delay (path, bin) that each path meets, and the number of pairs (path,) it is a mean of."""
         share = np.square(np.abs(ends.amplitudes(paths))).T
         share = share / np.maximum(share.sum(axis=1, keepdims=True), 1e-300)

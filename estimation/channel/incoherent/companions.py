@@ -13,7 +13,7 @@ from itertools import product
 
 import numpy as np
 
-from estimation.channel.incoherent.likelihood import Ends, LocalSamples, Score, score
+from estimation.channel.incoherent.likelihood import LinkBeams, LocalSamples, Score, score
 from estimation.channel.incoherent.spectrum import delay_waves
 from estimation.channel.model.phase_information import pair_information
 from scenes.record import ComplexArray, FloatArray, IntArray
@@ -30,7 +30,7 @@ _FLOOR = 1e-6  # of the equilibrated information of the known paths: phases may 
 
 
 def companion(
-    local: LocalSamples, ends: Ends, paths: FloatArray, at: Score, least_gain: float
+    local: LocalSamples, ends: LinkBeams, paths: FloatArray, at: Score, least_gain: float
 ) -> FloatArray | None:
     """The likeliest further path (1, parameter) next to a known one; None where none promises `least_gain`.
 
@@ -75,7 +75,7 @@ def _with_amplitude(probe: FloatArray, amplitude: FloatArray) -> FloatArray:
     return path
 
 
-def _probes(ends: Ends, paths: FloatArray) -> FloatArray:
+def _probes(ends: LinkBeams, paths: FloatArray) -> FloatArray:
     """Paths (probe, parameter) of unit gain about every path, along its delay and angles and between them."""
     step = ends.cells(paths)
     n = step.shape[1]
@@ -97,7 +97,7 @@ class _Derivatives:
     along: ComplexArray  # (pair, column), mu^H d
 
 
-def _known(local: LocalSamples, ends: Ends, paths: FloatArray) -> _Derivatives:
+def _known(local: LocalSamples, ends: LinkBeams, paths: FloatArray) -> _Derivatives:
     """Signals and derivatives by all parameters of the known paths."""
     tx, rx = ends.responses(paths)
     tx, rx = tx[:, :, local.tx_beam], rx[:, :, local.rx_beam]
@@ -116,7 +116,7 @@ def _known(local: LocalSamples, ends: Ends, paths: FloatArray) -> _Derivatives:
 
 
 def _score(
-    local: LocalSamples, ends: Ends, known: _Derivatives, at: Score, probes: FloatArray, pair: IntArray
+    local: LocalSamples, ends: LinkBeams, known: _Derivatives, at: Score, probes: FloatArray, pair: IntArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Scores (probe, 2) of the real and imaginary amplitude of probes, their information (probe, 2, 2) and
     that which they share with the parameters of the known paths (probe, 2, path * parameter); of some pairs.

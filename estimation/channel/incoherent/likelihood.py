@@ -41,7 +41,7 @@ _LARGEST_CELLS, _LARGEST_LOG_AMPLITUDE, _LARGEST_PHASE = 0.4, 0.7, 0.7  # of one
 
 
 @dataclass(frozen=True)
-class Ends:
+class LinkBeams:
     """The beams of both ends, those of the receiver with their noise."""
 
     tx: Manifold
@@ -122,11 +122,11 @@ class LocalSamples:
     n_bins: int
     fixed: ComplexArray | None = None  # (rank, pair), the signal of further paths that are taken as they are
 
-    def beside(self, ends: Ends, paths: FloatArray) -> LocalSamples:
+    def beside(self, ends: LinkBeams, paths: FloatArray) -> LocalSamples:
         """The samples with these paths (path, parameter) taken as they are."""
         return replace(self, fixed=self.signal(ends, paths))
 
-    def signal(self, ends: Ends, paths: FloatArray) -> ComplexArray:
+    def signal(self, ends: LinkBeams, paths: FloatArray) -> ComplexArray:
         """What paths (path, parameter) add to the samples (rank, pair), but for the pairs' phases."""
         wave, _ = delay_waves(self.bins, paths[:, 0], self.n_bins)
         return np.asarray((self.basis.T @ wave) @ ends.amplitudes(paths)[self.pair].T)
@@ -161,7 +161,7 @@ def local_samples(
     return LocalSamples(samples, pairs, tx_beam, rx_beam, basis, bins, spectrum.n_bins)
 
 
-def score(local: LocalSamples, ends: Ends, paths: FloatArray, faint: float = FAINT) -> Score:
+def score(local: LocalSamples, ends: LinkBeams, paths: FloatArray, faint: float = FAINT) -> Score:
     """Marginal log-likelihood of `paths` (path, parameter) with its derivatives.
 
     Parameters are the delay in bins, AoD angles, AoA angles in rad, log amplitude and phase. Pairs in which
@@ -179,7 +179,9 @@ def score(local: LocalSamples, ends: Ends, paths: FloatArray, faint: float = FAI
     return Score(float(value.sum()), gradient, information, value, at.snr, phasor)
 
 
-def likelihood_without(local: LocalSamples, ends: Ends, paths: FloatArray, chosen: IntArray) -> FloatArray:
+def likelihood_without(
+    local: LocalSamples, ends: LinkBeams, paths: FloatArray, chosen: IntArray
+) -> FloatArray:
     """Marginal log-likelihood (chosen,) of all paths but the chosen one, the others as they are."""
     at, n = _products(local, ends, paths), len(paths)
     energy = np.diagonal(at.gram)[:n].copy()
@@ -202,7 +204,7 @@ class _Products:
     snr: FloatArray  # (pair,) of the signal with itself
 
 
-def _products(local: LocalSamples, ends: Ends, paths: FloatArray) -> _Products:
+def _products(local: LocalSamples, ends: LinkBeams, paths: FloatArray) -> _Products:
     n = len(paths)
     wave, slope = delay_waves(local.bins, paths[:, 0], local.n_bins)
     waves = local.basis.T @ np.concatenate([wave, slope], axis=1)
@@ -231,7 +233,7 @@ def information_table() -> FloatArray:
 
 
 def climb(
-    local: LocalSamples, ends: Ends, paths: FloatArray, most_steps: int = MOST_STEPS
+    local: LocalSamples, ends: LinkBeams, paths: FloatArray, most_steps: int = MOST_STEPS
 ) -> tuple[FloatArray, Score, bool]:
     """Paths (path, parameter) at the nearest maximum of the likelihood, or after so many steps towards it.
 
@@ -282,7 +284,7 @@ def _damped_step(at: Score, damping: float) -> FloatArray:
     return np.asarray(np.linalg.solve(matrix, at.gradient * scale) * scale)
 
 
-def _longest_steps(ends: Ends, paths: FloatArray) -> FloatArray:
+def _longest_steps(ends: LinkBeams, paths: FloatArray) -> FloatArray:
     """Largest step (path, parameter) at a time: parts of a resolution cell, of the amplitude and of a turn."""
     gain = np.broadcast_to([_LARGEST_LOG_AMPLITUDE, _LARGEST_PHASE], (len(paths), 2))
     return np.concatenate([_LARGEST_CELLS * ends.cells(paths), gain], axis=1)

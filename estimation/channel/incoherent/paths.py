@@ -15,10 +15,10 @@ import numpy as np
 from estimation.channel.coherent.plan import nominal_manifold
 from estimation.channel.config import MaximumLikelihoodConfig
 from estimation.channel.fit import PathFit, empty_fit
-from estimation.channel.incoherent.likelihood import Ends, Score
+from estimation.channel.incoherent.likelihood import LinkBeams, Score
 from estimation.channel.incoherent.rivals import weighed_rivals
 from estimation.channel.incoherent.screen import Screen
-from estimation.channel.incoherent.search import Search
+from estimation.channel.incoherent.search import IncoherentSearch
 from estimation.channel.incoherent.spectrum import delay_spectrum
 from estimation.channel.incoherent.threshold import Levels, null_tail
 from estimation.channel.model.compress import check_sweep
@@ -88,19 +88,19 @@ def fit_incoherent(
     spectrum = delay_spectrum(sweep)
     if not np.isfinite(spectrum.noise_mw).any():
         return _empty(sweep, empty_fit(tx.n_angles, rx.n_angles, "no_signal"))
-    ends = Ends(tx, rx, spectrum.noise_mw)
+    ends = LinkBeams(tx, rx, spectrum.noise_mw)
     screen = Screen.make(
         tx, rx, tx.grid(config.oversampling), rx.grid(config.oversampling), spectrum.noise_mw
     )
     levels = Levels(null_tail(tx, rx), config, spectrum.bin_s, spectrum.n_bins)
-    search = Search(spectrum, ends, screen, levels, config)
+    search = IncoherentSearch(spectrum, ends, screen, levels, config)
     paths, at = search.run()
     if at is None:
         return _empty(sweep, empty_fit(tx.n_angles, rx.n_angles, "no_paths"))
     return _assemble(sweep, search, paths, at)
 
 
-def _assemble(sweep: BeamSweep, search: Search, paths: FloatArray, at: Score) -> IncoherentFit:
+def _assemble(sweep: BeamSweep, search: IncoherentSearch, paths: FloatArray, at: Score) -> IncoherentFit:
     ends, spectrum = search.ends, search.spectrum
     paths, at, spread = weighed_rivals(search.local, ends, paths, at)
     n, size = paths.shape

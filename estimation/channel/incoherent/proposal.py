@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from estimation.channel.incoherent.grid_kernels import candidate_ratios
-from estimation.channel.incoherent.likelihood import Ends
+from estimation.channel.incoherent.likelihood import LinkBeams
 from estimation.channel.incoherent.screen import Candidates, Screen
 from scenes.record import ComplexArray, FloatArray
 
@@ -16,7 +16,7 @@ _WEAKEST = 1e-3  # share of the strongest pair's SNR below which pairs are left 
 
 def starting_points(
     screen: Screen,
-    ends: Ends,
+    ends: LinkBeams,
     candidates: Candidates,
     matched: ComplexArray,
     phasor: ComplexArray,

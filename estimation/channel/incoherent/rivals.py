@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from estimation.channel.incoherent.likelihood import (
-    Ends,
+    LinkBeams,
     LocalSamples,
     Score,
     climb,
@@ -32,7 +32,7 @@ APART = 3.0  # standard deviations from which on two maxima are two
 
 
 def weighed_rivals(
-    local: LocalSamples, ends: Ends, paths: FloatArray, at: Score
+    local: LocalSamples, ends: LinkBeams, paths: FloatArray, at: Score
 ) -> tuple[FloatArray, Score, FloatArray]:
     """Paths (path, parameter) at the likeliest of their rival directions, the likelihood there, and the spread.
 
@@ -68,7 +68,7 @@ def weighed_rivals(
 
 
 def _rivals(
-    local: LocalSamples, ends: Ends, paths: FloatArray, at: Score
+    local: LocalSamples, ends: LinkBeams, paths: FloatArray, at: Score
 ) -> list[tuple[FloatArray, FloatArray]]:
     """Places (rival, parameter) of each path, its own first, and log-likelihoods (rival,) of all paths."""
     size = paths.shape[1]
@@ -98,7 +98,7 @@ def _weights(places: FloatArray, values: FloatArray, temper: float) -> tuple[Flo
     return weight / weight.sum(), second
 
 
-def _starts(ends: Ends, path: FloatArray) -> FloatArray:
+def _starts(ends: LinkBeams, path: FloatArray) -> FloatArray:
     """Paths (rival, parameter) like one path, at further peaks over elevation of the likeness of magnitudes."""
     starts = [np.zeros((0, len(path)))]
     cells = ends.cells(path[None])[0]

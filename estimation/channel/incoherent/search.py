@@ -11,7 +11,7 @@ from estimation.channel.incoherent.background import Background
 from estimation.channel.incoherent.companions import companion
 from estimation.channel.incoherent.likelihood import (
     MOST_STEPS,
-    Ends,
+    LinkBeams,
     LocalSamples,
     Score,
     climb,
@@ -43,11 +43,11 @@ _SAME_CELLS = 0.8  # a candidate this near to one that has failed is not tried a
 
 
 @dataclass
-class Search:
+class IncoherentSearch:
     """The search for the paths of one stop. Paths are (path, parameter) as in `incoherent_likelihood`."""
 
     spectrum: DelaySpectrum
-    ends: Ends
+    ends: LinkBeams
     screen: Screen
     levels: Levels
     config: MaximumLikelihoodConfig

@@ -19,7 +19,7 @@ from scenes.record import BoolArray, ComplexArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True)
-class Paths:
+class PathParameters:
     """Paths as the model counts them: delays (path,) in bins, angles (path, angle) in rad, amplitudes (path,)."""
 
     delay_bins: FloatArray
@@ -40,25 +40,25 @@ class Paths:
             amplitude=self.amplitude[index],
         )  # fmt: skip
 
-    def joined(self, other: Paths) -> Paths:
+    def joined(self, other: PathParameters) -> PathParameters:
         """These paths, then the others."""
-        return Paths(
+        return PathParameters(
             np.concatenate([self.delay_bins, other.delay_bins]),
             np.concatenate([self.aod_rad, other.aod_rad]),
             np.concatenate([self.aoa_rad, other.aoa_rad]),
             np.concatenate([self.amplitude, other.amplitude]),
         )
 
-    def replaced(self, where: BoolArray, other: Paths) -> Paths:
+    def replaced(self, where: BoolArray, other: PathParameters) -> PathParameters:
         """The paths with those marked in `where` (path,) taken from `other`."""
-        return Paths(
+        return PathParameters(
             np.where(where, other.delay_bins, self.delay_bins),
             np.where(where[:, None], other.aod_rad, self.aod_rad),
             np.where(where[:, None], other.aoa_rad, self.aoa_rad),
             np.where(where, other.amplitude, self.amplitude),
         )
 
-    def moved(self, step: FloatArray) -> Paths:
+    def moved(self, step: FloatArray) -> PathParameters:
         """The paths after a step (path, parameter) of delays and angles."""
         n_aod = self.aod_rad.shape[1]
         return replace(
@@ -69,9 +69,9 @@ class Paths:
         )
 
 
-def no_paths(sweep: CompressedSweep) -> Paths:
+def no_paths(sweep: CompressedSweep) -> PathParameters:
     """Zero paths with as many angles as the beams of a sweep observe."""
-    return Paths(
+    return PathParameters(
         delay_bins=np.zeros(0),
         aod_rad=np.zeros((0, sweep.tx.n_angles)),
         aoa_rad=np.zeros((0, sweep.rx.n_angles)),
@@ -80,7 +80,7 @@ def no_paths(sweep: CompressedSweep) -> Paths:
 
 
 @dataclass(frozen=True)
-class Tangents:
+class PathTangents:
     """Factors of the responses of paths and of their derivatives along every axis, the value first.
 
     In the products of three factors that they stand for, the value of a path comes first, then its derivatives
@@ -96,25 +96,25 @@ class Tangents:
     delay: FloatArray
 
 
-def tangents(sweep: CompressedSweep, paths: Paths) -> Tangents:
+def tangents(sweep: CompressedSweep, paths: PathParameters) -> PathTangents:
     """Responses of the paths and their derivatives over delay (per bin) and angles (per rad)."""
-    return Tangents(
+    return PathTangents(
         tx=sweep.tx.tangents(paths.aod_rad),
         rx=sweep.rx.tangents(paths.aoa_rad),
         delay=sweep.delay_response(paths.delay_bins),
     )
 
 
-def responses(sweep: CompressedSweep, paths: Paths) -> Tangents:
+def responses(sweep: CompressedSweep, paths: PathParameters) -> PathTangents:
     """Responses of the paths alone, without derivatives."""
-    return Tangents(
+    return PathTangents(
         tx=sweep.tx.response(paths.aod_rad)[:, None],
         rx=sweep.rx.response(paths.aoa_rad)[:, None],
         delay=sweep.delay_response(paths.delay_bins)[:, :1],
     )
 
 
-def products_with(parts: FloatArray, at: Tangents) -> ComplexArray:
+def products_with(parts: FloatArray, at: PathTangents) -> ComplexArray:
     """Inner products (path, tangent) of the tangents with samples given as parts (part, tx_rank, rx_rank, bin)."""
     n_paths, n_factors, n_bins = at.delay.shape
     short = at.delay.reshape(n_paths * n_factors, n_bins).astype(np.float32)
@@ -122,7 +122,7 @@ def products_with(parts: FloatArray, at: Tangents) -> ComplexArray:
     return np.asarray(tangent_products(slices.reshape(n_paths, n_factors, *parts.shape[:3]), at.tx, at.rx))
 
 
-def gram(at: Tangents, other: Tangents) -> ComplexArray:
+def gram(at: PathTangents, other: PathTangents) -> ComplexArray:
     """Inner products (path, tangent, path, tangent) of two sets of tangents."""
     return np.asarray(
         hadamard_gram(
@@ -131,13 +131,13 @@ def gram(at: Tangents, other: Tangents) -> ComplexArray:
     )
 
 
-def own_energy(at: Tangents) -> FloatArray:
+def own_energy(at: PathTangents) -> FloatArray:
     """Squared norm (path,) of the paths' responses at unit amplitude."""
     factors = (at.tx[:, 0], at.rx[:, 0], at.delay[:, 0])
     return np.asarray(np.prod([(np.abs(factor) ** 2).sum(axis=1) for factor in factors], axis=0))
 
 
-def manifold_rates(sweep: CompressedSweep, paths: Paths) -> FloatArray:
+def manifold_rates(sweep: CompressedSweep, paths: PathParameters) -> FloatArray:
     """Length on the manifold (path, parameter) per delay bin and per rad of every angle; a cell is `CELL` long."""
     rates = [np.full((len(paths), 1), CELL)]
     for manifold, angles in ((sweep.tx, paths.aod_rad), (sweep.rx, paths.aoa_rad)):
@@ -145,7 +145,7 @@ def manifold_rates(sweep: CompressedSweep, paths: Paths) -> FloatArray:
     return np.concatenate(rates, axis=1)
 
 
-def residual(sweep: CompressedSweep, paths: Paths) -> FloatArray:
+def residual(sweep: CompressedSweep, paths: PathParameters) -> FloatArray:
     """Parts (part, tx_rank, rx_rank, bin) of the samples less what the paths leave in them."""
     if not len(paths):
         return sweep.parts

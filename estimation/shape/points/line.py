@@ -59,7 +59,7 @@ class Line(NamedTuple):
         return _axes(self.parameter[0])
 
 
-class Ends(NamedTuple):
+class SegmentEnds(NamedTuple):
     """Posterior of the two ends along a line."""
 
     median_m: FloatArray  # (2,) the least absolute error: the posterior is skewed outwards
@@ -99,7 +99,7 @@ def fit_line(points: PointCluster, prior: LinePrior = WALL_PRIOR) -> ShapeFit:
     )
 
 
-def _log_evidence(points: PointCluster, line: Line, ends: Ends, prior: LinePrior) -> float:
+def _log_evidence(points: PointCluster, line: Line, ends: SegmentEnds, prior: LinePrior) -> float:
     """Evidence of the segment, about the line and the ends that were fitted."""
     log_outlier_density = -float(np.log(points.area_m2(prior.outlier_margin_m)))
     log_length = np.log(prior.length_m)
@@ -185,7 +185,7 @@ def robust_line(points: PointCluster, prior: LinePrior) -> Line:
     return Line(origin, np.asarray(best.x), covariance, np.exp(inlier - total))
 
 
-def end_posterior(points: PointCluster, line: Line, prior: LinePrior) -> Ends:
+def end_posterior(points: PointCluster, line: Line, prior: LinePrior) -> SegmentEnds:
     """Posterior of the ends on a grid: p(points | a, b) = prod [Phi((t - a) / s) - Phi((t - b) / s)] / (b - a).
 
     Points off the line count by their share; before, the length is log-uniform and the middle uniform.
@@ -214,7 +214,7 @@ def end_posterior(points: PointCluster, line: Line, prior: LinePrior) -> Ends:
     da, db = a - median[0], b - median[1]
     cross = da @ share @ db
     covariance = np.array([[share.sum(axis=1) @ da**2, cross], [cross, share.sum(axis=0) @ db**2]])
-    return Ends(median, covariance, total)
+    return SegmentEnds(median, covariance, total)
 
 
 def places_along(

@@ -30,14 +30,14 @@ _MAX_ROUNDS = 5
 
 
 @dataclass(frozen=True)
-class Association:
+class ClusterSplit:
     """Objects among the paths of a cluster: `label` (path,) counts them from 0, -1 marks ghosts."""
 
     label: IntArray
     kind: tuple[str, ...]  # per object: `circle`, `wall` or `edge`, the simplest of each class
 
 
-def split_cluster(data: Reflections, config: ReflectionConfig) -> Association:
+def split_cluster(data: Reflections, config: ReflectionConfig) -> ClusterSplit:
     """Split the paths of one cluster into objects and ghosts.
 
     An object needs `MIN_PATHS` paths and evidence above that of the same paths as ghosts. Without any the
@@ -60,7 +60,7 @@ def split_cluster(data: Reflections, config: ReflectionConfig) -> Association:
         label, found = _fitted(data, label, len(found), config)
         if np.array_equal(label, before):
             break
-    return Association(label, tuple(kind for kind, _ in found))
+    return ClusterSplit(label, tuple(kind for kind, _ in found))
 
 
 def family_of(kind: str) -> int:

@@ -57,7 +57,7 @@ class Bundle:
 
 
 @dataclass(frozen=True)
-class _Part:
+class _ObjectBlock:
     """One object inside the problem: where its parameters lie among the common unknowns (offsets first)."""
 
     kind: str
@@ -106,7 +106,7 @@ def fit_bundle(objects: Sequence[BundleObject], los: Reflections, config: Reflec
     given = [each.paths for each, start in zip(objects, starts, strict=True) if start is not None]
     stop, prior_state, prior_weight = prior_states([*given, los])
     n_offsets = N_COMMON + max((data.n_sessions for data in [*given, los]), default=0)
-    parts: list[_Part | None] = []
+    parts: list[_ObjectBlock | None] = []
     first = n_offsets
     for each, start in zip(objects, starts, strict=True):
         if start is None:
@@ -114,7 +114,7 @@ def fit_bundle(objects: Sequence[BundleObject], los: Reflections, config: Reflec
             continue
         row = np.searchsorted(stop, each.paths.stop)
         prior = prior_of(each, start.parameter, config)
-        parts.append(_Part(each.kind, family_of_kind(each.kind), each.paths, row, first, start, prior))
+        parts.append(_ObjectBlock(each.kind, family_of_kind(each.kind), each.paths, row, first, start, prior))
         first += len(start.parameter)
     used = [part for part in parts if part is not None]
     common = np.zeros(first)
@@ -150,7 +150,7 @@ def fit_bundle(objects: Sequence[BundleObject], los: Reflections, config: Reflec
 
 @dataclass(frozen=True)
 class _Problem:
-    parts: list[_Part]
+    parts: list[_ObjectBlock]
     los: Reflections
     los_row: IntArray
     prior_state: FloatArray  # (stop, 4)
@@ -249,7 +249,9 @@ class _Problem:
             np.add.at(cross, row, left_rx @ by_common)
         return _System(cost, gradient, hessian, stop_gradient, stop, cross)
 
-    def optimum(self, part: _Part, common: FloatArray, state: FloatArray, covariance: FloatArray) -> Optimum:
+    def optimum(
+        self, part: _ObjectBlock, common: FloatArray, state: FloatArray, covariance: FloatArray
+    ) -> Optimum:
         """One object's part of the solution, its covariance with poses and offsets unknown."""
         n = len(part.start.parameter)
         index = np.array([*range(part.first, part.first + n), *range(self.n_offsets)])

@@ -22,7 +22,7 @@ _TO_METRES = np.array([1.0, 1.0, 1.0, SPEED_OF_LIGHT_M_S])
 
 
 @dataclass(frozen=True)
-class SeenPaths:
+class ObservedPaths:
     """All paths of all stops, in the order of the estimates, in the units of a reflection law."""
 
     measured: FloatArray  # (path, m)
@@ -74,7 +74,7 @@ def map_stops(
         Where `poses` does not hold the stops of `estimates` in their order.
     """
     measured = [plane_law.measurements(e.delay_s, e.aod_azimuth_rad, e.aoa_azimuth_rad) for e in estimates]
-    seen = SeenPaths(
+    seen = ObservedPaths(
         joined(measured, float, (3,)),
         joined([config.noise.covariance(e) for e in estimates], float, (3, 3)),
         *path_flags(estimates, is_los, is_inlier),
@@ -101,7 +101,7 @@ def map_paths(
     poses: PoseEstimates,
     tx_pose: Pose,
     config: MappingConfig,
-    seen: SeenPaths,
+    seen: ObservedPaths,
     state: FloatArray,
     state_covariance: FloatArray | None,
 ) -> MappedPaths:

@@ -26,7 +26,7 @@ class PowerLaw(NamedTuple):
     level_variance: float
 
 
-class Prior(NamedTuple):
+class SnapshotPrior(NamedTuple):
     """What is known of a state and of clutter before anything is measured."""
 
     reach_m: float
@@ -48,12 +48,12 @@ def power_law(loss: PathLoss) -> PowerLaw:
     )
 
 
-def prior_of(config: SnapshotConfig) -> Prior:
+def prior_of(config: SnapshotConfig) -> SnapshotPrior:
     """The prior: Gaussian about the TX, any heading, any credible clock; clutter has any two angles."""
     volume = (2 * math.pi) ** 2 * config.mixture.clutter_width_m
     information = config.prior_std**-2.0
     reach, clock = config.reach_m, config.max_clock_bias_m
-    return Prior(reach, clock, information, config.mixture.clutter_share, math.log(volume))
+    return SnapshotPrior(reach, clock, information, config.mixture.clutter_share, math.log(volume))
 
 
 @compiled
@@ -66,7 +66,7 @@ def log_evidence(
     information: FloatArray,
     log_likelihood: float,
     law: PowerLaw,
-    prior: Prior,
+    prior: SnapshotPrior,
 ) -> tuple[float, FloatArray]:
     """Laplace approximation of the log evidence of one mode, and the covariance (4, 4) it rests on.
 
@@ -90,7 +90,7 @@ def log_evidence(
 
 
 @compiled
-def log_clutter(range_m: FloatArray, power_dbm: FloatArray, law: PowerLaw, prior: Prior) -> float:
+def log_clutter(range_m: FloatArray, power_dbm: FloatArray, law: PowerLaw, prior: SnapshotPrior) -> float:
     """Log evidence of all paths being clutter; the straight line has any length up to twice the reach."""
     first = range_m.min()
     density = np.empty(len(_DISTANCES))

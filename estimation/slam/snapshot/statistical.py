@@ -15,7 +15,14 @@ from scipy.stats import chi2
 
 from estimation.compiled import compiled
 from estimation.slam.config import SnapshotConfig
-from estimation.slam.snapshot.evidence import PowerLaw, Prior, log_clutter, log_evidence, power_law, prior_of
+from estimation.slam.snapshot.evidence import (
+    PowerLaw,
+    SnapshotPrior,
+    log_clutter,
+    log_evidence,
+    power_law,
+    prior_of,
+)
 from estimation.slam.snapshot.hypotheses import distinct, four_bounce_states, line_of_sight_states
 from estimation.slam.snapshot.likelihood import log_likelihood, refine_states
 from estimation.slam.snapshot.path_table import (
@@ -103,7 +110,7 @@ def _ranked(
     strongest: IntArray,
     model: PathModel,
     law: PowerLaw,
-    prior: Prior,
+    prior: SnapshotPrior,
     limits: Limits,
 ) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray, IntArray]:
     """Modes with each of `lines` as line of sight, -1 for none, that enough paths agree with, the best first.

@@ -26,7 +26,7 @@ from estimation.slam.space.problem import (
     spatial_problem,
 )
 from estimation.slam.space.snapshot import solve_spatial
-from estimation.slam.walk.residuals import PathKind
+from estimation.slam.walk.residuals import PathClass
 from estimation.slam.walk.trajectory import TrajectoryDetails, run_trajectory
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
 from scenes.record import BoolArray, FloatArray, IntArray
@@ -72,13 +72,13 @@ def run_spatial_trajectory(
         height_std_m=np.sqrt(covariance[:, 2, 2]),
         height_covariance=covariance[:, 2, PLANE_OF_SPACE],
     )
-    single = (PathKind.BOUNCE, PathKind.WALL, PathKind.OBJECT)
+    single = (PathClass.BOUNCE, PathClass.WALL, PathClass.OBJECT)
     points = map_stops_spatial(
         turned,
         poses,
         tx_pose,
         mapping_config,
-        is_los=[kind == PathKind.LOS for kind in kinds],
+        is_los=[kind == PathClass.LOS for kind in kinds],
         is_inlier=[np.isin(kind, single) for kind in kinds],
         state_covariance=list(np.nan_to_num(covariance)),
     )
@@ -144,8 +144,8 @@ def _with_height(
 
     Robust least squares in the height alone; what the plane's state leaves uncertain in it is added.
     """
-    used = np.isin(kind, (PathKind.BOUNCE, PathKind.WALL, PathKind.OBJECT))
-    los = np.flatnonzero(kind == PathKind.LOS)
+    used = np.isin(kind, (PathClass.BOUNCE, PathClass.WALL, PathClass.OBJECT))
+    los = np.flatnonzero(kind == PathClass.LOS)
     if not np.isfinite(state).all() or not (used.any() or len(los)):
         return np.full(26, np.nan)
     freedom = snapshot.mixture.degrees_of_freedom

@@ -10,7 +10,7 @@ from scipy.stats import chi2
 from estimation.slam.config import TrajectoryConfig
 from estimation.slam.snapshot.refine import bounce_terms
 from estimation.slam.walk.association import associate, in_use, reassign
-from estimation.slam.walk.residuals import Association, Observations, PathKind, TrajectoryState, corrected
+from estimation.slam.walk.residuals import Association, Observations, PathClass, TrajectoryState, corrected
 from estimation.slam.walk.sessions import split_sessions
 from estimation.slam.walk.smoother import normal_equations, optimise
 from scenes.record import BoolArray
@@ -42,11 +42,11 @@ def _confirm(
     Lines of sight and shared landmarks are far more certain. Where a stop has two of them, its remaining bounces
     are gated against the solution without them, with the covariance of that solution.
     """
-    certain = np.isin(link.kind, [PathKind.LOS, PathKind.WALL, PathKind.OBJECT])
+    certain = np.isin(link.kind, [PathClass.LOS, PathClass.WALL, PathClass.OBJECT])
     counted = np.bincount(seen.row[certain], minlength=seen.n_stops) >= 2
-    doubted = np.flatnonzero((link.kind == PathKind.BOUNCE) & counted[seen.row])
+    doubted = np.flatnonzero((link.kind == PathClass.BOUNCE) & counted[seen.row])
     kind = link.kind.copy()
-    kind[doubted] = PathKind.UNUSED
+    kind[doubted] = PathClass.UNUSED
     without = replace(link, kind=kind)
     alone = optimise(seen, without, now, config)
     covariance, _ = normal_equations(seen, without, alone, config).covariance()
@@ -55,7 +55,7 @@ def _confirm(
     spread = np.einsum("pi,pij,pj->p", terms.jacobian, covariance[row], terms.jacobian)
     gate = chi2.ppf(config.confirm_probability, 1)
     agrees = terms.is_feasible & (terms.value_m**2 <= gate * (terms.variance_m2 + spread))
-    kind[doubted[agrees]] = PathKind.BOUNCE
+    kind[doubted[agrees]] = PathClass.BOUNCE
     return optimise(seen, replace(link, kind=kind), alone, config), replace(link, kind=kind)
 
 

@@ -10,13 +10,13 @@ from estimation.slam.config import TrajectoryConfig
 from estimation.slam.walk.landmark_kernels import cholesky3, circle_path, wall_cut, wall_path, wrapped
 from estimation.slam.walk.landmarks import plane_pose
 from estimation.slam.walk.linearise import roughen
-from estimation.slam.walk.residuals import Association, Observations, PathKind, TrajectoryState, corrected
+from estimation.slam.walk.residuals import Association, Observations, PathClass, TrajectoryState, corrected
 from scenes.record import FloatArray, IntArray
 
 _END_MARGIN_M = 0.7  # beyond the stretch of a wall that was seen
 _DOUBLE_PROBABILITY = 0.95
-_UNUSED, _LOS = PathKind.UNUSED, PathKind.LOS
-_WALL, _OBJECT, _DOUBLE = PathKind.WALL, PathKind.OBJECT, PathKind.DOUBLE
+_UNUSED, _LOS = PathClass.UNUSED, PathClass.LOS
+_WALL, _OBJECT, _DOUBLE = PathClass.WALL, PathClass.OBJECT, PathClass.DOUBLE
 
 
 def assign(

@@ -17,7 +17,7 @@ from estimation.slam.walk.density import density_clusters
 from estimation.slam.walk.residuals import (
     Association,
     Observations,
-    PathKind,
+    PathClass,
     TrajectoryState,
     corrected,
 )
@@ -91,8 +91,8 @@ def in_use(now: TrajectoryState, link: Association) -> tuple[TrajectoryState, As
     landmark = link.landmark.copy()
     kept = []
     for kinds, n in (
-        ((PathKind.WALL, PathKind.DOUBLE), len(now.walls)),
-        ((PathKind.OBJECT,), len(now.objects)),
+        ((PathClass.WALL, PathClass.DOUBLE), len(now.walls)),
+        ((PathClass.OBJECT,), len(now.objects)),
     ):
         mine = np.isin(link.kind, kinds)
         used = np.isin(np.arange(n), landmark[mine])
@@ -105,7 +105,7 @@ def in_use(now: TrajectoryState, link: Association) -> tuple[TrajectoryState, As
 
 
 def _without_landmarks(is_los: BoolArray, bounce: BoolArray) -> Association:
-    kind = np.where(is_los, PathKind.LOS, np.where(bounce, PathKind.BOUNCE, PathKind.UNUSED))
+    kind = np.where(is_los, PathClass.LOS, np.where(bounce, PathClass.BOUNCE, PathClass.UNUSED))
     return Association(kind, np.full((len(kind), 2), -1))
 
 

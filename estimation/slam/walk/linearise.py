@@ -23,11 +23,11 @@ from estimation.slam.walk.landmark_kernels import (
     wrapped,
 )
 from estimation.slam.walk.landmarks import plane_pose
-from estimation.slam.walk.residuals import Association, Observations, PathKind, TrajectoryState
+from estimation.slam.walk.residuals import Association, Observations, PathClass, TrajectoryState
 from scenes.record import FloatArray, IntArray
 
-_UNUSED, _LOS, _BOUNCE, _OBJECT = PathKind.UNUSED, PathKind.LOS, PathKind.BOUNCE, PathKind.OBJECT
-_WALL, _DOUBLE = PathKind.WALL, PathKind.DOUBLE
+_UNUSED, _LOS, _BOUNCE, _OBJECT = PathClass.UNUSED, PathClass.LOS, PathClass.BOUNCE, PathClass.OBJECT
+_WALL, _DOUBLE = PathClass.WALL, PathClass.DOUBLE
 N_SHARED = 5  # shared parameters a path depends on at most: the session's offset and two walls
 _MIN_VARIANCE_M2 = 1e-18
 

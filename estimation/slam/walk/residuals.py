@@ -9,7 +9,7 @@ from scenes.pose import Pose
 from scenes.record import BoolArray, FloatArray, IntArray
 
 
-class PathKind(IntEnum):
+class PathClass(IntEnum):
     """What the smoother takes a path for."""
 
     UNUSED = 0

@@ -22,7 +22,7 @@ from estimation.slam.snapshot.solve import ranked_modes
 from estimation.slam.walk.alternation import smooth
 from estimation.slam.walk.modes import Rivals, choose_modes, rival_modes
 from estimation.slam.walk.motion import course_of
-from estimation.slam.walk.residuals import Association, Observations, PathKind, TrajectoryState
+from estimation.slam.walk.residuals import Association, Observations, PathClass, TrajectoryState
 from estimation.slam.walk.smoother import robust_cost, solution_covariance
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose, wrap_angle
 from scenes.record import BoolArray, FloatArray, IntArray, Record, array
@@ -47,7 +47,7 @@ class TrajectoryDetails(Record):
     objects: FloatArray = array("object", "circle", unit="m", doc="x, y and radius of compact objects")
     object_covariance: FloatArray = array("object", "circle", "circle2", unit="m^2", doc="of the objects")
     path_stop: IntArray = array("path", dtype=int, doc="stop of every path, in the order of the estimates")
-    path_kind: IntArray = array("path", dtype=int, doc="PathKind: what the path was taken for")
+    path_kind: IntArray = array("path", dtype=int, doc="PathClass: what the path was taken for")
 
 
 def run_trajectory(
@@ -145,7 +145,7 @@ def _poses(
         heading_rad=wrap_angle(now.state[:, 2]),
         clock_bias_s=now.state[:, 3] / SPEED_OF_LIGHT_M_S,
         status=status,
-        n_inliers=np.bincount(seen.row[link.kind != PathKind.UNUSED], minlength=n),
+        n_inliers=np.bincount(seen.row[link.kind != PathClass.UNUSED], minlength=n),
         cost=np.full(n, cost / n),
     )
 
@@ -222,7 +222,7 @@ def _unsolved(
         objects=np.empty((0, 3)),
         object_covariance=np.empty((0, 3, 3)),
         path_stop=seen.row,
-        path_kind=np.full(paths, PathKind.UNUSED),
+        path_kind=np.full(paths, PathClass.UNUSED),
     )
     return poses, points, details
 
@@ -248,7 +248,7 @@ def _incidence_points(
         replace(e, aod_azimuth_rad=e.aod_azimuth_rad + shift)
         for e, shift in zip(estimates, offset, strict=True)
     ]
-    single = np.isin(link.kind, [PathKind.BOUNCE, PathKind.WALL, PathKind.OBJECT])
+    single = np.isin(link.kind, [PathClass.BOUNCE, PathClass.WALL, PathClass.OBJECT])
     split = np.cumsum(np.bincount(seen.row, minlength=seen.n_stops))[:-1]
     return map_stops(
         turned,

@@ -10,7 +10,7 @@ from scipy.stats import chi2
 
 from estimation.slam.bounds import RoundObjects, StopPaths, state_bound, trajectory_covariance
 from estimation.slam.config import TrajectoryConfig
-from estimation.slam.walk.residuals import PathKind
+from estimation.slam.walk.residuals import PathClass
 from estimation.slam.walk.trajectory import TrajectoryDetails, run_trajectory
 from isac_arena.scoring.metrics.statistics import squared_mahalanobis
 from isac_arena.validation.measurement import Measurement
@@ -198,9 +198,9 @@ def stop_paths(scenario: Scenario, kind: IntArray) -> StopPaths:
     return StopPaths(
         scenario.point_m[single],
         covariance[single],
-        np.where((landmark < 4) & (taken == PathKind.WALL), landmark, -1),
+        np.where((landmark < 4) & (taken == PathClass.WALL), landmark, -1),
         los[0] if len(los) else None,
-        np.where((landmark >= 4) & (taken == PathKind.OBJECT), landmark - 4, -1),
+        np.where((landmark >= 4) & (taken == PathClass.OBJECT), landmark - 4, -1),
     )
 
 

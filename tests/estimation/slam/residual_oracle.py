@@ -21,7 +21,7 @@ from estimation.laws.plane import (
 from estimation.slam.config import TrajectoryConfig
 from estimation.slam.snapshot.refine import bounce_terms
 from estimation.slam.walk.landmarks import Prediction
-from estimation.slam.walk.residuals import Association, Observations, PathKind, TrajectoryState, corrected
+from estimation.slam.walk.residuals import Association, Observations, PathClass, TrajectoryState, corrected
 from scenes.pose import Pose, wrap_angle
 from scenes.record import FloatArray, IntArray
 
@@ -42,10 +42,10 @@ def residual_blocks(
 ) -> list[Block]:
     """Whitened residuals of all paths in use, one block per kind of path."""
     blocks = []
-    for kind in (PathKind.LOS, PathKind.BOUNCE, PathKind.WALL, PathKind.OBJECT, PathKind.DOUBLE):
+    for kind in (PathClass.LOS, PathClass.BOUNCE, PathClass.WALL, PathClass.OBJECT, PathClass.DOUBLE):
         path = np.flatnonzero(link.kind == kind)
         if len(path):
-            build = _bounce_block if kind is PathKind.BOUNCE else _direct_block
+            build = _bounce_block if kind is PathClass.BOUNCE else _direct_block
             blocks.append(build(seen, link, now, config, path))
     return blocks
 
@@ -100,19 +100,19 @@ def _direct_block(
     row, kind, index = seen.row[path], link.kind[path[0]], link.landmark[path]
     measured, state, covariance = corrected(seen, now, path), now.state[row], seen.covariance[path]
     offsets, walls = len(now.offset_rad), now.walls
-    if kind == PathKind.LOS:
+    if kind == PathClass.LOS:
         difference = residual(measured, predict_los(seen.tx, state))
         by_landmark = np.empty((len(path), 3, 0))
         by_state = los_jacobian_rx(seen.tx, state)
         columns = np.empty((len(path), 0), int)
-    elif kind == PathKind.OBJECT:
+    elif kind == PathClass.OBJECT:
         difference, covariance, found = object_residual(
             seen.tx, state, measured, covariance, now.objects[index[:, 0]], config.object_roughness_m
         )
         by_landmark, by_state = found.by_landmark, found.by_state
         columns = offsets + walls.size + 3 * index[:, :1] + np.arange(3)
     else:
-        used = index[:, : 1 if kind == PathKind.WALL else 2]
+        used = index[:, : 1 if kind == PathClass.WALL else 2]
         difference, covariance, found = landmark_residual(
             seen.tx, state, measured, covariance, walls[used], config.wall_roughness_m
         )

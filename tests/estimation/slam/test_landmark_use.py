@@ -5,7 +5,7 @@ import numpy as np
 from estimation.slam.config import TrajectoryConfig
 from estimation.slam.snapshot.problem import snapshot_problem
 from estimation.slam.walk.association import associate, in_use, reassign
-from estimation.slam.walk.residuals import Association, PathKind, TrajectoryState
+from estimation.slam.walk.residuals import Association, PathClass, TrajectoryState
 from estimation.slam.walk.smoother import optimise
 from estimation.slam.walk.trajectory import observations
 from isac_arena.validation.slam.common import NOISE
@@ -43,7 +43,7 @@ def test_walls_solved_for_take_their_own_paths_and_leave_the_others():
             now = optimise(seen, link, now, CONFIG)
             link = reassign(seen, now, is_los, spans, CONFIG)
         for wall in range(len(now.walls)):
-            members = landmark[(link.kind == PathKind.WALL) & (link.landmark[:, 0] == wall)]
+            members = landmark[(link.kind == PathClass.WALL) & (link.landmark[:, 0] == wall)]
             if not len(members):
                 continue
             true = np.bincount(members[members >= 0], minlength=4).argmax()
@@ -60,7 +60,7 @@ def test_landmarks_without_a_path_go_and_the_rest_are_counted_anew():
     now = TrajectoryState(
         **{**vars(now), "walls": np.arange(8.0).reshape(4, 2), "objects": np.arange(6.0).reshape(2, 3)}
     )
-    kind = np.array([PathKind.WALL, PathKind.DOUBLE, PathKind.OBJECT, PathKind.BOUNCE, PathKind.LOS])
+    kind = np.array([PathClass.WALL, PathClass.DOUBLE, PathClass.OBJECT, PathClass.BOUNCE, PathClass.LOS])
     landmark = np.array([[3, -1], [3, 1], [1, -1], [-1, -1], [-1, -1]])
     kept, link = in_use(now, Association(kind, landmark))
     np.testing.assert_array_equal(kept.walls, now.walls[[1, 3]])

@@ -15,7 +15,7 @@ from estimation.slam.walk.density import density_clusters
 from estimation.slam.walk.landmarks import predict_circle, predict_walls, wall_point
 from estimation.slam.walk.linearise import linearise
 from estimation.slam.walk.motion import add_motion, course_of, motion_cost
-from estimation.slam.walk.residuals import Association, Observations, PathKind, TrajectoryState
+from estimation.slam.walk.residuals import Association, Observations, PathClass, TrajectoryState
 from estimation.slam.walk.smoother import normal_equations, robust_cost
 from scenes.pose import Pose
 from tests.estimation.slam import residual_oracle as plain
@@ -86,14 +86,14 @@ def test_residuals_are_those_of_the_plain_form():
             np.testing.assert_allclose(mine[part], getattr(block, name), rtol=1e-8, atol=1e-9)
             assert np.count_nonzero(mine) == np.count_nonzero(mine[part])
     np.testing.assert_array_equal(ours.size[~met], 0)
-    assert np.count_nonzero(~met) == np.count_nonzero(link.kind == PathKind.UNUSED)
+    assert np.count_nonzero(~met) == np.count_nonzero(link.kind == PathClass.UNUSED)
 
 
 def test_derivatives_of_all_residuals_match_finite_differences():
     seen, link, now = campaign(np.random.default_rng(3))
     config = TrajectoryConfig(wall_roughness_m=0.0, object_roughness_m=0.0)
     # The standard deviation of a bounce moves with the state; the re-weighted problem holds it.
-    link = replace(link, kind=np.where(link.kind == PathKind.BOUNCE, PathKind.LOS, link.kind))
+    link = replace(link, kind=np.where(link.kind == PathClass.BOUNCE, PathClass.LOS, link.kind))
     at, step = linearise(seen, link, now, config), 1e-6
     for axis in range(4):
         move = step * np.eye(4)[axis]
@@ -171,7 +171,9 @@ def test_paths_go_to_the_landmark_of_smallest_distance():
     seen = replace(seen, measured=measured, covariance=np.tile(np.diag([0.3, 0.02, 0.02]) ** 2, (m, 1, 1)))
     link = Association(np.zeros(m, int), np.full((m, 2), -1))
     found = assign(seen, now, link, np.tile([-50.0, 50.0], (3, 1)), CONFIG)
-    everything = [(PathKind.WALL, (w, -1)) for w in range(3)] + [(PathKind.OBJECT, (o, -1)) for o in range(2)]
+    everything = [(PathClass.WALL, (w, -1)) for w in range(3)] + [
+        (PathClass.OBJECT, (o, -1)) for o in range(2)
+    ]
     distance = []
     for kind, index in everything:
         as_kind = Association(np.full(m, kind), np.tile(index, (m, 1)))
@@ -183,7 +185,7 @@ def test_paths_go_to_the_landmark_of_smallest_distance():
     np.testing.assert_array_equal(found.kind[inside], expected[inside, 0])
     np.testing.assert_array_equal(found.landmark[inside, 0], expected[inside, 1])
     assert inside.sum() > 100
-    assert np.all(np.isin(found.kind[~inside], [PathKind.UNUSED, PathKind.DOUBLE]))
+    assert np.all(np.isin(found.kind[~inside], [PathClass.UNUSED, PathClass.DOUBLE]))
 
 
 @settings(max_examples=60, deadline=None)

@@ -14,7 +14,7 @@ from estimation.slam.config import (
 from estimation.slam.record import SolveStatus
 from estimation.slam.walk.filter import run_filter
 from estimation.slam.walk.landmarks import predict_circle, predict_walls
-from estimation.slam.walk.residuals import PathKind
+from estimation.slam.walk.residuals import PathClass
 from estimation.slam.walk.sessions import segment_offsets
 from estimation.slam.walk.trajectory import run_trajectory
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose, wrap_angle
@@ -170,6 +170,6 @@ def test_double_bounces_between_known_walls_become_information():
     for use in (True, False):
         config = TrajectoryConfig(use_double_bounces=use)
         _, _, details = run_trajectory(longer, TX, SNAPSHOT, config, MAPPING)
-        used[use] = np.mean(details.path_kind[last] == PathKind.DOUBLE)
+        used[use] = np.mean(details.path_kind[last] == PathClass.DOUBLE)
     assert used[True] > 0.5
     assert used[False] == 0.0

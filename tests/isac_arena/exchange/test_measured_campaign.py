@@ -17,7 +17,7 @@ from estimation.slam.mapping.incidence_points import map_stops
 from estimation.slam.record import PoseEstimates, SolveStatus
 from estimation.slam.snapshot.solve import solve_snapshot
 from estimation.slam.stops import run_slam
-from estimation.slam.walk.residuals import PathKind
+from estimation.slam.walk.residuals import PathClass
 from estimation.slam.walk.trajectory import run_trajectory
 from isac_arena.campaign.measured import PUBLISHED_MAX_POSITION_STD_M
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose, wrap_angle
@@ -148,6 +148,6 @@ def test_trajectory_finds_the_two_sessions_and_beats_every_stop_alone(campaign):
     np.testing.assert_allclose(offset_deg, [-3.8, -1.25], atol=0.5)
     label = np.concatenate(campaign.is_single_bounce)
     los = np.concatenate([estimate.is_los for estimate in campaign.estimates])
-    found = np.isin(details.path_kind, [PathKind.BOUNCE, PathKind.WALL, PathKind.OBJECT])
+    found = np.isin(details.path_kind, [PathClass.BOUNCE, PathClass.WALL, PathClass.OBJECT])
     hits = np.count_nonzero(found & label & ~los)
     assert 2 * hits / (found[~los].sum() + label[~los].sum()) > 0.96

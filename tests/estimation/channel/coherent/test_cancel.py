@@ -6,25 +6,25 @@ from estimation.channel.coherent.cancel import alike, parted
 from estimation.channel.coherent.prune import pruned
 from estimation.channel.coherent.refine import Reference, refine, solve_at
 from estimation.channel.model.compress import CompressedSweep
-from estimation.channel.model.path_model import Paths
+from estimation.channel.model.path_model import PathParameters
 from tests.estimation.channel.plain_sweeps import compressed, plain_link, plain_paths, plain_sweep
 
 SMALL = plain_link()
 CELL_NS = 1e9 / (288 * 120e3)
 
 
-def _two(apart_cells: float, phase: float) -> tuple[CompressedSweep, Paths]:
+def _two(apart_cells: float, phase: float) -> tuple[CompressedSweep, PathParameters]:
     """Two paths of 35 dB so far apart in delay, in noise, and the true places on the grid of the sweep."""
     delay_ns = 200.0 + CELL_NS * apart_cells * np.array([-0.5, 0.5])
     paths = plain_paths(SMALL, delay_ns, [5.0, 5.0], [-9.0, -9.0], 35.0, phase=[0.0, phase])
     sweep = compressed(plain_sweep(SMALL, paths, np.random.default_rng(1)))
-    return sweep, Paths(paths.delay_s / sweep.bin_s, paths.aod_rad, paths.aoa_rad, paths.amplitude)
+    return sweep, PathParameters(paths.delay_s / sweep.bin_s, paths.aod_rad, paths.aoa_rad, paths.amplitude)
 
 
-def _twins(sweep: CompressedSweep, truth: Paths) -> Paths:
+def _twins(sweep: CompressedSweep, truth: PathParameters) -> PathParameters:
     """Two paths a thousandth of a bin apart between the true ones."""
     middle = truth.delay_bins.mean() + np.array([-5e-4, 5e-4])
-    return Paths(middle, truth.aod_rad, truth.aoa_rad, truth.amplitude)
+    return PathParameters(middle, truth.aod_rad, truth.aoa_rad, truth.amplitude)
 
 
 def test_twins_are_put_where_the_paths_are() -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from estimation.channel.coherent.plan import SearchPlan, delay_window, nominal_manifold, search_plan
-from estimation.channel.coherent.search import Search, without_side_lobes
+from estimation.channel.coherent.search import SpectrumSearch, without_side_lobes
 from estimation.channel.config import MaximumLikelihoodConfig
 from estimation.channel.model.compress import DelayCube, compress
 from estimation.channel.model.path_model import own_energy, responses
@@ -51,7 +51,7 @@ def test_strongest_peak_is_near_the_path(rx: ArrayConfig | None) -> None:
         paths = plain_paths(link, delay_ns, aod_deg, aoa_deg, 30.0)
         cube, plan = _cube(plain_sweep(link, paths))
         sweep = cube.window(np.arange(-5, 40))
-        search = Search(sweep, plan.grids, 2)
+        search = SpectrumSearch(sweep, plan.grids, 2)
         peaks = search.peaks(sweep.parts, 10.0)
         found = search.paths(peaks.take(slice(0, 1)))
         assert abs(found.delay_bins[0] * sweep.bin_s - 1e-9 * delay_ns) <= sweep.bin_s / 2
@@ -64,7 +64,7 @@ def test_strongest_peak_is_near_the_path(rx: ArrayConfig | None) -> None:
 def test_side_lobes_of_one_path_are_no_paths() -> None:
     cube, plan = _cube(plain_sweep(SMALL, plain_paths(SMALL, 217.0, 13.0, -17.0, 50.0)))
     sweep = cube.window(np.arange(-5, 60))
-    search = Search(sweep, plan.grids, 2)
+    search = SpectrumSearch(sweep, plan.grids, 2)
     peaks = search.peaks(sweep.parts, 10.0)
     assert len(peaks) > 50
     assert len(without_side_lobes(peaks, plan.grids, 1.4, 40)) == 1
@@ -76,7 +76,7 @@ def test_separate_paths_are_taken_in_one_batch() -> None:
     )
     cube, plan = _cube(plain_sweep(SMALL, paths))
     sweep = cube.window(np.arange(-5, 60))
-    search = Search(sweep, plan.grids, 2)
+    search = SpectrumSearch(sweep, plan.grids, 2)
     batch = search.paths(without_side_lobes(search.peaks(sweep.parts, 10.0), plan.grids, 1.4, 40))
     assert np.abs(np.sort(batch.delay_bins) * sweep.bin_s - paths.delay_s).max() < sweep.bin_s
 

@@ -10,7 +10,7 @@ from estimation.channel.coherent.refine import Reference, refine
 from estimation.channel.fit import PathFit
 from estimation.channel.model.apparent import apparent_angles, cone_angles
 from estimation.channel.model.manifold import Manifold
-from estimation.channel.model.path_model import Paths
+from estimation.channel.model.path_model import PathParameters
 from scenes.record import FloatArray
 from sim.config import ArrayConfig
 from sim.observation import BeamSweep
@@ -65,7 +65,7 @@ def test_a_model_of_the_horizon_alone_needs_two() -> None:
     assert not isinstance(stop, PathFit)
     bins = 1e-9 / stop.compressed.bin_s
     aoa = np.deg2rad([[-72.4, 0.0], [-36.0, 0.0], [100.0, 0.0]])
-    start = Paths(
+    start = PathParameters(
         bins * np.array([200.0, 200.0, 400.0]),
         np.deg2rad([[20.0], [20.0], [-10.0]]),
         aoa,

@@ -6,7 +6,7 @@ from scipy.stats import chi2
 from estimation.channel.coherent.misfit import UNPARTED_CELLS, misfit_factor, quadrature_statistic, widened
 from estimation.channel.coherent.refine import Reference, Solution, covariances, refine
 from estimation.channel.model.manifold import CELL
-from estimation.channel.model.path_model import Paths
+from estimation.channel.model.path_model import PathParameters
 from tests.estimation.channel.plain_sweeps import compressed, places, plain_link, plain_paths, plain_sweep
 
 SMALL = plain_link()
@@ -22,7 +22,9 @@ def _fit_one(rng: np.random.Generator, neighbour_db: float | None) -> tuple[Refe
     n = 1 if neighbour_db is None else 2
     some = type(paths)(paths.delay_s[:n], paths.aod_rad[:n], paths.aoa_rad[:n], paths.amplitude[:n])
     sweep = compressed(plain_sweep(SMALL, some, rng))
-    start = Paths(paths.delay_s[:1] / sweep.bin_s, paths.aod_rad[:1], paths.aoa_rad[:1], paths.amplitude[:1])
+    start = PathParameters(
+        paths.delay_s[:1] / sweep.bin_s, paths.aod_rad[:1], paths.aoa_rad[:1], paths.amplitude[:1]
+    )
     solution = refine(Reference(sweep, start.take(slice(0))), start, 30)
     found = solution.paths
     error = (

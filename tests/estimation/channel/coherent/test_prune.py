@@ -4,18 +4,18 @@ import numpy as np
 
 from estimation.channel.coherent.prune import needless
 from estimation.channel.coherent.refine import Reference, near, refine, refine_near, solve_at
-from estimation.channel.model.path_model import Paths
+from estimation.channel.model.path_model import PathParameters
 from tests.estimation.channel.plain_sweeps import compressed, plain_link, plain_paths, plain_sweep
 
 SMALL = plain_link()
 
 
-def _fitted(delay_ns: list[float], snr_db: float = 30.0) -> tuple[Reference, Paths]:
+def _fitted(delay_ns: list[float], snr_db: float = 30.0) -> tuple[Reference, PathParameters]:
     n = len(delay_ns)
     angles = np.linspace(-40, 40, n)
     paths = plain_paths(SMALL, delay_ns, angles, angles[::-1], snr_db, phase=np.arange(n))
     sweep = compressed(plain_sweep(SMALL, paths, np.random.default_rng(3)))
-    places = Paths(paths.delay_s / sweep.bin_s, paths.aod_rad, paths.aoa_rad, paths.amplitude)
+    places = PathParameters(paths.delay_s / sweep.bin_s, paths.aod_rad, paths.aoa_rad, paths.amplitude)
     return Reference(sweep, places.take(slice(0))), places
 
 

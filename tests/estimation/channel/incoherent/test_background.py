@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from estimation.channel.incoherent.background import NOTABLE, Background
-from estimation.channel.incoherent.likelihood import Ends
+from estimation.channel.incoherent.likelihood import LinkBeams
 from estimation.channel.incoherent.paths import fit_incoherent
 from estimation.channel.model.manifold import Manifold
 from isac_arena.validation.channel.scenes import (
@@ -17,7 +17,7 @@ from isac_arena.validation.channel.scenes import (
 from tests.estimation.channel.plain_sweeps import plain_link
 
 LINK = plain_link()
-ENDS = Ends(Manifold(LINK.tx_codebook), Manifold(LINK.rx_codebook), np.ones(10))
+ENDS = LinkBeams(Manifold(LINK.tx_codebook), Manifold(LINK.rx_codebook), np.ones(10))
 PATHS = np.array([[30.2, -0.3, 0.2, 0.0, 0.0], [70.0, 0.5, -0.4, 0.0, 0.0]])
 BINS, N_BINS = np.arange(100), 288
 

@@ -12,7 +12,7 @@ from estimation.channel.incoherent.companions import _known, _probes, _score
 from estimation.channel.incoherent.grid_kernels import candidate_ratios, cell_amplitudes, column_maxima
 from estimation.channel.incoherent.kernels import log_bessel
 from estimation.channel.incoherent.likelihood import (
-    Ends,
+    LinkBeams,
     climb,
     coupled,
     likelihood_without,
@@ -50,7 +50,7 @@ def stop():
     phasor = np.exp(2j * np.pi * rng.random(sweep.samples.shape[:2])).astype(np.complex64)
     sweep = replace(sweep, samples=sweep.samples * phasor[:, :, None])
     spectrum = delay_spectrum(sweep)
-    ends = Ends(Manifold(link.tx_codebook), Manifold(link.rx_codebook), spectrum.noise_mw)
+    ends = LinkBeams(Manifold(link.tx_codebook), Manifold(link.rx_codebook), spectrum.noise_mw)
     bins = np.arange(-6, K - 6)
     window = spectrum.window(bins)
     return sweep, spectrum, ends, local_samples(spectrum, window, bins, np.arange(len(window)), PATHS[:, 0])
@@ -239,7 +239,7 @@ def test_candidates_are_weighed_by_their_likelihood():
 
 def test_a_path_lies_in_the_light_of_those_in_its_beam_pairs() -> None:
     link = plain_link()
-    ends = Ends(Manifold(link.tx_codebook), Manifold(link.rx_codebook), np.ones(len(link.rx_codebook)))
+    ends = LinkBeams(Manifold(link.tx_codebook), Manifold(link.rx_codebook), np.ones(len(link.rx_codebook)))
     lone = np.array([[10.0, 0.5, -0.4, 0.0, 0.0]])
     assert ends.shares_in_light(lone, K) == pytest.approx(0.0)
     beside = np.concatenate([lone, [[30.0, 0.5, -0.4, 3.0, 1.0]]])

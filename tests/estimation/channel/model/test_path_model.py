@@ -10,7 +10,7 @@ from estimation.channel.model.compress import CompressedSweep, beam_span, compre
 from estimation.channel.model.kernels import dirichlet
 from estimation.channel.model.manifold import Manifold
 from estimation.channel.model.path_model import (
-    Paths,
+    PathParameters,
     gram,
     own_energy,
     products_with,
@@ -35,30 +35,30 @@ def swept(request: Any) -> CompressedSweep:
     return compress(sweep, beam_span(tx), beam_span(rx, sweep.noise_power_mw)).window(np.arange(-10, 30))
 
 
-def _guess(sweep: CompressedSweep) -> Paths:
+def _guess(sweep: CompressedSweep) -> PathParameters:
     rng = np.random.default_rng(2)
     aod = (
         np.deg2rad([10.3, -20.2])[:, None]
         + 0.05 * rng.standard_normal((2, sweep.tx.n_angles)) * [1, 0][: sweep.tx.n_angles]
     )
     aoa = np.deg2rad([[-5.1], [20.2]])
-    return Paths(np.array([6.9, 8.35]), aod, aoa, np.array([0.02 + 0.01j, -0.01 + 0.02j]))
+    return PathParameters(np.array([6.9, 8.35]), aod, aoa, np.array([0.02 + 0.01j, -0.01 + 0.02j]))
 
 
-def _moved(paths: Paths, path: int, parameter: int, step: float) -> Paths:
+def _moved(paths: PathParameters, path: int, parameter: int, step: float) -> PathParameters:
     moves = np.zeros((len(paths), 1 + paths.aod_rad.shape[1] + paths.aoa_rad.shape[1]))
     moves[path, parameter] = step
     return paths.moved(moves)
 
 
-def _dense(sweep: CompressedSweep, paths: Paths) -> ComplexArray:
+def _dense(sweep: CompressedSweep, paths: PathParameters) -> ComplexArray:
     """Unit responses (path, all samples) of paths."""
     at = responses(sweep, paths)
     dense = np.einsum("pi,pj,pd->pijd", at.tx[:, 0], at.rx[:, 0], at.delay[:, 0])
     return np.asarray(dense.reshape(len(paths), -1))
 
 
-def _dense_tangents(sweep: CompressedSweep, paths: Paths) -> ComplexArray:
+def _dense_tangents(sweep: CompressedSweep, paths: PathParameters) -> ComplexArray:
     """Responses and their derivatives (path, tangent, all samples), derivatives by central differences."""
     steps = [1e-4] + [1e-6] * (paths.aod_rad.shape[1] + paths.aoa_rad.shape[1])
     rows = [
