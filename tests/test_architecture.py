@@ -28,7 +28,7 @@ FILE_PARTS = (
         "isac_arena/verification/",
     ),
     *("isac_arena/insight/budget/runs.py", "isac_arena/validation/benches/sweep.py"),
-    *("isac_arena/report/page/asset_files.py", "isac_arena/report/page/budget_file.py"),
+    *("isac_arena/report/page/template.py", "isac_arena/report/page/budget_file.py"),
     *("scenes/config.py", "scenes/toml_config.py", "scenes/objects/config.py", "scenes/walks/config.py"),
     *("scenes/meshes/", "sim/signal/arrays/weights_file.py", "sim/propagation/deepmimo/"),
 )

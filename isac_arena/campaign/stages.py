@@ -45,7 +45,7 @@ from isac_arena.campaign.summary import PlanarCounts, run_facts, score_table
 from isac_arena.report.page.budget_file import BUDGET_FILE, read_budget
 from isac_arena.report.page.figures import make_figures
 from isac_arena.report.page.html import render_report
-from isac_arena.report.page.payload import report_payload
+from isac_arena.report.page.payload.campaign import report_payload
 from isac_arena.scoring.measured import measured_metrics, score_measured
 from isac_arena.scoring.record import ScoreTables
 from isac_arena.scoring.score import Scores, score_metrics

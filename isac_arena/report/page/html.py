@@ -9,7 +9,6 @@ from html import escape
 from string import Template
 from typing import Any
 
-from isac_arena.report.page.asset_files import script_text, style_text
 from isac_arena.report.page.figures import ReportFigure
 from isac_arena.report.page.tables import (
     ACCEPTED,
@@ -25,7 +24,7 @@ from isac_arena.report.page.tables import (
     object_table,
     score_table,
 )
-from isac_arena.report.page.template import PAGE
+from isac_arena.report.page.template import PAGE, script_text, style_text
 from isac_arena.scoring.score import Scores
 
 PIXELS_PER_INCH = 86  # on the page: the widest figure fills it, and all figures have letters of one size

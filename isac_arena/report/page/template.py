@@ -1,4 +1,13 @@
-"""Frame of the report page. It may load nothing: all that it shows and runs stands in it."""
+"""The frame of the report page, its script and its style sheet. The page loads nothing from elsewhere."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+
+SCRIPTS = (  # in this order
+    "base", "state", "figure", "tables", "panzoom", "plan", "stop", "object", "budget", "main",
+)  # fmt: skip
+STYLES = ("report", "figures")
 
 PAGE = """<!DOCTYPE html>
 <html lang="en">
@@ -63,3 +72,18 @@ $shape_figures
 </body>
 </html>
 """
+
+
+def script_text() -> str:
+    """The page's script: all parts in one scope of their own."""
+    parts = "\n".join(_asset(f"{name}.js") for name in SCRIPTS)
+    return f'(() => {{\n"use strict";\n{parts}}})();'
+
+
+def style_text() -> str:
+    """The page's style sheet."""
+    return "\n".join(_asset(f"{name}.css") for name in STYLES)
+
+
+def _asset(name: str) -> str:
+    return files("isac_arena.report.page").joinpath("assets", name).read_text(encoding="utf-8")

@@ -14,7 +14,7 @@ import pytest
 from estimation.shape.record import no_contours
 from isac_arena.report.page.figures import make_figures
 from isac_arena.report.page.html import render_report
-from isac_arena.report.page.payload import report_payload
+from isac_arena.report.page.payload.campaign import report_payload
 from isac_arena.scoring.config import Significance
 from isac_arena.scoring.score import score_campaign
 from scenes.record import concatenate

@@ -12,8 +12,14 @@ from hypothesis.extra.numpy import arrays
 
 from isac_arena.report.figures.bands import contour_curve, normals, shape_curve
 from isac_arena.report.page.budget_file import BUDGET_FILE, read_budget
-from isac_arena.report.page.compact import POWER_LEVELS, POWER_STEP_DB, number, quantised_power, rounded
-from isac_arena.report.page.payload import report_payload
+from isac_arena.report.page.payload.campaign import report_payload
+from isac_arena.report.page.payload.numbers import (
+    POWER_LEVELS,
+    POWER_STEP_DB,
+    number,
+    quantised_power,
+    rounded,
+)
 from isac_arena.scoring.config import Significance
 from isac_arena.scoring.score import score_campaign
 from scenes.record import concatenate

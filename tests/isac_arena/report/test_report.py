@@ -11,7 +11,7 @@ from estimation.slam.record import SolveStatus
 from isac_arena.campaign.results import MapResult
 from isac_arena.report.page.figures import best_stop, make_figures
 from isac_arena.report.page.html import render_report
-from isac_arena.report.page.payload import report_payload
+from isac_arena.report.page.payload.campaign import report_payload
 from isac_arena.report.page.tables import (
     ACCEPTED,
     CHANNEL_COUNTS,

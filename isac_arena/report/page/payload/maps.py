@@ -9,7 +9,7 @@ import numpy as np
 from estimation.slam.record import SolveStatus
 from isac_arena.campaign.results import MapResult
 from isac_arena.report.figures.bands import Curve, contour_curve, shape_curve
-from isac_arena.report.page.compact import number, rounded
+from isac_arena.report.page.payload.numbers import number, rounded
 from isac_arena.scoring.record import ContourScores, IpScores, MapScores, OutlineScores
 from scenes.record import IntArray
 

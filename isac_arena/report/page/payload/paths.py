@@ -8,7 +8,7 @@ import numpy as np
 
 from isac_arena.campaign.results import CampaignResults
 from isac_arena.report.figures.path_lines import path_kind
-from isac_arena.report.page.compact import rounded
+from isac_arena.report.page.payload.numbers import rounded
 from isac_arena.scoring.record import PathStatus, ScoreTables
 from scenes.pose import wrap_angle
 from scenes.record import FloatArray
