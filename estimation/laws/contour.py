@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimation.compiled import compiled
+from estimation.execution import compiled
 from estimation.laws.support import support_terms
 from scenes.record import BoolArray, FloatArray
 

@@ -20,7 +20,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from estimation.compiled import compiled
+from estimation.execution import compiled
 from scenes.record import FloatArray
 
 CIRCLE, ELLIPSE, ROUNDED_SQUARE, HARMONICS = range(4)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimation.inference.threads import one_blas_thread
+from estimation.execution import one_blas_thread
 from estimation.shape.config import ShapeConfig
 from estimation.shape.gp.clustering import (
     NOISE,

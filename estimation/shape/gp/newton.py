@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimation.compiled import compiled
+from estimation.execution import compiled
 from scenes.record import FloatArray, IntArray
 
 LARGEST_STEP = 1.5  # of a log parameter

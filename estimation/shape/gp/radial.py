@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import Bounds, OptimizeResult, minimize
 
-from estimation.inference.threads import one_blas_thread
+from estimation.execution import one_blas_thread
 from estimation.shape.gp.exact import ExactPosterior, Likelihood, chord, log_marginal_likelihood
 from estimation.shape.gp.fourier import (
     FourierPosterior,

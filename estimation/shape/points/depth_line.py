@@ -14,7 +14,7 @@ import numpy as np
 from scipy.linalg import cho_solve, cholesky, solve_triangular
 from scipy.special import logsumexp
 
-from estimation.inference.threads import one_blas_thread
+from estimation.execution import one_blas_thread
 from estimation.shape.fit import OK, PRIOR, ShapeFit
 from estimation.shape.points.cluster import PointCluster
 from estimation.shape.points.line import WALL_PRIOR, Line, LinePrior, end_posterior, places_along, robust_line

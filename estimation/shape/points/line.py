@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from scipy.optimize import approx_fprime, minimize
 from scipy.special import ive, logsumexp, ndtr
 
-from estimation.inference.threads import one_blas_thread
+from estimation.execution import one_blas_thread
 from estimation.shape.fit import OK, PRIOR, ShapeFit
 from estimation.shape.points.cluster import PointCluster
 from estimation.shape.points.line_evidence import importance_evidence, segment_log_likelihood

@@ -17,7 +17,7 @@ from scipy.special import gammaln, logsumexp, ndtri
 from scipy.stats import chi2
 from scipy.stats.qmc import Sobol
 
-from estimation.compiled import compiled
+from estimation.execution import compiled
 from scenes.record import FloatArray
 
 N_DRAWS = 1024

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.special import expit, ive, log_expit, logit, logsumexp
 
-from estimation.inference.threads import one_blas_thread
+from estimation.execution import one_blas_thread
 from estimation.shape.fit import OK, PRIOR, ShapeFit
 from estimation.shape.points.cluster import PointCluster, ring_normals
 from estimation.shape.points.mic_likelihood import log_likelihood

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimation.inference.threads import one_blas_thread
+from estimation.execution import one_blas_thread
 from estimation.shape.config import ContourConfig
 from estimation.shape.fit import ShapeFit
 from estimation.shape.reflection.association import MIN_PATHS, family_of

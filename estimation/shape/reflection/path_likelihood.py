@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimation.compiled import compiled
+from estimation.execution import compiled
 from estimation.laws.contour import SpecularPaths
 from estimation.laws.plane import residual
 from estimation.shape.reflection.reflections import ReflectionConfig, Reflections

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimation.compiled import compiled
+from estimation.execution import compiled
 from estimation.slam.config import PathLoss, SnapshotConfig
 from scenes.record import FloatArray
 

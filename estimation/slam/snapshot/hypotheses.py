@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from estimation.compiled import compiled
+from estimation.execution import compiled
 from estimation.slam.snapshot.path_table import PathTable
 from scenes.record import FloatArray, IntArray
 

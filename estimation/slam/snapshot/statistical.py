@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import chi2
 
-from estimation.compiled import compiled
+from estimation.execution import compiled
 from estimation.slam.config import SnapshotConfig
 from estimation.slam.snapshot.evidence import (
     PowerLaw,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.stats import chi2
 
-from estimation.compiled import compiled
+from estimation.execution import compiled
 from estimation.slam.config import TrajectoryConfig
 from estimation.slam.walk.landmark_kernels import cholesky3, circle_path, wall_cut, wall_path, wrapped
 from estimation.slam.walk.landmarks import plane_pose

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimation.compiled import compiled
+from estimation.execution import compiled
 from scenes.record import FloatArray, IntArray
 
 

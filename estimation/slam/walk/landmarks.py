@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimation.compiled import compiled
+from estimation.execution import compiled
 from estimation.slam.walk.landmark_kernels import circle_path, wall_cut, wall_path, wrapped
 from scenes.pose import Pose
 from scenes.record import FloatArray

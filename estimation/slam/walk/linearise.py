@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimation.compiled import compiled
+from estimation.execution import compiled
 from estimation.inference.student import efficiency
 from estimation.slam.config import TrajectoryConfig
 from estimation.slam.walk.landmark_kernels import (

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimation.compiled import compiled
+from estimation.execution import compiled
 from estimation.slam.config import TrajectoryConfig
 from estimation.slam.walk.landmark_kernels import wrapped
 from scenes.record import FloatArray

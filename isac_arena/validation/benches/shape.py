@@ -11,7 +11,7 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import ConstantKernel, ExpSineSquared, WhiteKernel
 
-from estimation.inference.threads import one_blas_thread
+from estimation.execution import one_blas_thread
 from estimation.shape.gp.radial import fit_radial_gp, fit_radial_gps
 from isac_arena.validation.measurement import Measurement
 from isac_arena.validation.shape.gp_study import SHAPES, draw_points

@@ -1,0 +1,61 @@
+"""How numerical code runs: compiled loops, loops over rows called with arrays, and one BLAS thread for small fits."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from functools import lru_cache
+from typing import Any, TypeVar, cast
+
+import numba
+import numpy as np
+from threadpoolctl import ThreadpoolController
+
+from scenes.record import FloatArray
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def compiled(function: F) -> F:
+    """The function compiled at its first call (IEEE arithmetic, one thread), kept on disk for later runs."""
+    return cast(F, numba.njit(cache=True, error_model="numpy")(function))
+
+
+def over_rows(
+    loop: Callable[..., tuple[FloatArray, ...]], *arguments: tuple[FloatArray, int]
+) -> tuple[FloatArray, ...]:
+    """Call a loop over rows with arrays that broadcast over leading axes.
+
+    Parameters
+    ----------
+    loop
+        Takes arrays (row, ...) and returns arrays (row, ...).
+    arguments
+        Arrays (..., own axes), each with the number of its own axes.
+
+    Returns
+    -------
+    The results of the loop, each (..., own axes).
+    """
+    leading = np.broadcast_shapes(*(array.shape[: array.ndim - n_own] for array, n_own in arguments))
+    n_rows = int(np.prod(leading))
+    rows = []
+    for array, n_own in arguments:
+        own = array.shape[array.ndim - n_own :]
+        every = np.broadcast_to(array, (*leading, *own))
+        rows.append(np.ascontiguousarray(every, dtype=float).reshape(n_rows, *own))
+    return tuple(part.reshape(*leading, *part.shape[1:]) for part in loop(*rows))
+
+
+@lru_cache(maxsize=1)
+def _controller() -> ThreadpoolController:
+    return ThreadpoolController()  # looks through all loaded libraries: once is enough
+
+
+def one_blas_thread() -> AbstractContextManager[Any]:
+    """Context in which the BLAS libraries of the process use one thread.
+
+    Threads cost more than they gain where matrices have tens of rows.
+    """
+    context: AbstractContextManager[Any] = _controller().limit(limits=1, user_api="blas")
+    return context
