@@ -18,6 +18,7 @@ MAX_FUNCTION_LINES = 70
 ENDING_CALLS = {"print", "exit", "quit", "sys.exit", "os._exit", "os.abort"}
 OUTPUT_STREAMS = {"sys.stdout", "sys.stderr"}
 FILE_CALLS = {"open", "read_text", "read_bytes", "write_text", "write_bytes"}
+ENDING_FILE = "isac_arena/cli/main.py"  # the one file that may end the process, after one line on stderr
 # Where files may be read and written: rule 4 of the house.
 FILE_PARTS = (
     *(
@@ -28,6 +29,7 @@ FILE_PARTS = (
         "isac_arena/verification/",
     ),
     *("isac_arena/insight/budget/runs.py", "isac_arena/validation/benches/sweep.py"),
+    *("isac_arena/doctor.py", "isac_arena/validation/golden.py"),
     *("isac_arena/report/page/template.py", "isac_arena/report/page/budget_file.py"),
     *("scenes/config.py", "scenes/toml_config.py", "scenes/objects/config.py", "scenes/walks/config.py"),
     *("scenes/meshes/", "sim/signal/arrays/weights_file.py", "sim/propagation/deepmimo/"),
@@ -122,4 +124,7 @@ def test_packages_neither_print_nor_exit_nor_touch_files(path: Path) -> None:
             found.append(ast.unparse(node))
         elif isinstance(node, ast.Name) and node.id == "SystemExit":
             found.append("SystemExit")
+    if str(path.relative_to(ROOT)) == ENDING_FILE:
+        assert set(found) <= {"sys.exit", "sys.stderr"}
+        return
     assert not found, f"{path.relative_to(ROOT)}: {', '.join(found)}"

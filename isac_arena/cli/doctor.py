@@ -3,213 +3,13 @@
 from __future__ import annotations
 
 import json
-import os
-import platform
-import re
-import shutil
-import subprocess
-import sys
-from dataclasses import asdict, dataclass
-from importlib import metadata
-from pathlib import Path
-from typing import Annotated, Literal
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
 
-from sim.propagation.llvm import (
-    LLVM_VARIABLE,
-    MIN_LLVM_VERSION,
-    find_llvm,
-    install_command,
-    n_cuda_devices,
-    probe,
-    variant,
-)
-
-Status = Literal["ok", "warn", "fail"]
-
-PROJECT = "isac-arena"
-LOCK_FILE = Path(__file__).resolve().parents[2] / "requirements.lock"
-REINSTALL = "run scripts/test, or: python -m pip install -r requirements.lock"
-
-MIN_PYTHON = (3, 11)
-GIB = 2**30
-LOW_MEMORY_GIB = 4.0
-LOW_DISK_GIB = 2.0
-
-SIONNA_CODE = """
-import sys
-import mitsuba
-mitsuba.set_variant(sys.argv[1])
-import sionna.rt
-print(sionna.rt.__version__)
-"""
-
-
-@dataclass(frozen=True)
-class Check:
-    """One finding: what was looked at, how it stands, what was found, and what to do where it is not ok."""
-
-    name: str
-    status: Status
-    detail: str
-    remedy: str = ""
-
-
-def doctor_report() -> list[Check]:
-    """All checks of this machine and this environment, in the order in which problems are best solved.
-
-    Dr.Jit and Sionna are tried in processes of their own, because a wrong LLVM ends the process that loads it.
-    """
-    llvm = check_llvm()
-    return [
-        check_python(),
-        check_packages(),
-        llvm,
-        check_sionna(llvm),
-        check_memory(),
-        check_disk(Path.cwd()),
-    ]
-
-
-def check_python(version: tuple[int, int] = sys.version_info[:2]) -> Check:
-    """The interpreter is Python 3.11 or later."""
-    detail = f"Python {platform.python_version()} ({sys.executable})"
-    if version < MIN_PYTHON:
-        found = ".".join(map(str, version))
-        return Check("python", "fail", f"Python {found}", "install Python 3.11 or later")
-    return Check("python", "ok", detail)
-
-
-def check_packages(lock_file: Path = LOCK_FILE) -> Check:
-    """The installed packages are the pinned ones; a missing one fails only where the project runs on it."""
-    if not lock_file.is_file():
-        return Check("packages", "warn", f"{lock_file}: no such file, so no versions to compare", "")
-    pins = read_pins(lock_file)
-    installed = {name: installed_version(name) for name in pins}
-    missing = [name for name, version in installed.items() if version is None]
-    other = [
-        f"{name} {version} (pinned {pins[name]})"
-        for name, version in installed.items()
-        if version not in (None, pins[name])
-    ]
-    if needed := sorted(set(missing) & runtime_requirements()):
-        return Check("packages", "fail", f"missing: {_listed(needed)}", REINSTALL)
-    if missing or other:
-        findings = [
-            f"{word}: {_listed(names)}" for word, names in (("missing", missing), ("other", other)) if names
-        ]
-        return Check("packages", "warn", "; ".join(findings), REINSTALL)
-    return Check("packages", "ok", f"{len(pins)} packages as pinned in {lock_file.name}")
-
-
-def check_llvm() -> Check:
-    """A libLLVM that compiles and runs a kernel; needed only where there is no CUDA device."""
-    path = find_llvm()
-    if path is None:
-        problem = f"no libLLVM {MIN_LLVM_VERSION} or later found"
-    elif not path.exists():
-        problem = f"{path}: no such file"
-    else:
-        outcome = probe(path)
-        if outcome.ok:
-            return Check("llvm", "ok", f"LLVM {outcome.version} compiles ({path})")
-        problem = f"{path}: {outcome.error}"
-    if n_cuda_devices():
-        return Check("llvm", "ok", f"{problem}; not needed, CUDA is used")
-    chosen = f"unset {LLVM_VARIABLE}, or: " if LLVM_VARIABLE in os.environ else ""
-    return Check("llvm", "fail", problem, f"{chosen}{install_command()}")
-
-
-def check_sionna(llvm: Check, timeout_s: float = 120.0) -> Check:
-    """Sionna RT loads in the variant that the tracer would choose: CUDA where there is a device, else LLVM."""
-    chosen = variant()
-    if not n_cuda_devices() and llvm.status == "fail":
-        return Check("sionna", "fail", f"{chosen} not tried, it needs LLVM", "solve the llvm problem first")
-    environment = dict(os.environ)
-    if (path := find_llvm()) is not None:
-        environment[LLVM_VARIABLE] = str(path)
-    try:
-        done = subprocess.run(
-            [sys.executable, "-c", SIONNA_CODE, chosen],
-            env=environment, capture_output=True, text=True, timeout=timeout_s, check=False,
-        )  # fmt: skip
-    except subprocess.TimeoutExpired:
-        return Check("sionna", "fail", f"{chosen}: no answer within {timeout_s:g} s", REINSTALL)
-    if done.returncode != 0:
-        lines = done.stderr.strip().splitlines() or [f"exit status {done.returncode}"]
-        return Check("sionna", "fail", f"{chosen}: {lines[-1]}", REINSTALL)
-    return Check("sionna", "ok", f"Sionna RT {done.stdout.split()[-1]} in {chosen}")
-
-
-def check_memory(available_gib: float | None = None) -> Check:
-    """Memory that a run can take without swapping, within the limit of the container if there is one."""
-    available = available_memory_gib() if available_gib is None else available_gib
-    if available is None:
-        return Check("memory", "warn", "this system does not say how much is available")
-    detail = f"{available:.1f} GiB available, {os.cpu_count()} CPUs"
-    if available < LOW_MEMORY_GIB:
-        return Check("memory", "warn", detail, f"free some: a run wants about {LOW_MEMORY_GIB:g} GiB")
-    return Check("memory", "ok", detail)
-
-
-def check_disk(directory: Path) -> Check:
-    """Free space in the folder a run would write to."""
-    free_gib = shutil.disk_usage(directory).free / GIB
-    detail = f"{free_gib:.1f} GiB free in {directory}"
-    if free_gib < LOW_DISK_GIB:
-        return Check("disk", "warn", detail, f"free some: a campaign wants up to {LOW_DISK_GIB:g} GiB")
-    return Check("disk", "ok", detail)
-
-
-def available_memory_gib() -> float | None:
-    """Memory available to this process in GiB, None where the system does not tell."""
-    limits = []
-    try:
-        found = re.search(r"^MemAvailable:\s+(\d+) kB", Path("/proc/meminfo").read_text(), re.MULTILINE)
-        if found:
-            limits.append(int(found[1]) * 1024)
-    except OSError:
-        pass
-    group = Path("/sys/fs/cgroup")
-    try:
-        used = int((group / "memory.current").read_text())
-        limits.append(int((group / "memory.max").read_text()) - used)
-    except (OSError, ValueError):
-        pass
-    return max(0, min(limits)) / GIB if limits else None
-
-
-def read_pins(lock_file: Path) -> dict[str, str]:
-    """Version of each package that a lock file of `name==version` lines pins, by normalised name."""
-    lines = (line.partition("#")[0].strip() for line in lock_file.read_text(encoding="utf-8").splitlines())
-    pairs = (line.split("==", 1) for line in lines if line)
-    return {normalised(name): version for name, version in pairs}
-
-
-def runtime_requirements() -> set[str]:
-    """Normalised names of what the installed project itself asks for, without its extras."""
-    try:
-        requirements = metadata.requires(PROJECT) or []
-    except metadata.PackageNotFoundError:
-        return set()
-    return {normalised(re.split(r"[^\w.-]", line)[0]) for line in requirements if "extra ==" not in line}
-
-
-def installed_version(name: str) -> str | None:
-    """Version of an installed package, None where it is missing."""
-    try:
-        return metadata.version(name)
-    except metadata.PackageNotFoundError:
-        return None
-
-
-def normalised(name: str) -> str:
-    """A package name as PEP 503 compares it."""
-    return re.sub(r"[-_.]+", "-", name).lower()
+if TYPE_CHECKING:
+    from isac_arena.doctor import Check
 
 
 def doctor(
@@ -218,6 +18,8 @@ def doctor(
     ] = False,
 ) -> None:
     """Check this machine: Python, packages, LLVM, Sionna, memory and disk. Ends with 1 if anything fails."""
+    from isac_arena.doctor import doctor_report  # noqa: PLC0415
+
     checks = doctor_report()
     if as_json:
         typer.echo(json.dumps([asdict(check) for check in checks], indent=2))
@@ -228,6 +30,10 @@ def doctor(
 
 
 def _print_table(checks: list[Check]) -> None:
+    from rich.console import Console  # noqa: PLC0415
+    from rich.table import Table  # noqa: PLC0415
+    from rich.text import Text  # noqa: PLC0415
+
     styles = {"ok": "green", "warn": "yellow", "fail": "bold red"}
     console = Console()
     table = Table("check", "status", "found")
@@ -237,8 +43,3 @@ def _print_table(checks: list[Check]) -> None:
     for check in checks:
         if check.status != "ok" and check.remedy:
             console.print(Text(f"{check.name}: {check.remedy}"), soft_wrap=True)
-
-
-def _listed(names: list[str], n_shown: int = 5) -> str:
-    rest = len(names) - n_shown
-    return ", ".join(names[:n_shown]) + (f" and {rest} more" if rest > 0 else "")

@@ -1,4 +1,4 @@
-"""`arena export`: a campaign directory in the formats of other tools."""
+"""`arena export` and `arena export-sigmf`: a campaign directory in the formats of other tools."""
 
 from __future__ import annotations
 
@@ -58,3 +58,47 @@ def export(
             files = list(write(store, folder))
     for file in files:
         stages.console.print(f"{file_format.value}: {file}")
+
+
+def export_sigmf(
+    directory: Directory,
+    stop: Annotated[int, typer.Option(min=0, help="Receiver stop.")],
+    tx_beam: Annotated[int, typer.Option(min=0, help="TX beam.")],
+    rx_beam: Annotated[int | None, typer.Option(min=0, help="RX beam; all of them by default.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Directory to write to; DIRECTORY/sigmf by default.")
+    ] = None,
+) -> None:
+    """Write the received samples of beam pairs as a SigMF recording, one annotated burst per pair."""
+    from isac_arena.campaign import stages  # noqa: PLC0415
+    from isac_arena.campaign.recording import recorded_additions  # noqa: PLC0415
+    from isac_arena.exchange.sigmf_recording import write_sigmf  # noqa: PLC0415
+    from sim.signal.link import make_link  # noqa: PLC0415
+    from sim.signal.waveform.occasions import slot_of_beam  # noqa: PLC0415
+    from sim.signal.waveform.ofdm import sample_rate_hz  # noqa: PLC0415
+    from sim.signal.waveform.time_domain import received_samples  # noqa: PLC0415
+    from sim.simulate import observe  # noqa: PLC0415
+
+    store = stages.reopen(directory, reads=[f"{kind}/stop_{stop:03d}.nc" for kind in stages.SAMPLES])
+    sweep = store.sweep(stop)
+    if sweep is None:
+        scene, truth = stages.scene_of(store), store.truth(stop)
+        if truth is None:
+            raise ValueError(
+                f"{directory}: the truth of stop {stop} is missing or out of date; run 'arena generate'"
+            )
+        sweep = observe(store.config, make_link(store.config), scene, truth)
+    prs = store.config.waveform.prs
+    slot = slot_of_beam(store.config.waveform, len(sweep.tx_codebook), tx_beam)
+    beams = range(len(sweep.rx_codebook)) if rx_beam is None else [rx_beam]
+    name = f"stop_{stop:03d}_tx_{tx_beam:03d}" + ("" if rx_beam is None else f"_rx_{rx_beam:03d}")
+    with recorded_additions(directory):
+        meta = write_sigmf(
+            (out or directory / "sigmf") / name,
+            [received_samples(sweep, prs, slot, tx_beam, beam) for beam in beams],
+            [f"tx {tx_beam} rx {beam}" for beam in beams],
+            sample_rate_hz=sample_rate_hz(prs.numerology),
+            carrier_hz=sweep.carrier_hz,
+            description=f"{store.config.name}, stop {stop}: PRS in sqrt(mW), one beam pair per capture",
+        )
+    stages.console.print(f"samples: {meta}")

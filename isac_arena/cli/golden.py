@@ -2,38 +2,18 @@
 
 from __future__ import annotations
 
-import json
-import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from isac_arena.campaign.config import CampaignConfig
-    from isac_arena.scoring.metrics.metric import Metric
-    from scenes.scene import Scene
+    from isac_arena.validation.golden import Deviation
 
-FOLDER = Path(__file__).resolve().parents[2] / "tests" / "golden"
-NUDGES = 4  # runs with paths moved by rounding, when golden scores are made
-NUDGE = 1e-6  # of gain and delay: ten times single precision, far below the noise
-SPREAD_FACTOR = 5.0  # tolerance over the largest change that a nudge makes
-LEAST_RELATIVE, LEAST_ABSOLUTE = 1e-3, 1e-9  # where no nudge changes anything
-
-
-@dataclass(frozen=True)
-class Deviation:
-    """A golden score that a run does not keep."""
-
-    campaign: str
-    key: str
-    golden: float
-    found: float  # NaN where it is missing or could not be measured
-    tolerance: float
+FOLDER = Path(__file__).resolve().parents[2] / "tests" / "golden"  # of a checkout
 
 
 def golden(
@@ -45,8 +25,15 @@ def golden(
     """Run the golden campaigns and compare their scores with those kept; exit 1 where one is out of tolerance."""
     from rich.console import Console  # noqa: PLC0415
 
+    from isac_arena.validation.golden import check_file, remake_file  # noqa: PLC0415
+
     console = Console(highlight=False)
     files = sorted(folder.glob("*.json"))
+    if not files and folder == FOLDER:
+        raise ValueError(
+            f"--folder = {folder}: no golden files here; they come with a checkout of the project, not with an "
+            "installed package: name their folder"
+        )
     if not files:
         raise ValueError(f"--folder = {folder}: holds no golden file (*.json)")
     deviations: list[Deviation] = []
@@ -67,108 +54,6 @@ def golden(
         console.print(f"{len(files)} golden campaigns: all scores within tolerance")
 
 
-def check_file(file: Path) -> list[Deviation]:
-    """Run the campaign of a golden file once; what is out of tolerance, in the order of the file."""
-    content = read_golden(file)
-    found = {metric.key: metric.value for metric in run_golden(content)}
-    return list(deviations_of(file.stem, content["metrics"], found))
-
-
-def deviations_of(name: str, kept: Sequence[dict[str, Any]], found: dict[str, float]) -> Iterator[Deviation]:
-    """Golden scores (`kept`: key, value, tolerance) that `found` misses; scores that are new are no deviation."""
-    for row in kept:
-        value = found.get(row["key"], math.nan)
-        if not abs(value - row["value"]) <= row["tolerance"]:
-            yield Deviation(name, row["key"], row["value"], value, row["tolerance"])
-
-
-def remake_file(file: Path) -> None:
-    """Run the campaign of a golden file and write its scores and their tolerances into it."""
-    from isac_arena.campaign.files import write_text  # noqa: PLC0415
-
-    content = read_golden(file)
-    rows = golden_rows(
-        run_golden(content), [run_golden(content, nudge=seed) for seed in range(1, NUDGES + 1)]
-    )
-    write_text(file, golden_text({**content, "metrics": rows}))
-
-
-def golden_text(content: dict[str, Any]) -> str:
-    """A golden file with a line per score, so that what changed is seen line by line."""
-    head = {name: content[name] for name in ("campaign", "settings", "stops")}
-    rows = ",\n".join(f"  {json.dumps(row)}" for row in content["metrics"])
-    return f'{json.dumps(head)[:-1]}, "metrics": [\n{rows}\n]}}\n'
-
-
-def golden_rows(metrics: Sequence[Metric], nudged: Sequence[Sequence[Metric]]) -> list[dict[str, Any]]:
-    """Scores with tolerances: how far rounding can move each, with a margin.
-
-    Other processors and linear algebra libraries round sums differently; a decision near its threshold then falls
-    the other way, and every score that hangs on it moves by far more than rounding. So the campaign runs again
-    with all paths nudged by a few roundings. A score that cannot be measured in all of these runs is not kept.
-    """
-    others = [{metric.key: metric.value for metric in run} for run in nudged]
-    rows = []
-    for metric in metrics:
-        values = [metric.value, *(other[metric.key] for other in others)]
-        if not all(math.isfinite(value) for value in values):
-            continue
-        spread = max(abs(value - metric.value) for value in values)
-        floor = LEAST_RELATIVE * abs(metric.value) + LEAST_ABSOLUTE
-        rows.append(
-            {
-                "key": metric.key,
-                "value": metric.value,
-                "unit": metric.unit,
-                "direction": metric.direction,
-                "tolerance": float(f"{max(SPREAD_FACTOR * spread, floor):.3g}"),
-            }
-        )
-    return rows
-
-
-def run_golden(content: dict[str, Any], nudge: int | None = None) -> tuple[Metric, ...]:
-    """All scores of the campaign of a golden file; `nudge` is the seed of moving its paths by rounding."""
-    import numpy as np  # noqa: PLC0415
-    from threadpoolctl import threadpool_limits  # noqa: PLC0415
-
-    from isac_arena.insight.ablation import run_variant  # noqa: PLC0415
-    from sim.simulate import simulate_truth  # noqa: PLC0415
-
-    config, scene = golden_campaign(content)
-    truths = list(simulate_truth(config, scene, content["stops"]))
-    if nudge is not None:
-        rng = np.random.default_rng(nudge)
-        truths = [_nudged(truth, rng) for truth in truths]
-    with threadpool_limits(limits=1):
-        return run_variant(config, scene, truths).metrics
-
-
-def golden_campaign(content: dict[str, Any]) -> tuple[CampaignConfig, Scene]:
-    """Settings and scene of a golden file: a campaign of the library with the tables of `settings` over it."""
-    from isac_arena.campaign.load import campaign_path, campaign_scene, resolve_campaign  # noqa: PLC0415
-    from scenes.toml_config import read_toml  # noqa: PLC0415
-
-    path = campaign_path(content["campaign"])
-    document = read_toml(path)
-    for name, table in content["settings"].items():
-        document[name] = {**document.get(name, {}), **table}
-    config, scene_file = resolve_campaign(document, path)
-    return config, campaign_scene(config, scene_file)
-
-
-def read_golden(file: Path) -> dict[str, Any]:
-    """The content of a golden file; `ValueError`, one line, where it is none."""
-    try:
-        content = json.loads(file.read_text(encoding="utf-8"))
-        missing = [name for name in ("campaign", "settings", "stops", "metrics") if name not in content]
-    except (ValueError, TypeError) as error:
-        raise ValueError(f"{file}: no golden file ({error})") from error
-    if missing:
-        raise ValueError(f"{file}: no golden file ('{missing[0]}' is missing)")
-    return dict(content)
-
-
 def deviation_table(deviations: Sequence[Deviation]) -> Table:
     """A row per golden score that is out of tolerance."""
     from rich.table import Table  # noqa: PLC0415
@@ -178,13 +63,3 @@ def deviation_table(deviations: Sequence[Deviation]) -> Table:
     for one in deviations:
         table.add_row(one.campaign, one.key, f"{one.golden:.5g}", f"{one.found:.5g}", f"{one.tolerance:.2g}")
     return table
-
-
-def _nudged(truth: Any, rng: Any) -> Any:
-    """The truth of a stop with gains and delays of its paths moved by about ten single-precision roundings."""
-    from dataclasses import replace  # noqa: PLC0415
-
-    paths = truth.paths
-    gain = paths.gain * (1 + NUDGE * rng.standard_normal(len(paths)))
-    delay_s = paths.delay_s * (1 + NUDGE * rng.standard_normal(len(paths)))
-    return replace(truth, paths=replace(paths, gain=gain, delay_s=delay_s))

@@ -22,14 +22,11 @@ from isac_arena.cli import (
     doctor,
     export,
     golden,
-    import_deepmimo,
-    import_mat,
+    imports,
     link,
     scene,
-    sigmf,
     study,
     sweep,
-    sweep_report,
     twin,
     validate,
     verify,
@@ -55,16 +52,16 @@ app.command("estimate")(campaign.estimate)
 app.command("score")(campaign.score)
 app.command("report")(campaign.report)
 app.command("view")(view.view)
-app.command("import-mat")(import_mat.import_mat)
-app.command("import-deepmimo")(import_deepmimo.import_deepmimo)
+app.command("import-mat")(imports.import_mat)
+app.command("import-deepmimo")(imports.import_deepmimo)
 app.command("export")(export.export)
 app.command("link")(link.link)
-app.command("export-sigmf")(sigmf.export_sigmf)
+app.command("export-sigmf")(export.export_sigmf)
 app.command("bound")(bound.bound)
 app.command("ablate")(ablate.ablate)
 app.command("budget")(budget.budget)
 app.command("sweep")(sweep.sweep)
-app.command("sweep-report")(sweep_report.sweep_report)
+app.command("sweep-report")(sweep.sweep_report)
 app.command("verify")(verify.verify)
 app.command("compare")(compare.compare)
 app.command("golden")(golden.golden)

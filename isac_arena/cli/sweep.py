@@ -1,22 +1,21 @@
-"""`arena sweep`: many campaigns on a laptop or a cluster, resumed where they stopped."""
+"""`arena sweep` and `arena sweep-report`: many campaigns on a laptop or a cluster, and their report."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
-from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 if TYPE_CHECKING:
-    from distributed import Client
     from rich.console import Console
 
+    from isac_arena.report.sweep.results import SweepResults
     from isac_arena.sweep.config import SweepConfig
-    from isac_arena.sweep.job import Job
     from isac_arena.sweep.plan import Plan
+
+REPORT = "sweep_report.html"
 
 
 def sweep(
@@ -40,165 +39,53 @@ def sweep(
 
     from isac_arena.sweep.config import SweepConfig  # noqa: PLC0415
     from isac_arena.sweep.plan import make_plan  # noqa: PLC0415
+    from isac_arena.sweep.runner import Workers, run_sweep  # noqa: PLC0415
     from scenes.toml_config import load_config  # noqa: PLC0415
 
     console = Console(highlight=False)
     config = load_config(file, SweepConfig)
     plan = make_plan(str(file), config, out, range(config.repeats))
     if dry_run:
-        tell_plan(console, config, plan)
+        print_plan(console, config, plan)
         return
     if run_sweep(console, file, config, out, plan, Workers(workers, scheduler), retry_failed):
         raise typer.Exit(1)
 
 
-def run_sweep(
-    console: Console,
-    file: Path,
-    config: SweepConfig,
-    out: Path,
-    plan: Plan,
-    workers: Workers,
-    retry_failed: bool = False,
-) -> int:
-    """Run what is missing of a sweep, write its tables and its manifest, and return how many cases failed."""
-    from isac_arena.campaign.lock import one_run  # noqa: PLC0415
-    from isac_arena.campaign.recording import recorded_run  # noqa: PLC0415
-    from isac_arena.sweep.cases import base_path  # noqa: PLC0415
-    from isac_arena.sweep.job import store_scene  # noqa: PLC0415
-    from isac_arena.sweep.store import forget_failures, open_sweep, read_failures, stale_names  # noqa: PLC0415
-    from scenes.toml_config import read_text  # noqa: PLC0415
+def sweep_report(
+    directory: Annotated[Path, typer.Argument(help="Directory of a sweep.")],
+    metric: Annotated[
+        list[str] | None, typer.Option(help="Metric to show, as in scores.json; may be given several times.")
+    ] = None,
+    pareto: Annotated[
+        list[str] | None,
+        typer.Option(help="Two metrics of a trade-off, KEY,KEY; may be given several times."),
+    ] = None,
+) -> None:
+    """Write sweep_report.html: every metric over every axis, with intervals and bounds, and trade-offs."""
+    from rich.console import Console  # noqa: PLC0415
 
-    with one_run(out), recorded_run(out) as recording:
-        open_sweep(out, config, read_text(base_path(str(file), config)))
-        for scene in plan.scenes.values():
-            store_scene(out, scene)
-        if retry_failed:
-            forget_failures(out, read_failures(out))
-        recording.drop(stale_names(out, recording.names))
-        with workers:
-            jobs = run_until_known(workers, console, file, config, out, plan.jobs)
-        return tell_results(console, out, config, jobs)
+    from isac_arena.campaign.files import write_text  # noqa: PLC0415
+    from isac_arena.campaign.recording import check_unchanged, recorded_additions  # noqa: PLC0415
+    from isac_arena.sweep.report import sweep_page, sweep_results  # noqa: PLC0415
+    from isac_arena.sweep.store import read_failures, read_plan, read_sweep  # noqa: PLC0415
+    from isac_arena.sweep.table import result_rows  # noqa: PLC0415
 
-
-class Workers:
-    """The workers of a sweep, started when the first case needs them: with all cases done there are none."""
-
-    def __init__(self, workers: int | None, scheduler: str | None) -> None:
-        self._options = workers, scheduler
-        self._stack = ExitStack()
-        self._client: Client | None = None
-
-    def __enter__(self) -> Workers:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._stack.close()
-
-    @property
-    def client(self) -> Client:
-        """The client of the scheduler."""
-        from isac_arena.sweep.engine import connected  # noqa: PLC0415
-
-        if self._client is None:
-            self._client = self._stack.enter_context(connected(*self._options))
-        return self._client
+    console = Console(highlight=False)
+    check_unchanged(directory, ("sweep.json", "plan.json"))
+    config, _ = read_sweep(directory)
+    cases, failures = read_plan(directory), read_failures(directory)
+    results = sweep_results(config, result_rows(directory, config, cases, {}))
+    keys = _chosen(results, metric, directory)
+    pairs = _pairs(results, pareto, directory)
+    with console.status("figures"):
+        page = sweep_page(directory, config, cases, failures, results, keys, pairs)
+        with recorded_additions(directory):
+            write_text(directory / REPORT, page)
+    console.print(f"report: {directory / REPORT}")
 
 
-def run_until_known(
-    workers: Workers, console: Console, file: Path, config: SweepConfig, out: Path, jobs: list[Job]
-) -> list[Job]:
-    """Run the jobs; with `until`, repeat points with more seeds until the mean of the metric is known there."""
-    from isac_arena.sweep.plan import make_plan  # noqa: PLC0415
-    from isac_arena.sweep.store import planned, write_plan  # noqa: PLC0415
-
-    write_plan(out, planned(jobs))
-    run_missing(workers, console, out, jobs)
-    repeat = config.repeats
-    while config.until is not None and repeat < config.until.max_repeats:
-        open_points = unknown_points(out, config, jobs)
-        if not open_points:
-            break
-        made = make_plan(str(file), config, out, [repeat]).jobs
-        more = [job for job in made if job.point in open_points]
-        jobs, repeat = [*jobs, *more], repeat + 1
-        write_plan(out, planned(jobs))
-        run_missing(workers, console, out, jobs)
-    return jobs
-
-
-def unknown_points(out: Path, config: SweepConfig, jobs: Sequence[Job]) -> set[int]:
-    """Points of the design whose mean of the metric in `until` is not known well enough yet."""
-    from isac_arena.sweep.store import planned, read_failures  # noqa: PLC0415
-    from isac_arena.sweep.table import result_rows, spread  # noqa: PLC0415
-
-    if config.until is None:
-        return set()
-    rows = result_rows(out, config, planned(jobs), read_failures(out))
-    found = spread(rows, config.until.metric, config.until.confidence)
-    wanted = config.until.half_width
-    return {point for point, value in found.items() if not value.half_width <= wanted}
-
-
-def run_missing(workers: Workers, console: Console, out: Path, jobs: Sequence[Job]) -> None:
-    """Run the jobs that are neither done nor known to fail, with throughput, failures and time left."""
-    from rich.progress import (  # noqa: PLC0415
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
-
-    from isac_arena.sweep.engine import run_jobs  # noqa: PLC0415
-    from isac_arena.sweep.store import read_failures, write_failure  # noqa: PLC0415
-
-    known = read_failures(out)
-    pending = [job for job in jobs if not job.is_done and job.key not in known]
-    if not pending:
-        return
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[rate]}"),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
-    )
-    n_failed, started = 0, time.monotonic()
-    with Progress(*columns, console=console, speed_estimate_period=3600) as progress:
-        task = progress.add_task("cases", total=len(jobs), completed=len(jobs) - len(pending), rate="")
-
-        def report(job: Job, reason: str | None) -> None:
-            nonlocal n_failed
-            if reason is not None:
-                write_failure(out, job.key, reason)
-                n_failed += 1
-            done = progress.tasks[task].completed + 1 - (len(jobs) - len(pending))
-            per_minute = 60 * done / (time.monotonic() - started)
-            progress.update(task, advance=1, rate=f"{per_minute:.3g} a minute, {n_failed} failed")
-
-        run_jobs(workers.client, pending, report)
-
-
-def tell_results(console: Console, out: Path, config: SweepConfig, jobs: Sequence[Job]) -> int:
-    """Write the tables, say how many cases are done and what failed, and return how many did."""
-    from isac_arena.sweep.store import planned, read_failures  # noqa: PLC0415
-    from isac_arena.sweep.table import result_rows, write_tables  # noqa: PLC0415
-
-    failures = read_failures(out)
-    write_tables(out, config, result_rows(out, config, planned(jobs), failures))
-    failed = [job for job in jobs if job.key in failures and not job.is_done]
-    console.print(f"{sum(job.is_done for job in jobs)} of {len(jobs)} cases done, {len(failed)} failed")
-    for job in failed[:5]:
-        console.print(f"  case {job.key}: {failures[job.key]}", markup=False)
-    console.print(f"results: {out / 'results.parquet'} and .csv")
-    return len(failed)
-
-
-def tell_plan(console: Console, config: SweepConfig, plan: Plan) -> None:
+def print_plan(console: Console, config: SweepConfig, plan: Plan) -> None:
     """Say what a sweep would run, how long one core would take and how much disk it would fill."""
     from isac_arena.sweep.plan import estimate_cost  # noqa: PLC0415
 
@@ -219,4 +106,40 @@ def tell_plan(console: Console, config: SweepConfig, plan: Plan) -> None:
     if cost.samples_gb:
         console.print(
             f"  and {cost.samples_gb:.2g} GB a worker for samples, dropped behind the cases that share them"
+        )
+
+
+def _chosen(results: SweepResults, asked: Sequence[str] | None, directory: Path) -> list[str]:
+    """The metrics to show: those asked for, or the main ones that change over the cases."""
+    from isac_arena.report.sweep.results import varying  # noqa: PLC0415
+    from isac_arena.sweep.report import MAIN  # noqa: PLC0415
+
+    for key in asked or ():
+        _check_key(results, key, "--metric", directory)
+    return list(asked or varying(results, MAIN))
+
+
+def _pairs(results: SweepResults, asked: Sequence[str] | None, directory: Path) -> list[tuple[str, str]]:
+    from isac_arena.report.sweep.results import varying  # noqa: PLC0415
+    from isac_arena.sweep.report import TRADE_OFFS  # noqa: PLC0415
+
+    if not asked:
+        return [pair for pair in TRADE_OFFS if len(varying(results, pair)) == len(pair)]
+    pairs = []
+    for text in asked:
+        first, comma, second = text.partition(",")
+        if not comma:
+            raise ValueError(f"--pareto = '{text}': write two metrics as KEY,KEY")
+        for key in (first, second):
+            _check_key(results, key, "--pareto", directory)
+        pairs.append((first, second))
+    return pairs
+
+
+def _check_key(results: SweepResults, key: str, option: str, directory: Path) -> None:
+    import numpy as np  # noqa: PLC0415
+
+    if key not in results.metrics or not np.isfinite(results.metrics[key].value).any():
+        raise ValueError(
+            f"{option} = '{key}': no finished case of {directory} has measured it; see results.csv"
         )

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from isac_arena.cli.doctor import normalised, read_pins
+from isac_arena.doctor import normalised, read_pins
 
 ROOT = Path(__file__).resolve().parents[2]
 LOCK = ROOT / "requirements.lock"

@@ -12,12 +12,12 @@ from rich.console import Console
 
 from isac_arena.campaign.chain import channel_estimator, known_receiver, map_known, map_unknown
 from isac_arena.campaign.files import read_record
-from isac_arena.cli.sweep import Workers, run_sweep
 from isac_arena.sweep.config import AxisConfig, SweepConfig
 from isac_arena.sweep.engine import connected, run_jobs
 from isac_arena.sweep.job import Job, store_scene
 from isac_arena.sweep.plan import make_plan
 from isac_arena.sweep.run import make_signals, run_cases, trace_stops, truths
+from isac_arena.sweep.runner import Workers, run_sweep
 from isac_arena.validation.measurement import Measurement
 from sim.observation import BeamSweep
 from sim.signal.hardware.apply_impairments import surveyed

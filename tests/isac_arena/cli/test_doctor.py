@@ -11,11 +11,12 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from isac_arena.cli import doctor as module
-from isac_arena.cli.doctor import Check
+from isac_arena import doctor as module
+from isac_arena.cli.doctor import doctor
+from isac_arena.doctor import Check
 
 app = typer.Typer()
-app.command()(module.doctor)
+app.command()(doctor)
 
 
 def test_the_interpreter_of_the_tests_is_good_and_an_old_one_is_not() -> None:

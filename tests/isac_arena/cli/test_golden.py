@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from isac_arena.cli import golden
 from isac_arena.cli.main import app
 from isac_arena.scoring.metrics.metric import Metric
+from isac_arena.validation import golden
 
 FILES = sorted((Path(__file__).resolve().parents[2] / "golden").glob("*.json"))
 

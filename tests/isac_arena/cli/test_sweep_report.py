@@ -37,7 +37,7 @@ def test_an_unfinished_sweep_tells_its_pace_and_its_failures(undisturbed: Path, 
     (out / "failures" / f"{cases[0].key}.json").write_text(json.dumps({"error": "ValueError: a <bad> case"}))
     assert report(out).exit_code == 0
     page = (out / "sweep_report.html").read_text()
-    assert "8 of 12 done, 1 failed" in page and "3 left, about" in page
+    assert "8 of 12 done, 1 failed" in page and "3 remain, about" in page
     assert "a &lt;bad&gt; case" in page and "power = 0.0, seed 1" in page
 
 

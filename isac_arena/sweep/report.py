@@ -1,18 +1,21 @@
-"""`arena sweep-report`: what a sweep says, finished or not, as figures and tables in one HTML file."""
+"""The report page of a sweep, finished or not: figures and tables."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Any
 
-import typer
+import numpy as np
 
-if TYPE_CHECKING:
-    from isac_arena.report.sweep.page import SweepFigure
-    from isac_arena.report.sweep.results import SweepResults
-    from isac_arena.sweep.config import SweepConfig
-    from isac_arena.sweep.store import PlannedCase
+from isac_arena.campaign.manifest import MANIFEST, read_manifest
+from isac_arena.report.style import png_bytes
+from isac_arena.report.sweep.captions import axis_caption, parallel_caption, pareto_caption
+from isac_arena.report.sweep.figures import axis_figure, parallel_figure, pareto_figure
+from isac_arena.report.sweep.page import SweepFigure, axis_tables, render_sweep, table
+from isac_arena.report.sweep.results import SweepAxis, SweepMetric, SweepResults
+from isac_arena.sweep.config import SweepConfig
+from isac_arena.sweep.store import PlannedCase, is_done
 
 MAIN = (
     "slam.position.rmse_m",
@@ -32,47 +35,10 @@ TRADE_OFFS = (
     ("slam.position.rmse_m", "mapping.ip_to_surface.median_m"),
 )
 MOST_FAILURES = 20
-REPORT = "sweep_report.html"
-
-
-def sweep_report(
-    directory: Annotated[Path, typer.Argument(help="Directory of a sweep.")],
-    metric: Annotated[
-        list[str] | None, typer.Option(help="Metric to show, as in scores.json; may be given several times.")
-    ] = None,
-    pareto: Annotated[
-        list[str] | None,
-        typer.Option(help="Two metrics of a trade-off, KEY,KEY; may be given several times."),
-    ] = None,
-) -> None:
-    """Write sweep_report.html: every metric over every axis, with intervals and bounds, and trade-offs."""
-    from rich.console import Console  # noqa: PLC0415
-
-    from isac_arena.campaign.files import write_text  # noqa: PLC0415
-    from isac_arena.campaign.recording import check_unchanged, recorded_additions  # noqa: PLC0415
-    from isac_arena.sweep.store import read_failures, read_plan, read_sweep  # noqa: PLC0415
-    from isac_arena.sweep.table import result_rows  # noqa: PLC0415
-
-    console = Console(highlight=False)
-    check_unchanged(directory, ("sweep.json", "plan.json"))
-    config, _ = read_sweep(directory)
-    cases, failures = read_plan(directory), read_failures(directory)
-    results = sweep_results(config, result_rows(directory, config, cases, {}))
-    keys = _chosen(results, metric, directory)
-    pairs = _pairs(results, pareto, directory)
-    with console.status("figures"):
-        page = sweep_page(directory, config, cases, failures, results, keys, pairs)
-        with recorded_additions(directory):
-            write_text(directory / REPORT, page)
-    console.print(f"report: {directory / REPORT}")
 
 
 def sweep_results(config: SweepConfig, rows: Sequence[dict[str, Any]]) -> SweepResults:
     """The rows of the results table of finished cases as arrays, a value per case."""
-    import numpy as np  # noqa: PLC0415
-
-    from isac_arena.report.sweep.results import SweepAxis, SweepMetric, SweepResults  # noqa: PLC0415
-
     cases = list(dict.fromkeys(row["case"] for row in rows))
     place = {case: index for index, case in enumerate(cases)}
     values: dict[str, Any] = {}
@@ -102,8 +68,6 @@ def sweep_page(
     pairs: Sequence[tuple[str, str]],
 ) -> str:
     """The report page of a sweep."""
-    from isac_arena.report.sweep.page import axis_tables, render_sweep, table  # noqa: PLC0415
-
     failed = [(case, failures[case.key]) for case in cases if case.key in failures]
     sections: list[tuple[str, Sequence[SweepFigure | str]]] = []
     if keys:
@@ -115,7 +79,7 @@ def sweep_page(
             ("Metrics", ["<p>No finished case yet, or no metric that changes over the cases.</p>"])
         )
     if failed:
-        rows = [[case.key, _told(config, case), error] for case, error in failed[:MOST_FAILURES]]
+        rows = [[case.key, _case_settings(config, case), error] for case, error in failed[:MOST_FAILURES]]
         sections.append((f"{len(failed)} failed cases", [table(["case", "axes", "error"], rows, "failed")]))
     return render_sweep(config.name, sweep_facts(directory, config, cases, failures), sections)
 
@@ -124,12 +88,9 @@ def sweep_facts(
     directory: Path, config: SweepConfig, cases: Sequence[PlannedCase], failures: dict[str, str]
 ) -> dict[str, str]:
     """What was swept and how far it is, with its pace where it is not finished."""
-    from isac_arena.campaign.manifest import MANIFEST, read_manifest  # noqa: PLC0415
-    from isac_arena.sweep.store import is_done  # noqa: PLC0415
-
     done = [case for case in cases if is_done(directory, case.key)]
     failed = [case for case in cases if case.key in failures and case not in done]
-    left = len(cases) - len(done) - len(failed)
+    remaining = len(cases) - len(done) - len(failed)
     facts = {
         "Base": config.base,
         "Design": f"{config.design}, {len({case.point for case in cases})} points",
@@ -137,31 +98,27 @@ def sweep_facts(
         "Cases": f"{len(done)} of {len(cases)} done, {len(failed)} failed",
     }
     times = sorted((directory / "cases" / case.key / "scores.json").stat().st_mtime for case in done)
-    if left and len(times) > 1 and times[-1] > times[0]:
+    if remaining and len(times) > 1 and times[-1] > times[0]:
         pace = (len(times) - 1) / (times[-1] - times[0])
-        facts["Pace"] = f"{60 * pace:.3g} cases a minute; {left} left, about {left / pace / 60:.3g} minutes"
+        facts["Pace"] = (
+            f"{60 * pace:.3g} cases a minute; {remaining} remain, about {remaining / pace / 60:.3g} minutes"
+        )
     if (directory / MANIFEST).is_file():
         origins = read_manifest(directory).made_by
-        told = [
+        made = [
             f"code {one['code']}, Python {one['python']}, {one['machine']['processor']}" for one in origins
         ]
-        facts["Made by"] = "; ".join(told)
+        facts["Made by"] = "; ".join(made)
     return facts
 
 
 def _axis_figures(results: SweepResults, keys: Sequence[str]) -> list[SweepFigure | str]:
-    from isac_arena.report.sweep.captions import axis_caption  # noqa: PLC0415
-    from isac_arena.report.sweep.figures import axis_figure  # noqa: PLC0415
-
     if not results.axes:
         return ["<p>The sweep has no axes; its tables hold the repeats.</p>"]
     return [_picture(axis_figure(results, key), key, axis_caption(results, key)) for key in keys]
 
 
 def _pareto_figures(results: SweepResults, pairs: Sequence[tuple[str, str]]) -> list[SweepFigure | str]:
-    from isac_arena.report.sweep.captions import pareto_caption  # noqa: PLC0415
-    from isac_arena.report.sweep.figures import pareto_figure  # noqa: PLC0415
-
     return [
         _picture(pareto_figure(results, first, second), f"{first} against {second}", pareto_caption(results))
         for first, second in pairs
@@ -169,9 +126,6 @@ def _pareto_figures(results: SweepResults, pairs: Sequence[tuple[str, str]]) -> 
 
 
 def _parallel_figures(results: SweepResults, keys: Sequence[str]) -> list[SweepFigure | str]:
-    from isac_arena.report.sweep.captions import parallel_caption  # noqa: PLC0415
-    from isac_arena.report.sweep.figures import parallel_figure  # noqa: PLC0415
-
     if not results.axes:
         return []
     shown = list(keys[:5])
@@ -180,47 +134,10 @@ def _parallel_figures(results: SweepResults, keys: Sequence[str]) -> list[SweepF
 
 
 def _picture(figure: Any, title: str, caption: str) -> SweepFigure:
-    from isac_arena.report.style import png_bytes  # noqa: PLC0415
-    from isac_arena.report.sweep.page import SweepFigure  # noqa: PLC0415
-
     return SweepFigure(title, png_bytes(figure), float(figure.get_size_inches()[0]), caption)
 
 
-def _chosen(results: SweepResults, asked: Sequence[str] | None, directory: Path) -> list[str]:
-    """The metrics to show: those asked for, or the main ones that change over the cases."""
-    from isac_arena.report.sweep.results import varying  # noqa: PLC0415
-
-    for key in asked or ():
-        _check_key(results, key, "--metric", directory)
-    return list(asked or varying(results, MAIN))
-
-
-def _pairs(results: SweepResults, asked: Sequence[str] | None, directory: Path) -> list[tuple[str, str]]:
-    from isac_arena.report.sweep.results import varying  # noqa: PLC0415
-
-    if not asked:
-        return [pair for pair in TRADE_OFFS if len(varying(results, pair)) == len(pair)]
-    pairs = []
-    for text in asked:
-        first, comma, second = text.partition(",")
-        if not comma:
-            raise ValueError(f"--pareto = '{text}': write two metrics as KEY,KEY")
-        for key in (first, second):
-            _check_key(results, key, "--pareto", directory)
-        pairs.append((first, second))
-    return pairs
-
-
-def _check_key(results: SweepResults, key: str, option: str, directory: Path) -> None:
-    import numpy as np  # noqa: PLC0415
-
-    if key not in results.metrics or not np.isfinite(results.metrics[key].value).any():
-        raise ValueError(
-            f"{option} = '{key}': no finished case of {directory} has measured it; see results.csv"
-        )
-
-
-def _told(config: SweepConfig, case: PlannedCase) -> str:
+def _case_settings(config: SweepConfig, case: PlannedCase) -> str:
     names = [axis.label or axis.field for axis in config.axes]
     values = [f"{name} = {value}" for name, value in zip(names, case.values, strict=True)]
     return ", ".join([*values, f"seed {case.seed}"])

@@ -1,0 +1,163 @@
+"""Run a sweep: its missing cases on workers, then the tables of all results.
+
+The workers start when the first case needs them.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
+from isac_arena.campaign.lock import one_run
+from isac_arena.campaign.recording import recorded_run
+from isac_arena.sweep.cases import base_path
+from isac_arena.sweep.config import SweepConfig
+from isac_arena.sweep.job import Job, store_scene
+from isac_arena.sweep.plan import Plan, make_plan
+from isac_arena.sweep.store import (
+    forget_failures,
+    open_sweep,
+    planned,
+    read_failures,
+    stale_names,
+    write_failure,
+    write_plan,
+)
+from isac_arena.sweep.table import result_rows, spread, write_tables
+from scenes.toml_config import read_text
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+
+def run_sweep(
+    console: Console,
+    file: Path,
+    config: SweepConfig,
+    out: Path,
+    plan: Plan,
+    workers: Workers,
+    retry_failed: bool = False,
+) -> int:
+    """Run what is missing of a sweep, write its tables and its manifest, and return how many cases failed."""
+    with one_run(out), recorded_run(out) as recording:
+        open_sweep(out, config, read_text(base_path(str(file), config)))
+        for scene in plan.scenes.values():
+            store_scene(out, scene)
+        if retry_failed:
+            forget_failures(out, read_failures(out))
+        recording.drop(stale_names(out, recording.names))
+        with workers:
+            jobs = run_until_known(workers, console, file, config, out, plan.jobs)
+        return print_results(console, out, config, jobs)
+
+
+class Workers:
+    """The workers of a sweep, started when the first case needs them: with all cases done there are none."""
+
+    def __init__(self, workers: int | None, scheduler: str | None) -> None:
+        self._options = workers, scheduler
+        self._stack = ExitStack()
+        self._client: Client | None = None
+
+    def __enter__(self) -> Workers:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._stack.close()
+
+    @property
+    def client(self) -> Client:
+        """The client of the scheduler."""
+        from isac_arena.sweep.engine import connected  # noqa: PLC0415
+
+        if self._client is None:
+            self._client = self._stack.enter_context(connected(*self._options))
+        return self._client
+
+
+def run_until_known(
+    workers: Workers, console: Console, file: Path, config: SweepConfig, out: Path, jobs: list[Job]
+) -> list[Job]:
+    """Run the jobs; with `until`, repeat points with more seeds until the mean of the metric is known there."""
+    write_plan(out, planned(jobs))
+    run_missing(workers, console, out, jobs)
+    repeat = config.repeats
+    while config.until is not None and repeat < config.until.max_repeats:
+        open_points = unknown_points(out, config, jobs)
+        if not open_points:
+            break
+        made = make_plan(str(file), config, out, [repeat]).jobs
+        more = [job for job in made if job.point in open_points]
+        jobs, repeat = [*jobs, *more], repeat + 1
+        write_plan(out, planned(jobs))
+        run_missing(workers, console, out, jobs)
+    return jobs
+
+
+def unknown_points(out: Path, config: SweepConfig, jobs: Sequence[Job]) -> set[int]:
+    """Points of the design whose mean of the metric in `until` is not known well enough yet."""
+    if config.until is None:
+        return set()
+    rows = result_rows(out, config, planned(jobs), read_failures(out))
+    found = spread(rows, config.until.metric, config.until.confidence)
+    wanted = config.until.half_width
+    return {point for point, value in found.items() if not value.half_width <= wanted}
+
+
+def run_missing(workers: Workers, console: Console, out: Path, jobs: Sequence[Job]) -> None:
+    """Run the jobs that are neither done nor known to fail, with throughput, failures and time left."""
+    from isac_arena.sweep.engine import run_jobs  # noqa: PLC0415
+
+    known = read_failures(out)
+    pending = [job for job in jobs if not job.is_done and job.key not in known]
+    if not pending:
+        return
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[rate]}"),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+    )
+    n_failed, started = 0, time.monotonic()
+    with Progress(*columns, console=console, speed_estimate_period=3600) as progress:
+        task = progress.add_task("cases", total=len(jobs), completed=len(jobs) - len(pending), rate="")
+
+        def report(job: Job, reason: str | None) -> None:
+            nonlocal n_failed
+            if reason is not None:
+                write_failure(out, job.key, reason)
+                n_failed += 1
+            done = progress.tasks[task].completed + 1 - (len(jobs) - len(pending))
+            per_minute = 60 * done / (time.monotonic() - started)
+            progress.update(task, advance=1, rate=f"{per_minute:.3g} a minute, {n_failed} failed")
+
+        run_jobs(workers.client, pending, report)
+
+
+def print_results(console: Console, out: Path, config: SweepConfig, jobs: Sequence[Job]) -> int:
+    """Write the tables, say how many cases are done and what failed, and return how many did."""
+    failures = read_failures(out)
+    write_tables(out, config, result_rows(out, config, planned(jobs), failures))
+    failed = [job for job in jobs if job.key in failures and not job.is_done]
+    console.print(f"{sum(job.is_done for job in jobs)} of {len(jobs)} cases done, {len(failed)} failed")
+    for job in failed[:5]:
+        console.print(f"  case {job.key}: {failures[job.key]}", markup=False)
+    console.print(f"results: {out / 'results.parquet'} and .csv")
+    return len(failed)
