@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from isac_arena.cli.campaign import Campaign, Seed
+from isac_arena.cli.options import Campaign, OutFolder, Seed
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 def ablate(
     campaign: Campaign,
-    out: Annotated[Path, typer.Option(help="Directory of the table and the figure; made where missing.")],
+    out: OutFolder,
     seed: Seed = None,
     step: Annotated[int, typer.Option(min=1, help="Take every step-th receiver stop.")] = 1,
 ) -> None:

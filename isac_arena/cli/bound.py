@@ -7,9 +7,11 @@ from typing import Annotated
 
 import typer
 
+from isac_arena.cli.options import Campaign
+
 
 def bound(
-    campaign: Annotated[str, typer.Argument(help="Campaign name of the library, or path of a TOML file.")],
+    campaign: Campaign,
     out: Annotated[Path, typer.Option(help="PNG file to write.")],
     step_m: Annotated[float, typer.Option("--step", min=0.05, max=5.0, help="Grid step in m.")] = 0.5,
 ) -> None:

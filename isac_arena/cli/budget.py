@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from isac_arena.cli.campaign import Campaign, Estimator, Seed
+from isac_arena.cli.options import Campaign, Estimator, Seed
 
 if TYPE_CHECKING:
     from rich.table import Table

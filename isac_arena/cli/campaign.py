@@ -2,21 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Annotated
-
-import typer
-
-Campaign = Annotated[str, typer.Argument(help="Campaign name of the library, or path of a TOML file.")]
-Out = Annotated[Path, typer.Option(help="Directory of the campaign; made where missing.")]
-Directory = Annotated[Path, typer.Argument(help="Directory of a campaign.")]
-Seed = Annotated[
-    int | None, typer.Option(min=0, max=2**63 - 1, help="Seed, in place of the campaign file's.")
-]
-Estimator = Annotated[
-    str | None,
-    typer.Option(help="Your channel estimator: package.module:function, BeamSweep to ChannelEstimate."),
-]
+from isac_arena.cli.options import Campaign, Directory, Estimator, KeepSweeps, Out, Seed
 
 
 def run(
@@ -24,9 +10,7 @@ def run(
     out: Out,
     seed: Seed = None,
     estimator: Estimator = None,
-    keep_sweeps: Annotated[
-        bool, typer.Option(help="Keep the samples of every stop (about 40 MB each).")
-    ] = False,
+    keep_sweeps: KeepSweeps = False,
 ) -> None:
     """Run a campaign from the scene to the report. An interrupted run goes on where it stopped."""
     from isac_arena.campaign import stages  # noqa: PLC0415
@@ -42,9 +26,7 @@ def generate(
     campaign: Campaign,
     out: Out,
     seed: Seed = None,
-    keep_sweeps: Annotated[
-        bool, typer.Option(help="Keep the samples of every stop (about 40 MB each).")
-    ] = True,
+    keep_sweeps: KeepSweeps = True,
 ) -> None:
     """Trace the scene and make the sweeps of a campaign, with the truth behind them."""
     from isac_arena.campaign import stages  # noqa: PLC0415

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from isac_arena.cli.campaign import Directory
+from isac_arena.cli.options import Directory
 
 
 class ExportFormat(StrEnum):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from isac_arena.cli.campaign import Campaign
+from isac_arena.cli.options import Campaign
 
 if TYPE_CHECKING:
     from rich.table import Table

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from isac_arena.cli.options import OutFolder, RandomSeed
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from rich.table import Table
@@ -27,9 +29,9 @@ def studies() -> None:
 
 @app.command("gp-synthetic")
 def gp_synthetic(
-    out: Annotated[Path, typer.Option(help="Directory of the figures and the table; made where missing.")],
+    out: OutFolder,
     runs: Annotated[int, typer.Option(min=1, help="Runs per shape, mode and number of points.")] = 1000,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the contours and the noise.")] = 1,
+    seed: RandomSeed = 1,
 ) -> None:
     """Radial Gaussian process on basic shapes (Fig. 1 of the paper): example, and RMSE against the points."""
     from rich.console import Console  # noqa: PLC0415

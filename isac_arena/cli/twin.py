@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from isac_arena.cli.options import OutFolder
+
 if TYPE_CHECKING:
     from rich.table import Table
 
@@ -39,7 +41,7 @@ def twin(
     directory: Annotated[
         Path, typer.Argument(metavar="MEASURED_DIR", help="Measured campaign, made by 'arena import-mat'.")
     ],
-    out: Annotated[Path, typer.Option(help="Directory of tables and figures; made where missing.")],
+    out: OutFolder,
 ) -> None:
     """Trace the scene of a measured campaign at its stops and tell what of the measurement that explains.
 

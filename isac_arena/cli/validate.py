@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from isac_arena.cli.options import Json, Quick, RandomSeed
+
 if TYPE_CHECKING:
     from rich.table import Table
 
@@ -48,9 +50,6 @@ BENCHES: Mapping[str, tuple[str, ...]] = {
     "sweep": ("benches.sweep",),
 }
 
-Json = Annotated[Path | None, typer.Option("--json", help="Write the rows to this JSON file as well.")]
-Quick = Annotated[bool, typer.Option("--quick", help="A subset that takes seconds.")]
-Seed = Annotated[int, typer.Option(min=0, help="Seed of the random cases.")]
 Trials = Annotated[
     int | None,
     typer.Option(min=1, help="Scenes of the longest Monte Carlo run; the others take their share of it."),
@@ -64,7 +63,7 @@ Estimator = Annotated[
 def validate(
     name: Annotated[str, typer.Argument(help=f"One of: {', '.join(MODULES)}.")],
     quick: Quick = False,
-    seed: Seed = 1,
+    seed: RandomSeed = 1,
     json_file: Json = None,
     trials: Trials = None,
     estimator: Estimator = None,
@@ -79,7 +78,7 @@ def validate(
 def bench(
     name: Annotated[str, typer.Argument(help=f"One of: {', '.join(BENCHES)}.")],
     quick: Quick = False,
-    seed: Seed = 1,
+    seed: RandomSeed = 1,
     json_file: Json = None,
 ) -> None:
     """Time a stage, as ratios inside one run; exit 1 where a bar is missed."""

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from isac_arena.cli.options import RandomSeed
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -18,7 +20,7 @@ def verify(
     share: Annotated[
         float, typer.Option(min=0.0, max=1.0, help="Share of the stops, or cases, computed once more.")
     ] = 0.1,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the choice of stops, or cases.")] = 1,
+    seed: RandomSeed = 1,
 ) -> None:
     """Check every file against the manifest and compute a share of the results once more; exit 1 if one differs.
 

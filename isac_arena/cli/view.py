@@ -9,11 +9,13 @@ from typing import Annotated
 
 import typer
 
+from isac_arena.cli.options import Directory
+
 DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
 
 
 def view(
-    directory: Annotated[Path, typer.Argument(help="Directory of a campaign.")],
+    directory: Directory,
     stop: Annotated[
         int | None, typer.Option(min=0, help="RX stop whose paths are shown at first; by default the first.")
     ] = None,
