@@ -11,9 +11,15 @@ from enum import StrEnum
 
 import numpy as np
 
-from isac_arena.scoring.config import ScoringConfig
 from isac_arena.scoring.record import PathKind, PathStatus
 from scenes.record import BoolArray, FloatArray, IntArray, TextArray
+
+WEAK_MARGIN_DB = (
+    6.0  # true energy explains an estimate up to 6 dB stronger: it may add up to twice the amplitude
+)
+NEAR_GATES = 2.0  # an estimate at most this many gates from a path is taken as an inaccurate estimate of it
+THRESHOLD_MARGIN_DB = 3.0  # this close to a threshold the noise decides which side a path falls on
+OUTSIDE_BEAMS_DB = 10.0  # no beam points to where the best gain is this far below the highest gain
 
 
 class Cause(StrEnum):
@@ -74,24 +80,23 @@ class Evidence:
     is_refused: bool
 
 
-def false_causes(evidence: Evidence, config: ScoringConfig) -> TextArray:
+def false_causes(evidence: Evidence) -> TextArray:
     """Cause (estimate,) of every false path; empty for the others."""
     inside = evidence.distance <= 1
-    near = evidence.distance <= config.near_gates
+    near = evidence.distance <= NEAR_GATES
     missed_near = near & ~evidence.is_detected
     outside_dbm = np.where(inside, -np.inf, evidence.leaked_dbm)
     tests = {
         Cause.DUPLICATE: inside.any(axis=1),
         Cause.MERGED: (near.sum(axis=1) >= 2) & missed_near.any(axis=1),
         Cause.INACCURATE: missed_near.any(axis=1),
-        Cause.SIDE_LOBE: outside_dbm.max(axis=1, initial=-np.inf)
-        >= evidence.estimate_dbm - config.weak_margin_db,
-        Cause.NOISE: evidence.estimate_dbm <= evidence.noise_threshold_dbm + config.threshold_margin_db,
+        Cause.SIDE_LOBE: outside_dbm.max(axis=1, initial=-np.inf) >= evidence.estimate_dbm - WEAK_MARGIN_DB,
+        Cause.NOISE: evidence.estimate_dbm <= evidence.noise_threshold_dbm + THRESHOLD_MARGIN_DB,
     }
     return _first(tests, evidence.status == PathStatus.FALSE)
 
 
-def miss_causes(evidence: Evidence, config: ScoringConfig) -> TextArray:
+def miss_causes(evidence: Evidence) -> TextArray:
     """Cause (true,) of every missed significant path; empty for the others."""
     missed, power = ~evidence.is_detected, evidence.true_dbm
     false = evidence.status == PathStatus.FALSE
@@ -101,12 +106,12 @@ def miss_causes(evidence: Evidence, config: ScoringConfig) -> TextArray:
     tests = {
         Cause.REFUSED: np.full(len(power), evidence.is_refused),
         Cause.UNRESOLVED: (evidence.true_distance[:, evidence.is_detected] <= 1).any(axis=1),
-        Cause.INACCURATE: (evidence.distance[false] <= config.near_gates).any(axis=0),
-        Cause.OUTSIDE_CODEBOOK: evidence.beam_loss_db >= config.outside_beams_db,
-        Cause.BELOW_THRESHOLD: power < evidence.significance_dbm + config.threshold_margin_db,
-        Cause.MASKED: others_dbm.max(axis=1, initial=-np.inf) >= power - config.weak_margin_db,
+        Cause.INACCURATE: (evidence.distance[false] <= NEAR_GATES).any(axis=0),
+        Cause.OUTSIDE_CODEBOOK: evidence.beam_loss_db >= OUTSIDE_BEAMS_DB,
+        Cause.BELOW_THRESHOLD: power < evidence.significance_dbm + THRESHOLD_MARGIN_DB,
+        Cause.MASKED: others_dbm.max(axis=1, initial=-np.inf) >= power - WEAK_MARGIN_DB,
         Cause.DIFFUSE: evidence.diffuse_dbm >= power,
-        Cause.MERGED: (~itself & (evidence.true_distance <= config.near_gates)).any(axis=1),
+        Cause.MERGED: (~itself & (evidence.true_distance <= NEAR_GATES)).any(axis=1),
         Cause.PATH_LIMIT: evidence.is_limited & (power < weakest_dbm),
     }
     return _first(tests, missed)

@@ -1,4 +1,4 @@
-"""Settings of the scores: what counts as the same path and as a found object."""
+"""Settings of the scores: the gate within which an estimate can be a true path, and the significance of paths."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from scenes.record import FloatArray
 
 
 class Gate(BaseModel):
-    """Largest error per parameter at which an estimated path can still be a true one.
+    """Largest error in each parameter at which an estimated path can still be assigned to a true path.
 
     The defaults are about one resolution cell of 400 MHz and of a 16-element row.
     """
@@ -27,29 +27,12 @@ class Gate(BaseModel):
 
 
 class Significance(BaseModel):
-    """Which true paths an estimator had a fair chance to detect."""
+    """Which true paths an estimator can detect."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     dynamic_range_db: float = Field(gt=0, description="of the estimator, below the strongest path of a stop")
-    noise_threshold_dbm: float = Field(description="weakest path the estimator can tell from noise")
+    noise_threshold_dbm: float = Field(description="power of the weakest path that the estimator can detect")
 
 
-class ScoringConfig(BaseModel):
-    """Settings of all scores that are a matter of definition."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    gate: Gate = Gate()
-    weak_margin_db: float = Field(6.0, ge=0, description="true energy may lie this far below an estimate")
-    near_gates: float = Field(
-        2.0, ge=1, description="an estimate this many gates off is a poor one of a path"
-    )
-    threshold_margin_db: float = Field(3.0, ge=0, description="chance decides this far above a threshold")
-    outside_beams_db: float = Field(
-        10.0, gt=0, description="no beam points where the best gain is this far below the highest"
-    )
-    found_distance_m: float = Field(0.5, gt=0, description="an IP this close to its object speaks for it")
-    found_points: int = Field(3, ge=1, description="such IPs needed to call an object found")
-    found_share: float = Field(0.5, gt=0, le=1, description="share of a cluster that must stem from it")
-    seen_margin_deg: float = Field(10.0, gt=0, description="contour this close to a training angle is seen")
+DEFAULT_GATE = Gate()

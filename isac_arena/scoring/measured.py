@@ -11,7 +11,6 @@ from estimation.channel.record import ChannelEstimate
 from isac_arena.campaign.measured import MeasuredTruth
 from isac_arena.campaign.results import CampaignResults
 from isac_arena.scoring.causes import Cause
-from isac_arena.scoring.config import ScoringConfig
 from isac_arena.scoring.metrics.metric import Metric
 from isac_arena.scoring.record import (
     PathKind,
@@ -22,28 +21,23 @@ from isac_arena.scoring.record import (
     StopScores,
 )
 from isac_arena.scoring.score import Scores, score_map, score_metrics
+from isac_arena.scoring.stages.maps import FOUND_DISTANCE_M
 from isac_arena.scoring.stages.poses import score_poses, unknown_bound
 from scenes.record import FloatArray, TextArray, concatenate
 from scenes.scene import Scene
 
 
-def score_measured(
-    scene: Scene,
-    truths: Iterable[MeasuredTruth],
-    results: CampaignResults,
-    config: ScoringConfig | None = None,
-) -> Scores:
+def score_measured(scene: Scene, truths: Iterable[MeasuredTruth], results: CampaignResults) -> Scores:
     """Score maps, poses and shapes against the survey, the labels of the paths and the scene.
 
     A labelled single bounce stems from the object nearest to its labelled point, where one is within
-    `found_distance_m` of it.
+    `FOUND_DISTANCE_M` of it.
 
     Raises `ValueError` where a stop has labels but no channel estimate of the same paths.
     """
-    config = config or ScoringConfig()
     known = list(truths)
     estimates = {estimate.stop: estimate for estimate in results.channel}
-    parts = [_label_scores(scene, truth, estimates.get(truth.stop), config) for truth in known]
+    parts = [_label_scores(scene, truth, estimates.get(truth.stop)) for truth in known]
     if not parts:
         raise ValueError("truths: no stop given")
     paths, significant = concatenate(parts, "estimate"), _no_paths()
@@ -60,8 +54,8 @@ def score_measured(
             results.slam.poses,
             unknown_bound(len(stops)),
         ),
-        mapping=score_map(scene, results.mapping, paths, significant, config),
-        slam=score_map(scene, results.slam, paths, significant, config),
+        mapping=score_map(scene, results.mapping, paths, significant),
+        slam=score_map(scene, results.slam, paths, significant),
     )
     return Scores(measured_metrics(scene, tables), tables)
 
@@ -85,9 +79,7 @@ def nearest_objects(scene: Scene, points_m: FloatArray, reach_m: float) -> TextA
     return np.asarray(np.where(distance.min(axis=0) <= reach_m, nearest, ""))
 
 
-def _label_scores(
-    scene: Scene, truth: MeasuredTruth, estimate: ChannelEstimate | None, config: ScoringConfig
-) -> PathScores:
+def _label_scores(scene: Scene, truth: MeasuredTruth, estimate: ChannelEstimate | None) -> PathScores:
     n = truth.size("path")
     if estimate is None or len(estimate) != n:
         raise ValueError(
@@ -95,7 +87,7 @@ def _label_scores(
         )
     single = truth.is_single_bounce
     name = np.full(n, "", dtype=object)
-    name[single] = nearest_objects(scene, truth.landmark_m[single], config.found_distance_m)
+    name[single] = nearest_objects(scene, truth.landmark_m[single], FOUND_DISTANCE_M)
     unknown = np.full(n, np.nan)
     return PathScores(
         stop=np.full(n, truth.stop),

@@ -54,6 +54,9 @@ def ip_paths(ips: IncidencePoints, paths: PathScores) -> IntArray:
     return np.array([rows[key] for key in keys], int)
 
 
+FOUND_SHARE = 0.5  # a cluster shows an object when at least this share of its points stems from it
+
+
 @dataclass(frozen=True)
 class ClusterOrigin:
     """The object each cluster shows."""
@@ -62,15 +65,13 @@ class ClusterOrigin:
     purity: FloatArray  # (cluster,) share of the most frequent object
 
 
-def cluster_origin(
-    label: IntArray, ip_object: TextArray, n_clusters: int, least_share: float
-) -> ClusterOrigin:
-    """Most frequent object among the IPs of each cluster, named where it gave at least `least_share` of them."""
+def cluster_origin(label: IntArray, ip_object: TextArray, n_clusters: int) -> ClusterOrigin:
+    """Most frequent object among the IPs of each cluster, empty where its share is below `FOUND_SHARE`."""
     objects, purity = [], np.zeros(n_clusters)
     for cluster in range(n_clusters):
         members = ip_object[label == cluster]
         names, counts = np.unique(members[members != ""], return_counts=True)
         best = counts.argmax() if len(counts) else -1
         purity[cluster] = counts[best] / len(members) if len(counts) else 0.0
-        objects.append(str(names[best]) if len(counts) and purity[cluster] >= least_share else "")
+        objects.append(str(names[best]) if len(counts) and purity[cluster] >= FOUND_SHARE else "")
     return ClusterOrigin(np.asarray(objects, str), purity)

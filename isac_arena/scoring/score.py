@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from isac_arena.campaign.results import CampaignResults, MapResult
-from isac_arena.scoring.config import ScoringConfig, Significance
+from isac_arena.scoring.config import DEFAULT_GATE, Gate, Significance
 from isac_arena.scoring.link_view import LinkView
 from isac_arena.scoring.metrics.metric import Metric
 from isac_arena.scoring.record import (
@@ -58,7 +58,7 @@ def score_campaign(
     true_power_dbm: Callable[[Truth], FloatArray],
     significance: Significance,
     view: LinkView | None = None,
-    config: ScoringConfig | None = None,
+    gate: Gate = DEFAULT_GATE,
 ) -> Scores:
     """Score every stage of a campaign against the truth.
 
@@ -71,16 +71,15 @@ def score_campaign(
     ValueError
         Where a stop has a truth but no estimate or the other way round, or no stop is given at all.
     """
-    config = config or ScoringConfig()
     prepared = (true_stop(truth, scene.tx, true_power_dbm(truth), significance, view) for truth in truths)
-    paths, significant, stops, poses = _score_stops(scene, prepared, results, config)
+    paths, significant, stops, poses = _score_stops(scene, prepared, results, gate)
     tables = ScoreTables(
         paths=paths,
         significant=significant,
         stops=stops,
         poses=poses,
-        mapping=score_map(scene, results.mapping, paths, significant, config),
-        slam=score_map(scene, results.slam, paths, significant, config),
+        mapping=score_map(scene, results.mapping, paths, significant),
+        slam=score_map(scene, results.slam, paths, significant),
     )
     return Scores(score_metrics(scene, tables), tables)
 
@@ -98,7 +97,7 @@ def score_metrics(scene: Scene, tables: ScoreTables) -> tuple[Metric, ...]:
 
 
 def _score_stops(
-    scene: Scene, stops: Iterable[TrueStop], results: CampaignResults, config: ScoringConfig
+    scene: Scene, stops: Iterable[TrueStop], results: CampaignResults, gate: Gate
 ) -> tuple[PathScores, SignificantPaths, StopScores, PoseScores]:
     estimates = {estimate.stop: estimate for estimate in results.channel}
     parts: list[tuple[PathScores, SignificantPaths, StopScores]] = []
@@ -107,7 +106,7 @@ def _score_stops(
         index = stop.truth.stop
         if index not in estimates:
             raise ValueError(f"results.channel: stop {index} has a truth but no channel estimate")
-        parts.append(score_stop(stop, estimates[index], config))
+        parts.append(score_stop(stop, estimates[index], gate))
         bare.append(significant_alone(stop))
     scored = [stop.truth.stop for stop in bare]
     unscored = sorted(set(estimates) - set(scored))
@@ -126,21 +125,19 @@ def _score_stops(
     return concatenate(paths, "estimate"), significant, concatenate(sets, "stop"), poses
 
 
-def score_map(
-    scene: Scene, result: MapResult, paths: PathScores, significant: SignificantPaths, config: ScoringConfig
-) -> MapScores:
+def score_map(scene: Scene, result: MapResult, paths: PathScores, significant: SignificantPaths) -> MapScores:
     """Tables of one map: its incidence points, its clusters, its contours and the scene they make."""
     ips = score_ips(scene, result, paths)
-    clusters = _score_clusters(scene, result, ips, significant, config)
-    contours = score_contours(scene, result, ips, significant, config)
+    clusters = _score_clusters(scene, result, ips, significant)
+    contours = score_contours(scene, result, ips, significant)
     return MapScores(ips, clusters, contours, score_scene(scene, result, clusters, contours, significant))
 
 
 def _score_clusters(
-    scene: Scene, result: MapResult, ips: IpScores, significant: SignificantPaths, config: ScoringConfig
+    scene: Scene, result: MapResult, ips: IpScores, significant: SignificantPaths
 ) -> OutlineScores:
     def error_of(cluster: int, item: SceneObject, members_m: FloatArray, lit_m: FloatArray) -> ShapeErrors:
-        return shape_errors(result.shapes, cluster, members_m, item.contour, lit_m, config)
+        return shape_errors(result.shapes, cluster, members_m, item.contour, lit_m)
 
     n_clusters = len(result.shapes.center_m)
-    return OutlineScores(**outline_columns(scene, result, ips, n_clusters, significant, config, error_of))
+    return OutlineScores(**outline_columns(scene, result, ips, n_clusters, significant, error_of))

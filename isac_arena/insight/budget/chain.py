@@ -34,7 +34,6 @@ from isac_arena.insight.budget.outcome import (
     pose_errors,
 )
 from isac_arena.insight.budget.stages import Part, Stage
-from isac_arena.scoring.config import ScoringConfig
 from isac_arena.scoring.provenance import cluster_origin
 from isac_arena.scoring.stages.channel import TrueStop, score_stop
 from scenes.record import FloatArray, IntArray, TextArray
@@ -148,7 +147,7 @@ class Chain:
 
 def _majority(label: IntArray, ip_object: TextArray, count: int) -> TextArray:
     """Object (cluster,) of at least half of the points of each cluster, empty for none."""
-    return cluster_origin(label, ip_object, count, ScoringConfig().found_share).object
+    return cluster_origin(label, ip_object, count).object
 
 
 def make_chain(
@@ -159,6 +158,6 @@ def make_chain(
     objects: list[LitObject],
 ) -> Chain:
     """The chain of a campaign; `stops` and `channel` are of the same stops in the same order."""
-    scored = [score_stop(stop, one, ScoringConfig())[0] for stop, one in zip(stops, channel, strict=True)]
+    scored = [score_stop(stop, one)[0] for stop, one in zip(stops, channel, strict=True)]
     paths = [TracedPaths(one, rows.true_path) for one, rows in zip(channel, scored, strict=True)]
     return Chain(config, scene, stops, paths, objects)

@@ -11,7 +11,7 @@ import shapely
 from estimation.shape.record import Contours, Shapes
 from estimation.slam.record import PoseEstimates, SolveStatus
 from isac_arena.scoring.stages.channel import TrueStop
-from isac_arena.scoring.stages.shapes import contour_points_m, seen_samples
+from isac_arena.scoring.stages.shapes import SEEN_MARGIN_RAD, contour_points_m, seen_samples
 from scenes.contours import Contour
 from scenes.record import BoolArray, FloatArray, Record, TextArray, array
 from scenes.scene import Scene
@@ -20,7 +20,6 @@ POSE_CUTOFF_M = 1.0  # a stop not solved, or further off, counts as this
 SHAPE_CUTOFF_M = (
     0.5  # an object not found, or further off, counts as this: the reach of 'found' in the scores
 )
-SEEN_MARGIN_RAD = np.deg2rad(10.0)
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ import numpy as np
 
 from estimation.channel.record import ChannelEstimate, EstimateStatus
 from isac_arena.scoring.association import assign, inside_gate, parameter_errors, path_gospa
-from isac_arena.scoring.causes import Evidence, false_causes, miss_causes, weak_causes
-from isac_arena.scoring.config import ScoringConfig, Significance
+from isac_arena.scoring.causes import WEAK_MARGIN_DB, Evidence, false_causes, miss_causes, weak_causes
+from isac_arena.scoring.config import DEFAULT_GATE, Gate, Significance
 from isac_arena.scoring.link_view import LinkView
 from isac_arena.scoring.metrics.statistics import squared_mahalanobis
 from isac_arena.scoring.provenance import PathOrigin, path_origin
@@ -85,36 +85,36 @@ def significant_alone(stop: TrueStop) -> TrueStop:
 
 
 def score_stop(
-    stop: TrueStop, estimate: ChannelEstimate, config: ScoringConfig
+    stop: TrueStop, estimate: ChannelEstimate, gate: Gate = DEFAULT_GATE
 ) -> tuple[PathScores, SignificantPaths, StopScores]:
     """Tables of one stop: each estimated path with its true one, what there was to detect, and their distance."""
     measured = np.stack([estimate.delay_s, estimate.aod_azimuth_rad, estimate.aoa_azimuth_rad], axis=-1)
-    match = assign(measured, stop.parameters[stop.significant], config.gate)
+    match = assign(measured, stop.parameters[stop.significant], gate)
     true_path = np.append(stop.significant, -1)[match]
     status = np.where(true_path >= 0, PathStatus.DETECTED, PathStatus.FALSE)
     for index in np.flatnonzero(true_path < 0):
-        true_path[index] = _weak_origin(stop, measured[index], float(estimate.power_dbm[index]), config)
+        true_path[index] = _weak_origin(stop, measured[index], float(estimate.power_dbm[index]), gate)
         status[index] = PathStatus.WEAK if true_path[index] >= 0 else PathStatus.FALSE
     detected = np.isin(np.arange(len(stop.significant)), match)
-    evidence = _evidence(stop, estimate, measured, status, detected, config)
+    evidence = _evidence(stop, estimate, measured, status, detected, gate)
     return (
-        _path_scores(stop, estimate, measured, true_path, evidence, config),
-        _significant_scores(stop, evidence, config),
-        _stop_scores(stop, measured[status != PathStatus.WEAK], config),
+        _path_scores(stop, estimate, measured, true_path, evidence),
+        _significant_scores(stop, evidence),
+        _stop_scores(stop, measured[status != PathStatus.WEAK], gate),
     )
 
 
-def _weak_origin(stop: TrueStop, measured: FloatArray, estimate_dbm: float, config: ScoringConfig) -> int:
+def _weak_origin(stop: TrueStop, measured: FloatArray, estimate_dbm: float, gate: Gate) -> int:
     """The strongest weak or diffuse path behind an estimate, -1 where true energy does not explain it.
 
     The energy inside the gate that no significant path carries must reach the estimate's power less the margin.
     Of it, the object that contributes most is taken.
     """
-    near = inside_gate(parameter_errors(measured, stop.parameters), config.gate)
+    near = inside_gate(parameter_errors(measured, stop.parameters), gate)
     near[stop.significant] = False
     candidates = np.flatnonzero(near)
     power_mw = 10 ** (stop.power_dbm[candidates] / 10)
-    if power_mw.sum() < 10 ** ((estimate_dbm - config.weak_margin_db) / 10) or not len(candidates):
+    if power_mw.sum() < 10 ** ((estimate_dbm - WEAK_MARGIN_DB) / 10) or not len(candidates):
         return -1
     names, group = np.unique(stop.origin.object[candidates], return_inverse=True)
     strongest_group = np.bincount(group, weights=power_mw, minlength=len(names)).argmax()
@@ -127,13 +127,13 @@ def _evidence(
     measured: FloatArray,
     status: IntArray,
     detected: BoolArray,
-    config: ScoringConfig,
+    gate: Gate,
 ) -> Evidence:
-    """What the causes are told from."""
+    """The data of one stop that the causes follow from."""
     own, n_true = stop.parameters[stop.significant], len(stop.significant)
-    half_width = config.gate.half_width
+    half_width = gate.half_width
     diffuse = np.flatnonzero(stop.truth.paths.is_diffuse)
-    around = inside_gate(parameter_errors(own[:, None], stop.parameters[diffuse][None]), config.gate)
+    around = inside_gate(parameter_errors(own[:, None], stop.parameters[diffuse][None]), gate)
     diffuse_mw = around @ 10 ** (stop.power_dbm[diffuse] / 10)
     leaked, crosstalk = np.full((len(estimate), n_true), np.nan), np.full((n_true, n_true), np.nan)
     beam_loss = np.full(n_true, np.nan)
@@ -168,7 +168,6 @@ def _path_scores(
     measured: FloatArray,
     true_path: IntArray,
     evidence: Evidence,
-    config: ScoringConfig,
 ) -> PathScores:
     status = evidence.status
     detected = status == PathStatus.DETECTED
@@ -184,7 +183,7 @@ def _path_scores(
         stop=np.full(len(estimate), stop.truth.stop),
         path=np.arange(len(estimate)),
         status=status,
-        cause=np.where(status == PathStatus.WEAK, weak, false_causes(evidence, config)),
+        cause=np.where(status == PathStatus.WEAK, weak, false_causes(evidence)),
         is_los=estimate.is_los,
         true_path=true_path,
         kind=np.append(stop.origin.kind, PathKind.NONE)[true_path],
@@ -199,7 +198,7 @@ def _path_scores(
     )
 
 
-def _significant_scores(stop: TrueStop, evidence: Evidence, config: ScoringConfig) -> SignificantPaths:
+def _significant_scores(stop: TrueStop, evidence: Evidence) -> SignificantPaths:
     significant = stop.significant
     parameters = stop.parameters[significant]
     bound = np.sqrt(np.diagonal(stop.covariance, axis1=1, axis2=2))
@@ -214,15 +213,15 @@ def _significant_scores(stop: TrueStop, evidence: Evidence, config: ScoringConfi
         aoa_azimuth_rad=parameters[:, 2],
         power_dbm=stop.power_dbm[significant],
         is_detected=evidence.is_detected,
-        cause=miss_causes(evidence, config),
+        cause=miss_causes(evidence),
         delay_bound_s=bound[:, 0],
         aod_bound_rad=bound[:, 1],
         aoa_bound_rad=bound[:, 2],
     )
 
 
-def _stop_scores(stop: TrueStop, measured: FloatArray, config: ScoringConfig) -> StopScores:
-    distance = path_gospa(measured, stop.parameters[stop.significant], config.gate)
+def _stop_scores(stop: TrueStop, measured: FloatArray, gate: Gate) -> StopScores:
+    distance = path_gospa(measured, stop.parameters[stop.significant], gate)
     return StopScores(
         stop=np.array([stop.truth.stop]),
         gospa=np.array([distance.value]),

@@ -9,12 +9,8 @@ import shapely
 
 from estimation.shape.record import Contours
 from isac_arena.campaign.results import MapResult
-from isac_arena.scoring.config import ScoringConfig
 from isac_arena.scoring.metrics.consistency import gaussian_crps
-from isac_arena.scoring.metrics.contours import (
-    extent_iou,
-    intersection_over_union,
-)
+from isac_arena.scoring.metrics.contours import extent_iou, intersection_over_union
 from isac_arena.scoring.metrics.metric import Metric
 from isac_arena.scoring.metrics.statistics import mean
 from isac_arena.scoring.record import ContourScores, IpScores, SignificantPaths
@@ -22,6 +18,7 @@ from isac_arena.scoring.stages.maps import found_objects
 from isac_arena.scoring.stages.outlines import is_compact, outline_columns
 from isac_arena.scoring.stages.shapes import (
     OUTLINE_SPACING_M,
+    SEEN_MARGIN_RAD,
     ShapeErrors,
     distance_errors,
     outline_metrics,
@@ -36,7 +33,7 @@ CORNER_DISTANCE_M = 0.5  # an edge point this close to a corner of its object is
 
 
 def score_contours(
-    scene: Scene, result: MapResult, ips: IpScores, significant: SignificantPaths, config: ScoringConfig
+    scene: Scene, result: MapResult, ips: IpScores, significant: SignificantPaths
 ) -> ContourScores:
     """Table of the contours of one map.
 
@@ -50,12 +47,12 @@ def score_contours(
         )
 
     def error_of(row: int, item: SceneObject, members_m: FloatArray, lit_m: FloatArray) -> ShapeErrors:
-        error = contour_errors(contours, row, members_m, item.contour, lit_m, config)
+        error = contour_errors(contours, row, members_m, item.contour, lit_m)
         is_flat = not is_compact(item) and not contours.is_closed[row]
         return replace(error, iou=np.nan) if is_flat else error
 
     own = replace(ips, label=contours.object)
-    columns = outline_columns(scene, result, own, n, significant, config, error_of)
+    columns = outline_columns(scene, result, own, n, significant, error_of)
     right = [
         float(is_class_right(contours, row, scene.object(str(name))))
         if name in scene.object_names
@@ -71,7 +68,6 @@ def contour_errors(
     members_m: FloatArray,
     true: Contour,
     lit_points_m: FloatArray,
-    config: ScoringConfig,
 ) -> ShapeErrors:
     """Errors of one contour; `members_m` (ip, xy) are the IPs it was fitted to.
 
@@ -82,7 +78,7 @@ def contour_errors(
     points, std = contours.contour_m[row], contours.std_m[row]
     distance = np.abs(true.signed_distance(points))
     back = np.asarray(shapely.distance(_line(contours, row), shapely.points(true.sample(OUTLINE_SPACING_M))))
-    seen = _seen(contours, row, members_m, np.deg2rad(config.seen_margin_deg))
+    seen = _seen(contours, row, members_m)
     known = np.isfinite(std)
     covered = distance <= BAND_SIGMAS * std
     crps = gaussian_crps(np.zeros(known.sum()), distance[known], std[known])
@@ -140,12 +136,12 @@ def _class_mean(scene: Scene, table: ContourScores) -> float:
     return mean([mean(table.coverage95[pillars]), mean(table.coverage95[others])])
 
 
-def _seen(contours: Contours, row: int, members_m: FloatArray, margin_rad: float) -> BoolArray:
+def _seen(contours: Contours, row: int, members_m: FloatArray) -> BoolArray:
     points = contours.contour_m[row]
     if not contours.is_closed[row]:
         return np.ones(len(points), bool)
     offset, member = points - contours.center_m[row], members_m - contours.center_m[row]
-    return seen_samples(np.arctan2(*offset.T[::-1]), np.arctan2(*member.T[::-1]), margin_rad)
+    return seen_samples(np.arctan2(*offset.T[::-1]), np.arctan2(*member.T[::-1]), SEEN_MARGIN_RAD)
 
 
 def _line(contours: Contours, row: int) -> shapely.Geometry:

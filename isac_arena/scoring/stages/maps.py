@@ -6,7 +6,6 @@ import numpy as np
 
 from isac_arena.campaign.results import MapResult
 from isac_arena.scoring.causes import GHOST_CAUSES, Cause, point_causes
-from isac_arena.scoring.config import ScoringConfig
 from isac_arena.scoring.metrics.consistency import consistency_metrics
 from isac_arena.scoring.metrics.metric import Metric
 from isac_arena.scoring.metrics.statistics import mean, quantile, ratio, rms, squared_mahalanobis
@@ -14,6 +13,11 @@ from isac_arena.scoring.provenance import ClusterOrigin, ip_paths
 from isac_arena.scoring.record import IpScores, OutlineScores, PathScores
 from scenes.record import BoolArray, FloatArray, IntArray
 from scenes.scene import OBJECT_KINDS, Scene
+
+FOUND_DISTANCE_M = (
+    0.5  # a point supports its object when it is this close: about one cell of range at 400 MHz
+)
+FOUND_POINTS = 3  # an object is found when this many points support it: two can be close by chance
 
 
 def surface_distance_m(scene: Scene, points_m: FloatArray) -> FloatArray:
@@ -52,17 +56,15 @@ def score_ips(scene: Scene, result: MapResult, paths: PathScores) -> IpScores:
     )
 
 
-def close_counts(
-    scene: Scene, result: MapResult, ips: IpScores, origin: ClusterOrigin, reach_m: float
-) -> IntArray:
-    """IPs (cluster,) that stem from the cluster's object and lie within `reach_m` of it."""
+def close_counts(scene: Scene, result: MapResult, ips: IpScores, origin: ClusterOrigin) -> IntArray:
+    """Numbers (cluster,) of IPs that stem from the cluster's object and lie within `FOUND_DISTANCE_M` of it."""
     counts = np.zeros(len(origin.object), int)
     for cluster, name in enumerate(origin.object):
         if name not in scene.object_names:
             continue
         own = (ips.label == cluster) & (ips.object == name)
         distance = np.abs(scene.object(str(name)).contour.signed_distance(result.ips.position_m[own]))
-        counts[cluster] = (distance <= reach_m).sum()
+        counts[cluster] = (distance <= FOUND_DISTANCE_M).sum()
     return counts
 
 
@@ -94,11 +96,6 @@ def map_metrics(prefix: str, scene: Scene, ips: IpScores, clusters: OutlineScore
 def found_objects(clusters: OutlineScores) -> list[str]:
     """Names of the objects found, each once, sorted."""
     return sorted({str(name) for name in clusters.object[clusters.is_found]})
-
-
-def find_clusters(origin: ClusterOrigin, n_close: IntArray, config: ScoringConfig) -> BoolArray:
-    """Whether each cluster shows an object: named by provenance and with enough IPs close to it."""
-    return np.asarray((origin.object != "") & (n_close >= config.found_points))
 
 
 def _cause_metrics(prefix: str, ips: IpScores) -> list[Metric]:

@@ -10,10 +10,9 @@ import numpy as np
 
 from isac_arena.campaign.results import MapResult
 from isac_arena.scoring.causes import cluster_causes
-from isac_arena.scoring.config import ScoringConfig
 from isac_arena.scoring.provenance import cluster_origin
 from isac_arena.scoring.record import IpScores, SignificantPaths
-from isac_arena.scoring.stages.maps import close_counts, find_clusters, is_ghost
+from isac_arena.scoring.stages.maps import FOUND_POINTS, close_counts, is_ghost
 from isac_arena.scoring.stages.shapes import ShapeErrors
 from scenes.record import FloatArray
 from scenes.scene import Scene, SceneObject
@@ -27,7 +26,6 @@ def outline_columns(
     ips: IpScores,
     n_rows: int,
     significant: SignificantPaths,
-    config: ScoringConfig,
     error_of: ErrorOf,
 ) -> dict[str, Any]:
     """Columns (row,) by name: the object of each row, how sure that is, and its errors.
@@ -35,8 +33,8 @@ def outline_columns(
     `ips.label` (ip,) is the row of each incidence point, -1 for none. `error_of` is told the row, its object, the
     points of the row (ip, xy) and the true incidence points on the object (point, xy) over the whole campaign.
     """
-    origin = cluster_origin(ips.label, ips.object, n_rows, config.found_share)
-    n_close = close_counts(scene, result, ips, origin, config.found_distance_m)
+    origin = cluster_origin(ips.label, ips.object, n_rows)
+    n_close = close_counts(scene, result, ips, origin)
     errors = []
     for row, name in enumerate(origin.object):
         if name not in scene.object_names:
@@ -52,7 +50,7 @@ def outline_columns(
         "purity": origin.purity,
         "n_ips": np.bincount(ips.label[ips.label >= 0], minlength=n_rows),
         "n_close": n_close,
-        "is_found": find_clusters(origin, n_close, config),
+        "is_found": np.asarray((origin.object != "") & (n_close >= FOUND_POINTS)),
         "is_ghost": ghost,
         "cause": cluster_causes(ips.label, ips.object, ips.cause, ghost),
         **{field.name: column for field, column in zip(fields(ShapeErrors), columns, strict=True)},

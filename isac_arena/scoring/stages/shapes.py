@@ -8,7 +8,6 @@ import numpy as np
 import shapely
 
 from estimation.shape.record import Shapes
-from isac_arena.scoring.config import ScoringConfig
 from isac_arena.scoring.metrics.consistency import gaussian_crps
 from isac_arena.scoring.metrics.contours import (
     chamfer_m,
@@ -27,6 +26,8 @@ from scenes.scene import OBJECT_KINDS, Scene
 
 BAND_SIGMAS = 2.0  # the paper's 95 % interval, section III-C: mean +- 2 standard deviations
 OUTLINE_SPACING_M = 0.02
+# A contour counts as seen this close to the direction of a point that it was fitted to.
+SEEN_MARGIN_RAD = np.deg2rad(10.0)
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,6 @@ def shape_errors(
     members_m: FloatArray,
     contour: Contour,
     lit_points_m: FloatArray,
-    config: ScoringConfig,
 ) -> ShapeErrors:
     """Errors of one cluster's contour against the contour of its object.
 
@@ -88,7 +88,7 @@ def shape_errors(
     points = contour_points_m(shapes, cluster)
     offset = members_m - shapes.center_m[cluster]
     training = np.arctan2(offset[:, 1], offset[:, 0])
-    seen = seen_samples(shapes.angle_rad, training, np.deg2rad(config.seen_margin_deg))
+    seen = seen_samples(shapes.angle_rad, training, SEEN_MARGIN_RAD)
     distance = np.abs(contour.signed_distance(points))
     back = np.asarray(
         shapely.distance(shapely.LinearRing(points), shapely.points(contour.sample(OUTLINE_SPACING_M)))

@@ -11,7 +11,7 @@ from estimation.laws.plane import range_covariance
 from estimation.slam.bounds import StateBound, StopPaths, state_covariance, stop_information
 from isac_arena.campaign.results import CampaignResults
 from isac_arena.scoring.causes import FALSE_CAUSES, MISS_CAUSES, Cause
-from isac_arena.scoring.config import ScoringConfig, Significance
+from isac_arena.scoring.config import DEFAULT_GATE, Significance
 from isac_arena.scoring.link_view import Cells, LinkView
 from isac_arena.scoring.record import PathStatus
 from isac_arena.scoring.stages.channel import TrueStop, score_stop, true_stop
@@ -74,7 +74,7 @@ def check_causes(seed: int, quick: bool) -> list[Measurement]:
     stops = _stops(made, view)
     for stop, estimate in zip(stops, made.results.channel, strict=True):
         for cause, faulty_stop, faulty in _faults(stop, view, estimate, rng):
-            paths, true_paths, _ = score_stop(faulty_stop, faulty, ScoringConfig())
+            paths, true_paths, _ = score_stop(faulty_stop, faulty)
             told = set(paths.cause[paths.status == PathStatus.FALSE]) | set(
                 true_paths.cause[~true_paths.is_detected]
             )
@@ -134,7 +134,7 @@ def _state_covariance(made: MadeCampaign, stop: TrueStop) -> FloatArray:
 
 
 def _over_bound(stops: list[TrueStop], bound: StateBound, results: CampaignResults) -> dict[str, float]:
-    parts = [score_stop(stop, one, ScoringConfig()) for stop, one in zip(stops, results.channel, strict=True)]
+    parts = [score_stop(stop, one) for stop, one in zip(stops, results.channel, strict=True)]
     paths, significant, sets = zip(*parts, strict=True)
     poses = score_poses(
         np.array([stop.truth.stop for stop in stops]),
@@ -157,7 +157,7 @@ def _faults(
 
     The paths varied are those off the second pillar and the last wall, beside which there is no diffuse energy.
     """
-    gate = ScoringConfig().gate.half_width
+    gate = DEFAULT_GATE.half_width
     path = int(rng.choice([2, 4]))
     extra = estimate.take("path", [path])
     other = estimate.take("path", np.arange(len(estimate)) != path)

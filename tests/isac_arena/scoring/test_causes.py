@@ -17,10 +17,8 @@ from isac_arena.scoring.causes import (
     point_causes,
     weak_causes,
 )
-from isac_arena.scoring.config import ScoringConfig
 from isac_arena.scoring.record import PathKind, PathStatus
 
-CONFIG = ScoringConfig()
 FAR = 9.0
 
 
@@ -60,7 +58,7 @@ def evidence():
     ],
 )
 def test_a_false_path_is_named(evidence, cause, changes):
-    assert false_causes(replace(evidence, **changes), CONFIG).tolist() == [cause]
+    assert false_causes(replace(evidence, **changes)).tolist() == [cause]
 
 
 @pytest.mark.parametrize(
@@ -78,7 +76,7 @@ def test_a_false_path_is_named(evidence, cause, changes):
     ],
 )
 def test_a_missed_path_is_named(evidence, cause, changes):
-    found = miss_causes(replace(evidence, **changes), CONFIG)
+    found = miss_causes(replace(evidence, **changes))
     assert found[0] == Cause.NONE
     assert found[1] == cause
 
@@ -86,22 +84,22 @@ def test_a_missed_path_is_named(evidence, cause, changes):
 def test_misses_beside_other_paths(evidence):
     close = evidence.true_distance.copy()
     close[1, 2] = close[2, 1] = 1.9
-    assert miss_causes(replace(evidence, true_distance=close), CONFIG).tolist() == ["", "merged", "merged"]
+    assert miss_causes(replace(evidence, true_distance=close)).tolist() == ["", "merged", "merged"]
     close[0, 1] = close[1, 0] = 1.0
-    found = miss_causes(replace(evidence, true_distance=close), CONFIG)
+    found = miss_causes(replace(evidence, true_distance=close))
     assert found.tolist() == ["", "unresolved", "merged"]
     leak = evidence.crosstalk_dbm.copy()
     leak[1, 0] = -55.9
-    assert miss_causes(replace(evidence, crosstalk_dbm=leak), CONFIG)[1] == "masked"
+    assert miss_causes(replace(evidence, crosstalk_dbm=leak))[1] == "masked"
 
 
 def test_a_path_does_not_leak_into_itself(evidence):
     own = np.where(np.eye(3, dtype=bool), evidence.true_dbm, -200.0)
-    assert miss_causes(replace(evidence, crosstalk_dbm=own), CONFIG)[1] == "unknown"
+    assert miss_causes(replace(evidence, crosstalk_dbm=own))[1] == "unknown"
     inside = replace(
         evidence, distance=np.array([[0.5, FAR, FAR]]), leaked_dbm=np.array([[-60.0, -200, -200]])
     )
-    assert false_causes(inside, CONFIG).tolist() == ["duplicate"]
+    assert false_causes(inside).tolist() == ["duplicate"]
 
 
 def test_stops_without_paths_have_no_causes(evidence):
@@ -110,8 +108,8 @@ def test_stops_without_paths_have_no_causes(evidence):
         for field in fields(Evidence)
         if isinstance(getattr(evidence, field.name), np.ndarray)
     }
-    assert len(false_causes(replace(evidence, **empty), CONFIG)) == 0
-    assert len(miss_causes(replace(evidence, **empty), CONFIG)) == 0
+    assert len(false_causes(replace(evidence, **empty))) == 0
+    assert len(miss_causes(replace(evidence, **empty))) == 0
 
 
 def test_every_cause_told_has_a_metric():

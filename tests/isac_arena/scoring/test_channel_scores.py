@@ -3,14 +3,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from isac_arena.scoring.config import ScoringConfig, Significance
+from isac_arena.scoring.config import Significance
 from isac_arena.scoring.record import PathKind, PathStatus
 from isac_arena.scoring.stages.channel import score_stop, significant_paths, true_stop
 from isac_arena.scoring.stages.channel_metrics import channel_metrics
 from scenes.record import concatenate
 
 LIMITS = Significance(dynamic_range_db=28.0, noise_threshold_dbm=-150.0)
-CONFIG = ScoringConfig()
 
 
 def metrics_of(scored):
@@ -24,7 +23,7 @@ def stop(campaign, true_power):
 
     def score(estimate=estimate, limits=LIMITS):
         stop = true_stop(truth, campaign.scene.tx, true_power(truth), limits, None)
-        return score_stop(stop, estimate, CONFIG)
+        return score_stop(stop, estimate)
 
     return score
 

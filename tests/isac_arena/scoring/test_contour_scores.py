@@ -7,13 +7,10 @@ import pytest
 
 from estimation.shape.record import no_contours
 from isac_arena.campaign.results import MapResult
-from isac_arena.scoring.config import ScoringConfig
 from isac_arena.scoring.score import score_campaign
 from isac_arena.scoring.stages.contours import contour_errors, contour_metrics, is_class_right, score_contours
 from isac_arena.scoring.stages.maps import score_ips
 from tests.isac_arena.scoring.test_score import LIMITS
-
-CONFIG = ScoringConfig()
 
 
 @pytest.fixture
@@ -33,7 +30,7 @@ def scored(campaign, tables):
     def run(contours):
         result = replace(campaign.results.mapping, contours=contours)
         ips = score_ips(campaign.scene, result, tables.paths)
-        table = score_contours(campaign.scene, result, ips, tables.significant, CONFIG)
+        table = score_contours(campaign.scene, result, ips, tables.significant)
         return {metric.key: metric.value for metric in contour_metrics("mapping", campaign.scene, table)}
 
     return run
@@ -89,7 +86,7 @@ def test_a_contour_of_no_object_is_a_ghost(campaign, tables, scored):
     path[mapping.contours.object == 1] = 5  # made from the double bounce
     result = replace(mapping, ips=replace(mapping.ips, path=path))
     ips = score_ips(campaign.scene, result, tables.paths)
-    table = score_contours(campaign.scene, result, ips, tables.significant, CONFIG)
+    table = score_contours(campaign.scene, result, ips, tables.significant)
     assert table.is_ghost.tolist() == [False, True, False, False]
     assert np.isnan(table.class_right[1])
     assert np.isnan(table.iou[1])
@@ -112,7 +109,7 @@ def test_classes_are_judged_by_kind_of_object_and_corners(campaign):
 def test_an_edge_point_has_distances_but_no_area(campaign):
     contours, wall = campaign.results.mapping.contours, campaign.scene.object("wall_south").contour
     point = replace(contours, contour_m=np.tile([0.0, -6.9], (4, 180, 1)))
-    errors = contour_errors(point, 2, np.zeros((1, 2)), wall, np.zeros((0, 2)), CONFIG)
+    errors = contour_errors(point, 2, np.zeros((1, 2)), wall, np.zeros((0, 2)))
     assert errors.seen_rmse_m == pytest.approx(0.1)
     assert errors.hausdorff_m == pytest.approx(np.hypot(7.5, 0.1))
     assert np.isnan(errors.iou)
@@ -134,4 +131,4 @@ def test_rows_must_fit_the_points(campaign, tables):
     short = MapResult(mapping.poses, mapping.ips, mapping.shapes, no_contours(3, 12))
     ips = score_ips(campaign.scene, mapping, tables.paths)
     with pytest.raises(ValueError, match=r"Contours\.object: 3 values for \d+ incidence points"):
-        score_contours(campaign.scene, short, ips, tables.significant, CONFIG)
+        score_contours(campaign.scene, short, ips, tables.significant)

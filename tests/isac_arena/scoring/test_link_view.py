@@ -7,7 +7,7 @@ from estimation.channel.model.crb import crb
 from estimation.slam.bounds import StopPaths, stop_bound
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.scoring.causes import Cause
-from isac_arena.scoring.config import ScoringConfig, Significance
+from isac_arena.scoring.config import Significance
 from isac_arena.scoring.link_view import Cells, link_view
 from isac_arena.scoring.stages.channel import score_stop, true_stop
 from isac_arena.scoring.stages.poses import pose_bounds
@@ -87,7 +87,7 @@ def test_beams_have_no_loss_where_they_point_and_much_behind(campaign, view):
 
 
 def test_bounds_are_those_of_the_channel_estimator(stop, view, campaign):
-    link, tables = view.link, score_stop(stop, campaign.results.channel[4], ScoringConfig())
+    link, tables = view.link, score_stop(stop, campaign.results.channel[4])
     known = stop.parameters[stop.significant]
     direct = crb(
         link.tx_codebook, link.rx_codebook, link.frequency_offset_hz, link.noise_power_mw,
@@ -137,7 +137,7 @@ def test_an_estimate_in_a_side_lobe_is_named(stop, view, campaign):
     far = np.abs(np.angle(np.exp(1j * (aoa - estimate.aoa_azimuth_rad[0])))) > np.deg2rad(25)
     worst = int(np.where(far, leaked, -np.inf).argmax())
     made = replace(probe.take("path", [worst]), power_dbm=leaked[[worst]])
-    paths, _, _ = score_stop(stop, made, ScoringConfig())
+    paths, _, _ = score_stop(stop, made)
     assert paths.cause.tolist() == [Cause.SIDE_LOBE]
     loud = replace(made, power_dbm=leaked[[worst]] + 20)
-    assert score_stop(stop, loud, ScoringConfig())[0].cause.tolist() == [Cause.UNKNOWN]
+    assert score_stop(stop, loud)[0].cause.tolist() == [Cause.UNKNOWN]

@@ -44,7 +44,7 @@ def test_origin_knows_bounces_and_ignores_walls_passed(campaign):
 def test_clusters_take_the_majority_object():
     label = np.array([0, 0, 0, 1, 1, 1, 2, 2, -1, 3, 3])
     names = np.array(["a", "a", "b", "a", "b", "c", "", "", "a", "a", ""])
-    origin = cluster_origin(label, names, 5, 0.5)
+    origin = cluster_origin(label, names, 5)
     assert origin.object.tolist() == ["a", "", "", "a", ""]
     np.testing.assert_allclose(origin.purity, [2 / 3, 1 / 3, 0, 0.5, 0])
 

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from isac_arena.scoring.config import ScoringConfig, Significance
+from isac_arena.scoring.config import Significance
 from isac_arena.scoring.score import score_campaign
 
 LIMITS = Significance(dynamic_range_db=28.0, noise_threshold_dbm=-150.0)
@@ -14,7 +14,6 @@ def scene_scores(campaign, true_power):
     def score(results=campaign.results):
         found = score_campaign(
             campaign.scene, iter(campaign.truths), results, true_power_dbm=true_power, significance=LIMITS,
-            config=ScoringConfig(),
         )  # fmt: skip
         return found.tables.mapping.scene
 
