@@ -1,4 +1,4 @@
-"""How numerical code runs: compiled loops, loops over rows called with arrays, and one BLAS thread for small fits."""
+"""How numerical code runs: compiled loops, loops over rows called with arrays, one BLAS thread for small fits."""
 
 from __future__ import annotations
 
