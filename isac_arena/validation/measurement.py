@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, SupportsFloat
 
 
 @dataclass(frozen=True)
@@ -21,10 +21,20 @@ class Measurement:
 
     @property
     def met(self) -> bool:
-        """Whether the bar is met; a value that is not a number meets none."""
+        """Whether the value meets its bar; NaN meets none."""
         if math.isnan(self.value):
             return False
         return bool(self.value <= self.bar if self.direction == "lower" else self.value >= self.bar)
+
+
+def at_most(key: str, value: SupportsFloat, bar: float, reason: str, unit: str = "1") -> Measurement:
+    """A row whose value must not exceed the bar."""
+    return Measurement(key, float(value), unit, "lower", bar, reason)
+
+
+def at_least(key: str, value: SupportsFloat, bar: float, reason: str, unit: str = "1") -> Measurement:
+    """A row whose value must reach the bar."""
+    return Measurement(key, float(value), unit, "higher", bar, reason)
 
 
 def to_json(measurements: Iterable[Measurement]) -> dict[str, list[dict[str, Any]]]:
@@ -33,7 +43,7 @@ def to_json(measurements: Iterable[Measurement]) -> dict[str, list[dict[str, Any
         "metrics": [
             {
                 "key": row.key,
-                "value": float(row.value) if math.isfinite(row.value) else None,
+                "value": row.value if math.isfinite(row.value) else None,
                 "unit": row.unit,
                 "direction": row.direction,
                 "bar": row.bar,

@@ -19,7 +19,7 @@ from estimation.channel.coherent.paths import fit_coherent
 from estimation.channel.incoherent.paths import fit_incoherent
 from isac_arena.validation.channel.efficiency import STRONGEST_DB
 from isac_arena.validation.channel.scenes import LinkBench, draw_paths, make_bench, observe_paths
-from isac_arena.validation.measurement import Measurement
+from isac_arena.validation.measurement import Measurement, at_most
 from sim.observation import BeamSweep
 
 BARS = {"coherent": 3.0, "incoherent": 10.0}
@@ -43,12 +43,15 @@ def bench_methods(seed: int, quick: bool) -> list[Measurement]:
             ratio = float(np.median(times[:, 0] / times[:, 1]))
             taken_ms, fft_ms = (1e3 * np.median(times, axis=0)).tolist()
             rows += [
-                Measurement(
-                    f"channel.{method}.time", ratio, "FFT passes", "lower", BARS[method],
+                at_most(
+                    f"channel.{method}.time",
+                    ratio,
+                    BARS[method],
                     f"{taken_ms:.0f} ms over {fft_ms:.1f} ms, median of {n_stops} stops, one thread",
+                    "FFT passes",
                 ),
                 _memory(method, fit, sweeps[0]),
-            ]  # fmt: skip
+            ]
     return rows
 
 
@@ -76,6 +79,4 @@ def _memory(method: str, fit: Callable[[BeamSweep], object], sweep: BeamSweep) -
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     cubes = peak / sweep.samples.nbytes
-    return Measurement(
-        f"channel.{method}.memory", cubes, "cubes", "lower", MEMORY_BAR, "peak beyond the cube itself"
-    )
+    return at_most(f"channel.{method}.memory", cubes, MEMORY_BAR, "peak beyond the cube itself", "cubes")

@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from isac_arena.validation.measurement import Measurement
+from isac_arena.validation.measurement import Measurement, at_most
 from scenes.config import load_scene
 from sim.config import PropagationConfig
 from sim.propagation.specular.solver import ExactSolver
@@ -35,16 +35,20 @@ def bench_exact_solver(seed: int, quick: bool) -> list[Measurement]:
     traced_s = _median_time(tracer.specular, stops)
     call_s = _median_time(tracer.solved_specular, stops)
     return [
-        Measurement(
-            "exact_over_tracer_time", exact_s / traced_s, "1", "lower", 1 / 3,
+        at_most(
+            "exact_over_tracer_time",
+            exact_s / traced_s,
+            1 / 3,
             "exact curved and planar paths must not cost more than the tracer that loses some",
         ),
-        Measurement(
-            "tracing_overhead", traced_s / call_s, "1", "lower", 1.2,
+        at_most(
+            "tracing_overhead",
+            traced_s / call_s,
+            1.2,
             "records, names and double precision on top of the tracer's own solve",
         ),
-        Measurement("exact_per_receiver", 1e3 * exact_s, "ms", "lower", 50.0, "time of a plain numpy prototype"),
-    ]  # fmt: skip
+        at_most("exact_per_receiver", 1e3 * exact_s, 50.0, "time of a plain numpy prototype", "ms"),
+    ]
 
 
 def bench_memory(seed: int, quick: bool) -> list[Measurement]:
@@ -62,9 +66,7 @@ def bench_memory(seed: int, quick: bool) -> list[Measurement]:
     for receiver in receivers[:: 10 if quick else 5]:
         tracer.specular(receiver)
     peak_gb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9
-    return [
-        Measurement("peak_memory", peak_gb, "GB", "lower", 2.0, "memory must not grow with the receivers")
-    ]
+    return [at_most("peak_memory", peak_gb, 2.0, "memory must not grow with the receivers", "GB")]
 
 
 def _median_time(work: Callable[[np.ndarray], object], stops: list[np.ndarray]) -> float:

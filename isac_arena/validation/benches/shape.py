@@ -13,7 +13,7 @@ from sklearn.gaussian_process.kernels import ConstantKernel, ExpSineSquared, Whi
 
 from estimation.execution import one_blas_thread
 from estimation.shape.gp.radial import fit_radial_gp, fit_radial_gps
-from isac_arena.validation.measurement import Measurement
+from isac_arena.validation.measurement import Measurement, at_least, at_most
 from isac_arena.validation.shape.gp_study import SHAPES, draw_points
 from scenes.record import FloatArray
 
@@ -25,15 +25,8 @@ def bench_radial_gp(seed: int, quick: bool) -> list[Measurement]:
     counts = (64, 4096) if quick else (16, 64, 128, 256, 1024, 4096)
     slowest = {n: max(_cpu_s(_fit(*draw_points(shape, n, rng)), repeats) for shape in SHAPES) for n in counts}
     return [
-        Measurement("gp.points64_ms", 1e3 * slowest[64], "ms", "lower", 12.0, "three starts"),
-        Measurement(
-            "gp.any_points_ms",
-            1e3 * max(slowest.values()),
-            "ms",
-            "lower",
-            20.0,
-            f"M = {counts}, three starts",
-        ),
+        at_most("gp.points64_ms", 1e3 * slowest[64], 12.0, "three starts", "ms"),
+        at_most("gp.any_points_ms", 1e3 * max(slowest.values()), 20.0, f"M = {counts}, three starts", "ms"),
     ]
 
 
@@ -48,8 +41,8 @@ def bench_batched_gp(seed: int, quick: bool) -> list[Measurement]:
     one_by_one = _cpu_s(lambda: [fit_radial_gp(*cluster) for cluster in clusters], repeats) / n_clusters
     reason = f"M = 16, {n_clusters} clusters, three starts; {1e3 * one_by_one:.2f} ms one by one"
     return [
-        Measurement("gp.batched16_ms", 1e3 * together, "ms", "lower", 1.5, reason),
-        Measurement("gp.batch_over_one_by_one", one_by_one / together, "1", "higher", 1.0, reason),
+        at_most("gp.batched16_ms", 1e3 * together, 1.5, reason, "ms"),
+        at_least("gp.batch_over_one_by_one", one_by_one / together, 1.0, reason),
     ]
 
 
@@ -67,8 +60,8 @@ def bench_against_scikit_learn(seed: int, quick: bool) -> list[Measurement]:
     gain = fit_radial_gp(angle, radius).log_likelihood - theirs
     bar = 5.0 if quick else 100.0
     return [
-        Measurement("gp.speed_over_scikit_learn", scikit_learn / ours, "1", "higher", bar, f"M = {n}"),
-        Measurement("gp.likelihood_over_scikit_learn_nat", gain, "nat", "higher", -1e-3, f"M = {n}"),
+        at_least("gp.speed_over_scikit_learn", scikit_learn / ours, bar, f"M = {n}"),
+        at_least("gp.likelihood_over_scikit_learn_nat", gain, -1e-3, f"M = {n}", "nat"),
     ]
 
 

@@ -12,7 +12,7 @@ from estimation.shape.kinds.closed import fit_direct
 from estimation.shape.kinds.mirror_wall import fit_mirror_wall
 from estimation.shape.reflection.bundle import fit_bundle
 from estimation.shape.reflection.reflections import ReflectionConfig
-from isac_arena.validation.measurement import Measurement
+from isac_arena.validation.measurement import Measurement, at_most
 from isac_arena.validation.shape.reflection import OFFSET_ERRORS, made_campaign, made_pillar, made_wall
 from isac_arena.validation.shape.reflection_scenarios import Errors
 
@@ -29,11 +29,9 @@ def bench_reflection_fits(seed: int, quick: bool) -> list[Measurement]:
     campaigns = [made_campaign(np.random.default_rng([seed, k])) for k in range(2 if quick else 8)]
     bundle = [_least_time_ms(partial(fit_bundle, objects, los, config)) for objects, los in campaigns]
     return [
-        Measurement("reflection.circle.time_ms", float(np.median(circle)), "ms", "lower", 4.0, "all starts"),
-        Measurement("reflection.wall.time_ms", float(np.median(wall)), "ms", "lower", 1.0, "all starts"),
-        Measurement(
-            "reflection.bundle.time_ms", float(np.median(bundle)), "ms", "lower", 60.0, "3 pillars, 45 stops"
-        ),
+        at_most("reflection.circle.time_ms", np.median(circle), 4.0, "all starts", "ms"),
+        at_most("reflection.wall.time_ms", np.median(wall), 1.0, "all starts", "ms"),
+        at_most("reflection.bundle.time_ms", np.median(bundle), 60.0, "3 pillars, 45 stops", "ms"),
     ]
 
 

@@ -13,7 +13,7 @@ import scipy.fft
 from threadpoolctl import threadpool_limits
 
 from isac_arena.validation.made_paths import random_paths
-from isac_arena.validation.measurement import Measurement
+from isac_arena.validation.measurement import Measurement, at_most
 from scenes.pose import Pose
 from scenes.record import ComplexArray
 from sim.config import ArrayConfig, SimulationConfig, WaveformConfig
@@ -40,11 +40,14 @@ def bench_generation(seed: int, quick: bool) -> list[Measurement]:
             paths = random_paths(rng, count)
             taken_s, _ = best_time(partial(noisy_cube, link, paths, rng), repeats)
             rows.append(
-                Measurement(
-                    f"signal.generation.{name}", taken_s / fft_s, "FFT passes", "lower", bar,
+                at_most(
+                    f"signal.generation.{name}",
+                    taken_s / fft_s,
+                    bar,
                     f"{1e3 * taken_s:.0f} ms over {1e3 * fft_s:.1f} ms of processor time, one thread",
+                    "FFT passes",
                 )
-            )  # fmt: skip
+            )
         rows += [_air_time(link, taken_s), _memory(link, paths, rng, cube.nbytes)]
     return rows
 
@@ -92,7 +95,7 @@ def _air_time(link: Link, taken_s: float) -> Measurement:
     step_hz = float(np.diff(link.frequency_offset_hz).min())
     air_s = len(link.tx_codebook) * len(link.rx_codebook) * (1 + 144 / 2048) / step_hz
     reason = f"beam pairs x symbol duration = {1e3 * air_s:.1f} ms; the bar only catches the absurd"
-    return Measurement("signal.generation.over_air_time", taken_s / air_s, "1", "lower", 100.0, reason)
+    return at_most("signal.generation.over_air_time", taken_s / air_s, 100.0, reason)
 
 
 def _memory(link: Link, paths: Paths, rng: np.random.Generator, cube_bytes: int) -> Measurement:
@@ -100,6 +103,4 @@ def _memory(link: Link, paths: Paths, rng: np.random.Generator, cube_bytes: int)
     noisy_cube(link, paths, rng)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    return Measurement(
-        "signal.generation.peak_memory", peak / cube_bytes, "cubes", "lower", 4.0, "20,000 paths"
-    )
+    return at_most("signal.generation.peak_memory", peak / cube_bytes, 4.0, "20,000 paths", "cubes")

@@ -19,7 +19,7 @@ from estimation.slam.snapshot.problem import SnapshotProblem, snapshot_problem
 from estimation.slam.snapshot.reference import solve_reference
 from estimation.slam.snapshot.solve import solve_snapshot
 from estimation.slam.walk.trajectory import run_trajectory
-from isac_arena.validation.measurement import Measurement
+from isac_arena.validation.measurement import Measurement, at_least, at_most
 from isac_arena.validation.slam.common import MAPPING, NOISE, OURS
 from isac_arena.validation.slam.scenarios import Scenario, ScenarioConfig, draw_stop, draw_trajectory
 from scenes.record import BoolArray, FloatArray
@@ -42,29 +42,23 @@ def bench_snapshot(seed: int, quick: bool) -> list[Measurement]:
     grid = _per_item_s(lambda problem: plain_grid(problem, REFERENCE), problems, 1)
     tuned = _per_item_s(lambda problem: solve_reference(problem, REFERENCE, False), problems, 1)
     return [
-        Measurement(
-            "snapshot.nlos.speed_over_reference", grid / ours, "1", "higher", 300, "plain NumPy heading grid"
-        ),
-        Measurement(
-            "snapshot.reference_mode.speed_over_plain", grid / tuned, "1", "higher", 1, "same results"
-        ),
-        Measurement("snapshot.nlos.time_ms", 1e3 * ours, "ms", "lower", 0.5, "median per stop"),
-        Measurement("snapshot.los.time_ms", 1e3 * with_los, "ms", "lower", 0.3, "median per stop"),
+        at_least("snapshot.nlos.speed_over_reference", grid / ours, 300, "plain NumPy heading grid"),
+        at_least("snapshot.reference_mode.speed_over_plain", grid / tuned, 1, "same results"),
+        at_most("snapshot.nlos.time_ms", 1e3 * ours, 0.5, "median per stop", "ms"),
+        at_most("snapshot.los.time_ms", 1e3 * with_los, 0.3, "median per stop", "ms"),
     ]
 
 
 def bench_trajectory(seed: int, quick: bool) -> list[Measurement]:
     """The smoother with shapes over 45 stops, and how its time grows."""
     short = _trajectory_s(seed, 45, shapes=True)
-    rows = [Measurement("trajectory.stops45_with_shapes_s", short, "s", "lower", 0.3, "warm")]
+    rows = [at_most("trajectory.stops45_with_shapes_s", short, 0.3, "warm", "s")]
     small, large = (100, 200) if quick else (250, 1000)
     first, second = _trajectory_s(seed, small), _trajectory_s(seed, large)
     if not quick:
-        rows.append(Measurement("trajectory.stops1000_s", second, "s", "lower", 10.0, "one run"))
+        rows.append(at_most("trajectory.stops1000_s", second, 10.0, "one run", "s"))
     growth = (second / first) / (large / small)
-    rows.append(
-        Measurement("trajectory.growth_over_linear", growth, "1", "lower", 1.3, f"{large} over {small} stops")
-    )
+    rows.append(at_most("trajectory.growth_over_linear", growth, 1.3, f"{large} over {small} stops"))
     return rows
 
 

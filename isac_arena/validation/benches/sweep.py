@@ -18,7 +18,7 @@ from isac_arena.sweep.job import Job, store_scene
 from isac_arena.sweep.plan import make_plan
 from isac_arena.sweep.run import make_signals, run_cases, trace_stops, truths
 from isac_arena.sweep.runner import Workers, run_sweep
-from isac_arena.validation.measurement import Measurement
+from isac_arena.validation.measurement import Measurement, at_least, at_most
 from sim.observation import BeamSweep
 from sim.signal.hardware.apply_impairments import surveyed
 
@@ -67,12 +67,14 @@ def bench_workers(seed: int, quick: bool) -> list[Measurement]:
         two_s = _best(repeats, lambda k: _time_engine(_jobs(Path(folder, f"two{k}"), sweep, seed), 2))
     told = f"{n_cases} cases: {loop_s:.1f} s in a loop, {one_s:.1f} s on one worker, {two_s:.1f} s on two"
     return [
-        Measurement("sweep.two_workers.speed_up", one_s / two_s, "1", "higher", 1.0 if quick else 1.8, told),
-        Measurement(
-            "sweep.engine.overhead", one_s / loop_s - 1, "1", "lower", 0.5 if quick else 0.05,
+        at_least("sweep.two_workers.speed_up", one_s / two_s, 1.0 if quick else 1.8, told),
+        at_most(
+            "sweep.engine.overhead",
+            one_s / loop_s - 1,
+            0.5 if quick else 0.05,
             "one worker beside a plain loop over the same cases; in a few cases the ends weigh more",
         ),
-    ]  # fmt: skip
+    ]
 
 
 def bench_cached(seed: int, quick: bool) -> list[Measurement]:
@@ -84,7 +86,7 @@ def bench_cached(seed: int, quick: bool) -> list[Measurement]:
         )
     told = f"{first_s:.1f} s, then {second_s:.2f} s"
     bar = 0.2 if quick else 0.02  # the first run of a few cases is short
-    return [Measurement("sweep.cached.second_run", second_s / first_s, "of the first", "lower", bar, told)]
+    return [at_most("sweep.cached.second_run", second_s / first_s, bar, told, "of the first")]
 
 
 def bench_estimators(seed: int, quick: bool) -> list[Measurement]:
@@ -98,11 +100,7 @@ def bench_estimators(seed: int, quick: bool) -> list[Measurement]:
         alone_s = sum(_time_estimation(job) for job in jobs)
         sweep_s = _time_engine(jobs, 1, FULL)
     told = f"{sweep_s:.1f} s beside {alone_s:.1f} s for {len(jobs)} settings, with scores and files"
-    return [
-        Measurement(
-            "sweep.estimators.cost", sweep_s / alone_s, "of estimation", "lower", 2.0 if quick else 1.3, told
-        )
-    ]
+    return [at_most("sweep.estimators.cost", sweep_s / alone_s, 2.0 if quick else 1.3, told, "of estimation")]
 
 
 def bench_memory(seed: int, quick: bool) -> list[Measurement]:
@@ -116,11 +114,14 @@ def bench_memory(seed: int, quick: bool) -> list[Measurement]:
             peaks_mb += [max(client.run(peak_memory_mb).values())]
     told = f"{peaks_mb[0]:.0f} MB after {n_cases // 4} cases, {peaks_mb[1]:.0f} MB after {n_cases}"
     return [
-        Measurement(
-            "sweep.worker.memory", peaks_mb[1] / peaks_mb[0], "of the first quarter", "lower",
-            1.1 if quick else 1.05, told,
+        at_most(
+            "sweep.worker.memory",
+            peaks_mb[1] / peaks_mb[0],
+            1.1 if quick else 1.05,
+            told,
+            "of the first quarter",
         )
-    ]  # fmt: skip
+    ]
 
 
 def peak_memory_mb() -> float:

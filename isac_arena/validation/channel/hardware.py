@@ -34,7 +34,7 @@ from isac_arena.validation.channel.scenes import (
     true_bounds,
     with_settings,
 )
-from isac_arena.validation.measurement import Measurement
+from isac_arena.validation.measurement import Measurement, at_most
 from scenes.record import FloatArray, IntArray
 from sim.observation import BeamSweep
 from sim.signal.hardware.apply_impairments import built_codebooks
@@ -92,9 +92,7 @@ def check_element_errors(
     for name, ratio in zip(("aod", "aoa"), rms[0] / rms[1], strict=True):
         bar = widened(1.1, 1.1 / np.sqrt(n), quick)
         reason = f"{n} paths from {CALIBRATED_MIN_DB:g} dB on"
-        rows.append(
-            Measurement(f"element_errors.{name}_rmse_over_known", float(ratio), "1", "lower", bar, reason)
-        )
+        rows.append(at_most(f"element_errors.{name}_rmse_over_known", ratio, bar, reason))
     return rows
 
 
@@ -169,15 +167,20 @@ def check_diffuse(
 def _diffuse_rows(suffix: str, extra: list[int], nees: list[float], quick: bool) -> list[Measurement]:
     mean, n = float(np.mean(nees)) / 3 if nees else np.nan, len(extra)
     return [
-        Measurement(
-            f"diffuse10db{suffix}.extra_per_stop", float(np.mean(extra)), "per stop", "lower",
-            most_by_chance(0.3 * n) / n if quick else 0.3, f"{n} stops",
+        at_most(
+            f"diffuse10db{suffix}.extra_per_stop",
+            np.mean(extra),
+            most_by_chance(0.3 * n) / n if quick else 0.3,
+            f"{n} stops",
+            "per stop",
         ),
-        Measurement(
-            f"diffuse10db{suffix}.nees", mean, "1", "lower", widened(1.5, 1.5 * np.sqrt(2 / 3 / n), quick),
+        at_most(
+            f"diffuse10db{suffix}.nees",
+            mean,
+            widened(1.5, 1.5 * np.sqrt(2 / 3 / n), quick),
             f"NEES/3 of {len(nees)} found paths",
         ),
-    ]  # fmt: skip
+    ]
 
 
 def _words(impairments: dict[str, float]) -> str:

@@ -17,7 +17,7 @@ from scipy.stats import binom, chi2, norm, poisson
 from estimation.channel.record import ChannelEstimate
 from isac_arena.scoring.metrics.statistics import squared_mahalanobis
 from isac_arena.validation.channel.scenes import ChannelStop, LinkBench, TrueBounds, true_bounds
-from isac_arena.validation.measurement import Measurement
+from isac_arena.validation.measurement import Measurement, at_least, at_most
 from scenes.pose import wrap_angle
 from scenes.record import BoolArray, FloatArray, IntArray
 from sim.observation import BeamSweep
@@ -149,20 +149,13 @@ def efficiency_rows(
     reason = f"{n} separated paths from {min_snr_db:g} dB on"
     spread = 1 / np.sqrt(2 * max(n, 1))
     rows = [
-        Measurement(
-            f"{prefix}.rmse_over_crb.{name}",
-            float(value),
-            "1",
-            "lower",
-            widened(bars[0], spread, quick),
-            reason,
-        )
+        at_most(f"{prefix}.rmse_over_crb.{name}", value, widened(bars[0], spread, quick), reason)
         for name, value in zip(("delay", "aod", "aoa"), ratio, strict=True)
     ]
     mean_bar = widened(bars[1], spread / np.sqrt(3), quick)
     return [
         *rows,
-        Measurement(f"{prefix}.rmse_over_crb.mean", float(ratio.mean()), "1", "lower", mean_bar, reason),
+        at_most(f"{prefix}.rmse_over_crb.mean", ratio.mean(), mean_bar, reason),
     ]
 
 
@@ -175,15 +168,19 @@ def consistency_rows(
     cover = float(np.mean(nees <= chi2.ppf(0.95, 3))) if len(nees) else np.nan
     mean = float(np.mean(nees)) / 3 if len(nees) else np.nan
     return [
-        Measurement(
-            f"{prefix}.coverage95_deviation", abs(cover - 0.95), "1", "lower",
-            widened(0.01, np.sqrt(0.95 * 0.05 / n), quick), f"{cover:.4f} of {n} paths",
+        at_most(
+            f"{prefix}.coverage95_deviation",
+            abs(cover - 0.95),
+            widened(0.01, np.sqrt(0.95 * 0.05 / n), quick),
+            f"{cover:.4f} of {n} paths",
         ),
-        Measurement(
-            f"{prefix}.nees_deviation", abs(mean - 1), "1", "lower", widened(0.05, np.sqrt(2 / 3 / n), quick),
+        at_most(
+            f"{prefix}.nees_deviation",
+            abs(mean - 1),
+            widened(0.05, np.sqrt(2 / 3 / n), quick),
             f"NEES/3 = {mean:.3f} of {n} paths",
         ),
-    ]  # fmt: skip
+    ]
 
 
 def rate_row(key: str, hits: BoolArray, bar: float, reason: str, quick: bool) -> Measurement:
@@ -191,7 +188,7 @@ def rate_row(key: str, hits: BoolArray, bar: float, reason: str, quick: bool) ->
     n = max(len(hits), 1)
     value = float(np.mean(hits)) if len(hits) else np.nan
     allowed = float(binom.ppf(BY_CHANCE, n, bar)) / n if quick else bar
-    return Measurement(key, value, "1", "higher", allowed, f"{reason}, {len(hits)} paths")
+    return at_least(key, value, allowed, f"{reason}, {len(hits)} paths")
 
 
 def false_row(key: str, n_false: IntArray, bar: float, quick: bool) -> Measurement:
@@ -199,7 +196,7 @@ def false_row(key: str, n_false: IntArray, bar: float, quick: bool) -> Measureme
     n = max(len(n_false), 1)
     value = float(np.mean(n_false)) if len(n_false) else np.nan
     allowed = most_by_chance(bar * n) / n if quick else bar
-    return Measurement(key, value, "per stop", "lower", allowed, f"{int(np.sum(n_false))} in {n} stops")
+    return at_most(key, value, allowed, f"{int(np.sum(n_false))} in {n} stops", "per stop")
 
 
 def most_by_chance(expected: float) -> float:

@@ -23,7 +23,7 @@ from estimation.channel.model.compress import DelayCube, compress, noise_scale_o
 from isac_arena.validation.channel.efficiency import TRIALS, make_estimator
 from isac_arena.validation.channel.match import most_by_chance
 from isac_arena.validation.channel.scenes import LinkBench, make_bench, noise_stop, with_bandwidth
-from isac_arena.validation.measurement import Measurement
+from isac_arena.validation.measurement import Measurement, at_most
 from scenes.record import ComplexArray
 from sim.observation import BeamSweep
 
@@ -142,13 +142,8 @@ def false_alarm_row(key: str, hits: int, n_trials: int, probability: float, quic
     over = hits / n_trials / probability
     expected = n_trials * probability
     bar = most_by_chance(1.5 * expected) / expected - 1 if quick else 0.5
-    return Measurement(
-        f"{key}_deviation",
-        abs(over - 1),
-        "1",
-        "lower",
-        bar,
-        f"{over:.2f} of nominal: {hits} in {n_trials} trials",
+    return at_most(
+        f"{key}_deviation", abs(over - 1), bar, f"{over:.2f} of nominal: {hits} in {n_trials} trials"
     )
 
 
@@ -157,6 +152,4 @@ def _user_rate(bench: LinkBench, seed: int, n_trials: int, estimator: str) -> Me
     estimate = make_estimator("coherent", estimator)
     hits = sum(len(estimate(noise_stop(bench, stop))) > 0 for stop in range(n_trials))
     rate = hits / n_trials
-    return Measurement(
-        "estimator.false_alarm_rate", rate, "1", "lower", 1e-2, f"{hits} in {n_trials} stops of noise"
-    )
+    return at_most("estimator.false_alarm_rate", rate, 1e-2, f"{hits} in {n_trials} stops of noise")

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from isac_arena.validation.measurement import Measurement
+from isac_arena.validation.measurement import Measurement, at_least, at_most
 from isac_arena.validation.propagation.scenes import (
     CARRIER_HZ,
     STONE,
@@ -71,9 +71,7 @@ def check_box_room(seed: int, quick: bool) -> list[Measurement]:
             angle = max(angle, np.abs(paths.aoa_elevation_rad[ours] - elevation).max())
             errors.append((delay, angle, 0.0))
     rows = _closed_form_rows("box_room", np.array(errors or [(np.inf,) * 3]))[:2]
-    share = Measurement(
-        "box_room_complete", float(np.mean(counts)), "share", "higher", 1.0, "63 images up to order 3"
-    )
+    share = at_least("box_room_complete", np.mean(counts), 1.0, "63 images up to order 3", "share")
     return [share, *rows]
 
 
@@ -96,7 +94,7 @@ def check_box_gain(seed: int, quick: bool) -> list[Measurement]:
             nearest = np.abs(paths.delay_s * SPEED_OF_LIGHT_M_S - length).argmin()
             errors.append(_decibels(abs(paths.gain[nearest] / gain)))
     worst = float(np.max(errors))
-    return [Measurement("box_room_gain_error", worst, "dB", "lower", 0.05, "product of Fresnel coefficients")]
+    return [at_most("box_room_gain_error", worst, 0.05, "product of Fresnel coefficients", "dB")]
 
 
 def check_concave_gain(seed: int, quick: bool) -> list[Measurement]:
@@ -116,9 +114,9 @@ def check_concave_gain(seed: int, quick: bool) -> list[Measurement]:
     ends = np.array([(-2.5 * np.sin(0.4), 2.5 * np.cos(0.4)), (2.0 * np.sin(0.4), 2.0 * np.cos(0.4))])
     cap = 2 * _decibels(abs(_arc_gain(focus, ends) / _free_space(4.5))) / 2
     return [
-        Measurement("concave_gain_error", amplitude, "dB", "lower", 0.2, "wave integral over the mirror"),
-        Measurement("concave_phase_error", phase, "rad", "lower", 0.05, "+90 deg behind a caustic"),
-        Measurement("focus_gain", cap, "dB", "lower", 10.0, "capped where geometrical optics is infinite"),
+        at_most("concave_gain_error", amplitude, 0.2, "wave integral over the mirror", "dB"),
+        at_most("concave_phase_error", phase, 0.05, "+90 deg behind a caustic", "rad"),
+        at_most("focus_gain", cap, 10.0, "capped where geometrical optics is infinite", "dB"),
     ]
 
 
@@ -136,8 +134,8 @@ def check_continuity(seed: int, quick: bool) -> list[Measurement]:
         gaps.append(_decibels(abs(paths.gain[paths.is_single_bounce][0]) / flat_gain))
     rises = float(np.sum(np.diff(gaps) >= 0))
     return [
-        Measurement("continuity_at_1e4_m", gaps[-1], "dB", "lower", 0.1, "spreading factor 1 + 2ks1s2/.."),
-        Measurement("continuity_rises", rises, "count", "lower", 0, "monotone in the radius"),
+        at_most("continuity_at_1e4_m", gaps[-1], 0.1, "spreading factor 1 + 2ks1s2/..", "dB"),
+        at_most("continuity_rises", rises, 0, "monotone in the radius", "count"),
     ]
 
 
@@ -158,8 +156,8 @@ def check_power(seed: int, quick: bool) -> list[Measurement]:
         for eta in (permittivity + 0j, permittivity * (1 - 1j * rng.uniform(0, 2, n)))
     )
     return [
-        Measurement("power_lossless", float(np.abs(lossless - 1).max()), "", "lower", 1e-6, "R + T + S = 1"),
-        Measurement("power_gained", float((lossy - 1).max()), "", "lower", 1e-6, "passive"),
+        at_most("power_lossless", np.abs(lossless - 1).max(), 1e-6, "R + T + S = 1", ""),
+        at_most("power_gained", (lossy - 1).max(), 1e-6, "passive", ""),
     ]
 
 
@@ -184,9 +182,9 @@ def _errors(
 def _closed_form_rows(name: str, errors: FloatArray) -> list[Measurement]:
     delay, angle, gain = errors.max(axis=0)
     return [
-        Measurement(f"{name}_delay_error", delay * 1e12, "ps", "lower", 1.0, "closed form"),
-        Measurement(f"{name}_angle_error", angle, "rad", "lower", 1e-5, "closed form"),
-        Measurement(f"{name}_gain_error", gain, "dB", "lower", 0.05, "closed form"),
+        at_most(f"{name}_delay_error", delay * 1e12, 1.0, "closed form", "ps"),
+        at_most(f"{name}_angle_error", angle, 1e-5, "closed form", "rad"),
+        at_most(f"{name}_gain_error", gain, 0.05, "closed form", "dB"),
     ]
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import hankel2
 
-from isac_arena.validation.measurement import Measurement
+from isac_arena.validation.measurement import Measurement, at_most
 from isac_arena.validation.propagation import exact_fields
 from scenes.contours import Circle, Polyline, rectangle
 from scenes.objects.material import Material
@@ -47,8 +47,8 @@ def check_wedge(seed: int, quick: bool) -> list[Measurement]:
                     outside.append(float(error[~near].max(initial=0)))
                     inside.append(float(error[near].max(initial=0)))
     return [
-        Measurement("wedge_outside_transition", max(outside), "dB", "lower", 0.5, "exact wedge solution"),
-        Measurement("wedge_in_transition", max(inside), "dB", "lower", 1.0, "exact wedge solution"),
+        at_most("wedge_outside_transition", max(outside), 0.5, "exact wedge solution", "dB"),
+        at_most("wedge_in_transition", max(inside), 1.0, "exact wedge solution", "dB"),
     ]
 
 
@@ -74,8 +74,8 @@ def check_half_plane(seed: int, quick: bool) -> list[Measurement]:
                 optical = _optical_field(2.0, (rho_in, phi_in), rho_out, phi, sign, rise)
                 point.append(float(_error_db(optical / reference + gain, exact / reference).max()))
     return [
-        Measurement("half_plane_plane_wave", max(plane), "dB", "lower", 0.5, "Sommerfeld's solution"),
-        Measurement("half_plane_skew_point_source", max(point), "dB", "lower", 0.5, "Macdonald's solution"),
+        at_most("half_plane_plane_wave", max(plane), 0.5, "Sommerfeld's solution", "dB"),
+        at_most("half_plane_skew_point_source", max(point), 0.5, "Macdonald's solution", "dB"),
     ]
 
 
@@ -107,17 +107,8 @@ def check_cylinder(seed: int, quick: bool) -> list[Measurement]:
     for polarisation in SIGN:
         worst = np.max(error[polarisation], axis=0)
         rows_out += [
-            Measurement(
-                f"cylinder_{polarisation}_to_70_deg",
-                float(worst[flat].max()),
-                "dB",
-                "lower",
-                0.2,
-                "exact series",
-            ),
-            Measurement(
-                f"cylinder_{polarisation}_to_85_deg", float(worst.max()), "dB", "lower", 1.0, "exact series"
-            ),
+            at_most(f"cylinder_{polarisation}_to_70_deg", worst[flat].max(), 0.2, "exact series", "dB"),
+            at_most(f"cylinder_{polarisation}_to_85_deg", worst.max(), 1.0, "exact series", "dB"),
         ]
     return rows_out
 
@@ -147,12 +138,8 @@ def check_cylinder_shadow(seed: int, quick: bool) -> list[Measurement]:
             dark = creeping_gain(K, radius, s1, s2, 1e-12, polarisation)
             jump.append(float(np.abs(20 * np.log10(np.abs(lit / dark)))))
     return [
-        Measurement(
-            "cylinder_shadow", max(worst), "dB", "lower", 1.0, "exact series, to 14 deg into the shadow"
-        ),
-        Measurement(
-            "cylinder_shadow_boundary_jump", max(jump), "dB", "lower", 0.01, "the field is continuous"
-        ),
+        at_most("cylinder_shadow", max(worst), 1.0, "exact series, to 14 deg into the shadow", "dB"),
+        at_most("cylinder_shadow_boundary_jump", max(jump), 0.01, "the field is continuous", "dB"),
     ]
 
 
@@ -166,15 +153,13 @@ def check_reciprocity(seed: int, quick: bool) -> list[Measurement]:
         there, back = (_all_diffracted(ends[order]) for order in ([0, 1], [1, 0]))
         n_paths += len(there)
         if len(there) != len(back):
-            return [
-                Measurement("diffraction_reciprocity", np.inf, "1", "lower", 1e-9, "a path is lost one way")
-            ]
+            return [at_most("diffraction_reciprocity", np.inf, 1e-9, "a path is lost one way")]
         for values in ("delay_s", "gain"):
             a = getattr(there, values)[np.argsort(there.delay_s)]
             b = getattr(back, values)[np.argsort(back.delay_s)]
             worst = max(worst, float((np.abs(a - b) / np.abs(a)).max(initial=0)))
     reason = f"swapping TX and RX changes nothing over {n_paths} paths; phases of 1e4 rad round off 1e-12"
-    return [Measurement("diffraction_reciprocity", worst, "1", "lower", 1e-9, reason)]
+    return [at_most("diffraction_reciprocity", worst, 1e-9, reason)]
 
 
 def _error_db(field: ComplexArray, exact: ComplexArray) -> FloatArray:

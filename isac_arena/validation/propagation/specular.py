@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from isac_arena.validation.measurement import Measurement
+from isac_arena.validation.measurement import Measurement, at_least, at_most
 from isac_arena.validation.propagation.scenes import (
     CARRIER_HZ,
     GLASS,
@@ -58,8 +58,8 @@ def check_completeness(seed: int, quick: bool) -> list[Measurement]:
     share = n_common / max(1, n_common + n_extra)
     reason = f"of {n_common + n_extra} paths traced in {len(scenes)} scenes; the tracer loses {n_repaired}"
     return [
-        Measurement("planar_completeness", share, "share", "higher", 1.0, reason),
-        Measurement("planar_missed", n_extra, "paths", "lower", 0, "traced paths that the solver lacks"),
+        at_least("planar_completeness", share, 1.0, reason, "share"),
+        at_most("planar_missed", n_extra, 0, "traced paths that the solver lacks", "paths"),
     ]
 
 
@@ -72,8 +72,8 @@ def check_against_shooting(seed: int, quick: bool) -> list[Measurement]:
         result = _compared(scene, random_receivers(rng, scene, 3, 2.5, 1.0))
         missed, extra, total = missed + result[0], extra + result[1], total + result[2]
     rows = [
-        Measurement("solids_missed", missed, "paths", "lower", 0, f"of {total} paths that shot rays find"),
-        Measurement("solids_extra", extra, "paths", "lower", 0, "no path that shot rays do not find"),
+        at_most("solids_missed", missed, 0, f"of {total} paths that shot rays find", "paths"),
+        at_most("solids_extra", extra, 0, "no path that shot rays do not find", "paths"),
     ]
     missed = extra = total = 0
     for wall in (open_ring(), wave_wall()):
@@ -84,8 +84,8 @@ def check_against_shooting(seed: int, quick: bool) -> list[Measurement]:
             missed, extra, total = missed + result[0], extra + result[1], total + result[2]
     return [
         *rows,
-        Measurement("concave_missed", missed, "paths", "lower", 0, f"of {total} paths that shot rays find"),
-        Measurement("concave_extra", extra, "paths", "lower", 0, "no path that shot rays do not find"),
+        at_most("concave_missed", missed, 0, f"of {total} paths that shot rays find", "paths"),
+        at_most("concave_extra", extra, 0, "no path that shot rays do not find", "paths"),
     ]
 
 
@@ -96,7 +96,7 @@ def check_lit_pillar(seed: int, quick: bool) -> list[Measurement]:
     rx = random_receivers(rng, scene, 200 if quick else 2000, 8.0, 1.5)
     solved = exact_paths(scene, rx, CARRIER_HZ, PropagationConfig(max_bounces=1))
     hits = [bool(paths.is_single_bounce.any()) for paths in solved if paths.is_los.any()]
-    return [Measurement("lit_pillar_hit_rate", float(np.mean(hits)), "share", "higher", 1.0, "one lit point")]
+    return [at_least("lit_pillar_hit_rate", np.mean(hits), 1.0, "one lit point", "share")]
 
 
 def check_stationarity(seed: int, quick: bool) -> list[Measurement]:
@@ -119,7 +119,7 @@ def check_stationarity(seed: int, quick: bool) -> list[Measurement]:
                 t -= float((slope / bend)[0])
             there = curves.at(curve[row, None], np.array([t]))[0][0]
             worst = max(worst, float(np.linalg.norm(there - point)))
-    return [Measurement("stationarity_residual", worst, "m", "lower", 1e-9, "Newton's method to the end")]
+    return [at_most("stationarity_residual", worst, 1e-9, "Newton's method to the end", "m")]
 
 
 def check_symmetries(seed: int, quick: bool) -> list[Measurement]:
@@ -139,8 +139,8 @@ def check_symmetries(seed: int, quick: bool) -> list[Measurement]:
         [there] = exact_paths(moved, rx_moved, CARRIER_HZ, config)
         motion = max(motion, _relative(paths, there))
     return [
-        Measurement("reciprocity", swap, "relative", "lower", 1e-9, "swapped ends, gains and delays"),
-        Measurement("rigid_motion", motion, "relative", "lower", 1e-9, "gains without carrier phase, delays"),
+        at_most("reciprocity", swap, 1e-9, "swapped ends, gains and delays", "relative"),
+        at_most("rigid_motion", motion, 1e-9, "gains without carrier phase, delays", "relative"),
     ]
 
 
@@ -161,7 +161,7 @@ def check_same_bits(seed: int, quick: bool) -> list[Measurement]:
         [shuffled[int(place)] for place in np.argsort(order)],
     ]
     differing = sum(not _identical(a, b) for run in runs for a, b in zip(first, run, strict=True))
-    return [Measurement("differing_records", differing, "records", "lower", 0, "chunks, order, two runs")]
+    return [at_most("differing_records", differing, 0, "chunks, order, two runs", "records")]
 
 
 def _compared(scene: Scene, rx_m: FloatArray) -> tuple[int, int, int]:

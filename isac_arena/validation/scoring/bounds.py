@@ -17,7 +17,7 @@ from isac_arena.scoring.record import PathStatus
 from isac_arena.scoring.stages.channel import TrueStop, score_stop, true_stop
 from isac_arena.scoring.stages.channel_metrics import channel_metrics
 from isac_arena.scoring.stages.poses import pose_bounds, pose_metrics, score_poses
-from isac_arena.validation.measurement import Measurement
+from isac_arena.validation.measurement import Measurement, at_most
 from isac_arena.validation.scoring.made_campaign import MadeCampaign, made_view, make_campaign
 from scenes.pose import SPEED_OF_LIGHT_M_S
 from scenes.record import FloatArray, concatenate
@@ -213,4 +213,4 @@ def _row(
     reason: str = "distance from 1: 4 standard deviations",
     unit: str = "1",
 ) -> Measurement:
-    return Measurement(f"scoring.{key}", abs(float(value)), unit, "lower", bar, reason)
+    return at_most(f"scoring.{key}", abs(float(value)), bar, reason, unit)

@@ -18,7 +18,7 @@ from isac_arena.insight.budget.record import OUTCOMES, Variants, take_apart
 from isac_arena.insight.budget.stages import STAGE_GROUPS, Groups, Stage, coalitions, orders
 from isac_arena.scoring.config import Significance
 from isac_arena.scoring.stages.channel import true_stop
-from isac_arena.validation.measurement import Measurement
+from isac_arena.validation.measurement import Measurement, at_most
 from isac_arena.validation.scoring.made_campaign import make_campaign, power_dbm
 from scenes.record import concatenate
 
@@ -127,4 +127,4 @@ def _swaps_outside(variants: Variants, outcome: str) -> int:
 
 
 def _row(key: str, value: float, unit: str, bar: float, reason: str) -> Measurement:
-    return Measurement(f"scoring.{key}", value, unit, "lower", bar, reason)
+    return at_most(f"scoring.{key}", value, bar, reason, unit)

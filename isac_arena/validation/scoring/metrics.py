@@ -30,7 +30,7 @@ from isac_arena.scoring.metrics.metric import Metric
 from isac_arena.scoring.metrics.sets import gospa, ospa
 from isac_arena.scoring.metrics.trajectories import absolute_errors, relative_errors
 from isac_arena.scoring.score import score_campaign
-from isac_arena.validation.measurement import Measurement
+from isac_arena.validation.measurement import Measurement, at_most
 from isac_arena.validation.scoring.made_campaign import MadeCampaign, made_view, make_campaign, power_dbm
 from scenes.record import FloatArray, IntArray
 
@@ -149,7 +149,7 @@ def check_monotone(seed: int, quick: bool) -> list[Measurement]:
     sets = [_set_distances(step) for step in steps]
     improved += sum(b < a - 1e-12 for one, two in pairwise(sets) for a, b in zip(one, two, strict=True))
     reason = "count of metrics better after a move away from the truth"
-    return [Measurement("scoring.monotone.improved", improved, "1", "lower", 0, reason)]
+    return [at_most("scoring.monotone.improved", improved, 0, reason)]
 
 
 def _trajectory_rows(rng: np.random.Generator) -> Iterator[Measurement]:
@@ -207,9 +207,7 @@ def _keep(worst: dict[str, float], name: str, error: float) -> None:
 
 
 def _error(key: str, error: float, bar: float) -> Measurement:
-    return Measurement(
-        f"scoring.{key}", abs(float(error)), "1", "lower", bar, "distance from the known value"
-    )
+    return at_most(f"scoring.{key}", abs(float(error)), bar, "distance from the known value")
 
 
 def _scores(made: MadeCampaign, results: CampaignResults) -> dict[str, Metric]:

@@ -20,7 +20,7 @@ from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.results import MapResult
 from isac_arena.scoring.metrics.contours import intersection_over_union
 from isac_arena.scoring.stages.shapes import contour_points_m
-from isac_arena.validation.measurement import Measurement
+from isac_arena.validation.measurement import Measurement, at_least, at_most
 from isac_arena.validation.shape.reflection_scenarios import (
     TX,
     TruePaths,
@@ -227,11 +227,9 @@ def _rows(key: str, scores: list[MapScore], quick: bool) -> list[Measurement]:
     right = float(np.mean([one.class_right for one in scores]))
     coverage = float(np.mean([one.coverage for one in scores]))
     return [
-        Measurement(f"{key}.pillar_iou", iou, "1", "higher", 0.7 if quick else 0.85, reason),
-        Measurement(
-            f"{key}.pillar_iou_over_paper", iou - paper, "1", "higher", 0.5 if quick else 0.6, reason
-        ),
-        Measurement(f"{key}.ghosts", float(sum(one.ghosts for one in scores)), "1", "lower", 0.0, reason),
-        Measurement(f"{key}.class_right", right, "1", "higher", 0.8 if quick else 0.9, reason),
-        Measurement(f"{key}.pillar_coverage", coverage, "1", "higher", 0.7 if quick else 0.85, reason),
+        at_least(f"{key}.pillar_iou", iou, 0.7 if quick else 0.85, reason),
+        at_least(f"{key}.pillar_iou_over_paper", iou - paper, 0.5 if quick else 0.6, reason),
+        at_most(f"{key}.ghosts", sum(one.ghosts for one in scores), 0.0, reason),
+        at_least(f"{key}.class_right", right, 0.8 if quick else 0.9, reason),
+        at_least(f"{key}.pillar_coverage", coverage, 0.7 if quick else 0.85, reason),
     ]

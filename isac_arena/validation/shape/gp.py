@@ -9,7 +9,7 @@ import numpy as np
 from estimation.shape.gp.exact import ExactPosterior, Likelihood, log_marginal_likelihood
 from estimation.shape.gp.fourier import FourierPosterior, log_marginal_likelihood_fourier
 from estimation.shape.gp.radial import RadialData
-from isac_arena.validation.measurement import Measurement
+from isac_arena.validation.measurement import Measurement, at_least, at_most
 from isac_arena.validation.shape.gp_study import SHAPES, draw_points, run_cell
 from scenes.record import FloatArray
 
@@ -38,19 +38,13 @@ def check_paper_table(seed: int, quick: bool) -> list[Measurement]:
             doubt.append(rmse.std() / np.sqrt(n_runs) / reference)
         bar = TOLERANCE[shape] + (N_STANDARD_ERRORS * max(doubt) if quick else 0.0)
         reason = f"{n_runs} runs per M, table of 1,000 runs" + (", 3 standard errors added" if quick else "")
-        rows.append(
-            Measurement(
-                f"gp.paper.{shape}.rmse_deviation", max(deviation), "1", "lower", round(bar, 3), reason
-            )
-        )
+        rows.append(at_most(f"gp.paper.{shape}.rmse_deviation", max(deviation), round(bar, 3), reason))
     stuck = [run_cell("paper", "star", n, n_runs, seed).is_stuck.mean() for n in n_points]
     doubt_stuck = N_STANDARD_ERRORS * np.sqrt(0.8 * 0.2 / n_runs) if quick else 0.0
     rows.append(
-        Measurement(
+        at_least(
             "gp.paper.star.stuck_share",
-            float(min(stuck)),
-            "1",
-            "higher",
+            min(stuck),
             round(0.7 - doubt_stuck, 3),
             "least over M >= 16: the printed start ends where all is noise",
         )
@@ -68,22 +62,16 @@ def check_corrected_gp(seed: int, quick: bool) -> list[Measurement]:
     doubt = N_STANDARD_ERRORS * max(float(run.std()) for run in runs) / np.sqrt(n_runs) if quick else 0.0
     without_floor = run_cell("data-driven", "circle", 64, n_runs, seed).coverage
     return [
-        Measurement(
-            "gp.fixed.star64.rmse_error_m", error, "m", "lower", 0.005, f"from 0.052 m, {n_runs} runs"
-        ),
-        Measurement(
+        at_most("gp.fixed.star64.rmse_error_m", error, 0.005, f"from 0.052 m, {n_runs} runs", "m"),
+        at_least(
             "gp.fixed.circle.coverage",
-            float(min(run.mean() for run in runs)),
-            "1",
-            "higher",
+            min(run.mean() for run in runs),
             round(0.92 - doubt, 3),
             "least over M >= 16, with the noise floor of the IP covariances",
         ),
-        Measurement(
+        at_least(
             "gp.fixed.circle64.coverage_without_floor",
-            float(without_floor.mean()),
-            "1",
-            "higher",
+            without_floor.mean(),
             round(0.92 - doubt, 3),
             "no floor: the noise is learned",
         ),
@@ -109,12 +97,10 @@ def check_likelihood(seed: int, quick: bool) -> list[Measurement]:
                     gradient = {form: max(gradient[form], found[form]) for form in gradient}
     bar = "central differences over log beta, relative to the largest component"
     return [
-        Measurement("gp.gradient.exact", gradient["exact"], "1", "lower", 1e-5, bar),
-        Measurement("gp.gradient.fourier", gradient["fourier"], "1", "lower", 1e-5, bar),
-        Measurement("gp.fourier.likelihood_nat", difference, "nat", "lower", 1e-6, f"M = {counts}"),
-        Measurement(
-            "gp.fourier.prediction_m", prediction, "m", "lower", 1e-6, "mean and standard deviations"
-        ),
+        at_most("gp.gradient.exact", gradient["exact"], 1e-5, bar),
+        at_most("gp.gradient.fourier", gradient["fourier"], 1e-5, bar),
+        at_most("gp.fourier.likelihood_nat", difference, 1e-6, f"M = {counts}", "nat"),
+        at_most("gp.fourier.prediction_m", prediction, 1e-6, "mean and standard deviations", "m"),
     ]
 
 

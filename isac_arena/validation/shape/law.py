@@ -11,7 +11,7 @@ from estimation.laws.plane import bounce_jacobian_point
 from estimation.laws.support import CIRCLE, CLOSED_FAMILY
 from estimation.shape.reflection.normals import OrientedPoints, circle_design, normals, residual_covariance
 from estimation.shape.reflection.reflections import Reflections
-from isac_arena.validation.measurement import Measurement
+from isac_arena.validation.measurement import Measurement, at_most
 from isac_arena.validation.shape.reflection_scenarios import (
     Errors,
     draw_circle,
@@ -46,12 +46,8 @@ def check_reflection_information(seed: int, quick: bool) -> list[Measurement]:
     errors += [jacobian_error(EDGE, draw_edge(rng), rng), jacobian_error(WALL, np.array([1.5, -9.0]), rng)]
     spread = float(np.max(np.abs(np.array(ratios) - 1)))
     return [
-        Measurement(
-            "reflection.information.deviation", spread, "1", "lower", 0.01, "trace of the bound, worst"
-        ),
-        Measurement(
-            "reflection.jacobian.error", max(errors), "m or rad", "lower", 1e-7, "4th-order differences"
-        ),
+        at_most("reflection.information.deviation", spread, 0.01, "trace of the bound, worst"),
+        at_most("reflection.jacobian.error", max(errors), 1e-7, "4th-order differences", "m or rad"),
     ]
 
 

@@ -15,7 +15,7 @@ from estimation.shape.reflection.choice import choose_shape
 from estimation.shape.reflection.normals import fit_normals
 from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
 from isac_arena.scoring.metrics.contours import intersection_over_union, interval_iou, perpendicular_rmse_m
-from isac_arena.validation.measurement import Measurement
+from isac_arena.validation.measurement import Measurement, at_least, at_most
 from isac_arena.validation.shape.reflection_scenarios import (
     Errors,
     draw_circle,
@@ -55,24 +55,17 @@ def check_reflection_pillars(seed: int, quick: bool) -> list[Measurement]:
     for name, errors, bars in (("exact", Errors(), (0.78, 0.86, 0.965)), ("pose", POSE, (0.72, 0.80, 0.92))):
         scores = [_pillars(seed, quick, replace(errors, level=level), NO_OFFSETS) for level in LEVELS]
         rows += [
-            Measurement(
-                f"reflection.pillar.{name}.level{level:g}.iou",
-                score.iou,
-                "1",
-                "higher",
-                bar - slack,
-                "direct",
-            )
+            at_least(f"reflection.pillar.{name}.level{level:g}.iou", score.iou, bar - slack, "direct")
             for level, score, bar in zip(LEVELS, scores, bars, strict=True)
         ]
         coverage = float(np.mean([score.coverage for score in scores]))
         key = f"reflection.pillar.{name}.coverage"
-        rows.append(Measurement(key, coverage, "1", "higher", 0.92 - slack, "95 % band, all levels"))
+        rows.append(at_least(key, coverage, 0.92 - slack, "95 % band, all levels"))
         if not quick:
-            rows.append(Measurement(f"{key}_upper", coverage, "1", "lower", 0.97, "95 % band, all levels"))
+            rows.append(at_most(f"{key}_upper", coverage, 0.97, "95 % band, all levels"))
     points = _pillars(seed, quick, Errors(), NO_OFFSETS, fit_normals)
     key = "reflection.pillar.exact.level1.points_and_normals_iou"
-    rows.append(Measurement(key, points.iou, "1", "higher", 0.76 - slack, "own mode, reference 0.78"))
+    rows.append(at_least(key, points.iou, 0.76 - slack, "own mode, reference 0.78"))
     return rows
 
 
@@ -84,10 +77,10 @@ def check_reflection_offsets(seed: int, quick: bool) -> list[Measurement]:
     for level, bar in ((1.0, 0.73), (0.5, 0.82)):
         score = _pillars(seed, quick, replace(both, level=level), OFFSETS)
         key = f"reflection.pillar.offsets_ghosts.level{level:g}.iou"
-        rows.append(Measurement(key, score.iou, "1", "higher", bar - slack, "offsets unknown"))
+        rows.append(at_least(key, score.iou, bar - slack, "offsets unknown"))
     ignored = _pillars(seed, quick, OFFSET_ERRORS, NO_OFFSETS).iou
     key = "reflection.pillar.offsets_ignored.level1.iou"
-    rows.append(Measurement(key, ignored, "1", "lower", 0.60 + slack, "must show: no offset unknowns"))
+    rows.append(at_most(key, ignored, 0.60 + slack, "must show: no offset unknowns"))
     return rows
 
 
@@ -100,9 +93,9 @@ def check_reflection_columns(seed: int, quick: bool) -> list[Measurement]:
     by_evidence = _pillars(seed, quick, Errors(0.5), NO_OFFSETS, _chosen, draw_circle, 100).iou
     loss = circle - by_evidence
     return [
-        Measurement("reflection.ellipse.level0.5.iou", ellipse, "1", "higher", 0.60 - slack, "by evidence"),
-        Measurement("reflection.square.level0.5.iou", square, "1", "higher", 0.65 - slack, "by evidence"),
-        Measurement("reflection.circle.level0.5.evidence_loss", loss, "1", "lower", 0.02 + slack / 2, "IoU"),
+        at_least("reflection.ellipse.level0.5.iou", ellipse, 0.60 - slack, "by evidence"),
+        at_least("reflection.square.level0.5.iou", square, 0.65 - slack, "by evidence"),
+        at_most("reflection.circle.level0.5.evidence_loss", loss, 0.02 + slack / 2, "IoU"),
     ]
 
 
@@ -113,7 +106,7 @@ def check_reflection_classes(seed: int, quick: bool) -> list[Measurement]:
     for name, errors, bar, n_each in (("exact", Errors(), 0.98, 70), ("pose", POSE, 0.95, 150)):
         right = _right_classes(seed, 4 if quick else n_each, errors)
         key = f"reflection.class.{name}.right"
-        rows.append(Measurement(key, float(right.mean()), "1", "higher", bar - slack, "share of all objects"))
+        rows.append(at_least(key, right.mean(), bar - slack, "share of all objects"))
     return rows
 
 
@@ -135,13 +128,9 @@ def check_reflection_walls(seed: int, quick: bool) -> list[Measurement]:
     factor = 1.8 if quick else 1.0
     rmse, angle = float(np.mean(distances)), float(np.mean(np.abs(angles)))
     return [
-        Measurement(
-            "reflection.wall.perpendicular_rmse_m", rmse, "m", "lower", 0.021 * factor, "lit part, mean"
-        ),
-        Measurement("reflection.wall.angle_error_deg", angle, "deg", "lower", 0.11 * factor, "mean size"),
-        Measurement(
-            "reflection.wall.lit_extent_iou", float(np.mean(extents)), "1", "higher", 0.975, "lit part"
-        ),
+        at_most("reflection.wall.perpendicular_rmse_m", rmse, 0.021 * factor, "lit part, mean", "m"),
+        at_most("reflection.wall.angle_error_deg", angle, 0.11 * factor, "mean size", "deg"),
+        at_least("reflection.wall.lit_extent_iou", np.mean(extents), 0.975, "lit part"),
     ]
 
 

@@ -11,7 +11,7 @@ from scipy.special import erfinv
 
 from isac_arena.validation.benches.signal import ORIGIN, noiseless_cube, signal_link
 from isac_arena.validation.made_paths import made_paths, random_paths
-from isac_arena.validation.measurement import Measurement
+from isac_arena.validation.measurement import Measurement, at_most
 from scenes.config import load_scene, scene_path
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
 from scenes.record import ComplexArray, FloatArray
@@ -43,7 +43,7 @@ def check_equation_1(seed: int, quick: bool) -> list[Measurement]:
         fast = noiseless_cube(link, paths)[:, :, chosen]
         error = float(np.abs(fast - expected).max() / np.abs(expected).max())
         reason = "largest error over largest sample, both band edges among the subcarriers"
-        rows.append(Measurement(f"signal.equation_1.{count}_paths", error, "1", "lower", 1e-6, reason))
+        rows.append(at_most(f"signal.equation_1.{count}_paths", error, 1e-6, reason))
     return rows
 
 
@@ -246,11 +246,11 @@ def _survey(bench: ImpairmentBench, n_stops: int) -> list[Measurement]:
 
 def _recovered(name: str, found: float, true: float, how: str) -> Measurement:
     error = float(abs(found / true - 1))
-    return Measurement(f"signal.impairment.{name}", error, "1", "lower", 0.05, how)
+    return at_most(f"signal.impairment.{name}", error, 0.05, how)
 
 
 def _relative(
     name: str, error: ComplexArray | FloatArray, size: ComplexArray | FloatArray, how: str
 ) -> Measurement:
     value = float(np.linalg.norm(error) / np.linalg.norm(size))
-    return Measurement(f"signal.impairment.{name}", value, "1", "lower", 0.05, how)
+    return at_most(f"signal.impairment.{name}", value, 0.05, how)

@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 
 from isac_arena.validation.made_paths import free_space
-from isac_arena.validation.measurement import Measurement
+from isac_arena.validation.measurement import Measurement, at_least, at_most
 from scenes.config import load_scene, scene_path
 from scenes.pose import SPEED_OF_LIGHT_M_S
 from scenes.record import ComplexArray, FloatArray
@@ -40,15 +40,21 @@ def check_prs(seed: int, quick: bool) -> list[Measurement]:
     wrong = 0
     for (comb, length), (numerology, prefix) in product(pairs[:: 3 if quick else 1], NUMEROLOGIES):
         config = PrsConfig(
-            n_rb=24, comb=comb, numerology=numerology, rb_offset=int(rng.integers(0, 40)),
-            re_offset=int(rng.integers(comb)), n_symbols=length, carrier_rb=66, cyclic_prefix=prefix,
+            n_rb=24,
+            comb=comb,
+            numerology=numerology,
+            rb_offset=int(rng.integers(0, 40)),
+            re_offset=int(rng.integers(comb)),
+            n_symbols=length,
+            carrier_rb=66,
+            cyclic_prefix=prefix,
             first_symbol=int(rng.integers(SYMBOLS_PER_SLOT[prefix] + 1 - length)),
-        )  # fmt: skip
+        )
         sequence_id, slot = int(rng.integers(4096)), int(rng.integers(config.slots_per_frame))
         expected = prs_slot_bit_by_bit(config, sequence_id, slot)
         wrong += int((np.abs(prs_slot(config, sequence_id, slot) - expected) > 1e-12).sum())
     return [
-        Measurement("signal.prs.wrong_elements", wrong, "1", "lower", 0, "the standard leaves no freedom"),
+        at_most("signal.prs.wrong_elements", wrong, 0, "the standard leaves no freedom"),
         *_correlations(rng),
     ]
 
@@ -70,10 +76,8 @@ def check_ofdm(seed: int, quick: bool) -> list[Measurement]:
         halves = symbols.reshape(2, -1).sum(axis=1) / sample_rate_hz(numerology)
         drift = max(drift, float(np.abs(halves / 0.5e-3 - 1).max()))
     return [
-        Measurement("signal.ofdm.round_trip", worst, "1", "lower", 1e-5, "relative, single precision"),
-        Measurement(
-            "signal.ofdm.half_subframe", drift, "1", "lower", 1e-12, "0.5 ms, TS 38.211 clause 4.3.1"
-        ),
+        at_most("signal.ofdm.round_trip", worst, 1e-5, "relative, single precision"),
+        at_most("signal.ofdm.half_subframe", drift, 1e-12, "0.5 ms, TS 38.211 clause 4.3.1"),
     ]
 
 
@@ -81,16 +85,17 @@ def check_arrays(seed: int, quick: bool) -> list[Measurement]:
     """Broadside gain of the 4 x 16 array of TR 38.901 elements: 10 log10(64) + 8 dBi."""
     gain_dbi = peak_gain_dbi(
         steered_codebook(
-            upa_positions_m(4, 16, CARRIER_HZ), CARRIER_HZ,
-            panel_azimuth_rad=[0.0], beams_per_panel=1, sector_rad=1.0,
+            upa_positions_m(4, 16, CARRIER_HZ),
+            CARRIER_HZ,
+            panel_azimuth_rad=[0.0],
+            beams_per_panel=1,
+            sector_rad=1.0,
         )
-    )  # fmt: skip
+    )
     error_db = abs(gain_dbi - 8.0 - 18.06)
     return [
-        Measurement("signal.array.broadside_gain", gain_dbi, "dBi", "higher", 26.06, "18.06 dB + 8 dBi"),
-        Measurement(
-            "signal.array.broadside_error", error_db, "dB", "lower", 0.005, "two decimals of 18.06 dB"
-        ),
+        at_least("signal.array.broadside_gain", gain_dbi, 26.06, "18.06 dB + 8 dBi", "dBi"),
+        at_most("signal.array.broadside_error", error_db, 0.005, "two decimals of 18.06 dB", "dB"),
     ]
 
 
@@ -110,7 +115,7 @@ def check_noise(seed: int, quick: bool) -> list[Measurement]:
     norm = (np.abs(link.rx_codebook.weights) ** 2).sum(axis=1)
     worst = float(np.abs(power / (expected * norm) - 1).max())
     reason = "relative, worst beam; the spread of the estimate itself is 0.2 % (quick) or 0.1 %"
-    return [Measurement("signal.noise.variance", worst, "1", "lower", 0.01, reason)]
+    return [at_most("signal.noise.variance", worst, 0.01, reason)]
 
 
 def check_schedule(seed: int, quick: bool) -> list[Measurement]:
@@ -127,11 +132,13 @@ def check_schedule(seed: int, quick: bool) -> list[Measurement]:
     single_mw = BOLTZMANN_J_K * 290 * 1584 * 120e3 * 1e3 * 10 ** (config.link.noise_figure_db / 10)
     worst = float(np.abs(3 * power / single_mw - 1).max())
     return [
-        Measurement(
-            "signal.schedule.noise", worst, "1", "lower", 0.01,
+        at_most(
+            "signal.schedule.noise",
+            worst,
+            0.01,
             "against a third of kTBF, worst beam; the estimate itself spreads by 0.2 % (quick) or 0.1 %",
         )
-    ]  # fmt: skip
+    ]
 
 
 def check_link_budget(seed: int, quick: bool) -> list[Measurement]:
@@ -151,23 +158,35 @@ def check_link_budget(seed: int, quick: bool) -> list[Measurement]:
     measured_dbm = MEASURED_LOS_DBM + MEASURED_SLOPE_DB * np.log10(budget.distance_m)
     error_db = budget.los_dbm - measured_dbm
     return [
-        Measurement(
-            "signal.link.los_level", float(np.sqrt((error_db**2).mean())), "dB", "lower", 1.5,
+        at_most(
+            "signal.link.los_level",
+            np.sqrt((error_db**2).mean()),
+            1.5,
             "rms over the stops; the measured line itself scatters by 0.65 dB",
+            "dB",
         ),
-        Measurement(
-            "signal.link.weakest_path", abs(budget.weakest_dbm - MEASURED_WEAKEST_DBM), "dB", "lower", 2.0,
+        at_most(
+            "signal.link.weakest_path",
+            abs(budget.weakest_dbm - MEASURED_WEAKEST_DBM),
+            2.0,
             "against -53 dBm; a third of an effective bit",
+            "dB",
         ),
-        Measurement(
-            "signal.link.dynamic_range", abs(_usable_range_db(budget) - 25.0), "dB", "lower", 2.0,
+        at_most(
+            "signal.link.dynamic_range",
+            abs(_usable_range_db(budget) - 25.0),
+            2.0,
             "at the stops nearer than 6 m, against 25 dB below the line of sight",
+            "dB",
         ),
-        Measurement(
-            "signal.link.budget_by_hand", _hand_error_db(budget, link), "dB", "lower", 0.01,
+        at_most(
+            "signal.link.budget_by_hand",
+            _hand_error_db(budget, link),
+            0.01,
             "EIRP and free space at the wavelength, boresight to boresight",
+            "dB",
         ),
-    ]  # fmt: skip
+    ]
 
 
 def prs_slot_bit_by_bit(config: PrsConfig, sequence_id: int, slot: int) -> ComplexArray:
@@ -226,8 +245,8 @@ def _correlations(rng: np.random.Generator) -> list[Measurement]:
         one_period = correlation[: len(correlation) // comb] / correlation[0]
         aliased = max(aliased, float(one_period[1:].max()))
     return [
-        Measurement("signal.prs.autocorrelation", aliased, "1", "lower", 1e-12, "zero but for rounding"),
-        Measurement("signal.prs.comb_products", shared, "1", "lower", 0, "combs share no resource element"),
+        at_most("signal.prs.autocorrelation", aliased, 1e-12, "zero but for rounding"),
+        at_most("signal.prs.comb_products", shared, 0, "combs share no resource element"),
     ]
 
 

@@ -10,7 +10,7 @@ from scipy.stats import chi2
 from estimation.slam.config import MappingConfig, Mixture, PathNoise, SnapshotConfig
 from estimation.slam.snapshot.solution import SnapshotSolution
 from isac_arena.scoring.metrics.statistics import squared_mahalanobis
-from isac_arena.validation.measurement import Measurement
+from isac_arena.validation.measurement import Measurement, at_most
 from isac_arena.validation.slam.scenarios import ScenarioConfig
 from scenes.pose import SPEED_OF_LIGHT_M_S, wrap_angle
 from scenes.record import FloatArray
@@ -69,13 +69,7 @@ def consistency_rows(
     cover = float(np.mean(nees <= chi2.ppf(0.95, size)))
     bars = loose or (0.05, 0.05, 0.01)
     return [
-        Measurement(
-            f"{prefix}.nees_pose_deviation", abs(state - 1), "1", "lower", bars[0], f"NEES {state:.3f}"
-        ),
-        Measurement(
-            f"{prefix}.nees_ip_deviation", abs(point - 1), "1", "lower", bars[1], f"NEES {point:.3f}"
-        ),
-        Measurement(
-            f"{prefix}.coverage95_deviation", abs(cover - 0.95), "1", "lower", bars[2], f"{cover:.3f}"
-        ),
+        at_most(f"{prefix}.nees_pose_deviation", abs(state - 1), bars[0], f"NEES {state:.3f}"),
+        at_most(f"{prefix}.nees_ip_deviation", abs(point - 1), bars[1], f"NEES {point:.3f}"),
+        at_most(f"{prefix}.coverage95_deviation", abs(cover - 0.95), bars[2], f"{cover:.3f}"),
     ]

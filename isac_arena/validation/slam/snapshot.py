@@ -28,7 +28,7 @@ from estimation.slam.walk.filter import run_filter
 from estimation.slam.walk.landmarks import predict_circle, predict_walls
 from estimation.slam.walk.trajectory import run_trajectory
 from isac_arena.scoring.metrics.statistics import squared_mahalanobis
-from isac_arena.validation.measurement import Measurement
+from isac_arena.validation.measurement import Measurement, at_most
 from isac_arena.validation.slam.common import (
     CLEAN,
     GAUSSIAN,
@@ -95,7 +95,7 @@ def check_noiseless(seed: int, quick: bool) -> list[Measurement]:
         ]
         worst[name] = max(float(np.max(np.nan_to_num(np.abs(trial.error), nan=np.inf))) for trial in trials)
     return [
-        Measurement(f"noiseless.{name}.state_error_m", value, "m", "lower", 1e-6, "m, m, rad, m")
+        at_most(f"noiseless.{name}.state_error_m", value, 1e-6, "m, m, rad, m", "m")
         for name, value in worst.items()
     ]
 
@@ -113,9 +113,7 @@ def check_efficiency(seed: int, quick: bool) -> list[Measurement]:
         peb = np.array([trial.peb_m for trial in trials])
         ratio = float(np.sqrt(np.mean(error**2) / np.mean(peb**2)))
         bar = 1.3 if quick else 1.1  # a mean of 50 squares of 2 components scatters by 14 %
-        rows.append(
-            Measurement(f"monte_carlo.{name}.rmse_over_peb", ratio, "1", "lower", bar, "efficient estimator")
-        )
+        rows.append(at_most(f"monte_carlo.{name}.rmse_over_peb", ratio, bar, "efficient estimator"))
         every += trials
     error = np.array([trial.error for trial in every])
     covariance = np.array([trial.covariance for trial in every])
@@ -138,19 +136,17 @@ def check_outliers(seed: int, quick: bool) -> list[Measurement]:
     sure = [trial for trial in [*los, *nlos] if _position_std_m(trial) < CONFIDENT_M]
     rare = 0.05 if quick else 0.01  # of 50 stops, one or two may be off by chance
     return [
-        Measurement("outliers50.los.gross_rate", _gross_rate(los), "1", "lower", rare, "error > 1 m"),
-        Measurement("outliers50.nlos.gross_rate", rate, "1", "lower", 0.30, "error > 1 m"),
-        Measurement(
-            "outliers50.nlos.gross_rate_over_reference", rate / reference, "1", "lower", 0.5, "same stops"
-        ),
-        Measurement(
-            "outliers50.confident.gross_rate", _gross_rate(sure), "1", "lower", rare, "reported sigma < 0.5 m"
-        ),
-        Measurement(
-            "outliers50.nlos.any_building.gross_rate_over_reference", unaware / reference, "1", "lower", 0.75,
+        at_most("outliers50.los.gross_rate", _gross_rate(los), rare, "error > 1 m"),
+        at_most("outliers50.nlos.gross_rate", rate, 0.30, "error > 1 m"),
+        at_most("outliers50.nlos.gross_rate_over_reference", rate / reference, 0.5, "same stops"),
+        at_most("outliers50.confident.gross_rate", _gross_rate(sure), rare, "reported sigma < 0.5 m"),
+        at_most(
+            "outliers50.nlos.any_building.gross_rate_over_reference",
+            unaware / reference,
+            0.75,
             "default settings, same stops",
         ),
-    ]  # fmt: skip
+    ]
 
 
 def check_trajectories(seed: int, quick: bool) -> list[Measurement]:
@@ -169,12 +165,11 @@ def check_trajectories(seed: int, quick: bool) -> list[Measurement]:
         solved = (alone.status != SolveStatus.FAILED) & (filtered.status != SolveStatus.FAILED)
         square += [np.sum((p.position_m - truth)[solved] ** 2) for p in (filtered, alone)]
     return [
-        Measurement("trajectory.outliers30.worst_rmse_m", max(worst), "m", "lower", 0.5, "worst of the runs"),
-        Measurement(
-            "filter.outliers30.rmse_over_stops_alone", float(np.sqrt(square[0] / square[1])), "1", "lower", 1.0,
-            "the past helps",
+        at_most("trajectory.outliers30.worst_rmse_m", max(worst), 0.5, "worst of the runs", "m"),
+        at_most(
+            "filter.outliers30.rmse_over_stops_alone", np.sqrt(square[0] / square[1]), 1.0, "the past helps"
         ),
-    ]  # fmt: skip
+    ]
 
 
 def check_jacobians(seed: int, quick: bool) -> list[Measurement]:
@@ -189,36 +184,45 @@ def check_jacobians(seed: int, quick: bool) -> list[Measurement]:
     cases: dict[str, tuple[Callable[[FloatArray], FloatArray], FloatArray, FloatArray]] = {
         "bounce_state": (lambda s: predict_bounce(tx, s, point), x, bounce_jacobian_rx(tx, x, point)),
         "bounce_point": (
-            lambda q: predict_bounce(tx, x, q), point[0], bounce_jacobian_point(tx, x, point[0])
+            lambda q: predict_bounce(tx, x, q),
+            point[0],
+            bounce_jacobian_point(tx, x, point[0]),
         ),
         "los_state": (lambda s: predict_los(tx, s), x, los_jacobian_rx(tx, x)),
         "equation_state": (
-            lambda s: bounce_terms(tx, measured, covariance, s).value_m, x,
+            lambda s: bounce_terms(tx, measured, covariance, s).value_m,
+            x,
             bounce_terms(tx, measured, covariance, x).jacobian,
         ),
         "wall_state": (
-            lambda s: predict_walls(tx, s, wall[:1]).value, x, predict_walls(tx, x, wall[:1]).by_state
+            lambda s: predict_walls(tx, s, wall[:1]).value,
+            x,
+            predict_walls(tx, x, wall[:1]).by_state,
         ),
         "wall_line": (
-            lambda w: predict_walls(tx, x, w.reshape(1, 2)).value, wall[0],
+            lambda w: predict_walls(tx, x, w.reshape(1, 2)).value,
+            wall[0],
             predict_walls(tx, x, wall[:1]).by_landmark,
         ),
         "double_state": (lambda s: predict_walls(tx, s, wall).value, x, predict_walls(tx, x, wall).by_state),
         "double_lines": (
-            lambda w: predict_walls(tx, x, w.reshape(2, 2)).value, wall.ravel(),
+            lambda w: predict_walls(tx, x, w.reshape(2, 2)).value,
+            wall.ravel(),
             predict_walls(tx, x, wall).by_landmark,
         ),
         "circle_state": (
-            lambda s: predict_circle(tx, s, circle).value, x, predict_circle(tx, x, circle).by_state
+            lambda s: predict_circle(tx, s, circle).value,
+            x,
+            predict_circle(tx, x, circle).by_state,
         ),
         "circle": (
-            lambda c: predict_circle(tx, x, c).value, circle, predict_circle(tx, x, circle).by_landmark
+            lambda c: predict_circle(tx, x, c).value,
+            circle,
+            predict_circle(tx, x, circle).by_landmark,
         ),
-    }  # fmt: skip
+    }
     return [
-        Measurement(
-            f"jacobian.{name}", derivative_error(*case, _unwrapped), "1", "lower", 1e-6, "central differences"
-        )
+        at_most(f"jacobian.{name}", derivative_error(*case, _unwrapped), 1e-6, "central differences")
         for name, case in cases.items()
     ]
 

@@ -18,7 +18,7 @@ from estimation.slam.space.mapping import map_stops_spatial
 from estimation.slam.space.snapshot import solve_spatial
 from estimation.slam.space.trajectory import run_spatial_trajectory
 from isac_arena.scoring.metrics.statistics import squared_mahalanobis
-from isac_arena.validation.measurement import Measurement
+from isac_arena.validation.measurement import Measurement, at_most
 from isac_arena.validation.slam.common import (
     CLEAN,
     GAUSSIAN,
@@ -77,9 +77,7 @@ def check_space_noiseless(seed: int, quick: bool) -> list[Measurement]:
             for _ in range(5 if quick else 30)
         ]
         worst = max(float(np.max(np.nan_to_num(np.abs(trial.error), nan=np.inf))) for trial in trials)
-        rows.append(
-            Measurement(f"space.noiseless.{name}.state_error_m", worst, "m", "lower", 1e-6, "m, m, m, rad, m")
-        )
+        rows.append(at_most(f"space.noiseless.{name}.state_error_m", worst, 1e-6, "m, m, m, rad, m", "m"))
     return rows
 
 
@@ -95,9 +93,7 @@ def check_space_efficiency(seed: int, quick: bool) -> list[Measurement]:
         square = [np.nan_to_num(np.sum(trial.error[:3] ** 2), nan=np.inf) for trial in trials]
         ratio = float(np.sqrt(np.mean(square) / np.mean([trial.peb_m**2 for trial in trials])))
         bar = 1.3 if quick else 1.1  # a mean of 40 squares of 3 components scatters by 15 %
-        rows.append(
-            Measurement(f"space.{name}.rmse_over_peb", ratio, "1", "lower", bar, "efficient estimator")
-        )
+        rows.append(at_most(f"space.{name}.rmse_over_peb", ratio, bar, "efficient estimator"))
         every += trials
     solved = [trial for trial in every if trial.solution.status != SolveStatus.FAILED]
     error = np.array([trial.error for trial in solved])
@@ -120,12 +116,8 @@ def check_space_trajectory(seed: int, quick: bool) -> list[Measurement]:
         worst.append(float(np.sqrt(np.mean(plan**2))))
         height.append(float(np.sqrt(np.mean(np.nan_to_num(poses.height_m - truth[:, 2], nan=np.inf) ** 2))))
     return [
-        Measurement(
-            "space.trajectory.outliers30.worst_rmse_m", max(worst), "m", "lower", 0.5, "as in the plane"
-        ),
-        Measurement(
-            "space.trajectory.outliers30.worst_height_rmse_m", max(height), "m", "lower", 0.5, "worst run"
-        ),
+        at_most("space.trajectory.outliers30.worst_rmse_m", max(worst), 0.5, "as in the plane", "m"),
+        at_most("space.trajectory.outliers30.worst_height_rmse_m", max(height), 0.5, "worst run", "m"),
     ]
 
 
@@ -154,9 +146,9 @@ def check_space_plane(seed: int, quick: bool) -> list[Measurement]:
         )
         peb.append(abs(space.plan_m / float(plane.position_m) - 1))
     return [
-        Measurement("space.plane.prediction_deviation", max(predicted), "m, rad", "lower", 1e-12, "same law"),
-        Measurement("space.plane.equation_deviation_m", max(equation), "m", "lower", 1e-12, "same equation"),
-        Measurement("space.plane.peb_deviation", max(peb), "1", "lower", 1e-6, "same bound"),
+        at_most("space.plane.prediction_deviation", max(predicted), 1e-12, "same law", "m, rad"),
+        at_most("space.plane.equation_deviation_m", max(equation), 1e-12, "same equation", "m"),
+        at_most("space.plane.peb_deviation", max(peb), 1e-6, "same bound"),
     ]
 
 
@@ -170,32 +162,25 @@ def check_space_jacobians(seed: int, quick: bool) -> list[Measurement]:
     one = space_law.bounce_equations(tx, x, measured[0])
     cases: dict[str, tuple[Callable[[FloatArray], FloatArray], FloatArray, FloatArray]] = {
         "bounce_state": (
-            lambda s: space_law.predict_bounce(tx, s, point), x,
+            lambda s: space_law.predict_bounce(tx, s, point),
+            x,
             space_law.bounce_jacobian_rx(tx, x, point),
         ),
         "bounce_point": (
-            lambda q: space_law.predict_bounce(tx, x, q), point[0],
+            lambda q: space_law.predict_bounce(tx, x, q),
+            point[0],
             space_law.bounce_jacobian_point(tx, x, point[0]),
         ),
-        "los_state": (
-            lambda s: space_law.predict_los(tx, s), x, space_law.los_jacobian_rx(tx, x)
-        ),
-        "equations_state": (
-            lambda s: space_law.bounce_equations(tx, s, measured).value_m, x, at.by_state
-        ),
+        "los_state": (lambda s: space_law.predict_los(tx, s), x, space_law.los_jacobian_rx(tx, x)),
+        "equations_state": (lambda s: space_law.bounce_equations(tx, s, measured).value_m, x, at.by_state),
         "equations_measurement": (
-            lambda y: space_law.bounce_equations(tx, x, y).value_m, measured[0], one.by_measurement
+            lambda y: space_law.bounce_equations(tx, x, y).value_m,
+            measured[0],
+            one.by_measurement,
         ),
-    }  # fmt: skip
+    }
     return [
-        Measurement(
-            f"space.jacobian.{name}",
-            derivative_error(*case, _unwrapped),
-            "1",
-            "lower",
-            1e-6,
-            "central differences",
-        )
+        at_most(f"space.jacobian.{name}", derivative_error(*case, _unwrapped), 1e-6, "central differences")
         for name, case in cases.items()
     ]
 

@@ -13,7 +13,7 @@ from estimation.slam.config import TrajectoryConfig
 from estimation.slam.walk.residuals import PathClass
 from estimation.slam.walk.trajectory import TrajectoryDetails, run_trajectory
 from isac_arena.scoring.metrics.statistics import squared_mahalanobis
-from isac_arena.validation.measurement import Measurement
+from isac_arena.validation.measurement import Measurement, at_most
 from isac_arena.validation.slam.common import MAPPING, NOISE, OURS
 from isac_arena.validation.slam.common import MATCHED as CLEAN_SNAPSHOT
 from isac_arena.validation.slam.scenarios import (
@@ -89,22 +89,19 @@ def check_trajectory_consistency(seed: int, quick: bool) -> list[Measurement]:
     cover = float(np.mean(nees <= chi2.ppf(0.95, 4)))
     wide = 4.0 if quick else 1.0  # 8 walks instead of 300 scatter six times as much
     return [
-        Measurement("trajectory.rmse_over_peb", ratio, "1", "lower", 1 + 0.1 * wide, "efficient estimator"),
-        Measurement(
-            "trajectory.nees_pose_deviation", abs(pose - 1), "1", "lower", 0.05 * wide, f"NEES {pose:.3f}"
+        at_most("trajectory.rmse_over_peb", ratio, 1 + 0.1 * wide, "efficient estimator"),
+        at_most("trajectory.nees_pose_deviation", abs(pose - 1), 0.05 * wide, f"NEES {pose:.3f}"),
+        at_most(
+            "trajectory.nees_wall_deviation", abs(wall - 1), 0.05 * wide, f"NEES {wall:.3f} of {len(walls)}"
         ),
-        Measurement(
-            "trajectory.nees_wall_deviation", abs(wall - 1), "1", "lower", 0.05 * wide,
-            f"NEES {wall:.3f} of {len(walls)}",
-        ),
-        Measurement(
-            "trajectory.nees_object_deviation", abs(circle - 1), "1", "lower", 0.05 * wide,
+        at_most(
+            "trajectory.nees_object_deviation",
+            abs(circle - 1),
+            0.05 * wide,
             f"NEES {circle:.3f} of {len(objects)}",
         ),
-        Measurement(
-            "trajectory.coverage95_deviation", abs(cover - 0.95), "1", "lower", 0.01 * wide, f"{cover:.3f}"
-        ),
-    ]  # fmt: skip
+        at_most("trajectory.coverage95_deviation", abs(cover - 0.95), 0.01 * wide, f"{cover:.3f}"),
+    ]
 
 
 def check_trajectory_settings(seed: int, quick: bool) -> list[Measurement]:
@@ -127,11 +124,7 @@ def check_trajectory_settings(seed: int, quick: bool) -> list[Measurement]:
             moved = standard.model_copy(update={name: other})
             gain[f"{name} = {other:g}"] = at_default / walks_rmse_m(walks, moved)
     best = max(gain, key=lambda key: gain[key])
-    return [
-        Measurement(
-            "trajectory.settings.best_gain", gain[best], "1", "lower", 1.15, f"RMSE over that with {best}"
-        )
-    ]
+    return [at_most("trajectory.settings.best_gain", gain[best], 1.15, f"RMSE over that with {best}")]
 
 
 def walks_rmse_m(walks: Sequence[Sequence[Scenario]], config: TrajectoryConfig) -> float:
