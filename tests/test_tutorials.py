@@ -11,7 +11,7 @@ from markdown_it import MarkdownIt
 
 from isac_arena.campaign.directory import StopEstimate
 from isac_arena.campaign.files import write_record
-from isac_arena.validation.scoring.made_campaign import make_campaign
+from isac_arena.validation.scenarios.perfect_campaign import make_campaign
 
 ROOT = Path(__file__).resolve().parents[1]
 TUTORIALS = sorted((ROOT / "docs" / "tutorials").glob("*.md"))

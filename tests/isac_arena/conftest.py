@@ -2,7 +2,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from isac_arena.validation.scoring.made_campaign import MadeCampaign, make_campaign, power_dbm
+from isac_arena.validation.scenarios.perfect_campaign import MadeCampaign, make_campaign, power_dbm
 from scenes.record import FloatArray
 from sim.truth import Truth
 

@@ -18,8 +18,8 @@ from threadpoolctl import threadpool_limits
 from estimation.channel.coherent.paths import fit_coherent
 from estimation.channel.incoherent.paths import fit_incoherent
 from isac_arena.validation.channel.efficiency import STRONGEST_DB
-from isac_arena.validation.channel.scenes import LinkBench, draw_paths, make_bench, observe_paths
 from isac_arena.validation.measurement import Measurement, at_most
+from isac_arena.validation.scenarios.link_bench import LinkBench, draw_paths, make_bench, observe_paths
 from sim.observation import BeamSweep
 
 BARS = {"coherent": 3.0, "incoherent": 10.0}

@@ -13,8 +13,8 @@ from estimation.shape.kinds.mirror_wall import fit_mirror_wall
 from estimation.shape.reflection.bundle import fit_bundle
 from estimation.shape.reflection.reflections import ReflectionConfig
 from isac_arena.validation.measurement import Measurement, at_most
+from isac_arena.validation.scenarios.reflections import Errors
 from isac_arena.validation.shape.reflection import OFFSET_ERRORS, made_campaign, made_pillar, made_wall
-from isac_arena.validation.shape.reflection_scenarios import Errors
 
 N_REPEATS = 7
 

@@ -12,8 +12,8 @@ import numpy as np
 import scipy.fft
 from threadpoolctl import threadpool_limits
 
-from isac_arena.validation.made_paths import random_paths
 from isac_arena.validation.measurement import Measurement, at_most
+from isac_arena.validation.scenarios.paths import random_paths
 from scenes.pose import Pose
 from scenes.record import ComplexArray
 from sim.config import ArrayConfig, SimulationConfig, WaveformConfig

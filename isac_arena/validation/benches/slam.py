@@ -20,8 +20,8 @@ from estimation.slam.snapshot.reference import solve_reference
 from estimation.slam.snapshot.solve import solve_snapshot
 from estimation.slam.walk.trajectory import run_trajectory
 from isac_arena.validation.measurement import Measurement, at_least, at_most
+from isac_arena.validation.scenarios.halls import Scenario, ScenarioConfig, draw_stop, draw_trajectory
 from isac_arena.validation.slam.common import MAPPING, NOISE, OURS
-from isac_arena.validation.slam.scenarios import Scenario, ScenarioConfig, draw_stop, draw_trajectory
 from scenes.record import BoolArray, FloatArray
 
 T = TypeVar("T")

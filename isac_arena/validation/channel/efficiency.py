@@ -23,7 +23,8 @@ from isac_arena.validation.channel.match import (
     rate_row,
     run_stops,
 )
-from isac_arena.validation.channel.scenes import (
+from isac_arena.validation.measurement import Measurement
+from isac_arena.validation.scenarios.link_bench import (
     SEPARATED_CELLS,
     ChannelStop,
     DrawnPaths,
@@ -34,7 +35,6 @@ from isac_arena.validation.channel.scenes import (
     observe_paths,
     single_path,
 )
-from isac_arena.validation.measurement import Measurement
 
 TRIALS = 5000  # scenes of the coherent run; the bar on false paths asks for as many
 QUICK_TRIALS = 20

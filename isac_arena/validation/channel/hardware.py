@@ -23,7 +23,8 @@ from isac_arena.validation.channel.match import (
     run_stops,
     widened,
 )
-from isac_arena.validation.channel.scenes import (
+from isac_arena.validation.measurement import Measurement, at_most
+from isac_arena.validation.scenarios.link_bench import (
     SEPARATED_CELLS,
     ChannelStop,
     LinkBench,
@@ -34,7 +35,6 @@ from isac_arena.validation.channel.scenes import (
     true_bounds,
     with_settings,
 )
-from isac_arena.validation.measurement import Measurement, at_most
 from scenes.record import FloatArray, IntArray
 from sim.observation import BeamSweep
 from sim.signal.hardware.apply_impairments import built_codebooks

@@ -16,8 +16,8 @@ from scipy.stats import binom, chi2, norm, poisson
 
 from estimation.channel.record import ChannelEstimate
 from isac_arena.scoring.metrics.statistics import squared_mahalanobis
-from isac_arena.validation.channel.scenes import ChannelStop, LinkBench, TrueBounds, true_bounds
 from isac_arena.validation.measurement import Measurement, at_least, at_most
+from isac_arena.validation.scenarios.link_bench import ChannelStop, LinkBench, TrueBounds, true_bounds
 from scenes.pose import wrap_angle
 from scenes.record import BoolArray, FloatArray, IntArray
 from sim.observation import BeamSweep

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from isac_arena.validation.measurement import Measurement, at_least, at_most
-from isac_arena.validation.propagation.scenes import (
+from isac_arena.validation.scenarios.solids import (
     CARRIER_HZ,
     STONE,
     box_walls,

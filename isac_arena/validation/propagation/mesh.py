@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from isac_arena.validation.measurement import Measurement, at_least, at_most
-from isac_arena.validation.propagation.scenes import CARRIER_HZ, STONE, box_walls, scene_of
+from isac_arena.validation.scenarios.solids import CARRIER_HZ, STONE, box_walls, scene_of
 from scenes.contours import Polygon
 from scenes.objects.clutter import Clutter
 from scenes.objects.material import Material

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from isac_arena.validation.measurement import Measurement, at_least, at_most
-from isac_arena.validation.propagation.scenes import (
+from isac_arena.validation.propagation.shooting import Shooter
+from isac_arena.validation.scenarios.solids import (
     CARRIER_HZ,
     GLASS,
     METAL,
@@ -19,7 +20,6 @@ from isac_arena.validation.propagation.scenes import (
     wave_wall,
     with_tx,
 )
-from isac_arena.validation.propagation.shooting import Shooter
 from scenes.config import library_scenes, load_scene
 from scenes.contours import Circle, OpenSpline
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose

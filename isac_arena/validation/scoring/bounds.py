@@ -18,7 +18,7 @@ from isac_arena.scoring.stages.channel import TrueStop, score_stop, true_stop
 from isac_arena.scoring.stages.channel_metrics import channel_metrics
 from isac_arena.scoring.stages.poses import pose_bounds, pose_metrics, score_poses
 from isac_arena.validation.measurement import Measurement, at_most
-from isac_arena.validation.scoring.made_campaign import MadeCampaign, made_view, make_campaign
+from isac_arena.validation.scenarios.perfect_campaign import MadeCampaign, made_view, make_campaign
 from scenes.pose import SPEED_OF_LIGHT_M_S
 from scenes.record import FloatArray, concatenate
 from sim.signal.generation import beam_channel

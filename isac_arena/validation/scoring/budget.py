@@ -19,7 +19,7 @@ from isac_arena.insight.budget.stages import STAGE_GROUPS, Groups, Stage, coalit
 from isac_arena.scoring.config import Significance
 from isac_arena.scoring.stages.channel import true_stop
 from isac_arena.validation.measurement import Measurement, at_most
-from isac_arena.validation.scoring.made_campaign import make_campaign, power_dbm
+from isac_arena.validation.scenarios.perfect_campaign import make_campaign, power_dbm
 from scenes.record import concatenate
 
 LIMITS = Significance(dynamic_range_db=28.0, noise_threshold_dbm=-150.0)

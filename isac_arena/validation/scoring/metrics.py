@@ -31,7 +31,7 @@ from isac_arena.scoring.metrics.sets import gospa, ospa
 from isac_arena.scoring.metrics.trajectories import absolute_errors, relative_errors
 from isac_arena.scoring.score import score_campaign
 from isac_arena.validation.measurement import Measurement, at_most
-from isac_arena.validation.scoring.made_campaign import MadeCampaign, made_view, make_campaign, power_dbm
+from isac_arena.validation.scenarios.perfect_campaign import MadeCampaign, made_view, make_campaign, power_dbm
 from scenes.record import FloatArray, IntArray
 
 LIMITS = Significance(dynamic_range_db=28.0, noise_threshold_dbm=-150.0)

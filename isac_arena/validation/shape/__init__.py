@@ -1,4 +1,4 @@
 """Checks of object shapes.
 
-Read `reflection.py` first; `reflection_scenarios.py` and `point_clusters.py` make the data.
+Read `reflection.py` first; the data come from `validation.scenarios`.
 """

@@ -21,7 +21,7 @@ from isac_arena.campaign.results import MapResult
 from isac_arena.scoring.metrics.contours import intersection_over_union
 from isac_arena.scoring.stages.shapes import contour_points_m
 from isac_arena.validation.measurement import Measurement, at_least, at_most
-from isac_arena.validation.shape.reflection_scenarios import (
+from isac_arena.validation.scenarios.reflections import (
     TX,
     TruePaths,
     draw_circle,

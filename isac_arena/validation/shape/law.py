@@ -12,7 +12,7 @@ from estimation.laws.support import CIRCLE, CLOSED_FAMILY
 from estimation.shape.reflection.normals import OrientedPoints, circle_design, normals, residual_covariance
 from estimation.shape.reflection.reflections import Reflections
 from isac_arena.validation.measurement import Measurement, at_most
-from isac_arena.validation.shape.reflection_scenarios import (
+from isac_arena.validation.scenarios.reflections import (
     Errors,
     draw_circle,
     draw_edge,

@@ -17,7 +17,7 @@ from estimation.shape.points.line import fit_line
 from estimation.shape.points.mic import fit_mic
 from isac_arena.scoring.metrics.contours import extent_iou, intersection_over_union
 from isac_arena.validation.measurement import Measurement
-from isac_arena.validation.shape.point_clusters import (
+from isac_arena.validation.scenarios.point_clusters import (
     MadeObject,
     partial_pillars,
     square_columns,

@@ -16,7 +16,7 @@ from estimation.shape.reflection.normals import fit_normals
 from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
 from isac_arena.scoring.metrics.contours import intersection_over_union, interval_iou, perpendicular_rmse_m
 from isac_arena.validation.measurement import Measurement, at_least, at_most
-from isac_arena.validation.shape.reflection_scenarios import (
+from isac_arena.validation.scenarios.reflections import (
     Errors,
     draw_circle,
     draw_ellipse,

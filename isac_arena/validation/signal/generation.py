@@ -10,8 +10,8 @@ from scipy.optimize import minimize_scalar
 from scipy.special import erfinv
 
 from isac_arena.validation.benches.signal import ORIGIN, noiseless_cube, signal_link
-from isac_arena.validation.made_paths import made_paths, random_paths
 from isac_arena.validation.measurement import Measurement, at_most
+from isac_arena.validation.scenarios.paths import made_paths, random_paths
 from scenes.config import load_scene, scene_path
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
 from scenes.record import ComplexArray, FloatArray

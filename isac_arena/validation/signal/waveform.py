@@ -6,8 +6,8 @@ from itertools import product
 
 import numpy as np
 
-from isac_arena.validation.made_paths import free_space
 from isac_arena.validation.measurement import Measurement, at_least, at_most
+from isac_arena.validation.scenarios.paths import free_space
 from scenes.config import load_scene, scene_path
 from scenes.pose import SPEED_OF_LIGHT_M_S
 from scenes.record import ComplexArray, FloatArray

@@ -11,7 +11,7 @@ from estimation.slam.config import MappingConfig, Mixture, PathNoise, SnapshotCo
 from estimation.slam.snapshot.solution import SnapshotSolution
 from isac_arena.scoring.metrics.statistics import squared_mahalanobis
 from isac_arena.validation.measurement import Measurement, at_most
-from isac_arena.validation.slam.scenarios import ScenarioConfig
+from isac_arena.validation.scenarios.halls import ScenarioConfig
 from scenes.pose import SPEED_OF_LIGHT_M_S, wrap_angle
 from scenes.record import FloatArray
 

@@ -29,6 +29,7 @@ from estimation.slam.walk.landmarks import predict_circle, predict_walls
 from estimation.slam.walk.trajectory import run_trajectory
 from isac_arena.scoring.metrics.statistics import squared_mahalanobis
 from isac_arena.validation.measurement import Measurement, at_most
+from isac_arena.validation.scenarios.halls import Scenario, ScenarioConfig, draw_stop, draw_trajectory
 from isac_arena.validation.slam.common import (
     CLEAN,
     GAUSSIAN,
@@ -40,7 +41,6 @@ from isac_arena.validation.slam.common import (
     derivative_error,
     solution_error,
 )
-from isac_arena.validation.slam.scenarios import Scenario, ScenarioConfig, draw_stop, draw_trajectory
 from scenes.record import BoolArray, FloatArray
 
 REFERENCE = SnapshotConfig(noise=NOISE)

@@ -19,6 +19,13 @@ from estimation.slam.space.snapshot import solve_spatial
 from estimation.slam.space.trajectory import run_spatial_trajectory
 from isac_arena.scoring.metrics.statistics import squared_mahalanobis
 from isac_arena.validation.measurement import Measurement, at_most
+from isac_arena.validation.scenarios.halls import ScenarioConfig
+from isac_arena.validation.scenarios.spatial_halls import (
+    SpatialScenario,
+    covariance_of,
+    draw_spatial_stop,
+    draw_spatial_walk,
+)
 from isac_arena.validation.slam.common import (
     CLEAN,
     GAUSSIAN,
@@ -29,13 +36,6 @@ from isac_arena.validation.slam.common import (
     consistency_rows,
     derivative_error,
     solution_error,
-)
-from isac_arena.validation.slam.scenarios import ScenarioConfig
-from isac_arena.validation.slam.spatial_scenarios import (
-    SpatialScenario,
-    covariance_of,
-    draw_spatial_stop,
-    draw_spatial_walk,
 )
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
 from scenes.record import FloatArray

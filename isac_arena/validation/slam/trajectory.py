@@ -14,9 +14,7 @@ from estimation.slam.walk.residuals import PathClass
 from estimation.slam.walk.trajectory import TrajectoryDetails, run_trajectory
 from isac_arena.scoring.metrics.statistics import squared_mahalanobis
 from isac_arena.validation.measurement import Measurement, at_most
-from isac_arena.validation.slam.common import MAPPING, NOISE, OURS
-from isac_arena.validation.slam.common import MATCHED as CLEAN_SNAPSHOT
-from isac_arena.validation.slam.scenarios import (
+from isac_arena.validation.scenarios.halls import (
     Hall,
     Scenario,
     ScenarioConfig,
@@ -24,6 +22,8 @@ from isac_arena.validation.slam.scenarios import (
     draw_trajectory,
     observe_stop,
 )
+from isac_arena.validation.slam.common import MAPPING, NOISE, OURS
+from isac_arena.validation.slam.common import MATCHED as CLEAN_SNAPSHOT
 from scenes.pose import SPEED_OF_LIGHT_M_S, wrap_angle
 from scenes.record import BoolArray, FloatArray, IntArray
 

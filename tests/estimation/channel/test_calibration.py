@@ -15,7 +15,7 @@ from estimation.channel.calibration.self_calibration import (
     without_gauge,
 )
 from estimation.channel.model.manifold import Manifold
-from isac_arena.validation.channel.scenes import LinkBench, draw_paths, make_bench, observe_paths
+from isac_arena.validation.scenarios.link_bench import LinkBench, draw_paths, make_bench, observe_paths
 from scenes.record import ComplexArray, FloatArray
 from sim.observation import BeamSweep
 from sim.signal.arrays.array import upa_positions_m

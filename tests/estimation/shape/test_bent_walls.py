@@ -11,7 +11,7 @@ from estimation.shape.reflection.bundle_kinds import BundleObject
 from estimation.shape.reflection.choice import choose_shape
 from estimation.shape.reflection.reflections import ReflectionConfig
 from estimation.shape.reflection.resemblance import prior_from_others, radius_prior
-from isac_arena.validation.shape.reflection_scenarios import (
+from isac_arena.validation.scenarios.reflections import (
     Errors,
     closed_paths,
     lit_pillar,

@@ -13,7 +13,7 @@ from estimation.shape.kinds.closed import fit_direct
 from estimation.shape.reflection.bundle import fit_bundle
 from estimation.shape.reflection.bundle_kinds import BundleObject
 from estimation.shape.reflection.reflections import ReflectionConfig
-from isac_arena.validation.shape.reflection_scenarios import (
+from isac_arena.validation.scenarios.reflections import (
     TX,
     Errors,
     closed_paths,

@@ -12,7 +12,7 @@ from estimation.shape.kinds.closed import fit_closed, fit_direct, harmonic_std
 from estimation.shape.reflection.posterior import Prior, maximise
 from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
 from isac_arena.scoring.metrics.contours import intersection_over_union
-from isac_arena.validation.shape.reflection_scenarios import (
+from isac_arena.validation.scenarios.reflections import (
     Errors,
     closed_paths,
     draw_circle,

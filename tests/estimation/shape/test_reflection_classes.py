@@ -9,8 +9,7 @@ from estimation.shape.kinds.mirror_wall import fit_mirror_wall, lit_places
 from estimation.shape.reflection.choice import choose_shape
 from estimation.shape.reflection.normals import fit_normals, normals, oriented_points
 from estimation.shape.reflection.reflections import ReflectionConfig
-from isac_arena.validation.shape.law import check_reflection_information
-from isac_arena.validation.shape.reflection_scenarios import (
+from isac_arena.validation.scenarios.reflections import (
     TX,
     Errors,
     closed_paths,
@@ -19,6 +18,7 @@ from isac_arena.validation.shape.reflection_scenarios import (
     observe,
     wall_paths,
 )
+from isac_arena.validation.shape.law import check_reflection_information
 from scenes.contours.smooth import Circle
 
 SURE = ReflectionConfig(delay_offset_std_ns=0.0, aod_offset_std_deg=0.0, aoa_offset_std_deg=0.0)

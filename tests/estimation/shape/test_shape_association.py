@@ -4,7 +4,7 @@ import numpy as np
 
 from estimation.shape.reflection.association import GHOST, split_cluster
 from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
-from isac_arena.validation.shape.reflection_scenarios import (
+from isac_arena.validation.scenarios.reflections import (
     Errors,
     TruePaths,
     closed_paths,

@@ -19,8 +19,8 @@ from estimation.shape.reflection.tx_sessions import (
 from estimation.slam.config import SnapshotConfig
 from isac_arena.campaign.chain import map_unknown
 from isac_arena.campaign.config import CampaignConfig
+from isac_arena.validation.scenarios.reflections import TX, Errors, closed_paths, observe
 from isac_arena.validation.shape.campaign import JUMP_STOP, make_arena, score
-from isac_arena.validation.shape.reflection_scenarios import TX, Errors, closed_paths, observe
 from scenes.contours.smooth import Circle
 from scenes.pose import Pose
 

@@ -13,9 +13,9 @@ from estimation.slam.space.snapshot import solve_spatial
 from estimation.slam.stops import locate_and_map, run_slam
 from estimation.slam.walk.filter import advance, run_filter
 from estimation.slam.walk.modes import rival_modes
+from isac_arena.validation.scenarios.halls import ScenarioConfig, draw_stop, draw_trajectory
+from isac_arena.validation.scenarios.spatial_halls import draw_spatial_walk
 from isac_arena.validation.slam.common import MAPPING, OURS
-from isac_arena.validation.slam.scenarios import ScenarioConfig, draw_stop, draw_trajectory
-from isac_arena.validation.slam.spatial_scenarios import draw_spatial_walk
 from scenes.pose import SPEED_OF_LIGHT_M_S, wrap_angle
 
 METHODS = [None, TrajectoryConfig(), TrajectoryConfig(method="filter")]

@@ -20,14 +20,14 @@ from estimation.slam.space.problem import SpatialProblem, is_spatial, spatial_co
 from estimation.slam.space.snapshot import refine_spatial, solve_spatial
 from estimation.slam.space.trajectory import run_spatial_trajectory
 from estimation.slam.stops import run_slam
-from isac_arena.validation.slam import spatial as checks
-from isac_arena.validation.slam.common import NOISE
-from isac_arena.validation.slam.scenarios import ScenarioConfig, channel_estimate
-from isac_arena.validation.slam.spatial_scenarios import (
+from isac_arena.validation.scenarios.halls import ScenarioConfig, channel_estimate
+from isac_arena.validation.scenarios.spatial_halls import (
     covariance_of,
     draw_spatial_stop,
     draw_spatial_walk,
 )
+from isac_arena.validation.slam import spatial as checks
+from isac_arena.validation.slam.common import NOISE
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose, wrap_angle
 
 TX = Pose(np.array([1.0, 2.0, 2.6]), 0.4)

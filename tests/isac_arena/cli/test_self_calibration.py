@@ -11,7 +11,7 @@ from estimation.channel.estimate import ChannelConfig
 from isac_arena.campaign.chain import channel_estimator
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.directory import CampaignStore
-from isac_arena.validation.channel.scenes import draw_paths, make_bench, observe_paths
+from isac_arena.validation.scenarios.link_bench import draw_paths, make_bench, observe_paths
 from tests.isac_arena.cli.test_arena import arena
 
 CAMPAIGN = """

@@ -7,7 +7,7 @@ import pytest
 import shapely
 
 from isac_arena.exchange.geojson import map_geojson
-from isac_arena.validation.scoring.made_campaign import make_campaign
+from isac_arena.validation.scenarios.perfect_campaign import make_campaign
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from estimation.channel.record import ChannelEstimate, EstimateStatus, empty_est
 from isac_arena.validation.channel import arena as channel_arena
 from isac_arena.validation.channel import efficiency as channel
 from isac_arena.validation.channel import noise as channel_noise
-from isac_arena.validation.channel.scenes import make_bench, noise_stop, observe_paths, single_path
+from isac_arena.validation.scenarios.link_bench import make_bench, noise_stop, observe_paths, single_path
 from sim.signal.arrays.codebook import beam_response
 
 

@@ -16,7 +16,13 @@ from isac_arena.validation.channel.match import (
     rate_row,
     widened,
 )
-from isac_arena.validation.channel.scenes import ChannelStop, DrawnPaths, TrueBounds, make_bench, nearest
+from isac_arena.validation.scenarios.link_bench import (
+    ChannelStop,
+    DrawnPaths,
+    TrueBounds,
+    make_bench,
+    nearest,
+)
 
 
 @pytest.fixture(scope="module")

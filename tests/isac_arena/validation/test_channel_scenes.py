@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from estimation.channel.model.crb import path_snr_db
-from isac_arena.validation.channel.scenes import (
+from isac_arena.validation.scenarios.link_bench import (
     EDGE_SINE,
     PAIR_CELLS,
     SEPARATED_CELLS,

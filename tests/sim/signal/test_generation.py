@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from isac_arena.validation.made_paths import random_paths
+from isac_arena.validation.scenarios.paths import random_paths
 from scenes.pose import Pose
 from sim.config import ArrayConfig, SimulationConfig, WaveformConfig
 from sim.signal.arrays.codebook import beam_response

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from isac_arena.validation.made_paths import free_space
+from isac_arena.validation.scenarios.paths import free_space
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
 from sim.config import ArrayConfig, LinkConfig, SimulationConfig, WaveformConfig
 from sim.propagation.paths import BounceKind, Paths, empty_paths

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from isac_arena.validation.made_paths import random_paths
+from isac_arena.validation.scenarios.paths import random_paths
 from scenes.pose import Pose
 from scenes.record import concatenate
 from sim.config import ArrayConfig, ClockConfig, SimulationConfig, WaveformConfig

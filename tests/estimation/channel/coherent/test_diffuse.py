@@ -4,7 +4,7 @@ import numpy as np
 
 from estimation.channel.coherent.diffuse import _tail_scale, background_over_delay, fit_over_background
 from estimation.channel.coherent.paths import fit_coherent
-from isac_arena.validation.channel.scenes import (
+from isac_arena.validation.scenarios.link_bench import (
     diffuse_background,
     draw_paths,
     make_bench,

@@ -7,7 +7,7 @@ from estimation.channel.incoherent.background import NOTABLE, Background
 from estimation.channel.incoherent.likelihood import LinkBeams
 from estimation.channel.incoherent.paths import fit_incoherent
 from estimation.channel.model.manifold import Manifold
-from isac_arena.validation.channel.scenes import (
+from isac_arena.validation.scenarios.link_bench import (
     diffuse_background,
     draw_paths,
     make_bench,

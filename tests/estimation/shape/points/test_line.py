@@ -5,7 +5,7 @@ from scipy.stats import norm
 from estimation.shape.points.cluster import PointCluster
 from estimation.shape.points.depth_line import fit_depth_line
 from estimation.shape.points.line import LinePrior, end_posterior, fit_line, places_along, robust_line
-from isac_arena.validation.shape.point_clusters import walls
+from isac_arena.validation.scenarios.point_clusters import walls
 from isac_arena.validation.shape.points import wall_scores
 
 

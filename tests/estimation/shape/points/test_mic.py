@@ -9,7 +9,7 @@ from estimation.shape.fit import PRIOR
 from estimation.shape.points.cluster import PointCluster
 from estimation.shape.points.mic import MicPrior, _Model, fit_mic
 from estimation.shape.points.mic_likelihood import log_likelihood
-from isac_arena.validation.shape.point_clusters import partial_pillars, with_outliers
+from isac_arena.validation.scenarios.point_clusters import partial_pillars, with_outliers
 from isac_arena.validation.shape.points import closed_scores
 
 

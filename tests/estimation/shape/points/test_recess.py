@@ -7,7 +7,7 @@ from scipy.stats import multivariate_normal
 
 from estimation.shape.points.depth_line import fit_depth_line
 from estimation.shape.points.recess import N_EDGES, DepthPoints, fit_recess
-from isac_arena.validation.shape.point_clusters import walls
+from isac_arena.validation.scenarios.point_clusters import walls
 from isac_arena.validation.shape.points import wall_scores
 
 LINE_STD = (1.0, 0.5)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import shapely
 
-from isac_arena.validation.propagation.scenes import METAL, scene_of
+from isac_arena.validation.scenarios.solids import METAL, scene_of
 from scenes.contours import Circle, ClosedSpline, Ellipse, Polygon, RoundedPolygon, rectangle
 from scenes.pose import SPEED_OF_LIGHT_M_S
 from sim.propagation.diffraction.convex import convex_ring

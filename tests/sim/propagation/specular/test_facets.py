@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from isac_arena.validation.propagation.mesh import BOX_FACES, check_mesh_box
-from isac_arena.validation.propagation.scenes import METAL, scene_of
+from isac_arena.validation.scenarios.solids import METAL, scene_of
 from scenes.contours import Circle
 from scenes.objects.clutter import Clutter
 from scenes.objects.material import Material

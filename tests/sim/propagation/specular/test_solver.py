@@ -5,7 +5,7 @@ import pytest
 
 from isac_arena.validation.propagation import closed_form
 from isac_arena.validation.propagation import specular as checks
-from isac_arena.validation.propagation.scenes import GLASS, METAL, STONE, box_walls, scene_of
+from isac_arena.validation.scenarios.solids import GLASS, METAL, STONE, box_walls, scene_of
 from scenes.contours import Circle, Polyline, rectangle
 from scenes.pose import SPEED_OF_LIGHT_M_S
 from sim.config import PropagationConfig

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from isac_arena.validation.made_paths import made_paths
+from isac_arena.validation.scenarios.paths import made_paths
 from scenes.config import load_scene, scene_path
 from scenes.pose import Pose
 from sim.config import ArrayConfig, SimulationConfig, WaveformConfig

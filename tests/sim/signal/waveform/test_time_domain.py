@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from isac_arena.exchange.sigmf_recording import read_sigmf, write_sigmf
-from isac_arena.validation.made_paths import free_space
+from isac_arena.validation.scenarios.paths import free_space
 from scenes.pose import Pose
 from sim.config import ArrayConfig, SimulationConfig, WaveformConfig
 from sim.observation import BeamSweep

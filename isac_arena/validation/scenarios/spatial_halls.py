@@ -1,4 +1,4 @@
-"""Made-up stops and walks in space: the halls of `slam_scenarios` with floor, ceiling and heights.
+"""Made-up stops and walks in space: the halls of `halls.py` with floor, ceiling and heights.
 
 Walls and pillars stand upright: their specular points are those of the plane, at the height that grows evenly
 along the unfolded path. Floor and ceiling reflect at their own specular points. Rough places on the walls scatter
@@ -13,7 +13,7 @@ import numpy as np
 
 from estimation.channel.record import ChannelEstimate
 from estimation.laws.space import predict_bounce, predict_los
-from isac_arena.validation.slam.scenarios import (
+from isac_arena.validation.scenarios.halls import (
     Hall,
     ScenarioConfig,
     bounce_points,
