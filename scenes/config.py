@@ -21,9 +21,9 @@ from scenes.objects.config import (
     ObjectConfig,
     PlaneConfig,
     TxConfig,
-    field,
+    copy_name,
     find_file,
-    kept_name,
+    naming_field,
 )
 from scenes.objects.material import Material
 from scenes.pose import Pose
@@ -75,7 +75,7 @@ class SceneConfig(ConfigModel):
         """
         materials: dict[str, Material] = {}
         for name, material in self.materials.items():
-            with field(f"materials.{name}"):
+            with naming_field(f"materials.{name}"):
                 materials[name] = material.build(name, frequency_hz)
         objects = [item.build(materials) for item in self.objects]
         for plan in self.floorplans:
@@ -91,7 +91,7 @@ class SceneConfig(ConfigModel):
         planes = {}
         for name in ("floor", "ceiling"):
             plane = getattr(self, name)
-            with field(name):
+            with naming_field(name):
                 planes[name] = None if plane is None else plane.build(materials)
         return Scene(
             name=self.name,
@@ -134,7 +134,7 @@ class SceneConfig(ConfigModel):
                     yield item.name, item.build(obstacles, bounds_m)
 
     def _walk_field(self, name: str) -> AbstractContextManager[None]:
-        return field(f"walks[{name}]" if self.walks else "walk")
+        return naming_field(f"walks[{name}]" if self.walks else "walk")
 
     def _bounds_round(
         self, objects: Sequence[SceneObject], clutter: Sequence[Clutter], walks: Iterable[AnyWalk]
@@ -199,7 +199,7 @@ def load_scene(name_or_path: str | Path, frequency_hz: float = 60e9) -> Scene:
     """
     path = scene_path(name_or_path)
     config = load_config(path, SceneConfig)
-    with field(str(path), ": "):
+    with naming_field(str(path), ": "):
         return config.build(frequency_hz, path.parent)
 
 
@@ -211,14 +211,14 @@ def referenced_files(path: str | Path) -> list[Path]:
     return [Path(file) for file in named]
 
 
-def kept_files(path: str | Path) -> dict[str, bytes]:
+def referenced_contents(path: str | Path) -> dict[str, bytes]:
     """What the files that a scene file names hold, by the names under which a copy beside it is found again.
 
     With them in its folder, a copy of the scene file is complete: see `scenes.objects.config.find_file`.
     """
     folder = Path(path).parent
     return {
-        kept_name(str(file)): find_file(folder, str(file)).read_bytes() for file in referenced_files(path)
+        copy_name(str(file)): find_file(folder, str(file)).read_bytes() for file in referenced_files(path)
     }
 
 

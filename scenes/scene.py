@@ -125,7 +125,7 @@ class Scene:
                 return item
         raise ValueError(f"object = '{name}': must be one of {', '.join(self.object_names)}")
 
-    def occupied(self, points_m: Any) -> IntArray:
+    def object_index_at(self, points_m: Any) -> IntArray:
         """Index (...) of the first object that holds each point (..., xyz), -1 where none does.
 
         A solid holds its boundary too; a thin wall holds what is within 1 cm of it.
@@ -154,7 +154,7 @@ class Scene:
     def _check_free(self, labels: list[str], points_m: Any) -> None:
         z_low = self.floor.z_m if self.floor else -np.inf
         z_high = self.ceiling.z_m if self.ceiling else np.inf
-        for label, point, index in zip(labels, points_m, self.occupied(points_m), strict=True):
+        for label, point, index in zip(labels, points_m, self.object_index_at(points_m), strict=True):
             place = f"{label} at ({point[0]:.3f}, {point[1]:.3f}, {point[2]:.3f}) m"
             if index >= 0:
                 raise ValueError(f"{place} lies inside object '{self.objects[index].name}': move one of them")

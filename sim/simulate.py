@@ -21,21 +21,21 @@ from sim.propagation.propagator import Propagator
 from sim.signal.generation import beam_channel
 from sim.signal.hardware.apply_impairments import (
     RandomStage,
-    built_codebooks,
     extra_clock_bias_s,
-    generator,
-    received,
+    impaired_codebooks,
+    receive_samples,
+    stage_generator,
     true_tx_pose,
 )
 from sim.signal.link import Link
 from sim.truth import Truth
 
-__all__ = ["RandomStage", "clock_biases_s", "generator", "observe", "simulate_truth"]
+__all__ = ["RandomStage", "clock_biases_s", "observe", "simulate_truth", "stage_generator"]
 
 
 def clock_biases_s(config: SimulationConfig, n_stops: int) -> FloatArray:
     """Clock bias (stop,) in s: a random walk from the initial value, and the bias of every stop."""
-    steps = generator(config.seed, RandomStage.CLOCK).standard_normal(n_stops)
+    steps = stage_generator(config.seed, RandomStage.CLOCK).standard_normal(n_stops)
     walk_s = (config.clock.initial_bias_ns + config.clock.walk_std_ns * np.cumsum(steps)) * 1e-9
     return np.asarray(walk_s + extra_clock_bias_s(config, n_stops))
 
@@ -87,7 +87,7 @@ def observe(config: SimulationConfig, link: Link, scene: Scene, truth: Truth) ->
 
     The same bits at every call. The sweep itself tells only the nominal codebooks and TX pose.
     """
-    tx_codebook, rx_codebook = built_codebooks(config, link)
+    tx_codebook, rx_codebook = impaired_codebooks(config, link)
     samples = beam_channel(
         truth.paths,
         tx_codebook=tx_codebook,
@@ -98,7 +98,7 @@ def observe(config: SimulationConfig, link: Link, scene: Scene, truth: Truth) ->
         clock_bias_s=truth.clock_bias_s,
     )
     samples *= np.sqrt(link.tx_power_mw).astype(np.float32) * link.prs_symbol[:, None, :]
-    samples = received(config, link, truth.stop, samples)
+    samples = receive_samples(config, link, truth.stop, samples)
     return BeamSweep(
         tx_codebook=link.tx_codebook,
         rx_codebook=link.rx_codebook,

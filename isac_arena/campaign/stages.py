@@ -49,9 +49,9 @@ from isac_arena.report.page.payload.campaign import report_payload
 from isac_arena.scoring.measured import measured_metrics, score_measured
 from isac_arena.scoring.record import ScoreTables
 from isac_arena.scoring.score import Scores, score_metrics
-from scenes.config import kept_files
+from scenes.config import referenced_contents
 from scenes.scene import Scene
-from sim.signal.hardware.apply_impairments import surveyed
+from sim.signal.hardware.apply_impairments import with_surveyed_pose
 from sim.signal.link import Link, make_link
 from sim.simulate import observe, simulate_truth
 from sim.truth import Truth
@@ -91,7 +91,7 @@ def _checked(campaign: str, out: Path, seed: int | None, estimator: str | None) 
         config,
         scene_file.read_text(encoding="utf-8"),
         estimator,
-        scene_files=kept_files(scene_file),
+        scene_files=referenced_contents(scene_file),
     )
 
 
@@ -276,7 +276,7 @@ def known_stops(store: CampaignStore, n_stops: int) -> Iterator[Truth] | Iterato
     """What mapping is told of every stop: the measured pose, or the true one with the errors of its survey."""
     if store.measured is not None:
         return measured_truths(store, n_stops)
-    return (surveyed(store.config, truth) for truth in stored_truths(store, n_stops))
+    return (with_surveyed_pose(store.config, truth) for truth in stored_truths(store, n_stops))
 
 
 def channel_estimates(store: CampaignStore, n_stops: int) -> Iterator[StopEstimate]:

@@ -22,7 +22,7 @@ from isac_arena.campaign.measured import (
 )
 from isac_arena.campaign.recording import recorded_run
 from isac_arena.exchange.mat import count_stops, read_measurement
-from scenes.config import kept_files, load_scene, scene_path
+from scenes.config import load_scene, referenced_contents, scene_path
 
 METHODS = get_args(SnapshotConfig.model_fields["method"].annotation)
 
@@ -48,7 +48,7 @@ def import_campaign(
         scene_text=scene_text(scene_path(scene).read_text(encoding="utf-8"), campaign),
         estimator=None,
         measured=_origin(file, tx_offset_deg, clock_seed),
-        scene_files=kept_files(scene_path(scene)),
+        scene_files=referenced_contents(scene_path(scene)),
     )
     with one_run(out), recorded_run(out):
         store.open_for_writing()

@@ -11,7 +11,7 @@ from isac_arena.campaign.config import CampaignConfig
 from isac_arena.insight.ablation_ranking import ALL, EFFECTS, NONE, Ablation, ranked
 from isac_arena.scoring.score import Scores
 from scenes.scene import Scene
-from sim.signal.hardware.apply_impairments import surveyed
+from sim.signal.hardware.apply_impairments import with_surveyed_pose
 from sim.signal.hardware.config import ImpairmentsConfig
 from sim.signal.link import make_link
 from sim.simulate import clock_biases_s, observe
@@ -58,7 +58,7 @@ def run_variant(config: CampaignConfig, scene: Scene, paths_of_stops: Sequence[T
         for sweep in (observe(config, link, scene, truth) for truth in truths)
     ]
     channel = tuple(estimate for estimate, _ in estimated)
-    receiver = known_receiver(surveyed(config, truth) for truth in truths)
+    receiver = known_receiver(with_surveyed_pose(config, truth) for truth in truths)
     power_maps = [power_map for _, power_map in estimated]
     results = map_both(config, channel, power_maps, scene.tx, receiver)
     return score_simulated(config, link, scene, truths, results)

@@ -19,7 +19,7 @@ from scenes.record import FloatArray, IntArray
 from scenes.scene import Scene
 from sim.propagation.paths import Paths
 from sim.signal.arrays.codebook import Codebook, beam_response
-from sim.signal.hardware.apply_impairments import built_codebooks, true_tx_pose
+from sim.signal.hardware.apply_impairments import impaired_codebooks, true_tx_pose
 from sim.signal.link import Link
 from sim.truth import Truth
 
@@ -90,7 +90,7 @@ class LinkView:
 
 def link_view(config: CampaignConfig, link: Link, scene: Scene) -> LinkView:
     """The view of a campaign's link; phases are lost where it has a CFO or phase noise between beam pairs."""
-    tx_built, rx_built = built_codebooks(config, link)
+    tx_built, rx_built = impaired_codebooks(config, link)
     n = len(link.frequency_offset_hz)
     hardware = config.impairments
     return LinkView(

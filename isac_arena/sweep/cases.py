@@ -20,7 +20,7 @@ from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.fingerprint import digest
 from isac_arena.campaign.load import campaign_path, resolve_campaign
 from isac_arena.sweep.config import AxisConfig, SweepConfig
-from scenes.config import kept_files
+from scenes.config import referenced_contents
 from scenes.record import FloatArray
 from scenes.toml_config import ConfigError, read_text, read_toml
 
@@ -133,7 +133,7 @@ def _resolved(
 
 
 def _scene_source(file: Path) -> SceneSource:
-    return SceneSource(read_text(file), kept_files(file))
+    return SceneSource(read_text(file), referenced_contents(file))
 
 
 def _changed_scene(text: str, changes: Sequence[tuple[str, Any]]) -> str:

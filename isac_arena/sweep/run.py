@@ -32,7 +32,7 @@ from isac_arena.sweep.job import Job, store_scene, tracing_config
 from scenes.record import Record
 from scenes.scene import Scene
 from sim.observation import BeamSweep
-from sim.signal.hardware.apply_impairments import surveyed
+from sim.signal.hardware.apply_impairments import with_surveyed_pose
 from sim.signal.link import Link, make_link
 from sim.simulate import clock_biases_s, observe, simulate_truth
 from sim.truth import Truth
@@ -128,7 +128,7 @@ def _channels(
 
 
 def _scored(job: Job, link: Link, known: Sequence[Truth], channel: Sequence[ChannelEstimate]) -> Scores:
-    receiver = known_receiver(surveyed(job.config, truth) for truth in known)
+    receiver = known_receiver(with_surveyed_pose(job.config, truth) for truth in known)
     with threadpool_limits(limits=1):
         results = map_both(job.config, channel, (), job.scene.tx, receiver)
         return score_simulated(job.config, link, job.scene, known, results)

@@ -1,9 +1,9 @@
 """Clutter: objects given as triangle meshes.
 
-The exact solver knows vertical prisms only, so the ray tracer looks for reflections off meshes; `crossings` tells
-where they stand in the way of any path. Their triangles are taken as the flat faces they are: they reflect,
-diffract at their edges and, with transmission, let paths through. A faceted round mesh therefore reflects to few
-receivers, too strongly there: draw round things as objects with a round contour.
+The exact solver handles vertical prisms only, so the ray tracer finds the reflections off meshes. `mesh_crossings`
+finds where a mesh blocks a path. Every triangle is a flat face: it reflects, it diffracts at its edges and, with
+transmission, paths go through it. A faceted round mesh therefore reflects to few receivers, and the reflections are
+too strong there. Draw round things as objects with a round contour.
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ class Clutter(Record):
         return np.bincount(edge), np.bincount(edge, weights=way).astype(int)
 
 
-def placed(
+def placed_vertices(
     vertices_m: FloatArray, position_m: Sequence[float], scale: float, rotation_rad: Sequence[float]
 ) -> FloatArray:
     """Vertices (vertex, xyz) scaled, turned about x, then y, then z of the world, and moved."""
@@ -119,7 +119,7 @@ class MeshCrossings(NamedTuple):
     normal: FloatArray  # (crossing, xyz) unit normal of the face, of either side
 
 
-def crossings(item: Clutter, start_m: FloatArray, end_m: FloatArray) -> MeshCrossings:
+def mesh_crossings(item: Clutter, start_m: FloatArray, end_m: FloatArray) -> MeshCrossings:
     """Where each leg (leg, xyz) -> (leg, xyz) meets a mesh between its ends, an edge of two faces counted once."""
     start, end = np.atleast_2d(start_m), np.atleast_2d(end_m)
     near = np.flatnonzero(_meets_box(*item.bounds_m, start, end))

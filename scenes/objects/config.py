@@ -15,7 +15,7 @@ from pydantic import Field, model_validator
 from scenes.contours import Polyline
 from scenes.contours.config import ContourConfig, Positive
 from scenes.meshes.floorplan import merge_segments, parse_geojson, parse_segments
-from scenes.objects.clutter import Clutter, placed
+from scenes.objects.clutter import Clutter, placed_vertices
 from scenes.objects.material import Material, itu_material
 from scenes.pose import Pose
 from scenes.scene import HorizontalPlane, ObjectKind, SceneObject
@@ -79,9 +79,9 @@ class ObjectConfig(ConfigModel):
 
     def build(self, materials: dict[str, Material]) -> SceneObject:
         """The object; `ValueError` names the field."""
-        with field(f"objects[{self.name}]"):
+        with naming_field(f"objects[{self.name}]"):
             material = find_material(self.material, materials)
-            with field("contour"):
+            with naming_field("contour"):
                 contour = self.contour.build()
             return SceneObject(
                 self.name, self.kind, contour, self.z_min_m, self.z_max_m, material, self.may_overlap
@@ -101,9 +101,9 @@ class FloorplanConfig(ConfigModel):
     def build(self, materials: dict[str, Material], folder: Path) -> list[SceneObject]:
         """One object per straight wall, NAME_1, NAME_2 and so on; NAME is that of the file where none is given."""
         name = self.name or Path(self.file).stem
-        with field(f"floorplans[{name}]"):
+        with naming_field(f"floorplans[{name}]"):
             material = find_material(self.material, materials)
-            with field(self.file, ": "):
+            with naming_field(self.file, ": "):
                 parse = parse_geojson if Path(self.file).suffix in (".geojson", ".json") else parse_segments
                 walls = merge_segments(parse(read_text(find_file(folder, self.file))))
             return [
@@ -130,11 +130,13 @@ class MeshConfig(ConfigModel):
         from scenes.meshes.mesh import read_mesh  # noqa: PLC0415
 
         name = self.name or Path(self.file).stem
-        with field(f"meshes[{name}]"):
+        with naming_field(f"meshes[{name}]"):
             material = find_material(self.material, materials)
             vertices, faces = read_mesh(find_file(folder, self.file))
-        vertices = placed(vertices, self.position_m, self.scale, np.deg2rad(self.rotation_deg).tolist())
-        with field(f"meshes[{name}]", ": "):
+        vertices = placed_vertices(
+            vertices, self.position_m, self.scale, np.deg2rad(self.rotation_deg).tolist()
+        )
+        with naming_field(f"meshes[{name}]", ": "):
             return Clutter(name, self.kind, material, vertices, faces)
 
 
@@ -161,14 +163,14 @@ class TxConfig(ConfigModel):
         return Pose(np.array(self.position_m), float(np.deg2rad(self.heading_deg)))
 
 
-def kept_name(file: str) -> str:
+def copy_name(file: str) -> str:
     """The name, a path in the folder of the scene file, under which a copy of a file that it names is kept."""
     return f"{KEPT_FOLDER}/{quote(file, safe='')}"
 
 
 def find_file(folder: Path, file: str) -> Path:
     """Where a file that a scene file in `folder` names lies: the copy kept there, else where the name says."""
-    copy = folder / kept_name(file)
+    copy = folder / copy_name(file)
     return copy if copy.is_file() else folder / file
 
 
@@ -180,7 +182,7 @@ def find_material(name: str, materials: dict[str, Material]) -> Material:
 
 
 @contextmanager
-def field(path: str, joint: str = ".") -> Iterator[None]:
+def naming_field(path: str, joint: str = ".") -> Iterator[None]:
     """Put the path of the field in front of what a `ValueError` inside says."""
     try:
         yield

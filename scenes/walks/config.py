@@ -11,7 +11,7 @@ from pydantic import Discriminator, Field, Tag
 
 from scenes.contours import Contour
 from scenes.contours.config import Points, Positive
-from scenes.objects.config import field, find_file
+from scenes.objects.config import find_file, naming_field
 from scenes.toml_config import ConfigModel, Pair, read_text
 from scenes.walks.random_walk import random_walk
 from scenes.walks.trajectory import RecordedWalk, Walk
@@ -81,7 +81,7 @@ class RecordedWalkConfig(ConfigModel):
 
     def build(self, folder: Path) -> RecordedWalk:
         """The walk, a stop per line of the file."""
-        with field(self.file, ": "):
+        with naming_field(self.file, ": "):
             _, position_m, heading_rad = parse_tum(read_text(find_file(folder, self.file)))
         return RecordedWalk(position_m, heading_rad)
 

@@ -85,7 +85,7 @@ def find_llvm(patterns: tuple[str, ...] = SEARCH_PATTERNS) -> Path | None:
     return found[max(found)] if found else None
 
 
-def probe(path: Path | str, timeout_s: float = 60.0) -> LlvmProbe:
+def probe_llvm(path: Path | str, timeout_s: float = 60.0) -> LlvmProbe:
     """Compile and run a small kernel, minimum and maximum included, with this library in a process of its own."""
     try:
         done = subprocess.run(
@@ -102,7 +102,7 @@ def probe(path: Path | str, timeout_s: float = 60.0) -> LlvmProbe:
     return LlvmProbe(False, "", f"exit status {done.returncode}: {reason}")
 
 
-def install_command() -> str:
+def llvm_install_command() -> str:
     """The shell line that installs a usable LLVM library on this system."""
     if shutil.which("apt-get"):
         sudo = "" if hasattr(os, "geteuid") and os.geteuid() == 0 else "sudo "
@@ -117,7 +117,7 @@ def install_command() -> str:
 def require_llvm() -> Path:
     """Set `DRJIT_LIBLLVM_PATH` to a usable library, unless set already, and return it.
 
-    Judged by version alone, so it is quick; `probe` tells for certain. To be called before Dr.Jit is imported.
+    Call it before Dr.Jit is imported. It reads the version number only, so it is fast; `probe_llvm` is the sure test.
 
     Raises
     ------
@@ -127,16 +127,18 @@ def require_llvm() -> Path:
     """
     path = find_llvm()
     if path is None:
-        raise LlvmError(f"no libLLVM {MIN_LLVM_VERSION} or later found; install one: {install_command()}")
+        raise LlvmError(
+            f"no libLLVM {MIN_LLVM_VERSION} or later found; install one: {llvm_install_command()}"
+        )
     if not path.exists():
         raise LlvmError(
-            f"{LLVM_VARIABLE} = {path}: no such file; unset it or install one: {install_command()}"
+            f"{LLVM_VARIABLE} = {path}: no such file; unset it or install one: {llvm_install_command()}"
         )
     version = llvm_version(path)
     if version is not None and version < MIN_LLVM_VERSION:
         raise LlvmError(
             f"{LLVM_VARIABLE} = {path}: LLVM {version} is too old, {MIN_LLVM_VERSION} or later is needed: "
-            f"{install_command()}"
+            f"{llvm_install_command()}"
         )
     os.environ[LLVM_VARIABLE] = str(path)
     return path
@@ -155,6 +157,6 @@ def n_cuda_devices() -> int:
     return count.value
 
 
-def variant() -> str:
+def mitsuba_variant() -> str:
     """Mitsuba variant the tracer runs in: CUDA where the driver reports a device, else LLVM on the CPU."""
     return CUDA_VARIANT if n_cuda_devices() else LLVM_VARIANT

@@ -11,9 +11,9 @@ from scenes.objects import clutter as meshes
 from scenes.objects.clutter import Clutter
 from scenes.record import BoolArray, FloatArray, IntArray, Record, array, concatenate
 from scenes.scene import Scene
-from sim.propagation.specular.curves import Curves, collect
+from sim.propagation.specular.curves import Curves, joined_curves
 from sim.propagation.specular.plan_view import cross, dot, norm
-from sim.propagation.specular.surfaces import Level, curves_of, levels
+from sim.propagation.specular.surfaces import HorizontalFace, curves_of_piece, horizontal_faces
 
 OCCLUDER_SAGITTA_M = 1e-4  # legs that start at a corner may start off it by as much
 END_CLEARANCE_M = 1e-6  # what a leg meets closer than this to one of its ends is what it starts or ends on
@@ -33,9 +33,9 @@ class Occluders(Record):
     edge_surface: IntArray = array("edge", dtype=int, doc="index of the object")
     z_min_m: FloatArray = array("object", unit="m", doc="lower rim of each object")
     z_max_m: FloatArray = array("object", unit="m", doc="upper rim of each object")
-    conics: Curves = field(default_factory=lambda: collect([]))
-    cubics: Curves = field(default_factory=lambda: collect([]))
-    lids: tuple[Level, ...] = ()
+    conics: Curves = field(default_factory=lambda: joined_curves([]))
+    cubics: Curves = field(default_factory=lambda: joined_curves([]))
+    lids: tuple[HorizontalFace, ...] = ()
     clutter: tuple[Clutter, ...] = ()
     first_mesh: int = 0
 
@@ -64,29 +64,29 @@ def occluders(scene: Scene) -> Occluders:
             if isinstance(piece, LinePiece):
                 flat.append((piece.start_m, piece.end_m, index))
             else:
-                curved += curves_of(piece, index, closed=True, max_segments=1)
+                curved += curves_of_piece(piece, index, closed=True, max_segments=1)
     return Occluders(
         np.array([one[0] for one in flat]).reshape(-1, 2),
         np.array([one[1] for one in flat]).reshape(-1, 2),
         np.array([one[2] for one in flat], int),
         np.array([item.z_min_m for item in scene.objects]),
         np.array([item.z_max_m for item in scene.objects]),
-        collect([one for one in curved if one.is_conic[0]]),
-        collect([one for one in curved if not one.is_conic[0]]),
-        tuple(level for level in levels(scene) if level.surface < len(scene.objects)),
+        joined_curves([one for one in curved if one.is_conic[0]]),
+        joined_curves([one for one in curved if not one.is_conic[0]]),
+        tuple(level for level in horizontal_faces(scene) if level.surface < len(scene.objects)),
         scene.clutter,
         len(surface_names(scene)) - len(scene.clutter),
     )
 
 
-def blocked(faces: Occluders, start_m: FloatArray, end_m: FloatArray) -> BoolArray:
+def is_blocked(faces: Occluders, start_m: FloatArray, end_m: FloatArray) -> BoolArray:
     """Whether each leg (leg, xyz) -> (leg, xyz) meets a face, a lid or a mesh between its ends (leg,)."""
     result = np.zeros(len(np.atleast_2d(start_m)), bool)
-    result[crossings(faces, start_m, end_m).leg] = True
+    result[leg_crossings(faces, start_m, end_m).leg] = True
     return result
 
 
-def crossings(faces: Occluders, start_m: FloatArray, end_m: FloatArray) -> Crossings:
+def leg_crossings(faces: Occluders, start_m: FloatArray, end_m: FloatArray) -> Crossings:
     """All faces, lids and triangles of meshes that legs (leg, xyz) -> (leg, xyz) meet between their ends."""
     start, end = np.atleast_2d(start_m), np.atleast_2d(end_m)
     n_faces = faces.size("edge") + len(faces.conics) + len(faces.cubics)
@@ -99,7 +99,7 @@ def crossings(faces: Occluders, start_m: FloatArray, end_m: FloatArray) -> Cross
             parts.append(_between(found, faces, start[leg], end[leg], first))
     parts += [_lid(lid, start, end) for lid in faces.lids]
     for index, item in enumerate(faces.clutter, start=faces.first_mesh):
-        met = meshes.crossings(item, start, end)
+        met = meshes.mesh_crossings(item, start, end)
         parts.append(Crossings(met.leg, met.share, np.full(len(met.leg), index), met.normal))
     return concatenate(parts, "crossing")
 
@@ -224,7 +224,7 @@ def _polynomial(w: FloatArray, t: FloatArray) -> FloatArray:
     return np.asarray(((w[:, 0] * t + w[:, 1]) * t + w[:, 2]) * t + w[:, 3])
 
 
-def _lid(lid: Level, start: FloatArray, end: FloatArray) -> Crossings:
+def _lid(lid: HorizontalFace, start: FloatArray, end: FloatArray) -> Crossings:
     """Legs that pass the height of a lid inside its outline."""
     before, after = start[:, 2] - lid.z_m, end[:, 2] - lid.z_m
     leg = np.flatnonzero(before * after < 0)

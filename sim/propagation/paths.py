@@ -125,7 +125,7 @@ def empty_paths(object_name: TextArray | list[str], n_slots: int = 1) -> Paths:
     )
 
 
-def unfolded_paths(
+def paths_from_field(
     field: ComplexArray,
     length_m: FloatArray,
     departure: FloatArray,
@@ -157,7 +157,7 @@ def unfolded_paths(
     )
 
 
-def lone_interaction(
+def single_interaction(
     kind: BounceKind, item: IntArray | int, vertex_m: FloatArray
 ) -> tuple[IntArray, IntArray, FloatArray]:
     """Kinds, objects and vertices of paths of one interaction each, at `vertex_m` (path, xyz)."""

@@ -10,7 +10,7 @@ from scenes.contours.pieces import LinePiece, Piece
 from scenes.record import BoolArray, FloatArray, concatenate
 from scenes.scene import Scene
 from sim.config import PropagationConfig
-from sim.propagation.diffraction.creeping import convex_rings, creeping_paths
+from sim.propagation.diffraction.creeping import convex_contours, creeping_paths
 from sim.propagation.diffraction.edge_paths import diffracted_paths
 from sim.propagation.diffraction.edges import find_edges
 from sim.propagation.diffraction.mesh_edges import diffracted_by_meshes, mesh_edges
@@ -46,7 +46,7 @@ class Propagator:
         self._faces = occluders(scene)
         self._exact = ExactSolver(scene, carrier_hz, self._config, self._faces)
         self._edges = find_edges(scene) if self._diffracts else None
-        self._rings = convex_rings(scene) if self._diffracts else {}
+        self._rings = convex_contours(scene) if self._diffracts else {}
         self._tracer = Tracer(scene, carrier_hz, self._config) if _needs_tracer(scene, self._config) else None
         self._meshes = None
         if self._tracer is not None and scene.clutter:

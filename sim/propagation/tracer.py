@@ -26,7 +26,7 @@ from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
 from scenes.record import FloatArray, IntArray, concatenate
 from scenes.scene import Scene
 from sim.config import PropagationConfig
-from sim.propagation.llvm import LLVM_VARIANT, require_llvm, variant
+from sim.propagation.llvm import LLVM_VARIANT, mitsuba_variant, require_llvm
 from sim.propagation.occlusion import surface_names
 from sim.propagation.paths import BounceKind, Paths, empty_paths
 from sim.propagation.specular.facets import TracedChains
@@ -194,7 +194,7 @@ class _LoadedScene:
 
 def _import_sionna() -> Any:
     """The module sionna.rt, on CUDA where there is a device, else on LLVM."""
-    chosen = variant()
+    chosen = mitsuba_variant()
     if chosen == LLVM_VARIANT:
         require_llvm()
     import mitsuba as mi  # noqa: PLC0415

@@ -81,7 +81,7 @@ def beam_channel_blocks(
     rx_basis, rx = _responses(
         rx_codebook, paths.aoa_azimuth_rad - rx_pose.heading_rad, paths.aoa_elevation_rad
     )
-    sums = wave_sums(tx * paths.gain[:, None], rx, paths.delay_s + clock_bias_s, frequency_offset_hz)
+    sums = sum_over_paths(tx * paths.gain[:, None], rx, paths.delay_s + clock_bias_s, frequency_offset_hz)
     for start in range(0, len(tx_basis), tx_beams_per_block):
         weights = tx_basis[start : start + tx_beams_per_block]
         block = np.empty((len(weights), len(rx_basis), len(frequency_offset_hz)), np.complex64)
@@ -90,7 +90,7 @@ def beam_channel_blocks(
         yield block
 
 
-def wave_sums(
+def sum_over_paths(
     tx_amplitude: ComplexArray, rx_amplitude: ComplexArray, delay_s: FloatArray, frequency_hz: FloatArray
 ) -> ComplexArray:
     """Sums over paths a_m b_n exp(-j 2 pi f_k tau), (tx_beam, rx_beam, subcarrier) in complex64.

@@ -13,19 +13,19 @@ from sim.propagation.paths import Paths
 from sim.signal.arrays.array import upa_positions_m, upa_taper
 from sim.signal.arrays.beams import (
     PanelBeams,
+    beams_from_weights,
     campus_azimuths,
-    crossed,
     dft_beams,
-    given_beams,
+    direction_grid,
     hierarchical_beams,
-    shaped,
+    shaped_beams,
     sine_spaced_azimuths,
     steered_beams,
 )
 from sim.signal.arrays.codebook import Codebook, beam_response, codebook_on_panels
 from sim.signal.arrays.weights_file import read_weights
 from sim.signal.noise import dbm_to_mw, noise_power_mw
-from sim.signal.waveform.occasions import averaged, sweep_occasions
+from sim.signal.waveform.occasions import measurements_per_sample, sweep_occasions
 from sim.signal.waveform.prs import (
     SUBCARRIERS_PER_RB,
     prs_comb_pass,
@@ -64,7 +64,9 @@ def make_link(config: SimulationConfig) -> Link:
     rx_codebook = make_codebook(config.rx_array, carrier_hz)
     occasions = sweep_occasions(config.waveform, len(tx_codebook), len(rx_codebook))
     bandwidth_hz = prs.n_subcarriers // prs.comb * prs.subcarrier_spacing_hz
-    noise_mw = noise_power_mw(bandwidth_hz, config.link.noise_figure_db) / averaged(config.waveform)
+    noise_mw = noise_power_mw(bandwidth_hz, config.link.noise_figure_db) / measurements_per_sample(
+        config.waveform
+    )
     if config.waveform.combine_symbols:
         subcarrier = prs.rb_offset * SUBCARRIERS_PER_RB + np.arange(prs.n_subcarriers)
     else:
@@ -95,7 +97,7 @@ def make_codebook(config: ArrayConfig, carrier_hz: float) -> Codebook:
     beams = panel_beams(config, position_m, carrier_hz)
     if config.taper != "uniform" or config.phase_bits is not None:
         taper = upa_taper(config.rows, config.columns, config.taper, config.taper_side_lobe_db)
-        beams = shaped(beams, taper, config.phase_bits)
+        beams = shaped_beams(beams, taper, config.phase_bits)
     return codebook_on_panels(
         beams,
         position_m,
@@ -116,13 +118,13 @@ def panel_beams(config: ArrayConfig, position_m: FloatArray, carrier_hz: float) 
         return hierarchical_beams(position_m, carrier_hz, config.columns, config.hierarchy_levels, sector_rad)
     if config.weights_file is not None:
         weights = read_weights(config.weights_file)
-        return given_beams(position_m, carrier_hz, weights, config.element_pattern)
+        return beams_from_weights(position_m, carrier_hz, weights, config.element_pattern)
     if config.codebook == "campus_63":
         azimuth = campus_azimuths(sector_rad)
     else:
         azimuth = sine_spaced_azimuths(config.beams_per_panel, sector_rad)
     elevation_rad = np.deg2rad(config.beam_elevation_deg).tolist()
-    return steered_beams(position_m, carrier_hz, *crossed(azimuth, elevation_rad))
+    return steered_beams(position_m, carrier_hz, *direction_grid(azimuth, elevation_rad))
 
 
 def best_beam_power_dbm(paths: Paths, link: Link, tx_pose: Pose, rx_pose: Pose) -> FloatArray:

@@ -29,7 +29,7 @@ from sim.propagation.paths import Paths
 from sim.signal.arrays.codebook import Codebook, beam_response
 from sim.signal.link import Link, best_beam_power_dbm
 from sim.signal.noise import dbm_to_mw
-from sim.signal.waveform.occasions import averaged
+from sim.signal.waveform.occasions import measurements_per_sample
 from sim.truth import Truth
 
 MAP_SNR_DB = 3.0  # a path is seen in the beam power map where it is at least twice the noise
@@ -111,7 +111,7 @@ def converter_noise_dbm(strongest_dbm: float, settings: LinkConfig, converter_sh
 
 def converter_share(waveform: WaveformConfig, n_fft: int = 4096) -> float:
     """Part of the converter noise in a sample: that on occupied subcarriers, less by what is averaged."""
-    return waveform.prs.n_subcarriers / waveform.comb / n_fft / averaged(waveform)
+    return waveform.prs.n_subcarriers / waveform.comb / n_fft / measurements_per_sample(waveform)
 
 
 def peak_gain_dbi(codebook: Codebook) -> float:

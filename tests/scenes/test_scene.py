@@ -31,7 +31,7 @@ def test_occupied_finds_solids_and_thin_walls(room):
         (2.0, 7.005, 1.0),
         (2, 7.02, 1),
     ]
-    found = scene.occupied(np.array(points).reshape(2, 3, 3))
+    found = scene.object_index_at(np.array(points).reshape(2, 3, 3))
     names = [*scene.object_names, "none"]
     assert [names[i] for i in found.ravel()] == ["pillar", "none", "box", "none", "sheet", "none"]
 

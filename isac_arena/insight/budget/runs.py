@@ -30,7 +30,7 @@ from isac_arena.insight.budget.physics import observed, present, without_hardwar
 from isac_arena.insight.budget.record import OUTCOMES, Budget, Variants, take_apart
 from isac_arena.insight.budget.stages import STAGE_GROUPS, Groups, Part, coalitions, label
 from isac_arena.scoring.stages.channel import TrueStop, true_stop
-from scenes.config import kept_files
+from scenes.config import referenced_contents
 from scenes.scene import Scene
 from sim.signal.link import Link, best_beam_power_dbm, make_link
 from sim.simulate import clock_biases_s, simulate_truth
@@ -104,7 +104,7 @@ def budget_job(
     scene = campaign_scene(config, scene_file)
     chosen = chosen_stops(stops, len(scene.stops))
     text = scene_file.read_text(encoding="utf-8")
-    paths = CampaignStore(out / "paths", config, text, estimator, scene_files=kept_files(scene_file))
+    paths = CampaignStore(out / "paths", config, text, estimator, scene_files=referenced_contents(scene_file))
     with one_run(out), recorded_run(out):
         paths.open_for_writing()
         yield BudgetJob(out, paths, scene, chosen, repeats)

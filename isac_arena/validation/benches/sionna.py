@@ -16,7 +16,7 @@ from scenes.pose import Pose
 from scenes.record import ComplexArray, FloatArray
 from scenes.scene import Scene
 from sim.config import PropagationConfig
-from sim.propagation.llvm import LLVM_VARIANT, variant
+from sim.propagation.llvm import LLVM_VARIANT, mitsuba_variant
 from sim.propagation.paths import Paths
 from sim.propagation.tracer import Tracer, solved_between_panels
 from sim.signal.generation import beam_channel
@@ -36,7 +36,7 @@ def bench_against_sionna(seed: int, quick: bool) -> list[Measurement]:
     paths = Tracer(scene, link.carrier_hz, settings).specular(rx.position_m)
     frequency_hz = link.frequency_offset_hz[: SUBCARRIERS_AT_ONCE if quick else None]
     weights = in_order_of(link, element_m)
-    on_cpu = variant() == LLVM_VARIANT
+    on_cpu = mitsuba_variant() == LLVM_VARIANT
     clock = time.process_time if on_cpu else time.perf_counter
     with threadpool_limits(1):
         ours_s, ours = best_time(partial(swept, link, paths, scene, rx, frequency_hz), 5, clock)

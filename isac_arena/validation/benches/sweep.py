@@ -20,7 +20,7 @@ from isac_arena.sweep.run import make_signals, run_cases, trace_stops, truths
 from isac_arena.sweep.runner import Workers, run_sweep
 from isac_arena.validation.measurement import Measurement, at_least, at_most
 from sim.observation import BeamSweep
-from sim.signal.hardware.apply_impairments import surveyed
+from sim.signal.hardware.apply_impairments import with_surveyed_pose
 
 COMMON = """
 name = "bench"
@@ -180,7 +180,7 @@ def _time_estimation(job: Job) -> float:
     """Seconds of the estimators alone: samples in memory, nothing scored or written."""
     config, scene = job.config, job.scene
     sweeps = [read_record(job.signal_file(stop), BeamSweep) for stop in job.stops]
-    receiver = known_receiver(surveyed(config, truth) for truth in truths(job, job.stops))
+    receiver = known_receiver(with_surveyed_pose(config, truth) for truth in truths(job, job.stops))
     estimator = channel_estimator(config)
     started = time.perf_counter()
     channel = tuple(estimator(sweep) for sweep in sweeps)

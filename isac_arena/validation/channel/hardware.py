@@ -37,7 +37,7 @@ from isac_arena.validation.scenarios.link_bench import (
 )
 from scenes.record import FloatArray, IntArray
 from sim.observation import BeamSweep
-from sim.signal.hardware.apply_impairments import built_codebooks
+from sim.signal.hardware.apply_impairments import impaired_codebooks
 
 CALIBRATION_STOPS = 20
 QUICK_STOPS = 8  # of the 20 that are calibrated on, estimated in a quick run
@@ -78,7 +78,7 @@ def check_element_errors(
     for campaign in range(campaigns):
         bench = make_bench(seed + campaign, **ELEMENT_ERRORS)
         calibration = self_calibrate(stop.sweep for stop in _campaign(bench, seed, campaign))
-        tx, rx = built_codebooks(bench.config, bench.link)
+        tx, rx = impaired_codebooks(bench.config, bench.link)
         pairs = []
         for stop in islice(_campaign(bench, seed, campaign), QUICK_STOPS if quick else CALIBRATION_STOPS):
             known = replace(stop.sweep, tx_codebook=tx, rx_codebook=rx)

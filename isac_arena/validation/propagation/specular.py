@@ -29,9 +29,9 @@ from scenes.scene import Scene
 from sim.config import PropagationConfig
 from sim.propagation.paths import Paths
 from sim.propagation.propagator import compare_planar
-from sim.propagation.specular.curved import bounces, slope_of_length
+from sim.propagation.specular.curved import length_derivatives, reflection_points
 from sim.propagation.specular.solver import ExactSolver, exact_paths
-from sim.propagation.specular.surfaces import surfaces
+from sim.propagation.specular.surfaces import reflecting_surfaces
 from sim.propagation.tracer import Tracer
 
 SAME_LENGTH_M = 1e-4
@@ -104,18 +104,18 @@ def check_stationarity(seed: int, quick: bool) -> list[Measurement]:
     rng = np.random.default_rng(seed)
     worst = 0.0
     for contour in (Circle(np.zeros(2), 0.203), open_ring(), wave_wall()):
-        curves = surfaces(scene_of([9.0, 9.0, 1.0], [contour])).curves
+        curves = reflecting_surfaces(scene_of([9.0, 9.0, 1.0], [contour])).curves
         n = 100 if quick else 1000
         curve = rng.integers(len(curves), size=n)
         source, target = rng.uniform(-4, 4, (2, n, 2))
-        found = bounces(curves, curve, source, target)
+        found = reflection_points(curves, curve, source, target)
         for row, point in zip(found.row, found.point_m, strict=True):
             grid = np.linspace(-1e-9, 1 + 1e-9, 4001)
             index = np.full(len(grid), curve[row])
             t = grid[np.linalg.norm(curves.at(index, grid)[0] - point, axis=1).argmin()]
             ends = source[row, None], target[row, None]
             for _ in range(8):
-                slope, bend, _ = slope_of_length(curves, curve[row, None], np.array([t]), *ends)
+                slope, bend, _ = length_derivatives(curves, curve[row, None], np.array([t]), *ends)
                 t -= float((slope / bend)[0])
             there = curves.at(curve[row, None], np.array([t]))[0][0]
             worst = max(worst, float(np.linalg.norm(there - point)))

@@ -18,7 +18,7 @@ from scenes.record import ComplexArray, FloatArray
 from sim.config import ArrayConfig, SimulationConfig, WaveformConfig
 from sim.propagation.paths import Paths
 from sim.signal.arrays.codebook import beam_response
-from sim.signal.hardware.apply_impairments import built_codebooks, surveyed
+from sim.signal.hardware.apply_impairments import impaired_codebooks, with_surveyed_pose
 from sim.signal.hardware.config import ImpairmentsConfig
 from sim.signal.hardware.impairments import coupling_matrix, fft_bins
 from sim.signal.link import Link, make_link
@@ -108,7 +108,7 @@ def check_arrays_as_built(seed: int, quick: bool) -> list[Measurement]:
     bench = ImpairmentBench(seed, orthogonal=True)
     weights, position_m = bench.link.tx_codebook.weights, bench.link.tx_codebook.element_position_m
     errors = bench.config(element_gain_std_db=1.0, element_phase_std_deg=10.0)
-    built = np.linalg.lstsq(weights, built_codebooks(errors, bench.link)[0].weights, rcond=None)[0]
+    built = np.linalg.lstsq(weights, impaired_codebooks(errors, bench.link)[0].weights, rcond=None)[0]
     element = bench.element_field(errors) / bench.element_field(bench.config())
     drawn = np.diag(built)
     element *= (drawn @ element.conj()) / np.linalg.norm(element) ** 2  # the scale is the RX array's
@@ -118,7 +118,7 @@ def check_arrays_as_built(seed: int, quick: bool) -> list[Measurement]:
     scale, share = np.linalg.lstsq(np.stack([plain, neighbours], axis=1), coupled, rcond=None)[0]
     turned = bench.config(beam_phase_std_deg=40.0)
     phase = bench.phases_rad(bench.ratio(turned, 0))
-    true_tx, _ = built_codebooks(turned, bench.link)
+    true_tx, _ = impaired_codebooks(turned, bench.link)
     drawn_rad = np.angle((true_tx.weights * weights.conj()).sum(axis=1))
     found_rad = np.angle(np.exp(1j * (phase - phase[:1])))[:, 0]
     phase_gap = np.angle(np.exp(1j * (found_rad - drawn_rad + drawn_rad[0])))
@@ -232,7 +232,7 @@ def direct_channel(link: Link, paths: Paths, frequency_hz: FloatArray) -> Comple
 def _survey(bench: ImpairmentBench, n_stops: int) -> list[Measurement]:
     config = bench.config(rx_placement_std_m=0.1, rx_heading_std_deg=2.0)
     truths = [bench.truth(stop) for stop in range(n_stops)]
-    poses = [surveyed(config, truth).rx_pose for truth in truths]
+    poses = [with_surveyed_pose(config, truth).rx_pose for truth in truths]
     moved_m = np.array(
         [(p.position_m - t.rx_pose.position_m)[:2] for p, t in zip(poses, truths, strict=True)]
     )

@@ -32,7 +32,7 @@ class TangentPoints(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Ring:
+class ConvexContour:
     """A closed convex contour with a table of nodes, counter-clockwise, both ends of every piece among them.
 
     `place_m` is the arc length up to each node and `bend` the integral of the curvature to the power 2/3 along it,
@@ -125,7 +125,7 @@ class Ring:
         return node, np.clip(t, 0.0, 1.0)
 
 
-def convex_ring(contour: Contour) -> Ring | None:
+def convex_contour(contour: Contour) -> ConvexContour | None:
     """The table of a contour; None where it is open, has no curved piece, or is not convex."""
     pieces = contour.pieces
     if not contour.closed or not any(piece.is_curved for piece in pieces):
@@ -143,7 +143,9 @@ def convex_ring(contour: Contour) -> Ring | None:
     is_joint = np.append(np.diff(piece_of) != 0, True)
     steps = _integrals(pieces, piece_of[:-1], t[:-1], np.where(is_joint[:-1], t[:-1], t[1:]))
     place, bend = (np.concatenate([[0.0], np.cumsum(step)]) for step in steps)
-    return Ring(pieces, piece_of, t, point, normal, place, bend, place[is_joint & (turn > MIN_TURN_RAD)])
+    return ConvexContour(
+        pieces, piece_of, t, point, normal, place, bend, place[is_joint & (turn > MIN_TURN_RAD)]
+    )
 
 
 def _at(

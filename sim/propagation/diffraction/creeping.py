@@ -16,10 +16,10 @@ from scenes.contours import Circle
 from scenes.pose import SPEED_OF_LIGHT_M_S
 from scenes.record import BoolArray, FloatArray, IntArray, Record, array, concatenate
 from scenes.scene import Scene, SceneObject
-from sim.propagation.diffraction.convex import Ring, convex_ring
+from sim.propagation.diffraction.convex import ConvexContour, convex_contour
 from sim.propagation.diffraction.fock import convex_creeping_gain
-from sim.propagation.occlusion import OCCLUDER_SAGITTA_M, Occluders, blocked, occluders, surface_names
-from sim.propagation.paths import BounceKind, Paths, empty_paths, lone_interaction, unfolded_paths
+from sim.propagation.occlusion import OCCLUDER_SAGITTA_M, Occluders, is_blocked, occluders, surface_names
+from sim.propagation.paths import BounceKind, Paths, empty_paths, paths_from_field, single_interaction
 
 MIN_GAIN = 1e-3  # over a free wave of the same length; weaker creeping waves are left out
 
@@ -41,11 +41,11 @@ class CreepingRays(Record):
     radius_2_m: FloatArray = array("ray", unit="m", doc="radius of curvature where it leaves it")
 
 
-def convex_rings(scene: Scene) -> dict[int, Ring | Circle]:
+def convex_contours(scene: Scene) -> dict[int, ConvexContour | Circle]:
     """The contours that waves creep round, by the index of their object."""
-    rings: dict[int, Ring | Circle] = {}
+    rings: dict[int, ConvexContour | Circle] = {}
     for index, item in enumerate(scene.objects):
-        ring = item.contour if isinstance(item.contour, Circle) else convex_ring(item.contour)
+        ring = item.contour if isinstance(item.contour, Circle) else convex_contour(item.contour)
         if ring is not None:
             rings[index] = ring
     return rings
@@ -56,7 +56,7 @@ def creeping_paths(
     rx_positions_m: FloatArray,
     carrier_hz: float,
     faces: Occluders | None = None,
-    rings: dict[int, Ring | Circle] | None = None,
+    rings: dict[int, ConvexContour | Circle] | None = None,
 ) -> list[Paths]:
     """Paths round one convex contour, in both senses, one record per receiver position (receiver, xyz).
 
@@ -65,7 +65,7 @@ def creeping_paths(
     """
     rx_positions_m = np.atleast_2d(np.asarray(rx_positions_m, float))
     faces = occluders(scene) if faces is None else faces
-    rings = convex_rings(scene) if rings is None else rings
+    rings = convex_contours(scene) if rings is None else rings
     parts = [empty_paths(surface_names(scene))]
     receiver = [np.zeros(0, int)]
     for index, ring in rings.items():
@@ -82,7 +82,7 @@ def creeping_paths(
 
 
 def creeping_rays(
-    ring: Ring | Circle, tx_m: FloatArray, rx_positions_m: FloatArray, sense: int
+    ring: ConvexContour | Circle, tx_m: FloatArray, rx_positions_m: FloatArray, sense: int
 ) -> CreepingRays:
     """Rays round a contour to receivers (receiver, xyz); counter-clockwise for the sense 1, clockwise for -1.
 
@@ -133,7 +133,7 @@ def _round_circle(circle: Circle, ends_m: FloatArray, sense: int) -> Ways:
     return (center + radius * normal, normal), lengths, (radii, radii), valid
 
 
-def _round_ring(ring: Ring, ends_m: FloatArray, sense: int) -> Ways:
+def _round_ring(ring: ConvexContour, ends_m: FloatArray, sense: int) -> Ways:
     """The same for any convex contour, from its table."""
     meets = ring.tangents(ends_m[:1], ends_light=sense > 0)
     leaves = ring.tangents(ends_m[1:], ends_light=sense < 0)
@@ -172,9 +172,9 @@ def _is_clear(rays: CreepingRays, scene: Scene, rx: FloatArray, faces: Occluders
         rays.shed_m + outward[:, 2],
     )
     tx = np.broadcast_to(scene.tx.position_m, attach.shape)
-    clear = scene.occupied(middle) < 0
-    clear[clear] = ~blocked(faces, attach[clear], tx[clear])
-    clear[clear] = ~blocked(faces, shed[clear], rx[rays.receiver[clear]])
+    clear = scene.object_index_at(middle) < 0
+    clear[clear] = ~is_blocked(faces, attach[clear], tx[clear])
+    clear[clear] = ~is_blocked(faces, shed[clear], rx[rays.receiver[clear]])
     return np.asarray(clear)
 
 
@@ -187,12 +187,12 @@ def _paths(
     length = np.hypot(level, rx[:, 2] - tx[2])
     k_horizontal = 2 * np.pi * carrier_hz / SPEED_OF_LIGHT_M_S * level / length
     radii = rays.radius_1_m, rays.radius_2_m
-    return unfolded_paths(
+    return paths_from_field(
         convex_creeping_gain(k_horizontal, radii, rays.s1_m, rays.s2_m, rays.arc_m, rays.bend, "soft"),
         length,
         rays.attach_m - tx,
         rx - rays.shed_m,
-        lone_interaction(BounceKind.DIFFRACTION, index, rays.middle_m),
+        single_interaction(BounceKind.DIFFRACTION, index, rays.middle_m),
         surface_names(scene),
         carrier_hz,
     )

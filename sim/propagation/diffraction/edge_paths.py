@@ -15,8 +15,8 @@ from scenes.record import BoolArray, ComplexArray, FloatArray, IntArray, Record,
 from scenes.scene import Scene
 from sim.propagation.diffraction.edges import Edges, find_edges
 from sim.propagation.diffraction.wedge import wedge_gain
-from sim.propagation.occlusion import OCCLUDER_SAGITTA_M, Occluders, blocked, occluders, surface_names
-from sim.propagation.paths import BounceKind, Paths, lone_interaction, unfolded_paths
+from sim.propagation.occlusion import OCCLUDER_SAGITTA_M, Occluders, is_blocked, occluders, surface_names
+from sim.propagation.paths import BounceKind, Paths, paths_from_field, single_interaction
 from sim.propagation.specular.fresnel import slab_reflection, vertical_reflection
 
 EDGE_CLEARANCE_M = 2 * OCCLUDER_SAGITTA_M  # legs end this far from the edge, in the middle of its free sector
@@ -81,8 +81,8 @@ def _is_clear(
     outward = np.column_stack([np.cos(middle), np.sin(middle), np.zeros(len(middle))])
     start = found.point_m + EDGE_CLEARANCE_M * outward
     distinct, which = np.unique(start, axis=0, return_inverse=True)
-    clear = ~blocked(faces, distinct, np.broadcast_to(tx, distinct.shape))[which.ravel()]
-    clear[clear] = ~blocked(faces, start[clear], rx[found.receiver[clear]])
+    clear = ~is_blocked(faces, distinct, np.broadcast_to(tx, distinct.shape))[which.ravel()]
+    clear[clear] = ~is_blocked(faces, start[clear], rx[found.receiver[clear]])
     return np.asarray(clear)
 
 
@@ -91,12 +91,12 @@ def _paths(
 ) -> Paths:
     """Gains, delays and directions of all points, as one record."""
     from_tx, to_rx = found.point_m - scene.tx.position_m, rx_positions_m[found.receiver] - found.point_m
-    return unfolded_paths(
+    return paths_from_field(
         _wedge_gain(found, edges, scene, rx_positions_m, carrier_hz),
         np.linalg.norm(from_tx, axis=1) + np.linalg.norm(to_rx, axis=1),
         from_tx,
         to_rx,
-        lone_interaction(BounceKind.DIFFRACTION, edges.object[found.edge], found.point_m),
+        single_interaction(BounceKind.DIFFRACTION, edges.object[found.edge], found.point_m),
         surface_names(scene),
         carrier_hz,
     )

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.special import ai_zeros, airy
 
 from scenes.record import ComplexArray, FloatArray
-from sim.propagation.diffraction.wedge import transition
+from sim.propagation.diffraction.wedge import transition_function
 
 Polarisation = Literal["soft", "hard"]
 
@@ -89,7 +89,7 @@ def convex_creeping_gain(
     return np.asarray(-np.sqrt(m1 * m2) * np.sqrt(2 / k) * _bracket(xi, x, polarisation) * spread)
 
 
-def pekeris(delta: Any, polarisation: Polarisation) -> ComplexArray:
+def pekeris_function(delta: Any, polarisation: Polarisation) -> ComplexArray:
     """Pekeris caret functions ``p*(delta)`` (soft) and ``q*(delta)`` (hard) of a real argument, same shape.
 
     ``p* = 1/sqrt(pi) [int_0^inf V/W2 e^{-j delta t} dt + 1/2j int_-inf^0 W1/W2 e^{-j delta t} dt]`` with the
@@ -114,8 +114,8 @@ def _size_parameter(k: FloatArray, radius: FloatArray) -> FloatArray:
 
 def _bracket(xi: FloatArray, x: FloatArray, polarisation: Polarisation) -> ComplexArray:
     """e^{-j pi/4} [p*(xi) - F(x) / (2 sqrt(pi) xi)], common to the lit side and the shadow."""
-    edge = transition(x) / (2 * np.sqrt(np.pi) * xi)
-    return np.asarray(np.exp(-0.25j * np.pi) * (pekeris(xi, polarisation) - edge))
+    edge = transition_function(x) / (2 * np.sqrt(np.pi) * xi)
+    return np.asarray(np.exp(-0.25j * np.pi) * (pekeris_function(xi, polarisation) - edge))
 
 
 @lru_cache

@@ -20,8 +20,8 @@ from scenes.record import ComplexArray, FloatArray, IntArray, Record, array, con
 from sim.propagation.diffraction.edge_paths import EDGE_CLEARANCE_M, MIN_LEG_M
 from sim.propagation.diffraction.edges import MIN_TURN_RAD
 from sim.propagation.diffraction.wedge import wedge_gain
-from sim.propagation.occlusion import Occluders, blocked
-from sim.propagation.paths import BounceKind, Paths, lone_interaction, unfolded_paths, with_bounce_slots
+from sim.propagation.occlusion import Occluders, is_blocked
+from sim.propagation.paths import BounceKind, Paths, paths_from_field, single_interaction, with_bounce_slots
 from sim.propagation.specular.fresnel import (
     normal_to_plane_of_incidence,
     slab_reflection,
@@ -87,14 +87,14 @@ def diffracted_by_meshes(
     rays = _keller(edges, ends_m)
     for end in ends_m:
         start = rays.point_m + EDGE_CLEARANCE_M * _outward(edges, rays.edge)
-        rays = rays.take("ray", ~blocked(faces, start, np.broadcast_to(end, start.shape)))
+        rays = rays.take("ray", ~is_blocked(faces, start, np.broadcast_to(end, start.shape)))
     item = len(names) - len(materials) + edges.mesh[rays.edge]
-    paths = unfolded_paths(
+    paths = paths_from_field(
         _gain(edges, rays, materials, carrier_hz),
         rays.s_in_m + rays.s_out_m,
         rays.before,
         rays.after,
-        lone_interaction(BounceKind.DIFFRACTION, item, rays.point_m),
+        single_interaction(BounceKind.DIFFRACTION, item, rays.point_m),
         names,
         carrier_hz,
     )

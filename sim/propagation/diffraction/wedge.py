@@ -21,7 +21,7 @@ from scenes.record import ComplexArray, FloatArray
 MIN_BOUNDARY_ANGLE = 1e-9  # rad beside its own boundary, where a term jumps, at least
 
 
-def transition(x: Any) -> ComplexArray:
+def transition_function(x: Any) -> ComplexArray:
     """Transition function F(x) = 2j sqrt(x) e^{jx} int_{sqrt(x)}^inf e^{-j t^2} dt of x >= 0, same shape.
 
     Kouyoumjian and Pathak, equation (26), by the Faddeeva function; F -> 1 for large x.
@@ -94,4 +94,4 @@ def _term(beta: FloatArray, sign: int, n: FloatArray, k_l: FloatArray) -> Comple
     offset = angle - np.pi * np.round(angle / np.pi)
     tangent = np.tan(np.where(np.abs(offset) < MIN_BOUNDARY_ANGLE, MIN_BOUNDARY_ANGLE, offset))
     a = np.where(np.abs(offset) < MIN_BOUNDARY_ANGLE, 2 * np.sin(n * MIN_BOUNDARY_ANGLE) ** 2, a)
-    return np.asarray(transition(k_l * a) / tangent)
+    return np.asarray(transition_function(k_l * a) / tangent)

@@ -15,7 +15,7 @@ import numpy as np
 
 from scenes.record import BoolArray, FloatArray, IntArray, Record, array
 from sim.propagation.specular.curves import N_NODES, NODE_T, Curves
-from sim.propagation.specular.images import CLEARANCE_M, FaceChains, outside_beam, reflect_back
+from sim.propagation.specular.images import CLEARANCE_M, FaceChains, is_outside_beam, points_on_faces
 from sim.propagation.specular.plan_view import PlanPaths, dot, norm
 from sim.propagation.specular.surfaces import Faces
 
@@ -28,7 +28,7 @@ N_REFINED = 16  # parts of an interval that may hold a close pair of solutions
 
 
 @dataclass(frozen=True)
-class Bounces(Record):
+class ReflectionPoints(Record):
     """Solutions on curves: the candidate each belongs to and the local geometry."""
 
     row: IntArray = array("bounce", dtype=int, doc="index of the candidate")
@@ -42,7 +42,7 @@ def curved_paths(curves: Curves, tx_xy_m: FloatArray, rx_xy_m: FloatArray) -> Pl
     curve = _lit_curves(curves, tx_xy_m)
     receiver, pick = (part.ravel() for part in np.indices((len(rx_xy_m), len(curve))))
     curve = curve[pick]
-    found = bounces(curves, curve, np.broadcast_to(tx_xy_m, (len(curve), 2)), rx_xy_m[receiver])
+    found = reflection_points(curves, curve, np.broadcast_to(tx_xy_m, (len(curve), 2)), rx_xy_m[receiver])
     return PlanPaths(
         receiver[found.row],
         curves.surface[curve[found.row], None],
@@ -62,7 +62,7 @@ def planar_curved_paths(
     face, image, curve = face[kept], image[kept], curve[kept]
     receiver, pick = (part.ravel() for part in np.indices((len(rx_xy_m), len(curve))))
     face, image, curve = face[pick], image[pick], curve[pick]
-    found = bounces(curves, curve, image, rx_xy_m[receiver])
+    found = reflection_points(curves, curve, image, rx_xy_m[receiver])
     return _with_face(faces, curves, face, image, curve, receiver, found, face_first=True)
 
 
@@ -76,7 +76,7 @@ def curved_planar_paths(faces: Faces, curves: Curves, tx_xy_m: FloatArray, rx_xy
     face, image, receiver, curve = face[row], image[row], receiver[row], lit[pick]
     kept = _is_reached(faces, curves, face, image, curve)
     face, image, receiver, curve = face[kept], image[kept], receiver[kept], curve[kept]
-    found = bounces(curves, curve, np.broadcast_to(tx_xy_m, image.shape), image)
+    found = reflection_points(curves, curve, np.broadcast_to(tx_xy_m, image.shape), image)
     return _with_face(faces, curves, face, image, curve, receiver, found, face_first=False)
 
 
@@ -87,13 +87,13 @@ def _with_face(
     image_m: FloatArray,
     curve: IntArray,
     receiver: IntArray,
-    found: Bounces,
+    found: ReflectionPoints,
     *,
     face_first: bool,
 ) -> PlanPaths:
     """Paths of two corners: the bounces found on the curves, and the point of the flat face before or after."""
     row = found.row
-    point, valid = reflect_back(faces, face[row], image_m[row], found.point_m)
+    point, valid = points_on_faces(faces, face[row], image_m[row], found.point_m)
     row, found, point = row[valid], found.take("bounce", valid), point[valid]
     return PlanPaths(
         receiver[row],
@@ -108,7 +108,9 @@ def _in_order(on_face: Any, on_curve: Any, face_first: bool) -> Any:
     return np.stack((on_face, on_curve) if face_first else (on_curve, on_face), axis=1)
 
 
-def bounces(curves: Curves, curve: IntArray, source_m: FloatArray, target_m: FloatArray) -> Bounces:
+def reflection_points(
+    curves: Curves, curve: IntArray, source_m: FloatArray, target_m: FloatArray
+) -> ReflectionPoints:
     """All lit points of reflection on curves (candidate,) between points (candidate, xy) and (candidate, xy)."""
     row, low, high = _brackets(curves, curve, source_m, target_m)
     t, residual = _refine(curves, curve[row], source_m[row], target_m[row], low, high)
@@ -121,10 +123,10 @@ def bounces(curves: Curves, curve: IntArray, source_m: FloatArray, target_m: Flo
     valid &= dot(normal, to_source) > MIN_COS_INCIDENCE * norm(to_source)
     valid &= dot(normal, to_target) > MIN_COS_INCIDENCE * norm(to_target)
     curvature = curves.curvature(index, first, second)
-    return Bounces(row[valid], point[valid], normal[valid], curvature[valid])
+    return ReflectionPoints(row[valid], point[valid], normal[valid], curvature[valid])
 
 
-def slope_of_length(
+def length_derivatives(
     curves: Curves, curve: IntArray, t: FloatArray, source_m: FloatArray, target_m: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """d/dt and d^2/dt^2 (n,) of |S - c(t)| + |c(t) - Q| in m, and the speed |c'| (n,) in m."""
@@ -185,7 +187,7 @@ def _sign_changes(
         return rows[one], low, high
     fine = NODE_T[place][:, None] + step * np.linspace(0, 1, N_REFINED + 1)
     pick = np.repeat(rows[near], N_REFINED + 1)
-    fine_slope, _, _ = slope_of_length(curves, curve[pick], fine.ravel(), source_m[pick], target_m[pick])
+    fine_slope, _, _ = length_derivatives(curves, curve[pick], fine.ravel(), source_m[pick], target_m[pick])
     rising = fine_slope.reshape(fine.shape) > 0
     extra, part = np.nonzero(rising[:, 1:] != rising[:, :-1])
     return (
@@ -218,14 +220,14 @@ def _refine(
     """Newton's method on the slope, kept inside the brackets by bisection: t and the last step in m."""
     t = (low + high) / 2
     low, high, residual = low.copy(), high.copy(), np.full(len(t), np.inf)
-    falls = slope_of_length(curves, curve, low, source_m, target_m)[0] > 0
+    falls = length_derivatives(curves, curve, low, source_m, target_m)[0] > 0
     falls &= ~curves.is_convex[curve]  # a convex curve has a minimum, whatever the slopes beyond its lit part
     active = np.arange(len(t))
     for _ in range(MAX_STEPS):
         if not len(active):
             break
         here = curve[active]
-        slope, bend, speed = slope_of_length(curves, here, t[active], source_m[active], target_m[active])
+        slope, bend, speed = length_derivatives(curves, here, t[active], source_m[active], target_m[active])
         beyond = (slope > 0) != falls[active]
         high[active[beyond]] = t[active[beyond]]
         low[active[~beyond]] = t[active[~beyond]]
@@ -252,4 +254,4 @@ def _is_reached(
     """Whether a part of each curve lies in the beam that an image sends through a face, and before the face."""
     center, reach = curves.center_m[curve], curves.reach_m[curve]
     kept = faces.height_over(face, center) > -reach
-    return kept & ~outside_beam(faces, face, image_m, center, reach)
+    return kept & ~is_outside_beam(faces, face, image_m, center, reach)

@@ -102,7 +102,7 @@ class Curves(Record):
         return np.asarray(self.side[curve] * _cross(first, second) / speed**3)
 
 
-def collect(parts: list[Curves]) -> Curves:
+def joined_curves(parts: list[Curves]) -> Curves:
     """All curves in one table, an empty one where there are none."""
     if parts:
         return concatenate(parts, "curve")
@@ -118,7 +118,7 @@ def collect(parts: list[Curves]) -> Curves:
     )
 
 
-def conic(
+def conic_curves(
     center_m: FloatArray, u_m: FloatArray, v_m: FloatArray, start_rad: float, sweep_rad: float
 ) -> Maker:
     """Maker of the curves o + u cos p + v sin p for p from `start_rad` over `sweep_rad`."""
@@ -134,7 +134,7 @@ def conic(
     return make
 
 
-def cubics(piece: Piece, knots: FloatArray, max_segments: int = MAX_SEGMENTS) -> Maker:
+def cubic_curves(piece: Piece, knots: FloatArray, max_segments: int = MAX_SEGMENTS) -> Maker:
     """Maker of curves of up to `max_segments` cubics that interpolate a piece and its slope at `knots`."""
 
     def make(surface: int, side: float) -> list[Curves]:
@@ -215,7 +215,7 @@ def _curve(rows: FloatArray, surface: int, side: float, *, is_convex: bool, is_c
     padded = np.zeros((1, MAX_SEGMENTS, 4, 2))
     padded[0, : len(rows)] = rows
     bare = replace(
-        collect([]),
+        joined_curves([]),
         surface=np.array([surface]),
         side=np.array([side]),
         is_convex=np.array([is_convex]),

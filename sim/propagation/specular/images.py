@@ -28,7 +28,7 @@ class FaceChains(Record):
         return self.size("chain")
 
 
-def chains(faces: Faces, tx_xy_m: FloatArray, max_corners: int) -> list[FaceChains]:
+def face_chains(faces: Faces, tx_xy_m: FloatArray, max_corners: int) -> list[FaceChains]:
     """All chains of 1 ... `max_corners` faces that can reflect the wave of a TX (xy,), one record per length."""
     every = np.arange(faces.size("face"))
     first = every[faces.height_over(every, tx_xy_m[None]) > CLEARANCE_M]
@@ -49,7 +49,7 @@ def planar_paths(faces: Faces, chain: FaceChains, rx_xy_m: FloatArray) -> PlanPa
     target = rx_xy_m[hit]
     points: list[FloatArray] = []
     for corner in reversed(range(n)):
-        point, valid = reflect_back(faces, chain.face[row, corner], chain.image_m[row, corner + 1], target)
+        point, valid = points_on_faces(faces, chain.face[row, corner], chain.image_m[row, corner + 1], target)
         hit, row, target = hit[valid], row[valid], point[valid]
         points = [target, *(earlier[valid] for earlier in points)]
     face = chain.face[row]
@@ -58,7 +58,7 @@ def planar_paths(faces: Faces, chain: FaceChains, rx_xy_m: FloatArray) -> PlanPa
     )
 
 
-def reflect_back(
+def points_on_faces(
     faces: Faces, face: IntArray, image_m: FloatArray, target_m: FloatArray
 ) -> tuple[FloatArray, BoolArray]:
     """Where the line from targets (n, xy) to images (n, xy) meets faces (n,), and whether it does.
@@ -78,7 +78,7 @@ def reflect_back(
     return point, valid
 
 
-def outside_beam(
+def is_outside_beam(
     faces: Faces, face: IntArray, image_m: FloatArray, center_m: FloatArray, reach_m: FloatArray
 ) -> BoolArray:
     """Whether discs (..., xy), (...) lie outside the beams that images (..., xy) send through faces (...)."""

@@ -10,7 +10,7 @@ from scenes.pose import SPEED_OF_LIGHT_M_S
 from scenes.record import BoolArray, ComplexArray, FloatArray, IntArray, Record, array
 from scenes.scene import Scene
 from sim.propagation.occlusion import Crossings
-from sim.propagation.paths import BounceKind, Paths, unfolded_paths
+from sim.propagation.paths import BounceKind, Paths, paths_from_field
 from sim.propagation.specular.fresnel import normal_to_plane_of_incidence, slab, vertical_polarisation
 from sim.propagation.specular.rays import Rays
 
@@ -34,7 +34,7 @@ class Slabs(Record):
         return np.asarray(strongest < 10 ** (-max_loss_db / 20))
 
 
-def slabs(scene: Scene, carrier_hz: float) -> Slabs:
+def scene_slabs(scene: Scene, carrier_hz: float) -> Slabs:
     """The slab of every surface of a scene."""
     planes = [plane.material for plane in (scene.floor, scene.ceiling) if plane is not None]
     materials = [
@@ -51,7 +51,7 @@ def slabs(scene: Scene, carrier_hz: float) -> Slabs:
 
 
 @dataclass(frozen=True)
-class Events(Record):
+class Interactions(Record):
     """What happens to every ray on its way, reflections and transmissions in their order; -1 pads."""
 
     kind: IntArray = array("ray", "event", dtype=int, doc="BounceKind")
@@ -61,7 +61,7 @@ class Events(Record):
     leg: IntArray = array("ray", "event", dtype=int, doc="leg before the event")
 
 
-def events(rays: Rays, points_m: FloatArray, met: Crossings, n_slots: int) -> Events:
+def ray_interactions(rays: Rays, points_m: FloatArray, met: Crossings, n_slots: int) -> Interactions:
     """Reflections and crossings of rays sorted along them, in `n_slots` places each."""
     n_rays, n_legs = len(points_m), points_m.shape[1] - 1
     ray, leg = met.leg // n_legs, met.leg % n_legs
@@ -82,7 +82,7 @@ def events(rays: Rays, points_m: FloatArray, met: Crossings, n_slots: int) -> Ev
         filled[row, slot] = values[order]
         return filled
 
-    return Events(
+    return Interactions(
         kind=table(kinds, BounceKind.NONE).astype(int),
         surface=table(np.concatenate([rays.surface.ravel(), met.surface]), -1).astype(int),
         vertex_m=table(np.concatenate([rays.vertex_m.reshape(-1, 3), crossed]), np.nan),
@@ -91,8 +91,13 @@ def events(rays: Rays, points_m: FloatArray, met: Crossings, n_slots: int) -> Ev
     )
 
 
-def paths_of(
-    rays: Rays, points_m: FloatArray, happening: Events, known: Slabs, names: list[str], max_loss_db: float
+def paths_of_rays(
+    rays: Rays,
+    points_m: FloatArray,
+    happening: Interactions,
+    known: Slabs,
+    names: list[str],
+    max_loss_db: float,
 ) -> tuple[Paths, BoolArray]:
     """The rays as path record, and which of them count (ray,).
 
@@ -105,7 +110,7 @@ def paths_of(
     direction = travel / np.maximum(leg_m, MIN_LEG_M)[..., None]
     received, transmitted = _received(direction, happening, known)
     interactions = happening.kind, happening.surface, happening.vertex_m
-    paths = unfolded_paths(
+    paths = paths_from_field(
         received * rays.spreading,
         length,
         direction[:, 0],
@@ -117,7 +122,9 @@ def paths_of(
     return paths, (transmitted >= 10 ** (-max_loss_db / 20)) & (leg_m > MIN_LEG_M).all(axis=1)
 
 
-def _received(direction: FloatArray, happening: Events, known: Slabs) -> tuple[ComplexArray, FloatArray]:
+def _received(
+    direction: FloatArray, happening: Interactions, known: Slabs
+) -> tuple[ComplexArray, FloatArray]:
     """Field between vertically polarised antennas (ray,), and the share left by all transmissions (ray,)."""
     ray = np.arange(len(direction))
     field = vertical_polarisation(direction[:, 0]).astype(complex)

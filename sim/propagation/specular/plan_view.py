@@ -27,14 +27,14 @@ class PlanPaths(Record):
         return self.size("path")
 
 
-def straight(n_receivers: int) -> PlanPaths:
+def straight_paths(n_receivers: int) -> PlanPaths:
     """The path without corners to each receiver."""
     none = np.zeros((n_receivers, 0))
     plane = np.zeros((n_receivers, 0, 2))
     return PlanPaths(np.arange(n_receivers), none.astype(int), plane, plane, none)
 
 
-def distinct(paths: PlanPaths) -> PlanPaths:
+def without_duplicates(paths: PlanPaths) -> PlanPaths:
     """The same paths without the repetitions that curves and faces give where they meet."""
     first = paths.point_m[:, 0]
     order = np.lexsort(

@@ -14,9 +14,9 @@ import numpy as np
 
 from scenes.record import BoolArray, ComplexArray, FloatArray, IntArray, Record, array, concatenate
 from sim.propagation.diffraction.fock import grazing_factor
-from sim.propagation.occlusion import Crossings, Occluders, crossings
+from sim.propagation.occlusion import Crossings, Occluders, leg_crossings
 from sim.propagation.specular.plan_view import PlanPaths, dot, norm
-from sim.propagation.specular.surfaces import Level, Surfaces
+from sim.propagation.specular.surfaces import HorizontalFace, Surfaces
 
 # |J| / L is kept above this, a gain of at most 10 dB over planes only. That is about the height of the Airy peak
 # at a caustic of contours some metres large at 60 GHz.
@@ -37,7 +37,7 @@ class Rays(Record):
         return self.size("ray")
 
 
-def spreading(curvature: FloatArray, leg_m: FloatArray, cos_incidence: FloatArray) -> ComplexArray:
+def spreading_factor(curvature: FloatArray, leg_m: FloatArray, cos_incidence: FloatArray) -> ComplexArray:
     """Amplitude (path,) after bounces off cylinders over that after planes, geometrical optics.
 
     sqrt(L / |J|), J the width of a ray tube of unit angle in plan view: from J = 0, J' = 1 at the TX it grows
@@ -59,7 +59,7 @@ def spreading(curvature: FloatArray, leg_m: FloatArray, cos_incidence: FloatArra
     return np.asarray(amplitude * np.array([1, 1j, -1, -1j])[n_caustics % 4])
 
 
-def raised(
+def rays_from_plan_paths(
     plan: PlanPaths,
     known: Surfaces,
     tx_m: FloatArray,
@@ -78,10 +78,12 @@ def raised(
     leg = norm(step)
     cosine = np.abs(dot(plan.normal, step[:, :-1])) / np.where(leg[:, :-1] > 0, leg[:, :-1], 1.0)
     reached = np.concatenate([np.zeros((len(plan), 1)), np.cumsum(leg, axis=1)], axis=1)
-    gain = spreading(plan.curvature, leg, cosine) * _grazing(plan.curvature, reached, cosine, wavenumber)
+    gain = spreading_factor(plan.curvature, leg, cosine) * _grazing(
+        plan.curvature, reached, cosine, wavenumber
+    )
     lines = _Unfolded(gain, corners, reached, ends[0][:, 2], ends[1][:, 2])
     for n_levels in range(max_levels + 1):
-        for sequence in product(known.levels, repeat=n_levels):
+        for sequence in product(known.horizontal_faces, repeat=n_levels):
             if all(a.facing != b.facing and (a.z_m - b.z_m) * b.facing > 0 for a, b in pairwise(sequence)):
                 lit = _starts_and_ends_lit(lines, sequence)
                 if lit.any() or not n_levels:
@@ -112,7 +114,9 @@ class _Unfolded(Record):
     rx_z_m: FloatArray = array("path", unit="m")
 
 
-def _over_levels(plan: PlanPaths, lines: _Unfolded, sequence: tuple[Level, ...], known: Surfaces) -> Rays:
+def _over_levels(
+    plan: PlanPaths, lines: _Unfolded, sequence: tuple[HorizontalFace, ...], known: Surfaces
+) -> Rays:
     """Rays off one sequence of horizontal faces that both ends lie on the lit sides of."""
     levels_z = np.array([level.z_m for level in sequence])
     heights = np.column_stack([lines.tx_z_m, np.tile(levels_z, (len(plan), 1)), lines.rx_z_m])
@@ -130,7 +134,7 @@ def _over_levels(plan: PlanPaths, lines: _Unfolded, sequence: tuple[Level, ...],
     return _merged(plan, lines, sequence, (at_corner, z), (at_level, xy), heights).take("ray", valid)
 
 
-def _starts_and_ends_lit(lines: _Unfolded, sequence: tuple[Level, ...]) -> BoolArray:
+def _starts_and_ends_lit(lines: _Unfolded, sequence: tuple[HorizontalFace, ...]) -> BoolArray:
     """Whether TX and RX lie on the lit sides of the first and the last horizontal face (path,)."""
     if not sequence:
         return np.ones(len(lines.tx_z_m), bool)
@@ -143,7 +147,7 @@ def _starts_and_ends_lit(lines: _Unfolded, sequence: tuple[Level, ...]) -> BoolA
 def _merged(
     plan: PlanPaths,
     lines: _Unfolded,
-    sequence: tuple[Level, ...],
+    sequence: tuple[HorizontalFace, ...],
     corner: tuple[FloatArray, FloatArray],
     level: tuple[FloatArray, FloatArray],
     heights: FloatArray,
@@ -188,13 +192,13 @@ def _on_surfaces(surface: IntArray, z_m: FloatArray, z_range_m: FloatArray) -> B
     return np.asarray(((z_m >= rims[..., 0]) & (z_m <= rims[..., 1])).all(axis=1))
 
 
-def corner_points(rays: Rays, tx_m: FloatArray, rx_m: FloatArray) -> FloatArray:
+def ray_points(rays: Rays, tx_m: FloatArray, rx_m: FloatArray) -> FloatArray:
     """TX, bounces, RX (ray, bounce + 2, xyz) of all rays."""
     ends = np.broadcast_to(tx_m, (len(rays), 1, 3)), rx_m[rays.receiver][:, None]
     return np.concatenate([ends[0], rays.vertex_m, ends[1]], axis=1)
 
 
-def unobstructed(
+def unobstructed_rays(
     rays: Rays, points_m: FloatArray, faces: Occluders, opaque: BoolArray, max_crossed: int
 ) -> tuple[IntArray, Crossings]:
     """Rays (kept,) that meet at most `max_crossed` faces, none of them opaque (object,), and these crossings.
@@ -204,9 +208,9 @@ def unobstructed(
     n_legs = points_m.shape[1] - 1
     alive = np.arange(len(rays))
     n_crossed = np.zeros(len(rays), int)
-    parts = [crossings(faces, np.zeros((0, 3)), np.zeros((0, 3)))]
+    parts = [leg_crossings(faces, np.zeros((0, 3)), np.zeros((0, 3)))]
     for leg in range(n_legs):
-        found = crossings(faces, points_m[alive, leg], points_m[alive, leg + 1])
+        found = leg_crossings(faces, points_m[alive, leg], points_m[alive, leg + 1])
         ray = alive[found.leg]
         np.add.at(n_crossed, ray, 1 + max_crossed * opaque[found.surface])
         parts.append(Crossings(ray * n_legs + leg, found.share, found.surface, found.normal))

@@ -19,11 +19,11 @@ from sim.propagation.occlusion import Occluders, occluders, surface_names
 from sim.propagation.paths import Paths, canonical_order, empty_paths
 from sim.propagation.specular.curved import curved_paths, curved_planar_paths, planar_curved_paths
 from sim.propagation.specular.curved_pairs import curved_curved_paths, facing_pairs
-from sim.propagation.specular.images import chains, planar_paths
-from sim.propagation.specular.path_gain import events, paths_of, slabs
-from sim.propagation.specular.plan_view import PlanPaths, distinct, straight
-from sim.propagation.specular.rays import Rays, corner_points, raised, unobstructed
-from sim.propagation.specular.surfaces import surfaces
+from sim.propagation.specular.images import face_chains, planar_paths
+from sim.propagation.specular.path_gain import paths_of_rays, ray_interactions, scene_slabs
+from sim.propagation.specular.plan_view import PlanPaths, straight_paths, without_duplicates
+from sim.propagation.specular.rays import Rays, ray_points, rays_from_plan_paths, unobstructed_rays
+from sim.propagation.specular.surfaces import reflecting_surfaces
 
 MAX_CURVED_BOUNCES = 2  # bounces of a path that meets a curved wall
 CHUNK = 16  # receivers solved at once
@@ -45,12 +45,12 @@ class ExactSolver:
         self._names = surface_names(scene)
         self.faces = occluders(scene) if faces is None else faces
         self.n_bounce_slots = self._config.n_bounce_slots
-        self._known = surfaces(scene)
-        self._slabs = slabs(scene, carrier_hz)
+        self._known = reflecting_surfaces(scene)
+        self._slabs = scene_slabs(scene, carrier_hz)
         self._opaque = self._slabs.opaque(self._config.max_transmission_loss_db)
         if not self._config.transmission:
             self._opaque = np.ones_like(self._opaque)
-        self._chains = chains(self._known.faces, self._tx[:2], self._config.max_bounces)
+        self._chains = face_chains(self._known.faces, self._tx[:2], self._config.max_bounces)
         self._pairs = facing_pairs(self._known.curves, self._tx[:2]) if self._config.max_bounces > 1 else None
 
     def paths(self, rx_positions_m: FloatArray, chunk: int = CHUNK) -> list[Paths]:
@@ -68,7 +68,7 @@ class ExactSolver:
         limit = self._config.max_bounces
         rays: dict[int, list[Rays]] = {}
         for plan, max_levels in self._plan_paths(rx):
-            for found in raised(plan, self._known, self._tx, rx, max_levels, self._wavenumber):
+            for found in rays_from_plan_paths(plan, self._known, self._tx, rx, max_levels, self._wavenumber):
                 rays.setdefault(found.size("bounce"), []).append(found)
         slots = self._config.n_bounce_slots
         parts, owners = [empty_paths(self._names, slots)], [np.zeros(0, int)]
@@ -84,30 +84,30 @@ class ExactSolver:
         limit = self._config.max_bounces
         tx_xy, rx_xy = self._tx[:2], rx[:, :2]
         faces, curves = self._known.faces, self._known.curves
-        yield straight(len(rx)), limit
+        yield straight_paths(len(rx)), limit
         for n, chain in enumerate(self._chains, start=1):
-            yield distinct(planar_paths(faces, chain, rx_xy)), limit - n
+            yield without_duplicates(planar_paths(faces, chain, rx_xy)), limit - n
         limit = min(limit, MAX_CURVED_BOUNCES)
         if limit >= 1 and len(curves):
-            yield distinct(curved_paths(curves, tx_xy, rx_xy)), limit - 1
+            yield without_duplicates(curved_paths(curves, tx_xy, rx_xy)), limit - 1
         if self._pairs is not None and len(curves):
-            yield distinct(planar_curved_paths(faces, curves, self._chains[0], tx_xy, rx_xy)), 0
-            yield distinct(curved_planar_paths(faces, curves, tx_xy, rx_xy)), 0
-            yield distinct(curved_curved_paths(curves, self._pairs, tx_xy, rx_xy)), 0
+            yield without_duplicates(planar_curved_paths(faces, curves, self._chains[0], tx_xy, rx_xy)), 0
+            yield without_duplicates(curved_planar_paths(faces, curves, tx_xy, rx_xy)), 0
+            yield without_duplicates(curved_curved_paths(curves, self._pairs, tx_xy, rx_xy)), 0
 
     def finished(self, rays: Rays, rx: FloatArray) -> tuple[Paths, IntArray]:
         """Unobstructed rays to receivers (receiver, xyz) with their gains, and the receiver (path,) of each."""
         config = self._config
-        points = corner_points(rays, self._tx, rx)
+        points = ray_points(rays, self._tx, rx)
         n_crossed = config.max_crossed_faces if config.transmission else 0
-        kept, met = unobstructed(rays, points, self.faces, self._opaque, n_crossed)
+        kept, met = unobstructed_rays(rays, points, self.faces, self._opaque, n_crossed)
         renumbered = np.full(len(rays), -1)
         renumbered[kept] = np.arange(len(kept))
         n_legs = points.shape[1] - 1
         met = replace(met, leg=renumbered[met.leg // n_legs] * n_legs + met.leg % n_legs)
         rays, points = rays.take("ray", kept), points[kept]
-        happening = events(rays, points, met, config.n_bounce_slots)
-        paths, strong = paths_of(
+        happening = ray_interactions(rays, points, met, config.n_bounce_slots)
+        paths, strong = paths_of_rays(
             rays, points, happening, self._slabs, self._names, config.max_transmission_loss_db
         )
         return paths.take("path", strong), rays.receiver[strong]

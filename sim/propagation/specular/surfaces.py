@@ -15,7 +15,7 @@ import shapely
 from scenes.contours.pieces import ArcPiece, EllipsePiece, LinePiece, Piece, SplinePiece
 from scenes.record import BoolArray, FloatArray, IntArray, Record, array
 from scenes.scene import Scene, SceneObject
-from sim.propagation.specular.curves import MAX_SEGMENTS, Curves, collect, conic, cubics
+from sim.propagation.specular.curves import MAX_SEGMENTS, Curves, conic_curves, cubic_curves, joined_curves
 
 LID_SAGITTA_M = 1e-6  # the outline of a lid stays this close to the contour
 HERMITE_ERROR_M = 1e-11  # a smooth piece that is neither arc nor cubic is cut into cubics this close to it
@@ -42,7 +42,7 @@ class Faces(Record):
 
 
 @dataclass(frozen=True)
-class Level:
+class HorizontalFace:
     """A horizontal face: floor, ceiling, or the lid of a closed solid; `facing` +1 looks up, -1 down."""
 
     z_m: float
@@ -61,11 +61,11 @@ class Surfaces:
 
     faces: Faces
     curves: Curves
-    levels: tuple[Level, ...]
+    horizontal_faces: tuple[HorizontalFace, ...]
     z_range_m: FloatArray
 
 
-def surfaces(scene: Scene) -> Surfaces:
+def reflecting_surfaces(scene: Scene) -> Surfaces:
     """Tables of all reflecting surfaces; the objects' indices are those of `surface_names`."""
     flat: list[tuple[FloatArray, FloatArray, int]] = []
     curved = []
@@ -76,19 +76,19 @@ def surfaces(scene: Scene) -> Surfaces:
                 if not item.contour.closed:
                     flat.append((piece.end_m, piece.start_m, index))
             else:
-                curved += curves_of(piece, index, closed=item.contour.closed)
+                curved += curves_of_piece(piece, index, closed=item.contour.closed)
     z_range = np.array([(item.z_min_m, item.z_max_m) for item in scene.objects]).reshape(-1, 2)
-    return Surfaces(_faces(flat), collect(curved), tuple(levels(scene)), z_range)
+    return Surfaces(_faces(flat), joined_curves(curved), tuple(horizontal_faces(scene)), z_range)
 
 
-def levels(scene: Scene) -> Iterable[Level]:
+def horizontal_faces(scene: Scene) -> Iterable[HorizontalFace]:
     """Floor, ceiling, then the lids of the solids that lie between them."""
     names = [name for name in ("floor", "ceiling") if getattr(scene, name) is not None]
     x_min, y_min, x_max, y_max = scene.bounds_m
     for offset, name in enumerate(names):
         plane = getattr(scene, name)
         outline = shapely.box(x_min, y_min, x_max, y_max)
-        yield Level(plane.z_m, 1 if name == "floor" else -1, len(scene.objects) + offset, outline)
+        yield HorizontalFace(plane.z_m, 1 if name == "floor" else -1, len(scene.objects) + offset, outline)
     low = scene.floor.z_m if scene.floor else -np.inf
     high = scene.ceiling.z_m if scene.ceiling else np.inf
     for index, item in enumerate(scene.objects):
@@ -96,12 +96,12 @@ def levels(scene: Scene) -> Iterable[Level]:
             yield from _lids(item, index, low, high)
 
 
-def _lids(item: SceneObject, index: int, low: float, high: float) -> Iterable[Level]:
+def _lids(item: SceneObject, index: int, low: float, high: float) -> Iterable[HorizontalFace]:
     outline = shapely.Polygon(item.contour.vertices(LID_SAGITTA_M))
     shapely.prepare(outline)
     for z_m, facing in ((item.z_min_m, -1), (item.z_max_m, 1)):
         if low < z_m < high:
-            yield Level(z_m, facing, index, outline)
+            yield HorizontalFace(z_m, facing, index, outline)
 
 
 def _faces(flat: list[tuple[FloatArray, FloatArray, int]]) -> Faces:
@@ -112,15 +112,17 @@ def _faces(flat: list[tuple[FloatArray, FloatArray, int]]) -> Faces:
     return Faces(start, end, normal, np.array([one[2] for one in flat], int))
 
 
-def curves_of(piece: Piece, surface: int, *, closed: bool, max_segments: int = MAX_SEGMENTS) -> list[Curves]:
+def curves_of_piece(
+    piece: Piece, surface: int, *, closed: bool, max_segments: int = MAX_SEGMENTS
+) -> list[Curves]:
     """The curves of one piece: seen from outside, and where the contour is open from the other side too."""
     if isinstance(piece, ArcPiece):
         axes = piece.radius_m * np.eye(2)
-        make = conic(piece.center_m, axes[0], axes[1], piece.start_rad, piece.sweep_rad)
+        make = conic_curves(piece.center_m, axes[0], axes[1], piece.start_rad, piece.sweep_rad)
     elif isinstance(piece, EllipsePiece):
-        make = conic(piece.center_m, piece.axes_m[0], piece.axes_m[1], 0.0, 2 * np.pi)
+        make = conic_curves(piece.center_m, piece.axes_m[0], piece.axes_m[1], 0.0, 2 * np.pi)
     else:
-        make = cubics(piece, _knots(piece), max_segments)
+        make = cubic_curves(piece, _knots(piece), max_segments)
     sides = (1.0,) if closed else (1.0, -1.0)
     return [curve for side in sides for curve in make(surface, side)]
 

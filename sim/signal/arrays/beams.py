@@ -54,7 +54,7 @@ def sine_spaced_azimuths(n_beams: int, sector_rad: float) -> FloatArray:
     return np.asarray(np.arcsin(edge * ((2 * np.arange(n_beams) + 1) / n_beams - 1)))
 
 
-def crossed(azimuth_rad: FloatArray, elevation_rad: Sequence[float]) -> tuple[FloatArray, FloatArray]:
+def direction_grid(azimuth_rad: FloatArray, elevation_rad: Sequence[float]) -> tuple[FloatArray, FloatArray]:
     """Every azimuth at every elevation, as two arrays (beam,), ordered by elevation, then azimuth."""
     elevations = np.asarray(elevation_rad, float)
     return np.tile(azimuth_rad, len(elevations)), np.repeat(elevations, len(azimuth_rad))
@@ -113,7 +113,7 @@ def hierarchical_beams(
     return PanelBeams(np.concatenate([level[1] for level in levels]), azimuth, np.zeros(len(azimuth)))
 
 
-def given_beams(
+def beams_from_weights(
     position_m: FloatArray, carrier_hz: float, weights: ComplexArray, element_pattern: str
 ) -> PanelBeams:
     """Beams of given weights (beam, element), normalised; each points to where it is strongest on a 1 deg grid.
@@ -131,7 +131,7 @@ def given_beams(
         )
     unit = unit_norm(weights)
     half = np.arange(-90, 91) * POINTING_GRID_RAD
-    azimuth, elevation = crossed(half, half.tolist())
+    azimuth, elevation = direction_grid(half, half.tolist())
     amplitude = element_amplitude(element_pattern, azimuth, elevation)
     steering = steering_vector(position_m, carrier_hz, azimuth, elevation)
     strength = np.round(np.abs(unit @ steering.T) * amplitude, 9)
@@ -141,7 +141,9 @@ def given_beams(
     return PanelBeams(unit, azimuth[best], elevation[best])
 
 
-def shaped(beams: PanelBeams, taper: FloatArray | None = None, phase_bits: int | None = None) -> PanelBeams:
+def shaped_beams(
+    beams: PanelBeams, taper: FloatArray | None = None, phase_bits: int | None = None
+) -> PanelBeams:
     """The beams with an amplitude taper (element,) and with phases rounded to multiples of 2 pi / 2^phase_bits."""
     weights = beams.weights
     if taper is not None:

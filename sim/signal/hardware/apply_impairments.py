@@ -12,18 +12,18 @@ from scenes.record import ComplexArray, FloatArray
 from sim.config import SimulationConfig
 from sim.signal.arrays.codebook import Codebook
 from sim.signal.hardware.impairments import (
-    clipped,
+    apply_clock_drift,
+    clipped_iq,
     fft_bins,
-    from_time,
-    imbalanced,
-    quantised,
-    random_walk_rad,
+    quantised_iq,
+    random_walk_phase_rad,
     surveyed_pose,
-    to_time,
-    turn_by_clock_drift,
+    to_subcarriers,
+    to_time_samples,
     wiener_phase_rad,
     with_beam_phases,
     with_element_errors,
+    with_iq_imbalance,
     with_mutual_coupling,
 )
 from sim.signal.link import Link, pilots
@@ -47,12 +47,12 @@ class RandomStage(IntEnum):
     SURVEY = 9
 
 
-def generator(seed: int, stage: RandomStage, stop: int = 0) -> np.random.Generator:
+def stage_generator(seed: int, stage: RandomStage, stop: int = 0) -> np.random.Generator:
     """The random generator of one stage at one stop."""
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(int(stage), stop)))
 
 
-def built_codebooks(config: SimulationConfig, link: Link) -> tuple[Codebook, Codebook]:
+def impaired_codebooks(config: SimulationConfig, link: Link) -> tuple[Codebook, Codebook]:
     """TX and RX codebook as the built arrays radiate them; the designed ones where nothing is wrong."""
     return (
         _built(config, link.tx_codebook, RandomStage.TX_ELEMENTS, RandomStage.TX_BEAMS),
@@ -70,23 +70,23 @@ def true_tx_pose(config: SimulationConfig, nominal: Pose) -> Pose:
 
 def extra_clock_bias_s(config: SimulationConfig, n_stops: int) -> FloatArray:
     """Clock bias (stop,) in s on top of the clock's own walk."""
-    draws = generator(config.seed, RandomStage.CLOCK_BIAS).standard_normal(n_stops)
+    draws = stage_generator(config.seed, RandomStage.CLOCK_BIAS).standard_normal(n_stops)
     return np.asarray(config.impairments.clock_bias_std_ns * 1e-9 * draws)
 
 
-def surveyed(config: SimulationConfig, truth: Truth) -> Truth:
+def with_surveyed_pose(config: SimulationConfig, truth: Truth) -> Truth:
     """The truth with the RX pose that the survey of the stops has noted, for those who are told the pose."""
     hardware = config.impairments
     if not (hardware.rx_placement_std_m or hardware.rx_heading_std_deg):
         return truth
-    rng = generator(config.seed, RandomStage.SURVEY, truth.stop)
+    rng = stage_generator(config.seed, RandomStage.SURVEY, truth.stop)
     pose = surveyed_pose(
         truth.rx_pose, hardware.rx_placement_std_m, np.deg2rad(hardware.rx_heading_std_deg), rng
     )
     return replace(truth, rx_pose=pose)
 
 
-def received(config: SimulationConfig, link: Link, stop: int, clean: ComplexArray) -> ComplexArray:
+def receive_samples(config: SimulationConfig, link: Link, stop: int, clean: ComplexArray) -> ComplexArray:
     """What a stop's receiver has of noiseless samples (tx_beam, rx_beam, subcarrier), which are overwritten.
 
     Every occasion of a beam pair passes the oscillator, thermal noise and the front end by itself; the receiver
@@ -95,8 +95,8 @@ def received(config: SimulationConfig, link: Link, stop: int, clean: ComplexArra
     """
     occasions = sweep_occasions(config.waveform, *clean.shape[:2])
     phase_rad = oscillator_phase_rad(config, stop, occasions.time_s)
-    noise_rng = generator(config.seed, RandomStage.NOISE, stop)
-    symbol_rng = generator(config.seed, RandomStage.SYMBOL_PHASE, stop)
+    noise_rng = stage_generator(config.seed, RandomStage.NOISE, stop)
+    symbol_rng = stage_generator(config.seed, RandomStage.SYMBOL_PHASE, stop)
     count = occasions.repetitions
     total = clean if count == 1 else np.zeros_like(clean)
     for time_s, turn_rad, slot in zip(occasions.time_s, phase_rad, occasions.slot, strict=True):
@@ -105,9 +105,9 @@ def received(config: SimulationConfig, link: Link, stop: int, clean: ComplexArra
         if count > 1:
             other_pilot = (pilots(config.waveform, slot) * link.prs_symbol.conj()).astype(np.complex64)
             samples *= other_pilot[:, None]
-        turn_by_oscillator(config, link, samples, time_s, turn_rad)
+        apply_oscillator(config, link, samples, time_s, turn_rad)
         add_noise(samples, link.noise_power_mw * count, noise_rng)
-        through_front_end(config, link, samples, symbol_rng)
+        apply_front_end(config, link, samples, symbol_rng)
         if other_pilot is not None:
             samples *= other_pilot.conj()[:, None] / np.float32(count)
             total += samples
@@ -119,23 +119,23 @@ def oscillator_phase_rad(config: SimulationConfig, stop: int, time_s: FloatArray
     hardware = config.impairments
     phase_rad = 2 * np.pi * hardware.cfo_hz * time_s
     if hardware.phase_noise_pair_deg:
-        rng = generator(config.seed, RandomStage.PAIR_PHASE, stop)
-        phase_rad = phase_rad + random_walk_rad(time_s, np.deg2rad(hardware.phase_noise_pair_deg), rng)
+        rng = stage_generator(config.seed, RandomStage.PAIR_PHASE, stop)
+        phase_rad = phase_rad + random_walk_phase_rad(time_s, np.deg2rad(hardware.phase_noise_pair_deg), rng)
     return np.asarray(phase_rad)
 
 
-def turn_by_oscillator(
+def apply_oscillator(
     config: SimulationConfig, link: Link, samples: ComplexArray, time_s: FloatArray, phase_rad: FloatArray
 ) -> None:
     """Clock drift and the phase (tx_beam, rx_beam) of the oscillator, in place on noiseless samples."""
     drift_ppm = config.impairments.clock_drift_ppm
     if drift_ppm:
-        turn_by_clock_drift(samples, time_s, drift_ppm, link.frequency_offset_hz)
+        apply_clock_drift(samples, time_s, drift_ppm, link.frequency_offset_hz)
     if phase_rad.any():
         samples *= np.exp(1j * phase_rad).astype(np.complex64)[..., None]
 
 
-def through_front_end(
+def apply_front_end(
     config: SimulationConfig, link: Link, samples: ComplexArray, rng: np.random.Generator
 ) -> None:
     """What acts on the samples over time, in place, TX beam by TX beam: oscillator, mixer, converters.
@@ -155,7 +155,7 @@ def through_front_end(
     rms = np.sqrt(strongest / n_fft / 2)
     cfo_rad = 2 * np.pi * hardware.cfo_hz / (spacing_hz * n_fft) * np.arange(n_fft, dtype=float)
     for block in samples:
-        signal = to_time(block, bins, n_fft)
+        signal = to_time_samples(block, bins, n_fft)
         phase_rad: FloatArray = cfo_rad
         if hardware.phase_noise_linewidth_hz:
             phase_rad = phase_rad + wiener_phase_rad(
@@ -164,12 +164,12 @@ def through_front_end(
         if hardware.cfo_hz or hardware.phase_noise_linewidth_hz:
             signal = signal * np.exp(1j * phase_rad).astype(np.complex64)
         if hardware.iq_gain_db or hardware.iq_phase_deg:
-            signal = imbalanced(signal, hardware.iq_gain_db, np.deg2rad(hardware.iq_phase_deg))
+            signal = with_iq_imbalance(signal, hardware.iq_gain_db, np.deg2rad(hardware.iq_phase_deg))
         if hardware.adc_clip_db is not None:
-            signal = clipped(signal, rms * 10 ** (hardware.adc_clip_db / 20))
+            signal = clipped_iq(signal, rms * 10 ** (hardware.adc_clip_db / 20))
         if hardware.adc_bits:
-            signal = quantised(signal, hardware.adc_bits, rms * 10 ** (hardware.adc_full_scale_db / 20))
-        block[:] = from_time(signal, bins)
+            signal = quantised_iq(signal, hardware.adc_bits, rms * 10 ** (hardware.adc_full_scale_db / 20))
+        block[:] = to_subcarriers(signal, bins)
 
 
 def _built(
@@ -181,12 +181,12 @@ def _built(
             codebook,
             hardware.element_gain_std_db,
             np.deg2rad(hardware.element_phase_std_deg),
-            generator(config.seed, elements),
+            stage_generator(config.seed, elements),
         )
     if hardware.coupling_db is not None:
         codebook = with_mutual_coupling(codebook, hardware.coupling_db)
     if hardware.beam_phase_std_deg:
         codebook = with_beam_phases(
-            codebook, np.deg2rad(hardware.beam_phase_std_deg), generator(config.seed, beams)
+            codebook, np.deg2rad(hardware.beam_phase_std_deg), stage_generator(config.seed, beams)
         )
     return codebook

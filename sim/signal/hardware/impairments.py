@@ -52,7 +52,7 @@ def with_beam_phases(codebook: Codebook, std_rad: float, rng: np.random.Generato
     return replace(codebook, weights=codebook.weights * np.exp(1j * phase_rad)[:, None])
 
 
-def turn_by_clock_drift(
+def apply_clock_drift(
     samples: ComplexArray, time_s: FloatArray, drift_ppm: float, frequency_hz: FloatArray
 ) -> None:
     """Turn samples (tx_beam, rx_beam, subcarrier) in place by the delay that a fast clock adds over the sweep."""
@@ -61,7 +61,7 @@ def turn_by_clock_drift(
         samples[beam] *= np.exp(-2j * np.pi * delays[:, None] * frequency_hz).astype(np.complex64)
 
 
-def random_walk_rad(time_s: FloatArray, step_rad: float, rng: np.random.Generator) -> FloatArray:
+def random_walk_phase_rad(time_s: FloatArray, step_rad: float, rng: np.random.Generator) -> FloatArray:
     """Phase, at times of any shape, of an oscillator that wanders by a Gaussian step from one to the next."""
     walk = np.empty(time_s.size)
     walk[np.argsort(time_s, axis=None, kind="stable")] = np.cumsum(rng.standard_normal(time_s.size))
@@ -79,7 +79,7 @@ def wiener_phase_rad(
     return np.asarray(np.sqrt(2 * np.pi * linewidth_hz / sample_rate_hz) * np.cumsum(steps, axis=1))
 
 
-def imbalanced(samples: ComplexArray, gain_db: float, phase_rad: float) -> ComplexArray:
+def with_iq_imbalance(samples: ComplexArray, gain_db: float, phase_rad: float) -> ComplexArray:
     """Time samples behind a receiver mixer with gain g of Q over I and quadrature error phi.
 
     I stays and Q becomes g (Q cos phi - I sin phi); Schenk, RF Imperfections (2008), section 5.
@@ -89,13 +89,13 @@ def imbalanced(samples: ComplexArray, gain_db: float, phase_rad: float) -> Compl
     return np.asarray((samples.real + 1j * q).astype(np.complex64))
 
 
-def clipped(samples: ComplexArray, level: float) -> ComplexArray:
+def clipped_iq(samples: ComplexArray, level: float) -> ComplexArray:
     """Samples with I and Q each limited to +-level."""
     parts = np.clip(np.ascontiguousarray(samples).view(np.float32), np.float32(-level), np.float32(level))
     return np.asarray(parts.view(np.complex64))
 
 
-def quantised(samples: ComplexArray, bits: int, full_scale: float) -> ComplexArray:
+def quantised_iq(samples: ComplexArray, bits: int, full_scale: float) -> ComplexArray:
     """Samples through a mid-rise converter of `bits` for each of I and Q over +-full_scale."""
     step = full_scale / 2 ** (bits - 1)
     parts = np.floor(np.ascontiguousarray(samples).view(np.float32) / step)
@@ -110,14 +110,14 @@ def fft_bins(frequency_hz: FloatArray, subcarrier_spacing_hz: float) -> tuple[In
     return bins % n_fft, n_fft
 
 
-def to_time(samples: ComplexArray, bins: IntArray, n_fft: int) -> ComplexArray:
+def to_time_samples(samples: ComplexArray, bins: IntArray, n_fft: int) -> ComplexArray:
     """Useful part (..., sample) of OFDM symbols, of the power of their subcarriers (unitary transform)."""
     grid = np.zeros((*samples.shape[:-1], n_fft), np.complex64)
     grid[..., bins] = samples
     return np.asarray(scipy.fft.ifft(grid, axis=-1, norm="ortho", overwrite_x=True))
 
 
-def from_time(time_samples: ComplexArray, bins: IntArray) -> ComplexArray:
+def to_subcarriers(time_samples: ComplexArray, bins: IntArray) -> ComplexArray:
     """Occupied subcarriers (..., subcarrier) of OFDM symbols."""
     return np.asarray(scipy.fft.fft(time_samples, axis=-1, norm="ortho")[..., bins])
 

@@ -60,7 +60,7 @@ def sweep_occasions(waveform: WaveformConfig, n_tx: int, n_rx: int) -> Occasions
     )
 
 
-def averaged(waveform: WaveformConfig) -> float:
+def measurements_per_sample(waveform: WaveformConfig) -> float:
     """Measurements of a subcarrier that a sample is the mean of: repetitions, and passes over the comb."""
     passes = waveform.prs.length / waveform.prs.comb if waveform.combine_symbols else 1.0
     if waveform.schedule is None:

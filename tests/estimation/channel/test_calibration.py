@@ -21,7 +21,7 @@ from sim.observation import BeamSweep
 from sim.signal.arrays.array import upa_positions_m
 from sim.signal.arrays.beams import sine_spaced_azimuths, steered_beams
 from sim.signal.arrays.codebook import Codebook, beam_response, codebook_on_panels
-from sim.signal.hardware.apply_impairments import built_codebooks
+from sim.signal.hardware.apply_impairments import impaired_codebooks
 
 CARRIER_HZ = 60e9
 
@@ -125,7 +125,7 @@ def test_a_few_stops_calibrate_both_arrays(bench: LinkBench) -> None:
     assert calibration.is_coherent
     assert calibration.n_paths >= 8
     for true, found, nominal in zip(
-        built_codebooks(bench.config, bench.link),
+        impaired_codebooks(bench.config, bench.link),
         (calibration.tx_codebook, calibration.rx_codebook),
         (bench.link.tx_codebook, bench.link.rx_codebook),
         strict=True,

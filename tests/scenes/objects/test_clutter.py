@@ -6,7 +6,7 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from scenes.objects.clutter import Clutter, crossings, placed
+from scenes.objects.clutter import Clutter, mesh_crossings, placed_vertices
 from scenes.objects.material import Material
 
 WOOD = Material("wood", 2.0, 0.4)
@@ -15,13 +15,13 @@ BALL = trimesh.creation.icosphere(subdivisions=3, radius=1.0)
 
 
 def clutter(mesh=BOX, *, move=(0, 0, 0), scale=1.0, rotation=(0, 0, 0), name="thing"):
-    vertices = placed(np.asarray(mesh.vertices), move, scale, rotation)
+    vertices = placed_vertices(np.asarray(mesh.vertices), move, scale, rotation)
     return Clutter(name, "clutter", WOOD, vertices, np.asarray(mesh.faces))
 
 
 def blocked(item, start, end):
     """Whether each leg meets the mesh."""
-    return np.isin(np.arange(len(np.atleast_2d(start))), crossings(item, start, end).leg)
+    return np.isin(np.arange(len(np.atleast_2d(start))), mesh_crossings(item, start, end).leg)
 
 
 def test_inside_of_a_box_and_a_ball():
@@ -63,17 +63,17 @@ def test_legs_in_chunks_and_turned_round(monkeypatch):
     item = clutter(BALL, move=(1, 0, 0))
     rng = np.random.default_rng(2)
     start, end = rng.uniform(-3, 3, (2, 300, 3))
-    whole = crossings(item, start, end)
+    whole = mesh_crossings(item, start, end)
     assert 30 < len(whole.leg) < 400
     monkeypatch.setattr("scenes.objects.clutter.MAX_TABLE_ENTRIES", 50)
-    for part, other in zip(whole, crossings(item, start, end), strict=True):
+    for part, other in zip(whole, mesh_crossings(item, start, end), strict=True):
         np.testing.assert_array_equal(part, other)
-    back = crossings(item, end, start)
+    back = mesh_crossings(item, end, start)
     np.testing.assert_array_equal(np.bincount(back.leg), np.bincount(whole.leg))
 
 
 def test_crossings_of_a_box_and_on_an_edge_that_two_triangles_share():
-    leg, share, normal = crossings(clutter(), (-2.0, 0.0, 0.0), (2.0, 0.0, 0.0))
+    leg, share, normal = mesh_crossings(clutter(), (-2.0, 0.0, 0.0), (2.0, 0.0, 0.0))
     assert leg.tolist() == [0, 0]
     np.testing.assert_allclose(share, [0.25, 0.75], atol=1e-12)
     np.testing.assert_allclose(np.abs(normal), [(1, 0, 0)] * 2, atol=1e-12)
@@ -86,16 +86,16 @@ def test_a_leg_that_starts_on_a_face_is_not_blocked_by_it():
 
 def test_placed_turns_about_x_then_y_then_z():
     np.testing.assert_allclose(
-        placed([(0, 1, 0)], (1, 2, 3), 2.0, (np.pi / 2, 0, 0)), [(1, 2, 5)], atol=1e-12
+        placed_vertices([(0, 1, 0)], (1, 2, 3), 2.0, (np.pi / 2, 0, 0)), [(1, 2, 5)], atol=1e-12
     )
     np.testing.assert_allclose(
-        placed([(1, 0, 0)], (0, 0, 0), 1.0, (0, np.pi / 2, 0)), [(0, 0, -1)], atol=1e-12
+        placed_vertices([(1, 0, 0)], (0, 0, 0), 1.0, (0, np.pi / 2, 0)), [(0, 0, -1)], atol=1e-12
     )
     np.testing.assert_allclose(
-        placed([(1, 0, 0)], (0, 0, 0), 1.0, (0, 0, np.pi / 2)), [(0, 1, 0)], atol=1e-12
+        placed_vertices([(1, 0, 0)], (0, 0, 0), 1.0, (0, 0, np.pi / 2)), [(0, 1, 0)], atol=1e-12
     )
     np.testing.assert_allclose(
-        placed([(0, 1, 0)], (0, 0, 0), 1.0, (np.pi / 2, np.pi / 2, 0)), [(1, 0, 0)], atol=1e-12
+        placed_vertices([(0, 1, 0)], (0, 0, 0), 1.0, (np.pi / 2, np.pi / 2, 0)), [(1, 0, 0)], atol=1e-12
     )
 
 

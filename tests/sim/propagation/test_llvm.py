@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from sim.propagation.llvm import LLVM_VARIABLE, LlvmError, find_llvm, llvm_version, probe, require_llvm
+from sim.propagation.llvm import LLVM_VARIABLE, LlvmError, find_llvm, llvm_version, probe_llvm, require_llvm
 
 
 @pytest.fixture
@@ -78,7 +78,7 @@ def test_probe_runs_a_kernel_with_the_chosen_library(unset):
     path = find_llvm()
     if path is None:
         pytest.skip("no LLVM 17 or later on this machine")
-    result = probe(path)
+    result = probe_llvm(path)
     assert result.ok, result.error
     assert int(result.version.split(".")[0]) >= 17
 
@@ -86,7 +86,7 @@ def test_probe_runs_a_kernel_with_the_chosen_library(unset):
 def test_probe_survives_a_file_that_is_no_library(tmp_path):
     broken = tmp_path / "libLLVM-19.so"
     broken.write_text("no library")
-    result = probe(broken)
+    result = probe_llvm(broken)
     assert not result.ok
     assert result.error
     assert "\n" not in result.error

@@ -11,7 +11,7 @@ from scenes.pose import Pose
 from scenes.scene import HorizontalPlane, Scene, SceneObject
 from scenes.walks.trajectory import Walk
 from sim.propagation import occlusion
-from sim.propagation.occlusion import blocked, occluders, surface_names
+from sim.propagation.occlusion import is_blocked, occluders, surface_names
 
 STONE = Material("stone", 5.0, 0.5)
 
@@ -34,8 +34,8 @@ SOLIDS = scene_of(
 FACES = occluders(SOLIDS)
 
 
-def is_blocked(faces, start, end):
-    return bool(blocked(faces, np.array([start], float), np.array([end], float))[0])
+def one_is_blocked(faces, start, end):
+    return bool(is_blocked(faces, np.array([start], float), np.array([end], float))[0])
 
 
 @pytest.mark.parametrize(
@@ -44,32 +44,32 @@ def is_blocked(faces, start, end):
 )
 def test_height_at_the_crossing_decides(z_start, z_end, expected):
     faces = occluders(scene_of((Polyline(np.array([(0.0, -1.0), (0.0, 1.0)])), 0.5, 2.0)))
-    assert is_blocked(faces, (-2, 0.2, z_start), (2, -0.3, z_end)) == expected
+    assert one_is_blocked(faces, (-2, 0.2, z_start), (2, -0.3, z_end)) == expected
 
 
 def test_crossing_height_is_where_the_leg_meets_the_wall():
     faces = occluders(scene_of((Polyline(np.array([(1.0, -1.0), (1.0, 1.0)])), 0.0, 1.5)))
-    assert is_blocked(faces, (0, 0, 0.0), (4, 0, 5.9))  # 1.475 m high there
-    assert not is_blocked(faces, (0, 0, 0.0), (4, 0, 6.1))  # 1.525 m
+    assert one_is_blocked(faces, (0, 0, 0.0), (4, 0, 5.9))  # 1.475 m high there
+    assert not one_is_blocked(faces, (0, 0, 0.0), (4, 0, 6.1))  # 1.525 m
 
 
 def test_lids_stop_steep_legs_that_no_face_meets():
     faces = occluders(scene_of((BOX, 2.0, 2.2)))
-    assert is_blocked(faces, (0.1, 0.0, 0.0), (-0.2, 0.1, 4.0))
-    assert not is_blocked(faces, (1.1, 0.0, 0.0), (1.2, 0.1, 4.0))
+    assert one_is_blocked(faces, (0.1, 0.0, 0.0), (-0.2, 0.1, 4.0))
+    assert not one_is_blocked(faces, (1.1, 0.0, 0.0), (1.2, 0.1, 4.0))
 
 
 def test_wall_end_is_open_beyond():
     faces = occluders(scene_of((Polyline(np.array([(0.0, 0.0), (0.0, 1.0)])), 0.0, 2.0)))
-    assert is_blocked(faces, (-1, 0.99, 1), (1, 0.99, 1))
-    assert not is_blocked(faces, (-1, 1.01, 1), (1, 1.01, 1))
+    assert one_is_blocked(faces, (-1, 0.99, 1), (1, 0.99, 1))
+    assert not one_is_blocked(faces, (-1, 1.01, 1), (1, 1.01, 1))
 
 
 def test_parallel_and_empty():
     faces = occluders(scene_of((Polyline(np.array([(0.0, 0.0), (0.0, 1.0)])), 0.0, 2.0)))
-    assert not is_blocked(faces, (0.1, -1, 1), (0.1, 2, 1))
-    assert not is_blocked(occluders(scene_of()), (0, 0, 1), (5, 5, 1))
-    assert blocked(faces, np.zeros((0, 3)), np.zeros((0, 3))).shape == (0,)
+    assert not one_is_blocked(faces, (0.1, -1, 1), (0.1, 2, 1))
+    assert not one_is_blocked(occluders(scene_of()), (0, 0, 1), (5, 5, 1))
+    assert is_blocked(faces, np.zeros((0, 3)), np.zeros((0, 3))).shape == (0,)
 
 
 positions = st.tuples(st.floats(-5, 5), st.floats(-5, 5), st.floats(0.05, 2.9))
@@ -79,7 +79,7 @@ positions = st.tuples(st.floats(-5, 5), st.floats(-5, 5), st.floats(0.05, 2.9))
 @given(positions, positions)
 def test_against_marching_through_the_solids(start, end):
     ends = np.array([start, end])
-    if np.any(SOLIDS.occupied(ends) >= 0):
+    if np.any(SOLIDS.object_index_at(ends) >= 0):
         return
     points = ends[0] + np.linspace(0, 1, 2001)[:, None] * (ends[1] - ends[0])
     depth = np.full(len(points), -np.inf)
@@ -88,17 +88,17 @@ def test_against_marching_through_the_solids(start, end):
         inside = np.minimum(inside, np.minimum(points[:, 2] - item.z_min_m, item.z_max_m - points[:, 2]))
         depth = np.maximum(depth, inside)
     if depth.max() > 1e-3:
-        assert is_blocked(FACES, start, end)
+        assert one_is_blocked(FACES, start, end)
     elif depth.max() < -5e-3:
-        assert not is_blocked(FACES, start, end)
+        assert not one_is_blocked(FACES, start, end)
 
 
 def test_parts_give_the_same_as_the_whole(monkeypatch):
     rng = np.random.default_rng(0)
     start, end = rng.uniform([-5, -5, 0], [5, 5, 3], (2, 300, 3))
-    whole = blocked(FACES, start, end)
+    whole = is_blocked(FACES, start, end)
     monkeypatch.setattr(occlusion, "MAX_TABLE_ENTRIES", 1)
-    np.testing.assert_array_equal(blocked(FACES, start, end), whole)
+    np.testing.assert_array_equal(is_blocked(FACES, start, end), whole)
     assert 0 < whole.sum() < len(whole)
 
 

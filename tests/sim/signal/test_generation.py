@@ -9,7 +9,7 @@ from isac_arena.validation.scenarios.paths import random_paths
 from scenes.pose import Pose
 from sim.config import ArrayConfig, SimulationConfig, WaveformConfig
 from sim.signal.arrays.codebook import beam_response
-from sim.signal.generation import _spanning, beam_channel, beam_channel_blocks, wave_sums
+from sim.signal.generation import _spanning, beam_channel, beam_channel_blocks, sum_over_paths
 from sim.signal.link import make_codebook, make_link
 
 
@@ -34,7 +34,7 @@ def test_sums_of_waves(count: int, spread_s: float, n_subcarriers: int, first_hz
     tx, rx = (rng.standard_normal((count, n, 2)) @ [1, 1j] for n in (5, 3))
     delay_s = rng.uniform(0, spread_s, count) + rng.uniform(-1e-7, 1e-7)
     frequency_hz = first_hz + 240e3 * np.arange(n_subcarriers) * 40
-    found = wave_sums(tx, rx, delay_s, frequency_hz)
+    found = sum_over_paths(tx, rx, delay_s, frequency_hz)
     expected = direct(tx, rx, delay_s, frequency_hz)
     assert found.dtype == np.complex64 and found.flags.c_contiguous
     assert np.abs(found - expected).max() <= 2e-6 * np.abs(expected).max()

@@ -7,16 +7,16 @@ import pytest
 
 from isac_arena.validation.signal.generation import ImpairmentBench, check_arrays_as_built, check_front_end
 from sim.signal.arrays.codebook import Codebook
-from sim.signal.hardware.apply_impairments import built_codebooks, true_tx_pose
+from sim.signal.hardware.apply_impairments import impaired_codebooks, true_tx_pose
 from sim.signal.hardware.config import IMPAIRMENTS, ImpairmentsConfig
 from sim.signal.hardware.impairments import (
-    clipped,
+    clipped_iq,
     coupling_matrix,
     fft_bins,
-    from_time,
-    imbalanced,
-    quantised,
-    to_time,
+    quantised_iq,
+    to_subcarriers,
+    to_time_samples,
+    with_iq_imbalance,
 )
 from sim.simulate import observe
 
@@ -54,7 +54,7 @@ def test_the_sweep_tells_the_design_whatever_the_hardware() -> None:
     bench = ImpairmentBench(4)
     deviating = TYPICAL.model_copy(update={"element_phase_std_deg": 30.0, "tx_pointing_offset_deg": 5.0})
     config = bench.config(**deviating.model_dump(exclude_defaults=True))
-    built = built_codebooks(config, bench.link)
+    built = impaired_codebooks(config, bench.link)
     sweep = observe(config, bench.link, bench.scene, bench.truth(0))
     for told, radiated, designed in zip(
         (sweep.tx_codebook, sweep.rx_codebook),
@@ -80,17 +80,17 @@ def test_time_and_frequency_are_a_unitary_pair() -> None:
     rng = np.random.default_rng(1)
     samples = (rng.standard_normal((3, 24, 2)) @ [1, 1j]).astype(np.complex64)
     bins, n_fft = fft_bins((np.arange(24) * 2 - 24) * 120e3, 120e3)
-    time = to_time(samples, bins, n_fft)
+    time = to_time_samples(samples, bins, n_fft)
     np.testing.assert_allclose(np.linalg.norm(time, axis=1), np.linalg.norm(samples, axis=1), rtol=1e-5)
-    np.testing.assert_allclose(from_time(time, bins), samples, atol=1e-5)
+    np.testing.assert_allclose(to_subcarriers(time, bins), samples, atol=1e-5)
 
 
 def test_converter_and_mixer_in_closed_form() -> None:
     x = np.array([0.3 - 0.9j, 1.5 + 0.1j], np.complex64)
-    np.testing.assert_allclose(clipped(x, 1.0), [0.3 - 0.9j, 1.0 + 0.1j])
-    np.testing.assert_allclose(quantised(x, 2, 1.0), [0.25 - 0.75j, 0.75 + 0.25j])
-    np.testing.assert_allclose(imbalanced(x, 20 * np.log10(2), 0.0), x.real + 2j * x.imag, rtol=1e-6)
-    np.testing.assert_allclose(imbalanced(x, 0.0, np.pi / 6).real, x.real)
+    np.testing.assert_allclose(clipped_iq(x, 1.0), [0.3 - 0.9j, 1.0 + 0.1j])
+    np.testing.assert_allclose(quantised_iq(x, 2, 1.0), [0.25 - 0.75j, 0.75 + 0.25j])
+    np.testing.assert_allclose(with_iq_imbalance(x, 20 * np.log10(2), 0.0), x.real + 2j * x.imag, rtol=1e-6)
+    np.testing.assert_allclose(with_iq_imbalance(x, 0.0, np.pi / 6).real, x.real)
 
 
 def test_coupling_falls_with_distance() -> None:

@@ -21,7 +21,7 @@ from sim.signal.link_budget import (
     side_lobe_db,
 )
 from sim.signal.waveform.config import ScheduleConfig
-from sim.signal.waveform.occasions import averaged
+from sim.signal.waveform.occasions import measurements_per_sample
 from sim.signal.waveform.prs import prs_comb_pass
 from sim.truth import Truth
 
@@ -75,7 +75,7 @@ def test_averaging_lowers_both_noises_alike() -> None:
     noise_mw = [
         make_link(SimulationConfig(scene="none", waveform=wave)).noise_power_mw[0] for wave in (plain, four)
     ]
-    assert averaged(plain) == 1 and averaged(four) == 4
+    assert measurements_per_sample(plain) == 1 and measurements_per_sample(four) == 4
     assert noise_mw[0] / noise_mw[1] == pytest.approx(4)
     assert converter_share(plain) / converter_share(four) == pytest.approx(4)
 

@@ -12,7 +12,7 @@ from sim.signal.arrays.array import element_amplitude, steering_vector
 from sim.signal.generation import beam_channel
 from sim.signal.link import make_link
 from sim.signal.noise import add_noise, noise_power_mw
-from sim.simulate import RandomStage, clock_biases_s, generator
+from sim.simulate import RandomStage, clock_biases_s, stage_generator
 
 SMALL = SimulationConfig(
     scene="none",
@@ -80,13 +80,13 @@ def test_thermal_noise_floor() -> None:
 
 def test_every_stage_and_stop_draws_its_own_numbers() -> None:
     draws = {
-        (seed, stage, stop): generator(seed, stage, stop).random()
+        (seed, stage, stop): stage_generator(seed, stage, stop).random()
         for seed in (1, 2)
         for stage in RandomStage
         for stop in range(3)
     }
     assert len(set(draws.values())) == len(draws)
-    assert draws[1, RandomStage.NOISE, 2] == generator(1, RandomStage.NOISE, 2).random()
+    assert draws[1, RandomStage.NOISE, 2] == stage_generator(1, RandomStage.NOISE, 2).random()
 
 
 def test_clock_is_a_random_walk_and_a_prefix_of_a_longer_one() -> None:

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 from estimation.channel.model.apparent import apparent_angles
 from estimation.channel.model.manifold import Manifold
 from sim.signal.arrays.array import upa_positions_m
-from sim.signal.arrays.beams import crossed, sine_spaced_azimuths, steered_beams
+from sim.signal.arrays.beams import direction_grid, sine_spaced_azimuths, steered_beams
 from sim.signal.arrays.codebook import beam_response, codebook_on_panels, steered_codebook
 
 CARRIER_HZ = 60e9
@@ -38,7 +38,9 @@ def test_cone_angles_have_the_biases_of_the_reference():
 
 
 def test_beams_that_tell_elevation_keep_the_direction():
-    beams = steered_beams(POSITION_M, CARRIER_HZ, *crossed(sine_spaced_azimuths(8, 1.5), [-0.3, 0.0, 0.3]))
+    beams = steered_beams(
+        POSITION_M, CARRIER_HZ, *direction_grid(sine_spaced_azimuths(8, 1.5), [-0.3, 0.0, 0.3])
+    )
     book = codebook_on_panels(beams, POSITION_M, CARRIER_HZ, panel_azimuth_rad=[0.0])
     angles, gain = apparent_angles(book, Manifold(book), [0.3, -0.2], [0.1, -0.2])
     assert_allclose(angles, [[0.3, 0.1], [-0.2, -0.2]])

@@ -11,7 +11,7 @@ from estimation.channel.model.crb import crb, path_covariance, path_information
 from estimation.channel.model.manifold import Manifold
 from estimation.channel.model.phase_information import exact_pair_information, pair_information
 from sim.signal.arrays.array import upa_positions_m
-from sim.signal.arrays.beams import crossed, sine_spaced_azimuths, steered_beams
+from sim.signal.arrays.beams import direction_grid, sine_spaced_azimuths, steered_beams
 from sim.signal.arrays.codebook import codebook_on_panels, steered_codebook
 
 CARRIER_HZ = 60e9
@@ -30,7 +30,9 @@ def flat_codebook(beams, panels=(0.0,), columns=8):
 
 def elevation_codebook():
     position = upa_positions_m(4, 6, CARRIER_HZ)
-    beams = steered_beams(position, CARRIER_HZ, *crossed(sine_spaced_azimuths(5, 1.5), [-0.3, 0.0, 0.3]))
+    beams = steered_beams(
+        position, CARRIER_HZ, *direction_grid(sine_spaced_azimuths(5, 1.5), [-0.3, 0.0, 0.3])
+    )
     return codebook_on_panels(beams, position, CARRIER_HZ, panel_azimuth_rad=[0.2])
 
 

@@ -11,7 +11,7 @@ from estimation.channel.model.false_alarms import (
 )
 from estimation.channel.model.manifold import Manifold
 from sim.signal.arrays.array import upa_positions_m
-from sim.signal.arrays.beams import given_beams
+from sim.signal.arrays.beams import beams_from_weights
 from sim.signal.arrays.codebook import Codebook, codebook_on_panels
 
 
@@ -51,7 +51,7 @@ def test_curvatures_of_a_product_multiply() -> None:
 def _bare_array(rows: int, columns: int) -> Codebook:
     """Isotropic elements, each a beam of its own."""
     position_m = upa_positions_m(rows, columns, 60e9)
-    beams = given_beams(position_m, 60e9, np.eye(len(position_m), dtype=complex), "isotropic")
+    beams = beams_from_weights(position_m, 60e9, np.eye(len(position_m), dtype=complex), "isotropic")
     return codebook_on_panels(beams, position_m, 60e9, panel_azimuth_rad=[0.0], element_pattern="isotropic")
 
 

@@ -9,7 +9,7 @@ import shapely
 from isac_arena.validation.scenarios.solids import METAL, scene_of
 from scenes.contours import Circle, ClosedSpline, Ellipse, Polygon, RoundedPolygon, rectangle
 from scenes.pose import SPEED_OF_LIGHT_M_S
-from sim.propagation.diffraction.convex import convex_ring
+from sim.propagation.diffraction.convex import convex_contour
 from sim.propagation.diffraction.creeping import creeping_paths, creeping_rays
 from sim.propagation.diffraction.fock import convex_creeping_gain, creeping_gain
 from sim.propagation.specular.solver import exact_paths
@@ -36,7 +36,7 @@ def ends(seed, n=20):
 def test_an_ellipse_of_equal_axes_is_a_circle():
     tx, rx = ends(1)
     circle = Circle(np.array([0.2, -0.1]), 0.4)
-    ring = convex_ring(Ellipse(circle.center_m, np.array([0.4, 0.4]), 0.7))
+    ring = convex_contour(Ellipse(circle.center_m, np.array([0.4, 0.4]), 0.7))
     for sense in (1, -1):
         expected, found = (creeping_rays(one, tx, rx, sense) for one in (circle, ring))
         found = found.take("ray", np.isin(found.receiver, expected.receiver))
@@ -66,7 +66,7 @@ def test_rays_are_shortest_ways_round_the_contour(contour):
     """The rim of the convex hull of both ends and the contour is made of the two ways, one in each sense."""
     tx = np.array([-4.0, 0.1, 1.0])
     rx = np.array([(3.0, y, 1.0 + y) for y in (-0.3, -0.1, 0.0, 0.2, 0.3)])
-    ring = convex_ring(contour)
+    ring = convex_contour(contour)
     outline = contour.vertices(1e-7)
     assert ring.length_m == pytest.approx(contour.length_m, rel=1e-9)
     level = np.full((2, len(rx)), np.nan)
@@ -84,11 +84,11 @@ def test_rays_are_shortest_ways_round_the_contour(contour):
 
 
 def test_corners_stop_creeping_waves_and_concave_or_flat_contours_have_none():
-    assert convex_ring(rectangle((0, 1), (0, 1))) is None and convex_ring(Polygon(SQUARE)) is None
+    assert convex_contour(rectangle((0, 1), (0, 1))) is None and convex_contour(Polygon(SQUARE)) is None
     bean = ClosedSpline(np.array([(0.6, 0), (0.3, 0.4), (0, 0.1), (-0.3, 0.4), (-0.6, 0), (0, -0.5)], float))
-    assert convex_ring(bean) is None
+    assert convex_contour(bean) is None
     one_round = RoundedPolygon(SQUARE, np.array([0.0, 0.0, 0.3, 0.3]))
-    ring = convex_ring(one_round)
+    ring = convex_contour(one_round)
     assert ring.corner_m.size == 2
     tx, low, high = np.array([-4.0, 0.0, 1.0]), np.array([[4.0, -0.3, 1.0]]), np.array([[4.0, 0.3, 1.0]])
     assert len(creeping_rays(ring, tx, low, 1).receiver) == 0  # below, over two corners
@@ -100,7 +100,7 @@ def test_corners_stop_creeping_waves_and_concave_or_flat_contours_have_none():
 def test_total_field_goes_on_into_the_shadow(contour, rise):
     """Just inside the light the reflection at grazing joins the line of sight; just outside the creeping wave."""
     tx = np.array([-4.0, 0.1, 1.0])
-    ring = convex_ring(contour)
+    ring = convex_contour(contour)
     touch = ring.tangents(tx[None, :2], ends_light=False)
     onward = touch.point_m[0] - tx[:2]
     beyond = touch.point_m[0] + 3.0 * onward / np.linalg.norm(onward)

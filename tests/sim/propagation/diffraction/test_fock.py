@@ -11,7 +11,7 @@ from sim.propagation.diffraction.fock import (
     RESIDUE_SERIES_ABOVE,
     creeping_gain,
     grazing_factor,
-    pekeris,
+    pekeris_function,
 )
 
 K = 2 * np.pi * 60e9 / 299_792_458.0
@@ -27,14 +27,14 @@ def test_validation_bars_are_met(check):
 
 def test_pekeris_functions_at_the_shadow_boundary():
     # Logan's tables: p*(0) = 0.3066 e^{j pi/6} / cos(pi/6), q*(0) = -0.2660 e^{j pi/6} / cos(pi/6)
-    np.testing.assert_allclose(pekeris(0.0, "soft"), 0.3541 * np.exp(1j * np.pi / 6), atol=2e-4)
-    np.testing.assert_allclose(pekeris(0.0, "hard"), -0.3072 * np.exp(1j * np.pi / 6), atol=2e-4)
+    np.testing.assert_allclose(pekeris_function(0.0, "soft"), 0.3541 * np.exp(1j * np.pi / 6), atol=2e-4)
+    np.testing.assert_allclose(pekeris_function(0.0, "hard"), -0.3072 * np.exp(1j * np.pi / 6), atol=2e-4)
 
 
 @pytest.mark.parametrize("polarisation", POLARISATIONS)
 @pytest.mark.parametrize("joint", [REFLECTION_SERIES_BELOW, RESIDUE_SERIES_ABOVE])
 def test_pekeris_representations_meet(polarisation, joint):
-    below, above = pekeris(joint + np.array([-1e-9, 1e-9]), polarisation)
+    below, above = pekeris_function(joint + np.array([-1e-9, 1e-9]), polarisation)
     assert abs(above - below) < 5e-5 * abs(below)
 
 

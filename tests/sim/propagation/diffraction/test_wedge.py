@@ -9,7 +9,7 @@ from scipy.special import hankel2
 
 from isac_arena.validation.propagation import exact_fields
 from isac_arena.validation.propagation.diffraction import check_half_plane, check_wedge
-from sim.propagation.diffraction.wedge import transition, wedge_gain
+from sim.propagation.diffraction.wedge import transition_function, wedge_gain
 
 K = 2 * np.pi * 60e9 / 299_792_458.0
 
@@ -22,13 +22,13 @@ def test_transition_function_is_its_integral(x):
         return getattr((1 - 1j) * np.exp(-1j * t**2), part)
 
     integral = sum(unit * quad(integrand, 0, 8, part)[0] for unit, part in ((1, "real"), (1j, "imag")))
-    assert transition(x) == pytest.approx(2j * np.sqrt(x) * np.exp(1j * x) * integral, rel=1e-8)
+    assert transition_function(x) == pytest.approx(2j * np.sqrt(x) * np.exp(1j * x) * integral, rel=1e-8)
 
 
 def test_transition_function_limits():
-    assert transition(0.0) == 0
-    assert transition(1e6) == pytest.approx(1, abs=1e-6)
-    np.testing.assert_allclose(transition(40.0), 1 + 1j / 80, atol=1e-3)
+    assert transition_function(0.0) == 0
+    assert transition_function(1e6) == pytest.approx(1, abs=1e-6)
+    np.testing.assert_allclose(transition_function(40.0), 1 + 1j / 80, atol=1e-3)
 
 
 def test_exact_fields_meet_their_boundary_conditions():

@@ -15,9 +15,9 @@ from scenes.walks.trajectory import Walk
 from sim.config import PropagationConfig
 from sim.propagation.paths import BounceKind
 from sim.propagation.specular.curved import curved_paths
-from sim.propagation.specular.rays import CAUSTIC_LIMIT, spreading
+from sim.propagation.specular.rays import CAUSTIC_LIMIT, spreading_factor
 from sim.propagation.specular.solver import exact_paths
-from sim.propagation.specular.surfaces import surfaces
+from sim.propagation.specular.surfaces import reflecting_surfaces
 
 CARRIER_HZ = 60e9
 WAVELENGTH_M = SPEED_OF_LIGHT_M_S / CARRIER_HZ
@@ -45,7 +45,7 @@ def curved_reflections(scene, rx, carrier_hz):
 
 
 def one_bounce(curvature, s1, s2, cosine):
-    return spreading(
+    return spreading_factor(
         np.atleast_1d(curvature)[:, None],
         np.tile([s1, s2], (np.size(curvature), 1)),
         np.full((np.size(curvature), 1), cosine),
@@ -213,7 +213,7 @@ def test_legs_hit_by_the_contour_itself_or_by_others_are_dropped():
     tx = np.array([-1.0, 4.0, 1.0])
     rx = np.column_stack([np.linspace(-4, 4, 33), np.full(33, 2.0), np.full(33, 1.2)])
     scene = scene_of(tx, (s_bend, 0.0, 3.0, METAL))
-    candidates = curved_paths(surfaces(scene).curves, tx[:2], rx[:, :2])
+    candidates = curved_paths(reflecting_surfaces(scene).curves, tx[:2], rx[:, :2])
     outline = shapely.LineString(s_bend.vertices(1e-7))
     expected = []
     for receiver, point, normal in zip(
@@ -243,9 +243,9 @@ def test_two_bounces_spread_like_the_lens_chain():
     lens = np.array([[1, 0], [2 * k / cosine, 1]])
     free = [np.array([[1, leg], [0, 1]]) for leg in legs]
     tube = (free[2] @ lens @ free[1] @ lens @ free[0])[0, 1]
-    [gain] = spreading(np.full((1, 2), k), legs[None], np.full((1, 2), cosine))
+    [gain] = spreading_factor(np.full((1, 2), k), legs[None], np.full((1, 2), cosine))
     assert gain == pytest.approx(np.sqrt(legs.sum() / tube))
-    [focusing] = spreading(np.full((1, 2), -3.0), legs[None], np.full((1, 2), cosine))
+    [focusing] = spreading_factor(np.full((1, 2), -3.0), legs[None], np.full((1, 2), cosine))
     assert focusing.real < 0  # two caustics turn the phase by 180 deg
     assert abs(focusing.imag) < 1e-12
 

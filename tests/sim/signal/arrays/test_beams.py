@@ -18,12 +18,12 @@ from sim.signal.arrays.array import (
 )
 from sim.signal.arrays.beams import (
     PanelBeams,
+    beams_from_weights,
     campus_azimuths,
     dft_beams,
-    given_beams,
     hierarchical_beams,
     quantised_phase,
-    shaped,
+    shaped_beams,
     sine_spaced_azimuths,
     steered_beams,
 )
@@ -95,7 +95,7 @@ def test_every_level_of_the_hierarchy_covers_the_sector() -> None:
 
 def test_given_weights_point_to_where_they_are_strongest() -> None:
     made = steered_beams(UPA, CARRIER_HZ, np.deg2rad([-40, 0, 25]), np.deg2rad([0, 10, -5]))
-    back = given_beams(UPA, CARRIER_HZ, 3.0 * made.weights, "isotropic")
+    back = beams_from_weights(UPA, CARRIER_HZ, 3.0 * made.weights, "isotropic")
     np.testing.assert_allclose(back.weights, made.weights, atol=1e-15)
     np.testing.assert_allclose(back.azimuth_rad, made.azimuth_rad, atol=np.deg2rad(1))
     np.testing.assert_allclose(back.elevation_rad, made.elevation_rad, atol=np.deg2rad(2))
@@ -103,14 +103,14 @@ def test_given_weights_point_to_where_they_are_strongest() -> None:
 
 def test_bad_weights_name_the_rule() -> None:
     with pytest.raises(ValueError, match="16 per beam, the array has 64 elements"):
-        given_beams(UPA, CARRIER_HZ, np.ones((3, 16), complex), "tr38901")
+        beams_from_weights(UPA, CARRIER_HZ, np.ones((3, 16), complex), "tr38901")
     with pytest.raises(ValueError, match="at least 1 beam"):
-        given_beams(UPA, CARRIER_HZ, np.ones((0, 64), complex), "tr38901")
+        beams_from_weights(UPA, CARRIER_HZ, np.ones((0, 64), complex), "tr38901")
     for bad in (0.0, np.nan):
         weights = np.ones((3, 64), complex)
         weights[1] = bad
         with pytest.raises(ValueError, match="beam 1 has none"):
-            given_beams(UPA, CARRIER_HZ, weights, "tr38901")
+            beams_from_weights(UPA, CARRIER_HZ, weights, "tr38901")
     with pytest.raises(ValueError, match="hierarchy_levels = 6"):
         hierarchical_beams(UPA, CARRIER_HZ, 16, 6, np.pi)
     with pytest.raises(ValueError, match="phase_bits = 0"):
@@ -140,7 +140,7 @@ def test_few_bits_cost_the_textbook_gain() -> None:
     row = upa_positions_m(1, 64, CARRIER_HZ)
     azimuth = sine_spaced_azimuths(200, 2.5)
     ideal = steered_beams(row, CARRIER_HZ, azimuth, np.zeros(200))
-    coarse = shaped(ideal, phase_bits=2)
+    coarse = shaped_beams(ideal, phase_bits=2)
     steering = steering_vector(row, CARRIER_HZ, azimuth, 0.0)
     gain = np.abs((coarse.weights * steering).sum(axis=1)) ** 2 / 64
     assert gain.mean() == pytest.approx(np.sinc(0.25) ** 2, abs=0.02)
@@ -148,7 +148,7 @@ def test_few_bits_cost_the_textbook_gain() -> None:
 
 @pytest.mark.parametrize(("taper", "tolerance_db"), [("chebyshev", 0.1), ("taylor", 1.0)])
 def test_tapers_reach_their_side_lobes(taper: str, tolerance_db: float) -> None:
-    beams = shaped(broadside(16), upa_taper(1, 16, taper, 30.0))  # type: ignore[arg-type]
+    beams = shaped_beams(broadside(16), upa_taper(1, 16, taper, 30.0))  # type: ignore[arg-type]
     sine = np.linspace(0, 1, 4001)
     row = upa_positions_m(1, 16, CARRIER_HZ)
     level = 20 * np.log10(np.abs(beams.weights @ steering_vector(row, CARRIER_HZ, np.arcsin(sine), 0).T)[0])
