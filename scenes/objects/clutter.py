@@ -2,8 +2,8 @@
 
 The exact solver handles vertical prisms only, so the ray tracer finds the reflections off meshes. `mesh_crossings`
 finds where a mesh blocks a path. Every triangle is a flat face: it reflects, it diffracts at its edges and, with
-transmission, paths go through it. A faceted round mesh therefore reflects to few receivers, and the reflections are
-too strong there. Draw round things as objects with a round contour.
+transmission, paths go through it. A faceted round mesh therefore reflects to few receivers, and these reflections
+are too strong. Draw round things as objects with a round contour.
 """
 
 from __future__ import annotations

@@ -117,7 +117,7 @@ def llvm_install_command() -> str:
 def require_llvm() -> Path:
     """Set `DRJIT_LIBLLVM_PATH` to a usable library, unless set already, and return it.
 
-    Call it before Dr.Jit is imported. It reads the version number only, so it is fast; `probe_llvm` is the sure test.
+    Call it before Dr.Jit is imported. It reads the version number only, so it is fast; `probe_llvm` runs a test.
 
     Raises
     ------
