@@ -17,10 +17,10 @@ from sim.propagation.llvm import (
     LLVM_VARIABLE,
     MIN_LLVM_VERSION,
     find_llvm,
-    install_command,
+    llvm_install_command,
+    mitsuba_variant,
     n_cuda_devices,
-    probe,
-    variant,
+    probe_llvm,
 )
 
 Status = Literal["ok", "warn", "fail"]
@@ -108,19 +108,19 @@ def check_llvm() -> Check:
     elif not path.exists():
         problem = f"{path}: no such file"
     else:
-        outcome = probe(path)
+        outcome = probe_llvm(path)
         if outcome.ok:
             return Check("llvm", "ok", f"LLVM {outcome.version} compiles ({path})")
         problem = f"{path}: {outcome.error}"
     if n_cuda_devices():
         return Check("llvm", "ok", f"{problem}; not needed, CUDA is used")
     chosen = f"unset {LLVM_VARIABLE}, or: " if LLVM_VARIABLE in os.environ else ""
-    return Check("llvm", "fail", problem, f"{chosen}{install_command()}")
+    return Check("llvm", "fail", problem, f"{chosen}{llvm_install_command()}")
 
 
 def check_sionna(llvm: Check, timeout_s: float = 120.0) -> Check:
     """Sionna RT loads in the variant that the tracer would choose: CUDA where there is a device, else LLVM."""
-    chosen = variant()
+    chosen = mitsuba_variant()
     if not n_cuda_devices() and llvm.status == "fail":
         return Check("sionna", "fail", f"{chosen} not tried, it needs LLVM", "solve the llvm problem first")
     environment = dict(os.environ)
