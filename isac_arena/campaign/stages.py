@@ -43,9 +43,6 @@ from isac_arena.campaign.recording import SETTINGS, check_unchanged, recorded_ru
 from isac_arena.campaign.results import CampaignResults, MapResult
 from isac_arena.campaign.summary import PlanarCounts, run_facts, score_table
 from isac_arena.report.page.budget_file import BUDGET_FILE, read_budget
-from isac_arena.report.page.figures import make_figures
-from isac_arena.report.page.html import render_report
-from isac_arena.report.page.payload.campaign import report_payload
 from isac_arena.scoring.measured import measured_metrics, score_measured
 from isac_arena.scoring.record import ScoreTables
 from isac_arena.scoring.score import Scores, score_metrics
@@ -202,6 +199,9 @@ def write_scores(store: CampaignStore) -> None:
 
 def write_report(store: CampaignStore) -> None:
     """Draw the figures and write the self-contained HTML report."""
+    from isac_arena.report.page.figures import make_figures  # noqa: PLC0415  (brings matplotlib)
+    from isac_arena.report.page.html import render_report  # noqa: PLC0415
+
     scene = scene_of(store)
     results = stored_results(store, len(scene.stops))
     tables = _present(store, store.score_tables(), "the score (provenance.nc)", "score")
@@ -223,6 +223,8 @@ def _page_payload(
     store: CampaignStore, scene: Scene, results: CampaignResults, tables: ScoreTables
 ) -> dict[str, Any]:
     """What the report page knows of a campaign; a measured one has no true paths."""
+    from isac_arena.report.page.payload.campaign import report_payload  # noqa: PLC0415  (brings matplotlib)
+
     name, n_stops = store.config.name, len(scene.stops)
     truths = stored_truths(store, n_stops) if store.measured is None else ()
     check_unchanged(store.directory / BUDGET_FILE.parent, [BUDGET_FILE.name])

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from sklearn.cluster import DBSCAN
 
 from estimation.shape.config import CentroidBias
 from scenes.record import FloatArray, IntArray
@@ -21,6 +20,8 @@ def cluster_points(position_m: FloatArray, eps_m: float, min_samples: int) -> In
     """
     if len(position_m) == 0:
         return np.zeros(0, dtype=np.int64)
+    from sklearn.cluster import DBSCAN  # noqa: PLC0415  (it takes a second, and pandas comes with it)
+
     found = DBSCAN(eps=eps_m, min_samples=min_samples).fit_predict(position_m)
     centroid = centroids(position_m, found)
     size = np.bincount(found[found != NOISE], minlength=len(centroid))
