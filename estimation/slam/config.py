@@ -151,8 +151,11 @@ class SnapshotConfig(ConfigModel):
     """Robust snapshot SLAM; the defaults are the published algorithm and its parameters.
 
     `method`
-        `reference`: heading grid, power weights, distance gate, as published.
-        `statistical`: closed-form headings, each path gated and weighted by its own covariance.
+        `reference`: heading grid, power weights, distance gate, as published; in the plane, also where elevations
+        were estimated. The smoother and the filter of a walk need modes ranked by evidence, so they take those of
+        the statistical method, in the plane.
+        `statistical`: closed-form headings, each path gated and weighted by its own covariance; in space where
+        elevations were estimated.
     `refine`
         Maximum-likelihood refinement of the reference solution on its inliers; the statistical method always
         refines.
@@ -166,7 +169,9 @@ class SnapshotConfig(ConfigModel):
 
     method: Literal["reference", "statistical"] = "reference"
     refine: bool = False
-    use_elevation: bool = Field(True, description="solve in space where elevations were estimated")
+    use_elevation: bool = Field(
+        True, description="solve in space where elevations were estimated (statistical method only)"
+    )
     path_loss: PathLoss = PathLoss()
     max_hypothesis_paths: int = Field(12, ge=4)
     min_los_inliers: int = Field(3, ge=2)
@@ -187,6 +192,11 @@ class SnapshotConfig(ConfigModel):
     max_iterations: int = Field(40, ge=1)
     max_clock_bias_ns: float = Field(300.0, gt=0, description="a larger clock bias is not credible")
     max_position_std_m: float = Field(1.5, gt=0, description="a stop known less well than this has failed")
+
+    @property
+    def solves_in_space(self) -> bool:
+        """Whether elevations are used where they were estimated: the published algorithm is planar."""
+        return self.use_elevation and self.method == "statistical"
 
     @property
     def max_clock_bias_m(self) -> float:

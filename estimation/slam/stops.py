@@ -26,13 +26,14 @@ def locate_and_map(
 ) -> tuple[PoseEstimates, IncidencePoints]:
     """Poses and incidence points by the settings: every stop on its own without `trajectory`, else by its method.
 
-    In space where elevations were estimated and `slam.use_elevation` wants them.
+    In space where elevations were estimated and `slam.use_elevation` wants them; always in the plane with
+    `slam.method` "reference", whose published algorithm is planar.
     """
     if trajectory is None:
         return run_slam(estimates, tx_pose, slam, mapping)
     if trajectory.method == "filter":
         return run_filter(estimates, tx_pose, slam, trajectory, mapping)
-    spatial = is_spatial(estimates, use_elevation=slam.use_elevation)
+    spatial = is_spatial(estimates, use_elevation=slam.solves_in_space)
     smooth = run_spatial_trajectory if spatial else run_trajectory
     poses, points, _ = smooth(estimates, tx_pose, slam, trajectory, mapping)
     return poses, points
@@ -46,10 +47,11 @@ def run_slam(
 ) -> tuple[PoseEstimates, IncidencePoints]:
     """Solve every stop on its own, then map the IPs of the stops that were solved.
 
-    An IP is an inlier where SLAM took its path as a single bounce and mapping's own gate agrees. Where the
-    state has a covariance, it is carried into the covariance of the IPs.
+    In space or in the plane as `locate_and_map`.
+    An IP is an inlier where SLAM took its path as a single bounce and
+    mapping's own gate agrees. Where the state has a covariance, it is carried into the covariance of the IPs.
     """
-    spatial = is_spatial(estimates, use_elevation=config.use_elevation)
+    spatial = is_spatial(estimates, use_elevation=config.solves_in_space)
     solve = solve_spatial if spatial else solve_snapshot
     solutions = [solve(estimate, tx_pose, config) for estimate in estimates]
     return collect_and_map(estimates, solutions, tx_pose, mapping_config, spatial=spatial)

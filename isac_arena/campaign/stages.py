@@ -8,7 +8,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
-import numpy as np
 from rich.console import Console
 from rich.progress import (
     BarColumn,
@@ -19,7 +18,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from estimation.channel.calibration.self_calibration import Calibration, self_calibrate
+from estimation.channel.calibration.self_calibration import Calibration, calibration_rows, self_calibrate
 from estimation.channel.power_map import beam_power_map
 from isac_arena.campaign.chain import (
     channel_estimator,
@@ -163,7 +162,7 @@ def _calibration(store: CampaignStore, scene: Scene, link: Link) -> Calibration 
         return None
     calibration = store.calibration()
     if calibration is None:
-        chosen = set(np.linspace(0, len(scene.stops) - 1, settings.stops).round().astype(int).tolist())
+        chosen = set(calibration_rows(len(scene.stops), settings).tolist())
         with console.status("self-calibration"):
             sweeps = (
                 store.sweep(truth.stop) or observe(store.config, link, scene, truth)

@@ -15,10 +15,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import ParamSpec, TypeVar
 
-import numpy as np
 from threadpoolctl import threadpool_limits
 
-from estimation.channel.calibration.self_calibration import self_calibrate
+from estimation.channel.calibration.self_calibration import calibration_rows, self_calibrate
 from estimation.channel.estimate import ChannelEstimator
 from estimation.channel.record import ChannelEstimate
 from isac_arena.campaign.chain import channel_estimator, known_receiver, map_both, score_simulated
@@ -190,8 +189,8 @@ def _estimator(job: Job, link: Link, known: Sequence[Truth]) -> ChannelEstimator
     """The channel estimator of a case, calibrated on some of its stops where the settings ask for it."""
     settings, calibration = job.config.channel.self_calibration, None
     if settings is not None and job.estimator is None:
-        chosen = sorted(set(np.linspace(0, len(known) - 1, settings.stops).round().astype(int).tolist()))
-        calibration = self_calibrate((_sweep(job, link, known[index]) for index in chosen), settings)
+        rows = calibration_rows(len(known), settings)
+        calibration = self_calibrate((_sweep(job, link, known[row]) for row in rows), settings)
     return channel_estimator(job.config, job.estimator, calibration)
 
 

@@ -31,7 +31,7 @@ from pydantic import Field
 
 from estimation.channel.calibration.dominant import DominantPaths, dominant_paths
 from estimation.channel.model.manifold import Manifold
-from scenes.record import ComplexArray, FloatArray, Record, array, concatenate
+from scenes.record import ComplexArray, FloatArray, IntArray, Record, array, concatenate
 from scenes.toml_config import ConfigModel
 from sim.observation import BeamSweep
 from sim.signal.arrays.array import element_amplitude, steering_vector, to_panel, vertical_polarisation
@@ -79,6 +79,11 @@ class ArrayFactors:
     element: ComplexArray  # (element,)
     beam: ComplexArray  # (beam,)
     misfit: float  # mean share of the measured vectors' power that the model leaves
+
+
+def calibration_rows(n_stops: int, config: SelfCalibrationConfig) -> IntArray:
+    """Rows of the stops that self-calibration uses, spread evenly over `n_stops`: sorted, each once."""
+    return np.unique(np.linspace(0, n_stops - 1, config.stops).round().astype(int))
 
 
 def self_calibrate(sweeps: Iterable[BeamSweep], config: SelfCalibrationConfig | None = None) -> Calibration:

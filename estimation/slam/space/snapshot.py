@@ -16,6 +16,7 @@ from estimation.channel.record import ChannelEstimate
 from estimation.inference.student import efficiency
 from estimation.laws.space import N_STATE
 from estimation.slam.config import SnapshotConfig
+from estimation.slam.snapshot.evidence import log_clutter, power_law, prior_of
 from estimation.slam.snapshot.problem import Fit, certain
 from estimation.slam.snapshot.solution import SnapshotSolution, failed_solution, solution_of
 from estimation.slam.space.hypotheses import bounce_states, los_states
@@ -41,7 +42,9 @@ Array = TypeVar("Array", FloatArray, BoolArray)
 def solve_spatial(estimate: ChannelEstimate, tx_pose: Pose, config: SnapshotConfig) -> SnapshotSolution:
     """Solve one stop whose paths have elevations: with the first path as line of sight, and without one.
 
-    The line of sight has to have a credible power. Status FAILED where nothing feasible gathers enough paths.
+    The line of sight has to have a credible power. Status FAILED where nothing feasible gathers enough paths, or
+    clutter alone explains them better, or the best mode does not fix the plan position. This is always the
+    statistical method; the published one is planar, see `SnapshotConfig.solves_in_space`.
     """
     fits = ranked_spatial_modes(spatial_problem(estimate, tx_pose, config.noise), config)
     return solution_of(estimate, tx_pose, fits, config) if fits else failed_solution(estimate, N_STATE)
@@ -50,9 +53,12 @@ def solve_spatial(estimate: ChannelEstimate, tx_pose: Pose, config: SnapshotConf
 def ranked_spatial_modes(problem: SpatialProblem, config: SnapshotConfig) -> list[Fit]:
     """Distinct modes of one stop, best first, their states [x, y, z, heading, bias] in m, m, m, rad, m.
 
-    None where the best one leaves the plan position free.
+    Only modes of higher evidence than clutter alone. None where the best one does not fix the plan position.
     """
     fits = _with_los(problem, config) + _without_los(problem, config)
+    if fits:
+        clutter = _log_clutter(problem, config)
+        fits = [fit for fit in fits if -fit.cost > clutter]
     state = np.array([fit.state for fit in fits]).reshape(-1, N_STATE)
     kept = distinct(state, np.array([-fit.cost for fit in fits]), config.n_ranked)
     return certain([fits[k] for k in kept], config)
@@ -128,28 +134,55 @@ def _modes(problem: SpatialProblem, state: FloatArray, los: int, config: Snapsho
     score = _evaluate(problem, state, los, others, config)[1]
     start = state[distinct(state, score, config.n_modes)]
     state, information, score = refine_spatial(problem, start, los, config)
-    full = information + np.diag(_prior(config) ** -2.0)
+    evidence, covariances = _log_evidence(problem, los, state, information, score, config)
     fit = bounce_fit(problem, state)
     inlier = others & fit.is_feasible & (fit.square <= chi2.ppf(config.gate_probability, 2))
     if los >= 0:
         inlier[:, los] = True
-    evidence = score - 0.5 * np.linalg.slogdet(full)[1] + _log_power(problem, los, state, config)
     enough = inlier.sum(axis=1) >= (config.min_los_inliers if los >= 0 else config.min_nlos_inliers)
     credible = np.abs(state[:, 4]) <= config.max_clock_bias_m
     if los >= 0:
-        covariance = problem.covariance[los]
-        # The density of clutter: any direction of both ends, range over its width.
-        clutter = np.log((4 * np.pi) ** 2 * config.mixture.clutter_width_m)
-        evidence = evidence - 0.5 * np.linalg.slogdet(2 * np.pi * covariance)[1] + clutter
         reach = np.linalg.norm(state[:, :3] - problem.tx.position_m, axis=1)
         level = [config.path_loss.is_credible(float(problem.power_dbm[los]), float(r)) for r in reach]
         credible = credible & np.array(level)
-    covariances, is_los = np.linalg.inv(full), np.arange(len(problem)) == los
+    is_los = np.arange(len(problem)) == los
     state[:, 3] = wrap_angle(state[:, 3])
     return [
         Fit(state[k], inlier[k], is_los, float(-evidence[k]), covariances[k])
         for k in np.flatnonzero(enough & credible & np.isfinite(evidence))
     ]
+
+
+def _log_evidence(
+    problem: SpatialProblem,
+    los: int,
+    state: FloatArray,
+    information: FloatArray,
+    log_likelihood: FloatArray,
+    config: SnapshotConfig,
+) -> tuple[FloatArray, FloatArray]:
+    """Laplace approximation of the log evidence (mode,) and its covariances (mode, 5, 5).
+
+    As `estimation.slam.snapshot.evidence.log_evidence` in the plane; the Gaussian prior about the TX has three dimensions.
+    """
+    full = information + np.diag(_prior(config) ** -2.0)
+    evidence = log_likelihood - 0.5 * np.linalg.slogdet(full)[1] + _log_power(problem, los, state, config)
+    distance = np.linalg.norm(state[:, :3] - problem.tx.position_m, axis=1)
+    evidence = evidence - 0.5 * (distance / config.reach_m) ** 2
+    evidence = evidence - np.log(2 * config.reach_m**3 * config.max_clock_bias_m)
+    if los >= 0:
+        covariance = problem.covariance[los]
+        # The density of clutter: any direction of both ends, range over its width.
+        clutter = np.log((4 * np.pi) ** 2 * config.mixture.clutter_width_m)
+        evidence = evidence - 0.5 * np.linalg.slogdet(2 * np.pi * covariance)[1] + clutter
+    return evidence, np.asarray(np.linalg.inv(full))
+
+
+def _log_clutter(problem: SpatialProblem, config: SnapshotConfig) -> float:
+    """Log evidence of all paths being clutter: the same as in the plane, for lengths and powers suffice."""
+    share = config.mixture.clutter_share + config.mixture.double_share
+    prior = prior_of(config)._replace(clutter_share=share)
+    return log_clutter(problem.measured[:, 0], problem.power_dbm, power_law(config.path_loss), prior)
 
 
 def _chosen(better: BoolArray, trial: _Evaluated, before: _Evaluated) -> _Evaluated:

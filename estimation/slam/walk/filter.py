@@ -60,9 +60,10 @@ def run_filter(
 
     FAILED until the first solved stop, and at stops in none of their modes, whose state is the one foreseen. The
     status is that of the best hypothesis; its rivals make the gap, the alternative and the line of sight's
-    probability.
+    probability. The modes are those of the statistical method, in space where elevations were estimated and
+    `snapshot.solves_in_space`.
     """
-    spatial = is_spatial(estimates, use_elevation=snapshot.use_elevation)
+    spatial = is_spatial(estimates, use_elevation=snapshot.solves_in_space)
     ranked = snapshot.model_copy(update={"method": "statistical", "n_ranked": config.n_modes})
     hypotheses: list[Hypothesis] = []
     solutions: list[SnapshotSolution] = []

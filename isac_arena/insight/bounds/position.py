@@ -67,7 +67,7 @@ def sees_elevations(config: CampaignConfig) -> bool:
     """Whether a device's beams stand at several elevations and the campaign's estimator and SLAM take them up."""
     arrays = (config.tx_array, config.rx_array)
     several = any(len(set(a.beam_elevation_deg)) * len(set(a.panel_tilt_deg)) > 1 for a in arrays)
-    return several and config.channel.method != "power" and config.slam.use_elevation
+    return several and config.channel.method != "power" and config.slam.solves_in_space
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from estimation.channel.calibration.self_calibration import self_calibrate
+from estimation.channel.calibration.self_calibration import calibration_rows, self_calibrate
 from estimation.channel.estimate import ChannelEstimator
 from estimation.channel.power_map import beam_power_map
 from estimation.channel.record import ChannelEstimate
@@ -225,8 +225,7 @@ def _estimator(variant: Variant) -> ChannelEstimator:
         return channel_estimator(store.config, store.estimator)
     calibration = store.calibration()
     if calibration is None:
-        rows = set(np.linspace(0, len(variant.truths) - 1, settings.stops).round().astype(int).tolist())
-        chosen = [truth for row, truth in enumerate(variant.truths) if row in rows]
+        chosen = [variant.truths[row] for row in calibration_rows(len(variant.truths), settings)]
         sweeps = (observed(store.config, variant.link, variant.scene, truth, variant.off) for truth in chosen)
         calibration = self_calibrate(sweeps, settings)
         store.write_calibration(calibration)

@@ -9,6 +9,7 @@ from estimation.channel.calibration.dominant import dominant_paths
 from estimation.channel.calibration.self_calibration import (
     SelfCalibrationConfig,
     calibrate_array,
+    calibration_rows,
     element_matrix,
     self_calibrate,
     with_responses,
@@ -135,6 +136,13 @@ def test_a_few_stops_calibrate_both_arrays(bench: LinkBench) -> None:
         assert Manifold(found).n_angles == 1
     applied = calibration.applied(sweeps[0])
     assert applied.tx_codebook is calibration.tx_codebook
+
+
+def test_calibration_takes_stops_from_the_whole_walk_each_once() -> None:
+    settings = SelfCalibrationConfig(stops=4)
+    assert calibration_rows(10, settings).tolist() == [0, 3, 6, 9]
+    assert calibration_rows(3, settings).tolist() == [0, 1, 2]
+    assert calibration_rows(1, settings).tolist() == [0]
 
 
 def test_lost_phases_are_noticed() -> None:

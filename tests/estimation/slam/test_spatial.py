@@ -13,13 +13,14 @@ from estimation.slam.bounds import StopPaths, stop_bound
 from estimation.slam.config import MappingConfig, TrajectoryConfig
 from estimation.slam.mapping.incidence_points import map_stops
 from estimation.slam.record import PoseEstimates, SolveStatus
+from estimation.slam.snapshot.evidence import log_clutter, power_law, prior_of
 from estimation.slam.space.bounds import SpatialPaths, spatial_bound, spatial_information
 from estimation.slam.space.hypotheses import bounce_states, los_states
 from estimation.slam.space.mapping import map_stops_spatial
 from estimation.slam.space.problem import SpatialProblem, is_spatial, spatial_covariance, spatial_problem
 from estimation.slam.space.snapshot import refine_spatial, solve_spatial
 from estimation.slam.space.trajectory import run_spatial_trajectory
-from estimation.slam.stops import run_slam
+from estimation.slam.stops import locate_and_map, run_slam
 from isac_arena.validation.scenarios.halls import ScenarioConfig, channel_estimate
 from isac_arena.validation.scenarios.spatial_halls import (
     covariance_of,
@@ -230,6 +231,50 @@ def test_a_stop_without_enough_paths_is_a_status():
     assert solution.status == SolveStatus.FAILED and np.isnan(solution.position_m).all()
     poses, points = run_slam([scenario.estimate], scenario.tx, checks.OURS, checks.MAPPING)
     assert len(points) == 0 and np.isnan(poses.height_m).all()
+
+
+def test_clutter_alone_is_no_solution_in_space():
+    """Random paths of which one has elevations: every mode explains them better than clutter."""
+    rng, config = np.random.default_rng(7), checks.OURS
+    law, prior = power_law(config.path_loss), prior_of(config)
+    solved = 0
+    for _ in range(60):
+        scenario = draw_spatial_stop(rng, replace(EXACT, n_paths=5))
+        n = len(scenario.estimate)
+        elevation = np.where(np.arange(n) == 0, rng.uniform(-0.5, 0.5, n), np.nan)
+        clutter = replace(
+            scenario.estimate,
+            delay_s=np.sort(rng.uniform(5.0, 30.0, n)) / SPEED_OF_LIGHT_M_S,
+            power_dbm=rng.normal(-45.0, 4.0, n),
+            aod_azimuth_rad=rng.uniform(-1.5, 1.5, n),
+            aoa_azimuth_rad=rng.uniform(-np.pi, np.pi, n),
+            aod_elevation_rad=elevation,
+            aoa_elevation_rad=elevation,
+        )
+        solution = solve_spatial(clutter, scenario.tx, config)
+        solved += solution.status != SolveStatus.FAILED
+        range_m = clutter.delay_s * SPEED_OF_LIGHT_M_S
+        alone = log_clutter(range_m, clutter.power_dbm + clutter.beam_loss_db, law, prior)
+        assert np.all(solution.mode_log_evidence > alone)
+    assert solved <= 12
+
+
+@pytest.mark.parametrize("trajectory", [None, TrajectoryConfig(), TrajectoryConfig(method="filter")])
+def test_the_published_algorithm_stays_in_the_plane(trajectory):
+    """With `method` "reference", elevations change nothing: states are those of `use_elevation` off."""
+    walk = draw_spatial_walk(np.random.default_rng(13), ScenarioConfig(n_paths=9), 5)
+    estimates, tx = [scenario.estimate for scenario in walk], walk[0].tx
+    published = checks.OURS.model_copy(update={"method": "reference"})
+    planar = published.model_copy(update={"use_elevation": False})
+    (found, points), (expected, _) = (
+        locate_and_map(estimates, tx, config, trajectory, checks.MAPPING) for config in (published, planar)
+    )
+    np.testing.assert_array_equal(found.position_m, expected.position_m)
+    np.testing.assert_array_equal(found.cost, expected.cost)
+    assert not np.isfinite(found.height_m).any() and not np.isfinite(points.height_m).any()
+    assert np.isfinite(
+        locate_and_map(estimates, tx, checks.OURS, trajectory, checks.MAPPING)[0].height_m
+    ).any()
 
 
 def test_a_walk_in_space_shares_landmarks_and_finds_heights():

@@ -1,9 +1,13 @@
-"""Ablation: the variants, their order, and rows for files."""
+"""Ablation: the variants, their order, rows for files, and self-calibration."""
 
 import numpy as np
 import pytest
+from isac_arena.validation.scoring.made_campaign import SMALL_LINK
 
-from isac_arena.insight.ablation import variants
+from estimation.channel.calibration.self_calibration import Calibration, SelfCalibrationConfig
+from estimation.channel.estimate import ChannelConfig
+from isac_arena.insight import ablation as module
+from isac_arena.insight.ablation import run_variant, variants
 from isac_arena.insight.ablation_ranking import EFFECTS, ranked, table_rows
 from isac_arena.report.figures.ablation import ablation_figure
 from isac_arena.report.style import png_bytes
@@ -29,3 +33,22 @@ def test_the_strongest_impairment_comes_first() -> None:
     rows = list(table_rows(ablation))
     assert rows[0]["variant"] == "b" and rows[0][list(EFFECTS)[-1]] is None
     assert png_bytes(ablation_figure(ablation)).startswith(b"\x89PNG")
+
+
+def test_every_variant_calibrates_itself(campaign, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The arrays are learned from the variant's own sweeps: wrong elements are found, right ones are kept."""
+    made: list[Calibration | None] = []
+    make = module.channel_estimator
+
+    def recorded(config, name=None, calibration=None):
+        made.append(calibration)
+        return make(config, name, calibration)
+
+    monkeypatch.setattr(module, "channel_estimator", recorded)
+    settings = ChannelConfig(method="power", self_calibration=SelfCalibrationConfig(stops=3))
+    right = SMALL_LINK.model_copy(update={"channel": settings})
+    wrong = ImpairmentsConfig(element_gain_std_db=1.0, element_phase_std_deg=10.0)
+    for config in (right, right.model_copy(update={"impairments": wrong})):
+        run_variant(config, campaign.scene, campaign.truths[:4])
+    errors = [np.std(np.abs(one.tx_element)) if one else np.nan for one in made]
+    assert errors[0] < 0.05 < errors[1]
