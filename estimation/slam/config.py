@@ -148,7 +148,9 @@ class Consider(ConfigModel):
 
 
 class SnapshotConfig(ConfigModel):
-    """Robust snapshot SLAM; the defaults are the published algorithm and its parameters.
+    """Robust snapshot SLAM: the statistical method by default, or the published algorithm, arXiv 2404.10291.
+
+    The defaults of the path loss, of the heading grid and of the gates of `reference` are the published ones.
 
     `method`
         `reference`: heading grid, power weights, distance gate, as published; in the plane, also where elevations
@@ -167,7 +169,7 @@ class SnapshotConfig(ConfigModel):
         Standard deviation of the receiver's place about the TX, before anything is measured.
     """
 
-    method: Literal["reference", "statistical"] = "reference"
+    method: Literal["reference", "statistical"] = "statistical"
     refine: bool = False
     use_elevation: bool = Field(
         True, description="solve in space where elevations were estimated (statistical method only)"

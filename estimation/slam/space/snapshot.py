@@ -163,7 +163,7 @@ def _log_evidence(
 ) -> tuple[FloatArray, FloatArray]:
     """Laplace approximation of the log evidence (mode,) and its covariances (mode, 5, 5).
 
-    As `estimation.slam.snapshot.evidence.log_evidence` in the plane; the Gaussian prior about the TX has three dimensions.
+    As `evidence.log_evidence` in the plane; the Gaussian prior about the TX has three dimensions.
     """
     full = information + np.diag(_prior(config) ** -2.0)
     evidence = log_likelihood - 0.5 * np.linalg.slogdet(full)[1] + _log_power(problem, los, state, config)

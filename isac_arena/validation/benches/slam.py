@@ -25,7 +25,7 @@ from isac_arena.validation.slam.common import MAPPING, NOISE, OURS
 from scenes.record import BoolArray, FloatArray
 
 T = TypeVar("T")
-REFERENCE = SnapshotConfig(noise=NOISE)
+REFERENCE = SnapshotConfig(method="reference", noise=NOISE)
 # As in the measured stops without line of sight: nine paths, about a quarter of them no single bounce.
 STOPS = ScenarioConfig(n_paths=9, outlier_share=0.25)
 

@@ -31,8 +31,6 @@ max_bounces = 1
 diffuse_samples = 0
 diffraction = false
 compare_planar = false
-[slam]
-method = "statistical"
 """
 SMALL = (
     COMMON

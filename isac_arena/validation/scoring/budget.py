@@ -9,7 +9,6 @@ import numpy as np
 
 from estimation.channel.record import ChannelEstimate
 from estimation.shape.config import ContourConfig, ShapeConfig
-from estimation.slam.config import SnapshotConfig
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.insight.budget.attribution import attribute, root
 from isac_arena.insight.budget.chain import Chain, make_chain
@@ -85,7 +84,6 @@ def faulty_chain(rng: np.random.Generator) -> Chain:
     config = CampaignConfig(
         name=made.scene.name,
         scene=made.scene.name,
-        slam=SnapshotConfig(method="statistical"),
         shapes=ShapeConfig(eps_m=1.5, min_samples=3),
         contours=ContourConfig(method="none"),
     )

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimation.channel.record import ChannelEstimate
-from estimation.slam.config import SnapshotConfig
 from estimation.slam.record import PoseEstimates, SolveStatus
 from isac_arena.campaign.chain import map_known, map_unknown
 from isac_arena.campaign.config import CampaignConfig
@@ -76,7 +75,7 @@ class MapScore:
 def check_campaign_contours(seed: int, quick: bool) -> list[Measurement]:
     """Mean pillar overlap beside the paper mode's, ghosts accepted and classes, in mapping and in SLAM."""
     n = 1 if quick else 6
-    config = CampaignConfig(name="made", scene="-", seed=0, slam=SnapshotConfig(method="statistical"))
+    config = CampaignConfig(name="made", scene="-", seed=0)
     rows: list[Measurement] = []
     for name, offset, jump_deg in (
         ("mapping", True, 0.0),

@@ -156,7 +156,7 @@ def _solutions() -> tuple[SnapshotSolution, ...]:
 
 
 def _reference_deviations(campaign: MeasuredCampaign) -> list[float]:
-    poses, _ = run_slam(campaign.channel, campaign.tx, SnapshotConfig(), MAPPING)
+    poses, _ = run_slam(campaign.channel, campaign.tx, SnapshotConfig(method="reference"), MAPPING)
     error = state_errors(campaign, poses)
     has_los = _has_los(campaign)
     groups = {"los": has_los, "nlos": ~has_los, "all": np.ones(len(has_los), bool)}

@@ -43,7 +43,7 @@ from isac_arena.validation.slam.common import (
 )
 from scenes.record import BoolArray, FloatArray
 
-REFERENCE = SnapshotConfig(noise=NOISE)
+REFERENCE = SnapshotConfig(method="reference", noise=NOISE)
 # By default nothing is assumed of the building; the walls of the made-up halls stand at right angles.
 RIGHT_ANGLES = OURS.model_copy(update={"mixture": Mixture(double_share=0.1)})
 CLUTTERED = ScenarioConfig(outlier_share=0.5)

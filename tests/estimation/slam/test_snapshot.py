@@ -19,8 +19,8 @@ TX = Pose(np.array([2.25, 2.5, 1.8]), -1.6)
 SHARP = PathNoise(source="fixed", delay_std_ns=0.02, angle_std_deg=0.02)
 NOISE_STD = np.array([0.15, np.deg2rad(0.6), np.deg2rad(0.6)])
 METHODS = [
-    SnapshotConfig(),
-    SnapshotConfig(refine=True),
+    SnapshotConfig(method="reference"),
+    SnapshotConfig(method="reference", refine=True),
     SnapshotConfig(method="statistical"),
 ]
 
@@ -92,7 +92,7 @@ def test_noiseless_single_bounces_alone_are_exact_with_the_statistical_method(se
 def test_refinement_takes_the_grid_solution_to_the_truth():
     for seed in range(5):
         state, estimate = simulate(np.random.default_rng(seed), bounces=7, los=False)
-        config = SnapshotConfig(noise=SHARP)
+        config = SnapshotConfig(method="reference", noise=SHARP)
         grid = solve_snapshot(estimate, TX, config)
         refined = solve_snapshot(estimate, TX, config.model_copy(update={"refine": True}))
         assert np.hypot(*state_error(grid, state)[:2]) > 1e-3
@@ -129,7 +129,7 @@ def test_each_step_improves_and_covariances_are_consistent():
 def test_statistical_method_makes_fewer_gross_errors_without_line_of_sight():
     setting = {"bounces": 6, "clutter": 3, "los": False, "noise": 1.0}
     gross = []
-    for config in (SnapshotConfig(refine=True), SnapshotConfig(method="statistical")):
+    for config in (SnapshotConfig(method="reference", refine=True), SnapshotConfig(method="statistical")):
         errors, _ = monte_carlo(config, 80, **setting)
         gross.append(np.mean(np.hypot(errors[:, 0], errors[:, 1]) > 1.0))
     assert gross[1] < 0.75 * gross[0]

@@ -124,6 +124,13 @@ def campaign_file(folder: Path, text: str) -> Path:
     return path
 
 
+def test_a_campaign_of_three_lines_has_the_slam_of_the_library(tmp_path: Path) -> None:
+    short, _ = load_campaign(str(campaign_file(tmp_path, "seed = 1\n")))
+    library, _ = load_campaign("box_room")
+    assert short.slam == library.slam
+    assert short.slam.method == "statistical"
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [

@@ -20,8 +20,6 @@ from tests.isac_arena.cli.sweep_files import CAMPAIGN
 BUDGETED = (
     CAMPAIGN.replace("max_bounces = 1\n", "")
     + """
-[slam]
-method = "statistical"
 [shapes]
 eps_m = 1.0
 min_samples = 2

@@ -58,9 +58,6 @@ transmission = true
 specular_samples = 20_000
 diffuse_samples = 200
 
-[slam]
-method = "statistical"
-
 [shapes]
 min_samples = 3
 """

@@ -26,9 +26,6 @@ method = "auto"
 element_gain_std_db = 1.0
 element_phase_std_deg = 10.0
 
-[slam]
-method = "statistical"
-
 [shapes]
 eps_m = 1.0
 min_samples = 3

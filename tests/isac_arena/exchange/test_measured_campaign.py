@@ -84,7 +84,7 @@ def rmse(error: np.ndarray) -> np.ndarray:
 
 def test_reference_reproduces_the_published_algorithm(campaign):
     mapping = MappingConfig(noise=FIXED)
-    poses, points = run_slam(campaign.estimates, campaign.tx, SnapshotConfig(), mapping)
+    poses, points = run_slam(campaign.estimates, campaign.tx, SnapshotConfig(method="reference"), mapping)
     los = campaign.has_los
     assert np.array_equal(poses.status == SolveStatus.LOS, los)
     assert np.array_equal(poses.status == SolveStatus.NLOS, ~los)
@@ -97,8 +97,10 @@ def test_reference_reproduces_the_published_algorithm(campaign):
 
 def test_refinement_improves_every_error(campaign):
     mapping = MappingConfig(noise=FIXED)
-    published, _ = run_slam(campaign.estimates, campaign.tx, SnapshotConfig(), mapping)
-    config = SnapshotConfig(refine=True, noise=FIXED, max_position_std_m=PUBLISHED_MAX_POSITION_STD_M)
+    published, _ = run_slam(campaign.estimates, campaign.tx, SnapshotConfig(method="reference"), mapping)
+    config = SnapshotConfig(
+        method="reference", refine=True, noise=FIXED, max_position_std_m=PUBLISHED_MAX_POSITION_STD_M
+    )
     refined, _ = run_slam(campaign.estimates, campaign.tx, config, mapping)
     assert np.all(rmse(errors(campaign, refined)) < rmse(errors(campaign, published)))
     assert rmse(errors(campaign, refined))[0] < 0.34

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from estimation.shape.config import ContourConfig, ShapeConfig
-from estimation.slam.config import SnapshotConfig
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.insight.budget.chain import Chain, make_chain
 from isac_arena.insight.budget.outcome import lit_objects
@@ -18,7 +17,6 @@ LIMITS = Significance(dynamic_range_db=28.0, noise_threshold_dbm=-150.0)
 CONFIG = CampaignConfig(
     name="made",
     scene="made_up",
-    slam=SnapshotConfig(method="statistical"),
     shapes=ShapeConfig(eps_m=1.5, min_samples=3),
     contours=ContourConfig(method="none"),
 )
