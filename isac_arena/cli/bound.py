@@ -23,8 +23,7 @@ def bound(
     from isac_arena.campaign.stages import console  # noqa: PLC0415
     from isac_arena.insight.bounds import channel as channel_bound  # noqa: PLC0415
     from isac_arena.insight.bounds import position as bound_map  # noqa: PLC0415
-    from isac_arena.report.figures.bound import bound_figure  # noqa: PLC0415
-    from isac_arena.report.figures.channel_bound import channel_bound_figure  # noqa: PLC0415
+    from isac_arena.report.figures.bound import bound_figure, channel_bound_figure  # noqa: PLC0415
     from isac_arena.report.style import png_bytes  # noqa: PLC0415
 
     if out.suffix != ".png":

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from isac_arena.campaign.manifest import MANIFEST, read_manifest
-from isac_arena.report.style import png_bytes
 from isac_arena.report.sweep.captions import axis_caption, parallel_caption, pareto_caption
 from isac_arena.report.sweep.figures import axis_figure, parallel_figure, pareto_figure
 from isac_arena.report.sweep.page import SweepFigure, axis_tables, render_sweep, table
@@ -134,7 +133,7 @@ def _parallel_figures(results: SweepResults, keys: Sequence[str]) -> list[SweepF
 
 
 def _picture(figure: Any, title: str, caption: str) -> SweepFigure:
-    return SweepFigure(title, png_bytes(figure), float(figure.get_size_inches()[0]), caption)
+    return SweepFigure(title, figure, caption)
 
 
 def _case_settings(config: SweepConfig, case: PlannedCase) -> str:

@@ -10,7 +10,7 @@ from rich.table import Table
 from estimation.channel.model.crb import PathBounds
 from estimation.channel.model.manifold import Manifold
 from isac_arena.insight.bounds.position import BoundInputs, PlanGrid
-from isac_arena.report.figures.channel_bound import ChannelBoundMap
+from isac_arena.report.figures.bound import ChannelBoundMap
 from isac_arena.scoring.link_view import true_path_bounds
 from isac_arena.scoring.provenance import path_origin
 from isac_arena.scoring.record import PathKind

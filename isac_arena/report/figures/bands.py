@@ -1,4 +1,4 @@
-"""Contours to draw, with the edges of their 95 % bands."""
+"""Contours as lines to draw, with the edges of their 95 % bands."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Curve:
 
 
 def shape_curve(shapes: Shapes, cluster: int, step: int = 1) -> Curve:
-    """The paper's contour of a cluster, every `step`-th sample; its band lies along the radius, from 0 up."""
+    """The paper's contour of a cluster, every `step`-th sample; its band lies along the radius, at 0 or above."""
     angle = shapes.angle_rad[::step]
     radius, half = shapes.radius_m[cluster, ::step], SHAPE_SIGMAS * shapes.radius_std_m[cluster, ::step]
     unit, center = np.stack([np.cos(angle), np.sin(angle)], axis=1), shapes.center_m[cluster]
@@ -40,11 +40,16 @@ def contour_curve(contours: Contours, row: int) -> Curve:
     return Curve(points, points + shift, points - shift, is_closed)
 
 
-def normals(points_m: FloatArray, *, is_closed: bool) -> FloatArray:
-    """Unit normals (sample, xy) to the right of a curve: outward where it runs counter-clockwise.
+def line_m(points_m: FloatArray, *, is_closed: bool) -> FloatArray:
+    """The points (point, xy) as a line: a closed one has its first point again at the end."""
+    return np.concatenate([points_m, points_m[:1]]) if is_closed else points_m
 
-    They follow from central differences, at the ends of an open curve from one-sided ones; zero where points of
-    the curve coincide.
+
+def normals(points_m: FloatArray, *, is_closed: bool) -> FloatArray:
+    """Unit normals (sample, xy) to the right of a curve: they point outward where it runs counter-clockwise.
+
+    The tangents are central differences, and one-sided differences at the ends of an open curve. A normal is zero
+    where points of the curve coincide.
     """
     if is_closed:
         along = np.roll(points_m, -1, axis=0) - np.roll(points_m, 1, axis=0)

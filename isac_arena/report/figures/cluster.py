@@ -9,23 +9,24 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
 
 from isac_arena.campaign.results import MapResult
+from isac_arena.report.figures.bands import line_m, shape_curve
 from isac_arena.report.style import BAND_ALPHA, ESTIMATE, SLAM, TRUTH, legend_below, new_figure, styled
-from isac_arena.scoring.stages.shapes import BAND_SIGMAS, contour_points_m
+from isac_arena.scoring.stages.shapes import BAND_SIGMAS
 from scenes.record import FloatArray
 from scenes.scene import Scene
 
 POINT = {"marker": "o", "linestyle": "none", "color": SLAM, "markersize": 4, "markeredgecolor": "white"}
 DRAWN_SAGITTA_M = 0.0002
 VIEW_MARGIN = 0.12
-WHOLE_OBJECT_M = 1.0  # a true outline up to this size is shown in full, a larger one as far as the estimate
+WHOLE_OBJECT_M = 1.0  # a true outline up to this size is shown in full, a larger one only around the estimate
 
 
 @styled
 def cluster_figure(scene: Scene, result: MapResult, cluster: int, object_name: str, title: str) -> Figure:
     """Radius over polar angle (left) and contour in the plane (right) of one cluster.
 
-    `object_name` is the object the cluster shows, empty where it shows none; its true radius is drawn where a ray
-    from the centre meets it.
+    `object_name` is the object that the cluster shows, empty for none. Its true radius is drawn at the angles
+    where a ray from the centre meets the object.
     """
     figure = new_figure(8.4, 3.9)
     radial, plane = figure.subplots(1, 2, width_ratios=[1.15, 1])
@@ -69,26 +70,22 @@ def _draw_radial(
 def _draw_contour(
     ax: Any, scene: Scene, result: MapResult, cluster: int, points_m: FloatArray, object_name: str
 ) -> list[Any]:
-    shapes = result.shapes
-    center, contour = shapes.center_m[cluster], contour_points_m(shapes, cluster)
-    unit = np.stack([np.cos(shapes.angle_rad), np.sin(shapes.angle_rad)])
-    half_width = BAND_SIGMAS * shapes.radius_std_m[cluster]
-    outer = center[:, None] + (shapes.radius_m[cluster] + half_width) * unit
-    inner = center[:, None] + np.maximum(shapes.radius_m[cluster] - half_width, 0) * unit
-    ring = np.concatenate([_closed(outer.T), _closed(inner.T)[::-1]])
+    curve = shape_curve(result.shapes, cluster)
+    outer, inner = (line_m(edge, is_closed=True) for edge in (curve.outer_m, curve.inner_m))
+    ring = np.concatenate([outer, inner[::-1]])
     ax.fill(*ring.T, color=ESTIMATE, alpha=BAND_ALPHA, linewidth=0)
     shown = np.vstack([ring, points_m])
     for item in scene.objects:
         outline = item.contour.vertices(DRAWN_SAGITTA_M)
-        line = _closed(outline) if item.contour.closed else outline
+        line = line_m(outline, is_closed=item.contour.closed)
         ax.plot(*line.T, color=TRUTH, linestyle="--", linewidth=1.2)
         if item.name == object_name and np.ptp(outline, axis=0).max() <= WHOLE_OBJECT_M:
             shown = np.vstack([shown, outline])
-    ax.plot(*_closed(contour).T, color=ESTIMATE)
+    ax.plot(*line_m(curve.points_m, is_closed=True).T, color=ESTIMATE)
     ax.plot(*points_m.T, **POINT)
     handles = ax.plot(
-        *center, "X", color=TRUTH, markeredgecolor="white", markersize=8, label="object centre",
-        linestyle="none",
+        *result.shapes.center_m[cluster], "X", color=TRUTH, markeredgecolor="white", markersize=8,
+        label="object centre", linestyle="none",
     )  # fmt: skip
     ax.set(xlabel="x in m", ylabel="y in m", aspect="equal", **_view(shown))
     return list(handles)
@@ -102,7 +99,3 @@ def _view(points_m: FloatArray) -> dict[str, tuple[float, float]]:
         "xlim": (middle[0] - half, middle[0] + half),
         "ylim": (middle[1] - half, middle[1] + half),
     }
-
-
-def _closed(points_m: FloatArray) -> FloatArray:
-    return np.concatenate([points_m, points_m[:1]])

@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from isac_arena.campaign.results import CampaignResults, MapResult
-from isac_arena.report.figures.bands import Curve, contour_curve, shape_curve
+from isac_arena.report.figures.bands import Curve, contour_curve, line_m, shape_curve
 from isac_arena.report.figures.plan import draw_plan
 from isac_arena.report.style import (
     BAND_ALPHA,
@@ -36,10 +36,10 @@ TRACK_COLOR = "#1e8449"  # of the walk in the plan
 
 @styled
 def map_figure(scene: Scene, results: CampaignResults, tables: ScoreTables) -> Figure:
-    """Incidence points and contours over the plan: receiver known (left), unknown (right).
+    """Incidence points and contours over the plan: receiver known (left) and unknown (right).
 
-    Where a map has contours of ours, they are filled with their bands and colour the points, and the paper's are
-    dashed; else the paper's are filled.
+    A map with contours of ours shows them with filled bands, gives the points their colours and draws the paper's
+    contours dashed. A map without them shows the paper's contours with filled bands.
     """
     figure = new_figure(WIDTH_IN, WIDTH_IN / 2)
     axes = figure.subplots(1, 2, sharex=True, sharey=True)
@@ -57,7 +57,7 @@ def map_figure(scene: Scene, results: CampaignResults, tables: ScoreTables) -> F
 
 
 def _fit(figure: Figure, ax: Any, maps: list[MapResult]) -> None:
-    """Widen the view to all clustered incidence points and give the figure the height that the plan needs."""
+    """Extend the view to all clustered incidence points and set the height of the figure to match it."""
     points = np.vstack([one.ips.position_m[one.shapes.label >= 0] for one in maps])
     low = np.array([ax.get_xlim()[0], ax.get_ylim()[0]])
     high = np.array([ax.get_xlim()[1], ax.get_ylim()[1]])
@@ -70,13 +70,14 @@ def _fit(figure: Figure, ax: Any, maps: list[MapResult]) -> None:
 
 
 def _draw_map(ax: Any, result: MapResult, scores: MapScores) -> None:
-    """Incidence points and contours; points of no object and ghosts are grey."""
+    """Draw incidence points and contours; points without object and ghosts are grey."""
     ips, shapes, contours = result.ips, result.shapes, result.contours
     paper = [shape_curve(shapes, cluster) for cluster in range(len(shapes.center_m))]
     curves, label, is_ghost = paper, shapes.label, scores.clusters.is_ghost
     if len(contours):
         for curve in paper:
-            ax.plot(*_line(curve.points_m, curve).T, color=TRUTH, linewidth=0.8, linestyle="--", zorder=2.6)
+            line = line_m(curve.points_m, is_closed=curve.is_closed)
+            ax.plot(*line.T, color=TRUTH, linewidth=0.8, linestyle="--", zorder=2.6)
         curves = [contour_curve(contours, row) for row in range(len(contours))]
         label, is_ghost = contours.object, scores.contours.is_ghost
     ax.plot(*ips.position_m[ips.is_inlier & (label < 0)].T, ".", color=GHOST, markersize=3.5, zorder=3)
@@ -88,10 +89,12 @@ def _draw_map(ax: Any, result: MapResult, scores: MapScores) -> None:
 def _draw_curve(ax: Any, curve: Curve, points_m: FloatArray, row: int, look: dict[str, Any]) -> None:
     edge = {} if look["marker"] == "x" else {"markeredgecolor": "white", "markeredgewidth": 0.4}
     ax.plot(*points_m.T, linestyle="none", markersize=3.8, zorder=4, **look, **edge)
-    outer, inner = _line(curve.outer_m, curve), _line(curve.inner_m, curve)
+    line, outer, inner = (
+        line_m(points, is_closed=curve.is_closed) for points in (curve.points_m, curve.outer_m, curve.inner_m)
+    )
     band = np.concatenate([outer, inner[::-1]])
     ax.fill(*band.T, color=look["color"], alpha=BAND_ALPHA, linewidth=0, zorder=2.5)
-    ax.plot(*_line(curve.points_m, curve).T, color=look["color"], linewidth=1.4, zorder=5)
+    ax.plot(*line.T, color=look["color"], linewidth=1.4, zorder=5)
     ax.annotate(
         str(row), curve.points_m.mean(axis=0), xytext=(7, 7), textcoords="offset points", ha="center",
         va="center", fontsize=8, fontweight="bold", color=TRUTH, zorder=6, annotation_clip=True,
@@ -99,12 +102,8 @@ def _draw_curve(ax: Any, curve: Curve, points_m: FloatArray, row: int, look: dic
     )  # fmt: skip
 
 
-def _line(points_m: FloatArray, curve: Curve) -> FloatArray:
-    return np.concatenate([points_m, points_m[:1]]) if curve.is_closed else points_m
-
-
 def _draw_track(ax: Any, results: CampaignResults, poses: PoseScores) -> None:
-    """Estimated positions, each tied to the true one by a thin line."""
+    """Draw the estimated positions; a thin line connects each one to the true position."""
     row = {int(stop): position for position, stop in enumerate(results.slam.poses.stop)}
     estimate = results.slam.poses.position_m[[row[int(stop)] for stop in poses.stop]]
     ties = np.stack([poses.true_position_m, estimate, np.full_like(estimate, np.nan)], axis=1).reshape(-1, 2)

@@ -1,4 +1,4 @@
-"""How propagation paths look in plan and in space: which to draw, in which colour, how strong."""
+"""How propagation paths look in plan and in space: the paths drawn, their colours and their opacity."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from scenes.record import FloatArray, IntArray
 from sim.propagation.paths import BounceKind, Paths
 
 N_DRAWN = 80  # strongest paths drawn as lines
-FAINTEST_DB = 40.0  # below the strongest path a line has the least opacity
+FAINTEST_DB = 40.0  # a line this far below the strongest path has the least opacity
 LEAST_OPACITY, MOST_OPACITY = 0.2, 0.95
 N_SCATTER_POINTS = 4000
 SCATTER_COLOR = "#D55E00"
@@ -22,7 +22,7 @@ COLORS = {  # Okabe and Ito (2008)
     "diffracted": "#CC79A7",
     "through walls": "#56B4E9",
 }
-DASHES: dict[str, tuple[float, ...]] = {  # on, off, ... in line widths; no kind is known by its colour alone
+DASHES: dict[str, tuple[float, ...]] = {  # on, off, ... in line widths, so that kinds differ without colours
     "line of sight": (),
     "one reflection": (),
     "two reflections": (6.0, 2.0),
@@ -42,7 +42,7 @@ class PathLine:
 
 
 def path_lines(paths: Paths, tx_m: FloatArray, rx_m: FloatArray) -> list[PathLine]:
-    """The strongest paths that are not diffuse, weakest first, so that strong ones come to lie on top."""
+    """The strongest paths that are not diffuse, weakest first, so that strong ones are drawn on top."""
     drawn = paths.take("path", ~paths.is_diffuse)
     level_db = 10 * np.log10(np.maximum(drawn.power, 1e-300))
     lines = []
@@ -60,14 +60,14 @@ def path_lines(paths: Paths, tx_m: FloatArray, rx_m: FloatArray) -> list[PathLin
 
 
 def scatter_points(paths: Paths) -> FloatArray:
-    """Where the strongest diffuse paths scatter (point, xyz) in m."""
+    """Scattering points (point, xyz) in m of the strongest diffuse paths."""
     diffuse = paths.take("path", paths.is_diffuse)
     strongest = np.argsort(-diffuse.power, kind="stable")[:N_SCATTER_POINTS]
     return np.asarray(diffuse.vertex_m[strongest, 0])
 
 
 def path_summary(paths: Paths) -> str:
-    """Numbers of paths of each kind in words."""
+    """The numbers of specular and diffuse paths as text."""
     n_diffuse = int(paths.is_diffuse.sum())
     n_drawn = min(len(paths) - n_diffuse, N_DRAWN)
     shown = f" (the {n_drawn} strongest drawn)" if n_drawn < len(paths) - n_diffuse else ""
@@ -75,7 +75,7 @@ def path_summary(paths: Paths) -> str:
 
 
 def line_style(kind: str) -> tuple[float, tuple[float, ...] | None]:
-    """The dashes of a kind of path as matplotlib wants them."""
+    """The dashes of a kind of path in matplotlib's form."""
     return 0.0, DASHES[kind] or None
 
 

@@ -1,4 +1,4 @@
-"""Plan figure of a scene: objects by kind, the TX with its boresight, the walk of the RX, paths to a stop."""
+"""Plan of a scene: objects by kind, the TX with its boresight, the walk of the RX, paths to a stop."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def plan_figure(
     paths: Paths | None = None,
     stop: int | None = None,
 ) -> Figure:
-    """The plan of a scene as a figure of its own; with `paths`, those from the TX to the RX at `stop` over it."""
+    """The plan of a scene as a figure, with `paths` over it: those from the TX to the RX at `stop`."""
     x_min, y_min, x_max, y_max = plan_view(scene, extent)
     height_in = PLAN_WIDTH_IN * (y_max - y_min) / (x_max - x_min) + MARGIN_IN
     figure = Figure(figsize=(FIGURE_WIDTH_IN, float(np.clip(height_in, 3.0, 8.0))), layout="compressed")
@@ -71,16 +71,16 @@ def draw_plan(
     extent: Literal["walk", "all"] = "walk",
     label_objects: bool | Iterable[str] = False,
 ) -> None:
-    """Draw the plan of a scene on matplotlib axes, equal scales, in m.
+    """Draw the plan of a scene on matplotlib axes in m, with equal scales.
 
-    The legend stands to the right of the axes: a figure with layout='compressed' makes room for it.
+    The legend is to the right of the axes: a figure with layout='compressed' makes room for it.
 
     Parameters
     ----------
-    stops : indices of the RX stops to show; all where left out
+    stops : indices of the RX stops to show; all by default
     labels : number every fifth stop, name the TX and add the legend outside the axes
     extent : 'walk' crops to the walk and the TX with a margin, 'all' shows the bounds of the scene
-    label_objects : names of objects to write beside them; True for all in view
+    label_objects : names of the objects that get a label; True for all in view
     """
     view = plan_view(scene, extent)
     for item in scene.objects:
@@ -103,7 +103,7 @@ def draw_plan(
 
 
 def plan_view(scene: Scene, extent: Literal["walk", "all"]) -> Box:
-    """What of a scene is shown: (x_min, y_min, x_max, y_max) in m."""
+    """The part of a scene that is shown: (x_min, y_min, x_max, y_max) in m."""
     meshes = [np.ravel([corner[:2] for corner in item.bounds_m]) for item in scene.clutter]
     boxes = np.array([scene.bounds_m, *(item.contour.bounds_m for item in scene.objects), *meshes])
     low, high = boxes[:, :2].min(axis=0) - EDGE_MARGIN_M, boxes[:, 2:].max(axis=0) + EDGE_MARGIN_M
@@ -130,7 +130,7 @@ def _draw_clutter(ax: Any, mesh: Clutter) -> None:
 
 
 def clutter_outlines(mesh: Clutter) -> list[FloatArray]:
-    """Rims (point, xy) in m of what a mesh covers in plan view."""
+    """Outlines (point, xy) in m of the area that a mesh covers in plan view."""
     corners = mesh.vertices_m[mesh.faces][..., :2]
     upright = np.abs(np.linalg.det(np.diff(corners, axis=1))) < LEAST_DRAWN_M2
     covered = shapely.union_all(shapely.polygons(corners[~upright]))
@@ -138,7 +138,7 @@ def clutter_outlines(mesh: Clutter) -> list[FloatArray]:
 
 
 def _draw_others(ax: Any, scene: Scene, *, labels: bool) -> None:
-    """The TXs and walks that are not in use, faint."""
+    """Draw the TXs and walks that are not in use in grey."""
     for name, walk in scene.other_walks.items():
         line = walk.line_m()
         ax.plot(*line.T, color="0.55", linewidth=0.8, linestyle=":")
@@ -196,7 +196,7 @@ def _draw_walk(ax: Any, scene: Scene, stops: Iterable[int] | None, *, labels: bo
 
 
 def _label_offset(position: FloatArray, heading: FloatArray, index: int) -> FloatArray:
-    """Offset (xy) in points to the left of the walk, where its label hides no other stop."""
+    """Offset (xy) in points to the left of the walk, where the label covers no other stop."""
     before, after = position[max(index - 1, 0)], position[min(index + 1, len(position) - 1)]
     along = after - before
     if not np.any(along):
@@ -220,7 +220,7 @@ def _draw_tx(ax: Any, scene: Scene, *, labels: bool) -> None:
 
 
 def _label_objects(ax: Any, scene: Scene, names: Iterable[str], view: Box) -> None:
-    """Names beside the objects in view, where they stay in view and cover no stop and no other name."""
+    """Write names beside the objects in view, where they fit in the view and cover no stop and no other name."""
     ax.apply_aspect()
     to_points = 72 / ax.figure.dpi
     frame = shapely.box(*view)
@@ -247,9 +247,10 @@ def _label_objects(ax: Any, scene: Scene, names: Iterable[str], view: Box) -> No
 def _free_place(
     corners_pt: FloatArray, n_letters: int, taken: list[Box], limits_pt: Box
 ) -> tuple[tuple[float, float], Box]:
-    """Centre and box in points of a name beside a bounding box (corner, xy); the first place where none is free.
+    """Centre and box in points of a name beside a bounding box (corner, xy).
 
-    Slender upright objects are labelled at their sides first, all others above or below.
+    It is the first free place, or the first place of all where none is free. Tall narrow boxes are labelled at
+    their sides first, all others above or below.
     """
     half_width, half_height = 0.32 * OBJECT_LABEL_PT * n_letters, 0.6 * OBJECT_LABEL_PT
     (left, low), (right, high) = corners_pt
@@ -270,17 +271,21 @@ def _free_place(
     return places[chosen], boxes[chosen]
 
 
-def _draw_legend(ax: Any, scene: Scene, view: Box) -> None:
-    """Legend to the right of the axes, where it hides nothing, of the kinds in view."""
-    kinds: set[str] = {item.kind for item in scene.objects if _overlaps(item.contour.bounds_m, view)}
-    kinds |= {item.kind for item in scene.clutter}
-    patches = [
+def kind_patches(kinds: set[str]) -> list[Patch]:
+    """Entries of a legend for the kinds of objects given, in the order of `KIND_COLORS`."""
+    return [
         Patch(facecolor=color + "59", edgecolor=color, label=kind)
         for kind, color in KIND_COLORS.items() if kind in kinds
     ]  # fmt: skip
+
+
+def _draw_legend(ax: Any, scene: Scene, view: Box) -> None:
+    """Add a legend of the kinds in view to the right of the axes."""
+    kinds: set[str] = {item.kind for item in scene.objects if _overlaps(item.contour.bounds_m, view)}
+    kinds |= {item.kind for item in scene.clutter}
     handles, _ = ax.get_legend_handles_labels()
     ax.legend(
-        handles=[*patches, *handles], loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0,
+        handles=[*kind_patches(kinds), *handles], loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0,
         fontsize=8, frameon=False,
     )  # fmt: skip
 

@@ -10,7 +10,6 @@ import shapely
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
@@ -22,22 +21,21 @@ from isac_arena.report.figures.path_lines import (
     path_summary,
     scatter_points,
 )
-from isac_arena.report.figures.plan import RX_COLOR, plan_view
+from isac_arena.report.figures.plan import RX_COLOR, Box, kind_patches, plan_view
 from scenes.objects.scene_object import KIND_COLORS
 from scenes.record import FloatArray
 from scenes.scene import Scene, SceneObject
 from sim.propagation.paths import Paths
 
 DRAWN_SAGITTA_M = 0.01
-NEAR_OPACITY, FAR_OPACITY, SOLID_OPACITY = 0.03, 0.3, 0.6  # of walls towards the eye and away from it
-TALL_SHARE = 0.9  # of the room's height: taller rails, boxes and rooms are seen through like walls
+NEAR_OPACITY, FAR_OPACITY, SOLID_OPACITY = 0.03, 0.3, 0.6  # of near and far walls, and of other objects
+TALL_SHARE = 0.9  # of the room's height: taller rails, boxes and rooms are transparent like walls
 ELEVATION_DEG, AZIMUTH_DEG = 38.0, -60.0
 TX_LABEL_M = 0.35  # above the TX
 FLOOR_COLOR = "#eceff1"
 
 LIGHT = np.array([0.45, -0.3, 0.84])  # direction towards the light
 
-Box = tuple[float, float, float, float]  # x_min, y_min, x_max, y_max
 Color = tuple[float, float, float, float]
 Ring = FloatArray  # corners (point, xyz) of a flat face
 
@@ -49,9 +47,9 @@ def scene_figure(
     paths: Paths | None = None,
     stop: int | None = None,
 ) -> Figure:
-    """The scene seen from above at a slant, walls transparent, cut off at the extent; ceiling and caps open.
+    """The scene in an oblique view from above, cut off at the extent, with transparent walls and without ceiling.
 
-    With `paths` the ways from the TX to the RX at `stop` are drawn over it.
+    With `paths`, the paths from the TX to the RX at `stop` are drawn over it.
     """
     figure = Figure(figsize=(10.5, 7.5))
     ax: Any = figure.add_axes((0.0, 0.03, 0.86, 0.91), projection="3d", computed_zorder=False)
@@ -81,7 +79,7 @@ def scene_figure(
 
 
 def _draw_bodies(ax: Any, scene: Scene, view: Box) -> set[str]:
-    """All faces in one collection, which sorts them by depth; returns the kinds seen."""
+    """Draw all faces in one collection, which sorts them by depth; returns the kinds in view."""
     frame = shapely.box(*view)
     z_low, z_high = _heights(scene)
     faces: list[Ring] = []
@@ -116,7 +114,7 @@ def _draw_bodies(ax: Any, scene: Scene, view: Box) -> set[str]:
 
 
 def _wall_opacity(rings: list[Ring], view: Box) -> list[float]:
-    """Opacity of each face of a wall: the nearer to the eye, the less it hides."""
+    """Opacity of each face of a wall: near faces are more transparent, so that they hide less."""
     (x_min, y_min, x_max, y_max), azimuth = view, np.deg2rad(AZIMUTH_DEG)
     to_eye = np.array([np.cos(azimuth), np.sin(azimuth)])
     middle, half = np.array([x_min + x_max, y_min + y_max]) / 2, np.array([x_max - x_min, y_max - y_min]) / 2
@@ -125,7 +123,7 @@ def _wall_opacity(rings: list[Ring], view: Box) -> list[float]:
 
 
 def _prism(item: SceneObject, frame: Any) -> Iterator[tuple[list[Ring], list[Ring]]]:
-    """Faces and rims of what is seen of an object in the frame: sides and, where closed, the lid."""
+    """Faces and edges of the part of an object inside the frame: sides and, for a closed object, the top."""
     seen = shapely.intersection(item.contour.body(DRAWN_SAGITTA_M), frame)
     for part in shapely.get_parts(seen):
         if part.is_empty or part.geom_type not in ("Polygon", "LineString"):
@@ -149,7 +147,7 @@ def _draw_devices(ax: Any, scene: Scene, stop: int | None) -> None:
 
 
 def _draw_paths(ax: Any, scene: Scene, paths: Paths, stop: int, view: Box) -> list[Line2D]:
-    """Draw the paths to a stop and return their entries of the legend."""
+    """Draw the paths to a stop and return their legend entries."""
     lines = path_lines(paths, scene.tx.position_m, scene.walk.positions_m()[stop])
     scattered = scatter_points(paths)
     inside = (scattered[:, :2] >= view[:2]) & (scattered[:, :2] <= view[2:])
@@ -178,7 +176,7 @@ def _mark(marker: str, color: str, size: float, label: str) -> Line2D:
 
 
 def _clipped(points_m: FloatArray, view: Box) -> FloatArray:
-    """Legs (leg, end, xyz) of a way through points (point, xyz), cut off at the rim of the view."""
+    """Legs (leg, end, xyz) of a path through points (point, xyz), clipped to the view."""
     start, along = points_m[:-1], np.diff(points_m, axis=0)
     step = np.where(along[:, :2] == 0, 1e-300, along[:, :2])
     shares = np.stack([(np.reshape(view, (2, 1, 2))[k] - start[:, :2]) / step for k in (0, 1)])
@@ -189,7 +187,7 @@ def _clipped(points_m: FloatArray, view: Box) -> FloatArray:
 
 
 def _shaded(color: str, opacity: float, ring: Ring) -> Color:
-    """Colour of a face, the darker the more it turns away from the light."""
+    """Colour of a face: it is darker, the more the face turns away from the light."""
     normal = np.cross(ring[1] - ring[0], ring[2] - ring[0])
     facing = abs(normal @ LIGHT) / max(float(np.linalg.norm(normal)), 1e-12)
     red, green, blue, alpha = to_rgba(color, opacity)
@@ -198,14 +196,10 @@ def _shaded(color: str, opacity: float, ring: Ring) -> Color:
 
 
 def _draw_legend(figure: Figure, kinds: set[str], paths_shown: list[Line2D]) -> None:
-    patches = [
-        Patch(facecolor=color + "59", edgecolor=color, label=kind)
-        for kind, color in KIND_COLORS.items() if kind in kinds
-    ]  # fmt: skip
     devices = [_mark("o", RX_COLOR, 3.5, "RX stop"), _mark("D", "black", 5, "TX")]
     figure.legend(
-        handles=[*patches, *devices, *paths_shown], loc="upper left", bbox_to_anchor=(0.855, 0.9), fontsize=8,
-        frameon=False,
+        handles=[*kind_patches(kinds), *devices, *paths_shown], loc="upper left", bbox_to_anchor=(0.855, 0.9),
+        fontsize=8, frameon=False,
     )  # fmt: skip
 
 

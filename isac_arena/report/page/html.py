@@ -1,14 +1,14 @@
-"""The report page: one self-contained HTML file with an instrument to explore a campaign, scores and figures."""
+"""The report page: one self-contained HTML file with interactive plans of a campaign, scores and figures."""
 
 from __future__ import annotations
 
 import json
-from base64 import b64encode
 from collections.abc import Mapping
 from html import escape
 from string import Template
 from typing import Any
 
+from isac_arena.report.elements import figure_html, html_table
 from isac_arena.report.page.figures import ReportFigure
 from isac_arena.report.page.tables import (
     ACCEPTED,
@@ -20,14 +20,12 @@ from isac_arena.report.page.tables import (
     SHAPES,
     all_scores_table,
     headline_table,
-    html_table,
     object_table,
     score_table,
 )
 from isac_arena.report.page.template import PAGE, script_text, style_text
 from isac_arena.scoring.score import Scores
 
-PIXELS_PER_INCH = 86  # on the page: the widest figure fills it, and all figures have letters of one size
 SECTIONS = {
     "explore": "Explore",
     "channel": "Channel estimation",
@@ -41,15 +39,19 @@ SECTIONS = {
 def render_report(
     payload: Mapping[str, Any], scores: Scores, figures: Mapping[str, ReportFigure], facts: Mapping[str, str]
 ) -> str:
-    """The report as one HTML page without any outside resource.
+    """The report as one self-contained HTML page.
 
-    `payload` is what `report_payload` makes, and names the campaign; `facts` (label to text) say what was run:
-    settings, seed, versions.
+    `payload` is the result of `report_payload`, with the name of the campaign; `facts` (label to text) give the
+    settings, seed and versions of the run.
     """
     title = str(payload["name"])
     metrics = scores.metrics
     by_section = {
-        section: "\n".join(_figure(figure) for figure in figures.values() if figure.section == section)
+        section: "\n".join(
+            figure_html(one.title, one.png, one.figure, one.caption, one.name)
+            for one in figures.values()
+            if one.section == section
+        )
         for section in ("map", "channel", "pose", "shape")
     }
     return Template(PAGE).substitute(
@@ -76,20 +78,10 @@ def render_report(
 
 
 def _script_json(payload: Mapping[str, Any]) -> str:
-    """JSON that can stand inside a script element: no text in it can end the element."""
+    """JSON for a script element: no text in it can end the element."""
     text = json.dumps(payload, separators=(",", ":"), allow_nan=False, ensure_ascii=False)
     return text.replace("<", "\\u003c")
 
 
 def _contents() -> str:
     return " · ".join(f'<a href="#{anchor}">{escape(name)}</a>' for anchor, name in SECTIONS.items())
-
-
-def _figure(figure: ReportFigure) -> str:
-    data = b64encode(figure.png).decode("ascii")
-    width = round(PIXELS_PER_INCH * float(figure.figure.get_size_inches()[0]))
-    return (
-        f'<figure id="{escape(figure.name)}"><img alt="{escape(figure.title)}" width="{width}" '
-        f'src="data:image/png;base64,{data}"><figcaption><b>{escape(figure.title)}.</b> '
-        f"{escape(figure.caption)}</figcaption></figure>"
-    )

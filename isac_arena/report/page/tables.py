@@ -1,4 +1,4 @@
-"""Tables of the report: which scores are shown where, under which readable name."""
+"""Tables of the report: the scores of each table and their readable names."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from html import escape
 
+from isac_arena.report.elements import html_table
 from isac_arena.scoring.metrics.metric import Metric
 
 DIRECTION_MARKS = {"lower": "↓", "higher": "↑", "info": ""}
@@ -141,14 +142,14 @@ ACCEPTED = ScoreTable(
 
 
 def headline_table(metrics: Sequence[Metric]) -> str:
-    """The scores that sum up a campaign."""
+    """The main scores of a campaign."""
     known = {metric.key: metric for metric in metrics}
     rows = [(escape(label), _value(known.get(key)), _unit(known.get(key))) for label, key in HEADLINE]
     return html_table(("", "value", "unit"), rows)
 
 
 def score_table(table: ScoreTable, metrics: Sequence[Metric]) -> str:
-    """A table of chosen scores; rows without any value in any column are left out."""
+    """A table of chosen scores; rows without any value are omitted."""
     known = {metric.key: metric for metric in metrics}
     rows = []
     for label, suffix in table.rows:
@@ -160,7 +161,7 @@ def score_table(table: ScoreTable, metrics: Sequence[Metric]) -> str:
 
 
 def object_table(metrics: Sequence[Metric], method: str) -> str:
-    """One row per object that either map shows: the scores of its best contour by 'shapes' or 'contours'."""
+    """One row per object that a map shows: the scores of its best contour by 'shapes' or 'contours'."""
     known = {metric.key: metric for metric in metrics}
     columns = (("IoU", "iou"), ("seen RMSE in m", "seen_rmse_m"), ("coverage", "coverage95"))
     suffix = ".hausdorff_m"
@@ -177,7 +178,7 @@ def object_table(metrics: Sequence[Metric], method: str) -> str:
 
 
 def all_scores_table(metrics: Iterable[Metric]) -> str:
-    """Every score that could be measured, with its key."""
+    """Every score that has a value, with its key."""
     rows = [
         (
             f"<code>{escape(metric.key)}</code>",
@@ -191,19 +192,12 @@ def all_scores_table(metrics: Iterable[Metric]) -> str:
     return html_table(("key", "value", "unit", "better"), rows)
 
 
-def html_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """An HTML table; heads and cells are HTML already."""
-    head = "".join(f"<th>{cell}</th>" for cell in heads)
-    body = "\n".join(f"<tr>{''.join(f'<td>{cell}</td>' for cell in row)}</tr>" for row in rows)
-    return f"<table>\n<thead><tr>{head}</tr></thead>\n<tbody>\n{body}\n</tbody>\n</table>"
-
-
 def _is_object_key(key: str, method: str, suffix: str) -> bool:
     return key.startswith(f"{method}.mapping.") and key.endswith(suffix)
 
 
 def _value(metric: Metric | None) -> str:
-    """Three significant digits, whole numbers as such; a dash where there is nothing."""
+    """Three significant digits, integers without decimals, a dash where there is no value."""
     if metric is None or not math.isfinite(metric.value):
         return "–"
     value = metric.value

@@ -1,16 +1,17 @@
-"""The report of a sweep as one HTML page without any outside resource."""
+"""The report of a sweep as one self-contained HTML page."""
 
 from __future__ import annotations
 
-from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from string import Template
 
 import numpy as np
+from matplotlib.figure import Figure
 
-from isac_arena.report.style import DOTS_PER_INCH
+from isac_arena.report.elements import figure_html, html_table
+from isac_arena.report.style import png_bytes
 from isac_arena.report.sweep.results import SweepResults, groups, mean_interval
 
 STYLE = """
@@ -54,22 +55,26 @@ $sections
 
 @dataclass(frozen=True)
 class SweepFigure:
-    """A picture of the page with its caption."""
+    """A figure of the page with its caption."""
 
     title: str
-    png: bytes
-    width_in: float
+    figure: Figure
     caption: str
 
 
 def render_sweep(
     title: str, facts: Mapping[str, str], sections: Sequence[tuple[str, Sequence[SweepFigure | str]]]
 ) -> str:
-    """The page: `facts` (label to text) at the head, then sections of figures and of HTML tables."""
+    """The page: `facts` (label to text) first, then sections of figures and of HTML tables."""
     parts = []
     for heading, items in sections:
         parts.append(f"<h2>{escape(heading)}</h2>")
-        parts += [_figure(item) if isinstance(item, SweepFigure) else item for item in items]
+        parts += [
+            figure_html(item.title, png_bytes(item.figure), item.figure, item.caption)
+            if isinstance(item, SweepFigure)
+            else item
+            for item in items
+        ]
     return Template(PAGE).substitute(
         title=escape(title),
         style=STYLE,
@@ -92,20 +97,8 @@ def axis_tables(results: SweepResults, keys: Sequence[str]) -> list[str]:
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]], style: str = "") -> str:
-    """An HTML table of texts."""
-    top = "".join(f"<th>{escape(cell)}</th>" for cell in head)
-    body = "".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
-    kind = f' class="{style}"' if style else ""
-    return f"<table{kind}><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table>"
-
-
-def _figure(figure: SweepFigure) -> str:
-    data = b64encode(figure.png).decode("ascii")
-    width = round(0.66 * DOTS_PER_INCH * figure.width_in)
-    return (
-        f'<figure><img alt="{escape(figure.title)}" width="{width}" src="data:image/png;base64,{data}">'
-        f"<figcaption><b>{escape(figure.title)}.</b> {escape(figure.caption)}</figcaption></figure>"
-    )
+    """An HTML table of texts, in the given CSS class."""
+    return html_table([*map(escape, head)], [[*map(escape, row)] for row in rows], style)
 
 
 def _heading(results: SweepResults, key: str) -> str:

@@ -1,4 +1,4 @@
-"""The 3-D view of a campaign: hall, devices, paths of a stop and contours, in one self-contained page."""
+"""The 3-D view of a campaign in one self-contained page: scene, devices, paths of a stop and contours."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from sim.propagation.paths import Paths
 CONTOUR_MARGIN_M = 0.4  # of the top of the contours above the receiver
 EYE = {"x": -1.0, "y": -1.35, "z": 1.1}
 
-# No address may be asked; plotly builds some of its drawing programs from text.
+# The page may request no address. Plotly needs 'unsafe-eval' because it compiles some drawing code from text.
 PAGE = """<!DOCTYPE html>
 <html lang="en">
 <head>
@@ -59,10 +59,10 @@ main { flex: 1; min-height: 24rem; }
 
 
 def view_page(name: str, scene: Scene, results: CampaignResults, paths: Sequence[Paths], stop: int) -> str:
-    """The 3-D view as one HTML page without any outside resource, its slider at `stop`.
+    """The 3-D view as one self-contained HTML page, with its slider at `stop`.
 
-    `paths` are the true paths of every stop in order, empty for a measured campaign: then only the estimated ways
-    are drawn. Axes are in m; contours stand from the floor to a little above the receiver.
+    `paths` are the true paths of every stop in order. A measured campaign has none: then only estimated paths are
+    drawn. Axes are in m; contours reach from the floor to a little above the receiver.
 
     Raises
     ------
@@ -90,7 +90,7 @@ def view_page(name: str, scene: Scene, results: CampaignResults, paths: Sequence
 
 
 def _stop_traces(scene: Scene, results: CampaignResults, paths: Sequence[Paths], stop: int) -> list[Trace]:
-    """What changes with the stop: the frame of the receiver, its true and its estimated paths."""
+    """The traces that change with the stop: the frame of the receiver, its true and its estimated paths."""
     pose = scene.stops[stop]
     lines: list[PathLine] = []
     if paths:
@@ -102,7 +102,7 @@ def _stop_traces(scene: Scene, results: CampaignResults, paths: Sequence[Paths],
 def estimated_ways(result: MapResult, tx_m: FloatArray, rx_m: FloatArray, stop: int) -> list[FloatArray]:
     """TX, incidence point and RX (point, xyz) of every path of a stop that was taken as a single bounce.
 
-    A point without a height of its own is put where a level line from the TX to the RX would meet it.
+    A point without an estimated height is put on the path whose height changes evenly from the TX to the RX.
     """
     ips = result.ips
     ways = []
@@ -152,7 +152,7 @@ def _layout(scene: Scene) -> dict[str, Any]:
 
 
 def _slider(by_stop: Sequence[Sequence[Trace]], moving: list[int], stop: int) -> dict[str, Any]:
-    """Steps through the stops: each puts its own lines in the place of those of the stop before."""
+    """A slider over the stops; each step replaces the lines of the previous stop."""
     return {
         "active": stop,
         "currentvalue": {"prefix": "stop "},

@@ -1,4 +1,4 @@
-"""Parts of the 3-D view as plotly traces: bodies, devices, ways of paths, contours."""
+"""Parts of the 3-D view as plotly traces: bodies, devices, paths, contours."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from isac_arena.report.figures.bands import Curve
+from isac_arena.report.figures.bands import Curve, line_m
 from isac_arena.report.figures.path_lines import COLORS, PathLine
 from scenes.meshes.mesh import PLANE_COLOR, object_meshes
 from scenes.objects.scene_object import KIND_COLORS
@@ -21,7 +21,7 @@ OPACITY = {"wall": 0.16, "polygon": 0.16, "floor": 0.5, "ceiling": 0.25}  # othe
 SOLID_OPACITY = 0.55
 FRAME_M = 0.8  # length of the axes of a device
 FRAME_COLORS = {"x": "#D55E00", "y": "#009E73", "z": "#0072B2"}
-WIDTHS = {  # of rays in pixels; dashes in space look like fragments, for their length goes with the view
+WIDTHS = {  # of rays in pixels; no dashes, because their length changes with the view
     "line of sight": 7.0, "one reflection": 4.5, "two reflections": 3.0,
     "three reflections": 2.0, "diffracted": 2.5, "through walls": 3.5,
 }  # fmt: skip
@@ -30,7 +30,7 @@ Trace = dict[str, Any]
 
 
 def body_traces(scene: Scene) -> list[Trace]:
-    """One mesh per kind of object, then floor and ceiling; the ceiling waits in the legend."""
+    """One mesh per kind of object, then floor and ceiling; the ceiling is hidden at first."""
     kinds = scene.kinds
     parts = sorted(
         (
@@ -98,9 +98,9 @@ def frame_axes(heading_rad: float) -> FloatArray:
 
 
 def ray_traces(lines: Iterable[PathLine]) -> list[Trace]:
-    """One trace per kind of `COLORS`, in its order, empty where the stop has no path of it.
+    """One trace per kind in `COLORS`, in that order; a trace is empty where the stop has no path of its kind.
 
-    Kinds differ in colour and width, and the legend switches each of them.
+    Kinds differ in colour and width, and the legend switches each kind on and off.
     """
     known = list(lines)
     return [
@@ -117,7 +117,7 @@ def ray_traces(lines: Iterable[PathLine]) -> list[Trace]:
 
 
 def estimate_trace(ways_m: Sequence[FloatArray]) -> Trace:
-    """Ways (point, xyz) of estimated paths over their incidence points."""
+    """Lines (point, xyz) of estimated paths through their incidence points."""
     return {
         **_line(joined(ways_m)),
         "name": "estimated, mapping",
@@ -131,8 +131,10 @@ def estimate_trace(ways_m: Sequence[FloatArray]) -> Trace:
 
 def contour_traces(curves: Sequence[Curve], name: str, color: str, z_m: tuple[float, float]) -> list[Trace]:
     """Contours as upright sheets between two heights, and the edges of their bands at the upper one."""
-    rings = [_ring(curve.points_m, curve) for curve in curves]
-    edges = [_ring(edge, curve) for curve in curves for edge in (curve.outer_m, curve.inner_m)]
+    rings = [line_m(curve.points_m, is_closed=curve.is_closed) for curve in curves]
+    edges = [
+        line_m(edge, is_closed=curve.is_closed) for curve in curves for edge in (curve.outer_m, curve.inner_m)
+    ]
     sheets = [_sheet(ring, z_m) for ring in rings]
     mesh = _mesh([vertices for vertices, _ in sheets], [faces for _, faces in sheets])
     at_top = [np.column_stack([edge, np.full(len(edge), z_m[1])]) for edge in edges]
@@ -159,7 +161,7 @@ def contour_traces(curves: Sequence[Curve], name: str, color: str, z_m: tuple[fl
 
 
 def joined(ways_m: Sequence[FloatArray]) -> FloatArray:
-    """Ways (point, xyz) one after the other as one, a row of NaN after each."""
+    """Lines (point, xyz) one after the other as one array, with a row of NaN after each."""
     gap = np.full((1, 3), np.nan)
     return np.concatenate([np.zeros((0, 3)), *(part for way in ways_m for part in (way, gap))])
 
@@ -200,10 +202,6 @@ def _mesh(vertices_m: Sequence[FloatArray], faces: Sequence[Any]) -> Trace:
     )
     triples = {name: corners[:, axis].tolist() for axis, name in enumerate("ijk")}
     return {"type": "mesh3d", **coordinates(np.concatenate([np.zeros((0, 3)), *vertices_m])), **triples}
-
-
-def _ring(points_m: FloatArray, curve: Curve) -> FloatArray:
-    return np.concatenate([points_m, points_m[:1]]) if curve.is_closed else points_m
 
 
 def _sheet(ring_m: FloatArray, z_m: tuple[float, float]) -> tuple[FloatArray, FloatArray]:

@@ -14,9 +14,7 @@ from isac_arena.scoring.record import IpScores, OutlineScores, PathScores
 from scenes.record import BoolArray, FloatArray, IntArray
 from scenes.scene import OBJECT_KINDS, Scene
 
-FOUND_DISTANCE_M = (
-    0.5  # a point supports its object when it is this close: about one cell of range at 400 MHz
-)
+FOUND_DISTANCE_M = 0.5  # a point supports its object from this distance: objects usually stand farther apart
 FOUND_POINTS = 3  # an object is found when this many points support it: two can be close by chance
 
 

@@ -6,8 +6,7 @@ from estimation.channel.model.crb import crb
 from estimation.slam.bounds import stop_bound
 from isac_arena.insight.bounds import channel as channel_bound
 from isac_arena.insight.bounds import position as bound_map
-from isac_arena.report.figures.bound import bound_figure
-from isac_arena.report.figures.channel_bound import channel_bound_figure
+from isac_arena.report.figures.bound import bound_figure, channel_bound_figure
 from isac_arena.report.style import png_bytes
 from scenes.pose import Pose
 

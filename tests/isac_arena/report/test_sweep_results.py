@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import t as student
 
+from isac_arena.report.style import new_figure
 from isac_arena.report.sweep.captions import axis_caption, parallel_caption, pareto_caption
 from isac_arena.report.sweep.figures import axis_figure, drawn_means, front_of, parallel_figure, pareto_figure
 from isac_arena.report.sweep.page import SweepFigure, axis_tables, render_sweep
@@ -131,7 +132,7 @@ def test_the_page_is_whole_and_escapes_names() -> None:
     results = made()
     tables = axis_tables(results, [KEY])
     assert "power" in tables[0] and "±" in tables[0]
-    picture = SweepFigure("a <b>", b"png", 4.0, "caption & more")
+    picture = SweepFigure("a <b>", new_figure(4.0, 3.0), "caption & more")
     page = render_sweep("<sweep>", {"Cases": "1 < 2"}, [("Figures", [picture]), ("Tables", tables)])
     assert "<sweep>" not in page and "&lt;sweep&gt;" in page and "1 &lt; 2" in page
     assert "http" not in page.split("<body")[1] and page.count("data:image/png;base64,") == 1
