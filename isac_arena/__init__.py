@@ -1,9 +1,123 @@
-"""ISAC Arena: from a scene to scored object shapes.
+"""ISAC Arena: from a scene to scored object shapes. These are the public names.
 
-Read `campaign/chain.py` first: the chain from sweeps to scores.
+>>> from isac_arena import campaign_scene, estimate_channel, load_campaign, make_link, observe, simulate_truth
+>>> config, scene_file = load_campaign("box_room")
+>>> scene, link = campaign_scene(config, scene_file), make_link(config)
+>>> truth = next(simulate_truth(config, scene, [0]))
+>>> estimate = estimate_channel(observe(config, link, scene, truth), config=config.channel)
+
+A name is imported when it is first used, so `import isac_arena` is fast. Read `campaign/chain.py` first for the
+method: the chain from sweeps to scores.
 
 `campaign/`  settings, the chain and its files    `cli/`        the `arena` command
 `scoring/`   estimates against the truth          `report/`     figures and pages
 `insight/`   error budget, comparison, twin       `sweep/`      many campaigns
 `exchange/`  formats of other tools               `validation/` checks and benches, each with its bar
 """
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from isac_arena.own_packages import ROOT, check_own_packages
+
+check_own_packages()
+
+if TYPE_CHECKING:
+    from estimation.channel.estimate import estimate_channel
+    from estimation.channel.record import ChannelEstimate
+    from estimation.shape.record import Contours, Shapes
+    from estimation.slam.record import IncidencePoints, PoseEstimates
+    from isac_arena.campaign.chain import known_receiver, map_known, map_unknown, score_simulated
+    from isac_arena.campaign.config import CampaignConfig
+    from isac_arena.campaign.directory import open_campaign
+    from isac_arena.campaign.files import read_record
+    from isac_arena.campaign.load import campaign_scene, load_campaign
+    from scenes.config import load_scene
+    from scenes.pose import Pose
+    from scenes.scene import Scene
+    from sim.config import SimulationConfig
+    from sim.observation import BeamSweep
+    from sim.propagation.paths import Paths
+    from sim.signal.link import make_link
+    from sim.simulate import observe, simulate_truth
+    from sim.truth import Truth
+
+__all__ = [
+    "BeamSweep",
+    "CampaignConfig",
+    "ChannelEstimate",
+    "Contours",
+    "IncidencePoints",
+    "Paths",
+    "Pose",
+    "PoseEstimates",
+    "Scene",
+    "Shapes",
+    "SimulationConfig",
+    "Truth",
+    "__version__",
+    "campaign_scene",
+    "estimate_channel",
+    "known_receiver",
+    "load_campaign",
+    "load_scene",
+    "make_link",
+    "map_known",
+    "map_unknown",
+    "observe",
+    "open_campaign",
+    "read_record",
+    "score_simulated",
+    "simulate_truth",
+]
+
+HOMES = {
+    "estimation.channel.estimate": ("estimate_channel",),
+    "estimation.channel.record": ("ChannelEstimate",),
+    "estimation.shape.record": ("Contours", "Shapes"),
+    "estimation.slam.record": ("IncidencePoints", "PoseEstimates"),
+    "isac_arena.campaign.chain": ("known_receiver", "map_known", "map_unknown", "score_simulated"),
+    "isac_arena.campaign.config": ("CampaignConfig",),
+    "isac_arena.campaign.directory": ("open_campaign",),
+    "isac_arena.campaign.files": ("read_record",),
+    "isac_arena.campaign.load": ("campaign_scene", "load_campaign"),
+    "scenes.config": ("load_scene",),
+    "scenes.pose": ("Pose",),
+    "scenes.scene": ("Scene",),
+    "sim.config": ("SimulationConfig",),
+    "sim.observation": ("BeamSweep",),
+    "sim.propagation.paths": ("Paths",),
+    "sim.signal.link": ("make_link",),
+    "sim.simulate": ("observe", "simulate_truth"),
+    "sim.truth": ("Truth",),
+}
+_HOME_OF = {name: module for module, names in HOMES.items() for name in names}
+
+
+def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        value = _version()
+    elif name in _HOME_OF:
+        value = getattr(import_module(_HOME_OF[name]), name)
+    else:
+        raise AttributeError(f"module 'isac_arena' has no attribute '{name}'")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
+
+
+def _version() -> str:
+    """The version of the installed package; in a checkout that is not installed, that of its pyproject.toml."""
+    from importlib.metadata import PackageNotFoundError, version  # noqa: PLC0415
+
+    try:
+        return version("isac-arena")
+    except PackageNotFoundError:
+        from scenes.toml_config import read_toml  # noqa: PLC0415
+
+        return str(read_toml(ROOT / "pyproject.toml")["project"]["version"])

@@ -9,6 +9,7 @@ import errno
 import os
 import re
 import sys
+from pathlib import Path
 from typing import Any
 
 import typer
@@ -32,6 +33,7 @@ from isac_arena.cli import (
     verify,
     view,
 )
+from isac_arena.own_packages import names_in_the_way
 
 USAGE_ERROR: Any = typer.BadParameter.__bases__[0]  # of click, or of the copy of it that typer brings along
 
@@ -75,7 +77,7 @@ app.add_typer(study.app, name="study")
 
 def main() -> None:
     """Run the command line; every failure ends in one line on stderr and a non-zero exit code."""
-    sys.path.insert(0, os.getcwd())  # a user's estimator may stand where the command is run
+    _add_working_folder()
     sys.unraisablehook = lambda _: None  # a damaged file's reader complains once more when it is thrown away
     try:
         code = app(standalone_mode=False)
@@ -90,6 +92,22 @@ def main() -> None:
         _fail(_one_line(error), 2)
     except Exception as error:  # a defect of ours: still one line, with a way to see more
         _fail(f"{type(error).__name__}: {_one_line(error)} (ARENA_DEBUG=1 shows where)", 70)
+
+
+def _add_working_folder() -> None:
+    """Let Python find a user's estimator in the folder where the command runs.
+
+    Where that folder has a package with the name of one of ours, it comes last, so that ours are used. A line on
+    stderr says so.
+    """
+    folder = Path.cwd()
+    in_the_way = names_in_the_way(folder)
+    if not in_the_way:
+        sys.path.insert(0, str(folder))
+        return
+    sys.path[:] = [*(entry for entry in sys.path if entry not in ("", str(folder))), str(folder)]
+    found = ", ".join(map(str, in_the_way))
+    sys.stderr.write(f"arena: {found}: has the name of a package of ISAC Arena and is not used\n")
 
 
 def _fail(message: str, code: int) -> None:
