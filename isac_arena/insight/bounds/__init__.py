@@ -1,4 +1,5 @@
 """Cramer-Rao bounds over the plan of a scene and along its walk.
 
-`position.py`: of the receiver. `channel.py`: of delays and angles.
+Read `position.py` first: bounds of the receiver (`prepare`, `over_plan`, `along_walk`). `channel.py` has the
+bounds of delays and angles.
 """

@@ -19,7 +19,7 @@ from scenes.record import BoolArray, FloatArray
 from sim.propagation.paths import Paths
 from sim.signal.link import Link, best_beam_power_dbm, make_link
 
-LEAST_SNR_DB = 10.0  # weaker paths are not found
+LEAST_SNR_DB = 10.0  # weaker paths are not detected
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class ChannelModel:
 
 
 def channel_model(prepared: BoundInputs) -> ChannelModel:
-    """The channel model of a campaign: phases are lost where it has a CFO or phase noise between pairs."""
+    """The channel model of a campaign; a CFO or phase noise between beam pairs makes it incoherent."""
     link = make_link(prepared.config)
     hardware = prepared.config.impairments
     keeps_phase = not (hardware.cfo_hz or hardware.phase_noise_pair_deg)
@@ -44,7 +44,7 @@ def channel_model(prepared: BoundInputs) -> ChannelModel:
 def stop_bounds(
     model: ChannelModel, paths: Paths, rx_pose: Pose, *, coherent: bool
 ) -> tuple[Paths, PathBounds]:
-    """The paths of a place from `LEAST_SNR_DB` on and their bounds, all of them estimated together."""
+    """The paths of a place with at least `LEAST_SNR_DB` and their bounds, for joint estimation of all of them."""
     link, tx_pose = model.link, model.prepared.scene.tx
     power_dbm = best_beam_power_dbm(paths, link, tx_pose, rx_pose)
     noise_dbm = 10 * np.log10(link.noise_power_mw.min() / len(link.frequency_offset_hz))
@@ -54,7 +54,7 @@ def stop_bounds(
 
 
 def over_plan(model: ChannelModel, grid: PlanGrid) -> ChannelBoundMap:
-    """Bounds of the strongest path at every place, the receiver turned as at the first stop of the walk."""
+    """Bounds of the strongest path at every place; the receiver has the heading of the first stop."""
     shape = grid.is_free.shape
     std, has_los = np.full((3, *shape), np.nan), np.zeros(shape, bool)
     heading = float(model.prepared.scene.walk.headings_rad()[0])
@@ -72,7 +72,7 @@ def over_plan(model: ChannelModel, grid: PlanGrid) -> ChannelBoundMap:
 
 
 def along_walk(model: ChannelModel) -> Table:
-    """Median bounds over all stops of the walk, of LOS and single bounces, phases kept and lost."""
+    """Median bounds of LOS and single bounces over all stops of the walk, coherent and incoherent."""
     scene = model.prepared.scene
     stops = list(zip(scene.walk.poses(), model.prepared.solver.paths(scene.walk.positions_m()), strict=True))
     table = Table("channel, median", "LOS", "phases lost", "1 bounce", "phases lost", "unit")

@@ -27,7 +27,7 @@ from scenes.scene import Scene
 from sim.propagation.paths import BounceKind, Paths
 from sim.propagation.specular.solver import ExactSolver
 
-MARGIN_M = 3.0  # of the grid round the TX and the walk
+MARGIN_M = 3.0  # of the grid around the TX and the walk
 MIN_TX_DISTANCE_M = 0.1  # no receiver stands closer to the TX
 SMOOTHNESS_M = 0.1  # second difference of the walk, per coordinate and stop^2
 SAME_LINE_DECIMALS = 6
@@ -42,7 +42,7 @@ IP_ROW = "incidence point error bound"
 
 @dataclass(frozen=True)
 class BoundInputs:
-    """A scene with its solver and the covariance of a path."""
+    """A scene with its solver and the covariance of the parameters of a path."""
 
     config: CampaignConfig
     scene: Scene
@@ -64,7 +64,7 @@ def prepare(campaign: str) -> BoundInputs:
 
 
 def sees_elevations(config: CampaignConfig) -> bool:
-    """Whether a device's beams stand at several elevations and the campaign's estimator and SLAM take them up."""
+    """Whether beams of a device have several elevations, and the estimator and SLAM of the campaign use them."""
     arrays = (config.tx_array, config.rx_array)
     several = any(len(set(a.beam_elevation_deg)) * len(set(a.panel_tilt_deg)) > 1 for a in arrays)
     return several and config.channel.method != "power" and config.slam.solves_in_space
@@ -72,7 +72,7 @@ def sees_elevations(config: CampaignConfig) -> bool:
 
 @dataclass(frozen=True)
 class PlanGrid:
-    """Places of a receiver over the plan, with the paths to those that are free."""
+    """Places of a receiver over the plan, with the paths to the places that are free."""
 
     x_m: FloatArray  # (x,)
     y_m: FloatArray  # (y,)
@@ -82,7 +82,7 @@ class PlanGrid:
 
 
 def plan_grid(prepared: BoundInputs, step_m: float) -> PlanGrid:
-    """A grid round the TX and the walk, at the height of the walk."""
+    """A grid around the TX and the walk, at the height of the walk."""
     scene = prepared.scene
     known = np.vstack([scene.walk.positions_m()[:, :2], scene.tx.position_m[:2]])
     low, high = known.min(axis=0) - MARGIN_M, known.max(axis=0) + MARGIN_M
@@ -106,7 +106,7 @@ def over_plan(prepared: BoundInputs, grid: PlanGrid) -> BoundMap:
 def place_bound(
     prepared: BoundInputs, position_m: FloatArray, paths: Paths
 ) -> tuple[StateBound | SpatialBound, bool]:
-    """Bound of a receiver at a place (3,), in space where the campaign is, and whether it sees the TX."""
+    """Bound of a receiver at a place (3,), in space with elevations, and whether it sees the TX."""
     if prepared.in_space:
         spatial = spatial_paths(prepared, paths)
         state = np.array([*position_m, 0.0, 0.0])
@@ -117,7 +117,7 @@ def place_bound(
 
 
 def along_walk(prepared: BoundInputs) -> Table:
-    """Median bounds over the stops of the walk: each alone, and, in the plane, all together with shared walls."""
+    """Median bounds over the stops of the walk: each stop alone, and in the plane also all stops jointly."""
     table = Table("median over the walk", "each stop alone", "whole walk", "unit")
     for column in (1, 2):
         table.columns[column].justify = "right"
@@ -145,7 +145,7 @@ def _in_plane(prepared: BoundInputs) -> list[tuple[str, float, float, str]]:
 
 
 def _in_space(prepared: BoundInputs) -> list[tuple[str, float, float, str]]:
-    """The same of stops alone, with heights."""
+    """Rows as in `_in_plane` with heights, of stops alone."""
     scene = prepared.scene
     positions = scene.walk.positions_m()
     states = np.column_stack([positions, scene.walk.headings_rad(), np.zeros(len(positions))])
@@ -161,7 +161,7 @@ def _in_space(prepared: BoundInputs) -> list[tuple[str, float, float, str]]:
 
 
 def spatial_paths(prepared: BoundInputs, paths: Paths) -> SpatialPaths:
-    """Line of sight and single bounces off anything, floor and ceiling too, within the dynamic range."""
+    """Line of sight and single bounces, also off floor and ceiling, within the estimator's dynamic range."""
     kind = path_origin(paths).kind
     seen = _within_range(prepared, paths)
     single = np.flatnonzero(seen & (kind == PathKind.SINGLE_BOUNCE))
@@ -189,7 +189,7 @@ def stop_paths(prepared: BoundInputs, paths: Paths) -> StopPaths:
 
 
 def _within_range(prepared: BoundInputs, paths: Paths) -> BoolArray:
-    """Paths (path,) that the estimator's dynamic range shows beside the strongest."""
+    """Mask (path,) of the paths within the estimator's dynamic range below the strongest path."""
     if not len(paths):
         return np.zeros(0, bool)
     least = 10 ** (-prepared.config.channel.power.dynamic_range_db / 10)
@@ -197,9 +197,10 @@ def _within_range(prepared: BoundInputs, paths: Paths) -> BoolArray:
 
 
 def share_walls(tx: Pose, states: FloatArray, stops: list[StopPaths]) -> list[StopPaths]:
-    """The same paths with a number for every flat face that two or more of them reflect off.
+    """The same paths with a number for every flat face that reflects two or more of them.
 
-    Faces are told apart by their line, so the sides of a block and the places along a curve stay different.
+    Faces are distinguished by their line: the sides of a block are different faces, and so are the points of a
+    curve.
     """
     lines = np.concatenate(
         [wall_line(tx, state, stop.point_m) for state, stop in zip(states, stops, strict=True)]

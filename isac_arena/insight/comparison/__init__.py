@@ -1,4 +1,4 @@
-"""Two runs over the same stops, compared pair by pair.
+"""Two runs over the same stops, compared by paired differences.
 
-Read `runs.py` first, then `difference.py`.
+Read `runs.py` first (`compare_runs`), then `difference.py` (`paired_difference`) and `table.py`.
 """

@@ -15,13 +15,13 @@ from scenes.record import FloatArray, IntArray
 LEVEL = 0.95
 RESAMPLES = 4999
 SEED = 1
-# With five pairs the exact two-sided signed-rank test cannot fall below 1/16: nothing can be told at 95 %.
+# With five groups the p-value of the exact two-sided signed-rank test is at least 1/16: no decision at 95 %.
 MIN_GROUPS = 6
 
 
 @dataclass(frozen=True)
 class PairedValues:
-    """One quantity in both runs; what is of one group, a stop or an object, is not independent."""
+    """One quantity in both runs. The items of one group, a stop or an object, are not independent."""
 
     key: str
     unit: str
@@ -35,9 +35,9 @@ class PairedValues:
 class PairedDifference:
     """Mean of second minus first over all pairs, its 95 % interval, and a signed-rank test of no difference.
 
-    `first` and `second` are means over the pairs; where there is no pair, over all that a run has. `n_first` and
-    `n_second` count what each run has. The interval is NaN where the pairs come from fewer than `MIN_GROUPS` stops
-    or objects.
+    `first` and `second` are means over the pairs, or over all values of a run where there is no pair. `n_first`
+    and `n_second` are the numbers of values of the runs. The interval is NaN where the pairs come from fewer than
+    `MIN_GROUPS` stops or objects.
     """
 
     key: str
@@ -56,11 +56,11 @@ class PairedDifference:
 
     @property
     def verdict(self) -> str:
-        """What is said of the second run, B: better, worse, different, undecided, same, too few.
+        """Verdict on the second run, B: better, worse, different, undecided, same, too few.
 
-        Without any pair: only in A, only in B, no pair, or nothing where neither run has a value. A difference is
-        told where the interval leaves out zero and the test agrees: of few groups with outliers the interval alone
-        is too short, of many small shifts beside a few large ones the test sees only the first.
+        Without pairs it is: only in A, only in B, no pair, or empty where neither run has a value. A difference is
+        significant where the interval excludes zero and the test rejects as well. The interval alone is too short
+        for few groups with outliers; the test alone ignores a few large differences beside many small ones.
         """
         if not self.n_pairs:
             return _unpaired(self.n_first, self.n_second)
@@ -78,9 +78,9 @@ class PairedDifference:
 def paired_difference(pairs: PairedValues) -> PairedDifference:
     """Mean difference with a bias-corrected and accelerated bootstrap interval over groups (Efron, 1987).
 
-    Whole groups are drawn anew: what happens to the paths of one stop happens together. The test is Wilcoxon's
-    signed-rank test on the mean differences of the groups, exact where it can be. Items that lack a value in one
-    run make no pair.
+    The bootstrap draws whole groups, because the errors of the paths of one stop are dependent. The test is
+    Wilcoxon's signed-rank test on the mean differences of the groups, exact where possible. Items without a value
+    in one of the runs make no pair.
     """
     has = np.isfinite(pairs.first), np.isfinite(pairs.second)
     both = has[0] & has[1]

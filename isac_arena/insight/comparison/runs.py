@@ -1,4 +1,4 @@
-"""Two runs over the same stops compared pair by pair: stop by stop, true path by true path, object by object."""
+"""Paired comparison of two runs over the same stops: by stop, by true path and by object."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ SAME_PLACE_M = 1e-6
 SAME_DIRECTION_RAD = 1e-9
 DEGREES = float(np.rad2deg(1.0))
 
-Values = dict[Hashable, float]  # of one run, by what makes a pair
+Values = dict[Hashable, float]  # of one run, by the item that makes a pair
 
 
 @dataclass(frozen=True)
 class RunComparison:
-    """All differences of two runs, how many stops they share, and what could not be paired and why."""
+    """All differences of two runs, the number of stops in both, and notes on items that could not be paired."""
 
     differences: tuple[PairedDifference, ...]
     n_stops: int
@@ -31,7 +31,7 @@ class RunComparison:
 
 
 def compare_runs(first: ScoreTables, second: ScoreTables) -> RunComparison:
-    """Paired differences of two runs, second minus first; quantities that neither run has are left out.
+    """Paired differences of two runs, second minus first; quantities that neither run has are omitted.
 
     Raises
     ------
@@ -67,7 +67,7 @@ def common_stops(first: ScoreTables, second: ScoreTables) -> IntArray:
 
 
 def pair(key: str, unit: str, direction: Direction, first: Values, second: Values) -> PairedValues:
-    """The values of two runs side by side, NaN where one of them has none.
+    """The values of two runs by item, NaN where a run has none.
 
     The group of an item is the first part of its key where that is a tuple, else the item itself.
     """
@@ -95,7 +95,7 @@ def _set_pairs(runs: Sequence[ScoreTables], stops: IntArray) -> Iterator[PairedV
 
 
 def _same_paths(runs: Sequence[ScoreTables], stops: IntArray) -> bool:
-    """Whether true paths of the same stop and index are the same, and there are any."""
+    """Whether all true paths with the same stop and index have the same directions; false where there are none."""
     known = [
         {
             (stop, path): np.array(directions)
@@ -116,7 +116,7 @@ def _same_paths(runs: Sequence[ScoreTables], stops: IntArray) -> bool:
 
 
 def _path_pairs(runs: Sequence[ScoreTables], stops: IntArray) -> Iterator[PairedValues]:
-    """Detection of the significant true paths, and the errors of those detected."""
+    """Detection of the significant true paths, and the errors of the detected ones."""
     detected = (
         _of_paths(
             run.significant.stop, run.significant.path, run.significant.is_detected.astype(float), stops
@@ -179,7 +179,7 @@ def _of_stops(stop: IntArray, value: FloatArray, wanted: IntArray) -> Values:
 
 
 def _of_paths(stop: IntArray, path: IntArray, value: FloatArray, wanted: IntArray) -> Values:
-    """Values by (stop, true path); estimates that no true path is assigned to have no value."""
+    """Values by (stop, true path); unassigned estimates have no value."""
     known = np.isin(stop, wanted) & (path >= 0) & np.isfinite(value)
     keys = zip(stop[known].tolist(), path[known].tolist(), strict=True)
     return dict(zip(keys, value[known].tolist(), strict=True))

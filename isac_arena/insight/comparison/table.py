@@ -1,4 +1,4 @@
-"""What `arena compare` tells the terminal: a table of differences and one of settings, for 80 columns and more."""
+"""Tables of `arena compare` on the terminal: differences of scores and of settings, for 80 columns or more."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ if TYPE_CHECKING:
 COLORS = {"better": "green", "worse": "bold red", "different": "magenta", "same": "dim", "undecided": "dim"}
 LONGEST_VALUE = 160
 NAME_WIDTH = 18  # holds every heading and most names
-COUNTS_WIDTH = 7  # of the numbers of pairs: two short lines rather than one long
+COUNTS_WIDTH = 7  # of the numbers of pairs, which break into two lines
 
 
 def difference_table(compared: RunComparison) -> Table:
-    """A row per quantity that a run has, under a heading for every group of quantities."""
+    """One row for each quantity of a run, under a heading for each group of quantities."""
     paired = [one for one in compared.differences if one.n_pairs]
     chance = round(0.05 * len(paired))
     table = Table(
         "quantity", "A", "B", "B - A (95 % interval)", "n", "B is",
         title=f"Paired differences over {compared.n_stops} stops", caption_justify="left",
-        caption="n: pairs of stops, paths or objects, and how many of them A|B have where that is more. Intervals:"
-        " BCa bootstrap over stops or objects. A difference is told where the signed-rank test agrees; of"
-        f" {len(paired)} quantities about {chance} may by chance",
-        box=SIMPLE, padding=0, show_edge=False,  # the box parts columns by a space
+        caption="n: pairs of stops, paths or objects, and the numbers in A|B where they are larger. Intervals: BCa"
+        " bootstrap over stops or objects. A difference counts where the signed-rank test rejects as well; of"
+        f" {len(paired)} quantities about {chance} differ by chance",
+        box=SIMPLE, padding=0, show_edge=False,  # the box separates columns by a space
     )  # fmt: skip
     for index, column in enumerate(table.columns):
         column.overflow = "fold"
@@ -52,7 +52,7 @@ def difference_table(compared: RunComparison) -> Table:
 
 
 def setting_table(differences: Iterable[SettingDifference]) -> Table:
-    """A row per setting that is not the same in both runs."""
+    """One row for each setting that differs between the runs."""
     table = Table(
         "setting", "A", "B", title="Settings that differ", box=SIMPLE, padding=(0, 1, 0, 0), show_edge=False
     )

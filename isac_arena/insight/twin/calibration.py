@@ -1,4 +1,4 @@
-"""Offsets, power and gains of objects calibrated on one half of the stops for the other."""
+"""Offsets, power and gains of objects that are estimated from one half of the stops and applied to the other."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from sim.propagation.paths import Paths
 
 
 @dataclass(frozen=True)
-class Told:
-    """What some stops tell about every stop."""
+class StopCalibration:
+    """Offsets and power of every stop, estimated from other stops."""
 
     offsets: Offsets
     power: PowerModel
@@ -33,44 +33,44 @@ class Told:
 
 @dataclass(frozen=True)
 class TwinCalibration:
-    """What the other stops of its own half tell about every stop (`within`), and the other half (`across`).
+    """Calibration of every stop from the other stops of its half (`within`) and from the other half (`across`).
 
-    `half` (stop, stop) says which stops are in the other half.
+    `half` (stop, stop) is true where the second stop is in the other half than the first.
     """
 
-    within: Told
-    across: Told
+    within: StopCalibration
+    across: StopCalibration
     half: BoolArray
 
 
 def calibrate(campaign: MeasuredCampaign, simulated: Sequence[Paths]) -> TwinCalibration:
-    """Offsets and power of every stop from the half of the stops that it is not in.
+    """Offsets and power of every stop from the other half of the stops.
 
-    The offsets are those of the lines of sight, corrected by the single bounces that `simulated` explains. Within
-    the half that tells, every stop is explained with what its other stops tell: the halves share nothing but where
-    sessions begin.
+    The offsets are those of the lines of sight, corrected by the single bounces that `simulated` explains. These
+    single bounces are explained with the calibration within their half. So the halves share nothing except the
+    boundaries of the sessions.
     """
     n_stops = len(campaign.truths)
     half = other_half(n_stops)
     within = ~half & leave_one_out(n_stops)
-    told = Told(sight_offsets(campaign, within), fit_power(campaign, simulated, within))
-    teachers = explained(campaign, simulated, told.offsets, told.power)
-    offsets = corrected_offsets(sight_offsets(campaign, half), teachers, teachers.is_single_bounce, half)
-    return TwinCalibration(told, Told(offsets, fit_power(campaign, simulated, half)), half)
+    own = StopCalibration(sight_offsets(campaign, within), fit_power(campaign, simulated, within))
+    paths = explained(campaign, simulated, own.offsets, own.power)
+    offsets = corrected_offsets(sight_offsets(campaign, half), paths, paths.is_single_bounce, half)
+    return TwinCalibration(own, StopCalibration(offsets, fit_power(campaign, simulated, half)), half)
 
 
 def explained_calibrated(
     campaign: MeasuredCampaign, scene: Scene, simulated: Sequence[Paths], calibration: TwinCalibration
 ) -> TwinPaths:
-    """Every measured path with what explains it, by offsets, power and gains of objects from the other half."""
+    """Every measured path with the simulated path that explains it, calibrated on the other half of the stops."""
     materials = {name: material.name for name, material in scene.materials.items()}
     within, across = calibration.within, calibration.across
-    teachers = explained(campaign, simulated, within.offsets, within.power)
+    references = explained(campaign, simulated, within.offsets, within.power)
     paths = explained(campaign, simulated, across.offsets, across.power)
     signal_dbm = paths.signal_dbm.copy()
     for stop in np.unique(paths.stop):
-        used = calibration.half[stop][teachers.stop] & teachers.is_single_bounce
-        gains = object_gains(teachers, within.power.floor_dbm[teachers.stop], used, materials)
+        used = calibration.half[stop][references.stop] & references.is_single_bounce
+        gains = object_gains(references, within.power.floor_dbm[references.stop], used, materials)
         here = paths.stop == stop
         signal_dbm[here] = calibrated_signal_dbm(paths, gains, materials)[here]
     predicted_dbm = over_floor(signal_dbm, across.power.floor_dbm[paths.stop])

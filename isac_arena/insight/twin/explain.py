@@ -1,4 +1,4 @@
-"""Measured paths explained by simulated ones, and how many would be by chance."""
+"""Measured paths explained by simulated ones, and the share that is explained by chance."""
 
 from __future__ import annotations
 
@@ -15,13 +15,16 @@ from isac_arena.scoring.provenance import path_origin
 from scenes.record import FloatArray, IntArray, concatenate
 from sim.propagation.paths import Paths, path_labels
 
-FAR_M = 2.0  # stops as far apart share no path within the wide gate but by chance: it is 0.45 m of delay
+FAR_M = 2.0  # paths of stops this far apart agree only by chance: the wide gate is 0.45 m of delay
 
 
 def explained(
     campaign: MeasuredCampaign, simulated: Sequence[Paths], offsets: Offsets, power: PowerModel
 ) -> TwinPaths:
-    """Every measured path with what explains it; all paths of a stop, of whatever label, share its candidates."""
+    """Every measured path with the simulated path that explains it.
+
+    All paths of a stop compete for the simulated paths of that stop, with or without a label.
+    """
     return concatenate(
         [_explained_stop(campaign, stop, paths, offsets, power) for stop, paths in enumerate(simulated)],
         "path",
@@ -76,7 +79,7 @@ def _explained_stop(
 def _matches(
     campaign: MeasuredCampaign, stop: int, simulated: Paths, offsets: Offsets, gate: FloatArray
 ) -> tuple[IntArray, FloatArray]:
-    """What explains the measured paths (path,) of a stop, and all differences (path, candidate, 3)."""
+    """Simulated paths (path,) that explain those measured at a stop, and differences (path, candidate, 3)."""
     candidates = np.column_stack(
         [
             simulated.delay_s,

@@ -1,4 +1,4 @@
-"""Which simulated path explains which measured one: one to one, within gates."""
+"""Assignment of simulated paths to measured ones: one to one, within gates."""
 
 from __future__ import annotations
 
@@ -8,9 +8,8 @@ from scipy.optimize import linear_sum_assignment
 from scenes.pose import wrap_angle
 from scenes.record import FloatArray, IntArray
 
-WIDE_GATE = np.array(
-    [1.5e-9, np.deg2rad(3.0), np.deg2rad(3.0)]
-)  # of delay, departure, arrival in s, rad, rad
+# Largest differences of delay, departure and arrival in s, rad, rad.
+WIDE_GATE = np.array([1.5e-9, np.deg2rad(3.0), np.deg2rad(3.0)])
 NARROW_GATE = np.array([1.0e-9, np.deg2rad(2.0), np.deg2rad(2.0)])
 
 
@@ -28,8 +27,8 @@ def assign(difference: FloatArray, gate: FloatArray) -> IntArray:
     """Candidate (path,) that explains each path, -1 for none.
 
     A candidate explains at most one path, and only where all three differences (path, candidate, 3) lie within the
-    gate (3,). As many paths as possible are explained; among those assignments the one with the least sum of
-    squared differences in units of the gate is taken (Hungarian method).
+    gate (3,). The assignment explains as many paths as possible; among such assignments it has the least sum of
+    squared differences in units of the gate (Hungarian method).
     """
     inside = np.asarray((np.abs(difference) <= gate).all(axis=2))
     none_costs = 3.0 * (len(difference) + 1)  # more than all pairs within the gate together

@@ -1,4 +1,4 @@
-"""Power that a measurement should show of simulated paths, and gains of objects that bring it nearer."""
+"""Measured power predicted from simulated paths, and gains of objects that improve the prediction."""
 
 from __future__ import annotations
 
@@ -12,29 +12,32 @@ from isac_arena.insight.twin.record import TwinPaths
 from scenes.record import BoolArray, FloatArray
 from sim.propagation.paths import Paths
 
-CLEAR_OF_FLOOR_DB = 3.0  # a path this far over the floor tells the power of its signal
-MIN_GAIN_PATHS = 2  # fewer paths do not tell a gain
+CLEAR_OF_FLOOR_DB = (
+    3.0  # the signal power of a path follows from its power when it is this far above the floor
+)
+MIN_GAIN_PATHS = 2  # fewer paths give no gain
 
-Gains = Mapping[tuple[str, str], float]  # (what happens, where) -> gain in dB
+Gains = Mapping[tuple[str, str], float]  # (interaction, object or material) -> gain in dB
 
 
 @dataclass(frozen=True)
 class PowerModel:
-    """What turns a path gain into a measured power: P = floor + reference x |gain|^2, all in mW.
+    """Model of the measured power: P = floor + reference x |gain|^2, all in mW.
 
-    `reference_dbm` (stop,) is transmit power with both beams and all losses; `floor_dbm` (stop,) is what stands in
-    a cell of delay and beams besides the path: noise and side lobes. A path is reported when both together are
-    strong enough, so the weakest reported power bounds the floor from above, and stands for it.
+    `reference_dbm` (stop,) is the transmit power with both beam gains and all losses. `floor_dbm` (stop,) is the
+    power in a cell of delay and beams without the path: noise and side lobes. A path is reported when the sum of
+    both is strong enough. So the weakest reported power is an upper bound of the floor, and is used as the floor.
     """
 
     reference_dbm: FloatArray
     floor_dbm: FloatArray
 
 
-def fit_power(campaign: MeasuredCampaign, simulated: Sequence[Paths], tells: BoolArray) -> PowerModel:
-    """Power model of every stop from the stops that tell about it (stop, stop).
+def fit_power(campaign: MeasuredCampaign, simulated: Sequence[Paths], others: BoolArray) -> PowerModel:
+    """Power model of every stop from the stops that it is calibrated on, `others` (stop, stop).
 
-    The reference is the median over lines of sight, measured and simulated; the floor the weakest reported power.
+    The reference is the median of measured over simulated power of the lines of sight; the floor is the weakest
+    reported power.
     """
     level = np.full(len(simulated), np.nan)
     for stop, (estimate, truth, paths) in enumerate(
@@ -44,7 +47,7 @@ def fit_power(campaign: MeasuredCampaign, simulated: Sequence[Paths], tells: Boo
             level[stop] = estimate.power_dbm[truth.is_los][0] - _db(paths.power[paths.is_los][0])
     weakest = np.array([estimate.power_dbm.min(initial=np.inf) for estimate in campaign.channel])
     reference, floor = np.full((2, len(simulated)), np.nan)
-    for stop, known in enumerate(tells):
+    for stop, known in enumerate(others):
         seen = level[known & np.isfinite(level)]
         if len(seen):
             reference[stop] = np.median(seen)
@@ -53,17 +56,18 @@ def fit_power(campaign: MeasuredCampaign, simulated: Sequence[Paths], tells: Boo
 
 
 def over_floor(signal_dbm: FloatArray, floor_dbm: FloatArray) -> FloatArray:
-    """Power in dBm of signals with the floor under them."""
+    """Sum in dBm of signal and floor."""
     return np.asarray(_db(10 ** (signal_dbm / 10) + 10 ** (floor_dbm / 10)))
 
 
 def object_gains(
     paths: TwinPaths, floor_dbm: FloatArray, used: BoolArray, materials: Mapping[str, str]
 ) -> Gains:
-    """Gain in dB of every object, and of every material, by which the paths over it are stronger than simulated.
+    """Gain in dB of every object and of every material: measured over simulated power of the paths from it.
 
-    Medians over those of the paths `used` (path,) that are explained by a single bounce and stand clear of the
-    floor (path,); reflections and diffractions apart. `materials` is the material by object.
+    A gain is the median over those of the paths `used` (path,) that a simulated single bounce explains and that
+    are clear of the floor (path,). Reflections and diffractions have gains of their own. `materials` is the
+    material by object.
     """
     used = used & (paths.object != "") & (paths.power_dbm >= floor_dbm + CLEAR_OF_FLOOR_DB)
     found: dict[tuple[str, str], list[float]] = {}
@@ -77,7 +81,7 @@ def object_gains(
 
 
 def calibrated_signal_dbm(paths: TwinPaths, gains: Gains, materials: Mapping[str, str]) -> FloatArray:
-    """Signal power (path,) in dBm with the gain of the object, else that of its material, else none."""
+    """Signal power (path,) in dBm with the gain of the object, or else of its material, or else without gain."""
     signal_dbm = paths.signal_dbm.copy()
     for row in np.flatnonzero(paths.object != ""):
         name, event = str(paths.object[row]), _event(str(paths.chain[row]))
@@ -86,7 +90,7 @@ def calibrated_signal_dbm(paths: TwinPaths, gains: Gains, materials: Mapping[str
 
 
 def _event(chain: str) -> str:
-    """Letter of the interaction that turns a single bounce, by the labels of `path_labels`."""
+    """Letter of the interaction of a single bounce, as in the labels of `path_labels`."""
     return next(step[0] for step in chain.split(" > ") if not step.startswith("R "))
 
 

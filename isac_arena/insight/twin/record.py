@@ -1,4 +1,4 @@
-"""Tables of a twin: what was taken off the measured paths, and what explains each of them."""
+"""Tables of a twin: the offsets of the measured paths, and the simulated path that explains each of them."""
 
 from __future__ import annotations
 
@@ -18,26 +18,28 @@ class HeadingSource(IntEnum):
 
 @dataclass(frozen=True)
 class Offsets(Record):
-    """What the measured delays and angles of every stop differ from the surveyed geometry by, as a whole.
+    """Common offset of the measured delays and angles of every stop from the surveyed geometry.
 
-    The offset of the arrival is minus the error of the surveyed RX heading, that of the departure minus the error
-    of the TX heading. The path that gave the heading of its stop is itself judged by what other stops tell.
+    The offset of the arrival is minus the error of the surveyed RX heading, and the offset of the departure is
+    minus the error of the TX heading. The path that gives the heading of its stop is itself compared with
+    `other_aoa_rad`, because its own residual would be zero.
     """
 
-    delay_s: FloatArray = array("stop", unit="s", doc="of the delays, known clock bias aside")
+    delay_s: FloatArray = array("stop", unit="s", doc="of the delays, without the known clock bias")
     aod_rad: FloatArray = array("stop", unit="rad", doc="of the departures, TX frame")
     aoa_rad: FloatArray = array("stop", unit="rad", doc="of the arrivals, RX frame")
     heading_source: IntArray = array("stop", dtype=int, doc="HeadingSource")
     heading_path: IntArray = array("stop", dtype=int, doc="path that gave the heading, -1 for none")
-    told_aoa_rad: FloatArray = array("stop", unit="rad", doc="offset of the arrivals as other stops tell it")
-    session: IntArray = array("stop", dtype=int, doc="stretch of stops with one TX heading offset")
+    other_aoa_rad: FloatArray = array("stop", unit="rad", doc="offset of the arrivals from other stops")
+    session: IntArray = array("stop", dtype=int, doc="session: stops in a row with one TX heading offset")
 
 
 @dataclass(frozen=True)
 class TwinPaths(Record):
     """Every measured path of a campaign with the simulated path that explains it, ordered by stop and delay.
 
-    Residuals are measured minus simulated, offsets taken off; NaN, -1 and empty where nothing explains the path.
+    Residuals are measured minus simulated, after subtraction of the offsets. Columns of a path that nothing
+    explains are NaN, -1 or empty.
     """
 
     stop: IntArray = array("path", dtype=int, doc="index of the receiver stop")
@@ -48,14 +50,14 @@ class TwinPaths(Record):
     power_dbm: FloatArray = array("path", unit="dBm", doc="measured power")
     simulated: IntArray = array("path", dtype=int, doc="simulated path within the wide gate")
     simulated_narrow: IntArray = array("path", dtype=int, doc="simulated path within the narrow gate")
-    chain: TextArray = array("path", dtype=str, doc="what the simulated path meets")
+    chain: TextArray = array("path", dtype=str, doc="interactions of the simulated path")
     object: TextArray = array("path", dtype=str, doc="object of a simulated single bounce")
     n_bounces: IntArray = array("path", dtype=int, doc="bounces of the simulated path")
     delay_residual_s: FloatArray = array("path", unit="s", doc="residual of the delay")
     aod_residual_rad: FloatArray = array("path", unit="rad", doc="residual of the departure")
     aoa_residual_rad: FloatArray = array("path", unit="rad", doc="residual of the arrival")
     signal_dbm: FloatArray = array("path", unit="dBm", doc="simulated power of the path alone")
-    predicted_dbm: FloatArray = array("path", unit="dBm", doc="simulated power with the floor under it")
+    predicted_dbm: FloatArray = array("path", unit="dBm", doc="simulated power plus the floor")
 
     @property
     def is_explained(self) -> BoolArray:

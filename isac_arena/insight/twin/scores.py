@@ -1,4 +1,4 @@
-"""What a twin is worth: shares explained, residuals by parameter and object, power, line of sight."""
+"""Scores of a twin: shares explained, residuals by parameter and object, power, line of sight."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class ObjectResiduals(NamedTuple):
 
 
 def twin_metrics(twin: Twin, kinds: Mapping[str, str]) -> tuple[Metric, ...]:
-    """All scores of a twin, always the same keys for the same models; `kinds` is the kind of every object."""
+    """All scores of a twin, with the same keys for the same models; `kinds` is the kind of every object."""
     metrics = [
         Metric("twin.los_agreement.stops", float(np.sum(twin.has_los == twin.simulated_los)), "1", "higher"),
         Metric("twin.stops", len(twin.has_los), "1", "info"),
@@ -45,7 +45,7 @@ def twin_metrics(twin: Twin, kinds: Mapping[str, str]) -> tuple[Metric, ...]:
 def object_residuals(paths: TwinPaths) -> list[ObjectResiduals]:
     """Residuals of explained labelled single bounces by the object of the simulated path, the most frequent first.
 
-    Paths that the twin explains by other than one bounce are put together by their number of bounces.
+    Paths that are explained without a bounce or by several bounces are grouped by the number of bounces.
     """
     used = paths.is_explained & paths.is_single_bounce
     other = np.array(["straight" if n == 0 else f"{n} bounces" for n in paths.n_bounces], str)

@@ -1,4 +1,4 @@
-"""The paths that a twin is made of: a scene traced at the surveyed stops, by models of rising completeness."""
+"""Simulated paths of a twin: the scene traced at the surveyed stops, by models of increasing completeness."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from sim.propagation.propagator import Propagator
 _PLAIN = PropagationConfig(max_bounces=1, diffraction=False, diffuse_samples=0, compare_planar=False)
 _FULL = {"diffraction": True, "transmission": True}
 
-# The plainest first: where a measured path has the fewest candidates, offsets are corrected by what explains it.
+# The plainest first: it corrects the offsets, because a measured path has the fewest candidates there.
 MODELS: Mapping[str, PropagationConfig] = {
     "one_bounce": _PLAIN,
     "two_bounces": _PLAIN.model_copy(update={**_FULL, "max_bounces": 2}),

@@ -1,4 +1,4 @@
-"""The twin: simulated paths of every model beside the measured ones, as they are and calibrated on other stops."""
+"""The twin: measured paths explained by the simulated paths of every model, with and without calibration."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from sim.propagation.paths import Paths
 class ModelTwin:
     """A measured campaign explained by one model of propagation.
 
-    `calibrated` has offsets, floor, reference and gains of objects from the half of the stops that a stop is not
-    in; `chance` is the share of labelled single bounces that the paths of stops far away explain.
+    `calibrated` has offsets, floor, reference and gains of objects from the other half of the stops. `chance` is
+    the share of labelled single bounces that simulated paths of distant stops explain.
     """
 
     paths: TwinPaths
@@ -42,25 +42,25 @@ class Twin:
 
 
 def make_twin(campaign: MeasuredCampaign, scene: Scene, simulated: Mapping[str, Sequence[Paths]]) -> Twin:
-    """Explain the measured paths of a campaign by those that each model simulates at its stops.
+    """Explain the measured paths of a campaign by the paths that each model simulates at its stops.
 
-    `simulated` holds by model the paths of every stop, found with the measured TX and the surveyed receivers in
-    `scene`. Offsets come from lines of sight and straight paths, those of clock and TX from other stops only
-    (leave one out); reference power and floor from other stops.
+    `simulated` has for each model the paths of every stop, traced in `scene` from the measured TX to the surveyed
+    receivers. Offsets come from lines of sight and straight paths. The offsets of clock and TX heading, the
+    reference power and the floor of a stop come from the other stops only (leave one out).
 
     Raises
     ------
     ValueError
-        Where lines of sight are too few, or a model has another number of stops.
+        Where there are too few lines of sight, or a model has another number of stops than the campaign.
     """
     n_stops = len(campaign.truths)
     for name, paths in simulated.items():
         if len(paths) != n_stops:
             raise ValueError(f"simulated['{name}']: {len(paths)} stops, the campaign has {n_stops}")
     plainest = next(iter(simulated))
-    tells = leave_one_out(n_stops)
-    offsets = sight_offsets(campaign, tells)
-    power = fit_power(campaign, simulated[plainest], tells)
+    others = leave_one_out(n_stops)
+    offsets = sight_offsets(campaign, others)
+    power = fit_power(campaign, simulated[plainest], others)
     calibration = calibrate(campaign, simulated[plainest])
     models = {}
     for name, paths in simulated.items():

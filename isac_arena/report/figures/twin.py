@@ -1,4 +1,4 @@
-"""Figures of a twin: which measured single bounces it explains, and how well."""
+"""Figures of a twin: the measured single bounces that it explains, and their residuals."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ MOST_OBJECTS = 14
 
 @styled
 def twin_map_figure(scene: Scene, twin: Twin, model: str) -> Figure:
-    """Plan with the labelled incidence points, those that a model explains and those that it does not."""
+    """Plan with the labelled incidence points that a model explains and those that it does not explain."""
     paths = twin.models[model].paths
     x_min, y_min, x_max, y_max = plan_view(scene, "walk")
     figure = new_figure(PLAN_WIDTH_IN, PLAN_WIDTH_IN * (y_max - y_min) / (x_max - x_min) + 1.0)
@@ -79,7 +79,7 @@ def twin_residual_figure(scene: Scene, twin: Twin) -> Figure:
 
 
 def _draw_shares(ax: Any, twin: Twin) -> None:
-    """Bars of both gates for every model, with the chance level and the share with calibrated offsets as marks."""
+    """Draw bars for both gates of every model, with marks for the chance level and for the calibrated share."""
     for index, model in enumerate(twin.models.values()):
         for side, color in ((-0.2, ESTIMATE), (0.2, CLUSTER_COLORS[4])):
             share, calibrated = (100 * _share(p, side < 0) for p in (model.paths, model.calibrated))
@@ -103,7 +103,7 @@ def _draw_shares(ax: Any, twin: Twin) -> None:
             linestyle="none",
             label="calibrated on other stops",
         ),
-        Line2D([], [], color=SLAM, linewidth=2, label="by paths of far stops (chance)"),
+        Line2D([], [], color=SLAM, linewidth=2, label="by paths of distant stops (chance)"),
     ]
     ax.legend(handles=handles, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, fontsize=7)
 
@@ -142,7 +142,7 @@ def _draw_power(ax: Any, paths: TwinPaths, scene: Scene) -> None:
 
 
 def _draw_objects(ax: Any, paths: TwinPaths) -> None:
-    """Power residuals by object, the most frequent first from the top."""
+    """Draw power residuals by object, the most frequent object at the top."""
     used = paths.is_explained & paths.is_single_bounce & (paths.object != "")
     names, counts = np.unique(paths.object[used], return_counts=True)
     order = np.argsort(-counts, kind="stable")[:MOST_OBJECTS][::-1]

@@ -13,7 +13,7 @@ def pairs(first, second, group=None, direction="lower"):
     return PairedValues("a.key", "m", direction, group, np.asarray(first, float), np.asarray(second, float))
 
 
-def test_a_constant_shift_is_told_exactly():
+def test_a_constant_shift_is_found_exactly():
     first = np.linspace(1, 2, 12)
     for direction, verdict in (("lower", "worse"), ("higher", "better"), ("info", "different")):
         found = paired_difference(pairs(first, first + 0.25, direction=direction))

@@ -47,7 +47,7 @@ def test_a_run_is_the_same_as_itself(score):
     assert png_bytes(compare_figure(compared.differences, "a", "b")).startswith(b"\x89PNG")
 
 
-def test_a_worse_run_is_told_by_what_is_worse(score, campaign):
+def test_only_the_worse_quantities_of_a_run_are_worse(score, campaign):
     worse = score(results=moved(campaign.results, 0.05, np.random.default_rng(4)))
     found = by_key(compare_runs(score(), worse))
     position = found["slam.position_error"]

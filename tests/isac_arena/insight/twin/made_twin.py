@@ -33,7 +33,7 @@ def make(rng, *, blind=(), gains=None, noise=(0.0, 0.0)) -> Made:
     """The room measured at 12 stops; `blind` stops lose their line of sight, `noise`: std of delay, angles."""
     scene = replace(
         load_scene("box_room"), ceiling=None
-    )  # as far from the devices as the floor: not told apart
+    )  # as far from the devices as the floor: indistinguishable
     poses = [Pose(np.array([x, 2.0, 1.5]), np.pi) for x in np.linspace(3.0, 8.5, N_STOPS)]
     empty = MeasuredCampaign(scene.tx, (), tuple(truth_of(pose, stop) for stop, pose in enumerate(poses)))
     simulated = list(simulate_stops(scene, empty, MODELS["one_bounce"], 60e9))

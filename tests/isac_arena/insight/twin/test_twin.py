@@ -66,7 +66,7 @@ def test_an_exact_measurement_is_explained_wholly(made):
     assert score["twin.one_bounce.chance"] < 0.05
 
 
-def test_the_path_that_told_the_heading_is_judged_by_other_stops(made):
+def test_the_path_that_gives_the_heading_is_compared_with_other_stops(made):
     stop, truths = 4, list(made.campaign.truths)
     los = int(np.argmax(truths[stop].is_los))
     truths[stop] = replace(truths[stop], is_los=np.zeros(len(truths[stop].is_los), bool))
@@ -75,7 +75,7 @@ def test_the_path_that_told_the_heading_is_judged_by_other_stops(made):
     assert offsets.heading_source[stop] == HeadingSource.STRAIGHT
     assert offsets.heading_path[stop] == los
     others = np.delete(made.heading_error_rad, stop)
-    assert offsets.told_aoa_rad[stop] == pytest.approx(-np.median(others))
+    assert offsets.other_aoa_rad[stop] == pytest.approx(-np.median(others))
     paths = twin_of(made, campaign).models["one_bounce"].paths
     row = np.flatnonzero((paths.stop == stop) & (paths.path == los))[0]
     expected = np.median(others) - made.heading_error_rad[stop]
@@ -95,13 +95,13 @@ def test_a_stop_without_any_straight_path_takes_the_heading_of_the_others():
 
 
 def test_offsets_never_look_at_reflections_nor_at_the_clock_and_departure_of_their_own_stop(made):
-    tells = leave_one_out(N_STOPS)
-    before = sight_offsets(made.campaign, tells)
+    others = leave_one_out(N_STOPS)
+    before = sight_offsets(made.campaign, others)
     channel = list(made.campaign.channel)
     moved = ~channel[5].is_los
     channel[5] = replace(channel[5], aod_azimuth_rad=channel[5].aod_azimuth_rad + 0.01 * moved)
     channel[7] = replace(channel[7], delay_s=channel[7].delay_s + 0.9e-9)
-    after = sight_offsets(MeasuredCampaign(made.campaign.tx, tuple(channel), made.campaign.truths), tells)
+    after = sight_offsets(MeasuredCampaign(made.campaign.tx, tuple(channel), made.campaign.truths), others)
     for name in ("aod_rad", "aoa_rad"):
         assert_allclose(getattr(after, name), getattr(before, name), atol=1e-12)
     assert after.delay_s[7] == pytest.approx(before.delay_s[7], abs=1e-16)
@@ -115,7 +115,7 @@ def test_shares_fall_where_the_measurement_leaves_the_gate(made):
     score = values(twin_of(made, replace(made.campaign, channel=channel)), made.scene)
     assert score["twin.one_bounce.explained.narrow"] < 0.05
     assert score["twin.one_bounce.explained.wide"] > 0.95
-    # The other half of the stops tells the shift of the reflections.
+    # The other half of the stops gives the shift of the reflections.
     assert score["twin.one_bounce.calibrated.explained.narrow"] > 0.95
 
 
