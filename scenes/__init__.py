@@ -1,10 +1,10 @@
 """The world: pure geometry and materials, no radio.
 
-Read `scene.py` first: a `Scene` holds objects, TX positions and the walk of the receiver. `config.py` reads one
-from TOML.
+Read `scene.py` first: a `Scene` holds objects, TX positions and the walk of the receiver. `load_scene` in
+`config.py` reads one from TOML.
 
-`contours/`  2-D outlines over which objects stand        `objects/`  prisms, meshes as clutter, materials
+`contours/`  2-D outlines of the objects                  `objects/`  prisms, meshes as clutter, materials
 `walks/`     stops of the receiver                        `meshes/`   triangle meshes and floor plans
 `pose.py`    frames and angles                            `record.py` arrays with named axes and units
-`library/`   scenes that come with the project            `random_arena.py`  scenes drawn at random
+`library/`   scenes that come with the project            `random_arena.py`  random scenes
 """

@@ -34,14 +34,14 @@ from scenes.walks.config import Quadruple, RandomWalkConfig, RecordedWalkConfig,
 from scenes.walks.trajectory import AnyWalk
 
 LIBRARY = Path(__file__).parent / "library"
-MIN_DISTANCE_M = 0.05  # between TX and RX: nearer, there is no far field to speak of
-DEFAULT_MARGIN_M = 1.0  # of the bounds round all objects and stops where the file gives none
+MIN_DISTANCE_M = 0.05  # between TX and RX: nearer points are not in the far field
+DEFAULT_MARGIN_M = 1.0  # default bounds: this margin around all objects and stops
 
 Bounds = tuple[float, float, float, float]
 
 
 class SceneConfig(ConfigModel):
-    """A scene file: one `tx` or several `txs`, one `walk` or several `walks`; the first ones are in use."""
+    """A scene file: one `tx` or several `txs`, one `walk` or several `walks`. The first of each is active."""
 
     name: Name
     description: str = ""
@@ -69,9 +69,9 @@ class SceneConfig(ConfigModel):
         return self
 
     def build(self, frequency_hz: float, folder: Path = Path()) -> Scene:
-        """The checked scene with its materials at the carrier; `ValueError` names the field.
+        """The checked scene, with its materials at the carrier. A `ValueError` names the field.
 
-        `folder` is where floor plans and meshes are looked up.
+        `folder` holds the floor plans and meshes.
         """
         materials: dict[str, Material] = {}
         for name, material in self.materials.items():
@@ -116,7 +116,7 @@ class SceneConfig(ConfigModel):
         return self.walks if self.walk is None else (self.walk,)
 
     def _given_walks(self, folder: Path) -> Iterator[tuple[str, AnyWalk]]:
-        """Names and walks that the file or one beside it gives."""
+        """Names and walks that are given in the scene file or in a trajectory file."""
         for item in self._walk_configs:
             if not isinstance(item, RandomWalkConfig):
                 with self._walk_field(item.name):
@@ -125,7 +125,7 @@ class SceneConfig(ConfigModel):
     def _random_walks(
         self, objects: Sequence[SceneObject], clutter: Sequence[Clutter], bounds_m: Bounds
     ) -> Iterator[tuple[str, AnyWalk]]:
-        """Names and walks at random among all that stands on the ground or reaches down to the RX."""
+        """Names and random walks. They avoid all objects and meshes that reach down to the height of the RX."""
         for item in self._walk_configs:
             if isinstance(item, RandomWalkConfig):
                 obstacles = [one.contour for one in objects if one.z_min_m <= item.height_m]
@@ -139,7 +139,7 @@ class SceneConfig(ConfigModel):
     def _bounds_round(
         self, objects: Sequence[SceneObject], clutter: Sequence[Clutter], walks: Iterable[AnyWalk]
     ) -> Bounds:
-        """All objects, TXs and walks with a margin round them."""
+        """Bounds that hold all objects, TXs and walks, with a margin."""
         points: list[FloatArray] = [np.reshape(item.contour.bounds_m, (2, 2)) for item in objects]
         points += [np.array(item.bounds_m)[:, :2] for item in clutter]
         points += [np.array([item.position_m[:2]]) for item in self._tx_configs]
@@ -150,7 +150,7 @@ class SceneConfig(ConfigModel):
 
 
 def _check_places(bounds_m: Bounds, txs: Mapping[str, Pose], walks: Mapping[str, AnyWalk]) -> None:
-    """`ValueError` where the bounds are turned round, a device stands outside them, or an RX stop on a TX."""
+    """`ValueError` if the bounds are reversed, a device stands outside them, or an RX stop is too near a TX."""
     low, high = np.array(bounds_m[:2]), np.array(bounds_m[2:])
     if not (low < high).all():
         raise ValueError(
@@ -195,7 +195,7 @@ def scene_path(name_or_path: str | Path) -> Path:
 def load_scene(name_or_path: str | Path, frequency_hz: float = 60e9) -> Scene:
     """A scene of the library by name, or one from a TOML file (a path that ends in .toml).
 
-    Raises `ConfigError`, one line naming file, field, value and what is allowed.
+    Raises `ConfigError`: one line with file, field, value and the allowed values.
     """
     path = scene_path(name_or_path)
     config = load_config(path, SceneConfig)
@@ -204,7 +204,7 @@ def load_scene(name_or_path: str | Path, frequency_hz: float = 60e9) -> Scene:
 
 
 def referenced_files(path: str | Path) -> list[Path]:
-    """The plan, mesh and trajectory files that a scene file names, as it names them: relative to its folder."""
+    """Floor plan, mesh and trajectory files that a scene file refers to, relative to its folder."""
     config = load_config(path, SceneConfig)
     named = [*(item.file for item in config.floorplans), *(item.file for item in config.meshes)]
     named += [item.file for item in config._walk_configs if isinstance(item, RecordedWalkConfig)]
@@ -212,9 +212,9 @@ def referenced_files(path: str | Path) -> list[Path]:
 
 
 def referenced_contents(path: str | Path) -> dict[str, bytes]:
-    """What the files that a scene file names hold, by the names under which a copy beside it is found again.
+    """Contents of all files that a scene file refers to, by the name of their copy beside a copied scene file.
 
-    With them in its folder, a copy of the scene file is complete: see `scenes.objects.config.find_file`.
+    A copied scene file needs these copies in its folder: see `scenes.objects.config.find_file`.
     """
     folder = Path(path).parent
     return {
@@ -223,6 +223,6 @@ def referenced_contents(path: str | Path) -> dict[str, bytes]:
 
 
 def _footprint(item: Clutter) -> Contour:
-    """Rectangle round a mesh in plan view."""
+    """Bounding rectangle of a mesh in plan view."""
     low, high = item.bounds_m
     return rectangle((float(low[0]), float(high[0])), (float(low[1]), float(high[1])))

@@ -1,4 +1,4 @@
-"""Poses and angles: where a device stands and which way its array frame looks."""
+"""Poses and angles: the position of a device and the heading of its array frame."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Pose(Record):
 
 
 def wrap_angle(angle_rad: Any) -> Any:
-    """Angle(s) brought into [-pi, pi)."""
+    """Angle(s) wrapped to [-pi, pi)."""
     return (np.asarray(angle_rad) + np.pi) % (2 * np.pi) - np.pi
 
 

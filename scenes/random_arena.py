@@ -28,9 +28,9 @@ FREQUENCY_HZ = 60e9
 WALL_M = 0.15
 DEVICE_HEIGHT_M = 1.5
 CLEARANCE_M = 0.4  # between any two objects inside the room, and between them and a device
-N_TRIES = 60  # places tried for an object before it is left out
+N_TRIES = 60  # random places tried for an object; after that it is omitted
 
-Shape = tuple[ObjectKind, Contour, float, Material]  # its height in m before the material
+Shape = tuple[ObjectKind, Contour, float, Material]  # the third entry is the height in m
 
 
 def random_arena(rng: np.random.Generator, difficulty: float = 0.5, n_stops: int = 10) -> Scene:
@@ -38,11 +38,11 @@ def random_arena(rng: np.random.Generator, difficulty: float = 0.5, n_stops: int
 
     Parameters
     ----------
-    difficulty : from 0, one pillar in a bare room of 8 m, to 1, some thirty objects in a hall of up to 26 m
+    difficulty : 0 is one pillar in an empty room of 8 m, 1 is about thirty objects in a hall of up to 26 m
     n_stops : RX stops of the walk
 
-    The objects stand at least 0.4 m apart from one another, from the walls and from every device; one that finds
-    no such place is left out. Raises `ValueError` where the difficulty lies outside [0, 1].
+    Objects keep at least 0.4 m from each other, from the walls and from every device. An object without such a
+    place is omitted. Raises `ValueError` if the difficulty lies outside [0, 1].
     """
     if not 0 <= difficulty <= 1:
         raise ValueError(f"difficulty = {difficulty}: must lie in [0, 1]")
@@ -112,7 +112,7 @@ def _materials() -> dict[str, Material]:
 def _room(
     size: FloatArray, height: float, material_names: FloatArray, materials: dict[str, Material]
 ) -> list[SceneObject]:
-    """Four walls around 0..size that touch at the corners."""
+    """Four walls around the rectangle from 0 to size; they touch at the corners."""
     x, y = map(float, size)
     sides = {
         "wall_south": ((-WALL_M, x + WALL_M), (-WALL_M, 0.0)),
@@ -130,7 +130,7 @@ Make = Callable[[np.random.Generator, FloatArray, float, dict[str, Material]], S
 
 
 def _wishes(rng: np.random.Generator, difficulty: float) -> Iterator[tuple[str, Make]]:
-    """Names and makers of the objects to place, the big ones first."""
+    """Names of the objects to place and the functions that make them, large objects first."""
     for kind, make, most in (("partition", _partition, 6), ("pillar", _pillar, 14), ("box", _box, 8)):
         least = 1 if kind == "pillar" else 0
         count = least + rng.binomial(most, 0.1 * least + 0.75 * difficulty) if difficulty > 0 else least
@@ -146,7 +146,7 @@ def _placed(
     materials: dict[str, Material],
     standing: list[SceneObject],
 ) -> Shape | None:
-    """The first of some tries that keeps its distance to walls and objects; None where none does."""
+    """The first random shape that keeps its distance to walls and objects; None if no try succeeds."""
     free = shapely.box(0, 0, *size).buffer(-CLEARANCE_M)
     taken = [item.contour.body() for item in standing]
     for _ in range(N_TRIES):
@@ -184,7 +184,7 @@ def _pillar(
 def _partition(
     rng: np.random.Generator, center: FloatArray, height: float, materials: dict[str, Material]
 ) -> Shape:
-    """A straight wall of some thickness, or a thin one, along x or y or slanting."""
+    """A straight wall, thick or thin, along x, along y or at a random angle."""
     along, across = float(rng.uniform(1.0, 4.0)) / 2, float(rng.uniform(0.05, 0.15)) / 2
     turn = float(rng.choice([0.0, np.pi / 2, rng.uniform(0, np.pi)]))
     c, s = np.cos(turn), np.sin(turn)

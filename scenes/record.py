@@ -1,13 +1,13 @@
 """Records between stages: frozen dataclasses of numpy arrays with named axes and units.
 
-A record's fields carry their axes, unit, dtype and meaning in the dataclass field metadata, so one place
-checks shapes at construction, writes files and documents the field:
+The metadata of each field holds its axes, unit, dtype and meaning. One place therefore checks shapes at
+construction, writes files and documents the field:
 
 >>> @dataclass(frozen=True)
 ... class Echo(Record):
 ...     delay_s: FloatArray = array("path", unit="s", doc="time of arrival")
 
-An axis name means the same length everywhere inside one record. The axes `xy` and `xyz` have fixed lengths.
+An axis name has one length within a record. The axes `xy` and `xyz` have fixed lengths.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def array(*axes: str, unit: str = "1", dtype: Any = np.float64, doc: str = "", d
     """Declare an array field of a record with its named `axes`, `unit`, `dtype` and meaning `doc`.
 
     Without axes the field is a scalar and is stored as a Python number of that dtype; it may have a `default`.
-    Axes of one field have different names, also where their lengths agree: `ValueError` where one is repeated.
+    The axes of one field have different names, even if their lengths agree: a repeated name is a `ValueError`.
     """
     if len(set(axes)) < len(axes):
         raise ValueError(f"axes = {axes}: every axis of a field needs its own name")
@@ -49,7 +49,7 @@ class Record:
     Raises
     ------
     ValueError
-        Where an array has other axes than declared; the message names record, field, shape and axes.
+        If an array does not have the declared axes; the message names record, field, shape and axes.
     """
 
     def __post_init__(self) -> None:
@@ -61,7 +61,7 @@ class Record:
             object.__setattr__(self, spec.name, value)
 
     def take(self, axis: str, index: Any) -> Self:
-        """Select along one named axis everywhere: the same record with `index` (mask or integers) applied."""
+        """The same record with `index` (mask or integers) applied to one named axis of every field that has it."""
         changed = {}
         for spec in fields(self):
             value = getattr(self, spec.name)
@@ -72,7 +72,7 @@ class Record:
         return type(self)(**changed)
 
     def size(self, axis: str) -> int:
-        """Length of a named axis; `KeyError` where no field has it."""
+        """Length of a named axis; `KeyError` if no field has it."""
         for spec in fields(self):
             axes = spec.metadata.get("axes", ())
             if axis in axes:
@@ -83,7 +83,7 @@ class Record:
 def concatenate(records: Sequence[R], axis: str) -> R:
     """Join records of one type along a named axis; fields without that axis are taken from the first.
 
-    Raises `ValueError` on an empty sequence: nothing says which type it would be.
+    Raises `ValueError` for an empty sequence, because the type of the result is then unknown.
     """
     if not records:
         raise ValueError("concatenate: no records given, at least one is needed")

@@ -1,4 +1,4 @@
-"""The scene: objects as vertical prisms, clutter, floor and ceiling, the TX and the walk of the RX."""
+"""The scene: objects (vertical prisms), clutter, floor, ceiling, the TX and the walk of the RX."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from scenes.walks.trajectory import AnyWalk
 
 __all__ = ["OBJECT_KINDS", "HorizontalPlane", "ObjectKind", "Scene", "SceneObject"]
 
-THIN_WALL_CLEARANCE_M = 0.01  # a device closer to a thin wall than this stands on it
+THIN_WALL_CLEARANCE_M = 0.01  # a device closer to a thin wall than this counts as inside it
 
 
 @dataclass(frozen=True)
@@ -33,14 +33,14 @@ class HorizontalPlane:
 class Scene:
     """The world of one campaign.
 
-    `bounds_m` is (x_min, y_min, x_max, y_max), the extent of floor and ceiling. A scene may hold several TX and
-    several walks: `tx` and `walk` are the ones in use, `choose` brings others to their place.
+    `bounds_m` is (x_min, y_min, x_max, y_max), the extent of floor and ceiling. A scene may have several TXs
+    and several walks: `tx` and `walk` are the active ones, `choose` selects others.
 
     Raises
     ------
     ValueError
-        Where two objects share a name, the ceiling is not above the floor, solids overlap without leave, or a TX
-        or an RX stop lies inside an object, on a thin wall, or not between floor and ceiling.
+        If two objects share a name, the ceiling is not above the floor, solids overlap without `may_overlap`, or
+        a TX or an RX stop lies inside an object, on a thin wall, or not between floor and ceiling.
     """
 
     name: str
@@ -76,7 +76,7 @@ class Scene:
 
     @property
     def materials(self) -> dict[str, Material]:
-        """Material by name: all objects in order, 'floor' and 'ceiling' where there are, the clutter."""
+        """Material by name: all objects in order, then 'floor' and 'ceiling' if present, then the clutter."""
         result = {item.name: item.material for item in self.objects}
         for name, plane in (("floor", self.floor), ("ceiling", self.ceiling)):
             if plane is not None:
@@ -97,18 +97,18 @@ class Scene:
 
     @property
     def txs(self) -> dict[str, Pose]:
-        """Every TX by name, the one in use first."""
+        """Every TX by name, the active one first."""
         return {self.tx_name: self.tx, **self.other_txs}
 
     @property
     def walks(self) -> dict[str, AnyWalk]:
-        """Every walk by name, the one in use first."""
+        """Every walk by name, the active one first."""
         return {self.walk_name: self.walk, **self.other_walks}
 
     def choose(self, tx: str | int = 0, walk: str | int = 0) -> Scene:
-        """The same scene with the TX and the walk of these names, or places in `txs` and `walks`, in use.
+        """The same scene with another active TX and walk, given by name or by index in `txs` and `walks`.
 
-        Raises `ValueError` that lists the names where there is none like that.
+        Raises `ValueError` with a list of the names if there is no such TX or walk.
         """
         tx_name, walk_name = _chosen("tx", tx, self.txs), _chosen("walk", walk, self.walks)
         txs, walks = self.txs, self.walks
@@ -119,16 +119,16 @@ class Scene:
         )  # fmt: skip
 
     def object(self, name: str) -> SceneObject:
-        """The object of that name; `ValueError` lists the names where there is none."""
+        """The object of that name; a `ValueError` lists the names if there is none."""
         for item in self.objects:
             if item.name == name:
                 return item
         raise ValueError(f"object = '{name}': must be one of {', '.join(self.object_names)}")
 
     def object_index_at(self, points_m: Any) -> IntArray:
-        """Index (...) of the first object that holds each point (..., xyz), -1 where none does.
+        """Index (...) of the first object that contains each point (..., xyz); -1 for none.
 
-        A solid holds its boundary too; a thin wall holds what is within 1 cm of it.
+        The boundary belongs to a solid. A thin wall contains the points within 1 cm of it.
         """
         points = np.asarray(points_m, float)
         found = np.full(points.shape[:-1], -1)

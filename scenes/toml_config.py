@@ -1,4 +1,4 @@
-"""Typed TOML files whose every mistake ends in one line: FILE: field.path = value: what is allowed."""
+"""Typed TOML files. Every error is one line: FILE: field.path = value: allowed values."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from pydantic_core import ErrorDetails, PydanticCustomError
 
 LONGEST_SHOWN_VALUE = 80
 
-# TOML arrays arrive as lists: the tuple takes them, its elements stay strict
+# TOML arrays are read as lists: the tuple accepts a list, its elements stay strict
 Pair = Annotated[tuple[float, float], Field(strict=False)]
 
 
 class ConfigError(ValueError):
-    """A configuration file that cannot be used; the message is one line."""
+    """A configuration file has an error; the message is one line."""
 
 
 class ConfigModel(BaseModel):
@@ -45,12 +45,12 @@ M = TypeVar("M", bound=ConfigModel)
 
 
 def load_config(path: str | Path, model: type[M]) -> M:
-    """Read a TOML file into a typed model; raises `ConfigError`, one line, where anything is wrong with it."""
+    """Read a TOML file into a typed model. Raises `ConfigError` (one line) for any error in the file."""
     return validate_config(read_toml(path), model, str(path))
 
 
 def read_toml(path: str | Path) -> dict[str, Any]:
-    """The tables of a TOML file; raises `ConfigError`, one line, where it is missing or no TOML."""
+    """The tables of a TOML file. Raises `ConfigError` (one line) if it is missing or not valid TOML."""
     try:
         with open(path, "rb") as file:
             return tomllib.load(file)
@@ -61,7 +61,7 @@ def read_toml(path: str | Path) -> dict[str, Any]:
 
 
 def read_text(path: str | Path) -> str:
-    """The text of a file; raises `ConfigError`, one line, where it is missing or no UTF-8."""
+    """The text of a file. Raises `ConfigError` (one line) if it is missing or not UTF-8."""
     try:
         return Path(path).read_text(encoding="utf-8-sig")
     except OSError as error:
@@ -71,7 +71,7 @@ def read_text(path: str | Path) -> str:
 
 
 def validate_config(data: dict[str, Any], model: type[M], source: str) -> M:
-    """Turn plain tables into a typed model; `source` names the file in the `ConfigError`."""
+    """Convert plain tables into a typed model; the `ConfigError` names the file `source`."""
     try:
         return model.model_validate(data)
     except ValidationError as error:
@@ -102,7 +102,7 @@ def _sentence(problem: ErrorDetails, data: dict[str, Any]) -> str:
 
 
 def _field_path(location: Sequence[str | int], data: Any, *, is_missing: bool) -> str:
-    """Dotted path of an error location; a table in a list is called by its name where it has one."""
+    """Dotted path of an error location. A table in a list is identified by its name if it has one."""
     path = ""
     for depth, part in enumerate(location):
         if isinstance(part, int) and isinstance(data, list) and part < len(data):

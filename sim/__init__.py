@@ -1,9 +1,9 @@
-"""The wave and the receiver: a scene in, samples out.
+"""The wave and the receiver: from a scene to received samples.
 
-Read `simulate.py` first: `simulate_truth` traces the paths of a stop, `observe` makes its samples.
+Read `simulate.py` first: `simulate_truth` traces the paths of each stop, `observe` computes its samples.
 
 `propagation/`    paths of a scene: exact solvers and the ray tracer
 `signal/`         arrays, waveform, hardware and equation (1)
-`observation.py`  `BeamSweep`, all that a receiver has       `truth.py`  `Truth`, for scoring only
-`config.py`       settings of a simulated campaign
+`observation.py`  `BeamSweep`, what the receiver measures    `truth.py`  `Truth`, for scoring only
+`config.py`       `SimulationConfig`, the settings of a simulated campaign
 """

@@ -137,18 +137,18 @@ class LinkConfig(ConfigModel):
 
 
 class ClockConfig(ConfigModel):
-    """The receiver clock, unknown to the estimators: a start value and a random walk over the stops."""
+    """The receiver clock, unknown to the estimators: an initial bias and a random walk over the stops."""
 
     initial_bias_ns: float = Field(33.0, ge=-200, le=200)
     walk_std_ns: float = Field(3.3, ge=0, le=50, description="standard deviation of the step per stop")
 
 
 class PropagationConfig(ConfigModel):
-    """What is traced.
+    """Settings of the propagation.
 
-    Specular rays only look for chains of faces, each of which is then solved exactly: more of them find no other
-    paths once every reflecting face is hit. Diffuse rays leave the TX on a fixed lattice, each standing for its
-    share of the sphere: their number sets the grain, not the power.
+    Specular rays only search for sequences of faces. Each sequence is then solved exactly: more rays add no paths
+    once every reflecting face is hit. Diffuse rays leave the TX in fixed directions; each one represents its share
+    of the sphere. Their number sets the angular resolution, not the power.
     """
 
     max_bounces: int = Field(

@@ -1,4 +1,4 @@
-"""The observation record: all that a receiver would have of one stop, and nothing else."""
+"""The observation record: the data that a receiver has at one stop, and nothing else."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from sim.signal.arrays.codebook import Codebook
 
 @dataclass(frozen=True)
 class BeamSweep(Record):
-    """Samples of all TX beams x RX beams at one stop, with what is known about the signal.
+    """Samples of all TX beams x RX beams at one stop, and the known properties of the signal.
 
     Equation (1) of the paper: samples[m, n, k] = sum_i xi_i G_TX^m(phi_i) G_RX^n(theta_i)
     exp(-j 2 pi f_k tau_i) x[m, k] + w, with f_k the frequency offset from the carrier and tau_i including
     the receiver's unknown clock bias. Only the occupied (comb) subcarriers are kept.
 
-    The index l of equation (1), over the symbols of a PRS resource, is no axis of its own. A beam pair either
-    takes one symbol, or its receiver divides out the pilots, averages the symbols that sound a subcarrier and puts
-    the interleaved combs together; then the samples cover every subcarrier and `prs_symbol` is the first pass.
+    The index l of equation (1), over the symbols of a PRS resource, has no axis here. Either a beam pair takes one
+    symbol. Or the receiver divides by the pilots, averages the symbols of each subcarrier and combines the
+    interleaved combs; then the samples cover every subcarrier and `prs_symbol` is that of the first comb pass.
 
-    Codebooks are nominal: designed weights, patterns and panels, whatever the hardware that made the samples.
+    Codebooks are nominal: the designed weights, patterns and panels, without hardware impairments.
     """
 
     tx_codebook: Codebook

@@ -1,7 +1,7 @@
-"""A campaign: from its settings to one (BeamSweep, Truth) after the other.
+"""Simulation of a campaign: from its settings to the `BeamSweep` and the `Truth` of each stop.
 
-Every stop and stage has its own random generator, derived from the seed, so any subset of stops in any order and
-on any number of workers gives the same bits.
+Every stop and stage has its own random generator, derived from the seed. So any subset of stops, in any order, on
+any number of workers, gives the same bits.
 """
 
 from __future__ import annotations
@@ -34,18 +34,17 @@ __all__ = ["RandomStage", "clock_biases_s", "observe", "simulate_truth", "stage_
 
 
 def clock_biases_s(config: SimulationConfig, n_stops: int) -> FloatArray:
-    """Clock bias (stop,) in s: a random walk from the initial value, and the bias of every stop."""
+    """Clock bias (stop,) in s: a random walk from the initial value, plus the extra bias of every stop."""
     steps = stage_generator(config.seed, RandomStage.CLOCK).standard_normal(n_stops)
     walk_s = (config.clock.initial_bias_ns + config.clock.walk_std_ns * np.cumsum(steps)) * 1e-9
     return np.asarray(walk_s + extra_clock_bias_s(config, n_stops))
 
 
 def simulate_truth(config: SimulationConfig, scene: Scene, stops: Iterable[int]) -> Iterator[Truth]:
-    """Trace the given stops of a scene's walk, one after the other.
+    """Compute the truth of the given stops of the walk of a scene, one at a time.
 
-    Where the settings name a DeepMIMO scenario, its paths stand in for traced ones. The planar paths of the ray
-    tracer are compared with the exact ones on the way, where it is needed at all and `propagation.compare_planar`
-    is set.
+    If the settings name a DeepMIMO scenario, its paths replace the traced paths. If the scene needs the ray tracer
+    and `propagation.compare_planar` is set, its planar paths are also compared with the exact ones.
     """
     poses = scene.stops
     biases_s = clock_biases_s(config, len(poses))
@@ -67,7 +66,7 @@ def simulate_truth(config: SimulationConfig, scene: Scene, stops: Iterable[int])
 
 
 def _scenario(folder: str, scene: Scene, carrier_hz: float) -> PathScenario:
-    """The paths of a DeepMIMO scenario of the same carrier and TX; `ValueError` where it has others."""
+    """The paths of a DeepMIMO scenario; `ValueError` if its carrier or TX position differs from the scene."""
     scenario = read_deepmimo(Path(folder))
     if abs(scenario.carrier_hz - carrier_hz) > 1:
         traced_ghz = scenario.carrier_hz / 1e9
@@ -83,9 +82,9 @@ def _scenario(folder: str, scene: Scene, carrier_hz: float) -> PathScenario:
 
 
 def observe(config: SimulationConfig, link: Link, scene: Scene, truth: Truth) -> BeamSweep:
-    """The samples of one stop, equation (1) with noise, the unknown clock and the impairments of the hardware.
+    """The samples of one stop: equation (1) with noise, the unknown clock bias and the hardware impairments.
 
-    The same bits at every call. The sweep itself tells only the nominal codebooks and TX pose.
+    Every call gives the same bits. The sweep holds only the nominal codebooks and the nominal TX pose.
     """
     tx_codebook, rx_codebook = impaired_codebooks(config, link)
     samples = beam_channel(

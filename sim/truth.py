@@ -1,4 +1,4 @@
-"""The truth behind one stop: for scoring only, never for an estimator."""
+"""The truth of one stop: for scoring only, never for an estimator."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from sim.propagation.paths import Paths
 
 @dataclass(frozen=True)
 class Truth(Record):
-    """What really was at one stop."""
+    """True paths, RX pose and clock bias of one stop."""
 
     paths: Paths
     rx_pose: Pose
@@ -20,9 +20,9 @@ class Truth(Record):
     n_planar_compared: int = array(
         dtype=int,
         default=0,
-        doc="planar specular paths that the ray tracer and the exact solver were asked for",
+        doc="planar specular paths found by the ray tracer or the exact solver",
     )
     n_planar_repaired: int = array(
-        dtype=int, default=0, doc="of these, lost by the tracer: the exact ones stand"
+        dtype=int, default=0, doc="of these, missed by the tracer: the exact ones are used"
     )
-    n_planar_extra: int = array(dtype=int, default=0, doc="of these, found by the tracer alone: left out")
+    n_planar_extra: int = array(dtype=int, default=0, doc="of these, found by the tracer only: discarded")

@@ -1,7 +1,7 @@
-"""Contours: the 2-D boundaries over which all objects of a scene stand as vertical prisms.
+"""Contours: the 2-D boundaries of all objects of a scene, which are vertical prisms over them.
 
-A contour is a chain of smooth pieces. Closed contours run counter-clockwise; open ones are thin walls. A new kind
-of contour is a frozen dataclass that says `closed` and returns its `pieces`; all else follows from them.
+Read `base.py` first: a `Contour` is a chain of smooth pieces (`pieces.py`). Closed contours run counter-clockwise;
+open ones are thin walls. A new kind of contour is a frozen dataclass that defines `closed` and `pieces`.
 """
 
 from scenes.contours.base import Contour

@@ -1,4 +1,4 @@
-"""What every contour can do: polygonise itself, measure distances and areas, and give its radial function."""
+"""Base class of contours: polygons, distances, area, curvature and the radial function."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ from scenes.contours.pieces import Piece
 from scenes.record import BoolArray, FloatArray, Record
 
 BODY_SAGITTA_M = 5e-4
-OUTLINE_SAGITTA_M = 1e-6  # of the polygon that stands for the contour in distance and area questions
+OUTLINE_SAGITTA_M = 1e-6  # of the polygon that replaces the contour in distance and area computations
 
 
 @dataclass(frozen=True)
 class Contour(Record):
-    """Boundary of a vertical prism. Distances of curved contours are good to 1e-6 m."""
+    """Boundary of a vertical prism. Distances to curved contours are accurate to 1e-6 m."""
 
     closed: ClassVar[bool]
 
     @property
     @abstractmethod
     def pieces(self) -> tuple[Piece, ...]:
-        """The smooth pieces, end to start; counter-clockwise where the contour is closed."""
+        """The smooth pieces in order; counter-clockwise if the contour is closed."""
 
     def vertices(self, max_sagitta_m: float, max_turn_rad: float = np.pi / 4) -> FloatArray:
-        """Polygon (vertex, xy) inscribed in the contour; the first vertex of a closed one is not repeated.
+        """Polygon (vertex, xy) inscribed in the contour; a closed polygon does not repeat its first vertex.
 
-        Curved pieces are cut so that each chord stays within `max_sagitta_m` of the curve and turns at most
-        `max_turn_rad` against the next one.
+        Each chord of a curved piece stays within `max_sagitta_m` of the curve, and the angle between neighbouring
+        chords is at most `max_turn_rad`.
         """
         if not max_sagitta_m > 0:
             raise ValueError(f"max_sagitta_m = {max_sagitta_m}: must be > 0")
@@ -52,7 +52,7 @@ class Contour(Record):
         return outline
 
     def body(self, max_sagitta_m: float = BODY_SAGITTA_M) -> Any:
-        """What the contour fills in plan view: a shapely polygon (closed) or line (open)."""
+        """The area of the contour in plan view: a shapely polygon (closed) or line (open)."""
         vertices = self.vertices(max_sagitta_m)
         return shapely.Polygon(vertices) if self.closed else shapely.LineString(vertices)
 
@@ -78,7 +78,7 @@ class Contour(Record):
         return sum(piece.swept_area_m2() for piece in self.pieces) if self.closed else 0.0
 
     def contains(self, points_m: Any) -> BoolArray:
-        """Whether points (..., xy) lie inside, the boundary excluded; never inside an open contour."""
+        """Whether points (..., xy) lie inside, without the boundary. An open contour has no inside."""
         return np.asarray(self.signed_distance(points_m) < 0)
 
     def signed_distance(self, points_m: Any) -> FloatArray:
@@ -97,11 +97,11 @@ class Contour(Record):
         return self._at_samples(lambda piece, t: piece.curvature(t), spacing_m)
 
     def outward_normal(self, spacing_m: float) -> FloatArray:
-        """Unit normals (point, xy) at the points of `sample`, to the right of the contour's sense."""
+        """Unit normals (point, xy) at the points of `sample`, to the right of the direction of the contour."""
         return self._at_samples(lambda piece, t: piece.outward_normal(t), spacing_m)
 
     def sample(self, spacing_m: float) -> FloatArray:
-        """Points (point, xy) on the contour, at most `spacing_m` apart along each piece, its ends included."""
+        """Points (point, xy) on the contour, at most `spacing_m` apart along each piece, including its ends."""
         return self._at_samples(lambda piece, t: piece.point(t), spacing_m)
 
     def _at_samples(self, of: Callable[[Piece, FloatArray], FloatArray], spacing_m: float) -> FloatArray:
@@ -116,9 +116,9 @@ class Contour(Record):
         return np.concatenate(parts)
 
     def radius(self, center_m: Any, angle_rad: Any) -> FloatArray:
-        """Radial function (...) in m: distance from the centre to the contour under each polar angle (...).
+        """Radial function (...) in m: distance from the centre to the contour at each polar angle (...).
 
-        Where a ray crosses the contour more than once the farthest crossing counts; NaN where it misses.
+        If a ray crosses the contour more than once, the farthest crossing counts; NaN if it misses.
         """
         angle = np.asarray(angle_rad, float)
         center = np.asarray(center_m, float)
@@ -132,7 +132,7 @@ class Contour(Record):
 
 
 def check_distinct(name: str, points_m: FloatArray, n_least: int) -> None:
-    """Raise `ValueError` unless there are `n_least` finite points and no one repeats the one before."""
+    """Raise `ValueError` unless there are at least `n_least` finite points and neighbours differ."""
     if len(points_m) < n_least or not np.all(np.isfinite(points_m)):
         raise ValueError(f"{name} has {len(points_m)} point(s): at least {n_least} finite ones are needed")
     step = np.linalg.norm(np.diff(points_m, axis=0), axis=1)
@@ -141,6 +141,6 @@ def check_distinct(name: str, points_m: FloatArray, n_least: int) -> None:
 
 
 def check_not_crossing(name: str, contour: Contour) -> None:
-    """Raise `ValueError` where a contour meets itself anywhere but at its two ends."""
+    """Raise `ValueError` if a contour meets itself, except at its two ends."""
     if not shapely.is_simple(contour.outline):
         raise ValueError(f"{name}: the contour they give crosses itself, which it must not")

@@ -1,4 +1,4 @@
-"""Contours in scene files: one table per kind, told apart by `type`."""
+"""Contours in scene files: one table per kind; `type` names the kind."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class CircleConfig(ConfigModel):
 
 
 class EllipseConfig(ConfigModel):
-    """An ellipse; `rotation_deg` turns its first semi-axis from +x."""
+    """An ellipse; `rotation_deg` is the azimuth of its first semi-axis."""
 
     type: Literal["ellipse"]
     center_m: Pair
@@ -65,7 +65,7 @@ class RectangleConfig(ConfigModel):
 
 
 class PolygonConfig(ConfigModel):
-    """A polygon; `corner_radius_m` gives each corner its rounding (all sharp where it is left out)."""
+    """A polygon. `corner_radius_m` is the radius of each corner; all corners are sharp by default."""
 
     type: Literal["polygon"]
     vertices_m: Points
@@ -110,7 +110,7 @@ class SplineConfig(ConfigModel):
 
 
 class ClosedSplineConfig(ConfigModel):
-    """A smooth solid through points, the first one not repeated."""
+    """A smooth solid through points; the first point is not repeated."""
 
     type: Literal["closed_spline"]
     points_m: Points

@@ -1,8 +1,8 @@
 """Smooth pieces of a contour: straight lines, circular arcs, ellipses and interpolating splines.
 
-A piece is a curve c(t), t in [0, 1], with its first two derivatives. Where a contour is closed it runs
-counter-clockwise, so the outward normal lies to the right of c'(t), and the signed curvature is positive where
-the contour is convex, seen from outside.
+A piece is a curve c(t), t in [0, 1], with its first two derivatives. A closed contour runs counter-clockwise, so
+the outward normal points to the right of c'(t), and the signed curvature is positive where the contour is convex
+as seen from outside.
 """
 
 from __future__ import annotations
@@ -11,12 +11,14 @@ from abc import abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from scenes.record import FloatArray, Record, array
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
 
 N_LENGTH_SAMPLES = 64  # arc-length table entries per interval between breaks
 N_ELLIPSE_INTERVALS = 16
@@ -24,7 +26,7 @@ N_ELLIPSE_INTERVALS = 16
 
 @dataclass(frozen=True)
 class Piece(Record):
-    """One smooth curve c(t) in the plane, t in [0, 1]; all angles of view on it follow from its derivatives."""
+    """One smooth curve c(t) in the plane, t in [0, 1]. Normals and curvature follow from its derivatives."""
 
     is_curved: ClassVar[bool]
 
@@ -42,7 +44,7 @@ class Piece(Record):
 
     @property
     def breaks(self) -> FloatArray:
-        """Parameters t from 0 to 1 between which the piece is analytic and bends little."""
+        """Parameters t from 0 to 1 between which the piece is analytic and turns by a small angle."""
         return np.array([0.0, 1.0])
 
     @property
@@ -65,7 +67,7 @@ class Piece(Record):
         return t, np.concatenate([[0.0], np.cumsum(part)])
 
     def swept_area_m2(self) -> float:
-        """Half the integral of x dy - y dx over the piece: what it adds to the area of a closed contour."""
+        """Half the integral of x dy - y dx over the piece: its contribution to the area of a closed contour."""
         t, weight = _gauss(self.breaks, 12)
         point, slope = self.point(t), self.derivative(t)
         cross = point[..., 0] * slope[..., 1] - point[..., 1] * slope[..., 0]
@@ -84,7 +86,7 @@ class Piece(Record):
         return np.asarray(right / np.linalg.norm(first, axis=-1, keepdims=True))
 
     def n_chords(self, max_sagitta_m: float, max_turn_rad: float) -> int:
-        """Chords, equal in t, that stay within the sagitta and turn at most so much from one to the next.
+        """Number of chords, equal in t, needed to stay within the sagitta and the turn between neighbours.
 
         A chord over a step h in t lies within h^2 max|c''| / 8 of the curve.
         """
@@ -236,6 +238,8 @@ class SplinePiece(Piece):
 
     @cached_property
     def _curve(self) -> CubicSpline:
+        from scipy.interpolate import CubicSpline  # noqa: PLC0415  (slow to import)
+
         if self.is_periodic:
             return CubicSpline(self.breaks, self.points_m, bc_type="periodic")
         return CubicSpline(self.breaks, self.points_m)

@@ -18,7 +18,7 @@ LEAST_THICKNESS_M = 1e-6
 
 @dataclass(frozen=True)
 class Polygon(Contour):
-    """A simple polygon; vertices given clockwise are turned round."""
+    """A simple polygon. Clockwise vertices are put in counter-clockwise order."""
 
     vertices_m: FloatArray = array("vertex", "xy", unit="m", doc="corners, the first one not repeated")
     closed = True
@@ -37,7 +37,7 @@ class Polygon(Contour):
 
 @dataclass(frozen=True)
 class RoundedPolygon(Contour):
-    """A simple polygon whose corners are replaced by arcs tangent to both sides; radius 0 stays sharp."""
+    """A simple polygon with rounded corners: arcs tangent to both sides. Radius 0 is a sharp corner."""
 
     vertices_m: FloatArray = array("vertex", "xy", unit="m", doc="corners before rounding")
     corner_radius_m: FloatArray = array("vertex", unit="m", doc="radius of the arc at each corner, >= 0")
@@ -77,7 +77,7 @@ class RoundedPolygon(Contour):
 
     @cached_property
     def pieces(self) -> tuple[Piece, ...]:
-        """Lines and arcs in turn, from the end of the first corner on."""
+        """Alternating lines and arcs, starting at the end of the first corner."""
         pieces: list[Piece] = []
         corners = self.vertices_m
         ahead = np.roll(corners, -1, axis=0) - corners
@@ -128,7 +128,7 @@ def _lines(points: list[FloatArray]) -> list[Piece]:
 
 
 def _fillet(start_m: FloatArray, tangent: FloatArray, radius_m: float, turn_rad: float) -> ArcPiece:
-    """Arc that leaves `start_m` along `tangent` and turns by `turn_rad`, left where positive."""
+    """Arc that starts at `start_m` along `tangent` and turns by `turn_rad`, to the left if positive."""
     side = np.sign(turn_rad)
     to_center = side * np.array([-tangent[1], tangent[0]])
     start_rad = float(np.arctan2(-to_center[1], -to_center[0]))

@@ -81,7 +81,7 @@ class Ellipse(Contour):
         return float(np.pi * self.semi_axes_m.prod())
 
     def radius(self, center_m: Any, angle_rad: Any) -> FloatArray:
-        """Far root (...) in m of the ray's quadratic where the ellipse is the unit circle; NaN for a miss."""
+        """Far root (...) in m of the quadratic of the ray, with the ellipse as the unit circle; NaN for a miss."""
         angle = np.asarray(angle_rad, float)
         c, s = np.cos(self.rotation_rad), np.sin(self.rotation_rad)
         to_unit_circle = np.array([(c, s), (-s, c)]) / self.semi_axes_m[:, None]
@@ -95,7 +95,7 @@ class Ellipse(Contour):
 
 @dataclass(frozen=True)
 class ClosedSpline(Contour):
-    """A smooth solid: periodic cubic spline in chord length; points given clockwise are turned round."""
+    """A smooth solid: periodic cubic spline in chord length. Clockwise points are put in reverse order."""
 
     points_m: FloatArray = array("vertex", "xy", unit="m", doc="points passed, the first one not repeated")
     closed = True
@@ -108,7 +108,7 @@ class ClosedSpline(Contour):
         check_not_crossing("points_m", self)
         if self.area_m2() < 0:
             object.__setattr__(self, "points_m", self.points_m[::-1])
-            for name in ("pieces", "outline"):  # made of the points as they were
+            for name in ("pieces", "outline"):  # computed from the points in their first order
                 vars(self).pop(name, None)
 
     @cached_property

@@ -1,4 +1,4 @@
-"""Floor plans: wall segments, as drawn or exported, merged into straight thin walls."""
+"""Floor plans: drawn or exported wall segments, merged into straight thin walls."""
 
 from __future__ import annotations
 
@@ -7,20 +7,19 @@ from collections.abc import Iterator
 
 import numpy as np
 import shapely
-from scipy.sparse.csgraph import connected_components
 
 from scenes.record import BoolArray, FloatArray
 
 COLUMNS = ("x0_m", "y0_m", "x1_m", "y1_m")
-JOIN_TOLERANCE_M = 5e-3  # segments this close to one line, and to each other along it, are one wall
+JOIN_TOLERANCE_M = 5e-3  # segments this close to one line and to each other along it form one wall
 MAX_ANGLE_RAD = 1e-2  # between segments of one wall
 
 
 def parse_segments(text: str) -> FloatArray:
     """Segments (segment, end, xy) in m from CSV text with the columns x0_m, y0_m, x1_m, y1_m.
 
-    Other columns are ignored, empty lines too. Raises `ValueError` naming the line and the column where a number
-    is missing, not a number or not finite, or a segment has no length.
+    Other columns and empty lines are ignored. Raises `ValueError` with the line and the column if a number is
+    missing, invalid or not finite, or if a segment has no length.
     """
     rows = csv.DictReader(text.splitlines())
     missing = [name for name in COLUMNS if name not in (rows.fieldnames or [])]
@@ -35,7 +34,7 @@ def parse_segments(text: str) -> FloatArray:
 def parse_geojson(text: str) -> FloatArray:
     """Segments (segment, end, xy) in m of the lines and polygons of a GeoJSON text (RFC 7946), in local metres.
 
-    Points are passed over, heights too. Raises `ValueError` where the text is no GeoJSON or has no segment.
+    Points and heights are ignored. Raises `ValueError` if the text is not GeoJSON or has no segment.
     """
     try:
         shapes = shapely.get_parts(shapely.from_geojson(text))
@@ -71,11 +70,13 @@ def _numbers(rows: csv.DictReader[str]) -> Iterator[list[float]]:
 
 
 def merge_segments(segments_m: FloatArray, tolerance_m: float = JOIN_TOLERANCE_M) -> FloatArray:
-    """Straight walls (wall, end, xy) that segments (segment, end, xy) make up, in the order of their first ones.
+    """Merge segments (segment, end, xy) into straight walls (wall, end, xy), in the order of their first segments.
 
-    Segments that lie on one line within the tolerance and overlap, repeat or touch each other become one wall,
-    from its farthest end to the other; corners and crossings of different lines are left alone.
+    Segments become one wall if they lie on one line within the tolerance and overlap, repeat or touch each other.
+    The wall spans all of them. Corners and crossings of different lines do not change.
     """
+    from scipy.sparse.csgraph import connected_components  # noqa: PLC0415  (slow to import)
+
     segments = np.asarray(segments_m, float)
     n_walls, wall = connected_components(_are_one(segments, tolerance_m), directed=False)
     walls = [_spanned(segments[wall == index]) for index in range(n_walls)]
@@ -83,7 +84,7 @@ def merge_segments(segments_m: FloatArray, tolerance_m: float = JOIN_TOLERANCE_M
 
 
 def _are_one(segments: FloatArray, tolerance_m: float) -> BoolArray:
-    """Whether two segments belong to one wall (segment, segment)."""
+    """Mask (segment, segment) of pairs that belong to one wall."""
     start, along = segments[:, 0], segments[:, 1] - segments[:, 0]
     length = np.linalg.norm(along, axis=1)
     unit = along / length[:, None]
@@ -97,7 +98,7 @@ def _are_one(segments: FloatArray, tolerance_m: float) -> BoolArray:
 
 
 def _spanned(segments: FloatArray) -> FloatArray:
-    """The wall (end, xy) along the longest segment from the farthest point of all to the other."""
+    """The wall (end, xy) along the longest segment that spans all segments."""
     along = segments[:, 1] - segments[:, 0]
     length = np.linalg.norm(along, axis=1)
     longest = int(length.argmax())

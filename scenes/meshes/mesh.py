@@ -1,4 +1,4 @@
-"""Triangle meshes of a scene: vertical prisms, with the facets of curved and flat pieces kept apart."""
+"""Triangle meshes of a scene: vertical prisms, with separate facets for curved and flat pieces."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ EXPORT_SAGITTA_M = 1e-3
 PLANE_COLOR = "#d5d8dc"  # floor and ceiling of exported meshes
 MITSUBA_VERSION = "2.1.0"
 MITSUBA_PREFIX = "mat-arena-"  # Sionna reads names of ITU materials, and names with itu in front, as its own
-MAX_TURN_RAD = 2 * np.pi / 24  # a round pillar becomes 24 facets however thin it is
+MAX_TURN_RAD = 2 * np.pi / 24  # a thin round pillar has at least 24 facets
 
 
 @dataclass(frozen=True)
 class MeshPart:
-    """The facets of one object that stand for its flat faces, or those that stand for curved ones."""
+    """The facets of the flat faces of one object, or the facets of its curved faces."""
 
     object_name: str
     is_curved: bool
@@ -43,10 +43,10 @@ def object_meshes(
 ) -> list[MeshPart]:
     """Mesh parts of all objects in order, then 'floor' and 'ceiling' as rectangles over the bounds.
 
-    Closed contours give prisms with caps (the caps are flat facets), normals outward; open ones single vertical
+    Closed contours give prisms with caps (flat facets) and outward normals; open contours give single vertical
     sheets. Flat and curved parts of an object share the vertices along their seam, so together they are
-    watertight. Caps that lie in the floor or the ceiling cannot be seen; without `keep_hidden_caps` they are
-    left out. Last comes the clutter; its facets count as the flat faces they are.
+    watertight. Caps in the plane of the floor or the ceiling are hidden; without `keep_hidden_caps` they are
+    omitted. The clutter comes last; its facets are flat faces.
     """
     planes = [("floor", scene.floor, True), ("ceiling", scene.ceiling, False)]
     hiding = [] if keep_hidden_caps else [plane.z_m for _, plane, _ in planes if plane is not None]
@@ -65,10 +65,10 @@ def object_meshes(
 
 
 def read_mesh(path: Path) -> tuple[FloatArray, IntArray]:
-    """Vertices (vertex, xyz) and faces (face, corner) of a mesh file, vertices at one place of a body made one.
+    """Vertices (vertex, xyz) and faces (face, corner) of a mesh file; equal vertices of a body are merged.
 
-    Whatever trimesh reads: OBJ, STL, PLY, OFF, glTF and GLB (their y axis points up) and others. Raises
-    `ValueError` where the file cannot be read or holds no triangle.
+    All formats of trimesh: OBJ, STL, PLY, OFF, glTF and GLB (their y axis points up) and others. Raises
+    `ValueError` if the file cannot be read or holds no triangle.
     """
     if not path.is_file():
         raise ValueError(f"file = '{path}': there is no such file")
@@ -77,7 +77,7 @@ def read_mesh(path: Path) -> tuple[FloatArray, IntArray]:
         for body in loaded.geometry.values():
             body.merge_vertices(merge_norm=True, merge_tex=True)
         loaded = loaded.to_mesh()
-    except Exception as error:  # readers raise whatever they like on broken files
+    except Exception as error:  # readers raise many types of exceptions for damaged files
         reason = " ".join(str(error).split()) or type(error).__name__
         raise ValueError(f"file = '{path}': cannot be read as a mesh ({reason})") from error
     if not len(getattr(loaded, "faces", ())):
@@ -115,9 +115,9 @@ def mesh_bytes(vertices_m: FloatArray, faces: IntArray) -> bytes:
 def glb_bytes(
     scene: Scene, max_sagitta_m: float = EXPORT_SAGITTA_M, polylines: Sequence[Polyline3d] = ()
 ) -> bytes:
-    """The scene as binary glTF in m, y up as glTF wants it: one named, coloured node per mesh part.
+    """The scene as binary glTF in m, y up as glTF requires: one named, coloured node per mesh part.
 
-    Each of `polylines`, such as the rays of a stop, is a node as well, and needs a name of its own.
+    Each of `polylines`, such as the rays of a stop, is also a node and needs a unique name.
     """
     result = trimesh.Scene()
     for part in object_meshes(scene, max_sagitta_m):
@@ -157,8 +157,8 @@ def write_mitsuba(scene: Scene, folder: Path, max_sagitta_m: float = MAX_SAGITTA
 def mitsuba_xml(materials: Mapping[str, Material], shapes: Iterable[tuple[str, str, str]]) -> str:
     """XML text of the materials by name and the shapes (id, PLY file, name of the material).
 
-    Every material is a `radio-material` with its constants at the carrier written out; Lambertian scattering is
-    what Sionna assumes then.
+    Every material is a `radio-material` with the values of its constants at the carrier. Sionna then assumes
+    Lambertian scattering.
     """
     root = ET.Element("scene", version=MITSUBA_VERSION)
     for name, material in materials.items():
@@ -197,7 +197,7 @@ def _object_parts(
 
 
 def _chords(contour: Contour, max_sagitta_m: float, max_turn_rad: float) -> tuple[FloatArray, IntArray]:
-    """Polygonised contour (vertex, xy) and, for the chord after each vertex, whether its piece is curved."""
+    """Polygonised contour (vertex, xy), and a mask (vertex,) of the chords that start there on a curved piece."""
     counts = [piece.n_chords(max_sagitta_m, max_turn_rad) for piece in contour.pieces]
     is_curved = np.repeat([piece.is_curved for piece in contour.pieces], counts)
     return contour.vertices(max_sagitta_m, max_turn_rad), is_curved

@@ -1,4 +1,5 @@
-"""What stands in a scene: vertical prisms over a contour, clutter given as meshes, and their materials.
+"""Objects of a scene: vertical prisms over a contour, clutter given as meshes, and their materials.
 
-Read `scene_object.py` first, then `material.py` and `clutter.py`; `config.py` is their form in scene files.
+Read `scene_object.py` first (`SceneObject`), then `material.py` (`Material`, `itu_material`) and `clutter.py`
+(`Clutter`, `mesh_crossings`). `config.py` defines their tables in scene files.
 """

@@ -18,19 +18,19 @@ import numpy as np
 from scenes.objects.material import Material
 from scenes.record import BoolArray, FloatArray, IntArray, Record, array
 
-END_CLEARANCE_M = 1e-6  # what a leg meets closer than this to one of its ends is what it starts or ends on
-SAME_CROSSING_M = 1e-9  # crossings of a leg closer than this are one, on an edge that two faces share
+END_CLEARANCE_M = 1e-6  # a crossing nearer to an end of the leg than this is the face that the leg starts on
+SAME_CROSSING_M = 1e-9  # closer crossings of a leg count once: they lie on an edge that two faces share
 MAX_TABLE_ENTRIES = 2_000_000  # legs x triangles held at once
-PROBE = np.array([0.123_456, 0.234_567, 1.0])  # direction of the inside test: along no edge of a drawn mesh
+PROBE = np.array([0.123_456, 0.234_567, 1.0])  # direction of the inside test: parallel to no usual edge
 
 
 @dataclass(frozen=True)
 class Clutter(Record):
-    """A triangle mesh in one material, closed or with a rim; `kind` is one of `scenes.scene.OBJECT_KINDS`.
+    """A triangle mesh of one material, closed or open. `kind` is one of `scenes.scene.OBJECT_KINDS`.
 
-    Raises `ValueError` on an empty mesh, coordinates that are not finite, faces without area only, and on a
-    non-manifold one: an edge, two vertices by their numbers, with more than two faces. Bodies that touch along an
-    edge are none: as many of their faces run along it one way as the other.
+    Raises `ValueError` for an empty mesh, coordinates that are not finite, a mesh without area, and a non-manifold
+    mesh: one in which an edge (a pair of vertex indices) belongs to more than two faces. Two bodies may share an
+    edge: then equal numbers of faces run along it in both directions.
     """
 
     name: str
@@ -66,7 +66,7 @@ class Clutter(Record):
 
     @property
     def is_closed(self) -> bool:
-        """Whether every edge belongs to two faces, or four where bodies touch: whether the mesh has an inside."""
+        """Whether the mesh has an inside: every edge belongs to two faces, or to four where bodies touch."""
         return bool(np.all(self._edge_uses[0] % 2 == 0))
 
     def area_m2(self) -> float:
@@ -75,7 +75,7 @@ class Clutter(Record):
         return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
 
     def contains(self, points_m: Any) -> BoolArray:
-        """Whether points (point, xyz) lie inside a closed mesh: rays from inside meet an odd number of faces."""
+        """Whether points (point, xyz) lie inside a closed mesh: a ray from them crosses it an odd number of times."""
         points = np.asarray(points_m, float)
         if not self.is_closed:
             return np.zeros(len(points), bool)
@@ -88,7 +88,7 @@ class Clutter(Record):
 
     @cached_property
     def _edge_uses(self) -> tuple[IntArray, IntArray]:
-        """Faces at each edge (edge,), and how many more run along it one way than the other (edge,)."""
+        """Number of faces at each edge (edge,), and their sum with sign by direction along the edge (edge,)."""
         edges = np.concatenate([self.faces[:, [0, 1]], self.faces[:, [1, 2]], self.faces[:, [2, 0]]])
         edges = edges[edges[:, 0] != edges[:, 1]]
         way = np.sign(edges[:, 1] - edges[:, 0])
@@ -100,7 +100,7 @@ class Clutter(Record):
 def placed_vertices(
     vertices_m: FloatArray, position_m: Sequence[float], scale: float, rotation_rad: Sequence[float]
 ) -> FloatArray:
-    """Vertices (vertex, xyz) scaled, turned about x, then y, then z of the world, and moved."""
+    """Vertices (vertex, xyz) after scaling, rotation about the world x, y and z axes in this order, and shift."""
     result = scale * np.asarray(vertices_m, float)
     for axis, angle in enumerate(rotation_rad):
         first, second = (axis + 1) % 3, (axis + 2) % 3
@@ -112,7 +112,7 @@ def placed_vertices(
 
 
 class MeshCrossings(NamedTuple):
-    """Where legs meet a mesh, in no particular order."""
+    """Crossings of legs with a mesh, in no particular order."""
 
     leg: IntArray  # (crossing,) index of the leg
     share: FloatArray  # (crossing,) place along the leg, 0 at its start and 1 at its end
@@ -120,7 +120,7 @@ class MeshCrossings(NamedTuple):
 
 
 def mesh_crossings(item: Clutter, start_m: FloatArray, end_m: FloatArray) -> MeshCrossings:
-    """Where each leg (leg, xyz) -> (leg, xyz) meets a mesh between its ends, an edge of two faces counted once."""
+    """Crossings of legs (leg, xyz) -> (leg, xyz) with a mesh. A crossing on the edge of two faces counts once."""
     start, end = np.atleast_2d(start_m), np.atleast_2d(end_m)
     near = np.flatnonzero(_meets_box(*item.bounds_m, start, end))
     leg, share, face = _hits(item, start[near], end[near])
@@ -144,7 +144,7 @@ def _meets_box(low: FloatArray, high: FloatArray, start: FloatArray, end: FloatA
 
 
 def _hits(item: Clutter, start: FloatArray, end: FloatArray) -> tuple[IntArray, FloatArray, IntArray]:
-    """Legs (hit,) that cross a triangle, the share of the leg (hit,) at which they do, and the triangle (hit,).
+    """Leg (hit,), position along the leg as a share of its length (hit,), and triangle (hit,) of each crossing.
 
     Moeller and Trumbore, "Fast, minimum storage ray/triangle intersection", 1997.
     """

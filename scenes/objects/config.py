@@ -21,14 +21,14 @@ from scenes.pose import Pose
 from scenes.scene import HorizontalPlane, ObjectKind, SceneObject
 from scenes.toml_config import ConfigError, ConfigModel, read_text
 
-KEPT_FOLDER = "scene_files"  # beside a copy of a scene file: the files that it names
+KEPT_FOLDER = "scene_files"  # folder beside a copied scene file with copies of the files it refers to
 
 Triple = Annotated[tuple[float, float, float], Field(strict=False)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+$")]
 
 
 class MaterialConfig(ConfigModel):
-    """A material: `itu` names a row of ITU-R P.2040-3, or both electrical constants are given."""
+    """A material: either `itu`, a row of ITU-R P.2040-3, or both electrical constants."""
 
     itu: str | None = None
     relative_permittivity: Annotated[float, Field(ge=1)] | None = None
@@ -78,7 +78,7 @@ class ObjectConfig(ConfigModel):
     contour: ContourConfig
 
     def build(self, materials: dict[str, Material]) -> SceneObject:
-        """The object; `ValueError` names the field."""
+        """The object. A `ValueError` names the field."""
         with naming_field(f"objects[{self.name}]"):
             material = find_material(self.material, materials)
             with naming_field("contour"):
@@ -89,7 +89,7 @@ class ObjectConfig(ConfigModel):
 
 
 class FloorplanConfig(ConfigModel):
-    """Thin walls from a file beside the scene file: CSV of segments, x0_m,y0_m,x1_m,y1_m, or GeoJSON."""
+    """Thin walls from a file in the folder of the scene file: CSV (x0_m,y0_m,x1_m,y1_m) or GeoJSON."""
 
     name: Name | None = None
     file: str
@@ -99,7 +99,7 @@ class FloorplanConfig(ConfigModel):
     z_max_m: float
 
     def build(self, materials: dict[str, Material], folder: Path) -> list[SceneObject]:
-        """One object per straight wall, NAME_1, NAME_2 and so on; NAME is that of the file where none is given."""
+        """One object per straight wall: NAME_1, NAME_2, ... The default NAME is that of the file."""
         name = self.name or Path(self.file).stem
         with naming_field(f"floorplans[{name}]"):
             material = find_material(self.material, materials)
@@ -115,7 +115,7 @@ class FloorplanConfig(ConfigModel):
 
 
 class MeshConfig(ConfigModel):
-    """Clutter from a mesh file beside the scene file, scaled, turned about x, then y, then z, and moved."""
+    """Clutter from a mesh file in the folder of the scene file: scaled, rotated about x, y, z, and moved."""
 
     name: Name | None = None
     file: str
@@ -126,7 +126,7 @@ class MeshConfig(ConfigModel):
     rotation_deg: Triple = (0.0, 0.0, 0.0)
 
     def build(self, materials: dict[str, Material], folder: Path) -> Clutter:
-        """The mesh; it is called like its file where no name is given."""
+        """The mesh. The default name is that of the file."""
         from scenes.meshes.mesh import read_mesh  # noqa: PLC0415
 
         name = self.name or Path(self.file).stem
@@ -152,7 +152,7 @@ class PlaneConfig(ConfigModel):
 
 
 class TxConfig(ConfigModel):
-    """Where a transmitter stands and looks."""
+    """Position and heading of a transmitter."""
 
     name: Name = "tx"
     position_m: Triple
@@ -164,18 +164,18 @@ class TxConfig(ConfigModel):
 
 
 def copy_name(file: str) -> str:
-    """The name, a path in the folder of the scene file, under which a copy of a file that it names is kept."""
+    """Path, relative to a copied scene file, of the copy of a file that the scene file refers to."""
     return f"{KEPT_FOLDER}/{quote(file, safe='')}"
 
 
 def find_file(folder: Path, file: str) -> Path:
-    """Where a file that a scene file in `folder` names lies: the copy kept there, else where the name says."""
+    """Path of a file that a scene file in `folder` refers to: the copy if it exists, else the file."""
     copy = folder / copy_name(file)
     return copy if copy.is_file() else folder / file
 
 
 def find_material(name: str, materials: dict[str, Material]) -> Material:
-    """The material of that name; `ValueError` lists the names where there is none."""
+    """The material of that name; a `ValueError` lists the names if there is none."""
     if name not in materials:
         raise ValueError(f"material = '{name}': must be one of the materials given, {', '.join(materials)}")
     return materials[name]
@@ -183,7 +183,7 @@ def find_material(name: str, materials: dict[str, Material]) -> Material:
 
 @contextmanager
 def naming_field(path: str, joint: str = ".") -> Iterator[None]:
-    """Put the path of the field in front of what a `ValueError` inside says."""
+    """Put the path of the field in front of the message of a `ValueError` raised inside."""
     try:
         yield
     except ValueError as error:

@@ -48,7 +48,7 @@ ITU_TABLE: dict[str, tuple[ItuRow, ...]] = {
 
 @dataclass(frozen=True)
 class Material:
-    """A homogeneous slab that scatters a share of what it reflects.
+    """A homogeneous slab that scatters a share of the reflected field.
 
     Attributes
     ----------
@@ -104,8 +104,8 @@ def itu_material(
 ) -> Material:
     """Material of the ITU-R P.2040-3 table (section 2.1.4, table 3) at a frequency.
 
-    Raises `ValueError` where the name is unknown or the material is not defined at this frequency; the message
-    lists those that are.
+    Raises `ValueError` if the name is unknown or the material is not defined at this frequency. The message lists
+    the materials that are defined.
     """
     f_ghz = frequency_hz / 1e9
     row = _row(itu_name, frequency_hz)

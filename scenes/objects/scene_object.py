@@ -1,4 +1,4 @@
-"""Objects of a scene: prisms over a contour, and whether they share room."""
+"""Objects of a scene: prisms over a contour, and the test for overlaps."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from scenes.objects.material import Material
 
 ObjectKind = Literal["wall", "pillar", "kiosk", "rail", "box", "polygon", "stairs", "rack", "clutter"]
 OBJECT_KINDS: tuple[str, ...] = get_args(ObjectKind)
-KIND_COLORS: dict[str, str] = {  # of plans, pictures and exported meshes
+KIND_COLORS: dict[str, str] = {  # in plans, figures and exported meshes
     "wall": "#4d4d4d",
     "pillar": "#c0392b",
     "kiosk": "#8e44ad",
@@ -26,7 +26,7 @@ KIND_COLORS: dict[str, str] = {  # of plans, pictures and exported meshes
     "rack": "#16807a",
     "clutter": "#b03a78",
 }
-OVERLAP_TOLERANCE_M = 1e-3  # solids that reach deeper into one another overlap
+OVERLAP_TOLERANCE_M = 1e-3  # solids that penetrate each other more than this overlap
 JOINT_TOLERANCE_M = 1e-6
 
 
@@ -34,8 +34,8 @@ JOINT_TOLERANCE_M = 1e-6
 class SceneObject:
     """A vertical prism: a contour from `z_min_m` to `z_max_m` in one material.
 
-    A closed contour makes a solid, an open one a thin vertical sheet. Solids of one scene may touch; one that
-    shares room with another needs `may_overlap`, as a pillar inside a glass-walled room does.
+    A closed contour makes a solid, an open contour a thin vertical sheet. Solids of one scene may touch. A solid
+    that overlaps another one needs `may_overlap`, for example a pillar inside a room with glass walls.
     """
 
     name: str
@@ -59,9 +59,9 @@ class SceneObject:
 
 
 def check_overlaps(objects: Sequence[SceneObject]) -> None:
-    """Raise `ValueError` that names two solids which share room, unless one of them `may_overlap`.
+    """Raise `ValueError` with the names of two solids that overlap, unless one of them has `may_overlap`.
 
-    Touching is allowed: what counts is a common part thicker than 1 mm, in plan view and in height.
+    Touching is allowed. Two solids overlap if their common part is thicker than 1 mm in plan view and in height.
     """
     solids = [item for item in objects if item.contour.closed and not item.may_overlap]
     bodies = np.array([item.contour.body() for item in solids], dtype=object)
@@ -79,7 +79,7 @@ def check_overlaps(objects: Sequence[SceneObject]) -> None:
 
 
 def _check_joined(name: str, contour: Contour) -> None:
-    """Each piece has to start where the one before ends, the first of a closed contour where the last one does."""
+    """Check that each piece starts where the previous one ends, also the first one of a closed contour."""
     pieces = contour.pieces
     for before, after in pairwise([*pieces, pieces[0]] if contour.closed else pieces):
         end, start = before.point(1.0), after.point(0.0)

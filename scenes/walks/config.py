@@ -1,4 +1,4 @@
-"""Walks in scene files: along way-points, along the spline through them, at random, or as recorded."""
+"""Walks in scene files: along way-points, along a spline through them, random, or recorded."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ Count = Annotated[int, Field(ge=1, le=100_000)]
 
 
 class WaypointWalkConfig(ConfigModel):
-    """A walk along way-points; without `n_stops` they are the stops, without `heading_deg` the RX looks ahead.
+    """A walk along way-points. Without `n_stops` they are the stops; without `heading_deg` the RX looks ahead.
 
-    `type = "spline"` follows the smooth curve through the way-points in place of straight lines.
+    `type = "spline"` follows the smooth curve through the way-points instead of straight lines.
     """
 
     name: str = "walk"
@@ -41,9 +41,9 @@ class WaypointWalkConfig(ConfigModel):
 
 
 class RandomWalkConfig(ConfigModel):
-    """A seeded walk of equal steps that keeps `clearance_m` from all objects and the rim of its area.
+    """A random walk of equal steps with a seed; it keeps `clearance_m` from all objects and the area boundary.
 
-    The area is the bounds of the scene where `area_m`, (x_min, y_min, x_max, y_max), is left out.
+    `area_m` is (x_min, y_min, x_max, y_max). Its default is the bounds of the scene.
     """
 
     name: str = "walk"
@@ -73,14 +73,14 @@ class RandomWalkConfig(ConfigModel):
 
 
 class RecordedWalkConfig(ConfigModel):
-    """Stops from a trajectory file in the TUM format, `time x y z qx qy qz qw`, beside the scene file."""
+    """Stops from a trajectory file (TUM format, `time x y z qx qy qz qw`) in the folder of the scene file."""
 
     name: str = "walk"
     type: Literal["tum"]
     file: str
 
     def build(self, folder: Path) -> RecordedWalk:
-        """The walk, a stop per line of the file."""
+        """The walk, with one stop per line of the file."""
         with naming_field(self.file, ": "):
             _, position_m, heading_rad = parse_tum(read_text(find_file(folder, self.file)))
         return RecordedWalk(position_m, heading_rad)
@@ -91,7 +91,7 @@ def _radians(heading_deg: float | None) -> float:
 
 
 def _type_of(walk: Any) -> Any:
-    """Which kind a walk is; `type` may be left out for way-points."""
+    """Type of a walk; the default is way-points."""
     kind = walk.get("type", "waypoints") if isinstance(walk, dict) else getattr(walk, "type", None)
     return "waypoints" if kind == "spline" else kind
 

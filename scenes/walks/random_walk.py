@@ -1,4 +1,4 @@
-"""Random walks of a receiver that keep clear of everything that stands in the way."""
+"""Random walks of a receiver that keep a clearance from all obstacles."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from scenes.record import FloatArray
 from scenes.walks.trajectory import Walk
 
 TURN_STD_RAD = 0.35  # change of course from one step to the next
-N_DIRECTIONS = 24  # courses tried where the wanted one is blocked
+N_DIRECTIONS = 24  # alternative courses if the drawn one is blocked
 N_STARTS = 2000
-MARGIN_M = 1e-3  # added to the clearance: curves are taken as polygons
+MARGIN_M = 1e-3  # added to the clearance, because curves are approximated by polygons
 N_QUADRANT_CHORDS = 32
 
 
@@ -34,16 +34,16 @@ def random_walk(
 ) -> Walk:
     """A walk of equal steps that keeps `clearance_m` from all obstacles and the rim of the area.
 
-    The course drifts by a normal turn per step; where that way is blocked, the free course nearest to it is
-    taken, and where there is none the walk goes back. The steps themselves keep clear too, not only their ends.
+    The course changes by a normally distributed angle per step. If this course is blocked, the walk takes the
+    nearest free course. The whole line of a step keeps the clearance, not only its ends.
 
     Parameters
     ----------
-    area_m : (x_min, y_min, x_max, y_max) the walk stays in
-    start_m : first stop (xy,); drawn where left out
-    heading_rad : of the array at every stop; NaN looks along the walk
+    area_m : (x_min, y_min, x_max, y_max) of the walk
+    start_m : first stop (xy,); random by default
+    heading_rad : heading of the array at every stop; NaN looks along the walk
 
-    Raises `ValueError` where the start given is not clear, or no clear one is found.
+    Raises `ValueError` if the given start is not free, no free start exists, or no free step exists.
     """
     free = _free_area(obstacles, area_m, clearance_m)
     here = _start(rng, free, area_m, start_m, clearance_m)
@@ -67,7 +67,7 @@ def random_walk(
 def _free_area(
     obstacles: Sequence[Contour], area_m: tuple[float, float, float, float], clearance_m: float
 ) -> Any:
-    """All places of the area that keep the clearance, prepared for questions."""
+    """The part of the area that keeps the clearance, as a prepared shapely geometry."""
     margin = clearance_m + MARGIN_M
     bodies = [contour.body().buffer(margin, quad_segs=N_QUADRANT_CHORDS) for contour in obstacles]
     free = shapely.box(*area_m).buffer(-clearance_m).difference(shapely.union_all(bodies))

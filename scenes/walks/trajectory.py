@@ -18,9 +18,9 @@ N_DRAWN_PER_WAYPOINT = 16
 class Walk(Record):
     """Stops along way-points at one height.
 
-    With `n_stops` the stops lie equally spaced by arc length from the first way-point to the last; with
-    `n_stops` None the way-points themselves are the stops. A smooth walk follows the cubic spline through its
-    way-points, others straight lines. A NaN heading looks along the path.
+    With `n_stops` the stops have equal spacing in arc length from the first way-point to the last. Without it the
+    way-points are the stops. A smooth walk follows the cubic spline through its way-points, other walks follow
+    straight lines. A NaN heading looks along the path.
     """
 
     waypoints_m: FloatArray = array("waypoint", "xy", unit="m", doc="corners of the walk, first to last")
@@ -78,7 +78,7 @@ class Walk(Record):
         return tuple(Pose(position, heading) for position, heading in stops)
 
     def line_m(self) -> FloatArray:
-        """Points (point, xy) in m to draw the way between the stops with."""
+        """Points (point, xy) in m of the line between the stops, for drawing."""
         if not self.is_smooth:
             return self.waypoints_m
         return self._spline.point(self._spline.equidistant(N_DRAWN_PER_WAYPOINT * len(self.waypoints_m)))
@@ -105,7 +105,7 @@ class Walk(Record):
         return np.asarray(np.diff(self.waypoints_m, axis=0)[stretch])
 
     def _stops(self) -> tuple[FloatArray, IntArray]:
-        """Each stop as a fractional way-point index, and the stretch (index of its start) it lies on."""
+        """Each stop as a fractional way-point index, and the index of the way-point before it."""
         n_last = max(len(self.waypoints_m) - 2, 0)
         if self.n_stops is None:
             at = np.arange(len(self.waypoints_m), dtype=float)
@@ -118,7 +118,7 @@ class Walk(Record):
 
 @dataclass(frozen=True)
 class RecordedWalk(Record):
-    """Stops with a pose of its own each, as recorded or made elsewhere."""
+    """Stops with one given pose each, for example recorded ones."""
 
     position_m: FloatArray = array("stop", "xyz", unit="m", doc="position of the RX array at every stop")
     heading_rad: FloatArray = array("stop", unit="rad", doc="heading at every stop")
@@ -137,7 +137,7 @@ class RecordedWalk(Record):
 
     @property
     def length_m(self) -> float:
-        """Length in m of the way from stop to stop."""
+        """Length in m of the line through all stops."""
         return float(np.linalg.norm(np.diff(self.position_m, axis=0), axis=1).sum())
 
     def positions_m(self) -> FloatArray:
@@ -154,7 +154,7 @@ class RecordedWalk(Record):
         return tuple(Pose(position, float(heading)) for position, heading in stops)
 
     def line_m(self) -> FloatArray:
-        """Points (point, xy) in m to draw the way between the stops with."""
+        """Points (point, xy) in m of the line between the stops, for drawing."""
         return self.position_m[:, :2]
 
 

@@ -1,4 +1,4 @@
-"""Trajectories in the TUM format: `time x y z qx qy qz qw` a line, in seconds and metres, the quaternion unit."""
+"""Trajectories in the TUM format: lines of `time x y z qx qy qz qw` in s and m, with a unit quaternion."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from scenes.pose import wrap_angle
 from scenes.record import FloatArray
 
 N_COLUMNS = 8
-MAX_TILT = 0.02  # part of the quaternion about x and y; more is no turn about the vertical
+MAX_TILT = 0.02  # largest share of qx and qy: beyond it the device is not upright
 
 
 def tum_text(time_s: FloatArray, position_m: FloatArray, heading_rad: FloatArray) -> str:
-    """Lines of times (stop,), positions (stop, xyz) and headings (stop,), those that are not finite left out."""
+    """TUM text of times (stop,), positions (stop, xyz) and headings (stop,), without rows that are not finite."""
     table = np.column_stack([time_s, position_m, np.zeros((len(time_s), 2))])
     table = np.column_stack([table, np.sin(heading_rad / 2), np.cos(heading_rad / 2)])
     rows = table[np.isfinite(table).all(axis=1)]
@@ -23,8 +23,8 @@ def tum_text(time_s: FloatArray, position_m: FloatArray, heading_rad: FloatArray
 def parse_tum(text: str) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Times (stop,) in s, positions (stop, xyz) in m and headings (stop,) in rad of a text.
 
-    Empty lines and those that start with # are passed over. Raises `ValueError` naming the line where it has not
-    eight finite numbers, the quaternion has no length, or the device is tilted, and where there is no line.
+    Empty lines and lines that start with # are ignored. Raises `ValueError` with the line number if a line does
+    not have eight finite numbers, its quaternion has no length, or the device is tilted; also if no line exists.
     """
     rows = []
     for number, line in enumerate(text.splitlines(), start=1):

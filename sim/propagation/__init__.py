@@ -1,8 +1,9 @@
-"""Propagation paths of a scene from one TX to one receiver.
+"""Propagation paths of a scene from one TX to its receivers.
 
-Read `propagator.py` first: it joins the exact solvers and the ray tracer. `paths.py` is the record they return.
+Read `propagator.py` first: `propagate` and `Propagator` combine the exact solvers and the ray tracer. They return
+`Paths` of `paths.py`.
 
 `specular/`     reflections and transmissions, exact      `diffraction/`  edges and creeping waves
-`tracer.py`     Sionna RT: diffuse paths and chains over meshes; the only user of sionna, mitsuba and drjit
-`occlusion.py`  what blocks a straight leg                `deepmimo/`     paths of a DeepMIMO scenario instead
+`tracer.py`     Sionna RT: diffuse paths and reflections off meshes; the only user of sionna, mitsuba and drjit
+`occlusion.py`  faces that block a straight leg           `deepmimo/`     paths of a DeepMIMO scenario
 """

@@ -1,7 +1,7 @@
-"""The LLVM library of the ray tracer's just-in-time compiler: found, probed and set before anything imports it.
+"""Choice of the LLVM library for the just-in-time compiler of the ray tracer, before Dr.Jit is imported.
 
-Dr.Jit ends the whole process, without an exception, when it compiles with LLVM 16 or older; so the library is
-chosen by version first, and tried out in a process of its own where it has to be certain.
+Dr.Jit aborts the whole process, without an exception, when it compiles with LLVM 16 or older. So the library is
+chosen by its version. `probe_llvm` tests a library in a separate process.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class LlvmProbe:
 
 
 def llvm_version(path: Path | str) -> int | None:
-    """Major version that the library's file name, its link target or its folder tells; None where none does.
+    """Major version from the file name of the library, its link target or its folder; None if unknown.
 
     Known forms are libLLVM.so.19.1, libLLVM-19.so.1, libLLVM.19.dylib and .../llvm-19/lib/libLLVM.so.
     """
@@ -72,7 +72,7 @@ def llvm_version(path: Path | str) -> int | None:
 
 
 def find_llvm(patterns: tuple[str, ...] = SEARCH_PATTERNS) -> Path | None:
-    """The library that `DRJIT_LIBLLVM_PATH` names, else the newest one (version 17 or later) on the system."""
+    """The library in `DRJIT_LIBLLVM_PATH`, else the newest one (version 17 or later) on the system."""
     chosen = os.environ.get(LLVM_VARIABLE)
     if chosen:
         return Path(chosen)
@@ -86,7 +86,7 @@ def find_llvm(patterns: tuple[str, ...] = SEARCH_PATTERNS) -> Path | None:
 
 
 def probe_llvm(path: Path | str, timeout_s: float = 60.0) -> LlvmProbe:
-    """Compile and run a small kernel, minimum and maximum included, with this library in a process of its own."""
+    """Compile and run a small kernel (with minimum and maximum) with this library, in a separate process."""
     try:
         done = subprocess.run(
             [sys.executable, "-c", PROBE_CODE],
@@ -115,15 +115,15 @@ def llvm_install_command() -> str:
 
 
 def require_llvm() -> Path:
-    """Set `DRJIT_LIBLLVM_PATH` to a usable library, unless set already, and return it.
+    """Set `DRJIT_LIBLLVM_PATH` to a usable library, unless it is already set, and return the path.
 
     Call it before Dr.Jit is imported. It reads the version number only, so it is fast; `probe_llvm` runs a test.
 
     Raises
     ------
     LlvmError
-        Where there is no such library or the one named in the variable is missing or too old; the message
-        holds the install command.
+        If there is no such library, or the one named in the variable is missing or too old. The message holds the
+        install command.
     """
     path = find_llvm()
     if path is None:
@@ -158,5 +158,5 @@ def n_cuda_devices() -> int:
 
 
 def mitsuba_variant() -> str:
-    """Mitsuba variant the tracer runs in: CUDA where the driver reports a device, else LLVM on the CPU."""
+    """Mitsuba variant of the tracer: CUDA if the driver reports a device, else LLVM on the CPU."""
     return CUDA_VARIANT if n_cuda_devices() else LLVM_VARIANT

@@ -1,4 +1,4 @@
-"""What straight legs meet on their way: the prisms of a scene, exactly, in 2.5 D: plan view and height."""
+"""Crossings of straight legs with the faces of a scene, exact in 2.5 D: plan view and height."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from sim.propagation.specular.curves import Curves, joined_curves
 from sim.propagation.specular.plan_view import cross, dot, norm
 from sim.propagation.specular.surfaces import HorizontalFace, curves_of_piece, horizontal_faces
 
-OCCLUDER_SAGITTA_M = 1e-4  # legs that start at a corner may start off it by as much
-END_CLEARANCE_M = 1e-6  # what a leg meets closer than this to one of its ends is what it starts or ends on
+OCCLUDER_SAGITTA_M = 1e-4  # a leg that starts at a corner may start this far from it
+END_CLEARANCE_M = 1e-6  # crossings nearer to an end of the leg than this are ignored: the leg ends on a face
 MAX_TABLE_ENTRIES = 2_000_000  # legs x faces held at once
 N_BISECTIONS = 54
 
@@ -42,7 +42,7 @@ class Occluders(Record):
 
 @dataclass(frozen=True)
 class Crossings(Record):
-    """Where legs meet faces, in no particular order."""
+    """Crossings of legs with faces, in no particular order."""
 
     leg: IntArray = array("crossing", dtype=int, doc="index of the leg")
     share: FloatArray = array("crossing", doc="place along the leg, 0 at its start and 1 at its end")
@@ -51,13 +51,13 @@ class Crossings(Record):
 
 
 def surface_names(scene: Scene) -> list[str]:
-    """Names of all surfaces: the objects in order, then 'floor', 'ceiling' and clutter where there are."""
+    """Names of all surfaces: the objects in order, then 'floor', 'ceiling' and clutter if present."""
     planes = [name for name in ("floor", "ceiling") if getattr(scene, name) is not None]
     return [*scene.object_names, *planes, *(mesh.name for mesh in scene.clutter)]
 
 
 def occluders(scene: Scene) -> Occluders:
-    """Faces of all objects; floor and ceiling need none, since both ends of a leg lie between them."""
+    """Faces of all objects. Floor and ceiling are omitted: both ends of a leg lie between them."""
     flat, curved = [], []
     for index, item in enumerate(scene.objects):
         for piece in item.contour.pieces:
@@ -80,14 +80,14 @@ def occluders(scene: Scene) -> Occluders:
 
 
 def is_blocked(faces: Occluders, start_m: FloatArray, end_m: FloatArray) -> BoolArray:
-    """Whether each leg (leg, xyz) -> (leg, xyz) meets a face, a lid or a mesh between its ends (leg,)."""
+    """Mask (leg,) of legs (leg, xyz) -> (leg, xyz) that cross a face, a lid or a mesh between their ends."""
     result = np.zeros(len(np.atleast_2d(start_m)), bool)
     result[leg_crossings(faces, start_m, end_m).leg] = True
     return result
 
 
 def leg_crossings(faces: Occluders, start_m: FloatArray, end_m: FloatArray) -> Crossings:
-    """All faces, lids and triangles of meshes that legs (leg, xyz) -> (leg, xyz) meet between their ends."""
+    """All crossings of legs (leg, xyz) -> (leg, xyz) with faces, lids and mesh triangles between their ends."""
     start, end = np.atleast_2d(start_m), np.atleast_2d(end_m)
     n_faces = faces.size("edge") + len(faces.conics) + len(faces.cubics)
     step = max(1, MAX_TABLE_ENTRIES // max(1, n_faces))
@@ -110,7 +110,7 @@ def _none() -> Crossings:
 
 
 def _between(found: Crossings, faces: Occluders, start: FloatArray, end: FloatArray, first: int) -> Crossings:
-    """The crossings at a height between the rims and off the ends, legs numbered from `first` on."""
+    """The crossings between the lower and upper rim and away from the ends; leg numbers start at `first`."""
     leg, share = found.leg, found.share
     along = end[leg] - start[leg]
     margin = END_CLEARANCE_M / np.sqrt((along * along).sum(axis=1))
@@ -165,7 +165,7 @@ def _conics(faces: Occluders, start: FloatArray, end: FloatArray) -> Crossings:
 
 
 def _cubics(faces: Occluders, start: FloatArray, end: FloatArray) -> Crossings:
-    """Crossings with cubics: roots of n . (c(t) - start), n normal to the leg."""
+    """Crossings with cubics: roots of n . (c(t) - start), where n is normal to the leg."""
     cubics = faces.cubics
     leg, curve = _near(cubics, start, end)
     along = (end - start)[leg, :2]
@@ -187,7 +187,7 @@ def _on_curve(curves: Curves, leg: IntArray, curve: IntArray, share: FloatArray,
 
 
 def _near(curves: Curves, start: FloatArray, end: FloatArray) -> tuple[IntArray, IntArray]:
-    """Legs and curves (pair,) whose disc the leg meets in plan view; legs without extent there meet none."""
+    """Legs and curves (pair,) for which the leg crosses the disc of the curve in plan view; no vertical legs."""
     r = (end - start)[:, :2]
     square = dot(r, r)
     x = curves.center_m[:, 0] - start[:, 0, None]
@@ -225,7 +225,7 @@ def _polynomial(w: FloatArray, t: FloatArray) -> FloatArray:
 
 
 def _lid(lid: HorizontalFace, start: FloatArray, end: FloatArray) -> Crossings:
-    """Legs that pass the height of a lid inside its outline."""
+    """Crossings of legs with a lid: at its height and inside its outline."""
     before, after = start[:, 2] - lid.z_m, end[:, 2] - lid.z_m
     leg = np.flatnonzero(before * after < 0)
     share = before[leg] / (before[leg] - after[leg])

@@ -1,4 +1,4 @@
-"""The path record: what propagation hands to the signal, and what scoring knows as the truth."""
+"""The path record: the result of propagation, used by the signal model and, as truth, by scoring."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from scenes.record import BoolArray, ComplexArray, FloatArray, IntArray, Record,
 
 
 class BounceKind(IntEnum):
-    """What happens to a path at one interaction; NONE pads unused bounce slots."""
+    """Kind of an interaction; NONE fills unused bounce slots."""
 
     NONE = 0
     SPECULAR = 1
@@ -26,10 +26,10 @@ class BounceKind(IntEnum):
 class Paths(Record):
     """All propagation paths from the TX to one RX position; zero paths are valid.
 
-    The gain is that between two isotropic, vertically polarised elements and holds the carrier phase
+    The gain applies between two isotropic, vertically polarised elements. It includes the carrier phase
     exp(-j 2 pi f_c tau) and every interaction; |gain|^2 is received over transmitted power. Directions are in
     the world frame: departure from the TX, arrival from the RX back towards the last interaction.
-    Unused bounce slots hold kind NONE, object -1 and NaN vertices, always behind the used ones.
+    Unused bounce slots hold kind NONE, object -1 and NaN vertices; they follow the used slots.
     """
 
     gain: ComplexArray = array("path", dtype=complex, doc="complex amplitude gain incl. carrier phase")
@@ -58,21 +58,21 @@ class Paths(Record):
 
     @property
     def n_bounces(self) -> IntArray:
-        """Number of interactions that turn a path (path,): all but the ways through walls."""
+        """Number of interactions that change the direction (path,): all except transmissions through walls."""
         turns = ~np.isin(self.bounce_kind, (BounceKind.NONE, BounceKind.REFRACTION))
         return np.asarray(turns.sum(axis=1), int)
 
     @property
     def is_los(self) -> BoolArray:
-        """Paths without any interaction (path,); a straight way through a wall is no line of sight."""
+        """Paths without any interaction (path,). A straight path through a wall is not a line of sight."""
         return np.asarray(self.n_interactions == 0)
 
     @property
     def is_single_bounce(self) -> BoolArray:
-        """Paths that turn exactly once, by whatever kind of interaction (path,).
+        """Paths that change direction exactly once, by any kind of interaction (path,).
 
-        Such a path has one incidence point. Walls on its way change neither its directions nor its delay and do
-        not count; a straight way through a wall has no bounce.
+        Such a path has one incidence point. Transmissions through walls do not count, because they change neither
+        directions nor delay.
         """
         return np.asarray(self.n_bounces == 1)
 
@@ -83,7 +83,7 @@ class Paths(Record):
 
 
 def canonical_order(paths: Paths) -> Paths:
-    """Paths sorted by interactions, kinds, objects, delay, directions: one order whatever the tracer gave."""
+    """Paths sorted by interactions, kinds, objects, delay and directions, independent of the input order."""
     quantised_delay = np.round(paths.delay_s * 1e15)
     keys = [
         paths.aoa_azimuth_rad, paths.aod_elevation_rad, paths.aod_azimuth_rad, quantised_delay,
@@ -93,7 +93,7 @@ def canonical_order(paths: Paths) -> Paths:
 
 
 def with_bounce_slots(paths: Paths, n_slots: int) -> Paths:
-    """The same paths with room for `n_slots` interactions each; `ValueError` where a path needs more."""
+    """The same paths with `n_slots` bounce slots each; `ValueError` if a path needs more."""
     if len(paths) and paths.n_interactions.max() > n_slots:
         raise ValueError(
             f"Paths.bounce: {paths.n_interactions.max()} interactions do not fit into {n_slots} slots"
@@ -134,9 +134,9 @@ def paths_from_field(
     object_name: TextArray | list[str],
     carrier_hz: float,
 ) -> Paths:
-    """Paths whose field is `field` (path,) times that of a free wave over their unfolded lengths (path,) in m.
+    """Paths whose field is `field` (path,) times that of a free-space wave over the path lengths (path,) in m.
 
-    `departure` and `arrival` (path, xyz) point along the wave as it leaves the TX and as it reaches the receiver;
+    `departure` and `arrival` (path, xyz) are the directions of travel at the TX and at the receiver;
     `interactions` are kinds (path, bounce), objects (path, bounce) and vertices (path, bounce, xyz).
     """
     wavelength = SPEED_OF_LIGHT_M_S / carrier_hz
@@ -160,7 +160,7 @@ def paths_from_field(
 def single_interaction(
     kind: BounceKind, item: IntArray | int, vertex_m: FloatArray
 ) -> tuple[IntArray, IntArray, FloatArray]:
-    """Kinds, objects and vertices of paths of one interaction each, at `vertex_m` (path, xyz)."""
+    """Kinds, objects and vertices of paths with one interaction each, at `vertex_m` (path, xyz)."""
     shape = (len(vertex_m), 1)
     return np.full(shape, kind), np.broadcast_to(np.reshape(item, (-1, 1)), shape), vertex_m[:, None]
 
@@ -168,10 +168,10 @@ def single_interaction(
 def doppler_hz(
     paths: Paths, carrier_hz: float, rx_velocity_m_s: FloatArray, tx_velocity_m_s: FloatArray | None = None
 ) -> FloatArray:
-    """Doppler shift (path,) in Hz of devices that move with the given velocities (xyz,) in a scene at rest.
+    """Doppler shift (path,) in Hz for devices with the given velocities (xyz,) in a static scene.
 
-    f = f_c / c (v_rx . u_arrival + v_tx . u_departure), with both directions pointing away from their device:
-    motion towards where a path comes from shortens it.
+    f = f_c / c (v_rx . u_arrival + v_tx . u_departure). Both directions point away from their device, so the shift
+    is positive when a device moves towards the path.
     """
     arrival = direction(paths.aoa_azimuth_rad, paths.aoa_elevation_rad)
     speed = arrival @ np.asarray(rx_velocity_m_s, float)
@@ -183,13 +183,13 @@ def doppler_hz(
 
 
 def path_labels(paths: Paths) -> TextArray:
-    """A readable id (path,) that a path keeps from run to run: what it meets, and its number among equals.
+    """A readable label (path,) that is the same in every run: the interactions and, for equal ones, a number.
 
     Kinds are S specular, D diffuse, R refraction (through a wall), X diffraction: 'LOS', 'S wall_east',
-    'R door > S wall_east #1'; 'R door' is the straight way through the door.
-    Paths with the same chain are numbered by delay, from #1 for the second.
+    'R door > S wall_east #1'; 'R door' is the straight path through the door. Paths with the same interactions
+    are numbered by delay, from #1 for the second.
     """
-    names = [*paths.object_name.tolist(), "?"]  # the last for objects that are not known: index -1
+    names = [*paths.object_name.tolist(), "?"]  # the last name is for unknown objects: index -1
     letters = {
         BounceKind.SPECULAR: "S",
         BounceKind.DIFFUSE: "D",

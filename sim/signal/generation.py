@@ -14,7 +14,6 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-from scipy.special import i0
 
 from scenes.pose import Pose
 from scenes.record import ComplexArray, FloatArray, concatenate
@@ -164,6 +163,8 @@ def _waves(delay_s: FloatArray, frequency_hz: FloatArray) -> ComplexArray:
 
 def _grid_waves(n_grid: int, first_s: float, spacing_s: float, frequency_hz: FloatArray) -> ComplexArray:
     """Waves of the grid delays over the kernel's spectrum, which the spreading has put on them."""
+    from scipy.special import i0  # noqa: PLC0415  (slow to import)
+
     fine = int(np.ceil(np.sqrt(n_grid)))
     root = np.sqrt(KERNEL_BETA**2 - (np.pi * KERNEL_WIDTH * frequency_hz * spacing_s) ** 2)
     spectrum = KERNEL_WIDTH * np.sinh(root) / (root * i0(KERNEL_BETA))
@@ -201,6 +202,8 @@ def _spread(tx: ComplexArray, rx: ComplexArray, position: FloatArray, n_grid: in
 
 def _kernel(distance: FloatArray) -> FloatArray:
     """Kaiser-Bessel kernel at a distance in grid delays, largest 1, zero outside its width."""
+    from scipy.special import i0  # noqa: PLC0415  (slow to import)
+
     inside = np.maximum(1 - (2 * distance / KERNEL_WIDTH) ** 2, 0)
     value = i0(KERNEL_BETA * np.sqrt(inside)) / i0(KERNEL_BETA)
     return np.where(inside > 0, value, 0.0)

@@ -1,4 +1,4 @@
-"""Paths that a DeepMIMO v4 scenario holds, in place of traced ones.
+"""Paths of a DeepMIMO v4 scenario, which can replace traced paths.
 
-Read `scenario.py` first (matrices to paths), then `folder.py` (the files).
+Read `scenario.py` first (`PathScenario`, `path_matrices`), then `folder.py` (`read_deepmimo` reads the files).
 """

@@ -1,4 +1,4 @@
-"""A DeepMIMO v4 scenario folder read: matrices of paths (.mat), the facets of the scene, and params.json."""
+"""Reader of a DeepMIMO v4 scenario folder: path matrices (.mat), facets of the scene, params.json."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.io import loadmat
 
 from scenes.record import FloatArray
 from sim.propagation.deepmimo.scenario import PATH_MATRICES, PathScenario, paths_of_matrices
@@ -22,7 +21,7 @@ SUFFIXES = (".mat", ".npz", ".npy")  # in the order in which DeepMIMO looks for 
 
 @dataclass(frozen=True)
 class Facets:
-    """The world of a scenario as DeepMIMO keeps it, which no path needs."""
+    """Facets of a scenario as DeepMIMO stores them. The paths do not need them."""
 
     vertices_m: FloatArray  # (vertex, xyz)
     objects: list[dict[str, Any]]  # name, label, id, vertices and material of each face
@@ -30,7 +29,7 @@ class Facets:
 
 
 def read_facets(folder: Path) -> Facets:
-    """The world of a scenario folder; nothing where it holds none, or one of another representation."""
+    """The facets of a scenario folder; empty if it has none or stores them in another form."""
     params = _read_params(folder)
     try:
         objects = json.loads((folder / "objects.json").read_text(encoding="utf-8"))
@@ -44,12 +43,12 @@ def read_facets(folder: Path) -> Facets:
 def read_deepmimo(
     folder: Path, *, tx_set: int | None = None, tx: int = 0, rx_set: int | None = None
 ) -> PathScenario:
-    """Paths from one TX to one set of receivers; the first sets that fit where none is named.
+    """Paths from one TX to one set of receivers. By default the first matching sets are used.
 
     Raises
     ------
     ValueError
-        Where the folder holds no scenario, has no such set or TX, or a file is missing or damaged.
+        If the folder holds no scenario, has no such set or TX, or a file is missing or damaged.
     """
     params = _read_params(folder)
     sets = [each for name, each in params["txrx_sets"].items() if name.startswith("txrx_set_")]
@@ -76,7 +75,7 @@ def read_deepmimo(
 
 
 def scenario_digest(folder: str | Path) -> str:
-    """Checksum of what a scenario folder holds, whatever its name. Raises `OSError` where it is unreadable."""
+    """Checksum of the contents of a scenario folder, independent of its name. Raises `OSError` if unreadable."""
     state = hashlib.sha256()
     for file in sorted(Path(folder).iterdir()):
         state.update(file.name.encode() + hashlib.sha256(file.read_bytes()).digest())
@@ -84,7 +83,7 @@ def scenario_digest(folder: str | Path) -> str:
 
 
 def matrix_suffix(tx_set: int, tx: int, rx_set: int) -> str:
-    """The end of the names of files that hold matrices of one TX and one set of receivers."""
+    """Suffix of the names of files with matrices of one TX and one set of receivers."""
     return f"t{tx_set:03d}_tx{tx:03d}_r{rx_set:03d}"
 
 
@@ -102,7 +101,7 @@ def _read_params(folder: Path) -> dict[str, Any]:
 
 
 def _chosen(folder: Path, sets: Sequence[Mapping[str, Any]], role: str, wanted: int | None) -> int:
-    """The set of this role: the one named, or the first; of receivers rather one that only receives."""
+    """The set with this role: the named one or the first. A set that only receives comes before others."""
     known = [int(each["id"]) for each in sorted(sets, key=lambda s: bool(s["is_tx"])) if each[role]]
     if wanted is None and known:
         return known[0]
@@ -113,6 +112,8 @@ def _chosen(folder: Path, sets: Sequence[Mapping[str, Any]], role: str, wanted: 
 
 
 def _read_matrix(folder: Path, name: str, pair: str = "") -> FloatArray:
+    from scipy.io import loadmat  # noqa: PLC0415  (slow to import)
+
     stem = f"{name}_{pair}" if pair else name
     for suffix in SUFFIXES:
         path = folder / f"{stem}{suffix}"
@@ -123,6 +124,6 @@ def _read_matrix(folder: Path, name: str, pair: str = "") -> FloatArray:
     try:
         content = loadmat(path) if suffix == ".mat" else np.load(path, allow_pickle=False)
         return np.asarray(content if suffix == ".npy" else content[name], float)
-    except Exception as error:  # readers raise whatever they like on broken files
+    except Exception as error:  # readers raise many types of exceptions for damaged files
         reason = " ".join(str(error).split())[:80] or type(error).__name__
         raise ValueError(f"{path}: holds no matrix '{name}' ({reason})") from error

@@ -1,7 +1,7 @@
-"""Paths as a DeepMIMO v4 scenario, and back: a matrix (receiver, path) per quantity.
+"""Conversion between paths and a DeepMIMO v4 scenario: one matrix (receiver, path) per quantity.
 
 Conventions of DeepMIMO v4: power in dBm between isotropic elements at a TX power of 0 dBm, phase and angles in
-degrees, zenith angles in place of elevations, interactions as the digits of a number from TX to RX (1 reflection,
+degrees, zenith angles instead of elevations, interactions as the digits of a number from TX to RX (1 reflection,
 2 diffraction, 3 scattering, 4 transmission, 0 line of sight), strongest path first, NaN where a receiver has no
 more paths.
 """
@@ -16,7 +16,7 @@ import numpy as np
 from scenes.record import FloatArray, IntArray
 from sim.propagation.paths import BounceKind, Paths
 
-MAX_DIGITS = 15  # interactions that a float64 keeps apart
+MAX_DIGITS = 15  # largest number of interactions that a float64 can encode
 DIGIT_OF_KIND = {
     BounceKind.SPECULAR: 1,
     BounceKind.DIFFRACTION: 2,
@@ -38,12 +38,12 @@ class PathScenario:
     paths: tuple[Paths, ...]
 
     def at(self, receivers: IntArray) -> PathScenario:
-        """The same with these receivers (receiver,) alone."""
+        """The same scenario with these receivers (receiver,) only."""
         chosen = tuple(self.paths[index] for index in receivers)
         return replace(self, rx_position_m=self.rx_position_m[receivers], paths=chosen)
 
     def paths_at(self, position_m: FloatArray) -> Paths:
-        """Paths of the receiver at a position (xyz,) in m; `ValueError` where none stands there."""
+        """Paths of the receiver at a position (xyz,) in m; `ValueError` if no receiver is there."""
         distance = np.linalg.norm(self.rx_position_m - position_m, axis=1)
         nearest = int(distance.argmin())
         if distance[nearest] > SAME_PLACE_M:
@@ -57,8 +57,8 @@ class PathScenario:
 def path_matrices(paths: Sequence[Paths], max_paths: int) -> dict[str, FloatArray]:
     """The matrices (receiver, path) of `PATH_MATRICES` and `inter_pos` (receiver, path, bounce, xyz) in m.
 
-    Of each receiver the `max_paths` strongest paths are kept. Raises `ValueError` where a path has more
-    interactions than a number has digits.
+    Only the `max_paths` strongest paths of each receiver are kept. Raises `ValueError` if a path has more
+    interactions than the code has digits.
     """
     chosen = [each.take("path", np.argsort(-each.power, kind="stable")[:max_paths]) for each in paths]
     n_paths = max((len(each) for each in chosen), default=0)
@@ -89,9 +89,9 @@ def _columns(paths: Paths) -> dict[str, FloatArray]:
 
 
 def paths_of_matrices(matrices: Mapping[str, FloatArray], receiver: int) -> Paths:
-    """Paths of one receiver; the objects that they meet are not known.
+    """Paths of one receiver; their objects are unknown.
 
-    Raises `ValueError` where a matrix holds an interaction that DeepMIMO does not define.
+    Raises `ValueError` if a matrix holds an interaction that DeepMIMO does not define.
     """
     used = np.flatnonzero(np.isfinite(matrices["delay"][receiver]))
     row = {name: np.asarray(matrices[name][receiver][used], float) for name in PATH_MATRICES}
@@ -117,7 +117,7 @@ def paths_of_matrices(matrices: Mapping[str, FloatArray], receiver: int) -> Path
 
 
 def _codes(bounce_kind: IntArray) -> FloatArray:
-    """Interactions (path, bounce) as decimal numbers (path,), the first one in front."""
+    """Interactions (path, bounce) as decimal numbers (path,); the first interaction is the first digit."""
     code = np.zeros(len(bounce_kind))
     for slot in range(bounce_kind.shape[1]):
         kind = bounce_kind[:, slot]
@@ -128,7 +128,7 @@ def _codes(bounce_kind: IntArray) -> FloatArray:
 
 
 def _kinds(code: FloatArray) -> IntArray:
-    """The inverse of `_codes`: kinds (path, bounce), with one slot at least."""
+    """The inverse of `_codes`: kinds (path, bounce), with at least one slot."""
     texts = [str(int(value)) if value > 0 else "" for value in code]
     kinds = np.full((len(code), max([1, *map(len, texts)])), BounceKind.NONE)
     for path, text in enumerate(texts):

@@ -14,7 +14,6 @@ from functools import lru_cache
 from typing import Any, Literal
 
 import numpy as np
-from scipy.special import ai_zeros, airy
 
 from scenes.record import ComplexArray, FloatArray
 from sim.propagation.diffraction.wedge import transition_function
@@ -125,6 +124,8 @@ def _integrands(polarisation: Polarisation) -> tuple[ComplexArray, ComplexArray]
     With W1(t) = 2 sqrt(pi) e^{j pi/6} Ai(t e^{j 2 pi/3}) and W2 its conjugate, W1/W2 at t = r e^{-j 2 pi/3} is
     e^{j pi/3} Ai(r) / Ai(r e^{j 2 pi/3}).
     """
+    from scipy.special import airy  # noqa: PLC0415  (slow to import)
+
     node, weight = np.polynomial.legendre.leggauss(N_NODES)
     t, r = (node + 1) * REAL_END / 2, (node + 1) * ROTATED_END / 2
     turn = np.exp(1j * np.pi / 3)
@@ -156,6 +157,8 @@ def _reflection_series(delta: FloatArray, polarisation: Polarisation) -> Complex
 
 def _residue_series(delta: FloatArray, polarisation: Polarisation) -> ComplexArray:
     """Scattering function as the sum of creeping waves, one per zero of Ai (soft) or Ai' (hard)."""
+    from scipy.special import ai_zeros  # noqa: PLC0415  (slow to import)
+
     zero, zero_prime, value_at_zero_prime, slope_at_zero = ai_zeros(N_RESIDUES)
     if polarisation == "soft":
         root, strength = -zero, 1 / slope_at_zero**2

@@ -14,7 +14,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from scipy.special import wofz
 
 from scenes.record import ComplexArray, FloatArray
 
@@ -26,6 +25,8 @@ def transition_function(x: Any) -> ComplexArray:
 
     Kouyoumjian and Pathak, equation (26), by the Faddeeva function; F -> 1 for large x.
     """
+    from scipy.special import wofz  # noqa: PLC0415  (slow to import)
+
     root = np.sqrt(np.asarray(x, float))
     return np.asarray(np.sqrt(np.pi) * np.exp(0.25j * np.pi) * root * wofz(np.exp(0.75j * np.pi) * root))
 

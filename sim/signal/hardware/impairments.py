@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import scipy.fft
 
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
 from scenes.record import ComplexArray, FloatArray, IntArray
@@ -112,14 +111,18 @@ def fft_bins(frequency_hz: FloatArray, subcarrier_spacing_hz: float) -> tuple[In
 
 def to_time_samples(samples: ComplexArray, bins: IntArray, n_fft: int) -> ComplexArray:
     """Useful part (..., sample) of OFDM symbols, of the power of their subcarriers (unitary transform)."""
+    from scipy.fft import ifft  # noqa: PLC0415  (slow to import)
+
     grid = np.zeros((*samples.shape[:-1], n_fft), np.complex64)
     grid[..., bins] = samples
-    return np.asarray(scipy.fft.ifft(grid, axis=-1, norm="ortho", overwrite_x=True))
+    return np.asarray(ifft(grid, axis=-1, norm="ortho", overwrite_x=True))
 
 
 def to_subcarriers(time_samples: ComplexArray, bins: IntArray) -> ComplexArray:
     """Occupied subcarriers (..., subcarrier) of OFDM symbols."""
-    return np.asarray(scipy.fft.fft(time_samples, axis=-1, norm="ortho")[..., bins])
+    from scipy.fft import fft  # noqa: PLC0415  (slow to import)
+
+    return np.asarray(fft(time_samples, axis=-1, norm="ortho")[..., bins])
 
 
 def surveyed_pose(

@@ -7,7 +7,6 @@ the standard refers every symbol to the carrier frequency is part of up-conversi
 from __future__ import annotations
 
 import numpy as np
-import scipy.fft
 
 from scenes.record import ComplexArray, IntArray
 from sim.signal.waveform.prs import PREFIX_SHARE, SYMBOLS_PER_SLOT, CyclicPrefix, check_cyclic_prefix
@@ -52,10 +51,12 @@ def modulate(grid: ComplexArray, cp_length: IntArray, n_fft: int = 4096) -> Comp
 
     Raises `ValueError` where the grid does not fit the FFT or the prefixes do not fit the symbols.
     """
+    from scipy.fft import ifft  # noqa: PLC0415  (slow to import)
+
     _check(len(grid), grid.shape[1], cp_length, n_fft)
     spectrum = np.zeros((len(grid), n_fft), np.result_type(grid, np.complex64))
     spectrum[:, _bins(grid.shape[1], n_fft)] = grid
-    bodies = scipy.fft.ifft(spectrum, axis=1, norm="forward")
+    bodies = ifft(spectrum, axis=1, norm="forward")
     pieces = [
         part
         for body, prefix in zip(bodies, cp_length, strict=True)
@@ -74,6 +75,8 @@ def demodulate(
 
     Raises `ValueError` where the samples are not those of the given symbols.
     """
+    from scipy.fft import fft  # noqa: PLC0415  (slow to import)
+
     _check(len(cp_length), n_subcarriers, cp_length, n_fft)
     total = int(np.sum(cp_length)) + n_fft * len(cp_length)
     if len(samples) != total:
@@ -84,7 +87,7 @@ def demodulate(
         raise ValueError(f"early = {early}: allowed is 0 to the shortest prefix, {np.min(cp_length)}")
     start = np.cumsum(cp_length) + n_fft * np.arange(len(cp_length)) - early
     bodies = samples[start[:, None] + np.arange(n_fft)]
-    grid = scipy.fft.fft(bodies, axis=1, norm="forward")[:, _bins(n_subcarriers, n_fft)]
+    grid = fft(bodies, axis=1, norm="forward")[:, _bins(n_subcarriers, n_fft)]
     if early:
         ramp = np.exp(2j * np.pi * early / n_fft * (np.arange(n_subcarriers) - n_subcarriers // 2))
         grid = grid * ramp.astype(grid.dtype)
