@@ -39,7 +39,7 @@ from isac_arena.campaign.files import (
     write_record,
     write_text,
 )
-from isac_arena.campaign.fingerprint import code_digest, digest, estimator_source
+from isac_arena.campaign.integrity import code_digest, digest, estimator_source
 from isac_arena.campaign.measured import MeasuredTruth
 from isac_arena.campaign.results import MapResult
 from isac_arena.scoring.metrics.metric import to_json

@@ -11,21 +11,21 @@ from contextvars import ContextVar
 from pathlib import Path
 from typing import TypeVar
 
-from isac_arena.campaign.netcdf import from_netcdf, global_attribute, has_seal, to_netcdf
+from isac_arena.campaign.netcdf import from_netcdf, global_attribute, to_netcdf
 from scenes.record import Record
 
 # What HDF5 raises on files whose bytes were changed
 READ_ERRORS = (OSError, LookupError, AttributeError, ValueError, TypeError, RuntimeError, MemoryError)
 R = TypeVar("R", bound=Record)
 
-# Told of a file before it takes its name: the name and the complete file, None where a file is about to go
+# Called before a file takes its name, with the name and the complete file, or None before a file is removed
 FileListener = Callable[[Path, Path | None], None]
 _LISTENER: ContextVar[FileListener | None] = ContextVar("file_listener", default=None)
 
 
 @contextmanager
-def files_told_to(listener: FileListener) -> Iterator[None]:
-    """Tell a listener of every file that the functions here write or remove in the block."""
+def notify_of_files(listener: FileListener) -> Iterator[None]:
+    """Call a listener for every file that the functions here write or remove in the block."""
     token = _LISTENER.set(listener)
     try:
         yield
@@ -33,7 +33,7 @@ def files_told_to(listener: FileListener) -> Iterator[None]:
         _LISTENER.reset(token)
 
 
-def _tell(path: Path, complete: Path | None) -> None:
+def _notify(path: Path, complete: Path | None) -> None:
     listener = _LISTENER.get()
     if listener is not None:
         listener(path, complete)
@@ -49,7 +49,7 @@ def complete_file(path: Path) -> Iterator[Path]:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         yield partial
-        _tell(path, partial)
+        _notify(path, partial)
         os.replace(partial, path)
     except OSError as error:
         if error.errno is None or error.filename not in (None, str(partial), str(path.parent)):
@@ -62,7 +62,7 @@ def complete_file(path: Path) -> Iterator[Path]:
 
 def remove_file(path: Path) -> None:
     """Remove a file where it is there."""
-    _tell(path, None)
+    _notify(path, None)
     path.unlink(missing_ok=True)
 
 
@@ -126,11 +126,9 @@ def read_record(path: Path, kind: type[R]) -> R:
         raise ValueError(f"{path}: not a readable {kind.__name__} file ({reason})") from error
 
 
-def is_sealed(path: Path) -> bool:
-    """Whether a file is a record, and byte by byte as `write_record` wrote it."""
-    return has_seal(path)
-
-
 def read_attribute(path: Path, name: str) -> str | None:
     """A global attribute of a netCDF file; None where the file or the attribute is missing or unreadable."""
-    return global_attribute(path, name)
+    try:
+        return global_attribute(path, name)
+    except READ_ERRORS:
+        return None

@@ -1,19 +1,16 @@
 """The manifest of a directory: a hash of every file that a run wrote there, and what made them.
 
-It tells damaged and edited files from those a run wrote, and which code, libraries and machine made each: several
-where a run was resumed elsewhere. A hash is taken when a file is written, and no other run touches it: see
-`isac_arena.campaign.recording`. The manifest itself is sealed by a hash of its content. A directory in the
-directory with a manifest of its own, such as a case of a sweep, is a unit: the outer manifest holds the inner
-one alone.
+It shows which files were damaged or edited since, and which code, libraries and machine made each: several where
+a run was resumed elsewhere. `recording.py` writes it, `integrity.py` explains the hashes. A directory inside with
+a manifest of its own, such as a case of a sweep, is a unit: the outer manifest holds the inner one alone.
 """
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import platform
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence, Set
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
@@ -22,12 +19,21 @@ from typing import Any
 
 from threadpoolctl import threadpool_info
 
-from isac_arena.campaign.files import is_sealed, write_text
-from isac_arena.campaign.fingerprint import code_digest
+from isac_arena.campaign.files import write_text
+from isac_arena.campaign.integrity import code_digest, file_digest, manifest_seal
 
 MANIFEST = "manifest.json"
 LIBRARIES = ("numpy", "scipy", "numba", "scikit-learn", "shapely", "trimesh", "sionna-rt", "h5py", "pydantic")
 PARTIAL = ".part"
+SETTINGS = ("campaign.json", "scene.toml", "scene_files")
+MAKERS = {
+    "truth": "generate",
+    "sweep": "generate",
+    "channel": "estimate",
+    "map": "estimate",
+    "provenance.nc": "score",
+    "scores.json": "score",
+}  # by the folder or the file
 
 
 @dataclass(frozen=True)
@@ -86,7 +92,7 @@ def write_manifest(directory: Path, manifest: Manifest) -> None:
             for name, entry in sorted(manifest.files.items())
         },
     }
-    write_text(directory / MANIFEST, json.dumps({**content, "seal": _seal(content)}, indent=1) + "\n")
+    write_text(directory / MANIFEST, json.dumps({**content, "seal": manifest_seal(content)}, indent=1) + "\n")
 
 
 def read_manifest(directory: Path) -> Manifest:
@@ -105,21 +111,11 @@ def read_manifest(directory: Path) -> Manifest:
     except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
         reason = " ".join(str(error).split())
         raise ValueError(f"{file}: damaged ({reason}); remove it and run the same command again") from error
-    if seal != _seal(content):
+    if seal != manifest_seal(content):
         raise ValueError(
             f"{file}: damaged or edited since it was written; remove it and run the same command again"
         )
     return Manifest(**content)
-
-
-def shows_whole(file: Path) -> bool:
-    """Whether a file shows by itself that it is whole: a record, or a manifest."""
-    if file.name == MANIFEST:
-        try:
-            return bool(read_manifest(file.parent).files)
-        except ValueError:
-            return False
-    return file.suffix == ".nc" and is_sealed(file)
 
 
 def check_files(directory: Path) -> FileCheck:
@@ -129,9 +125,7 @@ def check_files(directory: Path) -> FileCheck:
     """
     manifest = read_manifest(directory)
     entries, here = manifest.files, set(file_names(directory))
-    changed = {
-        name for name in here & set(entries) if file_digest(directory / name) != entries[name]["sha256"]
-    }
+    changed = set(_changed(directory, manifest, here))
     units = sorted(Path(name).parent for name in here - changed if name.endswith(f"/{MANIFEST}"))
     found = FileCheck(
         n_files=len(entries),
@@ -156,10 +150,32 @@ def _with_unit(found: FileCheck, unit: Path, inner: FileCheck) -> FileCheck:
     return FileCheck(found.n_files + inner.n_files, **lists, made_by=found.made_by + origins)
 
 
-def file_digest(path: Path) -> str:
-    """SHA-256 of a file."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+def check_unchanged(directory: Path, parts: Sequence[str]) -> None:
+    """Refuse files, and files of folders, that are not as the manifest of their directory says.
+
+    Raises `ValueError`, one line that names the first such file and says what to do.
+    """
+    if not (directory / MANIFEST).is_file():
+        return
+    manifest, folders = read_manifest(directory), tuple(f"{part}/" for part in parts)
+    reads = {name for name in manifest.files if name in parts or name.startswith(folders)}
+    for name in _changed(directory, manifest, {name for name in reads if (directory / name).is_file()}):
+        raise ValueError(f"{directory / name}: damaged or edited since it was written; {remedy(name)}")
+
+
+def remedy(name: str) -> str:
+    """What to do about a damaged file of a campaign, by its name in the directory."""
+    verb = MAKERS.get(Path(name).parts[0])
+    if verb is None:
+        return "put it back as it was, or run again in a new directory"
+    return f"remove it and run 'arena {verb}' again"
+
+
+def _changed(directory: Path, manifest: Manifest, names: Set[str]) -> Iterator[str]:
+    """The files of these names, all there, that have another hash than their entry in the manifest."""
+    for name, entry in manifest.files.items():
+        if name in names and file_digest(directory / name) != entry["sha256"]:
+            yield name
 
 
 def file_names(directory: Path) -> Iterator[str]:
@@ -171,10 +187,6 @@ def file_names(directory: Path) -> Iterator[str]:
         for name in [MANIFEST] if is_unit else sorted(names):
             if not name.endswith(PARTIAL) and here / name != directory / MANIFEST:
                 yield (here / name).relative_to(directory).as_posix()
-
-
-def _seal(content: dict[str, Any]) -> str:
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
 def _version(distribution: str) -> str | None:

@@ -10,7 +10,6 @@ the estimate of a stop) and 5 times as long or longer to read them (40 ms instea
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterator, Mapping
 from dataclasses import fields
 from io import BytesIO
@@ -20,6 +19,7 @@ from typing import Any, TypeVar, get_type_hints
 import h5py
 import numpy as np
 
+from isac_arena.campaign.integrity import add_seal, is_sealed
 from scenes.record import Record
 
 R = TypeVar("R", bound=Record)
@@ -29,10 +29,6 @@ R = TypeVar("R", bound=Record)
 NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable.%10d"
 NO_COORDINATE = "_nc4_non_coord_"
 
-SEAL = b"sha256 "
-SEAL_BYTES = len(SEAL) + 64
-HASHED_AT_ONCE = 1 << 20
-
 
 def to_netcdf(record: Record, attributes: Mapping[str, str]) -> bytes:
     """The bytes of a sealed netCDF-4 file of a record and the records inside it, with global `attributes`."""
@@ -40,8 +36,7 @@ def to_netcdf(record: Record, attributes: Mapping[str, str]) -> bytes:
     with h5py.File(buffer, "w", track_order=True) as file:
         file.attrs.update(attributes)
         _write_group(file, record)
-    content = buffer.getvalue()
-    return content + SEAL + hashlib.sha256(content).hexdigest().encode()
+    return add_seal(buffer.getvalue())
 
 
 def from_netcdf(path: Path, kind: type[R]) -> R:
@@ -49,35 +44,21 @@ def from_netcdf(path: Path, kind: type[R]) -> R:
 
     Raises `OSError`, `KeyError` or `ValueError` where the file is damaged or holds something else.
     """
-    _check_seal(path)
-    with h5py.File(path, "r") as file:
+    with _open(path) as file:
         return _read_group(file, kind)
 
 
 def global_attribute(path: Path, name: str) -> str | None:
-    """A global attribute of a netCDF-4 file; None where the file or the attribute is missing or unreadable."""
-    try:
-        _check_seal(path)
-        with h5py.File(path, "r") as file:
-            value = file.attrs.get(name)
-    except (OSError, KeyError, ValueError, RuntimeError):
-        return None
+    """A global attribute of a file made by `to_netcdf`, None where it has none; raises as `from_netcdf`."""
+    with _open(path) as file:
+        value = file.attrs.get(name)
     return None if value is None else str(value)
 
 
-def has_seal(path: Path) -> bool:
-    """Whether a file is, byte by byte, as `to_netcdf` made it."""
-    left, body = path.stat().st_size - SEAL_BYTES, hashlib.sha256()
-    with path.open("rb") as file:
-        while left > 0 and (part := file.read(min(left, HASHED_AT_ONCE))):
-            body.update(part)
-            left -= len(part)
-        return file.read() == SEAL + body.hexdigest().encode()
-
-
-def _check_seal(path: Path) -> None:
-    if not has_seal(path):
+def _open(path: Path) -> h5py.File:
+    if not is_sealed(path):
         raise ValueError("its content is not what was written")
+    return h5py.File(path, "r")
 
 
 def _write_group(group: h5py.Group, record: Record) -> None:

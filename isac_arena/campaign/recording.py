@@ -1,39 +1,29 @@
-"""What the commands write is entered in the manifest of its directory, and what they read is checked against it.
+"""Commands enter the files that they write in the manifest of the directory.
 
-A command enters the files that it writes, with the hash they are written with, and no others: a file that was
-damaged meanwhile keeps the hash by which that shows. The entry of a file goes before the file is replaced, so a
-command that is killed leaves no entry that is wrong.
+A command enters each file with the hash of what it writes, and touches no other entry: the entry of a file that
+was damaged since keeps its hash, which shows the damage. An entry is removed before its file is replaced, so a
+command that is killed leaves no wrong entry.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
-from isac_arena.campaign.files import files_told_to
+from isac_arena.campaign.files import notify_of_files
+from isac_arena.campaign.integrity import file_digest, is_sealed
 from isac_arena.campaign.lock import DirectoryHeldError, one_run
 from isac_arena.campaign.manifest import (
     MANIFEST,
     Manifest,
-    file_digest,
     file_names,
     made_by,
     read_manifest,
-    shows_whole,
     write_manifest,
 )
 
-SETTINGS = ("campaign.json", "scene.toml", "scene_files")
-MAKERS = {
-    "truth": "generate",
-    "sweep": "generate",
-    "channel": "estimate",
-    "map": "estimate",
-    "provenance.nc": "score",
-    "scores.json": "score",
-}  # by the folder or the file
 PASSING = "signals"  # a folder of a sweep whose files go when they were used
 
 
@@ -53,7 +43,7 @@ class Recording:
         """Names of the files that were entered before."""
         return list(self._files)
 
-    def tell(self, path: Path, complete: Path | None) -> None:
+    def enter(self, path: Path, complete: Path | None) -> None:
         """Enter a file that is about to take its name; drop the entry of one that is about to go."""
         path = path.parent.resolve() / path.name
         if not path.is_relative_to(self._root) or path == self._root / MANIFEST:
@@ -78,7 +68,7 @@ class Recording:
         if self._is_run:
             for name in file_names(self._directory):
                 path = self._directory / name
-                if name not in files and Path(name).parts[0] != PASSING and shows_whole(path):
+                if name not in files and Path(name).parts[0] != PASSING and _is_whole(path):
                     files[name] = self._entry(path)
         write_manifest(self._directory, Manifest(self._origins, files, self._is_run or self._finished))
 
@@ -97,7 +87,7 @@ def recorded_run(directory: Path) -> Iterator[Recording]:
     Raises `ValueError`, one line, where the directory has a manifest that is damaged.
     """
     recording = Recording(directory, is_run=True)
-    with files_told_to(recording.tell):
+    with notify_of_files(recording.enter):
         yield recording
     recording.finish()
 
@@ -119,29 +109,16 @@ def recorded_additions(directory: Path) -> Iterator[None]:
             yield
             return
         recording = Recording(directory, is_run=False)
-        with files_told_to(recording.tell):
+        with notify_of_files(recording.enter):
             yield
         recording.finish()
 
 
-def check_unchanged(directory: Path, parts: Sequence[str]) -> None:
-    """Refuse files, and files of folders, that are not as the manifest of their directory says.
-
-    Raises `ValueError`, one line that names the first such file and says what to do.
-    """
-    if not (directory / MANIFEST).is_file():
-        return
-    entries = read_manifest(directory).files
-    for name, entry in entries.items():
-        part = next((part for part in parts if name == part or name.startswith(f"{part}/")), None)
-        file = directory / name
-        if part is not None and file.is_file() and file_digest(file) != entry["sha256"]:
-            raise ValueError(f"{file}: damaged or edited since it was written; {remedy(name)}")
-
-
-def remedy(name: str) -> str:
-    """What to do about a damaged file of a campaign, by its name in the directory."""
-    verb = MAKERS.get(Path(name).parts[0])
-    if verb is None:
-        return "put it back as it was, or run again in a new directory"
-    return f"remove it and run 'arena {verb}' again"
+def _is_whole(file: Path) -> bool:
+    """Whether a file shows by its own seal that it is whole: a record, or a manifest."""
+    if file.name == MANIFEST:
+        try:
+            return bool(read_manifest(file.parent).files)
+        except ValueError:
+            return False
+    return file.suffix == ".nc" and is_sealed(file)

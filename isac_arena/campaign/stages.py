@@ -37,8 +37,9 @@ from isac_arena.campaign.directory import (
 from isac_arena.campaign.files import read_attribute
 from isac_arena.campaign.load import campaign_scene, load_campaign
 from isac_arena.campaign.lock import one_run
+from isac_arena.campaign.manifest import SETTINGS, check_unchanged, remedy
 from isac_arena.campaign.measured import MeasuredTruth
-from isac_arena.campaign.recording import SETTINGS, check_unchanged, recorded_run, remedy
+from isac_arena.campaign.recording import recorded_run
 from isac_arena.campaign.results import CampaignResults, MapResult
 from isac_arena.campaign.summary import PlanarCounts, run_facts, score_table
 from isac_arena.report.page.budget_file import BUDGET_FILE, read_budget

@@ -70,7 +70,7 @@ def read_run(directory: Path) -> Run:
     Raises `ValueError`, one line, where the directory holds neither, or files of it are missing or damaged.
     """
     from isac_arena.campaign.config import CampaignConfig  # noqa: PLC0415
-    from isac_arena.campaign.recording import check_unchanged  # noqa: PLC0415
+    from isac_arena.campaign.manifest import check_unchanged  # noqa: PLC0415
 
     if (directory / "sweep.json").is_file():
         raise ValueError(f"{directory}: holds a sweep; compare two of its cases, {directory}/cases/KEY")

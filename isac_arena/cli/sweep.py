@@ -66,7 +66,8 @@ def sweep_report(
     from rich.console import Console  # noqa: PLC0415
 
     from isac_arena.campaign.files import write_text  # noqa: PLC0415
-    from isac_arena.campaign.recording import check_unchanged, recorded_additions  # noqa: PLC0415
+    from isac_arena.campaign.manifest import check_unchanged  # noqa: PLC0415
+    from isac_arena.campaign.recording import recorded_additions  # noqa: PLC0415
     from isac_arena.sweep.report import sweep_page, sweep_results  # noqa: PLC0415
     from isac_arena.sweep.store import read_failures, read_plan, read_sweep  # noqa: PLC0415
     from isac_arena.sweep.table import result_rows  # noqa: PLC0415

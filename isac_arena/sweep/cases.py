@@ -17,7 +17,7 @@ import tomli_w
 from scipy.stats import qmc
 
 from isac_arena.campaign.config import CampaignConfig
-from isac_arena.campaign.fingerprint import digest
+from isac_arena.campaign.integrity import digest
 from isac_arena.campaign.load import campaign_path, resolve_campaign
 from isac_arena.sweep.config import AxisConfig, SweepConfig
 from scenes.config import referenced_contents

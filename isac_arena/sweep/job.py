@@ -15,7 +15,7 @@ from pathlib import Path
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.directory import CampaignStore
 from isac_arena.campaign.files import write_bytes
-from isac_arena.campaign.fingerprint import digest
+from isac_arena.campaign.integrity import digest
 from isac_arena.campaign.load import scene_in_use
 from isac_arena.sweep.cases import Case, Point, SceneSource
 from scenes.scene import Scene

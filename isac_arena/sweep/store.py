@@ -15,7 +15,8 @@ from typing import Any
 
 from isac_arena.campaign.difference import first_difference, line_difference
 from isac_arena.campaign.files import remove_file, remove_leftovers, write_text
-from isac_arena.campaign.manifest import file_digest, read_manifest
+from isac_arena.campaign.integrity import file_digest
+from isac_arena.campaign.manifest import read_manifest
 from isac_arena.sweep.config import SweepConfig
 from isac_arena.sweep.job import CASE_FILES, Job
 

@@ -20,7 +20,7 @@ from isac_arena.campaign.chain import channel_estimator, significance
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.directory import CampaignStore, StopEstimate
 from isac_arena.campaign.files import read_attribute, read_record, write_record
-from isac_arena.campaign.fingerprint import code_digest, digest
+from isac_arena.campaign.integrity import code_digest, digest
 from isac_arena.campaign.load import campaign_scene, load_campaign
 from isac_arena.campaign.lock import one_run
 from isac_arena.campaign.recording import recorded_run

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from isac_arena.campaign.fingerprint import code_digest, source_digest
+from isac_arena.campaign.integrity import code_digest, source_digest
 
 
 @pytest.mark.parametrize("part", ["estimation/no_such_folder", "estimation/no_such_file.py"])

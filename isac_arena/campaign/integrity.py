@@ -1,11 +1,53 @@
-"""Fingerprints of what results depend on: settings, data and the code that made them."""
+"""Whether a file can be trusted: three questions, and the hash that answers each.
+
+- Is the file whole? Its seal answers: a SHA-256 of its own bytes, at the end of a record (`add_seal`) and as an
+  entry of a manifest (`manifest_seal`). Each reading checks it first: damaged bytes could give other values, or
+  let HDF5 wait for ever. It needs no other file, so it also shows which files of a killed run are whole.
+- Is the file still what a run wrote, and who wrote it? The manifest of its directory answers: `file_digest` of
+  every file as it was written, with the code, libraries and machine that made it. `arena verify` checks all files,
+  each command those that it reads. `manifest.py` reads and checks, `recording.py` writes.
+- Would the same settings and code make it again? Its fingerprint answers: `digest` of settings, scene and source
+  (`code_digest`), an attribute of a record. A record with another one counts as missing and is made again.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import importlib.util
+import json
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
+from typing import Any
+
+SEAL = b"sha256 "
+SEAL_BYTES = len(SEAL) + 64
+
+
+def add_seal(content: bytes) -> bytes:
+    """The bytes of a file with their seal behind them."""
+    return content + _seal(content)
+
+
+def is_sealed(path: Path) -> bool:
+    """Whether a file is, byte by byte, as `add_seal` made it; `OSError` where it cannot be read."""
+    content = memoryview(path.read_bytes())
+    return content[-SEAL_BYTES:] == _seal(content[:-SEAL_BYTES])
+
+
+def _seal(content: bytes | memoryview) -> bytes:
+    return SEAL + hashlib.sha256(content).hexdigest().encode()
+
+
+def manifest_seal(content: Mapping[str, Any]) -> str:
+    """SHA-256 of the content of a manifest, whatever the order and the spaces of its JSON."""
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def file_digest(path: Path) -> str:
+    """SHA-256 of a file."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def digest(*parts: str) -> str:
