@@ -1,4 +1,5 @@
-"""Scores of every stage against the true geometry: the only place that sees both.
+"""Scores of every stage against the truth: the only package that reads both.
 
-Read `score.py` first; `stages/` scores each stage, `metrics/` holds the metrics, `record.py` the tables.
+Read `score.py` first (`score_campaign`, `Scores`), then `record.py` (`ScoreTables`). `stages/` scores each stage,
+`metrics/` has the metrics, `causes.py` says why a path is false or missed.
 """

@@ -1,4 +1,4 @@
-"""Which estimated path is which true path: gated optimal one-to-one assignment."""
+"""Assignment of estimated paths to true paths: one to one, optimal, within a gate."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ def inside_gate(error: FloatArray, gate: Gate) -> BoolArray:
 def assign(estimate: FloatArray, truth: FloatArray, gate: Gate) -> IntArray:
     """Index (estimate,) of the true path assigned to each estimate, -1 for none.
 
-    Minimises the sum over all pairs of min(d^2, 3), with d the error (estimate, 3) to (true, 3) in units of the
-    gate: a pair outside the gate costs as much as one at its corner and is no match. So a poor second match never
-    displaces a good one at more cost than it saves.
+    The assignment minimises the sum over all pairs of min(d^2, 3), where d is the error in units of the gate. A
+    pair outside the gate costs as much as a pair at its corner and is not assigned. So an additional poor pair
+    never replaces a good pair at a higher total cost.
     """
     error = parameter_errors(estimate[:, None], truth[None])
     inside = inside_gate(error, gate)

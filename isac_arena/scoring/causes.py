@@ -1,7 +1,7 @@
-"""Why an estimated path is false, a true one missed, an incidence point or a cluster a ghost.
+"""Causes of false paths, missed paths, ghost incidence points and ghost clusters.
 
-Each cause is a test on what is known of the stop; the first that holds, in the order written, is the name. What no
-test explains is `unknown`. The definitions stand in docs/metrics.md.
+Each cause is a test on the data of a stop. The first test that holds, in the order written, gives the cause; it is
+`unknown` where no test holds. docs/metrics.md has the definitions.
 """
 
 from __future__ import annotations
@@ -17,31 +17,31 @@ from scenes.record import BoolArray, FloatArray, IntArray, TextArray
 WEAK_MARGIN_DB = (
     6.0  # true energy explains an estimate up to 6 dB stronger: it may add up to twice the amplitude
 )
-NEAR_GATES = 2.0  # an estimate at most this many gates from a path is taken as an inaccurate estimate of it
-THRESHOLD_MARGIN_DB = 3.0  # this close to a threshold the noise decides which side a path falls on
+NEAR_GATES = 2.0  # an estimate within this many gates of a path counts as an inaccurate estimate of it
+THRESHOLD_MARGIN_DB = 3.0  # this close to a threshold, noise decides whether a path exceeds it
 OUTSIDE_BEAMS_DB = 10.0  # no beam points to where the best gain is this far below the highest gain
 
 
 class Cause(StrEnum):
-    """Names of causes; NONE where nothing is wrong."""
+    """Names of causes; NONE for a detected path or a correct point."""
 
     NONE = ""
-    DUPLICATE = "duplicate"  # within the gate of a path that another estimate has
-    MERGED = "merged"  # near several paths, one of them missed; of a miss: near another significant path
-    INACCURATE = "inaccurate"  # of a missed path, but outside its gate; of a miss: there is such an estimate
-    SIDE_LOBE = "side_lobe"  # beams or band leak so much of a true path there
-    NOISE = "noise"  # hardly above the noise threshold
+    DUPLICATE = "duplicate"  # inside the gate of a path that is assigned to another estimate
+    MERGED = "merged"  # false: near several paths, one of them missed; missed: near another significant path
+    INACCURATE = "inaccurate"  # false: near a missed path, outside its gate; missed: a false path is near
+    SIDE_LOBE = "side_lobe"  # side lobes of beams or band explain the power
+    NOISE = "noise"  # close to the noise threshold
     WEAK = "weak"  # true energy that is not significant
-    DIFFUSE = "diffuse"  # diffuse energy; of a miss: it lies under as much of it
-    UNRESOLVED = "unresolved"  # within the gate of a detected path
-    OUTSIDE_CODEBOOK = "outside_codebook"  # no beam of either end points there
-    BELOW_THRESHOLD = "below_threshold"  # hardly above what counts as significant
-    MASKED = "masked"  # under the side lobes of other paths
-    PATH_LIMIT = "path_limit"  # the estimator reported as many paths as it may, all stronger
-    REFUSED = "refused"  # the estimator gave no estimate of the stop
+    DIFFUSE = "diffuse"  # diffuse energy; missed: the diffuse power in its gate is at least its own
+    UNRESOLVED = "unresolved"  # inside the gate of a detected path
+    OUTSIDE_CODEBOOK = "outside_codebook"  # no beam of the TX or of the RX points there
+    BELOW_THRESHOLD = "below_threshold"  # close to the threshold of significance
+    MASKED = "masked"  # below the side lobes of other paths
+    PATH_LIMIT = "path_limit"  # the estimator reported its largest number of paths, all of them stronger
+    REFUSED = "refused"  # the estimator gave no estimate for the stop
     DOUBLE_BOUNCE = "double_bounce"  # several bounces taken as one
     LINE_OF_SIGHT = "line_of_sight"  # the line of sight taken as a bounce
-    REJECTED = "rejected"  # a true single bounce that the map leaves out
+    REJECTED = "rejected"  # a true single bounce that is not an inlier of the map
     UNKNOWN = "unknown"
 
 
@@ -59,9 +59,9 @@ GHOST_CAUSES = (
 
 @dataclass(frozen=True)
 class Evidence:
-    """What is known of one stop. Leaked powers and beam losses are NaN where nothing is known of the link.
+    """Data of one stop for the tests of causes. Leaked powers and beam losses are NaN without a view of the link.
 
-    `distance` (estimate, true) is the largest of the three errors in units of the gate: 1 at its edge.
+    `distance` (estimate, true) is the largest of the three errors in units of the gate: 1 at the edge of the gate.
     """
 
     status: IntArray  # (estimate,) PathStatus
@@ -70,18 +70,18 @@ class Evidence:
     is_detected: BoolArray  # (true,)
     estimate_dbm: FloatArray  # (estimate,)
     true_dbm: FloatArray  # (true,)
-    leaked_dbm: FloatArray  # (estimate, true) what a true path leaves in the cell of the estimate
-    crosstalk_dbm: FloatArray  # (true, true) what the second leaves in the cell of the first
-    beam_loss_db: FloatArray  # (true,) of the worse end, below the highest gain of its beams
+    leaked_dbm: FloatArray  # (estimate, true) power of a true path in the cell of the estimate
+    crosstalk_dbm: FloatArray  # (true, true) power of the second path in the cell of the first
+    beam_loss_db: FloatArray  # (true,) best gain below the highest gain of all beams, at the worse device
     diffuse_dbm: FloatArray  # (true,) diffuse power inside the gate of the path
     noise_threshold_dbm: float
     significance_dbm: float  # weakest significant power at this stop
-    is_limited: bool  # the estimator reported as many paths as it may
+    is_limited: bool  # the estimator reported its largest number of paths
     is_refused: bool
 
 
 def false_causes(evidence: Evidence) -> TextArray:
-    """Cause (estimate,) of every false path; empty for the others."""
+    """Cause (estimate,) of every false path, empty for other paths."""
     inside = evidence.distance <= 1
     near = evidence.distance <= NEAR_GATES
     missed_near = near & ~evidence.is_detected
@@ -97,7 +97,7 @@ def false_causes(evidence: Evidence) -> TextArray:
 
 
 def miss_causes(evidence: Evidence) -> TextArray:
-    """Cause (true,) of every missed significant path; empty for the others."""
+    """Cause (true,) of every missed significant path, empty for detected paths."""
     missed, power = ~evidence.is_detected, evidence.true_dbm
     false = evidence.status == PathStatus.FALSE
     weakest_dbm = evidence.estimate_dbm.min(initial=np.inf)
@@ -118,7 +118,7 @@ def miss_causes(evidence: Evidence) -> TextArray:
 
 
 def weak_causes(status: IntArray, is_diffuse: BoolArray) -> TextArray:
-    """Cause (estimate,) of the weak paths, by whether the true path behind them is diffuse."""
+    """Cause (estimate,) of every weak path: whether the true path that explains it is diffuse."""
     found = np.where(is_diffuse, Cause.DIFFUSE.value, Cause.WEAK.value)
     return np.asarray(np.where(status == PathStatus.WEAK, found, Cause.NONE.value))
 
@@ -126,9 +126,9 @@ def weak_causes(status: IntArray, is_diffuse: BoolArray) -> TextArray:
 def point_causes(
     is_inlier: BoolArray, ip_object: TextArray, kind: IntArray, path_cause: TextArray
 ) -> TextArray:
-    """Cause (ip,) of inliers that stem from no object, and of true single bounces that are no inliers.
+    """Cause (ip,) of inliers without an object, and of true single bounces that are not inliers.
 
-    `kind` (ip,) is the PathKind of the true path and `path_cause` (ip,) the cause of the estimated one.
+    `kind` (ip,) is the PathKind of the true path and `path_cause` (ip,) the cause of the estimated path.
     """
     is_ghost = is_inlier & (ip_object == "")
     named = np.select(
@@ -143,7 +143,7 @@ def point_causes(
 def cluster_causes(
     label: IntArray, ip_object: TextArray, ip_cause: TextArray, is_ghost: BoolArray
 ) -> TextArray:
-    """Cause (cluster,) of every ghost: the most frequent one of its points without object; else empty."""
+    """Cause (cluster,) of every ghost: the most frequent cause of its points without object; empty for others."""
     causes = np.full(len(is_ghost), Cause.NONE.value, dtype=object)
     for cluster in np.flatnonzero(is_ghost):
         names, counts = np.unique(ip_cause[(label == cluster) & (ip_object == "")], return_counts=True)
@@ -152,6 +152,6 @@ def cluster_causes(
 
 
 def _first(tests: dict[Cause, BoolArray], applies: BoolArray) -> TextArray:
-    """Name (row,) of the first test that holds where a cause is asked for."""
+    """Name (row,) of the first test that holds, in the rows where `applies` is true."""
     named = np.select(list(tests.values()), [cause.value for cause in tests], Cause.UNKNOWN.value)
     return np.asarray(np.where(applies, named, Cause.NONE.value))

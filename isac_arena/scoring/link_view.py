@@ -1,4 +1,4 @@
-"""What scoring knows of the link behind the samples: where paths leak to, and how well they could be known."""
+"""The link as scoring sees it: power of true paths in every cell of a sweep, and their Cramer-Rao bounds."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from sim.truth import Truth
 
 @dataclass(frozen=True)
 class Cells:
-    """Places in a sweep: the delay (cell,) in s, clock bias included, and the best beam (cell,) of either end."""
+    """Cells of a sweep: the delay (cell,) in s with the clock bias, and the best beams (cell,) of TX and RX."""
 
     delay_s: FloatArray
     tx_beam: IntArray
@@ -35,19 +35,19 @@ class Cells:
 
 @dataclass(frozen=True)
 class LinkView:
-    """The beams as they were built, the band with the estimator's window, and whether pairs keep their phases."""
+    """The beams as built, the band with the estimator's window, and whether beam pairs keep their phases."""
 
     link: Link
     tx_pose: Pose  # the true one
     tx_built: Codebook
     rx_built: Codebook
-    window: FloatArray  # (subcarrier,) by which the estimator weights the band
+    window: FloatArray  # (subcarrier,) weights of the estimator over the band
     is_coherent: bool
     tx: Manifold = field(repr=False)
     rx: Manifold = field(repr=False)
 
     def estimated_cells(self, estimate: ChannelEstimate) -> Cells:
-        """The cells of estimated paths: nominal beams towards their angles."""
+        """The cells of estimated paths: the best nominal beams at their angles."""
         tx = np.abs(beam_response(self.link.tx_codebook, estimate.aod_azimuth_rad))
         rx = np.abs(beam_response(self.link.rx_codebook, estimate.aoa_azimuth_rad))
         return Cells(estimate.delay_s, tx.argmax(axis=0), rx.argmax(axis=0))
@@ -58,7 +58,7 @@ class LinkView:
         return Cells(truth.paths.delay_s + truth.clock_bias_s, tx.argmax(axis=0), rx.argmax(axis=0))
 
     def leaked_dbm(self, truth: Truth, cells: Cells) -> FloatArray:
-        """Power (cell, path) in dBm that every true path leaves in every cell, through beams and band."""
+        """Power (cell, path) in dBm of every true path in every cell, from the responses of beams and band."""
         tx, rx = self._amplitudes(truth)
         offset_s = cells.delay_s[:, None] - truth.paths.delay_s - truth.clock_bias_s
         wave = np.exp(2j * np.pi * offset_s[..., None] * self.link.frequency_offset_hz)
@@ -67,7 +67,7 @@ class LinkView:
         return np.asarray(10 * np.log10(np.maximum(power_mw, np.finfo(float).tiny)))
 
     def beam_loss_db(self, truth: Truth) -> FloatArray:
-        """Gain (path,) of the best beam towards each path below the highest gain of any, at the worse end."""
+        """Loss (path,) of the best beam at each path below the highest gain of all beams, at the worse device."""
         loss = [
             20 * np.log10(peak / np.maximum(amplitude.max(axis=0), 1e-9))
             for peak, amplitude in zip(self._peaks, self._amplitudes(truth), strict=True)
@@ -75,7 +75,7 @@ class LinkView:
         return np.asarray(np.maximum(*loss))
 
     def bounds(self, truth: Truth) -> PathBounds:
-        """Cramer-Rao bounds of the given paths of a stop, all of them estimated together, beams as designed."""
+        """Cramer-Rao bounds of all paths of `truth`, estimated jointly with the nominal beams."""
         poses = self.tx_pose, truth.rx_pose
         return true_path_bounds(self.link, (self.tx, self.rx), truth.paths, poses, coherent=self.is_coherent)
 
@@ -89,7 +89,7 @@ class LinkView:
 
 
 def link_view(config: CampaignConfig, link: Link, scene: Scene) -> LinkView:
-    """The view of a campaign's link; phases are lost where it has a CFO or phase noise between beam pairs."""
+    """The view of a campaign's link; a CFO or phase noise between beam pairs makes it incoherent."""
     tx_built, rx_built = impaired_codebooks(config, link)
     n = len(link.frequency_offset_hz)
     hardware = config.impairments
@@ -113,7 +113,7 @@ def true_path_bounds(
     *,
     coherent: bool,
 ) -> PathBounds:
-    """Cramer-Rao bounds of true paths, all of them estimated together; manifolds and poses of TX and RX."""
+    """Cramer-Rao bounds of true paths, estimated jointly; manifolds and poses are those of TX and RX."""
     aod, tx_gain = apparent_angles(link.tx_codebook, manifolds[0], *_departure(paths, poses[0]))
     aoa, rx_gain = apparent_angles(link.rx_codebook, manifolds[1], *_arrival(paths, poses[1]))
     return path_bounds(
@@ -137,5 +137,5 @@ def _arrival(paths: Paths, rx_pose: Pose) -> tuple[FloatArray, FloatArray]:
 
 
 def _peak(book: Codebook) -> float:
-    """Highest amplitude of any beam towards where it points."""
+    """Highest amplitude of all beams in their own directions."""
     return float(np.abs(beam_response(book, book.azimuth_rad, book.elevation_rad)).max())

@@ -1,4 +1,4 @@
-"""Scores of a measured campaign: poses, maps and shapes; what needs true paths stays NaN."""
+"""Scores of a measured campaign: poses, maps and shapes; scores that need true paths are NaN."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ from scenes.scene import Scene
 def score_measured(scene: Scene, truths: Iterable[MeasuredTruth], results: CampaignResults) -> Scores:
     """Score maps, poses and shapes against the survey, the labels of the paths and the scene.
 
-    A labelled single bounce stems from the object nearest to its labelled point, where one is within
-    `FOUND_DISTANCE_M` of it.
+    A labelled single bounce stems from the object that is nearest to its labelled point, if that is within
+    `FOUND_DISTANCE_M`.
 
     Raises `ValueError` where a stop has labels but no channel estimate of the same paths.
     """
@@ -61,7 +61,7 @@ def score_measured(scene: Scene, truths: Iterable[MeasuredTruth], results: Campa
 
 
 def measured_metrics(scene: Scene, tables: ScoreTables) -> tuple[Metric, ...]:
-    """All metrics under the keys of a simulated campaign; NaN for those of the channel, which need true paths."""
+    """All metrics with the keys of a simulated campaign; metrics of the channel need true paths and are NaN."""
     return tuple(
         replace(metric, value=np.nan)
         if metric.key.startswith("channel.") and metric.key != "channel.estimated_per_stop"

@@ -1,4 +1,4 @@
-"""Where things come from: true paths, incidence points and clusters traced back to the scene's objects."""
+"""Origin of true paths, incidence points and clusters: the objects of the scene that they stem from."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from sim.propagation.paths import BounceKind, Paths, with_bounce_slots
 
 @dataclass(frozen=True)
 class PathOrigin:
-    """What each true path met on its way."""
+    """Kind of each true path, and the object of each single bounce."""
 
     kind: IntArray  # (path,) PathKind
     object: TextArray  # (path,) object of a single bounce, else empty
@@ -23,7 +23,7 @@ class PathOrigin:
 
 
 def path_origin(paths: Paths) -> PathOrigin:
-    """Kind, object and incidence point of every true path; a passage through a wall is no bounce."""
+    """Kind, object and incidence point of every true path; transmission through a wall is not a bounce."""
     paths = with_bounce_slots(paths, max(1, paths.size("bounce")))
     bounces = (paths.bounce_kind != BounceKind.NONE) & (paths.bounce_kind != BounceKind.REFRACTION)
     n_bounces = bounces.sum(axis=1)
@@ -39,9 +39,9 @@ def path_origin(paths: Paths) -> PathOrigin:
 
 
 def ip_paths(ips: IncidencePoints, paths: PathScores) -> IntArray:
-    """Row (ip,) of `paths` that each incidence point was made from.
+    """Row (ip,) in `paths` of the path of each incidence point.
 
-    Raises `ValueError` where an incidence point names a path that no channel estimate has.
+    Raises `ValueError` where an incidence point names a path that is in no channel estimate.
     """
     rows = {key: row for row, key in enumerate(zip(paths.stop.tolist(), paths.path.tolist(), strict=True))}
     keys = list(zip(ips.stop.tolist(), ips.path.tolist(), strict=True))
@@ -59,9 +59,9 @@ FOUND_SHARE = 0.5  # a cluster shows an object when at least this share of its p
 
 @dataclass(frozen=True)
 class ClusterOrigin:
-    """The object each cluster shows."""
+    """The object that each cluster shows."""
 
-    object: TextArray  # (cluster,) empty where none gave at least half of the IPs
+    object: TextArray  # (cluster,) empty where less than half of the IPs stem from one object
     purity: FloatArray  # (cluster,) share of the most frequent object
 
 

@@ -1,4 +1,4 @@
-"""Tables behind the scores: every estimate with the truth it belongs to."""
+"""Tables behind the scores: every estimate with the truth that it is assigned to."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from scenes.record import BoolArray, FloatArray, IntArray, Record, TextArray, ar
 
 
 class PathStatus(IntEnum):
-    """What an estimated path is worth."""
+    """Status of an estimated path."""
 
     FALSE = 0
-    WEAK = 1  # explained by true energy that no significant path carries: weak or diffuse
+    WEAK = 1  # unassigned, but explained by true paths that are not significant: weak or diffuse
     DETECTED = 2
 
 
 class PathKind(IntEnum):
-    """Reflections of a true path; passing through a wall does not count as one."""
+    """Number of reflections of a true path; transmission through a wall does not count."""
 
     NONE = -1
     LOS = 0
@@ -53,7 +53,7 @@ class PathScores(Record):
 
 @dataclass(frozen=True)
 class SignificantPaths(Record):
-    """Every true path that a receiver could have detected, as its devices see it."""
+    """Every true path that a receiver can detect, in the frames of its devices."""
 
     stop: IntArray = array("true_path", dtype=int, doc="index of the receiver stop")
     path: IntArray = array("true_path", dtype=int, doc="index in the true paths of the stop")
@@ -67,28 +67,28 @@ class SignificantPaths(Record):
     is_detected: BoolArray = array("true_path", dtype=bool, doc="an estimate is assigned to it")
     cause: TextArray = array("true_path", dtype=str, doc="why it was missed, see docs/metrics.md")
     delay_bound_s: FloatArray = array("true_path", unit="s", doc="Cramer-Rao bound of the standard deviation")
-    aod_bound_rad: FloatArray = array("true_path", unit="rad", doc="the same of the azimuth of departure")
-    aoa_bound_rad: FloatArray = array("true_path", unit="rad", doc="the same of the azimuth of arrival")
+    aod_bound_rad: FloatArray = array("true_path", unit="rad", doc="bound of the azimuth of departure")
+    aoa_bound_rad: FloatArray = array("true_path", unit="rad", doc="bound of the azimuth of arrival")
 
 
 @dataclass(frozen=True)
 class StopScores(Record):
-    """Distance between the estimated and the significant true paths of every stop, as sets.
+    """GOSPA between the estimated and the significant true paths of every stop.
 
-    GOSPA (order 2, cutoff 1); the base distance is the root mean square of the three errors in units of the gate.
-    Estimates that weak or diffuse true energy explains count neither as found nor as false.
+    Order 2, cutoff 1; the base distance is the root mean square of the three errors in units of the gate. Weak
+    estimates are not counted.
     """
 
     stop: IntArray = array("stop", dtype=int, doc="index of the receiver stop")
     gospa: FloatArray = array("stop", doc="GOSPA of the paths")
-    localisation: FloatArray = array("stop", doc="its part of the errors of assigned paths")
-    missed: FloatArray = array("stop", doc="its part of the missed paths")
-    false: FloatArray = array("stop", doc="its part of the false paths")
+    localisation: FloatArray = array("stop", doc="part of GOSPA from errors of assigned paths")
+    missed: FloatArray = array("stop", doc="part of GOSPA from missed paths")
+    false: FloatArray = array("stop", doc="part of GOSPA from false paths")
 
 
 @dataclass(frozen=True)
 class PoseScores(Record):
-    """Receiver state per stop: the truth and the errors of SLAM, NaN where it found no solution."""
+    """Receiver state per stop: the truth and the errors of SLAM, NaN where SLAM found no solution."""
 
     stop: IntArray = array("stop", dtype=int, doc="index of the receiver stop")
     has_los: BoolArray = array("stop", dtype=bool, doc="the true line of sight is a significant path")
@@ -101,17 +101,17 @@ class PoseScores(Record):
     heading_error_rad: FloatArray = array("stop", unit="rad", doc="estimate minus truth, wrapped")
     clock_error_s: FloatArray = array("stop", unit="s", doc="estimate minus truth")
     nees: FloatArray = array("stop", doc="squared error over covariance, 4 degrees of freedom")
-    position_nees: FloatArray = array("stop", doc="the same of the position, 2 degrees of freedom")
+    position_nees: FloatArray = array("stop", doc="NEES of the position, 2 degrees of freedom")
     height_error_m: FloatArray = array("stop", unit="m", doc="estimate minus truth; NaN in the plane")
     height_nees: FloatArray = array("stop", doc="squared height error over variance; NaN in the plane")
     position_bound_m: FloatArray = array("stop", unit="m", doc="bound of the position from this stop alone")
-    heading_bound_rad: FloatArray = array("stop", unit="rad", doc="the same of the heading")
-    clock_bound_s: FloatArray = array("stop", unit="s", doc="the same of the clock bias")
+    heading_bound_rad: FloatArray = array("stop", unit="rad", doc="bound of the heading from this stop alone")
+    clock_bound_s: FloatArray = array("stop", unit="s", doc="bound of the clock bias from this stop alone")
 
 
 @dataclass(frozen=True)
 class IpScores(Record):
-    """Every incidence point of one map, ordered as in the map."""
+    """Every incidence point of one map, in the order of the map."""
 
     stop: IntArray = array("ip", dtype=int, doc="stop the path belongs to")
     path: IntArray = array("ip", dtype=int, doc="index in the channel estimate of the stop")
@@ -119,7 +119,7 @@ class IpScores(Record):
     label: IntArray = array("ip", dtype=int, doc="cluster, -1 for none")
     object: TextArray = array("ip", dtype=str, doc="object of the true single bounce, else empty")
     cause: TextArray = array(
-        "ip", dtype=str, doc="why an inlier stems from no object, or a single bounce is none"
+        "ip", dtype=str, doc="why an inlier has no object, or a single bounce is no inlier"
     )
     surface_distance_m: FloatArray = array("ip", unit="m", doc="distance to the nearest true surface")
     position_error_m: FloatArray = array("ip", unit="m", doc="distance to the true IP, or NaN")
@@ -130,50 +130,54 @@ class IpScores(Record):
 
 @dataclass(frozen=True)
 class OutlineScores(Record):
-    """Every outline of one map with the object it shows: the paper's of clusters, or ours.
+    """Every outline of one map with the object that it shows: the paper's outlines of clusters, or ours.
 
-    Errors are NaN where there is no object. The samples of the paper's outlines are polar angles, their bands and
-    CRPS those of the radius; of ours they are points, bands and CRPS along the normal.
+    Errors are NaN where there is no object. The paper's outlines are sampled over the polar angle; their bands and
+    CRPS are those of the radius. Our outlines are sampled as points; their bands and CRPS are along the normal.
     """
 
-    object: TextArray = array("outline", dtype=str, doc="object of at least half of its IPs, else empty")
-    purity: FloatArray = array("outline", doc="share of the IPs that stem from the most frequent object")
-    n_ips: IntArray = array("outline", dtype=int, doc="incidence points it was fitted to")
+    object: TextArray = array(
+        "outline", dtype=str, doc="object that at least half of its IPs stem from, or empty"
+    )
+    purity: FloatArray = array("outline", doc="share of the most frequent object among the IPs")
+    n_ips: IntArray = array("outline", dtype=int, doc="incidence points that it was fitted to")
     n_close: IntArray = array("outline", dtype=int, doc="IPs that stem from the object and lie close to it")
     is_found: BoolArray = array("outline", dtype=bool, doc="enough close IPs to call the object found")
     is_ghost: BoolArray = array("outline", dtype=bool, doc="more than half of the IPs stem from no object")
-    cause: TextArray = array("outline", dtype=str, doc="of a ghost: most frequent cause of its IPs")
+    cause: TextArray = array("outline", dtype=str, doc="most frequent cause of the IPs of a ghost")
     iou: FloatArray = array("outline", doc="intersection over union of the areas, closed objects")
     hausdorff_m: FloatArray = array("outline", unit="m", doc="Hausdorff distance of the contours")
     modified_hausdorff_m: FloatArray = array("outline", unit="m", doc="larger mean distance of the contours")
     chamfer_m: FloatArray = array("outline", unit="m", doc="mean of the two mean distances of the contours")
     seen_rmse_m: FloatArray = array("outline", unit="m", doc="RMS distance of the seen contour to the object")
     full_rmse_m: FloatArray = array("outline", unit="m", doc="RMS distance of the full contour to the object")
-    coverage95: FloatArray = array("outline", doc="share of samples whose 95 % band holds the true outline")
-    seen_coverage95: FloatArray = array("outline", doc="the same of the seen samples")
+    coverage95: FloatArray = array(
+        "outline", doc="share of samples whose 95 % band contains the true outline"
+    )
+    seen_coverage95: FloatArray = array("outline", doc="coverage of the seen samples")
     crps_m: FloatArray = array("outline", unit="m", doc="mean CRPS of the predicted radius or distance")
     extent_iou: FloatArray = array("outline", doc="overlap of the seen contour with the lit extent, walls")
 
 
 @dataclass(frozen=True)
 class ContourScores(OutlineScores):
-    """Every contour of ours in one map, and whether its class is right."""
+    """Every contour of ours in one map, and whether its class is correct."""
 
     class_right: FloatArray = array("outline", doc="1 where the most probable class is the object's, else 0")
 
 
 @dataclass(frozen=True)
 class SceneScores(Record):
-    """Distance between all closed outlines of one map and all lit closed objects, as sets.
+    """GOSPA between all closed outlines of one map and all lit closed objects.
 
-    GOSPA (order 2, cutoff 1); the base distance is 1 - IoU.
+    Order 2, cutoff 1; the base distance is 1 - IoU.
     """
 
     method: TextArray = array("method", dtype=str, doc="shapes: the paper's; contours: ours")
     gospa: FloatArray = array("method", doc="GOSPA of the outlines")
-    localisation: FloatArray = array("method", doc="its part of the errors of assigned outlines")
-    missed: FloatArray = array("method", doc="its part of the missed objects")
-    false: FloatArray = array("method", doc="its part of the false outlines")
+    localisation: FloatArray = array("method", doc="part of GOSPA from errors of assigned outlines")
+    missed: FloatArray = array("method", doc="part of GOSPA from missed objects")
+    false: FloatArray = array("method", doc="part of GOSPA from false outlines")
 
 
 @dataclass(frozen=True)

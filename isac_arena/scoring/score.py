@@ -1,4 +1,4 @@
-"""Scores of a whole campaign: truths streamed once, tables small enough to keep."""
+"""Scores of a whole campaign. It reads the truths once, stop by stop, and keeps only small tables."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ from sim.truth import Truth
 
 @dataclass(frozen=True)
 class Scores:
-    """All metrics of a campaign, and the tables they were drawn from."""
+    """All metrics of a campaign, and the tables that they are computed from."""
 
     metrics: tuple[Metric, ...]
     tables: ScoreTables
@@ -63,13 +63,13 @@ def score_campaign(
     """Score every stage of a campaign against the truth.
 
     `truths` is read once, one stop at a time. `true_power_dbm` gives the received power (path,) in dBm of the true
-    paths of a stop in their best beam pairs. Without a `view` of the link no cause is told that needs the beams,
-    and bounds are NaN.
+    paths of a stop in their best beam pairs. Without a `view` of the link, causes that need the beams are not
+    tested, and bounds are NaN.
 
     Raises
     ------
     ValueError
-        Where a stop has a truth but no estimate or the other way round, or no stop is given at all.
+        Where a stop has a truth but no estimate, an estimate but no truth, or where there is no stop.
     """
     prepared = (true_stop(truth, scene.tx, true_power_dbm(truth), significance, view) for truth in truths)
     paths, significant, stops, poses = _score_stops(scene, prepared, results, gate)
@@ -85,7 +85,7 @@ def score_campaign(
 
 
 def score_metrics(scene: Scene, tables: ScoreTables) -> tuple[Metric, ...]:
-    """All metrics of a campaign, always the same keys for the same scene."""
+    """All metrics of a campaign, with the same keys for the same scene."""
     metrics = channel_metrics(tables.stops, tables.paths, tables.significant)
     metrics += pose_metrics(tables.poses)
     for name, one_map in (("mapping", tables.mapping), ("slam", tables.slam)):
@@ -101,7 +101,7 @@ def _score_stops(
 ) -> tuple[PathScores, SignificantPaths, StopScores, PoseScores]:
     estimates = {estimate.stop: estimate for estimate in results.channel}
     parts: list[tuple[PathScores, SignificantPaths, StopScores]] = []
-    bare: list[TrueStop] = []  # without the many paths
+    bare: list[TrueStop] = []  # with significant paths only, to save memory
     for stop in stops:
         index = stop.truth.stop
         if index not in estimates:
@@ -126,7 +126,7 @@ def _score_stops(
 
 
 def score_map(scene: Scene, result: MapResult, paths: PathScores, significant: SignificantPaths) -> MapScores:
-    """Tables of one map: its incidence points, its clusters, its contours and the scene they make."""
+    """Tables of one map: its incidence points, its clusters, its contours and the scene as a whole."""
     ips = score_ips(scene, result, paths)
     clusters = _score_clusters(scene, result, ips, significant)
     contours = score_contours(scene, result, ips, significant)

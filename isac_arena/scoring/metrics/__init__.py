@@ -1,4 +1,4 @@
-"""Metrics, free of what they measure.
+"""Metrics that do not depend on a stage.
 
-Read `metric.py` first: one score with its unit and direction.
+Read `metric.py` first: `Metric` is one score with its unit and direction. `statistics.py` has the summaries.
 """

@@ -1,4 +1,4 @@
-"""Does an estimator know its own errors? NEES, coverage and CRPS."""
+"""Consistency of an estimator's errors with its covariances: NEES, coverage and CRPS."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from scenes.record import BoolArray, FloatArray
 
 @dataclass(frozen=True)
 class Interval:
-    """A figure with the interval it lies in with 95 % confidence."""
+    """A value with its 95 % interval."""
 
     value: float
     low: float
@@ -22,11 +22,11 @@ class Interval:
 
 
 def normalised_nees(error: FloatArray, covariance: FloatArray) -> Interval:
-    """Mean NEES over its dimension, 1 for a consistent estimator, of errors (n, k) with covariances (n, k, k).
+    """Mean NEES of errors (n, k) with covariances (n, k, k), divided by k: 1 for a consistent estimator.
 
-    The interval is the one in which the mean of a consistent estimator falls with probability 0.95, about 1:
-    the sum of n NEES is chi-square with n k degrees of freedom. Source: Bar-Shalom, Li and Kirubarajan,
-    Estimation with Applications to Tracking and Navigation, 2001, section 5.4.2.
+    The value of a consistent estimator is in the interval with probability 0.95, because the sum of n NEES is
+    chi-square with n k degrees of freedom. Source: Bar-Shalom, Li and Kirubarajan, Estimation with Applications
+    to Tracking and Navigation, 2001, section 5.4.2.
     """
     nees = measured(squared_mahalanobis(error, covariance))
     freedom = len(nees) * error.shape[1]
@@ -43,7 +43,7 @@ def region_coverage(error: FloatArray, covariance: FloatArray, level: float = 0.
 
 
 def consistency_metrics(prefix: str, nees: FloatArray, freedom: int) -> list[Metric]:
-    """Mean NEES (n,) over its degrees of freedom, and share inside the 95 % region; NaN entries do not count."""
+    """Mean NEES (n,) over its degrees of freedom, and share inside the 95 % region; NaN entries are ignored."""
     return [
         Metric(f"{prefix}.nees", mean(nees / freedom), "1", "info"),
         Metric(f"{prefix}.coverage95", mean(measured(nees) <= chi2.ppf(0.95, freedom)), "1", "info"),

@@ -1,8 +1,7 @@
 """Distances between an estimated outline and the true one.
 
-Outlines are dense points: closed ones counter-clockwise or clockwise without a repeated end, open ones end to
-end. Distances go from points to the other outline's line, not to its points, so they do not depend on the
-spacing of the line they are measured to.
+Outlines are dense points. A closed outline runs in either direction and does not repeat its first point.
+Distances are those of points to the line of the other outline, so they do not depend on the spacing of that line.
 """
 
 from __future__ import annotations
@@ -17,10 +16,9 @@ from scenes.record import FloatArray
 
 
 def intersection_over_union(points_a_m: FloatArray, points_b_m: FloatArray) -> float:
-    """Area of intersection over union (Jaccard index) of two closed outlines (point, xy); self-crossings are
-    mended.
+    """Area of intersection over union (Jaccard index) of two closed outlines (point, xy).
 
-    Zero where the union has no area, but 1 for two equal outlines.
+    Self-crossings are repaired. It is 0 where the union has no area, but 1 for two equal outlines.
     """
     a, b = (shapely.make_valid(shapely.Polygon(points)) for points in (points_a_m, points_b_m))
     union = a.union(b).area
@@ -61,9 +59,9 @@ def chamfer_m(a_to_b_m: FloatArray, b_to_a_m: FloatArray) -> float:
 
 
 def perpendicular_rmse_m(points_m: FloatArray, start_m: FloatArray, end_m: FloatArray) -> float:
-    """RMS distance of points (point, xy) to the endless line through two points (xy,) of a wall.
+    """RMS distance of points (point, xy) to the infinite line through two points (xy,) of a wall.
 
-    Raises `ValueError` where the two points are one.
+    Raises `ValueError` where the two points are equal.
     """
     along = end_m - start_m
     length = float(np.hypot(*along))
@@ -84,8 +82,8 @@ def interval_iou(a: tuple[float, float], b: tuple[float, float]) -> float:
 def extent_iou(points_m: FloatArray, lit_points_m: FloatArray) -> float:
     """`interval_iou` of two sets of points (point, xy) along the main direction of the lit points.
 
-    Only the lit part of a wall can be seen, so the lit points, not the wall's ends, are the truth. NaN where
-    there are fewer than two distinct lit points or no points at all.
+    Only the lit part of a wall is observable, so the lit points are the truth and not the ends of the wall. NaN
+    where there are fewer than two distinct lit points or no points.
     """
     if len(lit_points_m) < 2 or not len(points_m):
         return float("nan")

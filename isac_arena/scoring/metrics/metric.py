@@ -1,4 +1,4 @@
-"""One score: a key that never changes, a value, its unit, and which way is better."""
+"""One score: a key that never changes, a value, its unit, and the direction that is better."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ Direction = Literal["lower", "higher", "info"]
 
 @dataclass(frozen=True)
 class Metric:
-    """A named score. A value that could not be measured is NaN; the key is there all the same.
+    """A named score. A score that could not be measured keeps its key and has the value NaN.
 
-    `direction` says which values are better; "info" marks counts and figures with a target, such as coverage.
+    `direction` says which values are better; "info" marks counts and values with a target, such as coverage.
 
     Raises
     ------

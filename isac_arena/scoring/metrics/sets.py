@@ -1,7 +1,7 @@
 """Distances between finite sets of different size: OSPA and GOSPA.
 
-Both take the matrix of base distances between estimates and truths, so that one definition serves paths,
-landmarks and whole objects; the base distance and its cutoff give them their unit.
+Both take the matrix of base distances between estimates and truths, so one definition serves paths, landmarks and
+objects. Their unit is that of the base distance.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Summary statistics that leave out NaN entries and are NaN, without a warning, when nothing is left."""
+"""Summary statistics that ignore NaN entries; they are NaN, without a warning, where no entry is finite."""
 
 from __future__ import annotations
 
@@ -45,8 +45,8 @@ def ratio(part: float, whole: float) -> float:
 def squared_mahalanobis(error: FloatArray, covariance: FloatArray) -> FloatArray:
     """Squared Mahalanobis distance e' C^-1 e (n,) of errors (n, k) with covariances (n, k, k).
 
-    Errors are normalised by their standard deviations first, so parameters of very different size
-    (seconds and radians) do not upset the inverse. NaN where a variance is not positive.
+    Errors are normalised by their standard deviations first, because parameters of very different size (seconds
+    and radians) make the inverse inaccurate. NaN where a variance is not positive.
     """
     variance = np.diagonal(covariance, axis1=1, axis2=2)
     usable = (variance > 0).all(axis=1) & np.isfinite(covariance).all(axis=(1, 2))

@@ -1,7 +1,7 @@
 """Errors of a planar trajectory: absolute (APE) and relative (RPE) pose errors.
 
 Source: Sturm et al., "A benchmark for the evaluation of RGB-D SLAM systems", IROS 2012, equations (1) to (5),
-in the plane. Poses that could not be estimated are NaN and are left out; an RPE needs both of its ends.
+in the plane. Poses that could not be estimated are NaN and are ignored; an RPE needs both of its poses.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from scenes.record import FloatArray
 
 
 def aligned(position_m: FloatArray, truth_m: FloatArray) -> tuple[FloatArray, float]:
-    """Estimated positions (stop, xy) turned and shifted onto the truth, and the rotation in rad.
+    """Estimated positions (stop, xy) after the best rigid motion onto the truth, and the rotation in rad.
 
-    The rigid motion with the least squared distance over the stops where both are known (Umeyama 1991, without
-    scale). Fewer than two such stops leave the rotation at 0.
+    The motion has the least squared distance over the stops where both positions are known (Umeyama 1991, without
+    scale). The rotation is 0 where there are fewer than two such stops.
     """
     known = np.isfinite(position_m).all(axis=1) & np.isfinite(truth_m).all(axis=1)
     if not known.any():

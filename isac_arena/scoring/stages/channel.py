@@ -1,4 +1,4 @@
-"""Tables of the channel estimates: each estimated path with its true one, each true one with what became of it."""
+"""Tables of the channel estimates: estimated paths with their true paths, and significant true paths."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from sim.truth import Truth
 
 @dataclass(frozen=True)
 class TrueStop:
-    """One stop prepared for scoring: true paths as the devices see them, and those that could be detected."""
+    """One stop prepared for scoring: true paths in the frames of the devices, and the significant ones."""
 
     truth: Truth
     origin: PathOrigin
@@ -48,7 +48,7 @@ def device_parameters(truth: Truth, tx_pose: Pose) -> FloatArray:
 
 
 def significant_paths(paths: Paths, power_dbm: FloatArray, limits: Significance) -> BoolArray:
-    """Mask (path,) of the paths an estimator can detect: not diffuse, above noise, within its dynamic range."""
+    """Mask (path,) of the paths that an estimator can detect: not diffuse, above noise, within dynamic range."""
     candidate = ~paths.is_diffuse & (power_dbm >= limits.noise_threshold_dbm)
     if candidate.any():
         candidate &= power_dbm >= power_dbm[candidate].max() - limits.dynamic_range_db
@@ -72,7 +72,7 @@ def true_stop(
 
 
 def significant_alone(stop: TrueStop) -> TrueStop:
-    """The same stop with nothing but its significant paths."""
+    """The same stop with its significant paths only."""
     keep = stop.significant
     return replace(
         stop,
@@ -87,7 +87,7 @@ def significant_alone(stop: TrueStop) -> TrueStop:
 def score_stop(
     stop: TrueStop, estimate: ChannelEstimate, gate: Gate = DEFAULT_GATE
 ) -> tuple[PathScores, SignificantPaths, StopScores]:
-    """Tables of one stop: each estimated path with its true one, what there was to detect, and their distance."""
+    """Tables of one stop: its estimated paths, its significant true paths, and the GOSPA between them."""
     measured = np.stack([estimate.delay_s, estimate.aod_azimuth_rad, estimate.aoa_azimuth_rad], axis=-1)
     match = assign(measured, stop.parameters[stop.significant], gate)
     true_path = np.append(stop.significant, -1)[match]
@@ -105,10 +105,10 @@ def score_stop(
 
 
 def _weak_origin(stop: TrueStop, measured: FloatArray, estimate_dbm: float, gate: Gate) -> int:
-    """The strongest weak or diffuse path behind an estimate, -1 where true energy does not explain it.
+    """The strongest weak or diffuse path that explains an estimate, -1 for none.
 
-    The energy inside the gate that no significant path carries must reach the estimate's power less the margin.
-    Of it, the object that contributes most is taken.
+    The power of all such paths inside the gate must reach the power of the estimate minus the margin. The path
+    belongs to the object that contributes the most power.
     """
     near = inside_gate(parameter_errors(measured, stop.parameters), gate)
     near[stop.significant] = False

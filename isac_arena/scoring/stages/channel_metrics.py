@@ -13,9 +13,10 @@ from scenes.record import BoolArray, IntArray
 
 
 def los_decision_is_right(stops: IntArray, paths: PathScores, significant: SignificantPaths) -> BoolArray:
-    """Whether the LOS decision was right, per stop.
+    """Whether the LOS decision was correct (stop,).
 
-    Right is to name the path detected as the true line of sight, or to name none where no significant one exists.
+    It is correct to choose the path that is assigned to the true line of sight, or to choose none where there is
+    no significant line of sight.
     """
     named = np.isin(stops, paths.stop[paths.is_los])
     is_los = paths.is_los & (paths.kind == PathKind.LOS) & (paths.status == PathStatus.DETECTED)
@@ -24,7 +25,7 @@ def los_decision_is_right(stops: IntArray, paths: PathScores, significant: Signi
 
 
 def channel_metrics(sets: StopScores, paths: PathScores, significant: SignificantPaths) -> list[Metric]:
-    """Scores of the channel estimates over the given stops. Errors are those of detected paths."""
+    """Scores of the channel estimates over all stops. Errors are those of detected paths."""
     stops = sets.stop
     return [
         Metric("channel.gospa.mean", mean(sets.gospa), "gates", "lower"),
@@ -99,7 +100,7 @@ def _error_metrics(paths: PathScores) -> list[Metric]:
 
 
 def _cause_metrics(paths: PathScores, significant: SignificantPaths) -> list[Metric]:
-    """How many paths of the campaign are false, and how many missed, for each cause."""
+    """Numbers of missed and of false paths of the campaign by cause."""
     false = paths.cause[paths.status == PathStatus.FALSE]
     missed = significant.cause[~significant.is_detected]
     return [
@@ -110,8 +111,8 @@ def _cause_metrics(paths: PathScores, significant: SignificantPaths) -> list[Met
 
 
 def _bound_metrics(paths: PathScores, significant: SignificantPaths) -> list[Metric]:
-    """Errors of the detected paths over the Cramer-Rao bounds of their true ones: 1 for an efficient estimator."""
-    # A measured path has no true one.
+    """Errors of the detected paths over the bounds of their true paths: the RMS of an efficient estimator is 1."""
+    # Paths of a measured campaign have no true path.
     is_known = (paths.status == PathStatus.DETECTED) & (paths.true_path >= 0)
     detected = paths.take("estimate", is_known)
     row = {

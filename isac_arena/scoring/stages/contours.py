@@ -1,4 +1,4 @@
-"""Scores of our contours: each against the true outline of the object that its paths stem from."""
+"""Scores of our contours against the true outlines of the objects that their paths stem from."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from scenes.record import BoolArray, FloatArray
 from scenes.scene import Scene, SceneObject
 
 BAND_SIGMAS = 1.96  # of a Gaussian band of 95 %
-CORNER_DISTANCE_M = 0.5  # an edge point this close to a corner of its object is that corner
+CORNER_DISTANCE_M = 0.5  # an edge this close to a corner of its object counts as that corner
 
 
 def score_contours(
@@ -37,7 +37,7 @@ def score_contours(
 ) -> ContourScores:
     """Table of the contours of one map.
 
-    Raises `ValueError` where the contours are not given for every incidence point.
+    Raises `ValueError` where the contours do not have one entry for every incidence point.
     """
     contours, n = result.contours, len(result.contours)
     if len(contours.object) != len(ips.stop):
@@ -69,11 +69,11 @@ def contour_errors(
     true: Contour,
     lit_points_m: FloatArray,
 ) -> ShapeErrors:
-    """Errors of one contour; `members_m` (ip, xy) are the IPs it was fitted to.
+    """Errors of one contour; `members_m` (ip, xy) are the IPs that it was fitted to.
 
-    All of an open contour was seen; of a closed one what lies within the margin of a member as seen from its
-    centre. The band holds the truth where the true outline is within 1.96 standard deviations of a sample. An
-    open contour has no area: its overlap with a closed object is 0.
+    An open contour is seen everywhere. A closed contour is seen in the directions, from its centre, within the
+    margin of a member. The band contains the truth where the true outline is within 1.96 standard deviations of
+    a sample. An open contour has no area: its IoU with a closed object is 0.
     """
     points, std = contours.contour_m[row], contours.std_m[row]
     distance = np.abs(true.signed_distance(points))
@@ -96,10 +96,10 @@ def contour_errors(
 
 
 def is_class_right(contours: Contours, row: int, item: SceneObject) -> bool:
-    """Whether the most probable class is the object's: pillars are pillars, all else has walls and corners.
+    """Whether the most probable class is that of the object: pillar, or wall or edge for all other objects.
 
-    An edge must be a corner of its object. Where a method gives no probabilities its closed contours are taken
-    as pillars, the others as walls.
+    An edge must be close to a corner of its object. Where a method gives no probabilities, closed contours count
+    as pillars and open ones as walls.
     """
     probability = contours.class_probability[row]
     if np.isfinite(probability).all():
@@ -114,7 +114,7 @@ def is_class_right(contours: Contours, row: int, item: SceneObject) -> bool:
 
 
 def contour_metrics(map_name: str, scene: Scene, table: ContourScores) -> list[Metric]:
-    """Scores of one map's contours under the names of the paper's shapes, then ghosts, objects and classes."""
+    """Scores of the contours of one map: those of the paper's shapes, then ghosts, objects and classes."""
     prefix = f"contours.{map_name}"
     found = [scene.object(name).kind for name in found_objects(table)]
     return [
@@ -130,7 +130,7 @@ def contour_metrics(map_name: str, scene: Scene, table: ContourScores) -> list[M
 
 
 def _class_mean(scene: Scene, table: ContourScores) -> float:
-    """Mean over pillars and over all other objects, then over both: the many walls do not outweigh pillars."""
+    """Mean of two means, over pillars and over all other objects, so that pillars count as much as many walls."""
     kinds = np.array([scene.object(str(name)).kind if name else "" for name in table.object], dtype=str)
     pillars, others = kinds == "pillar", (kinds != "pillar") & (kinds != "")
     return mean([mean(table.coverage95[pillars]), mean(table.coverage95[others])])

@@ -1,4 +1,4 @@
-"""Scores of a map: how close the incidence points are to real surfaces, and which objects were found."""
+"""Scores of a map: errors of the incidence points, and the objects found."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def surface_distance_m(scene: Scene, points_m: FloatArray) -> FloatArray:
 def score_ips(scene: Scene, result: MapResult, paths: PathScores) -> IpScores:
     """Table of all incidence points of a map.
 
-    Raises `ValueError` where the clusters are not given for every incidence point.
+    Raises `ValueError` where the clusters do not have one label for every incidence point.
     """
     ips, label = result.ips, result.shapes.label
     if len(label) != len(ips):
@@ -67,7 +67,7 @@ def close_counts(scene: Scene, result: MapResult, ips: IpScores, origin: Cluster
 
 
 def is_ghost(ips: IpScores, n_clusters: int) -> BoolArray:
-    """Whether more than half of a cluster's IPs stem from no object: multiple bounces and false paths."""
+    """Whether more than half of the IPs of each cluster have no object: multiple bounces and false paths."""
     nameless = [mean(ips.object[ips.label == cluster] == "") for cluster in range(n_clusters)]
     return np.array(nameless, float) > 0.5
 
@@ -92,12 +92,12 @@ def map_metrics(prefix: str, scene: Scene, ips: IpScores, clusters: OutlineScore
 
 
 def found_objects(clusters: OutlineScores) -> list[str]:
-    """Names of the objects found, each once, sorted."""
+    """Sorted names of the objects found."""
     return sorted({str(name) for name in clusters.object[clusters.is_found]})
 
 
 def _cause_metrics(prefix: str, ips: IpScores) -> list[Metric]:
-    """How many inliers stem from no object, for each cause, and how many true single bounces are no inliers."""
+    """Numbers of inliers without object by cause, and of true single bounces that are not inliers."""
     return [
         *(
             Metric(f"{prefix}.ghost_ips.{cause}", (ips.cause[ips.is_inlier] == cause).sum(), "1", "info")

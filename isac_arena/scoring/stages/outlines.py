@@ -1,4 +1,4 @@
-"""Outlines against the objects that they show: the columns that the paper's shapes and our contours share."""
+"""Outlines and the objects that they show: the columns of both the paper's shapes and our contours."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ def outline_columns(
     significant: SignificantPaths,
     error_of: ErrorOf,
 ) -> dict[str, Any]:
-    """Columns (row,) by name: the object of each row, how sure that is, and its errors.
+    """Columns (row,) by name: the object of each row, its purity and counts, and the errors of the row.
 
-    `ips.label` (ip,) is the row of each incidence point, -1 for none. `error_of` is told the row, its object, the
+    `ips.label` (ip,) is the row of each incidence point, -1 for none. `error_of` takes the row, its object, the
     points of the row (ip, xy) and the true incidence points on the object (point, xy) over the whole campaign.
     """
     origin = cluster_origin(ips.label, ips.object, n_rows)
@@ -58,5 +58,5 @@ def outline_columns(
 
 
 def is_compact(item: SceneObject) -> bool:
-    """Whether an object has an area to find: of a wall one side is seen, and its thickness is nobody's to find."""
+    """Whether the area of an object is observable; only one side of a wall is seen, so its thickness is not."""
     return item.contour.closed and item.kind != "wall"

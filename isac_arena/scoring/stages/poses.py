@@ -29,9 +29,9 @@ def score_poses(
     estimate: PoseEstimates,
     bound: StateBound,
 ) -> PoseScores:
-    """Table of pose errors over the stops given, in their order, beside the bounds (stop,) of each.
+    """Table of pose errors and bounds of the given stops, in their order.
 
-    Raises `ValueError` where the estimate has not one pose for each of them.
+    Raises `ValueError` where the estimate has no pose for one of them.
     """
     row = {int(index): position for position, index in enumerate(estimate.stop)}
     missing = [int(index) for index in stop if int(index) not in row]
@@ -70,9 +70,9 @@ def score_poses(
 def pose_bounds(scene: Scene, stops: Sequence[TrueStop]) -> StateBound:
     """Bounds (stop,) of the receiver states from the significant paths of each stop alone.
 
-    Line of sight and single bounces off upright objects count, each known as well as the Cramer-Rao bound of its
-    delay and azimuths; incidence points are unknowns. Infinite where the paths leave the state free, NaN without a
-    view of the link.
+    The paths are the line of sight and single bounces off upright objects, with the Cramer-Rao bounds of their
+    delays and azimuths as covariances; incidence points are unknowns. A bound is infinite where the paths do not
+    determine the state, and NaN without a view of the link.
     """
     found = [_pose_bound(scene, stop) for stop in stops]
     return StateBound(
@@ -81,7 +81,7 @@ def pose_bounds(scene: Scene, stops: Sequence[TrueStop]) -> StateBound:
 
 
 def unknown_bound(n_stops: int) -> StateBound:
-    """The bounds (stop,) where nothing is known of them."""
+    """Bounds (stop,) that are all NaN."""
     return StateBound(*np.full((3, n_stops), np.nan))
 
 

@@ -1,4 +1,4 @@
-"""The scene as a whole: all closed outlines of a map against all compact objects that light fell on."""
+"""The scene as a whole: all closed outlines of a map against all compact objects that paths met."""
 
 from __future__ import annotations
 
@@ -27,8 +27,9 @@ def score_scene(
 ) -> SceneScores:
     """Scene-level GOSPA of the paper's shapes and of our contours.
 
-    What stems from a wall or another open object is left out: it is seen from one side, and its thickness is
-    nobody's to find. An open contour of a compact object has no area: it counts as false, its object as missed.
+    Outlines of walls and other open objects are excluded, because the thickness of an object that is seen from
+    one side is unobservable. An open contour of a compact object has no area: it counts as false and its object
+    as missed.
     """
     compact = [item for item in scene.objects if is_compact(item)]
     lit = [item for item in compact if (significant.object == item.name).any()]
@@ -44,7 +45,7 @@ def score_scene(
 
 
 def scene_metrics(map_name: str, table: SceneScores) -> list[Metric]:
-    """Scene GOSPA of either method, and its parts."""
+    """Scene GOSPA of both methods, and its parts."""
     metrics = []
     for row, method in enumerate(table.method):
         prefix = f"{method}.{map_name}.scene_gospa"

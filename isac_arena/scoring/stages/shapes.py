@@ -79,11 +79,11 @@ def shape_errors(
     contour: Contour,
     lit_points_m: FloatArray,
 ) -> ShapeErrors:
-    """Errors of one cluster's contour against the contour of its object.
+    """Errors of the contour of one cluster against the contour of its object.
 
     `members_m` (ip, xy) are the cluster's IPs, `lit_points_m` (point, xy) the true incidence points on the object
-    over the whole campaign. The band is tested where a ray from the cluster's centre meets the true contour; where
-    it does so more than once, the farthest crossing counts.
+    over the whole campaign. The band is tested at the angles where a ray from the cluster's centre meets the true
+    contour; the farthest crossing counts.
     """
     points = contour_points_m(shapes, cluster)
     offset = members_m - shapes.center_m[cluster]
@@ -118,7 +118,7 @@ def shape_metrics(map_name: str, scene: Scene, clusters: OutlineScores) -> list[
 def outline_metrics(prefix: str, scene: Scene, table: OutlineScores) -> list[Metric]:
     """Coverage over all objects, means per kind, and errors per object.
 
-    An object counts once, with the row that has most IPs close to it.
+    Each object counts once, with its best row (`best_rows`).
     """
     best = best_rows(table)
     rows = table.take("outline", [best[item.name] for item in scene.objects if item.name in best])
@@ -133,7 +133,7 @@ def outline_metrics(prefix: str, scene: Scene, table: OutlineScores) -> list[Met
 
 
 def best_rows(table: OutlineScores) -> dict[str, int]:
-    """Row by object: where several show one, the first of those with the most incidence points close to it."""
+    """Row by object: the row with the most incidence points close to the object, the first of equal ones."""
     best: dict[str, int] = {}
     for row, name in enumerate(table.object.tolist()):
         if name and (name not in best or table.n_close[row] > table.n_close[best[name]]):
