@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from isac_arena.validation.scoring.made_campaign import SMALL_LINK
+from isac_arena.validation.scenarios.perfect_campaign import SMALL_LINK
 
 from estimation.channel.calibration.self_calibration import Calibration, SelfCalibrationConfig
 from estimation.channel.estimate import ChannelConfig
