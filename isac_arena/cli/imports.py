@@ -30,7 +30,7 @@ def import_mat(
 ) -> None:
     """Import the public measurement file; estimate, score and report then work on the directory."""
     from isac_arena.campaign import stages  # noqa: PLC0415
-    from isac_arena.exchange import measurement_import as measurement  # noqa: PLC0415
+    from isac_arena.exchange import measurement  # noqa: PLC0415
 
     n_stops = measurement.import_campaign(
         file, out, tx_offset_deg=tx_offset_deg, clock_seed=clock_seed, method=method, scene=scene
@@ -50,7 +50,7 @@ def import_deepmimo(
     rx_set: Annotated[int | None, typer.Option(help="RX set; the first by default.")] = None,
 ) -> None:
     """Make a campaign whose paths are those of a scenario; 'arena run' then sweeps beams over them."""
-    from isac_arena.exchange.deepmimo_import import import_scenario  # noqa: PLC0415
+    from isac_arena.exchange.deepmimo import import_scenario  # noqa: PLC0415
 
     done = import_scenario(folder, out, n_stops=stops, tx_set=tx_set, tx=tx, rx_set=rx_set)
     typer.echo(

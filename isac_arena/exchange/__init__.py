@@ -1,4 +1,5 @@
 """Campaigns in the formats of other tools, in and out.
 
-Read `formats.py` first (out); `measurement_import.py` and `deepmimo_import.py` read.
+Read `formats.py` first: what `arena export` writes. `measurement.py` (with the MATLAB layout in `mat.py`),
+`deepmimo.py`, `geojson.py` and `sigmf_recording.py` hold a format each.
 """

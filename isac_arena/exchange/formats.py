@@ -12,10 +12,10 @@ import numpy as np
 from isac_arena.campaign import stages
 from isac_arena.campaign.directory import CampaignStore
 from isac_arena.campaign.files import write_bytes
-from isac_arena.exchange.deepmimo_export import scene_facets, write_deepmimo
+from isac_arena.exchange.deepmimo import scene_facets, write_deepmimo
 from isac_arena.exchange.geojson import map_geojson
 from isac_arena.exchange.mat import measurement_bytes
-from isac_arena.exchange.measurement_export import labelled_stops
+from isac_arena.exchange.measurement import labelled_stops
 from isac_arena.report.figures.path_lines import COLORS, path_kind
 from scenes.meshes.mesh import Polyline3d, glb_bytes
 from scenes.record import FloatArray

@@ -9,7 +9,7 @@ from scipy.io import savemat
 
 from estimation.laws.plane import predict_bounce, predict_los
 from isac_arena.campaign import stages
-from isac_arena.exchange.measurement_import import import_campaign
+from isac_arena.exchange.measurement import import_campaign
 from scenes.pose import Pose
 
 TX = Pose(np.array([2.25, 2.5, 0.0]), -np.pi / 2)

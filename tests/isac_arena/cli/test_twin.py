@@ -9,7 +9,7 @@ from scipy.io import savemat
 from typer.testing import CliRunner
 
 from isac_arena.cli.main import app
-from isac_arena.exchange.measurement_import import import_campaign
+from isac_arena.exchange.measurement import import_campaign
 from isac_arena.validation import twin as validation
 from isac_arena.validation.slam.measured import FILE, data_folder
 from tests.isac_arena.insight.twin.made_twin import make

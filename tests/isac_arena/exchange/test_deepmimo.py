@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from isac_arena.exchange.deepmimo_export import scene_facets, write_deepmimo
+from isac_arena.exchange.deepmimo import scene_facets, write_deepmimo
 from scenes.config import load_scene
 from scenes.pose import Pose
 from sim.config import PropagationConfig, SimulationConfig

@@ -1,15 +1,20 @@
-"""A measurement file made into a campaign directory: settings, scene, labels and channel estimates."""
+"""A campaign as the stops of the public measurement file, and such a file made into a campaign directory.
+
+`mat.py` reads and writes the file itself.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import re
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import get_args
 
 import numpy as np
 
 from estimation.channel.power_map import BeamPowerMap
+from estimation.channel.record import ChannelEstimate
 from estimation.slam.config import MappingConfig, SnapshotConfig
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.directory import CampaignStore, StopEstimate
@@ -18,13 +23,45 @@ from isac_arena.campaign.measured import (
     PUBLISHED_MAX_POSITION_STD_M,
     PUBLISHED_NOISE,
     MeasuredCampaign,
+    MeasuredStop,
+    MeasuredTruth,
     clock_walk_m,
 )
 from isac_arena.campaign.recording import recorded_run
 from isac_arena.exchange.mat import count_stops, read_measurement
+from isac_arena.scoring.record import PathKind, PathScores, PathStatus
 from scenes.config import load_scene, referenced_contents, scene_path
+from scenes.pose import SPEED_OF_LIGHT_M_S
+from sim.truth import Truth
 
 METHODS = get_args(SnapshotConfig.model_fields["method"].annotation)
+
+
+def labelled_stops(
+    channel: Sequence[ChannelEstimate], truths: Iterable[Truth | MeasuredTruth], paths: PathScores
+) -> list[MeasuredStop]:
+    """The stops of a measurement file: estimated paths with the true clock bias taken off their ranges.
+
+    A path is labelled by the true one that it was assigned to; those of no detected path have no label.
+    """
+    stops = []
+    for estimate, truth in zip(channel, truths, strict=True):
+        rows = paths.take("estimate", paths.stop == estimate.stop)
+        rows = rows.take("estimate", np.argsort(rows.path))
+        detected = rows.status == PathStatus.DETECTED
+        is_single = detected & (rows.kind == PathKind.SINGLE_BOUNCE)
+        range_m = SPEED_OF_LIGHT_M_S * (estimate.delay_s - truth.clock_bias_s)
+        stops.append(
+            MeasuredStop(
+                rx=np.array([*truth.rx_pose.position_m[:2], truth.rx_pose.heading_rad]),
+                measured=np.column_stack([range_m, estimate.aod_azimuth_rad, estimate.aoa_azimuth_rad]),
+                power_dbm=estimate.power_dbm,
+                is_los=detected & (rows.kind == PathKind.LOS),
+                is_single_bounce=is_single,
+                landmark_m=np.where(is_single[:, None], rows.vertex_m, np.nan),
+            )
+        )
+    return stops
 
 
 def import_campaign(
