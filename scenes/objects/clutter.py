@@ -75,7 +75,7 @@ class Clutter(Record):
         return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
 
     def contains(self, points_m: Any) -> BoolArray:
-        """Whether points (point, xyz) lie inside a closed mesh: a ray from them crosses it an odd number of times."""
+        """Whether points (point, xyz) lie inside a closed mesh: their rays cross it an odd number of times."""
         points = np.asarray(points_m, float)
         if not self.is_closed:
             return np.zeros(len(points), bool)

@@ -1,4 +1,4 @@
-"""All propagation paths of a scene, in one order: exact specular ones, those over meshes, diffuse ones."""
+"""All propagation paths of a scene in canonical order: exact specular, diffracted, over meshes, diffuse."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from sim.propagation.specular.facets import TracedChains, mesh_rays
 from sim.propagation.specular.solver import ExactSolver
 from sim.propagation.tracer import Tracer
 
-SAME_VERTEX_M = 5e-3  # the tracer places its vertices in single precision
+SAME_VERTEX_M = 5e-3  # the tracer computes its vertices in single precision
 ON_FACE_M = 1e-6
 
 
 @dataclass(frozen=True)
 class PlanarComparison:
-    """Planar specular paths of the tracer against the exact ones: found by both, by one alone."""
+    """Number of planar specular paths found by both solvers, by the exact one only, by the tracer only."""
 
     n_common: int
     n_repaired: int
@@ -34,10 +34,10 @@ class PlanarComparison:
 
 
 class Propagator:
-    """A scene made ready for propagation, to be asked for one receiver position after the other.
+    """A scene prepared for propagation; `paths` then computes one receiver position at a time.
 
-    Where a material scatters or there are meshes, the tracer is imported and the scene loaded, which takes
-    seconds; raises `sim.propagation.llvm.LlvmError` where there is no usable LLVM library then.
+    If a material scatters or the scene has meshes, the tracer is imported and the scene is loaded, which takes
+    seconds. In this case it raises `sim.propagation.llvm.LlvmError` if there is no usable LLVM library.
     """
 
     def __init__(self, scene: Scene, carrier_hz: float, config: PropagationConfig | None = None) -> None:
@@ -55,18 +55,18 @@ class Propagator:
     def paths(self, rx_position_m: FloatArray) -> Paths:
         """All paths from the scene's TX to a receiver (xyz,), in canonical order.
 
-        Line of sight, specular reflections off flat and curved surfaces up to `max_bounces` (two where one is
-        curved), with `transmission` also ways through faces, with `diffraction` those round one edge or pillar,
-        and first-order diffuse scattering. Reflections off user meshes are found by the tracer, all other specular
-        paths by the exact solver. The same bits on every run, whatever was asked before.
+        Line of sight, specular reflections off flat and curved surfaces up to `max_bounces` (two if one surface is
+        curved) and first-order diffuse scattering; with `transmission` also paths through faces, with
+        `diffraction` paths around one edge or pillar. The tracer finds the reflections off user meshes, the exact
+        solver all other specular paths. The result has the same bits on every run and in any order of calls.
         """
         rx = np.asarray(rx_position_m, float)
         return self._paths(rx, self._exact.paths(rx), None)
 
     def compared_paths(self, rx_position_m: FloatArray) -> tuple[Paths, PlanarComparison]:
-        """The same paths, and how the tracer's own planar paths compare with the exact ones.
+        """The same paths, and the comparison of the planar paths of the tracer with the exact ones.
 
-        All counts are zero where the scene needs no tracer, or without `compare_planar`.
+        All counts are zero if the scene needs no tracer, or without `compare_planar`.
         """
         if self._tracer is None or not self._config.compare_planar:
             return self.paths(rx_position_m), PlanarComparison(0, 0, 0)
@@ -76,7 +76,7 @@ class Propagator:
         return self._paths(rx, exact, chains), compare_planar(self._scene, traced, exact[0])
 
     def _paths(self, rx: FloatArray, exact: list[Paths], chains: TracedChains | None) -> Paths:
-        """All paths to a receiver (xyz,); `chains` are the tracer's where it has been asked already."""
+        """All paths to a receiver (xyz,); `chains` are the result of the tracer if it has already run."""
         parts = list(exact)
         if self._edges is not None:
             bent = diffracted_paths(self._scene, rx, self._carrier_hz, self._faces, self._edges)
@@ -94,7 +94,7 @@ class Propagator:
 
 
 class MeshSolver:
-    """The meshes of a scene made ready: the tracer finds what reflects off them, points and gains are exact."""
+    """Paths over the meshes of a scene: the tracer finds the reflecting triangles, points and gains are exact."""
 
     def __init__(
         self, scene: Scene, carrier_hz: float, diffracts: bool, exact: ExactSolver, tracer: Tracer
@@ -105,7 +105,7 @@ class MeshSolver:
         self._edges = mesh_edges(scene.clutter) if diffracts else None
 
     def paths(self, rx_m: FloatArray, chains: TracedChains | None = None) -> list[Paths]:
-        """Paths to a receiver (xyz,) that reflect off, or are diffracted at, at least one mesh, in no order."""
+        """Paths to a receiver (xyz,) that reflect off or are diffracted at one or more meshes, in no order."""
         chains = self._tracer.specular_chains(rx_m)[1] if chains is None else chains
         first = len(self._names) - len(self._clutter)
         rays = mesh_rays(chains, self._tx, rx_m, self._clutter, first)
@@ -130,10 +130,10 @@ def propagate(
 
 
 def compare_planar(scene: Scene, traced: Paths, exact: Paths) -> PlanarComparison:
-    """How many exact paths without curved bounce or transmission the tracer lost (repaired), and found beyond.
+    """Count the exact paths that the tracer missed (repaired), and the paths that only the tracer found (extra).
 
-    Paths that meet a mesh are left aside. A path is the same where kinds and objects agree and all vertices lie
-    within 5 mm.
+    Only paths without curved bounce, transmission or mesh count. Two paths are the same if kinds and objects agree
+    and all vertices lie within 5 mm.
     """
     ours = exact.take("path", _is_planar(scene, exact))
     theirs = traced.take("path", _is_planar(scene, traced))
@@ -147,7 +147,7 @@ def compare_planar(scene: Scene, traced: Paths, exact: Paths) -> PlanarCompariso
 
 
 def _is_planar(scene: Scene, paths: Paths) -> BoolArray:
-    """Paths (path,) of specular bounces alone, all of them off flat faces of prisms, floor or ceiling."""
+    """Mask (path,) of paths with only specular bounces off flat faces of prisms, floor or ceiling."""
     planar = np.isin(paths.bounce_kind, (BounceKind.NONE, BounceKind.SPECULAR)).all(axis=1)
     planar &= (paths.bounce_object < len(paths.object_name) - len(scene.clutter)).all(axis=1)
     for index, item in enumerate(scene.objects):
@@ -183,6 +183,6 @@ def _same(ours: Paths, index: int, theirs: Paths, other: int) -> bool:
 
 
 def _needs_tracer(scene: Scene, config: PropagationConfig) -> bool:
-    """Whether there is anything to trace: diffuse paths, or such that meet meshes."""
+    """Whether the scene needs the tracer: for diffuse paths or for meshes."""
     rough = any(material.scattering_coefficient > 0 for material in scene.materials.values())
     return config.max_bounces > 0 and ((rough and config.diffuse_samples > 0) or bool(scene.clutter))

@@ -1,4 +1,4 @@
-"""From what a ray tracer tells, in single precision, to a path record."""
+"""Conversion of the single-precision result of a ray tracer to a path record."""
 
 from __future__ import annotations
 
@@ -22,13 +22,14 @@ def traced_paths(
 ) -> Paths:
     """Path record with delays, directions and the carrier phase in double precision from the vertices.
 
-    `amplitude` (path,) lacks the phase of the travelled length: with a delay in single precision it would be off
-    by several milliradians at 60 GHz. `kind` and `surface` are (path, bounce), `vertex` (path, bounce, xyz) in m,
-    `ends` TX and RX (xyz,) in m; the record gets `n_slots` bounce slots.
+    `amplitude` (path,) does not include the phase of the path length: with a single-precision delay this phase
+    would have an error of several milliradians at 60 GHz. `kind` and `surface` are
+    (path, bounce), `vertex` is (path, bounce, xyz) in m, `ends` are TX and RX (xyz,) in m. The record has
+    `n_slots` bounce slots.
     """
     tx, rx = ends
     used = (kind != BounceKind.NONE)[..., None]
-    # An unused slot stands at the receiver, so it adds no length; the last used vertex is the one that counts.
+    # An unused slot is placed at the receiver, so it adds no length. The arrival direction uses the last vertex.
     points = np.concatenate(
         [
             np.broadcast_to(tx, (len(kind), 1, 3)),

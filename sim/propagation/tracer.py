@@ -1,17 +1,17 @@
 """Ray tracing with Sionna RT: line of sight, specular paths off flat faces and meshes, diffuse scattering.
 
-The only module that knows Sionna, Mitsuba and Dr.Jit. They are imported inside functions, since that takes
-seconds and needs a fitting LLVM library (`sim.propagation.llvm`).
+Only this module imports Sionna, Mitsuba and Dr.Jit. The imports are inside functions, because they take seconds
+and need a suitable LLVM library (`sim.propagation.llvm`).
 
-Two solves are made per receiver, each on its own copy of the scene:
+Each receiver needs two solves, each on its own copy of the scene:
 
-- specular: the facets of smooth contours absorb, so no flat-plate reflection of one survives in any chain, and
-  they do not fill the solver's hashed candidate table, which silently drops paths; the facets of user meshes are
-  taken as the flat faces they are;
-- diffuse: first-order scattering off all surfaces, the facets of curved ones too.
+- specular: the facets of smooth contours absorb. So no path contains a flat-plate reflection off such a facet, and
+  they do not fill the hashed candidate table of the solver, which silently drops paths. The facets of user meshes
+  reflect as flat faces;
+- diffuse: first-order scattering off all surfaces, also off the facets of curved ones.
 
-Sionna scales every specular bounce by sqrt(1 - S^2), diffuse scattering on or off: the scattered share S^2 of
-the power is missing in the specular paths either way.
+Sionna scales every specular bounce by sqrt(1 - S^2), with or without diffuse scattering: the specular paths never
+include the scattered share S^2 of the power.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ from sim.propagation.traced import traced_paths
 if TYPE_CHECKING:
     from scenes.meshes.mesh import MeshPart
 
-CANDIDATE_TABLE_SIZE = 10_000_000  # a chain is lost where its hash meets another one's in this table
+CANDIDATE_TABLE_SIZE = 10_000_000  # the solver drops a path if its hash equals that of another path
 
 
 class Tracer:
-    """A scene loaded into the ray tracer, to be asked for one receiver position after the other.
+    """A scene loaded into the ray tracer; the methods compute one receiver position at a time.
 
-    Raises `sim.propagation.llvm.LlvmError` where the CPU has to trace and there is no usable LLVM library.
+    Raises `sim.propagation.llvm.LlvmError` if it runs on the CPU and there is no usable LLVM library.
     """
 
     def __init__(self, scene: Scene, carrier_hz: float, config: PropagationConfig | None = None) -> None:
@@ -64,19 +64,19 @@ class Tracer:
     def trace(self, rx_position_m: FloatArray) -> Paths:
         """Paths from the TX to one receiver (xyz,): line of sight, planar specular and diffuse.
 
-        The same bits for the same position, whatever was traced before; in the order of the solver.
+        The same position always gives the same bits. The paths are in the order of the solver.
         """
         return concatenate([self.specular(rx_position_m), self.diffuse(rx_position_m)], "path")
 
     def specular(self, rx_position_m: FloatArray) -> Paths:
-        """Line of sight and specular paths off flat faces to one receiver (xyz,); gains as Sionna has them."""
+        """Line of sight and specular paths off flat faces to one receiver (xyz,), with the gains of Sionna."""
         return self.specular_chains(rx_position_m)[0]
 
     def specular_chains(self, rx_position_m: FloatArray) -> tuple[Paths, TracedChains]:
-        """The same paths, and what each of them meets with the triangles, by one solve.
+        """The same paths, and the triangles of their interactions, from one solve.
 
-        With `transmission` there are ways through faces among them. Chains of more than `max_bounces` reflections,
-        which that lets in, are left out.
+        With `transmission` this includes paths through faces. The solver then also returns paths with more than
+        `max_bounces` reflections; they are removed.
         """
         rx = np.asarray(rx_position_m, float)
         loaded, n_slots = self._specular_scene, self.config.n_bounce_slots
@@ -92,7 +92,7 @@ class Tracer:
         return paths, TracedChains(paths.bounce_kind, paths.bounce_object, corner)
 
     def solved_specular(self, rx_position_m: FloatArray) -> Any:
-        """The solver's own result for the specular paths, evaluated: what `specular` costs at the least."""
+        """The evaluated result of the solver for the specular paths: the minimum cost of `specular`."""
         config = self.config
         solved = self._solve(
             self._specular_scene, np.asarray(rx_position_m, float),
@@ -144,8 +144,8 @@ def trace(
 ) -> list[Paths]:
     """Paths to each receiver position (receiver, xyz), one record each; see `Tracer.trace`.
 
-    Receivers are traced one by one: memory does not grow with their number, and no receiver's candidates
-    push another's out of the table.
+    Receivers are traced one at a time: the memory does not grow with their number, and the candidates of one
+    receiver do not displace those of another one in the table.
     """
     tracer = Tracer(scene, carrier_hz, config)
     return [tracer.trace(position) for position in np.atleast_2d(rx_positions_m)]
@@ -193,7 +193,7 @@ class _LoadedScene:
 
 
 def _import_sionna() -> Any:
-    """The module sionna.rt, on CUDA where there is a device, else on LLVM."""
+    """The module sionna.rt, on CUDA if there is a device, else on LLVM."""
     chosen = mitsuba_variant()
     if chosen == LLVM_VARIANT:
         require_llvm()
@@ -228,7 +228,7 @@ def _radio_material(index: int, material: Material) -> Any:
 
 
 def _mesh_object(name: str, part: MeshPart, radio_material: Any) -> Any:
-    """Sionna object of the triangles; normals are those of the flat faces."""
+    """Sionna object of the triangles, with the normals of the flat faces."""
     rt = _import_sionna()
     import mitsuba as mi  # noqa: PLC0415
 
@@ -267,10 +267,10 @@ def _interactions(solved: Any, surface_of_id: dict[int, str], names: list[str]) 
 def solved_between_panels(
     scene: Scene, rx: Pose, carrier_hz: float, config: PropagationConfig, *, rows: int, columns: int
 ) -> tuple[Any, FloatArray]:
-    """Specular paths between two half-wavelength panels of TR 38.901 elements, as Sionna keeps them.
+    """Specular paths between two half-wavelength panels of TR 38.901 elements, in the form of Sionna.
 
-    Panels look along the headings of their devices. Returns the solver's result, whose `cfr` is the channel
-    between all elements, and the positions (element, xyz) in m of the elements in its order, in the panel frame.
+    Panels look along the headings of their devices. Returns the result of the solver, whose `cfr` is the channel
+    between all elements, and the element positions (element, xyz) in m, in the same order and in the panel frame.
     """
     rt = _import_sionna()
     import mitsuba as mi  # noqa: PLC0415

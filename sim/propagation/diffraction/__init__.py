@@ -1,4 +1,5 @@
-"""Diffraction: vertical edges, edges of meshes, and creeping waves round smooth solids.
+"""Diffraction: vertical edges, edges of meshes, and creeping waves around smooth solids.
 
-Read `edge_paths.py` first, with `wedge.py` for the coefficient; then `creeping.py`, with `fock.py`.
+Read `edge_paths.py` first (`diffracted_paths`) with `wedge.py` (`wedge_gain`), then `creeping.py`
+(`creeping_paths`) with `fock.py` (`convex_creeping_gain`), then `mesh_edges.py` (`diffracted_by_meshes`).
 """

@@ -1,4 +1,4 @@
-"""Tangents and ways along convex contours: what a wave needs that creeps round a smooth solid."""
+"""Tangents to convex contours and arc lengths along them, for waves that creep around a smooth solid."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ NODES_PER_INTERVAL = 16  # of a curved piece, between its breaks
 N_GAUSS = 12
 N_BISECTIONS = 60
 N_NEWTON = 8
-FLAT = 1e-9  # curvature in 1/m, and turn in rad, that rounding may make out of none
-LEAST_CURVATURE = 1e-4  # 1/m; where a contour is flatter, it counts as that round
+FLAT = 1e-9  # tolerance for rounding: curvature in 1/m and turn in rad
+LEAST_CURVATURE = 1e-4  # 1/m; lower limit of the curvature where the contour is flatter
 
 
 class TangentPoints(NamedTuple):
-    """Where rays from points touch a contour (point,), and whether it is smooth there."""
+    """Points of tangency of rays from points (point,) to a contour; not valid at corners."""
 
     place_m: FloatArray
     point_m: FloatArray
@@ -33,10 +33,10 @@ class TangentPoints(NamedTuple):
 
 @dataclass(frozen=True)
 class ConvexContour:
-    """A closed convex contour with a table of nodes, counter-clockwise, both ends of every piece among them.
+    """A closed convex contour with a counter-clockwise table of nodes, including both ends of every piece.
 
-    `place_m` is the arc length up to each node and `bend` the integral of the curvature to the power 2/3 along it,
-    in m^(1/3): what attenuates a creeping wave. `corner_m` are the places where the direction jumps.
+    `place_m` is the arc length up to each node. `bend` is the integral of the curvature to the power 2/3 up to it,
+    in m^(1/3); it sets the attenuation of a creeping wave. `corner_m` holds the arc lengths of the corners.
     """
 
     pieces: tuple[Piece, ...]
@@ -50,13 +50,13 @@ class ConvexContour:
 
     @property
     def length_m(self) -> float:
-        """Arc length all round."""
+        """Arc length of the whole contour."""
         return float(self.place_m[-1])
 
     def tangents(self, point_m: FloatArray, *, ends_light: bool) -> TangentPoints:
-        """Where the part of the contour that points (point, xy) outside it see ends, or begins.
+        """End (`ends_light`) or start of the part of the contour that is visible from points (point, xy) outside.
 
-        Counter-clockwise along the contour.
+        End and start are in the counter-clockwise direction.
         """
         offset = point_m[None] - self.point_m[:, None]
         lit = (offset * self.normal[:, None]).sum(axis=2) > 0
@@ -92,7 +92,7 @@ class ConvexContour:
         return point, normal
 
     def has_corner(self, start_m: FloatArray, arc_m: FloatArray) -> BoolArray:
-        """Whether a corner lies on the ways of `arc_m` counter-clockwise from `start_m` (way,)."""
+        """Whether a corner lies on the arcs of length `arc_m`, counter-clockwise from `start_m` (arc,)."""
         ahead = (self.corner_m[None] - start_m[:, None]) % self.length_m
         return np.asarray((ahead < arc_m[:, None]).any(axis=1))
 
@@ -104,7 +104,7 @@ class ConvexContour:
     def _refined(
         self, point_m: FloatArray, node: IntArray, after: IntArray, lit: BoolArray, inside: BoolArray
     ) -> FloatArray:
-        """The parameter (point,) between two nodes where a point stops or starts to see the contour."""
+        """The parameter (point,), between two nodes, of the end or start of the visible part of the contour."""
         low, high = self.t[node], np.where(inside, self.t[after], self.t[node])
         at_low = lit[node, np.arange(len(node))]
         for _ in range(N_BISECTIONS):
@@ -126,7 +126,7 @@ class ConvexContour:
 
 
 def convex_contour(contour: Contour) -> ConvexContour | None:
-    """The table of a contour; None where it is open, has no curved piece, or is not convex."""
+    """The table of a contour; None if it is open, has no curved piece, or is not convex."""
     pieces = contour.pieces
     if not contour.closed or not any(piece.is_curved for piece in pieces):
         return None

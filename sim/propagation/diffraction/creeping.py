@@ -1,9 +1,9 @@
-"""Creeping paths round smooth convex solids: what reaches their shadow near its boundary.
+"""Creeping paths around smooth convex solids: the field in their shadow near its boundary.
 
-A ray from the TX meets the contour at a tangent, follows it, and leaves it at a tangent to the receiver. At the
-shadow boundary its field continues that of the line of sight and the reflection at grazing incidence. The
-attenuation is that of a perfect conductor, which lossy surfaces share closely in vertical polarisation. It depends
-on the local radius of curvature; a ray that touches a corner, or follows the contour over one, is left out.
+A ray from the TX reaches the contour at a tangent, follows it, and departs along a tangent to the receiver. At the
+shadow boundary its field is continuous with that of the line of sight and of the reflection at grazing incidence.
+The attenuation is that of a perfect conductor; lossy surfaces have almost the same in vertical polarisation. It
+depends on the local radius of curvature. Rays that touch a corner, or follow the contour over one, are omitted.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from sim.propagation.diffraction.fock import convex_creeping_gain
 from sim.propagation.occlusion import OCCLUDER_SAGITTA_M, Occluders, is_blocked, occluders, surface_names
 from sim.propagation.paths import BounceKind, Paths, empty_paths, paths_from_field, single_interaction
 
-MIN_GAIN = 1e-3  # over a free wave of the same length; weaker creeping waves are left out
+MIN_GAIN = 1e-3  # over a free wave of the same length; weaker creeping waves are omitted
 
 
 @dataclass(frozen=True)
 class CreepingRays(Record):
-    """Rays round one contour: a tangent from the TX, an arc, a tangent to the receiver."""
+    """Rays around one contour: a tangent from the TX, an arc, a tangent to the receiver."""
 
     receiver: IntArray = array("ray", dtype=int, doc="index of the receiver")
     attach_m: FloatArray = array("ray", "xyz", unit="m", doc="where the ray meets the contour")
@@ -42,7 +42,7 @@ class CreepingRays(Record):
 
 
 def convex_contours(scene: Scene) -> dict[int, ConvexContour | Circle]:
-    """The contours that waves creep round, by the index of their object."""
+    """The contours with creeping waves, by the index of their object."""
     rings: dict[int, ConvexContour | Circle] = {}
     for index, item in enumerate(scene.objects):
         ring = item.contour if isinstance(item.contour, Circle) else convex_contour(item.contour)
@@ -58,10 +58,11 @@ def creeping_paths(
     faces: Occluders | None = None,
     rings: dict[int, ConvexContour | Circle] | None = None,
 ) -> list[Paths]:
-    """Paths round one convex contour, in both senses, one record per receiver position (receiver, xyz).
+    """Paths around one convex contour, in both directions, one record per receiver position (receiver, xyz).
 
-    One interaction each, a diffraction whose vertex is the middle of the arc. `faces` are the scene's occluders
-    and `rings` its convex contours, made anew where not given. Gain convention of `sim.propagation.paths.Paths`.
+    Each path has one interaction: a diffraction whose vertex is the middle of the arc. `faces` are the occluders
+    of the scene and `rings` its convex contours; both are computed if not given. Gain convention of
+    `sim.propagation.paths.Paths`.
     """
     rx_positions_m = np.atleast_2d(np.asarray(rx_positions_m, float))
     faces = occluders(scene) if faces is None else faces
@@ -84,10 +85,10 @@ def creeping_paths(
 def creeping_rays(
     ring: ConvexContour | Circle, tx_m: FloatArray, rx_positions_m: FloatArray, sense: int
 ) -> CreepingRays:
-    """Rays round a contour to receivers (receiver, xyz); counter-clockwise for the sense 1, clockwise for -1.
+    """Rays around a contour to receivers (receiver, xyz); counter-clockwise for the sense 1, clockwise for -1.
 
-    The height is linear in the unfolded horizontal length. Every receiver has one ray in each sense, but for the
-    sense in which it lies in the light.
+    The height is linear in the unfolded horizontal length. Every receiver in the shadow has one ray in each sense;
+    a lit receiver has none in the sense in which it is lit.
     """
     ends = np.concatenate([tx_m[None], rx_positions_m])
     if isinstance(ring, Circle):
@@ -114,7 +115,7 @@ Ways = tuple[
 
 
 def _round_circle(circle: Circle, ends_m: FloatArray, sense: int) -> Ways:
-    """Points and normals (ray, 3, xy), lengths and bend, radii, and which ways there are, in closed form."""
+    """Points and normals (ray, 3, xy), lengths and bend, radii and mask of the rays, in closed form."""
     center, radius = circle.center_m, circle.radius_m
     offset = ends_m - center
     distance = np.hypot(offset[:, 0], offset[:, 1])
@@ -134,7 +135,7 @@ def _round_circle(circle: Circle, ends_m: FloatArray, sense: int) -> Ways:
 
 
 def _round_ring(ring: ConvexContour, ends_m: FloatArray, sense: int) -> Ways:
-    """The same for any convex contour, from its table."""
+    """The same quantities for any convex contour, from its table."""
     meets = ring.tangents(ends_m[:1], ends_light=sense > 0)
     leaves = ring.tangents(ends_m[1:], ends_light=sense < 0)
     low, high = (meets, leaves) if sense > 0 else (leaves, meets)
@@ -164,7 +165,7 @@ def _is_strong(paths: Paths, carrier_hz: float) -> BoolArray:
 
 
 def _is_clear(rays: CreepingRays, scene: Scene, rx: FloatArray, faces: Occluders) -> BoolArray:
-    """Mask (ray,) of both tangents free and no other object at the middle of the arc."""
+    """Mask (ray,): both tangents are free and no other object is at the middle of the arc."""
     outward = 2 * OCCLUDER_SAGITTA_M * np.pad(rays.normal, ((0, 0), (0, 0), (0, 1)))
     attach, middle, shed = (
         rays.attach_m + outward[:, 0],

@@ -19,8 +19,8 @@ from sim.propagation.occlusion import OCCLUDER_SAGITTA_M, Occluders, is_blocked,
 from sim.propagation.paths import BounceKind, Paths, paths_from_field, single_interaction
 from sim.propagation.specular.fresnel import slab_reflection, vertical_reflection
 
-EDGE_CLEARANCE_M = 2 * OCCLUDER_SAGITTA_M  # legs end this far from the edge, in the middle of its free sector
-MIN_LEG_M = 1e-6  # an end on the edge itself has no ray
+EDGE_CLEARANCE_M = 2 * OCCLUDER_SAGITTA_M  # between a leg and the edge, along the middle of the free sector
+MIN_LEG_M = 1e-6  # shorter legs have no ray: the end lies on the edge
 
 
 @dataclass(frozen=True)
@@ -43,9 +43,9 @@ def diffracted_paths(
 ) -> list[Paths]:
     """Paths of one diffraction at a vertical edge, one record per receiver position (receiver, xyz).
 
-    `faces` are the scene's occluders and `edges` its edges, found anew where not given. Both legs are free. Gain
-    convention of `sim.propagation.paths.Paths`: with the line of sight and the reflections the total field goes
-    on smoothly over their shadow boundaries.
+    `faces` are the occluders of the scene and `edges` its edges; both are computed if not given. Both legs are
+    free. Gain convention of `sim.propagation.paths.Paths`: the sum with line of sight and reflections is
+    continuous at their shadow boundaries.
     """
     rx_positions_m = np.atleast_2d(np.asarray(rx_positions_m, float))
     faces = occluders(scene) if faces is None else faces
@@ -57,7 +57,7 @@ def diffracted_paths(
 
 
 def diffraction_points(edges: Edges, tx_m: FloatArray, rx_positions_m: FloatArray) -> Diffractions:
-    """Points on all edges that see both ends past their own wedge, occluded by other objects or not."""
+    """Points on all edges whose own wedge blocks neither end, without test for occlusion by other objects."""
     tx_azimuth, tx_distance = _polar(tx_m[:2] - edges.position_m)
     rx_azimuth, rx_distance = _polar(rx_positions_m[:, None, :2] - edges.position_m)
     phi_in = np.broadcast_to((tx_azimuth - edges.face_0_rad) % (2 * np.pi), rx_azimuth.shape)
@@ -76,7 +76,7 @@ def diffraction_points(edges: Edges, tx_m: FloatArray, rx_positions_m: FloatArra
 def _is_clear(
     found: Diffractions, edges: Edges, tx: FloatArray, rx: FloatArray, faces: Occluders
 ) -> BoolArray:
-    """Mask (point,) of both legs free. The leg from the TX is the same for all receivers at one height."""
+    """Mask (point,): both legs are free. The leg from the TX is the same for all receivers at one height."""
     middle = (edges.face_0_rad + edges.opening_rad / 2)[found.edge]
     outward = np.column_stack([np.cos(middle), np.sin(middle), np.zeros(len(middle))])
     start = found.point_m + EDGE_CLEARANCE_M * outward
@@ -109,7 +109,7 @@ def _wedge_gain(
 
     Vertical polarisation is soft at a vertical edge. Luebbers takes the reflection of face 0 at the angle of the
     incident ray and that of face n at the angle of the diffracted one; here it is the smaller of the two angles
-    at either face, which agrees with that where the boundaries of reflection lie, and is reciprocal.
+    at each face. This is reciprocal, and it agrees with Luebbers at the reflection boundaries.
     """
     from_tx = found.point_m - scene.tx.position_m
     s_in = np.linalg.norm(from_tx, axis=1)
@@ -134,7 +134,7 @@ def _wedge_gain(
 def _face_reflection(
     scene: Scene, objects: IntArray, grazing_rad: FloatArray, elevation_rad: FloatArray, carrier_hz: float
 ) -> ComplexArray:
-    """Reflection (point,) of a vertical face at horizontal grazing angles, as the specular paths have it."""
+    """Reflection coefficient (point,) of a vertical face at horizontal grazing angles, as for specular paths."""
     level = np.cos(elevation_rad)
     along, down, up = level * np.cos(grazing_rad), level * np.sin(grazing_rad), np.sin(elevation_rad)
     incident, reflected = np.column_stack([along, -down, up]), np.column_stack([along, down, up])

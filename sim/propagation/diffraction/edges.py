@@ -13,7 +13,7 @@ from scenes.contours.base import Contour
 from scenes.record import FloatArray, IntArray, Record, array
 from scenes.scene import Scene, SceneObject
 
-TOUCH_M = 1e-3  # objects closer than this have no gap between them: a fifth of a wavelength at 60 GHz
+TOUCH_M = 1e-3  # objects closer than this touch: a fifth of a wavelength at 60 GHz
 MIN_TURN_RAD = np.deg2rad(
     1.0
 )  # a contour that turns less at a joint, or a wedge flatter than this, is smooth
@@ -23,7 +23,7 @@ FULL_TURN = 2 * np.pi
 
 @dataclass(frozen=True)
 class Edges(Record):
-    """Edges that stand out of the union of all objects.
+    """Convex edges of the union of all objects.
 
     The free sector about an edge opens counter-clockwise from face 0 to face n and is wider than pi.
     """
@@ -31,7 +31,7 @@ class Edges(Record):
     position_m: FloatArray = array("edge", "xy", unit="m", doc="the edge in plan view")
     z_min_m: FloatArray = array("edge", unit="m", doc="lower end")
     z_max_m: FloatArray = array("edge", unit="m", doc="upper end")
-    face_0_rad: FloatArray = array("edge", unit="rad", doc="azimuth in which face 0 leaves the edge")
+    face_0_rad: FloatArray = array("edge", unit="rad", doc="azimuth of face 0, away from the edge")
     opening_rad: FloatArray = array("edge", unit="rad", doc="free angle n pi from face 0 to face n")
     object: IntArray = array("edge", dtype=int, doc="index of the object whose corner it is")
     object_0: IntArray = array("edge", dtype=int, doc="index of the object of face 0")
@@ -39,7 +39,7 @@ class Edges(Record):
 
 
 class Sector(NamedTuple):
-    """What an object fills about a point: counter-clockwise from `start_rad` over `extent_rad` (thin walls: 0)."""
+    """Sector around a point inside an object: `extent_rad` counter-clockwise from `start_rad` (thin wall: 0)."""
 
     start_rad: float
     extent_rad: float
@@ -47,7 +47,7 @@ class Sector(NamedTuple):
 
 
 class Gap(NamedTuple):
-    """A free sector about a point and the objects that bound it."""
+    """A free sector around a point, and the two objects at its sides."""
 
     face_0_rad: float
     opening_rad: float
@@ -58,10 +58,10 @@ class Gap(NamedTuple):
 def find_edges(scene: Scene) -> Edges:
     """All vertical edges of a scene.
 
-    A corner is where two pieces of a contour meet at an angle, or where a thin wall ends. What counts is the
-    angle that all objects touching there leave free, height by height: faces that are flush with one another
-    have no edge between them, and a corner that a second object fills up has none. Concave corners do not
-    diffract to first order and are left out, as are the horizontal rims of objects.
+    A corner is where two pieces of a contour meet at an angle, or where a thin wall ends. The free
+    angle between all touching objects decides, separately for each range of heights: flush faces have no edge
+    between them, and a corner that a second object fills has no edge. Concave corners do not diffract to first
+    order and are omitted, as are the horizontal edges of objects.
     """
     found = []
     for owner, item in enumerate(scene.objects):
@@ -77,7 +77,7 @@ EdgeRow = tuple[FloatArray, float, float, float, float, int, int, int]
 
 
 def _corners(contour: Contour) -> list[FloatArray]:
-    """Points (xy,) where the contour's direction jumps, and the two ends of an open one."""
+    """Points (xy,) where the direction of the contour jumps, and the two ends of an open contour."""
     pieces = contour.pieces
     following = [*pieces[1:], pieces[0]] if contour.closed else list(pieces[1:])
     corners = []
@@ -91,7 +91,7 @@ def _corners(contour: Contour) -> list[FloatArray]:
 
 
 def _edges_at(corner: FloatArray, owner: int, objects: tuple[SceneObject, ...]) -> list[EdgeRow]:
-    """Edges at one corner over the height of its object, one per range of heights with the same free sector."""
+    """Edges at one corner of an object: one per range of heights with the same free sector."""
     sectors = {
         index: _sectors(item.contour, index, corner)
         for index, item in enumerate(objects)
@@ -124,7 +124,7 @@ def _is_near(contour: Contour, point: FloatArray) -> bool:
 
 
 def _sectors(contour: Contour, index: int, point: FloatArray) -> list[Sector]:
-    """What a contour within reach of a point fills about it: all, a sector, or single directions (thin walls)."""
+    """Sectors that a touching contour fills around a point: all, one sector, or single directions (thin walls)."""
     if contour.signed_distance(point) < -TOUCH_M:
         return [Sector(0.0, FULL_TURN, index)]
     ahead, back = _directions(contour, point)
@@ -134,9 +134,9 @@ def _sectors(contour: Contour, index: int, point: FloatArray) -> list[Sector]:
 
 
 def _directions(contour: Contour, point: FloatArray) -> tuple[list[float], list[float]]:
-    """Azimuths in which a contour leaves the point nearest to `point`, ahead and back along its own sense.
+    """Azimuths of a contour away from the point nearest to `point`, forward and backward along the contour.
 
-    At an open end one of the two is empty; a thin wall may meet itself there and give both all the same.
+    At an open end one of the two is empty, unless a thin wall meets itself there.
     """
     pieces = contour.pieces
     starts = [piece for piece in pieces if np.linalg.norm(piece.point(0.0) - point) <= TOUCH_M]
@@ -153,7 +153,7 @@ def _directions(contour: Contour, point: FloatArray) -> tuple[list[float], list[
 
 
 def _wide_gaps(sectors: list[Sector]) -> list[Gap]:
-    """Free sectors wider than pi that filled ones leave; they are swept counter-clockwise from the first one."""
+    """Free sectors wider than pi between the filled ones, by a counter-clockwise sweep from the first one."""
     if not sectors:
         return []
     first = min(sector.start_rad % FULL_TURN for sector in sectors)
@@ -169,7 +169,7 @@ def _wide_gaps(sectors: list[Sector]) -> list[Gap]:
 
 
 def _without_repetitions(rows: list[EdgeRow]) -> list[EdgeRow]:
-    """The first of all edges that corners of several objects give at one place, height and free sector."""
+    """Edges without repetitions: one edge per place, range of heights and free sector."""
     kept: list[EdgeRow] = []
     for row in rows:
         if not any(_is_same(row, other) for other in kept):

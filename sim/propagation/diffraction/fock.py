@@ -21,9 +21,9 @@ from sim.propagation.diffraction.wedge import transition_function
 Polarisation = Literal["soft", "hard"]
 
 N_NODES = 128
-REAL_END, ROTATED_END = 10.0, 26.0  # the integrands have fallen below 1e-15 there
-REFLECTION_SERIES_BELOW = -6.0  # three terms of it are good to 1e-4 here
-RESIDUE_SERIES_ABOVE = 3.0  # ten residues are good to 1e-15 here
+REAL_END, ROTATED_END = 10.0, 26.0  # the integrands are below 1e-15 there
+REFLECTION_SERIES_BELOW = -6.0  # three terms are accurate to 1e-4 here
+RESIDUE_SERIES_ABOVE = 3.0  # ten residues are accurate to 1e-15 here
 N_RESIDUES = 10
 MIN_ARGUMENT = 1e-9
 
@@ -31,11 +31,11 @@ MIN_ARGUMENT = 1e-9
 def grazing_factor(
     k: Any, radius_of_curvature_m: Any, s1_m: Any, s2_m: Any, cos_incidence: Any, polarisation: Polarisation
 ) -> ComplexArray:
-    """What multiplies the geometrical-optics gain of a reflection off a convex contour; 1 away from grazing.
+    """Correction factor of the geometrical-optics gain of a reflection off a convex contour; 1 far from grazing.
 
     Uniform reflection coefficient, equation (32) of Pathak, Burnside and Marhefka, over that of a plane. All
-    arguments broadcast: horizontal wavenumber in 1/m, radius of curvature in m (> 0 convex; where it is not
-    positive or infinite the factor is 1), horizontal lengths of the two legs in m, cosine of the horizontal
+    arguments broadcast: horizontal wavenumber in 1/m, radius of curvature in m (> 0 convex; the factor is 1
+    if it is not positive or infinite), horizontal lengths of the two legs in m, cosine of the horizontal
     angle of incidence in (0, 1]. The geometrical-optics gain carries the divergence of the curved surface.
     """
     k, radius, s1, s2, cosine = np.broadcast_arrays(
@@ -76,7 +76,7 @@ def convex_creeping_gain(
     """Field in the shadow of a convex cylinder over that of a free wave of the path's length s1 + arc + s2.
 
     Equations (35) and (36) of Pathak, Burnside and Marhefka, all arguments broadcast: legs s1, s2 in m from the
-    ends to their points of tangency, the radii of curvature there, the length of the arc between these, along
+    ends to their points of tangency, the radii of curvature there, the length of the arc between them, along
     which the wave creeps, and its bend, the integral of curvature^(2/3) in m^(1/3), which makes the Fock parameter
     xi = integral of m / radius. At the shadow boundary, arc 0, it continues the field of the lit side.
     """
@@ -93,8 +93,8 @@ def pekeris_function(delta: Any, polarisation: Polarisation) -> ComplexArray:
 
     ``p* = 1/sqrt(pi) [int_0^inf V/W2 e^{-j delta t} dt + 1/2j int_-inf^0 W1/W2 e^{-j delta t} dt]`` with the
     Fock-type Airy functions V, W1, W2 (their derivatives for ``q*``): N. A. Logan, LMSD-288087 (1959). The second
-    integral runs along the ray arg t = -2 pi/3, where W1/W2 falls off fastest. Towards the lit side (delta << 0)
-    the reflection expansion takes over, in the shadow (delta >> 0) the residue series.
+    integral is along the ray arg t = -2 pi/3, where W1/W2 decays fastest. On the lit side (delta << 0) it uses the
+    reflection expansion, in the shadow (delta >> 0) the residue series.
     """
     delta = np.asarray(delta, float)
     result = np.zeros(delta.shape, complex)

@@ -2,8 +2,8 @@
 
 The point of diffraction follows from Keller's cone and the gain from the uniform theory of
 `sim.propagation.diffraction.wedge`, in the frame of the edge, for both polarisations: the field along the edge
-is soft, the one across it hard. Sionna RT is not asked: it looks for edges with random rays, which miss some,
-and its gain is up to 6 dB off that of a conducting wedge.
+is soft, the field across it hard. Sionna RT is not used: it searches edges with random rays, which miss some
+edges, and its gain differs by up to 6 dB from that of a conducting wedge.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ FULL_TURN = 2 * np.pi
 
 @dataclass(frozen=True)
 class MeshEdges(Record):
-    """Edges of meshes where two faces leave more than half of the space about them free, and rims.
+    """Edges of meshes with a free sector of more than half of the space, and rims of open meshes.
 
-    An edge points along `along`, so that the free sector opens counter-clockwise about it from face 0, which
-    leaves the edge along `face_0`, over `opening_rad` to face n.
+    The free sector extends counter-clockwise around `along` over `opening_rad`, from face 0 to face n. `face_0`
+    points away from the edge.
     """
 
     start_m: FloatArray = array("edge", "xyz", unit="m", doc="one end")
@@ -63,10 +63,10 @@ class _Rays(Record):
 
 
 def mesh_edges(clutter: Sequence[Clutter]) -> MeshEdges:
-    """The diffracting edges of all meshes; those of four faces, where bodies touch, and flat ones are left out.
+    """The diffracting edges of all meshes, without flat edges and without edges of four faces (touching bodies).
 
-    Two faces are taken for the outside of a wedge of less than pi, whichever way their normals look: an inner
-    corner is one seen from within the material, where no ray runs.
+    Two faces always count as the outside of a wedge of less than pi, independent of their normals: no ray travels
+    inside the material.
     """
     return concatenate([_none(), *(_edges_of(item, index) for index, item in enumerate(clutter))], "edge")
 
@@ -80,9 +80,9 @@ def diffracted_by_meshes(
     names: list[str],
     n_slots: int,
 ) -> Paths:
-    """Paths of one diffraction from TX to RX (xyz,) at edges of meshes, both legs free.
+    """Paths of one diffraction from TX to RX (xyz,) at edges of meshes, with both legs free.
 
-    `materials` are those of the meshes, which are the last ones of `names`.
+    `materials` are those of the meshes. The meshes are the last entries of `names`.
     """
     rays = _keller(edges, ends_m)
     for end in ends_m:
@@ -146,7 +146,7 @@ def _outward(edges: MeshEdges, edge: IntArray) -> FloatArray:
 
 
 def _keller(edges: MeshEdges, ends_m: tuple[FloatArray, FloatArray]) -> _Rays:
-    """Rays over the edges where both ends lie in the free sector and Keller's cone meets the edge."""
+    """Rays over edges whose free sector contains both ends and whose point on Keller's cone is on the edge."""
     along, height, across = [], [], []
     for end in ends_m:
         offset = end - edges.start_m
@@ -200,7 +200,7 @@ def _gain(edges: MeshEdges, rays: _Rays, materials: Sequence[Material], carrier_
 
 
 def _edge_basis(direction: FloatArray, along: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Unit vectors (ray, xyz) normal to a direction: the one closest to the edge (soft), and across it (hard)."""
+    """Unit vectors (ray, xyz) normal to a direction: closest to the edge (soft), and across the edge (hard)."""
     soft = along - (along * direction).sum(axis=1)[:, None] * direction
     soft = soft / np.linalg.norm(soft, axis=1, keepdims=True)
     return soft, np.cross(direction, soft)
@@ -213,7 +213,7 @@ def _face_reflection(
     tilt_rad: FloatArray,
     carrier_hz: float,
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Reflection (ray,) of a face of soft and of hard fields, as a specular path of that angle has it.
+    """Reflection coefficients (ray,) of a face for soft and hard fields, equal to those of a specular path.
 
     In the frame of the edge: z along it, y the normal of the face.
     """

@@ -1,8 +1,9 @@
 """Uniform theory of diffraction at straight edges: the wedge of Kouyoumjian and Pathak.
 
 "A uniform geometrical theory of diffraction for an edge in a perfectly conducting surface", Proc. IEEE 62 (1974)
-1448-1461; time dependence exp(+j 2 pi f t). Lossy faces by the heuristic of R. J. Luebbers, IEEE Trans. Antennas
-Propag. 32 (1984) 70-76: their reflection coefficients stand before the terms of the two reflection boundaries.
+1448-1461; time dependence exp(+j 2 pi f t). Lossy faces follow the heuristic of R. J. Luebbers, IEEE Trans.
+Antennas Propag. 32 (1984) 70-76: their reflection coefficients multiply the terms of the two reflection
+boundaries.
 
 The exterior of the wedge is the sector 0 < phi < n pi; angles are measured from its face 0 about the edge, the
 other face is called n. All fields are components along the edge (soft polarisation, which is the vertical one at
@@ -17,7 +18,7 @@ import numpy as np
 
 from scenes.record import ComplexArray, FloatArray
 
-MIN_BOUNDARY_ANGLE = 1e-9  # rad beside its own boundary, where a term jumps, at least
+MIN_BOUNDARY_ANGLE = 1e-9  # rad; least distance of a term from its boundary, where it jumps
 
 
 def transition_function(x: Any) -> ComplexArray:

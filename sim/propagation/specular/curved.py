@@ -1,9 +1,9 @@
-"""Exact reflection off smooth contours, which faceted ray tracing loses, alone and with one flat face.
+"""Exact reflection off smooth contours, alone or with one flat face. Faceted ray tracing misses these paths.
 
 All objects are vertical prisms, so the point of reflection is a stationary point in plan view of the length
-|S - c(t)| + |c(t) - Q|, where S is the TX or its image in a flat face met before, and Q the RX or its image in
-a flat face met after. Every solution is found: a convex curve has at most one on its lit side, where the length
-is least; on a concave one all sign changes of the slope are followed, close pairs included.
+|S - c(t)| + |c(t) - Q|, where S is the TX or its image in an earlier flat face, and Q is the RX or its image in
+a later flat face. The solver finds every solution. A convex curve has at most one on its lit side, where the
+length is a minimum. On a concave curve the solver follows all sign changes of the slope, including close pairs.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ from sim.propagation.specular.images import CLEARANCE_M, FaceChains, is_outside_
 from sim.propagation.specular.plan_view import PlanPaths, dot, norm
 from sim.propagation.specular.surfaces import Faces
 
-MIN_COS_INCIDENCE = 1e-5  # nearer to grazing, rounding decides whether the curve stands in its own way
-CURVE_OVERLAP = 1e-9  # curves are searched this share beyond their ends, so that no joint falls between two
+MIN_COS_INCIDENCE = 1e-5  # nearer to grazing, rounding errors decide whether the curve blocks itself
+CURVE_OVERLAP = 1e-9  # the search extends by this share beyond the ends of a curve, to include the joints
 MAX_STEPS = 60
-STEP_LIMIT_M = 1e-10  # a Newton step below this is the last one: the next would be about its square
+STEP_LIMIT_M = 1e-10  # the Newton iteration ends below this step: the next one would be about its square
 RESIDUAL_LIMIT_M = 1e-9
 N_REFINED = 16  # parts of an interval that may hold a close pair of solutions
 
 
 @dataclass(frozen=True)
 class ReflectionPoints(Record):
-    """Solutions on curves: the candidate each belongs to and the local geometry."""
+    """Points of reflection on curves: index of the candidate and local geometry."""
 
     row: IntArray = array("bounce", dtype=int, doc="index of the candidate")
     point_m: FloatArray = array("bounce", "xy", unit="m", doc="point of reflection")
@@ -38,7 +38,7 @@ class ReflectionPoints(Record):
 
 
 def curved_paths(curves: Curves, tx_xy_m: FloatArray, rx_xy_m: FloatArray) -> PlanPaths:
-    """Paths of one bounce off a curve to receivers (receiver, xy), occlusion left aside."""
+    """Paths of one bounce off a curve to receivers (receiver, xy), without test for occlusion."""
     curve = _lit_curves(curves, tx_xy_m)
     receiver, pick = (part.ravel() for part in np.indices((len(rx_xy_m), len(curve))))
     curve = curve[pick]
@@ -91,7 +91,7 @@ def _with_face(
     *,
     face_first: bool,
 ) -> PlanPaths:
-    """Paths of two corners: the bounces found on the curves, and the point of the flat face before or after."""
+    """Paths of two corners: a bounce on a curve, and a point on the flat face before or after it."""
     row = found.row
     point, valid = points_on_faces(faces, face[row], image_m[row], found.point_m)
     row, found, point = row[valid], found.take("bounce", valid), point[valid]
@@ -169,7 +169,7 @@ def _brackets(
 def _sign_changes(
     curves: Curves, curve: IntArray, source_m: FloatArray, target_m: FloatArray, rows: IntArray
 ) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Intervals of the node grid where the slope changes sign, once or, found on a finer grid, twice."""
+    """Intervals of the node grid where the slope changes sign once, and, on a finer grid, twice."""
     index = curve[rows]
     slope, bend = _slopes(
         curves.node_m[index], curves.node_first[index], curves.node_second[index],
@@ -198,7 +198,7 @@ def _sign_changes(
 
 
 def _may_hold_pair(value: FloatArray, change: FloatArray) -> BoolArray:
-    """Whether a function dips to zero between nodes (row, node) by the tangents at both ends (row, node - 1)."""
+    """Whether a function may reach zero twice between nodes (row, node - 1), from the tangents at both ends."""
     sign = np.sign(value[:, :-1])
     left, right = sign * value[:, :-1], sign * value[:, 1:]
     fall, rise = -sign * change[:, :-1], sign * change[:, 1:]
@@ -221,7 +221,7 @@ def _refine(
     t = (low + high) / 2
     low, high, residual = low.copy(), high.copy(), np.full(len(t), np.inf)
     falls = length_derivatives(curves, curve, low, source_m, target_m)[0] > 0
-    falls &= ~curves.is_convex[curve]  # a convex curve has a minimum, whatever the slopes beyond its lit part
+    falls &= ~curves.is_convex[curve]  # a convex curve has a minimum, also if the slopes beyond differ
     active = np.arange(len(t))
     for _ in range(MAX_STEPS):
         if not len(active):
@@ -243,7 +243,7 @@ def _refine(
 
 
 def _lit_curves(curves: Curves, point_m: FloatArray) -> IntArray:
-    """Curves with a node that sees a point (xy,) on its lit side."""
+    """Curves with a node for which a point (xy,) is on the lit side."""
     offset = point_m - curves.node_m
     return np.flatnonzero((dot(curves.node_normal, offset) > 0).any(axis=1))
 
@@ -251,7 +251,7 @@ def _lit_curves(curves: Curves, point_m: FloatArray) -> IntArray:
 def _is_reached(
     faces: Faces, curves: Curves, face: IntArray, image_m: FloatArray, curve: IntArray
 ) -> BoolArray:
-    """Whether a part of each curve lies in the beam that an image sends through a face, and before the face."""
+    """Whether a part of each curve lies in front of a face and in the beam from an image through this face."""
     center, reach = curves.center_m[curve], curves.reach_m[curve]
     kept = faces.height_over(face, center) > -reach
     return kept & ~is_outside_beam(faces, face, image_m, center, reach)

@@ -1,8 +1,8 @@
 """Exact double reflection off two curved walls.
 
 The points c1(s), c2(t) are stationary points of |T - c1| + |c1 - c2| + |c2 - R| in plan view. Two convex curves
-have at most one lit solution, since the length is convex over their hulls: Newton's method finds it from the
-nearest nodes. Where one of them is concave it starts in every cell of a grid that both gradients may vanish in.
+have at most one lit solution, because the length is convex over their hulls. Newton's method finds it from the
+nearest nodes. If one of them is concave, the method starts in every grid cell in which both gradients may vanish.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from sim.propagation.specular.curves import N_NODES, NODE_T, Curves
 from sim.propagation.specular.plan_view import SAME_POINT_M, PlanPaths, dot, norm
 
 MAX_STEPS = 24
-PATIENCE, LOST_STEP = 10, 0.01  # after so many steps a start that still moves so far leads nowhere
+PATIENCE, LOST_STEP = 10, 0.01  # after PATIENCE steps, starts with larger steps than LOST_STEP are discarded
 MAX_STEP = 3 * float(NODE_T[1])
-COARSE = np.arange(0, N_NODES, 2)  # nodes that tell whether two curves see each other
+COARSE = np.arange(0, N_NODES, 2)  # nodes for the test whether two curves see each other
 SIGHT_SLACK = 0.1  # share of the reach of a curve
-GRID = np.arange(0, N_NODES, 4)  # nodes that make the grid of starts
+GRID = np.arange(0, N_NODES, 4)  # nodes of the grid of starts
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ def facing_pairs(curves: Curves, tx_xy_m: FloatArray) -> tuple[IntArray, IntArra
     """First and second curves (pair,) that see each other, the first one lit by the TX (xy,)."""
     first = np.flatnonzero((dot(curves.node_normal, tx_xy_m - curves.node_m) > 0).any(axis=1))
     node, normal = curves.node_m[:, COARSE], curves.node_normal[:, COARSE]
-    slack = -SIGHT_SLACK * curves.reach_m  # what lies between the coarse nodes
+    slack = -SIGHT_SLACK * curves.reach_m  # allows for the curve between the coarse nodes
     seen = np.zeros((len(first), len(curves)), bool)
     for row, index in enumerate(first.tolist()):
         forth = node[:, None] - node[index, :, None]
@@ -64,7 +64,7 @@ def facing_pairs(curves: Curves, tx_xy_m: FloatArray) -> tuple[IntArray, IntArra
 def curved_curved_paths(
     curves: Curves, pairs: tuple[IntArray, IntArray], tx_xy_m: FloatArray, rx_xy_m: FloatArray
 ) -> PlanPaths:
-    """Paths TX, curve, curve, RX to receivers (receiver, xy) over pairs of curves, occlusion left aside."""
+    """Paths TX, curve, curve, RX to receivers (receiver, xy) over pairs of curves, without test for occlusion."""
     first, second = pairs
     lit = _sees(curves, rx_xy_m)
     receiver, pick = np.nonzero(lit[:, second])
@@ -94,7 +94,7 @@ def _sees(curves: Curves, point_m: FloatArray) -> BoolArray:
 
 
 def _convex_start(curves: Curves, pairs: CurvePairs) -> FloatArray:
-    """Parameters (candidate, 2) of the nodes between which the path is about shortest."""
+    """Parameters (candidate, 2) of nodes that give almost the shortest path."""
     a, b = pairs.first, pairs.second
     other = curves.center_m[b]
     for _ in range(2):
@@ -110,7 +110,7 @@ def _nearest_node(curves: Curves, curve: IntArray, source_m: FloatArray, target_
 
 
 def _grid_starts(curves: Curves, pairs: CurvePairs) -> tuple[IntArray, FloatArray]:
-    """Candidates and parameters (start, 2) of the grid cells in or beside which both slopes change sign."""
+    """Candidates and parameters (start, 2) of grid cells in or next to which both slopes change sign."""
     x = curves.node_m[pairs.first][:, GRID, None]
     y = curves.node_m[pairs.second][:, None, GRID]
     between = x - y
@@ -156,7 +156,7 @@ def _solved(curves: Curves, pairs: CurvePairs, start: FloatArray) -> PlanPaths:
 
 
 def _newton_step(curves: Curves, pairs: CurvePairs, u: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Step (candidate, 2) to where both slopes vanish, downhill where both curves are convex; and max |c'|."""
+    """Newton step (candidate, 2) to a zero of both slopes (a minimum if both curves are convex), and max |c'|."""
     x, dx, ddx = curves.at(pairs.first, u[:, 0])
     y, dy, ddy = curves.at(pairs.second, u[:, 1])
     slope_x, slope_y = np.zeros(len(u)), np.zeros(len(u))

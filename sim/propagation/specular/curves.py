@@ -1,4 +1,4 @@
-"""Curved walls as a table of short smooth curves that are all evaluated at once.
+"""Curved walls as a table of short smooth curves, evaluated together as arrays.
 
 A curve c(t), t in [0, 1], is a conic o + u cos p + v sin p, p = start + sweep t, or a chain of cubic polynomials,
 and is either convex or concave as seen from its lit side. Pieces are cut where the curvature changes its sign.
@@ -17,7 +17,7 @@ from scenes.contours.pieces import Piece
 from scenes.record import BoolArray, FloatArray, IntArray, Record, array, concatenate
 
 N_NODES = 49  # points tabulated per curve
-MAX_CONCAVE_TURN_RAD = np.pi / 4  # concave curves are cut, so that their nodes lie within 1 deg
+MAX_CONCAVE_TURN_RAD = np.pi / 4  # limit for concave curves: their nodes are then within 1 deg
 MAX_CONVEX_TURN_RAD = 2 * np.pi
 MAX_SEGMENTS = 12
 NODE_T = np.linspace(0, 1, N_NODES)
@@ -36,14 +36,14 @@ Maker = Callable[[int, float], list["Curves"]]
 
 @dataclass(frozen=True)
 class Curves(Record):
-    """Curves with their nodes; the lit side lies along `side` times the normal to the right of c'(t)."""
+    """Curves with their nodes. The lit side is in the direction `side` times the normal to the right of c'(t)."""
 
     surface: IntArray = array("curve", dtype=int, doc="index of the object")
     side: FloatArray = array("curve", doc="+1 or -1")
     is_convex: BoolArray = array("curve", dtype=bool, doc="as seen from the lit side")
     is_conic: BoolArray = array("curve", dtype=bool, doc="whether coefficients are o, u, v, (start, sweep)")
     n_segments: IntArray = array(
-        "curve", dtype=int, doc="cubics, equal in t, that make the curve; 1 for conics"
+        "curve", dtype=int, doc="number of cubics in the curve, equal in t; 1 for conics"
     )
     coefficient: FloatArray = array("curve", "segment", "row", "xy", doc="of the conic, or of t^3, t^2, t, 1")
     center_m: FloatArray = array("curve", "xy", unit="m", doc="centre of a disc that holds the curve")
@@ -103,7 +103,7 @@ class Curves(Record):
 
 
 def joined_curves(parts: list[Curves]) -> Curves:
-    """All curves in one table, an empty one where there are none."""
+    """All curves in one table; the table may be empty."""
     if parts:
         return concatenate(parts, "curve")
     none = np.zeros(0)
@@ -121,7 +121,7 @@ def joined_curves(parts: list[Curves]) -> Curves:
 def conic_curves(
     center_m: FloatArray, u_m: FloatArray, v_m: FloatArray, start_rad: float, sweep_rad: float
 ) -> Maker:
-    """Maker of the curves o + u cos p + v sin p for p from `start_rad` over `sweep_rad`."""
+    """Function that makes the curves o + u cos p + v sin p, p from `start_rad` to `start_rad + sweep_rad`."""
 
     def make(surface: int, side: float) -> list[Curves]:
         is_convex = bool(side * sweep_rad * _cross(u_m, v_m) > 0)
@@ -135,10 +135,10 @@ def conic_curves(
 
 
 def cubic_curves(piece: Piece, knots: FloatArray, max_segments: int = MAX_SEGMENTS) -> Maker:
-    """Maker of curves of up to `max_segments` cubics that interpolate a piece and its slope at `knots`."""
+    """Function that makes curves of up to `max_segments` cubics through a piece and its slope at `knots`."""
 
     def make(surface: int, side: float) -> list[Curves]:
-        """Curves of one surface that is lit on one side: as few as bend one way and turn little enough each."""
+        """Fewest curves of one surface and side with one sign of curvature and a limited turn each."""
         parts = [part for low, high in pairwise(knots) for part in _parts(_hermite(piece, low, high), side)]
         groups: list[list[_CubicArc]] = []
         for part in parts:
@@ -166,7 +166,7 @@ class _CubicArc(NamedTuple):
 
 
 def _parts(whole: FloatArray, side: float) -> Iterator[_CubicArc]:
-    """Stretches of a cubic between its inflections that turn little enough."""
+    """Parts of a cubic between its inflections, each with a limited turn."""
     for low, high in pairwise([0.0, *_inflections(whole), 1.0]):
         slope, bend = _slopes(whole, (low + high) / 2)
         is_convex = bool(side * _cross(slope, bend) > 0)

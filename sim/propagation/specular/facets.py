@@ -1,9 +1,9 @@
-"""Specular rays over the flat facets of user meshes: exact points for the chains that a ray tracer finds.
+"""Specular rays over the flat facets of user meshes: exact points for the chains of the ray tracer.
 
-The tracer says which triangles a path reflects off; it works in single precision and looks for them with rays,
-which miss some. Here the points follow from the images of the TX in the planes of those triangles, and every
-triangle is tried for a single bounce. What stands in the way and the gain are then those of the exact solver, so
-that a box given as a mesh and one given as a prism have the same paths.
+The tracer finds the triangles that a path reflects off. It works in single precision and its rays miss some
+triangles. Here the points follow from the images of the TX in the planes of these triangles, and every
+triangle is tested for a single bounce. Occlusion and gain come from the exact solver, so a box has the same paths
+as a mesh and as a prism.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ from scenes.record import BoolArray, FloatArray, IntArray, Record, array
 from sim.propagation.paths import BounceKind
 from sim.propagation.specular.rays import Rays
 
-OUTSIDE_TRIANGLE_M = 1e-4  # the tracer decides in single precision which of two coplanar triangles is met
-OFF_FACE_M = 1e-5  # from where a reflecting face is looked at, to see on which side of it a path is
-SAME_POINT_M = 1e-6  # reflections off the same objects in the same points are one path
+OUTSIDE_TRIANGLE_M = 1e-4  # the tracer selects between two coplanar triangles in single precision
+OFF_FACE_M = 1e-5  # distance from a face of the point that tests on which side of it a path is
+SAME_POINT_M = 1e-6  # reflections off the same objects at the same points are one path
 
 
 @dataclass(frozen=True)
 class TracedChains(Record):
-    """What specular paths meet, TX to RX: reflections (SPECULAR) and ways through faces (REFRACTION)."""
+    """Interactions of traced specular paths, TX to RX: reflections (SPECULAR), transmissions (REFRACTION)."""
 
-    kind: IntArray = array("path", "bounce", dtype=int, doc="BounceKind; NONE pads")
-    surface: IntArray = array("path", "bounce", dtype=int, doc="index of the object; -1 pads")
-    corner_m: FloatArray = array("path", "bounce", "corner", "xyz", unit="m", doc="the triangle met")
+    kind: IntArray = array("path", "bounce", dtype=int, doc="BounceKind; NONE if unused")
+    surface: IntArray = array("path", "bounce", dtype=int, doc="index of the object; -1 if unused")
+    corner_m: FloatArray = array("path", "bounce", "corner", "xyz", unit="m", doc="corners of the triangle")
 
 
 def mesh_rays(
@@ -37,9 +37,9 @@ def mesh_rays(
 ) -> list[Rays]:
     """Rays from TX to RX (xyz,) that reflect off at least one mesh, one record per number of reflections.
 
-    `first` is the index of the first mesh among all objects. Single bounces are tried on all triangles, longer
-    chains are those found. Left out are chains whose points miss their triangles by more than 0.1 mm, that repeat
-    others, or that reflect within a closed mesh, as they do not in prisms either.
+    `first` is the index of the first mesh among all objects. Single bounces are tested on all triangles; longer
+    chains are those in `found`. The result omits chains whose points miss their triangles by more than 0.1 mm,
+    repeated chains, and reflections inside a closed mesh (prisms have none either).
     """
     reflects = found.kind == BounceKind.SPECULAR
     n_reflections = np.where((reflects & (found.surface >= first)).any(axis=1), reflects.sum(axis=1), 0)
@@ -65,7 +65,7 @@ def _triangles(clutter: Sequence[Clutter], first: int) -> tuple[IntArray, FloatA
 
 
 def _reflected(surface: IntArray, corner_m: FloatArray, tx_m: FloatArray, rx_m: FloatArray) -> Rays:
-    """Rays over triangles (ray, bounce, corner, xyz) by images; those that miss one of them are left out."""
+    """Rays over triangles (ray, bounce, corner, xyz) by the image method, without rays that miss a triangle."""
     n_rays, n = surface.shape
     normal, anchor = _normals(corner_m), corner_m[:, :, 0]
     images = [np.broadcast_to(tx_m, (n_rays, 3))]
@@ -89,14 +89,14 @@ def _reflected(surface: IntArray, corner_m: FloatArray, tx_m: FloatArray, rx_m: 
 
 
 def _distinct(rays: Rays) -> Rays:
-    """The first of all rays that reflect off the same objects in the same points."""
+    """The first one of all rays that reflect off the same objects at the same points."""
     place = np.round(rays.vertex_m / SAME_POINT_M).reshape(len(rays), 3 * rays.size("bounce"))
     _, first = np.unique(np.column_stack([rays.surface, place]), axis=0, return_index=True)
     return rays.take("ray", np.sort(first))
 
 
 def _is_within(rays: Rays, tx_m: FloatArray, clutter: Sequence[Clutter], first: int) -> BoolArray:
-    """Whether a ray reflects off the inner side of a closed mesh (ray,), which it entered through a face."""
+    """Mask (ray,) of rays that reflect off the inner side of a closed mesh."""
     before = np.concatenate([np.broadcast_to(tx_m, (len(rays), 1, 3)), rays.vertex_m[:, :-1]], axis=1)
     back = before - rays.vertex_m
     probe = rays.vertex_m + OFF_FACE_M * back / np.linalg.norm(back, axis=2, keepdims=True)
@@ -114,7 +114,7 @@ def _normals(corner_m: FloatArray) -> FloatArray:
 
 
 def _off_triangle(point_m: FloatArray, corner_m: FloatArray, normal: FloatArray) -> FloatArray:
-    """How far points (..., xyz) in the planes of triangles (..., corner, xyz) lie outside them (...)."""
+    """Distance (...) of points (..., xyz), in the planes of triangles (..., corner, xyz), outside them."""
     outside = np.zeros(point_m.shape[:-1])
     for k in range(3):
         side = corner_m[..., (k + 1) % 3, :] - corner_m[..., k, :]

@@ -1,4 +1,4 @@
-"""Reflection off a slab and transmission through it: ITU-R P.2040-3, and what it does to a wave.
+"""Reflection off a slab and transmission through it (ITU-R P.2040-3), and their effect on the polarised field.
 
 Time dependence exp(+j 2 pi f t), so a lossy relative permittivity has a negative imaginary part.
 """
@@ -19,8 +19,8 @@ def slab_reflection(
     """Reflection coefficients (R_s, R_p), each of the shape of `cos_incidence`, of a slab in air.
 
     R = R' (1 - e^{-j2q}) / (1 - R'^2 e^{-j2q}), q = (2 pi d / lambda) sqrt(eta - sin^2 t): ITU-R P.2040-3,
-    equations (37) and (43a), R' being the Fresnel coefficient of one face. R_s (TE) is for the electric field
-    normal to the plane of incidence, R_p (TM) for the field in it. An infinite permittivity is a perfect
+    equations (37) and (43a), with the Fresnel coefficient R' of one face. R_s (TE) applies to the electric field
+    normal to the plane of incidence, R_p (TM) to the field in this plane. An infinite permittivity is a perfect
     conductor, R_s = -1 and R_p = +1. Permittivity and thickness may be arrays of the same shape.
     """
     return slab(cos_incidence, relative_permittivity, thickness_m, frequency_hz)[0]
@@ -40,7 +40,7 @@ def slab_transmission(
 def slab(
     cos_incidence: Any, relative_permittivity: Any, thickness_m: Any, frequency_hz: float
 ) -> tuple[tuple[ComplexArray, ComplexArray], tuple[ComplexArray, ComplexArray]]:
-    """Both ((R_s, R_p), (T_s, T_p)), as `slab_reflection` and `slab_transmission` give them."""
+    """Coefficients ((R_s, R_p), (T_s, T_p)) of `slab_reflection` and `slab_transmission`, in one pass."""
     cosine = np.asarray(cos_incidence, float)
     permittivity = np.asarray(relative_permittivity, complex)
     perfect = ~np.isfinite(permittivity)
@@ -62,8 +62,8 @@ def slab(
 def vertical_polarisation(direction: Any) -> FloatArray:
     """Unit vector (..., xyz) of the vertically polarised field of a wave along `direction` (..., xyz).
 
-    It is the spherical theta vector: normal to the direction, in its vertical plane, pointing down. A wave
-    straight up or down has azimuth 0.
+    It is the spherical theta vector: normal to the direction, in its vertical plane, pointing down. A wave in
+    the vertical direction has azimuth 0.
     """
     k = np.asarray(direction, float)
     level = np.hypot(k[..., 0], k[..., 1])
@@ -78,8 +78,8 @@ def vertical_reflection(
     """Gain (...) of one reflection between vertically polarised antennas.
 
     `incident` and `reflected` are the unit directions of travel (..., xyz) before and after, `normal` the unit
-    normal of the surface on either side. The field is split into the parts normal to and in the plane of
-    incidence, each is scaled by its coefficient, and the sum is projected on the receiver's polarisation.
+    normal of the surface on either side. The field has one part normal to the plane of incidence
+    and one part in it. Each part is scaled by its coefficient; the sum is projected on the receive polarisation.
     """
     k_in, k_out = np.asarray(incident, float), np.asarray(reflected, float)
     s_vector = normal_to_plane_of_incidence(k_in, np.asarray(normal, float))
@@ -93,7 +93,7 @@ def vertical_reflection(
 
 
 def normal_to_plane_of_incidence(incident: FloatArray, normal: FloatArray) -> FloatArray:
-    """Unit s vector (..., xyz); at normal incidence, where any will do, one along the surface."""
+    """Unit s vector (..., xyz). At normal incidence it is an arbitrary vector along the surface."""
     across = np.cross(incident, normal)
     fallback = np.cross(normal, np.where(np.abs(normal[..., 2:]) < 0.9, [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]))
     across = np.where(np.linalg.norm(across, axis=-1, keepdims=True) > 1e-9, across, fallback)

@@ -1,7 +1,7 @@
-"""Specular reflection off flat vertical faces by images, in plan view.
+"""Specular reflection off flat vertical faces by the image method, in plan view.
 
-A chain of faces is kept only where each face can be lit through the one before, seen from the TX; the chains and
-the images of the TX do not depend on the receivers.
+A chain of faces is kept only if each face can be illuminated through the previous one. The chains and the images
+of the TX do not depend on the receivers.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from scenes.record import BoolArray, FloatArray, IntArray, Record, array
 from sim.propagation.specular.plan_view import PlanPaths, cross, norm
 from sim.propagation.specular.surfaces import Faces
 
-CLEARANCE_M = 1e-9  # a point or a part of a face nearer than this to a plane is not in front of it
+CLEARANCE_M = 1e-9  # a point nearer than this to the plane of a face is not in front of it
 
 
 @dataclass(frozen=True)
 class FaceChains(Record):
-    """Sequences of faces and the image of the TX in the first, first two, ... of them."""
+    """Sequences of faces, and the image of the TX in the first face, the first two faces, and so on."""
 
-    face: IntArray = array("chain", "corner", dtype=int, doc="faces in the order they are met")
+    face: IntArray = array("chain", "corner", dtype=int, doc="faces in order from TX to RX")
     image_m: FloatArray = array("chain", "image", "xy", unit="m", doc="TX, then its images")
 
     def __len__(self) -> int:
@@ -29,7 +29,7 @@ class FaceChains(Record):
 
 
 def face_chains(faces: Faces, tx_xy_m: FloatArray, max_corners: int) -> list[FaceChains]:
-    """All chains of 1 ... `max_corners` faces that can reflect the wave of a TX (xy,), one record per length."""
+    """All chains of 1 to `max_corners` faces that can reflect the wave of a TX (xy,), one record per length."""
     every = np.arange(faces.size("face"))
     first = every[faces.height_over(every, tx_xy_m[None]) > CLEARANCE_M]
     image = faces.mirror(first, tx_xy_m[None])
@@ -42,7 +42,7 @@ def face_chains(faces: Faces, tx_xy_m: FloatArray, max_corners: int) -> list[Fac
 
 
 def planar_paths(faces: Faces, chain: FaceChains, rx_xy_m: FloatArray) -> PlanPaths:
-    """Paths to receivers (receiver, xy) over all chains of one length, occlusion left aside."""
+    """Paths to receivers (receiver, xy) over all chains of one length, without test for occlusion."""
     n = chain.size("corner")
     last = chain.face[:, -1]
     hit, row = np.nonzero(faces.height_over(last[None], rx_xy_m[:, None]) > CLEARANCE_M)
@@ -61,9 +61,9 @@ def planar_paths(faces: Faces, chain: FaceChains, rx_xy_m: FloatArray) -> PlanPa
 def points_on_faces(
     faces: Faces, face: IntArray, image_m: FloatArray, target_m: FloatArray
 ) -> tuple[FloatArray, BoolArray]:
-    """Where the line from targets (n, xy) to images (n, xy) meets faces (n,), and whether it does.
+    """Intersections (n, xy) of lines from targets (n, xy) to images (n, xy) with faces (n,), and a mask (n,).
 
-    The target has to lie on the lit side and the image behind the face.
+    The target must lie on the lit side and the image behind the face.
     """
     before = faces.height_over(face, target_m)
     behind = -faces.height_over(face, image_m)
@@ -81,7 +81,7 @@ def points_on_faces(
 def is_outside_beam(
     faces: Faces, face: IntArray, image_m: FloatArray, center_m: FloatArray, reach_m: FloatArray
 ) -> BoolArray:
-    """Whether discs (..., xy), (...) lie outside the beams that images (..., xy) send through faces (...)."""
+    """Whether discs (..., xy), (...) lie outside the beams from images (..., xy) through faces (...)."""
     low, high = _rim_distances(faces, face, image_m, center_m)
     limit = -reach_m - CLEARANCE_M
     return np.asarray((low < limit) | (high < limit))
@@ -103,9 +103,9 @@ def _extended(chain: FaceChains, faces: Faces, facing: BoolArray) -> FaceChains:
 def _rim_distances(
     faces: Faces, face: IntArray, image_m: FloatArray, point_m: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Distances (...) of points from the two rims of beams, positive towards the inside.
+    """Distances (...) of points from the two edges of beams, positive inside.
 
-    Seen from the image, behind the face and so to the left of start -> end, the end lies left of the start.
+    The image lies behind the face, to the left of start -> end. Seen from it, the end is left of the start.
     """
     to_start, to_end = faces.start_m[face] - image_m, faces.end_m[face] - image_m
     offset = point_m - image_m
@@ -113,7 +113,7 @@ def _rim_distances(
 
 
 def _facing(faces: Faces) -> BoolArray:
-    """Whether a part of each face (face, .) lies in front of each other face (., face) and the other way round."""
+    """Mask (face, face) of pairs of faces that each have a part in front of the other face."""
     every = np.arange(faces.size("face"))
     over = np.maximum(
         faces.height_over(every[None], faces.start_m[:, None]),

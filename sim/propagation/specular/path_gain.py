@@ -1,4 +1,4 @@
-"""Gain, delay and directions of rays: the field vector followed through all reflections and transmissions."""
+"""Gain, delay and directions of rays: the field vector after all reflections and transmissions."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def scene_slabs(scene: Scene, carrier_hz: float) -> Slabs:
 
 @dataclass(frozen=True)
 class Interactions(Record):
-    """What happens to every ray on its way, reflections and transmissions in their order; -1 pads."""
+    """Interactions along every ray: reflections and transmissions in order; -1 if unused."""
 
     kind: IntArray = array("ray", "event", dtype=int, doc="BounceKind")
     surface: IntArray = array("ray", "event", dtype=int, doc="index of the object")
@@ -62,7 +62,7 @@ class Interactions(Record):
 
 
 def ray_interactions(rays: Rays, points_m: FloatArray, met: Crossings, n_slots: int) -> Interactions:
-    """Reflections and crossings of rays sorted along them, in `n_slots` places each."""
+    """Reflections and crossings of rays, sorted along each ray, with `n_slots` slots each."""
     n_rays, n_legs = len(points_m), points_m.shape[1] - 1
     ray, leg = met.leg // n_legs, met.leg % n_legs
     row = np.concatenate([np.repeat(np.arange(n_rays), n_legs - 1), ray])
@@ -99,10 +99,10 @@ def paths_of_rays(
     names: list[str],
     max_loss_db: float,
 ) -> tuple[Paths, BoolArray]:
-    """The rays as path record, and which of them count (ray,).
+    """The rays as a path record, and a mask (ray,) of the valid ones.
 
-    Those that lose more than `max_loss_db` in transmission do not, nor do those that bounce twice in one point,
-    where two surfaces meet.
+    Rays that lose more than `max_loss_db` in transmission are not valid, nor rays that bounce twice at one point,
+    where two surfaces join.
     """
     travel = np.diff(points_m, axis=1)
     leg_m = np.sqrt((travel * travel).sum(axis=2))
@@ -125,7 +125,7 @@ def paths_of_rays(
 def _received(
     direction: FloatArray, happening: Interactions, known: Slabs
 ) -> tuple[ComplexArray, FloatArray]:
-    """Field between vertically polarised antennas (ray,), and the share left by all transmissions (ray,)."""
+    """Field between vertically polarised antennas (ray,), and the transmitted share of the amplitude (ray,)."""
     ray = np.arange(len(direction))
     field = vertical_polarisation(direction[:, 0]).astype(complex)
     transmitted = np.ones(len(direction))
@@ -161,10 +161,9 @@ def _interact(
     reflects: BoolArray,
     known: Slabs,
 ) -> ComplexArray:
-    """Field vectors (ray, xyz) behind one reflection or transmission each.
+    """Field vectors (ray, xyz) after one reflection or transmission each.
 
-    A transmission counts from the air that the slab takes the place of: the phase along the ray is that of the
-    slab less that of its thickness in air.
+    The slab replaces air, so a transmission has the phase of the slab minus the phase of its thickness in air.
     """
     cosine = np.abs((before * normal).sum(axis=1))
     thickness = known.thickness_m[surface]

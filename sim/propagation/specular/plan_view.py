@@ -1,4 +1,4 @@
-"""Paths in plan view: what the vertical surfaces of a scene do to a ray, heights left aside."""
+"""Paths in plan view: reflections off vertical surfaces, without heights."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from scenes.record import FloatArray, IntArray, Record, array
 
-SAME_POINT_M = 1e-6  # paths over the same objects whose corners lie closer than this are one
+SAME_POINT_M = 1e-6  # paths over the same objects are equal if their corners are closer than this
 
 
 @dataclass(frozen=True)
@@ -28,18 +28,18 @@ class PlanPaths(Record):
 
 
 def straight_paths(n_receivers: int) -> PlanPaths:
-    """The path without corners to each receiver."""
+    """The straight path to each receiver, without corners."""
     none = np.zeros((n_receivers, 0))
     plane = np.zeros((n_receivers, 0, 2))
     return PlanPaths(np.arange(n_receivers), none.astype(int), plane, plane, none)
 
 
 def without_duplicates(paths: PlanPaths) -> PlanPaths:
-    """The same paths without the repetitions that curves and faces give where they meet."""
+    """The paths without repetitions, which occur where two curves or faces join."""
     first = paths.point_m[:, 0]
     order = np.lexsort(
         [0.755 * first[:, 0] + 0.570 * first[:, 1], *paths.surface.T, paths.receiver]
-    )  # the position key is a direction that no building is aligned with
+    )  # the last key is the position along a direction that is parallel to no usual wall
     before, after = order[:-1], order[1:]
     same = (paths.receiver[before] == paths.receiver[after]) & (
         paths.surface[before] == paths.surface[after]
@@ -51,7 +51,7 @@ def without_duplicates(paths: PlanPaths) -> PlanPaths:
 
 
 def norm(vector: FloatArray) -> FloatArray:
-    """Length (...) of vectors (..., xy); the same bits whatever the shape."""
+    """Length (...) of vectors (..., xy), with the same bits for arrays of any shape."""
     return np.asarray(np.sqrt(vector[..., 0] * vector[..., 0] + vector[..., 1] * vector[..., 1]))
 
 

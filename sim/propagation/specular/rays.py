@@ -1,7 +1,7 @@
-"""From plan view to rays in space: heights, bounces off floor, ceiling and lids, and what stands in the way.
+"""From plan view to rays in space: heights, bounces off floor, ceiling and lids, and occlusion.
 
-The height is linear in the unfolded horizontal length, so a plan path and a sequence of horizontal faces make at
-most one ray; the order of its bounces follows from where it reaches each height.
+The height is linear in the unfolded horizontal length. So a plan path and a sequence of horizontal faces give at
+most one ray. The order of its bounces follows from the positions at which it reaches each height.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from sim.propagation.occlusion import Crossings, Occluders, leg_crossings
 from sim.propagation.specular.plan_view import PlanPaths, dot, norm
 from sim.propagation.specular.surfaces import HorizontalFace, Surfaces
 
-# |J| / L is kept above this, a gain of at most 10 dB over planes only. That is about the height of the Airy peak
-# at a caustic of contours some metres large at 60 GHz.
+# Lower limit of |J| / L: a gain of at most 10 dB over flat surfaces. That is about the height of the Airy peak at
+# a caustic at 60 GHz, for contours of a few metres.
 CAUSTIC_LIMIT = 0.1
 
 
@@ -28,7 +28,7 @@ class Rays(Record):
     """Specular rays with the same number of bounces each."""
 
     receiver: IntArray = array("ray", dtype=int, doc="index of the receiver")
-    spreading: ComplexArray = array("ray", dtype=complex, doc="amplitude over that after flat surfaces only")
+    spreading: ComplexArray = array("ray", dtype=complex, doc="amplitude over that with flat surfaces")
     surface: IntArray = array("ray", "bounce", dtype=int, doc="index of the object, TX to RX")
     vertex_m: FloatArray = array("ray", "bounce", "xyz", unit="m", doc="points of reflection")
     normal: FloatArray = array("ray", "bounce", "xyz", doc="unit normal of the lit side")
@@ -38,12 +38,12 @@ class Rays(Record):
 
 
 def spreading_factor(curvature: FloatArray, leg_m: FloatArray, cos_incidence: FloatArray) -> ComplexArray:
-    """Amplitude (path,) after bounces off cylinders over that after planes, geometrical optics.
+    """Amplitude (path,) after bounces off cylinders over that off planes, geometrical optics.
 
-    sqrt(L / |J|), J the width of a ray tube of unit angle in plan view: from J = 0, J' = 1 at the TX it grows
-    by s J' along a leg s, and J' by 2 k J / cos t at a bounce of curvature k, > 0 where convex. For one bounce
-    this is 1 / sqrt|1 + 2 k s1 s2 / ((s1 + s2) cos t)|. Every change of sign of J is a caustic, where the phase
-    advances by 90 deg; there the gain is capped. Axes: curvature and cosine (path, corner), horizontal legs
+    sqrt(L / |J|), where J is the width of a ray tube of unit angle in plan view. At the TX, J = 0 and J' = 1.
+    Along a leg s, J grows by s J'. At a bounce of curvature k (> 0 convex), J' grows by 2 k J / cos t. For one
+    bounce this is 1 / sqrt|1 + 2 k s1 s2 / ((s1 + s2) cos t)|. Every change of sign of J is a caustic: the phase
+    advances by 90 deg, and the gain is limited there. Axes: curvature and cosine (path, corner), horizontal legs
     (path, corner + 1).
     """
     width, growth = leg_m[:, 0], np.ones(len(leg_m))
@@ -93,7 +93,7 @@ def rays_from_plan_paths(
 def _grazing(
     curvature: FloatArray, reached_m: FloatArray, cosine: FloatArray, wavenumber: float
 ) -> ComplexArray:
-    """Correction (path,) of all bounces off convex walls, each between the unfolded lengths before and after."""
+    """Product (path,) of the grazing corrections of all bounces off convex walls, from unfolded lengths."""
     factor = np.ones(curvature.shape, complex)
     path, corner = np.nonzero((curvature > 0) & (cosine > 0))
     before = reached_m[path, corner + 1]
@@ -105,7 +105,7 @@ def _grazing(
 
 @dataclass(frozen=True)
 class _Unfolded(Record):
-    """Plan paths with their ends, and the horizontal length up to each point."""
+    """Plan paths with their end points, and the horizontal length up to each point."""
 
     spreading: ComplexArray = array("path", dtype=complex)
     corner_m: FloatArray = array("path", "point", "xy", unit="m")
@@ -117,7 +117,7 @@ class _Unfolded(Record):
 def _over_levels(
     plan: PlanPaths, lines: _Unfolded, sequence: tuple[HorizontalFace, ...], known: Surfaces
 ) -> Rays:
-    """Rays off one sequence of horizontal faces that both ends lie on the lit sides of."""
+    """Rays off one sequence of horizontal faces; both ends lie on the lit sides."""
     levels_z = np.array([level.z_m for level in sequence])
     heights = np.column_stack([lines.tx_z_m, np.tile(levels_z, (len(plan), 1)), lines.rx_z_m])
     climbed = np.zeros(heights.shape)
@@ -152,7 +152,7 @@ def _merged(
     level: tuple[FloatArray, FloatArray],
     heights: FloatArray,
 ) -> Rays:
-    """Bounces off walls (share of the way, z) and off horizontal faces (share of the way, xy) in their order."""
+    """Bounces off walls and off horizontal faces, sorted by their share of the path length."""
     (at_corner, z), (at_level, xy) = corner, level
     n, n_levels = at_level.shape
     surface = np.tile(np.array([one.surface for one in sequence], int), (n, 1))
@@ -201,9 +201,9 @@ def ray_points(rays: Rays, tx_m: FloatArray, rx_m: FloatArray) -> FloatArray:
 def unobstructed_rays(
     rays: Rays, points_m: FloatArray, faces: Occluders, opaque: BoolArray, max_crossed: int
 ) -> tuple[IntArray, Crossings]:
-    """Rays (kept,) that meet at most `max_crossed` faces, none of them opaque (object,), and these crossings.
+    """Rays (kept,) that cross at most `max_crossed` faces, none of them opaque (object,), and these crossings.
 
-    The legs of the crossings count from the first of each ray on: the ray's index x number of legs + leg.
+    The leg index of a crossing is: index of the ray x number of legs per ray + leg.
     """
     n_legs = points_m.shape[1] - 1
     alive = np.arange(len(rays))

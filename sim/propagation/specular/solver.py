@@ -1,7 +1,7 @@
-"""The exact specular solver: line of sight, reflections off flat and curved walls, and ways through thin ones.
+"""The exact specular solver: line of sight, reflections off flat and curved walls, paths through thin walls.
 
-Paths are found in plan view (images for flat faces, stationary points for curves), raised to their heights, and
-followed past everything that stands in the way.
+The solver finds paths in plan view (images for flat faces, stationary points for curves), computes their heights
+and removes the blocked ones.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ CHUNK = 16  # receivers solved at once
 
 
 class ExactSolver:
-    """A scene made ready for the exact solver: tables of its surfaces and of the images of its TX."""
+    """A scene prepared for the exact solver: tables of its surfaces and of the images of its TX."""
 
     def __init__(
         self,
@@ -56,7 +56,7 @@ class ExactSolver:
     def paths(self, rx_positions_m: FloatArray, chunk: int = CHUNK) -> list[Paths]:
         """All specular paths to receivers (receiver, xyz), one record each in canonical order.
 
-        Receivers are solved `chunk` at a time, which bounds the memory; the result does not depend on it.
+        The solver processes `chunk` receivers at a time to limit the memory. The result does not depend on it.
         """
         rx = np.atleast_2d(np.asarray(rx_positions_m, float))
         solved: list[Paths] = []
@@ -80,7 +80,7 @@ class ExactSolver:
         return [canonical_order(joined.take("path", owner == index)) for index in range(len(rx))]
 
     def _plan_paths(self, rx: FloatArray) -> Iterator[tuple[PlanPaths, int]]:
-        """Plan paths of every kind, and how many bounces off floor, ceiling and lids they may have besides."""
+        """Plan paths of every kind, and their maximum number of extra bounces off floor, ceiling and lids."""
         limit = self._config.max_bounces
         tx_xy, rx_xy = self._tx[:2], rx[:, :2]
         faces, curves = self._known.faces, self._known.curves

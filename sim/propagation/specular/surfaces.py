@@ -1,7 +1,7 @@
 """The reflecting surfaces of a scene as flat tables: vertical faces, curved walls, floor, ceiling and lids.
 
-The faces of a closed solid reflect on their outer side; the sheet of an open wall does on both, so it is listed
-twice with opposite normals.
+The faces of a closed solid reflect on their outer side. The sheet of an open wall reflects on both sides, so it is
+listed twice with opposite normals.
 """
 
 from __future__ import annotations
@@ -18,7 +18,9 @@ from scenes.scene import Scene, SceneObject
 from sim.propagation.specular.curves import MAX_SEGMENTS, Curves, conic_curves, cubic_curves, joined_curves
 
 LID_SAGITTA_M = 1e-6  # the outline of a lid stays this close to the contour
-HERMITE_ERROR_M = 1e-11  # a smooth piece that is neither arc nor cubic is cut into cubics this close to it
+HERMITE_ERROR_M = (
+    1e-11  # largest distance of the cubics that replace a smooth piece which is neither arc nor cubic
+)
 
 
 @dataclass(frozen=True)
@@ -57,7 +59,7 @@ class HorizontalFace:
 
 @dataclass(frozen=True)
 class Surfaces:
-    """Everything that reflects in a scene. `z_range_m` (object, 2) holds the rims of the objects."""
+    """All reflecting surfaces of a scene. `z_range_m` (object, 2) holds the lower and upper end of the objects."""
 
     faces: Faces
     curves: Curves
@@ -115,7 +117,7 @@ def _faces(flat: list[tuple[FloatArray, FloatArray, int]]) -> Faces:
 def curves_of_piece(
     piece: Piece, surface: int, *, closed: bool, max_segments: int = MAX_SEGMENTS
 ) -> list[Curves]:
-    """The curves of one piece: seen from outside, and where the contour is open from the other side too."""
+    """The curves of one piece: lit from outside, and for an open contour also from the other side."""
     if isinstance(piece, ArcPiece):
         axes = piece.radius_m * np.eye(2)
         make = conic_curves(piece.center_m, axes[0], axes[1], piece.start_rad, piece.sweep_rad)
@@ -128,7 +130,7 @@ def curves_of_piece(
 
 
 def _knots(piece: Piece) -> FloatArray:
-    """Parameters t between which the piece is a cubic polynomial, exactly for a spline."""
+    """Parameters t between which the piece is a cubic polynomial (exact for a spline)."""
     if isinstance(piece, SplinePiece):
         return piece.breaks
     n = 16
