@@ -1,10 +1,10 @@
 """Equation (1): beam-swept OFDM samples of a set of paths, without noise.
 
-The sum over paths is a matrix product of beam responses and waves exp(-j 2 pi f tau). Where paths are many, they
-are first gathered on a uniform delay grid with a Kaiser-Bessel kernel, the spreading step of a non-uniform Fourier
-transform (Fessler and Sutton 2003; Barnett, Magland and af Klinteberg 2019), and the few grid delays that hold
-energy take the place of the paths in the product. Beams of one array are rarely independent (32 horizontal
-beams of 16 columns span 16), so the product is made for a basis of the beams and turned into beams last.
+The sum over paths is a matrix product of beam responses and waves exp(-j 2 pi f tau). Many paths are first spread
+on a uniform delay grid with a Kaiser-Bessel kernel, the spreading step of a non-uniform Fourier transform (Fessler
+and Sutton 2003; Barnett, Magland and af Klinteberg 2019). The grid delays then replace the paths in the product.
+The beams of one array are rarely linearly independent (32 horizontal beams of 16 columns span 16 dimensions). So
+the product is computed for a basis of the beams, and the last step combines the basis into beams.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from sim.propagation.paths import Paths
 from sim.signal.arrays.codebook import Codebook, beam_response
 
 OVERSAMPLING = 2.5  # grid delays per 1 / bandwidth
-KERNEL_WIDTH = 8  # grid delays: at an oversampling of 2.5, aliases at the edges of the band are below 1.4e-7
+KERNEL_WIDTH = 8  # grid delays; with an oversampling of 2.5, aliases at the band edges are below 1.4e-7
 KERNEL_BETA = np.pi * KERNEL_WIDTH * (1 - 1 / (2 * OVERSAMPLING))
 CELLS_PER_GROUP = 8  # grid intervals whose paths are spread in one product
 GROUP_ENTRIES = 1 << 18  # largest product of paths and beam pairs held at once
-PATHS_AT_ONCE = 1024  # whose responses are computed together
-RANK_TOLERANCE = 1e-12  # of the strongest combination of beams: weaker ones are rounding
+PATHS_AT_ONCE = 1024  # paths whose responses are computed together
+RANK_TOLERANCE = 1e-12  # relative to the largest singular value; smaller values are rounding errors
 
 
 def beam_channel(
@@ -41,8 +41,8 @@ def beam_channel(
 ) -> ComplexArray:
     """Channel (tx_beam, rx_beam, subcarrier) in complex64: sum_i xi_i G_TX G_RX exp(-j 2 pi f (tau_i + bias)).
 
-    The path gain holds the carrier phase, so only the offset from the carrier turns with delay here. Nothing of
-    size paths x samples is made; the error is below 1e-6 of the largest sample.
+    The path gain includes the carrier phase, so the delay phase here uses only the offset from the carrier. No
+    array has the size paths x samples. The error is below 1e-6 of the largest sample.
     """
     blocks = beam_channel_blocks(
         paths,
@@ -94,8 +94,8 @@ def sum_over_paths(
 ) -> ComplexArray:
     """Sums over paths a_m b_n exp(-j 2 pi f_k tau), (tx_beam, rx_beam, subcarrier) in complex64.
 
-    Amplitudes are (path, tx_beam) and (path, rx_beam). The delay grid is used where it has fewer delays than
-    there are paths.
+    Amplitudes are (path, tx_beam) and (path, rx_beam). The function uses the delay grid if it has fewer delays
+    than there are paths.
     """
     centre_hz = (frequency_hz.min() + frequency_hz.max()) / 2
     turn = np.exp(-2j * np.pi * centre_hz * delay_s)
@@ -109,9 +109,9 @@ def sum_over_paths(
 def _responses(
     codebook: Codebook, azimuth_rad: FloatArray, elevation_rad: FloatArray
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Basis (beam, rank), in complex64, and responses (path, rank), whose product is the response of every beam.
+    """Basis (beam, rank), in complex64, and responses (path, rank); their product is the response of every beam.
 
-    A few paths at a time: the elements of an array never see all paths.
+    The element responses are computed for a few paths at a time to limit the memory.
     """
     basis, spanning = _spanning(codebook)
     response = np.empty((len(azimuth_rad), len(spanning)), complex)
@@ -125,7 +125,7 @@ def _responses(
 
 
 def _spanning(codebook: Codebook) -> tuple[ComplexArray, Codebook]:
-    """Basis (beam, rank) and as few beams as span those of a codebook, panel by panel."""
+    """Basis (beam, rank) and the smallest set of beams that spans those of a codebook, for each panel."""
     panels = np.stack([codebook.panel_azimuth_rad, codebook.panel_tilt_rad], axis=1)
     columns, spanning = [], []
     for panel in np.unique(panels, axis=0):
@@ -162,7 +162,7 @@ def _waves(delay_s: FloatArray, frequency_hz: FloatArray) -> ComplexArray:
 
 
 def _grid_waves(n_grid: int, first_s: float, spacing_s: float, frequency_hz: FloatArray) -> ComplexArray:
-    """Waves of the grid delays over the kernel's spectrum, which the spreading has put on them."""
+    """Waves of the grid delays, divided by the spectrum of the kernel to correct for the spreading."""
     from scipy.special import i0  # noqa: PLC0415  (slow to import)
 
     fine = int(np.ceil(np.sqrt(n_grid)))

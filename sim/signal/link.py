@@ -1,4 +1,4 @@
-"""A link: what stays the same over a campaign, the waveform, the beams and the power."""
+"""A link: the waveform, the beams and the power, which are the same at all stops of a campaign."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ from sim.signal.waveform.prs import (
 
 @dataclass(frozen=True)
 class Link(Record):
-    """What stays the same over a campaign: the waveform, the beams and the power."""
+    """Waveform, beams and power of a campaign, the same at all stops."""
 
     tx_codebook: Codebook
     rx_codebook: Codebook
@@ -51,12 +51,12 @@ class Link(Record):
 def make_link(config: SimulationConfig) -> Link:
     """Waveform, codebooks and link budget of a campaign.
 
-    TX beam m sends PRS sequence m in slot m (modulo the frame), or where the schedule puts it. A beam pair takes
-    one symbol of the resource, or combines them all: its samples then cover every subcarrier of the band, and as
-    every symbol has the whole transmit power on its own comb, the noise per sample stays that of one symbol, less
-    by L_PRS / K_comb where subcarriers are sounded more than once. Repetitions lower it by their number.
+    TX beam m sends PRS sequence m in slot m (modulo the frame), or in the slot of the schedule. A beam pair takes
+    one symbol of the resource, or combines all symbols. Combined samples cover every subcarrier of the band. Every
+    symbol has the whole transmit power on its own comb, so the noise per sample is that of one symbol, divided by
+    L_PRS / K_comb if subcarriers are measured more than once, and divided by the number of repetitions.
 
-    Raises `ValueError` where the beams do not fit into the schedule, or a weights file is not of the array.
+    Raises `ValueError` if the beams do not fit into the schedule, or a weights file does not fit the array.
     """
     carrier_hz = config.waveform.carrier_ghz * 1e9
     prs = config.waveform.prs
@@ -83,7 +83,7 @@ def make_link(config: SimulationConfig) -> Link:
 
 
 def pilots(waveform: WaveformConfig, slot: IntArray) -> ComplexArray:
-    """PRS (tx_beam, subcarrier) of TX beams that are sent in slots (tx_beam,) of the frame."""
+    """PRS symbols (tx_beam, subcarrier) of TX beams that are sent in slots (tx_beam,) of the frame."""
     of_slot = prs_comb_pass if waveform.combine_symbols else prs_symbols
     return np.stack([of_slot(waveform.prs, beam % 4096, int(at)) for beam, at in enumerate(slot)])
 
@@ -91,7 +91,7 @@ def pilots(waveform: WaveformConfig, slot: IntArray) -> ComplexArray:
 def make_codebook(config: ArrayConfig, carrier_hz: float) -> Codebook:
     """The beams of a device with the given array settings.
 
-    Raises `ValueError` where a weights file does not fit the array, `OSError` where it cannot be read.
+    Raises `ValueError` if a weights file does not fit the array, `OSError` if it cannot be read.
     """
     position_m = upa_positions_m(config.rows, config.columns, carrier_hz)
     beams = panel_beams(config, position_m, carrier_hz)
@@ -136,7 +136,7 @@ def best_beam_power_dbm(paths: Paths, link: Link, tx_pose: Pose, rx_pose: Pose) 
 
 
 def line_of_sight_at_1m_dbm(config: SimulationConfig) -> float:
-    """Power in dBm that the peaks of two beams exchange over 1 m of free space with these settings."""
+    """Received power in dBm over 1 m of free space between the peaks of the strongest TX and RX beam."""
     carrier_hz = config.waveform.carrier_ghz * 1e9
     books = [make_codebook(array, carrier_hz) for array in (config.tx_array, config.rx_array)]
     peaks = [np.abs(beam_response(book, book.azimuth_rad, book.elevation_rad)).max() for book in books]

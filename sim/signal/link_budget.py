@@ -1,18 +1,20 @@
-"""The link budget of a campaign, stop by stop: what arrives, what it competes with, what stays visible.
+"""The link budget of a campaign at every stop: received powers, noise levels and the weakest visible path.
 
-Three floors lie under a line of sight:
+Three effects limit the weakest path next to a line of sight:
 
 - Thermal noise, kTBF.
-- The noise of the receiver's converters. Powers of different beams can be compared only at one fixed gain, so full
-  scale is set once, for the strongest signal of the whole campaign, and the same noise lies under every stop, with
-  or without a line of sight.
-- The side lobes of strong paths, the crosses of a beam power map. They move with those paths, and delay resolution
-  or a taper lowers them.
+- Converter noise of the receiver. The powers of different beams are comparable only at one fixed gain. So the full
+  scale is set once, for the strongest signal of the campaign, and the converter noise is the same at every stop,
+  with or without a line of sight.
+- Side lobes of strong paths, which appear as crosses in a beam power map. They follow these paths; delay
+resolution
+  or a taper reduces them.
 
-A beam power map has no coherent gain against the first two: they limit the weakest path that it shows. In the
-real hall the weakest reported paths lie at -52 dBm at every stop, with and without a line of sight: a fixed floor,
-as that of a converter is, 25 dB below the strongest line of sight. 6 effective bits and 12 dB of back-off for the
-peaks of an OFDM signal are common for receivers this wide and give that floor within 2 dB; a bit is worth 6 dB.
+A beam power map has no coherent gain against the first two effects: they limit the weakest path that it shows. In
+the real hall the weakest reported paths are at -52 dBm at every stop, with and without a line of sight. This is a
+constant noise level, as of a converter, 25 dB below the strongest line of sight. 6 effective bits and 12 dB of
+back-off for the peaks of an OFDM signal are common for such wideband receivers and give this level within 2 dB.
+One bit changes it by 6 dB.
 """
 
 from __future__ import annotations
@@ -32,14 +34,14 @@ from sim.signal.noise import dbm_to_mw
 from sim.signal.waveform.occasions import measurements_per_sample
 from sim.truth import Truth
 
-MAP_SNR_DB = 3.0  # a path is seen in the beam power map where it is at least twice the noise
+MAP_SNR_DB = 3.0  # a path is visible in the beam power map if its power is at least twice the noise power
 FULL_SCALE_SINE_DB = 1.76  # SNR of an ideal converter with b bits: 6.02 b + 1.76 dB, of a sine at full scale
 DB_PER_BIT = 20 * np.log10(2.0)
 
 
 @dataclass(frozen=True)
 class LinkBudget(Record):
-    """What a campaign's link carries, and its stops. Powers are those of the best beam pair of a path."""
+    """Link budget of a campaign and its stops. Powers are those of the best beam pair of a path."""
 
     eirp_dbm: float = array(unit="dBm", doc="transmit power plus the highest gain of any TX beam")
     tx_gain_dbi: float = array(unit="dB", doc="highest gain of any TX beam")
@@ -59,7 +61,7 @@ class LinkBudget(Record):
 
     @property
     def weakest_dbm(self) -> float:
-        """Weakest path that stands out of a beam power map at any stop."""
+        """Power of the weakest path that is visible in a beam power map, at any stop."""
         noise_mw = dbm_to_mw(self.thermal_noise_dbm) + dbm_to_mw(self.converter_noise_dbm)
         return float(10 * np.log10(noise_mw)) + MAP_SNR_DB
 
@@ -72,9 +74,9 @@ class LinkBudget(Record):
 def link_budget(
     truths: Iterable[Truth], link: Link, tx_pose: Pose, settings: LinkConfig, converter_share: float
 ) -> LinkBudget:
-    """The budget of the stops given, with the converters' full scale set by the strongest path among them.
+    """The budget of the given stops. The strongest path among them sets the full scale of the converters.
 
-    `converter_share` is the part of the converter noise that a sample has.
+    `converter_share` is the part of the converter noise in one sample.
     """
     rows = [_stop_row(truth, link, tx_pose) for truth in truths]
     table = np.array(rows, float).reshape(-1, 7)
@@ -100,31 +102,31 @@ def link_budget(
 
 
 def converter_noise_dbm(strongest_dbm: float, settings: LinkConfig, converter_share: float = 1.0) -> float:
-    """Noise of the converters per sample, at the fixed gain that leaves the back-off above `strongest_dbm`.
+    """Converter noise per sample, at the fixed gain with the given back-off above `strongest_dbm`.
 
-    A sine at full scale stands 6.02 ENOB + 1.76 dB over the converter noise of the whole sampled band; the
-    strongest signal lies the back-off below that sine, for the peaks of an OFDM signal to fit.
+    A full-scale sine is 6.02 ENOB + 1.76 dB above the converter noise of the whole sampled band. The strongest
+    signal is below this sine by the back-off, so that the peaks of an OFDM signal are not clipped.
     """
     ratio_db = DB_PER_BIT * settings.adc_effective_bits + FULL_SCALE_SINE_DB - settings.adc_back_off_db
     return float(strongest_dbm - ratio_db + 10 * np.log10(converter_share))
 
 
 def converter_share(waveform: WaveformConfig, n_fft: int = 4096) -> float:
-    """Part of the converter noise in a sample: that on occupied subcarriers, less by what is averaged."""
+    """Part of the converter noise in a sample: the noise on occupied subcarriers, reduced by averaging."""
     return waveform.prs.n_subcarriers / waveform.comb / n_fft / measurements_per_sample(waveform)
 
 
 def peak_gain_dbi(codebook: Codebook) -> float:
-    """Highest gain of any beam in the direction it points to, element included."""
+    """Highest gain of any beam in its pointing direction, including the element."""
     response = beam_response(codebook, codebook.azimuth_rad, codebook.elevation_rad)
     return float(20 * np.log10(np.abs(response).max()))
 
 
 def side_lobe_db(codebook: Codebook, azimuth_rad: float, elevation_rad: float) -> float:
-    """Strongest side lobe that a path puts into the beams, relative to its best beam; -inf for none.
+    """Strongest side lobe of a path over the beams, relative to its best beam; -inf for none.
 
-    Of beams that share an azimuth the strongest counts. One is a side lobe where it is stronger than both
-    neighbours in azimuth, without being the best; the ends of the codebook's range are none.
+    Among beams with the same azimuth the strongest counts. A side lobe is stronger than both neighbours in azimuth
+    and is not the best beam. The first and last azimuth of the codebook are never side lobes.
     """
     amplitudes = np.abs(beam_response(codebook, azimuth_rad, elevation_rad))[:, 0]
     azimuth, place = np.unique(np.round(codebook.azimuth_rad, 6), return_inverse=True)

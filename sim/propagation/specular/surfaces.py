@@ -19,7 +19,7 @@ from sim.propagation.specular.curves import MAX_SEGMENTS, Curves, conic_curves, 
 
 LID_SAGITTA_M = 1e-6  # the outline of a lid stays this close to the contour
 HERMITE_ERROR_M = (
-    1e-11  # largest distance of the cubics that replace a smooth piece which is neither arc nor cubic
+    1e-11  # largest error of the cubics that replace a smooth piece, if it is no arc and no cubic
 )
 
 

@@ -1,4 +1,5 @@
 """Antenna arrays and their beams.
 
-Read `array.py` first (element positions and steering vectors), then `beams.py` and `codebook.py`.
+Read `array.py` first (`upa_positions_m`, `steering_vector`), then `beams.py` (`steered_beams`, `dft_beams`) and
+`codebook.py` (`Codebook`, `beam_response`). `weights_file.py` reads beam weights from a file.
 """

@@ -35,7 +35,7 @@ def upa_taper(rows: int, columns: int, taper: Taper, side_lobe_db: float = 30.0)
     """Amplitudes (element,) of a planar array, largest 1, for side lobes `side_lobe_db` below the main lobe.
 
     The product of one window along rows and one along columns: 'uniform', 'chebyshev' (Dolph, all side lobes
-    equal) or 'taylor' (four near-equal side lobes, then falling).
+    equal) or 'taylor' (four nearly equal side lobes, then decreasing).
 
     Raises `ValueError` for another taper name or a side-lobe level outside 15 to 80 dB.
     """
@@ -48,7 +48,7 @@ def upa_taper(rows: int, columns: int, taper: Taper, side_lobe_db: float = 30.0)
     if taper == "taylor":
         along = [windows.get_window(("taylor", 4, side_lobe_db), n, fftbins=False) for n in (rows, columns)]
     elif taper == "chebyshev":
-        with warnings.catch_warnings():  # scipy warns of low side-lobe levels, meant for spectral analysis
+        with warnings.catch_warnings():  # scipy warns about low side lobes, for spectral analysis only
             warnings.simplefilter("ignore", UserWarning)
             along = [windows.chebwin(n, side_lobe_db) if n > 2 else np.ones(n) for n in (rows, columns)]
     else:
@@ -94,7 +94,7 @@ def steering_vector(
 
 
 def _waves(phase: FloatArray, coordinate: FloatArray) -> ComplexArray:
-    """exp(+j phase coordinate) (..., coordinate); powers of one step where the coordinates are evenly spaced."""
+    """exp(+j phase coordinate) (..., coordinate); powers of one step if the coordinates have equal spacing."""
     step = np.diff(coordinate)
     is_even = len(step) > 2 and np.ptp(step) < 1e-9 * step[0]
     turn = phase[..., None] * (np.array([coordinate[0], np.mean(step)]) if is_even else coordinate)
@@ -109,7 +109,7 @@ def _waves(phase: FloatArray, coordinate: FloatArray) -> ComplexArray:
 
 
 def panel_axes(panel_azimuth_rad: float, panel_tilt_rad: float) -> FloatArray:
-    """Axes (xyz of the panel, xyz of the device) of a panel looking to an azimuth, tilted up by `panel_tilt_rad`.
+    """Axes (xyz of the panel, xyz of the device) of a panel at an azimuth, tilted up by `panel_tilt_rad`.
 
     Row 0 is the boresight, row 1 the array's horizontal axis, row 2 its column axis.
     """
@@ -143,11 +143,11 @@ def from_panel(
 def vertical_polarisation(
     azimuth_rad: Any, elevation_rad: Any, panel_azimuth_rad: float, panel_tilt_rad: float, slant_rad: float
 ) -> FloatArray:
-    """Share, -1 to 1, of an element's field that is vertical towards directions in the device frame.
+    """Vertical part, -1 to 1, of the field of an element towards directions in the device frame.
 
     TR 38.901 clauses 7.1.3 and 7.3.2 (model 2): cos(slant + psi), with psi the angle by which the panel's tilt
-    turns the element's polarisation against the device's vertical in that direction. The horizontal share meets
-    no path: path gains hold vertical to vertical alone.
+    rotates the polarisation of the element relative to the vertical of the device in that direction. The
+    horizontal part is not used: path gains are for vertical to vertical polarisation only.
     """
     if panel_tilt_rad == 0:
         return np.full(np.broadcast(azimuth_rad, elevation_rad).shape, np.cos(slant_rad))

@@ -1,7 +1,7 @@
 """Beams of one panel: steered, DFT, the 63 of the Campus Arena measurement, hierarchical, or given weights.
 
-Every maker returns unit-norm weights with the direction each beam points to, in the panel frame. Beam shaping
-(amplitude taper, phase shifters with few bits) acts on the weights afterwards.
+Every function returns unit-norm weights and the pointing direction of each beam in the panel frame. `shaped_beams`
+then applies an amplitude taper and phase shifters with few bits.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def steered_beams(
 def sine_spaced_azimuths(n_beams: int, sector_rad: float) -> FloatArray:
     """Azimuths (beam,) uniform in the sine over +-sector/2, the outermost half a step inside the edges.
 
-    Panels one sector apart so share the horizon without doubling a beam.
+    So panels that are one sector apart cover the horizon without duplicate beams.
 
     Raises `ValueError` for no beams, or a sector outside (0, 180] deg.
     """
@@ -63,7 +63,7 @@ def direction_grid(azimuth_rad: FloatArray, elevation_rad: Sequence[float]) -> t
 def campus_azimuths(sector_rad: float = np.pi / 2) -> FloatArray:
     """Azimuths (beam,) of the Campus Arena codebook: 63 over +-45 deg in steps of 1.45 deg, beam 31 at boresight.
 
-    Of an array that is turned in steps below 90 deg only the beams within +-sector/2 are needed.
+    If the array is rotated in steps below 90 deg, only the beams within +-sector/2 are needed.
     """
     azimuth = (np.arange(CAMPUS_BEAMS) - CAMPUS_BEAMS // 2) * CAMPUS_STEP_RAD
     return np.asarray(azimuth[np.abs(azimuth) <= sector_rad / 2 + 1e-9])
@@ -72,8 +72,8 @@ def campus_azimuths(sector_rad: float = np.pi / 2) -> FloatArray:
 def dft_beams(position_m: FloatArray, carrier_hz: float, rows: int, columns: int) -> PanelBeams:
     """The orthogonal DFT beams of a half-wavelength planar array, ordered by elevation, then azimuth.
 
-    Direction cosines are multiples of 2/columns along y and 2/rows along z, broadside included; beams outside of
-    the visible half space are left out.
+    Direction cosines are multiples of 2/columns along y and 2/rows along z, broadside included; beams outside
+    the visible half space are omitted.
     """
     y, z = (2 * np.arange(-(n // 2), (n + 1) // 2) / n for n in (columns, rows))
     grid_z, grid_y = (grid.ravel() for grid in np.meshgrid(z, y, indexing="ij"))
@@ -87,9 +87,9 @@ def hierarchical_beams(
 ) -> PanelBeams:
     """Levels of 1, 2, 4, ... 2^(n_levels - 1) horizontal beams, every level covering the sector.
 
-    Wide beams come from switching off columns: n neighbouring columns at half a wavelength are 2/n wide in the
+    Wide beams use fewer active columns: n neighbouring columns at half a wavelength are 2/n wide in the
     sine of azimuth (DEACT, Z. Xiao et al., IEEE Trans. Wireless Commun. 15(5), 2016). Beam b of level s has the
-    children 2b and 2b + 1 of level s + 1; levels follow one another. All rows stay on.
+    children 2b and 2b + 1 of level s + 1; the levels are in order. All rows are active.
 
     Raises `ValueError` for no levels, or more than the array has columns for.
     """
@@ -116,12 +116,12 @@ def hierarchical_beams(
 def beams_from_weights(
     position_m: FloatArray, carrier_hz: float, weights: ComplexArray, element_pattern: str
 ) -> PanelBeams:
-    """Beams of given weights (beam, element), normalised; each points to where it is strongest on a 1 deg grid.
+    """Beams of given weights (beam, element), normalised; each one points to its maximum on a 1 deg grid.
 
     Raises
     ------
     ValueError
-        Where there are no beams, a beam has no weights, or their number is not that of the array's elements.
+        If there are no beams, a beam has no weights, or the number of weights differs from the number of elements.
     """
     if weights.ndim != 2 or not len(weights):
         raise ValueError(f"weights: shape {weights.shape}, needed is (beam, element) with at least 1 beam")

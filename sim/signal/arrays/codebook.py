@@ -22,20 +22,20 @@ from sim.signal.arrays.beams import PanelBeams, sine_spaced_azimuths, steered_be
 
 @dataclass(frozen=True)
 class Codebook(Record):
-    """Beams of a device, each a set of weights on a panel turned to some azimuth and tilted to some elevation.
+    """Beams of a device; each one is a set of weights on a panel with an azimuth and a tilt.
 
-    All panels share the device's phase centre (the array is turned mechanically, or panels are close).
+    All panels share the phase centre of the device (one rotating array, or panels close together).
 
     Raises
     ------
     ValueError
-        Where a beam has no weights, or they do not fit the elements.
+        If a beam has no weights, or they do not fit the elements.
     """
 
     element_position_m: FloatArray = array("element", "xyz", unit="m", doc="in the panel frame, boresight +x")
     element_pattern: str = array(dtype=str, doc="pattern of every element: 'tr38901' or 'isotropic'")
     polarisation_slant_rad: float = array(unit="rad", doc="slant of every element's polarisation, 0 vertical")
-    carrier_hz: float = array(unit="Hz", doc="frequency the weights were made for")
+    carrier_hz: float = array(unit="Hz", doc="design frequency of the weights")
     weights: ComplexArray = array(
         "beam", "element", dtype=complex, doc="beam weights, nominally of unit norm"
     )
@@ -66,9 +66,9 @@ def codebook_on_panels(
     element_pattern: str = "tr38901",
     polarisation_slant_rad: float = 0.0,
 ) -> Codebook:
-    """The same beams on every panel of a device, ordered by panel; one tilt is that of all panels.
+    """The same beams on every panel of a device, ordered by panel. A single tilt applies to all panels.
 
-    Raises `ValueError` for no panels, or another number of tilts than of panels.
+    Raises `ValueError` if there are no panels, or if the numbers of tilts and panels differ.
     """
     if not len(panel_azimuth_rad):
         raise ValueError("panel_azimuth_rad is empty: at least 1 panel is needed")

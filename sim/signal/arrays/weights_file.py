@@ -16,9 +16,9 @@ def read_weights(path: str | Path) -> ComplexArray:
     Raises
     ------
     FileNotFoundError
-        Where the file is missing.
+        If the file is missing.
     ValueError
-        Where it is of another type, damaged, or holds no weights.
+        If it has another type, is damaged, or holds no weights.
     """
     path = Path(path)
     if path.suffix not in (".npz", ".csv"):
@@ -35,7 +35,7 @@ def read_weights(path: str | Path) -> ComplexArray:
 
 
 def weights_digest(path: str | Path) -> str:
-    """Checksum of a weights file, whose content counts, not its name. Raises `OSError` where unreadable."""
+    """Checksum of the contents of a weights file, independent of its name. Raises `OSError` if unreadable."""
     return hashlib.sha256(Path(path).read_bytes()).hexdigest()
 
 

@@ -1,5 +1,5 @@
-"""Hardware that is not ideal: arrays, oscillators, clocks and the front end of the receiver.
+"""Hardware impairments: arrays, oscillators, clocks and the front end of the receiver.
 
-Read `config.py` first (every impairment with its unit), then `impairments.py` (one function each) and
-`apply_impairments.py` (where each one is applied).
+Read `config.py` first (`ImpairmentsConfig`, every impairment with its unit), then `impairments.py` (one function
+each) and `apply_impairments.py` (`impaired_codebooks`, `receive_samples`: where each one is applied).
 """

@@ -1,4 +1,4 @@
-"""The hardware of a campaign: which impairment is applied where, each with its own random generator."""
+"""Application of the hardware impairments of a campaign, each one with its own random generator."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def stage_generator(seed: int, stage: RandomStage, stop: int = 0) -> np.random.G
 
 
 def impaired_codebooks(config: SimulationConfig, link: Link) -> tuple[Codebook, Codebook]:
-    """TX and RX codebook as the built arrays radiate them; the designed ones where nothing is wrong."""
+    """TX and RX codebooks with the impairments of the arrays; the designed codebooks if there are none."""
     return (
         _built(config, link.tx_codebook, RandomStage.TX_ELEMENTS, RandomStage.TX_BEAMS),
         _built(config, link.rx_codebook, RandomStage.RX_ELEMENTS, RandomStage.RX_BEAMS),
@@ -61,7 +61,7 @@ def impaired_codebooks(config: SimulationConfig, link: Link) -> tuple[Codebook, 
 
 
 def true_tx_pose(config: SimulationConfig, nominal: Pose) -> Pose:
-    """The TX pose with its pointing offset, of which only the nominal one is known."""
+    """The true TX pose: the nominal pose with the pointing offset, which the estimators do not know."""
     offset_deg = config.impairments.tx_pointing_offset_deg
     if not offset_deg:
         return nominal
@@ -69,13 +69,13 @@ def true_tx_pose(config: SimulationConfig, nominal: Pose) -> Pose:
 
 
 def extra_clock_bias_s(config: SimulationConfig, n_stops: int) -> FloatArray:
-    """Clock bias (stop,) in s on top of the clock's own walk."""
+    """Clock bias (stop,) in s, added to the random walk of the clock."""
     draws = stage_generator(config.seed, RandomStage.CLOCK_BIAS).standard_normal(n_stops)
     return np.asarray(config.impairments.clock_bias_std_ns * 1e-9 * draws)
 
 
 def with_surveyed_pose(config: SimulationConfig, truth: Truth) -> Truth:
-    """The truth with the RX pose that the survey of the stops has noted, for those who are told the pose."""
+    """The truth with the surveyed RX pose, which includes the survey errors, for methods that know the RX pose."""
     hardware = config.impairments
     if not (hardware.rx_placement_std_m or hardware.rx_heading_std_deg):
         return truth
@@ -87,11 +87,11 @@ def with_surveyed_pose(config: SimulationConfig, truth: Truth) -> Truth:
 
 
 def receive_samples(config: SimulationConfig, link: Link, stop: int, clean: ComplexArray) -> ComplexArray:
-    """What a stop's receiver has of noiseless samples (tx_beam, rx_beam, subcarrier), which are overwritten.
+    """Received samples of a stop from noiseless samples (tx_beam, rx_beam, subcarrier), which are overwritten.
 
-    Every occasion of a beam pair passes the oscillator, thermal noise and the front end by itself; the receiver
-    replaces its pilots by those of the first and averages. Where the slots of a beam differ between RX beams, the
-    pilots of the first stand for all.
+    Oscillator, thermal noise and front end act on every repetition of a beam pair separately. The receiver
+    replaces the pilots of each repetition by those of the first one and averages. If the slots of a beam differ
+    between RX beams, the pilots of the first RX beam are used for all.
     """
     occasions = sweep_occasions(config.waveform, *clean.shape[:2])
     phase_rad = oscillator_phase_rad(config, stop, occasions.time_s)
@@ -115,7 +115,7 @@ def receive_samples(config: SimulationConfig, link: Link, stop: int, clean: Comp
 
 
 def oscillator_phase_rad(config: SimulationConfig, stop: int, time_s: FloatArray) -> FloatArray:
-    """Phase (repetition, tx_beam, rx_beam) by which CFO and wandering have turned a receiver's oscillator."""
+    """Oscillator phase (repetition, tx_beam, rx_beam) of the receiver from CFO and phase noise between pairs."""
     hardware = config.impairments
     phase_rad = 2 * np.pi * hardware.cfo_hz * time_s
     if hardware.phase_noise_pair_deg:
@@ -127,7 +127,7 @@ def oscillator_phase_rad(config: SimulationConfig, stop: int, time_s: FloatArray
 def apply_oscillator(
     config: SimulationConfig, link: Link, samples: ComplexArray, time_s: FloatArray, phase_rad: FloatArray
 ) -> None:
-    """Clock drift and the phase (tx_beam, rx_beam) of the oscillator, in place on noiseless samples."""
+    """Apply clock drift and the oscillator phase (tx_beam, rx_beam) to noiseless samples, in place."""
     drift_ppm = config.impairments.clock_drift_ppm
     if drift_ppm:
         apply_clock_drift(samples, time_s, drift_ppm, link.frequency_offset_hz)
@@ -138,10 +138,11 @@ def apply_oscillator(
 def apply_front_end(
     config: SimulationConfig, link: Link, samples: ComplexArray, rng: np.random.Generator
 ) -> None:
-    """What acts on the samples over time, in place, TX beam by TX beam: oscillator, mixer, converters.
+    """Apply the impairments of oscillator, mixer and converters to the time samples, in place, per TX beam.
 
-    CFO and phase noise within a symbol leak between subcarriers, IQ imbalance mirrors them, and the converters
-    see the sum of all subcarriers. The converters' gain is set to the strongest beam pair of the stop.
+    CFO and phase noise within a symbol cause leakage between subcarriers, IQ imbalance adds mirrored subcarriers,
+    and the converters act on the sum of all subcarriers. The strongest beam pair of the stop sets the converter
+    gain.
     """
     hardware = config.impairments
     if not (

@@ -8,7 +8,7 @@ from pydantic import Field
 
 from scenes.toml_config import ConfigModel
 
-# Each impairment by the name people call it, with the settings that switch it on.
+# Each impairment by its usual name, with the settings that enable it.
 IMPAIRMENTS: Mapping[str, tuple[str, ...]] = {
     "clock bias": ("clock_bias_std_ns",),
     "clock drift": ("clock_drift_ppm",),
@@ -28,7 +28,7 @@ IMPAIRMENTS: Mapping[str, tuple[str, ...]] = {
 
 
 class ImpairmentsConfig(ConfigModel):
-    """What the hardware does to the signal and the survey, everything off by default."""
+    """Impairments of the hardware and of the survey. All are off by default."""
 
     clock_bias_std_ns: float = Field(0.0, ge=0, le=100, description="extra clock bias, drawn at every stop")
     clock_drift_ppm: float = Field(
@@ -69,7 +69,7 @@ class ImpairmentsConfig(ConfigModel):
     )
 
     def only(self, name: str) -> ImpairmentsConfig:
-        """One impairment alone; `ValueError` for an unknown name."""
+        """The same settings with only one impairment; `ValueError` for an unknown name."""
         if name not in IMPAIRMENTS:
             raise ValueError(f"impairment = '{name}': must be one of {', '.join(IMPAIRMENTS)}")
         kept = {field: getattr(self, field) for field in (*IMPAIRMENTS[name], "adc_full_scale_db")}

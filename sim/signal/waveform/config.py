@@ -1,4 +1,4 @@
-"""Settings of the slots in which the PRS of a campaign is sent."""
+"""Settings of the PRS slots of a campaign."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Bits = list[Literal[0, 1]]
 
 
 class ScheduleConfig(ConfigModel):
-    """One PRS resource set, whose resources are the TX beams, TS 38.214 clause 5.1.6.5.
+    """One PRS resource set with one resource per TX beam, TS 38.214 clause 5.1.6.5.
 
     Names and allowed values are those of `sim.signal.waveform.schedule.PrsSchedule`.
     """
@@ -29,7 +29,7 @@ class ScheduleConfig(ConfigModel):
     muting_2: Bits | None = Field(None, description="option 2: a bit for every repetition, 0 for muted")
 
     def of_resource(self, numerology: int, resource_offset_slots: int = 0) -> PrsSchedule:
-        """The schedule of one beam; `ValueError` where the standard does not allow it."""
+        """The schedule of one beam; `ValueError` if the standard does not allow it."""
         return PrsSchedule(
             numerology=numerology,
             period_slots=self.period_slots,

@@ -1,9 +1,9 @@
-"""When the beam pairs of a sweep are measured.
+"""Times of the measurements of all beam pairs in a sweep.
 
-Without a schedule every beam pair follows on the one before, as in a measurement in which nothing else is sent.
-With one the TX beams are the resources of a PRS resource set: the receiver stays on an RX beam for one instance of
-the set, in which every TX beam has its repetitions, and combines these. It knows the schedule, so it passes over
-what is muted: muted instances cost air time, muted repetitions the gain of combining them; no pair is left out.
+Without a schedule, the beam pairs follow each other without gaps, as in a measurement with no other signals. With
+a schedule, the TX beams are the resources of a PRS resource set. The receiver keeps one RX beam for one instance
+of the set, in which every TX beam has its repetitions, and combines them. It knows the schedule and skips muted
+symbols: muted instances cost air time, muted repetitions cost combining gain, and no beam pair is missing.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from sim.signal.waveform.schedule import sent_slots
 
 @dataclass(frozen=True)
 class Occasions(Record):
-    """The times at which a receiver takes every beam pair, over the repetitions that it combines."""
+    """The measurement times of every beam pair, for all repetitions that the receiver combines."""
 
     time_s: FloatArray = array(
         "repetition", "tx_beam", "rx_beam", unit="s", doc="start of the PRS since the first of the sweep"
@@ -30,14 +30,14 @@ class Occasions(Record):
 
     @property
     def repetitions(self) -> int:
-        """Occasions that are combined to one sample."""
+        """Number of measurements that are combined into one sample."""
         return self.size("repetition")
 
 
 def sweep_occasions(waveform: WaveformConfig, n_tx: int, n_rx: int) -> Occasions:
     """The occasions of a sweep over `n_tx` x `n_rx` beams.
 
-    Raises `ValueError` where the beams do not fit into the period of the schedule, or all of it is muted.
+    Raises `ValueError` if the beams do not fit into the period of the schedule, or everything is muted.
     """
     prs, schedule = waveform.prs, waveform.schedule
     if schedule is None:
@@ -61,7 +61,7 @@ def sweep_occasions(waveform: WaveformConfig, n_tx: int, n_rx: int) -> Occasions
 
 
 def measurements_per_sample(waveform: WaveformConfig) -> float:
-    """Measurements of a subcarrier that a sample is the mean of: repetitions, and passes over the comb."""
+    """Number of measurements of a subcarrier that are averaged in a sample: repetitions x comb passes."""
     passes = waveform.prs.length / waveform.prs.comb if waveform.combine_symbols else 1.0
     if waveform.schedule is None:
         return passes
@@ -77,10 +77,10 @@ def slot_of_beam(waveform: WaveformConfig, n_tx: int, tx_beam: int) -> int:
 
 
 def resource_offsets(schedule: ScheduleConfig, n_tx: int) -> IntArray:
-    """Slot (tx_beam,) within the period at which every beam starts, so that no two share one.
+    """First slot (tx_beam,) of every beam within the period; no two beams share a slot.
 
-    As many beams as the gap has slots take turns, then the next ones. Raises `ValueError` where the period is too
-    short, or an offset above 511, the largest of TS 38.214 clause 5.1.6.5.
+    Groups of as many beams as the gap has slots are interleaved. Raises `ValueError` if the period is too short,
+    or an offset is above 511, the maximum of TS 38.214 clause 5.1.6.5.
     """
     gap, repetitions = schedule.gap_slots, schedule.repetitions
     beam = np.arange(n_tx)

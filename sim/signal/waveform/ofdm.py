@@ -1,7 +1,7 @@
 """OFDM with a cyclic prefix, TS 38.211 clause 5.3.1: a resource grid to time-domain I/Q samples and back.
 
-The grid starts at point A; subcarrier N/2 of its N lies at zero frequency. Baseband only: the phase term by which
-the standard refers every symbol to the carrier frequency is part of up-conversion (clause 5.4).
+The grid starts at point A; subcarrier N/2 of its N lies at zero frequency. Baseband only: the phase term that
+refers every symbol to the carrier frequency is part of up-conversion (clause 5.4).
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ def cp_lengths(
     Raises
     ------
     ValueError
-        For an FFT size at which a prefix is no whole number of samples, a numerology outside 0 to 6, or the
-        extended prefix with another numerology than 2.
+        If a prefix is not a whole number of samples with this FFT size, the numerology is outside 0 to 6, or the
+        extended prefix is used with another numerology than 2.
     """
     if n_fft < 128 or n_fft % 128:
         raise ValueError(f"n_fft = {n_fft}: allowed are multiples of 128, whose prefixes are whole samples")
@@ -45,11 +45,11 @@ def cp_lengths(
 
 
 def modulate(grid: ComplexArray, cp_length: IntArray, n_fft: int = 4096) -> ComplexArray:
-    """Samples (sample,) of consecutive OFDM symbols from a grid (symbol, subcarrier), each behind its prefix.
+    """Samples (sample,) of consecutive OFDM symbols from a grid (symbol, subcarrier), each after its prefix.
 
     s(t) = sum_k a_k exp(j 2 pi (k - N/2) t / N_fft): a symbol's mean |s|^2 is the sum of |a_k|^2.
 
-    Raises `ValueError` where the grid does not fit the FFT or the prefixes do not fit the symbols.
+    Raises `ValueError` if the grid does not fit the FFT or the prefixes do not fit the symbols.
     """
     from scipy.fft import ifft  # noqa: PLC0415  (slow to import)
 
@@ -70,10 +70,10 @@ def demodulate(
 ) -> ComplexArray:
     """Grid (symbol, subcarrier) of samples (sample,): the inverse of `modulate`.
 
-    `early` places the FFT window that many samples inside the prefix and undoes the phase ramp this causes, so
-    that echoes arriving before the nominal start do no harm.
+    `early` moves the FFT window by this number of samples into the prefix and removes the resulting phase ramp, so
+    that echoes before the nominal start cause no error.
 
-    Raises `ValueError` where the samples are not those of the given symbols.
+    Raises `ValueError` if the number of samples does not fit the symbols.
     """
     from scipy.fft import fft  # noqa: PLC0415  (slow to import)
 

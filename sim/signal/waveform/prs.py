@@ -1,6 +1,6 @@
-"""NR downlink positioning reference signal (DL PRS), TS 38.211 clause 7.4.1.7: sequence and place in the grid.
+"""NR downlink positioning reference signal (DL PRS), TS 38.211 clause 7.4.1.7: sequence and resource elements.
 
-One resource in one slot; in which slots a resource is sent is the subject of `sim.signal.waveform.schedule`.
+This module describes one resource in one slot. `sim.signal.waveform.schedule` describes its slots.
 """
 
 from __future__ import annotations
@@ -35,10 +35,10 @@ COMB_LENGTHS: dict[int, tuple[int, ...]] = {2: (2, 4, 6, 12), 4: (4, 12), 6: (6,
 
 @dataclass(frozen=True)
 class PrsConfig:
-    """One PRS resource: its place in the grid, counted from point A, where the carrier starts.
+    """One PRS resource: its position in the grid, counted from point A, where the carrier starts.
 
-    `n_symbols` is by default the shortest that the comb size may have, one pass over all subcarriers.
-    `carrier_rb` is by default such that the carrier ends with the PRS.
+    The default `n_symbols` is the smallest allowed for the comb size: one pass over all subcarriers. By default
+    (`carrier_rb`) the carrier ends with the PRS.
 
     Raises
     ------
@@ -178,7 +178,7 @@ def prs_symbols(config: PrsConfig, sequence_id: int, slot: int, symbol: int | No
     """QPSK symbols (subcarrier,) of one OFDM symbol of the PRS, |x| = 1, in ascending subcarrier order.
 
     `symbol` is the OFDM symbol in the slot, the resource's first by default. The sequence counts from point A,
-    so a resource with an RB offset starts inside it.
+    so a resource with an RB offset does not start at its first element.
     """
     symbol = config.first_symbol if symbol is None else symbol
     n_occupied = config.n_subcarriers // config.comb
@@ -194,7 +194,7 @@ def prs_subcarriers(config: PrsConfig, symbol: int | None = None) -> IntArray:
 
     k = m K_comb + ((k_offset + k') mod K_comb).
 
-    Raises `ValueError` where the symbol is not one of the resource.
+    Raises `ValueError` if the symbol is not one of the resource.
     """
     symbol = config.first_symbol if symbol is None else symbol
     if symbol not in config.symbols:
@@ -207,7 +207,7 @@ def prs_subcarriers(config: PrsConfig, symbol: int | None = None) -> IntArray:
 
 
 def prs_slot(config: PrsConfig, sequence_id: int, slot: int) -> ComplexArray:
-    """Grid (symbol, subcarrier) of the whole carrier in one slot with the PRS in it, zero elsewhere."""
+    """Grid (symbol, subcarrier) of the whole carrier in one slot: the PRS, and zero elsewhere."""
     grid = np.zeros((config.symbols_per_slot, config.n_carrier_subcarriers), complex)
     for symbol in config.symbols:
         grid[symbol, prs_subcarriers(config, symbol)] = prs_symbols(config, sequence_id, slot, symbol)
@@ -215,9 +215,9 @@ def prs_slot(config: PrsConfig, sequence_id: int, slot: int) -> ComplexArray:
 
 
 def prs_comb_pass(config: PrsConfig, sequence_id: int, slot: int) -> ComplexArray:
-    """QPSK symbols (subcarrier,) over the whole band of the PRS, each from the first symbol that sounds it.
+    """QPSK symbols (subcarrier,) over the whole band of the PRS, each from the first symbol that contains it.
 
-    The first K_comb symbols of a resource sound every subcarrier once; this is the de-staggered pilot of a
+    The first K_comb symbols of a resource contain every subcarrier once. This is the de-staggered pilot of a
     receiver that combines the symbols of a resource.
     """
     pilot = np.empty(config.n_subcarriers, complex)

@@ -1,4 +1,4 @@
-"""In which slots a PRS resource is sent: period, repetition and muting, TS 38.211 clause 7.4.1.7.4."""
+"""Slots of a PRS resource: period, repetition and muting, TS 38.211 clause 7.4.1.7.4."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ MUTING_BIT_REPETITIONS = (1, 2, 4, 8)
 
 @dataclass(frozen=True)
 class PrsSchedule:
-    """Slots of one resource; muting bits are 1 for sent.
+    """Slots of one resource; a muting bit of 1 means sent.
 
     The resource is sent `repetitions` times, `gap_slots` apart, in every period of its set. `muting_1` has a bit
-    for `muting_bit_repetition` consecutive periods, `muting_2` one for each repetition within a period; where both
-    are given, both bits have to be 1.
+    for `muting_bit_repetition` consecutive periods, `muting_2` one for each repetition within a period. If both
+    are given, both bits must be 1.
 
     Raises
     ------
@@ -82,9 +82,9 @@ def is_sent(schedule: PrsSchedule, slot: IntArray) -> BoolArray:
 
 
 def sent_slots(schedule: PrsSchedule, n_instances: int) -> IntArray:
-    """Slots (instance, repetition) of the first instances that are sent, what is muted passed over.
+    """Slots (instance, repetition) of the first instances that are sent, without the muted ones.
 
-    An instance is the set of repetitions in one period. Raises `ValueError` where all of them are muted.
+    An instance is the set of repetitions in one period. Raises `ValueError` if everything is muted.
     """
     n_bits = 1 if schedule.muting_1 is None else len(schedule.muting_1)
     n_periods = n_instances * n_bits * schedule.muting_bit_repetition

@@ -11,12 +11,12 @@ from sim.signal.waveform.prs import SUBCARRIERS_PER_RB, PrsConfig, prs_comb_pass
 
 
 def received_grid(sweep: BeamSweep, prs: PrsConfig, slot: int, tx_beam: int, rx_beam: int) -> ComplexArray:
-    """Received resource elements (symbol, subcarrier) of one beam pair over the carrier, zero where no PRS is.
+    """Received resource elements (symbol, subcarrier) of one beam pair over the carrier, zero outside the PRS.
 
-    One symbol where beam pairs take one symbol. Where they combine a resource, the first K_comb symbols, which
-    sound every subcarrier once. The sum of |a|^2 over a symbol is its power in mW.
+    One symbol if beam pairs take one symbol. If they combine a resource, the first K_comb symbols, which contain
+    every subcarrier once. The sum of |a|^2 over a symbol is its power in mW.
 
-    Raises `ValueError` where the sweep has no such beams, or was not made with this PRS.
+    Raises `ValueError` if the sweep has no such beams, or used another PRS.
     """
     _check_beam("tx_beam", tx_beam, sweep.samples.shape[0])
     _check_beam("rx_beam", rx_beam, sweep.samples.shape[1])
@@ -44,10 +44,10 @@ def received_grid(sweep: BeamSweep, prs: PrsConfig, slot: int, tx_beam: int, rx_
 def received_samples(
     sweep: BeamSweep, prs: PrsConfig, slot: int, tx_beam: int, rx_beam: int, n_fft: int = 4096
 ) -> ComplexArray:
-    """Samples (sample,) in sqrt(mW) of one beam pair: its symbols behind their cyclic prefixes.
+    """Samples (sample,) in sqrt(mW) of one beam pair: its symbols after their cyclic prefixes.
 
-    Mean |s|^2 over a symbol is the received power. Noise is that of the occupied subcarriers; empty subcarriers
-    are empty. Raises `ValueError` as `received_grid` does.
+    Mean |s|^2 over a symbol is the received power. Only the occupied subcarriers contain noise; the other
+    subcarriers are zero. Raises `ValueError` as `received_grid` does.
     """
     grid = received_grid(sweep, prs, slot, tx_beam, rx_beam)
     prefixes = cp_lengths(prs.numerology, slot, n_fft, prs.cyclic_prefix)
