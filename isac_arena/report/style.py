@@ -1,4 +1,4 @@
-"""The one look of all figures: colour-blind safe colours, light axes, sizes in inches."""
+"""The common style of all figures: colours for colour-blind readers, light axes, sizes in inches."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ STYLE = {
 }
 DOTS_PER_INCH = 130
 
-styled = rc_context(rc=STYLE)  # decorator: the function draws in this look, whatever the user's settings
+styled = rc_context(rc=STYLE)  # decorator: the function draws in this style and ignores the user's settings
 
 
 def new_figure(width_in: float, height_in: float) -> Figure:
@@ -51,7 +51,7 @@ def new_figure(width_in: float, height_in: float) -> Figure:
 
 
 def cluster_look(cluster: int) -> dict[str, Any]:
-    """Colour and marker of a cluster; the marker changes when the colours are used up."""
+    """Colour and marker of a cluster; the marker changes after each cycle of colours."""
     return {
         "color": CLUSTER_COLORS[cluster % len(CLUSTER_COLORS)],
         "marker": CLUSTER_MARKERS[cluster // len(CLUSTER_COLORS) % len(CLUSTER_MARKERS)],
@@ -59,13 +59,13 @@ def cluster_look(cluster: int) -> dict[str, Any]:
 
 
 def legend_below(figure: Figure, handles: list[Any], columns: int) -> Legend:
-    """One legend for the whole figure, under the axes, where it hides nothing."""
+    """One legend for the whole figure, below the axes."""
     return figure.legend(handles=handles, loc="outside lower center", ncols=columns)
 
 
 @styled
 def png_bytes(figure: Figure) -> bytes:
-    """The figure as a PNG file; the same figure gives the same bytes."""
+    """The figure as a PNG file; equal figures give equal bytes."""
     buffer = BytesIO()
     figure.savefig(buffer, format="png", dpi=DOTS_PER_INCH, metadata={"Software": None})
     return buffer.getvalue()

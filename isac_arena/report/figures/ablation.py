@@ -1,4 +1,4 @@
-"""The ablation of a campaign: how far each hardware impairment moves each score."""
+"""The ablation of a campaign: the effect of each hardware impairment on each score."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from isac_arena.insight.ablation_ranking import EFFECTS, NONE, Ablation, cell
 from isac_arena.report.style import new_figure, styled
 
-SHOWN_OCTAVES = (1.0, 4.0)  # the colours reach at least a factor of 2 either way, at most 16
+SHOWN_OCTAVES = (1.0, 4.0)  # the colour scale ends at a factor between 2 and 16 in both directions
 DARK_LUMINANCE = 0.45  # text is white on darker cells
 
 
@@ -57,6 +57,6 @@ def ablation_figure(ablation: Ablation) -> Figure:
 
 
 def _luminance(image: Any, value: float) -> float:
-    """How bright a cell looks, from 0 to 1 (ITU-R BT.709, clause 3.2)."""
+    """Luminance of a cell, from 0 to 1 (ITU-R BT.709, clause 3.2)."""
     red, green, blue, _ = image.cmap(image.norm(value))
     return float(0.2126 * red + 0.7152 * green + 0.0722 * blue)

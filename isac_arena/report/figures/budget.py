@@ -1,4 +1,4 @@
-"""The error budget as waterfalls: from all of an error down to what is left, part by part."""
+"""The error budget as waterfalls: from the whole error down to the rest, part by part."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ WORSE = "#E69F00"
 ROW_IN, MARGIN_IN, WIDTH_IN = 0.36, 1.0, 5.9
 TITLES = {"pose": "Receiver position", "shape": "The paper's contours", "contour": "Our contours"}
 KINDS = {"stages": "truth in place of a stage", "physics": "physics switched off"}
-RESTS = {"stages": "all by truth", "physics": "the estimators alone"}
+RESTS = {"stages": "all stages true", "physics": "estimators alone"}
 SQUARE_CM = 1e4  # in a square metre
 PALE = 0.4
 WIDEST = (-60.0, 160.0)  # % of the mean square to which whiskers are shown; bars are shown whole
@@ -26,7 +26,7 @@ WIDEST = (-60.0, 160.0)  # % of the mean square to which whiskers are shown; bar
 
 @dataclass(frozen=True)
 class _Bar:
-    """One row: a bar from `start` to `end`, its interval, in % of the whole or in cm^2, and what is said of it."""
+    """One row: a bar from `start` to `end` and its interval, in % of the whole or in cm^2, and its text."""
 
     name: str
     start: float
@@ -34,7 +34,7 @@ class _Bar:
     interval: tuple[float, float]
     color: str
     text: str
-    is_told: bool = True
+    is_decided: bool = True
 
 
 @styled
@@ -42,9 +42,9 @@ def budget_figure(budget: Budget) -> Figure:
     """A waterfall per outcome and kind of budget, in shares of the mean square error.
 
     Bars run from the whole error at the top down to the rest. Whiskers are 95 % intervals over stops or objects
-    and over the order of the parts, drawn about the end that moves; bars of parts whose interval holds zero are
-    pale. The text gives share, interval and the root of the part's mean square. Where shares would mean nothing
-    the bars are in cm^2, without intervals, and the axis says why.
+    and over the order of the parts, drawn around the end of a bar. Bars of parts whose interval contains zero are
+    pale. The text gives share, interval and the root of the part's mean square. Where shares are meaningless, the
+    bars are in cm^2 without intervals, and the axis label gives the reason.
     """
     outcomes = [name for name in TITLES if any(key[0] == name for key in budget.attribution)]
     kinds = [name for name in KINDS if any(key[1] == name for key in budget.attribution)]
@@ -62,13 +62,13 @@ def budget_figure(budget: Budget) -> Figure:
     figure.suptitle(_title(budget), x=0.01, ha="left", fontsize=9, color="0.35")
     colors = {
         "all errors": TRUTH,
-        "without this part it falls": ESTIMATE,
-        "it grows": WORSE,
-        "what is left": GHOST,
+        "the error decreases without this part": ESTIMATE,
+        "it increases": WORSE,
+        "rest": GHOST,
     }
     handles = [Patch(color=color, label=label) for label, color in colors.items()]
-    if any(not bar.is_told for found in bars.values() for bar in found):
-        handles.append(Patch(color=ESTIMATE, alpha=PALE, label="undecided: the interval holds 0"))
+    if any(not bar.is_decided for found in bars.values() for bar in found):
+        handles.append(Patch(color=ESTIMATE, alpha=PALE, label="undecided: the interval contains 0"))
     legend_below(figure, handles, len(handles))
     return figure
 
@@ -80,10 +80,10 @@ def _axis_label(found: Attribution, unit: str) -> str:
 
 
 def _bars(found: Attribution, kind: str) -> Iterator[_Bar]:
-    """The rows from all errors to the rest; parts that cannot matter, downstream of the error, are left out."""
+    """The rows from all errors to the rest, without parts that have no effect, such as stages after the error."""
     has_shares = not found.objection
     scale = 100 / found.total if has_shares else SQUARE_CM
-    width = 100.0 if has_shares else np.nan  # of intervals, which are of shares
+    width = 100.0 if has_shares else np.nan  # scale of the intervals, which exist for shares only
     spread = (scale * found.total_low, scale * found.total_high)
     yield _Bar(TOTAL, 0.0, scale * found.total, spread, TRUTH, _metres(found.total))
     level = scale * found.total
@@ -100,8 +100,8 @@ def _bars(found: Attribution, kind: str) -> Iterator[_Bar]:
         text = _metres(found.contribution[index])
         text = f"{_percent(size, low, high)}   {text}" if has_shares else text
         color = ESTIMATE if size >= 0 else WORSE
-        is_told = found.effect[index] != "undecided" or not has_shares
-        yield _Bar(str(part), level, end, (level - high, level - low), color, text, is_told)
+        is_decided = found.effect[index] != "undecided" or not has_shares
+        yield _Bar(str(part), level, end, (level - high, level - low), color, text, is_decided)
         level = end
     rest, text = scale * found.rest, _metres(found.rest)
     span = (width * found.rest_low, width * found.rest_high)
@@ -118,7 +118,7 @@ def _draw(ax: Any, bars: list[_Bar], n_rows: int) -> None:
     for row, bar in enumerate(bars):
         left, right = sorted((bar.start, bar.end))
         ax.barh(
-            row, right - left, left=left, height=0.62, color=bar.color, alpha=1.0 if bar.is_told else PALE
+            row, right - left, left=left, height=0.62, color=bar.color, alpha=1.0 if bar.is_decided else PALE
         )
         if row and np.isfinite(bar.interval).all():
             _whisker(ax, row, bar.interval, limits)
@@ -134,7 +134,7 @@ def _draw(ax: Any, bars: list[_Bar], n_rows: int) -> None:
 
 
 def _whisker(ax: Any, row: int, interval: tuple[float, float], limits: tuple[float, float]) -> None:
-    """An interval with a light edge, to be seen on any bar; an end beyond the axis has no cap."""
+    """Draw an interval with a light edge, visible on every bar; an end beyond the axis has no cap."""
     shown = np.clip(interval, *limits)
     for color, width in (("white", 3.2), ("0.1", 1.2)):
         ax.plot(shown, [row, row], color=color, linewidth=width, solid_capstyle="butt")
@@ -162,6 +162,6 @@ def _metres(mean_square: float) -> str:
 def _title(budget: Budget) -> str:
     counts = [(len(budget.stops), "stop"), (len(budget.objects), "object"), (budget.repeats, "repeat")]
     words = [f"{count} {name}{'' if count == 1 else 's'}" for count, name in counts]
-    whiskers = "; whiskers: 95 % interval of where a bar ends, without a cap where it goes on"
+    whiskers = "; whiskers: 95 % interval of the end of a bar, without a cap where it exceeds the axis"
     has_shares = any(not found.objection for found in budget.attribution.values())
     return f"{budget.campaign}: {', '.join(words)}; roots of mean squares{whiskers if has_shares else ''}"

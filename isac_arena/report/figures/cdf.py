@@ -15,9 +15,9 @@ from isac_arena.scoring.record import MapScores, PathScores, PoseScores, ScoreTa
 from isac_arena.scoring.stages.channel_metrics import KIND_KEYS
 from scenes.record import FloatArray
 
-SMALLEST_SHARE = 0.02  # the axis starts where this share of the errors lies below
+SMALLEST_SHARE = 0.02  # the axis starts at this quantile of the errors
 MOST_DECADES = 1e3
-WIDE_RANGE = 60.0  # end over start of an axis: below it 1, 2 and 5 are labelled
+WIDE_RANGE = 60.0  # ratio of end to start of an axis; below it 1, 2 and 5 have labels
 LINE_STYLES = ("-", "--", ":")
 KIND_LABELS = {"los": "line of sight", "single_bounce": "single bounce", "multi_bounce": "multiple bounce"}
 
@@ -58,7 +58,7 @@ def channel_cdf_figure(paths: PathScores) -> Figure:
 
 @styled
 def surface_cdf_figure(tables: ScoreTables) -> Figure:
-    """Distance of the incidence points to the nearest surface and to their own true point, both maps."""
+    """Distance of the incidence points of both maps to the nearest surface and to their true points."""
     maps = {"mapping": tables.mapping, "SLAM": tables.slam}
     curves = {
         "distance to the nearest surface in m": _inlier_errors(maps, "surface_distance_m"),
@@ -99,7 +99,7 @@ def _figure(curves: Mapping[str, Mapping[str, FloatArray]], colors: Sequence[str
 def _draw_cdf(
     ax: Any, error: FloatArray, limits: tuple[float, float], name: str, look: Mapping[str, str]
 ) -> Any:
-    """Empirical distribution of some sorted errors as steps over the whole axis."""
+    """Draw the empirical distribution of sorted errors as steps over the whole axis."""
     start, end = limits
     at = np.concatenate([[start], np.maximum(error, start), [1.1 * end]])
     share = np.concatenate([np.arange(len(error) + 1) / len(error), [1.0]])

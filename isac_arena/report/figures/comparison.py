@@ -1,4 +1,4 @@
-"""Figure of a comparison: paired differences of two runs with their intervals."""
+"""Comparison of two runs: paired differences with their intervals."""
 
 from __future__ import annotations
 
@@ -28,8 +28,9 @@ CLIPPED: dict[str, Any] = {"marker": ">", "color": "0.25", "markersize": 5, "lin
 def compare_figure(differences: Sequence[PairedDifference], first: str, second: str) -> Figure:
     """Mean difference of every quantity in percent of the first run's mean, with its 95 % interval.
 
-    What goes on beyond the axis ends in an arrow, and its interval is written out. Quantities whose mean is zero
-    in the first run have no percentage and stand at zero; those without a pair have a row that says who has them.
+    An interval that exceeds the axis ends in an arrow, and the text gives its limits. Quantities with mean zero
+    in the first run have no percentage and are drawn at zero. The row of a quantity without a pair names the run
+    that has it.
     """
     figure = new_figure(9.8, 1.6 + 0.24 * max(len(differences), 1))
     ax = figure.subplots()
@@ -54,13 +55,13 @@ def compare_figure(differences: Sequence[PairedDifference], first: str, second: 
         for verdict, look in VERDICTS.items() if verdict in seen
     ]  # fmt: skip
     if is_clipped:
-        handles.append(Line2D([], [], label="goes on beyond the axis", **CLIPPED))
+        handles.append(Line2D([], [], label="exceeds the axis", **CLIPPED))
     legend_below(figure, handles, 7)
     return figure
 
 
 def _draw_row(ax: Any, row: int, one: PairedDifference, span: tuple[float, ...], limit: float) -> bool:
-    """Interval and mean of one quantity; returns whether an end of them lies beyond the axis."""
+    """Draw interval and mean of one quantity; returns whether they exceed the axis."""
     if not one.n_pairs:
         ax.axhspan(row - 0.5, row + 0.5, color="0.94", zorder=-1, linewidth=0)
         return False
@@ -78,7 +79,7 @@ def _draw_row(ax: Any, row: int, one: PairedDifference, span: tuple[float, ...],
 
 
 def _percent(one: PairedDifference) -> tuple[float, ...]:
-    """Difference and ends of its interval in % of the first run's mean, NaN where there are none."""
+    """Difference and limits of its interval in % of the first run's mean, NaN where there are none."""
     scale = 100 / abs(one.first) if one.n_pairs and one.first else math.nan
     return tuple(scale * value for value in (one.difference, one.low, one.high))
 

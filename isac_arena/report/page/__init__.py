@@ -1,4 +1,5 @@
 """The report of a campaign: one HTML file.
 
-Read `html.py` first; `payload.py` is what the page knows, `assets/` its script and styles.
+Read `html.py` first (`render_report`), then `figures.py` (`make_figures`) and `tables.py`. `payload/` is the data
+of the page (`report_payload`), `assets/` its script and style sheets.
 """

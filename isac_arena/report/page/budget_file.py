@@ -1,4 +1,4 @@
-"""The error budget of a campaign, as `arena budget` left it beside the campaign, for the report page."""
+"""The error budget that `arena budget` wrote into a campaign directory, for the report page."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ BUDGET_FILE = Path("budget") / "budget.json"  # of a campaign directory
 
 
 class BudgetRow(BaseModel):
-    """One part of an error: its mean square, the root of that with a sign, and its share where that says anything.
+    """One part of an error: its mean square, the signed root of the mean square, and its share.
 
-    `objection` says why there are no shares, `effect` whether the error falls or grows without the part.
+    `objection` is the reason for missing shares. `effect` says whether the error falls or grows without the part.
     """
 
     outcome: str
@@ -29,7 +29,7 @@ class BudgetRow(BaseModel):
 
 
 class BudgetFile(BaseModel):
-    """What the page needs of a budget file."""
+    """The part of a budget file that the page uses."""
 
     campaign: str
     rows: list[BudgetRow]
@@ -41,7 +41,7 @@ def read_budget(directory: Path, campaign: str) -> list[dict[str, Any]] | None:
     Raises
     ------
     ValueError
-        Where the file is damaged, holds something else, or is the budget of another campaign.
+        Where the file is damaged, is no error budget, or is the budget of another campaign.
     """
     path = directory / BUDGET_FILE
     if not path.is_file():

@@ -1,4 +1,4 @@
-"""All figures of a report, each with the caption that says what is seen."""
+"""All figures of a report with their captions."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Section = Literal["channel", "map", "pose", "shape"]
 
 @dataclass(frozen=True)
 class ReportFigure:
-    """A figure with its place in the report."""
+    """A figure with its section, title and caption in the report."""
 
     name: str
     section: Section
@@ -44,8 +44,8 @@ def make_figures(
 ) -> dict[str, ReportFigure]:
     """All figures of a campaign by name, in the order of the report.
 
-    `power_map_stop` is the stop whose power map is shown: by default the one with most detected paths. A measured
-    campaign has neither power maps nor errors of its channel parameters.
+    `power_map_stop` is the stop whose power map is shown: by default the stop with the most detected paths. A
+    measured campaign has no power maps and no errors of its channel parameters.
 
     Raises
     ------
@@ -67,10 +67,10 @@ def make_figures(
 def _map(scene: Scene, results: CampaignResults, tables: ScoreTables) -> ReportFigure:
     caption = (
         f"Plan of '{scene.name}' with the incidence points (IPs) of {len(tables.poses.stop)} receiver stops, "
-        "coloured by the object they support, and the contour of every object with its 95 % interval; dashed, "
+        "coloured by the object they support, and the contour of every object with its 95 % interval. Dashed: "
         "the paper's contours of clusters. Left: mapping with the true receiver pose and clock. Right: SLAM, "
-        "which finds both; thin lines tie each estimated position to the true one. Contours are numbered "
-        "as in the files. A ghost is a contour most of whose IPs stem from no single bounce."
+        "which estimates both; a thin line connects each estimated position to the true one. Contours are "
+        "numbered as in the files. A ghost is a contour with most of its IPs from no single bounce."
     )
     return ReportFigure("map", "map", "Maps", caption, map_figure(scene, results, tables))
 
@@ -91,15 +91,15 @@ def _power_map(results: CampaignResults, tables: ScoreTables, stop: int | None) 
     n_tx, n_rx = power_map.power_dbm.shape
     caption = (
         f"Mean received power of each of the {n_tx} x {n_rx} beam pairs at stop {stop}. Circles: true paths "
-        "within the estimator's reach. Marks: estimated paths, by what they are worth. Strong paths show "
-        "side-lobe stripes along both axes; paths that differ only in delay share one place."
+        "within the estimator's dynamic range. Marks: estimated paths by status. Strong paths have side-lobe "
+        "stripes along both axes; paths that differ only in delay coincide."
     )
     figure = power_figure(power_map, estimate, tables)
     return ReportFigure("power_map", "channel", f"Power map of stop {stop}", caption, figure)
 
 
 def best_stop(tables: ScoreTables) -> int:
-    """The stop with most detected paths, the first of them."""
+    """The stop with the most detected paths, the first of equal ones."""
     detected = tables.paths.stop[tables.paths.status == PathStatus.DETECTED]
     counts = [(detected == stop).sum() for stop in tables.poses.stop]
     return int(tables.poses.stop[int(np.argmax(counts))])
@@ -109,7 +109,7 @@ def _channel_errors(tables: ScoreTables) -> ReportFigure:
     n = int((tables.paths.status == PathStatus.DETECTED).sum())
     caption = (
         f"Absolute errors of delay, azimuth of departure (AoD) and of arrival (AoA) of the {n} detected paths, "
-        "by the kind of the true path. Errors larger than the gate are misses and do not appear."
+        "by the kind of the true path. Estimates with errors larger than the gate are not assigned and not shown."
     )
     figure = channel_cdf_figure(tables.paths)
     return ReportFigure("cdf_channel", "channel", "Errors of the channel parameters", caption, figure)
@@ -119,7 +119,7 @@ def _surface_distances(tables: ScoreTables) -> ReportFigure:
     n_mapping, n_slam = tables.mapping.ips.is_inlier.sum(), tables.slam.ips.is_inlier.sum()
     caption = (
         f"IPs taken as single bounces, {n_mapping} in mapping and {n_slam} in SLAM. Left: distance to the nearest "
-        "true surface. Right: distance to the true point of incidence, where the path really bounced once."
+        "true surface. Right: distance to the true incidence point, for paths that are single bounces."
     )
     figure = surface_cdf_figure(tables)
     return ReportFigure("cdf_ip_to_surface", "map", "Errors of the incidence points", caption, figure)
@@ -129,7 +129,7 @@ def _pose_errors(tables: ScoreTables) -> ReportFigure:
     n_los = int(tables.poses.has_los.sum())
     caption = (
         "Absolute errors of the receiver states found by SLAM, over the stops it solved. "
-        f"{n_los} of {len(tables.poses.stop)} stops have a line of sight within the estimator's reach."
+        f"{n_los} of {len(tables.poses.stop)} stops have a line of sight within the estimator's dynamic range."
     )
     figure = pose_cdf_figure(tables.poses)
     return ReportFigure("cdf_pose", "pose", "Errors of the receiver state", caption, figure)
@@ -145,7 +145,7 @@ def _clusters(name: str, scene: Scene, result: MapResult, table: MapScores) -> I
         title = f"{label}, cluster {cluster}: {shown}"
         caption = (
             f"{clusters.n_ips[cluster]} incidence points. Left: radius about the object centre with its 95 % "
-            f"interval. Right: the contour in the plane. Learned: mean {shapes.mean_m[cluster]:.2f} m, "
+            f"interval. Right: the contour in the plane. Hyperparameters: mean {shapes.mean_m[cluster]:.2f} m, "
             f"sigma_f {shapes.signal_std_m[cluster]:.3f} m, l {shapes.length_scale[cluster]:.2f}, "
             f"sigma_n {shapes.noise_std_m[cluster]:.3f} m."
         )

@@ -31,7 +31,7 @@ HEADLINE = (
     ("Incidence point to surface, SLAM, median", "slam.ip_to_surface.median_m"),
     ("Pillars found by mapping", "mapping.objects_found.pillar"),
     ("Walls found by mapping", "mapping.objects_found.wall"),
-    ("Pillars where seen, our contours, mapping, RMSE", "contours.mapping.pillar.seen_rmse.mean_m"),
+    ("Pillars, seen part, our contours, mapping, RMSE", "contours.mapping.pillar.seen_rmse.mean_m"),
     ("Pillars, IoU of our contours, mapping", "contours.mapping.pillar.iou.mean"),
     ("Pillars, IoU of the paper's contours, mapping", "shapes.mapping.pillar.iou.mean"),
 )
@@ -43,13 +43,13 @@ CHANNEL_COUNTS = ScoreTable(
         ("Significant true paths per stop", "significant_per_stop"),
         ("Detected per stop", "detected_per_stop"),
         ("Missed per stop", "missed_per_stop"),
-        ("of these, closer than the gate to a detected one", "unresolved_per_stop"),
+        ("of these, inside the gate of a detected one", "unresolved_per_stop"),
         ("Weak or diffuse per stop", "weak_per_stop"),
         ("False per stop", "false_per_stop"),
         ("Detection rate, line of sight", "los.detection_rate"),
         ("Detection rate, single bounce", "single_bounce.detection_rate"),
         ("Detection rate, multiple bounce", "multi_bounce.detection_rate"),
-        ("Right LOS decisions, share of stops", "los.decision_accuracy"),
+        ("Correct LOS decisions, share of stops", "los.decision_accuracy"),
     ),
 )
 
@@ -86,7 +86,7 @@ MAPS = ScoreTable(
     (("mapping", "mapping."), ("SLAM", "slam.")),
     (
         ("Incidence points taken as single bounces", "ips"),
-        ("of these, truly from one bounce, share", "ips_from_single_bounce_share"),
+        ("of these, true single bounces, share", "ips_from_single_bounce_share"),
         ("of these, clustered, share", "ips_clustered_share"),
         ("Distance to the nearest surface, median", "ip_to_surface.median_m"),
         ("Distance to the nearest surface, RMS", "ip_to_surface.rms_m"),
@@ -107,11 +107,11 @@ MAPS = ScoreTable(
 SHAPE_ROWS = (
     ("Overlap with the true area (IoU)", "iou.mean"),
     ("Hausdorff distance", "hausdorff.mean_m"),
-    ("Contour where seen, RMSE", "seen_rmse.mean_m"),
-    ("Contour in full, RMSE", "full_rmse.mean_m"),
+    ("Seen contour, RMSE", "seen_rmse.mean_m"),
+    ("Full contour, RMSE", "full_rmse.mean_m"),
     ("Overlap with the lit extent", "extent_iou.mean"),
     ("Coverage of the 95 % interval", "coverage95.mean"),
-    ("Coverage where seen", "seen_coverage95.mean"),
+    ("Coverage of the seen contour", "seen_coverage95.mean"),
 )
 
 
@@ -135,7 +135,7 @@ ACCEPTED = ScoreTable(
         ("Contours accepted", "accepted"),
         ("of these, ghosts", "ghosts"),
         ("Objects found", "objects_found"),
-        ("Right class, share", "class_accuracy"),
+        ("Correct class, share", "class_accuracy"),
         ("GOSPA of the scene over 1 - IoU", "scene_gospa"),
     ),
 )

@@ -28,18 +28,18 @@ PAGE = """<!DOCTYPE html>
 </div>
 
 <h2 id="explore">Explore</h2>
-<noscript><p>The plan that answers to clicks needs JavaScript; the figures and tables below do not.</p></noscript>
+<noscript><p>The interactive plan needs JavaScript; the figures and tables below do not.</p></noscript>
 <div id="instrument"></div>
 <h2 id="channel">Channel estimation</h2>
 <p>Every estimated path is assigned to at most one true path, within a gate on delay and angles. Only significant
-true paths count: not diffuse, above the noise and within the estimator's dynamic range. An estimate that belongs
-to none of them is weak or diffuse where other true energy explains it, and false where nothing does.</p>
+true paths count: not diffuse, above the noise and within the estimator's dynamic range. An unassigned estimate is
+weak or diffuse where other true energy explains it, and false otherwise.</p>
 <div class="columns unit">$channel_counts $channel_errors</div>
 $channel_figures
 
 <h2 id="maps">Mapping and SLAM</h2>
-<p>Mapping knows the receiver's pose and clock; SLAM finds them from the same paths. An object counts as found when
-at least half of a cluster's incidence points stem from it and enough of them lie close to it.</p>
+<p>Mapping uses the true pose and clock of the receiver; SLAM estimates them from the same paths. An object is
+found when at least half of the incidence points of a cluster stem from it and enough of them are close to it.</p>
 <div class="unit">$maps</div>
 $map_figures
 
@@ -49,9 +49,10 @@ $pose_figures
 
 <h2 id="shapes">Object shapes</h2>
 <p>Our contours are fitted to the delays and angles of the paths by the reflection law: walls, edges and pillars,
-each with the probability of its class; ghosts are rejected. The paper's are one star-convex contour per cluster of
-incidence points, by a Gaussian process over the polar angle. A contour is seen near its incidence points;
-elsewhere a model or a prior speaks. The lit extent is where true single bounces met the object on the walk.</p>
+each with the probability of its class; ghosts are rejected. The paper's method fits one star-convex contour to
+each cluster of incidence points, by a Gaussian process over the polar angle. A contour is seen near its incidence
+points; elsewhere it follows from the model or the prior. The lit extent is the part of an object where true single
+bounces met it on the walk.</p>
 <div class="unit">$accepted</div>
 <h3>Our contours</h3>
 <div class="unit">$contours</div>
@@ -75,13 +76,13 @@ $shape_figures
 
 
 def script_text() -> str:
-    """The page's script: all parts in one scope of their own."""
+    """The script of the page: all parts in one function scope."""
     parts = "\n".join(_asset(f"{name}.js") for name in SCRIPTS)
     return f'(() => {{\n"use strict";\n{parts}}})();'
 
 
 def style_text() -> str:
-    """The page's style sheet."""
+    """The style sheet of the page."""
     return "\n".join(_asset(f"{name}.css") for name in STYLES)
 
 

@@ -1,4 +1,4 @@
 """The report of a sweep: one HTML file.
 
-Read `page.py` first; `results.py` is what the sweep says, `figures.py` draws it.
+Read `results.py` first (`SweepResults`), then `figures.py`, `captions.py` and `page.py` (`render_sweep`).
 """

@@ -1,4 +1,4 @@
-"""What stands under the figures of a sweep: said of the cases that there are, no more."""
+"""Captions of the figures of a sweep. They state only what the finished cases support."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import numpy as np
 from isac_arena.report.sweep.figures import axis_lines
 from isac_arena.report.sweep.results import SweepResults, groups
 
-FEW_CASES = 3  # Student's t makes intervals of so few wider than the figure
+FEW_CASES = 3  # Student's t intervals of so few cases can exceed the figure
 
 
 def axis_caption(results: SweepResults, key: str) -> str:
-    """Under a metric over every axis: of how many cases its means are, and whether they have intervals."""
+    """Caption of a metric over every axis: the number of cases for each mean, and whether there are intervals."""
     value = results.metrics[key].value
     lines = {axis.name: axis_lines(results, axis) for axis in results.axes}
     counts = [
@@ -23,42 +23,42 @@ def axis_caption(results: SweepResults, key: str) -> str:
         for part in groups(axis)
     ]
     counts = [count for count in counts if count]
-    told = [_means(counts)]
+    sentences = [_means(counts)]
     is_mixed = len(results.axes) > 1 and any(len(found) == 1 for found in lines.values())
     if is_mixed and max(counts, default=0) > 1:
-        told.append("Cases at one value differ in the other axes too, and the interval holds that.")
+        sentences.append("Cases at one value also differ in the other axes; the interval includes this.")
     if results.bound(key) is not None:
-        told.append("Dashed: the bound on the same stops.")
-    return " ".join(told)
+        sentences.append("Dashed: the bound on the same stops.")
+    return " ".join(sentences)
 
 
 def pareto_caption(results: SweepResults) -> str:
-    """Under a trade-off."""
-    means = _repeats(results, ", its mean over the repeats")
-    return f"A dot per point of the design{means}; on the front with its axis values."
+    """Caption of a trade-off."""
+    means = _repeats(results, ", at its mean over the repeats")
+    return f"One dot for each design point{means}. Points on the front have labels with their axis values."
 
 
 def parallel_caption(results: SweepResults, key: str) -> str:
-    """Under parallel coordinates; `key` is the metric that colours the lines."""
+    """Caption of parallel coordinates; `key` is the metric that colours the lines."""
     means = _repeats(results, " through the means of its repeats")
-    return f"A line per point of the design{means}, coloured by {key}: dark is high."
+    return f"One line for each design point{means}, coloured by {key}: dark is high."
 
 
 def _means(counts: Iterable[int]) -> str:
     known = sorted(counts)
     if not known:
-        return "No case has measured it."
+        return "No finished case has a value."
     if known[-1] == 1:
-        return "One case behind each dot, so there are no intervals."
+        return "One case for each dot, so there are no intervals."
     interval = "with the 95 % interval of the mean (Student's t)"
     if known[0] == known[-1]:
         text = f"Means of {known[0]} cases each, {interval}."
     else:
         text = f"Means of {known[0]} to {known[-1]} cases each, {interval}"
-        text += "; a single one has none." if known[0] == 1 else "."
-    return f"{text} Of so few it may go on beyond the figure." if known[0] <= FEW_CASES else text
+        text += "; a single case has none." if known[0] == 1 else "."
+    return f"{text} Intervals of so few cases may exceed the figure." if known[0] <= FEW_CASES else text
 
 
 def _repeats(results: SweepResults, words: str) -> str:
-    """The words where some point has several cases."""
+    """The given words if a design point has several cases, else nothing."""
     return words if len(np.unique(results.point)) < len(results.point) else ""

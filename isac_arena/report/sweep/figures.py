@@ -1,4 +1,4 @@
-"""Figures of a sweep: a metric over each axis, trade-offs between two metrics, and all of them side by side."""
+"""Figures of a sweep: a metric over each axis, trade-offs between two metrics, and parallel coordinates."""
 
 from __future__ import annotations
 
@@ -24,23 +24,26 @@ from isac_arena.report.sweep.results import (
 )
 from scenes.record import BoolArray, FloatArray
 
-MOST_LINES = 5  # values of the other axis of two that have lines of their own
+MOST_LINES = (
+    5  # in a sweep over two axes, the values of the other axis get lines of their own up to this number
+)
 LONGEST_LABEL = 24
 DECADES_FOR_LOG = 1.5
-MARGIN, LOG_MARGIN = 0.15, 1.5  # of the vertical axis round the values: a share of their range, a factor
+MARGIN, LOG_MARGIN = 0.15, 1.5  # of the vertical axis around the values: a share of their range, a factor
 MOST_TICKS = 7
 FLOOR = 1e-3  # of the least value: intervals end there, so that a logarithmic axis shows them
 LINE_COLORS = CLUSTER_COLORS
-PALEST = 0.15  # of the colour map: below it lines cannot be seen on white
+PALEST = 0.15  # of the colour map: lighter lines are invisible on white
 LABEL_BOX = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.8}
 
 
 @styled
 def axis_figure(results: SweepResults, key: str) -> Figure:
-    """Mean of a metric over every axis with its 95 % interval, and its bound where it has one.
+    """Mean of a metric over every axis with its 95 % interval, and its bound if it has one.
 
-    One panel per axis. With two axes the other one, where it has few values, gives a line each; with more the mean
-    goes over all their values. Numbers with many values are averaged in bins of equal counts.
+    There is one panel for each axis. With two axes, each value of the other axis has its own line if there are few
+    values. Otherwise the mean is over all values of the other axes. Numeric axes with many values are averaged in
+    bins of equal counts.
     """
     metric, bound = results.metrics[key], results.bound(key)
     axes = results.axes
@@ -62,14 +65,14 @@ def axis_figure(results: SweepResults, key: str) -> Figure:
 
 @styled
 def pareto_figure(results: SweepResults, first: str, second: str) -> Figure:
-    """Two metrics against each other: every design point by its mean, and those that no other one beats."""
+    """Two metrics against each other: the mean of every design point, and the points that no other one beats."""
     figure = new_figure(6.4, 4.4)
     panel = figure.subplots()
     means = np.column_stack([point_means(results, key) for key in (first, second)])
     front = front_of(results, first, second)
-    panel.plot(*means[~front].T, "o", color=GHOST, markersize=4, label="beaten by another point")
+    panel.plot(*means[~front].T, "o", color=GHOST, markersize=4, label="dominated")
     order = np.flatnonzero(front)[np.argsort(means[front][:, 0])]
-    panel.plot(*means[order].T, "o-", color=ESTIMATE, markersize=6, label="beaten by none")
+    panel.plot(*means[order].T, "o-", color=ESTIMATE, markersize=6, label="not dominated")
     for index in order[:: max(1, len(order) // 8)]:
         panel.annotate(
             _values_at(results, index), means[index], xytext=(6, 5), textcoords="offset points", fontsize=7,
@@ -83,7 +86,7 @@ def pareto_figure(results: SweepResults, first: str, second: str) -> Figure:
 
 
 def front_of(results: SweepResults, first: str, second: str) -> BoolArray:
-    """Which design points (point,) no other one beats in both metrics."""
+    """Mask (point,) of the design points that no other point dominates in the two metrics."""
     sign = {"lower": 1.0, "higher": -1.0, "info": 1.0}
     costs = [sign[results.metrics[key].direction] * point_means(results, key) for key in (first, second)]
     return nondominated(np.column_stack(costs))
@@ -133,7 +136,7 @@ def parallel_figure(results: SweepResults, keys: Sequence[str]) -> Figure:
 
 
 def axis_lines(results: SweepResults, axis: SweepAxis) -> list[tuple[str, BoolArray]]:
-    """The cases of every line in the panel of an axis, with its name; one unnamed line for all."""
+    """Name and cases (case,) of every line in the panel of an axis; one line for all cases has no name."""
     everyone = [("", np.ones(len(results.point), bool))]
     others = [other for other in results.axes if other is not axis]
     if len(others) != 1:
@@ -148,7 +151,7 @@ def axis_lines(results: SweepResults, axis: SweepAxis) -> list[tuple[str, BoolAr
 def _curve(
     panel: Any, axis: SweepAxis, value: FloatArray, members: BoolArray, color: str, label: str
 ) -> None:
-    """Means of the groups of an axis with their intervals: a line with a band, or bars where values are texts."""
+    """Draw the means of the groups of an axis with intervals: a line with a band, or bars for an axis of texts."""
     rows = np.array([(part.place, *mean_interval(value[part.members & members])) for part in groups(axis)])
     rows = rows[np.isfinite(rows[:, 1])]
     place, mean, half = rows[:, 0], rows[:, 1], np.where(np.isfinite(rows[:, 2]), rows[:, 2], 0.0)
@@ -178,7 +181,7 @@ def _bound_curve(panel: Any, parts: Sequence[Group], bound: FloatArray) -> None:
 
 
 def drawn_means(results: SweepResults, key: str) -> FloatArray:
-    """All means (dot,) that stand over the axes for a metric, those of its bound included."""
+    """All means (dot,) that the panels of a metric show, including those of its bound."""
     value, bound = results.metrics[key].value, results.bound(key)
     means = [
         mean_interval(value[part.members & members])[0]
@@ -193,7 +196,7 @@ def drawn_means(results: SweepResults, key: str) -> FloatArray:
 
 
 def _scale(panel: Any, means: FloatArray) -> None:
-    """Limits round the means, not the intervals: those of a few repeats would fill the figure."""
+    """Set limits around the means, not the intervals, because intervals of few repeats would fill the figure."""
     if not len(means) or means.min() == means.max():
         return
     low, high = float(means.min()), float(means.max())
@@ -226,7 +229,7 @@ def _dress(panel: Any, axis: SweepAxis) -> None:
 
 
 def _axis_column(results: SweepResults, axis: SweepAxis) -> tuple[str, FloatArray, list[str] | None]:
-    """Name, place of every design point and, for texts, the texts of the places."""
+    """Name of an axis, position of every design point, and for an axis of texts the texts at the positions."""
     first = [int(np.flatnonzero(results.point == point)[0]) for point in np.unique(results.point)]
     if axis.is_numeric:
         numbers = np.array([axis.values[index] for index in first], float)
@@ -243,7 +246,7 @@ def _unit_interval(values: FloatArray) -> FloatArray:
 
 
 def _ends(values: FloatArray, labels: list[str] | None) -> list[tuple[float, str]]:
-    """Heights and texts along a coordinate: its ends, or all of its texts."""
+    """Heights and labels along a coordinate: its ends, or all texts of an axis of texts."""
     if labels is not None:
         places = np.arange(len(labels)) / max(1, len(labels) - 1) if len(labels) > 1 else np.array([0.5])
         return [(float(place), _short(label)) for place, label in zip(places, labels, strict=True)]

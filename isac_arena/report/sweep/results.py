@@ -1,4 +1,4 @@
-"""The results of a sweep as arrays, and what they say about each value of an axis."""
+"""The results of a sweep as arrays, and their means at each value of an axis."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from scipy.stats import t as student
 
 from scenes.record import BoolArray, FloatArray, IntArray
 
-MOST_VALUES = 12  # of a numeric axis that are shown one by one; more go into bins
+MOST_VALUES = 12  # a numeric axis with more values is divided into bins
 BINS = 8
 
-# A metric, and the one that says how many times its bound it is: their ratio is the bound itself.
+# A metric, and the metric that is its ratio to its bound: the quotient of both is the bound.
 OVER_BOUND = {
     "slam.position.rmse_m": "slam.position.over_bound",
     "slam.heading.rmse_deg": "slam.heading.over_bound",
@@ -74,9 +74,9 @@ class Group:
 
 
 def mean_interval(values: FloatArray, confidence: float = 0.95) -> tuple[float, float, int]:
-    """Mean of the values that were measured, half the width of its Student's t interval, and their number.
+    """Mean of the finite values, half the width of its Student's t interval, and the number of finite values.
 
-    The half width of one value is infinite; the mean of none is NaN.
+    The half width is infinite for one value; the mean is NaN without values.
     """
     known = values[np.isfinite(values)]
     n = len(known)
@@ -87,7 +87,7 @@ def mean_interval(values: FloatArray, confidence: float = 0.95) -> tuple[float, 
 
 
 def groups(axis: SweepAxis) -> list[Group]:
-    """The values of an axis in order, or bins of equal counts where there are many numbers."""
+    """The values of an axis in order, or bins of equal counts for a numeric axis with many values."""
     if not axis.is_numeric:
         distinct: list[Hashable] = list(dict.fromkeys(str(value) for value in axis.values))
         texts = np.array([str(value) for value in axis.values], dtype=str)
@@ -115,9 +115,9 @@ def point_means(results: SweepResults, key: str) -> FloatArray:
 
 
 def nondominated(costs: FloatArray) -> BoolArray:
-    """Which rows (point,) of costs (point, criterion) no other row beats; rows with NaN never.
+    """Mask (point,) of the rows of costs (point, criterion) that no other row dominates; false for rows with NaN.
 
-    A row beats another that it is nowhere above and somewhere below.
+    A row dominates another row if none of its costs is higher and at least one is lower.
     """
     known: BoolArray = np.asarray(np.isfinite(costs).all(axis=1))
     front: BoolArray = np.array(known, bool)
@@ -128,7 +128,7 @@ def nondominated(costs: FloatArray) -> BoolArray:
 
 
 def varying(results: SweepResults, keys: Sequence[str]) -> list[str]:
-    """Those of the keys that are there, were measured somewhere and are not the same everywhere."""
+    """The keys of the metrics that have finite values and differ between cases."""
     found = []
     for key in keys:
         metric = results.metrics.get(key)

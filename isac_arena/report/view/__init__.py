@@ -1,4 +1,4 @@
 """The 3-D view of a campaign: one HTML file.
 
-Read `page.py` first, then `traces.py`.
+Read `page.py` first (`view_page`), then `traces.py`.
 """

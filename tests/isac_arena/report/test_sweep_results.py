@@ -46,7 +46,7 @@ def test_the_interval_is_students() -> None:
     assert np.isnan(mean_interval(np.array([np.nan]))[0])
 
 
-def test_the_interval_holds_the_mean_as_often_as_it_says() -> None:
+def test_the_interval_contains_the_mean_at_its_confidence_level() -> None:
     rng = np.random.default_rng(3)
     held = [
         abs(mean) <= half for mean, half, _ in (mean_interval(rng.standard_normal(5)) for _ in range(2000))
@@ -55,7 +55,7 @@ def test_the_interval_holds_the_mean_as_often_as_it_says() -> None:
 
 
 @given(st.lists(st.tuples(st.integers(0, 4), st.integers(0, 4)), min_size=1, max_size=12))
-def test_the_front_is_what_nobody_beats(rows: list[tuple[int, int]]) -> None:
+def test_the_front_has_the_points_that_no_other_one_beats(rows: list[tuple[int, int]]) -> None:
     costs = np.array(rows, float)
     brute = [not any((other <= row).all() and (other < row).any() for other in costs) for row in costs]
     np.testing.assert_array_equal(nondominated(costs), brute)
@@ -99,15 +99,15 @@ def test_the_axis_spans_what_is_drawn_and_no_single_outlier() -> None:
     assert len(drawn_means(results, KEY)) == (3 + 3) + 2 * 1 + 6 + 2  # two lines; both methods; their bounds
 
 
-def test_captions_promise_no_more_than_the_cases_give() -> None:
+def test_captions_state_only_what_the_cases_support() -> None:
     single = made(repeats=1)
     assert axis_caption(single, "rate") == (
-        "Means of 1 to 3 cases each, with the 95 % interval of the mean (Student's t); a single one has"
-        " none. Of so few it may go on beyond the figure. Cases at one value differ in the other axes too, and the"
-        " interval holds that."
+        "Means of 1 to 3 cases each, with the 95 % interval of the mean (Student's t); a single case has"
+        " none. Intervals of so few cases may exceed the figure. Cases at one value also differ in the other axes;"
+        " the interval includes this."
     )
     alone = replace(single, axes=single.axes[:1])
-    assert axis_caption(alone, "rate") == "One case behind each dot, so there are no intervals."
+    assert axis_caption(alone, "rate") == "One case for each dot, so there are no intervals."
     assert "mean" not in pareto_caption(alone) and "mean" not in parallel_caption(alone, "rate")
     often = replace(made(), axes=made().axes[:1])
     assert axis_caption(often, "rate").startswith("Means of 4 cases each, with the 95 % interval")
@@ -119,7 +119,7 @@ def test_captions_promise_no_more_than_the_cases_give() -> None:
     assert "Means of 1 to 4 cases" in axis_caption(holes, "rate")
 
 
-def test_trade_offs_heed_the_directions() -> None:
+def test_trade_offs_use_the_directions_of_the_metrics() -> None:
     results = made()
     assert front_of(results, KEY, "rate").tolist() == [False] * 5 + [True]  # both are best at the last point
     figure = pareto_figure(results, KEY, "rate")

@@ -1,4 +1,4 @@
-"""What the report page knows of a campaign: records in, one dictionary of plain numbers and words out."""
+"""The data of the report page: one dictionary of plain numbers and texts from the records of a campaign."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from scenes.scene import Scene
 from sim.truth import Truth
 
 OUTLINE_SAGITTA_M = 0.0005
-POWER_COLORS = 33  # of the colour map, from the weakest to the strongest
+POWER_COLORS = 33  # colours of the map, from the weakest to the strongest power
 
 Payload = dict[str, Any]
 
@@ -38,12 +38,12 @@ def report_payload(
     truths: Iterable[Truth] = (),
     budget: list[dict[str, Any]] | None = None,
 ) -> Payload:
-    """All that the page draws, ready for JSON: lengths in m, delays in ns, angles in deg, powers in dBm.
+    """All data of the page, ready for JSON: lengths in m, delays in ns, angles in deg, powers in dBm.
 
-    Numbers are rounded to what a screen shows; points are flat lists of x and y; None stands for what is not
-    known. Rows of stops, paths, incidence points and contours keep the order of their records. `truths` gives the
-    corners of the true paths, one stop at a time; a measured campaign has none, and no power maps. `budget` are
-    the rows of the campaign's error budget, where one was made.
+    Numbers are rounded to the resolution of a screen. Points are flat lists of x and y. None stands for an unknown
+    value. Rows of stops, paths, incidence points and contours keep the order of their records. `truths` gives the
+    corners of the true paths, one stop at a time; a measured campaign has no truths and no power maps. `budget`
+    has the rows of the campaign's error budget, None if there is none.
     """
     by_stop = {truth.stop: true_paths(truth, tables) for truth in truths}
     stops = tables.poses.stop.tolist()
@@ -106,7 +106,7 @@ def _stops(scene: Scene, poses: PoseScores) -> Payload:
 
 
 def _power(results: CampaignResults, stops: list[int]) -> Payload | None:
-    """Beam power maps of the stops, beams in order of azimuth; None where the campaign holds none."""
+    """Beam power maps of the stops, beams in order of azimuth; None where the campaign has none."""
     if not results.power_maps:
         return None
     maps = {power_map.stop: power_map for power_map in results.power_maps}

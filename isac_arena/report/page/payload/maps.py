@@ -1,4 +1,4 @@
-"""A map as the report page knows it: poses, incidence points, contours of both kinds and what they show."""
+"""The data of a map for the report page: poses, incidence points, and contours with their objects."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def _shape(result: MapResult, scores: OutlineScores, row: int) -> dict[str, Any]
 
 
 def _origin(scores: OutlineScores, row: int, label: IntArray) -> dict[str, Any]:
-    """What a contour shows, and how well."""
+    """The object that a contour shows, and the scores of the contour."""
     return {
         "object": str(scores.object[row]),
         "ghost": bool(scores.is_ghost[row]),

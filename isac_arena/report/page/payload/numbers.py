@@ -1,4 +1,4 @@
-"""Numbers for the page: rounded, flat, and nothing where there is nothing."""
+"""Numbers for the page: rounded flat lists with None for values that are not finite."""
 
 from __future__ import annotations
 
@@ -39,9 +39,9 @@ def _short(value: float) -> float:
 
 
 def quantised_power(power_dbm: FloatArray) -> tuple[float, str]:
-    """Largest power in dBm, and how far each value (row, column) lies below it as one byte, base64.
+    """Largest power in dBm, and the difference of each value (row, column) to it as one byte each, in base64.
 
-    Steps are `POWER_STEP_DB`; what lies `POWER_LEVELS` steps below or more has the last level.
+    The step is `POWER_STEP_DB`; differences of `POWER_LEVELS` steps or more have the last level.
     """
     top = float(power_dbm.max())
     steps = np.clip(np.round((top - power_dbm) / POWER_STEP_DB), 0, POWER_LEVELS)

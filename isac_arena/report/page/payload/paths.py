@@ -1,4 +1,4 @@
-"""True and estimated paths of a stop, as the report page knows them."""
+"""The data of the true and estimated paths of a stop for the report page."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from sim.truth import Truth
 
 
 def estimated_paths(stop: int, results: CampaignResults, tables: ScoreTables) -> dict[str, Any]:
-    """The estimated paths of a stop with their standard deviations, and what each of them is worth."""
+    """The estimated paths of a stop with their standard deviations, status and errors."""
     estimate = next(estimate for estimate in results.channel if estimate.stop == stop)
     scores = tables.paths.take("estimate", tables.paths.stop == stop)
     delay_std_s, aod_std_rad, aoa_std_rad = np.sqrt(
@@ -47,7 +47,7 @@ def estimated_paths(stop: int, results: CampaignResults, tables: ScoreTables) ->
 
 
 def true_paths(truth: Truth, tables: ScoreTables) -> dict[str, Any]:
-    """The significant true paths of a stop as its devices see them, with their corners in plan."""
+    """The significant true paths of a stop in the frames of the devices, with their corners in plan."""
     rows = tables.significant.take("true_path", tables.significant.stop == truth.stop)
     paths = truth.paths.take("path", rows.path)
     corners = [paths.vertex_m[row, :n, :2] for row, n in enumerate(paths.n_interactions)]

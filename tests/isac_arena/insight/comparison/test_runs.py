@@ -129,4 +129,4 @@ def test_the_figure_shows_every_quantity_and_where_it_ends(score, campaign):
     arrows = [line for line in ax.get_lines() if line.get_marker() in "<>" and line.get_marker()]
     assert len(arrows) == 1 and arrows[0].get_xdata()[0] == ax.get_xlim()[1]
     labels = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert {"worse", "same", "goes on beyond the axis"} <= set(labels)
+    assert {"worse", "same", "exceeds the axis"} <= set(labels)
