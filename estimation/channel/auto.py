@@ -37,7 +37,7 @@ _LEAST_VARIANCE = np.deg2rad(1.0) ** 2  # of the remainder, as far as weights go
 
 
 @dataclass(frozen=True)
-class PhaseTurn:
+class PhaseRamp:
     """An even turn of the phase over the beam pairs, and what of the phases it leaves.
 
     Attributes
@@ -57,7 +57,7 @@ class PhaseTurn:
     n_pairs: int
 
     @property
-    def is_kept(self) -> bool:
+    def is_coherent(self) -> bool:
         """Whether the phases keep to the turn well enough for a coherent fit."""
         return self.n_pairs > 0 and self.upper_rad <= LARGEST_RESIDUAL_RAD
 
@@ -77,7 +77,7 @@ class AutoFit:
 
     fit: PathFit
     mode: Literal["coherent", "incoherent"]
-    turn: PhaseTurn
+    ramp: PhaseRamp
     frequency_offset_hz: float  # that turns so, if each pair takes one symbol of the sounded spacing
     reason: str
 
@@ -89,11 +89,11 @@ def fit_auto(
     rx_manifold: Manifold | None = None,
 ) -> tuple[PathFit, str]:
     """Paths of one stop by the likelihood that its phases allow, and the reason of the choice in words."""
-    chosen = choose(sweep, config, tx_manifold, rx_manifold)
+    chosen = choose_likelihood(sweep, config, tx_manifold, rx_manifold)
     return chosen.fit, chosen.reason
 
 
-def choose(
+def choose_likelihood(
     sweep: BeamSweep,
     config: MaximumLikelihoodConfig | None = None,
     tx_manifold: Manifold | None = None,
@@ -106,67 +106,69 @@ def choose(
     config = config or MaximumLikelihoodConfig()
     few = config.model_copy(update={"max_paths": min(config.max_paths, _TELLING_PATHS)})
     incoherent = fit_incoherent(sweep, few, tx_manifold, rx_manifold)
-    turn = even_turn(incoherent)
-    if not turn.is_kept and few.max_paths <= len(incoherent) < config.max_paths:
+    ramp = fit_phase_ramp(incoherent)
+    if not ramp.is_coherent and few.max_paths <= len(incoherent) < config.max_paths:
         incoherent = fit_incoherent(sweep, config, tx_manifold, rx_manifold)
-        turn = even_turn(incoherent)
+        ramp = fit_phase_ramp(incoherent)
     spacing_hz = float(np.ptp(sweep.frequency_offset_hz)) / (sweep.samples.shape[2] - 1)
-    offset_hz = turn.frequency_offset_hz(sweep.samples.shape[1], (1 + _CYCLIC_PREFIX) / spacing_hz)
-    if turn.is_kept:
-        back = turned_back(sweep, turn.tx_step_rad, turn.rx_step_rad)
+    offset_hz = ramp.frequency_offset_hz(sweep.samples.shape[1], (1 + _CYCLIC_PREFIX) / spacing_hz)
+    if ramp.is_coherent:
+        back = without_phase_ramp(sweep, ramp.tx_step_rad, ramp.rx_step_rad)
         coherent = fit_over_background(back, config, tx_manifold, rx_manifold)
         if len(coherent):
-            return AutoFit(coherent, "coherent", turn, offset_hz, "coherent: " + _words(turn, offset_hz))
-    words = "; ".join(part for part in (_words(turn, offset_hz), incoherent.reservation) if part)
-    return AutoFit(incoherent, "incoherent", turn, offset_hz, "incoherent: " + words)
+            return AutoFit(coherent, "coherent", ramp, offset_hz, "coherent: " + _words(ramp, offset_hz))
+    words = "; ".join(part for part in (_words(ramp, offset_hz), incoherent.caveat) if part)
+    return AutoFit(incoherent, "incoherent", ramp, offset_hz, "incoherent: " + words)
 
 
-def turned_back(sweep: BeamSweep, tx_step_rad: float, rx_step_rad: float) -> BeamSweep:
+def without_phase_ramp(sweep: BeamSweep, tx_step_rad: float, rx_step_rad: float) -> BeamSweep:
     """The sweep without an even turn from TX beam to TX beam and from RX beam to RX beam."""
     n_tx, n_rx = sweep.samples.shape[:2]
     phase = tx_step_rad * np.arange(n_tx)[:, None] + rx_step_rad * np.arange(n_rx)
     return replace(sweep, samples=sweep.samples * np.exp(-1j * phase).astype(np.complex64)[:, :, None])
 
 
-def even_turn(fit: IncoherentFit) -> PhaseTurn:
+def fit_phase_ramp(fit: IncoherentFit) -> PhaseRamp:
     """The even turn that explains most of the pair phases of a fit.
 
     Phases of different paths have no common reference, so every path has a constant of its own: the turn is the
     maximum over both steps nu of sum_i |sum over the pairs p of path i of w_p exp(j psi_p - j nu^T p)|, refined by
     least squares. Weights follow the noise and the variance that was found the round before; pairs count less
-    where paths were not found, as what is left there can turn their phases.
+    where paths were not found, as what is residual there can turn their phases.
     """
     n_rx = fit.pair_snr.shape[1]
     used = np.flatnonzero(fit.pair_snr.ravel() > _LEAST_SNR)
     used = used[
-        ~fit.has_rivals[fit.pair_path.ravel()[used]]
+        ~fit.is_ambiguous[fit.pair_path.ravel()[used]]
     ]  # their phases are those of one direction of several
     path = fit.pair_path.ravel()[used]
     several = np.bincount(path, minlength=1)[path] > 1  # one pair says nothing beyond its path's constant
     used, path = used[several], path[several]
     pair = np.stack(np.divmod(used, n_rx), axis=1)
     phase, snr = fit.pair_phase_rad.ravel()[used], fit.pair_snr.ravel()[used]
-    noise, hidden = _phase_variance(snr), 0.5 * fit.pair_left.ravel()[used] / snr
+    noise, hidden = _phase_variance(snr), 0.5 * fit.pair_residual.ravel()[used] / snr
     n_free = len(used) - len(np.unique(path)) - 2
     if n_free < _LEAST_PAIRS:
-        return PhaseTurn(np.nan, np.nan, np.nan, np.nan, np.nan, 0)
+        return PhaseRamp(np.nan, np.nan, np.nan, np.nan, np.nan, 0)
     variance = LARGEST_RESIDUAL_RAD**2
     step = _strongest_turn(pair, phase, path, 1 / (noise + hidden + variance), fit.pair_snr.shape)
     for _ in range(_REFINEMENTS):
         weight = 1 / (noise + hidden + max(variance, _LEAST_VARIANCE))
         centred = pair - np.stack([_path_means(axis.astype(float), path, weight) for axis in pair.T], axis=1)
-        left = _remainder(pair, phase, path, weight, step)
+        residual = _remainder(pair, phase, path, weight, step)
         # A step that the pairs do not tell, as of a single beam, stays.
-        step = step + np.linalg.pinv((centred * weight[:, None]).T @ centred) @ (centred.T @ (weight * left))
-        left = _remainder(pair, phase, path, weight, step)
-        variance = float((weight * (left**2 * len(used) / n_free - noise)).sum() / weight.sum())
+        step = step + np.linalg.pinv((centred * weight[:, None]).T @ centred) @ (
+            centred.T @ (weight * residual)
+        )
+        residual = _remainder(pair, phase, path, weight, step)
+        variance = float((weight * (residual**2 * len(used) / n_free - noise)).sum() / weight.sum())
     error = np.sqrt(2 * (weight**2 * (noise + max(variance, 0.0)) ** 2).sum()) / weight.sum()
-    return PhaseTurn(
+    return PhaseRamp(
         tx_step_rad=float(wrap_angle(step[0])),
         rx_step_rad=float(wrap_angle(step[1])),
         residual_rad=float(np.sqrt(max(variance, 0.0))),
         upper_rad=float(np.sqrt(max(variance + _CONFIDENCE * error, 0.0))),
-        walk_rad=_walk(used, path, left, noise),
+        walk_rad=_walk(used, path, residual, noise),
         n_pairs=len(used),
     )
 
@@ -208,25 +210,25 @@ def _path_means(values: FloatArray, path: IntArray, weight: FloatArray) -> Float
     )
 
 
-def _walk(pair: IntArray, path: IntArray, left: FloatArray, noise: FloatArray) -> float:
+def _walk(pair: IntArray, path: IntArray, residual: FloatArray, noise: FloatArray) -> float:
     """Rms change of the remainder between neighbouring pairs of a path, noise taken off; NaN without any."""
     next_to = (np.diff(pair) == 1) & (np.diff(path) == 0)
     if not next_to.any():
         return np.nan
-    change = wrap_angle(np.diff(left))[next_to] ** 2 - (noise[1:] + noise[:-1])[next_to]
+    change = wrap_angle(np.diff(residual))[next_to] ** 2 - (noise[1:] + noise[:-1])[next_to]
     return float(np.sqrt(max(change.mean(), 0.0)))
 
 
-def _words(turn: PhaseTurn, offset_hz: float) -> str:
-    if not turn.n_pairs:
+def _words(ramp: PhaseRamp, offset_hz: float) -> str:
+    if not ramp.n_pairs:
         return "too few beam pairs have a phase to test"
     limit = np.rad2deg(LARGEST_RESIDUAL_RAD)
     text = (
-        f"phases of {turn.n_pairs} beam pairs turn by {np.rad2deg(turn.tx_step_rad):.3g} deg per TX beam"
-        f" and {np.rad2deg(turn.rx_step_rad):.3g} deg per RX beam ({offset_hz:.4g} Hz at one symbol a"
-        f" pair) and keep within {np.rad2deg(turn.residual_rad):.2g} deg rms of that, at the most"
-        f" {np.rad2deg(turn.upper_rad):.2g} deg; the limit is {limit:.0f} deg"
+        f"phases of {ramp.n_pairs} beam pairs turn by {np.rad2deg(ramp.tx_step_rad):.3g} deg per TX beam"
+        f" and {np.rad2deg(ramp.rx_step_rad):.3g} deg per RX beam ({offset_hz:.4g} Hz at one symbol a"
+        f" pair) and keep within {np.rad2deg(ramp.residual_rad):.2g} deg rms of that, at the most"
+        f" {np.rad2deg(ramp.upper_rad):.2g} deg; the limit is {limit:.0f} deg"
     )
-    if turn.upper_rad > LARGEST_RESIDUAL_RAD and np.isfinite(turn.walk_rad):
-        text += f"; from one pair to the next they change by {np.rad2deg(turn.walk_rad):.2g} deg rms"
+    if ramp.upper_rad > LARGEST_RESIDUAL_RAD and np.isfinite(ramp.walk_rad):
+        text += f"; from one pair to the next they change by {np.rad2deg(ramp.walk_rad):.2g} deg rms"
     return text

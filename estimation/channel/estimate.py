@@ -116,7 +116,7 @@ def _maximum_likelihood(sweep: BeamSweep, method: str, config: ChannelConfig) ->
         fit, reason = fit_over_background(sweep, settings), ""
     elif method == "incoherent":
         fit = fit_incoherent(sweep, settings)
-        reason = fit.reservation
+        reason = fit.caveat
     else:
         fit, reason = fit_auto(sweep, settings)
     fit = _widened(fit, config)

@@ -28,7 +28,7 @@ from scenes.record import BoolArray, FloatArray
 from scenes.toml_config import ConfigModel
 
 CANDIDATES = 3  # earliest paths that may be the line of sight
-OUTSHONE_DB = 10.0  # stronger path in the same delay cell, beside which another is no line of sight
+MASKED_DB = 10.0  # stronger path in the same delay cell, beside which another is no line of sight
 CLOCK_POINTS = 3001
 MIN_LENGTH_M = 0.1
 NONE_FOR_SURE = -700.0  # log of a likelihood that is zero in double precision
@@ -86,7 +86,7 @@ def los_probability(
         Resolution in delay. Within it the order of paths says nothing, and what is far below another path there is
         its side lobe by wrong beam patterns, or a later path: neither a line of sight nor evidence against one.
     """
-    seen = ~_outshone(delay_s, power_dbm, cell_s)
+    seen = ~_masked(delay_s, power_dbm, cell_s)
     if not seen.all():
         probability = np.zeros(len(delay_s))
         angles, spread = (None if part is None else part[seen] for part in (angles_rad, angle_variance))
@@ -116,10 +116,10 @@ def los_probability(
     return probability
 
 
-def _outshone(delay_s: FloatArray, power_dbm: FloatArray, cell_s: float) -> BoolArray:
+def _masked(delay_s: FloatArray, power_dbm: FloatArray, cell_s: float) -> BoolArray:
     """Mask (path,) of the paths with another, much stronger one in their delay cell."""
     near = np.abs(delay_s[:, None] - delay_s) < cell_s
-    louder = power_dbm[None] > power_dbm[:, None] + OUTSHONE_DB
+    louder = power_dbm[None] > power_dbm[:, None] + MASKED_DB
     return np.asarray((near & louder).any(axis=1))
 
 

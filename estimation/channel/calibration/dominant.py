@@ -44,7 +44,7 @@ class DominantPaths(Record):
         noise = n_pairs if is_coherent else 0.5 * n_pairs  # magnitudes of weak pairs keep half of it
         return np.asarray(value[:, 0] ** 2 / np.maximum((value**2).sum(axis=1) - noise, value[:, 0] ** 2))
 
-    def phases_may_be_kept(self) -> bool:
+    def phases_may_be_coherent(self) -> bool:
         """Whether most of these paths have rank 1 with their phases: a slow drift would not show in it."""
         return bool(len(self) and np.median(self.purity(True)) >= KEPT_PURITY)
 

@@ -104,7 +104,7 @@ def self_calibrate(sweeps: Iterable[BeamSweep], config: SelfCalibrationConfig | 
     paths = concatenate(found, "path")
     magnitudes = _calibrated(books, paths, config, is_coherent=False)
     best = magnitudes
-    if paths.phases_may_be_kept() and len(paths.pure(True, config.min_purity)):
+    if paths.phases_may_be_coherent() and len(paths.pure(True, config.min_purity)):
         coherent = _calibrated(books, paths, config, is_coherent=True)
         if coherent.misfit <= INCOHERENT_GAIN * magnitudes.misfit:
             best = coherent

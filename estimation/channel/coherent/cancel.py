@@ -21,7 +21,7 @@ SAME = 0.997  # of paths in one place, 0.03 cell apart
 APART_CELLS = (0.5, 1.0)  # resolution cells that two paths which cancelled are put apart
 
 
-def parted(reference: Reference, solution: Solution, max_steps: int) -> Solution:
+def without_cancelling_paths(reference: Reference, solution: Solution, max_steps: int) -> Solution:
     """The solution without paths that cancel each other or coincide.
 
     They are put apart where, fitted again, as many paths explain most and do neither; else they become one.
@@ -35,7 +35,7 @@ def parted(reference: Reference, solution: Solution, max_steps: int) -> Solution
             refine_near(reference, others.joined(_apart(reference, two, c)), two, max_steps)
             for c in APART_CELLS
         ]
-        sound = [trial for trial in trials if not alike(trial)[-2:].any()]
+        sound = [trial for trial in trials if not cancelling_coherence(trial)[-2:].any()]
         if sound:
             solution = max(sound, key=lambda trial: trial.explained)
         else:
@@ -44,7 +44,7 @@ def parted(reference: Reference, solution: Solution, max_steps: int) -> Solution
     return solution
 
 
-def alike(solution: Solution) -> FloatArray:
+def cancelling_coherence(solution: Solution) -> FloatArray:
     """Squared coherence (path, path) of pairs that no scene has, 0 of all others.
 
     Those that coincide, and those near each other of which the first is cancelled: it has far more power than its
@@ -64,7 +64,7 @@ def alike(solution: Solution) -> FloatArray:
 def _worst_pair(solution: Solution) -> BoolArray:
     """The two paths (path,) most alike; none where no pair is."""
     pair: BoolArray = np.zeros(len(solution.paths), bool)
-    coherence = alike(solution)
+    coherence = cancelling_coherence(solution)
     if coherence.any():
         pair[list(np.unravel_index(np.argmax(coherence), coherence.shape))] = True
     return pair

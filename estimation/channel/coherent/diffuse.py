@@ -41,7 +41,7 @@ STRONG = 4.0  # power over the level of detection, from which a path is no part 
 NOTABLE = 1.7  # background in a direction that a path is held against: noise alone shows it once in 250 times
 UNEVEN = 1.06  # scale of the background's tail, from which on it counts: two standard deviations in noise
 STRONG_CELL = 40.0  # power of a cell that is no dense background any more
-UNEXPLAINED = 3.0  # mean power left in a path's own cells, from which it is more than noise
+UNEXPLAINED = 3.0  # mean power residual in a path's own cells, from which it is more than noise
 CHANGED = 0.1  # relative, of the background from one turn to the next, that asks for another
 
 
@@ -58,7 +58,7 @@ def fit_over_background(
     stop = prepare(sweep, config, tx_manifold, rx_manifold)
     if isinstance(stop, PathFit):
         return stop
-    found = _settled(stop)
+    found = _converged(stop)
     fit = path_fit(found.solution, found.sweep, stop.tx, stop.rx, sweep.noise_power_mw)
     return _reported(found, fit, stop.tx, stop.rx)
 
@@ -69,12 +69,12 @@ class _Found:
 
     sweep: CompressedSweep  # whitened
     solution: Solution
-    rise: FloatArray  # (path,) power of the background about the path, over the whitened noise
+    noise_factor: FloatArray  # (path,) power of the background about the path, over the whitened noise
     stands_out: BoolArray  # (path,)
     background: FloatArray  # (bin,) noise power of every delay bin beside the paths, receiver noise 1
 
 
-def _settled(stop: PreparedStop) -> _Found:
+def _converged(stop: PreparedStop) -> _Found:
     """Turns of finding paths and of telling the background from what they leave, until both agree."""
     background = np.ones(len(stop.compressed.position))
     found = _turn(stop, background)
@@ -94,9 +94,9 @@ def _turn(stop: PreparedStop, background: FloatArray) -> _Found:
         ranks = sweep.samples.shape[:2]
         white = sweep.whitened(np.eye(ranks[0]), np.eye(ranks[1]), np.sqrt(background))
     solution = fit_paths(white, window, stop.plan, stop.config)
-    rise, stands_out = _direction_test(white, solution, window)
-    left = without_paths(sweep, solution.paths.take(stands_out))
-    return _Found(white, solution, rise, stands_out, background_over_delay(left))
+    noise_factor, stands_out = _direction_test(white, solution, window)
+    residual = without_paths(sweep, solution.paths.take(stands_out))
+    return _Found(white, solution, noise_factor, stands_out, background_over_delay(residual))
 
 
 def _reported(found: _Found, fit: PathFit, tx: Manifold, rx: Manifold) -> PathFit:
@@ -104,7 +104,7 @@ def _reported(found: _Found, fit: PathFit, tx: Manifold, rx: Manifold) -> PathFi
     n, paths = found.sweep.n_subcarriers, found.solution.paths
     delay_bins = (paths.delay_bins + n / 8) % n - n / 8
     order = np.argsort(delay_bins, kind="stable")
-    factor = found.rise * misfit_factor(Reference(found.sweep, paths), found.solution)
+    factor = found.noise_factor * misfit_factor(Reference(found.sweep, paths), found.solution)
     reported = PathParameters(
         fit.delay_s / found.sweep.bin_s, fit.aod_rad, fit.aoa_rad, fit.amplitude.astype(complex)
     )
@@ -115,20 +115,20 @@ def _reported(found: _Found, fit: PathFit, tx: Manifold, rx: Manifold) -> PathFi
     return kept if len(kept) else replace(kept, status="no_paths")
 
 
-def background_over_delay(left: ComplexArray) -> FloatArray:
+def background_over_delay(residual: ComplexArray) -> FloatArray:
     """Power (bin,) of what the paths leave (tx_rank, rx_rank, bin), smoothed; 1 where noise explains it.
 
     From all directions but the strongest few: what fills those alone, as paths too close to be told apart, is no
     dense background. The mean of an exponential variable below its quantile p is 1 + (1 - p) log(1 - p) / p.
     """
-    directions = np.sort(np.square(np.abs(left)).reshape(-1, left.shape[2]), axis=0)
+    directions = np.sort(np.square(np.abs(residual)).reshape(-1, residual.shape[2]), axis=0)
     n_kept = max(1, int(np.ceil(KEPT_SHARE * len(directions))))
     share = n_kept / len(directions)
     expected = 1 + (1 - share) * np.log(1 - share) / share if share < 1 else 1.0
     power = directions[:n_kept].mean(axis=0, dtype=float) / expected
     width = 2 * SMOOTHING_BINS + 1
     smooth = np.convolve(np.pad(power, SMOOTHING_BINS, mode="edge"), np.ones(width) / width, "valid")
-    n_cells = left.shape[0] * left.shape[1] * width
+    n_cells = residual.shape[0] * residual.shape[1] * width
     return np.where(smooth > 1 + NOISE_STD / np.sqrt(n_cells), smooth, 1.0)
 
 
@@ -156,25 +156,30 @@ def _direction_test(
     energy = np.square(np.abs(at.tx[:, 0])).sum(axis=1) * np.square(np.abs(at.rx[:, 0])).sum(axis=1)
     energy *= np.square(at.delay[:, 0]).sum(axis=1)
     is_strong = np.square(np.abs(paths.amplitude)) * energy > STRONG * level
-    left = without_paths(sweep, paths.take(is_strong))
-    power_left = np.square(np.abs(without_paths(sweep, paths)))
-    rise, own_rise = np.ones(len(paths)), np.ones(len(paths))
+    residual = without_paths(sweep, paths.take(is_strong))
+    residual_power = np.square(np.abs(without_paths(sweep, paths)))
+    noise_factor, own_factor = np.ones(len(paths)), np.ones(len(paths))
     for path in range(len(paths)):
         beams = paths.amplitude[path] * at.tx[path, 0][:, None] * at.rx[path, 0]
         own = 0.0 if is_strong[path] else beams[:, :, None] * at.delay[path, 0]
-        rise[path] = _background_along(
-            left - own, at.tx[path, 0], at.rx[path, 0], sweep.position - paths.delay_bins[path]
+        noise_factor[path] = _background_along(
+            residual - own, at.tx[path, 0], at.rx[path, 0], sweep.position - paths.delay_bins[path]
         )
-        own_rise[path] = _mean_over_cells(power_left, at.tx[path, 0], at.rx[path, 0], at.delay[path, 0])
-    tail = _tail_scale(power_left, sweep.position, paths.delay_bins)
-    needed = np.maximum(np.where(rise > NOTABLE, rise, 0.0), np.where(tail > UNEVEN, tail, 0.0))
+        own_factor[path] = _mean_over_cells(residual_power, at.tx[path, 0], at.rx[path, 0], at.delay[path, 0])
+    tail = _tail_scale(residual_power, sweep.position, paths.delay_bins)
+    needed = np.maximum(
+        np.where(noise_factor > NOTABLE, noise_factor, 0.0), np.where(tail > UNEVEN, tail, 0.0)
+    )
     stands_out = wald_statistic(solution) >= needed * level
-    widened = np.maximum(np.where(rise > NOTABLE, rise, 1.0), np.where(own_rise > UNEXPLAINED, own_rise, 1.0))
+    widened = np.maximum(
+        np.where(noise_factor > NOTABLE, noise_factor, 1.0),
+        np.where(own_factor > UNEXPLAINED, own_factor, 1.0),
+    )
     return widened, np.asarray(stands_out)
 
 
 def _tail_scale(power: FloatArray, position: IntArray, delay_bins: FloatArray) -> FloatArray:
-    """Scale (path,) of the tail of the power that is left (tx_rank, rx_rank, bin) around a path; 1 for noise.
+    """Scale (path,) of the tail of the power that is residual (tx_rank, rx_rank, bin) around a path; 1 for noise.
 
     The power of noise is exponential, and so is that of the cells that diffuse paths fill; but where they do not
     fill all, high powers come from the filled ones alone. Of a mixture of exponentials a third of the mean cube
@@ -189,14 +194,14 @@ def _tail_scale(power: FloatArray, position: IntArray, delay_bins: FloatArray) -
 
 
 def _mean_over_cells(power: FloatArray, tx: ComplexArray, rx: ComplexArray, delay: FloatArray) -> float:
-    """Mean power left in the cells that a path fills, weighted by the share of the path in them."""
+    """Mean power residual in the cells that a path fills, weighted by the share of the path in them."""
     weights = [np.square(np.abs(part)) for part in (tx, rx, delay)]
     total = np.einsum("m,mnd,n,d->", weights[0], power, weights[1], weights[2], optimize=True)
     return float(total / np.prod([weight.sum() for weight in weights]))
 
 
 def _background_along(
-    left: ComplexArray, tx: ComplexArray, rx: ComplexArray, offset_bins: FloatArray
+    residual: ComplexArray, tx: ComplexArray, rx: ComplexArray, offset_bins: FloatArray
 ) -> float:
     """Noise power about a path that its direction's matched filter shows, at least 1.
 
@@ -205,6 +210,6 @@ def _background_along(
     beside = (np.abs(offset_bins) > OWN_BINS) & (np.abs(offset_bins) <= AROUND_BINS)
     if beside.sum() < AROUND_BINS:
         return 1.0
-    filtered = np.einsum("m,mnd,n->d", tx.conj(), left[:, :, beside], rx.conj(), optimize=True)
+    filtered = np.einsum("m,mnd,n->d", tx.conj(), residual[:, :, beside], rx.conj(), optimize=True)
     energy = np.square(np.abs(tx)).sum() * np.square(np.abs(rx)).sum()
     return float(max(1.0, np.median(np.square(np.abs(filtered))) / np.log(2) / energy))

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimation.channel.coherent.prune import Levels
+from estimation.channel.coherent.prune import LevelAtDelay
 from estimation.channel.coherent.refine import Reference, Solution, refine_near
 from estimation.channel.model.manifold import Manifold
 from estimation.channel.model.path_model import PathParameters, responses
@@ -25,7 +25,9 @@ OTHER_ANGLE = 0.25  # squared coherence over the angle at this end, below which 
 UNLIKE = 0.7  # of the amplitude of a path: difference from what a raised one would leave there, at the most
 
 
-def raised(reference: Reference, solution: Solution, levels: Levels, max_steps: int) -> Solution:
+def merge_elevated_images(
+    reference: Reference, solution: Solution, levels: LevelAtDelay, max_steps: int
+) -> Solution:
     """The solution with raised paths in place of several at the horizon each, where they explain as much.
 
     As much as without the others, but for their levels. Manifolds that hide no elevation leave it as it is.

@@ -19,7 +19,7 @@ from estimation.channel.model.path_model import gram, tangents
 from scenes.record import FloatArray, IntArray
 
 LEAST_SEEN = 1e-9  # information on a shift, per that on the amplitude, below which beams do not see it
-UNPARTED_CELLS = 0.4  # Rayleigh cells below which two equal paths are taken for one
+UNRESOLVED_CELLS = 0.4  # Rayleigh cells below which two equal paths are taken for one
 BY_NOISE = 1e-3  # probability of more in quadrature, below which noise does not explain a path, or a stop
 
 
@@ -44,7 +44,7 @@ def quadrature_statistic(reference: Reference, solution: Solution) -> tuple[Floa
     n, n_columns = solution.slope.shape
     amplitude = solution.paths.amplitude
     at = tangents(reference.sweep, solution.paths)
-    inner, left = gram(at, at), reference.left(at)
+    inner, residual = gram(at, at), reference.residual_products(at)
     energy = np.einsum("papa->pa", inner)[:, 0].real
     tangent = np.maximum(np.arange(n_columns) - 1, 0)  # behind every column of the normal equations
     scale = np.repeat(amplitude[:, None], n_columns, axis=1)
@@ -56,7 +56,7 @@ def quadrature_statistic(reference: Reference, solution: Solution) -> tuple[Floa
         cross = (turned * inner[path, 1:][:, :, tangent] * scale).real.reshape(n_columns - 2, -1)
         own = np.square(np.abs(amplitude[path])) * inner[path, 1:, path, 1:].real
         known = cross @ inverse
-        score = (turned * left[path, 1:]).real - known @ solution.slope.ravel()
+        score = (turned * residual[path, 1:]).real - known @ solution.slope.ravel()
         information = own - known @ cross.T
         seen = np.diagonal(information) > LEAST_SEEN * np.square(np.abs(amplitude[path])) * energy[path]
         n_seen[path] = seen.sum()
@@ -71,7 +71,7 @@ def widened(covariance: FloatArray, factor: FloatArray, rate: FloatArray) -> Flo
     distance at the most. What the factor adds is C' with C'^-1 = ((factor - 1) C)^-1 + B^-1, B the square of that
     half. `rate` (path, parameter) is the length on the manifold per unit of each parameter.
     """
-    half = UNPARTED_CELLS / 2 * CELL / np.maximum(rate, np.finfo(float).tiny ** 0.25)
+    half = UNRESOLVED_CELLS / 2 * CELL / np.maximum(rate, np.finfo(float).tiny ** 0.25)
     scale = half[:, :, None] * half[:, None]
     added = covariance * (factor - 1)[:, None, None] / scale
     bounded = added - added @ np.linalg.solve(added + np.eye(added.shape[1]), added)

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimation.channel.coherent.cancel import parted
-from estimation.channel.coherent.elevated import raised
+from estimation.channel.coherent.cancel import without_cancelling_paths
+from estimation.channel.coherent.elevated import merge_elevated_images
 from estimation.channel.coherent.plan import (
     SCALLOPING,
     DelayWindow,
@@ -22,19 +22,19 @@ from estimation.channel.coherent.plan import (
     nominal_manifold,
     search_plan,
 )
-from estimation.channel.coherent.prune import companions, pruned
+from estimation.channel.coherent.prune import hidden_second_path, pruned
 from estimation.channel.coherent.refine import (
     Reference,
     Solution,
     covariances,
     refine,
-    refine_apart,
+    refine_separately,
     solve_at,
 )
 from estimation.channel.coherent.search import SpectrumSearch, without_side_lobes
 from estimation.channel.config import MaximumLikelihoodConfig
 from estimation.channel.fit import PathFit, empty_fit
-from estimation.channel.model.apparent import seen_from_horizon
+from estimation.channel.model.apparent import reported_angles
 from estimation.channel.model.compress import CompressedSweep, check_sweep, compress
 from estimation.channel.model.manifold import Manifold
 from estimation.channel.model.path_model import PathParameters, no_paths
@@ -121,19 +121,19 @@ def fit_paths(
         room = min(config.max_paths, _most_paths(sweep)) - len(solution.paths)
         new = _new_paths(search, reference, window, room)
         if not len(new):
-            solution, is_raised = _finished(reference, solution, window)
+            solution, is_changed = _finished(reference, solution, window)
             reference = Reference(sweep, solution.paths)
-            if is_raised:
+            if is_changed:
                 continue
-            new = companions(reference, solution, window.level) if room > 0 else new
+            new = hidden_second_path(reference, solution, window.level) if room > 0 else new
             if not len(new):
                 return solution
         trial = refine(reference, solution.paths.joined(new), ROUND_STEPS)
         trial = pruned(reference, trial, window.level_at, ROUND_STEPS)
-        trial = parted(reference, trial, ROUND_STEPS)
+        trial = without_cancelling_paths(reference, trial, ROUND_STEPS)
         if trial.explained - solution.explained < window.level / 2:
-            trial, is_raised = _finished(reference, solution, window)
-            if not is_raised:
+            trial, is_changed = _finished(reference, solution, window)
+            if not is_changed:
                 return trial
         solution, reference = trial, Reference(sweep, trial.paths)
     return _finished(reference, solution, window)[0]
@@ -141,20 +141,22 @@ def fit_paths(
 
 def _finished(reference: Reference, solution: Solution, window: DelayWindow) -> tuple[Solution, bool]:
     """The settled solution, with paths above or below the horizon where one explains several; whether so."""
-    solution = _settled(reference, solution, window)
-    above = raised(reference, solution, window.level_at, FINAL_STEPS)
+    solution = _converged(reference, solution, window)
+    above = merge_elevated_images(reference, solution, window.level_at, FINAL_STEPS)
     if above is solution:
         return solution, False
-    return _settled(reference, above, window), True
+    return _converged(reference, above, window), True
 
 
-def _settled(reference: Reference, solution: Solution, window: DelayWindow) -> Solution:
+def _converged(reference: Reference, solution: Solution, window: DelayWindow) -> Solution:
     """The solution after convergence, without paths that are not needed or cancel each other."""
     solution = pruned(reference, refine(reference, solution.paths, FINAL_STEPS), window.level_at, FINAL_STEPS)
-    apart = parted(reference, solution, FINAL_STEPS)
+    apart = without_cancelling_paths(reference, solution, FINAL_STEPS)
     if apart is solution:
         return solution
-    return parted(reference, pruned(reference, apart, window.level_at, FINAL_STEPS), FINAL_STEPS)
+    return without_cancelling_paths(
+        reference, pruned(reference, apart, window.level_at, FINAL_STEPS), FINAL_STEPS
+    )
 
 
 def path_fit(
@@ -166,8 +168,8 @@ def path_fit(
     delay_s = delay_bins * sweep.bin_s
     turns = np.round((delay_bins - paths.delay_bins) / n)  # every period turns the middle of the band
     gain = paths.amplitude * np.sqrt(sweep.noise_scale) * np.where(turns * (n - 1) % 2, -1, 1)
-    aod_rad, aod_slopes, tx_factor = seen_from_horizon(tx, paths.aod_rad)
-    aoa_rad, aoa_slopes, rx_factor = seen_from_horizon(rx, paths.aoa_rad)
+    aod_rad, aod_slopes, tx_factor = reported_angles(tx, paths.aod_rad)
+    aoa_rad, aoa_slopes, rx_factor = reported_angles(rx, paths.aoa_rad)
     gain = gain * np.exp(2j * np.pi * sweep.centre_hz * delay_s) * tx_factor * rx_factor
     tx_gain = np.abs(tx.response(aod_rad)) ** 2
     rx_gain = np.abs(rx.response(aoa_rad)) ** 2 / noise_power_mw
@@ -208,7 +210,7 @@ def _new_paths(
     peaks = without_side_lobes(peaks, search.grids, SIDE_LOBE_MARGIN, room)
     level = window.level_at(peaks.delay_bins)
     is_certain = np.abs(peaks.value) ** 2 >= CERTAIN * level
-    doubtful, power = refine_apart(reference, search.paths(peaks.take(~is_certain)))
+    doubtful, power = refine_separately(reference, search.paths(peaks.take(~is_certain)))
     return search.paths(peaks.take(is_certain)).joined(doubtful.take(power >= level[~is_certain]))
 
 

@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from estimation.channel.coherent.refine import Reference, refine_apart
+from estimation.channel.coherent.refine import Reference, refine_separately
 from estimation.channel.coherent.search import DirectionGrid, SpectrumSearch, direction_grid
 from estimation.channel.config import MaximumLikelihoodConfig
 from estimation.channel.model.compress import BeamSpan, DelayCube, beam_span
@@ -204,7 +204,7 @@ def _strongest_path(cube: DelayCube, plan: SearchPlan, levels: FloatArray) -> in
         search = SpectrumSearch(tile, plan.grids, plan.oversampling)
         peaks = search.peaks(tile.parts, SCALLOPING * levels[start:end].min())
         inside = (peaks.delay_bins >= start - 0.5) & (peaks.delay_bins < end - 0.5)
-        paths, power = refine_apart(Reference(tile, no_paths(tile)), search.paths(peaks.take(inside)))
+        paths, power = refine_separately(Reference(tile, no_paths(tile)), search.paths(peaks.take(inside)))
         if not len(power):
             continue
         bins = np.round(paths.delay_bins).astype(int) % n

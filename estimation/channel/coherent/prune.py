@@ -6,19 +6,26 @@ from collections.abc import Callable
 
 import numpy as np
 
-from estimation.channel.coherent.refine import Reference, Solution, near, refine, refine_near, regular_inverse
+from estimation.channel.coherent.refine import (
+    Reference,
+    Solution,
+    paths_near,
+    refine,
+    refine_near,
+    regular_inverse,
+)
 from estimation.channel.model.manifold import CELL
 from estimation.channel.model.path_model import (
     PathParameters,
     gram,
     manifold_rates,
-    own_energy,
+    response_energies,
     responses,
     tangents,
 )
 from scenes.record import BoolArray, ComplexArray, FloatArray
 
-Levels = Callable[[FloatArray], FloatArray]  # power over noise power that paths at delays in bins need
+LevelAtDelay = Callable[[FloatArray], FloatArray]  # power over noise power that paths at delays in bins need
 
 COMPANION_OFFSET = 0.5  # resolution cells from a path where a second one is looked for
 LEAST_OWN_SHARE = (
@@ -40,7 +47,7 @@ def wald_statistic(solution: Solution) -> FloatArray:
     return np.asarray((amplitude * weighted).sum(axis=1))
 
 
-def pruned(reference: Reference, solution: Solution, levels: Levels, max_steps: int) -> Solution:
+def pruned(reference: Reference, solution: Solution, levels: LevelAtDelay, max_steps: int) -> Solution:
     """The solution without paths whose likelihood ratio is below their level, others fitted again.
 
     Wald's test names the candidates; the likelihood without them decides, of all that seem needless together or
@@ -56,7 +63,7 @@ def pruned(reference: Reference, solution: Solution, levels: Levels, max_steps: 
             return refine(reference, solution.paths, max_steps) if is_changed else solution
         weakest = np.arange(len(level)) == np.argmin(excess)
         enough = solution.explained - level[weakest][0]
-        together = needless(solution, np.where(needed, 0.0, level))
+        together = redundant_paths(solution, np.where(needed, 0.0, level))
         for dropped in (together, weakest) if together.any() else (weakest,):
             out = solution.paths.take(dropped)
             without = refine_near(reference, solution.paths.take(~dropped), out, max_steps, enough)
@@ -71,7 +78,7 @@ def pruned(reference: Reference, solution: Solution, levels: Levels, max_steps: 
                 needed = needed | weakest
 
 
-def needless(solution: Solution, level: FloatArray) -> BoolArray:
+def redundant_paths(solution: Solution, level: FloatArray) -> BoolArray:
     """Paths (path,) that the others would make up for in the linearised model, dropped one after another.
 
     To drop a path is to put all its columns of the normal equations to zero: what that adds to the squared
@@ -103,14 +110,14 @@ def _moved(
     reference: Reference, without: Solution, path: PathParameters, max_steps: int, enough: float
 ) -> Solution:
     """The solution with one more path, where the score test wants it about the place of a `path` taken out."""
-    about = path.joined(without.paths.take(near(reference.sweep, without.paths, path)))
-    place = companions(Reference(reference.sweep, without.paths), without, 0.0, about)
+    about = path.joined(without.paths.take(paths_near(reference.sweep, without.paths, path)))
+    place = hidden_second_path(Reference(reference.sweep, without.paths), without, 0.0, about)
     if not len(place):
         return without
     return refine_near(reference, without.paths.joined(place), path, max_steps, enough)
 
 
-def companions(
+def hidden_second_path(
     reference: Reference, solution: Solution, level: float, about: PathParameters | None = None
 ) -> PathParameters:
     """The likeliest second path next to one of the `reference`, if it explains more than `level`; else none.
@@ -126,8 +133,8 @@ def companions(
     if not len(probes):
         return probes
     at, known = responses(reference.sweep, probes), tangents(reference.sweep, solution.paths)
-    product = reference.left(at)[:, 0]
-    energy = own_energy(at)
+    product = reference.residual_products(at)[:, 0]
+    energy = response_energies(at)
     cross = _columns(gram(at, known)[:, 0], solution)
     both = np.stack([cross, -1j * cross], axis=1).real  # probe times 1 and j against every column
     known_inverse = regular_inverse(solution.flat_information)

@@ -20,9 +20,9 @@ from estimation.channel.model.path_model import (
     PathTangents,
     gram,
     manifold_rates,
-    own_energy,
     products_with,
     residual,
+    response_energies,
     tangents,
 )
 from scenes.pose import wrap_angle
@@ -47,14 +47,14 @@ class Reference:
         self.parts = residual(sweep, paths)
         self._at = tangents(sweep, paths)
 
-    def left(self, at: PathTangents) -> ComplexArray:
+    def residual_products(self, at: PathTangents) -> ComplexArray:
         """Inner products (path, tangent) of tangents with what the reference paths leave of the samples."""
         return products_with(self.parts, at)
 
     def products(self, at: PathTangents) -> ComplexArray:
         """Inner products (path, tangent) of tangents with the sweep's samples."""
         explained = gram(at, self._at)[:, :, :, 0] @ self.paths.amplitude
-        return np.asarray(self.left(at) + explained)
+        return np.asarray(self.residual_products(at) + explained)
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ def solve_at(reference: Reference, paths: PathParameters) -> Solution:
     return _solved(paths, reference.products(at), gram(at, at))
 
 
-def refine_apart(reference: Reference, paths: PathParameters) -> tuple[PathParameters, FloatArray]:
+def refine_separately(reference: Reference, paths: PathParameters) -> tuple[PathParameters, FloatArray]:
     """Paths refined one by one in what the reference leaves, each as if alone, and the power (path,) it explains.
 
     Gauss-Newton steps from points of a search grid; a step that explains less is not taken.
@@ -96,9 +96,9 @@ def refine_apart(reference: Reference, paths: PathParameters) -> tuple[PathParam
     best, power = paths, np.full(len(paths), -np.inf)
     for _ in range(APART_STEPS + 1 if len(paths) else 0):
         at = tangents(reference.sweep, paths)
-        product, inner = reference.left(at), gram(at, at) * np.eye(len(paths))[:, None, :, None]
+        product, inner = reference.residual_products(at), gram(at, at) * np.eye(len(paths))[:, None, :, None]
         apart = _solved(paths, product, inner)
-        explained = np.abs(product[:, 0]) ** 2 / own_energy(at)
+        explained = np.abs(product[:, 0]) ** 2 / response_energies(at)
         is_better = explained > power
         power = np.where(is_better, explained, power)
         best = best.replaced(is_better, apart.paths)
@@ -154,14 +154,14 @@ def refine_near(
     """
     if len(paths) <= FEW:
         return refine(reference, paths, max_steps, enough)
-    moves = near(reference.sweep, paths, about)
+    moves = paths_near(reference.sweep, paths, about)
     left = replace(reference.sweep, parts=residual(reference.sweep, paths.take(~moves)))
     moved = refine(Reference(left, paths.take(moves)), paths.take(moves), max_steps)
     order = np.argsort(np.concatenate([np.flatnonzero(~moves), np.flatnonzero(moves)]))
     return solve_at(reference, paths.take(~moves).joined(moved.paths).take(order))
 
 
-def near(sweep: CompressedSweep, paths: PathParameters, about: PathParameters) -> BoolArray:
+def paths_near(sweep: CompressedSweep, paths: PathParameters, about: PathParameters) -> BoolArray:
     """Which paths (path,) lie within `NEAR_CELLS` of any of those `about`, along every axis."""
     apart = [paths.delay_bins[:, None, None] - about.delay_bins[:, None]]
     for angles, others in ((paths.aod_rad, about.aod_rad), (paths.aoa_rad, about.aoa_rad)):

@@ -11,7 +11,7 @@ from numba import njit
 from estimation.channel.model.compress import CompressedSweep
 from estimation.channel.model.kernels import dirichlet
 from estimation.channel.model.manifold import Manifold
-from estimation.channel.model.path_model import PathParameters, no_paths, own_energy, responses
+from estimation.channel.model.path_model import PathParameters, no_paths, response_energies, responses
 from scenes.record import BoolArray, ComplexArray, FloatArray, IntArray
 
 NEIGHBOUR_COHERENCE = 0.5  # of directions about half a resolution cell apart: next to each other on the grid
@@ -121,7 +121,9 @@ class SpectrumSearch:
         aod = _at_horizon(tx.angle_rad[peaks.tx], self.sweep.tx)
         aoa = _at_horizon(rx.angle_rad[peaks.rx], self.sweep.rx)
         paths = PathParameters(peaks.delay_bins, aod, aoa, peaks.value)
-        return replace(paths, amplitude=peaks.value / np.sqrt(own_energy(responses(self.sweep, paths))))
+        return replace(
+            paths, amplitude=peaks.value / np.sqrt(response_energies(responses(self.sweep, paths)))
+        )
 
     def _delay_filtered(self, parts: FloatArray) -> FloatArray:
         """Samples (part, tx_rank, rx_rank, delay) matched to all delays of the grid."""

@@ -19,7 +19,7 @@ from scenes.record import ComplexArray, FloatArray, IntArray
 AROUND_BINS = 12  # to either side of a path, where its background is read
 OWN_BINS = 2  # to either side, that the path itself fills
 NOTABLE = 1.5  # background that a path is held against: below it lies what noise alone shows
-UNEXPLAINED = 3.0  # mean power left in a path's own cells, from which it is more than noise
+UNEXPLAINED = 3.0  # mean power residual in a path's own cells, from which it is more than noise
 
 
 @dataclass(frozen=True)
@@ -31,16 +31,16 @@ class Background:
     n_bins: int
 
     @classmethod
-    def of(cls, left: ComplexArray, bins: IntArray, n_bins: int) -> Background:
-        """The background in samples (pair, bin) of unit noise that are left."""
-        return cls(np.square(left.real) + np.square(left.imag), bins, n_bins)
+    def of(cls, residual: ComplexArray, bins: IntArray, n_bins: int) -> Background:
+        """The background in samples (pair, bin) of unit noise that are residual."""
+        return cls(np.square(residual.real) + np.square(residual.imag), bins, n_bins)
 
-    def rise(self, ends: LinkBeams, paths: FloatArray) -> FloatArray:
+    def noise_factor(self, ends: LinkBeams, paths: FloatArray) -> FloatArray:
         """Noise power (path,) that paths (path, parameter) meet, over that of the receiver; 1 below `NOTABLE`."""
         profile, n_pairs = self._profile(ends, paths)
         distance = self.bins - paths[:, :1]
         beside = (np.abs(distance) > OWN_BINS) & (np.abs(distance) <= AROUND_BINS)
-        rise = np.ones(len(paths))
+        factor = np.ones(len(paths))
         for path in range(len(paths)):
             sides = [profile[path, beside[path] & side] for side in (distance[path] < 0, distance[path] > 0)]
             level = max(
@@ -49,17 +49,17 @@ class Background:
             # The median of the mean of n unit exponentials (Wilson and Hilferty 1931), and by how much the greater
             # of two sample medians lies above it.
             n = n_pairs[path]
-            rise[path] = level / (
+            factor[path] = level / (
                 (1 - 1 / (9 * n)) ** 3 * (1 + np.sqrt(0.5 / (n * (AROUND_BINS - OWN_BINS))))
             )
-        return np.where(rise > NOTABLE, rise, 1.0)
+        return np.where(factor > NOTABLE, factor, 1.0)
 
-    def widening(self, ends: LinkBeams, paths: FloatArray) -> FloatArray:
+    def covariance_factor(self, ends: LinkBeams, paths: FloatArray) -> FloatArray:
         """Factor (path,) on the covariances of paths: their noise, or what even the paths' own cells hold."""
         profile, _ = self._profile(ends, paths)
         waves, _ = delay_waves(self.bins, paths[:, 0], self.n_bins)
         own = np.einsum("ik,ki->i", profile, waves**2) / self.n_bins
-        return np.maximum(self.rise(ends, paths), np.where(own > UNEXPLAINED, own, 1.0))
+        return np.maximum(self.noise_factor(ends, paths), np.where(own > UNEXPLAINED, own, 1.0))
 
     def _profile(self, ends: LinkBeams, paths: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Power over delay (path, bin) that each path meets, and the number of pairs (path,) it is a mean of."""

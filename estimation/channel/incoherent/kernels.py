@@ -190,7 +190,7 @@ def _add_information(
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def values_without(
+def likelihoods_without(
     inner: ComplexArray,
     pair_snr: FloatArray,
     matched: ComplexArray,
@@ -215,7 +215,7 @@ def values_without(
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def mirror(information: FloatArray, size: int) -> None:  # pragma: no cover
+def fill_lower_blocks(information: FloatArray, size: int) -> None:  # pragma: no cover
     """Fill the lower blocks of a symmetric matrix of which `pair_scores` has made the upper ones."""
     for i in range(information.shape[0]):
         for j in range((i // size + 1) * size, information.shape[1]):

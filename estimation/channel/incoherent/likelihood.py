@@ -20,7 +20,7 @@ from functools import cache
 import numpy as np
 from numpy.polynomial.chebyshev import chebpts1
 
-from estimation.channel.incoherent.kernels import mirror, pair_scores, values_without
+from estimation.channel.incoherent.kernels import fill_lower_blocks, likelihoods_without, pair_scores
 from estimation.channel.incoherent.spectrum import DelaySpectrum, delay_waves
 from estimation.channel.model.manifold import CELL, Manifold
 from estimation.channel.model.phase_information import pair_information
@@ -36,7 +36,7 @@ _FIRST_DAMPING, _LEAST_DAMPING, _LARGEST_DAMPING, _DAMPING_STEP = 1e-3, 1e-5, 1e
 _POOR, _GOOD = 0.2, 0.7  # share of the expected gain: below, the damping rises, above, it falls
 MOST_STEPS = 30
 FAINT = 0.03  # SNR of a path in a pair below which the pair tells nothing of it
-_ENOUGH = 2e-3  # expected gain in log-likelihood at which the climb ends: 0.06 of a standard deviation
+_ENOUGH = 2e-3  # expected gain in log-likelihood at which the steps end: 0.06 of a standard deviation
 _LARGEST_CELLS, _LARGEST_LOG_AMPLITUDE, _LARGEST_PHASE = 0.4, 0.7, 0.7  # of one step
 
 
@@ -71,7 +71,7 @@ class LinkBeams:
         tx, rx = self._beams(paths)
         return np.asarray((np.abs(tx) ** 2).sum(axis=1) * (np.abs(rx) ** 2).sum(axis=1))
 
-    def shares_in_light(self, paths: FloatArray, n_bins: int) -> FloatArray:
+    def known_phase_shares(self, paths: FloatArray, n_bins: int) -> FloatArray:
         """Share (path,) of every path's energy in beam pairs whose phases the other paths tell.
 
         A path of SNR g in a pair tells its phase by about g / (g + 1/2), the mean of the cosine of its error.
@@ -122,7 +122,7 @@ class LocalSamples:
     n_bins: int
     fixed: ComplexArray | None = None  # (rank, pair), the signal of further paths that are taken as they are
 
-    def beside(self, ends: LinkBeams, paths: FloatArray) -> LocalSamples:
+    def with_fixed(self, ends: LinkBeams, paths: FloatArray) -> LocalSamples:
         """The samples with these paths (path, parameter) taken as they are."""
         return replace(self, fixed=self.signal(ends, paths))
 
@@ -175,7 +175,7 @@ def score(local: LocalSamples, ends: LinkBeams, paths: FloatArray, faint: float 
         at.inner, at.snr, at.matched, at.sent, at.gram, at.tx, at.rx, local.tx_beam, local.rx_beam,
         information_table(), faint, gradient, information, value, phasor,
     )  # fmt: skip
-    mirror(information, paths.shape[1])
+    fill_lower_blocks(information, paths.shape[1])
     return Score(float(value.sum()), gradient, information, value, at.snr, phasor)
 
 
@@ -186,7 +186,7 @@ def likelihood_without(
     at, n = _products(local, ends, paths), len(paths)
     energy = np.diagonal(at.gram)[:n].copy()
     return np.asarray(
-        values_without(at.inner, at.snr, at.matched[:n], at.sent[:n], at.amplitude, energy, chosen)
+        likelihoods_without(at.inner, at.snr, at.matched[:n], at.sent[:n], at.amplitude, energy, chosen)
     )
 
 
@@ -232,7 +232,7 @@ def information_table() -> FloatArray:
     return np.stack([log_snr, a / np.exp(log_snr), b])
 
 
-def climb(
+def maximise_likelihood(
     local: LocalSamples, ends: LinkBeams, paths: FloatArray, most_steps: int = MOST_STEPS
 ) -> tuple[FloatArray, Score, bool]:
     """Paths (path, parameter) at the nearest maximum of the likelihood, or after so many steps towards it.

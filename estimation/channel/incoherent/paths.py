@@ -15,12 +15,12 @@ import numpy as np
 from estimation.channel.coherent.plan import nominal_manifold
 from estimation.channel.config import MaximumLikelihoodConfig
 from estimation.channel.fit import PathFit, empty_fit
+from estimation.channel.incoherent.ambiguity import resolve_ambiguous_directions
 from estimation.channel.incoherent.likelihood import LinkBeams, Score
-from estimation.channel.incoherent.rivals import weighed_rivals
 from estimation.channel.incoherent.screen import Screen
 from estimation.channel.incoherent.search import IncoherentSearch
 from estimation.channel.incoherent.spectrum import delay_spectrum
-from estimation.channel.incoherent.threshold import Levels, null_tail
+from estimation.channel.incoherent.threshold import DetectionLevels, null_tail
 from estimation.channel.model.compress import check_sweep
 from estimation.channel.model.crb import path_covariance
 from estimation.channel.model.manifold import Manifold
@@ -37,23 +37,23 @@ class IncoherentFit(PathFit):
     relative to that of the path which is strongest in it.
     """
 
-    has_rivals: BoolArray = array(
+    is_ambiguous: BoolArray = array(
         "path", dtype=bool, doc="magnitudes fit several directions; the covariance spans them"
     )
     pair_phase_rad: FloatArray = array("tx_beam", "rx_beam", unit="rad", doc="most likely phase of a pair")
     pair_snr: FloatArray = array(
         "tx_beam", "rx_beam", doc="energy of the paths in a pair over its noise, 0 without any path"
     )
-    pair_left: FloatArray = array(
+    pair_residual: FloatArray = array(
         "tx_beam", "rx_beam", doc="energy beside the paths at their delays over that of noise, at least 0"
     )
     pair_path: IntArray = array("tx_beam", "rx_beam", dtype=int, doc="strongest path in a pair, -1 none")
     log_likelihood_ratio: float = array(doc="of the paths to noise alone")
 
     @property
-    def reservation(self) -> str:
+    def caveat(self) -> str:
         """What the covariances alone would hide; empty where there is nothing."""
-        n = int(self.has_rivals.sum())
+        n = int(self.is_ambiguous.sum())
         return f"{n} of {len(self)} paths fit several directions alike by magnitudes alone" if n else ""
 
 
@@ -67,7 +67,7 @@ def fit_incoherent(
 
     Paths are proposed where amplitudes rise together over the beam pairs, fitted jointly with all others, and
     kept where the likelihood ratio exceeds what noise alone reaches with the configured probability; again on
-    what is left, until nothing is.
+    what is residual, until nothing is.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def fit_incoherent(
     screen = Screen.make(
         tx, rx, tx.grid(config.oversampling), rx.grid(config.oversampling), spectrum.noise_mw
     )
-    levels = Levels(null_tail(tx, rx), config, spectrum.bin_s, spectrum.n_bins)
+    levels = DetectionLevels(null_tail(tx, rx), config, spectrum.bin_s, spectrum.n_bins)
     search = IncoherentSearch(spectrum, ends, screen, levels, config)
     paths, at = search.run()
     if at is None:
@@ -102,7 +102,7 @@ def fit_incoherent(
 
 def _assemble(sweep: BeamSweep, search: IncoherentSearch, paths: FloatArray, at: Score) -> IncoherentFit:
     ends, spectrum = search.ends, search.spectrum
-    paths, at, spread = weighed_rivals(search.local, ends, paths, at)
+    paths, at, spread = resolve_ambiguous_directions(search.local, ends, paths, at)
     n, size = paths.shape
     # A clock bias can bring the first path below zero: the last eighth of the period counts as negative.
     delay_bins = (paths[:, 0] + spectrum.n_bins / 8) % spectrum.n_bins - spectrum.n_bins / 8
@@ -111,16 +111,16 @@ def _assemble(sweep: BeamSweep, search: IncoherentSearch, paths: FloatArray, at:
     paths, delay_bins, spread = paths[order], delay_bins[order], spread[order]
     block = np.einsum("iaib->iab", path_covariance(information))[:, :-2, :-2]
     if search.background is not None:
-        block = block * search.background.widening(ends, paths)[:, None, None]
+        block = block * search.background.covariance_factor(ends, paths)[:, None, None]
     block = block + spread
     scale = np.concatenate([[spectrum.bin_s], np.ones(size - 3)])
     power = np.abs(ends.amplitudes(paths)) ** 2 * spectrum.n_bins
     shape = sweep.samples.shape[:2]
     pairs = search.local.pair
-    phase, snr, left = np.zeros((3, shape[0] * shape[1]))
+    phase, snr, residual = np.zeros((3, shape[0] * shape[1]))
     phase[pairs], snr[pairs] = np.angle(at.pair_phasor), at.pair_snr
     signal = search.local.signal(ends, paths) * at.pair_phasor
-    left[pairs] = np.square(np.abs(search.local.samples - signal)).sum(axis=0) - len(signal)
+    residual[pairs] = np.square(np.abs(search.local.samples - signal)).sum(axis=0) - len(signal)
     n_tx = ends.tx.n_angles
     return IncoherentFit(
         delay_s=delay_bins * spectrum.bin_s,
@@ -131,10 +131,10 @@ def _assemble(sweep: BeamSweep, search: IncoherentSearch, paths: FloatArray, at:
         snr_db=10 * np.log10(power.max(axis=0)),
         covariance=block * scale[:, None] * scale,
         status="ok",
-        has_rivals=np.einsum("iaa->i", spread) > 0,
+        is_ambiguous=np.einsum("iaa->i", spread) > 0,
         pair_phase_rad=phase.reshape(shape),
         pair_snr=snr.reshape(shape),
-        pair_left=np.maximum(left, 0.0).reshape(shape),
+        pair_residual=np.maximum(residual, 0.0).reshape(shape),
         pair_path=np.where(snr > 0, power.argmax(axis=1), -1).reshape(shape),
         log_likelihood_ratio=at.value,
     )
@@ -144,10 +144,10 @@ def _empty(sweep: BeamSweep, fit: PathFit) -> IncoherentFit:
     shape = sweep.samples.shape[:2]
     return IncoherentFit(
         **{field.name: getattr(fit, field.name) for field in fields(fit)},
-        has_rivals=np.zeros(0, bool),
+        is_ambiguous=np.zeros(0, bool),
         pair_phase_rad=np.zeros(shape),
         pair_snr=np.zeros(shape),
-        pair_left=np.zeros(shape),
+        pair_residual=np.zeros(shape),
         pair_path=np.full(shape, -1),
         log_likelihood_ratio=0.0,
     )

@@ -1,4 +1,4 @@
-"""From candidates to paths: joint fits, tests, and a look at what is left, until nothing is."""
+"""From candidates to paths: joint fits, tests, and a look at what is residual, until nothing is."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ import numpy as np
 
 from estimation.channel.config import MaximumLikelihoodConfig
 from estimation.channel.incoherent.background import Background
-from estimation.channel.incoherent.companions import companion
 from estimation.channel.incoherent.likelihood import (
     MOST_STEPS,
     LinkBeams,
     LocalSamples,
     Score,
-    climb,
     coupled,
     likelihood_without,
     local_samples,
+    maximise_likelihood,
 )
 from estimation.channel.incoherent.proposal import starting_points
 from estimation.channel.incoherent.screen import Candidates, Screen
+from estimation.channel.incoherent.second_path import second_path_start
 from estimation.channel.incoherent.spectrum import DelaySpectrum, delay_waves, window_bins
-from estimation.channel.incoherent.threshold import Levels
+from estimation.channel.incoherent.threshold import DetectionLevels
 from estimation.channel.model.crb import path_covariance
 from scenes.record import ComplexArray, FloatArray, IntArray
 
@@ -49,7 +49,7 @@ class IncoherentSearch:
     spectrum: DelaySpectrum
     ends: LinkBeams
     screen: Screen
-    levels: Levels
+    levels: DetectionLevels
     config: MaximumLikelihoodConfig
     local: LocalSamples = field(init=False)
     bins: IntArray = field(init=False)  # of the window in which the current paths are fitted
@@ -77,20 +77,20 @@ class IncoherentSearch:
                 paths, at = self._fitted(paths, max(_ROUND_STEPS, min(MOST_STEPS, _PATH_STEPS // len(paths))))
             if at is None:
                 return paths, None
-            paths, at, left = self._standing_out(paths, at)
+            paths, at, residual = self._standing_out(paths, at)
             if at is None:
                 return paths, None
             room = self.config.max_paths - len(paths)
-            new = self._further_starts(paths, at, left)[:room]
+            new = self._further_starts(paths, at, residual)[:room]
             if len(new):
                 continue
-            paths, at = self._settled(paths, at)
+            paths, at = self._converged(paths, at)
             n_paths = len(paths)
             if at is not None and room:
-                paths, at = self._with_companion(paths, at)
+                paths, at = self._with_second_path(paths, at)
             if len(paths) == n_paths:
                 return paths, at
-        return self._settled(paths, at)
+        return self._converged(paths, at)
 
     def _first_starts(self) -> FloatArray:
         """Starting points of paths from the samples as they are."""
@@ -115,27 +115,31 @@ class IncoherentSearch:
         self.bins = window_bins(starts[ratio > _PROMISING * limit, 0], n_bins)
         return self._promising(starts, ratio, limit, spectrum.window(self.bins))
 
-    def _further_starts(self, paths: FloatArray, at: Score, left: ComplexArray) -> FloatArray:
+    def _further_starts(self, paths: FloatArray, at: Score, residual: ComplexArray) -> FloatArray:
         """Starting points of more paths from what the fitted ones leave (pair, bin) of the samples about them."""
         n_bins = self.spectrum.n_bins
         phasor = self._phasor(at)
-        candidates = self._candidates_within(left)
+        candidates = self._candidates_within(residual)
         waves, _ = delay_waves(self.bins, candidates.delay_bins, n_bins)
-        matched = left @ (waves / np.sqrt(n_bins)).astype(np.complex64)
+        matched = residual @ (waves / np.sqrt(n_bins)).astype(np.complex64)
         starts, ratio = starting_points(self.screen, self.ends, candidates, matched, phasor, n_bins)
         limit = self._thresholds(np.concatenate([paths, starts]), self._strongest(paths))[len(paths) :]
         for failed in self.failed:
             ratio[self.ends.distance_cells(starts, failed) < _SAME_CELLS] = 0.0
-        return self._promising(starts, ratio, limit, left)
+        return self._promising(starts, ratio, limit, residual)
 
     def _standing_out(self, paths: FloatArray, at: Score) -> tuple[FloatArray, Score | None, ComplexArray]:
         """Paths that the samples call for above the background beside them, and what they leave (pair, bin)."""
-        left, n_paths = self._left(paths, at), len(paths)
-        self.background = Background.of(left, self.bins, self.spectrum.n_bins)
+        residual, n_paths = self._residual(paths, at), len(paths)
+        self.background = Background.of(residual, self.bins, self.spectrum.n_bins)
         needed, then = self._needed(paths, at, _REFIT_STEPS)
-        return needed, then, left if then is None or len(needed) == n_paths else self._left(needed, then)
+        return (
+            needed,
+            then,
+            residual if then is None or len(needed) == n_paths else self._residual(needed, then),
+        )
 
-    def _left(self, paths: FloatArray, at: Score) -> ComplexArray:
+    def _residual(self, paths: FloatArray, at: Score) -> ComplexArray:
         """What paths leave (pair, bin) of the samples about them."""
         waves, _ = delay_waves(self.bins, paths[:, 0], self.spectrum.n_bins)
         signal = (self.ends.amplitudes(paths) * self._phasor(at)[:, None]).astype(np.complex64)
@@ -147,9 +151,9 @@ class IncoherentSearch:
         phasor[self.pairs] = at.pair_phasor
         return phasor
 
-    def _with_companion(self, paths: FloatArray, at: Score) -> tuple[FloatArray, Score]:
+    def _with_second_path(self, paths: FloatArray, at: Score) -> tuple[FloatArray, Score]:
         """Paths with one more next to a known one, where that raises the likelihood by the threshold."""
-        start = companion(self.local, self.ends, paths, at, _NEARLY * self.levels.lowest)
+        start = second_path_start(self.local, self.ends, paths, at, _NEARLY * self.levels.lowest)
         if start is None:
             return paths, at
         fitted = self._state
@@ -174,7 +178,7 @@ class IncoherentSearch:
     def _alone(self, path: FloatArray, window: ComplexArray, bins: IntArray) -> tuple[FloatArray, float]:
         """One path at the maximum of its own likelihood, and the logarithm of that."""
         local = local_samples(self.spectrum, window, bins, self._lit_pairs(path), path[:, 0])
-        path, at, _ = climb(local, self.ends, path)
+        path, at, _ = maximise_likelihood(local, self.ends, path)
         return path, at.value
 
     def _lit_pairs(self, paths: FloatArray) -> IntArray:
@@ -185,7 +189,7 @@ class IncoherentSearch:
         lowest = _VISIBLE * np.sqrt(self.levels.lowest)
         return self.screen.candidates(level, place, delay_bins, float(lowest), self.config.max_paths)
 
-    def _candidates_within(self, left: ComplexArray) -> Candidates:
+    def _candidates_within(self, residual: ComplexArray) -> Candidates:
         """Candidates in samples (pair, bin) of unit noise at the bins of the window, which may have gaps."""
         ends = self.ends
         cuts = np.flatnonzero(np.diff(self.bins) > 1) + 1
@@ -196,7 +200,7 @@ class IncoherentSearch:
             )
             for bins, part in zip(
                 np.split(self.bins, cuts),
-                np.split(left.reshape(ends.tx.n_beams, ends.rx.n_beams, -1), cuts, axis=2),
+                np.split(residual.reshape(ends.tx.n_beams, ends.rx.n_beams, -1), cuts, axis=2),
                 strict=True,
             )
         ]
@@ -210,16 +214,16 @@ class IncoherentSearch:
             self.window = self.spectrum.window(self.bins)
             self.pairs = self._lit_pairs(paths)
             self.local = local_samples(self.spectrum, self.window, self.bins, self.pairs, paths[:, 0])
-            paths, at, is_near = climb(self.local, self.ends, paths, most_steps)
+            paths, at, is_near = maximise_likelihood(self.local, self.ends, paths, most_steps)
             if is_near:
                 break
         return paths, at
 
-    def _settled(self, paths: FloatArray, at: Score | None) -> tuple[FloatArray, Score | None]:
+    def _converged(self, paths: FloatArray, at: Score | None) -> tuple[FloatArray, Score | None]:
         """The needed ones of paths after convergence."""
         if at is None:
             return paths, at
-        paths, at, is_near = climb(self.local, self.ends, paths)
+        paths, at, is_near = maximise_likelihood(self.local, self.ends, paths)
         if not is_near:
             paths, at = self._fitted(paths, MOST_STEPS)
         return self._needed(paths, at, MOST_STEPS)
@@ -231,28 +235,28 @@ class IncoherentSearch:
         others could take its place, as Wald's test tells, those are fitted again without it, and that likelihood
         decides.
         """
-        settled = np.zeros(len(paths), bool)
+        tested = np.zeros(len(paths), bool)
         while True:
             limit = self._thresholds(paths, self._strongest(paths))
             wald = self._wald(paths, at)
             failing = (self._ratios(paths, at, wald, limit) < limit) | ~self.ends.in_sight(paths)
             if failing.any():
                 self.failed += list(paths[failing, :-2])
-                paths, settled = paths[~failing], settled[~failing]
+                paths, tested = paths[~failing], tested[~failing]
                 if not len(paths):
                     return paths, None
                 paths, at = self._fitted(paths, most_steps)
                 continue
-            doubtful = np.flatnonzero((wald < limit) & ~settled)
+            doubtful = np.flatnonzero((wald < limit) & ~tested)
             if not len(doubtful) or len(paths) == 1:
                 return paths, at
             worst = int(doubtful[np.argmin(wald[doubtful])])
             without, value = self._without(paths, at, worst)
             if at.value - value > limit[worst]:
-                settled[worst] = True
+                tested[worst] = True
             else:
                 self.failed.append(paths[worst, :-2])
-                settled = np.delete(settled, worst)
+                tested = np.delete(tested, worst)
                 paths, at = self._fitted(without, most_steps)
 
     def _without(self, paths: FloatArray, at: Score, path: int) -> tuple[FloatArray, float]:
@@ -262,7 +266,9 @@ class IncoherentSearch:
         if not near.any():
             return rest, float(likelihood_without(self.local, self.ends, paths, np.array([path]))[0])
         near = np.delete(near, path)
-        rest[near], then, _ = climb(self.local.beside(self.ends, rest[~near]), self.ends, rest[near])
+        rest[near], then, _ = maximise_likelihood(
+            self.local.with_fixed(self.ends, rest[~near]), self.ends, rest[near]
+        )
         return rest, then.value
 
     def _wald(self, paths: FloatArray, at: Score) -> FloatArray:
@@ -282,10 +288,10 @@ class IncoherentSearch:
 
         It rises with the share of a path in beam pairs whose phases others tell, and with a known background.
         """
-        known = self.ends.shares_in_light(paths, self.spectrum.n_bins)
+        known = self.ends.known_phase_shares(paths, self.spectrum.n_bins)
         limit = self.levels.further(paths[:, 0], float(paths[strongest, 0]), known)
         limit[strongest] = self.levels.first(paths[strongest, :1])[0]
-        return limit if self.background is None else limit * self.background.rise(self.ends, paths)
+        return limit if self.background is None else limit * self.background.noise_factor(self.ends, paths)
 
     def _strongest(self, paths: FloatArray) -> int:
         return int(np.argmax(self.ends.energies(paths)))

@@ -87,7 +87,7 @@ class NullTail:
 
 
 @dataclass(frozen=True)
-class Levels:
+class DetectionLevels:
     """Likelihood ratios that paths need by their delay: most of the false alarms fall where paths are expected."""
 
     tail: NullTail

@@ -27,7 +27,7 @@ def cone_angles(
     return np.asarray(boresight_rad + np.arcsin(sine)), slopes / across[:, None]
 
 
-def seen_from_horizon(
+def reported_angles(
     manifold: Manifold, angles_rad: FloatArray
 ) -> tuple[FloatArray, FloatArray, ComplexArray]:
     """Directions as a manifold reports them: angles, their slopes over `angles_rad` (direction, angle), and gains.

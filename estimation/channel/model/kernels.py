@@ -144,15 +144,15 @@ def hadamard_gram(tx: ComplexArray, rx: ComplexArray, delay: FloatArray) -> Comp
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def real_equations(
-    gram: ComplexArray, left: ComplexArray, amplitude: ComplexArray
+    gram: ComplexArray, residual: ComplexArray, amplitude: ComplexArray
 ) -> tuple[FloatArray, FloatArray]:
     """Normal matrix (path, column, path, column) and gradient (path, column) in real unknowns.
 
-    From the `gram` (path, tangent, path, tangent) of the tangents and their products (path, tangent) with what is
-    `left` of the samples. The columns of a path are the derivatives over the real and the imaginary part of its
+    `gram` (path, tangent, path, tangent) holds the inner products of the tangents, `residual` (path, tangent)
+    those with the residual. The columns of a path are the derivatives over the real and the imaginary part of its
     amplitude, then over its parameters.
     """
-    n_paths, n_tangents = left.shape
+    n_paths, n_tangents = residual.shape
     n = n_tangents + 1
     matrix, slope = np.empty((n_paths, n, n_paths, n)), np.empty((n_paths, n))
     scale = np.empty((n_paths, n), np.complex128)
@@ -164,7 +164,7 @@ def real_equations(
         for a in range(n):
             turned = scale[p, a].conjugate()
             tangent = max(a - 1, 0)
-            slope[p, a] = (turned * left[p, tangent]).real
+            slope[p, a] = (turned * residual[p, tangent]).real
             for q in range(n_paths):
                 for b in range(n):
                     product = turned * gram[p, tangent, q, max(b - 1, 0)] * scale[q, b]

@@ -131,7 +131,7 @@ def gram(at: PathTangents, other: PathTangents) -> ComplexArray:
     )
 
 
-def own_energy(at: PathTangents) -> FloatArray:
+def response_energies(at: PathTangents) -> FloatArray:
     """Squared norm (path,) of the paths' responses at unit amplitude."""
     factors = (at.tx[:, 0], at.rx[:, 0], at.delay[:, 0])
     return np.asarray(np.prod([(np.abs(factor) ** 2).sum(axis=1) for factor in factors], axis=0))

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimation.channel.auto import choose, even_turn, fit_auto, turned_back
+from estimation.channel.auto import choose_likelihood, fit_auto, fit_phase_ramp, without_phase_ramp
 from estimation.channel.coherent.paths import fit_coherent
 from estimation.channel.incoherent.paths import fit_incoherent
 from scenes.record import FloatArray
@@ -26,10 +26,10 @@ def turned(phase_rad: FloatArray, seed: int = 1) -> BeamSweep:
 @pytest.mark.parametrize("offset_hz", [0.0, 150.0, -1500.0, 20e3])
 def test_a_frequency_offset_is_found_and_taken_back(offset_hz: float) -> None:
     times = sweep_occasions(WaveformConfig(), 10, 10).time_s[0]
-    chosen = choose(turned(2 * np.pi * offset_hz * times))
+    chosen = choose_likelihood(turned(2 * np.pi * offset_hz * times))
     assert chosen.mode == "coherent"
     assert chosen.frequency_offset_hz == pytest.approx(offset_hz, abs=60)
-    assert np.rad2deg(chosen.turn.residual_rad) < 4
+    assert np.rad2deg(chosen.ramp.residual_rad) < 4
     assert len(chosen.fit) == 3
     assert np.allclose(chosen.fit.delay_s, PATHS.delay_s, atol=5e-10)
     assert np.isfinite(chosen.fit.phase_rad).all()
@@ -37,10 +37,10 @@ def test_a_frequency_offset_is_found_and_taken_back(offset_hz: float) -> None:
 
 
 def test_a_sweep_may_go_through_the_tx_beams_first() -> None:
-    chosen = choose(turned(0.02 * np.arange(10)[:, None] + 0.2 * np.arange(10)))
+    chosen = choose_likelihood(turned(0.02 * np.arange(10)[:, None] + 0.2 * np.arange(10)))
     assert chosen.mode == "coherent"
-    assert chosen.turn.tx_step_rad == pytest.approx(0.02, abs=0.03)
-    assert chosen.turn.rx_step_rad == pytest.approx(0.2, abs=0.03)
+    assert chosen.ramp.tx_step_rad == pytest.approx(0.02, abs=0.03)
+    assert chosen.ramp.rx_step_rad == pytest.approx(0.2, abs=0.03)
 
 
 def test_random_phases_are_left_alone() -> None:
@@ -53,39 +53,39 @@ def test_random_phases_are_left_alone() -> None:
 
 def test_phases_that_wander_are_told_and_left_alone() -> None:
     phase = np.deg2rad(12) * np.cumsum(np.random.default_rng(3).standard_normal(100)).reshape(10, 10)
-    chosen = choose(turned(phase))
+    chosen = choose_likelihood(turned(phase))
     assert chosen.mode == "incoherent"
     assert "from one pair to the next they change by" in chosen.reason
-    assert 5 < np.rad2deg(chosen.turn.walk_rad) < 20
+    assert 5 < np.rad2deg(chosen.ramp.walk_rad) < 20
 
 
 @pytest.mark.parametrize(("spread_deg", "mode"), [(4.0, "coherent"), (25.0, "incoherent")])
 def test_the_residual_is_that_of_the_phases_without_noise(spread_deg: float, mode: str) -> None:
     phase = np.deg2rad(spread_deg) * np.random.default_rng(4).standard_normal((10, 10))
-    chosen = choose(turned(phase))
-    assert np.rad2deg(chosen.turn.residual_rad) == pytest.approx(spread_deg, rel=0.35, abs=1.5)
-    assert chosen.turn.upper_rad > chosen.turn.residual_rad
+    chosen = choose_likelihood(turned(phase))
+    assert np.rad2deg(chosen.ramp.residual_rad) == pytest.approx(spread_deg, rel=0.35, abs=1.5)
+    assert chosen.ramp.upper_rad > chosen.ramp.residual_rad
     assert chosen.mode == mode
 
 
 def test_turning_back_undoes_a_turn() -> None:
     sweep = turned(np.zeros((10, 10)))
-    back = turned_back(turned(0.3 * np.arange(10)[:, None] - 0.1 * np.arange(10)), 0.3, -0.1)
+    back = without_phase_ramp(turned(0.3 * np.arange(10)[:, None] - 0.1 * np.arange(10)), 0.3, -0.1)
     assert np.allclose(back.samples, sweep.samples, atol=1e-4)
 
 
 def test_too_few_pairs_stay_incoherent() -> None:
     nothing = plain_sweep(SMALL, no_plain_paths(SMALL), np.random.default_rng(5))
-    chosen = choose(nothing)
+    chosen = choose_likelihood(nothing)
     assert chosen.mode == "incoherent"
     assert "too few beam pairs" in chosen.reason
-    assert chosen.turn.n_pairs == 0
+    assert chosen.ramp.n_pairs == 0
     assert len(chosen.fit) == 0
 
 
 def test_without_a_turn_the_fit_is_the_coherent_one() -> None:
     sweep = turned(np.zeros((10, 10)))
-    chosen, coherent = choose(sweep), fit_coherent(sweep)
+    chosen, coherent = choose_likelihood(sweep), fit_coherent(sweep)
     std = np.sqrt(np.einsum("paa->pa", coherent.covariance))[:, 0]
     assert (np.abs(chosen.fit.delay_s - coherent.delay_s) < 0.3 * std).all()
-    assert even_turn(fit_incoherent(sweep)).n_pairs == chosen.turn.n_pairs
+    assert fit_phase_ramp(fit_incoherent(sweep)).n_pairs == chosen.ramp.n_pairs

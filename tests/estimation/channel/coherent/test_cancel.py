@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from estimation.channel.coherent.cancel import alike, parted
+from estimation.channel.coherent.cancel import cancelling_coherence, without_cancelling_paths
 from estimation.channel.coherent.prune import pruned
 from estimation.channel.coherent.refine import Reference, refine, solve_at
 from estimation.channel.model.compress import CompressedSweep
@@ -31,10 +31,10 @@ def test_twins_are_put_where_the_paths_are() -> None:
     sweep, truth = _two(0.8, 1.0)
     reference = Reference(sweep, truth.take(slice(0)))
     twins = solve_at(reference, _twins(sweep, truth))
-    assert alike(twins).any()
+    assert cancelling_coherence(twins).any()
     assert np.abs(twins.paths.amplitude).max() > 30 * np.abs(truth.amplitude).max()
-    found = parted(reference, twins, 30)
-    assert not alike(found).any()
+    found = without_cancelling_paths(reference, twins, 30)
+    assert not cancelling_coherence(found).any()
     assert np.allclose(np.sort(found.paths.delay_bins), truth.delay_bins, atol=0.1)
     assert found.explained > twins.explained
 
@@ -42,8 +42,8 @@ def test_twins_are_put_where_the_paths_are() -> None:
 def test_twins_at_one_path_leave_one_that_counts() -> None:
     sweep, truth = _two(0.0, 0.0)
     reference = Reference(sweep, truth.take(slice(0)))
-    found = parted(reference, solve_at(reference, _twins(sweep, truth)), 30)
-    assert not alike(found).any()
+    found = without_cancelling_paths(reference, solve_at(reference, _twins(sweep, truth)), 30)
+    assert not cancelling_coherence(found).any()
     found = pruned(reference, found, lambda delay_bins: np.full(len(delay_bins), 24.0), 30)
     assert len(found.paths) == 1
     assert np.isclose(found.paths.delay_bins[0], truth.delay_bins[0], atol=0.05)
@@ -54,4 +54,4 @@ def test_true_pairs_stay_whatever_their_phases() -> None:
         sweep, truth = _two(0.5, phase)
         reference = Reference(sweep, truth.take(slice(0)))
         fitted = refine(reference, truth, 30)
-        assert parted(reference, fitted, 30) is fitted
+        assert without_cancelling_paths(reference, fitted, 30) is fitted

@@ -7,7 +7,7 @@ from estimation.channel.coherent.plan import SearchPlan, delay_window, nominal_m
 from estimation.channel.coherent.search import SpectrumSearch, without_side_lobes
 from estimation.channel.config import MaximumLikelihoodConfig
 from estimation.channel.model.compress import DelayCube, compress
-from estimation.channel.model.path_model import own_energy, responses
+from estimation.channel.model.path_model import response_energies, responses
 from sim.config import ArrayConfig
 from sim.observation import BeamSweep
 from sim.signal.link import make_codebook
@@ -55,7 +55,7 @@ def test_strongest_peak_is_near_the_path(rx: ArrayConfig | None) -> None:
         peaks = search.peaks(sweep.parts, 10.0)
         found = search.paths(peaks.take(slice(0, 1)))
         assert abs(found.delay_bins[0] * sweep.bin_s - 1e-9 * delay_ns) <= sweep.bin_s / 2
-        energy = own_energy(responses(sweep, found))[0]
+        energy = response_energies(responses(sweep, found))[0]
         assert np.isclose(abs(peaks.value[0]) ** 2, abs(found.amplitude[0]) ** 2 * energy, rtol=0.02)
         total = (sweep.parts**2).sum()
         assert 0.5 * total < abs(peaks.value[0]) ** 2 <= 1.001 * total

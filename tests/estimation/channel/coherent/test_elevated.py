@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from estimation.channel.coherent.elevated import raised
+from estimation.channel.coherent.elevated import merge_elevated_images
 from estimation.channel.coherent.paths import fit_coherent, prepare
 from estimation.channel.coherent.refine import Reference, refine
 from estimation.channel.fit import PathFit
@@ -77,11 +77,11 @@ def test_a_model_of_the_horizon_alone_needs_two() -> None:
         level.explained - refine(reference, start.take(np.array([0, 2])), 30).explained
         > 10 * stop.window.level
     )
-    one = raised(reference, level, stop.window.level_at, 30)
+    one = merge_elevated_images(reference, level, stop.window.level_at, 30)
     assert len(one.paths) == 2
     assert np.isclose(abs(np.rad2deg(one.paths.aoa_rad[:, 1]).max()), ELEVATION_DEG, atol=2.0)
     assert one.explained > level.explained - stop.window.level
-    assert raised(reference, one, stop.window.level_at, 30) is one
+    assert merge_elevated_images(reference, one, stop.window.level_at, 30) is one
 
 
 @pytest.mark.parametrize("phase", [-2.0, 1.0, 3.0])

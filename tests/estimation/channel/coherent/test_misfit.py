@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.stats import chi2
 
-from estimation.channel.coherent.misfit import UNPARTED_CELLS, misfit_factor, quadrature_statistic, widened
+from estimation.channel.coherent.misfit import UNRESOLVED_CELLS, misfit_factor, quadrature_statistic, widened
 from estimation.channel.coherent.refine import Reference, Solution, covariances, refine
 from estimation.channel.model.manifold import CELL
 from estimation.channel.model.path_model import PathParameters
@@ -61,7 +61,7 @@ def test_the_misfit_widens_by_its_factor_but_not_past_what_a_neighbour_can_do() 
     rng = np.random.default_rng(3)
     root = rng.normal(size=(5, 3, 3))
     rate = rng.uniform(0.5, 20.0, (5, 3))
-    half = UNPARTED_CELLS / 2 * CELL / rate
+    half = UNRESOLVED_CELLS / 2 * CELL / rate
     shape = (root @ np.swapaxes(root, 1, 2) + np.eye(3)) * half[:, :, None] * half[:, None]
     small, factor = 1e-9 * shape, np.array([1.0, 3.0, 30.0, 1e3, 1e15])
     wide = widened(small, factor, rate)

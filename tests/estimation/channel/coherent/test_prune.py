@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from estimation.channel.coherent.prune import needless
-from estimation.channel.coherent.refine import Reference, near, refine, refine_near, solve_at
+from estimation.channel.coherent.prune import redundant_paths
+from estimation.channel.coherent.refine import Reference, paths_near, refine, refine_near, solve_at
 from estimation.channel.model.path_model import PathParameters
 from tests.estimation.channel.plain_sweeps import compressed, plain_link, plain_paths, plain_sweep
 
@@ -23,7 +23,7 @@ def test_of_two_for_one_path_one_is_needless() -> None:
     reference, truth = _fitted([100.0, 400.0])
     double = truth.joined(truth.take(slice(1)).moved(np.array([[0.1, 0.0, 0.0]])))
     solution = solve_at(reference, double)
-    dropped = needless(solution, np.full(3, 24.0))
+    dropped = redundant_paths(solution, np.full(3, 24.0))
     assert dropped.sum() == 1
     assert not dropped[1]
 
@@ -36,14 +36,14 @@ def test_what_a_needless_path_adds_is_what_its_removal_leaves() -> None:
     loss = solution.explained - without.explained
     for share, expected in ((0.99, False), (1.01, True)):
         level = np.array([0.0, share * loss, 0.0])
-        assert needless(solution, level)[1] == expected
+        assert redundant_paths(solution, level)[1] == expected
 
 
 def test_refining_what_is_near_is_refining_all_where_the_rest_is_far() -> None:
     reference, truth = _fitted(list(np.linspace(50, 8000, 30)))
     start = truth.moved(np.where(np.arange(30)[:, None] == 7, [0.2, 0.02, 0.02], 0.0))
     about = start.take(slice(7, 8))
-    assert list(np.flatnonzero(near(reference.sweep, start, about))) == [7]
+    assert list(np.flatnonzero(paths_near(reference.sweep, start, about))) == [7]
     local, whole = refine_near(reference, start, about, 30), refine(reference, start, 30)
     assert np.allclose(local.paths.delay_bins[7], whole.paths.delay_bins[7], atol=0.03)
     assert np.allclose(local.paths.aod_rad[7], whole.paths.aod_rad[7], atol=3e-3)

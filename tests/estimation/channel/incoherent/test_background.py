@@ -29,9 +29,9 @@ def noise(power: np.ndarray, seed: int) -> Background:
 
 
 def test_noise_alone_is_no_background() -> None:
-    rises = [noise(np.ones((100, 100)), seed).rise(ENDS, PATHS) for seed in range(200)]
+    rises = [noise(np.ones((100, 100)), seed).noise_factor(ENDS, PATHS) for seed in range(200)]
     assert np.mean(np.array(rises) > 1) < 0.03
-    widening = [noise(np.ones((100, 100)), seed).widening(ENDS, PATHS) for seed in range(20)]
+    widening = [noise(np.ones((100, 100)), seed).covariance_factor(ENDS, PATHS) for seed in range(20)]
     assert (np.array(widening) == 1).all()
 
 
@@ -39,25 +39,25 @@ def test_noise_alone_is_no_background() -> None:
 def test_the_rise_is_the_power_around_a_path_in_its_own_beams(sides: str) -> None:
     power = np.ones((100, 100))
     power[:, 31 if sides == "after" else 10 : 50] = 5.0
-    rises = np.array([noise(power, seed).rise(ENDS, PATHS) for seed in range(50)])
+    rises = np.array([noise(power, seed).noise_factor(ENDS, PATHS) for seed in range(50)])
     assert rises[:, 0].mean() == pytest.approx(5.0, rel=0.1)
     assert (rises[:, 1] == 1).mean() > 0.95
     share = np.abs(ENDS.amplitudes(PATHS)[:, 0]) ** 2
     power = np.ones((100, 100))
     power[share < 0.01 * share.max()] = 10.0  # loud where the path is not
-    assert noise(power, 1).rise(ENDS, PATHS)[0] < NOTABLE
+    assert noise(power, 1).noise_factor(ENDS, PATHS)[0] < NOTABLE
 
 
 def test_a_few_other_paths_beside_do_not_count() -> None:
     power = np.ones((100, 100))
     power[:, [26, 27, 35, 36]] = 1e4
-    assert noise(power, 3).rise(ENDS, PATHS)[0] == 1.0
+    assert noise(power, 3).noise_factor(ENDS, PATHS)[0] == 1.0
 
 
 def test_power_left_in_the_own_cells_of_a_path_widens_its_covariance() -> None:
     power = np.ones((100, 100))
     power[:, 29:32] = 20.0
-    found = noise(power, 4).widening(ENDS, PATHS)
+    found = noise(power, 4).covariance_factor(ENDS, PATHS)
     assert found[0] == pytest.approx(20.0, rel=0.35)
     assert found[1] == 1.0
 

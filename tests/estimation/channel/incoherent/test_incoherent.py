@@ -6,7 +6,7 @@ import pytest
 from estimation.channel.coherent.plan import NEAR_SHARE
 from estimation.channel.config import MaximumLikelihoodConfig
 from estimation.channel.incoherent.paths import fit_incoherent
-from estimation.channel.incoherent.threshold import Levels, null_tail
+from estimation.channel.incoherent.threshold import DetectionLevels, null_tail
 from estimation.channel.model.false_alarms import (
     delay_curvatures,
     detection_level,
@@ -67,7 +67,7 @@ def test_phases_of_the_pairs_are_those_of_the_sweep() -> None:
 
 def test_levels_fall_where_paths_are_expected() -> None:
     tail = null_tail(Manifold(SMALL.tx_codebook), Manifold(SMALL.rx_codebook))
-    levels = Levels(tail, MaximumLikelihoodConfig(), 1e-9, 8000)
+    levels = DetectionLevels(tail, MaximumLikelihoodConfig(), 1e-9, 8000)
     expected, late = levels.first(np.array([100.0, 5000.0]))
     near, far = levels.further(np.array([5100.0, 100.0]), 5000.0, np.zeros(2))
     assert near < expected < late
@@ -79,7 +79,7 @@ def test_levels_fall_where_paths_are_expected() -> None:
 def test_levels_rise_to_those_of_known_phases() -> None:
     """A path among pairs whose phases others tell is found coherently, and so is noise."""
     ends = Manifold(SMALL.tx_codebook), Manifold(SMALL.rx_codebook)
-    levels = Levels(null_tail(*ends), MaximumLikelihoodConfig(), 1e-9, 8000)
+    levels = DetectionLevels(null_tail(*ends), MaximumLikelihoodConfig(), 1e-9, 8000)
     dark, half, lit = levels.further(np.full(3, 100.0), 50.0, np.array([0.0, 0.5, 1.0]))
     assert dark < half < lit
     assert half == pytest.approx((dark + lit) / 2)

@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 from scipy.special import ive
 
-from estimation.channel.incoherent.companions import _known, _probes, _score
 from estimation.channel.incoherent.grid_kernels import candidate_ratios, cell_amplitudes, column_maxima
 from estimation.channel.incoherent.kernels import log_bessel
 from estimation.channel.incoherent.likelihood import (
     LinkBeams,
-    climb,
     coupled,
     likelihood_without,
     local_samples,
+    maximise_likelihood,
     score,
 )
+from estimation.channel.incoherent.second_path import _known, _probes, _score
 from estimation.channel.incoherent.spectrum import delay_spectrum, delay_waves
 from estimation.channel.model.crb import path_information
 from estimation.channel.model.manifold import Manifold
@@ -113,7 +113,7 @@ def test_the_information_is_that_of_the_bound(stop):
 def test_the_climb_ends_where_the_score_vanishes_and_above_the_truth(stop):
     _, _, ends, local = stop
     start = PATHS + np.array([0.2, 0.02, -0.02, 0.1, 0.2])
-    _, at, is_top = climb(local, ends, start)
+    _, at, is_top = maximise_likelihood(local, ends, start)
     assert is_top
     assert at.value > score(local, ends, PATHS).value
     root = np.sqrt(np.diagonal(at.information))
@@ -122,7 +122,7 @@ def test_the_climb_ends_where_the_score_vanishes_and_above_the_truth(stop):
 
 def test_a_probe_of_a_companion_is_scored_as_a_faint_path_would_be(stop):
     _, _, ends, local = stop
-    paths, at, _ = climb(local, ends, PATHS)
+    paths, at, _ = maximise_likelihood(local, ends, PATHS)
     probes = _probes(ends, paths)[::7]
     pull, own, cross = _score(local, ends, _known(local, ends, paths), at, probes, np.arange(len(local.pair)))
     for i, probe in enumerate(probes):
@@ -189,7 +189,7 @@ def test_cell_amplitudes_and_column_maxima():
 def test_paths_taken_as_they_are_count_as_if_they_were_fitted(stop):
     _, _, ends, local = stop
     whole = score(local, ends, PATHS)
-    beside = score(local.beside(ends, PATHS[1:]), ends, PATHS[:1])
+    beside = score(local.with_fixed(ends, PATHS[1:]), ends, PATHS[:1])
     assert beside.value == pytest.approx(whole.value, rel=1e-9)
     assert beside.pair_snr == pytest.approx(whole.pair_snr, rel=1e-9)
     assert beside.gradient == pytest.approx(
@@ -241,11 +241,11 @@ def test_a_path_lies_in_the_light_of_those_in_its_beam_pairs() -> None:
     link = plain_link()
     ends = LinkBeams(Manifold(link.tx_codebook), Manifold(link.rx_codebook), np.ones(len(link.rx_codebook)))
     lone = np.array([[10.0, 0.5, -0.4, 0.0, 0.0]])
-    assert ends.shares_in_light(lone, K) == pytest.approx(0.0)
+    assert ends.known_phase_shares(lone, K) == pytest.approx(0.0)
     beside = np.concatenate([lone, [[30.0, 0.5, -0.4, 3.0, 1.0]]])
     aside = np.concatenate([lone, [[10.0, -0.7, 0.6, -1.0, 1.0]]])
-    assert ends.shares_in_light(beside, K)[0] > 0.99
+    assert ends.known_phase_shares(beside, K)[0] > 0.99
     power = K * np.square(np.abs(ends.amplitudes(aside)))
     told = power[:, 1] / (power[:, 1] + 0.5)
-    assert ends.shares_in_light(aside, K)[0] == pytest.approx(told @ power[:, 0] / power[:, 0].sum())
-    assert ends.shares_in_light(aside, K)[0] < 0.5
+    assert ends.known_phase_shares(aside, K)[0] == pytest.approx(told @ power[:, 0] / power[:, 0].sum())
+    assert ends.known_phase_shares(aside, K)[0] < 0.5

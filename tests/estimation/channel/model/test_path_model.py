@@ -12,9 +12,9 @@ from estimation.channel.model.manifold import Manifold
 from estimation.channel.model.path_model import (
     PathParameters,
     gram,
-    own_energy,
     products_with,
     residual,
+    response_energies,
     responses,
     tangents,
 )
@@ -92,7 +92,7 @@ def test_inner_products_are_those_of_dense_arrays(swept: CompressedSweep) -> Non
     full = np.einsum("pas,qbs->paqb", dense.conj(), dense)
     norm = np.linalg.norm(dense, axis=2)
     assert np.abs((gram(at, at) - full) / norm[:, :, None, None] / norm).max() < 1e-6
-    assert np.allclose(own_energy(at), np.einsum("papa->pa", full)[:, 0].real)
+    assert np.allclose(response_energies(at), np.einsum("papa->pa", full)[:, 0].real)
 
 
 def test_residual_is_what_dense_paths_leave(swept: CompressedSweep) -> None:

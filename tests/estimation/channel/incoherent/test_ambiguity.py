@@ -70,5 +70,5 @@ def test_horizontal_beams_have_no_rivals() -> None:
     link = plain_link(LEVEL, LEVEL)
     paths = plain_paths(link, [30.0, 90.0], [-20.0, 30.0], [10.0, -35.0], [35.0, 28.0])
     fit = fit_incoherent(plain_sweep(link, paths, np.random.default_rng(1)))
-    assert not fit.has_rivals.any()
-    assert fit.reservation == ""
+    assert not fit.is_ambiguous.any()
+    assert fit.caveat == ""

@@ -2,7 +2,7 @@
 
 Without phases between beam pairs a path shows only how strong every beam is. Beams at few elevations are about as
 strong a little above as a little below their peak, so two directions, of different azimuths even, explain the same
-magnitudes. Such rivals are sought along the elevation, fitted, and weighed by their likelihood, tempered by what
+magnitudes. Such modes are sought along the elevation, fitted, and weighed by their likelihood, tempered by what
 the models of beams can be wrong by, and by their power, paths of which are as rare as they are strong; the
 covariance of the path then spans them all.
 """
@@ -15,8 +15,8 @@ from estimation.channel.incoherent.likelihood import (
     LinkBeams,
     LocalSamples,
     Score,
-    climb,
     likelihood_without,
+    maximise_likelihood,
     score,
 )
 from estimation.channel.model.crb import path_covariance
@@ -26,18 +26,18 @@ from scenes.record import FloatArray
 LEVEL_STEP_RAD = np.deg2rad(1.0)  # between the elevations that are looked through,
 REACH_CELLS = 2.0  # of azimuth to either side of the path's own,
 SCAN_PER_CELL = 16.0  # azimuths per Rayleigh cell
-LEAST_LOG_WEIGHT = -5.0  # below the best, from which on a direction is no rival
+LEAST_LOG_WEIGHT = -5.0  # below the best, from which on a direction is no mode
 MODEL_ERROR = 3e-3  # share of a path's power that no model of beams and columns is trusted to hold
 APART = 3.0  # standard deviations from which on two maxima are two
 
 
-def weighed_rivals(
+def resolve_ambiguous_directions(
     local: LocalSamples, ends: LinkBeams, paths: FloatArray, at: Score
 ) -> tuple[FloatArray, Score, FloatArray]:
-    """Paths (path, parameter) at the likeliest of their rival directions, the likelihood there, and the spread.
+    """Paths (path, parameter) at their likeliest modes over direction, the likelihood there, and the spread.
 
-    The spread (path, place, place) of delay in bins and angles in rad is the second moment of the rivals about the
-    likeliest one; zero where there is none. A rival is that of one path alone, or of all that have one together:
+    The spread (path, place, place) of delay in bins and angles in rad is the second moment of the modes about the
+    likeliest one; zero where there is none. A mode is that of one path alone, or of all that have one together:
     paths in the same beam pairs share those pairs' phases.
     """
     n, n_places = len(paths), paths.shape[1] - 2
@@ -47,18 +47,18 @@ def weighed_rivals(
     temper = 1 + MODEL_ERROR * np.maximum(
         at.value - likelihood_without(local, ends, paths, np.arange(n)), 0.0
     )
-    rivals = _rivals(local, ends, paths, at)
-    chosen = [_weights(*rival, factor)[1] for rival, factor in zip(rivals, temper, strict=True)]
-    together = np.array([places[second] for (places, _), second in zip(rivals, chosen, strict=True)])
+    modes = _modes(local, ends, paths, at)
+    chosen = [_weights(*mode, factor)[1] for mode, factor in zip(modes, temper, strict=True)]
+    together = np.array([places[second] for (places, _), second in zip(modes, chosen, strict=True)])
     if any(second > 0 for second in chosen):
-        moved, then, is_near = climb(local, ends, together)
+        moved, then, is_near = maximise_likelihood(local, ends, together)
         if is_near and ends.in_sight(moved).all():
-            rivals = [
+            modes = [
                 (np.vstack([places, place]), np.append(values, then.value))
-                for (places, values), place in zip(rivals, moved, strict=True)
+                for (places, values), place in zip(modes, moved, strict=True)
             ]
     best = paths.copy()
-    for path, ((places, values), factor) in enumerate(zip(rivals, temper, strict=True)):
+    for path, ((places, values), factor) in enumerate(zip(modes, temper, strict=True)):
         alone = slice(len(values) - 1) if len(values) > 1 else slice(None)
         best[path] = places[alone][np.argmax(_weights(places[alone], values[alone], factor)[0])]
         weight, _ = _weights(places, values, factor)
@@ -67,30 +67,30 @@ def weighed_rivals(
     return best, at if (best == paths).all() else score(local, ends, best), spread
 
 
-def _rivals(
+def _modes(
     local: LocalSamples, ends: LinkBeams, paths: FloatArray, at: Score
 ) -> list[tuple[FloatArray, FloatArray]]:
-    """Places (rival, parameter) of each path, its own first, and log-likelihoods (rival,) of all paths."""
+    """Places (mode, parameter) of each path, its own first, and log-likelihoods (mode,) of all paths."""
     size = paths.shape[1]
     information = at.information.reshape(len(paths), size, len(paths), size)
     std = np.sqrt(np.einsum("iaia->ia", path_covariance(information)))[:, :-2]
     found = []
     for path in range(len(paths)):
         others = np.delete(paths, path, axis=0)
-        beside = local.beside(ends, others) if len(others) else local
+        beside = local.with_fixed(ends, others) if len(others) else local
         places, values = [paths[path]], [at.value]
         for start in _starts(ends, paths[path]):
-            rival, then, is_near = climb(beside, ends, start[None])
-            is_apart = (np.abs(_offset(rival, paths[path])[0, :-2]) > APART * std[path]).any()
-            if is_near and is_apart and ends.in_sight(rival).all():
-                places.append(rival[0])
+            mode, then, is_near = maximise_likelihood(beside, ends, start[None])
+            is_apart = (np.abs(_offset(mode, paths[path])[0, :-2]) > APART * std[path]).any()
+            if is_near and is_apart and ends.in_sight(mode).all():
+                places.append(mode[0])
                 values.append(then.value)
         found.append((np.array(places), np.array(values)))
     return found
 
 
 def _weights(places: FloatArray, values: FloatArray, temper: float) -> tuple[FloatArray, int]:
-    """Weights (rival,) that add up to one, and the index of the heaviest but the first, 0 where there is none."""
+    """Weights (mode,) that add up to one, and the index of the heaviest but the first, 0 where there is none."""
     log_weight = values / temper - 2 * places[:, -2]
     weight = np.exp(log_weight - log_weight.max())
     weight[weight < np.exp(LEAST_LOG_WEIGHT)] = 0.0
@@ -99,7 +99,7 @@ def _weights(places: FloatArray, values: FloatArray, temper: float) -> tuple[Flo
 
 
 def _starts(ends: LinkBeams, path: FloatArray) -> FloatArray:
-    """Paths (rival, parameter) like one path, at further peaks over elevation of the likeness of magnitudes."""
+    """Paths (mode, parameter) like one path, at further peaks over elevation of the likeness of magnitudes."""
     starts = [np.zeros((0, len(path)))]
     cells = ends.cells(path[None])[0]
     for manifold, noise_mw, first in (
@@ -120,15 +120,15 @@ def _starts(ends: LinkBeams, path: FloatArray) -> FloatArray:
         best = likeness.argmax(axis=1) + len(turns) * np.arange(len(levels))
         curve = np.pad(likeness.max(axis=1), 1, constant_values=-np.inf)
         peaks = best[(curve[1:-1] >= curve[:-2]) & (curve[1:-1] >= curve[2:])]
-        rivals = np.repeat(path[None], len(peaks), axis=0)
-        rivals[:, first : first + 2] = angles[peaks]
-        rivals[:, -2] += np.log(norm[0] / norm[1 + peaks])
-        starts.append(rivals)
+        modes = np.repeat(path[None], len(peaks), axis=0)
+        modes[:, first : first + 2] = angles[peaks]
+        modes[:, -2] += np.log(norm[0] / norm[1 + peaks])
+        starts.append(modes)
     return np.concatenate(starts)
 
 
 def _offset(paths: FloatArray, reference: FloatArray) -> FloatArray:
-    """Parameters of paths (rival, parameter) less those of another, angles on the circle."""
+    """Parameters of paths (mode, parameter) less those of another, angles on the circle."""
     offset = paths - reference
     offset[:, 1:-2] = wrap_angle(offset[:, 1:-2])
     return np.asarray(offset)

@@ -29,7 +29,7 @@ _LEAST_OWN_SHARE = 0.03  # of a probe's information, taken to be its own whateve
 _FLOOR = 1e-6  # of the equilibrated information of the known paths: phases may be free
 
 
-def companion(
+def second_path_start(
     local: LocalSamples, ends: LinkBeams, paths: FloatArray, at: Score, least_gain: float
 ) -> FloatArray | None:
     """The likeliest further path (1, parameter) next to a known one; None where none promises `least_gain`.
