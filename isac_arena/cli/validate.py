@@ -28,7 +28,7 @@ MODULES: Mapping[str, tuple[str, ...]] = {
         "propagation.diffraction",
         "propagation.mesh",
     ),
-    "slam": ("slam.measured", "slam.snapshot", "slam.trajectory", "slam.spatial"),
+    "slam": ("slam.measured", "slam.snapshot", "slam.trajectory", "slam.laws"),
     "scoring": ("scoring.metrics", "scoring.bounds", "scoring.budget"),
     "channel": ("channel.efficiency", "channel.noise", "channel.hardware", "channel.arena"),
     "shape": (
@@ -46,7 +46,7 @@ BENCHES: Mapping[str, tuple[str, ...]] = {
     "signal": ("benches.signal", "benches.sionna"),
     "slam": ("benches.slam",),
     "channel": ("benches.channel",),
-    "shape": ("benches.shape", "benches.shape_reflection"),
+    "shape": ("benches.shape",),
     "sweep": ("benches.sweep",),
 }
 

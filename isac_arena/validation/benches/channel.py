@@ -8,8 +8,8 @@ which the caller keeps the only copy.
 from __future__ import annotations
 
 import time
-import tracemalloc
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import scipy.fft
@@ -17,6 +17,7 @@ from threadpoolctl import threadpool_limits
 
 from estimation.channel.coherent.paths import fit_coherent
 from estimation.channel.incoherent.paths import fit_incoherent
+from isac_arena.validation.benches.timing import peak_bytes
 from isac_arena.validation.channel.efficiency import STRONGEST_DB
 from isac_arena.validation.measurement import Measurement, at_most
 from isac_arena.validation.scenarios.link_bench import LinkBench, draw_paths, make_bench, observe_paths
@@ -42,6 +43,7 @@ def bench_methods(seed: int, quick: bool) -> list[Measurement]:
             times = np.array([_beside_fft(fit, sweep, repeats) for sweep in sweeps])
             ratio = float(np.median(times[:, 0] / times[:, 1]))
             taken_ms, fft_ms = (1e3 * np.median(times, axis=0)).tolist()
+            cubes = peak_bytes(partial(fit, sweeps[0])) / sweeps[0].samples.nbytes
             rows += [
                 at_most(
                     f"channel.{method}.time",
@@ -50,7 +52,9 @@ def bench_methods(seed: int, quick: bool) -> list[Measurement]:
                     f"{taken_ms:.0f} ms over {fft_ms:.1f} ms, median of {n_stops} stops, one thread",
                     "FFT passes",
                 ),
-                _memory(method, fit, sweeps[0]),
+                at_most(
+                    f"channel.{method}.memory", cubes, MEMORY_BAR, "peak beyond the cube itself", "cubes"
+                ),
             ]
     return rows
 
@@ -71,12 +75,3 @@ def _beside_fft(fit: Callable[[BeamSweep], object], sweep: BeamSweep, repeats: i
         taken.append(between - started)
         passes.append(time.process_time() - between)
     return min(taken), min(passes)
-
-
-def _memory(method: str, fit: Callable[[BeamSweep], object], sweep: BeamSweep) -> Measurement:
-    tracemalloc.start()
-    fit(sweep)
-    _, peak = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    cubes = peak / sweep.samples.nbytes
-    return at_most(f"channel.{method}.memory", cubes, MEMORY_BAR, "peak beyond the cube itself", "cubes")

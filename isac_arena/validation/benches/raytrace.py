@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import resource
 import time
-from collections.abc import Callable
 
 import numpy as np
 
+from isac_arena.validation.benches.timing import median_time_s
 from isac_arena.validation.measurement import Measurement, at_most
 from scenes.config import load_scene
 from sim.config import PropagationConfig
@@ -32,8 +32,8 @@ def bench_exact_solver(seed: int, quick: bool) -> list[Measurement]:
     started = time.perf_counter()
     solver.paths(np.array(stops))
     exact_s = (time.perf_counter() - started) / len(stops)
-    traced_s = _median_time(tracer.specular, stops)
-    call_s = _median_time(tracer.solved_specular, stops)
+    traced_s = median_time_s(tracer.specular, stops)
+    call_s = median_time_s(tracer.solved_specular, stops)
     return [
         at_most(
             "exact_over_tracer_time",
@@ -67,13 +67,3 @@ def bench_memory(seed: int, quick: bool) -> list[Measurement]:
         tracer.specular(receiver)
     peak_gb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9
     return [at_most("peak_memory", peak_gb, 2.0, "memory must not grow with the receivers", "GB")]
-
-
-def _median_time(work: Callable[[np.ndarray], object], stops: list[np.ndarray]) -> float:
-    work(stops[0])
-    times = []
-    for stop in stops:
-        started = time.perf_counter()
-        work(stop)
-        times.append(time.perf_counter() - started)
-    return float(np.median(times))

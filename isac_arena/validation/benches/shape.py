@@ -1,10 +1,14 @@
-"""`arena bench shape`: the radial Gaussian process on one thread, and against scikit-learn in the same run."""
+"""`arena bench shape`: the radial Gaussian process beside scikit-learn, and the fits by the reflection law.
+
+All times are processor time of one thread.
+"""
 
 from __future__ import annotations
 
 import time
 import warnings
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from sklearn.exceptions import ConvergenceWarning
@@ -13,9 +17,18 @@ from sklearn.gaussian_process.kernels import ConstantKernel, ExpSineSquared, Whi
 
 from estimation.execution import one_blas_thread
 from estimation.shape.gp.radial import fit_radial_gp, fit_radial_gps
+from estimation.shape.kinds.closed import fit_direct
+from estimation.shape.kinds.mirror_wall import fit_mirror_wall
+from estimation.shape.reflection.bundle import fit_bundle
+from estimation.shape.reflection.reflections import ReflectionConfig
+from isac_arena.validation.benches.timing import best_time
 from isac_arena.validation.measurement import Measurement, at_least, at_most
+from isac_arena.validation.scenarios.reflections import Errors
 from isac_arena.validation.shape.gp_study import SHAPES, draw_points
+from isac_arena.validation.shape.reflection import OFFSET_ERRORS, made_campaign, made_pillar, made_wall
 from scenes.record import FloatArray
+
+N_REPEATS = 7  # of the fits by the reflection law
 
 
 def bench_radial_gp(seed: int, quick: bool) -> list[Measurement]:
@@ -23,7 +36,9 @@ def bench_radial_gp(seed: int, quick: bool) -> list[Measurement]:
     rng = np.random.default_rng(seed)
     repeats = 5 if quick else 20
     counts = (64, 4096) if quick else (16, 64, 128, 256, 1024, 4096)
-    slowest = {n: max(_cpu_s(_fit(*draw_points(shape, n, rng)), repeats) for shape in SHAPES) for n in counts}
+    slowest = {
+        n: max(best_time(_fit(*draw_points(shape, n, rng)), repeats)[0] for shape in SHAPES) for n in counts
+    }
     return [
         at_most("gp.points64_ms", 1e3 * slowest[64], 12.0, "three starts", "ms"),
         at_most("gp.any_points_ms", 1e3 * max(slowest.values()), 20.0, f"M = {counts}, three starts", "ms"),
@@ -36,9 +51,8 @@ def bench_batched_gp(seed: int, quick: bool) -> list[Measurement]:
     n_clusters, repeats = (64, 3) if quick else (256, 10)
     shapes = list(SHAPES)
     clusters = [draw_points(shapes[k % len(shapes)], 16, rng) for k in range(n_clusters)]
-    fit_radial_gps(clusters)
-    together = _cpu_s(lambda: fit_radial_gps(clusters), repeats) / n_clusters
-    one_by_one = _cpu_s(lambda: [fit_radial_gp(*cluster) for cluster in clusters], repeats) / n_clusters
+    together = best_time(lambda: fit_radial_gps(clusters), repeats)[0] / n_clusters
+    one_by_one = best_time(lambda: [fit_radial_gp(*cluster) for cluster in clusters], repeats)[0] / n_clusters
     reason = f"M = 16, {n_clusters} clusters, three starts; {1e3 * one_by_one:.2f} ms one by one"
     return [
         at_most("gp.batched16_ms", 1e3 * together, 1.5, reason, "ms"),
@@ -53,7 +67,7 @@ def bench_against_scikit_learn(seed: int, quick: bool) -> list[Measurement]:
     """
     n = 256 if quick else 1024
     angle, radius = draw_points("star", n, np.random.default_rng(seed))
-    ours = _cpu_s(_fit(angle, radius), 5)
+    ours = best_time(_fit(angle, radius), 5)[0]
     started = time.process_time()
     theirs = _scikit_learn_likelihood(angle, radius)
     scikit_learn = time.process_time() - started
@@ -65,17 +79,28 @@ def bench_against_scikit_learn(seed: int, quick: bool) -> list[Measurement]:
     ]
 
 
+def bench_reflection_fits(seed: int, quick: bool) -> list[Measurement]:
+    """Median over random objects, offsets unknown, at 1 ns and 1 deg: circle, wall, and three pillars at once."""
+    n, config = 5 if quick else 40, ReflectionConfig()
+    pillars = [made_pillar(np.random.default_rng([seed, k]), OFFSET_ERRORS) for k in range(n)]
+    walls = [made_wall(np.random.default_rng([seed, k]), Errors()) for k in range(n)]
+    circle = [_least_time_ms(partial(fit_direct, data, "circle", config)) for data in pillars]
+    wall = [_least_time_ms(partial(fit_mirror_wall, data, config)) for data in walls]
+    campaigns = [made_campaign(np.random.default_rng([seed, k])) for k in range(2 if quick else 8)]
+    bundle = [_least_time_ms(partial(fit_bundle, objects, los, config)) for objects, los in campaigns]
+    return [
+        at_most("reflection.circle.time_ms", np.median(circle), 4.0, "all starts", "ms"),
+        at_most("reflection.wall.time_ms", np.median(wall), 1.0, "all starts", "ms"),
+        at_most("reflection.bundle.time_ms", np.median(bundle), 60.0, "3 pillars, 45 stops", "ms"),
+    ]
+
+
+def _least_time_ms(action: Callable[[], object]) -> float:
+    return 1e3 * best_time(action, N_REPEATS)[0]
+
+
 def _fit(angle_rad: FloatArray, radius_m: FloatArray) -> Callable[[], object]:
     return lambda: fit_radial_gp(angle_rad, radius_m)
-
-
-def _cpu_s(work: Callable[[], object], repeats: int) -> float:
-    times = []
-    for _ in range(repeats):
-        started = time.process_time()
-        work()
-        times.append(time.process_time() - started)
-    return min(times)
 
 
 def _scikit_learn_likelihood(angle_rad: FloatArray, radius_m: FloatArray) -> float:

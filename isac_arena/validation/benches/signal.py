@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import time
-import tracemalloc
-from collections.abc import Callable
 from functools import partial
-from typing import TypeVar
 
 import numpy as np
 import scipy.fft
 from threadpoolctl import threadpool_limits
 
+from isac_arena.validation.benches.timing import best_time, peak_bytes
 from isac_arena.validation.measurement import Measurement, at_most
 from isac_arena.validation.scenarios.paths import random_paths
 from scenes.pose import Pose
@@ -24,7 +21,6 @@ from sim.signal.noise import add_noise
 
 N_SUBCARRIERS = 3168
 ORIGIN = Pose(np.zeros(3), 0.0)
-T = TypeVar("T")
 
 
 def bench_generation(seed: int, quick: bool) -> list[Measurement]:
@@ -48,7 +44,9 @@ def bench_generation(seed: int, quick: bool) -> list[Measurement]:
                     "FFT passes",
                 )
             )
-        rows += [_air_time(link, taken_s), _memory(link, paths, rng, cube.nbytes)]
+        cubes = peak_bytes(partial(noisy_cube, link, paths, rng)) / cube.nbytes
+        rows.append(_air_time(link, taken_s))
+        rows.append(at_most("signal.generation.peak_memory", cubes, 4.0, "20,000 paths", "cubes"))
     return rows
 
 
@@ -79,28 +77,8 @@ def noisy_cube(link: Link, paths: Paths, rng: np.random.Generator) -> ComplexArr
     return add_noise(channel, link.noise_power_mw, rng)
 
 
-def best_time(
-    function: Callable[[], T], repeats: int, clock: Callable[[], float] = time.process_time
-) -> tuple[float, T]:
-    """Shortest time of several calls in s, after a first one that may compile, and what the last returned."""
-    value, shortest = function(), np.inf
-    for _ in range(repeats):
-        started = clock()
-        value = function()
-        shortest = min(shortest, clock() - started)
-    return shortest, value
-
-
 def _air_time(link: Link, taken_s: float) -> Measurement:
     step_hz = float(np.diff(link.frequency_offset_hz).min())
     air_s = len(link.tx_codebook) * len(link.rx_codebook) * (1 + 144 / 2048) / step_hz
     reason = f"beam pairs x symbol duration = {1e3 * air_s:.1f} ms; the bar only catches the absurd"
     return at_most("signal.generation.over_air_time", taken_s / air_s, 100.0, reason)
-
-
-def _memory(link: Link, paths: Paths, rng: np.random.Generator, cube_bytes: int) -> Measurement:
-    tracemalloc.start()
-    noisy_cube(link, paths, rng)
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    return at_most("signal.generation.peak_memory", peak / cube_bytes, 4.0, "20,000 paths", "cubes")

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from isac_arena.validation.benches.signal import best_time, signal_link
+from isac_arena.validation.benches.signal import signal_link
+from isac_arena.validation.benches.timing import best_time
 from isac_arena.validation.measurement import Measurement, at_least, at_most
 from scenes.config import load_scene, scene_path
 from scenes.pose import Pose

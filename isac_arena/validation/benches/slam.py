@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import replace
 from itertools import combinations
-from typing import TypeVar
 
 import numpy as np
 
@@ -19,12 +17,13 @@ from estimation.slam.snapshot.problem import SnapshotProblem, snapshot_problem
 from estimation.slam.snapshot.reference import solve_reference
 from estimation.slam.snapshot.solve import solve_snapshot
 from estimation.slam.walk.trajectory import run_trajectory
+from isac_arena.validation.benches.timing import median_time_s
 from isac_arena.validation.measurement import Measurement, at_least, at_most
-from isac_arena.validation.scenarios.halls import Scenario, ScenarioConfig, draw_stop, draw_trajectory
-from isac_arena.validation.slam.common import MAPPING, NOISE, OURS
+from isac_arena.validation.scenarios.halls import ScenarioConfig
+from isac_arena.validation.scenarios.stops import Scenario, draw_stop, draw_trajectory
+from isac_arena.validation.slam.trials import MAPPING, NOISE, OURS
 from scenes.record import BoolArray, FloatArray
 
-T = TypeVar("T")
 REFERENCE = SnapshotConfig(method="reference", noise=NOISE)
 # As in the measured stops without line of sight: nine paths, about a quarter of them no single bounce.
 STOPS = ScenarioConfig(n_paths=9, outlier_share=0.25)
@@ -36,11 +35,11 @@ def bench_snapshot(seed: int, quick: bool) -> list[Measurement]:
     n = 5 if quick else 15
     los = [draw_stop(rng, STOPS) for _ in range(n)]
     nlos = [draw_stop(rng, replace(STOPS, has_los=False)) for _ in range(n)]
-    ours = _per_item_s(lambda stop: solve_snapshot(stop.estimate, stop.tx, OURS), nlos, 5)
-    with_los = _per_item_s(lambda stop: solve_snapshot(stop.estimate, stop.tx, OURS), los, 5)
+    ours = median_time_s(lambda stop: solve_snapshot(stop.estimate, stop.tx, OURS), nlos, 5)
+    with_los = median_time_s(lambda stop: solve_snapshot(stop.estimate, stop.tx, OURS), los, 5)
     problems = [snapshot_problem(stop.estimate, stop.tx, NOISE) for stop in nlos]
-    grid = _per_item_s(lambda problem: plain_grid(problem, REFERENCE), problems, 1)
-    tuned = _per_item_s(lambda problem: solve_reference(problem, REFERENCE, False), problems, 1)
+    grid = median_time_s(lambda problem: plain_grid(problem, REFERENCE), problems, 1)
+    tuned = median_time_s(lambda problem: solve_reference(problem, REFERENCE, False), problems, 1)
     return [
         at_least("snapshot.nlos.speed_over_reference", grid / ours, 300, "plain NumPy heading grid"),
         at_least("snapshot.reference_mode.speed_over_plain", grid / tuned, 1, "same results"),
@@ -125,17 +124,3 @@ def _solve_walk(walk: list[Scenario], estimates: list[ChannelEstimate], shapes: 
     _, points, _ = run_trajectory(estimates, walk[0].tx, OURS, TrajectoryConfig(), MAPPING)
     if shapes:
         estimate_shapes(points, ShapeConfig())
-
-
-def _per_item_s(work: Callable[[T], object], items: list[T], repeats: int) -> float:
-    """Median over the items of the best time of several repeats."""
-    work(items[0])
-    best = []
-    for item in items:
-        times = []
-        for _ in range(repeats):
-            started = time.perf_counter()
-            work(item)
-            times.append(time.perf_counter() - started)
-        best.append(min(times))
-    return float(np.median(best))

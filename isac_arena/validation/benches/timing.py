@@ -1,0 +1,52 @@
+"""How the benchmarks take times and memory."""
+
+from __future__ import annotations
+
+import time
+import tracemalloc
+from collections.abc import Callable, Sequence
+from typing import TypeVar
+
+import numpy as np
+
+T = TypeVar("T")
+
+
+def best_time(
+    function: Callable[[], T], repeats: int, clock: Callable[[], float] = time.process_time
+) -> tuple[float, T]:
+    """Shortest time of several calls in s, after a first one that may compile, and what the last returned."""
+    value, shortest = function(), np.inf
+    for _ in range(repeats):
+        started = clock()
+        value = function()
+        shortest = min(shortest, clock() - started)
+    return shortest, value
+
+
+def median_time_s(
+    work: Callable[[T], object],
+    items: Sequence[T],
+    repeats: int = 1,
+    clock: Callable[[], float] = time.perf_counter,
+) -> float:
+    """Median over the items of the shortest time of several calls; a first call may compile."""
+    work(items[0])
+    best = []
+    for item in items:
+        times = []
+        for _ in range(repeats):
+            started = clock()
+            work(item)
+            times.append(clock() - started)
+        best.append(min(times))
+    return float(np.median(best))
+
+
+def peak_bytes(work: Callable[[], object]) -> int:
+    """Peak of the memory that a call allocates through Python and NumPy."""
+    tracemalloc.start()
+    work()
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    return peak
