@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
+from isac_arena.validation.measured_data import FILE, data_folder
 from isac_arena.validation.shape.measured import (
     PILLARS_M,
     check_measured_pillars,
     measured_bundle,
     measured_pillar,
 )
-from isac_arena.validation.slam.measured import FILE, data_folder
 
 pytestmark = pytest.mark.skipif(
     not (data_folder() / FILE).is_file(), reason=f"{FILE} is not in ARENA_DATA: the data is its authors'"

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from isac_arena.cli.main import app
 from isac_arena.exchange.measurement import import_campaign
 from isac_arena.validation import twin as validation
-from isac_arena.validation.slam.measured import FILE, data_folder
+from isac_arena.validation.measured_data import FILE, data_folder
 from tests.isac_arena.insight.twin.made_twin import make
 
 runner = CliRunner()
