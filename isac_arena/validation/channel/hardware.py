@@ -1,4 +1,4 @@
-"""`arena validate channel`: what hardware and rooms do to it: wrong elements, a CFO, dense diffuse multipath."""
+"""`arena validate channel`: effects of hardware and rooms: element errors, a CFO, dense diffuse multipath."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from estimation.channel.calibration.self_calibration import self_calibrate
 from estimation.channel.record import ChannelEstimate
-from isac_arena.scoring.metrics.statistics import squared_mahalanobis
+from isac_arena.scoring.metrics.statistics import mean, squared_mahalanobis
 from isac_arena.validation.channel.efficiency import UNIFORM_DEG, make_estimator, scaled, scene_paths
 from isac_arena.validation.channel.match import (
     Estimator,
@@ -18,12 +18,11 @@ from isac_arena.validation.channel.match import (
     estimate_places,
     false_row,
     match_stop,
-    most_by_chance,
     rate_row,
     run_stops,
-    widened,
 )
 from isac_arena.validation.measurement import Measurement, at_most
+from isac_arena.validation.monte_carlo import most_by_chance, widened
 from isac_arena.validation.scenarios.link_bench import (
     SEPARATED_CELLS,
     ChannelStop,
@@ -59,7 +58,7 @@ CHOICES: dict[str, tuple[dict[str, float], ...]] = {
         {"phase_noise_pair_deg": UNIFORM_DEG},
         {"beam_phase_std_deg": 60.0},
     ),
-}  # a linewidth of 500 Hz leaves 5 deg rms, a walk of 5 deg from pair to pair 25 deg; the limit lies at 10 deg
+}  # a linewidth of 500 Hz gives 5 deg rms, a walk of 5 deg from pair to pair 25 deg; the limit is 10 deg
 
 
 def check_element_errors(
@@ -68,8 +67,8 @@ def check_element_errors(
     """Arrays with 10 deg and 1 dB element errors, calibrated on the 20 stops that are then estimated.
 
     Angle errors are those in sine, less their mean over a campaign and device: a phase that is linear over the
-    aperture shifts all sines alike and stays unobservable. The same stops with the built responses known are the
-    measure.
+    aperture shifts all sines by the same amount and is unobservable. The errors are compared with those of the
+    same stops estimated with the true responses.
     """
     estimate = make_estimator("coherent", estimator)
     campaigns = 1 if quick else max(1, scaled(trials, quick, 0.04) // CALIBRATION_STOPS)
@@ -118,9 +117,9 @@ def check_cfo(
 def check_choice(
     seed: int, quick: bool, trials: int | None = None, estimator: str | None = None
 ) -> list[Measurement]:
-    """Whether `auto` fits coherently where phases are kept but for an even turn, and only there.
+    """Whether `auto` fits coherently where phases are kept or rotate evenly, and only there.
 
-    Scenes with no impairment, with frequency offsets, and with phases of pairs or of beams that no turn explains.
+    Scenes with no impairment, with frequency offsets, and with phases of pairs or beams that no offset explains.
     """
     estimate = make_estimator("auto", estimator)
     plain = make_bench(seed)
@@ -165,21 +164,13 @@ def check_diffuse(
 
 
 def _diffuse_rows(suffix: str, extra: list[int], nees: list[float], quick: bool) -> list[Measurement]:
-    mean, n = float(np.mean(nees)) / 3 if nees else np.nan, len(extra)
+    key, n = f"diffuse10db{suffix}", len(extra)
+    most = most_by_chance(0.3 * n) / n if quick else 0.3
+    nees_bar = widened(1.5, 1.5 * np.sqrt(2 / 3 / n), quick)
+    reason = f"NEES over 3 of {len(nees)} found paths; the background adds to the noise"
     return [
-        at_most(
-            f"diffuse10db{suffix}.extra_per_stop",
-            np.mean(extra),
-            most_by_chance(0.3 * n) / n if quick else 0.3,
-            f"{n} stops",
-            "per stop",
-        ),
-        at_most(
-            f"diffuse10db{suffix}.nees",
-            mean,
-            widened(1.5, 1.5 * np.sqrt(2 / 3 / n), quick),
-            f"NEES/3 of {len(nees)} found paths",
-        ),
+        at_most(f"{key}.extra_per_stop", np.mean(extra), most, f"{n} stops", "per stop"),
+        at_most(f"{key}.nees", mean(nees) / 3, nees_bar, reason),
     ]
 
 

@@ -1,8 +1,8 @@
-"""Scoring of made-up stops: which estimate is which true path, and tables over many stops.
+"""Scoring of made stops: which estimate is which true path, and tables over many stops.
 
-Truncation would make errors look small: an estimate is matched within a whole Rayleigh cell, or five standard
-deviations of the bound where that is more, and errors and consistency are scored on separated paths at 10 dB and
-above only. Their bounds are below a tenth of a cell, so the gate cuts off nothing.
+A narrow gate would cut off large errors and make the rest look small. So an estimate is matched within a whole
+Rayleigh cell, or five standard deviations of the bound where that is more, and errors and consistency are scored
+on separated paths at 10 dB and above only. Their bounds are below a tenth of a cell, so the gate cuts off nothing.
 """
 
 from __future__ import annotations
@@ -12,11 +12,17 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
-from scipy.stats import binom, chi2, norm, poisson
 
 from estimation.channel.record import ChannelEstimate
-from isac_arena.scoring.metrics.statistics import squared_mahalanobis
+from isac_arena.scoring.metrics.statistics import mean, squared_mahalanobis
 from isac_arena.validation.measurement import Measurement, at_least, at_most
+from isac_arena.validation.monte_carlo import (
+    coverage_row,
+    fewest_by_chance,
+    most_by_chance,
+    nees_row,
+    widened,
+)
 from isac_arena.validation.scenarios.link_bench import ChannelStop, LinkBench, TrueBounds, true_bounds
 from scenes.pose import wrap_angle
 from scenes.record import BoolArray, FloatArray, IntArray
@@ -26,8 +32,6 @@ Estimator = Callable[[BeamSweep], ChannelEstimate]
 
 GATE_CELLS = 1.0
 GATE_DEVIATIONS = 5.0
-STANDARD_ERRORS = 3.0  # that a quick run, with few trials, may stray from its bar by chance
-BY_CHANCE = float(norm.cdf(-STANDARD_ERRORS))
 
 
 @dataclass(frozen=True)
@@ -61,9 +65,8 @@ def match_stop(
 ) -> tuple[IntArray, int]:
     """Estimate (path,) of every true path, -1 for none, and the number of false estimates.
 
-    One to one, with the least sum of squared distances in gates. Of the estimates left over, those outside the
-    gates of all true paths are false, and so are all but one beside a true path: it has its estimate already.
-    Only an estimate inside the gate of a path that was not found is none.
+    One to one, with the least sum of squared distances in gates. An estimate without a match is false, unless it
+    lies inside the gate of a path that was not found. So a second estimate beside a found path is false.
     """
     truth, place = stop.paths.cells, estimate_places(estimate)
     std = np.sqrt(np.diagonal(bounds.covariance, axis1=1, axis2=2))
@@ -74,8 +77,8 @@ def match_stop(
     inside = distance[rows, columns] < 1
     found = np.full(len(truth), -1)
     found[rows[inside]] = columns[inside]
-    left = np.setdiff1d(np.arange(len(place)), found)
-    explained = (distance[np.ix_(found < 0, left)] < 1).any(axis=0)
+    unmatched = np.setdiff1d(np.arange(len(place)), found)
+    explained = (distance[np.ix_(found < 0, unmatched)] < 1).any(axis=0)
     return found, int((~explained).sum())
 
 
@@ -140,22 +143,20 @@ def efficiency_rows(
     `bars` are those of each and of the mean.
     """
     use = table.is_found & table.chosen(min_snr_db, min_separation)
-    ratio = (
-        np.sqrt(np.mean(np.square(table.error[use] / table.bound[use]), axis=0))
-        if use.any()
-        else np.full(3, np.nan)
-    )
     n = int(use.sum())
-    reason = f"{n} separated paths from {min_snr_db:g} dB on"
-    spread = 1 / np.sqrt(2 * max(n, 1))
-    rows = [
-        at_most(f"{prefix}.rmse_over_crb.{name}", value, widened(bars[0], spread, quick), reason)
-        for name, value in zip(("delay", "aod", "aoa"), ratio, strict=True)
-    ]
-    mean_bar = widened(bars[1], spread / np.sqrt(3), quick)
+    square = np.square(table.error[use] / table.bound[use])
+    ratio = np.sqrt(np.mean(square, axis=0)) if n else np.full(3, np.nan)
+    reason = f"{n} separated paths from {min_snr_db:g} dB on; the bound allows 1"
+    spread = np.array([1.0, 1.0, 1.0, 1 / np.sqrt(3)]) / np.sqrt(2 * max(n, 1))
     return [
-        *rows,
-        at_most(f"{prefix}.rmse_over_crb.mean", ratio.mean(), mean_bar, reason),
+        at_most(f"{prefix}.rmse_over_crb.{name}", value, widened(bar, error, quick), reason)
+        for name, value, bar, error in zip(
+            ("delay", "aod", "aoa", "mean"),
+            [*ratio, ratio.mean()],
+            [*3 * bars[:1], bars[1]],
+            spread,
+            strict=True,
+        )
     ]
 
 
@@ -165,45 +166,24 @@ def consistency_rows(
     """Coverage of the 95 % region and NEES over its dimension, as deviations from their nominal values."""
     nees = table.nees[table.is_found & table.chosen(min_snr_db, min_separation)]
     n = max(len(nees), 1)
-    cover = float(np.mean(nees <= chi2.ppf(0.95, 3))) if len(nees) else np.nan
-    mean = float(np.mean(nees)) / 3 if len(nees) else np.nan
+    cover_bar = widened(0.01, np.sqrt(0.95 * 0.05 / n), quick)
+    nees_bar = widened(0.05, np.sqrt(2 / 3 / n), quick)
     return [
-        at_most(
-            f"{prefix}.coverage95_deviation",
-            abs(cover - 0.95),
-            widened(0.01, np.sqrt(0.95 * 0.05 / n), quick),
-            f"{cover:.4f} of {n} paths",
-        ),
-        at_most(
-            f"{prefix}.nees_deviation",
-            abs(mean - 1),
-            widened(0.05, np.sqrt(2 / 3 / n), quick),
-            f"NEES/3 = {mean:.3f} of {n} paths",
-        ),
+        coverage_row(f"{prefix}.coverage95_deviation", nees, 3, cover_bar, f", {n} paths"),
+        nees_row(f"{prefix}.nees_deviation", nees, 3, nees_bar, f", {n} paths"),
     ]
 
 
 def rate_row(key: str, hits: BoolArray, bar: float, reason: str, quick: bool) -> Measurement:
     """Share of hits, at least `bar`."""
     n = max(len(hits), 1)
-    value = float(np.mean(hits)) if len(hits) else np.nan
-    allowed = float(binom.ppf(BY_CHANCE, n, bar)) / n if quick else bar
-    return at_least(key, value, allowed, f"{reason}, {len(hits)} paths")
+    return at_least(
+        key, mean(hits), fewest_by_chance(n, bar) / n if quick else bar, f"{reason}, {len(hits)} paths"
+    )
 
 
 def false_row(key: str, n_false: IntArray, bar: float, quick: bool) -> Measurement:
     """False paths per stop, at most `bar`."""
     n = max(len(n_false), 1)
-    value = float(np.mean(n_false)) if len(n_false) else np.nan
     allowed = most_by_chance(bar * n) / n if quick else bar
-    return at_most(key, value, allowed, f"{int(np.sum(n_false))} in {n} stops", "per stop")
-
-
-def most_by_chance(expected: float) -> float:
-    """Count that rare events, `expected` on average, exceed with the probability of three standard errors."""
-    return float(poisson.ppf(1 - BY_CHANCE, expected))
-
-
-def widened(bar: float, standard_error: float, quick: bool) -> float:
-    """The bar itself; in a quick run, with few trials, moved by three (signed) standard errors of the value."""
-    return float(bar + STANDARD_ERRORS * standard_error) if quick else bar
+    return at_most(key, mean(n_false), allowed, f"{int(np.sum(n_false))} in {n} stops", "per stop")

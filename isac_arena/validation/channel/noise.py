@@ -21,8 +21,8 @@ from estimation.channel.fit import PathFit
 from estimation.channel.incoherent.paths import fit_incoherent
 from estimation.channel.model.compress import DelayCube, compress, noise_scale_of
 from isac_arena.validation.channel.efficiency import TRIALS, make_estimator
-from isac_arena.validation.channel.match import most_by_chance
 from isac_arena.validation.measurement import Measurement, at_most
+from isac_arena.validation.monte_carlo import most_by_chance
 from isac_arena.validation.scenarios.link_bench import LinkBench, make_bench, noise_stop, with_bandwidth
 from scenes.record import ComplexArray
 from sim.observation import BeamSweep

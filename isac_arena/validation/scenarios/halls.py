@@ -1,8 +1,8 @@
-"""Made-up halls, walks and paths for Monte Carlo runs of mapping and SLAM.
+"""Halls, walks and the points where paths meet their surfaces, for Monte Carlo runs of mapping and SLAM.
 
-A hall has four walls and round pillars. Single bounces meet them at their specular points, double bounces go off
-two walls, clutter has any delay and angles. Everything drawn is exact; Gaussian errors of a stated covariance are
-added to delay and angles of every path that is no clutter.
+A hall has four walls and round pillars. In space it also has a floor, a ceiling and rough places on its walls:
+walls and pillars stand upright, so their specular points are those of the plane at the height that grows evenly
+along the unfolded path. The points come from images and fixed points, not from the estimators.
 """
 
 from __future__ import annotations
@@ -11,23 +11,24 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimation.channel.record import ChannelEstimate
-from estimation.laws.plane import predict_bounce, predict_los
-from scenes.pose import SPEED_OF_LIGHT_M_S, Pose, wrap_angle
+from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
 from scenes.record import BoolArray, FloatArray, IntArray
 
-_CLEARANCE_M = 1.0  # of devices and pillars from each other and from the walls
+CLEARANCE_M = 1.0  # of devices and pillars from each other and from the walls
 _MAX_DISTANCE_M = 9.0  # of the receiver from the TX
-_POWER_STD_DB = 1.0
+_CEILING_M = 4.0
+_TX_HEIGHT_M, _RX_HEIGHT_M = 2.6, 1.5
+_N_ROUGH = 6
 
 
 @dataclass(frozen=True)
 class ScenarioConfig:
     """What is drawn. `n_paths` counts all paths of a stop but the line of sight.
 
-    `outlier_share` of them are no single bounce, and `double_share` of those go off two walls. The errors
-    are those that remain in the measured campaign once the receiver is known. Stops of a walk stand off its line
-    by `placement_std_m` per coordinate, and are spaced unevenly by `spacing_std` of the mean.
+    `outlier_share` of them are no single bounce, and in the plane `double_share` of those go off two walls. The
+    default errors are those that remain in the measured campaign once the receiver is known. Stops of a walk are
+    displaced by `placement_std_m` per coordinate, and their spacing varies by `spacing_std` of its mean. With
+    `in_space` paths have elevations and devices have heights.
     """
 
     n_paths: int = 10
@@ -40,12 +41,13 @@ class ScenarioConfig:
     is_noisy: bool = True
     placement_std_m: float = 0.0
     spacing_std: float = 0.0
+    in_space: bool = False
 
     @property
     def covariance(self) -> FloatArray:
-        """R (3, 3) of a path in (m, rad, rad)^2."""
-        angle = np.deg2rad(self.angle_std_deg)
-        return np.diag([1e-9 * SPEED_OF_LIGHT_M_S * self.delay_std_ns, angle, angle]) ** 2
+        """R (m, m) of a path in (m, rad, ...)^2; m is 3 in the plane and 5 in space."""
+        angles = (4 if self.in_space else 2) * [np.deg2rad(self.angle_std_deg)]
+        return np.diag([1e-9 * SPEED_OF_LIGHT_M_S * self.delay_std_ns, *angles]) ** 2
 
 
 @dataclass(frozen=True)
@@ -63,55 +65,32 @@ class TrueWalk:
     """Where a receiver stood in a hall, and from where it saw the TX."""
 
     hall: Hall
-    state: FloatArray  # (stop, 4)
+    state: FloatArray  # (stop, 4) x, y, heading, bias in m, m, rad, m; (stop, 5) with z after y in space
     has_los: BoolArray  # (stop,)
-
-
-@dataclass(frozen=True)
-class Scenario:
-    """One stop: what the receiver estimated, and what was true. All paths in the order of the estimate."""
-
-    tx: Pose
-    estimate: ChannelEstimate
-    state: FloatArray  # (4,) x, y, heading, bias in m, m, rad, m
-    is_los: BoolArray  # (path,)
-    is_single: BoolArray  # (path,)
-    point_m: FloatArray  # (path, xy), NaN but for single bounces
-    landmark: IntArray  # (path,) walls 0 to 3, pillars from 4; -1 but for single bounces
 
 
 def draw_hall(rng: np.random.Generator, config: ScenarioConfig) -> Hall:
     """A hall of 12 to 20 m by 9 to 14 m with its pillars and the TX near one of its walls."""
     size = rng.uniform([12.0, 9.0], [20.0, 14.0])
-    tx = np.array([rng.uniform(0.3, 0.7) * size[0], size[1] - rng.uniform(1.0, 2.0), 0.0])
+    height = _TX_HEIGHT_M if config.in_space else 0.0
+    tx = np.array([rng.uniform(0.3, 0.7) * size[0], size[1] - rng.uniform(1.0, 2.0), height])
     pillars: list[FloatArray] = []
     while len(pillars) < config.n_pillars:
-        place = rng.uniform(_CLEARANCE_M, size - _CLEARANCE_M)
-        near = [np.hypot(*(place - other)) < 2 * _CLEARANCE_M for other in [tx[:2], *pillars]]
+        place = rng.uniform(CLEARANCE_M, size - CLEARANCE_M)
+        near = [np.hypot(*(place - other)) < 2 * CLEARANCE_M for other in [tx[:2], *pillars]]
         if not any(near):
             pillars.append(place)
     heading = -np.pi / 2 + rng.uniform(-0.2, 0.2)
     return Hall(size, np.reshape(pillars, (-1, 2)), 0.2, Pose(tx, heading))
 
 
-def draw_stop(rng: np.random.Generator, config: ScenarioConfig, stop: int = 0) -> Scenario:
-    """A receiver anywhere in a hall of its own."""
-    hall = draw_hall(rng, config)
-    state = np.array(
-        [*_free_place(rng, hall), rng.uniform(-np.pi, np.pi), rng.uniform(-5.0, 15.0)],
-    )
-    return observe_stop(rng, config, hall, state, stop)
-
-
-def draw_trajectory(rng: np.random.Generator, config: ScenarioConfig, n_stops: int) -> list[Scenario]:
-    """The stops of `draw_walk`, each observed on its own."""
-    walk = draw_walk(rng, config, n_stops)
-    return [
-        observe_stop(
-            rng, config if clear else replace(config, has_los=False), walk.hall, walk.state[stop], stop
-        )
-        for stop, clear in enumerate(walk.has_los)
-    ]
+def draw_state(rng: np.random.Generator, config: ScenarioConfig, hall: Hall) -> FloatArray:
+    """A receiver state (4,) or, in space, (5,) anywhere in a hall."""
+    if config.in_space:
+        place = [*rng.uniform([1.0, 1.0], hall.size_m - [1.0, 2.5]), _RX_HEIGHT_M]
+    else:
+        place = [*_free_place(rng, hall)]
+    return np.array([*place, rng.uniform(-np.pi, np.pi), rng.uniform(-5.0, 15.0)])
 
 
 def draw_walk(rng: np.random.Generator, config: ScenarioConfig, n_stops: int) -> TrueWalk:
@@ -124,71 +103,14 @@ def draw_walk(rng: np.random.Generator, config: ScenarioConfig, n_stops: int) ->
     position = _loop(hall, np.arange(n_stops) + uneven)
     if config.placement_std_m:
         position = position + config.placement_std_m * rng.standard_normal(position.shape)
-    clear = _length(hall.pillar_m[:, None] - position).min(axis=(1, 2)) >= _CLEARANCE_M
+    clear = _length(hall.pillar_m[:, None] - position).min(axis=(1, 2)) >= CLEARANCE_M
     hall = replace(hall, pillar_m=hall.pillar_m[clear])
     bias = 10.0 + np.cumsum(rng.standard_normal(n_stops))
     heading = np.full(n_stops, rng.uniform(-np.pi, np.pi))
     first_hidden = rng.integers(n_stops)
     hidden = (np.arange(n_stops) - first_hidden) % n_stops < n_stops // 3
-    return TrueWalk(hall, np.column_stack([position, heading, bias]), config.has_los & ~hidden)
-
-
-def observe_stop(
-    rng: np.random.Generator, config: ScenarioConfig, hall: Hall, state: FloatArray, stop: int
-) -> Scenario:
-    """The paths of one receiver state (4,): single bounces off random objects, then outliers, then noise."""
-    points, objects = bounce_points(hall, state[:2])
-    n_outliers = round(config.outlier_share * config.n_paths)
-    n_single = min(config.n_paths - n_outliers, len(points))
-    chosen = rng.choice(len(points), n_single, replace=False)
-    single = predict_bounce(hall.tx, state, points[chosen])
-    n_double = round(config.double_share * n_outliers)
-    double = double_bounces(hall, state)[rng.choice(12, n_double, replace=n_double > 12)]
-    clutter = _clutter(rng, hall, state, n_outliers - n_double)
-    los = predict_los(hall.tx, state[None]) if config.has_los else np.zeros((0, 3))
-    exact = np.concatenate([los, single, double, clutter])
-    noise = rng.standard_normal(exact.shape) @ np.linalg.cholesky(config.covariance).T
-    measured = exact + noise if config.is_noisy else exact.copy()
-    measured[:, 1:] = wrap_angle(measured[:, 1:])
-    n_los, n = len(los), len(exact)
-    power = _power_dbm(rng, exact[:, 0] - state[3], n_los, objects[chosen] >= 4, n_outliers)
-    is_los, is_single = np.arange(n) < n_los, (np.arange(n) >= n_los) & (np.arange(n) < n_los + n_single)
-    point, landmark = np.full((n, 2), np.nan), np.full(n, -1)
-    point[is_single], landmark[is_single] = points[chosen], objects[chosen]
-    order = np.argsort(measured[:, 0], kind="stable")
-    return Scenario(
-        tx=hall.tx,
-        estimate=channel_estimate(stop, measured[order], power[order], config.covariance, is_los[order]),
-        state=state,
-        is_los=is_los[order],
-        is_single=is_single[order],
-        point_m=point[order],
-        landmark=landmark[order],
-    )
-
-
-def channel_estimate(
-    stop: int, measured: FloatArray, power_dbm: FloatArray, covariance: FloatArray, is_los: BoolArray
-) -> ChannelEstimate:
-    """A channel estimate of paths (path, m) in m and rad that share one covariance (m, m).
-
-    m is 3, or 5 with the elevations of departure and arrival.
-    """
-    n, size = measured.shape
-    to_seconds = np.array([1 / SPEED_OF_LIGHT_M_S, *(size - 1) * [1.0]])
-    elevations = dict(zip(("aod_elevation_rad", "aoa_elevation_rad"), measured.T[3:], strict=False))
-    return ChannelEstimate(
-        stop=stop,
-        delay_s=measured[:, 0] / SPEED_OF_LIGHT_M_S,
-        aod_azimuth_rad=measured[:, 1],
-        aoa_azimuth_rad=measured[:, 2],
-        power_dbm=power_dbm,
-        beam_loss_db=np.zeros(n),
-        snr_db=np.full(n, 20.0),
-        covariance=np.tile(covariance * np.outer(to_seconds, to_seconds), (n, 1, 1)),
-        is_los=is_los,
-        **elevations,
-    )
+    height = [np.full(n_stops, _RX_HEIGHT_M)] if config.in_space else []
+    return TrueWalk(hall, np.column_stack([position, *height, heading, bias]), config.has_los & ~hidden)
 
 
 def bounce_points(hall: Hall, rx_m: FloatArray) -> tuple[FloatArray, IntArray]:
@@ -198,7 +120,7 @@ def bounce_points(hall: Hall, rx_m: FloatArray) -> tuple[FloatArray, IntArray]:
     the distance of both devices.
     """
     tx = hall.tx.position_m[:2]
-    walls = [tx + _cut(tx, _mirror(rx_m, axis, level), axis, level) for axis, level in _walls(hall)]
+    walls = [tx + _cut(tx, _mirror(rx_m, axis, level), axis, level) for axis, level in walls_of(hall)]
     normal = (tx - hall.pillar_m) / _length(tx - hall.pillar_m)
     for _ in range(60):
         point = hall.pillar_m + hall.radius_m * normal
@@ -208,30 +130,45 @@ def bounce_points(hall: Hall, rx_m: FloatArray) -> tuple[FloatArray, IntArray]:
     return points, np.arange(len(points))
 
 
+def spatial_points(rng: np.random.Generator, hall: Hall, rx_m: FloatArray) -> tuple[FloatArray, IntArray]:
+    """IPs (point, xyz) of walls, pillars, floor, ceiling and rough places, and the landmark of each or -1."""
+    tx = hall.tx.position_m
+    flat, landmark = bounce_points(hall, rx_m[:2])
+    before = np.linalg.norm(flat - tx[:2], axis=1)
+    after = np.linalg.norm(flat - rx_m[:2], axis=1)
+    upright = np.column_stack([flat, tx[2] + before / (before + after) * (rx_m[2] - tx[2])])
+    level = []
+    for height in (0.0, _CEILING_M):
+        share = (tx[2] - height) / (tx[2] + rx_m[2] - 2 * height)
+        level.append([*(tx[:2] + share * (rx_m[:2] - tx[:2])), height])
+    rough = np.column_stack(
+        [rng.uniform(0, 1, (_N_ROUGH, 2)) * hall.size_m, rng.uniform(0.3, _CEILING_M - 0.3, _N_ROUGH)]
+    )
+    axis, side = rng.integers(0, 2, _N_ROUGH), rng.integers(0, 2, _N_ROUGH)
+    rough[np.arange(_N_ROUGH), axis] = side * hall.size_m[axis]
+    points = np.concatenate([upright, level, rough])
+    return points, np.concatenate([landmark, np.full(len(points) - len(landmark), -1)])
+
+
 def double_bounces(hall: Hall, state: FloatArray) -> FloatArray:
     """Measurements (12, 3) of the paths off every ordered pair of walls, by images of the TX."""
-    tx = hall.tx.position_m[:2]
+    tx, walls = hall.tx.position_m[:2], walls_of(hall)
     rows = []
-    walls = _walls(hall)
-    for first in walls:
-        for second in walls:
-            if first == second:
-                continue
-            image = _mirror(_mirror(tx, *first), *second)
-            ray = state[:2] - image
-            departure = _mirror(_mirror(ray, second[0], 0.0), first[0], 0.0)
-            rows.append(
-                [
-                    np.hypot(*ray) + state[3],
-                    np.arctan2(departure[1], departure[0]) - hall.tx.heading_rad,
-                    np.arctan2(-ray[1], -ray[0]) - state[2],
-                ]
-            )
+    for first, second in ((a, b) for a in walls for b in walls if a != b):
+        ray = state[:2] - _mirror(_mirror(tx, *first), *second)
+        departure = _mirror(_mirror(ray, second[0], 0.0), first[0], 0.0)
+        rows.append(
+            [
+                np.hypot(*ray) + state[3],
+                np.arctan2(departure[1], departure[0]) - hall.tx.heading_rad,
+                np.arctan2(-ray[1], -ray[0]) - state[2],
+            ]
+        )
     return np.array(rows)
 
 
-def _walls(hall: Hall) -> list[tuple[int, float]]:
-    """Axis and level of the four walls: axis 0 stands at an x, axis 1 at a y."""
+def walls_of(hall: Hall) -> list[tuple[int, float]]:
+    """Axis and level of the four walls: axis 0 is a wall at an x, axis 1 one at a y."""
     return [(0, 0.0), (0, float(hall.size_m[0])), (1, 0.0), (1, float(hall.size_m[1]))]
 
 
@@ -250,29 +187,13 @@ def _length(vector: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.norm(vector, axis=-1, keepdims=True))
 
 
-def _clutter(rng: np.random.Generator, hall: Hall, state: FloatArray, n: int) -> FloatArray:
-    """Paths (n, 3) of any directions, up to 25 m longer than the line of sight."""
-    shortest = np.hypot(*(state[:2] - hall.tx.position_m[:2])) + state[3]
-    angles = rng.uniform([-np.pi / 2, -np.pi], [np.pi / 2, np.pi], (n, 2))
-    return np.column_stack([shortest + rng.uniform(0.5, 25.0, n), angles])
-
-
-def _power_dbm(
-    rng: np.random.Generator, length_m: FloatArray, n_los: int, is_pillar: BoolArray, n_outliers: int
-) -> FloatArray:
-    """Powers as in the measured hall: -13 - 17 log10(d), walls 6 dB and pillars 15 dB less, outliers 12 dB."""
-    loss = np.concatenate([np.zeros(n_los), np.where(is_pillar, 15.0, 6.0), np.full(n_outliers, 12.0)])
-    spread = _POWER_STD_DB * rng.standard_normal(len(loss))
-    return np.asarray(-13.0 - 17.0 * np.log10(np.maximum(length_m, 0.1)) - loss + spread)
-
-
 def _free_place(rng: np.random.Generator, hall: Hall) -> FloatArray:
     """A place within reach of the TX that keeps clear of it, of walls and of pillars."""
     while True:
-        place = rng.uniform(_CLEARANCE_M, hall.size_m - _CLEARANCE_M)
+        place = rng.uniform(CLEARANCE_M, hall.size_m - CLEARANCE_M)
         others = np.vstack([hall.pillar_m, hall.tx.position_m[:2]])
         distance = np.hypot(*(others - place).T)
-        if distance.min() >= _CLEARANCE_M and distance[-1] <= _MAX_DISTANCE_M:
+        if distance.min() >= CLEARANCE_M and distance[-1] <= _MAX_DISTANCE_M:
             return np.asarray(place)
 
 

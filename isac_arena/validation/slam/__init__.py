@@ -1,4 +1,5 @@
 """Checks of mapping and SLAM.
 
-Read `snapshot.py` first, then `trajectory.py`, `spatial.py` and `measured.py`; `scenarios.py` makes the halls.
+Read `snapshot.py` first, then `trajectory.py`, `laws.py` and `measured.py`; `trials.py` holds what they share and
+`validation/scenarios/` makes the halls.
 """

@@ -8,8 +8,9 @@ from estimation.slam.walk.association import associate, in_use, reassign
 from estimation.slam.walk.residuals import Association, PathClass, TrajectoryState
 from estimation.slam.walk.smoother import optimise
 from estimation.slam.walk.trajectory import observations
-from isac_arena.validation.scenarios.halls import ScenarioConfig, draw_walk, observe_stop
-from isac_arena.validation.slam.common import NOISE
+from isac_arena.validation.scenarios.halls import ScenarioConfig, draw_walk
+from isac_arena.validation.scenarios.stops import observe_stop
+from isac_arena.validation.slam.trials import NOISE
 
 SHARP = ScenarioConfig(n_paths=8, n_pillars=4, delay_std_ns=0.1, angle_std_deg=0.1)
 CONFIG = TrajectoryConfig(wall_roughness_m=0.0, object_roughness_m=0.0)

@@ -23,7 +23,8 @@ from estimation.slam.bounds import (
     wall_line,
 )
 from estimation.slam.walk.landmarks import predict_walls
-from isac_arena.validation.scenarios.halls import ScenarioConfig, draw_stop, draw_trajectory
+from isac_arena.validation.scenarios.halls import ScenarioConfig
+from isac_arena.validation.scenarios.stops import draw_stop, draw_trajectory
 
 CONFIG = ScenarioConfig(n_paths=6)
 R = CONFIG.covariance

@@ -13,9 +13,9 @@ from estimation.slam.space.snapshot import solve_spatial
 from estimation.slam.stops import locate_and_map, run_slam
 from estimation.slam.walk.filter import advance, run_filter
 from estimation.slam.walk.modes import rival_modes
-from isac_arena.validation.scenarios.halls import ScenarioConfig, draw_stop, draw_trajectory
-from isac_arena.validation.scenarios.spatial_halls import draw_spatial_walk
-from isac_arena.validation.slam.common import MAPPING, OURS
+from isac_arena.validation.scenarios.halls import ScenarioConfig
+from isac_arena.validation.scenarios.stops import draw_stop, draw_trajectory
+from isac_arena.validation.slam.trials import MAPPING, OURS
 from scenes.pose import SPEED_OF_LIGHT_M_S, wrap_angle
 
 METHODS = [None, TrajectoryConfig(), TrajectoryConfig(method="filter")]
@@ -80,7 +80,7 @@ def test_set_up_errors_widen_the_covariance_of_every_method():
 
 
 def test_in_space_the_height_has_a_covariance_with_the_rest():
-    walk = draw_spatial_walk(np.random.default_rng(2), ScenarioConfig(n_paths=10), 6)
+    walk = draw_trajectory(np.random.default_rng(2), ScenarioConfig(n_paths=10, in_space=True), 6)
     estimates, tx = [scenario.estimate for scenario in walk], walk[0].tx
     alone = [solve_spatial(estimate, tx, OURS) for estimate in estimates]
     for trajectory in METHODS:

@@ -21,19 +21,17 @@ from estimation.slam.space.problem import SpatialProblem, is_spatial, spatial_co
 from estimation.slam.space.snapshot import refine_spatial, solve_spatial
 from estimation.slam.space.trajectory import run_spatial_trajectory
 from estimation.slam.stops import locate_and_map, run_slam
-from isac_arena.validation.scenarios.halls import ScenarioConfig, channel_estimate
-from isac_arena.validation.scenarios.spatial_halls import (
-    covariance_of,
-    draw_spatial_stop,
-    draw_spatial_walk,
-)
-from isac_arena.validation.slam import spatial as checks
-from isac_arena.validation.slam.common import NOISE
+from isac_arena.validation.scenarios.halls import ScenarioConfig
+from isac_arena.validation.scenarios.stops import channel_estimate, draw_stop, draw_trajectory
+from isac_arena.validation.slam import laws, trials
+from isac_arena.validation.slam.snapshot import check_space_efficiency
+from isac_arena.validation.slam.trials import NOISE
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose, wrap_angle
 
 TX = Pose(np.array([1.0, 2.0, 2.6]), 0.4)
-EXACT = ScenarioConfig(is_noisy=False)
-R = covariance_of(ScenarioConfig())
+EXACT = ScenarioConfig(is_noisy=False, in_space=True)
+CLUTTERED = ScenarioConfig(n_paths=9, outlier_share=0.2)
+R = ScenarioConfig(in_space=True).covariance
 
 
 def made(rng, n=6, height_std=1.0):
@@ -70,7 +68,7 @@ def test_equations_vanish_at_the_truth_and_the_start_point_is_the_incidence_poin
 
 
 def test_derivatives_and_the_plane_pass_their_checks():
-    rows = checks.check_space_jacobians(7, True) + checks.check_space_plane(7, True)
+    rows = laws.check_space_jacobians(7, True) + laws.check_space_plane(7, True)
     assert all(row.met for row in rows), [(row.key, row.value) for row in rows if not row.met]
 
 
@@ -106,8 +104,8 @@ def test_line_of_sight_and_one_bounce_give_the_state():
 def test_noiseless_stops_are_exact_with_their_incidence_points(has_los):
     rng = np.random.default_rng(5)
     for _ in range(3):
-        scenario = draw_spatial_stop(rng, replace(EXACT, has_los=has_los))
-        poses, points = run_slam([scenario.estimate], scenario.tx, checks.OURS, checks.MAPPING)
+        scenario = draw_stop(rng, replace(EXACT, has_los=has_los))
+        poses, points = run_slam([scenario.estimate], scenario.tx, trials.OURS, trials.MAPPING)
         assert poses.status[0] == (SolveStatus.LOS if has_los else SolveStatus.NLOS)
         np.testing.assert_allclose([*poses.position_m[0], poses.height_m[0]], scenario.state[:3], atol=1e-6)
         truth = scenario.point_m[points.path]
@@ -130,7 +128,7 @@ def test_in_the_plane_the_refined_state_is_that_of_horizontal_equations_alone():
     for elevation_std in (np.deg2rad(0.1), np.deg2rad(5.0)):
         covariance = np.tile(np.diag([0.05, 0.003, 0.003, elevation_std, elevation_std]) ** 2, (8, 1, 1))
         problem = SpatialProblem(tx, measured, covariance, np.zeros(8))
-        refined, information, _ = refine_spatial(problem, state[None], -1, checks.MATCHED)
+        refined, information, _ = refine_spatial(problem, state[None], -1, trials.MATCHED)
         assert refined[0, 2] == pytest.approx(1.8, abs=1e-9)
         results.append(
             (refined[0, [0, 1, 3, 4]], np.linalg.inv(information[0])[np.ix_([0, 1, 3, 4], [0, 1, 3, 4])])
@@ -152,8 +150,8 @@ def test_mapping_in_the_plane_is_that_of_the_plane_and_heights_come_with_covaria
     ]
     measured = measured[np.argsort(measured[:, 0])]
     estimate = channel_estimate(0, measured, np.zeros(6), R, np.zeros(6, bool))
-    space = map_stops_spatial([estimate], given_poses(state), tx, checks.MAPPING)
-    plane = map_stops([estimate], given_poses(state), tx, checks.MAPPING)
+    space = map_stops_spatial([estimate], given_poses(state), tx, trials.MAPPING)
+    plane = map_stops([estimate], given_poses(state), tx, trials.MAPPING)
     np.testing.assert_allclose(space.position_m, plane.position_m, atol=1e-5)
     np.testing.assert_allclose(space.covariance_m2, plane.covariance_m2, rtol=1e-3, atol=1e-8)
     np.testing.assert_allclose(space.height_m, 1.8, atol=1e-9)
@@ -162,7 +160,7 @@ def test_mapping_in_the_plane_is_that_of_the_plane_and_heights_come_with_covaria
 
 
 def test_a_missing_height_is_named():
-    scenario = draw_spatial_stop(np.random.default_rng(9), EXACT)
+    scenario = draw_stop(np.random.default_rng(9), EXACT)
     poses = replace(given_poses(scenario.state), height_m=np.array([np.nan]))
     with pytest.raises(ValueError, match=r"poses\.height_m = nan"):
         map_stops_spatial([scenario.estimate], poses, scenario.tx, MappingConfig())
@@ -201,7 +199,7 @@ def test_bounds_are_the_inverse_of_the_joint_information_and_of_the_plane_where_
 
 
 def test_unknown_elevations_are_wide_and_known_ones_keep_their_covariance():
-    scenario = draw_spatial_stop(np.random.default_rng(11), EXACT)
+    scenario = draw_stop(np.random.default_rng(11), EXACT)
     estimate = scenario.estimate
     nowhere = np.full(len(estimate), np.nan)
     one_end = replace(estimate, aod_elevation_rad=nowhere)
@@ -214,32 +212,32 @@ def test_unknown_elevations_are_wide_and_known_ones_keep_their_covariance():
     both = np.ones((len(estimate), 2), bool)
     fixed = NOISE.model_copy(update={"source": "fixed"})
     np.testing.assert_allclose(np.sqrt(spatial_covariance(estimate, fixed, both)[:, 3, 3]), np.deg2rad(1.0))
-    solved = solve_spatial(one_end, scenario.tx, checks.OURS)
+    solved = solve_spatial(one_end, scenario.tx, trials.OURS)
     np.testing.assert_allclose(solved.position_m[:2], scenario.state[:2], atol=0.05)
 
 
 def test_elevations_in_degrees_are_named():
-    scenario = draw_spatial_stop(np.random.default_rng(15), EXACT)
+    scenario = draw_stop(np.random.default_rng(15), EXACT)
     wrong = replace(scenario.estimate, aoa_elevation_rad=np.full(len(scenario.estimate), 12.0))
     with pytest.raises(ValueError, match=r"stop 0: aoa_elevation_rad\[0\] = 12: must be within"):
-        solve_spatial(wrong, scenario.tx, checks.OURS)
+        solve_spatial(wrong, scenario.tx, trials.OURS)
 
 
 def test_a_stop_without_enough_paths_is_a_status():
-    scenario = draw_spatial_stop(np.random.default_rng(12), replace(EXACT, has_los=False, n_paths=3))
-    solution = solve_spatial(scenario.estimate, scenario.tx, checks.OURS)
+    scenario = draw_stop(np.random.default_rng(12), replace(EXACT, has_los=False, n_paths=3))
+    solution = solve_spatial(scenario.estimate, scenario.tx, trials.OURS)
     assert solution.status == SolveStatus.FAILED and np.isnan(solution.position_m).all()
-    poses, points = run_slam([scenario.estimate], scenario.tx, checks.OURS, checks.MAPPING)
+    poses, points = run_slam([scenario.estimate], scenario.tx, trials.OURS, trials.MAPPING)
     assert len(points) == 0 and np.isnan(poses.height_m).all()
 
 
 def test_clutter_alone_is_no_solution_in_space():
     """Random paths of which one has elevations: every mode explains them better than clutter."""
-    rng, config = np.random.default_rng(7), checks.OURS
+    rng, config = np.random.default_rng(7), trials.OURS
     law, prior = power_law(config.path_loss), prior_of(config)
     solved = 0
     for _ in range(60):
-        scenario = draw_spatial_stop(rng, replace(EXACT, n_paths=5))
+        scenario = draw_stop(rng, replace(EXACT, n_paths=5))
         n = len(scenario.estimate)
         elevation = np.where(np.arange(n) == 0, rng.uniform(-0.5, 0.5, n), np.nan)
         clutter = replace(
@@ -262,26 +260,28 @@ def test_clutter_alone_is_no_solution_in_space():
 @pytest.mark.parametrize("trajectory", [None, TrajectoryConfig(), TrajectoryConfig(method="filter")])
 def test_the_published_algorithm_stays_in_the_plane(trajectory):
     """With `method` "reference", elevations change nothing: states are those of `use_elevation` off."""
-    walk = draw_spatial_walk(np.random.default_rng(13), ScenarioConfig(n_paths=9), 5)
+    walk = draw_trajectory(np.random.default_rng(13), ScenarioConfig(n_paths=9), 5)
     estimates, tx = [scenario.estimate for scenario in walk], walk[0].tx
-    published = checks.OURS.model_copy(update={"method": "reference"})
+    published = trials.OURS.model_copy(update={"method": "reference"})
     planar = published.model_copy(update={"use_elevation": False})
     (found, points), (expected, _) = (
-        locate_and_map(estimates, tx, config, trajectory, checks.MAPPING) for config in (published, planar)
+        locate_and_map(estimates, tx, config, trajectory, trials.MAPPING) for config in (published, planar)
     )
     np.testing.assert_array_equal(found.position_m, expected.position_m)
     np.testing.assert_array_equal(found.cost, expected.cost)
     assert not np.isfinite(found.height_m).any() and not np.isfinite(points.height_m).any()
     assert np.isfinite(
-        locate_and_map(estimates, tx, checks.OURS, trajectory, checks.MAPPING)[0].height_m
+        locate_and_map(estimates, tx, trials.OURS, trajectory, trials.MAPPING)[0].height_m
     ).any()
 
 
 def test_a_walk_in_space_shares_landmarks_and_finds_heights():
-    walk = draw_spatial_walk(np.random.default_rng(13), ScenarioConfig(n_paths=9, outlier_share=0.2), 12)
+    walk = draw_trajectory(
+        np.random.default_rng(13), ScenarioConfig(n_paths=9, outlier_share=0.2, in_space=True), 12
+    )
     estimates = [scenario.estimate for scenario in walk]
     poses, points, details = run_spatial_trajectory(
-        estimates, walk[0].tx, checks.OURS, TrajectoryConfig(), checks.MAPPING
+        estimates, walk[0].tx, trials.OURS, TrajectoryConfig(), trials.MAPPING
     )
     truth = np.array([scenario.state[:3] for scenario in walk])
     assert np.sqrt(np.mean(np.sum((poses.position_m - truth[:, :2]) ** 2, axis=1))) < 0.3
@@ -294,7 +294,7 @@ def test_a_walk_in_space_shares_landmarks_and_finds_heights():
 
 @pytest.mark.slow
 def test_the_solver_in_space_is_efficient_and_consistent():
-    rows = checks.check_space_efficiency(1, False)
+    rows = check_space_efficiency(1, False)
     assert all(row.met for row in rows), [(row.key, row.value) for row in rows if not row.met]
 
 

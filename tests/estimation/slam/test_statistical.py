@@ -21,7 +21,8 @@ from estimation.slam.snapshot.problem import snapshot_problem
 from estimation.slam.snapshot.refine import refine
 from estimation.slam.snapshot.solve import solve_snapshot
 from estimation.slam.snapshot.statistical import los_candidates
-from isac_arena.validation.scenarios.halls import ScenarioConfig, channel_estimate, draw_stop
+from isac_arena.validation.scenarios.halls import ScenarioConfig
+from isac_arena.validation.scenarios.stops import channel_estimate, draw_stop
 from scenes.pose import Pose, wrap_angle
 from tests.estimation.slam import likelihood_oracle
 

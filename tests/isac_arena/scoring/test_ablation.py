@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from isac_arena.validation.scenarios.perfect_campaign import SMALL_LINK
 
 from estimation.channel.calibration.self_calibration import Calibration, SelfCalibrationConfig
 from estimation.channel.estimate import ChannelConfig
@@ -11,6 +10,7 @@ from isac_arena.insight.ablation import run_variant, variants
 from isac_arena.insight.ablation_ranking import EFFECTS, ranked, table_rows
 from isac_arena.report.figures.ablation import ablation_figure
 from isac_arena.report.style import png_bytes
+from isac_arena.validation.scenarios.perfect_campaign import SMALL_LINK
 from sim.signal.hardware.config import ImpairmentsConfig
 
 

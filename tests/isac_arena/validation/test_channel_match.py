@@ -14,8 +14,8 @@ from isac_arena.validation.channel.match import (
     false_row,
     match_stop,
     rate_row,
-    widened,
 )
+from isac_arena.validation.monte_carlo import widened
 from isac_arena.validation.scenarios.link_bench import (
     ChannelStop,
     DrawnPaths,

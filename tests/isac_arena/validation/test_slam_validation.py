@@ -10,14 +10,8 @@ from estimation.laws.plane import measurements, predict_bounce, predict_los, res
 from estimation.slam.snapshot.problem import snapshot_problem
 from estimation.slam.snapshot.reference import solve_reference
 from isac_arena.validation.benches import slam as bench_slam
-from isac_arena.validation.scenarios.halls import (
-    ScenarioConfig,
-    bounce_points,
-    double_bounces,
-    draw_hall,
-    draw_stop,
-    draw_trajectory,
-)
+from isac_arena.validation.scenarios.halls import ScenarioConfig, bounce_points, double_bounces, draw_hall
+from isac_arena.validation.scenarios.stops import draw_stop, draw_trajectory
 from isac_arena.validation.slam import measured as slam_measured
 
 EXACT = ScenarioConfig(outlier_share=0.4, is_noisy=False)
