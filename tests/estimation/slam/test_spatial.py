@@ -30,7 +30,6 @@ from scenes.pose import SPEED_OF_LIGHT_M_S, Pose, wrap_angle
 
 TX = Pose(np.array([1.0, 2.0, 2.6]), 0.4)
 EXACT = ScenarioConfig(is_noisy=False, in_space=True)
-CLUTTERED = ScenarioConfig(n_paths=9, outlier_share=0.2)
 R = ScenarioConfig(in_space=True).covariance
 
 
@@ -260,7 +259,7 @@ def test_clutter_alone_is_no_solution_in_space():
 @pytest.mark.parametrize("trajectory", [None, TrajectoryConfig(), TrajectoryConfig(method="filter")])
 def test_the_published_algorithm_stays_in_the_plane(trajectory):
     """With `method` "reference", elevations change nothing: states are those of `use_elevation` off."""
-    walk = draw_trajectory(np.random.default_rng(13), ScenarioConfig(n_paths=9), 5)
+    walk = draw_trajectory(np.random.default_rng(13), ScenarioConfig(n_paths=9, in_space=True), 5)
     estimates, tx = [scenario.estimate for scenario in walk], walk[0].tx
     published = trials.OURS.model_copy(update={"method": "reference"})
     planar = published.model_copy(update={"use_elevation": False})
