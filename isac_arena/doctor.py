@@ -81,7 +81,7 @@ def check_python(version: tuple[int, int] = sys.version_info[:2]) -> Check:
 def check_packages(lock_file: Path = LOCK_FILE) -> Check:
     """The installed packages are the pinned ones; a missing one fails only where the project runs on it."""
     if not lock_file.is_file():
-        return Check("packages", "warn", f"{lock_file}: no such file, so no versions to compare", "")
+        return _check_unpinned_packages()
     pins = read_pins(lock_file)
     installed = {name: installed_version(name) for name in pins}
     missing = [name for name, version in installed.items() if version is None]
@@ -98,6 +98,17 @@ def check_packages(lock_file: Path = LOCK_FILE) -> Check:
         ]
         return Check("packages", "warn", "; ".join(findings), REINSTALL)
     return Check("packages", "ok", f"{len(pins)} packages as pinned in {lock_file.name}")
+
+
+def _check_unpinned_packages() -> Check:
+    """The packages that the project needs are there; outside a checkout no lock file pins their versions."""
+    needed = runtime_requirements()
+    missing = sorted(name for name in needed if installed_version(name) is None)
+    if missing:
+        return Check("packages", "fail", f"missing: {_listed(missing)}", f"python -m pip install {PROJECT}")
+    return Check(
+        "packages", "ok", f"{len(needed)} packages are installed; only a checkout pins their versions"
+    )
 
 
 def check_llvm() -> Check:

@@ -15,7 +15,7 @@ from isac_arena.doctor import normalised, read_pins
 
 ROOT = Path(__file__).resolve().parents[2]
 LOCK = ROOT / "requirements.lock"
-SCRIPTS = ["scripts/bootstrap.sh", "scripts/demo", "scripts/test", ".ci/run"]
+SCRIPTS = ["scripts/bootstrap.sh", "scripts/demo", "scripts/docs", "scripts/test", "scripts/wheel", ".ci/run"]
 
 
 def name_of(requirement: str) -> str:
@@ -172,10 +172,15 @@ def test_demo_ends_as_the_run_ends(checkout: Path) -> None:
     assert (result.returncode, result.stdout) == (3, "")
 
 
-def test_test_leaves_slow_ones_out_unless_told(checkout: Path) -> None:
+def test_test_runs_slow_tests_and_other_numbers_of_processes_on_demand_only(checkout: Path) -> None:
     mark_installed(checkout)
     executable(checkout / ".venv/bin/python", 'printf "<%s>" "$@"')
-    quick = run(checkout / "scripts/test", "tests/a file.py", DRJIT_LIBLLVM_PATH="")
-    assert quick.stdout == "<-m><pytest><-m><not slow><tests/a file.py>"
-    whole = run(checkout / "scripts/test", "--all", DRJIT_LIBLLVM_PATH="")
-    assert whole.stdout == "<-m><pytest>"
+
+    def passed(*arguments: str) -> str:
+        return run(checkout / "scripts/test", *arguments, DRJIT_LIBLLVM_PATH="").stdout
+
+    assert passed("tests/a file.py") == "<-m><pytest><-m><not slow><-n><2><--dist><loadfile><tests/a file.py>"
+    assert passed("--all") == "<-m><pytest><-n><2><--dist><loadfile>"
+    assert passed("--all", "-n", "0") == "<-m><pytest><-n><0>"
+    assert passed("-n4") == "<-m><pytest><-m><not slow><-n4>"
+    assert passed("--pdb") == "<-m><pytest><-m><not slow><--pdb>"

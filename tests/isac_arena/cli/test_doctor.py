@@ -54,6 +54,17 @@ def test_a_missing_package_that_the_project_runs_on_fails(
     assert "no-such-package" in check.detail
 
 
+def test_without_a_lock_file_the_needed_packages_are_looked_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(metadata, "requires", lambda _: ["numpy>=2"])
+    found = module.check_packages(tmp_path / "requirements.lock")
+    assert found.status == "ok" and "only a checkout pins" in found.detail
+    monkeypatch.setattr(metadata, "requires", lambda _: ["numpy>=2", "No_Such.Package>=1"])
+    missing = module.check_packages(tmp_path / "requirements.lock")
+    assert (missing.status, missing.detail) == ("fail", "missing: no-such-package")
+
+
 def test_a_library_that_is_no_llvm_fails_in_its_own_process(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

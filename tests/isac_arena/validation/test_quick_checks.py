@@ -1,0 +1,21 @@
+"""The quick checks of propagation, signal and scoring meet their bars: what `arena validate NAME --quick` runs."""
+
+from __future__ import annotations
+
+import pytest
+
+from isac_arena.cli.validate import MODULES, _checks
+
+CHECKS = [
+    pytest.param(check, id=f"{name} {title}")
+    for name in ("propagation", "signal", "scoring")
+    for title, check in _checks(MODULES[name], "check_")
+]
+
+
+@pytest.mark.parametrize("check", CHECKS)
+def test_bars_are_met(check):
+    rows = check(1, True)
+    assert rows
+    missed = [f"{row.key} = {row.value:.6g} {row.unit}, bar {row.bar:.6g}" for row in rows if not row.met]
+    assert not missed
