@@ -96,7 +96,7 @@ def test_sionna_loads_here() -> None:
 
 
 def test_a_variant_that_does_not_load_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "variant", lambda: "no_such_variant")
+    monkeypatch.setattr(module, "mitsuba_variant", lambda: "no_such_variant")
     check = module.check_sionna(Check("llvm", "ok", ""))
     assert check.status == "fail"
     assert "no_such_variant" in check.detail
