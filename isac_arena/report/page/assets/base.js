@@ -1,4 +1,4 @@
-// The data of the page, elements, marks and numbers: what all other parts build on.
+// The data of the page, and functions for elements, marks and numbers that all other parts use.
 
 const page = document.documentElement;
 function noteError(text) {
@@ -23,7 +23,7 @@ function fill(element, attributes, children) {
   return element;
 }
 
-/** An HTML element; attributes that start with `on` are listeners. */
+/** An HTML element; attributes with the prefix `on` are event listeners. */
 function html(tag, attributes, ...children) {
   return fill(document.createElement(tag), attributes, children);
 }
@@ -39,14 +39,14 @@ function svg(tag, attributes, ...children) {
   return fill(document.createElementNS(svgNamespace, tag), attributes, children);
 }
 
-/** Flat [x, y, x, y, ...] as a list of [x, y]; points that are not known are left out. */
+/** Flat [x, y, x, y, ...] as a list of [x, y], without unknown points. */
 function pairs(flat) {
   const points = [];
   for (let i = 0; i + 1 < flat.length; i += 2) if (flat[i] !== null) points.push([flat[i], flat[i + 1]]);
   return points;
 }
 
-/** Row `index` of flat [x, y, ...], or null where it is not known. */
+/** Point `index` of flat [x, y, ...], or null where it is unknown. */
 function pairAt(flat, index) {
   const x = flat[2 * index];
   return x === null || x === undefined ? null : [x, flat[2 * index + 1]];
@@ -58,7 +58,7 @@ function lineD(points, closed = false) {
   return `M${steps.join("L")}${closed ? "Z" : ""}`;
 }
 
-/** Outline of a mark about a place, for the `d` of a path. */
+/** Outline of a mark at a position, for the attribute `d` of a path. */
 function glyphD(shape, [x, y], r) {
   const around = (corners) => lineD(corners.map(([dx, dy]) => [x + r * dx, y + r * dy]), true);
   switch (shape) {
@@ -74,7 +74,7 @@ function glyphD(shape, [x, y], r) {
   }
 }
 
-/** Colour and mark of the `index`-th object; no two of the first 36 share both. */
+/** Colour and mark of the `index`-th object; the first 36 objects have different pairs. */
 function look(index) {
   return {
     color: `var(--c${index % N_COLORS})`,
@@ -82,14 +82,14 @@ function look(index) {
   };
 }
 
-/** A number with a fixed count of decimals and a true minus sign; a dash where it is not known. */
+/** A number with a fixed number of decimals and a typographic minus sign; a dash where it is unknown. */
 function shown(value, decimals = 2, unit = "") {
   if (value === null || value === undefined) return "–";
   const text = value.toFixed(decimals).replace(/^-(0(\.0*)?)$/, "$1").replace("-", "−");
   return unit ? `${text} ${unit}` : text;
 }
 
-/** A length, angle or time to three significant digits, in a unit that keeps it readable: 4.30 mm, 0.420 deg, 21.3 ps. */
+/** A length, angle or time with three significant digits in a suitable unit: 4.30 mm, 0.420 deg, 21.3 ps. */
 function measured(value, unit, signed = false) {
   if (value === null || value === undefined) return "–";
   const units = { m: [[1, 1, "m"], [1e-2, 1e-2, "cm"], [1e-3, 1e-3, "mm"], [0, 1e-6, "µm"]], // from, step, name

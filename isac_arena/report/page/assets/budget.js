@@ -1,14 +1,14 @@
-// The error budget, where one was made: waterfalls from all of an error down to what is left.
+// The error budget, if the campaign has one: waterfalls from the whole error down to the rest.
 
 const OUTCOMES = { pose: "Receiver position", shape: "The paper's contours", contour: "Our contours" };
 const BUDGETS = { stages: "truth in place of a stage", physics: "physics switched off" };
 
 function makeBudgetPanel(parent) {
   if (!data.budget) return;
-  parent.append(html("h3", { id: "budget-title" }, "Error budget"), html("p", {}, "What the final error falls by when truth stands in " +
-    "for a stage, or when a part of physics is switched off: shares of the mean square error, with 95 % intervals, and " +
-    "the root of each part's mean square. Pale: the interval holds zero, so the part may as well have no effect. Where " +
-    "shares would mean nothing, the parts are in cm²."));
+  parent.append(html("h3", { id: "budget-title" }, "Error budget"), html("p", {}, "Decrease of the final error when truth replaces " +
+    "a stage, or when a part of physics is switched off: shares of the mean square error with 95 % intervals, and " +
+    "the root of each part's mean square. Pale: the interval contains zero, so the effect is undecided. Where " +
+    "shares are meaningless, the parts are in cm²."));
   const grid = html("div", { class: "pair" });
   parent.append(grid);
   const groups = new Map();
@@ -28,7 +28,7 @@ function makeBudgetPanel(parent) {
   }
 }
 
-/** Rows run from the whole error at the top, part by part, to the rest. */
+/** Draw rows from the whole error at the top, part by part, down to the rest. */
 function drawWaterfall(drawing, rows, width, height) {
   const whole = rows.filter((row) => row.part === "all errors");
   const rest = rows.filter((row) => row.part === "rest");
@@ -38,12 +38,12 @@ function drawWaterfall(drawing, rows, width, height) {
   const hasShares = !rows[0].objection;
   const percent = (share) => 100 * (share ?? 0);
   const size = (row) => (hasShares ? percent(row.share) : 1e4 * (row.mean_square_m2 ?? 0));
-  let left = size(whole[0]);
+  let level = size(whole[0]);
   const bars = lines.map((row) => {
-    if (!parts.includes(row)) return { row, from: 0, to: size(row), kind: whole.includes(row) ? "whole" : "left" };
+    if (!parts.includes(row)) return { row, from: 0, to: size(row), kind: whole.includes(row) ? "whole" : "rest" };
     const sign = size(row) < 0 ? "grows" : "falls";
-    const bar = { row, from: left, to: left - size(row), kind: `${sign} ${row.effect === "undecided" ? "undecided" : ""}` };
-    left = bar.to;
+    const bar = { row, from: level, to: level - size(row), kind: `${sign} ${row.effect === "undecided" ? "undecided" : ""}` };
+    level = bar.to;
     return bar;
   });
   const ends = bars.flatMap((bar) => [bar.from, bar.to]);
@@ -58,7 +58,7 @@ function drawWaterfall(drawing, rows, width, height) {
     const [low, high] = [Math.min(sx(from), sx(to)), Math.max(sx(from), sx(to))];
     drawing.append(svg("rect", { class: `budget ${kind}`, x: low, y: y - 0.3 * step, width: Math.max(high - low, 1), height: 0.6 * step }));
     if (row.share_low !== null && row.share_high !== null && kind !== "whole") {
-      const at = (share) => Math.min(Math.max(sx(kind === "left" ? percent(share) : from - percent(share)), box.left), box.left + box.width);
+      const at = (share) => Math.min(Math.max(sx(kind === "rest" ? percent(share) : from - percent(share)), box.left), box.left + box.width);
       drawing.append(svg("path", { class: "whisker", d: `M${at(row.share_low)} ${y}H${at(row.share_high)}` }));
     }
     words.append(svg("text", { x: box.left - 8, y: y + 4, "text-anchor": "end" }, row.part));

@@ -1,6 +1,6 @@
-// Figures: a frame with a caption and downloads, axes, and the little box that names what the pointer is at.
+// Figures: a frame with caption and downloads, axes, and the tooltip of the mark under the pointer.
 
-const PRINTED_WIDTH = 440; // in CSS pixels, so that letters keep a readable size in two columns on paper
+const PRINTED_WIDTH = 440; // in CSS pixels, so that text is readable in two columns on paper
 let isPrinting = false;
 window.addEventListener("beforeprint", () => { isPrinting = true; });
 window.addEventListener("afterprint", () => { isPrinting = false; });
@@ -17,10 +17,10 @@ function showTip(event, text) {
 }
 
 /**
- * A figure that draws itself anew when its size or the selection changes.
+ * A figure that is drawn again when its size or the selection changes.
  *
- * `draw(drawing, width, height)` fills an empty SVG element and returns what the pointer can meet: a list of
- * {x, y, text, pick} in pixels.
+ * `draw(drawing, width, height)` fills an empty SVG element and returns the marks that react to the pointer: a list
+ * of {x, y, text, pick} in pixels.
  */
 function figure(parent, { name, label, height, draw, tools = [] }) {
   const drawing = svg("svg", { role: "img", "aria-label": label, class: "drawing", id: `drawing-${name}` });
@@ -78,7 +78,7 @@ function figure(parent, { name, label, height, draw, tools = [] }) {
   return { element, drawing, caption, redraw };
 }
 
-/** Axes with grid and labels about a box; returns the scales from values to pixels. */
+/** Axes with grid and labels around a box; returns the scales from values to pixels. */
 function axes(drawing, box, { x, y, xLabel, yLabel, rows = true }) {
   const sx = (value) => box.left + ((value - x[0]) / (x[1] - x[0])) * box.width;
   const sy = (value) => box.top + box.height - ((value - y[0]) / (y[1] - y[0])) * box.height;
@@ -118,7 +118,7 @@ const KEPT_STYLES = ["fill", "fill-opacity", "stroke", "stroke-width", "stroke-d
   "stroke-linecap", "stroke-linejoin", "opacity", "font-family", "font-size", "font-weight", "text-anchor",
   "paint-order", "clip-path", "image-rendering"];
 
-/** The drawing as a file of its own: the looks it has on the page, written into each element. */
+/** The drawing as a standalone file: its styles on the page are written into each element. */
 function standalone(drawing) {
   const copy = drawing.cloneNode(true);
   const from = drawing.querySelectorAll("*");

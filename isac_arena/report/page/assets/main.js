@@ -1,4 +1,4 @@
-// The instrument: controls, both maps, the stop and the object.
+// The interactive part: controls, both maps, the stop and the object.
 
 function option(value, label, chosen) {
   return html("option", { value, selected: chosen }, label);
@@ -80,7 +80,7 @@ function legendEntries() {
   for (const status of Object.keys(STATUS).filter((one) => STATUS[one])) {
     entries.push([html("span", {}, line(`estimate ${status}`), swatch(`estimate-mark ${status}`, STATUS_GLYPHS[status])), `estimated, ${STATUS[status]}`]);
   }
-  if (data.has_truth) entries.push([html("span", {}, swatch("true-mark", "circle", 6), swatch("true-mark missed", "circle", 6)), "true path, found and missed"]);
+  if (data.has_truth) entries.push([html("span", {}, swatch("true-mark", "circle", 6), swatch("true-mark missed", "circle", 6)), "true path, detected and missed"]);
   const mark = (cls, shape) => swatch(cls, shape, 4);
   entries.push([mark("stop", "circle"), data.has_truth ? "true RX stop" : "surveyed RX stop"], [mark("found", "plus"), "RX by SLAM"], [mark("tx", "diamond"), "TX with boresight"]);
   entries.push([line("contour ours neutral"), "our contour"], [line("contour paper neutral"), "the paper's contour"], [line("outline"), data.has_truth ? "true outline" : "surveyed outline"]);
@@ -99,7 +99,7 @@ function start() {
   const objectPanel = html("section", { id: "object-panel", "aria-labelledby": "object-title" });
   const budgetPanel = html("section", { id: "budget-panel" });
   const hint = html("p", { class: "hint noprint" }, "Click a stop, a point or an object. Drag to move; Ctrl and the wheel, two fingers or the keys " +
-    "+ − 0 and arrows zoom and move; the address keeps what is selected.");
+    "+ − 0 and arrows zoom and move; the address of the page stores the selection.");
   document.getElementById("theme-place").append(themeControl());
   main.append(controls, plans, html("ul", { class: "legend" }, legendEntries()), hint, stopPanel, objectPanel, budgetPanel);
   document.body.append(tip);

@@ -1,4 +1,4 @@
-// One object: its true outline, its contours with bands, the points that shaped it and where they came from.
+// One object: its true outline, its contours with bands, and the points that support them with their stops and paths.
 
 const SCORE_WORDS = {
   iou: ["IoU", 2],
@@ -11,8 +11,8 @@ const SCORE_WORDS = {
 
 function makeObjectPanel(parent) {
   const title = html("h3", { id: "object-title" });
-  const hint = html("p", { id: "object-hint" }, "Pick an object in the plan or above: its contours, the points that shaped them " +
-    "and the stops and paths that these came from.");
+  const hint = html("p", { id: "object-hint" }, "Select an object in the plan or above to see its contours, the points that support them, " +
+    "and the stops and paths of these points.");
   const body = html("div", { id: "object-body" });
   const sides = html("div", { class: "pair" });
   const details = {};
@@ -25,7 +25,7 @@ function makeObjectPanel(parent) {
       height: (width) => Math.min(0.8 * width, 460),
       draw: (drawing, width, height) => drawObject(drawing, mapName, width, height),
     });
-    plot.caption.textContent = `${label}. Solid: our contour; dashed: the paper's; plain: true outline.`;
+    plot.caption.textContent = `${label}. Solid: our contour; dashed: the paper's; thin: true outline.`;
     details[mapName] = { side, plot, below: side.appendChild(html("div", { class: "below" })) };
   }
   body.append(sides);
@@ -110,14 +110,14 @@ function drawObject(drawing, mapName, width, height) {
   return hits;
 }
 
-/** The longer side of the box about flat points. */
+/** The longer side of the bounding box of flat points. */
 function sizeOf(flat) {
   const points = pairs(flat);
   const side = (values) => Math.max(...values) - Math.min(...values);
   return Math.max(side(points.map(([x]) => x)), side(points.map(([, y]) => y)));
 }
 
-/** Axes of equal scale about points [x, y]. */
+/** Axes of equal scale around points [x, y]. */
 function squareAxes(drawing, box, points) {
   const [xs, ys] = [points.map(([x]) => x), points.map(([, y]) => y)];
   const span = Math.max((Math.max(...xs) - Math.min(...xs)) / box.width, (Math.max(...ys) - Math.min(...ys)) / box.height, 0.2 / box.width);
@@ -146,11 +146,11 @@ function objectDetails(mapName, item) {
   const points = pointsOf(mapName, item);
   const stops = new Set(points.map((index) => data.maps[mapName].ips.stop[index]));
   const seen = `${points.length} incidence points from ${stops.size} stops.`;
-  const parts = [html("p", {}, curves.length ? seen : `No contour: ${points.length ? seen : "no incidence point stems from it."}`)];
+  const parts = [html("p", {}, curves.length ? seen : `No contour: ${points.length ? seen : "no incidence point stems from this object."}`)];
   for (const one of curves) if (one.probability?.some((p) => p !== null)) parts.push(classBars(one));
   if (curves.length) parts.push(scoreTable(mapName, curves));
   if (points.length) {
-    const many = html("details", { open: points.length <= 12 }, html("summary", {}, `The points: stop, path and error of each`),
+    const many = html("details", { open: points.length <= 12 }, html("summary", {}, `Points with stop, path and error`),
       html("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Incidence points" }, pointTable(mapName, points)));
     parts.push(many);
   }

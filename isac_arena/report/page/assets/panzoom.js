@@ -1,4 +1,4 @@
-// The part of the floor plan that is seen, shared by both maps: moved and zoomed by mouse, touch and keys.
+// The visible part of the floor plan, common to both maps. Mouse, touch and keys move and zoom it.
 
 const view = { x: 0, y: 0, zoom: 1 };
 const [west, south, east, north] = data.scene.view;
@@ -10,7 +10,7 @@ function resetView() {
 }
 resetView();
 
-/** Pixels per metre of a drawing of this size, and the way from metres to pixels and back. */
+/** Pixels per metre of a drawing of this size, and the conversions between metres and pixels. */
 function projection(width, height) {
   const scale = view.zoom * Math.min(width / (east - west), height / (north - south));
   return {
@@ -20,7 +20,7 @@ function projection(width, height) {
   };
 }
 
-/** Bring these points [x, y] to the middle, with room about them and no nearer than `MOST_FOCUS`. */
+/** Centre the view on these points [x, y] with a margin, at a zoom of at most `MOST_FOCUS`. */
 function showPoints(points, room = 1) {
   const xs = points.map(([x]) => x);
   const ys = points.map(([, y]) => y);
@@ -29,7 +29,7 @@ function showPoints(points, room = 1) {
   Object.assign(view, { x: (x0 + x1) / 2, y: (y0 + y1) / 2, zoom: Math.min(fit, MOST_FOCUS) });
 }
 
-/** Zoom by a factor and keep what lies at a place (pixels of a drawing of this size) where it is. */
+/** Zoom by a factor about a fixed point (pixels of a drawing of this size). */
 function zoomAt(factor, [px, py], width, height) {
   const before = projection(width, height).back([px, py]);
   view.zoom = Math.min(ZOOM_LIMITS[1], Math.max(ZOOM_LIMITS[0], view.zoom * factor));
@@ -44,7 +44,7 @@ function moveBy(dx, dy, width, height) {
   view.y += dy / scale;
 }
 
-/** One pointer drags with the mouse; on a touch screen two fingers move and zoom, one scrolls the page. */
+/** The mouse drags; on a touch screen two fingers move and zoom, and one finger scrolls the page. */
 function enablePanZoom(drawing, redraw) {
   const pointers = new Map();
   const size = () => {

@@ -1,7 +1,7 @@
 // The floor plan of one map: scene, stops, paths of the stop, incidence points and contours.
 
-const MANY_PATHS = 25; // of a stop: drawn paler
-const STUB_M = 1.6; // of an estimated path whose point of incidence is not known
+const MANY_PATHS = 25; // the paths of a stop with more of them are paler
+const STUB_M = 1.6; // length drawn of an estimated path with unknown incidence point
 const planFigures = [];
 const redrawPlans = () => planFigures.forEach((one) => one.redraw());
 
@@ -78,7 +78,7 @@ function drawScene({ add, project, to }) {
   add("path", { class: "tx", d: glyphD("diamond", [x, y], 5) });
 }
 
-/** Faint where another object is chosen. */
+/** The class of marks that fade because another object is selected. */
 function fade(item) {
   return state.object && item?.key !== state.object ? "faint" : "";
 }
@@ -108,7 +108,7 @@ function pointLook(item) {
   return item.ghost ? { color: "var(--ghost)", shape: "cross" } : look(item.index);
 }
 
-/** The paths of the stop: the true ones broad and pale, the estimated ones thin. */
+/** Draw the paths of the stop: true paths wide and pale, estimated paths thin. */
 function drawPaths(sheet) {
   const { add, project, hits, to } = sheet;
   const row = state.row;
@@ -150,7 +150,7 @@ function fadePath(key) {
   return state.path ? (samePath(key) ? "chosen" : "faint") : "";
 }
 
-/** Each estimated path in the plan: by its point of incidence, else as stubs along its two directions. */
+/** Lines of the estimated paths in the plan: through the incidence point, or else short lines in both directions. */
 function estimatedLines(mapName, row) {
   const map = data.maps[mapName];
   const paths = data.estimated[row];
@@ -206,7 +206,7 @@ function drawPoints({ add, to, hits, mapName }) {
   }
 }
 
-/** Lines from the points of an object to where the receiver stood. */
+/** Lines from the points of an object to the positions of the receiver. */
 function supportD(mapName, item, to) {
   const { ips, poses } = data.maps[mapName];
   return pointsOf(mapName, item).map((index) => {
@@ -234,7 +234,7 @@ function drawStops({ add, to, hits, mapName }) {
   });
 }
 
-/** Names of the objects in view, the chosen one first; a name that would cover another is left out. */
+/** Write the names of the objects in view, the selected one first, without names that would cover another one. */
 function drawNames({ add, to, hits, width, height }) {
   const words = add("g", { class: "object-names halo" });
   const taken = [];

@@ -1,4 +1,4 @@
-// What is selected and shown. It lives in the address of the page: #stop=12&object=pillar_1&map=slam
+// The selection and the visible layers. The address of the page stores them: #stop=12&object=pillar_1&map=slam
 
 const LAYERS = {
   true: "true paths",
@@ -18,7 +18,7 @@ const state = {
   hidden: new Set(),
 };
 
-/** Whatever can be looked at as an object: true ones with any evidence, then contours that show none. */
+/** Everything that can be selected as an object: true objects with paths or points, then contours without object. */
 const items = findItems();
 
 function findItems() {
@@ -51,7 +51,7 @@ function findItems() {
   return found;
 }
 
-/** The object that an incidence point is drawn with, by the contours that are shown; null for none. */
+/** The object of an incidence point according to the visible contours; null for none. */
 function itemOfPoint(mapName, index) {
   const map = data.maps[mapName];
   const ours = state.contours !== "paper" ? map.contours[map.ips.ours[index]] : null;
@@ -59,7 +59,7 @@ function itemOfPoint(mapName, index) {
   return (ours ?? paper)?.item ?? null;
 }
 
-/** Contours of a map that are shown, ours and the paper's, each with its look. */
+/** The visible contours of a map, ours and the paper's, with their source. */
 function shownContours(mapName) {
   const map = data.maps[mapName];
   return [
@@ -77,7 +77,7 @@ function onChange(listener) {
   listeners.push(listener);
 }
 
-/** Change what is selected; with `keepPath` left out another stop drops the selected path. */
+/** Change the selection; a new stop clears the selected path. */
 function select(changes) {
   if ("row" in changes && changes.row !== state.row && !("path" in changes)) changes.path = "";
   Object.assign(state, changes);
@@ -93,11 +93,11 @@ function writeAddress() {
   try {
     history.replaceState(null, "", `#${parts}`);
   } catch {
-    // some browsers keep the address of a file as it is: the page works without
+    // Some browsers do not change the address of a local file; the page works without it.
   }
 }
 
-/** Take over what the address of the page says; what it does not know stays as it is. */
+/** Apply the selection in the address of the page; unknown values change nothing. */
 function readAddress() {
   if (!location.hash.includes("=")) return;
   const parts = new URLSearchParams(location.hash.slice(1));

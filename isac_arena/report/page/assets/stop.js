@@ -1,4 +1,4 @@
-// One stop: its beam power map, its paths over delay and angle, their errors and the table of all of them.
+// One stop: its beam power map, its paths over delay and angle, their errors and the table of all paths.
 
 const SHOWN_POWER_DB = 45;
 const STATUS = data.has_truth
@@ -12,8 +12,8 @@ function makeStopPanel(parent) {
   const facts = html("p", { id: "stop-facts" });
   const figures = html("div", { class: "pair" });
   const table = html("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Paths of the stop" });
-  const key = html("p", { class: "hint" }, "True paths by what they meet: S reflects, D scatters, X diffracts at an edge, R goes " +
-    "through a wall; #1 is the second of equals. Δ: estimate minus truth.");
+  const key = html("p", { class: "hint" }, "True paths by their interactions: S is a reflection, D scattering, X diffraction at an edge, R transmission " +
+    "through a wall; #1 is the second of several equal paths. Δ: estimate minus truth.");
   parent.append(title, facts, figures, table, ...(data.has_truth ? [key] : []));
   if (data.power) {
     const power = figure(figures, {
@@ -23,7 +23,7 @@ function makeStopPanel(parent) {
       draw: drawPower,
     });
     power.caption.textContent = "Mean received power of every beam pair. Rings: significant true paths, dashed where " +
-      "missed. Marks: estimated paths. Paths that differ only in delay share one place.";
+      "missed. Marks: estimated paths. Paths that differ only in delay coincide.";
   }
   for (const [angle, name] of [["aoa", "arrival"], ["aod", "departure"]]) {
     const scatter = figure(figures, {
@@ -32,7 +32,7 @@ function makeStopPanel(parent) {
       height: (width) => Math.min(0.62 * width + 40, 470),
       draw: (drawing, width, height) => drawDelays(drawing, width, height, angle, name),
     });
-    const tied = data.has_truth ? " A line ties an estimate to its true path." : "";
+    const tied = data.has_truth ? " A line connects an estimate to its true path." : "";
     scatter.caption.textContent = `Delay and azimuth of ${name}.${tied}`;
   }
   if (data.has_truth) {
@@ -42,8 +42,8 @@ function makeStopPanel(parent) {
       height: (width) => Math.min(0.5 * width + 40, 400),
       draw: drawResiduals,
     });
-    errors.caption.textContent = "Error over the standard deviation that the estimator states: between the dashed " +
-      "lines in 95 of 100 cases. Marks at the rim lie beyond it.";
+    errors.caption.textContent = "Error over the standard deviation of the estimate. A consistent estimator has 95 % of the " +
+      "errors between the dashed lines. Marks at the edge are outside the axis.";
   }
   const update = () => {
     title.textContent = `Stop ${data.stops.stop[state.row]}`;
@@ -97,7 +97,7 @@ function pathName(key) {
   return `path ${index}: ${STATUS[paths.status[index]]}${cause}${matched >= 0 ? `, ${data.true[row].label[matched]}` : ""}`;
 }
 
-/** Marks of true and estimated paths at the places that `at(paths, index)` gives; returns what can be met. */
+/** Draw true and estimated paths at the positions `at(paths, index)`; returns the marks that react to the pointer. */
 function drawMarks(drawing, at, kind) {
   const row = state.row;
   const hits = [];
@@ -135,7 +135,7 @@ function drawPower(drawing, width, height) {
   }, "on-power");
 }
 
-/** The power map of a stop as a picture, each pixel with the colour of the nearest beam pair. */
+/** The power map of a stop as an image; each pixel has the colour of the nearest beam pair. */
 function powerImage(row) {
   if (powerImages.has(row)) return powerImages.get(row);
   const { rx_deg: rx, tx_deg: tx, step_db: step, colors } = data.power;

@@ -1,4 +1,4 @@
-// Tables of the selected stop and object; each row leads on to what it speaks of.
+// Tables of the selected stop and object; each row selects its path or point.
 
 /** A table; `rows` are {cells, key, pick, chosen}. A row with `pick` has its first cell as a button. */
 function table(id, heads, rows) {
@@ -13,7 +13,7 @@ function table(id, heads, rows) {
     html("tbody", {}, body));
 }
 
-/** A mark as it is on the figures, for a table or a legend. */
+/** A mark of the figures, for a table or a legend. */
 function swatch(kinds, shape, r = 4.5) {
   return svg("svg", { class: "swatch", viewBox: "-8 -8 16 16", width: 16, height: 16, "aria-hidden": "true" },
     svg("path", { class: kinds, d: glyphD(shape, [0, 0], r) }));
@@ -21,7 +21,7 @@ function swatch(kinds, shape, r = 4.5) {
 
 function pathTable(row) {
   const [paths, truth] = [data.estimated[row], data.true[row]];
-  const heads = ["path", "what it is", data.has_truth ? "true path" : "object", "delay, ns", "AoD, deg", "AoA, deg", "power, dBm"];
+  const heads = ["path", "status", data.has_truth ? "true path" : "object", "delay, ns", "AoD, deg", "AoA, deg", "power, dBm"];
   if (data.has_truth) heads.push("Δ delay, ns", "Δ AoD, deg", "Δ AoA, deg", "Δ power, dB", "NEES");
   const values = (one, index) => [shown(one.delay_ns[index], 2), shown(one.aod_deg[index], 2), shown(one.aoa_deg[index], 2),
     shown(one.power_dbm[index], 1)];
@@ -52,7 +52,7 @@ function pathRow(cells, key) {
 
 function pointTable(mapName, points) {
   const { ips } = data.maps[mapName];
-  const heads = ["stop, path", "supports", "comes from", "x, m", "y, m", "σ, cm", "to surface, cm", "to true IP, cm", "NEES"];
+  const heads = ["stop, path", "supports", "true object", "x, m", "y, m", "σ, cm", "to surface, cm", "to true IP, cm", "NEES"];
   const rows = points.map((index) => {
     const row = data.stops.stop.indexOf(ips.stop[index]);
     const path = `e${ips.path[index]}`;
