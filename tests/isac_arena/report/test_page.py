@@ -211,7 +211,7 @@ def test_the_budget_is_a_waterfall_that_adds_up(tab: Any, page: Path) -> None:
         "[...document.querySelectorAll('#drawing-budget-pose-stages rect.budget')].map(one =>"
         " [one.getAttribute('class'), +one.getAttribute('x'), +one.getAttribute('width')])"
     )
-    assert [kind.split()[1] for kind, *_ in bars] == ["whole", "falls", "grows", "left"]
+    assert [kind.split()[1] for kind, *_ in bars] == ["whole", "falls", "grows", "rest"]
     assert [kind.endswith("undecided") for kind, *_ in bars] == [False, False, True, False]
     (_, zero, whole), (_, at, fall), (_, grown_at, growth), (_, rest_at, rest) = bars
     assert fall == pytest.approx(0.7 * whole) and growth == pytest.approx(0.1 * whole)
