@@ -15,6 +15,7 @@ import numpy as np
 
 from scenes.contours.pieces import Piece
 from scenes.record import BoolArray, FloatArray, IntArray, Record, array, concatenate
+from sim.propagation.specular.plan_view import cross
 
 N_NODES = 49  # points tabulated per curve
 MAX_CONCAVE_TURN_RAD = np.pi / 4  # limit for concave curves: their nodes are then within 1 deg
@@ -99,7 +100,7 @@ class Curves(Record):
     def curvature(self, curve: IntArray, first: FloatArray, second: FloatArray) -> FloatArray:
         """Curvature (...) in 1/m, positive where the curve is convex from its lit side."""
         speed = np.sqrt(first[..., 0] ** 2 + first[..., 1] ** 2)
-        return np.asarray(self.side[curve] * _cross(first, second) / speed**3)
+        return np.asarray(self.side[curve] * cross(first, second) / speed**3)
 
 
 def joined_curves(parts: list[Curves]) -> Curves:
@@ -124,7 +125,7 @@ def conic_curves(
     """Function that makes the curves o + u cos p + v sin p, p from `start_rad` to `start_rad + sweep_rad`."""
 
     def make(surface: int, side: float) -> list[Curves]:
-        is_convex = bool(side * sweep_rad * _cross(u_m, v_m) > 0)
+        is_convex = bool(side * sweep_rad * cross(u_m, v_m) > 0)
         n = _n_cuts(abs(sweep_rad), is_convex)
         rows = [
             np.stack([center_m, u_m, v_m, [start_rad + sweep_rad * k / n, sweep_rad / n]]) for k in range(n)
@@ -169,9 +170,9 @@ def _parts(whole: FloatArray, side: float) -> Iterator[_CubicArc]:
     """Parts of a cubic between its inflections, each with a limited turn."""
     for low, high in pairwise([0.0, *_inflections(whole), 1.0]):
         slope, bend = _slopes(whole, (low + high) / 2)
-        is_convex = bool(side * _cross(slope, bend) > 0)
+        is_convex = bool(side * cross(slope, bend) > 0)
         ends = [_slopes(whole, t)[0] for t in (low, high)]
-        turn = float(abs(np.arctan2(_cross(*ends), ends[0] @ ends[1])))
+        turn = float(abs(np.arctan2(cross(*ends), ends[0] @ ends[1])))
         n = _n_cuts(turn, is_convex)
         for a, b in pairwise(np.linspace(low, high, n + 1)):
             yield _CubicArc(_stretch(whole, a, b), is_convex, turn / n)
@@ -197,7 +198,7 @@ def _slopes(row: FloatArray, t: float) -> tuple[FloatArray, FloatArray]:
 
 def _inflections(row: FloatArray) -> list[float]:
     """Parameters in (0, 1) where c' x c'' of a cubic vanishes: a quadratic, the t^3 terms cancel."""
-    quadratic = [-6 * _cross(row[0], row[1]), -6 * _cross(row[0], row[2]), -2 * _cross(row[1], row[2])]
+    quadratic = [-6 * cross(row[0], row[1]), -6 * cross(row[0], row[2]), -2 * cross(row[1], row[2])]
     roots = np.roots(np.trim_zeros(np.array(quadratic, float), "f"))
     real = np.sort(roots[np.abs(roots.imag) < 1e-12].real)
     return [float(t) for t in real if 1e-9 < t < 1 - 1e-9]
@@ -237,7 +238,3 @@ def _curve(rows: FloatArray, surface: int, side: float, *, is_convex: bool, is_c
         node_second=second,
         node_normal=bare.normal(index, first),
     )
-
-
-def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
