@@ -1,8 +1,9 @@
-"""Channel parameter estimation: beam sweeps in, delays, angles and powers of paths out.
+"""Channel estimation: from a beam sweep to the delays, angles and powers of its paths.
 
-Read `estimate.py` first: `estimate_channel` is the one entry; `record.py` holds what it returns.
+`estimate_channel` in `estimate.py` is the one entry point. `record.py` holds its result, `ChannelEstimate`.
 
 `power/`        from beam powers alone                   `coherent/`    maximum likelihood with phases
 `incoherent/`   maximum likelihood without phases        `auto.py`      chooses between the two
 `model/`        beam responses, compression, bounds      `calibration/` array responses from the campaign itself
+`assemble.py`   from a fit to a `ChannelEstimate`        `los.py`       probability of the line of sight
 """

@@ -11,17 +11,17 @@ from estimation.channel.record import AngleKind, ChannelEstimate, EstimateStatus
 from scenes.record import FloatArray
 from sim.observation import BeamSweep
 
-UNKNOWN_ANGLE_VARIANCE = np.pi**2 / 3  # of an angle anywhere on the circle
-GRID_PER_CELL = 4.0  # directions per Rayleigh cell among which the highest gain of a codebook is sought
+UNKNOWN_ANGLE_VARIANCE = np.pi**2 / 3  # of a uniform angle on the circle
+GRID_PER_CELL = 4.0  # directions per Rayleigh cell in the search for the highest gain of a codebook
 
 
 def assemble_estimate(
     sweep: BeamSweep, fit: PathFit, tx: Manifold, rx: Manifold, los: LosConfig, method: str, reason: str
 ) -> ChannelEstimate:
-    """The channel estimate of a fit made with the manifolds `tx` and `rx`.
+    """The channel estimate of a fit that used the manifolds `tx` and `rx`.
 
-    Powers and beam losses are those of the best beams towards the paths. Variances that the data leave open are
-    those of an angle anywhere on the circle.
+    Powers and beam losses are those of the best beams towards the paths. An unobservable angle gets the variance
+    of a uniform angle on the circle.
     """
     n = len(fit)
     tx_gain, tx_peak = _best_gains(tx, fit.aod_rad)
@@ -56,15 +56,15 @@ def assemble_estimate(
 
 
 def angle_kind(manifold: Manifold) -> AngleKind:
-    """What the azimuths of a device are: those of directions, or cone angles where elevation is not observable."""
+    """Whether the azimuths of a device are azimuths, or cone angles because elevation is unobservable."""
     return AngleKind.AZIMUTH if manifold.n_angles == 2 else AngleKind.CONE
 
 
 def ordered_covariance(covariance: FloatArray, n_aod_angles: int, n_aoa_angles: int) -> FloatArray:
-    """Covariance (path, 3 or 5, 3 or 5) of delay, azimuths and elevations from that in the order of a fit.
+    """Covariance (path, 3 or 5, 3 or 5) of delay, azimuths and elevations from one in the order of a fit.
 
-    A fit counts delay, angles of departure, angles of arrival. With an elevation at one end only, the other's row
-    and column are NaN.
+    A fit orders delay, angles of departure, angles of arrival. If only one end has an elevation, the row and
+    column of the other are NaN.
     """
     n_fit = 1 + n_aod_angles + n_aoa_angles
     place = [0, 1, 1 + n_aod_angles]
@@ -88,6 +88,6 @@ def _elevation(angles_rad: FloatArray) -> FloatArray:
 
 
 def _best_gains(manifold: Manifold, angles_rad: FloatArray) -> tuple[FloatArray, float]:
-    """Amplitude gain (direction,) of the best beam, and the highest of any beam anywhere."""
+    """Amplitude gain (direction,) of the best beam, and the highest gain of any beam in any direction."""
     peak = float(np.abs(manifold.response(manifold.grid(GRID_PER_CELL))).max())
     return np.abs(manifold.response(angles_rad)).max(axis=1, initial=0.0), peak

@@ -1,11 +1,11 @@
-"""Which likelihood a sweep deserves: the phases of its beam pairs are read and tested, and the data decide.
+"""Choose the likelihood of a sweep: test whether the phases of its beam pairs are coherent.
 
-A coherent fit gains resolution and 2 dB of detection, and is ruined by phases that it does not know. So the
-incoherent fit comes first, of the strongest paths; of all where these leave doubt. It tells the phase of every
-pair that a path lights. A constant frequency offset turns these phases evenly from one TX beam, and from one RX
-beam, to the next, whichever a sweep goes through first. What remains after that turn, with the share of noise
-taken off, decides: small, and the sweep is turned back and fitted coherently. Phases that wander are not followed:
-a path's own phases would fit them, and the coherent covariance would count them as known.
+A coherent fit gains resolution and 2 dB of detection, but unknown phases ruin it. So the incoherent fit comes
+first, of the strongest paths, or of all paths if these are not conclusive. It estimates the phase of every beam
+pair that a path illuminates. A constant frequency offset makes these phases a linear ramp over the TX beams and
+over the RX beams, in either order of a sweep. The rms residual of that ramp, corrected for noise, decides: if it
+is small, the ramp is removed and the sweep is fitted coherently. Phases that wander are not tracked: the phases of
+the paths would absorb them, and the coherent covariance would take them as known.
 """
 
 from __future__ import annotations
@@ -25,28 +25,28 @@ from scenes.pose import wrap_angle
 from scenes.record import FloatArray, IntArray
 from sim.observation import BeamSweep
 
-LARGEST_RESIDUAL_RAD = np.deg2rad(10.0)  # rms, beyond noise, of phases that are taken as kept
-_TELLING_PATHS = 12  # strongest ones that are asked first: all others change little where phases are kept
-_LEAST_SNR = 6.0  # of a pair whose phase is read: its noise has a standard deviation of 17 deg at most
-_LEAST_PAIRS = 4  # more than the parameters of a turn
+LARGEST_RESIDUAL_RAD = np.deg2rad(10.0)  # rms without noise, of phases that count as coherent
+_TELLING_PATHS = 12  # strongest paths that are fitted first: the others change little if phases are coherent
+_LEAST_SNR = 6.0  # of a pair whose phase is used: its phase noise has a standard deviation of at most 17 deg
+_LEAST_PAIRS = 4  # degrees of freedom of the residual
 _CONFIDENCE = 1.64  # standard deviations by which the residual must be below its limit: 95 %
 _ZERO_PADDING = 4
 _CYCLIC_PREFIX = 144 / 2048  # of a symbol, TS 38.211 clause 5.3.1
 _REFINEMENTS = 6
-_LEAST_VARIANCE = np.deg2rad(1.0) ** 2  # of the remainder, as far as weights go
+_LEAST_VARIANCE = np.deg2rad(1.0) ** 2  # of the residual, in the weights
 
 
 @dataclass(frozen=True)
 class PhaseRamp:
-    """An even turn of the phase over the beam pairs, and what of the phases it leaves.
+    """A linear phase ramp over the beam pairs, and the residual phases.
 
     Attributes
     ----------
-    tx_step_rad, rx_step_rad : turn from one TX beam, and from one RX beam, to the next
-    residual_rad : rms of what remains of the phases, the noise taken off
+    tx_step_rad, rx_step_rad : phase step from one TX beam, and from one RX beam, to the next
+    residual_rad : rms of the residual phases, corrected for noise
     upper_rad : its upper confidence limit
-    walk_rad : rms change of the remainder from one RX beam to the next, the noise taken off
-    n_pairs : beam pairs whose phases were used; 0, and the rest NaN, where they are too few
+    walk_rad : rms change of the residual from one RX beam to the next, corrected for noise
+    n_pairs : beam pairs whose phases were used; if they are too few, 0, and all other attributes are NaN
     """
 
     tx_step_rad: float
@@ -58,14 +58,14 @@ class PhaseRamp:
 
     @property
     def is_coherent(self) -> bool:
-        """Whether the phases keep to the turn well enough for a coherent fit."""
+        """Whether the phases fit the ramp well enough for a coherent fit."""
         return self.n_pairs > 0 and self.upper_rad <= LARGEST_RESIDUAL_RAD
 
     def frequency_offset_hz(self, n_rx: int, pair_s: float) -> float:
-        """The offset that turns so where pairs take `pair_s` each, RX beam after RX beam and TX beam by TX beam.
+        """Frequency offset that causes the ramp if each pair takes `pair_s`, all RX beams of a TX beam in turn.
 
-        The step between TX beams, `n_rx` pairs apart, tells it sharply but for whole turns, which the step between
-        RX beams tells.
+        The step between TX beams, `n_rx` pairs apart, determines it precisely up to whole turns; the step between
+        RX beams determines the whole turns.
         """
         turns = np.rint((n_rx * self.rx_step_rad - self.tx_step_rad) / (2 * np.pi))
         return float((self.tx_step_rad / (2 * np.pi) + turns) / (n_rx * pair_s))
@@ -73,12 +73,12 @@ class PhaseRamp:
 
 @dataclass(frozen=True)
 class AutoFit:
-    """A fit, the mode that was chosen for it, and why."""
+    """A fit, the chosen mode, and the reason."""
 
     fit: PathFit
     mode: Literal["coherent", "incoherent"]
     ramp: PhaseRamp
-    frequency_offset_hz: float  # that turns so, if each pair takes one symbol of the sounded spacing
+    frequency_offset_hz: float  # that causes the ramp, if each pair takes one symbol of the sounded spacing
     reason: str
 
 
@@ -122,27 +122,27 @@ def choose_likelihood(
 
 
 def without_phase_ramp(sweep: BeamSweep, tx_step_rad: float, rx_step_rad: float) -> BeamSweep:
-    """The sweep without an even turn from TX beam to TX beam and from RX beam to RX beam."""
+    """The sweep with a linear phase ramp over its TX beams and RX beams removed."""
     n_tx, n_rx = sweep.samples.shape[:2]
     phase = tx_step_rad * np.arange(n_tx)[:, None] + rx_step_rad * np.arange(n_rx)
     return replace(sweep, samples=sweep.samples * np.exp(-1j * phase).astype(np.complex64)[:, :, None])
 
 
 def fit_phase_ramp(fit: IncoherentFit) -> PhaseRamp:
-    """The even turn that explains most of the pair phases of a fit.
+    """The linear phase ramp that explains most of the pair phases of a fit.
 
-    Phases of different paths have no common reference, so every path has a constant of its own: the turn is the
+    Phases of different paths have no common reference, so every path has a constant of its own. The ramp is the
     maximum over both steps nu of sum_i |sum over the pairs p of path i of w_p exp(j psi_p - j nu^T p)|, refined by
-    least squares. Weights follow the noise and the variance that was found the round before; pairs count less
-    where paths were not found, as what is residual there can turn their phases.
+    least squares. Weights follow the noise and the variance of the previous iteration. Pairs with a large residual
+    count less: undetected paths in it can change their phases.
     """
     n_rx = fit.pair_snr.shape[1]
     used = np.flatnonzero(fit.pair_snr.ravel() > _LEAST_SNR)
     used = used[
         ~fit.is_ambiguous[fit.pair_path.ravel()[used]]
-    ]  # their phases are those of one direction of several
+    ]  # their phases belong to one of several ambiguous directions
     path = fit.pair_path.ravel()[used]
-    several = np.bincount(path, minlength=1)[path] > 1  # one pair says nothing beyond its path's constant
+    several = np.bincount(path, minlength=1)[path] > 1  # one pair determines only its path's constant
     used, path = used[several], path[several]
     pair = np.stack(np.divmod(used, n_rx), axis=1)
     phase, snr = fit.pair_phase_rad.ravel()[used], fit.pair_snr.ravel()[used]
@@ -156,7 +156,7 @@ def fit_phase_ramp(fit: IncoherentFit) -> PhaseRamp:
         weight = 1 / (noise + hidden + max(variance, _LEAST_VARIANCE))
         centred = pair - np.stack([_path_means(axis.astype(float), path, weight) for axis in pair.T], axis=1)
         residual = _remainder(pair, phase, path, weight, step)
-        # A step that the pairs do not tell, as of a single beam, stays.
+        # An unobservable step, as with a single beam, stays.
         step = step + np.linalg.pinv((centred * weight[:, None]).T @ centred) @ (
             centred.T @ (weight * residual)
         )
@@ -174,7 +174,7 @@ def fit_phase_ramp(fit: IncoherentFit) -> PhaseRamp:
 
 
 def _phase_variance(snr: FloatArray) -> FloatArray:
-    """Variance of the phase of a pair with this SNR, to second order: 1 / (2 g) + 1 / (4 g^2)."""
+    """Variance of the phase of a pair of SNR g, to second order: 1 / (2 g) + 1 / (4 g^2)."""
     return np.asarray(0.5 / snr + 0.25 / snr**2)
 
 
@@ -196,7 +196,7 @@ def _strongest_turn(
 def _remainder(
     pair: IntArray, phase: FloatArray, path: IntArray, weight: FloatArray, step: FloatArray
 ) -> FloatArray:
-    """Phases without an even turn and every path's constant."""
+    """Residual phases after removal of a ramp and of a constant per path."""
     turned = phase - pair @ step
     phasor = np.exp(1j * turned)
     real, imaginary = (_path_means(part, path, weight) for part in (phasor.real, phasor.imag))
@@ -211,7 +211,7 @@ def _path_means(values: FloatArray, path: IntArray, weight: FloatArray) -> Float
 
 
 def _walk(pair: IntArray, path: IntArray, residual: FloatArray, noise: FloatArray) -> float:
-    """Rms change of the remainder between neighbouring pairs of a path, noise taken off; NaN without any."""
+    """Rms change of the residual between neighbouring pairs of a path, corrected for noise; NaN without any."""
     next_to = (np.diff(pair) == 1) & (np.diff(path) == 0)
     if not next_to.any():
         return np.nan
@@ -224,10 +224,10 @@ def _words(ramp: PhaseRamp, offset_hz: float) -> str:
         return "too few beam pairs have a phase to test"
     limit = np.rad2deg(LARGEST_RESIDUAL_RAD)
     text = (
-        f"phases of {ramp.n_pairs} beam pairs turn by {np.rad2deg(ramp.tx_step_rad):.3g} deg per TX beam"
-        f" and {np.rad2deg(ramp.rx_step_rad):.3g} deg per RX beam ({offset_hz:.4g} Hz at one symbol a"
-        f" pair) and keep within {np.rad2deg(ramp.residual_rad):.2g} deg rms of that, at the most"
-        f" {np.rad2deg(ramp.upper_rad):.2g} deg; the limit is {limit:.0f} deg"
+        f"phases of {ramp.n_pairs} beam pairs follow a ramp of {np.rad2deg(ramp.tx_step_rad):.3g} deg per TX beam"
+        f" and {np.rad2deg(ramp.rx_step_rad):.3g} deg per RX beam ({offset_hz:.4g} Hz at one symbol per pair)"
+        f" with a residual of {np.rad2deg(ramp.residual_rad):.2g} deg rms, at most {np.rad2deg(ramp.upper_rad):.2g} deg;"
+        f" the limit is {limit:.0f} deg"
     )
     if ramp.upper_rad > LARGEST_RESIDUAL_RAD and np.isfinite(ramp.walk_rad):
         text += f"; from one pair to the next they change by {np.rad2deg(ramp.walk_rad):.2g} deg rms"

@@ -11,22 +11,22 @@ class MaximumLikelihoodConfig(ConfigModel):
     """Detection and refinement of the coherent and incoherent maximum-likelihood methods."""
 
     false_alarm_probability: float = Field(
-        3e-4, gt=0, lt=1, description="of any path at a stop with noise alone"
+        3e-4, gt=0, lt=1, description="probability of any path at a stop that holds noise alone"
     )
-    max_paths: int = Field(40, ge=1, le=200, description="paths per stop at the most")
+    max_paths: int = Field(40, ge=1, le=200, description="most paths per stop")
     whiten_background: bool = Field(
-        True, description="find the dense diffuse power over delay and whiten by it (coherent)"
+        True, description="estimate the dense diffuse power over delay and whiten by it (coherent)"
     )
     oversampling: float = Field(2.0, ge=1, le=8, description="search grid points per resolution cell")
     expected_delay_ns: Pair = Field(
         (-200.0, 1000.0),
-        description="delays, clock bias included, where a first path is expected; others need a higher power",
+        description="delays (with clock bias) where the first path is expected; others need more power",
     )
     delay_before_ns: float = Field(
-        100.0, gt=0, description="further paths are expected from this long before the strongest path"
+        100.0, gt=0, description="other paths are expected from this long before the strongest path"
     )
     delay_after_ns: float = Field(
-        300.0, gt=0, description="to this long after it; at other delays they need a higher power"
+        300.0, gt=0, description="to this long after it; a path at another delay needs more power"
     )
 
     @field_validator("expected_delay_ns")

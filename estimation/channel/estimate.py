@@ -1,4 +1,4 @@
-"""Channel estimation of one stop: one entry for every method, one record from all of them."""
+"""Channel estimation of one stop: one function for all methods, one record as the result of each."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ from sim.signal.arrays.codebook import Codebook
 ChannelEstimator = Callable[[BeamSweep], ChannelEstimate]
 MethodName = Literal["auto", "coherent", "incoherent", "power"]
 
-RANK_TOLERANCE = 1e-6  # singular values of beam weights below this share of the largest are rounding
-NUMBERS_PER_PATH = 5  # real ones: delay, two angles, a complex gain
+RANK_TOLERANCE = 1e-6  # singular values of beam weights below this share of the largest are rounding errors
+NUMBERS_PER_PATH = 5  # real numbers: delay, two angles, complex gain
 
 
 class ChannelConfig(ConfigModel):
-    """Settings of channel estimation: which method, and what each of them needs."""
+    """Settings of channel estimation: the method, and the settings of each method."""
 
     method: MethodName = Field("power", description="auto, coherent, incoherent or power")
     maximum_likelihood: MaximumLikelihoodConfig = MaximumLikelihoodConfig()
@@ -41,11 +41,11 @@ class ChannelConfig(ConfigModel):
     delay_std_floor_ns: float = Field(
         0.0,
         ge=0,
-        description="of maximum-likelihood delays, in quadrature: what no model of separate paths holds",
+        description="added in quadrature to maximum-likelihood delays: errors of the model of separate paths",
     )
-    angle_std_floor_deg: float = Field(0.0, ge=0, description="the same of their angles")
+    angle_std_floor_deg: float = Field(0.0, ge=0, description="the same for their angles")
     self_calibration: SelfCalibrationConfig | None = Field(
-        None, description="calibrate both arrays from the campaign itself; off without it"
+        None, description="calibrate both arrays from the campaign itself; off if left out"
     )
 
 
@@ -61,20 +61,20 @@ def estimate_channel(
     sweep
         What the receiver has of the stop.
     method
-        `coherent`: joint maximum likelihood with phases kept over the sweep; `incoherent`: with an unknown phase
-        for every beam pair; `auto`: whichever a test on the data chooses; `power`: beam powers over delay alone;
-        or a function of the sweep. The one in `config` by default.
+        `coherent`: joint maximum likelihood, phases known over the sweep; `incoherent`: the same with an unknown
+        phase per beam pair; `auto`: a test on the data chooses; `power`: beam powers over delay alone; or a
+        function of the sweep. Default: the method in `config`.
 
     Returns
     -------
     ChannelEstimate
-        `status` is 'ok', 'no paths', 'limited' where there were more paths than could be reported, or 'refused'
-        where the sweep is empty, all zero or not finite; `reason` says what was chosen and why, or what is wrong.
+        `status` is 'ok', 'no paths', 'limited' if there were more paths than may be reported, or 'refused' if
+        the sweep is empty, all zero or not finite; `reason` says what was chosen and why, or what is wrong.
 
     Raises
     ------
     ValueError
-        For an unknown method, and for what a given function returns that is no channel estimate of this stop.
+        For an unknown method, and if a given function does not return a channel estimate of this stop.
     """
     config = config or ChannelConfig()
     method = config.method if method is None else method
@@ -88,13 +88,13 @@ def estimate_channel(
     blind = _blind_ends(sweep)
     if method == "power" or blind:
         estimate = estimate_power(sweep, config.power, config.los)
-        reason = f"{blind}; powers alone give all that can be told" if blind else ""
+        reason = f"{blind}; beam powers hold all observable information" if blind else ""
         return replace(_limited(estimate, config.power.max_paths), reason=reason) if reason else estimate
     return _maximum_likelihood(sweep, method, config)
 
 
 def checked_estimate(estimate: object, sweep: BeamSweep, name: str) -> ChannelEstimate:
-    """What a user's function returned, where it is a channel estimate of the sweep's stop; else `ValueError`."""
+    """The result of a user's function, if it is a channel estimate of the sweep's stop; else `ValueError`."""
     if not isinstance(estimate, ChannelEstimate):
         raise ValueError(
             f"estimator = '{name}': returned {type(estimate).__name__}, a ChannelEstimate is needed"
@@ -132,13 +132,13 @@ def _widened(fit: PathFit, config: ChannelConfig) -> PathFit:
 
 
 def path_capacity(sweep: BeamSweep) -> int:
-    """Most paths whose numbers the samples could determine: delay, two angles and a complex gain for each."""
+    """Largest number of paths (delay, two angles and a complex gain each) that the samples can determine."""
     n_real = 2 * _rank(sweep.tx_codebook) * _rank(sweep.rx_codebook) * int(sweep.samples.shape[2])
     return max(1, n_real // (2 * NUMBERS_PER_PATH))
 
 
 def _limited(estimate: ChannelEstimate, max_paths: int) -> ChannelEstimate:
-    """The estimate with its status and reason set where it holds as many paths as it may."""
+    """The estimate, with status and reason 'limited' if it holds as many paths as it may."""
     if len(estimate) < max_paths:
         return estimate
     reason = f"max_paths = {max_paths} reached: there may be more"
@@ -147,7 +147,7 @@ def _limited(estimate: ChannelEstimate, max_paths: int) -> ChannelEstimate:
 
 
 def _unusable(sweep: BeamSweep) -> str:
-    """What makes the samples useless; empty where nothing does."""
+    """The reason why the samples are useless; empty if they are usable."""
     shape = sweep.samples.shape
     if min(shape) == 0 or shape[2] < 2:
         return f"samples has shape {shape}: at least 1 x 1 beams and 2 subcarriers are needed"
@@ -162,7 +162,7 @@ def _unusable(sweep: BeamSweep) -> str:
 
 
 def _blind_ends(sweep: BeamSweep) -> str:
-    """Which ends cannot tell directions apart: one beam, or beams that are all the same; empty where none."""
+    """The ends that cannot distinguish directions (one beam, or identical beams); empty if there is none."""
     blind = [
         f"{name} beams of rank 1: no angle of {angle}"
         for name, book, angle in (
@@ -175,6 +175,6 @@ def _blind_ends(sweep: BeamSweep) -> str:
 
 
 def _rank(codebook: Codebook) -> int:
-    """Number of independent beams."""
+    """Number of linearly independent beams."""
     value = np.linalg.svd(nominal_manifold(codebook).weights(), compute_uv=False)
     return int((value > RANK_TOLERANCE * value[0]).sum())

@@ -1,4 +1,4 @@
-"""What every maximum-likelihood method returns: the paths of one stop and what is known about them."""
+"""The result of every maximum-likelihood method: the paths of one stop with their covariances."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ FitStatus = Literal["ok", "no_paths", "no_signal"]
 class PathFit(Record):
     """Paths of one stop, sorted by delay; zero paths are valid.
 
-    An end has one angle (azimuth, or the cone angle where its beams cannot tell elevations apart) or two (azimuth,
-    elevation). `status` is 'ok' where paths were found, 'no_paths' where nothing rises above the noise and
-    'no_signal' where the samples are all zero.
+    An end has one angle (azimuth, or the cone angle if its beams do not resolve elevation) or two (azimuth,
+    elevation). `status` is 'ok' if paths were found, 'no_paths' if nothing exceeds the noise and 'no_signal' if
+    all samples are zero.
     """
 
     delay_s: FloatArray = array("path", unit="s", doc="time of arrival, clock bias included")
@@ -27,7 +27,7 @@ class PathFit(Record):
     amplitude: FloatArray = array(
         "path", unit="sqrt(mW)", doc="|xi|, at the elements of both ends, per sample"
     )
-    phase_rad: FloatArray = array("path", unit="rad", doc="phase of xi, NaN where it is not observed")
+    phase_rad: FloatArray = array("path", unit="rad", doc="phase of xi, NaN if it is not observed")
     snr_db: FloatArray = array("path", unit="dB", doc="SNR in the best beam pair, subcarriers summed")
     covariance: FloatArray = array(
         "path",
@@ -43,7 +43,7 @@ class PathFit(Record):
 
 
 def empty_fit(n_aod_angles: int, n_aoa_angles: int, status: FitStatus) -> PathFit:
-    """A fit without paths, of ends with so many angles."""
+    """A fit without paths, for ends with these numbers of angles."""
     n_parameters = 1 + n_aod_angles + n_aoa_angles
     return PathFit(
         delay_s=np.zeros(0),

@@ -1,19 +1,19 @@
-"""Which path is the line of sight? A probability from delays, powers and, where poses are known, angles.
+"""Which path is the line of sight (LOS)? A probability from delays, powers and, if poses are known, angles.
 
-Hypotheses: path i is the line of sight and what came before it are ghosts, or there is none. With b the clock bias
-and l_j = c (tau_j - b) the length of path j, its loss beyond free space is
+Hypotheses: path i is the LOS and earlier paths are ghosts, or there is no LOS. With the clock bias b and the
+length l_j = c (tau_j - b) of path j, its loss beyond free space is
 
     L_j(b) = level - 20 log10(l_j / 1 m) - P_j,
 
-about zero for a line of sight, about `reflection_loss_db` for any other path, and never much below zero. The
-strongest later path has the smallest loss M_i of them all. The evidence for path i is the Bayes factor
+about zero for a LOS, about `reflection_loss_db` for any other path, and never much below zero. M_i is the smallest
+loss of the paths after i. The evidence for path i is the Bayes factor
 
     B_i = int p(b) N(L_i; 0, s) f(M_i; m, s_m) db / int p(b) f(L_i; r, s_r) f(M_i; m, s_m) db
 
-with f a normal density whose part below zero is damped by exp(-L^2 / 2 s^2), times that of the angles, a normal
-density about the known direction over one uniform on the circle. An unknown clock makes power say little but for
-later paths that are too strong; a known clock makes it power against distance. One factor for the strongest later
-path, not one for each: losses of paths over the same walls are not independent.
+with f a normal density whose part below zero is damped by exp(-L^2 / 2 s^2). It is multiplied by the factor of the
+angles, a normal density about the known direction over a uniform one on the circle. If the clock is unknown,
+powers are nearly uninformative, except for later paths that are too strong; if it is known, power is compared with
+distance. The later paths enter as one factor, of the strongest: losses of paths over the same walls are dependent.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ from scenes.pose import SPEED_OF_LIGHT_M_S, wrap_angle
 from scenes.record import BoolArray, FloatArray
 from scenes.toml_config import ConfigModel
 
-CANDIDATES = 3  # earliest paths that may be the line of sight
-MASKED_DB = 10.0  # stronger path in the same delay cell, beside which another is no line of sight
+CANDIDATES = 3  # earliest paths that are tested
+MASKED_DB = 10.0  # a path this far below another one in its delay cell is no line of sight
 CLOCK_POINTS = 3001
 MIN_LENGTH_M = 0.1
 NONE_FOR_SURE = -700.0  # log of a likelihood that is zero in double precision
 
 
 class LosConfig(ConfigModel):
-    """What is known beforehand about lines of sight, reflections and the clock."""
+    """Prior of lines of sight, reflections and the clock."""
 
     power_at_1m_dbm: float = Field(-13.0, description="LOS power at 1 m between the peaks of two beams")
     tolerance_db: float = Field(3.0, gt=0, description="spread of a LOS's power about free space")
@@ -45,18 +45,18 @@ class LosConfig(ConfigModel):
     reflection_std_db: float = Field(7.0, gt=0, description="spread of that loss")
     least_loss_db: float = Field(6.0, ge=0, description="mean loss of a stop's least attenuated reflection")
     least_loss_std_db: float = Field(5.0, gt=0, description="spread of that loss")
-    blocked_share: float = Field(0.3, gt=0, lt=1, description="share of stops without a LOS, beforehand")
-    ghost_share: float = Field(0.01, gt=0, lt=1, description="share of estimated paths that are none")
-    max_clock_bias_ns: float = Field(150.0, gt=0, description="largest clock bias that is credible")
+    blocked_share: float = Field(0.3, gt=0, lt=1, description="prior share of stops without a LOS")
+    ghost_share: float = Field(0.01, gt=0, lt=1, description="share of estimated paths that are ghosts")
+    max_clock_bias_ns: float = Field(150.0, gt=0, description="largest credible clock bias")
     clock_std_ns: float | None = Field(
-        None, gt=0, description="spread of the clock bias about zero where clocks are synchronised"
+        None, gt=0, description="spread of the clock bias about zero if clocks are synchronised"
     )
-    angle_std_deg: float = Field(2.0, gt=0, description="of known directions: poses, pointing")
+    angle_std_deg: float = Field(2.0, gt=0, description="error of known directions: poses, pointing")
 
 
 @dataclass(frozen=True)
 class LosDirection:
-    """Where the line of sight must be, for a receiver whose pose is known; rad in the device frames."""
+    """Direction of the line of sight for a receiver of known pose; rad in the device frames."""
 
     aod_azimuth_rad: float
     aoa_azimuth_rad: float
@@ -72,18 +72,18 @@ def los_probability(
     direction: LosDirection | None = None,
     cell_s: float = 0.0,
 ) -> FloatArray:
-    """Probability (path,) of every path to be the line of sight, for paths sorted by delay.
+    """Probability (path,) that each path is the line of sight; paths are sorted by delay.
 
     Parameters
     ----------
     delay_s
         (path,) with the unknown clock bias.
     power_dbm
-        (path,) that the peaks of two beams would receive: without the loss of the beams' gain there.
+        (path,) that the peaks of two beams would receive: corrected for the gain of the beams towards the path.
     angles_rad, angle_variance
-        (path, 2) azimuths of departure and arrival and their variances; used where `direction` is known.
+        (path, 2) azimuths of departure and arrival and their variances; used if `direction` is known.
     cell_s
-        Resolution in delay. Within it the order of paths says nothing, and what is far below another path there is
+        Resolution in delay. Within a cell the order of paths is uninformative, and a path far below another one is
         its side lobe by wrong beam patterns, or a later path: neither a line of sight nor evidence against one.
     """
     seen = ~_masked(delay_s, power_dbm, cell_s)
@@ -117,14 +117,14 @@ def los_probability(
 
 
 def _masked(delay_s: FloatArray, power_dbm: FloatArray, cell_s: float) -> BoolArray:
-    """Mask (path,) of the paths with another, much stronger one in their delay cell."""
+    """Mask (path,) of the paths with a much stronger one in their delay cell."""
     near = np.abs(delay_s[:, None] - delay_s) < cell_s
     louder = power_dbm[None] > power_dbm[:, None] + MASKED_DB
     return np.asarray((near & louder).any(axis=1))
 
 
 def line_of_sight(probability: FloatArray) -> BoolArray:
-    """Mask (path,) of the path that is more likely than not the line of sight: one at the most."""
+    """Mask (path,) of the path whose probability to be the line of sight exceeds 0.5: at most one."""
     return np.asarray(probability > 0.5)
 
 
@@ -150,7 +150,7 @@ def _log_bayes_factor(delay_s: FloatArray, power_dbm: FloatArray, config: LosCon
 
 
 def _clock(config: LosConfig) -> tuple[FloatArray, FloatArray]:
-    """Clock biases in s, evenly spaced, and the log of their prior, not normalised."""
+    """Evenly spaced clock biases in s, and the log of their prior, not normalised."""
     if config.clock_std_ns is None:
         bias_ns = np.linspace(-config.max_clock_bias_ns, config.max_clock_bias_ns, CLOCK_POINTS)
         return 1e-9 * bias_ns, np.zeros(CLOCK_POINTS)
@@ -159,7 +159,7 @@ def _clock(config: LosConfig) -> tuple[FloatArray, FloatArray]:
 
 
 def _log_loss(loss_db: FloatArray, mean_db: float, std_db: float, tolerance_db: float) -> FloatArray:
-    """Log density, up to a constant, of the loss of a reflection: no more than a perfect mirror gives."""
+    """Log density, up to a constant, of the loss of a reflection: at least that of a perfect mirror."""
     gain_db = np.minimum(loss_db, 0.0)
     return np.asarray(
         -0.5 * ((loss_db - mean_db) / std_db) ** 2 - 0.5 * (gain_db / tolerance_db) ** 2 - np.log(std_db)
@@ -169,7 +169,7 @@ def _log_loss(loss_db: FloatArray, mean_db: float, std_db: float, tolerance_db: 
 def _angle_factor(
     angles_rad: FloatArray, variance: FloatArray, direction: LosDirection, config: LosConfig
 ) -> float:
-    """Log of the density about the known direction over that of any direction."""
+    """Log ratio of the density about the known direction to the uniform density."""
     known = np.array([direction.aod_azimuth_rad, direction.aoa_azimuth_rad])
     spread = variance + np.deg2rad(config.angle_std_deg) ** 2
     error = wrap_angle(angles_rad - known)

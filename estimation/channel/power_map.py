@@ -1,4 +1,4 @@
-"""The beam power map: received power of every beam pair, the picture of a stop in angles."""
+"""The beam power map: the received power of every beam pair at one stop."""
 
 from __future__ import annotations
 

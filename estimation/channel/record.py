@@ -1,4 +1,4 @@
-"""The channel estimate: paths of one stop as the receiver knows them, whatever method found them."""
+"""The channel estimate: the paths of one stop as the receiver knows them, the same record for all methods."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ MIN_PARAMETERS = 3  # delay, departure azimuth, arrival azimuth; then departure 
 
 
 class EstimateStatus(StrEnum):
-    """How the estimate of a stop came about."""
+    """Outcome of the estimation of a stop."""
 
     OK = "ok"
-    NO_PATHS = "no paths"  # the sweep is sound, nothing rises above the noise
-    LIMITED = "limited"  # more paths than asked for, or than the data can hold
-    REFUSED = "refused"  # the samples tell nothing: empty, all zero, not finite
+    NO_PATHS = "no paths"  # the sweep is valid, nothing exceeds the noise
+    LIMITED = "limited"  # more paths than the limit, or than the data can determine
+    REFUSED = "refused"  # the samples are uninformative: empty, all zero, not finite
 
 
 class AngleKind(StrEnum):
     """What the azimuths of one device are.
 
     AZIMUTH
-        The horizontal direction itself: elevation was estimated, or the angle is known to be horizontal.
+        The horizontal direction: elevation was estimated, or the path is known to be horizontal.
     CONE
-        The azimuth that the beams would show at elevation 0: horizontal beams of a panel see only
-        sin(azimuth) cos(elevation) about its boresight, so a path from above or below comes out nearer to it.
+        The azimuth that the beams would show at elevation 0: horizontal beams of a panel observe only
+        sin(azimuth) cos(elevation) about its boresight, so a path from above or below appears nearer to it.
     """
 
     AZIMUTH = "azimuth"
@@ -37,7 +37,7 @@ class AngleKind(StrEnum):
 
 
 def _optional(*axes: str, **about: Any) -> Any:
-    """An array field that may be left out; the record then fills in what is said of it."""
+    """An optional array field; the record fills in the documented default."""
     return field(default=None, metadata=array(*axes, **about).metadata)
 
 
@@ -45,11 +45,11 @@ def _optional(*axes: str, **about: Any) -> Any:
 class ChannelEstimate(Record):
     """Estimated paths of one stop, sorted by delay; zero paths are valid.
 
-    Angles are in the devices' own frames: departure relative to the TX heading, arrival relative to the RX
-    heading (the RX heading itself is unknown to the estimator). Delays contain the unknown clock bias.
+    Angles are in the devices' own frames: departure relative to the TX heading, arrival relative to the RX heading
+    (the estimator does not know the RX heading). Delays contain the unknown clock bias.
 
-    Fields after `is_los` may be left out: what they say is then unknown (NaN), the probability of the line of
-    sight is 1 or 0, and azimuths are taken to be horizontal.
+    Fields after `is_los` are optional. If they are left out their values are unknown (NaN), the probability of the
+    line of sight is 1 or 0, and azimuths are taken as horizontal.
     """
 
     stop: int = array(dtype=int, doc="index of the receiver stop")
@@ -78,15 +78,15 @@ class ChannelEstimate(Record):
         "path", unit="sqrt(mW)", doc="magnitude of the path gain with the transmit power, without beams"
     )
     gain_phase_rad: FloatArray = _optional(
-        "path", unit="rad", doc="phase of the path gain at the carrier; NaN where phases are not kept"
+        "path", unit="rad", doc="phase of the path gain at the carrier; NaN if phases are not coherent"
     )
     aod_elevation_rad: FloatArray = _optional("path", unit="rad", doc="elevation of departure; NaN unknown")
     aoa_elevation_rad: FloatArray = _optional("path", unit="rad", doc="elevation of arrival; NaN unknown")
     aod_angle_kind: str = _optional(dtype=str, doc="departure azimuths are: 'azimuth' or 'cone' angles")
     aoa_angle_kind: str = _optional(dtype=str, doc="arrival azimuths are: 'azimuth' or 'cone' angles")
-    method: str = _optional(dtype=str, doc="what found the paths")
+    method: str = _optional(dtype=str, doc="method that found the paths")
     status: str = _optional(dtype=str, doc="'ok', 'no paths', 'limited' or 'refused'")
-    reason: str = _optional(dtype=str, doc="what the method chose and why, or what was wrong")
+    reason: str = _optional(dtype=str, doc="what the method chose and why, or what is wrong")
 
     def __post_init__(self) -> None:
         n = len(self.delay_s)
@@ -112,12 +112,12 @@ class ChannelEstimate(Record):
 
     @property
     def plane_covariance(self) -> FloatArray:
-        """Covariance (path, 3, 3) of delay and both azimuths alone, in (s, rad, rad)^2."""
+        """Covariance (path, 3, 3) of delay and both azimuths, in (s, rad, rad)^2."""
         return self.covariance[:, :MIN_PARAMETERS, :MIN_PARAMETERS]
 
 
 def empty_estimate(stop: int, method: str, status: EstimateStatus, reason: str) -> ChannelEstimate:
-    """The estimate of a stop without any path, with what led to it."""
+    """The estimate of a stop without paths, with its status and reason."""
     none = np.zeros(0)
     return ChannelEstimate(
         stop=stop,
@@ -136,16 +136,16 @@ def empty_estimate(stop: int, method: str, status: EstimateStatus, reason: str) 
 
 
 def check_estimate(estimate: ChannelEstimate, period_s: float) -> None:
-    """Refuse an estimate that breaks the promises of the record.
+    """Check an estimate against the contract of the record.
 
-    `period_s` is the delay after which a comb of subcarriers repeats; no delay can be told beyond it.
+    `period_s` is the delay after which a comb of subcarriers repeats; larger delays are ambiguous.
 
     Raises
     ------
     ValueError
-        Where a value is not finite, a delay lies beyond +-`period_s` (ns for s), paths are not sorted by delay, a
-        covariance is not symmetric and positive definite, several paths are called line of sight or one against
-        its probability, or a word is none of those allowed; the message names stop, field and value.
+        If a value is not finite, a delay is beyond +-`period_s` (ns for s), paths are not sorted by delay, a
+        covariance is not symmetric and positive definite, several paths are line of sight or one contradicts its
+        probability, or a word is not an allowed one; the message names stop, field and value.
     """
     where = f"stop {estimate.stop}: "
     for name in ("delay_s", "aod_azimuth_rad", "aoa_azimuth_rad", "power_dbm"):
@@ -186,7 +186,7 @@ def _check_covariance(estimate: ChannelEstimate, where: str) -> None:
     bad = both & ~np.isfinite(estimate.covariance)
     if bad.any():
         raise ValueError(f"{where}covariance = {estimate.covariance[bad][0]}: must be finite")
-    # Delays in ns and angles in rad have comparable sizes, so that the eigenvalues can be judged.
+    # Delays in ns and angles in rad have similar magnitudes, so one limit fits all eigenvalues.
     scale = np.array([1e9, 1.0, 1.0, 1.0, 1.0])[:n_parameters]
     scaled = np.where(both, estimate.covariance * scale[:, None] * scale, np.eye(n_parameters))
     if not np.allclose(scaled, np.swapaxes(scaled, 1, 2)) or (np.linalg.eigvalsh(scaled) <= 0).any():

@@ -1,4 +1,4 @@
-"""Array responses learned from the campaign itself.
+"""Calibration of the arrays from the sweeps of a campaign, without known directions.
 
-Read `self_calibration.py` first; `dominant.py` finds the paths that it uses.
+Read `self_calibration.py` first (`self_calibrate`); `dominant.py` finds the single paths that it uses.
 """

@@ -1,4 +1,4 @@
-"""Dominant paths without any beam pattern: what stands alone in its delay cell, over all beam pairs."""
+"""Dominant paths, found without beam patterns: single paths in their delay cell over all beam pairs."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from estimation.channel.model.delay import OVERSAMPLING, hann_window, parabola_p
 from scenes.record import ComplexArray, FloatArray, IntArray, Record, array
 from sim.observation import BeamSweep
 
-REACH = 5 * OVERSAMPLING  # bins to either side that must be free of others: the Hann main lobe, and a guard
-FREE_DB = 20.0  # what another path there must stay below
-NOISE_STD = 4.0  # standard deviations of the summed noise power that count as noise
-KEPT_PURITY = 0.97  # of complex beam-pair matrices, from which phases count as kept
+REACH = 5 * OVERSAMPLING  # bins to either side without other paths: the Hann main lobe, and a guard
+FREE_DB = 20.0  # another path there must be this far below
+NOISE_STD = 4.0  # standard deviations of the summed noise power up to which it counts as noise
+KEPT_PURITY = 0.97  # of complex beam-pair matrices, above which phases count as coherent
 
 
 @dataclass(frozen=True)
 class DominantPaths(Record):
-    """Paths alone in their delay cells: complex amplitude of every beam pair in units of its noise.
+    """Single paths in their delay cells: complex amplitude of every beam pair in units of its noise.
 
-    A single path makes a matrix of rank 1 over the beams; its purity is the share of the first singular value in
-    the power above noise.
+    A single path gives a matrix of rank 1 over the beams. Its purity is the share of the first singular value in
+    the power above the noise.
     """
 
     amplitude: ComplexArray = array("path", "tx_beam", "rx_beam", dtype="complex64", doc="over noise")
@@ -34,26 +34,26 @@ class DominantPaths(Record):
 
     @property
     def snr(self) -> FloatArray:
-        """Power of every path (path,) over the noise power of one beam pair, summed over beam pairs."""
+        """Power (path,) of every path, summed over beam pairs, over the noise power of one beam pair."""
         return np.asarray(np.linalg.norm(self.amplitude.astype(complex), axis=(1, 2)) ** 2)
 
     def purity(self, is_coherent: bool) -> FloatArray:
         """Share (path,) of the first singular value in the power above noise."""
         value = np.linalg.svd(self._matrix(is_coherent), compute_uv=False)
         n_pairs = self.amplitude[0].size if len(self) else 0
-        noise = n_pairs if is_coherent else 0.5 * n_pairs  # magnitudes of weak pairs keep half of it
+        noise = n_pairs if is_coherent else 0.5 * n_pairs  # magnitudes of weak pairs hold half of it
         return np.asarray(value[:, 0] ** 2 / np.maximum((value**2).sum(axis=1) - noise, value[:, 0] ** 2))
 
     def phases_may_be_coherent(self) -> bool:
-        """Whether most of these paths have rank 1 with their phases: a slow drift would not show in it."""
+        """Whether most of these paths have rank 1 with their phases; it does not reveal a slow drift."""
         return bool(len(self) and np.median(self.purity(True)) >= KEPT_PURITY)
 
     def pure(self, is_coherent: bool, min_purity: float) -> Self:
-        """The paths that are single ones."""
+        """The paths whose purity is that of a single path."""
         return self.take("path", self.purity(is_coherent) >= min_purity)
 
     def vectors(self, is_coherent: bool) -> tuple[ComplexArray, ComplexArray]:
-        """Unit responses of TX (path, tx_beam) and RX (path, rx_beam), the noise of the RX beams undone."""
+        """Unit responses of TX (path, tx_beam) and RX (path, rx_beam), without the RX noise weights."""
         left, _, right = np.linalg.svd(self._matrix(is_coherent), full_matrices=False)
         rx = right[:, 0] * self.rx_noise
         return left[:, :, 0], rx / np.linalg.norm(rx, axis=1, keepdims=True)
@@ -66,7 +66,7 @@ class DominantPaths(Record):
 
 
 def dominant_paths(sweep: BeamSweep, min_snr_db: float) -> DominantPaths:
-    """Paths of a stop at least `min_snr_db` strong in their best beam pair, with no other near in delay."""
+    """Paths of a stop of at least `min_snr_db` in their best beam pair, with no other path near in delay."""
     n = sweep.samples.shape[-1]
     window = hann_window(n)
     noise = sweep.noise_power_mw * (window**2).sum() / n**2
@@ -85,7 +85,7 @@ def dominant_paths(sweep: BeamSweep, min_snr_db: float) -> DominantPaths:
 def _delay_profile(
     sweep: BeamSweep, window: FloatArray, noise_mw: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Power over noise (delay,) summed over beam pairs, and that of the best of them."""
+    """Power over noise (delay,), summed over beam pairs, and of the best beam pair."""
     n = len(window)
     total, best = np.zeros(OVERSAMPLING * n), np.zeros(OVERSAMPLING * n)
     for samples, symbols in zip(sweep.samples, sweep.prs_symbol, strict=True):
@@ -98,9 +98,9 @@ def _delay_profile(
 
 
 def _isolated(total: FloatArray, noise: float, best: FloatArray, min_snr: float) -> IntArray:
-    """Bins of the peaks of the total power (delay,) whose neighbourhood holds no other peak or shoulder.
+    """Bins of the peaks of the total power (delay,) without another peak or shoulder in their neighbourhood.
 
-    Noise alone makes the total vary by less than `noise`.
+    Noise alone changes the total by less than `noise`.
     """
     neighbour = np.maximum(np.roll(total, 1), np.roll(total, -1))
     near_best = np.maximum(np.maximum(np.roll(best, 1), np.roll(best, -1)), best)

@@ -1,23 +1,23 @@
-"""Self-calibration: the true responses of both arrays from paths whose directions are not known.
+"""Self-calibration: the true responses of both arrays from paths of unknown directions.
 
-A path alone in its delay cell leaves a matrix over TX and RX beams of rank 1, whatever the arrays: its
-singular vectors are the responses t(phi) and r(theta) of the two codebooks as built, up to a complex factor. With
-the designed weights W, the panel geometry a(phi), unknown element responses e and unknown beam factors b,
+A single path in its delay cell gives a matrix over TX and RX beams of rank 1, for any arrays: its singular vectors
+are the responses t(phi) and r(theta) of the two codebooks as built, up to a complex factor. With the designed
+weights W, the panel geometry a(phi), unknown element responses e and unknown beam factors b,
 
     t(phi) ~ diag(b) W diag(a(phi)) e.
 
-Over the dominant paths of some 20 stops the directions, e and b are estimated in turns: directions by maximising
-the match, e by least squares on the part of the model orthogonal to the measured vector (linear in e, free of the
-unknown factor), b by least squares beam by beam. A weak prior about 1 settles what no path sees, such as the share
-of each row in a column of elements when all beams are horizontal.
+Over the dominant paths of some 20 stops the directions, e and b are estimated in turn: directions by maximising
+the match; e by least squares on the part of the model orthogonal to the measured vector (linear in e, free of the
+unknown factor); b by least squares per beam. A weak prior about 1 determines what no path observes, such as the
+share of each row in a column of elements if all beams are horizontal.
 
-Gauge: a common complex factor belongs to the path gains, and a phase that is linear over the aperture turns all
-directions alike. Both are taken out of e, so a constant pointing offset of a device stays as it is: only mapping
-and SLAM, which see positions, can tell it.
+Gauge: a common complex factor belongs to the path gains, and a linear phase over the aperture rotates all
+directions equally. Both are removed from e, so a constant pointing offset of a device remains: only mapping and
+SLAM, which observe positions, can estimate it.
 
-Where phases are not kept from beam pair to beam pair (tested on the data), the magnitudes of the matrix still
-have rank 1; the phases of the vectors are then those of the model, renewed at every turn. Magnitudes cannot tell
-element factors from their conjugates in reverse order; either serves where only magnitudes count.
+If phases are not coherent between beam pairs (tested on the data), the magnitudes of the matrix still have rank 1;
+the phases of the vectors are then those of the model, updated in every iteration. Magnitudes do not distinguish
+element factors from their conjugates in reverse order; either is valid if only magnitudes count.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ from sim.observation import BeamSweep
 from sim.signal.arrays.array import element_amplitude, steering_vector, to_panel, vertical_polarisation
 from sim.signal.arrays.codebook import Codebook
 
-INCOHERENT_GAIN = 4.0  # misfit of complex vectors over that of magnitudes, from which phases count as lost
-START_OVERSAMPLING = 4.0  # directions per Rayleigh cell where the search for a path's direction starts
-FIRST_STEP_RAD = np.deg2rad(0.5)  # of the search for directions; halved from turn to turn, down to
+INCOHERENT_GAIN = 4.0  # misfit of complex vectors over that of magnitudes: above it phases are incoherent
+START_OVERSAMPLING = 4.0  # directions per Rayleigh cell at the start of the direction search
+FIRST_STEP_RAD = np.deg2rad(0.5)  # of the direction search; halved in every iteration, down to
 LAST_STEP_RAD = np.deg2rad(0.02)
 LEAST_MISFIT = 1e-9
 
@@ -47,25 +47,25 @@ LEAST_MISFIT = 1e-9
 class SelfCalibrationConfig(ConfigModel):
     """Self-calibration of the arrays from the sweeps of a campaign."""
 
-    stops: int = Field(20, ge=2, description="stops, spread over the campaign, that it is made from")
-    errors: Literal["elements", "beams", "both"] = Field("elements", description="what may be wrong")
-    prior_std: float = Field(0.3, gt=0, description="spread of relative errors, beforehand")
-    min_snr_db: float = Field(16.0, ge=10, description="of a path that is used, in its best beam pair")
+    stops: int = Field(20, ge=2, description="number of stops used, spread over the campaign")
+    errors: Literal["elements", "beams", "both"] = Field("elements", description="what is estimated")
+    prior_std: float = Field(0.3, gt=0, description="prior spread of relative errors")
+    min_snr_db: float = Field(16.0, ge=10, description="least SNR of a used path in its best beam pair")
     min_purity: float = Field(0.97, gt=0, lt=1, description="share of the first singular value's power")
-    turns: int = Field(30, ge=1, description="of directions, elements and beams")
+    turns: int = Field(30, ge=1, description="iterations over directions, elements and beams")
 
 
 @dataclass(frozen=True)
 class Calibration(Record):
-    """What self-calibration found: both codebooks with the responses as built in their weights."""
+    """Result of self-calibration: both codebooks with the responses as built in their weights."""
 
     tx_codebook: Codebook
     rx_codebook: Codebook
     tx_element: ComplexArray = array("tx_element", dtype=complex, doc="response over the designed one")
     rx_element: ComplexArray = array("rx_element", dtype=complex, doc="response over the designed one")
-    n_paths: int = array(dtype=int, doc="paths that it was made from")
-    is_coherent: bool = array(dtype=bool, doc="whether phases between beam pairs could be used")
-    misfit: float = array(doc="mean share of a path's power that neither calibrated array explains")
+    n_paths: int = array(dtype=int, doc="number of paths used")
+    is_coherent: bool = array(dtype=bool, doc="whether phases between beam pairs were used")
+    misfit: float = array(doc="mean share of a path's power that the calibrated arrays do not explain")
 
     def applied(self, sweep: BeamSweep) -> BeamSweep:
         """The sweep with the calibrated codebooks in place of the designed ones."""
@@ -74,11 +74,11 @@ class Calibration(Record):
 
 @dataclass(frozen=True)
 class ArrayFactors:
-    """What one device differs from its design by."""
+    """Factors between one device as built and its design."""
 
     element: ComplexArray  # (element,)
     beam: ComplexArray  # (beam,)
-    misfit: float  # mean share of the measured vectors' power that the model leaves
+    misfit: float  # mean share of the measured vectors' power that the model does not explain
 
 
 def calibration_rows(n_stops: int, config: SelfCalibrationConfig) -> IntArray:
@@ -92,7 +92,7 @@ def self_calibrate(sweeps: Iterable[BeamSweep], config: SelfCalibrationConfig | 
     Raises
     ------
     ValueError
-        Where there are no sweeps, or not a single dominant path in them.
+        If there are no sweeps, or no dominant path in them.
     """
     config = config or SelfCalibrationConfig()
     found, books = [], None
@@ -138,7 +138,7 @@ def _calibrated(
 
 
 def with_responses(codebook: Codebook, element: ComplexArray, beam: ComplexArray) -> Codebook:
-    """The codebook whose elements (element,) and beams (beam,) respond by these factors."""
+    """The codebook with its elements (element,) and beams (beam,) multiplied by these factors."""
     return replace(codebook, weights=codebook.weights * element * beam[:, None])
 
 
@@ -150,7 +150,7 @@ def calibrate_array(
     *,
     is_coherent: bool = True,
 ) -> ArrayFactors:
-    """Factors of the elements and of the beams of one device, 1 where it is as designed.
+    """Factors of the elements and of the beams of one device, 1 if as designed.
 
     Parameters
     ----------
@@ -158,7 +158,7 @@ def calibrate_array(
         (path, beam) of unit norm: the device's response to one path each, up to a complex factor.
     snr
         (path,) inverse of the noise power of an entry of `vectors`. Paths that fit worse than their noise explains
-        (others in the same delay cell, side lobes) count by their misfit instead.
+        (other paths in the same delay cell, side lobes) are weighted by their misfit instead.
     """
     element = np.ones(codebook.size("element"), complex)
     beam = np.ones(len(codebook), complex)
@@ -198,9 +198,9 @@ def element_matrix(codebook: Codebook, azimuth_rad: FloatArray, elevation_rad: F
 
 
 def without_gauge(codebook: Codebook, element: ComplexArray) -> ComplexArray:
-    """Element factors without the common complex factor and the linear phase that no path can show.
+    """Element factors without the common complex factor and the linear phase, which are unobservable.
 
-    The phase slope is the weighted least-squares one, so that no turn of 2 pi is met for errors of less than pi.
+    The phase slope is fitted by weighted least squares, so errors of less than pi cause no ambiguity of 2 pi.
     """
     position = codebook.element_position_m[:, 1:]
     position = position - position.mean(axis=0)
@@ -215,7 +215,7 @@ def without_gauge(codebook: Codebook, element: ComplexArray) -> ComplexArray:
 def _element_step(
     matrix: ComplexArray, measured: ComplexArray, snr: FloatArray, element: ComplexArray, prior_std: float
 ) -> ComplexArray:
-    """Least squares for e on what of the model (path, beam, element) is orthogonal to the measured vectors.
+    """Least squares for e on the part of the model (path, beam, element) orthogonal to the measured vectors.
 
     The noise of a unit vector is 1 / SNR per entry, that of the orthogonal part |A e|^2 / SNR.
     """
@@ -223,7 +223,7 @@ def _element_step(
     across = matrix - measured[:, :, None] * (measured[:, None].conj() @ matrix)
     rows = (across * scale[:, None, None]).reshape(-1, matrix.shape[2])
     normal = rows.conj().T @ rows + np.eye(matrix.shape[2]) / prior_std**2
-    # The prior pulls e to 1; its pull along the scale is undone by the gauge.
+    # The prior pulls e to 1; the gauge removes its pull along the scale.
     return np.asarray(np.linalg.solve(normal, np.full(matrix.shape[2], 1 / prior_std**2, complex)))
 
 

@@ -54,7 +54,7 @@ class IncoherentFit(PathFit):
     def caveat(self) -> str:
         """What the covariances alone would hide; empty where there is nothing."""
         n = int(self.is_ambiguous.sum())
-        return f"{n} of {len(self)} paths fit several directions alike by magnitudes alone" if n else ""
+        return f"{n} of {len(self)} paths fit several directions equally by magnitudes alone" if n else ""
 
 
 def fit_incoherent(

@@ -1,4 +1,4 @@
-"""Paths from beam powers over delay: no phase between beams is needed.
+"""Paths from beam powers over delay; no phase between beams is needed.
 
-Read `paths.py` first, then `detect.py` and `beams.py`.
+Read `paths.py` first (`estimate_power`), then `detect.py` and `beams.py`.
 """

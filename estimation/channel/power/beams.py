@@ -1,4 +1,4 @@
-"""A sweep's beams as an axis: neighbours, nominal amplitude patterns, and angles from beam powers."""
+"""The beams of a device: neighbours, nominal amplitude patterns, and angles from beam powers."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from scenes.record import FloatArray, IntArray
 from sim.signal.arrays.codebook import Codebook, beam_response
 
 GRID_STEP_RAD = np.deg2rad(0.1)
-NEIGHBOURHOOD = 2  # beams to either side of the strongest that an angle is read from
+NEIGHBOURHOOD = 2  # beams to either side of the strongest that an angle is estimated from
 
 
 @dataclass(frozen=True)
 class AngleFit:
-    """An angle matched to a beam amplitude profile.
+    """An angle fitted to a beam amplitude profile.
 
     `information` is the Fisher information in rad^-2 about the angle per unit of (amplitude / real noise std)^2,
-    `residual` the mean square misfit per degree of freedom relative to the peak amplitude squared.
+    `residual` the mean square misfit per degree of freedom relative to the squared peak amplitude.
     """
 
     azimuth_rad: float
@@ -31,8 +31,8 @@ class AngleFit:
 class BeamAxis:
     """The beams of one device in order of azimuth, with their nominal amplitude patterns on a fine grid.
 
-    The axis is closed (the last beam is a neighbour of the first) where the gap across is no wider than twice the
-    widest between beams. `peak_gain_db` is the highest gain of any beam in the horizontal plane.
+    The axis is closed (the last beam is a neighbour of the first) if the gap between them is at most twice the
+    widest gap between beams. `peak_gain_db` is the highest gain of any beam in the horizontal plane.
     """
 
     def __init__(self, codebook: Codebook) -> None:
@@ -55,7 +55,7 @@ class BeamAxis:
         return np.asarray(np.where((place < 0) | (place >= n), beam, self._order[np.clip(place, 0, n - 1)]))
 
     def neighbourhood(self, beam: int) -> IntArray:
-        """The strongest beam and up to 2 beams to either side, in order of azimuth, no beam twice."""
+        """The strongest beam and up to 2 beams to either side, in order of azimuth, each once."""
         beams = [int(self.neighbour(np.asarray(beam), s)) for s in range(-NEIGHBOURHOOD, NEIGHBOURHOOD + 1)]
         if not self.is_closed:
             places = np.arange(self._rank[beam] - NEIGHBOURHOOD, self._rank[beam] + NEIGHBOURHOOD + 1)
@@ -68,18 +68,18 @@ class BeamAxis:
         return np.asarray(amplitude / amplitude.max())
 
     def loss_db(self, azimuth_rad: float) -> float:
-        """Gain of the best beam towards a direction below the highest gain of any beam anywhere, nominal."""
+        """Nominal gain of the best beam towards a direction, below the highest gain of any beam."""
         best = np.abs(beam_response(self._codebook, azimuth_rad)).max()
         return float(self.peak_gain_db - 20 * np.log10(best))
 
     def match(self, beams: IntArray, amplitude: FloatArray) -> AngleFit:
-        """Angle whose nominal pattern is nearest to the measured `amplitude` of `beams`, its scale free.
+        """Angle whose nominal pattern is nearest to the measured `amplitude` of `beams`, up to a scale.
 
         Minimises |s|^2 - (s.g)^2 / |g|^2 over the azimuth on a 0.1 deg grid, refined by a parabola.
         """
         strongest = self._codebook.azimuth_rad[beams[np.argmax(amplitude)]]
         pointing = wrap_angle(self._codebook.azimuth_rad[beams] - strongest)
-        # Beams that are all the same have no spacing.
+        # Identical beams have no spacing.
         margin = np.diff(np.sort(pointing)).max(initial=0.0) or np.pi / 8
         low, high = pointing.min() - margin, pointing.max() + margin
         offset = wrap_angle(self._grid_rad - strongest)

@@ -25,7 +25,7 @@ class Peaks(Record):
 
 
 def noise_threshold(n_cells: float, false_alarm_probability: float) -> float:
-    """SNR that noise alone exceeds anywhere in `n_cells` independent cells with the given probability.
+    """SNR that noise alone exceeds in any of `n_cells` independent cells with the given probability.
 
     The power of complex Gaussian noise is exponential: P_fa = 1 - (1 - exp(-T))^n.
     """
@@ -35,7 +35,7 @@ def noise_threshold(n_cells: float, false_alarm_probability: float) -> float:
 def local_maxima(power: DelayPower, tx: BeamAxis, rx: BeamAxis, threshold: float) -> Peaks:
     """Cells above `threshold` (SNR) that no neighbour in beam, beam and delay exceeds, strongest first.
 
-    Neighbouring beams are the next in pointing azimuth, round the circle where the axis is closed.
+    Neighbouring beams are the next in pointing azimuth, around the circle if the axis is closed.
     """
     snr = power.snr
     m, n, d = np.nonzero(snr > threshold)
@@ -54,10 +54,10 @@ def local_maxima(power: DelayPower, tx: BeamAxis, rx: BeamAxis, threshold: float
 
 
 class SideLobeEnvelope:
-    """Amplitude that the paths accepted so far can put into other cells at the most.
+    """Largest amplitude that the accepted paths can cause in other cells.
 
-    The nominal beam patterns and the window say what one path leaves in every cell; amplitudes of several paths
-    are added, since their phases are not known to a power-only method.
+    It follows from the nominal beam patterns and the window. Amplitudes of several paths are added, since a
+    power-only method does not know their phases.
     """
 
     def __init__(self, tx: BeamAxis, rx: BeamAxis, n_delays: int) -> None:
@@ -65,7 +65,7 @@ class SideLobeEnvelope:
         self._paths: list[tuple[float, FloatArray, FloatArray, float]] = []
 
     def add(self, snr: float, aod_azimuth_rad: float, aoa_azimuth_rad: float, delay_bin: float) -> None:
-        """Take a path with this peak SNR, angles and (fractional) delay bin into account."""
+        """Add a path with this peak SNR, angles and (fractional) delay bin."""
         tx_amplitude = self._tx.relative_amplitude(aod_azimuth_rad)
         rx_amplitude = self._rx.relative_amplitude(aoa_azimuth_rad)
         self._paths.append((np.sqrt(snr), tx_amplitude, rx_amplitude, delay_bin))

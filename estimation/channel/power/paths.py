@@ -1,8 +1,8 @@
-"""The power-only, delay-resolved method: paths from beam powers over delay, no phase between beams needed.
+"""The power-only, delay-resolved method: paths from beam powers over delay, without phases between beams.
 
-Idea as in Rastorgueva-Foi et al., arXiv 2312.13741 (beam powers and their singular vectors): the power of one path
-over the beam pairs of its delay is a product of a TX and an RX profile, so the dominant singular pair separates
-the two angles. The nominal beam patterns are used to read angles off the profiles and to know side lobes.
+Idea as in Rastorgueva-Foi et al., arXiv 2312.13741 (beam powers and their singular vectors): at its delay, the
+power of one path over the beam pairs is the product of a TX and an RX profile, so the dominant singular pair
+separates the two angles. The nominal beam patterns give the angles of the profiles, and the side lobes.
 """
 
 from __future__ import annotations
@@ -21,17 +21,19 @@ from scenes.record import FloatArray
 from scenes.toml_config import ConfigModel
 from sim.observation import BeamSweep
 
-UNKNOWN_ANGLE_VARIANCE = np.pi**2 / 3  # of an angle anywhere on the circle: a single beam says no more
+UNKNOWN_ANGLE_VARIANCE = np.pi**2 / 3  # of a uniform angle on the circle, as with a single beam
 
 
 class PowerMethodConfig(ConfigModel):
     """Settings of the power-only method."""
 
-    false_alarm_probability: float = Field(1e-2, gt=0, lt=1, description="of a stop with noise alone")
-    dynamic_range_db: float = Field(28.0, gt=0, description="weakest path reported, below the strongest")
-    side_lobe_margin_db: float = Field(4.0, ge=0, description="a peak must rise this far above side lobes")
+    false_alarm_probability: float = Field(1e-2, gt=0, lt=1, description="of a stop that holds noise alone")
+    dynamic_range_db: float = Field(
+        28.0, gt=0, description="level of the weakest reported path below the strongest"
+    )
+    side_lobe_margin_db: float = Field(4.0, ge=0, description="a peak must exceed side lobes by this")
     max_misfit: float = Field(0.05, gt=0, description="largest misfit of a path to the beam patterns")
-    max_paths: int = Field(40, ge=1, description="paths per stop at the most")
+    max_paths: int = Field(40, ge=1, description="most paths per stop")
     delay_std_floor_ns: float = Field(0.02, ge=0, description="added in quadrature to every delay's std")
     angle_std_floor_deg: float = Field(0.05, ge=0, description="added in quadrature to every angle's std")
 
@@ -54,9 +56,9 @@ def estimate_power(
 ) -> ChannelEstimate:
     """Paths of one stop by the power-only, delay-resolved method.
 
-    Peaks of the beam power over delay are taken from the strongest down; one is kept when it rises above the noise
-    threshold, the dynamic range and the side lobes of all paths kept before, and fits the beam patterns.
-    Without any path the estimate is empty.
+    Peaks of the beam power over delay are processed from the strongest down. A peak is kept if it exceeds the
+    noise threshold, the dynamic range and the side lobes of all kept paths, and fits the beam patterns. Without
+    any path the estimate is empty.
     """
     config = config or PowerMethodConfig()
     power = delay_power(sweep)
@@ -119,7 +121,7 @@ def _assemble(
     n_bins = power.snr.shape[2]
     bin_s = float(power.delay_s[1])
     delay_bin = np.array([p.delay_bin for p in paths])
-    # A clock bias can bring the first path below zero: the last eighth of the circle counts as negative.
+    # A clock bias can make the first delay negative: the last eighth of the circle counts as negative.
     delay_bin = (delay_bin + n_bins / 8) % n_bins - n_bins / 8
     order = np.argsort(delay_bin, kind="stable")
     paths, delay_s = [paths[i] for i in order], delay_bin[order] * bin_s
@@ -154,7 +156,7 @@ def _covariances(
     """Covariance (path, 3, 3) of delay, AoD and AoA, from noise, the other paths' side lobes and the misfit.
 
     Noise and the amplitudes of the other paths, of random phase, disturb a beam's real amplitude with half their
-    power; the misfit to the beam patterns adds what neither explains (unresolved and diffuse paths).
+    power. The misfit to the beam patterns adds what neither explains (unresolved and diffuse paths).
     """
     covariance = np.zeros((len(paths), 3, 3))
     if not paths:
@@ -162,7 +164,7 @@ def _covariances(
     snr = np.array([p.snr for p in paths])
     cells = (np.array([p.tx_beam for p in paths]), np.array([p.rx_beam for p in paths]))
     leaked = envelope.contributions(*cells, np.array([p.delay_bin for p in paths])) ** 2
-    # The envelope lists the paths as accepted; leave out every path's own contribution, the largest in its cell.
+    # The envelope lists all accepted paths; leave out each path's own contribution, the largest in its cell.
     interference = np.maximum(leaked.sum(axis=0) - leaked.max(axis=0), 0.0)
     disturbance = 0.5 * (1 + interference) / snr
     misfit = np.array([max(p.delay_misfit, p.aod.residual, p.aoa.residual) for p in paths])

@@ -45,11 +45,11 @@ def test_directions_lie_within_their_covariances_whatever_the_beams_show(
     assert (np.einsum("pa,pab,pb->p", error, np.linalg.inv(covariance), error) < 16).all()
     wide = np.sqrt(covariance[:, 1, 1]) > np.deg2rad(2)
     if wide.any():
-        assert f"{wide.sum()} of 2 paths fit several directions alike" in estimate.reason
+        assert f"{wide.sum()} of 2 paths fit several directions equally" in estimate.reason
 
 
 def test_beams_at_two_elevations_cannot_tell_above_from_below_without_phases() -> None:
-    assert "fit several directions alike" in estimated(TWO_LEVELS, "incoherent").reason
+    assert "fit several directions equally" in estimated(TWO_LEVELS, "incoherent").reason
     sure = estimated(TWO_LEVELS, "coherent")
     error, covariance = departures(sure)
     assert np.sqrt(covariance[:, 1, 1]).max() < np.deg2rad(1)
