@@ -1,4 +1,4 @@
-"""The measured Campus Arena stops that some checks compare with, where their file is at hand.
+"""The measured Campus Arena stops that some checks compare with, where their file exists.
 
 The data belong to their authors and are no part of this project. The variable ARENA_DATA names the folder that
 holds them; by default it is shared/data beside the repository. Without it every row is NaN, which meets no bar.

@@ -1,4 +1,4 @@
-"""`arena validate twin`: what the simulated Campus Arena explains of the measured one, where that is at hand."""
+"""`arena validate twin`: what the simulated Campus Arena explains of the measured one, where its file exists."""
 
 from __future__ import annotations
 

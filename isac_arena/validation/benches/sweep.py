@@ -63,9 +63,9 @@ def bench_workers(seed: int, quick: bool) -> list[Measurement]:
         loop_s = _best(repeats, lambda k: _time_loop(_jobs(Path(folder, f"loop{k}"), sweep, seed)))
         one_s = _best(repeats, lambda k: _time_engine(_jobs(Path(folder, f"one{k}"), sweep, seed), 1))
         two_s = _best(repeats, lambda k: _time_engine(_jobs(Path(folder, f"two{k}"), sweep, seed), 2))
-    told = f"{n_cases} cases: {loop_s:.1f} s in a loop, {one_s:.1f} s on one worker, {two_s:.1f} s on two"
+    reason = f"{n_cases} cases: {loop_s:.1f} s in a loop, {one_s:.1f} s on one worker, {two_s:.1f} s on two"
     return [
-        at_least("sweep.two_workers.speed_up", one_s / two_s, 1.0 if quick else 1.8, told),
+        at_least("sweep.two_workers.speed_up", one_s / two_s, 1.0 if quick else 1.8, reason),
         at_most(
             "sweep.engine.overhead",
             one_s / loop_s - 1,
@@ -82,9 +82,9 @@ def bench_cached(seed: int, quick: bool) -> list[Measurement]:
         first_s, second_s = (
             _time_sweep(Path(folder), _sweep_of(POWER, [0.0, 20.0], n_cases // 2), seed) for _ in range(2)
         )
-    told = f"{first_s:.1f} s, then {second_s:.2f} s"
+    reason = f"{first_s:.1f} s, then {second_s:.2f} s"
     bar = 0.2 if quick else 0.02  # the first run of a few cases is short
-    return [at_most("sweep.cached.second_run", second_s / first_s, bar, told, "of the first")]
+    return [at_most("sweep.cached.second_run", second_s / first_s, bar, reason, "of the first")]
 
 
 def bench_estimators(seed: int, quick: bool) -> list[Measurement]:
@@ -97,8 +97,10 @@ def bench_estimators(seed: int, quick: bool) -> list[Measurement]:
         make_signals(jobs[0], jobs[0].stops)
         alone_s = sum(_time_estimation(job) for job in jobs)
         sweep_s = _time_engine(jobs, 1, FULL)
-    told = f"{sweep_s:.1f} s beside {alone_s:.1f} s for {len(jobs)} settings, with scores and files"
-    return [at_most("sweep.estimators.cost", sweep_s / alone_s, 2.0 if quick else 1.3, told, "of estimation")]
+    reason = f"{sweep_s:.1f} s beside {alone_s:.1f} s for {len(jobs)} settings, with scores and files"
+    return [
+        at_most("sweep.estimators.cost", sweep_s / alone_s, 2.0 if quick else 1.3, reason, "of estimation")
+    ]
 
 
 def bench_memory(seed: int, quick: bool) -> list[Measurement]:
@@ -110,13 +112,13 @@ def bench_memory(seed: int, quick: bool) -> list[Measurement]:
         for part in (jobs[: n_cases // 4], jobs[n_cases // 4 :]):
             run_jobs(client, part, _raise)
             peaks_mb += [max(client.run(peak_memory_mb).values())]
-    told = f"{peaks_mb[0]:.0f} MB after {n_cases // 4} cases, {peaks_mb[1]:.0f} MB after {n_cases}"
+    reason = f"{peaks_mb[0]:.0f} MB after {n_cases // 4} cases, {peaks_mb[1]:.0f} MB after {n_cases}"
     return [
         at_most(
             "sweep.worker.memory",
             peaks_mb[1] / peaks_mb[0],
             1.1 if quick else 1.05,
-            told,
+            reason,
             "of the first quarter",
         )
     ]

@@ -1,8 +1,8 @@
 """`arena validate channel`: the ray-traced Campus Arena, its samples and hardware as the campaign makes them.
 
 The hall has some hundred specular and diffracted paths above the noise at every stop, and diffuse ones between.
-Scored are the paths that are no diffuse ones and that the data can tell: diffuse power counts as noise where it
-passes the path's own matched filter, and what the other paths cost is that of the joint Fisher information of all.
+The score counts paths that are not diffuse and that the data can resolve. Diffuse power counts as noise where it
+passes the path's own matched filter. The joint Fisher information gives the loss caused by the other paths.
 """
 
 from __future__ import annotations

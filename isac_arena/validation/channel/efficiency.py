@@ -1,7 +1,7 @@
-"""`arena validate channel`: efficiency, detection, false paths and consistency on made-up stops.
+"""`arena validate channel`: efficiency, detection, false paths and consistency on made stops.
 
 Without an estimator of the user's, rows that start with the name of a method check that method. A user's estimator
-takes the place of them all: it is then asked to do with lost phases what it does with kept ones.
+replaces all of them, and then has to work with random phases as well.
 """
 
 from __future__ import annotations

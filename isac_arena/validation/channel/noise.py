@@ -1,9 +1,9 @@
 """`arena validate channel`: how often noise alone makes a path, against the probability asked for.
 
-Coherent trials draw the noise where the compression leaves it: white, of unit power, on the span of the beams and
-all delay bins; everything behind is the estimator's own. One row has whole sweeps instead, to show that both
-agree. The 1e-3 row needs 100,000 trials and has them on 432 subcarriers, not 3,168: the period, and the share of
-it where paths are expected, are the same. Incoherent trials, and a user's estimator, get whole sweeps.
+Coherent trials draw the noise after compression: white, of unit power, on the span of the beams and all delay
+bins. Everything after that is the estimator's own code. One row uses whole sweeps, to show that both agree. The
+1e-3 row needs 100,000 trials and has them on 432 subcarriers, not 3,168: the period, and the share of it where
+paths are expected, are the same. Incoherent trials, and a user's estimator, get whole sweeps.
 """
 
 from __future__ import annotations

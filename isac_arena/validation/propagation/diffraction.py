@@ -23,7 +23,7 @@ CARRIER_HZ = 60e9
 K = 2 * np.pi * CARRIER_HZ / SPEED_OF_LIGHT_M_S
 SIGN: dict[Polarisation, int] = {"soft": -1, "hard": 1}
 # The field passes through nulls where rays cancel and vanishes on a soft face. An error in dB means nothing
-# there, so that it is taken against no less than this share of the free field over the edge or cylinder.
+# there, so the reference is at least this share of the free field over the edge or cylinder.
 NULL_FLOOR = 1e-3
 TRANSITION = 2 * np.pi  # k L a below this: within the transition about a shadow or reflection boundary
 
@@ -53,7 +53,7 @@ def check_wedge(seed: int, quick: bool) -> list[Measurement]:
 
 
 def check_half_plane(seed: int, quick: bool) -> list[Measurement]:
-    """Plane wave (Sommerfeld) and elevated point source (Macdonald) on a half plane, both polarisations."""
+    """Plane wave (Sommerfeld) and skew point source (Macdonald) on a half plane, both polarisations."""
     del seed
     phi = np.linspace(0.01, 2 * np.pi - 0.01, 361 if quick else 1441)
     plane, point = [0.0], [0.0]
@@ -82,8 +82,8 @@ def check_half_plane(seed: int, quick: bool) -> list[Measurement]:
 def check_cylinder(seed: int, quick: bool) -> list[Measurement]:
     """Reflected field of conducting cylinders, both polarisations, against the series.
 
-    The series holds also the wave that creeps round the back, which is not negligible where source, cylinder and
-    receiver are almost in line: it is taken off.
+    The series also contains the wave that creeps round the back. It is not negligible where source, cylinder and
+    receiver are almost in line, so it is subtracted.
     """
     del seed
     coarse, fine = [0.0, 30, 50, 60, 70, 75, 80, 83, 85], [*range(0, 70, 5), *range(70, 86)]

@@ -1,4 +1,4 @@
-"""Made-up stops for channel estimation: random paths through the campaign's own simulator, with their bounds.
+"""Made stops for channel estimation: random paths through the campaign's own simulator, with their bounds.
 
 32 x 32 beams uniform in the sine of azimuth over +-60 deg of 4 x 16 arrays, 3,168 subcarriers at 120 kHz. The SNR
 of a path is that of its best beam pair after summing the subcarriers, |xi|^2 max|T|^2 max|R|^2 K / sigma^2. Cells
@@ -14,6 +14,7 @@ import numpy as np
 
 from estimation.channel.model.crb import joint_loss_db, path_covariance, path_information
 from estimation.channel.model.manifold import Manifold
+from isac_arena.validation.scenarios.paths import made_paths
 from scenes.pose import Pose
 from scenes.record import BoolArray, ComplexArray, FloatArray
 from scenes.scene import Scene
@@ -88,7 +89,7 @@ class DrawnPaths:
 
 @dataclass(frozen=True)
 class ChannelStop:
-    """One made-up stop: what the estimator gets, and the truth for scoring."""
+    """One made stop: what the estimator gets, and the truth for scoring."""
 
     sweep: BeamSweep
     paths: DrawnPaths
@@ -97,7 +98,7 @@ class ChannelStop:
 
 @dataclass(frozen=True)
 class TrueBounds:
-    """What the data of a stop can tell at the most, from the joint information at the truth."""
+    """The bounds of a stop, from the joint Fisher information of all its true paths."""
 
     covariance: FloatArray  # (path, 3, 3) of delay in s, AoD and AoA in rad
     loss_db: FloatArray  # (path,) SNR that the worst known parameter loses to the other paths
@@ -187,7 +188,7 @@ def observe_paths(
     """
     parameters = paths.parameters
     amplitude = _amplitudes(bench, paths)
-    drawn = made_paths(amplitude / np.sqrt(bench.link.tx_power_mw), parameters)
+    drawn = _level_paths(amplitude / np.sqrt(bench.link.tx_power_mw), parameters)
     every = drawn if background is None else _joined(drawn, background)
     sweep = observe(bench.config, bench.link, LONE_SCENE, Truth(every, LONE_STOP, stop, 0.0))
     return ChannelStop(sweep, paths, amplitude)
@@ -195,26 +196,8 @@ def observe_paths(
 
 def noise_stop(bench: LinkBench, stop: int) -> BeamSweep:
     """A sweep without any path."""
-    none = made_paths(np.zeros(0, complex), np.zeros((0, 3)))
+    none = _level_paths(np.zeros(0, complex), np.zeros((0, 3)))
     return observe(bench.config, bench.link, LONE_SCENE, Truth(none, LONE_STOP, stop, 0.0))
-
-
-def made_paths(gain: ComplexArray, parameters: FloatArray) -> Paths:
-    """A path record from gains and (path, 3) delay, AoD and AoA at zero elevation."""
-    n = len(gain)
-    level, unused = np.zeros(n), np.zeros((n, 1), int)
-    return Paths(
-        gain=gain,
-        delay_s=parameters[:, 0],
-        aod_azimuth_rad=parameters[:, 1],
-        aod_elevation_rad=level,
-        aoa_azimuth_rad=parameters[:, 2],
-        aoa_elevation_rad=level,
-        bounce_kind=unused,
-        bounce_object=unused - 1,
-        vertex_m=np.full((n, 1, 3), np.nan),
-        object_name=np.array(["none"]),
-    )
 
 
 def true_bounds(bench: LinkBench, stop: ChannelStop, *, coherent: bool) -> TrueBounds:
@@ -260,7 +243,7 @@ def diffuse_background(
     gain = rng.standard_normal(n) + 1j * rng.standard_normal(n)
     strongest = np.abs(_amplitudes(bench, paths)).max() / np.sqrt(bench.link.tx_power_mw)
     gain *= strongest * 10 ** (-below_db / 20) / np.sqrt(2 * n)
-    return made_paths(gain, np.column_stack([delay, np.arcsin(sines)]))
+    return _level_paths(gain, np.column_stack([delay, np.arcsin(sines)]))
 
 
 def with_settings(bench: LinkBench, **impairments: Any) -> LinkBench:
@@ -287,6 +270,12 @@ def _amplitudes(bench: LinkBench, paths: DrawnPaths) -> ComplexArray:
     rx = np.square(np.abs(bench.rx.response(parameters[:, 2:3]))) / bench.link.noise_power_mw
     magnitude = np.sqrt(10 ** (paths.snr_db / 10) / (tx * rx.max(axis=1) * bench.n_subcarriers))
     return np.asarray(magnitude * np.exp(1j * paths.phase_rad))
+
+
+def _level_paths(gain: ComplexArray, parameters: FloatArray) -> Paths:
+    """Paths at zero elevation from gains and (path, 3) delay, AoD and AoA."""
+    level = np.zeros(len(gain))
+    return made_paths(gain, parameters[:, 0], (parameters[:, 1], level), (parameters[:, 2], level))
 
 
 def _add_if_apart(places: list[FloatArray], place: FloatArray, cell: FloatArray) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose, azimuth_elevation
+from scenes.record import FloatArray
 from sim.propagation.paths import Paths
 
 
@@ -52,3 +53,10 @@ def free_space(tx: Pose, rx: Pose, carrier_hz: float = 60e9) -> Paths:
         azimuth_elevation([rx.position_m - tx.position_m]),
         azimuth_elevation([tx.position_m - rx.position_m]),
     )
+
+
+def over_points(points_m: FloatArray) -> tuple[float, float, float]:
+    """Length in m, and world azimuths of departure and arrival in rad, of a path over points (point, xy)."""
+    length = float(np.linalg.norm(np.diff(points_m, axis=0), axis=1).sum())
+    first, last = points_m[1] - points_m[0], points_m[-2] - points_m[-1]
+    return length, float(np.arctan2(first[1], first[0])), float(np.arctan2(last[1], last[0]))

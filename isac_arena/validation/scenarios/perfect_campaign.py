@@ -1,4 +1,4 @@
-"""A made-up campaign whose truth is known in closed form: pillars, walls, a double bounce, diffuse paths."""
+"""A made campaign whose truth is known in closed form: pillars, walls, a double bounce, diffuse paths."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.results import CampaignResults, MapResult
 from isac_arena.scoring.link_view import LinkView, link_view
 from isac_arena.scoring.stages.channel import device_parameters
+from isac_arena.validation.scenarios.paths import over_points
 from scenes.contours import Circle, Polyline
 from scenes.objects.material import Material
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
@@ -91,8 +92,8 @@ def make_truth(scene: Scene, stop: int) -> Truth:
     chains += [[chains[1][0], chains[3][0]], [chains[1][0] + [0.02, 0.0]], [np.array([-2.0, -7.0])]]
     objects = [[], [0], [1], [2], [3], [0, 2], [0], [2]]
     level_db = np.array([0.0, -14, -14, -8, -9, -10, -35, -40])
-    rows = [_path(np.array([tx, *chain, rx])) for chain in chains]
-    delay_s, aod, aoa = np.array(rows).T
+    rows = np.array([over_points(np.array([tx, *chain, rx])) for chain in chains])
+    delay_s, aod, aoa = rows[:, 0] / SPEED_OF_LIGHT_M_S, rows[:, 1], rows[:, 2]
     vertex_m = np.full((len(rows), 2, 3), np.nan)
     bounce_object, kind = np.full((len(rows), 2), -1), np.zeros((len(rows), 2), int)
     for row, (chain, met) in enumerate(zip(chains, objects, strict=True)):
@@ -104,12 +105,6 @@ def make_truth(scene: Scene, stop: int) -> Truth:
     gain = 10 ** (level_db / 20) / (SPEED_OF_LIGHT_M_S * delay_s)
     paths = Paths(gain + 0j, delay_s, aod, level, aoa, level, kind, bounce_object, vertex_m, np.array(NAMES))
     return Truth(paths, pose, stop, (20.0 + stop) * 1e-9)
-
-
-def _path(points: FloatArray) -> tuple[float, float, float]:
-    length = np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
-    first, last = points[1] - points[0], points[-2] - points[-1]
-    return length / SPEED_OF_LIGHT_M_S, np.arctan2(first[1], first[0]), np.arctan2(last[1], last[0])
 
 
 def power_dbm(truth: Truth) -> FloatArray:

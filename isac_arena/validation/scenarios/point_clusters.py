@@ -58,7 +58,7 @@ def with_outliers(made: MadeObject, share: float, rng: np.random.Generator) -> M
 
 
 def with_wrong_covariance(made: MadeObject, factor: float) -> MadeObject:
-    """The same points with covariances told wrong by a factor."""
+    """The same points with stated covariances wrong by a factor."""
     covariance = made.points.covariance_m2 * factor
     return MadeObject(
         _points(made.points.position_m, covariance, made.points.sensor_m), made.contour_m, made.lit_m

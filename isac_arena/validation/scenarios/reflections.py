@@ -1,9 +1,10 @@
-"""Made-up objects seen by reflection: pillars, walls and edges with the Campus Arena's TX and walk.
+"""Made objects seen by reflection: pillars, walls and edges with the Campus Arena's TX and walk.
 
-The true paths come from brute force: of densely sampled outlines the point of least length, and mirror
-images; none of it is the estimator's. Objects are drawn uniformly beside the walk; stops whose rays are
-nearly grazing or that the object shadows have no path. A ghost is a path of the object moved by a uniform
-draw of range and both angles, so that a cluster of incidence points would still hold many of them.
+The true paths come from brute force: the point of least length on a densely sampled outline, and mirror images.
+They share no code with the estimators, because they are the reference for the reflection law. Objects are drawn
+uniformly beside the walk; stops whose rays are nearly grazing or that the object shadows have no path. A ghost
+is a path of the object moved by a uniform draw of range and both angles, so that a cluster of incidence points
+would still hold many of them.
 """
 
 from __future__ import annotations
@@ -176,7 +177,7 @@ def edge_paths(edge_m: FloatArray, rng: np.random.Generator) -> TruePaths:
 def observe(true: TruePaths, errors: Errors, rng: np.random.Generator) -> tuple[Reflections, BoolArray]:
     """Measured paths with the given errors, and which are ghosts (path,).
 
-    The covariances of path and pose errors are the true ones; nothing tells of offsets and ghosts.
+    The covariances of path and pose errors are the true ones. Offsets and ghosts are not stated.
     """
     n = len(true.point_m)
     is_ghost = rng.random(n) < errors.ghost_share

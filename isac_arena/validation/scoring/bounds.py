@@ -67,7 +67,7 @@ def _relative_deviation(covariance: FloatArray) -> float:
 
 
 def check_causes(seed: int, quick: bool) -> list[Measurement]:
-    """Causes told of faults put in on purpose, leaks against samples, and every fault counted under one cause."""
+    """Causes found for faults made on purpose, leaked power against samples, and one cause for every fault."""
     made, view = make_campaign(), made_view()
     rng = np.random.default_rng(seed)
     wrong = unnamed = 0
@@ -75,10 +75,10 @@ def check_causes(seed: int, quick: bool) -> list[Measurement]:
     for stop, estimate in zip(stops, made.results.channel, strict=True):
         for cause, faulty_stop, faulty in _faults(stop, view, estimate, rng):
             paths, true_paths, _ = score_stop(faulty_stop, faulty)
-            told = set(paths.cause[paths.status == PathStatus.FALSE]) | set(
+            named = set(paths.cause[paths.status == PathStatus.FALSE]) | set(
                 true_paths.cause[~true_paths.is_detected]
             )
-            wrong += cause not in told
+            wrong += cause not in named
             false, missed = paths.status == PathStatus.FALSE, ~true_paths.is_detected
             unnamed += int((~np.isin(paths.cause[false], FALSE_CAUSES)).sum())
             unnamed += int((~np.isin(true_paths.cause[missed], MISS_CAUSES)).sum())
@@ -153,7 +153,7 @@ def _over_bound(stops: list[TrueStop], bound: StateBound, results: CampaignResul
 def _faults(
     stop: TrueStop, view: LinkView, estimate: ChannelEstimate, rng: np.random.Generator
 ) -> list[tuple[Cause, TrueStop, ChannelEstimate]]:
-    """Estimates with one fault each, the stop they are of, and the cause that has to be told.
+    """Estimates with one fault each, the stop they are of, and the cause that must be named.
 
     The paths varied are those off the second pillar and the last wall, beside which there is no diffuse energy.
     """

@@ -1,9 +1,9 @@
-"""`arena validate shape`: whole made-up campaigns from paths to contours, ours and the paper's side by side.
+"""`arena validate shape`: whole made campaigns from paths to contours, ours and the paper's side by side.
 
 Three round pillars, a wall and an edge beside the Campus Arena's walk, seen with the line of sight and two ghosts
 per stop: paths over two random points, as double bounces are. Poses have the errors of a survey, or are found by
-SLAM; delays and departures have a constant error, which SLAM's map is given without: it cannot tell it. SLAM is
-tried once more with a TX heading that jumps on the way, which no stop by itself can tell.
+SLAM. Delays and departures have a constant error; it is unobservable for SLAM, so SLAM gets none. SLAM is tried
+once more with a TX heading that jumps on the way, which is unobservable from a single stop.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from isac_arena.campaign.results import MapResult
 from isac_arena.scoring.metrics.contours import intersection_over_union
 from isac_arena.scoring.stages.shapes import contour_points_m
 from isac_arena.validation.measurement import Measurement, at_least, at_most
+from isac_arena.validation.scenarios.paths import over_points
 from isac_arena.validation.scenarios.reflections import (
     TX,
     TruePaths,
@@ -96,7 +97,7 @@ def check_campaign_contours(seed: int, quick: bool) -> list[Measurement]:
 
 
 def score(made: MadeArena, result: MapResult) -> MapScore:
-    """Scores of one map of a made-up campaign."""
+    """Scores of one map of a made campaign."""
     source = dict(zip(result.poses.stop.tolist(), made.source, strict=True))
     ips, contours = result.ips, result.contours
     kind = np.array([source[s][p] for s, p in zip(ips.stop.tolist(), ips.path.tolist(), strict=True)], int)
@@ -186,10 +187,8 @@ def _true_paths(
 
 def _over(points_m: FloatArray, rx: FloatArray) -> FloatArray:
     """Range, departure and arrival (3,) of the path over points (point, xy)."""
-    chain = np.vstack([TX[:2], points_m, rx[:2]])
-    first, last = chain[1] - chain[0], chain[-2] - chain[-1]
-    length = float(np.linalg.norm(np.diff(chain, axis=0), axis=1).sum())
-    return np.array([length, np.arctan2(first[1], first[0]) - TX[2], np.arctan2(last[1], last[0]) - rx[2]])
+    length, departure, arrival = over_points(np.vstack([TX[:2], points_m, rx[:2]]))
+    return np.array([length, departure - TX[2], arrival - rx[2]])
 
 
 def _estimate(

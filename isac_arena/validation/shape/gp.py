@@ -10,6 +10,7 @@ from estimation.shape.gp.exact import ExactPosterior, Likelihood, log_marginal_l
 from estimation.shape.gp.fourier import FourierPosterior, log_marginal_likelihood_fourier
 from estimation.shape.gp.radial import RadialData
 from isac_arena.validation.measurement import Measurement, at_least, at_most
+from isac_arena.validation.monte_carlo import widened
 from isac_arena.validation.shape.gp_study import SHAPES, draw_points, run_cell
 from scenes.record import FloatArray
 
@@ -22,7 +23,6 @@ PAPER_RMSE_M: Mapping[str, tuple[float, ...]] = {
 }
 TOLERANCE = {"circle": 0.15, "ellipse": 0.10, "rectangle": 0.10}
 FIXED_STAR_RMSE_M = 0.052
-N_STANDARD_ERRORS = 3.0  # what --quick adds for its few runs
 
 
 def check_paper_table(seed: int, quick: bool) -> list[Measurement]:
@@ -36,20 +36,13 @@ def check_paper_table(seed: int, quick: bool) -> list[Measurement]:
             rmse = run_cell("paper", shape, n, n_runs, seed).rmse_m
             deviation.append(abs(rmse.mean() / reference - 1))
             doubt.append(rmse.std() / np.sqrt(n_runs) / reference)
-        bar = TOLERANCE[shape] + (N_STANDARD_ERRORS * max(doubt) if quick else 0.0)
+        bar = widened(TOLERANCE[shape], max(doubt), quick)
         reason = f"{n_runs} runs per M, table of 1,000 runs" + (", 3 standard errors added" if quick else "")
         rows.append(at_most(f"gp.paper.{shape}.rmse_deviation", max(deviation), round(bar, 3), reason))
     stuck = [run_cell("paper", "star", n, n_runs, seed).is_stuck.mean() for n in n_points]
-    doubt_stuck = N_STANDARD_ERRORS * np.sqrt(0.8 * 0.2 / n_runs) if quick else 0.0
-    rows.append(
-        at_least(
-            "gp.paper.star.stuck_share",
-            min(stuck),
-            round(0.7 - doubt_stuck, 3),
-            "least over M >= 16: the printed start ends where all is noise",
-        )
-    )
-    return rows
+    bar = round(widened(0.7, -np.sqrt(0.8 * 0.2 / n_runs), quick), 3)
+    reason = "least over M >= 16: from the printed start the fit takes the contour for noise"
+    return [*rows, at_least("gp.paper.star.stuck_share", min(stuck), bar, reason)]
 
 
 def check_corrected_gp(seed: int, quick: bool) -> list[Measurement]:
@@ -59,22 +52,15 @@ def check_corrected_gp(seed: int, quick: bool) -> list[Measurement]:
     error = abs(float(star.mean()) - FIXED_STAR_RMSE_M)
     n_points = TABLE_N_POINTS[:3] if quick else TABLE_N_POINTS
     runs = [run_cell("with noise floor", "circle", n, n_runs, seed).coverage for n in n_points]
-    doubt = N_STANDARD_ERRORS * max(float(run.std()) for run in runs) / np.sqrt(n_runs) if quick else 0.0
-    without_floor = run_cell("data-driven", "circle", 64, n_runs, seed).coverage
+    doubt = max(float(run.std()) for run in runs) / np.sqrt(n_runs)
+    bar = round(widened(0.92, -doubt, quick), 3)
+    floor = "least over M >= 16, with the noise floor of the IP covariances"
+    without_floor = run_cell("data-driven", "circle", 64, n_runs, seed).coverage.mean()
+    key = "gp.fixed.circle"
     return [
         at_most("gp.fixed.star64.rmse_error_m", error, 0.005, f"from 0.052 m, {n_runs} runs", "m"),
-        at_least(
-            "gp.fixed.circle.coverage",
-            min(run.mean() for run in runs),
-            round(0.92 - doubt, 3),
-            "least over M >= 16, with the noise floor of the IP covariances",
-        ),
-        at_least(
-            "gp.fixed.circle64.coverage_without_floor",
-            without_floor.mean(),
-            round(0.92 - doubt, 3),
-            "no floor: the noise is learned",
-        ),
+        at_least(f"{key}.coverage", min(run.mean() for run in runs), bar, floor),
+        at_least(f"{key}64.coverage_without_floor", without_floor, bar, "no floor: the noise is learned"),
     ]
 
 

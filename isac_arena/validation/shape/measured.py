@@ -1,4 +1,4 @@
-"""`arena validate shape`: the round pillars of the measured Campus Arena stops, where their file is at hand.
+"""`arena validate shape`: the round pillars of the measured Campus Arena stops, where their file exists.
 
 The paths labelled as single bounces within 1.0 m of a pillar's centre are that pillar's. The TX heading offset has
 the two sessions that the line of sight shows, and the surveyed poses have the accuracy of the survey.

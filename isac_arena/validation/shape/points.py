@@ -16,7 +16,8 @@ from estimation.shape.points.depth_line import fit_depth_line
 from estimation.shape.points.line import fit_line
 from estimation.shape.points.mic import fit_mic
 from isac_arena.scoring.metrics.contours import extent_iou, intersection_over_union
-from isac_arena.validation.measurement import Measurement
+from isac_arena.validation.measurement import Measurement, at_least, at_most
+from isac_arena.validation.monte_carlo import standard_error, widened
 from isac_arena.validation.scenarios.point_clusters import (
     MadeObject,
     partial_pillars,
@@ -31,7 +32,6 @@ BAND_STD = 1.96
 PILLAR_DRAWS, QUICK_DRAWS = 36, 3
 WALL_DRAWS, QUICK_WALL_DRAWS = 15, 2
 RECESS_M = 0.3
-N_STANDARD_ERRORS = 3.0  # what --quick allows for its few sets
 
 Method = Callable[[PointCluster], ShapeFit]
 
@@ -70,7 +70,7 @@ def check_partial_pillars(seed: int, quick: bool) -> list[Measurement]:
 
 
 def check_disturbed_pillars(seed: int, quick: bool) -> list[Measurement]:
-    """The same with 10 % outliers, and with covariances told four times too large or too small."""
+    """The same with 10 % outliers, and with stated covariances four times too large or too small."""
     rng = np.random.default_rng(seed)
     made = partial_pillars(rng, QUICK_DRAWS if quick else PILLAR_DRAWS)
     row = _Rows("pillars", len(made), quick)
@@ -184,15 +184,7 @@ class _Rows:
         self._add(f"{key}_most", values, high, -1)
 
     def _add(self, key: str, values: FloatArray, bar: float, sign: int) -> None:
-        doubt = N_STANDARD_ERRORS * float(np.nanstd(values)) / np.sqrt(len(values)) if self.quick else 0.0
+        allowed = round(widened(bar, -sign * standard_error(values), self.quick), 4)
         reason = f"{self.n_sets} sets" + (", 3 standard errors allowed" if self.quick else "")
-        self.rows.append(
-            Measurement(
-                key=f"{self.name}.{key}",
-                value=float(np.nanmean(values)),
-                unit="m" if key.endswith("_m") else "1",
-                direction="higher" if sign > 0 else "lower",
-                bar=round(bar - sign * doubt, 4),
-                reason=reason,
-            )
-        )
+        row, unit = at_least if sign > 0 else at_most, "m" if key.endswith("_m") else "1"
+        self.rows.append(row(f"{self.name}.{key}", np.nanmean(values), allowed, reason, unit))

@@ -1,4 +1,4 @@
-"""`arena validate shape`: contours by the reflection law, on made-up pillars, columns, walls and edges."""
+"""`arena validate shape`: contours by the reflection law, on made pillars, columns, walls and edges."""
 
 from __future__ import annotations
 

@@ -136,7 +136,7 @@ def check_arrays_as_built(seed: int, quick: bool) -> list[Measurement]:
 class ImpairmentBench:
     """One strong path of 2 m between two arrays, in fixed noise: what one impairment changes.
 
-    With `orthogonal` the TX has 64 orthonormal beams, which tell its 64 elements apart.
+    With `orthogonal` the TX has 64 orthonormal beams, which separate its 64 elements.
     """
 
     def __init__(self, seed: int, *, orthogonal: bool = False, n_rb: int = 264) -> None:

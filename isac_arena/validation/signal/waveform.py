@@ -54,7 +54,7 @@ def check_prs(seed: int, quick: bool) -> list[Measurement]:
         expected = prs_slot_bit_by_bit(config, sequence_id, slot)
         wrong += int((np.abs(prs_slot(config, sequence_id, slot) - expected) > 1e-12).sum())
     return [
-        at_most("signal.prs.wrong_elements", wrong, 0, "the standard leaves no freedom"),
+        at_most("signal.prs.wrong_elements", wrong, 0, "the standard fixes every element"),
         *_correlations(rng),
     ]
 

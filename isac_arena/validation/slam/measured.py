@@ -1,4 +1,4 @@
-"""`arena validate slam`: the measured Campus Arena stops, where their file is at hand (`measured_data.py`)."""
+"""`arena validate slam`: the measured Campus Arena stops, where their file exists (`measured_data.py`)."""
 
 from __future__ import annotations
 

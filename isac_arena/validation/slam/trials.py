@@ -108,7 +108,7 @@ def solve(scenario: Scenario, config: SnapshotConfig) -> SnapshotTrial:
 
 def jacobian_rows(prefix: str, cases: Mapping[str, Case]) -> list[Measurement]:
     """Largest deviation of every derivative (..., n) from central differences over its model."""
-    reason = "what rounding leaves of central differences"
+    reason = "central differences are exact to rounding"
     return [
         at_most(f"{prefix}.{name}", _derivative_error(*case), 1e-6, reason) for name, case in cases.items()
     ]
