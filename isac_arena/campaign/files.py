@@ -67,7 +67,7 @@ def remove_file(path: Path) -> None:
 
 
 def remove_leftovers(folder: Path) -> None:
-    """Remove temporary files and folders in a folder (not below it) whose writing process is gone."""
+    """Remove temporary files and folders in a folder (not below it) whose process has ended."""
     for leftover in folder.glob(".*.part"):
         match = re.fullmatch(r"\..+\.(\d+)\.part", leftover.name)
         if match and not _is_running(int(match[1])):
@@ -88,13 +88,13 @@ def _is_running(process: int) -> bool:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a whole text file, or leave what was there."""
+    """Write a whole text file; the old one stays where that fails."""
     with complete_file(path) as partial:
         partial.write_text(text, encoding="utf-8")
 
 
 def write_bytes(path: Path, content: bytes) -> None:
-    """Write a whole binary file, or leave what was there."""
+    """Write a whole binary file; the old one stays where that fails."""
     with complete_file(path) as partial:
         partial.write_bytes(content)
 

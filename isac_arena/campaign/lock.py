@@ -18,7 +18,7 @@ class DirectoryHeldError(ValueError):
 
 @contextmanager
 def one_run(directory: Path) -> Iterator[None]:
-    """Hold a directory, made where missing, for one run; the system lets go of it when the process ends or dies.
+    """Hold a directory, made where missing, for one run; the system frees it when the process ends or dies.
 
     File systems without locks hold nothing.
 

@@ -52,13 +52,13 @@ class FileCheck:
     n_files: int
     missing: tuple[str, ...]
     changed: tuple[str, ...]
-    unknown: tuple[str, ...]  # there, and in no manifest
+    unknown: tuple[str, ...]  # in the directory, but in no manifest
     unfinished: tuple[str, ...]  # manifests of runs that did not end
     made_by: tuple[dict[str, Any], ...]
 
     @property
     def problems(self) -> list[str]:
-        """One line per file that is not as it was written; others may have been added since."""
+        """One line per file that is not as it was written; unknown files are no problem."""
         return [
             *(f"{name}: a run here did not end; run the same command again" for name in self.unfinished),
             *(f"{name}: missing" for name in self.missing),
@@ -82,7 +82,7 @@ def _software() -> dict[str, Any]:
 
 
 def write_manifest(directory: Path, manifest: Manifest) -> None:
-    """Write a manifest, sealed; what made none of its files is left out."""
+    """Write a sealed manifest, without the entries of `made_by` that no file refers to."""
     used = sorted({entry["made_by"] for entry in manifest.files.values()})
     content = {
         "made_by": [manifest.made_by[index] for index in used],

@@ -24,7 +24,7 @@ from isac_arena.campaign.manifest import (
     write_manifest,
 )
 
-PASSING = "signals"  # a folder of a sweep whose files go when they were used
+PASSING = "signals"  # a folder of a sweep whose files are removed after use
 
 
 class Recording:
@@ -32,10 +32,10 @@ class Recording:
 
     def __init__(self, directory: Path, *, is_run: bool) -> None:
         self._directory, self._root, self._is_run = directory, directory.resolve(), is_run
-        held = (
+        stored = (
             read_manifest(directory) if (directory / MANIFEST).is_file() else Manifest([], {}, finished=False)
         )
-        self._origins, self._files, self._finished = held.made_by, held.files, held.finished
+        self._origins, self._files, self._finished = stored.made_by, stored.files, stored.finished
         self._written: dict[str, dict[str, Any]] = {}
 
     @property
@@ -44,7 +44,7 @@ class Recording:
         return list(self._files)
 
     def enter(self, path: Path, complete: Path | None) -> None:
-        """Enter a file that is about to take its name; drop the entry of one that is about to go."""
+        """Enter a file that is about to take its name; drop the entry of one that is about to be removed."""
         path = path.parent.resolve() / path.name
         if not path.is_relative_to(self._root) or path == self._root / MANIFEST:
             return
@@ -63,7 +63,7 @@ class Recording:
                 write_manifest(self._directory, Manifest(self._origins, self._files, self._finished))
 
     def finish(self) -> None:
-        """Write the manifest; that of a run with the records that a run which was killed has left as well."""
+        """Write the manifest; a run also enters the whole records of a run before it that was killed."""
         files = {**self._files, **self._written}
         if self._is_run:
             for name in file_names(self._directory):

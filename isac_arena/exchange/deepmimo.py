@@ -61,8 +61,8 @@ class _Mesh:
 def write_deepmimo(folder: Path, scenario: PathScenario, facets: Facets, max_paths: int) -> Path:
     """Write a scenario folder with one TX and one set of receivers; returns its params.json.
 
-    Of each receiver the `max_paths` strongest paths are kept. The params file, without which nobody reads the
-    folder, comes last.
+    Of each receiver the `max_paths` strongest paths are kept. The params file comes last: without it nobody
+    reads the folder.
     """
     matrices = path_matrices(scenario.paths, max_paths)
     matrices |= {"rx_pos": scenario.rx_position_m, "tx_pos": scenario.tx_position_m[None]}
@@ -224,7 +224,7 @@ def _materials(facets: Facets) -> dict[str, Any]:
 
 
 def _meshes(facets: Facets) -> list[_Mesh]:
-    """A mesh per object, in the material of its first face; bodies that are no clean surface are left out."""
+    """A mesh per object, in the material of its first face; none for a body that is no clean surface."""
     known = {int(each["id"]) for each in facets.materials.values()}
     meshes = []
     for number, item in enumerate(facets.objects):

@@ -133,7 +133,7 @@ def _one_pose(path: Path, tx: FloatArray, n_stops: int) -> FloatArray:
 
 
 def _cells(path: Path, sim: dict[str, Any], name: str, n_stops: int) -> list[FloatArray | None]:
-    """The matrix of every stop; None each where the field is left out."""
+    """The matrix of every stop; None for every stop where the file lacks the field."""
     if name not in sim:
         return [None] * n_stops
     value = sim[name]
