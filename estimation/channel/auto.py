@@ -226,8 +226,8 @@ def _words(ramp: PhaseRamp, offset_hz: float) -> str:
     text = (
         f"phases of {ramp.n_pairs} beam pairs follow a ramp of {np.rad2deg(ramp.tx_step_rad):.3g} deg per TX beam"
         f" and {np.rad2deg(ramp.rx_step_rad):.3g} deg per RX beam ({offset_hz:.4g} Hz at one symbol per pair)"
-        f" with a residual of {np.rad2deg(ramp.residual_rad):.2g} deg rms, at most {np.rad2deg(ramp.upper_rad):.2g} deg;"
-        f" the limit is {limit:.0f} deg"
+        f" with a residual of {np.rad2deg(ramp.residual_rad):.2g} deg rms, at most"
+        f" {np.rad2deg(ramp.upper_rad):.2g} deg; the limit is {limit:.0f} deg"
     )
     if ramp.upper_rad > LARGEST_RESIDUAL_RAD and np.isfinite(ramp.walk_rad):
         text += f"; from one pair to the next they change by {np.rad2deg(ramp.walk_rad):.2g} deg rms"

@@ -1,4 +1,6 @@
-"""The model of a beam sweep that all maximum-likelihood methods use.
+"""The model of a beam sweep, shared by all maximum-likelihood methods.
 
-Read `manifold.py` first (responses of beams over direction), then `compress.py`, `path_model.py` and `crb.py`.
+In order: `manifold.py` (`Manifold`: responses of beams over direction), `compress.py` (`CompressedSweep`),
+`path_model.py` (`PathParameters` and their tangents), `false_alarms.py`, `crb.py` with `phase_information.py`
+(bounds). `delay.py` serves the power method, `apparent.py` gives cone angles, `kernels.py` the compiled loops.
 """

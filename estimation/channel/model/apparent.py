@@ -1,4 +1,4 @@
-"""Directions as a codebook sees them: horizontal beams cannot tell a direction from its cone angle."""
+"""Apparent directions: horizontal beams do not distinguish a direction from its cone angle."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def cone_angles(
     """Azimuths at elevation zero of the same cone about a boresight, and their slopes over azimuth and elevation.
 
     sin(cone) = sin(azimuth) cos(elevation) about the boresight, all (direction,) in rad; slopes (direction, 2).
-    The cone angle is always in front: a flat array does not tell front from back.
+    The cone angle is always in front: a flat array does not distinguish front and back.
     """
     turn = azimuth_rad - boresight_rad
     sine = np.sin(turn) * np.cos(elevation_rad)
@@ -33,8 +33,8 @@ def reported_angles(
     """Directions as a manifold reports them: angles, their slopes over `angles_rad` (direction, angle), and gains.
 
     A manifold of two angles reports the directions. One of azimuths reports cone angles about the boresight of the
-    panel whose beam is the strongest; angles may then have an elevation, as `Manifold.with_hidden_elevation` takes
-    it. The gain (direction,) is that of the strongest beam over what it is at the reported angles.
+    panel of the strongest beam; `angles_rad` may then have an elevation, as `Manifold.with_hidden_elevation` takes
+    it. The gain (direction,) is that of the strongest beam over its gain at the reported angles.
     """
     n, n_given = angles_rad.shape
     if manifold.n_angles == 2:
@@ -51,11 +51,11 @@ def reported_angles(
 def apparent_angles(
     codebook: Codebook, manifold: Manifold, azimuth_rad: Any, elevation_rad: Any
 ) -> tuple[FloatArray, ComplexArray]:
-    """Angles (direction, angle) that a manifold's model has for true directions, and the gains (direction,) there.
+    """Angles (direction, angle) under which a manifold's model fits true directions, and the gains (direction,).
 
-    A manifold of two angles has the direction itself. One of azimuths at elevation zero sees the panel whose best
-    beam is the strongest there under sin(azimuth) cos(elevation) about its boresight. The gain is the factor that
-    brings the model's responses nearest to the true ones: element patterns and columns know the elevation.
+    A manifold of two angles has the direction itself. One of azimuths at elevation zero observes sin(azimuth)
+    cos(elevation) about the boresight of the panel whose best beam is strongest. The gain is the factor that
+    brings the model's responses nearest to the true ones: element patterns and columns depend on elevation.
     """
     azimuth, elevation = np.broadcast_arrays(np.atleast_1d(azimuth_rad), np.atleast_1d(elevation_rad))
     response = beam_response(codebook, azimuth, elevation).T

@@ -1,10 +1,10 @@
-"""Lossless compression of a beam sweep: whitened, projected on what the beams span, transformed to delay bins.
+"""Lossless compression of a beam sweep: whitened, projected on the span of the beams, transformed to delay bins.
 
-All beams of a codebook are sums of the same few elements, so the samples of a path lie in the span of the weights
-whatever its direction, and what is left outside is noise that no path model can use. The projections are
-orthonormal after whitening, so the noise of the compressed samples is white. The delay transform is unitary; of
-its bins a window is kept, in which a path is modelled exactly: what the window cuts off of a path's side lobes
-(0.4 % of the energy for a path 24 bins inside an edge) is lost for the estimate, but never biases it.
+All beams of a codebook are sums of the same few elements, so the samples of a path of any direction lie in the
+span of the weights, and the samples outside are noise that no path model can use. The projections are orthonormal
+after whitening, so the noise of the compressed samples is white. The delay transform is unitary; a window of its
+bins is kept, in which the model of a path is exact: the side lobes that the window cuts off (0.4 % of the energy
+for a path 24 bins inside an edge) are lost to the estimate, but never bias it.
 """
 
 from __future__ import annotations
@@ -20,27 +20,27 @@ from estimation.channel.model.manifold import Manifold
 from scenes.record import ComplexArray, FloatArray, IntArray
 from sim.observation import BeamSweep
 
-RANK_TOLERANCE = 1e-6  # of the largest singular value: weaker sums of beams are rounding
-REAL_TOLERANCE = 1e-9  # share of imaginary parts that is rounding
-LEAST_NOISE = 0.5  # of the nominal noise power: samples are not believed to hold less
-NOISE_CELLS = 25_000  # cells that the noise is measured in, about; with less than
-LEAST_NOISE_CELLS = 2_000  # it is taken as it is nominally
-EVEN_SPACING = 1e-6  # relative deviation of subcarrier spacings that is rounding
+RANK_TOLERANCE = 1e-6  # of the largest singular value: weaker sums of beams are rounding errors
+REAL_TOLERANCE = 1e-9  # relative imaginary part that is a rounding error
+LEAST_NOISE = 0.5  # of the nominal noise power: lower bound of the measured one
+NOISE_CELLS = 25_000  # approximate number of cells that the noise is measured in; with less than
+LEAST_NOISE_CELLS = 2_000  # the nominal one is taken
+EVEN_SPACING = 1e-6  # relative deviation of subcarrier spacings that is a rounding error
 
 
 @dataclass(frozen=True)
 class CompressedSweep:
     """White samples of unit noise power, and the models of a path along every axis.
 
-    A path of amplitude c leaves c t(phi) r(theta) d(tau), with t and r the responses of `tx` and `rx` and d the
+    A path of amplitude c adds c t(phi) r(theta) d(tau), with t and r the responses of `tx` and `rx` and d the
     `delay_response`. Its gain at zero offset from the carrier is xi = c exp(+j 2 pi f tau), f the `centre_hz`.
 
     Attributes
     ----------
     parts : float32 (part, tx_rank, rx_rank, bin), the real and the imaginary parts of the samples
     tx, rx : manifolds of the compressed beams
-    position : (bin,) delay bins kept, counted from zero delay on, negative or beyond the period where need be
-    weight : (bin,) what whitening multiplied every bin by
+    position : (bin,) delay bins kept, counted from zero delay, possibly negative or beyond the period
+    weight : (bin,) factor of whitening for every bin
     n_subcarriers, bin_s, centre_hz : of the delay transform, whose period is n_subcarriers * bin_s
     noise_scale : noise power that the samples were divided by, relative to the nominal one
     """
@@ -70,14 +70,15 @@ class CompressedSweep:
         return np.asarray(kernel * (np.array([[1.0], [-1.0]]) * scale))
 
     def with_hidden_elevation(self) -> Self:
-        """The sweep with elevations in its model that several panels show (`Manifold.with_hidden_elevation`)."""
+        """The sweep with the elevations that several panels observe (`Manifold.with_hidden_elevation`)."""
         return replace(self, tx=self.tx.with_hidden_elevation(), rx=self.rx.with_hidden_elevation())
 
     def whitened(
         self, tx: ComplexArray | FloatArray, rx: ComplexArray | FloatArray, bin_std: FloatArray
     ) -> Self:
-        """The sweep after whitening of further noise: `tx` and `rx` (rank, rank) act on the beams, and every delay
-        bin is divided by `bin_std` (bin,); the models of a path follow.
+        """The sweep and its path models after whitening of further noise.
+
+        `tx` and `rx` (rank, rank) act on the beams; every delay bin is divided by `bin_std` (bin,).
         """
         samples = np.einsum("im,mnd,jn->ijd", tx, self.samples, rx, optimize=True) / bin_std
         return replace(
@@ -95,8 +96,8 @@ class DelayCube:
 
     Attributes
     ----------
-    spectrum : complex64 (tx_rank, rx_rank, bin), white noise; phases as a plain inverse FFT leaves them
-    noise_scale : noise power per cell, 1 where the nominal noise powers are right
+    spectrum : complex64 (tx_rank, rx_rank, bin), white noise; phases of a plain inverse FFT
+    noise_scale : noise power per cell, 1 if the nominal noise powers are right
     """
 
     spectrum: ComplexArray
@@ -112,7 +113,7 @@ class DelayCube:
         return int(self.spectrum.shape[2])
 
     def window(self, position: IntArray) -> CompressedSweep:
-        """The delay bins at `position` (bin,), counted through the period, with phases from the band's middle."""
+        """The delay bins at `position` (bin,), periodic, with phases relative to the centre of the band."""
         n = self.n_bins
         turn = np.exp(-1j * np.pi / n * ((n - 1) * position % (2 * n))) / np.sqrt(self.noise_scale)
         samples = np.take(self.spectrum, position % n, axis=2) * turn.astype(np.complex64)
@@ -131,11 +132,11 @@ class DelayCube:
 
 @dataclass(frozen=True)
 class BeamSpan:
-    """An orthonormal basis of what the whitened beams of a device span.
+    """An orthonormal basis of the span of a device's whitened beams.
 
     Attributes
     ----------
-    basis : (rank, beam), complex64, or float32 where the responses are real; whitens and projects samples of beams
+    basis : (rank, beam), complex64, or float32 if the responses are real; whitens and projects samples of beams
     manifold : responses of the compressed beams, noise of unit power
     """
 
@@ -144,10 +145,10 @@ class BeamSpan:
 
 
 def beam_span(manifold: Manifold, noise_power_mw: FloatArray | None = None) -> BeamSpan:
-    """Basis of the span of all responses, whitened by the noise power (beam,) of every beam where there is one.
+    """Basis of the span of all responses, whitened by the noise power (beam,) of the beams if it is given.
 
-    The basis is turned such that each of its vectors is as near as can be to the response of one of as many evenly
-    spaced directions: a compressed cell is about a matched filter to its direction.
+    The basis is rotated so that its vectors are as near as possible to the responses of as many evenly spaced
+    directions: a compressed cell is approximately a matched filter to its direction.
     """
     whitener = np.ones(manifold.n_beams) if noise_power_mw is None else 1 / np.sqrt(noise_power_mw)
     white = manifold.combined(np.diag(whitener))
@@ -161,7 +162,7 @@ def beam_span(manifold: Manifold, noise_power_mw: FloatArray | None = None) -> B
 
 
 def _towards_directions(manifold: Manifold, basis: ComplexArray | FloatArray) -> ComplexArray | FloatArray:
-    """The basis (rank, beam) turned by the unitary matrix nearest to responses of evenly spaced directions."""
+    """The basis (rank, beam) rotated by the unitary matrix nearest to responses of evenly spaced directions."""
     directions = manifold.grid(2.0)
     wanted = directions[np.linspace(0, len(directions) - 1, min(len(basis), len(directions))).astype(int)]
     seen = (manifold.response(wanted) @ basis.T).conj()
@@ -171,10 +172,10 @@ def _towards_directions(manifold: Manifold, basis: ComplexArray | FloatArray) ->
 
 
 def compress(sweep: BeamSweep, tx: BeamSpan, rx: BeamSpan) -> DelayCube:
-    """All delay bins of a sweep, on the bases of its beams (`beam_span`, that of the RX with the noise powers).
+    """All delay bins of a sweep, on the bases of its beams (`beam_span`; that of the RX with the noise powers).
 
-    The level of the noise is then measured at the delays farthest from the strongest path: the median power of
-    white noise is ln 2 times its mean.
+    The noise level is measured at the delays farthest from the strongest path: the median power of white noise is
+    ln 2 times its mean.
 
     Raises
     ------
@@ -204,7 +205,7 @@ def compress(sweep: BeamSweep, tx: BeamSpan, rx: BeamSpan) -> DelayCube:
 
 
 def check_sweep(sweep: BeamSweep) -> None:
-    """Refuse a sweep that no delay can be told from.
+    """Refuse a sweep that allows no delay estimate.
 
     Raises
     ------
@@ -239,7 +240,7 @@ def _project(basis: ComplexArray | FloatArray, samples: ComplexArray, out: Compl
 def noise_scale_of(spectrum: ComplexArray) -> float:
     """Noise power of compressed samples (tx_rank, rx_rank, bin), at the delays farthest from the strongest path.
 
-    For white noise the median power is ln 2 times its mean. 1 where there are too few samples to tell.
+    For white noise the median power is ln 2 times its mean. 1 if there are too few samples.
     """
     n_tx, n_rx, n = spectrum.shape
     every = max(1, n // 400)

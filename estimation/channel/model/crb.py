@@ -1,17 +1,17 @@
-"""Cramer-Rao bounds of path parameters from beam sweeps, with phases kept or lost between beam pairs.
+"""Cramer-Rao bounds of path parameters from beam sweeps, with coherent or with unknown phases of beam pairs.
 
-Model, equation (1): y[m, n, k] = sum_i xi_i T_m(phi_i) R_n(theta_i) exp(-j 2 pi f_k tau_i) x[m, k] + w with
-|x| = 1 and white w of power sigma_n^2. Parameters of a path are, in this order,
+Model, equation (1): y[m, n, k] = sum_i xi_i T_m(phi_i) R_n(theta_i) exp(-j 2 pi f_k tau_i) x[m, k] + w with |x| =
+1 and white w of power sigma_n^2. Parameters of a path are, in this order,
 
     delay in s, AoD angles in rad, AoA angles in rad, log |xi|, arg xi.
 
 Every derivative of the mean is a product of one factor over TX beams, one over RX beams and one over subcarriers,
-so the coherent Fisher information is the Hadamard product of three small Grams:
-J_ab = 2 Re(c_a^* c_b G_T G_R G_W) (Kay 1993, equation 15.52, for a circular Gaussian with a known covariance).
+so the coherent Fisher information is the Hadamard product of three small Grams: J_ab = 2 Re(c_a^* c_b G_T G_R G_W)
+(Kay 1993, equation 15.52, for a circular Gaussian with a known covariance).
 
-Incoherent means one unknown, uniform phase per beam pair: the information is the exact one of the likelihood that
-is marginalised over these phases; see `estimation.channel.model.phase_information`. For its sake gains are
-log-magnitude and phase: with real and imaginary part a path near an axis gets a bound that is too small.
+Incoherent means one unknown, uniform phase per beam pair: the information is the exact one of the likelihood
+marginalised over these phases; see `estimation.channel.model.phase_information`. It needs gains as log-magnitude
+and phase: with real and imaginary part a path near an axis gets a bound that is too small.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ from estimation.channel.model.phase_information import pair_information
 from scenes.record import ComplexArray, FloatArray, Record, array
 from sim.signal.arrays.codebook import Codebook
 
-_NO_INFORMATION = 1e-13  # of the largest eigenvalue of an equilibrated information
-_TOUCHED = 1e-6  # share of a parameter in a direction without information
+_NO_INFORMATION = 1e-13  # eigenvalue of an equilibrated information that is a rounding error
+_TOUCHED = 1e-6  # component of a parameter in a direction without information
 
 
 @dataclass(frozen=True)
 class PathBounds(Record):
-    """Bounds of every path when all paths of the stop are estimated together.
+    """Bounds of every path if all paths of the stop are estimated together.
 
-    Infinite where the sweep leaves a parameter free: an angle seen by one beam, two paths in one place. Phases are
-    NaN in incoherent mode: no common phase exists there.
+    Infinite if the sweep does not determine a parameter: an angle observed by one beam, two paths in one place.
+    Phases are NaN in incoherent mode: no common phase exists there.
     """
 
     covariance: FloatArray = array(
@@ -81,7 +81,7 @@ def crb(
 ) -> PathBounds:
     """Cramer-Rao bounds of the paths of one stop, for design studies: any codebooks, subcarriers and paths.
 
-    Two paths 2 ns apart, seen by the beams of a link:
+    Two paths 2 ns apart, observed by the beams of a link:
 
     >>> bounds = crb(
     ...     link.tx_codebook, link.rx_codebook, link.frequency_offset_hz, link.noise_power_mw,
@@ -95,10 +95,10 @@ def crb(
     frequency_offset_hz : (subcarrier,) sounded subcarriers relative to the phase reference of the gains
     noise_power_mw : scalar or (rx_beam,), per sample
     delay_s : (path,)
-    aod_rad, aoa_rad : (path,) or (path, angle) in the device frames: azimuth, and elevation where the codebook
-        has beams that tell it (`Manifold.n_angles`)
+    aod_rad, aoa_rad : (path,) or (path, angle) in the device frames: azimuth, and elevation if the beams resolve
+        it (`Manifold.n_angles`)
     amplitude : (path,) complex xi in sqrt(mW), the transmit power included
-    coherent : whether phases are kept from beam pair to beam pair
+    coherent : whether phases are coherent from beam pair to beam pair
 
     Raises
     ------
@@ -132,7 +132,7 @@ def path_bounds(
     *,
     coherent: bool,
 ) -> PathBounds:
-    """Bounds as `crb` has them, for manifolds at hand: arguments as in `path_information`."""
+    """Bounds as in `crb`, for given manifolds: arguments as in `path_information`."""
     paths = delay_s, aod_rad, aoa_rad, amplitude
     information = path_information(tx, rx, frequency_offset_hz, noise_power_mw, *paths, coherent=coherent)
     covariance = path_covariance(information)
@@ -161,8 +161,8 @@ def path_information(
 ) -> FloatArray:
     """Fisher information (path, parameter, path, parameter) of all parameters of all paths.
 
-    `noise_power_mw` is (rx_beam,); angles are (path, angle) as the manifolds count them, `amplitude` (path,) is
-    xi in sqrt(mW).
+    `noise_power_mw` is (rx_beam,); angles are (path, angle) with as many angles as the manifolds have; `amplitude`
+    (path,) is xi in sqrt(mW).
     """
     factors = _Factors.make(tx, rx, frequency_offset_hz, noise_power_mw, delay_s, aod_rad, aoa_rad, amplitude)
     flat = _coherent(factors) if coherent else _incoherent(factors)
@@ -174,8 +174,8 @@ def path_information(
 def path_covariance(information: FloatArray) -> FloatArray:
     """Inverse (path, parameter, path, parameter) of a path information.
 
-    Variances of parameters that a direction without information touches are infinite, such as all phases in
-    incoherent mode. Parameters are scaled to a unit diagonal first: seconds and radians differ by 1e20.
+    Parameters with a component in a direction without information, such as all phases in incoherent mode, get
+    infinite variances. Parameters are first scaled to a unit diagonal: seconds and radians differ by 1e20.
     """
     n, size = information.shape[:2]
     if not n:
@@ -193,10 +193,10 @@ def path_covariance(information: FloatArray) -> FloatArray:
 
 
 def joint_loss_db(information: FloatArray) -> FloatArray:
-    """SNR (path,) in dB that a path loses to all others: `snr - loss` is that of a lone path known as well.
+    """SNR (path,) in dB that a path loses to all others: a lone path of `snr - loss` has the same bound.
 
-    It is the factor by which the others raise the worst variance of delay, angles and gain magnitude above that of
-    the path alone; infinite where they leave it free.
+    It is the factor by which the other paths increase the worst variance of delay, angles and gain magnitude of a
+    path; infinite if they make it unobservable.
     """
     n = len(information)
     if not n:

@@ -17,8 +17,8 @@ OVERSAMPLING = 2
 class DelayPower(Record):
     """Power of every beam pair over delay, in units of the noise power of its RX beam.
 
-    The power is that of a coherent sum over the subcarriers: for one path it is the SNR after processing.
-    Delays are circular with period `1 / comb spacing`.
+    It is the power of a coherent sum over the subcarriers: for one path it is the SNR after processing. Delays are
+    circular with period `1 / comb spacing`.
     """
 
     snr: FloatArray = array("tx_beam", "rx_beam", "delay", dtype=np.float32, doc="power over noise power")
@@ -36,8 +36,8 @@ def hann_window(n: int) -> FloatArray:
 def window_response(offset_bins: FloatArray, n: int) -> FloatArray:
     """Amplitude of the Hann window's delay response at offsets in (not oversampled) delay bins, 1 at zero.
 
-    H(x) = sinc(x) + (sinc(x - 1) + sinc(x + 1)) / 2 up to sign, the transform of a raised cosine; the end effects
-    of order 1/n are left out. `n` bounds the response from below by the leakage of a window of n points.
+    H(x) = sinc(x) + (sinc(x - 1) + sinc(x + 1)) / 2 up to sign, the transform of a raised cosine; end effects of
+    order 1/n are neglected. `n` bounds the response from below by the leakage of a window of n points.
     """
     x = np.abs(offset_bins)
     response = np.abs(np.sinc(x) + 0.5 * (np.sinc(x - 1) + np.sinc(x + 1)))
@@ -47,7 +47,7 @@ def window_response(offset_bins: FloatArray, n: int) -> FloatArray:
 def delay_power(sweep: BeamSweep) -> DelayPower:
     """Power over delay (tx_beam, rx_beam, delay) from the samples alone.
 
-    The known PRS is divided out, the band is Hann-windowed against delay side lobes and zero-padded to an
+    The known PRS is divided out. The band is Hann-windowed against delay side lobes and zero-padded to an
     oversampling of 2. The noise level of every RX beam is estimated from the data: the median over all beam pairs
     and delays of an exponential variable is ln 2 times its mean, and paths fill only a small share of the delays.
     """
@@ -74,8 +74,7 @@ def match_delay(power: DelayPower, tx_beam: int, rx_beam: int, delay: int) -> tu
     """Offset in bins of a peak from its delay bin, and its misfit to the window's response.
 
     The offset is the vertex of a parabola through the log power of three bins, nearly exact for a Hann window. The
-    misfit is the mean square difference in amplitude over the main lobe, relative to the peak: noise, and what is
-    not a single path.
+    misfit is the mean square difference in amplitude over the main lobe, relative to the peak (noise, other paths).
     """
     reach = np.arange(-2 * OVERSAMPLING + 1, 2 * OVERSAMPLING)
     profile = power.snr[tx_beam, rx_beam, (delay + reach) % power.snr.shape[2]].astype(float)

@@ -1,8 +1,8 @@
-"""False alarms of a continuous search: how often noise alone exceeds a threshold anywhere in delay and angles.
+"""False alarms of a continuous search: the probability that noise alone exceeds a threshold anywhere.
 
 The matched filter to a normalised path response turns white noise into a chi-square field of 2 degrees of freedom
-over delay and angles. How often it exceeds a high level t (power over noise power) follows from the expected Euler
-characteristic of the excursion set,
+over delay and angles. The number of its excursions above a high level t (power over noise power) follows from the
+expected Euler characteristic of the excursion set,
 
     E = exp(-t) sum_d L_d He_d(sqrt(2 t)) / (2 pi)^(d/2)
 
@@ -40,7 +40,7 @@ def detection_level(probability: float, curvatures: FloatArray) -> float:
     """
     if not 0 < probability < 1:
         raise ValueError(f"false_alarm_probability = {probability:g}: must be between 0 and 1")
-    # The Euler characteristic falls with the level beyond the largest root of its polynomial: come from above.
+    # The Euler characteristic falls with the level above the largest root of its polynomial: search from above.
     levels = np.linspace(HIGHEST_LEVEL, 0.0, 7001)
     first = int(np.argmax(exceedance_probability(levels, curvatures) >= probability))
     if first == 0:
@@ -60,13 +60,13 @@ def region_curvatures(*factors: FloatArray) -> FloatArray:
 
 
 def delay_curvatures(n_bins: float, n_subcarriers: int) -> FloatArray:
-    """Curvatures of a stretch of `n_bins` delay bins, or of the closed circle that the whole period is."""
+    """Curvatures of an interval of `n_bins` delay bins, or of the closed circle if it is the whole period."""
     length = n_bins * CELL * np.sqrt(1 - 1 / n_subcarriers**2)
     return np.array([0.0 if n_bins >= n_subcarriers else 1.0, length])
 
 
 def direction_curvatures(manifold: Manifold) -> FloatArray:
-    """Curvatures of all directions that the beams see: of a curve for one angle, of a surface for two."""
+    """Curvatures of all directions that the beams cover: of a curve for one angle, of a surface for two."""
     azimuth = manifold.azimuths()
     if manifold.n_angles == 1:
         speed = np.sqrt(manifold.metric(azimuth[:, None])[:, 0, 0])

@@ -10,15 +10,15 @@ from numba import njit
 
 from scenes.record import ComplexArray, FloatArray, IntArray
 
-NEAR_BINS = 1e-3  # distance from its peak where the Dirichlet kernel is taken by its series
+NEAR_BINS = 1e-3  # distance from its peak below which the series of the Dirichlet kernel is used
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def dirichlet(position: IntArray, delay_bins: FloatArray, n: int) -> FloatArray:
     """Dirichlet kernel sin(pi x) / (n sin(pi x / n)) of `n` subcarriers and its slope over x, (delay, 2, bin).
 
-    x is how far the bins at whole `position` (bin,) lie beyond the delays (delay,), in bins. Sines are taken of
-    bins and delays apart.
+    x is the distance in bins of the integer `position` (bin,) from the delays (delay,). Sines of bins and of
+    delays are computed separately.
     """
     kernel = np.empty((len(delay_bins), 2, len(position)))
     second = np.pi**2 / 3 * (1 - 1 / n**2)
@@ -68,9 +68,8 @@ def add_panel_tangents(
 ) -> None:
     """Add to `out` (direction, 1 + angle, beam) the responses of one panel's beams and their derivatives.
 
-    Directions and their derivatives are unit `vectors` (direction, 1 + angle, xyz) or more; the element's
-    `amplitude` (direction,) has the `slope` (direction, angle); `wave_vector` (element, xyz), `weights`
-    (element, beam).
+    `vectors` (direction, 1 + angle or more, xyz) are unit vectors and their derivatives; `amplitude` (direction,)
+    of the element has the `slope` (direction, angle); `wave_vector` (element, xyz), `weights` (element, beam).
     """
     n_directions, n_factors, n_beams = out.shape
     factor = np.empty(n_factors, np.complex128)
@@ -122,7 +121,7 @@ def tangent_products(slices: FloatArray, tx: ComplexArray, rx: ComplexArray) -> 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def hadamard_gram(tx: ComplexArray, rx: ComplexArray, delay: FloatArray) -> ComplexArray:
-    """Inner products (path, tangent, path, tangent) from those of the factors of an axis (path, factor, ...)."""
+    """Inner products (path, tangent, path, tangent) from those of the factors of each axis (path, factor, ...)."""
     n_paths, n_others = tx.shape[0], tx.shape[2]
     n_aod, n_aoa, n_delay = tx.shape[1] - 1, rx.shape[1] - 1, delay.shape[1]
     m_aod, m_aoa, m_delay = tx.shape[3] - 1, rx.shape[3] - 1, delay.shape[3]

@@ -1,8 +1,8 @@
 """The beam manifold: responses of a codebook's beams over direction, their derivatives, and their geometry.
 
 Distances on the manifold are Fubini-Study: ds = |P g'| / |g| dangle, with P the projection orthogonal to the
-response g. They say how fast a normalised response turns, whatever its scale and phase; a uniform aperture moves
-by pi / sqrt(3) over one Rayleigh cell, along any axis.
+response g. They measure how fast a normalised response changes, independent of scale and phase; a uniform aperture
+moves by pi / sqrt(3) over one Rayleigh cell, along any axis.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ SCAN_STEP_RAD = np.deg2rad(0.5)
 HIGHEST_ELEVATION_RAD = np.deg2rad(75.0)
 DARKEST = 10 ** (
     -30 / 20
-)  # directions whose best beam is weaker than this of the strongest beam are not seen
-REAL_TOLERANCE = 1e-8  # share of imaginary parts that is rounding
-NULL = 1e-16  # power of a response, relative to that of the weights, that is rounding: no beam sees there
-FLAT = 1e-6  # length on the manifold below which beams tell no directions apart
-DIFFERENCE_STEP_RAD = 1e-5  # of the element amplitude, which is real and smooth: the error is below 1e-9
-ELEVATION_SHARE = 0.03  # of the information of the bare elements, from which on beams tell elevations apart
+)  # least amplitude of the best beam, over the strongest beam, in a covered direction
+REAL_TOLERANCE = 1e-8  # relative imaginary part that is a rounding error
+NULL = 1e-16  # power of a response, relative to that of the weights, that is a rounding error
+FLAT = 1e-6  # length on the manifold below which beams do not resolve directions
+DIFFERENCE_STEP_RAD = 1e-5  # for the element amplitude, which is real and smooth: the error is below 1e-9
+ELEVATION_SHARE = 0.03  # of the information of the bare elements, above which beams resolve elevation
 
 
 @dataclass(frozen=True)
 class _Panel:
-    """One panel: what its beams sum, and the phase of every element per unit direction in the device frame."""
+    """One panel: the weights of its beams, and the phase of every element per unit direction (device frame)."""
 
     weights: ComplexArray  # (beam, element), rows of zeros for the beams of other panels
     wave_vector: FloatArray  # (element, xyz): phase in rad = wave_vector @ u
@@ -49,7 +49,7 @@ class _Panel:
         return np.asarray(wave @ self.weights.T)
 
     def amplitude(self, azimuth_rad: FloatArray, elevation_rad: FloatArray) -> FloatArray:
-        """Element amplitude (direction,), of the vertical polarisation."""
+        """Element amplitude (direction,) in vertical polarisation."""
         amplitude = element_amplitude(
             self.pattern, *to_panel(azimuth_rad, elevation_rad, self.azimuth_rad, self.tilt_rad)
         )
@@ -72,15 +72,15 @@ class _Panel:
 class Manifold:
     """Responses G (direction, beam) of a codebook's beams and their derivatives over direction.
 
-    Where the beams cannot tell elevations apart (`n_angles` 1) the elevation is taken as zero, and the angle found
-    for a path of another elevation is the cone angle of its panel. `n_angles` can be given to keep what a device's
-    designed beams observe while its weights are replaced by estimated ones.
+    If the beams do not resolve elevation (`n_angles` 1), the elevation is taken as zero, and the angle of a path
+    of another elevation is the cone angle of its panel. `n_angles` can be given to keep the angles that a device's
+    designed beams observe when its weights are replaced by estimated ones.
 
     Attributes
     ----------
-    n_beams, n_angles : number of beams, and of angles (azimuth, or azimuth and elevation) that they observe
-    azimuth_range_rad, elevation_range_rad : directions that the beams see; `is_closed` where azimuths go all round
-    hides_elevation : whether elevations are in the model that only a second panel shows
+    n_beams, n_angles : number of beams, and of angles (azimuth, or azimuth and elevation) they observe
+    azimuth_range_rad, elevation_range_rad : directions the beams cover; `is_closed` if azimuths are a full circle
+    hides_elevation : whether the model has elevations that only a second panel makes observable
     """
 
     n_beams: int
@@ -103,7 +103,7 @@ class Manifold:
             self._scan_elevations()
 
     def combined(self, matrix: ComplexArray | FloatArray) -> Self:
-        """The manifold of sums of beams: responses G @ matrix.T, for `matrix` (output, beam)."""
+        """The manifold of linear combinations of beams: responses G @ matrix.T, for `matrix` (output, beam)."""
         other = object.__new__(type(self))
         other.__dict__.update(self.__dict__)
         other._panels = [replace(panel, weights=matrix @ panel.weights) for panel in self._panels]
@@ -111,10 +111,11 @@ class Manifold:
         return other
 
     def with_hidden_elevation(self) -> Self:
-        """The manifold over azimuth and elevation of horizontal beams on several upright panels; else itself.
+        """The manifold over azimuth and elevation for horizontal beams on several upright panels; else itself.
 
-        One panel shows the cone angle of a path about its own boresight and no more. Two panels show two, and with
-        them the elevation but for its sign. What rows make of it, the same for all beams, is part of the gain.
+        One panel observes only the cone angle of a path about its boresight. Two panels observe two cone angles,
+        and so the elevation up to its sign. The effect of elevation on the rows, equal for all beams, is part of
+        the gain.
         """
         several = len({panel.azimuth_rad for panel in self._panels}) > 1
         if self.n_angles == 2 or not several or any(panel.tilt_rad for panel in self._panels):
@@ -134,12 +135,12 @@ class Manifold:
         return np.asarray(boresight[np.argmax(strongest, axis=0)])
 
     def weights(self) -> ComplexArray:
-        """All that the beams sum, (beam, element) over the panels in turn: their span holds every response."""
+        """Weights (beam, element) of all panels side by side: their span holds every response."""
         return np.concatenate([panel.weights for panel in self._panels], axis=1)
 
     @property
     def is_real(self) -> bool:
-        """Whether all responses are real but for rounding, as those of symmetric arrays are."""
+        """Whether all responses are real up to rounding, as those of symmetric arrays are."""
         response = self.response(self.grid(1.0))
         return bool(np.abs(response.imag).max() <= REAL_TOLERANCE * np.abs(response).max())
 
@@ -167,7 +168,7 @@ class Manifold:
         return tangents
 
     def metric(self, angles: FloatArray) -> FloatArray:
-        """Fubini-Study metric (direction, angle, angle) in rad^-2; zero where there is no response."""
+        """Fubini-Study metric (direction, angle, angle) in rad^-2; zero if there is no response."""
         tangents = self.tangents(angles)
         value, slopes = tangents[:, :1], tangents[:, 1:]
         power = (np.abs(value) ** 2).sum(axis=2, keepdims=True)
@@ -177,11 +178,11 @@ class Manifold:
         return np.asarray((across @ across.conj().swapaxes(1, 2)).real / power)
 
     def grid(self, oversampling: float) -> FloatArray:
-        """Directions (direction, angle) in rad over what the beams see, `oversampling` per Rayleigh cell.
+        """Directions (direction, angle) in rad that the beams cover, `oversampling` per Rayleigh cell.
 
         Points are evenly spaced on the manifold: along azimuth for one angle; for two on circles of elevation.
-        Directions that no beam sees (a lone beam's nulls) are left out. Beams that tell no directions apart have
-        one, where they are strongest.
+        Directions that no beam covers (nulls of a single beam) are left out. Beams that do not resolve directions
+        have one point, at their strongest direction.
         """
         step = CELL / oversampling
         levels = self._levels(step) if self.n_angles == 2 else np.zeros(1)
@@ -190,13 +191,13 @@ class Manifold:
         return np.asarray(grid[gain >= DARKEST * gain.max()])
 
     def azimuths(self) -> FloatArray:
-        """Fine, even azimuths (azimuth,) over what the beams see; a closed circle without its end."""
+        """Fine, even azimuths (azimuth,) that the beams cover; a closed circle without its end."""
         low, high = self.azimuth_range_rad
         n = max(2, round((high - low) / SCAN_STEP_RAD) + 1)
         return np.linspace(low, high, n - self.is_closed, endpoint=not self.is_closed)
 
     def elevations(self) -> FloatArray:
-        """Fine, even elevations (elevation,) over what the beams see; zero alone for one angle."""
+        """Fine, even elevations (elevation,) that the beams cover; only zero for one angle."""
         low, high = self.elevation_range_rad
         return np.linspace(low, high, max(2, round((high - low) / (4 * SCAN_STEP_RAD)) + 1))
 
@@ -205,7 +206,7 @@ class Manifold:
         return angles[:, 0], angles[:, 1] if self.n_angles == 2 else np.zeros(len(angles))
 
     def _row(self, elevation_rad: FloatArray, step: float) -> FloatArray:
-        """Directions (direction, 2) at one elevation, evenly spaced on the manifold by `step` or a little less."""
+        """Directions (direction, 2) at one elevation, evenly spaced on the manifold by at most `step`."""
         azimuth = self.azimuths()
         angles = np.stack([azimuth, np.broadcast_to(elevation_rad, azimuth.shape)], axis=1)[
             :, : self.n_angles
@@ -218,7 +219,7 @@ class Manifold:
         return np.stack([wrap_angle(even), np.broadcast_to(elevation_rad, even.shape)], axis=1)
 
     def _levels(self, step: float) -> FloatArray:
-        """Elevations (level,) no further apart than `step` on the manifold at any azimuth."""
+        """Elevations (level,) at most `step` apart on the manifold at any azimuth."""
         elevation, azimuth = self.elevations(), self.azimuths()[::4]
         speed = [
             np.sqrt(self.metric(np.stack([azimuth, np.full(len(azimuth), e)], axis=1))[:, 1, 1].max())
@@ -227,7 +228,7 @@ class Manifold:
         return _evenly(elevation, np.array(speed), step, float(elevation.mean()), is_closed=False)
 
     def _scan_azimuths(self) -> None:
-        """Set the azimuths that beams see from the front of their panel; all gaps but the widest are bridged."""
+        """Set the azimuths in front of a panel that its beams cover; all gaps except the widest are bridged."""
         azimuth = np.arange(-np.pi, np.pi - SCAN_STEP_RAD / 2, SCAN_STEP_RAD)
         gain = np.max([self._best_gain(azimuth, e) for e in np.linspace(-0.6, 0.6, 7)], axis=0)
         in_front = np.any([np.cos(azimuth - panel.azimuth_rad) > 0 for panel in self._panels], axis=0)
@@ -240,7 +241,7 @@ class Manifold:
         self.azimuth_range_rad = (float(azimuth[first]), float(azimuth[first] + length_rad))
 
     def _scan_elevations(self) -> None:
-        """Set the elevations, about the beams' own, that some beam sees at some azimuth."""
+        """Set the elevations around the beams' own that some beam covers at some azimuth."""
         elevation = np.arange(-HIGHEST_ELEVATION_RAD, HIGHEST_ELEVATION_RAD + 1e-9, SCAN_STEP_RAD)
         azimuth = self.azimuths()[::4]
         gain = np.array([self._best_gain(azimuth, e).max() for e in elevation])
@@ -252,9 +253,9 @@ class Manifold:
         return np.asarray(np.abs(self.response(angles)).max(axis=1))
 
     def _sees_elevation(self) -> bool:
-        """Whether the beams, their scale and phase apart, turn over elevation in a way that azimuth does not.
+        """Whether elevation changes the beams, up to scale and phase, in a way that azimuth does not.
 
-        Compared with what the elements would see if each were read out alone: the variance of their phase slope.
+        Compared with elements that are sampled one by one: the variance of their phase slope.
         """
         azimuth = self.azimuths()
         angles = np.stack([azimuth, np.zeros(len(azimuth))], axis=1)
@@ -285,7 +286,7 @@ def _panels(codebook: Codebook) -> list[_Panel]:
 
 
 def _merged_at_horizon(panel: _Panel) -> _Panel:
-    """The panel with elements that no horizontal direction tells apart summed into one."""
+    """The panel with elements that have equal phases in all horizontal directions summed into one."""
     horizontal = np.round(panel.wave_vector[:, :2], 12)
     places, index = np.unique(horizontal, axis=0, return_inverse=True)
     summed = np.zeros((len(panel.weights), len(places)), complex)
@@ -296,9 +297,10 @@ def _merged_at_horizon(panel: _Panel) -> _Panel:
 def _evenly(
     position: FloatArray, speed: FloatArray, step: float, middle: float, *, is_closed: bool
 ) -> FloatArray:
-    """Positions whose distances along a curve of this `speed` are even and at most `step`.
+    """Positions along a curve of this `speed`, evenly spaced by at most `step`.
 
-    An open curve has its outermost points half a step inside its ends; one of no length has its `middle` alone.
+    An open curve has its outermost points half a step inside its ends; a curve of zero length has only its
+    `middle`.
     """
     length = np.concatenate([[0.0], np.cumsum((speed[1:] + speed[:-1]) / 2 * np.diff(position))])
     n = max(1, int(np.ceil(length[-1] / step)))

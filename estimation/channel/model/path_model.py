@@ -1,8 +1,8 @@
-"""The model of paths in a compressed sweep: tangents, their inner products with samples and with each other.
+"""The model of paths in a compressed sweep: tangents, and their inner products with samples and with each other.
 
-A path leaves c t(phi) r(theta) d(tau), a product over the three axes. So do its derivatives, one factor replaced,
-and every inner product of two of them is a product of three short ones: the Fisher information is a Hadamard
-product of small Gram matrices, and no array of the size paths x samples is made.
+A path adds c t(phi) r(theta) d(tau), a product over the three axes. In each derivative one factor is replaced, so
+every inner product of two of them is a product of three short ones: the Fisher information is a Hadamard product
+of small Gram matrices, and no array of the size paths x samples is needed.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from scenes.record import BoolArray, ComplexArray, FloatArray, IntArray
 
 @dataclass(frozen=True)
 class PathParameters:
-    """Paths as the model counts them: delays (path,) in bins, angles (path, angle) in rad, amplitudes (path,)."""
+    """Parameters of paths: delays (path,) in bins, angles (path, angle) in rad, amplitudes (path,)."""
 
     delay_bins: FloatArray
     aod_rad: FloatArray
@@ -50,7 +50,7 @@ class PathParameters:
         )
 
     def replaced(self, where: BoolArray, other: PathParameters) -> PathParameters:
-        """The paths with those marked in `where` (path,) taken from `other`."""
+        """The paths, with those marked in `where` (path,) taken from `other`."""
         return PathParameters(
             np.where(where, other.delay_bins, self.delay_bins),
             np.where(where[:, None], other.aod_rad, self.aod_rad),
@@ -83,8 +83,8 @@ def no_paths(sweep: CompressedSweep) -> PathParameters:
 class PathTangents:
     """Factors of the responses of paths and of their derivatives along every axis, the value first.
 
-    In the products of three factors that they stand for, the value of a path comes first, then its derivatives
-    over delay, angles of departure and angles of arrival.
+    In their products of three factors the value of a path comes first, then its derivatives over delay, angles of
+    departure and angles of arrival.
 
     Attributes
     ----------
@@ -146,7 +146,7 @@ def manifold_rates(sweep: CompressedSweep, paths: PathParameters) -> FloatArray:
 
 
 def residual(sweep: CompressedSweep, paths: PathParameters) -> FloatArray:
-    """Parts (part, tx_rank, rx_rank, bin) of the samples less what the paths leave in them."""
+    """Parts (part, tx_rank, rx_rank, bin) of the samples minus the signals of the paths."""
     if not len(paths):
         return sweep.parts
     at = responses(sweep, paths)

@@ -1,4 +1,4 @@
-"""What a beam pair of unknown phase tells about its signal: two expectations over Rician amplitudes.
+"""Fisher information of a beam pair of unknown phase: two expectations over Rician amplitudes.
 
 A pair receives y = exp(j psi) mu + w with psi uniform and w circular Gaussian of unit variance per sample. The
 likelihood marginalised over psi is exp(-|y|^2 - |mu|^2) I0(2 |mu^H y|). Its score along a derivative d of mu is
@@ -10,7 +10,7 @@ and with d = alpha mu + d', d' orthogonal to mu, the covariance of two scores is
     J_ab = 4 A(g) Re(alpha_a) Re(alpha_b) + 2 B(g) Re(d'_a^H d'_b),    g = |mu|^2,
     A(g) = E[(|z| r(2 |z|) - g)^2],    B(g) = E[r(2 |z|)^2],
 
-since d'^H w is independent of z. Im(alpha), the phase of the pair, tells nothing. |z| = sqrt(g) |sqrt(g) + n| is
+since d'^H w is independent of z. Im(alpha), the phase of the pair, is unobservable. |z| = sqrt(g) |sqrt(g) + n| is
 Rician. A(g) tends to g / 2 and B(g) to 1 for strong pairs, which only lose their phase; both vanish for weak ones.
 """
 
@@ -23,10 +23,10 @@ from scipy.special import i0e, i1e
 
 from scenes.record import FloatArray
 
-_TABLE_SNR = (1e-6, 1e6)  # beyond it the expansions below are exact to 1e-6
+_TABLE_SNR = (1e-6, 1e6)  # outside it the expansions below are exact to 1e-6
 _TABLE_POINTS = 1500
 _QUADRATURE_POINTS = 160
-_REACH = 7.0  # of the Rician amplitude about sqrt(g): beyond it lies a probability of 1e-21
+_REACH = 7.0  # of the Rician amplitude about sqrt(g): the probability outside is 1e-21
 
 
 def pair_information(snr: FloatArray) -> tuple[FloatArray, FloatArray]:
