@@ -1,4 +1,7 @@
-"""The estimation chain: sweeps to channel estimates, to maps, to shapes. Pure: records in, records out."""
+"""The functions of the estimation chain: sweeps to channel estimates, to maps, to shapes. Records in, records out.
+
+`driver.py` calls them in order.
+"""
 
 from __future__ import annotations
 
@@ -11,10 +14,9 @@ from estimation.channel.calibration.self_calibration import Calibration
 from estimation.channel.estimate import ChannelEstimator, checked_estimate, estimate_channel
 from estimation.channel.model.delay import hann_window
 from estimation.channel.power.detect import noise_threshold
-from estimation.channel.power_map import BeamPowerMap
 from estimation.channel.record import ChannelEstimate
 from estimation.shape.contours import estimate_contours
-from estimation.shape.gp.estimate import estimate_shapes
+from estimation.shape.gp.estimate import estimate_shapes, fit_shapes
 from estimation.slam.checks import check_estimates
 from estimation.slam.mapping.incidence_points import map_stops
 from estimation.slam.record import IncidencePoints, PoseEstimates, SolveStatus
@@ -23,14 +25,12 @@ from estimation.slam.space.problem import is_spatial
 from estimation.slam.stops import locate_and_map
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.measured import MeasuredTruth
-from isac_arena.campaign.results import CampaignResults, MapResult
+from isac_arena.campaign.results import MapResult
 from isac_arena.scoring.config import Significance
-from isac_arena.scoring.link_view import link_view
-from isac_arena.scoring.score import Scores, score_campaign
 from scenes.pose import Pose
-from scenes.scene import Scene
+from scenes.record import IntArray
 from sim.observation import BeamSweep
-from sim.signal.link import Link, best_beam_power_dbm
+from sim.signal.link import Link
 from sim.truth import Truth
 
 
@@ -39,8 +39,18 @@ def channel_estimator(
 ) -> ChannelEstimator:
     """The channel estimator to run: the method of the settings, or a user's `package.module:function`.
 
-    The function takes a `BeamSweep` and returns a `ChannelEstimate`. A calibration replaces the nominal codebooks
-    for the methods of the settings; a user's function gets the sweep as it is.
+    A calibration replaces the nominal codebooks for the methods of the settings. A user's function gets the sweep
+    as it is. Raises as `user_estimator` does.
+    """
+    if name is not None:
+        return user_estimator(name)
+    return lambda sweep: estimate_channel(
+        sweep if calibration is None else calibration.applied(sweep), config=config.channel
+    )
+
+
+def user_estimator(name: str) -> ChannelEstimator:
+    """A user's channel estimator `package.module:function`: it takes a `BeamSweep`, returns a `ChannelEstimate`.
 
     Raises
     ------
@@ -48,10 +58,6 @@ def channel_estimator(
         Where the name has another form, cannot be imported or is no function; and, when called, where the
         function returns something else than the `ChannelEstimate` of the same stop.
     """
-    if name is None:
-        return lambda sweep: estimate_channel(
-            sweep if calibration is None else calibration.applied(sweep), config=config.channel
-        )
     function = _imported(name)
 
     def checked(sweep: BeamSweep) -> ChannelEstimate:
@@ -66,7 +72,7 @@ def channel_estimator(
 
 
 def known_receiver(truths: Iterable[Truth | MeasuredTruth]) -> PoseEstimates:
-    """The true receiver states as given poses: what mapping, and only mapping, is told."""
+    """The true receiver states as given poses: the input of mapping alone, SLAM does not see them."""
     states = [(t.stop, *t.rx_pose.position_m, t.rx_pose.heading_rad, t.clock_bias_s) for t in truths]
     table = np.array(states, float).reshape(-1, 6)
     return PoseEstimates(
@@ -82,70 +88,51 @@ def known_receiver(truths: Iterable[Truth | MeasuredTruth]) -> PoseEstimates:
     )
 
 
-def map_known(
-    config: CampaignConfig, channel: Sequence[ChannelEstimate], tx_pose: Pose, receiver: PoseEstimates
+def make_map(
+    config: CampaignConfig,
+    channel: Sequence[ChannelEstimate],
+    tx_pose: Pose,
+    receiver: PoseEstimates | None = None,
 ) -> MapResult:
-    """Mapping: incidence points from known receiver states, then shapes."""
+    """The map of all stops: mapping from the given receiver states, SLAM without any."""
     check_estimates(channel, tx_pose)
-    spatial = is_spatial(channel, use_elevation=config.mapping.use_elevation)
-    ips = (map_stops_spatial if spatial else map_stops)(channel, receiver, tx_pose, config.mapping)
-    return _with_shapes(config, channel, tx_pose, receiver, ips)
+    return with_shapes(config, channel, tx_pose, *located(config, channel, tx_pose, receiver))
 
 
-def map_unknown(config: CampaignConfig, channel: Sequence[ChannelEstimate], tx_pose: Pose) -> MapResult:
-    """SLAM: receiver states and incidence points together, then shapes.
+def located(
+    config: CampaignConfig,
+    channel: Sequence[ChannelEstimate],
+    tx_pose: Pose,
+    receiver: PoseEstimates | None = None,
+) -> tuple[PoseEstimates, IncidencePoints]:
+    """Receiver states and incidence points: the given states and their points, or both found together (SLAM).
 
-    Every stop on its own, or all stops together or by a filter where the campaign has a `trajectory` table; with
-    heights where elevations were estimated.
+    SLAM takes every stop by itself, or all stops together or by a filter where the campaign has a `trajectory`
+    table. Both work with heights where elevations were estimated.
     """
-    check_estimates(channel, tx_pose)
-    poses, ips = locate_and_map(channel, tx_pose, config.slam, config.trajectory, config.mapping)
-    return _with_shapes(config, channel, tx_pose, poses, ips)
+    if receiver is None:
+        return locate_and_map(channel, tx_pose, config.slam, config.trajectory, config.mapping)
+    spatial = is_spatial(channel, use_elevation=config.mapping.use_elevation)
+    return receiver, (map_stops_spatial if spatial else map_stops)(channel, receiver, tx_pose, config.mapping)
 
 
-def _with_shapes(
+def with_shapes(
     config: CampaignConfig,
     channel: Sequence[ChannelEstimate],
     tx_pose: Pose,
     poses: PoseEstimates,
     ips: IncidencePoints,
+    label: IntArray | None = None,
 ) -> MapResult:
-    """The map with the paper's shapes of its clusters and our contours of its objects."""
-    shapes = estimate_shapes(ips, config.shapes)
+    """The map with the paper's shapes of its clusters and our contours of its objects.
+
+    `label` (ip,) is the cluster of every incidence point, -1 for none; without it DBSCAN finds the clusters.
+    """
+    shapes = estimate_shapes(ips, config.shapes) if label is None else fit_shapes(ips, label, config.shapes)
     contours = estimate_contours(
         channel, tx_pose, poses, ips, shapes.label, config.mapping.noise, config.contours
     )
     return MapResult(poses, ips, shapes, contours)
-
-
-def map_both(
-    config: CampaignConfig,
-    channel: Sequence[ChannelEstimate],
-    power_maps: Sequence[BeamPowerMap],
-    tx_pose: Pose,
-    receiver: PoseEstimates,
-) -> CampaignResults:
-    """All estimates of a campaign, from the channel estimates of its stops; `receiver` is what mapping is told."""
-    return CampaignResults(
-        channel=tuple(channel),
-        power_maps=tuple(power_maps),
-        mapping=map_known(config, channel, tx_pose, receiver),
-        slam=map_unknown(config, channel, tx_pose),
-    )
-
-
-def score_simulated(
-    config: CampaignConfig, link: Link, scene: Scene, truths: Iterable[Truth], results: CampaignResults
-) -> Scores:
-    """Score a simulated campaign; raises as `score_campaign` does."""
-    return score_campaign(
-        scene,
-        truths,
-        results,
-        true_power_dbm=lambda truth: best_beam_power_dbm(truth.paths, link, scene.tx, truth.rx_pose),
-        significance=significance(config, link),
-        view=link_view(config, link, scene),
-    )
 
 
 def significance(config: CampaignConfig, link: Link) -> Significance:

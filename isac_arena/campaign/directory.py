@@ -21,13 +21,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Literal, TypeVar
+from typing import TypeVar
 
 from estimation.channel.calibration.self_calibration import Calibration
-from estimation.channel.power_map import BeamPowerMap
+from estimation.channel.power_map import BeamPowerMap, beam_power_map
 from estimation.channel.record import ChannelEstimate
-from estimation.shape.record import Contours, Shapes
-from estimation.slam.record import IncidencePoints, PoseEstimates
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.difference import first_difference, line_difference
 from isac_arena.campaign.files import (
@@ -41,7 +39,7 @@ from isac_arena.campaign.files import (
 )
 from isac_arena.campaign.integrity import code_digest, digest, estimator_source
 from isac_arena.campaign.measured import MeasuredTruth
-from isac_arena.campaign.results import MapResult
+from isac_arena.campaign.results import MapName, MapResult
 from isac_arena.scoring.metrics.metric import to_json
 from isac_arena.scoring.record import ScoreTables
 from isac_arena.scoring.score import Scores
@@ -54,7 +52,6 @@ from sim.signal.arrays.weights_file import weights_digest
 from sim.truth import Truth
 
 FOLDERS = ("truth", "sweep", "channel", "map", "figures")
-MapName = Literal["mapping", "slam"]
 R = TypeVar("R", bound=Record)
 
 
@@ -64,16 +61,6 @@ class StopEstimate(Record):
 
     channel: ChannelEstimate
     power_map: BeamPowerMap
-
-
-@dataclass(frozen=True)
-class MapFile(Record):
-    """One map file: what mapping or SLAM made of all stops."""
-
-    poses: PoseEstimates
-    ips: IncidencePoints
-    shapes: Shapes
-    contours: Contours
 
 
 @dataclass(frozen=True)
@@ -172,10 +159,6 @@ class CampaignStore:
         """What is known about a measured stop, or None where it was not imported."""
         return self._read(self._stop("truth", stop), MeasuredTruth, self.truth_fingerprint)
 
-    def has_truth(self, stop: int) -> bool:
-        """Whether the truth of a stop is stored."""
-        return self._is_current(self._stop("truth", stop), self.truth_fingerprint)
-
     def has_sweep(self, stop: int) -> bool:
         """Whether the samples of a stop are stored."""
         return self._is_current(self._stop("sweep", stop), self.truth_fingerprint)
@@ -204,6 +187,15 @@ class CampaignStore:
         """Store the channel estimate of a stop; scores made before are dropped."""
         self._write(self._stop("channel", estimate.channel.stop), estimate, self.channel_fingerprint)
 
+    def estimate(self, stop: int) -> ChannelEstimate | None:
+        """The paths of a stop alone, or None where they are still to be estimated."""
+        stored = self.channel(stop)
+        return None if stored is None else stored.channel
+
+    def write_estimate(self, estimate: ChannelEstimate, sweep: BeamSweep) -> None:
+        """Store the channel estimate of a stop with the beam power map of its sweep; drops scores made before."""
+        self.write_channel(StopEstimate(estimate, beam_power_map(sweep)))
+
     def calibration(self) -> Calibration | None:
         """What self-calibration found, or None where it is still to be made."""
         return self._read(
@@ -216,13 +208,11 @@ class CampaignStore:
 
     def map_result(self, name: MapName) -> MapResult | None:
         """The map of mapping or SLAM, or None where it is still to be made."""
-        file = self._read(self.directory / "map" / f"{name}.nc", MapFile, self.map_fingerprint)
-        return MapResult(file.poses, file.ips, file.shapes, file.contours) if file else None
+        return self._read(self.directory / "map" / f"{name}.nc", MapResult, self.map_fingerprint)
 
     def write_map(self, name: MapName, result: MapResult) -> None:
         """Store the map of mapping or SLAM; scores made before are dropped."""
-        file = MapFile(result.poses, result.ips, result.shapes, result.contours)
-        self._write(self.directory / "map" / f"{name}.nc", file, self.map_fingerprint)
+        self._write(self.directory / "map" / f"{name}.nc", result, self.map_fingerprint)
 
     def score_tables(self) -> ScoreTables | None:
         """The tables behind the scores, or None where they are still to be made."""

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 from estimation.channel.power_map import BeamPowerMap
 from estimation.channel.record import ChannelEstimate
 from estimation.shape.record import Contours, Shapes
 from estimation.slam.record import IncidencePoints, PoseEstimates
+from scenes.record import Record
+
+MapName = Literal["mapping", "slam"]
 
 
 @dataclass(frozen=True)
-class MapResult:
+class MapResult(Record):
     """A map of the scene, from mapping or from SLAM.
 
     Receiver poses, incidence points, the paper's shapes of clusters and our contours of objects.
@@ -25,7 +29,10 @@ class MapResult:
 
 @dataclass(frozen=True)
 class CampaignResults:
-    """All estimates of a campaign. `channel` and `power_maps` have one entry per stop, in order."""
+    """All estimates of a campaign. `channel` and `power_maps` have one entry per stop, in order.
+
+    `power_maps` is empty where nobody draws them: the scores do not need them.
+    """
 
     channel: tuple[ChannelEstimate, ...]
     power_maps: tuple[BeamPowerMap, ...]

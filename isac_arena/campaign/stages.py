@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -18,29 +18,16 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from estimation.channel.calibration.self_calibration import Calibration, calibration_rows, self_calibrate
-from estimation.channel.power_map import beam_power_map
-from isac_arena.campaign.chain import (
-    channel_estimator,
-    known_receiver,
-    map_known,
-    map_unknown,
-    score_simulated,
-)
-from isac_arena.campaign.directory import (
-    CampaignStore,
-    MapName,
-    StopEstimate,
-    check_is_campaign,
-    open_campaign,
-)
+from isac_arena.campaign.chain import channel_estimator, known_receiver
+from isac_arena.campaign.directory import CampaignStore, StopEstimate, check_is_campaign, open_campaign
+from isac_arena.campaign.driver import CampaignRun
 from isac_arena.campaign.files import read_attribute
 from isac_arena.campaign.load import campaign_scene, load_campaign
 from isac_arena.campaign.lock import one_run
 from isac_arena.campaign.manifest import SETTINGS, check_unchanged, remedy
 from isac_arena.campaign.measured import MeasuredTruth
 from isac_arena.campaign.recording import recorded_run
-from isac_arena.campaign.results import CampaignResults, MapResult
+from isac_arena.campaign.results import CampaignResults, MapName, MapResult
 from isac_arena.campaign.summary import PlanarCounts, run_facts, score_table
 from isac_arena.report.page.budget_file import BUDGET_FILE, read_budget
 from isac_arena.scoring.measured import measured_metrics, score_measured
@@ -49,8 +36,6 @@ from isac_arena.scoring.score import Scores, score_metrics
 from scenes.config import referenced_contents
 from scenes.scene import Scene
 from sim.signal.hardware.apply_impairments import with_surveyed_pose
-from sim.signal.link import Link, make_link
-from sim.simulate import observe, simulate_truth
 from sim.truth import Truth
 
 console = Console(highlight=False)
@@ -121,70 +106,50 @@ def reopen(directory: Path, estimator: str | None = None, reads: Sequence[str] =
 
 def sweep_only(store: CampaignStore, *, keep_sweeps: bool) -> None:
     """Make the truth of every stop, and its sweep where it is to be kept."""
-    scene, link = scene_of(store), make_link(store.config)
-    counts = PlanarCounts()
-    with _progress() as progress:
-        for truth in progress.track(truths(store, scene), len(scene.stops), description="trace, sweep"):
-            counts += truth
-            if keep_sweeps and not store.has_sweep(truth.stop):
-                store.write_sweep(observe(store.config, link, scene, truth))
-    _tell(counts)
+    _each_stop(store, "trace, sweep", keep_sweeps, lambda stop: False)
 
 
 def sweep_and_estimate(store: CampaignStore, *, keep_sweeps: bool, again: bool = False) -> None:
     """Make what is missing of truth and channel estimates, one stop in memory at a time.
 
-    `again` makes channel estimates that are there once more. A measured campaign holds both from its import.
+    `again` makes all channel estimates, also those that are there. A measured campaign holds both from its import.
     """
-    if store.measured is not None:
-        return
-    scene, link = scene_of(store), make_link(store.config)
-    estimator = channel_estimator(store.config, store.estimator, _calibration(store, scene, link))
-    counts = PlanarCounts()
+    if store.measured is None:
+        _each_stop(
+            store, "trace, sweep, estimate", keep_sweeps, lambda stop: again or not store.has_channel(stop)
+        )
+
+
+def _each_stop(
+    store: CampaignStore, description: str, keep_sweeps: bool, estimates: Callable[[int], bool]
+) -> None:
+    """Make the truth of every stop, its sweep where it is needed, and its channel estimate where `estimates`."""
+    run, counts = campaign_run(store), PlanarCounts()
+    with console.status("self-calibration"):
+        run.calibrate()
     with _progress() as progress:
-        for truth in progress.track(
-            truths(store, scene), len(scene.stops), description="trace, sweep, estimate"
-        ):
+        for truth in progress.track(run.truths(), len(run.chosen_stops), description=description):
             counts += truth
-            kept = not keep_sweeps or store.has_sweep(truth.stop)
-            if kept and not again and store.has_channel(truth.stop):
-                continue
-            sweep = store.sweep(truth.stop) or observe(store.config, link, scene, truth)
-            if not kept:
-                store.write_sweep(sweep)
-            store.write_channel(StopEstimate(estimator(sweep), beam_power_map(sweep)))
-    _tell(counts)
-
-
-def _calibration(store: CampaignStore, scene: Scene, link: Link) -> Calibration | None:
-    """The calibration of both arrays where the settings ask for one: as stored, or made from some of the stops."""
-    settings = store.config.channel.self_calibration
-    if settings is None or store.estimator is not None:
-        return None
-    calibration = store.calibration()
-    if calibration is None:
-        chosen = set(calibration_rows(len(scene.stops), settings).tolist())
-        with console.status("self-calibration"):
-            sweeps = (
-                store.sweep(truth.stop) or observe(store.config, link, scene, truth)
-                for truth in truths(store, scene)
-                if truth.stop in chosen
-            )
-            calibration = self_calibrate(sweeps, settings)
-        store.write_calibration(calibration)
-    return calibration
+            keeps, makes = keep_sweeps and not store.has_sweep(truth.stop), estimates(truth.stop)
+            if keeps or makes:
+                sweep = run.sweep(truth)
+                if keeps:
+                    store.write_sweep(sweep)
+                if makes:
+                    run.estimate(truth, sweep)
+    if counts.n_compared:
+        console.print(counts.line)
 
 
 def build_maps(store: CampaignStore) -> None:
     """Map with the known receiver and run SLAM without; fit shapes to both."""
     if store.map_result("mapping") and store.map_result("slam"):
         return
-    scene = scene_of(store)
-    channel = [estimate.channel for estimate in channel_estimates(store, len(scene.stops))]
+    run = campaign_run(store)
+    n_stops = len(run.chosen_stops)
+    channel = [estimate.channel for estimate in channel_estimates(store, n_stops)]
     with console.status("mapping, SLAM, shapes"):
-        receiver = known_receiver(known_stops(store, len(scene.stops)))
-        store.write_map("mapping", map_known(store.config, channel, scene.tx, receiver))
-        store.write_map("slam", map_unknown(store.config, channel, scene.tx))
+        run.maps(channel, known_receiver(known_stops(store, n_stops)))
 
 
 def write_scores(store: CampaignStore) -> None:
@@ -233,32 +198,10 @@ def _page_payload(
 
 def scores_of(store: CampaignStore, scene: Scene, results: CampaignResults) -> Scores:
     """The scores of a campaign's estimates against its stored truth, or the measurement."""
-    return _measured_scores(store, scene, results) or _simulated_scores(store, scene, results)
-
-
-def _measured_scores(store: CampaignStore, scene: Scene, results: CampaignResults) -> Scores | None:
-    if store.measured is None:
-        return None
-    return score_measured(scene, measured_truths(store, len(scene.stops)), results)
-
-
-def _simulated_scores(store: CampaignStore, scene: Scene, results: CampaignResults) -> Scores:
-    truths = stored_truths(store, len(scene.stops))
-    return score_simulated(store.config, make_link(store.config), scene, truths, results)
-
-
-def truths(store: CampaignStore, scene: Scene) -> Iterator[Truth]:
-    """The truth of every stop in order: read where it is stored, traced and stored where not."""
     n_stops = len(scene.stops)
-    fresh = simulate_truth(
-        store.config, scene, (stop for stop in range(n_stops) if not store.has_truth(stop))
-    )
-    for stop in range(n_stops):
-        truth = store.truth(stop)
-        if truth is None:
-            truth = next(fresh)
-            store.write_truth(truth)
-        yield truth
+    if store.measured is not None:
+        return score_measured(scene, measured_truths(store, n_stops), results)
+    return campaign_run(store).score(stored_truths(store, n_stops), results)
 
 
 def stored_truths(store: CampaignStore, n_stops: int) -> Iterator[Truth]:
@@ -303,6 +246,11 @@ def stored_results(store: CampaignStore, n_stops: int) -> CampaignResults:
     )
 
 
+def campaign_run(store: CampaignStore) -> CampaignRun:
+    """The run of the chain that a campaign directory keeps."""
+    return CampaignRun(store.config, scene_of(store), store, estimator=store.estimator)
+
+
 def scene_of(store: CampaignStore) -> Scene:
     """The scene stored with a campaign."""
     return campaign_scene(store.config, store.directory / "scene.toml")
@@ -316,11 +264,6 @@ def _present(store: CampaignStore, value: T | None, what: str, verb: str) -> T:
                 raise ValueError(f"{path}: damaged, or no file of a campaign; {remedy(name)}")
         raise ValueError(f"{store.directory}: {what} is missing or out of date; run 'arena {verb}' first")
     return value
-
-
-def _tell(counts: PlanarCounts) -> None:
-    if counts.n_compared:
-        console.print(counts.line)
 
 
 def _progress() -> Progress:

@@ -15,7 +15,7 @@ from isac_arena.cli.options import Campaign, OutFolder, Seed
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from isac_arena.insight.ablation_ranking import Ablation
+    from isac_arena.insight.ablation import Ablation
 
 
 def ablate(
@@ -57,7 +57,7 @@ def ablation_table(ablation: Ablation) -> Table:
     from rich.box import SIMPLE  # noqa: PLC0415
     from rich.table import Table  # noqa: PLC0415
 
-    from isac_arena.insight.ablation_ranking import EFFECTS, cell  # noqa: PLC0415
+    from isac_arena.insight.ablation import EFFECTS, cell  # noqa: PLC0415
 
     table = Table(
         "impairment",
@@ -82,7 +82,7 @@ def ablation_table(ablation: Ablation) -> Table:
 def write_ablation(out: Path, ablation: Ablation) -> None:
     """Write ablation.csv, ablation.json and ablation.png."""
     from isac_arena.campaign.files import write_bytes, write_text  # noqa: PLC0415
-    from isac_arena.insight.ablation_ranking import table_rows  # noqa: PLC0415
+    from isac_arena.insight.ablation import table_rows  # noqa: PLC0415
     from isac_arena.report.figures.ablation import ablation_figure  # noqa: PLC0415
     from isac_arena.report.style import png_bytes  # noqa: PLC0415
 

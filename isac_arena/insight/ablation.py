@@ -1,23 +1,45 @@
-"""Ablation: one campaign with each hardware impairment alone, with all and with none."""
+"""Ablation: one campaign with each hardware impairment alone, with all and with none, and how these rank."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
-from estimation.channel.calibration.self_calibration import calibration_rows, self_calibrate
-from estimation.channel.estimate import ChannelEstimator
-from estimation.channel.power_map import beam_power_map
-from isac_arena.campaign.chain import channel_estimator, known_receiver, map_both, score_simulated
+import numpy as np
+
 from isac_arena.campaign.config import CampaignConfig
-from isac_arena.insight.ablation_ranking import ALL, EFFECTS, NONE, Ablation, ranked
+from isac_arena.campaign.driver import CampaignRun
 from isac_arena.scoring.score import Scores
+from scenes.record import FloatArray
 from scenes.scene import Scene
-from sim.signal.hardware.apply_impairments import with_surveyed_pose
 from sim.signal.hardware.config import ImpairmentsConfig
-from sim.signal.link import Link, make_link
-from sim.simulate import clock_biases_s, observe
 from sim.truth import Truth
+
+NONE, ALL = "none", "all"
+
+# Score, what people call it, unit: the chain from the delays to the shapes.
+EFFECTS: Mapping[str, tuple[str, str]] = {
+    "channel.delay.rmse_ns": ("ToA", "ns"),
+    "channel.aod.rmse_deg": ("AoD", "deg"),
+    "channel.aoa.rmse_deg": ("AoA", "deg"),
+    "slam.position.rmse_m": ("position", "m"),
+    "slam.heading.rmse_deg": ("heading", "deg"),
+    "mapping.ip_to_surface.rms_m": ("map", "m"),
+    "shapes.mapping.pillar.full_rmse.mean_m": ("shape", "m"),
+}
+
+
+@dataclass(frozen=True)
+class Ablation:
+    """Scores of the variants of a campaign, the strongest single impairment first, then all and none.
+
+    `value` is (variant, effect) in the units of `EFFECTS`, NaN where a score could not be measured; `growth`
+    (variant,) is the mean over the effects of log2(value / value without impairments).
+    """
+
+    variant: tuple[str, ...]
+    value: FloatArray
+    growth: FloatArray
 
 
 def variants(impairments: ImpairmentsConfig) -> dict[str, ImpairmentsConfig]:
@@ -37,8 +59,8 @@ def score_variants(
 ) -> Ablation:
     """Run the campaign once per variant on the same paths and random numbers, and rank the variants.
 
-    `truths` holds the traced paths of the stops; their clock biases are set per variant. `done` is told the name
-    of every variant that is finished.
+    `truths` holds the traced paths of the stops; their clock biases are set per variant. `done` gets the name
+    of every finished variant.
     """
     rows: dict[str, list[float]] = {}
     for name, impairments in variants(config.impairments).items():
@@ -50,30 +72,36 @@ def score_variants(
 
 
 def run_variant(config: CampaignConfig, scene: Scene, paths_of_stops: Sequence[Truth]) -> Scores:
-    """All scores of a campaign with the impairments of `config`, one sweep in memory at a time.
-
-    Where the settings ask for self-calibration, both arrays are calibrated on sweeps with these impairments.
-    """
-    link = make_link(config)
-    biases_s = clock_biases_s(config, len(scene.stops))
-    truths = [replace(truth, clock_bias_s=float(biases_s[truth.stop])) for truth in paths_of_stops]
-    estimator = _estimator(config, link, scene, truths)
-    estimated = [
-        (estimator(sweep), beam_power_map(sweep))
-        for sweep in (observe(config, link, scene, truth) for truth in truths)
-    ]
-    channel = tuple(estimate for estimate, _ in estimated)
-    receiver = known_receiver(with_surveyed_pose(config, truth) for truth in truths)
-    power_maps = [power_map for _, power_map in estimated]
-    results = map_both(config, channel, power_maps, scene.tx, receiver)
-    return score_simulated(config, link, scene, truths, results)
+    """All scores of a campaign with the impairments of `config`, one sweep in memory at a time."""
+    return CampaignRun(config, scene, paths=paths_of_stops).scores()
 
 
-def _estimator(config: CampaignConfig, link: Link, scene: Scene, truths: Sequence[Truth]) -> ChannelEstimator:
-    """The channel estimator, with the arrays as calibrated on some of the sweeps where the settings ask for it."""
-    settings = config.channel.self_calibration
-    if settings is None:
-        return channel_estimator(config)
-    rows = calibration_rows(len(truths), settings)
-    sweeps = (observe(config, link, scene, truths[row]) for row in rows)
-    return channel_estimator(config, None, self_calibrate(sweeps, settings))
+def ranked(rows: Mapping[str, Sequence[float]]) -> Ablation:
+    """The variants in order of their effect, all and none last."""
+    value = {name: np.asarray(row, float) for name, row in rows.items()}
+    growth = {name: _growth(row, value[NONE]) for name, row in value.items()}
+    single = sorted((name for name in rows if name not in (NONE, ALL)), key=lambda name: -growth[name])
+    names = (*single, ALL, NONE)
+    return Ablation(names, np.array([value[n] for n in names]), np.array([growth[n] for n in names]))
+
+
+def table_rows(ablation: Ablation) -> Iterator[dict[str, str | float | None]]:
+    """One row per variant: its name, growth and every effect by its score key; None where not measured."""
+    for name, growth, values in zip(ablation.variant, ablation.growth, ablation.value, strict=True):
+        effects = {
+            key: float(value) if np.isfinite(value) else None
+            for key, value in zip(EFFECTS, values, strict=True)
+        }
+        yield {"variant": name, "growth_log2": float(growth), **effects}
+
+
+def cell(value: float, decimals: int = 3) -> str:
+    """A score as it is shown, with as many decimals below 10 and one above."""
+    if not np.isfinite(value):
+        return "-"
+    return f"{value:.{decimals if value < 10 else 1}f}"
+
+
+def _growth(value: FloatArray, reference: FloatArray) -> float:
+    valid = (value > 0) & (reference > 0)
+    return float(np.log2(value[valid] / reference[valid]).mean()) if valid.any() else 0.0

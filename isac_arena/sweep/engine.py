@@ -43,7 +43,7 @@ class WarmUp(WorkerPlugin):  # type: ignore[misc]
         """Called by dask in every worker, also in those that join late."""
         del worker
         os.environ.update(ONE_THREAD)
-        import isac_arena.campaign.chain  # noqa: F401, PLC0415
+        import isac_arena.campaign.driver  # noqa: F401, PLC0415
         import sim.propagation.propagator  # noqa: F401, PLC0415
 
 

@@ -47,6 +47,19 @@ class Cost:
     n_tried: int
 
 
+@dataclass(frozen=True)
+class CaseCost:
+    """Measured cost of one case: seconds of its start and of each stop, and bytes."""
+
+    trace_start_s: float
+    trace_stop_s: float
+    case_start_s: float
+    case_stop_s: float
+    path_bytes: float  # of a stop
+    sample_bytes: float  # of a stop
+    case_bytes: float
+
+
 def make_plan(source: str, config: SweepConfig, root: Path, repeats: Iterable[int]) -> Plan:
     """Every case of the sweep, with its settings and its scene checked before anything runs or is written.
 
@@ -73,10 +86,8 @@ def make_plan(source: str, config: SweepConfig, root: Path, repeats: Iterable[in
 def metric_keys(scene: Scene) -> list[str]:
     """Keys of all metrics of a campaign in a scene, from tables of a campaign without a path."""
     tables = empty_record(ScoreTables)
-    types = get_type_hints(MapResult)
-    nothing = MapResult(**{field.name: empty_record(types[field.name]) for field in fields(MapResult)})
     empty = tables.mapping
-    whole = score_scene(scene, nothing, empty.clusters, empty.contours, tables.significant)
+    whole = score_scene(scene, empty_record(MapResult), empty.clusters, empty.contours, tables.significant)
     maps = replace(empty, scene=whole)
     return [metric.key for metric in score_metrics(scene, replace(tables, mapping=maps, slam=maps))]
 
@@ -91,7 +102,8 @@ def estimate_cost(plan: Plan) -> Cost:
     start_up_s = imports_s + _try_cold(chosen[0], plan.scenes)
     tried = [_try_case(job, plan.scenes) for job in chosen]
     mean = {
-        field.name: float(np.mean([getattr(trial, field.name) for trial in tried])) for field in fields(Trial)
+        field.name: float(np.mean([getattr(case, field.name) for case in tried]))
+        for field in fields(CaseCost)
     }
     sets = Counter(job.signal_hash for job in missing)
     traced = {job.paths_hash: len(job.stops) for job in missing}
@@ -102,19 +114,6 @@ def estimate_cost(plan: Plan) -> Cost:
     shared = max((len(job.stops) for job in missing if sets[job.signal_hash] > 1), default=0)
     samples = mean["sample_bytes"] * shared
     return Cost(seconds / 3600, start_up_s, size / 1e9, samples / 1e9, len(tried))
-
-
-@dataclass(frozen=True)
-class Trial:
-    """What a case took: seconds of its start and of each stop, and bytes."""
-
-    trace_start_s: float
-    trace_stop_s: float
-    case_start_s: float
-    case_stop_s: float
-    path_bytes: float  # of a stop
-    sample_bytes: float  # of a stop
-    case_bytes: float
 
 
 def _try_cold(job: Job, scenes: Mapping[str, SceneSource]) -> float:
@@ -129,7 +128,7 @@ def _try_cold(job: Job, scenes: Mapping[str, SceneSource]) -> float:
     return max(0.0, taken[0] - taken[1])
 
 
-def _try_case(job: Job, scenes: Mapping[str, SceneSource]) -> Trial:
+def _try_case(job: Job, scenes: Mapping[str, SceneSource]) -> CaseCost:
     """Run a case on a few stops and on more of them, spread over the walk: a line through both times."""
     taken: dict[int, tuple[float, float]] = {}
     for count in sorted({FEW, min(MORE, len(job.stops))}):
@@ -147,7 +146,7 @@ def _try_case(job: Job, scenes: Mapping[str, SceneSource]) -> Trial:
     (trace_start, trace_stop), (case_start, case_stop) = (
         _line({count: times[part] for count, times in taken.items()}) for part in (0, 1)
     )
-    return Trial(trace_start, trace_stop, case_start, case_stop, *sizes)
+    return CaseCost(trace_start, trace_stop, case_start, case_stop, *sizes)
 
 
 def _line(taken: Mapping[int, float]) -> tuple[float, float]:

@@ -11,29 +11,24 @@ import os
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import ParamSpec, TypeVar
 
 from threadpoolctl import threadpool_limits
 
-from estimation.channel.calibration.self_calibration import calibration_rows, self_calibrate
-from estimation.channel.estimate import ChannelEstimator
-from estimation.channel.record import ChannelEstimate
-from isac_arena.campaign.chain import channel_estimator, known_receiver, map_both, score_simulated
+from isac_arena.campaign.chain import channel_estimator
+from isac_arena.campaign.driver import CampaignRun, MemoryResults
 from isac_arena.campaign.files import read_record, write_record, write_text
 from isac_arena.campaign.load import scene_in_use
 from isac_arena.campaign.recording import recorded_run
 from isac_arena.scoring.metrics.metric import to_json
 from isac_arena.scoring.score import Scores
 from isac_arena.sweep.cases import Case
-from isac_arena.sweep.job import Job, store_scene, tracing_config
+from isac_arena.sweep.job import Job, store_scene
 from scenes.record import Record
 from scenes.scene import Scene
 from sim.observation import BeamSweep
-from sim.signal.hardware.apply_impairments import with_surveyed_pose
-from sim.signal.link import Link, make_link
-from sim.simulate import clock_biases_s, observe, simulate_truth
 from sim.truth import Truth
 
 P = ParamSpec("P")
@@ -58,17 +53,43 @@ def check_case(case: Case) -> Scene:
             raise ValueError(f"scene '{case.config.scene}' of point {case.point}: {message}") from error
 
 
+@dataclass
+class CaseResults(MemoryResults):
+    """Results of a case: paths and samples in the files that cases share, the others in memory."""
+
+    job: Job = field(kw_only=True)
+
+    def truth(self, stop: int) -> Truth | None:
+        """The stored paths of a stop."""
+        return _read(self.job.paths_file(stop), Truth)
+
+    def write_truth(self, truth: Truth) -> None:
+        """Store the paths of a stop without the clock, in which cases differ."""
+        write_record(self.job.paths_file(truth.stop), replace(truth, clock_bias_s=0.0))
+
+    def sweep(self, stop: int) -> BeamSweep | None:
+        """The stored samples of a stop."""
+        return _read(self.job.signal_file(stop), BeamSweep)
+
+
+def case_run(job: Job, stops: Sequence[int] | None = None, paths: Sequence[Truth] = ()) -> CampaignRun:
+    """The run of a case over all its stops or some; `paths` are its truths where they are in memory."""
+    stops = job.stops if stops is None else stops
+    return CampaignRun(job.config, job.scene, CaseResults(job=job), stops, paths, job.estimator)
+
+
 def trace_stops(job: Job, stops: Sequence[int]) -> None:
     """Trace the paths of the given stops that are not stored yet, or are damaged."""
-    _traced(job, stops)
+    for _ in case_run(job, stops).truths():
+        pass
 
 
 def make_signals(job: Job, stops: Sequence[int]) -> None:
     """Store the samples of the given stops for the cases that wait for them."""
     missing = [stop for stop in stops if _read(job.signal_file(stop), BeamSweep) is None]
-    link = make_link(job.config)
-    for truth in truths(job, missing):
-        write_record(job.signal_file(truth.stop), observe(job.config, link, job.scene, truth))
+    run = case_run(job, missing)
+    for truth in run.truths():
+        write_record(job.signal_file(truth.stop), run.sweep(truth))
 
 
 def run_cases(jobs: Sequence[Job]) -> list[str | None]:
@@ -103,34 +124,30 @@ def score_cases(jobs: Sequence[Job], stops: Sequence[int] | None = None) -> Iter
     """The scores of cases that share their samples, or the error of a case; samples are read once for all."""
     if not jobs:
         return
-    first = jobs[0]
-    link, known = make_link(first.config), truths(first, first.stops if stops is None else stops)
-    for job, channel in zip(jobs, _channels(jobs, link, known), strict=True):
-        yield channel if isinstance(channel, Exception) else _tried(_scored, job, link, known, channel)
+    paths = list(case_run(jobs[0], stops).truths())
+    runs = [case_run(job, stops, paths) for job in jobs]
+    for run, failure in zip(runs, _failures(runs, paths), strict=True):
+        with threadpool_limits(limits=1):
+            scores = _tried(run.scores) if failure is None else failure
+        yield scores
 
 
-def _channels(
-    jobs: Sequence[Job], link: Link, known: Sequence[Truth]
-) -> list[list[ChannelEstimate] | Exception]:
-    """The channel estimates of every case at every stop, or the error that ended it."""
-    found: list[list[ChannelEstimate] | Exception] = [[] for _ in jobs]
+def _failures(runs: Sequence[CampaignRun], truths: Sequence[Truth]) -> list[Exception | None]:
+    """Make the channel estimates of every run at every stop; the error that ended a run, None for the others."""
     with threadpool_limits(limits=1):  # the last digits of sums depend on the number of threads
-        estimators = [_tried(_estimator, job, link, known) for job in jobs]
-        for truth in known:
-            sweep = _sweep(jobs[0], link, truth)
-            for case, (estimator, so_far) in enumerate(zip(estimators, found, strict=True)):
-                if isinstance(so_far, Exception):
-                    continue
-                estimate = estimator if isinstance(estimator, Exception) else _tried(estimator, sweep)
-                found[case] = estimate if isinstance(estimate, Exception) else [*so_far, estimate]
-    return found
+        failures = [_failure(run.calibrate) for run in runs]
+        for truth in truths:
+            sweep = runs[0].sweep(truth)
+            failures = [
+                _failure(run.estimate, truth, sweep) if failure is None else failure
+                for run, failure in zip(runs, failures, strict=True)
+            ]
+    return failures
 
 
-def _scored(job: Job, link: Link, known: Sequence[Truth], channel: Sequence[ChannelEstimate]) -> Scores:
-    receiver = known_receiver(with_surveyed_pose(job.config, truth) for truth in known)
-    with threadpool_limits(limits=1):
-        results = map_both(job.config, channel, (), job.scene.tx, receiver)
-        return score_simulated(job.config, link, job.scene, known, results)
+def _failure(step: Callable[P, object], *arguments: P.args, **options: P.kwargs) -> Exception | None:
+    done = _tried(step, *arguments, **options)
+    return done if isinstance(done, Exception) else None
 
 
 def _tried(function: Callable[P, R], *arguments: P.args, **options: P.kwargs) -> R | Exception:
@@ -166,38 +183,6 @@ def store_case(job: Job, scores: Scores) -> None:
             raise
     finally:
         shutil.rmtree(partial, ignore_errors=True)
-
-
-def truths(job: Job, stops: Sequence[int]) -> list[Truth]:
-    """The truth of every stop: the paths, traced where they are not stored, with the clock of the case."""
-    biases_s = clock_biases_s(job.config, job.n_stops)
-    return [replace(truth, clock_bias_s=float(biases_s[truth.stop])) for truth in _traced(job, stops)]
-
-
-def _traced(job: Job, stops: Sequence[int]) -> list[Truth]:
-    """The paths of the given stops as stored, traced and stored where they are missing or damaged."""
-    found = {stop: _read(job.paths_file(stop), Truth) for stop in stops}
-    missing = [stop for stop, truth in found.items() if truth is None]
-    if missing:
-        for truth in simulate_truth(tracing_config(job.config), job.scene, missing):
-            write_record(job.paths_file(truth.stop), truth)
-            found[truth.stop] = truth
-    return [truth for truth in found.values() if truth is not None]
-
-
-def _estimator(job: Job, link: Link, known: Sequence[Truth]) -> ChannelEstimator:
-    """The channel estimator of a case, calibrated on some of its stops where the settings ask for it."""
-    settings, calibration = job.config.channel.self_calibration, None
-    if settings is not None and job.estimator is None:
-        rows = calibration_rows(len(known), settings)
-        calibration = self_calibrate((_sweep(job, link, known[row]) for row in rows), settings)
-    return channel_estimator(job.config, job.estimator, calibration)
-
-
-def _sweep(job: Job, link: Link, truth: Truth) -> BeamSweep:
-    """The samples of a stop as stored, made where they are not."""
-    stored = _read(job.signal_file(truth.stop), BeamSweep)
-    return stored if stored is not None else observe(job.config, link, job.scene, truth)
 
 
 def _read(file: Path, kind: type[K]) -> K | None:

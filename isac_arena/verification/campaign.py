@@ -12,15 +12,14 @@ import numpy as np
 
 from estimation.channel.power_map import beam_power_map
 from isac_arena.campaign import stages
-from isac_arena.campaign.chain import channel_estimator, known_receiver, map_known, map_unknown
-from isac_arena.campaign.config import CampaignConfig
-from isac_arena.campaign.directory import CampaignStore, MapName, StopEstimate, open_campaign
-from isac_arena.campaign.results import MapResult
+from isac_arena.campaign.chain import known_receiver
+from isac_arena.campaign.directory import CampaignStore, StopEstimate, open_campaign
+from isac_arena.campaign.driver import CampaignRun, MemoryResults
+from isac_arena.campaign.results import MapName
 from isac_arena.scoring.metrics.metric import to_json
 from isac_arena.verification.compare import Finding, compare_metrics, compare_records
 from scenes.scene import Scene
-from sim.signal.link import make_link
-from sim.simulate import observe, simulate_truth
+from sim.truth import Truth
 
 
 class StoredCampaign(CampaignStore):
@@ -29,6 +28,13 @@ class StoredCampaign(CampaignStore):
     def _is_current(self, path: Path, fingerprint: str) -> bool:
         del fingerprint
         return path.is_file()
+
+
+class RecomputedResults(MemoryResults):
+    """Results computed once more: compared stop by stop, so no truth is kept."""
+
+    def write_truth(self, truth: Truth) -> None:
+        """Keep nothing."""
 
 
 def recomputed_campaign(directory: Path, share: float, seed: int) -> list[Finding]:
@@ -67,21 +73,20 @@ def _guarded(name: str, findings: Iterator[Finding]) -> Iterator[Finding]:
 
 
 def _stops(store: CampaignStore, scene: Scene, stops: Sequence[int]) -> Iterator[Finding]:
-    config: CampaignConfig = store.config
-    link = make_link(config)
-    estimator = channel_estimator(config, store.estimator, store.calibration())
-    for traced in simulate_truth(config, scene, stops):
+    results = RecomputedResults(calibrated=store.calibration())
+    run = CampaignRun(store.config, scene, results, stops, estimator=store.estimator)
+    for traced in run.truths():
         stop = traced.stop
         truth = store.truth(stop)
         if truth is None:
             raise ValueError(f"{store.directory}: the truth of stop {stop} is missing")
         yield compare_records(f"truth/stop_{stop:03d}.nc", truth, traced)
-        sweep = observe(config, link, scene, truth)
+        sweep = run.sweep(truth)
         stored_sweep, stored = store.sweep(stop), store.channel(stop)
         if stored_sweep is not None:
             yield compare_records(f"sweep/stop_{stop:03d}.nc", stored_sweep, sweep)
         if stored is not None:
-            again = StopEstimate(estimator(sweep), beam_power_map(sweep))
+            again = StopEstimate(run.estimate(truth, sweep), beam_power_map(sweep))
             yield compare_records(f"channel/stop_{stop:03d}.nc", stored, again)
 
 
@@ -92,11 +97,7 @@ def _maps(store: CampaignStore, scene: Scene) -> Iterator[Finding]:
     if not any(stored.values()):
         return
     channel = [estimate.channel for estimate in stages.channel_estimates(store, n_stops)]
-    receiver = known_receiver(stages.known_stops(store, n_stops))
-    again: dict[MapName, MapResult] = {
-        "mapping": map_known(store.config, channel, scene.tx, receiver),
-        "slam": map_unknown(store.config, channel, scene.tx),
-    }
+    again = CampaignRun(store.config, scene).maps(channel, known_receiver(stages.known_stops(store, n_stops)))
     for name, result in stored.items():
         if result is not None:
             for part in fields(result):

@@ -8,14 +8,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from estimation.channel.record import ChannelEstimate
-from estimation.shape.contours import estimate_contours
-from estimation.shape.gp.estimate import estimate_shapes, fit_shapes
-from estimation.slam.mapping.incidence_points import map_stops
 from estimation.slam.record import IncidencePoints, PoseEstimates
-from estimation.slam.space.mapping import map_stops_spatial
-from estimation.slam.space.problem import is_spatial
-from estimation.slam.stops import locate_and_map
-from isac_arena.campaign.chain import known_receiver
+from isac_arena.campaign.chain import known_receiver, located, with_shapes
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.insight.budget.oracles import (
     TracedPaths,
@@ -76,15 +70,11 @@ class Chain:
         """Receiver states and incidence points."""
         paths = self._channel(replaced)
         channel = [one.estimate for one in paths]
-        config, tx = self.config, self.scene.tx
-        if Stage.POSE in replaced:
-            poses = known_receiver(stop.truth for stop in self.stops)
-            ips = self._mapped(channel, poses)
-        else:
-            poses, ips = locate_and_map(channel, tx, config.slam, config.trajectory, config.mapping)
-            if Stage.ASSOCIATION in replaced:
-                ips = self._mapped(channel, poses)
+        known = known_receiver(stop.truth for stop in self.stops) if Stage.POSE in replaced else None
+        poses, ips = located(self.config, channel, self.scene.tx, known)
         if Stage.ASSOCIATION in replaced:
+            if known is None:
+                _, ips = located(self.config, channel, self.scene.tx, poses)
             ips = replace(ips, is_inlier=np.asarray(np.isfinite(ips.position_m).all(axis=1)))
         row = {int(stop): index for index, stop in enumerate(poses.stop)}
         names = [
@@ -110,30 +100,19 @@ class Chain:
             ]
         return paths
 
-    def _mapped(self, channel: Sequence[ChannelEstimate], poses: PoseEstimates) -> IncidencePoints:
-        spatial = is_spatial(channel, use_elevation=self.config.mapping.use_elevation)
-        return (map_stops_spatial if spatial else map_stops)(
-            channel, poses, self.scene.tx, self.config.mapping
-        )
-
     def _shapes(self, mapped: Mapped, replaced: frozenset[Part]) -> tuple[FloatArray, FloatArray]:
         """Errors (object,) of the paper's contours and of ours; the latter empty where they are not made."""
-        ips, names, settings = mapped.ips, mapped.ip_object, self.config.contours
-        if Stage.CLUSTERS in replaced:
-            label, shown = object_labels(ips, names)
-            shapes = fit_shapes(ips, label, self.config.shapes)
-        else:
-            shapes = estimate_shapes(ips, self.config.shapes)
-            shown = _majority(shapes.label, names, len(shapes.center_m))
-        paper = object_errors(self.objects, outlines_of_shapes(shapes, ips.position_m, shown))
-        if settings.method == "none":
-            ours = np.zeros(0)
-        else:
-            contours = estimate_contours(
-                mapped.channel, self.scene.tx, mapped.poses, ips, shapes.label, self.config.mapping.noise, settings
-            )  # fmt: skip
-            owner = _majority(contours.object, names, len(contours))
-            ours = object_errors(self.objects, outlines_of_contours(contours, ips.position_m, owner))
+        ips, names = mapped.ips, mapped.ip_object
+        true_label, shown = object_labels(ips, names)
+        label = true_label if Stage.CLUSTERS in replaced else None
+        made = with_shapes(self.config, mapped.channel, self.scene.tx, mapped.poses, ips, label)
+        if label is None:
+            shown = _majority(made.shapes.label, names, len(made.shapes.center_m))
+        paper = object_errors(self.objects, outlines_of_shapes(made.shapes, ips.position_m, shown))
+        ours = np.zeros(0)
+        if self.config.contours.method != "none":
+            owner = _majority(made.contours.object, names, len(made.contours))
+            ours = object_errors(self.objects, outlines_of_contours(made.contours, ips.position_m, owner))
         if Stage.FIT not in replaced:
             return paper, ours
         # The true contours of all objects that have a cluster, and of all that have an inlier.

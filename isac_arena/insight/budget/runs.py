@@ -5,20 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from estimation.channel.calibration.self_calibration import calibration_rows, self_calibrate
-from estimation.channel.estimate import ChannelEstimator
-from estimation.channel.power_map import beam_power_map
-from estimation.channel.record import ChannelEstimate
 from isac_arena.campaign.chain import channel_estimator, significance
-from isac_arena.campaign.config import CampaignConfig
-from isac_arena.campaign.directory import CampaignStore, StopEstimate
+from isac_arena.campaign.directory import CampaignStore
+from isac_arena.campaign.driver import CampaignRun
 from isac_arena.campaign.files import read_attribute, read_record, write_record
 from isac_arena.campaign.integrity import code_digest, digest
 from isac_arena.campaign.load import campaign_scene, load_campaign
@@ -32,8 +28,6 @@ from isac_arena.insight.budget.stages import STAGE_GROUPS, Groups, Part, coaliti
 from isac_arena.scoring.stages.channel import TrueStop, true_stop
 from scenes.config import referenced_contents
 from scenes.scene import Scene
-from sim.signal.link import Link, best_beam_power_dbm, make_link
-from sim.simulate import clock_biases_s, simulate_truth
 from sim.truth import Truth
 
 NOTHING: frozenset[Part] = frozenset()
@@ -52,31 +46,20 @@ class BudgetJob:
 
 @dataclass(frozen=True)
 class Variant:
-    """One repeat of the campaign with some physics off."""
+    """One repeat of the campaign with some physics off, kept in a directory of its own."""
 
     store: CampaignStore
-    scene: Scene
+    run: CampaignRun
     off: frozenset[Part]
-    truths: tuple[Truth, ...]
     objects: tuple[LitObject, ...]
     groups: Groups  # of the physics
 
     @cached_property
-    def link(self) -> Link:
-        """The link of the variant."""
-        return make_link(self.store.config)
-
-    @cached_property
     def chain(self) -> Chain:
-        """The estimation chain behind the channel estimates, which have to be there."""
-        channel: list[ChannelEstimate] = []
-        for truth in self.truths:
-            estimate = self.store.channel(truth.stop)
-            if estimate is None:
-                raise ValueError(f"{self.store.directory}: the channel estimate of stop {truth.stop} is gone")
-            channel.append(estimate.channel)
-        stops = true_stops(self.store.config, self.scene, self.truths)
-        return make_chain(self.store.config, self.scene, stops, channel, list(self.objects))
+        """The estimation chain behind the channel estimates."""
+        run = self.run
+        channel = list(run.channel(run.truths()))
+        return make_chain(run.config, run.scene, true_stops(run), channel, list(self.objects))
 
     def final_errors(self, replaced: frozenset[Part]) -> FinalErrors:
         """Final errors with truth in the place of some stages: as stored, or made and stored."""
@@ -85,7 +68,7 @@ class Variant:
             self.store.map_fingerprint,
             code_digest("isac_arena/insight/budget", "isac_arena/scoring"),
             label(self.off, self.groups),
-            repr([truth.stop for truth in self.truths]),
+            repr(list(self.run.chosen_stops)),
         )
         if path.is_file() and read_attribute(path, "fingerprint") == fingerprint:
             return read_record(path, FinalErrors)
@@ -132,10 +115,11 @@ def chosen_stops(text: str | None, n_stops: int) -> tuple[int, ...]:
 def run_budget(job: BudgetJob, console: Console) -> Budget:
     """Run all variants that are missing, and take the errors apart."""
     with _progress(console) as progress:
-        traced = tuple(progress.track(_traced(job), len(job.stops), description="trace"))
+        run = CampaignRun(job.paths.config, job.scene, job.paths, job.stops)
+        traced = tuple(progress.track(run.truths(), len(job.stops), description="trace"))
         physics: Groups = (present(job.paths.config, traced),)
         rest = [off for off in coalitions(physics) if off]
-        objects = tuple(_objects(job, traced))
+        objects = tuple(lit_objects(job.scene, true_stops(run), run.config.shapes.min_samples))
         by_stage: dict[frozenset[Part], list[FinalErrors]] = {key: [] for key in coalitions(STAGE_GROUPS)}
         by_physics: dict[frozenset[Part], list[FinalErrors]] = {key: [] for key in coalitions(physics)}
         task = progress.add_task("estimate", total=job.repeats * (1 + len(rest)) * len(job.stops))
@@ -143,7 +127,7 @@ def run_budget(job: BudgetJob, console: Console) -> Budget:
         for repeat in range(job.repeats):
             for off in (NOTHING, *rest):
                 variant = _variant(job, repeat, off, traced, objects, physics)
-                for _ in _estimated(variant):
+                for _ in variant.run.channel(variant.run.truths()):
                     progress.advance(task)
                 for replaced in by_stage if not off else (NOTHING,):
                     errors = variant.final_errors(replaced)
@@ -155,34 +139,10 @@ def run_budget(job: BudgetJob, console: Console) -> Budget:
     return _budget(job, objects, {"stages": (by_stage, STAGE_GROUPS), "physics": (by_physics, physics)})
 
 
-def true_stops(config: CampaignConfig, scene: Scene, truths: tuple[Truth, ...]) -> list[TrueStop]:
-    """The stops prepared for scoring."""
-    link = make_link(config)
-    limits = significance(config, link)
-    return [
-        true_stop(
-            truth, scene.tx, best_beam_power_dbm(truth.paths, link, scene.tx, truth.rx_pose), limits, None
-        )
-        for truth in truths
-    ]
-
-
-def _traced(job: BudgetJob) -> Iterator[Truth]:
-    """The truth of the chosen stops, as stored or traced now."""
-    fresh = simulate_truth(
-        job.paths.config, job.scene, (stop for stop in job.stops if not job.paths.has_truth(stop))
-    )
-    for stop in job.stops:
-        truth = job.paths.truth(stop)
-        if truth is None:
-            truth = next(fresh)
-            job.paths.write_truth(truth)
-        yield truth
-
-
-def _objects(job: BudgetJob, traced: tuple[Truth, ...]) -> list[LitObject]:
-    stops = true_stops(job.paths.config, job.scene, traced)
-    return lit_objects(job.scene, stops, job.paths.config.shapes.min_samples)
+def true_stops(run: CampaignRun) -> list[TrueStop]:
+    """The stops of a run prepared for scoring."""
+    limits = significance(run.config, run.link)
+    return [true_stop(truth, run.scene.tx, run.true_power_dbm(truth), limits, None) for truth in run.truths()]
 
 
 def _variant(
@@ -199,37 +159,15 @@ def _variant(
     directory = job.out / f"repeat_{repeat:02d}" / ("all" if not off else f"without_{name}")
     store = replace(job.paths, directory=directory, config=config)
     store.open_for_writing()
-    biases_s = clock_biases_s(config, len(job.scene.stops))
-    truths = (replace(truth, clock_bias_s=float(biases_s[truth.stop])) for truth in traced)
-    return Variant(
-        store, job.scene, off, tuple(without_paths(truth, off) for truth in truths), objects, groups
+    run = CampaignRun(
+        config,
+        job.scene,
+        store,
+        paths=[without_paths(truth, off) for truth in traced],
+        estimator=store.estimator,
+        observer=partial(observed, off=off),
     )
-
-
-def _estimated(variant: Variant) -> Iterator[int]:
-    """Make the channel estimates that are missing, stop by stop."""
-    store, config = variant.store, variant.store.config
-    estimator = None
-    for truth in variant.truths:
-        if not store.has_channel(truth.stop):
-            estimator = estimator or _estimator(variant)
-            sweep = observed(config, variant.link, variant.scene, truth, variant.off)
-            store.write_channel(StopEstimate(estimator(sweep), beam_power_map(sweep)))
-        yield truth.stop
-
-
-def _estimator(variant: Variant) -> ChannelEstimator:
-    """The channel estimator of a variant, calibrated on its own sweeps where the settings ask for it."""
-    store, settings = variant.store, variant.store.config.channel.self_calibration
-    if settings is None or store.estimator is not None:
-        return channel_estimator(store.config, store.estimator)
-    calibration = store.calibration()
-    if calibration is None:
-        chosen = [variant.truths[row] for row in calibration_rows(len(variant.truths), settings)]
-        sweeps = (observed(store.config, variant.link, variant.scene, truth, variant.off) for truth in chosen)
-        calibration = self_calibrate(sweeps, settings)
-        store.write_calibration(calibration)
-    return channel_estimator(store.config, None, calibration)
+    return Variant(store, run, off, objects, groups)
 
 
 def _budget(

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from isac_arena.insight.ablation_ranking import EFFECTS, NONE, Ablation, cell
+from isac_arena.insight.ablation import EFFECTS, NONE, Ablation, cell
 from isac_arena.report.style import new_figure, styled
 
 SHOWN_OCTAVES = (1.0, 4.0)  # the colour scale ends at a factor between 2 and 16 in both directions

@@ -10,17 +10,13 @@ from pathlib import Path
 
 from rich.console import Console
 
-from isac_arena.campaign.chain import channel_estimator, known_receiver, map_known, map_unknown
-from isac_arena.campaign.files import read_record
 from isac_arena.sweep.config import AxisConfig, SweepConfig
 from isac_arena.sweep.engine import connected, run_jobs
 from isac_arena.sweep.job import Job, store_scene
 from isac_arena.sweep.plan import make_plan
-from isac_arena.sweep.run import make_signals, run_cases, trace_stops, truths
+from isac_arena.sweep.run import case_run, make_signals, run_cases, trace_stops
 from isac_arena.sweep.runner import Workers, run_sweep
 from isac_arena.validation.measurement import Measurement, at_least, at_most
-from sim.observation import BeamSweep
-from sim.signal.hardware.apply_impairments import with_surveyed_pose
 
 COMMON = """
 name = "bench"
@@ -178,14 +174,13 @@ def _time_sweep(folder: Path, config: SweepConfig, seed: int) -> float:
 
 def _time_estimation(job: Job) -> float:
     """Seconds of the estimators alone: samples in memory, nothing scored or written."""
-    config, scene = job.config, job.scene
-    sweeps = [read_record(job.signal_file(stop), BeamSweep) for stop in job.stops]
-    receiver = known_receiver(with_surveyed_pose(config, truth) for truth in truths(job, job.stops))
-    estimator = channel_estimator(config)
+    run = case_run(job)
+    truths = list(run.truths())
+    sweeps = [run.sweep(truth) for truth in truths]
+    receiver = run.surveyed_receiver(truths)
     started = time.perf_counter()
-    channel = tuple(estimator(sweep) for sweep in sweeps)
-    map_known(config, channel, scene.tx, receiver)
-    map_unknown(config, channel, scene.tx)
+    channel = [run.estimate(truth, sweep) for truth, sweep in zip(truths, sweeps, strict=True)]
+    run.maps(channel, receiver)
     return time.perf_counter() - started
 
 

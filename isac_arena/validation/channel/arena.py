@@ -17,7 +17,7 @@ from estimation.channel.model.apparent import apparent_angles
 from estimation.channel.model.crb import joint_loss_db, path_information, path_snr_db
 from estimation.channel.model.manifold import Manifold
 from estimation.channel.record import ChannelEstimate
-from isac_arena.campaign.chain import channel_estimator
+from isac_arena.campaign.chain import user_estimator
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.validation.channel.match import Estimator, false_row, rate_row
 from isac_arena.validation.measurement import Measurement
@@ -168,7 +168,7 @@ def _cells(link: Link, error: FloatArray) -> FloatArray:
 
 def _estimator(config: CampaignConfig, estimator: str | None) -> Estimator:
     if estimator is not None:
-        return channel_estimator(config, estimator)
+        return user_estimator(estimator)
     settings = ChannelConfig()
     update = {"max_paths": MAX_PATHS, "whiten_background": False}  # dense power lies in few directions
     many = settings.maximum_likelihood.model_copy(update=update)

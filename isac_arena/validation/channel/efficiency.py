@@ -11,8 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from estimation.channel.estimate import estimate_channel
-from isac_arena.campaign.chain import channel_estimator
-from isac_arena.campaign.config import CampaignConfig
+from isac_arena.campaign.chain import user_estimator
 from isac_arena.validation.channel.match import (
     Estimator,
     MatchedPaths,
@@ -46,7 +45,7 @@ RESOLVED_CELLS = 0.5
 def make_estimator(method: str, estimator: str | None) -> Estimator:
     """A method of ours by name, or the user's `package.module:function` in its place."""
     if estimator is not None:
-        return channel_estimator(CampaignConfig(name="validation", scene="lone"), estimator)
+        return user_estimator(estimator)
     return lambda sweep: estimate_channel(sweep, method=method)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from estimation.channel.record import ChannelEstimate
 from estimation.slam.record import PoseEstimates, SolveStatus
-from isac_arena.campaign.chain import map_known, map_unknown
+from isac_arena.campaign.chain import make_map
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.results import MapResult
 from isac_arena.scoring.metrics.contours import intersection_over_union
@@ -87,10 +87,7 @@ def check_campaign_contours(seed: int, quick: bool) -> list[Measurement]:
         for k in range(n):
             made = make_arena(np.random.default_rng([seed, k]), offset=offset, jump_deg=jump_deg)
             tx = Pose(np.array([*TX[:2], 0.0]), float(TX[2]))
-            if name == "mapping":
-                result = map_known(config, made.channel, tx, made.poses)
-            else:
-                result = map_unknown(config, made.channel, tx)
+            result = make_map(config, made.channel, tx, made.poses if name == "mapping" else None)
             scores.append(score(made, result))
         rows += _rows(f"campaign.{name}", scores, quick)
     return rows

@@ -19,7 +19,7 @@ from estimation.shape.reflection.rows import resampled
 from estimation.shape.reflection.tx_sessions import los_sessions
 from estimation.slam.config import PathNoise
 from estimation.slam.record import SolveStatus
-from isac_arena.campaign.chain import map_known
+from isac_arena.campaign.chain import make_map
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.files import read_record, write_record
 from isac_arena.validation.shape.campaign import (
@@ -46,7 +46,7 @@ def made():
 
 @pytest.fixture(scope="module")
 def result(made, config):
-    return map_known(config, made.channel, TX_POSE, made.poses)
+    return make_map(config, made.channel, TX_POSE, made.poses)
 
 
 def contours_of(made, result, channel=None, poses=None, ips=None, **settings):

@@ -16,7 +16,8 @@ from estimation.shape.reflection.tx_sessions import (
     rows_of,
     turned_about_tx,
 )
-from isac_arena.campaign.chain import map_unknown
+from estimation.slam.config import SnapshotConfig
+from isac_arena.campaign.chain import make_map
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.validation.scenarios.reflections import TX, Errors, closed_paths, observe
 from isac_arena.validation.shape.campaign import JUMP_STOP, make_arena, score
@@ -79,8 +80,8 @@ def test_sessions_give_their_offsets_to_paths():
 @pytest.mark.parametrize("jump_deg", [0.0, -2.0])
 def test_objects_show_a_jump_that_no_stop_can_tell(jump_deg):
     made = make_arena(np.random.default_rng([7, 1]), offset=False, jump_deg=jump_deg)
-    config = CampaignConfig(name="made", scene="-", seed=0)
-    result = map_unknown(config, made.channel, TX_POSE)
+    config = CampaignConfig(name="made", scene="-", seed=0, slam=SnapshotConfig(method="statistical"))
+    result = make_map(config, made.channel, TX_POSE)
     contours, found = result.contours, score(made, result)
     early = (result.poses.stop < JUMP_STOP).astype(int) * int(jump_deg != 0)
     np.testing.assert_array_equal(contours.session != contours.session[-1], early)
@@ -94,8 +95,8 @@ def test_objects_show_a_jump_that_no_stop_can_tell(jump_deg):
 def test_long_campaigns_show_a_jump_to_within_a_few_stops(monkeypatch):
     monkeypatch.setattr(tx_sessions, "_MAX_GROUPS", 15)  # of three stops each
     made = make_arena(np.random.default_rng([7, 2]), offset=False, jump_deg=2.0)
-    config = CampaignConfig(name="made", scene="-", seed=0)
-    session = map_unknown(config, made.channel, TX_POSE).contours.session
+    config = CampaignConfig(name="made", scene="-", seed=0, slam=SnapshotConfig(method="statistical"))
+    session = make_map(config, made.channel, TX_POSE).contours.session
     assert session[-1] == 1
     assert abs(np.count_nonzero(session == 0) - JUMP_STOP) <= 3
 

@@ -5,9 +5,8 @@ import pytest
 
 from estimation.channel.calibration.self_calibration import Calibration, SelfCalibrationConfig
 from estimation.channel.estimate import ChannelConfig
-from isac_arena.insight import ablation as module
-from isac_arena.insight.ablation import run_variant, variants
-from isac_arena.insight.ablation_ranking import EFFECTS, ranked, table_rows
+from isac_arena.campaign import driver
+from isac_arena.insight.ablation import EFFECTS, ranked, run_variant, table_rows, variants
 from isac_arena.report.figures.ablation import ablation_figure
 from isac_arena.report.style import png_bytes
 from isac_arena.validation.scenarios.perfect_campaign import SMALL_LINK
@@ -38,13 +37,13 @@ def test_the_strongest_impairment_comes_first() -> None:
 def test_every_variant_calibrates_itself(campaign, monkeypatch: pytest.MonkeyPatch) -> None:
     """The arrays are learned from the variant's own sweeps: wrong elements are found, right ones are kept."""
     made: list[Calibration | None] = []
-    make = module.channel_estimator
+    make = driver.channel_estimator
 
     def recorded(config, name=None, calibration=None):
         made.append(calibration)
         return make(config, name, calibration)
 
-    monkeypatch.setattr(module, "channel_estimator", recorded)
+    monkeypatch.setattr(driver, "channel_estimator", recorded)
     settings = ChannelConfig(method="power", self_calibration=SelfCalibrationConfig(stops=3))
     right = SMALL_LINK.model_copy(update={"channel": settings})
     wrong = ImpairmentsConfig(element_gain_std_db=1.0, element_phase_std_deg=10.0)

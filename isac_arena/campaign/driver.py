@@ -1,0 +1,238 @@
+"""The one driver of the chain: truths, sweeps, calibration, channel estimates, maps, scores.
+
+A `CampaignRun` says what is computed (which stops), from what (settings, scene, paths traced before), what
+replaces a stage (a user's estimator, another way to make sweeps) and where results are kept. Every stage uses the
+results that are kept; it makes and keeps the others. So a run goes on where it stopped. Every stop has its own
+random numbers, so any subset of stops gives the same bits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Protocol
+
+from estimation.channel.calibration.self_calibration import Calibration, calibration_rows, self_calibrate
+from estimation.channel.estimate import ChannelEstimator
+from estimation.channel.record import ChannelEstimate
+from estimation.slam.record import PoseEstimates
+from isac_arena.campaign.chain import channel_estimator, known_receiver, make_map, significance
+from isac_arena.campaign.config import CampaignConfig
+from isac_arena.campaign.results import CampaignResults, MapName, MapResult
+from isac_arena.scoring.link_view import link_view
+from isac_arena.scoring.score import Scores, score_campaign
+from scenes.record import FloatArray
+from scenes.scene import Scene
+from sim.observation import BeamSweep
+from sim.signal.hardware.apply_impairments import with_surveyed_pose
+from sim.signal.link import Link, best_beam_power_dbm, make_link
+from sim.simulate import clock_biases_s, observe, simulate_truth
+from sim.truth import Truth
+
+Observe = Callable[[CampaignConfig, Link, Scene, Truth], BeamSweep]
+
+
+class ResultStore(Protocol):
+    """Where a run keeps its results. Reading gives None for what has to be made."""
+
+    def truth(self, stop: int) -> Truth | None:
+        """The paths of a stop; the run sets the clock."""
+
+    def write_truth(self, truth: Truth) -> None:
+        """Keep the truth of a stop."""
+
+    def sweep(self, stop: int) -> BeamSweep | None:
+        """The samples of a stop."""
+
+    def calibration(self) -> Calibration | None:
+        """The self-calibration of both arrays."""
+
+    def write_calibration(self, calibration: Calibration) -> None:
+        """Keep the self-calibration."""
+
+    def estimate(self, stop: int) -> ChannelEstimate | None:
+        """The channel estimate of a stop."""
+
+    def write_estimate(self, estimate: ChannelEstimate, sweep: BeamSweep) -> None:
+        """Keep the channel estimate of a stop, and what is drawn of its sweep."""
+
+    def map_result(self, name: MapName) -> MapResult | None:
+        """The map of mapping or SLAM."""
+
+    def write_map(self, name: MapName, result: MapResult) -> None:
+        """Keep the map of mapping or SLAM."""
+
+
+@dataclass
+class MemoryResults:
+    """Results in memory: all but the samples, which are large and made again where they are needed."""
+
+    truths: dict[int, Truth] = field(default_factory=dict)
+    estimates: dict[int, ChannelEstimate] = field(default_factory=dict)
+    maps: dict[MapName, MapResult] = field(default_factory=dict)
+    calibrated: Calibration | None = None
+
+    def truth(self, stop: int) -> Truth | None:
+        """As `ResultStore`."""
+        return self.truths.get(stop)
+
+    def write_truth(self, truth: Truth) -> None:
+        """As `ResultStore`."""
+        self.truths[truth.stop] = truth
+
+    def sweep(self, stop: int) -> BeamSweep | None:
+        """None: samples are not kept."""
+        del stop
+        return None
+
+    def calibration(self) -> Calibration | None:
+        """As `ResultStore`."""
+        return self.calibrated
+
+    def write_calibration(self, calibration: Calibration) -> None:
+        """As `ResultStore`."""
+        self.calibrated = calibration
+
+    def estimate(self, stop: int) -> ChannelEstimate | None:
+        """As `ResultStore`."""
+        return self.estimates.get(stop)
+
+    def write_estimate(self, estimate: ChannelEstimate, sweep: BeamSweep) -> None:
+        """As `ResultStore`."""
+        del sweep
+        self.estimates[estimate.stop] = estimate
+
+    def map_result(self, name: MapName) -> MapResult | None:
+        """As `ResultStore`."""
+        return self.maps.get(name)
+
+    def write_map(self, name: MapName, result: MapResult) -> None:
+        """As `ResultStore`."""
+        self.maps[name] = result
+
+
+@dataclass(frozen=True)
+class CampaignRun:
+    """One run of the chain; `scores` is the whole of it.
+
+    `stops` are indices into the walk of the scene: by default those of `paths`, without `paths` all. `paths` are
+    truths whose paths replace traced ones. `estimator` is a user's `package.module:function` and replaces the
+    channel estimator of the settings. `observer` makes the sweep of a stop.
+    """
+
+    config: CampaignConfig
+    scene: Scene
+    results: ResultStore = field(default_factory=MemoryResults)
+    stops: Sequence[int] | None = None
+    paths: Sequence[Truth] = ()
+    estimator: str | None = None
+    observer: Observe = observe
+
+    def scores(self) -> Scores:
+        """The scores of all estimates; raises as `score_campaign` does."""
+        truths = list(self.truths())
+        self.calibrate()
+        channel = list(self.channel(truths))
+        maps = self.maps(channel, self.surveyed_receiver(truths))
+        return self.score(truths, CampaignResults(tuple(channel), (), **maps))
+
+    def truths(self) -> Iterator[Truth]:
+        """The truth of every stop in order: paths as given or kept, else traced; the clock of these settings."""
+        given = {truth.stop: truth for truth in self.paths}
+        wanted: list[int] = []
+        traced = simulate_truth(self.config, self.scene, iter(wanted.pop, None))  # one `wanted` per `next`
+        for stop in self.chosen_stops:
+            truth = given.get(stop) or self.results.truth(stop)
+            if truth is None:
+                wanted.append(stop)
+                truth = next(traced)
+                self.results.write_truth(truth)
+            yield replace(truth, clock_bias_s=float(self._clock_biases_s[stop]))
+
+    def sweep(self, truth: Truth) -> BeamSweep:
+        """The samples of a stop, as kept or made."""
+        kept = self.results.sweep(truth.stop)
+        return self.observer(self.config, self.link, self.scene, truth) if kept is None else kept
+
+    def calibrate(self) -> Calibration | None:
+        """The self-calibration of both arrays, as kept or made from some of the stops; None where not asked for.
+
+        A user's estimator gets no calibration.
+        """
+        settings = self.config.channel.self_calibration
+        if settings is None or self.estimator is not None:
+            return None
+        calibration = self.results.calibration()
+        if calibration is None:
+            stops = self.chosen_stops
+            chosen = {stops[row] for row in calibration_rows(len(stops), settings)}
+            sweeps = (self.sweep(truth) for truth in self.truths() if truth.stop in chosen)
+            calibration = self_calibrate(sweeps, settings)
+            self.results.write_calibration(calibration)
+        return calibration
+
+    def channel(self, truths: Iterable[Truth]) -> Iterator[ChannelEstimate]:
+        """The channel estimate of every stop, as kept or made, with one sweep in memory at a time."""
+        for truth in truths:
+            kept = self.results.estimate(truth.stop)
+            yield self.estimate(truth) if kept is None else kept
+
+    def estimate(self, truth: Truth, sweep: BeamSweep | None = None) -> ChannelEstimate:
+        """The channel estimate of a stop, made now and kept; from `sweep` where the caller has it."""
+        estimator = self.channel_estimator  # first: it may be calibrated on sweeps of its own
+        sweep = self.sweep(truth) if sweep is None else sweep
+        estimate = estimator(sweep)
+        self.results.write_estimate(estimate, sweep)
+        return estimate
+
+    def maps(self, channel: Sequence[ChannelEstimate], receiver: PoseEstimates) -> dict[MapName, MapResult]:
+        """Both maps, as kept or made: mapping from the given receiver states, SLAM without them."""
+        given: dict[MapName, PoseEstimates | None] = {"mapping": receiver, "slam": None}
+        found: dict[MapName, MapResult] = {}
+        for name, states in given.items():
+            kept = self.results.map_result(name)
+            found[name] = kept or make_map(self.config, channel, self.scene.tx, states)
+            if kept is None:
+                self.results.write_map(name, found[name])
+        return found
+
+    def score(self, truths: Iterable[Truth], results: CampaignResults) -> Scores:
+        """The scores of estimates against the truth; raises as `score_campaign` does."""
+        return score_campaign(
+            self.scene,
+            truths,
+            results,
+            true_power_dbm=self.true_power_dbm,
+            significance=significance(self.config, self.link),
+            view=link_view(self.config, self.link, self.scene),
+        )
+
+    def surveyed_receiver(self, truths: Iterable[Truth]) -> PoseEstimates:
+        """The receiver states that mapping gets: the true ones with the errors of the survey."""
+        return known_receiver(with_surveyed_pose(self.config, truth) for truth in truths)
+
+    def true_power_dbm(self, truth: Truth) -> FloatArray:
+        """Received power (path,) of the true paths in their best beam pairs."""
+        return best_beam_power_dbm(truth.paths, self.link, self.scene.tx, truth.rx_pose)
+
+    @cached_property
+    def chosen_stops(self) -> Sequence[int]:
+        """The stops of this run, in order."""
+        if self.stops is not None:
+            return self.stops
+        return [truth.stop for truth in self.paths] or range(len(self.scene.stops))
+
+    @cached_property
+    def link(self) -> Link:
+        """The link of the settings."""
+        return make_link(self.config)
+
+    @cached_property
+    def channel_estimator(self) -> ChannelEstimator:
+        """The channel estimator, calibrated where the settings ask for it."""
+        return channel_estimator(self.config, self.estimator, self.calibrate())
+
+    @cached_property
+    def _clock_biases_s(self) -> FloatArray:
+        return clock_biases_s(self.config, len(self.scene.stops))
