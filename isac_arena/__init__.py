@@ -6,8 +6,8 @@
 >>> truth = next(simulate_truth(config, scene, [0]))
 >>> estimate = estimate_channel(observe(config, link, scene, truth), config=config.channel)
 
-A name is imported when it is first used, so `import isac_arena` is fast. Read `campaign/chain.py` first for the
-method: the chain from sweeps to scores.
+A name is imported when it is first used, so `import isac_arena` is fast. Read `campaign/driver.py` first for the
+method: the chain from truths to scores.
 
 `campaign/`  settings, the chain and its files    `cli/`        the `arena` command
 `scoring/`   estimates against the truth          `report/`     figures and pages
@@ -29,9 +29,10 @@ if TYPE_CHECKING:
     from estimation.channel.record import ChannelEstimate
     from estimation.shape.record import Contours, Shapes
     from estimation.slam.record import IncidencePoints, PoseEstimates
-    from isac_arena.campaign.chain import known_receiver, map_known, map_unknown, score_simulated
+    from isac_arena.campaign.chain import known_receiver, make_map
     from isac_arena.campaign.config import CampaignConfig
     from isac_arena.campaign.directory import open_campaign
+    from isac_arena.campaign.driver import CampaignRun
     from isac_arena.campaign.files import read_record
     from isac_arena.campaign.load import campaign_scene, load_campaign
     from scenes.config import load_scene
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
 __all__ = [
     "BeamSweep",
     "CampaignConfig",
+    "CampaignRun",
     "ChannelEstimate",
     "Contours",
     "IncidencePoints",
@@ -64,12 +66,10 @@ __all__ = [
     "load_campaign",
     "load_scene",
     "make_link",
-    "map_known",
-    "map_unknown",
+    "make_map",
     "observe",
     "open_campaign",
     "read_record",
-    "score_simulated",
     "simulate_truth",
 ]
 
@@ -78,9 +78,10 @@ HOMES = {
     "estimation.channel.record": ("ChannelEstimate",),
     "estimation.shape.record": ("Contours", "Shapes"),
     "estimation.slam.record": ("IncidencePoints", "PoseEstimates"),
-    "isac_arena.campaign.chain": ("known_receiver", "map_known", "map_unknown", "score_simulated"),
+    "isac_arena.campaign.chain": ("known_receiver", "make_map"),
     "isac_arena.campaign.config": ("CampaignConfig",),
     "isac_arena.campaign.directory": ("open_campaign",),
+    "isac_arena.campaign.driver": ("CampaignRun",),
     "isac_arena.campaign.files": ("read_record",),
     "isac_arena.campaign.load": ("campaign_scene", "load_campaign"),
     "scenes.config": ("load_scene",),

@@ -80,7 +80,7 @@ class CampaignStore:
 
     @cached_property
     def truth_fingerprint(self) -> str:
-        """Of what the simulation, or the measurement, depends on."""
+        """Fingerprint of all inputs of the simulation, or of the measurement."""
         if self.measured is not None:
             return digest(self.measured, self._scene_digest)
         simulation = {name: getattr(self.config, name) for name in SimulationConfig.model_fields}
@@ -94,7 +94,7 @@ class CampaignStore:
 
     @cached_property
     def channel_fingerprint(self) -> str:
-        """Of what the channel estimates depend on."""
+        """Fingerprint of all inputs of the channel estimates."""
         if self.measured is not None:
             return self.truth_fingerprint
         estimator = self.estimator or self.config.channel.model_dump_json()
@@ -103,7 +103,7 @@ class CampaignStore:
 
     @cached_property
     def map_fingerprint(self) -> str:
-        """Of what maps and shapes depend on."""
+        """Fingerprint of all inputs of maps and shapes."""
         settings = self.config.model_dump_json(
             include={"mapping", "slam", "trajectory", "shapes", "contours"}
         )
@@ -112,7 +112,7 @@ class CampaignStore:
 
     @cached_property
     def score_fingerprint(self) -> str:
-        """Of what the scores depend on."""
+        """Fingerprint of all inputs of the scores."""
         return digest(self.map_fingerprint, code_digest("isac_arena/scoring"))
 
     def open_for_writing(self) -> None:
@@ -152,7 +152,7 @@ class CampaignStore:
             remove_leftovers(folder)
 
     def truth(self, stop: int) -> Truth | None:
-        """The truth of a stop, or None where it is still to be made."""
+        """The truth of a stop, or None where there is none yet."""
         return self._read(self._stop("truth", stop), Truth, self.truth_fingerprint)
 
     def measured_truth(self, stop: int) -> MeasuredTruth | None:
@@ -176,7 +176,7 @@ class CampaignStore:
         self._write(self._stop("sweep", sweep.stop), sweep, self.truth_fingerprint)
 
     def channel(self, stop: int) -> StopEstimate | None:
-        """The channel estimate of a stop, or None where it is still to be made."""
+        """The channel estimate of a stop, or None where there is none yet."""
         return self._read(self._stop("channel", stop), StopEstimate, self.channel_fingerprint)
 
     def has_channel(self, stop: int) -> bool:
@@ -188,7 +188,7 @@ class CampaignStore:
         self._write(self._stop("channel", estimate.channel.stop), estimate, self.channel_fingerprint)
 
     def estimate(self, stop: int) -> ChannelEstimate | None:
-        """The paths of a stop alone, or None where they are still to be estimated."""
+        """The paths of a stop alone, or None where there are none yet."""
         stored = self.channel(stop)
         return None if stored is None else stored.channel
 
@@ -197,7 +197,7 @@ class CampaignStore:
         self.write_channel(StopEstimate(estimate, beam_power_map(sweep)))
 
     def calibration(self) -> Calibration | None:
-        """What self-calibration found, or None where it is still to be made."""
+        """What self-calibration found, or None where there is none yet."""
         return self._read(
             self.directory / "channel" / "calibration.nc", Calibration, self.channel_fingerprint
         )
@@ -207,7 +207,7 @@ class CampaignStore:
         self._write(self.directory / "channel" / "calibration.nc", calibration, self.channel_fingerprint)
 
     def map_result(self, name: MapName) -> MapResult | None:
-        """The map of mapping or SLAM, or None where it is still to be made."""
+        """The map of mapping or SLAM, or None where there is none yet."""
         return self._read(self.directory / "map" / f"{name}.nc", MapResult, self.map_fingerprint)
 
     def write_map(self, name: MapName, result: MapResult) -> None:
@@ -215,7 +215,7 @@ class CampaignStore:
         self._write(self.directory / "map" / f"{name}.nc", result, self.map_fingerprint)
 
     def score_tables(self) -> ScoreTables | None:
-        """The tables behind the scores, or None where they are still to be made."""
+        """The tables behind the scores, or None where there are none yet."""
         return self._read(self.directory / "provenance.nc", ScoreTables, self.score_fingerprint)
 
     def write_scores(self, scores: Scores) -> None:
@@ -256,7 +256,7 @@ class CampaignStore:
         return digest(self.scene_text, *contents)
 
     def _is_leftover(self) -> bool:
-        """Whether there is nothing but what a run killed at its very start left behind."""
+        """Whether a run that was stopped at its start wrote all that is here."""
         names = {entry.name for entry in self.directory.iterdir() if not entry.name.endswith(".part")}
         return names <= {"scene.toml", KEPT_FOLDER}
 

@@ -31,7 +31,7 @@ class MapResult(Record):
 class CampaignResults:
     """All estimates of a campaign. `channel` and `power_maps` have one entry per stop, in order.
 
-    `power_maps` is empty where nobody draws them: the scores do not need them.
+    `power_maps` is for figures; it is empty where none are drawn.
     """
 
     channel: tuple[ChannelEstimate, ...]

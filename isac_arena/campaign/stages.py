@@ -1,4 +1,4 @@
-"""The stages of a campaign at the edge: files, progress and messages around the pure chain."""
+"""The stages of a campaign on a directory: files, progress and messages around the driver."""
 
 from __future__ import annotations
 
@@ -218,7 +218,7 @@ def measured_truths(store: CampaignStore, n_stops: int) -> Iterator[MeasuredTrut
 
 
 def known_stops(store: CampaignStore, n_stops: int) -> Iterator[Truth] | Iterator[MeasuredTruth]:
-    """What mapping is told of every stop: the measured pose, or the true one with the errors of its survey."""
+    """Input of mapping at every stop: the measured pose, or the true one with the errors of its survey."""
     if store.measured is not None:
         return measured_truths(store, n_stops)
     return (with_surveyed_pose(store.config, truth) for truth in stored_truths(store, n_stops))

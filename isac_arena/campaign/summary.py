@@ -1,4 +1,4 @@
-"""What a run tells the terminal and the head of the report: main scores, and what was run."""
+"""Texts of a run for the terminal and the head of the report: main scores, and what was run."""
 
 from __future__ import annotations
 

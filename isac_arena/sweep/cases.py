@@ -29,7 +29,7 @@ Point = tuple[Any, ...]  # one value per axis
 
 @dataclass(frozen=True)
 class SceneSource:
-    """A scene file and what the files that it names hold."""
+    """A scene file and the contents of the files that it names."""
 
     text: str
     files: Mapping[str, bytes]
@@ -43,7 +43,7 @@ class SceneSource:
 
 @dataclass(frozen=True)
 class Case:
-    """One campaign of a sweep: its place in the design and all it takes to run it."""
+    """One campaign of a sweep: its place in the design and all its inputs."""
 
     point: int  # index of the design point
     repeat: int
@@ -98,8 +98,8 @@ def make_cases(
         try:
             campaign, scene, estimator = _resolved(document, base, changes, scene_of)
         except ConfigError as error:
-            told = ", ".join(f"{field} = {value}" for field, value in changes) or "the base"
-            raise ConfigError(f"{source}: case {told}: {error}") from error
+            changed = ", ".join(f"{field} = {value}" for field, value in changes) or "the base"
+            raise ConfigError(f"{source}: case {changed}: {error}") from error
         for repeat in repeats:
             seeded = campaign.model_copy(update={"seed": campaign.seed + repeat})
             yield Case(index, repeat, point, seeded, scene, estimator, config.stop_every)

@@ -1,4 +1,4 @@
-"""Many cases on many processes: what to run in which order, by dask.distributed. The only user of dask."""
+"""Many cases on many processes, in which order they run. The only user of dask.distributed."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def connected(workers: int | None, scheduler: str | None) -> Iterator[Client]:
 
 @contextmanager
 def _interrupts_ignored() -> Iterator[None]:
-    """Ignore Ctrl-C, and for good in processes started meanwhile: it is the client's to handle."""
+    """Ignore Ctrl-C here, and always in processes that start meanwhile: the client handles it."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -96,7 +96,7 @@ def _interrupts_ignored() -> Iterator[None]:
 
 
 def run_jobs(client: Client, jobs: Sequence[Job], report: Report) -> None:
-    """Run all jobs, the paths and samples they share first; `report` is told of each one that ends.
+    """Run all jobs, the paths and samples they share first; `report` is called for each one that ends.
 
     Jobs that share their samples stand together: their samples are dropped before those of many others are made.
     Jobs whose worker dies are tried again elsewhere; one that fails is reported with its reason, no other stops.
@@ -185,7 +185,7 @@ def _submit_signals(client: Client, job: Job, paths: list[Future], priority: int
 def _reasons(future: Future, batch: Sequence[Job]) -> list[str | None] | None:
     """Why each case of a batch failed, None for one that is done; None where several share a fault.
 
-    Raises what is no fault of a case.
+    Raises errors that are no fault of a case.
     """
     if future.status in ("cancelled", "lost"):
         raise ConnectionError(LOST)

@@ -26,7 +26,7 @@ CASE_FILES = ("campaign.json", "provenance.nc", "scores.json", "manifest.json")
 
 @dataclass(frozen=True)
 class Job:
-    """All it takes to run a case beside its stored scene: small, for it is sent to the workers."""
+    """All inputs of a case but its stored scene. Small, because it is sent to the workers."""
 
     root: Path
     point: int
@@ -127,5 +127,5 @@ def _loaded(file: Path, carrier_ghz: float, tx: str | None, walk: str | None) ->
 
 
 def _store(case: Case, root: Path, config: CampaignConfig) -> CampaignStore:
-    """The case as a campaign of its own, for the fingerprints that tell it from others."""
+    """The case as a campaign of its own, for its fingerprints."""
     return CampaignStore(root, config, case.scene.text, case.estimator, scene_files=dict(case.scene.files))

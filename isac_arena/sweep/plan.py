@@ -1,4 +1,4 @@
-"""What a sweep will run, and what it will cost, judged by running a few stops of a few of its cases."""
+"""The cases of a sweep, and their cost estimated from a few stops of a few cases."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Plan:
 
 @dataclass(frozen=True)
 class Cost:
-    """Estimated time on one core and disk space of what a sweep has still to do."""
+    """Estimated time on one core and disk space of the cases of a sweep that are missing."""
 
     core_hours: float
     start_up_s: float  # of a worker: libraries loaded, code compiled

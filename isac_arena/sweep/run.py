@@ -151,7 +151,7 @@ def _failure(step: Callable[P, object], *arguments: P.args, **options: P.kwargs)
 
 
 def _tried(function: Callable[P, R], *arguments: P.args, **options: P.kwargs) -> R | Exception:
-    """What a step of a case returns, or the error in which it ended: the cases beside it go on."""
+    """The result of a step of a case, or its error: the other cases continue."""
     try:
         return function(*arguments, **options)
     except Exception as error:

@@ -36,7 +36,7 @@ class PlannedCase:
 
 
 def open_sweep(directory: Path, config: SweepConfig, base_text: str) -> None:
-    """Claim a directory for a sweep, or go on with the sweep that is there; repeats may change.
+    """Claim a directory for a sweep, or continue the sweep that is there; repeats may change.
 
     Raises `ValueError` where the directory holds another sweep or other files.
     """

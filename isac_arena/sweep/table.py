@@ -1,4 +1,4 @@
-"""The results of a sweep as one long table, CSV and Parquet, and what they say about each point of the design."""
+"""The results of a sweep as one long table, CSV and Parquet, and the mean at each point of the design."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def write_tables(directory: Path, config: SweepConfig, rows: Sequence[Row]) -> N
 def spread(rows: Iterable[Row], metric: str, confidence: float = 0.95) -> dict[int, Spread]:
     """Mean of one metric over the repeats of every point, with Student's t interval; by point.
 
-    A point with one value only has an infinite half width; values that could not be measured are left out.
+    A point with one value only has an infinite half width; values that could not be measured do not count.
     """
     values: dict[int, list[float]] = {}
     for row in rows:

@@ -32,8 +32,8 @@ def checked_tables(directory: Path) -> Iterator[Finding]:
     failures = read_failures(directory)
     unfinished = [key for key in missing if key not in failures]
     if unfinished:
-        told = f"{len(unfinished)} of {len(cases)} are missing, the first is {unfinished[0]}"
-        yield Finding("cases", 0.0, reason=told)
+        missing_text = f"{len(unfinished)} of {len(cases)} are missing, the first is {unfinished[0]}"
+        yield Finding("cases", 0.0, reason=missing_text)
     try:
         rows = result_rows(directory, config, cases, failures)
     except ValueError as error:

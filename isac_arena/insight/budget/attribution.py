@@ -1,9 +1,9 @@
 """Attribution of an error to parts of a chain, with intervals.
 
 The error is a mean square over units (stops, objects): squares of independent errors add, their roots do not.
-The parts are replaced one after the other until all are; the contribution of a part is what the mean square falls
-by at its turn, averaged over all orders that respect the causal order of the parts: the asymmetric Shapley value
-of Frye, Rowat and Feige, "Asymmetric Shapley values: incorporating causal knowledge into model-agnostic
+The parts are replaced one after the other until all are; the contribution of a part is the decrease of the mean
+square at its turn, averaged over all orders that respect the causal order of the parts: the asymmetric Shapley
+value of Frye, Rowat and Feige, "Asymmetric Shapley values: incorporating causal knowledge into model-agnostic
 explainability", NeurIPS 2020; with one group of parts Shapley's own (1953). The contributions add up to the whole
 mean square less what remains at the end.
 """
@@ -21,8 +21,8 @@ from scenes.record import FloatArray, IntArray, TextArray
 
 CONFIDENCE = 0.95
 MIN_UNITS = 6  # of fewer stops or objects a bootstrap interval is far too short
-NOTHING = 1e-9  # of the whole: what rounding leaves
-MOST_SHARE = 2.0  # a larger part is made good by others of the other sign
+NOTHING = 1e-9  # of the whole: rounding errors are smaller
+MOST_SHARE = 2.0  # parts of other sign cancel a larger part
 
 
 @dataclass(frozen=True)
@@ -37,9 +37,9 @@ class Attribution:
     contribution: FloatArray  # (part,) mean over orders
     low: FloatArray  # (part,) of the contribution over the total
     high: FloatArray  # (part,)
-    alone: FloatArray  # (part,) what it falls by when this part alone is replaced
-    first: FloatArray  # (part,) contribution where it comes as early as it may
-    last: FloatArray  # (part,) and as late
+    alone: FloatArray  # (part,) decrease when this part alone is replaced
+    first: FloatArray  # (part,) contribution in the orders where it comes earliest
+    last: FloatArray  # (part,) and where it comes latest
     total: float  # with nothing replaced
     total_low: float
     total_high: float
@@ -50,9 +50,9 @@ class Attribution:
 
     @property
     def effect(self) -> TextArray:
-        """Whether the error 'falls' or 'grows' without each part (part,), or does nothing at all ('none').
+        """Whether the error 'falls' or 'grows' without each part (part,), or does not change ('none').
 
-        'undecided' where the interval holds zero: then the part may as well have no effect.
+        'undecided' where the interval contains zero.
         """
         effect = np.full(len(self.part), "undecided")
         effect[self.low > NOTHING] = "falls"
@@ -75,7 +75,7 @@ class Attribution:
 
 
 def root(mean_square: FloatArray | float) -> FloatArray:
-    """The length whose square a mean square, or a difference of two, is; of its sign."""
+    """Square root of a mean square, or of a difference of two; with the sign of it."""
     return np.asarray(np.sign(mean_square) * np.sqrt(np.abs(mean_square)))
 
 
@@ -146,7 +146,7 @@ def attribute(
 def _falls(
     value: Mapping[frozenset[Part], FloatArray], order: tuple[Part, ...], parts: tuple[Part, ...]
 ) -> FloatArray:
-    """What the mean square falls by at the turn of every part (part, ...) in one order."""
+    """Decrease of the mean square at the turn of every part (part, ...) in one order."""
     met = [value[frozenset(order[:length])] for length in range(len(order) + 1)]
     fall = {part: before - after for part, before, after in zip(order, met, met[1:], strict=False)}
     return np.stack([fall[part] for part in parts])

@@ -113,8 +113,8 @@ def object_errors(objects: Sequence[LitObject], outlines: Mapping[str, Sequence[
 def outline_error_m(outlines: Sequence[Outline], item: LitObject) -> float:
     """Root of the mean of two mean squares: of the seen contours to the true outline, and of lit points to them.
 
-    All contours of an object count together. So neither a contour too short nor one too long goes unpunished, and
-    what no path lights is not asked for.
+    All contours of an object count together. So the error of a contour that is too short or too long is large, and
+    parts of the outline that no path lights do not count.
     """
     seen_m = np.concatenate([one.points_m[one.is_seen] for one in outlines])
     forward = item.contour.signed_distance(seen_m) if len(seen_m) else np.full(1, np.inf)

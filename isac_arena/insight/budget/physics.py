@@ -1,4 +1,4 @@
-"""Physics switched off: a campaign without some of what nature and hardware add, on the same random numbers."""
+"""Physics switched off: a campaign without some paths, noise or impairments, on the same random numbers."""
 
 from __future__ import annotations
 
@@ -48,9 +48,9 @@ def without_paths(truth: Truth, off: frozenset[Part]) -> Truth:
 def observed(
     config: CampaignConfig, link: Link, scene: Scene, truth: Truth, off: frozenset[Part]
 ) -> BeamSweep:
-    """The samples of a stop whose paths and settings are switched off already, without noise where that is.
+    """The samples of a stop, without noise where that is off; paths and settings are already switched off.
 
-    The receiver is told the nominal noise power either way.
+    The sweep states the nominal noise power in both cases.
     """
     if Physics.NOISE not in off:
         return observe(config, link, scene, truth)

@@ -94,9 +94,9 @@ def budget_job(
 
 
 def chosen_stops(text: str | None, n_stops: int) -> tuple[int, ...]:
-    """Stops from text: '0,4,9' or 'first:last:step' with the last left out, as in Python; all without text.
+    """Stops from text: '0,4,9' or 'first:last:step' without the last, as in Python; all stops without text.
 
-    Raises `ValueError` where it is neither, or names a stop that there is not.
+    Raises `ValueError` where it is neither, or names a stop that does not exist.
     """
     if text is None:
         return tuple(range(n_stops))
