@@ -1,8 +1,8 @@
-"""Paths that cancel each other, which no scene has: put apart, or taken for one.
+"""Merge or separate paths that cancel each other, since such pairs do not exist in scenes.
 
-Two paths that nearly coincide with opposite amplitudes are the derivative of one. A fit of too few paths
-explains by it what a group of several leaves, and the nearer the two come the larger both grow, without a bound.
-True phases are independent: even where their amplitudes are equal two true paths cancel by 20 dB in 3 % of cases.
+Two paths that nearly coincide with opposite amplitudes are the derivative of one path. A fit of too few paths uses
+such a pair to explain the residual of a group of several; the closer the two come, the larger both become, without
+bound. True phases are independent: even with equal amplitudes two true paths cancel by 20 dB in only 3 % of cases.
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ from estimation.channel.model.path_model import PathParameters, manifold_rates
 from scenes.pose import wrap_angle
 from scenes.record import BoolArray, FloatArray
 
-CANCELLED = 100.0  # power of a path over what it and its near ones show at its place, which no true one has
-NEAR = 0.5  # squared coherence of paths near each other, half a resolution cell apart
+CANCELLED = 100.0  # power of a path over that of it and its neighbours together; true paths stay below
+NEAR = 0.5  # squared coherence of neighbours, half a resolution cell apart
 SAME = 0.997  # of paths in one place, 0.03 cell apart
-APART_CELLS = (0.5, 1.0)  # resolution cells that two paths which cancelled are put apart
+APART_CELLS = (0.5, 1.0)  # resolution cells between two cancelling paths after they are separated
 
 
 def without_cancelling_paths(reference: Reference, solution: Solution, max_steps: int) -> Solution:
     """The solution without paths that cancel each other or coincide.
 
-    They are put apart where, fitted again, as many paths explain most and do neither; else they become one.
+    They are separated by the distance whose refit explains most and has no such pair, else merged into one.
     """
     for _ in range(2 * len(solution.paths)):
         pair = _worst_pair(solution)
@@ -45,10 +45,10 @@ def without_cancelling_paths(reference: Reference, solution: Solution, max_steps
 
 
 def cancelling_coherence(solution: Solution) -> FloatArray:
-    """Squared coherence (path, path) of pairs that no scene has, 0 of all others.
+    """Squared coherence (path, path) of pairs that do not exist in scenes, 0 for all others.
 
-    Those that coincide, and those near each other of which the first is cancelled: it has far more power than its
-    matched filter shows of it and all that are near it together.
+    These are pairs that coincide, and neighbours whose first path is cancelled: it has far more power than its
+    matched filter shows for it and all its neighbours together.
     """
     information, amplitude = solution.information, solution.paths.amplitude
     inner = information[:, 0, :, 0] - 1j * information[:, 0, :, 1]  # products of the responses
@@ -62,7 +62,7 @@ def cancelling_coherence(solution: Solution) -> FloatArray:
 
 
 def _worst_pair(solution: Solution) -> BoolArray:
-    """The two paths (path,) most alike; none where no pair is."""
+    """Mask (path,) of the two paths of largest cancelling coherence; empty if there is no such pair."""
     pair: BoolArray = np.zeros(len(solution.paths), bool)
     coherence = cancelling_coherence(solution)
     if coherence.any():
@@ -71,7 +71,7 @@ def _worst_pair(solution: Solution) -> BoolArray:
 
 
 def _apart(reference: Reference, two: PathParameters, cells: float) -> PathParameters:
-    """Two paths at so many resolution cells about their middle, on the line through both."""
+    """Two paths this many resolution cells apart about their centre, on the line through both."""
     rate = manifold_rates(reference.sweep, two).mean(axis=0)
     step = np.concatenate(
         [np.diff(two.delay_bins), *(wrap_angle(np.diff(a, axis=0))[0] for a in (two.aod_rad, two.aoa_rad))]

@@ -1,14 +1,14 @@
-"""Coherent maximum likelihood over a dense diffuse background: found paths, and the noise that the rest makes.
+"""Coherent maximum likelihood over a dense diffuse background.
 
-Weak paths by the thousand add to the noise of the cells they fall into. Their power over delay is estimated from
-what the found paths leave, without assuming its shape (RiMAX takes an exponential decay; rooms have several), the
-delay bins are whitened by it, and the paths are found anew, until both agree. A path must also stand out of the
-background in its own direction, of the power that its matched filter shows at the delays around it, strong paths
-taken out, and of the heavier tail of powers where diffuse paths fill some cells and leave others empty. Where a
-path shares its direction with a background its covariance grows by that factor, and by another where the residual
-shows that the paths found do not explain the samples about it (`misfit`).
+Thousands of weak paths add to the noise of their cells. Their power over delay is estimated from the residual of
+the found paths, without an assumed shape (RiMAX assumes an exponential decay; rooms have several). The delay bins
+are whitened by it and the paths are found again, until both converge. A path must also exceed the background in
+its own direction: the power that its matched filter shows at the delays around it, without strong paths, and the
+heavier tail of powers if diffuse paths fill some cells and not others. The covariance of a path grows by the
+background in its direction, and by a second factor if its residual shows that the found paths do not explain the
+samples (`misfit`).
 
-With too few samples beside the paths to tell the background from noise, noise it is.
+With too few samples to separate the background from noise, it counts as noise.
 """
 
 from __future__ import annotations
@@ -31,18 +31,18 @@ from scenes.record import BoolArray, ComplexArray, FloatArray, IntArray
 from sim.observation import BeamSweep
 
 MAX_TURNS = 3
-SMOOTHING_BINS = 2  # to either side, of the background's power over delay
-NOISE_STD = 5.0  # of a smoothed bin's power, that count as noise
-KEPT_SHARE = 0.95  # of the directions, from the weakest up, that the background is told from
-AROUND_BINS = 24  # to either side of a path, where its direction's background is read
-NEAR_BINS = 12  # to either side, where it is seen how unevenly the background is spread
-OWN_BINS = 2  # to either side, that the path itself fills
-STRONG = 4.0  # power over the level of detection, from which a path is no part of a background
-NOTABLE = 1.7  # background in a direction that a path is held against: noise alone shows it once in 250 times
-UNEVEN = 1.06  # scale of the background's tail, from which on it counts: two standard deviations in noise
-STRONG_CELL = 40.0  # power of a cell that is no dense background any more
-UNEXPLAINED = 3.0  # mean power residual in a path's own cells, from which it is more than noise
-CHANGED = 0.1  # relative, of the background from one turn to the next, that asks for another
+SMOOTHING_BINS = 2  # to either side, for the background's power over delay
+NOISE_STD = 5.0  # deviation of a smoothed bin's power up to which it counts as noise
+KEPT_SHARE = 0.95  # of the directions, from the weakest up, that the background is estimated from
+AROUND_BINS = 24  # to either side of a path, for the background in its direction
+NEAR_BINS = 12  # to either side, for the tail of the background
+OWN_BINS = 2  # to either side, filled by the path itself
+STRONG = 4.0  # power over the detection level, above which a path is no part of a background
+NOTABLE = 1.7  # least background in a direction that counts: noise alone exceeds it once in 250 times
+UNEVEN = 1.06  # least scale of the background's tail that counts: two standard deviations in noise
+STRONG_CELL = 40.0  # power of a cell above which it is no dense background
+UNEXPLAINED = 3.0  # mean residual power in a path's own cells, above which it is more than noise
+CHANGED = 0.1  # relative change of the background above which the iteration continues
 
 
 def fit_over_background(
@@ -51,9 +51,9 @@ def fit_over_background(
     tx_manifold: Manifold | None = None,
     rx_manifold: Manifold | None = None,
 ) -> PathFit:
-    """Paths of one stop by coherent maximum likelihood, dense diffuse multipath counted as noise.
+    """Paths of one stop by coherent maximum likelihood; dense diffuse multipath counts as noise.
 
-    As `fit_coherent`, with which it agrees where there is no background.
+    As `fit_coherent`, with equal results if there is no background.
     """
     stop = prepare(sweep, config, tx_manifold, rx_manifold)
     if isinstance(stop, PathFit):
@@ -65,17 +65,17 @@ def fit_over_background(
 
 @dataclass(frozen=True)
 class _Found:
-    """Paths found after whitening by some background, and what the ones that stand out of it leave."""
+    """Paths found after whitening by a background, and the background in the residual of those that exceed it."""
 
     sweep: CompressedSweep  # whitened
     solution: Solution
     noise_factor: FloatArray  # (path,) power of the background about the path, over the whitened noise
     stands_out: BoolArray  # (path,)
-    background: FloatArray  # (bin,) noise power of every delay bin beside the paths, receiver noise 1
+    background: FloatArray  # (bin,) noise power of every delay bin without the paths, receiver noise 1
 
 
 def _converged(stop: PreparedStop) -> _Found:
-    """Turns of finding paths and of telling the background from what they leave, until both agree."""
+    """Alternate between finding paths and estimating the background from their residual until both converge."""
     background = np.ones(len(stop.compressed.position))
     found = _turn(stop, background)
     for _ in range(MAX_TURNS if stop.config.whiten_background else 0):
@@ -100,7 +100,7 @@ def _turn(stop: PreparedStop, background: FloatArray) -> _Found:
 
 
 def _reported(found: _Found, fit: PathFit, tx: Manifold, rx: Manifold) -> PathFit:
-    """The paths of a `fit` that stand out, their covariances widened by background and misfit."""
+    """The paths of a `fit` that exceed the background, their covariances widened by background and misfit."""
     n, paths = found.sweep.n_subcarriers, found.solution.paths
     delay_bins = (paths.delay_bins + n / 8) % n - n / 8
     order = np.argsort(delay_bins, kind="stable")
@@ -116,10 +116,10 @@ def _reported(found: _Found, fit: PathFit, tx: Manifold, rx: Manifold) -> PathFi
 
 
 def background_over_delay(residual: ComplexArray) -> FloatArray:
-    """Power (bin,) of what the paths leave (tx_rank, rx_rank, bin), smoothed; 1 where noise explains it.
+    """Smoothed power (bin,) of the residual (tx_rank, rx_rank, bin) of the paths; 1 if noise explains it.
 
-    From all directions but the strongest few: what fills those alone, as paths too close to be told apart, is no
-    dense background. The mean of an exponential variable below its quantile p is 1 + (1 - p) log(1 - p) / p.
+    The strongest directions are left out: power only there, such as of unresolved paths, is no dense background.
+    The mean of an exponential variable below its quantile p is 1 + (1 - p) log(1 - p) / p.
     """
     directions = np.sort(np.square(np.abs(residual)).reshape(-1, residual.shape[2]), axis=0)
     n_kept = max(1, int(np.ceil(KEPT_SHARE * len(directions))))
@@ -133,7 +133,7 @@ def background_over_delay(residual: ComplexArray) -> FloatArray:
 
 
 def without_paths(sweep: CompressedSweep, paths: PathParameters) -> ComplexArray:
-    """The samples (tx_rank, rx_rank, bin) of a compressed sweep less what the paths leave in them."""
+    """The samples (tx_rank, rx_rank, bin) of a compressed sweep minus the signals of the paths."""
     at = responses(sweep, paths)
     tx, rx, delay = at.tx[:, 0], at.rx[:, 0], at.delay[:, 0]
     beams = (paths.amplitude[:, None, None] * tx[:, :, None] * rx[:, None]).reshape(
@@ -145,10 +145,10 @@ def without_paths(sweep: CompressedSweep, paths: PathParameters) -> ComplexArray
 def _direction_test(
     sweep: CompressedSweep, solution: Solution, window: DelayWindow
 ) -> tuple[FloatArray, BoolArray]:
-    """Power (path,) over noise, at least 1, that widens the paths' covariances; which paths stand out of it.
+    """Factor (path,), at least 1, that widens the paths' covariances; which paths exceed their background.
 
-    Of the background in their directions strong paths are taken out; weak ones, near the level of detection, may
-    be part of it and stay in. What all paths leave in a path's own cells widens its covariance too.
+    Strong paths are removed from the background in a direction; weak ones, near the detection level, may be part
+    of it and remain. The residual of all paths in a path's own cells widens its covariance too.
     """
     paths = solution.paths
     level = window.level_at(paths.delay_bins)
@@ -179,12 +179,12 @@ def _direction_test(
 
 
 def _tail_scale(power: FloatArray, position: IntArray, delay_bins: FloatArray) -> FloatArray:
-    """Scale (path,) of the tail of the power that is residual (tx_rank, rx_rank, bin) around a path; 1 for noise.
+    """Scale (path,) of the tail of the residual power (tx_rank, rx_rank, bin) around a path; 1 for noise.
 
-    The power of noise is exponential, and so is that of the cells that diffuse paths fill; but where they do not
-    fill all, high powers come from the filled ones alone. Of a mixture of exponentials a third of the mean cube
-    over the mean square is the mean scale of the cells that its high powers are in. Much stronger cells are no
-    dense background, but what strong paths nearby leave.
+    The power of noise is exponential, and so is that of cells with diffuse paths; but if these do not fill all
+    cells, high powers come only from the filled ones. For a mixture of exponentials a third of the mean cube over
+    the mean square is the mean scale of the cells of high power. Much stronger cells are no dense background, but
+    residuals of strong paths.
     """
     weak = np.where(power < STRONG_CELL, power, 0.0)
     square = np.square(weak).mean(axis=(0, 1), dtype=float)
@@ -194,7 +194,7 @@ def _tail_scale(power: FloatArray, position: IntArray, delay_bins: FloatArray) -
 
 
 def _mean_over_cells(power: FloatArray, tx: ComplexArray, rx: ComplexArray, delay: FloatArray) -> float:
-    """Mean power residual in the cells that a path fills, weighted by the share of the path in them."""
+    """Mean residual power in the cells that a path fills, weighted by the share of the path in them."""
     weights = [np.square(np.abs(part)) for part in (tx, rx, delay)]
     total = np.einsum("m,mnd,n,d->", weights[0], power, weights[1], weights[2], optimize=True)
     return float(total / np.prod([weight.sum() for weight in weights]))
@@ -203,9 +203,9 @@ def _mean_over_cells(power: FloatArray, tx: ComplexArray, rx: ComplexArray, dela
 def _background_along(
     residual: ComplexArray, tx: ComplexArray, rx: ComplexArray, offset_bins: FloatArray
 ) -> float:
-    """Noise power about a path that its direction's matched filter shows, at least 1.
+    """Noise power about a path in the output of its direction's matched filter, at least 1.
 
-    From the median over the delays beside the path: a few other paths there do not count.
+    It is the median over the delays around the path, so a few other paths there do not count.
     """
     beside = (np.abs(offset_bins) > OWN_BINS) & (np.abs(offset_bins) <= AROUND_BINS)
     if beside.sum() < AROUND_BINS:

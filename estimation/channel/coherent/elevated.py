@@ -1,10 +1,9 @@
-"""Paths from above or below the horizon, which horizontal beams of several panels show more than once.
+"""Merge the images of a path from above or below the horizon on several panels of horizontal beams.
 
-Every panel sees a path under the cone angle about its own boresight. A direction of elevation e and azimuth a
-from a boresight lies on the cone of sine sin(a) cos(e), so what two panels show of one path agrees in no
-horizontal direction: a model of horizontal paths needs further ones for other panels. Those have the delay and the
-angle at the far end of the first, and amplitudes that follow from it. Where one path with an elevation explains
-the samples as well as all of them, it takes their place.
+Every panel observes a path at the cone angle about its own boresight. A direction of elevation e and azimuth a
+from a boresight lies on the cone of sine sin(a) cos(e), so no horizontal direction fits two panels: a model of
+horizontal paths needs an image for each panel. The images have the same delay and angle at the far end, and
+dependent amplitudes. If one path with an elevation explains the samples as well as all images, it replaces them.
 """
 
 from __future__ import annotations
@@ -19,18 +18,20 @@ from estimation.channel.model.manifold import Manifold
 from estimation.channel.model.path_model import PathParameters, responses
 from scenes.record import BoolArray, ComplexArray, FloatArray
 
-ELEVATIONS_RAD = np.deg2rad(np.arange(3.0, 75.0, 2.0))  # that are tried
-SAME_PLACE = 0.5  # squared coherence over delay and the angle at the far end, of what may be one path
-OTHER_ANGLE = 0.25  # squared coherence over the angle at this end, below which two are no close pair
-UNLIKE = 0.7  # of the amplitude of a path: difference from what a raised one would leave there, at the most
+ELEVATIONS_RAD = np.deg2rad(np.arange(3.0, 75.0, 2.0))  # candidates
+SAME_PLACE = 0.5  # least squared coherence over delay and far-end angle of the images of a path
+OTHER_ANGLE = 0.25  # squared coherence over the angle at this end, below which two paths are no close pair
+LARGEST_DEVIATION = (
+    0.7  # largest relative difference between an image's amplitude and that of the elevated path
+)
 
 
 def merge_elevated_images(
     reference: Reference, solution: Solution, levels: LevelAtDelay, max_steps: int
 ) -> Solution:
-    """The solution with raised paths in place of several at the horizon each, where they explain as much.
+    """The solution with an elevated path in place of several horizontal ones if it explains the samples as well.
 
-    As much as without the others, but for their levels. Manifolds that hide no elevation leave it as it is.
+    As well means: as much as with the images, minus their levels. Only manifolds that hide elevation change.
     """
     for is_tx, manifold in ((True, reference.sweep.tx), (False, reference.sweep.rx)):
         if not manifold.hides_elevation:
@@ -54,9 +55,9 @@ def merge_elevated_images(
 def _clearest_images(
     reference: Reference, paths: PathParameters, tried: BoolArray, *, is_tx: bool
 ) -> tuple[int, BoolArray, FloatArray] | None:
-    """A path, others (path,) that it would leave if it had the angles (2,) instead; None without any.
+    """A path, the mask (path,) of its images, and its elevated angles (2,); None if there are no images.
 
-    Of all paths at the horizon that were not tried yet, and all elevations, those that explain most power.
+    Of all horizontal paths not tried yet, and all elevations, those that explain most power.
     """
     at = responses(reference.sweep, paths)
     tx, rx, delay = at.tx[:, 0], at.rx[:, 0], at.delay[:, 0]
@@ -77,33 +78,33 @@ def _clearest_images(
         directions = _same_cone(manifold, angles_rad[first])
         change = paths.amplitude[first] * (manifold.response(directions) - own[first])
         seen = paths.amplitude[others] * beside[first, others] / energy[first]
-        for angles, left in zip(directions, change, strict=True):
-            agree, power = _agreeing(own[others], seen, left)
+        for angles, difference in zip(directions, change, strict=True):
+            agree, power = _agreeing(own[others], seen, difference)
             if power > most:
                 most, best = power, (int(first), np.isin(np.arange(len(paths)), others[agree]), angles)
     return best
 
 
 def _agreeing(
-    responses_: ComplexArray, amplitude: ComplexArray, left: ComplexArray
+    responses_: ComplexArray, amplitude: ComplexArray, difference: ComplexArray
 ) -> tuple[BoolArray, float]:
-    """Which paths (path,) of given responses (path, rank) have the amplitudes that something `left` (rank,) shows.
+    """Mask (path,) of the paths (responses: (path, rank)) whose amplitudes fit a vector (rank,), and their power.
 
-    And their power. Paths that have not are taken out, the farthest off first, until all others agree.
+    Paths that do not fit are removed, the worst first, until all others fit.
     """
     agree: BoolArray = np.ones(len(amplitude), bool)
     while agree.any():
-        shown = np.linalg.lstsq(responses_[agree].T, left, rcond=None)[0]
-        unlike = np.abs(shown / amplitude[agree] - 1)
-        if unlike.max() <= UNLIKE:
+        shown = np.linalg.lstsq(responses_[agree].T, difference, rcond=None)[0]
+        deviation = np.abs(shown / amplitude[agree] - 1)
+        if deviation.max() <= LARGEST_DEVIATION:
             break
-        agree[np.flatnonzero(agree)[np.argmax(unlike)]] = False
+        agree[np.flatnonzero(agree)[np.argmax(deviation)]] = False
     power = np.square(np.abs(amplitude[agree] @ responses_[agree])).sum()
     return agree, float(power)
 
 
 def _same_cone(manifold: Manifold, angles_rad: FloatArray) -> FloatArray:
-    """Directions (elevation, 2) above the horizon on the cone about its panel of one (2,) at the horizon."""
+    """Directions (elevation, 2) above the horizon on the cone of a horizontal one (2,) about its panel."""
     boresight = manifold.best_panel_rad(angles_rad[None])[0]
     sine = np.sin(angles_rad[0] - boresight) / np.cos(ELEVATIONS_RAD)
     is_there = np.abs(sine) < 1
@@ -111,7 +112,7 @@ def _same_cone(manifold: Manifold, angles_rad: FloatArray) -> FloatArray:
 
 
 def _with_angles(paths: PathParameters, path: int, angles_rad: FloatArray, *, is_tx: bool) -> PathParameters:
-    """The paths, one of which has other angles (2,) at one end."""
+    """The paths, with one path's angles (2,) at one end replaced."""
     angles = (paths.aod_rad if is_tx else paths.aoa_rad).copy()
     angles[path] = angles_rad
     return replace(paths, aod_rad=angles) if is_tx else replace(paths, aoa_rad=angles)

@@ -1,11 +1,11 @@
-"""How far paths are off by what the model leaves out: neighbours too close to be told apart, unknown elevations.
+"""Errors of paths from an incomplete model: unresolved neighbours, unknown elevations.
 
-A neighbour too weak or too close to be found, of relative amplitude rho and offset d, leaves rho d times the
-derivative of the path's response. Its part in phase with the path shifts the estimate, and no residual shows it.
-Its part in quadrature no shift explains: it stays in the residual. Phases of true paths are independent and
-uniform, so both parts have one distribution: what the derivatives show in quadrature, over what noise alone would
-show, is a measure of the squared error over that of the bound. In noise it is chi-square, of one degree of freedom
-per parameter. It may grow without limit; the error does not: neighbours further away are found.
+An undetected neighbour (too weak or too close) of relative amplitude rho and offset d adds rho d times the
+derivative of the path's response. Its part in phase with the path shifts the estimate and is invisible in the
+residual. No shift explains its part in quadrature: it remains in the residual. Phases of true paths are
+independent and uniform, so both parts have one distribution: the energy of the derivatives in quadrature, over its
+value in noise, measures the squared error over the bound. In noise it is chi-square, with one degree of freedom
+per parameter. It may grow without limit, but the error does not: neighbours further away are detected.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from estimation.channel.model.manifold import CELL
 from estimation.channel.model.path_model import gram, tangents
 from scenes.record import FloatArray, IntArray
 
-LEAST_SEEN = 1e-9  # information on a shift, per that on the amplitude, below which beams do not see it
-UNRESOLVED_CELLS = 0.4  # Rayleigh cells below which two equal paths are taken for one
-BY_NOISE = 1e-3  # probability of more in quadrature, below which noise does not explain a path, or a stop
+LEAST_SEEN = 1e-9  # information on a shift, relative to the amplitude, below which it is unobservable
+UNRESOLVED_CELLS = 0.4  # Rayleigh cells below which two equal paths are not resolved
+BY_NOISE = 1e-3  # least probability of the quadrature that noise explains, for a path or a stop
 
 
 def misfit_factor(reference: Reference, solution: Solution) -> FloatArray:
     """Factor (path,), at least 1, on the covariances of paths at the maximum of the likelihood.
 
-    It is 1 for paths that noise explains in a stop that noise explains. `solution` is at the reference's paths.
+    It is 1 for paths that noise explains, in a stop that noise explains. `solution` is at the reference's paths.
     """
     shown, n_seen = quadrature_statistic(reference, solution)
     is_misfit = shown > chi2.isf(BY_NOISE, np.maximum(1, n_seen))
@@ -36,17 +36,17 @@ def misfit_factor(reference: Reference, solution: Solution) -> FloatArray:
 
 
 def quadrature_statistic(reference: Reference, solution: Solution) -> tuple[FloatArray, IntArray]:
-    """What the residual holds of each path's derivatives in quadrature (path,): chi-square in noise alone.
+    """Energy (path,) of the residual along each path's derivatives in quadrature: chi-square in noise alone.
 
     It is the score test of one more amplitude per parameter, imaginary shifts, against the model of all paths. The
-    second result is the number (path,) of parameters that the beams see, the degrees of freedom.
+    second result is the number (path,) of observable parameters, the degrees of freedom.
     """
     n, n_columns = solution.slope.shape
     amplitude = solution.paths.amplitude
     at = tangents(reference.sweep, solution.paths)
     inner, residual = gram(at, at), reference.residual_products(at)
     energy = np.einsum("papa->pa", inner)[:, 0].real
-    tangent = np.maximum(np.arange(n_columns) - 1, 0)  # behind every column of the normal equations
+    tangent = np.maximum(np.arange(n_columns) - 1, 0)  # of every column of the normal equations
     scale = np.repeat(amplitude[:, None], n_columns, axis=1)
     scale[:, :2] = [1.0, 1.0j]
     inverse = regular_inverse(solution.flat_information)
@@ -65,11 +65,11 @@ def quadrature_statistic(reference: Reference, solution: Solution) -> tuple[Floa
 
 
 def widened(covariance: FloatArray, factor: FloatArray, rate: FloatArray) -> FloatArray:
-    """Covariances (path, parameter, parameter) times factors (path,), as far as misfit can put paths off.
+    """Covariances (path, parameter, parameter) times factors (path,), up to the largest error by misfit.
 
-    A path that stands for itself and a neighbour too close to be parted lies between them: it is off by half their
-    distance at the most. What the factor adds is C' with C'^-1 = ((factor - 1) C)^-1 + B^-1, B the square of that
-    half. `rate` (path, parameter) is the length on the manifold per unit of each parameter.
+    A path that stands for itself and an unresolved neighbour lies between them: its error is at most half their
+    distance. The factor adds C' with C'^-1 = ((factor - 1) C)^-1 + B^-1, B the square of that half. `rate` (path,
+    parameter) is the length on the manifold per unit of each parameter.
     """
     half = UNRESOLVED_CELLS / 2 * CELL / np.maximum(rate, np.finfo(float).tiny ** 0.25)
     scale = half[:, :, None] * half[:, None]

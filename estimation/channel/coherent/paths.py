@@ -1,9 +1,9 @@
 """Coherent maximum likelihood: all paths of a stop jointly, phases known from beam pair to beam pair.
 
-Whitened and compressed without loss, the sweep is searched by matched filter; peaks that side lobes do not explain
-are refined, tested, and fitted jointly with all others, round by round until nothing above the noise is left. The
-idea is that of Newtonised orthogonal matching pursuit (Mamandipoor, Ramasamy and Madhow, 2016), with paths taken
-in batches, false alarms controlled over the continuous field, and the model order decided by likelihood ratios.
+The sweep is whitened, compressed without loss and searched by matched filter. Peaks that side lobes do not explain
+are refined, tested and fitted jointly with all others, round by round until the residual is noise. The idea is
+that of Newtonised orthogonal matching pursuit (Mamandipoor, Ramasamy and Madhow, 2016), with batches of paths,
+false alarms controlled over the continuous field, and the model order decided by likelihood ratios.
 """
 
 from __future__ import annotations
@@ -43,10 +43,10 @@ from scenes.record import FloatArray
 from sim.observation import BeamSweep
 
 MAX_ROUNDS = 30
-ROUND_STEPS = 3  # Levenberg-Marquardt steps of a round: paths not found yet would lead further ones astray
+ROUND_STEPS = 3  # Levenberg-Marquardt steps per round: more are useless while paths are missing
 FINAL_STEPS = 30
-CERTAIN = 1.5  # times the detection level: a peak on the grid that needs no refinement to be tested
-SIDE_LOBE_MARGIN = 1.7  # in amplitude: what a search grid of two points per cell hides of a peak, and more
+CERTAIN = 1.5  # times the detection level, above which a grid peak needs no refined test
+SIDE_LOBE_MARGIN = 1.7  # in amplitude: above the loss of a peak on a search grid of two points per cell
 
 
 def fit_coherent(
@@ -57,14 +57,13 @@ def fit_coherent(
 ) -> PathFit:
     """Paths of one stop by coherent maximum likelihood, with the covariance of each.
 
-    The manifolds are by default those of the sweep's nominal codebooks; others, such as of calibrated arrays, can
-    be given. Zero paths are valid, and so are samples that are all zero: the status says so.
+    The default manifolds are those of the sweep's nominal codebooks; others, such as of calibrated arrays, can be
+    given. Zero paths are valid, and so are samples that are all zero: see the status.
 
     Raises
     ------
     ValueError
-        For a sweep that nothing can be estimated from (no beams, subcarriers or noise power) and samples that are
-        not finite; the message is one line.
+        For a sweep without beams, subcarriers or noise power, and for samples that are not finite; in one line.
     """
     stop = prepare(sweep, config, tx_manifold, rx_manifold)
     if isinstance(stop, PathFit):
@@ -91,7 +90,7 @@ def prepare(
     tx_manifold: Manifold | None,
     rx_manifold: Manifold | None,
 ) -> PreparedStop | PathFit:
-    """The compressed samples of a stop at the delays that may hold paths, or the empty fit where there are none.
+    """The compressed samples of a stop at the delays that may hold paths, or the empty fit if there are none.
 
     Arguments and errors are those of `fit_coherent`.
     """
@@ -113,7 +112,7 @@ def prepare(
 def fit_paths(
     sweep: CompressedSweep, window: DelayWindow, plan: SearchPlan, config: MaximumLikelihoodConfig
 ) -> Solution:
-    """Paths in a compressed sweep: find, fit jointly and prune until no more stand out of what is left."""
+    """Paths in a compressed sweep: find, fit jointly and prune until nothing in the residual exceeds the level."""
     search = SpectrumSearch(sweep, plan.grids, plan.oversampling)
     reference = Reference(sweep, no_paths(sweep))
     solution = solve_at(reference, reference.paths)
@@ -140,7 +139,7 @@ def fit_paths(
 
 
 def _finished(reference: Reference, solution: Solution, window: DelayWindow) -> tuple[Solution, bool]:
-    """The settled solution, with paths above or below the horizon where one explains several; whether so."""
+    """The converged solution after `merge_elevated_images`; whether that changed it."""
     solution = _converged(reference, solution, window)
     above = merge_elevated_images(reference, solution, window.level_at, FINAL_STEPS)
     if above is solution:
@@ -149,7 +148,7 @@ def _finished(reference: Reference, solution: Solution, window: DelayWindow) -> 
 
 
 def _converged(reference: Reference, solution: Solution, window: DelayWindow) -> Solution:
-    """The solution after convergence, without paths that are not needed or cancel each other."""
+    """The solution after convergence, without paths that are redundant or cancel each other."""
     solution = pruned(reference, refine(reference, solution.paths, FINAL_STEPS), window.level_at, FINAL_STEPS)
     apart = without_cancelling_paths(reference, solution, FINAL_STEPS)
     if apart is solution:
@@ -166,7 +165,7 @@ def path_fit(
     paths, n = solution.paths, sweep.n_subcarriers
     delay_bins = (paths.delay_bins + n / 8) % n - n / 8
     delay_s = delay_bins * sweep.bin_s
-    turns = np.round((delay_bins - paths.delay_bins) / n)  # every period turns the middle of the band
+    turns = np.round((delay_bins - paths.delay_bins) / n)  # every period rotates the phase at the band centre
     gain = paths.amplitude * np.sqrt(sweep.noise_scale) * np.where(turns * (n - 1) % 2, -1, 1)
     aod_rad, aod_slopes, tx_factor = reported_angles(tx, paths.aod_rad)
     aoa_rad, aoa_slopes, rx_factor = reported_angles(rx, paths.aoa_rad)
@@ -203,7 +202,7 @@ def _of_reported(covariance: FloatArray, aod_slopes: FloatArray, aoa_slopes: Flo
 def _new_paths(
     search: SpectrumSearch, reference: Reference, window: DelayWindow, room: int
 ) -> PathParameters:
-    """Paths that stand out of what the known ones leave; where the grid leaves doubt, refined and tested."""
+    """Paths in the residual above their level; doubtful grid peaks are refined and tested."""
     if room <= 0:
         return no_paths(search.sweep)
     peaks = search.peaks(reference.parts, SCALLOPING * window.level)
@@ -215,6 +214,6 @@ def _new_paths(
 
 
 def _most_paths(sweep: CompressedSweep) -> int:
-    """Paths that the samples can hold with as many samples left over as parameters."""
+    """Largest number of paths with at least as many samples as parameters."""
     n_parameters = 3 + sweep.tx.n_angles + sweep.rx.n_angles
     return max(1, sweep.samples.size // n_parameters)

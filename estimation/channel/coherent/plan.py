@@ -1,4 +1,4 @@
-"""What a search for paths knows of the beams, made once per pair of codebooks, and the delays it looks at."""
+"""Plan of a search: bases, grids and levels of a pair of codebooks, made once, and the delays to search."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from estimation.channel.model.path_model import no_paths
 from scenes.record import BoolArray, FloatArray, IntArray
 from sim.signal.arrays.codebook import Codebook
 
-SCALLOPING = 0.6  # of a peak's power that the search grid shows, but for 3 % of the peaks
-MARGIN_BINS = 24  # kept beyond the delays searched, for the side lobes of paths at their edges
-TILE_BINS = 448  # delays searched at once where the whole period is
+SCALLOPING = 0.6  # least share of a peak's power on the search grid, for 97 % of the peaks
+MARGIN_BINS = 24  # kept outside the searched delays, for the side lobes of paths at their edges
+TILE_BINS = 448  # delays searched at once in a search of the whole period
 LATE_LEVEL = (
-    12.5  # power of a compressed cell, over the noise, that makes delays outside the window looked at
+    12.5  # power of a compressed cell, over the noise, above which delays outside the window are searched
 )
 LATE_MARGIN_BINS = 12
-NEAR_SHARE = 0.8  # of the false alarms allowed: for the delays where paths are expected
+NEAR_SHARE = 0.8  # of the allowed false alarms, for the delays where paths are expected
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,8 +57,8 @@ class DelayWindow:
 
     Attributes
     ----------
-    position : (bin,) ascending, about the strongest path, and single stretches where later ones may be
-    first, last : bins about the strongest path, where `level` applies; elsewhere it is `late_level`
+    position : (bin,) ascending, around the strongest path, and separate intervals that may hold later paths
+    first, last : bins around the strongest path, where `level` applies; elsewhere it is `late_level`
     """
 
     position: IntArray
@@ -74,7 +74,7 @@ class DelayWindow:
 
 
 class _ByContent:
-    """A codebook as a key: equal where all its arrays are."""
+    """A codebook as a cache key: equal if all its arrays are equal."""
 
     def __init__(self, codebook: Codebook) -> None:
         self.codebook = codebook
@@ -92,7 +92,7 @@ class _ByContent:
 
 
 def nominal_manifold(codebook: Codebook) -> Manifold:
-    """The manifold of a codebook, kept for the next stop of the same device."""
+    """The manifold of a codebook, cached for the next stop of the same device."""
     return _manifold(_ByContent(codebook))
 
 
@@ -105,7 +105,7 @@ def _manifold(key: _ByContent) -> Manifold:
 def search_plan(
     tx: Manifold, rx: Manifold, noise_power_mw: tuple[float, ...], oversampling: float
 ) -> SearchPlan:
-    """The plan for the beams of two devices and the noise power of every RX beam, kept for the next stop."""
+    """The plan for the beams of two devices and the noise power of every RX beam, cached for the next stop."""
     relative = np.asarray(noise_power_mw)
     spans = beam_span(tx), beam_span(rx, relative)
     return SearchPlan(
@@ -120,10 +120,10 @@ def search_plan(
 
 
 def delay_window(cube: DelayCube, plan: SearchPlan, config: MaximumLikelihoodConfig) -> DelayWindow | None:
-    """Delays to keep: those about the strongest path, and later ones where a cell stands out; None without a path.
+    """Delays to keep: those around the strongest path, and later ones near strong cells; None without a path.
 
-    The strongest path must exceed what noise reaches anywhere in the period, where four fifths of the false alarms
-    allowed fall to the delays that are expected. With its delay known, the same share falls to the delays near it.
+    The strongest path must exceed the level of noise anywhere in the period, with four fifths of the allowed false
+    alarms at the expected delays. With its delay known, the same share is used for the delays near it.
     """
     n = cube.n_bins
     cells = _strongest_cells(cube)
@@ -147,7 +147,7 @@ def delay_window(cube: DelayCube, plan: SearchPlan, config: MaximumLikelihoodCon
 
 
 def _levels(plan: SearchPlan, probability: float, n_near: int, n: int) -> tuple[float, float]:
-    """Levels at the `n_near` delay bins that are likely to hold a path, and at the others of the period."""
+    """Levels at the `n_near` delay bins that are likely to hold a path, and at the other bins of the period."""
     return (
         plan.level(NEAR_SHARE * probability, n_near, n),
         plan.level((1 - NEAR_SHARE) * probability, n - n_near, n),
@@ -171,7 +171,7 @@ def _bins(cube: DelayCube, delay_ns: float) -> int:
 
 
 def _signed(delay_bin: int, n: int) -> int:
-    """A bin of the period as a delay: a clock bias brings some below zero, for which its last eighth is kept."""
+    """A bin of the period as a delay: the last eighth is negative, since a clock bias can make delays negative."""
     return delay_bin - n if delay_bin >= n - n // 8 else delay_bin
 
 
@@ -195,7 +195,7 @@ def _may_hold_paths(cells: FloatArray, distance: IntArray, outside: BoolArray) -
 
 
 def _strongest_path(cube: DelayCube, plan: SearchPlan, levels: FloatArray) -> int | None:
-    """Delay bin of the path of the whole period that exceeds its level (bin,) by most; None where none does."""
+    """Delay bin of the path of the whole period that exceeds its level (bin,) by most; None if there is none."""
     n, best, found = cube.n_bins, 0.0, None
     for start in range(0, n, TILE_BINS):
         end = min(n, start + TILE_BINS)

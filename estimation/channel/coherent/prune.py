@@ -1,4 +1,4 @@
-"""Model order: which paths the data do not need, and which hide a second path close by."""
+"""Model order: remove redundant paths, and find hidden second paths close to known ones."""
 
 from __future__ import annotations
 
@@ -25,19 +25,19 @@ from estimation.channel.model.path_model import (
 )
 from scenes.record import BoolArray, ComplexArray, FloatArray
 
-LevelAtDelay = Callable[[FloatArray], FloatArray]  # power over noise power that paths at delays in bins need
+LevelAtDelay = Callable[[FloatArray], FloatArray]  # power over noise power that paths need, at delays in bins
 
-COMPANION_OFFSET = 0.5  # resolution cells from a path where a second one is looked for
+PROBE_OFFSET = 0.5  # resolution cells between a path and the probes for a second one
 LEAST_OWN_SHARE = (
-    0.02  # of a probe's energy that no path known so far can leave: below it, a probe says nothing
+    0.02  # of a probe's energy that known paths cannot explain: below it, a probe is uninformative
 )
 
 
 def wald_statistic(solution: Solution) -> FloatArray:
     """Squared amplitude (path,) of every path over twice its variance when all parameters are unknown.
 
-    In the limit of small amplitudes' errors it is by how much the squared residual grows, in units of the noise
-    power, if the path is left out and all others are fitted again (Wald's test for the likelihood ratio).
+    For small errors of the amplitudes it is the increase of the squared residual, in units of the noise power, if
+    the path is removed and all others are fitted again (Wald's test for the likelihood ratio).
     """
     n = len(solution.paths)
     inverse = regular_inverse(solution.flat_information).reshape(solution.information.shape)
@@ -48,11 +48,10 @@ def wald_statistic(solution: Solution) -> FloatArray:
 
 
 def pruned(reference: Reference, solution: Solution, levels: LevelAtDelay, max_steps: int) -> Solution:
-    """The solution without paths whose likelihood ratio is below their level, others fitted again.
+    """The solution without paths whose likelihood ratio is below their level; the others are fitted again.
 
-    Wald's test names the candidates; the likelihood without them decides, of all that seem needless together or
-    of the weakest alone. Where the two disagree the path was caught in a side maximum: it is put where it explains
-    most.
+    Wald's test selects candidates. The likelihood without them decides, of all redundant ones together or of the
+    weakest alone. If test and likelihood disagree, the path is in a side maximum: it is moved.
     """
     needed: BoolArray = np.zeros(len(solution.paths), bool)
     is_changed = False
@@ -79,12 +78,11 @@ def pruned(reference: Reference, solution: Solution, levels: LevelAtDelay, max_s
 
 
 def redundant_paths(solution: Solution, level: FloatArray) -> BoolArray:
-    """Paths (path,) that the others would make up for in the linearised model, dropped one after another.
+    """Paths (path,) that the others can replace in the linearised model, dropped one after another.
 
-    To drop a path is to put all its columns of the normal equations to zero: what that adds to the squared
-    residual and by how much it moves all others follows from their joint covariance. The path that adds least is
-    dropped, as long as it adds less than its `level` (path,), and the others take its place before the next is
-    looked at.
+    To drop a path is to set all its columns of the normal equations to zero. Their joint covariance gives the
+    increase of the squared residual and the shift of all others. The path of least increase is dropped, as long as
+    it is below its `level` (path,), and the others are shifted before the next is tested.
     """
     n, n_columns = solution.slope.shape
     dropped: BoolArray = np.zeros(n, bool)
@@ -103,13 +101,13 @@ def redundant_paths(solution: Solution, level: FloatArray) -> BoolArray:
         cross = covariance[:, block].copy()
         value -= (cross @ weight[path]).reshape(value.shape)
         covariance -= cross @ np.linalg.solve(own[path], cross.T)
-        covariance[block, block] = np.eye(n_columns)  # settled, and nothing to do with the others
+        covariance[block, block] = np.eye(n_columns)  # fixed, without coupling to the others
 
 
 def _moved(
     reference: Reference, without: Solution, path: PathParameters, max_steps: int, enough: float
 ) -> Solution:
-    """The solution with one more path, where the score test wants it about the place of a `path` taken out."""
+    """The solution with one more path near a removed `path`, at the place of largest score."""
     about = path.joined(without.paths.take(paths_near(reference.sweep, without.paths, path)))
     place = hidden_second_path(Reference(reference.sweep, without.paths), without, 0.0, about)
     if not len(place):
@@ -122,9 +120,8 @@ def hidden_second_path(
 ) -> PathParameters:
     """The likeliest second path next to one of the `reference`, if it explains more than `level`; else none.
 
-    `solution` is at the reference's paths. Probes lie half a resolution cell off every path, or off those `about`
-    which to look, along every axis. What they explain is counted by the score test: of their energy only what no
-    change of the known paths could leave.
+    `solution` is at the reference's paths. Probes are half a resolution cell from every path (or from `about`)
+    along every axis. The score test counts only the energy that no change of the known paths explains.
     """
     about = solution.paths if about is None else about
     if not len(about):
@@ -136,7 +133,7 @@ def hidden_second_path(
     product = reference.residual_products(at)[:, 0]
     energy = response_energies(at)
     cross = _columns(gram(at, known)[:, 0], solution)
-    both = np.stack([cross, -1j * cross], axis=1).real  # probe times 1 and j against every column
+    both = np.stack([cross, -1j * cross], axis=1).real  # probe times 1 and j, with every column
     known_inverse = regular_inverse(solution.flat_information)
     both_known = both.reshape(2 * len(probes), len(known_inverse)) @ known_inverse
     explained_by_known = both_known.reshape(both.shape) @ both.swapaxes(1, 2)
@@ -155,14 +152,14 @@ def hidden_second_path(
 
 
 def _probes(reference: Reference, paths: PathParameters) -> PathParameters:
-    """Paths half a resolution cell to either side of every path, along delay and every angle it has."""
+    """Paths half a resolution cell to either side of every path, along delay and every angle."""
     rate = manifold_rates(reference.sweep, paths)
     probes = paths.take(slice(0, 0))
     for axis in range(rate.shape[1]):
         seen = rate[:, axis] > 1e-3 * CELL
         for sign in (-1, 1):
             step = np.zeros((int(seen.sum()), rate.shape[1]))
-            step[:, axis] = sign * COMPANION_OFFSET * CELL / rate[seen, axis]
+            step[:, axis] = sign * PROBE_OFFSET * CELL / rate[seen, axis]
             probes = probes.joined(paths.take(seen).moved(step))
     return probes
 

@@ -1,4 +1,4 @@
-"""Search for paths: a matched-filter spectrum over delay and angles, its peaks, and which are no side lobes."""
+"""Search for paths: a matched-filter spectrum over delay and angles, its peaks, and the removal of side lobes."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from estimation.channel.model.manifold import Manifold
 from estimation.channel.model.path_model import PathParameters, no_paths, response_energies, responses
 from scenes.record import BoolArray, ComplexArray, FloatArray, IntArray
 
-NEIGHBOUR_COHERENCE = 0.5  # of directions about half a resolution cell apart: next to each other on the grid
+NEIGHBOUR_COHERENCE = 0.5  # of directions about half a resolution cell apart: grid neighbours
 CLOSE_BINS = 1.5
-FILTER_REACH_BINS = 24  # of the response between two bins that is summed: all but 0.8 % of its energy
+FILTER_REACH_BINS = 24  # of the response between two bins that is summed: 99.2 % of its energy
 BINS_AT_ONCE = 64
 CELLS_AT_ONCE = 1 << 17  # spectrum cells held at a time
 
@@ -28,10 +28,10 @@ class DirectionGrid:
     Attributes
     ----------
     angle_rad : (direction, angle)
-    matched : (direction, rank) conjugate responses of unit norm, single precision, real where the responses are
-    neighbour : (direction, place) directions next to each, padded with the direction itself
-    envelope : (direction, direction) most that a path near the second direction can leave around the first
-    close : (direction, direction) whether two are within some one and a half resolution cells
+    matched : (direction, rank) conjugate responses of unit norm, single precision, real if the responses are
+    neighbour : (direction, place) neighbouring directions, padded with the direction itself
+    envelope : (direction, direction) largest side lobe around the first direction of a path near the second
+    close : (direction, direction) whether two are within about one and a half resolution cells
     """
 
     angle_rad: FloatArray
@@ -59,7 +59,7 @@ class SpectrumPeaks:
 
 
 def direction_grid(manifold: Manifold, oversampling: float) -> DirectionGrid:
-    """Grid over all directions that the beams see, `oversampling` per resolution cell."""
+    """Grid over all directions that the beams cover, `oversampling` per resolution cell."""
     angles = manifold.grid(oversampling)
     response = manifold.response(angles)
     unit = response / np.linalg.norm(response, axis=1, keepdims=True)
@@ -77,7 +77,7 @@ def direction_grid(manifold: Manifold, oversampling: float) -> DirectionGrid:
 
 
 class SpectrumSearch:
-    """The search of one compressed sweep: matched-filter spectra of its samples or of what is left of them."""
+    """The search of one compressed sweep: matched-filter spectra of its samples or of residuals."""
 
     def __init__(
         self, sweep: CompressedSweep, grids: tuple[DirectionGrid, DirectionGrid], oversampling: int
@@ -85,15 +85,15 @@ class SpectrumSearch:
         self.sweep, self.grids = sweep, grids
         parts = np.arange(oversampling) / oversampling
         self._delay_bins = (sweep.position[:, None] + parts).ravel()
-        # At whole bins the response is a single bin, so only the delays in between take a product.
+        # At whole bins the response is a single bin, so only the delays in between need a product.
         apart, weight = (sweep.position - sweep.position[0]).tobytes(), sweep.weight.tobytes()
         self._between = [_matched_delays(apart, weight, part, sweep.n_subcarriers) for part in parts[1:]]
 
     def peaks(self, parts: FloatArray, level: float) -> SpectrumPeaks:
         """Local maxima above `level` of the spectrum of samples given as parts (part, tx_rank, rx_rank, bin).
 
-        The spectrum is the power that a path of each delay and pair of directions would have, in units of the
-        noise. It is made for a few delays at a time.
+        The spectrum is the power of a path at each delay and pair of directions, in units of the noise. It is
+        computed for a few delays at a time.
         """
         tx, rx = self.grids
         fine, n_delays = self._delay_filtered(parts), len(self._delay_bins)
@@ -114,7 +114,7 @@ class SpectrumSearch:
         return peaks.take(np.argsort(-np.abs(peaks.value), kind="stable"))
 
     def paths(self, peaks: SpectrumPeaks) -> PathParameters:
-        """Paths at the grid points of peaks, with the amplitudes that match them there."""
+        """Paths at the grid points of peaks, with the matched amplitudes there."""
         tx, rx = self.grids
         if not len(peaks):
             return no_paths(self.sweep)
@@ -142,10 +142,10 @@ class SpectrumSearch:
 def without_side_lobes(
     peaks: SpectrumPeaks, grids: tuple[DirectionGrid, DirectionGrid], margin: float, at_most: int
 ) -> SpectrumPeaks:
-    """Peaks, from the strongest down, that rise above `margin` times all side lobes of those kept before.
+    """Peaks, from the strongest down, that exceed `margin` times all side lobes of the peaks kept before.
 
     Side lobes of several paths are added in amplitude, as if they were in phase. Of peaks close to each other on
-    all axes only the strongest is kept: what an ill-placed path leaves has two.
+    all axes only the strongest is kept: the residual of a misplaced path has two.
     """
     tx, rx = grids
     amplitude, explained = np.abs(peaks.value), np.zeros(len(peaks))
@@ -171,10 +171,9 @@ def _at_horizon(angles_rad: FloatArray, manifold: Manifold) -> FloatArray:
 
 @lru_cache(maxsize=16)
 def _matched_delays(apart: bytes, weight: bytes, part: float, n_subcarriers: int) -> FloatArray:
-    """Responses of unit norm (bin, delay), single precision, to the delays `part` of a bin beyond every bin.
+    """Responses of unit norm (bin, delay), single precision, to the delays `part` of a bin after every bin.
 
-    Only distances count, so the table is made once for all stops with equally spaced bins of equal weights; both
-    are given by their bytes.
+    Only distances count, so one table serves all stops with equally spaced bins of equal weights; both are bytes.
     """
     position = np.frombuffer(apart, int)
     response = dirichlet(position, position + part, n_subcarriers)[:, 0] * np.frombuffer(weight)
@@ -203,7 +202,7 @@ def _times(matched: ComplexArray | FloatArray, parts: FloatArray) -> FloatArray:
 def _local_maxima(
     power: FloatArray, tx_neighbour: IntArray, rx_neighbour: IntArray, level: np.float32
 ) -> IntArray:
-    """Cells (peak, 3) of power (tx, rx, delay) above `level` that no neighbour exceeds; equal ones: the first."""
+    """Cells (peak, 3) of power (tx, rx, delay) over `level` that no neighbour exceeds; of equal ones the first."""
     n_tx, n_rx, n_delays = power.shape
     cells = []
     for i in range(n_tx):

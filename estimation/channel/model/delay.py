@@ -73,8 +73,8 @@ def delay_power(sweep: BeamSweep) -> DelayPower:
 def match_delay(power: DelayPower, tx_beam: int, rx_beam: int, delay: int) -> tuple[float, float]:
     """Offset in bins of a peak from its delay bin, and its misfit to the window's response.
 
-    The offset is the vertex of a parabola through the log power of three bins, nearly exact for a Hann window. The
-    misfit is the mean square difference in amplitude over the main lobe, relative to the peak (noise, other paths).
+    The offset is the vertex of a parabola through the log power of three bins, nearly exact for a Hann window.
+    The misfit is the mean square difference in amplitude over the main lobe, relative to the peak.
     """
     reach = np.arange(-2 * OVERSAMPLING + 1, 2 * OVERSAMPLING)
     profile = power.snr[tx_beam, rx_beam, (delay + reach) % power.snr.shape[2]].astype(float)

@@ -113,9 +113,8 @@ class Manifold:
     def with_hidden_elevation(self) -> Self:
         """The manifold over azimuth and elevation for horizontal beams on several upright panels; else itself.
 
-        One panel observes only the cone angle of a path about its boresight. Two panels observe two cone angles,
-        and so the elevation up to its sign. The effect of elevation on the rows, equal for all beams, is part of
-        the gain.
+        One panel observes only the cone angle of a path about its boresight. Two panels observe two,
+        and so the elevation up to its sign. Its effect on the rows, equal for all beams, is part of the gain.
         """
         several = len({panel.azimuth_rad for panel in self._panels}) > 1
         if self.n_angles == 2 or not several or any(panel.tilt_rad for panel in self._panels):
