@@ -43,7 +43,7 @@ from scenes.record import FloatArray
 from sim.observation import BeamSweep
 
 MAX_ROUNDS = 30
-ROUND_STEPS = 3  # Levenberg-Marquardt steps per round: more are useless while paths are missing
+ROUND_STEPS = 3  # Levenberg-Marquardt steps per round: undetected paths would bias further steps
 FINAL_STEPS = 30
 CERTAIN = 1.5  # times the detection level, above which a grid peak needs no refined test
 SIDE_LOBE_MARGIN = 1.7  # in amplitude: above the loss of a peak on a search grid of two points per cell

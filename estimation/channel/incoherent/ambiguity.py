@@ -1,10 +1,10 @@
-"""Directions that the magnitudes of the beams do not tell apart.
+"""Ambiguous directions: directions that the magnitudes of the beams do not distinguish.
 
-Without phases between beam pairs a path shows only how strong every beam is. Beams at few elevations are about as
-strong a little above as a little below their peak, so two directions, of different azimuths even, explain the same
-magnitudes. Such modes are sought along the elevation, fitted, and weighed by their likelihood, tempered by what
-the models of beams can be wrong by, and by their power, paths of which are as rare as they are strong; the
-covariance of the path then spans them all.
+Without phases between beam pairs a path shows only the strength of every beam. Beams at few elevations are nearly
+as strong a little above as a little below their peak, so two directions, even of different azimuths, explain the
+same magnitudes: the likelihood has several modes. The modes are searched along the elevation, fitted, and weighted
+by their likelihood, tempered by the errors of beam models, and by the prior of their power (strong paths are
+rare). The covariance of the path then spans all modes.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from estimation.channel.model.crb import path_covariance
 from scenes.pose import wrap_angle
 from scenes.record import FloatArray
 
-LEVEL_STEP_RAD = np.deg2rad(1.0)  # between the elevations that are looked through,
-REACH_CELLS = 2.0  # of azimuth to either side of the path's own,
+LEVEL_STEP_RAD = np.deg2rad(1.0)  # between the searched elevations
+REACH_CELLS = 2.0  # of azimuth to either side of the path's own
 SCAN_PER_CELL = 16.0  # azimuths per Rayleigh cell
-LEAST_LOG_WEIGHT = -5.0  # below the best, from which on a direction is no mode
-MODEL_ERROR = 3e-3  # share of a path's power that no model of beams and columns is trusted to hold
-APART = 3.0  # standard deviations from which on two maxima are two
+LEAST_LOG_WEIGHT = -5.0  # relative to the best mode, below which a mode does not count
+MODEL_ERROR = 3e-3  # share of a path's power that beam models do not explain
+APART = 3.0  # least distance of two modes in standard deviations
 
 
 def resolve_ambiguous_directions(
@@ -37,8 +37,8 @@ def resolve_ambiguous_directions(
     """Paths (path, parameter) at their likeliest modes over direction, the likelihood there, and the spread.
 
     The spread (path, place, place) of delay in bins and angles in rad is the second moment of the modes about the
-    likeliest one; zero where there is none. A mode is that of one path alone, or of all that have one together:
-    paths in the same beam pairs share those pairs' phases.
+    likeliest one; zero with one mode. A further mode is that of one path alone, or of all ambiguous paths
+    together: paths in the same beam pairs share those pairs' phases.
     """
     n, n_places = len(paths), paths.shape[1] - 2
     spread = np.zeros((n, n_places, n_places))
@@ -90,7 +90,7 @@ def _modes(
 
 
 def _weights(places: FloatArray, values: FloatArray, temper: float) -> tuple[FloatArray, int]:
-    """Weights (mode,) that add up to one, and the index of the heaviest but the first, 0 where there is none."""
+    """Weights (mode,) that add up to one, and the index of the heaviest except the first, 0 if there is none."""
     log_weight = values / temper - 2 * places[:, -2]
     weight = np.exp(log_weight - log_weight.max())
     weight[weight < np.exp(LEAST_LOG_WEIGHT)] = 0.0
@@ -99,7 +99,7 @@ def _weights(places: FloatArray, values: FloatArray, temper: float) -> tuple[Flo
 
 
 def _starts(ends: LinkBeams, path: FloatArray) -> FloatArray:
-    """Paths (mode, parameter) like one path, at further peaks over elevation of the likeness of magnitudes."""
+    """Paths (mode, parameter) like one path, at further peaks over elevation of the similarity of magnitudes."""
     starts = [np.zeros((0, len(path)))]
     cells = ends.cells(path[None])[0]
     for manifold, noise_mw, first in (
@@ -128,7 +128,7 @@ def _starts(ends: LinkBeams, path: FloatArray) -> FloatArray:
 
 
 def _offset(paths: FloatArray, reference: FloatArray) -> FloatArray:
-    """Parameters of paths (mode, parameter) less those of another, angles on the circle."""
+    """Parameters of paths (mode, parameter) minus those of another, angles on the circle."""
     offset = paths - reference
     offset[:, 1:-2] = wrap_angle(offset[:, 1:-2])
     return np.asarray(offset)

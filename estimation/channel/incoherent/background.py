@@ -1,9 +1,9 @@
-"""Noise that weak paths by the thousand make beside the found ones, as a path of the incoherent search meets it.
+"""Noise from thousands of weak paths, as it affects a path of the incoherent search.
 
-Dense diffuse multipath differs from delay to delay and from direction to direction. A path meets what lies in the
-beam pairs that it lights, at the delays around it: the power that the found paths leave there, weighted by the
-path's own share of every pair, counts as its noise (the local noise estimate of a constant false-alarm rate
-detector; the greater one of both sides, since diffuse power sets in at once with the first path; Hansen 1973).
+Dense diffuse multipath differs over delay and direction. It affects a path in the beam pairs that the path
+illuminates, at the delays around it: the residual power there, weighted by the path's share of every pair, counts
+as its noise (the local noise estimate of a constant false-alarm rate detector; the greater one of both sides,
+since diffuse power starts at once with the first path; Hansen 1973).
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from estimation.channel.incoherent.likelihood import LinkBeams
 from estimation.channel.incoherent.spectrum import delay_waves
 from scenes.record import ComplexArray, FloatArray, IntArray
 
-AROUND_BINS = 12  # to either side of a path, where its background is read
-OWN_BINS = 2  # to either side, that the path itself fills
-NOTABLE = 1.5  # background that a path is held against: below it lies what noise alone shows
-UNEXPLAINED = 3.0  # mean power residual in a path's own cells, from which it is more than noise
+AROUND_BINS = 12  # to either side of a path, for its background
+OWN_BINS = 2  # to either side, filled by the path itself
+NOTABLE = 1.5  # least background that counts: noise alone stays below
+UNEXPLAINED = 3.0  # mean residual power in a path's own cells, above which it is more than noise
 
 
 @dataclass(frozen=True)
 class Background:
-    """Power over the noise (pair, bin) that the found paths leave of all beam pairs at the delay `bins`."""
+    """Residual power over the noise (pair, bin) of the found paths, for all beam pairs at the delay `bins`."""
 
     power: FloatArray
     bins: IntArray
@@ -32,11 +32,11 @@ class Background:
 
     @classmethod
     def of(cls, residual: ComplexArray, bins: IntArray, n_bins: int) -> Background:
-        """The background in samples (pair, bin) of unit noise that are residual."""
+        """The background in residual samples (pair, bin) of unit noise."""
         return cls(np.square(residual.real) + np.square(residual.imag), bins, n_bins)
 
     def noise_factor(self, ends: LinkBeams, paths: FloatArray) -> FloatArray:
-        """Noise power (path,) that paths (path, parameter) meet, over that of the receiver; 1 below `NOTABLE`."""
+        """Noise power (path,) that affects paths (path, parameter) over receiver noise; 1 below `NOTABLE`."""
         profile, n_pairs = self._profile(ends, paths)
         distance = self.bins - paths[:, :1]
         beside = (np.abs(distance) > OWN_BINS) & (np.abs(distance) <= AROUND_BINS)
@@ -46,8 +46,8 @@ class Background:
             level = max(
                 (float(np.median(side)) for side in sides if len(side) > AROUND_BINS / 2), default=1.0
             )
-            # The median of the mean of n unit exponentials (Wilson and Hilferty 1931), and by how much the greater
-            # of two sample medians lies above it.
+            # The median of the mean of n unit exponentials (Wilson and Hilferty 1931), and the excess of the
+            # greater of two sample medians over it.
             n = n_pairs[path]
             factor[path] = level / (
                 (1 - 1 / (9 * n)) ** 3 * (1 + np.sqrt(0.5 / (n * (AROUND_BINS - OWN_BINS))))
@@ -55,14 +55,14 @@ class Background:
         return np.where(factor > NOTABLE, factor, 1.0)
 
     def covariance_factor(self, ends: LinkBeams, paths: FloatArray) -> FloatArray:
-        """Factor (path,) on the covariances of paths: their noise, or what even the paths' own cells hold."""
+        """Factor (path,) on the covariances of paths: their noise, or the residual in their own cells."""
         profile, _ = self._profile(ends, paths)
         waves, _ = delay_waves(self.bins, paths[:, 0], self.n_bins)
         own = np.einsum("ik,ki->i", profile, waves**2) / self.n_bins
         return np.maximum(self.noise_factor(ends, paths), np.where(own > UNEXPLAINED, own, 1.0))
 
     def _profile(self, ends: LinkBeams, paths: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Power over delay (path, bin) that each path meets, and the number of pairs (path,) it is a mean of."""
+        """Power over delay (path, bin) that affects each path, and the number of pairs (path,) in this mean."""
         share = np.square(np.abs(ends.amplitudes(paths))).T
         share = share / np.maximum(share.sum(axis=1, keepdims=True), 1e-300)
         n_pairs = 1 / np.maximum(np.square(share).sum(axis=1), 1e-300)

@@ -1,4 +1,4 @@
-"""Compiled loops of the phase-incoherent method: over the cube, the delays and the search grid."""
+"""Compiled loops of the phase-incoherent method over the cube, the delays and the search grid."""
 
 from __future__ import annotations
 
@@ -17,9 +17,8 @@ def cell_amplitudes(
 ) -> None:  # pragma: no cover
     """Amplitudes over the noise at delay bins and half way to the next, minus the mean of noise alone.
 
-    `value` (tx_beam, rx_beam, n + 1) holds one more bin than `out` (tx_beam, rx_beam, 2, n); `scale` (rx_beam,)
-    is 1 over the noise amplitude. A path half way between bins is equally strong in both, and of the same phase
-    but for the `sign`, +1 or -1.
+    `value` (tx_beam, rx_beam, n + 1) holds one more bin than `out` (tx_beam, rx_beam, 2, n); `scale` (rx_beam,) is 1 over the noise amplitude. A path half way between bins is equally strong in both, with phases equal up
+    to `sign`, +1 or -1.
     """
     mean = np.float32(math.sqrt(math.pi) / 2)
     half = np.float32(math.sqrt(0.5))
@@ -42,7 +41,7 @@ def cell_amplitudes(
 def waves_and_slopes(
     bins: IntArray, delay_bins: FloatArray, n_bins: int
 ) -> tuple[FloatArray, FloatArray]:  # pragma: no cover
-    """`delay_waves` of `incoherent_spectrum`: sin and cos of pi (n - x) / K come from those of n and of x."""
+    """`delay_waves` of `spectrum.py`: sin and cos of pi (n - x) / K are computed from those of n and of x."""
     root, step = math.sqrt(n_bins), math.pi / n_bins
     curvature = math.pi**2 / 3 * (1 - 1 / n_bins**2)  # of the wave at its peak
     value, slope = np.empty((len(bins), len(delay_bins))), np.empty((len(bins), len(delay_bins)))
@@ -78,10 +77,10 @@ def candidate_ratios(
 
     tx, rx : (candidate, beam) responses of unit norm
     matched : (pair, candidate) samples matched to the candidates' delays
-    phasor : (pair,) phase of every pair as far as it is known; raised by every candidate that tells more
-    factors : amplitudes that are tried, relative to the mean over the pairs
+    phasor : (pair,) phase of every pair as far as it is known; updated by every candidate that is more informative
+    factors : trial amplitudes, relative to the mean over the pairs
     weakest : share of the strongest pair's power below which pairs are left out
-    phase_known : |mu^H y| from which on a pair's phase is known
+    phase_known : |mu^H y| above which a pair's phase is known
     """
     n, n_rx = len(tx), rx.shape[1]
     amplitude, phase, ratio = np.zeros(n), np.zeros(n), np.zeros(n)

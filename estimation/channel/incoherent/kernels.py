@@ -1,4 +1,4 @@
-"""Compiled loops of the phase-incoherent method: the marginal likelihood of paths."""
+"""Compiled loops of the phase-incoherent method for the marginal likelihood of paths."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def _weigh(
 ) -> None:  # pragma: no cover
     """Derivatives of one pair's signal by the parameters of every path, and their products with the signal.
 
-    Filled in are `weight` and `along` (path, parameter); `sent`, `tx` and `rx` are those of the pair, see
+    Writes to `weight` and `along` (path, parameter); `sent`, `tx` and `rx` are those of the pair, see
     `pair_scores`.
     """
     n_paths, n_tx, n_rx = tx.shape[0], tx.shape[1] - 1, rx.shape[1] - 1
@@ -199,7 +199,7 @@ def likelihoods_without(
     energy: FloatArray,
     chosen: IntArray,
 ) -> FloatArray:  # pragma: no cover
-    """Marginal log-likelihood (chosen,) of all paths but one, as `pair_scores` sums it over the pairs.
+    """Marginal log-likelihood (chosen,) of all paths but one, summed over the pairs as in `pair_scores`.
 
     `matched`, `sent` and `amplitude` (path, pair) are products with the waves; `energy` (path,) is that of a wave.
     """
@@ -216,7 +216,7 @@ def likelihoods_without(
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def fill_lower_blocks(information: FloatArray, size: int) -> None:  # pragma: no cover
-    """Fill the lower blocks of a symmetric matrix of which `pair_scores` has made the upper ones."""
+    """Fill the lower blocks of a symmetric matrix whose upper ones `pair_scores` has computed."""
     for i in range(information.shape[0]):
         for j in range((i // size + 1) * size, information.shape[1]):
             information[j, i] = information[i, j]

@@ -1,8 +1,8 @@
-"""Maximum likelihood with known beam patterns when every beam pair has a phase of its own.
+"""Maximum likelihood with known beam patterns when every beam pair has an unknown phase.
 
-Real sweeps lose the phase between beam pairs to phase noise and frequency offsets. Within a pair it holds
-over all subcarriers, so delays are as sharp as ever; directions follow from the amplitudes over the pairs,
-which cost an isolated path almost nothing. Compare SAGE with a random phase per scan direction, arXiv
+Real sweeps lose the phase between beam pairs to phase noise and frequency offsets. Within a pair it is coherent
+over all subcarriers, so delays are as accurate as with phases; directions follow from the amplitudes over the
+pairs, at almost no loss for an isolated path. Compare SAGE with a random phase per scan direction, arXiv
 2212.11756; here the phases are marginalised, not estimated.
 """
 
@@ -31,10 +31,10 @@ from sim.observation import BeamSweep
 
 @dataclass(frozen=True)
 class IncoherentFit(PathFit):
-    """Paths, and the phases that the beam pairs had beside them.
+    """Paths, and the phases of the beam pairs.
 
-    The phases of paths that share no beam pair are arbitrary among each other, hence NaN; a pair's phase is
-    relative to that of the path which is strongest in it.
+    Phases between paths that share no beam pair are unobservable, hence NaN; that of a pair is relative
+    to its strongest path.
     """
 
     is_ambiguous: BoolArray = array(
@@ -45,14 +45,16 @@ class IncoherentFit(PathFit):
         "tx_beam", "rx_beam", doc="energy of the paths in a pair over its noise, 0 without any path"
     )
     pair_residual: FloatArray = array(
-        "tx_beam", "rx_beam", doc="energy beside the paths at their delays over that of noise, at least 0"
+        "tx_beam",
+        "rx_beam",
+        doc="residual energy at the paths' delays minus that of noise, over the noise, at least 0",
     )
     pair_path: IntArray = array("tx_beam", "rx_beam", dtype=int, doc="strongest path in a pair, -1 none")
-    log_likelihood_ratio: float = array(doc="of the paths to noise alone")
+    log_likelihood_ratio: float = array(doc="ratio of the paths to noise alone")
 
     @property
     def caveat(self) -> str:
-        """What the covariances alone would hide; empty where there is nothing."""
+        """What the covariances alone do not show; empty if there is nothing."""
         n = int(self.is_ambiguous.sum())
         return f"{n} of {len(self)} paths fit several directions equally by magnitudes alone" if n else ""
 
@@ -65,21 +67,20 @@ def fit_incoherent(
 ) -> IncoherentFit:
     """Paths of one stop by maximum likelihood with one unknown phase per beam pair.
 
-    Paths are proposed where amplitudes rise together over the beam pairs, fitted jointly with all others, and
-    kept where the likelihood ratio exceeds what noise alone reaches with the configured probability; again on
-    what is residual, until nothing is.
+    Candidates are where amplitudes over many beam pairs rise together. They are fitted jointly with all other
+    paths, and kept if the likelihood ratio exceeds what noise alone reaches with the configured probability; then
+    again on the residual, until no path is added.
 
     Parameters
     ----------
     sweep : the samples of one stop
     config : settings, the defaults if left out
-    tx_manifold, rx_manifold : in place of those of the nominal codebooks, such as of calibrated arrays
+    tx_manifold, rx_manifold : replace those of the nominal codebooks, such as by those of calibrated arrays
 
     Raises
     ------
     ValueError
-        For a sweep that nothing can be estimated from (no beams, subcarriers or noise power) and samples that
-        are not finite; the message is one line.
+        For a sweep without beams, subcarriers or noise power, and for samples that are not finite; in one line.
     """
     config = config or MaximumLikelihoodConfig()
     check_sweep(sweep)
@@ -104,7 +105,7 @@ def _assemble(sweep: BeamSweep, search: IncoherentSearch, paths: FloatArray, at:
     ends, spectrum = search.ends, search.spectrum
     paths, at, spread = resolve_ambiguous_directions(search.local, ends, paths, at)
     n, size = paths.shape
-    # A clock bias can bring the first path below zero: the last eighth of the period counts as negative.
+    # A clock bias can make the first delay negative: the last eighth of the period counts as negative.
     delay_bins = (paths[:, 0] + spectrum.n_bins / 8) % spectrum.n_bins - spectrum.n_bins / 8
     order = np.argsort(delay_bins, kind="stable")
     information = at.information.reshape(n, size, n, size)[order][:, :, order]

@@ -9,7 +9,9 @@ from estimation.channel.incoherent.likelihood import LinkBeams
 from estimation.channel.incoherent.screen import Candidates, Screen
 from scenes.record import ComplexArray, FloatArray
 
-_AMPLITUDES = np.geomspace(0.5, 1.5, 6)  # tried for a candidate, relative to its mean over the pairs
+_AMPLITUDES = np.geomspace(
+    0.5, 1.5, 6
+)  # trial amplitudes of a candidate, relative to its mean over the pairs
 _PHASE_KNOWN = 0.5  # |mu^H y| above which a pair's phase is known: I1(2x) / I0(2x) is near x / (x + 1/2)
 _WEAKEST = 1e-3  # share of the strongest pair's SNR below which pairs are left out
 
@@ -29,8 +31,8 @@ def starting_points(
     matched
         (pair, candidate) samples matched to the candidate's delay, of unit noise power, known paths removed.
     phasor
-        (pair,) phase of every pair as far as the known paths tell, 0 where they do not; where they or earlier
-        candidates do, a candidate is matched in phase as well, and the larger ratio counts.
+        (pair,) phase of every pair if known paths determine it, else 0. If known paths or earlier candidates
+        determine it, a candidate is matched in phase as well, and the larger ratio counts.
     """
     tx_angles, rx_angles = (
         screen.tx_angles[candidates.tx_direction],

@@ -1,8 +1,8 @@
-"""Where paths may be: delays and directions at which amplitudes, phases apart, rise together over the beam pairs.
+"""Candidates for paths: delays and directions at which the amplitudes of many beam pairs rise together.
 
-The sum over beam pairs of amplitudes |r| with the weights |G_TX| |G_RX| is what the likelihood ratio becomes
-for strong pairs (log I0(x) ~ x), is separable over the two ends, hence two matrix products, and is Gaussian
-to a good approximation for noise alone. It only proposes; the likelihood decides.
+The sum over beam pairs of amplitudes |r| with the weights |G_TX| |G_RX| is the limit of the likelihood ratio for
+strong pairs (log I0(x) ~ x). It is separable over the two ends, hence two matrix products, and nearly Gaussian for
+noise alone. It only proposes; the likelihood decides.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from scenes.record import ComplexArray, FloatArray, IntArray, Record, array
 
 _NOISE_STD = np.sqrt(1 - np.pi / 4)  # of the amplitude of unit noise
 _DELAYS_AT_ONCE = 128
-_HIDDEN = 0.4  # of a candidate's level: what others of its delay but of other directions may have
-_SIDE_LOBE_MARGIN = 1.6  # by which a candidate must exceed what stronger ones can leave in its place
+_HIDDEN = 0.4  # of a candidate's level: allowed for candidates of its delay in other directions
+_SIDE_LOBE_MARGIN = 1.6  # by which a candidate must exceed the side lobes of stronger ones
 
 
 @dataclass(frozen=True)
 class Candidates(Record):
-    """Places that a path may have, strongest first."""
+    """Candidate places of paths, strongest first."""
 
     delay_bins: FloatArray = array("candidate", doc="delay in bins")
     tx_direction: IntArray = array("candidate", dtype=int, doc="index of the direction of departure")
@@ -59,10 +59,9 @@ class Screen:
         )
 
     def levels(self, value: ComplexArray, noise_mw: FloatArray, sign: float) -> tuple[FloatArray, IntArray]:
-        """Highest level over directions, and where, (delay,) each, at bins and half way to the next in turn.
+        """Highest level over directions, and its place, (delay,) each, at bins and half way to the next in turn.
 
-        `value` is (tx_beam, rx_beam, bin), one bin more than are searched; its noise power is `noise_mw`
-        (rx_beam,).
+        `value` is (tx_beam, rx_beam, bin), one bin more than are searched; `noise_mw` (rx_beam,) its noise.
         """
         n_tx, n_rx, n = value.shape
         amplitude = np.empty((n_tx, n_rx, 2, n - 1), np.float32)
@@ -78,7 +77,7 @@ class Screen:
             value = spectrum.value[:, :, first : first + _DELAYS_AT_ONCE + 1]
             if first + _DELAYS_AT_ONCE >= spectrum.n_bins:  # the last bin's neighbour is the first
                 value = np.concatenate([value, spectrum.value[:, :, :1]], axis=2)
-            # Referred to the first subcarrier, the phase of a path turns by nearly half a turn from bin to bin.
+            # Relative to the first subcarrier, the phase of a path changes by nearly pi from bin to bin.
             parts.append(self.levels(value, spectrum.noise_mw, -1.0))
         level, place = zip(*parts, strict=True)
         return np.concatenate(level), np.concatenate(place)
@@ -86,10 +85,10 @@ class Screen:
     def candidates(
         self, level: FloatArray, place: IntArray, delay_bins: FloatArray, lowest: float, most: int
     ) -> Candidates:
-        """Peaks over delay that are no side lobes of stronger ones, strongest first, at most so many.
+        """Peaks over delay that are no side lobes of stronger ones, strongest first, up to a largest number.
 
-        `level` and `place` are those of `levels`; `delay_bins` (delay,) may have gaps. Peaks below `lowest`
-        are none.
+        `level` and `place` are those of `levels`; `delay_bins` (delay,) may have gaps. Peaks below `lowest` are
+        ignored.
         """
         before, after = np.roll(level, 1), np.roll(level, -1)
         peak = np.flatnonzero((level >= lowest) & (level >= before) & (level > after))

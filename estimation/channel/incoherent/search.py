@@ -1,4 +1,4 @@
-"""From candidates to paths: joint fits, tests, and a look at what is residual, until nothing is."""
+"""From candidates to paths: joint fits, tests, and a search of the residual, until no path is added."""
 
 from __future__ import annotations
 
@@ -26,25 +26,25 @@ from estimation.channel.incoherent.threshold import DetectionLevels
 from estimation.channel.model.crb import path_covariance
 from scenes.record import ComplexArray, FloatArray, IntArray
 
-_LIT = 0.02  # SNR of a beam pair from which on it takes part in a fit
+_LIT = 0.02  # least SNR of a beam pair that takes part in a fit
 _ROUNDS = 30
-_ROUND_STEPS = 6  # of the fit of many paths: others not found yet would lead them astray,
-_PATH_STEPS = 400  # over the number of paths, where that is more
-_REFIT_STEPS = 2  # of one after it, without the paths that were not needed
-_COUPLED = 0.03  # correlation from which on another path can take over what one leaves
-_REBUILDS = 6  # of the compressed samples while delays leave their reach
-_VISIBLE = 0.9  # level of a path at the threshold over the root of its likelihood ratio, at the least
-_PROMISING = 0.55  # of the threshold: likelihood ratio on the grid from which on a candidate is fitted
-_SURE = 1.5  # of the threshold: from which on it is taken into the joint fit at once,
-_NEARLY = 0.7  # and below that, if it comes this near when it is fitted alone
-_ALONE_BINS = 12  # of delay to either side for that
-_SAFE = 4.0  # of the threshold: Wald statistic from which on no likelihood ratio is computed
-_SAME_CELLS = 0.8  # a candidate this near to one that has failed is not tried again
+_ROUND_STEPS = 6  # of the fit of many paths: undetected paths would bias further steps
+_PATH_STEPS = 400  # over the number of paths, if that is more
+_REFIT_STEPS = 2  # of the next fit, without redundant paths
+_COUPLED = 0.03  # least correlation with a path that can replace another one
+_REBUILDS = 6  # of the compressed samples, if delays move out of reach
+_VISIBLE = 0.9  # least level of a path at the threshold, over the root of its likelihood ratio
+_PROMISING = 0.55  # of the threshold: least likelihood ratio on the grid of a candidate that is fitted
+_SURE = 1.5  # of the threshold: above it a candidate enters the joint fit at once
+_NEARLY = 0.7  # below, it enters if it reaches this share of the threshold when fitted alone
+_ALONE_BINS = 12  # of delay to either side in that fit
+_SAFE = 4.0  # of the threshold: Wald statistic above which no likelihood ratio is computed
+_SAME_CELLS = 0.8  # a candidate this near to a failed one is not tried again
 
 
 @dataclass
 class IncoherentSearch:
-    """The search for the paths of one stop. Paths are (path, parameter) as in `incoherent_likelihood`."""
+    """The search for the paths of one stop. Paths are (path, parameter) as in `likelihood.py`."""
 
     spectrum: DelaySpectrum
     ends: LinkBeams
@@ -54,8 +54,8 @@ class IncoherentSearch:
     local: LocalSamples = field(init=False)
     bins: IntArray = field(init=False)  # of the window in which the current paths are fitted
     window: ComplexArray = field(init=False)
-    pairs: IntArray = field(init=False)  # that the current paths light
-    background: Background | None = None  # beside the paths of the last round
+    pairs: IntArray = field(init=False)  # that the current paths illuminate
+    background: Background | None = None  # in the residual of the last round
     failed: list[FloatArray] = field(default_factory=list)  # delays and angles
 
     @property
@@ -68,7 +68,7 @@ class IncoherentSearch:
         self.local, self.bins, self.window, self.pairs = state
 
     def run(self) -> tuple[FloatArray, Score | None]:
-        """Paths and the likelihood at its maximum; None where there are none."""
+        """Paths and the likelihood at its maximum; None if there are none."""
         paths, at = np.zeros((0, self.ends.n_parameters)), None
         new = self._first_starts()[: self.config.max_paths]
         for _ in range(_ROUNDS):
@@ -93,10 +93,10 @@ class IncoherentSearch:
         return self._converged(paths, at)
 
     def _first_starts(self) -> FloatArray:
-        """Starting points of paths from the samples as they are."""
+        """Starting points of paths from the unchanged samples."""
         spectrum, n_bins = self.spectrum, self.spectrum.n_bins
         level, place = self.screen.all_levels(spectrum)
-        first = -(n_bins // 8)  # a clock bias can bring the first path below zero
+        first = -(n_bins // 8)  # a clock bias can make the first delay negative
         delay_bins = (np.arange(2 * n_bins) / 2 - first) % n_bins + first
         candidates = self._candidates(level, place, delay_bins)
         low = np.floor(candidates.delay_bins).astype(int)
@@ -116,7 +116,7 @@ class IncoherentSearch:
         return self._promising(starts, ratio, limit, spectrum.window(self.bins))
 
     def _further_starts(self, paths: FloatArray, at: Score, residual: ComplexArray) -> FloatArray:
-        """Starting points of more paths from what the fitted ones leave (pair, bin) of the samples about them."""
+        """Starting points of more paths from the residual (pair, bin) of the fitted ones."""
         n_bins = self.spectrum.n_bins
         phasor = self._phasor(at)
         candidates = self._candidates_within(residual)
@@ -129,7 +129,7 @@ class IncoherentSearch:
         return self._promising(starts, ratio, limit, residual)
 
     def _standing_out(self, paths: FloatArray, at: Score) -> tuple[FloatArray, Score | None, ComplexArray]:
-        """Paths that the samples call for above the background beside them, and what they leave (pair, bin)."""
+        """Paths that are significant above the background, and their residual (pair, bin)."""
         residual, n_paths = self._residual(paths, at), len(paths)
         self.background = Background.of(residual, self.bins, self.spectrum.n_bins)
         needed, then = self._needed(paths, at, _REFIT_STEPS)
@@ -140,19 +140,19 @@ class IncoherentSearch:
         )
 
     def _residual(self, paths: FloatArray, at: Score) -> ComplexArray:
-        """What paths leave (pair, bin) of the samples about them."""
+        """Residual (pair, bin) of the samples around the paths."""
         waves, _ = delay_waves(self.bins, paths[:, 0], self.spectrum.n_bins)
         signal = (self.ends.amplitudes(paths) * self._phasor(at)[:, None]).astype(np.complex64)
         return np.asarray(self.window - signal @ waves.T.astype(np.complex64))
 
     def _phasor(self, at: Score) -> ComplexArray:
-        """Phase (pair,) of every pair as far as the fitted paths tell, 0 where they do not."""
+        """Phase (pair,) of every pair as far as the fitted paths determine it, else 0."""
         phasor = np.zeros(len(self.window), complex)
         phasor[self.pairs] = at.pair_phasor
         return phasor
 
     def _with_second_path(self, paths: FloatArray, at: Score) -> tuple[FloatArray, Score]:
-        """Paths with one more next to a known one, where that raises the likelihood by the threshold."""
+        """Paths with a hidden second path, if that increases the likelihood by the threshold."""
         start = second_path_start(self.local, self.ends, paths, at, _NEARLY * self.levels.lowest)
         if start is None:
             return paths, at
@@ -167,7 +167,7 @@ class IncoherentSearch:
     def _promising(
         self, starts: FloatArray, ratio: FloatArray, limit: FloatArray, window: ComplexArray
     ) -> FloatArray:
-        """Starting points that exceed the threshold by far, or come near it when fitted alone to the `window`."""
+        """Starting points well above the threshold, or near it when fitted alone to the `window`."""
         kept = ratio > _SURE * limit
         for i in np.flatnonzero((ratio > _PROMISING * limit) & ~kept):
             near = np.abs(self.bins - starts[i, 0]) < _ALONE_BINS
@@ -176,7 +176,7 @@ class IncoherentSearch:
         return starts[kept]
 
     def _alone(self, path: FloatArray, window: ComplexArray, bins: IntArray) -> tuple[FloatArray, float]:
-        """One path at the maximum of its own likelihood, and the logarithm of that."""
+        """One path at the maximum of its own likelihood, and the log-likelihood there."""
         local = local_samples(self.spectrum, window, bins, self._lit_pairs(path), path[:, 0])
         path, at, _ = maximise_likelihood(local, self.ends, path)
         return path, at.value
@@ -208,7 +208,7 @@ class IncoherentSearch:
         return self._candidates(level, place, delay_bins)
 
     def _fitted(self, paths: FloatArray, most_steps: int) -> tuple[FloatArray, Score]:
-        """Paths near the maximum of their joint likelihood, and the samples it was found on."""
+        """Paths near the maximum of their joint likelihood, and the samples of that fit."""
         for _ in range(_REBUILDS):
             self.bins = window_bins(paths[:, 0], self.spectrum.n_bins)
             self.window = self.spectrum.window(self.bins)
@@ -220,7 +220,7 @@ class IncoherentSearch:
         return paths, at
 
     def _converged(self, paths: FloatArray, at: Score | None) -> tuple[FloatArray, Score | None]:
-        """The needed ones of paths after convergence."""
+        """The significant paths after convergence."""
         if at is None:
             return paths, at
         paths, at, is_near = maximise_likelihood(self.local, self.ends, paths)
@@ -229,11 +229,10 @@ class IncoherentSearch:
         return self._needed(paths, at, MOST_STEPS)
 
     def _needed(self, paths: FloatArray, at: Score, most_steps: int) -> tuple[FloatArray, Score | None]:
-        """Paths that the samples call for, fitted again without the others.
+        """Significant paths, fitted again without the others.
 
-        A path is left out at once where the likelihood without it, all others as they are, is too near. Where
-        others could take its place, as Wald's test tells, those are fitted again without it, and that likelihood
-        decides.
+        A path is removed at once if the likelihood without it, all others fixed, is too near. If others could
+        replace it, according to Wald's test, those are fitted again without it, and that likelihood decides.
         """
         tested = np.zeros(len(paths), bool)
         while True:
@@ -260,7 +259,7 @@ class IncoherentSearch:
                 paths, at = self._fitted(without, most_steps)
 
     def _without(self, paths: FloatArray, at: Score, path: int) -> tuple[FloatArray, float]:
-        """Paths without one, those that can take its place fitted again, and the likelihood."""
+        """Paths without one, those that can replace it fitted again, and the likelihood."""
         near = coupled(at, len(paths), path, _COUPLED)
         rest = np.delete(paths, path, axis=0)
         if not near.any():
@@ -278,7 +277,7 @@ class IncoherentSearch:
         return np.asarray(0.5 / np.einsum("iaia->ia", covariance)[:, -2])
 
     def _ratios(self, paths: FloatArray, at: Score, wald: FloatArray, limit: FloatArray) -> FloatArray:
-        """Log-likelihood ratio (path,) to the other paths as they are; Wald's statistic where that is safe."""
+        """Log-likelihood ratio (path,) to the other paths fixed; Wald's statistic if that is safe."""
         ratio, doubtful = wald.copy(), np.flatnonzero(wald < _SAFE * limit)
         ratio[doubtful] = at.value - likelihood_without(self.local, self.ends, paths, doubtful)
         return ratio
@@ -286,7 +285,7 @@ class IncoherentSearch:
     def _thresholds(self, paths: FloatArray, strongest: int) -> FloatArray:
         """Likelihood ratio (path,) that paths need: the strongest anywhere, the others with its delay known.
 
-        It rises with the share of a path in beam pairs whose phases others tell, and with a known background.
+        It increases with the share of a path in beam pairs of known phase, and with the background.
         """
         known = self.ends.known_phase_shares(paths, self.spectrum.n_bins)
         limit = self.levels.further(paths[:, 0], float(paths[strongest, 0]), known)

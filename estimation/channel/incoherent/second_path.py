@@ -1,9 +1,8 @@
-"""Second paths hidden under the first: Rao's score test for a path close to a known one.
+"""Hidden second paths: Rao's score test for a path close to a known one.
 
-Two paths within a resolution cell look like one that fits them both on average, and leave little. What they
-leave is judged by the score of a further amplitude at zero, weighted by the information that no change of the
-known paths' parameters could take over (Rao 1948); it tells the gain in likelihood to second order without a
-fit.
+Two paths within a resolution cell look like one path that fits both on average, with a small residual. The test is
+the score of a further amplitude at zero, weighted by the information that no change of the known paths' parameters
+could explain (Rao 1948). It predicts the gain in likelihood to second order without a fit.
 """
 
 from __future__ import annotations
@@ -18,24 +17,25 @@ from estimation.channel.incoherent.spectrum import delay_waves
 from estimation.channel.model.phase_information import pair_information
 from scenes.record import ComplexArray, FloatArray, IntArray
 
-_OFFSET = 0.5  # of a resolution cell, from a path to its probes along an axis,
-_CORNER = 0.4  # and along every axis to those between the axes
-_DARK = 1e-6  # of the best seen probe's information: a probe where no beam looks
+_OFFSET = 0.5  # of a resolution cell, from a path to its probes along one axis
+_CORNER = 0.4  # and along every axis to the probes between the axes
+_DARK = 1e-6  # of the best probe's information: below it no beam covers a probe
 _MOST_TRIALS = 4
-_BRIGHT = 0.1  # SNR of a path in a pair from which on the pair tells of its companions
-_HIDING = 8.0  # of the least gain: energy of a path from which on another can be hidden under it
+_BRIGHT = 0.1  # least SNR of a path in a pair that is informative about a second path
+_HIDING = 8.0  # of the least gain: least energy of a path that can hide another one
 _KEPT_PROMISE = 0.5
-_LEAST_OWN_SHARE = 0.03  # of a probe's information, taken to be its own whatever the known paths
-_FLOOR = 1e-6  # of the equilibrated information of the known paths: phases may be free
+_LEAST_OWN_SHARE = 0.03  # of a probe's information, always taken as independent of the known paths
+_FLOOR = 1e-6  # of the equilibrated information of the known paths: phases may be unobservable
 
 
 def second_path_start(
     local: LocalSamples, ends: LinkBeams, paths: FloatArray, at: Score, least_gain: float
 ) -> FloatArray | None:
-    """The likeliest further path (1, parameter) next to a known one; None where none promises `least_gain`.
+    """The likeliest further path (1, parameter) next to a known one; None if no predicted gain reaches
+    `least_gain`.
 
-    The promise is of second order, for signals of a pair that are well above or well below its noise. Where
-    it fails, with the known paths as they are, the next best probe has its turn.
+    The prediction is of second order, for signals of a pair well above or well below its noise. If it fails, with
+    the known paths fixed, the next best probe is tried.
     """
     hiding = ends.energies(paths) * local.n_bins > _HIDING * least_gain
     if not hiding.any():
@@ -76,7 +76,7 @@ def _with_amplitude(probe: FloatArray, amplitude: FloatArray) -> FloatArray:
 
 
 def _probes(ends: LinkBeams, paths: FloatArray) -> FloatArray:
-    """Paths (probe, parameter) of unit gain about every path, along its delay and angles and between them."""
+    """Paths (probe, parameter) of unit gain around every path, along its delay and angles and between them."""
     step = ends.cells(paths)
     n = step.shape[1]
     corners = np.array(list(product((-1.0, 1.0), repeat=n)))
@@ -98,7 +98,7 @@ class _Derivatives:
 
 
 def _known(local: LocalSamples, ends: LinkBeams, paths: FloatArray) -> _Derivatives:
-    """Signals and derivatives by all parameters of the known paths."""
+    """Signals and derivatives over all parameters of the known paths."""
     tx, rx = ends.responses(paths)
     tx, rx = tx[:, :, local.tx_beam], rx[:, :, local.rx_beam]
     amplitude = tx[:, 0] * rx[:, 0]
@@ -118,8 +118,10 @@ def _known(local: LocalSamples, ends: LinkBeams, paths: FloatArray) -> _Derivati
 def _score(
     local: LocalSamples, ends: LinkBeams, known: _Derivatives, at: Score, probes: FloatArray, pair: IntArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Scores (probe, 2) of the real and imaginary amplitude of probes, their information (probe, 2, 2) and
-    that which they share with the parameters of the known paths (probe, 2, path * parameter); of some pairs.
+    """Scores (probe, 2) of the real and imaginary amplitude of probes, and their information.
+
+    The information is that of the probes (probe, 2, 2), and that shared with the parameters of the known paths
+    (probe, 2, path * parameter); of some pairs.
     """
     factor = ends.amplitudes(probes)[local.pair[pair]]
     wave = local.basis.T @ delay_waves(local.bins, probes[:, 0], local.n_bins)[0]

@@ -1,12 +1,11 @@
-"""The delay spectrum of a sweep in units of its noise, and windows of it about the delays of paths.
+"""The delay spectrum of a sweep in units of its noise, and windows of it around the delays of paths.
 
 With the phase reference at the centre of the band a path at delay x (in bins of 1 / bandwidth) has the real
 spectrum
 
     v_n(x) = sin(pi (n - x)) / (sqrt(K) sin(pi (n - x) / K)),    sum_n v_n^2 = K,
 
-so that the spectrum of a beam pair is mu_n = a v_n(x) with a the path's amplitude in that pair over the
-noise.
+so that the spectrum of a beam pair is mu_n = a v_n(x), a the path's amplitude in that pair over the noise.
 """
 
 from __future__ import annotations
@@ -21,19 +20,19 @@ from estimation.channel.model.compress import LEAST_NOISE, NOISE_CELLS
 from scenes.record import ComplexArray, FloatArray, IntArray
 from sim.observation import BeamSweep
 
-MARGIN_BINS = 48  # of delay about every path that its fit sees: 0.3 % of a standard deviation is lost
+MARGIN_BINS = 48  # of delay around every path in its fit: 0.3 % of a standard deviation is lost
 _MEDIAN = np.log(2)  # of a unit exponential
-_NOISE_SAMPLES = 25_000  # of every RX beam: its noise level is known to 1 %
-_TRUSTED_SHARE = (0.05, 0.95)  # of samples below the nominal median, from which the noise level can be read
+_NOISE_SAMPLES = 25_000  # per RX beam: they determine its noise level to 1 %
+_TRUSTED_SHARE = (0.05, 0.95)  # of samples below the nominal median, within which the noise level is reliable
 
 
 @dataclass(frozen=True)
 class DelaySpectrum:
     """Unitary delay spectrum (tx_beam, rx_beam, delay) of the descrambled samples.
 
-    `value` is in sqrt(mW), complex64, its phase referred to the first subcarrier; `noise_mw` (rx_beam,) is the
-    noise power of each of its entries as measured, infinite for a beam whose samples are all zero. Bins are
-    `bin_s` apart from zero on and repeat after their number.
+    `value` is in sqrt(mW), complex64, its phase relative to the first subcarrier; `noise_mw` (rx_beam,) is the
+    measured noise power of each of its entries, infinite for a beam whose samples are all zero. Bins are `bin_s`
+    apart, start at zero and are periodic.
     """
 
     value: ComplexArray
@@ -42,16 +41,16 @@ class DelaySpectrum:
 
     @property
     def n_bins(self) -> int:
-        """Number of delay bins, which is that of the subcarriers."""
+        """Number of delay bins, equal to that of the subcarriers."""
         return int(self.value.shape[2])
 
     def window(self, bins: IntArray) -> ComplexArray:
         """Samples (pair, bin) at some delay bins in units of the noise, pairs ordered by TX beam.
 
-        Bins may lie outside of 0 to K - 1: v_n changes its sign from one period to the next where K is even.
+        Bins may be outside of 0 to K - 1: v_n changes its sign from one period to the next if K is even.
         """
         inside = bins % self.n_bins
-        # The phase is referred to the centre of the band here; v_n changes sign with the period where K is even.
+        # The phase is relative to the centre of the band here; v_n changes sign with the period if K is even.
         turn = np.exp(-1j * np.pi * (self.n_bins - 1) / self.n_bins * bins)
         scale = (turn / np.sqrt(self.noise_mw)[:, None]).astype(np.complex64)
         n_pairs = self.value.shape[0] * self.value.shape[1]
@@ -61,10 +60,10 @@ class DelaySpectrum:
 def delay_spectrum(sweep: BeamSweep) -> DelaySpectrum:
     """Delay spectrum of a sweep, the known PRS divided out.
 
-    The noise level of every RX beam is read from the data as a quantile: the share F of samples whose power
-    is below the median expected for the nominal level tells sigma^2 = -x / log(1 - F), hardly touched by
-    paths, which fill few of the delays. Where the nominal level is far off, the median itself is taken; with
-    few samples, the nominal level.
+    The noise level of every RX beam is estimated from a quantile: if x is the median expected for the nominal
+    level and F the share of samples whose power is below x, sigma^2 = -x / log(1 - F). Paths hardly affect it,
+    since they fill few of the delays. If the nominal level is far off, the median itself is used; with few
+    samples, the nominal level.
 
     Raises `ValueError` for samples that are not finite.
     """
@@ -81,7 +80,7 @@ def delay_spectrum(sweep: BeamSweep) -> DelaySpectrum:
             np.multiply(samples, symbols.conj(), out=descrambled)
             block[:] = scipy.fft.ifft(descrambled, axis=-1, norm="ortho", overwrite_x=True)
         below += np.count_nonzero(np.abs(block[:, ::step]) < limit[:, None], axis=1)
-    bad = np.argwhere(~np.isfinite(value[:, :, 0]))  # one bad sample spoils all delays of its pair
+    bad = np.argwhere(~np.isfinite(value[:, :, 0]))  # one bad sample affects all delays of its pair
     if len(bad):
         pair = tuple(bad[0].tolist())
         raise ValueError(f"BeamSweep.samples at stop {sweep.stop}: beam pair {pair} is not finite")
@@ -112,7 +111,7 @@ def delay_waves(bins: IntArray, delay_bins: FloatArray, n_bins: int) -> tuple[Fl
 
 
 def window_bins(delay_bins: FloatArray, n_bins: int) -> IntArray:
-    """Delay bins (bin,) about the delays, in ascending order, of the period that begins an eighth below zero."""
+    """Delay bins (bin,) around the delays, ascending, within the period that begins an eighth below zero."""
     reach = np.arange(-MARGIN_BINS, MARGIN_BINS + 2)
     bins = np.unique(np.rint(delay_bins).astype(int)[:, None] + reach)
     first = -(n_bins // 8)

@@ -5,19 +5,18 @@ noise. exp l is a likelihood ratio for every fixed eta, so noise exceeds t anywh
 
     P(max l > t) = integral d eta  E_eta[ 1(max l > t) / integral d eta' exp l(eta') ]
 
-(Siegmund and Yakir, The Statistics of Gene Mapping 2007, section 5; the likelihood-ratio identity for maxima
-of random fields). Laplace's method about the maximum, with the Fisher information J of d parameters, turns
-this into
+(Siegmund and Yakir, The Statistics of Gene Mapping 2007, section 5; the likelihood-ratio identity for maxima of
+random fields). Laplace's method about the maximum, with the Fisher information J of d parameters, gives
 
     P ~ integral d eta |J|^(1/2) (2 pi)^(-d/2) E_eta[exp(-max l); max l > t],    max l ~ l(eta) + chi^2_d / 2,
 
-and l(eta), a sum over beam pairs, is near Gaussian under eta where that counts, about max l = t. Its moments
+and l(eta), a sum over beam pairs, is nearly Gaussian under eta in the relevant range, about max l = t. Its moments
 and J follow from the SNR of every pair; no simulation is needed.
 
-In pairs that known paths light the phases are known too. A further path has a phase of its own there, and its
-ratio is that of a coherent search, which noise drives higher: chi-square of 2 degrees of freedom at every place
-(`estimation.channel.model.false_alarms`). A path that lies in such pairs by a share needs a level between both
-by that share.
+In pairs that known paths illuminate the phases are known too. A further path has its own phase there, and its
+ratio is that of a coherent search, in which noise reaches higher levels: chi-square of 2 degrees of freedom at
+every place (`estimation.channel.model.false_alarms`). For a path partly in such pairs,
+its share there interpolates the level.
 """
 
 from __future__ import annotations
@@ -42,7 +41,7 @@ from estimation.channel.model.manifold import Manifold
 from estimation.channel.model.phase_information import pair_information
 from scenes.record import FloatArray
 
-_DIRECTIONS = 12  # of each end at the most, over which the false alarms are summed
+_DIRECTIONS = 12  # at most, of each end, over which the false alarms are summed
 _LOG_POWER = np.linspace(np.log(1.0), np.log(400.0), 28)  # of a path: its SNR summed over all beam pairs
 _TABLE_SNR = np.geomspace(1e-6, 1e3, 600)
 _WEAKEST = 1e-3  # share of the strongest pair's SNR below which pairs are left out
@@ -51,12 +50,12 @@ _LARGEST_THRESHOLD = 500.0
 
 @dataclass(frozen=True, eq=False)
 class NullTail:
-    """What tells P(max l > t) of noise: with no phase known, and with all of them.
+    """Tail probability P(max l > t) of noise: with no phase known, and with all phases known.
 
     Attributes
     ----------
     mean, variance, log_weight : (term,) of l, in the sum per delay bin with no phase known
-    curvatures : (dimension,) of the directions of both ends, for phases that are known
+    curvatures : (dimension,) of the directions of both ends, for known phases
     """
 
     mean: FloatArray
@@ -81,14 +80,14 @@ class NullTail:
 
     @lru_cache(maxsize=64)  # noqa: B019
     def coherent_threshold(self, probability: float, n_bins: float, n_subcarriers: int) -> float:
-        """The same where the phases of all beam pairs are known; at least that without them."""
+        """The same with known phases of all beam pairs; at least that with unknown ones."""
         region = region_curvatures(delay_curvatures(n_bins, n_subcarriers), self.curvatures)
         return max(detection_level(probability, region), self.threshold(probability, n_bins))
 
 
 @dataclass(frozen=True)
 class DetectionLevels:
-    """Likelihood ratios that paths need by their delay: most of the false alarms fall where paths are expected."""
+    """Likelihood ratios that paths need by their delay; most false alarms are allowed where paths are expected."""
 
     tail: NullTail
     config: MaximumLikelihoodConfig
@@ -96,14 +95,14 @@ class DetectionLevels:
     n_bins: int
 
     def first(self, delay_bins: FloatArray) -> FloatArray:
-        """Level (path,) that a path needs if it is the strongest of a stop."""
+        """Level (path,) that a path needs as the strongest of a stop."""
         early, late = (1e-9 * ns / self.bin_s for ns in self.config.expected_delay_ns)
         return self._inside(delay_bins, early, late)
 
     def further(self, delay_bins: FloatArray, strongest_bins: float, known: FloatArray) -> FloatArray:
         """Level (path,) of the others, with the delay of the strongest path known.
 
-        `known` (path,) is the share of each path that lies in beam pairs whose phases other paths tell.
+        `known` (path,) is the share of each path in beam pairs whose phases other paths determine.
         """
         before, after = (
             1e-9 * ns / self.bin_s for ns in (self.config.delay_before_ns, self.config.delay_after_ns)
@@ -112,7 +111,7 @@ class DetectionLevels:
 
     @property
     def lowest(self) -> float:
-        """The least that any path needs."""
+        """The lowest level of any path."""
         return float(min(self.first(np.zeros(1))[0], self.further(np.zeros(1), 0.0, np.zeros(1))[0]))
 
     def _inside(
@@ -126,7 +125,7 @@ class DetectionLevels:
         return np.where((delay_bins - early) % self.n_bins <= n_near, near, other)
 
     def _between(self, probability: float, n_bins: float, known: FloatArray | float) -> FloatArray:
-        """Level between those of phases that are unknown and known, by the share of the latter."""
+        """Level between those of unknown and known phases, by the share of the latter."""
         ends = (
             self.tail.threshold(probability, n_bins),
             self.tail.coherent_threshold(probability, n_bins, self.n_bins),
@@ -136,7 +135,7 @@ class DetectionLevels:
 
 @lru_cache(maxsize=8)
 def null_tail(tx: Manifold, rx: Manifold) -> NullTail:
-    """The tail for two ends; the noise of the RX beams is taken as equal, its small differences matter little."""
+    """The tail for two ends; the noise of the RX beams is taken as equal: small differences matter little."""
     tx_profile, tx_slope, tx_cell = _patterns(tx)
     rx_profile, rx_slope, rx_cell = _patterns(rx)
     terms = [
@@ -169,7 +168,7 @@ def _patterns(manifold: Manifold) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def _thinned(values: FloatArray, most: int) -> FloatArray:
-    """At most so many of evenly spaced values, evenly spaced again and clear of the ends."""
+    """At most this many of evenly spaced values, evenly spaced again and away from the ends."""
     n = min(most, len(values))
     return np.asarray(np.interp((np.arange(n) + 0.5) / n, np.linspace(0, 1, len(values)), values))
 
