@@ -18,6 +18,7 @@ from isac_arena.insight.budget.stages import STAGE_GROUPS, Groups, Stage, coalit
 from isac_arena.scoring.config import Significance
 from isac_arena.scoring.stages.channel import true_stop
 from isac_arena.validation.measurement import Measurement, at_most
+from isac_arena.validation.monte_carlo import generators
 from isac_arena.validation.scenarios.perfect_campaign import make_campaign, power_dbm
 from scenes.record import concatenate
 
@@ -54,8 +55,7 @@ def check_attribution(seed: int, quick: bool) -> list[Measurement]:
     """Independent errors of known size: shares exact, intervals that cover as often as they say."""
     runs, hits = 100 if quick else 1000, 0
     worst = 0.0
-    for run in range(runs):
-        rng = np.random.default_rng([seed, run])
+    for rng in generators(seed, runs):
         term = dict(zip("abc", np.array([[6.0], [3.0], [1.0]]) * rng.chisquare(4, (3, 60)), strict=True))
         table = {
             met: np.sum([term[part] for part in "abc" if part not in met] or [np.zeros(60)], axis=0)

@@ -20,6 +20,7 @@ from isac_arena.campaign.results import MapResult
 from isac_arena.scoring.metrics.contours import intersection_over_union
 from isac_arena.scoring.stages.shapes import contour_points_m
 from isac_arena.validation.measurement import Measurement, at_least, at_most
+from isac_arena.validation.monte_carlo import generators
 from isac_arena.validation.scenarios.paths import over_points
 from isac_arena.validation.scenarios.reflections import (
     TX,
@@ -43,12 +44,7 @@ DELAY_OFFSET_NS, DEPARTURE_OFFSET_DEG = 0.3, 1.0
 JUMP_DEG, JUMP_STOP = 2.0, 20  # of the TX heading, in the rows of two sessions
 CLEARANCE_M = 1.5
 CLUTTER_BOX_M = np.array([[-8.0, 10.0], [-10.0, 3.0]])
-WALL, EDGE, LOS, GHOST = (
-    N_PILLARS,
-    N_PILLARS + 1,
-    N_PILLARS + 2,
-    N_PILLARS + 3,
-)  # what a path is, after pillars
+WALL, EDGE, LOS, GHOST = range(N_PILLARS, N_PILLARS + 4)  # what a path is, after the pillars
 OUTLINE_SPACING_M = 0.005
 
 
@@ -84,8 +80,8 @@ def check_campaign_contours(seed: int, quick: bool) -> list[Measurement]:
         ("slam_jump", False, JUMP_DEG),
     ):
         scores = []
-        for k in range(n):
-            made = make_arena(np.random.default_rng([seed, k]), offset=offset, jump_deg=jump_deg)
+        for rng in generators(seed, n):
+            made = make_arena(rng, offset=offset, jump_deg=jump_deg)
             tx = Pose(np.array([*TX[:2], 0.0]), float(TX[2]))
             result = make_map(config, made.channel, tx, made.poses if name == "mapping" else None)
             scores.append(score(made, result))

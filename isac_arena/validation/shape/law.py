@@ -12,6 +12,7 @@ from estimation.laws.support import CIRCLE, CLOSED_FAMILY
 from estimation.shape.reflection.normals import OrientedPoints, circle_design, normals, residual_covariance
 from estimation.shape.reflection.reflections import Reflections
 from isac_arena.validation.measurement import Measurement, at_most
+from isac_arena.validation.monte_carlo import generators
 from isac_arena.validation.scenarios.reflections import (
     Errors,
     draw_circle,
@@ -26,8 +27,7 @@ from scenes.record import FloatArray
 def check_reflection_information(seed: int, quick: bool) -> list[Measurement]:
     """Information of the direct fit against points with normals; all derivatives against differences."""
     ratios = []
-    for k in range(5 if quick else 50):
-        rng = np.random.default_rng([seed, k])
+    for rng in generators(seed, 5 if quick else 50):
         contour, true = lit_pillar(draw_circle, rng)
         data, _ = observe(true, Errors(), rng)
         circle = np.array([*contour.center_m, np.log(contour.radius_m)])

@@ -209,10 +209,8 @@ class ImpairmentBench:
         power = power / np.linalg.norm(power)
 
         def mismatch(offset_deg: float) -> float:
-            response = beam_response(self.link.tx_codebook, AOD_RAD[0] - np.deg2rad(offset_deg), AOD_RAD[1])[
-                :, 0
-            ]
-            model = np.abs(response) ** 2
+            azimuth_rad = AOD_RAD[0] - np.deg2rad(offset_deg)
+            model = np.abs(beam_response(self.link.tx_codebook, azimuth_rad, AOD_RAD[1])[:, 0]) ** 2
             return -float(power @ model / np.linalg.norm(model))
 
         return float(minimize_scalar(mismatch, bounds=(-6, 6), method="bounded").x)

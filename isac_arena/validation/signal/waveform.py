@@ -131,14 +131,8 @@ def check_schedule(seed: int, quick: bool) -> list[Measurement]:
     power = np.mean([(np.abs(sweep.samples) ** 2).mean(axis=(0, 2), dtype=float) for sweep in sweeps], axis=0)
     single_mw = BOLTZMANN_J_K * 290 * 1584 * 120e3 * 1e3 * 10 ** (config.link.noise_figure_db / 10)
     worst = float(np.abs(3 * power / single_mw - 1).max())
-    return [
-        at_most(
-            "signal.schedule.noise",
-            worst,
-            0.01,
-            "against a third of kTBF, worst beam; the estimate itself spreads by 0.2 % (quick) or 0.1 %",
-        )
-    ]
+    reason = "against a third of kTBF, worst beam; the estimate itself spreads by 0.2 % (quick) or 0.1 %"
+    return [at_most("signal.schedule.noise", worst, 0.01, reason)]
 
 
 def check_link_budget(seed: int, quick: bool) -> list[Measurement]:
