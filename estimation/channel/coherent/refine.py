@@ -1,8 +1,8 @@
-"""Joint maximum likelihood of all paths by Levenberg-Marquardt, with what it says about their uncertainty.
+"""Joint maximum likelihood of all paths by Levenberg-Marquardt, with its normal equations.
 
-The likelihood of white noise is a sum of squares. Amplitudes enter linearly and are solved for at every point
-(variable projection); delays and angles take damped Gauss-Newton steps with analytic derivatives. Products with
-the samples are taken with what reference paths leave, small numbers in single precision; what they add is exact.
+The likelihood of white noise is a sum of squares. Amplitudes are linear and solved for at every point (variable
+projection); delays and angles take damped Gauss-Newton steps with analytic derivatives. Products with the samples
+are computed with the residual of reference paths, small numbers in single precision; the rest is exact.
 """
 
 from __future__ import annotations
@@ -29,17 +29,17 @@ from scenes.pose import wrap_angle
 from scenes.record import BoolArray, ComplexArray, FloatArray
 
 APART_STEPS = 2
-NEAR_CELLS = 2.0  # resolution cells along every axis, beyond which paths hardly move each other
-FEW = 24  # paths that are refined together as fast as only some of them
+NEAR_CELLS = 2.0  # resolution cells along every axis, beyond which coupling between paths is small
+FEW = 24  # number of paths up to which a partial refinement saves no time
 CONVERGED = 1e-3  # decrease of the squared residual, in units of the noise power, that ends the iteration
 LARGEST_DAMPING = 1e8
 LONGEST_STEP = 0.5  # resolution cells
 TINY = 1e-12  # relative ridge that keeps normal equations of coinciding paths solvable
-SMALLEST = 1e-150  # diagonal of a parameter that the samples do not depend on
+SMALLEST = 1e-150  # diagonal of an unobservable parameter
 
 
 class Reference:
-    """Samples as reference paths and what they leave: inner products with any tangents, in double precision."""
+    """Reference paths and the residual of the samples: inner products with any tangents, in double precision."""
 
     def __init__(self, sweep: CompressedSweep, paths: PathParameters) -> None:
         self.sweep = sweep
@@ -48,7 +48,7 @@ class Reference:
         self._at = tangents(sweep, paths)
 
     def residual_products(self, at: PathTangents) -> ComplexArray:
-        """Inner products (path, tangent) of tangents with what the reference paths leave of the samples."""
+        """Inner products (path, tangent) of tangents with the residual of the reference paths."""
         return products_with(self.parts, at)
 
     def products(self, at: PathTangents) -> ComplexArray:
@@ -89,9 +89,9 @@ def solve_at(reference: Reference, paths: PathParameters) -> Solution:
 
 
 def refine_separately(reference: Reference, paths: PathParameters) -> tuple[PathParameters, FloatArray]:
-    """Paths refined one by one in what the reference leaves, each as if alone, and the power (path,) it explains.
+    """Paths refined one by one, alone in the residual of the reference, and their explained power (path,).
 
-    Gauss-Newton steps from points of a search grid; a step that explains less is not taken.
+    Gauss-Newton steps from points of a search grid; a step that explains less is rejected.
     """
     best, power = paths, np.full(len(paths), -np.inf)
     for _ in range(APART_STEPS + 1 if len(paths) else 0):
@@ -114,8 +114,8 @@ def _solved(paths: PathParameters, product: ComplexArray, inner: ComplexArray) -
     values = inner[:, 0, :, 0]
     ridge = TINY * np.abs(values.diagonal()).max(initial=0.0) * np.eye(len(paths))
     amplitude = np.linalg.solve(values + ridge, product[:, 0])
-    left = product - inner[:, :, :, 0] @ amplitude
-    information, slope = real_equations(inner, left, amplitude)
+    rest = product - inner[:, :, :, 0] @ amplitude
+    information, slope = real_equations(inner, rest, amplitude)
     explained = float((product[:, 0].conj() @ amplitude).real)
     paths = PathParameters(paths.delay_bins, paths.aod_rad, paths.aoa_rad, amplitude)
     return Solution(paths, explained, information, slope)
@@ -124,7 +124,7 @@ def _solved(paths: PathParameters, product: ComplexArray, inner: ComplexArray) -
 def refine(reference: Reference, paths: PathParameters, max_steps: int, enough: float = np.inf) -> Solution:
     """Paths of largest likelihood near the given ones, after at most `max_steps` Levenberg-Marquardt steps.
 
-    The steps end where `enough` is explained.
+    The steps end when `enough` is explained.
     """
     now = solve_at(reference, paths)
     damping = 1e-3
@@ -148,21 +148,21 @@ def refine(reference: Reference, paths: PathParameters, max_steps: int, enough: 
 def refine_near(
     reference: Reference, paths: PathParameters, about: PathParameters, max_steps: int, enough: float = np.inf
 ) -> Solution:
-    """As `refine`, of the paths near those `about` which something changed; of the others only the amplitudes.
+    """As `refine`, for the paths near `about`, the places of a change; the others change only their amplitudes.
 
-    Paths that share no resolution cell hardly move each other. Of few paths all are refined: it takes no longer.
+    Paths that share no resolution cell have little coupling. A few paths are all refined: it takes no longer.
     """
     if len(paths) <= FEW:
         return refine(reference, paths, max_steps, enough)
     moves = paths_near(reference.sweep, paths, about)
-    left = replace(reference.sweep, parts=residual(reference.sweep, paths.take(~moves)))
-    moved = refine(Reference(left, paths.take(moves)), paths.take(moves), max_steps)
+    rest = replace(reference.sweep, parts=residual(reference.sweep, paths.take(~moves)))
+    moved = refine(Reference(rest, paths.take(moves)), paths.take(moves), max_steps)
     order = np.argsort(np.concatenate([np.flatnonzero(~moves), np.flatnonzero(moves)]))
     return solve_at(reference, paths.take(~moves).joined(moved.paths).take(order))
 
 
 def paths_near(sweep: CompressedSweep, paths: PathParameters, about: PathParameters) -> BoolArray:
-    """Which paths (path,) lie within `NEAR_CELLS` of any of those `about`, along every axis."""
+    """Mask (path,) of the paths within `NEAR_CELLS` of any of those in `about`, along every axis."""
     apart = [paths.delay_bins[:, None, None] - about.delay_bins[:, None]]
     for angles, others in ((paths.aod_rad, about.aod_rad), (paths.aoa_rad, about.aoa_rad)):
         apart.append(wrap_angle(angles[:, None] - others))
@@ -171,9 +171,9 @@ def paths_near(sweep: CompressedSweep, paths: PathParameters, about: PathParamet
 
 
 def _step(now: Solution, damping: float) -> tuple[FloatArray, float]:
-    """Damped step (path, parameter) of delays and angles, and the gain in likelihood expected of it.
+    """Damped step (path, parameter) of delays and angles, and its expected gain in likelihood.
 
-    No path moves by more than `LONGEST_STEP` along any axis: farther off its neighbours are others.
+    No path moves by more than `LONGEST_STEP` along any axis: further away it has other neighbours.
     """
     matrix = now.flat_information
     diagonal = np.diagonal(matrix)
@@ -189,7 +189,7 @@ def _step(now: Solution, damping: float) -> tuple[FloatArray, float]:
 
 
 def _solve_positive(matrix: FloatArray, right: FloatArray) -> FloatArray:
-    """Solution of normal equations by Cholesky, or by elimination where rounding makes them indefinite."""
+    """Solution of normal equations by Cholesky, or by elimination if rounding makes them indefinite."""
     _, solution, failed = dposv(matrix, right)
     return np.asarray(np.linalg.solve(matrix, right) if failed else solution)
 
@@ -197,8 +197,8 @@ def _solve_positive(matrix: FloatArray, right: FloatArray) -> FloatArray:
 def covariances(solution: Solution, n_subcarriers: int) -> FloatArray:
     """Covariance (path, parameter, parameter) of delay in bins and angles in rad, all other parameters unknown.
 
-    The inverse of the joint Fisher information of all paths, with what is known beforehand: delays lie within the
-    period, angles on the circle. A parameter that the data do not show so keeps the variance of a uniform one.
+    The inverse of the joint Fisher information of all paths plus a prior: delays are within the period, angles on
+    the circle. So an unobservable parameter has the variance of a uniform one.
     """
     n, n_columns = solution.slope.shape
     information = 2 * solution.information
@@ -211,12 +211,12 @@ def covariances(solution: Solution, n_subcarriers: int) -> FloatArray:
 
 
 def regular_inverse(information: FloatArray) -> FloatArray:
-    """Inverse of a positive semidefinite matrix; directions without information come out large, but finite."""
+    """Inverse of a positive semidefinite matrix; directions without information become large, but finite."""
     scale = _unit_scale(np.diagonal(information))
     scaled = information * scale[:, None] * scale
     return np.asarray(np.linalg.inv(scaled + TINY * np.eye(len(scale))) * scale[:, None] * scale)
 
 
 def _unit_scale(diagonal: FloatArray) -> FloatArray:
-    """What makes the diagonal of a matrix one: its columns have units as different as amplitudes and angles."""
+    """Scale that makes the diagonal of a matrix one: units of the columns differ as amplitudes and angles do."""
     return np.asarray(1 / np.sqrt(np.maximum(diagonal, SMALLEST)))

@@ -17,8 +17,9 @@ def cell_amplitudes(
 ) -> None:  # pragma: no cover
     """Amplitudes over the noise at delay bins and half way to the next, minus the mean of noise alone.
 
-    `value` (tx_beam, rx_beam, n + 1) holds one more bin than `out` (tx_beam, rx_beam, 2, n); `scale` (rx_beam,) is 1 over the noise amplitude. A path half way between bins is equally strong in both, with phases equal up
-    to `sign`, +1 or -1.
+    `value` (tx_beam, rx_beam, n + 1) holds one more bin than `out` (tx_beam, rx_beam, 2, n); `scale` (rx_beam,)
+    is 1 over the noise amplitude. A path half way between bins is equally strong in both, with phases equal up to
+    the `sign`, +1 or -1.
     """
     mean = np.float32(math.sqrt(math.pi) / 2)
     half = np.float32(math.sqrt(0.5))
@@ -114,9 +115,9 @@ def candidate_ratios(
             if power[p // n_rx] * power_rx[p % n_rx] > least:
                 signal = gain * tx[i, p // n_rx] * rx[i, p % n_rx]
                 strength = signal.conjugate() * matched[p, i]
-                told = strength / (abs(strength) + phase_known)
-                if abs(told) > abs(phasor[p]):
-                    phasor[p] = told
+                known = strength / (abs(strength) + phase_known)
+                if abs(known) > abs(phasor[p]):
+                    phasor[p] = known
     return amplitude, phase, ratio
 
 

@@ -209,8 +209,8 @@ def likelihoods_without(
             i = chosen[q]
             conjugate = amplitude[i, p].conjugate()
             own = (amplitude[i, p] * conjugate).real * energy[i]
-            left = pair_snr[p] - 2 * (conjugate * sent[i, p]).real + own
-            total[q] += log_bessel(2 * abs(inner[p] - conjugate * matched[i, p]))[0] - left
+            rest = pair_snr[p] - 2 * (conjugate * sent[i, p]).real + own
+            total[q] += log_bessel(2 * abs(inner[p] - conjugate * matched[i, p]))[0] - rest
     return total
 
 

@@ -1,15 +1,14 @@
-"""The likelihood of paths when every beam pair has an unknown phase, and its maximum over all of their parameters.
+"""The likelihood of paths when every beam pair has an unknown phase, and its maximum over all their parameters.
 
-A pair receives y = exp(j psi) mu + w, mu = sum_i a_i v(x_i) over its delay bins. With psi uniform and
-marginalised
+A pair receives y = exp(j psi) mu + w, mu = sum_i a_i v(x_i) over its delay bins. For uniform, marginalised psi
 
     log p(y) / p_noise(y) = sum over pairs of  log I0(2 |mu^H y|) - |mu|^2.
 
-All paths of a pair share psi, so their relative phases count within it. Score and exact information are those
-of `estimation.channel.model.phase_information`; Fisher scoring with Levenberg's damping climbs to the maximum.
+All paths of a pair share psi, so their relative phases count within it. Score and exact information are those of
+`estimation.channel.model.phase_information`; Fisher scoring with Levenberg's damping finds the maximum.
 
-Only the delay axis is compressed: to the span of the waves near the delays sought, which holds the signal of
-every path that is found there while white noise stays white.
+Only the delay axis is compressed: to the span of the waves near the searched delays, which holds the signal of
+every path found there and keeps white noise white.
 """
 
 from __future__ import annotations
@@ -27,16 +26,16 @@ from estimation.channel.model.phase_information import pair_information
 from scenes.pose import wrap_angle
 from scenes.record import BoolArray, ComplexArray, FloatArray, IntArray
 
-_OUTSIDE_RAD = np.deg2rad(3.0)  # beyond the directions that the beams see: a path there is none
-REACH_BINS = 1.0  # about the delay of every path, in which its wave lies in the compressed span
-_NODES = 6  # waves that span those of a reach to 1e-6
+_OUTSIDE_RAD = np.deg2rad(3.0)  # outside the directions that the beams cover: paths there are rejected
+REACH_BINS = 1.0  # around the delay of every path, in which its wave is in the compressed span
+_NODES = 6  # waves that span all waves of a reach to 1e-6
 _RANK_TOLERANCE = 1e-10  # of the power of the strongest combination of waves
 _TABLE_POINTS = 4000
 _FIRST_DAMPING, _LEAST_DAMPING, _LARGEST_DAMPING, _DAMPING_STEP = 1e-3, 1e-5, 1e4, 8.0
-_POOR, _GOOD = 0.2, 0.7  # share of the expected gain: below, the damping rises, above, it falls
+_POOR, _GOOD = 0.2, 0.7  # share of the expected gain: below, the damping increases, above, it decreases
 MOST_STEPS = 30
-FAINT = 0.03  # SNR of a path in a pair below which the pair tells nothing of it
-_ENOUGH = 2e-3  # expected gain in log-likelihood at which the steps end: 0.06 of a standard deviation
+FAINT = 0.03  # SNR of a path in a pair below which the pair is uninformative
+_ENOUGH = 2e-3  # expected gain in log-likelihood at which the steps end: 0.06 standard deviations
 _LARGEST_CELLS, _LARGEST_LOG_AMPLITUDE, _LARGEST_PHASE = 0.4, 0.7, 0.7  # of one step
 
 
@@ -62,25 +61,25 @@ class LinkBeams:
         return tx, rx
 
     def amplitudes(self, paths: FloatArray) -> ComplexArray:
-        """Amplitude (pair, path) of every path in every beam pair over the noise, of one delay bin's wave."""
+        """Amplitude (pair, path) of every path in every pair over the noise, for the wave of one delay bin."""
         tx, rx = self._beams(paths)
         return np.asarray((tx[:, :, None] * rx[:, None, :]).reshape(len(paths), tx.shape[1] * rx.shape[1]).T)
 
     def energies(self, paths: FloatArray) -> FloatArray:
-        """Energy (path,) of every path over all beam pairs and the noise, of one delay bin's wave."""
+        """Energy (path,) of every path over all beam pairs and the noise, for the wave of one delay bin."""
         tx, rx = self._beams(paths)
         return np.asarray((np.abs(tx) ** 2).sum(axis=1) * (np.abs(rx) ** 2).sum(axis=1))
 
     def known_phase_shares(self, paths: FloatArray, n_bins: int) -> FloatArray:
-        """Share (path,) of every path's energy in beam pairs whose phases the other paths tell.
+        """Share (path,) of every path's energy in beam pairs whose phases the other paths determine.
 
-        A path of SNR g in a pair tells its phase by about g / (g + 1/2), the mean of the cosine of its error.
+        A path of SNR g in a pair determines its phase by about g / (g + 1/2), the mean of the cosine of its error.
         """
         tx, rx = (np.square(np.abs(part)) for part in self._beams(paths))
         power = n_bins * tx[:, :, None] * rx[:, None]
         others = power.sum(axis=0) - power
-        told = others / (others + 0.5)
-        return np.asarray((power * told).sum(axis=(1, 2)) / np.maximum(power.sum(axis=(1, 2)), 1e-300))
+        known = others / (others + 0.5)
+        return np.asarray((power * known).sum(axis=(1, 2)) / np.maximum(power.sum(axis=(1, 2)), 1e-300))
 
     def _beams(self, paths: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         n = self.tx.n_angles
@@ -104,14 +103,14 @@ class LinkBeams:
         return np.asarray((np.abs(offset) / self.cells(paths)).max(axis=1, initial=0.0))
 
     def in_sight(self, paths: FloatArray) -> BoolArray:
-        """Mask (path,) of the paths whose directions lie where the beams of both ends look."""
+        """Mask (path,) of the paths in directions that the beams of both ends cover."""
         n = self.tx.n_angles
         return _sees(self.tx, paths[:, 1 : 1 + n]) & _sees(self.rx, paths[:, 1 + n : -2])
 
 
 @dataclass(frozen=True)
 class LocalSamples:
-    """Samples near the delays of some paths in a basis of their span, and which beam pairs they are of."""
+    """Samples near the delays of some paths in a basis of their span, and the beam pairs of these samples."""
 
     samples: ComplexArray  # (rank, pair)
     pair: IntArray  # (pair,) among all, by TX beam
@@ -120,14 +119,14 @@ class LocalSamples:
     basis: FloatArray  # (bin, rank), orthonormal
     bins: IntArray  # (bin,)
     n_bins: int
-    fixed: ComplexArray | None = None  # (rank, pair), the signal of further paths that are taken as they are
+    fixed: ComplexArray | None = None  # (rank, pair), the signal of further, fixed paths
 
     def with_fixed(self, ends: LinkBeams, paths: FloatArray) -> LocalSamples:
-        """The samples with these paths (path, parameter) taken as they are."""
+        """The samples with these paths (path, parameter) fixed."""
         return replace(self, fixed=self.signal(ends, paths))
 
     def signal(self, ends: LinkBeams, paths: FloatArray) -> ComplexArray:
-        """What paths (path, parameter) add to the samples (rank, pair), but for the pairs' phases."""
+        """Signal (rank, pair) of paths (path, parameter), without the pairs' phases."""
         wave, _ = delay_waves(self.bins, paths[:, 0], self.n_bins)
         return np.asarray((self.basis.T @ wave) @ ends.amplitudes(paths)[self.pair].T)
 
@@ -164,8 +163,8 @@ def local_samples(
 def score(local: LocalSamples, ends: LinkBeams, paths: FloatArray, faint: float = FAINT) -> Score:
     """Marginal log-likelihood of `paths` (path, parameter) with its derivatives.
 
-    Parameters are the delay in bins, AoD angles, AoA angles in rad, log amplitude and phase. Pairs in which
-    the SNR of a path is below `faint` are left out of its information, not of the score.
+    Parameters are the delay in bins, AoD angles, AoA angles in rad, log amplitude and phase. Pairs in which the
+    SNR of a path is below `faint` are left out of its information, not of the score.
     """
     at = _products(local, ends, paths)
     n_pairs, size = len(local.pair), paths.size
@@ -182,7 +181,7 @@ def score(local: LocalSamples, ends: LinkBeams, paths: FloatArray, faint: float 
 def likelihood_without(
     local: LocalSamples, ends: LinkBeams, paths: FloatArray, chosen: IntArray
 ) -> FloatArray:
-    """Marginal log-likelihood (chosen,) of all paths but the chosen one, the others as they are."""
+    """Marginal log-likelihood (chosen,) of all paths except the chosen one, the others fixed."""
     at, n = _products(local, ends, paths), len(paths)
     energy = np.diagonal(at.gram)[:n].copy()
     return np.asarray(
@@ -226,7 +225,7 @@ def _products(local: LocalSamples, ends: LinkBeams, paths: FloatArray) -> _Produ
 
 @cache
 def information_table() -> FloatArray:
-    """Even log SNR, A / SNR and B of `pair_information`, (3, n), for the compiled loop."""
+    """Evenly spaced log SNR, A / SNR and B of `pair_information`, (3, n), for the compiled loop."""
     log_snr = np.linspace(np.log(1e-6), np.log(1e7), _TABLE_POINTS)
     a, b = pair_information(np.exp(log_snr))
     return np.stack([log_snr, a / np.exp(log_snr), b])
@@ -235,9 +234,9 @@ def information_table() -> FloatArray:
 def maximise_likelihood(
     local: LocalSamples, ends: LinkBeams, paths: FloatArray, most_steps: int = MOST_STEPS
 ) -> tuple[FloatArray, Score, bool]:
-    """Paths (path, parameter) at the nearest maximum of the likelihood, or after so many steps towards it.
+    """Paths (path, parameter) at the nearest maximum of the likelihood, or after this many steps towards it.
 
-    And whether all delays stayed in their reach on the way; where one left it, the steps end.
+    The last result is whether all delays stayed in their reach; the steps end when one leaves it.
     """
     start = paths[:, 0].copy()
     longest = _longest_steps(ends, paths)
@@ -267,7 +266,7 @@ def maximise_likelihood(
 
 
 def coupled(at: Score, n_paths: int, path: int, least: float) -> BoolArray:
-    """Mask (path,) of the paths with a parameter that correlates with one of `path` by more than `least`."""
+    """Mask (path,) of the paths with a parameter whose correlation with one of `path` exceeds `least`."""
     scale = 1 / np.sqrt(np.maximum(np.diagonal(at.information), 1e-9))
     rows = at.information.reshape(n_paths, -1, len(scale))[path] * scale
     own = scale.reshape(n_paths, -1)[path]
@@ -276,7 +275,7 @@ def coupled(at: Score, n_paths: int, path: int, least: float) -> BoolArray:
 
 
 def _damped_step(at: Score, damping: float) -> FloatArray:
-    """Solution of (J + damping diag J) step = score, J scaled to a unit diagonal; free parameters stay."""
+    """Solution of (J + damping diag J) step = score, J scaled to a unit diagonal; unobservable ones stay."""
     diagonal = np.diagonal(at.information)
     scale = 1 / np.sqrt(np.where(diagonal > 1e-9, diagonal, np.inf))
     matrix = at.information * np.outer(scale, scale)
@@ -285,13 +284,13 @@ def _damped_step(at: Score, damping: float) -> FloatArray:
 
 
 def _longest_steps(ends: LinkBeams, paths: FloatArray) -> FloatArray:
-    """Largest step (path, parameter) at a time: parts of a resolution cell, of the amplitude and of a turn."""
+    """Largest step (path, parameter): in parts of a resolution cell, of the amplitude and of the phase."""
     gain = np.broadcast_to([_LARGEST_LOG_AMPLITUDE, _LARGEST_PHASE], (len(paths), 2))
     return np.concatenate([_LARGEST_CELLS * ends.cells(paths), gain], axis=1)
 
 
 def _sees(manifold: Manifold, angles: FloatArray) -> BoolArray:
-    """Whether directions (direction, angle) lie where the beams look, give or take a little."""
+    """Mask of the directions (direction, angle) that the beams cover, within a small margin."""
     low, high = manifold.azimuth_range_rad
     offset = np.abs(wrap_angle(angles[:, 0] - (low + high) / 2))
     seen = (offset <= (high - low) / 2 + _OUTSIDE_RAD) | manifold.is_closed

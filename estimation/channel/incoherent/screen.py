@@ -103,11 +103,11 @@ class Screen:
                 continue
             chosen.append(at)
             distance = np.abs(delay_bins[peak] - delay_bins[at])
-            alike = (self.tx_weight[tx[peak]] @ self.tx_weight[tx[at]]) * (
+            similarity = (self.tx_weight[tx[peak]] @ self.tx_weight[tx[at]]) * (
                 self.rx_weight[rx[peak]] @ self.rx_weight[rx[at]]
             )
-            alike[(distance > 0.5)] = np.maximum(alike[distance > 0.5], _HIDDEN)
-            expected += level[at] * alike / np.maximum(1.0, np.pi * distance)
+            similarity[(distance > 0.5)] = np.maximum(similarity[distance > 0.5], _HIDDEN)
+            expected += level[at] * similarity / np.maximum(1.0, np.pi * distance)
         at_peaks = np.array(chosen, int)
         return Candidates(delay_bins[at_peaks], tx[at_peaks], rx[at_peaks], level[at_peaks])
 

@@ -1,7 +1,7 @@
 """The delay spectrum of a sweep in units of its noise, and windows of it around the delays of paths.
 
-With the phase reference at the centre of the band a path at delay x (in bins of 1 / bandwidth) has the real
-spectrum
+With the phase reference at the centre of the band a path at delay x (in bins of 1 / bandwidth) has the
+real spectrum
 
     v_n(x) = sin(pi (n - x)) / (sqrt(K) sin(pi (n - x) / K)),    sum_n v_n^2 = K,
 

@@ -18,15 +18,15 @@ PATHS = plain_paths(
 )
 
 
-def turned(phase_rad: FloatArray, seed: int = 1) -> BeamSweep:
+def with_phases(phase_rad: FloatArray, seed: int = 1) -> BeamSweep:
     sweep = plain_sweep(SMALL, PATHS, np.random.default_rng(seed))
     return replace(sweep, samples=sweep.samples * np.exp(1j * phase_rad)[:, :, None])
 
 
 @pytest.mark.parametrize("offset_hz", [0.0, 150.0, -1500.0, 20e3])
-def test_a_frequency_offset_is_found_and_taken_back(offset_hz: float) -> None:
+def test_a_frequency_offset_is_estimated_and_removed(offset_hz: float) -> None:
     times = sweep_occasions(WaveformConfig(), 10, 10).time_s[0]
-    chosen = choose_likelihood(turned(2 * np.pi * offset_hz * times))
+    chosen = choose_likelihood(with_phases(2 * np.pi * offset_hz * times))
     assert chosen.mode == "coherent"
     assert chosen.frequency_offset_hz == pytest.approx(offset_hz, abs=60)
     assert np.rad2deg(chosen.ramp.residual_rad) < 4
@@ -37,23 +37,23 @@ def test_a_frequency_offset_is_found_and_taken_back(offset_hz: float) -> None:
 
 
 def test_a_sweep_may_go_through_the_tx_beams_first() -> None:
-    chosen = choose_likelihood(turned(0.02 * np.arange(10)[:, None] + 0.2 * np.arange(10)))
+    chosen = choose_likelihood(with_phases(0.02 * np.arange(10)[:, None] + 0.2 * np.arange(10)))
     assert chosen.mode == "coherent"
     assert chosen.ramp.tx_step_rad == pytest.approx(0.02, abs=0.03)
     assert chosen.ramp.rx_step_rad == pytest.approx(0.2, abs=0.03)
 
 
-def test_random_phases_are_left_alone() -> None:
+def test_random_phases_stay_incoherent() -> None:
     phase = np.random.default_rng(2).uniform(-np.pi, np.pi, (10, 10))
-    fit, reason = fit_auto(turned(phase))
+    fit, reason = fit_auto(with_phases(phase))
     assert reason.startswith("incoherent: ")
     assert len(fit) == 3
     assert np.isnan(fit.phase_rad).all()
 
 
-def test_phases_that_wander_are_told_and_left_alone() -> None:
+def test_wandering_phases_are_reported_and_stay_incoherent() -> None:
     phase = np.deg2rad(12) * np.cumsum(np.random.default_rng(3).standard_normal(100)).reshape(10, 10)
-    chosen = choose_likelihood(turned(phase))
+    chosen = choose_likelihood(with_phases(phase))
     assert chosen.mode == "incoherent"
     assert "from one pair to the next they change by" in chosen.reason
     assert 5 < np.rad2deg(chosen.ramp.walk_rad) < 20
@@ -62,15 +62,15 @@ def test_phases_that_wander_are_told_and_left_alone() -> None:
 @pytest.mark.parametrize(("spread_deg", "mode"), [(4.0, "coherent"), (25.0, "incoherent")])
 def test_the_residual_is_that_of_the_phases_without_noise(spread_deg: float, mode: str) -> None:
     phase = np.deg2rad(spread_deg) * np.random.default_rng(4).standard_normal((10, 10))
-    chosen = choose_likelihood(turned(phase))
+    chosen = choose_likelihood(with_phases(phase))
     assert np.rad2deg(chosen.ramp.residual_rad) == pytest.approx(spread_deg, rel=0.35, abs=1.5)
     assert chosen.ramp.upper_rad > chosen.ramp.residual_rad
     assert chosen.mode == mode
 
 
-def test_turning_back_undoes_a_turn() -> None:
-    sweep = turned(np.zeros((10, 10)))
-    back = without_phase_ramp(turned(0.3 * np.arange(10)[:, None] - 0.1 * np.arange(10)), 0.3, -0.1)
+def test_a_phase_ramp_is_removed() -> None:
+    sweep = with_phases(np.zeros((10, 10)))
+    back = without_phase_ramp(with_phases(0.3 * np.arange(10)[:, None] - 0.1 * np.arange(10)), 0.3, -0.1)
     assert np.allclose(back.samples, sweep.samples, atol=1e-4)
 
 
@@ -83,8 +83,8 @@ def test_too_few_pairs_stay_incoherent() -> None:
     assert len(chosen.fit) == 0
 
 
-def test_without_a_turn_the_fit_is_the_coherent_one() -> None:
-    sweep = turned(np.zeros((10, 10)))
+def test_without_a_ramp_the_fit_is_the_coherent_one() -> None:
+    sweep = with_phases(np.zeros((10, 10)))
     chosen, coherent = choose_likelihood(sweep), fit_coherent(sweep)
     std = np.sqrt(np.einsum("paa->pa", coherent.covariance))[:, 0]
     assert (np.abs(chosen.fit.delay_s - coherent.delay_s) < 0.3 * std).all()

@@ -80,7 +80,7 @@ def test_magnitudes_alone_give_the_magnitudes_of_all_directions() -> None:
     assert misfit[1] < 1e-4 < 0.05 * misfit[0]
 
 
-def test_beam_factors_are_found_beside_true_elements() -> None:
+def test_beam_factors_are_found_with_true_elements() -> None:
     book, rng = codebook([0.0]), np.random.default_rng(5)
     factors = np.exp(1j * np.deg2rad(30) * rng.standard_normal(len(book)))
     built = with_responses(book, np.ones(8), factors)
@@ -91,7 +91,7 @@ def test_beam_factors_are_found_beside_true_elements() -> None:
     np.testing.assert_allclose(found.beam * turn / abs(turn), factors, atol=0.03)
 
 
-def test_the_gauge_takes_out_a_common_factor_and_a_pointing_offset() -> None:
+def test_the_gauge_removes_a_common_factor_and_a_pointing_offset() -> None:
     book, rng = codebook([0.0], rows=4), np.random.default_rng(6)
     errors = element_errors(rng, 32)
     phase = 0.4 + book.element_position_m[:, 1:] @ np.array([90.0, -60.0])
@@ -145,7 +145,7 @@ def test_calibration_takes_stops_from_the_whole_walk_each_once() -> None:
     assert calibration_rows(1, settings).tolist() == [0]
 
 
-def test_lost_phases_are_noticed() -> None:
+def test_incoherent_phases_are_detected() -> None:
     bench = make_bench(3, element_gain_std_db=1.0, element_phase_std_deg=10.0, phase_noise_pair_deg=30.0)
     calibration = self_calibrate(stop_sweeps(bench, 3))
     assert not calibration.is_coherent

@@ -60,7 +60,7 @@ def test_every_method_returns_the_same_record(sweep: BeamSweep, method: str) -> 
     assert estimate.is_los.tolist() == [True, False]
 
 
-def test_auto_says_what_it_chose_and_why(sweep: BeamSweep) -> None:
+def test_auto_reports_its_choice_and_reason(sweep: BeamSweep) -> None:
     assert estimate_channel(sweep, "auto").reason.startswith("coherent: ")
 
 
@@ -73,7 +73,7 @@ def test_auto_says_what_it_chose_and_why(sweep: BeamSweep) -> None:
         (lambda s: np.where(np.arange(s.shape[2]) == 5, np.inf, s), "not finite"),
     ],
 )
-def test_samples_that_tell_nothing_are_refused(
+def test_uninformative_samples_are_refused(
     sweep: BeamSweep, method: str, spoil: Callable[[np.ndarray], np.ndarray], reason: str
 ) -> None:
     estimate = estimate_channel(replace(sweep, samples=spoil(sweep.samples)), method)
@@ -94,7 +94,7 @@ def test_noise_alone_holds_no_paths(
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("kind", ["one beam", "rank 1"])
-def test_an_end_that_sees_no_direction_says_so(
+def test_an_end_without_direction_information_is_reported(
     make_sweep: SweepMaker, make_paths: Maker, link: Link, method: str, kind: str
 ) -> None:
     book = link.tx_codebook.take("beam", [6] if kind == "one beam" else [6, 6, 6])
@@ -130,9 +130,7 @@ def test_an_empty_sweep_is_refused(sweep: BeamSweep, method: str, axis: int) -> 
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_one_beam_at_either_end_and_no_more_than_two_subcarriers_give_no_garbage(
-    sweep: BeamSweep, method: str
-) -> None:
+def test_one_beam_at_either_end_and_two_subcarriers_are_valid(sweep: BeamSweep, method: str) -> None:
     least = replace(
         sweep,
         tx_codebook=sweep.tx_codebook.take("beam", [6]),
@@ -169,7 +167,7 @@ def test_garbage_of_a_users_function_is_refused_in_one_line(
 
 
 @pytest.mark.parametrize("method", ["coherent", "incoherent", "auto"])
-def test_more_paths_than_asked_for_are_reported_as_such(sweep: BeamSweep, method: str) -> None:
+def test_more_paths_than_the_limit_are_reported(sweep: BeamSweep, method: str) -> None:
     one = ChannelConfig(maximum_likelihood=MaximumLikelihoodConfig(max_paths=1))
     estimate = estimate_channel(sweep, method, one)
     assert len(estimate) == 1
@@ -177,7 +175,7 @@ def test_more_paths_than_asked_for_are_reported_as_such(sweep: BeamSweep, method
     assert "max_paths = 1" in estimate.reason
 
 
-def test_no_more_paths_are_asked_for_than_the_samples_can_hold(link: Link, sweep: BeamSweep) -> None:
+def test_the_limit_of_paths_is_what_samples_determine(link: Link, sweep: BeamSweep) -> None:
     assert path_capacity(sweep) > 1000
     few = replace(
         sweep,
@@ -238,7 +236,7 @@ def test_horizontal_beams_give_the_cone_angle_of_a_path_from_above(
     assert azimuth - cone > 0.02
 
 
-def test_covariances_are_brought_into_the_order_of_the_record() -> None:
+def test_covariances_have_the_order_of_the_record() -> None:
     fit = np.diag([1e-20, 1e-4, 2e-4, 3e-4, 4e-4])[None] + 1e-13 * (np.eye(5, k=1) + np.eye(5, k=-1))
     both = ordered_covariance(fit, 2, 2)
     np.testing.assert_allclose(np.diagonal(both[0]), [1e-20, 1e-4, 3e-4, 2e-4, 4e-4])

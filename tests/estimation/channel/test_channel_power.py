@@ -68,7 +68,7 @@ def test_beam_neighbours_close_the_circle_only_when_beams_do(full_link: Link) ->
     assert tx.neighbour(np.array([31]), 1).tolist() == [31]
 
 
-def test_angle_is_read_without_bias_everywhere(full_link: Link) -> None:
+def test_angle_is_unbiased_everywhere(full_link: Link) -> None:
     axis = BeamAxis(full_link.rx_codebook)
     for azimuth in np.linspace(-np.pi, np.pi, 97):
         amplitude = axis.relative_amplitude(azimuth)
@@ -87,7 +87,7 @@ def test_noise_level_is_estimated_from_the_samples(make_sweep: SweepMaker, full_
     assert len(estimate_power(sweep)) == 0
 
 
-def test_false_alarm_probability_is_the_one_asked_for(make_sweep: SweepMaker, small_link: Link) -> None:
+def test_false_alarm_probability_is_the_given_one(make_sweep: SweepMaker, small_link: Link) -> None:
     rng, trials, asked = np.random.default_rng(1), 150, 0.2
     config = PowerMethodConfig(false_alarm_probability=asked, max_misfit=1e9)
     alarms = sum(
@@ -117,7 +117,7 @@ def test_separated_paths_are_all_found_and_nothing_else(
     assert estimate.is_los.tolist() == [True] + 5 * [False]
 
 
-def test_a_clock_bias_below_zero_stays_below_zero(make_sweep: SweepMaker, make_paths: Maker) -> None:
+def test_a_negative_delay_stays_negative(make_sweep: SweepMaker, make_paths: Maker) -> None:
     paths = make_paths(GAIN_AT_6M, 2e-8, -1.4, 0.2)
     estimate = estimate_power(make_sweep(paths, np.random.default_rng(3), bias_s=-9e-8))
     assert estimate.delay_s[0] == pytest.approx(-7e-8, abs=0.1e-9)
@@ -154,7 +154,7 @@ def test_power_map_is_the_mean_power(make_sweep: SweepMaker, make_paths: Maker) 
     assert beam_power_map(sweep).power_dbm[3, 7] == pytest.approx(expected, abs=1e-4)
 
 
-def test_a_single_beam_says_nothing_about_an_angle(make_paths: Maker, make_sweep: SweepMaker) -> None:
+def test_with_a_single_beam_the_angle_is_unobservable(make_paths: Maker, make_sweep: SweepMaker) -> None:
     one = ArrayConfig(beams_per_panel=1)
     link = make_link(SimulationConfig(scene="none", tx_array=one, rx_array=one))
     paths = make_paths(GAIN_AT_6M, 2e-8, -np.pi / 2, 0.4)

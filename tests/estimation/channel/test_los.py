@@ -23,16 +23,16 @@ def test_free_space_power_makes_a_line_of_sight_likely() -> None:
     assert probability([5, 9, 14], [0, 3, 8])[0] > 0.8
 
 
-def test_a_later_path_that_is_too_strong_speaks_against_it() -> None:
+def test_a_later_path_that_is_too_strong_is_evidence_against_it() -> None:
     assert probability([5, 6], [15, 4])[0] < 0.1
     assert probability([5, 6], [0, 6])[0] > 0.7
 
 
-def test_a_power_that_asks_for_an_incredible_clock_speaks_against_it() -> None:
+def test_a_power_that_needs_an_incredible_clock_is_evidence_against_it() -> None:
     assert probability([5], [30])[0] < 0.2
 
 
-def test_with_a_known_clock_power_is_held_against_distance() -> None:
+def test_with_a_known_clock_power_is_compared_with_distance() -> None:
     synchronised = LosConfig(clock_std_ns=1.0)
     assert probability([5], [0], synchronised, bias_s=0.0)[0] > 0.95
     assert probability([5], [12], synchronised, bias_s=0.0)[0] < 0.05
@@ -40,7 +40,7 @@ def test_with_a_known_clock_power_is_held_against_distance() -> None:
     assert probability([5], [12], loose, bias_s=0.0)[0] > 0.3  # the clock may be off as much
 
 
-def test_a_known_direction_decides_what_powers_leave_open() -> None:
+def test_a_known_direction_decides_if_powers_do_not() -> None:
     delay = np.array([2e-8, 4e-8])
     power = np.array([-40.0, -45.0])
     angles = np.array([[0.2, -0.4], [1.0, 1.0]])
@@ -53,14 +53,14 @@ def test_a_known_direction_decides_what_powers_leave_open() -> None:
     assert elsewhere[0] < 0.01
 
 
-def test_a_ghost_before_the_line_of_sight_is_not_taken_for_it() -> None:
+def test_a_ghost_before_the_line_of_sight_is_not_chosen() -> None:
     found = probability([4, 5, 9], [25, 0, 10], LosConfig(clock_std_ns=1.0, ghost_share=0.1), bias_s=0.0)
     assert found.argmax() == 1
     assert found[1] > 0.5
 
 
 def test_side_lobes_in_the_delay_cell_of_a_line_of_sight_do_not_hide_it() -> None:
-    """Wrong beam patterns leave ghosts around the strongest path, some of them by chance a little before it."""
+    """Wrong beam patterns cause ghosts around the strongest path, some of them by chance a little before it."""
     lengths = np.array([4.99, 4.995, 4.998, 5.0, 5.01, 9.0])
     power = -13.0 - 20 * np.log10(lengths) - np.array([25, 30, 28, 0, 24, 10])
     delay = lengths / SPEED_OF_LIGHT_M_S + BIAS_S
@@ -73,14 +73,14 @@ def test_side_lobes_in_the_delay_cell_of_a_line_of_sight_do_not_hide_it() -> Non
     assert (found[[0, 1, 2, 4]] == 0).all()
 
 
-def test_an_equal_path_in_the_delay_cell_is_not_outshone() -> None:
+def test_an_equal_path_in_the_delay_cell_does_not_mask_it() -> None:
     delay = np.array([5.0, 5.2]) / SPEED_OF_LIGHT_M_S
     power = np.array([-27.0, -31.0])
     plain, found = (los_probability(delay, power, LosConfig(), cell_s=cell) for cell in (0.0, 2.6e-9))
     assert plain.tolist() == found.tolist()
 
 
-def test_at_most_one_path_is_the_line_of_sight_and_none_of_none() -> None:
+def test_at_most_one_path_is_the_line_of_sight() -> None:
     assert probability([], []).shape == (0,)
     for seed in range(50):
         rng = np.random.default_rng(seed)
@@ -91,8 +91,8 @@ def test_at_most_one_path_is_the_line_of_sight_and_none_of_none() -> None:
 
 
 @pytest.mark.parametrize("clock_std_ns", [2.0, None])
-def test_probabilities_are_those_of_the_cases_they_are_given_to(clock_std_ns: float | None) -> None:
-    """Stops drawn from the model's own priors: of those given about p, a share of p has a line of sight."""
+def test_probabilities_are_calibrated(clock_std_ns: float | None) -> None:
+    """Stops drawn from the model's own priors: of those of probability near p, a share p has a line of sight."""
     config = LosConfig(clock_std_ns=clock_std_ns)
     rng = np.random.default_rng(3)
     given, truth = [], []

@@ -1,4 +1,4 @@
-"""What both maximum-likelihood methods promise; to the incoherent one every pair comes with a random phase."""
+"""The contract of both maximum-likelihood methods; the incoherent one gets a random phase per pair."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -31,14 +31,14 @@ SMALL = plain_link()
 
 @dataclass(frozen=True)
 class Method:
-    """A method, and how near it comes to noiseless (delay in s, angles in rad, amplitude) paths."""
+    """A method, and its accuracy for noiseless (delay in s, angles in rad, amplitude) paths."""
 
     name: str
     fit: Callable[..., PathFit]
     near: tuple[float, float, float]
 
     def sweep(self, sweep: BeamSweep, rng: np.random.Generator) -> BeamSweep:
-        """The sweep as it comes to the method."""
+        """The sweep as the method gets it."""
         return scrambled(sweep, rng) if self.name == "incoherent" else sweep
 
 
@@ -53,7 +53,7 @@ for_methods = pytest.mark.parametrize("method", METHODS, ids=lambda method: meth
 @pytest.mark.parametrize(
     ("tx", "rx"), [(None, None), (None, PANELS), (ELEVATION, None)], ids=["azimuth", "panels", "elevation"]
 )
-def test_without_noise_paths_come_back_as_they_were(
+def test_without_noise_estimates_are_exact(
     method: Method, tx: ArrayConfig | None, rx: ArrayConfig | None
 ) -> None:
     link = plain_link(tx, rx)
@@ -74,7 +74,7 @@ def test_without_noise_paths_come_back_as_they_were(
 
 
 @for_methods
-def test_noise_alone_makes_paths_as_often_as_asked(method: Method) -> None:
+def test_noise_alone_has_the_given_false_alarm_probability(method: Method) -> None:
     rng = np.random.default_rng(4)
     config = MaximumLikelihoodConfig(false_alarm_probability=0.2)
     n = 150 if method.name == "coherent" else 80
@@ -83,7 +83,7 @@ def test_noise_alone_makes_paths_as_often_as_asked(method: Method) -> None:
 
 @pytest.mark.slow
 @for_methods
-def test_false_alarms_are_rare_where_they_are_to_be(method: Method) -> None:
+def test_false_alarms_are_rare_at_unexpected_delays(method: Method) -> None:
     rng = np.random.default_rng(5)
     config = MaximumLikelihoodConfig(false_alarm_probability=0.01)
     assert 0.5 < _false_alarm_rate(method, config, 3000, rng) / 0.01 < 1.5
@@ -97,7 +97,7 @@ def _false_alarm_rate(
 
 
 @for_methods
-def test_calibrated_manifolds_take_the_place_of_nominal_ones(method: Method) -> None:
+def test_calibrated_manifolds_replace_nominal_ones(method: Method) -> None:
     rng = np.random.default_rng(9)
     built = replace(
         SMALL,

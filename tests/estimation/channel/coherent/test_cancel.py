@@ -1,4 +1,4 @@
-"""Pairs that no scene has are put apart or become one, and true close pairs stay."""
+"""Cancelling pairs are separated or merged, and true close pairs stay."""
 
 import numpy as np
 
@@ -14,42 +14,42 @@ CELL_NS = 1e9 / (288 * 120e3)
 
 
 def _two(apart_cells: float, phase: float) -> tuple[CompressedSweep, PathParameters]:
-    """Two paths of 35 dB so far apart in delay, in noise, and the true places on the grid of the sweep."""
+    """Two paths of 35 dB this far apart in delay, in noise, and the true places on the grid of the sweep."""
     delay_ns = 200.0 + CELL_NS * apart_cells * np.array([-0.5, 0.5])
     paths = plain_paths(SMALL, delay_ns, [5.0, 5.0], [-9.0, -9.0], 35.0, phase=[0.0, phase])
     sweep = compressed(plain_sweep(SMALL, paths, np.random.default_rng(1)))
     return sweep, PathParameters(paths.delay_s / sweep.bin_s, paths.aod_rad, paths.aoa_rad, paths.amplitude)
 
 
-def _twins(sweep: CompressedSweep, truth: PathParameters) -> PathParameters:
+def _cancelling_pair(sweep: CompressedSweep, truth: PathParameters) -> PathParameters:
     """Two paths a thousandth of a bin apart between the true ones."""
     middle = truth.delay_bins.mean() + np.array([-5e-4, 5e-4])
     return PathParameters(middle, truth.aod_rad, truth.aoa_rad, truth.amplitude)
 
 
-def test_twins_are_put_where_the_paths_are() -> None:
+def test_cancelling_paths_are_separated_to_the_true_places() -> None:
     sweep, truth = _two(0.8, 1.0)
     reference = Reference(sweep, truth.take(slice(0)))
-    twins = solve_at(reference, _twins(sweep, truth))
-    assert cancelling_coherence(twins).any()
-    assert np.abs(twins.paths.amplitude).max() > 30 * np.abs(truth.amplitude).max()
-    found = without_cancelling_paths(reference, twins, 30)
+    pair = solve_at(reference, _cancelling_pair(sweep, truth))
+    assert cancelling_coherence(pair).any()
+    assert np.abs(pair.paths.amplitude).max() > 30 * np.abs(truth.amplitude).max()
+    found = without_cancelling_paths(reference, pair, 30)
     assert not cancelling_coherence(found).any()
     assert np.allclose(np.sort(found.paths.delay_bins), truth.delay_bins, atol=0.1)
-    assert found.explained > twins.explained
+    assert found.explained > pair.explained
 
 
-def test_twins_at_one_path_leave_one_that_counts() -> None:
+def test_cancelling_paths_at_one_path_become_one_significant_path() -> None:
     sweep, truth = _two(0.0, 0.0)
     reference = Reference(sweep, truth.take(slice(0)))
-    found = without_cancelling_paths(reference, solve_at(reference, _twins(sweep, truth)), 30)
+    found = without_cancelling_paths(reference, solve_at(reference, _cancelling_pair(sweep, truth)), 30)
     assert not cancelling_coherence(found).any()
     found = pruned(reference, found, lambda delay_bins: np.full(len(delay_bins), 24.0), 30)
     assert len(found.paths) == 1
     assert np.isclose(found.paths.delay_bins[0], truth.delay_bins[0], atol=0.05)
 
 
-def test_true_pairs_stay_whatever_their_phases() -> None:
+def test_true_pairs_are_kept_at_any_phases() -> None:
     for phase in np.linspace(0, 2 * np.pi, 8, endpoint=False):
         sweep, truth = _two(0.5, phase)
         reference = Reference(sweep, truth.take(slice(0)))

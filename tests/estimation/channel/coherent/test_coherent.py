@@ -61,7 +61,7 @@ def test_two_equal_paths_half_a_cell_apart_are_two(axis: int) -> None:
     assert np.mean(np.array(counts) == 2) >= 0.9
 
 
-def test_a_weak_companion_is_put_in_its_place() -> None:
+def test_a_weak_second_path_is_found_at_its_place() -> None:
     """A path 18 dB below one two thirds of a cell away: found near the truth, not in a side maximum."""
     rng = np.random.default_rng(5)
     found = 0
@@ -101,7 +101,7 @@ def test_noise_powers_may_differ_between_beams() -> None:
     assert 0.65 < np.mean(nees) / 3 < 1.4
 
 
-def test_one_beam_says_nothing_about_its_angle() -> None:
+def test_with_one_beam_the_angle_is_unobservable() -> None:
     link = plain_link(ArrayConfig(columns=8, beams_per_panel=1))
     paths = plain_paths(link, [80.0, 150.0], [0.0, 0.0], [0.0, 20.0], [40.0, 35.0])
     fit = fit_coherent(plain_sweep(link, paths, np.random.default_rng(10)))
@@ -111,7 +111,7 @@ def test_one_beam_says_nothing_about_its_angle() -> None:
     assert (fit.covariance[:, 2, 2] < 1e-4).all()
 
 
-def test_beams_of_rank_one_say_nothing_about_angles() -> None:
+def test_with_beams_of_rank_one_angles_are_unobservable() -> None:
     """The same beam ten times over at both ends."""
     books = [replace(b, weights=b.weights[[4] * 10]) for b in (SMALL.tx_codebook, SMALL.rx_codebook)]
     link = replace(SMALL, tx_codebook=books[0], rx_codebook=books[1])
@@ -122,7 +122,7 @@ def test_beams_of_rank_one_say_nothing_about_angles() -> None:
     assert (fit.covariance[0, [1, 2], [1, 2]] > 3).all()
 
 
-def test_few_samples_hold_few_paths() -> None:
+def test_few_samples_determine_few_paths() -> None:
     """One beam each and 24 subcarriers hold 48 numbers: no fit of 20 paths of 5."""
     one = ArrayConfig(columns=8, beams_per_panel=1)
     link = plain_link(one, one, combine_symbols=False, comb=12)

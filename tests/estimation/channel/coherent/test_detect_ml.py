@@ -45,7 +45,7 @@ def test_plans_are_made_once_per_pair_of_codebooks() -> None:
 
 @pytest.mark.parametrize("rx", [None, PANELS, ELEVATION])
 def test_strongest_peak_is_near_the_path(rx: ArrayConfig | None) -> None:
-    """What the grid hides of a path between its points is less than what the search allows for."""
+    """The loss of a path between grid points is less than the search allows for."""
     link = plain_link(rx=rx)
     for delay_ns, aod_deg, aoa_deg in ((200.0, 10.0, -17.0), (217.0, -31.0, 5.0)):
         paths = plain_paths(link, delay_ns, aod_deg, aoa_deg, 30.0)
@@ -82,7 +82,7 @@ def test_separate_paths_are_taken_in_one_batch() -> None:
 
 
 def test_window_follows_the_strongest_path() -> None:
-    """132 RB: a period of 8.3 us, of which the window is a part; a late path adds the bins about it."""
+    """132 RB: a period of 8.3 us, of which the window is a part; a late path adds the bins around it."""
     link = plain_link(n_rb=132)
     paths = plain_paths(link, [-60.0, 5000.0], [0.0, 20.0], [0.0, -10.0], [40.0, 30.0])
     cube, plan = _cube(plain_sweep(link, paths, np.random.default_rng(1)))
@@ -104,7 +104,7 @@ def test_noise_alone_has_no_window() -> None:
 
 
 def test_expected_delays_need_less_power_than_others() -> None:
-    """A path is missed at 4 us, that is found where the first path is expected at 4 us."""
+    """A path at 4 us is missed, but found if the first path is expected at 4 us."""
     link = plain_link(n_rb=132)
     hits = {}
     for name, expected in (("near", (-200.0, 1000.0)), ("late", (3500.0, 4500.0))):

@@ -1,4 +1,4 @@
-"""Dense diffuse background: noise where it is dense, nothing where there is none."""
+"""Dense diffuse background: noise if it is dense, no effect if there is none."""
 
 import numpy as np
 
@@ -44,7 +44,7 @@ def test_diffuse_power_is_taken_as_noise() -> None:
     assert np.mean(nees) < 2.0
 
 
-def test_the_background_over_delay_is_noise_where_noise_explains_it() -> None:
+def test_the_background_over_delay_is_one_if_noise_explains_it() -> None:
     rng = np.random.default_rng(2)
     shape = (16, 16, 200)
     noise = (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2)
@@ -55,7 +55,7 @@ def test_the_background_over_delay_is_noise_where_noise_explains_it() -> None:
     assert (found[180:] == 1).all()
 
 
-def test_the_tail_is_that_of_the_cells_that_are_filled() -> None:
+def test_the_tail_is_that_of_the_filled_cells() -> None:
     """One cell in five with three times the power of the others: high powers are theirs."""
     rng = np.random.default_rng(3)
     shape = (16, 16, 60)
@@ -64,5 +64,5 @@ def test_the_tail_is_that_of_the_cells_that_are_filled() -> None:
     assert abs(_tail_scale(power, far, near)[0] - 1) < 0.1
     power *= np.where(rng.random(shape) < 0.2, 3.0, 1.0)
     assert _tail_scale(power, far, near)[0] > 1.4
-    power[3, 3, 20] = 1e4  # what a strong path leaves is no background
+    power[3, 3, 20] = 1e4  # the residual of a strong path is no background
     assert _tail_scale(power, far, near)[0] < 3

@@ -1,4 +1,4 @@
-"""One path above the horizon that two panels show is one path, and two paths of the horizon stay two."""
+"""A path above the horizon on two panels is one path, and two paths at the horizon remain two."""
 
 import numpy as np
 import pytest
@@ -51,7 +51,7 @@ def _two_level(rng: np.random.Generator, phase: float) -> BeamSweep:
 
 @pytest.mark.parametrize("snr_db", [20.0, 30.0, 50.0])
 def test_one_path_above_the_horizon_is_one(snr_db: float) -> None:
-    """At 50 dB a model of the horizon alone needs more than two."""
+    """At 50 dB a model of horizontal paths needs more than two."""
     fit = fit_coherent(_one_above(np.random.default_rng(1), snr_db))
     assert len(fit) == 2
     assert np.allclose(np.rad2deg(fit.aoa_rad[:, 0]), [np.rad2deg(_cone()), 100.0], atol=1.5)
@@ -85,7 +85,7 @@ def test_a_model_of_the_horizon_alone_needs_two() -> None:
 
 
 @pytest.mark.parametrize("phase", [-2.0, 1.0, 3.0])
-def test_two_paths_at_the_horizon_stay_two(phase: float) -> None:
+def test_two_paths_at_the_horizon_remain_two(phase: float) -> None:
     assert len(fit_coherent(_two_level(np.random.default_rng(2), phase))) == 2
 
 
@@ -101,7 +101,7 @@ def test_the_covariance_of_the_cone_angle_holds() -> None:
     assert np.mean(np.array(nees) < chi2.ppf(0.95, 3)) > 0.85
 
 
-def test_the_model_of_hidden_elevations_is_that_of_the_beams_but_for_a_gain() -> None:
+def test_the_model_of_hidden_elevations_is_that_of_the_beams_up_to_a_gain() -> None:
     rng = np.random.default_rng(4)
     azimuth, elevation = rng.uniform(-3, 3, 30), rng.uniform(-0.6, 0.6, 30)
     manifold = Manifold(LINK.rx_codebook).with_hidden_elevation()
@@ -124,7 +124,7 @@ def test_the_model_of_hidden_elevations_is_that_of_the_beams_but_for_a_gain() ->
         ArrayConfig(panel_azimuth_deg=[0.0, 90.0], panel_tilt_deg=[10.0]),
     ],
 )
-def test_one_panel_and_beams_that_tell_elevations_hide_none(array: ArrayConfig) -> None:
+def test_one_panel_and_beams_that_resolve_elevation_hide_none(array: ArrayConfig) -> None:
     manifold = Manifold(make_codebook(array, 60e9))
     assert manifold.with_hidden_elevation() is manifold
 

@@ -1,4 +1,4 @@
-"""The quadrature of the derivatives: chi-square in noise, as large as the error where a neighbour is not found."""
+"""The quadrature of the derivatives: chi-square in noise, as large as the error by an undetected neighbour."""
 
 import numpy as np
 from scipy.stats import chi2
@@ -14,7 +14,7 @@ N_TRIALS = 120
 
 
 def _fit_one(rng: np.random.Generator, neighbour_db: float | None) -> tuple[Reference, Solution, np.ndarray]:
-    """One path of 40 dB fitted, perhaps beside a neighbour a sixth of a cell away on every axis; its error."""
+    """One fitted path of 40 dB, with or without a neighbour a sixth of a cell away on every axis; its error."""
     delay_ns = np.array([200.0, 205.0])
     snr_db = [40.0, 40.0 + (neighbour_db or 0.0)]
     phase = rng.uniform(0, 2 * np.pi, 2)
@@ -35,7 +35,7 @@ def _fit_one(rng: np.random.Generator, neighbour_db: float | None) -> tuple[Refe
     return Reference(sweep, found), solution, error
 
 
-def test_in_noise_it_is_chi_square_and_widens_nothing() -> None:
+def test_quadrature_in_noise_is_chi_square_and_widens_nothing() -> None:
     rng = np.random.default_rng(1)
     fits = [_fit_one(rng, None) for _ in range(N_TRIALS)]
     shown = np.array([quadrature_statistic(reference, fit)[0][0] for reference, fit, _ in fits])
@@ -45,7 +45,7 @@ def test_in_noise_it_is_chi_square_and_widens_nothing() -> None:
     assert np.mean(factor > 1) <= 0.02
 
 
-def test_an_unresolved_neighbour_shows_as_much_as_it_shifts() -> None:
+def test_an_unresolved_neighbour_has_a_misfit_as_large_as_its_shift() -> None:
     rng = np.random.default_rng(2)
     plain, shown = [], []
     for _ in range(N_TRIALS):
@@ -57,7 +57,7 @@ def test_an_unresolved_neighbour_shows_as_much_as_it_shifts() -> None:
     assert 0.5 < np.mean(shown) / np.mean(plain) < 2
 
 
-def test_the_misfit_widens_by_its_factor_but_not_past_what_a_neighbour_can_do() -> None:
+def test_the_misfit_widens_by_its_factor_up_to_the_error_of_a_neighbour() -> None:
     rng = np.random.default_rng(3)
     root = rng.normal(size=(5, 3, 3))
     rate = rng.uniform(0.5, 20.0, (5, 3))
@@ -72,6 +72,6 @@ def test_the_misfit_widens_by_its_factor_but_not_past_what_a_neighbour_can_do() 
     np.testing.assert_allclose(widened(own, np.ones(1), rate[:1]), own)  # noise may be wider than a cell
 
 
-def test_a_parameter_that_no_beam_tells_stays_as_wide_as_its_factor() -> None:
+def test_an_unobservable_parameter_is_widened_by_its_full_factor() -> None:
     wide = widened(np.eye(3)[None], np.array([4.0]), np.array([[1e9, 1e9, 0.0]]))
     np.testing.assert_allclose(np.diagonal(wide[0]), [1.0, 1.0, 4.0], rtol=1e-6)

@@ -1,4 +1,4 @@
-"""Which paths the others make up for, and refinement of only those that are near."""
+"""Redundant paths, and refinement of only the near ones."""
 
 import numpy as np
 
@@ -19,7 +19,7 @@ def _fitted(delay_ns: list[float], snr_db: float = 30.0) -> tuple[Reference, Pat
     return Reference(sweep, places.take(slice(0))), places
 
 
-def test_of_two_for_one_path_one_is_needless() -> None:
+def test_of_two_for_one_path_one_is_redundant() -> None:
     reference, truth = _fitted([100.0, 400.0])
     double = truth.joined(truth.take(slice(1)).moved(np.array([[0.1, 0.0, 0.0]])))
     solution = solve_at(reference, double)
@@ -28,7 +28,7 @@ def test_of_two_for_one_path_one_is_needless() -> None:
     assert not dropped[1]
 
 
-def test_what_a_needless_path_adds_is_what_its_removal_leaves() -> None:
+def test_loss_of_a_redundant_path_is_the_increase_of_the_residual() -> None:
     """A weak path alone in its place: the linear model is exact, its power is what is lost."""
     reference, truth = _fitted([100.0, 400.0, 900.0], 20.0)
     solution = refine(reference, truth, 30)
@@ -39,7 +39,7 @@ def test_what_a_needless_path_adds_is_what_its_removal_leaves() -> None:
         assert redundant_paths(solution, level)[1] == expected
 
 
-def test_refining_what_is_near_is_refining_all_where_the_rest_is_far() -> None:
+def test_refining_near_paths_equals_refining_all_if_the_others_are_far() -> None:
     reference, truth = _fitted(list(np.linspace(50, 8000, 30)))
     start = truth.moved(np.where(np.arange(30)[:, None] == 7, [0.2, 0.02, 0.02], 0.0))
     about = start.take(slice(7, 8))

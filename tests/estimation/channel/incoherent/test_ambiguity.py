@@ -1,4 +1,4 @@
-"""Elevation without phases: what magnitudes leave open is in the covariance and said, never a silent bias."""
+"""Elevation without phases: ambiguous directions are in the covariance and reported, never a silent bias."""
 
 import numpy as np
 import pytest
@@ -35,9 +35,7 @@ def departures(estimate: ChannelEstimate) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("method", ["incoherent", "auto"])
 @pytest.mark.parametrize("beams", [TWO_LEVELS, FOUR_LEVELS], ids=["two", "four"])
-def test_directions_lie_within_their_covariances_whatever_the_beams_show(
-    beams: ArrayConfig, method: str
-) -> None:
+def test_directions_lie_within_their_covariances_for_all_beams(beams: ArrayConfig, method: str) -> None:
     estimate = estimated(beams, method)
     assert len(estimate) == 2
     assert estimate.aod_angle_kind == AngleKind.AZIMUTH
@@ -48,7 +46,7 @@ def test_directions_lie_within_their_covariances_whatever_the_beams_show(
         assert f"{wide.sum()} of 2 paths fit several directions equally" in estimate.reason
 
 
-def test_beams_at_two_elevations_cannot_tell_above_from_below_without_phases() -> None:
+def test_beams_at_two_elevations_are_ambiguous_in_elevation_without_phases() -> None:
     assert "fit several directions equally" in estimated(TWO_LEVELS, "incoherent").reason
     sure = estimated(TWO_LEVELS, "coherent")
     error, covariance = departures(sure)
@@ -57,7 +55,7 @@ def test_beams_at_two_elevations_cannot_tell_above_from_below_without_phases() -
 
 
 @pytest.mark.parametrize("method", ["coherent", "incoherent", "auto"])
-def test_an_end_of_horizontal_beams_gives_cone_angles_beside_one_that_sees_elevation(method: str) -> None:
+def test_an_end_of_horizontal_beams_has_cone_angles_if_the_other_has_elevation(method: str) -> None:
     estimate = estimated(FOUR_LEVELS, method)
     assert estimate.aoa_angle_kind == AngleKind.CONE
     assert np.isnan(estimate.aoa_elevation_rad).all()
@@ -66,7 +64,7 @@ def test_an_end_of_horizontal_beams_gives_cone_angles_beside_one_that_sees_eleva
     assert np.isnan(estimate.covariance[:, 4]).all()
 
 
-def test_horizontal_beams_have_no_rivals() -> None:
+def test_horizontal_beams_are_not_ambiguous() -> None:
     link = plain_link(LEVEL, LEVEL)
     paths = plain_paths(link, [30.0, 90.0], [-20.0, 30.0], [10.0, -35.0], [35.0, 28.0])
     fit = fit_incoherent(plain_sweep(link, paths, np.random.default_rng(1)))

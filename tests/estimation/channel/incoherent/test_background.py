@@ -1,4 +1,4 @@
-"""The noise that a path meets in its own beam pairs and delays: read right, and felt by the covariances."""
+"""The noise of a path in its own beam pairs and delays: correct, and part of the covariances."""
 
 import numpy as np
 import pytest
@@ -24,8 +24,8 @@ BINS, N_BINS = np.arange(100), 288
 
 def noise(power: np.ndarray, seed: int) -> Background:
     rng = np.random.default_rng(seed)
-    left = (rng.standard_normal((100, 100)) + 1j * rng.standard_normal((100, 100))) * np.sqrt(power / 2)
-    return Background.of(left, BINS, N_BINS)
+    residual = (rng.standard_normal((100, 100)) + 1j * rng.standard_normal((100, 100))) * np.sqrt(power / 2)
+    return Background.of(residual, BINS, N_BINS)
 
 
 def test_noise_alone_is_no_background() -> None:
@@ -36,7 +36,7 @@ def test_noise_alone_is_no_background() -> None:
 
 
 @pytest.mark.parametrize("sides", ["both", "after"])
-def test_the_rise_is_the_power_around_a_path_in_its_own_beams(sides: str) -> None:
+def test_the_noise_factor_is_the_power_around_a_path_in_its_own_beams(sides: str) -> None:
     power = np.ones((100, 100))
     power[:, 31 if sides == "after" else 10 : 50] = 5.0
     rises = np.array([noise(power, seed).noise_factor(ENDS, PATHS) for seed in range(50)])
@@ -48,13 +48,13 @@ def test_the_rise_is_the_power_around_a_path_in_its_own_beams(sides: str) -> Non
     assert noise(power, 1).noise_factor(ENDS, PATHS)[0] < NOTABLE
 
 
-def test_a_few_other_paths_beside_do_not_count() -> None:
+def test_a_few_other_paths_are_no_background() -> None:
     power = np.ones((100, 100))
     power[:, [26, 27, 35, 36]] = 1e4
     assert noise(power, 3).noise_factor(ENDS, PATHS)[0] == 1.0
 
 
-def test_power_left_in_the_own_cells_of_a_path_widens_its_covariance() -> None:
+def test_residual_power_in_the_own_cells_of_a_path_widens_its_covariance() -> None:
     power = np.ones((100, 100))
     power[:, 29:32] = 20.0
     found = noise(power, 4).covariance_factor(ENDS, PATHS)
@@ -70,7 +70,7 @@ def test_clean_stops_are_fitted_as_without_a_background() -> None:
     assert (fit.snr_db.max() - fit.snr_db).max() < 25
 
 
-def test_a_path_over_diffuse_power_stays_one_path_with_an_honest_covariance() -> None:
+def test_a_path_over_diffuse_power_is_one_path_with_an_honest_covariance() -> None:
     bench, rng = make_bench(1, phase_noise_pair_deg=180.0), np.random.default_rng([1, 4])
     extra, nees = 0, []
     for stop in range(8):

@@ -57,9 +57,9 @@ def test_phases_of_the_pairs_are_those_of_the_sweep() -> None:
     turn = rng.uniform(-np.pi, np.pi, sweep.samples.shape[:2])
     fit = fit_incoherent(replace(sweep, samples=sweep.samples * np.exp(1j * turn)[:, :, None]))
     lit = fit.pair_snr > 10
-    left = np.exp(1j * (fit.pair_phase_rad - turn)[lit])
+    residual = np.exp(1j * (fit.pair_phase_rad - turn)[lit])
     assert lit.sum() > 8
-    off = np.angle(left / left.mean()) * np.sqrt(2 * fit.pair_snr[lit])
+    off = np.angle(residual / residual.mean()) * np.sqrt(2 * fit.pair_snr[lit])
     assert 0.5 < off.std() < 1.6
     assert (fit.pair_path[lit] == 0).all()
     assert (fit.pair_path[fit.pair_snr == 0] == -1).all()
@@ -77,7 +77,7 @@ def test_levels_fall_where_paths_are_expected() -> None:
 
 
 def test_levels_rise_to_those_of_known_phases() -> None:
-    """A path among pairs whose phases others tell is found coherently, and so is noise."""
+    """A path in pairs whose phases others determine is detected coherently, and so is noise."""
     ends = Manifold(SMALL.tx_codebook), Manifold(SMALL.rx_codebook)
     levels = DetectionLevels(null_tail(*ends), MaximumLikelihoodConfig(), 1e-9, 8000)
     dark, half, lit = levels.further(np.full(3, 100.0), 50.0, np.array([0.0, 0.5, 1.0]))

@@ -110,7 +110,7 @@ def test_the_information_is_that_of_the_bound(stop):
     assert np.abs((found - bound) / np.outer(root, root)).max() < 2e-3
 
 
-def test_the_climb_ends_where_the_score_vanishes_and_above_the_truth(stop):
+def test_the_maximum_has_zero_score_and_exceeds_the_truth(stop):
     _, _, ends, local = stop
     start = PATHS + np.array([0.2, 0.02, -0.02, 0.1, 0.2])
     _, at, is_top = maximise_likelihood(local, ends, start)
@@ -120,7 +120,7 @@ def test_the_climb_ends_where_the_score_vanishes_and_above_the_truth(stop):
     assert np.abs(at.gradient / root).max() < 0.1
 
 
-def test_a_probe_of_a_companion_is_scored_as_a_faint_path_would_be(stop):
+def test_score_of_a_probe_is_that_of_a_faint_path(stop):
     _, _, ends, local = stop
     paths, at, _ = maximise_likelihood(local, ends, PATHS)
     probes = _probes(ends, paths)[::7]
@@ -186,7 +186,7 @@ def test_cell_amplitudes_and_column_maxima():
     assert (row == table.argmax(axis=0)).all()
 
 
-def test_paths_taken_as_they_are_count_as_if_they_were_fitted(stop):
+def test_fixed_paths_count_like_fitted_ones(stop):
     _, _, ends, local = stop
     whole = score(local, ends, PATHS)
     beside = score(local.with_fixed(ends, PATHS[1:]), ends, PATHS[:1])
@@ -215,7 +215,7 @@ def test_paths_far_apart_are_not_coupled(stop):
     assert coupled(at, 3, 2, 0.1).tolist() == [False, False, False]
 
 
-def test_candidates_are_weighed_by_their_likelihood():
+def test_candidates_have_their_likelihood_ratio():
     rng = np.random.default_rng(2)
     factors = np.linspace(0.5, 1.5, 5)
     tx, rx = (rng.standard_normal((2, n)) + 1j * rng.standard_normal((2, n)) for n in (3, 4))
@@ -224,20 +224,20 @@ def test_candidates_are_weighed_by_their_likelihood():
     shape = np.einsum("im,in->mni", tx, rx).reshape(12, 2)
     turns = np.exp(2j * np.pi * rng.random((12, 1)))
     matched = (6 * shape * turns + noise).astype(np.complex64)
-    unknown, told = np.zeros(12, complex), 0.99 * turns[:, 0]
+    unknown, known = np.zeros(12, complex), 0.99 * turns[:, 0]
     amplitude, _, ratio = candidate_ratios(tx, rx, matched, unknown.copy(), factors, 0.0, 0.5)
     share, received = np.abs(shape[:, 0]), np.abs(matched[:, 0]).astype(float)
     trial = (share @ received) * factors[:, None] * share
     expected = (np.log(ive(0, 2 * trial * received)) + 2 * trial * received - trial**2).sum(axis=1)
     assert ratio[0] == pytest.approx(expected.max(), rel=1e-5)
     assert amplitude[0] == pytest.approx((share @ received) * factors[expected.argmax()], rel=1e-5)
-    amplitude, phase, ratio = candidate_ratios(tx, rx, matched, told.copy(), factors, 0.0, 0.5)
-    in_phase = np.vdot(shape[:, 0] * told, matched[:, 0])
+    amplitude, phase, ratio = candidate_ratios(tx, rx, matched, known.copy(), factors, 0.0, 0.5)
+    in_phase = np.vdot(shape[:, 0] * known, matched[:, 0])
     assert ratio[0] == pytest.approx(max(expected.max(), abs(in_phase) ** 2), rel=1e-5)
     assert phase[0] == pytest.approx(np.angle(in_phase), abs=1e-5)
 
 
-def test_a_path_lies_in_the_light_of_those_in_its_beam_pairs() -> None:
+def test_phases_are_known_in_the_beam_pairs_of_other_paths() -> None:
     link = plain_link()
     ends = LinkBeams(Manifold(link.tx_codebook), Manifold(link.rx_codebook), np.ones(len(link.rx_codebook)))
     lone = np.array([[10.0, 0.5, -0.4, 0.0, 0.0]])
@@ -246,6 +246,6 @@ def test_a_path_lies_in_the_light_of_those_in_its_beam_pairs() -> None:
     aside = np.concatenate([lone, [[10.0, -0.7, 0.6, -1.0, 1.0]]])
     assert ends.known_phase_shares(beside, K)[0] > 0.99
     power = K * np.square(np.abs(ends.amplitudes(aside)))
-    told = power[:, 1] / (power[:, 1] + 0.5)
-    assert ends.known_phase_shares(aside, K)[0] == pytest.approx(told @ power[:, 0] / power[:, 0].sum())
+    known = power[:, 1] / (power[:, 1] + 0.5)
+    assert ends.known_phase_shares(aside, K)[0] == pytest.approx(known @ power[:, 0] / power[:, 0].sum())
     assert ends.known_phase_shares(aside, K)[0] < 0.5

@@ -17,7 +17,7 @@ FOUR_SIDES = steered_codebook(
 )  # fmt: skip
 
 
-def test_horizontal_directions_are_themselves():
+def test_horizontal_directions_are_unchanged():
     azimuth = np.linspace(-3.0, 3.0, 25)
     angles, gain = apparent_angles(FOUR_SIDES, Manifold(FOUR_SIDES), azimuth, 0.0)
     assert_allclose(angles[:, 0], azimuth, atol=1e-12)
@@ -37,7 +37,7 @@ def test_cone_angles_have_the_biases_of_the_reference():
     assert_allclose(np.linalg.norm(true - model, axis=1) / np.linalg.norm(true, axis=1), 0, atol=0.02)
 
 
-def test_beams_that_tell_elevation_keep_the_direction():
+def test_beams_that_resolve_elevation_keep_the_direction():
     beams = steered_beams(
         POSITION_M, CARRIER_HZ, *direction_grid(sine_spaced_azimuths(8, 1.5), [-0.3, 0.0, 0.3])
     )

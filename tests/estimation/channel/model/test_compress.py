@@ -79,14 +79,14 @@ def test_noise_stays_white_and_of_unit_power() -> None:
     assert abs(lagged) < 5 / np.sqrt(cells.size)
 
 
-def test_level_of_the_noise_is_found() -> None:
+def test_noise_level_is_estimated() -> None:
     paths = plain_paths(SMALL, [20.0, 31.0], [10.0, -20.0], [-5.0, 30.0], [30.0, 25.0], noise_mw=3e-9)
     sweep = plain_sweep(SMALL, paths, np.random.default_rng(3), 3e-9)
     too_low = replace(sweep, noise_power_mw=sweep.noise_power_mw / 2)
     assert abs(_compressed(too_low).noise_scale - 2) < 0.1
 
 
-def test_window_counts_through_the_period() -> None:
+def test_window_is_periodic() -> None:
     """A path of negative delay lies in the last bins of the period; a window sees it below zero."""
     sweep = plain_sweep(SMALL, plain_paths(SMALL, -30.0, 5.0, 0.0, 30.0))
     cube = _compressed(sweep)
@@ -103,7 +103,7 @@ def test_window_counts_through_the_period() -> None:
     assert np.allclose(again, sign * wave)
 
 
-def test_further_whitening_moves_the_model_with_the_samples() -> None:
+def test_further_whitening_changes_the_model_with_the_samples() -> None:
     cube = _compressed(plain_sweep(SMALL, plain_paths(SMALL, 20.0, 5.0, 0.0, 30.0)))
     window = cube.window(np.arange(-10, 40))
     rng = np.random.default_rng(4)
@@ -133,7 +133,7 @@ def test_samples_that_are_not_finite_are_refused() -> None:
             _compressed(replace(sweep, samples=samples))
 
 
-def test_sweeps_that_tell_no_delay_are_refused() -> None:
+def test_sweeps_without_delay_information_are_refused() -> None:
     sweep = plain_sweep(SMALL, plain_paths(SMALL, 20.0, 0.0, 0.0, 20.0))
     with pytest.raises(ValueError, match="2 subcarriers"):
         check_sweep(sweep.take("subcarrier", slice(0, 1)))

@@ -203,7 +203,7 @@ def test_losing_phases_never_helps_and_real_responses_lose_little():
     assert np.all(noisy.std > 3 * crb(book, book, FREQUENCY_HZ, 1e3, **paths).std)
 
 
-def test_what_the_sweep_leaves_free_is_infinite():
+def test_unobservable_parameters_have_infinite_bounds():
     book = flat_codebook(6)
     single = replace(flat_codebook(1))
     here = {"delay_s": [9e-9], "aod_rad": [0.1], "aoa_rad": [-0.2], "amplitude": [1.0]}
@@ -216,7 +216,7 @@ def test_what_the_sweep_leaves_free_is_infinite():
     assert crb(book, book, FREQUENCY_HZ, 1.0, **none).covariance.shape == (0, 3, 3)
 
 
-def test_joint_covariance_holds_the_other_paths():
+def test_joint_covariance_includes_the_other_paths():
     model = Model("flat", 2, 6)
     model.at[1, :-2] = model.at[0, :-2] + np.array([1e-9, 0.05, 0.05])
     information = model.information(True)

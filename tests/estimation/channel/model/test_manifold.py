@@ -64,7 +64,7 @@ def test_derivatives_are_the_limit_of_differences(name: str) -> None:
         (ArrayConfig(codebook="dft"), 2),
     ],
 )
-def test_elevation_is_an_angle_only_where_beams_tell_it(array: ArrayConfig, n_angles: int) -> None:
+def test_elevation_is_an_angle_only_if_beams_resolve_it(array: ArrayConfig, n_angles: int) -> None:
     assert Manifold(make_codebook(array, 60e9)).n_angles == n_angles
 
 
@@ -83,7 +83,7 @@ def test_metric_of_a_full_set_of_beams_is_that_of_the_bare_array(azimuth: float)
 
 
 @pytest.mark.parametrize("name", ["steered", "four_panels", "campus"])
-def test_grid_is_even_on_the_manifold_and_leaves_no_gap(name: str) -> None:
+def test_grid_is_even_on_the_manifold_without_gaps(name: str) -> None:
     manifold = Manifold(_book(name))
     grid = manifold.grid(2.0)
     azimuth = np.unwrap(grid[:, 0])
@@ -105,7 +105,7 @@ def test_grid_of_beams_with_elevation_covers_both_angles() -> None:
     assert (np.abs(seen @ unit.conj().T) ** 2).max(axis=1).min() > 0.8**2
 
 
-def test_one_beam_tells_no_directions_apart() -> None:
+def test_one_beam_resolves_no_directions() -> None:
     manifold = Manifold(make_codebook(ArrayConfig(beams_per_panel=1), 60e9))
     assert manifold.grid(2.0).shape == (1, 1)
     assert np.allclose(manifold.metric(np.array([[0.3]])), 0.0, atol=1e-9)

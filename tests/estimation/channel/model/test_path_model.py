@@ -95,11 +95,11 @@ def test_inner_products_are_those_of_dense_arrays(swept: CompressedSweep) -> Non
     assert np.allclose(response_energies(at), np.einsum("papa->pa", full)[:, 0].real)
 
 
-def test_residual_is_what_dense_paths_leave(swept: CompressedSweep) -> None:
+def test_residual_is_that_of_dense_arrays(swept: CompressedSweep) -> None:
     paths = _guess(swept)
-    left = swept.samples.ravel() - paths.amplitude @ _dense(swept, paths)
+    rest = swept.samples.ravel() - paths.amplitude @ _dense(swept, paths)
     parts = residual(swept, paths)
-    assert np.allclose((parts[0] + 1j * parts[1]).ravel(), left, atol=1e-4)
+    assert np.allclose((parts[0] + 1j * parts[1]).ravel(), rest, atol=1e-4)
 
 
 def test_normal_equations_are_those_of_least_squares(swept: CompressedSweep) -> None:
@@ -109,15 +109,15 @@ def test_normal_equations_are_those_of_least_squares(swept: CompressedSweep) -> 
     dense, data = _dense_tangents(swept, paths), swept.samples.ravel()
     amplitude = np.linalg.lstsq(dense[:, 0].T, data, rcond=None)[0]
     assert np.allclose(solution.paths.amplitude, amplitude, rtol=1e-5)
-    left = data - amplitude @ dense[:, 0]
-    explained = np.linalg.norm(data) ** 2 - np.linalg.norm(left) ** 2
+    rest = data - amplitude @ dense[:, 0]
+    explained = np.linalg.norm(data) ** 2 - np.linalg.norm(rest) ** 2
     assert np.isclose(solution.explained, explained, rtol=1e-6)
     columns = np.concatenate(
         [dense[:, :1], 1j * dense[:, :1], amplitude[:, None, None] * dense[:, 1:]], axis=1
     )
     norm = np.linalg.norm(columns, axis=2)
-    slope = (columns.conj() @ left).real
-    assert np.abs((solution.slope - slope) / norm / np.linalg.norm(left)).max() < 1e-6
+    slope = (columns.conj() @ rest).real
+    assert np.abs((solution.slope - slope) / norm / np.linalg.norm(rest)).max() < 1e-6
     information = np.einsum("pas,qbs->paqb", columns.conj(), columns).real
     assert np.abs((solution.information - information) / norm[:, :, None, None] / norm).max() < 1e-6
 
@@ -132,7 +132,7 @@ def test_refinement_ends_where_the_slope_vanishes(swept: CompressedSweep) -> Non
 
 
 def test_reference_does_not_change_the_solution(swept: CompressedSweep) -> None:
-    """Single precision holds only what reference paths leave: far or near ones give the same likelihood."""
+    """Only the residual of reference paths is in single precision: far or near ones give the same likelihood."""
     paths = _guess(swept)
     near = Reference(swept, refine(Reference(swept, paths), paths, 30).paths)
     far = Reference(swept, paths.take(slice(0, 0)))
