@@ -16,11 +16,25 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimation.laws.plane import MIN_LENGTH_M, residual
 from scenes.pose import Pose, direction, wrap_angle
 from scenes.record import FloatArray
 
+__all__ = [
+    "N_MEASURED",
+    "N_STATE",
+    "BounceEquations",
+    "bounce_equations",
+    "bounce_jacobian_point",
+    "bounce_jacobian_rx",
+    "los_jacobian_rx",
+    "predict_bounce",
+    "predict_los",
+    "residual",
+    "start_point",
+]
+
 N_STATE = N_MEASURED = 5
-_MIN_LENGTH_M = 1e-6
 _HAIR = 1e-12
 
 
@@ -61,13 +75,6 @@ def los_jacobian_rx(tx: Pose, state: FloatArray) -> FloatArray:
     jacobian[..., 3, :3], jacobian[..., 4, :3] = elevation, -elevation
     jacobian[..., 2, 3], jacobian[..., 0, 4] = -1.0, 1.0
     return jacobian
-
-
-def residual(measured: FloatArray, predicted: FloatArray) -> FloatArray:
-    """Measured minus predicted (..., 5), the azimuths wrapped to [-pi, pi)."""
-    difference = measured - predicted
-    difference[..., 1:3] = wrap_angle(difference[..., 1:3])
-    return np.asarray(difference)
 
 
 @dataclass(frozen=True)
@@ -168,7 +175,7 @@ def _measurement(
 def _gradients(vector: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Gradients (..., 3) of length, azimuth and elevation of a vector, lengths kept above 1 um."""
     x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
-    level2 = np.maximum(x**2 + y**2, _MIN_LENGTH_M**2)
+    level2 = np.maximum(x**2 + y**2, MIN_LENGTH_M**2)
     length2 = level2 + z**2
     level = np.sqrt(level2)
     unit = vector / np.sqrt(length2)[..., None]

@@ -14,8 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimation.laws import plane as plane_law
+from estimation.laws.contour import predict_circle
+from estimation.laws.wall import predict_walls, wall_line
 from estimation.slam.mapping.point_fit import point_bound, state_information
-from estimation.slam.walk.landmarks import predict_circle, predict_walls
 from scenes.pose import Pose
 from scenes.record import FloatArray, IntArray
 
@@ -136,17 +137,3 @@ def trajectory_covariance(
         information[: 4 * n, : 4 * n] += difference.T @ difference
     covariance = state_covariance(information)
     return np.stack([covariance[4 * i : 4 * i + 4, 4 * i : 4 * i + 4] for i in range(n)])
-
-
-def wall_line(tx: Pose, state: FloatArray, point_m: FloatArray) -> FloatArray:
-    """Line [normal azimuth in rad, offset in m] (path, 2) of the flat wall that reflects at each IP (path, xy).
-
-    The mirror image of the TX lies on the ray from the receiver through the IP, as far as the path is long.
-    """
-    leg = point_m - state[:2]
-    to_tx = np.linalg.norm(point_m - tx.position_m[:2], axis=-1, keepdims=True)
-    image = point_m + leg / np.linalg.norm(leg, axis=-1, keepdims=True) * to_tx
-    normal = image - tx.position_m[:2]
-    azimuth = np.arctan2(normal[:, 1], normal[:, 0])
-    offset = point_m[:, 0] * np.cos(azimuth) + point_m[:, 1] * np.sin(azimuth)
-    return np.column_stack([azimuth, offset])

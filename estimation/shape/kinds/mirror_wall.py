@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from estimation.laws.contour import WALL
+from estimation.laws.wall import wall_places
 from estimation.shape.fit import OK, ShapeFit, failed_fit
 from estimation.shape.reflection.posterior import Optimum, Prior, best_start, maximise
 from estimation.shape.reflection.reflections import ReflectionConfig, Reflections, ray_points
@@ -84,34 +85,13 @@ def _lit_ends(found: Optimum, data: Reflections) -> tuple[FloatArray, FloatArray
 
     The slopes are by azimuth and offset; the variances come from the RX positions.
     """
-    place, slope, by_rx = lit_places(found.parameter, data.tx[:, :2], data.rx_state[:, :2])
+    place, slope, by_rx = wall_places(found.parameter, data.tx, data.rx_state[:, :2])
     member = np.flatnonzero((found.inlier > 0.5) & found.paths.is_lit)
     if len(member) == 0:
         member = np.arange(len(place))
     ends = member[[int(np.argmin(place[member])), int(np.argmax(place[member]))]]
     variance = np.einsum("ni,nij,nj->n", by_rx[ends], data.rx_covariance[ends][:, :2, :2], by_rx[ends])
     return place[ends], slope[ends], variance
-
-
-def lit_places(
-    wall: FloatArray, tx_m: FloatArray, rx_m: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Place (path,) in m of each specular point along a wall [azimuth, offset], and its derivatives.
-
-    They are by the wall (path, 2) and by the RX position (path, xy).
-    """
-    normal = np.array([np.cos(wall[0]), np.sin(wall[0])])
-    tangent = np.array([-normal[1], normal[0]])
-    place_t, place_r = tx_m @ tangent, rx_m @ tangent
-    depth_t, depth_r = tx_m @ normal - wall[1], rx_m @ normal - wall[1]
-    total = depth_t + depth_r
-    total = np.where(np.abs(total) < 1e-9, 1e-9, total)
-    place = (place_r * depth_t + place_t * depth_r) / total
-    turned = 2 * place_t * place_r - (depth_r + wall[1]) * depth_t - (depth_t + wall[1]) * depth_r
-    slope = np.column_stack([turned - place * (place_t + place_r), 2 * place - place_t - place_r])
-    slope /= total[:, None]
-    by_rx = (depth_t[:, None] * tangent + (place_t - place)[:, None] * normal) / total[:, None]
-    return np.asarray(place), np.asarray(slope), np.asarray(by_rx)
 
 
 def _with_ends(covariance: FloatArray, slope: FloatArray, variance: FloatArray) -> FloatArray:

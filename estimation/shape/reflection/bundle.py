@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimation.laws.contour import predict
-from estimation.laws.plane import residual
+from estimation.laws.plane import los_jacobian_rx, predict_los, residual
 from estimation.shape.fit import ShapeFit, failed_fit
 from estimation.shape.reflection.bundle_kinds import (
     BundleObject,
@@ -24,10 +24,9 @@ from estimation.shape.reflection.bundle_kinds import (
     shape_of,
     start_of,
 )
-from estimation.shape.reflection.bundle_states import at_solution, line_of_sight, prior_states
 from estimation.shape.reflection.path_likelihood import N_COMMON
 from estimation.shape.reflection.posterior import CHI2_MEDIAN, FAR_OFF, Optimum, Prior, with_offsets
-from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
+from estimation.shape.reflection.reflections import ReflectionConfig, Reflections, at_solution, prior_states
 from scenes.record import FloatArray, IntArray
 
 _MAX_STEPS = 40
@@ -302,7 +301,8 @@ class _Problem:
             difference = self._difference(part.paths, paths.measured, common)
             found.append((part.paths, part.row, difference, by_common, paths.by_rx))
         if len(self.los):
-            measured, by_rx = line_of_sight(self.los.tx, state[self.los_row])
+            given = state[self.los_row]
+            measured, by_rx = predict_los(self.los.tx, given), los_jacobian_rx(self.los.tx, given)
             difference = self._difference(self.los, measured, common)
             found.append((self.los, self.los_row, difference, self._by_offset(self.los, len(common)), by_rx))
         return found

@@ -12,13 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimation.laws import plane as plane_law
-from estimation.laws.plane import bounce_jacobian_point, bounce_jacobian_rx
 from estimation.laws.support import CIRCLE, contour_points, normal_std_m
 from estimation.shape.fit import OK, ShapeFit, failed_fit
 from estimation.shape.reflection.reflections import ReflectionConfig, Reflections, ray_points
 from estimation.slam.config import MappingConfig
 from estimation.slam.mapping.point_fit import locate
-from scenes.pose import Pose
 from scenes.record import FloatArray
 
 _ROUNDS = 20
@@ -38,33 +36,16 @@ class OrientedPoints:
 
 def oriented_points(data: Reflections) -> OrientedPoints:
     """Most likely IP of every path (equation (4) of the paper) and its normal, pose errors in the covariance."""
-    n = len(data)
-    position, covariance = np.zeros((n, 2)), np.zeros((n, 2, 2))
     start, _ = ray_points(data)
-    for row in np.unique(data.tx, axis=0):
-        mine = np.all(data.tx == row, axis=1)
-        tx, state = Pose(np.array([*row[:2], 0.0]), float(row[2])), data.rx_state[mine]
-        by_rx = bounce_jacobian_rx(tx, state, start[mine])
-        total = data.covariance[mine] + by_rx @ data.rx_covariance[mine] @ np.swapaxes(by_rx, 1, 2)
-        position[mine], _ = locate(plane_law, tx, state, data.measured[mine], total, MappingConfig())
-        by_point = bounce_jacobian_point(tx, state, position[mine])
-        information = np.swapaxes(by_point, 1, 2) @ np.linalg.solve(total, by_point)
-        floor = 1e-9 * np.einsum("nii->n", information)
-        covariance[mine] = np.linalg.inv(information + floor[:, None, None] * np.eye(2))
-    normal, slope = normals(position, data.tx[:, :2], data.rx_state[:, :2])
+    by_rx = plane_law.bounce_jacobian_rx(data.tx, data.rx_state, start)
+    total = data.covariance + by_rx @ data.rx_covariance @ np.swapaxes(by_rx, 1, 2)
+    position, _ = locate(plane_law, data.tx, data.rx_state, data.measured, total, MappingConfig())
+    by_point = plane_law.bounce_jacobian_point(data.tx, data.rx_state, position)
+    information = np.swapaxes(by_point, 1, 2) @ np.linalg.solve(total, by_point)
+    floor = 1e-9 * np.einsum("nii->n", information)
+    covariance = np.linalg.inv(information + floor[:, None, None] * np.eye(2))
+    normal, slope = plane_law.lit_normals(position, data.tx, data.rx_state[:, :2])
     return OrientedPoints(position, covariance, normal, slope)
-
-
-def normals(point_m: FloatArray, tx_m: FloatArray, rx_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Azimuth (path,) of the bisector at points (path, xy) of the rays to TX and RX, and its slope (path, xy)."""
-    azimuth, slope = np.zeros((2, len(point_m))), np.zeros((2, *point_m.shape))
-    for k, device in enumerate((tx_m, rx_m)):
-        away = device - point_m
-        azimuth[k] = np.arctan2(away[:, 1], away[:, 0])
-        square = np.maximum(np.sum(away**2, axis=1), 1e-12)
-        slope[k] = np.column_stack([away[:, 1], -away[:, 0]]) / square[:, None]
-    half = (azimuth[1] - azimuth[0] + np.pi) % (2 * np.pi) - np.pi
-    return azimuth[0] + half / 2, slope.mean(axis=0)
 
 
 def residual_covariance(points: OrientedPoints, radius_m: float) -> FloatArray:

@@ -12,7 +12,7 @@ from itertools import permutations
 
 import numpy as np
 
-from estimation.laws.plane import bounce_jacobian_rx, predict_bounce, residual
+from estimation.laws.plane import bounce, residual
 from estimation.shape.gp.clustering import NOISE, cluster_points
 from estimation.shape.reflection.association import (
     GATE,
@@ -25,7 +25,6 @@ from estimation.shape.reflection.association import (
 from estimation.shape.reflection.normals import oriented_points
 from estimation.shape.reflection.posterior import Optimum, path_squares
 from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
-from scenes.pose import Pose
 from scenes.record import BoolArray, FloatArray, IntArray
 
 _MAX_ROUNDS = 6
@@ -81,14 +80,10 @@ def seed_clusters(data: Reflections, eps_m: float, min_samples: int) -> IntArray
 
 def _is_single_bounce(data: Reflections, point_m: FloatArray) -> BoolArray:
     """Whether its point (path, xy) explains all three measurements of each path, inside the gate."""
-    predicted, covariance = np.empty((len(data), 3)), data.covariance.copy()
-    for row in np.unique(data.tx, axis=0):
-        mine = np.all(data.tx == row, axis=1)
-        tx = Pose(np.array([*row[:2], 0.0]), float(row[2]))
-        predicted[mine] = predict_bounce(tx, data.rx_state[mine], point_m[mine])
-        by_rx = bounce_jacobian_rx(tx, data.rx_state[mine], point_m[mine])
-        covariance[mine] += by_rx @ data.rx_covariance[mine] @ np.swapaxes(by_rx, 1, 2)
-    difference = residual(data.measured, predicted)
+    predicted = bounce(data.tx, data.rx_state, point_m)
+    by_rx = predicted.by_state
+    covariance = data.covariance + by_rx @ data.rx_covariance @ np.swapaxes(by_rx, 1, 2)
+    difference = residual(data.measured, predicted.value)
     return np.asarray(np.einsum("na,nab,nb->n", difference, np.linalg.inv(covariance), difference) <= GATE)
 
 

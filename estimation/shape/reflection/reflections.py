@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from pydantic import Field
 
+from estimation.laws.plane import ray_directions, start_point
 from scenes.record import FloatArray, IntArray, Record, array
 from scenes.toml_config import ConfigModel
+
+_EXACT_STD = 1e-6  # of a state given as exact, in m and rad
 
 
 @dataclass(frozen=True)
@@ -100,16 +104,22 @@ class ReflectionConfig(ConfigModel):
 def ray_points(data: Reflections) -> tuple[FloatArray, FloatArray]:
     """Point (path, xy) in m where the two rays of each path meet at its length, and its normal's azimuth (path,).
 
-    The path length L is split so that p_TX + g L u and p_RX + (1 - g) L v are nearest, and their midpoint is
-    taken; g stays inside [0.02, 0.98]. The normal halves the angle of the rays back to TX and RX.
+    The point is `estimation.laws.plane.start_point`. The normal halves the angle of the rays back to TX and RX.
     """
-    departure, arrival = data.tx[:, 2] + data.measured[:, 1], data.rx_state[:, 2] + data.measured[:, 2]
-    u = np.column_stack([np.cos(departure), np.sin(departure)])
-    v = np.column_stack([np.cos(arrival), np.sin(arrival)])
-    length = np.maximum(data.measured[:, 0] - data.rx_state[:, 3], 0.1)[:, None]
-    gap = data.rx_state[:, :2] - data.tx[:, :2] + length * v
-    total = u + v
-    square = np.maximum(np.sum(total**2, axis=1, keepdims=True), 1e-9)
-    share = np.clip(np.sum(total * gap, axis=1, keepdims=True) / (length * square), 0.02, 0.98)
-    point = (data.tx[:, :2] + share * length * u + data.rx_state[:, :2] + (1 - share) * length * v) / 2
-    return point, np.arctan2(-total[:, 1], -total[:, 0])
+    u, v = ray_directions(data.tx, data.rx_state[:, 2], data.measured)
+    back = -(u + v)
+    return start_point(data.tx, data.rx_state, data.measured), np.arctan2(back[:, 1], back[:, 0])
+
+
+def at_solution(paths: Reflections, stop: IntArray, state: FloatArray, covariance: FloatArray) -> Reflections:
+    """Paths at the states (stop, 4) solved for."""
+    row = np.searchsorted(stop, paths.stop)
+    return replace(paths, rx_state=state[row], rx_covariance=covariance[row])
+
+
+def prior_states(sets: Sequence[Reflections]) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Stops, the states (stop, 4) given for them, and the inverse (stop, 4, 4) of their covariances."""
+    stop, first = np.unique(np.concatenate([data.stop for data in sets]), return_index=True)
+    state = np.concatenate([data.rx_state for data in sets])[first]
+    covariance = np.concatenate([data.rx_covariance for data in sets])[first]
+    return stop, state, np.asarray(np.linalg.inv(covariance + _EXACT_STD**2 * np.eye(4)))

@@ -124,13 +124,8 @@ def loosened(data: Reflections, config: ReflectionConfig) -> Reflections:
     It turns departure and receiver together, so that of the three measurements at fixed objects only one
     combination is lost.
     """
-    slope = np.zeros((len(data), 3))
-    point, _ = ray_points(data)
-    for row in np.unique(data.tx, axis=0):
-        mine = np.all(data.tx == row, axis=1)
-        tx = Pose(np.array([*row[:2], 0.0]), float(row[2]))
-        by_rx = bounce_jacobian_rx(tx, data.rx_state[mine], point[mine])
-        slope[mine] = np.einsum("nai,ni->na", by_rx, _turning(data)[mine])
+    by_rx = bounce_jacobian_rx(data.tx, data.rx_state, ray_points(data)[0])
+    slope = np.einsum("nai,ni->na", by_rx, _turning(data))
     slope[:, 1] -= 1.0
     variance = np.deg2rad(config.aod_offset_std_deg) ** 2
     return replace(data, covariance=data.covariance + variance * slope[:, :, None] * slope[:, None, :])

@@ -96,7 +96,7 @@ def map_stops(
 
 
 def map_paths(
-    law: ReflectionLaw,
+    law: ReflectionLaw[Pose],
     estimates: Sequence[ChannelEstimate],
     poses: PoseEstimates,
     tx_pose: Pose,

@@ -6,40 +6,43 @@ components) or `estimation.laws.space` (3, 5, 5).
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import numpy as np
 
 from estimation.slam.config import MappingConfig
-from scenes.pose import Pose
 from scenes.record import FloatArray
 
+Tx_contra = TypeVar(
+    "Tx_contra", contravariant=True
+)  # how a law takes the TX: a `scenes.pose.Pose`, or rows of it
 
-class ReflectionLaw(Protocol):
+
+class ReflectionLaw(Protocol[Tx_contra]):
     """What the modules of the reflection law have in common; arrays broadcast over leading axes."""
 
-    def predict_bounce(self, tx: Pose, state: FloatArray, point_m: FloatArray, /) -> FloatArray:
+    def predict_bounce(self, tx: Tx_contra, state: FloatArray, point_m: FloatArray, /) -> FloatArray:
         """Measurement of the single bounce at each IP."""
 
-    def bounce_jacobian_point(self, tx: Pose, state: FloatArray, point_m: FloatArray, /) -> FloatArray:
+    def bounce_jacobian_point(self, tx: Tx_contra, state: FloatArray, point_m: FloatArray, /) -> FloatArray:
         """Its derivative by the IP."""
 
-    def bounce_jacobian_rx(self, tx: Pose, state: FloatArray, point_m: FloatArray, /) -> FloatArray:
+    def bounce_jacobian_rx(self, tx: Tx_contra, state: FloatArray, point_m: FloatArray, /) -> FloatArray:
         """Its derivative by the RX state."""
 
-    def los_jacobian_rx(self, tx: Pose, state: FloatArray, /) -> FloatArray:
+    def los_jacobian_rx(self, tx: Tx_contra, state: FloatArray, /) -> FloatArray:
         """Derivative of the line of sight's measurement by the RX state."""
 
     def residual(self, measured: FloatArray, predicted: FloatArray, /) -> FloatArray:
         """Measured minus predicted, angles wrapped."""
 
-    def start_point(self, tx: Pose, state: FloatArray, measured: FloatArray, /) -> FloatArray:
+    def start_point(self, tx: Tx_contra, state: FloatArray, measured: FloatArray, /) -> FloatArray:
         """A place of the IP to start from; the IP itself for paths without noise."""
 
 
 def locate(
-    law: ReflectionLaw,
-    tx_pose: Pose,
+    law: ReflectionLaw[Tx_contra],
+    tx_pose: Tx_contra,
     state: FloatArray,
     measured: FloatArray,
     covariance: FloatArray,
@@ -86,7 +89,11 @@ def locate(
 
 
 def point_covariance(
-    law: ReflectionLaw, tx_pose: Pose, state: FloatArray, point_m: FloatArray, covariance: FloatArray
+    law: ReflectionLaw[Tx_contra],
+    tx_pose: Tx_contra,
+    state: FloatArray,
+    point_m: FloatArray,
+    covariance: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
     """Covariance (path, point, point) of the IPs with the RX state exact, and their sensitivity to the state.
 
@@ -110,8 +117,8 @@ def joint_covariance(
 
 
 def state_information(
-    law: ReflectionLaw,
-    tx: Pose,
+    law: ReflectionLaw[Tx_contra],
+    tx: Tx_contra,
     state: FloatArray,
     point_m: FloatArray,
     covariance: FloatArray,
@@ -137,8 +144,8 @@ def state_information(
 
 
 def point_bound(
-    law: ReflectionLaw,
-    tx: Pose,
+    law: ReflectionLaw[Tx_contra],
+    tx: Tx_contra,
     state: FloatArray,
     point_m: FloatArray,
     covariance: FloatArray,

@@ -20,6 +20,7 @@ import math
 import numpy as np
 
 from estimation.execution import compiled
+from estimation.laws.plane import los_path, wrapped
 from estimation.slam.snapshot.path_table import LineOfSight, PathModel, PathTable
 from scenes.record import FloatArray
 
@@ -31,6 +32,8 @@ EARLY_SHARE = 0.05
 FAR_SINGLE, FAR_DOUBLE = 400.0, 36.0
 _STEP_LIMIT = (2.0, 2.0, 0.3, 4.0)  # of one iteration, in m, m, rad, m
 _SETTLED = 1e-6  # of these limits; Newton steps square what is left
+
+_TX = np.zeros(3)  # states are relative to it, departures in the world frame
 
 # Columns of the work array: one row per path.
 _VALUE, _SPREAD, _PEAK, _TILT, _TILT_PEAK, _CLUTTER, _JACOBIAN, _CURVATURE = 0, 1, 2, 3, 4, 5, 6, 10
@@ -195,18 +198,16 @@ def _direct(los: LineOfSight, state: FloatArray, value: FloatArray, slope: Float
     """Whitened residuals (3,) of the line of sight and their derivatives (3, 4); zero without one."""
     if los.path < 0:
         return
-    x, y = state[0], state[1]
-    distance = max(math.hypot(x, y), 1e-6)
-    azimuth = math.atan2(y, x)
-    offset = los.measured[0] - distance - state[3]
-    departure = (los.measured[1] - azimuth + math.pi) % (2 * math.pi) - math.pi
-    arrival = (los.measured[2] + state[2] - azimuth) % (2 * math.pi) - math.pi
-    for i in range(3):
-        a, b, c = los.whitening[i, 0], los.whitening[i, 1], los.whitening[i, 2]
-        value[i] = a * offset + b * departure + c * arrival
-        slope[i, 0] = (-a * x + (b + c) * y / distance) / distance
-        slope[i, 1] = (-a * y - (b + c) * x / distance) / distance
-        slope[i, 2], slope[i, 3] = c, -a
+    los_path(_TX, state, value, slope)
+    value[0] = los.measured[0] - value[0]
+    for i in (1, 2):
+        value[i] = wrapped(los.measured[i] - value[i])
+    for i in (2, 1, 0):  # the whitening is lower triangular
+        value[i] *= los.whitening[i, i]
+        slope[i] *= -los.whitening[i, i]
+        for j in range(i):
+            value[i] += los.whitening[i, j] * value[j]
+            slope[i] -= los.whitening[i, j] * slope[j]
 
 
 @compiled

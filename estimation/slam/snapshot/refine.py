@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimation.laws.plane import bounce_equation
+from estimation.laws.plane import bounce_gap
 from estimation.slam.config import SnapshotConfig
 from estimation.slam.snapshot.likelihood import refine_states
 from estimation.slam.snapshot.path_table import (
@@ -83,18 +83,10 @@ def bounce_terms(tx: Pose, measured: FloatArray, covariance: FloatArray, state: 
     where the rays are nearly opposite, as at the line of sight or just behind an obstacle, the place of the IP
     along them is not determined.
     """
-    equation = bounce_equation(tx, state[..., 2], measured)
-    z = state[..., [0, 1, 3]]
-    value = equation.residual_m(z)
-    row = equation.row
-    from_tx = z[..., :2] - tx.position_m[:2]
-    along = from_tx[..., 0] * row[..., 1] - from_tx[..., 1] * row[..., 0]
-    length = measured[..., 0] - z[..., 2]
-    reach = length * equation.along
-    by_measurement = np.stack([-row[..., 2], -(along + reach) / 2, -(along - reach) / 2], axis=-1)
+    value, by_state, by_measurement, place = bounce_gap(tx, state, measured)
     variance = np.einsum("...i,...ij,...j->...", by_measurement, covariance, by_measurement)
-    jacobian = np.stack([row[..., 0], row[..., 1], by_measurement[..., 2], row[..., 2]], axis=-1)
+    length = measured[..., 0] - state[..., 3]
     angle_std = np.sqrt(covariance[..., 1, 1] + covariance[..., 2, 2])
-    slack = FEASIBLE_STDS * angle_std * length * np.abs(row[..., 2])
-    feasible = (length > 0) & (np.abs(along) <= np.abs(reach) + slack)
-    return BounceResidual(value, np.maximum(variance, 1e-18), jacobian, by_measurement, feasible)
+    slack = FEASIBLE_STDS * angle_std * length * np.abs(by_state[..., 3])
+    feasible = (length > 0) & (np.abs(place[..., 0]) <= np.abs(place[..., 1]) + slack)
+    return BounceResidual(value, np.maximum(variance, 1e-18), by_state, by_measurement, feasible)

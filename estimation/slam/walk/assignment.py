@@ -6,10 +6,11 @@ import numpy as np
 from scipy.stats import chi2
 
 from estimation.execution import compiled
+from estimation.laws.contour import circle_path
+from estimation.laws.plane import tx_row, wrapped
+from estimation.laws.wall import mirrored, wall_path, wall_place
 from estimation.slam.config import TrajectoryConfig
-from estimation.slam.walk.landmark_kernels import cholesky3, circle_path, wall_cut, wall_path, wrapped
-from estimation.slam.walk.landmarks import plane_pose
-from estimation.slam.walk.linearise import roughen
+from estimation.slam.walk.linearise import cholesky3, roughen
 from estimation.slam.walk.residuals import Association, Observations, PathClass, TrajectoryState, corrected
 from scenes.record import FloatArray, IntArray
 
@@ -39,7 +40,7 @@ def assign(
     )
     kind, landmark = link.kind.copy(), link.landmark.copy()
     _assign(
-        plane_pose(seen.tx),
+        tx_row(seen.tx),
         now.state[seen.row],
         corrected(seen, now, np.arange(len(kind))),
         seen.covariance,
@@ -84,7 +85,8 @@ def _assign(
         for w in range(len(walls)):
             if (reach - _apart(single[w], x)) ** 2 > best * variance[0]:
                 continue
-            if not _is_on_wall(tx, x, walls[w], spans[w]):
+            place, _, _, _ = wall_place(walls[w], tx, x)
+            if not spans[w, 0] < place < spans[w, 1]:
                 continue
             chain[0] = walls[w]
             distance = wall_distance(tx, x, seen, cov, chain[:1], rough_m[0])
@@ -135,31 +137,15 @@ def _images(tx: FloatArray, walls: FloatArray) -> tuple[FloatArray, FloatArray]:
     n = len(walls)
     single, double = np.empty((n, 2)), np.empty((n, n, 2))
     for a in range(n):
-        _mirror(tx, walls[a], single[a])
+        single[a, 0], single[a, 1] = mirrored(tx[0], tx[1], walls[a])
         for b in range(n):
-            _mirror(single[a], walls[b], double[a, b])
+            double[a, b, 0], double[a, b, 1] = mirrored(single[a, 0], single[a, 1], walls[b])
     return single, double
-
-
-@compiled
-def _mirror(point: FloatArray, wall: FloatArray, image: FloatArray) -> None:
-    nx, ny = np.cos(wall[0]), np.sin(wall[0])
-    gap = 2 * (wall[1] - nx * point[0] - ny * point[1])
-    image[0], image[1] = point[0] + gap * nx, point[1] + gap * ny
 
 
 @compiled
 def _apart(a: FloatArray, b: FloatArray) -> float:
     return float(np.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2))
-
-
-@compiled
-def _is_on_wall(tx: FloatArray, x: FloatArray, wall: FloatArray, span: FloatArray) -> bool:
-    """Whether the specular point lies on the stretch of the wall that was seen."""
-    point = np.empty(2)
-    wall_cut(tx, x, wall, point)
-    along = -np.sin(wall[0]) * point[0] + np.cos(wall[0]) * point[1]
-    return bool(span[0] < along < span[1])
 
 
 @compiled

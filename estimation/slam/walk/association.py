@@ -21,7 +21,6 @@ from estimation.slam.walk.residuals import (
     TrajectoryState,
     corrected,
 )
-from scenes.pose import Pose
 from scenes.record import BoolArray, FloatArray
 
 # Incidence points less certain than this take no part in finding landmarks.
@@ -64,7 +63,8 @@ def associate(
     point = plane_law.start_point(seen.tx, state, measured)
     covariance, _ = point_covariance(plane_law, seen.tx, state, point, seen.covariance[path])
     sharp = np.linalg.eigvalsh(covariance)[:, -1] < _MAX_POINT_STD_M**2
-    normal = _lit_normals(seen.tx, state[sharp], point[sharp])
+    azimuth, _ = plane_law.lit_normals(point[sharp], seen.tx, state[sharp, :2])
+    normal = np.column_stack([np.cos(azimuth), np.sin(azimuth)])
     variance = seen.covariance[path[sharp]]
     angle_std_rad = np.sqrt(variance[:, 1, 1] + variance[:, 2, 2] + 2 * variance[:, 1, 2]) / 2
     walls, objects, spans = find_landmarks(point[sharp], normal, angle_std_rad, config)
@@ -155,15 +155,6 @@ def find_landmarks(
         np.array(objects).reshape(-1, 3),
         np.array(spans).reshape(-1, 2),
     )
-
-
-def _lit_normals(tx: Pose, state: FloatArray, point_m: FloatArray) -> FloatArray:
-    """Unit vectors (ip, 2) that halve the angle between the directions to both devices."""
-    total = np.zeros_like(point_m)
-    for device in (tx.position_m[:2], state[:, :2]):
-        away = device - point_m
-        total += away / np.maximum(np.hypot(*away.T), 1e-6)[:, None]
-    return np.asarray(total / np.maximum(np.hypot(*total.T), 1e-6)[:, None])
 
 
 def _is_flat(normal: FloatArray, std_rad: FloatArray) -> bool:

@@ -13,16 +13,10 @@ import numpy as np
 
 from estimation.execution import compiled
 from estimation.inference.student import efficiency
+from estimation.laws.contour import circle_path
+from estimation.laws.plane import bounce_gap_path, bounce_path, los_path, tx_row, wrapped
+from estimation.laws.wall import wall_path
 from estimation.slam.config import TrajectoryConfig
-from estimation.slam.walk.landmark_kernels import (
-    bounce_path,
-    cholesky3,
-    circle_path,
-    los_path,
-    wall_path,
-    wrapped,
-)
-from estimation.slam.walk.landmarks import plane_pose
 from estimation.slam.walk.residuals import Association, Observations, PathClass, TrajectoryState
 from scenes.record import FloatArray, IntArray
 
@@ -66,7 +60,7 @@ def linearise(
 ) -> Linearised:
     """Residuals of all paths at the present unknowns."""
     parts = _linearise(
-        plane_pose(seen.tx),
+        tx_row(seen.tx),
         seen.row,
         seen.measured,
         seen.covariance,
@@ -152,20 +146,15 @@ def _bounce(
     by_shared: FloatArray,
 ) -> None:
     """The equation of `estimation.laws.plane.BounceEquation` over its standard deviation."""
-    departure, arrival = tx[2] + seen[1], x[2] + seen[2]
-    s, delta = (arrival + departure) / 2, (arrival - departure) / 2
-    a, b, c = -np.sin(s), np.cos(s), -np.sin(delta)
-    dx, dy, length = x[0] - tx[0], x[1] - tx[1], seen[0] - x[3]
-    along, reach = dx * b - dy * a, length * np.cos(delta)
-    by = (-c, -(along + reach) / 2, -(along - reach) / 2)
+    gap_by_state, by = np.empty(4), np.empty(3)
+    gap, _, _ = bounce_gap_path(tx, x, seen, gap_by_state, by)
     variance = 0.0
     for i in range(3):
         for j in range(3):
             variance += by[i] * covariance[i, j] * by[j]
     scale = 1 / np.sqrt(max(variance, _MIN_VARIANCE_M2))
-    value[0] = (a * dx + b * dy - c * length) * scale
-    by_state[0, 0], by_state[0, 1] = a * scale, b * scale
-    by_state[0, 2], by_state[0, 3] = by[2] * scale, c * scale
+    value[0] = gap * scale
+    by_state[0] = gap_by_state * scale
     by_shared[0, 0] = by[1] * scale
 
 
@@ -195,6 +184,19 @@ def _whiten(cov: FloatArray, value: FloatArray, by_state: FloatArray, by_shared:
         by_shared[i] /= cov[i, i]
     by_state *= -1.0
     by_shared *= -1.0
+
+
+@compiled
+def cholesky3(matrix: FloatArray) -> None:
+    """Lower Cholesky factor of a matrix (3, 3), in place; what stands above the diagonal is left alone."""
+    for j in range(3):
+        for i in range(j, 3):
+            for k in range(j):
+                matrix[i, j] -= matrix[i, k] * matrix[j, k]
+            if i == j:
+                matrix[j, j] = np.sqrt(matrix[j, j])
+            else:
+                matrix[i, j] /= matrix[j, j]
 
 
 @compiled

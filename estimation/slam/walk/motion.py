@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from estimation.execution import compiled
+from estimation.laws.plane import wrapped
 from estimation.slam.config import TrajectoryConfig
-from estimation.slam.walk.landmark_kernels import wrapped
 from scenes.record import FloatArray
 
 _DRIFT_FREEDOM = 2.0

@@ -7,9 +7,9 @@ from collections.abc import Callable
 import numpy as np
 
 from estimation.laws.contour import EDGE, WALL, predict
-from estimation.laws.plane import bounce_jacobian_point
+from estimation.laws.plane import bounce_jacobian_point, lit_normals
 from estimation.laws.support import CIRCLE, CLOSED_FAMILY
-from estimation.shape.reflection.normals import OrientedPoints, circle_design, normals, residual_covariance
+from estimation.shape.reflection.normals import OrientedPoints, circle_design, residual_covariance
 from estimation.shape.reflection.reflections import Reflections
 from isac_arena.validation.measurement import Measurement, at_most
 from isac_arena.validation.monte_carlo import generators
@@ -20,7 +20,7 @@ from isac_arena.validation.scenarios.reflections import (
     lit_pillar,
     observe,
 )
-from scenes.pose import Pose, wrap_angle
+from scenes.pose import wrap_angle
 from scenes.record import FloatArray
 
 
@@ -60,10 +60,9 @@ def information_ratio(circle: FloatArray, data: Reflections) -> float:
     radius = np.exp(circle[2])
     by_circle = paths.by_parameter / np.array([1.0, 1.0, radius])
     direct = np.einsum("nai,nab,nbj->ij", by_circle, np.linalg.inv(data.covariance), by_circle)
-    tx = Pose(np.array([*data.tx[0, :2], 0.0]), float(data.tx[0, 2]))
-    by_point = bounce_jacobian_point(tx, data.rx_state, paths.point_m)
+    by_point = bounce_jacobian_point(data.tx, data.rx_state, paths.point_m)
     information = np.swapaxes(by_point, 1, 2) @ np.linalg.solve(data.covariance, by_point)
-    normal, slope = normals(paths.point_m, data.tx[:, :2], data.rx_state[:, :2])
+    normal, slope = lit_normals(paths.point_m, data.tx, data.rx_state[:, :2])
     points = OrientedPoints(paths.point_m, np.linalg.inv(information), normal, slope)
     design = circle_design(normal)
     weight = np.linalg.inv(residual_covariance(points, radius))

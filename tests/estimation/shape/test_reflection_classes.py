@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from estimation.laws.plane import lit_normals
+from estimation.laws.wall import wall_places
 from estimation.shape.kinds.edge import fit_edge
-from estimation.shape.kinds.mirror_wall import fit_mirror_wall, lit_places
+from estimation.shape.kinds.mirror_wall import fit_mirror_wall
 from estimation.shape.reflection.choice import choose_shape
-from estimation.shape.reflection.normals import fit_normals, normals, oriented_points
+from estimation.shape.reflection.normals import fit_normals, oriented_points
 from estimation.shape.reflection.reflections import ReflectionConfig
 from isac_arena.validation.scenarios.reflections import (
     TX,
@@ -31,9 +33,9 @@ def test_normals_turn_as_their_slope_says() -> None:
     rng = np.random.default_rng(3)
     point, rx, step = rng.uniform(-8, -6, (9, 2)), rng.uniform(-3, 3, (9, 2)), 1e-6
     tx = np.tile(TX[:2], (9, 1))
-    _, slope = normals(point, tx, rx)
+    _, slope = lit_normals(point, tx, rx)
     for axis, unit in enumerate(np.eye(2)):
-        turn = normals(point + step * unit, tx, rx)[0] - normals(point - step * unit, tx, rx)[0]
+        turn = lit_normals(point + step * unit, tx, rx)[0] - lit_normals(point - step * unit, tx, rx)[0]
         np.testing.assert_allclose(turn / (2 * step), slope[:, axis], atol=1e-8)
 
 
@@ -62,14 +64,14 @@ def test_direct_and_oriented_points_carry_the_same_information() -> None:
     assert all(row.met for row in check_reflection_information(3, quick=True))
 
 
-def test_lit_places_move_as_their_slopes_say() -> None:
+def test_places_along_a_wall_move_as_their_slopes_say() -> None:
     rng = np.random.default_rng(3)
     rx, wall, step = rng.uniform(-3, 3, (9, 2)), np.array([1.4, -7.0]), 1e-6
     tx = np.tile(TX[:2], (9, 1))
-    _, slope, by_rx = lit_places(wall, tx, rx)
+    _, slope, by_rx = wall_places(wall, tx, rx)
     for axis, unit in enumerate(np.eye(2)):
-        by_wall = lit_places(wall + step * unit, tx, rx)[0] - lit_places(wall - step * unit, tx, rx)[0]
-        by_place = lit_places(wall, tx, rx + step * unit)[0] - lit_places(wall, tx, rx - step * unit)[0]
+        by_wall = wall_places(wall + step * unit, tx, rx)[0] - wall_places(wall - step * unit, tx, rx)[0]
+        by_place = wall_places(wall, tx, rx + step * unit)[0] - wall_places(wall, tx, rx - step * unit)[0]
         np.testing.assert_allclose(by_wall / (2 * step), slope[:, axis], atol=1e-7)
         np.testing.assert_allclose(by_place / (2 * step), by_rx[:, axis], atol=1e-7)
 

@@ -1,7 +1,6 @@
 """Residuals of a campaign in plain array operations: the slow, obvious form of the compiled ones.
 
-The functions have the names and the meaning of those in `estimation.slam.walk.landmarks` and
-`estimation.slam.walk.linearise`.
+The functions have the names and the meaning of those in `estimation.laws` and `estimation.slam.walk.linearise`.
 """
 
 from __future__ import annotations
@@ -10,17 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimation.laws.plane import (
-    bounce_jacobian_point,
-    bounce_jacobian_rx,
-    los_jacobian_rx,
-    predict_bounce,
-    predict_los,
-    residual,
-)
+from estimation.laws.plane import Prediction, bounce_equation, residual
 from estimation.slam.config import TrajectoryConfig
-from estimation.slam.snapshot.refine import bounce_terms
-from estimation.slam.walk.landmarks import Prediction
 from estimation.slam.walk.residuals import Association, Observations, PathClass, TrajectoryState, corrected
 from scenes.pose import Pose, wrap_angle
 from scenes.record import FloatArray, IntArray
@@ -82,13 +72,19 @@ def _bounce_block(
     seen: Observations, link: Association, now: TrajectoryState, config: TrajectoryConfig, path: IntArray
 ) -> Block:
     row = seen.row[path]
-    terms = bounce_terms(seen.tx, corrected(seen, now, path), seen.covariance[path], now.state[row])
-    scale = 1 / np.sqrt(terms.variance_m2)
+    measured, state, covariance = corrected(seen, now, path), now.state[row], seen.covariance[path]
+    equation = bounce_equation(seen.tx, state[:, 2], measured)
+    away = state[:, :2] - seen.tx.position_m[:2]
+    along = away[:, 0] * equation.row[:, 1] - away[:, 1] * equation.row[:, 0]
+    reach = (measured[:, 0] - state[:, 3]) * equation.along
+    by_measured = np.stack([-equation.row[:, 2], -(along + reach) / 2, -(along - reach) / 2], axis=-1)
+    by_state = np.column_stack([equation.row[:, :2], by_measured[:, 2], equation.row[:, 2]])
+    scale = 1 / np.sqrt(np.einsum("ni,nij,nj->n", by_measured, covariance, by_measured))
     return Block(
         path,
-        (terms.value_m * scale)[:, None],
-        (terms.jacobian * scale[:, None])[:, None],
-        (terms.by_measurement[:, 1] * scale)[:, None, None],
+        (equation.residual_m(state[:, [0, 1, 3]]) * scale)[:, None],
+        (by_state * scale[:, None])[:, None],
+        (by_measured[:, 1] * scale)[:, None, None],
         now.session[row][:, None],
     )
 
@@ -142,6 +138,80 @@ def _with_roughness(
     by_point = bounce_jacobian_point(tx, state, point)
     rough = rough_m**2 * by_point @ np.swapaxes(by_point, -1, -2)
     return residual(measured, prediction.value), covariance + rough, prediction
+
+
+def predict_bounce(tx: Pose, rx_state: FloatArray, point_m: FloatArray) -> FloatArray:
+    """Measurement (..., 3) of the single bounce at each IP (..., 2): g of equation (3)."""
+    from_tx, from_rx = point_m - tx.position_m[:2], point_m - rx_state[..., :2]
+    return np.stack(
+        [
+            _norm(from_tx) + _norm(from_rx) + rx_state[..., 3],
+            wrap_angle(_azimuth(from_tx) - tx.heading_rad),
+            wrap_angle(_azimuth(from_rx) - rx_state[..., 2]),
+        ],
+        axis=-1,
+    )
+
+
+def bounce_jacobian_point(tx: Pose, rx_state: FloatArray, point_m: FloatArray) -> FloatArray:
+    """Derivative (..., 3, 2) of `predict_bounce` with respect to the IP."""
+    from_tx, from_rx = point_m - tx.position_m[:2], point_m - rx_state[..., :2]
+    unit_tx, turn_tx = _unit_and_turn(from_tx)
+    unit_rx, turn_rx = _unit_and_turn(from_rx)
+    return np.stack(np.broadcast_arrays(unit_tx + unit_rx, turn_tx, turn_rx), axis=-2)
+
+
+def bounce_jacobian_rx(tx: Pose, rx_state: FloatArray, point_m: FloatArray) -> FloatArray:
+    """Derivative (..., 3, 4) of `predict_bounce` with respect to the RX state."""
+    unit_rx, turn_rx = _unit_and_turn(point_m - rx_state[..., :2])
+    jacobian = np.zeros((*unit_rx.shape[:-1], 3, 4))
+    jacobian[..., 0, :2] = -unit_rx
+    jacobian[..., 2, :2] = -turn_rx
+    jacobian[..., 2, 2] = -1.0
+    jacobian[..., 0, 3] = 1.0
+    return jacobian
+
+
+def predict_los(tx: Pose, rx_state: FloatArray) -> FloatArray:
+    """Measurement (..., 3) of the line of sight."""
+    from_tx = rx_state[..., :2] - tx.position_m[:2]
+    azimuth = _azimuth(from_tx)
+    return np.stack(
+        [
+            _norm(from_tx) + rx_state[..., 3],
+            wrap_angle(azimuth - tx.heading_rad),
+            wrap_angle(azimuth + np.pi - rx_state[..., 2]),
+        ],
+        axis=-1,
+    )
+
+
+def los_jacobian_rx(tx: Pose, rx_state: FloatArray) -> FloatArray:
+    """Derivative (..., 3, 4) of `predict_los` with respect to the RX state."""
+    unit, turn = _unit_and_turn(rx_state[..., :2] - tx.position_m[:2])
+    jacobian = np.zeros((*unit.shape[:-1], 3, 4))
+    jacobian[..., 0, :2] = unit
+    jacobian[..., 1, :2] = turn
+    jacobian[..., 2, :2] = turn
+    jacobian[..., 2, 2] = -1.0
+    jacobian[..., 0, 3] = 1.0
+    return jacobian
+
+
+def _norm(vector: FloatArray) -> FloatArray:
+    return np.hypot(vector[..., 0], vector[..., 1])
+
+
+def _azimuth(vector: FloatArray) -> FloatArray:
+    return np.arctan2(vector[..., 1], vector[..., 0])
+
+
+def _unit_and_turn(vector: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Gradients of length and azimuth of a vector (..., 2), the length kept above 1 um."""
+    length = np.maximum(_norm(vector), 1e-6)[..., None]
+    unit = vector / length
+    turned = np.stack([-unit[..., 1], unit[..., 0]], axis=-1)
+    return unit, turned / length
 
 
 def predict_walls(tx: Pose, state: FloatArray, walls: FloatArray) -> Prediction:

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
 
+from estimation.laws.contour import predict_circle
 from estimation.laws.plane import predict_bounce
-from estimation.slam.walk.landmarks import predict_circle, predict_walls, wall_point
+from estimation.laws.wall import predict_walls, wall_places
 from scenes.pose import Pose, wrap_angle
 
 TX = Pose(np.array([2.25, 2.5, 1.8]), -1.6)
@@ -45,11 +46,12 @@ def test_derivatives_of_circle_paths_match_finite_differences():
 
 def test_wall_path_is_the_single_bounce_at_its_specular_point():
     walls = WALLS[:, 1]
-    point = wall_point(TX, STATE[:, :2], walls)
+    place, _, _ = wall_places(walls, TX, STATE[:, :2])
+    normal = np.column_stack([np.cos(walls[:, 0]), np.sin(walls[:, 0])])
+    tangent = np.column_stack([-normal[:, 1], normal[:, 0]])
+    point = walls[:, 1:] * normal + place[:, None] * tangent
     direct = predict_walls(TX, STATE, walls[:, None]).value
     np.testing.assert_allclose(direct, predict_bounce(TX, STATE, point), atol=1e-12)
-    normal = np.column_stack([np.cos(walls[:, 0]), np.sin(walls[:, 0])])
-    np.testing.assert_allclose(np.sum(normal * point, axis=1), walls[:, 1], atol=1e-12)
 
 
 def test_circle_path_is_the_shortest_over_the_lit_side():

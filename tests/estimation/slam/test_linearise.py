@@ -9,10 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sklearn.cluster import DBSCAN
 
+from estimation.laws import plane
+from estimation.laws.contour import predict_circle
+from estimation.laws.wall import predict_walls, wall_places
 from estimation.slam.config import TrajectoryConfig
 from estimation.slam.walk.assignment import assign
 from estimation.slam.walk.density import density_clusters
-from estimation.slam.walk.landmarks import predict_circle, predict_walls, wall_point
 from estimation.slam.walk.linearise import linearise
 from estimation.slam.walk.motion import add_motion, course_of, motion_cost
 from estimation.slam.walk.residuals import Association, Observations, PathClass, TrajectoryState
@@ -62,9 +64,20 @@ def test_walls_and_circles_are_those_of_the_plain_form():
     for ours, expected in pairs:
         for name in ("value", "by_state", "by_landmark"):
             np.testing.assert_allclose(getattr(ours, name), getattr(expected, name), rtol=1e-9, atol=1e-11)
-    np.testing.assert_allclose(
-        wall_point(TX, state[:, :2], walls[:, 0]), plain.wall_point(TX, state[:, :2], walls[:, 0]), atol=1e-11
-    )
+    point = plain.wall_point(TX, state[:, :2], walls[:, 0])
+    along = -np.sin(walls[:, 0, 0]) * point[:, 0] + np.cos(walls[:, 0, 0]) * point[:, 1]
+    np.testing.assert_allclose(wall_places(walls[:, 0], TX, state[:, :2])[0], along, rtol=1e-9, atol=1e-11)
+
+
+def test_points_and_lines_of_sight_are_those_of_the_plain_form():
+    rng = np.random.default_rng(5)
+    state, point = rng.normal(size=(40, 4)) * [4, 4, 1, 5], rng.normal(size=(40, 2)) * 6
+    for name in ("predict_bounce", "bounce_jacobian_point", "bounce_jacobian_rx"):
+        ours, expected = getattr(plane, name)(TX, state, point), getattr(plain, name)(TX, state, point)
+        np.testing.assert_allclose(ours, expected, rtol=1e-12, atol=1e-13)
+    for name in ("predict_los", "los_jacobian_rx"):
+        ours, expected = getattr(plane, name)(TX, state), getattr(plain, name)(TX, state)
+        np.testing.assert_allclose(ours, expected, rtol=1e-12, atol=1e-13)
 
 
 def test_residuals_are_those_of_the_plain_form():

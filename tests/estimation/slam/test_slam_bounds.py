@@ -13,6 +13,7 @@ from estimation.laws.plane import (
     predict_bounce,
     residual,
 )
+from estimation.laws.wall import predict_walls, wall_line
 from estimation.slam.bounds import (
     StopPaths,
     state_bound,
@@ -20,9 +21,7 @@ from estimation.slam.bounds import (
     stop_bound,
     stop_information,
     trajectory_covariance,
-    wall_line,
 )
-from estimation.slam.walk.landmarks import predict_walls
 from isac_arena.validation.scenarios.halls import ScenarioConfig
 from isac_arena.validation.scenarios.stops import draw_stop, draw_trajectory
 

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from estimation.channel.record import ChannelEstimate
+from estimation.laws.contour import predict_circle
 from estimation.laws.plane import predict_los
+from estimation.laws.wall import predict_walls
 from estimation.slam.config import (
     MappingConfig,
     PathNoise,
@@ -13,7 +15,6 @@ from estimation.slam.config import (
 )
 from estimation.slam.record import SolveStatus
 from estimation.slam.walk.filter import run_filter
-from estimation.slam.walk.landmarks import predict_circle, predict_walls
 from estimation.slam.walk.residuals import PathClass
 from estimation.slam.walk.sessions import segment_offsets
 from estimation.slam.walk.trajectory import run_trajectory
