@@ -1,5 +1,5 @@
 """Numerical methods that estimators share.
 
-`arrow.py`: least squares with one block per stop and shared parameters. `student.py`: information under
-Student-t errors.
+`least_squares.py`: the damped Gauss-Newton loop. `arrow.py`: systems of one block per stop and shared parameters.
+`student.py`: information under Student-t errors.
 """

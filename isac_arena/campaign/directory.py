@@ -98,7 +98,7 @@ class CampaignStore:
         if self.measured is not None:
             return self.truth_fingerprint
         estimator = self.estimator or self.config.channel.model_dump_json()
-        code = code_digest("estimation/channel", "estimation/execution.py")
+        code = code_digest("estimation/channel", "estimation/inference", "estimation/execution.py")
         return digest(self.truth_fingerprint, estimator, estimator_source(self.estimator), code)
 
     @cached_property

@@ -25,6 +25,7 @@ from estimation.channel.model.path_model import (
     response_energies,
     tangents,
 )
+from estimation.inference.least_squares import Attempt, Schedule, minimise
 from scenes.pose import wrap_angle
 from scenes.record import BoolArray, ComplexArray, FloatArray
 
@@ -32,7 +33,7 @@ APART_STEPS = 2
 NEAR_CELLS = 2.0  # resolution cells along every axis, beyond which coupling between paths is small
 FEW = 24  # number of paths up to which a partial refinement saves no time
 CONVERGED = 1e-3  # decrease of the squared residual, in units of the noise power, that ends the iteration
-LARGEST_DAMPING = 1e8
+LARGEST_DAMPING = 1e7
 LONGEST_STEP = 0.5  # resolution cells
 TINY = 1e-12  # relative ridge that keeps normal equations of coinciding paths solvable
 SMALLEST = 1e-150  # diagonal of an unobservable parameter
@@ -126,23 +127,18 @@ def refine(reference: Reference, paths: PathParameters, max_steps: int, enough: 
 
     The steps end when `enough` is explained.
     """
-    now = solve_at(reference, paths)
-    damping = 1e-3
-    for _ in range(max_steps if len(paths) else 0):
+
+    def attempt(now: Solution, damping: float) -> Attempt[Solution] | None:
         if now.explained > enough:
-            break
+            return None
         step, expected = _step(now, damping)
         if expected < CONVERGED:
-            break
+            return None
         trial = solve_at(reference, now.paths.moved(step))
-        gain = trial.explained - now.explained
-        if gain >= 0:
-            now, damping = trial, max(damping / 10, 1e-9)
-        else:
-            damping *= 10
-        if damping > LARGEST_DAMPING:
-            break
-    return now
+        return Attempt(trial, -now.explained, -trial.explained)
+
+    schedule = Schedule(max_steps if len(paths) else 0, largest=LARGEST_DAMPING)
+    return minimise(solve_at(reference, paths), attempt, schedule)
 
 
 def refine_near(

@@ -23,6 +23,7 @@ from estimation.channel.incoherent.kernels import fill_lower_blocks, likelihoods
 from estimation.channel.incoherent.spectrum import DelaySpectrum, delay_waves
 from estimation.channel.model.manifold import CELL, Manifold
 from estimation.channel.model.phase_information import pair_information
+from estimation.inference.least_squares import Attempt, Schedule, minimise
 from scenes.pose import wrap_angle
 from scenes.record import BoolArray, ComplexArray, FloatArray, IntArray
 
@@ -31,10 +32,9 @@ REACH_BINS = 1.0  # around the delay of every path, in which its wave is in the 
 _NODES = 6  # waves that span all waves of a reach to 1e-6
 _RANK_TOLERANCE = 1e-10  # of the power of the strongest combination of waves
 _TABLE_POINTS = 4000
-_FIRST_DAMPING, _LEAST_DAMPING, _LARGEST_DAMPING, _DAMPING_STEP = 1e-3, 1e-5, 1e4, 8.0
-_POOR, _GOOD = 0.2, 0.7  # share of the expected gain: below, the damping increases, above, it decreases
 MOST_STEPS = 30
 FAINT = 0.03  # SNR of a path in a pair below which the pair is uninformative
+_SCHEDULE = Schedule(MOST_STEPS, least=1e-5, largest=1e4 / 8, factor=8.0, good=0.7, poor=0.2)
 _ENOUGH = 2e-3  # expected gain in log-likelihood at which the steps end: 0.06 standard deviations
 _LARGEST_CELLS, _LARGEST_LOG_AMPLITUDE, _LARGEST_PHASE = 0.4, 0.7, 0.7  # of one step
 
@@ -240,29 +240,28 @@ def maximise_likelihood(
     """
     start = paths[:, 0].copy()
     longest = _longest_steps(ends, paths)
-    at, damping = score(local, ends, paths), _FIRST_DAMPING
-    for _ in range(most_steps):
+    inside = True
+
+    def attempt(now: tuple[FloatArray, Score], damping: float) -> Attempt[tuple[FloatArray, Score]] | None:
+        nonlocal inside
+        paths, at = now
         step = _damped_step(at, damping)
         if step @ at.gradient / 2 < _ENOUGH:
-            break
+            return None
         move = step.reshape(paths.shape)
         reach = (longest / np.maximum(np.abs(move), 1e-300)).min(axis=1, keepdims=True)
         move = move * np.minimum(1.0, reach)
-        trial = paths + move
-        if (np.abs(trial[:, 0] - start) > REACH_BINS).any():
-            return paths, at, False
-        then = score(local, ends, trial)
+        inside = not (np.abs(paths[:, 0] + move[:, 0] - start) > REACH_BINS).any()
+        if not inside:
+            return None
+        then = score(local, ends, paths + move)
         gain = float(move.ravel() @ (at.gradient - at.information @ move.ravel() / 2))
-        kept = (then.value - at.value) / max(gain, _ENOUGH / 2)
-        if kept > _GOOD:
-            damping = max(damping / _DAMPING_STEP, _LEAST_DAMPING)
-        elif kept < _POOR:
-            damping *= _DAMPING_STEP
-        if then.value > at.value:
-            paths, at = trial, then
-        elif damping > _LARGEST_DAMPING:
-            break
-    return paths, at, True
+        return Attempt((paths + move, then), -at.value, -then.value, max(gain, _ENOUGH / 2))
+
+    paths, at = minimise(
+        (paths, score(local, ends, paths)), attempt, replace(_SCHEDULE, max_steps=most_steps)
+    )
+    return paths, at, inside
 
 
 def coupled(at: Score, n_paths: int, path: int, least: float) -> BoolArray:

@@ -11,9 +11,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
+from estimation.inference.least_squares import Attempt, Schedule, minimise
 from estimation.laws.contour import predict
 from estimation.laws.plane import los_jacobian_rx, predict_los, residual
 from estimation.shape.fit import ShapeFit, failed_fit
@@ -87,6 +89,12 @@ class _System:
         size = len(self.common)
         left = self.common * (1 + damping * np.eye(size)) + _LEAST_INFORMATION * np.eye(size)
         return left - np.einsum("sic,sid->cd", self.cross, cross), own, cross
+
+
+class _BundlePoint(NamedTuple):
+    common: FloatArray  # (common,)
+    state: FloatArray  # (stop, 4)
+    system: _System
 
 
 def fit_bundle(objects: Sequence[BundleObject], los: Reflections, config: ReflectionConfig) -> Bundle:
@@ -199,24 +207,18 @@ class _Problem:
 
     def _descend(self, common: FloatArray, state: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The minimum from a start, by Levenberg-Marquardt."""
-        damping = 1e-3
-        now = self.system(common, state)
-        for _ in range(_MAX_STEPS):
-            left, own, cross = now.schur(damping)
-            right = now.common_gradient - np.einsum("sic,si->c", now.cross, own)
+
+        def attempt(at: _BundlePoint, damping: float) -> Attempt[_BundlePoint]:
+            left, own, cross = at.system.schur(damping)
+            right = at.system.common_gradient - np.einsum("sic,si->c", at.system.cross, own)
             step = -np.linalg.solve(left, right)
-            trial_state = state - own - cross @ step
-            trial = self.system(common + step, trial_state)
-            if trial.cost < now.cost:
-                gain = now.cost - trial.cost
-                common, state, now, damping = common + step, trial_state, trial, max(damping / 10, 1e-9)
-                if gain < _SETTLED_NAT:
-                    break
-            elif damping > 1e6:
-                break
-            else:
-                damping *= 10
-        return common, state
+            common, state = at.common + step, at.state - own - cross @ step
+            trial = _BundlePoint(common, state, self.system(common, state))
+            return Attempt(trial, at.system.cost, trial.system.cost)
+
+        start = _BundlePoint(common, state, self.system(common, state))
+        found = minimise(start, attempt, Schedule(_MAX_STEPS, largest=1e6, absolute=_SETTLED_NAT))
+        return found.common, found.state
 
     def system(self, common: FloatArray, state: FloatArray) -> _System:
         """Cost and normal equations at common unknowns (common,) and states (stop, 4)."""

@@ -10,10 +10,12 @@ are Laplace's.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
+from estimation.inference.least_squares import Attempt, Schedule, damped_step, minimise
 from estimation.laws.contour import SpecularPaths, predict
 from estimation.laws.support import HARMONICS
 from estimation.shape.reflection.path_likelihood import (
@@ -194,28 +196,29 @@ def _descend(
 ) -> FloatArray:
     m = len(value) - N_COMMON - data.n_sessions
 
-    def evaluate(at: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+    def evaluate(at: FloatArray) -> _PosteriorPoint:
         paths = predict(family, at[:m], data.tx, data.rx_state)
         cost, gradient, hessian, _ = normal_equations(paths, at[m:], data, weight, log_norm, config)
         away = at - prior.mean
         cost += 0.5 * float(np.sum(prior.precision * away**2))
-        return cost, gradient + prior.precision * away, hessian + np.diag(prior.precision)
+        return _PosteriorPoint(
+            at, cost, gradient + prior.precision * away, hessian + np.diag(prior.precision)
+        )
 
-    cost, gradient, hessian = evaluate(value)
-    damping = 1e-3
-    for _ in range(_MAX_STEPS):
-        damped = hessian + np.diag(damping * np.diagonal(hessian) + 1e-12)
-        step = -np.linalg.solve(damped, gradient)
-        step[2:m] = np.clip(step[2:m], -1.0, 1.0) if family <= HARMONICS else step[2:m]
-        trial = evaluate(value + step)
-        if trial[0] < cost:
-            gain, value = cost - trial[0], value + step
-            cost, gradient, hessian = trial
-            damping = max(damping / 10, 1e-9)
-            if gain < _SETTLED_NAT:
-                break
-        else:
-            if damping > 1e8 or -gradient @ step < _SETTLED_NAT:
-                break
-            damping *= 10
-    return value
+    def attempt(at: _PosteriorPoint, damping: float) -> Attempt[_PosteriorPoint] | None:
+        step = damped_step(at.hessian, at.gradient, damping)
+        if family <= HARMONICS:
+            step[2:m] = np.clip(step[2:m], -1.0, 1.0)
+        trial = evaluate(at.value + step)
+        if not trial.cost < at.cost and -at.gradient @ step < _SETTLED_NAT:
+            return None
+        return Attempt(trial, at.cost, trial.cost)
+
+    return minimise(evaluate(value), attempt, Schedule(_MAX_STEPS, absolute=_SETTLED_NAT)).value
+
+
+class _PosteriorPoint(NamedTuple):
+    value: FloatArray  # (parameter + 2 + session,)
+    cost: float
+    gradient: FloatArray
+    hessian: FloatArray

@@ -6,12 +6,13 @@ components) or `estimation.laws.space` (3, 5, 5).
 
 from __future__ import annotations
 
-from typing import Protocol, TypeVar
+from typing import NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
+from estimation.inference.least_squares import Attempt, Schedule, minimise
 from estimation.slam.config import MappingConfig
-from scenes.record import FloatArray
+from scenes.record import BoolArray, FloatArray
 
 Tx_contra = TypeVar(
     "Tx_contra", contravariant=True
@@ -63,29 +64,37 @@ def locate(
         (path, point) and (path,): the IPs and J at the minimum.
     """
     weight = np.asarray(np.linalg.inv(covariance), float)
-    point = law.start_point(tx_pose, state, measured)
-    damping = np.full(len(point), 1e-9)
-    difference = law.residual(measured, law.predict_bounce(tx_pose, state, point))
-    cost = _quadratic(difference, weight)
-    for _ in range(config.max_iterations):
-        jacobian = law.bounce_jacobian_point(tx_pose, state, point)
-        gradient = np.einsum("nai,nab,nb->ni", jacobian, weight, difference)
+
+    def located(point: FloatArray) -> _Located:
+        difference = law.residual(measured, law.predict_bounce(tx_pose, state, point))
+        return _Located(point, difference, _quadratic(difference, weight))
+
+    def attempt(at: _Located, damping: FloatArray) -> Attempt[_Located]:
+        jacobian = law.bounce_jacobian_point(tx_pose, state, at.point)
+        gradient = np.einsum("nai,nab,nb->ni", jacobian, weight, at.difference)
         information = np.swapaxes(jacobian, 1, 2) @ weight @ jacobian
-        trace = np.einsum("nii->n", information)
-        information = information + (damping * trace)[:, None, None] * np.eye(point.shape[-1])
-        trial = point + np.linalg.solve(information, gradient[..., None])[..., 0]
-        trial_difference = law.residual(measured, law.predict_bounce(tx_pose, state, trial))
-        trial_cost = _quadratic(trial_difference, weight)
-        better = trial_cost < cost
-        gain = np.where(better, cost - trial_cost, 0.0)
-        settled = np.where(better, gain <= config.relative_tolerance * cost, damping > 1.0)
-        point = np.where(better[:, None], trial, point)
-        difference = np.where(better[:, None], trial_difference, difference)
-        cost = np.where(better, trial_cost, cost)
-        damping = np.where(better, np.maximum(damping / 10, 1e-9), damping * 10)
-        if settled.all():
-            break
+        trace = damping * np.einsum("nii->n", information)
+        damped = information + trace[:, None, None] * np.eye(at.point.shape[-1])
+        trial = located(at.point + np.linalg.solve(damped, gradient[..., None])[..., 0])
+        return Attempt(trial, at.cost, trial.cost)
+
+    schedule = Schedule(
+        config.max_iterations, first=1e-9, largest=1.0, absolute=0.0, relative=config.relative_tolerance
+    )
+    point, _, cost = minimise(located(law.start_point(tx_pose, state, measured)), attempt, schedule, _chosen)
     return point, cost
+
+
+class _Located(NamedTuple):
+    point: FloatArray  # (path, point)
+    difference: FloatArray  # (path, m)
+    cost: FloatArray  # (path,)
+
+
+def _chosen(is_better: BoolArray, new: _Located, now: _Located) -> _Located:
+    mask = is_better[:, None]
+    point, difference = np.where(mask, new.point, now.point), np.where(mask, new.difference, now.difference)
+    return _Located(point, difference, np.where(is_better, new.cost, now.cost))
 
 
 def point_covariance(

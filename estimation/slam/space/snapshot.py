@@ -13,6 +13,7 @@ from scipy.special import expit
 from scipy.stats import chi2
 
 from estimation.channel.record import ChannelEstimate
+from estimation.inference.least_squares import Attempt, Schedule, damped_step, minimise
 from estimation.inference.student import efficiency
 from estimation.laws.space import N_STATE
 from estimation.slam.config import SnapshotConfig
@@ -35,7 +36,9 @@ from scenes.record import BoolArray, FloatArray, IntArray
 _MODE_DISTANCE_M = 0.3
 _MODE_HEADING_RAD = np.deg2rad(5.0)
 _MIN_BOUNCES = 4
+_SETTLED = 1e-10  # of the size of a state, in m and rad: smaller steps end the refinement
 _Evaluated = tuple[BounceFit, FloatArray, FloatArray, FloatArray]
+_Refined = tuple[FloatArray, _Evaluated]
 Array = TypeVar("Array", FloatArray, BoolArray)
 
 
@@ -72,29 +75,31 @@ def refine_spatial(
     Returns the states, their information (state, 5, 5) under Gaussian errors, and their log-likelihoods; `los` is
     the index of the line of sight, -1 for none.
     """
-    state, damping = start.copy(), np.full(len(start), 1e-6)
     others = np.arange(len(problem)) != los
-    parts, weak = _evaluate(problem, state, los, others, config), np.diag(_prior(config) ** -2.0)
-    for _ in range(config.max_iterations):
-        fit, _, direct, slope = parts
+    weak = np.diag(_prior(config) ** -2.0)
+
+    def attempt(at: _Refined, damping: FloatArray) -> Attempt[_Refined] | None:
+        state, (fit, _, direct, slope) = at
         weight = _weights(fit, others, config)
         jacobian = fit.jacobian * weight[..., None]
         information = np.einsum("spia,spib->sab", jacobian, fit.jacobian) + np.swapaxes(slope, 1, 2) @ slope
         gradient = np.einsum("spia,spi->sa", jacobian, fit.white) + np.einsum("sia,si->sa", slope, direct)
-        damped = (information + weak) * (1 + damping[:, None, None] * np.eye(5))
-        step = -np.linalg.solve(damped, gradient[..., None])[..., 0]
+        step = damped_step(information + weak, gradient, damping)
+        if np.all(np.abs(step) <= _SETTLED * (1 + np.abs(state))):
+            return None
         trial = _evaluate(problem, state + step, los, others, config)
         # Weights and variances are held: the cost whose gradient this is.
         held = (fit.whitening @ trial[0].value_m[..., None])[..., 0]
         before = np.sum(weight * fit.white**2, axis=(1, 2)) + np.sum(direct**2, axis=1)
         after = np.sum(weight * held**2, axis=(1, 2)) + np.sum(trial[2] ** 2, axis=1)
-        better = after <= before * (1 + 1e-12)
-        state = np.where(better[:, None], state + step, state)
-        parts = _chosen(better, trial, parts)
-        damping = np.where(better, np.maximum(damping / 10, 1e-9), np.minimum(damping * 10, 1e9))
-        if np.all(np.abs(step) <= 1e-10 * (1 + np.abs(state))):
-            break
-    fit, score, _, slope = parts
+        return Attempt((state + step, trial), before * (1 + 1e-12), after)
+
+    def choose(is_better: BoolArray, new: _Refined, now: _Refined) -> _Refined:
+        return np.where(is_better[:, None], new[0], now[0]), _chosen(is_better, new[1], now[1])
+
+    begun = start.copy(), _evaluate(problem, start, los, others, config)
+    schedule = Schedule(config.max_iterations, first=1e-6, largest=1e9)
+    state, (fit, score, _, slope) = minimise(begun, attempt, schedule, choose)
     share = expit(bounce_log_ratio(fit, config.mixture)) * others
     kept = efficiency(config.mixture.degrees_of_freedom, 1)
     information = np.einsum("sp,spia,spib->sab", kept * share, fit.jacobian, fit.jacobian)

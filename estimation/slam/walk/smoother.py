@@ -8,10 +8,12 @@ way of a shared landmark (3), and the second difference of the position as motio
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from estimation.inference.arrow import ArrowSystem
+from estimation.inference.least_squares import Attempt, Schedule, minimise
 from estimation.slam.config import TrajectoryConfig
 from estimation.slam.walk.linearise import Linearised, accumulate, linearise
 from estimation.slam.walk.motion import add_motion, course_of, motion_cost
@@ -25,25 +27,27 @@ def optimise(
     seen: Observations, link: Association, start: TrajectoryState, config: TrajectoryConfig
 ) -> TrajectoryState:
     """Levenberg-Marquardt on the robust cost, re-weighting at every step."""
-    now, damping = replace(start, course=course_of(start.state)), 1e-4
-    residuals = linearise(seen, link, now, config)
-    cost = _cost(residuals, now, config)
-    for _ in range(config.max_iterations):
-        system = _system(residuals, now, config)
-        step, shared = system.damped(damping).solve()
-        trial = now.moved(step, shared)
-        trial_residuals = linearise(seen, link, trial, config)
-        trial_cost = _cost(trial_residuals, trial, config)
-        if not trial_cost <= cost:
-            damping *= 10
-            if damping > 1e6:
-                break
-            continue
-        settled = cost - trial_cost <= config.relative_tolerance * (1 + abs(cost))
-        now, residuals, cost, damping = trial, trial_residuals, trial_cost, max(damping / 10, 1e-9)
-        if settled:
-            break
-    return now
+
+    def point(now: TrajectoryState) -> _WalkPoint:
+        residuals = linearise(seen, link, now, config)
+        return _WalkPoint(now, residuals, _cost(residuals, now, config))
+
+    def attempt(at: _WalkPoint, damping: float) -> Attempt[_WalkPoint]:
+        step = _system(at.residuals, at.now, config).damped(damping).solve()
+        trial = point(at.now.moved(*step))
+        return Attempt(trial, at.cost, trial.cost)
+
+    tolerance = config.relative_tolerance
+    schedule = Schedule(
+        config.max_iterations, first=1e-4, largest=1e5, absolute=tolerance, relative=tolerance
+    )
+    return minimise(point(replace(start, course=course_of(start.state))), attempt, schedule).now
+
+
+class _WalkPoint(NamedTuple):
+    now: TrajectoryState
+    residuals: Linearised
+    cost: float
 
 
 def robust_cost(
