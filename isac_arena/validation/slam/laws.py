@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from estimation.laws import plane, space
+from estimation.laws.contour import predict_circle
+from estimation.laws.wall import predict_walls
 from estimation.slam.bounds import StopPaths, stop_bound
 from estimation.slam.snapshot.refine import bounce_terms
 from estimation.slam.space.bounds import SpatialPaths, spatial_bound
-from estimation.laws.contour import predict_circle
-from estimation.laws.wall import predict_walls
 from isac_arena.validation.measurement import Measurement, at_most
 from isac_arena.validation.scenarios.stops import draw_stop
 from isac_arena.validation.slam.trials import CLEAN, Case, jacobian_rows
