@@ -7,11 +7,10 @@ import numpy as np
 from estimation.channel.fit import PathFit
 from estimation.channel.los import LosConfig, line_of_sight, los_probability
 from estimation.channel.model.manifold import Manifold
-from estimation.channel.record import AngleKind, ChannelEstimate, EstimateStatus
+from estimation.channel.record import UNKNOWN_ANGLE_VARIANCE, AngleKind, ChannelEstimate, EstimateStatus
 from scenes.record import FloatArray
 from sim.observation import BeamSweep
 
-UNKNOWN_ANGLE_VARIANCE = np.pi**2 / 3  # of a uniform angle on the circle
 GRID_PER_CELL = 4.0  # directions per Rayleigh cell in the search for the highest gain of a codebook
 
 

@@ -20,7 +20,6 @@ from estimation.channel.coherent.diffuse import fit_over_background
 from estimation.channel.config import MaximumLikelihoodConfig
 from estimation.channel.fit import PathFit
 from estimation.channel.incoherent.paths import IncoherentFit, fit_incoherent
-from estimation.channel.model.manifold import Manifold
 from scenes.pose import wrap_angle
 from scenes.record import FloatArray, IntArray
 from sim.observation import BeamSweep
@@ -82,39 +81,20 @@ class AutoFit:
     reason: str
 
 
-def fit_auto(
-    sweep: BeamSweep,
-    config: MaximumLikelihoodConfig | None = None,
-    tx_manifold: Manifold | None = None,
-    rx_manifold: Manifold | None = None,
-) -> tuple[PathFit, str]:
-    """Paths of one stop by the likelihood that its phases allow, and the reason of the choice in words."""
-    chosen = choose_likelihood(sweep, config, tx_manifold, rx_manifold)
-    return chosen.fit, chosen.reason
-
-
-def choose_likelihood(
-    sweep: BeamSweep,
-    config: MaximumLikelihoodConfig | None = None,
-    tx_manifold: Manifold | None = None,
-    rx_manifold: Manifold | None = None,
-) -> AutoFit:
-    """Paths of one stop by the likelihood that its phases allow.
-
-    Arguments and errors are those of `fit_incoherent`.
-    """
+def fit_auto(sweep: BeamSweep, config: MaximumLikelihoodConfig | None = None) -> AutoFit:
+    """Paths of one stop by the likelihood that its phases allow; errors are those of `fit_incoherent`."""
     config = config or MaximumLikelihoodConfig()
     few = config.model_copy(update={"max_paths": min(config.max_paths, _TELLING_PATHS)})
-    incoherent = fit_incoherent(sweep, few, tx_manifold, rx_manifold)
+    incoherent = fit_incoherent(sweep, few)
     ramp = fit_phase_ramp(incoherent)
     if not ramp.is_coherent and few.max_paths <= len(incoherent) < config.max_paths:
-        incoherent = fit_incoherent(sweep, config, tx_manifold, rx_manifold)
+        incoherent = fit_incoherent(sweep, config)
         ramp = fit_phase_ramp(incoherent)
     spacing_hz = float(np.ptp(sweep.frequency_offset_hz)) / (sweep.samples.shape[2] - 1)
     offset_hz = ramp.frequency_offset_hz(sweep.samples.shape[1], (1 + _CYCLIC_PREFIX) / spacing_hz)
     if ramp.is_coherent:
         back = without_phase_ramp(sweep, ramp.tx_step_rad, ramp.rx_step_rad)
-        coherent = fit_over_background(back, config, tx_manifold, rx_manifold)
+        coherent = fit_over_background(back, config)
         if len(coherent):
             return AutoFit(coherent, "coherent", ramp, offset_hz, "coherent: " + _words(ramp, offset_hz))
     words = "; ".join(part for part in (_words(ramp, offset_hz), incoherent.caveat) if part)
@@ -151,7 +131,7 @@ def fit_phase_ramp(fit: IncoherentFit) -> PhaseRamp:
     if n_free < _LEAST_PAIRS:
         return PhaseRamp(np.nan, np.nan, np.nan, np.nan, np.nan, 0)
     variance = LARGEST_RESIDUAL_RAD**2
-    step = _strongest_turn(pair, phase, path, 1 / (noise + hidden + variance), fit.pair_snr.shape)
+    step = _strongest_ramp(pair, phase, path, 1 / (noise + hidden + variance), fit.pair_snr.shape)
     for _ in range(_REFINEMENTS):
         weight = 1 / (noise + hidden + max(variance, _LEAST_VARIANCE))
         centred = pair - np.stack([_path_means(axis.astype(float), path, weight) for axis in pair.T], axis=1)
@@ -178,7 +158,7 @@ def _phase_variance(snr: FloatArray) -> FloatArray:
     return np.asarray(0.5 / snr + 0.25 / snr**2)
 
 
-def _strongest_turn(
+def _strongest_ramp(
     pair: IntArray, phase: FloatArray, path: IntArray, weight: FloatArray, shape: tuple[int, ...]
 ) -> FloatArray:
     """Steps (2,) on a fine grid at which the phases of all paths add up best."""

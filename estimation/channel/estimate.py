@@ -19,6 +19,7 @@ from estimation.channel.fit import PathFit
 from estimation.channel.incoherent.paths import fit_incoherent
 from estimation.channel.los import LosConfig
 from estimation.channel.power.paths import PowerMethodConfig, estimate_power
+from estimation.channel.power_map import summed_power
 from estimation.channel.record import ChannelEstimate, EstimateStatus, check_estimate, empty_estimate
 from scenes.toml_config import ConfigModel
 from sim.observation import BeamSweep
@@ -118,7 +119,8 @@ def _maximum_likelihood(sweep: BeamSweep, method: str, config: ChannelConfig) ->
         fit = fit_incoherent(sweep, settings)
         reason = fit.caveat
     else:
-        fit, reason = fit_auto(sweep, settings)
+        chosen = fit_auto(sweep, settings)
+        fit, reason = chosen.fit, chosen.reason
     fit = _widened(fit, config)
     tx, rx = nominal_manifold(sweep.tx_codebook), nominal_manifold(sweep.rx_codebook)
     return _limited(assemble_estimate(sweep, fit, tx, rx, config.los, method, reason), settings.max_paths)
@@ -151,8 +153,7 @@ def _unusable(sweep: BeamSweep) -> str:
     shape = sweep.samples.shape
     if min(shape) == 0 or shape[2] < 2:
         return f"samples has shape {shape}: at least 1 x 1 beams and 2 subcarriers are needed"
-    power = np.einsum("mnk,mnk->mn", sweep.samples.real, sweep.samples.real, dtype=float)
-    power += np.einsum("mnk,mnk->mn", sweep.samples.imag, sweep.samples.imag, dtype=float)
+    power = summed_power(sweep)
     if not np.isfinite(power).all():
         m, n = np.argwhere(~np.isfinite(power))[0]
         return f"samples of beam pair ({m}, {n}) are not finite"

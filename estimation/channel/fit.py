@@ -17,8 +17,8 @@ class PathFit(Record):
     """Paths of one stop, sorted by delay; zero paths are valid.
 
     An end has one angle (azimuth, or the cone angle if its beams do not resolve elevation) or two (azimuth,
-    elevation). `status` is 'ok' if paths were found, 'no_paths' if nothing exceeds the noise and 'no_signal' if
-    all samples are zero.
+    elevation). `status` is 'ok' if paths were found, 'no_paths' if nothing exceeds the
+    noise, 'no_signal' if all samples are zero.
     """
 
     delay_s: FloatArray = array("path", unit="s", doc="time of arrival, clock bias included")

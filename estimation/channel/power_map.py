@@ -20,14 +20,19 @@ class BeamPowerMap(Record):
     power_dbm: FloatArray = array("tx_beam", "rx_beam", unit="dBm", doc="mean power over the subcarriers")
 
 
+def summed_power(sweep: BeamSweep) -> FloatArray:
+    """Power in mW (tx_beam, rx_beam) of every beam pair, summed over the subcarriers."""
+    samples = sweep.samples
+    power = np.einsum("mnk,mnk->mn", samples.real, samples.real, dtype=np.float64)
+    power += np.einsum("mnk,mnk->mn", samples.imag, samples.imag, dtype=np.float64)
+    return np.asarray(power)
+
+
 def beam_power_map(sweep: BeamSweep) -> BeamPowerMap:
     """Mean of |y|^2 over the subcarriers, per beam pair."""
-    samples = sweep.samples
-    power_mw = np.einsum("mnk,mnk->mn", samples.real, samples.real, dtype=np.float64)
-    power_mw += np.einsum("mnk,mnk->mn", samples.imag, samples.imag, dtype=np.float64)
     return BeamPowerMap(
         stop=sweep.stop,
         tx_azimuth_rad=sweep.tx_codebook.azimuth_rad,
         rx_azimuth_rad=sweep.rx_codebook.azimuth_rad,
-        power_dbm=10 * np.log10(power_mw / samples.shape[-1]),
+        power_dbm=10 * np.log10(summed_power(sweep) / sweep.samples.shape[-1]),
     )

@@ -10,6 +10,7 @@ import numpy as np
 
 from scenes.record import BoolArray, FloatArray, Record, array
 
+UNKNOWN_ANGLE_VARIANCE = np.pi**2 / 3  # of a uniform angle on the circle, as with a single beam
 MIN_PARAMETERS = 3  # delay, departure azimuth, arrival azimuth; then departure and arrival elevation
 
 

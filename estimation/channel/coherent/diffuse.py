@@ -5,8 +5,7 @@ the found paths, without an assumed shape (RiMAX assumes an exponential decay; r
 are whitened by it and the paths are found again, until both converge. A path must also exceed the background in
 its own direction: the power that its matched filter shows at the delays around it, without strong paths, and the
 heavier tail of powers if diffuse paths fill some cells and not others. The covariance of a path grows by the
-background in its direction, and by a second factor if its residual shows that the found paths do not explain the
-samples (`misfit`).
+background in its direction, and by a second factor if its residual shows unexplained samples (`misfit`).
 
 With too few samples to separate the background from noise, it counts as noise.
 """

@@ -87,8 +87,7 @@ class Screen:
     ) -> Candidates:
         """Peaks over delay that are no side lobes of stronger ones, strongest first, up to a largest number.
 
-        `level` and `place` are those of `levels`; `delay_bins` (delay,) may have gaps. Peaks below `lowest` are
-        ignored.
+        `level` and `place` are those of `levels`; `delay_bins` (delay,) may have gaps. None is below `lowest`.
         """
         before, after = np.roll(level, 1), np.roll(level, -1)
         peak = np.flatnonzero((level >= lowest) & (level >= before) & (level > after))

@@ -174,8 +174,7 @@ def _towards_directions(manifold: Manifold, basis: ComplexArray | FloatArray) ->
 def compress(sweep: BeamSweep, tx: BeamSpan, rx: BeamSpan) -> DelayCube:
     """All delay bins of a sweep, on the bases of its beams (`beam_span`; that of the RX with the noise powers).
 
-    The noise level is measured at the delays farthest from the strongest path: the median power of white noise is
-    ln 2 times its mean.
+    The noise level is measured at the delays farthest from the strongest path (see `noise_scale_of`).
 
     Raises
     ------

@@ -151,10 +151,6 @@ class Manifold:
             response += panel.response(azimuth, elevation)
         return response
 
-    def jacobian(self, angles: FloatArray) -> ComplexArray:
-        """Derivatives (direction, angle, beam) per rad of the responses towards `angles` (direction, angle)."""
-        return self.tangents(angles)[:, 1:]
-
     def tangents(self, angles: FloatArray) -> ComplexArray:
         """Responses and their derivatives per rad, (direction, 1 + angle, beam)."""
         azimuth, elevation = self._split(angles)

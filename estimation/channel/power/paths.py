@@ -16,12 +16,10 @@ from estimation.channel.los import LosConfig, line_of_sight, los_probability
 from estimation.channel.model.delay import OVERSAMPLING, DelayPower, delay_power, match_delay
 from estimation.channel.power.beams import AngleFit, BeamAxis
 from estimation.channel.power.detect import Peaks, SideLobeEnvelope, local_maxima, noise_threshold
-from estimation.channel.record import AngleKind, ChannelEstimate
+from estimation.channel.record import UNKNOWN_ANGLE_VARIANCE, AngleKind, ChannelEstimate
 from scenes.record import FloatArray
 from scenes.toml_config import ConfigModel
 from sim.observation import BeamSweep
-
-UNKNOWN_ANGLE_VARIANCE = np.pi**2 / 3  # of a uniform angle on the circle, as with a single beam
 
 
 class PowerMethodConfig(ConfigModel):

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimation.channel.auto import choose_likelihood, fit_auto, fit_phase_ramp, without_phase_ramp
+from estimation.channel.auto import fit_auto, fit_phase_ramp, without_phase_ramp
 from estimation.channel.coherent.paths import fit_coherent
 from estimation.channel.incoherent.paths import fit_incoherent
 from scenes.record import FloatArray
@@ -26,7 +26,7 @@ def with_phases(phase_rad: FloatArray, seed: int = 1) -> BeamSweep:
 @pytest.mark.parametrize("offset_hz", [0.0, 150.0, -1500.0, 20e3])
 def test_a_frequency_offset_is_estimated_and_removed(offset_hz: float) -> None:
     times = sweep_occasions(WaveformConfig(), 10, 10).time_s[0]
-    chosen = choose_likelihood(with_phases(2 * np.pi * offset_hz * times))
+    chosen = fit_auto(with_phases(2 * np.pi * offset_hz * times))
     assert chosen.mode == "coherent"
     assert chosen.frequency_offset_hz == pytest.approx(offset_hz, abs=60)
     assert np.rad2deg(chosen.ramp.residual_rad) < 4
@@ -37,7 +37,7 @@ def test_a_frequency_offset_is_estimated_and_removed(offset_hz: float) -> None:
 
 
 def test_a_sweep_may_go_through_the_tx_beams_first() -> None:
-    chosen = choose_likelihood(with_phases(0.02 * np.arange(10)[:, None] + 0.2 * np.arange(10)))
+    chosen = fit_auto(with_phases(0.02 * np.arange(10)[:, None] + 0.2 * np.arange(10)))
     assert chosen.mode == "coherent"
     assert chosen.ramp.tx_step_rad == pytest.approx(0.02, abs=0.03)
     assert chosen.ramp.rx_step_rad == pytest.approx(0.2, abs=0.03)
@@ -45,7 +45,8 @@ def test_a_sweep_may_go_through_the_tx_beams_first() -> None:
 
 def test_random_phases_stay_incoherent() -> None:
     phase = np.random.default_rng(2).uniform(-np.pi, np.pi, (10, 10))
-    fit, reason = fit_auto(with_phases(phase))
+    chosen = fit_auto(with_phases(phase))
+    fit, reason = chosen.fit, chosen.reason
     assert reason.startswith("incoherent: ")
     assert len(fit) == 3
     assert np.isnan(fit.phase_rad).all()
@@ -53,7 +54,7 @@ def test_random_phases_stay_incoherent() -> None:
 
 def test_wandering_phases_are_reported_and_stay_incoherent() -> None:
     phase = np.deg2rad(12) * np.cumsum(np.random.default_rng(3).standard_normal(100)).reshape(10, 10)
-    chosen = choose_likelihood(with_phases(phase))
+    chosen = fit_auto(with_phases(phase))
     assert chosen.mode == "incoherent"
     assert "from one pair to the next they change by" in chosen.reason
     assert 5 < np.rad2deg(chosen.ramp.walk_rad) < 20
@@ -62,7 +63,7 @@ def test_wandering_phases_are_reported_and_stay_incoherent() -> None:
 @pytest.mark.parametrize(("spread_deg", "mode"), [(4.0, "coherent"), (25.0, "incoherent")])
 def test_the_residual_is_that_of_the_phases_without_noise(spread_deg: float, mode: str) -> None:
     phase = np.deg2rad(spread_deg) * np.random.default_rng(4).standard_normal((10, 10))
-    chosen = choose_likelihood(with_phases(phase))
+    chosen = fit_auto(with_phases(phase))
     assert np.rad2deg(chosen.ramp.residual_rad) == pytest.approx(spread_deg, rel=0.35, abs=1.5)
     assert chosen.ramp.upper_rad > chosen.ramp.residual_rad
     assert chosen.mode == mode
@@ -76,7 +77,7 @@ def test_a_phase_ramp_is_removed() -> None:
 
 def test_too_few_pairs_stay_incoherent() -> None:
     nothing = plain_sweep(SMALL, no_plain_paths(SMALL), np.random.default_rng(5))
-    chosen = choose_likelihood(nothing)
+    chosen = fit_auto(nothing)
     assert chosen.mode == "incoherent"
     assert "too few beam pairs" in chosen.reason
     assert chosen.ramp.n_pairs == 0
@@ -85,7 +86,7 @@ def test_too_few_pairs_stay_incoherent() -> None:
 
 def test_without_a_ramp_the_fit_is_the_coherent_one() -> None:
     sweep = with_phases(np.zeros((10, 10)))
-    chosen, coherent = choose_likelihood(sweep), fit_coherent(sweep)
+    chosen, coherent = fit_auto(sweep), fit_coherent(sweep)
     std = np.sqrt(np.einsum("paa->pa", coherent.covariance))[:, 0]
     assert (np.abs(chosen.fit.delay_s - coherent.delay_s) < 0.3 * std).all()
     assert fit_phase_ramp(fit_incoherent(sweep)).n_pairs == chosen.ramp.n_pairs
