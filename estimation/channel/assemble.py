@@ -19,8 +19,7 @@ def assemble_estimate(
 ) -> ChannelEstimate:
     """The channel estimate of a fit that used the manifolds `tx` and `rx`.
 
-    Powers and beam losses are those of the best beams towards the paths. An unobservable angle gets the variance
-    of a uniform angle on the circle.
+    Powers and losses are those of the best beams. An unobservable angle gets the variance of a uniform one.
     """
     n = len(fit)
     tx_gain, tx_peak = _best_gains(tx, fit.aod_rad)
@@ -62,8 +61,7 @@ def angle_kind(manifold: Manifold) -> AngleKind:
 def ordered_covariance(covariance: FloatArray, n_aod_angles: int, n_aoa_angles: int) -> FloatArray:
     """Covariance (path, 3 or 5, 3 or 5) of delay, azimuths and elevations from one in the order of a fit.
 
-    A fit orders delay, angles of departure, angles of arrival. If only one end has an elevation, the row and
-    column of the other are NaN.
+    A fit orders delay, departure angles, arrival angles. If one end has no elevation, its row and column are NaN.
     """
     n_fit = 1 + n_aod_angles + n_aoa_angles
     place = [0, 1, 1 + n_aod_angles]

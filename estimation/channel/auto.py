@@ -63,8 +63,7 @@ class PhaseRamp:
     def frequency_offset_hz(self, n_rx: int, pair_s: float) -> float:
         """Frequency offset that causes the ramp if each pair takes `pair_s`, all RX beams of a TX beam in turn.
 
-        The step between TX beams, `n_rx` pairs apart, determines it precisely up to whole turns; the step between
-        RX beams determines the whole turns.
+        The step between TX beams, `n_rx` pairs apart, is precise but ambiguous; that between RX beams resolves it.
         """
         turns = np.rint((n_rx * self.rx_step_rad - self.tx_step_rad) / (2 * np.pi))
         return float((self.tx_step_rad / (2 * np.pi) + turns) / (n_rx * pair_s))

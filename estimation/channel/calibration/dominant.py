@@ -22,8 +22,8 @@ KEPT_PURITY = 0.97  # of complex beam-pair matrices, above which phases count as
 class DominantPaths(Record):
     """Single paths in their delay cells: complex amplitude of every beam pair in units of its noise.
 
-    A single path gives a matrix of rank 1 over the beams. Its purity is the share of the first singular value in
-    the power above the noise.
+    A single path gives a matrix of rank 1. Purity is the share of the first singular value in the power above
+    noise.
     """
 
     amplitude: ComplexArray = array("path", "tx_beam", "rx_beam", dtype="complex64", doc="over noise")

@@ -182,8 +182,8 @@ def _tail_scale(power: FloatArray, position: IntArray, delay_bins: FloatArray) -
 
     The power of noise is exponential, and so is that of cells with diffuse paths; but if these do not fill all
     cells, high powers come only from the filled ones. For a mixture of exponentials a third of the mean cube over
-    the mean square is the mean scale of the cells of high power. Much stronger cells are no dense background, but
-    residuals of strong paths.
+    the mean square is the mean scale of the cells of high power. Much stronger cells are residuals of strong
+    paths.
     """
     weak = np.where(power < STRONG_CELL, power, 0.0)
     square = np.square(weak).mean(axis=(0, 1), dtype=float)

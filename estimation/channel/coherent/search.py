@@ -92,8 +92,7 @@ class SpectrumSearch:
     def peaks(self, parts: FloatArray, level: float) -> SpectrumPeaks:
         """Local maxima above `level` of the spectrum of samples given as parts (part, tx_rank, rx_rank, bin).
 
-        The spectrum is the power of a path at each delay and pair of directions, in units of the noise. It is
-        computed for a few delays at a time.
+        The spectrum is the power of a path at each place in units of the noise, computed a few delays at a time.
         """
         tx, rx = self.grids
         fine, n_delays = self._delay_filtered(parts), len(self._delay_bins)

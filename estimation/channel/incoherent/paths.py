@@ -33,8 +33,8 @@ from sim.observation import BeamSweep
 class IncoherentFit(PathFit):
     """Paths, and the phases of the beam pairs.
 
-    Phases between paths that share no beam pair are unobservable, hence NaN; that of a pair is relative
-    to its strongest path.
+    Phases between paths in different pairs are unobservable, hence NaN; a pair's is relative to its strongest
+    path.
     """
 
     is_ambiguous: BoolArray = array(
@@ -69,7 +69,7 @@ def fit_incoherent(
 
     Candidates are where amplitudes over many beam pairs rise together. They are fitted jointly with all other
     paths, and kept if the likelihood ratio exceeds what noise alone reaches with the configured probability; then
-    again on the residual, until no path is added.
+    the residual is searched.
 
     Parameters
     ----------

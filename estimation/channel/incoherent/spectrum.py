@@ -31,8 +31,8 @@ class DelaySpectrum:
     """Unitary delay spectrum (tx_beam, rx_beam, delay) of the descrambled samples.
 
     `value` is in sqrt(mW), complex64, its phase relative to the first subcarrier; `noise_mw` (rx_beam,) is the
-    measured noise power of each of its entries, infinite for a beam whose samples are all zero. Bins are `bin_s`
-    apart, start at zero and are periodic.
+    measured noise power of each of its entries, infinite for a beam whose samples are all zero. Bins are periodic,
+    `bin_s` apart.
     """
 
     value: ComplexArray
@@ -62,8 +62,8 @@ def delay_spectrum(sweep: BeamSweep) -> DelaySpectrum:
 
     The noise level of every RX beam is estimated from a quantile: if x is the median expected for the nominal
     level and F the share of samples whose power is below x, sigma^2 = -x / log(1 - F). Paths hardly affect it,
-    since they fill few of the delays. If the nominal level is far off, the median itself is used; with few
-    samples, the nominal level.
+    since they fill few of the delays. If the nominal level is far off, the median is used; with few samples, the
+    nominal level.
 
     Raises `ValueError` for samples that are not finite.
     """

@@ -161,8 +161,7 @@ def path_information(
 ) -> FloatArray:
     """Fisher information (path, parameter, path, parameter) of all parameters of all paths.
 
-    `noise_power_mw` is (rx_beam,); angles are (path, angle) with as many angles as the manifolds have; `amplitude`
-    (path,) is xi in sqrt(mW).
+    `noise_power_mw` is (rx_beam,), angles (path, angle) as in the manifolds, `amplitude` (path,) xi in sqrt(mW).
     """
     factors = _Factors.make(tx, rx, frequency_offset_hz, noise_power_mw, delay_s, aod_rad, aoa_rad, amplitude)
     flat = _coherent(factors) if coherent else _incoherent(factors)
@@ -195,8 +194,7 @@ def path_covariance(information: FloatArray) -> FloatArray:
 def joint_loss_db(information: FloatArray) -> FloatArray:
     """SNR (path,) in dB that a path loses to all others: a lone path of `snr - loss` has the same bound.
 
-    It is the factor by which the other paths increase the worst variance of delay, angles and gain magnitude of a
-    path; infinite if they make it unobservable.
+    It is the largest increase of its variances (delay, angles, gain magnitude); infinite if one is unobservable.
     """
     n = len(information)
     if not n:

@@ -17,8 +17,7 @@ OVERSAMPLING = 2
 class DelayPower(Record):
     """Power of every beam pair over delay, in units of the noise power of its RX beam.
 
-    It is the power of a coherent sum over the subcarriers: for one path it is the SNR after processing. Delays are
-    circular with period `1 / comb spacing`.
+    Subcarriers are summed coherently: for one path it is the SNR after processing. The period is 1 / comb spacing.
     """
 
     snr: FloatArray = array("tx_beam", "rx_beam", "delay", dtype=np.float32, doc="power over noise power")

@@ -17,8 +17,7 @@ NEAR_BINS = 1e-3  # distance from its peak below which the series of the Dirichl
 def dirichlet(position: IntArray, delay_bins: FloatArray, n: int) -> FloatArray:
     """Dirichlet kernel sin(pi x) / (n sin(pi x / n)) of `n` subcarriers and its slope over x, (delay, 2, bin).
 
-    x is the distance in bins of the integer `position` (bin,) from the delays (delay,). Sines of bins and of
-    delays are computed separately.
+    x is the distance in bins of the integer `position` (bin,) from the delays (delay,).
     """
     kernel = np.empty((len(delay_bins), 2, len(position)))
     second = np.pi**2 / 3 * (1 - 1 / n**2)

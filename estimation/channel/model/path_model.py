@@ -83,8 +83,7 @@ def no_paths(sweep: CompressedSweep) -> PathParameters:
 class PathTangents:
     """Factors of the responses of paths and of their derivatives along every axis, the value first.
 
-    In their products of three factors the value of a path comes first, then its derivatives over delay, angles of
-    departure and angles of arrival.
+    The order of the tangents is: value, derivatives over delay, angles of departure, angles of arrival.
 
     Attributes
     ----------

@@ -56,8 +56,7 @@ def local_maxima(power: DelayPower, tx: BeamAxis, rx: BeamAxis, threshold: float
 class SideLobeEnvelope:
     """Largest amplitude that the accepted paths can cause in other cells.
 
-    It follows from the nominal beam patterns and the window. Amplitudes of several paths are added, since a
-    power-only method does not know their phases.
+    It follows from beam patterns and window. Amplitudes of paths are added, since their phases are unknown.
     """
 
     def __init__(self, tx: BeamAxis, rx: BeamAxis, n_delays: int) -> None:

@@ -55,8 +55,8 @@ def estimate_power(
     """Paths of one stop by the power-only, delay-resolved method.
 
     Peaks of the beam power over delay are processed from the strongest down. A peak is kept if it exceeds the
-    noise threshold, the dynamic range and the side lobes of all kept paths, and fits the beam patterns. Without
-    any path the estimate is empty.
+    noise threshold, the dynamic range and the side lobes of all kept paths, and fits the beam patterns. The
+    estimate may be empty.
     """
     config = config or PowerMethodConfig()
     power = delay_power(sweep)
