@@ -64,6 +64,7 @@ def sweep_report(
 ) -> None:
     """Write sweep_report.html: every metric over every axis, with intervals and bounds, and trade-offs."""
     from rich.console import Console  # noqa: PLC0415
+    from threadpoolctl import threadpool_limits  # noqa: PLC0415
 
     from isac_arena.campaign.files import write_text  # noqa: PLC0415
     from isac_arena.campaign.manifest import check_unchanged  # noqa: PLC0415
@@ -81,7 +82,7 @@ def sweep_report(
     pairs = _pairs(results, pareto, directory)
     with console.status("figures"):
         page = sweep_page(directory, config, cases, failures, results, keys, pairs)
-        with recorded_additions(directory):
+        with threadpool_limits(limits=1), recorded_additions(directory):  # as every file of a sweep
             write_text(directory / REPORT, page)
     console.print(f"report: {directory / REPORT}")
 

@@ -28,6 +28,7 @@ def verify(
     within a tolerance.
     """
     from rich.console import Console  # noqa: PLC0415
+    from threadpoolctl import threadpool_limits  # noqa: PLC0415
 
     from isac_arena.campaign.manifest import MANIFEST, check_files, made_by  # noqa: PLC0415
     from isac_arena.verification.campaign import recomputed_campaign  # noqa: PLC0415
@@ -39,7 +40,7 @@ def verify(
         raise ValueError(
             f"{directory}: holds no campaign and no sweep; 'arena run' and 'arena sweep' make them"
         )
-    checked, here = check_files(directory), made_by()
+    checked = check_files(directory)
     for problem in checked.problems:
         console.print(f"  {problem}", markup=False)
     if checked.unknown:
@@ -47,14 +48,16 @@ def verify(
     console.print(
         f"files: {checked.n_files - len(checked.problems)} of {checked.n_files} as they were written"
     )
+    with threadpool_limits(limits=1 if is_sweep else None):  # as sweep/run.py computes
+        here = made_by()
+        for origin in checked.made_by:
+            print_origin(console, origin, here)
+        findings: list[Finding] = list(checked_tables(directory)) if is_sweep else []
+        if is_sweep or (directory / "campaign.json").is_file():
+            with console.status("computing again"):
+                recomputed = recomputed_cases if is_sweep else recomputed_campaign
+                findings += recomputed(directory, share, seed)
     exact = all(origin == here for origin in checked.made_by)
-    for origin in checked.made_by:
-        tell_origin(console, origin, here)
-    findings: list[Finding] = list(checked_tables(directory)) if is_sweep else []
-    if is_sweep or (directory / "campaign.json").is_file():
-        with console.status("computing once more"):
-            again = recomputed_cases if is_sweep else recomputed_campaign
-            findings += again(directory, share, seed)
     for finding in findings:
         console.print(f"  {finding.line(exact)}", markup=False)
     bad = sum(not finding.holds(exact) for finding in findings)
@@ -65,12 +68,12 @@ def verify(
         raise typer.Exit(1)
 
 
-def tell_origin(console: Console, made: dict[str, object], here: dict[str, object]) -> None:
-    """Say what of code, libraries and machine differs between the run and here."""
+def print_origin(console: Console, made: dict[str, object], here: dict[str, object]) -> None:
+    """Print how code, libraries and machine of the run differ from those here."""
     differing = [name for name in here if made.get(name) != here[name]]
     if differing:
-        told = ", ".join(f"{name} {_shown(made.get(name), here[name])}" for name in differing)
-        console.print(f"made elsewhere: {told}", markup=False)
+        shown = ", ".join(f"{name} {_shown(made.get(name), here[name])}" for name in differing)
+        console.print(f"made elsewhere: {shown}", markup=False)
 
 
 def _shown(made: object, here: object) -> str:

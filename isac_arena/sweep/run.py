@@ -1,7 +1,8 @@
 """One case of a sweep, from the scene to the scores; paths and samples are shared by content.
 
 Every function here may run in any process and any number of times: files appear whole, under names that follow
-from what made them, and what is there is not made again.
+from what made them, and what is there is not made again. All compute with one thread per process, because the
+last digits of sums depend on the number of threads; the manifest of a case records that number.
 """
 
 from __future__ import annotations
@@ -80,16 +81,18 @@ def case_run(job: Job, stops: Sequence[int] | None = None, paths: Sequence[Truth
 
 def trace_stops(job: Job, stops: Sequence[int]) -> None:
     """Trace the paths of the given stops that are not stored yet, or are damaged."""
-    for _ in case_run(job, stops).truths():
-        pass
+    with threadpool_limits(limits=1):
+        for _ in case_run(job, stops).truths():
+            pass
 
 
 def make_signals(job: Job, stops: Sequence[int]) -> None:
     """Store the samples of the given stops for the cases that wait for them."""
     missing = [stop for stop in stops if _read(job.signal_file(stop), BeamSweep) is None]
     run = case_run(job, missing)
-    for truth in run.truths():
-        write_record(job.signal_file(truth.stop), run.sweep(truth))
+    with threadpool_limits(limits=1):
+        for truth in run.truths():
+            write_record(job.signal_file(truth.stop), run.sweep(truth))
 
 
 def run_cases(jobs: Sequence[Job]) -> list[str | None]:
@@ -124,9 +127,11 @@ def score_cases(jobs: Sequence[Job], stops: Sequence[int] | None = None) -> Iter
     """The scores of cases that share their samples, or the error of a case; samples are read once for all."""
     if not jobs:
         return
-    paths = list(case_run(jobs[0], stops).truths())
-    runs = [case_run(job, stops, paths) for job in jobs]
-    for run, failure in zip(runs, _failures(runs, paths), strict=True):
+    with threadpool_limits(limits=1):
+        paths = list(case_run(jobs[0], stops).truths())
+        runs = [case_run(job, stops, paths) for job in jobs]
+        failures = _failures(runs, paths)
+    for run, failure in zip(runs, failures, strict=True):
         with threadpool_limits(limits=1):
             scores = _tried(run.scores) if failure is None else failure
         yield scores
@@ -134,14 +139,13 @@ def score_cases(jobs: Sequence[Job], stops: Sequence[int] | None = None) -> Iter
 
 def _failures(runs: Sequence[CampaignRun], truths: Sequence[Truth]) -> list[Exception | None]:
     """Make the channel estimates of every run at every stop; the error that ended a run, None for the others."""
-    with threadpool_limits(limits=1):  # the last digits of sums depend on the number of threads
-        failures = [_failure(run.calibrate) for run in runs]
-        for truth in truths:
-            sweep = runs[0].sweep(truth)
-            failures = [
-                _failure(run.estimate, truth, sweep) if failure is None else failure
-                for run, failure in zip(runs, failures, strict=True)
-            ]
+    failures = [_failure(run.calibrate) for run in runs]
+    for truth in truths:
+        sweep = runs[0].sweep(truth)
+        failures = [
+            _failure(run.estimate, truth, sweep) if failure is None else failure
+            for run, failure in zip(runs, failures, strict=True)
+        ]
     return failures
 
 
@@ -171,7 +175,7 @@ def store_case(job: Job, scores: Scores) -> None:
         "campaign": job.config.model_dump(mode="json"),
     }
     try:
-        with recorded_run(partial):
+        with threadpool_limits(limits=1), recorded_run(partial):
             write_text(partial / "campaign.json", json.dumps(settings, indent=1) + "\n")
             write_record(partial / "provenance.nc", scores.tables)
             write_text(partial / "scores.json", json.dumps(to_json(scores.metrics), indent=1) + "\n")

@@ -20,6 +20,7 @@ from rich.progress import (
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
+from threadpoolctl import threadpool_limits
 
 from isac_arena.campaign.lock import one_run
 from isac_arena.campaign.recording import recorded_run
@@ -52,8 +53,11 @@ def run_sweep(
     workers: Workers,
     retry_failed: bool = False,
 ) -> int:
-    """Run what is missing of a sweep, write its tables and its manifest, and return how many cases failed."""
-    with one_run(out), recorded_run(out) as recording:
+    """Run what is missing of a sweep, write its tables and its manifest, and return how many cases failed.
+
+    The manifest records one thread: the workers compute with one.
+    """
+    with one_run(out), threadpool_limits(limits=1), recorded_run(out) as recording:
         open_sweep(out, config, read_text(base_path(str(file), config)))
         for scene in plan.scenes.values():
             store_scene(out, scene)
