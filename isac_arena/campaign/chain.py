@@ -52,11 +52,8 @@ def channel_estimator(
 def user_estimator(name: str) -> ChannelEstimator:
     """A user's channel estimator `package.module:function`: it takes a `BeamSweep`, returns a `ChannelEstimate`.
 
-    Raises
-    ------
-    ValueError
-        Where the name has another form, cannot be imported or is no function; and, when called, where the
-        function returns something else than the `ChannelEstimate` of the same stop.
+    Raises `ValueError` where the name has another form, cannot be imported or is no function; and, when called,
+    where the function returns something else than the `ChannelEstimate` of the same stop.
     """
     function = _imported(name)
 

@@ -120,10 +120,8 @@ class CampaignStore:
 
         Scores and report of another estimator are dropped.
 
-        Raises
-        ------
-        ValueError
-            Where the directory already holds another campaign, or files that are no campaign at all.
+        Raises `ValueError` where the directory already holds another campaign, or files that are no campaign at
+        all.
         """
         is_new = not (self.directory / "campaign.json").exists()
         if is_new and self.directory.is_dir() and not self._is_leftover():
@@ -284,10 +282,7 @@ def check_is_campaign(directory: Path) -> None:
 def open_campaign(directory: Path) -> CampaignStore:
     """The campaign in a directory, with the settings and the scene it was made with.
 
-    Raises
-    ------
-    ValueError
-        Where the directory holds no campaign, or its settings are damaged.
+    Raises `ValueError` where the directory holds no campaign, or its settings are damaged.
     """
     check_is_campaign(directory)
     settings, scene = directory / "campaign.json", directory / "scene.toml"

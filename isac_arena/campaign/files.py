@@ -110,12 +110,8 @@ def write_record(path: Path, record: Record, attributes: Mapping[str, str] | Non
 def read_record(path: Path, kind: type[R]) -> R:
     """Read a record of the given type from a file written by `write_record`.
 
-    Raises
-    ------
-    FileNotFoundError
-        Where the file is missing.
-    ValueError
-        Where the file is damaged, has changed since it was written, or holds something else.
+    Raises `FileNotFoundError` where the file is missing; `ValueError` where the file is damaged, has changed
+    since it was written, or holds something else.
     """
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such file")

@@ -59,10 +59,7 @@ def digest(*parts: str) -> str:
 def code_digest(*parts: str) -> str:
     """Hash of the source of files and packages of this project, named by their path; read once per process.
 
-    Raises
-    ------
-    ValueError
-        As `source_digest` does.
+    Raises `ValueError` as `source_digest` does.
     """
     return source_digest(Path(__file__).resolve().parents[2], *parts)
 
@@ -70,11 +67,8 @@ def code_digest(*parts: str) -> str:
 def source_digest(root: Path, *parts: str) -> str:
     """Hash of the Python files that `parts` name, files or folders under `root`: relative names and contents.
 
-    Raises
-    ------
-    ValueError
-        Where a part does not exist, or is a folder without Python files; the message names it. A hash of nothing
-        would stay the same when the code changes.
+    Raises `ValueError` where a part does not exist, or is a folder without Python files; the message names it. A
+    hash of nothing would stay the same when the code changes.
     """
     files = [file for part in parts for file in _python_files(root, part)]
     texts = ((file.relative_to(root).as_posix(), _text(file)) for file in files)

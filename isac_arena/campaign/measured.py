@@ -73,10 +73,7 @@ def measured_campaign(
 
     The covariance of every path is that of `PUBLISHED_NOISE`; its line of sight is the labelled one.
 
-    Raises
-    ------
-    ValueError
-        Where a stop has one path only, repeats a path, or holds NaN or angles in degrees.
+    Raises `ValueError` where a stop has one path only, repeats a path, or holds NaN or angles in degrees.
     """
     channel, truths = [], []
     for index, (stop, bias) in enumerate(zip(stops, bias_m, strict=True)):

@@ -40,13 +40,8 @@ def read_measurement(
     `tx_offset_deg` is added to the TX heading of the file, `clock_bias_m` (stop,) to the ranges (zero without it),
     and all devices stand at `height_m`.
 
-    Raises
-    ------
-    FileNotFoundError
-        Where the file is missing.
-    ValueError
-        Where it is no MATLAB 5 file or has another layout; the message names file, field, shape and what is
-        needed.
+    Raises `FileNotFoundError` where the file is missing; `ValueError` where it is no MATLAB 5 file or has
+    another layout; the message names file, field, shape and what is needed.
     """
     sim = _struct(path)
     rx = _numbers(path, sim, "rx")

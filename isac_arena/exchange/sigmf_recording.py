@@ -57,12 +57,8 @@ def write_sigmf(
 def read_sigmf(base: Path) -> tuple[ComplexArray, dict[str, Any]]:
     """Samples (sample,) and metadata of a recording written by `write_sigmf`.
 
-    Raises
-    ------
-    FileNotFoundError
-        Where a file is missing.
-    ValueError
-        Where the metadata is damaged or names another datatype, or the samples are not those it was written with.
+    Raises `FileNotFoundError` where a file is missing; `ValueError` where the metadata is damaged or names
+    another datatype, or the samples are not those it was written with.
     """
     data, meta = (base.with_name(f"{base.name}.sigmf-{kind}") for kind in ("data", "meta"))
     try:

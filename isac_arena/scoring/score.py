@@ -66,10 +66,8 @@ def score_campaign(
     paths of a stop in their best beam pairs. Without a `view` of the link, causes that need the beams are not
     tested, and bounds are NaN.
 
-    Raises
-    ------
-    ValueError
-        Where a stop has a truth but no estimate, an estimate but no truth, or where there is no stop.
+    Raises `ValueError` where a stop has a truth but no estimate, an estimate but no truth, or where there is no
+    stop.
     """
     prepared = (true_stop(truth, scene.tx, true_power_dbm(truth), significance, view) for truth in truths)
     paths, significant, stops, poses = _score_stops(scene, prepared, results, gate)

@@ -101,12 +101,8 @@ def run_jobs(client: Client, jobs: Sequence[Job], report: Report) -> None:
     Jobs that share their samples stand together: their samples are dropped before those of many others are made.
     Jobs whose worker dies are tried again elsewhere; one that fails is reported with its reason, no other stops.
 
-    Raises
-    ------
-    OSError
-        Where the directory of the sweep cannot be written, or its disk is full.
-    ConnectionError
-        Where the scheduler was lost.
+    Raises `OSError` where the directory of the sweep cannot be written, or its disk is full; `ConnectionError`
+    where the scheduler was lost.
     """
     waiting: dict[str, list[Job]] = {}
     for job in jobs:

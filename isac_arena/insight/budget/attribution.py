@@ -90,10 +90,7 @@ def attribute(
     Intervals are percentile bootstrap intervals over the units (Efron and Tibshirani 1993, section 13.3), NaN
     with a single unit.
 
-    Raises
-    ------
-    ValueError
-        Where there are no units, or coalitions differ in their number.
+    Raises `ValueError` where there are no units, or coalitions differ in their number.
     """
     table = {parts: np.asarray(values, float) for parts, values in squared_error.items()}
     n_units = {len(values) for values in table.values()}

@@ -33,10 +33,7 @@ class RunComparison:
 def compare_runs(first: ScoreTables, second: ScoreTables) -> RunComparison:
     """Paired differences of two runs, second minus first; quantities that neither run has are omitted.
 
-    Raises
-    ------
-    ValueError
-        Where no receiver stop is the same in both.
+    Raises `ValueError` where no receiver stop is the same in both.
     """
     runs = (first, second)
     stops = common_stops(first, second)

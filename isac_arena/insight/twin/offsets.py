@@ -85,10 +85,7 @@ def sight_offsets(campaign: MeasuredCampaign, others: BoolArray) -> Offsets:
     without one takes a path with the delay and departure of the straight line, which passes through a wall, or
     else the median over the other stops. Reflected paths are not used.
 
-    Raises
-    ------
-    ValueError
-        Where a stop has no line of sight among the stops that it is calibrated on.
+    Raises `ValueError` where a stop has no line of sight among the stops that it is calibrated on.
     """
     sight = sight_residuals(campaign)
     seen = np.isfinite(sight[:, 0])

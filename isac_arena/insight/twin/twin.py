@@ -48,10 +48,8 @@ def make_twin(campaign: MeasuredCampaign, scene: Scene, simulated: Mapping[str, 
     receivers. Offsets come from lines of sight and straight paths. The offsets of clock and TX heading, the
     reference power and the floor of a stop come from the other stops only (leave one out).
 
-    Raises
-    ------
-    ValueError
-        Where there are too few lines of sight, or a model has another number of stops than the campaign.
+    Raises `ValueError` where there are too few lines of sight, or a model has another number of stops than the
+    campaign.
     """
     n_stops = len(campaign.truths)
     for name, paths in simulated.items():

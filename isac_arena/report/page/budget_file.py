@@ -38,10 +38,7 @@ class BudgetFile(BaseModel):
 def read_budget(directory: Path, campaign: str) -> list[dict[str, Any]] | None:
     """Rows of the budget in a campaign directory, None where there is none.
 
-    Raises
-    ------
-    ValueError
-        Where the file is damaged, is no error budget, or is the budget of another campaign.
+    Raises `ValueError` where the file is damaged, is no error budget, or is the budget of another campaign.
     """
     path = directory / BUDGET_FILE
     if not path.is_file():

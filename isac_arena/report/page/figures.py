@@ -47,10 +47,7 @@ def make_figures(
     `power_map_stop` is the stop whose power map is shown: by default the stop with the most detected paths. A
     measured campaign has no power maps and no errors of its channel parameters.
 
-    Raises
-    ------
-    ValueError
-        Where the stop has no power map.
+    Raises `ValueError` where the stop has no power map.
     """
     tables = scores.tables
     figures = [

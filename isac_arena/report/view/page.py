@@ -64,10 +64,7 @@ def view_page(name: str, scene: Scene, results: CampaignResults, paths: Sequence
     `paths` are the true paths of every stop in order. A measured campaign has none: then only estimated paths are
     drawn. Axes are in m; contours reach from the floor to a little above the receiver.
 
-    Raises
-    ------
-    ValueError
-        Where the campaign has no such stop.
+    Raises `ValueError` where the campaign has no such stop.
     """
     n_stops = len(scene.stops)
     if not 0 <= stop < n_stops:

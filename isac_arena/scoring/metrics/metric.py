@@ -16,10 +16,7 @@ class Metric:
 
     `direction` says which values are better; "info" marks counts and values with a target, such as coverage.
 
-    Raises
-    ------
-    ValueError
-        For an empty key or an unknown direction.
+    Raises `ValueError` for an empty key or an unknown direction.
     """
 
     key: str

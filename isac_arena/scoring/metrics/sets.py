@@ -35,10 +35,8 @@ def gospa(distance: FloatArray, cutoff: float, order: float = 2.0) -> Gospa:
     Rahmathullah, Garcia-Fernandez and Svensson, "Generalized optimal sub-pattern assignment metric", FUSION
     2017, proposition 1.
 
-    Raises
-    ------
-    ValueError
-        For a cutoff that is not positive, an order below 1, or distances that are negative or NaN.
+    Raises `ValueError` for a cutoff that is not positive, an order below 1, or distances that are negative or
+    NaN.
     """
     assigned = _assignment(distance, cutoff, order)
     index = np.full(distance.shape[0], -1)
