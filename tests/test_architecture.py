@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import ast
+import re
 import shutil
 import subprocess
 import sys
+from collections import Counter, defaultdict
 from pathlib import Path
 
 import pytest
@@ -14,6 +16,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("scenes", "sim", "estimation", "isac_arena")
 MAX_FILE_LINES = 350
 MAX_FUNCTION_LINES = 70
+MAX_FILES_OF_FOLDER = 20
 
 ENDING_CALLS = {"print", "exit", "quit", "sys.exit", "os._exit", "os.abort"}
 OUTPUT_STREAMS = {"sys.stdout", "sys.stderr"}
@@ -53,6 +56,10 @@ VIOLATIONS = [
 
 def python_files(*folders: str) -> list[Path]:
     return sorted(path for folder in folders for path in (ROOT / folder).rglob("*.py"))
+
+
+def relative(path: Path) -> str:
+    return str(path.relative_to(ROOT))
 
 
 def lint_imports(root: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
@@ -95,7 +102,7 @@ def test_import_contract_notices(copy: Path, file: str, line: str, contract: str
     assert "1 broken" in result.stdout, result.stdout + result.stderr
 
 
-@pytest.mark.parametrize("path", python_files(*PACKAGES, "tests"), ids=lambda p: str(p.relative_to(ROOT)))
+@pytest.mark.parametrize("path", python_files(*PACKAGES, "tests"), ids=relative)
 def test_files_and_functions_are_short(path: Path) -> None:
     text = path.read_text(encoding="utf-8")
     assert len(text.splitlines()) <= MAX_FILE_LINES
@@ -109,7 +116,7 @@ def test_files_and_functions_are_short(path: Path) -> None:
     assert not long, f"functions over {MAX_FUNCTION_LINES} lines: {long}"
 
 
-@pytest.mark.parametrize("path", python_files(*PACKAGES), ids=lambda p: str(p.relative_to(ROOT)))
+@pytest.mark.parametrize("path", python_files(*PACKAGES), ids=relative)
 def test_packages_neither_print_nor_exit_nor_touch_files(path: Path) -> None:
     tree = ast.parse(path.read_text(encoding="utf-8"))
     found = []
@@ -128,3 +135,37 @@ def test_packages_neither_print_nor_exit_nor_touch_files(path: Path) -> None:
         assert set(found) <= {"sys.exit", "sys.stderr"}
         return
     assert not found, f"{path.relative_to(ROOT)}: {', '.join(found)}"
+
+
+def test_no_folder_is_crowded() -> None:
+    files = Counter(path.parent.relative_to(ROOT) for path in python_files(*PACKAGES, "tests"))
+    assert not [str(folder) for folder, count in files.items() if count > MAX_FILES_OF_FOLDER]
+
+
+def test_a_folder_is_no_prefix_of_file_names() -> None:
+    folders = {path.parent for path in python_files(*PACKAGES)}
+    named = [
+        path.relative_to(ROOT)
+        for path in python_files(*PACKAGES)
+        for folder in folders
+        if folder.parent == path.parent and path.stem.startswith(f"{folder.name}_")
+    ]
+    assert not named
+
+
+def test_a_class_name_is_used_once() -> None:
+    places = defaultdict(list)
+    for path in python_files(*PACKAGES):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ClassDef):
+                places[node.name].append(str(path.relative_to(ROOT)))
+    assert {name: paths for name, paths in places.items() if len(paths) > 1} == {}
+
+
+@pytest.mark.parametrize("package", sorted({path.parent for path in python_files(*PACKAGES)}), ids=relative)
+def test_a_package_says_what_to_read_first(package: Path) -> None:
+    """Every file and folder that the docstring of a package names is there."""
+    docstring = ast.get_docstring(ast.parse((package / "__init__.py").read_text(encoding="utf-8"))) or ""
+    named = re.findall(r"`([\w./]+(?:\.py|/))`", docstring)
+    assert named or len(docstring.splitlines()) == 1
+    assert not [name for name in named if not (package / name).exists()]

@@ -11,6 +11,7 @@ from pydantic import Field
 
 from estimation.channel.assemble import assemble_estimate
 from estimation.channel.auto import fit_auto
+from estimation.channel.beam_power_map import summed_power
 from estimation.channel.calibration.self_calibration import SelfCalibrationConfig
 from estimation.channel.coherent.diffuse import fit_over_background
 from estimation.channel.coherent.plan import nominal_manifold
@@ -19,7 +20,6 @@ from estimation.channel.fit import PathFit
 from estimation.channel.incoherent.paths import fit_incoherent
 from estimation.channel.los import LosConfig
 from estimation.channel.power.paths import PowerMethodConfig, estimate_power
-from estimation.channel.power_map import summed_power
 from estimation.channel.record import ChannelEstimate, EstimateStatus, check_estimate, empty_estimate
 from scenes.toml_config import ConfigModel
 from sim.observation import BeamSweep

@@ -1,5 +1,5 @@
 """Numerical methods that estimators share.
 
-`least_squares.py`: the damped Gauss-Newton loop. `arrow.py`: systems of one block per stop and shared parameters.
-`student.py`: information under Student-t errors.
+`least_squares.py`: the damped Gauss-Newton loop `minimise`, and the efficiency of Student-t estimates. `arrow.py`:
+systems of one block per stop and shared parameters.
 """

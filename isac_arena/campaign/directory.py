@@ -23,8 +23,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import TypeVar
 
+from estimation.channel.beam_power_map import BeamPowerMap, beam_power_map
 from estimation.channel.calibration.self_calibration import Calibration
-from estimation.channel.power_map import BeamPowerMap, beam_power_map
 from estimation.channel.record import ChannelEstimate
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.difference import first_difference, line_difference

@@ -13,7 +13,7 @@ from typing import get_args
 
 import numpy as np
 
-from estimation.channel.power_map import BeamPowerMap
+from estimation.channel.beam_power_map import BeamPowerMap
 from estimation.channel.record import ChannelEstimate
 from estimation.slam.config import MappingConfig, SnapshotConfig
 from isac_arena.campaign.config import CampaignConfig

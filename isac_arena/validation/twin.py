@@ -9,8 +9,7 @@ import numpy as np
 
 from isac_arena.exchange.mat import read_measurement
 from isac_arena.insight.twin.scores import twin_metrics
-from isac_arena.insight.twin.simulate import MODELS, simulate_stops
-from isac_arena.insight.twin.twin import make_twin
+from isac_arena.insight.twin.twin import MODELS, make_twin, simulate_stops
 from isac_arena.scoring.metrics.metric import Metric
 from isac_arena.validation.measured_data import FILE, data_folder, with_values
 from isac_arena.validation.measurement import Measurement, at_least, at_most

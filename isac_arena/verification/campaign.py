@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from estimation.channel.power_map import beam_power_map
+from estimation.channel.beam_power_map import beam_power_map
 from isac_arena.campaign import stages
 from isac_arena.campaign.chain import known_receiver
 from isac_arena.campaign.directory import CampaignStore, StopEstimate, open_campaign

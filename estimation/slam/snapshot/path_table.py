@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import gammaln
 
-from estimation.inference.student import efficiency
+from estimation.inference.least_squares import student_t_efficiency
 from estimation.slam.config import Mixture
 from estimation.slam.snapshot.problem import SnapshotProblem
 from scenes.record import FloatArray
@@ -87,7 +87,7 @@ def path_model(mixture: Mixture) -> PathModel:
         double_peak=mixture.double_share * float(np.sqrt(np.pi / 2)),
         clutter_share=mixture.clutter_share,
         degrees_of_freedom=freedom,
-        efficiency=efficiency(freedom, 1),
+        efficiency=student_t_efficiency(freedom, 1),
     )
 
 

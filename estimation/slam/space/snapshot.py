@@ -13,8 +13,7 @@ from scipy.special import expit
 from scipy.stats import chi2
 
 from estimation.channel.record import ChannelEstimate
-from estimation.inference.least_squares import Attempt, Schedule, damped_step, minimise
-from estimation.inference.student import efficiency
+from estimation.inference.least_squares import Attempt, Schedule, damped_step, minimise, student_t_efficiency
 from estimation.laws.space import N_STATE
 from estimation.slam.config import SnapshotConfig
 from estimation.slam.snapshot.evidence import log_clutter, power_law, prior_of
@@ -101,7 +100,7 @@ def refine_spatial(
     schedule = Schedule(config.max_iterations, first=1e-6, largest=1e9)
     state, (fit, score, _, slope) = minimise(begun, attempt, schedule, choose)
     share = expit(bounce_log_ratio(fit, config.mixture)) * others
-    kept = efficiency(config.mixture.degrees_of_freedom, 1)
+    kept = student_t_efficiency(config.mixture.degrees_of_freedom, 1)
     information = np.einsum("sp,spia,spib->sab", kept * share, fit.jacobian, fit.jacobian)
     return state, information + np.swapaxes(slope, 1, 2) @ slope, score
 

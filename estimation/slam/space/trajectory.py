@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from estimation.channel.record import ChannelEstimate
-from estimation.inference.student import efficiency
+from estimation.inference.least_squares import student_t_efficiency
 from estimation.laws.space import bounce_equations
 from estimation.slam.config import MappingConfig, SnapshotConfig, TrajectoryConfig
 from estimation.slam.record import IncidencePoints, PoseEstimates, SolveStatus
@@ -157,7 +157,7 @@ def _with_height(
         if abs(step) < 1e-9:
             break
     value, slope, weight = _residuals(problem, state, used, los, freedom)
-    weight = np.where(np.arange(len(value)) < 2 * used.sum(), efficiency(freedom, 1), 1.0)
+    weight = np.where(np.arange(len(value)) < 2 * used.sum(), student_t_efficiency(freedom, 1), 1.0)
     information = max(float(np.sum(weight * slope[:, 2] ** 2)), 1e-12)
     lean = -np.sum((weight * slope[:, 2])[:, None] * slope[:, PLANE_OF_SPACE], axis=0) / information
     to_metres = np.array([1.0, 1.0, 1.0, SPEED_OF_LIGHT_M_S])

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimation.execution import compiled
-from estimation.inference.student import efficiency
+from estimation.inference.least_squares import student_t_efficiency
 from estimation.laws.contour import circle_path
 from estimation.laws.plane import bounce_gap_path, bounce_path, los_path, tx_row, wrapped
 from estimation.laws.wall import wall_path
@@ -47,7 +47,7 @@ class Linearised:
 
     def efficient_weight(self, freedom: float) -> FloatArray:
         """Weight (path,) that paths have on average under Gaussian errors, in place of those of the errors met."""
-        by_size = np.array([0.0, efficiency(freedom, 1), 0.0, efficiency(freedom, 3)])
+        by_size = np.array([0.0, student_t_efficiency(freedom, 1), 0.0, student_t_efficiency(freedom, 3)])
         return np.asarray(by_size[self.size])
 
     def cost(self, freedom: float) -> float:

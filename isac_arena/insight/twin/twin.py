@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,7 +15,19 @@ from isac_arena.insight.twin.power import fit_power
 from isac_arena.insight.twin.record import Offsets, TwinPaths
 from scenes.record import BoolArray
 from scenes.scene import Scene
+from sim.config import PropagationConfig
 from sim.propagation.paths import Paths
+from sim.propagation.propagator import Propagator
+
+_PLAIN = PropagationConfig(max_bounces=1, diffraction=False, diffuse_samples=0, compare_planar=False)
+_FULL = {"diffraction": True, "transmission": True}
+
+# The plainest first: it corrects the offsets, because a measured path has the fewest candidates there.
+MODELS: Mapping[str, PropagationConfig] = {
+    "one_bounce": _PLAIN,
+    "two_bounces": _PLAIN.model_copy(update={**_FULL, "max_bounces": 2}),
+    "three_bounces": _PLAIN.model_copy(update={**_FULL, "max_bounces": 3}),
+}
 
 
 @dataclass(frozen=True)
@@ -73,3 +85,12 @@ def make_twin(campaign: MeasuredCampaign, scene: Scene, simulated: Mapping[str, 
         has_los=np.array([truth.is_los.any() for truth in campaign.truths]),
         simulated_los=np.array([paths.is_los.any() for paths in simulated[plainest]]),
     )
+
+
+def simulate_stops(
+    scene: Scene, campaign: MeasuredCampaign, config: PropagationConfig, carrier_hz: float
+) -> Iterator[Paths]:
+    """Paths from the measured TX to the surveyed receiver of every stop, in order."""
+    propagator = Propagator(replace(scene, tx=campaign.tx), carrier_hz, config)
+    for truth in campaign.truths:
+        yield propagator.paths(truth.rx_pose.position_m)

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MultipleLocator
 
-from estimation.channel.power_map import BeamPowerMap
+from estimation.channel.beam_power_map import BeamPowerMap
 from estimation.channel.record import ChannelEstimate
 from isac_arena.report.style import SLAM, legend_below, new_figure, styled
 from isac_arena.scoring.record import PathScores, PathStatus, ScoreTables

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimation.channel.power_map import BeamPowerMap
+from estimation.channel.beam_power_map import BeamPowerMap
 from estimation.channel.record import ChannelEstimate
 from estimation.shape.fit import OK
 from estimation.shape.record import CLASS_NAMES, Contours, Shapes, no_contours

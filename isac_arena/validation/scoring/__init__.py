@@ -1,4 +1,4 @@
-"""Checks of the scores themselves, on a campaign with known faults (`scenarios/perfect_campaign.py`).
+"""Checks of the scores themselves, on a campaign with known faults (`../scenarios/perfect_campaign.py`).
 
 Read `metrics.py` first.
 """

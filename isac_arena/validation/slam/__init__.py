@@ -1,5 +1,5 @@
 """Checks of mapping and SLAM.
 
 Read `snapshot.py` first, then `trajectory.py`, `laws.py` and `measured.py`; `trials.py` holds what they share and
-`validation/scenarios/` makes the halls.
+`../scenarios/` makes the halls.
 """

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import norm
 
-from estimation.inference.student import efficiency
+from estimation.inference.least_squares import student_t_efficiency
 from estimation.laws.plane import predict_bounce, predict_los
 from estimation.slam.config import Mixture, PathLoss, PathNoise, SnapshotConfig
 from estimation.slam.record import SolveStatus
@@ -174,8 +174,8 @@ def test_efficiency_of_the_student_estimate_is_that_of_monte_carlo():
     for _ in range(50):
         weight = 4.0 / (3.0 + (sample - place) ** 2)
         place = np.sum(weight * sample, axis=1, keepdims=True) / np.sum(weight, axis=1, keepdims=True)
-    assert efficiency(3, 1) == pytest.approx(1 / (400 * np.var(place)), rel=0.07)
-    assert efficiency(10_000, 1) == pytest.approx(1.0, abs=2e-3)
+    assert student_t_efficiency(3, 1) == pytest.approx(1 / (400 * np.var(place)), rel=0.07)
+    assert student_t_efficiency(10_000, 1) == pytest.approx(1.0, abs=2e-3)
 
 
 def test_powers_of_bounces_have_the_density_of_their_covariance():

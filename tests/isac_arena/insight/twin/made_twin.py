@@ -6,7 +6,7 @@ import numpy as np
 
 from estimation.channel.record import ChannelEstimate
 from isac_arena.campaign.measured import MeasuredCampaign, MeasuredTruth
-from isac_arena.insight.twin.simulate import MODELS, simulate_stops
+from isac_arena.insight.twin.twin import MODELS, simulate_stops
 from isac_arena.scoring.provenance import path_origin
 from scenes.config import load_scene
 from scenes.pose import Pose
