@@ -13,7 +13,6 @@ from estimation.slam.config import TrajectoryConfig
 from estimation.slam.mapping.point_fit import point_covariance
 from estimation.slam.snapshot.refine import bounce_terms
 from estimation.slam.walk.assignment import assign
-from estimation.slam.walk.density import density_clusters
 from estimation.slam.walk.residuals import (
     Association,
     Observations,
@@ -123,7 +122,9 @@ def find_landmarks(
     spans: list[tuple[float, float]] = []
     if not len(point_m):
         return np.empty((0, 2)), np.empty((0, 3)), np.empty((0, 2))
-    label = density_clusters(point_m, config.cluster_eps_m, config.cluster_min_samples)
+    from sklearn.cluster import DBSCAN  # noqa: PLC0415  (it takes a second, and pandas comes with it)
+
+    label = DBSCAN(eps=config.cluster_eps_m, min_samples=config.cluster_min_samples).fit_predict(point_m)
     for cluster in range(label.max() + 1):
         rest, outward, std = (
             point_m[label == cluster],

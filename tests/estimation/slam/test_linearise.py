@@ -5,16 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from sklearn.cluster import DBSCAN
 
 from estimation.laws import plane
 from estimation.laws.contour import predict_circle
 from estimation.laws.wall import predict_walls, wall_places
 from estimation.slam.config import TrajectoryConfig
 from estimation.slam.walk.assignment import assign
-from estimation.slam.walk.density import density_clusters
 from estimation.slam.walk.linearise import linearise
 from estimation.slam.walk.motion import add_motion, course_of, motion_cost
 from estimation.slam.walk.residuals import Association, Observations, PathClass, TrajectoryState
@@ -199,15 +195,6 @@ def test_paths_go_to_the_landmark_of_smallest_distance():
     np.testing.assert_array_equal(found.landmark[inside, 0], expected[inside, 1])
     assert inside.sum() > 100
     assert np.all(np.isin(found.kind[~inside], [PathClass.UNUSED, PathClass.DOUBLE]))
-
-
-@settings(max_examples=60, deadline=None)
-@given(st.integers(0, 10_000), st.integers(1, 150), st.floats(0.3, 4.0))
-def test_clusters_are_those_of_dbscan(seed, n, spread_m):
-    point = np.random.default_rng(seed).normal(size=(n, 2)) * spread_m
-    np.testing.assert_array_equal(
-        density_clusters(point, 0.6, 5), DBSCAN(eps=0.6, min_samples=5).fit_predict(point)
-    )
 
 
 def test_cost_is_student_t_over_paths_plus_the_priors():
