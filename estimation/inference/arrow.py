@@ -8,7 +8,7 @@ Solving and the marginal covariances are linear in the number of stops.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import lapack
@@ -38,15 +38,7 @@ class ArrowSystem:
         index = np.arange(_SIZE)
         diagonal[:, index, index] *= 1 + damping
         np.fill_diagonal(corner, np.diag(corner) * (1 + damping))
-        return ArrowSystem(
-            diagonal,
-            self.next1,
-            self.next2,
-            self.border,
-            corner,
-            self.gradient,
-            self.shared_gradient,
-        )
+        return replace(self, diagonal=diagonal, corner=corner)
 
     def solve(self) -> tuple[FloatArray, FloatArray]:
         """Steps of the states (stop, 4) and of the shared parameters that zero the gradient."""

@@ -130,10 +130,7 @@ def bounce_equation(
 
 
 def bounce_fraction(
-    tx: Pose | FloatArray,
-    equation: BounceEquation,
-    z: FloatArray,
-    range_m: FloatArray,
+    tx: Pose | FloatArray, equation: BounceEquation, z: FloatArray, range_m: FloatArray
 ) -> FloatArray:
     """Share gamma (...) of the path length between TX and IP: 0 to 1 for a physical single bounce.
 

@@ -16,26 +16,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimation.laws.plane import MIN_LENGTH_M, residual
+from estimation.laws import plane
+from estimation.laws.plane import MIN_LENGTH_M
 from scenes.pose import Pose, direction, wrap_angle
 from scenes.record import FloatArray
 
-__all__ = [
-    "N_MEASURED",
-    "N_STATE",
-    "BounceEquations",
-    "bounce_equations",
-    "bounce_jacobian_point",
-    "bounce_jacobian_rx",
-    "los_jacobian_rx",
-    "predict_bounce",
-    "predict_los",
-    "residual",
-    "start_point",
-]
-
 N_STATE = N_MEASURED = 5
 _HAIR = 1e-12
+residual = plane.residual  # azimuths have the same places as in the plane
 
 
 def predict_bounce(tx: Pose, state: FloatArray, point_m: FloatArray) -> FloatArray:

@@ -40,17 +40,15 @@ class MappingConfig(ConfigModel):
     """Mapping by equation (4) and the gate for single bounces.
 
     A path counts as a single bounce where J is below the chi-square quantile (1 degree of freedom) of
-    `gate_probability`, the IP lies ahead of both devices at `min_leg_m` or more, and its largest standard
-    deviation is at most `max_position_std_m` (nearly parallel rays leave the IP free along them).
+    `gate_probability`, the IP is off both devices, and its largest standard deviation is at most
+    `max_position_std_m` (nearly parallel rays do not fix the IP along them).
     """
 
     noise: PathNoise = PathNoise()
     gate_probability: float = Field(0.99, gt=0, lt=1)
     use_elevation: bool = Field(True, description="map in space where elevations were estimated")
     max_position_std_m: float = Field(1.0, gt=0)
-    min_leg_m: float = Field(0.2, ge=0)
     max_iterations: int = Field(30, ge=1)
-    relative_tolerance: float = Field(1e-9, gt=0)
 
 
 class PathLoss(ConfigModel):
@@ -181,7 +179,6 @@ class SnapshotConfig(ConfigModel):
 
     n_headings: int = Field(361, ge=2)
     gate_m2: float = Field(0.1, gt=0)
-    parallel_gate: float = Field(0.1, ge=0)
 
     noise: PathNoise = PathNoise()
     mixture: Mixture = Mixture()
@@ -258,12 +255,14 @@ class TrajectoryConfig(ConfigModel):
     object_radius_std_m: float = Field(0.2, gt=0)
 
     offset_std_deg: float = Field(5.0, gt=0)
-    min_session_stops: int = Field(4, ge=2)
     min_session_gain: float = Field(10.0, gt=0)
 
     rounds: int = Field(10, ge=1)
     max_iterations: int = Field(20, ge=1)
-    relative_tolerance: float = Field(1e-5, gt=0)
+
+    def ranking(self, snapshot: SnapshotConfig) -> SnapshotConfig:
+        """Snapshot settings that rank as many modes as the trajectory needs."""
+        return snapshot.model_copy(update={"method": "statistical", "n_ranked": self.n_modes})
 
     @property
     def heading_step_rad(self) -> float:

@@ -40,10 +40,7 @@ def locate_and_map(
 
 
 def run_slam(
-    estimates: Sequence[ChannelEstimate],
-    tx_pose: Pose,
-    config: SnapshotConfig,
-    mapping_config: MappingConfig,
+    estimates: Sequence[ChannelEstimate], tx_pose: Pose, config: SnapshotConfig, mapping_config: MappingConfig
 ) -> tuple[PoseEstimates, IncidencePoints]:
     """Solve every stop on its own, then map the IPs of the stops that were solved.
 

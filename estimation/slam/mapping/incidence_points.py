@@ -18,6 +18,7 @@ from estimation.slam.record import IncidencePoints, PoseEstimates, SolveStatus
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
 from scenes.record import BoolArray, FloatArray, IntArray
 
+_MIN_LEG_M = 0.2  # a closer IP would be on the device itself
 _TO_METRES = np.array([1.0, 1.0, 1.0, SPEED_OF_LIGHT_M_S])
 
 
@@ -149,7 +150,7 @@ def _is_possible(
     axes = point.shape[-1]
     legs = [np.linalg.norm(point - end, axis=1) for end in (tx_pose.position_m[:axes], state[:, :axes])]
     largest = np.linalg.eigvalsh(covariance[:, :2, :2])[:, -1]
-    return np.asarray((np.minimum(*legs) >= config.min_leg_m) & (largest <= config.max_position_std_m**2))
+    return np.asarray((np.minimum(*legs) >= _MIN_LEG_M) & (largest <= config.max_position_std_m**2))
 
 
 def joined(parts: Sequence[NDArray[Any]], dtype: type, shape: tuple[int, ...]) -> NDArray[Any]:

@@ -14,9 +14,8 @@ from estimation.inference.least_squares import Attempt, Schedule, minimise
 from estimation.slam.config import MappingConfig
 from scenes.record import BoolArray, FloatArray
 
-Tx_contra = TypeVar(
-    "Tx_contra", contravariant=True
-)  # how a law takes the TX: a `scenes.pose.Pose`, or rows of it
+_TOLERANCE = 1e-9  # of J: a fit that gains less has converged, far below the noise of any path
+Tx_contra = TypeVar("Tx_contra", contravariant=True)  # the TX: a `scenes.pose.Pose`, or rows of it
 
 
 class ReflectionLaw(Protocol[Tx_contra]):
@@ -78,9 +77,7 @@ def locate(
         trial = located(at.point + np.linalg.solve(damped, gradient[..., None])[..., 0])
         return Attempt(trial, at.cost, trial.cost)
 
-    schedule = Schedule(
-        config.max_iterations, first=1e-9, largest=1.0, absolute=0.0, relative=config.relative_tolerance
-    )
+    schedule = Schedule(config.max_iterations, first=1e-9, largest=1.0, absolute=0.0, relative=_TOLERANCE)
     point, _, cost = minimise(located(law.start_point(tx_pose, state, measured)), attempt, schedule, _chosen)
     return point, cost
 

@@ -44,9 +44,7 @@ class LineOfSight(NamedTuple):
 class PathModel(NamedTuple):
     """Prior of what a path is, each density relative to that of clutter."""
 
-    single_peak: (
-        float  # m; share of single bounces times the density of a residual of zero and variance 1 m^2
-    )
+    single_peak: float  # m; share of single bounces times the density of a zero residual of variance 1 m^2
     double_peak: float  # rad; the same of bounces off two walls and the angle between departure and arrival
     clutter_share: float
     degrees_of_freedom: int

@@ -13,6 +13,9 @@ from estimation.slam.snapshot.problem import Fit, SnapshotProblem, packed_normal
 from scenes.pose import wrap_angle
 from scenes.record import BoolArray, FloatArray, IntArray
 
+# Published gate on |u + v|^2 of the earliest path: below it the rays are nearly opposite and do not fix its IP.
+PARALLEL_GATE = 0.1
+
 
 def solve_reference(problem: SnapshotProblem, config: SnapshotConfig, with_los: bool) -> Fit | None:
     """Best hypothesis over all minimal sets, with or without a line of sight; None where none is feasible.
@@ -87,7 +90,7 @@ class _Search:
         )
         share = bounce_fraction(self.problem.tx, equation, z[on, None], range_m)
         outside = member[on] & ~((share >= 0) & (share <= 1))
-        outside[:, self.first] &= 4 * equation.along[:, self.first] ** 2 >= self.config.parallel_gate
+        outside[:, self.first] &= 4 * equation.along[:, self.first] ** 2 >= PARALLEL_GATE
         result[on] = ~outside.any(axis=1)
         return result
 

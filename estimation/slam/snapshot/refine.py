@@ -14,13 +14,7 @@ import numpy as np
 from estimation.laws.plane import bounce_gap
 from estimation.slam.config import SnapshotConfig
 from estimation.slam.snapshot.likelihood import refine_states
-from estimation.slam.snapshot.path_table import (
-    FEASIBLE_STDS,
-    PathTable,
-    line_of_sight,
-    path_model,
-    path_table,
-)
+from estimation.slam.snapshot.path_table import FEASIBLE_STDS, line_of_sight, path_model, path_table
 from estimation.slam.snapshot.problem import SnapshotProblem
 from scenes.pose import Pose
 from scenes.record import BoolArray, FloatArray
@@ -37,31 +31,6 @@ class BounceResidual:
     jacobian: FloatArray  # (..., 4), per [x, y, heading, bias]
     by_measurement: FloatArray  # (..., 3), per [range, departure, arrival]
     is_feasible: BoolArray  # (...): the IP lies between the devices' rays
-
-
-@dataclass(frozen=True)
-class Refined:
-    """A batch of refined states."""
-
-    state: FloatArray  # (state, 4) in m, m, rad, m, from the TX
-    information: FloatArray  # (state, 4, 4), of the paths alone
-    log_likelihood: (
-        FloatArray  # (state,), relative to clutter of unit share; see `estimation.slam.snapshot.evidence`
-    )
-    square: (
-        FloatArray  # (state, path) normalised residuals of single bounces, squared; infinite where infeasible
-    )
-
-
-def refine(
-    problem: SnapshotProblem, table: PathTable, los: int, start: FloatArray, config: SnapshotConfig
-) -> Refined:
-    """Refine states (state, 4), each path weighed by its probability of being a single bounce.
-
-    `los` is the index of the line of sight, -1 for none.
-    """
-    direct = line_of_sight(problem, los)
-    return Refined(*refine_states(table, direct, path_model(config.mixture), start, config.max_iterations))
 
 
 def refine_members(

@@ -25,13 +25,7 @@ from estimation.slam.snapshot.evidence import (
 )
 from estimation.slam.snapshot.hypotheses import distinct, four_bounce_states, line_of_sight_states
 from estimation.slam.snapshot.likelihood import log_likelihood, refine_states
-from estimation.slam.snapshot.path_table import (
-    LineOfSight,
-    PathModel,
-    PathTable,
-    path_model,
-    path_table,
-)
+from estimation.slam.snapshot.path_table import LineOfSight, PathModel, PathTable, path_model, path_table
 from estimation.slam.snapshot.problem import Fit, SnapshotProblem
 from scenes.pose import wrap_angle
 from scenes.record import BoolArray, FloatArray, IntArray

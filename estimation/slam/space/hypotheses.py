@@ -12,20 +12,18 @@ follows from where each ray meets the IP.
 
 from __future__ import annotations
 
-from itertools import combinations
-
 import numpy as np
 
 from estimation.laws.space import bounce_equations
+from estimation.slam.snapshot.problem import subsets
 from estimation.slam.space.problem import SpatialProblem
 from scenes.pose import direction, wrap_angle
 from scenes.record import ComplexArray, FloatArray, IntArray
 
 _DEGREE = 4
 _N_SEARCH = 120
-_NEAR_ROOT = (
-    0.15  # of the root mean square of a determinant: noise may keep it from zero where two roots meet
-)
+# Share of the root mean square of a determinant: noise may keep it from zero where two roots meet.
+_NEAR_ROOT = 0.15
 
 
 def los_states(problem: SpatialProblem, strongest: IntArray) -> FloatArray:
@@ -36,11 +34,10 @@ def los_states(problem: SpatialProblem, strongest: IntArray) -> FloatArray:
     heading = wrap_angle(tx.heading_rad + direct[1] + np.pi - direct[2])
     ray = direction(tx.heading_rad + direct[1], direct[3])
     # p = p_TX + (range_0 - bias) ray: the equations are linear in the bias alone.
+    places = [(tx.position_m + (direct[0] - bias) * ray, bias) for bias in (0.0, 1.0)]
     at = [
-        bounce_equations(
-            tx, _row(tx.position_m + (direct[0] - bias) * ray, heading, bias), problem.measured[others]
-        )
-        for bias in (0.0, 1.0)
+        bounce_equations(tx, np.array([*place, heading, bias]), problem.measured[others])
+        for place, bias in places
     ]
     slope = at[1].value_m - at[0].value_m
     bias = -np.sum(slope * at[0].value_m, axis=-1) / np.maximum(np.sum(slope**2, axis=-1), 1e-12)
@@ -50,7 +47,7 @@ def los_states(problem: SpatialProblem, strongest: IntArray) -> FloatArray:
 
 def bounce_states(problem: SpatialProblem, strongest: IntArray) -> FloatArray:
     """States (hypothesis, 5) from every four paths, one for each heading at which they agree."""
-    sets = np.array(list(combinations(strongest.tolist(), 4)), dtype=np.int64).reshape(-1, 4)
+    sets = subsets(strongest, 4)
     index, heading = four_path_headings(problem, sets)
     chosen = sets[index]
     rows = _rows(problem, chosen, heading[:, None])
@@ -141,10 +138,6 @@ def _height(
     reach = np.sum(eta * loop, axis=-1) / np.maximum(np.sum(eta**2, axis=-1), 1e-9)
     rise = reach * np.sin(e) - (length - reach) * np.sin(f)
     return np.asarray(problem.tx.position_m[2] + np.median(rise, axis=1))
-
-
-def _row(position_m: FloatArray, heading_rad: float, bias_m: float) -> FloatArray:
-    return np.array([*position_m, heading_rad, bias_m])
 
 
 def _credible(problem: SpatialProblem, state: FloatArray) -> FloatArray:

@@ -195,15 +195,7 @@ def _chosen(better: BoolArray, trial: _Evaluated, before: _Evaluated) -> _Evalua
     def pick(new: Array, old: Array) -> Array:
         return np.where(better.reshape(-1, *(1,) * (new.ndim - 1)), new, old)
 
-    fit, other = trial[0], before[0]
-    picked = BounceFit(
-        pick(fit.value_m, other.value_m),
-        pick(fit.whitening, other.whitening),
-        pick(fit.white, other.white),
-        pick(fit.jacobian, other.jacobian),
-        pick(fit.log_scale, other.log_scale),
-        pick(fit.is_feasible, other.is_feasible),
-    )
+    picked = BounceFit(*map(pick, vars(trial[0]).values(), vars(before[0]).values()))
     return picked, pick(trial[1], before[1]), pick(trial[2], before[2]), pick(trial[3], before[3])
 
 

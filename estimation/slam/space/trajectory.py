@@ -19,15 +19,10 @@ from estimation.slam.config import MappingConfig, SnapshotConfig, TrajectoryConf
 from estimation.slam.record import IncidencePoints, PoseEstimates, SolveStatus
 from estimation.slam.snapshot.solution import PLANE_OF_SPACE, SnapshotSolution
 from estimation.slam.space.mapping import map_stops_spatial
-from estimation.slam.space.problem import (
-    SpatialProblem,
-    bounce_fit,
-    los_fit,
-    spatial_problem,
-)
+from estimation.slam.space.problem import SpatialProblem, bounce_fit, los_fit, spatial_problem
 from estimation.slam.space.snapshot import solve_spatial
 from estimation.slam.walk.residuals import PathClass
-from estimation.slam.walk.trajectory import TrajectoryDetails, run_trajectory
+from estimation.slam.walk.trajectory import TrajectoryDetails, run_trajectory, turned
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
 from scenes.record import BoolArray, FloatArray, IntArray
 
@@ -52,12 +47,8 @@ def run_spatial_trajectory(
     in_plane = snapshot.model_copy(update={"noise": exact})
     poses, _, details = run_trajectory(flat, tx_pose, in_plane, config, mapping_config)
     kinds = np.split(details.path_kind, np.cumsum([len(e) for e in estimates])[:-1])
-    offset = details.tx_offset_rad[details.session]
-    turned = [
-        replace(e, aod_azimuth_rad=e.aod_azimuth_rad + shift)
-        for e, shift in zip(estimates, offset, strict=True)
-    ]
-    problems = [spatial_problem(estimate, tx_pose, snapshot.noise) for estimate in turned]
+    shifted = turned(estimates, details)
+    problems = [spatial_problem(estimate, tx_pose, snapshot.noise) for estimate in shifted]
     guess = _filled(np.array([s.position_m[2] for s in alone]), tx_pose.position_m[2])
     joint = np.array(
         [
@@ -74,7 +65,7 @@ def run_spatial_trajectory(
     )
     single = (PathClass.BOUNCE, PathClass.WALL, PathClass.OBJECT)
     points = map_stops_spatial(
-        turned,
+        shifted,
         poses,
         tx_pose,
         mapping_config,

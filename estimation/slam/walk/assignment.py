@@ -21,11 +21,7 @@ _WALL, _OBJECT, _DOUBLE = PathClass.WALL, PathClass.OBJECT, PathClass.DOUBLE
 
 
 def assign(
-    seen: Observations,
-    now: TrajectoryState,
-    link: Association,
-    spans: FloatArray,
-    config: TrajectoryConfig,
+    seen: Observations, now: TrajectoryState, link: Association, spans: FloatArray, config: TrajectoryConfig
 ) -> Association:
     """Give every path but the lines of sight to the landmark of smallest chi-square within the gate.
 

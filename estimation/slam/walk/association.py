@@ -13,13 +13,7 @@ from estimation.slam.config import TrajectoryConfig
 from estimation.slam.mapping.point_fit import point_covariance
 from estimation.slam.snapshot.refine import bounce_terms
 from estimation.slam.walk.assignment import assign
-from estimation.slam.walk.residuals import (
-    Association,
-    Observations,
-    PathClass,
-    TrajectoryState,
-    corrected,
-)
+from estimation.slam.walk.residuals import Association, Observations, PathClass, TrajectoryState, corrected
 from scenes.record import BoolArray, FloatArray
 
 # Incidence points less certain than this take no part in finding landmarks.
@@ -74,11 +68,7 @@ def associate(
 
 
 def reassign(
-    seen: Observations,
-    now: TrajectoryState,
-    is_los: BoolArray,
-    spans: FloatArray,
-    config: TrajectoryConfig,
+    seen: Observations, now: TrajectoryState, is_los: BoolArray, spans: FloatArray, config: TrajectoryConfig
 ) -> Association:
     """Explain every path at the present trajectory and landmarks, whose walls were seen on `spans` (wall, 2)."""
     link = _without_landmarks(is_los, single_bounces(seen, now, is_los, config))
@@ -89,18 +79,15 @@ def in_use(now: TrajectoryState, link: Association) -> tuple[TrajectoryState, As
     """The same without the landmarks that no path comes from."""
     landmark = link.landmark.copy()
     kept = []
-    for kinds, n in (
-        ((PathClass.WALL, PathClass.DOUBLE), len(now.walls)),
-        ((PathClass.OBJECT,), len(now.objects)),
-    ):
+    wall_kinds, object_kinds = (PathClass.WALL, PathClass.DOUBLE), (PathClass.OBJECT,)
+    for kinds, n in ((wall_kinds, len(now.walls)), (object_kinds, len(now.objects))):
         mine = np.isin(link.kind, kinds)
         used = np.isin(np.arange(n), landmark[mine])
         number = np.where(used, np.cumsum(used) - 1, -1)
         landmark[mine] = np.where(landmark[mine] >= 0, number[landmark[mine]], -1) if n else landmark[mine]
         kept.append(used)
-    return replace(now, walls=now.walls[kept[0]], objects=now.objects[kept[1]]), Association(
-        link.kind, landmark
-    )
+    now = replace(now, walls=now.walls[kept[0]], objects=now.objects[kept[1]])
+    return now, replace(link, landmark=landmark)
 
 
 def _without_landmarks(is_los: BoolArray, bounce: BoolArray) -> Association:
@@ -126,11 +113,8 @@ def find_landmarks(
 
     label = DBSCAN(eps=config.cluster_eps_m, min_samples=config.cluster_min_samples).fit_predict(point_m)
     for cluster in range(label.max() + 1):
-        rest, outward, std = (
-            point_m[label == cluster],
-            normal[label == cluster],
-            normal_std_rad[label == cluster],
-        )
+        mine = label == cluster
+        rest, outward, std = point_m[mine], normal[mine], normal_std_rad[mine]
         while len(rest) >= config.cluster_min_samples:
             if _scatter(rest) <= _MAX_OBJECT_SCATTER_M and _extent(rest) <= config.max_object_extent_m:
                 if _is_flat(outward, std):
@@ -151,11 +135,7 @@ def find_landmarks(
             walls.append(wall)
             spans.append(span)
             rest, outward, std = rest[~on_wall], outward[~on_wall], std[~on_wall]
-    return (
-        np.array(walls).reshape(-1, 2),
-        np.array(objects).reshape(-1, 3),
-        np.array(spans).reshape(-1, 2),
-    )
+    return np.reshape(walls, (-1, 2)), np.reshape(objects, (-1, 3)), np.reshape(spans, (-1, 2))
 
 
 def _is_flat(normal: FloatArray, std_rad: FloatArray) -> bool:

@@ -64,7 +64,7 @@ def run_filter(
     `snapshot.solves_in_space`.
     """
     spatial = is_spatial(estimates, use_elevation=snapshot.solves_in_space)
-    ranked = snapshot.model_copy(update={"method": "statistical", "n_ranked": config.n_modes})
+    ranked = config.ranking(snapshot)
     hypotheses: list[Hypothesis] = []
     solutions: list[SnapshotSolution] = []
     for estimate in estimates:

@@ -13,9 +13,9 @@ from estimation.slam.walk.residuals import Association, Observations, Trajectory
 from estimation.slam.walk.smoother import normal_equations, optimise, robust_cost
 from scenes.record import FloatArray, IntArray
 
-_FAR_SHARE = (
-    1e-3  # of what lies beyond 3 standard deviations counts: far from two sessions the nearer is better
-)
+# Share of a squared residual that counts beyond 3 standard deviations: the nearer of two far sessions is better.
+_FAR_SHARE = 1e-3
+_MIN_STOPS = 4  # of a session: the positions of fewer stops can absorb a jump
 
 
 def segment_offsets(
@@ -71,7 +71,7 @@ def split_sessions(
     unknowns free; the best few are solved. The longest session keeps offset zero: an error that all sessions
     share turns the whole campaign about the TX and cannot be seen.
     """
-    candidates = _candidates(now.session, config)
+    candidates = _candidates(now.session)
     if not len(candidates):
         return now
     gain = score_gains(seen, link, now, candidates, config)
@@ -135,9 +135,9 @@ def with_jump(now: TrajectoryState, stop: int) -> TrajectoryState:
     return replace(now, session=session, offset_rad=offset - offset[anchor], anchor=anchor)
 
 
-def _candidates(session: IntArray, config: TrajectoryConfig) -> IntArray:
-    """Stops that may open a session: every session keeps `min_session_stops`; at most about 60 of them."""
-    least = config.min_session_stops
+def _candidates(session: IntArray) -> IntArray:
+    """Stops that may open a session: every session keeps `_MIN_STOPS`; at most about 60 of them."""
+    least = _MIN_STOPS
     stops = [
         k
         for k in range(least, len(session) - least + 1)

@@ -20,6 +20,7 @@ from estimation.slam.walk.motion import add_motion, course_of, motion_cost
 from estimation.slam.walk.residuals import Association, Observations, TrajectoryState
 from scenes.record import FloatArray
 
+_TOLERANCE = 1e-5  # of the cost, and of log-likelihood: a step that gains less changes no association
 _WEAK_STD = np.array([50.0, 50.0, np.pi, 50.0])
 
 
@@ -37,9 +38,8 @@ def optimise(
         trial = point(at.now.moved(*step))
         return Attempt(trial, at.cost, trial.cost)
 
-    tolerance = config.relative_tolerance
     schedule = Schedule(
-        config.max_iterations, first=1e-4, largest=1e5, absolute=tolerance, relative=tolerance
+        config.max_iterations, first=1e-4, largest=1e5, absolute=_TOLERANCE, relative=_TOLERANCE
     )
     return minimise(point(replace(start, course=course_of(start.state))), attempt, schedule).now
 
@@ -84,10 +84,7 @@ def solution_covariance(
 
 
 def _system(
-    residuals: Linearised,
-    now: TrajectoryState,
-    config: TrajectoryConfig,
-    weight: FloatArray | None = None,
+    residuals: Linearised, now: TrajectoryState, config: TrajectoryConfig, weight: FloatArray | None = None
 ) -> ArrowSystem:
     n, m = len(now.state), now.n_shared
     diagonal = np.tile(np.diag(_WEAK_STD**-2.0), (n, 1, 1))

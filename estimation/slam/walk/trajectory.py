@@ -63,16 +63,16 @@ def run_trajectory(
     solved stops, and keep status FAILED (their state is then the smoothed one); IPs are mapped for solved stops.
     """
     problems = [snapshot_problem(estimate, tx_pose, snapshot.noise) for estimate in estimates]
-    ranked = replace_ranks(snapshot, config)
-    modes = [ranked_modes(problem, ranked) for problem in problems]
+    modes = [ranked_modes(problem, config.ranking(snapshot)) for problem in problems]
     chosen = choose_modes(modes, config)
     seen = observations(problems, tx_pose)
     is_los = _lines_of_sight(problems, modes, chosen)
     if np.all(chosen < 0):
-        return _unsolved(estimates, seen)
+        return _unsolved(estimates, seen, tx_pose, mapping_config)
     now, link = smooth(seen, is_los, initial_state(modes, chosen), config)
     covariance, shared_covariance = solution_covariance(seen, link, now, config)
-    poses = _poses(estimates, now, link, seen, chosen, is_los, robust_cost(seen, link, now, config))
+    cost = robust_cost(seen, link, now, config) / seen.n_stops
+    poses = _poses(estimates, now, link, seen, chosen, is_los, cost)
     from_tx = now.state[:, :2] - tx_pose.position_m[:2]
     covariance = covariance + snapshot.consider.covariance(from_tx)
     poses = _weighed(poses, covariance, rival_modes(modes, chosen, config), snapshot)
@@ -81,9 +81,13 @@ def run_trajectory(
     return poses, points, details
 
 
-def replace_ranks(snapshot: SnapshotConfig, config: TrajectoryConfig) -> SnapshotConfig:
-    """Snapshot settings that rank as many modes as the trajectory wants."""
-    return snapshot.model_copy(update={"method": "statistical", "n_ranked": config.n_modes})
+def turned(estimates: Sequence[ChannelEstimate], details: TrajectoryDetails) -> list[ChannelEstimate]:
+    """The channel estimates with their departures turned by the TX heading offset of their session."""
+    offset = details.tx_offset_rad[details.session]
+    return [
+        replace(e, aod_azimuth_rad=e.aod_azimuth_rad + shift)
+        for e, shift in zip(estimates, offset, strict=True)
+    ]
 
 
 def observations(problems: Sequence[SnapshotProblem], tx_pose: Pose) -> Observations:
@@ -146,7 +150,7 @@ def _poses(
         clock_bias_s=now.state[:, 3] / SPEED_OF_LIGHT_M_S,
         status=status,
         n_inliers=np.bincount(seen.row[link.kind != PathClass.UNUSED], minlength=n),
-        cost=np.full(n, cost / n),
+        cost=np.full(n, cost),
     )
 
 
@@ -167,11 +171,7 @@ def _weighed(
 
 
 def _details(
-    now: TrajectoryState,
-    link: Association,
-    seen: Observations,
-    chosen: IntArray,
-    shared: FloatArray,
+    now: TrajectoryState, link: Association, seen: Observations, chosen: IntArray, shared: FloatArray
 ) -> TrajectoryDetails:
     sessions, walls = len(now.offset_rad), len(now.walls)
     offset_std = np.sqrt(np.diag(shared)[:sessions])
@@ -191,40 +191,17 @@ def _details(
 
 
 def _unsolved(
-    estimates: Sequence[ChannelEstimate], seen: Observations
+    estimates: Sequence[ChannelEstimate], seen: Observations, tx_pose: Pose, config: MappingConfig
 ) -> tuple[PoseEstimates, IncidencePoints, TrajectoryDetails]:
     """The result where no stop has a mode."""
-    n, paths = seen.n_stops, len(seen.row)
-    poses = PoseEstimates(
-        stop=np.array([estimate.stop for estimate in estimates], dtype=int),
-        position_m=np.full((n, 2), np.nan),
-        heading_rad=np.full(n, np.nan),
-        clock_bias_s=np.full(n, np.nan),
-        status=np.full(n, SolveStatus.FAILED),
-        n_inliers=np.zeros(n, int),
-        cost=np.full(n, np.nan),
-    )
-    points = IncidencePoints(
-        stop=np.empty(0, int),
-        path=np.empty(0, int),
-        position_m=np.empty((0, 2)),
-        covariance_m2=np.empty((0, 2, 2)),
-        cost=np.empty(0),
-        is_inlier=np.empty(0, bool),
-    )
-    details = TrajectoryDetails(
-        mode=np.full(n, -1),
-        session=np.zeros(n, int),
-        tx_offset_rad=np.zeros(1),
-        tx_offset_std_rad=np.zeros(1),
-        walls=np.empty((0, 2)),
-        wall_covariance=np.empty((0, 2, 2)),
-        objects=np.empty((0, 3)),
-        object_covariance=np.empty((0, 3, 3)),
-        path_stop=seen.row,
-        path_kind=np.full(paths, PathClass.UNUSED),
-    )
-    return poses, points, details
+    n, m = seen.n_stops, len(seen.row)
+    chosen, session = np.full(n, -1), np.zeros(n, dtype=np.int64)
+    walls, objects, course = np.empty((0, 2)), np.empty((0, 3)), np.empty((0, 2))
+    now = TrajectoryState(np.full((n, 4), np.nan), np.zeros(1), walls, objects, session, 0, course)
+    link = Association(np.full(m, PathClass.UNUSED), np.full((m, 2), -1))
+    poses = _poses(estimates, now, link, seen, chosen, np.zeros(m, bool), np.nan)
+    details = _details(now, link, seen, chosen, np.zeros((1, 1)))
+    return poses, map_stops(estimates, poses, tx_pose, config), details
 
 
 def _blocks(matrix: FloatArray, first: int, n: int, size: int) -> FloatArray:
@@ -243,15 +220,10 @@ def _incidence_points(
     config: MappingConfig,
 ) -> IncidencePoints:
     """IPs of all paths, the departures turned by their session's offset."""
-    offset = details.tx_offset_rad[details.session]
-    turned = [
-        replace(e, aod_azimuth_rad=e.aod_azimuth_rad + shift)
-        for e, shift in zip(estimates, offset, strict=True)
-    ]
     single = np.isin(link.kind, [PathClass.BOUNCE, PathClass.WALL, PathClass.OBJECT])
     split = np.cumsum(np.bincount(seen.row, minlength=seen.n_stops))[:-1]
     return map_stops(
-        turned,
+        turned(estimates, details),
         poses,
         tx_pose,
         config,

@@ -14,7 +14,7 @@ from estimation.shape.config import ShapeConfig
 from estimation.shape.gp.estimate import estimate_shapes
 from estimation.slam.config import SnapshotConfig, TrajectoryConfig
 from estimation.slam.snapshot.problem import SnapshotProblem, snapshot_problem
-from estimation.slam.snapshot.reference import solve_reference
+from estimation.slam.snapshot.reference import PARALLEL_GATE, solve_reference
 from estimation.slam.snapshot.solve import solve_snapshot
 from estimation.slam.walk.trajectory import run_trajectory
 from isac_arena.validation.benches.timing import median_time_s
@@ -84,7 +84,7 @@ def plain_grid(problem: SnapshotProblem, config: SnapshotConfig) -> FloatArray:
         eta2 = np.sum(eta**2, axis=-1)[:, None]
         share = np.einsum("hmi,hsmi->hsm", eta, offset) / (length * eta2)
         outside = member & ~((share >= 0) & (share <= 1))
-        outside[..., first] &= eta2[..., first] >= config.parallel_gate
+        outside[..., first] &= eta2[..., first] >= PARALLEL_GATE
         return np.asarray((length >= 0).all(axis=-1) & ~outside.any(axis=-1))
 
     def distance2(z: FloatArray) -> FloatArray:

@@ -15,10 +15,9 @@ from estimation.slam.config import Mixture, PathLoss, PathNoise, SnapshotConfig
 from estimation.slam.record import SolveStatus
 from estimation.slam.snapshot.evidence import log_clutter, log_evidence, power_law, prior_of
 from estimation.slam.snapshot.hypotheses import distinct, four_bounce_states, line_of_sight_states
-from estimation.slam.snapshot.likelihood import log_likelihood
+from estimation.slam.snapshot.likelihood import log_likelihood, refine_states
 from estimation.slam.snapshot.path_table import line_of_sight, path_model, path_table
 from estimation.slam.snapshot.problem import snapshot_problem
-from estimation.slam.snapshot.refine import refine
 from estimation.slam.snapshot.solve import solve_snapshot
 from estimation.slam.snapshot.statistical import los_candidates
 from isac_arena.validation.scenarios.halls import ScenarioConfig
@@ -37,6 +36,12 @@ def drawn(seed, **changes):
     scenario = draw_stop(np.random.default_rng(seed), replace(CLUTTERED, **changes))
     tx = np.array([*scenario.tx.position_m[:2], 0.0, 0.0])
     return scenario, snapshot_problem(scenario.estimate, scenario.tx, NOISE), tx
+
+
+def refined(problem, los, start, max_iterations=OURS.max_iterations):
+    """States, information and log-likelihoods after the compiled refinement."""
+    table, model = path_table(problem, OURS.mixture), path_model(OURS.mixture)
+    return refine_states(table, line_of_sight(problem, los), model, start, max_iterations)[:3]
 
 
 @settings(max_examples=30, deadline=None, derandomize=True)
@@ -64,26 +69,23 @@ def test_refined_state_solves_the_estimating_equation(has_los):
     for seed in range(40):
         scenario, problem, tx = drawn(seed, has_los=has_los)
         los = int(np.argmax(scenario.is_los)) if has_los else -1
-        start = (scenario.state - tx)[None]
-        refined = refine(problem, path_table(problem, OURS.mixture), los, start, OURS)
-        state = refined.state[0] + tx
+        states, information, likelihood = refined(problem, los, (scenario.state - tx)[None])
+        state = states[0] + tx
         slope = likelihood_oracle.estimating_equation(problem, los, state, OURS.mixture)
-        std = np.sqrt(np.diag(np.linalg.inv(refined.information[0] + np.diag(OURS.prior_std**-2.0))))
+        std = np.sqrt(np.diag(np.linalg.inv(information[0] + np.diag(OURS.prior_std**-2.0))))
         solved += bool(np.all(np.abs(slope * std) < 1e-4))
         expected = likelihood_oracle.log_likelihood(problem, los, state, OURS.mixture)
-        assert refined.log_likelihood[0] == pytest.approx(expected, abs=1e-8)
+        assert likelihood[0] == pytest.approx(expected, abs=1e-8)
         before = likelihood_oracle.log_likelihood(problem, los, scenario.state, OURS.mixture)
-        assert refined.log_likelihood[0] > before - 1.0
+        assert likelihood[0] > before - 1.0
     assert solved >= 36
 
 
 def test_refinement_converges_quadratically():
     for seed in range(20):
         scenario, problem, tx = drawn(seed, has_los=False, outlier_share=0.2, n_paths=9)
-        table = path_table(problem, OURS.mixture)
         start = (scenario.state - tx + [0.05, -0.05, 0.005, 0.05])[None]
-        few = refine(problem, table, -1, start, OURS.model_copy(update={"max_iterations": 20})).state
-        many = refine(problem, table, -1, start, OURS.model_copy(update={"max_iterations": 200})).state
+        few, many = (refined(problem, -1, start, n)[0] for n in (20, 200))
         assert_allclose(few, many, atol=1e-6)
 
 
