@@ -1,4 +1,4 @@
-"""How numerical code runs: compiled loops, loops over rows called with arrays, one BLAS thread for small fits."""
+"""How numerical code runs: compiled loops, array calls of loops over rows, one BLAS thread for small fits."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 def compiled(function: F) -> F:
-    """The function compiled at its first call (IEEE arithmetic, one thread), kept on disk for later runs."""
+    """Compile the function at its first call (IEEE arithmetic, one thread) and cache it on disk."""
     return cast(F, numba.njit(cache=True, error_model="numpy")(function))
 
 
@@ -29,7 +29,7 @@ def over_rows(
     Parameters
     ----------
     loop
-        Takes arrays (row, ...) and returns arrays (row, ...).
+        Takes and returns arrays (row, ...).
     arguments
         Arrays (..., own axes), each with the number of its own axes.
 
@@ -49,13 +49,10 @@ def over_rows(
 
 @lru_cache(maxsize=1)
 def _controller() -> ThreadpoolController:
-    return ThreadpoolController()  # looks through all loaded libraries: once is enough
+    return ThreadpoolController()  # searches all loaded libraries: do it once
 
 
 def one_blas_thread() -> AbstractContextManager[Any]:
-    """Context in which the BLAS libraries of the process use one thread.
-
-    Threads cost more than they gain where matrices have tens of rows.
-    """
+    """Context in which BLAS uses one thread: for matrices of tens of rows more threads are slower."""
     context: AbstractContextManager[Any] = _controller().limit(limits=1, user_api="blas")
     return context

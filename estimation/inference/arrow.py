@@ -1,9 +1,9 @@
-"""Least squares whose information matrix is a banded block of stops bordered by a few shared parameters.
+"""Least squares with an information matrix of one banded block of stops and a border of shared parameters.
 
 [ B  E ]   B: 4 x 4 blocks per stop, coupled to the next two stops (second differences of position);
 [ E' C ]   E, C: shared parameters (session offsets, landmarks).
 
-Solving and the marginal covariances are linear in the number of stops.
+The solution and the marginal covariances take time linear in the number of stops.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from scipy.linalg import lapack
 from scenes.record import FloatArray
 
 _SIZE = 4  # state of a stop
-_COUPLING = 2  # stops ahead that a stop is coupled to
+_COUPLING = 2  # a stop is coupled to this many later stops
 _BAND = _SIZE * (_COUPLING + 1) - 1
 
 
@@ -33,7 +33,7 @@ class ArrowSystem:
     shared_gradient: FloatArray  # (shared,)
 
     def damped(self, damping: float) -> ArrowSystem:
-        """The system with its diagonal raised by the given share."""
+        """The system with its diagonal multiplied by 1 + damping."""
         diagonal, corner = self.diagonal.copy(), self.corner.copy()
         index = np.arange(_SIZE)
         diagonal[:, index, index] *= 1 + damping

@@ -1,8 +1,9 @@
 """Damped Gauss-Newton (Levenberg-Marquardt): one loop for every fit that is not compiled.
 
-A caller states its problem as an attempt: from the present point and a damping to the next point and its cost. The
-loop decides what to keep, how to damp the next attempt and when to stop. Problems may be batches of independent
-members, each with a damping of its own, and may solve their systems in any way, such as by a Schur complement.
+A caller gives a function `attempt` that takes the present point and a damping and returns the next point and its
+cost. The loop decides which points to keep, how to damp the next attempt and when to stop. A problem may be a
+batch of independent members with one damping each. It may solve its system in any way, such as by a Schur
+complement.
 
 Source: Madsen, Nielsen and Tingleff, "Methods for Non-Linear Least Squares Problems", 2004, section 3.2.
 """
@@ -19,7 +20,7 @@ import numpy as np
 from scenes.record import BoolArray, FloatArray
 
 Point = TypeVar("Point")
-_FLOOR = 1e-12  # on the diagonal of a damped matrix, for parameters without any information
+_FLOOR = 1e-12  # added to the diagonal of a damped matrix, for parameters without information
 
 
 @dataclass(frozen=True)
@@ -29,25 +30,25 @@ class Schedule:
     max_steps: int
     first: float = 1e-3  # damping of the first attempt
     least: float = 1e-9
-    largest: float = 1e8  # a member whose attempt fails at more damping than this has converged
-    factor: float = 10.0  # by which the damping falls after a good attempt and rises after a poor one
-    absolute: float = -np.inf  # a member that gains at most this ...
-    relative: float = 0.0  # ... plus this share of its cost has converged
-    good: float = 0.0  # an attempt is good with more than this share of the expected gain,
-    poor: float = 0.0  # and poor with less than this share
+    largest: float = 1e8  # a member whose attempt fails at a larger damping has converged
+    factor: float = 10.0  # the damping falls by it after a good attempt and rises by it after a poor one
+    absolute: float = -np.inf  # a member has converged where its gain is at most this
+    relative: float = 0.0  # plus this share of its cost
+    good: float = 0.0  # an attempt is good above this share of the expected gain,
+    poor: float = 0.0  # and poor below this share
 
 
 @dataclass(frozen=True)
 class Attempt(Generic[Point]):
-    """A point to go to, with the costs before and after: a float, or (member,) of a batch.
+    """A trial point with the costs before and after: a float, or (member,) of a batch.
 
-    Both costs are of the same problem: where weights depend on the point, both hold those of the present one.
+    Both costs are of the same problem: weights that depend on the point are those of the present point.
     """
 
     point: Point
     before: Any
     after: Any
-    expected: Any = None  # gain by the local model; None where no share of it counts
+    expected: Any = None  # gain by the local model; None: every fall of the cost is good
 
 
 def _whole(is_better: BoolArray, new: Point, now: Point) -> Point:
@@ -62,16 +63,16 @@ def minimise(
 ) -> Point:
     """The point of least cost that damped steps from `start` reach.
 
-    An attempt that raises the cost, or gives NaN, is not kept, so that the cost never rises.
+    An attempt that increases the cost, or gives NaN, is not kept. So the cost never increases.
 
     Parameters
     ----------
     attempt
-        Called with the present point and the damping, a float or (member,). None ends the loop: the caller has
-        seen that the step is too small to matter.
+        Takes the present point and the damping, a float or (member,). It returns None to end the loop where the
+        step is negligible.
     choose
-        Called with a mask (member,), the new and the present point, gives the new point's members where the mask
-        is true. Without it the problem has one member.
+        Takes a mask (member,), the new and the present point. Returns the members of the new point where the mask
+        is true, else those of the present one. The default is for one member.
     """
     now, damping = start, np.asarray(schedule.first)
     for _ in range(schedule.max_steps):
@@ -95,13 +96,13 @@ def minimise(
 
 
 def damped_step(information: FloatArray, gradient: FloatArray, damping: FloatArray | float) -> FloatArray:
-    """Step (..., n) that zeroes a gradient (..., n), the diagonal of the information (..., n, n) raised.
+    """Step (..., n) that zeroes a gradient (..., n) under the damped information (..., n, n).
 
-    It is raised by the share `damping` (...) of itself, which makes the step independent of the parameters' units.
+    The share `damping` (...) of the diagonal is added to it, so that the step does not depend on units.
     """
     diagonal = np.einsum("...ii->...i", information)
-    raised = np.asarray(damping)[..., None] * diagonal + _FLOOR
-    matrix = information + raised[..., None] * np.eye(diagonal.shape[-1])
+    added = np.asarray(damping)[..., None] * diagonal + _FLOOR
+    matrix = information + added[..., None] * np.eye(diagonal.shape[-1])
     return -np.linalg.solve(matrix, gradient[..., None])[..., 0]
 
 

@@ -1,10 +1,9 @@
-"""The path that a contour, TX and RX determine: specular point, delay, angles and all their derivatives.
+"""The path off a contour: specular point, delay, angles and all their derivatives.
 
-At the specular point of a smooth contour the tangent e fulfils e . (a + b) = 0, a and b unit vectors to TX
-and RX. A closed convex contour (`estimation.laws.support`) has one such point on its lit side, found by
-safeguarded Newton from the bisector at its centre. The implicit function theorem on e . (a + b) gives the
-derivatives. A wall mirrors the TX (`estimation.laws.wall`); an edge is an incidence point (IP) that does not move
-(`estimation.laws.plane`).
+At the specular point of a smooth contour the tangent e fulfils e . (a + b) = 0 with unit vectors a and b to TX
+and RX. A closed convex contour (`estimation.laws.support`) has one such point on its lit side. Safeguarded Newton
+steps from the bisector at its centre find it, and the implicit function theorem gives the derivatives. A wall
+mirrors the TX (`estimation.laws.wall`); an edge is a fixed incidence point (IP, `estimation.laws.plane`).
 """
 
 from __future__ import annotations
@@ -22,12 +21,12 @@ from scenes.record import BoolArray, FloatArray
 
 EDGE, WALL = 4, 5
 _MAX_ROUNDS = 60
-_MIN_RADIUS_M = 1e-3  # of a circle given by its radius: a smaller or negative one counts as this
+_MIN_RADIUS_M = 1e-3  # a circle of a smaller or negative radius gets this one
 
 
 @dataclass(frozen=True)
 class SpecularPaths:
-    """What a contour predicts for each pair of TX and RX."""
+    """Predicted paths off a contour, one for each pair of TX and RX."""
 
     measured: FloatArray  # (path, 3) range in m with the clock bias, azimuths in the device frames in rad
     by_parameter: FloatArray  # (path, 3, parameter)
@@ -156,9 +155,9 @@ def closed_path(
 ) -> float:
     """Path off a closed contour: measurement (3,), derivatives (3, 4) and (3, parameter), IP (2,), all written.
 
-    The path is the single bounce at the specular point x(psi). That point moves with parameters and RX so that
-    f = e . (a + b) stays zero: directly with psi held, and along the tangent e by the change of psi. `support`,
-    `slope` and `by_point` are work space. Returns psi, the azimuth of the outward normal.
+    The path is the single bounce at the specular point x(psi). That point moves with parameters and RX such that
+    f = e . (a + b) stays zero: directly at fixed psi, and along the tangent e by the change of psi. `support`,
+    `slope` and `by_point` are work arrays. Returns psi, the azimuth of the outward normal.
     """
     psi = specular_normal(family, parameter, tx, state, support, slope)
     nx, ny = np.cos(psi), np.sin(psi)
@@ -168,18 +167,18 @@ def closed_path(
     ax, ay, at = unit(tx[0] - point[0], tx[1] - point[1])
     bx, by, br = unit(state[0] - point[0], state[1] - point[1])
     tilt_a, tilt_b = nx * ay - ny * ax, nx * by - ny * bx
-    # Derivatives of f by the positions of TX and RX are (e - tilt a) / |a| and (e - tilt b) / |b|, by the point
-    # minus their sum; by psi, minus the part of a + b along the normal comes from the turn of e.
+    # Derivatives of f: (e - tilt a) / |a| by the TX, (e - tilt b) / |b| by the RX, minus their sum by the point.
+    # The turn of e with psi adds minus the component of a + b along the normal.
     rx, ry = (-ny - tilt_b * bx) / br, (nx - tilt_b * by) / br
     fx, fy = -(-ny - tilt_a * ax) / at - rx, -(nx - tilt_a * ay) / at - ry
     radius = support[0] + support[2]
     fall = radius * (-fx * ny + fy * nx) - (nx * (ax + bx) + ny * (ay + by))
     for j in range(len(parameter)):
-        mx, my = 1.0 - j, 1.0 * j  # the centre moves the point by as much
+        mx, my = 1.0 - j, 1.0 * j  # the point moves as the centre does
         if j > 1:
             mx, my = nx * slope[0, j] - ny * slope[1, j], ny * slope[0, j] + nx * slope[1, j]
         run = -(fx * mx + fy * my) / fall * radius
-        # The length is stationary along the tangent (Fermat), so only the direct part changes it.
+        # The length is stationary along the tangent (Fermat): only the direct part changes it.
         by_parameter[0, j] = by_point[0, 0] * mx + by_point[0, 1] * my
         for a in (1, 2):
             by_parameter[a, j] = by_point[a, 0] * (mx - run * ny) + by_point[a, 1] * (my + run * nx)
@@ -194,10 +193,10 @@ def closed_path(
 def specular_normal(
     family: int, parameter: FloatArray, t: FloatArray, r: FloatArray, value: FloatArray, slope: FloatArray
 ) -> float:
-    """Azimuth of the outward normal at the lit specular point of a closed contour; `value` and `slope` are its.
+    """Azimuth of the outward normal at the lit specular point of a closed contour.
 
-    e . (a + b) falls with psi over the lit side, so a root is kept between brackets a quarter turn either
-    side of the bisector and Newton steps that leave them are halved.
+    e . (a + b) falls with psi over the lit side. So the root is bracketed within a quarter turn of the bisector,
+    and bisection replaces Newton steps that leave the bracket. Writes the `support_terms` there.
     """
     psi = bisector(parameter[0], parameter[1], t, r)
     low, high = psi - np.pi / 2, psi + np.pi / 2

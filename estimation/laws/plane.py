@@ -1,8 +1,8 @@
-"""The reflection law in the plane: delay and angles of an incidence point (IP), and what they say of the RX.
+"""The reflection law in the plane: delay and angles of an incidence point (IP), and its equation for the RX state.
 
-A compiled kernel states the law for one path and writes into the arrays given, so that a loop over paths allocates
-nothing. The functions for arrays call the same kernels and broadcast over leading axes. Lengths replace times, so
-that every quantity has a similar size: range = c * delay and bias = c * clock bias, both in metres.
+A compiled kernel computes one path and writes into given arrays, so that a loop over paths allocates nothing. The
+functions for arrays call these kernels and broadcast over leading axes. Lengths replace times, so that all
+quantities have similar sizes: range = c * delay and bias = c * clock bias, both in metres.
 
 - TX: a `scenes.pose.Pose`, of which x, y and the heading count, or rows (..., 3) of x, y in m and heading in rad.
 - RX state (..., 4): x, y in m, heading in rad, clock bias in m.
@@ -20,7 +20,7 @@ from estimation.execution import compiled, over_rows
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose, wrap_angle
 from scenes.record import FloatArray
 
-MIN_LENGTH_M = 1e-6  # no length in a denominator is shorter
+MIN_LENGTH_M = 1e-6  # lower limit of lengths in denominators
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Prediction:
 
     value: FloatArray  # (..., 3) in m, rad, rad; angles in [-pi, pi)
     by_state: FloatArray  # (..., 3, 4)
-    by_landmark: FloatArray  # (..., 3, parameter), by what reflects: an IP, walls or a circle
+    by_landmark: FloatArray  # (..., 3, parameter), by the reflector: an IP, walls or a circle
 
 
 def measurements(delay_s: FloatArray, aod_azimuth_rad: FloatArray, aoa_azimuth_rad: FloatArray) -> FloatArray:
@@ -99,9 +99,9 @@ def ray_directions(
 
 @dataclass(frozen=True)
 class BounceEquation:
-    """The scalar equation a single bounce leaves on the RX state once its IP is eliminated.
+    """The scalar equation for the RX state from a single bounce whose IP is eliminated.
 
-    Given the heading it is linear in z = [x, y, bias]: `row` (..., 3) times z equals `right_side` (...) in m.
+    At a given heading it is linear in z = [x, y, bias]: `row` (..., 3) times z equals `right_side` (...) in m.
     The row is [-sin s, cos s, -sin delta] with s = (arrival + departure) / 2 and
     delta = (arrival - departure) / 2 in world azimuths: the component across u + v of the vector loop
     p_TX + gamma (range - bias) u = p_RX + (1 - gamma) (range - bias) v.
@@ -112,14 +112,14 @@ class BounceEquation:
     along: FloatArray  # cos delta = |u + v| / 2
 
     def residual_m(self, z: FloatArray) -> FloatArray:
-        """How far z = [x, y, bias] (..., 3) is from fulfilling the equation, in m."""
+        """Residual (...) of the equation at z = [x, y, bias] (..., 3), in m."""
         return np.asarray(np.einsum("...i,...i->...", self.row, z) - self.right_side)
 
 
 def bounce_equation(
     tx: Pose | FloatArray, heading_rad: FloatArray | float, measured: FloatArray
 ) -> BounceEquation:
-    """The equation of each path (..., 3) as a single bounce, for the RX heading(s) given."""
+    """The equation of each path (..., 3) as a single bounce, at given RX headings."""
     source = tx_row(tx)
     departure = source[..., 2] + measured[..., 1]
     arrival = heading_rad + measured[..., 2]
@@ -134,7 +134,7 @@ def bounce_fraction(
 ) -> FloatArray:
     """Share gamma (...) of the path length between TX and IP: 0 to 1 for a physical single bounce.
 
-    NaN where the rays are parallel (u + v = 0) or no length is left after the bias.
+    NaN where the rays are parallel (u + v = 0) or the length without the bias is zero.
     """
     # t = (u + v) / |u + v| completes the row's normal to a right-handed frame.
     source = tx_row(tx)
@@ -148,8 +148,8 @@ def bounce_fraction(
 def start_point(tx: Pose | FloatArray, rx_state: FloatArray, measured: FloatArray) -> FloatArray:
     """Midpoint (..., 2) of the points that each ray reaches with its share of the path length.
 
-    For noise-free paths it is the IP. The share is kept inside [0.02, 0.98] (0.5 for parallel rays), so the
-    point never falls on a device.
+    For noise-free paths it is the IP. The share is limited to [0.02, 0.98] (0.5 for parallel rays), so that the
+    point is never on a device.
     """
     source = tx_row(tx)
     equation = bounce_equation(source, rx_state[..., 2], measured)
@@ -164,13 +164,13 @@ def start_point(tx: Pose | FloatArray, rx_state: FloatArray, measured: FloatArra
 def bounce_gap(
     tx: Pose | FloatArray, rx_state: FloatArray, measured: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Residual of `BounceEquation` in m with its derivatives, and where the IP lies between the rays.
+    """Residual of `BounceEquation` in m with its derivatives, and the position of the IP between the rays.
 
     Returns
     -------
     value_m, by_state, by_measurement, place_m
         (...), (..., 4), (..., 3) and (..., 2): the displacement from TX to RX along u + v, and the length times
-        cos delta. The IP lies between the devices' rays where the first is smaller than the second.
+        cos delta. The IP is between the devices' rays where the first is smaller than the second.
     """
     value, by_state, by_measurement, place = over_rows(
         _bounce_gaps, (tx_row(tx), 1), (rx_state, 1), (measured, 1)
@@ -181,9 +181,9 @@ def bounce_gap(
 def lit_normals(
     point_m: FloatArray, tx: Pose | FloatArray, rx_m: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Azimuth (...) of the outward normal of a surface that reflects at points (..., 2), and its slope (..., 2).
+    """Azimuth (...) of the outward normal of a surface that reflects at points (..., 2).
 
-    The normal halves the angle between the rays to TX and RX. The slope is by the point, in rad / m.
+    The normal bisects the rays to TX and RX. Also its derivative (..., 2) by the point, in rad / m.
     """
     azimuth, slope = over_rows(_lit_normals, (point_m, 1), (tx_row(tx)[..., :2], 1), (rx_m, 1))
     return azimuth, slope
@@ -191,7 +191,7 @@ def lit_normals(
 
 @compiled
 def wrapped(angle: float) -> float:
-    """An angle brought into [-pi, pi)."""
+    """An angle wrapped to [-pi, pi)."""
     return (angle + np.pi) % (2 * np.pi) - np.pi
 
 
@@ -204,7 +204,7 @@ def unit(x: float, y: float) -> tuple[float, float, float]:
 
 @compiled
 def bisector(x: float, y: float, t: FloatArray, r: FloatArray) -> float:
-    """Azimuth that halves the angle between the directions from (x, y) to TX t and RX r."""
+    """Azimuth of the bisector of the directions from (x, y) to TX t and RX r."""
     ax, ay, _ = unit(t[0] - x, t[1] - y)
     bx, by, _ = unit(r[0] - x, r[1] - y)
     return float(np.arctan2(ay + by, ax + bx))

@@ -1,8 +1,8 @@
-"""The reflection law in space: delay and angles of an incidence point (IP), and what they say of the RX.
+"""The reflection law in space: delay and angles of an incidence point (IP), and its equations for the RX state.
 
-The plane's law is in `estimation.laws.plane`; here both ends have a height and every direction an elevation.
-Arrays stand upright: azimuths turn with the heading, elevations are those of the world. Functions broadcast
-over leading axes, lengths replace times.
+As `estimation.laws.plane`, but devices have heights and directions have elevations. Arrays are upright: azimuths
+turn with the heading, elevations are those of the world. Functions broadcast over leading axes, lengths replace
+times.
 
 - TX: a `scenes.pose.Pose`; position and heading are used.
 - RX state (..., 5): x, y, z in m, heading in rad, clock bias in m.
@@ -22,7 +22,7 @@ from scenes.pose import Pose, direction, wrap_angle
 from scenes.record import FloatArray
 
 N_STATE = N_MEASURED = 5
-_HAIR = 1e-12
+_TINY = 1e-12
 residual = plane.residual  # azimuths have the same places as in the plane
 
 
@@ -67,13 +67,13 @@ def los_jacobian_rx(tx: Pose, state: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class BounceEquations:
-    """The two equations a single bounce leaves on the RX state once its IP is eliminated, with exact derivatives.
+    """The two equations for the RX state from a single bounce whose IP is eliminated, with exact derivatives.
 
-    With unit rays u from the TX and v from the RX, length L = range - bias and d = p_RX - p_TX, the IP lies on
-    both rays where m = d + L v = gamma L (u + v). So m has no part along two normals of eta = u + v: the
-    horizontal one, z x eta over its length, and the one that completes it with eta to a frame. Where rays and
-    devices lie in a horizontal plane the first is the equation of `estimation.laws.plane.BounceEquation` and the
-    second the difference of heights.
+    With unit rays u from the TX and v from the RX, length L = range - bias and d = p_RX - p_TX, the IP is on
+    both rays where m = d + L v = gamma L (u + v). So m has no component along two normals of eta = u + v: the
+    horizontal one, z x eta over its length, and the one that completes the frame. Where rays and devices are in
+    one horizontal plane, the first is `estimation.laws.plane.BounceEquation` and the second the difference of
+    heights.
     """
 
     value_m: FloatArray  # (..., 2)
@@ -91,11 +91,11 @@ def bounce_equations(tx: Pose, state: FloatArray, measured: FloatArray) -> Bounc
     u, u_azimuth, u_elevation, v, v_azimuth, v_elevation = np.broadcast_arrays(
         u, u_azimuth, u_elevation, v, v_azimuth, v_elevation
     )
-    # Opposite rays leave no direction of eta: a hair along the mean azimuth keeps the normals defined.
+    # For opposite rays eta is zero: a tiny vector along the mean azimuth keeps the normals defined.
     middle = (tx.heading_rad + measured[..., 1] + state[..., 3] + measured[..., 2]) / 2
-    hair = np.stack([np.cos(middle), np.sin(middle), np.zeros_like(middle)], axis=-1)
+    mean_ray = np.stack([np.cos(middle), np.sin(middle), np.zeros_like(middle)], axis=-1)
     eta = u + v
-    eta = eta + np.where(_dot(eta, hair) < 0, -_HAIR, _HAIR)[..., None] * hair
+    eta = eta + np.where(_dot(eta, mean_ray) < 0, -_TINY, _TINY)[..., None] * mean_ray
     level = np.maximum(np.hypot(eta[..., 0], eta[..., 1]), 1e-12)
     opening = np.maximum(_length(eta), 1e-12)
     first = np.stack([-eta[..., 1], eta[..., 0], np.zeros_like(level)], axis=-1) / level[..., None]
@@ -104,10 +104,10 @@ def bounce_equations(tx: Pose, state: FloatArray, measured: FloatArray) -> Bounc
     loop = state[..., :3] - tx.position_m + length[..., None] * v
     value = np.einsum("...ni,...i->...n", normal, loop)
     reach = _dot(eta, loop) / opening**2  # gamma L
-    lean = eta[..., 2] / opening / level  # turn of the normals about eta per step of eta along the first
+    lean = eta[..., 2] / opening / level  # rotation of the normals about eta per step of eta along the first
 
     def by(step: FloatArray, eta_step: FloatArray) -> FloatArray:
-        """Change (..., 2) of the values where the loop moves by `step` and eta by `eta_step`."""
+        """Change (..., 2) of the values when the loop changes by `step` and eta by `eta_step`."""
         change = np.einsum("...ni,...i->...n", normal, step - reach[..., None] * eta_step)
         turn = lean * _dot(first, eta_step)
         return np.asarray(change + turn[..., None] * np.stack([value[..., 1], -value[..., 0]], axis=-1))
@@ -137,7 +137,7 @@ def bounce_equations(tx: Pose, state: FloatArray, measured: FloatArray) -> Bounc
 def start_point(tx: Pose, state: FloatArray, measured: FloatArray) -> FloatArray:
     """Midpoint (..., 3) of the points that each ray reaches with its share of the length; exact without noise.
 
-    The share is kept inside [0.02, 0.98] (0.5 for opposite rays), so that the point never falls on a device.
+    The share is limited to [0.02, 0.98] (0.5 for opposite rays), so that the point is never on a device.
     """
     equations = bounce_equations(tx, state, measured)
     share = np.where(equations.opening < 1e-9, 0.5, np.clip(equations.fraction, 0.02, 0.98))[..., None]
@@ -161,7 +161,7 @@ def _measurement(
 
 
 def _gradients(vector: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Gradients (..., 3) of length, azimuth and elevation of a vector, lengths kept above 1 um."""
+    """Gradients (..., 3) of length, azimuth and elevation of a vector, lengths limited to at least 1 um."""
     x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
     level2 = np.maximum(x**2 + y**2, MIN_LENGTH_M**2)
     length2 = level2 + z**2

@@ -5,11 +5,11 @@ its radius of curvature is h + h''. Parameters are [x, y, log R, shape ...] in m
 
 - circle: f = 1;
 - ellipse: f^2 = cosh|w| + sinh|w| cos(2 psi - azimuth of w), shape w (2,). R is the geometric mean of the half
-  axes, |w| the logarithm of their ratio, and the azimuth of w twice that of the long axis: no singular
-  circle;
+  axes, |w| the logarithm of their ratio, and the azimuth of w twice that of the long axis. A circle is not
+  singular;
 - rounded square: f = t + (1 - t) (E(psi - alpha) + E(psi - alpha - pi/2)), shape [log(t / (1 - t)), alpha]. With
   E = |cos| it is a square with corners rounded by a share t of its half width; E = sqrt(cos^2 + eps^2) bends
-  its faces to radii of R / eps, which keeps x(psi) continuous;
+  its faces to radii of R / eps, so that x(psi) is continuous;
 - harmonics: f = 1 + sum over k >= 2 of a_k cos k psi + b_k sin k psi, shape [a_2, b_2, a_3, ...].
 
 Source: Schneider, "Convex Bodies: The Brunn-Minkowski Theory", section 1.7 (support functions).
@@ -70,7 +70,7 @@ def support_terms(
 ) -> None:
     """Write [h, h', h''] into `value` (3,) and d[h, h'] by the parameters into `slope` (2, parameter).
 
-    The columns of the centre stay as they are.
+    The columns of the centre are not written.
     """
     radius = np.exp(parameter[2])
     shape, by_shape = parameter[3:], slope[:, 3:]

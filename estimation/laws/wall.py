@@ -1,8 +1,8 @@
 """The reflection law of flat walls in the plane: every wall mirrors the TX.
 
 A wall is the line [azimuth of its normal in rad, offset in m]: the points q with n' q = offset. Its tangent is the
-normal turned by +90 deg, and a place along it is counted from the foot of the origin's perpendicular. TX, RX
-states and measurements are those of `estimation.laws.plane`. Functions for arrays call the kernels for one path.
+normal turned by +90 deg; places along it start at the point nearest to the origin. TX, RX states and measurements
+are those of `estimation.laws.plane`. Functions for arrays call the kernels for one path.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from estimation.laws.plane import Prediction, tx_row, unit, wrapped
 from scenes.pose import Pose
 from scenes.record import FloatArray
 
-_MIN_DEPTH_M = 1e-9  # of TX and RX together in front of a wall
+_MIN_DEPTH_M = 1e-9  # lower limit of the sum of the depths of TX and RX in front of a wall
 
 
 def predict_walls(tx: Pose | FloatArray, state: FloatArray, walls: FloatArray) -> Prediction:
@@ -31,9 +31,9 @@ def predict_walls(tx: Pose | FloatArray, state: FloatArray, walls: FloatArray) -
 def wall_places(
     wall: FloatArray, tx: Pose | FloatArray, rx_m: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Place (...) in m of each specular point along a wall (..., 2), and its derivatives.
+    """Place (...) in m of each specular point along a wall (..., 2).
 
-    They are by the wall (..., 2) and by the RX position (..., 2).
+    Also its derivatives by the wall (..., 2) and by the RX position (..., 2).
     """
     place, by_wall, by_rx = over_rows(_places, (wall, 1), (tx_row(tx)[..., :2], 1), (rx_m, 1))
     return place, by_wall, by_rx
@@ -42,7 +42,7 @@ def wall_places(
 def wall_line(tx: Pose | FloatArray, state: FloatArray, point_m: FloatArray) -> FloatArray:
     """The wall (..., 2) that reflects at each IP (..., xy), its normal pointing from the TX to its mirror image.
 
-    The image lies on the ray from the receiver through the IP, as far as the path is long.
+    The image is on the ray from the receiver through the IP, at the length of the path.
     """
     source = tx_row(tx)
     leg = point_m - state[..., :2]
@@ -66,7 +66,7 @@ def mirrored(x: float, y: float, wall: FloatArray) -> tuple[float, float]:
 def wall_place(wall: FloatArray, t: FloatArray, r: FloatArray) -> tuple[float, float, float, float]:
     """Place in m along a wall of the specular point between t and r, the depths of both, and their sum.
 
-    A sum of zero is replaced by a small number.
+    A sum near zero is replaced by a small number.
     """
     nx, ny = np.cos(wall[0]), np.sin(wall[0])
     depth_t, depth_r = nx * t[0] + ny * t[1] - wall[1], nx * r[0] + ny * r[1] - wall[1]
@@ -123,7 +123,7 @@ def wall_path(
 def _images(
     x: float, y: float, walls: FloatArray, backwards: bool, by_wall: FloatArray, turn: FloatArray
 ) -> tuple[float, float]:
-    """Image of a point in walls (bounce, 2), one after the other, from the last to the first where `backwards`.
+    """Image of a point in walls (bounce, 2), in their order or `backwards`.
 
     Also its derivatives (bounce, 2, 2) by every wall's azimuth and offset and (2, 2) by the point.
     """

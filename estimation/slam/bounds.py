@@ -1,9 +1,9 @@
 """Cramer-Rao bounds of the receiver state and of the incidence points (IPs), per stop and along a walk.
 
-Paths are independent and Gaussian. The IP of a single bounce is an unknown of its own: it is marginalised, which
-leaves one equation per path on the receiver state (a Schur complement of rank one). Along a walk the stops share
-the positions by a smoothness prior, and every flat wall they have in common: one line, which mirrors the TX.
-States are [x, y, heading, bias] in m, m, rad, m; measurements are those of `estimation.laws.plane`.
+Paths are independent and Gaussian. The IP of a single bounce is marginalised, which gives one equation per path
+for the receiver state (a Schur complement of rank one). The stops of a walk are coupled by a smoothness prior of
+the positions and by shared flat walls: lines that mirror the TX. States are [x, y, heading, bias] in m, m, rad,
+m; measurements are those of `estimation.laws.plane`.
 """
 
 from __future__ import annotations
@@ -20,12 +20,14 @@ from estimation.slam.mapping.point_fit import point_bound, state_information
 from scenes.pose import Pose
 from scenes.record import FloatArray, IntArray
 
-_NO_INFORMATION = 1e-12  # of the largest eigenvalue of an equilibrated information: no bound below it
+_NO_INFORMATION = (
+    1e-12  # share of the largest eigenvalue of a scaled information below which there is no bound
+)
 
 
 @dataclass(frozen=True)
 class StateBound:
-    """Bounds on the standard deviation of every unbiased estimate; infinite where the paths leave it free."""
+    """Bounds on the standard deviation of unbiased estimates; infinite where unobservable."""
 
     position_m: FloatArray  # (...) root of the summed variance of x and y: the PEB
     heading_rad: FloatArray  # (...)
@@ -34,10 +36,10 @@ class StateBound:
 
 @dataclass(frozen=True)
 class StopPaths:
-    """The paths of one stop that say something of its receiver.
+    """The paths of one stop that are informative of its receiver.
 
-    `wall` (path,) numbers the wall of single bounces off the same flat face along a walk, -1 for others; `circle`
-    (path,) the round object of `RoundObjects`, none without it.
+    `wall` (path,) is the number of the flat wall that the stops share, -1 for other paths; `circle` (path,) that
+    of the round object of `RoundObjects`, or None.
     """
 
     point_m: FloatArray  # (path, xy) IPs of the single bounces
@@ -49,7 +51,7 @@ class StopPaths:
 
 @dataclass(frozen=True)
 class RoundObjects:
-    """Round objects that the stops of a walk share, their radii known beforehand to `radius_std_m`."""
+    """Round objects that the stops of a walk share, with a prior `radius_std_m` of their radii."""
 
     circle: FloatArray  # (object, 3) x, y, radius in m
     radius_std_m: float
@@ -61,7 +63,7 @@ def stop_information(tx: Pose, state: FloatArray, paths: StopPaths) -> FloatArra
 
 
 def state_covariance(information: FloatArray) -> FloatArray:
-    """Inverse (n, n) of an information; infinite variances where a combination of the unknowns is left free."""
+    """Inverse (n, n) of an information; infinite variances of unknowns that are unobservable."""
     scale = np.sqrt(np.maximum(np.diagonal(information), 0.0))
     scale = np.where(scale > 0, scale, 1.0)
     value, vector = np.linalg.eigh(information / np.outer(scale, scale))
@@ -84,7 +86,7 @@ def state_bound(covariance: FloatArray) -> StateBound:
 def stop_bound(tx: Pose, state: FloatArray, paths: StopPaths) -> tuple[StateBound, FloatArray]:
     """Bounds of one stop: of its receiver state, and (path,) in m of the position of each IP.
 
-    The IPs carry the uncertainty of the state that the same paths leave.
+    The bounds of the IPs include the uncertainty of the state.
     """
     covariance = state_covariance(stop_information(tx, state, paths))
     points = point_bound(plane_law, tx, state, paths.point_m, paths.covariance, covariance)
@@ -100,10 +102,9 @@ def trajectory_covariance(
 ) -> FloatArray:
     """Covariances (stop, 4, 4) of all receiver states (stop, 4) of a walk, estimated together.
 
-    Single bounces off a numbered wall share its line, those off a numbered object its circle; all others keep an
-    IP of their own. `smoothness_m` is the standard deviation of the second difference of the position per
-    coordinate, in m per stop^2; None for no prior. The sum is the exact information, solved whole: states first,
-    landmarks behind them.
+    Single bounces off a numbered wall share its line, those off a numbered object its circle; each other one has
+    its own IP. `smoothness_m` is the standard deviation of the second difference of the position per coordinate,
+    in m per stop^2; None for no prior. The information is exact and dense: first the states, then the landmarks.
     """
     n = len(states)
     walls = sorted({int(wall) for stop in stops for wall in stop.wall if wall >= 0})

@@ -1,4 +1,4 @@
-"""What mapping and SLAM refuse: paths and poses that can only be a mistake."""
+"""Input that mapping and SLAM refuse: paths and poses that can only be mistakes."""
 
 from __future__ import annotations
 
@@ -15,14 +15,13 @@ _FIELDS = ("delay_s", "aod_azimuth_rad", "aoa_azimuth_rad", "power_dbm")
 
 
 def check_estimates(estimates: Iterable[ChannelEstimate], tx_pose: Pose | None) -> None:
-    """Refuse what no receiver can have estimated.
+    """Refuse paths that no receiver can have estimated.
 
     Raises
     ------
     ValueError
-        Where there is no TX pose or it is not finite, a path holds a value that is not finite, an azimuth lies
-        beyond +-2 pi (degrees for radians), or two paths of a stop are the same; the message names stop, field
-        and value.
+        Where there is no finite TX pose, a value of a path is not finite, an azimuth is beyond +-2 pi (degrees
+        for radians), or two paths of a stop are equal. The message names stop, field and value.
     """
     if tx_pose is None:
         raise ValueError("tx_pose = None: mapping and SLAM need the position and the heading of the TX")
@@ -34,7 +33,7 @@ def check_estimates(estimates: Iterable[ChannelEstimate], tx_pose: Pose | None) 
 
 
 def check_enough_paths(estimate: ChannelEstimate) -> None:
-    """`ValueError` where a stop has fewer paths than a receiver state can be found from."""
+    """`ValueError` where a stop has too few paths for a receiver state."""
     if len(estimate) < MIN_PATHS:
         raise ValueError(
             f"stop {estimate.stop}: {len(estimate)} path(s),"

@@ -1,4 +1,4 @@
-"""Parameters of mapping and snapshot SLAM."""
+"""Settings of mapping and SLAM."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from scenes.toml_config import ConfigModel
 
 
 class PathNoise(ConfigModel):
-    """Which covariance R a path's (delay, departure, arrival) is given.
+    """Covariance R of a path's (delay, departure, arrival).
 
     `fixed` is diag(delay_std, angle_std, angle_std)^2 for every path, as in the paper after equation (2).
-    `estimate` is the covariance of the channel estimate plus diag(floor)^2 for what it leaves out: model
-    errors, survey errors, the third dimension.
+    `estimate` is the covariance of the channel estimate plus diag(floor)^2 for errors it does not contain: of the
+    model, of the survey, of the third dimension.
     """
 
     source: Literal["estimate", "fixed"] = "estimate"
@@ -57,8 +57,8 @@ class PathLoss(ConfigModel):
     A path is no credible line of sight where the log-likelihood of its power is below `min_log_likelihood`.
     The defaults are those of the measured campaign, arXiv 2404.10291.
 
-    All other paths lose `reflection_loss_db` more, give or take `reflection_std_db` each and `level_std_db` all
-    together; the statistical method takes how power falls with length as a weak sign of the clock bias.
+    All other paths lose `reflection_loss_db` more, with standard deviations `reflection_std_db` per path and
+    `level_std_db` common to all. Power against length is weak evidence of the clock bias (statistical method).
     """
 
     intercept_dbm: float = -13.0
@@ -95,12 +95,11 @@ class PathLoss(ConfigModel):
 
 
 class Mixture(ConfigModel):
-    """What the statistical method takes a path for that is no line of sight.
+    """Mixture model of the paths that are no line of sight, for the statistical method.
 
-    A single bounce has a Student-t residual with the standard deviation its covariance gives. A bounce off two
-    walls at right angles, or parallel to within `wall_angle_std_deg`, has parallel directions of departure and
-    arrival; `double_share` 0 leaves this out. Clutter has any angles, and its range is spread evenly over
-    `clutter_width_m`.
+    A single bounce has a Student-t residual, scaled by the covariance of the path. A bounce off two walls that are
+    perpendicular, or parallel to within `wall_angle_std_deg`, has parallel directions of departure and arrival;
+    `double_share` 0 excludes it. Clutter has any angles, and a range uniform over `clutter_width_m`.
     """
 
     clutter_share: float = Field(0.2, gt=0, lt=1)
@@ -110,7 +109,7 @@ class Mixture(ConfigModel):
     wall_angle_std_deg: float = Field(0.5, ge=0)
 
     @model_validator(mode="after")
-    def _leave_room_for_single_bounces(self) -> Mixture:
+    def _check_shares(self) -> Mixture:
         if self.clutter_share + self.double_share >= 1:
             total = self.clutter_share + self.double_share
             raise ValueError(f"clutter_share + double_share = {total:g}: must be below 1")
@@ -118,10 +117,10 @@ class Mixture(ConfigModel):
 
 
 class Consider(ConfigModel):
-    """Errors of the set-up that a stop cannot see and that only widen its covariance (consider-parameters).
+    """Errors of the set-up that are unobservable at a stop and only widen its covariance (consider-parameters).
 
-    A pointing error of the TX turns the whole solution about the TX; the survey error is the TX's position; the
-    heading error is how well a receiver's heading is known where states are compared.
+    A pointing error of the TX turns the whole solution about the TX; the survey error is that of the TX position;
+    the heading error is that of the true receiver headings which states are compared with.
     """
 
     pointing_std_deg: float = Field(0.0, ge=0)
@@ -129,7 +128,7 @@ class Consider(ConfigModel):
     heading_std_deg: float = Field(0.0, ge=0)
 
     def covariance(self, from_tx_m: FloatArray) -> FloatArray:
-        """What to add (..., state, state) to the covariance of states at offsets (..., 2 or 3) from the TX.
+        """Covariance (..., state, state) to add to that of states at offsets (..., 2 or 3) from the TX.
 
         States are [x, y, heading, bias] or [x, y, z, heading, bias].
         """
@@ -151,20 +150,19 @@ class SnapshotConfig(ConfigModel):
     The defaults of the path loss, of the heading grid and of the gates of `reference` are the published ones.
 
     `method`
-        `reference`: heading grid, power weights, distance gate, as published; in the plane, also where elevations
-        were estimated. The smoother and the filter of a walk need modes ranked by evidence, so they take those of
-        the statistical method, in the plane.
+        `reference`: heading grid, power weights, distance gate, as published; always in the plane. Smoother and
+        filter of a walk need modes ranked by evidence: they use the statistical method in the plane.
         `statistical`: closed-form headings, each path gated and weighted by its own covariance; in space where
         elevations were estimated.
     `refine`
         Maximum-likelihood refinement of the reference solution on its inliers; the statistical method always
         refines.
     `max_position_std_m`
-        Where the best mode leaves the position free, nearly parallel paths, as along a corridor, leave clock and
-        distance free together, and false modes abound. In simulated halls and corridors hardly a right mode, but
-        most of the gross errors, lie beyond the default; path errors stated too large widen it in proportion.
+        A stop fails where its best mode is less certain. Nearly parallel paths, as along a corridor, do not
+        separate clock bias and distance, and give many false modes. In simulated halls and corridors most gross
+        errors, but hardly any correct mode, exceed the default. Overstated path errors increase it in proportion.
     `reach_m`
-        Standard deviation of the receiver's place about the TX, before anything is measured.
+        Prior standard deviation of the receiver's position about the TX.
     """
 
     method: Literal["reference", "statistical"] = "statistical"
@@ -190,11 +188,11 @@ class SnapshotConfig(ConfigModel):
     consider: Consider = Consider()
     max_iterations: int = Field(40, ge=1)
     max_clock_bias_ns: float = Field(300.0, gt=0, description="a larger clock bias is not credible")
-    max_position_std_m: float = Field(1.5, gt=0, description="a stop known less well than this has failed")
+    max_position_std_m: float = Field(1.5, gt=0, description="a stop less certain than this has failed")
 
     @property
     def solves_in_space(self) -> bool:
-        """Whether elevations are used where they were estimated: the published algorithm is planar."""
+        """Whether estimated elevations are used: the published algorithm is planar."""
         return self.use_elevation and self.method == "statistical"
 
     @property
@@ -204,29 +202,29 @@ class SnapshotConfig(ConfigModel):
 
     @property
     def prior_std(self) -> FloatArray:
-        """Standard deviations (4,) in m, m, rad, m of the state from the TX: any heading, any credible clock."""
+        """Prior standard deviations (4,) in m, m, rad, m from the TX: any heading, any credible clock."""
         uniform = np.array([np.pi, self.max_clock_bias_m]) / np.sqrt(3)
         return np.array([self.reach_m, self.reach_m, *uniform])
 
 
 class TrajectoryConfig(ConfigModel):
-    """All stops together, by the smoother or by the filter.
+    """All stops of a walk together, by the smoother or by the filter.
 
     `method`
-        `smooth`: all stops at once, landmarks shared. `filter`: every stop from itself and those before it, for
-        use while the walk goes on; it takes the modes and the motion prior alone.
+        `smooth`: all stops at once, shared landmarks. `filter`: every stop from itself and earlier stops, for
+        online use, with modes and motion prior only.
 
     The motion prior is a Student-t law of the second difference of the position, in m per stop squared:
-    `cross_track_std_m` across the walk, `along_track_std_m` along it, so that neither the spacing of the stops
-    need be known nor that it is even.
+    `cross_track_std_m` across the walk, `along_track_std_m` along it. So the spacing of the stops need not be
+    known, nor be even.
 
-    Each scale is what it measures: stops put down by hand and walked unevenly, turns between them, a free-running
-    clock, surfaces that depart from a plane or a circle. No measured data set them: `arena validate slam` halves
-    and doubles each on simulated walks, where none then gains much over the default.
+    The scales describe stops placed by hand at uneven distances, turns between them, a free-running clock, and
+    surfaces that deviate from a plane or a circle. They are not fitted to measured data: `arena validate slam`
+    halves and doubles each on simulated walks, and no such change gains much over the default.
 
     `use_landmarks`, `use_double_bounces`, `use_sessions`
-        Share walls and objects between stops; take paths by way of two known walls as information; look for
-        jumps of the TX heading offset.
+        Share walls and objects between stops; use double bounces off two known walls; search for jumps of the TX
+        heading offset.
     """
 
     method: Literal["smooth", "filter"] = "smooth"

@@ -1,4 +1,4 @@
-"""Solved stops handed on: their poses in one record, and the incidence points that mapping makes of them."""
+"""From solved stops to results: their poses in one record, and the incidence points of their paths."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def collect_and_map(
     *,
     spatial: bool,
 ) -> tuple[PoseEstimates, IncidencePoints]:
-    """Poses of all stops and IPs of those that were solved; a solution's covariance is carried into its IPs."""
+    """Poses of all stops and IPs of the solved ones, whose covariances include that of the pose."""
     poses = collect_poses(solutions)
     points = (map_stops_spatial if spatial else map_stops)(
         estimates,

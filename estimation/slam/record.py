@@ -1,4 +1,4 @@
-"""What mapping and SLAM hand on: incidence points and receiver poses."""
+"""Results of mapping and SLAM: incidence points and receiver poses."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ class SolveStatus(IntEnum):
 
 
 def _optional(*axes: str, **about: Any) -> Any:
-    """An array field that may be left out."""
+    """An optional array field."""
     return field(default=None, metadata=array(*axes, **about).metadata)
 
 
 def _fill(record: Record, **values: FloatArray | BoolArray) -> None:
-    """Give fields that were left out their values."""
+    """Set the fields that were not given."""
     for name, value in values.items():
         if getattr(record, name) is None:
             object.__setattr__(record, name, value)
@@ -62,8 +62,8 @@ class IncidencePoints(Record):
 class PoseEstimates(Record):
     """Receiver state per stop. NaN where the status is FAILED.
 
-    A state is [x, y, heading, clock bias] in (m, m, rad, s); `covariance` is of the errors, estimate minus truth
-    in these units, the heading wrapped. It holds for the mode chosen; `position_std_m` spans all modes.
+    A state is [x, y, heading, clock bias] in (m, m, rad, s); `covariance` is that of the errors, estimate minus
+    truth, with wrapped heading. It is that of the chosen mode; `position_std_m` includes all modes.
     """
 
     stop: IntArray = array("stop", dtype=int, doc="index of the receiver stop")

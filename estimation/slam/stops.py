@@ -1,4 +1,4 @@
-"""SLAM over a whole campaign: every stop on its own, all stops together, or stop by stop as the walk goes on."""
+"""SLAM over a whole campaign: every stop alone, all stops together, or stop by stop during the walk."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ def locate_and_map(
     trajectory: TrajectoryConfig | None,
     mapping: MappingConfig,
 ) -> tuple[PoseEstimates, IncidencePoints]:
-    """Poses and incidence points by the settings: every stop on its own without `trajectory`, else by its method.
+    """Poses and incidence points: every stop alone without `trajectory`, else by `trajectory.method`.
 
-    In space where elevations were estimated and `slam.use_elevation` wants them; always in the plane with
-    `slam.method` "reference", whose published algorithm is planar.
+    In space where elevations were estimated and `slam.use_elevation` is true; in the plane with `slam.method`
+    "reference", whose published algorithm is planar.
     """
     if trajectory is None:
         return run_slam(estimates, tx_pose, slam, mapping)
@@ -42,11 +42,10 @@ def locate_and_map(
 def run_slam(
     estimates: Sequence[ChannelEstimate], tx_pose: Pose, config: SnapshotConfig, mapping_config: MappingConfig
 ) -> tuple[PoseEstimates, IncidencePoints]:
-    """Solve every stop on its own, then map the IPs of the stops that were solved.
+    """Solve every stop alone, then map the IPs of the solved stops; in space or in the plane as `locate_and_map`.
 
-    In space or in the plane as `locate_and_map`.
-    An IP is an inlier where SLAM took its path as a single bounce and
-    mapping's own gate agrees. Where the state has a covariance, it is carried into the covariance of the IPs.
+    An IP is an inlier where both SLAM and the gate of mapping accept its path as a single bounce. The covariance
+    of the state is part of that of the IPs.
     """
     spatial = is_spatial(estimates, use_elevation=config.solves_in_space)
     solve = solve_spatial if spatial else solve_snapshot

@@ -34,7 +34,7 @@ class ObservedPaths:
 
 @dataclass(frozen=True)
 class MappedPaths:
-    """IPs of the paths that are no line of sight, at the stops that were solved."""
+    """IPs of all paths except lines of sight, at the solved stops."""
 
     row: IntArray  # (ip,) row of the stop
     path: IntArray  # (ip,) index of the path in its stop
@@ -54,20 +54,19 @@ def map_stops(
     is_inlier: Sequence[BoolArray] | None = None,
     state_covariance: Sequence[FloatArray] | None = None,
 ) -> IncidencePoints:
-    """IPs of all non-LOS paths at the RX states given; stops with status FAILED are left out.
+    """IPs of all non-LOS paths at given RX states, without stops of status FAILED.
 
     Parameters
     ----------
     estimates
         Channel estimates, one per row of `poses`.
     is_los
-        Per stop (path,): the line of sight; the channel estimate's own decision by default.
+        Per stop (path,): the line of sight; by default that of the channel estimate.
     is_inlier
-        Per stop (path,): paths taken as single bounces by SLAM; `is_inlier` of the result needs both this and
-        the gate of `config`.
+        Per stop (path,): single bounces by SLAM. An inlier of the result must also pass the gate of `config`.
     state_covariance
         Per stop (4, 4) of [x, y, heading, bias] in (m, m, rad, s): adds the uncertainty of the RX state to the
-        IP's covariance, as in the joint estimate. The states are taken as exact by default.
+        IP's covariance, as in the joint estimate. By default the states are exact.
 
     Raises
     ------
@@ -137,7 +136,7 @@ def path_flags(
     is_los: Sequence[BoolArray] | None,
     is_inlier: Sequence[BoolArray] | None,
 ) -> tuple[BoolArray, BoolArray]:
-    """Flags (path,) of all paths from those per stop; by default the estimates' lines of sight and all inliers."""
+    """Flags (path,) of all paths; by default the lines of sight of the estimates, and all paths as inliers."""
     los = [e.is_los for e in estimates] if is_los is None else is_los
     inlier = [np.ones(len(e), bool) for e in estimates] if is_inlier is None else is_inlier
     return joined(los, bool, ()), joined(inlier, bool, ())
@@ -146,7 +145,7 @@ def path_flags(
 def _is_possible(
     tx_pose: Pose, state: FloatArray, point: FloatArray, covariance: FloatArray, config: MappingConfig
 ) -> BoolArray:
-    """Whether IPs lie off both devices and are known well enough in plan; the height need not be."""
+    """Whether IPs are off both devices and certain enough in plan; heights may be uncertain."""
     axes = point.shape[-1]
     legs = [np.linalg.norm(point - end, axis=1) for end in (tx_pose.position_m[:axes], state[:, :axes])]
     largest = np.linalg.eigvalsh(covariance[:, :2, :2])[:, -1]

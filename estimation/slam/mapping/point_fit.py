@@ -1,4 +1,4 @@
-"""Incidence points (IPs) of single bounces and what they leave to know of the receiver, in the plane and in space.
+"""Incidence points (IPs) of single bounces, and their information on the receiver, in the plane and in space.
 
 The reflection law is an argument: the module `estimation.laws.plane` (points of 2, states of 4, measurements of 3
 components) or `estimation.laws.space` (3, 5, 5).
@@ -37,7 +37,7 @@ class ReflectionLaw(Protocol[Tx_contra]):
         """Measured minus predicted, angles wrapped."""
 
     def start_point(self, tx: Tx_contra, state: FloatArray, measured: FloatArray, /) -> FloatArray:
-        """A place of the IP to start from; the IP itself for paths without noise."""
+        """Start position of the IP; the IP itself for paths without noise."""
 
 
 def locate(
@@ -103,8 +103,8 @@ def point_covariance(
 ) -> tuple[FloatArray, FloatArray]:
     """Covariance (path, point, point) of the IPs with the RX state exact, and their sensitivity to the state.
 
-    The covariance is inv(J' inv(R) J); directions the path says nothing about get a huge, finite variance. The
-    sensitivity is (path, point, state).
+    The covariance is inv(J' inv(R) J); unobservable directions get a huge, finite variance. The sensitivity is
+    (path, point, state).
     """
     weight = np.linalg.inv(covariance)
     jacobian = law.bounce_jacobian_point(tx_pose, state, point_m)

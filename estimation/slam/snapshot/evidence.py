@@ -1,4 +1,4 @@
-"""Log evidence of the modes of one stop: what ranks them, and what tells a line of sight from none; compiled."""
+"""Log evidence of the modes of one stop, with and without a line of sight, by which they are ranked; compiled."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class PowerLaw(NamedTuple):
 
 
 class SnapshotPrior(NamedTuple):
-    """What is known of a state and of clutter before anything is measured."""
+    """Prior of a state and of clutter."""
 
     reach_m: float
     max_clock_m: float
@@ -68,18 +68,18 @@ def log_evidence(
     law: PowerLaw,
     prior: SnapshotPrior,
 ) -> tuple[float, FloatArray]:
-    """Laplace approximation of the log evidence of one mode, and the covariance (4, 4) it rests on.
+    """Laplace approximation of the log evidence of one mode, and its covariance (4, 4).
 
-    The likelihood of the paths' delays and angles, `log_likelihood` with its information (4, 4), and of their
-    powers, integrated over the state (4,). `los` is the index of the line of sight with covariance (3, 3), -1 for
-    none. A stop has one or has none with the same prior probability, so that the modes of all of these compare.
+    The likelihood of delays and angles (`log_likelihood` with its information (4, 4)) and of powers, integrated
+    over the state (4,). `los` is the index of the line of sight with covariance (3, 3), -1 for none. Both cases
+    have the same prior probability, so their evidences can be compared.
     """
     full = information + np.diag(prior.information)
     distance = math.hypot(state[0], state[1])
     evidence = log_likelihood - 0.5 * np.linalg.slogdet(full)[1]
     evidence -= 0.5 * (distance / prior.reach_m) ** 2
     evidence -= math.log(2 * prior.reach_m**2 * prior.max_clock_m)
-    # No path is shorter than the straight line; one that seems to be is false.
+    # No true path is shorter than the straight line.
     evidence += log_power_of_others(power_dbm, np.maximum(range_m - state[3], distance), los, law)
     if los >= 0:
         deviation = (power_dbm[los] - _expected_dbm(distance, law)) / law.los_std_db

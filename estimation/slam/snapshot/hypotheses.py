@@ -16,7 +16,7 @@ from scenes.record import FloatArray, IntArray
 # Two states this close in position and heading are one mode.
 _MODE_DISTANCE_M = 0.3
 _MODE_HEADING_RAD = math.radians(5.0)
-# Where noise keeps the determinant just from vanishing, the heading of its extremum is taken.
+# Where noise keeps the determinant above zero by at most this factor, the heading of its extremum is used.
 _MAX_EXCESS = 1.3
 
 
@@ -59,7 +59,7 @@ def four_bounce_states(paths: PathTable, candidates: IntArray) -> FloatArray:
 
 @compiled
 def line_of_sight_states(paths: PathTable, los: int, angles_rad: FloatArray, others: IntArray) -> FloatArray:
-    """States (hypothesis, 4) from the line of sight, of these two angles, and one bounce each."""
+    """States (hypothesis, 4) from the line of sight with these two angles and one single bounce each."""
     departure, heading = angles_rad[0], angles_rad[0] + math.pi - angles_rad[1]
     sine, cosine = math.sin(0.5 * heading), math.cos(0.5 * heading)
     states, row = np.empty((len(others), 4)), np.empty(4)
@@ -78,37 +78,34 @@ def line_of_sight_states(paths: PathTable, los: int, angles_rad: FloatArray, oth
 
 @compiled
 def distinct(states: FloatArray, score: FloatArray, n: int, max_deficit: float) -> IntArray:
-    """Indices of up to n states of the highest score that differ, none further than `max_deficit` below the best.
-
-    Scores that are not finite are left out.
-    """
-    left = np.where(np.isfinite(score), score, -np.inf)
-    if len(left):
-        left[left < left.max() - max_deficit] = -np.inf
+    """Indices of up to n distinct states of the highest finite scores, at most `max_deficit` below the best."""
+    remaining = np.where(np.isfinite(score), score, -np.inf)
+    if len(remaining):
+        remaining[remaining < remaining.max() - max_deficit] = -np.inf
     chosen = np.empty(n, np.int64)
     found = 0
     while found < n:
         best = -1
-        for k in range(len(left)):
-            if left[k] > -np.inf and (best < 0 or left[k] > left[best]):
+        for k in range(len(remaining)):
+            if remaining[k] > -np.inf and (best < 0 or remaining[k] > remaining[best]):
                 best = k
         if best < 0:
             break
         chosen[found] = best
         found += 1
-        for k in range(len(left)):
+        for k in range(len(remaining)):
             dx, dy = states[k, 0] - states[best, 0], states[k, 1] - states[best, 1]
             if dx * dx + dy * dy < _MODE_DISTANCE_M**2:
                 turn = (states[k, 2] - states[best, 2] + math.pi) % (2 * math.pi) - math.pi
                 if abs(turn) < _MODE_HEADING_RAD:
-                    left[k] = -np.inf
-        left[best] = -np.inf
+                    remaining[k] = -np.inf
+        remaining[best] = -np.inf
     return chosen[:found]
 
 
 @compiled
 def _row(paths: PathTable, j: int, sine: float, cosine: float, row: FloatArray) -> None:
-    """The equation of path j as a single bounce, row' [x, y, bias, 1] = 0; sine and cosine of half the heading."""
+    """Equation row' [x, y, bias, 1] = 0 of path j as a single bounce, from sine and cosine of half the heading."""
     row[0] = -paths.mean[j, 0] * cosine - paths.mean[j, 1] * sine
     row[1] = paths.mean[j, 1] * cosine - paths.mean[j, 0] * sine
     row[2] = -paths.half[j, 0] * cosine - paths.half[j, 1] * sine
@@ -117,10 +114,7 @@ def _row(paths: PathTable, j: int, sine: float, cosine: float, row: FloatArray) 
 
 @compiled
 def _pair_minors(paths: PathTable, candidates: IntArray) -> FloatArray:
-    """Minors (3, n, n, 2) of every two candidates' rows at the headings 0, 120 and 240 deg.
-
-    Of the first two columns and of the last two.
-    """
+    """Minors (3, n, n, 2) of every two rows at 0, 120 and 240 deg, of the first two and the last two columns."""
     n = len(candidates)
     rows, minors = np.empty((n, 4)), np.empty((3, n, n, 2))
     for h in range(3):
@@ -150,7 +144,7 @@ def _determinant(minors: FloatArray, a: int, b: int, c: int, d: int) -> float:
 def _placed(paths: PathTable, four: tuple[int, int, int, int], state: FloatArray) -> int:
     """Least-squares x, y and bias of four bounces at the state's heading, in place.
 
-    Returns 1, and 0 where they are singular or one of the bounces is infeasible.
+    Returns 1, or 0 where they are singular or a bounce is infeasible.
     """
     sine, cosine = math.sin(0.5 * state[2]), math.cos(0.5 * state[2])
     row = np.empty((4, 4))
@@ -169,7 +163,7 @@ def _placed(paths: PathTable, four: tuple[int, int, int, int], state: FloatArray
     state[1] = (cof_b * p + cof_d * q + cof_e * r) / determinant
     state[3] = (cof_c * p + cof_e * q + cof_f * r) / determinant
     for i in range(4):
-        # The IP lies between the devices' rays, up to the errors of the angles.
+        # The IP must be between the devices' rays, up to the errors of the angles.
         j = four[i]
         length = paths.range_m[j] - state[3]
         cos_delta = paths.half[j, 1] * cosine - paths.half[j, 0] * sine

@@ -1,14 +1,14 @@
-"""How well the paths of one stop agree with an RX state, and the state that they agree with best; compiled.
+"""Likelihood of an RX state given the paths of one stop, and its maximum; compiled.
 
 A path that is no line of sight is a single bounce, a bounce off two walls, or clutter:
 
-- A single bounce leaves one equation r = 0 on the state once its IP is eliminated
-  (`estimation.laws.plane.BounceEquation`). To first order r is Gaussian with variance g' R g, g its gradient by
-  the measurement; here Student-t with that scale. Minimising the sum of r^2 / (g' R g) refines state and IPs
-  jointly.
-- Two walls at right angles turn a ray back, two parallel ones leave its direction, wherever they stand: departure
-  and arrival are parallel, which is one equation on the heading.
-- Clutter has any angles, and a range spread over `clutter_width_m`; it cannot be shorter than the straight line.
+- A single bounce with eliminated IP gives one equation r = 0 for the state
+  (`estimation.laws.plane.BounceEquation`). To first order r is Gaussian with variance g' R g, where g is its
+  gradient by the measurement; here it is Student-t with that scale. Minimising the sum of r^2 / (g' R g) refines
+  state and IPs jointly.
+- Two perpendicular walls reverse a ray and two parallel walls keep its direction. Departure and arrival are then
+  parallel, which is one equation for the heading.
+- Clutter has any angles, and a range uniform over `clutter_width_m`; it is hardly shorter than the straight line.
 
 States and derivatives are [x, y, heading, bias] in m, m, rad, m, with x and y relative to the TX.
 """
@@ -24,14 +24,14 @@ from estimation.laws.plane import los_path, wrapped
 from estimation.slam.snapshot.path_table import LineOfSight, PathModel, PathTable
 from scenes.record import FloatArray
 
-# IPs are as likely per octave of distance, but within a few metres per area.
+# The density of IPs is uniform per octave of distance, and per area within this distance.
 NEAR_M = 3.0
-# A false path may come before the straight line: this much less probable than other clutter.
+# Probability of clutter before the straight line, relative to other clutter.
 EARLY_SHARE = 0.05
-# Beyond 20 standard deviations nothing is a single bounce, beyond 6 none off two walls.
+# No single bounce is beyond 20 standard deviations (squared: 400), no bounce off two walls beyond 6.
 FAR_SINGLE, FAR_DOUBLE = 400.0, 36.0
 _STEP_LIMIT = (2.0, 2.0, 0.3, 4.0)  # of one iteration, in m, m, rad, m
-_SETTLED = 1e-6  # of these limits; Newton steps square what is left
+_CONVERGED = 1e-6  # share of these limits; a Newton step squares the error
 
 _TX = np.zeros(3)  # states are relative to it, departures in the world frame
 
@@ -55,15 +55,15 @@ def log_likelihood(paths: PathTable, los: LineOfSight, model: PathModel, states:
 def refine_states(
     paths: PathTable, los: LineOfSight, model: PathModel, start: FloatArray, max_iterations: int
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Climb from each state to its maximum, variances and feasibility held at the iterate.
+    """Climb from each state to its maximum, with variances and feasibility of the iterate.
 
-    Newton steps with the exact second derivative of the mixture; damped Gauss-Newton steps, weighted by each
-    path's probability of being a single bounce, where that is not positive definite or does not improve.
+    Newton steps use the exact second derivative of the mixture. Where it is not positive definite or a step does
+    not improve, damped Gauss-Newton steps weight each path by its probability of being a single bounce.
 
     Returns
     -------
     state, information, log_likelihood, square
-        (state, 4), (state, 4, 4), (state,) with the line of sight's exponent, and (state, path) squares of the
+        (state, 4), (state, 4, 4), (state,) with the exponent of the line of sight, and (state, path) squared
         normalised residuals, infinite where a single bounce is infeasible.
     """
     n = len(paths.range_m)
@@ -120,7 +120,7 @@ def _climb(
             return
         else:
             damping = max(10 * damping, 1e-4)
-        if size < _SETTLED:
+        if size < _CONVERGED:
             return
 
 
@@ -128,7 +128,7 @@ def _climb(
 def _evaluate(
     paths: PathTable, los: LineOfSight, model: PathModel, state: FloatArray, work: FloatArray
 ) -> None:
-    """Fill `work` with what every path contributes at a state; the line of sight contributes nothing here."""
+    """Fill `work` with the terms of every path at a state; those of the line of sight are zero."""
     x, y, bias = state[0], state[1], state[3]
     sine, cosine = math.sin(0.5 * state[2]), math.cos(0.5 * state[2])
     distance = math.hypot(x, y)
@@ -273,10 +273,10 @@ def _square(vector: FloatArray) -> float:
 def _fisher(
     paths: PathTable, work: FloatArray, model: PathModel, slope: FloatArray, information: FloatArray
 ) -> None:
-    """Information (4, 4) that the paths bring under Gaussian errors.
+    """Information (4, 4) of the paths under Gaussian errors.
 
     Inverse variances times the asymptotic efficiency of the Student-t estimate (Huber, Robust Statistics,
-    section 3.2) instead of the weights at hand, which depend on the very errors.
+    section 3.2): the weights themselves depend on the errors.
     """
     for i in range(3):
         for a in range(4):

@@ -1,4 +1,4 @@
-"""The paths of one stop and the prior of what they are, in the form that the compiled functions take."""
+"""The paths of one stop and the prior of their kinds, in the form that the compiled functions take."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ FEASIBLE_STDS, _EARLY_STDS = 2.0, 3.0
 
 
 class PathTable(NamedTuple):
-    """Paths of one stop with all that no state changes.
+    """Paths of one stop with all terms that do not depend on the state.
 
     `mean` and `half` are (departure + arrival) / 2 and (arrival - departure) / 2 for an RX heading of zero.
     """
@@ -42,7 +42,7 @@ class LineOfSight(NamedTuple):
 
 
 class PathModel(NamedTuple):
-    """Prior of what a path is, each density relative to that of clutter."""
+    """Prior of the kinds of paths, with densities relative to that of clutter."""
 
     single_peak: float  # m; share of single bounces times the density of a zero residual of variance 1 m^2
     double_peak: float  # rad; the same of bounces off two walls and the angle between departure and arrival

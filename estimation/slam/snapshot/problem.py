@@ -1,4 +1,4 @@
-"""The snapshot problem of one stop, and the linear algebra its hypotheses share."""
+"""The snapshot problem of one stop, and the linear algebra of its hypotheses."""
 
 from __future__ import annotations
 
@@ -61,8 +61,8 @@ class Fit:
     covariance: FloatArray  # (4, 4)
 
 
-def certain(fits: list[Fit], config: SnapshotConfig) -> list[Fit]:
-    """The ranked modes; none where the best one leaves the position free, up to `max_position_std_m`."""
+def reject_uncertain(fits: list[Fit], config: SnapshotConfig) -> list[Fit]:
+    """The ranked modes; none where the position of the best one is less certain than `max_position_std_m`."""
     free = bool(fits) and np.trace(fits[0].covariance[:2, :2]) > config.max_position_std_m**2
     return [] if free else fits
 

@@ -81,7 +81,7 @@ class _Search:
         return h, z.reshape(-1, 3), np.tile(member, (len(self.heading), 1))
 
     def is_feasible(self, h: IntArray, z: FloatArray, member: BoolArray) -> BoolArray:
-        """Whether no path arrives before it left, and the members' IPs lie between the devices' rays."""
+        """Whether all lengths are positive and the members' IPs are between the devices' rays."""
         range_m = self.problem.measured[:, 0]
         result = np.asarray(np.min(range_m) >= z[:, 2])  # False for NaN
         on = np.flatnonzero(result)
@@ -95,7 +95,7 @@ class _Search:
         return result
 
     def distance2(self, h: IntArray, z: FloatArray) -> FloatArray:
-        """Squared distances nu^2 (n, path) in m^2 from fulfilling each path's equation(s)."""
+        """Squared residuals nu^2 (n, path) in m^2 of each path's equations."""
         nu2 = (np.einsum("nmi,ni->nm", self.equation.row[h], z) - self.equation.right_side[h]) ** 2
         if self.with_los:
             nu2[:, self.first] = np.sum((z @ self.los_row.T - self.los_right_side) ** 2, axis=1)

@@ -1,8 +1,7 @@
 """Maximum-likelihood refinement of RX states with the IPs eliminated.
 
-The likelihood and its maximisation are compiled (`estimation.slam.snapshot.likelihood`); here they are set up
-from a problem and its settings. `bounce_terms` is the residual of a single bounce by itself, for arrays of
-paths.
+The likelihood and its maximisation are compiled (`estimation.slam.snapshot.likelihood`). `bounce_terms` is the
+residual of single bounces, for arrays of paths.
 """
 
 from __future__ import annotations
@@ -36,7 +35,7 @@ class BounceResidual:
 def refine_members(
     problem: SnapshotProblem, los: int, start: FloatArray, config: SnapshotConfig
 ) -> tuple[FloatArray, FloatArray]:
-    """State (4,) and covariance (4, 4) with every path of the problem taken for what it is said to be."""
+    """State (4,) and covariance (4, 4) where every path is a single bounce except `los`, -1 for none."""
     mixture = config.mixture.model_copy(update={"clutter_share": _NO_CLUTTER, "double_share": 0.0})
     direct = line_of_sight(problem, los)
     state, information, _, _ = refine_states(
@@ -48,9 +47,8 @@ def refine_members(
 def bounce_terms(tx: Pose, measured: FloatArray, covariance: FloatArray, state: FloatArray) -> BounceResidual:
     """Residual of the bounce equation, its variance and Jacobian; paths (..., 3) and states (..., 4) broadcast.
 
-    A bounce is feasible where its IP lies between the devices' rays, up to two standard deviations of the angles:
-    where the rays are nearly opposite, as at the line of sight or just behind an obstacle, the place of the IP
-    along them is not determined.
+    A bounce is feasible where its IP is between the devices' rays, up to two standard deviations of the angles:
+    nearly opposite rays, as at the line of sight or just behind an obstacle, do not fix the IP along them.
     """
     value, by_state, by_measurement, place = bounce_gap(tx, state, measured)
     variance = np.einsum("...i,...ij,...j->...", by_measurement, covariance, by_measurement)

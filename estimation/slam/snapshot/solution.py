@@ -55,10 +55,10 @@ class SnapshotSolution(Record):
 def solution_of(
     estimate: ChannelEstimate, tx_pose: Pose, fits: Sequence[Fit], config: SnapshotConfig
 ) -> SnapshotSolution:
-    """The solution of a stop whose modes `fits` fall by evidence; at least one."""
+    """The solution of a stop from its modes `fits`, at least one, in order of falling evidence."""
     state = np.array([fit.state for fit in fits])
     axes = state.shape[1] - 2
-    scale = seconds_of_metres(state.shape[1])
+    scale = bias_to_seconds(state.shape[1])
     considered = config.consider.covariance(state[:, :axes] - tx_pose.position_m[:axes])
     covariance = (np.array([f.covariance for f in fits]) + considered) * np.outer(scale, scale)
     evidence = np.array([-fit.cost for fit in fits])
@@ -87,16 +87,16 @@ def solution_of(
 
 
 def failed_solution(estimate: ChannelEstimate, n_state: int) -> SnapshotSolution:
-    """The solution of a stop that has none, for states of that many components."""
-    nobody = np.zeros(len(estimate), bool)
+    """The solution of a failed stop, for states of `n_state` components."""
+    none = np.zeros(len(estimate), bool)
     return SnapshotSolution(
         stop=estimate.stop,
         status=SolveStatus.FAILED,
         position_m=np.full(n_state - 2, np.nan),
         heading_rad=np.nan,
         clock_bias_s=np.nan,
-        is_inlier=nobody,
-        is_los=nobody,
+        is_inlier=none,
+        is_los=none,
         cost=np.nan,
         covariance=np.full((n_state, n_state), np.nan),
         evidence_gap=np.inf,
@@ -142,7 +142,7 @@ def collect_poses(solutions: Sequence[SnapshotSolution]) -> PoseEstimates:
     )
 
 
-def seconds_of_metres(n_state: int) -> FloatArray:
+def bias_to_seconds(n_state: int) -> FloatArray:
     """Factors (state,) that turn a state with the bias in m into one with the bias in s."""
     scale = np.ones(n_state)
     scale[-1] = 1 / SPEED_OF_LIGHT_M_S

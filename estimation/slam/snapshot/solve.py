@@ -8,7 +8,7 @@ import numpy as np
 
 from estimation.channel.record import ChannelEstimate
 from estimation.slam.config import SnapshotConfig
-from estimation.slam.snapshot.problem import Fit, SnapshotProblem, certain, snapshot_problem
+from estimation.slam.snapshot.problem import Fit, SnapshotProblem, reject_uncertain, snapshot_problem
 from estimation.slam.snapshot.reference import solve_reference
 from estimation.slam.snapshot.refine import refine_members
 from estimation.slam.snapshot.solution import SnapshotSolution, failed_solution, solution_of
@@ -20,9 +20,9 @@ def solve_snapshot(estimate: ChannelEstimate, tx_pose: Pose, config: SnapshotCon
     """Solve one stop: with the earliest path as line of sight if that is credible, else without.
 
     Kaltiokallio et al., arXiv 2404.10291; section II-C of the GP paper. The status is FAILED and the state NaN
-    where nothing is feasible, nothing has a credible clock or, with the statistical method, clutter alone is the
-    better explanation, or the best mode leaves the position free: nearly parallel paths, as along a corridor,
-    leave clock and distance free together.
+    where no mode is feasible with a credible clock, where clutter alone explains the paths better (statistical
+    method), or where the position of the best mode is uncertain: nearly parallel paths, as along a corridor, do
+    not separate clock bias and distance.
     """
     fits = ranked_modes(snapshot_problem(estimate, tx_pose, config.noise), config)
     if not fits:
@@ -31,14 +31,16 @@ def solve_snapshot(estimate: ChannelEstimate, tx_pose: Pose, config: SnapshotCon
 
 
 def ranked_modes(problem: SnapshotProblem, config: SnapshotConfig) -> list[Fit]:
-    """The modes of one stop with a credible clock, best first: one at most for the reference method.
+    """The modes of one stop with a credible clock, best first: at most one for the reference method.
 
-    None where the best one leaves the position free.
+    None where the position of the best one is uncertain.
     """
     if config.method == "statistical":
-        return certain(solve_statistical(problem, config), config)
+        return reject_uncertain(solve_statistical(problem, config), config)
     fit = _line_of_sight_first(problem, config)
-    return certain([] if fit is None or abs(fit.state[3]) > config.max_clock_bias_m else [fit], config)
+    return reject_uncertain(
+        [] if fit is None or abs(fit.state[3]) > config.max_clock_bias_m else [fit], config
+    )
 
 
 def _line_of_sight_first(problem: SnapshotProblem, config: SnapshotConfig) -> Fit | None:

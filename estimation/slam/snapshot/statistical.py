@@ -1,8 +1,8 @@
 """Snapshot SLAM with closed-form headings and modes ranked by evidence.
 
-Where the reference searches headings on a grid, gates by distance and weighs by power, here four single bounces
-give the heading in closed form, hypotheses are refined under the covariances of all paths, and the modes they
-lead to are ranked by their evidence: with every credible path as line of sight, and without one.
+Four single bounces give the heading in closed form (the reference searches a grid). Hypotheses are refined under
+the covariances of all paths (the reference gates by distance and weights by power). The modes are ranked by
+evidence: with every credible path as line of sight, and without one.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from scenes.pose import wrap_angle
 from scenes.record import BoolArray, FloatArray, IntArray
 
 _SAME_DELAY_STDS = 3.0
-# A hypothesis this much less likely than the best one does not refine to a mode that counts.
+# Log-likelihood below the best hypothesis from which a hypothesis is not refined.
 _MAX_DEFICIT = 15.0
 
 
@@ -47,7 +47,7 @@ class Limits(NamedTuple):
 
 
 def solve_statistical(problem: SnapshotProblem, config: SnapshotConfig) -> list[Fit]:
-    """Distinct modes by falling evidence; none where no hypothesis gathers enough inliers.
+    """Distinct modes by falling evidence; none where no hypothesis has enough inliers.
 
     `cost` of a mode is minus its log evidence.
     """
@@ -82,9 +82,9 @@ def solve_statistical(problem: SnapshotProblem, config: SnapshotConfig) -> list[
 
 
 def los_candidates(problem: SnapshotProblem) -> IntArray:
-    """Paths that may be the line of sight: all that come as early as the first within errors, and the strongest.
+    """Paths that may be the line of sight: those as early as the first within errors, and the strongest.
 
-    A bounce close to the line of sight may come first by chance, a false path well before it.
+    Noise may make a bounce close to the line of sight the first; a false path may arrive long before it.
     """
     if len(problem) < 2:
         return np.empty(0, np.int64)
@@ -107,11 +107,11 @@ def _ranked(
     prior: SnapshotPrior,
     limits: Limits,
 ) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray, IntArray]:
-    """Modes with each of `lines` as line of sight, -1 for none, that enough paths agree with, the best first.
+    """Modes with each of `lines` as line of sight, -1 for none, that have enough inliers, the best first.
 
-    Clutter alone must be a worse explanation. `measured` (path, 3) holds world departures. Returns states (mode,
-    4) from the TX, covariances (mode, 4, 4), log evidences (mode,), inliers (mode, path) and lines of sight
-    (mode,).
+    Their evidence must exceed that of clutter alone. `measured` (path, 3) holds world departures. Returns states
+    (mode, 4) from the TX, covariances (mode, 4, 4), log evidences (mode,), inliers (mode, path) and lines of
+    sight (mode,).
     """
     n, most = len(power_dbm), len(lines) * limits.n_modes
     state, covariance = np.empty((most, 4)), np.empty((most, 4, 4))
@@ -143,7 +143,7 @@ def _ranked(
             if evidence[found] > clutter:
                 state[found], los[found] = refined[k], line
                 found += 1
-    # A line of sight explains the same state once more as a bounce: that is no second mode.
+    # The same state with the line of sight as a single bounce is not a second mode.
     kept = distinct(state[:found], evidence[:found], limits.n_ranked, np.inf)
     return state[kept], covariance[kept], evidence[kept], inlier[kept], los[kept]
 

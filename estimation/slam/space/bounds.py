@@ -1,8 +1,8 @@
 """Cramer-Rao bounds in space: receiver state and incidence points (IPs) of one stop with elevations.
 
 As `estimation.slam.bounds`, with states [x, y, z, heading, bias] in m, m, m, rad, m and the measurements of
-`estimation.laws.space`. Where devices and IPs lie in one horizontal plane, what the plane's bounds say of
-x, y, heading and bias holds unchanged: elevations then inform the height alone.
+`estimation.laws.space`. Where devices and IPs are in one horizontal plane, the bounds of x, y, heading and bias
+are those of the plane: elevations then inform the height only.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from scenes.record import FloatArray
 
 @dataclass(frozen=True)
 class SpatialBound:
-    """Bounds on the standard deviation of every unbiased estimate; infinite where the paths leave it free."""
+    """Bounds on the standard deviation of unbiased estimates; infinite where unobservable."""
 
     position_m: float  # root of the summed variances of x, y and z: the PEB
     plan_m: float  # of x and y
@@ -31,7 +31,7 @@ class SpatialBound:
 
 @dataclass(frozen=True)
 class SpatialPaths:
-    """The paths of one stop that say something of its receiver."""
+    """The paths of one stop that are informative of its receiver."""
 
     point_m: FloatArray  # (path, xyz) IPs of the single bounces
     covariance: FloatArray  # (path, 5, 5) in (m, rad, ...)^2

@@ -1,13 +1,13 @@
 """Receiver states in space from few paths: the line of sight and one bounce, or four bounces.
 
-The horizontal equation of a single bounce does not contain the height: with departure a, arrival b in the world
-and elevations e, f it reads, relative to the TX,
+The horizontal equation of a single bounce does not contain the height. With departure a, arrival b in the world
+and elevations e, f it is, relative to the TX,
 
     -(cos e sin a + cos f sin b) x + (cos e cos a + cos f cos b) y + cos e cos f sin(b - a) (range - bias) = 0.
 
-Four paths agree where the determinant of their rows in [x, y, bias, 1] vanishes, which is a trigonometric
-polynomial of degree four in the heading; horizontal paths make it the closed form of the plane. The height
-follows from where each ray meets the IP.
+Four paths agree where the determinant of their rows in [x, y, bias, 1] vanishes. It is a trigonometric
+polynomial of degree four in the heading; for horizontal paths it is the closed form of the plane. The height
+follows from the point where each ray meets the IP.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _NEAR_ROOT = 0.15
 
 
 def los_states(problem: SpatialProblem, strongest: IntArray) -> FloatArray:
-    """States (path, 5) from the line of sight and each other path: the loop's part across u + v vanishes."""
+    """States (path, 5) from the line of sight and each other path, a single bounce that fulfils its equations."""
     first = problem.direct
     others = strongest[strongest != first]
     direct, tx = problem.measured[first], problem.tx
@@ -104,7 +104,7 @@ def _polished(coefficient: ComplexArray, root: FloatArray) -> FloatArray:
 
 
 def _pair(coefficient: ComplexArray, near: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Both roots beside an extremum close to zero; the extremum itself, twice, where there are none."""
+    """The two roots next to an extremum close to zero; twice the extremum where there are none."""
     for _ in range(3):
         bend = _series(coefficient, near, 2)
         step = _series(coefficient, near, 1) / np.where(bend == 0, np.inf, bend)
@@ -128,7 +128,7 @@ def _rows(problem: SpatialProblem, sets: IntArray, heading_rad: FloatArray | flo
 def _height(
     problem: SpatialProblem, chosen: IntArray, solved: FloatArray, heading_rad: FloatArray
 ) -> FloatArray:
-    """Median height (hypothesis,) over the paths of a set: up to the IP from the TX, and down to the RX."""
+    """Median height (hypothesis,) over the paths of a set: from the TX to the IP, and from there to the RX."""
     range_m, departure, arrival, e, f = np.moveaxis(problem.measured[chosen], -1, 0)
     a, b = problem.tx.heading_rad + departure, heading_rad[:, None] + arrival
     length = range_m - solved[:, 2, None]
@@ -141,6 +141,6 @@ def _height(
 
 
 def _credible(problem: SpatialProblem, state: FloatArray) -> FloatArray:
-    """States that are finite and leave every path a length."""
+    """States that are finite and give every path a positive length."""
     shortest = problem.measured[:, 0].min(initial=np.inf)
     return np.asarray(state[np.isfinite(state).all(axis=1) & (state[:, 4] < shortest)])

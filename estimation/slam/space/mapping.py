@@ -28,10 +28,10 @@ def map_stops_spatial(
     is_inlier: Sequence[BoolArray] | None = None,
     state_covariance: Sequence[FloatArray] | None = None,
 ) -> IncidencePoints:
-    """IPs with heights of all non-LOS paths at RX states of known height; FAILED stops are left out.
+    """IPs with heights of all non-LOS paths at RX states of known height, without FAILED stops.
 
-    As `estimation.slam.mapping.incidence_points.map_stops`, each path with its elevations: five measurements of
-    three unknowns, so that J at the minimum has 2 degrees of freedom. `state_covariance` (5, 5) per stop is of
+    As `estimation.slam.mapping.incidence_points.map_stops`, with elevations: five measurements of three
+    unknowns, so that J at the minimum has 2 degrees of freedom. `state_covariance` (5, 5) per stop is that of
     [x, y, z, heading, bias] in (m, m, m, rad, s).
 
     Raises

@@ -1,8 +1,7 @@
-"""The snapshot problem in space: paths with elevations, and how well they agree with a receiver's state.
+"""The snapshot problem in space: paths with elevations, and their residuals at a receiver state.
 
-Every single bounce leaves two equations (`estimation.laws.space.BounceEquations`), whitened by the
-covariance that its measurement gives them; the line of sight leaves five. States are [x, y, z, heading, bias] in
-m, m, m, rad, m.
+Every single bounce gives two equations (`estimation.laws.space.BounceEquations`), whitened by their covariance;
+the line of sight gives five. States are [x, y, z, heading, bias] in m, m, m, rad, m.
 """
 
 from __future__ import annotations
@@ -38,7 +37,7 @@ class SpatialProblem:
 
     @property
     def direct(self) -> int:
-        """Index of the candidate for the line of sight: the strongest of those that may have come first."""
+        """Index of the candidate for the line of sight: the strongest path that may be the earliest."""
         range_m = self.measured[:, 0]
         first = int(np.argmin(range_m))
         spread = np.sqrt(self.covariance[:, 0, 0] + self.covariance[first, 0, 0])
@@ -53,9 +52,9 @@ class BounceFit:
     value_m: FloatArray  # (state, path, 2)
     whitening: FloatArray  # (state, path, 2, 2)
     white: FloatArray  # (state, path, 2) whitened values
-    jacobian: FloatArray  # (state, path, 2, 5) of the whitened values, the whitening held
+    jacobian: FloatArray  # (state, path, 2, 5) of the whitened values at fixed whitening
     log_scale: FloatArray  # (state, path) log of the product of both standard deviations in m
-    is_feasible: BoolArray  # (state, path): the IP lies between the devices' rays
+    is_feasible: BoolArray  # (state, path): the IP is between the devices' rays
 
     @property
     def square(self) -> FloatArray:
@@ -70,17 +69,17 @@ def has_elevations(estimate: ChannelEstimate) -> bool:
 
 
 def is_spatial(estimates: Sequence[ChannelEstimate], *, use_elevation: bool) -> bool:
-    """Whether a campaign is solved in space: elevations were estimated somewhere, and are wanted."""
+    """Whether a campaign is solved in space: some path has an elevation, and `use_elevation` is true."""
     return use_elevation and any(has_elevations(estimate) for estimate in estimates)
 
 
 def spatial_problem(estimate: ChannelEstimate, tx: Pose, noise: PathNoise) -> SpatialProblem:
-    """Collect the paths of one stop; an elevation that was not estimated is horizontal, give or take 40 deg.
+    """Collect the paths of one stop; an elevation that was not estimated is 0 with a standard deviation of 40 deg.
 
     Raises
     ------
     ValueError
-        Where an elevation lies beyond +-pi / 2 (degrees for radians); the message names stop, field and value.
+        Where an elevation is beyond +-pi / 2 (degrees for radians); the message names stop, field and value.
     """
     elevations = np.column_stack([estimate.aod_elevation_rad, estimate.aoa_elevation_rad])
     for name, value in zip(("aod_elevation_rad", "aoa_elevation_rad"), elevations.T, strict=True):
@@ -102,10 +101,10 @@ def spatial_problem(estimate: ChannelEstimate, tx: Pose, noise: PathNoise) -> Sp
 
 
 def spatial_covariance(estimate: ChannelEstimate, noise: PathNoise, is_known: BoolArray) -> FloatArray:
-    """R (path, 5, 5) in (m, rad, ...)^2; `is_known` (path, 2) tells which elevations were estimated.
+    """R (path, 5, 5) in (m, rad, ...)^2; `is_known` (path, 2) marks the estimated elevations.
 
     Elevations have the floor of all angles, and the fixed standard deviation of angles where the estimate has no
-    covariance of theirs.
+    covariance of elevations.
     """
     covariance = np.zeros((len(estimate), 5, 5))
     covariance[:, :3, :3] = noise.covariance(estimate)
@@ -151,7 +150,7 @@ def bounce_fit(problem: SpatialProblem, state: FloatArray) -> BounceFit:
 def bounce_log_ratio(fit: BounceFit, mixture: Mixture) -> FloatArray:
     """Log of the (single bounce : clutter) odds (state, path); -inf where a bounce is infeasible.
 
-    Both whitened values are Student-t; clutter spreads either equation over `clutter_width_m`.
+    Both whitened values are Student-t; for clutter each equation is uniform over `clutter_width_m`.
     """
     freedom = mixture.degrees_of_freedom
     peak = gammaln((freedom + 1) / 2) - gammaln(freedom / 2) - 0.5 * np.log(np.pi * freedom)

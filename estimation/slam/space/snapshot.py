@@ -1,7 +1,8 @@
 """Robust snapshot SLAM in space: position with height, heading and clock bias of one stop.
 
-As the statistical method of the plane: hypotheses from few paths, scored by the log-likelihood of all paths as a
-mixture of single bounces and clutter, the best refined by re-weighted least squares and ranked by evidence.
+As the statistical method of the plane. Hypotheses come from few paths and are scored by the log-likelihood of all
+paths as a mixture of single bounces and clutter. The best are refined by re-weighted least squares and ranked by
+evidence.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from estimation.inference.least_squares import Attempt, Schedule, damped_step, m
 from estimation.laws.space import N_STATE
 from estimation.slam.config import SnapshotConfig
 from estimation.slam.snapshot.evidence import log_clutter, power_law, prior_of
-from estimation.slam.snapshot.problem import Fit, certain
+from estimation.slam.snapshot.problem import Fit, reject_uncertain
 from estimation.slam.snapshot.solution import SnapshotSolution, failed_solution, solution_of
 from estimation.slam.space.hypotheses import bounce_states, los_states
 from estimation.slam.space.problem import (
@@ -35,7 +36,7 @@ from scenes.record import BoolArray, FloatArray, IntArray
 _MODE_DISTANCE_M = 0.3
 _MODE_HEADING_RAD = np.deg2rad(5.0)
 _MIN_BOUNCES = 4
-_SETTLED = 1e-10  # of the size of a state, in m and rad: smaller steps end the refinement
+_CONVERGED = 1e-10  # relative to 1 + the state, in m and rad: smaller steps end the refinement
 _Evaluated = tuple[BounceFit, FloatArray, FloatArray, FloatArray]
 _Refined = tuple[FloatArray, _Evaluated]
 Array = TypeVar("Array", FloatArray, BoolArray)
@@ -44,8 +45,8 @@ Array = TypeVar("Array", FloatArray, BoolArray)
 def solve_spatial(estimate: ChannelEstimate, tx_pose: Pose, config: SnapshotConfig) -> SnapshotSolution:
     """Solve one stop whose paths have elevations: with the first path as line of sight, and without one.
 
-    The line of sight has to have a credible power. Status FAILED where nothing feasible gathers enough paths, or
-    clutter alone explains them better, or the best mode does not fix the plan position. This is always the
+    The line of sight must have a credible power. The status is FAILED where no feasible mode has enough inliers,
+    clutter alone explains the paths better, or the plan position of the best mode is uncertain. This is always the
     statistical method; the published one is planar, see `SnapshotConfig.solves_in_space`.
     """
     fits = ranked_spatial_modes(spatial_problem(estimate, tx_pose, config.noise), config)
@@ -55,7 +56,7 @@ def solve_spatial(estimate: ChannelEstimate, tx_pose: Pose, config: SnapshotConf
 def ranked_spatial_modes(problem: SpatialProblem, config: SnapshotConfig) -> list[Fit]:
     """Distinct modes of one stop, best first, their states [x, y, z, heading, bias] in m, m, m, rad, m.
 
-    Only modes of higher evidence than clutter alone. None where the best one does not fix the plan position.
+    Their evidence exceeds that of clutter alone. None where the plan position of the best one is uncertain.
     """
     fits = _with_los(problem, config) + _without_los(problem, config)
     if fits:
@@ -63,16 +64,16 @@ def ranked_spatial_modes(problem: SpatialProblem, config: SnapshotConfig) -> lis
         fits = [fit for fit in fits if -fit.cost > clutter]
     state = np.array([fit.state for fit in fits]).reshape(-1, N_STATE)
     kept = distinct(state, np.array([-fit.cost for fit in fits]), config.n_ranked)
-    return certain([fits[k] for k in kept], config)
+    return reject_uncertain([fits[k] for k in kept], config)
 
 
 def refine_spatial(
     problem: SpatialProblem, start: FloatArray, los: int, config: SnapshotConfig
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Refine states (state, 5) by damped, re-weighted Gauss-Newton steps, each path by its odds of a bounce.
+    """Refine states (state, 5) by damped Gauss-Newton steps, re-weighted by each path's odds of a bounce.
 
-    Returns the states, their information (state, 5, 5) under Gaussian errors, and their log-likelihoods; `los` is
-    the index of the line of sight, -1 for none.
+    `los` is the index of the line of sight, -1 for none. Returns the states, their information (state, 5, 5) under
+    Gaussian errors, and their log-likelihoods.
     """
     others = np.arange(len(problem)) != los
     weak = np.diag(_prior(config) ** -2.0)
@@ -84,10 +85,10 @@ def refine_spatial(
         information = np.einsum("spia,spib->sab", jacobian, fit.jacobian) + np.swapaxes(slope, 1, 2) @ slope
         gradient = np.einsum("spia,spi->sa", jacobian, fit.white) + np.einsum("sia,si->sa", slope, direct)
         step = damped_step(information + weak, gradient, damping)
-        if np.all(np.abs(step) <= _SETTLED * (1 + np.abs(state))):
+        if np.all(np.abs(step) <= _CONVERGED * (1 + np.abs(state))):
             return None
         trial = _evaluate(problem, state + step, los, others, config)
-        # Weights and variances are held: the cost whose gradient this is.
+        # The gradient is that of this cost, with weights and variances of the present state.
         held = (fit.whitening @ trial[0].value_m[..., None])[..., 0]
         before = np.sum(weight * fit.white**2, axis=(1, 2)) + np.sum(direct**2, axis=1)
         after = np.sum(weight * held**2, axis=(1, 2)) + np.sum(trial[2] ** 2, axis=1)
@@ -106,7 +107,7 @@ def refine_spatial(
 
 
 def distinct(state: FloatArray, score: FloatArray, n: int) -> IntArray:
-    """Indices of up to n states (state, 5) of the highest score that differ in place or heading."""
+    """Indices of up to n states (state, 5) of the highest score that differ in position or heading."""
     left = score.copy()
     chosen: list[int] = []
     while len(chosen) < n and np.any(left > -np.inf):
@@ -183,14 +184,14 @@ def _log_evidence(
 
 
 def _log_clutter(problem: SpatialProblem, config: SnapshotConfig) -> float:
-    """Log evidence of all paths being clutter: the same as in the plane, for lengths and powers suffice."""
+    """Log evidence of all paths being clutter: from lengths and powers, as in the plane."""
     share = config.mixture.clutter_share + config.mixture.double_share
     prior = prior_of(config)._replace(clutter_share=share)
     return log_clutter(problem.measured[:, 0], problem.power_dbm, power_law(config.path_loss), prior)
 
 
 def _chosen(better: BoolArray, trial: _Evaluated, before: _Evaluated) -> _Evaluated:
-    """State by state, the trial where it is better."""
+    """The trial for the states where it is better."""
 
     def pick(new: Array, old: Array) -> Array:
         return np.where(better.reshape(-1, *(1,) * (new.ndim - 1)), new, old)
@@ -221,7 +222,7 @@ def _weights(fit: BounceFit, others: BoolArray, config: SnapshotConfig) -> Float
 
 
 def _log_power(problem: SpatialProblem, los: int, state: FloatArray, config: SnapshotConfig) -> FloatArray:
-    """Log density (mode,) of the powers of all paths at the lengths that the clock bias leaves them."""
+    """Log density (mode,) of the powers of all paths at their lengths without the clock bias."""
     others = np.arange(len(problem)) != los
     length = np.maximum(problem.measured[others, 0] - state[:, 4, None], 0.1)
     density = config.path_loss.log_density_of_others(problem.power_dbm[others], length)
@@ -232,7 +233,7 @@ def _log_power(problem: SpatialProblem, los: int, state: FloatArray, config: Sna
 
 
 def _prior(config: SnapshotConfig) -> FloatArray:
-    """Standard deviations (5,) of the weak prior: the plane's, and its reach for the height as well."""
+    """Standard deviations (5,) of the weak prior: those of the plane, with `reach_m` for the height too."""
     return np.insert(config.prior_std, 2, config.reach_m)
 
 

@@ -1,8 +1,9 @@
 """Trajectory SLAM in space: all stops of a walk with elevations together.
 
-A walk in space is solved in two steps. Upright surfaces, floors and ceilings keep the size of a ray's elevation,
-so that a path seen from above is a path of the plane, shorter by the elevation's cosine: every path is levelled,
-the smoother of the plane shares walls and objects between stops, and heights follow stop by stop.
+A walk in space is solved in two steps. Upright surfaces, floors and ceilings keep the absolute elevation of a
+ray. Seen from above, a path is therefore a path of the plane, shorter by the cosine of the elevation. So all
+paths are projected on the plane, the smoother of the plane shares walls and objects between stops, and the
+heights follow stop by stop.
 """
 
 from __future__ import annotations
@@ -39,8 +40,8 @@ def run_spatial_trajectory(
     """Poses, incidence points and shared landmarks of a walk with elevations; stops in the order of the walk."""
     problems = [spatial_problem(estimate, tx_pose, snapshot.noise) for estimate in estimates]
     alone = [solve_spatial(estimate, tx_pose, snapshot) for estimate in estimates]
-    flat = levelled(estimates, problems, alone)
-    # The levelled covariance holds all there is to it.
+    flat = project_on_plane(estimates, problems, alone)
+    # The projected covariance already contains the floors.
     exact = snapshot.noise.model_copy(
         update={"source": "estimate", "floor_delay_std_ns": 0.0, "floor_angle_std_deg": 0.0}
     )
@@ -76,29 +77,29 @@ def run_spatial_trajectory(
     return poses, points, details
 
 
-def levelled(
+def project_on_plane(
     estimates: Sequence[ChannelEstimate],
     problems: Sequence[SpatialProblem],
     alone: Sequence[SnapshotSolution],
 ) -> list[ChannelEstimate]:
-    """The paths of all stops as paths of the plane: lengths after the clock bias times the elevations' cosine.
+    """The paths of all stops as paths of the plane: lengths less the clock bias, times the elevation's cosine.
 
-    Each leg counts with its share of the length. The bias is that of the stop by itself, or of the nearest stop
-    that was solved: an error b of it changes a length by b (1 - cosine) alone. Covariances are propagated.
+    Each leg counts with its share of the length. The bias is that of the stop solved alone, interpolated where
+    that failed: an error b of it changes a length by b (1 - cosine) only. Covariances are propagated.
     """
     bias = _filled(np.array([SPEED_OF_LIGHT_M_S * s.clock_bias_s for s in alone]), 0.0)
     return [
-        _levelled(estimate, problem, solution, float(bias[k]))
+        _project(estimate, problem, solution, float(bias[k]))
         for k, (estimate, problem, solution) in enumerate(zip(estimates, problems, alone, strict=True))
     ]
 
 
-def _levelled(
+def _project(
     estimate: ChannelEstimate, problem: SpatialProblem, solution: SnapshotSolution, bias_m: float
 ) -> ChannelEstimate:
     elevations = problem.measured[:, 3:].copy()
     known = np.isfinite(np.column_stack([estimate.aod_elevation_rad, estimate.aoa_elevation_rad]))
-    # Specular surfaces keep its size: one end speaks for the other.
+    # Specular surfaces keep the absolute elevation: an unknown end has that of the other.
     elevations = np.where(known, elevations, elevations[:, ::-1])
     share = np.full(len(estimate), 0.5)
     if solution.status != SolveStatus.FAILED:
@@ -133,7 +134,7 @@ def _with_height(
 ) -> FloatArray:
     """Height of one stop and the covariance of its state in space, flat (26,): height, then 5 x 5.
 
-    Robust least squares in the height alone; what the plane's state leaves uncertain in it is added.
+    Robust least squares in the height alone; the uncertainty of the plane's state is propagated to it.
     """
     used = np.isin(kind, (PathClass.BOUNCE, PathClass.WALL, PathClass.OBJECT))
     los = np.flatnonzero(kind == PathClass.LOS)

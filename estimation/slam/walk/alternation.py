@@ -1,4 +1,4 @@
-"""Alternation between explaining the paths of a campaign and solving for the trajectory."""
+"""Alternation between the association of paths to landmarks and least squares for the trajectory."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from scipy.stats import chi2
 
 from estimation.slam.config import TrajectoryConfig
 from estimation.slam.snapshot.refine import bounce_terms
-from estimation.slam.walk.association import associate, in_use, reassign
+from estimation.slam.walk.association import associate, drop_unused_landmarks, reassign
 from estimation.slam.walk.residuals import Association, Observations, PathClass, TrajectoryState, corrected
 from estimation.slam.walk.sessions import split_sessions
 from estimation.slam.walk.smoother import normal_equations, optimise
@@ -21,26 +21,26 @@ _ROUGH_ITERATIONS = 6
 def smooth(
     seen: Observations, is_los: BoolArray, start: TrajectoryState, config: TrajectoryConfig
 ) -> tuple[TrajectoryState, Association]:
-    """Motion prior alone, then with landmarks, then with sessions, each until the association settles."""
-    now, _ = _settle(seen, is_los, start, config.model_copy(update={"use_landmarks": False}))
-    now, link = _settle(seen, is_los, now, config)
-    now, link = _confirm(seen, link, now, config)
+    """Motion prior alone, then with landmarks, then with sessions, each until the association is constant."""
+    now, _ = _alternate(seen, is_los, start, config.model_copy(update={"use_landmarks": False}))
+    now, link = _alternate(seen, is_los, now, config)
+    now, link = _confirm_bounces(seen, link, now, config)
     while config.use_sessions:
         split = split_sessions(seen, link, now, config)
         if len(split.offset_rad) == len(now.offset_rad):
             break
-        now, link = _settle(seen, is_los, split, config)
-        now, link = _confirm(seen, link, now, config)
+        now, link = _alternate(seen, is_los, split, config)
+        now, link = _confirm_bounces(seen, link, now, config)
     return now, link
 
 
-def _confirm(
+def _confirm_bounces(
     seen: Observations, link: Association, now: TrajectoryState, config: TrajectoryConfig
 ) -> tuple[TrajectoryState, Association]:
-    """Keep a single bounce of its own only where the other paths of its stop do not contradict it.
+    """Keep a single bounce without a landmark only where the other paths of its stop do not contradict it.
 
-    Lines of sight and shared landmarks are far more certain. Where a stop has two of them, its remaining bounces
-    are gated against the solution without them, with the covariance of that solution.
+    Lines of sight and shared landmarks are far more certain. Where a stop has two of them, its other bounces are
+    gated against the solution without these bounces, with its covariance.
     """
     certain = np.isin(link.kind, [PathClass.LOS, PathClass.WALL, PathClass.OBJECT])
     counted = np.bincount(seen.row[certain], minlength=seen.n_stops) >= 2
@@ -59,15 +59,15 @@ def _confirm(
     return optimise(seen, replace(link, kind=kind), alone, config), replace(link, kind=kind)
 
 
-def _settle(
+def _alternate(
     seen: Observations, is_los: BoolArray, now: TrajectoryState, config: TrajectoryConfig
 ) -> tuple[TrajectoryState, Association]:
-    """Alternate association and least squares until every path keeps its explanation.
+    """Alternate association and least squares until the association is constant.
 
-    Landmarks are found anew until they stay; then paths are taken in and left out at the landmarks solved for,
-    which know their places better than the clusters they come from.
+    First landmarks are found from clusters in every round. Then paths are assigned to the estimated landmarks,
+    which are more accurate than the clusters they come from.
     """
-    # An association that will change need not be solved to the end.
+    # Few iterations are enough where the association will change.
     rough = config.model_copy(update={"max_iterations": min(_ROUGH_ITERATIONS, config.max_iterations)})
     link, now, spans = associate(seen, now, is_los, config)
     for _ in range(config.rounds):
@@ -82,7 +82,7 @@ def _settle(
         link = reassign(seen, now, is_los, spans, config)
         if _same(link, before):
             break
-    return in_use(optimise(seen, link, now, config), link)
+    return drop_unused_landmarks(optimise(seen, link, now, config), link)
 
 
 def _same(link: Association, other: Association) -> bool:

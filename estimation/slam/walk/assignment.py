@@ -1,4 +1,4 @@
-"""Which of the known landmarks a path belongs to: the smallest chi-square within the gate, compiled."""
+"""Assignment of paths to known landmarks: the smallest chi-square within the gate, compiled."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from estimation.laws.contour import circle_path
 from estimation.laws.plane import tx_row, wrapped
 from estimation.laws.wall import mirrored, wall_path, wall_place
 from estimation.slam.config import TrajectoryConfig
-from estimation.slam.walk.linearise import cholesky3, roughen
+from estimation.slam.walk.linearise import add_roughness, cholesky3
 from estimation.slam.walk.residuals import Association, Observations, PathClass, TrajectoryState, corrected
 from scenes.record import FloatArray, IntArray
 
-_END_MARGIN_M = 0.7  # beyond the stretch of a wall that was seen
+_END_MARGIN_M = 0.7  # added to both ends of the span of a wall
 _DOUBLE_PROBABILITY = 0.95
 _UNUSED, _LOS = PathClass.UNUSED, PathClass.LOS
 _WALL, _OBJECT, _DOUBLE = PathClass.WALL, PathClass.OBJECT, PathClass.DOUBLE
@@ -23,10 +23,10 @@ _WALL, _OBJECT, _DOUBLE = PathClass.WALL, PathClass.OBJECT, PathClass.DOUBLE
 def assign(
     seen: Observations, now: TrajectoryState, link: Association, spans: FloatArray, config: TrajectoryConfig
 ) -> Association:
-    """Give every path but the lines of sight to the landmark of smallest chi-square within the gate.
+    """Assign every path except lines of sight to the landmark of smallest chi-square within the gate.
 
-    `spans` (wall, 2) are the stretches of the walls, along themselves, on which incidence points were seen. Paths
-    that stay without any explanation may be double bounces off two walls.
+    `spans` (wall, 2) are the intervals along the walls where incidence points were seen. Paths that are otherwise
+    unassigned may be double bounces off two walls.
     """
     gates = np.array(
         [
@@ -67,8 +67,8 @@ def _assign(
 ) -> None:
     """Fill `kind` (path,) and `landmark` (path, 2) in place.
 
-    Delay alone bounds the chi-square from below, since roughness r adds at most (2 r)^2 to its variance: most
-    pairs of path and landmark need no more than that.
+    The delay alone gives a lower bound of the chi-square, since roughness r adds at most (2 r)^2 to its variance.
+    This bound rejects most pairs of path and landmark.
     """
     chain = np.empty((2, 2))
     single, double = _images(tx, walls)
@@ -79,20 +79,22 @@ def _assign(
         reach, variance = seen[0] - x[3], cov[0, 0] + 4 * rough_m**2
         best = gates[0]
         for w in range(len(walls)):
-            if (reach - _apart(single[w], x)) ** 2 > best * variance[0]:
+            if (reach - _separation(single[w], x)) ** 2 > best * variance[0]:
                 continue
             place, _, _, _ = wall_place(walls[w], tx, x)
             if not spans[w, 0] < place < spans[w, 1]:
                 continue
             chain[0] = walls[w]
-            distance = wall_distance(tx, x, seen, cov, chain[:1], rough_m[0])
+            distance = wall_chi2(tx, x, seen, cov, chain[:1], rough_m[0])
             if distance < best:
                 best, kind[i], landmark[i, 0], landmark[i, 1] = distance, _WALL, w, -1
         for o in range(len(objects)):
-            short = abs(reach - _apart(tx, objects[o]) - _apart(objects[o], x)) - 2 * abs(objects[o, 2])
+            short = abs(reach - _separation(tx, objects[o]) - _separation(objects[o], x)) - 2 * abs(
+                objects[o, 2]
+            )
             if short > 0 and short**2 > best * variance[1]:
                 continue
-            distance = circle_distance(tx, x, seen, cov, objects[o], rough_m[1])
+            distance = circle_chi2(tx, x, seen, cov, objects[o], rough_m[1])
             if distance < best:
                 best, kind[i], landmark[i, 0], landmark[i, 1] = distance, _OBJECT, o, -1
         if kind[i] == _UNUSED:
@@ -114,15 +116,15 @@ def _assign_double(
     kind: IntArray,
     landmark: IntArray,
 ) -> None:
-    """Give one path to the pair of walls that explains it best within the gate, in place."""
+    """Assign one path to the pair of walls of smallest chi-square within the gate, in place."""
     chain = np.empty((2, 2))
     for a in range(len(walls)):
         for b in range(len(walls)):
-            short = seen[0] - x[3] - _apart(images[a, b], x)
+            short = seen[0] - x[3] - _separation(images[a, b], x)
             if a == b or short**2 > best * (cov[0, 0] + 4 * rough_m**2):
                 continue
             chain[0], chain[1] = walls[a], walls[b]
-            distance = wall_distance(tx, x, seen, cov, chain, rough_m)
+            distance = wall_chi2(tx, x, seen, cov, chain, rough_m)
             if distance < best:
                 best, kind[0], landmark[0], landmark[1] = distance, _DOUBLE, a, b
 
@@ -140,34 +142,34 @@ def _images(tx: FloatArray, walls: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 @compiled
-def _apart(a: FloatArray, b: FloatArray) -> float:
+def _separation(a: FloatArray, b: FloatArray) -> float:
     return float(np.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2))
 
 
 @compiled
-def wall_distance(
+def wall_chi2(
     tx: FloatArray, x: FloatArray, seen: FloatArray, cov: FloatArray, walls: FloatArray, rough_m: float
 ) -> float:
-    """Chi-square distance, 3 degrees of freedom, of a path to the one by way of walls (bounce, 2)."""
+    """Chi-square, 3 degrees of freedom, of a path as the one off walls (bounce, 2)."""
     value, by_state, by_wall = np.empty(3), np.empty((3, 4)), np.empty((3, 2 * len(walls)))
     point = np.empty(2)
     wall_path(tx, x, walls, value, by_state, by_wall, point)
-    return _distance(tx, x, seen, cov, value, point, rough_m)
+    return _chi2(tx, x, seen, cov, value, point, rough_m)
 
 
 @compiled
-def circle_distance(
+def circle_chi2(
     tx: FloatArray, x: FloatArray, seen: FloatArray, cov: FloatArray, circle: FloatArray, rough_m: float
 ) -> float:
-    """The same to the path by way of a circle (3,)."""
+    """The same as the one off a circle (3,)."""
     value, by_state, by_circle = np.empty(3), np.empty((3, 4)), np.empty((3, 3))
     point = np.empty(2)
     circle_path(tx, x, circle, value, by_state, by_circle, point)
-    return _distance(tx, x, seen, cov, value, circle[:2], rough_m)
+    return _chi2(tx, x, seen, cov, value, circle[:2], rough_m)
 
 
 @compiled
-def _distance(
+def _chi2(
     tx: FloatArray,
     x: FloatArray,
     seen: FloatArray,
@@ -179,7 +181,7 @@ def _distance(
     difference = seen - predicted
     difference[1], difference[2] = wrapped(difference[1]), wrapped(difference[2])
     spread = cov.copy()
-    roughen(tx, x, point, rough_m, spread)
+    add_roughness(tx, x, point, rough_m, spread)
     total = 0.0
     cholesky3(spread)
     for i in range(3):

@@ -1,4 +1,4 @@
-"""Which shared landmark a path comes from: incidence points clustered into walls and compact objects."""
+"""Association of paths to shared landmarks: clusters of incidence points are walls or compact objects."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from estimation.slam.walk.assignment import assign
 from estimation.slam.walk.residuals import Association, Observations, PathClass, TrajectoryState, corrected
 from scenes.record import BoolArray, FloatArray
 
-# Incidence points less certain than this take no part in finding landmarks.
+# Landmarks are found from incidence points more certain than this.
 _MAX_POINT_STD_M = 0.6
 _WALL_TOLERANCE_M = 0.25
 _MAX_OBJECT_SCATTER_M = 0.4
-# How far a landmark may lie off its place before it is solved for.
+# Standard deviation of the position of a landmark that is not yet estimated.
 _START_STD_M = 0.05
-# The normals of a flat face agree: this share of them within so many standard deviations.
+# The normals of a flat face agree: this share of them is within this many standard deviations.
 _FLAT_QUANTILE, _FLAT_STDS = 0.8, 3.0
 
 
 def single_bounces(
     seen: Observations, now: TrajectoryState, is_los: BoolArray, config: TrajectoryConfig
 ) -> BoolArray:
-    """Paths (path,) that the present trajectory explains as a single bounce somewhere."""
+    """Paths (path,) that are feasible single bounces at the present trajectory."""
     everyone = np.ones(len(is_los), bool)
     terms = bounce_terms(seen.tx, corrected(seen, now, everyone), seen.covariance, now.state[seen.row])
     gate = chi2.ppf(config.gate_probability, 1)
@@ -39,12 +39,12 @@ def single_bounces(
 def associate(
     seen: Observations, now: TrajectoryState, is_los: BoolArray, config: TrajectoryConfig
 ) -> tuple[Association, TrajectoryState, FloatArray]:
-    """Explain every path at the present trajectory, and start the landmarks it shows.
+    """Classify every path at the present trajectory, and find landmarks.
 
-    Single bounces are mapped and clustered; long clusters become walls, compact ones circles. A path belongs to
-    the landmark that predicts it best, if within the gate, wide enough for landmarks that are still to be solved
-    for; a single bounce without one keeps an IP of its own; what is left may be a double bounce between two walls.
-    Also the stretches (wall, 2) of the walls seen.
+    Single bounces are mapped and clustered; long clusters become walls, compact ones circles. A path is assigned
+    to the landmark that predicts it best within the gate, which is widened for landmarks not yet estimated.
+    Other single bounces keep their own IP; other paths may be double bounces off two walls. Also returns the
+    spans (wall, 2) of the walls.
     """
     bounce = single_bounces(seen, now, is_los, config)
     link = _without_landmarks(is_los, bounce)
@@ -70,13 +70,13 @@ def associate(
 def reassign(
     seen: Observations, now: TrajectoryState, is_los: BoolArray, spans: FloatArray, config: TrajectoryConfig
 ) -> Association:
-    """Explain every path at the present trajectory and landmarks, whose walls were seen on `spans` (wall, 2)."""
+    """Classify every path at the present trajectory and landmarks, with walls of these `spans` (wall, 2)."""
     link = _without_landmarks(is_los, single_bounces(seen, now, is_los, config))
     return assign(seen, now, link, spans, config) if config.use_landmarks else link
 
 
-def in_use(now: TrajectoryState, link: Association) -> tuple[TrajectoryState, Association]:
-    """The same without the landmarks that no path comes from."""
+def drop_unused_landmarks(now: TrajectoryState, link: Association) -> tuple[TrajectoryState, Association]:
+    """State and association without the landmarks that no path is assigned to."""
     landmark = link.landmark.copy()
     kept = []
     wall_kinds, object_kinds = (PathClass.WALL, PathClass.DOUBLE), (PathClass.OBJECT,)
@@ -98,11 +98,11 @@ def _without_landmarks(is_los: BoolArray, bounce: BoolArray) -> Association:
 def find_landmarks(
     point_m: FloatArray, normal: FloatArray, normal_std_rad: FloatArray, config: TrajectoryConfig
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Walls (wall, 2), circles (object, 3) and the stretches (wall, 2) of the walls seen.
+    """Walls (wall, 2), circles (object, 3) and the spans (wall, 2) of the walls.
 
-    From IPs (ip, 2) and the outward normals (ip, 2) of the surfaces that reflect there, known to `normal_std_rad`
-    (ip,). A compact cluster that reflects in one direction only is a stretch of a wall, or too short to tell;
-    else the centre of its circle lies behind each IP by the radius.
+    From IPs (ip, 2) and the outward normals (ip, 2) of their surfaces, with standard deviations `normal_std_rad`
+    (ip,). A compact cluster with equal normals is a piece of a wall, unused where it is short. Otherwise the
+    centre of its circle is behind each IP by the radius.
     """
     walls: list[FloatArray] = []
     objects: list[FloatArray] = []
@@ -139,21 +139,21 @@ def find_landmarks(
 
 
 def _is_flat(normal: FloatArray, std_rad: FloatArray) -> bool:
-    """Whether normals (ip, 2) of these standard deviations (ip,) are all one."""
+    """Whether normals (ip, 2) with standard deviations (ip,) are equal."""
     mean = np.median(normal, axis=0)
     off = np.abs(np.arctan2(normal[:, 1] * mean[0] - normal[:, 0] * mean[1], normal @ mean))
     return bool(np.quantile(off / std_rad, _FLAT_QUANTILE) < _FLAT_STDS)
 
 
 def _facing(point_m: FloatArray, normal: FloatArray) -> FloatArray:
-    """Line [azimuth of normal, offset] through IPs that face one way."""
+    """Line [azimuth of normal, offset] through IPs of equal normals."""
     n = np.median(normal, axis=0)
     n = n / np.hypot(*n)
     return np.array([np.arctan2(n[1], n[0]), np.median(point_m @ n)])
 
 
 def _stretch(point_m: FloatArray, wall: FloatArray) -> tuple[float, float]:
-    """First and last place of points along a wall."""
+    """First and last position of points along a wall."""
     along = point_m @ np.array([-np.sin(wall[0]), np.cos(wall[0])])
     return float(along.min()), float(along.max())
 

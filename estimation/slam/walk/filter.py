@@ -1,8 +1,9 @@
-"""SLAM stop by stop: a filter over the ranked modes of each stop, for use while the walk goes on.
+"""SLAM stop by stop: an online filter over the ranked modes of each stop.
 
-Several hypotheses are kept, each a Gaussian over the state of the last stop and its displacement. Every stop adds
-one branch per mode and one for none of them; a branch is weighed by the mode's evidence and by how well its state
-was foreseen. States are [x, y, heading, bias] in the plane and [x, y, z, heading, bias] in space, in m and rad.
+Several hypotheses are kept, each a Gaussian over the state of the last stop and its displacement. Every stop
+adds one branch per mode and one without a mode. A branch is weighted by the evidence of the mode and by the
+predictive density of its state. States are [x, y, heading, bias] in the plane and [x, y, z, heading, bias] in
+space, in m and rad.
 """
 
 from __future__ import annotations
@@ -19,8 +20,8 @@ from estimation.slam.record import IncidencePoints, PoseEstimates
 from estimation.slam.snapshot.problem import Fit, snapshot_problem
 from estimation.slam.snapshot.solution import (
     SnapshotSolution,
+    bias_to_seconds,
     failed_solution,
-    seconds_of_metres,
     solution_of,
 )
 from estimation.slam.snapshot.solve import ranked_modes
@@ -29,7 +30,7 @@ from estimation.slam.space.snapshot import ranked_spatial_modes
 from scenes.pose import Pose, wrap_angle
 from scenes.record import FloatArray
 
-_NONE_COST = 12.0  # log evidence a stop loses when it is in none of its modes
+_NONE_COST = 12.0  # penalty in log evidence of a stop that is in none of its modes
 _START_STEP_M = 2.0
 _SAME_M, _SAME_RAD = 0.3, np.deg2rad(5.0)  # hypotheses of one mode
 
@@ -58,9 +59,9 @@ def run_filter(
 ) -> tuple[PoseEstimates, IncidencePoints]:
     """State of every stop from that stop and those before it, and the incidence points mapped from it.
 
-    FAILED until the first solved stop, and at stops in none of their modes, whose state is the one foreseen. The
-    status is that of the best hypothesis; its rivals make the gap, the alternative and the line of sight's
-    probability. The modes are those of the statistical method, in space where elevations were estimated and
+    The status is FAILED until the first solved stop, and at stops in none of their modes, which have the predicted
+    state. The best hypothesis gives the status; the others give the gap, the alternative and the probability of a
+    line of sight. The modes are those of the statistical method, in space where elevations were estimated and
     `snapshot.solves_in_space`.
     """
     spatial = is_spatial(estimates, use_elevation=snapshot.solves_in_space)
@@ -80,22 +81,22 @@ def run_filter(
 def advance(
     hypotheses: Sequence[Hypothesis], modes: Sequence[Fit], config: TrajectoryConfig
 ) -> list[Hypothesis]:
-    """Hypotheses after one more stop with the modes given, best first."""
+    """Hypotheses after one more stop with these modes, best first."""
     if not hypotheses:
-        return _normalised([_started(mode) for mode in modes], config)
+        return _normalised([_initial(mode) for mode in modes], config)
     evidence = np.array([-mode.cost for mode in modes])
     relative = evidence - evidence.max(initial=-np.inf) if len(evidence) else evidence
     branches = []
     for before in hypotheses:
-        foreseen = predicted(before, config)
+        ahead = predicted(before, config)
         lost = _NONE_COST if modes else 0.0
-        branches.append(Hypothesis(foreseen.mean, foreseen.covariance, before.log_weight - lost, None))
-        branches += [updated(foreseen, mode, float(gain)) for mode, gain in zip(modes, relative, strict=True)]
+        branches.append(Hypothesis(ahead.mean, ahead.covariance, before.log_weight - lost, None))
+        branches += [updated(ahead, mode, float(gain)) for mode, gain in zip(modes, relative, strict=True)]
     return _normalised(branches, config)
 
 
 def predicted(before: Hypothesis, config: TrajectoryConfig) -> Hypothesis:
-    """One stop ahead at the last displacement, with the motion prior's scatter."""
+    """One stop ahead at the last displacement, with the scatter of the motion prior."""
     n = before.n_state
     move = np.eye(n + 2)
     move[[0, 1], [n, n + 1]] = 1.0
@@ -109,23 +110,23 @@ def predicted(before: Hypothesis, config: TrajectoryConfig) -> Hypothesis:
     return Hypothesis(move @ before.mean, covariance, before.log_weight, None)
 
 
-def updated(foreseen: Hypothesis, mode: Fit, log_evidence: float) -> Hypothesis:
-    """Kalman update with a mode's state and covariance; its weight grows by the predictive log density."""
-    n = foreseen.n_state
-    innovation = mode.state - foreseen.mean[:n]
+def updated(ahead: Hypothesis, mode: Fit, log_evidence: float) -> Hypothesis:
+    """Kalman update with the state and covariance of a mode; the weight gains the predictive log density."""
+    n = ahead.n_state
+    innovation = mode.state - ahead.mean[:n]
     innovation[n - 2] = wrap_angle(innovation[n - 2])
-    spread = foreseen.covariance[:n, :n] + mode.covariance
-    gain = np.linalg.solve(spread, foreseen.covariance[:n]).T
-    mean = foreseen.mean + gain @ innovation
-    covariance = foreseen.covariance - gain @ foreseen.covariance[:n]
+    spread = ahead.covariance[:n, :n] + mode.covariance
+    gain = np.linalg.solve(spread, ahead.covariance[:n]).T
+    mean = ahead.mean + gain @ innovation
+    covariance = ahead.covariance - gain @ ahead.covariance[:n]
     square = float(innovation @ np.linalg.solve(spread, innovation))
     # The evidence already integrates over a wide prior of the state; Student-t with 4 degrees of freedom.
     density = -(4.0 + n) / 2 * np.log1p(square / 4.0) - 0.5 * float(np.linalg.slogdet(spread)[1])
-    weight = foreseen.log_weight + log_evidence + density
+    weight = ahead.log_weight + log_evidence + density
     return Hypothesis(mean, (covariance + covariance.T) / 2, weight, mode)
 
 
-def _started(mode: Fit) -> Hypothesis:
+def _initial(mode: Fit) -> Hypothesis:
     n = len(mode.state)
     covariance = np.zeros((n + 2, n + 2))
     covariance[:n, :n] = mode.covariance
@@ -134,7 +135,7 @@ def _started(mode: Fit) -> Hypothesis:
 
 
 def _normalised(hypotheses: list[Hypothesis], config: TrajectoryConfig) -> list[Hypothesis]:
-    """The best hypotheses, the best at log weight 0; the number kept is twice that of the modes."""
+    """The best hypotheses, twice as many as modes, with log weights relative to the best."""
     kept = sorted(hypotheses, key=lambda h: -h.log_weight)[: 2 * config.n_modes]
     top = kept[0].log_weight if kept else 0.0
     return [Hypothesis(h.mean, h.covariance, h.log_weight - top, h.mode) for h in kept]
@@ -147,11 +148,11 @@ def _solution(
     config: SnapshotConfig,
     n_state: int,
 ) -> SnapshotSolution:
-    """The best hypothesis as the solution of a stop, the best of each other place as its further modes."""
+    """The best hypothesis as the solution of a stop; the best ones at other positions are its further modes."""
     if not hypotheses:
         return failed_solution(estimate, n_state)
     if hypotheses[0].mode is None:
-        return _carried(estimate, tx_pose, hypotheses[0], config)
+        return _predicted_solution(estimate, tx_pose, hypotheses[0], config)
     fits: list[Fit] = []
     for h in hypotheses:
         if h.mode is None:
@@ -165,12 +166,12 @@ def _solution(
     return solution_of(estimate, tx_pose, fits, config)
 
 
-def _carried(
+def _predicted_solution(
     estimate: ChannelEstimate, tx_pose: Pose, best: Hypothesis, config: SnapshotConfig
 ) -> SnapshotSolution:
-    """The foreseen state of a stop in none of its modes, with status FAILED."""
+    """The predicted state of a stop in none of its modes, with status FAILED."""
     n = best.n_state
-    scale, offset = seconds_of_metres(n), best.mean[: n - 2] - tx_pose.position_m[: n - 2]
+    scale, offset = bias_to_seconds(n), best.mean[: n - 2] - tx_pose.position_m[: n - 2]
     covariance = best.covariance[:n, :n] + config.consider.covariance(offset)
     state = best.mean[:n] * scale
     return replace(

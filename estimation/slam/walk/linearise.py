@@ -1,8 +1,8 @@
-"""Residuals of all paths of a campaign with their derivatives, compiled, and what they add to a least squares.
+"""Residuals of all paths of a campaign with derivatives, compiled, and their terms of the normal equations.
 
-Every path in use has up to three residuals in units of their standard deviations: three of the line of sight and
-of paths by way of shared landmarks, one of a single bounce whose incidence point (IP) is eliminated. A landmark's
-surface is known up to its roughness: the IP may stand off it that far in any direction.
+Every path in use has whitened residuals: three for the line of sight and for paths off shared landmarks, one for
+a single bounce whose incidence point (IP) is eliminated. The IP may be off the surface of a landmark by its
+roughness, in any direction.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _MIN_VARIANCE_M2 = 1e-18
 
 @dataclass(frozen=True)
 class Linearised:
-    """Whitened residuals of all paths; what lies beyond a path's number of residuals or parameters is zero."""
+    """Whitened residuals of all paths; unused residuals and parameters of a path are zero."""
 
     row: IntArray  # (path,) index of the stop
     size: IntArray  # (path,) residuals: 0 of paths not in use, 1 or 3
@@ -46,7 +46,7 @@ class Linearised:
         return np.asarray((self.size > 0) * (freedom + self.size) / (freedom + self.square()))
 
     def efficient_weight(self, freedom: float) -> FloatArray:
-        """Weight (path,) that paths have on average under Gaussian errors, in place of those of the errors met."""
+        """Mean weight (path,) under Gaussian errors, instead of that of the actual errors."""
         by_size = np.array([0.0, student_t_efficiency(freedom, 1), 0.0, student_t_efficiency(freedom, 3)])
         return np.asarray(by_size[self.size])
 
@@ -115,8 +115,8 @@ def _linearise(
             circle = objects[landmark[i, 0]]
             circle_path(tx, x, circle, value[i], by_state[i], by_shared[i, :, 1:4], point)
             shared[i, 1:4] = len(offset) + walls.size + 3 * landmark[i, 0] + np.arange(3)
-            # The centre stands for the IP: both see it under nearly the same directions.
-            roughen(tx, x, circle[:2], rough_m[1], cov)
+            # The centre replaces the IP: its directions from TX and RX are nearly the same.
+            add_roughness(tx, x, circle[:2], rough_m[1], cov)
         else:
             bounces = 1 if kind[i] == _WALL else 2
             for b in range(bounces):
@@ -125,7 +125,7 @@ def _linearise(
                 shared[i, 2 + 2 * b] = shared[i, 1 + 2 * b] + 1
             by_wall = by_shared[i, :, 1 : 1 + 2 * bounces]
             wall_path(tx, x, chain[:bounces], value[i], by_state[i], by_wall, point)
-            roughen(tx, x, point, rough_m[0], cov)
+            add_roughness(tx, x, point, rough_m[0], cov)
         for a in range(3):
             value[i, a] = seen[a] - value[i, a]
             if a:
@@ -145,7 +145,7 @@ def _bounce(
     by_state: FloatArray,
     by_shared: FloatArray,
 ) -> None:
-    """The equation of `estimation.laws.plane.BounceEquation` over its standard deviation."""
+    """The residual of `estimation.laws.plane.BounceEquation` over its standard deviation."""
     gap_by_state, by = np.empty(4), np.empty(3)
     gap, _, _ = bounce_gap_path(tx, x, seen, gap_by_state, by)
     variance = 0.0
@@ -159,8 +159,8 @@ def _bounce(
 
 
 @compiled
-def roughen(tx: FloatArray, x: FloatArray, point: FloatArray, rough_m: float, cov: FloatArray) -> None:
-    """Add to a covariance what an IP off by `rough_m` in both directions does to the measurement, in place."""
+def add_roughness(tx: FloatArray, x: FloatArray, point: FloatArray, rough_m: float, cov: FloatArray) -> None:
+    """Add the effect of IP errors of `rough_m` in both directions to a covariance of the measurement, in place."""
     value, by_state, by_point = np.empty(3), np.empty((3, 4)), np.empty((3, 2))
     bounce_path(tx, x, point, value, by_state, by_point)
     for i in range(3):
@@ -171,7 +171,7 @@ def roughen(tx: FloatArray, x: FloatArray, point: FloatArray, rough_m: float, co
 
 @compiled
 def _whiten(cov: FloatArray, value: FloatArray, by_state: FloatArray, by_shared: FloatArray) -> None:
-    """Turn differences and derivatives of the prediction into whitened residuals with theirs, in place."""
+    """Whiten differences and turn derivatives of the prediction into those of the residuals, in place."""
     cholesky3(cov)
     for i in range(3):
         for j in range(i):
@@ -188,7 +188,7 @@ def _whiten(cov: FloatArray, value: FloatArray, by_state: FloatArray, by_shared:
 
 @compiled
 def cholesky3(matrix: FloatArray) -> None:
-    """Lower Cholesky factor of a matrix (3, 3), in place; what stands above the diagonal is left alone."""
+    """Lower Cholesky factor of a matrix (3, 3), in place; the upper triangle is not changed."""
     for j in range(3):
         for i in range(j, 3):
             for k in range(j):

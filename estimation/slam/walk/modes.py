@@ -1,4 +1,4 @@
-"""Which of its modes each stop is in: the most probable sequence along the trajectory (Viterbi)."""
+"""Choice of one mode per stop: the most probable sequence along the trajectory (Viterbi)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from scenes.pose import wrap_angle
 from scenes.record import FloatArray, IntArray
 
 _FREEDOM = 2.0  # of the Student-t laws of displacement and turn
-# A stop may be in none of its modes; it costs this much log evidence below the best one.
+# Penalty of a stop that is in none of its modes, in log evidence below its best mode.
 _NONE_COST = 12.0
 
 
@@ -23,7 +23,7 @@ def choose_modes(modes: Sequence[Sequence[Fit]], config: TrajectoryConfig) -> In
 
     Displacement and turn between neighbouring solved stops are Student-t with the stop spacing and
     `heading_step_deg` as scales, widened by the modes' own covariances and by the number of stops between them.
-    The spacing is the median displacement of neighbouring best modes where `config.spacing_m` is not given.
+    The spacing is `config.spacing_m`, or else the median displacement between the best modes of neighbours.
     """
     spacing = config.spacing_m or typical_spacing(modes)
     n = len(modes)
@@ -51,7 +51,7 @@ def choose_modes(modes: Sequence[Sequence[Fit]], config: TrajectoryConfig) -> In
 
 @dataclass(frozen=True)
 class Rivals:
-    """How well each stop's chosen mode stands against its others, its neighbours in their chosen modes."""
+    """The chosen mode of each stop against its other modes, with the neighbours in their chosen modes."""
 
     gap: FloatArray  # (stop,) log odds over the best other mode; NaN where there is none
     state: FloatArray  # (stop, 4) that mode's state

@@ -53,7 +53,7 @@ def _scales(config: TrajectoryConfig) -> FloatArray:
 
 @compiled
 def _bend(state: FloatArray, course: FloatArray, scale: FloatArray, k: int) -> tuple[float, float]:
-    """Second difference of the position round stop k + 1, along and across, over its scales."""
+    """Second difference of the position about stop k + 1, along and across, over its scales."""
     x = state[k, 0] - 2 * state[k + 1, 0] + state[k + 2, 0]
     y = state[k, 1] - 2 * state[k + 1, 1] + state[k + 2, 1]
     cx, cy = course[k, 0], course[k, 1]

@@ -1,4 +1,4 @@
-"""A whole campaign: its paths, what they are taken for, and the unknowns that explain them."""
+"""A whole campaign: its paths, their association, and the unknowns."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from scenes.record import BoolArray, FloatArray, IntArray
 
 
 class PathClass(IntEnum):
-    """What the smoother takes a path for."""
+    """Kind of a path in the smoother."""
 
     UNUSED = 0
     LOS = 1
-    BOUNCE = 2  # a single bounce at a place of its own
+    BOUNCE = 2  # a single bounce with its own IP
     WALL = 3
     OBJECT = 4
-    DOUBLE = 5  # by way of two walls
+    DOUBLE = 5  # off two walls
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Observations:
 
 @dataclass(frozen=True)
 class Association:
-    """What every path is taken for. `landmark` (path, 2): walls of WALL and DOUBLE, object of OBJECT."""
+    """Kind (path,) of every path, and `landmark` (path, 2): the walls of WALL and DOUBLE, the object of OBJECT."""
 
     kind: IntArray
     landmark: IntArray
@@ -41,7 +41,7 @@ class Association:
 
 @dataclass(frozen=True)
 class TrajectoryState:
-    """All unknowns. `session` (stop,) tells which offset applies; the offset of `anchor` is held at zero."""
+    """All unknowns. The offset of a stop is that of its `session`; the offset of `anchor` is zero."""
 
     state: FloatArray  # (stop, 4) in m, m, rad, m
     offset_rad: FloatArray  # (session,)
@@ -69,7 +69,7 @@ class TrajectoryState:
 
 
 def corrected(seen: Observations, now: TrajectoryState, path: IntArray | BoolArray) -> FloatArray:
-    """Measurements of some paths with the departure turned by their session's TX heading offset."""
+    """Measurements of some paths, their departures turned by the TX heading offset of their session."""
     measured = seen.measured[path].copy()
     measured[:, 1] += now.offset_rad[now.session[seen.row[path]]]
     return measured

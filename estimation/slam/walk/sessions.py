@@ -1,4 +1,4 @@
-"""Sessions: stretches of a campaign between which the heading offset of a device jumps."""
+"""Sessions: parts of a campaign between which the heading offset of a device jumps."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ def segment_offsets(
 ) -> tuple[IntArray, FloatArray]:
     """Piecewise constant mean of a sequence of angles by dynamic programming with a penalty per jump.
 
-    For known receivers: residuals of the line of sight show the offsets of both headings directly. Each
-    residual's squared deviation counts up to 3 standard deviations.
+    For known receivers: residuals of the line of sight show the offsets of both headings directly. Squared
+    deviations are limited to 3 standard deviations.
 
     Parameters
     ----------
     residual_rad, std_rad
         (n,) residuals and their standard deviations.
     min_gain
-        How much half the sum of squares has to fall for a jump.
+        Fall of half the sum of squares that a jump needs.
 
     Returns
     -------
@@ -67,9 +67,9 @@ def split_sessions(
 ) -> TrajectoryState:
     """Split a session where a jump of the TX heading offset lowers the cost most, if by `min_session_gain`.
 
-    Candidates are ranked by the gain of one Gauss-Newton step with the stops from there on turned, all other
-    unknowns free; the best few are solved. The longest session keeps offset zero: an error that all sessions
-    share turns the whole campaign about the TX and cannot be seen.
+    Candidates are ranked by the gain of one Gauss-Newton step of all unknowns and the jump; the best five are
+    solved. The longest session has offset zero: an offset common to all sessions turns the campaign about the TX
+    and is unobservable.
     """
     candidates = _candidates(now.session)
     if not len(candidates):
@@ -97,7 +97,7 @@ def score_gains(
     n, m = len(now.session), len(candidates)
     residuals = linearise(seen, link, now, config)
     turn = residuals.by_shared[:, :, 0] * residuals.weight(config.degrees_of_freedom)[:, None]
-    # What the turn of one stop adds; a jump turns all stops from a candidate on.
+    # First the terms of the offset of one stop; a jump is the offset of all stops from a candidate on.
     by_stop = np.zeros((n, 4))
     np.add.at(by_stop, residuals.row, np.einsum("pd,pdi->pi", turn, residuals.by_state))
     shared_by_stop = np.zeros((n, now.n_shared))
@@ -122,7 +122,7 @@ def score_gains(
 
 
 def with_jump(now: TrajectoryState, stop: int) -> TrajectoryState:
-    """The same state with a new session from `stop` to the end of its session, the longest one as anchor."""
+    """The state with a new session from `stop` to the end of its session; the longest session is the anchor."""
     new = int(now.session.max()) + 1
     session = now.session.copy()
     session[stop:][session[stop:] == session[stop]] = new
@@ -148,7 +148,7 @@ def _candidates(session: IntArray) -> IntArray:
 
 
 def _robust_mean(value: FloatArray, std: FloatArray) -> float:
-    """Mean with weights that fall off beyond 3 standard deviations, started at the median."""
+    """Mean without values beyond 3 standard deviations, iterated from the median."""
     mean = float(np.median(value))
     for _ in range(5):
         weight = (np.abs(value - mean) <= 3 * std) / std**2

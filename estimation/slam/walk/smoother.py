@@ -1,8 +1,8 @@
 """The trajectory smoother: robust least squares over all stops, session offsets and shared landmarks.
 
-Unknown are the RX states, one offset of the TX heading per session and the landmarks. Residuals, in units of
-their standard deviations: of the line of sight (3), of a single bounce with its IP eliminated (1), of a path by
-way of a shared landmark (3), and the second difference of the position as motion prior (2).
+Unknowns are the RX states, one offset of the TX heading per session and the landmarks. Whitened residuals are
+those of the line of sight (3), of a single bounce with its IP eliminated (1), of a path off a shared landmark
+(3), and of the second difference of the position, the motion prior (2).
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ def solution_covariance(
 ) -> tuple[FloatArray, FloatArray]:
     """Covariances (stop, 4, 4) of the states and (shared, shared) of the shared unknowns at the solution.
 
-    Paths count with the weight they have on average, not with that of the errors they happen to have.
+    Paths have their mean weight under Gaussian errors, not that of their actual errors.
     """
     residuals = linearise(seen, link, now, config)
     weight = residuals.efficient_weight(config.degrees_of_freedom)
@@ -116,7 +116,7 @@ def _add_shared_priors(
     now: TrajectoryState,
     config: TrajectoryConfig,
 ) -> None:
-    """Priors on offsets and radii, in place; the anchor session's offset is taken out of the problem."""
+    """Priors on offsets and radii, in place; the offset of the anchor session is fixed."""
     sessions = np.arange(len(now.offset_rad))
     corner[sessions, sessions] += config.offset_std_rad**-2.0
     gradient[sessions] += now.offset_rad * config.offset_std_rad**-2.0

@@ -1,8 +1,8 @@
 """Trajectory SLAM: all stops together, with a motion prior, shared landmarks and session offsets.
 
-`run_trajectory` chooses among the ranked modes of every stop (Viterbi), then alternates between explaining the
-paths (walls, compact objects, single bounces of their own, double bounces) and the robust least squares over all
-unknowns. Sessions are split where the TX heading offset jumps.
+`run_trajectory` chooses among the ranked modes of every stop (Viterbi). Then it alternates between the
+association of paths (walls, compact objects, other single bounces, double bounces) and robust least squares over
+all unknowns. Sessions are split where the TX heading offset jumps.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from estimation.slam.config import MappingConfig, SnapshotConfig, TrajectoryConf
 from estimation.slam.mapping.incidence_points import map_stops
 from estimation.slam.record import IncidencePoints, PoseEstimates, SolveStatus
 from estimation.slam.snapshot.problem import Fit, SnapshotProblem, snapshot_problem
-from estimation.slam.snapshot.solution import seconds_of_metres
+from estimation.slam.snapshot.solution import bias_to_seconds
 from estimation.slam.snapshot.solve import ranked_modes
 from estimation.slam.walk.alternation import smooth
 from estimation.slam.walk.modes import Rivals, choose_modes, rival_modes
@@ -30,10 +30,10 @@ from scenes.record import BoolArray, FloatArray, IntArray, Record, array
 
 @dataclass(frozen=True)
 class TrajectoryDetails(Record):
-    """What the smoother found beside poses and incidence points.
+    """Results of the smoother beside poses and incidence points.
 
     Walls are lines n' q = offset with n = [cos, sin] of the azimuth. Session offsets are relative to the
-    `anchor` session: an error that all sessions share turns everything about the TX and cannot be seen.
+    `anchor` session: a common offset turns everything about the TX and is unobservable.
     """
 
     mode: IntArray = array("stop", dtype=int, doc="rank of the mode chosen; -1 where the stop is in none")
@@ -47,7 +47,7 @@ class TrajectoryDetails(Record):
     objects: FloatArray = array("object", "circle", unit="m", doc="x, y and radius of compact objects")
     object_covariance: FloatArray = array("object", "circle", "circle2", unit="m^2", doc="of the objects")
     path_stop: IntArray = array("path", dtype=int, doc="stop of every path, in the order of the estimates")
-    path_kind: IntArray = array("path", dtype=int, doc="PathClass: what the path was taken for")
+    path_kind: IntArray = array("path", dtype=int, doc="PathClass: kind of the path")
 
 
 def run_trajectory(
@@ -59,8 +59,8 @@ def run_trajectory(
 ) -> tuple[PoseEstimates, IncidencePoints, TrajectoryDetails]:
     """Poses, incidence points and shared landmarks of a whole campaign; stops in the order of the walk.
 
-    Stops that no snapshot mode explains are carried by their neighbours where the campaign has at least three
-    solved stops, and keep status FAILED (their state is then the smoothed one); IPs are mapped for solved stops.
+    Stops in no snapshot mode keep status FAILED and get the state smoothed from their neighbours. IPs are mapped
+    for solved stops.
     """
     problems = [snapshot_problem(estimate, tx_pose, snapshot.noise) for estimate in estimates]
     modes = [ranked_modes(problem, config.ranking(snapshot)) for problem in problems]
@@ -75,7 +75,7 @@ def run_trajectory(
     poses = _poses(estimates, now, link, seen, chosen, is_los, cost)
     from_tx = now.state[:, :2] - tx_pose.position_m[:2]
     covariance = covariance + snapshot.consider.covariance(from_tx)
-    poses = _weighed(poses, covariance, rival_modes(modes, chosen, config), snapshot)
+    poses = _with_covariance(poses, covariance, rival_modes(modes, chosen, config), snapshot)
     details = _details(now, link, seen, chosen, shared_covariance)
     points = _incidence_points(estimates, poses, details, link, is_los, seen, tx_pose, mapping_config)
     return poses, points, details
@@ -154,11 +154,11 @@ def _poses(
     )
 
 
-def _weighed(
+def _with_covariance(
     poses: PoseEstimates, covariance: FloatArray, rivals: Rivals, snapshot: SnapshotConfig
 ) -> PoseEstimates:
-    """Poses with their covariances (stop, 4, 4) in (m, m, rad, m) and how the modes chosen stand."""
-    scale = seconds_of_metres(4)
+    """Poses with covariances (stop, 4, 4) in (m, m, rad, m) and the evidence of the chosen modes."""
+    scale = bias_to_seconds(4)
     return replace(
         poses,
         covariance=covariance * np.outer(scale, scale),
@@ -219,7 +219,7 @@ def _incidence_points(
     tx_pose: Pose,
     config: MappingConfig,
 ) -> IncidencePoints:
-    """IPs of all paths, the departures turned by their session's offset."""
+    """IPs of all paths, with departures turned by the offset of their session."""
     single = np.isin(link.kind, [PathClass.BOUNCE, PathClass.WALL, PathClass.OBJECT])
     split = np.cumsum(np.bincount(seen.row, minlength=seen.n_stops))[:-1]
     return map_stops(

@@ -4,7 +4,7 @@ import numpy as np
 
 from estimation.slam.config import TrajectoryConfig
 from estimation.slam.snapshot.problem import snapshot_problem
-from estimation.slam.walk.association import associate, in_use, reassign
+from estimation.slam.walk.association import associate, drop_unused_landmarks, reassign
 from estimation.slam.walk.residuals import Association, PathClass, TrajectoryState
 from estimation.slam.walk.smoother import optimise
 from estimation.slam.walk.trajectory import observations
@@ -63,7 +63,7 @@ def test_landmarks_without_a_path_go_and_the_rest_are_counted_anew():
     )
     kind = np.array([PathClass.WALL, PathClass.DOUBLE, PathClass.OBJECT, PathClass.BOUNCE, PathClass.LOS])
     landmark = np.array([[3, -1], [3, 1], [1, -1], [-1, -1], [-1, -1]])
-    kept, link = in_use(now, Association(kind, landmark))
+    kept, link = drop_unused_landmarks(now, Association(kind, landmark))
     np.testing.assert_array_equal(kept.walls, now.walls[[1, 3]])
     np.testing.assert_array_equal(kept.objects, now.objects[[1]])
     assert link.landmark.tolist() == [[1, -1], [1, 0], [0, -1], [-1, -1], [-1, -1]]
@@ -73,6 +73,6 @@ def test_a_walk_without_landmarks_stays_without():
     seen, now, is_los, _ = true_walk(1)
     none = CONFIG.model_copy(update={"use_landmarks": False})
     link, same, spans = associate(seen, now, is_los, none)
-    kept, again = in_use(same, reassign(seen, same, is_los, spans, none))
+    kept, again = drop_unused_landmarks(same, reassign(seen, same, is_los, spans, none))
     assert len(kept.walls) == len(kept.objects) == len(spans) == 0
     np.testing.assert_array_equal(again.kind, link.kind)
