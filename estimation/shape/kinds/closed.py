@@ -1,9 +1,9 @@
 """Closed contours fitted directly to delays and angles: contour, TX and RX determine every path.
 
-There are no incidence points in between: the contour predicts each delay and both angles, and is fitted to
-them with their own covariances (`estimation.shape.reflection.posterior`). Circle, ellipse, rounded square, and a
-Gaussian process on the support function: harmonics whose prior variances are those of the periodic
-squared-exponential kernel.
+No incidence points are needed: the contour predicts each delay and both angles, and is fitted to them with their
+covariances (`estimation.shape.reflection.posterior`). The kinds are circle, ellipse, rounded square, and a
+Gaussian process on the support function, whose harmonics have the variances of the periodic squared-exponential
+kernel.
 """
 
 from __future__ import annotations
@@ -15,33 +15,22 @@ from numpy.typing import ArrayLike
 from scipy.special import ive
 
 from estimation.laws.support import CIRCLE, CLOSED_FAMILY, contour_points, normal_std_m
-from estimation.shape.fit import OK, PRIOR, ShapeFit, failed_fit
+from estimation.shape.fit import OK, PRIOR, ShapeFit
+from estimation.shape.record import N_CONTOUR_SAMPLES
 from estimation.shape.reflection.posterior import Optimum, Prior, best_start, maximise
 from estimation.shape.reflection.reflections import ReflectionConfig, Reflections, ray_points
 from scenes.record import FloatArray
 
 START_RADII_M = np.geomspace(0.06, 2.0, 10)
-PRIOR_SHARE = 0.9  # of the prior's standard deviation: with more left of it the data said nothing of the size
+PRIOR_SHARE = 0.9  # of the prior's standard deviation: above it the paths hold no information on the radius
+# Support GP: no campaign chooses it, so these are no settings. The values suit pillars of the library scenes.
+HARMONIC_STD = 0.15  # of h / R - 1
+HARMONIC_LENGTH = 0.8  # length scale of the periodic kernel
+N_HARMONICS = 6
 
 
-def fit_direct(data: Reflections, kind: str, config: ReflectionConfig) -> ShapeFit:
-    """Fit a closed contour of one kind, a key of `CLOSED_FAMILY`, to the paths of one object.
-
-    The status is `prior` where the radius stays as uncertain as before the data, `failed` where there is no
-    path or the search does not end inside the numbers. Raises `ValueError` for another kind.
-    """
-    if kind not in CLOSED_FAMILY:
-        raise ValueError(f"kind = '{kind}': must be one of {', '.join(CLOSED_FAMILY)}")
-    if len(data) == 0:
-        return failed_fit(kind, "no paths")
-    found = fit_closed(data, kind, config)
-    if found is None:
-        return failed_fit(kind, "singular information")
-    return closed_shape(found, kind, config)
-
-
-def fit_closed(data: Reflections, kind: str, config: ReflectionConfig) -> Optimum | None:
-    """The most evident optimum of the starts of one kind, the circle's being the start of all others."""
+def fit_closed(kind: str, data: Reflections, config: ReflectionConfig) -> Optimum | None:
+    """The optimum of highest evidence over the starts of one kind; all other kinds start from the circle."""
     circle_prior = closed_prior("circle", np.zeros(3), config)
     start = best_start(CIRCLE, circle_starts(data, START_RADII_M), circle_prior, data, config)
     circle = maximise(CIRCLE, start, circle_prior, data, config)
@@ -64,10 +53,10 @@ def fit_closed(data: Reflections, kind: str, config: ReflectionConfig) -> Optimu
 
 
 def closed_prior(kind: str, start: FloatArray, config: ReflectionConfig) -> Prior:
-    """Prior of [x, y, log R, shape ...]: the centre anywhere in the area, the rest Gaussian.
+    """Prior of [x, y, log R, shape ...]: the centre uniform over the area, the others Gaussian.
 
-    The turn of a rounded square is uniform over a quarter; the Gaussian of the same variance about its start
-    stands for that.
+    The turn of a rounded square is uniform over a quarter turn; a Gaussian of the same variance about its start
+    replaces that.
     """
     mean, std = [np.log(config.radius_median_m)], [config.radius_log_std]
     if kind == "ellipse":
@@ -76,7 +65,7 @@ def closed_prior(kind: str, start: FloatArray, config: ReflectionConfig) -> Prio
         mean = [*mean, _log_odds(config.round_share_median), start[4]]
         std = [*std, config.round_share_log_odds_std, np.pi / 2 / np.sqrt(12)]
     elif kind == "support_gp":
-        spread = np.repeat(harmonic_std(config), 2)
+        spread = np.repeat(harmonic_std(), 2)
         mean, std = [*mean, *np.zeros(len(spread))], [*std, *spread]
     return Prior(
         mean=np.array([0.0, 0.0, *mean]),
@@ -85,21 +74,20 @@ def closed_prior(kind: str, start: FloatArray, config: ReflectionConfig) -> Prio
     )
 
 
-def harmonic_std(config: ReflectionConfig) -> FloatArray:
+def harmonic_std() -> FloatArray:
     """Standard deviation (harmonic,) of the cosine and sine coefficients of h / R from the second harmonic on.
 
-    The periodic kernel exp(-2 sin^2(d / 2) / l^2) has the Fourier weights 2 I_k(1 / l^2) exp(-1 / l^2); the
-    first two harmonics are the radius and the centre, the rest is scaled to the variance asked for.
+    The periodic kernel exp(-2 sin^2(d / 2) / l^2) has the Fourier weights 2 I_k(1 / l^2) exp(-1 / l^2). The
+    harmonics 0 and 1 are the radius and the centre; the others are scaled to `HARMONIC_STD` in total.
     """
-    order = np.arange(2, config.n_harmonics + 1)
-    weight = ive(order, config.harmonic_length**-2.0)
-    return np.asarray(config.harmonic_std * np.sqrt(weight / weight.sum()))
+    weight = ive(np.arange(2, N_HARMONICS + 1), HARMONIC_LENGTH**-2.0)
+    return np.asarray(HARMONIC_STD * np.sqrt(weight / weight.sum()))
 
 
-def closed_shape(found: Optimum, kind: str, config: ReflectionConfig) -> ShapeFit:
+def closed_shape(kind: str, found: Optimum, data: Reflections, config: ReflectionConfig) -> ShapeFit:
     """The record of a fitted closed contour."""
     family, parameter, covariance = CLOSED_FAMILY[kind], found.parameter, found.parameter_covariance
-    psi = np.linspace(-np.pi, np.pi, config.n_samples, endpoint=False)
+    psi = np.linspace(-np.pi, np.pi, N_CONTOUR_SAMPLES, endpoint=False)
     log_std = float(np.sqrt(covariance[2, 2]))
     radius = float(np.exp(parameter[2]))
     return ShapeFit(
@@ -129,9 +117,9 @@ def parameter_names(kind: str, n: int) -> list[str]:
 
 
 def circle_starts(data: Reflections, radii_m: ArrayLike) -> FloatArray:
-    """Circles (start, 3) of the given radii (start,), each with the median centre that rays and bisectors give.
+    """Circles (start, 3) of the given radii (start,), each with the median centre over rays and bisectors.
 
-    Medians withstand ghosts up to half of the paths.
+    A median withstands ghosts up to half of the paths.
     """
     point, normal = ray_points(data)
     outward = np.column_stack([np.cos(normal), np.sin(normal)])
@@ -147,7 +135,7 @@ def _shape_starts(kind: str, config: ReflectionConfig) -> list[FloatArray]:
     if kind == "rounded_square":
         edges = np.linspace(0, np.pi / 2, 5)
         return [np.array([_log_odds(config.round_share_median), (a + b) / 2]) for a, b in pairwise(edges)]
-    return [np.zeros(2 * (config.n_harmonics - 1))]
+    return [np.zeros(2 * (N_HARMONICS - 1))]
 
 
 def _log_odds(share: float) -> float:

@@ -1,32 +1,20 @@
-"""Edge points: corners and door jambs, which send every ray on from the same place."""
+"""Edge points: corners and door jambs, which reflect every ray at the same point."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from estimation.laws.contour import EDGE
-from estimation.shape.fit import OK, ShapeFit, failed_fit
+from estimation.shape.fit import OK, ShapeFit
 from estimation.shape.reflection.posterior import Optimum, Prior, best_start, maximise
 from estimation.shape.reflection.reflections import ReflectionConfig, Reflections, ray_points
+from scenes.record import FloatArray
 
 _N_STARTS = 8
 
 
-def fit_edge(data: Reflections, config: ReflectionConfig) -> ShapeFit:
-    """Fit one point to the paths of one object; `parameter` is [x, y] in m, the contour the point itself.
-
-    `std_m` is the root of the mean variance of x and y. The status is `failed` where there is no path.
-    """
-    if len(data) == 0:
-        return failed_fit("edge", "no paths")
-    found = fit_point(data, config)
-    if found is None:
-        return failed_fit("edge", "singular information")
-    return edge_shape(found)
-
-
-def edge_shape(found: Optimum) -> ShapeFit:
-    """The record of a fitted edge point."""
+def edge_shape(found: Optimum, data: Reflections, config: ReflectionConfig) -> ShapeFit:
+    """The record of a fitted edge point; `std_m` is the root of the mean variance of x and y."""
     covariance = found.parameter_covariance
     return ShapeFit(
         kind="edge",
@@ -43,15 +31,15 @@ def edge_shape(found: Optimum) -> ShapeFit:
     )
 
 
-def fit_point(data: Reflections, config: ReflectionConfig) -> Optimum | None:
-    """The most likely edge point, from the best of the median of the rays' points and some of those points."""
-    prior = point_prior(config)
+def fit_edge(data: Reflections, config: ReflectionConfig) -> Optimum | None:
+    """The most likely [x, y]. It starts at the best of some points of the rays and their median."""
     point, _ = ray_points(data)
     some = point[np.unique(np.linspace(0, len(point) - 1, _N_STARTS).astype(int))]
     starts = np.vstack([np.median(point, axis=0), some])
+    prior = edge_prior(starts[0], config)
     return maximise(EDGE, best_start(EDGE, starts, prior, data, config), prior, data, config)
 
 
-def point_prior(config: ReflectionConfig) -> Prior:
-    """Prior of [x, y]: anywhere in the area."""
+def edge_prior(start: FloatArray, config: ReflectionConfig) -> Prior:
+    """Prior of [x, y]: uniform over the area."""
     return Prior(np.zeros(2), np.zeros(2), np.full(2, np.sqrt(config.area_m2)))

@@ -1,7 +1,7 @@
-"""Walls as mirrors: the line n . x = d fitted to delays and angles, and the part of it the walk lights.
+"""Walls as mirrors: the line n . x = d fitted to delays and angles, and its illuminated part.
 
-Every path off a flat wall comes from the mirror image of the TX, so two parameters explain all of them. What
-the paths can show of the wall's ends is the lit part: from the first to the last specular point.
+Every path off a flat wall comes from the mirror image of the TX, so two parameters explain all paths. The paths
+show the wall only between the first and the last specular point.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import numpy as np
 
 from estimation.laws.contour import WALL
 from estimation.laws.wall import wall_places
-from estimation.shape.fit import OK, ShapeFit, failed_fit
+from estimation.shape.fit import OK, ShapeFit
 from estimation.shape.reflection.posterior import Optimum, Prior, best_start, maximise
 from estimation.shape.reflection.reflections import ReflectionConfig, Reflections, ray_points
 from scenes.record import FloatArray
@@ -19,23 +19,12 @@ _N_STARTS = 6
 _SAMPLE_SPACING_M = 0.05
 
 
-def fit_mirror_wall(data: Reflections, config: ReflectionConfig) -> ShapeFit:
-    """Fit a wall to the paths of one object; its contour runs over the lit part, end to end.
+def wall_shape(found: Optimum, data: Reflections, config: ReflectionConfig) -> ShapeFit:
+    """The record of a fitted wall over the part that its paths illuminate.
 
-    `parameter` is [azimuth of the normal in rad, offset in m, first and last lit place along the wall in m],
-    places counted along the normal turned by +90 deg from the foot of the origin's perpendicular. The status
-    is `failed` where there is no path.
+    `parameter` is [azimuth of the normal in rad, offset in m, first and last illuminated place along the wall in
+    m]. Places count from the foot of the perpendicular through the origin, along the normal turned by +90 deg.
     """
-    if len(data) == 0:
-        return failed_fit("wall", "no paths")
-    found = fit_wall(data, config)
-    if found is None:
-        return failed_fit("wall", "singular information")
-    return wall_shape(found, data)
-
-
-def wall_shape(found: Optimum, data: Reflections) -> ShapeFit:
-    """The record of a fitted wall over the part that its paths light."""
     ends, ends_slope, ends_variance = _lit_ends(found, data)
     covariance = _with_ends(found.parameter_covariance, ends_slope, ends_variance)
     azimuth, offset = found.parameter
@@ -63,27 +52,27 @@ def wall_shape(found: Optimum, data: Reflections) -> ShapeFit:
 
 
 def fit_wall(data: Reflections, config: ReflectionConfig) -> Optimum | None:
-    """The most likely [azimuth of the normal, offset], from the best of several paths' own bisectors.
+    """The most likely [azimuth of the normal, offset]. It starts at the best of the bisectors of several paths.
 
-    Their mean would fall between the modes where ghosts or another object's echoes are among the paths.
+    Their mean would fall between the modes where ghosts or echoes of another object are among the paths.
     """
-    prior = wall_prior(config)
     point, normal = ray_points(data)
     chosen = np.argsort(normal)[np.unique(np.linspace(0, len(normal) - 1, _N_STARTS).astype(int))]
     outward = np.column_stack([np.cos(normal[chosen]), np.sin(normal[chosen])])
     starts = np.column_stack([normal[chosen], np.median(outward @ point.T, axis=1)])
+    prior = wall_prior(starts[0], config)
     return maximise(WALL, best_start(WALL, starts, prior, data, config), prior, data, config)
 
 
-def wall_prior(config: ReflectionConfig) -> Prior:
-    """Prior of [azimuth, offset]: any direction, anywhere in a square of the area."""
+def wall_prior(start: FloatArray, config: ReflectionConfig) -> Prior:
+    """Prior of [azimuth, offset]: uniform over all directions and over the width of a square of the area."""
     return Prior(np.zeros(2), np.zeros(2), np.array([2 * np.pi, np.sqrt(config.area_m2)]))
 
 
 def _lit_ends(found: Optimum, data: Reflections) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Places (end,) in m of the first and last inlier along the wall, slopes (end, 2) and own variances (end,).
+    """Places (end,) in m of the first and last inlier along the wall, slopes (end, 2) and variances (end,).
 
-    The slopes are by azimuth and offset; the variances come from the RX positions.
+    The slopes are by azimuth and offset; the variances are those due to the RX positions.
     """
     place, slope, by_rx = wall_places(found.parameter, data.tx, data.rx_state[:, :2])
     member = np.flatnonzero((found.inlier > 0.5) & found.paths.is_lit)

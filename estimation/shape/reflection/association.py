@@ -1,9 +1,9 @@
-"""Which paths of a cluster belong to which object: merged clusters are split, ghosts left out.
+"""Which paths of a cluster belong to which object: merged clusters are split, ghosts are left unassigned.
 
-Incidence points that lie side by side need not be one object's: a pillar touches a rail, a jamb's echoes
-stand before a wall. The reflection law tells them apart, because each object predicts delay and both angles
-of its own paths only. Objects are found one after another, each among the paths that none before explains;
-then paths and objects settle in turns.
+Neighbouring incidence points may belong to several objects: a pillar touches a rail, a jamb stands before a
+wall. The reflection law separates them, because each object predicts delay and both angles of its own paths
+only. Objects are found one after another, each among the paths that no earlier object explains. Then assignment
+and fits alternate.
 """
 
 from __future__ import annotations
@@ -12,16 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimation.laws.contour import EDGE, WALL
-from estimation.laws.support import CIRCLE
-from estimation.shape.kinds.closed import fit_closed
-from estimation.shape.kinds.edge import fit_point
-from estimation.shape.kinds.mirror_wall import fit_wall
+from estimation.shape.kinds.fit import OBJECT_KINDS
 from estimation.shape.reflection.posterior import Optimum, path_squares
 from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
 from scenes.record import FloatArray, IntArray
 
 GHOST = -1
+SIMPLE_KINDS = ("circle", "wall", "edge")  # the simplest of each class
 MIN_PATHS = 4  # fewer do not make an object
 MIN_GAIN_NAT = 5.0  # of the evidence over that of ghosts alone
 GATE = 16.27  # chi-square of 3 degrees of freedom at 0.999
@@ -31,17 +28,16 @@ _MAX_ROUNDS = 5
 
 @dataclass(frozen=True)
 class ClusterSplit:
-    """Objects among the paths of a cluster: `label` (path,) counts them from 0, -1 marks ghosts."""
+    """Objects among the paths of a cluster: `label` (path,) is their number from 0, -1 marks ghosts."""
 
     label: IntArray
-    kind: tuple[str, ...]  # per object: `circle`, `wall` or `edge`, the simplest of each class
+    kind: tuple[str, ...]  # per object: one of `SIMPLE_KINDS`
 
 
 def split_cluster(data: Reflections, config: ReflectionConfig) -> ClusterSplit:
     """Split the paths of one cluster into objects and ghosts.
 
-    An object needs `MIN_PATHS` paths and evidence above that of the same paths as ghosts. Without any the
-    label is -1 throughout.
+    An object needs `MIN_PATHS` paths and more evidence than the same paths as ghosts.
     """
     label = np.full(len(data), GHOST)
     found: list[tuple[str, Optimum]] = []
@@ -63,20 +59,16 @@ def split_cluster(data: Reflections, config: ReflectionConfig) -> ClusterSplit:
     return ClusterSplit(label, tuple(kind for kind, _ in found))
 
 
-def family_of(kind: str) -> int:
-    """Family of `estimation.laws.contour.predict` of the simplest kind of a class."""
-    return {"circle": CIRCLE, "wall": WALL, "edge": EDGE}[kind]
+def object_squares(kind: str, optimum: Optimum, data: Reflections) -> FloatArray:
+    """`path_squares` (path,) of an object of a kind."""
+    return path_squares(OBJECT_KINDS[kind].family, optimum, data)
 
 
 def most_evident(data: Reflections, config: ReflectionConfig) -> tuple[str, Optimum] | None:
-    """Kind and optimum of highest evidence, None where ghosts alone explain the paths about as well."""
+    """Simple kind and optimum of highest evidence, None where ghosts alone explain the paths about as well."""
     if len(data) < MIN_PATHS:
         return None
-    optima = {
-        "circle": fit_closed(data, "circle", config),
-        "wall": fit_wall(data, config),
-        "edge": fit_point(data, config),
-    }
+    optima = {kind: OBJECT_KINDS[kind].optimum(data, config) for kind in SIMPLE_KINDS}
     usable = [(kind, optimum) for kind, optimum in optima.items() if optimum is not None]
     kind, best = max(usable, key=lambda pair: pair[1].log_evidence, default=("", None))
     ghosts = len(data) * config.log_ghost_density
@@ -89,14 +81,14 @@ def _nearest(data: Reflections, found: list[tuple[str, Optimum]]) -> IntArray:
     """The object (path,) that predicts each path best, -1 where all are beyond the gate."""
     if not found:
         return np.full(len(data), GHOST)
-    square: FloatArray = np.array([path_squares(family_of(kind), optimum, data) for kind, optimum in found])
+    square: FloatArray = np.array([object_squares(kind, optimum, data) for kind, optimum in found])
     return np.where(square.min(axis=0) <= GATE, square.argmin(axis=0), GHOST)
 
 
 def _fitted(
     data: Reflections, label: IntArray, n_objects: int, config: ReflectionConfig
 ) -> tuple[IntArray, list[tuple[str, Optimum]]]:
-    """Objects fitted to their own paths, those too small or without evidence dissolved, numbered anew."""
+    """New labels and fits of the objects; those with too few paths or too little evidence are dissolved."""
     renewed = np.full(len(label), GHOST)
     found: list[tuple[str, Optimum]] = []
     for number in range(n_objects):

@@ -1,4 +1,4 @@
-"""Which kind of object the paths show: wall, edge point or pillar, and which closed contour, by evidence."""
+"""Choice by evidence of the kind of object: wall, edge point or pillar, and which closed contour."""
 
 from __future__ import annotations
 
@@ -11,14 +11,10 @@ import numpy as np
 import shapely
 
 from estimation.shape.fit import ShapeFit
-from estimation.shape.kinds.arc import fit_arc
-from estimation.shape.kinds.closed import fit_direct
-from estimation.shape.kinds.edge import fit_edge
-from estimation.shape.kinds.mirror_wall import fit_mirror_wall
+from estimation.shape.kinds.fit import fit_kind
 from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
 
-# Share of each kind within its class before any data: half of all pillars are taken as round, a quarter of all
-# walls as bent.
+# Prior share of each kind within its class: half of all pillars are round, a quarter of all walls are curved.
 CLASSES: Mapping[str, Mapping[str, float]] = {
     "wall": {"wall": 0.75, "arc": 0.25},
     "edge": {"edge": 1.0},
@@ -28,7 +24,7 @@ CLASSES: Mapping[str, Mapping[str, float]] = {
 
 @dataclass(frozen=True)
 class Choice:
-    """Fits of all kinds with their posterior probabilities; before the data all classes are alike."""
+    """Fits of all kinds with their posterior probabilities; all classes have the same prior."""
 
     fits: Mapping[str, ShapeFit]
     probability: Mapping[str, float]  # of each kind
@@ -41,10 +37,10 @@ class Choice:
 
     @property
     def best(self) -> ShapeFit:
-        """The fit to use of the most probable class.
+        """The fit to use, of the most probable class.
 
-        Of open contours the most probable kind, of closed ones that of the largest expected overlap
-        (intersection over union) with the truth, were the fit of each kind true with its probability.
+        For open contours it is the most probable kind. For closed contours it is the fit with the largest
+        expected intersection over union with the others, weighted by their probabilities of being the truth.
         """
         kinds = [kind for kind in CLASSES[self.best_class] if self.fits[kind].is_usable]
         if not all(self.fits[kind].is_closed for kind in kinds):
@@ -63,11 +59,10 @@ def choose_shape(
     classes: Sequence[str] = tuple(CLASSES),
     shares: Mapping[str, float] = MappingProxyType({}),
 ) -> Choice:
-    """Fit every kind of object of the classes to the paths and weigh them by their evidence.
+    """Fit every kind of object of the classes to the paths and weight the fits by their evidence.
 
-    `shares` replaces the shares that kinds have within their class before the data.
-
-    Raises `ValueError` where there is no path or every fit failed: nothing could be weighed.
+    `shares` replaces the prior shares of kinds within their class. Raises `ValueError` where there is no path or
+    every fit failed.
     """
     if len(data) == 0:
         raise ValueError("choose_shape: data holds 0 paths, at least one is needed")
@@ -75,22 +70,11 @@ def choose_shape(
     fits = {kind: fit_kind(data, kind, config) for kind in share}
     usable = {kind: fit.log_evidence + np.log(share[kind]) for kind, fit in fits.items() if fit.is_usable}
     if not usable:
-        raise ValueError(f"choose_shape: no kind fits the {len(data)} paths; the poses are no use to them")
+        raise ValueError(f"choose_shape: no kind fits the {len(data)} paths; check the poses")
     total = np.logaddexp.reduce(list(usable.values()))
     probability = {kind: float(np.exp(usable.get(kind, -np.inf) - total)) for kind in share}
     by_class = {name: sum(probability[kind] for kind in CLASSES[name]) for name in classes}
     return Choice(fits, probability, by_class)
-
-
-def fit_kind(data: Reflections, kind: str, config: ReflectionConfig) -> ShapeFit:
-    """Fit one kind of object: wall, bent wall, edge or a closed contour."""
-    if kind == "wall":
-        return fit_mirror_wall(data, config)
-    if kind == "arc":
-        return fit_arc(data, config)
-    if kind == "edge":
-        return fit_edge(data, config)
-    return fit_direct(data, kind, config)
 
 
 def _overlap(one: Any, other: Any) -> float:

@@ -1,8 +1,8 @@
 """Contours of all objects of a campaign by the reflection law: find them, choose their kinds, fit all at once.
 
-Lines of sight tell the common offsets and sharpen the poses first; objects are found in what is left, and all of
-them together tell offsets and poses once more before paths, classes and kinds are settled. Poses that SLAM found
-stop by stop are turned onto each other where the objects show that the TX heading jumped.
+Lines of sight first estimate the common offsets and improve the poses. Objects are found among the other paths,
+and all objects together estimate offsets and poses again. Then paths, classes and kinds are chosen. Poses that
+SLAM found stop by stop are rotated onto each other where the objects show that the TX heading jumped.
 """
 
 from __future__ import annotations
@@ -14,42 +14,41 @@ import numpy as np
 from estimation.execution import one_blas_thread
 from estimation.shape.config import ContourConfig
 from estimation.shape.fit import ShapeFit
-from estimation.shape.reflection.association import MIN_PATHS, family_of
-from estimation.shape.reflection.bundle import Bundle, fit_bundle
-from estimation.shape.reflection.bundle_kinds import BundleObject
+from estimation.shape.reflection.association import MIN_PATHS, object_squares
+from estimation.shape.reflection.bundle import Bundle, BundleObject, fit_bundle
 from estimation.shape.reflection.choice import CLASSES, choose_shape
-from estimation.shape.reflection.objects import Found, find_objects, settle
+from estimation.shape.reflection.objects import FoundObject, find_objects, refit_objects
 from estimation.shape.reflection.path_likelihood import N_COMMON
 from estimation.shape.reflection.paths import CampaignPaths
-from estimation.shape.reflection.posterior import CHI2_MEDIAN, path_squares
+from estimation.shape.reflection.pillar_prior import prior_from_others
+from estimation.shape.reflection.posterior import CHI2_MEDIAN
 from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
-from estimation.shape.reflection.resemblance import prior_from_others
 from estimation.shape.reflection.tx_sessions import (
     Sessions,
-    loosened,
     object_sessions,
     refined_sessions,
-    turned_about_tx,
+    rotated_about_tx,
+    with_heading_error,
 )
 from scenes.pose import SPEED_OF_LIGHT_M_S
 from scenes.record import FloatArray, IntArray
 
-_UNLIKELY = 0.01  # probability of being a pillar from which on the other pillars count
-_NOISE_LIMITS = (0.3, 3.0)  # of the noise of all paths over what they state
-_STATED_PATHS = 4.0
-_LIKELY = 0.5  # probability of belonging to its object that a path needs
+_UNLIKELY = 0.01  # probability of being a pillar above which the other pillars give the prior
+_NOISE_LIMITS = (0.3, 3.0)  # of the measured noise of all paths over the stated noise
+_STATED_PATHS = 4.0  # weight of the stated covariance of an object, in paths
+_LIKELY = 0.5  # least probability of a path to belong to its object
 
 
 @dataclass(frozen=True)
 class CampaignFit:
-    """Accepted objects with what they were fitted to, and the common unknowns."""
+    """Accepted objects with their paths, and the common unknowns."""
 
     method: str
     shapes: tuple[ShapeFit, ...]
     class_probability: FloatArray  # (object, class)
     paths: tuple[IntArray, ...]  # per object: rows of the incidence points
     bundle: Bundle | None
-    sessions: Sessions  # with the offsets that the bundle was not told of
+    sessions: Sessions  # with the offsets removed before the bundle
 
 
 def fit_campaign(paths: CampaignPaths, config: ContourConfig) -> CampaignFit:
@@ -63,7 +62,7 @@ def fit_campaign(paths: CampaignPaths, config: ContourConfig) -> CampaignFit:
         objects = find_objects(data, config.eps_m, config.min_samples, settings)
         together = _simple_bundle(paths, objects)
         data, settings = corrected(paths.bounces, together, paths.config)
-        objects = settle(data, [each.paths for each in objects], config.min_samples, settings)
+        objects = refit_objects(data, [each.paths for each in objects], config.min_samples, settings)
         if config.learn_noise:
             paths = _rescaled(paths, together.noise_scale)
         together = _simple_bundle(paths, objects)
@@ -74,9 +73,9 @@ def fit_campaign(paths: CampaignPaths, config: ContourConfig) -> CampaignFit:
 def corrected(
     data: Reflections, bundle: Bundle, config: ReflectionConfig
 ) -> tuple[Reflections, ReflectionConfig]:
-    """Paths without the offsets found and at the poses found; the settings say what is left uncertain.
+    """Paths without the estimated offsets and at the estimated poses; settings with the remaining uncertainty.
 
-    What is left of the departure offsets is one for all sessions, the least certain session's.
+    One remaining departure offset holds for all sessions, that of the least certain session.
     """
     n_sessions = len(bundle.offset) - N_COMMON
     known = data.session < n_sessions
@@ -87,31 +86,22 @@ def corrected(
     solved = np.isin(data.stop, bundle.stop)
     row = np.searchsorted(bundle.stop, data.stop[solved])
     state[solved], covariance[solved] = bundle.rx_state[row], bundle.rx_covariance[row]
-    left = config.model_copy(
-        update={
-            "delay_offset_std_ns": float(bundle.offset_std[0] * 1e9 / SPEED_OF_LIGHT_M_S),
-            "aoa_offset_std_deg": float(np.rad2deg(bundle.offset_std[1])),
-            "aod_offset_std_deg": float(
-                np.rad2deg(np.max(bundle.offset_std[N_COMMON:], initial=0.0))
-                if known.all() and n_sessions
-                else config.aod_offset_std_deg
-            ),
-        }
-    )
-    plain = replace(
-        data,
-        measured=data.measured - offset,
-        rx_state=state,
-        rx_covariance=covariance,
-        session=np.zeros(len(data), dtype=np.int64),
-    )
-    return plain, left
+    std = bundle.offset_std
+    remaining = {
+        "delay_offset_std_ns": float(std[0] * 1e9 / SPEED_OF_LIGHT_M_S),
+        "aoa_offset_std_deg": float(np.rad2deg(std[1])),
+    }
+    if known.all() and n_sessions:
+        remaining["aod_offset_std_deg"] = float(np.rad2deg(np.max(std[N_COMMON:], initial=0.0)))
+    together, measured = np.zeros(len(data), dtype=np.int64), data.measured - offset
+    data = replace(data, measured=measured, rx_state=state, rx_covariance=covariance, session=together)
+    return data, config.model_copy(update=remaining)
 
 
 def object_noise(square: FloatArray) -> float:
-    """Factor, at least 1, on the covariances of an object's paths by their squared distances (path,) from it.
+    """Factor, at least 1, on the covariances of the paths of an object with these squared distances (path,).
 
-    The median leaves out ghosts; the stated covariance counts as `_STATED_PATHS` paths more.
+    The median ignores ghosts; the stated covariance counts as `_STATED_PATHS` more paths.
     """
     n = len(square)
     found = n * float(np.median(square)) / CHI2_MEDIAN + _STATED_PATHS
@@ -119,71 +109,65 @@ def object_noise(square: FloatArray) -> float:
 
 
 def _aligned(paths: CampaignPaths, config: ContourConfig) -> CampaignPaths:
-    """Paths and poses of sessions turned onto each other, where the objects show more than one.
+    """Paths and poses of sessions rotated onto each other, where the objects show more than one session.
 
-    Objects that hold the paths of all sessions tell the sessions; those found after the turn the rest of it.
+    Objects that hold paths of all sessions show the sessions; those found after the rotation refine it.
     """
     data = (paths.bounces, paths.los)
-    loose = loosened(paths.bounces, config.reflection)
-    objects = find_objects(loose, config.eps_m, config.min_samples, paths.config)
+    objects = find_objects(
+        with_heading_error(paths.bounces, config.reflection), config.eps_m, config.min_samples, paths.config
+    )
     sessions = object_sessions(objects, *data, paths.stop, config.reflection)
     if len(sessions.offset_rad) == 1:
         return paths
-    first = turned_about_tx(paths.bounces, sessions.of_paths(paths.bounces, paths.stop))
+    first = rotated_about_tx(paths.bounces, sessions.of_paths(paths.bounces, paths.stop))
     objects = find_objects(first, config.eps_m, config.min_samples, paths.config)
     if objects:
         sessions = refined_sessions(objects, *data, sessions, paths.stop, config.reflection)
-    bounces, los = (turned_about_tx(each, sessions.of_paths(each, paths.stop)) for each in data)
+    bounces, los = (rotated_about_tx(each, sessions.of_paths(each, paths.stop)) for each in data)
     return replace(paths, bounces=bounces, los=los, sessions=sessions)
 
 
-def _simple_bundle(paths: CampaignPaths, objects: list[Found]) -> Bundle:
-    return _bundle(
-        paths, [BundleObject(each.kind, paths.bounces.take("path", each.paths)) for each in objects]
-    )
+def _simple_bundle(paths: CampaignPaths, objects: list[FoundObject]) -> Bundle:
+    members = [BundleObject(each.kind, paths.bounces.take("path", each.paths)) for each in objects]
+    return _bundle(paths, members)
 
 
 def _bundle(paths: CampaignPaths, members: list[BundleObject]) -> Bundle:
-    """The bundle with poses that were found from the same paths counted less."""
-    wide = [replace(each, paths=_widened(each.paths, paths.widening)) for each in members]
-    return fit_bundle(wide, _widened(paths.los, paths.widening), paths.config)
+    """The bundle; poses that SLAM found from the same paths have wider covariances."""
 
+    def widened(data: Reflections) -> Reflections:
+        return replace(data, rx_covariance=data.rx_covariance * paths.widening**2)
 
-def _widened(data: Reflections, factor: float) -> Reflections:
-    return replace(data, rx_covariance=data.rx_covariance * factor**2)
+    wide = [replace(each, paths=widened(each.paths)) for each in members]
+    return fit_bundle(wide, widened(paths.los), paths.config)
 
 
 def _rescaled(paths: CampaignPaths, scale: FloatArray) -> CampaignPaths:
-    """Paths with the standard deviations (3,) that all of them together show, inside limits of belief."""
+    """Paths with their standard deviations times those measured over those stated (3,), within limits."""
     factor = np.clip(np.where(np.isfinite(scale), scale, 1.0), *_NOISE_LIMITS)
-    both = [
-        replace(data, covariance=data.covariance * np.outer(factor, factor))
-        for data in (paths.bounces, paths.los)
-    ]
-    return replace(paths, bounces=both[0], los=both[1])
+    square = np.outer(factor, factor)
+    return replace(paths, bounces=_scaled(paths.bounces, square), los=_scaled(paths.los, square))
 
 
-def _raised(data: Reflections, factor: float) -> Reflections:
+def _scaled(data: Reflections, factor: FloatArray | float) -> Reflections:
     return replace(data, covariance=data.covariance * factor)
 
 
 def _final(
     paths: CampaignPaths,
     data: Reflections,
-    objects: list[Found],
+    objects: list[FoundObject],
     settings: ReflectionConfig,
     config: ContourConfig,
 ) -> CampaignFit:
-    """Kinds and classes chosen, then all objects with all poses and offsets once more."""
+    """Choose kinds and classes, then fit all objects with all poses and offsets."""
     parts = [data.take("path", each.paths) for each in objects]
-    noise = np.ones(len(parts))
+    noise = [1.0] * len(parts)
     if config.learn_noise:
-        squares = [
-            path_squares(family_of(each.kind), each.optimum, part)
-            for each, part in zip(objects, parts, strict=True)
-        ]
-        noise = np.array([object_noise(square) for square in squares])
-    parts = [_raised(part, float(factor)) for part, factor in zip(parts, noise, strict=True)]
+        pairs = zip(objects, parts, strict=True)
+        noise = [object_noise(object_squares(each.kind, each.optimum, part)) for each, part in pairs]
+    parts = [_scaled(part, factor) for part, factor in zip(parts, noise, strict=True)]
     choices = [choose_shape(part, settings) for part in parts]
     priors: list[ReflectionConfig | None] = [None] * len(parts)
     if settings.pillars_resemble:
@@ -193,7 +177,7 @@ def _final(
                 own, shares = prior_from_others(alone, k, settings)
                 choices[k], priors[k] = choose_shape(part, own, shares=shares), own
     members = [
-        BundleObject(choice.best.kind, _raised(paths.bounces.take("path", each.paths), float(factor)), prior)
+        BundleObject(choice.best.kind, _scaled(paths.bounces.take("path", each.paths), factor), prior)
         for choice, each, factor, prior in zip(choices, objects, noise, priors, strict=True)
     ]
     bundle = _bundle(paths, members)

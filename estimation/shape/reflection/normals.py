@@ -1,8 +1,8 @@
 """Incidence points (IPs) with their normals: a circle by generalised least squares on p = c + R n.
 
-The normal of a specular point halves the angle of its rays to TX and RX. It is computed at the IP, so that
-point and normal have one joint covariance; to first order the pair carries the same information as delays and
-angles fitted directly. R is the slope of the points against their normals.
+The normal of a specular point bisects the angle between its rays to TX and RX. It is computed at the IP, so
+point and normal have one joint covariance. To first order the pair carries the same information as delays and
+angles. R is the slope of the points against their normals.
 """
 
 from __future__ import annotations
@@ -14,19 +14,20 @@ import numpy as np
 from estimation.laws import plane as plane_law
 from estimation.laws.support import CIRCLE, contour_points, normal_std_m
 from estimation.shape.fit import OK, ShapeFit, failed_fit
+from estimation.shape.record import N_CONTOUR_SAMPLES
 from estimation.shape.reflection.reflections import ReflectionConfig, Reflections, ray_points
 from estimation.slam.config import MappingConfig
 from estimation.slam.mapping.point_fit import locate
 from scenes.record import FloatArray
 
 _ROUNDS = 20
-_SETTLED_M = 1e-6
-_DEGREES_OF_FREEDOM = 4.0  # Student t weights: ghosts among the points lose theirs
+_CONVERGED_M = 1e-6
+_DEGREES_OF_FREEDOM = 4.0  # of the Student t weights, which are small for ghosts
 
 
 @dataclass(frozen=True)
 class OrientedPoints:
-    """IPs with the normals their rays give."""
+    """IPs with the normals that bisect their rays."""
 
     position_m: FloatArray  # (path, xy)
     covariance_m2: FloatArray  # (path, xy, xy)
@@ -64,10 +65,10 @@ def circle_design(normal_rad: FloatArray) -> FloatArray:
 
 
 def fit_normals(data: Reflections, config: ReflectionConfig) -> ShapeFit:
-    """A circle through IPs with normals, the radius with a Gaussian prior of the log-normal's width.
+    """A circle through IPs with normals; the radius has a Gaussian prior as wide as the log-normal one.
 
-    The residuals' covariance depends on R, so the weights are renewed until R stays. `parameter` is [x, y, R]
-    in m.
+    The covariance of the residuals depends on R, so the weights are updated until R converges. `parameter` is
+    [x, y, R] in m.
     """
     if len(data) == 0:
         return failed_fit("circle", "no paths")
@@ -85,17 +86,15 @@ def fit_normals(data: Reflections, config: ReflectionConfig) -> ShapeFit:
         right = np.einsum("nki,nkl,nl->i", design, weight, points.position_m) + prior[:, 2] * median
         before, circle = circle, np.linalg.solve(information, right)
         circle[2] = max(circle[2], 0.01)
-        if np.max(np.abs(circle - before)) < _SETTLED_M:
+        if np.max(np.abs(circle - before)) < _CONVERGED_M:
             break
-    return _shape(circle, np.linalg.inv(information), config)
+    return _shape(circle, np.linalg.inv(information))
 
 
-def _shape(circle: FloatArray, covariance: FloatArray, config: ReflectionConfig) -> ShapeFit:
+def _shape(circle: FloatArray, covariance: FloatArray) -> ShapeFit:
     to_log = np.array([1.0, 1.0, 1 / circle[2]])
-    logged, psi = (
-        np.array([*circle[:2], np.log(circle[2])]),
-        np.linspace(-np.pi, np.pi, config.n_samples, False),
-    )
+    logged = np.array([*circle[:2], np.log(circle[2])])
+    psi = np.linspace(-np.pi, np.pi, N_CONTOUR_SAMPLES, False)
     return ShapeFit(
         kind="circle",
         status=OK,

@@ -1,8 +1,7 @@
-"""The objects of a campaign: clusters split by the reflection law, joined where one object explains both.
+"""The objects of a campaign: clusters split by the reflection law, joined where one object explains several.
 
-A wall is seen in pieces wherever the walk leaves gaps, so that clusters are where objects are looked for, not
-what they are: after the split every path may join any object, and objects that one contour explains as well are
-one.
+Gaps in the walk divide a wall into several clusters. Clusters are therefore only a start: after the split every
+path may join any object, and objects that one contour explains as well are joined.
 """
 
 from __future__ import annotations
@@ -18,29 +17,31 @@ from estimation.shape.reflection.association import (
     GATE,
     GHOST,
     MIN_PATHS,
-    family_of,
     most_evident,
+    object_squares,
     split_cluster,
 )
 from estimation.shape.reflection.normals import oriented_points
-from estimation.shape.reflection.posterior import Optimum, path_squares
+from estimation.shape.reflection.posterior import Optimum
 from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
 from scenes.record import BoolArray, FloatArray, IntArray
 
 _MAX_ROUNDS = 6
-_SHARED = 0.5  # of an object's paths that another explains: the two are tried as one
+_SHARED = 0.5  # share of the paths of an object that another explains: the two are then tried as one
 
 
 @dataclass(frozen=True)
-class Found:
-    """One object: its class's simplest kind, its optimum, and its paths."""
+class FoundObject:
+    """One object: the simplest kind of its class, its optimum, and its paths."""
 
     kind: str
     optimum: Optimum
     paths: IntArray  # rows of the data
 
 
-def find_objects(data: Reflections, eps_m: float, min_samples: int, config: ReflectionConfig) -> list[Found]:
+def find_objects(
+    data: Reflections, eps_m: float, min_samples: int, config: ReflectionConfig
+) -> list[FoundObject]:
     """Objects among all paths of a campaign; a path belongs to one of them or to none."""
     seeds = []
     label = seed_clusters(data, eps_m, min_samples)
@@ -48,11 +49,13 @@ def find_objects(data: Reflections, eps_m: float, min_samples: int, config: Refl
         rows = np.flatnonzero(label == cluster)
         split = split_cluster(data.take("path", rows), config)
         seeds += [rows[split.label == k] for k in range(len(split.kind))]
-    return settle(data, seeds, min_samples, config)
+    return refit_objects(data, seeds, min_samples, config)
 
 
-def settle(data: Reflections, seeds: list[IntArray], min_paths: int, config: ReflectionConfig) -> list[Found]:
-    """Objects from the paths of `seeds`: join what one contour explains, let every path choose, fit anew."""
+def refit_objects(
+    data: Reflections, seeds: list[IntArray], min_paths: int, config: ReflectionConfig
+) -> list[FoundObject]:
+    """Objects from the paths of `seeds`. Joining objects, assigning paths to them and fitting them alternate."""
     fitter = _Fitter(data, config, {})
     objects = fitter.objects(seeds, min_paths)
     for _ in range(_MAX_ROUNDS):
@@ -79,7 +82,7 @@ def seed_clusters(data: Reflections, eps_m: float, min_samples: int) -> IntArray
 
 
 def _is_single_bounce(data: Reflections, point_m: FloatArray) -> BoolArray:
-    """Whether its point (path, xy) explains all three measurements of each path, inside the gate."""
+    """Whether the point (path, xy) of each path explains its three measurements within the gate."""
     predicted = bounce(data.tx, data.rx_state, point_m)
     by_rx = predicted.by_state
     covariance = data.covariance + by_rx @ data.rx_covariance @ np.swapaxes(by_rx, 1, 2)
@@ -89,7 +92,7 @@ def _is_single_bounce(data: Reflections, point_m: FloatArray) -> BoolArray:
 
 @dataclass(frozen=True)
 class _Fitter:
-    """Fits of groups of paths, each made once."""
+    """Fits of groups of paths; each group is fitted once."""
 
     data: Reflections
     config: ReflectionConfig
@@ -102,20 +105,20 @@ class _Fitter:
             self.known[key] = most_evident(self.data.take("path", rows), self.config)
         return self.known[key]
 
-    def objects(self, groups: list[IntArray], min_paths: int) -> list[Found]:
-        """The groups that are objects by themselves, the largest first."""
+    def objects(self, groups: list[IntArray], min_paths: int) -> list[FoundObject]:
+        """The groups that have enough paths and evidence for an object, the largest first."""
         least, objects = max(min_paths, MIN_PATHS), []
         for rows in groups:
             best = self.fit(rows) if len(rows) >= least else None
             if best is not None and np.count_nonzero(best[1].inlier > 0.5) >= least:
-                objects.append(Found(*best, rows))
+                objects.append(FoundObject(*best, rows))
         return sorted(objects, key=lambda each: (-len(each.paths), int(each.paths[0])))
 
 
-def _choices(data: Reflections, objects: list[Found]) -> list[IntArray]:
+def _choices(data: Reflections, objects: list[FoundObject]) -> list[IntArray]:
     """Paths of each object when every path takes the one that explains it best, if any does.
 
-    A stop sees a contour by one path: of several the nearest counts.
+    A contour has one path per stop; of several the nearest counts.
     """
     if not objects:
         return []
@@ -130,8 +133,8 @@ def _choices(data: Reflections, objects: list[Found]) -> list[IntArray]:
     return groups
 
 
-def _joined(fitter: _Fitter, objects: list[Found]) -> list[Found]:
-    """Objects with those merged that have more evidence as one than as two."""
+def _joined(fitter: _Fitter, objects: list[FoundObject]) -> list[FoundObject]:
+    """Objects after merging those that have more evidence as one than as two."""
     tried: set[bytes] = set()
     while True:
         pair = _next_pair(_squares(fitter.data, objects), objects, tried)
@@ -144,11 +147,11 @@ def _joined(fitter: _Fitter, objects: list[Found]) -> list[Found]:
         apart = one.optimum.log_evidence + other.optimum.log_evidence
         if best is not None and best[1].log_evidence > apart:
             objects = [each for k, each in enumerate(objects) if k not in pair]
-            objects.append(Found(*best, rows))
+            objects.append(FoundObject(*best, rows))
 
 
-def _next_pair(square: FloatArray, objects: list[Found], tried: set[bytes]) -> tuple[int, int] | None:
-    """The first pair not tried yet of which one explains at least half of the other's paths."""
+def _next_pair(square: FloatArray, objects: list[FoundObject], tried: set[bytes]) -> tuple[int, int] | None:
+    """The first pair not yet tried of which one explains at least half of the paths of the other."""
     for k, j in permutations(range(len(objects)), 2):
         rows = np.sort(np.concatenate([objects[k].paths, objects[j].paths]))
         if rows.tobytes() not in tried and np.mean(square[k, objects[j].paths] <= GATE) >= _SHARED:
@@ -156,5 +159,5 @@ def _next_pair(square: FloatArray, objects: list[Found], tried: set[bytes]) -> t
     return None
 
 
-def _squares(data: Reflections, objects: list[Found]) -> FloatArray:
-    return np.array([path_squares(family_of(each.kind), each.optimum, data) for each in objects])
+def _squares(data: Reflections, objects: list[FoundObject]) -> FloatArray:
+    return np.array([object_squares(each.kind, each.optimum, data) for each in objects])

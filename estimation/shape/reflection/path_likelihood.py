@@ -1,4 +1,4 @@
-"""Likelihood of delays and angles as a mixture of one contour's paths and ghosts, and its normal equations."""
+"""Likelihood of delays and angles as a mixture of paths of one contour and ghosts, and its normal equations."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from estimation.laws.plane import residual
 from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
 from scenes.record import FloatArray, IntArray
 
-N_COMMON = 2  # delay and arrival offsets, before those of departure
+N_COMMON = 2  # the first offsets are of delay and arrival; those of departure, one per session, follow
 
 
 def path_weights(
@@ -36,10 +36,15 @@ def squared_distances(
     paths: SpecularPaths, offset: FloatArray, data: Reflections, weight: FloatArray
 ) -> FloatArray:
     """Squared Mahalanobis distances (path,) of the measurements from the predicted ones with offsets."""
-    common = np.empty((len(data), 3))
-    common[:, 0], common[:, 1], common[:, 2] = offset[0], offset[N_COMMON:][data.session], offset[1]
-    difference = residual(data.measured, paths.measured + common)
+    difference = offset_residual(data, paths.measured, offset)
     return np.asarray(np.einsum("na,nab,nb->n", difference, weight, difference))
+
+
+def offset_residual(data: Reflections, predicted: FloatArray, offset: FloatArray) -> FloatArray:
+    """Measured minus predicted (path, 3) plus offsets, which are the first values of `offset`."""
+    common = np.empty((len(data), 3))
+    common[:, 0], common[:, 1], common[:, 2] = offset[0], offset[N_COMMON + data.session], offset[1]
+    return residual(data.measured, predicted + common)
 
 
 def normal_equations(
@@ -50,7 +55,7 @@ def normal_equations(
     log_norm: FloatArray,
     config: ReflectionConfig,
 ) -> tuple[float, FloatArray, FloatArray, FloatArray]:
-    """Minus the log likelihood, its gradient and information by [parameter, offset], and the inliers (path,)."""
+    """Minus the log likelihood, its gradient and information by [parameter, offset], inlier shares (path,)."""
     size = paths.by_parameter.shape[2] + len(offset)
     gradient, hessian, inlier = np.zeros(size), np.zeros((size, size)), np.empty(len(data))
     cost = _accumulate(

@@ -11,7 +11,7 @@ from estimation.channel.record import ChannelEstimate
 from estimation.laws.plane import measurements
 from estimation.shape.config import ContourConfig
 from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
-from estimation.shape.reflection.tx_sessions import Sessions, los_sessions, rows_of
+from estimation.shape.reflection.tx_sessions import Sessions, los_sessions, stop_rows
 from estimation.slam.config import PathNoise
 from estimation.slam.record import IncidencePoints, PoseEstimates, SolveStatus
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
@@ -22,14 +22,14 @@ _TO_METRES = np.array([1.0, 1.0, 1.0, SPEED_OF_LIGHT_M_S])
 
 @dataclass(frozen=True)
 class CampaignPaths:
-    """What the contours are fitted to, and the priors that go with it."""
+    """The data of the contours with their priors."""
 
     bounces: Reflections  # a path per incidence point
     los: Reflections
     stop: IntArray  # (stop,) all stops of the campaign
-    sessions: Sessions  # of these stops, with the offsets that were taken out of the departures
-    widening: float  # on the standard deviations of the poses where these paths count once more
-    config: ReflectionConfig  # with the priors of the offsets that can be told from the poses
+    sessions: Sessions  # of these stops, with the offsets removed from the departures
+    widening: float  # factor on the standard deviations of poses that were found from these paths
+    config: ReflectionConfig  # with the priors of the offsets that are observable
 
 
 def campaign_paths(
@@ -42,9 +42,9 @@ def campaign_paths(
 ) -> CampaignPaths:
     """Paths with the poses of mapping or of SLAM; those not among the incidence points are lines of sight.
 
-    A pose that was given has the accuracy of its survey. One that SLAM found was found from the same paths: it
-    counts with a wider covariance, so that no path counts twice. SLAM can tell offsets that jump between
-    sessions, not one that all sessions share: it turns everything about the TX.
+    A given pose has the accuracy of the survey. A pose of SLAM was found from the same paths and gets a wider
+    covariance, so that no path counts twice. With SLAM an offset that all sessions share is unobservable, since
+    it rotates everything about the TX; offsets that jump between sessions are observable.
     """
     every, key = _all_paths(channel, tx_pose, poses, noise, config)
     row = {pair: k for k, pair in enumerate(key)}
@@ -55,7 +55,7 @@ def campaign_paths(
     solved = poses.status != SolveStatus.FAILED
     if np.all(poses.status[solved] == SolveStatus.GIVEN):
         joined = [
-            replace(data, session=sessions.of_stop[rows_of(data, poses.stop)]) for data in (bounces, los)
+            replace(data, session=sessions.of_stop[stop_rows(data, poses.stop)]) for data in (bounces, los)
         ]
         unknown = sessions._replace(offset_rad=0 * sessions.offset_rad, std_rad=0 * sessions.std_rad)
         return CampaignPaths(joined[0], joined[1], poses.stop, unknown, 1.0, config.reflection)
@@ -67,10 +67,11 @@ def campaign_paths(
 def in_plane(
     estimate: ChannelEstimate, covariance: FloatArray, bias_m: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Measurements (path, 3) and covariances (path, 3, 3) of the paths as seen from above, in m and rad.
+    """Measurements (path, 3) and covariances (path, 3, 3) of the paths projected on the plane, in m and rad.
 
-    Upright surfaces keep the size of a ray's elevation: what is left of the length after the clock bias shrinks
-    by its cosine. Where one end's elevation is unknown the other's counts, where both are, the path is level.
+    Upright surfaces keep the magnitude of the elevation of a ray: the length, without the clock bias, shrinks by
+    its cosine. Where the elevation at one end is unknown that of the other end is used; without both the path is
+    level.
     """
     measured = measurements(estimate.delay_s, estimate.aod_azimuth_rad, estimate.aoa_azimuth_rad)
     elevation = np.column_stack([estimate.aod_elevation_rad, estimate.aoa_elevation_rad])
@@ -117,7 +118,7 @@ def _all_paths(
 
 
 def _pose_covariance(poses: PoseEstimates, config: ContourConfig) -> FloatArray:
-    """Covariance (stop, 4, 4) in m, m, rad, m : SLAM's own, or the survey's where the pose was given."""
+    """Covariance (stop, 4, 4) in m, m, rad, m: that of SLAM, or of the survey where the pose was given."""
     survey = np.diag(config.survey_std**2)
     covariance = poses.covariance * np.outer(_TO_METRES, _TO_METRES)
     unknown = ~np.isfinite(covariance).all(axis=(1, 2)) | (poses.status == SolveStatus.GIVEN)
@@ -125,7 +126,7 @@ def _pose_covariance(poses: PoseEstimates, config: ContourConfig) -> FloatArray:
 
 
 def _turned(data: Reflections, offset_rad: FloatArray) -> Reflections:
-    """Departures with an offset (path,) taken out."""
+    """Paths without an offset (path,) of the departures."""
     shift = np.zeros((len(data), 3))
     shift[:, 1] = offset_rad
     return replace(data, measured=data.measured - shift)

@@ -1,10 +1,10 @@
 """Maximum a posteriori fit of one contour to delays and angles, with common offsets and a ghost component.
 
-A path is the contour's with probability 1 - q, with Gaussian errors of its own covariance plus that of its RX
-pose (to first order), or a ghost, uniform over a window. Unknowns are the contour's parameters, one delay
-offset, one arrival offset and one departure offset per session. The minimum is found by Levenberg-Marquardt
-on the path-weighted normal equations (the expectation-maximisation bound); the covariance and the evidence
-are Laplace's.
+A path belongs to the contour with probability 1 - q; its errors are Gaussian with its covariance plus, to first
+order, that of its RX pose. Otherwise it is a ghost, uniform over a window. Unknowns are the parameters of the
+contour, one delay offset, one arrival offset and one departure offset per session. Levenberg-Marquardt finds the
+minimum on the path-weighted normal equations (the expectation-maximisation bound). Covariance and evidence are
+those of Laplace.
 """
 
 from __future__ import annotations
@@ -30,19 +30,19 @@ from scenes.pose import SPEED_OF_LIGHT_M_S
 from scenes.record import FloatArray
 
 CHI2_MEDIAN = 2.366  # of 3 degrees of freedom
-FAR_OFF = 4.0  # variances of most paths over the stated ones, from which on a start is cooled
+FAR_OFF = 4.0  # squared errors over their expected median, above which the covariances are enlarged at first
 _FIXED_STD = 1e-7
 _MAX_STEPS = 60
-_SETTLED_NAT = 1e-7
+_CONVERGED_NAT = 1e-7
 _MAX_REFRESHES = 4
 
 
 @dataclass(frozen=True)
 class Prior:
-    """Independent priors: Gaussians, or where the precision is 0 flat over a width.
+    """Independent priors: Gaussian, or flat over a width where the precision is 0.
 
-    A flat prior counts in the evidence as the Gaussian of the same peak density, so that paths which say
-    nothing of a parameter leave the evidence as it is.
+    A flat prior counts in the evidence as the Gaussian of the same peak density, so that paths without
+    information on a parameter do not change the evidence.
     """
 
     mean: FloatArray  # (parameter,)
@@ -57,7 +57,7 @@ class Prior:
 
     @property
     def evidence_precision(self) -> FloatArray:
-        """Precision (parameter,) with that of the Gaussians that stand for the flat priors."""
+        """Precision (parameter,), for flat priors that of the Gaussian of the same peak density."""
         flat = self.precision == 0
         return np.where(flat, 2 * np.pi / np.where(flat, self.flat_width, 1.0) ** 2, self.precision)
 
@@ -90,9 +90,9 @@ def maximise(
 ) -> Optimum | None:
     """The local maximum of the posterior from `start` (parameter,); None where the information is singular.
 
-    Where the start is far off for the accuracy of the paths, all would be ghosts to it: the covariances are
-    then raised at first and cooled to their own. The pose errors' share of the path covariances is held while
-    the search runs and renewed until it stays, at most `refreshes` times.
+    Far from the optimum all paths would be ghosts: the covariances are then enlarged at first and reduced step
+    by step. The contribution of the pose errors to the path covariances is constant during a search; searches
+    are repeated with the new contribution until the result stays the same, at most `refreshes` times.
     """
     m = len(start)
     full = with_offsets(prior, data.n_sessions, config)
@@ -127,9 +127,9 @@ def maximise(
 def best_start(
     family: int, starts: FloatArray, prior: Prior, data: Reflections, config: ReflectionConfig
 ) -> FloatArray:
-    """Of starts (start, parameter) the one of highest posterior density, offsets at zero.
+    """The start, of (start, parameter), with the highest posterior density at zero offsets.
 
-    The covariances are raised until the start that suits most paths best has usual errors.
+    The covariances are scaled so that the start with the least median error has the expected median error.
     """
     square, log_norm = np.empty((2, len(starts), len(data)))
     exact_pose = not np.any(data.rx_covariance)
@@ -150,8 +150,8 @@ def best_start(
 def path_squares(family: int, found: Optimum, data: Reflections) -> FloatArray:
     """Squared Mahalanobis distances (path,) of paths from what a fitted contour with its offsets predicts.
 
-    The data's covariance with that of the poses counts, the contour's own does not. Sessions that the fit did
-    not have keep its mean departure offset.
+    The covariances of paths and poses count, that of the contour does not. Sessions without paths in the fit get
+    its mean departure offset.
     """
     paths = predict(family, found.parameter, data.tx, data.rx_state)
     n_known = len(found.offset) - N_COMMON
@@ -161,7 +161,7 @@ def path_squares(family: int, found: Optimum, data: Reflections) -> FloatArray:
 
 
 def with_offsets(prior: Prior, n_sessions: int, config: ReflectionConfig) -> Prior:
-    """The prior of a contour's parameters followed by those of delay, arrival and the sessions' departures."""
+    """The prior of the parameters of a contour, then those of the delay, arrival and departure offsets."""
     std = np.array(
         [
             1e-9 * SPEED_OF_LIGHT_M_S * config.delay_offset_std_ns,
@@ -178,7 +178,7 @@ def with_offsets(prior: Prior, n_sessions: int, config: ReflectionConfig) -> Pri
 
 
 def _cooling(square: FloatArray) -> list[float]:
-    """Factors on the covariances, falling to 1: the first makes half of the squared errors (path,) usual ones."""
+    """Factors on the covariances, falling to 1; the first one makes the median squared error usual."""
     first = float(np.median(square)) / CHI2_MEDIAN
     if not first > FAR_OFF:
         return [1.0]
@@ -210,11 +210,11 @@ def _descend(
         if family <= HARMONICS:
             step[2:m] = np.clip(step[2:m], -1.0, 1.0)
         trial = evaluate(at.value + step)
-        if not trial.cost < at.cost and -at.gradient @ step < _SETTLED_NAT:
+        if not trial.cost < at.cost and -at.gradient @ step < _CONVERGED_NAT:
             return None
         return Attempt(trial, at.cost, trial.cost)
 
-    return minimise(evaluate(value), attempt, Schedule(_MAX_STEPS, absolute=_SETTLED_NAT)).value
+    return minimise(evaluate(value), attempt, Schedule(_MAX_STEPS, absolute=_CONVERGED_NAT)).value
 
 
 class _PosteriorPoint(NamedTuple):

@@ -12,7 +12,7 @@ from estimation.laws.plane import ray_directions, start_point
 from scenes.record import FloatArray, IntArray, Record, array
 from scenes.toml_config import ConfigModel
 
-_EXACT_STD = 1e-6  # of a state given as exact, in m and rad
+_EXACT_STD = 1e-6  # of a state with zero covariance, in m and rad
 
 
 @dataclass(frozen=True)
@@ -71,26 +71,20 @@ class ReflectionConfig(ConfigModel):
         0.25, gt=0, lt=1, description="rounded square: median of the corner radius over half the width"
     )
     round_share_log_odds_std: float = Field(1.0, gt=0, description="rounded square: of its log odds")
-    harmonic_std: float = Field(0.15, gt=0, description="support GP: standard deviation of h / R - 1")
-    harmonic_length: float = Field(0.8, gt=0, description="support GP: length scale of the periodic kernel")
-    n_harmonics: int = Field(6, ge=2, description="support GP: highest harmonic")
     pillars_resemble: bool = Field(
-        True, description="a pillar's prior of radius and kind is what the other pillars of the scene show"
+        True, description="the other pillars of the scene give the prior of the radius and kind of a pillar"
     )
-    bend_radius_median_m: float = Field(6.0, gt=0, description="bent wall: median of the log-normal radius")
-    bend_radius_log_std: float = Field(0.8, gt=0, description="bent wall: of the logarithm of the radius")
-    area_m2: float = Field(
-        400.0, gt=0, description="area in m^2 a centre or an edge lies in, all places alike"
-    )
+    bend_radius_median_m: float = Field(6.0, gt=0, description="curved wall: median of the log-normal radius")
+    bend_radius_log_std: float = Field(0.8, gt=0, description="curved wall: of the logarithm of the radius")
+    area_m2: float = Field(400.0, gt=0, description="area in m^2 over which centres and edges are uniform")
     delay_offset_std_ns: float = Field(1.0, ge=0, description="common error of all delays in ns")
     aod_offset_std_deg: float = Field(3.0, ge=0, description="common error of a session's departures in deg")
     aoa_offset_std_deg: float = Field(3.0, ge=0, description="common error of all arrivals in deg")
-    ghost_share: float = Field(0.05, ge=0, lt=1, description="share of paths from elsewhere before any data")
+    ghost_share: float = Field(0.05, ge=0, lt=1, description="prior share of paths that belong to no object")
     ghost_range_m: float = Field(20.0, gt=0, description="ghosts: uniform over this window of range in m")
     ghost_angle_deg: float = Field(
         60.0, gt=0, le=360, description="ghosts: uniform over this window of angles"
     )
-    n_samples: int = Field(180, ge=8, description="samples of each contour")
 
     @property
     def log_ghost_density(self) -> float:
@@ -102,9 +96,9 @@ class ReflectionConfig(ConfigModel):
 
 
 def ray_points(data: Reflections) -> tuple[FloatArray, FloatArray]:
-    """Point (path, xy) in m where the two rays of each path meet at its length, and its normal's azimuth (path,).
+    """Point (path, xy) in m where the two rays of each path meet, and the azimuth (path,) of the normal there.
 
-    The point is `estimation.laws.plane.start_point`. The normal halves the angle of the rays back to TX and RX.
+    The point is `estimation.laws.plane.start_point`. The normal bisects the rays back to TX and RX.
     """
     u, v = ray_directions(data.tx, data.rx_state[:, 2], data.measured)
     back = -(u + v)
@@ -112,13 +106,13 @@ def ray_points(data: Reflections) -> tuple[FloatArray, FloatArray]:
 
 
 def at_solution(paths: Reflections, stop: IntArray, state: FloatArray, covariance: FloatArray) -> Reflections:
-    """Paths at the states (stop, 4) solved for."""
+    """Paths with the solved states (stop, 4) and their covariances (stop, 4, 4)."""
     row = np.searchsorted(stop, paths.stop)
     return replace(paths, rx_state=state[row], rx_covariance=covariance[row])
 
 
 def prior_states(sets: Sequence[Reflections]) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Stops, the states (stop, 4) given for them, and the inverse (stop, 4, 4) of their covariances."""
+    """Stops, their given states (stop, 4), and the inverse (stop, 4, 4) of the covariances."""
     stop, first = np.unique(np.concatenate([data.stop for data in sets]), return_index=True)
     state = np.concatenate([data.rx_state for data in sets])[first]
     covariance = np.concatenate([data.rx_covariance for data in sets])[first]

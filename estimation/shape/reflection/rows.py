@@ -1,4 +1,4 @@
-"""Fits of objects as the record of contours: one sample count for all, and which paths each was fitted to."""
+"""Fits of objects as the record of contours: one sample count for all, and the paths of each."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from scenes.record import FloatArray, IntArray
 
 
 def contour_record(fit: CampaignFit, label: IntArray, n_ips: int) -> Contours:
-    """The record of the objects of a campaign; `label` (ip,) are the clusters to name beside each object."""
+    """The record of the objects of a campaign; `label` (ip,) gives the cluster of each object."""
     n = len(fit.shapes)
     owner = np.full(n_ips, -1)
     for k, rows in enumerate(fit.paths):
@@ -46,7 +46,7 @@ def contour_record(fit: CampaignFit, label: IntArray, n_ips: int) -> Contours:
 
 
 def resampled(shape: ShapeFit, n_samples: int) -> tuple[FloatArray, FloatArray]:
-    """Points (sample, xy) and standard deviations (sample,) at even arc lengths; as they are if so many."""
+    """Points (sample, xy) and standard deviations (sample,) at even arc lengths; unchanged if as many."""
     points, std = shape.contour_m, shape.std_m
     if len(points) == n_samples:
         return points, std
@@ -60,7 +60,7 @@ def resampled(shape: ShapeFit, n_samples: int) -> tuple[FloatArray, FloatArray]:
 
 
 def _most(label: IntArray) -> int:
-    """The most frequent label that is a cluster's, -1 where there is none."""
+    """The most frequent cluster, -1 where there is none."""
     found = label[label >= 0]
     return int(np.bincount(found).argmax()) if len(found) else -1
 
@@ -68,7 +68,7 @@ def _most(label: IntArray) -> int:
 def _offsets(fit: CampaignFit) -> tuple[FloatArray, FloatArray]:
     """Offsets (2 + session,) and their standard deviations; NaN where none were fitted.
 
-    Departures add what was taken out before the bundle; the bundle then had all of them in one session.
+    Departure offsets include those removed before the bundle, which then had one session.
     """
     n = len(fit.sessions.offset_rad)
     if fit.bundle is None:

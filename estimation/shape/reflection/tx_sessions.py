@@ -1,8 +1,8 @@
-"""Sessions of a campaign: stretches between which the heading offset of the TX jumps.
+"""Sessions of a campaign: groups of successive stops between which the heading offset of the TX jumps.
 
-At given poses the lines of sight show the offsets. Poses that SLAM found stop by stop hide them: an error of the
-TX heading turns everything of a stop about the TX, its receiver included, and no stop by itself can tell. Objects
-that several stops see do tell: a stop turned against the others misses them.
+At given poses the lines of sight show the offsets. In poses that SLAM found stop by stop the offset is
+unobservable: an error of the TX heading rotates everything at a stop about the TX, its receiver included.
+Objects that several stops see show it: a stop that is rotated against the others does not fit them.
 """
 
 from __future__ import annotations
@@ -13,9 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from estimation.laws.plane import bounce_jacobian_rx, predict_los, residual
-from estimation.shape.reflection.bundle import fit_bundle
-from estimation.shape.reflection.bundle_kinds import BundleObject
-from estimation.shape.reflection.objects import Found
+from estimation.shape.reflection.bundle import NORMAL_MEDIAN, BundleObject, fit_bundle
+from estimation.shape.reflection.objects import FoundObject
 from estimation.shape.reflection.path_likelihood import N_COMMON
 from estimation.shape.reflection.reflections import ReflectionConfig, Reflections, ray_points
 from estimation.slam.walk.sessions import segment_offsets
@@ -23,10 +22,9 @@ from scenes.pose import Pose
 from scenes.record import FloatArray, IntArray
 
 MIN_SESSION_STOPS = 3
-MIN_GAIN_NAT = 8.0  # of the log likelihood by a jump
-_MAX_GROUPS = 60  # of stops that are given an offset each
-_NORMAL_MEDIAN = 0.6745  # of the size of a standard normal number
-_LEAST_SCATTER = 0.25  # stated accuracies are believed to be pessimistic by this factor at most
+MIN_GAIN_NAT = 8.0  # least gain of log likelihood that makes a jump
+_MAX_GROUPS = 60  # of stops with an offset each
+_LEAST_SCATTER = 0.25  # stated standard deviations may be too large by the inverse of this at most
 
 
 class Sessions(NamedTuple):
@@ -37,8 +35,8 @@ class Sessions(NamedTuple):
     std_rad: FloatArray  # (session,)
 
     def of_paths(self, data: Reflections, stop: IntArray) -> FloatArray:
-        """Offset (path,) of each path; `stop` (stop,) are the stops that the sessions are of."""
-        return np.asarray(self.offset_rad[self.of_stop[rows_of(data, stop)]])
+        """Offset (path,) of each path; `stop` (stop,) are the stops of `of_stop`."""
+        return np.asarray(self.offset_rad[self.of_stop[stop_rows(data, stop)]])
 
 
 def one_session(stop: IntArray) -> Sessions:
@@ -46,14 +44,14 @@ def one_session(stop: IntArray) -> Sessions:
     return Sessions(np.zeros(len(stop), dtype=np.int64), np.zeros(1), np.zeros(1))
 
 
-def rows_of(data: Reflections, stop: IntArray) -> IntArray:
+def stop_rows(data: Reflections, stop: IntArray) -> IntArray:
     """Row (path,) in `stop` (stop,) of the stop of each path."""
     row = {number: k for k, number in enumerate(stop.tolist())}
     return np.array([row[number] for number in data.stop.tolist()], dtype=np.int64)
 
 
 def los_sessions(los: Reflections, tx_pose: Pose, stop: IntArray) -> Sessions:
-    """Sessions by the departures of the lines of sight; one session without enough of them."""
+    """Sessions from the departures of the lines of sight; one session where there are too few."""
     if len(los) < 2 * MIN_SESSION_STOPS:
         return one_session(stop)
     order = np.argsort(los.stop, kind="stable")
@@ -66,22 +64,22 @@ def los_sessions(los: Reflections, tx_pose: Pose, stop: IntArray) -> Sessions:
 
 
 def object_sessions(
-    objects: list[Found],
+    objects: list[FoundObject],
     bounces: Reflections,
     los: Reflections,
     stop: IntArray,
     config: ReflectionConfig,
 ) -> Sessions:
-    """Sessions by how far every stop (stop,) has to turn about the TX to see the objects where the others do.
+    """Sessions from the rotation about the TX with which every stop (stop,) agrees with the others on the objects.
 
-    Paths stand as SLAM left them; the objects are those of the `loosened` paths. All objects, states and offsets
-    are solved together, first with an offset for every stop, or every few of them in a long campaign, which shows
-    where the heading jumps; then with one for each session. Errors of stops that follow each other are alike, so
-    a jump has to stand out of the errors of the sessions' offsets as well.
+    Paths are those of SLAM; the objects are those of the paths `with_heading_error`. All objects, states and
+    offsets are estimated together: first with an offset per stop, or per group of stops in a long campaign,
+    which shows where the heading jumps; then with one per session. Errors of neighbouring stops are correlated,
+    so a jump must also exceed the errors of the offsets of the sessions.
     """
     group = np.arange(len(stop)) * min(_MAX_GROUPS, len(stop)) // max(len(stop), 1)
     used = np.concatenate([np.zeros(0, dtype=np.int64), *(each.paths for each in objects)])
-    seen = np.unique(group[rows_of(bounces, stop)[used]])
+    seen = np.unique(group[stop_rows(bounces, stop)[used]])
     if len(seen) < 2 * MIN_SESSION_STOPS:
         return one_session(stop)
     alone = Sessions(group, np.zeros(len(stop)), np.zeros(len(stop)))
@@ -100,39 +98,37 @@ def object_sessions(
 
 
 def refined_sessions(
-    objects: list[Found],
+    objects: list[FoundObject],
     bounces: Reflections,
     los: Reflections,
     sessions: Sessions,
     stop: IntArray,
     config: ReflectionConfig,
 ) -> Sessions:
-    """The same sessions with the offsets that objects found after their turns show.
-
-    Paths stand as SLAM left them.
-    """
-    turned = [turned_about_tx(data, sessions.of_paths(data, stop)) for data in (bounces, los)]
-    left, covariance = _solved(objects, turned[0], turned[1], sessions, stop, config)
-    if len(left) < len(sessions.offset_rad):
+    """The same sessions; the objects found after the rotation correct the offsets. Paths are those of SLAM."""
+    turned = [rotated_about_tx(data, sessions.of_paths(data, stop)) for data in (bounces, los)]
+    change, covariance = _solved(objects, turned[0], turned[1], sessions, stop, config)
+    if len(change) < len(sessions.offset_rad):
         return sessions
-    return _anchored(Sessions(sessions.of_stop, sessions.offset_rad + left, np.sqrt(np.diagonal(covariance))))
+    std = np.sqrt(np.diagonal(covariance))
+    return _anchored(Sessions(sessions.of_stop, sessions.offset_rad + change, std))
 
 
-def loosened(data: Reflections, config: ReflectionConfig) -> Reflections:
-    """Paths whose covariances hold an error of the TX heading that SLAM took for true, as large as may be.
+def with_heading_error(data: Reflections, config: ReflectionConfig) -> Reflections:
+    """Paths whose covariances include an error of the TX heading, with the prior variance of the departure offset.
 
-    It turns departure and receiver together, so that of the three measurements at fixed objects only one
-    combination is lost.
+    The error rotates departure and receiver together: at fixed objects it affects one combination of the three
+    measurements.
     """
     by_rx = bounce_jacobian_rx(data.tx, data.rx_state, ray_points(data)[0])
-    slope = np.einsum("nai,ni->na", by_rx, _turning(data))
+    slope = np.einsum("nai,ni->na", by_rx, _by_rotation(data))
     slope[:, 1] -= 1.0
     variance = np.deg2rad(config.aod_offset_std_deg) ** 2
     return replace(data, covariance=data.covariance + variance * slope[:, :, None] * slope[:, None, :])
 
 
-def turned_about_tx(data: Reflections, offset_rad: FloatArray) -> Reflections:
-    """Paths and poses with an error (path,) of the TX heading taken out that SLAM had taken for true."""
+def rotated_about_tx(data: Reflections, offset_rad: FloatArray) -> Reflections:
+    """Paths and poses of SLAM, corrected for an error (path,) of the TX heading."""
     cosine, sine = np.cos(offset_rad), np.sin(offset_rad)
     turn = np.zeros((len(data), 4, 4))
     turn[:, 0, 0], turn[:, 0, 1], turn[:, 1, 0], turn[:, 1, 1] = cosine, sine, -sine, cosine
@@ -148,32 +144,32 @@ def turned_about_tx(data: Reflections, offset_rad: FloatArray) -> Reflections:
 
 
 def _solved(
-    objects: list[Found],
+    objects: list[FoundObject],
     bounces: Reflections,
     los: Reflections,
     sessions: Sessions,
     stop: IntArray,
     config: ReflectionConfig,
 ) -> tuple[FloatArray, FloatArray]:
-    """Offsets (session,) of the departures, relative to their mean, and their covariance by all objects together.
+    """Offsets (session,) of the departures, relative to their mean, and their covariance.
 
-    A point cannot tell a turn from a size, so points are taken as small circles.
+    Edges are fitted as circles, because a point would turn the size of an object into a rotation.
     """
-    free = [_free_to_turn(data, sessions, stop, config) for data in (bounces, los)]
+    free = [_free_to_rotate(data, sessions, stop, config) for data in (bounces, los)]
     members = [
         BundleObject("wall" if each.kind == "wall" else "circle", free[0].take("path", each.paths))
         for each in objects
     ]
     bundle = fit_bundle(members, free[1], config)
     n = len(bundle.offset) - N_COMMON
-    # A turn of all of them together moves no path against another: what counts is each against their mean.
-    apart = np.eye(n) - 1 / n
-    covariance = apart @ bundle.offset_covariance[N_COMMON:, N_COMMON:] @ apart
-    return apart @ bundle.offset[N_COMMON:], covariance
+    # A common rotation of all sessions is unobservable: only the differences from the mean count.
+    centred = np.eye(n) - 1 / n
+    covariance = centred @ bundle.offset_covariance[N_COMMON:, N_COMMON:] @ centred
+    return centred @ bundle.offset[N_COMMON:], covariance
 
 
 def _segmented(seen: IntArray, turn_rad: FloatArray, std_rad: FloatArray, stop: IntArray) -> Sessions:
-    """Sessions of stops by the turns (n,) of those `seen` (n,), in order."""
+    """Sessions of stops from the rotations (n,) of those `seen` (n,), in order."""
     first, offset = segment_offsets(turn_rad, std_rad, min_length=MIN_SESSION_STOPS, min_gain=MIN_GAIN_NAT)
     of_stop = np.searchsorted(seen[first[1:]], stop, side="right")
     information = np.add.reduceat(std_rad**-2.0, first)
@@ -181,7 +177,7 @@ def _segmented(seen: IntArray, turn_rad: FloatArray, std_rad: FloatArray, stop: 
 
 
 def _anchored(sessions: Sessions) -> Sessions:
-    """Offsets relative to the longest session, which no measurement can turn."""
+    """Offsets relative to the longest session, since a common rotation is unobservable."""
     anchor = int(np.argmax(np.bincount(sessions.of_stop, minlength=len(sessions.offset_rad))))
     std = np.hypot(sessions.std_rad, sessions.std_rad[anchor])
     std[anchor] = 0.0
@@ -189,21 +185,24 @@ def _anchored(sessions: Sessions) -> Sessions:
 
 
 def _scatter(deviation: FloatArray) -> float:
-    """Standard deviation of deviations (n,) from one to the next, which jumps do not raise, inside its limits."""
+    """Robust standard deviation of the deviations (n,) from their successive differences, within limits.
+
+    Jumps between sessions hardly affect it.
+    """
     median = float(np.median(np.abs(np.diff(deviation))))
-    return float(np.clip(median / (_NORMAL_MEDIAN * np.sqrt(2)), _LEAST_SCATTER, 1.0))
+    return float(np.clip(median / (NORMAL_MEDIAN * np.sqrt(2)), _LEAST_SCATTER, 1.0))
 
 
-def _free_to_turn(
+def _free_to_rotate(
     data: Reflections, sessions: Sessions, stop: IntArray, config: ReflectionConfig
 ) -> Reflections:
-    """Paths of sessions whose poses are free to turn about the TX by what an error of its heading turns them."""
-    lever, variance = _turning(data), np.deg2rad(config.aod_offset_std_deg) ** 2
+    """Paths in their sessions; the poses may rotate about the TX as an error of its heading rotates them."""
+    lever, variance = _by_rotation(data), np.deg2rad(config.aod_offset_std_deg) ** 2
     freed = data.rx_covariance + variance * lever[:, :, None] * lever[:, None, :]
-    return replace(data, rx_covariance=freed, session=sessions.of_stop[rows_of(data, stop)])
+    return replace(data, rx_covariance=freed, session=sessions.of_stop[stop_rows(data, stop)])
 
 
-def _turning(data: Reflections) -> FloatArray:
-    """Derivative (path, 4) of the RX states by a turn about the TX."""
+def _by_rotation(data: Reflections) -> FloatArray:
+    """Derivative (path, 4) of the RX states by a rotation about the TX."""
     away = data.rx_state[:, :2] - data.tx[:, :2]
     return np.column_stack([-away[:, 1], away[:, 0], np.ones(len(data)), np.zeros(len(data))])

@@ -17,8 +17,7 @@ from sklearn.gaussian_process.kernels import ConstantKernel, ExpSineSquared, Whi
 
 from estimation.execution import one_blas_thread
 from estimation.shape.gp.radial import fit_radial_gp, fit_radial_gps
-from estimation.shape.kinds.closed import fit_direct
-from estimation.shape.kinds.mirror_wall import fit_mirror_wall
+from estimation.shape.kinds.fit import fit_kind
 from estimation.shape.reflection.bundle import fit_bundle
 from estimation.shape.reflection.reflections import ReflectionConfig
 from isac_arena.validation.benches.timing import best_time
@@ -84,8 +83,8 @@ def bench_reflection_fits(seed: int, quick: bool) -> list[Measurement]:
     n, config = 5 if quick else 40, ReflectionConfig()
     pillars = [made_pillar(np.random.default_rng([seed, k]), OFFSET_ERRORS) for k in range(n)]
     walls = [made_wall(np.random.default_rng([seed, k]), Errors()) for k in range(n)]
-    circle = [_least_time_ms(partial(fit_direct, data, "circle", config)) for data in pillars]
-    wall = [_least_time_ms(partial(fit_mirror_wall, data, config)) for data in walls]
+    circle = [_least_time_ms(partial(fit_kind, data, "circle", config)) for data in pillars]
+    wall = [_least_time_ms(partial(fit_kind, data, "wall", config)) for data in walls]
     campaigns = [made_campaign(np.random.default_rng([seed, k])) for k in range(2 if quick else 8)]
     bundle = [_least_time_ms(partial(fit_bundle, objects, los, config)) for objects, los in campaigns]
     return [

@@ -11,8 +11,7 @@ import numpy as np
 from estimation.laws.plane import measurements
 from estimation.shape.gp.clustering import to_polar
 from estimation.shape.gp.radial import fit_radial_gp
-from estimation.shape.reflection.bundle import Bundle, fit_bundle
-from estimation.shape.reflection.bundle_kinds import BundleObject
+from estimation.shape.reflection.bundle import Bundle, BundleObject, fit_bundle
 from estimation.shape.reflection.normals import oriented_points
 from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
 from isac_arena.campaign.measured import MeasuredCampaign

@@ -8,9 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimation.shape.fit import ShapeFit
-from estimation.shape.kinds.closed import fit_direct
-from estimation.shape.kinds.mirror_wall import fit_mirror_wall
-from estimation.shape.reflection.bundle_kinds import BundleObject
+from estimation.shape.kinds.fit import fit_kind
+from estimation.shape.reflection.bundle import BundleObject
 from estimation.shape.reflection.choice import choose_shape
 from estimation.shape.reflection.normals import fit_normals
 from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
@@ -122,7 +121,7 @@ def check_reflection_walls(seed: int, quick: bool) -> list[Measurement]:
     for rng in generators(seed, 10 if quick else 200):
         ends, true = lit_wall(rng)
         data, _ = observe(true, Errors(), rng)
-        fit = fit_mirror_wall(data, NO_OFFSETS)
+        fit = fit_kind(data, "wall", NO_OFFSETS)
         distances.append(perpendicular_rmse_m(fit.contour_m, *ends))
         along = ends[1] - ends[0]
         azimuth = np.arctan2(along[1], along[0]) + np.pi / 2 - fit.parameter[0]
@@ -164,7 +163,7 @@ def _chosen(data: Reflections, config: ReflectionConfig) -> ShapeFit:
 
 
 def _direct(data: Reflections, config: ReflectionConfig) -> ShapeFit:
-    return fit_direct(data, "circle", config)
+    return fit_kind(data, "circle", config)
 
 
 def _pillars(

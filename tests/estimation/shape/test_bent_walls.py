@@ -5,12 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimation.shape.kinds.arc import fit_arc
-from estimation.shape.reflection.bundle import fit_bundle
-from estimation.shape.reflection.bundle_kinds import BundleObject
+from estimation.shape.kinds.fit import fit_kind
+from estimation.shape.reflection.bundle import BundleObject, fit_bundle
 from estimation.shape.reflection.choice import choose_shape
+from estimation.shape.reflection.pillar_prior import prior_from_others, radius_prior
 from estimation.shape.reflection.reflections import ReflectionConfig
-from estimation.shape.reflection.resemblance import prior_from_others, radius_prior
 from isac_arena.validation.scenarios.reflections import (
     Errors,
     closed_paths,
@@ -32,7 +31,7 @@ def bent_wall(errors, seed=0):
 
 def test_a_bent_wall_without_noise_is_found_exactly():
     true, data = bent_wall(Errors(level=1e-3))
-    shape = fit_arc(data, CONFIG)
+    shape = fit_kind(data, "arc", CONFIG)
     np.testing.assert_allclose(shape.parameter, [0.0, -13.0, np.log(5.0)], atol=2e-3)
     assert np.abs(RING.signed_distance(shape.contour_m)).max() < 2e-3
     turn = np.unwrap(np.arctan2(*(true.point_m - RING.center_m).T[::-1]))
@@ -50,7 +49,7 @@ def test_a_bent_wall_is_a_wall_by_evidence():
 def test_the_band_of_a_bent_wall_holds():
     covered = []
     for seed in range(40):
-        shape = fit_arc(bent_wall(Errors(level=0.5), seed)[1], CONFIG)
+        shape = fit_kind(bent_wall(Errors(level=0.5), seed)[1], "arc", CONFIG)
         covered.append(np.mean(np.abs(RING.signed_distance(shape.contour_m)) <= 1.96 * shape.std_m))
     assert 0.85 < np.mean(covered) < 0.995
 
@@ -61,7 +60,7 @@ def test_a_bent_wall_joins_the_bundle():
     found = fit_bundle([BundleObject("arc", objects[0])], los, CONFIG)
     assert found.shapes[0].kind == "arc"
     assert np.abs(RING.signed_distance(found.shapes[0].contour_m)).max() < 0.1
-    assert fit_arc(objects[0].take("path", []), CONFIG).status == "failed: no paths"
+    assert fit_kind(objects[0].take("path", []), "arc", CONFIG).status == "failed: no paths"
 
 
 def test_the_bundle_sees_how_large_the_noise_is():

@@ -9,9 +9,8 @@ from scipy.stats import chi2
 
 from estimation.laws.contour import predict
 from estimation.laws.support import CIRCLE
-from estimation.shape.kinds.closed import fit_direct
-from estimation.shape.reflection.bundle import fit_bundle
-from estimation.shape.reflection.bundle_kinds import BundleObject
+from estimation.shape.kinds.fit import fit_kind
+from estimation.shape.reflection.bundle import BundleObject, fit_bundle
 from estimation.shape.reflection.reflections import ReflectionConfig
 from isac_arena.validation.scenarios.reflections import (
     TX,
@@ -94,7 +93,7 @@ def test_bundle_knows_its_errors_and_beats_single_fits() -> None:
             error = shape.parameter - [*center, np.log(0.4)]
             total += error @ np.linalg.solve(shape.parameter_covariance, error)
             together += np.sum(error[:2] ** 2)
-            single = fit_direct(each.paths, "circle", CONFIG)
+            single = fit_kind(each.paths, "circle", CONFIG)
             alone += np.sum((single.parameter[:2] - center) ** 2)
     assert chi2.ppf(0.001, 9 * n) < total < chi2.ppf(0.999, 9 * n)
     assert together < 0.8 * alone

@@ -6,8 +6,7 @@ from scipy.stats import chi2
 
 from estimation.laws.plane import lit_normals
 from estimation.laws.wall import wall_places
-from estimation.shape.kinds.edge import fit_edge
-from estimation.shape.kinds.mirror_wall import fit_mirror_wall
+from estimation.shape.kinds.fit import fit_kind
 from estimation.shape.reflection.choice import choose_shape
 from estimation.shape.reflection.normals import fit_normals, oriented_points
 from estimation.shape.reflection.reflections import ReflectionConfig
@@ -81,7 +80,7 @@ def test_wall_line_and_ends_know_their_errors() -> None:
     for k in range(n):
         rng = np.random.default_rng([4, k])
         corners, true = lit_wall(rng)
-        fit = fit_mirror_wall(observe(true, Errors(0.5), rng)[0], SURE)
+        fit = fit_kind(observe(true, Errors(0.5), rng)[0], "wall", SURE)
         along = (corners[1] - corners[0]) / np.linalg.norm(corners[1] - corners[0])
         normal = np.array([-along[1], along[0]])
         normal *= np.sign(normal @ [np.cos(fit.parameter[0]), np.sin(fit.parameter[0])])
@@ -106,7 +105,7 @@ def test_wall_is_not_the_mean_of_two_objects() -> None:
             for name in wall.__dataclass_fields__
         }
     )
-    fit = fit_mirror_wall(joined, SURE)
+    fit = fit_kind(joined, "wall", SURE)
     slope = np.arctan2(*(WALL_ENDS[1] - WALL_ENDS[0])[::-1]) + np.pi / 2
     assert abs(np.rad2deg(fit.parameter[0] - slope)) < 0.3
 
@@ -130,7 +129,7 @@ def test_edge_point_is_found_with_its_error() -> None:
     total, n = 0.0, 40
     for k in range(n):
         rng = np.random.default_rng([9, k])
-        fit = fit_edge(observe(edge_paths(EDGE, rng), Errors(0.5), rng)[0], SURE)
+        fit = fit_kind(observe(edge_paths(EDGE, rng), Errors(0.5), rng)[0], "edge", SURE)
         error = fit.parameter - EDGE
         total += error @ np.linalg.solve(fit.parameter_covariance, error)
     assert chi2.ppf(0.001, 2 * n) < total < chi2.ppf(0.999, 2 * n)
@@ -139,8 +138,8 @@ def test_edge_point_is_found_with_its_error() -> None:
 def test_no_paths_are_a_status_or_a_clear_error() -> None:
     rng = np.random.default_rng(8)
     none = observe(closed_paths(PILLAR, rng), Errors(0.5), rng)[0].take("path", [])
-    assert fit_mirror_wall(none, SURE).status == "failed: no paths"
-    assert fit_edge(none, SURE).status == "failed: no paths"
+    assert fit_kind(none, "wall", SURE).status == "failed: no paths"
+    assert fit_kind(none, "edge", SURE).status == "failed: no paths"
     assert fit_normals(none, SURE).status == "failed: no paths"
     with pytest.raises(ValueError, match="0 paths"):
         choose_shape(none, SURE)

@@ -10,11 +10,11 @@ from estimation.shape.reflection import tx_sessions
 from estimation.shape.reflection.reflections import ReflectionConfig
 from estimation.shape.reflection.tx_sessions import (
     Sessions,
-    loosened,
     object_sessions,
     one_session,
-    rows_of,
-    turned_about_tx,
+    rotated_about_tx,
+    stop_rows,
+    with_heading_error,
 )
 from estimation.slam.config import SnapshotConfig
 from isac_arena.campaign.chain import make_map
@@ -35,7 +35,7 @@ def some_paths(position_std_m=0.1):
 
 def test_a_turn_about_the_tx_leaves_lines_of_sight_and_moves_points_with_it():
     data, turn = some_paths(), 0.3
-    turned = turned_about_tx(data, np.full(len(data), turn))
+    turned = rotated_about_tx(data, np.full(len(data), turn))
     before, after = predict_los(TX_POSE, data.rx_state), predict_los(TX_POSE, turned.rx_state)
     shift = np.array([0.0, -turn, 0.0])
     np.testing.assert_allclose(after, before + shift, atol=1e-12)
@@ -57,10 +57,10 @@ def test_loosened_covariances_hold_what_a_turn_does_at_a_fixed_point():
     data, config, step = some_paths(), ReflectionConfig(aod_offset_std_deg=2.0), 1e-5
     point = np.tile([1.0, -4.6], (len(data), 1))
     exact = replace(data, measured=predict_bounce(TX_POSE, data.rx_state, point))
-    added = loosened(exact, config).covariance - exact.covariance
+    added = with_heading_error(exact, config).covariance - exact.covariance
     moved = []
     for turn in (step, -step):
-        turned = turned_about_tx(exact, np.full(len(exact), turn))
+        turned = rotated_about_tx(exact, np.full(len(exact), turn))
         moved.append(turned.measured - predict_bounce(TX_POSE, turned.rx_state, point))
     slope = (moved[0] - moved[1]) / (2 * step)
     expected = np.deg2rad(2.0) ** 2 * slope[:, :, None] * slope[:, None, :]
@@ -72,7 +72,7 @@ def test_sessions_give_their_offsets_to_paths():
     stop = np.unique(data.stop)
     later = (stop >= stop[len(stop) // 2]).astype(int)
     sessions = Sessions(later, np.array([0.1, 0.0]), np.zeros(2))
-    np.testing.assert_array_equal(stop[rows_of(data, stop)], data.stop)
+    np.testing.assert_array_equal(stop[stop_rows(data, stop)], data.stop)
     np.testing.assert_array_equal(sessions.of_paths(data, stop) == 0.1, data.stop < stop[len(stop) // 2])
     np.testing.assert_array_equal(one_session(stop).of_paths(data, stop), 0.0)
 

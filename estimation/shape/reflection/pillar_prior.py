@@ -1,10 +1,10 @@
-"""Pillars of one scene resemble each other: what the others show is the prior of each.
+"""Pillars of one scene are similar: the fits of the others give the prior of each.
 
-The logarithms of the radii are taken as normal about a common mean m with a common spread t, and the kinds of
-contour as drawn with common shares. Of the variance of a single pillar's logarithm half is m's, half the
-spread's; the prior spread counts as one pillar, and the prior shares do too (conjugate priors: Gelman et al.,
-"Bayesian Data Analysis", 3rd edition, sections 2.6 and 3.4). Pillars count by how far their own paths narrowed
-their radius.
+The logarithms of the radii are normal about a common mean with a common spread, and the kinds of contour have
+common shares. The prior variance of the logarithm of a radius is half due to the mean and half due to the
+spread. The prior spread and the prior shares count as one pillar each (conjugate priors: Gelman et al.,
+"Bayesian Data Analysis", 3rd edition, sections 2.6 and 3.4). A pillar has more weight the more its own paths
+reduce the variance of its radius.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from estimation.shape.fit import ShapeFit
 from estimation.shape.reflection.choice import CLASSES, Choice
 from estimation.shape.reflection.reflections import ReflectionConfig
 from scenes.record import FloatArray
@@ -25,24 +24,24 @@ _PRIOR_COUNT = 1.0
 def prior_from_others(
     choices: Sequence[Choice], k: int, config: ReflectionConfig
 ) -> tuple[ReflectionConfig, Mapping[str, float]]:
-    """Settings with the radius prior, and the shares of the pillar kinds, that all objects but `k` suggest."""
+    """Settings with the radius prior, and the shares of the pillar kinds, from all objects except `k`."""
     others = [choice for j, choice in enumerate(choices) if j != k]
     weight = np.array([_weight(choice, config) for choice in others])
     log_radius = np.array([_log_radius(choice)[0] for choice in others])
     mean, std = radius_prior(log_radius, weight, config)
-    told = {kind: _PRIOR_COUNT * CLASSES["pillar"][kind] for kind in _PILLAR_KINDS}
+    count = {kind: _PRIOR_COUNT * CLASSES["pillar"][kind] for kind in _PILLAR_KINDS}
     for choice, each in zip(others, weight, strict=True):
         for kind in _PILLAR_KINDS:
-            told[kind] += each * choice.probability[kind]
-    total = sum(told.values())
+            count[kind] += each * choice.probability[kind]
+    total = sum(count.values())
     settings = config.model_copy(update={"radius_median_m": float(np.exp(mean)), "radius_log_std": std})
-    return settings, {kind: value / total for kind, value in told.items()}
+    return settings, {kind: value / total for kind, value in count.items()}
 
 
 def radius_prior(log_radius: FloatArray, weight: FloatArray, config: ReflectionConfig) -> tuple[float, float]:
-    """Mean and standard deviation of the logarithm of one more radius, after logarithms (n,) of weights (n,).
+    """Mean and standard deviation of the logarithm of one more radius, given logarithms (n,) with weights (n,).
 
-    A weight is 1 for a radius that is known and 0 for one of which nothing is.
+    The weight is 1 for a known radius and 0 for an unknown one.
     """
     prior_mean, prior_variance = float(np.log(config.radius_median_m)), config.radius_log_std**2 / 2
     count = float(weight.sum())
@@ -58,15 +57,14 @@ def radius_prior(log_radius: FloatArray, weight: FloatArray, config: ReflectionC
 
 def _log_radius(choice: Choice) -> tuple[float, float]:
     """Logarithm of the mean radius of the most probable pillar, and its variance."""
-    best = max(_PILLAR_KINDS, key=lambda kind: choice.probability[kind])
-    shape: ShapeFit = choice.fits[best]
+    shape = choice.fits[max(_PILLAR_KINDS, key=lambda kind: choice.probability[kind])]
     if not shape.is_usable:
         return 0.0, np.inf
     return float(shape.parameter[2]), float(shape.parameter_covariance[2, 2])
 
 
 def _weight(choice: Choice, config: ReflectionConfig) -> float:
-    """How much an object tells of the scene's pillars: as far as it is one and its radius is known."""
+    """Probability of being a pillar times the share of the prior variance of the radius that the fit removed."""
     share = choice.class_probability["pillar"]
     _, variance = _log_radius(choice)
     return float(share * max(1 - variance / config.radius_log_std**2, 0.0))
