@@ -1,4 +1,4 @@
-"""Parameters of clustering, of the paper's Gaussian-process shapes, and of our contours."""
+"""Settings of clustering, of the Gaussian-process shapes of the paper, and of our contours."""
 
 from __future__ import annotations
 
@@ -14,11 +14,10 @@ from scenes.toml_config import ConfigModel, Pair
 
 
 class CentroidBias(ConfigModel):
-    """A shift of one cluster's centre, set by hand: it moves a wall's centre off the wall (paper, section IV).
+    """A shift of the centre of one cluster, set by hand: it moves the centre of a wall off the wall (section IV).
 
-    The cluster is named by a place, not by a number, so that the bias stays with its object when other
-    clusters come or go. It is the cluster whose centroid is nearest to `near_m`; where none lies within
-    `within_m` the bias is not used.
+    It applies to the cluster whose centroid is nearest to `near_m`, if that is within `within_m`. A place and
+    not a number names the cluster, because numbers change with the other clusters.
     """
 
     near_m: Pair = Field(description="place of the cluster, x and y in m")
@@ -27,10 +26,10 @@ class CentroidBias(ConfigModel):
 
 
 class ShapeConfig(ConfigModel):
-    """Clusters of incidence points (IPs) by DBSCAN, a radial Gaussian process for each.
+    """Clusters of incidence points (IPs) by DBSCAN, and a radial Gaussian process for each.
 
-    The defaults correct three weaknesses of the printed method, each with its own switch; `ShapeConfig.paper`
-    has them all off.
+    The defaults correct three weaknesses of the printed method; `start`, `mean_uncertainty` and `noise_floor`
+    switch the corrections off, `ShapeConfig.paper` all of them.
     """
 
     eps_m: float = Field(0.6, gt=0, description="neighbourhood radius of DBSCAN in m")
@@ -41,7 +40,7 @@ class ShapeConfig(ConfigModel):
     start: Literal["paper", "data"] = Field(
         "data",
         description="start of the likelihood search: 'paper' is l = sigma_f = sigma_n = 2, which often ends "
-        "where all is noise; 'data' keeps the best of three starts taken from the data",
+        "where everything is noise; 'data' keeps the best of three starts taken from the data",
     )
     mean_uncertainty: bool = Field(
         True, description="add the variance of the learned mean radius to the predicted variance"
@@ -59,13 +58,13 @@ class ShapeConfig(ConfigModel):
 
 
 class ContourConfig(ConfigModel):
-    """Contours of objects, beside the paper's shapes of clusters.
+    """Contours of objects, in addition to the shapes of the paper.
 
     `method`
-        `reflection`: contours fitted to delays and angles by the reflection law, all objects, poses and common
-        offsets together, kind and class by evidence, ghosts left out. `points`: where only points are trusted,
-        the more evident of the marginalised-incidence contour, a line and a line of varying depth per cluster.
-        Any other name: that method for points alone, for comparisons. `none`: no contours.
+        `reflection`: contours fitted to delays and angles by the reflection law, with all objects, poses and
+        common offsets together; kind and class by evidence; ghosts are rejected. `points`: from incidence points
+        only; per cluster the marginalised-incidence contour, a line or a line of varying depth, by evidence.
+        `none`: no contours. Any other name: that method for points, for comparisons.
     """
 
     method: Literal[
@@ -88,9 +87,9 @@ class ContourConfig(ConfigModel):
     reflection: ReflectionConfig = ReflectionConfig()
     learn_noise: bool = Field(
         True,
-        description="scale the paths' covariances by what all of them show, and an object's own if larger",
+        description="scale the covariances of the paths by their residuals, over all paths and per object",
     )
-    survey_position_std_m: float = Field(0.05, gt=0, description="poses that are given: of x and of y")
+    survey_position_std_m: float = Field(0.05, gt=0, description="given poses: standard deviation of x and y")
     survey_heading_std_deg: float = Field(1.0, gt=0, description="of their heading")
     survey_clock_std_ns: float = Field(0.1, gt=0, description="of their clock bias")
     slam_widening: float = Field(

@@ -1,4 +1,4 @@
-"""From paths and poses to contours of objects, by the method of the settings."""
+"""Contours of objects from paths and poses, by the method of the settings."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ def estimate_contours(
     noise: PathNoise,
     config: ContourConfig,
 ) -> Contours:
-    """One contour per object, of the method of the settings.
+    """One contour per object, by the method of the settings.
 
-    `label` (ip,) are the clusters of the paper's shapes: the objects of the methods for points alone, and what
-    the record compares with.
+    `label` (ip,) are the clusters of the shapes of the paper. They are the objects of the methods for points;
+    the record names the cluster of each object.
     """
     if config.method == "none":
         return no_contours(len(ips), len(poses.stop))

@@ -1,4 +1,4 @@
-"""One object's estimated shape, the same record whatever the method that made it."""
+"""The estimated shape of one object: one record for all methods."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ OK, PRIOR, FAILED = "ok", "prior", "failed"
 class ShapeFit(Record):
     """Contour of one object with its uncertainty.
 
-    `status` is `ok`, `prior` where the data said nothing and the answer is as wide as the prior, or `failed:
-    why`. A closed contour is sampled counter-clockwise without a repeated end, an open one end to end. Raises
-    `ValueError` for a kind or a status that is none of these.
+    `status` is `ok`, `prior` where the data are uninformative and the result is as wide as the prior, or
+    `failed: why`. A closed contour is sampled counter-clockwise without a repeated end, an open one end to end.
+    Raises `ValueError` for another kind or status.
     """
 
     kind: str
@@ -57,12 +57,12 @@ class ShapeFit(Record):
 
     @property
     def is_usable(self) -> bool:
-        """Whether there is a contour to use: every status but a failure."""
+        """Whether there is a contour: the status is no failure."""
         return not self.status.startswith(FAILED)
 
 
 def failed_fit(kind: str, why: str) -> ShapeFit:
-    """The answer of a method that found no shape: an empty contour and the reason as status."""
+    """The result of a method that found no shape: an empty contour, and the reason as status."""
     return ShapeFit(
         kind=kind,
         status=f"{FAILED}: {why}",

@@ -1,4 +1,4 @@
-"""What shape estimation hands on: the paper's contours of clusters, and ours of objects."""
+"""The results of shape estimation: the contours of clusters of the paper, and our contours of objects."""
 
 from __future__ import annotations
 
@@ -35,16 +35,16 @@ class Shapes(Record):
 
 @dataclass(frozen=True)
 class Contours(Record):
-    """One contour per accepted object, of the method that the settings choose; a rejected ghost has no row.
+    """One contour per accepted object, by the method of the settings; a rejected ghost has no row.
 
-    A closed contour is sampled counter-clockwise without a repeated end, an open one end to end. The stops and
-    paths that an object was fitted to are those of the incidence points with its row in `object`. Offsets are
-    added to what geometry predicts; they are NaN where none was fitted.
+    A closed contour is sampled counter-clockwise without a repeated end, an open one end to end. An object was
+    fitted to the paths of the incidence points with its row in `object`. Offsets are added to the prediction of
+    the geometry; they are NaN where none was fitted.
     """
 
     method: str = array(dtype=str, doc="method of the settings")
     kind: TextArray = array("contour", dtype=str, doc="kind of the contour: circle, ellipse, wall, edge, ...")
-    status: TextArray = array("contour", dtype=str, doc="'ok', or 'prior' where the data said nothing")
+    status: TextArray = array("contour", dtype=str, doc="'ok', or 'prior' where the data are uninformative")
     is_closed: BoolArray = array("contour", dtype=bool, doc="closed contour of a pillar")
     center_m: FloatArray = array("contour", "xy", unit="m", doc="mean of the sampled contour")
     contour_m: FloatArray = array("contour", "sample", "xy", unit="m", doc="points of the contour")

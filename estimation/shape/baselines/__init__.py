@@ -1,4 +1,4 @@
-"""Peer methods that know incidence points only, for comparison.
+"""Peer methods for incidence points only, for comparison.
 
 Read `peers.py` first; `recursive.py` holds the recursive ones.
 """

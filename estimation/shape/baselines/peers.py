@@ -1,4 +1,4 @@
-"""Peers that know points only: prior-only, the paper's radial GP, convex hull, circle, random-matrix ellipse."""
+"""Peer methods for points: prior only, radial GP of the paper, convex hull, circle, random-matrix ellipse."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ PRIOR_BEHIND_M, PRIOR_CENTER_STD_M = 0.4, 0.2
 
 
 def fit_prior_only(points: PointCluster) -> ShapeFit:
-    """The circle one would draw without looking: 0.5 m of radius, its centre 0.4 m behind the centroid.
+    """A circle that uses the prior only: radius 0.5 m, centre 0.4 m behind the centroid.
 
-    It belongs into every comparison: knowing the side and a usual radius is much of what any method gains.
+    Every comparison needs it: the side of the sensor and a usual radius explain much of the gain of any method.
     """
     center = points.position_m.mean(axis=0) + PRIOR_BEHIND_M * points.away
     variance = np.diag([PRIOR_CENTER_STD_M**2, PRIOR_CENTER_STD_M**2, PRIOR_RADIUS_STD_M**2])
@@ -39,7 +39,7 @@ def fit_paper_gp(points: PointCluster) -> ShapeFit:
 
 
 def fit_convex_hull(points: PointCluster) -> ShapeFit:
-    """Convex hull of the points, the idea of Ge et al. 2025; it has no uncertainty of its own."""
+    """Convex hull of the points, the idea of Ge et al. 2025; it gives no uncertainty."""
     try:
         hull = points.position_m[ConvexHull(points.position_m).vertices]
     except (QhullError, ValueError):
@@ -48,9 +48,9 @@ def fit_convex_hull(points: PointCluster) -> ShapeFit:
 
 
 def fit_circle(points: PointCluster) -> ShapeFit:
-    """Circle with the least sum of squared distances, each over its own variance along the radius.
+    """Circle with the least sum of squared distances, each over its variance along the radius.
 
-    Needs three points off a line: a failure otherwise.
+    It fails without three points that are not on a line.
     """
     start = _algebraic_circle(points.position_m)
     if start is None:
@@ -73,8 +73,8 @@ def fit_circle(points: PointCluster) -> ShapeFit:
 def fit_random_matrix(points: PointCluster) -> ShapeFit:
     """Ellipse of the random-matrix model for points spread over the inside of an object.
 
-    The extension is four times the spread of the points that their covariances leave unexplained, kept at 5 cm
-    and more; source: Feldmann, Franken and Koch, "Tracking of extended objects and group targets using random
+    The extension is four times the spread of the points beyond their covariances, with half axes of at least 5
+    cm. Source: Feldmann, Franken and Koch, "Tracking of extended objects and group targets using random
     matrices", IEEE TSP 2011, with the scaling factor 1/4 of a uniformly filled ellipse.
     """
     center = points.position_m.mean(axis=0)

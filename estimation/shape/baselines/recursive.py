@@ -1,7 +1,7 @@
 """Recursive peers: the extended-target Gaussian process and the star-convex random hypersurface model.
 
-Both keep a centre and a star-convex radius, take the points one by one through an extended Kalman filter, and take
-each point's polar angle about the present centre for its place on the contour. They start from the prior circle.
+Both estimate a centre and a star-convex radius with an extended Kalman filter, point by point. The polar angle
+of a point about the present centre is its place on the contour. They start from the prior circle.
 
 Sources: Wahlstrom and Ozkan, "Extended target tracking using Gaussian processes", IEEE TSP 2015, section III;
 Baum and Hanebeck, "Extended object tracking with random hypersurface models", IEEE TAES 2014, section V.
@@ -37,14 +37,14 @@ Rows = Callable[[FloatArray], FloatArray]
 
 
 class _State(NamedTuple):
-    """Centre (2,) and the radius' coefficients, with their covariance."""
+    """Centre (2,) and the coefficients of the radius, with their covariance."""
 
     mean: FloatArray
     covariance: FloatArray
 
 
 def fit_recursive_gp(points: PointCluster) -> ShapeFit:
-    """Extended-target Gaussian process: the radius at 24 basis angles, its periodic kernel between them."""
+    """Extended-target Gaussian process: the radius at 24 basis angles; the periodic kernel interpolates it."""
     basis: FloatArray = np.arange(N_BASIS, dtype=np.float64) * (2 * np.pi / N_BASIS)
     prior = _kernel(basis, basis)
     factor = cho_factor(prior + 1e-9 * np.eye(N_BASIS))
@@ -52,21 +52,21 @@ def fit_recursive_gp(points: PointCluster) -> ShapeFit:
     def rows(angle: FloatArray) -> FloatArray:
         return np.asarray(cho_solve(factor, _kernel(basis, angle)).T)
 
-    def left(angle: FloatArray) -> FloatArray:
+    def unexplained(angle: FloatArray) -> FloatArray:
         cross = _kernel(basis, angle)
         explained = np.sum(cross * cho_solve(factor, cross), axis=0)
         return np.asarray(np.maximum(_kernel(angle, angle).diagonal() - explained, 0.0))
 
     state = _start(points, np.full(N_BASIS, PRIOR_RADIUS_M), prior)
     for position, covariance in zip(points.position_m, points.covariance_m2, strict=True):
-        state = _update(state, position, covariance, rows, left)
+        state = _update(state, position, covariance, rows, unexplained)
     return _shape(state, rows, [f"radius_{k}_m" for k in range(N_BASIS)])
 
 
 def fit_star_convex_rhm(points: PointCluster) -> ShapeFit:
     """Star-convex random hypersurface model with five harmonics, on the contour itself (scaling factor one).
 
-    The filter is of the pseudo-measurement |p - c|^2 - r(angle)^2 - noise = 0.
+    It filters the pseudo-measurement |p - c|^2 - r(angle)^2 - noise = 0.
     """
     harmonic = np.arange(1, HIGHEST_HARMONIC + 1)
 
@@ -105,13 +105,13 @@ def _outward(state: _State, position_m: FloatArray) -> tuple[FloatArray, FloatAr
 
 
 def _update(
-    state: _State, position_m: FloatArray, covariance_m2: FloatArray, rows: Rows, left: Rows
+    state: _State, position_m: FloatArray, covariance_m2: FloatArray, rows: Rows, unexplained: Rows
 ) -> _State:
-    """Filter p = c + r(angle) u + noise, the angle at its present value; `left` is what the basis leaves open."""
+    """Filter p = c + r(angle) u + noise at the present angle; `unexplained` is the variance beyond the basis."""
     unit, azimuth = _outward(state, position_m)
     row = rows(azimuth)[0]
     jacobian = np.hstack([np.eye(2), np.outer(unit, row)])
-    noise = covariance_m2 + left(azimuth)[0] * np.outer(unit, unit)
+    noise = covariance_m2 + unexplained(azimuth)[0] * np.outer(unit, unit)
     residual = position_m - state.mean[:2] - (row @ state.mean[2:]) * unit
     return _filtered(state, jacobian, residual, noise)
 

@@ -1,5 +1,5 @@
-"""The paper's shapes: clusters of incidence points, and a radial Gaussian process for each.
+"""The shapes of the paper: clusters of incidence points, and a radial Gaussian process for each.
 
-Read `estimate.py` first, then `clustering.py` and `radial.py`; `exact.py`, `fourier.py` and `newton.py` compute
-it.
+Read `estimate.py` first, then `clustering.py` and `radial.py`; `exact.py`, `fourier.py` and `newton.py` hold the
+computations.
 """

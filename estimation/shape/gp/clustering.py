@@ -15,8 +15,8 @@ NOISE = -1
 def cluster_points(position_m: FloatArray, eps_m: float, min_samples: int) -> IntArray:
     """Cluster label of every point (ip, xy) by DBSCAN: 0 .. C-1, or -1 for points in no cluster.
 
-    Clusters are numbered by size, the largest first; among equal sizes by the x and then the y of the
-    centroid. Source: Ester et al. 1996, scikit-learn's implementation.
+    The largest cluster has number 0; equal sizes are ordered by the x and then the y of the centroid. Source:
+    Ester et al. 1996, in scikit-learn's implementation.
     """
     if len(position_m) == 0:
         return np.zeros(0, dtype=np.int64)
@@ -39,10 +39,7 @@ def centroids(position_m: FloatArray, label: IntArray) -> FloatArray:
 
 
 def apply_biases(centroid_m: FloatArray, biases: Sequence[CentroidBias]) -> FloatArray:
-    """Centres (cluster, xy) in m: the centroids plus the hand-set biases that lie near them.
-
-    Biases that meet at the same cluster add up.
-    """
+    """Centres (cluster, xy) in m: the centroids plus the biases near them; biases of one cluster add up."""
     center = centroid_m.copy()
     for bias in biases:
         distance = np.linalg.norm(centroid_m - np.array(bias.near_m), axis=1)

@@ -13,7 +13,7 @@ from scenes.record import FloatArray
 
 
 class Likelihood(NamedTuple):
-    """Log marginal likelihood, the mean radius mu in m it holds for, and its gradient by mu and beta."""
+    """Log marginal likelihood, the mean radius mu in m, and the gradient by mu and beta."""
 
     value: float
     mu: float
@@ -30,9 +30,9 @@ def log_marginal_likelihood(
 ) -> Likelihood:
     """Log marginal likelihood of radii (ip,) and its gradient (4,) by (mu, sigma_f^2, l^2, sigma_n^2).
 
-    `chords` (ip, ip) are those of the training angles and beta = (sigma_f^2, l^2, sigma_n^2). The paper's log
-    marginal likelihood and partial derivatives, with K_y^-1 by its Cholesky factor. Without `mu` it is the
-    most likely one for that beta, where the derivative by mu is zero: 1' K_y^-1 r / (1' K_y^-1 1).
+    `chords` (ip, ip) are those of the training angles and beta = (sigma_f^2, l^2, sigma_n^2). These are the log
+    marginal likelihood and the partial derivatives of the paper, by Cholesky factorisation. Without `mu` the
+    most likely mu of that beta is used, where the derivative by mu is zero: 1' K_y^-1 r / (1' K_y^-1 1).
     """
     signal_variance, length_squared, noise_variance = np.asarray(beta, float)
     n = len(radius_m)
@@ -60,7 +60,7 @@ def log_marginal_likelihood(
 
 @dataclass(frozen=True)
 class ExactPosterior:
-    """What prediction needs of the training data, about the mean radius mu."""
+    """The training data in the form that prediction needs, about the mean radius mu."""
 
     angle_rad: FloatArray
     signal_variance: float
@@ -79,10 +79,11 @@ class ExactPosterior:
         return cls(angle_rad, float(signal_variance), float(length_squared), factor, weights)
 
     def predict(self, angle_rad: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Deviation from mu (sample,) in m, its variance in m^2, and the variance the unknown mu adds, in m^2.
+        """Deviation from mu (sample,) in m, its variance in m^2, and the variance due to the unknown mu, in m^2.
 
-        The printed predictive mean and variance; the last is (1 - k*' K_y^-1 1)^2 / (1' K_y^-1 1), Rasmussen
-        and Williams 2006, equation (2.42), for a constant basis function with a vague prior.
+        The first two are the printed predictive mean and variance. The third is (1 - k*' K_y^-1 1)^2 / (1'
+        K_y^-1 1): Rasmussen and Williams 2006, equation (2.42), for a constant basis function with a vague
+        prior.
         """
         cross = self.signal_variance * np.exp(-chord(self.angle_rad, angle_rad) / self.length_squared)
         whitened = self._whiten(cross)

@@ -1,4 +1,4 @@
-"""Periodic Gaussian process by its Fourier (Karhunen-Loeve) expansion: a cost independent of the points.
+"""Periodic Gaussian process by its Fourier (Karhunen-Loeve) expansion: its cost hardly grows with the points.
 
 On the circle the kernel is a sum of harmonics (Abramowitz and Stegun 1964, 9.6.34),
 
@@ -25,12 +25,12 @@ from scenes.record import FloatArray
 
 SMALLEST_ORDER = 8
 ORDER_TIMES_LENGTH = 6.8
-KERNEL_ERROR = 5e-9  # of the kernel at sigma_f = 1, the most at any angle
+KERNEL_ERROR = 5e-9  # largest error of the kernel at sigma_f = 1, at any angle
 LIKELIHOOD_ERROR_NAT = 1e-8
 
 
 def smallest_order(length_scale: float) -> int:
-    """The least number K of harmonics that stands for the kernel of a length scale, to about 5e-9."""
+    """The least number K of harmonics that represents the kernel of a length scale to about 5e-9."""
     return max(SMALLEST_ORDER, int(np.ceil(ORDER_TIMES_LENGTH / length_scale)))
 
 
@@ -49,8 +49,9 @@ class Spectrum(NamedTuple):
 def spectrum(length_squared: float, signal_to_noise: float) -> Spectrum:
     """Weights of as many harmonics as the likelihood needs.
 
-    What is left out changes the likelihood by about its weight times `signal_to_noise` = M sigma_f^2 / sigma_n^2:
-    beyond `smallest_order` harmonics are kept until that falls below 1e-8 nat and their weight below 5e-9.
+    Truncation changes the likelihood by about the missing weight times `signal_to_noise` = M sigma_f^2 /
+    sigma_n^2. Beyond `smallest_order`, harmonics are kept until that is below 1e-8 nat and the missing weight
+    below 5e-9.
     """
     z = 1 / length_squared
     least = smallest_order(float(np.sqrt(length_squared)))
@@ -67,7 +68,7 @@ def spectrum(length_squared: float, signal_to_noise: float) -> Spectrum:
 
 
 class FourierSums:
-    """Sums over the points that make Phi' Phi and Phi' (r - mean r), extended as harmonics are asked for."""
+    """Sums over the points that give Phi' Phi and Phi' (r - mean r), computed when their harmonics are needed."""
 
     def __init__(self, angle_rad: FloatArray, radius_m: FloatArray) -> None:
         self.n_points = len(angle_rad)
@@ -114,7 +115,7 @@ class FourierSums:
 
 
 def log_marginal_likelihood_fourier(sums: FourierSums, beta: ArrayLike) -> Likelihood:
-    """As `gp_exact.log_marginal_likelihood` with mu at its best, in a time that does not depend on the points.
+    """As `exact.log_marginal_likelihood` with the most likely mu, in a time independent of the number of points.
 
     By B's Cholesky factor, with q = sigma_f W^1/2 Phi' eta / sigma_n^2 and v = B^-1 q:
     eta' K_y^-1 eta = eta' eta / sigma_n^2 - q' v, log |K_y| = M log sigma_n^2 + log |B|, and the derivative by
@@ -146,7 +147,7 @@ def log_marginal_likelihood_fourier(sums: FourierSums, beta: ArrayLike) -> Likel
 
 @dataclass(frozen=True)
 class FourierPosterior:
-    """Posterior of the harmonics' coefficients about the mean radius mu."""
+    """Posterior of the coefficients of the harmonics about the mean radius mu."""
 
     scale_m: FloatArray  # prior standard deviation sigma_f w^1/2 of every feature (feature,)
     factor: FloatArray  # lower Cholesky factor of B

@@ -1,8 +1,8 @@
 """Most likely hyperparameters of many small radial Gaussian processes, in one compiled call.
 
-For few points the calls around a covariance matrix cost more than the matrix. Here every cluster goes through the
-same compiled search by itself, a projected Newton ascent over log beta with the analytic Hessian of the profiled
-log marginal likelihood, so what a cluster yields does not depend on the others of its batch.
+For few points the function calls cost more than the covariance matrix. Here a compiled search handles one
+cluster after another: a projected Newton ascent over log beta with the analytic Hessian of the profiled log
+marginal likelihood. The result of a cluster does not depend on the others.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from scenes.record import FloatArray, IntArray
 
 LARGEST_STEP = 1.5  # of a log parameter
 SMALLEST_CURVATURE_NAT = 1e-3
-SUFFICIENT_RISE = 1e-4  # of what the slope promises (Armijo)
+SUFFICIENT_RISE = 1e-4  # share of the rise that the slope predicts (Armijo)
 N_STEPS, N_HALVINGS = 60, 25
 
 
@@ -22,10 +22,10 @@ N_STEPS, N_HALVINGS = 60, 25
 def likelihood_terms(
     chords: FloatArray, radius_m: FloatArray, log_beta: FloatArray
 ) -> tuple[float, FloatArray, FloatArray]:
-    """Log marginal likelihood with mu at its best, its gradient (3,) and Hessian (3, 3) by log beta.
+    """Log marginal likelihood with the most likely mu, its gradient (3,) and Hessian (3, 3) by log beta.
 
-    As `gp_exact.log_marginal_likelihood`. With P = K_y^-1, alpha = P (r - mu), D_i the derivatives of K_y and
-    u_i = D_i alpha the Hessian is (alpha' D_ij alpha - tr P D_ij + tr P D_i P D_j) / 2 - u_i' P u_j, and mu being
+    As `exact.log_marginal_likelihood`. With P = K_y^-1, alpha = P (r - mu), D_i the derivatives of K_y and u_i =
+    D_i alpha the Hessian is (alpha' D_ij alpha - tr P D_ij + tr P D_i P D_j) / 2 - u_i' P u_j, and mu being
     profiled adds (1' P u_i) (1' P u_j) / (1' P 1).
     """
     n = len(radius_m)
@@ -72,7 +72,7 @@ def _ascend(
     high: FloatArray,
     slope_nat: float,
 ) -> tuple[float, FloatArray]:
-    """Likelihood and log beta where no free slope exceeds `slope_nat`, uphill from a start within the bounds."""
+    """Likelihood and log beta where no free slope exceeds `slope_nat`, by ascent within the bounds."""
     at = np.minimum(np.maximum(start, low), high)
     value, gradient, hessian = likelihood_terms(chords, radius_m, at)
     for _ in range(N_STEPS):

@@ -1,9 +1,9 @@
 """Gaussian-process (GP) regression of a radial function r = f(angle) + n (paper, section III-B).
 
 The kernel is the periodic squared exponential with period 2 pi, the mean is an unknown constant mu, and mu and
-beta = (sigma_f^2, l^2, sigma_n^2) maximise the log marginal likelihood by its analytic gradient. Few points go
-through their covariance matrix (`gp_exact`), many through the harmonics of the kernel (`gp_fourier`); small
-clusters are searched together in one compiled call (`gp_newton`).
+beta = (sigma_f^2, l^2, sigma_n^2) maximise the log marginal likelihood. The search uses its analytic gradient.
+Few points use their covariance matrix (`exact.py`), many the harmonics of the kernel (`fourier.py`); small
+clusters are searched together in one compiled call (`newton.py`).
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from estimation.shape.gp.fourier import (
 from estimation.shape.gp.newton import most_likely
 from scenes.record import FloatArray
 
-# Bounds of the search: standard deviations relative to the rms radius, the length scale as it is. They keep
-# the covariance matrix well conditioned; an optimum beyond them describes the same function in practice.
+# Bounds of the search: standard deviations relative to the rms radius, and the length scale. They keep the
+# covariance matrix well conditioned; an optimum beyond them describes the same function in practice.
 SIGNAL_STD_BOUNDS = (1e-4, 10.0)
 NOISE_STD_BOUNDS = (1e-3, 10.0)
 LENGTH_SCALE_BOUNDS = (0.05, 10.0)
@@ -37,8 +37,8 @@ SMALLEST_SCALE_M = 0.01
 
 COARSE_TOLERANCE_NAT = 0.1  # slope by log beta where a start stops: about 0.01 nat from its optimum
 FINE_TOLERANCE_NAT = 1e-3  # slope where the search of the best start ends: about 1e-6 nat from the optimum
-TRIAL_STEPS, HOPELESS_NAT = 6, 50.0  # a start this far behind another after so many steps is given up
-RELATIVE_TOLERANCE = 2.2e-9  # L-BFGS-B's own, of the likelihood
+TRIAL_STEPS, HOPELESS_NAT = 6, 50.0  # a search this far below another after so many steps is stopped
+RELATIVE_TOLERANCE = 2.2e-9  # of the likelihood; the default of L-BFGS-B
 LARGEST_COMPILED = 32  # most points of a cluster that the compiled search takes
 NEWTON_TOLERANCE_NAT = 1e-5  # slope where the compiled search ends: about 1e-10 nat from the optimum
 PAPER_START = np.array([[4.0, 4.0, 4.0]])  # beta of sigma_f = l = sigma_n = 2
@@ -46,7 +46,7 @@ PAPER_START = np.array([[4.0, 4.0, 4.0]])  # beta of sigma_f = l = sigma_n = 2
 
 @dataclass(frozen=True)
 class RadialGp:
-    """A fitted radial function: the learned parameters and the posterior they give."""
+    """A fitted radial function: the learned parameters and their posterior."""
 
     mean_m: float
     signal_std_m: float
@@ -59,8 +59,8 @@ class RadialGp:
     def predict(self, angle_rad: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Mean and standard deviation in m of the radius f at angles (sample,) in rad.
 
-        The printed predictive mean and variance; with `mean_uncertainty` the variance of the learned mean is
-        added.
+        These are the printed predictive mean and variance; `mean_uncertainty` adds the variance of the learned
+        mean.
         """
         deviation, variance, of_mean = self.posterior.predict(np.asarray(angle_rad, float))
         if self.mean_uncertainty:
@@ -69,7 +69,7 @@ class RadialGp:
 
 
 class RadialData:
-    """Contour points in polar form, with what either form of the likelihood needs of them, made when asked for."""
+    """Contour points in polar form; the terms of each form of the likelihood are computed at first use."""
 
     def __init__(self, angle_rad: FloatArray, radius_m: FloatArray) -> None:
         self.angle_rad = angle_rad
@@ -86,11 +86,11 @@ class RadialData:
         return FourierSums(self.angle_rad, self.radius_m)
 
     def is_exact(self, beta: FloatArray) -> bool:
-        """Whether the covariance matrix is smaller than that of the harmonics the length scale asks for."""
+        """Whether there are fewer points than harmonics that the length scale needs."""
         return len(self.radius_m) < 2 * smallest_order(float(np.sqrt(beta[1]))) + 1
 
     def log_marginal_likelihood(self, beta: FloatArray) -> Likelihood:
-        """Log marginal likelihood with mu at its best, in the cheaper form."""
+        """Log marginal likelihood with the most likely mu, in the cheaper form."""
         if self.is_exact(beta):
             return log_marginal_likelihood(self.chords, self.radius_m, beta)
         return log_marginal_likelihood_fourier(self.sums, beta)
@@ -112,8 +112,8 @@ def fit_radial_gp(
     """Fit the radial function to contour points at angle (ip,) in rad and radius (ip,) in m, one or more.
 
     `start` is `paper`: l = sigma_f = sigma_n = 2; or `data`: the most likely result of three starts taken from
-    the data. The search runs over log beta with mu at its best for each beta, so mu needs no start. sigma_n
-    stays at or above `noise_floor_std_m`.
+    the data. The search runs over log beta with the most likely mu of each beta, so mu needs no start. sigma_n
+    is at least `noise_floor_std_m`.
 
     Raises
     ------
@@ -131,8 +131,8 @@ def fit_radial_gps(
 ) -> list[RadialGp]:
     """Fit the radial function of every cluster (angle (ip,) in rad, radius (ip,) in m), as `fit_radial_gp` does.
 
-    Small clusters go through one compiled call. The paper's start keeps to L-BFGS-B: where it ends depends on
-    the search. `noise_floor_std_m` (cluster,) is 0 without.
+    Small clusters share one compiled call. The start of the paper uses L-BFGS-B, because its result depends on
+    the search. `noise_floor_std_m` (cluster,) is 0 by default.
     """
     for angle, radius in clusters:
         if len(angle) == 0 or len(angle) != len(radius):
@@ -163,7 +163,7 @@ def _fitted(data: RadialData, beta: FloatArray, mean_uncertainty: bool) -> Radia
 
 
 def _most_likely(data: list[RadialData], bounds: list[FloatArray]) -> FloatArray:
-    """Most likely beta (cluster, 3) of small clusters, from the starts that their data give."""
+    """Most likely beta (cluster, 3) of small clusters, from starts taken from their data."""
     if not data:
         return np.zeros((0, 3))
     first = np.cumsum([0, *(len(one.radius_m) for one in data)])
@@ -177,7 +177,7 @@ def _most_likely(data: list[RadialData], bounds: list[FloatArray]) -> FloatArray
 
 
 def _searched(data: RadialData, start: Literal["paper", "data"], bounds: FloatArray) -> FloatArray:
-    """Most likely beta (3,) by L-BFGS-B from each start, the best of them pursued to the end."""
+    """Most likely beta (3,) by L-BFGS-B from each start; only the best is refined to the fine tolerance."""
     careful = start == "data"
     starts = _data_starts(data.angle_rad, data.radius_m) if careful else PAPER_START
     best: tuple[float, FloatArray] = (-np.inf, starts[0])
@@ -197,10 +197,9 @@ def _maximise_likelihood(
 ) -> tuple[float, FloatArray]:
     """Log likelihood and beta at the optimum over log beta, by L-BFGS-B; mu follows from beta at each step.
 
-    L-BFGS-B's first step follows the gradient to the bounds where the likelihood is steep, and there the length
-    scale asks for the most harmonics. A `careful` search is scaled to a first step of about 1; where the paper's
-    start ends depends on the long step. A search that after some steps is still far below the likelihood
-    `to_beat` of another start is given up.
+    Where the likelihood is steep the first step of L-BFGS-B reaches the bounds, where the length scale needs the
+    most harmonics. A `careful` search is scaled to a first step of about 1; the result of the start of the paper
+    depends on the long step. A search that after some steps is far below the likelihood `to_beat` is stopped.
     """
     first = np.log(np.clip(start, *bounds))
     steepness = 1.0

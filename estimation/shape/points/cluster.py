@@ -1,4 +1,4 @@
-"""Incidence points of one object: what the methods that know points only are given."""
+"""Incidence points of one object: the input of the methods for points."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from scenes.record import FloatArray, Record, array
 
 @dataclass(frozen=True)
 class PointCluster(Record):
-    """Incidence points of one object with their covariances, and the side they were seen from.
+    """Incidence points of one object with their covariances, and the place of the sensor.
 
     Raises `ValueError` without a point, for a value that is not finite and for a covariance that is not positive
     definite.
@@ -19,7 +19,7 @@ class PointCluster(Record):
 
     position_m: FloatArray = array("ip", "xy", unit="m", doc="incidence points")
     covariance_m2: FloatArray = array("ip", "xy", "xy2", unit="m^2", doc="their covariances")
-    sensor_m: FloatArray = array("xy", unit="m", doc="where the points were seen from; NaN where unknown")
+    sensor_m: FloatArray = array("xy", unit="m", doc="place of the sensor; NaN if unknown")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -42,16 +42,16 @@ class PointCluster(Record):
 
     @property
     def middle_m(self) -> FloatArray:
-        """Median position (xy,) in m: the centroid that no outlier moves far."""
+        """Median position (xy,) in m, which is robust to outliers."""
         return np.asarray(np.median(self.position_m, axis=0))
 
     def area_m2(self, margin_m: float) -> float:
-        """Area of the box of the points widened by a margin on every side: where outliers may lie."""
+        """Area of the bounding box of the points with a margin on every side; outliers are uniform over it."""
         return float(np.prod(np.ptp(self.position_m, axis=0) + 2 * margin_m))
 
     @property
     def away(self) -> FloatArray:
-        """Unit vector (xy,) from the sensor to the points; zero where the side is not known."""
+        """Unit vector (xy,) from the sensor to the points; zero where the sensor is unknown."""
         direction = self.middle_m - self.sensor_m
         length = float(np.hypot(*direction))
         return np.asarray(direction / length) if length > 0 else np.zeros(2)

@@ -1,4 +1,4 @@
-"""Contours where only incidence points are trusted: every cluster by itself, by ours or a peer's method."""
+"""Contours from incidence points only, cluster by cluster, by our methods or those of peers."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def fit_point_contours(
 ) -> Contours:
     """A contour per cluster `label` (ip,); a cluster whose fit fails has none.
 
-    Points are seen from halfway between the TX and the receivers that see them.
+    The sensor is taken halfway between the TX and the mean position of the receivers.
     """
     shapes: list[ShapeFit] = []
     probability: list[FloatArray] = []

@@ -1,13 +1,14 @@
 """Recessed or gently curved walls: depth along a line as a Gaussian process or as one recess.
 
-depth(t) ~ GP(0, sigma^2 k(t)) about the wall's line, k the Matern kernel of order 3/2, whose functions may bend
-sharply, or of order 1/2, whose functions may jump; or the line with one recess
-(`estimation.shape.points.recess`). The three are alike before the data; kernel order, standard deviation and
-length are integrated over a grid. The ends are those of the line.
+depth(t) ~ GP(0, sigma^2 k(t)) about the line of the wall. k is the Matern kernel of order 3/2, whose functions
+may bend sharply, or of order 1/2, whose functions may jump; or the line has one recess
+(`estimation.shape.points.recess`). The three have equal priors. Kernel order, standard deviation and length are
+integrated over a grid. The ends are those of the line.
 """
 
 from __future__ import annotations
 
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +25,7 @@ from scenes.record import FloatArray
 N_SAMPLES = 100
 DEPTH_STD_M = np.geomspace(0.03, 1.0, 6)
 LENGTH_M = np.geomspace(0.3, 10.0, 6)
-LINE_OFFSET_STD_M, LINE_AZIMUTH_STD_RAD = 1.0, 0.5  # the line itself is relearned with the depth
+LINE_OFFSET_STD_M, LINE_AZIMUTH_STD_RAD = 1.0, 0.5  # prior of the line, which is fitted again with the depth
 
 
 class _Kernel(NamedTuple):
@@ -46,14 +47,14 @@ class _Kernel(NamedTuple):
 def fit_depth_line(points: PointCluster, prior: LinePrior = WALL_PRIOR) -> ShapeFit:
     """Wall whose depth varies along it, sampled from end to end; parameters as those of `fit_line`.
 
-    Every point counts in full: one far off the line may lie in a recess.
+    Every point has full weight: a point far from the line may be in a recess.
     """
     with one_blas_thread():
         line = robust_line(points, LinePrior(outlier_share=prior.outlier_share, log_noise_scale_std=1.0))
-        told = line._replace(parameter=np.append(line.parameter[:2], 0.0), inlier_share=np.ones(len(points)))
-        ends = end_posterior(points, told, prior)
+        every = line._replace(parameter=np.append(line.parameter[:2], 0.0), inlier_share=np.ones(len(points)))
+        ends = end_posterior(points, every, prior)
         at = np.linspace(ends.median_m[0], ends.median_m[1], N_SAMPLES)
-        mean, variance, log_evidence = _depth(points, told, at)
+        mean, variance, log_evidence = _depth(points, every, at)
     along, normal = line.axes
     contour = line.origin_m + at[:, None] * along + mean[:, None] * normal
     covariance = np.zeros((4, 4))
@@ -84,17 +85,10 @@ def _depth(points: PointCluster, line: Line, at_m: FloatArray) -> tuple[FloatArr
         (points.position_m - line.origin_m) @ normal - line.parameter[1],
         np.einsum("i,nij,j->n", normal, points.covariance_m2, normal),
     )
-    models = [
-        [
-            _fit_kernel(seen, at_m, _Kernel(std, length, is_rough))
-            for std in DEPTH_STD_M
-            for length in LENGTH_M
-        ]
-        for is_rough in (False, True)
-    ]
-    models.append(
-        [fit_recess(seen, at_m, std, (LINE_OFFSET_STD_M, LINE_AZIMUTH_STD_RAD)) for std in DEPTH_STD_M]
-    )
+    grid = list(product(DEPTH_STD_M, LENGTH_M))
+    models = [[_fit_kernel(seen, at_m, _Kernel(*at, rough)) for at in grid] for rough in (False, True)]
+    line_std = (LINE_OFFSET_STD_M, LINE_AZIMUTH_STD_RAD)
+    models.append([fit_recess(seen, at_m, std, line_std) for std in DEPTH_STD_M])
     members = [member for model in models for member in model]
     log_prior = -np.log(np.repeat([len(model) for model in models], [len(model) for model in models]))
     log_share = np.array([member.log_likelihood for member in members]) + log_prior

@@ -1,8 +1,8 @@
-"""Walls by their incidence points: a line with unequal noise, and the posterior of its two ends.
+"""Walls from incidence points: a line with unequal noise, and the posterior of its two ends.
 
-Point i stems from a place uniform along the segment from end a to end b of the line n'p = d, with its own
-covariance Sigma_i scaled by s^2; 5 % of the points may lie anywhere. Given the line, the density splits exactly
-into the distance from it, N(n'p - d; 0, n' Sigma n), and the place along it given that distance.
+The place of point i is uniform along the segment from end a to end b of the line n'p = d; its error has the
+covariance Sigma_i times s^2. 5 % of the points are outliers. Given the line, the density factorises exactly into
+the distance from it, N(n'p - d; 0, n' Sigma n), and the place along it given that distance.
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ N_SAMPLES = 100
 END_STDS = 4.0
 DIFFERENCE_STEP = 1e-6
 LOG_SCALE_BOUNDS = (-2.0, 2.0)
-PROPOSAL_STD = (0.15, 0.25, 0.25, 0.4)  # first ones of offset in m, log noise scale, middle in m, log length
+PROPOSAL_STD = (0.15, 0.25, 0.25, 0.4)  # at first; of offset in m, log noise scale, middle in m, log length
 
 
 @dataclass(frozen=True)
 class LinePrior:
-    """What is known of a wall before it is seen."""
+    """Prior of a wall."""
 
     length_m: tuple[float, float] = (0.5, 25.0)  # log-uniform
     offset_std_m: float = 0.5  # of the line about the middle of the points
-    middle_range_m: float = 1.25  # the middle of the wall has a density of one over this, wherever it is
+    middle_range_m: float = 1.25  # the prior density of the middle of the wall is one over this
     log_noise_scale_std: float = 0.3
-    facing_concentration: float = 3.5  # of its normal about the sensor, as that of the points on a pillar
+    facing_concentration: float = 3.5  # of its normal about the direction of the sensor
     outlier_share: float = 0.05
     outlier_margin_m: float = 0.5
 
@@ -46,12 +46,12 @@ WALL_PRIOR = LinePrior()
 
 
 class Line(NamedTuple):
-    """A line n'p = d through a cluster, about the middle of its points, and how well it is known."""
+    """A line n'p = d through a cluster, relative to the middle of its points, with its covariance."""
 
     origin_m: FloatArray  # (xy,) the middle of the points
     parameter: FloatArray  # (3,): azimuth of the line in rad, its offset d in m, log noise scale
     covariance: FloatArray  # (3, 3)
-    inlier_share: FloatArray  # (ip,) probability of each point to belong to the line
+    inlier_share: FloatArray  # (ip,) probability that the point belongs to the line
 
     @property
     def axes(self) -> tuple[FloatArray, FloatArray]:
@@ -62,16 +62,13 @@ class Line(NamedTuple):
 class SegmentEnds(NamedTuple):
     """Posterior of the two ends along a line."""
 
-    median_m: FloatArray  # (2,) the least absolute error: the posterior is skewed outwards
+    median_m: FloatArray  # (2,); it has the least absolute error, since the posterior is skewed outwards
     covariance_m2: FloatArray  # (2, 2) about the medians
     log_evidence: float  # of the places of the points along the line
 
 
 def fit_line(points: PointCluster, prior: LinePrior = WALL_PRIOR) -> ShapeFit:
-    """Segment through a cluster of points; `extent_m` is its length with that of its end-point posterior.
-
-    The status is `prior` for a single point.
-    """
+    """Segment through a cluster of points; `extent_m` is its length. The status is `prior` for a single point."""
     with one_blas_thread():
         line = robust_line(points, prior)
         ends = end_posterior(points, line, prior)
@@ -100,7 +97,7 @@ def fit_line(points: PointCluster, prior: LinePrior = WALL_PRIOR) -> ShapeFit:
 
 
 def _log_evidence(points: PointCluster, line: Line, ends: SegmentEnds, prior: LinePrior) -> float:
-    """Evidence of the segment, about the line and the ends that were fitted."""
+    """Log evidence of the segment, by importance sampling about the fitted line and ends."""
     log_outlier_density = -float(np.log(points.area_m2(prior.outlier_margin_m)))
     log_length = np.log(prior.length_m)
     offset = points.position_m - line.origin_m
@@ -128,7 +125,7 @@ def _log_evidence(points: PointCluster, line: Line, ends: SegmentEnds, prior: Li
 
 
 def robust_line(points: PointCluster, prior: LinePrior) -> Line:
-    """The most probable line, by its points' distances from it, from the best of four azimuths."""
+    """The most probable line, by the distances of its points, from the best of four azimuths."""
     origin = points.middle_m
     offset = points.position_m - origin
     length = float(np.hypot(*np.ptp(points.position_m, axis=0))) + prior.length_m[0]
@@ -175,11 +172,11 @@ def robust_line(points: PointCluster, prior: LinePrior) -> Line:
     rows = [(gradient(best.x + s) - gradient(best.x - s)) / 2e-4 for s in 1e-4 * np.eye(3)]
     hessian = (np.array(rows) + np.array(rows).T) / 2
     value, vector = np.linalg.eigh(hessian)
-    value = np.maximum(value, 1.0)  # no direction less certain than an azimuth of 1 rad or an offset of 1 m
+    value = np.maximum(value, 1.0)  # the standard deviations are at most 1 rad and 1 m
     inlier, total = terms(best.x)
     covariance = (vector / value) @ vector.T
-    # Given the scale s the line's covariance is s^2 C. With the line integrated out, log s has its mode two of its
-    # variances v higher, so that the mean of s^2 is exp(6 v) times that at the optimum.
+    # Given the scale s the covariance of the line is s^2 C. With the line integrated out, the mode of log s is
+    # higher by two of its variances v; the mean of s^2 is therefore exp(6 v) times that at the optimum.
     spread = np.exp(np.array([3.0, 3.0, 0.0]) * covariance[2, 2])
     covariance = covariance * np.outer(spread, spread)
     return Line(origin, np.asarray(best.x), covariance, np.exp(inlier - total))
@@ -188,7 +185,8 @@ def robust_line(points: PointCluster, prior: LinePrior) -> Line:
 def end_posterior(points: PointCluster, line: Line, prior: LinePrior) -> SegmentEnds:
     """Posterior of the ends on a grid: p(points | a, b) = prod [Phi((t - a) / s) - Phi((t - b) / s)] / (b - a).
 
-    Points off the line count by their share; before, the length is log-uniform and the middle uniform.
+    Outliers are weighted by their inlier share. The prior is log-uniform in the length and uniform in the
+    middle.
     """
     along, normal = line.axes
     place, std = places_along(points, line, along, normal)
@@ -231,14 +229,14 @@ def places_along(
 
 
 def _median(at_m: FloatArray, share: FloatArray) -> float:
-    """Median in m of a density on an even grid, each value standing for the cell about it."""
+    """Median in m of a density on an even grid; each value is the probability of the cell about it."""
     step = at_m[1] - at_m[0]
     edge = np.append(at_m - step / 2, at_m[-1] + step / 2)
     return float(np.interp(0.5, np.append(0.0, np.cumsum(share)), edge))
 
 
 def _log_facing(azimuth_rad: ArrayLike, away: FloatArray, concentration: float) -> FloatArray:
-    """Log density per rad of a wall's azimuth: von Mises of its normal about the sensor, uniform without one."""
+    """Log density per rad of the azimuth of a wall: von Mises of its normal about the sensor, else uniform."""
     azimuth = np.asarray(azimuth_rad, float)
     if not away.any():
         return np.full(azimuth.shape, -np.log(np.pi))

@@ -1,9 +1,9 @@
 """Evidence of a straight wall by importance sampling: the azimuth of a short wall is far from normal.
 
-A segment is (azimuth, offset, log noise scale, middle, log length). Its points are spread evenly over it, each
-with its own covariance, or lie anywhere. Student densities about the fitted line and then about the draws' own
-moments propose segments; their weights add up to the evidence. The draws come from a fixed Sobol sequence: the
-same points give the same answer.
+A segment is (azimuth, offset, log noise scale, middle, log length). Its points are uniform over it, each with
+its covariance, or are outliers. Student densities propose segments, first about the fitted line, then about the
+moments of the draws; the weights add up to the evidence. The draws come from a fixed Sobol sequence, so results
+repeat exactly.
 """
 
 from __future__ import annotations
@@ -24,16 +24,14 @@ N_DRAWS = 1024
 N_ROUNDS = 3
 DEGREES_OF_FREEDOM = 5.0
 SMALLEST_STD = 0.02  # of a proposal, in any parameter
-TEMPER_BELOW_DRAWS = (
-    50.0  # effective draws; with fewer, the weights are flattened before their moments are taken
-)
+TEMPER_BELOW_DRAWS = 50.0  # effective draws; with fewer, the weights are flattened before the moments
 TEMPER = 0.3
 
 
 def importance_evidence(
     log_density: Callable[[FloatArray], FloatArray], mean: FloatArray, covariance: FloatArray
 ) -> float:
-    """Log integral of a density over its parameters (draw, parameter), first proposed by mean and covariance."""
+    """Log integral of a density of parameters (draw, parameter); mean and covariance are the first proposal."""
     normal, spread = _quasi_normal(len(mean))
     total = -np.inf
     for _ in range(N_ROUNDS):

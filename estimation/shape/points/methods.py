@@ -1,4 +1,4 @@
-"""Methods that know incidence points only, ours and the peers', behind one interface."""
+"""Methods for incidence points only, our own and those of peers, with one interface."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ POINT_METHODS: Mapping[str, Callable[[PointCluster], ShapeFit]] = {
     "star_convex_rhm": fit_star_convex_rhm,
 }
 
-# Ours for points alone, by class, with their shares before any data; an edge cannot be told by points.
+# Our methods with their class and prior share; points alone do not show an edge.
 _OWN = {"mic": ("pillar", 0.5), "line": ("wall", 0.25), "depth_line": ("wall", 0.25)}
 
 
 def choose_points(points: PointCluster) -> tuple[ShapeFit, FloatArray]:
-    """The more evident of contour, line and line of varying depth, and the probability (class,) of each class."""
+    """The fit of contour, line or line of varying depth with most evidence, and the probability (class,)."""
     fits = {name: POINT_METHODS[name](points) for name in _OWN}
     score = {name: fit.log_evidence + np.log(_OWN[name][1]) for name, fit in fits.items() if fit.is_usable}
     total = np.logaddexp.reduce(list(score.values()))

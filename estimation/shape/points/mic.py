@@ -1,9 +1,9 @@
 """Marginalised-incidence contour (MIC): a free-centre contour of points seen from one side.
 
-A star-convex contour x(t) = c + R exp(sum_k>=2 a_k cos k t + b_k sin k t) (cos t, sin t), whose centre and mean
-radius stand for the harmonics 1 and 0 of a radial Gaussian process; the others keep the spectrum of its periodic
-kernel. Where on the contour a point lies is unknown and integrated out over a von Mises density about the
-direction of the sensor; some points may lie anywhere, their share and the scale of the covariances are learned.
+The contour is star-convex: x(t) = c + R exp(sum_k>=2 a_k cos k t + b_k sin k t) (cos t, sin t). Its centre and
+mean radius replace the harmonics 1 and 0 of a radial Gaussian process; the others have the spectrum of its
+periodic kernel. The unknown place of a point on the contour is integrated out over a von Mises density about the
+direction of the sensor. The share of outliers and the scale of the covariances are learned.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ CENTER_X, CENTER_Y, LOG_RADIUS, LOG_SCALE, LOG_VISIBLE, LOGIT_OUTLIER, FIRST_HAR
 
 @dataclass(frozen=True)
 class MicPrior:
-    """What is known of an object before it is seen."""
+    """Prior of a pillar."""
 
     radius_m: float = 0.5
     log_radius_std: float = 0.3
@@ -45,11 +45,11 @@ class MicPrior:
     log_concentration_std: float = 0.4
     outlier_share: float = 0.05
     logit_outlier_share_std: float = 1.0
-    outlier_margin_m: float = 0.5  # outliers lie anywhere in the box of the points widened by this
+    outlier_margin_m: float = 0.5  # outliers are uniform over the bounding box of the points with this margin
 
 
 class _Mode(NamedTuple):
-    """A most probable parameter set, its covariance, and the log of the probability mass about it."""
+    """The most probable parameters at one node, their covariance, and the log of the probability mass."""
 
     parameter: FloatArray
     covariance: FloatArray
@@ -59,10 +59,10 @@ class _Mode(NamedTuple):
 def fit_mic(points: PointCluster, prior: MicPrior = MicPrior()) -> ShapeFit:
     """Posterior mean contour of a cluster of points.
 
-    The log radius is integrated out by Gauss-Hermite quadrature about its most probable value, the other
-    parameters by Laplace's method at each of its nodes: the centre and the radius of a short arc are far from
-    jointly normal. The status is `prior` where the points left the radius as uncertain as the prior has it.
-    Without a sensor position the whole contour counts as visible.
+    Gauss-Hermite quadrature integrates over the log radius about its most probable value, Laplace's method over
+    the other parameters at each node, because the centre and the radius of a short arc are far from jointly
+    normal. The status is `prior` where the points do not reduce the uncertainty of the radius. Without a sensor
+    position the whole contour is visible.
     """
     model = _Model(points, prior)
     with one_blas_thread():
@@ -71,7 +71,7 @@ def fit_mic(points: PointCluster, prior: MicPrior = MicPrior()) -> ShapeFit:
 
 
 def _minimise(model: _Model, start: FloatArray, fixed: bool = False) -> tuple[float, FloatArray]:
-    """Least negative log posterior and its parameters; the log radius may stay as it is."""
+    """Least negative log posterior and its parameters, with the log radius `fixed` if asked."""
     bounds = [(value, value) if fixed and k == LOG_RADIUS else (None, None) for k, value in enumerate(start)]
     found = minimize(
         model.negative_log_posterior,
@@ -85,7 +85,7 @@ def _minimise(model: _Model, start: FloatArray, fixed: bool = False) -> tuple[fl
 
 
 def _radius_modes(model: _Model, best: FloatArray) -> list[_Mode]:
-    """The posterior as a mixture over the nodes of the log radius; the masses add up to the evidence."""
+    """The posterior as a mixture over the nodes of the log radius; the sum of the masses is the evidence."""
     covariance = np.linalg.inv(_hessian(model, best))
     std = float(np.sqrt(covariance[LOG_RADIUS, LOG_RADIUS]))
     others = np.flatnonzero(np.arange(len(best)) != LOG_RADIUS)
@@ -122,21 +122,11 @@ class _Model:
         prior = self.prior
         spectrum = np.repeat(2 * ive(harmonic, 1 / prior.length_scale**2), 2)
         center = self.points.middle_m + prior.behind_radii * prior.radius_m * self.points.away
-        others = [
-            np.log(prior.radius_m),
-            0.0,
-            np.log(prior.visible_concentration),
-            logit(prior.outlier_share),
-        ]
-        mean = np.concatenate([center, others, np.zeros(len(spectrum))])
-        center_std = [prior.center_std_m] * 2
-        scales = [
-            prior.log_radius_std,
-            prior.log_noise_scale_std,
-            prior.log_concentration_std,
-            prior.logit_outlier_share_std,
-        ]
-        return mean, np.concatenate([center_std, scales, prior.shape_std * np.sqrt(spectrum)])
+        logs = [np.log(prior.radius_m), 0.0, np.log(prior.visible_concentration), logit(prior.outlier_share)]
+        mean = np.concatenate([center, logs, np.zeros(len(spectrum))])
+        std = [prior.center_std_m, prior.center_std_m, prior.log_radius_std, prior.log_noise_scale_std]
+        std += [prior.log_concentration_std, prior.logit_outlier_share_std]
+        return mean, np.concatenate([std, prior.shape_std * np.sqrt(spectrum)])
 
     def starts(self) -> list[FloatArray]:
         """Circles of a small and a large radius behind the points."""
@@ -191,7 +181,7 @@ class _Model:
 def _hessian(model: _Model, parameter: FloatArray) -> FloatArray:
     """Hessian of the negative log posterior by central differences of its gradient, made positive definite.
 
-    No direction may be less certain than the prior makes it.
+    No direction is less certain than under the prior.
     """
     step = DIFFERENCE_STEP * model.std
     rows = []

@@ -1,4 +1,4 @@
-"""Likelihood of points on a contour whose places along it are unknown: they are integrated out."""
+"""Likelihood of points on a contour; their unknown places along it are integrated out."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ def log_likelihood(
     """Log likelihood, its gradient (node, xy) by the nodes in 1/m, its derivative by the log noise scale, and the
     expected number of points (node,) at every node, which is its gradient by weights shared by all points.
 
-    The density of point i is sum_g exp(log_weight_g) N(p_i; x_g, s^2 Sigma_i) + exp(log_background). `position_m`
-    (ip, xy), `precision_per_m2` (ip, xy, xy) the inverse of Sigma_i, `log_constant` (ip,) that of the normal
-    density at s = 1, `log_weight` (node,), `node_m` (node, xy) the contour.
+    The density of point i is sum_g exp(log_weight_g) N(p_i; x_g, s^2 Sigma_i) + exp(log_background).
+    `position_m` (ip, xy), `precision_per_m2` (ip, xy, xy) the inverse of Sigma_i, `log_constant` (ip,) that of
+    the normal density at s = 1, `log_weight` (node,), `node_m` (node, xy) the contour.
     """
     n_points, n_nodes = len(position_m), len(node_m)
     value = 0.0

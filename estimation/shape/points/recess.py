@@ -2,8 +2,8 @@
 
     depth(t) = offset + slope t + D [a < t < b],   D ~ N(0, sigma^2),
 
-with all pairs a < b of an even grid over the wall alike, so that a recess may run to an end of the wall and is a
-step then. Given a and b the model is linear and its posterior exact; pairs and sigma weigh by their evidence.
+with equal priors for all pairs a < b of a grid over the wall. A recess that reaches an end of the wall is a
+step. Given a and b the model is linear and its posterior exact; pairs and sigma are weighted by their evidence.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class DepthPosterior(NamedTuple):
 
 
 class DepthPoints(NamedTuple):
-    """Points beside a line."""
+    """Points in the coordinates of a line."""
 
     place_m: FloatArray  # (ip,) along it
     place_std_m: FloatArray  # (ip,)
@@ -38,11 +38,11 @@ class DepthPoints(NamedTuple):
 def fit_recess(
     points: DepthPoints, at_m: FloatArray, depth_std_m: float, line_std: tuple[float, float]
 ) -> DepthPosterior:
-    """Posterior of the depth at the places `at_m` (sample,), which run from end to end of the wall.
+    """Posterior of the depth at the places `at_m` (sample,) from end to end of the wall.
 
-    `depth_std_m` is sigma, `line_std` the standard deviations of offset (m) and slope before the data. A point is
-    inside the recess with a probability z, for its place has an error; z D stands for its depth and the variance
-    z (1 - z) sigma^2 for what that leaves out.
+    `depth_std_m` is sigma, `line_std` the prior standard deviations of offset (m) and slope. The place of a
+    point has an error, so the point is inside the recess with a probability z: its depth is z D, and z (1 - z)
+    sigma^2 is added to its variance.
     """
     edge = np.linspace(min(at_m.min(), points.place_m.min()), max(at_m.max(), points.place_m.max()), N_EDGES)
     first, last = np.triu_indices(N_EDGES, 1)
