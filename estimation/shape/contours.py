@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from estimation.channel.record import ChannelEstimate
 from estimation.shape.config import ContourConfig
 from estimation.shape.points.contours import fit_point_contours
-from estimation.shape.record import Contours, no_contours
+from estimation.shape.record import Contours
 from estimation.shape.reflection.fit_all import fit_campaign
 from estimation.shape.reflection.paths import campaign_paths
-from estimation.shape.reflection.rows import contour_record
+from estimation.shape.reflection.rows import contour_record, no_contours
 from estimation.slam.config import PathNoise
 from estimation.slam.record import IncidencePoints, PoseEstimates
 from scenes.pose import Pose

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from scenes.record import BoolArray, FloatArray, IntArray, Record, TextArray, array
 
 CLASS_NAMES = ("wall", "edge", "pillar")
@@ -67,30 +65,3 @@ class Contours(Record):
 
     def __len__(self) -> int:
         return len(self.kind)
-
-
-def no_contours(n_ips: int, n_stops: int, method: str = "none") -> Contours:
-    """The record without any object."""
-    n, none = N_CONTOUR_SAMPLES, np.zeros(0)
-    return Contours(
-        method=method,
-        kind=np.zeros(0, str),
-        status=np.zeros(0, str),
-        is_closed=np.zeros(0, bool),
-        center_m=np.zeros((0, 2)),
-        contour_m=np.zeros((0, n, 2)),
-        std_m=np.zeros((0, n)),
-        extent_m=none,
-        extent_std_m=none,
-        class_name=np.array(CLASS_NAMES),
-        class_probability=np.zeros((0, len(CLASS_NAMES))),
-        cluster=np.zeros(0, int),
-        object=np.full(n_ips, -1),
-        delay_offset_s=np.nan,
-        delay_offset_std_s=np.nan,
-        aoa_offset_rad=np.nan,
-        aoa_offset_std_rad=np.nan,
-        aod_offset_rad=np.zeros(0),
-        aod_offset_std_rad=np.zeros(0),
-        session=np.zeros(n_stops, int),
-    )

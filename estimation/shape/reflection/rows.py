@@ -8,6 +8,7 @@ from estimation.shape.fit import ShapeFit
 from estimation.shape.record import CLASS_NAMES, N_CONTOUR_SAMPLES, Contours
 from estimation.shape.reflection.fit_all import CampaignFit
 from estimation.shape.reflection.path_likelihood import N_COMMON
+from estimation.shape.reflection.tx_sessions import one_session
 from scenes.pose import SPEED_OF_LIGHT_M_S
 from scenes.record import FloatArray, IntArray
 
@@ -43,6 +44,13 @@ def contour_record(fit: CampaignFit, label: IntArray, n_ips: int) -> Contours:
         aod_offset_std_rad=offset_std[N_COMMON:],
         session=fit.sessions.of_stop,
     )
+
+
+def no_contours(n_ips: int, n_stops: int, method: str = "none") -> Contours:
+    """The record without any object."""
+    sessions = one_session(np.zeros(n_stops, dtype=np.int64))
+    fit = CampaignFit(method, (), np.zeros((0, len(CLASS_NAMES))), (), None, sessions)
+    return contour_record(fit, np.zeros(0, dtype=np.int64), n_ips)
 
 
 def resampled(shape: ShapeFit, n_samples: int) -> tuple[FloatArray, FloatArray]:

@@ -9,7 +9,8 @@ import numpy as np
 from estimation.channel.beam_power_map import BeamPowerMap
 from estimation.channel.record import ChannelEstimate
 from estimation.shape.fit import OK
-from estimation.shape.record import CLASS_NAMES, Contours, Shapes, no_contours
+from estimation.shape.record import CLASS_NAMES, Contours, Shapes
+from estimation.shape.reflection.rows import no_contours
 from estimation.slam.record import IncidencePoints, PoseEstimates, SolveStatus
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.results import CampaignResults, MapResult

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.integrate import quad
 from scipy.stats import norm
 
-from estimation.shape.record import no_contours
+from estimation.shape.reflection.rows import no_contours
 from estimation.slam.record import SolveStatus
 from isac_arena.campaign.results import CampaignResults, MapResult
 from isac_arena.scoring.association import assign

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from estimation.shape.record import no_contours
+from estimation.shape.reflection.rows import no_contours
 from isac_arena.report.page.figures import make_figures
 from isac_arena.report.page.html import render_report
 from isac_arena.report.page.payload.campaign import report_payload

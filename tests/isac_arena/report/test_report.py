@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimation.shape.record import no_contours
+from estimation.shape.reflection.rows import no_contours
 from estimation.slam.record import SolveStatus
 from isac_arena.campaign.results import MapResult
 from isac_arena.report.page.figures import best_stop, make_figures

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimation.shape.record import no_contours
+from estimation.shape.reflection.rows import no_contours
 from isac_arena.campaign.results import MapResult
 from isac_arena.scoring.score import score_campaign
 from isac_arena.scoring.stages.contours import contour_errors, contour_metrics, is_class_right, score_contours

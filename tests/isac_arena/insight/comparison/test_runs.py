@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimation.shape.record import no_contours
+from estimation.shape.reflection.rows import no_contours
 from isac_arena.insight.comparison.runs import compare_runs, pair
 from isac_arena.report.figures.comparison import compare_figure
 from isac_arena.report.style import png_bytes
