@@ -22,7 +22,7 @@ _BAND = _SIZE * (_COUPLING + 1) - 1
 
 @dataclass(frozen=True)
 class ArrowSystem:
-    """Information matrix and gradient; `damped` and `solve` leave it unchanged."""
+    """Information matrix and gradient; `damped` and `solve` do not change it."""
 
     diagonal: FloatArray  # (stop, 4, 4)
     next1: FloatArray  # (stop - 1, 4, 4), rows of stop k, columns of stop k + 1

@@ -51,28 +51,19 @@ class Attempt(Generic[Point]):
     expected: Any = None  # gain by the local model; None: every fall of the cost is good
 
 
-def _whole(is_better: BoolArray, new: Point, now: Point) -> Point:
-    return new if is_better else now
-
-
 def minimise(
-    start: Point,
-    attempt: Callable[[Point, Any], Attempt[Point] | None],
-    schedule: Schedule,
-    choose: Callable[[BoolArray, Point, Point], Point] = _whole,
+    start: Point, attempt: Callable[[Point, Any], Attempt[Point] | None], schedule: Schedule
 ) -> Point:
     """The point of least cost that damped steps from `start` reach.
 
-    An attempt that increases the cost, or gives NaN, is not kept. So the cost never increases.
+    An attempt that increases the cost, or gives NaN, is not kept. So the cost never increases. The point of a
+    batch is an array (member, ...) or nested tuples of such arrays.
 
     Parameters
     ----------
     attempt
         Takes the present point and the damping, a float or (member,). It returns None to end the loop where the
         step is negligible.
-    choose
-        Takes a mask (member,), the new and the present point. Returns the members of the new point where the mask
-        is true, else those of the present one. The default is for one member.
     """
     now, damping = start, np.asarray(schedule.first)
     for _ in range(schedule.max_steps):
@@ -82,7 +73,7 @@ def minimise(
         gain = np.asarray(tried.before - tried.after)
         share = np.sign(gain) if tried.expected is None else gain / tried.expected
         better = gain >= 0
-        now = choose(better, tried.point, now)
+        now = _by_member(better, tried.point, now)
         tolerance = schedule.absolute + schedule.relative * np.abs(tried.before)
         converged = np.where(better, gain <= tolerance, damping > schedule.largest)
         eased = np.where(
@@ -93,6 +84,16 @@ def minimise(
         if converged.all():
             break
     return now
+
+
+def _by_member(is_better: BoolArray, new: Any, now: Any) -> Any:
+    """Members of `new` where the mask () or (member,) is true, else of `now`."""
+    if is_better.ndim == 0:
+        return new if is_better else now
+    if isinstance(new, tuple):
+        parts = [_by_member(is_better, *pair) for pair in zip(new, now, strict=True)]
+        return type(new)(*parts) if hasattr(new, "_fields") else tuple(parts)
+    return np.where(is_better.reshape(-1, *(1,) * (new.ndim - 1)), new, now)
 
 
 def damped_step(information: FloatArray, gradient: FloatArray, damping: FloatArray | float) -> FloatArray:

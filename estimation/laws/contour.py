@@ -76,8 +76,8 @@ def circle_path(
     radius = max(circle[2], _MIN_RADIUS_M)
     parameter = np.empty(3)
     parameter[0], parameter[1], parameter[2] = circle[0], circle[1], np.log(radius)
-    support, slope, by_point = np.zeros(3), np.zeros((2, 3)), np.empty((3, 2))
-    closed_path(CIRCLE, parameter, tx, state, value, by_state, by_circle, point, support, slope, by_point)
+    work = np.zeros(3), np.zeros((2, 3)), np.empty((3, 2))
+    closed_path(CIRCLE, parameter, tx, state, value, by_state, by_circle, point, work)
     for a in range(3):
         by_circle[a, 2] /= radius
 
@@ -107,7 +107,7 @@ def _predict_paths(
     normal: FloatArray,
     lit: BoolArray,
 ) -> None:
-    support, slope, by_point = np.zeros(3), np.zeros((2, len(parameter))), np.empty((3, 2))
+    work = np.zeros(3), np.zeros((2, len(parameter))), np.empty((3, 2))
     walls = np.empty((1, 2))
     for i in range(len(tx)):
         t, r = tx[i, :2], rx_state[i, :2]
@@ -121,18 +121,9 @@ def _predict_paths(
             wall_path(tx[i], rx_state[i], walls, measured[i], by_rx[i], by_parameter[i], point[i])
             normal[i] = parameter[0]
         else:
+            x = rx_state[i]
             normal[i] = closed_path(
-                family,
-                parameter,
-                tx[i],
-                rx_state[i],
-                measured[i],
-                by_rx[i],
-                by_parameter[i],
-                point[i],
-                support,
-                slope,
-                by_point,
+                family, parameter, tx[i], x, measured[i], by_rx[i], by_parameter[i], point[i], work
             )
         nx, ny = np.cos(normal[i]), np.sin(normal[i])
         depth_t = nx * (t[0] - point[i, 0]) + ny * (t[1] - point[i, 1])
@@ -149,16 +140,15 @@ def closed_path(
     by_state: FloatArray,
     by_parameter: FloatArray,
     point: FloatArray,
-    support: FloatArray,
-    slope: FloatArray,
-    by_point: FloatArray,
+    work: tuple[FloatArray, FloatArray, FloatArray],
 ) -> float:
     """Path off a closed contour: measurement (3,), derivatives (3, 4) and (3, parameter), IP (2,), all written.
 
     The path is the single bounce at the specular point x(psi). That point moves with parameters and RX such that
-    f = e . (a + b) stays zero: directly at fixed psi, and along the tangent e by the change of psi. `support`,
-    `slope` and `by_point` are work arrays. Returns psi, the azimuth of the outward normal.
+    f = e . (a + b) stays zero: directly at fixed psi, and along the tangent e by the change of psi. `work` holds
+    arrays (3,), (2, parameter) and (3, 2) to write in. Returns psi, the azimuth of the outward normal.
     """
+    support, slope, by_point = work
     psi = specular_normal(family, parameter, tx, state, support, slope)
     nx, ny = np.cos(psi), np.sin(psi)
     point[0] = parameter[0] + support[0] * nx - support[1] * ny

@@ -76,20 +76,15 @@ class PoseEstimates(Record):
     height_m: FloatArray = _optional("stop", unit="m", doc="receiver height; NaN in the plane")
     height_std_m: FloatArray = _optional("stop", unit="m", doc="its standard deviation; NaN in the plane")
     covariance: FloatArray = _optional(
-        "stop",
-        "state",
-        "state2",
-        doc="of the state, consider-parameters included; NaN where none was estimated",
+        "stop", "state", "state2", doc="of the state, consider-parameters included; NaN where unknown"
     )
     height_covariance: FloatArray = _optional(
         "stop",
         "state",
-        doc="covariance of the height with the state in (m^2, m^2, m rad, m s); NaN in the plane",
+        doc="covariance of the height with the state (m^2, m^2, m rad, m s); NaN in the plane",
     )
     position_std_m: FloatArray = _optional(
-        "stop",
-        unit="m",
-        doc="standard deviation of the plan position over all modes by their probability; NaN where unknown",
+        "stop", unit="m", doc="standard deviation of the plan position over all modes; NaN where unknown"
     )
     is_ambiguous: BoolArray = _optional(
         "stop", dtype=bool, doc="two modes are near-equal: the gap is below `ambiguous_gap` of the settings"

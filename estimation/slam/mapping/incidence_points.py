@@ -107,7 +107,7 @@ def map_paths(
 ) -> MappedPaths:
     """IPs in the plane or in space at states (stop, state), with covariances (stop, state, state) or None.
 
-    A path is an inlier where `seen` says so and the gate of `config` agrees.
+    An inlier is one in `seen` that also passes the gate of `config`.
 
     Raises
     ------

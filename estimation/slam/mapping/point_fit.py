@@ -12,14 +12,14 @@ import numpy as np
 
 from estimation.inference.least_squares import Attempt, Schedule, minimise
 from estimation.slam.config import MappingConfig
-from scenes.record import BoolArray, FloatArray
+from scenes.record import FloatArray
 
 _TOLERANCE = 1e-9  # of J: a fit that gains less has converged, far below the noise of any path
 Tx_contra = TypeVar("Tx_contra", contravariant=True)  # the TX: a `scenes.pose.Pose`, or rows of it
 
 
 class ReflectionLaw(Protocol[Tx_contra]):
-    """What the modules of the reflection law have in common; arrays broadcast over leading axes."""
+    """Interface of the modules of the reflection law; arrays broadcast over leading axes."""
 
     def predict_bounce(self, tx: Tx_contra, state: FloatArray, point_m: FloatArray, /) -> FloatArray:
         """Measurement of the single bounce at each IP."""
@@ -78,7 +78,7 @@ def locate(
         return Attempt(trial, at.cost, trial.cost)
 
     schedule = Schedule(config.max_iterations, first=1e-9, largest=1.0, absolute=0.0, relative=_TOLERANCE)
-    point, _, cost = minimise(located(law.start_point(tx_pose, state, measured)), attempt, schedule, _chosen)
+    point, _, cost = minimise(located(law.start_point(tx_pose, state, measured)), attempt, schedule)
     return point, cost
 
 
@@ -86,12 +86,6 @@ class _Located(NamedTuple):
     point: FloatArray  # (path, point)
     difference: FloatArray  # (path, m)
     cost: FloatArray  # (path,)
-
-
-def _chosen(is_better: BoolArray, new: _Located, now: _Located) -> _Located:
-    mask = is_better[:, None]
-    point, difference = np.where(mask, new.point, now.point), np.where(mask, new.difference, now.difference)
-    return _Located(point, difference, np.where(is_better, new.cost, now.cost))
 
 
 def point_covariance(

@@ -13,7 +13,7 @@ from estimation.slam.config import Mixture
 from estimation.slam.snapshot.problem import SnapshotProblem
 from scenes.record import FloatArray
 
-# Standard deviations of the angles by which an IP may lie outside the devices' rays, and of the range by which a
+# Standard deviations of the angles by which an IP may be outside the devices' rays, and of the range by which a
 # path may seem shorter than the straight line.
 FEASIBLE_STDS, _EARLY_STDS = 2.0, 3.0
 
@@ -28,7 +28,7 @@ class PathTable(NamedTuple):
     mean: FloatArray  # (path, 2) sine, cosine
     half: FloatArray  # (path, 2) sine, cosine
     covariance: FloatArray  # (path, 3, 3) in (m, rad, rad)^2
-    slack_rad: FloatArray  # (path,) by which an IP may lie outside the devices' rays
+    slack_rad: FloatArray  # (path,) by which an IP may be outside the devices' rays
     early_m: FloatArray  # (path,) by which a path may seem shorter than the straight line
     tilt_variance: FloatArray  # (path,) rad^2, of departure against arrival for a bounce off two walls
 

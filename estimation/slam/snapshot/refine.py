@@ -29,7 +29,7 @@ class BounceResidual:
     variance_m2: FloatArray  # (...)
     jacobian: FloatArray  # (..., 4), per [x, y, heading, bias]
     by_measurement: FloatArray  # (..., 3), per [range, departure, arrival]
-    is_feasible: BoolArray  # (...): the IP lies between the devices' rays
+    is_feasible: BoolArray  # (...): the IP is between the devices' rays
 
 
 def refine_members(

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import gammaln
@@ -45,8 +46,7 @@ class SpatialProblem:
         return int(np.argmax(np.where(tied, self.power_dbm, -np.inf)))
 
 
-@dataclass(frozen=True)
-class BounceFit:
+class BounceFit(NamedTuple):
     """All paths as single bounces at a batch of states."""
 
     value_m: FloatArray  # (state, path, 2)

@@ -7,8 +7,6 @@ evidence.
 
 from __future__ import annotations
 
-from typing import TypeVar
-
 import numpy as np
 from scipy.special import expit
 from scipy.stats import chi2
@@ -39,7 +37,6 @@ _MIN_BOUNCES = 4
 _CONVERGED = 1e-10  # relative to 1 + the state, in m and rad: smaller steps end the refinement
 _Evaluated = tuple[BounceFit, FloatArray, FloatArray, FloatArray]
 _Refined = tuple[FloatArray, _Evaluated]
-Array = TypeVar("Array", FloatArray, BoolArray)
 
 
 def solve_spatial(estimate: ChannelEstimate, tx_pose: Pose, config: SnapshotConfig) -> SnapshotSolution:
@@ -94,12 +91,9 @@ def refine_spatial(
         after = np.sum(weight * held**2, axis=(1, 2)) + np.sum(trial[2] ** 2, axis=1)
         return Attempt((state + step, trial), before * (1 + 1e-12), after)
 
-    def choose(is_better: BoolArray, new: _Refined, now: _Refined) -> _Refined:
-        return np.where(is_better[:, None], new[0], now[0]), _chosen(is_better, new[1], now[1])
-
     begun = start.copy(), _evaluate(problem, start, los, others, config)
     schedule = Schedule(config.max_iterations, first=1e-6, largest=1e9)
-    state, (fit, score, _, slope) = minimise(begun, attempt, schedule, choose)
+    state, (fit, score, _, slope) = minimise(begun, attempt, schedule)
     share = expit(bounce_log_ratio(fit, config.mixture)) * others
     kept = student_t_efficiency(config.mixture.degrees_of_freedom, 1)
     information = np.einsum("sp,spia,spib->sab", kept * share, fit.jacobian, fit.jacobian)
@@ -108,14 +102,14 @@ def refine_spatial(
 
 def distinct(state: FloatArray, score: FloatArray, n: int) -> IntArray:
     """Indices of up to n states (state, 5) of the highest score that differ in position or heading."""
-    left = score.copy()
+    remaining = score.copy()
     chosen: list[int] = []
-    while len(chosen) < n and np.any(left > -np.inf):
-        best = int(np.argmax(left))
+    while len(chosen) < n and np.any(remaining > -np.inf):
+        best = int(np.argmax(remaining))
         chosen.append(best)
         near = np.linalg.norm(state[:, :3] - state[best, :3], axis=1) < _MODE_DISTANCE_M
         near &= np.abs(wrap_angle(state[:, 3] - state[best, 3])) < _MODE_HEADING_RAD
-        left[near | (np.arange(len(left)) == best)] = -np.inf
+        remaining[near | (np.arange(len(remaining)) == best)] = -np.inf
     return np.array(chosen, dtype=np.int64)
 
 
@@ -188,16 +182,6 @@ def _log_clutter(problem: SpatialProblem, config: SnapshotConfig) -> float:
     share = config.mixture.clutter_share + config.mixture.double_share
     prior = prior_of(config)._replace(clutter_share=share)
     return log_clutter(problem.measured[:, 0], problem.power_dbm, power_law(config.path_loss), prior)
-
-
-def _chosen(better: BoolArray, trial: _Evaluated, before: _Evaluated) -> _Evaluated:
-    """The trial for the states where it is better."""
-
-    def pick(new: Array, old: Array) -> Array:
-        return np.where(better.reshape(-1, *(1,) * (new.ndim - 1)), new, old)
-
-    picked = BounceFit(*map(pick, vars(trial[0]).values(), vars(before[0]).values()))
-    return picked, pick(trial[1], before[1]), pick(trial[2], before[2]), pick(trial[3], before[3])
 
 
 def _evaluate(

@@ -23,7 +23,7 @@ from estimation.slam.space.mapping import map_stops_spatial
 from estimation.slam.space.problem import SpatialProblem, bounce_fit, los_fit, spatial_problem
 from estimation.slam.space.snapshot import solve_spatial
 from estimation.slam.walk.residuals import PathClass
-from estimation.slam.walk.trajectory import TrajectoryDetails, run_trajectory, turned
+from estimation.slam.walk.trajectory import TrajectoryDetails, flags_by_stop, run_trajectory, turned
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
 from scenes.record import BoolArray, FloatArray, IntArray
 
@@ -64,16 +64,8 @@ def run_spatial_trajectory(
         height_std_m=np.sqrt(covariance[:, 2, 2]),
         height_covariance=covariance[:, 2, PLANE_OF_SPACE],
     )
-    single = (PathClass.BOUNCE, PathClass.WALL, PathClass.OBJECT)
-    points = map_stops_spatial(
-        shifted,
-        poses,
-        tx_pose,
-        mapping_config,
-        is_los=[kind == PathClass.LOS for kind in kinds],
-        is_inlier=[np.isin(kind, single) for kind in kinds],
-        state_covariance=list(np.nan_to_num(covariance)),
-    )
+    flags, known = flags_by_stop(estimates, details), list(np.nan_to_num(covariance))
+    points = map_stops_spatial(shifted, poses, tx_pose, mapping_config, **flags, state_covariance=known)
     return poses, points, details
 
 

@@ -77,7 +77,9 @@ def run_trajectory(
     covariance = covariance + snapshot.consider.covariance(from_tx)
     poses = _with_covariance(poses, covariance, rival_modes(modes, chosen, config), snapshot)
     details = _details(now, link, seen, chosen, shared_covariance)
-    points = _incidence_points(estimates, poses, details, link, is_los, seen, tx_pose, mapping_config)
+    shifted, joint = turned(estimates, details), list(poses.covariance)
+    flags = flags_by_stop(estimates, details)
+    points = map_stops(shifted, poses, tx_pose, mapping_config, **flags, state_covariance=joint)
     return poses, points, details
 
 
@@ -88,6 +90,15 @@ def turned(estimates: Sequence[ChannelEstimate], details: TrajectoryDetails) -> 
         replace(e, aod_azimuth_rad=e.aod_azimuth_rad + shift)
         for e, shift in zip(estimates, offset, strict=True)
     ]
+
+
+def flags_by_stop(
+    estimates: Sequence[ChannelEstimate], details: TrajectoryDetails
+) -> dict[str, list[BoolArray]]:
+    """`is_los` and `is_inlier` (path,) of every stop for mapping: lines of sight and single bounces."""
+    kinds = np.split(details.path_kind, np.cumsum([len(e) for e in estimates])[:-1])
+    single = (PathClass.BOUNCE, PathClass.WALL, PathClass.OBJECT)
+    return {"is_los": [k == PathClass.LOS for k in kinds], "is_inlier": [np.isin(k, single) for k in kinds]}
 
 
 def observations(problems: Sequence[SnapshotProblem], tx_pose: Pose) -> Observations:
@@ -207,27 +218,3 @@ def _unsolved(
 def _blocks(matrix: FloatArray, first: int, n: int, size: int) -> FloatArray:
     index = first + size * np.arange(n)[:, None] + np.arange(size)
     return np.asarray(matrix[index[:, :, None], index[:, None, :]])
-
-
-def _incidence_points(
-    estimates: Sequence[ChannelEstimate],
-    poses: PoseEstimates,
-    details: TrajectoryDetails,
-    link: Association,
-    is_los: BoolArray,
-    seen: Observations,
-    tx_pose: Pose,
-    config: MappingConfig,
-) -> IncidencePoints:
-    """IPs of all paths, with departures turned by the offset of their session."""
-    single = np.isin(link.kind, [PathClass.BOUNCE, PathClass.WALL, PathClass.OBJECT])
-    split = np.cumsum(np.bincount(seen.row, minlength=seen.n_stops))[:-1]
-    return map_stops(
-        turned(estimates, details),
-        poses,
-        tx_pose,
-        config,
-        is_los=np.split(is_los, split),
-        is_inlier=np.split(single, split),
-        state_covariance=list(poses.covariance),
-    )

@@ -52,7 +52,7 @@ def test_derivatives_of_the_support_function(name: str) -> None:
         np.testing.assert_allclose(difference[:, :2] / (2 * step), slope[:, :, j], atol=2e-7)
 
 
-def test_ellipse_has_the_half_axes_its_parameters_say() -> None:
+def test_ellipse_has_the_half_axes_of_its_parameters() -> None:
     a, b, azimuth = 0.7, 0.4, 0.6
     ratio = np.log(a / b)
     parameter = np.array(
@@ -63,7 +63,7 @@ def test_ellipse_has_the_half_axes_its_parameters_say() -> None:
     np.testing.assert_allclose((along / a) ** 2 + (across / b) ** 2, 1.0, atol=1e-12)
 
 
-def test_rounded_square_lies_near_the_exact_one() -> None:
+def test_rounded_square_is_close_to_the_exact_one() -> None:
     half, share, turn = 0.5, 0.4, 0.3
     parameter = np.array([0.0, 0.0, np.log(half), np.log(share / (1 - share)), turn])
     x, y = contour_points(ROUNDED_SQUARE, parameter, np.linspace(0, 2 * np.pi, 400)).T
@@ -75,7 +75,7 @@ def test_rounded_square_lies_near_the_exact_one() -> None:
 
 
 @pytest.mark.parametrize("name", CLOSED)
-def test_specular_point_is_the_shortest_way(name: str, rng: np.random.Generator) -> None:
+def test_specular_point_gives_the_shortest_path(name: str, rng: np.random.Generator) -> None:
     family, parameter = CASES[name][0], np.array(CASES[name][1])
     tx, rx = devices(rng, 20)
     paths = predict(family, parameter, tx, rx)

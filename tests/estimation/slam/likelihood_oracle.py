@@ -36,7 +36,7 @@ def path_densities(problem: SnapshotProblem, state: FloatArray, mixture: Mixture
     spread = np.sqrt(
         cov[:, 1, 1] + cov[:, 2, 2] - 2 * cov[:, 1, 2] + np.deg2rad(mixture.wall_angle_std_deg) ** 2
     )
-    # Half the double bounces turn a ray back, half leave its direction; clutter has any angle.
+    # Half the double bounces reverse a ray, half keep its direction; clutter has any angle.
     double = mixture.double_share * 0.5 * 2 * np.pi * norm.pdf(sine / spread) / spread
     double[np.abs(sine) > 6 * spread] = 0.0
     distance = np.hypot(*(state[:2] - problem.tx.position_m[:2]))

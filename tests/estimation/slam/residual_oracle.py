@@ -48,7 +48,7 @@ def landmark_residual(
     walls: FloatArray,
     rough_m: float,
 ) -> tuple[FloatArray, FloatArray, Prediction]:
-    """Residual (..., 3), its covariance and the prediction of paths by way of walls (..., bounce, 2)."""
+    """Residual (..., 3), its covariance and the prediction of paths off walls (..., bounce, 2)."""
     prediction = predict_walls(tx, state, walls)
     point = wall_point(tx, state[..., :2], walls[..., -1, :])
     return _with_roughness(tx, state, measured, covariance, point, prediction, rough_m)
@@ -62,7 +62,7 @@ def object_residual(
     circle: FloatArray,
     rough_m: float,
 ) -> tuple[FloatArray, FloatArray, Prediction]:
-    """The same for paths by way of circles (..., 3)."""
+    """The same for paths off circles (..., 3)."""
     prediction = predict_circle(tx, state, circle)
     point = circle[..., :2]
     return _with_roughness(tx, state, measured, covariance, point, prediction, rough_m)
@@ -92,7 +92,7 @@ def _bounce_block(
 def _direct_block(
     seen: Observations, link: Association, now: TrajectoryState, config: TrajectoryConfig, path: IntArray
 ) -> Block:
-    """Line of sight or paths by way of landmarks: three residuals each."""
+    """Line of sight or paths off landmarks: three residuals each."""
     row, kind, index = seen.row[path], link.kind[path[0]], link.landmark[path]
     measured, state, covariance = corrected(seen, now, path), now.state[row], seen.covariance[path]
     offsets, walls = len(now.offset_rad), now.walls
@@ -134,7 +134,7 @@ def _with_roughness(
     prediction: Prediction,
     rough_m: float,
 ) -> tuple[FloatArray, FloatArray, Prediction]:
-    """The surface is known up to `rough_m`: the IP may stand off it that far in any direction."""
+    """The IP may be off the surface by `rough_m` in any direction."""
     by_point = bounce_jacobian_point(tx, state, point)
     rough = rough_m**2 * by_point @ np.swapaxes(by_point, -1, -2)
     return residual(measured, prediction.value), covariance + rough, prediction
@@ -215,7 +215,7 @@ def _unit_and_turn(vector: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def predict_walls(tx: Pose, state: FloatArray, walls: FloatArray) -> Prediction:
-    """Specular path by way of one or more walls, in the order from TX to RX.
+    """Specular path off one or more walls, in the order from TX to RX.
 
     The image of the TX in all walls, p_i' = p_i + 2 (offset - n' p_i) n, gives range and arrival; the image of
     the RX in all walls, in reverse order, gives the departure.
@@ -260,7 +260,7 @@ def predict_walls(tx: Pose, state: FloatArray, walls: FloatArray) -> Prediction:
 
 
 def predict_circle(tx: Pose, state: FloatArray, circle: FloatArray) -> Prediction:
-    """Specular path by way of the lit side of a circle (..., 3).
+    """Specular path off the lit side of a circle (..., 3).
 
     The IP q = c + radius m is where the tangent is perpendicular to the sum of the unit vectors from both
     devices; its derivatives follow from that condition.

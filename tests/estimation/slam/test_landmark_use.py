@@ -1,4 +1,4 @@
-"""Which landmarks a walk keeps, and which paths they keep."""
+"""Which landmarks a walk keeps, and which paths are assigned to them."""
 
 import numpy as np
 
@@ -35,7 +35,7 @@ def true_walk(seed: int, n_stops: int = 20):
     return seen, now, is_los, np.concatenate([s.landmark for s in stops])
 
 
-def test_walls_solved_for_take_their_own_paths_and_leave_the_others():
+def test_estimated_walls_get_their_own_paths_and_no_others():
     taken = own = foreign = 0
     for seed in range(4):
         seen, now, is_los, landmark = true_walk(seed)
@@ -56,7 +56,7 @@ def test_walls_solved_for_take_their_own_paths_and_leave_the_others():
     assert foreign <= 0.02 * taken
 
 
-def test_landmarks_without_a_path_go_and_the_rest_are_counted_anew():
+def test_landmarks_without_a_path_are_dropped_and_the_others_renumbered():
     _, now, _, _ = true_walk(0)
     now = TrajectoryState(
         **{**vars(now), "walls": np.arange(8.0).reshape(4, 2), "objects": np.arange(6.0).reshape(2, 3)}

@@ -25,7 +25,7 @@ CONFIG = TrajectoryConfig()
 
 
 def campaign(rng, n=8, paths=6):
-    """Paths of every kind near what the unknowns predict, at unknowns that are somewhat off."""
+    """Paths of every kind near their predictions, and unknowns near the truth."""
     m = n * paths
     kind = rng.permutation(np.arange(m) % 6)
     landmark = np.stack([rng.integers(0, 2, m), rng.integers(0, 2, m)], axis=1)
@@ -101,7 +101,7 @@ def test_residuals_are_those_of_the_plain_form():
 def test_derivatives_of_all_residuals_match_finite_differences():
     seen, link, now = campaign(np.random.default_rng(3))
     config = TrajectoryConfig(wall_roughness_m=0.0, object_roughness_m=0.0)
-    # The standard deviation of a bounce moves with the state; the re-weighted problem holds it.
+    # The standard deviation of a bounce depends on the state, but the re-weighted problem keeps it fixed.
     link = replace(link, kind=np.where(link.kind == PathClass.BOUNCE, PathClass.LOS, link.kind))
     at, step = linearise(seen, link, now, config), 1e-6
     for axis in range(4):

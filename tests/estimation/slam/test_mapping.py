@@ -109,7 +109,7 @@ def test_a_path_that_fits_no_single_bounce_is_no_inlier():
     assert ips.is_inlier.tolist() == [True, True, False, True, False, True]
 
 
-def test_line_of_sight_is_left_out_and_an_unflagged_one_is_no_inlier():
+def test_line_of_sight_has_no_point_and_an_unflagged_one_is_no_inlier():
     measured = np.concatenate([predict_los(TX, STATE)[None], predict_bounce(TX, STATE, POINTS[:2])])
     flagged = np.array([True, False, False])
     ips = map_stops([estimate_of(measured, is_los=flagged)], given_poses(STATE[None]), TX, FIXED)
@@ -119,7 +119,7 @@ def test_line_of_sight_is_left_out_and_an_unflagged_one_is_no_inlier():
     assert np.isfinite(ips.covariance_m2).all()
 
 
-def test_stops_are_solved_as_if_each_stood_alone():
+def test_stops_are_solved_independently():
     rng = np.random.default_rng(7)
     states = STATE + np.array([[0, 0, 0, 0], [1.0, 0.5, 0.2, -3.0], [2.0, -0.5, -2.0, 5.0]])
     measured = [predict_bounce(TX, s, POINTS) + rng.normal(size=(6, 3)) * [0.3, 0.02, 0.02] for s in states]
@@ -145,7 +145,7 @@ def test_no_paths_no_stops_and_failed_stops_give_no_points():
     assert len(map_stops([estimate_of(predict_bounce(TX, STATE, POINTS))], lost, TX, FIXED)) == 0
 
 
-def test_impossible_delays_are_survived_without_warning():
+def test_impossible_delays_give_no_warning():
     measured = predict_bounce(TX, STATE, POINTS)
     measured[:, 0] = STATE[3] + np.array([-5.0, 0.0, 1e-9, 0.5, 2.0, 1e4])
     with np.errstate(all="raise"):

@@ -60,7 +60,7 @@ def test_stop_bound_is_the_inverse_of_the_joint_information(has_los):
     assert_allclose(points, np.sqrt(variance), rtol=1e-5)
 
 
-def test_three_single_bounces_leave_a_state_free_and_a_fourth_bounds_it():
+def test_three_single_bounces_do_not_bound_a_state_and_a_fourth_does():
     scenario = draw_stop(np.random.default_rng(5), replace(CONFIG, n_paths=4, has_los=False))
     paths = paths_of(scenario)
     few = StopPaths(paths.point_m[:3], paths.covariance[:3], paths.wall[:3])
@@ -88,7 +88,7 @@ def test_the_wall_of_a_specular_point_mirrors_its_path():
         assert_allclose(residual(predict_bounce(scenario.tx, states, point), predicted), 0, atol=1e-9)
 
 
-def test_a_walk_without_prior_or_walls_is_its_stops_alone_and_both_only_help():
+def test_a_walk_without_prior_or_walls_has_the_bounds_of_its_stops_and_both_lower_them():
     scenarios = draw_trajectory(np.random.default_rng(9), replace(CONFIG, n_paths=9), 12)
     tx, states = scenarios[0].tx, np.array([scenario.state for scenario in scenarios])
     alone = trajectory_covariance(tx, states, [paths_of(s) for s in scenarios], None)

@@ -1,4 +1,4 @@
-"""SLAM over a campaign: what every method says of its poses beside the states, in the plane and in space."""
+"""SLAM over a campaign: covariances, modes and flags of the poses of every method, in the plane and in space."""
 
 from dataclasses import replace
 
@@ -49,7 +49,7 @@ def test_covariances_of_the_poses_match_their_errors(trajectory):
     assert 0.5 * 3.36 < np.median(np.concatenate(nees)) < 2 * 3.36
 
 
-def test_a_stop_alone_hands_on_its_modes():
+def test_poses_of_single_stops_contain_their_modes():
     rng = np.random.default_rng(3)
     cluttered = ScenarioConfig(outlier_share=0.5, has_los=False)
     stops = [draw_stop(rng, cluttered, stop) for stop in range(6)]
@@ -102,7 +102,7 @@ def mode(x: float, cost: float, *, is_los: bool = False) -> Fit:
     return Fit(np.array([x, 0.0, 0.0, 0.0]), flags, flags, cost, 0.01 * np.eye(4))
 
 
-def test_neighbours_weigh_the_modes_of_a_stop():
+def test_neighbours_weight_the_modes_of_a_stop():
     modes = [[mode(0, 0.0)], [mode(4.0, 0.0), mode(1.0, 0.5, is_los=True)], [mode(2.0, 0.0)]]
     config = TrajectoryConfig(spacing_m=1.0)
     rivals = rival_modes(modes, np.array([0, 1, 0]), config)
@@ -115,7 +115,7 @@ def test_neighbours_weigh_the_modes_of_a_stop():
     assert wrong.gap[1] == pytest.approx(-rivals.gap[1])
 
 
-def test_the_filter_foresees_stops_without_a_mode():
+def test_the_filter_predicts_stops_without_a_mode():
     config = TrajectoryConfig()
     hypotheses = []
     for x in (0.0, 0.5, 1.0, 1.5):

@@ -89,7 +89,7 @@ def test_noiseless_single_bounces_alone_are_exact_with_the_statistical_method(se
     assert np.abs(state_error(solution, state)[:3]).max() < 1e-5
 
 
-def test_refinement_takes_the_grid_solution_to_the_truth():
+def test_refinement_moves_the_grid_solution_to_the_truth():
     for seed in range(5):
         state, estimate = simulate(np.random.default_rng(seed), bounces=7, los=False)
         config = SnapshotConfig(method="reference", noise=SHARP)

@@ -72,7 +72,7 @@ def test_derivatives_and_the_plane_pass_their_checks():
 
 
 @pytest.mark.parametrize("height_std", [0.0, 1.0])
-def test_four_bounces_give_the_state_in_the_plane_and_out_of_it(height_std):
+def test_four_bounces_give_the_state_in_the_plane_and_in_space(height_std):
     rng = np.random.default_rng(3)
     for _ in range(30):
         state, point = made(rng, 5, height_std)
@@ -116,7 +116,7 @@ def test_noiseless_stops_are_exact_with_their_incidence_points(has_los):
 
 
 def test_in_the_plane_the_refined_state_is_that_of_horizontal_equations_alone():
-    """Heights and elevations drop out: moving the elevations' noise does not touch x, y, heading or bias."""
+    """The noise of the elevations does not change x, y, heading or bias."""
     rng = np.random.default_rng(6)
     tx = Pose(np.array([1.0, 2.0, 1.8]), 0.4)
     state, point = made(rng, 8, 0.0)
@@ -139,14 +139,8 @@ def test_in_the_plane_the_refined_state_is_that_of_horizontal_equations_alone():
 def test_mapping_in_the_plane_is_that_of_the_plane_and_heights_come_with_covariance():
     rng = np.random.default_rng(8)
     state, point = made(rng, 6, 0.0)
-    state[2], tx = 1.8, Pose(np.array([1.0, 2.0, 1.8]), 0.4)
-    measured = space_law.predict_bounce(tx, state, point) + rng.normal(size=(6, 5)) * [
-        0.05,
-        0.003,
-        0.003,
-        0,
-        0,
-    ]
+    state[2], tx, std = 1.8, Pose(np.array([1.0, 2.0, 1.8]), 0.4), [0.05, 0.003, 0.003, 0, 0]
+    measured = space_law.predict_bounce(tx, state, point) + rng.normal(size=(6, 5)) * std
     measured = measured[np.argsort(measured[:, 0])]
     estimate = channel_estimate(0, measured, np.zeros(6), R, np.zeros(6, bool))
     space = map_stops_spatial([estimate], given_poses(state), tx, trials.MAPPING)

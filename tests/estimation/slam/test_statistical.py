@@ -32,7 +32,7 @@ CLUTTERED = ScenarioConfig(outlier_share=0.5)
 
 
 def drawn(seed, **changes):
-    """A made-up stop, its problem and the place of the TX as a state."""
+    """A simulated stop, its problem and the position of the TX as a state."""
     scenario = draw_stop(np.random.default_rng(seed), replace(CLUTTERED, **changes))
     tx = np.array([*scenario.tx.position_m[:2], 0.0, 0.0])
     return scenario, snapshot_problem(scenario.estimate, scenario.tx, NOISE), tx
@@ -64,7 +64,7 @@ def test_compiled_likelihood_is_that_of_numpy(seed, has_los, doubles):
 
 @pytest.mark.parametrize("has_los", [True, False])
 def test_refined_state_solves_the_estimating_equation(has_los):
-    """All but the few that end where an IP reaches a device: the likelihood has an edge there."""
+    """Except for few that end where an IP reaches a device: the likelihood is discontinuous there."""
     solved = 0
     for seed in range(40):
         scenario, problem, tx = drawn(seed, has_los=has_los)
@@ -155,8 +155,8 @@ def test_a_false_path_before_all_others_does_not_hide_the_receiver(has_los):
         assert np.hypot(*(solution.position_m - scenario.state[:2])) < 0.3
 
 
-def test_double_bounces_off_walls_at_right_angles_settle_the_heading():
-    """Four single bounces leave two headings or more; two double bounces tell the true one."""
+def test_double_bounces_off_perpendicular_walls_fix_the_heading():
+    """Four single bounces agree at two headings or more; two double bounces select the true one."""
     with_doubles = OURS.model_copy(update={"mixture": RIGHT_ANGLES})
     wrong = np.zeros(2, int)
     for seed in range(40):
@@ -193,7 +193,7 @@ def test_powers_of_bounces_have_the_density_of_their_covariance():
 
 
 def test_near_parallel_paths_along_a_corridor_give_no_false_certainty():
-    """Line of sight and both side walls at 15 m: clock and distance are free together."""
+    """Line of sight and both side walls at 15 m do not separate clock bias and distance."""
     tx = Pose(np.zeros(3), 0.0)
     covariance = np.diag([0.05, np.deg2rad(0.5), np.deg2rad(0.5)]) ** 2
     failed = 0
@@ -226,7 +226,7 @@ def test_clutter_alone_is_no_solution():
     assert solved <= 10
 
 
-def test_a_clock_beyond_the_credible_is_no_mode():
+def test_a_mode_with_an_incredible_clock_bias_is_dropped():
     scenario, _, _ = drawn(2, has_los=True, outlier_share=0.0)
     narrow = OURS.model_copy(update={"max_clock_bias_ns": 0.5})
     assert abs(scenario.state[3]) > 1.0
@@ -234,7 +234,7 @@ def test_a_clock_beyond_the_credible_is_no_mode():
     assert solution.status == SolveStatus.FAILED or abs(solution.clock_bias_s) <= 0.5e-9
 
 
-def test_shares_must_leave_room_for_single_bounces():
+def test_shares_of_clutter_and_doubles_must_be_below_one():
     with pytest.raises(ValueError, match="must be below 1"):
         Mixture(clutter_share=0.6, double_share=0.4)
 
@@ -242,7 +242,7 @@ def test_shares_must_leave_room_for_single_bounces():
 @settings(max_examples=20, deadline=None, derandomize=True)
 @given(seed=st.integers(0, 2**32 - 1), has_los=st.booleans())
 def test_compiled_evidence_is_that_of_its_parts(seed, has_los):
-    """Laplace: likelihood, prior, powers and the density of clutter the line of sight is set against."""
+    """Likelihood, prior, powers, and the density of clutter instead of the line of sight."""
     scenario, problem, tx = drawn(seed, has_los=has_los)
     los = int(np.argmax(scenario.is_los)) if has_los else -1
     state, root = scenario.state - tx, np.random.default_rng(seed).normal(size=(4, 4))
@@ -258,7 +258,7 @@ def test_compiled_evidence_is_that_of_its_parts(seed, has_los):
     length = np.maximum(ranges[others] - state[3], reach)
     expected = -3.0 - 0.5 * np.linalg.slogdet(full)[1]
     expected += norm.logpdf(state[:2], scale=OURS.reach_m).sum() - np.log(2 * np.pi * 2 * clock)
-    # The determinant of the Laplace approximation stands without its factors of 2 pi.
+    # The evidence omits the factors 2 pi of the determinant of the Laplace approximation.
     expected += 2 * np.log(2 * np.pi)
     expected += float(loss.log_density_of_others(problem.power_dbm[others], length))
     if has_los:
@@ -268,7 +268,7 @@ def test_compiled_evidence_is_that_of_its_parts(seed, has_los):
     assert found == pytest.approx(expected, abs=1e-8)
 
 
-def test_clutter_is_weighed_over_all_lengths_of_the_straight_line():
+def test_clutter_is_averaged_over_lengths_of_the_straight_line():
     _, problem, _ = drawn(5, has_los=False)
     loss, ranges = OURS.path_loss, problem.measured[:, 0]
     distance = OURS.reach_m * np.geomspace(0.05, 2.0, 12)[:, None]
