@@ -34,6 +34,7 @@ from isac_arena.campaign.files import (
     remove_file,
     remove_leftovers,
     write_bytes,
+    write_json,
     write_record,
     write_text,
 )
@@ -145,7 +146,7 @@ class CampaignStore:
         for name, content in self.scene_files.items():
             write_bytes(self.directory / name, content)
         write_text(self.directory / "scene.toml", self.scene_text)
-        write_text(self.directory / "campaign.json", json.dumps(settings, indent=1))
+        write_json(self.directory / "campaign.json", settings)
         for folder in (self.directory, *(self.directory / name for name in (*FOLDERS, KEPT_FOLDER))):
             remove_leftovers(folder)
 
@@ -219,7 +220,7 @@ class CampaignStore:
     def write_scores(self, scores: Scores) -> None:
         """Store the tables behind the scores, then the metrics; a report made before is dropped."""
         self._write(self.directory / "provenance.nc", scores.tables, self.score_fingerprint)
-        write_text(self.directory / "scores.json", json.dumps(to_json(scores.metrics), indent=1) + "\n")
+        write_json(self.directory / "scores.json", to_json(scores.metrics))
 
     def write_report(self, page: str, pictures: Mapping[str, bytes]) -> None:
         """Store the figures, then the page."""

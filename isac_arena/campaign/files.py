@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import csv
+import io
+import json
 import os
 import re
 import shutil
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from isac_arena.campaign.netcdf import from_netcdf, global_attribute, to_netcdf
 from scenes.record import Record
@@ -61,7 +64,7 @@ def complete_file(path: Path) -> Iterator[Path]:
 
 
 def remove_file(path: Path) -> None:
-    """Remove a file where it is there."""
+    """Remove a file where it exists."""
     _notify(path, None)
     path.unlink(missing_ok=True)
 
@@ -97,6 +100,20 @@ def write_bytes(path: Path, content: bytes) -> None:
     """Write a whole binary file; the old one stays where that fails."""
     with complete_file(path) as partial:
         partial.write_bytes(content)
+
+
+def write_json(path: Path, content: Any, *, allow_nan: bool = True) -> None:
+    """Write a whole JSON file; `ValueError` for numbers that are not finite where `allow_nan` is false."""
+    write_text(path, json.dumps(content, indent=1, allow_nan=allow_nan) + "\n")
+
+
+def write_csv(path: Path, rows: Sequence[Mapping[str, Any]], columns: Sequence[str] | None = None) -> None:
+    """Write a whole CSV file of rows; columns by default as in the first row."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, list(rows[0]) if columns is None else columns, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    write_text(path, text.getvalue())
 
 
 def write_record(path: Path, record: Record, attributes: Mapping[str, str] | None = None) -> None:

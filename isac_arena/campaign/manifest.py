@@ -19,21 +19,17 @@ from typing import Any
 
 from threadpoolctl import threadpool_info
 
-from isac_arena.campaign.files import write_text
+from isac_arena.campaign.files import write_json
 from isac_arena.campaign.integrity import code_digest, file_digest, manifest_seal
 
 MANIFEST = "manifest.json"
 LIBRARIES = ("numpy", "scipy", "numba", "scikit-learn", "shapely", "trimesh", "sionna-rt", "h5py", "pydantic")
 PARTIAL = ".part"
 SETTINGS = ("campaign.json", "scene.toml", "scene_files")
-MAKERS = {
-    "truth": "generate",
-    "sweep": "generate",
-    "channel": "estimate",
-    "map": "estimate",
-    "provenance.nc": "score",
-    "scores.json": "score",
-}  # by the folder or the file
+MAKERS = {  # command that makes a folder or a file
+    "truth": "generate", "sweep": "generate", "channel": "estimate", "map": "estimate",
+    "provenance.nc": "score", "scores.json": "score",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -92,7 +88,7 @@ def write_manifest(directory: Path, manifest: Manifest) -> None:
             for name, entry in sorted(manifest.files.items())
         },
     }
-    write_text(directory / MANIFEST, json.dumps({**content, "seal": manifest_seal(content)}, indent=1) + "\n")
+    write_json(directory / MANIFEST, {**content, "seal": manifest_seal(content)})
 
 
 def read_manifest(directory: Path) -> Manifest:

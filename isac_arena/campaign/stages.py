@@ -9,14 +9,6 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
 
 from isac_arena.campaign.chain import channel_estimator, known_receiver
 from isac_arena.campaign.directory import CampaignStore, StopEstimate, check_is_campaign, open_campaign
@@ -28,7 +20,7 @@ from isac_arena.campaign.manifest import SETTINGS, check_unchanged, remedy
 from isac_arena.campaign.measured import MeasuredTruth
 from isac_arena.campaign.recording import recorded_run
 from isac_arena.campaign.results import CampaignResults, MapName, MapResult
-from isac_arena.campaign.summary import PlanarCounts, run_facts, score_table
+from isac_arena.campaign.summary import PlanarCounts, progress_bar, run_facts, score_table
 from isac_arena.report.page.budget_file import BUDGET_FILE, read_budget
 from isac_arena.scoring.measured import measured_metrics, score_measured
 from isac_arena.scoring.record import ScoreTables
@@ -48,7 +40,7 @@ SCORED = (*ESTIMATES, "provenance.nc")
 
 
 def prepare(campaign: str, out: Path, seed: int | None, estimator: str | None) -> CampaignStore:
-    """Open a campaign directory for a campaign file, with everything checked before anything is written."""
+    """Open a campaign directory for a campaign file. All inputs are checked before anything is written."""
     store = _checked(campaign, out, seed, estimator)
     store.open_for_writing()
     return store
@@ -56,7 +48,7 @@ def prepare(campaign: str, out: Path, seed: int | None, estimator: str | None) -
 
 @contextmanager
 def opened(campaign: str, out: Path, seed: int | None, estimator: str | None) -> Iterator[CampaignStore]:
-    """As `prepare`, for a run of its own: the directory is held for it, and has its manifest at the end."""
+    """As `prepare`, for a whole run: the directory is locked for it, and its manifest is written at the end."""
     store = _checked(campaign, out, seed, estimator)
     with one_run(out), recorded_run(out):
         check_unchanged(out, (*SETTINGS, *SAMPLES, *ESTIMATES))
@@ -68,29 +60,24 @@ def _checked(campaign: str, out: Path, seed: int | None, estimator: str | None) 
     config, scene_file = load_campaign(campaign, seed)
     channel_estimator(config, estimator)
     campaign_scene(config, scene_file)
-    return CampaignStore(
-        out,
-        config,
-        scene_file.read_text(encoding="utf-8"),
-        estimator,
-        scene_files=referenced_contents(scene_file),
-    )
+    text = scene_file.read_text(encoding="utf-8")
+    return CampaignStore(out, config, text, estimator, scene_files=referenced_contents(scene_file))
 
 
 @contextmanager
 def reopened(
     directory: Path, estimator: str | None = None, reads: Sequence[str] = ESTIMATES
 ) -> Iterator[CampaignStore]:
-    """As `reopen`, for work in the directory: held for one run, and with its manifest at the end."""
+    """As `reopen`, for a run: the directory is locked for it, and its manifest is written at the end."""
     check_is_campaign(directory)
     with one_run(directory), recorded_run(directory):
         yield reopen(directory, estimator, reads)
 
 
 def reopen(directory: Path, estimator: str | None = None, reads: Sequence[str] = ESTIMATES) -> CampaignStore:
-    """The campaign in a directory; another estimator than the stored one makes new channel estimates.
+    """The campaign in a directory; with another estimator, channel estimates are made again.
 
-    Raises `ValueError`, one line, where its settings, or what is in `reads`, are not as they were written.
+    Raises `ValueError`, one line, where its settings or the files in `reads` are not as they were written.
     """
     check_is_campaign(directory)
     check_unchanged(directory, (*SETTINGS, *reads))
@@ -105,19 +92,18 @@ def reopen(directory: Path, estimator: str | None = None, reads: Sequence[str] =
 
 
 def sweep_only(store: CampaignStore, *, keep_sweeps: bool) -> None:
-    """Make the truth of every stop, and its sweep where it is to be kept."""
+    """Make the truth of every stop, and keep its sweep where asked for."""
     _each_stop(store, "trace, sweep", keep_sweeps, lambda stop: False)
 
 
 def sweep_and_estimate(store: CampaignStore, *, keep_sweeps: bool, again: bool = False) -> None:
-    """Make what is missing of truth and channel estimates, one stop in memory at a time.
+    """Make missing truths and channel estimates, one stop in memory at a time.
 
-    `again` makes all channel estimates, also those that are there. A measured campaign holds both from its import.
+    `again` makes all channel estimates, also stored ones. A measured campaign has both from its import.
     """
+    steps = "trace, sweep, estimate"
     if store.measured is None:
-        _each_stop(
-            store, "trace, sweep, estimate", keep_sweeps, lambda stop: again or not store.has_channel(stop)
-        )
+        _each_stop(store, steps, keep_sweeps, lambda stop: again or not store.has_channel(stop))
 
 
 def _each_stop(
@@ -127,7 +113,7 @@ def _each_stop(
     run, counts = campaign_run(store), PlanarCounts()
     with console.status("self-calibration"):
         run.calibrate()
-    with _progress() as progress:
+    with progress_bar(console) as progress:
         for truth in progress.track(run.truths(), len(run.chosen_stops), description=description):
             counts += truth
             keeps, makes = keep_sweeps and not store.has_sweep(truth.stop), estimates(truth.stop)
@@ -142,7 +128,7 @@ def _each_stop(
 
 
 def build_maps(store: CampaignStore) -> None:
-    """Map with the known receiver and run SLAM without; fit shapes to both."""
+    """Map with the known receiver, run SLAM without it, and fit shapes to both maps."""
     if store.map_result("mapping") and store.map_result("slam"):
         return
     run = campaign_run(store)
@@ -153,7 +139,7 @@ def build_maps(store: CampaignStore) -> None:
 
 
 def write_scores(store: CampaignStore) -> None:
-    """Score every stage against the truth; write the metrics and where each estimate came from."""
+    """Score every stage against the truth; write the metrics and the origin of each estimate."""
     scene = scene_of(store)
     results = stored_results(store, len(scene.stops))
     with console.status("scores"):
@@ -174,12 +160,8 @@ def write_report(store: CampaignStore) -> None:
         metrics = score_metrics if store.measured is None else measured_metrics
         scores = Scores(metrics(scene, tables), tables)
         figures = make_figures(scene, results, scores)
-        page = render_report(
-            _page_payload(store, scene, results, tables),
-            scores,
-            figures,
-            run_facts(store.config, scene, store.estimator, store.measured),
-        )
+        facts = run_facts(store.config, scene, store.estimator, store.measured)
+        page = render_report(_page_payload(store, scene, results, tables), scores, figures, facts)
         store.write_report(page, {name: figure.png for name, figure in figures.items()})
     console.print(f"report: {store.directory / 'report.html'}")
 
@@ -187,7 +169,7 @@ def write_report(store: CampaignStore) -> None:
 def _page_payload(
     store: CampaignStore, scene: Scene, results: CampaignResults, tables: ScoreTables
 ) -> dict[str, Any]:
-    """What the report page knows of a campaign; a measured one has no true paths."""
+    """The data of the report page; a measured campaign has no true paths."""
     from isac_arena.report.page.payload.campaign import report_payload  # noqa: PLC0415  (brings matplotlib)
 
     name, n_stops = store.config.name, len(scene.stops)
@@ -238,12 +220,8 @@ def stored_results(store: CampaignStore, n_stops: int) -> CampaignResults:
         name: _present(store, store.map_result(name), f"the {name} result (map/{name}.nc)", "estimate")
         for name in ("mapping", "slam")
     }
-    return CampaignResults(
-        channel=tuple(estimate.channel for estimate in estimates),
-        power_maps=tuple(estimate.power_map for estimate in estimates) if store.measured is None else (),
-        mapping=maps["mapping"],
-        slam=maps["slam"],
-    )
+    power_maps = tuple(each.power_map for each in estimates) if store.measured is None else ()
+    return CampaignResults(tuple(each.channel for each in estimates), power_maps, **maps)
 
 
 def campaign_run(store: CampaignStore) -> CampaignRun:
@@ -264,15 +242,3 @@ def _present(store: CampaignStore, value: T | None, what: str, verb: str) -> T:
                 raise ValueError(f"{path}: damaged, or no file of a campaign; {remedy(name)}")
         raise ValueError(f"{store.directory}: {what} is missing or out of date; run 'arena {verb}' first")
     return value
-
-
-def _progress() -> Progress:
-    return Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
-        console=console,
-    )

@@ -6,7 +6,17 @@ import math
 import platform
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
+from typing import Any
 
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 from rich.table import Table
 
 from isac_arena.campaign.config import CampaignConfig
@@ -35,7 +45,7 @@ LIBRARIES = ("isac-arena", "sionna-rt", "numpy", "scipy")
 
 @dataclass(frozen=True)
 class PlanarCounts:
-    """Planar specular paths of a campaign: the ray tracer's beside the exact ones. Add a truth to count it."""
+    """Planar specular paths of a campaign: ray tracer against exact solver. Adding a truth counts its paths."""
 
     n_compared: int = 0
     n_repaired: int = 0
@@ -51,11 +61,17 @@ class PlanarCounts:
     @property
     def line(self) -> str:
         """One line for the terminal."""
-        extra = f"; {self.n_extra} that only the tracer saw are left out" if self.n_extra else ""
-        return (
-            f"planar paths: {self.n_compared - self.n_extra} by the exact solver, of which the ray tracer"
-            f" missed {self.n_repaired}{extra}"
-        )
+        extra = f"; {self.n_extra} that only the tracer found are not used" if self.n_extra else ""
+        n_exact = self.n_compared - self.n_extra
+        return f"planar paths: {n_exact} by the exact solver; the ray tracer missed {self.n_repaired}{extra}"
+
+
+def progress_bar(console: Console, *fields: str, **options: Any) -> Progress:
+    """A progress bar with counts, some `fields` of its tasks, and elapsed and remaining time."""
+    counts = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()
+    texts = [TextColumn(f"{{task.fields[{name}]}}") for name in fields]
+    times = TimeElapsedColumn(), TextColumn("remaining"), TimeRemainingColumn()
+    return Progress(*counts, *texts, *times, console=console, **options)
 
 
 def score_table(scores: Scores) -> Table:
@@ -79,24 +95,17 @@ def content(scene: Scene) -> str:
 def run_facts(
     config: CampaignConfig, scene: Scene, estimator: str | None, measured: str | None = None
 ) -> dict[str, str]:
-    """What was run, for the head of the report; `measured` says what a measured campaign was imported from."""
-    place = f"{scene.name}, {content(scene)}, {len(scene.stops)} receiver stops"
-    signal = _signal_facts(config, estimator) if measured is None else {"Measurement": measured}
+    """What was run, for the head of the report; `measured` is the source of a measured campaign."""
+    slam = f"snapshot, {config.slam.method}"
+    if config.trajectory is not None:
+        slam = f"trajectory, {config.trajectory.method}; snapshots {config.slam.method}"
+    versions = [f"Python {platform.python_version()}", *(f"{name} {_version(name)}" for name in LIBRARIES)]
     return {
-        "Scene": place,
-        **signal,
-        "SLAM": _slam_fact(config),
-        "Versions": ", ".join(
-            [f"Python {platform.python_version()}", *(f"{name} {_version(name)}" for name in LIBRARIES)]
-        ),
+        "Scene": f"{scene.name}, {content(scene)}, {len(scene.stops)} receiver stops",
+        **(_signal_facts(config, estimator) if measured is None else {"Measurement": measured}),
+        "SLAM": slam,
+        "Versions": ", ".join(versions),
     }
-
-
-def _slam_fact(config: CampaignConfig) -> str:
-    """How states were found: every stop by itself, or all of them together."""
-    if config.trajectory is None:
-        return f"snapshot, {config.slam.method}"
-    return f"trajectory, {config.trajectory.method}; snapshots {config.slam.method}"
 
 
 def _version(distribution: str) -> str:

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -60,37 +57,28 @@ def ablation_table(ablation: Ablation) -> Table:
     from isac_arena.insight.ablation import EFFECTS, cell  # noqa: PLC0415
 
     table = Table(
-        "impairment",
-        *[f"{label}\n{unit}" for label, unit in EFFECTS.values()],
-        "mean\nratio",
+        "impairment", *[f"{label}\n{unit}" for label, unit in EFFECTS.values()], "mean\nratio",
         title="RMS errors with each impairment alone",
         caption="mean ratio: geometric mean over the columns of the error over that without impairments;"
-        " what could not be measured (-) does not count",
-        box=SIMPLE,
-        padding=0,
-        show_edge=False,
-    )
+        " values that could not be measured (-) do not count",
+        box=SIMPLE, padding=0, show_edge=False,
+    )  # fmt: skip
     for column in table.columns:
         column.no_wrap = True
         column.justify = "left" if column is table.columns[0] else "right"
     for name, values, growth in zip(ablation.variant, ablation.value, ablation.growth, strict=True):
-        cells = [cell(value) for value in values]
-        table.add_row(name, *cells, f"{2.0**growth:.2f}")
+        table.add_row(name, *map(cell, values), f"{2.0**growth:.2f}")
     return table
 
 
 def write_ablation(out: Path, ablation: Ablation) -> None:
     """Write ablation.csv, ablation.json and ablation.png."""
-    from isac_arena.campaign.files import write_bytes, write_text  # noqa: PLC0415
+    from isac_arena.campaign.files import write_bytes, write_csv, write_json  # noqa: PLC0415
     from isac_arena.insight.ablation import table_rows  # noqa: PLC0415
     from isac_arena.report.figures.ablation import ablation_figure  # noqa: PLC0415
     from isac_arena.report.style import png_bytes  # noqa: PLC0415
 
     rows = list(table_rows(ablation))
-    text = io.StringIO()
-    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    write_text(out / "ablation.csv", text.getvalue())
-    write_text(out / "ablation.json", json.dumps({"variants": rows}, indent=1) + "\n")
+    write_csv(out / "ablation.csv", rows)
+    write_json(out / "ablation.json", {"variants": rows})
     write_bytes(out / "ablation.png", png_bytes(ablation_figure(ablation)))

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -21,8 +18,7 @@ if TYPE_CHECKING:
 def budget(
     campaign: Campaign,
     out: Annotated[
-        Path,
-        typer.Option(help="Directory of the budget; CAMPAIGN_DIR/budget puts it in the report."),
+        Path, typer.Option(help="Directory of the budget; CAMPAIGN_DIR/budget puts it in the report.")
     ],
     seed: Seed = None,
     repeats: Annotated[
@@ -30,13 +26,13 @@ def budget(
     ] = 1,
     stops: Annotated[
         str | None,
-        typer.Option(help="Receiver stops: 0,4,9 or first:last:step, last left out; all by default."),
+        typer.Option(help="Receiver stops: 0,4,9 or first:last:step without last; all by default."),
     ] = None,
     estimator: Estimator = None,
 ) -> None:
-    """Put truth in the place of each stage, switch off physics, and say what the final errors fall by.
+    """Replace each stage by truth, switch off physics, and report how much the final errors fall.
 
-    All variants draw the same random numbers. An interrupted budget goes on where it stopped.
+    All variants draw the same random numbers. The same command resumes an interrupted budget.
     """
     from rich.console import Console  # noqa: PLC0415
 
@@ -52,9 +48,9 @@ def budget(
 
 
 def budget_tables(budget: Budget) -> list[Table]:
-    """A table per outcome and kind of budget: what every part adds to the mean square error.
+    """A table per outcome and kind of budget: the contribution of every part to the mean square error.
 
-    In shares with their intervals, or in cm^2 where shares would mean nothing.
+    In shares with intervals, or in cm^2 where shares would have no meaning.
     """
     from rich.box import SIMPLE  # noqa: PLC0415
     from rich.table import Table  # noqa: PLC0415
@@ -89,25 +85,17 @@ def budget_tables(budget: Budget) -> list[Table]:
 
 def write_budget(out: Path, budget: Budget) -> None:
     """Write budget.csv, budget.json and budget.png."""
-    from isac_arena.campaign.files import write_bytes, write_text  # noqa: PLC0415
+    from isac_arena.campaign.files import write_bytes, write_csv, write_json  # noqa: PLC0415
     from isac_arena.insight.budget.record import table_rows  # noqa: PLC0415
     from isac_arena.report.figures.budget import budget_figure  # noqa: PLC0415
     from isac_arena.report.style import png_bytes  # noqa: PLC0415
 
     rows = list(table_rows(budget))
-    text = io.StringIO()
-    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    write_text(out / "budget.csv", text.getvalue())
-    about = {
-        "campaign": budget.campaign,
-        "stops": list(budget.stops),
-        "objects": list(budget.objects),
-        "repeats": budget.repeats,
-        "rows": rows,
+    write_csv(out / "budget.csv", rows)
+    about = {name: getattr(budget, name) for name in ("campaign", "stops", "objects", "repeats")} | {
+        "rows": rows
     }
-    write_text(out / "budget.json", json.dumps(about, indent=1, allow_nan=False) + "\n")
+    write_json(out / "budget.json", about, allow_nan=False)
     write_bytes(out / "budget.png", png_bytes(budget_figure(budget)))
 
 

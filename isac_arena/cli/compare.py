@@ -136,7 +136,7 @@ def write_comparison(
     notes: list[str],
 ) -> None:
     """Write compare.json and compare.png."""
-    from isac_arena.campaign.files import write_bytes, write_text  # noqa: PLC0415
+    from isac_arena.campaign.files import write_bytes, write_json  # noqa: PLC0415
     from isac_arena.report.figures.comparison import compare_figure  # noqa: PLC0415
     from isac_arena.report.style import png_bytes  # noqa: PLC0415
 
@@ -153,7 +153,7 @@ def write_comparison(
         "paired": paired,
         "scores": _side_by_side(runs[0].metrics, runs[1].metrics),
     }
-    write_text(out / "compare.json", json.dumps(content, indent=1) + "\n")
+    write_json(out / "compare.json", content)
     labels = [run.directory.resolve().name for run in runs]
     if labels[0] == labels[1]:
         labels = ["A", "B"]

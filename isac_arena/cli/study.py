@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Sequence
 from dataclasses import asdict
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -14,7 +11,6 @@ import typer
 from isac_arena.cli.options import OutFolder, RandomSeed
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
     from rich.table import Table
 
     from isac_arena.validation.shape.gp_study import StudyCell
@@ -37,26 +33,23 @@ def gp_synthetic(
     from rich.console import Console  # noqa: PLC0415
     from rich.progress import track  # noqa: PLC0415
 
-    from isac_arena.campaign.files import write_text  # noqa: PLC0415
+    from isac_arena.campaign.files import write_bytes, write_csv  # noqa: PLC0415
     from isac_arena.report.figures.gp_study import (  # noqa: PLC0415
         contour_figure,
         radial_function_figure,
         rmse_figure,
     )
+    from isac_arena.report.style import png_bytes  # noqa: PLC0415
     from isac_arena.validation.shape.gp_study import MODES, N_POINTS, SHAPES, example, study  # noqa: PLC0415
 
     console = Console(highlight=False)
     n_cells = len(MODES) * len(SHAPES) * len(N_POINTS)
     cells = list(track(study(runs, seed), "fits", n_cells, console=console, transient=True))
     shown = example(seed, "data-driven")
-    _write_figure(out / "radial_function.png", radial_function_figure(shown))
-    _write_figure(out / "contour.png", contour_figure(shown))
-    _write_figure(out / "rmse.png", rmse_figure(cells))
-    text = io.StringIO()
-    writer = csv.DictWriter(text, list(asdict(cells[0])), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(asdict(cell) for cell in cells)
-    write_text(out / "rmse.csv", text.getvalue())
+    figures = {"radial_function": radial_function_figure(shown), "contour": contour_figure(shown)}
+    for name, figure in {**figures, "rmse": rmse_figure(cells)}.items():
+        write_bytes(out / f"{name}.png", png_bytes(figure))
+    write_csv(out / "rmse.csv", [asdict(cell) for cell in cells])
     console.print(rmse_table(cells))
     console.print(f"study: {out / 'rmse.csv'}, rmse.png, radial_function.png and contour.png")
 
@@ -73,10 +66,3 @@ def rmse_table(cells: Sequence[StudyCell]) -> Table:
     for (mode, shape), values in by_row.items():
         table.add_row(mode, shape, *values)
     return table
-
-
-def _write_figure(path: Path, figure: Figure) -> None:
-    from isac_arena.campaign.files import write_bytes  # noqa: PLC0415
-    from isac_arena.report.style import png_bytes  # noqa: PLC0415
-
-    write_bytes(path, png_bytes(figure))

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
-import json
 import math
 from collections.abc import Iterator
 from dataclasses import fields
@@ -43,7 +40,7 @@ def twin(
     ],
     out: OutFolder,
 ) -> None:
-    """Trace the scene of a measured campaign at its stops and tell what of the measurement that explains.
+    """Trace the scene of a measured campaign at its stops and report which measured paths that explains.
 
     Offsets of clock and headings come from lines of sight, calibrated gains from the other half of the stops.
     """
@@ -70,15 +67,11 @@ def twin_table(made: Twin, metrics: tuple[Metric, ...]) -> Table:
 
     value = {metric.key: metric.value for metric in metrics}
     table = Table(
-        "model",
-        *COLUMNS.values(),
-        title="Measured single bounces explained by simulated paths",
+        "model", *COLUMNS.values(), title="Measured single bounces explained by simulated paths",
         caption="wide: 1.5 ns, 3 deg, 3 deg; narrow: 1 ns, 2 deg, 2 deg; one to one. Errors are rms"
         " within the wide gate. chance: by paths of far stops",
-        box=SIMPLE,
-        padding=0,
-        show_edge=False,
-    )
+        box=SIMPLE, padding=0, show_edge=False,
+    )  # fmt: skip
     for column in table.columns[1:]:
         column.justify, column.no_wrap = "right", True
     for name in made.models:
@@ -117,20 +110,14 @@ def _trace(campaign: MeasuredCampaign, scene: Scene, carrier_hz: float) -> Twin:
     simulated = {}
     for name, config in MODELS.items():
         stops = simulate_stops(scene, campaign, config, carrier_hz)
-        shown = track(
-            stops,
-            f"trace {name.replace('_', ' ')}",
-            len(campaign.truths),
-            console=stages.console,
-            transient=True,
-        )
-        simulated[name] = list(shown)
+        title, n_stops = f"trace {name.replace('_', ' ')}", len(campaign.truths)
+        simulated[name] = list(track(stops, title, n_stops, console=stages.console, transient=True))
     return make_twin(campaign, scene, simulated)
 
 
 def _write(out: Path, made: Twin, scene: Scene) -> tuple[Metric, ...]:
     """Write twin.json, twin_paths.csv and the two figures; the metrics."""
-    from isac_arena.campaign.files import write_bytes, write_text  # noqa: PLC0415
+    from isac_arena.campaign.files import write_bytes, write_csv, write_json  # noqa: PLC0415
     from isac_arena.insight.twin.scores import object_residuals, twin_metrics  # noqa: PLC0415
     from isac_arena.report.figures.twin import twin_map_figure, twin_residual_figure  # noqa: PLC0415
     from isac_arena.report.style import png_bytes  # noqa: PLC0415
@@ -145,25 +132,16 @@ def _write(out: Path, made: Twin, scene: Scene) -> tuple[Metric, ...]:
             for name, model in made.models.items()
         },
     }
-    write_text(out / "twin.json", json.dumps(_without_nan(content), indent=1) + "\n")
-    rows = list(_path_rows(made))
-    text = io.StringIO()
-    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    write_text(out / "twin_paths.csv", text.getvalue())
+    write_json(out / "twin.json", _without_nan(content))
+    write_csv(out / "twin_paths.csv", list(_path_rows(made)))
     last = list(made.models)[-1]
-    figures = {
-        "twin_map": twin_map_figure(scene, made, last),
-        "twin_residuals": twin_residual_figure(scene, made),
-    }
-    for name, figure in figures.items():
-        write_bytes(out / f"{name}.png", png_bytes(figure))
+    write_bytes(out / "twin_map.png", png_bytes(twin_map_figure(scene, made, last)))
+    write_bytes(out / "twin_residuals.png", png_bytes(twin_residual_figure(scene, made)))
     return metrics
 
 
 def _path_rows(made: Twin) -> Iterator[dict[str, Any]]:
-    """One row per model and measured path; what is not known is left empty."""
+    """One row per model and measured path; unknown values are empty."""
     for name, model in made.models.items():
         for row in range(model.paths.size("path")):
             values: dict[str, Any] = {"model": name}
@@ -178,7 +156,7 @@ def _path_rows(made: Twin) -> Iterator[dict[str, Any]]:
 
 
 def _without_nan(content: Any) -> Any:
-    """The same with None for numbers that are not finite, which JSON does not have."""
+    """The same with None for numbers that are not finite: JSON has none of them."""
     if isinstance(content, dict):
         return {key: _without_nan(value) for key, value in content.items()}
     if isinstance(content, list):

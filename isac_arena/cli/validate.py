@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib
 import inspect
-import json
 import time
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -97,7 +96,7 @@ def _measure(
     from rich.console import Console  # noqa: PLC0415
     from rich.table import Table  # noqa: PLC0415
 
-    from isac_arena.campaign.files import write_text  # noqa: PLC0415
+    from isac_arena.campaign.files import write_json  # noqa: PLC0415
     from isac_arena.validation.measurement import to_json  # noqa: PLC0415
 
     if name not in modules:
@@ -123,7 +122,7 @@ def _measure(
         rows += measured
     console.print(table)
     if json_file is not None:
-        write_text(json_file, json.dumps(to_json(rows), indent=1) + "\n")
+        write_json(json_file, to_json(rows))
     missed = [row.key for row in rows if not row.met]
     console.print(f"{len(rows) - len(missed)} of {len(rows)} bars met")
     if missed:

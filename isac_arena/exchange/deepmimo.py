@@ -5,7 +5,6 @@ A folder holds matrices of paths (.mat), the facets of the scene, and params.jso
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from io import BytesIO
@@ -17,7 +16,7 @@ import numpy as np
 import tomli_w
 from scipy.io import savemat
 
-from isac_arena.campaign.files import write_bytes, write_text
+from isac_arena.campaign.files import write_bytes, write_json, write_text
 from scenes.meshes.mesh import mesh_bytes, object_meshes
 from scenes.objects.clutter import Clutter
 from scenes.objects.material import Material
@@ -69,9 +68,9 @@ def write_deepmimo(folder: Path, scenario: PathScenario, facets: Facets, max_pat
     for name, matrix in matrices.items():
         _write_mat(folder / f"{name}_{matrix_suffix(TX_SET, 0, RX_SET)}.mat", name, matrix)
     _write_mat(folder / "vertices.mat", "vertices", facets.vertices_m)
-    write_text(folder / "objects.json", json.dumps(facets.objects, indent=1))
+    write_json(folder / "objects.json", facets.objects)
     target = folder / "params.json"
-    write_text(target, json.dumps(_params(scenario, facets), indent=1))
+    write_json(target, _params(scenario, facets))
     return target
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from isac_arena.campaign.files import complete_file, write_text
+from isac_arena.campaign.files import complete_file, write_json
 from scenes.record import ComplexArray
 
 DATATYPE = "cf32_le"
@@ -50,7 +50,7 @@ def write_sigmf(
     data, meta = (base.with_name(f"{base.name}.sigmf-{kind}") for kind in ("data", "meta"))
     with complete_file(data) as partial:
         samples.tofile(partial)
-    write_text(meta, json.dumps(metadata, indent=1) + "\n")
+    write_json(meta, metadata)
     return meta
 
 

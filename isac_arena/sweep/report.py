@@ -15,6 +15,7 @@ from isac_arena.report.sweep.page import SweepFigure, axis_tables, render_sweep,
 from isac_arena.report.sweep.results import SweepAxis, SweepMetric, SweepResults
 from isac_arena.sweep.config import SweepConfig
 from isac_arena.sweep.store import PlannedCase, is_done
+from isac_arena.sweep.table import axis_names
 
 MAIN = (
     "slam.position.rmse_m",
@@ -48,10 +49,9 @@ def sweep_results(config: SweepConfig, rows: Sequence[dict[str, Any]]) -> SweepR
         heads.setdefault(row["key"], (row["unit"], row["direction"]))
         column = values.setdefault(row["key"], np.full(len(cases), np.nan))
         column[place[row["case"]]] = np.nan if row["value"] is None else row["value"]
-    names = [axis.label or axis.field for axis in config.axes]
     axes = [
         SweepAxis(name, tuple(first[case][name] for case in cases), axis.log)
-        for name, axis in zip(names, config.axes, strict=True)
+        for name, axis in zip(axis_names(config), config.axes, strict=True)
     ]
     metrics = {key: SweepMetric(key, *heads[key], column) for key, column in values.items()}
     return SweepResults(np.array([first[case]["point"] for case in cases], int), tuple(axes), metrics)
@@ -67,19 +67,20 @@ def sweep_page(
     pairs: Sequence[tuple[str, str]],
 ) -> str:
     """The report page of a sweep."""
-    failed = [(case, failures[case.key]) for case in cases if case.key in failures]
+    failed = [
+        [case.key, _case_settings(config, case), failures[case.key]] for case in cases if case.key in failures
+    ]
     sections: list[tuple[str, Sequence[SweepFigure | str]]] = []
     if keys:
         sections.append(("Metrics over every axis", _axis_figures(results, keys)))
         sections.append(("Trade-offs", [*_pareto_figures(results, pairs), *_parallel_figures(results, keys)]))
         sections.append(("Tables", axis_tables(results, keys)))
     else:
-        sections.append(
-            ("Metrics", ["<p>No finished case yet, or no metric that changes over the cases.</p>"])
-        )
+        nothing = "<p>No finished case yet, or no metric that changes over the cases.</p>"
+        sections.append(("Metrics", [nothing]))
     if failed:
-        rows = [[case.key, _case_settings(config, case), error] for case, error in failed[:MOST_FAILURES]]
-        sections.append((f"{len(failed)} failed cases", [table(["case", "axes", "error"], rows, "failed")]))
+        rows = table(["case", "axes", "error"], failed[:MOST_FAILURES], "failed")
+        sections.append((f"{len(failed)} failed cases", [rows]))
     return render_sweep(config.name, sweep_facts(directory, config, cases, failures), sections)
 
 
@@ -93,35 +94,31 @@ def sweep_facts(
     facts = {
         "Base": config.base,
         "Design": f"{config.design}, {len({case.point for case in cases})} points",
-        "Axes": ", ".join(axis.label or axis.field for axis in config.axes) or "none",
+        "Axes": ", ".join(axis_names(config)) or "none",
         "Cases": f"{len(done)} of {len(cases)} done, {len(failed)} failed",
     }
     times = sorted((directory / "cases" / case.key / "scores.json").stat().st_mtime for case in done)
     if remaining and len(times) > 1 and times[-1] > times[0]:
         pace = (len(times) - 1) / (times[-1] - times[0])
-        facts["Pace"] = (
-            f"{60 * pace:.3g} cases a minute; {remaining} remain, about {remaining / pace / 60:.3g} minutes"
-        )
+        minutes = remaining / pace / 60
+        facts["Pace"] = f"{60 * pace:.3g} cases a minute; {remaining} remain, about {minutes:.3g} minutes"
     if (directory / MANIFEST).is_file():
-        origins = read_manifest(directory).made_by
-        made = [
-            f"code {one['code']}, Python {one['python']}, {one['machine']['processor']}" for one in origins
-        ]
-        facts["Made by"] = "; ".join(made)
+        facts["Made by"] = "; ".join(
+            f"code {one['code']}, Python {one['python']}, {one['machine']['processor']}"
+            for one in read_manifest(directory).made_by
+        )
     return facts
 
 
 def _axis_figures(results: SweepResults, keys: Sequence[str]) -> list[SweepFigure | str]:
     if not results.axes:
         return ["<p>The sweep has no axes; its tables hold the repeats.</p>"]
-    return [_picture(axis_figure(results, key), key, axis_caption(results, key)) for key in keys]
+    return [SweepFigure(key, axis_figure(results, key), axis_caption(results, key)) for key in keys]
 
 
 def _pareto_figures(results: SweepResults, pairs: Sequence[tuple[str, str]]) -> list[SweepFigure | str]:
-    return [
-        _picture(pareto_figure(results, first, second), f"{first} against {second}", pareto_caption(results))
-        for first, second in pairs
-    ]
+    caption = pareto_caption(results)
+    return [SweepFigure(f"{x} against {y}", pareto_figure(results, x, y), caption) for x, y in pairs]
 
 
 def _parallel_figures(results: SweepResults, keys: Sequence[str]) -> list[SweepFigure | str]:
@@ -129,14 +126,9 @@ def _parallel_figures(results: SweepResults, keys: Sequence[str]) -> list[SweepF
         return []
     shown = list(keys[:5])
     caption = parallel_caption(results, shown[0])
-    return [_picture(parallel_figure(results, shown), "Parallel coordinates", caption)]
-
-
-def _picture(figure: Any, title: str, caption: str) -> SweepFigure:
-    return SweepFigure(title, figure, caption)
+    return [SweepFigure("Parallel coordinates", parallel_figure(results, shown), caption)]
 
 
 def _case_settings(config: SweepConfig, case: PlannedCase) -> str:
-    names = [axis.label or axis.field for axis in config.axes]
-    values = [f"{name} = {value}" for name, value in zip(names, case.values, strict=True)]
+    values = [f"{name} = {value}" for name, value in zip(axis_names(config), case.values, strict=True)]
     return ", ".join([*values, f"seed {case.seed}"])

@@ -7,7 +7,6 @@ last digits of sums depend on the number of threads; the manifest of a case reco
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
 import tempfile
@@ -20,7 +19,7 @@ from threadpoolctl import threadpool_limits
 
 from isac_arena.campaign.chain import channel_estimator
 from isac_arena.campaign.driver import CampaignRun, MemoryResults
-from isac_arena.campaign.files import read_record, write_record, write_text
+from isac_arena.campaign.files import read_record, write_json, write_record
 from isac_arena.campaign.load import scene_in_use
 from isac_arena.campaign.recording import recorded_run
 from isac_arena.scoring.metrics.metric import to_json
@@ -176,9 +175,9 @@ def store_case(job: Job, scores: Scores) -> None:
     }
     try:
         with threadpool_limits(limits=1), recorded_run(partial):
-            write_text(partial / "campaign.json", json.dumps(settings, indent=1) + "\n")
+            write_json(partial / "campaign.json", settings)
             write_record(partial / "provenance.nc", scores.tables)
-            write_text(partial / "scores.json", json.dumps(to_json(scores.metrics), indent=1) + "\n")
+            write_json(partial / "scores.json", to_json(scores.metrics))
         if not job.is_done:
             shutil.rmtree(job.directory, ignore_errors=True)  # a case that lost some of its files
             partial.rename(job.directory)

@@ -1,7 +1,4 @@
-"""Run a sweep: its missing cases on workers, then the tables of all results.
-
-The workers start when the first case needs them.
-"""
+"""Run a sweep: its missing cases on workers, then the tables of all results."""
 
 from __future__ import annotations
 
@@ -12,18 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
 from threadpoolctl import threadpool_limits
 
 from isac_arena.campaign.lock import one_run
 from isac_arena.campaign.recording import recorded_run
+from isac_arena.campaign.summary import progress_bar
 from isac_arena.sweep.cases import base_path
 from isac_arena.sweep.config import SweepConfig
 from isac_arena.sweep.job import Job, store_scene
@@ -70,7 +60,7 @@ def run_sweep(
 
 
 class Workers:
-    """The workers of a sweep, started when the first case needs them: with all cases done there are none."""
+    """The workers of a sweep. They start with the first case, so a finished sweep starts none."""
 
     def __init__(self, workers: int | None, scheduler: str | None) -> None:
         self._options = workers, scheduler
@@ -96,7 +86,7 @@ class Workers:
 def run_until_known(
     workers: Workers, console: Console, file: Path, config: SweepConfig, out: Path, jobs: list[Job]
 ) -> list[Job]:
-    """Run the jobs; with `until`, repeat points with more seeds until the mean of the metric is known there."""
+    """Run the jobs; with `until`, add seeds to a point until its mean metric is known well enough."""
     write_plan(out, planned(jobs))
     run_missing(workers, console, out, jobs)
     repeat = config.repeats
@@ -113,7 +103,7 @@ def run_until_known(
 
 
 def unknown_points(out: Path, config: SweepConfig, jobs: Sequence[Job]) -> set[int]:
-    """Points of the design whose mean of the metric in `until` is not known well enough yet."""
+    """Points of the design where the mean of the metric in `until` is not known well enough yet."""
     if config.until is None:
         return set()
     rows = result_rows(out, config, planned(jobs), read_failures(out))
@@ -123,24 +113,15 @@ def unknown_points(out: Path, config: SweepConfig, jobs: Sequence[Job]) -> set[i
 
 
 def run_missing(workers: Workers, console: Console, out: Path, jobs: Sequence[Job]) -> None:
-    """Run the jobs that are neither done nor known to fail, with throughput, failures and time left."""
+    """Run the jobs that are neither done nor known to fail, with rate, failures and remaining time."""
     from isac_arena.sweep.engine import run_jobs  # noqa: PLC0415
 
     known = read_failures(out)
     pending = [job for job in jobs if not job.is_done and job.key not in known]
     if not pending:
         return
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[rate]}"),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
-    )
     n_failed, started = 0, time.monotonic()
-    with Progress(*columns, console=console, speed_estimate_period=3600) as progress:
+    with progress_bar(console, "rate", speed_estimate_period=3600) as progress:
         task = progress.add_task("cases", total=len(jobs), completed=len(jobs) - len(pending), rate="")
 
         def report(job: Job, reason: str | None) -> None:
@@ -156,7 +137,7 @@ def run_missing(workers: Workers, console: Console, out: Path, jobs: Sequence[Jo
 
 
 def print_results(console: Console, out: Path, config: SweepConfig, jobs: Sequence[Job]) -> int:
-    """Write the tables, say how many cases are done and what failed, and return how many did."""
+    """Write the tables, print how many cases are done and which failed, and return how many failed."""
     failures = read_failures(out)
     write_tables(out, config, result_rows(out, config, planned(jobs), failures))
     failed = [job for job in jobs if job.key in failures and not job.is_done]

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from isac_arena.campaign.difference import first_difference, line_difference
-from isac_arena.campaign.files import remove_file, remove_leftovers, write_text
+from isac_arena.campaign.files import remove_file, remove_leftovers, write_json, write_text
 from isac_arena.campaign.integrity import file_digest
 from isac_arena.campaign.manifest import read_manifest
 from isac_arena.sweep.config import SweepConfig
@@ -54,7 +54,7 @@ def open_sweep(directory: Path, config: SweepConfig, base_text: str) -> None:
     elif directory.is_dir() and any(not entry.name.endswith(".part") for entry in directory.iterdir()):
         raise ValueError(f"--out = {directory}: holds other files; choose an empty or a new directory")
     content = {"sweep": config.model_dump(mode="json"), "base": base_text}
-    write_text(directory / SWEEP, json.dumps(content, indent=1) + "\n")
+    write_json(directory / SWEEP, content)
     for folder in (directory, directory / "failures", directory / "cases"):
         remove_leftovers(folder)
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,7 +12,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from isac_arena.campaign.files import complete_file, write_text
+from isac_arena.campaign.files import complete_file, write_csv
 from isac_arena.report.sweep.results import mean_interval
 from isac_arena.sweep.config import SweepConfig
 from isac_arena.sweep.store import PlannedCase, is_done, read_scores
@@ -37,17 +35,15 @@ class Spread:
 def result_rows(
     directory: Path, config: SweepConfig, cases: Iterable[PlannedCase], failures: Mapping[str, str]
 ) -> list[Row]:
-    """One row per metric and finished case, one for a case that failed, in the order of the cases and metrics.
+    """One row per metric and finished case, one row per failed case, in the order of the cases and metrics.
 
-    `failures` holds the error of a failed case by its key. Cases that are neither done nor failed have no row.
+    `failures` holds the errors of failed cases by their key. Cases that are neither done nor failed have no row.
 
     Raises `ValueError` where the scores of a case are not as they were written.
     """
     rows: list[Row] = []
     for case in cases:
-        values = {
-            axis.label or axis.field: value for axis, value in zip(config.axes, case.values, strict=True)
-        }
+        values = dict(zip(axis_names(config), case.values, strict=True))
         head = {"case": case.key, "point": case.point, "repeat": case.repeat, "seed": case.seed}
         if is_done(directory, case.key):
             metrics = read_scores(directory, case.key)
@@ -58,14 +54,15 @@ def result_rows(
     return rows
 
 
+def axis_names(config: SweepConfig) -> list[str]:
+    """What tables and figures call the axes."""
+    return [axis.label or axis.field for axis in config.axes]
+
+
 def write_tables(directory: Path, config: SweepConfig, rows: Sequence[Row]) -> None:
     """Write results.csv and results.parquet; the same rows give the same bytes."""
-    columns = (*CASE_COLUMNS, *(axis.label or axis.field for axis in config.axes), *METRIC_COLUMNS)
-    text = io.StringIO()
-    writer = csv.DictWriter(text, columns, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    write_text(directory / "results.csv", text.getvalue())
+    columns = (*CASE_COLUMNS, *axis_names(config), *METRIC_COLUMNS)
+    write_csv(directory / "results.csv", rows, columns)
     table = pa.table({name: _column([row[name] for row in rows]) for name in columns})
     with complete_file(directory / "results.parquet") as partial:
         pq.write_table(table, partial)
@@ -74,7 +71,7 @@ def write_tables(directory: Path, config: SweepConfig, rows: Sequence[Row]) -> N
 def spread(rows: Iterable[Row], metric: str, confidence: float = 0.95) -> dict[int, Spread]:
     """Mean of one metric over the repeats of every point, with Student's t interval; by point.
 
-    A point with one value only has an infinite half width; values that could not be measured do not count.
+    A point with one value has an infinite half width; values that could not be measured do not count.
     """
     values: dict[int, list[float]] = {}
     for row in rows:
@@ -85,11 +82,11 @@ def spread(rows: Iterable[Row], metric: str, confidence: float = 0.95) -> dict[i
 
 def _column(values: list[Any]) -> pa.Array:
     """A column of numbers or truth values as they are, everything else as text."""
-    known = [value for value in values if value is not None]
-    if all(isinstance(value, bool) for value in known) or all(isinstance(value, str) for value in known):
+    kinds = {type(value) for value in values if value is not None}
+    if kinds <= {bool} or kinds <= {str}:
         return pa.array(values)
-    if all(isinstance(value, int) and not isinstance(value, bool) for value in known):
+    if kinds <= {int}:
         return pa.array(values, pa.int64())
-    if all(isinstance(value, int | float) and not isinstance(value, bool) for value in known):
+    if kinds <= {int, float}:
         return pa.array([None if value is None else float(value) for value in values], pa.float64())
     return pa.array([None if value is None else json.dumps(value) for value in values], pa.string())

@@ -1,4 +1,4 @@
-"""The budget of a campaign: its final errors taken apart by stages and by physics."""
+"""The budget of a campaign: its final errors attributed to stages and to physics."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Budget:
     attribution: Mapping[tuple[str, str], Attribution]
 
 
-def take_apart(variants: Variants, groups: Groups, rng: np.random.Generator) -> dict[str, Attribution]:
+def attributions(variants: Variants, groups: Groups, rng: np.random.Generator) -> dict[str, Attribution]:
     """The attribution of every outcome that has units; squared errors are averaged over the repeats first."""
     found = {}
     for outcome, (name, _) in OUTCOMES.items():

@@ -1,4 +1,4 @@
-"""The runs behind `arena budget`: one directory per variant, each made once, and the final errors of all."""
+"""The runs of `arena budget`: one directory per variant, each made once, and the final errors of all."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from isac_arena.campaign.chain import channel_estimator, significance
 from isac_arena.campaign.directory import CampaignStore
@@ -20,10 +19,11 @@ from isac_arena.campaign.integrity import code_digest, digest
 from isac_arena.campaign.load import campaign_scene, load_campaign
 from isac_arena.campaign.lock import one_run
 from isac_arena.campaign.recording import recorded_run
+from isac_arena.campaign.summary import progress_bar
 from isac_arena.insight.budget.chain import Chain, make_chain
 from isac_arena.insight.budget.outcome import FinalErrors, LitObject, lit_objects
 from isac_arena.insight.budget.physics import observed, present, without_hardware, without_paths
-from isac_arena.insight.budget.record import OUTCOMES, Budget, Variants, take_apart
+from isac_arena.insight.budget.record import OUTCOMES, Budget, Variants, attributions
 from isac_arena.insight.budget.stages import STAGE_GROUPS, Groups, Part, coalitions, label
 from isac_arena.scoring.stages.channel import TrueStop, true_stop
 from scenes.config import referenced_contents
@@ -62,7 +62,7 @@ class Variant:
         return make_chain(run.config, run.scene, true_stops(run), channel, list(self.objects))
 
     def final_errors(self, replaced: frozenset[Part]) -> FinalErrors:
-        """Final errors with truth in the place of some stages: as stored, or made and stored."""
+        """Final errors with truth in place of some stages: read, or made and stored."""
         path = self.store.directory / "errors" / f"{label(replaced, STAGE_GROUPS)}.nc"
         fingerprint = digest(
             self.store.map_fingerprint,
@@ -81,7 +81,7 @@ class Variant:
 def budget_job(
     campaign: str, out: Path, seed: int | None, repeats: int, stops: str | None, estimator: str | None
 ) -> Iterator[BudgetJob]:
-    """A budget with everything checked before anything is written, its directory held for one run."""
+    """A budget; all inputs are checked before anything is written, and its directory is locked for one run."""
     config, scene_file = load_campaign(campaign, seed)
     channel_estimator(config, estimator)
     scene = campaign_scene(config, scene_file)
@@ -113,8 +113,8 @@ def chosen_stops(text: str | None, n_stops: int) -> tuple[int, ...]:
 
 
 def run_budget(job: BudgetJob, console: Console) -> Budget:
-    """Run all variants that are missing, and take the errors apart."""
-    with _progress(console) as progress:
+    """Run all missing variants, and attribute the errors."""
+    with progress_bar(console, transient=True) as progress:
         run = CampaignRun(job.paths.config, job.scene, job.paths, job.stops)
         traced = tuple(progress.track(run.truths(), len(job.stops), description="trace"))
         physics: Groups = (present(job.paths.config, traced),)
@@ -155,43 +155,19 @@ def _variant(
 ) -> Variant:
     base = job.paths.config
     config = without_hardware(base.model_copy(update={"seed": base.seed + repeat}), off)
-    name = label(off, groups)
-    directory = job.out / f"repeat_{repeat:02d}" / ("all" if not off else f"without_{name}")
-    store = replace(job.paths, directory=directory, config=config)
+    name = f"without_{label(off, groups)}" if off else "all"
+    store = replace(job.paths, directory=job.out / f"repeat_{repeat:02d}" / name, config=config)
     store.open_for_writing()
-    run = CampaignRun(
-        config,
-        job.scene,
-        store,
-        paths=[without_paths(truth, off) for truth in traced],
-        estimator=store.estimator,
-        observer=partial(observed, off=off),
-    )
+    paths, observer = [without_paths(truth, off) for truth in traced], partial(observed, off=off)
+    run = CampaignRun(config, job.scene, store, None, paths, store.estimator, observer)
     return Variant(store, run, off, objects, groups)
 
 
 def _budget(
     job: BudgetJob, objects: tuple[LitObject, ...], kinds: dict[str, tuple[Variants, Groups]]
 ) -> Budget:
-    found = {}
-    for kind, (variants, groups) in kinds.items():
-        rng = np.random.default_rng(job.paths.config.seed)
-        for outcome, attribution in take_apart(variants, groups, rng).items():
-            found[outcome, kind] = attribution
-    ordered = {
-        (name, kind): found[name, kind] for name in OUTCOMES for kind in kinds if (name, kind) in found
-    }
+    seed = job.paths.config.seed
+    found = {kind: attributions(*pair, np.random.default_rng(seed)) for kind, pair in kinds.items()}
+    ordered = {(name, kind): found[kind][name] for name in OUTCOMES for kind in kinds if name in found[kind]}
     names = tuple(item.name for item in objects)
     return Budget(job.paths.config.name, job.stops, names, job.repeats, ordered)
-
-
-def _progress(console: Console) -> Progress:
-    return Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
-        console=console,
-        transient=True,
-    )

@@ -13,7 +13,7 @@ from isac_arena.campaign.config import CampaignConfig
 from isac_arena.insight.budget.attribution import attribute, root
 from isac_arena.insight.budget.chain import Chain, make_chain
 from isac_arena.insight.budget.outcome import lit_objects
-from isac_arena.insight.budget.record import OUTCOMES, Variants, take_apart
+from isac_arena.insight.budget.record import OUTCOMES, Variants, attributions
 from isac_arena.insight.budget.stages import STAGE_GROUPS, Groups, Stage, coalitions, orders
 from isac_arena.scoring.config import Significance
 from isac_arena.scoring.stages.channel import true_stop
@@ -33,7 +33,7 @@ def check_budget(seed: int, quick: bool) -> list[Measurement]:
     for _ in range(1 if quick else 8):
         chain = faulty_chain(rng)
         variants = {parts: [*done, chain.final_errors(parts)] for parts, done in variants.items()}
-    found = take_apart(variants, STAGE_GROUPS, np.random.default_rng(seed))
+    found = attributions(variants, STAGE_GROUPS, np.random.default_rng(seed))
     rest = max(float(root(one.rest)) for one in found.values())
     gap = max(abs(one.contribution.sum() + one.rest - one.total) / one.total for one in found.values())
     outside = sum(_swaps_outside(variants, outcome) for outcome in found)
@@ -114,7 +114,7 @@ def _swaps_outside(variants: Variants, outcome: str) -> int:
         parts: float(np.mean([np.square(getattr(errors, name)).mean() for errors in repeats]))
         for parts, repeats in variants.items()
     }
-    found = take_apart(variants, STAGE_GROUPS, np.random.default_rng(1))[outcome]
+    found = attributions(variants, STAGE_GROUPS, np.random.default_rng(1))[outcome]
     outside = 0
     for order in orders(STAGE_GROUPS):
         met = [frozenset(order[:length]) for length in range(len(order) + 1)]

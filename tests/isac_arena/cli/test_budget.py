@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from isac_arena.cli.budget import budget_tables
 from isac_arena.cli.main import app
 from isac_arena.insight.budget.outcome import FinalErrors
-from isac_arena.insight.budget.record import Budget, take_apart
+from isac_arena.insight.budget.record import Budget, attributions
 from isac_arena.insight.budget.runs import chosen_stops
 from tests.isac_arena.cli.sweep_files import CAMPAIGN
 
@@ -82,7 +82,7 @@ def test_a_table_has_shares_and_says_what_is_told():
         frozenset({"large", "nothing"}): 0.01 + 0.1 * np.abs(noise),
     }
     variants = {parts: [FinalErrors(value, np.zeros(0), np.zeros(0))] for parts, value in errors.items()}
-    found = take_apart(variants, groups, rng)["pose"]
+    found = attributions(variants, groups, rng)["pose"]
     (table,) = budget_tables(Budget("made", tuple(range(30)), (), 1, {("pose", "physics"): found}))
     console = Console(width=80, file=StringIO())
     console.print(table)

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from isac_arena.insight.budget.outcome import FinalErrors
-from isac_arena.insight.budget.record import Budget, take_apart
+from isac_arena.insight.budget.record import Budget, attributions
 from isac_arena.insight.budget.stages import STAGE_GROUPS, Physics, coalitions
 from isac_arena.report.figures.budget import budget_figure
 from isac_arena.report.style import png_bytes
@@ -19,7 +19,7 @@ def budget():
             parts: [FinalErrors(rng.uniform(0, 0.1, 8), rng.uniform(0, 0.2, 3), np.zeros(0))]
             for parts in coalitions(groups)
         }
-        found |= {(name, kind): one for name, one in take_apart(variants, groups, rng).items()}
+        found |= {(name, kind): one for name, one in attributions(variants, groups, rng).items()}
     return Budget("made", tuple(range(8)), ("a", "b", "c"), 1, found)
 
 
@@ -54,6 +54,6 @@ def test_a_budget_of_few_units_is_in_squares(budget):
 
 def test_an_error_of_nothing_and_a_single_unit_can_be_drawn():
     none = {parts: [FinalErrors(np.zeros(1), np.zeros(0), np.zeros(0))] for parts in coalitions(PHYSICS)}
-    found = take_apart(none, PHYSICS, np.random.default_rng(1))
+    found = attributions(none, PHYSICS, np.random.default_rng(1))
     assert list(found) == ["pose"]
     assert png_bytes(budget_figure(Budget("made", (0,), (), 1, {("pose", "physics"): found["pose"]})))

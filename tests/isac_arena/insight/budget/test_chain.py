@@ -17,7 +17,7 @@ from isac_arena.insight.budget.outcome import (
     outlines_of_shapes,
     pose_errors,
 )
-from isac_arena.insight.budget.record import Budget, table_rows, take_apart
+from isac_arena.insight.budget.record import Budget, attributions, table_rows
 from isac_arena.insight.budget.stages import STAGE_GROUPS, Stage, coalitions
 from scenes.contours import Circle
 
@@ -62,7 +62,7 @@ def test_stages_downstream_do_not_touch_the_poses(variants):
 
 
 def test_the_parts_add_up(variants):
-    found = take_apart(variants, STAGE_GROUPS, np.random.default_rng(1))
+    found = attributions(variants, STAGE_GROUPS, np.random.default_rng(1))
     assert set(found) == {"pose", "shape"}
     for one in found.values():
         assert one.rest <= 1e-18
@@ -70,7 +70,7 @@ def test_the_parts_add_up(variants):
 
 
 def test_a_budget_becomes_rows_of_finite_numbers_or_none(variants):
-    found = take_apart(variants, STAGE_GROUPS, np.random.default_rng(1))
+    found = attributions(variants, STAGE_GROUPS, np.random.default_rng(1))
     budget = Budget("made", (0, 1), ("a",), 1, {(name, "stages"): one for name, one in found.items()})
     rows = list(table_rows(budget))
     assert len(rows) == 2 * (len(Stage) + 2)
@@ -85,7 +85,7 @@ def test_a_perfect_channel_leaves_no_error_to_detection_and_geometry(campaign, s
     """What is left of the poses is the double bounce that SLAM cannot tell from a single one."""
     perfect = make_chain(chain.config, campaign.scene, stops, campaign.results.channel, chain.objects)
     variants = {parts: [perfect.final_errors(parts)] for parts in coalitions(STAGE_GROUPS)}
-    found = take_apart(variants, STAGE_GROUPS, np.random.default_rng(2))["pose"]
+    found = attributions(variants, STAGE_GROUPS, np.random.default_rng(2))["pose"]
     shares = dict(zip(found.part, found.contribution / found.total, strict=True))
     assert abs(shares[Stage.GEOMETRY]) < 1e-9
     assert shares[Stage.DETECTION] + shares[Stage.ASSOCIATION] == pytest.approx(1)
