@@ -10,39 +10,31 @@ ROOT = Path(__file__).resolve().parents[1]  # of the checkout, or of the install
 
 
 def check_own_packages() -> None:
-    """Raise `ImportError`, one line, where Python would take one of our packages from somewhere else.
-
-    Nothing is imported.
-    """
+    """Raise `ImportError`, one line, where Python would take one of our packages from elsewhere; import nothing."""
     for name in OWN_PACKAGES:
         found = _found(name)
         if found is None:
             raise ImportError(f"{ROOT / name}: is missing; install ISAC Arena again")
         if found.parent != ROOT:
             raise ImportError(
-                f"{found}: is in the way of the package '{name}' of ISAC Arena; rename it, or run from another "
-                "folder and without it in PYTHONPATH"
+                f"{found}: hides the package '{name}' of ISAC Arena; rename it, or run from another folder and "
+                "without it in PYTHONPATH"
             )
 
 
-def names_in_the_way(folder: Path) -> list[Path]:
-    """Folders and files of `folder` that would take the place of our packages, if Python looked there first."""
+def hiding_names(folder: Path) -> list[Path]:
+    """Folders and files of `folder` that would hide our packages if Python looked there first."""
     if folder.resolve() == ROOT:
         return []
-    candidates = ((folder / name / "__init__.py", folder / f"{name}.py") for name in OWN_PACKAGES)
-    return [
-        file.parent if file.name == "__init__.py" else file
-        for pair in candidates
-        for file in pair
-        if file.is_file()
-    ]
+    pairs = [(folder / name, folder / f"{name}.py") for name in OWN_PACKAGES]
+    return [path for pair in pairs for path in pair if (path / "__init__.py").is_file() or path.is_file()]
 
 
 def _found(name: str) -> Path | None:
-    """The folder of a package, or the file of a module; None where there is neither."""
+    """The folder of a package, or the file of a module; None where neither exists."""
     try:
         spec = find_spec(name)
-    except ValueError:  # it was imported and does not say from where
+    except ValueError:  # it was imported without a spec
         return None
     if spec is None:
         return None

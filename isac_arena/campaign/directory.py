@@ -68,8 +68,8 @@ class StopEstimate(Record):
 class CampaignStore:
     """A campaign directory under one configuration, scene and channel estimator.
 
-    `measured` says what a measured campaign was imported from, down to its bits; None for a simulated one.
-    `scene_files` holds what the files that the scene names contain, by the place of their copies in the directory.
+    `measured` names the source of a measured campaign, with a hash; None for a simulated one. `scene_files` holds
+    the contents of the files that the scene names, by the path of their copies in the directory.
     """
 
     directory: Path
@@ -105,9 +105,8 @@ class CampaignStore:
     @cached_property
     def map_fingerprint(self) -> str:
         """Fingerprint of all inputs of maps and shapes."""
-        settings = self.config.model_dump_json(
-            include={"mapping", "slam", "trajectory", "shapes", "contours"}
-        )
+        parts = {"mapping", "slam", "trajectory", "shapes", "contours"}
+        settings = self.config.model_dump_json(include=parts)
         code = code_digest(*(f"estimation/{part}" for part in ("laws", "inference", "slam", "shape")))
         return digest(self.channel_fingerprint, settings, code)
 
@@ -117,12 +116,9 @@ class CampaignStore:
         return digest(self.map_fingerprint, code_digest("isac_arena/scoring"))
 
     def open_for_writing(self) -> None:
-        """Write settings and scene; drop leftovers of interrupted writes.
+        """Write settings and scene; remove temporary files, and scores and report of another estimator.
 
-        Scores and report of another estimator are dropped.
-
-        Raises `ValueError` where the directory already holds another campaign, or files that are no campaign at
-        all.
+        Raises `ValueError` where the directory already holds another campaign, or files of no campaign.
         """
         is_new = not (self.directory / "campaign.json").exists()
         if is_new and self.directory.is_dir() and not self._is_leftover():
@@ -138,11 +134,8 @@ class CampaignStore:
                 )
             if held.estimator != self.estimator:
                 self.drop_results()
-        settings = {
-            "estimator": self.estimator,
-            "measured": self.measured,
-            "campaign": self.config.model_dump(mode="json"),
-        }
+        campaign = self.config.model_dump(mode="json")
+        settings = {"estimator": self.estimator, "measured": self.measured, "campaign": campaign}
         for name, content in self.scene_files.items():
             write_bytes(self.directory / name, content)
         write_text(self.directory / "scene.toml", self.scene_text)
@@ -197,13 +190,11 @@ class CampaignStore:
 
     def calibration(self) -> Calibration | None:
         """What self-calibration found, or None where there is none yet."""
-        return self._read(
-            self.directory / "channel" / "calibration.nc", Calibration, self.channel_fingerprint
-        )
+        return self._read(self.directory / "channel/calibration.nc", Calibration, self.channel_fingerprint)
 
     def write_calibration(self, calibration: Calibration) -> None:
         """Store what self-calibration found; scores made before are dropped."""
-        self._write(self.directory / "channel" / "calibration.nc", calibration, self.channel_fingerprint)
+        self._write(self.directory / "channel/calibration.nc", calibration, self.channel_fingerprint)
 
     def map_result(self, name: MapName) -> MapResult | None:
         """The map of mapping or SLAM, or None where there is none yet."""
@@ -232,12 +223,12 @@ class CampaignStore:
         write_text(self.directory / "report.html", page)
 
     def drop_results(self) -> None:
-        """Remove scores and report, which an upstream change has made stale."""
+        """Remove scores and report, which an upstream change made stale."""
         for name in ("scores.json", "provenance.nc", "report.html"):
             remove_file(self.directory / name)
 
     def _difference(self, held: CampaignStore) -> str | None:
-        """The first thing in which this campaign is not the one held, the estimator apart; None for the same."""
+        """The first difference to the stored campaign, the estimator excepted; None for none."""
         there, here = (store.config.model_dump(mode="json") for store in (held, self))
         if found := first_difference(there, here):
             return found
@@ -255,7 +246,7 @@ class CampaignStore:
         return digest(self.scene_text, *contents)
 
     def _is_leftover(self) -> bool:
-        """Whether a run that was stopped at its start wrote all that is here."""
+        """Whether all files here are of a run that was stopped at its start."""
         names = {entry.name for entry in self.directory.iterdir() if not entry.name.endswith(".part")}
         return names <= {"scene.toml", KEPT_FOLDER}
 

@@ -18,27 +18,25 @@ class DirectoryHeldError(ValueError):
 
 @contextmanager
 def one_run(directory: Path) -> Iterator[None]:
-    """Hold a directory, made where missing, for one run; the system frees it when the process ends or dies.
+    """Lock a directory, made where missing, for one run; the system unlocks it when the process ends.
 
-    File systems without locks hold nothing.
+    File systems without locks do not lock it.
 
-    Raises `DirectoryHeldError` where another run holds it, `ValueError` where it cannot be made or opened.
+    Raises `DirectoryHeldError` where another run has locked it, `ValueError` where it cannot be made or opened.
     """
     try:
         directory.mkdir(parents=True, exist_ok=True)
         handle = os.open(directory, os.O_RDONLY)
     except OSError as error:
         reason = "is a file" if isinstance(error, FileExistsError) else error.strerror
-        raise ValueError(
-            f"--out = {directory}: {reason}; must be a directory that can be written, or made"
-        ) from error
+        what = f"--out = {directory}: {reason}; must be a directory that can be written, or made"
+        raise ValueError(what) from error
     try:
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
-            raise DirectoryHeldError(
-                f"{directory}: another run is at work in this directory; wait for it or choose another"
-            ) from error
+            what = f"{directory}: another run is at work in this directory; wait for it or choose another"
+            raise DirectoryHeldError(what) from error
         except OSError as error:
             if error.errno not in NO_LOCKS:
                 raise

@@ -1,8 +1,8 @@
 """The manifest of a directory: a hash of every file that a run wrote there, and what made them.
 
-It shows which files were damaged or edited since, and which code, libraries and machine made each: several where
-a run was resumed elsewhere. `recording.py` writes it, `integrity.py` explains the hashes. A directory inside with
-a manifest of its own, such as a case of a sweep, is a unit: the outer manifest holds the inner one alone.
+It shows which files were damaged or edited later, and which code, libraries and machine made each: several where
+a run was resumed elsewhere. `recording.py` writes it, `integrity.py` explains the hashes. An inner directory with
+its own manifest, such as a case of a sweep, is a unit: the outer manifest lists only the inner manifest.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class FileCheck:
 
 
 def made_by() -> dict[str, Any]:
-    """What results depend on beside their settings: code, versions of the libraries, machine."""
+    """What results depend on beside their settings: code, library versions, machine, number of threads."""
     return {**_software(), "threads": max((pool["num_threads"] for pool in threadpool_info()), default=1)}
 
 
@@ -98,9 +98,7 @@ def read_manifest(directory: Path) -> Manifest:
     """
     file = directory / MANIFEST
     if not file.is_file():
-        raise ValueError(
-            f"{file}: missing; a run that comes to its end writes it: run the same command again"
-        )
+        raise ValueError(f"{file}: missing; a finished run writes it: run the same command again")
     try:
         content = json.loads(file.read_text(encoding="utf-8"))
         seal = content.pop("seal")
@@ -108,9 +106,8 @@ def read_manifest(directory: Path) -> Manifest:
         reason = " ".join(str(error).split())
         raise ValueError(f"{file}: damaged ({reason}); remove it and run the same command again") from error
     if seal != manifest_seal(content):
-        raise ValueError(
-            f"{file}: damaged or edited since it was written; remove it and run the same command again"
-        )
+        what = "damaged or edited since it was written"
+        raise ValueError(f"{file}: {what}; remove it and run the same command again")
     return Manifest(**content)
 
 
@@ -137,7 +134,7 @@ def check_files(directory: Path) -> FileCheck:
 
 
 def _with_unit(found: FileCheck, unit: Path, inner: FileCheck) -> FileCheck:
-    """What was found in a directory and in a unit of it."""
+    """The findings of a directory and of a unit in it."""
     lists = {
         name: getattr(found, name) + tuple((unit / one).as_posix() for one in getattr(inner, name))
         for name in ("missing", "changed", "unknown", "unfinished")
@@ -147,9 +144,9 @@ def _with_unit(found: FileCheck, unit: Path, inner: FileCheck) -> FileCheck:
 
 
 def check_unchanged(directory: Path, parts: Sequence[str]) -> None:
-    """Refuse files, and files of folders, that are not as the manifest of their directory says.
+    """Compare files, and the files of folders, with the manifest of their directory.
 
-    Raises `ValueError`, one line that names the first such file and says what to do.
+    Raises `ValueError`, one line that names the first file that differs and says what to do.
     """
     if not (directory / MANIFEST).is_file():
         return
@@ -168,7 +165,7 @@ def remedy(name: str) -> str:
 
 
 def _changed(directory: Path, manifest: Manifest, names: Set[str]) -> Iterator[str]:
-    """The files of these names, all there, that have another hash than their entry in the manifest."""
+    """Those of some existing files that have another hash than their entry in the manifest."""
     for name, entry in manifest.files.items():
         if name in names and file_digest(directory / name) != entry["sha256"]:
             yield name
@@ -193,7 +190,7 @@ def _version(distribution: str) -> str | None:
 
 
 def _processor() -> str:
-    """The model of the processor: last digits depend on the instructions that it has."""
+    """The model of the processor: the last digits of results depend on its instruction set."""
     try:
         text = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
     except OSError:

@@ -1,8 +1,8 @@
 """Commands enter the files that they write in the manifest of the directory.
 
-A command enters each file with the hash of what it writes, and touches no other entry: the entry of a file that
-was damaged since keeps its hash, which shows the damage. An entry is removed before its file is replaced, so a
-command that is killed leaves no wrong entry.
+A command enters each file with the hash of what it writes and changes no other entry. So the entry of a file that
+is damaged later keeps its hash and shows the damage. An entry is removed before its file is replaced, so a killed
+command leaves no wrong entry.
 """
 
 from __future__ import annotations
@@ -32,9 +32,8 @@ class Recording:
 
     def __init__(self, directory: Path, *, is_run: bool) -> None:
         self._directory, self._root, self._is_run = directory, directory.resolve(), is_run
-        stored = (
-            read_manifest(directory) if (directory / MANIFEST).is_file() else Manifest([], {}, finished=False)
-        )
+        is_known = (directory / MANIFEST).is_file()
+        stored = read_manifest(directory) if is_known else Manifest([], {}, finished=False)
         self._origins, self._files, self._finished = stored.made_by, stored.files, stored.finished
         self._written: dict[str, dict[str, Any]] = {}
 
@@ -94,9 +93,9 @@ def recorded_run(directory: Path) -> Iterator[Recording]:
 
 @contextmanager
 def recorded_additions(directory: Path) -> Iterator[None]:
-    """Enter the files that the block adds to a directory in its manifest, where that has one.
+    """Enter the files that the block adds to a directory in its manifest, where one exists.
 
-    A run at work in the directory holds its manifest: then they are not entered.
+    While a run works in the directory, its manifest is locked and the files are not entered.
     """
     with ExitStack() as stack:
         is_ours = (directory / MANIFEST).is_file()

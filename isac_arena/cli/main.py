@@ -33,12 +33,12 @@ from isac_arena.cli import (
     verify,
     view,
 )
-from isac_arena.own_packages import names_in_the_way
+from isac_arena.own_packages import hiding_names
 
-USAGE_ERROR: Any = typer.BadParameter.__bases__[0]  # of click, or of the copy of it that typer brings along
+USAGE_ERROR: Any = typer.BadParameter.__bases__[0]  # of click, or of typer's own copy of click
 
 INTERRUPTED = 130
-FULL = "free some space and run the same command again: it goes on where it stopped"
+FULL = "free some space and run the same command again: it continues where it stopped"
 ELSEWHERE = "choose an --out that can be written"
 
 app = typer.Typer(
@@ -48,29 +48,14 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-app.command("run")(campaign.run)
-app.command("generate")(campaign.generate)
-app.command("estimate")(campaign.estimate)
-app.command("score")(campaign.score)
-app.command("report")(campaign.report)
-app.command("view")(view.view)
-app.command("import-mat")(imports.import_mat)
-app.command("import-deepmimo")(imports.import_deepmimo)
-app.command("export")(export.export)
-app.command("link")(link.link)
-app.command("export-sigmf")(export.export_sigmf)
-app.command("bound")(bound.bound)
-app.command("ablate")(ablate.ablate)
-app.command("budget")(budget.budget)
-app.command("sweep")(sweep.sweep)
-app.command("sweep-report")(sweep.sweep_report)
-app.command("verify")(verify.verify)
-app.command("compare")(compare.compare)
-app.command("golden")(golden.golden)
-app.command("twin")(twin.twin)
-app.command("doctor")(doctor.doctor)
-app.command("validate")(validate.validate)
-app.command("bench")(validate.bench)
+COMMANDS = (
+    campaign.run, campaign.generate, campaign.estimate, campaign.score, campaign.report, view.view,
+    imports.import_mat, imports.import_deepmimo, export.export, link.link, export.export_sigmf, bound.bound,
+    ablate.ablate, budget.budget, sweep.sweep, sweep.sweep_report, verify.verify, compare.compare, golden.golden,
+    twin.twin, doctor.doctor, validate.validate, validate.bench,
+)  # fmt: skip
+for command in COMMANDS:
+    app.command(command.__name__.replace("_", "-"))(command)
 app.add_typer(scene.app, name="scene")
 app.add_typer(study.app, name="study")
 
@@ -78,16 +63,16 @@ app.add_typer(study.app, name="study")
 def main() -> None:
     """Run the command line; every failure ends in one line on stderr and a non-zero exit code."""
     _add_working_folder()
-    sys.unraisablehook = lambda _: None  # a damaged file's reader complains once more when it is thrown away
+    sys.unraisablehook = lambda _: None  # the reader of a damaged file fails again at its deletion
     try:
         code = app(standalone_mode=False)
-        if code == INTERRUPTED:  # typer turns Ctrl-C into an exit without a word
+        if code == INTERRUPTED:  # typer turns Ctrl-C into an exit without a message
             raise KeyboardInterrupt
         sys.exit(code)
     except USAGE_ERROR as error:
         _fail(_usage(error), error.exit_code)
     except (KeyboardInterrupt, typer.Abort):
-        _fail("interrupted; the same command goes on where it stopped", INTERRUPTED)
+        _fail("interrupted; the same command continues where it stopped", INTERRUPTED)
     except (ValueError, OSError, RuntimeError) as error:
         _fail(_one_line(error), 2)
     except Exception as error:  # a defect of ours: still one line, with a way to see more
@@ -97,17 +82,15 @@ def main() -> None:
 def _add_working_folder() -> None:
     """Let Python find a user's estimator in the folder where the command runs.
 
-    Where that folder has a package with the name of one of ours, it comes last, so that ours are used. A line on
-    stderr says so.
+    A folder that has a package with the name of one of ours comes last, so that ours are used; stderr says so.
     """
     folder = Path.cwd()
-    in_the_way = names_in_the_way(folder)
-    if not in_the_way:
+    hiding = ", ".join(map(str, hiding_names(folder)))
+    if not hiding:
         sys.path.insert(0, str(folder))
         return
     sys.path[:] = [*(entry for entry in sys.path if entry not in ("", str(folder))), str(folder)]
-    found = ", ".join(map(str, in_the_way))
-    sys.stderr.write(f"arena: {found}: has the name of a package of ISAC Arena and is not used\n")
+    sys.stderr.write(f"arena: {hiding}: has the name of a package of ISAC Arena and is not used\n")
 
 
 def _fail(message: str, code: int) -> None:
@@ -118,7 +101,7 @@ def _fail(message: str, code: int) -> None:
 
 
 def _usage(error: Any) -> str:
-    """What is wrong with an option: its name, the value given and what is allowed, where a value is wrong."""
+    """The message of a usage error; for a wrong value the option, the value and what is allowed."""
     details: list[Any] = getattr(error.__cause__, "errors", list)()  # of pydantic, which checks the values
     if not details or error.param is None:
         return " ".join(error.format_message().split())
@@ -129,10 +112,10 @@ def _usage(error: Any) -> str:
 
 def _one_line(error: Exception) -> str:
     if isinstance(error, OSError) and error.strerror:
-        # A file is written under a temporary name first; the user knows it by its own.
+        # A file is first written under a temporary name; the message gives the final name.
         named = re.sub(r"\.([^/]+)\.\d+\.part(?=/|$)", r"\1", str(error.filename or ""))
-        told = f"{named}: {error.strerror}" if named else error.strerror
+        text = f"{named}: {error.strerror}" if named else error.strerror
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
-            return f"{told}; {FULL}"
-        return f"{told}; {ELSEWHERE}" if "cannot be written" in told else told
+            return f"{text}; {FULL}"
+        return f"{text}; {ELSEWHERE}" if "cannot be written" in text else text
     return " ".join(str(error).split()) or type(error).__name__

@@ -1,4 +1,4 @@
-"""`arena verify`: is a directory as its run left it, and does the same come out once more?"""
+"""`arena verify`: are the files of a directory as they were written, and can the results be reproduced?"""
 
 from __future__ import annotations
 
@@ -18,14 +18,13 @@ if TYPE_CHECKING:
 def verify(
     directory: Annotated[Path, typer.Argument(help="Directory of a campaign or of a sweep.")],
     share: Annotated[
-        float, typer.Option(min=0.0, max=1.0, help="Share of the stops, or cases, computed once more.")
+        float, typer.Option(min=0.0, max=1.0, help="Share of the stops, or cases, computed again.")
     ] = 0.1,
     seed: RandomSeed = 1,
 ) -> None:
-    """Check every file against the manifest and compute a share of the results once more; exit 1 if one differs.
+    """Check every file against the manifest and compute a share of the results again; exit 1 if one differs.
 
-    On the machine and with the code and libraries that made them results have to agree bit by bit, elsewhere
-    within a tolerance.
+    With the same machine, code and libraries results must agree bit by bit, otherwise within a tolerance.
     """
     from rich.console import Console  # noqa: PLC0415
     from threadpoolctl import threadpool_limits  # noqa: PLC0415
@@ -45,9 +44,8 @@ def verify(
         console.print(f"  {problem}", markup=False)
     if checked.unknown:
         console.print(f"  not of the run: {', '.join(checked.unknown[:5])}", markup=False)
-    console.print(
-        f"files: {checked.n_files - len(checked.problems)} of {checked.n_files} as they were written"
-    )
+    n_good = checked.n_files - len(checked.problems)
+    console.print(f"files: {n_good} of {checked.n_files} as they were written")
     with threadpool_limits(limits=1 if is_sweep else None):  # as sweep/run.py computes
         here = made_by()
         for origin in checked.made_by:
@@ -63,7 +61,7 @@ def verify(
     bad = sum(not finding.holds(exact) for finding in findings)
     if findings:
         wanted = "bit by bit" if exact else "within the tolerance"
-        console.print(f"computed once more: {len(findings) - bad} of {len(findings)} agree {wanted}")
+        console.print(f"computed again: {len(findings) - bad} of {len(findings)} agree {wanted}")
     if checked.problems or bad:
         raise typer.Exit(1)
 

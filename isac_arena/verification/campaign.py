@@ -1,11 +1,10 @@
-"""A share of the stops of a campaign directory computed once more, and its maps and scores."""
+"""A share of the stops of a campaign directory computed again, and its maps and scores."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import fields
-from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +22,7 @@ from sim.truth import Truth
 
 
 class StoredCampaign(CampaignStore):
-    """A campaign directory read as it is, also where another version of the code made it."""
+    """A campaign directory whose files count as current whatever version of the code made them."""
 
     def _is_current(self, path: Path, fingerprint: str) -> bool:
         del fingerprint
@@ -31,7 +30,7 @@ class StoredCampaign(CampaignStore):
 
 
 class RecomputedResults(MemoryResults):
-    """Results computed once more: compared stop by stop, so no truth is kept."""
+    """Results computed again. They are compared stop by stop, so no truth is kept."""
 
     def write_truth(self, truth: Truth) -> None:
         """Keep nothing."""
@@ -50,12 +49,11 @@ def recomputed_campaign(directory: Path, share: float, seed: int) -> list[Findin
     store = StoredCampaign(**{field.name: getattr(held, field.name) for field in fields(held)})
     scene = stages.scene_of(store)
     stops = chosen(len(scene.stops), share, seed) if store.measured is None else []
-    steps = (
-        _guarded("stops", _stops(store, scene, stops)),
-        _guarded("map", _maps(store, scene)),
-        _guarded("scores.json", _scores(store, scene)),
-    )
-    return list(chain.from_iterable(steps))
+    return [
+        *_guarded("stops", _stops(store, scene, stops)),
+        *_guarded("map", _maps(store, scene)),
+        *_guarded("scores.json", _scores(store, scene)),
+    ]
 
 
 def chosen(count: int, share: float, seed: int) -> list[int]:
@@ -65,7 +63,7 @@ def chosen(count: int, share: float, seed: int) -> list[int]:
 
 
 def _guarded(name: str, findings: Iterator[Finding]) -> Iterator[Finding]:
-    """The findings; what cannot be read or computed becomes one as well."""
+    """The findings; an error in reading or computing becomes a finding."""
     try:
         yield from findings
     except (ValueError, FileNotFoundError) as error:
@@ -101,9 +99,8 @@ def _maps(store: CampaignStore, scene: Scene) -> Iterator[Finding]:
     for name, result in stored.items():
         if result is not None:
             for part in fields(result):
-                yield compare_records(
-                    f"map/{name}.nc, {part.name}", getattr(result, part.name), getattr(again[name], part.name)
-                )
+                pair = (getattr(each, part.name) for each in (result, again[name]))
+                yield compare_records(f"map/{name}.nc, {part.name}", *pair)
 
 
 def _scores(store: CampaignStore, scene: Scene) -> Iterator[Finding]:

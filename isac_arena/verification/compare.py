@@ -1,8 +1,8 @@
-"""How a result computed once more compares with the stored one: the same bits, within a tolerance, or not."""
+"""How a result computed again compares with the stored one: the same bits, within a tolerance, or neither."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -15,12 +15,14 @@ TOLERANCE = 1e-6  # of the largest value of an array: another order of sums, amp
 
 @dataclass(frozen=True)
 class Finding:
-    """One result computed once more beside the stored one."""
+    """One result computed again against the stored one."""
 
     name: str
-    difference: float  # largest one of all arrays, relative to their largest value; 0 for the same bits
-    where: str = ""  # the field it is in
-    reason: str = ""  # why nothing can be compared
+    difference: (
+        float  # largest of all arrays, relative to the largest value of the array; 0 for the same bits
+    )
+    where: str = ""  # field of the largest difference
+    reason: str = ""  # why they cannot be compared
 
     def holds(self, exact: bool) -> bool:
         """Whether the result agrees: bit by bit, or within the tolerance."""
@@ -38,13 +40,7 @@ class Finding:
 
 def compare_records(name: str, stored: Record, again: Record) -> Finding:
     """Compare all arrays of two records of one type."""
-    largest = Finding(name, 0.0)
-    for where, one, other in _pairs("", stored, again):
-        finding = _compare(name, where, one, other)
-        if finding.reason:
-            return finding
-        largest = max(largest, finding, key=lambda item: item.difference)
-    return largest
+    return _worst(name, _pairs("", stored, again))
 
 
 def compare_metrics(
@@ -55,10 +51,18 @@ def compare_metrics(
     if keys[0] != keys[1]:
         changed = sorted(set(keys[0]) ^ set(keys[1])) or ["their order"]
         return Finding(name, 0.0, reason=f"other metrics: {changed[0]}")
+    values = [
+        [np.array(np.nan if row["value"] is None else row["value"], float) for row in rows]
+        for rows in (stored, again)
+    ]
+    return _worst(name, zip(keys[0], *values, strict=True))
+
+
+def _worst(name: str, pairs: Iterable[tuple[str, Any, Any]]) -> Finding:
+    """The first pair of arrays that cannot be compared, else the largest difference of all."""
     largest = Finding(name, 0.0)
-    for one, other in zip(stored, again, strict=True):
-        values = [np.array(np.nan if row["value"] is None else row["value"], float) for row in (one, other)]
-        finding = _compare(name, str(one["key"]), *values)
+    for where, one, other in pairs:
+        finding = _compare(name, where, one, other)
         if finding.reason:
             return finding
         largest = max(largest, finding, key=lambda item: item.difference)

@@ -1,4 +1,4 @@
-"""A share of the cases of a sweep computed once more, and its tables against its cases."""
+"""A share of the cases of a sweep computed again, and its tables against its cases."""
 
 from __future__ import annotations
 
@@ -25,15 +25,14 @@ from scenes.objects.config import KEPT_FOLDER
 
 
 def checked_tables(directory: Path) -> Iterator[Finding]:
-    """Whether the tables hold what the cases hold, once each, and nothing else."""
+    """Whether the tables hold the results of all cases, once each, and nothing else."""
     config, _ = read_sweep(directory)
-    cases = read_plan(directory)
-    missing = [case.key for case in cases if not is_done(directory, case.key)]
-    failures = read_failures(directory)
-    unfinished = [key for key in missing if key not in failures]
-    if unfinished:
-        missing_text = f"{len(unfinished)} of {len(cases)} are missing, the first is {unfinished[0]}"
-        yield Finding("cases", 0.0, reason=missing_text)
+    cases, failures = read_plan(directory), read_failures(directory)
+    missing = [one.key for one in cases if not is_done(directory, one.key) and one.key not in failures]
+    if missing:
+        yield Finding(
+            "cases", 0.0, reason=f"{len(missing)} of {len(cases)} are missing, the first is {missing[0]}"
+        )
     try:
         rows = result_rows(directory, config, cases, failures)
     except ValueError as error:
@@ -41,15 +40,14 @@ def checked_tables(directory: Path) -> Iterator[Finding]:
         return
     with TemporaryDirectory() as folder:
         write_tables(Path(folder), config, rows)
-        same = _bytes(Path(folder) / "results.csv") == _bytes(directory / "results.csv")
-        yield Finding("results.csv", 0.0, reason="" if same else "does not hold what the cases hold")
-        try:
-            same = pq.read_table(directory / "results.parquet").equals(
-                pq.read_table(Path(folder) / "results.parquet")
-            )
-        except (OSError, ValueError, pa.ArrowException):
-            same = False
-        yield Finding("results.parquet", 0.0, reason="" if same else "does not hold what the cases hold")
+        folders = (directory, Path(folder))
+        for name, read in (("results.csv", Path.read_bytes), ("results.parquet", pq.read_table)):
+            try:
+                stored, again = (read(each / name) for each in folders)
+                same = bool(stored == again)
+            except (OSError, ValueError, pa.ArrowException):
+                same = False
+            yield Finding(name, 0.0, reason="" if same else "does not hold what the cases hold")
 
 
 def recomputed_cases(directory: Path, share: float, seed: int) -> Iterator[Finding]:
@@ -102,7 +100,3 @@ def _recomputed(directory: Path, key: str) -> Iterator[Finding]:
     tables = read_record(directory / "cases" / key / "provenance.nc", ScoreTables)
     yield compare_records(f"cases/{key}/provenance.nc", tables, scores.tables)
     yield compare_metrics(f"cases/{key}/scores.json", read_scores(directory, key), to_json(scores.metrics))
-
-
-def _bytes(file: Path) -> bytes | None:
-    return file.read_bytes() if file.is_file() else None

@@ -29,7 +29,7 @@ def python(*arguments: str, cwd: Path, **environment: str) -> subprocess.Complet
 
 
 @pytest.fixture(params=["package", "module"])
-def folder_in_the_way(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+def hiding_folder(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     """What takes the place of our `sim` where Python looks into `tmp_path` first."""
     if request.param == "module":
         (tmp_path / "sim.py").write_text("theirs = True\n", encoding="utf-8")
@@ -91,22 +91,18 @@ def test_the_command_runs_as_a_module_from_any_folder(tmp_path: Path) -> None:
     assert "box_room" in result.stdout
 
 
-def test_a_package_of_the_user_in_the_way_is_named_in_one_line(folder_in_the_way: Path) -> None:
+def test_a_package_of_the_user_in_the_way_is_named_in_one_line(hiding_folder: Path) -> None:
     code = "import isac_arena"
-    result = python("-c", code, cwd=folder_in_the_way.parent)
+    result = python("-c", code, cwd=hiding_folder.parent)
     assert result.returncode == 1
     line = result.stderr.strip().splitlines()[-1]
-    assert line.startswith(
-        f"ImportError: {folder_in_the_way}: is in the way of the package 'sim' of ISAC Arena; rename it"
-    )
+    assert line.startswith(f"ImportError: {hiding_folder}: hides the package 'sim' of ISAC Arena; rename it")
 
 
-def test_the_module_as_a_command_names_it_too(folder_in_the_way: Path) -> None:
-    result = python("-m", "isac_arena", "scene", "list", cwd=folder_in_the_way.parent)
+def test_the_module_as_a_command_names_it_too(hiding_folder: Path) -> None:
+    result = python("-m", "isac_arena", "scene", "list", cwd=hiding_folder.parent)
     assert result.returncode == 1
-    assert (
-        f"{folder_in_the_way}: is in the way of the package 'sim'" in result.stderr.strip().splitlines()[-1]
-    )
+    assert f"{hiding_folder}: hides the package 'sim'" in result.stderr.strip().splitlines()[-1]
 
 
 def test_a_folder_that_is_no_package_is_not_in_the_way(tmp_path: Path) -> None:
@@ -124,23 +120,21 @@ def arena_script(folder: Path) -> Path:
 
 
 def test_the_script_uses_our_packages_and_says_so(
-    folder_in_the_way: Path, tmp_path_factory: pytest.TempPathFactory
+    hiding_folder: Path, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     script = arena_script(tmp_path_factory.mktemp("installed"))
-    result = python(str(script), "scene", "list", cwd=folder_in_the_way.parent)
+    result = python(str(script), "scene", "list", cwd=hiding_folder.parent)
     assert result.returncode == 0, result.stderr
     assert "box_room" in result.stdout
     assert result.stderr == (
-        f"arena: {folder_in_the_way}: has the name of a package of ISAC Arena and is not used\n"
+        f"arena: {hiding_folder}: has the name of a package of ISAC Arena and is not used\n"
     )
 
 
-def test_the_script_finds_an_estimator_beside_a_folder_in_the_way(
-    folder_in_the_way: Path, tmp_path_factory: pytest.TempPathFactory
+def test_the_script_finds_an_estimator_beside_a_hiding_folder(
+    hiding_folder: Path, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
-    (folder_in_the_way.parent / "my_lab.py").write_text(
-        "import sim.observation\nhere = sim\n", encoding="utf-8"
-    )
+    (hiding_folder.parent / "my_lab.py").write_text("import sim.observation\nhere = sim\n", encoding="utf-8")
     installed = tmp_path_factory.mktemp("installed")
     script = arena_script(installed)
     script.write_text(
@@ -148,5 +142,5 @@ def test_the_script_finds_an_estimator_beside_a_folder_in_the_way(
         "import my_lab; print(my_lab.here.__file__)\n",
         encoding="utf-8",
     )
-    result = python(str(script), cwd=folder_in_the_way.parent)
+    result = python(str(script), cwd=hiding_folder.parent)
     assert result.stdout.strip() == str(ROOT / "sim" / "__init__.py"), result.stderr

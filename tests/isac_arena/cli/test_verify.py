@@ -50,7 +50,7 @@ def test_untouched_directories_come_out_bit_by_bit(made: Path) -> None:
     sweep = arena("verify", made / "sweep", "--share", "1", cwd=made)
     assert sweep.returncode == 0, sweep.stdout
     assert sweep.stdout.count("provenance.nc: the same bits") == 2
-    assert "computed once more: 6 of 6 agree bit by bit" in sweep.stdout
+    assert "computed again: 6 of 6 agree bit by bit" in sweep.stdout
 
 
 def test_damaged_edited_and_missing_files_are_named(copies: Path) -> None:
