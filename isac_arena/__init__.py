@@ -46,8 +46,8 @@ if TYPE_CHECKING:
     from sim.truth import Truth
 
 __all__ = [
-    "BeamSweep", "CampaignConfig", "CampaignRun", "ChannelEstimate", "Contours", "IncidencePoints", "Paths", "Pose",
-    "PoseEstimates", "Scene", "Shapes", "SimulationConfig", "Truth", "__version__", "campaign_scene",
+    "BeamSweep", "CampaignConfig", "CampaignRun", "ChannelEstimate", "Contours", "IncidencePoints", "Paths",
+    "Pose", "PoseEstimates", "Scene", "Shapes", "SimulationConfig", "Truth", "__version__", "campaign_scene",
     "estimate_channel", "known_receiver", "load_campaign", "load_scene", "make_link", "make_map", "observe",
     "open_campaign", "read_record", "simulate_truth",
 ]  # fmt: skip

@@ -10,7 +10,7 @@ ROOT = Path(__file__).resolve().parents[1]  # of the checkout, or of the install
 
 
 def check_own_packages() -> None:
-    """Raise `ImportError`, one line, where Python would take one of our packages from elsewhere; import nothing."""
+    """Raise `ImportError`, one line, where Python would import one of our packages from elsewhere."""
     for name in OWN_PACKAGES:
         found = _found(name)
         if found is None:

@@ -76,8 +76,9 @@ install_packages() {
     say "Installing the pinned packages into $venv (once, about a minute) ..."
     "${pip[@]}" -r "$root/requirements.lock" || die "the pinned packages could not be installed, see above"
     "${pip[@]}" --no-deps --no-build-isolation -e "$root" || die "the project could not be installed, see above"
-    # A compiled cache of the code before an update names classes by their old names: loading it raises AttributeError
-    find "$root"/{scenes,sim,estimation,isac_arena} -name '*.nb[ic]' -delete
+    # Numba's caches name the classes of the code that they were compiled from: after an update that renames a class,
+    # loading an old cache raises AttributeError.
+    find "$root" -path "$venv" -prune -o -name '*.nb[ic]' -exec rm -f -- {} +
     wanted >"$installed.part"
     mv -- "$installed.part" "$installed"
     rm -- "$unfinished"

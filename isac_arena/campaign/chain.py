@@ -69,7 +69,7 @@ def user_estimator(name: str) -> ChannelEstimator:
 
 
 def known_receiver(truths: Iterable[Truth | MeasuredTruth]) -> PoseEstimates:
-    """The true receiver states as given poses: the input of mapping alone, SLAM does not see them."""
+    """The true receiver states as given poses: the input of mapping; SLAM does not use them."""
     states = [(t.stop, *t.rx_pose.position_m, t.rx_pose.heading_rad, t.clock_bias_s) for t in truths]
     table = np.array(states, float).reshape(-1, 6)
     return PoseEstimates(
@@ -104,8 +104,8 @@ def located(
 ) -> tuple[PoseEstimates, IncidencePoints]:
     """Receiver states and incidence points: the given states and their points, or both found together (SLAM).
 
-    SLAM takes every stop by itself, or all stops together or by a filter where the campaign has a `trajectory`
-    table. Both work with heights where elevations were estimated.
+    SLAM solves every stop separately; where the campaign has a `trajectory` table, a smoother or filter solves all
+    stops. Both work with heights where elevations were estimated.
     """
     if receiver is None:
         return locate_and_map(channel, tx_pose, config.slam, config.trajectory, config.mapping)
@@ -135,9 +135,8 @@ def with_shapes(
 def significance(config: CampaignConfig, link: Link) -> Significance:
     """Which true paths the power-only method has a fair chance to detect: its dynamic range and its threshold."""
     n_tx, n_subcarriers = link.prs_symbol.shape
-    threshold = noise_threshold(
-        n_tx * len(link.rx_codebook) * n_subcarriers, config.channel.power.false_alarm_probability
-    )
+    false_alarm = config.channel.power.false_alarm_probability
+    threshold = noise_threshold(n_tx * len(link.rx_codebook) * n_subcarriers, false_alarm)
     noise_mw = link.noise_power_mw.max() * (hann_window(n_subcarriers) ** 2).sum() / n_subcarriers**2
     return Significance(
         dynamic_range_db=config.channel.power.dynamic_range_db,

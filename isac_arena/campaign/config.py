@@ -18,16 +18,16 @@ class CampaignConfig(SimulationConfig):
     channel: ChannelConfig = ChannelConfig()
     mapping: MappingConfig = MappingConfig()
     slam: SnapshotConfig = SnapshotConfig()
-    trajectory: TrajectoryConfig | None = Field(None, description="smooth all stops together; off without it")
+    trajectory: TrajectoryConfig | None = Field(None, description="all stops together; off by default")
     shapes: ShapeConfig = ShapeConfig()
     contours: ContourConfig = ContourConfig()
 
 
 def with_link_levels(config: CampaignConfig) -> CampaignConfig:
-    """The settings with the nominal LOS power taken from the link wherever the campaign file does not give it.
+    """The settings with the nominal LOS power of the link, unless the campaign file gives it.
 
-    A receiver knows its own array and the transmit power (signalled with the PRS), so both LOS decisions, of the
-    channel estimator and of snapshot SLAM, compare powers with free space on this link.
+    A receiver knows its own array and the transmit power (signalled with the PRS). So the LOS decisions of the
+    channel estimator and of snapshot SLAM compare powers with free space on this link.
     """
     level_dbm = line_of_sight_at_1m_dbm(config)
     los, path_loss = config.channel.los, config.slam.path_loss
@@ -35,9 +35,6 @@ def with_link_levels(config: CampaignConfig) -> CampaignConfig:
         los = los.model_copy(update={"power_at_1m_dbm": level_dbm})
     if "intercept_dbm" not in path_loss.model_fields_set:
         path_loss = path_loss.model_copy(update={"intercept_dbm": level_dbm, "slope_db": -20.0})
-    return config.model_copy(
-        update={
-            "channel": config.channel.model_copy(update={"los": los}),
-            "slam": config.slam.model_copy(update={"path_loss": path_loss}),
-        }
-    )
+    channel = config.channel.model_copy(update={"los": los})
+    slam = config.slam.model_copy(update={"path_loss": path_loss})
+    return config.model_copy(update={"channel": channel, "slam": slam})

@@ -1,9 +1,9 @@
 """The one driver of the chain: truths, sweeps, calibration, channel estimates, maps, scores.
 
-A `CampaignRun` says what is computed (which stops), from what (settings, scene, paths traced before), what
+A `CampaignRun` states what is computed (which stops), from what (settings, scene, paths traced before), what
 replaces a stage (a user's estimator, another way to make sweeps) and where results are kept. Every stage uses the
-results that are kept; it makes and keeps the others. So a run goes on where it stopped. Every stop has its own
-random numbers, so any subset of stops gives the same bits.
+kept results and makes the others. So a run continues where it stopped. Every stop has its own random numbers, so
+any subset of stops gives the same bits.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ Observe = Callable[[CampaignConfig, Link, Scene, Truth], BeamSweep]
 
 
 class ResultStore(Protocol):
-    """Where a run keeps its results. Reading gives None for what has to be made."""
+    """Where a run keeps its results. Reading returns None for a result that has to be made."""
 
     def truth(self, stop: int) -> Truth | None:
         """The paths of a stop; the run sets the clock."""
@@ -66,7 +66,7 @@ class ResultStore(Protocol):
 
 @dataclass
 class MemoryResults:
-    """Results in memory: all but the samples, which are large and made again where they are needed."""
+    """Results in memory, except the samples: they are large and made again where needed."""
 
     truths: dict[int, Truth] = field(default_factory=dict)
     estimates: dict[int, ChannelEstimate] = field(default_factory=dict)
@@ -138,7 +138,7 @@ class CampaignRun:
         return self.score(truths, CampaignResults(tuple(channel), (), **maps))
 
     def truths(self) -> Iterator[Truth]:
-        """The truth of every stop in order: paths as given or kept, else traced; the clock of these settings."""
+        """The truth of every stop in order: given, kept or traced paths, and the clock of these settings."""
         given = {truth.stop: truth for truth in self.paths}
         wanted: list[int] = []
         traced = simulate_truth(self.config, self.scene, iter(wanted.pop, None))  # one `wanted` per `next`
@@ -151,12 +151,12 @@ class CampaignRun:
             yield replace(truth, clock_bias_s=float(self._clock_biases_s[stop]))
 
     def sweep(self, truth: Truth) -> BeamSweep:
-        """The samples of a stop, as kept or made."""
+        """The samples of a stop, kept or made."""
         kept = self.results.sweep(truth.stop)
         return self.observer(self.config, self.link, self.scene, truth) if kept is None else kept
 
     def calibrate(self) -> Calibration | None:
-        """The self-calibration of both arrays, as kept or made from some of the stops; None where not asked for.
+        """The self-calibration of both arrays, kept or made from some stops; None where it is off.
 
         A user's estimator gets no calibration.
         """
@@ -173,7 +173,7 @@ class CampaignRun:
         return calibration
 
     def channel(self, truths: Iterable[Truth]) -> Iterator[ChannelEstimate]:
-        """The channel estimate of every stop, as kept or made, with one sweep in memory at a time."""
+        """The channel estimate of every stop, kept or made, with one sweep in memory at a time."""
         for truth in truths:
             kept = self.results.estimate(truth.stop)
             yield self.estimate(truth) if kept is None else kept
@@ -187,7 +187,7 @@ class CampaignRun:
         return estimate
 
     def maps(self, channel: Sequence[ChannelEstimate], receiver: PoseEstimates) -> dict[MapName, MapResult]:
-        """Both maps, as kept or made: mapping from the given receiver states, SLAM without them."""
+        """Both maps, kept or made: mapping from the given receiver states, SLAM without them."""
         given: dict[MapName, PoseEstimates | None] = {"mapping": receiver, "slam": None}
         found: dict[MapName, MapResult] = {}
         for name, states in given.items():

@@ -44,7 +44,7 @@ def _notify(path: Path, complete: Path | None) -> None:
 
 @contextmanager
 def complete_file(path: Path) -> Iterator[Path]:
-    """A temporary path beside `path` that takes its name when the block ends without an error.
+    """A temporary path beside `path`, renamed to `path` when the block ends without an error.
 
     Raises `OSError` where the folder cannot be written, or its disk is full.
     """
@@ -70,7 +70,7 @@ def remove_file(path: Path) -> None:
 
 
 def remove_leftovers(folder: Path) -> None:
-    """Remove temporary files and folders in a folder (not below it) whose process has ended."""
+    """Remove temporary files and folders directly in a folder whose process has ended."""
     for leftover in folder.glob(".*.part"):
         match = re.fullmatch(r"\..+\.(\d+)\.part", leftover.name)
         if match and not _is_running(int(match[1])):
@@ -91,13 +91,13 @@ def _is_running(process: int) -> bool:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a whole text file; the old one stays where that fails."""
+    """Write a whole text file; the old file stays if that fails."""
     with complete_file(path) as partial:
         partial.write_text(text, encoding="utf-8")
 
 
 def write_bytes(path: Path, content: bytes) -> None:
-    """Write a whole binary file; the old one stays where that fails."""
+    """Write a whole binary file; the old file stays if that fails."""
     with complete_file(path) as partial:
         partial.write_bytes(content)
 

@@ -1,13 +1,13 @@
 """Whether a file can be trusted: three questions, and the hash that answers each.
 
-- Is the file whole? Its seal answers: a SHA-256 of its own bytes, at the end of a record (`add_seal`) and as an
-  entry of a manifest (`manifest_seal`). Each reading checks it first: damaged bytes could give other values, or
-  let HDF5 wait for ever. It needs no other file, so it also shows which files of a killed run are whole.
-- Is the file still what a run wrote, and who wrote it? The manifest of its directory answers: `file_digest` of
-  every file as it was written, with the code, libraries and machine that made it. `arena verify` checks all files,
-  each command those that it reads. `manifest.py` reads and checks, `recording.py` writes.
-- Would the same settings and code make it again? Its fingerprint answers: `digest` of settings, scene and source
-  (`code_digest`), an attribute of a record. A record with another one counts as missing and is made again.
+- Is the file whole? Its seal: a SHA-256 of its own bytes, at the end of a record (`add_seal`) and as an entry of a
+  manifest (`manifest_seal`). Every reader checks it first: damaged bytes could change values or make HDF5 hang.
+  It needs no other file, so it also shows which files of a killed run are whole.
+- Is the file still as a run wrote it, and what made it? The manifest of its directory: `file_digest` of every file
+  as written, with code, libraries and machine. `arena verify` checks all files, every command those that it reads.
+  `manifest.py` reads and checks, `recording.py` writes.
+- Would the same settings and code make it again? Its fingerprint: `digest` of settings, scene and source
+  (`code_digest`), an attribute of a record. A record with another fingerprint counts as missing.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ SEAL_BYTES = len(SEAL) + 64
 
 
 def add_seal(content: bytes) -> bytes:
-    """The bytes of a file with their seal behind them."""
+    """The bytes of a file, then their seal."""
     return content + _seal(content)
 
 
@@ -71,7 +71,10 @@ def source_digest(root: Path, *parts: str) -> str:
     hash of nothing would stay the same when the code changes.
     """
     files = [file for part in parts for file in _python_files(root, part)]
-    texts = ((file.relative_to(root).as_posix(), _text(file)) for file in files)
+    texts = (
+        (file.relative_to(root).as_posix(), file.read_text(encoding="utf-8", errors="replace"))
+        for file in files
+    )
     return digest(*(item for pair in texts for item in pair))
 
 
@@ -87,12 +90,8 @@ def _python_files(root: Path, part: str) -> list[Path]:
     return files
 
 
-def _text(file: Path) -> str:
-    return file.read_text(encoding="utf-8", errors="replace")
-
-
 def estimator_source(estimator: str | None) -> str:
-    """Hash of the source of the top-level module or package that a user's estimator is in; empty where unknown."""
+    """Hash of the source of the top-level module or package of a user's estimator; empty where unknown."""
     if estimator is None:
         return ""
     spec = importlib.util.find_spec(estimator.partition(":")[0].partition(".")[0])

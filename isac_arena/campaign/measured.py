@@ -1,4 +1,4 @@
-"""A measured campaign: what is known about each stop in place of simulated paths, and its channel estimates."""
+"""A measured campaign: surveyed poses and labels in place of simulated paths, and the channel estimates."""
 
 from __future__ import annotations
 
@@ -18,22 +18,17 @@ BIAS_STEP_STD_M = 1.0
 PUBLISHED_TX_OFFSET_DEG = -1.6
 # The published measurement covariance of the GP paper; the file holds none.
 PUBLISHED_NOISE = PathNoise(source="fixed", delay_std_ns=1.0, angle_std_deg=1.0)
-# The residuals are 0.6 ns and 0.6 deg: covariances come out too wide, and with them the limit of `SnapshotConfig`.
+# The residuals are 0.6 ns and 0.6 deg: the covariances are too wide, and so the default of `SnapshotConfig`.
 PUBLISHED_MAX_POSITION_STD_M = 2.5
 
 
 @dataclass(frozen=True)
 class MeasuredTruth(Record):
-    """What is known about one measured stop: the surveyed receiver and the labels of its paths.
-
-    Paths stand in the order of the channel estimate.
-    """
+    """One measured stop: the surveyed receiver and the labels of its paths, ordered as its channel estimate."""
 
     rx_pose: Pose
     stop: int = array(dtype=int, doc="index of the receiver stop")
-    clock_bias_s: float = array(
-        unit="s", doc="receiver clock minus transmitter clock, as added at the import"
-    )
+    clock_bias_s: float = array(unit="s", doc="receiver minus transmitter clock, as added at the import")
     is_los: BoolArray = array("path", dtype=bool, doc="labelled as line of sight")
     is_single_bounce: BoolArray = array("path", dtype=bool, doc="labelled as single bounce")
     landmark_m: FloatArray = array("path", "xy", unit="m", doc="labelled IP; NaN unless a single bounce")
@@ -96,10 +91,8 @@ def measured_campaign(
 
 
 def _channel_estimate(index: int, stop: MeasuredStop, order: IntArray, bias_m: float) -> ChannelEstimate:
-    n = len(order)
-    std = np.array(
-        [1e-9 * PUBLISHED_NOISE.delay_std_ns, *2 * [np.deg2rad(PUBLISHED_NOISE.angle_std_deg)]], float
-    )
+    n, angle_std_rad = len(order), np.deg2rad(PUBLISHED_NOISE.angle_std_deg)
+    std = np.array([1e-9 * PUBLISHED_NOISE.delay_std_ns, angle_std_rad, angle_std_rad], float)
     return ChannelEstimate(
         stop=index,
         delay_s=(stop.measured[order, 0] + bias_m) / SPEED_OF_LIGHT_M_S,

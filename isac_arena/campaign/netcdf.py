@@ -4,8 +4,8 @@ Named axes become dimensions (HDF5 dimension scales), units and meanings become 
 record is a group. A complex field `x` is stored as two variables `x_re` and `x_im`, so every netCDF or HDF5 reader
 understands it.
 
-Files are written and read with h5py: h5netcdf 1.8 takes 4 times as long to write them (57 ms instead of 14 ms for
-the estimate of a stop) and 5 times as long or longer to read them (40 ms instead of 7 ms).
+Files are written and read with h5py: h5netcdf 1.8 takes 4 times as long to write (57 ms instead of 14 ms for the
+estimate of a stop) and at least 5 times as long to read (40 ms instead of 7 ms).
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from scenes.record import Record
 
 R = TypeVar("R", bound=Record)
 
-# Two names that the netCDF-4 format prescribes: of a dimension that has no values of its own, and the prefix of a
-# variable that has the name of a dimension but not its axis
+# Names of the netCDF-4 format: of a dimension without values, and the prefix of a variable that has the name of a
+# dimension but other axes
 NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable.%10d"
 NO_COORDINATE = "_nc4_non_coord_"
 
@@ -102,7 +102,7 @@ def _variables(record: Record) -> Iterator[tuple[str, tuple[str, ...], Any, Mapp
 
 
 def _write_array(group: h5py.Group, name: str, array: Any) -> h5py.Dataset:
-    """An array as a dataset; where it is empty its axes are unlimited, as netCDF has no others of length zero."""
+    """An array as a dataset; axes of an empty one are unlimited: netCDF has no other axes of length zero."""
     kind = {"U": h5py.string_dtype(), "b": np.dtype(np.int8)}.get(array.dtype.kind, array.dtype)
     data = array.astype(object if array.dtype.kind == "U" else kind)
     unlimited = tuple(n or None for n in array.shape) if 0 in array.shape else None

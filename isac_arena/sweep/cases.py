@@ -92,7 +92,7 @@ def make_cases(
     """
     base = base_path(source, config)
     document = read_toml(base)
-    scene_of = cache(_scene_source)
+    scene_of = cache(lambda file: SceneSource(read_text(file), referenced_contents(file)))
     for index, point in enumerate(points):
         changes = [(axis.field, value) for axis, value in zip(config.axes, point, strict=True)]
         try:
@@ -128,23 +128,15 @@ def _resolved(
     campaign, scene_file = resolve_campaign(changed, base)
     scene = scene_of(scene_file)
     if in_scene:
-        scene = replace(scene, text=_changed_scene(scene.text, in_scene))
+        tables = tomllib.loads(scene.text)
+        for field, value in in_scene:
+            _put(tables, field, value)
+        scene = replace(scene, text=tomli_w.dumps(tables))
     return campaign, scene, estimator
 
 
-def _scene_source(file: Path) -> SceneSource:
-    return SceneSource(read_text(file), referenced_contents(file))
-
-
-def _changed_scene(text: str, changes: Sequence[tuple[str, Any]]) -> str:
-    document = tomllib.loads(text)
-    for field, value in changes:
-        _put(document, field, value)
-    return tomli_w.dumps(document)
-
-
 def _put(document: dict[str, Any], field: str, value: Any) -> None:
-    """Set a dotted path in nested tables; tables of a list go by name or number. Missing tables are made."""
+    """Set a dotted path in nested tables; tables of a list have names or numbers. Missing tables are made."""
     *parents, last = field.split(".")
     here: Any = document
     for part in parents:
@@ -178,10 +170,7 @@ def _drawn(axis: AxisConfig, share: float) -> Any:
     if axis.values is not None:
         return axis.values[min(int(share * len(axis.values)), len(axis.values) - 1)]
     ends: FloatArray = np.array([axis.low, axis.high], float)
-    value = float(np.exp(_between(np.log(ends), share)) if axis.log else _between(ends, share))
-    value = float(np.clip(value, *ends))
+    low, high = np.log(ends) if axis.log else ends
+    value = low + share * (high - low)
+    value = float(np.clip(np.exp(value) if axis.log else value, *ends))
     return round(value) if axis.integer else value
-
-
-def _between(ends: FloatArray, share: float) -> float:
-    return float(ends[0] + share * (ends[1] - ends[0]))

@@ -12,9 +12,9 @@ from scenes.toml_config import ConfigModel
 class AxisConfig(ConfigModel):
     """One axis: a field, with its values or with a range.
 
-    The field is a dotted path into the campaign (`waveform.n_rb`), into its scene file behind `scene`, where
-    tables in a list go by their name (`scene.objects.pillar_a.radius_m`), or the word `estimator`, a channel
-    estimator `package.module:function` of the user's own.
+    The field is a dotted path into the campaign (`waveform.n_rb`); or, after `scene`, into its scene file, where
+    tables in a list have names (`scene.objects.pillar_a.radius_m`); or the word `estimator`: a user's own channel
+    estimator `package.module:function`.
     """
 
     field: str = Field(min_length=1, description="dotted path of the field that varies")
@@ -61,16 +61,12 @@ class SweepConfig(ConfigModel):
         "grid", description="all combinations; values side by side; or points drawn over the ranges"
     )
     n_points: int | None = Field(
-        None, ge=1, le=1_000_000, description="random and latin_hypercube: points drawn"
+        None, ge=1, le=1_000_000, description="random, latin_hypercube: points drawn"
     )
     design_seed: int = Field(1, ge=0, lt=2**63, description="seed of the points drawn")
-    repeats: int = Field(
-        1, ge=1, le=100_000, description="seeds per point: the campaign's own, then the next"
-    )
-    stop_every: int = Field(1, ge=1, description="take every so-many-th receiver stop of the walk")
-    until: UntilConfig | None = Field(
-        None, description="go on repeating until a metric is known; off without"
-    )
+    repeats: int = Field(1, ge=1, le=100_000, description="seeds per point, from the campaign's own on")
+    stop_every: int = Field(1, ge=1, description="take every n-th receiver stop of the walk")
+    until: UntilConfig | None = Field(None, description="repeat until a metric is known; off by default")
     axes: list[AxisConfig] = Field([], description="what varies")
 
     @model_validator(mode="after")
@@ -89,7 +85,5 @@ class SweepConfig(ConfigModel):
             if not drawn and axis.values is None and axis.count is None:
                 raise ValueError(f"axes.{axis.field}.count: a range needs it where design = '{self.design}'")
         if self.until is not None and self.repeats < 2:
-            raise ValueError(
-                f"repeats = {self.repeats}: must be at least 2 where `until` judges their spread"
-            )
+            raise ValueError(f"repeats = {self.repeats}: must be at least 2 where `until` uses their spread")
         return self

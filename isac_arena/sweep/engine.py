@@ -1,4 +1,4 @@
-"""Many cases on many processes, in which order they run. The only user of dask.distributed."""
+"""Many cases on many processes, and their order. The only user of dask.distributed."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from isac_arena.sweep.job import Job
 from isac_arena.sweep.run import make_signals, reason, run_cases, trace_stops
 
 STOPS_PER_TASK = 8
-CASES_PER_TASK = 8  # at the most, of those that share their samples: they are read once for all
+CASES_PER_TASK = 8  # at most, of cases that share their samples: samples are read once for all
 ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL", "NUMBA")}
-# By default dask has the C library hand freed memory back at once and samples the stack of every task: together a
-# fifth of the time of small cases, most of it in page faults.
+# By default dask returns freed memory to the system at once and samples the stack of every task: a fifth of the
+# time of small cases, mostly page faults.
 LEAN = {"distributed.nanny.pre-spawn-environ": ONE_THREAD, "distributed.worker.profile.enabled": False}
-# Faults of the place, not of a case: the sweep ends at once and no case is recorded as failed.
+# Faults of the disk, not of a case: the sweep ends at once and no case is recorded as failed.
 PLACE_FAULTS = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM, errno.EIO, errno.EFBIG}
 
-LOST = "the scheduler was lost; the same command goes on where the sweep stopped"
+LOST = "the scheduler was lost; the same command continues where the sweep stopped"
 
 Report = Callable[[Job, str | None], None]  # of a case that ended, and why where it failed
 T = TypeVar("T")
@@ -55,9 +55,7 @@ def connected(workers: int | None, scheduler: str | None) -> Iterator[Client]:
     """
     for name in list(logging.root.manager.loggerDict):
         if name.partition(".")[0] in ("distributed", "tornado", "asyncio"):
-            logging.getLogger(name).setLevel(
-                logging.CRITICAL + 1
-            )  # what matters comes back as an error of a case
+            logging.getLogger(name).setLevel(logging.CRITICAL + 1)  # errors of cases are returned
     if scheduler is not None:
         try:
             client = Client(scheduler, timeout="10s")
@@ -71,12 +69,8 @@ def connected(workers: int | None, scheduler: str | None) -> Iterator[Client]:
         return
     n_workers = workers or os.cpu_count() or 1
     with dask.config.set(LEAN), _interrupts_ignored():
-        cluster = LocalCluster(
-            n_workers=n_workers,
-            threads_per_worker=1,
-            dashboard_address="127.0.0.1:0",
-            silence_logs="CRITICAL",
-        )
+        options = {"dashboard_address": "127.0.0.1:0", "silence_logs": "CRITICAL"}
+        cluster = LocalCluster(n_workers=n_workers, threads_per_worker=1, **options)
     with cluster, Client(cluster) as client:
         client.register_plugin(WarmUp())
         yield client
@@ -84,7 +78,7 @@ def connected(workers: int | None, scheduler: str | None) -> Iterator[Client]:
 
 @contextmanager
 def _interrupts_ignored() -> Iterator[None]:
-    """Ignore Ctrl-C here, and always in processes that start meanwhile: the client handles it."""
+    """Ignore Ctrl-C here and in the processes that start meanwhile: the client handles it."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -96,10 +90,10 @@ def _interrupts_ignored() -> Iterator[None]:
 
 
 def run_jobs(client: Client, jobs: Sequence[Job], report: Report) -> None:
-    """Run all jobs, the paths and samples they share first; `report` is called for each one that ends.
+    """Run all jobs, their shared paths and samples first; `report` is called for each job that ends.
 
-    Jobs that share their samples stand together: their samples are dropped before those of many others are made.
-    Jobs whose worker dies are tried again elsewhere; one that fails is reported with its reason, no other stops.
+    Jobs that share their samples are neighbours, so samples are removed before many others are made. Jobs whose
+    worker dies are tried again on another; a failure is reported with its reason and stops no other job.
 
     Raises `OSError` where the directory of the sweep cannot be written, or its disk is full; `ConnectionError`
     where the scheduler was lost.
@@ -112,7 +106,7 @@ def run_jobs(client: Client, jobs: Sequence[Job], report: Report) -> None:
     for future in ended:
         batch = futures.pop(future)
         reasons = _reasons(future, batch)
-        if reasons is None:  # one of them took its worker down: which one shows when they run one by one
+        if reasons is None:  # one of them killed its worker: run them one by one to find which
             alone = {_submit_batch(client, [job], [], 0): [job] for job in batch}
             futures |= alone
             ended.update(alone)
@@ -126,7 +120,7 @@ def run_jobs(client: Client, jobs: Sequence[Job], report: Report) -> None:
 
 
 def _submit(client: Client, groups: dict[str, list[Job]]) -> dict[Future, list[Job]]:
-    """Tasks of all cases, group by group of those that share samples, behind the tasks they wait for."""
+    """Tasks of all cases, grouped by shared samples, after the tasks that they wait for."""
     futures: dict[Future, list[Job]] = {}
     paths: dict[str, list[Future]] = {}
     n_cases, n_threads = sum(map(len, groups.values())), sum(client.nthreads().values())
@@ -145,17 +139,15 @@ def _submit(client: Client, groups: dict[str, list[Job]]) -> dict[Future, list[J
 
 def _submit_batch(client: Client, batch: Sequence[Job], before: Sequence[Future], priority: int) -> Future:
     """The task of some cases that share their samples."""
-    key = f"cases-{batch[0].key}-{len(batch)}"
-    return client.submit(_after, before, run_cases, batch, key=key, pure=False, priority=priority)
+    options = _options(f"cases-{batch[0].key}-{len(batch)}", priority)
+    return client.submit(_after, before, run_cases, batch, **options)
 
 
 def _submit_paths(client: Client, job: Job, priority: int) -> list[Future]:
     """Tasks that trace what is not stored, in blocks of stops."""
     missing = [stop for stop in job.stops if not job.paths_file(stop).is_file()]
     return [
-        client.submit(
-            trace_stops, job, block, key=f"paths-{job.paths_hash}-{block[0]}", pure=False, priority=priority
-        )
+        client.submit(trace_stops, job, block, **_options(f"paths-{job.paths_hash}-{block[0]}", priority))
         for block in _blocks(missing, STOPS_PER_TASK)
     ]
 
@@ -163,23 +155,19 @@ def _submit_paths(client: Client, job: Job, priority: int) -> list[Future]:
 def _submit_signals(client: Client, job: Job, paths: list[Future], priority: int) -> list[Future]:
     """Tasks that make the samples for which several jobs wait."""
     missing = [stop for stop in job.stops if not job.signal_file(stop).is_file()]
+    key = f"signals-{job.signal_hash}"
     return [
-        client.submit(
-            _after,
-            paths,
-            make_signals,
-            job,
-            block,
-            key=f"signals-{job.signal_hash}-{block[0]}",
-            pure=False,
-            priority=priority,
-        )
+        client.submit(_after, paths, make_signals, job, block, **_options(f"{key}-{block[0]}", priority))
         for block in _blocks(missing, STOPS_PER_TASK)
     ]
 
 
+def _options(key: str, priority: int) -> dict[str, Any]:
+    return {"key": key, "pure": False, "priority": priority}
+
+
 def _reasons(future: Future, batch: Sequence[Job]) -> list[str | None] | None:
-    """Why each case of a batch failed, None for one that is done; None where several share a fault.
+    """The reason of every failure in a batch, None for a case that is done; None where several share a fault.
 
     Raises errors that are no fault of a case.
     """
@@ -197,7 +185,7 @@ def _reasons(future: Future, batch: Sequence[Job]) -> list[str | None] | None:
 
 
 def _after(done: Sequence[None], function: Callable[..., T], *arguments: Any) -> T:
-    """Call a function when the tasks whose results stand in `done` have ended."""
+    """Call a function after the tasks whose results are in `done`."""
     del done
     return function(*arguments)
 

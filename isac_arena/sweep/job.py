@@ -26,7 +26,7 @@ CASE_FILES = ("campaign.json", "provenance.nc", "scores.json", "manifest.json")
 
 @dataclass(frozen=True)
 class Job:
-    """All inputs of a case but its stored scene. Small, because it is sent to the workers."""
+    """All inputs of a case except its stored scene. Small, because it is sent to the workers."""
 
     root: Path
     point: int
@@ -37,8 +37,8 @@ class Job:
     stop_every: int
     n_stops: int  # of the walk
     scene_hash: str
-    paths_hash: str  # of what the paths depend on: equal for cases that differ in signal, noise or estimator
-    signal_hash: str  # of what the samples depend on
+    paths_hash: str  # of the inputs of the paths: equal for cases that differ in signal, noise or estimator
+    signal_hash: str  # of the inputs of the samples
     key: str  # of settings, scene, estimator and code: the name of the case
 
     @property
@@ -48,7 +48,7 @@ class Job:
 
     @property
     def is_done(self) -> bool:
-        """Whether the case is there, whole."""
+        """Whether all files of the case exist."""
         return all((self.directory / name).is_file() for name in CASE_FILES)
 
     @property
@@ -113,7 +113,7 @@ def scene_file(root: Path, scene_hash: str) -> Path:
 
 
 def store_scene(root: Path, scene: SceneSource) -> None:
-    """Store a scene with the files it names, the scene file last; one that was changed since is put right."""
+    """Store a scene with the files it names, the scene file last; changed files are restored."""
     file = scene_file(root, scene.hash)
     for name, data in scene.files.items():
         write_bytes(file.parent / name, data)

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, TypeVar, get_type_hints
+from typing import Any, NamedTuple, TypeVar, get_type_hints
 
 import numpy as np
 
@@ -43,12 +43,11 @@ class Cost:
     core_hours: float
     start_up_s: float  # of a worker: libraries loaded, code compiled
     disk_gb: float
-    samples_gb: float  # of one set of samples that several cases share; dropped behind them
+    samples_gb: float  # of one set of samples that several cases share; removed after them
     n_tried: int
 
 
-@dataclass(frozen=True)
-class CaseCost:
+class CaseCost(NamedTuple):
     """Measured cost of one case: seconds of its start and of each stop, and bytes."""
 
     trace_start_s: float
@@ -61,7 +60,7 @@ class CaseCost:
 
 
 def make_plan(source: str, config: SweepConfig, root: Path, repeats: Iterable[int]) -> Plan:
-    """Every case of the sweep, with its settings and its scene checked before anything runs or is written.
+    """Every case of the sweep; settings and scenes are checked before anything runs or is written.
 
     Raises `ConfigError`, one line, where a case is no valid campaign, and `ValueError` for a scene, an estimator
     or a metric in `until` that cannot be used; the message names the sweep file.
@@ -93,7 +92,7 @@ def metric_keys(scene: Scene) -> list[str]:
 
 
 def estimate_cost(plan: Plan) -> Cost:
-    """Try the first, the middle and the last case in a temporary directory on a few stops, and scale."""
+    """Run the first, the middle and the last case on a few stops in a temporary directory, and scale."""
     missing = [job for job in plan.jobs if not job.is_done]
     if not missing:
         return Cost(0.0, 0.0, 0.0, 0.0, 0)
@@ -101,23 +100,19 @@ def estimate_cost(plan: Plan) -> Cost:
     imports_s = time.process_time()  # a worker loads what this process has loaded
     start_up_s = imports_s + _try_cold(chosen[0], plan.scenes)
     tried = [_try_case(job, plan.scenes) for job in chosen]
-    mean = {
-        field.name: float(np.mean([getattr(case, field.name) for case in tried]))
-        for field in fields(CaseCost)
-    }
+    mean = CaseCost(*np.mean(tried, axis=0).tolist())
     sets = Counter(job.signal_hash for job in missing)
     traced = {job.paths_hash: len(job.stops) for job in missing}
     n_stops = sum(len(job.stops) for job in missing)
-    seconds = mean["trace_start_s"] * len(traced) + mean["trace_stop_s"] * sum(traced.values())
-    seconds += mean["case_start_s"] * len(missing) + mean["case_stop_s"] * n_stops
-    size = mean["path_bytes"] * sum(traced.values()) + mean["case_bytes"] * len(missing)
+    seconds = mean.trace_start_s * len(traced) + mean.trace_stop_s * sum(traced.values())
+    seconds += mean.case_start_s * len(missing) + mean.case_stop_s * n_stops
+    size = mean.path_bytes * sum(traced.values()) + mean.case_bytes * len(missing)
     shared = max((len(job.stops) for job in missing if sets[job.signal_hash] > 1), default=0)
-    samples = mean["sample_bytes"] * shared
-    return Cost(seconds / 3600, start_up_s, size / 1e9, samples / 1e9, len(tried))
+    return Cost(seconds / 3600, start_up_s, size / 1e9, mean.sample_bytes * shared / 1e9, len(tried))
 
 
 def _try_cold(job: Job, scenes: Mapping[str, SceneSource]) -> float:
-    """Seconds that the first stop in a process takes beyond a later one: libraries loaded, code compiled."""
+    """Extra seconds of the first stop in a process: libraries are loaded, code is compiled."""
     taken = []
     for _ in range(2):
         with tempfile.TemporaryDirectory() as folder:
@@ -129,7 +124,7 @@ def _try_cold(job: Job, scenes: Mapping[str, SceneSource]) -> float:
 
 
 def _try_case(job: Job, scenes: Mapping[str, SceneSource]) -> CaseCost:
-    """Run a case on a few stops and on more of them, spread over the walk: a line through both times."""
+    """Fit a line through the times of a case on few and on more stops, spread over the walk."""
     taken: dict[int, tuple[float, float]] = {}
     for count in sorted({FEW, min(MORE, len(job.stops))}):
         with tempfile.TemporaryDirectory() as folder:

@@ -1,8 +1,8 @@
 """One case of a sweep, from the scene to the scores; paths and samples are shared by content.
 
 Every function here may run in any process and any number of times: files appear whole, under names that follow
-from what made them, and what is there is not made again. All compute with one thread per process, because the
-last digits of sums depend on the number of threads; the manifest of a case records that number.
+from their inputs, and are not made again. All compute with one thread, because the last digits of sums depend on
+the number of threads; the manifest of a case records that number.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ K = TypeVar("K", bound=Record)
 
 
 def check_case(case: Case) -> Scene:
-    """The scene of a case; `ValueError`, one line, where it or the estimator cannot be used."""
+    """The scene of a case; `ValueError`, one line, where scene or estimator cannot be used."""
     try:
         channel_estimator(case.config, case.estimator)
     except ValueError as error:
@@ -45,8 +45,8 @@ def check_case(case: Case) -> Scene:
     with tempfile.TemporaryDirectory() as folder:
         store_scene(Path(folder), case.scene)
         file = next(Path(folder).rglob("scene.toml"))
+        config = case.config
         try:
-            config = case.config
             return scene_in_use(file, config.waveform.carrier_ghz, config.tx, config.walk)
         except ValueError as error:
             message = str(error).replace(f"{file}: ", "")
@@ -95,7 +95,7 @@ def make_signals(job: Job, stops: Sequence[int]) -> None:
 
 
 def run_cases(jobs: Sequence[Job]) -> list[str | None]:
-    """Run cases that share their samples and store them; why each one failed, None where it is done.
+    """Run and store cases that share their samples; the reason of every failure, None where a case is done.
 
     Raises `OSError` where a directory cannot be written: that is no fault of a case.
     """
@@ -115,7 +115,7 @@ def reason(error: BaseException) -> str:
 
 
 def score_case(job: Job, stops: Sequence[int] | None = None) -> Scores:
-    """The scores of a case over all its stops or some; nothing is stored but paths not traced before."""
+    """The scores of a case over all its stops or some; only newly traced paths are stored."""
     (scores,) = score_cases([job], stops)
     if isinstance(scores, Exception):
         raise scores
@@ -123,7 +123,7 @@ def score_case(job: Job, stops: Sequence[int] | None = None) -> Scores:
 
 
 def score_cases(jobs: Sequence[Job], stops: Sequence[int] | None = None) -> Iterator[Scores | Exception]:
-    """The scores of cases that share their samples, or the error of a case; samples are read once for all."""
+    """The scores or the error of each of some cases that share their samples; samples are read once for all."""
     if not jobs:
         return
     with threadpool_limits(limits=1):
@@ -137,7 +137,7 @@ def score_cases(jobs: Sequence[Job], stops: Sequence[int] | None = None) -> Iter
 
 
 def _failures(runs: Sequence[CampaignRun], truths: Sequence[Truth]) -> list[Exception | None]:
-    """Make the channel estimates of every run at every stop; the error that ended a run, None for the others."""
+    """Make the channel estimates of every run at every stop; the error that ended a run, else None."""
     failures = [_failure(run.calibrate) for run in runs]
     for truth in truths:
         sweep = runs[0].sweep(truth)
@@ -162,17 +162,11 @@ def _tried(function: Callable[P, R], *arguments: P.args, **options: P.kwargs) ->
 
 
 def store_case(job: Job, scores: Scores) -> None:
-    """Write the directory of a case under another name, then give it its own: it is there whole or not at all."""
+    """Write the directory of a case under a temporary name, then rename it, so that it is always whole."""
     partial = job.directory.with_name(f".{job.key}.{os.getpid()}.part")
     shutil.rmtree(partial, ignore_errors=True)
-    settings = {
-        "point": job.point,
-        "repeat": job.repeat,
-        "stop_every": job.stop_every,
-        "estimator": job.estimator,
-        "scene": job.scene_hash,
-        "campaign": job.config.model_dump(mode="json"),
-    }
+    settings = {name: getattr(job, name) for name in ("point", "repeat", "stop_every", "estimator")}
+    settings |= {"scene": job.scene_hash, "campaign": job.config.model_dump(mode="json")}
     try:
         with threadpool_limits(limits=1), recorded_run(partial):
             write_json(partial / "campaign.json", settings)

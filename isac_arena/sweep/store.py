@@ -1,8 +1,8 @@
-"""The directory of a sweep beside its cases: what it is a sweep of, which cases it has, and which of them failed.
+"""The directory of a sweep beside its cases: its settings, its plan and its failures.
 
 sweep.json          the resolved sweep and its base campaign
 plan.json           key, point, repeat, seed and axis values of every case
-failures/KEY.json   the error of a case; dropped when it is tried again
+failures/KEY.json   the error of a case; removed when the case is tried again
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from isac_arena.sweep.config import SweepConfig
 from isac_arena.sweep.job import CASE_FILES, Job
 
 SWEEP = "sweep.json"
-MAY_CHANGE = {"repeats", "until"}  # of a sweep in the same directory: they only add cases
+MAY_CHANGE = {"repeats", "until"}  # in a sweep directory: they only add cases
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class PlannedCase:
 
 
 def open_sweep(directory: Path, config: SweepConfig, base_text: str) -> None:
-    """Claim a directory for a sweep, or continue the sweep that is there; repeats may change.
+    """Use a directory for a new sweep, or continue its sweep; repeats may change.
 
     Raises `ValueError` where the directory holds another sweep or other files.
     """
@@ -90,9 +90,8 @@ def read_plan(directory: Path) -> list[PlannedCase]:
         content = json.loads(file.read_text(encoding="utf-8"))
         return [PlannedCase(**{**case, "values": tuple(case["values"])}) for case in content["cases"]]
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
-        raise ValueError(
-            f"{file}: missing or damaged ({_first_line(error)}); run 'arena sweep' again"
-        ) from error
+        reason = _first_line(error)
+        raise ValueError(f"{file}: missing or damaged ({reason}); run 'arena sweep' again") from error
 
 
 def planned(jobs: Iterable[Job]) -> list[PlannedCase]:
@@ -102,19 +101,19 @@ def planned(jobs: Iterable[Job]) -> list[PlannedCase]:
 
 
 def stale_names(directory: Path, names: Iterable[str]) -> list[str]:
-    """Of names of files of a sweep those of cases that are not whole: they will be made again."""
+    """Those file names of a sweep that are of unfinished cases: they will be made again."""
     keys = {name: Path(name).parts[1] for name in names if name.startswith("cases/")}
     stale = {key for key in set(keys.values()) if not is_done(directory, key)}
     return [name for name, key in keys.items() if key in stale]
 
 
 def is_done(directory: Path, key: str) -> bool:
-    """Whether a case is there, whole."""
+    """Whether all files of a case exist."""
     return all((directory / "cases" / key / name).is_file() for name in CASE_FILES)
 
 
 def read_scores(directory: Path, key: str) -> list[dict[str, Any]]:
-    """The metrics of a finished case; `ValueError` where they are not as they were written."""
+    """The metrics of a finished case; `ValueError` where they changed since they were written."""
     case = directory / "cases" / key
     file = case / "scores.json"
     if read_manifest(case).files.get(file.name, {}).get("sha256") != file_digest(file):
@@ -123,7 +122,7 @@ def read_scores(directory: Path, key: str) -> list[dict[str, Any]]:
 
 
 def read_failures(directory: Path) -> dict[str, str]:
-    """The errors of the failed cases, one line each, by the key of the case; a damaged one counts for nothing."""
+    """The errors of the failed cases, one line each, by the key of the case; damaged files are ignored."""
     found = {}
     for file in sorted((directory / "failures").glob("*.json")):
         try:
@@ -139,7 +138,7 @@ def write_failure(directory: Path, key: str, reason: str) -> None:
 
 
 def forget_failures(directory: Path, keys: Iterable[str]) -> None:
-    """Drop recorded failures, so that their cases run again."""
+    """Remove recorded failures, so that their cases run again."""
     for key in keys:
         remove_file(directory / "failures" / f"{key}.json")
 
