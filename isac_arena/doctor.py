@@ -45,7 +45,7 @@ print(sionna.rt.__version__)
 
 @dataclass(frozen=True)
 class Check:
-    """One finding: what was looked at, how it stands, what was found, and what to do where it is not ok."""
+    """One check: name, status, finding, and what to do where it is not ok."""
 
     name: str
     status: Status
@@ -54,19 +54,12 @@ class Check:
 
 
 def doctor_report() -> list[Check]:
-    """All checks of this machine and this environment, in the order in which problems are best solved.
+    """All checks of this machine and environment, in the order in which to solve problems.
 
-    Dr.Jit and Sionna are tried in processes of their own, because a wrong LLVM ends the process that loads it.
+    Dr.Jit and Sionna are tried in subprocesses, because a wrong LLVM aborts the process that loads it.
     """
-    llvm = check_llvm()
-    return [
-        check_python(),
-        check_packages(),
-        llvm,
-        check_sionna(llvm),
-        check_memory(),
-        check_disk(Path.cwd()),
-    ]
+    llvm, disk = check_llvm(), check_disk(Path.cwd())
+    return [check_python(), check_packages(), llvm, check_sionna(llvm), check_memory(), disk]
 
 
 def check_python(version: tuple[int, int] = sys.version_info[:2]) -> Check:
@@ -79,7 +72,7 @@ def check_python(version: tuple[int, int] = sys.version_info[:2]) -> Check:
 
 
 def check_packages(lock_file: Path = LOCK_FILE) -> Check:
-    """The installed packages are the pinned ones; a missing one fails only where the project runs on it."""
+    """The installed packages are the pinned ones; only missing runtime packages are a failure."""
     if not lock_file.is_file():
         return _check_unpinned_packages()
     pins = read_pins(lock_file)
@@ -93,10 +86,9 @@ def check_packages(lock_file: Path = LOCK_FILE) -> Check:
     if needed := sorted(set(missing) & runtime_requirements()):
         return Check("packages", "fail", f"missing: {_listed(needed)}", REINSTALL)
     if missing or other:
-        findings = [
-            f"{word}: {_listed(names)}" for word, names in (("missing", missing), ("other", other)) if names
-        ]
-        return Check("packages", "warn", "; ".join(findings), REINSTALL)
+        found = {"missing": missing, "other": other}
+        texts = [f"{word}: {_listed(names)}" for word, names in found.items() if names]
+        return Check("packages", "warn", "; ".join(texts), REINSTALL)
     return Check("packages", "ok", f"{len(pins)} packages as pinned in {lock_file.name}")
 
 
@@ -106,9 +98,8 @@ def _check_unpinned_packages() -> Check:
     missing = sorted(name for name in needed if installed_version(name) is None)
     if missing:
         return Check("packages", "fail", f"missing: {_listed(missing)}", f"python -m pip install {PROJECT}")
-    return Check(
-        "packages", "ok", f"{len(needed)} packages are installed; only a checkout pins their versions"
-    )
+    detail = f"{len(needed)} packages are installed; only a checkout pins their versions"
+    return Check("packages", "ok", detail)
 
 
 def check_llvm() -> Check:
@@ -171,7 +162,7 @@ def check_disk(directory: Path) -> Check:
 
 
 def available_memory_gib() -> float | None:
-    """Memory available to this process in GiB, None where the system does not tell."""
+    """Memory available to this process in GiB, None where the system does not report it."""
     limits = []
     try:
         found = re.search(r"^MemAvailable:\s+(\d+) kB", Path("/proc/meminfo").read_text(), re.MULTILINE)
@@ -196,7 +187,7 @@ def read_pins(lock_file: Path) -> dict[str, str]:
 
 
 def runtime_requirements() -> set[str]:
-    """Normalised names of what the installed project itself asks for, without its extras."""
+    """Normalised names of the requirements of the installed project, without its extras."""
     try:
         requirements = metadata.requires(PROJECT) or []
     except metadata.PackageNotFoundError:

@@ -1,4 +1,4 @@
-"""`arena bound`: how well paths and receiver could be known, over the plan of a scene."""
+"""`arena bound`: lower bounds of the errors of paths and receiver, over the plan of a scene."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ def run(
     estimator: Estimator = None,
     keep_sweeps: KeepSweeps = False,
 ) -> None:
-    """Run a campaign from the scene to the report. An interrupted run goes on where it stopped."""
+    """Run a campaign from the scene to the report. The same command resumes an interrupted run."""
     from isac_arena.campaign import stages  # noqa: PLC0415
 
     with stages.opened(campaign, out, seed, estimator) as store:
@@ -22,12 +22,7 @@ def run(
         stages.write_report(store)
 
 
-def generate(
-    campaign: Campaign,
-    out: Out,
-    seed: Seed = None,
-    keep_sweeps: KeepSweeps = True,
-) -> None:
+def generate(campaign: Campaign, out: Out, seed: Seed = None, keep_sweeps: KeepSweeps = True) -> None:
     """Trace the scene and make the sweeps of a campaign, with the truth behind them."""
     from isac_arena.campaign import stages  # noqa: PLC0415
 

@@ -21,7 +21,7 @@ SHOWN_KEYS = 4  # of the scores that one run alone has
 
 @dataclass(frozen=True)
 class Run:
-    """A scored run: its settings, None for a scene that is no longer beside it, and its scores."""
+    """A scored run: settings, scene (None where its file is gone) and scores."""
 
     directory: Path
     settings: dict[str, Any]
@@ -37,7 +37,7 @@ def compare(
 ) -> None:
     """Compare two scored runs over the same stops: paired differences B minus A with 95 % intervals.
 
-    Says as well which settings differ, and what only one of them has.
+    Also lists the settings that differ, and what only one run has.
     """
     from rich.console import Console  # noqa: PLC0415
 
@@ -87,17 +87,13 @@ def read_run(directory: Path) -> Run:
     except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0]
         raise ValueError(f"{file}: no settings of a campaign ({reason})") from error
-    return Run(
-        directory,
-        {**config.model_dump(mode="json"), **settings, "code": _code(directory)},
-        _read_scene(directory, case_scene),
-        read_tables(directory),
-        read_metrics(directory),
-    )
+    settings |= {**config.model_dump(mode="json"), "code": _code(directory)}
+    scene = _read_scene(directory, case_scene)
+    return Run(directory, settings, scene, read_tables(directory), read_metrics(directory))
 
 
 def read_tables(directory: Path) -> ScoreTables:
-    """The tables behind the scores of a run; `ValueError`, one line, where they are others."""
+    """The tables behind the scores of a run; `ValueError`, one line, where another version made them."""
     from isac_arena.campaign.files import read_record  # noqa: PLC0415
     from isac_arena.scoring.record import ScoreTables  # noqa: PLC0415
 
@@ -161,15 +157,12 @@ def write_comparison(
 
 
 def _score_notes(first: Run, second: Run) -> list[str]:
-    """Which scores only one run has: a key of its own, or a value where the other could not measure one."""
+    """Which scores only one run has: the other lacks the key or a finite value."""
     a, b = ({metric.key: metric.value for metric in run.metrics} for run in (first, second))
     notes = []
     for name, own, other in (("A", a, b), ("B", b, a)):
-        alone = [
-            key
-            for key, value in own.items()
-            if math.isfinite(value) and not math.isfinite(other.get(key, math.nan))
-        ]
+        finite = (key for key, value in own.items() if math.isfinite(value))
+        alone = [key for key in finite if not math.isfinite(other.get(key, math.nan))]
         if alone:
             more = f" and {len(alone) - SHOWN_KEYS} more" if len(alone) > SHOWN_KEYS else ""
             one = "one score is" if len(alone) == 1 else f"{len(alone)} scores are"
@@ -178,7 +171,7 @@ def _score_notes(first: Run, second: Run) -> list[str]:
 
 
 def _side_by_side(first: tuple[Metric, ...], second: tuple[Metric, ...]) -> list[dict[str, Any]]:
-    """All scores that one run or the other has, without intervals: a score is one number of a whole run."""
+    """All scores of both runs, without intervals: a score is one number of a whole run."""
     values = [{metric.key: metric for metric in metrics} for metrics in (first, second)]
     rows = []
     for key in dict.fromkeys([*values[0], *values[1]]):
@@ -193,7 +186,7 @@ def _side_by_side(first: tuple[Metric, ...], second: tuple[Metric, ...]) -> list
 
 
 def _read_scene(directory: Path, case_scene: str | None) -> dict[str, Any] | None:
-    """The tables of the scene of a campaign, or of a sweep's case, which keeps it apart; None where it is gone."""
+    """The tables of the scene file of a campaign or of a sweep's case; None where it is gone."""
     from scenes.toml_config import read_toml  # noqa: PLC0415
 
     files = [directory / "scene.toml"]

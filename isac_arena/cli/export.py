@@ -12,7 +12,7 @@ from isac_arena.cli.options import Directory
 
 
 class ExportFormat(StrEnum):
-    """What a campaign is written as."""
+    """File formats of a campaign."""
 
     mat = "mat"
     deepmimo = "deepmimo"
@@ -50,12 +50,12 @@ def export(
         elif file_format == ExportFormat.glb:
             files = [exchange.write_glb(store, folder / f"stop_{stop:03d}.glb", stop, max_paths)]
         else:
-            write = {
-                ExportFormat.mat: exchange.write_mat,
-                ExportFormat.tum: exchange.write_tum,
-                ExportFormat.geojson: exchange.write_geojson,
-            }[file_format]
-            files = list(write(store, folder))
+            writers = {
+                "mat": exchange.write_mat,
+                "tum": exchange.write_tum,
+                "geojson": exchange.write_geojson,
+            }
+            files = list(writers[file_format.value](store, folder))
     for file in files:
         stages.console.print(f"{file_format.value}: {file}")
 
@@ -65,9 +65,7 @@ def export_sigmf(
     stop: Annotated[int, typer.Option(min=0, help="Receiver stop.")],
     tx_beam: Annotated[int, typer.Option(min=0, help="TX beam.")],
     rx_beam: Annotated[int | None, typer.Option(min=0, help="RX beam; all of them by default.")] = None,
-    out: Annotated[
-        Path | None, typer.Option(help="Directory to write to; DIRECTORY/sigmf by default.")
-    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder to write to; DIRECTORY/sigmf by default.")] = None,
 ) -> None:
     """Write the received samples of beam pairs as a SigMF recording, one annotated burst per pair."""
     from isac_arena.campaign import stages  # noqa: PLC0415
@@ -84,9 +82,8 @@ def export_sigmf(
     if sweep is None:
         scene, truth = stages.scene_of(store), store.truth(stop)
         if truth is None:
-            raise ValueError(
-                f"{directory}: the truth of stop {stop} is missing or out of date; run 'arena generate'"
-            )
+            what = f"the truth of stop {stop} is missing or out of date"
+            raise ValueError(f"{directory}: {what}; run 'arena generate'")
         sweep = observe(store.config, make_link(store.config), scene, truth)
     prs = store.config.waveform.prs
     slot = slot_of_beam(store.config.waveform, len(sweep.tx_codebook), tx_beam)

@@ -1,4 +1,4 @@
-"""`arena golden`: small campaigns whose scores are kept, so that no change of a result goes unseen."""
+"""`arena golden`: small campaigns with stored scores, so that every change of a result is seen."""
 
 from __future__ import annotations
 
@@ -22,20 +22,16 @@ def golden(
     ] = False,
     folder: Annotated[Path, typer.Option(help="Folder of the golden files.")] = FOLDER,
 ) -> None:
-    """Run the golden campaigns and compare their scores with those kept; exit 1 where one is out of tolerance."""
+    """Run the golden campaigns and compare their scores with the stored ones; exit 1 if one deviates."""
     from rich.console import Console  # noqa: PLC0415
 
     from isac_arena.validation.golden import check_file, remake_file  # noqa: PLC0415
 
     console = Console(highlight=False)
     files = sorted(folder.glob("*.json"))
-    if not files and folder == FOLDER:
-        raise ValueError(
-            f"--folder = {folder}: no golden files here; they come with a checkout of the project, not with an "
-            "installed package: name their folder"
-        )
     if not files:
-        raise ValueError(f"--folder = {folder}: holds no golden file (*.json)")
+        hint = "; only a checkout of the project has them: name their folder" if folder == FOLDER else ""
+        raise ValueError(f"--folder = {folder}: holds no golden file (*.json){hint}")
     deviations: list[Deviation] = []
     for file in files:
         with console.status(file.stem):
@@ -46,9 +42,7 @@ def golden(
                 deviations += check_file(file)
     if deviations:
         console.print(deviation_table(deviations))
-        console.print(
-            f"{len(deviations)} golden scores out of tolerance; where that is meant: arena golden --remake"
-        )
+        console.print(f"{len(deviations)} golden scores out of tolerance; if intended: arena golden --remake")
         raise typer.Exit(1)
     if not remake:
         console.print(f"{len(files)} golden campaigns: all scores within tolerance")

@@ -1,4 +1,4 @@
-"""`arena import-mat` and `arena import-deepmimo`: campaigns made from the files of others."""
+"""`arena import-mat` and `arena import-deepmimo`: campaigns made from measured data and DeepMIMO scenarios."""
 
 from __future__ import annotations
 
@@ -17,18 +17,15 @@ def import_mat(
     clock_seed: Annotated[
         int | None,
         typer.Option(
-            min=0,
-            help="Add a clock: 10 m, then a random walk of 1 m per stop; left out, the ranges stay as is.",
+            min=0, help="Add a clock bias: 10 m, then a random walk of 1 m per stop; none by default."
         ),
     ] = None,
     method: Annotated[
         str, typer.Option(help="SLAM: statistical, or reference as published.")
     ] = "statistical",
-    scene: Annotated[
-        str, typer.Option(help="Scene to score against: library name or TOML file.")
-    ] = "campus_arena",
+    scene: Annotated[str, typer.Option(help="Scene to score against: name or TOML file.")] = "campus_arena",
 ) -> None:
-    """Import the public measurement file; estimate, score and report then work on the directory."""
+    """Import the public measurement file; then estimate, score and report work on the directory."""
     from isac_arena.campaign import stages  # noqa: PLC0415
     from isac_arena.exchange import measurement  # noqa: PLC0415
 
@@ -43,7 +40,7 @@ def import_deepmimo(
     out: Annotated[Path, typer.Option(help="Folder for campaign.toml, scene.toml and what they name.")],
     stops: Annotated[
         int | None,
-        typer.Option(min=1, help="At most so many receivers, evenly over the set; all of them by default."),
+        typer.Option(min=1, help="Largest number of receivers, evenly over the set; all by default."),
     ] = None,
     tx_set: Annotated[int | None, typer.Option(help="TX set; the first by default.")] = None,
     tx: Annotated[int, typer.Option(min=0, help="TX within its set.")] = 0,

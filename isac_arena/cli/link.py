@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def link(campaign: Campaign) -> None:
-    """Print the link budget of a campaign: what each stop receives, over which floors."""
+    """Print the link budget of a campaign: received power of each stop, and noise levels."""
     from rich.console import Console  # noqa: PLC0415
     from rich.progress import track  # noqa: PLC0415
 
@@ -28,14 +28,10 @@ def link(campaign: Campaign) -> None:
     console = Console(highlight=False)
     config, scene_file = load_campaign(campaign)
     scene = campaign_scene(config, scene_file)
-    specular = config.model_copy(
-        update={"propagation": config.propagation.model_copy(update={"diffuse_samples": 0})}
-    )
-    made = make_link(config)
-    stops = range(len(scene.stops))
-    truths = track(
-        simulate_truth(specular, scene, stops), "trace", len(stops), console=console, transient=True
-    )
+    propagation = config.propagation.model_copy(update={"diffuse_samples": 0})
+    made, stops = make_link(config), range(len(scene.stops))
+    traced = simulate_truth(config.model_copy(update={"propagation": propagation}), scene, stops)
+    truths = track(traced, "trace", len(stops), console=console, transient=True)
     budget = link_budget(truths, made, scene.tx, config.link, converter_share(config.waveform))
     for line in (*head(budget), sweep_line(config, made)):
         console.print(line)
@@ -43,7 +39,7 @@ def link(campaign: Campaign) -> None:
 
 
 def head(budget: LinkBudget) -> list[str]:
-    """What holds at every stop, a line each."""
+    """The lines that hold for every stop."""
     tx_power_dbm = budget.eirp_dbm - budget.tx_gain_dbi
     return [
         f"EIRP {budget.eirp_dbm:.1f} dBm: {tx_power_dbm:.1f} dBm, gain {budget.tx_gain_dbi:.1f} dBi;"
@@ -69,19 +65,12 @@ def stop_table(budget: LinkBudget) -> Table:
     """One row per stop."""
     from rich.table import Table  # noqa: PLC0415
 
+    heads = ("distance\nm", "LOS\ndBm", "bounce\ndBm", "noise\ndBm", "SNR\ndB", "range\ndB", "side lobes\ndB")
     table = Table(
-        "stop",
-        "distance\nm",
-        "LOS\ndBm",
-        "bounce\ndBm",
-        "noise\ndBm",
-        "SNR\ndB",
-        "range\ndB",
-        "side lobes\ndB",
-        title="Link budget, best beam pairs",
+        "stop", *heads, title="Link budget, best beam pairs",
         caption="bounce: strongest single one; SNR: strongest path, all subcarriers combined; range: LOS over the"
         " weakest path in a beam power map; side lobes of the LOS: in one angle, in both",
-    )
+    )  # fmt: skip
     for column in table.columns:
         column.justify = "right"
     columns = zip(
@@ -89,16 +78,10 @@ def stop_table(budget: LinkBudget) -> Table:
         budget.dynamic_range_db, budget.cross_db, budget.off_cross_db, strict=True,
     )  # fmt: skip
     for stop, distance_m, los, bounce, snr, usable, cross, off_cross in columns:
-        table.add_row(
-            str(stop),
-            f"{distance_m:.2f}",
-            _cell(los, "blocked"),
-            _cell(bounce, "none"),
-            f"{budget.thermal_noise_dbm:.1f}",
-            _cell(snr, "none"),
-            _cell(usable, "-"),
-            "-" if math.isnan(cross) else f"{cross:.1f}, {off_cross:.1f}",
-        )
+        lobes = "-" if math.isnan(cross) else f"{cross:.1f}, {off_cross:.1f}"
+        powers = _cell(los, "blocked"), _cell(bounce, "none"), f"{budget.thermal_noise_dbm:.1f}"
+        ratios = _cell(snr, "none"), _cell(usable, "-"), lobes
+        table.add_row(str(stop), f"{distance_m:.2f}", *powers, *ratios)
     return table
 
 

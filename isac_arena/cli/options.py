@@ -11,9 +11,7 @@ Campaign = Annotated[str, typer.Argument(help="Campaign name of the library, or 
 Directory = Annotated[Path, typer.Argument(help="Directory of a campaign.")]
 Out = Annotated[Path, typer.Option(help="Directory of the campaign; made where missing.")]
 OutFolder = Annotated[Path, typer.Option(help="Directory of the tables and figures; made where missing.")]
-Seed = Annotated[
-    int | None, typer.Option(min=0, max=2**63 - 1, help="Seed, in place of the campaign file's.")
-]
+Seed = Annotated[int | None, typer.Option(min=0, max=2**63 - 1, help="Seed, in place of the file's.")]
 RandomSeed = Annotated[int, typer.Option(min=0, help="Seed of all random numbers of this command.")]
 Estimator = Annotated[
     str | None,

@@ -32,9 +32,9 @@ def sweep(
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Check and count the cases, estimate time and disk, run none.")
     ] = False,
-    retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Run failed cases once more.")] = False,
+    retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Run failed cases again.")] = False,
 ) -> None:
-    """Run every case of a sweep that is not there yet, and write the table of all results."""
+    """Run all missing cases of a sweep, and write the table of all results."""
     from rich.console import Console  # noqa: PLC0415
 
     from isac_arena.sweep.config import SweepConfig  # noqa: PLC0415
@@ -88,12 +88,11 @@ def sweep_report(
 
 
 def print_plan(console: Console, config: SweepConfig, plan: Plan) -> None:
-    """Say what a sweep would run, how long one core would take and how much disk it would fill."""
+    """Print the cases of a sweep, and their estimated time on one core and disk space."""
     from isac_arena.sweep.plan import estimate_cost  # noqa: PLC0415
 
     jobs = plan.jobs
-    points = len({job.point for job in jobs})
-    paths = len({job.paths_hash for job in jobs})
+    points, paths = len({job.point for job in jobs}), len({job.paths_hash for job in jobs})
     console.print(
         f"{config.name}: {len(jobs)} cases, {points} points of {len(config.axes)} axes, "
         f"{len(plan.scenes)} scenes, {paths} sets of paths; {sum(job.is_done for job in jobs)} done"
@@ -103,11 +102,11 @@ def print_plan(console: Console, config: SweepConfig, plan: Plan) -> None:
     cost = estimate_cost(plan)
     console.print(
         f"about {cost.core_hours:.2g} core hours and {cost.start_up_s:.0f} s for every worker to start, "
-        f"{cost.disk_gb:.2g} GB; judged from a few stops of {cost.n_tried} cases"
+        f"{cost.disk_gb:.2g} GB; estimated from a few stops of {cost.n_tried} cases"
     )
     if cost.samples_gb:
         console.print(
-            f"  and {cost.samples_gb:.2g} GB a worker for samples, dropped behind the cases that share them"
+            f"  and {cost.samples_gb:.2g} GB a worker for samples, removed after the cases that share them"
         )
 
 

@@ -21,23 +21,13 @@ if TYPE_CHECKING:
 
 MODULES: Mapping[str, tuple[str, ...]] = {
     "signal": ("signal.waveform", "signal.generation"),
-    "propagation": (
-        "propagation.closed_form",
-        "propagation.specular",
-        "propagation.diffraction",
-        "propagation.mesh",
+    "propagation": tuple(
+        f"propagation.{name}" for name in ("closed_form", "specular", "diffraction", "mesh")
     ),
     "slam": ("slam.measured", "slam.snapshot", "slam.trajectory", "slam.laws"),
     "scoring": ("scoring.metrics", "scoring.bounds", "scoring.budget"),
     "channel": ("channel.efficiency", "channel.noise", "channel.hardware", "channel.arena"),
-    "shape": (
-        "shape.gp",
-        "shape.points",
-        "shape.law",
-        "shape.reflection",
-        "shape.campaign",
-        "shape.measured",
-    ),
+    "shape": tuple(f"shape.{name}" for name in ("gp", "points", "law", "reflection", "campaign", "measured")),
     "twin": ("twin",),
 }
 BENCHES: Mapping[str, tuple[str, ...]] = {
@@ -51,7 +41,7 @@ BENCHES: Mapping[str, tuple[str, ...]] = {
 
 Trials = Annotated[
     int | None,
-    typer.Option(min=1, help="Scenes of the longest Monte Carlo run; the others take their share of it."),
+    typer.Option(min=1, help="Scenes of the longest Monte Carlo run; the others use a share of them."),
 ]
 Estimator = Annotated[
     str | None,
@@ -67,11 +57,10 @@ def validate(
     trials: Trials = None,
     estimator: Estimator = None,
 ) -> None:
-    """Measure a stage against closed forms, exact solutions and brute force; exit 1 where a bar is missed."""
-    options = {
-        key: value for key, value in (("trials", trials), ("estimator", estimator)) if value is not None
-    }
-    _measure(name, MODULES, "check_", quick, seed, json_file, options)
+    """Measure a stage against closed forms, exact solutions and brute force; exit 1 if a bar is missed."""
+    options = {"trials": trials, "estimator": estimator}
+    given = {key: value for key, value in options.items() if value is not None}
+    _measure(name, MODULES, "check_", quick, seed, json_file, given)
 
 
 def bench(
@@ -80,7 +69,7 @@ def bench(
     seed: RandomSeed = 1,
     json_file: Json = None,
 ) -> None:
-    """Time a stage, as ratios inside one run; exit 1 where a bar is missed."""
+    """Time a stage, as ratios inside one run; exit 1 if a bar is missed."""
     _measure(name, BENCHES, "bench_", quick, seed, json_file)
 
 
@@ -103,11 +92,9 @@ def _measure(
         raise ValueError(f"name = '{name}': must be one of {', '.join(modules)}")
     console = Console(highlight=False)
     table = Table("key", "value", "bar", "unit", "met")
-    for column in (1, 2):
-        table.columns[column].justify = "right"
-    for numbers in table.columns[1:]:
-        numbers.no_wrap = True  # on a narrow terminal the keys break, not the numbers
-    table.columns[0].overflow = "fold"
+    table.columns[0].overflow = "fold"  # on a narrow terminal the keys break, not the numbers
+    for index, column in enumerate(table.columns[1:]):
+        column.justify, column.no_wrap = "right" if index < 2 else "left", True
     rows: list[Measurement] = []
     checks = list(_checks(modules[name], prefix))
     for option in options:

@@ -19,9 +19,7 @@ def view(
     stop: Annotated[
         int | None, typer.Option(min=0, help="RX stop whose paths are shown at first; by default the first.")
     ] = None,
-    out: Annotated[
-        Path | None, typer.Option(help="HTML file to write; DIRECTORY/view.html by default.")
-    ] = None,
+    out: Annotated[Path | None, typer.Option(help="HTML file; DIRECTORY/view.html by default.")] = None,
     show: Annotated[bool, typer.Option("--open/--no-open", help="Open the page in the browser.")] = True,
 ) -> None:
     """Show the hall with its paths and the estimated contours in 3-D: one HTML file, about 5 MB."""
@@ -47,5 +45,5 @@ def view(
 
 
 def _has_display() -> bool:
-    """Whether a browser would come up in a window: without a display Linux would start one in the terminal."""
+    """Whether a browser would open a window: without a display Linux would start one in the terminal."""
     return not sys.platform.startswith("linux") or any(os.environ.get(name) for name in DISPLAYS)

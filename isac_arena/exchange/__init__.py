@@ -1,4 +1,4 @@
-"""Campaigns in the formats of other tools, in and out.
+"""Import and export of campaigns in the formats of other tools.
 
 Read `formats.py` first: what `arena export` writes. `measurement.py` (with the MATLAB layout in `mat.py`),
 `deepmimo.py`, `geojson.py` and `sigmf_recording.py` hold a format each.

@@ -6,11 +6,10 @@ A folder holds matrices of paths (.mat), the facets of the scene, and params.jso
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from io import BytesIO
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import tomli_w
@@ -39,9 +38,8 @@ MAX_PATHS = 10_000  # all of them, which are rarely more than 25
 PATHS_FOLDER = "paths"
 
 
-@dataclass(frozen=True)
-class Imported:
-    """How much of a scenario became the campaign."""
+class Imported(NamedTuple):
+    """How much of a scenario is in the campaign."""
 
     n_stops: int
     n_receivers: int
@@ -49,8 +47,7 @@ class Imported:
     n_objects: int
 
 
-@dataclass(frozen=True)
-class _Mesh:
+class _Mesh(NamedTuple):
     name: str
     material: str
     vertices_m: FloatArray
@@ -60,7 +57,7 @@ class _Mesh:
 def write_deepmimo(folder: Path, scenario: PathScenario, facets: Facets, max_paths: int) -> Path:
     """Write a scenario folder with one TX and one set of receivers; returns its params.json.
 
-    Of each receiver the `max_paths` strongest paths are kept. The params file comes last: without it nobody
+    The `max_paths` strongest paths of each receiver are kept. The params file is written last: without it no tool
     reads the folder.
     """
     matrices = path_matrices(scenario.paths, max_paths)
@@ -148,27 +145,24 @@ def _params(scenario: PathScenario, facets: Facets) -> dict[str, Any]:
 def _most(paths: Sequence[Paths], *kinds: BounceKind) -> int:
     """Most interactions of these kinds on any path; NONE does not count."""
     counted = [kind for kind in kinds if kind != BounceKind.NONE]
-    return max(
-        (int(np.isin(each.bounce_kind, counted).sum(axis=1).max(initial=0)) for each in paths), default=0
-    )
+    counts = (np.isin(each.bounce_kind, counted).sum(axis=1).max(initial=0) for each in paths)
+    return int(max(counts, default=0))
 
 
 def _entries(materials: Sequence[Material]) -> Iterator[tuple[str, dict[str, Any]]]:
     for index, material in enumerate(materials):
         model = "lambertian" if material.scattering_directivity is None else "directive"
-        yield (
-            f"material_{index}",
-            {
-                "id": index,
-                "name": material.name,
-                "permittivity": material.relative_permittivity,
-                "conductivity": material.conductivity_s_m,
-                "scattering_model": model if material.scattering_coefficient else "none",
-                "scattering_coefficient": material.scattering_coefficient,
-                "alpha_r": float(material.scattering_directivity or 4),
-                "thickness": material.thickness_m,
-            },
-        )
+        entry = {
+            "id": index,
+            "name": material.name,
+            "permittivity": material.relative_permittivity,
+            "conductivity": material.conductivity_s_m,
+            "scattering_model": model if material.scattering_coefficient else "none",
+            "scattering_coefficient": material.scattering_coefficient,
+            "alpha_r": float(material.scattering_directivity or 4),
+            "thickness": material.thickness_m,
+        }
+        yield f"material_{index}", entry
 
 
 def import_scenario(
@@ -188,14 +182,14 @@ def import_scenario(
     time_s = np.arange(n_stops, dtype=float)
     write_text(out / "walk.tum", tum_text(time_s, scenario.rx_position_m, np.zeros(n_stops)))
     name = folder.resolve().name
-    materials, meshes = _materials(facets), _meshes(facets)
+    meshes = _meshes(facets)
     for mesh in meshes:
         write_bytes(out / f"{mesh.name}.ply", mesh_bytes(mesh.vertices_m, mesh.faces))
     scene = {
         "name": name,
         "tx": {"position_m": scenario.tx_position_m.tolist(), "heading_deg": 0.0},
         "walk": {"type": "tum", "file": "walk.tum"},
-        "materials": materials,
+        "materials": _materials(facets),
         "meshes": [{"file": f"{mesh.name}.ply", "material": mesh.material} for mesh in meshes],
     }
     campaign = {
@@ -211,7 +205,7 @@ def import_scenario(
 
 
 def _materials(facets: Facets) -> dict[str, Any]:
-    """Materials of a scene file. With the paths given they matter to pictures and exports only."""
+    """Materials of a scene file. As the paths are given, only pictures and exports use them."""
     return {
         f"material_{each['id']}": {
             "relative_permittivity": max(float(each.get("permittivity", 1.0)), 1.0),
@@ -223,15 +217,13 @@ def _materials(facets: Facets) -> dict[str, Any]:
 
 
 def _meshes(facets: Facets) -> list[_Mesh]:
-    """A mesh per object, in the material of its first face; none for a body that is no clean surface."""
+    """A mesh per object with the material of its first face; none for an object that is no valid surface."""
     known = {int(each["id"]) for each in facets.materials.values()}
     meshes = []
     for number, item in enumerate(facets.objects):
         corners = item["face_vertex_idxs"]
-        faces = np.array([[one[0], *pair] for one in corners for pair in pairwise(one[1:])], int).reshape(
-            -1, 3
-        )
-        used, faces = np.unique(faces, return_inverse=True)
+        triangles = [[one[0], *pair] for one in corners for pair in pairwise(one[1:])]
+        used, faces = np.unique(np.array(triangles, int).reshape(-1, 3), return_inverse=True)
         vertices, faces = facets.vertices_m[used], faces.reshape(-1, 3)
         try:
             Clutter("mesh", "clutter", Material("any", 1.0, 0.0), vertices, faces)

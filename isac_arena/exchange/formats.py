@@ -1,4 +1,4 @@
-"""Campaigns in the formats of other tools, at the edge: which file holds what."""
+"""Export of campaigns in the formats of other tools: which file holds what."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def write_mat(store: CampaignStore, folder: Path) -> Iterator[Path]:
 
 
 def write_tum(store: CampaignStore, folder: Path) -> Iterator[Path]:
-    """The true trajectory and that of SLAM, a stop a second."""
+    """The true trajectory and that of SLAM, one stop per second."""
     scene = stages.scene_of(store)
     poses = scene.stops
     position = np.array([pose.position_m for pose in poses])
@@ -46,7 +46,7 @@ def write_tum(store: CampaignStore, folder: Path) -> Iterator[Path]:
     found = stages.stored_results(store, len(poses)).slam.poses
     height = np.where(np.isfinite(found.height_m), found.height_m, scene.walk.height_m)
     estimate = np.column_stack([found.position_m, height])
-    time_s = np.arange(len(poses), dtype=float)  # a stop a second: a walk from stop to stop has no clock
+    time_s = np.arange(len(poses), dtype=float)  # one stop per second: a walk has no clock
     for name, text in (
         ("truth", tum_text(time_s, position, heading)),
         ("slam", tum_text(found.stop.astype(float), estimate, found.heading_rad)),
@@ -102,9 +102,8 @@ def _true_paths(store: CampaignStore, stop: int) -> Paths:
         raise ValueError(f"{store.directory}: a measured campaign has no true paths to export")
     truth = store.truth(stop)
     if truth is None:
-        raise ValueError(
-            f"{store.directory}: the truth of stop {stop} is missing or out of date; run 'arena generate' first"
-        )
+        what = f"the truth of stop {stop} is missing or out of date"
+        raise ValueError(f"{store.directory}: {what}; run 'arena generate' first")
     return truth.paths
 
 

@@ -68,13 +68,9 @@ def _points(result: MapResult) -> Iterator[Feature]:
 def _shapes(result: MapResult) -> Iterator[Feature]:
     shapes = result.shapes
     for cluster in range(len(shapes.center_m)):
-        yield _line(
-            "shape",
-            contour_points_m(shapes, cluster),
-            is_closed=True,
-            cluster=cluster,
-            std_m=[_number(value) for value in shapes.radius_std_m[cluster]],
-        )
+        std_m = [_number(value) for value in shapes.radius_std_m[cluster]]
+        points_m = contour_points_m(shapes, cluster)
+        yield _line("shape", points_m, is_closed=True, cluster=cluster, std_m=std_m)
 
 
 def _contours(result: MapResult) -> Iterator[Feature]:
@@ -90,10 +86,7 @@ def _contours(result: MapResult) -> Iterator[Feature]:
             status=str(contours.status[row]),
             extent_m=_number(contours.extent_m[row]),
             extent_std_m=_number(contours.extent_std_m[row]),
-            class_probability={
-                name: _number(value)
-                for name, value in zip(names, contours.class_probability[row], strict=True)
-            },
+            class_probability=dict(zip(names, map(_number, contours.class_probability[row]), strict=True)),
             std_m=[_number(value) for value in contours.std_m[row]],
         )
 

@@ -2,8 +2,8 @@
 
 The file holds one struct `sim`. Fields of T stops: `tx` and `rx` (3 x T: x, y in m, heading in rad), `y` (cells of
 3 x M: range in m, AoD and AoA in rad, array frames), `power` (cells of M, dBm), and, where labelled, `inlier`
-(cells of 2 x M: line of sight, single bounce) and `MU` (cells of 2 x M: IP in m, NaN but for single bounces). The
-excerpt of 30 stops and the whole file of 45 have this same layout.
+(cells of 2 x M: line of sight, single bounce) and `MU` (cells of 2 x M: IP in m, NaN unless a single bounce). The
+excerpt of 30 stops and the whole file of 45 stops have this layout.
 """
 
 from __future__ import annotations
@@ -133,9 +133,8 @@ def _cells(path: Path, sim: dict[str, Any], name: str, n_stops: int) -> list[Flo
         return [None] * n_stops
     value = sim[name]
     if value.dtype != object or value.size != n_stops:
-        raise ValueError(
-            f"{path}: sim.{name} has {value.size} entries, one cell for each of {n_stops} stops is needed"
-        )
+        needed = f"one cell for each of {n_stops} stops is needed"
+        raise ValueError(f"{path}: sim.{name} has {value.size} entries, {needed}")
     return [np.asarray(cell, float) for cell in value.flat]
 
 
@@ -143,17 +142,18 @@ def _stop(path: Path, index: int, rx: FloatArray, cell: dict[str, FloatArray | N
     y = cell["y"]
     n = y.shape[1] if y is not None and y.ndim == 2 else 0
     value = {}
-    for name, shape, default in (
-        ("y", (3, n), np.nan),
-        ("power", (1, n), np.nan),
-        ("inlier", (2, n), 0.0),
-        ("MU", (2, n), np.nan),
+    for name, rows, default in (
+        ("y", 3, np.nan),
+        ("power", 1, np.nan),
+        ("inlier", 2, 0.0),
+        ("MU", 2, np.nan),
     ):
-        given = cell[name]
+        given, shape = cell[name], (rows, n)
         value[name] = np.full(shape, default) if given is None else given
         if value[name].shape != shape:
+            field = f"sim.{name}{{{index + 1}}}"
             raise ValueError(
-                f"{path}: sim.{name}{{{index + 1}}} has shape {value[name].shape}, {shape} is needed for {n} paths"
+                f"{path}: {field} has shape {value[name].shape}, {shape} is needed for {n} paths"
             )
     label = value["inlier"] > 0
     return MeasuredStop(rx, value["y"].T, value["power"][0], label[0], label[1], value["MU"].T)

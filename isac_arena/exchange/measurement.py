@@ -40,9 +40,9 @@ METHODS = get_args(SnapshotConfig.model_fields["method"].annotation)
 def labelled_stops(
     channel: Sequence[ChannelEstimate], truths: Iterable[Truth | MeasuredTruth], paths: PathScores
 ) -> list[MeasuredStop]:
-    """The stops of a measurement file: estimated paths with the true clock bias taken off their ranges.
+    """The stops of a measurement file: estimated paths, their ranges without the true clock bias.
 
-    A path is labelled by the true one that it was assigned to; those of no detected path have no label.
+    A path has the label of the true path that it was assigned to; a false path has no label.
     """
     stops = []
     for estimate, truth in zip(channel, truths, strict=True):
@@ -74,10 +74,9 @@ def import_campaign(
     """
     if method not in METHODS:
         raise ValueError(f"--method = '{method}': must be one of {', '.join(METHODS)}")
-    height_m = float(load_scene(scene).tx.position_m[2])
-    bias_m = (
-        None if clock_seed is None else clock_walk_m(count_stops(file), np.random.default_rng(clock_seed))
-    )
+    height_m, bias_m = float(load_scene(scene).tx.position_m[2]), None
+    if clock_seed is not None:
+        bias_m = clock_walk_m(count_stops(file), np.random.default_rng(clock_seed))
     campaign = read_measurement(file, tx_offset_deg=tx_offset_deg, clock_bias_m=bias_m, height_m=height_m)
     store = CampaignStore(
         directory=out,
@@ -97,13 +96,12 @@ def import_campaign(
 
 
 def settings(name: str, method: str) -> CampaignConfig:
-    """Settings of a measured campaign: the published covariance for all paths, which the file does not hold."""
+    """Settings of a measured campaign: all paths have the published covariance, as the file holds none."""
     slam = SnapshotConfig.model_validate(
         {"method": method, "noise": PUBLISHED_NOISE, "max_position_std_m": PUBLISHED_MAX_POSITION_STD_M}
     )
-    return CampaignConfig(
-        name=name, scene="measured", mapping=MappingConfig(noise=PUBLISHED_NOISE), slam=slam
-    )
+    mapping = MappingConfig(noise=PUBLISHED_NOISE)
+    return CampaignConfig(name=name, scene="measured", mapping=mapping, slam=slam)
 
 
 def scene_text(text: str, campaign: MeasuredCampaign) -> str:

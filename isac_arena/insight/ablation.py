@@ -1,4 +1,4 @@
-"""Ablation: one campaign with each hardware impairment alone, with all and with none, and how these rank."""
+"""Ablation: one campaign with each hardware impairment alone, with all and with none, and their ranking."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import numpy as np
 
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.driver import CampaignRun
-from isac_arena.scoring.score import Scores
 from scenes.record import FloatArray
 from scenes.scene import Scene
 from sim.signal.hardware.config import ImpairmentsConfig
@@ -17,7 +16,7 @@ from sim.truth import Truth
 
 NONE, ALL = "none", "all"
 
-# Score, what people call it, unit: the chain from the delays to the shapes.
+# Score, label, unit: the chain from the delays to the shapes.
 EFFECTS: Mapping[str, tuple[str, str]] = {
     "channel.delay.rmse_ns": ("ToA", "ns"),
     "channel.aod.rmse_deg": ("AoD", "deg"),
@@ -47,11 +46,7 @@ def variants(impairments: ImpairmentsConfig) -> dict[str, ImpairmentsConfig]:
     names = impairments.switched_on
     if not names:
         raise ValueError("impairments: all are off, at least one must be on, as in campus_arena_hardware")
-    return {
-        NONE: ImpairmentsConfig(),
-        **{name: impairments.only(name) for name in names},
-        ALL: impairments,
-    }
+    return {NONE: ImpairmentsConfig(), **{name: impairments.only(name) for name in names}, ALL: impairments}
 
 
 def score_variants(
@@ -64,16 +59,12 @@ def score_variants(
     """
     rows: dict[str, list[float]] = {}
     for name, impairments in variants(config.impairments).items():
-        scores = run_variant(config.model_copy(update={"impairments": impairments}), scene, truths)
+        variant = config.model_copy(update={"impairments": impairments})
+        scores = CampaignRun(variant, scene, paths=truths).scores()
         rows[name] = [scores.value(key) for key in EFFECTS]
         if done is not None:
             done(name)
     return ranked(rows)
-
-
-def run_variant(config: CampaignConfig, scene: Scene, paths_of_stops: Sequence[Truth]) -> Scores:
-    """All scores of a campaign with the impairments of `config`, one sweep in memory at a time."""
-    return CampaignRun(config, scene, paths=paths_of_stops).scores()
 
 
 def ranked(rows: Mapping[str, Sequence[float]]) -> Ablation:
@@ -88,15 +79,13 @@ def ranked(rows: Mapping[str, Sequence[float]]) -> Ablation:
 def table_rows(ablation: Ablation) -> Iterator[dict[str, str | float | None]]:
     """One row per variant: its name, growth and every effect by its score key; None where not measured."""
     for name, growth, values in zip(ablation.variant, ablation.growth, ablation.value, strict=True):
-        effects = {
-            key: float(value) if np.isfinite(value) else None
-            for key, value in zip(EFFECTS, values, strict=True)
-        }
+        finite = [float(value) if np.isfinite(value) else None for value in values]
+        effects = dict(zip(EFFECTS, finite, strict=True))
         yield {"variant": name, "growth_log2": float(growth), **effects}
 
 
 def cell(value: float, decimals: int = 3) -> str:
-    """A score as it is shown, with as many decimals below 10 and one above."""
+    """The text of a score: `decimals` below 10, one decimal above."""
     if not np.isfinite(value):
         return "-"
     return f"{value:.{decimals if value < 10 else 1}f}"

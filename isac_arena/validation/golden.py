@@ -13,9 +13,9 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from isac_arena.campaign.config import CampaignConfig
+from isac_arena.campaign.driver import CampaignRun
 from isac_arena.campaign.files import write_text
 from isac_arena.campaign.load import campaign_path, campaign_scene, resolve_campaign
-from isac_arena.insight.ablation import run_variant
 from isac_arena.scoring.metrics.metric import Metric
 from scenes.scene import Scene
 from scenes.toml_config import read_text, read_toml
@@ -105,7 +105,7 @@ def run_golden(content: dict[str, Any], nudge: int | None = None) -> tuple[Metri
         rng = np.random.default_rng(nudge)
         truths = [_nudged(truth, rng) for truth in truths]
     with threadpool_limits(limits=1):
-        return run_variant(config, scene, truths).metrics
+        return CampaignRun(config, scene, paths=truths).scores().metrics
 
 
 def golden_campaign(content: dict[str, Any]) -> tuple[CampaignConfig, Scene]:

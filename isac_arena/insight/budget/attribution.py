@@ -1,11 +1,11 @@
 """Attribution of an error to parts of a chain, with intervals.
 
-The error is a mean square over units (stops, objects): squares of independent errors add, their roots do not.
-The parts are replaced one after the other until all are; the contribution of a part is the decrease of the mean
-square at its turn, averaged over all orders that respect the causal order of the parts: the asymmetric Shapley
-value of Frye, Rowat and Feige, "Asymmetric Shapley values: incorporating causal knowledge into model-agnostic
-explainability", NeurIPS 2020; with one group of parts Shapley's own (1953). The contributions add up to the whole
-mean square less what remains at the end.
+The error is a mean square over units (stops, objects): squares of independent errors add, their roots do not. The
+parts are replaced one after the other. The contribution of a part is the decrease of the mean square when it is
+replaced, averaged over all orders that respect the causal order: the asymmetric Shapley value of Frye, Rowat and
+Feige, "Asymmetric Shapley values: incorporating causal knowledge into model-agnostic explainability",
+NeurIPS 2020; with one group of parts the Shapley value (1953). The contributions add up to the whole mean square
+minus the mean square with all parts replaced.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ from isac_arena.insight.budget.stages import Groups, Part, orders
 from scenes.record import FloatArray, IntArray, TextArray
 
 CONFIDENCE = 0.95
-MIN_UNITS = 6  # of fewer stops or objects a bootstrap interval is far too short
+MIN_UNITS = 6  # stops or objects: the bootstrap interval of fewer is far too short
 NOTHING = 1e-9  # of the whole: rounding errors are smaller
-MOST_SHARE = 2.0  # parts of other sign cancel a larger part
+MOST_SHARE = 2.0  # a larger part is cancelled by parts of the other sign
 
 
 @dataclass(frozen=True)
 class Attribution:
-    """One mean square taken apart. Intervals hold the sampling of the units and the choice of the order.
+    """Attribution of one mean square. Intervals cover the sampling of the units and the choice of the order.
 
-    `low` and `high` span the bootstrap intervals of the share in every admissible order, so that replacing two
-    parts in the other order moves no share out of its interval. Shares are NaN where there is no error at all.
+    `low` and `high` span the bootstrap intervals of the share in all admissible orders, so that the share in any
+    order is in its interval. Shares are NaN where there is no error.
     """
 
     part: tuple[Part, ...]
@@ -50,7 +50,7 @@ class Attribution:
 
     @property
     def effect(self) -> TextArray:
-        """Whether the error 'falls' or 'grows' without each part (part,), or does not change ('none').
+        """Whether the error without each part (part,) 'falls', 'grows' or does not change ('none').
 
         'undecided' where the interval contains zero.
         """
@@ -62,7 +62,7 @@ class Attribution:
 
     @property
     def objection(self) -> str:
-        """Why shares of the total would mean nothing; empty where they mean something."""
+        """Why shares of the total would have no meaning; empty where they have one."""
         if self.total == 0:
             return "there is no error"
         if self.n_units < MIN_UNITS:
@@ -70,12 +70,12 @@ class Attribution:
         if np.abs(self.contribution).max() > MOST_SHARE * self.total:
             return f"parts cancel: one is more than {MOST_SHARE:g} times the whole"
         if not np.isin(self.effect, ("falls", "grows")).any() and not self.rest_low > NOTHING:
-            return "no part stands out of its interval"
+            return "no interval excludes zero"
         return ""
 
 
 def root(mean_square: FloatArray | float) -> FloatArray:
-    """Square root of a mean square, or of a difference of two; with the sign of it."""
+    """Square root of a mean square or of a difference of two, with its sign."""
     return np.asarray(np.sign(mean_square) * np.sqrt(np.abs(mean_square)))
 
 
@@ -85,7 +85,7 @@ def attribute(
     rng: np.random.Generator,
     n_resamples: int = 2000,
 ) -> Attribution:
-    """Take an error apart from the squared errors (unit,) of every coalition of replaced parts.
+    """Attribute an error to parts, from the squared errors (unit,) of every coalition of replaced parts.
 
     Intervals are percentile bootstrap intervals over the units (Efron and Tibshirani 1993, section 13.3), NaN
     with a single unit.
@@ -95,9 +95,8 @@ def attribute(
     table = {parts: np.asarray(values, float) for parts, values in squared_error.items()}
     n_units = {len(values) for values in table.values()}
     if len(n_units) != 1 or n_units == {0}:
-        raise ValueError(
-            f"squared_error: {sorted(n_units)} units; every coalition needs the same, one or more"
-        )
+        what = f"{sorted(n_units)} units; every coalition needs the same, one or more"
+        raise ValueError(f"squared_error: {what}")
     parts = tuple(part for group in groups for part in group)
     sequences = list(orders(groups))
     whole, everything = table[frozenset()], table[frozenset(parts)]
@@ -160,12 +159,7 @@ def _interval(
     if len(units) < 2:
         return np.full(size, np.nan), np.full(size, np.nan)
     found = bootstrap(
-        (units,),
-        statistic,
-        n_resamples=n_resamples,
-        vectorized=True,
-        confidence_level=CONFIDENCE,
-        method="percentile",
-        rng=rng,
-    ).confidence_interval
+        (units,), statistic, n_resamples=n_resamples, vectorized=True, confidence_level=CONFIDENCE,
+        method="percentile", rng=rng,
+    ).confidence_interval  # fmt: skip
     return np.asarray(found.low), np.asarray(found.high)

@@ -1,4 +1,4 @@
-"""The estimation chain of a campaign with truth in the place of any of its stages."""
+"""The estimation chain of a campaign with truth in place of any of its stages."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ FALLBACK_STD = np.array([1e-9, np.deg2rad(1.0), np.deg2rad(1.0)])  # where no pa
 
 @dataclass(frozen=True)
 class Mapped:
-    """What the chain has before the contours: paths, receiver states, incidence points and their objects."""
+    """Results before the contours: paths, receiver states, incidence points and their objects."""
 
     channel: list[ChannelEstimate]
     poses: PoseEstimates
@@ -49,7 +49,7 @@ class Mapped:
 
 @dataclass(frozen=True)
 class Chain:
-    """A campaign from its channel estimates on, with the truth of the same stops for the oracles."""
+    """The chain after the channel estimates, with the truth of the same stops for the oracles."""
 
     config: CampaignConfig
     scene: Scene
@@ -59,7 +59,7 @@ class Chain:
     _maps: dict[frozenset[Part], Mapped] = field(default_factory=dict, repr=False)
 
     def final_errors(self, replaced: frozenset[Part]) -> FinalErrors:
-        """Final errors with truth in the place of some stages."""
+        """Final errors with truth in place of some stages."""
         key = replaced & set(UPSTREAM)
         if key not in self._maps:
             self._maps[key] = self._map(key)
@@ -85,23 +85,21 @@ class Chain:
         return Mapped(channel, poses, ips, np.where(upright, np.array(names, str), ""))
 
     def _channel(self, replaced: frozenset[Part]) -> list[TracedPaths]:
-        paths = self.paths
-        if Stage.DETECTION in replaced:
-            typical = typical_covariance([one.estimate for one in paths], FALLBACK_STD**2)
-            paths = [
-                with_true_detection(one, stop, typical) for one, stop in zip(paths, self.stops, strict=True)
-            ]
-        if Stage.GEOMETRY in replaced:
-            paths = [with_true_geometry(one, stop) for one, stop in zip(paths, self.stops, strict=True)]
-        if Stage.ASSOCIATION in replaced:
-            paths = [
-                with_true_association(one, stop, self.scene)
-                for one, stop in zip(paths, self.stops, strict=True)
-            ]
-        return paths
+        typical = typical_covariance([one.estimate for one in self.paths], FALLBACK_STD**2)
+        found = []
+        for estimated, stop in zip(self.paths, self.stops, strict=True):
+            paths = estimated
+            if Stage.DETECTION in replaced:
+                paths = with_true_detection(paths, stop, typical)
+            if Stage.GEOMETRY in replaced:
+                paths = with_true_geometry(paths, stop)
+            if Stage.ASSOCIATION in replaced:
+                paths = with_true_association(paths, stop, self.scene)
+            found.append(paths)
+        return found
 
     def _shapes(self, mapped: Mapped, replaced: frozenset[Part]) -> tuple[FloatArray, FloatArray]:
-        """Errors (object,) of the paper's contours and of ours; the latter empty where they are not made."""
+        """Errors (object,) of the paper's contours and of ours; ours are empty where their method is off."""
         ips, names = mapped.ips, mapped.ip_object
         true_label, shown = object_labels(ips, names)
         label = true_label if Stage.CLUSTERS in replaced else None
@@ -115,11 +113,11 @@ class Chain:
             ours = object_errors(self.objects, outlines_of_contours(made.contours, ips.position_m, owner))
         if Stage.FIT not in replaced:
             return paper, ours
-        # The true contours of all objects that have a cluster, and of all that have an inlier.
+        # true contours of all objects with a cluster, and of all with an inlier
         return self._exact(paper, np.asarray(shown)), self._exact(ours, names[ips.is_inlier])
 
     def _exact(self, errors: FloatArray, found: TextArray) -> FloatArray:
-        """Errors (object,) with the true contour in the place of that of every object found."""
+        """Errors (object,) with the true contour in place of the estimate for every object found."""
         is_found = np.isin([item.name for item in self.objects], found)
         return np.where(is_found, 0.0, errors) if len(errors) else errors
 

@@ -1,4 +1,4 @@
-"""Oracles: truth in place of the records that one stage hands to the next, as pure functions."""
+"""Oracles: truth in place of the records between stages, as pure functions."""
 
 from __future__ import annotations
 
@@ -35,21 +35,21 @@ class TracedPaths:
 def typical_covariance(estimates: Sequence[ChannelEstimate], fallback: FloatArray) -> FloatArray:
     """Diagonal covariance (parameter, parameter) of the median variances of all paths of a campaign.
 
-    `fallback` (parameter,) are variances for a parameter that no path has a finite one of.
+    `fallback` (parameter,) are the variances of parameters without any finite variance.
     """
     width = max((estimate.size("parameter") for estimate in estimates), default=MIN_PARAMETERS)
     kept = [estimate.covariance for estimate in estimates if estimate.size("parameter") == width]
     variance = np.concatenate([np.zeros((0, width)), *(np.diagonal(c, axis1=1, axis2=2) for c in kept)])
-    found = np.array([np.median(column[np.isfinite(column)]) if np.isfinite(column).any() else np.nan
-                      for column in variance.T])  # fmt: skip
+    finite = (column[np.isfinite(column)] for column in variance.T)
+    found = np.array([np.median(column) if len(column) else np.nan for column in finite])
     wide = np.append(fallback, np.full(width - MIN_PARAMETERS, fallback[-1]))
     return np.diag(np.where(np.isfinite(found), found, wide))
 
 
 def with_true_detection(paths: TracedPaths, stop: TrueStop, covariance: FloatArray) -> TracedPaths:
-    """Exactly the significant paths: estimates of others dropped, those missed added with their true parameters.
+    """Exactly the significant paths: others are removed, missed ones added with their true parameters.
 
-    What is added has the given covariance (parameter, parameter), and is no line of sight to the estimator.
+    Added paths have the given covariance (parameter, parameter) and are not marked as line of sight.
     """
     kept = paths.take(np.isin(paths.true_path, stop.significant))
     missed = np.setdiff1d(stop.significant, kept.true_path)
@@ -61,9 +61,9 @@ def with_true_detection(paths: TracedPaths, stop: TrueStop, covariance: FloatArr
 
 
 def with_true_geometry(paths: TracedPaths, stop: TrueStop) -> TracedPaths:
-    """Every path that has a true one behind it gets its delay, azimuths and, where estimated, elevations.
+    """Every path of a true path gets its delay, azimuths and, where estimated, elevations.
 
-    Of several estimates of one true path the first alone: two paths in one place are none.
+    Of several estimates of one true path only the first gets them: two paths cannot have one place.
     """
     estimate, of = paths.estimate, paths.true_path
     first = np.zeros(len(of), bool)
@@ -82,7 +82,7 @@ def with_true_geometry(paths: TracedPaths, stop: TrueStop) -> TracedPaths:
 
 
 def with_true_association(paths: TracedPaths, stop: TrueStop, scene: Scene) -> TracedPaths:
-    """Nothing but the line of sight, named as such, and single bounces off the scene's upright objects."""
+    """Only the line of sight, marked as such, and single bounces off the scene's upright objects."""
     kind = np.append(stop.origin.kind, PathKind.NONE)[paths.true_path]
     name = np.append(stop.origin.object, "")[paths.true_path]
     is_los = np.zeros(len(kind), bool)
@@ -93,7 +93,7 @@ def with_true_association(paths: TracedPaths, stop: TrueStop, scene: Scene) -> T
 
 
 def object_labels(ips: IncidencePoints, ip_object: TextArray) -> tuple[IntArray, TextArray]:
-    """Cluster (ip,) of every inlier by the object (ip,) it stems from, -1 for none, and the objects (cluster,)."""
+    """Cluster (ip,) of every inlier by its true object (ip,), -1 for none, and the objects (cluster,)."""
     counts = ips.is_inlier & (ip_object != "")
     names, number = np.unique(ip_object[counts], return_inverse=True)
     label = np.full(len(ips), -1)

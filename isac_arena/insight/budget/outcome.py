@@ -1,4 +1,4 @@
-"""The final errors of a budget, positions and contours, capped so that failures count as such."""
+"""The final errors of a budget, positions and contours. Failures count with the largest error."""
 
 from __future__ import annotations
 
@@ -16,10 +16,8 @@ from scenes.contours import Contour
 from scenes.record import BoolArray, FloatArray, Record, TextArray, array
 from scenes.scene import Scene
 
-POSE_CUTOFF_M = 1.0  # a stop not solved, or further off, counts as this
-SHAPE_CUTOFF_M = (
-    0.5  # an object not found, or further off, counts as this: the reach of 'found' in the scores
-)
+POSE_CUTOFF_M = 1.0  # error of a stop without solution, and largest error
+SHAPE_CUTOFF_M = 0.5  # error of an object not found, and largest error: the limit of 'found' in the scores
 
 
 @dataclass(frozen=True)
@@ -35,7 +33,7 @@ class FinalErrors(Record):
 
 @dataclass(frozen=True)
 class LitObject:
-    """An object that enough paths met: its outline and the points (point, xy) that light fell on."""
+    """An object with enough single bounces: its outline and the true incidence points (point, xy)."""
 
     name: str
     contour: Contour
@@ -59,7 +57,7 @@ class Outline:
 
 
 def lit_objects(scene: Scene, stops: Sequence[TrueStop], least_points: int) -> list[LitObject]:
-    """Objects with at least so many significant single bounces over the walk, in the order of the scene."""
+    """Objects with at least `least_points` significant single bounces over the walk, in scene order."""
     name = np.concatenate([stop.origin.object[stop.significant] for stop in stops])
     vertex = np.concatenate([stop.origin.vertex_m[stop.significant] for stop in stops])
     lit = [LitObject(item.name, item.contour, vertex[name == item.name]) for item in scene.objects]
@@ -67,31 +65,27 @@ def lit_objects(scene: Scene, stops: Sequence[TrueStop], least_points: int) -> l
 
 
 def pose_errors(poses: PoseEstimates, stops: Sequence[TrueStop]) -> FloatArray:
-    """Error (stop,) of the positions in m, `POSE_CUTOFF_M` where there is none or it is further off."""
+    """Error (stop,) of the positions in m, at most `POSE_CUTOFF_M`; that where there is no position."""
     truth = np.array([stop.truth.rx_pose.position_m[:2] for stop in stops]).reshape(-1, 2)
     error = np.linalg.norm(poses.position_m - truth, axis=1)
     error[poses.status == SolveStatus.FAILED] = POSE_CUTOFF_M
     return np.asarray(np.minimum(error, POSE_CUTOFF_M))
 
 
-def outlines_of_shapes(
-    shapes: Shapes, ip_m: FloatArray, cluster_object: TextArray
-) -> dict[str, list[Outline]]:
-    """The paper's contours by the object (cluster,) they show; `ip_m` (ip, xy) are the points behind them."""
+def outlines_of_shapes(shapes: Shapes, ip_m: FloatArray, names: TextArray) -> dict[str, list[Outline]]:
+    """The paper's contours by their object (cluster,); `ip_m` (ip, xy) are their points."""
     found: dict[str, list[Outline]] = {}
-    for row, name in enumerate(cluster_object):
+    for row, name in enumerate(names):
         members = np.arctan2(*(ip_m[shapes.label == row] - shapes.center_m[row]).T[::-1])
         seen = seen_samples(shapes.angle_rad, members, SEEN_MARGIN_RAD)
         found.setdefault(str(name), []).append(Outline(contour_points_m(shapes, row), seen, True))
     return found
 
 
-def outlines_of_contours(
-    contours: Contours, ip_m: FloatArray, contour_object: TextArray
-) -> dict[str, list[Outline]]:
-    """Our contours by the object (contour,) they show; open ones were seen as a whole."""
+def outlines_of_contours(contours: Contours, ip_m: FloatArray, names: TextArray) -> dict[str, list[Outline]]:
+    """Our contours by their object (contour,); open ones are seen as a whole."""
     found: dict[str, list[Outline]] = {}
-    for row, name in enumerate(contour_object):
+    for row, name in enumerate(names):
         points, closed = contours.contour_m[row], bool(contours.is_closed[row])
         seen = np.ones(len(points), bool)
         if closed:
@@ -103,10 +97,9 @@ def outlines_of_contours(
 
 
 def object_errors(objects: Sequence[LitObject], outlines: Mapping[str, Sequence[Outline]]) -> FloatArray:
-    """Error (object,) of the contours in m, `SHAPE_CUTOFF_M` where there is none or it is further off."""
-    errors = [
-        outline_error_m(outlines[item.name], item) if item.name in outlines else np.inf for item in objects
-    ]
+    """Error (object,) of the contours in m, at most `SHAPE_CUTOFF_M`; that where there is no contour."""
+    found = [(outlines.get(item.name), item) for item in objects]
+    errors = [outline_error_m(lines, item) if lines else np.inf for lines, item in found]
     return np.asarray(np.minimum(np.array(errors, float), SHAPE_CUTOFF_M))
 
 

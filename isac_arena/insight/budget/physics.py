@@ -14,7 +14,7 @@ from sim.signal.link import Link
 from sim.simulate import observe
 from sim.truth import Truth
 
-QUIET = 1e-6  # noise switched off: 60 dB less, so that levels taken from the data stay defined
+QUIET = 1e-6  # noise switched off: 60 dB less, so that levels estimated from the data stay defined
 
 
 def present(config: CampaignConfig, truths: Sequence[Truth]) -> tuple[Part, ...]:
@@ -48,10 +48,7 @@ def without_paths(truth: Truth, off: frozenset[Part]) -> Truth:
 def observed(
     config: CampaignConfig, link: Link, scene: Scene, truth: Truth, off: frozenset[Part]
 ) -> BeamSweep:
-    """The samples of a stop, without noise where that is off; paths and settings are already switched off.
-
-    The sweep states the nominal noise power in both cases.
-    """
+    """The samples of a stop, without noise where it is off; the sweep states the nominal noise power anyway."""
     if Physics.NOISE not in off:
         return observe(config, link, scene, truth)
     quiet = replace(link, noise_power_mw=link.noise_power_mw * QUIET)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -48,15 +49,12 @@ def attributions(variants: Variants, groups: Groups, rng: np.random.Generator) -
 def table_rows(budget: Budget) -> Iterator[dict[str, str | float | None]]:
     """One row per outcome, budget and part, then the rest, then the total they add up to.
 
-    `mean_square_m2` is the contribution, `rms_m` its root with its sign. `share` is of the total, with the
-    interval of that share (of the total: of the total itself), None where it would mean nothing: `objection` says
-    why.
-    `effect` says what the error does without the part; empty where there are no shares.
+    `mean_square_m2` is the contribution, `rms_m` its root with its sign. `share` is of the total, with its
+    interval (of the total: of the total itself), None where it has no meaning: `objection` gives the reason.
+    `effect` is the change of the error without the part; empty where there are no shares.
     """
     for (outcome, kind), found in budget.attribution.items():
-        about: dict[str, str | float | None] = {
-            "outcome": outcome, "budget": kind, "objection": found.objection
-        }  # fmt: skip
+        about: dict[str, Any] = {"outcome": outcome, "budget": kind, "objection": found.objection}
         total = np.nan if found.objection else found.total
         for index, part in enumerate(found.part):
             yield about | {
@@ -74,7 +72,7 @@ def table_rows(budget: Budget) -> Iterator[dict[str, str | float | None]]:
 
 
 def _parts(mean_square: float, total: float, low: float, high: float) -> dict[str, float | None]:
-    """A mean square in m^2, its root, and its share with the interval of that; no shares of a total of NaN."""
+    """A mean square in m^2, its root, and its share with interval; no shares of a total of NaN."""
     share = mean_square / total
     return {
         "share": _finite(share),

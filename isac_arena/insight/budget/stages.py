@@ -1,4 +1,4 @@
-"""What an error budget replaces by truth or switches off, and in which orders that makes sense."""
+"""What an error budget replaces by truth or switches off, and the admissible orders."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from enum import StrEnum
 from itertools import chain, permutations, product
 
 Part = str
-Groups = tuple[tuple[Part, ...], ...]  # parts of one group may be replaced in any order, groups in theirs
+Groups = tuple[tuple[Part, ...], ...]  # parts of a group are replaced in any order, groups in the given one
 
 
 class Stage(StrEnum):
-    """Stages of the chain that truth can stand in for."""
+    """Stages of the chain that truth can replace."""
 
     DETECTION = "detection"  # which paths there are
     GEOMETRY = "path geometry"  # their delays and angles
@@ -30,17 +30,13 @@ class Physics(StrEnum):
     IMPAIRMENTS = "impairments"
 
 
-# An error upstream is felt downstream, so truth enters from the top: poses that are given depend on no path.
-STAGE_GROUPS: Groups = (
-    (Stage.DETECTION, Stage.GEOMETRY, Stage.ASSOCIATION),
-    (Stage.POSE,),
-    (Stage.CLUSTERS,),
-    (Stage.FIT,),
-)
+# Errors propagate downstream, so truth replaces the first stages first: given poses depend on no path.
+PATHS = (Stage.DETECTION, Stage.GEOMETRY, Stage.ASSOCIATION)
+STAGE_GROUPS: Groups = (PATHS, (Stage.POSE,), (Stage.CLUSTERS,), (Stage.FIT,))
 
 
 def orders(groups: Groups) -> Iterator[tuple[Part, ...]]:
-    """All orders of the parts that keep the groups in theirs."""
+    """All orders of the parts that keep the order of the groups."""
     for order in product(*(permutations(group) for group in groups)):
         yield tuple(chain.from_iterable(order))
 
@@ -57,6 +53,6 @@ def coalitions(groups: Groups) -> list[frozenset[Part]]:
 
 
 def label(parts: frozenset[Part], groups: Groups) -> str:
-    """A file name for a set of parts: their names in order, joined; 'none' for no part."""
+    """A file name for a set of parts: their names in order; 'none' for no part."""
     names: Sequence[Part] = [part for part in chain.from_iterable(groups) if part in parts]
     return "+".join(name.replace(" ", "_") for name in names) or "none"

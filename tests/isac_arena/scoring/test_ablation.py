@@ -6,7 +6,8 @@ import pytest
 from estimation.channel.calibration.self_calibration import Calibration, SelfCalibrationConfig
 from estimation.channel.estimate import ChannelConfig
 from isac_arena.campaign import driver
-from isac_arena.insight.ablation import EFFECTS, ranked, run_variant, table_rows, variants
+from isac_arena.campaign.driver import CampaignRun
+from isac_arena.insight.ablation import EFFECTS, ranked, table_rows, variants
 from isac_arena.report.figures.ablation import ablation_figure
 from isac_arena.report.style import png_bytes
 from isac_arena.validation.scenarios.perfect_campaign import SMALL_LINK
@@ -48,6 +49,6 @@ def test_every_variant_calibrates_itself(campaign, monkeypatch: pytest.MonkeyPat
     right = SMALL_LINK.model_copy(update={"channel": settings})
     wrong = ImpairmentsConfig(element_gain_std_db=1.0, element_phase_std_deg=10.0)
     for config in (right, right.model_copy(update={"impairments": wrong})):
-        run_variant(config, campaign.scene, campaign.truths[:4])
+        CampaignRun(config, campaign.scene, paths=campaign.truths[:4]).scores()
     errors = [np.std(np.abs(one.tx_element)) if one else np.nan for one in made]
     assert errors[0] < 0.05 < errors[1]

@@ -107,7 +107,7 @@ def test_shares_are_refused_where_they_would_mean_nothing():
     few = attribute({met: rows[:5] for met, rows in clear.items()}, FREE, rng, 50)
     assert few.objection == "5 stops or objects, an interval needs 6"
     noise = {met: rng.chisquare(1, 8) for met in clear} | {frozenset("abc"): np.zeros(8)}
-    assert attribute(noise, FREE, rng, 200).objection == "no part stands out of its interval"
+    assert attribute(noise, FREE, rng, 200).objection == "no interval excludes zero"
     cancel = {met: np.ones(40) for met in clear} | {frozenset("a"): np.full(40, 90.0)}
     assert attribute(cancel, FREE, rng, 50).objection.startswith("parts cancel")
     assert attribute({met: np.zeros(9) for met in clear}, FREE, rng, 20).objection == "there is no error"
