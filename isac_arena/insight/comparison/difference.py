@@ -120,15 +120,10 @@ def _inference(total: FloatArray, count: FloatArray) -> tuple[float, float, floa
     if np.ptp(per_group) == 0:
         return float(per_group[0]), float(per_group[0]), p_value
     interval = bootstrap(
-        (total, count),
-        lambda total, count, axis: total.sum(axis=axis) / count.sum(axis=axis),
-        n_resamples=RESAMPLES,
-        vectorized=True,
-        paired=True,
-        confidence_level=LEVEL,
-        method="BCa",
+        (total, count), lambda total, count, axis: total.sum(axis=axis) / count.sum(axis=axis), paired=True,
+        n_resamples=RESAMPLES, vectorized=True, confidence_level=LEVEL, method="BCa",
         rng=np.random.default_rng(SEED),
-    ).confidence_interval
+    ).confidence_interval  # fmt: skip
     return float(interval.low), float(interval.high), p_value
 
 

@@ -93,20 +93,11 @@ def _set_pairs(runs: Sequence[ScoreTables], stops: IntArray) -> Iterator[PairedV
 
 def _same_paths(runs: Sequence[ScoreTables], stops: IntArray) -> bool:
     """Whether all true paths with the same stop and index have the same directions; false where there are none."""
-    known = [
-        {
-            (stop, path): np.array(directions)
-            for stop, path, *directions in zip(
-                run.significant.stop.tolist(),
-                run.significant.path.tolist(),
-                run.significant.aod_azimuth_rad,
-                run.significant.aoa_azimuth_rad,
-                strict=True,
-            )
-            if stop in stops
-        }
-        for run in runs
-    ]
+    known = []
+    for paths in (run.significant for run in runs):
+        directions = np.column_stack([paths.aod_azimuth_rad, paths.aoa_azimuth_rad])
+        rows = zip(paths.stop.tolist(), paths.path.tolist(), directions, strict=True)
+        known.append({(stop, path): angles for stop, path, angles in rows if stop in stops})
     common = known[0].keys() & known[1].keys()
     apart = [np.abs(known[0][item] - known[1][item]).max() for item in common]
     return bool(common) and max(apart) <= SAME_DIRECTION_RAD
@@ -114,12 +105,8 @@ def _same_paths(runs: Sequence[ScoreTables], stops: IntArray) -> bool:
 
 def _path_pairs(runs: Sequence[ScoreTables], stops: IntArray) -> Iterator[PairedValues]:
     """Detection of the significant true paths, and the errors of the detected ones."""
-    detected = (
-        _of_paths(
-            run.significant.stop, run.significant.path, run.significant.is_detected.astype(float), stops
-        )
-        for run in runs
-    )
+    tables = (run.significant for run in runs)
+    detected = (_of_paths(one.stop, one.path, one.is_detected.astype(float), stops) for one in tables)
     yield pair("channel.detected", "1", "higher", *detected)
     for key, unit, field, scale in (
         ("channel.delay_error", "ns", "delay_error_s", 1e9),
@@ -137,15 +124,10 @@ def _path_pairs(runs: Sequence[ScoreTables], stops: IntArray) -> Iterator[Paired
 def _ip_pairs(name: str, maps: Sequence[MapScores], stops: IntArray) -> Iterator[PairedValues]:
     """Medians of the inlier incidence points of every stop: distance to the nearest surface, height error."""
     for key, field in (("ip_to_surface", "surface_distance_m"), ("ip_height_error", "height_error_m")):
-        sides = (
-            {
-                stop: quantile(
-                    np.abs(getattr(one.ips, field)[one.ips.is_inlier & (one.ips.stop == stop)]), 0.5
-                )
-                for stop in stops.tolist()
-            }
-            for one in maps
-        )
+        sides: list[Values] = []
+        for ips in (one.ips.take("ip", one.ips.is_inlier) for one in maps):
+            value = np.abs(getattr(ips, field))
+            sides.append({stop: quantile(value[ips.stop == stop], 0.5) for stop in stops.tolist()})
         yield pair(f"{name}.{key}", "m", "lower", *sides)
 
 

@@ -25,10 +25,8 @@ def explained(
 
     All paths of a stop compete for the simulated paths of that stop, with or without a label.
     """
-    return concatenate(
-        [_explained_stop(campaign, stop, paths, offsets, power) for stop, paths in enumerate(simulated)],
-        "path",
-    )
+    stops = [_explained_stop(campaign, stop, paths, offsets, power) for stop, paths in enumerate(simulated)]
+    return concatenate(stops, "path")
 
 
 def chance_share(campaign: MeasuredCampaign, simulated: Sequence[Paths], offsets: Offsets) -> float:
@@ -80,12 +78,8 @@ def _matches(
     campaign: MeasuredCampaign, stop: int, simulated: Paths, offsets: Offsets, gate: FloatArray
 ) -> tuple[IntArray, FloatArray]:
     """Simulated paths (path,) that explain those measured at a stop, and differences (path, candidate, 3)."""
-    candidates = np.column_stack(
-        [
-            simulated.delay_s,
-            simulated.aod_azimuth_rad - campaign.tx.heading_rad,
-            simulated.aoa_azimuth_rad - campaign.truths[stop].rx_pose.heading_rad,
-        ]
-    )
+    aod_rad = simulated.aod_azimuth_rad - campaign.tx.heading_rad
+    aoa_rad = simulated.aoa_azimuth_rad - campaign.truths[stop].rx_pose.heading_rad
+    candidates = np.column_stack([simulated.delay_s, aod_rad, aoa_rad])
     difference = differences(without_offsets(campaign, stop, offsets), candidates)
     return assign(difference, gate), difference

@@ -25,11 +25,8 @@ KIND_LABELS = {"los": "line of sight", "single_bounce": "single bounce", "multi_
 @styled
 def pose_cdf_figure(poses: PoseScores) -> Figure:
     """Errors of position, heading and clock bias by SLAM, with and without a line of sight."""
-    groups = {
-        "all stops": np.ones(len(poses.stop), bool),
-        "LOS stops": poses.has_los,
-        "NLOS stops": ~poses.has_los,
-    }
+    every = np.ones(len(poses.stop), bool)
+    groups = {"all stops": every, "LOS stops": poses.has_los, "NLOS stops": ~poses.has_los}
     panels = {
         "position error in m": poses.position_error_m,
         "heading error in deg": np.rad2deg(poses.heading_error_rad),

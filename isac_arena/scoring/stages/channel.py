@@ -37,14 +37,9 @@ class TrueStop:
 def device_parameters(truth: Truth, tx_pose: Pose) -> FloatArray:
     """True (delay in s with the clock bias, AoD in the TX frame, AoA in the RX frame) (path, 3)."""
     paths = truth.paths
-    return np.stack(
-        [
-            paths.delay_s + truth.clock_bias_s,
-            wrap_angle(paths.aod_azimuth_rad - tx_pose.heading_rad),
-            wrap_angle(paths.aoa_azimuth_rad - truth.rx_pose.heading_rad),
-        ],
-        axis=-1,
-    )
+    aod_rad = wrap_angle(paths.aod_azimuth_rad - tx_pose.heading_rad)
+    aoa_rad = wrap_angle(paths.aoa_azimuth_rad - truth.rx_pose.heading_rad)
+    return np.stack([paths.delay_s + truth.clock_bias_s, aod_rad, aoa_rad], axis=-1)
 
 
 def significant_paths(paths: Paths, power_dbm: FloatArray, limits: Significance) -> BoolArray:
@@ -65,10 +60,8 @@ def true_stop(
         found = view.bounds(replace(truth, paths=truth.paths.take("path", significant)))
         azimuths = [0, 1, 1 + found.n_aod_angles]
         covariance = found.covariance[:, azimuths][:, :, azimuths]
-    parameters = device_parameters(truth, tx_pose)
-    return TrueStop(
-        truth, path_origin(truth.paths), parameters, power_dbm, significant, covariance, limits, view
-    )
+    origin, parameters = path_origin(truth.paths), device_parameters(truth, tx_pose)
+    return TrueStop(truth, origin, parameters, power_dbm, significant, covariance, limits, view)
 
 
 def significant_alone(stop: TrueStop) -> TrueStop:
@@ -163,11 +156,7 @@ def _evidence(
 
 
 def _path_scores(
-    stop: TrueStop,
-    estimate: ChannelEstimate,
-    measured: FloatArray,
-    true_path: IntArray,
-    evidence: Evidence,
+    stop: TrueStop, estimate: ChannelEstimate, measured: FloatArray, true_path: IntArray, evidence: Evidence
 ) -> PathScores:
     status = evidence.status
     detected = status == PathStatus.DETECTED
@@ -221,11 +210,6 @@ def _significant_scores(stop: TrueStop, evidence: Evidence) -> SignificantPaths:
 
 
 def _stop_scores(stop: TrueStop, measured: FloatArray, gate: Gate) -> StopScores:
-    distance = path_gospa(measured, stop.parameters[stop.significant], gate)
-    return StopScores(
-        stop=np.array([stop.truth.stop]),
-        gospa=np.array([distance.value]),
-        localisation=np.array([distance.localisation]),
-        missed=np.array([distance.missed]),
-        false=np.array([distance.false]),
-    )
+    found = path_gospa(measured, stop.parameters[stop.significant], gate)
+    row = (stop.truth.stop, found.value, found.localisation, found.missed, found.false)
+    return StopScores(*(np.array([value]) for value in row))

@@ -27,6 +27,7 @@ def los_decision_is_right(stops: IntArray, paths: PathScores, significant: Signi
 def channel_metrics(sets: StopScores, paths: PathScores, significant: SignificantPaths) -> list[Metric]:
     """Scores of the channel estimates over all stops. Errors are those of detected paths."""
     stops = sets.stop
+    los_is_right = mean(los_decision_is_right(stops, paths, significant))
     return [
         Metric("channel.gospa.mean", mean(sets.gospa), "gates", "lower"),
         Metric("channel.gospa.localisation_mean", mean(sets.localisation), "gates", "lower"),
@@ -37,38 +38,24 @@ def channel_metrics(sets: StopScores, paths: PathScores, significant: Significan
         *_error_metrics(paths),
         *_bound_metrics(paths, significant),
         *consistency_metrics("channel", paths.nees, 3),
-        Metric(
-            "channel.los.decision_accuracy",
-            mean(los_decision_is_right(stops, paths, significant)),
-            "1",
-            "higher",
-        ),
+        Metric("channel.los.decision_accuracy", los_is_right, "1", "higher"),
     ]
 
 
 def _count_metrics(stops: IntArray, paths: PathScores, significant: SignificantPaths) -> list[Metric]:
     n = len(stops)
     false = paths.status == PathStatus.FALSE
-    detected = significant.is_detected
+    detected, unresolved = significant.is_detected, significant.cause == Cause.UNRESOLVED
+    most_false = maximum([(paths.stop[false] == stop).sum() for stop in stops])
     metrics = [
         Metric("channel.estimated_per_stop", ratio(len(paths.stop), n), "1", "info"),
         Metric("channel.significant_per_stop", ratio(len(detected), n), "1", "info"),
         Metric("channel.detected_per_stop", ratio(detected.sum(), n), "1", "higher"),
         Metric("channel.missed_per_stop", ratio((~detected).sum(), n), "1", "lower"),
-        Metric(
-            "channel.unresolved_per_stop",
-            ratio((significant.cause == Cause.UNRESOLVED).sum(), n),
-            "1",
-            "info",
-        ),
+        Metric("channel.unresolved_per_stop", ratio(unresolved.sum(), n), "1", "info"),
         Metric("channel.weak_per_stop", ratio((paths.status == PathStatus.WEAK).sum(), n), "1", "info"),
         Metric("channel.false_per_stop", ratio(false.sum(), n), "1", "lower"),
-        Metric(
-            "channel.false_per_stop.max",
-            maximum([(paths.stop[false] == stop).sum() for stop in stops]),
-            "1",
-            "lower",
-        ),
+        Metric("channel.false_per_stop.max", most_false, "1", "lower"),
         Metric("channel.detection_rate", mean(detected), "1", "higher"),
     ]
     for kind, name in KIND_KEYS.items():
@@ -78,9 +65,7 @@ def _count_metrics(stops: IntArray, paths: PathScores, significant: SignificantP
 
 
 KIND_KEYS = {
-    PathKind.LOS: "los",
-    PathKind.SINGLE_BOUNCE: "single_bounce",
-    PathKind.MULTI_BOUNCE: "multi_bounce",
+    kind: kind.name.lower() for kind in (PathKind.LOS, PathKind.SINGLE_BOUNCE, PathKind.MULTI_BOUNCE)
 }
 
 
@@ -115,9 +100,8 @@ def _bound_metrics(paths: PathScores, significant: SignificantPaths) -> list[Met
     # Paths of a measured campaign have no true path.
     is_known = (paths.status == PathStatus.DETECTED) & (paths.true_path >= 0)
     detected = paths.take("estimate", is_known)
-    row = {
-        key: i for i, key in enumerate(zip(significant.stop.tolist(), significant.path.tolist(), strict=True))
-    }
+    keys = zip(significant.stop.tolist(), significant.path.tolist(), strict=True)
+    row = {key: index for index, key in enumerate(keys)}
     of_path = [row[key] for key in zip(detected.stop.tolist(), detected.true_path.tolist(), strict=True)]
     bound = significant.take("true_path", np.array(of_path, int))
     metrics = []

@@ -75,9 +75,8 @@ def pose_bounds(scene: Scene, stops: Sequence[TrueStop]) -> StateBound:
     determine the state, and NaN without a view of the link.
     """
     found = [_pose_bound(scene, stop) for stop in stops]
-    return StateBound(
-        *(np.array([getattr(one, field.name) for one in found], float) for field in fields(StateBound))
-    )
+    columns = ([getattr(one, field.name) for one in found] for field in fields(StateBound))
+    return StateBound(*(np.array(column, float) for column in columns))
 
 
 def unknown_bound(n_stops: int) -> StateBound:
