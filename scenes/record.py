@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import MISSING, dataclass, field, fields
-from typing import Any, Self, TypeVar
+from typing import Any, Self, TypeVar, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,6 +78,18 @@ class Record:
             if axis in axes:
                 return int(getattr(self, spec.name).shape[axes.index(axis)])
         raise KeyError(axis)
+
+
+def empty_record(kind: type[R]) -> R:
+    """A record without any rows."""
+    types, values = get_type_hints(kind), {}
+    for spec in fields(kind):
+        if "axes" in spec.metadata:
+            shape = [FIXED_AXES.get(axis, 0) for axis in spec.metadata["axes"]]
+            values[spec.name] = np.zeros(shape, spec.metadata["dtype"])
+        else:
+            values[spec.name] = empty_record(types[spec.name])
+    return kind(**values)
 
 
 def concatenate(records: Sequence[R], axis: str) -> R:

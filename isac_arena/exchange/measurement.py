@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import get_args
 
@@ -32,6 +33,7 @@ from isac_arena.exchange.mat import count_stops, read_measurement
 from isac_arena.scoring.record import PathKind, PathScores, PathStatus
 from scenes.config import load_scene, referenced_contents, scene_path
 from scenes.pose import SPEED_OF_LIGHT_M_S
+from scenes.record import empty_record
 from sim.truth import Truth
 
 METHODS = get_args(SnapshotConfig.model_fields["method"].annotation)
@@ -91,7 +93,8 @@ def import_campaign(
         load_scene(out / "scene.toml")
         for truth, channel in zip(campaign.truths, campaign.channel, strict=True):
             store.write_truth(truth)
-            store.write_channel(StopEstimate(channel, _no_power_map(channel.stop)))
+            no_power_map = replace(empty_record(BeamPowerMap), stop=channel.stop)
+            store.write_channel(StopEstimate(channel, no_power_map))
     return len(campaign.truths)
 
 
@@ -131,8 +134,3 @@ def _origin(file: Path, tx_offset_deg: float, clock_seed: int | None) -> str:
     digest = hashlib.sha256(file.read_bytes()).hexdigest()[:16]
     clock = "as in the file" if clock_seed is None else f"10 m and a random walk, seed {clock_seed}"
     return f"{file.name} (sha256 {digest}), TX heading offset {tx_offset_deg:g} deg, clock {clock}"
-
-
-def _no_power_map(stop: int) -> BeamPowerMap:
-    none = np.zeros(0)
-    return BeamPowerMap(stop, none, none, np.zeros((0, 0)))

@@ -23,7 +23,7 @@ from isac_arena.scoring.record import (
 from isac_arena.scoring.score import Scores, score_map, score_metrics
 from isac_arena.scoring.stages.maps import FOUND_DISTANCE_M
 from isac_arena.scoring.stages.poses import score_poses, unknown_bound
-from scenes.record import FloatArray, TextArray, concatenate
+from scenes.record import FloatArray, TextArray, concatenate, empty_record
 from scenes.scene import Scene
 
 
@@ -40,7 +40,7 @@ def score_measured(scene: Scene, truths: Iterable[MeasuredTruth], results: Campa
     parts = [_label_scores(scene, truth, estimates.get(truth.stop)) for truth in known]
     if not parts:
         raise ValueError("truths: no stop given")
-    paths, significant = concatenate(parts, "estimate"), _no_paths()
+    paths, significant = concatenate(parts, "estimate"), empty_record(SignificantPaths)
     stops = np.array([truth.stop for truth in known])
     tables = ScoreTables(
         paths=paths,
@@ -62,11 +62,10 @@ def score_measured(scene: Scene, truths: Iterable[MeasuredTruth], results: Campa
 
 def measured_metrics(scene: Scene, tables: ScoreTables) -> tuple[Metric, ...]:
     """All metrics with the keys of a simulated campaign; metrics of the channel need true paths and are NaN."""
+    metrics = score_metrics(scene, tables)
+    known = [one.key == "channel.estimated_per_stop" or not one.key.startswith("channel.") for one in metrics]
     return tuple(
-        replace(metric, value=np.nan)
-        if metric.key.startswith("channel.") and metric.key != "channel.estimated_per_stop"
-        else metric
-        for metric in score_metrics(scene, tables)
+        one if is_known else replace(one, value=np.nan) for one, is_known in zip(metrics, known, strict=True)
     )
 
 
@@ -105,24 +104,4 @@ def _label_scores(scene: Scene, truth: MeasuredTruth, estimate: ChannelEstimate 
         aoa_error_rad=unknown,
         power_error_db=unknown,
         nees=unknown,
-    )
-
-
-def _no_paths() -> SignificantPaths:
-    none, index = np.zeros(0), np.zeros(0, int)
-    return SignificantPaths(
-        stop=index,
-        path=index,
-        kind=index,
-        object=np.zeros(0, str),
-        vertex_m=np.zeros((0, 2)),
-        delay_s=none,
-        aod_azimuth_rad=none,
-        aoa_azimuth_rad=none,
-        power_dbm=none,
-        is_detected=np.zeros(0, bool),
-        cause=np.zeros(0, str),
-        delay_bound_s=none,
-        aod_bound_rad=none,
-        aoa_bound_rad=none,
     )

@@ -6,10 +6,10 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar, get_type_hints
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,10 +21,9 @@ from isac_arena.sweep.cases import SceneSource, design_points, make_cases
 from isac_arena.sweep.config import SweepConfig
 from isac_arena.sweep.job import Job, make_job, store_scene
 from isac_arena.sweep.run import check_case, make_signals, score_case, store_case, trace_stops
-from scenes.record import FIXED_AXES, Record
+from scenes.record import empty_record
 from scenes.scene import Scene
 
-R = TypeVar("R", bound=Record)
 FEW, MORE = 1, 3  # stops that a case is tried with
 
 
@@ -170,15 +169,3 @@ def _check_metric(config: SweepConfig, scene: Scene) -> None:
         close = get_close_matches(metric, keys, n=3)
         hint = f"did you mean {' or '.join(close)}?" if close else "scores.json of a run lists the keys"
         raise ValueError(f"until.metric = '{metric}': scene '{scene.name}' has no such metric; {hint}")
-
-
-def empty_record(kind: type[R]) -> R:
-    """A record without any rows."""
-    types, values = get_type_hints(kind), {}
-    for spec in fields(kind):
-        if "axes" in spec.metadata:
-            shape = [FIXED_AXES.get(axis, 0) for axis in spec.metadata["axes"]]
-            values[spec.name] = np.zeros(shape, spec.metadata["dtype"])
-        else:
-            values[spec.name] = empty_record(types[spec.name])
-    return kind(**values)

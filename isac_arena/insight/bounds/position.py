@@ -8,13 +8,7 @@ import numpy as np
 from rich.table import Table
 
 from estimation.laws.wall import wall_line
-from estimation.slam.bounds import (
-    StateBound,
-    StopPaths,
-    state_bound,
-    stop_bound,
-    trajectory_covariance,
-)
+from estimation.slam.bounds import StateBound, StopPaths, state_bound, stop_bound, trajectory_covariance
 from estimation.slam.space.bounds import SpatialBound, SpatialPaths, spatial_bound
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.load import campaign_scene, load_campaign

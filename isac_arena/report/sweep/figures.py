@@ -24,9 +24,7 @@ from isac_arena.report.sweep.results import (
 )
 from scenes.record import BoolArray, FloatArray
 
-MOST_LINES = (
-    5  # in a sweep over two axes, the values of the other axis get lines of their own up to this number
-)
+MOST_LINES = 5  # with two axes, each value of the other axis has its own line up to this number of values
 LONGEST_LABEL = 24
 DECADES_FOR_LOG = 1.5
 MARGIN, LOG_MARGIN = 0.15, 1.5  # of the vertical axis around the values: a share of their range, a factor
@@ -117,14 +115,9 @@ def parallel_figure(results: SweepResults, keys: Sequence[str]) -> Figure:
         panel.axvline(at, color="0.3", linewidth=0.9)
         for height, text in texts:
             panel.annotate(
-                text,
-                (at, height),
-                xytext=(3, 0),
-                textcoords="offset points",
-                fontsize=7,
-                va="center",
+                text, (at, height), xytext=(3, 0), textcoords="offset points", fontsize=7, va="center",
                 bbox=LABEL_BOX,
-            )
+            )  # fmt: skip
     panel.set_xticks(np.arange(len(columns)), [_wrapped(label) for label, _, _ in columns], fontsize=7)
     panel.set_yticks([])
     panel.grid(visible=False)
@@ -160,15 +153,8 @@ def _curve(
     if len(known) and known.min() >= 0:
         lower = np.maximum(lower, FLOOR * known.min())  # no mean of such values lies below 0
     if not axis.is_numeric:
-        panel.errorbar(
-            place,
-            mean,
-            np.stack([mean - lower, upper - mean]),
-            fmt="o",
-            color=color,
-            capsize=3,
-            label=label or None,
-        )
+        bars = np.stack([mean - lower, upper - mean])
+        panel.errorbar(place, mean, bars, fmt="o", color=color, capsize=3, label=label or None)
         return
     panel.plot(place, mean, "o-", color=color, markersize=4, label=label or None)
     panel.fill_between(place, lower, upper, color=color, alpha=BAND_ALPHA, linewidth=0)

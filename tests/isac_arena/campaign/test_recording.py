@@ -10,7 +10,7 @@ from isac_arena.campaign.files import remove_file, write_record, write_text
 from isac_arena.campaign.lock import one_run
 from isac_arena.campaign.manifest import check_files, check_unchanged, made_by, read_manifest, write_manifest
 from isac_arena.campaign.recording import recorded_additions, recorded_run
-from isac_arena.sweep.plan import empty_record
+from scenes.record import empty_record
 from sim.truth import Truth
 
 
