@@ -1,4 +1,4 @@
-"""Which paths of a cluster belong to which object: merged clusters are split, ghosts are left unassigned.
+"""Which paths of a cluster belong to which object: merged clusters are split, ghosts stay unassigned.
 
 Neighbouring incidence points may belong to several objects: a pillar touches a rail, a jamb stands before a
 wall. The reflection law separates them, because each object predicts delay and both angles of its own paths

@@ -1,4 +1,4 @@
-"""Bent walls as arcs of large circles, and what the pillars of a scene tell of each other."""
+"""Curved walls as arcs of large circles, and priors of pillars from the other pillars of a scene."""
 
 from dataclasses import replace
 
@@ -68,8 +68,8 @@ def test_the_bundle_sees_how_large_the_noise_is():
     truths = [lit_pillar(lambda r: Circle(r.uniform(-5, -4, 2), 0.4), rng)[1] for _ in range(3)]
     objects, los = observe_together(truths, Errors(level=0.5, position_std_m=0.1), rng)
     scale = np.array([0.5, 1.0, 2.0])
-    told = [replace(each, covariance=each.covariance / np.outer(scale, scale)) for each in (*objects, los)]
-    found = fit_bundle([BundleObject("circle", each) for each in told[:-1]], told[-1], CONFIG)
+    scaled = [replace(each, covariance=each.covariance / np.outer(scale, scale)) for each in (*objects, los)]
+    found = fit_bundle([BundleObject("circle", each) for each in scaled[:-1]], scaled[-1], CONFIG)
     np.testing.assert_allclose(found.noise_scale, scale, rtol=0.25)
 
 
@@ -102,5 +102,5 @@ def test_pillars_tell_kind_and_radius_and_walls_tell_nothing():
     assert abs(np.log(config.radius_median_m / 0.25)) < abs(np.log(CONFIG.radius_median_m / 0.25)) / 2
     assert shares["circle"] > 0.7
     assert sum(shares.values()) == pytest.approx(1)
-    untold, _ = prior_from_others([wall, wall], 0, CONFIG)
-    assert untold.radius_log_std == pytest.approx(CONFIG.radius_log_std, rel=1e-2)
+    unchanged, _ = prior_from_others([wall, wall], 0, CONFIG)
+    assert unchanged.radius_log_std == pytest.approx(CONFIG.radius_log_std, rel=1e-2)

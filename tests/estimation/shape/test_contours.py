@@ -1,4 +1,4 @@
-"""From paths and poses to contours of objects: whole made-up campaigns, and what must not break it."""
+"""Contours of objects from paths and poses: whole synthetic campaigns and borderline input."""
 
 from dataclasses import replace
 
@@ -189,8 +189,8 @@ def test_corrected_paths_have_no_offset(made, result):
     paths = campaign_paths(made.channel, TX_POSE, made.poses, result.ips, PathNoise(), ContourConfig())
     bundle = fit_bundle([], paths.los, paths.config)
     data, settings = corrected(paths.los, bundle, paths.config)
-    left = data.measured - predict_los(TX_POSE, data.rx_state)
-    assert np.abs(left[:, 0]).mean() < 0.2
+    remaining = data.measured - predict_los(TX_POSE, data.rx_state)
+    assert np.abs(remaining[:, 0]).mean() < 0.2
     assert settings.aod_offset_std_deg < paths.config.aod_offset_std_deg
     assert np.all(np.linalg.eigvalsh(data.rx_covariance) > 0)
 

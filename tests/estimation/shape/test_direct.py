@@ -118,7 +118,7 @@ def test_evidence_is_the_integral_over_the_parameters() -> None:
 
 
 def test_wild_radius_keeps_its_prior() -> None:
-    """One path says nothing of the size: the status says so, and the band is as wide as the prior."""
+    """One path is uninformative on the size: the status is `prior`, and the band is as wide as the prior."""
     data = data_of(PILLAR, Errors(0.5), 4).take("path", [10])
     fit = fit_kind(data, "circle", SURE)
     assert fit.status == "prior"

@@ -1,4 +1,4 @@
-"""The measured pillars, where their file is at hand."""
+"""The measured pillars, where their file exists."""
 
 import numpy as np
 import pytest

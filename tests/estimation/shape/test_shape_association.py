@@ -1,4 +1,4 @@
-"""Merged clusters are split by the reflection law, ghosts are left out."""
+"""Merged clusters are split by the reflection law, ghosts are unassigned."""
 
 import numpy as np
 

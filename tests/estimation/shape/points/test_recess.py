@@ -29,7 +29,7 @@ def test_recess_against_dense_gaussians_over_all_pairs():
     log_likelihood, means, variances = [], [], []
     for k in range(N_EDGES):
         for j in range(k + 1, N_EDGES):
-            # A jump lies anywhere within half a cell of its place: at the samples the recess sets in evenly.
+            # A jump is uniform over half a cell about its place, so the recess begins evenly at the samples.
             ramp = [np.clip((at - edge[i]) / (edge[1] - edge[0]) + 0.5, 0, 1) for i in (k, j)]
             hard = [(points.place_m > edge[i]).astype(float) for i in (k, j)]
             inside = np.concatenate([hard[0] - hard[1], ramp[0] - ramp[1]])
