@@ -9,12 +9,7 @@ from typing import Any
 import numpy as np
 
 from isac_arena.validation.measurement import Measurement, at_least, at_most
-from isac_arena.validation.scenarios.solids import (
-    CARRIER_HZ,
-    STONE,
-    box_walls,
-    scene_of,
-)
+from isac_arena.validation.scenarios.solids import CARRIER_HZ, STONE, box_walls, scene_of
 from scenes.contours import Circle, OpenSpline, Polygon
 from scenes.pose import SPEED_OF_LIGHT_M_S, azimuth_elevation, wrap_angle
 from scenes.record import ComplexArray, FloatArray

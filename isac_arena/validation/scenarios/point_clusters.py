@@ -118,10 +118,7 @@ def _points(position_m: FloatArray, covariance_m2: FloatArray, sensor_m: FloatAr
 
 
 def walls(
-    rng: np.random.Generator,
-    draws: int,
-    length_m: tuple[float, float] = (3.0, 20.0),
-    recess_m: float = 0.0,
+    rng: np.random.Generator, draws: int, length_m: tuple[float, float] = (3.0, 20.0), recess_m: float = 0.0
 ) -> list[MadeObject]:
     """Walls seen from one side, 4-8 m away: `draws` for each of 8-64 points and noise level; 15 make 240 sets.
 

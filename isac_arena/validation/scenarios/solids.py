@@ -51,11 +51,7 @@ def random_solids(rng: np.random.Generator) -> list[Contour]:
         c, s = np.cos(angle), np.sin(angle)
         boxes.append(corners @ np.array([(c, s), (-s, c)]))
     pillars = [Circle(place, float(rng.uniform(0.15, 0.7))) for place in places[:3]]
-    return [
-        *pillars,
-        Polygon(places[3] + boxes[0]),
-        RoundedPolygon(places[4] + boxes[1], np.full(4, 0.3)),
-    ]
+    return [*pillars, Polygon(places[3] + boxes[0]), RoundedPolygon(places[4] + boxes[1], np.full(4, 0.3))]
 
 
 def open_ring(radius_m: float = 2.0, opening_rad: float = 0.5, n_points: int = 40) -> OpenSpline:

@@ -13,13 +13,7 @@ from estimation.shape.reflection.normals import OrientedPoints, circle_design, r
 from estimation.shape.reflection.reflections import Reflections
 from isac_arena.validation.measurement import Measurement, at_most
 from isac_arena.validation.monte_carlo import generators
-from isac_arena.validation.scenarios.reflections import (
-    Errors,
-    draw_circle,
-    draw_edge,
-    lit_pillar,
-    observe,
-)
+from isac_arena.validation.scenarios.reflections import Errors, draw_circle, draw_edge, lit_pillar, observe
 from scenes.pose import wrap_angle
 from scenes.record import FloatArray
 

@@ -95,12 +95,7 @@ def check_reflection_columns(seed: int, quick: bool) -> list[Measurement]:
     return [
         at_least("reflection.ellipse.level0.5.iou", ellipse, 0.60 - slack, "by evidence"),
         at_least("reflection.square.level0.5.iou", square, 0.65 - slack, "by evidence"),
-        at_most(
-            "reflection.circle.level0.5.evidence_loss",
-            loss,
-            0.02 + slack / 2,
-            "IoU lost by the choice",
-        ),
+        at_most("reflection.circle.level0.5.evidence_loss", loss, 0.02 + slack / 2, "IoU lost by the choice"),
     ]
 
 
