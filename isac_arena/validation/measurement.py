@@ -39,16 +39,9 @@ def at_least(key: str, value: SupportsFloat, bar: float, reason: str, unit: str 
 
 def to_json(measurements: Iterable[Measurement]) -> dict[str, list[dict[str, Any]]]:
     """The rows as {"metrics": [{key, value, unit, direction, bar, met}]}; a value that is not finite is None."""
-    return {
-        "metrics": [
-            {
-                "key": row.key,
-                "value": row.value if math.isfinite(row.value) else None,
-                "unit": row.unit,
-                "direction": row.direction,
-                "bar": row.bar,
-                "met": row.met,
-            }
-            for row in measurements
-        ]
-    }
+    metrics = []
+    for row in measurements:
+        value = row.value if math.isfinite(row.value) else None
+        about = {name: getattr(row, name) for name in ("unit", "direction", "bar", "met")}
+        metrics.append({"key": row.key, "value": value, **about})
+    return {"metrics": metrics}

@@ -1,5 +1,5 @@
 """Checks of channel estimation.
 
 Read `efficiency.py` first, then `noise.py`, `hardware.py` and `arena.py`. `../scenarios/link_bench.py` makes the
-stops, `match.py` scores them.
+stops, `matching.py` scores them.
 """

@@ -1,6 +1,6 @@
 """`arena validate channel`: the ray-traced Campus Arena, its samples and hardware as the campaign makes them.
 
-The hall has some hundred specular and diffracted paths above the noise at every stop, and diffuse ones between.
+The hall has about a hundred specular and diffracted paths above the noise at every stop, and diffuse ones between.
 The score counts paths that are not diffuse and that the data can resolve. Diffuse power counts as noise where it
 passes the path's own matched filter. The joint Fisher information gives the loss caused by the other paths.
 """
@@ -19,8 +19,9 @@ from estimation.channel.model.manifold import Manifold
 from estimation.channel.record import ChannelEstimate
 from isac_arena.campaign.chain import user_estimator
 from isac_arena.campaign.config import CampaignConfig
-from isac_arena.validation.channel.match import Estimator, false_row, rate_row
+from isac_arena.validation.channel.matching import Estimator, false_row, rate_row
 from isac_arena.validation.measurement import Measurement
+from isac_arena.validation.scenarios.estimates import plane_parameters
 from scenes.config import load_scene
 from scenes.pose import wrap_angle
 from scenes.record import BoolArray, ComplexArray, FloatArray, IntArray
@@ -30,9 +31,9 @@ from sim.truth import Truth
 
 SCENE = "campus_arena"
 QUICK_STOPS = (0,)
-MAX_PATHS = 120  # some fifty that count, and diffuse ones that are stronger than some of them
+MAX_PATHS = 120  # about fifty count; some diffuse paths are stronger than some of these
 MIN_SNR_DB = 12.0
-WEAKEST_DB = -10.0  # SNR of paths that take no part in the joint information
+WEAKEST_DB = -10.0  # the joint information contains no paths below this SNR
 GATE_CELLS = 0.5
 WEAK_MARGIN_DB = 6.0  # true energy may lie this far below an estimate that it explains
 
@@ -58,16 +59,14 @@ class ApparentPaths:
         return ApparentPaths(*(getattr(self, name)[chosen] for name in self.__dataclass_fields__))
 
 
-def check_campus_arena(
-    seed: int, quick: bool, trials: int | None = None, estimator: str | None = None
-) -> list[Measurement]:
+def check_campus_arena(seed: int, quick: bool, trials: int = 0, estimator: str = "") -> list[Measurement]:
     """Detection and false paths at the stops of the walk, with the default settings: no impairments but noise."""
     config = arena_settings(seed)
     scene = load_scene(SCENE, config.waveform.carrier_ghz * 1e9)
     link = make_link(config)
     every = np.arange(len(scene.stops))
     stops = QUICK_STOPS if quick else every[:: max(1, len(every) // trials)] if trials else every
-    estimate = _estimator(config, estimator)
+    estimate = _estimator(estimator)
     hits, n_false = [], []
     for truth in simulate_truth(config, scene, [int(stop) for stop in stops]):
         found = estimate(observe(config, link, scene, truth))
@@ -92,12 +91,10 @@ def seen_paths(link: Link, truth: Truth, tx_heading_rad: float) -> ApparentPaths
     """True paths in device frames: cone angles where the beams are horizontal, delays with the clock bias."""
     paths = truth.paths
     tx, rx = Manifold(link.tx_codebook), Manifold(link.rx_codebook)
-    aod, tx_gain = apparent_angles(
-        link.tx_codebook, tx, paths.aod_azimuth_rad - tx_heading_rad, paths.aod_elevation_rad
-    )
-    aoa, rx_gain = apparent_angles(
-        link.rx_codebook, rx, paths.aoa_azimuth_rad - truth.rx_pose.heading_rad, paths.aoa_elevation_rad
-    )
+    departure_rad = paths.aod_azimuth_rad - tx_heading_rad
+    arrival_rad = paths.aoa_azimuth_rad - truth.rx_pose.heading_rad
+    aod, tx_gain = apparent_angles(link.tx_codebook, tx, departure_rad, paths.aod_elevation_rad)
+    aoa, rx_gain = apparent_angles(link.rx_codebook, rx, arrival_rad, paths.aoa_elevation_rad)
     amplitude = np.sqrt(link.tx_power_mw) * paths.gain * tx_gain * rx_gain
     n_subcarriers = len(link.frequency_offset_hz)
     snr = path_snr_db(tx, rx, n_subcarriers, link.noise_power_mw, aod, aoa, amplitude)
@@ -136,7 +133,7 @@ def diffuse_loss_db(link: Link, paths: ApparentPaths, diffuse: ApparentPaths) ->
 
 def matched(link: Link, found: ChannelEstimate, target: ApparentPaths) -> IntArray:
     """Estimate (path,) of every true path within half a resolution cell on all axes, -1 for none; one to one."""
-    distance = _cells(link, estimated(found)[None] - target.parameters[:, None]) / GATE_CELLS
+    distance = _cells(link, plane_parameters(found)[None] - target.parameters[:, None]) / GATE_CELLS
     cost = np.minimum(distance.max(axis=2, initial=0.0), 1.0)
     rows, columns = linear_sum_assignment(cost)
     match = np.full(len(target.delay_s), -1)
@@ -145,16 +142,12 @@ def matched(link: Link, found: ChannelEstimate, target: ApparentPaths) -> IntArr
     return match
 
 
-def count_unexplained(link: Link, found: ChannelEstimate, left: IntArray, seen: ApparentPaths) -> int:
-    """How many estimates have less true power within a cell around them than they claim, by over 6 dB."""
-    near = (_cells(link, estimated(found)[left, None] - seen.parameters[None]) < 2 * GATE_CELLS).all(axis=2)
+def count_unexplained(link: Link, found: ChannelEstimate, unmatched: IntArray, seen: ApparentPaths) -> int:
+    """How many estimates have over 6 dB less true power within a cell around them than their own power."""
+    offset = plane_parameters(found)[unmatched, None] - seen.parameters[None]
+    near = (_cells(link, offset) < 2 * GATE_CELLS).all(axis=2)
     near_power = near @ 10 ** (seen.snr_db / 10)
-    return int((near_power < 10 ** ((found.snr_db[left] - WEAK_MARGIN_DB) / 10)).sum())
-
-
-def estimated(found: ChannelEstimate) -> FloatArray:
-    """Delay in s, AoD and AoA azimuth in rad (path, 3)."""
-    return np.stack([found.delay_s, found.aod_azimuth_rad, found.aoa_azimuth_rad], axis=-1)
+    return int((near_power < 10 ** ((found.snr_db[unmatched] - WEAK_MARGIN_DB) / 10)).sum())
 
 
 def _cells(link: Link, error: FloatArray) -> FloatArray:
@@ -166,8 +159,8 @@ def _cells(link: Link, error: FloatArray) -> FloatArray:
     return np.asarray(np.abs(error) / cell)
 
 
-def _estimator(config: CampaignConfig, estimator: str | None) -> Estimator:
-    if estimator is not None:
+def _estimator(estimator: str) -> Estimator:
+    if estimator:
         return user_estimator(estimator)
     settings = ChannelConfig()
     update = {"max_paths": MAX_PATHS, "whiten_background": False}  # dense power lies in few directions

@@ -1,7 +1,7 @@
 """`arena validate channel`: efficiency, detection, false paths and consistency on made stops.
 
-Without an estimator of the user's, rows that start with the name of a method check that method. A user's estimator
-replaces all of them, and then has to work with random phases as well.
+By default, rows that start with the name of a method check that method. An estimator of the user replaces all
+methods, and then has to work with random phases too.
 """
 
 from __future__ import annotations
@@ -12,28 +12,10 @@ import numpy as np
 
 from estimation.channel.estimate import estimate_channel
 from isac_arena.campaign.chain import user_estimator
-from isac_arena.validation.channel.match import (
-    Estimator,
-    MatchedPaths,
-    consistency_rows,
-    efficiency_rows,
-    estimate_places,
-    false_row,
-    rate_row,
-    run_stops,
-)
+from isac_arena.validation.channel import matching
 from isac_arena.validation.measurement import Measurement
-from isac_arena.validation.scenarios.link_bench import (
-    SEPARATED_CELLS,
-    ChannelStop,
-    DrawnPaths,
-    LinkBench,
-    draw_paths,
-    equal_pair,
-    make_bench,
-    observe_paths,
-    single_path,
-)
+from isac_arena.validation.scenarios import link_bench
+from isac_arena.validation.scenarios.link_bench import ChannelStop, LinkBench
 
 TRIALS = 5000  # scenes of the coherent run; the bar on false paths asks for as many
 QUICK_TRIALS = 20
@@ -42,106 +24,91 @@ UNIFORM_DEG = 180.0  # step of the phase from pair to pair: wrapped, it is unifo
 RESOLVED_CELLS = 0.5
 
 
-def make_estimator(method: str, estimator: str | None) -> Estimator:
-    """A method of ours by name, or the user's `package.module:function` in its place."""
-    if estimator is not None:
-        return user_estimator(estimator)
-    return lambda sweep: estimate_channel(sweep, method=method)
+def make_estimator(method: str, estimator: str) -> matching.Estimator:
+    """A method of ours by name, or in its place the user's `package.module:function` if there is one."""
+    return user_estimator(estimator) if estimator else lambda sweep: estimate_channel(sweep, method=method)
 
 
-def scaled(trials: int | None, quick: bool, share: float) -> int:
-    """Trials of a check that takes a share of the longest run."""
-    whole = trials or (QUICK_TRIALS if quick else TRIALS)
-    return max(3, round(share * whole))
+def scaled(trials: int, quick: bool, share: float) -> int:
+    """Trials of a check that takes a share of the longest run; 0 `trials` means the default."""
+    return max(3, round(share * (trials or (QUICK_TRIALS if quick else TRIALS))))
 
 
-def check_coherent_scenes(
-    seed: int, quick: bool, trials: int | None = None, estimator: str | None = None
-) -> list[Measurement]:
+def check_coherent_scenes(seed: int, quick: bool, trials: int = 0, estimator: str = "") -> list[Measurement]:
     """Random scenes with phases kept: efficiency, detection, false paths and consistency."""
-    bench = make_bench(seed)
+    bench = link_bench.make_bench(seed)
     stops = scene_stops(bench, seed, scaled(trials, quick, 1.0))
-    estimate = make_estimator("coherent", estimator)
-    return _scene_rows(
-        "coherent", run_stops(bench, stops, estimate, coherent=True), (1.10, 1.05), 10, 9, quick
-    )
+    table = matching.run_stops(bench, stops, make_estimator("coherent", estimator), coherent=True)
+    return _scene_rows("coherent", table, (1.10, 1.05), 10, 9, quick)
 
 
 def check_incoherent_scenes(
-    seed: int, quick: bool, trials: int | None = None, estimator: str | None = None
+    seed: int, quick: bool, trials: int = 0, estimator: str = ""
 ) -> list[Measurement]:
-    """Random scenes with a random phase on every beam pair, against the bound of that."""
-    bench = make_bench(seed, phase_noise_pair_deg=UNIFORM_DEG)
-    stops = scene_stops(bench, seed + 1, scaled(trials, quick, 0.2 if not quick else 0.5))
-    estimate = make_estimator("incoherent", estimator)
-    return _scene_rows(
-        "incoherent", run_stops(bench, stops, estimate, coherent=False), (1.10, 1.10), 12, 11, quick
-    )
+    """Random scenes with a random phase on every beam pair, against the bound for random phases."""
+    bench = link_bench.make_bench(seed, phase_noise_pair_deg=UNIFORM_DEG)
+    stops = scene_stops(bench, seed + 1, scaled(trials, quick, 0.5 if quick else 0.2))
+    table = matching.run_stops(bench, stops, make_estimator("incoherent", estimator), coherent=False)
+    return _scene_rows("incoherent", table, (1.10, 1.10), 12, 11, quick)
 
 
 def _scene_rows(
-    method: str, table: MatchedPaths, bars: tuple[float, float], sharp_db: float, found_db: float, quick: bool
+    method: str,
+    table: matching.MatchedPaths,
+    bars: tuple[float, float],
+    sharp_db: int,
+    found_db: int,
+    quick: bool,
 ) -> list[Measurement]:
     """All rows of random scenes: errors are scored from `sharp_db` on, detection from `found_db` on.
 
     `bars` are those of every RMSE over its bound and of their mean.
     """
+    found, reason = (
+        table.is_found[table.identifiable(found_db)],
+        f"known as well as lone ones from {found_db} dB on",
+    )
     return [
-        *efficiency_rows(
-            method, table, min_snr_db=sharp_db, min_separation=SEPARATED_CELLS, bars=bars, quick=quick
-        ),
-        *consistency_rows(method, table, min_snr_db=sharp_db, min_separation=SEPARATED_CELLS, quick=quick),
-        rate_row(
-            f"{method}.detection.scenes", table.is_found[table.identifiable(found_db)], 0.99,
-            f"known as well as lone ones from {found_db:g} dB on", quick,
-        ),
-        false_row(f"{method}.false_per_stop", table.n_false, 1e-3, quick),
-    ]  # fmt: skip
+        *matching.efficiency_rows(method, table, min_snr_db=sharp_db, bars=bars, quick=quick),
+        *matching.consistency_rows(method, table, min_snr_db=sharp_db, quick=quick),
+        matching.rate_row(f"{method}.detection.scenes", found, 0.99, reason, quick),
+        matching.false_row(f"{method}.false_per_stop", table.n_false, 1e-3, quick),
+    ]
 
 
-def check_detection(
-    seed: int, quick: bool, trials: int | None = None, estimator: str | None = None
-) -> list[Measurement]:
+def check_detection(seed: int, quick: bool, trials: int = 0, estimator: str = "") -> list[Measurement]:
     """A lone path at the lowest SNR that has to be found."""
     rows = []
     for method, snr_db, phase_deg in (("coherent", 9.0, 0.0), ("incoherent", 11.0, UNIFORM_DEG)):
-        bench = make_bench(seed, phase_noise_pair_deg=phase_deg)
+        bench = link_bench.make_bench(seed, phase_noise_pair_deg=phase_deg)
         rng = np.random.default_rng([seed, 2])
-        stops = (
-            observe_paths(bench, single_path(rng, snr_db), stop) for stop in range(scaled(trials, quick, 0.4))
-        )
-        table = run_stops(bench, stops, make_estimator(method, estimator), coherent=method == "coherent")
-        rows.append(
-            rate_row(f"{method}.detection.lone_{snr_db:g}db", table.is_found, 0.99, "lone paths", quick)
-        )
+        paths = (link_bench.single_path(rng, snr_db) for _ in range(scaled(trials, quick, 0.4)))
+        stops = (link_bench.observe_paths(bench, one, stop) for stop, one in enumerate(paths))
+        estimate, key = make_estimator(method, estimator), f"{method}.detection.lone_{snr_db:g}db"
+        table = matching.run_stops(bench, stops, estimate, coherent=method == "coherent")
+        rows.append(matching.rate_row(key, table.is_found, 0.99, "lone paths", quick))
     return rows
 
 
-def check_resolution(
-    seed: int, quick: bool, trials: int | None = None, estimator: str | None = None
-) -> list[Measurement]:
+def check_resolution(seed: int, quick: bool, trials: int = 0, estimator: str = "") -> list[Measurement]:
     """Two equal paths of random phases 0.4 Rayleigh cell apart on one axis, 30 dB each."""
-    bench = make_bench(seed)
+    bench = link_bench.make_bench(seed)
     estimate = make_estimator("coherent", estimator)
     rows = []
     for axis, name in enumerate(("delay", "aod", "aoa")):
         rng = np.random.default_rng([seed, 3, axis])
         hits = []
         for stop in range(scaled(trials, quick, 0.1)):
-            paths = equal_pair(rng, bench.cell, axis=axis, cells=0.4, snr_db=30.0)
-            made = observe_paths(bench, paths, stop)
-            hits.append(is_resolved(bench, made, estimate))
-        rows.append(
-            rate_row(
-                f"coherent.resolved.{name}", np.array(hits), 0.9, "two paths found, half a cell near", quick
-            )
-        )
+            paths = link_bench.equal_pair(rng, bench.cell, axis=axis, cells=0.4, snr_db=30.0)
+            hits.append(is_resolved(bench, link_bench.observe_paths(bench, paths, stop), estimate))
+        reason = "two paths found within half a cell"
+        rows.append(matching.rate_row(f"coherent.resolved.{name}", np.array(hits), 0.9, reason, quick))
     return rows
 
 
-def is_resolved(bench: LinkBench, stop: ChannelStop, estimate: Estimator) -> bool:
+def is_resolved(bench: LinkBench, stop: ChannelStop, estimate: matching.Estimator) -> bool:
     """Whether two paths and no others are found, each within half a cell of its own true path on every axis."""
-    places = estimate_places(estimate(stop.sweep))
+    places = matching.estimate_places(estimate(stop.sweep))
     if len(places) != 2:
         return False
     apart = np.abs(places[:, None] - stop.paths.cells) / bench.cell
@@ -152,9 +119,9 @@ def is_resolved(bench: LinkBench, stop: ChannelStop, estimate: Estimator) -> boo
 def scene_stops(bench: LinkBench, seed: int, count: int) -> Iterator[ChannelStop]:
     """Random stops, the same for every estimator."""
     for stop in range(count):
-        yield observe_paths(bench, scene_paths(bench, seed, stop), stop)
+        yield link_bench.observe_paths(bench, scene_paths(bench, seed, stop), stop)
 
 
-def scene_paths(bench: LinkBench, seed: int, stop: int) -> DrawnPaths:
+def scene_paths(bench: LinkBench, seed: int, stop: int) -> link_bench.DrawnPaths:
     """The paths of one random stop."""
-    return draw_paths(np.random.default_rng([seed, stop]), bench.cell, strongest_db=STRONGEST_DB)
+    return link_bench.draw_paths(np.random.default_rng([seed, stop]), bench.cell, strongest_db=STRONGEST_DB)

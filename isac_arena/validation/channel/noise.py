@@ -29,6 +29,8 @@ from sim.observation import BeamSweep
 
 FEW_RB = 36
 
+Fit = Callable[[BeamSweep, MaximumLikelihoodConfig], PathFit]
+
 
 @dataclass(frozen=True)
 class NoiseRow:
@@ -53,10 +55,7 @@ class NoiseRow:
         return sweep_hits(bench, rng, METHODS[self.method], self.probability, n_trials)
 
 
-METHODS: dict[str, Callable[[BeamSweep, MaximumLikelihoodConfig], PathFit]] = {
-    "coherent": fit_over_background,
-    "incoherent": fit_incoherent,
-}
+METHODS: dict[str, Fit] = {"coherent": fit_over_background, "incoherent": fit_incoherent}
 QUICK = (
     NoiseRow("coherent", 0.1, 30),
     NoiseRow("coherent", 0.1, 15, whole=True),
@@ -70,17 +69,13 @@ FULL = (
 )
 
 
-def check_false_alarms(
-    seed: int, quick: bool, trials: int | None = None, estimator: str | None = None
-) -> list[Measurement]:
+def check_false_alarms(seed: int, quick: bool, trials: int = 0, estimator: str = "") -> list[Measurement]:
     """Rate of stops with a path in noise alone, over the nominal one: 0.5 to 1.5."""
-    if estimator is not None:
-        return [
-            _user_rate(make_bench(seed), seed, trials or (QUICK[0].n_trials if quick else 1000), estimator)
-        ]
+    if estimator:
+        return [_user_rate(make_bench(seed), trials or (QUICK[0].n_trials if quick else 1000), estimator)]
     rows = []
     for row in QUICK if quick else FULL:
-        n = row.n_trials if trials is None else max(1, round(row.n_trials * trials / TRIALS))
+        n = max(1, round(row.n_trials * trials / TRIALS)) if trials else row.n_trials
         rows.append(false_alarm_row(row.key, row.hits(seed, n), n, row.probability, quick))
     return rows
 
@@ -101,11 +96,7 @@ def compressed_hits(bench: LinkBench, rng: np.random.Generator, probability: flo
 
 
 def sweep_hits(
-    bench: LinkBench,
-    rng: np.random.Generator,
-    fit: Callable[[BeamSweep, MaximumLikelihoodConfig], PathFit],
-    probability: float,
-    n_trials: int,
+    bench: LinkBench, rng: np.random.Generator, fit: Fit, probability: float, n_trials: int
 ) -> int:
     """Trials in which a method finds a path in whole sweeps of noise."""
     config = MaximumLikelihoodConfig(false_alarm_probability=probability)
@@ -121,12 +112,9 @@ def sweep_hits(
 def noise_template(bench: LinkBench) -> tuple[SearchPlan, DelayCube]:
     """The search plan of a link, and a compressed sweep of noise on its beams."""
     link = bench.link
-    plan = search_plan(
-        nominal_manifold(link.tx_codebook),
-        nominal_manifold(link.rx_codebook),
-        tuple(link.noise_power_mw.tolist()),
-        MaximumLikelihoodConfig().oversampling,
-    )
+    manifolds = nominal_manifold(link.tx_codebook), nominal_manifold(link.rx_codebook)
+    noise_mw = tuple(link.noise_power_mw.tolist())
+    plan = search_plan(*manifolds, noise_mw, MaximumLikelihoodConfig().oversampling)
     return plan, compress(noise_stop(bench, 0), plan.tx, plan.rx)
 
 
@@ -142,13 +130,12 @@ def false_alarm_row(key: str, hits: int, n_trials: int, probability: float, quic
     over = hits / n_trials / probability
     expected = n_trials * probability
     bar = most_by_chance(1.5 * expected) / expected - 1 if quick else 0.5
-    return at_most(
-        f"{key}_deviation", abs(over - 1), bar, f"{over:.2f} of nominal: {hits} in {n_trials} trials"
-    )
+    reason = f"{over:.2f} of nominal: {hits} in {n_trials} trials"
+    return at_most(f"{key}_deviation", abs(over - 1), bar, reason)
 
 
-def _user_rate(bench: LinkBench, seed: int, n_trials: int, estimator: str) -> Measurement:
-    """A user's estimator has its own nominal probability; 1e-2 is taken as the most of it."""
+def _user_rate(bench: LinkBench, n_trials: int, estimator: str) -> Measurement:
+    """A user's estimator has its own nominal probability, which must be 1e-2 at most."""
     estimate = make_estimator("coherent", estimator)
     hits = sum(len(estimate(noise_stop(bench, stop))) > 0 for stop in range(n_trials))
     rate = hits / n_trials

@@ -8,18 +8,7 @@ import numpy as np
 
 from isac_arena.validation.measurement import Measurement, at_least, at_most
 from isac_arena.validation.propagation.shooting import Shooter
-from isac_arena.validation.scenarios.solids import (
-    CARRIER_HZ,
-    GLASS,
-    METAL,
-    STONE,
-    open_ring,
-    random_receivers,
-    random_solids,
-    scene_of,
-    wave_wall,
-    with_tx,
-)
+from isac_arena.validation.scenarios import solids
 from scenes.config import library_scenes, load_scene
 from scenes.contours import Circle, OpenSpline
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
@@ -45,13 +34,13 @@ def check_completeness(seed: int, quick: bool) -> list[Measurement]:
     """
     rng = np.random.default_rng(seed)
     names = library_scenes()[: 1 if quick else None]
-    scenes = [load_scene(name, CARRIER_HZ) for name in names]
+    scenes = [load_scene(name, solids.CARRIER_HZ) for name in names]
     scenes += [random_arena(rng, float(rng.uniform(0, 1)), 3) for _ in range(1 if quick else 20)]
     n_common = n_repaired = n_extra = 0
     for scene in scenes:
         stops = scene.walk.positions_m()[:: 1 + len(scene.stops) // 5]
-        tracer = Tracer(scene, CARRIER_HZ, PropagationConfig(diffuse_samples=0))
-        for rx, exact in zip(stops, exact_paths(scene, stops, CARRIER_HZ), strict=True):
+        tracer = Tracer(scene, solids.CARRIER_HZ, PropagationConfig(diffuse_samples=0))
+        for rx, exact in zip(stops, exact_paths(scene, stops, solids.CARRIER_HZ), strict=True):
             counts = compare_planar(scene, tracer.specular(rx), exact)
             n_common, n_repaired = n_common + counts.n_common, n_repaired + counts.n_repaired
             n_extra += counts.n_extra
@@ -68,19 +57,19 @@ def check_against_shooting(seed: int, quick: bool) -> list[Measurement]:
     rng = np.random.default_rng(seed)
     missed = extra = total = 0
     for _ in range(2 if quick else 20):
-        scene = scene_of([*rng.uniform(-1, 1, 2), 1.0], random_solids(rng))
-        result = _compared(scene, random_receivers(rng, scene, 3, 2.5, 1.0))
+        scene = solids.scene_of([*rng.uniform(-1, 1, 2), 1.0], solids.random_solids(rng))
+        result = _compared(scene, solids.random_receivers(rng, scene, 3, 2.5, 1.0))
         missed, extra, total = missed + result[0], extra + result[1], total + result[2]
     rows = [
         at_most("solids_missed", missed, 0, f"of {total} paths that shot rays find", "paths"),
         at_most("solids_extra", extra, 0, "no path that shot rays do not find", "paths"),
     ]
     missed = extra = total = 0
-    for wall in (open_ring(), wave_wall()):
+    for wall in (solids.open_ring(), solids.wave_wall()):
         for _ in range(1 if quick else 5):
             pillar = Circle(np.array([-0.7, -1.1]) if isinstance(wall, OpenSpline) else np.zeros(2), 0.2)
-            scene = scene_of([*rng.uniform(0.1, 1.1, 2), 1.0], [wall, pillar])
-            result = _compared(scene, random_receivers(rng, scene, 1, 1.6, 1.0))
+            scene = solids.scene_of([*rng.uniform(0.1, 1.1, 2), 1.0], [wall, pillar])
+            result = _compared(scene, solids.random_receivers(rng, scene, 1, 1.6, 1.0))
             missed, extra, total = missed + result[0], extra + result[1], total + result[2]
     return [
         *rows,
@@ -92,9 +81,9 @@ def check_against_shooting(seed: int, quick: bool) -> list[Measurement]:
 def check_lit_pillar(seed: int, quick: bool) -> list[Measurement]:
     """A receiver gets the path of a smooth pillar exactly where the pillar does not cut its line of sight."""
     rng = np.random.default_rng(seed)
-    scene = scene_of([4.0, 1.0, 1.5], [Circle(np.zeros(2), 0.203)])
-    rx = random_receivers(rng, scene, 200 if quick else 2000, 8.0, 1.5)
-    solved = exact_paths(scene, rx, CARRIER_HZ, PropagationConfig(max_bounces=1))
+    scene = solids.scene_of([4.0, 1.0, 1.5], [Circle(np.zeros(2), 0.203)])
+    rx = solids.random_receivers(rng, scene, 200 if quick else 2000, 8.0, 1.5)
+    solved = exact_paths(scene, rx, solids.CARRIER_HZ, PropagationConfig(max_bounces=1))
     hits = [bool(paths.is_single_bounce.any()) for paths in solved if paths.is_los.any()]
     return [at_least("lit_pillar_hit_rate", np.mean(hits), 1.0, "one lit point", "share")]
 
@@ -103,8 +92,8 @@ def check_stationarity(seed: int, quick: bool) -> list[Measurement]:
     """Distance of the reflection points from where the length is stationary."""
     rng = np.random.default_rng(seed)
     worst = 0.0
-    for contour in (Circle(np.zeros(2), 0.203), open_ring(), wave_wall()):
-        curves = reflecting_surfaces(scene_of([9.0, 9.0, 1.0], [contour])).curves
+    for contour in (Circle(np.zeros(2), 0.203), solids.open_ring(), solids.wave_wall()):
+        curves = reflecting_surfaces(solids.scene_of([9.0, 9.0, 1.0], [contour])).curves
         n = 100 if quick else 1000
         curve = rng.integers(len(curves), size=n)
         source, target = rng.uniform(-4, 4, (2, n, 2))
@@ -128,15 +117,15 @@ def check_symmetries(seed: int, quick: bool) -> list[Measurement]:
     swap = motion = 0.0
     config = PropagationConfig(transmission=True)
     for _ in range(2 if quick else 20):
-        contours = random_solids(rng)
+        contours = solids.random_solids(rng)
         tx = np.array([*rng.uniform(-1, 1, 2), 1.2])
-        scene = scene_of(tx, contours, (GLASS, METAL, STONE), floor=True)
-        [rx] = random_receivers(rng, scene, 1, 2.5, 1.9)
-        [paths] = exact_paths(scene, rx, CARRIER_HZ, config)
-        [back] = exact_paths(with_tx(scene, rx), tx, CARRIER_HZ, config)
+        scene = solids.scene_of(tx, contours, (solids.GLASS, solids.METAL, solids.STONE), floor=True)
+        [rx] = solids.random_receivers(rng, scene, 1, 2.5, 1.9)
+        [paths] = exact_paths(scene, rx, solids.CARRIER_HZ, config)
+        [back] = exact_paths(solids.with_tx(scene, rx), tx, solids.CARRIER_HZ, config)
         swap = max(swap, _relative(paths, back))
         moved, rx_moved = _moved(scene, rx, float(rng.uniform(0, 2 * np.pi)), rng.uniform(-5, 5, 2))
-        [there] = exact_paths(moved, rx_moved, CARRIER_HZ, config)
+        [there] = exact_paths(moved, rx_moved, solids.CARRIER_HZ, config)
         motion = max(motion, _relative(paths, there))
     return [
         at_most("reciprocity", swap, 1e-9, "swapped ends, gains and delays", "relative"),
@@ -147,17 +136,22 @@ def check_symmetries(seed: int, quick: bool) -> list[Measurement]:
 def check_same_bits(seed: int, quick: bool) -> list[Measurement]:
     """The same bits for chunks of 1, 7 and all receivers, shuffled receivers, and a second run."""
     rng = np.random.default_rng(seed)
-    scene = scene_of([0.3, 0.2, 1.2], [*random_solids(rng), open_ring(9.0)], (GLASS, METAL), floor=True)
-    rx = random_receivers(rng, scene, 12 if quick else 60, 3.0, 1.8)
+    scene = solids.scene_of(
+        [0.3, 0.2, 1.2],
+        [*solids.random_solids(rng), solids.open_ring(9.0)],
+        (solids.GLASS, solids.METAL),
+        floor=True,
+    )
+    rx = solids.random_receivers(rng, scene, 12 if quick else 60, 3.0, 1.8)
     config = PropagationConfig(transmission=True)
-    solver = ExactSolver(scene, CARRIER_HZ, config)
+    solver = ExactSolver(scene, solids.CARRIER_HZ, config)
     first = solver.paths(rx, chunk=len(rx))
     order = rng.permutation(len(rx))
     shuffled = solver.paths(rx[order])
     runs = [
         solver.paths(rx, chunk=1),
         solver.paths(rx, chunk=7),
-        ExactSolver(scene, CARRIER_HZ, config).paths(rx, chunk=len(rx)),
+        ExactSolver(scene, solids.CARRIER_HZ, config).paths(rx, chunk=len(rx)),
         [shuffled[int(place)] for place in np.argsort(order)],
     ]
     differing = sum(not _identical(a, b) for run in runs for a, b in zip(first, run, strict=True))
@@ -166,7 +160,7 @@ def check_same_bits(seed: int, quick: bool) -> list[Measurement]:
 
 def _compared(scene: Scene, rx_m: FloatArray) -> tuple[int, int, int]:
     """Paths missed, paths too many, and paths in all, of up to two bounces, against shot rays."""
-    solved = exact_paths(scene, rx_m, CARRIER_HZ, PropagationConfig(max_bounces=2))
+    solved = exact_paths(scene, rx_m, solids.CARRIER_HZ, PropagationConfig(max_bounces=2))
     shooter = Shooter(scene)
     missed = extra = total = 0
     for rx, paths in zip(rx_m, solved, strict=True):
@@ -214,7 +208,7 @@ def _relative(a: Paths, b: Paths) -> float:
         return np.inf
     columns = []
     for paths in (a, b):
-        gain = paths.gain * np.exp(2j * np.pi * CARRIER_HZ * paths.delay_s)
+        gain = paths.gain * np.exp(2j * np.pi * solids.CARRIER_HZ * paths.delay_s)
         order = np.lexsort([gain.real, np.round(paths.delay_s * 1e15)])
         columns.append((paths.delay_s[order], gain[order]))
     delay = np.abs(columns[0][0] / columns[1][0] - 1).max()

@@ -1,8 +1,8 @@
 """Halls, walks and the points where paths meet their surfaces, for Monte Carlo runs of mapping and SLAM.
 
-A hall has four walls and round pillars. In space it also has a floor, a ceiling and rough places on its walls:
-walls and pillars stand upright, so their specular points are those of the plane at the height that grows evenly
-along the unfolded path. The points come from images and fixed points, not from the estimators.
+A hall has four walls and round pillars. In space it also has a floor, a ceiling and rough places on its walls.
+Walls and pillars are vertical, so their specular points are those of the plane, at a height that is linear along
+the unfolded path. The points come from images and fixed points, not from the estimators.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ _N_ROUGH = 6
 
 @dataclass(frozen=True)
 class ScenarioConfig:
-    """What is drawn. `n_paths` counts all paths of a stop but the line of sight.
+    """What is drawn. `n_paths` counts all paths of a stop except the line of sight.
 
-    `outlier_share` of them are no single bounce, and in the plane `double_share` of those go off two walls. The
-    default errors are those that remain in the measured campaign once the receiver is known. Stops of a walk are
+    `outlier_share` of them are no single bounces, and in the plane `double_share` of those bounce off two walls.
+    The default errors are those of the measured campaign with a known receiver. Stops of a walk are
     displaced by `placement_std_m` per coordinate, and their spacing varies by `spacing_std` of its mean. With
     `in_space` paths have elevations and devices have heights.
     """
@@ -96,7 +96,7 @@ def draw_state(rng: np.random.Generator, config: ScenarioConfig, hall: Hall) -> 
 def draw_walk(rng: np.random.Generator, config: ScenarioConfig, n_stops: int) -> TrueWalk:
     """A smooth closed walk through one hall, stops about 0.5 m apart, with a clock that walks 1 m per stop.
 
-    With `has_los` a stretch of about a third of the stops has no line of sight all the same.
+    Even with `has_los`, about a third of the stops in a row have no line of sight.
     """
     hall = draw_hall(rng, config)
     uneven = config.spacing_std * rng.standard_normal(n_stops) if config.spacing_std else np.zeros(n_stops)
@@ -141,9 +141,8 @@ def spatial_points(rng: np.random.Generator, hall: Hall, rx_m: FloatArray) -> tu
     for height in (0.0, _CEILING_M):
         share = (tx[2] - height) / (tx[2] + rx_m[2] - 2 * height)
         level.append([*(tx[:2] + share * (rx_m[:2] - tx[:2])), height])
-    rough = np.column_stack(
-        [rng.uniform(0, 1, (_N_ROUGH, 2)) * hall.size_m, rng.uniform(0.3, _CEILING_M - 0.3, _N_ROUGH)]
-    )
+    place = rng.uniform(0, 1, (_N_ROUGH, 2)) * hall.size_m
+    rough = np.column_stack([place, rng.uniform(0.3, _CEILING_M - 0.3, _N_ROUGH)])
     axis, side = rng.integers(0, 2, _N_ROUGH), rng.integers(0, 2, _N_ROUGH)
     rough[np.arange(_N_ROUGH), axis] = side * hall.size_m[axis]
     points = np.concatenate([upright, level, rough])
@@ -157,13 +156,8 @@ def double_bounces(hall: Hall, state: FloatArray) -> FloatArray:
     for first, second in ((a, b) for a in walls for b in walls if a != b):
         ray = state[:2] - _mirror(_mirror(tx, *first), *second)
         departure = _mirror(_mirror(ray, second[0], 0.0), first[0], 0.0)
-        rows.append(
-            [
-                np.hypot(*ray) + state[3],
-                np.arctan2(departure[1], departure[0]) - hall.tx.heading_rad,
-                np.arctan2(-ray[1], -ray[0]) - state[2],
-            ]
-        )
+        aod = np.arctan2(departure[1], departure[0]) - hall.tx.heading_rad
+        rows.append([np.hypot(*ray) + state[3], aod, np.arctan2(-ray[1], -ray[0]) - state[2]])
     return np.array(rows)
 
 

@@ -1,4 +1,4 @@
-"""Made stops for channel estimation: random paths through the campaign's own simulator, with their bounds.
+"""Synthetic stops for channel estimation: random paths through the campaign's own simulator, with their bounds.
 
 32 x 32 beams uniform in the sine of azimuth over +-60 deg of 4 x 16 arrays, 3,168 subcarriers at 120 kHz. The SNR
 of a path is that of its best beam pair after summing the subcarriers, |xi|^2 max|T|^2 max|R|^2 K / sigma^2. Cells
@@ -16,7 +16,7 @@ from estimation.channel.model.crb import joint_loss_db, path_covariance, path_in
 from estimation.channel.model.manifold import Manifold
 from isac_arena.validation.scenarios.paths import made_paths
 from scenes.pose import Pose
-from scenes.record import BoolArray, ComplexArray, FloatArray
+from scenes.record import ComplexArray, FloatArray, concatenate
 from scenes.scene import Scene
 from scenes.walks.trajectory import Walk
 from sim.config import ArrayConfig, SimulationConfig, WaveformConfig
@@ -108,15 +108,15 @@ class TrueBounds:
 def make_bench(seed: int, **impairments: Any) -> LinkBench:
     """The 32 x 32 beam link with 3,168 subcarriers, and the given impairments of the hardware."""
     array = ArrayConfig(beams_per_panel=32, sector_deg=SECTOR_DEG, columns=COLUMNS)
-    config = SimulationConfig(
-        scene="lone",
-        seed=seed,
-        waveform=WaveformConfig(numerology=3, n_rb=264, combine_symbols=True),
-        tx_array=array,
-        rx_array=array,
-        impairments=ImpairmentsConfig(**impairments),
+    waveform, hardware = (
+        WaveformConfig(numerology=3, n_rb=264, combine_symbols=True),
+        ImpairmentsConfig(**impairments),
     )
-    return _bench(config)
+    return _bench(
+        SimulationConfig(
+            scene="lone", seed=seed, waveform=waveform, tx_array=array, rx_array=array, impairments=hardware
+        )
+    )
 
 
 def draw_paths(
@@ -148,24 +148,16 @@ def draw_paths(
     table = np.array(places)
     snr = np.concatenate([[0.0], -rng.uniform(3.0, 20.0, count - 1)]) + rng.uniform(*strongest_db)
     order = np.argsort(table[:, 0], kind="stable")
-    return DrawnPaths(
-        delay_s=rng.uniform(*FIRST_DELAY_S) + table[order, 0],
-        aod_sine=table[order, 1],
-        aoa_sine=table[order, 2],
-        snr_db=snr[order],
-        phase_rad=rng.uniform(-np.pi, np.pi, count),
-    )
+    delay_s, aod_sine, aoa_sine = table[order].T
+    first_s = rng.uniform(*FIRST_DELAY_S)
+    return DrawnPaths(first_s + delay_s, aod_sine, aoa_sine, snr[order], rng.uniform(-np.pi, np.pi, count))
 
 
 def single_path(rng: np.random.Generator, snr_db: float) -> DrawnPaths:
     """One path of the given SNR anywhere."""
-    return DrawnPaths(
-        delay_s=rng.uniform(FIRST_DELAY_S[0], FIRST_DELAY_S[1] + SPREAD_S, 1),
-        aod_sine=rng.uniform(-EDGE_SINE, EDGE_SINE, 1),
-        aoa_sine=rng.uniform(-EDGE_SINE, EDGE_SINE, 1),
-        snr_db=np.array([snr_db]),
-        phase_rad=rng.uniform(-np.pi, np.pi, 1),
-    )
+    delay_s = rng.uniform(FIRST_DELAY_S[0], FIRST_DELAY_S[1] + SPREAD_S, 1)
+    aod_sine, aoa_sine = rng.uniform(-EDGE_SINE, EDGE_SINE, (2, 1))
+    return DrawnPaths(delay_s, aod_sine, aoa_sine, np.array([snr_db]), rng.uniform(-np.pi, np.pi, 1))
 
 
 def equal_pair(
@@ -189,7 +181,7 @@ def observe_paths(
     parameters = paths.parameters
     amplitude = _amplitudes(bench, paths)
     drawn = _level_paths(amplitude / np.sqrt(bench.link.tx_power_mw), parameters)
-    every = drawn if background is None else _joined(drawn, background)
+    every = drawn if background is None else concatenate([drawn, background], "path")
     sweep = observe(bench.config, bench.link, LONE_SCENE, Truth(every, LONE_STOP, stop, 0.0))
     return ChannelStop(sweep, paths, amplitude)
 
@@ -202,18 +194,11 @@ def noise_stop(bench: LinkBench, stop: int) -> BeamSweep:
 
 def true_bounds(bench: LinkBench, stop: ChannelStop, *, coherent: bool) -> TrueBounds:
     """Bounds from the joint Fisher information of all true paths of a stop."""
-    parameters = stop.paths.parameters
+    link, paths = bench.link, np.split(stop.paths.parameters, 3, axis=1)
     information = path_information(
-        bench.tx,
-        bench.rx,
-        bench.link.frequency_offset_hz,
-        bench.link.noise_power_mw,
-        parameters[:, 0],
-        parameters[:, 1:2],
-        parameters[:, 2:3],
-        stop.amplitude,
-        coherent=coherent,
-    )
+        bench.tx, bench.rx, link.frequency_offset_hz, link.noise_power_mw, paths[0][:, 0], *paths[1:],
+        stop.amplitude, coherent=coherent,
+    )  # fmt: skip
     joint = np.einsum("iaib->iab", path_covariance(information))
     return TrueBounds(joint[:, :3, :3], joint_loss_db(information), nearest(stop.paths.cells / bench.cell))
 
@@ -223,11 +208,6 @@ def nearest(places: FloatArray) -> FloatArray:
     distance = np.linalg.norm(places[:, None] - places, axis=-1)
     np.fill_diagonal(distance, np.inf)
     return np.asarray(distance.min(axis=1, initial=np.inf))
-
-
-def separated(bounds: TrueBounds) -> BoolArray:
-    """Mask (path,) of the paths with no other close by."""
-    return np.asarray(bounds.separation >= SEPARATED_CELLS)
 
 
 def diffuse_background(
@@ -281,12 +261,3 @@ def _level_paths(gain: ComplexArray, parameters: FloatArray) -> Paths:
 def _add_if_apart(places: list[FloatArray], place: FloatArray, cell: FloatArray) -> None:
     if min(float(np.linalg.norm((place - other) / cell)) for other in places) >= SEPARATED_CELLS:
         places.append(place)
-
-
-def _joined(first: Paths, second: Paths) -> Paths:
-    both = {
-        name: np.concatenate([getattr(first, name), getattr(second, name)])
-        for name in first.__dataclass_fields__
-        if name != "object_name"
-    }
-    return Paths(**both, object_name=first.object_name)

@@ -13,14 +13,10 @@ from sim.propagation.paths import Paths
 
 def made_paths(gain: Any, delay_s: Any, departure_rad: Any, arrival_rad: Any) -> Paths:
     """Paths without interactions, from gains (path,), delays (path,) and azimuths with elevations (2, path)."""
-    count = len(np.atleast_1d(gain))
+    columns = [np.atleast_1d(column) for column in (gain, delay_s, *departure_rad, *arrival_rad)]
+    count = len(columns[0])
     return Paths(
-        gain=np.atleast_1d(gain),
-        delay_s=np.atleast_1d(delay_s),
-        aod_azimuth_rad=np.atleast_1d(departure_rad[0]),
-        aod_elevation_rad=np.atleast_1d(departure_rad[1]),
-        aoa_azimuth_rad=np.atleast_1d(arrival_rad[0]),
-        aoa_elevation_rad=np.atleast_1d(arrival_rad[1]),
+        *columns,
         bounce_kind=np.zeros((count, 1), int),
         bounce_object=np.full((count, 1), -1),
         vertex_m=np.full((count, 1, 3), np.nan),

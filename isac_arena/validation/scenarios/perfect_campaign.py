@@ -1,4 +1,4 @@
-"""A made campaign whose truth is known in closed form: pillars, walls, a double bounce, diffuse paths."""
+"""A synthetic campaign whose truth is known in closed form: pillars, walls, a double bounce, diffuse paths."""
 
 from __future__ import annotations
 
@@ -11,11 +11,12 @@ from estimation.channel.record import ChannelEstimate
 from estimation.shape.fit import OK
 from estimation.shape.record import CLASS_NAMES, Contours, Shapes
 from estimation.shape.reflection.rows import no_contours
-from estimation.slam.record import IncidencePoints, PoseEstimates, SolveStatus
+from estimation.slam.record import IncidencePoints, SolveStatus
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.results import CampaignResults, MapResult
 from isac_arena.scoring.link_view import LinkView, link_view
 from isac_arena.scoring.stages.channel import device_parameters
+from isac_arena.validation.scenarios.estimates import made_estimate, made_poses, true_states
 from isac_arena.validation.scenarios.paths import over_points
 from scenes.contours import Circle, Polyline
 from scenes.objects.material import Material
@@ -28,12 +29,15 @@ from sim.propagation.paths import BounceKind, Paths
 from sim.signal.link import make_link
 from sim.truth import Truth
 
-NAMES = ["pillar_a", "pillar_b", "wall_south", "wall_east"]
+PILLARS = {"pillar_a": Circle(np.array([0.0, -4.0]), 0.3), "pillar_b": Circle(np.array([4.0, -4.0]), 0.4)}
+WALLS = {
+    "wall_south": Polyline(np.array([[-4.0, -7.0], [7.5, -7.0]])),
+    "wall_east": Polyline(np.array([[8.0, -6.0], [8.0, 3.0]])),
+}
+NAMES = [*PILLARS, *WALLS]
 SINGLES = len(NAMES)
 DOUBLE, DIFFUSE = SINGLES + 1, SINGLES + 2  # rows of a stop's paths behind the LOS and the single bounces
 HEADING_RAD = 0.3
-
-
 SMALL_LINK = CampaignConfig(
     name="small",
     scene="made_up",
@@ -57,15 +61,10 @@ class MadeCampaign:
 def make_scene() -> Scene:
     """Two pillars and two walls beside a straight walk."""
     metal = Material("metal", 1.0, 1e7)
-    contours = [
-        Circle(np.array([0.0, -4.0]), 0.3),
-        Circle(np.array([4.0, -4.0]), 0.4),
-        Polyline(np.array([[-4.0, -7.0], [7.5, -7.0]])),
-        Polyline(np.array([[8.0, -6.0], [8.0, 3.0]])),
-    ]
     objects = tuple(
-        SceneObject(name, "pillar" if name.startswith("pillar") else "wall", contour, 0.0, 4.0, metal)
-        for name, contour in zip(NAMES, contours, strict=True)
+        SceneObject(name, kind, contour, 0.0, 4.0, metal)
+        for kind, contours in (("pillar", PILLARS), ("wall", WALLS))
+        for name, contour in contours.items()
     )
     walk = Walk(np.array([[-1.5, -1.5], [6.0, -1.5]]), 1.8, HEADING_RAD, 12)
     return Scene("made_up", objects, Pose(np.array([2.0, 2.0, 1.8]), -np.pi / 2), walk, (-6, -9, 10, 5))
@@ -74,10 +73,10 @@ def make_scene() -> Scene:
 def bounce_points(tx: FloatArray, rx: FloatArray) -> FloatArray:
     """A point (object, xy) on each object: near the specular point on the pillars, at it on the walls."""
     points = []
-    for center, radius in (((0.0, -4.0), 0.3), ((4.0, -4.0), 0.4)):
-        to_tx, to_rx = tx - center, rx - center
+    for pillar in PILLARS.values():
+        to_tx, to_rx = tx - pillar.center_m, rx - pillar.center_m
         normal = to_tx / np.linalg.norm(to_tx) + to_rx / np.linalg.norm(to_rx)
-        points.append(center + radius * normal / np.linalg.norm(normal))
+        points.append(pillar.center_m + pillar.radius_m * normal / np.linalg.norm(normal))
     for axis, level in ((1, -7.0), (0, 8.0)):
         share = (level - tx[axis]) / (2 * level - rx[axis] - tx[axis])
         mirrored = np.where(np.arange(2) == axis, 2 * level - rx, rx)
@@ -118,29 +117,18 @@ def exact_estimate(scene: Scene, truth: Truth) -> ChannelEstimate:
     parameters = device_parameters(truth, scene.tx)[: DOUBLE + 1]
     std = np.array([0.3e-9, np.deg2rad(0.5), np.deg2rad(0.5)])
     count = len(parameters)
-    return ChannelEstimate(
-        stop=truth.stop,
-        delay_s=parameters[:, 0],
-        aod_azimuth_rad=parameters[:, 1],
-        aoa_azimuth_rad=parameters[:, 2],
-        power_dbm=power_dbm(truth)[:count],
-        beam_loss_db=np.zeros(count),
-        snr_db=np.full(count, 30.0),
-        covariance=np.tile(np.diag(std**2), (count, 1, 1)),
-        is_los=np.arange(count) == 0,
+    return made_estimate(
+        truth.stop, parameters, power_dbm(truth)[:count], np.diag(std**2), np.arange(count) == 0
     )
 
 
 def exact_shapes(scene: Scene, label: IntArray, n_samples: int = 360) -> Shapes:
     """The true circles of the pillars, and thin unit circles about a point of each wall."""
     angle = np.linspace(-np.pi, np.pi, n_samples, endpoint=False)
-    center = np.array([[0.0, -4.0], [4.0, -4.0], [1.0, -7.0], [8.0, -1.0]])
-    radius = np.tile(np.array([[0.3], [0.4], [1.0], [1.0]]), (1, n_samples))
-    per_cluster = np.ones(SINGLES)
-    return Shapes(
-        label, center, angle, radius, np.full_like(radius, 0.05), per_cluster, per_cluster, per_cluster,
-        per_cluster, per_cluster,
-    )  # fmt: skip
+    center = np.array([*(pillar.center_m for pillar in PILLARS.values()), [1.0, -7.0], [8.0, -1.0]])
+    radii = np.array([*(pillar.radius_m for pillar in PILLARS.values()), 1.0, 1.0])
+    radius = np.tile(radii[:, None], (1, n_samples))
+    return Shapes(label, center, angle, radius, np.full_like(radius, 0.05), *5 * [np.ones(SINGLES)])
 
 
 def exact_contours(scene: Scene, ips: IncidencePoints, label: IntArray, n_samples: int = 180) -> Contours:
@@ -177,15 +165,7 @@ def exact_contours(scene: Scene, ips: IncidencePoints, label: IntArray, n_sample
 def exact_map(scene: Scene, truths: tuple[Truth, ...], status: SolveStatus) -> MapResult:
     """True poses, the true incidence point of every single bounce, and one cluster per object."""
     n = len(truths)
-    poses = PoseEstimates(
-        stop=np.array([truth.stop for truth in truths]),
-        position_m=np.array([truth.rx_pose.position_m[:2] for truth in truths]),
-        heading_rad=np.array([truth.rx_pose.heading_rad for truth in truths]),
-        clock_bias_s=np.array([truth.clock_bias_s for truth in truths]),
-        status=np.full(n, status),
-        n_inliers=np.full(n, 5),
-        cost=np.zeros(n),
-    )
+    poses = made_poses(true_states(truths), status, n_inliers=5)
     label = np.tile(np.arange(SINGLES), n)
     ips = IncidencePoints(
         stop=np.repeat(poses.stop, SINGLES),

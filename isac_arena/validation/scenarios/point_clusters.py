@@ -1,8 +1,9 @@
-"""Made clusters of incidence points with known contours: partial pillars, square columns and walls."""
+"""Synthetic clusters of incidence points with known contours: partial pillars, square columns and walls."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -18,6 +19,8 @@ NOISE_STD_M = ((0.05, 0.05), (0.05, 0.15), (0.1, 0.2), (0.15, 0.3))  # along and
 SENSOR_DISTANCE_M = (3.0, 8.0)
 N_CONTOUR = 360
 
+Noise = tuple[float, float]
+
 
 @dataclass(frozen=True)
 class MadeObject:
@@ -30,20 +33,21 @@ class MadeObject:
 
 def partial_pillars(rng: np.random.Generator, draws: int) -> list[MadeObject]:
     """Round pillars R 0.3-0.8 m: `draws` for each number of points and noise level; 36 make the 432 sets."""
-    return [
-        _seen(rng, _circle(rng.uniform(*RADIUS_M)), 0.0, n, noise)
-        for n, noise in product(COUNTS, NOISE_STD_M)
-        for _ in range(draws)
-    ]
+    return _drawn(draws, COUNTS, lambda n, noise: _seen(rng, _circle(rng.uniform(*RADIUS_M)), 0.0, n, noise))
 
 
 def square_columns(rng: np.random.Generator, draws: int) -> list[MadeObject]:
     """Square columns of half side 0.3-0.6 m turned at random, seen as the pillars are."""
-    return [
-        _seen(rng, _square(rng.uniform(*HALF_SIDE_M)), rng.uniform(0, np.pi / 2), n, noise)
-        for n, noise in product(COUNTS, NOISE_STD_M)
-        for _ in range(draws)
-    ]
+
+    def column(n: int, noise: Noise) -> MadeObject:
+        return _seen(rng, _square(rng.uniform(*HALF_SIDE_M)), rng.uniform(0, np.pi / 2), n, noise)
+
+    return _drawn(draws, COUNTS, column)
+
+
+def _drawn(draws: int, counts: Sequence[int], draw: Callable[[int, Noise], MadeObject]) -> list[MadeObject]:
+    """`draws` objects for each number of points and noise level."""
+    return [draw(n, noise) for n, noise in product(counts, NOISE_STD_M) for _ in range(draws)]
 
 
 def with_outliers(made: MadeObject, share: float, rng: np.random.Generator) -> MadeObject:
@@ -52,17 +56,12 @@ def with_outliers(made: MadeObject, share: float, rng: np.random.Generator) -> M
     moved = rng.random(len(position)) < share
     low, high = position.min(axis=0) - 1.0, position.max(axis=0) + 1.0
     position[moved] = rng.uniform(low, high, (int(moved.sum()), 2))
-    return MadeObject(
-        _points(position, made.points.covariance_m2, made.points.sensor_m), made.contour_m, made.lit_m
-    )
+    return replace(made, points=replace(made.points, position_m=position))
 
 
 def with_wrong_covariance(made: MadeObject, factor: float) -> MadeObject:
     """The same points with stated covariances wrong by a factor."""
-    covariance = made.points.covariance_m2 * factor
-    return MadeObject(
-        _points(made.points.position_m, covariance, made.points.sensor_m), made.contour_m, made.lit_m
-    )
+    return replace(made, points=replace(made.points, covariance_m2=made.points.covariance_m2 * factor))
 
 
 def _circle(radius_m: float) -> FloatArray:
@@ -75,11 +74,7 @@ def _square(half_side_m: float) -> FloatArray:
 
 
 def _seen(
-    rng: np.random.Generator,
-    radius_m: FloatArray,
-    turn_rad: float,
-    n_points: int,
-    noise_std_m: tuple[float, float],
+    rng: np.random.Generator, radius_m: FloatArray, turn_rad: float, n_points: int, noise_std_m: Noise
 ) -> MadeObject:
     """Points uniform in angle over an arc of 60-160 deg facing the sensor, with range and cross-range noise."""
     arc = np.deg2rad(rng.uniform(*ARC_DEG))
@@ -93,8 +88,7 @@ def _seen(
         for a in (lit_angle, at)
     )
     sensor = center + rng.uniform(*SENSOR_DISTANCE_M) * np.array([np.cos(side), np.sin(side)])
-    position, covariance = _measured(rng, true, sensor, noise_std_m)
-    return MadeObject(_points(position, covariance, sensor), contour, lit)
+    return MadeObject(_measured(rng, true, sensor, noise_std_m), contour, lit)
 
 
 def _polar(radius_m: FloatArray, angle_rad: FloatArray) -> FloatArray:
@@ -102,19 +96,16 @@ def _polar(radius_m: FloatArray, angle_rad: FloatArray) -> FloatArray:
 
 
 def _measured(
-    rng: np.random.Generator, true_m: FloatArray, sensor_m: FloatArray, noise_std_m: tuple[float, float]
-) -> tuple[FloatArray, FloatArray]:
-    """Points with noise along and across the line of sight from the sensor, and their covariances."""
+    rng: np.random.Generator, true_m: FloatArray, sensor_m: FloatArray, noise_std_m: Noise
+) -> PointCluster:
+    """Points with noise along and across the line of sight from the sensor."""
     sight = true_m - sensor_m
     sight /= np.linalg.norm(sight, axis=1, keepdims=True)
     axes = np.stack([sight, np.stack([-sight[:, 1], sight[:, 0]], axis=1)], axis=2)  # columns
     scaled = axes * np.array(noise_std_m)
     position = true_m + np.einsum("nij,nj->ni", scaled, rng.standard_normal(true_m.shape))
-    return position, scaled @ np.swapaxes(scaled, 1, 2)
-
-
-def _points(position_m: FloatArray, covariance_m2: FloatArray, sensor_m: FloatArray) -> PointCluster:
-    return PointCluster(position_m=position_m, covariance_m2=covariance_m2, sensor_m=sensor_m)
+    covariance = scaled @ np.swapaxes(scaled, 1, 2)
+    return PointCluster(position_m=position, covariance_m2=covariance, sensor_m=sensor_m)
 
 
 def walls(
@@ -124,19 +115,13 @@ def walls(
 
     With a recess the middle third lies that much deeper. The contour is the line end to end, its steps included.
     """
-    return [
-        _wall(rng, rng.uniform(*length_m), n, noise, recess_m)
-        for n, noise in product((8, 16, 32, 64), NOISE_STD_M)
-        for _ in range(draws)
-    ]
+    return _drawn(
+        draws, (8, 16, 32, 64), lambda n, noise: _wall(rng, rng.uniform(*length_m), n, noise, recess_m)
+    )
 
 
 def _wall(
-    rng: np.random.Generator,
-    length_m: float,
-    n_points: int,
-    noise_std_m: tuple[float, float],
-    recess_m: float,
+    rng: np.random.Generator, length_m: float, n_points: int, noise_std_m: Noise, recess_m: float
 ) -> MadeObject:
     azimuth, middle = rng.uniform(-np.pi, np.pi), rng.uniform(-5, 5, 2)
     along = np.array([np.cos(azimuth), np.sin(azimuth)])
@@ -148,6 +133,5 @@ def _wall(
 
     sensor = middle + np.array([rng.uniform(-0.3, 0.3) * length_m, -rng.uniform(4, 8)]) @ axes
     true = at(length_m * (rng.random(n_points) - 0.5))
-    position, covariance = _measured(rng, true, sensor, noise_std_m)
     contour = at(np.linspace(-length_m / 2, length_m / 2, N_CONTOUR))
-    return MadeObject(_points(position, covariance, sensor), contour, contour)
+    return MadeObject(_measured(rng, true, sensor, noise_std_m), contour, contour)

@@ -1,10 +1,10 @@
-"""Made objects seen by reflection: pillars, walls and edges with the Campus Arena's TX and walk.
+"""Synthetic objects seen by reflection: pillars, walls and edges with the Campus Arena's TX and walk.
 
 The true paths come from brute force: the point of least length on a densely sampled outline, and mirror images.
 They share no code with the estimators, because they are the reference for the reflection law. Objects are drawn
-uniformly beside the walk; stops whose rays are nearly grazing or that the object shadows have no path. A ghost
-is a path of the object moved by a uniform draw of range and both angles, so that a cluster of incidence points
-would still hold many of them.
+uniformly beside the walk. A stop has no path if its rays are nearly grazing or if the object shadows it. A ghost
+is a path of the object with uniform errors of range and both angles. The errors are so small that a cluster of
+incidence points still contains many ghosts.
 """
 
 from __future__ import annotations
@@ -25,21 +25,13 @@ from scenes.record import BoolArray, FloatArray, IntArray
 from scenes.walks.trajectory import Walk
 
 C = TypeVar("C", bound=Contour)
+T = TypeVar("T")
 
 TX = np.array([2.25, 2.5, -np.pi / 2])
-WAYPOINTS_M = np.array(
-    [
-        [-5.5, -2.3],
-        [6.0, -2.3],
-        [6.7, -3.1],
-        [6.7, -4.6],
-        [5.1, -5.7],
-        [3.1, -5.7],
-        [2.2, -5.1],
-        [1.0, -3.5],
-        [0.6, -2.7],
-    ]
-)
+WAYPOINTS_M = np.array([
+    [-5.5, -2.3], [6.0, -2.3], [6.7, -3.1], [6.7, -4.6], [5.1, -5.7], [3.1, -5.7], [2.2, -5.1], [1.0, -3.5],
+    [0.6, -2.7],
+])  # fmt: skip
 N_STOPS = 45
 BOX_M = np.array([[-7.0, 9.0], [-8.5, -1.0]])  # x and y of the objects
 CLEARANCE_M = 0.3
@@ -100,10 +92,7 @@ def draw_rounded_square(rng: np.random.Generator) -> RoundedPolygon:
 
 
 def draw_wall(rng: np.random.Generator, length_m: tuple[float, float] = (3.0, 20.0)) -> FloatArray:
-    """Ends (2, xy) of a wall of a length uniform in the range, in any direction and clear of the walk.
-
-    Its middle lies in the box.
-    """
+    """Ends (2, xy) of a wall clear of the walk: its length is uniform in the range, its middle is in the box."""
     walk = shapely.LineString(WAYPOINTS_M)
     while True:
         azimuth, half = rng.uniform(0, np.pi), rng.uniform(*length_m) / 2
@@ -121,28 +110,29 @@ def draw_edge(rng: np.random.Generator) -> FloatArray:
 
 def lit_pillar(draw: Callable[[np.random.Generator], C], rng: np.random.Generator) -> tuple[C, TruePaths]:
     """A contour of the given kind that enough stops see, and its paths."""
-    while True:
-        contour = draw(rng)
-        true = closed_paths(contour, rng)
-        if len(true.point_m) >= MIN_PATHS:
-            return contour, true
+    return _lit(draw, closed_paths, rng)
 
 
 def lit_wall(rng: np.random.Generator) -> tuple[FloatArray, TruePaths]:
     """Ends (2, xy) of a wall that enough stops see, and its paths."""
-    while True:
-        ends = draw_wall(rng)
-        true = wall_paths(ends, rng)
-        if len(true.point_m) >= MIN_PATHS:
-            return ends, true
+    return _lit(draw_wall, wall_paths, rng)
 
 
 def lit_edge(rng: np.random.Generator) -> TruePaths:
     """Paths of an edge point that enough stops see."""
+    return _lit(draw_edge, edge_paths, rng)[1]
+
+
+def _lit(
+    draw: Callable[[np.random.Generator], T],
+    paths: Callable[[T, np.random.Generator], TruePaths],
+    rng: np.random.Generator,
+) -> tuple[T, TruePaths]:
     while True:
-        true = edge_paths(draw_edge(rng), rng)
+        drawn = draw(rng)
+        true = paths(drawn, rng)
         if len(true.point_m) >= MIN_PATHS:
-            return true
+            return drawn, true
 
 
 def closed_paths(contour: Contour, rng: np.random.Generator) -> TruePaths:
@@ -221,14 +211,9 @@ def _pose_std(errors: Errors) -> FloatArray:
 
 
 def _measured(
-    true: TruePaths,
-    stop: IntArray,
-    exact: FloatArray,
-    pose_error: FloatArray,
-    errors: Errors,
-    offset: FloatArray,
-    rng: np.random.Generator,
-) -> Reflections:
+    true: TruePaths, stop: IntArray, exact: FloatArray, pose_error: FloatArray, errors: Errors,
+    offset: FloatArray, rng: np.random.Generator,
+) -> Reflections:  # fmt: skip
     """Exact measurements (path, 3) with offset and noise, the poses with their errors (path, 4)."""
     n = len(exact)
     std = errors.level * np.array([1e-9 * SPEED_OF_LIGHT_M_S, np.deg2rad(1.0), np.deg2rad(1.0)])
@@ -256,8 +241,7 @@ def true_measurements(true: TruePaths) -> FloatArray:
 
 
 def _receivers(rng: np.random.Generator) -> FloatArray:
-    position = walk_positions()
-    return np.column_stack([position, rng.uniform(-np.pi, np.pi, len(position))])
+    return np.column_stack([walk_positions(), rng.uniform(-np.pi, np.pi, N_STOPS)])
 
 
 def _place(rng: np.random.Generator, reach_m: float) -> FloatArray:

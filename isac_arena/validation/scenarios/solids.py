@@ -41,7 +41,7 @@ def scene_of(
 
 
 def random_solids(rng: np.random.Generator) -> list[Contour]:
-    """Pillars, a box and a rounded block around the origin, all apart, the middle left free."""
+    """Three pillars, a box and a rounded block around the origin: they do not touch, and the middle is free."""
     turn = rng.uniform(0, 2 * np.pi)
     places = 3.5 * direction(turn + np.arange(5) * 2 * np.pi / 5 + rng.uniform(-0.2, 0.2, 5))[:, :2]
     places *= rng.uniform(0.85, 1.3, (5, 1))

@@ -1,7 +1,7 @@
 """What a receiver in a hall estimates: single bounces at specular points, outliers and Gaussian errors.
 
-Everything drawn is exact. Gaussian errors of a stated covariance are added to delay and angles of every path. The
-measurements of given points follow `estimation.laws`; the checks test what the solvers make of them.
+All drawn values are exact. Gaussian errors of a stated covariance are added to delay and angles of every path. The
+measurements of given points follow `estimation.laws`, so that the checks test the solvers alone.
 """
 
 from __future__ import annotations
@@ -12,16 +12,8 @@ import numpy as np
 
 from estimation.channel.record import ChannelEstimate
 from estimation.laws import plane, space
-from isac_arena.validation.scenarios.halls import (
-    Hall,
-    ScenarioConfig,
-    bounce_points,
-    double_bounces,
-    draw_hall,
-    draw_state,
-    draw_walk,
-    spatial_points,
-)
+from isac_arena.validation.scenarios import halls
+from isac_arena.validation.scenarios.estimates import made_estimate
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose, wrap_angle
 from scenes.record import BoolArray, FloatArray, IntArray
 
@@ -37,19 +29,19 @@ class Scenario:
     state: FloatArray  # (4,) x, y, heading, bias in m, m, rad, m; (5,) with z after y in space
     is_los: BoolArray  # (path,)
     is_single: BoolArray  # (path,)
-    point_m: FloatArray  # (path, xy or xyz), NaN but for single bounces
-    landmark: IntArray  # (path,) walls 0 to 3, pillars from 4; -1 for anything else
+    point_m: FloatArray  # (path, xy or xyz), NaN except for single bounces
+    landmark: IntArray  # (path,) walls 0 to 3, pillars from 4; -1 for all other paths
 
 
-def draw_stop(rng: np.random.Generator, config: ScenarioConfig, stop: int = 0) -> Scenario:
+def draw_stop(rng: np.random.Generator, config: halls.ScenarioConfig, stop: int = 0) -> Scenario:
     """A receiver anywhere in a hall of its own."""
-    hall = draw_hall(rng, config)
-    return observe_stop(rng, config, hall, draw_state(rng, config, hall), stop)
+    hall = halls.draw_hall(rng, config)
+    return observe_stop(rng, config, hall, halls.draw_state(rng, config, hall), stop)
 
 
-def draw_trajectory(rng: np.random.Generator, config: ScenarioConfig, n_stops: int) -> list[Scenario]:
+def draw_trajectory(rng: np.random.Generator, config: halls.ScenarioConfig, n_stops: int) -> list[Scenario]:
     """The stops of `draw_walk`, each observed on its own."""
-    walk = draw_walk(rng, config, n_stops)
+    walk = halls.draw_walk(rng, config, n_stops)
     hidden = replace(config, has_los=False)
     return [
         observe_stop(rng, config if clear else hidden, walk.hall, walk.state[stop], stop)
@@ -58,17 +50,18 @@ def draw_trajectory(rng: np.random.Generator, config: ScenarioConfig, n_stops: i
 
 
 def observe_stop(
-    rng: np.random.Generator, config: ScenarioConfig, hall: Hall, state: FloatArray, stop: int
+    rng: np.random.Generator, config: halls.ScenarioConfig, hall: halls.Hall, state: FloatArray, stop: int
 ) -> Scenario:
     """The paths of one receiver state: single bounces off random objects, then outliers, then noise."""
-    law = space if config.in_space else plane
+    flat = not config.in_space
+    law = plane if flat else space
     points, objects = (
-        spatial_points(rng, hall, state[:3]) if config.in_space else bounce_points(hall, state[:2])
+        halls.bounce_points(hall, state[:2]) if flat else halls.spatial_points(rng, hall, state[:3])
     )
     n_outliers = round(config.outlier_share * config.n_paths)
     n_single = min(config.n_paths - n_outliers, len(points))
     chosen = rng.choice(len(points), n_single, replace=False)
-    outliers = _spatial_clutter if config.in_space else _double_bounces_and_clutter
+    outliers = _double_bounces_and_clutter if flat else _spatial_clutter
     los = law.predict_los(hall.tx, state[None])
     parts = [
         los[: int(config.has_los)],
@@ -84,16 +77,9 @@ def observe_stop(
     point[kind == 1], landmark[kind == 1] = points[chosen], objects[chosen]
     power = _power_dbm(rng, config, exact[:, 0] - state[-1], kind, landmark >= 4)
     order = np.argsort(measured[:, 0], kind="stable")
-    is_los = kind[order] == 0
-    return Scenario(
-        tx=hall.tx,
-        estimate=channel_estimate(stop, measured[order], power[order], config.covariance, is_los),
-        state=state,
-        is_los=is_los,
-        is_single=kind[order] == 1,
-        point_m=point[order],
-        landmark=landmark[order],
-    )
+    is_los, is_single = kind[order] == 0, kind[order] == 1
+    estimate = channel_estimate(stop, measured[order], power[order], config.covariance, is_los)
+    return Scenario(hall.tx, estimate, state, is_los, is_single, point[order], landmark[order])
 
 
 def channel_estimate(
@@ -103,36 +89,36 @@ def channel_estimate(
 
     m is 3, or 5 with the elevations of departure and arrival.
     """
-    n, size = measured.shape
-    to_seconds = np.array([1 / SPEED_OF_LIGHT_M_S, *(size - 1) * [1.0]])
-    elevations = dict(zip(("aod_elevation_rad", "aoa_elevation_rad"), measured.T[3:], strict=False))
-    return ChannelEstimate(
-        stop=stop,
-        delay_s=measured[:, 0] / SPEED_OF_LIGHT_M_S,
-        aod_azimuth_rad=measured[:, 1],
-        aoa_azimuth_rad=measured[:, 2],
-        power_dbm=power_dbm,
-        beam_loss_db=np.zeros(n),
-        snr_db=np.full(n, 20.0),
-        covariance=np.tile(covariance * np.outer(to_seconds, to_seconds), (n, 1, 1)),
-        is_los=is_los,
-        **elevations,
-    )
+    to_seconds = np.array([1 / SPEED_OF_LIGHT_M_S, *(measured.shape[1] - 1) * [1.0]])
+    parameters = measured.copy()
+    parameters[:, 0] /= SPEED_OF_LIGHT_M_S
+    in_seconds = covariance * np.outer(to_seconds, to_seconds)
+    return made_estimate(stop, parameters, power_dbm, in_seconds, is_los, snr_db=20.0)
 
 
 def _double_bounces_and_clutter(
-    rng: np.random.Generator, config: ScenarioConfig, hall: Hall, state: FloatArray, n: int, shortest_m: float
+    rng: np.random.Generator,
+    config: halls.ScenarioConfig,
+    hall: halls.Hall,
+    state: FloatArray,
+    n: int,
+    shortest_m: float,
 ) -> FloatArray:
     """Outliers (n, 3): paths over two walls, then paths of any directions, up to 25 m longer than the LOS."""
     n_double = round(config.double_share * n)
-    double = double_bounces(hall, state)[rng.choice(12, n_double, replace=n_double > 12)]
+    double = halls.double_bounces(hall, state)[rng.choice(12, n_double, replace=n_double > 12)]
     angles = rng.uniform([-np.pi / 2, -np.pi], [np.pi / 2, np.pi], (n - n_double, 2))
     clutter = np.column_stack([shortest_m + rng.uniform(0.5, 25.0, n - n_double), angles])
     return np.concatenate([double, clutter])
 
 
 def _spatial_clutter(
-    rng: np.random.Generator, config: ScenarioConfig, hall: Hall, state: FloatArray, n: int, shortest_m: float
+    rng: np.random.Generator,
+    config: halls.ScenarioConfig,
+    hall: halls.Hall,
+    state: FloatArray,
+    n: int,
+    shortest_m: float,
 ) -> FloatArray:
     """Outliers (n, 5): paths of any directions, up to 25 m longer than the LOS."""
     length = shortest_m + rng.uniform(0.5, 25.0, n)
@@ -142,14 +128,14 @@ def _spatial_clutter(
 
 def _power_dbm(
     rng: np.random.Generator,
-    config: ScenarioConfig,
+    config: halls.ScenarioConfig,
     length_m: FloatArray,
     kind: IntArray,
     is_pillar: BoolArray,
 ) -> FloatArray:
     """Powers as in the measured hall: -13 - 17 log10(d) less the loss of the kind of path.
 
-    Walls lose 6 dB, pillars 15 dB and outliers 12 dB; in space every path but the direct one loses 10 dB.
+    Walls lose 6 dB, pillars 15 dB and outliers 12 dB; in space every path except the line of sight loses 10 dB.
     """
     spread = _POWER_STD_DB * rng.standard_normal(len(kind))
     free = -13.0 - 17.0 * np.log10(np.maximum(length_m, 0.1))

@@ -15,17 +15,8 @@ from estimation.slam.record import SolveStatus
 from isac_arena.campaign.results import CampaignResults, MapResult
 from isac_arena.scoring.association import assign
 from isac_arena.scoring.config import Gate, Significance
+from isac_arena.scoring.metrics import contours
 from isac_arena.scoring.metrics.consistency import gaussian_crps, normalised_nees, region_coverage
-from isac_arena.scoring.metrics.contours import (
-    chamfer_m,
-    extent_iou,
-    hausdorff_m,
-    intersection_over_union,
-    modified_hausdorff_m,
-    outline_distances,
-    perpendicular_rmse_m,
-    scene_gospa,
-)
 from isac_arena.scoring.metrics.metric import Metric
 from isac_arena.scoring.metrics.sets import gospa, ospa
 from isac_arena.scoring.metrics.trajectories import absolute_errors, relative_errors
@@ -45,20 +36,24 @@ def check_closed_forms(seed: int, quick: bool) -> list[Measurement]:
     shift, ratio = 0.7, 1.3
     lens = 2 * np.arccos(shift / 2) - shift / 2 * np.sqrt(4 - shift**2)
     beside, around = UNIT + np.array([shift, 0.0]), ratio * UNIT
-    concentric = outline_distances(UNIT, around)
+    concentric = contours.outline_distances(UNIT, around)
     wall = np.outer(np.linspace(-2, 3, 50), [0.6, 0.8])
     lit = np.outer(np.linspace(0, 4, 50), [0.6, 0.8])
     return [
-        _error("iou.circles", intersection_over_union(UNIT, beside) - lens / (2 * np.pi - lens), 1e-5),
-        _error("hausdorff.circles", hausdorff_m(*outline_distances(UNIT, beside)) - shift, 1e-5),
-        _error("modified_hausdorff.circles", modified_hausdorff_m(*concentric) - (ratio - 1), 1e-5),
-        _error("chamfer.circles", chamfer_m(*concentric) - (ratio - 1), 1e-5),
+        _error(
+            "iou.circles", contours.intersection_over_union(UNIT, beside) - lens / (2 * np.pi - lens), 1e-5
+        ),
+        _error(
+            "hausdorff.circles", contours.hausdorff_m(*contours.outline_distances(UNIT, beside)) - shift, 1e-5
+        ),
+        _error("modified_hausdorff.circles", contours.modified_hausdorff_m(*concentric) - (ratio - 1), 1e-5),
+        _error("chamfer.circles", contours.chamfer_m(*concentric) - (ratio - 1), 1e-5),
         _error(
             "perpendicular_rmse.wall",
-            perpendicular_rmse_m(wall + np.array([-0.8, 0.6]), *wall[[0, -1]]) - 1,
+            contours.perpendicular_rmse_m(wall + np.array([-0.8, 0.6]), *wall[[0, -1]]) - 1,
             1e-12,
         ),
-        _error("extent_iou.wall", extent_iou(wall, lit) - 3 / 6, 1e-12),
+        _error("extent_iou.wall", contours.extent_iou(wall, lit) - 3 / 6, 1e-12),
         *_trajectory_rows(np.random.default_rng(seed)),
         *_consistency_rows(np.random.default_rng(seed), 20_000 if quick else 400_000),
     ]
@@ -81,9 +76,11 @@ def check_assignments(seed: int, quick: bool) -> list[Measurement]:
     for _ in range(3 if quick else 20):
         n, m = rng.integers(0, 4, 2)
         ours, truths = (rng.uniform(0, 3, (k, 1, 2)) + UNIT[::60] for k in (n, m))
-        loss = np.array([[1 - intersection_over_union(a, b) for b in truths] for a in ours]).reshape(n, m)
+        loss = np.array([[1 - contours.intersection_over_union(a, b) for b in truths] for a in ours]).reshape(
+            n, m
+        )
         expected = np.sqrt(_cheapest(loss**2) + abs(n - m) / 2)
-        _keep(worst, "scene_gospa", scene_gospa(ours, truths).value - expected)
+        _keep(worst, "scene_gospa", contours.scene_gospa(ours, truths).value - expected)
     return [_error(f"brute_force.{name}", value, 1e-9) for name, value in worst.items()]
 
 
@@ -289,11 +286,15 @@ def _set_distances(step: float) -> list[float]:
     truth = [UNIT[::20], UNIT[::20] + np.array([6.0, 0.0])]
     away = [outline + np.array([0.0, 3 * step]) for outline in truth]
     distance = np.abs(np.array([[0.0, 2.0], [2.0, 0.0]]) + step * np.eye(2))
-    between = outline_distances(away[0], truth[0])
-    measures: list[Callable[[FloatArray, FloatArray], float]] = [hausdorff_m, modified_hausdorff_m, chamfer_m]
+    between = contours.outline_distances(away[0], truth[0])
+    measures: list[Callable[[FloatArray, FloatArray], float]] = [
+        contours.hausdorff_m,
+        contours.modified_hausdorff_m,
+        contours.chamfer_m,
+    ]
     return [
         ospa(distance, 0.8),
         gospa(distance, 0.8).value,
-        scene_gospa(away, truth).value,
+        contours.scene_gospa(away, truth).value,
         *(measure(*between) for measure in measures),
     ]

@@ -21,17 +21,8 @@ from isac_arena.scoring.metrics.contours import intersection_over_union
 from isac_arena.scoring.stages.shapes import contour_points_m
 from isac_arena.validation.measurement import Measurement, at_least, at_most
 from isac_arena.validation.monte_carlo import generators
+from isac_arena.validation.scenarios import reflections
 from isac_arena.validation.scenarios.paths import over_points
-from isac_arena.validation.scenarios.reflections import (
-    TX,
-    TruePaths,
-    draw_circle,
-    lit_edge,
-    lit_pillar,
-    lit_wall,
-    true_measurements,
-    walk_positions,
-)
 from scenes.contours.smooth import Circle
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
 from scenes.record import FloatArray, IntArray
@@ -82,7 +73,7 @@ def check_campaign_contours(seed: int, quick: bool) -> list[Measurement]:
         scores = []
         for rng in generators(seed, n):
             made = make_arena(rng, offset=offset, jump_deg=jump_deg)
-            tx = Pose(np.array([*TX[:2], 0.0]), float(TX[2]))
+            tx = Pose(np.array([*reflections.TX[:2], 0.0]), float(reflections.TX[2]))
             result = make_map(config, made.channel, tx, made.poses if name == "mapping" else None)
             scores.append(score(made, result))
         rows += _rows(f"campaign.{name}", scores, quick)
@@ -124,14 +115,14 @@ def make_arena(rng: np.random.Generator, *, offset: bool, jump_deg: float = 0.0)
     `jump_deg` is an error of the TX heading at the stops before `JUMP_STOP`.
     """
     pillars: list[Circle] = []
-    truths: list[TruePaths] = []
+    truths: list[reflections.TruePaths] = []
     while len(pillars) < N_PILLARS:
-        pillar, true = lit_pillar(draw_circle, rng)
+        pillar, true = reflections.lit_pillar(reflections.draw_circle, rng)
         if all(np.linalg.norm(pillar.center_m - other.center_m) > CLEARANCE_M for other in pillars):
             pillars.append(pillar)
             truths.append(true)
-    truths += [lit_wall(rng)[1], lit_edge(rng)]
-    walk = walk_positions()
+    truths += [reflections.lit_wall(rng)[1], reflections.lit_edge(rng)]
+    walk = reflections.walk_positions()
     heading = rng.uniform(-np.pi, np.pi, len(walk))
     clock_m = rng.normal(10.0, 1.0, len(walk))
     shift = np.zeros(3)
@@ -162,15 +153,15 @@ def make_arena(rng: np.random.Generator, *, offset: bool, jump_deg: float = 0.0)
 
 
 def _true_paths(
-    truths: list[TruePaths], rx: FloatArray, rng: np.random.Generator
+    truths: list[reflections.TruePaths], rx: FloatArray, rng: np.random.Generator
 ) -> tuple[FloatArray, IntArray]:
     """Range, departure and arrival (path, 3) of the paths of one stop, and what each is."""
     rows, kind = [_over(np.zeros((0, 2)), rx)], [LOS]
     for number, true in enumerate(truths):
         mine = np.flatnonzero(np.linalg.norm(true.rx[:, :2] - rx[:2], axis=1) < 1e-9)
         if len(mine):
-            same = TruePaths(true.point_m[mine[:1]], rx[None])
-            rows.append(true_measurements(same)[0])
+            same = reflections.TruePaths(true.point_m[mine[:1]], rx[None])
+            rows.append(reflections.true_measurements(same)[0])
             kind.append(number)
     for _ in range(N_GHOSTS):
         rows.append(_over(rng.uniform(CLUTTER_BOX_M[:, 0], CLUTTER_BOX_M[:, 1], (2, 2)), rx))
@@ -180,8 +171,8 @@ def _true_paths(
 
 def _over(points_m: FloatArray, rx: FloatArray) -> FloatArray:
     """Range, departure and arrival (3,) of the path over points (point, xy)."""
-    length, departure, arrival = over_points(np.vstack([TX[:2], points_m, rx[:2]]))
-    return np.array([length, departure - TX[2], arrival - rx[2]])
+    length, departure, arrival = over_points(np.vstack([reflections.TX[:2], points_m, rx[:2]]))
+    return np.array([length, departure - reflections.TX[2], arrival - rx[2]])
 
 
 def _estimate(

@@ -18,14 +18,7 @@ from estimation.shape.points.mic import fit_mic
 from isac_arena.scoring.metrics.contours import extent_iou, intersection_over_union
 from isac_arena.validation.measurement import Measurement, at_least, at_most
 from isac_arena.validation.monte_carlo import standard_error, widened
-from isac_arena.validation.scenarios.point_clusters import (
-    MadeObject,
-    partial_pillars,
-    square_columns,
-    walls,
-    with_outliers,
-    with_wrong_covariance,
-)
+from isac_arena.validation.scenarios import point_clusters
 from scenes.record import FloatArray
 
 BAND_STD = 1.96
@@ -55,7 +48,7 @@ class WallScores(NamedTuple):
 
 def check_partial_pillars(seed: int, quick: bool) -> list[Measurement]:
     """Round pillars seen from one side: MIC beside prior-only and the paper's method."""
-    made = partial_pillars(np.random.default_rng(seed), QUICK_DRAWS if quick else PILLAR_DRAWS)
+    made = point_clusters.partial_pillars(np.random.default_rng(seed), QUICK_DRAWS if quick else PILLAR_DRAWS)
     ours, prior, paper = (closed_scores(fit, made) for fit in (fit_mic, fit_prior_only, fit_paper_gp))
     recursive = [closed_scores(fit, made).iou for fit in (fit_recursive_gp, fit_star_convex_rhm)]
     row = _Rows("pillars", len(made), quick)
@@ -72,13 +65,13 @@ def check_partial_pillars(seed: int, quick: bool) -> list[Measurement]:
 def check_disturbed_pillars(seed: int, quick: bool) -> list[Measurement]:
     """The same with 10 % outliers, and with stated covariances four times too large or too small."""
     rng = np.random.default_rng(seed)
-    made = partial_pillars(rng, QUICK_DRAWS if quick else PILLAR_DRAWS)
+    made = point_clusters.partial_pillars(rng, QUICK_DRAWS if quick else PILLAR_DRAWS)
     row = _Rows("pillars", len(made), quick)
-    outliers = closed_scores(fit_mic, [with_outliers(one, 0.1, rng) for one in made])
+    outliers = closed_scores(fit_mic, [point_clusters.with_outliers(one, 0.1, rng) for one in made])
     row.higher("outliers.iou", outliers.iou, 0.68)
     row.higher("outliers.coverage", outliers.coverage, 0.9)
     for name, factor in (("large", 4.0), ("small", 0.25)):
-        scores = closed_scores(fit_mic, [with_wrong_covariance(one, factor) for one in made])
+        scores = closed_scores(fit_mic, [point_clusters.with_wrong_covariance(one, factor) for one in made])
         row.higher(f"covariance_too_{name}.iou", scores.iou, 0.70)
         row.higher(f"covariance_too_{name}.coverage", scores.coverage, 0.88)
     return row.rows
@@ -86,7 +79,7 @@ def check_disturbed_pillars(seed: int, quick: bool) -> list[Measurement]:
 
 def check_square_columns(seed: int, quick: bool) -> list[Measurement]:
     """Square columns turned at random, seen from one side."""
-    made = square_columns(np.random.default_rng(seed), QUICK_DRAWS if quick else PILLAR_DRAWS)
+    made = point_clusters.square_columns(np.random.default_rng(seed), QUICK_DRAWS if quick else PILLAR_DRAWS)
     scores = closed_scores(fit_mic, made)
     row = _Rows("columns", len(made), quick)
     row.higher("iou", scores.iou, 0.65)
@@ -98,7 +91,7 @@ def check_walls(seed: int, quick: bool) -> list[Measurement]:
     """Straight walls of 3-20 m by the line with its end-point posterior, recessed ones by depth along it."""
     rng = np.random.default_rng(seed)
     draws = QUICK_WALL_DRAWS if quick else WALL_DRAWS
-    straight, recessed = walls(rng, draws), walls(rng, draws, recess_m=RECESS_M)
+    straight, recessed = point_clusters.walls(rng, draws), point_clusters.walls(rng, draws, recess_m=RECESS_M)
     scores = wall_scores(fit_line, straight)
     row = _Rows("walls", len(straight), quick)
     row.lower("perpendicular_rmse_m", scores.perpendicular_rmse_m, 0.036)
@@ -114,27 +107,29 @@ def check_pillar_or_wall(seed: int, quick: bool) -> list[Measurement]:
     """Class by evidence between the MIC contour and the line, on as many pillars as walls."""
     rng = np.random.default_rng(seed)
     draws = QUICK_WALL_DRAWS if quick else WALL_DRAWS
-    pillars = partial_pillars(rng, draws)
+    pillars = point_clusters.partial_pillars(rng, draws)
     rows = _Rows("class", len(pillars), quick)
     pillar_right = np.array([_wall_evidence(one) < 0 for one in pillars], float)
     for name, length, bar in (("walls_3_20_m", (3.0, 20.0), 0.99), ("walls_0.8_3_m", (0.8, 3.0), 0.88)):
-        wall_right = np.array([_wall_evidence(one) > 0 for one in walls(rng, draws, length)], float)
+        wall_right = np.array(
+            [_wall_evidence(one) > 0 for one in point_clusters.walls(rng, draws, length)], float
+        )
         rows.higher(f"{name}.right", wall_right, bar)
     rows.higher("pillars.right", pillar_right, 0.88)
     return rows.rows
 
 
-def closed_scores(fit: Method, made: Sequence[MadeObject]) -> ClosedScores:
+def closed_scores(fit: Method, made: Sequence[point_clusters.MadeObject]) -> ClosedScores:
     """Scores of a method on closed contours."""
     return ClosedScores(*np.array([_closed(fit(one.points), one) for one in made]).T)
 
 
-def wall_scores(fit: Method, made: Sequence[MadeObject]) -> WallScores:
+def wall_scores(fit: Method, made: Sequence[point_clusters.MadeObject]) -> WallScores:
     """Scores of a method on walls: distances are perpendicular to the wall, where the estimate lies beside it."""
     return WallScores(*np.array([_wall(fit(one.points), one) for one in made]).T)
 
 
-def _closed(fit: ShapeFit, made: MadeObject) -> tuple[float, float, float, float]:
+def _closed(fit: ShapeFit, made: point_clusters.MadeObject) -> tuple[float, float, float, float]:
     if not fit.is_usable:
         return 0.0, np.nan, np.nan, np.nan
     estimate, truth = shapely.LinearRing(fit.contour_m), shapely.LinearRing(made.contour_m)
@@ -147,7 +142,7 @@ def _closed(fit: ShapeFit, made: MadeObject) -> tuple[float, float, float, float
     return intersection_over_union(fit.contour_m, made.contour_m), full, visible, covered
 
 
-def _wall(fit: ShapeFit, made: MadeObject) -> tuple[float, float, float]:
+def _wall(fit: ShapeFit, made: point_clusters.MadeObject) -> tuple[float, float, float]:
     start, end = made.contour_m[0], made.contour_m[-1]
     length = float(np.hypot(*(end - start)))
     along = (end - start) / length
@@ -162,7 +157,7 @@ def _wall(fit: ShapeFit, made: MadeObject) -> tuple[float, float, float]:
     return float(np.sqrt(np.mean(error**2))), extent_iou(fit.contour_m, made.lit_m), float(covered)
 
 
-def _wall_evidence(made: MadeObject) -> float:
+def _wall_evidence(made: point_clusters.MadeObject) -> float:
     return fit_line(made.points).log_evidence - fit_mic(made.points).log_evidence
 
 

@@ -16,25 +16,15 @@ from estimation.shape.reflection.reflections import ReflectionConfig, Reflection
 from isac_arena.scoring.metrics.contours import intersection_over_union, interval_iou, perpendicular_rmse_m
 from isac_arena.validation.measurement import Measurement, at_least, at_most
 from isac_arena.validation.monte_carlo import generators
-from isac_arena.validation.scenarios.reflections import (
-    Errors,
-    draw_circle,
-    draw_ellipse,
-    draw_rounded_square,
-    lit_edge,
-    lit_pillar,
-    lit_wall,
-    observe,
-    observe_together,
-)
+from isac_arena.validation.scenarios import reflections
 from scenes.contours.base import Contour
 from scenes.record import BoolArray
 
 OFFSETS = ReflectionConfig()
 NO_OFFSETS = ReflectionConfig(delay_offset_std_ns=0.0, aod_offset_std_deg=0.0, aoa_offset_std_deg=0.0)
 LEVELS = (1.0, 0.5, 0.1)  # ns, deg and deg
-POSE = Errors(position_std_m=0.2, heading_std_deg=2.0)
-OFFSET_ERRORS = Errors(delay_offset_ns=0.3, angle_offset_deg=2.0)
+POSE = reflections.Errors(position_std_m=0.2, heading_std_deg=2.0)
+OFFSET_ERRORS = reflections.Errors(delay_offset_ns=0.3, angle_offset_deg=2.0)
 CAMPAIGN_ERRORS = replace(OFFSET_ERRORS, position_std_m=0.2, heading_std_deg=2.0)
 QUICK_SLACK = 0.12  # of a mean over the quick run's few sets: three of its standard errors
 OUTLINE_SPACING_M = 0.01
@@ -52,7 +42,10 @@ def check_reflection_pillars(seed: int, quick: bool) -> list[Measurement]:
     """Random round pillars without offsets: exact poses, and poses with errors of known covariance."""
     slack = QUICK_SLACK if quick else 0.0
     rows: list[Measurement] = []
-    for name, errors, bars in (("exact", Errors(), (0.78, 0.86, 0.965)), ("pose", POSE, (0.72, 0.80, 0.92))):
+    for name, errors, bars in (
+        ("exact", reflections.Errors(), (0.78, 0.86, 0.965)),
+        ("pose", POSE, (0.72, 0.80, 0.92)),
+    ):
         scores = [_pillars(seed, quick, replace(errors, level=level), NO_OFFSETS) for level in LEVELS]
         rows += [
             at_least(f"reflection.pillar.{name}.level{level:g}.iou", score.iou, bar - slack, "direct")
@@ -63,7 +56,7 @@ def check_reflection_pillars(seed: int, quick: bool) -> list[Measurement]:
         rows.append(at_least(key, coverage, 0.92 - slack, "95 % band, all levels"))
         if not quick:
             rows.append(at_most(f"{key}_upper", coverage, 0.97, "95 % band, all levels"))
-    points = _pillars(seed, quick, Errors(), NO_OFFSETS, fit_normals)
+    points = _pillars(seed, quick, reflections.Errors(), NO_OFFSETS, fit_normals)
     key = "reflection.pillar.exact.level1.points_and_normals_iou"
     rows.append(at_least(key, points.iou, 0.76 - slack, "own mode; the prototype has 0.78"))
     return rows
@@ -87,10 +80,16 @@ def check_reflection_offsets(seed: int, quick: bool) -> list[Measurement]:
 def check_reflection_columns(seed: int, quick: bool) -> list[Measurement]:
     """Ellipses and rounded squares at the 0.5 level by evidence, and what circles lose by the choice."""
     slack = QUICK_SLACK if quick else 0.0
-    ellipse = _pillars(seed, quick, Errors(0.5), NO_OFFSETS, _chosen, draw_ellipse, 100).iou
-    square = _pillars(seed, quick, Errors(0.5), NO_OFFSETS, _chosen, draw_rounded_square, 100).iou
-    circle = _pillars(seed, quick, Errors(0.5), NO_OFFSETS, n_sets=100).iou
-    by_evidence = _pillars(seed, quick, Errors(0.5), NO_OFFSETS, _chosen, draw_circle, 100).iou
+    ellipse = _pillars(
+        seed, quick, reflections.Errors(0.5), NO_OFFSETS, _chosen, reflections.draw_ellipse, 100
+    ).iou
+    square = _pillars(
+        seed, quick, reflections.Errors(0.5), NO_OFFSETS, _chosen, reflections.draw_rounded_square, 100
+    ).iou
+    circle = _pillars(seed, quick, reflections.Errors(0.5), NO_OFFSETS, n_sets=100).iou
+    by_evidence = _pillars(
+        seed, quick, reflections.Errors(0.5), NO_OFFSETS, _chosen, reflections.draw_circle, 100
+    ).iou
     loss = circle - by_evidence
     return [
         at_least("reflection.ellipse.level0.5.iou", ellipse, 0.60 - slack, "by evidence"),
@@ -103,7 +102,7 @@ def check_reflection_classes(seed: int, quick: bool) -> list[Measurement]:
     """Pillar, wall or edge by evidence at the 1 ns, 1 deg level."""
     slack = QUICK_SLACK if quick else 0.0
     rows = []
-    for name, errors, bar, n_each in (("exact", Errors(), 0.98, 70), ("pose", POSE, 0.95, 150)):
+    for name, errors, bar, n_each in (("exact", reflections.Errors(), 0.98, 70), ("pose", POSE, 0.95, 150)):
         right = _right_classes(seed, 4 if quick else n_each, errors)
         key = f"reflection.class.{name}.right"
         rows.append(at_least(key, right.mean(), bar - slack, "share of all objects"))
@@ -114,8 +113,8 @@ def check_reflection_walls(seed: int, quick: bool) -> list[Measurement]:
     """Walls of 3 to 20 m as mirror images at the 1 ns, 1 deg level: the line and its lit part."""
     distances, angles, extents = [], [], []
     for rng in generators(seed, 10 if quick else 200):
-        ends, true = lit_wall(rng)
-        data, _ = observe(true, Errors(), rng)
+        ends, true = reflections.lit_wall(rng)
+        data, _ = reflections.observe(true, reflections.Errors(), rng)
         fit = fit_kind(data, "wall", NO_OFFSETS)
         distances.append(perpendicular_rmse_m(fit.contour_m, *ends))
         along = ends[1] - ends[0]
@@ -133,22 +132,22 @@ def check_reflection_walls(seed: int, quick: bool) -> list[Measurement]:
     ]
 
 
-def made_pillar(rng: np.random.Generator, errors: Errors) -> Reflections:
+def made_pillar(rng: np.random.Generator, errors: reflections.Errors) -> Reflections:
     """Measured paths of a random round pillar."""
-    return observe(lit_pillar(draw_circle, rng)[1], errors, rng)[0]
+    return reflections.observe(reflections.lit_pillar(reflections.draw_circle, rng)[1], errors, rng)[0]
 
 
-def made_wall(rng: np.random.Generator, errors: Errors) -> Reflections:
+def made_wall(rng: np.random.Generator, errors: reflections.Errors) -> Reflections:
     """Measured paths of a random wall."""
-    return observe(lit_wall(rng)[1], errors, rng)[0]
+    return reflections.observe(reflections.lit_wall(rng)[1], errors, rng)[0]
 
 
 def made_campaign(
-    rng: np.random.Generator, errors: Errors = CAMPAIGN_ERRORS, n_pillars: int = 3
+    rng: np.random.Generator, errors: reflections.Errors = CAMPAIGN_ERRORS, n_pillars: int = 3
 ) -> tuple[list[BundleObject], Reflections]:
     """Random round pillars and lines of sight from the same walk, with common pose errors and offsets."""
-    truths = [lit_pillar(draw_circle, rng)[1] for _ in range(n_pillars)]
-    objects, los = observe_together(truths, errors, rng)
+    truths = [reflections.lit_pillar(reflections.draw_circle, rng)[1] for _ in range(n_pillars)]
+    objects, los = reflections.observe_together(truths, errors, rng)
     return [BundleObject("circle", data) for data in objects], los
 
 
@@ -164,31 +163,31 @@ def _direct(data: Reflections, config: ReflectionConfig) -> ShapeFit:
 def _pillars(
     seed: int,
     quick: bool,
-    errors: Errors,
+    errors: reflections.Errors,
     config: ReflectionConfig,
     fit: Callable[[Reflections, ReflectionConfig], ShapeFit] = _direct,
-    draw: Callable[[np.random.Generator], Contour] = draw_circle,
+    draw: Callable[[np.random.Generator], Contour] = reflections.draw_circle,
     n_sets: int = 200,
 ) -> PillarScores:
     iou, covered = [], []
     for rng in generators(seed, 12 if quick else n_sets):
-        contour, true = lit_pillar(draw, rng)
-        data, _ = observe(true, errors, rng)
+        contour, true = reflections.lit_pillar(draw, rng)
+        data, _ = reflections.observe(true, errors, rng)
         found = fit(data, config)
         iou.append(intersection_over_union(found.contour_m, contour.sample(OUTLINE_SPACING_M)))
         covered.append(np.mean(np.abs(contour.signed_distance(found.contour_m)) <= 1.96 * found.std_m))
     return PillarScores(float(np.mean(iou)), float(np.mean(covered)))
 
 
-def _right_classes(seed: int, n_each: int, errors: Errors) -> BoolArray:
+def _right_classes(seed: int, n_each: int, errors: reflections.Errors) -> BoolArray:
     """Whether the most probable class is the true one, for as many pillars as walls and edges."""
     right = []
     for rng in generators(seed, n_each):
         for name, true in (
-            ("pillar", lit_pillar(draw_circle, rng)[1]),
-            ("wall", lit_wall(rng)[1]),
-            ("edge", lit_edge(rng)),
+            ("pillar", reflections.lit_pillar(reflections.draw_circle, rng)[1]),
+            ("wall", reflections.lit_wall(rng)[1]),
+            ("edge", reflections.lit_edge(rng)),
         ):
-            data, _ = observe(true, errors, rng)
+            data, _ = reflections.observe(true, errors, rng)
             right.append(choose_shape(data, NO_OFFSETS).best_class == name)
     return np.array(right)

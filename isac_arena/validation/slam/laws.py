@@ -30,12 +30,9 @@ def check_jacobians(seed: int, quick: bool) -> list[Measurement]:
     one, two = predict_walls(tx, x, walls[:1]), predict_walls(tx, x, walls)
     pillar, terms = predict_circle(tx, x, circle), bounce_terms(tx, measured, covariance, x)
     by_point = plane.bounce_jacobian_point(tx, x, point[0])
+    by_rx = plane.bounce_jacobian_rx(tx, x, point)
     cases: dict[str, Case] = {
-        "bounce_state": (
-            lambda s: plane.predict_bounce(tx, s, point),
-            x,
-            plane.bounce_jacobian_rx(tx, x, point),
-        ),
+        "bounce_state": (lambda s: plane.predict_bounce(tx, s, point), x, by_rx),
         "bounce_point": (lambda q: plane.predict_bounce(tx, x, q), point[0], by_point),
         "los_state": (lambda s: plane.predict_los(tx, s), x, plane.los_jacobian_rx(tx, x)),
         "equation_state": (lambda s: bounce_terms(tx, measured, covariance, s).value_m, x, terms.jacobian),
@@ -92,13 +89,11 @@ def check_space_plane(seed: int, quick: bool) -> list[Measurement]:
         covariance = np.tile(IN_SPACE.covariance, (6, 1, 1))
         found, _ = spatial_bound(tx, state, SpatialPaths(point, covariance, covariance[0]))
         planar = covariance[:, :3, :3]
-        paths = StopPaths(point[:, :2], planar, np.full(6, -1), planar[0])
-        expected, _ = stop_bound(tx, flat, paths)
+        expected, _ = stop_bound(tx, flat, StopPaths(point[:, :2], planar, np.full(6, -1), planar[0]))
         peb.append(abs(found.plan_m / float(expected.position_m) - 1))
+    key, same = "space.plane", "the same formula: rounding"
     return [
-        at_most(
-            "space.plane.prediction_deviation", max(predicted), 1e-12, "the same law: rounding", "m, rad"
-        ),
-        at_most("space.plane.equation_deviation_m", max(equation), 1e-12, "the same equation: rounding", "m"),
-        at_most("space.plane.peb_deviation", max(peb), 1e-6, "the same bound, by other matrices"),
+        at_most(f"{key}.prediction_deviation", max(predicted), 1e-12, same, "m, rad"),
+        at_most(f"{key}.equation_deviation_m", max(equation), 1e-12, same, "m"),
+        at_most(f"{key}.peb_deviation", max(peb), 1e-6, "the same bound, by other matrices"),
     ]

@@ -14,20 +14,11 @@ from isac_arena.validation.measurement import Measurement, at_most
 from isac_arena.validation.monte_carlo import coverage_row, nees_row, rms_ratio
 from isac_arena.validation.scenarios.halls import ScenarioConfig
 from isac_arena.validation.scenarios.stops import draw_stop
-from isac_arena.validation.slam.trials import (
-    CLEAN,
-    GAUSSIAN,
-    MATCHED,
-    MAX_PEB_M,
-    NOISE,
-    OURS,
-    SnapshotTrial,
-    solve,
-)
+from isac_arena.validation.slam import trials
 
-REFERENCE = SnapshotConfig(method="reference", noise=NOISE)
-# By default nothing is assumed of the building; the walls of the made halls stand at right angles.
-RIGHT_ANGLES = OURS.model_copy(update={"mixture": Mixture(double_share=0.1)})
+REFERENCE = SnapshotConfig(method="reference", noise=trials.NOISE)
+# By default the solver assumes nothing about the building; the walls of these halls are at right angles.
+RIGHT_ANGLES = trials.OURS.model_copy(update={"mixture": Mixture(double_share=0.1)})
 CLUTTERED = ScenarioConfig(outlier_share=0.5)
 GROSS_M, CONFIDENT_M = 1.0, 0.5
 LINE_OF_SIGHT = {"los": True, "nlos": False}
@@ -35,12 +26,12 @@ LINE_OF_SIGHT = {"los": True, "nlos": False}
 
 def check_noiseless(seed: int, quick: bool) -> list[Measurement]:
     """Stops without errors and without outliers, with and without line of sight."""
-    return _noiseless("noiseless", CLEAN, seed, 10 if quick else 40)
+    return _noiseless("noiseless", trials.CLEAN, seed, 10 if quick else 40)
 
 
 def check_space_noiseless(seed: int, quick: bool) -> list[Measurement]:
     """The same with elevations, solved in space."""
-    return _noiseless("space.noiseless", replace(CLEAN, in_space=True), seed + 20, 5 if quick else 30)
+    return _noiseless("space.noiseless", replace(trials.CLEAN, in_space=True), seed + 20, 5 if quick else 30)
 
 
 def _noiseless(prefix: str, config: ScenarioConfig, seed: int, n_trials: int) -> list[Measurement]:
@@ -48,7 +39,7 @@ def _noiseless(prefix: str, config: ScenarioConfig, seed: int, n_trials: int) ->
     rows = []
     for name, has_los in LINE_OF_SIGHT.items():
         exact = replace(config, is_noisy=False, has_los=has_los)
-        errors = [np.abs(solve(draw_stop(rng, exact), OURS).error) for _ in range(n_trials)]
+        errors = [np.abs(trials.solve(draw_stop(rng, exact), trials.OURS).error) for _ in range(n_trials)]
         worst = np.max(np.nan_to_num(errors, nan=np.inf))
         reason = "exact measurements give the exact state; largest error over m and rad"
         rows.append(at_most(f"{prefix}.{name}.state_error_m", worst, 1e-6, reason, "m"))
@@ -58,43 +49,39 @@ def _noiseless(prefix: str, config: ScenarioConfig, seed: int, n_trials: int) ->
 def check_efficiency(seed: int, quick: bool) -> list[Measurement]:
     """RMSE over the bound, and consistency of the covariances, with Gaussian errors and no outliers."""
     bars = (0.25, 0.25, 0.07) if quick else (0.05, 0.05, 0.01)
-    return _efficiency("monte_carlo", GAUSSIAN, OURS, seed + 1, 50 if quick else 800, quick, bars)
+    n_trials = 50 if quick else 800
+    return _efficiency("monte_carlo", trials.GAUSSIAN, trials.OURS, seed + 1, n_trials, quick, bars)
 
 
 def check_space_efficiency(seed: int, quick: bool) -> list[Measurement]:
     """The same with elevations, solved in space."""
     bars = (0.25, 0.25, 0.08) if quick else (0.05, 0.05, 0.01)
-    settings = replace(GAUSSIAN, in_space=True)
-    return _efficiency("space", settings, MATCHED, seed + 21, 40 if quick else 500, quick, bars)
+    settings, n_trials = replace(trials.GAUSSIAN, in_space=True), 40 if quick else 500
+    return _efficiency("space", settings, trials.MATCHED, seed + 21, n_trials, quick, bars)
 
 
 def _efficiency(
-    prefix: str,
-    settings: ScenarioConfig,
-    solver: SnapshotConfig,
-    seed: int,
-    n_trials: int,
-    quick: bool,
+    prefix: str, settings: ScenarioConfig, solver: SnapshotConfig, seed: int, n_trials: int, quick: bool,
     bars: tuple[float, float, float],
-) -> list[Measurement]:
+) -> list[Measurement]:  # fmt: skip
     """Rows of one solver; `bars` are those of both NEES and of coverage.
 
     In a quick run a hundred trials scatter: the RMSE by 14 %, NEES by 7 % and coverage by 2 %.
     """
-    rng = np.random.default_rng(seed)
-    rows: list[Measurement] = []
-    every: list[SnapshotTrial] = []
+    rng, rows = np.random.default_rng(seed), []
+    every: list[trials.SnapshotTrial] = []
     for name, has_los in LINE_OF_SIGHT.items():
         drawn = replace(settings, has_los=has_los)
-        trials = [solve(draw_stop(rng, drawn), solver) for _ in range(n_trials)]
-        trials = [trial for trial in trials if trial.peb_m <= MAX_PEB_M]
-        ratio = rms_ratio((trial.distance_m**2 for trial in trials), (trial.peb_m for trial in trials))
+        solved = [trials.solve(draw_stop(rng, drawn), solver) for _ in range(n_trials)]
+        kept = [trial for trial in solved if trial.peb_m <= trials.MAX_PEB_M]
+        ratio = rms_ratio((trial.distance_m**2 for trial in kept), (trial.peb_m for trial in kept))
         reason = "an efficient estimator has 1; 10 % for the model that does not know its noise"
         rows.append(at_most(f"{prefix}.{name}.rmse_over_peb", ratio, 1.3 if quick else 1.1, reason))
-        every += trials
-    nees = squared_mahalanobis(
-        np.array([trial.error for trial in every]), np.array([trial.covariance for trial in every])
+        every += kept
+    errors, covariances = (
+        np.array([getattr(one, name) for one in every]) for name in ("error", "covariance")
     )
+    nees = squared_mahalanobis(errors, covariances)
     points = np.concatenate([trial.point_nees for trial in every])
     return [
         *rows,
@@ -107,16 +94,19 @@ def _efficiency(
 def check_outliers(seed: int, quick: bool) -> list[Measurement]:
     """Half of the paths are outliers: gross errors of our solver and of the reference on the same stops.
 
-    Our solver knows that walls stand at right angles; the last row shows the same stops without that knowledge.
+    Our solver assumes walls at right angles; the last row shows the same stops without this assumption.
     """
     rng = np.random.default_rng(seed + 2)
-    los = [solve(draw_stop(rng, CLUTTERED), RIGHT_ANGLES) for _ in range(50 if quick else 300)]
+    los = [trials.solve(draw_stop(rng, CLUTTERED), RIGHT_ANGLES) for _ in range(50 if quick else 300)]
     scenarios = [draw_stop(rng, replace(CLUTTERED, has_los=False)) for _ in range(20 if quick else 200)]
-    nlos = [solve(scenario, RIGHT_ANGLES) for scenario in scenarios]
-    reference = max(_gross_rate([solve(scenario, REFERENCE) for scenario in scenarios]), 1e-12)
-    rate, unaware = _gross_rate(nlos), _gross_rate([solve(scenario, OURS) for scenario in scenarios])
+    nlos = [trials.solve(scenario, RIGHT_ANGLES) for scenario in scenarios]
+    reference = max(_gross_rate([trials.solve(scenario, REFERENCE) for scenario in scenarios]), 1e-12)
+    rate, unaware = (
+        _gross_rate(nlos),
+        _gross_rate([trials.solve(scenario, trials.OURS) for scenario in scenarios]),
+    )
     sure = [trial for trial in [*los, *nlos] if _position_std_m(trial) < CONFIDENT_M]
-    rare = 0.05 if quick else 0.01  # of 50 stops, one or two may be off by chance
+    rare = 0.05 if quick else 0.01  # one or two of 50 stops may be wrong by chance
     prefix, over = "outliers50", "gross_rate_over_reference"
     unaware_reason = "default settings on the same stops: less knowledge, so three quarters at most"
     return [
@@ -128,11 +118,11 @@ def check_outliers(seed: int, quick: bool) -> list[Measurement]:
     ]
 
 
-def _gross_rate(trials: list[SnapshotTrial]) -> float:
-    return float(np.mean([trial.distance_m > GROSS_M for trial in trials])) if trials else np.nan
+def _gross_rate(solved: list[trials.SnapshotTrial]) -> float:
+    return float(np.mean([trial.distance_m > GROSS_M for trial in solved])) if solved else np.nan
 
 
-def _position_std_m(trial: SnapshotTrial) -> float:
+def _position_std_m(trial: trials.SnapshotTrial) -> float:
     """Standard deviation of the position over all ranked modes, weighted by their evidence."""
     solution = trial.solution
     if solution.status == SolveStatus.FAILED:

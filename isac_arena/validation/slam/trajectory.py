@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
+from estimation.channel.record import ChannelEstimate
 from estimation.slam.bounds import RoundObjects, StopPaths, state_bound, trajectory_covariance
 from estimation.slam.config import TrajectoryConfig
 from estimation.slam.record import SolveStatus
@@ -22,7 +23,7 @@ from isac_arena.validation.scenarios.halls import Hall, ScenarioConfig, draw_hal
 from isac_arena.validation.scenarios.stops import Scenario, draw_trajectory, observe_stop
 from isac_arena.validation.slam.trials import MAPPING, NOISE, OURS
 from isac_arena.validation.slam.trials import MATCHED as CLEAN_SNAPSHOT
-from scenes.pose import SPEED_OF_LIGHT_M_S, wrap_angle
+from scenes.pose import SPEED_OF_LIGHT_M_S, Pose, wrap_angle
 from scenes.record import BoolArray, FloatArray, IntArray
 
 N_STOPS = 24
@@ -42,47 +43,25 @@ MATCHED = TrajectoryConfig(
     use_sessions=False,
 )
 CLUTTERED = ScenarioConfig(outlier_share=0.3)
-# Receivers placed by hand on an uneven walk, a third of the paths false: what the settings have to serve.
+# The settings are for receivers placed by hand on an uneven walk, with a third of the paths false.
 REALISTIC = ScenarioConfig(n_paths=9, outlier_share=0.3, placement_std_m=0.05, spacing_std=0.3)
 TUNED = (
-    "degrees_of_freedom",
-    "cross_track_std_m",
-    "along_track_std_m",
-    "motion_degrees_of_freedom",
-    "cluster_eps_m",
-    "cluster_min_samples",
-    "max_object_extent_m",
-    "wall_roughness_m",
-    "object_roughness_m",
-    "object_radius_m",
-    "object_radius_std_m",
-)
-
-
-@dataclass(frozen=True)
-class WalkTrial:
-    """One walk of the matched model: errors (stop, 4), covariances, bound, and normalised landmark errors."""
-
-    error: FloatArray
-    covariance: FloatArray
-    peb_m: FloatArray  # (stop,)
-    wall_nees: FloatArray  # (wall,) 2 degrees of freedom each
-    object_nees: FloatArray  # (object,) of the centre, 2 degrees of freedom each
+    "degrees_of_freedom", "cross_track_std_m", "along_track_std_m", "motion_degrees_of_freedom",
+    "cluster_eps_m", "cluster_min_samples", "max_object_extent_m", "wall_roughness_m", "object_roughness_m",
+    "object_radius_m", "object_radius_std_m",
+)  # fmt: skip
 
 
 def check_trajectory_consistency(seed: int, quick: bool) -> list[Measurement]:
     """Walks drawn from the smoother's own model: RMSE over the bound, NEES of poses and landmarks, coverage.
 
-    Errors of one walk are correlated, so the mean over walks converges slowly: 20 walks leave the NEES uncertain
-    by about 8 %, 300 by 2 %.
+    Errors of one walk are correlated, so the mean over walks converges slowly: the NEES of 20 walks is uncertain
+    by about 8 %, that of 300 walks by 2 %.
     """
     rng = np.random.default_rng(seed + 30)
-    trials = [matched_trial(rng) for _ in range(8 if quick else 300)]
-    error = np.concatenate([trial.error for trial in trials])
-    nees = squared_mahalanobis(error, np.concatenate([trial.covariance for trial in trials]))
-    walls = np.concatenate([trial.wall_nees for trial in trials])
-    objects = np.concatenate([trial.object_nees for trial in trials])
-    peb = np.concatenate([trial.peb_m for trial in trials])
+    trials = [_matched_trial(rng) for _ in range(8 if quick else 300)]
+    error, covariance, peb, walls, objects = map(np.concatenate, zip(*trials, strict=True))
+    nees = squared_mahalanobis(error, covariance)
     wide = 4.0 if quick else 1.0  # 8 walks instead of 300 scatter six times as much
     bar, key = 0.05 * wide, "trajectory"
     ratio = rms_ratio(np.sum(error[:, :2] ** 2, axis=1), peb)
@@ -98,7 +77,7 @@ def check_trajectory_consistency(seed: int, quick: bool) -> list[Measurement]:
 def check_trajectory_settings(seed: int, quick: bool) -> list[Measurement]:
     """Every setting of the smoother halved and doubled on simulated walks: none is much better than the default.
 
-    This is where the defaults come from; no measured data takes part.
+    The defaults come from this check, without any measured data.
     """
     walks = [draw_trajectory(rng, REALISTIC, 30) for rng in generators(seed, 3 if quick else 6, 31)]
     standard = TrajectoryConfig()
@@ -120,10 +99,9 @@ def check_trajectories(seed: int, quick: bool) -> list[Measurement]:
     worst, square = [], np.zeros(2)
     for rng in generators(seed, 3 if quick else 20):
         walk = draw_trajectory(rng, replace(CLUTTERED, n_paths=9), 30)
-        estimates, tx = [scenario.estimate for scenario in walk], walk[0].tx
-        truth = np.array([scenario.state[:2] for scenario in walk])
+        estimates, tx, truth = _parts(walk)
         poses, _, _ = run_trajectory(estimates, tx, OURS, TrajectoryConfig(), MAPPING)
-        worst.append(_rms(np.hypot(*(poses.position_m - truth).T)))
+        worst.append(_rms([poses.position_m - truth]))
         alone, _ = run_slam(estimates, tx, OURS, MAPPING)
         filtered, _ = run_filter(estimates, tx, OURS, TrajectoryConfig(), MAPPING)
         solved = (alone.status != SolveStatus.FAILED) & (filtered.status != SolveStatus.FAILED)
@@ -140,11 +118,11 @@ def check_space_trajectory(seed: int, quick: bool) -> list[Measurement]:
     worst, height = [], []
     for rng in generators(seed, 1 if quick else 8, 22):
         walk = draw_trajectory(rng, replace(CLUTTERED, in_space=True), 15 if quick else 30)
-        estimates = [scenario.estimate for scenario in walk]
-        poses, _, _ = run_spatial_trajectory(estimates, walk[0].tx, OURS, TrajectoryConfig(), MAPPING)
-        truth = np.array([scenario.state[:3] for scenario in walk])
-        worst.append(_rms(np.hypot(*(poses.position_m - truth[:, :2]).T)))
-        height.append(_rms(poses.height_m - truth[:, 2]))
+        estimates, tx, truth = _parts(walk)
+        poses, _, _ = run_spatial_trajectory(estimates, tx, OURS, TrajectoryConfig(), MAPPING)
+        worst.append(_rms([poses.position_m - truth]))
+        height_m = np.array([scenario.state[2] for scenario in walk])
+        height.append(_rms([(poses.height_m - height_m)[:, None]]))
     key = "space.trajectory.outliers30.worst"
     return [
         at_most(f"{key}_rmse_m", max(worst), 0.5, "no walk in a wrong mode, as in the plane", "m"),
@@ -154,21 +132,31 @@ def check_space_trajectory(seed: int, quick: bool) -> list[Measurement]:
 
 def walks_rmse_m(walks: Sequence[Sequence[Scenario]], config: TrajectoryConfig) -> float:
     """Root mean square position error over all stops of all walks."""
-    square = []
+    errors = []
     for walk in walks:
-        poses, _, _ = run_trajectory([s.estimate for s in walk], walk[0].tx, OURS, config, MAPPING)
-        truth = np.array([scenario.state[:2] for scenario in walk])
-        square.append(np.sum((poses.position_m - truth) ** 2, axis=1))
-    return float(np.sqrt(np.mean(np.nan_to_num(np.concatenate(square), nan=np.inf))))
+        estimates, tx, truth = _parts(walk)
+        poses, _, _ = run_trajectory(estimates, tx, OURS, config, MAPPING)
+        errors.append(poses.position_m - truth)
+    return _rms(errors)
 
 
-def _rms(error: FloatArray) -> float:
-    """Root mean square error over the stops of a walk; infinite where one was not solved."""
-    return float(np.sqrt(np.mean(np.nan_to_num(error, nan=np.inf) ** 2)))
+def _parts(walk: Sequence[Scenario]) -> tuple[list[ChannelEstimate], Pose, FloatArray]:
+    """Estimates, TX and true positions (stop, xy) of a walk."""
+    return [s.estimate for s in walk], walk[0].tx, np.array([s.state[:2] for s in walk])
 
 
-def matched_trial(rng: np.random.Generator) -> WalkTrial:
-    """Draw a walk from the motion prior through a hall, solve it, and bound it."""
+def _rms(errors: Sequence[FloatArray]) -> float:
+    """Root mean square length of errors (stop, axis) of walks; infinite if one stop was not solved."""
+    square = np.concatenate([np.sum(error**2, axis=1) for error in errors])
+    return float(np.sqrt(np.mean(np.nan_to_num(square, nan=np.inf))))
+
+
+def _matched_trial(rng: np.random.Generator) -> tuple[FloatArray, ...]:
+    """A walk drawn from the motion prior through a hall, and solved.
+
+    Errors (stop, 4), covariances, position bound (stop,), and the NEES of walls (wall,) and of the centres of
+    objects (object,), each with 2 degrees of freedom.
+    """
     hall = draw_hall(rng, GAUSSIAN)
     states = draw_states(rng, hall)
     hall = replace(hall, pillar_m=hall.pillar_m[_stands_clear(hall, states)])
@@ -178,17 +166,13 @@ def matched_trial(rng: np.random.Generator) -> WalkTrial:
     error = found - states
     error[:, 2] = wrap_angle(error[:, 2])
     to_metres = np.array([1.0, 1.0, 1.0, SPEED_OF_LIGHT_M_S])
-    objects = RoundObjects(
-        np.column_stack([hall.pillar_m, np.full(len(hall.pillar_m), hall.radius_m)]),
-        MATCHED.object_radius_std_m,
-    )
+    circles = np.column_stack([hall.pillar_m, np.full(len(hall.pillar_m), hall.radius_m)])
+    objects = RoundObjects(circles, MATCHED.object_radius_std_m)
     kinds = np.split(details.path_kind, np.cumsum([len(scenario.estimate) for scenario in walk])[:-1])
     stops = [stop_paths(scenario, kind) for scenario, kind in zip(walk, kinds, strict=True)]
     bound = state_bound(trajectory_covariance(hall.tx, states, stops, BEND_M, objects))
-    walls, circles = landmark_nees(details, hall)
-    return WalkTrial(
-        error, poses.covariance * np.outer(to_metres, to_metres), bound.position_m, walls, circles
-    )
+    covariance = poses.covariance * np.outer(to_metres, to_metres)
+    return error, covariance, bound.position_m, *landmark_nees(details, hall)
 
 
 def _stands_clear(hall: Hall, states: FloatArray) -> BoolArray:
@@ -233,20 +217,17 @@ def landmark_nees(details: TrajectoryDetails, hall: Hall) -> tuple[FloatArray, F
     A wall is one where its normal is within 3 deg and 0.5 m of a true wall's, an object within 0.5 m of a pillar.
     """
     true_walls = np.array([[0.0, 0.0], [0.0, hall.size_m[0]], [np.pi / 2, 0.0], [np.pi / 2, hall.size_m[1]]])
-    walls = [
-        _wall_nees(wall, covariance, true_walls)
-        for wall, covariance in zip(details.walls, details.wall_covariance, strict=True)
-    ]
+    found = zip(details.walls, details.wall_covariance, strict=True)
+    known = np.array([_wall_nees(wall, covariance, true_walls) for wall, covariance in found])
     error = np.reshape(details.objects[:, None, :2] - hall.pillar_m, (-1, len(hall.pillar_m), 2))
     nearest = np.argmin(np.sum(error**2, axis=-1), axis=1) if error.size else np.empty(0, int)
     error = error[np.arange(len(error)), nearest].reshape(-1, 2)
     circles = squared_mahalanobis(error, details.object_covariance[:, :2, :2])
-    known = np.array(walls)
     return known[np.isfinite(known)], np.asarray(circles[np.hypot(*error.T) < _SAME_M])
 
 
 def _wall_nees(wall: FloatArray, covariance: FloatArray, true_walls: FloatArray) -> float:
-    """Of the true wall that it is; infinite where it is none. A line is the same with its normal reversed."""
+    """NEES against the true wall; infinite if there is none. A line is the same with its normal reversed."""
     for sign, turn in ((1.0, 0.0), (-1.0, np.pi)):
         error = np.array([wall[0] + turn, sign * wall[1]]) - true_walls
         error[:, 0] = wrap_angle(error[:, 0])

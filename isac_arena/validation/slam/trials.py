@@ -60,15 +60,12 @@ class SnapshotTrial:
     @property
     def peb_m(self) -> float:
         """Bound of the position from the true single bounces and the line of sight."""
-        single, to_metres = (
-            self.scenario.is_single,
-            _to_metres(self.scenario.estimate.covariance.shape[-1], 0),
-        )
-        covariance = self.scenario.estimate.covariance * np.outer(to_metres, to_metres)
-        line_of_sight = covariance[self.scenario.is_los]
-        los = line_of_sight[0] if len(line_of_sight) else None
-        points, paths = self.scenario.point_m[single], covariance[single]
-        tx, state = self.scenario.tx, self.scenario.state
+        scenario, in_seconds = self.scenario, self.scenario.estimate.covariance
+        to_metres = _to_metres(in_seconds.shape[-1], 0)
+        covariance = in_seconds * np.outer(to_metres, to_metres)
+        los = next(iter(covariance[scenario.is_los]), None)
+        points, paths = scenario.point_m[scenario.is_single], covariance[scenario.is_single]
+        tx, state = scenario.tx, scenario.state
         if self.n_coordinates == 3:
             return spatial_bound(tx, state, SpatialPaths(points, paths, los))[0].position_m
         no_walls = np.full(len(points), -1)
@@ -76,7 +73,7 @@ class SnapshotTrial:
 
     @property
     def point_nees(self) -> FloatArray:
-        """Squared Mahalanobis error (ip,) of the IPs taken for single bounces that are."""
+        """Squared Mahalanobis error (ip,) of the IPs of true single bounces that the solver accepts."""
         if self.solution.status == SolveStatus.FAILED:
             return np.zeros(0)
         estimate, in_space = self.scenario.estimate, self.n_coordinates == 3
@@ -115,9 +112,9 @@ def jacobian_rows(prefix: str, cases: Mapping[str, Case]) -> list[Measurement]:
 
 
 def _derivative_error(
-    model: Callable[[FloatArray], FloatArray], at: FloatArray, derivative: FloatArray, step: float = 1e-5
+    model: Callable[[FloatArray], FloatArray], at: FloatArray, derivative: FloatArray
 ) -> float:
-    columns = []
+    step, columns = 1e-5, []
     for change in step * np.eye(len(at)):
         difference = model(at + change) - model(at - change)
         if difference.shape[-1] == 5 or (difference.shape[-1] == 3 and difference.ndim < 3):  # a measurement

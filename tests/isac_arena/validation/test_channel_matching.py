@@ -7,7 +7,7 @@ import pytest
 
 from estimation.channel.record import ChannelEstimate
 from isac_arena.scoring.metrics.statistics import squared_mahalanobis
-from isac_arena.validation.channel.match import (
+from isac_arena.validation.channel.matching import (
     MatchedPaths,
     consistency_rows,
     efficiency_rows,
@@ -105,7 +105,7 @@ def drawn_table(rng, n, *, scale=1.0):
 
 def test_efficient_and_consistent_estimates_meet_their_bars_and_worse_ones_do_not():
     rng = np.random.default_rng(1)
-    settings = {"min_snr_db": 10, "min_separation": 2.5, "quick": False}
+    settings = {"min_snr_db": 10, "quick": False}
     for scale, is_met in ((1.0, True), (1.2, False)):
         table = drawn_table(rng, 20_000, scale=scale)
         rows = efficiency_rows("x", table, bars=(1.1, 1.05), **settings)
@@ -119,8 +119,8 @@ def test_efficient_and_consistent_estimates_meet_their_bars_and_worse_ones_do_no
 
 def test_nothing_found_meets_no_bar():
     table = replace(drawn_table(np.random.default_rng(2), 10), snr_db=np.zeros(10))
-    rows = efficiency_rows("x", table, min_snr_db=10, min_separation=2.5, bars=(1.1, 1.05), quick=True)
-    rows += consistency_rows("x", table, min_snr_db=10, min_separation=2.5, quick=True)
+    rows = efficiency_rows("x", table, min_snr_db=10, bars=(1.1, 1.05), quick=True)
+    rows += consistency_rows("x", table, min_snr_db=10, quick=True)
     assert not any(row.met for row in rows)
     assert not rate_row("x", np.zeros(0, bool), 0.9, "", True).met
 
