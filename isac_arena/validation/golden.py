@@ -57,9 +57,8 @@ def deviations_of(name: str, kept: Sequence[dict[str, Any]], found: dict[str, fl
 def remake_file(file: Path) -> None:
     """Run the campaign of a golden file and write its scores and their tolerances into it."""
     content = read_golden(file)
-    rows = golden_rows(
-        run_golden(content), [run_golden(content, nudge=seed) for seed in range(1, NUDGES + 1)]
-    )
+    nudged = [run_golden(content, nudge=seed) for seed in range(1, NUDGES + 1)]
+    rows = golden_rows(run_golden(content), nudged)
     write_text(file, golden_text({**content, "metrics": rows}))
 
 
@@ -73,9 +72,9 @@ def golden_text(content: dict[str, Any]) -> str:
 def golden_rows(metrics: Sequence[Metric], nudged: Sequence[Sequence[Metric]]) -> list[dict[str, Any]]:
     """Scores with tolerances: how far rounding can move each, with a margin.
 
-    Other processors and linear algebra libraries round sums differently; a decision near its threshold then falls
-    the other way, and every score that hangs on it moves by far more than rounding. So the campaign runs again
-    with all paths nudged by a few roundings. A score that cannot be measured in all of these runs is not kept.
+    Other processors and linear algebra libraries round sums differently. A decision near its threshold then
+    changes, and every score that depends on it changes by far more than rounding. So the campaign runs again with
+    all paths moved by a few roundings. A score that cannot be measured in all of these runs is not kept.
     """
     others = [{metric.key: metric.value for metric in run} for run in nudged]
     rows = []
@@ -85,15 +84,8 @@ def golden_rows(metrics: Sequence[Metric], nudged: Sequence[Sequence[Metric]]) -
             continue
         spread = max(abs(value - metric.value) for value in values)
         floor = LEAST_RELATIVE * abs(metric.value) + LEAST_ABSOLUTE
-        rows.append(
-            {
-                "key": metric.key,
-                "value": metric.value,
-                "unit": metric.unit,
-                "direction": metric.direction,
-                "tolerance": float(f"{max(SPREAD_FACTOR * spread, floor):.3g}"),
-            }
-        )
+        about = {name: getattr(metric, name) for name in ("key", "value", "unit", "direction")}
+        rows.append({**about, "tolerance": float(f"{max(SPREAD_FACTOR * spread, floor):.3g}")})
     return rows
 
 

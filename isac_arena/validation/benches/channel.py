@@ -44,18 +44,10 @@ def bench_methods(seed: int, quick: bool) -> list[Measurement]:
             ratio = float(np.median(times[:, 0] / times[:, 1]))
             taken_ms, fft_ms = (1e3 * np.median(times, axis=0)).tolist()
             cubes = peak_bytes(partial(fit, sweeps[0])) / sweeps[0].samples.nbytes
-            rows += [
-                at_most(
-                    f"channel.{method}.time",
-                    ratio,
-                    BARS[method],
-                    f"{taken_ms:.0f} ms over {fft_ms:.1f} ms, median of {n_stops} stops, one thread",
-                    "FFT passes",
-                ),
-                at_most(
-                    f"channel.{method}.memory", cubes, MEMORY_BAR, "peak beyond the cube itself", "cubes"
-                ),
-            ]
+            key, beyond = f"channel.{method}", "peak beyond the cube itself"
+            reason = f"{taken_ms:.0f} ms over {fft_ms:.1f} ms, median of {n_stops} stops, one thread"
+            rows.append(at_most(f"{key}.time", ratio, BARS[method], reason, "FFT passes"))
+            rows.append(at_most(f"{key}.memory", cubes, MEMORY_BAR, beyond, "cubes"))
     return rows
 
 

@@ -22,30 +22,10 @@ COMMON = """
 name = "bench"
 scene = "box_room"
 seed = {seed}
-[propagation]
-max_bounces = 1
-diffuse_samples = 0
-diffraction = false
-compare_planar = false
+propagation = {{max_bounces = 1, diffuse_samples = 0, diffraction = false, compare_planar = false}}
 """
-SMALL = (
-    COMMON
-    + """
-[waveform]
-n_rb = 132
-[tx_array]
-rows = 1
-[rx_array]
-rows = 1
-"""
-)
-FULL = (
-    COMMON
-    + """
-[waveform]
-combine_symbols = true
-"""
-)
+SMALL = COMMON + "waveform.n_rb = 132\ntx_array.rows = 1\nrx_array.rows = 1\n"
+FULL = COMMON + "waveform.combine_symbols = true\n"
 POWER = "link.tx_power_dbm"
 RANGE = "channel.power.dynamic_range_db"
 WARM_SEED = 900_000  # of the case that loads and compiles, not one of those that are timed
@@ -60,14 +40,10 @@ def bench_workers(seed: int, quick: bool) -> list[Measurement]:
         one_s = _best(repeats, lambda k: _time_engine(_jobs(Path(folder, f"one{k}"), sweep, seed), 1))
         two_s = _best(repeats, lambda k: _time_engine(_jobs(Path(folder, f"two{k}"), sweep, seed), 2))
     reason = f"{n_cases} cases: {loop_s:.1f} s in a loop, {one_s:.1f} s on one worker, {two_s:.1f} s on two"
+    overhead = "one worker beside a plain loop over the same cases; start and end weigh more with few cases"
     return [
         at_least("sweep.two_workers.speed_up", one_s / two_s, 1.0 if quick else 1.8, reason),
-        at_most(
-            "sweep.engine.overhead",
-            one_s / loop_s - 1,
-            0.5 if quick else 0.05,
-            "one worker beside a plain loop over the same cases; in a few cases the ends weigh more",
-        ),
+        at_most("sweep.engine.overhead", one_s / loop_s - 1, 0.5 if quick else 0.05, overhead),
     ]
 
 
@@ -94,9 +70,8 @@ def bench_estimators(seed: int, quick: bool) -> list[Measurement]:
         alone_s = sum(_time_estimation(job) for job in jobs)
         sweep_s = _time_engine(jobs, 1, FULL)
     reason = f"{sweep_s:.1f} s beside {alone_s:.1f} s for {len(jobs)} settings, with scores and files"
-    return [
-        at_most("sweep.estimators.cost", sweep_s / alone_s, 2.0 if quick else 1.3, reason, "of estimation")
-    ]
+    bar = 2.0 if quick else 1.3
+    return [at_most("sweep.estimators.cost", sweep_s / alone_s, bar, reason, "of estimation")]
 
 
 def bench_memory(seed: int, quick: bool) -> list[Measurement]:
@@ -109,15 +84,8 @@ def bench_memory(seed: int, quick: bool) -> list[Measurement]:
             run_jobs(client, part, _raise)
             peaks_mb += [max(client.run(peak_memory_mb).values())]
     reason = f"{peaks_mb[0]:.0f} MB after {n_cases // 4} cases, {peaks_mb[1]:.0f} MB after {n_cases}"
-    return [
-        at_most(
-            "sweep.worker.memory",
-            peaks_mb[1] / peaks_mb[0],
-            1.1 if quick else 1.05,
-            reason,
-            "of the first quarter",
-        )
-    ]
+    bar = 1.1 if quick else 1.05
+    return [at_most("sweep.worker.memory", peaks_mb[1] / peaks_mb[0], bar, reason, "of the first quarter")]
 
 
 def peak_memory_mb() -> float:

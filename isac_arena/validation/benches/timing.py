@@ -32,15 +32,13 @@ def median_time_s(
 ) -> float:
     """Median over the items of the shortest time of several calls; a first call may compile."""
     work(items[0])
-    best = []
-    for item in items:
-        times = []
-        for _ in range(repeats):
-            started = clock()
-            work(item)
-            times.append(clock() - started)
-        best.append(min(times))
-    return float(np.median(best))
+
+    def time_s(item: T) -> float:
+        started = clock()
+        work(item)
+        return clock() - started
+
+    return float(np.median([min(time_s(item) for _ in range(repeats)) for item in items]))
 
 
 def peak_bytes(work: Callable[[], object]) -> int:

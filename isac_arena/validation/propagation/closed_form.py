@@ -13,9 +13,8 @@ from isac_arena.validation.scenarios.solids import CARRIER_HZ, STONE, box_walls,
 from scenes.contours import Circle, OpenSpline, Polygon
 from scenes.pose import SPEED_OF_LIGHT_M_S, azimuth_elevation, wrap_angle
 from scenes.record import ComplexArray, FloatArray
-from scenes.scene import HorizontalPlane, Scene
+from scenes.scene import HorizontalPlane
 from sim.config import PropagationConfig
-from sim.propagation.paths import Paths
 from sim.propagation.specular.fresnel import slab, slab_reflection
 from sim.propagation.specular.solver import exact_paths
 
@@ -39,7 +38,9 @@ def check_two_ray(seed: int, quick: bool) -> list[Measurement]:
                 permittivity = STONE.complex_permittivity(CARRIER_HZ)
                 _, r_p = slab_reflection(-rise / length, permittivity, STONE.thickness_m, CARRIER_HZ)
                 gain = gain * r_p * np.sqrt(1 - STONE.scattering_coefficient**2)
-            errors.append(_errors(paths, index, length, gain, np.arctan2(rise, distance)))
+            delay_s = abs(paths.delay_s[index] - length / SPEED_OF_LIGHT_M_S)
+            angle = abs(paths.aod_elevation_rad[index] - np.arctan2(rise, distance))
+            errors.append((delay_s, angle, _decibels(abs(paths.gain[index] / gain))))
     return _closed_form_rows("two_ray", np.array(errors))
 
 
@@ -98,16 +99,14 @@ def check_concave_gain(seed: int, quick: bool) -> list[Measurement]:
     arc = np.linspace(-0.6, 0.6, n)
     amplitude, phase = 0.0, 0.0
     for radius, s1, s2 in ((-1.2, 2.5, 2.0), (-6.0, 2.5, 2.0), (3.0, 2.5, 2.0)):
-        ends = np.array([(-s1 * np.sin(0.4), s1 * np.cos(0.4)), (s2 * np.sin(0.4), s2 * np.cos(0.4))])
-        angle = arc / radius
-        bent = radius * np.column_stack([np.sin(angle), np.cos(angle) - 1])
+        ends = _mirror_ends(s1, s2)
+        bent = radius * np.column_stack([np.sin(arc / radius), np.cos(arc / radius) - 1])
         fields = [_mirror_field(surface, arc, ends) for surface in (bent, np.column_stack([arc, 0 * arc]))]
         ours = _arc_gain(radius, ends) / _free_space(s1 + s2) / -1.0
         ratio = ours / (fields[0] / fields[1])
         amplitude, phase = max(amplitude, _decibels(abs(ratio))), max(phase, abs(float(np.angle(ratio))))
     focus = -2 * 2.5 * 2.0 / ((2.5 + 2.0) * np.cos(0.4))
-    ends = np.array([(-2.5 * np.sin(0.4), 2.5 * np.cos(0.4)), (2.0 * np.sin(0.4), 2.0 * np.cos(0.4))])
-    cap = 2 * _decibels(abs(_arc_gain(focus, ends) / _free_space(4.5))) / 2
+    cap = _decibels(abs(_arc_gain(focus, _mirror_ends(2.5, 2.0)) / _free_space(4.5)))
     return [
         at_most("concave_gain_error", amplitude, 0.2, "wave integral over the mirror", "dB"),
         at_most("concave_phase_error", phase, 0.05, "+90 deg behind a caustic", "rad"),
@@ -118,13 +117,12 @@ def check_concave_gain(seed: int, quick: bool) -> list[Measurement]:
 def check_continuity(seed: int, quick: bool) -> list[Measurement]:
     """A round wall tends to a flat one as its radius grows."""
     tx, rx = np.array([-2.0, 3.0, 1.0]), np.array([3.0, 2.0, 1.4])
-    [flat] = exact_paths(
-        scene_of(tx, [Polygon(np.array([(-9.0, -1), (9, -1), (9, 0), (-9, 0)]))]), rx, CARRIER_HZ
-    )
+    wall = Polygon(np.array([(-9.0, -1), (9, -1), (9, 0), (-9, 0)]))
+    [flat] = exact_paths(scene_of(tx, [wall]), rx, CARRIER_HZ)
     flat_gain = abs(flat.gain[flat.is_single_bounce][0])
     gaps = []
     for radius in (10.0, 100.0, 1e3, 1e4):
-        scene = _round_wall(radius, tx)
+        scene = scene_of(tx, [Circle(np.array([0.0, -radius]), radius)])  # touches the plane y = 0
         [paths] = exact_paths(scene, rx, CARRIER_HZ, PropagationConfig(max_bounces=1))
         gaps.append(_decibels(abs(paths.gain[paths.is_single_bounce][0]) / flat_gain))
     rises = float(np.sum(np.diff(gaps) >= 0))
@@ -141,15 +139,15 @@ def check_power(seed: int, quick: bool) -> list[Measurement]:
     cosine, permittivity = rng.uniform(0.01, 1, n), rng.uniform(1, 15, n)
     thickness = rng.uniform(1e-4, 0.2, n)
     share = rng.uniform(0, 1, n) ** 2
-    lossless, lossy = (
-        np.concatenate(
-            [
-                (1 - share) * np.abs(r) ** 2 + share * np.abs(r) ** 2 + np.abs(t) ** 2
-                for r, t in zip(*slab(cosine, eta, thickness, CARRIER_HZ), strict=True)
-            ]
-        )
-        for eta in (permittivity + 0j, permittivity * (1 - 1j * rng.uniform(0, 2, n)))
-    )
+
+    def power(eta: ComplexArray) -> FloatArray:
+        both = zip(*slab(cosine, eta, thickness, CARRIER_HZ), strict=True)
+        reflected = [
+            ((1 - share) * np.abs(r) ** 2 + share * np.abs(r) ** 2) + np.abs(t) ** 2 for r, t in both
+        ]
+        return np.concatenate(reflected)
+
+    lossless, lossy = power(permittivity + 0j), power(permittivity * (1 - 1j * rng.uniform(0, 2, n)))
     return [
         at_most("power_lossless", np.abs(lossless - 1).max(), 1e-6, "R + T + S = 1", ""),
         at_most("power_gained", (lossy - 1).max(), 1e-6, "passive", ""),
@@ -164,16 +162,6 @@ def _decibels(ratio: Any) -> float:
     return float(abs(20 * np.log10(ratio)))
 
 
-def _errors(
-    paths: Paths, index: int, length_m: float, gain: ComplexArray, elevation_rad: float
-) -> tuple[float, float, float]:
-    return (
-        abs(paths.delay_s[index] - length_m / SPEED_OF_LIGHT_M_S),
-        abs(paths.aod_elevation_rad[index] - elevation_rad),
-        _decibels(float(abs(paths.gain[index] / gain))),
-    )
-
-
 def _closed_form_rows(name: str, errors: FloatArray) -> list[Measurement]:
     delay, angle, gain = errors.max(axis=0)
     return [
@@ -185,9 +173,12 @@ def _closed_form_rows(name: str, errors: FloatArray) -> list[Measurement]:
 
 def _lattice_image(order: FloatArray, point_m: FloatArray, size_m: FloatArray) -> FloatArray:
     """Image of a point in a box 0..size after `order` bounces along each axis."""
-    return np.asarray(
-        np.where(order % 2 == 0, order * size_m + point_m, (order + 1) * size_m - point_m), float
-    )
+    return np.where(order % 2 == 0, order * size_m + point_m, (order + 1) * size_m - point_m)
+
+
+def _mirror_ends(s1_m: float, s2_m: float) -> FloatArray:
+    """Ends (2, xy) of a path with legs of these lengths, 0.4 rad from the normal +y of a mirror at the origin."""
+    return np.array([(-s1_m * np.sin(0.4), s1_m * np.cos(0.4)), (s2_m * np.sin(0.4), s2_m * np.cos(0.4))])
 
 
 def _mirror_field(surface: FloatArray, arc: FloatArray, ends: FloatArray) -> complex:
@@ -207,9 +198,3 @@ def _arc_gain(radius_m: float, ends: FloatArray) -> complex:
     [paths] = exact_paths(scene, np.array([*ends[1], 1.0]), CARRIER_HZ, PropagationConfig(max_bounces=1))
     offset = np.linalg.norm(paths.vertex_m[:, 0, :2], axis=1)
     return complex(paths.gain[int(np.nanargmin(offset))])
-
-
-def _round_wall(radius_m: float, tx_m: FloatArray) -> Scene:
-    """A metal cylinder about (0, -radius) that touches the plane y = 0."""
-    scene = scene_of(tx_m, [Circle(np.array([0.0, -radius_m]), radius_m)])
-    return scene

@@ -1,4 +1,4 @@
-"""Checks of the paths over user meshes: a box given as a mesh against the same box drawn as a prism."""
+"""Checks of the paths over user meshes: a box given as a mesh against the same box as a prism."""
 
 from __future__ import annotations
 
@@ -20,20 +20,10 @@ from sim.propagation.propagator import Propagator
 
 ROOM_M = (8.0, 6.0)
 BOARD = Material("board", 5.0, 0.5, 0.01, 0.2)
-BOX_FACES = [  # two triangles a side of corners 0..3 at the foot and 4..7 at the top, normals outward
-    (0, 2, 1),
-    (0, 3, 2),
-    (4, 5, 6),
-    (4, 6, 7),
-    (0, 1, 5),
-    (0, 5, 4),
-    (1, 2, 6),
-    (1, 6, 5),
-    (2, 3, 7),
-    (2, 7, 6),
-    (3, 0, 4),
-    (3, 4, 7),
-]
+BOX_FACES = [  # two triangles a side of corners 0..3 at the bottom and 4..7 at the top, normals outward
+    (0, 2, 1), (0, 3, 2), (4, 5, 6), (4, 6, 7), (0, 1, 5), (0, 5, 4),
+    (1, 2, 6), (1, 6, 5), (2, 3, 7), (2, 7, 6), (3, 0, 4), (3, 4, 7),
+]  # fmt: skip
 SAME_VERTEX_M = 1e-3
 
 
@@ -99,14 +89,14 @@ def _over_box(paths: Paths) -> Paths:
 
 def _matched(drawn: Paths, found: Paths) -> list[tuple[int, int]]:
     """Pairs of paths of the same kinds of interaction within 1 mm of each other."""
-    left, pairs = list(range(len(found))), []
+    unpaired, pairs = list(range(len(found))), []
     for index in range(len(drawn)):
-        for other in left:
+        for other in unpaired:
             offset = np.nan_to_num(drawn.vertex_m[index]) - np.nan_to_num(found.vertex_m[other])
             same = np.array_equal(drawn.bounce_kind[index], found.bounce_kind[other])
             if same and np.abs(offset).max() < SAME_VERTEX_M:
                 pairs.append((index, other))
-                left.remove(other)
+                unpaired.remove(other)
                 break
     return pairs
 
@@ -118,6 +108,4 @@ def _errors(drawn: Paths, index: int, found: Paths, other: int) -> FloatArray:
         for name in ("aod_azimuth_rad", "aod_elevation_rad", "aoa_azimuth_rad", "aoa_elevation_rad")
     )
     ratio = abs(drawn.gain[index] / found.gain[other])
-    return np.array(
-        [abs(drawn.delay_s[index] - found.delay_s[other]), angle, abs(20 * np.log10(ratio))], float
-    )
+    return np.array([abs(drawn.delay_s[index] - found.delay_s[other]), angle, abs(20 * np.log10(ratio))])

@@ -40,7 +40,7 @@ class ShotPath:
 
 
 class Shooter:
-    """The contours of a scene, to be shot at; heights are left aside, so all objects count as infinitely high."""
+    """The contours of a scene as targets of rays in plan view: all objects count as infinitely high."""
 
     def __init__(self, scene: Scene) -> None:
         self._contours = [item.contour for item in scene.objects]
@@ -87,10 +87,8 @@ class Shooter:
             low, high = np.where(same, middle, low), np.where(same, high, middle)
         met, miss, length, reached = self._follow((low + high) / 2, rx, n)
         kept = reached & (np.abs(miss) < 1e-5) & (met == chain).all(axis=1)
-        return [
-            ShotPath(tuple(map(int, row)), float(size))
-            for row, size in zip(met[kept], length[kept], strict=True)
-        ]
+        found = zip(met[kept].tolist(), length[kept].tolist(), strict=True)
+        return [ShotPath(tuple(row), size) for row, size in found]
 
     def _follow(
         self, angle: FloatArray, rx: FloatArray, n: int

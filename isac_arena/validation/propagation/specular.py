@@ -10,7 +10,7 @@ from isac_arena.validation.measurement import Measurement, at_least, at_most
 from isac_arena.validation.propagation.shooting import Shooter
 from isac_arena.validation.scenarios import solids
 from scenes.config import library_scenes, load_scene
-from scenes.contours import Circle, OpenSpline
+from scenes.contours import Circle
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
 from scenes.random_arena import random_arena
 from scenes.record import FloatArray
@@ -55,27 +55,20 @@ def check_completeness(seed: int, quick: bool) -> list[Measurement]:
 def check_against_shooting(seed: int, quick: bool) -> list[Measurement]:
     """All paths of up to two bounces off flat, convex and concave walls against rays shot onto the receiver."""
     rng = np.random.default_rng(seed)
-    missed = extra = total = 0
+    counts = {"solids": np.zeros(3, int), "concave": np.zeros(3, int)}
     for _ in range(2 if quick else 20):
         scene = solids.scene_of([*rng.uniform(-1, 1, 2), 1.0], solids.random_solids(rng))
-        result = _compared(scene, solids.random_receivers(rng, scene, 3, 2.5, 1.0))
-        missed, extra, total = missed + result[0], extra + result[1], total + result[2]
-    rows = [
-        at_most("solids_missed", missed, 0, f"of {total} paths that shot rays find", "paths"),
-        at_most("solids_extra", extra, 0, "no path that shot rays do not find", "paths"),
-    ]
-    missed = extra = total = 0
+        counts["solids"] += _compared(scene, solids.random_receivers(rng, scene, 3, 2.5, 1.0))
+    pillar = Circle(np.array([-0.7, -1.1]), 0.2)
     for wall in (solids.open_ring(), solids.wave_wall()):
         for _ in range(1 if quick else 5):
-            pillar = Circle(np.array([-0.7, -1.1]) if isinstance(wall, OpenSpline) else np.zeros(2), 0.2)
             scene = solids.scene_of([*rng.uniform(0.1, 1.1, 2), 1.0], [wall, pillar])
-            result = _compared(scene, solids.random_receivers(rng, scene, 1, 1.6, 1.0))
-            missed, extra, total = missed + result[0], extra + result[1], total + result[2]
-    return [
-        *rows,
-        at_most("concave_missed", missed, 0, f"of {total} paths that shot rays find", "paths"),
-        at_most("concave_extra", extra, 0, "no path that shot rays do not find", "paths"),
-    ]
+            counts["concave"] += _compared(scene, solids.random_receivers(rng, scene, 1, 1.6, 1.0))
+    rows = []
+    for name, (missed, extra, total) in counts.items():
+        rows.append(at_most(f"{name}_missed", missed, 0, f"of {total} paths that shot rays find", "paths"))
+        rows.append(at_most(f"{name}_extra", extra, 0, "no path that shot rays do not find", "paths"))
+    return rows
 
 
 def check_lit_pillar(seed: int, quick: bool) -> list[Measurement]:
@@ -136,12 +129,8 @@ def check_symmetries(seed: int, quick: bool) -> list[Measurement]:
 def check_same_bits(seed: int, quick: bool) -> list[Measurement]:
     """The same bits for chunks of 1, 7 and all receivers, shuffled receivers, and a second run."""
     rng = np.random.default_rng(seed)
-    scene = solids.scene_of(
-        [0.3, 0.2, 1.2],
-        [*solids.random_solids(rng), solids.open_ring(9.0)],
-        (solids.GLASS, solids.METAL),
-        floor=True,
-    )
+    contours = [*solids.random_solids(rng), solids.open_ring(9.0)]
+    scene = solids.scene_of([0.3, 0.2, 1.2], contours, (solids.GLASS, solids.METAL), floor=True)
     rx = solids.random_receivers(rng, scene, 12 if quick else 60, 3.0, 1.8)
     config = PropagationConfig(transmission=True)
     solver = ExactSolver(scene, solids.CARRIER_HZ, config)
@@ -171,13 +160,12 @@ def _compared(scene: Scene, rx_m: FloatArray) -> tuple[int, int, int]:
         ]
         for shot in shooter.paths(rx[:2], 2):
             total += 1
-            match = [
-                one for one in ours if one[0] == shot.surface and abs(one[1] - shot.length_m) < SAME_LENGTH_M
+            near = [
+                one for one in ours if abs(one[1] - shot.length_m) < SAME_LENGTH_M and one[0] == shot.surface
             ]
-            if match:
-                ours.remove(match[0])
-            else:
-                missed += 1
+            missed += not near
+            if near:
+                ours.remove(near[0])
         extra += len(ours)
     return missed, extra, total
 

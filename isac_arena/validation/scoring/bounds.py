@@ -18,6 +18,7 @@ from isac_arena.scoring.stages.channel import TrueStop, score_stop, true_stop
 from isac_arena.scoring.stages.channel_metrics import channel_metrics
 from isac_arena.scoring.stages.poses import pose_bounds, pose_metrics, score_poses
 from isac_arena.validation.measurement import Measurement, at_most
+from isac_arena.validation.scenarios.estimates import moved_poses, shifted, true_states
 from isac_arena.validation.scenarios.perfect_campaign import MadeCampaign, made_view, make_campaign
 from scenes.pose import SPEED_OF_LIGHT_M_S
 from scenes.record import FloatArray, concatenate
@@ -47,12 +48,9 @@ def check_bounds(seed: int, quick: bool) -> list[Measurement]:
         for name, rows in (("position", [0, 1]), ("heading", [2]), ("clock", [3]))
     }
     ends = {name: f"channel.{name}.over_bound.rms" for name in ("delay", "aod", "aoa")}
+    found = {name: values[ends.get(name, f"slam.{name}.over_bound")] for name in bars}
     return [
-        _row(
-            f"over_bound.{name}",
-            np.sqrt(np.mean(np.square(values[ends.get(name, f"slam.{name}.over_bound")]))) - 1,
-            bar,
-        )
+        _row(f"over_bound.{name}", np.sqrt(np.mean(np.square(found[name]))) - 1, bar)
         for name, bar in bars.items()
     ]
 
@@ -75,16 +73,13 @@ def check_causes(seed: int, quick: bool) -> list[Measurement]:
     for stop, estimate in zip(stops, made.results.channel, strict=True):
         for cause, faulty_stop, faulty in _faults(stop, view, estimate, rng):
             paths, true_paths, _ = score_stop(faulty_stop, faulty)
-            named = set(paths.cause[paths.status == PathStatus.FALSE]) | set(
-                true_paths.cause[~true_paths.is_detected]
-            )
-            wrong += cause not in named
-            false, missed = paths.status == PathStatus.FALSE, ~true_paths.is_detected
-            unnamed += int((~np.isin(paths.cause[false], FALSE_CAUSES)).sum())
-            unnamed += int((~np.isin(true_paths.cause[missed], MISS_CAUSES)).sum())
+            false = paths.cause[paths.status == PathStatus.FALSE]
+            missed = true_paths.cause[~true_paths.is_detected]
+            wrong += cause not in {*false, *missed}
+            unnamed += int((~np.isin(false, FALSE_CAUSES)).sum() + (~np.isin(missed, MISS_CAUSES)).sum())
     leak_db = max(_leak_error_db(stop.truth, view, rng) for stop in stops[: 2 if quick else len(stops)])
     return [
-        _row("causes.wrong", wrong, 0, "made faults that were called something else"),
+        _row("causes.wrong", wrong, 0, "faults made on purpose with another cause in the scores"),
         _row("causes.unnamed", unnamed, 0, "false or missed paths without a cause, 'unknown' is one"),
         _row("causes.leak", leak_db, 1e-2, "leaked power against samples of a lone path", "dB"),
     ]
@@ -104,31 +99,18 @@ def _efficient(made: MadeCampaign, stops: list[TrueStop], rng: np.random.Generat
     """The made results with path parameters and poses off by draws from their bounds."""
     channel, errors = [], []
     for stop, estimate in zip(stops, made.results.channel, strict=True):
-        off = np.array([rng.multivariate_normal(np.zeros(3), one) for one in stop.covariance])
         channel.append(
-            replace(
-                estimate,
-                delay_s=estimate.delay_s + off[:, 0],
-                aod_azimuth_rad=estimate.aod_azimuth_rad + off[:, 1],
-                aoa_azimuth_rad=estimate.aoa_azimuth_rad + off[:, 2],
-            )
+            shifted(estimate, [rng.multivariate_normal(np.zeros(3), one) for one in stop.covariance])
         )
         errors.append(rng.multivariate_normal(np.zeros(4), _state_covariance(made, stop)))
-    error, poses = np.array(errors), made.results.slam.poses
-    moved = replace(
-        poses,
-        position_m=poses.position_m + error[:, :2],
-        heading_rad=poses.heading_rad + error[:, 2],
-        clock_bias_s=poses.clock_bias_s + error[:, 3] / SPEED_OF_LIGHT_M_S,
-    )
+    moved = moved_poses(made.results.slam.poses, np.array(errors) / [1.0, 1.0, 1.0, SPEED_OF_LIGHT_M_S])
     return replace(made.results, channel=tuple(channel), slam=replace(made.results.slam, poses=moved))
 
 
 def _state_covariance(made: MadeCampaign, stop: TrueStop) -> FloatArray:
     """Bound (4, 4) in (m, m, rad, m) of a stop whose first paths are the line of sight and four single bounces."""
-    covariance, truth = range_covariance(stop.covariance), stop.truth
-    bias_m = truth.clock_bias_s * SPEED_OF_LIGHT_M_S
-    state = np.array([*truth.rx_pose.position_m[:2], truth.rx_pose.heading_rad, bias_m])
+    covariance = range_covariance(stop.covariance)
+    state = true_states([stop.truth])[0] * [1.0, 1.0, 1.0, SPEED_OF_LIGHT_M_S]
     paths = StopPaths(stop.origin.vertex_m[1:5], covariance[1:5], np.full(4, -1), covariance[0])
     return state_covariance(stop_information(made.scene.tx, state, paths))
 
@@ -161,15 +143,14 @@ def _faults(
     path = int(rng.choice([2, 4]))
     extra = estimate.take("path", [path])
     other = estimate.take("path", np.arange(len(estimate)) != path)
-    again = replace(extra, delay_s=extra.delay_s + 0.3 * gate[0])
-    beside = replace(extra, delay_s=extra.delay_s + rng.uniform(1.2, 1.8) * gate[0])
-    nowhere = replace(extra, delay_s=extra.delay_s + 60e-9, aoa_azimuth_rad=extra.aoa_azimuth_rad + 0.9)
+    again = shifted(extra, [0.3 * gate[0], 0.0, 0.0])
+    beside = shifted(extra, [rng.uniform(1.2, 1.8) * gate[0], 0.0, 0.0])
+    nowhere = shifted(extra, [60e-9, 0.0, 0.9])
     loud = replace(nowhere, power_dbm=np.zeros(1))
     noisy = replace(stop, limits=stop.limits.model_copy(update={"noise_threshold_dbm": -1.0}))
     aoa = np.linspace(-np.pi, np.pi, 181)
-    probe = replace(
-        estimate.take("path", np.zeros(181, int)), aoa_azimuth_rad=aoa, is_los=np.zeros(181, bool)
-    )
+    strongest = estimate.take("path", np.zeros(181, int))
+    probe = replace(strongest, aoa_azimuth_rad=aoa, is_los=np.zeros(181, bool))
     leaked = view.leaked_dbm(stop.truth, view.estimated_cells(probe))[:, 0]
     far = np.abs(np.angle(np.exp(1j * (aoa - estimate.aoa_azimuth_rad[0])))) > np.deg2rad(25)
     at = int(np.where(far, leaked, -np.inf).argmax())
@@ -190,27 +171,18 @@ def _leak_error_db(truth: Truth, view: LinkView, rng: np.random.Generator) -> fl
     delay_s = alone.paths.delay_s[0] + truth.clock_bias_s + rng.normal(0, 5e-9, n)
     cells = Cells(delay_s, *(rng.integers(0, len(book), n) for book in (link.tx_codebook, link.rx_codebook)))
     samples = beam_channel(
-        alone.paths,
-        tx_codebook=link.tx_codebook,
-        rx_codebook=link.rx_codebook,
-        tx_pose=view.tx_pose,
-        rx_pose=truth.rx_pose,
-        frequency_offset_hz=link.frequency_offset_hz,
-        clock_bias_s=truth.clock_bias_s,
-    )
+        alone.paths, tx_codebook=link.tx_codebook, rx_codebook=link.rx_codebook, tx_pose=view.tx_pose,
+        rx_pose=truth.rx_pose, frequency_offset_hz=link.frequency_offset_hz, clock_bias_s=truth.clock_bias_s,
+    )  # fmt: skip
     wave = np.exp(2j * np.pi * delay_s[:, None] * link.frequency_offset_hz) * view.window
     seen = np.abs((samples[cells.tx_beam, cells.rx_beam] * wave).sum(axis=1) / view.window.sum()) ** 2
     seen_dbm = 10 * np.log10(np.maximum(seen * link.tx_power_mw, 1e-300))
-    told_dbm = view.leaked_dbm(alone, cells)[:, 0]
-    strong = told_dbm > told_dbm.max() - 60
-    return float(np.abs(seen_dbm - told_dbm)[strong].max())
+    leaked_dbm = view.leaked_dbm(alone, cells)[:, 0]
+    strong = leaked_dbm > leaked_dbm.max() - 60
+    return float(np.abs(seen_dbm - leaked_dbm)[strong].max())
 
 
 def _row(
-    key: str,
-    value: float,
-    bar: float,
-    reason: str = "distance from 1: 4 standard deviations",
-    unit: str = "1",
+    key: str, value: float, bar: float, reason: str = "4 standard deviations", unit: str = "1"
 ) -> Measurement:
     return at_most(f"scoring.{key}", abs(float(value)), bar, reason, unit)

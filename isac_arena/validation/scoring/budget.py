@@ -1,8 +1,7 @@
-"""`arena validate scoring`: an error budget closes, and its order does not matter beyond its intervals."""
+"""`arena validate scoring`: an error budget adds up, and another order moves no share out of its interval."""
 
 from __future__ import annotations
 
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -19,6 +18,7 @@ from isac_arena.scoring.config import Significance
 from isac_arena.scoring.stages.channel import true_stop
 from isac_arena.validation.measurement import Measurement, at_most
 from isac_arena.validation.monte_carlo import generators
+from isac_arena.validation.scenarios.estimates import shifted
 from isac_arena.validation.scenarios.perfect_campaign import make_campaign, power_dbm
 from scenes.record import concatenate
 
@@ -38,23 +38,21 @@ def check_budget(seed: int, quick: bool) -> list[Measurement]:
     gap = max(abs(one.contribution.sum() + one.rest - one.total) / one.total for one in found.values())
     outside = sum(_swaps_outside(variants, outcome) for outcome in found)
     solver = variants[frozenset({Stage.DETECTION, Stage.GEOMETRY, Stage.ASSOCIATION})]
-    left_m = max(float(errors.pose_error_m.max()) for errors in solver)
+    pose_m = max(float(errors.pose_error_m.max()) for errors in solver)
+    key, moved = "scoring.budget", "shares that another order moves out of their interval"
     return [
-        _row("budget.all_oracle_error", rest, "m", 1e-9, "error with truth in the place of every stage"),
-        _row("budget.gap", gap, "1", 1e-12, "parts and rest less the total, over the total"),
-        _row(
-            "budget.swaps_outside", outside, "1", 0, "shares that another order moves out of their interval"
-        ),
-        _row(
-            "budget.solver_error", left_m, "m", 1e-5, "largest pose error from true paths: solver tolerance"
+        at_most(f"{key}.all_oracle_error", rest, 1e-9, "error with truth in the place of every stage", "m"),
+        at_most(f"{key}.gap", gap, 1e-12, "parts and rest less the total, over the total"),
+        at_most(f"{key}.swaps_outside", outside, 0, moved),
+        at_most(
+            f"{key}.solver_error", pose_m, 1e-5, "largest pose error from true paths: solver tolerance", "m"
         ),
     ]
 
 
 def check_attribution(seed: int, quick: bool) -> list[Measurement]:
     """Independent errors of known size: shares exact, intervals that cover as often as they say."""
-    runs, hits = 100 if quick else 1000, 0
-    worst = 0.0
+    runs, hits, worst = 100 if quick else 1000, 0, 0.0
     for rng in generators(seed, runs):
         term = dict(zip("abc", np.array([[6.0], [3.0], [1.0]]) * rng.chisquare(4, (3, 60)), strict=True))
         table = {
@@ -67,13 +65,10 @@ def check_attribution(seed: int, quick: bool) -> list[Measurement]:
         hits += bool(found.low[0] <= 0.6 <= found.high[0])
     shortfall = 0.95 - hits / runs
     bar = 0.02 + 3 * np.sqrt(0.05 * 0.95 / runs)
+    key, own = "scoring.attribution", "contribution less the mean of the part's own error"
     return [
-        _row(
-            "attribution.independent", worst, "1", 1e-9, "contribution less the mean of the part's own error"
-        ),
-        _row(
-            "attribution.coverage_shortfall", shortfall, "1", bar, "0.02 for 60 units, 3 standard deviations"
-        ),
+        at_most(f"{key}.independent", worst, 1e-9, own),
+        at_most(f"{key}.coverage_shortfall", shortfall, bar, "0.02 for 60 units, 3 standard deviations"),
     ]
 
 
@@ -81,27 +76,21 @@ def faulty_chain(rng: np.random.Generator) -> Chain:
     """The chain of the made campaign from estimates with errors of their stated size, some missed, some false."""
     made = make_campaign()
     stops = [true_stop(truth, made.scene.tx, power_dbm(truth), LIMITS, None) for truth in made.truths]
-    config = CampaignConfig(
-        name=made.scene.name,
-        scene=made.scene.name,
-        shapes=ShapeConfig(eps_m=1.5, min_samples=3),
-        contours=ContourConfig(method="none"),
+    name, shapes, contours = (
+        made.scene.name,
+        ShapeConfig(eps_m=1.5, min_samples=3),
+        ContourConfig(method="none"),
     )
+    config = CampaignConfig(name=name, scene=name, shapes=shapes, contours=contours)
     channel = [_faulty(estimate, rng) for estimate in made.results.channel]
     return make_chain(config, made.scene, stops, channel, lit_objects(made.scene, stops, 3))
 
 
 def _faulty(estimate: ChannelEstimate, rng: np.random.Generator) -> ChannelEstimate:
     std = np.sqrt(np.diagonal(estimate.covariance, axis1=1, axis2=2))
-    error = std * rng.standard_normal(std.shape)
-    noisy = replace(
-        estimate,
-        delay_s=estimate.delay_s + error[:, 0],
-        aod_azimuth_rad=estimate.aod_azimuth_rad + error[:, 1],
-        aoa_azimuth_rad=estimate.aoa_azimuth_rad + error[:, 2],
-    )
+    noisy = shifted(estimate, std * rng.standard_normal(std.shape))
     one = noisy.take("path", [int(rng.integers(1, len(estimate)))])
-    false = replace(one, delay_s=one.delay_s + rng.uniform(5e-9, 20e-9))
+    false = shifted(one, [rng.uniform(5e-9, 20e-9), 0.0, 0.0])
     found = np.arange(len(estimate)) != rng.integers(1, len(estimate))
     both = concatenate([noisy.take("path", found), false], "path")
     return both.take("path", np.argsort(both.delay_s, kind="stable"))
@@ -122,7 +111,3 @@ def _swaps_outside(variants: Variants, outcome: str) -> int:
             share, index = (mean[before] - mean[after]) / found.total, found.part.index(part)
             outside += not found.low[index] - 1e-12 <= share <= found.high[index] + 1e-12
     return outside
-
-
-def _row(key: str, value: float, unit: str, bar: float, reason: str) -> Measurement:
-    return at_most(f"scoring.{key}", value, bar, reason, unit)

@@ -1,8 +1,8 @@
-"""`arena validate scoring`: every metric against closed forms, brute force, and what no metric may do."""
+"""`arena validate scoring`: every metric against closed forms and brute force, and its monotonicity."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise, permutations
 
@@ -22,6 +22,7 @@ from isac_arena.scoring.metrics.sets import gospa, ospa
 from isac_arena.scoring.metrics.trajectories import absolute_errors, relative_errors
 from isac_arena.scoring.score import score_campaign
 from isac_arena.validation.measurement import Measurement, at_most
+from isac_arena.validation.scenarios.estimates import moved_poses, shifted
 from isac_arena.validation.scenarios.perfect_campaign import MadeCampaign, made_view, make_campaign, power_dbm
 from scenes.record import FloatArray, IntArray
 
@@ -38,7 +39,7 @@ def check_closed_forms(seed: int, quick: bool) -> list[Measurement]:
     beside, around = UNIT + np.array([shift, 0.0]), ratio * UNIT
     concentric = contours.outline_distances(UNIT, around)
     wall = np.outer(np.linspace(-2, 3, 50), [0.6, 0.8])
-    lit = np.outer(np.linspace(0, 4, 50), [0.6, 0.8])
+    lit, aside = np.outer(np.linspace(0, 4, 50), [0.6, 0.8]), wall + np.array([-0.8, 0.6])
     return [
         _error(
             "iou.circles", contours.intersection_over_union(UNIT, beside) - lens / (2 * np.pi - lens), 1e-5
@@ -48,11 +49,7 @@ def check_closed_forms(seed: int, quick: bool) -> list[Measurement]:
         ),
         _error("modified_hausdorff.circles", contours.modified_hausdorff_m(*concentric) - (ratio - 1), 1e-5),
         _error("chamfer.circles", contours.chamfer_m(*concentric) - (ratio - 1), 1e-5),
-        _error(
-            "perpendicular_rmse.wall",
-            contours.perpendicular_rmse_m(wall + np.array([-0.8, 0.6]), *wall[[0, -1]]) - 1,
-            1e-12,
-        ),
+        _error("perpendicular_rmse.wall", contours.perpendicular_rmse_m(aside, *wall[[0, -1]]) - 1, 1e-12),
         _error("extent_iou.wall", contours.extent_iou(wall, lit) - 3 / 6, 1e-12),
         *_trajectory_rows(np.random.default_rng(seed)),
         *_consistency_rows(np.random.default_rng(seed), 20_000 if quick else 400_000),
@@ -89,37 +86,26 @@ def check_perfect_and_empty(seed: int, quick: bool) -> list[Measurement]:
     del seed, quick
     made = make_campaign()
     perfect, empty = _scores(made, made.results), _scores(made, _emptied(made.results))
-    errors = [
-        abs(metric.value)
-        for metric in perfect.values()
-        if metric.direction == "lower" and not _is_contour(metric.key) and np.isfinite(metric.value)
-    ]
-    outlines = [
-        metric.value
-        for metric in perfect.values()
-        if metric.unit == "m"
-        and "pillar" in metric.key
-        and "crps" not in metric.key
-        and _is_contour(metric.key)
-    ]
-    scenes = [metric.value for metric in perfect.values() if metric.key.endswith("scene_gospa")]
+    ours, contour = perfect.values(), [metric for metric in perfect.values() if _is_contour(metric.key)]
+    finite = [one for one in ours if one.direction == "lower" and np.isfinite(one.value)]
+    errors = [abs(metric.value) for metric in finite if not _is_contour(metric.key)]
+    pillar = [one for one in contour if one.unit == "m" and "pillar" in one.key and "crps" not in one.key]
+    scenes = [metric.value for metric in ours if metric.key.endswith("scene_gospa")]
     shares = [abs(perfect[key].value - 1) for key in WHOLE]
     lit = np.sqrt(sum(item.contour.closed for item in made.scene.objects) / 2)
     unseen = [abs(metric.value - lit) for metric in empty.values() if metric.key.endswith("scene_gospa")]
     pillars = [perfect[f"shapes.{name}.pillar.iou.mean"].value for name in ("mapping", "slam")]
     missed = empty["channel.missed_per_stop"].value - empty["channel.significant_per_stop"].value
-    found = [
-        empty[key].value for key in ("channel.detection_rate", "slam.solved_share", "slam.objects_found")
-    ]
+    nothing = ("channel.detection_rate", "slam.solved_share", "slam.objects_found")
     worst = np.sqrt(empty["channel.significant_per_stop"].value / 2)
     return [
         _error("perfect.largest_error", max(errors), 1e-6),
         _error("perfect.shares", max(shares), 0.0),
         _error("perfect.pillar_iou", 1 - min(pillars), 1e-3),
-        _error("perfect.pillar_outlines", max(outlines), 1e-3),
+        _error("perfect.pillar_outlines", max(one.value for one in pillar), 1e-3),
         _error("perfect.scene_gospa", max(scenes), 2e-3),
         _error("empty.missed", missed, 0.0),
-        _error("empty.found", max(found), 0.0),
+        _error("empty.found", max(empty[key].value for key in nothing), 0.0),
         _error("empty.gospa", empty["channel.gospa.mean"].value - worst, 1e-9),
         _error("empty.scene_gospa", max(unseen), 1e-12),
     ]
@@ -128,20 +114,17 @@ def check_perfect_and_empty(seed: int, quick: bool) -> list[Measurement]:
 def check_monotone(seed: int, quick: bool) -> list[Measurement]:
     """No metric improves when the estimates are moved away from the truth.
 
-    Left out are the walls' shapes, where closed contours about the middle of a wall stand in for them.
+    The shapes of walls do not count: the campaign has closed contours about the middle of a wall in their place.
     """
     del seed
     made = make_campaign()
     steps = np.linspace(0, 0.9, 4 if quick else 10)
     previous = _scores(made, made.results)
+    keys = [key for key in previous if not (key.startswith("shapes.") and ".wall" in key)]
     improved = 0
     for step in steps[1:]:
         current = _scores(made, _moved(made.results, step))
-        improved += sum(
-            _is_better(current[key], previous[key])
-            for key in previous
-            if not (key.startswith("shapes.") and ".wall" in key)
-        )
+        improved += sum(_is_better(current[key], previous[key]) for key in keys)
         previous = current
     sets = [_set_distances(step) for step in steps]
     improved += sum(b < a - 1e-12 for one, two in pairwise(sets) for a, b in zip(one, two, strict=True))
@@ -182,9 +165,8 @@ def _cheapest(cost: FloatArray) -> float:
     if cost.shape[0] > cost.shape[1]:
         cost = cost.T
     rows = np.arange(cost.shape[0])
-    return float(
-        min(cost[rows, list(chosen)].sum() for chosen in permutations(range(cost.shape[1]), len(rows)))
-    )
+    every = permutations(range(cost.shape[1]), len(rows))
+    return float(min(cost[rows, list(chosen)].sum() for chosen in every))
 
 
 def _assignment_excess(rng: np.random.Generator, n: int, m: int) -> float:
@@ -231,38 +213,16 @@ def _emptied(results: CampaignResults) -> CampaignResults:
 
 def _moved(results: CampaignResults, share: float) -> CampaignResults:
     """All estimates moved away by a share of the gate, or of 1 m and 10 deg."""
-    gate = Gate()
-    channel = tuple(
-        replace(
-            estimate,
-            delay_s=estimate.delay_s + share * gate.half_width[0],
-            aod_azimuth_rad=estimate.aod_azimuth_rad + share * gate.half_width[1],
-            aoa_azimuth_rad=estimate.aoa_azimuth_rad + share * gate.half_width[2],
-        )
-        for estimate in results.channel
-    )
-    return replace(
-        results,
-        channel=channel,
-        slam=_moved_map(results.slam, share),
-        mapping=_moved_map(results.mapping, share),
-    )
+    channel = tuple(shifted(estimate, share * Gate().half_width) for estimate in results.channel)
+    slam, mapping = _moved_map(results.slam, share), _moved_map(results.mapping, share)
+    return replace(results, channel=channel, slam=slam, mapping=mapping)
 
 
 def _moved_map(result: MapResult, share: float) -> MapResult:
-    poses, shapes, contours = result.poses, result.shapes, result.contours
-    poses = replace(
-        poses,
-        position_m=poses.position_m + np.array([share, 0.0]),
-        heading_rad=poses.heading_rad + share * np.deg2rad(10),
-        clock_bias_s=poses.clock_bias_s + share * 1e-9,
-    )
-    return MapResult(
-        poses,
-        result.ips,
-        replace(shapes, radius_m=shapes.radius_m * (1 + share)),
-        replace(contours, contour_m=contours.contour_m + np.array([0.0, share])),
-    )
+    poses = moved_poses(result.poses, share * np.array([1.0, 0.0, np.deg2rad(10), 1e-9]))
+    shapes = replace(result.shapes, radius_m=result.shapes.radius_m * (1 + share))
+    outlines = replace(result.contours, contour_m=result.contours.contour_m + np.array([0.0, share]))
+    return MapResult(poses, result.ips, shapes, outlines)
 
 
 def _is_contour(key: str) -> bool:
@@ -271,14 +231,11 @@ def _is_contour(key: str) -> bool:
 
 
 def _is_better(current: Metric, previous: Metric) -> bool:
-    """Whether a score improved beyond rounding; a mean that can only be taken over fewer is left out."""
+    """Whether a score improved beyond rounding; a score that is not finite does not count."""
     if not np.isfinite([current.value, previous.value]).all():
         return False
-    gain = current.value - previous.value
-    slack = 1e-9 + 1e-9 * abs(previous.value)
-    return (current.direction == "higher" and gain > slack) or (
-        current.direction == "lower" and gain < -slack
-    )
+    gain = {"higher": 1, "lower": -1}.get(current.direction, 0) * (current.value - previous.value)
+    return bool(gain > 1e-9 + 1e-9 * abs(previous.value))
 
 
 def _set_distances(step: float) -> list[float]:
@@ -287,14 +244,6 @@ def _set_distances(step: float) -> list[float]:
     away = [outline + np.array([0.0, 3 * step]) for outline in truth]
     distance = np.abs(np.array([[0.0, 2.0], [2.0, 0.0]]) + step * np.eye(2))
     between = contours.outline_distances(away[0], truth[0])
-    measures: list[Callable[[FloatArray, FloatArray], float]] = [
-        contours.hausdorff_m,
-        contours.modified_hausdorff_m,
-        contours.chamfer_m,
-    ]
-    return [
-        ospa(distance, 0.8),
-        gospa(distance, 0.8).value,
-        contours.scene_gospa(away, truth).value,
-        *(measure(*between) for measure in measures),
-    ]
+    outlines = contours.hausdorff_m, contours.modified_hausdorff_m, contours.chamfer_m
+    sets = ospa(distance, 0.8), gospa(distance, 0.8).value, contours.scene_gospa(away, truth).value
+    return [*sets, *(measure(*between) for measure in outlines)]

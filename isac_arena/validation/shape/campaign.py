@@ -1,19 +1,19 @@
-"""`arena validate shape`: whole made campaigns from paths to contours, ours and the paper's side by side.
+"""`arena validate shape`: whole synthetic campaigns from paths to contours, our mode beside the paper's mode.
 
-Three round pillars, a wall and an edge beside the Campus Arena's walk, seen with the line of sight and two ghosts
-per stop: paths over two random points, as double bounces are. Poses have the errors of a survey, or are found by
-SLAM. Delays and departures have a constant error; it is unobservable for SLAM, so SLAM gets none. SLAM is tried
-once more with a TX heading that jumps on the way, which is unobservable from a single stop.
+Three round pillars, a wall and an edge beside the Campus Arena's walk, with the line of sight and two ghosts per
+stop: paths over two random points, like double bounces. Poses have the errors of a survey, or SLAM finds them.
+Delays and departures have a constant error, except for SLAM, where it is unobservable. SLAM runs once more with a
+TX heading that jumps during the walk, which is unobservable from a single stop.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 import numpy as np
 
 from estimation.channel.record import ChannelEstimate
-from estimation.slam.record import PoseEstimates, SolveStatus
+from estimation.slam.record import PoseEstimates
 from isac_arena.campaign.chain import make_map
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.results import MapResult
@@ -22,6 +22,7 @@ from isac_arena.scoring.stages.shapes import contour_points_m
 from isac_arena.validation.measurement import Measurement, at_least, at_most
 from isac_arena.validation.monte_carlo import generators
 from isac_arena.validation.scenarios import reflections
+from isac_arena.validation.scenarios.estimates import made_estimate, made_poses
 from isac_arena.validation.scenarios.paths import over_points
 from scenes.contours.smooth import Circle
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
@@ -35,13 +36,13 @@ DELAY_OFFSET_NS, DEPARTURE_OFFSET_DEG = 0.3, 1.0
 JUMP_DEG, JUMP_STOP = 2.0, 20  # of the TX heading, in the rows of two sessions
 CLEARANCE_M = 1.5
 CLUTTER_BOX_M = np.array([[-8.0, 10.0], [-10.0, 3.0]])
-WALL, EDGE, LOS, GHOST = range(N_PILLARS, N_PILLARS + 4)  # what a path is, after the pillars
+WALL, EDGE, LOS, GHOST = range(N_PILLARS, N_PILLARS + 4)  # sources of paths, after the pillars
 OUTLINE_SPACING_M = 0.005
 
 
 @dataclass(frozen=True)
 class MadeArena:
-    """A campaign's channel estimates with what each path is, and its receivers."""
+    """Channel estimates of a campaign, the true source of each path, and the receivers."""
 
     pillars: tuple[Circle, ...]
     channel: tuple[ChannelEstimate, ...]
@@ -55,9 +56,9 @@ class MapScore:
 
     iou: float  # mean over all pillars, 0 for one without contour
     paper_iou: float
-    ghosts: int  # accepted contours most of whose paths are ghosts
     class_right: float
     coverage: float  # of the 95 % bands of pillars
+    ghosts: int  # accepted contours most of whose paths are ghosts
 
 
 def check_campaign_contours(seed: int, quick: bool) -> list[Measurement]:
@@ -65,11 +66,8 @@ def check_campaign_contours(seed: int, quick: bool) -> list[Measurement]:
     n = 1 if quick else 6
     config = CampaignConfig(name="made", scene="-", seed=0)
     rows: list[Measurement] = []
-    for name, offset, jump_deg in (
-        ("mapping", True, 0.0),
-        ("slam", False, 0.0),
-        ("slam_jump", False, JUMP_DEG),
-    ):
+    cases = (("mapping", True, 0.0), ("slam", False, 0.0), ("slam_jump", False, JUMP_DEG))
+    for name, offset, jump_deg in cases:
         scores = []
         for rng in generators(seed, n):
             made = make_arena(rng, offset=offset, jump_deg=jump_deg)
@@ -95,18 +93,16 @@ def score(made: MadeArena, result: MapResult) -> MapScore:
         name = str(contours.class_name[contours.class_probability[row].argmax()])
         right.append(name == {WALL: "wall", EDGE: "edge"}.get(main, "pillar"))
         if main < N_PILLARS:
-            iou[main] = max(
-                iou[main], _iou(made, main, contours.contour_m[row], bool(contours.is_closed[row]))
-            )
+            if contours.is_closed[row]:
+                iou[main] = max(iou[main], _iou(made, main, contours.contour_m[row]))
             distance = np.abs(made.pillars[main].signed_distance(contours.contour_m[row]))
             covered.append(np.mean(distance <= 1.96 * contours.std_m[row]))
     for cluster in range(len(result.shapes.center_m)):
         main = int(np.bincount(kind[result.shapes.label == cluster], minlength=GHOST + 1).argmax())
         if main < N_PILLARS:
-            paper[main] = max(paper[main], _iou(made, main, contour_points_m(result.shapes, cluster), True))
-    return MapScore(
-        float(iou.mean()), float(paper.mean()), ghosts, float(np.mean(right)), float(np.mean(covered))
-    )
+            paper[main] = max(paper[main], _iou(made, main, contour_points_m(result.shapes, cluster)))
+    means = (float(np.mean(values)) for values in (iou, paper, right, covered))
+    return MapScore(*means, ghosts)
 
 
 def make_arena(rng: np.random.Generator, *, offset: bool, jump_deg: float = 0.0) -> MadeArena:
@@ -127,9 +123,8 @@ def make_arena(rng: np.random.Generator, *, offset: bool, jump_deg: float = 0.0)
     clock_m = rng.normal(10.0, 1.0, len(walk))
     shift = np.zeros(3)
     if offset:
-        signs = rng.choice([-1.0, 1.0], 2)
         size = [1e-9 * SPEED_OF_LIGHT_M_S * DELAY_OFFSET_NS, np.deg2rad(DEPARTURE_OFFSET_DEG)]
-        shift[:2] = signs * size
+        shift[:2] = rng.choice([-1.0, 1.0], 2) * size
     channel, source = [], []
     for stop, position in enumerate(walk):
         rx = np.array([*position, heading[stop]])
@@ -138,24 +133,15 @@ def make_arena(rng: np.random.Generator, *, offset: bool, jump_deg: float = 0.0)
         estimate, order = _estimate(stop, exact + shift + np.array([clock_m[stop], jump, 0]), kind, rng)
         channel.append(estimate)
         source.append(kind[order])
-    n = len(walk)
-    error = rng.standard_normal((n, 3)) * SURVEY
-    poses = PoseEstimates(
-        stop=np.arange(n),
-        position_m=walk + error[:, :2],
-        heading_rad=heading + error[:, 2],
-        clock_bias_s=clock_m / SPEED_OF_LIGHT_M_S,
-        status=np.full(n, SolveStatus.GIVEN),
-        n_inliers=np.zeros(n, int),
-        cost=np.zeros(n),
-    )
+    surveyed = np.column_stack([walk, heading]) + rng.standard_normal((len(walk), 3)) * SURVEY
+    poses = made_poses(np.column_stack([surveyed, clock_m / SPEED_OF_LIGHT_M_S]))
     return MadeArena(tuple(pillars), tuple(channel), tuple(source), poses)
 
 
 def _true_paths(
     truths: list[reflections.TruePaths], rx: FloatArray, rng: np.random.Generator
 ) -> tuple[FloatArray, IntArray]:
-    """Range, departure and arrival (path, 3) of the paths of one stop, and what each is."""
+    """Range, departure and arrival (path, 3) of the paths of one stop, and the source of each."""
     rows, kind = [_over(np.zeros((0, 2)), rx)], [LOS]
     for number, true in enumerate(truths):
         mine = np.flatnonzero(np.linalg.norm(true.rx[:, :2] - rx[:2], axis=1) < 1e-9)
@@ -184,30 +170,17 @@ def _estimate(
     order = np.argsort(noisy[:, 0], kind="stable")
     length = measured[order, 0]
     power = -13.0 - 20 * np.log10(length - length.min() + 3.0) - np.where(kind[order] == LOS, 0.0, 10.0)
-    estimate = ChannelEstimate(
-        stop=stop,
-        delay_s=noisy[order, 0],
-        aod_azimuth_rad=(noisy[order, 1] + np.pi) % (2 * np.pi) - np.pi,
-        aoa_azimuth_rad=(noisy[order, 2] + np.pi) % (2 * np.pi) - np.pi,
-        power_dbm=power,
-        beam_loss_db=np.zeros(n),
-        snr_db=np.full(n, 30.0),
-        covariance=np.tile(np.diag(std**2), (n, 1, 1)),
-        is_los=kind[order] == LOS,
-    )
-    return estimate, order
+    noisy[:, 1:] = (noisy[:, 1:] + np.pi) % (2 * np.pi) - np.pi
+    return made_estimate(stop, noisy[order], power, np.diag(std**2), kind[order] == LOS), order
 
 
-def _iou(made: MadeArena, pillar: int, contour_m: FloatArray, is_closed: bool) -> float:
-    true = made.pillars[pillar].sample(OUTLINE_SPACING_M)
-    return intersection_over_union(contour_m, true) if is_closed else 0.0
+def _iou(made: MadeArena, pillar: int, contour_m: FloatArray) -> float:
+    return intersection_over_union(contour_m, made.pillars[pillar].sample(OUTLINE_SPACING_M))
 
 
 def _rows(key: str, scores: list[MapScore], quick: bool) -> list[Measurement]:
-    iou, paper = (float(np.mean([getattr(one, name) for one in scores])) for name in ("iou", "paper_iou"))
+    iou, paper, right, coverage, _ = np.mean([astuple(one) for one in scores], axis=0)
     reason = f"{len(scores)} campaigns; paper mode {paper:.2f}"
-    right = float(np.mean([one.class_right for one in scores]))
-    coverage = float(np.mean([one.coverage for one in scores]))
     return [
         at_least(f"{key}.pillar_iou", iou, 0.7 if quick else 0.85, reason),
         at_least(f"{key}.pillar_iou_over_paper", iou - paper, 0.5 if quick else 0.6, reason),

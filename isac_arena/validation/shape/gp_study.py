@@ -110,16 +110,9 @@ def study(
         for shape in SHAPES:
             for n in n_points:
                 runs = run_cell(mode, shape, n, n_runs, seed)
-                yield StudyCell(
-                    mode=mode,
-                    shape=shape,
-                    n_points=n,
-                    n_runs=n_runs,
-                    rmse_m=float(runs.rmse_m.mean()),
-                    rmse_error_m=float(runs.rmse_m.std() / np.sqrt(n_runs)),
-                    coverage=float(runs.coverage.mean()),
-                    stuck_share=float(runs.is_stuck.mean()),
-                )
+                rmse_m, coverage, stuck_share = (float(values.mean()) for values in runs)
+                rmse_error_m = float(runs.rmse_m.std() / np.sqrt(n_runs))
+                yield StudyCell(mode, shape, n, n_runs, rmse_m, rmse_error_m, coverage, stuck_share)
 
 
 def example(seed: int, mode: str) -> Example:

@@ -77,12 +77,8 @@ def jacobian_error(family: int, parameter: FloatArray, rng: np.random.Generator)
         lambda change: predict(family, parameter + change, tx, rx).measured, len(parameter)
     )
     by_rx = _differences(lambda change: predict(family, parameter, tx, rx + change).measured, 4)
-    return float(
-        max(
-            np.abs(by_parameter - paths.by_parameter)[lit].max(initial=0.0),
-            np.abs(by_rx - paths.by_rx)[lit].max(initial=0.0),
-        )
-    )
+    pairs = ((by_parameter, paths.by_parameter), (by_rx, paths.by_rx))
+    return max(float(np.abs(found - exact)[lit].max(initial=0.0)) for found, exact in pairs)
 
 
 def _differences(function: Callable[[FloatArray], FloatArray], n: int) -> FloatArray:

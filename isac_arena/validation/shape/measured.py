@@ -6,6 +6,8 @@ the two sessions that the line of sight shows, and the surveyed poses have the a
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from estimation.laws.plane import measurements
@@ -18,20 +20,21 @@ from isac_arena.campaign.measured import MeasuredCampaign
 from isac_arena.scoring.metrics.contours import intersection_over_union
 from isac_arena.validation.measured_data import SESSION_STOP, measured_campaign, with_values
 from isac_arena.validation.measurement import Measurement, at_least, at_most
+from isac_arena.validation.scenarios.estimates import true_states
 from scenes.contours.smooth import Circle
 from scenes.record import BoolArray, FloatArray
 
 PILLARS_M = {"a": (2.934, -4.406), "b": (0.260, -4.303), "c": (-5.481, -6.870)}
 RADIUS_M = 0.203
 LABEL_DISTANCE_M = 1.0
-# Accuracy of the survey: 0.08 m, 1.7 deg. The file's delays hold no clock bias: 0.1 ns stays for the clock.
+# Accuracy of the survey: 0.08 m, 1.7 deg. The delays of the file contain no clock bias: 0.1 ns is for the clock.
 SURVEY_STD = np.array([0.08, 0.08, np.deg2rad(1.7), 0.03])
 PATH_STD = np.array([0.3, np.deg2rad(1.0), np.deg2rad(1.0)])  # 1 ns, 1 deg, 1 deg as published
 OUTLINE_SPACING_M = 0.005
 
 
 def check_measured_pillars(seed: int, quick: bool) -> list[Measurement]:
-    """The bundle of three pillars and the lines of sight, with two sessions and, to show, with one."""
+    """The bundle of three pillars and the lines of sight, with two sessions and, for comparison, with one."""
     spread = "the survey of the centre is good to a few cm"
     rows = [
         at_most("measured.pillar_a.center_error_m", np.nan, 0.05, spread, "m"),
@@ -46,11 +49,8 @@ def check_measured_pillars(seed: int, quick: bool) -> list[Measurement]:
 def _pillar_scores() -> list[float]:
     two, one = (measured_bundle(two_sessions=sessions).shapes for sessions in (True, False))
     first = two[0].parameter
-    iou, single = (
-        float(np.mean([_iou(shape.contour_m, name) for shape, name in zip(shapes, PILLARS_M, strict=True)]))
-        for shapes in (two, one)
-    )
-    paper = float(np.mean([_iou(_paper_contour(name), name) for name in PILLARS_M]))
+    iou, single = (_mean_iou([shape.contour_m for shape in shapes]) for shapes in (two, one))
+    paper = _mean_iou([_paper_contour(name) for name in PILLARS_M])
     center_error_m = float(np.hypot(*(first[:2] - PILLARS_M["a"])))
     return [center_error_m, abs(np.exp(first[2]) - RADIUS_M), iou, iou - paper, iou - single]
 
@@ -58,14 +58,14 @@ def _pillar_scores() -> list[float]:
 def measured_bundle(*, two_sessions: bool) -> Bundle:
     """The three pillars and all labelled lines of sight in one problem."""
     objects = [BundleObject("circle", measured_pillar(name, two_sessions)) for name in PILLARS_M]
-    campaign = _campaign()
+    campaign = measured_campaign(0.0)
     los = _reflections(campaign, [truth.is_los for truth in campaign.truths], two_sessions)
     return fit_bundle(objects, los, ReflectionConfig())
 
 
 def measured_pillar(name: str, two_sessions: bool = True) -> Reflections:
     """The labelled paths of one pillar."""
-    campaign = _campaign()
+    campaign = measured_campaign(0.0)
     masks = []
     for truth in campaign.truths:
         near = np.linalg.norm(truth.landmark_m - np.array(PILLARS_M[name]), axis=1) < LABEL_DISTANCE_M
@@ -73,25 +73,18 @@ def measured_pillar(name: str, two_sessions: bool = True) -> Reflections:
     return _reflections(campaign, masks, two_sessions)
 
 
-def _campaign() -> MeasuredCampaign:
-    return measured_campaign(0.0)
-
-
 def _reflections(campaign: MeasuredCampaign, masks: list[BoolArray], two_sessions: bool) -> Reflections:
-    measured, rx, stop = [], [], []
-    for estimate, truth, mask in zip(campaign.channel, campaign.truths, masks, strict=True):
-        all_paths = measurements(estimate.delay_s, estimate.aod_azimuth_rad, estimate.aoa_azimuth_rad)
-        measured.append(all_paths[mask])
-        state = np.array([*truth.rx_pose.position_m[:2], truth.rx_pose.heading_rad, 0.0])
-        rx.append(np.tile(state, (int(mask.sum()), 1)))
-        stop.append(np.full(int(mask.sum()), truth.stop))
-    stops = np.concatenate(stop)
-    n = len(stops)
+    measured = np.concatenate([
+        measurements(one.delay_s, one.aod_azimuth_rad, one.aoa_azimuth_rad)[mask]
+        for one, mask in zip(campaign.channel, masks, strict=True)
+    ])  # fmt: skip
+    counts, n = [int(mask.sum()) for mask in masks], len(measured)
+    stops = np.repeat([truth.stop for truth in campaign.truths], counts)
     return Reflections(
-        measured=np.concatenate(measured),
+        measured=measured,
         covariance=np.tile(np.diag(PATH_STD**2), (n, 1, 1)),
         tx=np.tile([*campaign.tx.position_m[:2], campaign.tx.heading_rad], (n, 1)),
-        rx_state=np.concatenate(rx),
+        rx_state=np.repeat(true_states(campaign.truths) * [1.0, 1.0, 1.0, 0.0], counts, axis=0),
         rx_covariance=np.tile(np.diag(SURVEY_STD**2), (n, 1, 1)),
         session=(stops >= SESSION_STOP).astype(np.int64) * int(two_sessions),
         stop=stops,
@@ -108,6 +101,8 @@ def _paper_contour(name: str) -> FloatArray:
     return np.asarray(center + length[:, None] * np.column_stack([np.cos(sample), np.sin(sample)]))
 
 
-def _iou(contour_m: FloatArray, name: str) -> float:
-    true = Circle(np.array(PILLARS_M[name]), RADIUS_M).sample(OUTLINE_SPACING_M)
-    return intersection_over_union(contour_m, true) if len(contour_m) else 0.0
+def _mean_iou(contours_m: Sequence[FloatArray]) -> float:
+    """Mean overlap of the contours (sample, xy) of the pillars; 0 for one without contour."""
+    true = [Circle(np.array(center_m), RADIUS_M).sample(OUTLINE_SPACING_M) for center_m in PILLARS_M.values()]
+    pairs = zip(contours_m, true, strict=True)
+    return float(np.mean([intersection_over_union(ours, one) if len(ours) else 0.0 for ours, one in pairs]))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -30,14 +30,6 @@ QUICK_SLACK = 0.12  # of a mean over the quick run's few sets: three of its stan
 OUTLINE_SPACING_M = 0.01
 
 
-@dataclass(frozen=True)
-class PillarScores:
-    """Mean scores of one fit over sets of pillars."""
-
-    iou: float
-    coverage: float  # of the 95 % band, over all samples of all contours
-
-
 def check_reflection_pillars(seed: int, quick: bool) -> list[Measurement]:
     """Random round pillars without offsets: exact poses, and poses with errors of known covariance."""
     slack = QUICK_SLACK if quick else 0.0
@@ -48,18 +40,16 @@ def check_reflection_pillars(seed: int, quick: bool) -> list[Measurement]:
     ):
         scores = [_pillars(seed, quick, replace(errors, level=level), NO_OFFSETS) for level in LEVELS]
         rows += [
-            at_least(f"reflection.pillar.{name}.level{level:g}.iou", score.iou, bar - slack, "direct")
-            for level, score, bar in zip(LEVELS, scores, bars, strict=True)
+            at_least(f"reflection.pillar.{name}.level{level:g}.iou", iou, bar - slack, "direct")
+            for level, (iou, _), bar in zip(LEVELS, scores, bars, strict=True)
         ]
-        coverage = float(np.mean([score.coverage for score in scores]))
-        key = f"reflection.pillar.{name}.coverage"
+        coverage, key = np.mean(scores, axis=0)[1], f"reflection.pillar.{name}.coverage"
         rows.append(at_least(key, coverage, 0.92 - slack, "95 % band, all levels"))
         if not quick:
             rows.append(at_most(f"{key}_upper", coverage, 0.97, "95 % band, all levels"))
-    points = _pillars(seed, quick, reflections.Errors(), NO_OFFSETS, fit_normals)
+    iou, _ = _pillars(seed, quick, reflections.Errors(), NO_OFFSETS, fit_normals)
     key = "reflection.pillar.exact.level1.points_and_normals_iou"
-    rows.append(at_least(key, points.iou, 0.76 - slack, "own mode; the prototype has 0.78"))
-    return rows
+    return [*rows, at_least(key, iou, 0.76 - slack, "own mode; the prototype has 0.78")]
 
 
 def check_reflection_offsets(seed: int, quick: bool) -> list[Measurement]:
@@ -68,29 +58,23 @@ def check_reflection_offsets(seed: int, quick: bool) -> list[Measurement]:
     both = replace(OFFSET_ERRORS, ghost_share=0.1)
     rows = []
     for level, bar in ((1.0, 0.73), (0.5, 0.82)):
-        score = _pillars(seed, quick, replace(both, level=level), OFFSETS)
+        iou, _ = _pillars(seed, quick, replace(both, level=level), OFFSETS)
         key = f"reflection.pillar.offsets_ghosts.level{level:g}.iou"
-        rows.append(at_least(key, score.iou, bar - slack, "offsets unknown"))
-    ignored = _pillars(seed, quick, OFFSET_ERRORS, NO_OFFSETS).iou
+        rows.append(at_least(key, iou, bar - slack, "offsets unknown"))
+    ignored, _ = _pillars(seed, quick, OFFSET_ERRORS, NO_OFFSETS)
     key = "reflection.pillar.offsets_ignored.level1.iou"
-    rows.append(at_most(key, ignored, 0.60 + slack, "offsets that are ignored must show"))
-    return rows
+    return [*rows, at_most(key, ignored, 0.60 + slack, "ignored offsets must cost overlap")]
 
 
 def check_reflection_columns(seed: int, quick: bool) -> list[Measurement]:
     """Ellipses and rounded squares at the 0.5 level by evidence, and what circles lose by the choice."""
     slack = QUICK_SLACK if quick else 0.0
-    ellipse = _pillars(
-        seed, quick, reflections.Errors(0.5), NO_OFFSETS, _chosen, reflections.draw_ellipse, 100
-    ).iou
-    square = _pillars(
-        seed, quick, reflections.Errors(0.5), NO_OFFSETS, _chosen, reflections.draw_rounded_square, 100
-    ).iou
-    circle = _pillars(seed, quick, reflections.Errors(0.5), NO_OFFSETS, n_sets=100).iou
-    by_evidence = _pillars(
-        seed, quick, reflections.Errors(0.5), NO_OFFSETS, _chosen, reflections.draw_circle, 100
-    ).iou
-    loss = circle - by_evidence
+    errors = reflections.Errors(0.5)
+    ellipse, square, by_evidence = (
+        _pillars(seed, quick, errors, NO_OFFSETS, _chosen, draw, 100)[0]
+        for draw in (reflections.draw_ellipse, reflections.draw_rounded_square, reflections.draw_circle)
+    )
+    loss = _pillars(seed, quick, errors, NO_OFFSETS, n_sets=100)[0] - by_evidence
     return [
         at_least("reflection.ellipse.level0.5.iou", ellipse, 0.60 - slack, "by evidence"),
         at_least("reflection.square.level0.5.iou", square, 0.65 - slack, "by evidence"),
@@ -103,9 +87,8 @@ def check_reflection_classes(seed: int, quick: bool) -> list[Measurement]:
     slack = QUICK_SLACK if quick else 0.0
     rows = []
     for name, errors, bar, n_each in (("exact", reflections.Errors(), 0.98, 70), ("pose", POSE, 0.95, 150)):
-        right = _right_classes(seed, 4 if quick else n_each, errors)
-        key = f"reflection.class.{name}.right"
-        rows.append(at_least(key, right.mean(), bar - slack, "share of all objects"))
+        right = _right_classes(seed, 4 if quick else n_each, errors).mean()
+        rows.append(at_least(f"reflection.class.{name}.right", right, bar - slack, "share of all objects"))
     return rows
 
 
@@ -168,7 +151,8 @@ def _pillars(
     fit: Callable[[Reflections, ReflectionConfig], ShapeFit] = _direct,
     draw: Callable[[np.random.Generator], Contour] = reflections.draw_circle,
     n_sets: int = 200,
-) -> PillarScores:
+) -> tuple[float, float]:
+    """Mean overlap over sets of pillars, and mean coverage of the 95 % band over all samples of the contours."""
     iou, covered = [], []
     for rng in generators(seed, 12 if quick else n_sets):
         contour, true = reflections.lit_pillar(draw, rng)
@@ -176,18 +160,15 @@ def _pillars(
         found = fit(data, config)
         iou.append(intersection_over_union(found.contour_m, contour.sample(OUTLINE_SPACING_M)))
         covered.append(np.mean(np.abs(contour.signed_distance(found.contour_m)) <= 1.96 * found.std_m))
-    return PillarScores(float(np.mean(iou)), float(np.mean(covered)))
+    return float(np.mean(iou)), float(np.mean(covered))
 
 
 def _right_classes(seed: int, n_each: int, errors: reflections.Errors) -> BoolArray:
     """Whether the most probable class is the true one, for as many pillars as walls and edges."""
     right = []
     for rng in generators(seed, n_each):
-        for name, true in (
-            ("pillar", reflections.lit_pillar(reflections.draw_circle, rng)[1]),
-            ("wall", reflections.lit_wall(rng)[1]),
-            ("edge", reflections.lit_edge(rng)),
-        ):
+        pillar, wall = reflections.lit_pillar(reflections.draw_circle, rng)[1], reflections.lit_wall(rng)[1]
+        for name, true in {"pillar": pillar, "wall": wall, "edge": reflections.lit_edge(rng)}.items():
             data, _ = reflections.observe(true, errors, rng)
             right.append(choose_shape(data, NO_OFFSETS).best_class == name)
     return np.array(right)

@@ -1,4 +1,4 @@
-"""Generated sweeps against a slow direct evaluation, and every impairment recovered from the samples."""
+"""Generated sweeps against a slow direct evaluation, and every impairment estimated from the samples."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from sim.simulate import clock_biases_s, observe
 from sim.truth import Truth
 
 PATH_COUNTS = (1, 64, 3_000)
-AOD_RAD = (0.21, 0.13)  # on no null of any beam
+AOD_RAD = (0.21, 0.13)  # not in a null of a beam
 
 
 def check_equation_1(seed: int, quick: bool) -> list[Measurement]:
@@ -70,9 +70,7 @@ def check_oscillators(seed: int, quick: bool) -> list[Measurement]:
         _recovered("clock_drift", found_ppm, 20.0, "slope of that delay over the sweep"),
         _recovered("cfo", found_hz, 1500.0, "slope of the common phase over the sweep"),
         _recovered("phase_noise_pair", np.rad2deg(np.std(steps)), 6.0, "steps from symbol to symbol"),
-        _recovered(
-            "phase_noise_linewidth", found_linewidth, 300.0, "variance 2 pi L T / 3 of the common phase"
-        ),
+        _recovered("phase_noise_linewidth", found_linewidth, 300.0, "common phase variance 2 pi L T / 3"),
     ]
 
 
@@ -122,31 +120,27 @@ def check_arrays_as_built(seed: int, quick: bool) -> list[Measurement]:
     drawn_rad = np.angle((true_tx.weights * weights.conj()).sum(axis=1))
     found_rad = np.angle(np.exp(1j * (phase - phase[:1])))[:, 0]
     phase_gap = np.angle(np.exp(1j * (found_rad - drawn_rad + drawn_rad[0])))
+    pointing_deg = bench.pointing_deg(bench.config(tx_pointing_offset_deg=2.0))
     return [
         _relative("element_errors", element - drawn, drawn - drawn.mean(), "inverted DFT beams"),
         _recovered("coupling", abs(share / scale), 10 ** (-18 / 20), "least squares on the element field"),
         _relative("beam_phase", phase_gap, drawn_rad, "phase over TX beams"),
-        _recovered(
-            "tx_pointing", bench.pointing_deg(bench.config(tx_pointing_offset_deg=2.0)), 2.0, "beam powers"
-        ),
+        _recovered("tx_pointing", pointing_deg, 2.0, "beam powers"),
         *_survey(bench, 4_000 if quick else 20_000),
     ]
 
 
 class ImpairmentBench:
-    """One strong path of 2 m between two arrays, in fixed noise: what one impairment changes.
+    """One strong path of 2 m between two arrays in fixed noise, to show what one impairment changes.
 
     With `orthogonal` the TX has 64 orthonormal beams, which separate its 64 elements.
     """
 
     def __init__(self, seed: int, *, orthogonal: bool = False, n_rb: int = 264) -> None:
         array = ArrayConfig(beams_per_panel=64 if orthogonal else 32)
+        waveform = WaveformConfig(combine_symbols=True, n_rb=n_rb)
         self._base = SimulationConfig(
-            scene="box_room",
-            seed=seed,
-            waveform=WaveformConfig(combine_symbols=True, n_rb=n_rb),
-            tx_array=array,
-            rx_array=ArrayConfig(),
+            scene="box_room", seed=seed, waveform=waveform, tx_array=array, rx_array=ArrayConfig()
         )
         self.link = make_link(self._base)
         if orthogonal:
@@ -155,15 +149,12 @@ class ImpairmentBench:
         self.scene = load_scene(scene_path("box_room"), 60e9)
         heading_rad = self.scene.tx.heading_rad
         self._rx_pose = Pose(self.scene.tx.position_m, float(heading_rad + np.pi))
-        self._paths = made_paths(
-            1.0 + 0j,
-            2.0 / SPEED_OF_LIGHT_M_S,
-            (heading_rad + AOD_RAD[0], AOD_RAD[1]),
-            (heading_rad + np.pi + AOD_RAD[0], -AOD_RAD[1]),
-        )
+        departure_rad = heading_rad + AOD_RAD[0], AOD_RAD[1]
+        arrival_rad = heading_rad + np.pi + AOD_RAD[0], -AOD_RAD[1]
+        self._paths = made_paths(1.0 + 0j, 2.0 / SPEED_OF_LIGHT_M_S, departure_rad, arrival_rad)
 
     def config(self, **impairments: float) -> SimulationConfig:
-        """The settings with these impairments alone."""
+        """The settings with only these impairments."""
         return self._base.model_copy(update={"impairments": ImpairmentsConfig(**impairments)})  # type: ignore[arg-type]
 
     def truth(self, stop: int, bias_s: float = 0.0) -> Truth:
@@ -199,13 +190,11 @@ class ImpairmentBench:
         turn = np.exp(2j * np.pi * self.link.frequency_offset_hz * self._paths.delay_s)
         received = samples @ turn / len(turn)
         best = np.argmax(np.linalg.norm(received, axis=0))
-        solution = np.linalg.lstsq(self.link.tx_codebook.weights, received[:, best], rcond=None)[0]
-        return np.asarray(solution)
+        return np.asarray(np.linalg.lstsq(self.link.tx_codebook.weights, received[:, best], rcond=None)[0])
 
     def pointing_deg(self, config: SimulationConfig) -> float:
         """TX heading over nominal that explains the powers of the TX beams best."""
-        samples = self.samples(config, 0)
-        power = (np.abs(samples) ** 2).sum(axis=(1, 2))
+        power = (np.abs(self.samples(config, 0)) ** 2).sum(axis=(1, 2))
         power = power / np.linalg.norm(power)
 
         def mismatch(offset_deg: float) -> float:
@@ -231,10 +220,9 @@ def _survey(bench: ImpairmentBench, n_stops: int) -> list[Measurement]:
     config = bench.config(rx_placement_std_m=0.1, rx_heading_std_deg=2.0)
     truths = [bench.truth(stop) for stop in range(n_stops)]
     poses = [with_surveyed_pose(config, truth).rx_pose for truth in truths]
-    moved_m = np.array(
-        [(p.position_m - t.rx_pose.position_m)[:2] for p, t in zip(poses, truths, strict=True)]
-    )
-    turned = np.array([p.heading_rad - t.rx_pose.heading_rad for p, t in zip(poses, truths, strict=True)])
+    pairs = [(pose, truth.rx_pose) for pose, truth in zip(poses, truths, strict=True)]
+    moved_m = np.array([(pose.position_m - true.position_m)[:2] for pose, true in pairs])
+    turned = np.array([pose.heading_rad - true.heading_rad for pose, true in pairs])
     turned = np.angle(np.exp(1j * turned))
     return [
         _recovered("rx_placement", moved_m.std(), 0.1, "standard deviation over stops"),
@@ -243,12 +231,10 @@ def _survey(bench: ImpairmentBench, n_stops: int) -> list[Measurement]:
 
 
 def _recovered(name: str, found: float, true: float, how: str) -> Measurement:
-    error = float(abs(found / true - 1))
-    return at_most(f"signal.impairment.{name}", error, 0.05, how)
+    return at_most(f"signal.impairment.{name}", abs(found / true - 1), 0.05, how)
 
 
 def _relative(
     name: str, error: ComplexArray | FloatArray, size: ComplexArray | FloatArray, how: str
 ) -> Measurement:
-    value = float(np.linalg.norm(error) / np.linalg.norm(size))
-    return at_most(f"signal.impairment.{name}", value, 0.05, how)
+    return at_most(f"signal.impairment.{name}", np.linalg.norm(error) / np.linalg.norm(size), 0.05, how)
