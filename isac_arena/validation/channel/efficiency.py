@@ -64,10 +64,8 @@ def _scene_rows(
 
     `bars` are those of every RMSE over its bound and of their mean.
     """
-    found, reason = (
-        table.is_found[table.identifiable(found_db)],
-        f"known as well as lone ones from {found_db} dB on",
-    )
+    found = table.is_found[table.identifiable(found_db)]
+    reason = f"known as well as lone ones from {found_db} dB on"
     return [
         *matching.efficiency_rows(method, table, min_snr_db=sharp_db, bars=bars, quick=quick),
         *matching.consistency_rows(method, table, min_snr_db=sharp_db, quick=quick),

@@ -31,18 +31,13 @@ PATH_DB = 30.0  # SNR of the path before the background
 CALIBRATED_MIN_DB = 15.0
 CHOICES: dict[str, tuple[dict[str, float], ...]] = {
     "coherent": (
-        {},
-        {"cfo_hz": CFO_HZ},
-        {"cfo_hz": -2000.0},
-        {"cfo_hz": 2000.0, "phase_noise_linewidth_hz": 500.0},
+        {}, {"cfo_hz": CFO_HZ}, {"cfo_hz": -2000.0}, {"cfo_hz": 2000.0, "phase_noise_linewidth_hz": 500.0}
     ),
     "incoherent": (
-        {"phase_noise_pair_deg": 5.0},
-        {"phase_noise_pair_deg": 25.0},
-        {"phase_noise_pair_deg": UNIFORM_DEG},
-        {"beam_phase_std_deg": 60.0},
+        *({"phase_noise_pair_deg": step} for step in (5.0, 25.0, UNIFORM_DEG)), {"beam_phase_std_deg": 60.0}
     ),
-}  # a linewidth of 500 Hz gives 5 deg rms, a walk of 5 deg from pair to pair 25 deg; the limit is 10 deg
+}  # fmt: skip
+# a linewidth of 500 Hz gives 5 deg rms, a walk of 5 deg from pair to pair 25 deg; the limit is 10 deg
 
 
 def check_element_errors(seed: int, quick: bool, trials: int = 0, estimator: str = "") -> list[Measurement]:

@@ -155,12 +155,8 @@ def consistency_rows(
 def rate_row(key: str, hits: BoolArray, bar: float, reason: str, quick: bool) -> Measurement:
     """Share of hits, at least `bar`."""
     n = max(len(hits), 1)
-    return at_least(
-        key,
-        mean(hits),
-        monte_carlo.fewest_by_chance(n, bar) / n if quick else bar,
-        f"{reason}, {len(hits)} paths",
-    )
+    allowed = monte_carlo.fewest_by_chance(n, bar) / n if quick else bar
+    return at_least(key, mean(hits), allowed, f"{reason}, {len(hits)} paths")
 
 
 def false_row(key: str, n_false: IntArray, bar: float, quick: bool) -> Measurement:

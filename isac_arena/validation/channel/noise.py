@@ -57,16 +57,12 @@ class NoiseRow:
 
 METHODS: dict[str, Fit] = {"coherent": fit_over_background, "incoherent": fit_incoherent}
 QUICK = (
-    NoiseRow("coherent", 0.1, 30),
-    NoiseRow("coherent", 0.1, 15, whole=True),
-    NoiseRow("incoherent", 0.1, 15),
-)
+    NoiseRow("coherent", 0.1, 30), NoiseRow("coherent", 0.1, 15, whole=True), NoiseRow("incoherent", 0.1, 15),
+)  # fmt: skip
 FULL = (
-    NoiseRow("coherent", 1e-2, 10_000),
-    NoiseRow("coherent", 1e-3, 100_000, FEW_RB),
-    NoiseRow("coherent", 0.1, 1_000, whole=True),
-    NoiseRow("incoherent", 1e-2, 2_000),
-)
+    NoiseRow("coherent", 1e-2, 10_000), NoiseRow("coherent", 1e-3, 100_000, FEW_RB),
+    NoiseRow("coherent", 0.1, 1_000, whole=True), NoiseRow("incoherent", 1e-2, 2_000),
+)  # fmt: skip
 
 
 def check_false_alarms(seed: int, quick: bool, trials: int = 0, estimator: str = "") -> list[Measurement]:

@@ -226,14 +226,11 @@ def _round_the_back(
 def _all_diffracted(ends_m: FloatArray) -> Paths:
     """Diffracted and creeping paths between the two ends (end, xyz) in a small scene of lossy objects."""
     stone, metal = Material("stone", 5.0, 0.5), Material("metal", 1.0, 1e7, 0.002)
-    contours = (
-        (rectangle((-1.0, 1.0), (-2.0, -1.0)), stone),
-        (Polyline(np.array([(-0.5, 1.0), (0.8, 1.7), (1.5, 1.2)])), stone),
-        (Circle(np.array([0.3, 0.0]), 0.2), metal),
-    )
-    objects = tuple(
-        SceneObject(f"object_{k}", "wall", contour, 0.0, 3.0, material)
-        for k, (contour, material) in enumerate(contours)
+    rail = Polyline(np.array([(-0.5, 1.0), (0.8, 1.7), (1.5, 1.2)]))
+    objects = (
+        SceneObject("object_0", "wall", rectangle((-1.0, 1.0), (-2.0, -1.0)), 0.0, 3.0, stone),
+        SceneObject("object_1", "wall", rail, 0.0, 3.0, stone),
+        SceneObject("object_2", "wall", Circle(np.array([0.3, 0.0]), 0.2), 0.0, 3.0, metal),
     )
     far = Walk(np.array([[90.0, 90.0]]), 1.0, 0.0)
     scene = Scene("diffraction", objects, Pose(ends_m[0], 0.0), far, (-99, -99, 99, 99))

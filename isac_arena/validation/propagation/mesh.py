@@ -78,7 +78,7 @@ def _box_scenes(rng: np.random.Generator) -> tuple[Scene, Scene, FloatArray]:
     )
     drawn = SceneObject("crate", "box", Polygon(outline), 0.0, height, BOARD)
     crate = Clutter("crate", "clutter", BOARD, vertices, np.array(BOX_FACES))
-    return (replace(empty, objects=(*empty.objects, drawn)), replace(empty, clutter=(crate,)), places[1:])
+    return replace(empty, objects=(*empty.objects, drawn)), replace(empty, clutter=(crate,)), places[1:]
 
 
 def _over_box(paths: Paths) -> Paths:

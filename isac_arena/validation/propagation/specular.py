@@ -160,9 +160,8 @@ def _compared(scene: Scene, rx_m: FloatArray) -> tuple[int, int, int]:
         ]
         for shot in shooter.paths(rx[:2], 2):
             total += 1
-            near = [
-                one for one in ours if abs(one[1] - shot.length_m) < SAME_LENGTH_M and one[0] == shot.surface
-            ]
+            met = [one for one in ours if one[0] == shot.surface]
+            near = [one for one in met if abs(one[1] - shot.length_m) < SAME_LENGTH_M]
             missed += not near
             if near:
                 ours.remove(near[0])

@@ -108,15 +108,9 @@ class TrueBounds:
 def make_bench(seed: int, **impairments: Any) -> LinkBench:
     """The 32 x 32 beam link with 3,168 subcarriers, and the given impairments of the hardware."""
     array = ArrayConfig(beams_per_panel=32, sector_deg=SECTOR_DEG, columns=COLUMNS)
-    waveform, hardware = (
-        WaveformConfig(numerology=3, n_rb=264, combine_symbols=True),
-        ImpairmentsConfig(**impairments),
-    )
-    return _bench(
-        SimulationConfig(
-            scene="lone", seed=seed, waveform=waveform, tx_array=array, rx_array=array, impairments=hardware
-        )
-    )
+    waveform = WaveformConfig(numerology=3, n_rb=264, combine_symbols=True)
+    config = SimulationConfig(scene="lone", seed=seed, waveform=waveform, tx_array=array, rx_array=array)
+    return with_settings(_bench(config), **impairments)
 
 
 def draw_paths(

@@ -231,13 +231,10 @@ def _measured(
 def true_measurements(true: TruePaths) -> FloatArray:
     """Range in m, departure and arrival azimuths in rad (path, 3) of the paths over the points."""
     from_tx, from_rx = true.point_m - TX[:2], true.point_m - true.rx[:, :2]
-    return np.column_stack(
-        [
-            np.linalg.norm(from_tx, axis=1) + np.linalg.norm(from_rx, axis=1),
-            np.arctan2(from_tx[:, 1], from_tx[:, 0]) - TX[2],
-            np.arctan2(from_rx[:, 1], from_rx[:, 0]) - true.rx[:, 2],
-        ]
-    )
+    aod = np.arctan2(from_tx[:, 1], from_tx[:, 0]) - TX[2]
+    aoa = np.arctan2(from_rx[:, 1], from_rx[:, 0]) - true.rx[:, 2]
+    range_m = np.linalg.norm(from_tx, axis=1) + np.linalg.norm(from_rx, axis=1)
+    return np.column_stack([range_m, aod, aoa])
 
 
 def _receivers(rng: np.random.Generator) -> FloatArray:
@@ -262,7 +259,5 @@ def _seen(point_m: FloatArray, rx: FloatArray) -> TruePaths:
 def _back(point_m: FloatArray, rx: FloatArray) -> FloatArray:
     """Sum (path, xy) of the unit vectors from the points to TX and RX."""
     to_tx, to_rx = TX[:2] - point_m, rx[:, :2] - point_m
-    return np.asarray(
-        to_tx / np.linalg.norm(to_tx, axis=1, keepdims=True)
-        + to_rx / np.linalg.norm(to_rx, axis=1, keepdims=True)
-    )
+    size_tx, size_rx = (np.linalg.norm(leg, axis=1, keepdims=True) for leg in (to_tx, to_rx))
+    return np.asarray(to_tx / size_tx + to_rx / size_rx)

@@ -82,12 +82,9 @@ def random_receivers(
 def box_walls(x_m: float, y_m: float) -> list[Contour]:
     """Four walls around the room 0..x, 0..y that do not overlap."""
     d = 0.2
-    return [
-        rectangle((0.0, x_m), (-d, 0.0)),
-        rectangle((x_m, x_m + d), (0.0, y_m)),
-        rectangle((0.0, x_m), (y_m, y_m + d)),
-        rectangle((-d, 0.0), (0.0, y_m)),
-    ]
+    south, north = (rectangle((0.0, x_m), y) for y in ((-d, 0.0), (y_m, y_m + d)))
+    east, west = (rectangle(x, (0.0, y_m)) for x in ((x_m, x_m + d), (-d, 0.0)))
+    return [south, east, north, west]
 
 
 def with_tx(scene: Scene, position_m: FloatArray) -> Scene:

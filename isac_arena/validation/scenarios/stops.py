@@ -14,6 +14,7 @@ from estimation.channel.record import ChannelEstimate
 from estimation.laws import plane, space
 from isac_arena.validation.scenarios import halls
 from isac_arena.validation.scenarios.estimates import made_estimate
+from isac_arena.validation.scenarios.halls import Hall, ScenarioConfig
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose, wrap_angle
 from scenes.record import BoolArray, FloatArray, IntArray
 
@@ -33,13 +34,13 @@ class Scenario:
     landmark: IntArray  # (path,) walls 0 to 3, pillars from 4; -1 for all other paths
 
 
-def draw_stop(rng: np.random.Generator, config: halls.ScenarioConfig, stop: int = 0) -> Scenario:
+def draw_stop(rng: np.random.Generator, config: ScenarioConfig, stop: int = 0) -> Scenario:
     """A receiver anywhere in a hall of its own."""
     hall = halls.draw_hall(rng, config)
     return observe_stop(rng, config, hall, halls.draw_state(rng, config, hall), stop)
 
 
-def draw_trajectory(rng: np.random.Generator, config: halls.ScenarioConfig, n_stops: int) -> list[Scenario]:
+def draw_trajectory(rng: np.random.Generator, config: ScenarioConfig, n_stops: int) -> list[Scenario]:
     """The stops of `draw_walk`, each observed on its own."""
     walk = halls.draw_walk(rng, config, n_stops)
     hidden = replace(config, has_los=False)
@@ -50,7 +51,7 @@ def draw_trajectory(rng: np.random.Generator, config: halls.ScenarioConfig, n_st
 
 
 def observe_stop(
-    rng: np.random.Generator, config: halls.ScenarioConfig, hall: halls.Hall, state: FloatArray, stop: int
+    rng: np.random.Generator, config: ScenarioConfig, hall: Hall, state: FloatArray, stop: int
 ) -> Scenario:
     """The paths of one receiver state: single bounces off random objects, then outliers, then noise."""
     flat = not config.in_space
@@ -97,12 +98,7 @@ def channel_estimate(
 
 
 def _double_bounces_and_clutter(
-    rng: np.random.Generator,
-    config: halls.ScenarioConfig,
-    hall: halls.Hall,
-    state: FloatArray,
-    n: int,
-    shortest_m: float,
+    rng: np.random.Generator, config: ScenarioConfig, hall: Hall, state: FloatArray, n: int, shortest_m: float
 ) -> FloatArray:
     """Outliers (n, 3): paths over two walls, then paths of any directions, up to 25 m longer than the LOS."""
     n_double = round(config.double_share * n)
@@ -113,12 +109,7 @@ def _double_bounces_and_clutter(
 
 
 def _spatial_clutter(
-    rng: np.random.Generator,
-    config: halls.ScenarioConfig,
-    hall: halls.Hall,
-    state: FloatArray,
-    n: int,
-    shortest_m: float,
+    rng: np.random.Generator, config: ScenarioConfig, hall: Hall, state: FloatArray, n: int, shortest_m: float
 ) -> FloatArray:
     """Outliers (n, 5): paths of any directions, up to 25 m longer than the LOS."""
     length = shortest_m + rng.uniform(0.5, 25.0, n)
@@ -127,12 +118,8 @@ def _spatial_clutter(
 
 
 def _power_dbm(
-    rng: np.random.Generator,
-    config: halls.ScenarioConfig,
-    length_m: FloatArray,
-    kind: IntArray,
-    is_pillar: BoolArray,
-) -> FloatArray:
+    rng: np.random.Generator, config: ScenarioConfig, length_m: FloatArray, kind: IntArray, is_pillar: BoolArray,
+) -> FloatArray:  # fmt: skip
     """Powers as in the measured hall: -13 - 17 log10(d) less the loss of the kind of path.
 
     Walls lose 6 dB, pillars 15 dB and outliers 12 dB; in space every path except the line of sight loses 10 dB.

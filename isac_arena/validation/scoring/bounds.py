@@ -118,14 +118,10 @@ def _state_covariance(made: MadeCampaign, stop: TrueStop) -> FloatArray:
 def _over_bound(stops: list[TrueStop], bound: StateBound, results: CampaignResults) -> dict[str, float]:
     parts = [score_stop(stop, one) for stop, one in zip(stops, results.channel, strict=True)]
     paths, significant, sets = zip(*parts, strict=True)
-    poses = score_poses(
-        np.array([stop.truth.stop for stop in stops]),
-        [stop.truth.rx_pose for stop in stops],
-        np.array([stop.truth.clock_bias_s for stop in stops]),
-        np.ones(len(stops), bool),
-        results.slam.poses,
-        bound,
-    )
+    truths = [stop.truth for stop in stops]
+    number, bias_s = np.array([one.stop for one in truths]), np.array([one.clock_bias_s for one in truths])
+    rx, has_los = [one.rx_pose for one in truths], np.ones(len(truths), bool)
+    poses = score_poses(number, rx, bias_s, has_los, results.slam.poses, bound)
     metrics = channel_metrics(
         concatenate(sets, "stop"), concatenate(paths, "estimate"), concatenate(significant, "true_path")
     )

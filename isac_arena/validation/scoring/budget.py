@@ -44,9 +44,7 @@ def check_budget(seed: int, quick: bool) -> list[Measurement]:
         at_most(f"{key}.all_oracle_error", rest, 1e-9, "error with truth in the place of every stage", "m"),
         at_most(f"{key}.gap", gap, 1e-12, "parts and rest less the total, over the total"),
         at_most(f"{key}.swaps_outside", outside, 0, moved),
-        at_most(
-            f"{key}.solver_error", pose_m, 1e-5, "largest pose error from true paths: solver tolerance", "m"
-        ),
+        at_most(f"{key}.solver_error", pose_m, 1e-5, "largest pose error with true paths", "m"),
     ]
 
 
@@ -76,11 +74,8 @@ def faulty_chain(rng: np.random.Generator) -> Chain:
     """The chain of the made campaign from estimates with errors of their stated size, some missed, some false."""
     made = make_campaign()
     stops = [true_stop(truth, made.scene.tx, power_dbm(truth), LIMITS, None) for truth in made.truths]
-    name, shapes, contours = (
-        made.scene.name,
-        ShapeConfig(eps_m=1.5, min_samples=3),
-        ContourConfig(method="none"),
-    )
+    name, shapes = made.scene.name, ShapeConfig(eps_m=1.5, min_samples=3)
+    contours = ContourConfig(method="none")
     config = CampaignConfig(name=name, scene=name, shapes=shapes, contours=contours)
     channel = [_faulty(estimate, rng) for estimate in made.results.channel]
     return make_chain(config, made.scene, stops, channel, lit_objects(made.scene, stops, 3))

@@ -191,13 +191,8 @@ def _error(key: str, error: float, bar: float) -> Measurement:
 
 def _scores(made: MadeCampaign, results: CampaignResults) -> dict[str, Metric]:
     found = score_campaign(
-        made.scene,
-        iter(made.truths),
-        results,
-        true_power_dbm=power_dbm,
-        significance=LIMITS,
-        view=made_view(),
-    )
+        made.scene, iter(made.truths), results, true_power_dbm=power_dbm, significance=LIMITS, view=made_view(),
+    )  # fmt: skip
     return {metric.key: metric for metric in found.metrics}
 
 

@@ -111,9 +111,8 @@ def check_pillar_or_wall(seed: int, quick: bool) -> list[Measurement]:
     rows = _Rows("class", len(pillars), quick)
     pillar_right = np.array([_wall_evidence(one) < 0 for one in pillars], float)
     for name, length, bar in (("walls_3_20_m", (3.0, 20.0), 0.99), ("walls_0.8_3_m", (0.8, 3.0), 0.88)):
-        wall_right = np.array(
-            [_wall_evidence(one) > 0 for one in point_clusters.walls(rng, draws, length)], float
-        )
+        drawn = point_clusters.walls(rng, draws, length)
+        wall_right = np.array([_wall_evidence(one) > 0 for one in drawn], float)
         rows.higher(f"{name}.right", wall_right, bar)
     rows.higher("pillars.right", pillar_right, 0.88)
     return rows.rows

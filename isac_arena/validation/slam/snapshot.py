@@ -101,10 +101,8 @@ def check_outliers(seed: int, quick: bool) -> list[Measurement]:
     scenarios = [draw_stop(rng, replace(CLUTTERED, has_los=False)) for _ in range(20 if quick else 200)]
     nlos = [trials.solve(scenario, RIGHT_ANGLES) for scenario in scenarios]
     reference = max(_gross_rate([trials.solve(scenario, REFERENCE) for scenario in scenarios]), 1e-12)
-    rate, unaware = (
-        _gross_rate(nlos),
-        _gross_rate([trials.solve(scenario, trials.OURS) for scenario in scenarios]),
-    )
+    rate = _gross_rate(nlos)
+    unaware = _gross_rate([trials.solve(scenario, trials.OURS) for scenario in scenarios])
     sure = [trial for trial in [*los, *nlos] if _position_std_m(trial) < CONFIDENT_M]
     rare = 0.05 if quick else 0.01  # one or two of 50 stops may be wrong by chance
     prefix, over = "outliers50", "gross_rate_over_reference"

@@ -33,15 +33,10 @@ _MAX_OPENING_RAD = np.deg2rad(150.0)  # between the directions from a pillar to 
 BEND_M = 0.03
 GAUSSIAN = ScenarioConfig(n_paths=9, delay_std_ns=0.1, angle_std_deg=0.1, n_pillars=6)
 MATCHED = TrajectoryConfig(
-    degrees_of_freedom=1000,
-    motion_degrees_of_freedom=1000.0,
-    cross_track_std_m=BEND_M,
-    along_track_std_m=BEND_M,
-    wall_roughness_m=0.0,
-    object_roughness_m=0.0,
-    use_double_bounces=False,
-    use_sessions=False,
-)
+    degrees_of_freedom=1000, motion_degrees_of_freedom=1000.0, cross_track_std_m=BEND_M,
+    along_track_std_m=BEND_M, wall_roughness_m=0.0, object_roughness_m=0.0,
+    use_double_bounces=False, use_sessions=False,
+)  # fmt: skip
 CLUTTERED = ScenarioConfig(outlier_share=0.3)
 # The settings are for receivers placed by hand on an uneven walk, with a third of the paths false.
 REALISTIC = ScenarioConfig(n_paths=9, outlier_share=0.3, placement_std_m=0.05, spacing_std=0.3)
