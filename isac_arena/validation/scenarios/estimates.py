@@ -26,11 +26,10 @@ def made_estimate(
     snr_db: float = 30.0,
 ) -> ChannelEstimate:
     """Paths (path, m) in s and rad that share one covariance (m, m); m is 3, or 5 with both elevations."""
-    n, columns = len(parameters), dict(zip(PARAMETERS, parameters.T, strict=False))
-    shared = {"covariance": np.tile(covariance, (n, 1, 1)), "snr_db": np.full(n, snr_db)}
-    return ChannelEstimate(
-        stop=stop, power_dbm=power_dbm, beam_loss_db=np.zeros(n), is_los=is_los, **shared, **columns
-    )
+    n = len(parameters)
+    values: dict[str, Any] = dict(zip(PARAMETERS, parameters.T, strict=False))
+    values |= {"covariance": np.tile(covariance, (n, 1, 1)), "snr_db": np.full(n, snr_db)}
+    return ChannelEstimate(stop=stop, power_dbm=power_dbm, beam_loss_db=np.zeros(n), is_los=is_los, **values)
 
 
 def plane_parameters(estimate: ChannelEstimate) -> FloatArray:

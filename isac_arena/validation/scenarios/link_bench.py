@@ -188,10 +188,10 @@ def noise_stop(bench: LinkBench, stop: int) -> BeamSweep:
 
 def true_bounds(bench: LinkBench, stop: ChannelStop, *, coherent: bool) -> TrueBounds:
     """Bounds from the joint Fisher information of all true paths of a stop."""
-    link, paths = bench.link, np.split(stop.paths.parameters, 3, axis=1)
+    link, parameters = bench.link, stop.paths.parameters
     information = path_information(
-        bench.tx, bench.rx, link.frequency_offset_hz, link.noise_power_mw, paths[0][:, 0], *paths[1:],
-        stop.amplitude, coherent=coherent,
+        bench.tx, bench.rx, link.frequency_offset_hz, link.noise_power_mw, parameters[:, 0],
+        parameters[:, 1:2], parameters[:, 2:3], stop.amplitude, coherent=coherent,
     )  # fmt: skip
     joint = np.einsum("iaib->iab", path_covariance(information))
     return TrueBounds(joint[:, :3, :3], joint_loss_db(information), nearest(stop.paths.cells / bench.cell))

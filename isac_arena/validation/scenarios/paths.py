@@ -13,10 +13,10 @@ from sim.propagation.paths import Paths
 
 def made_paths(gain: Any, delay_s: Any, departure_rad: Any, arrival_rad: Any) -> Paths:
     """Paths without interactions, from gains (path,), delays (path,) and azimuths with elevations (2, path)."""
-    columns = [np.atleast_1d(column) for column in (gain, delay_s, *departure_rad, *arrival_rad)]
+    columns: list[Any] = [np.atleast_1d(column) for column in (gain, delay_s, *departure_rad, *arrival_rad)]
     count = len(columns[0])
-    kind, hit, vertex_m = np.zeros((count, 1), int), np.full((count, 1), -1), np.full((count, 1, 3), np.nan)
-    return Paths(*columns, kind, hit, vertex_m, np.array(["none"]))
+    columns += [np.zeros((count, 1), int), np.full((count, 1), -1), np.full((count, 1, 3), np.nan)]
+    return Paths(*columns, object_name=np.array(["none"]))
 
 
 def random_paths(

@@ -61,10 +61,9 @@ class MadeCampaign:
 def make_scene() -> Scene:
     """Two pillars and two walls beside a straight walk."""
     metal = Material("metal", 1.0, 1e7)
-    objects = tuple(
-        SceneObject(name, kind, contour, 0.0, 4.0, metal)
-        for kind, contours in (("pillar", PILLARS), ("wall", WALLS))
-        for name, contour in contours.items()
+    objects = (
+        *(SceneObject(name, "pillar", contour, 0.0, 4.0, metal) for name, contour in PILLARS.items()),
+        *(SceneObject(name, "wall", contour, 0.0, 4.0, metal) for name, contour in WALLS.items()),
     )
     walk = Walk(np.array([[-1.5, -1.5], [6.0, -1.5]]), 1.8, HEADING_RAD, 12)
     return Scene("made_up", objects, Pose(np.array([2.0, 2.0, 1.8]), -np.pi / 2), walk, (-6, -9, 10, 5))

@@ -96,7 +96,7 @@ def state_errors(campaign: MeasuredCampaign, poses: PoseEstimates) -> FloatArray
     rx = true_states(campaign.truths)
     heading_deg = np.rad2deg(wrap_angle(poses.heading_rad - rx[:, 2]))
     distance_m, clock_ns = np.hypot(*(poses.position_m - rx[:, :2]).T), 1e9 * (poses.clock_bias_s - rx[:, 3])
-    return np.nan_to_num(np.column_stack([distance_m, heading_deg, clock_ns]), nan=np.inf)
+    return np.asarray(np.nan_to_num(np.column_stack([distance_m, heading_deg, clock_ns]), nan=np.inf))
 
 
 def plan_distance_m(segments_m: FloatArray, points_m: FloatArray) -> FloatArray:
