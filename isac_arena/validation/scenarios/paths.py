@@ -16,7 +16,8 @@ def made_paths(gain: Any, delay_s: Any, departure_rad: Any, arrival_rad: Any) ->
     columns: list[Any] = [np.atleast_1d(column) for column in (gain, delay_s, *departure_rad, *arrival_rad)]
     count = len(columns[0])
     columns += [np.zeros((count, 1), int), np.full((count, 1), -1), np.full((count, 1, 3), np.nan)]
-    return Paths(*columns, object_name=np.array(["none"]))
+    columns.append(np.array(["none"]))
+    return Paths(*columns)
 
 
 def random_paths(

@@ -101,8 +101,8 @@ def score(made: MadeArena, result: MapResult) -> MapScore:
         main = int(np.bincount(kind[result.shapes.label == cluster], minlength=GHOST + 1).argmax())
         if main < N_PILLARS:
             paper[main] = max(paper[main], _iou(made, main, contour_points_m(result.shapes, cluster)))
-    means = [float(np.mean(values)) for values in (iou, paper, right, covered)]
-    return MapScore(*means, ghosts=ghosts)
+    overlap, of_paper, class_right, coverage = (float(np.mean(part)) for part in (iou, paper, right, covered))
+    return MapScore(overlap, of_paper, class_right, coverage, ghosts)
 
 
 def make_arena(rng: np.random.Generator, *, offset: bool, jump_deg: float = 0.0) -> MadeArena:
