@@ -1,7 +1,5 @@
 """How numerical code runs: compiled loops, array calls of loops over rows, one BLAS thread for small fits."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from functools import lru_cache

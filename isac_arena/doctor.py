@@ -1,7 +1,5 @@
 """Checks of this machine and environment: can they run the chain, and what to do about each problem."""
 
-from __future__ import annotations
-
 import os
 import platform
 import re

@@ -1,7 +1,5 @@
 """Where the packages of this project come from: a user's own folder of the same name must not take their place."""
 
-from __future__ import annotations
-
 from importlib.util import find_spec
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Poses and angles: the position of a device and the heading of its array frame."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Random arenas: walled rooms with pillars, partitions and boxes, from empty to cluttered."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 
 import numpy as np

@@ -10,8 +10,6 @@ construction, writes files and documents the field:
 An axis name has one length within a record. The axes `xy` and `xyz` have fixed lengths.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import MISSING, dataclass, field, fields
 from typing import Any, Self, TypeVar, get_type_hints
@@ -46,10 +44,8 @@ def array(*axes: str, unit: str = "1", dtype: Any = np.float64, doc: str = "", d
 class Record:
     """Base of all records: converts to the declared dtypes, checks the shapes, freezes the arrays.
 
-    Raises
-    ------
-    ValueError
-        If an array does not have the declared axes; the message names record, field, shape and axes.
+    Raises `ValueError` if an array does not have the declared axes; the message names record, field, shape and
+    axes.
     """
 
     def __post_init__(self) -> None:

@@ -36,11 +36,8 @@ class Scene:
     `bounds_m` is (x_min, y_min, x_max, y_max), the extent of floor and ceiling. A scene may have several TXs
     and several walks: `tx` and `walk` are the active ones, `choose` selects others.
 
-    Raises
-    ------
-    ValueError
-        If two objects share a name, the ceiling is not above the floor, solids overlap without `may_overlap`, or
-        a TX or an RX stop lies inside an object, on a thin wall, or not between floor and ceiling.
+    Raises `ValueError` if two objects share a name, the ceiling is not above the floor, solids overlap without
+    `may_overlap`, or a TX or an RX stop lies inside an object, on a thin wall, or not between floor and ceiling.
     """
 
     name: str

@@ -1,7 +1,5 @@
 """Typed TOML files. Every error is one line: FILE: field.path = value: allowed values."""
 
-from __future__ import annotations
-
 import json
 import tomllib
 from collections.abc import Sequence

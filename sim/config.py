@@ -1,7 +1,5 @@
 """Settings of a simulated campaign: waveform, arrays, link, clock and propagation."""
 
-from __future__ import annotations
-
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator

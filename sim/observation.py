@@ -1,7 +1,5 @@
 """The observation record: the data that a receiver has at one stop, and nothing else."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from scenes.pose import Pose

@@ -4,8 +4,6 @@ Every stop and stage has its own random generator, derived from the seed. So any
 any number of workers, gives the same bits.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The truth of one stop: for scoring only, never for an estimator."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from scenes.pose import Pose
@@ -18,9 +16,7 @@ class Truth(Record):
     stop: int = array(dtype=int, doc="index of the receiver stop")
     clock_bias_s: float = array(unit="s", doc="receiver clock minus transmitter clock")
     n_planar_compared: int = array(
-        dtype=int,
-        default=0,
-        doc="planar specular paths found by the ray tracer or the exact solver",
+        dtype=int, default=0, doc="planar specular paths found by the ray tracer or the exact solver"
     )
     n_planar_repaired: int = array(
         dtype=int, default=0, doc="of these, missed by the tracer: the exact ones are used"

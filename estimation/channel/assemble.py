@@ -1,7 +1,5 @@
 """From the paths of a maximum-likelihood fit to the channel estimate that mapping and SLAM read."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from estimation.channel.fit import PathFit

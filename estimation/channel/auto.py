@@ -8,8 +8,6 @@ is small, the ramp is removed and the sweep is fitted coherently. Phases that wa
 the paths would absorb them, and the coherent covariance would take them as known.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Literal
 

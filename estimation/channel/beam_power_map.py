@@ -1,7 +1,5 @@
 """The beam power map: the received power of every beam pair at one stop."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Settings of the maximum-likelihood channel estimators."""
 
-from __future__ import annotations
-
 from pydantic import Field, field_validator
 
 from scenes.toml_config import ConfigModel, Pair

@@ -1,7 +1,5 @@
 """Channel estimation of one stop: one function for all methods, one record as the result of each."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Literal, get_args
@@ -51,9 +49,7 @@ class ChannelConfig(ConfigModel):
 
 
 def estimate_channel(
-    sweep: BeamSweep,
-    method: str | ChannelEstimator | None = None,
-    config: ChannelConfig | None = None,
+    sweep: BeamSweep, method: str | ChannelEstimator | None = None, config: ChannelConfig | None = None
 ) -> ChannelEstimate:
     """The paths of one stop.
 
@@ -72,10 +68,8 @@ def estimate_channel(
         `status` is 'ok', 'no paths', 'limited' if there were more paths than may be reported, or 'refused' if
         the sweep is empty, all zero or not finite; `reason` says what was chosen and why, or what is wrong.
 
-    Raises
-    ------
-    ValueError
-        For an unknown method, and if a given function does not return a channel estimate of this stop.
+    Raises `ValueError` For an unknown method, and if a given function does not return a channel estimate of this
+    stop.
     """
     config = config or ChannelConfig()
     method = config.method if method is None else method

@@ -1,7 +1,5 @@
 """The result of every maximum-likelihood method: the paths of one stop with their covariances."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal
 

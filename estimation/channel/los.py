@@ -16,8 +16,6 @@ powers are nearly uninformative, except for later paths that are too strong; if 
 distance. The later paths enter as one factor, of the strongest: losses of paths over the same walls are dependent.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The channel estimate: the paths of one stop as the receiver knows them, the same record for all methods."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
@@ -141,12 +139,9 @@ def check_estimate(estimate: ChannelEstimate, period_s: float) -> None:
 
     `period_s` is the delay after which a comb of subcarriers repeats; larger delays are ambiguous.
 
-    Raises
-    ------
-    ValueError
-        If a value is not finite, a delay is beyond +-`period_s` (ns for s), paths are not sorted by delay, a
-        covariance is not symmetric and positive definite, several paths are line of sight or one contradicts its
-        probability, or a word is not an allowed one; the message names stop, field and value.
+    Raises `ValueError` if a value is not finite, a delay is beyond +-`period_s` (ns for s), paths are not sorted
+    by delay, a covariance is not symmetric and positive definite, several paths are line of sight or one
+    contradicts its probability, or a word is not an allowed one; the message names stop, field and value.
     """
     where = f"stop {estimate.stop}: "
     for name in ("delay_s", "aod_azimuth_rad", "aoa_azimuth_rad", "power_dbm"):

@@ -8,8 +8,6 @@ complement.
 Source: Madsen, Nielsen and Tingleff, "Methods for Non-Linear Least Squares Problems", 2004, section 3.2.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache

@@ -6,8 +6,6 @@ steps from the bisector at its centre find it, and the implicit function theorem
 mirrors the TX (`estimation.laws.wall`); an edge is a fixed incidence point (IP, `estimation.laws.plane`).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

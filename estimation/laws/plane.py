@@ -10,8 +10,6 @@ quantities have similar sizes: range = c * delay and bias = c * clock bias, both
   arrival in the RX frame, both in rad.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -10,8 +10,6 @@ times.
   the RX frame, elevation of departure and of arrival, in rad: the order of a channel estimate's covariance.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

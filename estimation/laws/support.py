@@ -15,8 +15,6 @@ its radius of curvature is h + h''. Parameters are [x, y, log R, shape ...] in m
 Source: Schneider, "Convex Bodies: The Brunn-Minkowski Theory", section 1.7 (support functions).
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 

@@ -5,8 +5,6 @@ normal turned by +90 deg; places along it start at the point nearest to the orig
 are those of `estimation.laws.plane`. Functions for arrays call the kernels for one path.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from estimation.execution import compiled, over_rows

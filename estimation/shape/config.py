@@ -1,7 +1,5 @@
 """Settings of clustering, of the Gaussian-process shapes of the paper, and of our contours."""
 
-from __future__ import annotations
-
 from typing import Annotated, Literal, Self
 
 import numpy as np

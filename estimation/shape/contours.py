@@ -1,7 +1,5 @@
 """Contours of objects from paths and poses, by the method of the settings."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from estimation.channel.record import ChannelEstimate

@@ -1,7 +1,5 @@
 """The estimated shape of one object: one record for all methods."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The results of shape estimation: the contours of clusters of the paper, and our contours of objects."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from scenes.record import BoolArray, FloatArray, IntArray, Record, TextArray, array

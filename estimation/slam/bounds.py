@@ -6,8 +6,6 @@ the positions and by shared flat walls: lines that mirror the TX. States are [x,
 m; measurements are those of `estimation.laws.plane`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

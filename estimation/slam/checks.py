@@ -1,7 +1,5 @@
 """Input that mapping and SLAM refuse: paths and poses that can only be mistakes."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np
@@ -17,11 +15,8 @@ _FIELDS = ("delay_s", "aod_azimuth_rad", "aoa_azimuth_rad", "power_dbm")
 def check_estimates(estimates: Iterable[ChannelEstimate], tx_pose: Pose | None) -> None:
     """Refuse paths that no receiver can have estimated.
 
-    Raises
-    ------
-    ValueError
-        Where there is no finite TX pose, a value of a path is not finite, an azimuth is beyond +-2 pi (degrees
-        for radians), or two paths of a stop are equal. The message names stop, field and value.
+    Raises `ValueError` where there is no finite TX pose, a value of a path is not finite, an azimuth is beyond
+    +-2 pi (degrees for radians), or two paths of a stop are equal. The message names stop, field and value.
     """
     if tx_pose is None:
         raise ValueError("tx_pose = None: mapping and SLAM need the position and the heading of the TX")

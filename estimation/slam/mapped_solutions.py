@@ -1,7 +1,5 @@
 """From solved stops to results: their poses in one record, and the incidence points of their paths."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Results of mapping and SLAM: incidence points and receiver poses."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Any

@@ -1,7 +1,5 @@
 """SLAM over a whole campaign: every stop alone, all stops together, or stop by stop during the walk."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from estimation.channel.record import ChannelEstimate

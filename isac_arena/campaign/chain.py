@@ -3,8 +3,6 @@
 `driver.py` calls them in order.
 """
 
-from __future__ import annotations
-
 import importlib
 from collections.abc import Callable, Iterable, Sequence
 

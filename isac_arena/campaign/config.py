@@ -1,7 +1,5 @@
 """Settings of a whole campaign: the simulation and every estimation stage."""
 
-from __future__ import annotations
-
 from pydantic import Field
 
 from estimation.channel.estimate import ChannelConfig

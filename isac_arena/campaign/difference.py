@@ -1,7 +1,5 @@
 """Where two nested settings or two texts differ."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass

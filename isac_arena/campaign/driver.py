@@ -6,8 +6,6 @@ kept results and makes the others. So a run continues where it stopped. Every st
 any subset of stops gives the same bits.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Files that appear under their name only when they are complete: texts, and records as netCDF-4 files."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json

@@ -10,8 +10,6 @@
   (`code_digest`), an attribute of a record. A record with another fingerprint counts as missing.
 """
 
-from __future__ import annotations
-
 import hashlib
 import importlib.util
 import json

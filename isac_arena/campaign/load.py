@@ -1,7 +1,5 @@
 """Campaign files: found by library name or path, with the scene they name."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -5,8 +5,6 @@ a run was resumed elsewhere. `recording.py` writes it, `integrity.py` explains t
 its own manifest, such as a case of a sweep, is a unit: the outer manifest lists only the inner manifest.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import platform

@@ -1,7 +1,5 @@
 """A measured campaign: surveyed poses and labels in place of simulated paths, and the channel estimates."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

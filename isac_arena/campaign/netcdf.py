@@ -8,8 +8,6 @@ Files are written and read with h5py: h5netcdf 1.8 takes 4 times as long to writ
 estimate of a stop) and at least 5 times as long to read (40 ms instead of 7 ms).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import fields
 from io import BytesIO

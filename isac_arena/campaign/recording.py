@@ -5,8 +5,6 @@ is damaged later keeps its hash and shows the damage. An entry is removed before
 command leaves no wrong entry.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path

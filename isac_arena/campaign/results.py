@@ -1,7 +1,5 @@
 """What the whole chain produced for one campaign, in memory."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal
 

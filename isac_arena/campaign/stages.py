@@ -1,7 +1,5 @@
 """The stages of a campaign on a directory: files, progress and messages around the driver."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """`arena bound`: lower bounds of the errors of paths and receiver, over the plan of a scene."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

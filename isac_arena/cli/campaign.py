@@ -1,7 +1,5 @@
 """The campaign verbs: `run`, and its stages alone: `generate`, `estimate`, `score`, `report`."""
 
-from __future__ import annotations
-
 from isac_arena.cli.options import Campaign, Directory, Estimator, KeepSweeps, Out, Seed
 
 

@@ -1,7 +1,5 @@
 """`arena export` and `arena export-sigmf`: a campaign directory in the formats of other tools."""
 
-from __future__ import annotations
-
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated

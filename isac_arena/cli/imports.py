@@ -1,7 +1,5 @@
 """`arena import-mat` and `arena import-deepmimo`: campaigns made from measured data and DeepMIMO scenarios."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

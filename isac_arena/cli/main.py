@@ -3,8 +3,6 @@
 Modules import heavy libraries inside their functions only, so `--help` answers at once.
 """
 
-from __future__ import annotations
-
 import errno
 import os
 import re

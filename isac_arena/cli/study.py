@@ -34,11 +34,7 @@ def gp_synthetic(
     from rich.progress import track  # noqa: PLC0415
 
     from isac_arena.campaign.files import write_bytes, write_csv  # noqa: PLC0415
-    from isac_arena.report.figures.gp_study import (  # noqa: PLC0415
-        contour_figure,
-        radial_function_figure,
-        rmse_figure,
-    )
+    from isac_arena.report.figures.gp_study import contour_figure, radial_function_figure, rmse_figure  # noqa: PLC0415
     from isac_arena.report.style import png_bytes  # noqa: PLC0415
     from isac_arena.validation.shape.gp_study import MODES, N_POINTS, SHAPES, example, study  # noqa: PLC0415
 

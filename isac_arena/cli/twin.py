@@ -101,11 +101,7 @@ def _trace(campaign: MeasuredCampaign, scene: Scene, carrier_hz: float) -> Twin:
     from rich.progress import track  # noqa: PLC0415
 
     from isac_arena.campaign import stages  # noqa: PLC0415
-    from isac_arena.insight.twin.twin import (  # noqa: PLC0415
-        MODELS,
-        make_twin,
-        simulate_stops,
-    )
+    from isac_arena.insight.twin.twin import MODELS, make_twin, simulate_stops  # noqa: PLC0415
 
     simulated = {}
     for name, config in MODELS.items():

@@ -44,8 +44,7 @@ Trials = Annotated[
     typer.Option(min=1, help="Scenes of the longest Monte Carlo run; the others use a share of them."),
 ]
 Estimator = Annotated[
-    str | None,
-    typer.Option(help="Check your own estimator in place of ours: package.module:function."),
+    str | None, typer.Option(help="Check your own estimator in place of ours: package.module:function.")
 ]
 
 

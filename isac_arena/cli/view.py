@@ -1,7 +1,5 @@
 """`arena view`: a campaign in three dimensions, in the browser."""
 
-from __future__ import annotations
-
 import os
 import sys
 from pathlib import Path

@@ -3,8 +3,6 @@
 A folder holds matrices of paths (.mat), the facets of the scene, and params.json.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from io import BytesIO
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Export of campaigns in the formats of other tools: which file holds what."""
 
-from __future__ import annotations
-
 import json
 from collections import Counter
 from collections.abc import Iterator

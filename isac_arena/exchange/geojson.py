@@ -1,7 +1,5 @@
 """A map as GeoJSON (RFC 7946): incidence points, both kinds of contours and the true outlines, in local metres."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

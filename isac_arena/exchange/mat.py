@@ -6,8 +6,6 @@ The file holds one struct `sim`. Fields of T stops: `tx` and `rx` (3 x T: x, y i
 excerpt of 30 stops and the whole file of 45 stops have this layout.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from io import BytesIO
 from pathlib import Path

@@ -3,8 +3,6 @@
 `mat.py` reads and writes the file itself.
 """
 
-from __future__ import annotations
-
 import hashlib
 import re
 from collections.abc import Iterable, Sequence

@@ -1,7 +1,5 @@
 """Time-domain samples to SigMF recordings (version 1.0.0) and back: NAME.sigmf-meta and NAME.sigmf-data."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Sequence

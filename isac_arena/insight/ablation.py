@@ -1,7 +1,5 @@
 """Ablation: one campaign with each hardware impairment alone, with all and with none, and their ranking."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """HTML elements of the report pages: tables, and figures with captions."""
 
-from __future__ import annotations
-
 from base64 import b64encode
 from collections.abc import Iterable, Sequence
 from html import escape

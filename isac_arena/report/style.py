@@ -1,7 +1,5 @@
 """The common style of all figures: colours for colour-blind readers, light axes, sizes in inches."""
 
-from __future__ import annotations
-
 from io import BytesIO
 from typing import Any
 

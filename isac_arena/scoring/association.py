@@ -1,7 +1,5 @@
 """Assignment of estimated paths to true paths: one to one, optimal, within a gate."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 

@@ -4,8 +4,6 @@ Each cause is a test on the data of a stop. The first test that holds, in the or
 `unknown` where no test holds. docs/metrics.md has the definitions.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import StrEnum
 

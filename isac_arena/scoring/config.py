@@ -1,7 +1,5 @@
 """Settings of the scores: the gate within which an estimate can be a true path, and the significance of paths."""
 
-from __future__ import annotations
-
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 

@@ -1,7 +1,5 @@
 """The link as scoring sees it: power of true paths in every cell of a sweep, and their Cramer-Rao bounds."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from functools import cached_property
 

@@ -1,7 +1,5 @@
 """Scores of a measured campaign: poses, maps and shapes; scores that need true paths are NaN."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Origin of true paths, incidence points and clusters: the objects of the scene that they stem from."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Tables behind the scores: every estimate with the truth that it is assigned to."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import IntEnum
 

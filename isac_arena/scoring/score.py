@@ -1,7 +1,5 @@
 """Scores of a whole campaign. It reads the truths once, stop by stop, and keeps only small tables."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The cases of a sweep: points of the design, each with its resolved campaign and scene."""
 
-from __future__ import annotations
-
 import copy
 import hashlib
 import tomllib

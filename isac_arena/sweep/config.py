@@ -1,7 +1,5 @@
 """Sweep files: a base campaign, and axes over any field of the campaign or of its scene."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator

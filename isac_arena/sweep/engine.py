@@ -1,7 +1,5 @@
 """Many cases on many processes, and their order. The only user of dask.distributed."""
 
-from __future__ import annotations
-
 import errno
 import logging
 import os

@@ -6,8 +6,6 @@ signals/HASH/stop_000.nc   samples, while several cases wait for them
 cases/HASH/                campaign.json, scores.json, provenance.nc, manifest.json: there only when whole
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The cases of a sweep, and their cost estimated from a few stops of a few cases."""
 
-from __future__ import annotations
-
 import tempfile
 import time
 from collections import Counter

@@ -1,7 +1,5 @@
 """The report page of a sweep, finished or not: figures and tables."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

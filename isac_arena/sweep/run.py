@@ -5,8 +5,6 @@ from their inputs, and are not made again. All compute with one thread, because 
 the number of threads; the manifest of a case records that number.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import tempfile

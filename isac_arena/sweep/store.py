@@ -5,8 +5,6 @@ plan.json           key, point, repeat, seed and axis values of every case
 failures/KEY.json   the error of a case; removed when the case is tried again
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass

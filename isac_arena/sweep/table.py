@@ -1,7 +1,5 @@
 """The results of a sweep as one long table, CSV and Parquet, and the mean at each point of the design."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass

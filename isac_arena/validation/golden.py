@@ -1,7 +1,5 @@
 """Golden campaigns: small campaigns whose scores are kept, so that no change of a result goes unseen."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Iterator, Sequence

@@ -4,8 +4,6 @@ The data belong to their authors and are no part of this project. The variable A
 holds them; by default it is shared/data beside the repository. Without it every row is NaN, which meets no bar.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace

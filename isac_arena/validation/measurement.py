@@ -1,7 +1,5 @@
 """One measured row of a validation or benchmark: a value, its unit, and the bar it has to meet."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass

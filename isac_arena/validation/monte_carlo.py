@@ -1,7 +1,5 @@
 """What Monte Carlo checks share: generators, bars of quick runs, and rows of consistency and efficiency."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 
 import numpy as np

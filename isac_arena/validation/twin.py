@@ -1,7 +1,5 @@
 """`arena validate twin`: what the simulated Campus Arena explains of the measured one, where its file exists."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from functools import cache
 

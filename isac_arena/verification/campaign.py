@@ -1,7 +1,5 @@
 """A share of the stops of a campaign directory computed again, and its maps and scores."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import fields

@@ -1,7 +1,5 @@
 """How a result computed again compares with the stored one: the same bits, within a tolerance, or neither."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any

@@ -1,7 +1,5 @@
 """A share of the cases of a sweep computed again, and its tables against its cases."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from pathlib import Path

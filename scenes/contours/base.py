@@ -1,7 +1,5 @@
 """Base class of contours: polygons, distances, area, curvature and the radial function."""
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass

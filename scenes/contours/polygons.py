@@ -1,7 +1,5 @@
 """Contours of straight sides: polygons, with sharp or rounded corners, and open thin walls."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise

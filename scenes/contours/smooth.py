@@ -1,7 +1,5 @@
 """Smooth contours: circle, ellipse, closed spline, and the open thin wall along a spline."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any

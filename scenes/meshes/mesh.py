@@ -1,7 +1,5 @@
 """Triangle meshes of a scene: vertical prisms, with separate facets for curved and flat pieces."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass

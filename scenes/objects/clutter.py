@@ -6,8 +6,6 @@ transmission, paths go through it. A faceted round mesh therefore reflects to fe
 are too strong. Draw round things as objects with a round contour.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Materials at the carrier frequency: the ITU-R P.2040-3 table and custom ones."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -27,14 +25,8 @@ ITU_TABLE: dict[str, tuple[ItuRow, ...]] = {
     "brick": (ItuRow(3.91, 0.0, 0.0238, 0.16, 1, 40),),
     "plasterboard": (ItuRow(2.73, 0.0, 0.0085, 0.9395, 1, 100),),
     "wood": (ItuRow(1.99, 0.0, 0.0047, 1.0718, 0.001, 100),),
-    "glass": (
-        ItuRow(6.31, 0.0, 0.0036, 1.3394, 0.1, 100),
-        ItuRow(5.79, 0.0, 0.0004, 1.658, 220, 450),
-    ),
-    "ceiling_board": (
-        ItuRow(1.48, 0.0, 0.0011, 1.0750, 1, 100),
-        ItuRow(1.52, 0.0, 0.0029, 1.029, 220, 450),
-    ),
+    "glass": (ItuRow(6.31, 0.0, 0.0036, 1.3394, 0.1, 100), ItuRow(5.79, 0.0, 0.0004, 1.658, 220, 450)),
+    "ceiling_board": (ItuRow(1.48, 0.0, 0.0011, 1.0750, 1, 100), ItuRow(1.52, 0.0, 0.0029, 1.029, 220, 450)),
     "chipboard": (ItuRow(2.58, 0.0, 0.0217, 0.7800, 1, 100),),
     "plywood": (ItuRow(2.71, 0.0, 0.33, 0.0, 1, 40),),
     "marble": (ItuRow(7.074, 0.0, 0.0055, 0.9262, 1, 60),),

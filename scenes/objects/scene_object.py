@@ -1,7 +1,5 @@
 """Objects of a scene: prisms over a contour, and the test for overlaps."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Walks in scene files: along way-points, along a spline through them, random, or recorded."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal

@@ -1,7 +1,5 @@
 """Random walks of a receiver that keep a clearance from all obstacles."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The walk of the RX: stops along way-points and the pose at each."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

@@ -1,7 +1,5 @@
 """Trajectories in the TUM format: lines of `time x y z qx qy qz qw` in s and m, with a unit quaternion."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from scenes.pose import wrap_angle

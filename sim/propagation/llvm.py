@@ -4,8 +4,6 @@ Dr.Jit aborts the whole process, without an exception, when it compiles with LLV
 chosen by its version. `probe_llvm` tests a library in a separate process.
 """
 
-from __future__ import annotations
-
 import ctypes
 import os
 import re
@@ -119,11 +117,8 @@ def require_llvm() -> Path:
 
     Call it before Dr.Jit is imported. It reads the version number only, so it is fast; `probe_llvm` runs a test.
 
-    Raises
-    ------
-    LlvmError
-        If there is no such library, or the one named in the variable is missing or too old. The message holds the
-        install command.
+    Raises `LlvmError` if there is no such library, or the one named in the variable is missing or too old. The
+    message holds the install command.
     """
     path = find_llvm()
     if path is None:

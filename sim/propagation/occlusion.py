@@ -1,7 +1,5 @@
 """Crossings of straight legs with the faces of a scene, exact in 2.5 D: plan view and height."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The path record: the result of propagation, used by the signal model and, as truth, by scoring."""
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import dataclass
 from enum import IntEnum

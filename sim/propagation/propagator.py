@@ -1,7 +1,5 @@
 """All propagation paths of a scene in canonical order: exact specular, diffracted, over meshes, diffuse."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

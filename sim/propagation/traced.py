@@ -1,7 +1,5 @@
 """Conversion of the single-precision result of a ray tracer to a path record."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from scenes.pose import SPEED_OF_LIGHT_M_S, azimuth_elevation

@@ -7,8 +7,6 @@ The beams of one array are rarely linearly independent (32 horizontal beams of 1
 the product is computed for a basis of the beams, and the last step combines the basis into beams.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """A link: the waveform, the beams and the power, which are the same at all stops of a campaign."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -17,8 +17,6 @@ back-off for the peaks of an OFDM signal are common for such wideband receivers 
 One bit changes it by 6 dB.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 

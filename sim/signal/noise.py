@@ -10,8 +10,6 @@ which it cannot do with calls of a mathematics library. Sums are not reassociate
 bits.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 

@@ -1,7 +1,5 @@
 """Dominant paths, found without beam patterns: single paths in their delay cell over all beam pairs."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Self
 

@@ -20,8 +20,6 @@ the phases of the vectors are then those of the model, updated in every iteratio
 element factors from their conjugates in reverse order; either is valid if only magnitudes count.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -89,10 +87,7 @@ def calibration_rows(n_stops: int, config: SelfCalibrationConfig) -> IntArray:
 def self_calibrate(sweeps: Iterable[BeamSweep], config: SelfCalibrationConfig | None = None) -> Calibration:
     """Calibrate both arrays of a link from the sweeps of several stops, which are read one at a time.
 
-    Raises
-    ------
-    ValueError
-        If there are no sweeps, or no dominant path in them.
+    Raises `ValueError` if there are no sweeps, or no dominant path in them.
     """
     config = config or SelfCalibrationConfig()
     found, books = [], None

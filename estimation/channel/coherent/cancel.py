@@ -5,8 +5,6 @@ such a pair to explain the residual of a group of several; the closer the two co
 bound. True phases are independent: even with equal amplitudes two true paths cancel by 20 dB in only 3 % of cases.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from estimation.channel.coherent.refine import Reference, Solution, refine_near

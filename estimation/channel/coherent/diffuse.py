@@ -10,8 +10,6 @@ background in its direction, and by a second factor if its residual shows unexpl
 With too few samples to separate the background from noise, it counts as noise.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -6,8 +6,6 @@ horizontal paths needs an image for each panel. The images have the same delay a
 dependent amplitudes. If one path with an elevation explains the samples as well as all images, it replaces them.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -8,8 +8,6 @@ value in noise, measures the squared error over the bound. In noise it is chi-sq
 per parameter. It may grow without limit, but the error does not: neighbours further away are detected.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.stats import chi2
 

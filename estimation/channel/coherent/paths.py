@@ -6,8 +6,6 @@ that of Newtonised orthogonal matching pursuit (Mamandipoor, Ramasamy and Madhow
 false alarms controlled over the continuous field, and the model order decided by likelihood ratios.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,10 +58,8 @@ def fit_coherent(
     The default manifolds are those of the sweep's nominal codebooks; others, such as of calibrated arrays, can be
     given. Zero paths are valid, and so are samples that are all zero: see the status.
 
-    Raises
-    ------
-    ValueError
-        For a sweep without beams, subcarriers or noise power, and for samples that are not finite; in one line.
+    Raises `ValueError` For a sweep without beams, subcarriers or noise power, and for samples that are not
+    finite; in one line.
     """
     stop = prepare(sweep, config, tx_manifold, rx_manifold)
     if isinstance(stop, PathFit):

@@ -1,7 +1,5 @@
 """Plan of a search: bases, grids and levels of a pair of codebooks, made once, and the delays to search."""
 
-from __future__ import annotations
-
 import hashlib
 from dataclasses import dataclass, fields
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """Model order: remove redundant paths, and find hidden second paths close to known ones."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

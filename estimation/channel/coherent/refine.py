@@ -5,8 +5,6 @@ projection); delays and angles take damped Gauss-Newton steps with analytic deri
 are computed with the residual of reference paths, small numbers in single precision; the rest is exact.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -7,8 +7,6 @@ by their likelihood, tempered by the errors of beam models, and by the prior of 
 rare). The covariance of the path then spans all modes.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from estimation.channel.incoherent.likelihood import (

@@ -1,7 +1,5 @@
 """Compiled loops of the phase-incoherent method over the cube, the delays and the search grid."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

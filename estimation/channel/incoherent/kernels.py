@@ -1,7 +1,5 @@
 """Compiled loops of the phase-incoherent method for the marginal likelihood of paths."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -6,8 +6,6 @@ pairs, at almost no loss for an isolated path. Compare SAGE with a random phase 
 2212.11756; here the phases are marginalised, not estimated.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -77,10 +75,8 @@ def fit_incoherent(
     config : settings, the defaults if left out
     tx_manifold, rx_manifold : replace those of the nominal codebooks, such as by those of calibrated arrays
 
-    Raises
-    ------
-    ValueError
-        For a sweep without beams, subcarriers or noise power, and for samples that are not finite; in one line.
+    Raises `ValueError` For a sweep without beams, subcarriers or noise power, and for samples that are not
+    finite; in one line.
     """
     config = config or MaximumLikelihoodConfig()
     check_sweep(sweep)

@@ -1,7 +1,5 @@
 """Starting points for the joint fit: likelihood ratios of candidates on the search grid."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from estimation.channel.incoherent.grid_kernels import candidate_ratios

@@ -5,8 +5,6 @@ strong pairs (log I0(x) ~ x). It is separable over the two ends, hence two matri
 noise alone. It only proposes; the likelihood decides.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, Self
 

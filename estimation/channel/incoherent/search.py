@@ -1,7 +1,5 @@
 """From candidates to paths: joint fits, tests, and a search of the residual, until no path is added."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

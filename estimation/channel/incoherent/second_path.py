@@ -5,8 +5,6 @@ the score of a further amplitude at zero, weighted by the information that no ch
 could explain (Rao 1948). It predicts the gain in likelihood to second order without a fit.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import product
 

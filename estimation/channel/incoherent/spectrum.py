@@ -8,8 +8,6 @@ real spectrum
 so that the spectrum of a beam pair is mu_n = a v_n(x), a the path's amplitude in that pair over the noise.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -19,8 +19,6 @@ every place (`estimation.channel.model.false_alarms`). For a path partly in such
 its share there interpolates the level.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from itertools import product

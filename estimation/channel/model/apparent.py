@@ -1,7 +1,5 @@
 """Apparent directions: horizontal beams do not distinguish a direction from its cone angle."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

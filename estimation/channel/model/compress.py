@@ -7,8 +7,6 @@ bins is kept, in which the model of a path is exact: the side lobes that the win
 for a path 24 bins inside an edge) are lost to the estimate, but never bias it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -176,10 +174,7 @@ def compress(sweep: BeamSweep, tx: BeamSpan, rx: BeamSpan) -> DelayCube:
 
     The noise level is measured at the delays farthest from the strongest path (see `noise_scale_of`).
 
-    Raises
-    ------
-    ValueError
-        For samples that are not finite; the message names the stop.
+    Raises `ValueError` For samples that are not finite; the message names the stop.
     """
     n_tx, _, n_bins = sweep.samples.shape
     projected = np.empty((n_tx, len(rx.basis), n_bins), np.complex64)
@@ -206,11 +201,8 @@ def compress(sweep: BeamSweep, tx: BeamSpan, rx: BeamSpan) -> DelayCube:
 def check_sweep(sweep: BeamSweep) -> None:
     """Refuse a sweep that allows no delay estimate.
 
-    Raises
-    ------
-    ValueError
-        For a sweep of no beams, less than 2 subcarriers, subcarriers that are not evenly spaced and ascending, and
-        noise powers that are not positive; the message names field, value and what is allowed.
+    Raises `ValueError` For a sweep of no beams, less than 2 subcarriers, subcarriers that are not evenly spaced
+    and ascending, and noise powers that are not positive; the message names field, value and what is allowed.
     """
     shape, step_hz = sweep.samples.shape, np.diff(sweep.frequency_offset_hz)
     where = f"at stop {sweep.stop}"

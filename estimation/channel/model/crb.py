@@ -100,10 +100,8 @@ def crb(
     amplitude : (path,) complex xi in sqrt(mW), the transmit power included
     coherent : whether phases are coherent from beam pair to beam pair
 
-    Raises
-    ------
-    ValueError
-        For arrays of other shapes, values that are not finite, and noise powers that are not positive.
+    Raises `ValueError` For arrays of other shapes, values that are not finite, and noise powers that are not
+    positive.
     """
     tx, rx = Manifold(tx_codebook), Manifold(rx_codebook)
     amplitude = np.atleast_1d(np.asarray(amplitude, complex))

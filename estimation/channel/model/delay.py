@@ -1,7 +1,5 @@
 """From samples to delay: descrambled, windowed and transformed, one power profile per beam pair."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

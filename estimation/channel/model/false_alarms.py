@@ -11,8 +11,6 @@ He_d and the Lipschitz-Killing curvatures L_d of the searched region in the metr
 characteristic, lengths, areas. Separate excursions are rare and independent: the probability is 1 - exp(-E).
 """
 
-from __future__ import annotations
-
 from functools import reduce
 
 import numpy as np

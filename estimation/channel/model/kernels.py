@@ -3,8 +3,6 @@
 Every function writes out one formula over small arrays, where the overhead of array operations exceeds the work.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 

@@ -5,8 +5,6 @@ response g. They measure how fast a normalised response changes, independent of 
 moves by pi / sqrt(3) over one Rayleigh cell, along any axis.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Self
 

@@ -14,8 +14,6 @@ since d'^H w is independent of z. Im(alpha), the phase of the pair, is unobserva
 Rician. A(g) tends to g / 2 and B(g) to 1 for strong pairs, which only lose their phase; both vanish for weak ones.
 """
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

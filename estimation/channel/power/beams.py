@@ -1,7 +1,5 @@
 """The beams of a device: neighbours, nominal amplitude patterns, and angles from beam powers."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

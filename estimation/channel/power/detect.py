@@ -1,7 +1,5 @@
 """Detection: peaks of the delay-resolved beam power that neither noise nor side lobes explain."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -5,8 +5,6 @@ power of one path over the beam pairs is the product of a TX and an RX profile, 
 separates the two angles. The nominal beam patterns give the angles of the profiles, and the side lobes.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

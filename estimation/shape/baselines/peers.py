@@ -1,7 +1,5 @@
 """Peer methods for points: prior only, radial GP of the paper, convex hull, circle, random-matrix ellipse."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial import ConvexHull, QhullError

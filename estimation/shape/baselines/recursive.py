@@ -7,8 +7,6 @@ Sources: Wahlstrom and Ozkan, "Extended target tracking using Gaussian processes
 Baum and Hanebeck, "Extended object tracking with random hypersurface models", IEEE TAES 2014, section V.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Clusters of incidence points (IPs) and their polar form (paper, section III-A)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Contours from incidence points: extended object estimation (paper, section III)."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from estimation.execution import one_blas_thread

@@ -5,8 +5,6 @@ cluster after another: a projected Newton ascent over log beta with the analytic
 marginal likelihood. The result of a cluster does not depend on the others.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from estimation.execution import compiled

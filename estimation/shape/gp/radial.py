@@ -6,8 +6,6 @@ Few points use their covariance matrix (`exact.py`), many the harmonics of the k
 clusters are searched together in one compiled call (`newton.py`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -115,10 +113,7 @@ def fit_radial_gp(
     the data. The search runs over log beta with the most likely mu of each beta, so mu needs no start. sigma_n
     is at least `noise_floor_std_m`.
 
-    Raises
-    ------
-    ValueError
-        Where there is no point, or angles and radii differ in number.
+    Raises `ValueError` where there is no point, or angles and radii differ in number.
     """
     return fit_radial_gps([(angle_rad, radius_m)], start, mean_uncertainty, [noise_floor_std_m])[0]
 

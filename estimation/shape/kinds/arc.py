@@ -1,7 +1,5 @@
 """Slightly curved walls: the illuminated arc of a large circle; its convex side faces the devices."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from estimation.laws.support import CIRCLE, contour_points, normal_std_m

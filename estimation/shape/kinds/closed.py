@@ -6,8 +6,6 @@ Gaussian process on the support function, whose harmonics have the variances of 
 kernel.
 """
 
-from __future__ import annotations
-
 from itertools import pairwise, product
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Edge points: corners and door jambs, which reflect every ray at the same point."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from estimation.laws.contour import EDGE

@@ -1,7 +1,5 @@
 """Every kind of object by name: its family of contours, its fit, its prior and its record."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from functools import partial
 from typing import NamedTuple

@@ -4,8 +4,6 @@ Every path off a flat wall comes from the mirror image of the TX, so two paramet
 show the wall only between the first and the last specular point.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from estimation.laws.contour import WALL

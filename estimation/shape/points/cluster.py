@@ -1,7 +1,5 @@
 """Incidence points of one object: the input of the methods for points."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

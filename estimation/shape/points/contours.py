@@ -1,7 +1,5 @@
 """Contours from incidence points only, cluster by cluster, by our methods or those of peers."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from estimation.execution import one_blas_thread

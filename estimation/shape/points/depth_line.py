@@ -6,8 +6,6 @@ may bend sharply, or of order 1/2, whose functions may jump; or the line has one
 integrated over a grid. The ends are those of the line.
 """
 
-from __future__ import annotations
-
 from itertools import product
 from typing import NamedTuple
 

@@ -5,8 +5,6 @@ covariance Sigma_i times s^2. 5 % of the points are outliers. Given the line, th
 the distance from it, N(n'p - d; 0, n' Sigma n), and the place along it given that distance.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 

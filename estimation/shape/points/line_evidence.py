@@ -6,8 +6,6 @@ moments of the draws; the weights add up to the evidence. The draws come from a 
 repeat exactly.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """Methods for incidence points only, our own and those of peers, with one interface."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Likelihood of points on a contour; their unknown places along it are integrated out."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from estimation.execution import compiled

@@ -6,8 +6,6 @@ with equal priors for all pairs a < b of a grid over the wall. A recess that rea
 step. Given a and b the model is linear and its posterior exact; pairs and sigma are weighted by their evidence.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

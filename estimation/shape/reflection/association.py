@@ -6,8 +6,6 @@ only. Objects are found one after another, each among the paths that no earlier 
 and fits alternate.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -124,10 +124,7 @@ def fit_bundle(objects: Sequence[BundleObject], los: Reflections, config: Reflec
     be empty. States and their covariances are those of the first path of each stop, over objects in order, then
     `los`.
 
-    Raises
-    ------
-    ValueError
-        Where the kind of an object is unknown.
+    Raises `ValueError` where the kind of an object is unknown.
     """
     kinds = [object_kind(each.kind) for each in objects]
     settings = [each.settings(config) for each in objects]

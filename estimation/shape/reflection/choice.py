@@ -1,7 +1,5 @@
 """Choice by evidence of the kind of object: wall, edge point or pillar, and which closed contour."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType

@@ -5,8 +5,6 @@ and all objects together estimate offsets and poses again. Then paths, classes a
 SLAM found stop by stop are rotated onto each other where the objects show that the TX heading jumped.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -5,8 +5,6 @@ point and normal have one joint covariance. To first order the pair carries the 
 angles. R is the slope of the points against their normals.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

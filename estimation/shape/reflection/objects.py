@@ -4,8 +4,6 @@ Gaps in the walk divide a wall into several clusters. Clusters are therefore onl
 path may join any object, and objects that one contour explains as well are joined.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import permutations
 

@@ -1,7 +1,5 @@
 """Likelihood of delays and angles as a mixture of paths of one contour and ghosts, and its normal equations."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from estimation.execution import compiled

@@ -1,7 +1,5 @@
 """The paths of a campaign as data of the reflection law: bounces, lines of sight, poses and sessions."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

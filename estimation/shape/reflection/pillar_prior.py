@@ -7,8 +7,6 @@ spread. The prior spread and the prior shares count as one pillar each (conjugat
 reduce the variance of its radius.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

@@ -7,8 +7,6 @@ minimum on the path-weighted normal equations (the expectation-maximisation boun
 those of Laplace.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Single-bounce paths of one object over a campaign: the data of the fits by the reflection law."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

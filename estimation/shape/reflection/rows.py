@@ -1,7 +1,5 @@
 """Fits of objects as the record of contours: one sample count for all, and the paths of each."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from estimation.shape.fit import ShapeFit

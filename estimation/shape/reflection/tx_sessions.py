@@ -5,8 +5,6 @@ unobservable: an error of the TX heading rotates everything at a stop about the 
 Objects that several stops see show it: a stop that is rotated against the others does not fit them.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Mapping: the incidence point (IP) of every non-LOS path for known RX states, equations (2) to (4)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -68,10 +66,7 @@ def map_stops(
         Per stop (4, 4) of [x, y, heading, bias] in (m, m, rad, s): adds the uncertainty of the RX state to the
         IP's covariance, as in the joint estimate. By default the states are exact.
 
-    Raises
-    ------
-    ValueError
-        Where `poses` does not hold the stops of `estimates` in their order.
+    Raises `ValueError` where `poses` does not hold the stops of `estimates` in their order.
     """
     measured = [plane_law.measurements(e.delay_s, e.aod_azimuth_rad, e.aoa_azimuth_rad) for e in estimates]
     seen = ObservedPaths(
@@ -109,10 +104,7 @@ def map_paths(
 
     An inlier is one in `seen` that also passes the gate of `config`.
 
-    Raises
-    ------
-    ValueError
-        Where `poses` does not hold the stops of `estimates` in their order.
+    Raises `ValueError` where `poses` does not hold the stops of `estimates` in their order.
     """
     if [estimate.stop for estimate in estimates] != poses.stop.tolist():
         raise ValueError(f"poses.stop = {poses.stop.tolist()}: must equal the stops of the channel estimates")

@@ -4,8 +4,6 @@ The reflection law is an argument: the module `estimation.laws.plane` (points of
 components) or `estimation.laws.space` (3, 5, 5).
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple, Protocol, TypeVar
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Log evidence of the modes of one stop, with and without a line of sight, by which they are ranked; compiled."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

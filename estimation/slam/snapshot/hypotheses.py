@@ -3,8 +3,6 @@
 States are [x, y, heading, bias] in m, m, rad, m, with x and y relative to the TX, angles in the world frame.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

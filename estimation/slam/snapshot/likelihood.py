@@ -13,8 +13,6 @@ A path that is no line of sight is a single bounce, a bounce off two walls, or c
 States and derivatives are [x, y, heading, bias] in m, m, rad, m, with x and y relative to the TX.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

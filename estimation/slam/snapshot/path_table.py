@@ -1,7 +1,5 @@
 """The paths of one stop and the prior of their kinds, in the form that the compiled functions take."""
 
-from __future__ import annotations
-
 from functools import cache
 from typing import NamedTuple
 

@@ -3,8 +3,6 @@
 Exhaustive minimal sets, a linear solution per heading, a distance gate, and power weights.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from estimation.laws.plane import BounceEquation, bounce_equation, bounce_fraction, ray_directions

@@ -4,8 +4,6 @@ The likelihood and its maximisation are compiled (`estimation.slam.snapshot.like
 residual of single bounces, for arrays of paths.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

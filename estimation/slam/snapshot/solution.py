@@ -1,7 +1,5 @@
 """The solution of one stop from its ranked modes, in the plane and in space, and those of all stops as poses."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

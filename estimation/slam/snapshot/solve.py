@@ -1,7 +1,5 @@
 """Robust snapshot SLAM: RX pose and clock bias of one stop from its channel estimate alone."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

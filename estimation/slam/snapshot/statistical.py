@@ -5,8 +5,6 @@ the covariances of all paths (the reference gates by distance and weights by pow
 evidence: with every credible path as line of sight, and without one.
 """
 
-from __future__ import annotations
-
 from functools import cache
 from typing import NamedTuple
 

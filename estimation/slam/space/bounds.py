@@ -5,8 +5,6 @@ As `estimation.slam.bounds`, with states [x, y, z, heading, bias] in m, m, m, ra
 are those of the plane: elevations then inform the height only.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

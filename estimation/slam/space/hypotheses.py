@@ -10,8 +10,6 @@ polynomial of degree four in the heading; for horizontal paths it is the closed 
 follows from the point where each ray meets the IP.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from estimation.laws.space import bounce_equations

@@ -1,7 +1,5 @@
 """Mapping in space: the incidence point (IP) of every non-LOS path, with its height, for known RX states."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
@@ -34,10 +32,8 @@ def map_stops_spatial(
     unknowns, so that J at the minimum has 2 degrees of freedom. `state_covariance` (5, 5) per stop is that of
     [x, y, z, heading, bias] in (m, m, m, rad, s).
 
-    Raises
-    ------
-    ValueError
-        Where `poses` does not hold the stops of `estimates` in their order, or a solved stop has no height.
+    Raises `ValueError` where `poses` does not hold the stops of `estimates` in their order, or a solved stop has
+    no height.
     """
     solved = poses.status != SolveStatus.FAILED
     if not np.isfinite(poses.height_m[solved]).all():

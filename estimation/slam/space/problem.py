@@ -4,8 +4,6 @@ Every single bounce gives two equations (`estimation.laws.space.BounceEquations`
 the line of sight gives five. States are [x, y, z, heading, bias] in m, m, m, rad, m.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -76,10 +74,8 @@ def is_spatial(estimates: Sequence[ChannelEstimate], *, use_elevation: bool) -> 
 def spatial_problem(estimate: ChannelEstimate, tx: Pose, noise: PathNoise) -> SpatialProblem:
     """Collect the paths of one stop; an elevation that was not estimated is 0 with a standard deviation of 40 deg.
 
-    Raises
-    ------
-    ValueError
-        Where an elevation is beyond +-pi / 2 (degrees for radians); the message names stop, field and value.
+    Raises `ValueError` where an elevation is beyond +-pi / 2 (degrees for radians); the message names stop,
+    field and value.
     """
     elevations = np.column_stack([estimate.aod_elevation_rad, estimate.aoa_elevation_rad])
     for name, value in zip(("aod_elevation_rad", "aoa_elevation_rad"), elevations.T, strict=True):

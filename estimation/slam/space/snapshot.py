@@ -5,8 +5,6 @@ paths as a mixture of single bounces and clutter. The best are refined by re-wei
 evidence.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.special import expit
 from scipy.stats import chi2

@@ -6,8 +6,6 @@ paths are projected on the plane, the smoother of the plane shares walls and obj
 heights follow stop by stop.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Alternation between the association of paths to landmarks and least squares for the trajectory."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Assignment of paths to known landmarks: the smallest chi-square within the gate, compiled."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.stats import chi2
 

@@ -1,7 +1,5 @@
 """Association of paths to shared landmarks: clusters of incidence points are walls or compact objects."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import combinations
 

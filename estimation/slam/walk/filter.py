@@ -6,8 +6,6 @@ predictive density of its state. States are [x, y, heading, bias] in the plane a
 space, in m and rad.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -18,12 +16,7 @@ from estimation.slam.config import MappingConfig, SnapshotConfig, TrajectoryConf
 from estimation.slam.mapped_solutions import collect_and_map
 from estimation.slam.record import IncidencePoints, PoseEstimates
 from estimation.slam.snapshot.problem import Fit, snapshot_problem
-from estimation.slam.snapshot.solution import (
-    SnapshotSolution,
-    bias_to_seconds,
-    failed_solution,
-    solution_of,
-)
+from estimation.slam.snapshot.solution import SnapshotSolution, bias_to_seconds, failed_solution, solution_of
 from estimation.slam.snapshot.solve import ranked_modes
 from estimation.slam.space.problem import is_spatial, spatial_problem
 from estimation.slam.space.snapshot import ranked_spatial_modes

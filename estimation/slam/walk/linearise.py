@@ -5,8 +5,6 @@ a single bounce whose incidence point (IP) is eliminated. The IP may be off the 
 roughness, in any direction.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Choice of one mode per stop: the most probable sequence along the trajectory (Viterbi)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise

@@ -4,8 +4,6 @@ The second difference of the position, split along and across the course, is Stu
 and clock bias between stops, with 2 degrees of freedom.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from estimation.execution import compiled

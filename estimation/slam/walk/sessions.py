@@ -1,7 +1,5 @@
 """Sessions: parts of a campaign between which the heading offset of a device jumps."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 

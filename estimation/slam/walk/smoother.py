@@ -5,8 +5,6 @@ those of the line of sight (3), of a single bounce with its IP eliminated (1), o
 (3), and of the second difference of the position, the motion prior (2).
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import NamedTuple
 

@@ -5,8 +5,6 @@ association of paths (walls, compact objects, other single bounces, double bounc
 all unknowns. Sessions are split where the TX heading offset jumps.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

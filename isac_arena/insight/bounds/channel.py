@@ -1,7 +1,5 @@
 """Cramer-Rao bounds of the channel parameters of a campaign, over the plan and along the walk."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Bounds of a campaign's receiver from the exact paths of its scene."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

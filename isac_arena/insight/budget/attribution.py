@@ -8,8 +8,6 @@ NeurIPS 2020; with one group of parts the Shapley value (1953). The contribution
 minus the mean square with all parts replaced.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 

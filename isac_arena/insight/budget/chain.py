@@ -1,7 +1,5 @@
 """The estimation chain of a campaign with truth in place of any of its stages."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 

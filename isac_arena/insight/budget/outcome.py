@@ -1,7 +1,5 @@
 """The final errors of a budget, positions and contours. Failures count with the largest error."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Physics switched off: a campaign without some paths, noise or impairments, on the same random numbers."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

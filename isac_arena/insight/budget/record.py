@@ -1,7 +1,5 @@
 """The budget of a campaign: its final errors attributed to stages and to physics."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

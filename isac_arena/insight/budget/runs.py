@@ -1,7 +1,5 @@
 """The runs of `arena budget`: one directory per variant, each made once, and the final errors of all."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace

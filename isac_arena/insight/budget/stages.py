@@ -1,7 +1,5 @@
 """What an error budget replaces by truth or switches off, and the admissible orders."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from enum import StrEnum
 from itertools import chain, permutations, product

@@ -1,7 +1,5 @@
 """Paired differences of one quantity in two runs: mean, interval and test."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any

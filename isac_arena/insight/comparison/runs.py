@@ -1,7 +1,5 @@
 """Paired comparison of two runs over the same stops: by stop, by true path and by object."""
 
-from __future__ import annotations
-
 from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass
 

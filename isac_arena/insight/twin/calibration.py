@@ -1,7 +1,5 @@
 """Offsets, power and gains of objects that are estimated from one half of the stops and applied to the other."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

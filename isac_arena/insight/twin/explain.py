@@ -1,7 +1,5 @@
 """Measured paths explained by simulated ones, and the share that is explained by chance."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Assignment of simulated paths to measured ones: one to one, within gates."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 

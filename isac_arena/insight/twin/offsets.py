@@ -1,7 +1,5 @@
 """Offsets of delays and angles of a measured campaign, from lines of sight and from other stops."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

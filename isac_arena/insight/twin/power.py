@@ -1,7 +1,5 @@
 """Measured power predicted from simulated paths, and gains of objects that improve the prediction."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

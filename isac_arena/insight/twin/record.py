@@ -1,7 +1,5 @@
 """Tables of a twin: the offsets of the measured paths, and the simulated path that explains each of them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import IntEnum
 

@@ -1,7 +1,5 @@
 """Scores of a twin: shares explained, residuals by parameter and object, power, line of sight."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import NamedTuple
 

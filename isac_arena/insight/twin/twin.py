@@ -1,7 +1,5 @@
 """The twin: measured paths explained by the simulated paths of every model, with and without calibration."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """The ablation of a campaign: the effect of each hardware impairment on each score."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

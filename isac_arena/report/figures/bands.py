@@ -1,7 +1,5 @@
 """Contours as lines to draw, with the edges of their 95 % bands."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Cramer-Rao bounds over the plan of a scene: of the position, and of delay and angles of the strongest path."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

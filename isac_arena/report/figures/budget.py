@@ -1,7 +1,5 @@
 """The error budget as waterfalls: from the whole error down to the rest, part by part."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any

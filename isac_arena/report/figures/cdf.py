@@ -1,7 +1,5 @@
 """Cumulative distributions of the errors."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """One cluster: its radial function and its contour, as in the paper's figure 2."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -95,7 +93,4 @@ def _view(points_m: FloatArray) -> dict[str, tuple[float, float]]:
     """Square limits around the points."""
     low, high = points_m.min(axis=0), points_m.max(axis=0)
     middle, half = (low + high) / 2, (0.5 + VIEW_MARGIN) * float((high - low).max())
-    return {
-        "xlim": (middle[0] - half, middle[0] + half),
-        "ylim": (middle[1] - half, middle[1] + half),
-    }
+    return {"xlim": (middle[0] - half, middle[0] + half), "ylim": (middle[1] - half, middle[1] + half)}

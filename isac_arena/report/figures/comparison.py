@@ -1,7 +1,5 @@
 """Comparison of two runs: paired differences with their intervals."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """The synthetic study of the radial Gaussian process: the three panels of the paper's Fig. 1."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The maps of mapping and SLAM side by side, as in the paper's figure 3."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

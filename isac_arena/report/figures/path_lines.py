@@ -1,7 +1,5 @@
 """How propagation paths look in plan and in space: the paths drawn, their colours and their opacity."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Plan of a scene: objects by kind, the TX with its boresight, the walk of the RX, paths to a stop."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Any, Literal
 

@@ -1,7 +1,5 @@
 """The power map of a stop: received power over departure and arrival, with true and estimated paths."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

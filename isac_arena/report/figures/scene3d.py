@@ -1,7 +1,5 @@
 """Picture of a scene in space: prisms and clutter, the TX, the walk, and the paths to a stop."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any, Literal
 

@@ -1,7 +1,5 @@
 """Figures of a twin: the measured single bounces that it explains, and their residuals."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

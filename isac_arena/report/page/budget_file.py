@@ -1,7 +1,5 @@
 """The error budget that `arena budget` wrote into a campaign directory, for the report page."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any, Literal
 

@@ -1,7 +1,5 @@
 """All figures of a report with their captions."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,7 +1,5 @@
 """The report page: one self-contained HTML file with interactive plans of a campaign, scores and figures."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from html import escape

@@ -1,7 +1,5 @@
 """Tables of the report: the scores of each table and their readable names."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass

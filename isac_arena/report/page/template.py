@@ -1,7 +1,5 @@
 """The frame of the report page, its script and its style sheet. The page loads nothing from elsewhere."""
 
-from __future__ import annotations
-
 from importlib.resources import files
 
 SCRIPTS = (  # in this order

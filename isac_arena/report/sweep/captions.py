@@ -1,7 +1,5 @@
 """Captions of the figures of a sweep. They state only what the finished cases support."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np

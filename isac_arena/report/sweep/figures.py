@@ -1,7 +1,5 @@
 """Figures of a sweep: a metric over each axis, trade-offs between two metrics, and parallel coordinates."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

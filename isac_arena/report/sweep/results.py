@@ -1,7 +1,5 @@
 """The results of a sweep as arrays, and their means at each value of an axis."""
 
-from __future__ import annotations
-
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

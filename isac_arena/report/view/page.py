@@ -1,7 +1,5 @@
 """The 3-D view of a campaign in one self-contained page: scene, devices, paths of a stop and contours."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from html import escape
 from string import Template

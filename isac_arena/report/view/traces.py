@@ -1,7 +1,5 @@
 """Parts of the 3-D view as plotly traces: bodies, devices, paths, contours."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from itertools import groupby
 from typing import Any

@@ -1,7 +1,5 @@
 """Consistency of an estimator's errors with its covariances: NEES, coverage and CRPS."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

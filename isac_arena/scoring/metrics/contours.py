@@ -4,8 +4,6 @@ Outlines are dense points. A closed outline runs in either direction and does no
 Distances are those of points to the line of the other outline, so they do not depend on the spacing of that line.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """One score: a key that never changes, a value, its unit, and the direction that is better."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ Both take the matrix of base distances between estimates and truths, so one defi
 objects. Their unit is that of the base distance.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

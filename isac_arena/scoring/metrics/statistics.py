@@ -1,7 +1,5 @@
 """Summary statistics that ignore NaN entries; they are NaN, without a warning, where no entry is finite."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -4,8 +4,6 @@ Source: Sturm et al., "A benchmark for the evaluation of RGB-D SLAM systems", IR
 in the plane. Poses that could not be estimated are NaN and are ignored; an RPE needs both of its poses.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from scenes.pose import wrap_angle

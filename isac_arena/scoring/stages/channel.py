@@ -1,7 +1,5 @@
 """Tables of the channel estimates: estimated paths with their true paths, and significant true paths."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields, replace
 
 import numpy as np

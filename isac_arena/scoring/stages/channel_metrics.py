@@ -1,7 +1,5 @@
 """Scores of the channel estimates: detected, missed and false paths with their causes, errors and bounds."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from isac_arena.scoring.causes import FALSE_CAUSES, MISS_CAUSES, Cause

@@ -1,7 +1,5 @@
 """Scores of our contours against the true outlines of the objects that their paths stem from."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -63,11 +61,7 @@ def score_contours(
 
 
 def contour_errors(
-    contours: Contours,
-    row: int,
-    members_m: FloatArray,
-    true: Contour,
-    lit_points_m: FloatArray,
+    contours: Contours, row: int, members_m: FloatArray, true: Contour, lit_points_m: FloatArray
 ) -> ShapeErrors:
     """Errors of one contour; `members_m` (ip, xy) are the IPs that it was fitted to.
 

@@ -1,7 +1,5 @@
 """Scores of a map: errors of the incidence points, and the objects found."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from isac_arena.campaign.results import MapResult

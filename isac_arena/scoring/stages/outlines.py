@@ -1,7 +1,5 @@
 """Outlines and the objects that they show: the columns of both the paper's shapes and our contours."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import astuple, fields
 from typing import Any

@@ -1,7 +1,5 @@
 """Scores of the receiver poses and clock that SLAM found."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import fields
 

@@ -1,7 +1,5 @@
 """The scene as a whole: all closed outlines of a map against all compact objects that paths met."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Scores of estimated contours against the true outlines of the objects they show."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -73,11 +71,7 @@ def distance_errors(distance_m: FloatArray, back_m: FloatArray, seen: BoolArray)
 
 
 def shape_errors(
-    shapes: Shapes,
-    cluster: int,
-    members_m: FloatArray,
-    contour: Contour,
-    lit_points_m: FloatArray,
+    shapes: Shapes, cluster: int, members_m: FloatArray, contour: Contour, lit_points_m: FloatArray
 ) -> ShapeErrors:
     """Errors of the contour of one cluster against the contour of its object.
 

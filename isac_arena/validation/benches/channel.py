@@ -5,8 +5,6 @@ subcarriers, the least any estimator has to do. Memory is the peak that is alloc
 which the caller keeps the only copy.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from functools import partial

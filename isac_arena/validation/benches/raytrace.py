@@ -1,7 +1,5 @@
 """`arena bench raytrace`: the exact solver against the ray tracer, as ratios inside one run."""
 
-from __future__ import annotations
-
 import resource
 import time
 

@@ -3,8 +3,6 @@
 All times are processor time of one thread.
 """
 
-from __future__ import annotations
-
 import time
 import warnings
 from collections.abc import Callable

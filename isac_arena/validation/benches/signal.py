@@ -1,7 +1,5 @@
 """Time and memory of the sweep generation, as ratios to one FFT pass over the same cube in the same run."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The sweep of traced paths against Sionna's own channel of all elements, turned into beams afterwards."""
 
-from __future__ import annotations
-
 import time
 from functools import partial
 from typing import Any

@@ -1,7 +1,5 @@
 """`arena bench slam`: snapshot and trajectory solvers, as ratios inside one run and in absolute time."""
 
-from __future__ import annotations
-
 import time
 from dataclasses import replace
 from itertools import combinations

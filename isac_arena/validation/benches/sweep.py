@@ -1,7 +1,5 @@
 """Cost of the sweep engine, as ratios inside one run: of two workers to one, of the engine to a plain loop."""
 
-from __future__ import annotations
-
 import resource
 import tempfile
 import time

@@ -1,7 +1,5 @@
 """How the benchmarks take times and memory."""
 
-from __future__ import annotations
-
 import time
 import tracemalloc
 from collections.abc import Callable, Sequence

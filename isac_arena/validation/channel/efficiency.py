@@ -4,8 +4,6 @@ By default, rows that start with the name of a method check that method. An esti
 methods, and then has to work with random phases too.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

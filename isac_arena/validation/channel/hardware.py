@@ -1,7 +1,5 @@
 """`arena validate channel`: effects of hardware and rooms: element errors, a CFO, dense diffuse multipath."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import islice

@@ -5,8 +5,6 @@ Rayleigh cell, or five standard deviations of the bound if that is more, and err
 on separated paths at 10 dB and above only. Their bounds are below a tenth of a cell, so the gate loses none.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 

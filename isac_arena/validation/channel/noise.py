@@ -6,8 +6,6 @@ bins. Everything after that is the estimator's own code. One row uses whole swee
 paths are expected, are the same. Incoherent trials, and a user's estimator, get whole sweeps.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """Checks of the exact specular solver against closed forms: two rays, a box, a mirror, a slab."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import product
 from typing import Any

@@ -1,7 +1,5 @@
 """Diffraction against exact fields: edges of wedges and half planes, conducting cylinders near grazing."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.special import hankel2
 

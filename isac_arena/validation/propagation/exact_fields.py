@@ -5,8 +5,6 @@ vanishes on it), +1 for hard polarisation (its normal derivative does). Line sou
 H0 the Hankel function of the second kind, the point source exp(-j k r) / r.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Checks of the paths over user meshes: a box given as a mesh against the same box as a prism."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -6,8 +6,6 @@ neighbours meet different objects, the last rays that still meet the same ones a
 a pillar lies in a sliver of angle beside its rim.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

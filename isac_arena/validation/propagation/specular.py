@@ -1,7 +1,5 @@
 """Checks of the exact specular solver against the ray tracer, shot rays and symmetries."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

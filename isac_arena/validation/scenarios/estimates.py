@@ -1,7 +1,5 @@
 """Estimates made from known parameters: paths of a stop, receiver states, and known errors added to both."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any

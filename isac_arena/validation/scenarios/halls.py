@@ -5,8 +5,6 @@ Walls and pillars are vertical, so their specular points are those of the plane,
 the unfolded path. The points come from images and fixed points, not from the estimators.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -5,8 +5,6 @@ of a path is that of its best beam pair after summing the subcarriers, |xi|^2 ma
 are Rayleigh cells: 1 / bandwidth in delay, 2 / columns in the sine of an angle.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Path records without a scene: random ones, and the line of sight through free space."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

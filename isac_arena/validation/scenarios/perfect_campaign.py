@@ -1,7 +1,5 @@
 """A synthetic campaign whose truth is known in closed form: pillars, walls, a double bounce, diffuse paths."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Synthetic clusters of incidence points with known contours: partial pillars, square columns and walls."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import product

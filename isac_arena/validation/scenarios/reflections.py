@@ -7,8 +7,6 @@ is a path of the object with uniform errors of range and both angles. The errors
 incidence points still contains many ghosts.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TypeVar

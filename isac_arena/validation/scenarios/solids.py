@@ -1,7 +1,5 @@
 """Small scenes that the propagation checks draw at random, and helpers to compare path records."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -4,8 +4,6 @@ All drawn values are exact. Gaussian errors of a stated covariance are added to 
 measurements of given points follow `estimation.laws`, so that the checks test the solvers alone.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """`arena validate scoring`: errors over their bounds, and the causes of false and missed paths."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """`arena validate scoring`: an error budget adds up, and another order moves no share out of its interval."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

@@ -1,7 +1,5 @@
 """`arena validate scoring`: every metric against closed forms and brute force, and its monotonicity."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise, permutations

@@ -6,8 +6,6 @@ Delays and departures have a constant error, except for SLAM, where it is unobse
 TX heading that jumps during the walk, which is unobservable from a single stop.
 """
 
-from __future__ import annotations
-
 from dataclasses import astuple, dataclass
 
 import numpy as np

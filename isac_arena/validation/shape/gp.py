@@ -1,7 +1,5 @@
 """`arena validate shape`: the radial Gaussian process on full contours against the published table and itself."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The paper's synthetic study of the radial Gaussian process: basic shapes, known centre (paper, Fig. 1)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """`arena validate shape`: the reflection law itself, its derivatives and its information."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

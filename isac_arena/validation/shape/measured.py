@@ -4,8 +4,6 @@ The paths labelled as single bounces within 1.0 m of a pillar's centre are that 
 the two sessions that the line of sight shows, and the surveyed poses have the accuracy of the survey.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """`arena validate shape`: contours from incidence points alone, on partial pillars, square columns and walls."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 

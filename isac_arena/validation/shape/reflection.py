@@ -1,7 +1,5 @@
 """`arena validate shape`: contours by the reflection law, on made pillars, columns, walls and edges."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

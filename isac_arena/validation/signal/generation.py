@@ -1,7 +1,5 @@
 """Generated sweeps against a slow direct evaluation, and every impairment estimated from the samples."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

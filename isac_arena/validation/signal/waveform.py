@@ -1,7 +1,5 @@
 """Waveform, arrays and link budget against the standard's formulas, closed forms and the measured hall."""
 
-from __future__ import annotations
-
 from itertools import product
 
 import numpy as np

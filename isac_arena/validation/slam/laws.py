@@ -1,7 +1,5 @@
 """`arena validate slam`: derivatives of all measurement models, and the law in space against that in the plane."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

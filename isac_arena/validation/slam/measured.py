@@ -1,7 +1,5 @@
 """`arena validate slam`: the measured Campus Arena stops, where their file exists (`measured_data.py`)."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

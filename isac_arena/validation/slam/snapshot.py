@@ -1,7 +1,5 @@
 """`arena validate slam`: single stops in the plane and in space against bounds, and with outliers."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

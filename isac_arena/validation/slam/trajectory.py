@@ -1,7 +1,5 @@
 """`arena validate slam`: walks. Consistency of the smoother, its bound, its settings, and walks with outliers."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """What the checks of SLAM in the plane and in space share: settings, solved stops, and derivatives."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """Reader of a DeepMIMO v4 scenario folder: path matrices (.mat), facets of the scene, params.json."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
@@ -45,10 +43,7 @@ def read_deepmimo(
 ) -> PathScenario:
     """Paths from one TX to one set of receivers. By default the first matching sets are used.
 
-    Raises
-    ------
-    ValueError
-        If the folder holds no scenario, has no such set or TX, or a file is missing or damaged.
+    Raises `ValueError` if the folder holds no scenario, has no such set or TX, or a file is missing or damaged.
     """
     params = _read_params(folder)
     sets = [each for name, each in params["txrx_sets"].items() if name.startswith("txrx_set_")]

@@ -1,7 +1,5 @@
 """Tangents to convex contours and arc lengths along them, for waves that creep around a smooth solid."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple

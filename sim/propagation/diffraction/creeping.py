@@ -6,8 +6,6 @@ The attenuation is that of a perfect conductor; lossy surfaces have almost the s
 depends on the local radius of curvature. Rays that touch a corner, or follow the contour over one, are omitted.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -4,8 +4,6 @@ The edges are vertical, so the height along a diffracted ray is linear in its un
 cone), and the gain is that of `sim.propagation.diffraction.wedge`.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

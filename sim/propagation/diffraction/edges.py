@@ -1,7 +1,5 @@
 """The vertical diffracting edges of a scene: corners of solids, door jambs and the ends of thin walls."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple

@@ -8,8 +8,6 @@ its axis (the vertical one), hard the magnetic field.
 Oblique rays: all lengths are horizontal (unfolded), and k is the horizontal wavenumber k cos(elevation).
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import Any, Literal
 
@@ -65,13 +63,7 @@ def creeping_gain(
 
 
 def convex_creeping_gain(
-    k: Any,
-    radii_m: tuple[Any, Any],
-    s1_m: Any,
-    s2_m: Any,
-    arc_m: Any,
-    bend: Any,
-    polarisation: Polarisation,
+    k: Any, radii_m: tuple[Any, Any], s1_m: Any, s2_m: Any, arc_m: Any, bend: Any, polarisation: Polarisation
 ) -> ComplexArray:
     """Field in the shadow of a convex cylinder over that of a free wave of the path's length s1 + arc + s2.
 

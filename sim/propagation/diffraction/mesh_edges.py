@@ -6,8 +6,6 @@ is soft, the field across it hard. Sionna RT is not used: it searches edges with
 edges, and its gain differs by up to 6 dB from that of a conducting wedge.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -10,8 +10,6 @@ other face is called n. All fields are components along the edge (soft polarisat
 a vertical edge); perfectly conducting faces reflect them by -1. Hard polarisation takes +1.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -6,8 +6,6 @@ a later flat face. The solver finds every solution. A convex curve has at most o
 length is a minimum. On a concave curve the solver follows all sign changes of the slope, including close pairs.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -4,8 +4,6 @@ A curve c(t), t in [0, 1], is a conic o + u cos p + v sin p, p = start + sweep t
 and is either convex or concave as seen from its lit side. Pieces are cut where the curvature changes its sign.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise

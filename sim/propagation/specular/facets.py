@@ -6,8 +6,6 @@ triangle is tested for a single bounce. Occlusion and gain come from the exact s
 as a mesh and as a prism.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

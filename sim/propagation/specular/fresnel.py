@@ -3,8 +3,6 @@
 Time dependence exp(+j 2 pi f t), so a lossy relative permittivity has a negative imaginary part.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -4,8 +4,6 @@ A chain of faces is kept only if each face can be illuminated through the previo
 of the TX do not depend on the receivers.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Gain, delay and directions of rays: the field vector after all reflections and transmissions."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Paths in plan view: reflections off vertical surfaces, without heights."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -4,8 +4,6 @@ The height is linear in the unfolded horizontal length. So a plan path and a seq
 most one ray. The order of its bounces follows from the positions at which it reaches each height.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise, product
@@ -60,12 +58,7 @@ def spreading_factor(curvature: FloatArray, leg_m: FloatArray, cos_incidence: Fl
 
 
 def rays_from_plan_paths(
-    plan: PlanPaths,
-    known: Surfaces,
-    tx_m: FloatArray,
-    rx_m: FloatArray,
-    max_levels: int,
-    wavenumber: float,
+    plan: PlanPaths, known: Surfaces, tx_m: FloatArray, rx_m: FloatArray, max_levels: int, wavenumber: float
 ) -> Iterator[Rays]:
     """Rays over the plan paths with up to `max_levels` bounces off horizontal faces, one record per sequence.
 

@@ -4,8 +4,6 @@ The solver finds paths in plan view (images for flat faces, stationary points fo
 and removes the blocked ones.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 

@@ -4,8 +4,6 @@ The faces of a closed solid reflect on their outer side. The sheet of an open wa
 listed twice with opposite normals.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ Arrays lie in the y-z plane of their panel frame and look along +x. A plane wave
 phase exp(+j k r.u) at an element at r, relative to the array centre, which is the phase reference.
 """
 
-from __future__ import annotations
-
 import warnings
 from typing import Any, Literal
 

@@ -4,8 +4,6 @@ Every function returns unit-norm weights and the pointing direction of each beam
 then applies an amplitude taper and phase shifters with few bits.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -118,10 +116,8 @@ def beams_from_weights(
 ) -> PanelBeams:
     """Beams of given weights (beam, element), normalised; each one points to its maximum on a 1 deg grid.
 
-    Raises
-    ------
-    ValueError
-        If there are no beams, a beam has no weights, or the number of weights differs from the number of elements.
+    Raises `ValueError` if there are no beams, a beam has no weights, or the number of weights differs from the
+    number of elements.
     """
     if weights.ndim != 2 or not len(weights):
         raise ValueError(f"weights: shape {weights.shape}, needed is (beam, element) with at least 1 beam")

@@ -1,7 +1,5 @@
 """Codebooks: the beams of a device, over one or several panels, and their angular responses."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -26,10 +24,7 @@ class Codebook(Record):
 
     All panels share the phase centre of the device (one rotating array, or panels close together).
 
-    Raises
-    ------
-    ValueError
-        If a beam has no weights, or they do not fit the elements.
+    Raises `ValueError` if a beam has no weights, or they do not fit the elements.
     """
 
     element_position_m: FloatArray = array("element", "xyz", unit="m", doc="in the panel frame, boresight +x")

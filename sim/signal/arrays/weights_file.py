@@ -1,7 +1,5 @@
 """Beam weights from a file: one row of complex weights per beam."""
 
-from __future__ import annotations
-
 import hashlib
 from pathlib import Path
 
@@ -13,12 +11,8 @@ from scenes.record import ComplexArray
 def read_weights(path: str | Path) -> ComplexArray:
     """Weights (beam, element) of a .npz file with an array `weights`, or a .csv file of numbers like 0.5-0.25j.
 
-    Raises
-    ------
-    FileNotFoundError
-        If the file is missing.
-    ValueError
-        If it has another type, is damaged, or holds no weights.
+    Raises `FileNotFoundError` if the file is missing; `ValueError` if it has another type, is damaged, or holds
+    no weights.
     """
     path = Path(path)
     if path.suffix not in (".npz", ".csv"):

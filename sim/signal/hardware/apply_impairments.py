@@ -1,7 +1,5 @@
 """Application of the hardware impairments of a campaign, each one with its own random generator."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from enum import IntEnum
 

@@ -4,8 +4,6 @@ Pure functions on arrays. `sim.signal.hardware.apply_impairments` applies them w
 its own random generator. Angles are in radians. A positive phase multiplies by exp(+j phase).
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -6,8 +6,6 @@ of the set, in which every TX beam has its repetitions, and combines them. It kn
 symbols: muted instances cost air time, muted repetitions cost combining gain, and no beam pair is missing.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

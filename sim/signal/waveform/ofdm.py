@@ -4,8 +4,6 @@ The grid starts at point A; subcarrier N/2 of its N lies at zero frequency. Base
 refers every symbol to the carrier frequency is part of up-conversion (clause 5.4).
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from scenes.record import ComplexArray, IntArray
@@ -25,11 +23,8 @@ def cp_lengths(
     Normal: 144/2048 of a symbol, and 2^mu 16/2048 of it more in the first symbol of every half subframe (0.5 ms).
     Extended: 512/2048 in every symbol.
 
-    Raises
-    ------
-    ValueError
-        If a prefix is not a whole number of samples with this FFT size, the numerology is outside 0 to 6, or the
-        extended prefix is used with another numerology than 2.
+    Raises `ValueError` if a prefix is not a whole number of samples with this FFT size, the numerology is
+    outside 0 to 6, or the extended prefix is used with another numerology than 2.
     """
     if n_fft < 128 or n_fft % 128:
         raise ValueError(f"n_fft = {n_fft}: allowed are multiples of 128, whose prefixes are whole samples")

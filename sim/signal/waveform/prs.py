@@ -3,8 +3,6 @@
 This module describes one resource in one slot. `sim.signal.waveform.schedule` describes its slots.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal
 
@@ -40,11 +38,8 @@ class PrsConfig:
     The default `n_symbols` is the smallest allowed for the comb size: one pass over all subcarriers. By default
     (`carrier_rb`) the carrier ends with the PRS.
 
-    Raises
-    ------
-    ValueError
-        For a comb size, pair of comb size and length, offset, band, symbol or sequence ID outside of TS 38.211
-        clause 7.4.1.7 and TS 38.214 clause 5.1.6.5, and for a PRS outside the carrier.
+    Raises `ValueError` For a comb size, pair of comb size and length, offset, band, symbol or sequence ID
+    outside of TS 38.211 clause 7.4.1.7 and TS 38.214 clause 5.1.6.5, and for a PRS outside the carrier.
     """
 
     n_rb: int = 264

@@ -1,7 +1,5 @@
 """Slots of a PRS resource: period, repetition and muting, TS 38.211 clause 7.4.1.7.4."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,10 +21,7 @@ class PrsSchedule:
     for `muting_bit_repetition` consecutive periods, `muting_2` one for each repetition within a period. If both
     are given, both bits must be 1.
 
-    Raises
-    ------
-    ValueError
-        For values outside of TS 38.211 clause 7.4.1.7.4 and TS 38.214 clause 5.1.6.5.
+    Raises `ValueError` For values outside of TS 38.211 clause 7.4.1.7.4 and TS 38.214 clause 5.1.6.5.
     """
 
     numerology: int = 3

@@ -1,7 +1,5 @@
 """A beam pair of a sweep as time-domain I/Q samples."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from scenes.record import ComplexArray

@@ -13,13 +13,7 @@ from estimation.shape.kinds.fit import fit_kind
 from estimation.shape.reflection.posterior import Prior, maximise
 from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
 from isac_arena.scoring.metrics.contours import intersection_over_union
-from isac_arena.validation.scenarios.reflections import (
-    Errors,
-    closed_paths,
-    draw_circle,
-    lit_pillar,
-    observe,
-)
+from isac_arena.validation.scenarios.reflections import Errors, closed_paths, draw_circle, lit_pillar, observe
 from scenes.contours.smooth import Circle
 
 SURE = ReflectionConfig(delay_offset_std_ns=0.0, aod_offset_std_deg=0.0, aoa_offset_std_deg=0.0)
@@ -39,8 +33,7 @@ def exact_data(kind: str, parameter: np.ndarray) -> Reflections:
 
 
 @pytest.mark.parametrize(
-    ("kind", "shape"),
-    [("circle", []), ("ellipse", [0.4, -0.2]), ("rounded_square", [-1.0, 0.5])],
+    ("kind", "shape"), [("circle", []), ("ellipse", [0.4, -0.2]), ("rounded_square", [-1.0, 0.5])]
 )
 def test_noise_free_data_return_the_contour(kind: str, shape: list[float]) -> None:
     true = np.array([1.0, -5.0, np.log(0.45), *shape])

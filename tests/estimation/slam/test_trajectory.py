@@ -7,12 +7,7 @@ from estimation.channel.record import ChannelEstimate
 from estimation.laws.contour import predict_circle
 from estimation.laws.plane import predict_los
 from estimation.laws.wall import predict_walls
-from estimation.slam.config import (
-    MappingConfig,
-    PathNoise,
-    SnapshotConfig,
-    TrajectoryConfig,
-)
+from estimation.slam.config import MappingConfig, PathNoise, SnapshotConfig, TrajectoryConfig
 from estimation.slam.record import SolveStatus
 from estimation.slam.walk.filter import run_filter
 from estimation.slam.walk.residuals import PathClass

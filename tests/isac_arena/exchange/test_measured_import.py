@@ -94,10 +94,7 @@ def test_a_file_without_labels_is_read_with_none(tmp_path):
         (with_cell("y", 0, np.zeros((4, 4))), r"sim.y\{1\} has shape \(4, 4\)"),
         (changed(1, 2, np.nan), r"stop 1: aod_azimuth_rad\[3\] = nan: must be finite"),
         (changed(2, 0, 140.0), r"stop 1: aoa_azimuth_rad\[2\] = 140: .* degrees"),
-        (
-            with_cell("y", 1, content()["y"][0, 1][:, [0, 0, 1, 2]]),
-            r"stop 1: path 1 is given 2 times",
-        ),
+        (with_cell("y", 1, content()["y"][0, 1][:, [0, 0, 1, 2]]), r"stop 1: path 1 is given 2 times"),
     ],
 )
 def test_other_layouts_and_impossible_paths_are_named_and_refused(tmp_path, changes, message):

@@ -215,10 +215,7 @@ def test_a_full_disk_ends_the_sweep_in_one_line_and_fails_no_case(
 
 def test_a_directory_that_cannot_be_written_is_one_line(files: Path) -> None:
     (files / "file").touch()
-    for command in (
-        ("sweep", "sweep.toml", "--out", "file/out"),
-        ("run", "small.toml", "--out", "file/out"),
-    ):
+    for command in (("sweep", "sweep.toml", "--out", "file/out"), ("run", "small.toml", "--out", "file/out")):
         result = arena(*command, cwd=files)
         assert result.returncode == 2
         assert result.stderr.count("\n") == 1 and "file/out: Not a directory" in result.stderr

@@ -1,7 +1,5 @@
 """The data of the report page: one dictionary of plain numbers and texts from the records of a campaign."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Any
 

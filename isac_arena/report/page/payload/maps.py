@@ -1,7 +1,5 @@
 """The data of a map for the report page: poses, incidence points, and contours with their objects."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

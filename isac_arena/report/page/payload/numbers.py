@@ -1,7 +1,5 @@
 """Numbers for the page: rounded flat lists with None for values that are not finite."""
 
-from __future__ import annotations
-
 import math
 from base64 import b64encode
 from typing import Any

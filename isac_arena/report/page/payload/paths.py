@@ -1,7 +1,5 @@
 """The data of the true and estimated paths of a stop for the report page."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -119,8 +119,7 @@ def test_few_points_are_valid(n, spread_m):
 
 
 @pytest.mark.parametrize(
-    "wrong",
-    [{"eps_m": 0}, {"min_samples": 0}, {"start": "guess"}, {"n_samples": 2}, {"epsilon": 1}],
+    "wrong", [{"eps_m": 0}, {"min_samples": 0}, {"start": "guess"}, {"n_samples": 2}, {"epsilon": 1}]
 )
 def test_wrong_configuration_names_the_field(wrong):
     with pytest.raises(ValidationError, match=next(iter(wrong))):
