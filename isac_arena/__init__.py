@@ -15,42 +15,12 @@ method: the chain from truths to scores.
 `exchange/`  formats of other tools               `validation/` checks and benches, each with its bar
 """
 
-from __future__ import annotations
-
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from isac_arena.own_packages import ROOT, check_own_packages
 
 check_own_packages()
-
-if TYPE_CHECKING:
-    from estimation.channel.estimate import estimate_channel
-    from estimation.channel.record import ChannelEstimate
-    from estimation.shape.record import Contours, Shapes
-    from estimation.slam.record import IncidencePoints, PoseEstimates
-    from isac_arena.campaign.chain import known_receiver, make_map
-    from isac_arena.campaign.config import CampaignConfig
-    from isac_arena.campaign.directory import open_campaign
-    from isac_arena.campaign.driver import CampaignRun
-    from isac_arena.campaign.files import read_record
-    from isac_arena.campaign.load import campaign_scene, load_campaign
-    from scenes.config import load_scene
-    from scenes.pose import Pose
-    from scenes.scene import Scene
-    from sim.config import SimulationConfig
-    from sim.observation import BeamSweep
-    from sim.propagation.paths import Paths
-    from sim.signal.link import make_link
-    from sim.simulate import observe, simulate_truth
-    from sim.truth import Truth
-
-__all__ = [
-    "BeamSweep", "CampaignConfig", "CampaignRun", "ChannelEstimate", "Contours", "IncidencePoints", "Paths",
-    "Pose", "PoseEstimates", "Scene", "Shapes", "SimulationConfig", "Truth", "__version__", "campaign_scene",
-    "estimate_channel", "known_receiver", "load_campaign", "load_scene", "make_link", "make_map", "observe",
-    "open_campaign", "read_record", "simulate_truth",
-]  # fmt: skip
 
 HOMES = {
     "estimation.channel.estimate": ("estimate_channel",),
@@ -74,6 +44,7 @@ HOMES = {
     "sim.truth": ("Truth",),
 }
 _HOME_OF = {name: module for module, names in HOMES.items() for name in names}
+__all__ = sorted([*_HOME_OF, "__version__"])  # noqa: PLE0605  (the stub lists them for type checkers)
 
 
 def __getattr__(name: str) -> Any:
