@@ -21,12 +21,7 @@ autodoc_typehints = "description"
 autodoc_default_options = {"members": True, "undoc-members": False}
 autodoc_preserve_defaults = True
 apidoc_modules = [
-    {
-        "path": str(ROOT / name),
-        "destination": f"api/{name}",
-        "separate_modules": True,
-        "include_private": False,
-    }
+    {"path": str(ROOT / name), "destination": f"api/{name}", "separate_modules": True, "include_private": False}
     for name in PACKAGES
 ]
 suppress_warnings = ["myst.xref_missing", "misc.highlighting_failure", "ref.python", "toc.not_included"]
@@ -42,9 +37,7 @@ def add_fields(app: Any, what: str, name: str, thing: Any, options: Any, lines: 
         for row in rows:
             lines += [f"   {'*' if cell is row[0] else ' '} - {cell}" for cell in row]
         lines.append("")
-    lines[:] = [
-        line if "``" in line else line.replace("|", "\\|") for line in lines
-    ]  # |x| is no substitution
+    lines[:] = [line if "``" in line else line.replace("|", "\\|") for line in lines]  # |x| is no substitution
 
 
 def skip_foreign(app: Any, what: str, name: str, thing: Any, skip: bool, options: Any) -> bool | None:
@@ -58,20 +51,13 @@ def record_fields(record: Any) -> Any:
     for spec in dataclasses.fields(record):
         if "axes" in spec.metadata:
             axes = ", ".join(spec.metadata["axes"]) or "scalar"
-            yield (
-                f"``{spec.name}``",
-                f"({axes})",
-                spec.metadata.get("unit") or "1",
-                spec.metadata.get("doc", ""),
-            )
+            yield (f"``{spec.name}``", f"({axes})", spec.metadata.get("unit") or "1", spec.metadata.get("doc", ""))
 
 
 def settings_fields(model: Any) -> Any:
     """Name, default and meaning of every field of a settings model."""
     for name, field in getattr(model, "model_fields", {}).items():
-        default = (
-            "required" if field.is_required() else f"``{field.get_default(call_default_factory=True)!r}``"
-        )
+        default = "required" if field.is_required() else f"``{field.get_default(call_default_factory=True)!r}``"
         yield f"``{name}``", default if len(default) < 60 else "as below", field.description or ""
 
 

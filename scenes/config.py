@@ -153,9 +153,7 @@ def _check_places(bounds_m: Bounds, txs: Mapping[str, Pose], walks: Mapping[str,
     """`ValueError` if the bounds are reversed, a device stands outside them, or an RX stop is too near a TX."""
     low, high = np.array(bounds_m[:2]), np.array(bounds_m[2:])
     if not (low < high).all():
-        raise ValueError(
-            f"bounds_m = {list(bounds_m)}: must be [x_min, y_min, x_max, y_max], each min below max"
-        )
+        raise ValueError(f"bounds_m = {list(bounds_m)}: must be [x_min, y_min, x_max, y_max], each min below max")
     places = {f"TX '{name}'": tx.position_m[None] for name, tx in txs.items()}
     places |= {f"walk '{name}'": walk.positions_m() for name, walk in walks.items()}
     for name, points_m in places.items():
@@ -168,9 +166,7 @@ def _check_places(bounds_m: Bounds, txs: Mapping[str, Pose], walks: Mapping[str,
             distance = np.linalg.norm(walk.positions_m() - tx.position_m, axis=1)
             if (distance < MIN_DISTANCE_M).any():
                 stop = int(np.argmin(distance))
-                raise ValueError(
-                    f"walk '{name}', stop {stop}: must be {MIN_DISTANCE_M} m or more from the TX"
-                )
+                raise ValueError(f"walk '{name}', stop {stop}: must be {MIN_DISTANCE_M} m or more from the TX")
 
 
 def library_scenes() -> list[str]:
@@ -217,9 +213,7 @@ def referenced_contents(path: str | Path) -> dict[str, bytes]:
     A copied scene file needs these copies in its folder: see `scenes.objects.config.find_file`.
     """
     folder = Path(path).parent
-    return {
-        copy_name(str(file)): find_file(folder, str(file)).read_bytes() for file in referenced_files(path)
-    }
+    return {copy_name(str(file)): find_file(folder, str(file)).read_bytes() for file in referenced_files(path)}
 
 
 def _footprint(item: Clutter) -> Contour:

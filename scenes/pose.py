@@ -15,9 +15,7 @@ class Pose(Record):
     """Position and heading of a device in the world frame (right-handed, z up)."""
 
     position_m: FloatArray = array("xyz", unit="m", doc="position in the world frame")
-    heading_rad: float = array(
-        unit="rad", doc="azimuth of the device's x axis, from world +x counter-clockwise"
-    )
+    heading_rad: float = array(unit="rad", doc="azimuth of the device's x axis, from world +x counter-clockwise")
 
 
 def wrap_angle(angle_rad: Any) -> Any:

@@ -5,16 +5,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import shapely
 
-from scenes.contours import (
-    Circle,
-    ClosedSpline,
-    Contour,
-    Ellipse,
-    Polygon,
-    Polyline,
-    RoundedPolygon,
-    rectangle,
-)
+from scenes.contours import Circle, ClosedSpline, Contour, Ellipse, Polygon, Polyline, RoundedPolygon, rectangle
 from scenes.objects.material import Material, itu_material
 from scenes.pose import Pose, direction
 from scenes.record import FloatArray
@@ -155,9 +146,7 @@ def _placed(
     return None
 
 
-def _pillar(
-    rng: np.random.Generator, center: FloatArray, height: float, materials: dict[str, Material]
-) -> Shape:
+def _pillar(rng: np.random.Generator, center: FloatArray, height: float, materials: dict[str, Material]) -> Shape:
     half = float(rng.uniform(0.15, 0.45))
     turn = float(rng.uniform(0, np.pi))
     square = center + half * np.sqrt(2) * direction(turn + np.arange(4) * np.pi / 2)[:, :2]
@@ -173,9 +162,7 @@ def _pillar(
             contour = RoundedPolygon(square, np.full(4, half * rng.uniform(0.2, 0.8)))
         case _:
             lobes = half * (1 + 0.15 * np.cos(3 * np.arange(12) * np.pi / 6))
-            contour = ClosedSpline(
-                center + lobes[:, None] * direction(turn + np.arange(12) * np.pi / 6)[:, :2]
-            )
+            contour = ClosedSpline(center + lobes[:, None] * direction(turn + np.arange(12) * np.pi / 6)[:, :2])
     return "pillar", contour, height, materials[str(rng.choice(["metal", "concrete", "marble"]))]
 
 
@@ -195,9 +182,7 @@ def _partition(
     return "wall", Polygon(center + corners), height, material
 
 
-def _box(
-    rng: np.random.Generator, center: FloatArray, height: float, materials: dict[str, Material]
-) -> Shape:
+def _box(rng: np.random.Generator, center: FloatArray, height: float, materials: dict[str, Material]) -> Shape:
     half = rng.uniform(0.2, 0.7, 2)
     turn = float(rng.choice([0.0, rng.uniform(0, np.pi / 2)]))
     c, s = np.cos(turn), np.sin(turn)

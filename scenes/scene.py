@@ -83,9 +83,7 @@ class Scene:
     @property
     def kinds(self) -> dict[str, str]:
         """Kind by name of all objects and the clutter."""
-        return {item.name: item.kind for item in self.objects} | {
-            item.name: item.kind for item in self.clutter
-        }
+        return {item.name: item.kind for item in self.objects} | {item.name: item.kind for item in self.clutter}
 
     @property
     def stops(self) -> tuple[Pose, ...]:

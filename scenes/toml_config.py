@@ -32,9 +32,7 @@ class ConfigModel(BaseModel):
         if unknown:
             allowed = [key for key in cls.model_fields if key not in data]
             close = get_close_matches(unknown[0], allowed, n=2)
-            hint = (
-                f"did you mean {' or '.join(close)}?" if close else f"allowed: {', '.join(cls.model_fields)}"
-            )
+            hint = f"did you mean {' or '.join(close)}?" if close else f"allowed: {', '.join(cls.model_fields)}"
             raise PydanticCustomError("unknown_key", "{hint}", {"hint": hint, "key": unknown[0]})
         return data
 

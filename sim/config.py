@@ -35,9 +35,7 @@ class WaveformConfig(ConfigModel):
         False,
         description="a beam pair combines all symbols of a resource; otherwise it takes the first symbol alone",
     )
-    cyclic_prefix: Literal["normal", "extended"] = Field(
-        "normal", description="extended with numerology 2 alone"
-    )
+    cyclic_prefix: Literal["normal", "extended"] = Field("normal", description="extended with numerology 2 alone")
     schedule: ScheduleConfig | None = Field(
         None, description="slots in which the beams are sent; without it one symbol follows the other"
     )
@@ -76,18 +74,14 @@ class ArrayConfig(ConfigModel):
     columns: int = Field(16, ge=1, le=256)
     element_pattern: Literal["tr38901", "isotropic"] = "tr38901"
     polarisation_slant_deg: ElevationDeg = Field(0.0, description="slant of the elements, 0 is vertical")
-    panel_azimuth_deg: list[AngleDeg] = Field(
-        [0.0], min_length=1, description="panel boresights, device frame"
-    )
+    panel_azimuth_deg: list[AngleDeg] = Field([0.0], min_length=1, description="panel boresights, device frame")
     panel_tilt_deg: list[ElevationDeg] = Field(
         [0.0], min_length=1, description="elevation of the panel boresights, one for all or one each"
     )
     codebook: Literal["steered", "dft", "campus_63", "hierarchical", "file"] = Field(
         "steered", description="beams of a panel"
     )
-    beams_per_panel: int = Field(
-        32, ge=1, le=1024, description="steered: beams, uniform in the sine of azimuth"
-    )
+    beams_per_panel: int = Field(32, ge=1, le=1024, description="steered: beams, uniform in the sine of azimuth")
     sector_deg: float = Field(
         140.0, gt=0, le=180, description="steered, hierarchical, campus_63: azimuth sector of each panel"
     )
@@ -96,15 +90,9 @@ class ArrayConfig(ConfigModel):
     )
     hierarchy_levels: int = Field(4, ge=1, le=9, description="hierarchical: levels of 1, 2, 4, ... beams")
     weights_file: str | None = Field(None, description="file: .npz or .csv with the weights of each beam")
-    taper: Literal["uniform", "taylor", "chebyshev"] = Field(
-        "uniform", description="amplitude over the array"
-    )
-    taper_side_lobe_db: float = Field(
-        30.0, ge=15, le=80, description="side lobes of a taper below the main lobe"
-    )
-    phase_bits: int | None = Field(
-        None, ge=1, le=16, description="bits of the phase shifters, none for ideal"
-    )
+    taper: Literal["uniform", "taylor", "chebyshev"] = Field("uniform", description="amplitude over the array")
+    taper_side_lobe_db: float = Field(30.0, ge=15, le=80, description="side lobes of a taper below the main lobe")
+    phase_bits: int | None = Field(None, ge=1, le=16, description="bits of the phase shifters, none for ideal")
 
     @model_validator(mode="after")
     def _agree(self) -> Self:
@@ -127,10 +115,7 @@ class LinkConfig(ConfigModel):
     noise_figure_db: float = Field(10.0, ge=0, le=40)
     adc_effective_bits: float = Field(6.0, ge=1, le=24, description="ENOB of the receiver's converters")
     adc_back_off_db: float = Field(
-        12.0,
-        ge=0,
-        le=40,
-        description="strongest signal of the campaign below a full-scale sine, at fixed gain",
+        12.0, ge=0, le=40, description="strongest signal of the campaign below a full-scale sine, at fixed gain"
     )
 
 
@@ -149,9 +134,7 @@ class PropagationConfig(ConfigModel):
     of the sphere. Their number sets the angular resolution, not the power.
     """
 
-    max_bounces: int = Field(
-        2, ge=0, le=3, description="specular bounces of a path, 0 for line of sight alone"
-    )
+    max_bounces: int = Field(2, ge=0, le=3, description="specular bounces of a path, 0 for line of sight alone")
     specular_samples: int = Field(200_000, ge=1, le=10_000_000, description="rays that look for faces")
     diffuse_samples: int = Field(2_000, ge=0, le=1_000_000, description="rays that scatter, 0 for none")
     diffraction: bool = Field(
@@ -159,8 +142,7 @@ class PropagationConfig(ConfigModel):
     )
     transmission: bool = Field(False, description="whether paths go through thin walls and hollow solids")
     compare_planar: bool = Field(
-        True,
-        description="compare the ray tracer's planar paths with the exact ones, where it is needed at all",
+        True, description="compare the ray tracer's planar paths with the exact ones, where it is needed at all"
     )
     max_crossed_faces: int = Field(4, ge=1, le=16, description="faces that one path may go through")
     max_transmission_loss_db: float = Field(
@@ -181,9 +163,7 @@ class SimulationConfig(ConfigModel):
 
     scene: str = Field(min_length=1, description="library name or path of the scene file")
     tx: str | None = Field(None, description="TX to use where the scene has several; by default the first")
-    walk: str | None = Field(
-        None, description="walk to use where the scene has several; by default the first"
-    )
+    walk: str | None = Field(None, description="walk to use where the scene has several; by default the first")
     seed: int = Field(1, ge=0, lt=2**63)
     waveform: WaveformConfig = WaveformConfig()
     tx_array: ArrayConfig = ArrayConfig()

@@ -68,9 +68,7 @@ def _scenario(folder: str, scene: Scene, carrier_hz: float) -> PathScenario:
     scenario = read_deepmimo(Path(folder))
     if abs(scenario.carrier_hz - carrier_hz) > 1:
         traced_ghz = scenario.carrier_hz / 1e9
-        raise ValueError(
-            f"waveform.carrier_ghz = {carrier_hz / 1e9:g}: {folder} was traced at {traced_ghz:g} GHz"
-        )
+        raise ValueError(f"waveform.carrier_ghz = {carrier_hz / 1e9:g}: {folder} was traced at {traced_ghz:g} GHz")
     if np.linalg.norm(scenario.tx_position_m - scene.tx.position_m) > SAME_PLACE_M:
         place = ", ".join(f"{value:g}" for value in scenario.tx_position_m)
         raise ValueError(

@@ -37,10 +37,7 @@ def test_tutorial(tutorial: Path, tmp_path: Path) -> None:
             for line in block.content.splitlines():
                 name, *arguments = line.split()
                 assert name == "arena"
-                run(
-                    [sys.executable, "-c", "from isac_arena.cli.main import main; main()", *arguments],
-                    tmp_path,
-                )
+                run([sys.executable, "-c", "from isac_arena.cli.main import main; main()", *arguments], tmp_path)
         elif language == "python":
             run([sys.executable, "-c", block.content], tmp_path)
 

@@ -134,9 +134,7 @@ def fit_phase_ramp(fit: IncoherentFit) -> PhaseRamp:
         centred = pair - np.stack([_path_means(axis.astype(float), path, weight) for axis in pair.T], axis=1)
         residual = _remainder(pair, phase, path, weight, step)
         # An unobservable step, as with a single beam, stays.
-        step = step + np.linalg.pinv((centred * weight[:, None]).T @ centred) @ (
-            centred.T @ (weight * residual)
-        )
+        step = step + np.linalg.pinv((centred * weight[:, None]).T @ centred) @ (centred.T @ (weight * residual))
         residual = _remainder(pair, phase, path, weight, step)
         variance = float((weight * (residual**2 * len(used) / n_free - noise)).sum() / weight.sum())
     error = np.sqrt(2 * (weight**2 * (noise + max(variance, 0.0)) ** 2).sum()) / weight.sum()
@@ -182,9 +180,7 @@ def _remainder(
 
 def _path_means(values: FloatArray, path: IntArray, weight: FloatArray) -> FloatArray:
     """Weighted mean over the pairs of the same path, for every pair."""
-    return np.asarray(
-        (np.bincount(path, weight * values) / np.maximum(np.bincount(path, weight), 1e-300))[path]
-    )
+    return np.asarray((np.bincount(path, weight * values) / np.maximum(np.bincount(path, weight), 1e-300))[path])
 
 
 def _walk(pair: IntArray, path: IntArray, residual: FloatArray, noise: FloatArray) -> float:

@@ -91,13 +91,9 @@ def estimate_channel(
 def checked_estimate(estimate: object, sweep: BeamSweep, name: str) -> ChannelEstimate:
     """The result of a user's function, if it is a channel estimate of the sweep's stop; else `ValueError`."""
     if not isinstance(estimate, ChannelEstimate):
-        raise ValueError(
-            f"estimator = '{name}': returned {type(estimate).__name__}, a ChannelEstimate is needed"
-        )
+        raise ValueError(f"estimator = '{name}': returned {type(estimate).__name__}, a ChannelEstimate is needed")
     if estimate.stop != sweep.stop:
-        raise ValueError(
-            f"estimator = '{name}': returned stop {estimate.stop}, the sweep is of stop {sweep.stop}"
-        )
+        raise ValueError(f"estimator = '{name}': returned stop {estimate.stop}, the sweep is of stop {sweep.stop}")
     check_estimate(estimate, 1 / float(np.diff(sweep.frequency_offset_hz[:2])[0]))
     return estimate
 
@@ -160,10 +156,7 @@ def _blind_ends(sweep: BeamSweep) -> str:
     """The ends that cannot distinguish directions (one beam, or identical beams); empty if there is none."""
     blind = [
         f"{name} beams of rank 1: no angle of {angle}"
-        for name, book, angle in (
-            ("TX", sweep.tx_codebook, "departure"),
-            ("RX", sweep.rx_codebook, "arrival"),
-        )
+        for name, book, angle in (("TX", sweep.tx_codebook, "departure"), ("RX", sweep.rx_codebook, "arrival"))
         if _rank(book) == 1
     ]
     return ", ".join(blind)

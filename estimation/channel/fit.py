@@ -22,9 +22,7 @@ class PathFit(Record):
     delay_s: FloatArray = array("path", unit="s", doc="time of arrival, clock bias included")
     aod_rad: FloatArray = array("path", "aod_angle", unit="rad", doc="departure in the TX frame")
     aoa_rad: FloatArray = array("path", "aoa_angle", unit="rad", doc="arrival in the RX frame")
-    amplitude: FloatArray = array(
-        "path", unit="sqrt(mW)", doc="|xi|, at the elements of both ends, per sample"
-    )
+    amplitude: FloatArray = array("path", unit="sqrt(mW)", doc="|xi|, at the elements of both ends, per sample")
     phase_rad: FloatArray = array("path", unit="rad", doc="phase of xi, NaN if it is not observed")
     snr_db: FloatArray = array("path", unit="dB", doc="SNR in the best beam pair, subcarriers summed")
     covariance: FloatArray = array(

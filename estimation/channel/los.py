@@ -37,9 +37,7 @@ class LosConfig(ConfigModel):
 
     power_at_1m_dbm: float = Field(-13.0, description="LOS power at 1 m between the peaks of two beams")
     tolerance_db: float = Field(3.0, gt=0, description="spread of a LOS's power about free space")
-    reflection_loss_db: float = Field(
-        12.0, ge=0, description="mean loss of a reflected path beyond free space"
-    )
+    reflection_loss_db: float = Field(12.0, ge=0, description="mean loss of a reflected path beyond free space")
     reflection_std_db: float = Field(7.0, gt=0, description="spread of that loss")
     least_loss_db: float = Field(6.0, ge=0, description="mean loss of a stop's least attenuated reflection")
     least_loss_std_db: float = Field(5.0, gt=0, description="spread of that loss")
@@ -89,12 +87,7 @@ def los_probability(
         probability = np.zeros(len(delay_s))
         angles, spread = (None if part is None else part[seen] for part in (angles_rad, angle_variance))
         probability[seen] = los_probability(
-            delay_s[seen],
-            power_dbm[seen],
-            config,
-            angles_rad=angles,
-            angle_variance=spread,
-            direction=direction,
+            delay_s[seen], power_dbm[seen], config, angles_rad=angles, angle_variance=spread, direction=direction
         )
         return probability
     n = len(delay_s)
@@ -142,9 +135,7 @@ def _log_bayes_factor(delay_s: FloatArray, power_dbm: FloatArray, config: LosCon
         later = _log_loss(least, config.least_loss_db, config.least_loss_std_db, config.tolerance_db)
     sight = -0.5 * (own / config.tolerance_db) ** 2 - np.log(config.tolerance_db)
     bounce = _log_loss(own, config.reflection_loss_db, config.reflection_std_db, config.tolerance_db)
-    return float(
-        np.logaddexp.reduce(log_prior + sight + later) - np.logaddexp.reduce(log_prior + bounce + later)
-    )
+    return float(np.logaddexp.reduce(log_prior + sight + later) - np.logaddexp.reduce(log_prior + bounce + later))
 
 
 def _clock(config: LosConfig) -> tuple[FloatArray, FloatArray]:

@@ -57,13 +57,9 @@ class ChannelEstimate(Record):
     aoa_azimuth_rad: FloatArray = array("path", unit="rad", doc="azimuth of arrival in the RX frame")
     power_dbm: FloatArray = array("path", unit="dBm", doc="received power in the best beam pair")
     beam_loss_db: FloatArray = array(
-        "path",
-        unit="dB",
-        doc="nominal gain of the best beam pair below the peak of its panels; 0 where unknown",
+        "path", unit="dB", doc="nominal gain of the best beam pair below the peak of its panels; 0 where unknown"
     )
-    snr_db: FloatArray = array(
-        "path", unit="dB", doc="SNR in the best beam pair after summing the subcarriers"
-    )
+    snr_db: FloatArray = array("path", unit="dB", doc="SNR in the best beam pair after summing the subcarriers")
     covariance: FloatArray = array(
         "path",
         "parameter",
@@ -161,16 +157,12 @@ def check_estimate(estimate: ChannelEstimate, period_s: float) -> None:
         ("status", EstimateStatus),
     ):
         if getattr(estimate, name) not in list(allowed):
-            raise ValueError(
-                f"{where}{name} = '{getattr(estimate, name)}': must be one of {', '.join(allowed)}"
-            )
+            raise ValueError(f"{where}{name} = '{getattr(estimate, name)}': must be one of {', '.join(allowed)}")
 
 
 def _check_covariance(estimate: ChannelEstimate, where: str) -> None:
     n_parameters = estimate.size("parameter")
-    if n_parameters not in (MIN_PARAMETERS, MIN_PARAMETERS + 2) or n_parameters != estimate.size(
-        "parameter2"
-    ):
+    if n_parameters not in (MIN_PARAMETERS, MIN_PARAMETERS + 2) or n_parameters != estimate.size("parameter2"):
         shape = estimate.covariance.shape
         raise ValueError(f"{where}covariance has shape {shape}: every matrix must be 3 x 3 or 5 x 5")
     if not len(estimate):
@@ -191,9 +183,7 @@ def _check_covariance(estimate: ChannelEstimate, where: str) -> None:
 
 def _check_los(estimate: ChannelEstimate, where: str) -> None:
     if estimate.is_los.sum() > 1:
-        raise ValueError(
-            f"{where}is_los = {int(estimate.is_los.sum())} paths: at most one can be line of sight"
-        )
+        raise ValueError(f"{where}is_los = {int(estimate.is_los.sum())} paths: at most one can be line of sight")
     probability = estimate.los_probability
     outside = ~((probability >= 0) & (probability <= 1))
     if outside.any():

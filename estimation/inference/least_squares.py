@@ -49,9 +49,7 @@ class Attempt(Generic[Point]):
     expected: Any = None  # gain by the local model; None: every fall of the cost is good
 
 
-def minimise(
-    start: Point, attempt: Callable[[Point, Any], Attempt[Point] | None], schedule: Schedule
-) -> Point:
+def minimise(start: Point, attempt: Callable[[Point, Any], Attempt[Point] | None], schedule: Schedule) -> Point:
     """The point of least cost that damped steps from `start` reach.
 
     An attempt that increases the cost, or gives NaN, is not kept. So the cost never increases. The point of a
@@ -74,9 +72,7 @@ def minimise(
         now = _by_member(better, tried.point, now)
         tolerance = schedule.absolute + schedule.relative * np.abs(tried.before)
         converged = np.where(better, gain <= tolerance, damping > schedule.largest)
-        eased = np.where(
-            share <= schedule.good, damping, np.maximum(damping / schedule.factor, schedule.least)
-        )
+        eased = np.where(share <= schedule.good, damping, np.maximum(damping / schedule.factor, schedule.least))
         tightened = np.where(share >= schedule.poor, damping, damping * schedule.factor)
         damping = np.where(better & (share >= schedule.poor), eased, tightened)
         if converged.all():

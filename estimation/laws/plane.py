@@ -170,15 +170,11 @@ def bounce_gap(
         (...), (..., 4), (..., 3) and (..., 2): the displacement from TX to RX along u + v, and the length times
         cos delta. The IP is between the devices' rays where the first is smaller than the second.
     """
-    value, by_state, by_measurement, place = over_rows(
-        _bounce_gaps, (tx_row(tx), 1), (rx_state, 1), (measured, 1)
-    )
+    value, by_state, by_measurement, place = over_rows(_bounce_gaps, (tx_row(tx), 1), (rx_state, 1), (measured, 1))
     return value, by_state, by_measurement, place
 
 
-def lit_normals(
-    point_m: FloatArray, tx: Pose | FloatArray, rx_m: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def lit_normals(point_m: FloatArray, tx: Pose | FloatArray, rx_m: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Azimuth (...) of the outward normal of a surface that reflects at points (..., 2).
 
     The normal bisects the rays to TX and RX. Also its derivative (..., 2) by the point, in rad / m.
@@ -262,9 +258,7 @@ def bounce_gap_path(
 
 
 @compiled
-def _bounces(
-    tx: FloatArray, state: FloatArray, point: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _bounces(tx: FloatArray, state: FloatArray, point: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     n = len(state)
     value, by_state, by_point = np.empty((n, 3)), np.empty((n, 3, 4)), np.empty((n, 3, 2))
     for i in range(n):

@@ -123,12 +123,7 @@ def bounce_equations(tx: Pose, state: FloatArray, measured: FloatArray) -> Bounc
     )
     by_state = np.concatenate([normal, by_measurement[..., 2, None], -by_measurement[..., 0, None]], axis=-1)
     return BounceEquations(
-        value,
-        by_measurement,
-        by_state,
-        reach / np.where(np.abs(length) < 1e-9, 1e-9, length),
-        length,
-        opening,
+        value, by_measurement, by_state, reach / np.where(np.abs(length) < 1e-9, 1e-9, length), length, opening
     )
 
 

@@ -22,12 +22,7 @@ from estimation.execution import compiled
 from scenes.record import FloatArray
 
 CIRCLE, ELLIPSE, ROUNDED_SQUARE, HARMONICS = range(4)
-CLOSED_FAMILY = {
-    "circle": CIRCLE,
-    "ellipse": ELLIPSE,
-    "rounded_square": ROUNDED_SQUARE,
-    "support_gp": HARMONICS,
-}
+CLOSED_FAMILY = {"circle": CIRCLE, "ellipse": ELLIPSE, "rounded_square": ROUNDED_SQUARE, "support_gp": HARMONICS}
 FACE_BEND = 0.03  # eps of the rounded square
 
 
@@ -53,9 +48,7 @@ def contour_points(family: int, parameter: FloatArray, psi_rad: ArrayLike) -> Fl
     return np.asarray(parameter[:2] + value[:, :1] * normal + value[:, 1:2] * tangent)
 
 
-def normal_std_m(
-    family: int, parameter: FloatArray, covariance: FloatArray, psi_rad: ArrayLike
-) -> FloatArray:
+def normal_std_m(family: int, parameter: FloatArray, covariance: FloatArray, psi_rad: ArrayLike) -> FloatArray:
     """Standard deviation (psi,) in m of the contour along its normals: that of the tangent's distance."""
     _, slope = support(family, parameter, psi_rad)
     variance = np.einsum("pi,ij,pj->p", slope[:, 0], covariance, slope[:, 0])
@@ -63,9 +56,7 @@ def normal_std_m(
 
 
 @compiled
-def support_terms(
-    family: int, parameter: FloatArray, psi: float, value: FloatArray, slope: FloatArray
-) -> None:
+def support_terms(family: int, parameter: FloatArray, psi: float, value: FloatArray, slope: FloatArray) -> None:
     """Write [h, h', h''] into `value` (3,) and d[h, h'] by the parameters into `slope` (2, parameter).
 
     The columns of the centre are not written.

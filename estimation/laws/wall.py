@@ -152,9 +152,7 @@ def _reflect(matrix: FloatArray, column: int, nx: float, ny: float) -> None:
 
 
 @compiled
-def _wall_paths(
-    tx: FloatArray, state: FloatArray, walls: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _wall_paths(tx: FloatArray, state: FloatArray, walls: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     n, point = len(state), np.empty(2)
     value, by_state = np.empty((n, 3)), np.empty((n, 3, 4))
     by_wall = np.empty((n, 3, 2 * walls.shape[1]))

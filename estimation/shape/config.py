@@ -84,8 +84,7 @@ class ContourConfig(ConfigModel):
     min_samples: int = Field(5, ge=1, description="IPs within eps_m, itself included, that make a core point")
     reflection: ReflectionConfig = ReflectionConfig()
     learn_noise: bool = Field(
-        True,
-        description="scale the covariances of the paths by their residuals, over all paths and per object",
+        True, description="scale the covariances of the paths by their residuals, over all paths and per object"
     )
     survey_position_std_m: float = Field(0.05, gt=0, description="given poses: standard deviation of x and y")
     survey_heading_std_deg: float = Field(1.0, gt=0, description="of their heading")

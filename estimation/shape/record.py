@@ -16,9 +16,7 @@ class Shapes(Record):
     """
 
     label: IntArray = array("ip", dtype=int, doc="cluster of every incidence point given, -1 for none")
-    center_m: FloatArray = array(
-        "cluster", "xy", unit="m", doc="origin of the radial function, biases included"
-    )
+    center_m: FloatArray = array("cluster", "xy", unit="m", doc="origin of the radial function, biases included")
     angle_rad: FloatArray = array("sample", unit="rad", doc="polar angles of the sampled contour, [-pi, pi)")
     radius_m: FloatArray = array("cluster", "sample", unit="m", doc="predicted radius")
     radius_std_m: FloatArray = array("cluster", "sample", unit="m", doc="standard deviation of the radius")

@@ -18,9 +18,7 @@ from estimation.slam.mapping.point_fit import point_bound, state_information
 from scenes.pose import Pose
 from scenes.record import FloatArray, IntArray
 
-_NO_INFORMATION = (
-    1e-12  # share of the largest eigenvalue of a scaled information below which there is no bound
-)
+_NO_INFORMATION = 1e-12  # share of the largest eigenvalue of a scaled information below which there is no bound
 
 
 @dataclass(frozen=True)
@@ -114,9 +112,7 @@ def trajectory_covariance(
         own = slice(4 * index, 4 * index + 4)
         circle = np.full(len(paths.wall), -1) if paths.circle is None or objects is None else paths.circle
         loose = (paths.wall < 0) & (circle < 0)
-        alone = StopPaths(
-            paths.point_m[loose], paths.covariance[loose], paths.wall[loose], paths.los_covariance
-        )
+        alone = StopPaths(paths.point_m[loose], paths.covariance[loose], paths.wall[loose], paths.los_covariance)
         information[own, own] += stop_information(tx, state, alone)
         line = wall_line(tx, state, paths.point_m)
         for path in np.flatnonzero(~loose):

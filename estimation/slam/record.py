@@ -77,9 +77,7 @@ class PoseEstimates(Record):
         "stop", "state", "state2", doc="of the state, consider-parameters included; NaN where unknown"
     )
     height_covariance: FloatArray = _optional(
-        "stop",
-        "state",
-        doc="covariance of the height with the state (m^2, m^2, m rad, m s); NaN in the plane",
+        "stop", "state", doc="covariance of the height with the state (m^2, m^2, m rad, m s); NaN in the plane"
     )
     position_std_m: FloatArray = _optional(
         "stop", unit="m", doc="standard deviation of the plan position over all modes; NaN where unknown"

@@ -124,9 +124,7 @@ def with_shapes(
     `label` (ip,) is the cluster of every incidence point, -1 for none; without it DBSCAN finds the clusters.
     """
     shapes = estimate_shapes(ips, config.shapes) if label is None else fit_shapes(ips, label, config.shapes)
-    contours = estimate_contours(
-        channel, tx_pose, poses, ips, shapes.label, config.mapping.noise, config.contours
-    )
+    contours = estimate_contours(channel, tx_pose, poses, ips, shapes.label, config.mapping.noise, config.contours)
     return MapResult(poses, ips, shapes, contours)
 
 

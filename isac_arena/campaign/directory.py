@@ -122,9 +122,7 @@ class CampaignStore:
         """
         is_new = not (self.directory / "campaign.json").exists()
         if is_new and self.directory.is_dir() and not self._is_leftover():
-            raise ValueError(
-                f"--out = {self.directory}: holds other files; choose an empty or a new directory"
-            )
+            raise ValueError(f"--out = {self.directory}: holds other files; choose an empty or a new directory")
         if (self.directory / "campaign.json").is_file() and (self.directory / "scene.toml").is_file():
             held = open_campaign(self.directory)
             if difference := self._difference(held):

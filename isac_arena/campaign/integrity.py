@@ -70,8 +70,7 @@ def source_digest(root: Path, *parts: str) -> str:
     """
     files = [file for part in parts for file in _python_files(root, part)]
     texts = (
-        (file.relative_to(root).as_posix(), file.read_text(encoding="utf-8", errors="replace"))
-        for file in files
+        (file.relative_to(root).as_posix(), file.read_text(encoding="utf-8", errors="replace")) for file in files
     )
     return digest(*(item for pair in texts for item in pair))
 

@@ -13,14 +13,7 @@ from typing import Any
 from isac_arena.campaign.files import notify_of_files
 from isac_arena.campaign.integrity import file_digest, is_sealed
 from isac_arena.campaign.lock import DirectoryHeldError, one_run
-from isac_arena.campaign.manifest import (
-    MANIFEST,
-    Manifest,
-    file_names,
-    made_by,
-    read_manifest,
-    write_manifest,
-)
+from isac_arena.campaign.manifest import MANIFEST, Manifest, file_names, made_by, read_manifest, write_manifest
 
 PASSING = "signals"  # a folder of a sweep whose files are removed after use
 

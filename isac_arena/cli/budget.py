@@ -17,16 +17,13 @@ if TYPE_CHECKING:
 
 def budget(
     campaign: Campaign,
-    out: Annotated[
-        Path, typer.Option(help="Directory of the budget; CAMPAIGN_DIR/budget puts it in the report.")
-    ],
+    out: Annotated[Path, typer.Option(help="Directory of the budget; CAMPAIGN_DIR/budget puts it in the report.")],
     seed: Seed = None,
     repeats: Annotated[
         int, typer.Option(min=1, help="Runs with seeds that count up; paths are traced once for all.")
     ] = 1,
     stops: Annotated[
-        str | None,
-        typer.Option(help="Receiver stops: 0,4,9 or first:last:step without last; all by default."),
+        str | None, typer.Option(help="Receiver stops: 0,4,9 or first:last:step without last; all by default.")
     ] = None,
     estimator: Estimator = None,
 ) -> None:
@@ -92,9 +89,7 @@ def write_budget(out: Path, budget: Budget) -> None:
 
     rows = list(table_rows(budget))
     write_csv(out / "budget.csv", rows)
-    about = {name: getattr(budget, name) for name in ("campaign", "stops", "objects", "repeats")} | {
-        "rows": rows
-    }
+    about = {name: getattr(budget, name) for name in ("campaign", "stops", "objects", "repeats")} | {"rows": rows}
     write_json(out / "budget.json", about, allow_nan=False)
     write_bytes(out / "budget.png", png_bytes(budget_figure(budget)))
 

@@ -4,11 +4,7 @@ from isac_arena.cli.options import Campaign, Directory, Estimator, KeepSweeps, O
 
 
 def run(
-    campaign: Campaign,
-    out: Out,
-    seed: Seed = None,
-    estimator: Estimator = None,
-    keep_sweeps: KeepSweeps = False,
+    campaign: Campaign, out: Out, seed: Seed = None, estimator: Estimator = None, keep_sweeps: KeepSweeps = False
 ) -> None:
     """Run a campaign from the scene to the report. The same command resumes an interrupted run."""
     from isac_arena.campaign import stages  # noqa: PLC0415

@@ -125,11 +125,7 @@ def changed_settings(first: Run, second: Run) -> list[SettingDifference]:
 
 
 def write_comparison(
-    out: Path,
-    runs: tuple[Run, Run],
-    compared: RunComparison,
-    changed: list[SettingDifference],
-    notes: list[str],
+    out: Path, runs: tuple[Run, Run], compared: RunComparison, changed: list[SettingDifference], notes: list[str]
 ) -> None:
     """Write compare.json and compare.png."""
     from isac_arena.campaign.files import write_bytes, write_json  # noqa: PLC0415

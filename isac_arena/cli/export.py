@@ -48,11 +48,7 @@ def export(
         elif file_format == ExportFormat.glb:
             files = [exchange.write_glb(store, folder / f"stop_{stop:03d}.glb", stop, max_paths)]
         else:
-            writers = {
-                "mat": exchange.write_mat,
-                "tum": exchange.write_tum,
-                "geojson": exchange.write_geojson,
-            }
+            writers = {"mat": exchange.write_mat, "tum": exchange.write_tum, "geojson": exchange.write_geojson}
             files = list(writers[file_format.value](store, folder))
     for file in files:
         stages.console.print(f"{file_format.value}: {file}")

@@ -14,13 +14,9 @@ def import_mat(
     ] = -1.6,
     clock_seed: Annotated[
         int | None,
-        typer.Option(
-            min=0, help="Add a clock bias: 10 m, then a random walk of 1 m per stop; none by default."
-        ),
+        typer.Option(min=0, help="Add a clock bias: 10 m, then a random walk of 1 m per stop; none by default."),
     ] = None,
-    method: Annotated[
-        str, typer.Option(help="SLAM: statistical, or reference as published.")
-    ] = "statistical",
+    method: Annotated[str, typer.Option(help="SLAM: statistical, or reference as published.")] = "statistical",
     scene: Annotated[str, typer.Option(help="Scene to score against: name or TOML file.")] = "campus_arena",
 ) -> None:
     """Import the public measurement file; then estimate, score and report work on the directory."""
@@ -37,8 +33,7 @@ def import_deepmimo(
     folder: Annotated[Path, typer.Argument(help="DeepMIMO v4 scenario folder.")],
     out: Annotated[Path, typer.Option(help="Folder for campaign.toml, scene.toml and what they name.")],
     stops: Annotated[
-        int | None,
-        typer.Option(min=1, help="Largest number of receivers, evenly over the set; all by default."),
+        int | None, typer.Option(min=1, help="Largest number of receivers, evenly over the set; all by default.")
     ] = None,
     tx_set: Annotated[int | None, typer.Option(help="TX set; the first by default.")] = None,
     tx: Annotated[int, typer.Option(min=0, help="TX within its set.")] = 0,

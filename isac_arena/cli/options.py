@@ -12,8 +12,7 @@ OutFolder = Annotated[Path, typer.Option(help="Directory of the tables and figur
 Seed = Annotated[int | None, typer.Option(min=0, max=2**63 - 1, help="Seed, in place of the file's.")]
 RandomSeed = Annotated[int, typer.Option(min=0, help="Seed of all random numbers of this command.")]
 Estimator = Annotated[
-    str | None,
-    typer.Option(help="Your channel estimator: package.module:function, BeamSweep to ChannelEstimate."),
+    str | None, typer.Option(help="Your channel estimator: package.module:function, BeamSweep to ChannelEstimate.")
 ]
 KeepSweeps = Annotated[bool, typer.Option(help="Keep the samples of every stop (about 40 MB each).")]
 Json = Annotated[Path | None, typer.Option("--json", help="Write the rows to this JSON file as well.")]

@@ -20,9 +20,7 @@ REPORT = "sweep_report.html"
 
 def sweep(
     file: Annotated[Path, typer.Argument(help="Sweep file (TOML): a base campaign and its axes.")],
-    out: Annotated[
-        Path, typer.Option(help="Directory of the sweep, seen by all workers; made where missing.")
-    ],
+    out: Annotated[Path, typer.Option(help="Directory of the sweep, seen by all workers; made where missing.")],
     workers: Annotated[
         int | None, typer.Option(min=1, help="Worker processes on this machine, by default one per core.")
     ] = None,
@@ -58,8 +56,7 @@ def sweep_report(
         list[str] | None, typer.Option(help="Metric to show, as in scores.json; may be given several times.")
     ] = None,
     pareto: Annotated[
-        list[str] | None,
-        typer.Option(help="Two metrics of a trade-off, KEY,KEY; may be given several times."),
+        list[str] | None, typer.Option(help="Two metrics of a trade-off, KEY,KEY; may be given several times.")
     ] = None,
 ) -> None:
     """Write sweep_report.html: every metric over every axis, with intervals and bounds, and trade-offs."""
@@ -141,6 +138,4 @@ def _check_key(results: SweepResults, key: str, option: str, directory: Path) ->
     import numpy as np  # noqa: PLC0415
 
     if key not in results.metrics or not np.isfinite(results.metrics[key].value).any():
-        raise ValueError(
-            f"{option} = '{key}': no finished case of {directory} has measured it; see results.csv"
-        )
+        raise ValueError(f"{option} = '{key}': no finished case of {directory} has measured it; see results.csv")

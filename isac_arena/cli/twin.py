@@ -124,8 +124,7 @@ def _write(out: Path, made: Twin, scene: Scene) -> tuple[Metric, ...]:
         "metrics": to_json(metrics),
         "offsets": {spec.name: getattr(made.offsets, spec.name).tolist() for spec in fields(made.offsets)},
         "objects": {
-            name: [row._asdict() for row in object_residuals(model.paths)]
-            for name, model in made.models.items()
+            name: [row._asdict() for row in object_residuals(model.paths)] for name, model in made.models.items()
         },
     }
     write_json(out / "twin.json", _without_nan(content))

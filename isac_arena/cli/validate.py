@@ -21,9 +21,7 @@ if TYPE_CHECKING:
 
 MODULES: Mapping[str, tuple[str, ...]] = {
     "signal": ("signal.waveform", "signal.generation"),
-    "propagation": tuple(
-        f"propagation.{name}" for name in ("closed_form", "specular", "diffraction", "mesh")
-    ),
+    "propagation": tuple(f"propagation.{name}" for name in ("closed_form", "specular", "diffraction", "mesh")),
     "slam": ("slam.measured", "slam.snapshot", "slam.trajectory", "slam.laws"),
     "scoring": ("scoring.metrics", "scoring.bounds", "scoring.budget"),
     "channel": ("channel.efficiency", "channel.noise", "channel.hardware", "channel.arena"),
@@ -40,8 +38,7 @@ BENCHES: Mapping[str, tuple[str, ...]] = {
 }
 
 Trials = Annotated[
-    int | None,
-    typer.Option(min=1, help="Scenes of the longest Monte Carlo run; the others use a share of them."),
+    int | None, typer.Option(min=1, help="Scenes of the longest Monte Carlo run; the others use a share of them.")
 ]
 Estimator = Annotated[
     str | None, typer.Option(help="Check your own estimator in place of ours: package.module:function.")

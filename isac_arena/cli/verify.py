@@ -36,9 +36,7 @@ def verify(
     console = Console(highlight=False, soft_wrap=True)
     is_sweep = (directory / "sweep.json").is_file()
     if not is_sweep and not any((directory / name).is_file() for name in ("campaign.json", MANIFEST)):
-        raise ValueError(
-            f"{directory}: holds no campaign and no sweep; 'arena run' and 'arena sweep' make them"
-        )
+        raise ValueError(f"{directory}: holds no campaign and no sweep; 'arena run' and 'arena sweep' make them")
     checked = check_files(directory)
     for problem in checked.problems:
         console.print(f"  {problem}", markup=False)

@@ -14,12 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.io import loadmat, savemat
 
-from isac_arena.campaign.measured import (
-    PUBLISHED_TX_OFFSET_DEG,
-    MeasuredCampaign,
-    MeasuredStop,
-    measured_campaign,
-)
+from isac_arena.campaign.measured import PUBLISHED_TX_OFFSET_DEG, MeasuredCampaign, MeasuredStop, measured_campaign
 from scenes.pose import Pose
 from scenes.record import FloatArray
 
@@ -117,9 +112,7 @@ def _numbers(path: Path, sim: dict[str, Any], name: str) -> FloatArray:
 def _one_pose(path: Path, tx: FloatArray, n_stops: int) -> FloatArray:
     """The TX pose (3,), the same at every stop."""
     if len(tx) not in (1, n_stops):
-        raise ValueError(
-            f"{path}: sim.tx has {len(tx)} poses, 1 or one for each of {n_stops} stops is needed"
-        )
+        raise ValueError(f"{path}: sim.tx has {len(tx)} poses, 1 or one for each of {n_stops} stops is needed")
     if np.any(tx != tx[0]):
         raise ValueError(f"{path}: sim.tx moves; only a TX at rest is known")
     return np.asarray(tx[0])
@@ -140,18 +133,11 @@ def _stop(path: Path, index: int, rx: FloatArray, cell: dict[str, FloatArray | N
     y = cell["y"]
     n = y.shape[1] if y is not None and y.ndim == 2 else 0
     value = {}
-    for name, rows, default in (
-        ("y", 3, np.nan),
-        ("power", 1, np.nan),
-        ("inlier", 2, 0.0),
-        ("MU", 2, np.nan),
-    ):
+    for name, rows, default in (("y", 3, np.nan), ("power", 1, np.nan), ("inlier", 2, 0.0), ("MU", 2, np.nan)):
         given, shape = cell[name], (rows, n)
         value[name] = np.full(shape, default) if given is None else given
         if value[name].shape != shape:
             field = f"sim.{name}{{{index + 1}}}"
-            raise ValueError(
-                f"{path}: {field} has shape {value[name].shape}, {shape} is needed for {n} paths"
-            )
+            raise ValueError(f"{path}: {field} has shape {value[name].shape}, {shape} is needed for {n} paths")
     label = value["inlier"] > 0
     return MeasuredStop(rx, value["y"].T, value["power"][0], label[0], label[1], value["MU"].T)

@@ -12,9 +12,7 @@ import numpy as np
 from isac_arena.scoring.record import PathKind, PathStatus
 from scenes.record import BoolArray, FloatArray, IntArray, TextArray
 
-WEAK_MARGIN_DB = (
-    6.0  # true energy explains an estimate up to 6 dB stronger: it may add up to twice the amplitude
-)
+WEAK_MARGIN_DB = 6.0  # true energy explains an estimate up to 6 dB stronger: it may add up to twice the amplitude
 NEAR_GATES = 2.0  # an estimate within this many gates of a path counts as an inaccurate estimate of it
 THRESHOLD_MARGIN_DB = 3.0  # this close to a threshold, noise decides whether a path exceeds it
 OUTSIDE_BEAMS_DB = 10.0  # no beam points to where the best gain is this far below the highest gain
@@ -121,9 +119,7 @@ def weak_causes(status: IntArray, is_diffuse: BoolArray) -> TextArray:
     return np.asarray(np.where(status == PathStatus.WEAK, found, Cause.NONE.value))
 
 
-def point_causes(
-    is_inlier: BoolArray, ip_object: TextArray, kind: IntArray, path_cause: TextArray
-) -> TextArray:
+def point_causes(is_inlier: BoolArray, ip_object: TextArray, kind: IntArray, path_cause: TextArray) -> TextArray:
     """Cause (ip,) of inliers without an object, and of true single bounces that are not inliers.
 
     `kind` (ip,) is the PathKind of the true path and `path_cause` (ip,) the cause of the estimated path.
@@ -138,9 +134,7 @@ def point_causes(
     return np.select([is_ghost, is_rejected], [named, Cause.REJECTED.value], Cause.NONE.value)
 
 
-def cluster_causes(
-    label: IntArray, ip_object: TextArray, ip_cause: TextArray, is_ghost: BoolArray
-) -> TextArray:
+def cluster_causes(label: IntArray, ip_object: TextArray, ip_cause: TextArray, is_ghost: BoolArray) -> TextArray:
     """Cause (cluster,) of every ghost: the most frequent cause of its points without object; empty for others."""
     causes = np.full(len(is_ghost), Cause.NONE.value, dtype=object)
     for cluster in np.flatnonzero(is_ghost):

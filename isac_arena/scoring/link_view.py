@@ -104,12 +104,7 @@ def link_view(config: CampaignConfig, link: Link, scene: Scene) -> LinkView:
 
 
 def true_path_bounds(
-    link: Link,
-    manifolds: tuple[Manifold, Manifold],
-    paths: Paths,
-    poses: tuple[Pose, Pose],
-    *,
-    coherent: bool,
+    link: Link, manifolds: tuple[Manifold, Manifold], paths: Paths, poses: tuple[Pose, Pose], *, coherent: bool
 ) -> PathBounds:
     """Cramer-Rao bounds of true paths, estimated jointly; manifolds and poses are those of TX and RX."""
     aod, tx_gain = apparent_angles(link.tx_codebook, manifolds[0], *_departure(paths, poses[0]))

@@ -10,14 +10,7 @@ from isac_arena.campaign.measured import MeasuredTruth
 from isac_arena.campaign.results import CampaignResults
 from isac_arena.scoring.causes import Cause
 from isac_arena.scoring.metrics.metric import Metric
-from isac_arena.scoring.record import (
-    PathKind,
-    PathScores,
-    PathStatus,
-    ScoreTables,
-    SignificantPaths,
-    StopScores,
-)
+from isac_arena.scoring.record import PathKind, PathScores, PathStatus, ScoreTables, SignificantPaths, StopScores
 from isac_arena.scoring.score import Scores, score_map, score_metrics
 from isac_arena.scoring.stages.maps import FOUND_DISTANCE_M
 from isac_arena.scoring.stages.poses import score_poses, unknown_bound
@@ -79,9 +72,7 @@ def nearest_objects(scene: Scene, points_m: FloatArray, reach_m: float) -> TextA
 def _label_scores(scene: Scene, truth: MeasuredTruth, estimate: ChannelEstimate | None) -> PathScores:
     n = truth.size("path")
     if estimate is None or len(estimate) != n:
-        raise ValueError(
-            f"results.channel: stop {truth.stop} has {n} labelled paths but no estimate of as many"
-        )
+        raise ValueError(f"results.channel: stop {truth.stop} has {n} labelled paths but no estimate of as many")
     single = truth.is_single_bounce
     name = np.full(n, "", dtype=object)
     name[single] = nearest_objects(scene, truth.landmark_m[single], FOUND_DISTANCE_M)

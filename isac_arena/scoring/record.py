@@ -38,9 +38,7 @@ class PathScores(Record):
     true_path: IntArray = array("estimate", dtype=int, doc="index in the true paths of the stop, -1 for none")
     kind: IntArray = array("estimate", dtype=int, doc="PathKind of the true path")
     object: TextArray = array("estimate", dtype=str, doc="object the true path bounced off")
-    vertex_m: FloatArray = array(
-        "estimate", "xy", unit="m", doc="true IP of a detected single bounce, or NaN"
-    )
+    vertex_m: FloatArray = array("estimate", "xy", unit="m", doc="true IP of a detected single bounce, or NaN")
     vertex_height_m: FloatArray = array("estimate", unit="m", doc="height of that IP, or NaN")
     delay_error_s: FloatArray = array("estimate", unit="s", doc="error of the delay")
     aod_error_rad: FloatArray = array("estimate", unit="rad", doc="error of the azimuth of departure")
@@ -116,9 +114,7 @@ class IpScores(Record):
     is_inlier: BoolArray = array("ip", dtype=bool, doc="taken as a single bounce by the estimator")
     label: IntArray = array("ip", dtype=int, doc="cluster, -1 for none")
     object: TextArray = array("ip", dtype=str, doc="object of the true single bounce, else empty")
-    cause: TextArray = array(
-        "ip", dtype=str, doc="why an inlier has no object, or a single bounce is no inlier"
-    )
+    cause: TextArray = array("ip", dtype=str, doc="why an inlier has no object, or a single bounce is no inlier")
     surface_distance_m: FloatArray = array("ip", unit="m", doc="distance to the nearest true surface")
     position_error_m: FloatArray = array("ip", unit="m", doc="distance to the true IP, or NaN")
     nees: FloatArray = array("ip", doc="squared position error over covariance, 2 degrees of freedom")
@@ -134,9 +130,7 @@ class OutlineScores(Record):
     CRPS are those of the radius. Our outlines are sampled as points; their bands and CRPS are along the normal.
     """
 
-    object: TextArray = array(
-        "outline", dtype=str, doc="object that at least half of its IPs stem from, or empty"
-    )
+    object: TextArray = array("outline", dtype=str, doc="object that at least half of its IPs stem from, or empty")
     purity: FloatArray = array("outline", doc="share of the most frequent object among the IPs")
     n_ips: IntArray = array("outline", dtype=int, doc="incidence points that it was fitted to")
     n_close: IntArray = array("outline", dtype=int, doc="IPs that stem from the object and lie close to it")
@@ -149,9 +143,7 @@ class OutlineScores(Record):
     chamfer_m: FloatArray = array("outline", unit="m", doc="mean of the two mean distances of the contours")
     seen_rmse_m: FloatArray = array("outline", unit="m", doc="RMS distance of the seen contour to the object")
     full_rmse_m: FloatArray = array("outline", unit="m", doc="RMS distance of the full contour to the object")
-    coverage95: FloatArray = array(
-        "outline", doc="share of samples whose 95 % band contains the true outline"
-    )
+    coverage95: FloatArray = array("outline", doc="share of samples whose 95 % band contains the true outline")
     seen_coverage95: FloatArray = array("outline", doc="coverage of the seen samples")
     crps_m: FloatArray = array("outline", unit="m", doc="mean CRPS of the predicted radius or distance")
     extent_iou: FloatArray = array("outline", doc="overlap of the seen contour with the lit extent, walls")

@@ -73,9 +73,7 @@ def design_points(config: SweepConfig) -> list[Point]:
         shares = qmc.LatinHypercube(len(axes), rng=rng).random(n)
     else:
         shares = rng.random((n, len(axes)))
-    return [
-        tuple(_drawn(axis, float(share)) for axis, share in zip(axes, row, strict=True)) for row in shares
-    ]
+    return [tuple(_drawn(axis, float(share)) for axis, share in zip(axes, row, strict=True)) for row in shares]
 
 
 def make_cases(

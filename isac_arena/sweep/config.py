@@ -58,9 +58,7 @@ class SweepConfig(ConfigModel):
     design: Literal["grid", "list", "random", "latin_hypercube"] = Field(
         "grid", description="all combinations; values side by side; or points drawn over the ranges"
     )
-    n_points: int | None = Field(
-        None, ge=1, le=1_000_000, description="random, latin_hypercube: points drawn"
-    )
+    n_points: int | None = Field(None, ge=1, le=1_000_000, description="random, latin_hypercube: points drawn")
     design_seed: int = Field(1, ge=0, lt=2**63, description="seed of the points drawn")
     repeats: int = Field(1, ge=1, le=100_000, description="seeds per point, from the campaign's own on")
     stop_every: int = Field(1, ge=1, description="take every n-th receiver stop of the walk")

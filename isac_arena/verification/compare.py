@@ -16,9 +16,7 @@ class Finding:
     """One result computed again against the stored one."""
 
     name: str
-    difference: (
-        float  # largest of all arrays, relative to the largest value of the array; 0 for the same bits
-    )
+    difference: float  # largest of all arrays, relative to the largest value of the array; 0 for the same bits
     where: str = ""  # field of the largest difference
     reason: str = ""  # why they cannot be compared
 
@@ -41,9 +39,7 @@ def compare_records(name: str, stored: Record, again: Record) -> Finding:
     return _worst(name, _pairs("", stored, again))
 
 
-def compare_metrics(
-    name: str, stored: Sequence[Mapping[str, Any]], again: Sequence[Mapping[str, Any]]
-) -> Finding:
+def compare_metrics(name: str, stored: Sequence[Mapping[str, Any]], again: Sequence[Mapping[str, Any]]) -> Finding:
     """Compare the rows of scores.json: the same keys in the same order, and their values."""
     keys = [[str(row["key"]) for row in rows] for rows in (stored, again)]
     if keys[0] != keys[1]:

@@ -68,8 +68,7 @@ def stored_case(directory: Path, key: str) -> Case:
         scene = scene_file(directory, settings["scene"])
         kept = sorted((scene.parent / KEPT_FOLDER).glob("*"))
         source = SceneSource(
-            scene.read_text(encoding="utf-8"),
-            {f"{KEPT_FOLDER}/{item.name}": item.read_bytes() for item in kept},
+            scene.read_text(encoding="utf-8"), {f"{KEPT_FOLDER}/{item.name}": item.read_bytes() for item in kept}
         )
         case = Case(
             point=settings["point"],

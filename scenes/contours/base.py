@@ -86,9 +86,7 @@ class Contour(Record):
         distance = np.asarray(shapely.distance(self.outline, geometry))
         if not self.closed:
             return distance
-        return np.where(
-            shapely.contains_xy(self._interior, points[..., 0], points[..., 1]), -distance, distance
-        )
+        return np.where(shapely.contains_xy(self._interior, points[..., 0], points[..., 1]), -distance, distance)
 
     def curvature(self, spacing_m: float) -> FloatArray:
         """Signed curvature (point,) in 1/m at the points of `sample`, positive where convex from outside."""

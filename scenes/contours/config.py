@@ -47,9 +47,7 @@ class EllipseConfig(ConfigModel):
 
     def build(self) -> Contour:
         """The contour."""
-        return Ellipse(
-            np.array(self.center_m), np.array(self.semi_axes_m), float(np.deg2rad(self.rotation_deg))
-        )
+        return Ellipse(np.array(self.center_m), np.array(self.semi_axes_m), float(np.deg2rad(self.rotation_deg)))
 
 
 class RectangleConfig(ConfigModel):

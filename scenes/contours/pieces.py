@@ -220,9 +220,7 @@ class SplinePiece(Piece):
     where it starts, with the same slope and curvature there.
     """
 
-    points_m: FloatArray = array(
-        "knot", "xy", unit="m", doc="points passed, at least two, neighbours distinct"
-    )
+    points_m: FloatArray = array("knot", "xy", unit="m", doc="points passed, at least two, neighbours distinct")
     is_periodic: bool = False
     is_curved = True
 

@@ -89,9 +89,7 @@ class RoundedPolygon(Contour):
             if np.linalg.norm(end - start) > 1e-9:
                 pieces.append(LinePiece(start, end))
             if cut[there] > 1e-9:
-                pieces.append(
-                    _fillet(end, ahead[here], float(self.corner_radius_m[there]), float(turn[there]))
-                )
+                pieces.append(_fillet(end, ahead[here], float(self.corner_radius_m[there]), float(turn[there])))
         return tuple(pieces)
 
 

@@ -36,9 +36,7 @@ class Circle(Contour):
 
     def signed_distance(self, points_m: Any) -> FloatArray:
         """|p - centre| - radius (...) in m of points (..., xy)."""
-        return np.asarray(
-            np.linalg.norm(np.asarray(points_m, float) - self.center_m, axis=-1) - self.radius_m
-        )
+        return np.asarray(np.linalg.norm(np.asarray(points_m, float) - self.center_m, axis=-1) - self.radius_m)
 
     def radius(self, center_m: Any, angle_rad: Any) -> FloatArray:
         """Far root of |centre + rho u - circle centre| = radius (...) in m; NaN where the ray misses."""
@@ -62,9 +60,7 @@ class Ellipse(Contour):
     def __post_init__(self) -> None:
         super().__post_init__()
         _check_center(self.center_m)
-        if self.semi_axes_m.shape != (2,) or not np.all(
-            (self.semi_axes_m > 0) & np.isfinite(self.semi_axes_m)
-        ):
+        if self.semi_axes_m.shape != (2,) or not np.all((self.semi_axes_m > 0) & np.isfinite(self.semi_axes_m)):
             raise ValueError(f"semi_axes_m = {self.semi_axes_m.tolist()}: must be two lengths > 0")
         if not np.isfinite(self.rotation_rad):
             raise ValueError(f"rotation_rad = {self.rotation_rad}: must be finite")

@@ -48,9 +48,7 @@ def object_meshes(
     """
     planes = [("floor", scene.floor, True), ("ceiling", scene.ceiling, False)]
     hiding = [] if keep_hidden_caps else [plane.z_m for _, plane, _ in planes if plane is not None]
-    parts = [
-        part for item in scene.objects for part in _object_parts(item, max_sagitta_m, max_turn_rad, hiding)
-    ]
+    parts = [part for item in scene.objects for part in _object_parts(item, max_sagitta_m, max_turn_rad, hiding)]
     x_min, y_min, x_max, y_max = scene.bounds_m
     corners = np.array([(x_min, y_min), (x_max, y_min), (x_max, y_max), (x_min, y_max)])
     for name, plane, upward in planes:

@@ -107,9 +107,7 @@ class FloorplanConfig(ConfigModel):
                 parse = parse_geojson if Path(self.file).suffix in (".geojson", ".json") else parse_segments
                 walls = merge_segments(parse(read_text(find_file(folder, self.file))))
             return [
-                SceneObject(
-                    f"{name}_{index}", self.kind, Polyline(wall), self.z_min_m, self.z_max_m, material
-                )
+                SceneObject(f"{name}_{index}", self.kind, Polyline(wall), self.z_min_m, self.z_max_m, material)
                 for index, wall in enumerate(walls, start=1)
             ]
 
@@ -133,9 +131,7 @@ class MeshConfig(ConfigModel):
         with naming_field(f"meshes[{name}]"):
             material = find_material(self.material, materials)
             vertices, faces = read_mesh(find_file(folder, self.file))
-        vertices = placed_vertices(
-            vertices, self.position_m, self.scale, np.deg2rad(self.rotation_deg).tolist()
-        )
+        vertices = placed_vertices(vertices, self.position_m, self.scale, np.deg2rad(self.rotation_deg).tolist())
         with naming_field(f"meshes[{name}]", ": "):
             return Clutter(name, self.kind, material, vertices, faces)
 

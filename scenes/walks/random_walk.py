@@ -62,9 +62,7 @@ def random_walk(
     return Walk(np.array(points), height_m, heading_rad)
 
 
-def _free_area(
-    obstacles: Sequence[Contour], area_m: tuple[float, float, float, float], clearance_m: float
-) -> Any:
+def _free_area(obstacles: Sequence[Contour], area_m: tuple[float, float, float, float], clearance_m: float) -> Any:
     """The part of the area that keeps the clearance, as a prepared shapely geometry."""
     margin = clearance_m + MARGIN_M
     bodies = [contour.body().buffer(margin, quad_segs=N_QUADRANT_CHORDS) for contour in obstacles]

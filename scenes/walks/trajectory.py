@@ -30,9 +30,7 @@ class Walk(Record):
     def __post_init__(self) -> None:
         super().__post_init__()
         if len(self.waypoints_m) == 0 or not np.all(np.isfinite(self.waypoints_m)):
-            raise ValueError(
-                f"waypoints_m = {self.waypoints_m.tolist()}: at least one finite point is needed"
-            )
+            raise ValueError(f"waypoints_m = {self.waypoints_m.tolist()}: at least one finite point is needed")
         if not np.isfinite(self.height_m):
             raise ValueError(f"height_m = {self.height_m}: must be finite")
         if self.n_stops is not None and self.n_stops < 1:

@@ -122,9 +122,7 @@ def require_llvm() -> Path:
     """
     path = find_llvm()
     if path is None:
-        raise LlvmError(
-            f"no libLLVM {MIN_LLVM_VERSION} or later found; install one: {llvm_install_command()}"
-        )
+        raise LlvmError(f"no libLLVM {MIN_LLVM_VERSION} or later found; install one: {llvm_install_command()}")
     if not path.exists():
         raise LlvmError(
             f"{LLVM_VARIABLE} = {path}: no such file; unset it or install one: {llvm_install_command()}"

@@ -202,9 +202,7 @@ def _roots_in_unit(w: FloatArray) -> tuple[IntArray, FloatArray]:
     a, b, c = 3 * w[:, 0], 2 * w[:, 1], w[:, 2]
     root = np.sqrt(np.maximum(b * b - 4 * a * c, 0))
     q = -(b + np.where(b >= 0, root, -root)) / 2
-    turning = [
-        np.clip(np.where(d != 0, n / np.where(d != 0, d, 1.0), 0.0), 0, 1) for n, d in ((q, a), (c, q))
-    ]
+    turning = [np.clip(np.where(d != 0, n / np.where(d != 0, d, 1.0), 0.0), 0, 1) for n, d in ((q, a), (c, q))]
     knots = np.sort(np.column_stack([np.zeros(len(w)), *turning, np.ones(len(w))]), axis=1)
     low, high = knots[:, :-1].ravel(), knots[:, 1:].ravel()
     row = np.repeat(np.arange(len(w)), 3)
@@ -232,6 +230,4 @@ def _lid(lid: HorizontalFace, start: FloatArray, end: FloatArray) -> Crossings:
     leg, share = leg[off_ends], share[off_ends]
     inside = lid.holds((start[leg] + share[:, None] * (end[leg] - start[leg]))[:, :2])
     leg, share = leg[inside], share[inside]
-    return Crossings(
-        leg, share, np.full(len(leg), lid.surface), np.broadcast_to([0.0, 0.0, 1.0], (len(leg), 3))
-    )
+    return Crossings(leg, share, np.full(len(leg), lid.surface), np.broadcast_to([0.0, 0.0, 1.0], (len(leg), 3)))

@@ -174,9 +174,7 @@ def doppler_hz(
     arrival = direction(paths.aoa_azimuth_rad, paths.aoa_elevation_rad)
     speed = arrival @ np.asarray(rx_velocity_m_s, float)
     if tx_velocity_m_s is not None:
-        speed = speed + direction(paths.aod_azimuth_rad, paths.aod_elevation_rad) @ np.asarray(
-            tx_velocity_m_s
-        )
+        speed = speed + direction(paths.aod_azimuth_rad, paths.aod_elevation_rad) @ np.asarray(tx_velocity_m_s)
     return np.asarray(carrier_hz / SPEED_OF_LIGHT_M_S * speed)
 
 

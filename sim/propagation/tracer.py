@@ -174,9 +174,7 @@ class _LoadedScene:
         self.triangles_of_id: dict[int, FloatArray] = {}
         for index, part in enumerate(parts):
             absorbs = absorb_curved and part.is_curved
-            item = _mesh_object(
-                f"part-{index}", part, absorber if absorbs else made[materials[part.object_name]]
-            )
+            item = _mesh_object(f"part-{index}", part, absorber if absorbs else made[materials[part.object_name]])
             self.surface_of_id[int(item.object_id)] = part.object_name
             self.triangles_of_id[int(item.object_id)] = np.asarray(part.mesh.vertices)[part.mesh.faces]
             objects.append(item)

@@ -72,12 +72,8 @@ def beam_channel_blocks(
     """
     if tx_beams_per_block < 1:
         raise ValueError(f"tx_beams_per_block = {tx_beams_per_block}: must be at least 1")
-    tx_basis, tx = _responses(
-        tx_codebook, paths.aod_azimuth_rad - tx_pose.heading_rad, paths.aod_elevation_rad
-    )
-    rx_basis, rx = _responses(
-        rx_codebook, paths.aoa_azimuth_rad - rx_pose.heading_rad, paths.aoa_elevation_rad
-    )
+    tx_basis, tx = _responses(tx_codebook, paths.aod_azimuth_rad - tx_pose.heading_rad, paths.aod_elevation_rad)
+    rx_basis, rx = _responses(rx_codebook, paths.aoa_azimuth_rad - rx_pose.heading_rad, paths.aoa_elevation_rad)
     sums = sum_over_paths(tx * paths.gain[:, None], rx, paths.delay_s + clock_bias_s, frequency_offset_hz)
     for start in range(0, len(tx_basis), tx_beams_per_block):
         weights = tx_basis[start : start + tx_beams_per_block]

@@ -62,9 +62,7 @@ def make_link(config: SimulationConfig) -> Link:
     rx_codebook = make_codebook(config.rx_array, carrier_hz)
     occasions = sweep_occasions(config.waveform, len(tx_codebook), len(rx_codebook))
     bandwidth_hz = prs.n_subcarriers // prs.comb * prs.subcarrier_spacing_hz
-    noise_mw = noise_power_mw(bandwidth_hz, config.link.noise_figure_db) / measurements_per_sample(
-        config.waveform
-    )
+    noise_mw = noise_power_mw(bandwidth_hz, config.link.noise_figure_db) / measurements_per_sample(config.waveform)
     if config.waveform.combine_symbols:
         subcarrier = prs.rb_offset * SUBCARRIERS_PER_RB + np.arange(prs.n_subcarriers)
     else:

@@ -44,9 +44,7 @@ class LinkBudget(Record):
     eirp_dbm: float = array(unit="dBm", doc="transmit power plus the highest gain of any TX beam")
     tx_gain_dbi: float = array(unit="dB", doc="highest gain of any TX beam")
     rx_gain_dbi: float = array(unit="dB", doc="highest gain of any RX beam")
-    thermal_noise_dbm: float = array(
-        unit="dBm", doc="kTBF per sample, B of the occupied subcarriers, averaged"
-    )
+    thermal_noise_dbm: float = array(unit="dBm", doc="kTBF per sample, B of the occupied subcarriers, averaged")
     converter_noise_dbm: float = array(unit="dBm", doc="converter noise per sample; -inf without any path")
     processing_gain_db: float = array(unit="dB", doc="coherent sum over the samples of a beam pair")
     stop: IntArray = array("stop", dtype=int, doc="index of the receiver stop")
@@ -142,8 +140,7 @@ def _stop_row(truth: Truth, link: Link, tx_pose: Pose) -> tuple[float, ...]:
     distance_m = float(np.linalg.norm(truth.rx_pose.position_m - tx_pose.position_m))
     cross_db, off_cross_db = _los_side_lobes_db(paths, link, tx_pose, truth.rx_pose)
     los_dbm, bounce_dbm = (
-        float(np.max(power_dbm[kind])) if kind.any() else np.nan
-        for kind in (paths.is_los, paths.is_single_bounce)
+        float(np.max(power_dbm[kind])) if kind.any() else np.nan for kind in (paths.is_los, paths.is_single_bounce)
     )
     strongest_dbm = float(np.max(power_dbm, initial=-np.inf))
     return truth.stop, distance_m, los_dbm, bounce_dbm, strongest_dbm, cross_db, off_cross_db

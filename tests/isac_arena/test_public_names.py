@@ -46,9 +46,7 @@ def test_every_public_name_exists(name: str) -> None:
 
 def test_names_for_type_checkers_and_at_run_time_are_the_same() -> None:
     tree = ast.parse((ROOT / "isac_arena" / "__init__.pyi").read_text(encoding="utf-8"))
-    typed = {
-        (node.module, a.name) for node in tree.body if isinstance(node, ast.ImportFrom) for a in node.names
-    }
+    typed = {(node.module, a.name) for node in tree.body if isinstance(node, ast.ImportFrom) for a in node.names}
     assert typed == {(module, name) for module, names in isac_arena.HOMES.items() for name in names}
     names = [name for names in isac_arena.HOMES.values() for name in names]
     assert sorted([*names, "__version__"]) == sorted(isac_arena.__all__)
@@ -123,9 +121,7 @@ def test_the_script_uses_our_packages_and_says_so(
     result = python(str(script), "scene", "list", cwd=hiding_folder.parent)
     assert result.returncode == 0, result.stderr
     assert "box_room" in result.stdout
-    assert result.stderr == (
-        f"arena: {hiding_folder}: has the name of a package of ISAC Arena and is not used\n"
-    )
+    assert result.stderr == (f"arena: {hiding_folder}: has the name of a package of ISAC Arena and is not used\n")
 
 
 def test_the_script_finds_an_estimator_beside_a_hiding_folder(

@@ -23,14 +23,7 @@ def room():
 def test_occupied_finds_solids_and_thin_walls(room):
     sheet = SceneObject("sheet", "wall", Polyline([(1, 7), (3, 7)]), 0.0, 3.0, WOOD)
     scene = replace(room, objects=(*room.objects, sheet))
-    points = [
-        (5.0, 5.5, 1.0),
-        (5.0, 5.5, 3.5),
-        (7.5, 5.4, 1.0),
-        (7.5, 5.4, 1.5),
-        (2.0, 7.005, 1.0),
-        (2, 7.02, 1),
-    ]
+    points = [(5.0, 5.5, 1.0), (5.0, 5.5, 3.5), (7.5, 5.4, 1.0), (7.5, 5.4, 1.5), (2.0, 7.005, 1.0), (2, 7.02, 1)]
     found = scene.object_index_at(np.array(points).reshape(2, 3, 3))
     names = [*scene.object_names, "none"]
     assert [names[i] for i in found.ravel()] == ["pillar", "none", "box", "none", "sheet", "none"]
@@ -68,13 +61,7 @@ def test_repeated_and_reserved_names(room):
         ({"kind": "tree"}, "kind = 'tree': must be one of wall"),
         ({"z_max_m": 0.0}, r"z_max_m = 0\.0: must be greater"),
     ):
-        values = {
-            "name": "x",
-            "kind": "pillar",
-            "contour": Circle((0, 0), 1.0),
-            "z_min_m": 0.0,
-            "z_max_m": 1.0,
-        }
+        values = {"name": "x", "kind": "pillar", "contour": Circle((0, 0), 1.0), "z_min_m": 0.0, "z_max_m": 1.0}
         with pytest.raises(ValueError, match=message):
             SceneObject(**(values | change), material=WOOD)
 

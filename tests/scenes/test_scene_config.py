@@ -74,54 +74,26 @@ MISTAKES = [
     ("height_m = 1.5", "", r"walk\.height_m is missing"),
     ("height_m = 1.5", "height_m = nan", r"walk\.height_m = NaN: must be a finite number"),
     ("[[4.0, 2.0], ", "[[4.0, 2.0, 1.0], ", r"walk\.waypoints_m\[0\].* = "),
-    (
-        "[[4.0, 2.0], ",
-        "[[5.0, 5.5], ",
-        r"RX stop 0 at \(5\.000, 5\.500, 1\.500\) m lies inside object 'pillar'",
-    ),
-    (
-        'type = "circle"',
-        'type = "cirle"',
-        r'objects\[pillar\]\.contour\.type = "cirle": must be one of circle, ',
-    ),
+    ("[[4.0, 2.0], ", "[[5.0, 5.5], ", r"RX stop 0 at \(5\.000, 5\.500, 1\.500\) m lies inside object 'pillar'"),
+    ('type = "circle"', 'type = "cirle"', r'objects\[pillar\]\.contour\.type = "cirle": must be one of circle, '),
     ('type = "circle", ', "", r"objects\[pillar\]\.contour\.type is missing"),
     ("radius_m = 0.3", "radius_m = -0.3", r"objects\[pillar\]\.contour\.radius_m = -0\.3: must be greater"),
     (", radius_m = 0.3", "", r"objects\[pillar\]\.contour\.radius_m is missing"),
-    (
-        "x_m = [7.0, 8.0]",
-        "x_m = [9.0, 8.0]",
-        r"objects\[box\]\.contour\.x_m = \[9\.0, 8\.0\]: the first must",
-    ),
+    ("x_m = [7.0, 8.0]", "x_m = [9.0, 8.0]", r"objects\[box\]\.contour\.x_m = \[9\.0, 8\.0\]: the first must"),
     ('kind = "pillar"', 'kind = "tree"', r"objects\[pillar\]\.kind = \"tree\": must be 'wall', "),
     ('name = "box"', 'name = "pillar"', r"objects: the name 'pillar' is given twice"),
-    (
-        'material = "metal"',
-        'material = "tin"',
-        r"objects\[pillar\]\.material = 'tin': must be one of .*metal",
-    ),
+    ('material = "metal"', 'material = "tin"', r"objects\[pillar\]\.material = 'tin': must be one of .*metal"),
     ('itu = "wood"', 'itu = "brick"', r"materials\.wood\.itu = 'brick' at 60 GHz: .*allowed there: .*wood"),
     ('itu = "wood", ', "", r"materials\.wood\.itu: give either itu or both"),
-    (
-        'itu = "wood"',
-        'itu = "wood", conductivity_s_m = 1.0',
-        r"materials\.wood\.itu: give either itu or both",
-    ),
-    (
-        'itu = "wood"',
-        "relative_permittivity = 0.2",
-        r"materials\.wood\.relative_permittivity = 0\.2: must be",
-    ),
+    ('itu = "wood"', 'itu = "wood", conductivity_s_m = 1.0', r"materials\.wood\.itu: give either itu or both"),
+    ('itu = "wood"', "relative_permittivity = 0.2", r"materials\.wood\.relative_permittivity = 0\.2: must be"),
     ("z_m = 3.0", "z_m = -3.0", r"ceiling\.z_m = -3\.0: must lie above floor\.z_m = 0\.0"),
     ("z_max_m = 1.2", "z_max_m = -1.2", r"objects\[box\]\.z_max_m = -1\.2: must be greater than z_min_m"),
     ("[tx]", "[tx", r"not valid TOML: .*line"),
     ("[tx]", "[[txs]]\nposition_m = [1.0, 1.0, 1.0]\n[tx]", r"tx: give either one \[tx\] or one or more"),
     ("[walk]", "[[txs]]\nposition_m = [1.0, 1.0, 1.0]\n[walk]", r"tx: give either one \[tx\]"),
     ("[tx]", "[[txs]]\nposition_m = [1.0, 7.0, 1.0]\n[[txs]]", r"txs: the name 'tx' is given twice"),
-    (
-        "height_m = 1.5",
-        'type = "circle"\nheight_m = 1.5',
-        r"walk\.type = \"circle\": must be one of waypoints",
-    ),
+    ("height_m = 1.5", 'type = "circle"\nheight_m = 1.5', r"walk\.type = \"circle\": must be one of waypoints"),
     (
         "waypoints_m = [[4.0, 2.0], [8.5, 2.0]]",
         'type = "random"\nseed = 1\nclearance_m = 9.0',
@@ -179,8 +151,7 @@ def test_missing_file_and_unknown_name(tmp_path):
     with pytest.raises(ConfigError, match=f"^{re.escape(str(missing))}: cannot be read \\(No such file"):
         load_scene(missing)
     with pytest.raises(
-        ConfigError,
-        match=r"^scene = 'attic': must be one of box_room, box_room_heights, campus_arena, .*, or",
+        ConfigError, match=r"^scene = 'attic': must be one of box_room, box_room_heights, campus_arena, .*, or"
     ):
         load_scene("attic")
     binary = tmp_path / "binary.toml"
@@ -233,11 +204,7 @@ def test_library_scenes_load_with_plausible_materials(name):
     ("old", "new", "words"),
     [
         ("[8.5, 2.0]", "[14.5, 2.0]", ["walk 'walk'", "bounds_m"]),
-        (
-            "bounds_m = [0.0, 0.0, 10.0, 8.0]",
-            "bounds_m = [10.0, 0.0, 0.0, 8.0]",
-            ["bounds_m", "min below max"],
-        ),
+        ("bounds_m = [0.0, 0.0, 10.0, 8.0]", "bounds_m = [10.0, 0.0, 0.0, 8.0]", ["bounds_m", "min below max"]),
         ("[4.0, 2.0]", "[1.5, 4.0]", ["stop 0", "from the TX"]),
         ('name = "box_room"', 'name = "../room"', ["name", "pattern"]),
     ],

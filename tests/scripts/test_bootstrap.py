@@ -27,13 +27,7 @@ def checkout(tmp_path: Path) -> Path:
     """A checkout with a blank in its path and nothing but what the bootstrap reads."""
     root = tmp_path / "a check out"
     (root / "scripts").mkdir(parents=True)
-    for name in (
-        "scripts/bootstrap.sh",
-        "scripts/demo",
-        "scripts/test",
-        "requirements.lock",
-        "pyproject.toml",
-    ):
+    for name in ("scripts/bootstrap.sh", "scripts/demo", "scripts/test", "requirements.lock", "pyproject.toml"):
         shutil.copy(ROOT / name, root / name)
     return root
 

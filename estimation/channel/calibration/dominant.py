@@ -74,15 +74,11 @@ def dominant_paths(sweep: BeamSweep, min_snr_db: float) -> DominantPaths:
     offset = np.array([parabola_peak(np.log(np.roll(total, 2 - b)[:5]), 2) for b in bins])
     turn = 2j * np.pi * np.outer(np.arange(n), (bins + offset) / (OVERSAMPLING * n))
     wave = (np.exp(turn) * (window / n)[:, None]).astype(np.complex64)
-    amplitude = np.stack(
-        [(s * x.conj()) @ wave for s, x in zip(sweep.samples, sweep.prs_symbol, strict=True)]
-    )
+    amplitude = np.stack([(s * x.conj()) @ wave for s, x in zip(sweep.samples, sweep.prs_symbol, strict=True)])
     return DominantPaths(amplitude=np.moveaxis(amplitude, 2, 0) / np.sqrt(noise), rx_noise=np.sqrt(noise))
 
 
-def _delay_profile(
-    sweep: BeamSweep, window: FloatArray, noise_mw: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def _delay_profile(sweep: BeamSweep, window: FloatArray, noise_mw: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Power over noise (delay,), summed over beam pairs, and of the best beam pair."""
     n = len(window)
     total, best = np.zeros(OVERSAMPLING * n), np.zeros(OVERSAMPLING * n)

@@ -107,11 +107,7 @@ def self_calibrate(sweeps: Iterable[BeamSweep], config: SelfCalibrationConfig | 
 
 
 def _calibrated(
-    books: tuple[Codebook, Codebook],
-    paths: DominantPaths,
-    config: SelfCalibrationConfig,
-    *,
-    is_coherent: bool,
+    books: tuple[Codebook, Codebook], paths: DominantPaths, config: SelfCalibrationConfig, *, is_coherent: bool
 ) -> Calibration:
     paths = paths.pure(is_coherent, config.min_purity)
     if not len(paths):

@@ -30,8 +30,7 @@ def without_cancelling_paths(reference: Reference, solution: Solution, max_steps
             break
         others, two = solution.paths.take(~pair), solution.paths.take(pair)
         trials = [
-            refine_near(reference, others.joined(_apart(reference, two, c)), two, max_steps)
-            for c in APART_CELLS
+            refine_near(reference, others.joined(_apart(reference, two, c)), two, max_steps) for c in APART_CELLS
         ]
         sound = [trial for trial in trials if not cancelling_coherence(trial)[-2:].any()]
         if sound:

@@ -164,13 +164,10 @@ def _direction_test(
         )
         own_factor[path] = _mean_over_cells(residual_power, at.tx[path, 0], at.rx[path, 0], at.delay[path, 0])
     tail = _tail_scale(residual_power, sweep.position, paths.delay_bins)
-    needed = np.maximum(
-        np.where(noise_factor > NOTABLE, noise_factor, 0.0), np.where(tail > UNEVEN, tail, 0.0)
-    )
+    needed = np.maximum(np.where(noise_factor > NOTABLE, noise_factor, 0.0), np.where(tail > UNEVEN, tail, 0.0))
     stands_out = wald_statistic(solution) >= needed * level
     widened = np.maximum(
-        np.where(noise_factor > NOTABLE, noise_factor, 1.0),
-        np.where(own_factor > UNEXPLAINED, own_factor, 1.0),
+        np.where(noise_factor > NOTABLE, noise_factor, 1.0), np.where(own_factor > UNEXPLAINED, own_factor, 1.0)
     )
     return widened, np.asarray(stands_out)
 

@@ -19,9 +19,7 @@ from scenes.record import BoolArray, ComplexArray, FloatArray
 ELEVATIONS_RAD = np.deg2rad(np.arange(3.0, 75.0, 2.0))  # candidates
 SAME_PLACE = 0.5  # least squared coherence over delay and far-end angle of the images of a path
 OTHER_ANGLE = 0.25  # squared coherence over the angle at this end, below which two paths are no close pair
-LARGEST_DEVIATION = (
-    0.7  # largest relative difference between an image's amplitude and that of the elevated path
-)
+LARGEST_DEVIATION = 0.7  # largest relative difference between an image's amplitude and that of the elevated path
 
 
 def merge_elevated_images(

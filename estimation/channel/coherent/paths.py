@@ -149,9 +149,7 @@ def _converged(reference: Reference, solution: Solution, window: DelayWindow) ->
     apart = without_cancelling_paths(reference, solution, FINAL_STEPS)
     if apart is solution:
         return solution
-    return without_cancelling_paths(
-        reference, pruned(reference, apart, window.level_at, FINAL_STEPS), FINAL_STEPS
-    )
+    return without_cancelling_paths(reference, pruned(reference, apart, window.level_at, FINAL_STEPS), FINAL_STEPS)
 
 
 def path_fit(
@@ -195,9 +193,7 @@ def _of_reported(covariance: FloatArray, aod_slopes: FloatArray, aoa_slopes: Flo
     return np.asarray(slopes @ covariance @ slopes.swapaxes(1, 2))
 
 
-def _new_paths(
-    search: SpectrumSearch, reference: Reference, window: DelayWindow, room: int
-) -> PathParameters:
+def _new_paths(search: SpectrumSearch, reference: Reference, window: DelayWindow, room: int) -> PathParameters:
     """Paths in the residual above their level; doubtful grid peaks are refined and tested."""
     if room <= 0:
         return no_paths(search.sweep)

@@ -24,9 +24,7 @@ from sim.signal.arrays.codebook import Codebook
 SCALLOPING = 0.6  # least share of a peak's power on the search grid, for 97 % of the peaks
 MARGIN_BINS = 24  # kept outside the searched delays, for the side lobes of paths at their edges
 TILE_BINS = 448  # delays searched at once in a search of the whole period
-LATE_LEVEL = (
-    12.5  # power of a compressed cell, over the noise, above which delays outside the window are searched
-)
+LATE_LEVEL = 12.5  # power of a compressed cell, over the noise, above which delays outside the window are searched
 LATE_MARGIN_BINS = 12
 NEAR_SHARE = 0.8  # of the allowed false alarms, for the delays where paths are expected
 
@@ -100,18 +98,13 @@ def _manifold(key: _ByContent) -> Manifold:
 
 
 @lru_cache(maxsize=8)
-def search_plan(
-    tx: Manifold, rx: Manifold, noise_power_mw: tuple[float, ...], oversampling: float
-) -> SearchPlan:
+def search_plan(tx: Manifold, rx: Manifold, noise_power_mw: tuple[float, ...], oversampling: float) -> SearchPlan:
     """The plan for the beams of two devices and the noise power of every RX beam, cached for the next stop."""
     relative = np.asarray(noise_power_mw)
     spans = beam_span(tx), beam_span(rx, relative)
     return SearchPlan(
         *spans,
-        grids=(
-            direction_grid(spans[0].manifold, oversampling),
-            direction_grid(spans[1].manifold, oversampling),
-        ),
+        grids=(direction_grid(spans[0].manifold, oversampling), direction_grid(spans[1].manifold, oversampling)),
         curvatures=region_curvatures(*(direction_curvatures(span.manifold) for span in spans)),
         oversampling=int(np.ceil(oversampling)),
     )

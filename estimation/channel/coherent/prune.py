@@ -26,9 +26,7 @@ from scenes.record import BoolArray, ComplexArray, FloatArray
 LevelAtDelay = Callable[[FloatArray], FloatArray]  # power over noise power that paths need, at delays in bins
 
 PROBE_OFFSET = 0.5  # resolution cells between a path and the probes for a second one
-LEAST_OWN_SHARE = (
-    0.02  # of a probe's energy that known paths cannot explain: below it, a probe is uninformative
-)
+LEAST_OWN_SHARE = 0.02  # of a probe's energy that known paths cannot explain: below it, a probe is uninformative
 
 
 def wald_statistic(solution: Solution) -> FloatArray:
@@ -144,9 +142,7 @@ def hidden_second_path(
     if score[best] < level:
         return probes.take(slice(0, 0))
     chosen = probes.take(slice(best, best + 1))
-    return PathParameters(
-        chosen.delay_bins, chosen.aod_rad, chosen.aoa_rad, weighted[best : best + 1] @ [1, 1j]
-    )
+    return PathParameters(chosen.delay_bins, chosen.aod_rad, chosen.aoa_rad, weighted[best : best + 1] @ [1, 1j])
 
 
 def _probes(reference: Reference, paths: PathParameters) -> PathParameters:

@@ -120,9 +120,7 @@ class SpectrumSearch:
         aod = _at_horizon(tx.angle_rad[peaks.tx], self.sweep.tx)
         aoa = _at_horizon(rx.angle_rad[peaks.rx], self.sweep.rx)
         paths = PathParameters(peaks.delay_bins, aod, aoa, peaks.value)
-        return replace(
-            paths, amplitude=peaks.value / np.sqrt(response_energies(responses(self.sweep, paths)))
-        )
+        return replace(paths, amplitude=peaks.value / np.sqrt(response_energies(responses(self.sweep, paths))))
 
     def _delay_filtered(self, parts: FloatArray) -> FloatArray:
         """Samples (part, tx_rank, rx_rank, delay) matched to all delays of the grid."""

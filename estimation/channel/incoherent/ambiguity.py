@@ -42,9 +42,7 @@ def resolve_ambiguous_directions(
     spread = np.zeros((n, n_places, n_places))
     if ends.tx.n_angles == ends.rx.n_angles == 1:
         return paths, at, spread
-    temper = 1 + MODEL_ERROR * np.maximum(
-        at.value - likelihood_without(local, ends, paths, np.arange(n)), 0.0
-    )
+    temper = 1 + MODEL_ERROR * np.maximum(at.value - likelihood_without(local, ends, paths, np.arange(n)), 0.0)
     modes = _modes(local, ends, paths, at)
     chosen = [_weights(*mode, factor)[1] for mode, factor in zip(modes, temper, strict=True)]
     together = np.array([places[second] for (places, _), second in zip(modes, chosen, strict=True)])

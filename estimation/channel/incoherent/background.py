@@ -43,15 +43,11 @@ class Background:
         factor = np.ones(len(paths))
         for path in range(len(paths)):
             sides = [profile[path, beside[path] & side] for side in (distance[path] < 0, distance[path] > 0)]
-            level = max(
-                (float(np.median(side)) for side in sides if len(side) > AROUND_BINS / 2), default=1.0
-            )
+            level = max((float(np.median(side)) for side in sides if len(side) > AROUND_BINS / 2), default=1.0)
             # The median of the mean of n unit exponentials (Wilson and Hilferty 1931), and the excess of the
             # greater of two sample medians over it.
             n = n_pairs[path]
-            factor[path] = level / (
-                (1 - 1 / (9 * n)) ** 3 * (1 + np.sqrt(0.5 / (n * (AROUND_BINS - OWN_BINS))))
-            )
+            factor[path] = level / ((1 - 1 / (9 * n)) ** 3 * (1 + np.sqrt(0.5 / (n * (AROUND_BINS - OWN_BINS)))))
         return np.where(factor > NOTABLE, factor, 1.0)
 
     def covariance_factor(self, ends: LinkBeams, paths: FloatArray) -> FloatArray:

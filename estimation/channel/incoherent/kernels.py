@@ -177,9 +177,7 @@ def _add_information(
                 first = turns if k == 0 else back
                 rest = turn if k == 0 else waves
                 wl, tl = weight[j, 0], along[j, 0]
-                row[j * size] += (
-                    first * (wk.real * wl.real + wk.imag * wl.imag) + tre * tl.real - tim * tl.imag
-                )
+                row[j * size] += first * (wk.real * wl.real + wk.imag * wl.imag) + tre * tl.real - tim * tl.imag
                 for el in range(1, size):
                     wl, tl = weight[j, el], along[j, el]
                     row[j * size + el] += (

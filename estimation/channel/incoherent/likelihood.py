@@ -178,9 +178,7 @@ def score(local: LocalSamples, ends: LinkBeams, paths: FloatArray, faint: float 
     return Score(float(value.sum()), gradient, information, value, at.snr, phasor)
 
 
-def likelihood_without(
-    local: LocalSamples, ends: LinkBeams, paths: FloatArray, chosen: IntArray
-) -> FloatArray:
+def likelihood_without(local: LocalSamples, ends: LinkBeams, paths: FloatArray, chosen: IntArray) -> FloatArray:
     """Marginal log-likelihood (chosen,) of all paths except the chosen one, the others fixed."""
     at, n = _products(local, ends, paths), len(paths)
     energy = np.diagonal(at.gram)[:n].copy()
@@ -258,9 +256,7 @@ def maximise_likelihood(
         gain = float(move.ravel() @ (at.gradient - at.information @ move.ravel() / 2))
         return Attempt((paths + move, then), -at.value, -then.value, max(gain, _ENOUGH / 2))
 
-    paths, at = minimise(
-        (paths, score(local, ends, paths)), attempt, replace(_SCHEDULE, max_steps=most_steps)
-    )
+    paths, at = minimise((paths, score(local, ends, paths)), attempt, replace(_SCHEDULE, max_steps=most_steps))
     return paths, at, inside
 
 

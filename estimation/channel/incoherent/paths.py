@@ -86,9 +86,7 @@ def fit_incoherent(
     if not np.isfinite(spectrum.noise_mw).any():
         return _empty(sweep, empty_fit(tx.n_angles, rx.n_angles, "no_signal"))
     ends = LinkBeams(tx, rx, spectrum.noise_mw)
-    screen = Screen.make(
-        tx, rx, tx.grid(config.oversampling), rx.grid(config.oversampling), spectrum.noise_mw
-    )
+    screen = Screen.make(tx, rx, tx.grid(config.oversampling), rx.grid(config.oversampling), spectrum.noise_mw)
     levels = DetectionLevels(null_tail(tx, rx), config, spectrum.bin_s, spectrum.n_bins)
     search = IncoherentSearch(spectrum, ends, screen, levels, config)
     paths, at = search.run()

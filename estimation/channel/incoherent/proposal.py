@@ -7,9 +7,7 @@ from estimation.channel.incoherent.likelihood import LinkBeams
 from estimation.channel.incoherent.screen import Candidates, Screen
 from scenes.record import ComplexArray, FloatArray
 
-_AMPLITUDES = np.geomspace(
-    0.5, 1.5, 6
-)  # trial amplitudes of a candidate, relative to its mean over the pairs
+_AMPLITUDES = np.geomspace(0.5, 1.5, 6)  # trial amplitudes of a candidate, relative to its mean over the pairs
 _PHASE_KNOWN = 0.5  # |mu^H y| above which a pair's phase is known: I1(2x) / I0(2x) is near x / (x + 1/2)
 _WEAKEST = 1e-3  # share of the strongest pair's SNR below which pairs are left out
 
@@ -32,10 +30,7 @@ def starting_points(
         (pair,) phase of every pair if known paths determine it, else 0. If known paths or earlier candidates
         determine it, a candidate is matched in phase as well, and the larger ratio counts.
     """
-    tx_angles, rx_angles = (
-        screen.tx_angles[candidates.tx_direction],
-        screen.rx_angles[candidates.rx_direction],
-    )
+    tx_angles, rx_angles = (screen.tx_angles[candidates.tx_direction], screen.rx_angles[candidates.rx_direction])
     tx, rx = ends.tx.response(tx_angles), ends.rx.response(rx_angles) / np.sqrt(ends.noise_mw)
     tx_norm, rx_norm = (np.linalg.norm(part, axis=1, keepdims=True) for part in (tx, rx))
     amplitude, phase, ratio = candidate_ratios(

@@ -131,11 +131,7 @@ class IncoherentSearch:
         residual, n_paths = self._residual(paths, at), len(paths)
         self.background = Background.of(residual, self.bins, self.spectrum.n_bins)
         needed, then = self._needed(paths, at, _REFIT_STEPS)
-        return (
-            needed,
-            then,
-            residual if then is None or len(needed) == n_paths else self._residual(needed, then),
-        )
+        return (needed, then, residual if then is None or len(needed) == n_paths else self._residual(needed, then))
 
     def _residual(self, paths: FloatArray, at: Score) -> ComplexArray:
         """Residual (pair, bin) of the samples around the paths."""
@@ -192,10 +188,7 @@ class IncoherentSearch:
         ends = self.ends
         cuts = np.flatnonzero(np.diff(self.bins) > 1) + 1
         parts = [
-            (
-                bins[0] + np.arange(2 * len(bins) - 2) / 2,
-                *self.screen.levels(part, np.ones(ends.rx.n_beams), 1.0),
-            )
+            (bins[0] + np.arange(2 * len(bins) - 2) / 2, *self.screen.levels(part, np.ones(ends.rx.n_beams), 1.0))
             for bins, part in zip(
                 np.split(self.bins, cuts),
                 np.split(residual.reshape(ends.tx.n_beams, ends.rx.n_beams, -1), cuts, axis=2),

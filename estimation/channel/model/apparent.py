@@ -25,9 +25,7 @@ def cone_angles(
     return np.asarray(boresight_rad + np.arcsin(sine)), slopes / across[:, None]
 
 
-def reported_angles(
-    manifold: Manifold, angles_rad: FloatArray
-) -> tuple[FloatArray, FloatArray, ComplexArray]:
+def reported_angles(manifold: Manifold, angles_rad: FloatArray) -> tuple[FloatArray, FloatArray, ComplexArray]:
     """Directions as a manifold reports them: angles, their slopes over `angles_rad` (direction, angle), and gains.
 
     A manifold of two angles reports the directions. One of azimuths reports cone angles about the boresight of the

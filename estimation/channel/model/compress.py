@@ -71,9 +71,7 @@ class CompressedSweep:
         """The sweep with the elevations that several panels observe (`Manifold.with_hidden_elevation`)."""
         return replace(self, tx=self.tx.with_hidden_elevation(), rx=self.rx.with_hidden_elevation())
 
-    def whitened(
-        self, tx: ComplexArray | FloatArray, rx: ComplexArray | FloatArray, bin_std: FloatArray
-    ) -> Self:
+    def whitened(self, tx: ComplexArray | FloatArray, rx: ComplexArray | FloatArray, bin_std: FloatArray) -> Self:
         """The sweep and its path models after whitening of further noise.
 
         `tx` and `rx` (rank, rank) act on the beams; every delay bin is divided by `bin_std` (bin,).

@@ -19,9 +19,7 @@ from sim.signal.arrays.codebook import Codebook
 CELL = np.pi / np.sqrt(3)  # length on the manifold of one Rayleigh cell of a uniform aperture
 SCAN_STEP_RAD = np.deg2rad(0.5)
 HIGHEST_ELEVATION_RAD = np.deg2rad(75.0)
-DARKEST = 10 ** (
-    -30 / 20
-)  # least amplitude of the best beam, over the strongest beam, in a covered direction
+DARKEST = 10 ** (-30 / 20)  # least amplitude of the best beam, over the strongest beam, in a covered direction
 REAL_TOLERANCE = 1e-8  # relative imaginary part that is a rounding error
 NULL = 1e-16  # power of a response, relative to that of the weights, that is a rounding error
 FLAT = 1e-6  # length on the manifold below which beams do not resolve directions
@@ -125,9 +123,7 @@ class Manifold:
     def best_panel_rad(self, angles: FloatArray) -> FloatArray:
         """Boresight azimuth (direction,) of the panel of the best beam towards `angles` (direction, angle)."""
         azimuth, elevation = self._split(angles)
-        strongest = [
-            np.abs(panel.response(azimuth, elevation)).max(axis=1, initial=0.0) for panel in self._panels
-        ]
+        strongest = [np.abs(panel.response(azimuth, elevation)).max(axis=1, initial=0.0) for panel in self._panels]
         boresight = np.array([panel.azimuth_rad for panel in self._panels])
         return np.asarray(boresight[np.argmax(strongest, axis=0)])
 
@@ -201,9 +197,7 @@ class Manifold:
     def _row(self, elevation_rad: FloatArray, step: float) -> FloatArray:
         """Directions (direction, 2) at one elevation, evenly spaced on the manifold by at most `step`."""
         azimuth = self.azimuths()
-        angles = np.stack([azimuth, np.broadcast_to(elevation_rad, azimuth.shape)], axis=1)[
-            :, : self.n_angles
-        ]
+        angles = np.stack([azimuth, np.broadcast_to(elevation_rad, azimuth.shape)], axis=1)[:, : self.n_angles]
         speed = np.sqrt(self.metric(angles)[:, 0, 0])
         strongest = azimuth[int(np.argmax(np.linalg.norm(self.response(angles), axis=1)))]
         if self.is_closed:
@@ -287,9 +281,7 @@ def _merged_at_horizon(panel: _Panel) -> _Panel:
     return replace(panel, weights=summed, wave_vector=np.pad(places, ((0, 0), (0, 1))))
 
 
-def _evenly(
-    position: FloatArray, speed: FloatArray, step: float, middle: float, *, is_closed: bool
-) -> FloatArray:
+def _evenly(position: FloatArray, speed: FloatArray, step: float, middle: float, *, is_closed: bool) -> FloatArray:
     """Positions along a curve of this `speed`, evenly spaced by at most `step`.
 
     An open curve has its outermost points half a step inside its ends; a curve of zero length has only its

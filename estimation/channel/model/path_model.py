@@ -124,9 +124,7 @@ def products_with(parts: FloatArray, at: PathTangents) -> ComplexArray:
 def gram(at: PathTangents, other: PathTangents) -> ComplexArray:
     """Inner products (path, tangent, path, tangent) of two sets of tangents."""
     return np.asarray(
-        hadamard_gram(
-            _axis_gram(at.tx, other.tx), _axis_gram(at.rx, other.rx), _axis_gram(at.delay, other.delay)
-        )
+        hadamard_gram(_axis_gram(at.tx, other.tx), _axis_gram(at.rx, other.rx), _axis_gram(at.delay, other.delay))
     )
 
 
@@ -149,9 +147,7 @@ def residual(sweep: CompressedSweep, paths: PathParameters) -> FloatArray:
     if not len(paths):
         return sweep.parts
     at = responses(sweep, paths)
-    beams = (paths.amplitude[:, None, None] * at.tx[:, 0, :, None] * at.rx[:, 0, None]).reshape(
-        len(paths), -1
-    )
+    beams = (paths.amplitude[:, None, None] * at.tx[:, 0, :, None] * at.rx[:, 0, None]).reshape(len(paths), -1)
     model = np.concatenate([beams.real, beams.imag], axis=1).astype(np.float32).T @ at.delay[:, 0].astype(
         np.float32
     )

@@ -136,9 +136,7 @@ def robust_line(points: PointCluster, prior: LinePrior) -> Line:
         _, normal = _axes(parameter[0])
         distance = offset @ normal - parameter[1]
         variance = np.exp(2 * parameter[2]) * np.einsum("i,nij,j->n", normal, points.covariance_m2, normal)
-        inlier = np.log1p(-prior.outlier_share) - 0.5 * (
-            distance**2 / variance + np.log(2 * np.pi * variance)
-        )
+        inlier = np.log1p(-prior.outlier_share) - 0.5 * (distance**2 / variance + np.log(2 * np.pi * variance))
         return inlier, np.logaddexp(inlier, background)
 
     def negative(parameter: FloatArray) -> float:

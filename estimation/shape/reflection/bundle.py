@@ -203,9 +203,7 @@ class _Problem:
             first[k] = float(np.median(square)) / CHI2_MEDIAN
         first = np.where(first > FAR_OFF, first, 1.0)
         rounds = int(np.ceil(np.log10(first.max()))) + 1
-        return np.asarray(
-            first ** np.linspace(1.0, 0.0, rounds)[:, None] if rounds > 1 else [np.ones(len(first))]
-        )
+        return np.asarray(first ** np.linspace(1.0, 0.0, rounds)[:, None] if rounds > 1 else [np.ones(len(first))])
 
     def _scaled(self, factor: FloatArray) -> _Problem:
         """The problem with the covariances of objects and lines of sight times factors (set,)."""
@@ -268,17 +266,10 @@ class _Problem:
         parameter = common[block.span]
         paths = predict(block.family, parameter, block.paths.tx, state[block.row])
         _, share, _ = self._mixture(block.paths, offset_residual(block.paths, paths.measured, common))
-        return Optimum(
-            parameter, common[: self.n_offsets], covariance[np.ix_(index, index)], np.nan, share, paths
-        )
+        return Optimum(parameter, common[: self.n_offsets], covariance[np.ix_(index, index)], np.nan, share, paths)
 
     def noise_scale(
-        self,
-        common: FloatArray,
-        state: FloatArray,
-        covariance: FloatArray,
-        cross: FloatArray,
-        own: FloatArray,
+        self, common: FloatArray, state: FloatArray, covariance: FloatArray, cross: FloatArray, own: FloatArray
     ) -> FloatArray:
         """Median absolute residuals (3,) over those expected after the fit absorbed a part of the noise.
 

@@ -68,9 +68,7 @@ def fit_campaign(paths: CampaignPaths, config: ContourConfig) -> CampaignFit:
         return _final(paths, data, objects, settings, config)
 
 
-def corrected(
-    data: Reflections, bundle: Bundle, config: ReflectionConfig
-) -> tuple[Reflections, ReflectionConfig]:
+def corrected(data: Reflections, bundle: Bundle, config: ReflectionConfig) -> tuple[Reflections, ReflectionConfig]:
     """Paths without the estimated offsets and at the estimated poses; settings with the remaining uncertainty.
 
     One remaining departure offset holds for all sessions, that of the least certain session.

@@ -37,9 +37,7 @@ class FoundObject:
     paths: IntArray  # rows of the data
 
 
-def find_objects(
-    data: Reflections, eps_m: float, min_samples: int, config: ReflectionConfig
-) -> list[FoundObject]:
+def find_objects(data: Reflections, eps_m: float, min_samples: int, config: ReflectionConfig) -> list[FoundObject]:
     """Objects among all paths of a campaign; a path belongs to one of them or to none."""
     seeds = []
     label = seed_clusters(data, eps_m, min_samples)

@@ -17,9 +17,7 @@ def path_weights(
     """Inverse covariances (path, 3, 3), pose errors included, and log normalisations (path,) of the inliers."""
     covariance = path_covariance(paths, data)
     weight = np.linalg.inv(covariance)
-    log_norm = (
-        np.log1p(-config.ghost_share) - 1.5 * np.log(2 * np.pi) - 0.5 * np.linalg.slogdet(covariance)[1]
-    )
+    log_norm = np.log1p(-config.ghost_share) - 1.5 * np.log(2 * np.pi) - 0.5 * np.linalg.slogdet(covariance)[1]
     return np.asarray(weight), np.asarray(log_norm)
 
 

@@ -52,9 +52,7 @@ def campaign_paths(
     sessions = los_sessions(los, tx_pose, poses.stop)
     solved = poses.status != SolveStatus.FAILED
     if np.all(poses.status[solved] == SolveStatus.GIVEN):
-        joined = [
-            replace(data, session=sessions.of_stop[stop_rows(data, poses.stop)]) for data in (bounces, los)
-        ]
+        joined = [replace(data, session=sessions.of_stop[stop_rows(data, poses.stop)]) for data in (bounces, los)]
         unknown = sessions._replace(offset_rad=0 * sessions.offset_rad, std_rad=0 * sessions.std_rad)
         return CampaignPaths(joined[0], joined[1], poses.stop, unknown, 1.0, config.reflection)
     turned = [_turned(data, sessions.of_paths(data, poses.stop)) for data in (bounces, los)]
@@ -62,9 +60,7 @@ def campaign_paths(
     return CampaignPaths(turned[0], turned[1], poses.stop, sessions, config.slam_widening, anchored)
 
 
-def in_plane(
-    estimate: ChannelEstimate, covariance: FloatArray, bias_m: float
-) -> tuple[FloatArray, FloatArray]:
+def in_plane(estimate: ChannelEstimate, covariance: FloatArray, bias_m: float) -> tuple[FloatArray, FloatArray]:
     """Measurements (path, 3) and covariances (path, 3, 3) of the paths projected on the plane, in m and rad.
 
     Upright surfaces keep the magnitude of the elevation of a ray: the length, without the clock bias, shrinks by

@@ -199,9 +199,7 @@ def _descend(
         cost, gradient, hessian, _ = normal_equations(paths, at[m:], data, weight, log_norm, config)
         away = at - prior.mean
         cost += 0.5 * float(np.sum(prior.precision * away**2))
-        return _PosteriorPoint(
-            at, cost, gradient + prior.precision * away, hessian + np.diag(prior.precision)
-        )
+        return _PosteriorPoint(at, cost, gradient + prior.precision * away, hessian + np.diag(prior.precision))
 
     def attempt(at: _PosteriorPoint, damping: float) -> Attempt[_PosteriorPoint] | None:
         step = damped_step(at.hessian, at.gradient, damping)

@@ -21,14 +21,10 @@ class Reflections(Record):
     (measurement) or have a negative variance (pose).
     """
 
-    measured: FloatArray = array(
-        "path", "quantity", doc="range in m, azimuth of departure, of arrival in rad"
-    )
+    measured: FloatArray = array("path", "quantity", doc="range in m, azimuth of departure, of arrival in rad")
     covariance: FloatArray = array("path", "quantity", "quantity2", doc="covariance in m, rad, rad")
     tx: FloatArray = array("path", "tx_pose", doc="x and y in m, heading in rad of the TX")
-    rx_state: FloatArray = array(
-        "path", "state", doc="x and y in m, heading in rad, clock bias in m of the RX"
-    )
+    rx_state: FloatArray = array("path", "state", doc="x and y in m, heading in rad, clock bias in m of the RX")
     rx_covariance: FloatArray = array("path", "state", "state2", doc="covariance of the RX state; 0: exact")
     session: IntArray = array("path", dtype=int, doc="session of the TX heading offset, from 0")
     stop: IntArray = array("path", dtype=int, doc="stop of the RX")
@@ -58,9 +54,7 @@ class Reflections(Record):
 class ReflectionConfig(ConfigModel):
     """Priors of the fits by the reflection law. A standard deviation of 0 fixes that unknown."""
 
-    radius_median_m: float = Field(
-        0.45, gt=0, description="median of the log-normal prior of the radius in m"
-    )
+    radius_median_m: float = Field(0.45, gt=0, description="median of the log-normal prior of the radius in m")
     radius_log_std: float = Field(0.5, gt=0, description="standard deviation of the logarithm of the radius")
     axis_ratio_log_std: float = Field(
         0.6, gt=0, description="ellipse: standard deviation of either part of the log axis ratio"
@@ -80,9 +74,7 @@ class ReflectionConfig(ConfigModel):
     aoa_offset_std_deg: float = Field(3.0, ge=0, description="common error of all arrivals in deg")
     ghost_share: float = Field(0.05, ge=0, lt=1, description="prior share of paths that belong to no object")
     ghost_range_m: float = Field(20.0, gt=0, description="ghosts: uniform over this window of range in m")
-    ghost_angle_deg: float = Field(
-        60.0, gt=0, le=360, description="ghosts: uniform over this window of angles"
-    )
+    ghost_angle_deg: float = Field(60.0, gt=0, le=360, description="ghosts: uniform over this window of angles")
 
     @property
     def log_ghost_density(self) -> float:

@@ -62,11 +62,7 @@ def los_sessions(los: Reflections, tx_pose: Pose, stop: IntArray) -> Sessions:
 
 
 def object_sessions(
-    objects: list[FoundObject],
-    bounces: Reflections,
-    los: Reflections,
-    stop: IntArray,
-    config: ReflectionConfig,
+    objects: list[FoundObject], bounces: Reflections, los: Reflections, stop: IntArray, config: ReflectionConfig
 ) -> Sessions:
     """Sessions from the rotation about the TX with which every stop (stop,) agrees with the others on the objects.
 
@@ -132,9 +128,7 @@ def rotated_about_tx(data: Reflections, offset_rad: FloatArray) -> Reflections:
     turn[:, 0, 0], turn[:, 0, 1], turn[:, 1, 0], turn[:, 1, 1] = cosine, sine, -sine, cosine
     turn[:, 2, 2], turn[:, 3, 3] = 1.0, 1.0
     state, measured = data.rx_state.copy(), data.measured.copy()
-    state[:, :2] = data.tx[:, :2] + np.einsum(
-        "nij,nj->ni", turn[:, :2, :2], data.rx_state[:, :2] - data.tx[:, :2]
-    )
+    state[:, :2] = data.tx[:, :2] + np.einsum("nij,nj->ni", turn[:, :2, :2], data.rx_state[:, :2] - data.tx[:, :2])
     state[:, 2] -= offset_rad
     measured[:, 1] -= offset_rad
     covariance = turn @ data.rx_covariance @ np.swapaxes(turn, 1, 2)

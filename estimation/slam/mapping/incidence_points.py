@@ -124,9 +124,7 @@ def map_paths(
 
 
 def path_flags(
-    estimates: Sequence[ChannelEstimate],
-    is_los: Sequence[BoolArray] | None,
-    is_inlier: Sequence[BoolArray] | None,
+    estimates: Sequence[ChannelEstimate], is_los: Sequence[BoolArray] | None, is_inlier: Sequence[BoolArray] | None
 ) -> tuple[BoolArray, BoolArray]:
     """Flags (path,) of all paths; by default the lines of sight of the estimates, and all paths as inliers."""
     los = [e.is_los for e in estimates] if is_los is None else is_los

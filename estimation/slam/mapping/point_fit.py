@@ -107,9 +107,7 @@ def point_covariance(
     return conditional, -conditional @ weighted @ law.bounce_jacobian_rx(tx_pose, state, point_m)
 
 
-def joint_covariance(
-    conditional: FloatArray, sensitivity: FloatArray, state_covariance: FloatArray
-) -> FloatArray:
+def joint_covariance(conditional: FloatArray, sensitivity: FloatArray, state_covariance: FloatArray) -> FloatArray:
     """Covariance (path, point, point) of the IPs where the states have covariances (..., state, state)."""
     return np.asarray(conditional + sensitivity @ state_covariance @ np.swapaxes(sensitivity, 1, 2))
 

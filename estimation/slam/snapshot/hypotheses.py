@@ -36,11 +36,7 @@ def four_bounce_states(paths: PathTable, candidates: IntArray) -> FloatArray:
                     d0 = _determinant(minors[0], a, b, c, d)
                     d1 = _determinant(minors[1], a, b, c, d)
                     d2 = _determinant(minors[2], a, b, c, d)
-                    mean, cosine, sine = (
-                        (d0 + d1 + d2) / 3,
-                        (2 * d0 - d1 - d2) / 3,
-                        (d1 - d2) / math.sqrt(3.0),
-                    )
+                    mean, cosine, sine = ((d0 + d1 + d2) / 3, (2 * d0 - d1 - d2) / 3, (d1 - d2) / math.sqrt(3.0))
                     amplitude = math.hypot(cosine, sine)
                     if amplitude < 1e-12 or abs(mean) > _MAX_EXCESS * amplitude:
                         continue

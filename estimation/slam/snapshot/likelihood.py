@@ -123,9 +123,7 @@ def _climb(
 
 
 @compiled
-def _evaluate(
-    paths: PathTable, los: LineOfSight, model: PathModel, state: FloatArray, work: FloatArray
-) -> None:
+def _evaluate(paths: PathTable, los: LineOfSight, model: PathModel, state: FloatArray, work: FloatArray) -> None:
     """Fill `work` with the terms of every path at a state; those of the line of sight are zero."""
     x, y, bias = state[0], state[1], state[3]
     sine, cosine = math.sin(0.5 * state[2]), math.cos(0.5 * state[2])

@@ -98,11 +98,7 @@ def solve_packed(packed: FloatArray) -> FloatArray:
     scale = np.abs(a * d * f)
     singular = np.abs(det) <= 1e-12 * scale
     z = np.stack(
-        [
-            cof_a * p + cof_b * q + cof_c * r,
-            cof_b * p + cof_d * q + cof_e * r,
-            cof_c * p + cof_e * q + cof_f * r,
-        ],
+        [cof_a * p + cof_b * q + cof_c * r, cof_b * p + cof_d * q + cof_e * r, cof_c * p + cof_e * q + cof_f * r],
         axis=-1,
     )
     return np.where(singular[..., None], np.nan, z / np.where(singular, 1.0, det)[..., None])

@@ -30,17 +30,14 @@ class SnapshotSolution(Record):
     is_inlier: BoolArray = array("path", dtype=bool, doc="paths that agree with the solution, LOS included")
     is_los: BoolArray = array("path", dtype=bool, doc="the path taken as line of sight: at most one")
     cost: float = array(doc="cost of the chosen hypothesis; minus the log evidence for `statistical`")
-    covariance: FloatArray = array(
-        "state", "state2", doc="of the state in (m, rad, s); NaN without refinement"
-    )
+    covariance: FloatArray = array("state", "state2", doc="of the state in (m, rad, s); NaN without refinement")
     evidence_gap: float = array(
         doc="log evidence over the next distinct mode; below about 4 the stop is ambiguous; inf where unknown"
     )
     is_ambiguous: bool = array(dtype=bool, doc="two modes are near-equal: the gap is below `ambiguous_gap`")
     los_probability: float = array(doc="posterior probability that one of the paths is a line of sight")
     position_std_m: float = array(
-        unit="m",
-        doc="plan position standard deviation over all ranked modes by their probability; NaN if unknown",
+        unit="m", doc="plan position standard deviation over all ranked modes by their probability; NaN if unknown"
     )
     mode_state: FloatArray = array(
         "mode", "state", doc="states of the ranked modes in (m, rad, s); the first is the solution"

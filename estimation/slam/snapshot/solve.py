@@ -36,9 +36,7 @@ def ranked_modes(problem: SnapshotProblem, config: SnapshotConfig) -> list[Fit]:
     if config.method == "statistical":
         return reject_uncertain(solve_statistical(problem, config), config)
     fit = _line_of_sight_first(problem, config)
-    return reject_uncertain(
-        [] if fit is None or abs(fit.state[3]) > config.max_clock_bias_m else [fit], config
-    )
+    return reject_uncertain([] if fit is None or abs(fit.state[3]) > config.max_clock_bias_m else [fit], config)
 
 
 def _line_of_sight_first(problem: SnapshotProblem, config: SnapshotConfig) -> Fit | None:

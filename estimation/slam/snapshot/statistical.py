@@ -74,8 +74,7 @@ def solve_statistical(problem: SnapshotProblem, config: SnapshotConfig) -> list[
     state[:, 2] = wrap_angle(state[:, 2])
     number = np.arange(len(problem))
     return [
-        Fit(state[k], inlier[k], number == los[k], float(-evidence[k]), covariance[k])
-        for k in range(len(state))
+        Fit(state[k], inlier[k], number == los[k], float(-evidence[k]), covariance[k]) for k in range(len(state))
     ]
 
 

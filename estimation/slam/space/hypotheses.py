@@ -34,8 +34,7 @@ def los_states(problem: SpatialProblem, strongest: IntArray) -> FloatArray:
     # p = p_TX + (range_0 - bias) ray: the equations are linear in the bias alone.
     places = [(tx.position_m + (direct[0] - bias) * ray, bias) for bias in (0.0, 1.0)]
     at = [
-        bounce_equations(tx, np.array([*place, heading, bias]), problem.measured[others])
-        for place, bias in places
+        bounce_equations(tx, np.array([*place, heading, bias]), problem.measured[others]) for place, bias in places
     ]
     slope = at[1].value_m - at[0].value_m
     bias = -np.sum(slope * at[0].value_m, axis=-1) / np.maximum(np.sum(slope**2, axis=-1), 1e-12)
@@ -87,9 +86,7 @@ def four_path_headings(problem: SpatialProblem, sets: IntArray) -> tuple[IntArra
 def _series(coefficient: ComplexArray, heading_rad: FloatArray, derivative: int = 0) -> FloatArray:
     """Trigonometric polynomials (root, 9) or their derivatives, each at its own heading (root,)."""
     order = 1j * np.arange(-_DEGREE, _DEGREE + 1)
-    return np.asarray(
-        np.sum(coefficient * order**derivative * np.exp(heading_rad[:, None] * order), axis=1).real
-    )
+    return np.asarray(np.sum(coefficient * order**derivative * np.exp(heading_rad[:, None] * order), axis=1).real)
 
 
 def _polished(coefficient: ComplexArray, root: FloatArray) -> FloatArray:
@@ -123,9 +120,7 @@ def _rows(problem: SpatialProblem, sets: IntArray, heading_rad: FloatArray | flo
     return np.stack(np.broadcast_arrays(*parts), axis=-1)
 
 
-def _height(
-    problem: SpatialProblem, chosen: IntArray, solved: FloatArray, heading_rad: FloatArray
-) -> FloatArray:
+def _height(problem: SpatialProblem, chosen: IntArray, solved: FloatArray, heading_rad: FloatArray) -> FloatArray:
     """Median height (hypothesis,) over the paths of a set: from the TX to the IP, and from there to the RX."""
     range_m, departure, arrival, e, f = np.moveaxis(problem.measured[chosen], -1, 0)
     a, b = problem.tx.heading_rad + departure, heading_rad[:, None] + arrival

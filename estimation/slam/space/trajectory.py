@@ -68,9 +68,7 @@ def run_spatial_trajectory(
 
 
 def project_on_plane(
-    estimates: Sequence[ChannelEstimate],
-    problems: Sequence[SpatialProblem],
-    alone: Sequence[SnapshotSolution],
+    estimates: Sequence[ChannelEstimate], problems: Sequence[SpatialProblem], alone: Sequence[SnapshotSolution]
 ) -> list[ChannelEstimate]:
     """The paths of all stops as paths of the plane: lengths less the clock bias, times the elevation's cosine.
 
@@ -93,9 +91,7 @@ def _project(
     elevations = np.where(known, elevations, elevations[:, ::-1])
     share = np.full(len(estimate), 0.5)
     if solution.status != SolveStatus.FAILED:
-        state = np.array(
-            [*solution.position_m, solution.heading_rad, SPEED_OF_LIGHT_M_S * solution.clock_bias_s]
-        )
+        state = np.array([*solution.position_m, solution.heading_rad, SPEED_OF_LIGHT_M_S * solution.clock_bias_s])
         fraction = bounce_equations(problem.tx, state, problem.measured).fraction
         share = np.clip(np.where(solution.is_los, 0.5, np.nan_to_num(fraction, nan=0.5)), 0.0, 1.0)
     shares = np.column_stack([share, 1 - share])

@@ -87,18 +87,14 @@ def _assign(
             if distance < best:
                 best, kind[i], landmark[i, 0], landmark[i, 1] = distance, _WALL, w, -1
         for o in range(len(objects)):
-            short = abs(reach - _separation(tx, objects[o]) - _separation(objects[o], x)) - 2 * abs(
-                objects[o, 2]
-            )
+            short = abs(reach - _separation(tx, objects[o]) - _separation(objects[o], x)) - 2 * abs(objects[o, 2])
             if short > 0 and short**2 > best * variance[1]:
                 continue
             distance = circle_chi2(tx, x, seen, cov, objects[o], rough_m[1])
             if distance < best:
                 best, kind[i], landmark[i, 0], landmark[i, 1] = distance, _OBJECT, o, -1
         if kind[i] == _UNUSED:
-            _assign_double(
-                tx, x, seen, cov, walls, double, rough_m[0], gates[1], kind[i : i + 1], landmark[i]
-            )
+            _assign_double(tx, x, seen, cov, walls, double, rough_m[0], gates[1], kind[i : i + 1], landmark[i])
 
 
 @compiled

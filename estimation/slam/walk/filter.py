@@ -71,9 +71,7 @@ def run_filter(
     return collect_and_map(estimates, solutions, tx_pose, mapping_config, spatial=spatial)
 
 
-def advance(
-    hypotheses: Sequence[Hypothesis], modes: Sequence[Fit], config: TrajectoryConfig
-) -> list[Hypothesis]:
+def advance(hypotheses: Sequence[Hypothesis], modes: Sequence[Fit], config: TrajectoryConfig) -> list[Hypothesis]:
     """Hypotheses after one more stop with these modes, best first."""
     if not hypotheses:
         return _normalised([_initial(mode) for mode in modes], config)

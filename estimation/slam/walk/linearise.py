@@ -53,9 +53,7 @@ class Linearised:
         return float(np.sum((self.size > 0) * (freedom + self.size) / 2 * np.log1p(self.square() / freedom)))
 
 
-def linearise(
-    seen: Observations, link: Association, now: TrajectoryState, config: TrajectoryConfig
-) -> Linearised:
+def linearise(seen: Observations, link: Association, now: TrajectoryState, config: TrajectoryConfig) -> Linearised:
     """Residuals of all paths at the present unknowns."""
     parts = _linearise(
         tx_row(seen.tx),

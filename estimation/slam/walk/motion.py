@@ -26,11 +26,7 @@ def motion_cost(state: FloatArray, course: FloatArray, config: TrajectoryConfig)
 
 
 def add_motion(
-    state: FloatArray,
-    course: FloatArray,
-    config: TrajectoryConfig,
-    diagonal: FloatArray,
-    gradient: FloatArray,
+    state: FloatArray, course: FloatArray, config: TrajectoryConfig, diagonal: FloatArray, gradient: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Add the prior's information to diagonal blocks (stop, 4, 4) and gradient (stop, 4), in place.
 

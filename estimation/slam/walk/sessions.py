@@ -84,11 +84,7 @@ def split_sessions(
 
 
 def score_gains(
-    seen: Observations,
-    link: Association,
-    now: TrajectoryState,
-    candidates: IntArray,
-    config: TrajectoryConfig,
+    seen: Observations, link: Association, now: TrajectoryState, candidates: IntArray, config: TrajectoryConfig
 ) -> FloatArray:
     """Fall of the cost (candidate,) predicted by one Gauss-Newton step for a jump before each stop."""
     system = normal_equations(seen, link, now, config)

@@ -36,9 +36,7 @@ def optimise(
         trial = point(at.now.moved(*step))
         return Attempt(trial, at.cost, trial.cost)
 
-    schedule = Schedule(
-        config.max_iterations, first=1e-4, largest=1e5, absolute=_TOLERANCE, relative=_TOLERANCE
-    )
+    schedule = Schedule(config.max_iterations, first=1e-4, largest=1e5, absolute=_TOLERANCE, relative=_TOLERANCE)
     return minimise(point(replace(start, course=course_of(start.state))), attempt, schedule).now
 
 
@@ -48,9 +46,7 @@ class _WalkPoint(NamedTuple):
     cost: float
 
 
-def robust_cost(
-    seen: Observations, link: Association, now: TrajectoryState, config: TrajectoryConfig
-) -> float:
+def robust_cost(seen: Observations, link: Association, now: TrajectoryState, config: TrajectoryConfig) -> float:
     """Minus the log-likelihood under Student-t residuals and the motion prior, up to a constant."""
     return _cost(linearise(seen, link, now, config), now, config)
 
@@ -108,11 +104,7 @@ def _system(
 
 
 def _add_shared_priors(
-    corner: FloatArray,
-    gradient: FloatArray,
-    border: FloatArray,
-    now: TrajectoryState,
-    config: TrajectoryConfig,
+    corner: FloatArray, gradient: FloatArray, border: FloatArray, now: TrajectoryState, config: TrajectoryConfig
 ) -> None:
     """Priors on offsets and radii, in place; the offset of the anchor session is fixed."""
     sessions = np.arange(len(now.offset_rad))

@@ -37,9 +37,7 @@ class TrajectoryDetails(Record):
     mode: IntArray = array("stop", dtype=int, doc="rank of the mode chosen; -1 where the stop is in none")
     session: IntArray = array("stop", dtype=int, doc="session of every stop")
     tx_offset_rad: FloatArray = array("session", unit="rad", doc="offset of the TX heading in every session")
-    tx_offset_std_rad: FloatArray = array(
-        "session", unit="rad", doc="its standard deviation; 0 for the anchor"
-    )
+    tx_offset_std_rad: FloatArray = array("session", unit="rad", doc="its standard deviation; 0 for the anchor")
     walls: FloatArray = array("wall", "line", doc="azimuth of the normal in rad, offset in m")
     wall_covariance: FloatArray = array("wall", "line", "line2", doc="of the walls")
     objects: FloatArray = array("object", "circle", unit="m", doc="x, y and radius of compact objects")
@@ -85,14 +83,11 @@ def turned(estimates: Sequence[ChannelEstimate], details: TrajectoryDetails) -> 
     """The channel estimates with their departures turned by the TX heading offset of their session."""
     offset = details.tx_offset_rad[details.session]
     return [
-        replace(e, aod_azimuth_rad=e.aod_azimuth_rad + shift)
-        for e, shift in zip(estimates, offset, strict=True)
+        replace(e, aod_azimuth_rad=e.aod_azimuth_rad + shift) for e, shift in zip(estimates, offset, strict=True)
     ]
 
 
-def flags_by_stop(
-    estimates: Sequence[ChannelEstimate], details: TrajectoryDetails
-) -> dict[str, list[BoolArray]]:
+def flags_by_stop(estimates: Sequence[ChannelEstimate], details: TrajectoryDetails) -> dict[str, list[BoolArray]]:
     """`is_los` and `is_inlier` (path,) of every stop for mapping: lines of sight and single bounces."""
     kinds = np.split(details.path_kind, np.cumsum([len(e) for e in estimates])[:-1])
     single = (PathClass.BOUNCE, PathClass.WALL, PathClass.OBJECT)

@@ -39,9 +39,7 @@ def channel_model(prepared: BoundInputs) -> ChannelModel:
     return ChannelModel(prepared, link, Manifold(link.tx_codebook), Manifold(link.rx_codebook), keeps_phase)
 
 
-def stop_bounds(
-    model: ChannelModel, paths: Paths, rx_pose: Pose, *, coherent: bool
-) -> tuple[Paths, PathBounds]:
+def stop_bounds(model: ChannelModel, paths: Paths, rx_pose: Pose, *, coherent: bool) -> tuple[Paths, PathBounds]:
     """The paths of a place with at least `LEAST_SNR_DB` and their bounds, for joint estimation of all of them."""
     link, tx_pose = model.link, model.prepared.scene.tx
     power_dbm = best_beam_power_dbm(paths, link, tx_pose, rx_pose)
@@ -84,13 +82,7 @@ def along_walk(model: ChannelModel) -> Table:
             columns.append(_median(np.concatenate(rows)))
     values = np.stack([column for columns in kinds.values() for column in columns])
     for index, (label, unit) in enumerate(
-        [
-            ("SNR", "dB"),
-            ("delay", "ps"),
-            ("path length", "mm"),
-            ("AoD azimuth", "mdeg"),
-            ("AoA azimuth", "mdeg"),
-        ]
+        [("SNR", "dB"), ("delay", "ps"), ("path length", "mm"), ("AoD azimuth", "mdeg"), ("AoA azimuth", "mdeg")]
     ):
         cells = ["-" if np.isnan(value) else f"{value:.3g}" for value in values[:, index]]
         table.add_row(label, *cells, unit)

@@ -194,12 +194,8 @@ def share_walls(tx: Pose, states: FloatArray, stops: list[StopPaths]) -> list[St
     Faces are distinguished by their line: the sides of a block are different faces, and so are the points of a
     curve.
     """
-    lines = np.concatenate(
-        [wall_line(tx, state, stop.point_m) for state, stop in zip(states, stops, strict=True)]
-    )
-    _, face, count = np.unique(
-        lines.round(SAME_LINE_DECIMALS), axis=0, return_inverse=True, return_counts=True
-    )
+    lines = np.concatenate([wall_line(tx, state, stop.point_m) for state, stop in zip(states, stops, strict=True)])
+    _, face, count = np.unique(lines.round(SAME_LINE_DECIMALS), axis=0, return_inverse=True, return_counts=True)
     wall = np.where(count[face] > 1, face, -1)
     ends = np.cumsum([len(stop.point_m) for stop in stops])[:-1]
     return [replace(stop, wall=part) for stop, part in zip(stops, np.split(wall, ends), strict=True)]

@@ -147,11 +147,7 @@ def _falls(
 
 
 def _interval(
-    units: FloatArray,
-    statistic: Callable[..., FloatArray],
-    size: int,
-    rng: np.random.Generator,
-    n_resamples: int,
+    units: FloatArray, statistic: Callable[..., FloatArray], size: int, rng: np.random.Generator, n_resamples: int
 ) -> tuple[FloatArray, FloatArray]:
     """Percentile bootstrap interval of `size` statistics of the units, NaN where there is one unit alone."""
     if len(units) < 2:

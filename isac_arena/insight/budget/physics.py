@@ -43,9 +43,7 @@ def without_paths(truth: Truth, off: frozenset[Part]) -> Truth:
     return replace(truth, paths=paths)
 
 
-def observed(
-    config: CampaignConfig, link: Link, scene: Scene, truth: Truth, off: frozenset[Part]
-) -> BeamSweep:
+def observed(config: CampaignConfig, link: Link, scene: Scene, truth: Truth, off: frozenset[Part]) -> BeamSweep:
     """The samples of a stop, without noise where it is off; the sweep states the nominal noise power anyway."""
     if Physics.NOISE not in off:
         return observe(config, link, scene, truth)

@@ -161,9 +161,7 @@ def _variant(
     return Variant(store, run, off, objects, groups)
 
 
-def _budget(
-    job: BudgetJob, objects: tuple[LitObject, ...], kinds: dict[str, tuple[Variants, Groups]]
-) -> Budget:
+def _budget(job: BudgetJob, objects: tuple[LitObject, ...], kinds: dict[str, tuple[Variants, Groups]]) -> Budget:
     seed = job.paths.config.seed
     found = {kind: attributions(*pair, np.random.default_rng(seed)) for kind, pair in kinds.items()}
     ordered = {(name, kind): found[kind][name] for name in OUTCOMES for kind in kinds if name in found[kind]}

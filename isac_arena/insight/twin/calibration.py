@@ -8,13 +8,7 @@ import numpy as np
 from isac_arena.campaign.measured import MeasuredCampaign
 from isac_arena.insight.twin.explain import explained
 from isac_arena.insight.twin.offsets import corrected_offsets, leave_one_out, other_half, sight_offsets
-from isac_arena.insight.twin.power import (
-    PowerModel,
-    calibrated_signal_dbm,
-    fit_power,
-    object_gains,
-    over_floor,
-)
+from isac_arena.insight.twin.power import PowerModel, calibrated_signal_dbm, fit_power, object_gains, over_floor
 from isac_arena.insight.twin.record import Offsets, TwinPaths
 from scenes.record import BoolArray
 from scenes.scene import Scene

@@ -10,9 +10,7 @@ from isac_arena.insight.twin.record import TwinPaths
 from scenes.record import BoolArray, FloatArray
 from sim.propagation.paths import Paths
 
-CLEAR_OF_FLOOR_DB = (
-    3.0  # the signal power of a path follows from its power when it is this far above the floor
-)
+CLEAR_OF_FLOOR_DB = 3.0  # the signal power of a path follows from its power when it is this far above the floor
 MIN_GAIN_PATHS = 2  # fewer paths give no gain
 
 Gains = Mapping[tuple[str, str], float]  # (interaction, object or material) -> gain in dB
@@ -58,9 +56,7 @@ def over_floor(signal_dbm: FloatArray, floor_dbm: FloatArray) -> FloatArray:
     return np.asarray(_db(10 ** (signal_dbm / 10) + 10 ** (floor_dbm / 10)))
 
 
-def object_gains(
-    paths: TwinPaths, floor_dbm: FloatArray, used: BoolArray, materials: Mapping[str, str]
-) -> Gains:
+def object_gains(paths: TwinPaths, floor_dbm: FloatArray, used: BoolArray, materials: Mapping[str, str]) -> Gains:
     """Gain in dB of every object and of every material: measured over simulated power of the paths from it.
 
     A gain is the median over those of the paths `used` (path,) that a simulated single bounce explains and that

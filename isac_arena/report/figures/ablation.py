@@ -32,9 +32,7 @@ def ablation_figure(ablation: Ablation) -> Figure:
     ax.set_facecolor("0.9")
     for row, column in np.ndindex(ratio.shape):
         value = float(shown[row, column])
-        dark = (
-            np.isfinite(ratio[row, column]) and _luminance(image, float(ratio[row, column])) < DARK_LUMINANCE
-        )
+        dark = np.isfinite(ratio[row, column]) and _luminance(image, float(ratio[row, column])) < DARK_LUMINANCE
         text = cell(value, decimals=2 if column == n_columns - 1 else 3)
         ax.text(column, row, text, ha="center", va="center", fontsize=8, color="white" if dark else "black")
     labels = [f"{label}\n{unit}" for label, unit in EFFECTS.values()]
@@ -46,9 +44,7 @@ def ablation_figure(ablation: Ablation) -> Figure:
     ax.axvline(n_columns - 1.5, color="0.3", linewidth=1.0)
     ax.set_title("RMS errors with each impairment alone", pad=40)
     ticks = np.arange(-limit, limit + 1)
-    bar = figure.colorbar(
-        image, ax=ax, ticks=ticks, extend="both" if farthest > limit else "neither", pad=0.02
-    )
+    bar = figure.colorbar(image, ax=ax, ticks=ticks, extend="both" if farthest > limit else "neither", pad=0.02)
     bar.ax.set_yticklabels([f"x {2.0**tick:g}" if tick >= 0 else f"x 1/{2.0**-tick:g}" for tick in ticks])
     bar.set_label("error over that without impairments")
     return figure

@@ -25,9 +25,7 @@ def shape_curve(shapes: Shapes, cluster: int, step: int = 1) -> Curve:
     angle = shapes.angle_rad[::step]
     radius, half = shapes.radius_m[cluster, ::step], SHAPE_SIGMAS * shapes.radius_std_m[cluster, ::step]
     unit, center = np.stack([np.cos(angle), np.sin(angle)], axis=1), shapes.center_m[cluster]
-    rings = [
-        center + length[:, None] * unit for length in (radius, radius + half, np.maximum(radius - half, 0))
-    ]
+    rings = [center + length[:, None] * unit for length in (radius, radius + half, np.maximum(radius - half, 0))]
     return Curve(rings[0], rings[1], rings[2], is_closed=True)
 
 

@@ -86,11 +86,7 @@ def _bars(found: Attribution, kind: str) -> Iterator[_Bar]:
     yield _Bar(TOTAL, 0.0, scale * found.total, spread, TRUTH, _metres(found.total))
     level = scale * found.total
     for index, part in enumerate(found.part):
-        size, low, high = (
-            scale * found.contribution[index],
-            width * found.low[index],
-            width * found.high[index],
-        )
+        size, low, high = (scale * found.contribution[index], width * found.low[index], width * found.high[index])
         is_small = abs(found.contribution[index]) <= NOTHING * found.total
         if found.effect[index] == "none" or (is_small and not has_shares):
             continue
@@ -115,9 +111,7 @@ def _draw(ax: Any, bars: list[_Bar], n_rows: int) -> None:
     limits = low - 0.03 * (high - low), high + 0.03 * (high - low)
     for row, bar in enumerate(bars):
         left, right = sorted((bar.start, bar.end))
-        ax.barh(
-            row, right - left, left=left, height=0.62, color=bar.color, alpha=1.0 if bar.is_decided else PALE
-        )
+        ax.barh(row, right - left, left=left, height=0.62, color=bar.color, alpha=1.0 if bar.is_decided else PALE)
         if row and np.isfinite(bar.interval).all():
             _whisker(ax, row, bar.interval, limits)
         if row < len(bars) - 2:

@@ -30,9 +30,7 @@ def pose_cdf_figure(poses: PoseScores) -> Figure:
         "heading error in deg": np.rad2deg(poses.heading_error_rad),
         "clock bias error in ns": 1e9 * poses.clock_error_s,
     }
-    curves = {
-        label: {name: error[members] for name, members in groups.items()} for label, error in panels.items()
-    }
+    curves = {label: {name: error[members] for name, members in groups.items()} for label, error in panels.items()}
     return _figure(curves, ("#222222", SLAM, MAPPING))
 
 
@@ -91,9 +89,7 @@ def _figure(curves: Mapping[str, Mapping[str, FloatArray]], colors: Sequence[str
     return figure
 
 
-def _draw_cdf(
-    ax: Any, error: FloatArray, limits: tuple[float, float], name: str, look: Mapping[str, str]
-) -> Any:
+def _draw_cdf(ax: Any, error: FloatArray, limits: tuple[float, float], name: str, look: Mapping[str, str]) -> Any:
     """Draw the empirical distribution of sorted errors as steps over the whole axis."""
     start, end = limits
     at = np.concatenate([[start], np.maximum(error, start), [1.1 * end]])

@@ -7,15 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from isac_arena.report.style import (
-    BAND_ALPHA,
-    ESTIMATE,
-    TRUTH,
-    cluster_look,
-    legend_below,
-    new_figure,
-    styled,
-)
+from isac_arena.report.style import BAND_ALPHA, ESTIMATE, TRUTH, cluster_look, legend_below, new_figure, styled
 from isac_arena.validation.shape.gp_study import Example, StudyCell
 from scenes.record import FloatArray
 

@@ -11,16 +11,7 @@ from matplotlib.patches import Patch
 from isac_arena.campaign.results import CampaignResults, MapResult
 from isac_arena.report.figures.bands import Curve, contour_curve, line_m, shape_curve
 from isac_arena.report.figures.plan import draw_plan
-from isac_arena.report.style import (
-    BAND_ALPHA,
-    GHOST,
-    SLAM,
-    TRUTH,
-    cluster_look,
-    legend_below,
-    new_figure,
-    styled,
-)
+from isac_arena.report.style import BAND_ALPHA, GHOST, SLAM, TRUTH, cluster_look, legend_below, new_figure, styled
 from isac_arena.scoring.record import MapScores, PoseScores, ScoreTables
 from scenes.record import FloatArray
 from scenes.scene import Scene

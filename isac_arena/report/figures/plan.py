@@ -40,11 +40,7 @@ Box = tuple[float, float, float, float]  # x_min, y_min, x_max, y_max
 
 
 def plan_figure(
-    scene: Scene,
-    *,
-    extent: Literal["walk", "all"] = "walk",
-    paths: Paths | None = None,
-    stop: int | None = None,
+    scene: Scene, *, extent: Literal["walk", "all"] = "walk", paths: Paths | None = None, stop: int | None = None
 ) -> Figure:
     """The plan of a scene as a figure, with `paths` over it: those from the TX to the RX at `stop`."""
     x_min, y_min, x_max, y_max = plan_view(scene, extent)

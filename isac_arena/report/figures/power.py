@@ -35,9 +35,7 @@ def power_figure(power_map: BeamPowerMap, estimate: ChannelEstimate, tables: Sco
         markerfacecolor="none", markeredgecolor="white", markeredgewidth=1.3, path_effects=_outlined(),
     )  # fmt: skip
     _draw_estimates(ax, estimate, tables.paths.take("estimate", tables.paths.stop == power_map.stop))
-    ax.set(
-        xlabel="azimuth of arrival in the RX frame, deg", ylabel="azimuth of departure in the TX frame, deg"
-    )
+    ax.set(xlabel="azimuth of arrival in the RX frame, deg", ylabel="azimuth of departure in the TX frame, deg")
     ax.xaxis.set_major_locator(MultipleLocator(30))
     ax.yaxis.set_major_locator(MultipleLocator(20))
     legend_below(figure, _legend_handles(), 4)

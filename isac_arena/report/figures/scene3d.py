@@ -39,11 +39,7 @@ Ring = FloatArray  # corners (point, xyz) of a flat face
 
 
 def scene_figure(
-    scene: Scene,
-    *,
-    extent: Literal["walk", "all"] = "walk",
-    paths: Paths | None = None,
-    stop: int | None = None,
+    scene: Scene, *, extent: Literal["walk", "all"] = "walk", paths: Paths | None = None, stop: int | None = None
 ) -> Figure:
     """The scene in an oblique view from above, cut off at the extent, with transparent walls and without ceiling.
 

@@ -83,9 +83,7 @@ def _draw_shares(ax: Any, twin: Twin) -> None:
             share, calibrated = (100 * _share(p, side < 0) for p in (model.paths, model.calibrated))
             ax.bar(index + side, share, 0.36, color=color)
             ax.plot(index + side, calibrated, "D", color="black", markersize=4)
-            ax.text(
-                index + side, share / 2, f"{share:.0f}", ha="center", va="center", color="white", fontsize=9
-            )
+            ax.text(index + side, share / 2, f"{share:.0f}", ha="center", va="center", color="white", fontsize=9)
         ax.plot([index - 0.4, index + 0.4], 2 * [100 * model.chance], color=SLAM, linewidth=2)
     ax.set_xticks(range(len(twin.models)), [_name(name).replace("to ", "to\n") for name in twin.models])
     ax.set(ylim=(0, 100), ylabel="explained single bounces in %")
@@ -93,13 +91,7 @@ def _draw_shares(ax: Any, twin: Twin) -> None:
         Line2D([], [], color=ESTIMATE, linewidth=6, label=f"within {_gate(WIDE_GATE)}"),
         Line2D([], [], color=CLUSTER_COLORS[4], linewidth=6, label=f"within {_gate(NARROW_GATE)}"),
         Line2D(
-            [],
-            [],
-            color="black",
-            marker="D",
-            markersize=4,
-            linestyle="none",
-            label="calibrated on other stops",
+            [], [], color="black", marker="D", markersize=4, linestyle="none", label="calibrated on other stops"
         ),
         Line2D([], [], color=SLAM, linewidth=2, label="by paths of distant stops (chance)"),
     ]
@@ -127,9 +119,7 @@ def _draw_power(ax: Any, paths: TwinPaths, scene: Scene) -> None:
     pillar = is_pillar(paths, scene.kinds)
     for mask, color, label in ((~pillar, GHOST, "others"), (pillar, ESTIMATE, "pillars")):
         shown = used & mask
-        ax.plot(
-            paths.predicted_dbm[shown], paths.power_dbm[shown], "o", color=color, markersize=4, label=label
-        )
+        ax.plot(paths.predicted_dbm[shown], paths.power_dbm[shown], "o", color=color, markersize=4, label=label)
     if used.any():
         low = float(min(paths.predicted_dbm[used].min(), paths.power_dbm[used].min())) - 1
         high = float(max(paths.predicted_dbm[used].max(), paths.power_dbm[used].max())) + 1
@@ -150,9 +140,7 @@ def _draw_objects(ax: Any, paths: TwinPaths) -> None:
         ax.plot(np.median(residual), row, "|", color=SLAM, markersize=12, markeredgewidth=2)
     ax.axvline(0, color="0.3", linewidth=0.9)
     ax.set_yticks(range(len(order)), names[order], fontsize=7)
-    ax.legend(
-        handles=[Line2D([], [], color=SLAM, marker="|", linestyle="none", label="median")], loc="lower left"
-    )
+    ax.legend(handles=[Line2D([], [], color=SLAM, marker="|", linestyle="none", label="median")], loc="lower left")
     ax.set(xlabel="measured over predicted power in dB")
 
 

@@ -134,9 +134,7 @@ def _clusters(name: str, scene: Scene, result: MapResult, table: MapScores) -> I
     label = {"mapping": "Mapping", "slam": "SLAM"}[name]
     shapes, clusters = result.shapes, table.clusters
     for cluster in range(len(shapes.center_m)):
-        shown = str(clusters.object[cluster]) or (
-            "ghost" if clusters.is_ghost[cluster] else "several objects"
-        )
+        shown = str(clusters.object[cluster]) or ("ghost" if clusters.is_ghost[cluster] else "several objects")
         title = f"{label}, cluster {cluster}: {shown}"
         caption = (
             f"{clusters.n_ips[cluster]} incidence points. Left: radius about the object centre with its 95 % "

@@ -178,12 +178,7 @@ def object_table(metrics: Sequence[Metric], method: str) -> str:
 def all_scores_table(metrics: Iterable[Metric]) -> str:
     """Every score that has a value, with its key."""
     rows = [
-        (
-            f"<code>{escape(metric.key)}</code>",
-            _value(metric),
-            _unit(metric),
-            DIRECTION_MARKS[metric.direction],
-        )
+        (f"<code>{escape(metric.key)}</code>", _value(metric), _unit(metric), DIRECTION_MARKS[metric.direction])
         for metric in metrics
         if math.isfinite(metric.value)
     ]

@@ -139,9 +139,7 @@ def axis_lines(results: SweepResults, axis: SweepAxis) -> list[tuple[str, BoolAr
     return [(_short(f"{others[0].name} {part.label}"), part.members) for part in parts]
 
 
-def _curve(
-    panel: Any, axis: SweepAxis, value: FloatArray, members: BoolArray, color: str, label: str
-) -> None:
+def _curve(panel: Any, axis: SweepAxis, value: FloatArray, members: BoolArray, color: str, label: str) -> None:
     """Draw the means of the groups of an axis with intervals: a line with a band, or bars for an axis of texts."""
     rows = np.array([(part.place, *mean_interval(value[part.members & members])) for part in groups(axis)])
     rows = rows[np.isfinite(rows[:, 1])]

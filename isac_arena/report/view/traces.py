@@ -31,10 +31,7 @@ def body_traces(scene: Scene) -> list[Trace]:
     """One mesh per kind of object, then floor and ceiling; the ceiling is hidden at first."""
     kinds = scene.kinds
     parts = sorted(
-        (
-            (kinds.get(part.object_name, part.object_name), part)
-            for part in object_meshes(scene, MESH_SAGITTA_M)
-        ),
+        ((kinds.get(part.object_name, part.object_name), part) for part in object_meshes(scene, MESH_SAGITTA_M)),
         key=lambda entry: entry[0],
     )
     traces = []
@@ -193,10 +190,7 @@ def _mesh(vertices_m: Sequence[FloatArray], faces: Sequence[Any]) -> Trace:
     """Bodies as one mesh trace."""
     starts = np.cumsum([0, *map(len, vertices_m)])
     corners = np.concatenate(
-        [
-            np.zeros((0, 3), int),
-            *(np.asarray(part) + start for part, start in zip(faces, starts, strict=False)),
-        ]
+        [np.zeros((0, 3), int), *(np.asarray(part) + start for part, start in zip(faces, starts, strict=False))]
     )
     triples = {name: corners[:, axis].tolist() for axis, name in enumerate("ijk")}
     return {"type": "mesh3d", **coordinates(np.concatenate([np.zeros((0, 3)), *vertices_m])), **triples}

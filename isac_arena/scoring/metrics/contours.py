@@ -93,9 +93,7 @@ def extent_iou(points_m: FloatArray, lit_points_m: FloatArray) -> float:
     return interval_iou((seen.min(), seen.max()), (lit.min(), lit.max()))
 
 
-def scene_gospa(
-    estimates_m: Sequence[FloatArray], truths_m: Sequence[FloatArray], order: float = 2.0
-) -> Gospa:
+def scene_gospa(estimates_m: Sequence[FloatArray], truths_m: Sequence[FloatArray], order: float = 2.0) -> Gospa:
     """GOSPA of whole scenes: closed outlines (point, xy) with base distance 1 - IoU and cutoff 1."""
     distance = np.array(
         [[1 - intersection_over_union(estimate, truth) for truth in truths_m] for estimate in estimates_m]

@@ -62,9 +62,7 @@ def _count_metrics(stops: IntArray, paths: PathScores, significant: SignificantP
     return metrics
 
 
-KIND_KEYS = {
-    kind: kind.name.lower() for kind in (PathKind.LOS, PathKind.SINGLE_BOUNCE, PathKind.MULTI_BOUNCE)
-}
+KIND_KEYS = {kind: kind.name.lower() for kind in (PathKind.LOS, PathKind.SINGLE_BOUNCE, PathKind.MULTI_BOUNCE)}
 
 
 def _error_metrics(paths: PathScores) -> list[Metric]:

@@ -30,9 +30,7 @@ BAND_SIGMAS = 1.96  # of a Gaussian band of 95 %
 CORNER_DISTANCE_M = 0.5  # an edge this close to a corner of its object counts as that corner
 
 
-def score_contours(
-    scene: Scene, result: MapResult, ips: IpScores, significant: SignificantPaths
-) -> ContourScores:
+def score_contours(scene: Scene, result: MapResult, ips: IpScores, significant: SignificantPaths) -> ContourScores:
     """Table of the contours of one map.
 
     Raises `ValueError` where the contours do not have one entry for every incidence point.
@@ -52,9 +50,7 @@ def score_contours(
     own = replace(ips, label=contours.object)
     columns = outline_columns(scene, result, own, n, significant, error_of)
     right = [
-        float(is_class_right(contours, row, scene.object(str(name))))
-        if name in scene.object_names
-        else np.nan
+        float(is_class_right(contours, row, scene.object(str(name)))) if name in scene.object_names else np.nan
         for row, name in enumerate(columns["object"])
     ]
     return ContourScores(class_right=np.array(right, float), **columns)

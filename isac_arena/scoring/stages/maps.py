@@ -31,9 +31,7 @@ def score_ips(scene: Scene, result: MapResult, paths: PathScores) -> IpScores:
     """
     ips, label = result.ips, result.shapes.label
     if len(label) != len(ips):
-        raise ValueError(
-            f"Shapes.label: {len(label)} labels for {len(ips)} incidence points, one each is needed"
-        )
+        raise ValueError(f"Shapes.label: {len(label)} labels for {len(ips)} incidence points, one each is needed")
     row = ip_paths(ips, paths)
     error = ips.position_m - paths.vertex_m[row]
     height_error = ips.height_m - paths.vertex_height_m[row]
@@ -122,8 +120,5 @@ def _object_metrics(prefix: str, scene: Scene, clusters: OutlineScores) -> list[
         Metric(f"{prefix}.cluster_purity", mean(clusters.purity), "1", "higher"),
         Metric(f"{prefix}.objects_found", len(found), "1", "higher"),
         Metric(f"{prefix}.objects_found_share", ratio(len(found), len(scene.objects)), "1", "higher"),
-        *(
-            Metric(f"{prefix}.objects_found.{kind}", found.count(kind), "1", "higher")
-            for kind in OBJECT_KINDS
-        ),
+        *(Metric(f"{prefix}.objects_found.{kind}", found.count(kind), "1", "higher") for kind in OBJECT_KINDS),
     ]

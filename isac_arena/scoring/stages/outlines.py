@@ -19,12 +19,7 @@ ErrorOf = Callable[[int, SceneObject, FloatArray, FloatArray], ShapeErrors]
 
 
 def outline_columns(
-    scene: Scene,
-    result: MapResult,
-    ips: IpScores,
-    n_rows: int,
-    significant: SignificantPaths,
-    error_of: ErrorOf,
+    scene: Scene, result: MapResult, ips: IpScores, n_rows: int, significant: SignificantPaths, error_of: ErrorOf
 ) -> dict[str, Any]:
     """Columns (row,) by name: the object of each row, its purity and counts, and the errors of the row.
 

@@ -35,9 +35,7 @@ def score_scene(
     shapes = [contour_points_m(result.shapes, row) for row in _with_area(scene, clusters.object)]
     ours = [result.contours.contour_m[row] for row in _with_area(scene, contours.object)]
     flat = ~result.contours.is_closed[_with_area(scene, contours.object)]
-    ours = [
-        points[:1].repeat(3, axis=0) if open_ else points for points, open_ in zip(ours, flat, strict=True)
-    ]
+    ours = [points[:1].repeat(3, axis=0) if open_ else points for points, open_ in zip(ours, flat, strict=True)]
     rows = [_row(estimates, truths) for estimates in (shapes, ours)]
     return SceneScores(np.array(METHODS), *np.array(rows).T)
 

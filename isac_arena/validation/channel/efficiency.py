@@ -40,9 +40,7 @@ def check_coherent_scenes(seed: int, quick: bool, trials: int = 0, estimator: st
     return _scene_rows("coherent", table, (1.10, 1.05), 10, 9, quick)
 
 
-def check_incoherent_scenes(
-    seed: int, quick: bool, trials: int = 0, estimator: str = ""
-) -> list[Measurement]:
+def check_incoherent_scenes(seed: int, quick: bool, trials: int = 0, estimator: str = "") -> list[Measurement]:
     """Random scenes with a random phase on every beam pair, against the bound for random phases."""
     bench = link_bench.make_bench(seed, phase_noise_pair_deg=UNIFORM_DEG)
     stops = scene_stops(bench, seed + 1, scaled(trials, quick, 0.5 if quick else 0.2))
@@ -51,12 +49,7 @@ def check_incoherent_scenes(
 
 
 def _scene_rows(
-    method: str,
-    table: matching.MatchedPaths,
-    bars: tuple[float, float],
-    sharp_db: int,
-    found_db: int,
-    quick: bool,
+    method: str, table: matching.MatchedPaths, bars: tuple[float, float], sharp_db: int, found_db: int, quick: bool
 ) -> list[Measurement]:
     """All rows of random scenes: errors are scored from `sharp_db` on, detection from `found_db` on.
 

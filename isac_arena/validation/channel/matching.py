@@ -103,9 +103,7 @@ def run_stops(
     return MatchedPaths(*columns, np.array(n_false))
 
 
-def _path_rows(
-    stop: ChannelStop, estimate: ChannelEstimate, bounds: TrueBounds, found: IntArray
-) -> FloatArray:
+def _path_rows(stop: ChannelStop, estimate: ChannelEstimate, bounds: TrueBounds, found: IntArray) -> FloatArray:
     n, hit = len(stop.paths), found >= 0
     error, covariance = np.full((n, 3), np.nan), np.full((n, 3, 3), np.nan)
     error[hit] = plane_parameters(estimate)[found[hit]] - stop.paths.parameters[hit]
@@ -136,9 +134,7 @@ def efficiency_rows(
     ]
 
 
-def consistency_rows(
-    prefix: str, table: MatchedPaths, *, min_snr_db: float, quick: bool
-) -> list[Measurement]:
+def consistency_rows(prefix: str, table: MatchedPaths, *, min_snr_db: float, quick: bool) -> list[Measurement]:
     """Coverage of the 95 % region and NEES over its dimension, as deviations from their nominal values."""
     nees = table.nees[table.chosen(min_snr_db)]
     n = max(len(nees), 1)

@@ -89,9 +89,7 @@ def compressed_hits(bench: LinkBench, rng: np.random.Generator, probability: flo
     return hits
 
 
-def sweep_hits(
-    bench: LinkBench, rng: np.random.Generator, fit: Fit, probability: float, n_trials: int
-) -> int:
+def sweep_hits(bench: LinkBench, rng: np.random.Generator, fit: Fit, probability: float, n_trials: int) -> int:
     """Trials in which a method finds a path in whole sweeps of noise."""
     config = MaximumLikelihoodConfig(false_alarm_probability=probability)
     template = noise_stop(bench, 0)

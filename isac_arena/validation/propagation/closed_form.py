@@ -140,9 +140,7 @@ def check_power(seed: int, quick: bool) -> list[Measurement]:
 
     def power(eta: ComplexArray) -> FloatArray:
         both = zip(*slab(cosine, eta, thickness, CARRIER_HZ), strict=True)
-        reflected = [
-            ((1 - share) * np.abs(r) ** 2 + share * np.abs(r) ** 2) + np.abs(t) ** 2 for r, t in both
-        ]
+        reflected = [((1 - share) * np.abs(r) ** 2 + share * np.abs(r) ** 2) + np.abs(t) ** 2 for r, t in both]
         return np.concatenate(reflected)
 
     lossless, lossy = power(permittivity + 0j), power(permittivity * (1 - 1j * rng.uniform(0, 2, n)))

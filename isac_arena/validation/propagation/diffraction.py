@@ -198,9 +198,7 @@ def _ends(radius: float, s1: float, s2: float, incidence_rad: float) -> tuple[Fl
     return np.array([radius + s1 * cosine, s1 * sine]), np.array([radius + s2 * cosine, -s2 * sine])
 
 
-def _reflected(
-    radius: float, s1: float, s2: float, cos_incidence: float, polarisation: Polarisation
-) -> complex:
+def _reflected(radius: float, s1: float, s2: float, cos_incidence: float, polarisation: Polarisation) -> complex:
     """Field reflected by a conducting cylinder over a free wave of that length."""
     divergence = 1 / np.sqrt(1 + 2 * s1 * s2 / ((s1 + s2) * radius * cos_incidence))
     factor = grazing_factor(K, radius, s1, s2, cos_incidence, polarisation)

@@ -15,9 +15,7 @@ from scenes.record import ComplexArray, FloatArray
 N_QUADRATURE = 200
 
 
-def wedge_series(
-    k: float, n: float, source: tuple[float, float], rho_m: float, phi_rad: Any, sign: int
-) -> Any:
+def wedge_series(k: float, n: float, source: tuple[float, float], rho_m: float, phi_rad: Any, sign: int) -> Any:
     """Total field (angle,) of a line source at (rho', phi') in the exterior 0 < phi < n pi of a wedge.
 
     (1/n) sum_m e_m J_{m/n}(k rho<) H_{m/n}(k rho>) [cos(m (phi - phi') / n) +- cos(m (phi + phi') / n)]: C. A.
@@ -28,9 +26,7 @@ def wedge_series(
     m = np.arange(int(n * (k * low + 12 * np.cbrt(k * low) + 30)))
     radial = jv(m / n, k * low) * hankel2(m / n, k * high) * np.where(m > 0, 2, 1) / n
     difference, total = np.asarray(phi_rad) - source[1], np.asarray(phi_rad) + source[1]
-    return (
-        np.cos(np.multiply.outer(difference, m / n)) + sign * np.cos(np.multiply.outer(total, m / n))
-    ) @ radial
+    return (np.cos(np.multiply.outer(difference, m / n)) + sign * np.cos(np.multiply.outer(total, m / n))) @ radial
 
 
 def half_plane_sommerfeld(k: float, phi_in_rad: float, rho_m: Any, phi_rad: Any, sign: int) -> ComplexArray:

@@ -71,9 +71,7 @@ def _box_scenes(rng: np.random.Generator) -> tuple[Scene, Scene, FloatArray]:
     vertices = np.concatenate([np.column_stack([outline, np.full(4, z)]) for z in (0.0, height)])
     places = np.column_stack([rng.uniform(0.4, 2.0, 5), rng.uniform(0.4, 5.6, 5), rng.uniform(0.3, 2.7, 5)])
     places[2:, 0] = ROOM_M[0] - places[2:, 0]
-    empty = replace(
-        scene_of(places[0], box_walls(*ROOM_M), (STONE,), floor=True), bounds_m=(0.0, 0.0, *ROOM_M)
-    )
+    empty = replace(scene_of(places[0], box_walls(*ROOM_M), (STONE,), floor=True), bounds_m=(0.0, 0.0, *ROOM_M))
     drawn = SceneObject("crate", "box", Polygon(outline), 0.0, height, BOARD)
     crate = Clutter("crate", "clutter", BOARD, vertices, np.array(BOX_FACES))
     return replace(empty, objects=(*empty.objects, drawn)), replace(empty, clutter=(crate,)), places[1:]

@@ -16,12 +16,7 @@ PARAMETERS = ("delay_s", "aod_azimuth_rad", "aoa_azimuth_rad", "aod_elevation_ra
 
 
 def made_estimate(
-    stop: int,
-    parameters: FloatArray,
-    power_dbm: Any,
-    covariance: Any,
-    is_los: BoolArray,
-    snr_db: float = 30.0,
+    stop: int, parameters: FloatArray, power_dbm: Any, covariance: Any, is_los: BoolArray, snr_db: float = 30.0
 ) -> ChannelEstimate:
     """Paths (path, m) in s and rad that share one covariance (m, m); m is 3, or 5 with both elevations."""
     n = len(parameters)
@@ -46,9 +41,7 @@ def true_states(truths: Iterable[Truth | MeasuredTruth]) -> FloatArray:
     return np.array([(*t.rx_pose.position_m[:2], t.rx_pose.heading_rad, t.clock_bias_s) for t in truths])
 
 
-def made_poses(
-    state: FloatArray, status: SolveStatus = SolveStatus.GIVEN, n_inliers: int = 0
-) -> PoseEstimates:
+def made_poses(state: FloatArray, status: SolveStatus = SolveStatus.GIVEN, n_inliers: int = 0) -> PoseEstimates:
     """Pose estimates at states (stop, 4) in m, m, rad, s."""
     n = len(state)
     columns = (state[:, :2], state[:, 2], state[:, 3], np.full(n, status), np.full(n, n_inliers), np.zeros(n))

@@ -163,9 +163,7 @@ def equal_pair(
     return DrawnPaths(delay_s, aod_sine, aoa_sine, np.full(2, snr_db), rng.uniform(-np.pi, np.pi, 2))
 
 
-def observe_paths(
-    bench: LinkBench, paths: DrawnPaths, stop: int, background: Paths | None = None
-) -> ChannelStop:
+def observe_paths(bench: LinkBench, paths: DrawnPaths, stop: int, background: Paths | None = None) -> ChannelStop:
     """The sweep of drawn paths at a stop through the campaign's simulator, noise and impairments included.
 
     The stop's number picks the random draws of noise and hardware. `background` adds paths that are no truth.

@@ -114,9 +114,7 @@ def exact_estimate(scene: Scene, truth: Truth) -> ChannelEstimate:
     parameters = device_parameters(truth, scene.tx)[: DOUBLE + 1]
     std = np.array([0.3e-9, np.deg2rad(0.5), np.deg2rad(0.5)])
     count = len(parameters)
-    return made_estimate(
-        truth.stop, parameters, power_dbm(truth)[:count], np.diag(std**2), np.arange(count) == 0
-    )
+    return made_estimate(truth.stop, parameters, power_dbm(truth)[:count], np.diag(std**2), np.arange(count) == 0)
 
 
 def exact_shapes(scene: Scene, label: IntArray, n_samples: int = 360) -> Shapes:

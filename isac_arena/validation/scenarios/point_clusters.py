@@ -82,8 +82,7 @@ def _seen(
     lit_angle = side + arc * (np.linspace(0, 1, 64) - 0.5)
     at = side + arc * (rng.random(n_points) - 0.5)
     lit, true = (
-        center + _polar(np.interp(a - turn_rad, angle, radius_m, period=2 * np.pi), a)
-        for a in (lit_angle, at)
+        center + _polar(np.interp(a - turn_rad, angle, radius_m, period=2 * np.pi), a) for a in (lit_angle, at)
     )
     sensor = center + rng.uniform(*SENSOR_DISTANCE_M) * np.array([np.cos(side), np.sin(side)])
     return MadeObject(_measured(rng, true, sensor, noise_std_m), contour, lit)
@@ -113,9 +112,7 @@ def walls(
 
     With a recess the middle third lies that much deeper. The contour is the line end to end, its steps included.
     """
-    return _drawn(
-        draws, (8, 16, 32, 64), lambda n, noise: _wall(rng, rng.uniform(*length_m), n, noise, recess_m)
-    )
+    return _drawn(draws, (8, 16, 32, 64), lambda n, noise: _wall(rng, rng.uniform(*length_m), n, noise, recess_m))
 
 
 def _wall(

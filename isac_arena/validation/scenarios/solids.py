@@ -64,9 +64,7 @@ def wave_wall() -> OpenSpline:
     return OpenSpline(np.array(points, float))
 
 
-def random_receivers(
-    rng: np.random.Generator, scene: Scene, n: int, reach_m: float, z_m: float
-) -> FloatArray:
+def random_receivers(rng: np.random.Generator, scene: Scene, n: int, reach_m: float, z_m: float) -> FloatArray:
     """Positions (receiver, xyz) in a square about the origin, clear of all objects."""
     found: list[FloatArray] = []
     while len(found) < n:

@@ -54,9 +54,7 @@ def observe_stop(
     """The paths of one receiver state: single bounces off random objects, then outliers, then noise."""
     flat = not config.in_space
     law = plane if flat else space
-    points, objects = (
-        halls.bounce_points(hall, state[:2]) if flat else halls.spatial_points(rng, hall, state[:3])
-    )
+    points, objects = halls.bounce_points(hall, state[:2]) if flat else halls.spatial_points(rng, hall, state[:3])
     n_outliers = round(config.outlier_share * config.n_paths)
     n_single = min(config.n_paths - n_outliers, len(points))
     chosen = rng.choice(len(points), n_single, replace=False)

@@ -48,8 +48,7 @@ def check_bounds(seed: int, quick: bool) -> list[Measurement]:
     ends = {name: f"channel.{name}.over_bound.rms" for name in ("delay", "aod", "aoa")}
     found = {name: values[ends.get(name, f"slam.{name}.over_bound")] for name in bars}
     return [
-        _row(f"over_bound.{name}", np.sqrt(np.mean(np.square(found[name]))) - 1, bar)
-        for name, bar in bars.items()
+        _row(f"over_bound.{name}", np.sqrt(np.mean(np.square(found[name]))) - 1, bar) for name, bar in bars.items()
     ]
 
 
@@ -88,18 +87,14 @@ def _power_dbm(made: MadeCampaign, view: LinkView, truth: Truth) -> FloatArray:
 
 
 def _stops(made: MadeCampaign, view: LinkView) -> list[TrueStop]:
-    return [
-        true_stop(truth, made.scene.tx, _power_dbm(made, view, truth), LIMITS, view) for truth in made.truths
-    ]
+    return [true_stop(truth, made.scene.tx, _power_dbm(made, view, truth), LIMITS, view) for truth in made.truths]
 
 
 def _efficient(made: MadeCampaign, stops: list[TrueStop], rng: np.random.Generator) -> CampaignResults:
     """The made results with path parameters and poses off by draws from their bounds."""
     channel, errors = [], []
     for stop, estimate in zip(stops, made.results.channel, strict=True):
-        channel.append(
-            shifted(estimate, [rng.multivariate_normal(np.zeros(3), one) for one in stop.covariance])
-        )
+        channel.append(shifted(estimate, [rng.multivariate_normal(np.zeros(3), one) for one in stop.covariance]))
         errors.append(rng.multivariate_normal(np.zeros(4), _state_covariance(made, stop)))
     moved = moved_poses(made.results.slam.poses, np.array(errors) / [1.0, 1.0, 1.0, SPEED_OF_LIGHT_M_S])
     return replace(made.results, channel=tuple(channel), slam=replace(made.results.slam, poses=moved))

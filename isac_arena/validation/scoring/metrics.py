@@ -39,12 +39,8 @@ def check_closed_forms(seed: int, quick: bool) -> list[Measurement]:
     wall = np.outer(np.linspace(-2, 3, 50), [0.6, 0.8])
     lit, aside = np.outer(np.linspace(0, 4, 50), [0.6, 0.8]), wall + np.array([-0.8, 0.6])
     return [
-        _error(
-            "iou.circles", contours.intersection_over_union(UNIT, beside) - lens / (2 * np.pi - lens), 1e-5
-        ),
-        _error(
-            "hausdorff.circles", contours.hausdorff_m(*contours.outline_distances(UNIT, beside)) - shift, 1e-5
-        ),
+        _error("iou.circles", contours.intersection_over_union(UNIT, beside) - lens / (2 * np.pi - lens), 1e-5),
+        _error("hausdorff.circles", contours.hausdorff_m(*contours.outline_distances(UNIT, beside)) - shift, 1e-5),
         _error("modified_hausdorff.circles", contours.modified_hausdorff_m(*concentric) - (ratio - 1), 1e-5),
         _error("chamfer.circles", contours.chamfer_m(*concentric) - (ratio - 1), 1e-5),
         _error("perpendicular_rmse.wall", contours.perpendicular_rmse_m(aside, *wall[[0, -1]]) - 1, 1e-12),
@@ -71,9 +67,7 @@ def check_assignments(seed: int, quick: bool) -> list[Measurement]:
     for _ in range(3 if quick else 20):
         n, m = rng.integers(0, 4, 2)
         ours, truths = (rng.uniform(0, 3, (k, 1, 2)) + UNIT[::60] for k in (n, m))
-        loss = np.array([[1 - contours.intersection_over_union(a, b) for b in truths] for a in ours]).reshape(
-            n, m
-        )
+        loss = np.array([[1 - contours.intersection_over_union(a, b) for b in truths] for a in ours]).reshape(n, m)
         expected = np.sqrt(_cheapest(loss**2) + abs(n - m) / 2)
         _keep(worst, "scene_gospa", contours.scene_gospa(ours, truths).value - expected)
     return [_error(f"brute_force.{name}", value, 1e-9) for name, value in worst.items()]

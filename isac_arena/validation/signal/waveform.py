@@ -77,9 +77,7 @@ def check_ofdm(seed: int, quick: bool) -> list[Measurement]:
 def check_arrays(seed: int, quick: bool) -> list[Measurement]:
     """Broadside gain of the 4 x 16 array of TR 38.901 elements: 10 log10(64) + 8 dBi."""
     position_m = upa_positions_m(4, 16, CARRIER_HZ)
-    book = steered_codebook(
-        position_m, CARRIER_HZ, panel_azimuth_rad=[0.0], beams_per_panel=1, sector_rad=1.0
-    )
+    book = steered_codebook(position_m, CARRIER_HZ, panel_azimuth_rad=[0.0], beams_per_panel=1, sector_rad=1.0)
     gain_dbi = peak_gain_dbi(book)
     error_db = abs(gain_dbi - 8.0 - 18.06)
     return [

@@ -37,11 +37,7 @@ def check_jacobians(seed: int, quick: bool) -> list[Measurement]:
         "wall_state": (lambda s: predict_walls(tx, s, walls[:1]).value, x, one.by_state),
         "wall_line": (lambda w: predict_walls(tx, x, w.reshape(1, 2)).value, walls[0], one.by_landmark),
         "double_state": (lambda s: predict_walls(tx, s, walls).value, x, two.by_state),
-        "double_lines": (
-            lambda w: predict_walls(tx, x, w.reshape(2, 2)).value,
-            walls.ravel(),
-            two.by_landmark,
-        ),
+        "double_lines": (lambda w: predict_walls(tx, x, w.reshape(2, 2)).value, walls.ravel(), two.by_landmark),
         "circle_state": (lambda s: predict_circle(tx, s, circle).value, x, pillar.by_state),
         "circle": (lambda c: predict_circle(tx, x, c).value, circle, pillar.by_landmark),
     }

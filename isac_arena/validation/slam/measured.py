@@ -28,9 +28,7 @@ from scenes.pose import wrap_angle
 from scenes.record import BoolArray, FloatArray
 
 MAPPING = MappingConfig(noise=PUBLISHED_NOISE)
-OURS = SnapshotConfig(
-    method="statistical", noise=PUBLISHED_NOISE, max_position_std_m=PUBLISHED_MAX_POSITION_STD_M
-)
+OURS = SnapshotConfig(method="statistical", noise=PUBLISHED_NOISE, max_position_std_m=PUBLISHED_MAX_POSITION_STD_M)
 # position in m, heading in deg, clock in ns
 LOS, NLOS, ALL = (0.3115, 2.1511, 1.1390), (0.5475, 2.6034, 2.5046), (0.3973, 2.2962, 1.6703)
 PUBLISHED = {"los": LOS, "nlos": NLOS, "all": ALL}

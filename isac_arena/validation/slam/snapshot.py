@@ -76,9 +76,7 @@ def _efficiency(
         reason = "an efficient estimator has 1; 10 % for the model that does not know its noise"
         rows.append(at_most(f"{prefix}.{name}.rmse_over_peb", ratio, 1.3 if quick else 1.1, reason))
         every += kept
-    errors, covariances = (
-        np.array([getattr(one, name) for one in every]) for name in ("error", "covariance")
-    )
+    errors, covariances = (np.array([getattr(one, name) for one in every]) for name in ("error", "covariance"))
     nees = squared_mahalanobis(errors, covariances)
     points = np.concatenate([trial.point_nees for trial in every])
     return [

@@ -104,14 +104,10 @@ def solve(scenario: Scenario, config: SnapshotConfig) -> SnapshotTrial:
 def jacobian_rows(prefix: str, cases: Mapping[str, Case]) -> list[Measurement]:
     """Largest deviation of every derivative (..., n) from central differences over its model."""
     reason = "central differences are exact to rounding"
-    return [
-        at_most(f"{prefix}.{name}", _derivative_error(*case), 1e-6, reason) for name, case in cases.items()
-    ]
+    return [at_most(f"{prefix}.{name}", _derivative_error(*case), 1e-6, reason) for name, case in cases.items()]
 
 
-def _derivative_error(
-    model: Callable[[FloatArray], FloatArray], at: FloatArray, derivative: FloatArray
-) -> float:
+def _derivative_error(model: Callable[[FloatArray], FloatArray], at: FloatArray, derivative: FloatArray) -> float:
     step, columns = 1e-5, []
     for change in step * np.eye(len(at)):
         difference = model(at + change) - model(at - change)

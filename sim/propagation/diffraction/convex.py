@@ -141,14 +141,10 @@ def convex_contour(contour: Contour) -> ConvexContour | None:
     is_joint = np.append(np.diff(piece_of) != 0, True)
     steps = _integrals(pieces, piece_of[:-1], t[:-1], np.where(is_joint[:-1], t[:-1], t[1:]))
     place, bend = (np.concatenate([[0.0], np.cumsum(step)]) for step in steps)
-    return ConvexContour(
-        pieces, piece_of, t, point, normal, place, bend, place[is_joint & (turn > MIN_TURN_RAD)]
-    )
+    return ConvexContour(pieces, piece_of, t, point, normal, place, bend, place[is_joint & (turn > MIN_TURN_RAD)])
 
 
-def _at(
-    pieces: tuple[Piece, ...], piece: IntArray, t: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _at(pieces: tuple[Piece, ...], piece: IntArray, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Points and unit normals (n, xy) and curvatures (n,) of pieces (n,) at parameters (n,)."""
     point, normal, curvature = np.zeros((len(t), 2)), np.zeros((len(t), 2)), np.zeros(len(t))
     for index in np.unique(piece):

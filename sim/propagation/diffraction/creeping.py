@@ -98,9 +98,7 @@ def creeping_rays(
     gone = np.stack([s1, s1 + arc / 2, s1 + arc], axis=1) / np.where(length > 0, length, 1.0)[:, None]
     height = tx_m[2] + (rx_positions_m[:, 2] - tx_m[2])[:, None] * gone
     spot = np.concatenate([point, height[..., None]], axis=2)
-    rays = CreepingRays(
-        np.arange(len(arc)), spot[:, 0], spot[:, 1], spot[:, 2], normal, s1, s2, arc, bend, *radii
-    )
+    rays = CreepingRays(np.arange(len(arc)), spot[:, 0], spot[:, 1], spot[:, 2], normal, s1, s2, arc, bend, *radii)
     return rays.take("ray", valid)
 
 
@@ -177,9 +175,7 @@ def _is_clear(rays: CreepingRays, scene: Scene, rx: FloatArray, faces: Occluders
     return np.asarray(clear)
 
 
-def _paths(
-    rays: CreepingRays, index: int, scene: Scene, rx_positions_m: FloatArray, carrier_hz: float
-) -> Paths:
+def _paths(rays: CreepingRays, index: int, scene: Scene, rx_positions_m: FloatArray, carrier_hz: float) -> Paths:
     """Gains, delays and directions of all rays, as one record."""
     rx, tx = rx_positions_m[rays.receiver], scene.tx.position_m
     level = rays.s1_m + rays.arc_m + rays.s2_m

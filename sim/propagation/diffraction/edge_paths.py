@@ -71,9 +71,7 @@ def diffraction_points(edges: Edges, tx_m: FloatArray, rx_positions_m: FloatArra
     return Diffractions(receiver, edge, point, phi_in[valid], phi_out[valid])
 
 
-def _is_clear(
-    found: Diffractions, edges: Edges, tx: FloatArray, rx: FloatArray, faces: Occluders
-) -> BoolArray:
+def _is_clear(found: Diffractions, edges: Edges, tx: FloatArray, rx: FloatArray, faces: Occluders) -> BoolArray:
     """Mask (point,): both legs are free. The leg from the TX is the same for all receivers at one height."""
     middle = (edges.face_0_rad + edges.opening_rad / 2)[found.edge]
     outward = np.column_stack([np.cos(middle), np.sin(middle), np.zeros(len(middle))])

@@ -12,9 +12,7 @@ from scenes.record import FloatArray, IntArray, Record, array
 from scenes.scene import Scene, SceneObject
 
 TOUCH_M = 1e-3  # objects closer than this touch: a fifth of a wavelength at 60 GHz
-MIN_TURN_RAD = np.deg2rad(
-    1.0
-)  # a contour that turns less at a joint, or a wedge flatter than this, is smooth
+MIN_TURN_RAD = np.deg2rad(1.0)  # a contour that turns less at a joint, or a wedge flatter than this, is smooth
 
 FULL_TURN = 2 * np.pi
 
@@ -114,9 +112,7 @@ def _edges_at(corner: FloatArray, owner: int, objects: tuple[SceneObject, ...]) 
 
 def _is_near(contour: Contour, point: FloatArray) -> bool:
     x_min, y_min, x_max, y_max = contour.bounds_m
-    if not (
-        x_min - TOUCH_M <= point[0] <= x_max + TOUCH_M and y_min - TOUCH_M <= point[1] <= y_max + TOUCH_M
-    ):
+    if not (x_min - TOUCH_M <= point[0] <= x_max + TOUCH_M and y_min - TOUCH_M <= point[1] <= y_max + TOUCH_M):
         return False
     return bool(contour.signed_distance(point) <= TOUCH_M)
 
@@ -144,8 +140,7 @@ def _directions(contour: Contour, point: FloatArray) -> tuple[list[float], list[
         return ahead, [_azimuth(-piece.derivative(1.0)) for piece in ends]
     along = contour.outline.project(shapely.Point(point))
     before, after = (
-        np.asarray(contour.outline.interpolate(along + step).coords[0])
-        for step in (-TOUCH_M / 2, TOUCH_M / 2)
+        np.asarray(contour.outline.interpolate(along + step).coords[0]) for step in (-TOUCH_M / 2, TOUCH_M / 2)
     )
     return [_azimuth(after - before)], [_azimuth(before - after)]
 

@@ -20,11 +20,7 @@ from sim.propagation.diffraction.edges import MIN_TURN_RAD
 from sim.propagation.diffraction.wedge import wedge_gain
 from sim.propagation.occlusion import Occluders, is_blocked
 from sim.propagation.paths import BounceKind, Paths, paths_from_field, single_interaction, with_bounce_slots
-from sim.propagation.specular.fresnel import (
-    normal_to_plane_of_incidence,
-    slab_reflection,
-    vertical_polarisation,
-)
+from sim.propagation.specular.fresnel import normal_to_plane_of_incidence, slab_reflection, vertical_polarisation
 
 FULL_TURN = 2 * np.pi
 
@@ -175,9 +171,7 @@ def _gain(edges: MeshEdges, rays: _Rays, materials: Sequence[Material], carrier_
     grazing_0 = np.minimum(rays.phi_in_rad, rays.phi_out_rad)
     grazing_n = opening - np.maximum(rays.phi_in_rad, rays.phi_out_rad)
     mesh = edges.mesh[rays.edge]
-    faces = [
-        _face_reflection(materials, mesh, grazing, tilt, carrier_hz) for grazing in (grazing_0, grazing_n)
-    ]
+    faces = [_face_reflection(materials, mesh, grazing, tilt, carrier_hz) for grazing in (grazing_0, grazing_n)]
     sent, received = vertical_polarisation(rays.before), vertical_polarisation(rays.after)
     basis_in, basis_out = _edge_basis(rays.before, along), _edge_basis(rays.after, along)
     total = np.zeros(len(mesh), complex)
@@ -205,11 +199,7 @@ def _edge_basis(direction: FloatArray, along: FloatArray) -> tuple[FloatArray, F
 
 
 def _face_reflection(
-    materials: Sequence[Material],
-    mesh: IntArray,
-    grazing_rad: FloatArray,
-    tilt_rad: FloatArray,
-    carrier_hz: float,
+    materials: Sequence[Material], mesh: IntArray, grazing_rad: FloatArray, tilt_rad: FloatArray, carrier_hz: float
 ) -> tuple[ComplexArray, ComplexArray]:
     """Reflection coefficients (ray,) of a face for soft and hard fields, equal to those of a specular path.
 
@@ -229,8 +219,7 @@ def _face_reflection(
     s = normal_to_plane_of_incidence(before, normal)
     p_in, p_out = np.cross(s, before), np.cross(s, after)
     soft, hard = (
-        r_s * (a * s).sum(axis=1) * (b * s).sum(axis=1)
-        + r_p * (a * p_in).sum(axis=1) * (b * p_out).sum(axis=1)
+        r_s * (a * s).sum(axis=1) * (b * s).sum(axis=1) + r_p * (a * p_in).sum(axis=1) * (b * p_out).sum(axis=1)
         for a, b in zip(_edge_basis(before, edge), _edge_basis(after, edge), strict=True)
     )
     return soft, hard

@@ -208,12 +208,7 @@ def _may_hold_pair(value: FloatArray, change: FloatArray) -> BoolArray:
 
 
 def _refine(
-    curves: Curves,
-    curve: IntArray,
-    source_m: FloatArray,
-    target_m: FloatArray,
-    low: FloatArray,
-    high: FloatArray,
+    curves: Curves, curve: IntArray, source_m: FloatArray, target_m: FloatArray, low: FloatArray, high: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Newton's method on the slope, kept inside the brackets by bisection: t and the last step in m."""
     t = (low + high) / 2
@@ -246,9 +241,7 @@ def _lit_curves(curves: Curves, point_m: FloatArray) -> IntArray:
     return np.flatnonzero((dot(curves.node_normal, offset) > 0).any(axis=1))
 
 
-def _is_reached(
-    faces: Faces, curves: Curves, face: IntArray, image_m: FloatArray, curve: IntArray
-) -> BoolArray:
+def _is_reached(faces: Faces, curves: Curves, face: IntArray, image_m: FloatArray, curve: IntArray) -> BoolArray:
     """Whether a part of each curve lies in front of a face and in the beam from an image through this face."""
     center, reach = curves.center_m[curve], curves.reach_m[curve]
     kept = faces.height_over(face, center) > -reach

@@ -37,11 +37,7 @@ class CurvePairs:
     def take(self, index: IntArray | BoolArray) -> CurvePairs:
         """The candidates of an index."""
         return CurvePairs(
-            self.receiver[index],
-            self.first[index],
-            self.second[index],
-            self.source_m[index],
-            self.target_m[index],
+            self.receiver[index], self.first[index], self.second[index], self.source_m[index], self.target_m[index]
         )
 
 
@@ -69,9 +65,7 @@ def curved_curved_paths(
     lit = _sees(curves, rx_xy_m)
     receiver, pick = np.nonzero(lit[:, second])
     target = rx_xy_m[receiver]
-    candidates = CurvePairs(
-        receiver, first[pick], second[pick], np.broadcast_to(tx_xy_m, target.shape), target
-    )
+    candidates = CurvePairs(receiver, first[pick], second[pick], np.broadcast_to(tx_xy_m, target.shape), target)
     both = curves.is_convex[candidates.first] & curves.is_convex[candidates.second]
     convex, other = candidates.take(both), candidates.take(~both)
     row, start = _grid_starts(curves, other)

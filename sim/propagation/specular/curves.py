@@ -41,9 +41,7 @@ class Curves(Record):
     side: FloatArray = array("curve", doc="+1 or -1")
     is_convex: BoolArray = array("curve", dtype=bool, doc="as seen from the lit side")
     is_conic: BoolArray = array("curve", dtype=bool, doc="whether coefficients are o, u, v, (start, sweep)")
-    n_segments: IntArray = array(
-        "curve", dtype=int, doc="number of cubics in the curve, equal in t; 1 for conics"
-    )
+    n_segments: IntArray = array("curve", dtype=int, doc="number of cubics in the curve, equal in t; 1 for conics")
     coefficient: FloatArray = array("curve", "segment", "row", "xy", doc="of the conic, or of t^3, t^2, t, 1")
     center_m: FloatArray = array("curve", "xy", unit="m", doc="centre of a disc that holds the curve")
     reach_m: FloatArray = array("curve", unit="m", doc="radius of that disc")
@@ -125,9 +123,7 @@ def conic_curves(
     def make(surface: int, side: float) -> list[Curves]:
         is_convex = bool(side * sweep_rad * cross(u_m, v_m) > 0)
         n = _n_cuts(abs(sweep_rad), is_convex)
-        rows = [
-            np.stack([center_m, u_m, v_m, [start_rad + sweep_rad * k / n, sweep_rad / n]]) for k in range(n)
-        ]
+        rows = [np.stack([center_m, u_m, v_m, [start_rad + sweep_rad * k / n, sweep_rad / n]]) for k in range(n)]
         return [_curve(row[None], surface, side, is_convex=is_convex, is_conic=True) for row in rows]
 
     return make

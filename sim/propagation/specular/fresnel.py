@@ -45,10 +45,7 @@ def slab(
     eta = np.where(perfect, 1.0, permittivity)
     refracted = np.sqrt(eta - (1 - cosine**2) + 0j)
     single_way = np.exp(-2j * np.pi * np.asarray(thickness_m) * frequency_hz / SPEED_OF_LIGHT_M_S * refracted)
-    faces = (
-        (cosine - refracted) / (cosine + refracted),
-        (eta * cosine - refracted) / (eta * cosine + refracted),
-    )
+    faces = ((cosine - refracted) / (cosine + refracted), (eta * cosine - refracted) / (eta * cosine + refracted))
     reflection, transmission = [], []
     for face, conductor in zip(faces, (-1.0, 1.0), strict=True):
         echoes = 1 - face**2 * single_way**2

@@ -51,9 +51,7 @@ def planar_paths(faces: Faces, chain: FaceChains, rx_xy_m: FloatArray) -> PlanPa
         hit, row, target = hit[valid], row[valid], point[valid]
         points = [target, *(earlier[valid] for earlier in points)]
     face = chain.face[row]
-    return PlanPaths(
-        hit, faces.surface[face], np.stack(points, axis=1), faces.normal[face], np.zeros(face.shape)
-    )
+    return PlanPaths(hit, faces.surface[face], np.stack(points, axis=1), faces.normal[face], np.zeros(face.shape))
 
 
 def points_on_faces(

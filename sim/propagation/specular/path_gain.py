@@ -35,11 +35,7 @@ class Slabs(Record):
 def scene_slabs(scene: Scene, carrier_hz: float) -> Slabs:
     """The slab of every surface of a scene."""
     planes = [plane.material for plane in (scene.floor, scene.ceiling) if plane is not None]
-    materials = [
-        *(item.material for item in scene.objects),
-        *planes,
-        *(item.material for item in scene.clutter),
-    ]
+    materials = [*(item.material for item in scene.objects), *planes, *(item.material for item in scene.clutter)]
     return Slabs(
         carrier_hz,
         np.array([material.complex_permittivity(carrier_hz) for material in materials], complex),
@@ -68,9 +64,7 @@ def ray_interactions(rays: Rays, points_m: FloatArray, met: Crossings, n_slots: 
     place = np.concatenate([np.tile(np.arange(1.0, n_legs), n_rays), leg + met.share])
     start = points_m[ray, leg]
     crossed = start + met.share[:, None] * (points_m[ray, leg + 1] - start)
-    kinds = np.repeat(
-        [int(BounceKind.SPECULAR), int(BounceKind.REFRACTION)], [n_rays * (n_legs - 1), len(ray)]
-    )
+    kinds = np.repeat([int(BounceKind.SPECULAR), int(BounceKind.REFRACTION)], [n_rays * (n_legs - 1), len(ray)])
     order = np.lexsort([place, row])
     row = row[order]
     slot = np.arange(len(row)) - np.searchsorted(row, row)
@@ -90,12 +84,7 @@ def ray_interactions(rays: Rays, points_m: FloatArray, met: Crossings, n_slots: 
 
 
 def paths_of_rays(
-    rays: Rays,
-    points_m: FloatArray,
-    happening: Interactions,
-    known: Slabs,
-    names: list[str],
-    max_loss_db: float,
+    rays: Rays, points_m: FloatArray, happening: Interactions, known: Slabs, names: list[str], max_loss_db: float
 ) -> tuple[Paths, BoolArray]:
     """The rays as a path record, and a mask (ray,) of the valid ones.
 
@@ -109,20 +98,12 @@ def paths_of_rays(
     received, transmitted = _received(direction, happening, known)
     interactions = happening.kind, happening.surface, happening.vertex_m
     paths = paths_from_field(
-        received * rays.spreading,
-        length,
-        direction[:, 0],
-        direction[:, -1],
-        interactions,
-        names,
-        known.carrier_hz,
+        received * rays.spreading, length, direction[:, 0], direction[:, -1], interactions, names, known.carrier_hz
     )
     return paths, (transmitted >= 10 ** (-max_loss_db / 20)) & (leg_m > MIN_LEG_M).all(axis=1)
 
 
-def _received(
-    direction: FloatArray, happening: Interactions, known: Slabs
-) -> tuple[ComplexArray, FloatArray]:
+def _received(direction: FloatArray, happening: Interactions, known: Slabs) -> tuple[ComplexArray, FloatArray]:
     """Field between vertically polarised antennas (ray,), and the transmitted share of the amplitude (ray,)."""
     ray = np.arange(len(direction))
     field = vertical_polarisation(direction[:, 0]).astype(complex)

@@ -17,9 +17,7 @@ class PlanPaths(Record):
     surface: IntArray = array("path", "corner", dtype=int, doc="index of the object, TX to RX")
     point_m: FloatArray = array("path", "corner", "xy", unit="m", doc="points of reflection")
     normal: FloatArray = array("path", "corner", "xy", doc="unit normal of the lit side")
-    curvature: FloatArray = array(
-        "path", "corner", unit="1/m", doc="> 0 where convex, seen from the lit side"
-    )
+    curvature: FloatArray = array("path", "corner", unit="1/m", doc="> 0 where convex, seen from the lit side")
 
     def __len__(self) -> int:
         return self.size("path")
@@ -39,9 +37,9 @@ def without_duplicates(paths: PlanPaths) -> PlanPaths:
         [0.755 * first[:, 0] + 0.570 * first[:, 1], *paths.surface.T, paths.receiver]
     )  # the last key is the position along a direction that is parallel to no usual wall
     before, after = order[:-1], order[1:]
-    same = (paths.receiver[before] == paths.receiver[after]) & (
-        paths.surface[before] == paths.surface[after]
-    ).all(axis=1)
+    same = (paths.receiver[before] == paths.receiver[after]) & (paths.surface[before] == paths.surface[after]).all(
+        axis=1
+    )
     offset = np.abs(paths.point_m[after] - paths.point_m[before]).max(axis=(1, 2), initial=0)
     repeated = np.zeros(len(paths), bool)
     repeated[after[same & (offset < SAME_POINT_M)]] = True

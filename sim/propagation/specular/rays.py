@@ -71,9 +71,7 @@ def rays_from_plan_paths(
     leg = norm(step)
     cosine = np.abs(dot(plan.normal, step[:, :-1])) / np.where(leg[:, :-1] > 0, leg[:, :-1], 1.0)
     reached = np.concatenate([np.zeros((len(plan), 1)), np.cumsum(leg, axis=1)], axis=1)
-    gain = spreading_factor(plan.curvature, leg, cosine) * _grazing(
-        plan.curvature, reached, cosine, wavenumber
-    )
+    gain = spreading_factor(plan.curvature, leg, cosine) * _grazing(plan.curvature, reached, cosine, wavenumber)
     lines = _Unfolded(gain, corners, reached, ends[0][:, 2], ends[1][:, 2])
     for n_levels in range(max_levels + 1):
         for sequence in product(known.horizontal_faces, repeat=n_levels):
@@ -83,9 +81,7 @@ def rays_from_plan_paths(
                     yield _over_levels(plan.take("path", lit), lines.take("path", lit), sequence, known)
 
 
-def _grazing(
-    curvature: FloatArray, reached_m: FloatArray, cosine: FloatArray, wavenumber: float
-) -> ComplexArray:
+def _grazing(curvature: FloatArray, reached_m: FloatArray, cosine: FloatArray, wavenumber: float) -> ComplexArray:
     """Product (path,) of the grazing corrections of all bounces off convex walls, from unfolded lengths."""
     factor = np.ones(curvature.shape, complex)
     path, corner = np.nonzero((curvature > 0) & (cosine > 0))
@@ -107,9 +103,7 @@ class _Unfolded(Record):
     rx_z_m: FloatArray = array("path", unit="m")
 
 
-def _over_levels(
-    plan: PlanPaths, lines: _Unfolded, sequence: tuple[HorizontalFace, ...], known: Surfaces
-) -> Rays:
+def _over_levels(plan: PlanPaths, lines: _Unfolded, sequence: tuple[HorizontalFace, ...], known: Surfaces) -> Rays:
     """Rays off one sequence of horizontal faces; both ends lie on the lit sides."""
     levels_z = np.array([level.z_m for level in sequence])
     heights = np.column_stack([lines.tx_z_m, np.tile(levels_z, (len(plan), 1)), lines.rx_z_m])

@@ -16,9 +16,7 @@ from scenes.scene import Scene, SceneObject
 from sim.propagation.specular.curves import MAX_SEGMENTS, Curves, conic_curves, cubic_curves, joined_curves
 
 LID_SAGITTA_M = 1e-6  # the outline of a lid stays this close to the contour
-HERMITE_ERROR_M = (
-    1e-11  # largest error of the cubics that replace a smooth piece, if it is no arc and no cubic
-)
+HERMITE_ERROR_M = 1e-11  # largest error of the cubics that replace a smooth piece, if it is no arc and no cubic
 
 
 @dataclass(frozen=True)
@@ -112,9 +110,7 @@ def _faces(flat: list[tuple[FloatArray, FloatArray, int]]) -> Faces:
     return Faces(start, end, normal, np.array([one[2] for one in flat], int))
 
 
-def curves_of_piece(
-    piece: Piece, surface: int, *, closed: bool, max_segments: int = MAX_SEGMENTS
-) -> list[Curves]:
+def curves_of_piece(piece: Piece, surface: int, *, closed: bool, max_segments: int = MAX_SEGMENTS) -> list[Curves]:
     """The curves of one piece: lit from outside, and for an open contour also from the other side."""
     if isinstance(piece, ArcPiece):
         axes = piece.radius_m * np.eye(2)

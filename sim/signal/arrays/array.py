@@ -16,9 +16,7 @@ ElementPattern = Literal["tr38901", "isotropic"]
 Taper = Literal["uniform", "taylor", "chebyshev"]
 
 
-def upa_positions_m(
-    rows: int, columns: int, carrier_hz: float, spacing_wavelengths: float = 0.5
-) -> FloatArray:
+def upa_positions_m(rows: int, columns: int, carrier_hz: float, spacing_wavelengths: float = 0.5) -> FloatArray:
     """Element positions (element, xyz) in m of a uniform planar array centred on the origin, looking along +x."""
     if rows < 1 or columns < 1:
         raise ValueError(f"rows, columns = {rows}, {columns}: a planar array has at least 1 row and 1 column")
@@ -133,9 +131,7 @@ def from_panel(
     """Azimuth and elevation in the device frame of directions in the panel frame."""
     if panel_tilt_rad == 0:
         return np.asarray(azimuth_rad) + panel_azimuth_rad, np.asarray(elevation_rad)
-    return azimuth_elevation(
-        direction(azimuth_rad, elevation_rad) @ panel_axes(panel_azimuth_rad, panel_tilt_rad)
-    )
+    return azimuth_elevation(direction(azimuth_rad, elevation_rad) @ panel_axes(panel_azimuth_rad, panel_tilt_rad))
 
 
 def vertical_polarisation(

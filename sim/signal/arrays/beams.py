@@ -137,9 +137,7 @@ def beams_from_weights(
     return PanelBeams(unit, azimuth[best], elevation[best])
 
 
-def shaped_beams(
-    beams: PanelBeams, taper: FloatArray | None = None, phase_bits: int | None = None
-) -> PanelBeams:
+def shaped_beams(beams: PanelBeams, taper: FloatArray | None = None, phase_bits: int | None = None) -> PanelBeams:
     """The beams with an amplitude taper (element,) and with phases rounded to multiples of 2 pi / 2^phase_bits."""
     weights = beams.weights
     if taper is not None:
@@ -168,7 +166,5 @@ def unit_norm(weights: ComplexArray) -> ComplexArray:
     norm = np.linalg.norm(weights, axis=1, keepdims=True)
     bad = np.flatnonzero(~np.isfinite(norm[:, 0]) | (norm[:, 0] == 0))
     if len(bad):
-        raise ValueError(
-            f"weights: beam {bad[0]} has none, every beam needs finite weights that are not all zero"
-        )
+        raise ValueError(f"weights: beam {bad[0]} has none, every beam needs finite weights that are not all zero")
     return np.asarray(weights / norm)

@@ -8,13 +8,7 @@ import numpy as np
 
 from scenes.pose import wrap_angle
 from scenes.record import ComplexArray, FloatArray, Record, array
-from sim.signal.arrays.array import (
-    element_amplitude,
-    from_panel,
-    steering_vector,
-    to_panel,
-    vertical_polarisation,
-)
+from sim.signal.arrays.array import element_amplitude, from_panel, steering_vector, to_panel, vertical_polarisation
 from sim.signal.arrays.beams import PanelBeams, sine_spaced_azimuths, steered_beams
 
 
@@ -31,12 +25,8 @@ class Codebook(Record):
     element_pattern: str = array(dtype=str, doc="pattern of every element: 'tr38901' or 'isotropic'")
     polarisation_slant_rad: float = array(unit="rad", doc="slant of every element's polarisation, 0 vertical")
     carrier_hz: float = array(unit="Hz", doc="design frequency of the weights")
-    weights: ComplexArray = array(
-        "beam", "element", dtype=complex, doc="beam weights, nominally of unit norm"
-    )
-    panel_azimuth_rad: FloatArray = array(
-        "beam", unit="rad", doc="boresight of the beam's panel, device frame"
-    )
+    weights: ComplexArray = array("beam", "element", dtype=complex, doc="beam weights, nominally of unit norm")
+    panel_azimuth_rad: FloatArray = array("beam", unit="rad", doc="boresight of the beam's panel, device frame")
     panel_tilt_rad: FloatArray = array("beam", unit="rad", doc="elevation of the panel's boresight")
     azimuth_rad: FloatArray = array("beam", unit="rad", doc="nominal pointing azimuth, device frame")
     elevation_rad: FloatArray = array("beam", unit="rad", doc="nominal pointing elevation")

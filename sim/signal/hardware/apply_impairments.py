@@ -78,9 +78,7 @@ def with_surveyed_pose(config: SimulationConfig, truth: Truth) -> Truth:
     if not (hardware.rx_placement_std_m or hardware.rx_heading_std_deg):
         return truth
     rng = stage_generator(config.seed, RandomStage.SURVEY, truth.stop)
-    pose = surveyed_pose(
-        truth.rx_pose, hardware.rx_placement_std_m, np.deg2rad(hardware.rx_heading_std_deg), rng
-    )
+    pose = surveyed_pose(truth.rx_pose, hardware.rx_placement_std_m, np.deg2rad(hardware.rx_heading_std_deg), rng)
     return replace(truth, rx_pose=pose)
 
 
@@ -133,9 +131,7 @@ def apply_oscillator(
         samples *= np.exp(1j * phase_rad).astype(np.complex64)[..., None]
 
 
-def apply_front_end(
-    config: SimulationConfig, link: Link, samples: ComplexArray, rng: np.random.Generator
-) -> None:
+def apply_front_end(config: SimulationConfig, link: Link, samples: ComplexArray, rng: np.random.Generator) -> None:
     """Apply the impairments of oscillator, mixer and converters to the time samples, in place, per TX beam.
 
     CFO and phase noise within a symbol cause leakage between subcarriers, IQ imbalance adds mirrored subcarriers,
@@ -171,9 +167,7 @@ def apply_front_end(
         block[:] = to_subcarriers(signal, bins)
 
 
-def _built(
-    config: SimulationConfig, codebook: Codebook, elements: RandomStage, beams: RandomStage
-) -> Codebook:
+def _built(config: SimulationConfig, codebook: Codebook, elements: RandomStage, beams: RandomStage) -> Codebook:
     hardware = config.impairments
     if hardware.element_gain_std_db or hardware.element_phase_std_deg:
         codebook = with_element_errors(

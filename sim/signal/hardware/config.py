@@ -39,10 +39,7 @@ class ImpairmentsConfig(ConfigModel):
         0.0, ge=0, le=180, description="phase step from one beam pair to the next, a random walk"
     )
     phase_noise_linewidth_hz: float = Field(
-        0.0,
-        ge=0,
-        le=1e5,
-        description="full 3 dB linewidth of the oscillator, a Wiener phase within each symbol",
+        0.0, ge=0, le=1e5, description="full 3 dB linewidth of the oscillator, a Wiener phase within each symbol"
     )
     iq_gain_db: float = Field(0.0, ge=-6, le=6, description="gain of Q over I in the receiver")
     iq_phase_deg: float = Field(0.0, ge=-45, le=45, description="error of the quadrature in the receiver")
@@ -51,10 +48,7 @@ class ImpairmentsConfig(ConfigModel):
         15.0, ge=0, le=60, description="full scale over the rms per converter of the strongest beam pair"
     )
     adc_clip_db: float | None = Field(
-        None,
-        ge=-20,
-        le=60,
-        description="clipping level over the rms per converter of the strongest beam pair",
+        None, ge=-20, le=60, description="clipping level over the rms per converter of the strongest beam pair"
     )
     element_gain_std_db: float = Field(0.0, ge=0, le=6, description="gain errors of the array elements")
     element_phase_std_deg: float = Field(0.0, ge=0, le=180, description="phase errors of the array elements")

@@ -30,9 +30,7 @@ def coupling_matrix(position_m: FloatArray, carrier_hz: float, coupling_db: floa
     distance_m = np.linalg.norm(position_m[:, None] - position_m, axis=2)
     half_m = SPEED_OF_LIGHT_M_S / carrier_hz / 2
     np.fill_diagonal(distance_m, 1.0)
-    coupling = (
-        10 ** (coupling_db / 20) * half_m / distance_m * np.exp(-1j * np.pi * (distance_m / half_m - 1))
-    )
+    coupling = 10 ** (coupling_db / 20) * half_m / distance_m * np.exp(-1j * np.pi * (distance_m / half_m - 1))
     np.fill_diagonal(coupling, 1.0)
     return np.asarray(coupling)
 
@@ -123,9 +121,7 @@ def to_subcarriers(time_samples: ComplexArray, bins: IntArray) -> ComplexArray:
     return np.asarray(fft(time_samples, axis=-1, norm="ortho")[..., bins])
 
 
-def surveyed_pose(
-    pose: Pose, placement_std_m: float, heading_std_rad: float, rng: np.random.Generator
-) -> Pose:
+def surveyed_pose(pose: Pose, placement_std_m: float, heading_std_rad: float, rng: np.random.Generator) -> Pose:
     """The surveyed pose of a device, with Gaussian errors of the horizontal position and the heading."""
     error = rng.standard_normal(3)
     moved_m = np.array([placement_std_m * error[0], placement_std_m * error[1], 0.0])

@@ -21,9 +21,7 @@ class ScheduleConfig(ConfigModel):
     repetitions: int = Field(1, ge=1, le=32, description="slots in which a beam is sent per instance")
     gap_slots: int = Field(1, ge=1, le=32, description="slots from one repetition of a beam to the next")
     muting_1: Bits | None = Field(None, description="option 1: a bit for every instance, 0 for muted")
-    muting_bit_repetition: int = Field(
-        1, ge=1, le=8, description="consecutive instances of one bit of muting_1"
-    )
+    muting_bit_repetition: int = Field(1, ge=1, le=8, description="consecutive instances of one bit of muting_1")
     muting_2: Bits | None = Field(None, description="option 2: a bit for every repetition, 0 for muted")
 
     def of_resource(self, numerology: int, resource_offset_slots: int = 0) -> PrsSchedule:

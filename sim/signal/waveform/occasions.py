@@ -46,9 +46,7 @@ def sweep_occasions(waveform: WaveformConfig, n_tx: int, n_rx: int) -> Occasions
             air_time_s=pair_s * n_tx * n_rx,
         )
     offset = resource_offsets(schedule, n_tx)
-    first = sent_slots(
-        schedule.of_resource(prs.numerology), n_rx
-    )  # (rx_beam, repetition) of the first TX beam
+    first = sent_slots(schedule.of_resource(prs.numerology), n_rx)  # (rx_beam, repetition) of the first TX beam
     slot = first.T[:, None, :] + offset[:, None]
     slot_s = 1e-3 / 2**prs.numerology
     return Occasions(

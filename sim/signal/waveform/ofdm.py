@@ -15,9 +15,7 @@ def sample_rate_hz(numerology: int, n_fft: int = 4096) -> float:
     return n_fft * 15e3 * 2.0**numerology
 
 
-def cp_lengths(
-    numerology: int, slot: int, n_fft: int = 4096, cyclic_prefix: CyclicPrefix = "normal"
-) -> IntArray:
+def cp_lengths(numerology: int, slot: int, n_fft: int = 4096, cyclic_prefix: CyclicPrefix = "normal") -> IntArray:
     """Samples of the cyclic prefix (symbol,) of the 14 symbols of a slot, or the 12 with the extended one.
 
     Normal: 144/2048 of a symbol, and 2^mu 16/2048 of it more in the first symbol of every half subframe (0.5 ms).
@@ -53,9 +51,7 @@ def modulate(grid: ComplexArray, cp_length: IntArray, n_fft: int = 4096) -> Comp
     spectrum[:, _bins(grid.shape[1], n_fft)] = grid
     bodies = ifft(spectrum, axis=1, norm="forward")
     pieces = [
-        part
-        for body, prefix in zip(bodies, cp_length, strict=True)
-        for part in (body[n_fft - prefix :], body)
+        part for body, prefix in zip(bodies, cp_length, strict=True) for part in (body[n_fft - prefix :], body)
     ]
     return np.concatenate(pieces)
 
@@ -75,9 +71,7 @@ def demodulate(
     _check(len(cp_length), n_subcarriers, cp_length, n_fft)
     total = int(np.sum(cp_length)) + n_fft * len(cp_length)
     if len(samples) != total:
-        raise ValueError(
-            f"samples: {len(samples)} given, {len(cp_length)} symbols with prefixes take {total}"
-        )
+        raise ValueError(f"samples: {len(samples)} given, {len(cp_length)} symbols with prefixes take {total}")
     if not 0 <= early <= np.min(cp_length, initial=n_fft):
         raise ValueError(f"early = {early}: allowed is 0 to the shortest prefix, {np.min(cp_length)}")
     start = np.cumsum(cp_length) + n_fft * np.arange(len(cp_length)) - early
@@ -95,9 +89,7 @@ def _bins(n_subcarriers: int, n_fft: int) -> IntArray:
 
 def _check(n_symbols: int, n_subcarriers: int, cp_length: IntArray, n_fft: int) -> None:
     if n_subcarriers > n_fft:
-        raise ValueError(
-            f"n_fft = {n_fft}: the grid has {n_subcarriers} subcarriers, the FFT needs as many bins"
-        )
+        raise ValueError(f"n_fft = {n_fft}: the grid has {n_subcarriers} subcarriers, the FFT needs as many bins")
     if len(cp_length) != n_symbols:
         raise ValueError(f"cp_length: {len(cp_length)} prefixes for {n_symbols} symbols")
     if n_symbols and not 0 <= np.min(cp_length) <= np.max(cp_length) <= n_fft:

@@ -196,9 +196,7 @@ def prs_subcarriers(config: PrsConfig, symbol: int | None = None) -> IntArray:
         raise ValueError(f"symbol = {symbol}: the resource has {config.length} from {config.first_symbol}")
     k_prime = COMB_OFFSETS[config.comb][symbol - config.first_symbol]
     start = config.rb_offset * SUBCARRIERS_PER_RB
-    return (
-        start + np.arange(0, config.n_subcarriers, config.comb) + (config.re_offset + k_prime) % config.comb
-    )
+    return start + np.arange(0, config.n_subcarriers, config.comb) + (config.re_offset + k_prime) % config.comb
 
 
 def prs_slot(config: PrsConfig, sequence_id: int, slot: int) -> ComplexArray:

@@ -21,13 +21,9 @@ def received_grid(sweep: BeamSweep, prs: PrsConfig, slot: int, tx_beam: int, rx_
     samples = sweep.samples[tx_beam, rx_beam]
     n_occupied = prs.n_subcarriers // prs.comb
     if len(samples) not in (n_occupied, prs.n_subcarriers):
-        raise ValueError(
-            f"samples: {len(samples)} subcarriers, this PRS has {n_occupied} or {prs.n_subcarriers}"
-        )
+        raise ValueError(f"samples: {len(samples)} subcarriers, this PRS has {n_occupied} or {prs.n_subcarriers}")
     is_single = len(samples) == n_occupied
-    expected = (
-        prs_symbols(prs, tx_beam % 4096, slot) if is_single else prs_comb_pass(prs, tx_beam % 4096, slot)
-    )
+    expected = prs_symbols(prs, tx_beam % 4096, slot) if is_single else prs_comb_pass(prs, tx_beam % 4096, slot)
     if not np.allclose(expected, sweep.prs_symbol[tx_beam], atol=1e-6):
         raise ValueError(f"prs_symbol: beam {tx_beam} did not send this PRS in slot {slot}")
     start = prs.rb_offset * SUBCARRIERS_PER_RB

@@ -16,9 +16,7 @@ from sim.observation import BeamSweep
 from sim.signal.arrays.codebook import Codebook, beam_response
 from sim.signal.link import Link, make_link
 
-PANELS = ArrayConfig(
-    columns=8, beams_per_panel=8, sector_deg=90.0, panel_azimuth_deg=[-180.0, -90.0, 0.0, 90.0]
-)
+PANELS = ArrayConfig(columns=8, beams_per_panel=8, sector_deg=90.0, panel_azimuth_deg=[-180.0, -90.0, 0.0, 90.0])
 ELEVATION = ArrayConfig(columns=8, beams_per_panel=8, beam_elevation_deg=[-20.0, 0.0, 20.0])
 CHI2_95 = 7.815  # of 3 degrees of freedom
 
@@ -49,13 +47,7 @@ def plain_link(
 
 
 def plain_paths(
-    link: Link,
-    delay_ns: Any,
-    aod_deg: Any,
-    aoa_deg: Any,
-    snr_db: Any,
-    noise_mw: float = 1.0,
-    phase: Any = 0.0,
+    link: Link, delay_ns: Any, aod_deg: Any, aoa_deg: Any, snr_db: Any, noise_mw: float = 1.0, phase: Any = 0.0
 ) -> PlainPaths:
     """Paths at zero elevation unless angles are (path, 2), with amplitudes from the SNR in the best beam pair."""
     delay_s = 1e-9 * np.atleast_1d(np.asarray(delay_ns, float))
@@ -104,9 +96,7 @@ def plain_sweep(
 def compressed(sweep: BeamSweep) -> CompressedSweep:
     """A sweep compressed as the coherent method does it, over the whole delay period."""
     noise_mw = tuple(sweep.noise_power_mw.tolist())
-    plan = search_plan(
-        nominal_manifold(sweep.tx_codebook), nominal_manifold(sweep.rx_codebook), noise_mw, 2.0
-    )
+    plan = search_plan(nominal_manifold(sweep.tx_codebook), nominal_manifold(sweep.rx_codebook), noise_mw, 2.0)
     cube = compress(sweep, plan.tx, plan.rx)
     return cube.window(np.arange(cube.n_bins))
 

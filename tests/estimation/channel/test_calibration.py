@@ -74,9 +74,7 @@ def test_magnitudes_alone_give_the_magnitudes_of_all_directions() -> None:
     calibrated = with_responses(book, found.element, found.beam)
     directions, fine = np.linspace(-0.9, 0.9, 50), np.linspace(-1.0, 1.0, 4001)
     seen = np.abs(unit_responses(built, directions))
-    misfit = [
-        1 - ((seen @ np.abs(unit_responses(b, fine)).T) ** 2).max(axis=1).mean() for b in (book, calibrated)
-    ]
+    misfit = [1 - ((seen @ np.abs(unit_responses(b, fine)).T) ** 2).max(axis=1).mean() for b in (book, calibrated)]
     assert misfit[1] < 1e-4 < 0.05 * misfit[0]
 
 

@@ -83,9 +83,7 @@ def test_uninformative_samples_are_refused(
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_noise_alone_holds_no_paths(
-    make_sweep: SweepMaker, make_paths: Maker, link: Link, method: str
-) -> None:
+def test_noise_alone_holds_no_paths(make_sweep: SweepMaker, make_paths: Maker, link: Link, method: str) -> None:
     sweep = make_sweep(make_paths(1e-12, 2e-8, -1.5, 0.4), np.random.default_rng(8), over=link)
     estimate = estimate_channel(sweep, method)
     assert len(estimate) == 0

@@ -53,9 +53,7 @@ for_methods = pytest.mark.parametrize("method", METHODS, ids=lambda method: meth
 @pytest.mark.parametrize(
     ("tx", "rx"), [(None, None), (None, PANELS), (ELEVATION, None)], ids=["azimuth", "panels", "elevation"]
 )
-def test_without_noise_estimates_are_exact(
-    method: Method, tx: ArrayConfig | None, rx: ArrayConfig | None
-) -> None:
+def test_without_noise_estimates_are_exact(method: Method, tx: ArrayConfig | None, rx: ArrayConfig | None) -> None:
     link = plain_link(tx, rx)
     aod: Any = [[10.0, 5.0], [-25.0, -8.0], [35.0, 12.0]] if tx is ELEVATION else [10.0, -25.0, 35.0]
     aoa = [-100.0, 20.0, 170.0] if rx is PANELS else [-20.0, 5.0, 30.0]
@@ -89,9 +87,7 @@ def test_false_alarms_are_rare_at_unexpected_delays(method: Method) -> None:
     assert 0.5 < _false_alarm_rate(method, config, 3000, rng) / 0.01 < 1.5
 
 
-def _false_alarm_rate(
-    method: Method, config: MaximumLikelihoodConfig, n: int, rng: np.random.Generator
-) -> float:
+def _false_alarm_rate(method: Method, config: MaximumLikelihoodConfig, n: int, rng: np.random.Generator) -> float:
     nothing = no_plain_paths(SMALL)
     return sum(len(method.fit(plain_sweep(SMALL, nothing, rng), config)) > 0 for _ in range(n)) / n
 
@@ -105,9 +101,7 @@ def test_calibrated_manifolds_replace_nominal_ones(method: Method) -> None:
         rx_codebook=with_element_errors(SMALL.rx_codebook, 1.0, 0.3, rng),
     )
     paths = plain_paths(built, [80.0, 150.0], [12.0, -30.0], [0.0, 20.0], [40.0, 35.0])
-    sweep = replace(
-        plain_sweep(built, paths, rng), tx_codebook=SMALL.tx_codebook, rx_codebook=SMALL.rx_codebook
-    )
+    sweep = replace(plain_sweep(built, paths, rng), tx_codebook=SMALL.tx_codebook, rx_codebook=SMALL.rx_codebook)
     sweep = method.sweep(sweep, rng)
     if method.name == "coherent":
         assert len(method.fit(sweep)) > 2
@@ -117,9 +111,7 @@ def test_calibrated_manifolds_replace_nominal_ones(method: Method) -> None:
 
 @for_methods
 def test_more_paths_than_allowed_are_not_reported(method: Method) -> None:
-    paths = plain_paths(
-        SMALL, [30.0, 130.0, 260.0], [0.0, 30.0, -30.0], [0.0, -30.0, 20.0], [35.0, 33.0, 30.0]
-    )
+    paths = plain_paths(SMALL, [30.0, 130.0, 260.0], [0.0, 30.0, -30.0], [0.0, -30.0, 20.0], [35.0, 33.0, 30.0])
     sweep = plain_sweep(SMALL, paths, np.random.default_rng(12))
     fit = method.fit(sweep, MaximumLikelihoodConfig(max_paths=2))
     assert np.allclose(fit.delay_s, paths.delay_s[:2], atol=2e-9)

@@ -37,11 +37,7 @@ def attempt_to_fit(data, history=None):
 def problems(seed, n, noise):
     rng = np.random.default_rng(seed)
     true = rng.uniform([1.0, 0.1, 1.0], [3.0, 1.0, 4.0], (n, 3))
-    return (
-        true,
-        curve(true)[0] + noise * rng.normal(size=(n, len(AXIS))),
-        true + rng.normal(size=(n, 3)) * 0.1,
-    )
+    return (true, curve(true)[0] + noise * rng.normal(size=(n, len(AXIS))), true + rng.normal(size=(n, 3)) * 0.1)
 
 
 @given(seed=st.integers(0, 2**32 - 1))

@@ -55,9 +55,7 @@ def test_derivatives_of_the_support_function(name: str) -> None:
 def test_ellipse_has_the_half_axes_of_its_parameters() -> None:
     a, b, azimuth = 0.7, 0.4, 0.6
     ratio = np.log(a / b)
-    parameter = np.array(
-        [2, 1, np.log(np.sqrt(a * b)), ratio * np.cos(2 * azimuth), ratio * np.sin(2 * azimuth)]
-    )
+    parameter = np.array([2, 1, np.log(np.sqrt(a * b)), ratio * np.cos(2 * azimuth), ratio * np.sin(2 * azimuth)])
     x, y = (contour_points(ELLIPSE, parameter, np.linspace(0, 6, 50)) - [2, 1]).T
     along, across = x * np.cos(azimuth) + y * np.sin(azimuth), y * np.cos(azimuth) - x * np.sin(azimuth)
     np.testing.assert_allclose((along / a) ** 2 + (across / b) ** 2, 1.0, atol=1e-12)
@@ -129,6 +127,4 @@ def test_band_is_the_spread_of_sampled_contours(rng: np.random.Generator) -> Non
     draws = rng.multivariate_normal(parameter, covariance, 4000)
     normal = np.stack([np.cos(psi), np.sin(psi)], axis=-1)
     distance = np.array([support(family, draw, psi)[0][:, 0] + normal @ draw[:2] for draw in draws])
-    np.testing.assert_allclose(
-        normal_std_m(family, parameter, covariance, psi), distance.std(axis=0), rtol=0.06
-    )
+    np.testing.assert_allclose(normal_std_m(family, parameter, covariance, psi), distance.std(axis=0), rtol=0.06)

@@ -10,13 +10,7 @@ from estimation.shape.reflection.bundle import BundleObject, fit_bundle
 from estimation.shape.reflection.choice import choose_shape
 from estimation.shape.reflection.pillar_prior import prior_from_others, radius_prior
 from estimation.shape.reflection.reflections import ReflectionConfig
-from isac_arena.validation.scenarios.reflections import (
-    Errors,
-    closed_paths,
-    lit_pillar,
-    observe,
-    observe_together,
-)
+from isac_arena.validation.scenarios.reflections import Errors, closed_paths, lit_pillar, observe, observe_together
 from scenes.contours.smooth import Circle
 
 CONFIG = ReflectionConfig()

@@ -65,17 +65,13 @@ def test_bundle_equals_dense_least_squares() -> None:
         parts.append(whitened(los.measured - straight - turned, los.covariance))
         return np.concatenate([part.ravel() for part in parts])
 
-    start = np.concatenate(
-        [np.zeros(3), *[[*center, np.log(0.4)] for center in CENTERS], np.zeros(4 * n_stops)]
-    )
+    start = np.concatenate([np.zeros(3), *[[*center, np.log(0.4)] for center in CENTERS], np.zeros(4 * n_stops)])
     oracle = least_squares(residuals, start, x_scale="jac", ftol=1e-14, xtol=1e-14, gtol=1e-12)
     np.testing.assert_allclose(found.offset, oracle.x[:3], atol=2e-4)
     for shape, circle in zip(found.shapes, oracle.x[3:12].reshape(3, 3), strict=True):
         np.testing.assert_allclose(shape.parameter, circle, atol=2e-3)
     covariance = np.linalg.inv(oracle.jac.T @ oracle.jac)
-    np.testing.assert_allclose(
-        found.shapes[0].parameter_covariance, covariance[3:6, 3:6], rtol=0.05, atol=1e-6
-    )
+    np.testing.assert_allclose(found.shapes[0].parameter_covariance, covariance[3:6, 3:6], rtol=0.05, atol=1e-6)
 
 
 def whitened(difference: np.ndarray, covariance: np.ndarray) -> np.ndarray:
@@ -129,9 +125,7 @@ def test_unknown_kinds_are_refused() -> None:
 def test_paths_far_more_accurate_than_poses_are_no_ghosts(seed: int) -> None:
     """At the given states and the offsets of each fit alone all paths are far off; none may stay so."""
     rng = np.random.default_rng(seed)
-    errors = Errors(
-        level=0.02, position_std_m=0.1, heading_std_deg=1.0, delay_offset_ns=0.3, angle_offset_deg=2.0
-    )
+    errors = Errors(level=0.02, position_std_m=0.1, heading_std_deg=1.0, delay_offset_ns=0.3, angle_offset_deg=2.0)
     truths = [lit_pillar(draw_circle, rng) for _ in range(3)]
     objects, los = observe_together([true for _, true in truths], errors, rng)
     found = fit_bundle([BundleObject("circle", each) for each in objects], los, CONFIG)

@@ -100,10 +100,7 @@ def test_wall_is_not_the_mean_of_two_objects() -> None:
     jamb, _ = observe(edge_paths(EDGE, rng), Errors(0.3), rng)
     some = jamb.take("path", slice(0, 12))
     joined = type(wall)(
-        **{
-            name: np.concatenate([getattr(wall, name), getattr(some, name)])
-            for name in wall.__dataclass_fields__
-        }
+        **{name: np.concatenate([getattr(wall, name), getattr(some, name)]) for name in wall.__dataclass_fields__}
     )
     fit = fit_kind(joined, "wall", SURE)
     slope = np.arctan2(*(WALL_ENDS[1] - WALL_ENDS[0])[::-1]) + np.pi / 2

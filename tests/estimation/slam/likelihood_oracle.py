@@ -24,18 +24,14 @@ def path_densities(problem: SnapshotProblem, state: FloatArray, mixture: Mixture
     terms = bounce_terms(problem.tx, problem.measured, problem.covariance, state)
     std = np.sqrt(terms.variance_m2)
     share = 1 - mixture.clutter_share - mixture.double_share
-    single = (
-        share * mixture.clutter_width_m * student.pdf(terms.value_m / std, mixture.degrees_of_freedom) / std
-    )
+    single = share * mixture.clutter_width_m * student.pdf(terms.value_m / std, mixture.degrees_of_freedom) / std
     length = problem.measured[:, 0] - state[3]
     single *= length**2 / (length**2 + NEAR_M**2)
     single[~terms.is_feasible | (np.abs(terms.value_m) > 20 * std)] = 0.0
     turn = state[2] + problem.measured[:, 2] - problem.departure_rad
     sine = np.sin(turn) * np.sign(np.cos(turn))  # of the angle to the nearer of 0 and 180 deg
     cov = problem.covariance
-    spread = np.sqrt(
-        cov[:, 1, 1] + cov[:, 2, 2] - 2 * cov[:, 1, 2] + np.deg2rad(mixture.wall_angle_std_deg) ** 2
-    )
+    spread = np.sqrt(cov[:, 1, 1] + cov[:, 2, 2] - 2 * cov[:, 1, 2] + np.deg2rad(mixture.wall_angle_std_deg) ** 2)
     # Half the double bounces reverse a ray, half keep its direction; clutter has any angle.
     double = mixture.double_share * 0.5 * 2 * np.pi * norm.pdf(sine / spread) / spread
     double[np.abs(sine) > 6 * spread] = 0.0
@@ -58,9 +54,7 @@ def los_exponent(problem: SnapshotProblem, los: int, state: FloatArray) -> float
     return -0.5 * float(error @ np.linalg.solve(problem.covariance[los], error))
 
 
-def estimating_equation(
-    problem: SnapshotProblem, los: int, state: FloatArray, mixture: Mixture
-) -> FloatArray:
+def estimating_equation(problem: SnapshotProblem, los: int, state: FloatArray, mixture: Mixture) -> FloatArray:
     """Weighted sum (4,) of all residuals times their derivatives; zero where the mixture is most likely.
 
     Variances are held at the state, as the refinement does; double bounces must be off.

@@ -41,12 +41,7 @@ def residual_blocks(
 
 
 def landmark_residual(
-    tx: Pose,
-    state: FloatArray,
-    measured: FloatArray,
-    covariance: FloatArray,
-    walls: FloatArray,
-    rough_m: float,
+    tx: Pose, state: FloatArray, measured: FloatArray, covariance: FloatArray, walls: FloatArray, rough_m: float
 ) -> tuple[FloatArray, FloatArray, Prediction]:
     """Residual (..., 3), its covariance and the prediction of paths off walls (..., bounce, 2)."""
     prediction = predict_walls(tx, state, walls)
@@ -55,12 +50,7 @@ def landmark_residual(
 
 
 def object_residual(
-    tx: Pose,
-    state: FloatArray,
-    measured: FloatArray,
-    covariance: FloatArray,
-    circle: FloatArray,
-    rough_m: float,
+    tx: Pose, state: FloatArray, measured: FloatArray, covariance: FloatArray, circle: FloatArray, rough_m: float
 ) -> tuple[FloatArray, FloatArray, Prediction]:
     """The same for paths off circles (..., 3)."""
     prediction = predict_circle(tx, state, circle)
@@ -284,9 +274,7 @@ def predict_circle(tx: Pose, state: FloatArray, circle: FloatArray) -> Predictio
     by_circle = -np.concatenate([both, _dot(both, normal)[..., None]], axis=-1) / slope[..., None]
     sweep = radius * tangent
     point_by_rx = sweep[..., :, None] * by_receiver[..., None, :]
-    direct = np.concatenate(
-        [np.broadcast_to(np.eye(2), (*normal.shape[:-1], 2, 2)), normal[..., None]], axis=-1
-    )
+    direct = np.concatenate([np.broadcast_to(np.eye(2), (*normal.shape[:-1], 2, 2)), normal[..., None]], axis=-1)
     point_by_circle = direct + sweep[..., :, None] * by_circle[..., None, :]
     by_point = bounce_jacobian_point(tx, state, point)
     by_state = bounce_jacobian_rx(tx, state, point)

@@ -53,8 +53,7 @@ def test_walls_and_circles_are_those_of_the_plain_form():
     walls = np.stack([rng.uniform(-3, 3, (40, 3)), rng.uniform(6, 12, (40, 3))], axis=-1)
     circle = np.column_stack([rng.normal(size=(40, 2)) * 8, rng.uniform(0.05, 0.6, 40)])
     pairs = [
-        (predict_walls(TX, state, walls[:, :b]), plain.predict_walls(TX, state, walls[:, :b]))
-        for b in (1, 2, 3)
+        (predict_walls(TX, state, walls[:, :b]), plain.predict_walls(TX, state, walls[:, :b])) for b in (1, 2, 3)
     ]
     pairs.append((predict_circle(TX, state, circle), plain.predict_circle(TX, state, circle)))
     for ours, expected in pairs:
@@ -86,11 +85,7 @@ def test_residuals_are_those_of_the_plain_form():
         np.testing.assert_array_equal(ours.size[block.path], d)
         np.testing.assert_array_equal(ours.shared[block.path, :p], block.shared)
         np.testing.assert_array_equal(ours.shared[block.path, p:], -1)
-        for name, part in (
-            ("value", np.s_[:, :d]),
-            ("by_state", np.s_[:, :d]),
-            ("by_shared", np.s_[:, :d, :p]),
-        ):
+        for name, part in (("value", np.s_[:, :d]), ("by_state", np.s_[:, :d]), ("by_shared", np.s_[:, :d, :p])):
             mine = getattr(ours, name)[block.path]
             np.testing.assert_allclose(mine[part], getattr(block, name), rtol=1e-8, atol=1e-9)
             assert np.count_nonzero(mine) == np.count_nonzero(mine[part])
@@ -106,9 +101,7 @@ def test_derivatives_of_all_residuals_match_finite_differences():
     at, step = linearise(seen, link, now, config), 1e-6
     for axis in range(4):
         move = step * np.eye(4)[axis]
-        ahead, behind = (
-            linearise(seen, link, replace(now, state=now.state + s * move), config) for s in (1, -1)
-        )
+        ahead, behind = (linearise(seen, link, replace(now, state=now.state + s * move), config) for s in (1, -1))
         difference = (ahead.value - behind.value) / (2 * step)
         np.testing.assert_allclose(at.by_state[..., axis], difference, rtol=1e-5, atol=1e-4)
     for column in range(now.n_shared):
@@ -151,9 +144,9 @@ def test_motion_prior_is_the_derivative_of_its_cost():
         for axis in range(4):
             move = np.zeros_like(state)
             move[k, axis] = step
-            slope = (
-                motion_cost(state + move, course, CONFIG) - motion_cost(state - move, course, CONFIG)
-            ) / (2 * step)
+            slope = (motion_cost(state + move, course, CONFIG) - motion_cost(state - move, course, CONFIG)) / (
+                2 * step
+            )
             assert gradient[k, axis] == pytest.approx(slope, rel=1e-5, abs=1e-5)
     # Around an even, straight walk every weight is the same, and the blocks are the exact second derivative.
     even = np.column_stack([np.linspace(0, 4, 7), np.zeros((7, 3))])
@@ -180,9 +173,7 @@ def test_paths_go_to_the_landmark_of_smallest_distance():
     seen = replace(seen, measured=measured, covariance=np.tile(np.diag([0.3, 0.02, 0.02]) ** 2, (m, 1, 1)))
     link = Association(np.zeros(m, int), np.full((m, 2), -1))
     found = assign(seen, now, link, np.tile([-50.0, 50.0], (3, 1)), CONFIG)
-    everything = [(PathClass.WALL, (w, -1)) for w in range(3)] + [
-        (PathClass.OBJECT, (o, -1)) for o in range(2)
-    ]
+    everything = [(PathClass.WALL, (w, -1)) for w in range(3)] + [(PathClass.OBJECT, (o, -1)) for o in range(2)]
     distance = []
     for kind, index in everything:
         as_kind = Association(np.full(m, kind), np.tile(index, (m, 1)))

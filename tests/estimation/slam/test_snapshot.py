@@ -215,9 +215,7 @@ def test_slam_maps_the_stops_it_solved():
     assert points.is_inlier[:6].all()
     assert not points.is_inlier[6]
     np.testing.assert_allclose(
-        predict_bounce(TX, state, points.position_m[:6])[:, 0],
-        SPEED_OF_LIGHT_M_S * good.delay_s[1:7],
-        atol=0.1,
+        predict_bounce(TX, state, points.position_m[:6])[:, 0], SPEED_OF_LIGHT_M_S * good.delay_s[1:7], atol=0.1
     )
 
 
@@ -227,9 +225,7 @@ def test_slam_incidence_points_match_their_covariance():
         rng = np.random.default_rng([21, trial])
         _, clean = simulate(rng, bounces=6, los=True)
         noisy = estimate_of(
-            np.column_stack(
-                [SPEED_OF_LIGHT_M_S * clean.delay_s, clean.aod_azimuth_rad, clean.aoa_azimuth_rad]
-            )
+            np.column_stack([SPEED_OF_LIGHT_M_S * clean.delay_s, clean.aod_azimuth_rad, clean.aoa_azimuth_rad])
             + rng.normal(size=(7, 3)) * NOISE_STD,
             clean.power_dbm,
         )

@@ -176,17 +176,13 @@ def test_bounds_are_the_inverse_of_the_joint_information_and_of_the_plane_where_
     few, _ = spatial_bound(TX, state, SpatialPaths(point[:2], covariance[:2]))
     assert np.isinf(few.position_m)
     assert (
-        np.linalg.matrix_rank(
-            spatial_information(TX, state, SpatialPaths(point[:3], covariance[:3])), tol=1e-6
-        )
+        np.linalg.matrix_rank(spatial_information(TX, state, SpatialPaths(point[:3], covariance[:3])), tol=1e-6)
         == 5
     )
     level = np.column_stack([point[:, :2], np.full(5, 2.6)])
     state[2] = 2.6
     space, _ = spatial_bound(TX, state, SpatialPaths(level, covariance))
-    plane, _ = stop_bound(
-        TX, state[[0, 1, 3, 4]], StopPaths(level[:, :2], covariance[:, :3, :3], np.full(5, -1))
-    )
+    plane, _ = stop_bound(TX, state[[0, 1, 3, 4]], StopPaths(level[:, :2], covariance[:, :3, :3], np.full(5, -1)))
     assert space.plan_m == pytest.approx(float(plane.position_m), rel=1e-6)
     assert space.clock_m == pytest.approx(float(plane.clock_m), rel=1e-6)
 
@@ -263,9 +259,7 @@ def test_the_published_algorithm_stays_in_the_plane(trajectory):
     np.testing.assert_array_equal(found.position_m, expected.position_m)
     np.testing.assert_array_equal(found.cost, expected.cost)
     assert not np.isfinite(found.height_m).any() and not np.isfinite(points.height_m).any()
-    assert np.isfinite(
-        locate_and_map(estimates, tx, trials.OURS, trajectory, trials.MAPPING)[0].height_m
-    ).any()
+    assert np.isfinite(locate_and_map(estimates, tx, trials.OURS, trajectory, trials.MAPPING)[0].height_m).any()
 
 
 def test_a_walk_in_space_shares_landmarks_and_finds_heights():

@@ -205,9 +205,7 @@ def test_near_parallel_paths_along_a_corridor_give_no_false_certainty():
         exact = np.vstack([predict_los(tx, state), predict_bounce(tx, state, points)])
         measured = exact + rng.standard_normal(exact.shape) * np.sqrt(np.diag(covariance))
         power = -13.0 - 17.0 * np.log10(15.0) - np.array([0.0, 8.0, 8.0])
-        solution = solve_snapshot(
-            channel_estimate(0, measured, power, covariance, np.zeros(3, bool)), tx, OURS
-        )
+        solution = solve_snapshot(channel_estimate(0, measured, power, covariance, np.zeros(3, bool)), tx, OURS)
         failed += solution.status == SolveStatus.FAILED
         error = np.hypot(*(solution.position_m - state[:2]))
         assert solution.status == SolveStatus.FAILED or error < 5 * solution.position_std_m
@@ -219,9 +217,7 @@ def test_clutter_alone_is_no_solution():
     solved = 0
     for stop in range(40):
         measured = np.column_stack([rng.uniform(5, 30, 5), rng.uniform([-1.5, -np.pi], [1.5, np.pi], (5, 2))])
-        estimate = channel_estimate(
-            stop, measured, rng.normal(-45, 4, 5), CLUTTERED.covariance, np.zeros(5, bool)
-        )
+        estimate = channel_estimate(stop, measured, rng.normal(-45, 4, 5), CLUTTERED.covariance, np.zeros(5, bool))
         solved += solve_snapshot(estimate, Pose(np.zeros(3), 0.0), OURS).status != SolveStatus.FAILED
     assert solved <= 10
 

@@ -82,9 +82,7 @@ def test_a_changed_value_is_noticed(tmp_path: Path) -> None:
         else:
             with h5py.File(file, "a") as opened:
                 opened.attrs["fingerprint"] = "abd"
-        with pytest.raises(
-            ValueError, match=r"pose.nc: not a readable Pose file \(its content is not what was"
-        ):
+        with pytest.raises(ValueError, match=r"pose.nc: not a readable Pose file \(its content is not what was"):
             read_record(file, Pose)
 
 

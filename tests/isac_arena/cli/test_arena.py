@@ -54,9 +54,7 @@ def test_the_small_campaign_is_complete_and_good(box_room: Path) -> None:
     assert not list(box_room.rglob(".*"))
 
 
-def test_another_directory_gives_the_same_scores_and_another_seed_others(
-    box_room: Path, tmp_path: Path
-) -> None:
+def test_another_directory_gives_the_same_scores_and_another_seed_others(box_room: Path, tmp_path: Path) -> None:
     for name, seed in (("same", 1), ("other", 2)):
         assert arena("run", "box_room", "--out", tmp_path / name, "--seed", seed).returncode == 0
     first = (box_room / "scores.json").read_bytes()
@@ -112,9 +110,7 @@ def test_a_users_estimator_takes_the_place_of_ours(box_room: Path, tmp_path: Pat
 def test_help_answers_without_heavy_imports() -> None:
     heavy = "('numpy', 'xarray', 'matplotlib', 'sionna')"
     code = f"import sys, isac_arena.cli.main; print([name for name in {heavy} if name in sys.modules])"
-    result = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=True
-    )
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=True)
     assert result.stdout.strip() == "[]"
 
 
@@ -166,9 +162,7 @@ def test_missing_things_are_named(tmp_path: Path) -> None:
         ('itu = "concrete"', 'itu = "brick"', ["brick", "60 GHz"]),
     ],
 )
-def test_bad_scenes_are_refused_before_anything_runs(
-    tmp_path: Path, old: str, new: str, words: list[str]
-) -> None:
+def test_bad_scenes_are_refused_before_anything_runs(tmp_path: Path, old: str, new: str, words: list[str]) -> None:
     text = (ROOT / "scenes/library/box_room.toml").read_text()
     assert old in text
     (tmp_path / "room.toml").write_text(text.replace(old, new, 1))
@@ -188,14 +182,8 @@ def test_an_output_that_cannot_be_written_is_named(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("command", "told"),
     [
-        (
-            ("run", "box_room", "--out", "x", "--seed", "-1"),
-            "--seed = -1: must be greater than or equal to 0",
-        ),
-        (
-            ("sweep", "s.toml", "--out", "x", "--workers", "0"),
-            "--workers = 0: must be greater than or equal to 1",
-        ),
+        (("run", "box_room", "--out", "x", "--seed", "-1"), "--seed = -1: must be greater than or equal to 0"),
+        (("sweep", "s.toml", "--out", "x", "--workers", "0"), "--workers = 0: must be greater than or equal to 1"),
         (("verify", "x", "--share", "2"), "--share = 2: must be less than or equal to 1"),
         (("export", "x", "--format", "xyz"), "--format = xyz: 'xyz' is not one of 'mat'"),
     ],

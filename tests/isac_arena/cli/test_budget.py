@@ -35,9 +35,7 @@ def folder(tmp_path_factory):
 
 
 def run(folder, *options):
-    return CliRunner().invoke(
-        app, ["budget", str(folder / "small.toml"), "--out", str(folder / "out"), *options]
-    )
+    return CliRunner().invoke(app, ["budget", str(folder / "small.toml"), "--out", str(folder / "out"), *options])
 
 
 @pytest.fixture(scope="module")
@@ -60,9 +58,7 @@ def test_the_parts_of_every_outcome_add_up_in_the_files(done, folder):
         assert total["objection"] and all(row["share"] is None for row in rows)  # two stops, few objects
         if kind == "stages":
             assert rows[-1]["part"] == "rest" and rows[-1]["rms_m"] <= 1e-9
-    physics = [
-        row["part"] for row in found["rows"] if row["budget"] == "physics" and row["outcome"] == "pose"
-    ]
+    physics = [row["part"] for row in found["rows"] if row["budget"] == "physics" and row["outcome"] == "pose"]
     assert physics == ["multi-bounce paths", "noise", "rest", "all errors"]
     with (folder / "out" / "budget.csv").open() as file:
         assert len(list(csv.DictReader(file))) == len(found["rows"])

@@ -73,9 +73,7 @@ def test_directories_without_scores_are_named(directory, tmp_path):
         message = str(run(tmp_path / "bare", directory, "--out", tmp_path).exception)
         assert "campaign.json: no settings of a campaign (" in message and "\n" not in message
     write_text(tmp_path / "bare" / "campaign.json", settings())
-    assert "not a readable ScoreTables file" in str(
-        run(tmp_path / "bare", directory, "--out", tmp_path).exception
-    )
+    assert "not a readable ScoreTables file" in str(run(tmp_path / "bare", directory, "--out", tmp_path).exception)
     (tmp_path / "sweep").mkdir()
     write_text(tmp_path / "sweep" / "sweep.json", "{}")
     assert "holds a sweep" in str(run(directory, tmp_path / "sweep", "--out", tmp_path / "out").exception)

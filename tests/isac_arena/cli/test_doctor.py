@@ -43,9 +43,7 @@ def test_another_version_and_a_missing_check_tool_only_warn(tmp_path: Path) -> N
     assert "requirements.lock" in check.remedy
 
 
-def test_a_missing_package_that_the_project_runs_on_fails(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_missing_package_that_the_project_runs_on_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     lock = tmp_path / "requirements.lock"
     lock.write_text("no-such-package==1.0\n", encoding="utf-8")
     monkeypatch.setattr(metadata, "requires", lambda _: ["No_Such.Package>=1", "ruff; extra == 'dev'"])

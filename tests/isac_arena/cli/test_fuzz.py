@@ -107,11 +107,7 @@ def test_mutated_campaign_and_sweep_files_are_refused_in_one_line(seed: int, tmp
         *(tomllib.loads(file.read_text()) for file in sorted(CAMPAIGNS.glob("*.toml"))),
     ]
     sweep = tomllib.loads(SWEEP.format(repeats=2)) | {"until": {"metric": "a", "half_width": 0.1}}
-    ranges = {
-        "design": "random",
-        "n_points": 3,
-        "axes": [{"field": "a", "low": 1.0, "high": 2.0, "log": True}],
-    }
+    ranges = {"design": "random", "n_points": 3, "axes": [{"field": "a", "low": 1.0, "high": 2.0, "log": True}]}
     for _ in range(CONFIG_SEEDS):
         checked(resolve_campaign, mutated(rng.choice(campaigns), rng), tmp_path / "c.toml")
 
@@ -183,13 +179,7 @@ def test_damaged_sweep_files_are_one_line(undisturbed: Path, tmp_path: Path, see
     rng = random.Random(seed)
     out = undisturbed / "out"
     key = min(path.name for path in (out / "cases").iterdir())
-    names = [
-        "sweep.json",
-        "plan.json",
-        "manifest.json",
-        f"cases/{key}/manifest.json",
-        f"cases/{key}/scores.json",
-    ]
+    names = ["sweep.json", "plan.json", "manifest.json", f"cases/{key}/manifest.json", f"cases/{key}/scores.json"]
     (tmp_path / "cases" / key).mkdir(parents=True)
     (tmp_path / "failures").mkdir()
     for name in names:
@@ -233,9 +223,7 @@ def test_no_pickle_is_read_from_any_file(undisturbed: Path, monkeypatch: pytest.
     folders = [ROOT / name for name in ("scenes", "sim", "estimation", "scripts")]
     for file in sorted(path for folder in folders for path in folder.rglob("*.py")):
         tree = ast.parse(file.read_text(encoding="utf-8"))
-        names = {
-            alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names
-        }
+        names = {alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names}
         names |= {node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
         assert not {"pickle", "cPickle", "shelve", "marshal", "dill", "cloudpickle", "joblib"} & names, file
         for node in ast.walk(tree):

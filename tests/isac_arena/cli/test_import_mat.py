@@ -43,9 +43,7 @@ def directory(tmp_path_factory):
     out = folder / "campaign"
     file = made_up_file(folder)
     assert (
-        import_campaign(
-            file, out, tx_offset_deg=0.0, clock_seed=2, method="statistical", scene="campus_arena"
-        )
+        import_campaign(file, out, tx_offset_deg=0.0, clock_seed=2, method="statistical", scene="campus_arena")
         == 12
     )
     store = stages.reopen(out)

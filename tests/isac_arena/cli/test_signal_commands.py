@@ -105,23 +105,14 @@ def test_weight_files_lie_beside_the_campaign(tmp_path: Path) -> None:
     ("table", "message"),
     [
         ("[waveform]\ncomb = 4\nn_symbols = 2\n", "waveform.n_symbols = 2: allowed is 4, 12 with comb 4"),
-        (
-            "[waveform]\nrb_offset = 4\ncarrier_rb = 264\n",
-            "waveform.rb_offset + n_rb = 268: allowed is up to",
-        ),
-        (
-            "[link]\nnoise_figure_db = -1.0\n",
-            "link.noise_figure_db = -1.0: must be greater than or equal to 0",
-        ),
+        ("[waveform]\nrb_offset = 4\ncarrier_rb = 264\n", "waveform.rb_offset + n_rb = 268: allowed is up to"),
+        ("[link]\nnoise_figure_db = -1.0\n", "link.noise_figure_db = -1.0: must be greater than or equal to 0"),
         ("[tx_array]\ncodebook = 'file'\n", "tx_array.weights_file = None: must be given"),
         (
             "[waveform]\ncyclic_prefix = 'extended'\n",
             "waveform.cyclic_prefix = 'extended' with numerology = 3: allowed is numerology 2 alone",
         ),
-        (
-            "[waveform.schedule]\nperiod_slots = 6\n",
-            "schedule.period_slots = 6: allowed is 2^mu times one of 4,",
-        ),
+        ("[waveform.schedule]\nperiod_slots = 6\n", "schedule.period_slots = 6: allowed is 2^mu times one of 4,"),
         ("[waveform.schedule]\nmuting_1 = [0, 0]\n", "leave nothing that is sent"),
     ],
 )

@@ -16,9 +16,7 @@ def few_points(monkeypatch):
 
 
 def test_study_writes_figures_and_a_table(tmp_path, few_points):
-    result = runner.invoke(
-        app, ["study", "gp-synthetic", "--out", str(tmp_path), "--runs", "2", "--seed", "3"]
-    )
+    result = runner.invoke(app, ["study", "gp-synthetic", "--out", str(tmp_path), "--runs", "2", "--seed", "3"])
     assert result.exit_code == 0, result.output
     for name in ("radial_function.png", "contour.png", "rmse.png"):
         assert (tmp_path / name).read_bytes().startswith(b"\x89PNG")

@@ -55,9 +55,7 @@ def test_tables_and_figures_of_an_exact_measurement(measured, tmp_path):
         rows = list(csv.DictReader(file))
     assert {row["model"] for row in rows} == {"one_bounce", "two_bounces", "three_bounces"}
     assert {"stop", "landmark_x_m", "chain", "delay_residual_s", "predicted_dbm"} <= set(rows[0])
-    assert all(
-        (tmp_path / name).read_bytes()[1:4] == b"PNG" for name in ("twin_map.png", "twin_residuals.png")
-    )
+    assert all((tmp_path / name).read_bytes()[1:4] == b"PNG" for name in ("twin_map.png", "twin_residuals.png"))
 
 
 def test_a_simulated_campaign_is_refused(tmp_path):
@@ -83,9 +81,7 @@ def test_without_the_measurement_every_row_says_so(monkeypatch, tmp_path):
 @pytest.mark.skipif(not (data_folder() / FILE).is_file(), reason=f"{FILE} is not at hand, see ARENA_DATA")
 def test_the_plain_twin_of_the_measured_hall_meets_its_bars(monkeypatch):
     monkeypatch.setattr(validation, "QUICK", ("one_bounce",))
-    rows = {
-        row.key: row for row in [*validation.check_explained_paths(1, True), *validation.check_power(1, True)]
-    }
+    rows = {row.key: row for row in [*validation.check_explained_paths(1, True), *validation.check_power(1, True)]}
     assert len(rows) == 7
     missed = [f"{key}: {row.value:.3g}, bar {row.bar:g}" for key, row in rows.items() if not row.met]
     assert not missed

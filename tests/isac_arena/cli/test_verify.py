@@ -113,13 +113,7 @@ def test_differences_are_relative_and_nan_equals_nan() -> None:
 
 @pytest.mark.parametrize(
     ("verb", "options"),
-    [
-        ("estimate", ()),
-        ("score", ()),
-        ("report", ()),
-        ("view", ("--no-open",)),
-        ("export", ("--format", "tum")),
-    ],
+    [("estimate", ()), ("score", ()), ("report", ()), ("view", ("--no-open",)), ("export", ("--format", "tum"))],
 )
 def test_a_command_refuses_what_is_damaged_and_never_covers_it_up(
     copies: Path, verb: str, options: tuple[str, ...]

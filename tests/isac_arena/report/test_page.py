@@ -49,9 +49,7 @@ def page(folder: Path, campaign: Any, true_power: Any) -> Path:
     extra = replace(first.take("path", slice(1, 2)), delay_s=first.delay_s[1:2] + 60e-9)
     changed = concatenate([first.take("path", np.array([0, 1, 3, 4, 5])), extra], "path")
     results = replace(campaign.results, channel=(changed, *campaign.results.channel[1:]))
-    return write_page(
-        folder / "page.html", campaign, results, true_power, truths=campaign.truths, budget=BUDGET
-    )
+    return write_page(folder / "page.html", campaign, results, true_power, truths=campaign.truths, budget=BUDGET)
 
 
 @pytest.fixture(scope="module")
@@ -233,9 +231,7 @@ def test_the_text_of_a_stop_keeps_its_digits(tab: Any, page: Path) -> None:
     """Bounds of tenths of a millimetre and of picoseconds are no zeros."""
     tab.show(page)
     script = tab.evaluate("document.querySelector('script:not([type])').textContent")
-    parts = [
-        re.search(rf"function {name}\(.*?\n}}\n", script, re.DOTALL)[0] for name in ("shown", "measured")
-    ]
+    parts = [re.search(rf"function {name}\(.*?\n}}\n", script, re.DOTALL)[0] for name in ("shown", "measured")]
     given = "[[0.000043, 'm'], [0.0123, 'm'], [1.5, 'm'], [0.000999, 'm'], [0.00052, 'deg'], [-0.0316, 'ns'],"
     given += " [0, 'm'], [null, 'm']]"
     calls = f"return {given}.map(([value, unit]) => measured(value, unit));"

@@ -13,13 +13,7 @@ from hypothesis.extra.numpy import arrays
 from isac_arena.report.figures.bands import contour_curve, normals, shape_curve
 from isac_arena.report.page.budget_file import BUDGET_FILE, read_budget
 from isac_arena.report.page.payload.campaign import report_payload
-from isac_arena.report.page.payload.numbers import (
-    POWER_LEVELS,
-    POWER_STEP_DB,
-    number,
-    quantised_power,
-    rounded,
-)
+from isac_arena.report.page.payload.numbers import POWER_LEVELS, POWER_STEP_DB, number, quantised_power, rounded
 from isac_arena.scoring.config import Significance
 from isac_arena.scoring.score import score_campaign
 from scenes.record import concatenate
@@ -77,8 +71,7 @@ def test_bands_of_the_paper_lie_along_the_radius_and_end_at_the_centre(campaign)
     wide = replace(shapes, radius_std_m=np.full_like(shapes.radius_m, 0.25))
     curve = shape_curve(wide, 0, step=3)
     radii = [
-        np.linalg.norm(ring - wide.center_m[0], axis=1)
-        for ring in (curve.points_m, curve.outer_m, curve.inner_m)
+        np.linalg.norm(ring - wide.center_m[0], axis=1) for ring in (curve.points_m, curve.outer_m, curve.inner_m)
     ]
     assert len(radii[0]) == 120
     for found, expected in zip(radii, (0.3, 0.8, 0.0), strict=True):
@@ -156,9 +149,7 @@ def test_angles_are_those_of_one_turn(campaign, tables):
     turned = replace(first, aoa_azimuth_rad=first.aoa_azimuth_rad - 2 * np.pi)
     results = replace(campaign.results, channel=(turned, *campaign.results.channel[1:]))
     payload = report_payload("x", campaign.scene, results, tables)
-    np.testing.assert_allclose(
-        np.deg2rad(payload["estimated"][0]["aoa_deg"]), first.aoa_azimuth_rad, atol=1e-5
-    )
+    np.testing.assert_allclose(np.deg2rad(payload["estimated"][0]["aoa_deg"]), first.aoa_azimuth_rad, atol=1e-5)
 
 
 def test_a_campaign_without_truth_or_samples_says_so(campaign, tables):

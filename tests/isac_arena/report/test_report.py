@@ -32,9 +32,7 @@ LIMITS = Significance(dynamic_range_db=28.0, noise_threshold_dbm=-150.0)
 
 
 def scored(campaign, results, true_power):
-    return score_campaign(
-        campaign.scene, campaign.truths, results, true_power_dbm=true_power, significance=LIMITS
-    )
+    return score_campaign(campaign.scene, campaign.truths, results, true_power_dbm=true_power, significance=LIMITS)
 
 
 @pytest.fixture(scope="module")
@@ -116,9 +114,7 @@ def test_a_campaign_without_any_result_still_has_a_report(campaign, true_power):
     def emptied(result):
         shapes = result.shapes.take("ip", slice(0, 0)).take("cluster", slice(0, 0))
         n = len(result.poses.stop)
-        poses = replace(
-            result.poses, status=np.full(n, SolveStatus.FAILED), position_m=np.full((n, 2), np.nan)
-        )
+        poses = replace(result.poses, status=np.full(n, SolveStatus.FAILED), position_m=np.full((n, 2), np.nan))
         return MapResult(poses, result.ips.take("ip", slice(0, 0)), shapes, no_contours(0, len(poses.stop)))
 
     results = campaign.results

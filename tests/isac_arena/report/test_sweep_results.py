@@ -48,9 +48,7 @@ def test_the_interval_is_students() -> None:
 
 def test_the_interval_contains_the_mean_at_its_confidence_level() -> None:
     rng = np.random.default_rng(3)
-    held = [
-        abs(mean) <= half for mean, half, _ in (mean_interval(rng.standard_normal(5)) for _ in range(2000))
-    ]
+    held = [abs(mean) <= half for mean, half, _ in (mean_interval(rng.standard_normal(5)) for _ in range(2000))]
     assert 0.935 <= np.mean(held) <= 0.965
 
 
@@ -89,9 +87,7 @@ def test_the_axis_spans_what_is_drawn_and_no_single_outlier() -> None:
     results = made()
     value = results.metrics["rate"].value.copy()
     value[0] = 1e3
-    wild = replace(
-        results, axes=results.axes[:1], metrics={"rate": replace(results.metrics["rate"], value=value)}
-    )
+    wild = replace(results, axes=results.axes[:1], metrics={"rate": replace(results.metrics["rate"], value=value)})
     panel = axis_figure(wild, "rate").axes[0]
     means = [np.mean(value[results.point == at]) for at in range(6)]
     low, high = panel.get_ylim()

@@ -98,9 +98,7 @@ def test_estimated_ways_meet_their_point_on_a_level_way(campaign):
 
 def test_contours_stand_upright_with_their_bands(campaign):
     contours = campaign.results.mapping.contours
-    sheet, band = contour_traces(
-        [contour_curve(contours, 0), contour_curve(contours, 2)], "ours", "#000", (0, 2)
-    )
+    sheet, band = contour_traces([contour_curve(contours, 0), contour_curve(contours, 2)], "ours", "#000", (0, 2))
     corners = points(sheet)
     assert set(corners[:, 2]) == {0.0, 2.0} and len(corners) == 2 * (181 + 180)
     assert len(sheet["i"]) == 2 * (180 + 179)
@@ -113,9 +111,7 @@ def test_nothing_to_draw_is_no_line():
 
 def test_the_page_stands_by_itself(page, campaign):
     assert "<title>a &lt;b&gt;: 3-D view</title>" in page
-    assert "default-src 'none'" in page and not re.search(
-        r'<(?:script|link|img)[^>]*(?:src|href)="http', page
-    )
+    assert "default-src 'none'" in page and not re.search(r'<(?:script|link|img)[^>]*(?:src|href)="http', page)
     assert len(page) < 15e6
     steps = json.loads(re.search(r'"sliders":(\[.*?\}\]\}\])', page)[1])[0]["steps"]
     assert [step["label"] for step in steps] == [str(stop) for stop in range(12)]

@@ -96,9 +96,7 @@ def test_misses_beside_other_paths(evidence):
 def test_a_path_does_not_leak_into_itself(evidence):
     own = np.where(np.eye(3, dtype=bool), evidence.true_dbm, -200.0)
     assert miss_causes(replace(evidence, crosstalk_dbm=own))[1] == "unknown"
-    inside = replace(
-        evidence, distance=np.array([[0.5, FAR, FAR]]), leaked_dbm=np.array([[-60.0, -200, -200]])
-    )
+    inside = replace(evidence, distance=np.array([[0.5, FAR, FAR]]), leaked_dbm=np.array([[-60.0, -200, -200]]))
     assert false_causes(inside).tolist() == ["duplicate"]
 
 
@@ -113,9 +111,7 @@ def test_stops_without_paths_have_no_causes(evidence):
 
 
 def test_every_cause_told_has_a_metric():
-    assert set(FALSE_CAUSES) | set(MISS_CAUSES) | set(GHOST_CAUSES) | {Cause.NONE, Cause.REJECTED} == set(
-        Cause
-    )
+    assert set(FALSE_CAUSES) | set(MISS_CAUSES) | set(GHOST_CAUSES) | {Cause.NONE, Cause.REJECTED} == set(Cause)
 
 
 def test_weak_paths_are_diffuse_or_weak():

@@ -52,9 +52,7 @@ def test_exact_estimates_score_perfectly(stop, estimate):
 
 
 def test_errors_bias_and_nees_are_those_put_in(stop, estimate):
-    shifted = replace(
-        estimate, delay_s=estimate.delay_s + 0.3e-9, aod_azimuth_rad=estimate.aod_azimuth_rad - 0.01
-    )
+    shifted = replace(estimate, delay_s=estimate.delay_s + 0.3e-9, aod_azimuth_rad=estimate.aod_azimuth_rad - 0.01)
     values = metrics_of(stop(shifted))
     assert values["channel.delay.bias_ns"] == pytest.approx(0.3)
     assert values["channel.delay.rmse_ns"] == pytest.approx(0.3)

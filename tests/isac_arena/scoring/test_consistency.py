@@ -42,9 +42,7 @@ def test_share_has_the_wilson_interval():
 def test_crps_is_the_integral_of_its_definition(truth, mean, std):
     below, _ = quad(lambda x: norm.cdf(x, mean, std) ** 2, -20, truth, points=[mean], limit=200)
     above, _ = quad(lambda x: norm.sf(x, mean, std) ** 2, truth, 20, points=[mean], limit=200)
-    assert gaussian_crps(np.array(truth), np.array(mean), np.array(std)) == pytest.approx(
-        below + above, abs=1e-6
-    )
+    assert gaussian_crps(np.array(truth), np.array(mean), np.array(std)) == pytest.approx(below + above, abs=1e-6)
 
 
 def test_crps_of_a_certain_prediction_is_its_distance():

@@ -43,9 +43,7 @@ def test_concentric_circles_have_all_distances_equal():
 @given(st.integers(0, 1000))
 def test_hausdorff_is_that_of_dense_points_and_of_shapely(seed):
     rng = np.random.default_rng(seed)
-    a, b = (
-        np.add(circle() * (1 + 0.3 * np.cos(3 * ANGLE + k))[:, None], rng.normal(0, 0.2, 2)) for k in (0, 1)
-    )
+    a, b = (np.add(circle() * (1 + 0.3 * np.cos(3 * ANGLE + k))[:, None], rng.normal(0, 0.2, 2)) for k in (0, 1))
     found = hausdorff_m(*outline_distances(a, b))
     assert found == pytest.approx(max(directed_hausdorff(a, b)[0], directed_hausdorff(b, a)[0]), abs=5e-3)
     assert found == pytest.approx(

@@ -16,11 +16,7 @@ from tests.isac_arena.scoring.test_score import LIMITS
 @pytest.fixture
 def tables(campaign, true_power):
     found = score_campaign(
-        campaign.scene,
-        iter(campaign.truths),
-        campaign.results,
-        true_power_dbm=true_power,
-        significance=LIMITS,
+        campaign.scene, iter(campaign.truths), campaign.results, true_power_dbm=true_power, significance=LIMITS
     )
     return found.tables
 
@@ -50,11 +46,7 @@ def test_exact_contours_have_no_error(campaign, scored):
 
 def test_contours_have_every_score_of_shapes(campaign, true_power):
     found = score_campaign(
-        campaign.scene,
-        iter(campaign.truths),
-        campaign.results,
-        true_power_dbm=true_power,
-        significance=LIMITS,
+        campaign.scene, iter(campaign.truths), campaign.results, true_power_dbm=true_power, significance=LIMITS
     )
     keys = {metric.key for metric in found.metrics}
     for name in ("mapping", "slam"):
@@ -118,8 +110,7 @@ def test_an_edge_point_has_distances_but_no_area(campaign):
 def test_no_contour_gives_the_same_keys(campaign, scored):
     mapping = campaign.results.mapping
     full, none = (
-        scored(contours)
-        for contours in (mapping.contours, no_contours(len(mapping.ips), len(mapping.poses.stop)))
+        scored(contours) for contours in (mapping.contours, no_contours(len(mapping.ips), len(mapping.poses.stop)))
     )
     assert full.keys() == none.keys()
     assert none["contours.mapping.accepted"] == 0

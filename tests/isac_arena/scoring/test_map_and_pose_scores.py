@@ -71,9 +71,7 @@ def test_pose_errors_are_those_put_in(campaign):
         np.array([t.clock_bias_s for t in truths]),
         has_los,
         shifted.take("stop", order),
-        StateBound(
-            *np.array([0.1, np.deg2rad(4), SPEED_OF_LIGHT_M_S * 1e-10])[:, None] * np.ones(len(truths))
-        ),
+        StateBound(*np.array([0.1, np.deg2rad(4), SPEED_OF_LIGHT_M_S * 1e-10])[:, None] * np.ones(len(truths))),
     )
     values = {m.key: m.value for m in pose_metrics(scores)}
     assert values["slam.position.rmse_m"] == pytest.approx(0.5)
@@ -94,6 +92,4 @@ def test_pose_errors_are_those_put_in(campaign):
     assert values["slam.heading.over_bound"] == pytest.approx(0.5)
     assert values["slam.clock.over_bound"] == pytest.approx(10)
     with pytest.raises(ValueError, match="stop 99 is missing"):
-        score_poses(
-            np.array([99]), [truths[0].rx_pose], np.zeros(1), np.ones(1, bool), poses, unknown_bound(1)
-        )
+        score_poses(np.array([99]), [truths[0].rx_pose], np.zeros(1), np.ones(1, bool), poses, unknown_bound(1))

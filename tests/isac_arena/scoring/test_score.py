@@ -46,12 +46,7 @@ def test_a_perfect_campaign_has_no_error(score):
         assert scores.value(f"shapes.{name}.pillar.iou.mean") == pytest.approx(1, abs=1e-3)
         assert scores.value(f"shapes.{name}.pillar_a.hausdorff_m") == pytest.approx(0, abs=1e-3)
         assert scores.value(f"shapes.{name}.pillar.coverage95.mean") == 1
-    assert scores.tables.mapping.clusters.object.tolist() == [
-        "pillar_a",
-        "pillar_b",
-        "wall_south",
-        "wall_east",
-    ]
+    assert scores.tables.mapping.clusters.object.tolist() == ["pillar_a", "pillar_b", "wall_south", "wall_east"]
     assert np.all(scores.tables.mapping.clusters.purity == 1)
 
 
@@ -75,9 +70,7 @@ def test_heights_are_scored_where_they_were_estimated(score, campaign):
     height_m = np.full(len(mapping.ips), 1.8 + 0.3)  # of all true incidence points, and an error
     height_m[mapping.shapes.label == 1] = np.nan
     covariance = np.tile([0.0, 0.0, 0.15**2], (len(mapping.ips), 1))
-    path = np.where(
-        mapping.shapes.label == 0, 5, mapping.ips.path
-    )  # the double bounce has no point of its own
+    path = np.where(mapping.shapes.label == 0, 5, mapping.ips.path)  # the double bounce has no point of its own
     ips = replace(mapping.ips, height_m=height_m, height_covariance_m2=covariance, path=path)
     scores = score(replace(campaign.results, mapping=replace(mapping, ips=ips)))
     known = np.isfinite(scores.tables.mapping.ips.height_error_m)

@@ -34,9 +34,7 @@ def test_both_are_the_best_of_all_assignments(drawn, cutoff, order):
     excess = cutoff**order * abs(n - m)
     expected = ((best + excess) / max(n, m)) ** (1 / order) if max(n, m) else 0.0
     assert ospa(distance, cutoff, order) == pytest.approx(expected, abs=1e-12)
-    assert gospa(distance, cutoff, order).value == pytest.approx(
-        (best + excess / 2) ** (1 / order), abs=1e-12
-    )
+    assert gospa(distance, cutoff, order).value == pytest.approx((best + excess / 2) ** (1 / order), abs=1e-12)
 
 
 @given(sizes, st.floats(0.2, 3))

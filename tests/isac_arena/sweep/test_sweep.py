@@ -46,9 +46,7 @@ def deadly(sweep):
 
 @pytest.fixture
 def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setenv(
-        "PYTHONPATH", f"{tmp_path}:{os.environ.get('PYTHONPATH', '')}"
-    )  # workers find `mine` there
+    monkeypatch.setenv("PYTHONPATH", f"{tmp_path}:{os.environ.get('PYTHONPATH', '')}")  # workers find `mine` there
     monkeypatch.syspath_prepend(tmp_path)
     (tmp_path / "mine.py").write_text(ESTIMATOR)
     write_sweep(tmp_path)
@@ -56,9 +54,7 @@ def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def run(folder: Path, out: str, *options: str) -> Result:
-    return CliRunner().invoke(
-        app, ["sweep", str(folder / "sweep.toml"), "--out", str(folder / out), *options]
-    )
+    return CliRunner().invoke(app, ["sweep", str(folder / "sweep.toml"), "--out", str(folder / out), *options])
 
 
 def test_two_workers_and_a_resumed_sweep_give_the_same_bytes(undisturbed: Path, files: Path) -> None:
@@ -132,8 +128,7 @@ def test_points_are_repeated_until_the_mean_is_known_also_later_in_the_same_dire
     result = run(files, "out", "--workers", "1")
     assert result.exit_code == 0, result.output
     cases = {
-        file.parent.name: json.loads(file.read_text())
-        for file in (files / "out").glob("cases/*/campaign.json")
+        file.parent.name: json.loads(file.read_text()) for file in (files / "out").glob("cases/*/campaign.json")
     }
     assert first < set(cases)
     assert max(case["repeat"] for case in cases.values()) == 2

@@ -18,15 +18,7 @@ from isac_arena.campaign.manifest import check_files
 from tests.isac_arena.cli.sweep_files import ARENA, N_CASES, arena, environment, results, write_sweep
 
 SCHEDULER = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0"]
-WORKER = [
-    sys.executable,
-    "-m",
-    "distributed.cli.dask_worker",
-    "--nthreads",
-    "1",
-    "--no-nanny",
-    "--no-dashboard",
-]
+WORKER = [sys.executable, "-m", "distributed.cli.dask_worker", "--nthreads", "1", "--no-nanny", "--no-dashboard"]
 ROLES = ("client", "worker", "scheduler")
 
 
@@ -42,9 +34,7 @@ def kill(process: subprocess.Popen[str]) -> None:
 
 
 def sweeping(folder: Path, *options: str) -> subprocess.Popen[str]:
-    return start(
-        [*ARENA, "sweep", str(folder / "sweep.toml"), "--out", str(folder / "out"), *options], folder
-    )
+    return start([*ARENA, "sweep", str(folder / "sweep.toml"), "--out", str(folder / "out"), *options], folder)
 
 
 class Cluster:
@@ -83,8 +73,7 @@ def wait_for(condition: Callable[[], bool], process: subprocess.Popen[str], seco
 def done(folder: Path) -> dict[str, int]:
     """When each finished case was written, by its name."""
     return {
-        file.parent.name: file.stat().st_mtime_ns
-        for file in (folder / "out" / "cases").glob("[!.]*/scores.json")
+        file.parent.name: file.stat().st_mtime_ns for file in (folder / "out" / "cases").glob("[!.]*/scores.json")
     }
 
 

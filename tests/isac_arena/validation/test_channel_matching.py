@@ -16,13 +16,7 @@ from isac_arena.validation.channel.matching import (
     rate_row,
 )
 from isac_arena.validation.monte_carlo import widened
-from isac_arena.validation.scenarios.link_bench import (
-    ChannelStop,
-    DrawnPaths,
-    TrueBounds,
-    make_bench,
-    nearest,
-)
+from isac_arena.validation.scenarios.link_bench import ChannelStop, DrawnPaths, TrueBounds, make_bench, nearest
 
 
 @pytest.fixture(scope="module")

@@ -52,9 +52,7 @@ def test_area_by_the_shoelace_formula(contour):
 
 @contours(EVERY)
 def test_normals_and_curvature_stand_at_the_samples(contour):
-    points, normals, curvature = (
-        of(0.2) for of in (contour.sample, contour.outward_normal, contour.curvature)
-    )
+    points, normals, curvature = (of(0.2) for of in (contour.sample, contour.outward_normal, contour.curvature))
     assert len(points) == len(normals) == len(curvature)
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0)
     if isinstance(contour, Circle):
@@ -92,9 +90,7 @@ def test_fillets_are_tangent_to_both_sides_and_clockwise_input_is_turned():
     assert sorted(abs(p.curvature(0.5)) for p in forward.pieces if p.is_curved) == pytest.approx(
         sorted(1 / r for r in RADII if r)
     )
-    assert [p.curvature(0.5) < 0 for p in forward.pieces if p.is_curved].count(
-        True
-    ) == 1  # the re-entrant corner
+    assert [p.curvature(0.5) < 0 for p in forward.pieces if p.is_curved].count(True) == 1  # the re-entrant corner
     backward = RoundedPolygon(L_SHAPE[::-1], RADII[::-1])
     assert backward.area_m2() == pytest.approx(forward.area_m2())
 

@@ -35,14 +35,10 @@ def test_inside_of_a_box_and_a_ball():
     radius = np.linalg.norm(points, axis=1)
     off = np.abs(radius - 1) > 0.02
     np.testing.assert_array_equal(clutter(BALL).contains(points)[off], (radius < 1)[off])
-    assert (
-        not clutter(trimesh.Trimesh([(-1, -1, 0), (1, -1, 0), (0, 2, 0)], [(0, 1, 2)])).contains(points).any()
-    )
+    assert not clutter(trimesh.Trimesh([(-1, -1, 0), (1, -1, 0), (0, 2, 0)], [(0, 1, 2)])).contains(points).any()
 
 
-@given(
-    start=st.tuples(*[st.floats(-4, 4)] * 3), end=st.tuples(*[st.floats(-4, 4)] * 3), scale=st.floats(0.3, 2)
-)
+@given(start=st.tuples(*[st.floats(-4, 4)] * 3), end=st.tuples(*[st.floats(-4, 4)] * 3), scale=st.floats(0.3, 2))
 @settings(max_examples=100, deadline=None)
 def test_a_ball_blocks_the_legs_that_pass_its_centre_closer_than_its_radius(start, end, scale):
     start, end = np.array(start), np.array(end)

@@ -104,7 +104,4 @@ def test_parts_give_the_same_as_the_whole(monkeypatch):
 
 def test_surface_names_end_with_the_planes():
     assert surface_names(scene_of((BOX, 0.0, 1.0))) == ["object_0"]
-    assert surface_names(scene_of((BOX, 0.0, 1.0), floor=HorizontalPlane(0.0, STONE))) == [
-        "object_0",
-        "floor",
-    ]
+    assert surface_names(scene_of((BOX, 0.0, 1.0), floor=HorizontalPlane(0.0, STONE))) == ["object_0", "floor"]

@@ -47,13 +47,7 @@ def test_a_way_through_a_wall_is_neither_line_of_sight_nor_bounce() -> None:
     assert paths.n_interactions.tolist() == [0, 1, 2, 1, 2, 2, 2, 1]
     assert paths.n_bounces.tolist() == [0, 0, 0, 1, 1, 1, 2, 1]
     assert paths.is_single_bounce.tolist() == [False, False, False, True, True, True, False, True]
-    assert path_labels(paths).tolist()[:5] == [
-        "LOS",
-        "R wall",
-        "R wall > R wall",
-        "S wall",
-        "R wall > S wall",
-    ]
+    assert path_labels(paths).tolist()[:5] == ["LOS", "R wall", "R wall > R wall", "S wall", "R wall > S wall"]
 
 
 def test_doppler_is_the_rate_of_change_of_the_path_length() -> None:
@@ -68,8 +62,7 @@ def test_doppler_of_a_moving_receiver_by_finite_differences() -> None:
     tx, mirror = np.array([0.0, 0.0]), np.array([0.0, 8.0])  # a wall at y = 4
     rx, velocity, step = np.array([5.0, 1.0]), np.array([1.5, -0.7]), 1e-4
     lengths = [
-        np.array([np.linalg.norm(rx + t * velocity - source) for source in (tx, mirror)])
-        for t in (-step, step)
+        np.array([np.linalg.norm(rx + t * velocity - source) for source in (tx, mirror)]) for t in (-step, step)
     ]
     rate = (lengths[1] - lengths[0]) / (2 * step)
     towards = [np.arctan2(*(source - rx)[::-1]) for source in (tx, mirror)]

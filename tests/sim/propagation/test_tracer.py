@@ -72,10 +72,7 @@ def rectangles(scene):
         up = np.array([0, 0, item.z_max_m - item.z_min_m])
         for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
             yield Rectangle(
-                item.name,
-                np.array([*start, item.z_min_m]),
-                np.array([[*(end - start), 0], up]),
-                item.material,
+                item.name, np.array([*start, item.z_min_m]), np.array([[*(end - start), 0], up]), item.material
             )
         sides = np.column_stack([corners[[1, 3]] - corners[0], np.zeros(2)])
         yield Rectangle(item.name, np.array([*corners[0], item.z_max_m]), sides, item.material)
@@ -274,9 +271,7 @@ def test_diffuse_power_is_the_lambertian_integral():
     k_in, normal = to_spot / r1[:, None], np.array([-1.0, 0, 0])
     cos_in, cos_out = -k_in @ normal, to_rx @ normal / r2
     material = scene.objects[0].material
-    r_s, r_p = slab_reflection(
-        cos_in, material.complex_permittivity(CARRIER_HZ), material.thickness_m, CARRIER_HZ
-    )
+    r_s, r_p = slab_reflection(cos_in, material.complex_permittivity(CARRIER_HZ), material.thickness_m, CARRIER_HZ)
     s = np.cross(k_in, normal)
     share_s = ((vertical_polarisation(k_in) * s).sum(axis=1) / np.linalg.norm(s, axis=1)) ** 2
     reflected = share_s * abs(r_s) ** 2 + (1 - share_s) * abs(r_p) ** 2
@@ -289,9 +284,9 @@ def test_a_directive_surface_scatters_about_the_specular_direction():
     rx = np.array([-1.0, 2.0, 1.2])
     spread = []
     for directivity in (None, 4, 30):
-        paths = Tracer(
-            panel_scene(0.5, directivity), CARRIER_HZ, PropagationConfig(diffuse_samples=50_000)
-        ).trace(rx)
+        paths = Tracer(panel_scene(0.5, directivity), CARRIER_HZ, PropagationConfig(diffuse_samples=50_000)).trace(
+            rx
+        )
         diffuse = paths.take("path", paths.is_diffuse)
         [mirrored] = paths.vertex_m[paths.is_single_bounce & ~paths.is_diffuse][:, 0]
         distance = np.linalg.norm(diffuse.vertex_m[:, 0] - mirrored, axis=1)

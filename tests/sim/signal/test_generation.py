@@ -67,10 +67,7 @@ def test_few_beams_span_those_of_every_panel() -> None:
     array = ArrayConfig(rows=2, columns=4, panel_azimuth_deg=[-90.0, 0.0, 90.0], beams_per_panel=7)
     codebook = make_codebook(array, 60e9)
     basis, spanning = _spanning(codebook)
-    assert basis.shape == (
-        21,
-        12,
-    )  # horizontal beams of 4 columns span 4, whatever the rows, on each of 3 panels
+    assert basis.shape == (21, 12)  # horizontal beams of 4 columns span 4, whatever the rows, on each of 3 panels
     rng = np.random.default_rng(2)
     directions = rng.uniform(-np.pi, np.pi, 40), rng.uniform(-1, 1, 40)
     np.testing.assert_allclose(

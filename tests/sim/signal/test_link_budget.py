@@ -13,13 +13,7 @@ from sim.propagation.paths import BounceKind, Paths, empty_paths
 from sim.signal.arrays.array import upa_positions_m
 from sim.signal.arrays.codebook import steered_codebook
 from sim.signal.link import Link, make_link
-from sim.signal.link_budget import (
-    converter_noise_dbm,
-    converter_share,
-    link_budget,
-    peak_gain_dbi,
-    side_lobe_db,
-)
+from sim.signal.link_budget import converter_noise_dbm, converter_share, link_budget, peak_gain_dbi, side_lobe_db
 from sim.signal.waveform.config import ScheduleConfig
 from sim.signal.waveform.occasions import measurements_per_sample
 from sim.signal.waveform.prs import prs_comb_pass

@@ -18,9 +18,7 @@ SMALL = SimulationConfig(
     scene="none",
     waveform=WaveformConfig(n_rb=24, comb=12),
     tx_array=ArrayConfig(rows=2, columns=3, beams_per_panel=3),
-    rx_array=ArrayConfig(
-        rows=1, columns=4, panel_azimuth_deg=[0.0, 90.0], beams_per_panel=2, sector_deg=90.0
-    ),
+    rx_array=ArrayConfig(rows=1, columns=4, panel_azimuth_deg=[0.0, 90.0], beams_per_panel=2, sector_deg=90.0),
 )
 
 
@@ -42,13 +40,9 @@ def test_samples_are_equation_1_term_by_term() -> None:
             ):
                 local = azimuth - book.panel_azimuth_rad[beam]
                 steering = steering_vector(book.element_position_m, 60e9, local, elevation)
-                gains *= (book.weights[beam] * steering).sum() * element_amplitude(
-                    "tr38901", local, elevation
-                )
+                gains *= (book.weights[beam] * steering).sum() * element_amplitude("tr38901", local, elevation)
             delay = paths.delay_s[i] + bias_s
-            expected[m, n, k] += (
-                paths.gain[i] * gains * np.exp(-2j * np.pi * link.frequency_offset_hz[k] * delay)
-            )
+            expected[m, n, k] += paths.gain[i] * gains * np.exp(-2j * np.pi * link.frequency_offset_hz[k] * delay)
     np.testing.assert_allclose(channel, expected, atol=2e-5 * np.abs(expected).max())
 
 

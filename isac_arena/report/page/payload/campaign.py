@@ -10,13 +10,7 @@ from matplotlib.colors import to_hex
 from isac_arena.campaign.results import CampaignResults
 from isac_arena.report.figures.plan import clutter_outlines, plan_view
 from isac_arena.report.page.payload.maps import map_payload
-from isac_arena.report.page.payload.numbers import (
-    POWER_STEP_DB,
-    number,
-    quantised_power,
-    rounded,
-    significant,
-)
+from isac_arena.report.page.payload.numbers import POWER_STEP_DB, number, quantised_power, rounded, significant
 from isac_arena.report.page.payload.paths import estimated_paths, true_paths
 from isac_arena.scoring.record import PoseScores, ScoreTables
 from scenes.scene import Scene

@@ -22,9 +22,7 @@ def rounded(values: Any, decimals: int) -> list[float | None]:
 def significant(values: Any) -> list[float | None]:
     """All values of an array in order to `SIGNIFICANT_DIGITS`, None for those that are not finite."""
     flat = np.asarray(values, float).ravel().tolist()
-    return [
-        _short(float(f"{value:.{SIGNIFICANT_DIGITS}g}")) if math.isfinite(value) else None for value in flat
-    ]
+    return [_short(float(f"{value:.{SIGNIFICANT_DIGITS}g}")) if math.isfinite(value) else None for value in flat]
 
 
 def number(value: float, decimals: int) -> float | None:

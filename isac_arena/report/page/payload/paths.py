@@ -18,9 +18,7 @@ def estimated_paths(stop: int, results: CampaignResults, tables: ScoreTables) ->
     """The estimated paths of a stop with their standard deviations, status and errors."""
     estimate = next(estimate for estimate in results.channel if estimate.stop == stop)
     scores = tables.paths.take("estimate", tables.paths.stop == stop)
-    delay_std_s, aod_std_rad, aoa_std_rad = np.sqrt(
-        np.diagonal(estimate.plane_covariance, axis1=1, axis2=2)
-    ).T
+    delay_std_s, aod_std_rad, aoa_std_rad = np.sqrt(np.diagonal(estimate.plane_covariance, axis1=1, axis2=2)).T
     return {
         "method": estimate.method,
         "reason": estimate.reason,
@@ -52,9 +50,7 @@ def true_paths(truth: Truth, tables: ScoreTables) -> dict[str, Any]:
     return {
         "path": rows.path.tolist(),
         "label": path_labels(paths).tolist(),
-        "kind": [
-            path_kind(kinds[:n]) for kinds, n in zip(paths.bounce_kind, paths.n_interactions, strict=True)
-        ],
+        "kind": [path_kind(kinds[:n]) for kinds, n in zip(paths.bounce_kind, paths.n_interactions, strict=True)],
         "object": rows.object.tolist(),
         "delay_ns": rounded(1e9 * rows.delay_s, 3),
         "aod_deg": _degrees(rows.aod_azimuth_rad),

@@ -15,9 +15,7 @@ from tests.estimation.channel.plain_sweeps import no_plain_paths, plain_link, pl
 
 SMALL = plain_link()
 
-PANELS = ArrayConfig(
-    columns=4, beams_per_panel=5, sector_deg=90.0, panel_azimuth_deg=[-180.0, -90.0, 0.0, 90.0]
-)
+PANELS = ArrayConfig(columns=4, beams_per_panel=5, sector_deg=90.0, panel_azimuth_deg=[-180.0, -90.0, 0.0, 90.0])
 ELEVATION = ArrayConfig(columns=4, beams_per_panel=5, beam_elevation_deg=[-15.0, 15.0])
 
 
@@ -71,9 +69,7 @@ def test_side_lobes_of_one_path_are_no_paths() -> None:
 
 
 def test_separate_paths_are_taken_in_one_batch() -> None:
-    paths = plain_paths(
-        SMALL, [200.0, 400.0, 700.0], [0.0, 30.0, -30.0], [0.0, -30.0, 20.0], [40.0, 35.0, 30.0]
-    )
+    paths = plain_paths(SMALL, [200.0, 400.0, 700.0], [0.0, 30.0, -30.0], [0.0, -30.0, 20.0], [40.0, 35.0, 30.0])
     cube, plan = _cube(plain_sweep(SMALL, paths))
     sweep = cube.window(np.arange(-5, 60))
     search = SpectrumSearch(sweep, plan.grids, 2)

@@ -25,9 +25,9 @@ N_TRIALS = 40
 
 def _cone() -> float:
     return float(
-        apparent_angles(
-            LINK.rx_codebook, Manifold(LINK.rx_codebook), *np.deg2rad([AZIMUTH_DEG, ELEVATION_DEG])
-        )[0][0, 0]
+        apparent_angles(LINK.rx_codebook, Manifold(LINK.rx_codebook), *np.deg2rad([AZIMUTH_DEG, ELEVATION_DEG]))[
+            0
+        ][0, 0]
     )
 
 
@@ -43,9 +43,7 @@ def _two_level(rng: np.random.Generator, phase: float) -> BeamSweep:
         cone_angles(*np.deg2rad([[AZIMUTH_DEG], [ELEVATION_DEG]]), np.deg2rad([panel]))[0][0]
         for panel in (-90.0, 0.0)
     ]
-    paths = plain_paths(
-        LINK, [200.0, 200.0], [20.0, 20.0], np.rad2deg(cones), [30.0, 27.0], phase=[0.0, phase]
-    )
+    paths = plain_paths(LINK, [200.0, 200.0], [20.0, 20.0], np.rad2deg(cones), [30.0, 27.0], phase=[0.0, phase])
     return plain_sweep(LINK, paths, rng)
 
 
@@ -66,17 +64,11 @@ def test_a_model_of_the_horizon_alone_needs_two() -> None:
     bins = 1e-9 / stop.compressed.bin_s
     aoa = np.deg2rad([[-72.4, 0.0], [-36.0, 0.0], [100.0, 0.0]])
     start = PathParameters(
-        bins * np.array([200.0, 200.0, 400.0]),
-        np.deg2rad([[20.0], [20.0], [-10.0]]),
-        aoa,
-        np.ones(3, complex),
+        bins * np.array([200.0, 200.0, 400.0]), np.deg2rad([[20.0], [20.0], [-10.0]]), aoa, np.ones(3, complex)
     )
     reference = Reference(stop.compressed, start.take(slice(0)))
     level = refine(reference, start, 30)
-    assert (
-        level.explained - refine(reference, start.take(np.array([0, 2])), 30).explained
-        > 10 * stop.window.level
-    )
+    assert level.explained - refine(reference, start.take(np.array([0, 2])), 30).explained > 10 * stop.window.level
     one = merge_elevated_images(reference, level, stop.window.level_at, 30)
     assert len(one.paths) == 2
     assert np.isclose(abs(np.rad2deg(one.paths.aoa_rad[:, 1]).max()), ELEVATION_DEG, atol=2.0)
@@ -109,9 +101,7 @@ def test_the_model_of_hidden_elevations_is_that_of_the_beams_up_to_a_gain() -> N
     model = manifold.response(np.stack([azimuth, elevation], axis=1))
     true = beam_response(LINK.rx_codebook, azimuth, elevation).T
     likeness = (
-        np.abs((model.conj() * true).sum(axis=1))
-        / np.linalg.norm(model, axis=1)
-        / np.linalg.norm(true, axis=1)
+        np.abs((model.conj() * true).sum(axis=1)) / np.linalg.norm(model, axis=1) / np.linalg.norm(true, axis=1)
     )
     assert np.allclose(likeness, 1, atol=1e-6)
 
@@ -130,9 +120,7 @@ def test_one_panel_and_beams_that_resolve_elevation_hide_none(array: ArrayConfig
 
 
 def test_a_cone_is_in_front_and_its_slopes_are_limits_of_differences() -> None:
-    azimuth, elevation, boresight = np.deg2rad(
-        [[-103.7, 20.0, 170.0], [0.0, 30.0, -20.0], [0.0, 10.0, 180.0]]
-    )
+    azimuth, elevation, boresight = np.deg2rad([[-103.7, 20.0, 170.0], [0.0, 30.0, -20.0], [0.0, 10.0, 180.0]])
     cone, slopes = cone_angles(azimuth, elevation, boresight)
     assert np.rad2deg(cone[0]) == pytest.approx(-76.3)
     step = 1e-6

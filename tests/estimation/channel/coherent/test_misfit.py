@@ -27,10 +27,7 @@ def _fit_one(rng: np.random.Generator, neighbour_db: float | None) -> tuple[Refe
     )
     solution = refine(Reference(sweep, start.take(slice(0))), start, 30)
     found = solution.paths
-    error = (
-        np.concatenate([found.delay_bins * sweep.bin_s, found.aod_rad[0], found.aoa_rad[0]])
-        - places(paths)[0]
-    )
+    error = np.concatenate([found.delay_bins * sweep.bin_s, found.aod_rad[0], found.aoa_rad[0]]) - places(paths)[0]
     error[0] /= sweep.bin_s
     return Reference(sweep, found), solution, error
 

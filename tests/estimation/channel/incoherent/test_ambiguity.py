@@ -10,9 +10,7 @@ from sim.config import ArrayConfig
 from tests.estimation.channel.plain_sweeps import plain_link, plain_paths, plain_sweep
 
 LEVEL = ArrayConfig(columns=8, beams_per_panel=10, sector_deg=120.0)
-TWO_LEVELS = ArrayConfig(
-    columns=8, rows=4, beams_per_panel=10, sector_deg=110.0, beam_elevation_deg=[-15.0, 15.0]
-)
+TWO_LEVELS = ArrayConfig(columns=8, rows=4, beams_per_panel=10, sector_deg=110.0, beam_elevation_deg=[-15.0, 15.0])
 FOUR_LEVELS = ArrayConfig(
     columns=8, rows=4, beams_per_panel=6, sector_deg=110.0, beam_elevation_deg=[-35.0, -12.0, 12.0, 35.0]
 )

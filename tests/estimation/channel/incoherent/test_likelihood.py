@@ -131,9 +131,7 @@ def test_score_of_a_probe_is_that_of_a_faint_path(stop):
         faint[-2] = np.log(amplitude)
         whole = score(local, ends, np.vstack([paths, faint]), faint=0.0)
         n = paths.size
-        assert pull[i] == pytest.approx(
-            whole.gradient[n + 3 :] / amplitude, rel=0.01, abs=0.02 / amplitude * 1e-3
-        )
+        assert pull[i] == pytest.approx(whole.gradient[n + 3 :] / amplitude, rel=0.01, abs=0.02 / amplitude * 1e-3)
         information = whole.information[n + 3 :, n + 3 :] / amplitude**2
         assert own[i] == pytest.approx(information, rel=2e-3, abs=2e-3 * np.abs(information).max())
         shared = whole.information[n + 3 :, :n] / amplitude
@@ -192,9 +190,7 @@ def test_fixed_paths_count_like_fitted_ones(stop):
     beside = score(local.with_fixed(ends, PATHS[1:]), ends, PATHS[:1])
     assert beside.value == pytest.approx(whole.value, rel=1e-9)
     assert beside.pair_snr == pytest.approx(whole.pair_snr, rel=1e-9)
-    assert beside.gradient == pytest.approx(
-        whole.gradient[:5], rel=1e-6, abs=1e-6 * np.abs(whole.gradient).max()
-    )
+    assert beside.gradient == pytest.approx(whole.gradient[:5], rel=1e-6, abs=1e-6 * np.abs(whole.gradient).max())
     assert beside.information == pytest.approx(whole.information[:5, :5], rel=1e-6, abs=1e-6)
 
 

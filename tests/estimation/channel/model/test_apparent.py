@@ -38,9 +38,7 @@ def test_cone_angles_have_the_biases_of_the_reference():
 
 
 def test_beams_that_resolve_elevation_keep_the_direction():
-    beams = steered_beams(
-        POSITION_M, CARRIER_HZ, *direction_grid(sine_spaced_azimuths(8, 1.5), [-0.3, 0.0, 0.3])
-    )
+    beams = steered_beams(POSITION_M, CARRIER_HZ, *direction_grid(sine_spaced_azimuths(8, 1.5), [-0.3, 0.0, 0.3]))
     book = codebook_on_panels(beams, POSITION_M, CARRIER_HZ, panel_azimuth_rad=[0.0])
     angles, gain = apparent_angles(book, Manifold(book), [0.3, -0.2], [0.1, -0.2])
     assert_allclose(angles, [[0.3, 0.1], [-0.2, -0.2]])

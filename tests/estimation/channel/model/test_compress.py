@@ -26,9 +26,7 @@ def _whitened_norm(samples: ComplexArray, noise_mw: Any) -> float:
 
 ARRAYS = {
     "oversampled": ArrayConfig(columns=8, beams_per_panel=20, sector_deg=120.0),
-    "panels": ArrayConfig(
-        columns=4, beams_per_panel=5, sector_deg=90.0, panel_azimuth_deg=[-90.0, 0.0, 90.0]
-    ),
+    "panels": ArrayConfig(columns=4, beams_per_panel=5, sector_deg=90.0, panel_azimuth_deg=[-90.0, 0.0, 90.0]),
     "elevation": ArrayConfig(columns=6, beams_per_panel=8, beam_elevation_deg=[-15.0, 15.0]),
     "one_beam": ArrayConfig(beams_per_panel=1),
 }

@@ -30,9 +30,7 @@ def flat_codebook(beams, panels=(0.0,), columns=8):
 
 def elevation_codebook():
     position = upa_positions_m(4, 6, CARRIER_HZ)
-    beams = steered_beams(
-        position, CARRIER_HZ, *direction_grid(sine_spaced_azimuths(5, 1.5), [-0.3, 0.0, 0.3])
-    )
+    beams = steered_beams(position, CARRIER_HZ, *direction_grid(sine_spaced_azimuths(5, 1.5), [-0.3, 0.0, 0.3]))
     return codebook_on_panels(beams, position, CARRIER_HZ, panel_azimuth_rad=[0.2])
 
 
@@ -106,9 +104,7 @@ def test_coherent_information_is_that_of_the_differentiated_mean(name):
     assert_allclose(ours / scale, brute / scale, atol=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("name", "level"), [("flat", 1.0), ("flat", 6.0), ("panels", 2.0), ("elevation", 2.0)]
-)
+@pytest.mark.parametrize(("name", "level"), [("flat", 1.0), ("flat", 6.0), ("panels", 2.0), ("elevation", 2.0)])
 def test_incoherent_information_is_the_covariance_of_the_score(name, level):
     """Monte Carlo over pair phases and noise; pairs from far below the noise to far above it."""
     model = Model(name, 2, 2)
@@ -176,9 +172,7 @@ def test_strong_pairs_lose_only_their_phase_and_weak_pairs_all():
 def test_a_lone_path_has_the_textbook_delay_bound():
     """var >= 1 / (8 pi^2 SNR beta^2) with beta the rms bandwidth and SNR that of all samples together."""
     book = flat_codebook(6)
-    bounds = crb(
-        book, book, FREQUENCY_HZ, 2e-3, delay_s=[9e-9], aod_rad=[0.1], aoa_rad=[-0.2], amplitude=[3e-2j]
-    )
+    bounds = crb(book, book, FREQUENCY_HZ, 2e-3, delay_s=[9e-9], aod_rad=[0.1], aoa_rad=[-0.2], amplitude=[3e-2j])
     tx, rx = Manifold(book).response(np.array([[0.1]])), Manifold(book).response(np.array([[-0.2]]))
     snr = 9e-4 * np.sum(np.abs(tx) ** 2) * np.sum(np.abs(rx) ** 2) * len(FREQUENCY_HZ) / 2e-3
     variance = 1 / (8 * np.pi**2 * snr * np.var(FREQUENCY_HZ))

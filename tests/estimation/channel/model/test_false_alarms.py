@@ -23,9 +23,7 @@ def test_level_of_one_cell_is_that_of_an_exponential_variable() -> None:
 @pytest.mark.parametrize("probability", [0.1, 1e-2, 1e-4, 1e-8])
 def test_level_is_exceeded_with_the_given_probability(probability: float) -> None:
     curvatures = np.array([0.0, 300.0, 1000.0, 2e4])
-    assert np.isclose(
-        exceedance_probability(detection_level(probability, curvatures), curvatures), probability
-    )
+    assert np.isclose(exceedance_probability(detection_level(probability, curvatures), curvatures), probability)
 
 
 def test_expected_euler_characteristic_in_three_dimensions() -> None:

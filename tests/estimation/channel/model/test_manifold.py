@@ -11,9 +11,7 @@ from sim.signal.link import make_codebook
 
 ARRAYS = {
     "steered": ArrayConfig(sector_deg=120.0),
-    "four_panels": ArrayConfig(
-        panel_azimuth_deg=[-180.0, -90.0, 0.0, 90.0], beams_per_panel=12, sector_deg=90.0
-    ),
+    "four_panels": ArrayConfig(panel_azimuth_deg=[-180.0, -90.0, 0.0, 90.0], beams_per_panel=12, sector_deg=90.0),
     "tilted": ArrayConfig(
         panel_azimuth_deg=[-60.0, 60.0], panel_tilt_deg=[10.0, -10.0], polarisation_slant_deg=30.0
     ),

@@ -112,9 +112,7 @@ def test_normal_equations_are_those_of_least_squares(swept: CompressedSweep) -> 
     rest = data - amplitude @ dense[:, 0]
     explained = np.linalg.norm(data) ** 2 - np.linalg.norm(rest) ** 2
     assert np.isclose(solution.explained, explained, rtol=1e-6)
-    columns = np.concatenate(
-        [dense[:, :1], 1j * dense[:, :1], amplitude[:, None, None] * dense[:, 1:]], axis=1
-    )
+    columns = np.concatenate([dense[:, :1], 1j * dense[:, :1], amplitude[:, None, None] * dense[:, 1:]], axis=1)
     norm = np.linalg.norm(columns, axis=2)
     slope = (columns.conj() @ rest).real
     assert np.abs((solution.slope - slope) / norm / np.linalg.norm(rest)).max() < 1e-6

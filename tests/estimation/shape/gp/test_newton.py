@@ -34,9 +34,7 @@ def test_likelihood_and_its_derivatives(seed, n, std):
     np.testing.assert_allclose(gradient, exact.gradient[1:] * np.exp(log_beta), atol=1e-8 * scale)
     for k, step in enumerate(1e-4 * np.eye(3)):
         above, below = (likelihood_terms(chords, radius, log_beta + s * step)[1] for s in (1, -1))
-        np.testing.assert_allclose(
-            hessian[k], (above - below) / 2e-4, atol=1e-6 * (scale + np.abs(hessian).max())
-        )
+        np.testing.assert_allclose(hessian[k], (above - below) / 2e-4, atol=1e-6 * (scale + np.abs(hessian).max()))
 
 
 def test_a_batch_is_its_clusters_one_by_one():

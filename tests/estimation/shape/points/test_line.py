@@ -36,9 +36,7 @@ def test_the_line_of_few_points_counts_that_their_noise_is_unknown(n):
     points, prior = wall_points(n, 5), LinePrior(outlier_share=1e-12)
     line = robust_line(points, prior)
     reach = 6 * np.sqrt(np.diagonal(line.covariance)[:2])
-    azimuth, offset = (
-        at + r * np.linspace(-1, 1, 61) for at, r in zip(line.parameter[:2], reach, strict=True)
-    )
+    azimuth, offset = (at + r * np.linspace(-1, 1, 61) for at, r in zip(line.parameter[:2], reach, strict=True))
     scale = np.linspace(-1.2, 1.2, 49)
     normal = np.stack([-np.sin(azimuth), np.cos(azimuth)])
     variance = np.einsum("ia,nij,ja->na", normal, points.covariance_m2, normal)

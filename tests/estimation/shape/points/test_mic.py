@@ -29,8 +29,7 @@ def test_likelihood_is_the_mixture_written_out():
     )
     expected = sum(
         np.log(
-            sum(w * multivariate_normal(x, 1.3**2 * c).pdf(p) for w, x in zip(weight, node, strict=True))
-            + 0.02
+            sum(w * multivariate_normal(x, 1.3**2 * c).pdf(p) for w, x in zip(weight, node, strict=True)) + 0.02
         )
         for p, c in zip(position, covariance, strict=True)
     )

@@ -53,9 +53,7 @@ def test_degenerate_clusters_get_a_status(method, case):
 def test_a_circle_seen_all_around_is_found(method):
     points = cluster(circle_points(60), std=0.02)
     points = (
-        PointCluster(points.position_m, points.covariance_m2, np.full(2, np.nan))
-        if method == "mic"
-        else points
+        PointCluster(points.position_m, points.covariance_m2, np.full(2, np.nan)) if method == "mic" else points
     )
     fit = POINT_METHODS[method](points)
     angle = np.linspace(0, 2 * np.pi, 200, endpoint=False)

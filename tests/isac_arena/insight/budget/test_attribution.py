@@ -13,8 +13,7 @@ def additive(groups, rng, n_units=40):
     """Squared errors that are sums of one independent term per part, and the terms' means."""
     term = {part: rng.chisquare(2, n_units) for group in groups for part in group}
     table = {
-        met: sum((term[part] for part in term if part not in met), np.zeros(n_units))
-        for met in coalitions(groups)
+        met: sum((term[part] for part in term if part not in met), np.zeros(n_units)) for met in coalitions(groups)
     }
     return table, np.array([term[part].mean() for part in term])
 

@@ -128,10 +128,7 @@ def test_outline_error_asks_for_all_that_was_lit_and_for_nothing_else():
     assert outline_error_m([same], lit) == pytest.approx(0, abs=1e-9)
     assert outline_error_m([dot], lit) > 0.3
     assert outline_error_m([wide], lit) == pytest.approx(0, abs=1e-9)
-    halves = [
-        Outline(UNIT[:200], np.ones(200, bool), False),
-        Outline(UNIT[199:360], np.ones(161, bool), False),
-    ]
+    halves = [Outline(UNIT[:200], np.ones(200, bool), False), Outline(UNIT[199:360], np.ones(161, bool), False)]
     assert outline_error_m(halves, lit) == pytest.approx(0, abs=1e-9)
 
 

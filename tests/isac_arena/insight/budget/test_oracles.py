@@ -61,9 +61,7 @@ def test_geometry_never_puts_two_paths_in_one_place(traced):
         np.append(paths.true_path, paths.true_path[1]),
     )
     found = parameters(with_true_geometry(twice, stop).estimate)
-    assert (
-        len(np.unique(found[:-1], axis=0)) == len(found) - 1
-    )  # as many as before: the second stays as it was
+    assert len(np.unique(found[:-1], axis=0)) == len(found) - 1  # as many as before: the second stays as it was
 
 
 def test_association_leaves_the_line_of_sight_and_upright_single_bounces(traced, chain):
@@ -89,10 +87,7 @@ def test_all_path_oracles_together_give_the_exact_incidence_points(chain):
     receiver = known_receiver(stop.truth for stop in chain.stops)
     ips = map_stops([one.estimate for one in paths], receiver, chain.scene.tx, chain.config.mapping)
     truth = np.array(
-        [
-            chain.stops[s].origin.vertex_m[paths[s].true_path[p]]
-            for s, p in zip(ips.stop, ips.path, strict=True)
-        ]
+        [chain.stops[s].origin.vertex_m[paths[s].true_path[p]] for s, p in zip(ips.stop, ips.path, strict=True)]
     )
     assert len(ips) == 4 * len(chain.stops)
     np.testing.assert_allclose(ips.position_m, truth, atol=1e-9)
@@ -102,10 +97,7 @@ def test_oracles_change_nothing_of_a_perfect_estimate(campaign, stops):
     for estimate, stop in zip(campaign.results.channel, stops, strict=True):
         perfect = TracedPaths(estimate, stop.significant)
         ordered = perfect.sorted_by_delay()
-        for oracle in (
-            with_true_detection(perfect, stop, np.diag(STD**2)),
-            with_true_geometry(perfect, stop),
-        ):
+        for oracle in (with_true_detection(perfect, stop, np.diag(STD**2)), with_true_geometry(perfect, stop)):
             found = oracle.sorted_by_delay()
             for spec in fields(type(estimate)):
                 np.testing.assert_array_equal(

@@ -18,9 +18,7 @@ LIMITS = Significance(dynamic_range_db=28.0, noise_threshold_dbm=-150.0)
 @pytest.fixture(scope="module")
 def score(campaign, true_power):
     def run(scene=campaign.scene, truths=campaign.truths, results=campaign.results):
-        return score_campaign(
-            scene, iter(truths), results, true_power_dbm=true_power, significance=LIMITS
-        ).tables
+        return score_campaign(scene, iter(truths), results, true_power_dbm=true_power, significance=LIMITS).tables
 
     return run
 
@@ -102,9 +100,7 @@ def test_nothing_that_one_run_has_is_dropped_without_a_word(score, campaign):
     mapping = campaign.results.mapping
     none = replace(mapping, contours=no_contours(len(mapping.ips), len(campaign.truths)))
     fewer = tuple(one.take("path", slice(0, 5)) for one in campaign.results.channel)
-    found = by_key(
-        compare_runs(score(), score(results=replace(campaign.results, mapping=none, channel=fewer)))
-    )
+    found = by_key(compare_runs(score(), score(results=replace(campaign.results, mapping=none, channel=fewer))))
     contour = found["contours.mapping.iou"]
     assert contour.verdict == "only in A" and contour.first == pytest.approx(1, abs=1e-3)
     assert by_key(compare_runs(score(), score()))["contours.mapping.iou"].verdict != "only in A"

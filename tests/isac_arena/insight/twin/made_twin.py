@@ -94,7 +94,5 @@ def with_weak_path(made: Made, power_dbm: float) -> MeasuredCampaign:
                 power_dbm=np.where(last, power_dbm, estimate.power_dbm),
             )
         )
-        truths.append(
-            replace(truth, is_single_bounce=truth.is_single_bounce | last, is_los=truth.is_los & ~last)
-        )
+        truths.append(replace(truth, is_single_bounce=truth.is_single_bounce | last, is_los=truth.is_los & ~last))
     return MeasuredCampaign(made.campaign.tx, tuple(channel), tuple(truths))

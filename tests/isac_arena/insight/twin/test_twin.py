@@ -181,8 +181,5 @@ def test_figures_are_drawn_with_and_without_explained_paths(made):
     )  # fmt: skip
     empty = replace(twin, models={name: replace(model, paths=nothing) for name in twin.models})
     for one in (twin, empty):
-        for figure in (
-            twin_map_figure(made.scene, one, "three_bounces"),
-            twin_residual_figure(made.scene, one),
-        ):
+        for figure in (twin_map_figure(made.scene, one, "three_bounces"), twin_residual_figure(made.scene, one)):
             assert png_bytes(figure).startswith(b"\x89PNG")

@@ -16,9 +16,7 @@ from sim.propagation.specular.solver import exact_paths
 
 CARRIER_HZ = 60e9
 SQUARE = np.array([(-0.5, -0.4), (0.6, -0.4), (0.6, 0.5), (-0.5, 0.5)])
-EGG = ClosedSpline(
-    np.array([(0.6, 0.0), (0.3, 0.42), (-0.2, 0.45), (-0.5, 0.0), (-0.2, -0.45), (0.3, -0.42)])
-)
+EGG = ClosedSpline(np.array([(0.6, 0.0), (0.3, 0.42), (-0.2, 0.45), (-0.5, 0.0), (-0.2, -0.45), (0.3, -0.42)]))
 SHAPES = [
     Ellipse(np.array([0.1, -0.2]), np.array([0.7, 0.3]), 0.4),
     RoundedPolygon(SQUARE, np.array([0.1, 0.2, 0.3, 0.15])),
@@ -42,17 +40,7 @@ def test_an_ellipse_of_equal_axes_is_a_circle():
         found = found.take("ray", np.isin(found.receiver, expected.receiver))
         np.testing.assert_array_equal(found.receiver, expected.receiver)
         assert len(found.receiver) >= 5
-        for name in (
-            "attach_m",
-            "middle_m",
-            "shed_m",
-            "normal",
-            "s1_m",
-            "s2_m",
-            "arc_m",
-            "bend",
-            "radius_2_m",
-        ):
+        for name in ("attach_m", "middle_m", "shed_m", "normal", "s1_m", "s2_m", "arc_m", "bend", "radius_2_m"):
             np.testing.assert_allclose(getattr(found, name), getattr(expected, name), atol=1e-9, err_msg=name)
     k, turn = 1257.0, np.array([0.01, 0.3])
     np.testing.assert_allclose(
@@ -73,9 +61,7 @@ def test_rays_are_shortest_ways_round_the_contour(contour):
     for row, sense in enumerate((1, -1)):
         rays = creeping_rays(ring, tx, rx, sense)
         level[row, rays.receiver] = rays.s1_m + rays.arc_m + rays.s2_m
-    dark = [
-        shapely.LineString([tx[:2], end[:2]]).intersects(shapely.Polygon(outline).buffer(-1e-3)) for end in rx
-    ]
+    dark = [shapely.LineString([tx[:2], end[:2]]).intersects(shapely.Polygon(outline).buffer(-1e-3)) for end in rx]
     assert sum(dark) >= 3
     for index in np.flatnonzero(dark):
         hull = shapely.MultiPoint(np.vstack([outline, tx[:2], rx[index, :2]])).convex_hull.exterior

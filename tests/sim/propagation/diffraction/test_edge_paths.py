@@ -38,9 +38,7 @@ def scene_of(*items, tx=(-40.0, 40.0, 1.0), material=STONE):
 def edge_rows(*items):
     edges = find_edges(scene_of(*items))
     rows = zip(edges.position_m, edges.z_min_m, edges.z_max_m, edges.opening_rad / np.pi, strict=True)
-    return sorted(
-        (*np.round(p, 6).tolist(), float(lo), float(hi), round(float(n), 6)) for p, lo, hi, n in rows
-    )
+    return sorted((*np.round(p, 6).tolist(), float(lo), float(hi), round(float(n), 6)) for p, lo, hi, n in rows)
 
 
 def test_convex_corners_of_a_polygon_are_edges():
@@ -63,9 +61,7 @@ def test_thin_walls_end_in_half_planes_and_bend_in_wedges():
 
 
 def test_smooth_contours_have_no_edges_and_open_ones_two():
-    rounded = RoundedPolygon(
-        np.array([(3, 0), (5, 0), (5, 2), (3, 2)], float), np.array([0.2, 0.0, 0.3, 0.1])
-    )
+    rounded = RoundedPolygon(np.array([(3, 0), (5, 0), (5, 2), (3, 2)], float), np.array([0.2, 0.0, 0.3, 0.1]))
     spline = OpenSpline(np.array([(0, 5), (1, 6), (2, 5), (3, 6)], float))
     rows = edge_rows((Circle(np.zeros(2), 1.0), 0.0, 1.0), (rounded, 0.0, 1.0), (spline, 0.0, 1.0))
     assert rows == [(0, 5, 0, 1, 2.0), (3, 6, 0, 1, 2.0), (5, 0, 0, 1, 1.5)]
@@ -166,9 +162,7 @@ def test_field_goes_on_over_the_shadow_and_the_reflection_boundary(material, ris
     image = tx * [1, -1, 1]
     length = np.linalg.norm(rx - image, axis=1)
     cosine = (rx[:, 1] - image[1]) / length
-    r_s, r_p = slab_reflection(
-        cosine, material.complex_permittivity(CARRIER_HZ), material.thickness_m, CARRIER_HZ
-    )
+    r_s, r_p = slab_reflection(cosine, material.complex_permittivity(CARRIER_HZ), material.thickness_m, CARRIER_HZ)
     # vertical to vertical off a vertical wall: the s vector is (-sin el, cos el cos t) / sin(3-D incidence)
     up = (rx[:, 2] - tx[2]) / length
     across = 1 - up**2 - cosine**2

@@ -39,8 +39,7 @@ def curved_reflections(scene, rx, carrier_hz):
     solved = exact_paths(scene, rx, carrier_hz, PropagationConfig(max_bounces=1))
     flat = [index for index, item in enumerate(scene.objects) if not item.contour.pieces[0].is_curved]
     return [
-        paths.take("path", paths.is_single_bounce & ~np.isin(paths.bounce_object[:, 0], flat))
-        for paths in solved
+        paths.take("path", paths.is_single_bounce & ~np.isin(paths.bounce_object[:, 0], flat)) for paths in solved
     ]
 
 
@@ -112,17 +111,13 @@ def test_directions_point_at_the_reflection_point():
         (rx, paths.aoa_azimuth_rad, paths.aoa_elevation_rad),
     ):
         towards = paths.vertex_m[0, 0] - end
-        np.testing.assert_allclose(
-            direction(azimuth, elevation)[0], towards / np.linalg.norm(towards), atol=1e-12
-        )
+        np.testing.assert_allclose(direction(azimuth, elevation)[0], towards / np.linalg.norm(towards), atol=1e-12)
 
 
 def test_scattered_share_is_missing_in_the_reflection():
     tx, rx = ends_at_incidence(0.5, 4.0, 2.0)
     rough = Material("rough", 1.0, 1e7, 0.002, scattering_coefficient=0.6)
-    [smooth], [reduced] = (
-        curved_reflections(pillar_scene(tx, m), rx[None], CARRIER_HZ) for m in (METAL, rough)
-    )
+    [smooth], [reduced] = (curved_reflections(pillar_scene(tx, m), rx[None], CARRIER_HZ) for m in (METAL, rough))
     assert reduced.power[0] / smooth.power[0] == pytest.approx(1 - 0.36)
 
 
@@ -161,9 +156,7 @@ def test_inside_of_a_ring_reflects_several_times(rx):
     detour = np.linalg.norm(rim - tx[:2], axis=1) + np.linalg.norm(rim - rx[:2], axis=1)
     turning = np.flatnonzero(np.diff(np.sign(np.diff(detour)))) + 1
     assert len(turning) >= 2
-    np.testing.assert_allclose(
-        np.sort(paths.delay_s) * SPEED_OF_LIGHT_M_S, np.sort(detour[turning]), atol=1e-6
-    )
+    np.testing.assert_allclose(np.sort(paths.delay_s) * SPEED_OF_LIGHT_M_S, np.sort(detour[turning]), atol=1e-6)
     assert len({tuple(np.round(point, 4)) for point in paths.vertex_m[:, 0]}) == len(paths)
 
 

@@ -115,10 +115,7 @@ def test_no_ray_reflects_within_a_solid():
     none = TracedChains(np.zeros((0, 1), int), np.zeros((0, 1), int), np.zeros((0, 1, 3, 3)))
     behind = Clutter("sheet", "clutter", BOARD, sheet, np.array([(0, 1, 2)]))
     [rays] = mesh_rays(none, tx, rx, (closed, behind), 0)
-    assert sorted(rays.surface[:, 0].tolist()) == [
-        0,
-        1,
-    ]  # the back of the box is met from within, the sheet not
+    assert sorted(rays.surface[:, 0].tolist()) == [0, 1]  # the back of the box is met from within, the sheet not
 
 
 def test_edges_of_a_box_of_a_step_and_of_an_open_sheet():

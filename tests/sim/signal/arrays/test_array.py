@@ -25,9 +25,7 @@ def test_steering_phase_is_the_path_length_difference() -> None:
     far = 1e4 * direction(azimuth, elevation)
     difference = np.linalg.norm(far) - np.linalg.norm(far - positions, axis=1)
     expected = np.exp(2j * np.pi * difference / WAVELENGTH_M)
-    np.testing.assert_allclose(
-        steering_vector(positions, CARRIER_HZ, azimuth, elevation), expected, atol=1e-4
-    )
+    np.testing.assert_allclose(steering_vector(positions, CARRIER_HZ, azimuth, elevation), expected, atol=1e-4)
 
 
 def test_element_pattern_of_tr38901() -> None:
@@ -110,6 +108,4 @@ def test_steering_is_the_plane_wave_of_any_arrangement() -> None:
         azimuth, elevation = rng.uniform(-3, 3, 20), rng.uniform(-1.5, 1.5, 20)
         path_m = direction(azimuth, elevation) @ position_m.T
         expected = np.exp(2j * np.pi * 60e9 / SPEED_OF_LIGHT_M_S * path_m)
-        np.testing.assert_allclose(
-            steering_vector(position_m, 60e9, azimuth, elevation), expected, atol=1e-12
-        )
+        np.testing.assert_allclose(steering_vector(position_m, 60e9, azimuth, elevation), expected, atol=1e-12)

@@ -51,9 +51,7 @@ def test_dft_beams_are_orthonormal_and_peak_on_their_grid() -> None:
 def test_dft_beams_of_a_half_wavelength_row_share_all_power() -> None:
     row = upa_positions_m(1, 7, CARRIER_HZ)
     beams = dft_beams(row, CARRIER_HZ, 1, 7)
-    total = (
-        np.abs(beams.weights @ steering_vector(row, CARRIER_HZ, np.linspace(-1.5, 1.5, 50), 0).T) ** 2
-    ).sum(0)
+    total = (np.abs(beams.weights @ steering_vector(row, CARRIER_HZ, np.linspace(-1.5, 1.5, 50), 0).T) ** 2).sum(0)
     np.testing.assert_allclose(total, 7)
 
 
@@ -166,9 +164,7 @@ def test_bad_tapers() -> None:
 
 
 @given(angles, angles, st.floats(-3, 3), angles)
-def test_panel_frames_turn_back_and_forth(
-    azimuth: float, elevation: float, panel: float, tilt: float
-) -> None:
+def test_panel_frames_turn_back_and_forth(azimuth: float, elevation: float, panel: float, tilt: float) -> None:
     axes = panel_axes(panel, tilt)
     np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(axes) == pytest.approx(1)
@@ -191,9 +187,7 @@ def test_a_vanishing_tilt_is_no_tilt() -> None:
 
 def test_tilted_panels_keep_their_gain_along_the_boresight() -> None:
     beams = steered_beams(UPA, CARRIER_HZ, np.zeros(1), np.zeros(1))
-    codebook = codebook_on_panels(
-        beams, UPA, CARRIER_HZ, panel_azimuth_rad=[0.0, 2.0], panel_tilt_rad=[-0.3, 0.4]
-    )
+    codebook = codebook_on_panels(beams, UPA, CARRIER_HZ, panel_azimuth_rad=[0.0, 2.0], panel_tilt_rad=[-0.3, 0.4])
     np.testing.assert_allclose(codebook.elevation_rad, [-0.3, 0.4])
     response = beam_response(codebook, codebook.azimuth_rad, codebook.elevation_rad)
     np.testing.assert_allclose(np.abs(np.diag(response)), 8 * 10**0.4, rtol=1e-12)
@@ -218,9 +212,7 @@ def test_vertical_share_is_the_projection_of_the_element_field(
     axes = panel_axes(0.0, tilt)
     field = (np.cos(slant) * theta_local + np.sin(slant) * phi_local) @ axes
     theta = -direction(azimuth, elevation + np.pi / 2)
-    assert vertical_polarisation(azimuth, elevation, 0.0, tilt, slant) == pytest.approx(
-        field @ theta, abs=1e-6
-    )
+    assert vertical_polarisation(azimuth, elevation, 0.0, tilt, slant) == pytest.approx(field @ theta, abs=1e-6)
 
 
 def test_panels_and_files_have_to_agree() -> None:

@@ -22,11 +22,7 @@ def test_both_file_types_hold_the_same(tmp_path: Path) -> None:
 def test_an_array_takes_its_beams_from_a_file(tmp_path: Path) -> None:
     np.savez(tmp_path / "w.npz", weights=WEIGHTS)
     config = ArrayConfig(
-        rows=1,
-        columns=4,
-        codebook="file",
-        weights_file=str(tmp_path / "w.npz"),
-        panel_azimuth_deg=[0.0, 90.0],
+        rows=1, columns=4, codebook="file", weights_file=str(tmp_path / "w.npz"), panel_azimuth_deg=[0.0, 90.0]
     )
     codebook = make_codebook(config, 60e9)
     norm = np.linalg.norm(WEIGHTS, axis=1, keepdims=True)

@@ -53,9 +53,7 @@ def test_without_a_schedule_one_symbol_follows_the_other() -> None:
 
 @pytest.mark.parametrize("gap_slots", [1, 2, 8, 32])
 @pytest.mark.parametrize("repetitions", [1, 4, 6])
-def test_every_occasion_has_a_slot_of_its_own_that_the_standard_sends(
-    gap_slots: int, repetitions: int
-) -> None:
+def test_every_occasion_has_a_slot_of_its_own_that_the_standard_sends(gap_slots: int, repetitions: int) -> None:
     schedule = ScheduleConfig(
         period_slots=256, offset_slots=7, repetitions=repetitions, gap_slots=gap_slots,
         muting_1=[1, 0, 0, 1], muting_bit_repetition=2,
@@ -151,10 +149,7 @@ def test_beams_have_to_fit_into_the_period() -> None:
     [
         ({"period_slots": 6}, r"schedule.period_slots = 6: allowed is 2\^mu"),
         ({"repetitions": 3}, "schedule.repetitions = 3: allowed is 1, 2, 4"),
-        (
-            {"repetitions": 2, "muting_2": [1]},
-            r"schedule.muting_2 = \(1,\): allowed is one bit per repetition",
-        ),
+        ({"repetitions": 2, "muting_2": [1]}, r"schedule.muting_2 = \(1,\): allowed is one bit per repetition"),
         ({"muting_1": [0, 0]}, "leave nothing that is sent"),
     ],
 )

@@ -11,9 +11,7 @@ from sim.signal.waveform.ofdm import cp_lengths, demodulate, modulate, sample_ra
 
 def random_grid(seed: int, n_symbols: int, n_subcarriers: int) -> ComplexArray:
     rng = np.random.default_rng(seed)
-    return rng.standard_normal((n_symbols, n_subcarriers)) + 1j * rng.standard_normal(
-        (n_symbols, n_subcarriers)
-    )
+    return rng.standard_normal((n_symbols, n_subcarriers)) + 1j * rng.standard_normal((n_symbols, n_subcarriers))
 
 
 def test_prefixes_of_the_real_campaign() -> None:

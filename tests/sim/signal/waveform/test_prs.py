@@ -117,9 +117,7 @@ def test_bad_resources_name_field_and_value(field: str, value: int) -> None:
         PrsConfig(**{field: value})
 
 
-@pytest.mark.parametrize(
-    ("comb", "length"), [(2, 1), (4, 2), (4, 6), (6, 2), (6, 4), (12, 4), (12, 6), (2, 14)]
-)
+@pytest.mark.parametrize(("comb", "length"), [(2, 1), (4, 2), (4, 6), (6, 2), (6, 4), (12, 4), (12, 6), (2, 14)])
 def test_pairs_that_the_standard_forbids(comb: int, length: int) -> None:
     with pytest.raises(ValueError, match=rf"PrsConfig.n_symbols = {length}: .* comb {comb} .*7\.4\.1\.7\.3"):
         PrsConfig(comb=comb, n_symbols=length)

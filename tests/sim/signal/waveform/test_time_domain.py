@@ -37,9 +37,7 @@ def clean_sweep(wave: WaveformConfig) -> BeamSweep:
 @pytest.mark.parametrize("combine", [False, True])
 def test_samples_demodulate_to_the_channel_times_the_slot(combine: bool) -> None:
     """Divided by the PRS of the slot, every symbol of the burst is the same channel on its own comb."""
-    wave = WaveformConfig(
-        n_rb=24, comb=6, rb_offset=8, carrier_rb=40, first_symbol=2, combine_symbols=combine
-    )
+    wave = WaveformConfig(n_rb=24, comb=6, rb_offset=8, carrier_rb=40, first_symbol=2, combine_symbols=combine)
     sweep = clean_sweep(wave)
     samples = received_samples(sweep, wave.prs, slot=1, tx_beam=1, rx_beam=2)
     n_symbols = 6 if combine else 1
