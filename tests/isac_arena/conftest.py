@@ -6,7 +6,8 @@ import pytest
 from isac_arena.validation.scenarios.perfect_campaign import MadeCampaign, make_campaign, power_dbm
 from scenes.record import FloatArray
 from sim.truth import Truth
-from tests.isac_arena.cli.sweep_files import N_CASES, arena, write_sweep
+from tests.command_line import arena
+from tests.isac_arena.cli.sweep_files import N_CASES, write_sweep
 
 
 @pytest.fixture(scope="session")

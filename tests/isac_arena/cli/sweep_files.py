@@ -1,13 +1,8 @@
 """The smallest campaign and sweep that go through every stage, for the tests of sweeps."""
 
-import os
-import subprocess
-import sys
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[3]
 N_CASES = 12  # of the undisturbed sweep
-ARENA = [sys.executable, "-c", "from isac_arena.cli.main import main; main()"]
 
 CAMPAIGN = """
 name = "small"
@@ -49,18 +44,6 @@ def write_sweep(folder: Path, repeats: int = 2, **changes: str) -> Path:
         text = text.replace(old, new)
     (folder / "sweep.toml").write_text(text)
     return folder / "sweep.toml"
-
-
-def environment() -> dict[str, str]:
-    return {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "200"}
-
-
-def arena(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
-    """The command line in a process of its own."""
-    command = [*ARENA, *map(str, arguments)]
-    return subprocess.run(
-        command, capture_output=True, text=True, cwd=cwd, env=environment(), check=False, timeout=300
-    )
 
 
 def results(folder: Path) -> bytes:

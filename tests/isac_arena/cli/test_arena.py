@@ -12,25 +12,7 @@ from pathlib import Path
 import pytest
 
 from isac_arena.campaign.load import load_campaign
-
-ARENA = [sys.executable, "-c", "from isac_arena.cli.main import main; main()"]
-ROOT = Path(__file__).resolve().parents[3]
-
-
-def arena(*arguments: object, cwd: Path = ROOT) -> subprocess.CompletedProcess[str]:
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "200"}
-    command = [*ARENA, *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, cwd=cwd, env=environment, check=False)
-
-
-def failure(*arguments: object, cwd: Path = ROOT) -> str:
-    """The one line of a command that has to fail cleanly."""
-    result = arena(*arguments, cwd=cwd)
-    assert result.returncode not in (0, 70), result
-    lines = result.stderr.strip().splitlines()
-    assert len(lines) == 1 and lines[0].startswith("arena: "), result.stderr
-    assert "Traceback" not in result.stdout
-    return lines[0]
+from tests.command_line import ARENA, ROOT, arena, failure
 
 
 @pytest.fixture(scope="module")

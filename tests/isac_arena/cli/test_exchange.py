@@ -1,7 +1,6 @@
 """`arena export` and `arena import-deepmimo`: other tools' formats, on the small campaign."""
 
 import json
-import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +13,7 @@ from isac_arena.campaign.directory import open_campaign
 from isac_arena.exchange.mat import read_measurement
 from scenes.walks.tum import parse_tum
 from sim.propagation.deepmimo.folder import read_deepmimo
-from tests.isac_arena.cli.sweep_files import ROOT
-from tests.isac_arena.cli.sweep_files import arena as arena_in
+from tests.command_line import arena_here as arena
 
 CAMPAIGN = """
 name = "small"
@@ -25,10 +23,6 @@ comb = 12
 [propagation]
 diffuse_samples = 0
 """
-
-
-def arena(*arguments: object) -> subprocess.CompletedProcess[str]:
-    return arena_in(*arguments, cwd=ROOT)
 
 
 @pytest.fixture(scope="module")

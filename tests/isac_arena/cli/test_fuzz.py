@@ -29,7 +29,8 @@ from scenes.config import LIBRARY as SCENES
 from scenes.config import SceneConfig
 from scenes.toml_config import validate_config
 from sim.truth import Truth
-from tests.isac_arena.cli.sweep_files import CAMPAIGN, ROOT, SWEEP, arena, environment
+from tests.command_line import ROOT, arena, environment
+from tests.isac_arena.cli.sweep_files import CAMPAIGN, SWEEP
 
 JUNK: list[Any] = [
     0, -1, 1, 2**63, -(2**70), 1e308, -1e-308, 0.0, -0.0, float("nan"), float("inf"), True, False, "", "x", "0",

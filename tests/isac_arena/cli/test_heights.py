@@ -9,7 +9,8 @@ from estimation.slam.record import SolveStatus
 from estimation.slam.space.bounds import SpatialBound
 from isac_arena.campaign.directory import open_campaign
 from isac_arena.insight.bounds import position as bound_map
-from tests.isac_arena.cli.test_arena import ROOT, arena
+from tests.command_line import ROOT
+from tests.command_line import arena_here as arena
 
 RX_HEIGHT_M = 1.1
 

@@ -11,7 +11,8 @@ from isac_arena.campaign.files import read_record
 from scenes.config import LIBRARY
 from sim.propagation.paths import BounceKind
 from sim.truth import Truth
-from tests.isac_arena.cli.test_arena import arena, failure
+from tests.command_line import arena_here as arena
+from tests.command_line import failure
 
 ENDS = """
 [[txs]]

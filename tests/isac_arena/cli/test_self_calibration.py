@@ -12,7 +12,7 @@ from isac_arena.campaign.chain import channel_estimator
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.directory import CampaignStore
 from isac_arena.validation.scenarios.link_bench import draw_paths, make_bench, observe_paths
-from tests.isac_arena.cli.test_arena import arena
+from tests.command_line import arena_here as arena
 
 CAMPAIGN = """
 name = "{name}"

@@ -1,9 +1,6 @@
 """`arena link`, `arena export-sigmf` and beam weights in a campaign file, on the small campaign."""
 
-import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -15,15 +12,11 @@ from isac_arena.exchange.sigmf_recording import read_sigmf
 from sim.signal.link import make_link
 from sim.signal.waveform.ofdm import cp_lengths, demodulate
 from sim.simulate import observe
-
-ROOT = Path(__file__).resolve().parents[3]
-ARENA = [sys.executable, "-c", "from isac_arena.cli.main import main; main()"]
+from tests.command_line import Result, arena_here
 
 
-def arena(*arguments: object) -> subprocess.CompletedProcess[str]:
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "80"}
-    command = [*ARENA, *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, cwd=ROOT, env=environment, check=False)
+def arena(*arguments: object) -> Result:
+    return arena_here(*arguments, columns=80)
 
 
 @pytest.fixture(scope="module")

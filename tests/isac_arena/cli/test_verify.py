@@ -14,7 +14,8 @@ from isac_arena.campaign.recording import recorded_run
 from isac_arena.cli.main import app
 from isac_arena.verification.compare import TOLERANCE, compare_metrics, compare_records
 from scenes.pose import Pose
-from tests.isac_arena.cli.sweep_files import arena, write_sweep
+from tests.command_line import arena
+from tests.isac_arena.cli.sweep_files import write_sweep
 
 
 @pytest.fixture(scope="module")

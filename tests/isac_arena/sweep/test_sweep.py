@@ -17,7 +17,8 @@ from isac_arena.sweep.plan import make_plan, metric_keys
 from isac_arena.sweep.run import score_case, score_cases
 from isac_arena.verification.compare import compare_records
 from scenes.toml_config import load_config
-from tests.isac_arena.cli.sweep_files import N_CASES, arena, results, write_sweep
+from tests.command_line import arena
+from tests.isac_arena.cli.sweep_files import N_CASES, results, write_sweep
 
 UNTIL = """
 [until]

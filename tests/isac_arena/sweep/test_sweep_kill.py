@@ -15,7 +15,8 @@ from pathlib import Path
 import pytest
 
 from isac_arena.campaign.manifest import check_files
-from tests.isac_arena.cli.sweep_files import ARENA, N_CASES, arena, environment, results, write_sweep
+from tests.command_line import ARENA, arena, environment
+from tests.isac_arena.cli.sweep_files import N_CASES, results, write_sweep
 
 SCHEDULER = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0"]
 WORKER = [sys.executable, "-m", "distributed.cli.dask_worker", "--nthreads", "1", "--no-nanny", "--no-dashboard"]
