@@ -90,12 +90,12 @@ probe_llvm() {
 import sys
 from pathlib import Path
 
-from sim.propagation.llvm import find_llvm, n_cuda_devices, probe
+from sim.propagation.llvm import find_llvm, n_cuda_devices, probe_llvm
 
 library = find_llvm()
 if n_cuda_devices():
     Path(sys.argv[1]).write_text("cuda")
-elif library is not None and probe(library).ok:
+elif library is not None and probe_llvm(library).ok:
     Path(sys.argv[1]).write_text(str(library))
 else:
     sys.exit(1)
@@ -112,7 +112,7 @@ ensure_llvm() {
     [[ -z "$chosen" ]] || die "DRJIT_LIBLLVM_PATH = $chosen: not a usable LLVM 17 or later; unset it or name another"
     can_apt && apt_install libllvm19 && probe_llvm && return
     die "no usable libLLVM (17 or later) found; install one: $(
-        "$venv/bin/python" -c 'from sim.propagation.llvm import install_command; print(install_command())'
+        "$venv/bin/python" -c 'from sim.propagation.llvm import llvm_install_command; print(llvm_install_command())'
     )"
 }
 

@@ -34,7 +34,7 @@ class SpecularPaths:
     is_lit: BoolArray  # (path,) TX and RX on the outer side of the tangent
 
 
-def predict(family: int, parameter: FloatArray, tx: FloatArray, rx_state: FloatArray) -> SpecularPaths:
+def predict_reflection(family: int, parameter: FloatArray, tx: FloatArray, rx_state: FloatArray) -> SpecularPaths:
     """Paths by one reflection.
 
     Parameters

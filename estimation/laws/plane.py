@@ -30,7 +30,9 @@ class Prediction:
     by_landmark: FloatArray  # (..., 3, parameter), by the reflector: an IP, walls or a circle
 
 
-def measurements(delay_s: FloatArray, aod_azimuth_rad: FloatArray, aoa_azimuth_rad: FloatArray) -> FloatArray:
+def measurement_vectors(
+    delay_s: FloatArray, aod_azimuth_rad: FloatArray, aoa_azimuth_rad: FloatArray
+) -> FloatArray:
     """Measurement vectors (path, 3) in (m, rad, rad) from delays in s and azimuths in rad."""
     return np.stack([SPEED_OF_LIGHT_M_S * delay_s, aod_azimuth_rad, aoa_azimuth_rad], axis=-1)
 

@@ -53,7 +53,7 @@ def wall_line(tx: Pose | FloatArray, state: FloatArray, point_m: FloatArray) -> 
 
 
 @compiled
-def mirrored(x: float, y: float, wall: FloatArray) -> tuple[float, float]:
+def mirror_point(x: float, y: float, wall: FloatArray) -> tuple[float, float]:
     """Mirror image of a point, p' = p + 2 (offset - n' p) n."""
     nx, ny = np.cos(wall[0]), np.sin(wall[0])
     gap = wall[1] - nx * x - ny * y

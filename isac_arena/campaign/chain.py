@@ -91,10 +91,10 @@ def make_map(
 ) -> MapResult:
     """The map of all stops: mapping from the given receiver states, SLAM without any."""
     check_estimates(channel, tx_pose)
-    return with_shapes(config, channel, tx_pose, *located(config, channel, tx_pose, receiver))
+    return with_shapes(config, channel, tx_pose, *locate_or_take(config, channel, tx_pose, receiver))
 
 
-def located(
+def locate_or_take(
     config: CampaignConfig,
     channel: Sequence[ChannelEstimate],
     tx_pose: Pose,

@@ -86,7 +86,7 @@ def score_table(scores: Scores) -> Table:
     return table
 
 
-def content(scene: Scene) -> str:
+def scene_summary(scene: Scene) -> str:
     """How many objects a scene has, and meshes where it has any."""
     meshes = f" and {len(scene.clutter)} mesh{'es' * (len(scene.clutter) > 1)}" if scene.clutter else ""
     return f"{len(scene.objects)} objects{meshes}"
@@ -101,7 +101,7 @@ def run_facts(
         slam = f"trajectory, {config.trajectory.method}; snapshots {config.slam.method}"
     versions = [f"Python {platform.python_version()}", *(f"{name} {_version(name)}" for name in LIBRARIES)]
     return {
-        "Scene": f"{scene.name}, {content(scene)}, {len(scene.stops)} receiver stops",
+        "Scene": f"{scene.name}, {scene_summary(scene)}, {len(scene.stops)} receiver stops",
         **(_signal_facts(config, estimator) if measured is None else {"Measurement": measured}),
         "SLAM": slam,
         "Versions": ", ".join(versions),

@@ -54,7 +54,7 @@ def ablation_table(ablation: Ablation) -> Table:
     from rich.box import SIMPLE  # noqa: PLC0415
     from rich.table import Table  # noqa: PLC0415
 
-    from isac_arena.insight.ablation import EFFECTS, cell  # noqa: PLC0415
+    from isac_arena.insight.ablation import EFFECTS, score_text  # noqa: PLC0415
 
     table = Table(
         "impairment", *[f"{label}\n{unit}" for label, unit in EFFECTS.values()], "mean\nratio",
@@ -67,7 +67,7 @@ def ablation_table(ablation: Ablation) -> Table:
         column.no_wrap = True
         column.justify = "left" if column is table.columns[0] else "right"
     for name, values, growth in zip(ablation.variant, ablation.value, ablation.growth, strict=True):
-        table.add_row(name, *map(cell, values), f"{2.0**growth:.2f}")
+        table.add_row(name, *map(score_text, values), f"{2.0**growth:.2f}")
     return table
 
 

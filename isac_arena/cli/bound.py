@@ -26,7 +26,7 @@ def bound(
 
     if out.suffix != ".png":
         raise ValueError(f"--out = {out}: must end in .png")
-    prepared = bound_map.prepare(campaign)
+    prepared = bound_map.bound_inputs(campaign)
     model = channel_bound.channel_model(prepared)
     with console.status("paths and bounds"):
         grid = bound_map.plan_grid(prepared, step_m)

@@ -57,7 +57,7 @@ def show(
 ) -> None:
     """Draw a scene: its objects, the TX, the walk, and the paths to a stop."""
     from isac_arena.campaign.files import write_bytes  # noqa: PLC0415
-    from isac_arena.campaign.summary import content  # noqa: PLC0415
+    from isac_arena.campaign.summary import scene_summary  # noqa: PLC0415
     from isac_arena.report.figures.plan import plan_figure  # noqa: PLC0415
     from isac_arena.report.figures.scene3d import scene_figure  # noqa: PLC0415
     from isac_arena.report.style import png_bytes  # noqa: PLC0415
@@ -69,7 +69,7 @@ def show(
     draw = plan_figure if view == View.plan else scene_figure
     figure = draw(scene, extent="all" if everything else "walk", paths=paths, stop=stop)
     write_bytes(path, png_bytes(figure))
-    typer.echo(f"{scene.name}: {content(scene)}, {len(scene.stops)} stops; {view.value} in {path}")
+    typer.echo(f"{scene.name}: {scene_summary(scene)}, {len(scene.stops)} stops; {view.value} in {path}")
 
 
 @app.command("export")
@@ -82,7 +82,7 @@ def export(
 ) -> None:
     """Export a scene as triangle meshes: one GLB or PLY file, or a Mitsuba XML file that Sionna RT loads."""
     from isac_arena.campaign.files import write_bytes  # noqa: PLC0415
-    from isac_arena.campaign.summary import content  # noqa: PLC0415
+    from isac_arena.campaign.summary import scene_summary  # noqa: PLC0415
     from scenes.config import load_scene  # noqa: PLC0415
     from scenes.meshes.mesh import glb_bytes, ply_bytes, write_mitsuba  # noqa: PLC0415
 
@@ -95,7 +95,7 @@ def export(
             path /= f"{scene.name}.{mesh_format.value}"
         make = glb_bytes if mesh_format == MeshFormat.glb else ply_bytes
         write_bytes(path, make(scene))
-    typer.echo(f"{scene.name}: {content(scene)} in {path}")
+    typer.echo(f"{scene.name}: {scene_summary(scene)} in {path}")
 
 
 def _paths(scene: Scene, stop: int) -> Paths:

@@ -82,7 +82,7 @@ def table_rows(ablation: Ablation) -> Iterator[dict[str, str | float | None]]:
         yield {"variant": name, "growth_log2": float(growth), **effects}
 
 
-def cell(value: float, decimals: int = 3) -> str:
+def score_text(value: float, decimals: int = 3) -> str:
     """The text of a score: `decimals` below 10, one decimal above."""
     if not np.isfinite(value):
         return "-"

@@ -46,7 +46,7 @@ class WarmUp(WorkerPlugin):  # type: ignore[misc]
 
 
 @contextmanager
-def connected(workers: int | None, scheduler: str | None) -> Iterator[Client]:
+def connect_scheduler(workers: int | None, scheduler: str | None) -> Iterator[Client]:
     """A client of the scheduler at an address, or of new worker processes here, one per core by default.
 
     Raises `ValueError` where no scheduler answers at the address.

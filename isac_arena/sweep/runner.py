@@ -21,13 +21,13 @@ from isac_arena.sweep.plan import Plan, make_plan
 from isac_arena.sweep.store import (
     forget_failures,
     open_sweep,
-    planned,
+    plan_of_jobs,
     read_failures,
     stale_names,
     write_failure,
     write_plan,
 )
-from isac_arena.sweep.table import result_rows, spread, write_tables
+from isac_arena.sweep.table import mean_with_interval, result_rows, write_tables
 from scenes.toml_config import read_text
 
 if TYPE_CHECKING:
@@ -76,10 +76,10 @@ class Workers:
     @property
     def client(self) -> Client:
         """The client of the scheduler."""
-        from isac_arena.sweep.engine import connected  # noqa: PLC0415
+        from isac_arena.sweep.engine import connect_scheduler  # noqa: PLC0415
 
         if self._client is None:
-            self._client = self._stack.enter_context(connected(*self._options))
+            self._client = self._stack.enter_context(connect_scheduler(*self._options))
         return self._client
 
 
@@ -87,7 +87,7 @@ def run_until_known(
     workers: Workers, console: Console, file: Path, config: SweepConfig, out: Path, jobs: list[Job]
 ) -> list[Job]:
     """Run the jobs; with `until`, add seeds to a point until its mean metric is known well enough."""
-    write_plan(out, planned(jobs))
+    write_plan(out, plan_of_jobs(jobs))
     run_missing(workers, console, out, jobs)
     repeat = config.repeats
     while config.until is not None and repeat < config.until.max_repeats:
@@ -97,7 +97,7 @@ def run_until_known(
         made = make_plan(str(file), config, out, [repeat]).jobs
         more = [job for job in made if job.point in open_points]
         jobs, repeat = [*jobs, *more], repeat + 1
-        write_plan(out, planned(jobs))
+        write_plan(out, plan_of_jobs(jobs))
         run_missing(workers, console, out, jobs)
     return jobs
 
@@ -106,8 +106,8 @@ def unknown_points(out: Path, config: SweepConfig, jobs: Sequence[Job]) -> set[i
     """Points of the design where the mean of the metric in `until` is not known well enough yet."""
     if config.until is None:
         return set()
-    rows = result_rows(out, config, planned(jobs), read_failures(out))
-    found = spread(rows, config.until.metric, config.until.confidence)
+    rows = result_rows(out, config, plan_of_jobs(jobs), read_failures(out))
+    found = mean_with_interval(rows, config.until.metric, config.until.confidence)
     wanted = config.until.half_width
     return {point for point, value in found.items() if not value.half_width <= wanted}
 
@@ -139,7 +139,7 @@ def run_missing(workers: Workers, console: Console, out: Path, jobs: Sequence[Jo
 def print_results(console: Console, out: Path, config: SweepConfig, jobs: Sequence[Job]) -> int:
     """Write the tables, print how many cases are done and which failed, and return how many failed."""
     failures = read_failures(out)
-    write_tables(out, config, result_rows(out, config, planned(jobs), failures))
+    write_tables(out, config, result_rows(out, config, plan_of_jobs(jobs), failures))
     failed = [job for job in jobs if job.key in failures and not job.is_done]
     console.print(f"{sum(job.is_done for job in jobs)} of {len(jobs)} cases done, {len(failed)} failed")
     for job in failed[:5]:

@@ -92,7 +92,7 @@ def read_plan(directory: Path) -> list[PlannedCase]:
         raise ValueError(f"{file}: missing or damaged ({reason}); run 'arena sweep' again") from error
 
 
-def planned(jobs: Iterable[Job]) -> list[PlannedCase]:
+def plan_of_jobs(jobs: Iterable[Job]) -> list[PlannedCase]:
     """The plan of some jobs, ordered by point and repeat."""
     cases = [PlannedCase(job.key, job.point, job.repeat, job.config.seed, job.values) for job in jobs]
     return sorted(cases, key=lambda case: (case.point, case.repeat))

@@ -66,7 +66,7 @@ def write_tables(directory: Path, config: SweepConfig, rows: Sequence[Row]) -> N
         pq.write_table(table, partial)
 
 
-def spread(rows: Iterable[Row], metric: str, confidence: float = 0.95) -> dict[int, Spread]:
+def mean_with_interval(rows: Iterable[Row], metric: str, confidence: float = 0.95) -> dict[int, Spread]:
     """Mean of one metric over the repeats of every point, with Student's t interval; by point.
 
     A point with one value has an infinite half width; values that could not be measured do not count.

@@ -18,7 +18,7 @@ def generators(seed: int, count: int, *path: int) -> Iterator[np.random.Generato
     return (np.random.default_rng([seed, trial, *path]) for trial in range(count))
 
 
-def widened(bar: float, standard_error: float, quick: bool) -> float:
+def quick_bar(bar: float, standard_error: float, quick: bool) -> float:
     """The bar; in a quick run, with few trials, moved by three (signed) standard errors of the value."""
     return float(bar + STANDARD_ERRORS * standard_error) if quick else bar
 

@@ -46,7 +46,7 @@ def recomputed_campaign(directory: Path, share: float, seed: int) -> list[Findin
     held = open_campaign(directory)
     store = StoredCampaign(**{field.name: getattr(held, field.name) for field in fields(held)})
     scene = stages.scene_of(store)
-    stops = chosen(len(scene.stops), share, seed) if store.measured is None else []
+    stops = draw_share(len(scene.stops), share, seed) if store.measured is None else []
     return [
         *_guarded("stops", _stops(store, scene, stops)),
         *_guarded("map", _maps(store, scene)),
@@ -54,7 +54,7 @@ def recomputed_campaign(directory: Path, share: float, seed: int) -> list[Findin
     ]
 
 
-def chosen(count: int, share: float, seed: int) -> list[int]:
+def draw_share(count: int, share: float, seed: int) -> list[int]:
     """A share of `count` indices, at least one, in order."""
     n = min(count, int(np.ceil(share * count)))
     return sorted(np.random.default_rng(seed).choice(count, n, replace=False).tolist())

@@ -17,7 +17,7 @@ from isac_arena.sweep.job import make_job, scene_file, store_scene
 from isac_arena.sweep.run import check_case, score_case
 from isac_arena.sweep.store import is_done, read_failures, read_plan, read_scores, read_sweep
 from isac_arena.sweep.table import result_rows, write_tables
-from isac_arena.verification.campaign import chosen
+from isac_arena.verification.campaign import draw_share
 from isac_arena.verification.compare import Finding, compare_metrics, compare_records
 from scenes.objects.config import KEPT_FOLDER
 
@@ -53,7 +53,7 @@ def recomputed_cases(directory: Path, share: float, seed: int) -> Iterator[Findi
     done = [case.key for case in read_plan(directory) if is_done(directory, case.key)]
     if share == 0 or not done:
         return
-    for index in chosen(len(done), share, seed):
+    for index in draw_share(len(done), share, seed):
         try:
             yield from _recomputed(directory, done[index])
         except (ValueError, FileNotFoundError) as error:

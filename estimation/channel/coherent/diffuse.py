@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimation.channel.coherent.misfit import misfit_factor, widened
-from estimation.channel.coherent.paths import PreparedStop, fit_paths, path_fit, prepare
+from estimation.channel.coherent.misfit import misfit_factor, widen_covariances
+from estimation.channel.coherent.paths import PreparedStop, compress_stop, fit_paths, path_fit
 from estimation.channel.coherent.plan import DelayWindow
 from estimation.channel.coherent.prune import wald_statistic
 from estimation.channel.coherent.refine import Reference, Solution
@@ -52,7 +52,7 @@ def fit_over_background(
 
     As `fit_coherent`, with equal results if there is no background.
     """
-    stop = prepare(sweep, config, tx_manifold, rx_manifold)
+    stop = compress_stop(sweep, config, tx_manifold, rx_manifold)
     if isinstance(stop, PathFit):
         return stop
     found = _converged(stop)
@@ -107,7 +107,7 @@ def _reported(found: _Found, fit: PathFit, tx: Manifold, rx: Manifold) -> PathFi
     )
     rate = manifold_rates(replace(found.sweep, tx=tx, rx=rx), reported)
     rate[:, 0] /= found.sweep.bin_s
-    fit = replace(fit, covariance=widened(fit.covariance, factor[order], rate))
+    fit = replace(fit, covariance=widen_covariances(fit.covariance, factor[order], rate))
     kept: PathFit = fit.take("path", found.stands_out[order])
     return kept if len(kept) else replace(kept, status="no_paths")
 

@@ -13,7 +13,7 @@ from scipy.stats import chi2
 
 from estimation.channel.coherent.refine import Reference, Solution, regular_inverse
 from estimation.channel.model.manifold import CELL
-from estimation.channel.model.path_model import gram, tangents
+from estimation.channel.model.path_model import gram_matrix, tangents
 from scenes.record import FloatArray, IntArray
 
 LEAST_SEEN = 1e-9  # information on a shift, relative to the amplitude, below which it is unobservable
@@ -42,7 +42,7 @@ def quadrature_statistic(reference: Reference, solution: Solution) -> tuple[Floa
     n, n_columns = solution.slope.shape
     amplitude = solution.paths.amplitude
     at = tangents(reference.sweep, solution.paths)
-    inner, residual = gram(at, at), reference.residual_products(at)
+    inner, residual = gram_matrix(at, at), reference.residual_products(at)
     energy = np.einsum("papa->pa", inner)[:, 0].real
     tangent = np.maximum(np.arange(n_columns) - 1, 0)  # of every column of the normal equations
     scale = np.repeat(amplitude[:, None], n_columns, axis=1)
@@ -62,7 +62,7 @@ def quadrature_statistic(reference: Reference, solution: Solution) -> tuple[Floa
     return statistic, n_seen
 
 
-def widened(covariance: FloatArray, factor: FloatArray, rate: FloatArray) -> FloatArray:
+def widen_covariances(covariance: FloatArray, factor: FloatArray, rate: FloatArray) -> FloatArray:
     """Covariances (path, parameter, parameter) times factors (path,), up to the largest error by misfit.
 
     A path that stands for itself and an unresolved neighbour lies between them: its error is at most half their

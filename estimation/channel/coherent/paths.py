@@ -20,12 +20,12 @@ from estimation.channel.coherent.plan import (
     nominal_manifold,
     search_plan,
 )
-from estimation.channel.coherent.prune import hidden_second_path, pruned
+from estimation.channel.coherent.prune import hidden_second_path, prune_paths
 from estimation.channel.coherent.refine import (
     Reference,
     Solution,
-    covariances,
-    refine,
+    marginal_covariances,
+    refine_paths,
     refine_separately,
     solve_at,
 )
@@ -61,7 +61,7 @@ def fit_coherent(
     Raises `ValueError` For a sweep without beams, subcarriers or noise power, and for samples that are not
     finite; in one line.
     """
-    stop = prepare(sweep, config, tx_manifold, rx_manifold)
+    stop = compress_stop(sweep, config, tx_manifold, rx_manifold)
     if isinstance(stop, PathFit):
         return stop
     solution = fit_paths(stop.compressed, stop.window, stop.plan, stop.config)
@@ -80,7 +80,7 @@ class PreparedStop:
     rx: Manifold
 
 
-def prepare(
+def compress_stop(
     sweep: BeamSweep,
     config: MaximumLikelihoodConfig | None,
     tx_manifold: Manifold | None,
@@ -123,8 +123,8 @@ def fit_paths(
             new = hidden_second_path(reference, solution, window.level) if room > 0 else new
             if not len(new):
                 return solution
-        trial = refine(reference, solution.paths.joined(new), ROUND_STEPS)
-        trial = pruned(reference, trial, window.level_at, ROUND_STEPS)
+        trial = refine_paths(reference, solution.paths.joined(new), ROUND_STEPS)
+        trial = prune_paths(reference, trial, window.level_at, ROUND_STEPS)
         trial = without_cancelling_paths(reference, trial, ROUND_STEPS)
         if trial.explained - solution.explained < window.level / 2:
             trial, is_changed = _finished(reference, solution, window)
@@ -145,11 +145,15 @@ def _finished(reference: Reference, solution: Solution, window: DelayWindow) -> 
 
 def _converged(reference: Reference, solution: Solution, window: DelayWindow) -> Solution:
     """The solution after convergence, without paths that are redundant or cancel each other."""
-    solution = pruned(reference, refine(reference, solution.paths, FINAL_STEPS), window.level_at, FINAL_STEPS)
+    solution = prune_paths(
+        reference, refine_paths(reference, solution.paths, FINAL_STEPS), window.level_at, FINAL_STEPS
+    )
     apart = without_cancelling_paths(reference, solution, FINAL_STEPS)
     if apart is solution:
         return solution
-    return without_cancelling_paths(reference, pruned(reference, apart, window.level_at, FINAL_STEPS), FINAL_STEPS)
+    return without_cancelling_paths(
+        reference, prune_paths(reference, apart, window.level_at, FINAL_STEPS), FINAL_STEPS
+    )
 
 
 def path_fit(
@@ -167,7 +171,7 @@ def path_fit(
     tx_gain = np.abs(tx.response(aod_rad)) ** 2
     rx_gain = np.abs(rx.response(aoa_rad)) ** 2 / noise_power_mw
     snr = np.abs(gain) ** 2 * tx_gain.max(axis=1) * rx_gain.max(axis=1) * n / sweep.noise_scale
-    covariance = _of_reported(covariances(solution, n), aod_slopes, aoa_slopes)
+    covariance = _of_reported(marginal_covariances(solution, n), aod_slopes, aoa_slopes)
     covariance[:, 0] *= sweep.bin_s
     covariance[:, :, 0] *= sweep.bin_s
     order = np.argsort(delay_s, kind="stable")

@@ -8,14 +8,14 @@ from estimation.channel.coherent.refine import (
     Reference,
     Solution,
     paths_near,
-    refine,
     refine_near,
+    refine_paths,
     regular_inverse,
 )
 from estimation.channel.model.manifold import CELL
 from estimation.channel.model.path_model import (
     PathParameters,
-    gram,
+    gram_matrix,
     manifold_rates,
     response_energies,
     responses,
@@ -43,7 +43,7 @@ def wald_statistic(solution: Solution) -> FloatArray:
     return np.asarray((amplitude * weighted).sum(axis=1))
 
 
-def pruned(reference: Reference, solution: Solution, levels: LevelAtDelay, max_steps: int) -> Solution:
+def prune_paths(reference: Reference, solution: Solution, levels: LevelAtDelay, max_steps: int) -> Solution:
     """The solution without paths whose likelihood ratio is below their level; the others are fitted again.
 
     Wald's test selects candidates. The likelihood without them decides, of all redundant ones together or of the
@@ -55,7 +55,7 @@ def pruned(reference: Reference, solution: Solution, levels: LevelAtDelay, max_s
         level = levels(solution.paths.delay_bins)
         excess = np.where(needed, np.inf, wald_statistic(solution) - level)
         if not (excess < 0).any():
-            return refine(reference, solution.paths, max_steps) if is_changed else solution
+            return refine_paths(reference, solution.paths, max_steps) if is_changed else solution
         weakest = np.arange(len(level)) == np.argmin(excess)
         enough = solution.explained - level[weakest][0]
         together = redundant_paths(solution, np.where(needed, 0.0, level))
@@ -128,7 +128,7 @@ def hidden_second_path(
     at, known = responses(reference.sweep, probes), tangents(reference.sweep, solution.paths)
     product = reference.residual_products(at)[:, 0]
     energy = response_energies(at)
-    cross = _columns(gram(at, known)[:, 0], solution)
+    cross = _columns(gram_matrix(at, known)[:, 0], solution)
     both = np.stack([cross, -1j * cross], axis=1).real  # probe times 1 and j, with every column
     known_inverse = regular_inverse(solution.flat_information)
     both_known = both.reshape(2 * len(probes), len(known_inverse)) @ known_inverse

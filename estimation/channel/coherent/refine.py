@@ -16,7 +16,7 @@ from estimation.channel.model.manifold import CELL
 from estimation.channel.model.path_model import (
     PathParameters,
     PathTangents,
-    gram,
+    gram_matrix,
     manifold_rates,
     products_with,
     residual,
@@ -52,7 +52,7 @@ class Reference:
 
     def products(self, at: PathTangents) -> ComplexArray:
         """Inner products (path, tangent) of tangents with the sweep's samples."""
-        explained = gram(at, self._at)[:, :, :, 0] @ self.paths.amplitude
+        explained = gram_matrix(at, self._at)[:, :, :, 0] @ self.paths.amplitude
         return np.asarray(self.residual_products(at) + explained)
 
 
@@ -84,7 +84,7 @@ class Solution:
 def solve_at(reference: Reference, paths: PathParameters) -> Solution:
     """Best amplitudes at given delays and angles, and the normal equations of all parameters."""
     at = tangents(reference.sweep, paths)
-    return _solved(paths, reference.products(at), gram(at, at))
+    return _solved(paths, reference.products(at), gram_matrix(at, at))
 
 
 def refine_separately(reference: Reference, paths: PathParameters) -> tuple[PathParameters, FloatArray]:
@@ -95,7 +95,10 @@ def refine_separately(reference: Reference, paths: PathParameters) -> tuple[Path
     best, power = paths, np.full(len(paths), -np.inf)
     for _ in range(APART_STEPS + 1 if len(paths) else 0):
         at = tangents(reference.sweep, paths)
-        product, inner = reference.residual_products(at), gram(at, at) * np.eye(len(paths))[:, None, :, None]
+        product, inner = (
+            reference.residual_products(at),
+            gram_matrix(at, at) * np.eye(len(paths))[:, None, :, None],
+        )
         apart = _solved(paths, product, inner)
         explained = np.abs(product[:, 0]) ** 2 / response_energies(at)
         is_better = explained > power
@@ -120,7 +123,7 @@ def _solved(paths: PathParameters, product: ComplexArray, inner: ComplexArray) -
     return Solution(paths, explained, information, slope)
 
 
-def refine(reference: Reference, paths: PathParameters, max_steps: int, enough: float = np.inf) -> Solution:
+def refine_paths(reference: Reference, paths: PathParameters, max_steps: int, enough: float = np.inf) -> Solution:
     """Paths of largest likelihood near the given ones, after at most `max_steps` Levenberg-Marquardt steps.
 
     The steps end when `enough` is explained.
@@ -142,15 +145,15 @@ def refine(reference: Reference, paths: PathParameters, max_steps: int, enough: 
 def refine_near(
     reference: Reference, paths: PathParameters, about: PathParameters, max_steps: int, enough: float = np.inf
 ) -> Solution:
-    """As `refine`, for the paths near `about`, the places of a change; the others change only their amplitudes.
+    """As `refine_paths`, for the paths near `about`, the places of a change; the others change only their amplitudes.
 
     Paths that share no resolution cell have little coupling. A few paths are all refined: it takes no longer.
     """
     if len(paths) <= FEW:
-        return refine(reference, paths, max_steps, enough)
+        return refine_paths(reference, paths, max_steps, enough)
     moves = paths_near(reference.sweep, paths, about)
     rest = replace(reference.sweep, parts=residual(reference.sweep, paths.take(~moves)))
-    moved = refine(Reference(rest, paths.take(moves)), paths.take(moves), max_steps)
+    moved = refine_paths(Reference(rest, paths.take(moves)), paths.take(moves), max_steps)
     order = np.argsort(np.concatenate([np.flatnonzero(~moves), np.flatnonzero(moves)]))
     return solve_at(reference, paths.take(~moves).joined(moved.paths).take(order))
 
@@ -188,7 +191,7 @@ def _solve_positive(matrix: FloatArray, right: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.solve(matrix, right) if failed else solution)
 
 
-def covariances(solution: Solution, n_subcarriers: int) -> FloatArray:
+def marginal_covariances(solution: Solution, n_subcarriers: int) -> FloatArray:
     """Covariance (path, parameter, parameter) of delay in bins and angles in rad, all other parameters unknown.
 
     The inverse of the joint Fisher information of all paths plus a prior: delays are within the period, angles on

@@ -14,8 +14,8 @@ from estimation.channel.incoherent.likelihood import (
     LocalSamples,
     Score,
     likelihood_without,
+    log_likelihood_gradient,
     maximise_likelihood,
-    score,
 )
 from estimation.channel.model.crb import path_covariance
 from scenes.pose import wrap_angle
@@ -60,7 +60,7 @@ def resolve_ambiguous_directions(
         weight, _ = _weights(places, values, factor)
         offset = _offset(places, best[path])[:, :n_places]
         spread[path] = np.einsum("r,ra,rb->ab", weight, offset, offset)
-    return best, at if (best == paths).all() else score(local, ends, best), spread
+    return best, at if (best == paths).all() else log_likelihood_gradient(local, ends, best), spread
 
 
 def _modes(

@@ -160,7 +160,9 @@ def local_samples(
     return LocalSamples(samples, pairs, tx_beam, rx_beam, basis, bins, spectrum.n_bins)
 
 
-def score(local: LocalSamples, ends: LinkBeams, paths: FloatArray, faint: float = FAINT) -> Score:
+def log_likelihood_gradient(
+    local: LocalSamples, ends: LinkBeams, paths: FloatArray, faint: float = FAINT
+) -> Score:
     """Marginal log-likelihood of `paths` (path, parameter) with its derivatives.
 
     Parameters are the delay in bins, AoD angles, AoA angles in rad, log amplitude and phase. Pairs in which the
@@ -252,15 +254,17 @@ def maximise_likelihood(
         inside = not (np.abs(paths[:, 0] + move[:, 0] - start) > REACH_BINS).any()
         if not inside:
             return None
-        then = score(local, ends, paths + move)
+        then = log_likelihood_gradient(local, ends, paths + move)
         gain = float(move.ravel() @ (at.gradient - at.information @ move.ravel() / 2))
         return Attempt((paths + move, then), -at.value, -then.value, max(gain, _ENOUGH / 2))
 
-    paths, at = minimise((paths, score(local, ends, paths)), attempt, replace(_SCHEDULE, max_steps=most_steps))
+    paths, at = minimise(
+        (paths, log_likelihood_gradient(local, ends, paths)), attempt, replace(_SCHEDULE, max_steps=most_steps)
+    )
     return paths, at, inside
 
 
-def coupled(at: Score, n_paths: int, path: int, least: float) -> BoolArray:
+def correlated_paths(at: Score, n_paths: int, path: int, least: float) -> BoolArray:
     """Mask (path,) of the paths with a parameter whose correlation with one of `path` exceeds `least`."""
     scale = 1 / np.sqrt(np.maximum(np.diagonal(at.information), 1e-9))
     rows = at.information.reshape(n_paths, -1, len(scale))[path] * scale

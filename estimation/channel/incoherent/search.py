@@ -11,7 +11,7 @@ from estimation.channel.incoherent.likelihood import (
     LinkBeams,
     LocalSamples,
     Score,
-    coupled,
+    correlated_paths,
     likelihood_without,
     local_samples,
     maximise_likelihood,
@@ -251,7 +251,7 @@ class IncoherentSearch:
 
     def _without(self, paths: FloatArray, at: Score, path: int) -> tuple[FloatArray, float]:
         """Paths without one, those that can replace it fitted again, and the likelihood."""
-        near = coupled(at, len(paths), path, _COUPLED)
+        near = correlated_paths(at, len(paths), path, _COUPLED)
         rest = np.delete(paths, path, axis=0)
         if not near.any():
             return rest, float(likelihood_without(self.local, self.ends, paths, np.array([path]))[0])

@@ -10,7 +10,7 @@ from itertools import product
 
 import numpy as np
 
-from estimation.channel.incoherent.likelihood import LinkBeams, LocalSamples, Score, score
+from estimation.channel.incoherent.likelihood import LinkBeams, LocalSamples, Score, log_likelihood_gradient
 from estimation.channel.incoherent.spectrum import delay_waves
 from estimation.channel.model.phase_information import pair_information
 from scenes.record import ComplexArray, FloatArray, IntArray
@@ -59,7 +59,7 @@ def second_path_start(
         if gain[probe] < least_gain:
             break
         start = _with_amplitude(probes[[probe]], alone[probe])
-        rise = score(local, ends, np.concatenate([paths, start])).value - at.value
+        rise = log_likelihood_gradient(local, ends, np.concatenate([paths, start])).value - at.value
         if rise > _KEPT_PROMISE * gain_alone[probe]:
             return start
     return None

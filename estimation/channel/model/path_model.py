@@ -121,7 +121,7 @@ def products_with(parts: FloatArray, at: PathTangents) -> ComplexArray:
     return np.asarray(tangent_products(slices.reshape(n_paths, n_factors, *parts.shape[:3]), at.tx, at.rx))
 
 
-def gram(at: PathTangents, other: PathTangents) -> ComplexArray:
+def gram_matrix(at: PathTangents, other: PathTangents) -> ComplexArray:
     """Inner products (path, tangent, path, tangent) of two sets of tangents."""
     return np.asarray(
         hadamard_gram(_axis_gram(at.tx, other.tx), _axis_gram(at.rx, other.rx), _axis_gram(at.delay, other.delay))

@@ -6,7 +6,7 @@ from estimation.laws.support import CIRCLE, contour_points, normal_std_m
 from estimation.shape.fit import OK, ShapeFit
 from estimation.shape.kinds.closed import circle_starts
 from estimation.shape.record import N_CONTOUR_SAMPLES
-from estimation.shape.reflection.posterior import Optimum, Prior, best_start, maximise
+from estimation.shape.reflection.posterior import Optimum, Prior, best_start, maximise_posterior
 from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
 from scenes.record import FloatArray
 
@@ -42,7 +42,7 @@ def fit_arc(data: Reflections, config: ReflectionConfig) -> Optimum | None:
     starts = circle_starts(data, _START_RADII_M)
     prior = arc_prior(starts[0], config)
     start = best_start(CIRCLE, starts, prior, data, config)
-    return maximise(CIRCLE, start, prior, data, config)
+    return maximise_posterior(CIRCLE, start, prior, data, config)
 
 
 def arc_prior(start: FloatArray, config: ReflectionConfig) -> Prior:

@@ -15,7 +15,7 @@ from scipy.special import ive
 from estimation.laws.support import CIRCLE, CLOSED_FAMILY, contour_points, normal_std_m
 from estimation.shape.fit import OK, PRIOR, ShapeFit
 from estimation.shape.record import N_CONTOUR_SAMPLES
-from estimation.shape.reflection.posterior import Optimum, Prior, best_start, maximise
+from estimation.shape.reflection.posterior import Optimum, Prior, best_start, maximise_posterior
 from estimation.shape.reflection.reflections import ReflectionConfig, Reflections, ray_points
 from scenes.record import FloatArray
 
@@ -31,7 +31,7 @@ def fit_closed(kind: str, data: Reflections, config: ReflectionConfig) -> Optimu
     """The optimum of highest evidence over the starts of one kind; all other kinds start from the circle."""
     circle_prior = closed_prior("circle", np.zeros(3), config)
     start = best_start(CIRCLE, circle_starts(data, START_RADII_M), circle_prior, data, config)
-    circle = maximise(CIRCLE, start, circle_prior, data, config)
+    circle = maximise_posterior(CIRCLE, start, circle_prior, data, config)
     if kind == "circle" or circle is None:
         return circle
     optima = []
@@ -39,7 +39,7 @@ def fit_closed(kind: str, data: Reflections, config: ReflectionConfig) -> Optimu
     for place, shape in product(places, _shape_starts(kind, config)):
         start = np.concatenate([place, shape])
         prior = closed_prior(kind, start, config)
-        found = maximise(CLOSED_FAMILY[kind], start, prior, data, config, refreshes=1)
+        found = maximise_posterior(CLOSED_FAMILY[kind], start, prior, data, config, refreshes=1)
         if found is not None:
             optima.append((found, prior))
     if not optima:
@@ -47,7 +47,7 @@ def fit_closed(kind: str, data: Reflections, config: ReflectionConfig) -> Optimu
     best, prior = max(optima, key=lambda pair: pair[0].log_evidence)
     if not np.any(data.rx_covariance):
         return best
-    return maximise(CLOSED_FAMILY[kind], best.parameter, prior, data, config)
+    return maximise_posterior(CLOSED_FAMILY[kind], best.parameter, prior, data, config)
 
 
 def closed_prior(kind: str, start: FloatArray, config: ReflectionConfig) -> Prior:

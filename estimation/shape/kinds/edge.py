@@ -4,7 +4,7 @@ import numpy as np
 
 from estimation.laws.contour import EDGE
 from estimation.shape.fit import OK, ShapeFit
-from estimation.shape.reflection.posterior import Optimum, Prior, best_start, maximise
+from estimation.shape.reflection.posterior import Optimum, Prior, best_start, maximise_posterior
 from estimation.shape.reflection.reflections import ReflectionConfig, Reflections, ray_points
 from scenes.record import FloatArray
 
@@ -35,7 +35,7 @@ def fit_edge(data: Reflections, config: ReflectionConfig) -> Optimum | None:
     some = point[np.unique(np.linspace(0, len(point) - 1, _N_STARTS).astype(int))]
     starts = np.vstack([np.median(point, axis=0), some])
     prior = edge_prior(starts[0], config)
-    return maximise(EDGE, best_start(EDGE, starts, prior, data, config), prior, data, config)
+    return maximise_posterior(EDGE, best_start(EDGE, starts, prior, data, config), prior, data, config)
 
 
 def edge_prior(start: FloatArray, config: ReflectionConfig) -> Prior:

@@ -9,7 +9,7 @@ import numpy as np
 from estimation.laws.contour import WALL
 from estimation.laws.wall import wall_places
 from estimation.shape.fit import OK, ShapeFit
-from estimation.shape.reflection.posterior import Optimum, Prior, best_start, maximise
+from estimation.shape.reflection.posterior import Optimum, Prior, best_start, maximise_posterior
 from estimation.shape.reflection.reflections import ReflectionConfig, Reflections, ray_points
 from scenes.record import FloatArray
 
@@ -59,7 +59,7 @@ def fit_wall(data: Reflections, config: ReflectionConfig) -> Optimum | None:
     outward = np.column_stack([np.cos(normal[chosen]), np.sin(normal[chosen])])
     starts = np.column_stack([normal[chosen], np.median(outward @ point.T, axis=1)])
     prior = wall_prior(starts[0], config)
-    return maximise(WALL, best_start(WALL, starts, prior, data, config), prior, data, config)
+    return maximise_posterior(WALL, best_start(WALL, starts, prior, data, config), prior, data, config)
 
 
 def wall_prior(start: FloatArray, config: ReflectionConfig) -> Prior:

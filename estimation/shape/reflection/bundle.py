@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimation.inference.least_squares import Attempt, Schedule, minimise
-from estimation.laws.contour import predict
+from estimation.laws.contour import predict_reflection
 from estimation.laws.plane import los_jacobian_rx, predict_los
 from estimation.shape.fit import ShapeFit, failed_fit
 from estimation.shape.kinds.fit import object_kind
@@ -264,7 +264,7 @@ class _Problem:
         offsets = range(self.n_offsets)
         index = np.array([*range(block.span.start, block.span.stop), *offsets])
         parameter = common[block.span]
-        paths = predict(block.family, parameter, block.paths.tx, state[block.row])
+        paths = predict_reflection(block.family, parameter, block.paths.tx, state[block.row])
         _, share, _ = self._mixture(block.paths, offset_residual(block.paths, paths.measured, common))
         return Optimum(parameter, common[: self.n_offsets], covariance[np.ix_(index, index)], np.nan, share, paths)
 
@@ -293,7 +293,7 @@ class _Problem:
         """Residuals of each object, then those of the lines of sight if there are any."""
         found = []
         for block in self.blocks:
-            paths = predict(block.family, common[block.span], block.paths.tx, state[block.row])
+            paths = predict_reflection(block.family, common[block.span], block.paths.tx, state[block.row])
             by_common = _by_offset(block.paths, len(common))
             by_common[:, :, block.span] = paths.by_parameter
             difference = offset_residual(block.paths, paths.measured, common)

@@ -56,19 +56,21 @@ def fit_campaign(paths: CampaignPaths, config: ContourConfig) -> CampaignFit:
             paths = _aligned(paths, config)
         data, settings = paths.bounces, paths.config
         if paths.widening == 1:
-            data, settings = corrected(data, _bundle(paths, []), settings)
+            data, settings = without_offsets(data, _bundle(paths, []), settings)
         objects = find_objects(data, config.eps_m, config.min_samples, settings)
         together = _simple_bundle(paths, objects)
-        data, settings = corrected(paths.bounces, together, paths.config)
+        data, settings = without_offsets(paths.bounces, together, paths.config)
         objects = refit_objects(data, [each.paths for each in objects], config.min_samples, settings)
         if config.learn_noise:
             paths = _rescaled(paths, together.noise_scale)
         together = _simple_bundle(paths, objects)
-        data, settings = corrected(paths.bounces, together, paths.config)
+        data, settings = without_offsets(paths.bounces, together, paths.config)
         return _final(paths, data, objects, settings, config)
 
 
-def corrected(data: Reflections, bundle: Bundle, config: ReflectionConfig) -> tuple[Reflections, ReflectionConfig]:
+def without_offsets(
+    data: Reflections, bundle: Bundle, config: ReflectionConfig
+) -> tuple[Reflections, ReflectionConfig]:
     """Paths without the estimated offsets and at the estimated poses; settings with the remaining uncertainty.
 
     One remaining departure offset holds for all sessions, that of the least certain session.

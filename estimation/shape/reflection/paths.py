@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimation.channel.record import ChannelEstimate
-from estimation.laws.plane import measurements
+from estimation.laws.plane import measurement_vectors
 from estimation.shape.config import ContourConfig
 from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
 from estimation.shape.reflection.tx_sessions import Sessions, los_sessions, stop_rows
@@ -67,7 +67,7 @@ def in_plane(estimate: ChannelEstimate, covariance: FloatArray, bias_m: float) -
     its cosine. Where the elevation at one end is unknown that of the other end is used; without both the path is
     level.
     """
-    measured = measurements(estimate.delay_s, estimate.aod_azimuth_rad, estimate.aoa_azimuth_rad)
+    measured = measurement_vectors(estimate.delay_s, estimate.aod_azimuth_rad, estimate.aoa_azimuth_rad)
     elevation = np.column_stack([estimate.aod_elevation_rad, estimate.aoa_elevation_rad])
     known = np.isfinite(elevation)
     share = known / np.maximum(known.sum(axis=1, keepdims=True), 1)

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from estimation.inference.least_squares import Attempt, Schedule, damped_step, minimise
-from estimation.laws.contour import SpecularPaths, predict
+from estimation.laws.contour import SpecularPaths, predict_reflection
 from estimation.laws.support import HARMONICS
 from estimation.shape.reflection.path_likelihood import (
     N_COMMON,
@@ -78,7 +78,7 @@ class Optimum:
         return self.covariance[:m, :m]
 
 
-def maximise(
+def maximise_posterior(
     family: int,
     start: FloatArray,
     prior: Prior,
@@ -98,7 +98,7 @@ def maximise(
     value[m:] = full.mean[m:]
     exact_pose = not np.any(data.rx_covariance)
     for _ in range(1 if exact_pose else refreshes):
-        paths = predict(family, value[:m], data.tx, data.rx_state)
+        paths = predict_reflection(family, value[:m], data.tx, data.rx_state)
         weight, log_norm = path_weights(paths, data, config)
         before = value
         for scale in _cooling(squared_distances(paths, value[m:], data, weight)):
@@ -106,7 +106,7 @@ def maximise(
             value = _descend(family, value, full, data, weight / scale, hot, config)
         if np.max(np.abs(value - before)) < 1e-6:
             break
-    paths = predict(family, value[:m], data.tx, data.rx_state)
+    paths = predict_reflection(family, value[:m], data.tx, data.rx_state)
     if not exact_pose:
         weight, log_norm = path_weights(paths, data, config)
     minus_log, _, hessian, inlier = normal_equations(paths, value[m:], data, weight, log_norm, config)
@@ -132,7 +132,7 @@ def best_start(
     square, log_norm = np.empty((2, len(starts), len(data)))
     exact_pose = not np.any(data.rx_covariance)
     for i, start in enumerate(starts):
-        paths = predict(family, start, data.tx, data.rx_state)
+        paths = predict_reflection(family, start, data.tx, data.rx_state)
         if i == 0 or not exact_pose:
             weight, log_norm[i] = path_weights(paths, data, config)
         else:
@@ -151,7 +151,7 @@ def path_squares(family: int, found: Optimum, data: Reflections) -> FloatArray:
     The covariances of paths and poses count, that of the contour does not. Sessions without paths in the fit get
     its mean departure offset.
     """
-    paths = predict(family, found.parameter, data.tx, data.rx_state)
+    paths = predict_reflection(family, found.parameter, data.tx, data.rx_state)
     n_known = len(found.offset) - N_COMMON
     missing = np.full(max(data.n_sessions - n_known, 0), found.offset[N_COMMON:].mean())
     weight = np.asarray(np.linalg.inv(path_covariance(paths, data)), float)
@@ -195,7 +195,7 @@ def _descend(
     m = len(value) - N_COMMON - data.n_sessions
 
     def evaluate(at: FloatArray) -> _PosteriorPoint:
-        paths = predict(family, at[:m], data.tx, data.rx_state)
+        paths = predict_reflection(family, at[:m], data.tx, data.rx_state)
         cost, gradient, hessian, _ = normal_equations(paths, at[m:], data, weight, log_norm, config)
         away = at - prior.mean
         cost += 0.5 * float(np.sum(prior.precision * away**2))

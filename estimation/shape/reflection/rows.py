@@ -17,7 +17,7 @@ def contour_record(fit: CampaignFit, label: IntArray, n_ips: int) -> Contours:
     owner = np.full(n_ips, -1)
     for k, rows in enumerate(fit.paths):
         owner[rows] = k
-    sampled = [resampled(shape, N_CONTOUR_SAMPLES) for shape in fit.shapes]
+    sampled = [resample_contour(shape, N_CONTOUR_SAMPLES) for shape in fit.shapes]
     contour = np.array([points for points, _ in sampled]).reshape(n, N_CONTOUR_SAMPLES, 2)
     offset, offset_std = _offsets(fit)
     return Contours(
@@ -51,7 +51,7 @@ def no_contours(n_ips: int, n_stops: int, method: str = "none") -> Contours:
     return contour_record(fit, np.zeros(0, dtype=np.int64), n_ips)
 
 
-def resampled(shape: ShapeFit, n_samples: int) -> tuple[FloatArray, FloatArray]:
+def resample_contour(shape: ShapeFit, n_samples: int) -> tuple[FloatArray, FloatArray]:
     """Points (sample, xy) and standard deviations (sample,) at even arc lengths; unchanged if as many."""
     points, std = shape.contour_m, shape.std_m
     if len(points) == n_samples:

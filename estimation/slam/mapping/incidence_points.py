@@ -11,7 +11,7 @@ from scipy.stats import chi2
 from estimation.channel.record import ChannelEstimate
 from estimation.laws import plane as plane_law
 from estimation.slam.config import MappingConfig
-from estimation.slam.mapping.point_fit import ReflectionLaw, joint_covariance, locate, point_covariance
+from estimation.slam.mapping.point_fit import ReflectionLaw, fit_points, joint_covariance, point_covariance
 from estimation.slam.record import IncidencePoints, PoseEstimates, SolveStatus
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
 from scenes.record import BoolArray, FloatArray, IntArray
@@ -68,10 +68,10 @@ def map_stops(
 
     Raises `ValueError` where `poses` does not hold the stops of `estimates` in their order.
     """
-    measured = [plane_law.measurements(e.delay_s, e.aod_azimuth_rad, e.aoa_azimuth_rad) for e in estimates]
+    measured = [plane_law.measurement_vectors(e.delay_s, e.aod_azimuth_rad, e.aoa_azimuth_rad) for e in estimates]
     seen = ObservedPaths(
-        joined(measured, float, (3,)),
-        joined([config.noise.covariance(e) for e in estimates], float, (3, 3)),
+        concatenate_stops(measured, float, (3,)),
+        concatenate_stops([config.noise.covariance(e) for e in estimates], float, (3, 3)),
         *path_flags(estimates, is_los, is_inlier),
     )
     bias_m = SPEED_OF_LIGHT_M_S * poses.clock_bias_s
@@ -111,7 +111,7 @@ def map_paths(
     row = np.repeat(np.arange(len(estimates)), [len(estimate) for estimate in estimates])
     use = ~seen.is_los & (poses.status[row] != SolveStatus.FAILED)
     row, measured, path_covariance = row[use], seen.measured[use], seen.covariance[use]
-    point, cost = locate(law, tx_pose, state[row], measured, path_covariance, config)
+    point, cost = fit_points(law, tx_pose, state[row], measured, path_covariance, config)
     conditional, sensitivity = point_covariance(law, tx_pose, state[row], point, path_covariance)
     covariance = conditional
     if state_covariance is not None:
@@ -119,7 +119,7 @@ def map_paths(
     freedom = measured.shape[-1] - point.shape[-1]
     passed = cost <= chi2.ppf(config.gate_probability, freedom)
     passed &= _is_possible(tx_pose, state[row], point, conditional, config)
-    path = joined([np.arange(len(e)) for e in estimates], int, ())[use]
+    path = concatenate_stops([np.arange(len(e)) for e in estimates], int, ())[use]
     return MappedPaths(row, path, point, covariance, cost, seen.is_inlier[use] & passed)
 
 
@@ -129,7 +129,7 @@ def path_flags(
     """Flags (path,) of all paths; by default the lines of sight of the estimates, and all paths as inliers."""
     los = [e.is_los for e in estimates] if is_los is None else is_los
     inlier = [np.ones(len(e), bool) for e in estimates] if is_inlier is None else is_inlier
-    return joined(los, bool, ()), joined(inlier, bool, ())
+    return concatenate_stops(los, bool, ()), concatenate_stops(inlier, bool, ())
 
 
 def _is_possible(
@@ -142,6 +142,6 @@ def _is_possible(
     return np.asarray((np.minimum(*legs) >= _MIN_LEG_M) & (largest <= config.max_position_std_m**2))
 
 
-def joined(parts: Sequence[NDArray[Any]], dtype: type, shape: tuple[int, ...]) -> NDArray[Any]:
+def concatenate_stops(parts: Sequence[NDArray[Any]], dtype: type, shape: tuple[int, ...]) -> NDArray[Any]:
     """Concatenate per-stop arrays along the path axis; an empty sequence gives no paths."""
     return np.concatenate([np.empty((0, *shape), dtype), *parts]).astype(dtype)

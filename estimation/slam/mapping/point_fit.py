@@ -38,7 +38,7 @@ class ReflectionLaw(Protocol[Tx_contra]):
         """Start position of the IP; the IP itself for paths without noise."""
 
 
-def locate(
+def fit_points(
     law: ReflectionLaw[Tx_contra],
     tx_pose: Tx_contra,
     state: FloatArray,

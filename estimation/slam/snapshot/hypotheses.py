@@ -71,7 +71,7 @@ def line_of_sight_states(paths: PathTable, los: int, angles_rad: FloatArray, oth
 
 
 @compiled
-def distinct(states: FloatArray, score: FloatArray, n: int, max_deficit: float) -> IntArray:
+def distinct_states(states: FloatArray, score: FloatArray, n: int, max_deficit: float) -> IntArray:
     """Indices of up to n distinct states of the highest finite scores, at most `max_deficit` below the best."""
     remaining = np.where(np.isfinite(score), score, -np.inf)
     if len(remaining):

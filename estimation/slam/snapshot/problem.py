@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 
 from estimation.channel.record import ChannelEstimate
-from estimation.laws.plane import measurements
+from estimation.laws.plane import measurement_vectors
 from estimation.slam.config import PathNoise, SnapshotConfig
 from scenes.pose import Pose
 from scenes.record import BoolArray, FloatArray, IntArray
@@ -69,12 +69,12 @@ def reject_uncertain(fits: list[Fit], config: SnapshotConfig) -> list[Fit]:
 
 def snapshot_problem(estimate: ChannelEstimate, tx: Pose, noise: PathNoise) -> SnapshotProblem:
     """Collect the paths of one stop and their covariances."""
-    measured = measurements(estimate.delay_s, estimate.aod_azimuth_rad, estimate.aoa_azimuth_rad)
+    measured = measurement_vectors(estimate.delay_s, estimate.aod_azimuth_rad, estimate.aoa_azimuth_rad)
     boresight_dbm = estimate.power_dbm + estimate.beam_loss_db
     return SnapshotProblem(tx, measured, noise.covariance(estimate), boresight_dbm)
 
 
-def subsets(items: IntArray, size: int) -> IntArray:
+def path_subsets(items: IntArray, size: int) -> IntArray:
     """All subsets (subset, size) of some path indices, in lexicographic order."""
     chosen = list(combinations(items.tolist(), size))
     return np.array(chosen, dtype=np.int64).reshape(-1, size)

@@ -7,7 +7,7 @@ import numpy as np
 
 from estimation.laws.plane import BounceEquation, bounce_equation, bounce_fraction, ray_directions
 from estimation.slam.config import SnapshotConfig
-from estimation.slam.snapshot.problem import Fit, SnapshotProblem, packed_normal, solve_packed, subsets
+from estimation.slam.snapshot.problem import Fit, SnapshotProblem, packed_normal, path_subsets, solve_packed
 from scenes.pose import wrap_angle
 from scenes.record import BoolArray, FloatArray, IntArray
 
@@ -61,7 +61,7 @@ class _Search:
             self.sets: IntArray = np.stack([np.full_like(others, self.first), others], axis=1)
             self.heading = np.array([los_heading(problem)])
         else:
-            self.sets = subsets(candidates, 4)
+            self.sets = path_subsets(candidates, 4)
             self.heading = np.linspace(-np.pi, np.pi, config.n_headings)
         self.equation = bounce_equation(problem.tx, self.heading[:, None], problem.measured)
         self.packed = packed_normal(self.equation.row, self.equation.right_side) * self.weight[:, None]

@@ -21,7 +21,7 @@ from estimation.slam.snapshot.evidence import (
     power_law,
     prior_of,
 )
-from estimation.slam.snapshot.hypotheses import distinct, four_bounce_states, line_of_sight_states
+from estimation.slam.snapshot.hypotheses import distinct_states, four_bounce_states, line_of_sight_states
 from estimation.slam.snapshot.likelihood import log_likelihood, refine_states
 from estimation.slam.snapshot.path_table import LineOfSight, PathModel, PathTable, path_model, path_table
 from estimation.slam.snapshot.problem import Fit, SnapshotProblem
@@ -123,7 +123,7 @@ def _ranked(
         else:
             start = four_bounce_states(paths, strongest)
         score = log_likelihood(paths, direct, model, start)
-        first = distinct(start, score, limits.n_modes, _MAX_DEFICIT)
+        first = distinct_states(start, score, limits.n_modes, _MAX_DEFICIT)
         refined, information, likelihood, square = refine_states(
             paths, direct, model, start[first], limits.max_iterations
         )
@@ -141,7 +141,7 @@ def _ranked(
                 state[found], los[found] = refined[k], line
                 found += 1
     # The same state with the line of sight as a single bounce is not a second mode.
-    kept = distinct(state[:found], evidence[:found], limits.n_ranked, np.inf)
+    kept = distinct_states(state[:found], evidence[:found], limits.n_ranked, np.inf)
     return state[kept], covariance[kept], evidence[kept], inlier[kept], los[kept]
 
 

@@ -13,7 +13,7 @@ follows from the point where each ray meets the IP.
 import numpy as np
 
 from estimation.laws.space import bounce_equations
-from estimation.slam.snapshot.problem import subsets
+from estimation.slam.snapshot.problem import path_subsets
 from estimation.slam.space.problem import SpatialProblem
 from scenes.pose import direction, wrap_angle
 from scenes.record import ComplexArray, FloatArray, IntArray
@@ -44,7 +44,7 @@ def los_states(problem: SpatialProblem, strongest: IntArray) -> FloatArray:
 
 def bounce_states(problem: SpatialProblem, strongest: IntArray) -> FloatArray:
     """States (hypothesis, 5) from every four paths, one for each heading at which they agree."""
-    sets = subsets(strongest, 4)
+    sets = path_subsets(strongest, 4)
     index, heading = four_path_headings(problem, sets)
     chosen = sets[index]
     rows = _rows(problem, chosen, heading[:, None])

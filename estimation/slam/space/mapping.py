@@ -7,7 +7,7 @@ import numpy as np
 from estimation.channel.record import ChannelEstimate
 from estimation.laws import space as space_law
 from estimation.slam.config import MappingConfig
-from estimation.slam.mapping.incidence_points import ObservedPaths, joined, map_paths, path_flags
+from estimation.slam.mapping.incidence_points import ObservedPaths, concatenate_stops, map_paths, path_flags
 from estimation.slam.record import IncidencePoints, PoseEstimates, SolveStatus
 from estimation.slam.space.problem import spatial_problem
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
@@ -40,8 +40,8 @@ def map_stops_spatial(
         raise ValueError("poses.height_m = nan: mapping in space needs the height of every solved stop")
     problems = [spatial_problem(estimate, tx_pose, config.noise) for estimate in estimates]
     seen = ObservedPaths(
-        joined([p.measured for p in problems], float, (5,)),
-        joined([p.covariance for p in problems], float, (5, 5)),
+        concatenate_stops([p.measured for p in problems], float, (5,)),
+        concatenate_stops([p.covariance for p in problems], float, (5, 5)),
         *path_flags(estimates, is_los, is_inlier),
     )
     bias_m = SPEED_OF_LIGHT_M_S * poses.clock_bias_s

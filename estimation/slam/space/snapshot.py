@@ -58,7 +58,7 @@ def ranked_spatial_modes(problem: SpatialProblem, config: SnapshotConfig) -> lis
         clutter = _log_clutter(problem, config)
         fits = [fit for fit in fits if -fit.cost > clutter]
     state = np.array([fit.state for fit in fits]).reshape(-1, N_STATE)
-    kept = distinct(state, np.array([-fit.cost for fit in fits]), config.n_ranked)
+    kept = distinct_states(state, np.array([-fit.cost for fit in fits]), config.n_ranked)
     return reject_uncertain([fits[k] for k in kept], config)
 
 
@@ -98,7 +98,7 @@ def refine_spatial(
     return state, information + np.swapaxes(slope, 1, 2) @ slope, score
 
 
-def distinct(state: FloatArray, score: FloatArray, n: int) -> IntArray:
+def distinct_states(state: FloatArray, score: FloatArray, n: int) -> IntArray:
     """Indices of up to n states (state, 5) of the highest score that differ in position or heading."""
     remaining = score.copy()
     chosen: list[int] = []
@@ -129,7 +129,7 @@ def _modes(problem: SpatialProblem, state: FloatArray, los: int, config: Snapsho
         return []
     others = np.arange(len(problem)) != los
     score = _evaluate(problem, state, los, others, config)[1]
-    start = state[distinct(state, score, config.n_modes)]
+    start = state[distinct_states(state, score, config.n_modes)]
     state, information, score = refine_spatial(problem, start, los, config)
     evidence, covariances = _log_evidence(problem, los, state, information, score, config)
     fit = bounce_fit(problem, state)

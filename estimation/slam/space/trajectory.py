@@ -21,7 +21,7 @@ from estimation.slam.space.mapping import map_stops_spatial
 from estimation.slam.space.problem import SpatialProblem, bounce_fit, los_fit, spatial_problem
 from estimation.slam.space.snapshot import solve_spatial
 from estimation.slam.walk.residuals import PathClass
-from estimation.slam.walk.trajectory import TrajectoryDetails, flags_by_stop, run_trajectory, turned
+from estimation.slam.walk.trajectory import TrajectoryDetails, flags_by_stop, run_trajectory, turn_departures
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
 from scenes.record import BoolArray, FloatArray, IntArray
 
@@ -46,7 +46,7 @@ def run_spatial_trajectory(
     in_plane = snapshot.model_copy(update={"noise": exact})
     poses, _, details = run_trajectory(flat, tx_pose, in_plane, config, mapping_config)
     kinds = np.split(details.path_kind, np.cumsum([len(e) for e in estimates])[:-1])
-    shifted = turned(estimates, details)
+    shifted = turn_departures(estimates, details)
     problems = [spatial_problem(estimate, tx_pose, snapshot.noise) for estimate in shifted]
     guess = _filled(np.array([s.position_m[2] for s in alone]), tx_pose.position_m[2])
     joint = np.array(

@@ -7,16 +7,22 @@ from scipy.stats import chi2
 
 from estimation.slam.config import TrajectoryConfig
 from estimation.slam.snapshot.refine import bounce_terms
-from estimation.slam.walk.association import associate, drop_unused_landmarks, reassign
-from estimation.slam.walk.residuals import Association, Observations, PathClass, TrajectoryState, corrected
+from estimation.slam.walk.association import classify_paths, drop_unused_landmarks, reclassify_paths
+from estimation.slam.walk.residuals import (
+    Association,
+    Observations,
+    PathClass,
+    TrajectoryState,
+    without_heading_offsets,
+)
 from estimation.slam.walk.sessions import split_sessions
-from estimation.slam.walk.smoother import normal_equations, optimise
+from estimation.slam.walk.smoother import minimise_robust_cost, normal_equations
 from scenes.record import BoolArray
 
 _ROUGH_ITERATIONS = 6
 
 
-def smooth(
+def smooth_walk(
     seen: Observations, is_los: BoolArray, start: TrajectoryState, config: TrajectoryConfig
 ) -> tuple[TrajectoryState, Association]:
     """Motion prior alone, then with landmarks, then with sessions, each until the association is constant."""
@@ -46,15 +52,17 @@ def _confirm_bounces(
     kind = link.kind.copy()
     kind[doubted] = PathClass.UNUSED
     without = replace(link, kind=kind)
-    alone = optimise(seen, without, now, config)
+    alone = minimise_robust_cost(seen, without, now, config)
     covariance, _ = normal_equations(seen, without, alone, config).covariance()
     row = seen.row[doubted]
-    terms = bounce_terms(seen.tx, corrected(seen, alone, doubted), seen.covariance[doubted], alone.state[row])
+    terms = bounce_terms(
+        seen.tx, without_heading_offsets(seen, alone, doubted), seen.covariance[doubted], alone.state[row]
+    )
     spread = np.einsum("pi,pij,pj->p", terms.jacobian, covariance[row], terms.jacobian)
     gate = chi2.ppf(config.confirm_probability, 1)
     agrees = terms.is_feasible & (terms.value_m**2 <= gate * (terms.variance_m2 + spread))
     kind[doubted[agrees]] = PathClass.BOUNCE
-    return optimise(seen, replace(link, kind=kind), alone, config), replace(link, kind=kind)
+    return minimise_robust_cost(seen, replace(link, kind=kind), alone, config), replace(link, kind=kind)
 
 
 def _alternate(
@@ -67,20 +75,20 @@ def _alternate(
     """
     # Few iterations are enough where the association will change.
     rough = config.model_copy(update={"max_iterations": min(_ROUGH_ITERATIONS, config.max_iterations)})
-    link, now, spans = associate(seen, now, is_los, config)
+    link, now, spans = classify_paths(seen, now, is_los, config)
     for _ in range(config.rounds):
-        now = optimise(seen, link, now, rough)
+        now = minimise_robust_cost(seen, link, now, rough)
         before = link
-        link, now, spans = associate(seen, now, is_los, config)
+        link, now, spans = classify_paths(seen, now, is_los, config)
         if _same(link, before):
             break
     for _ in range(config.rounds):
-        now = optimise(seen, link, now, rough)
+        now = minimise_robust_cost(seen, link, now, rough)
         before = link
-        link = reassign(seen, now, is_los, spans, config)
+        link = reclassify_paths(seen, now, is_los, spans, config)
         if _same(link, before):
             break
-    return drop_unused_landmarks(optimise(seen, link, now, config), link)
+    return drop_unused_landmarks(minimise_robust_cost(seen, link, now, config), link)
 
 
 def _same(link: Association, other: Association) -> bool:

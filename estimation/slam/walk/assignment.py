@@ -6,10 +6,16 @@ from scipy.stats import chi2
 from estimation.execution import compiled
 from estimation.laws.contour import circle_path
 from estimation.laws.plane import tx_row, wrapped
-from estimation.laws.wall import mirrored, wall_path, wall_place
+from estimation.laws.wall import mirror_point, wall_path, wall_place
 from estimation.slam.config import TrajectoryConfig
 from estimation.slam.walk.linearise import add_roughness, cholesky3
-from estimation.slam.walk.residuals import Association, Observations, PathClass, TrajectoryState, corrected
+from estimation.slam.walk.residuals import (
+    Association,
+    Observations,
+    PathClass,
+    TrajectoryState,
+    without_heading_offsets,
+)
 from scenes.record import FloatArray, IntArray
 
 _END_MARGIN_M = 0.7  # added to both ends of the span of a wall
@@ -18,7 +24,7 @@ _UNUSED, _LOS = PathClass.UNUSED, PathClass.LOS
 _WALL, _OBJECT, _DOUBLE = PathClass.WALL, PathClass.OBJECT, PathClass.DOUBLE
 
 
-def assign(
+def assign_to_landmarks(
     seen: Observations, now: TrajectoryState, link: Association, spans: FloatArray, config: TrajectoryConfig
 ) -> Association:
     """Assign every path except lines of sight to the landmark of smallest chi-square within the gate.
@@ -36,7 +42,7 @@ def assign(
     _assign(
         tx_row(seen.tx),
         now.state[seen.row],
-        corrected(seen, now, np.arange(len(kind))),
+        without_heading_offsets(seen, now, np.arange(len(kind))),
         seen.covariance,
         now.walls,
         spans + np.array([-_END_MARGIN_M, _END_MARGIN_M]),
@@ -129,9 +135,9 @@ def _images(tx: FloatArray, walls: FloatArray) -> tuple[FloatArray, FloatArray]:
     n = len(walls)
     single, double = np.empty((n, 2)), np.empty((n, n, 2))
     for a in range(n):
-        single[a, 0], single[a, 1] = mirrored(tx[0], tx[1], walls[a])
+        single[a, 0], single[a, 1] = mirror_point(tx[0], tx[1], walls[a])
         for b in range(n):
-            double[a, b, 0], double[a, b, 1] = mirrored(single[a, 0], single[a, 1], walls[b])
+            double[a, b, 0], double[a, b, 1] = mirror_point(single[a, 0], single[a, 1], walls[b])
     return single, double
 
 

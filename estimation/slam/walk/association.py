@@ -10,8 +10,14 @@ from estimation.laws import plane as plane_law
 from estimation.slam.config import TrajectoryConfig
 from estimation.slam.mapping.point_fit import point_covariance
 from estimation.slam.snapshot.refine import bounce_terms
-from estimation.slam.walk.assignment import assign
-from estimation.slam.walk.residuals import Association, Observations, PathClass, TrajectoryState, corrected
+from estimation.slam.walk.assignment import assign_to_landmarks
+from estimation.slam.walk.residuals import (
+    Association,
+    Observations,
+    PathClass,
+    TrajectoryState,
+    without_heading_offsets,
+)
 from scenes.record import BoolArray, FloatArray
 
 # Landmarks are found from incidence points more certain than this.
@@ -29,12 +35,14 @@ def single_bounces(
 ) -> BoolArray:
     """Paths (path,) that are feasible single bounces at the present trajectory."""
     everyone = np.ones(len(is_los), bool)
-    terms = bounce_terms(seen.tx, corrected(seen, now, everyone), seen.covariance, now.state[seen.row])
+    terms = bounce_terms(
+        seen.tx, without_heading_offsets(seen, now, everyone), seen.covariance, now.state[seen.row]
+    )
     gate = chi2.ppf(config.gate_probability, 1)
     return np.asarray(~is_los & terms.is_feasible & (terms.value_m**2 <= gate * terms.variance_m2))
 
 
-def associate(
+def classify_paths(
     seen: Observations, now: TrajectoryState, is_los: BoolArray, config: TrajectoryConfig
 ) -> tuple[Association, TrajectoryState, FloatArray]:
     """Classify every path at the present trajectory, and find landmarks.
@@ -50,7 +58,7 @@ def associate(
     if not config.use_landmarks or not bounce.any():
         return link, now, np.empty((0, 2))
     path = np.flatnonzero(bounce)
-    state, measured = now.state[seen.row[path]], corrected(seen, now, path)
+    state, measured = now.state[seen.row[path]], without_heading_offsets(seen, now, path)
     point = plane_law.start_point(seen.tx, state, measured)
     covariance, _ = point_covariance(plane_law, seen.tx, state, point, seen.covariance[path])
     sharp = np.linalg.eigvalsh(covariance)[:, -1] < _MAX_POINT_STD_M**2
@@ -62,15 +70,15 @@ def associate(
     now = replace(now, walls=walls, objects=objects)
     rough = np.hypot([config.wall_roughness_m, config.object_roughness_m], _START_STD_M)
     loose = config.model_copy(update={"wall_roughness_m": rough[0], "object_roughness_m": rough[1]})
-    return assign(seen, now, link, spans, loose), now, spans
+    return assign_to_landmarks(seen, now, link, spans, loose), now, spans
 
 
-def reassign(
+def reclassify_paths(
     seen: Observations, now: TrajectoryState, is_los: BoolArray, spans: FloatArray, config: TrajectoryConfig
 ) -> Association:
     """Classify every path at the present trajectory and landmarks, with walls of these `spans` (wall, 2)."""
     link = _without_landmarks(is_los, single_bounces(seen, now, is_los, config))
-    return assign(seen, now, link, spans, config) if config.use_landmarks else link
+    return assign_to_landmarks(seen, now, link, spans, config) if config.use_landmarks else link
 
 
 def drop_unused_landmarks(now: TrajectoryState, link: Association) -> tuple[TrajectoryState, Association]:

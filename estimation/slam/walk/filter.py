@@ -66,12 +66,14 @@ def run_filter(
             modes = ranked_spatial_modes(spatial_problem(estimate, tx_pose, ranked.noise), ranked)
         else:
             modes = ranked_modes(snapshot_problem(estimate, tx_pose, ranked.noise), ranked)
-        hypotheses = advance(hypotheses, modes, config)
+        hypotheses = advance_hypotheses(hypotheses, modes, config)
         solutions.append(_solution(estimate, tx_pose, hypotheses, snapshot, 5 if spatial else 4))
     return collect_and_map(estimates, solutions, tx_pose, mapping_config, spatial=spatial)
 
 
-def advance(hypotheses: Sequence[Hypothesis], modes: Sequence[Fit], config: TrajectoryConfig) -> list[Hypothesis]:
+def advance_hypotheses(
+    hypotheses: Sequence[Hypothesis], modes: Sequence[Fit], config: TrajectoryConfig
+) -> list[Hypothesis]:
     """Hypotheses after one more stop with these modes, best first."""
     if not hypotheses:
         return _normalised([_initial(mode) for mode in modes], config)
@@ -79,14 +81,16 @@ def advance(hypotheses: Sequence[Hypothesis], modes: Sequence[Fit], config: Traj
     relative = evidence - evidence.max(initial=-np.inf) if len(evidence) else evidence
     branches = []
     for before in hypotheses:
-        ahead = predicted(before, config)
+        ahead = predict_hypothesis(before, config)
         lost = _NONE_COST if modes else 0.0
         branches.append(Hypothesis(ahead.mean, ahead.covariance, before.log_weight - lost, None))
-        branches += [updated(ahead, mode, float(gain)) for mode, gain in zip(modes, relative, strict=True)]
+        branches += [
+            update_hypothesis(ahead, mode, float(gain)) for mode, gain in zip(modes, relative, strict=True)
+        ]
     return _normalised(branches, config)
 
 
-def predicted(before: Hypothesis, config: TrajectoryConfig) -> Hypothesis:
+def predict_hypothesis(before: Hypothesis, config: TrajectoryConfig) -> Hypothesis:
     """One stop ahead at the last displacement, with the scatter of the motion prior."""
     n = before.n_state
     move = np.eye(n + 2)
@@ -101,7 +105,7 @@ def predicted(before: Hypothesis, config: TrajectoryConfig) -> Hypothesis:
     return Hypothesis(move @ before.mean, covariance, before.log_weight, None)
 
 
-def updated(ahead: Hypothesis, mode: Fit, log_evidence: float) -> Hypothesis:
+def update_hypothesis(ahead: Hypothesis, mode: Fit, log_evidence: float) -> Hypothesis:
     """Kalman update with the state and covariance of a mode; the weight gains the predictive log density."""
     n = ahead.n_state
     innovation = mode.state - ahead.mean[:n]

@@ -68,7 +68,7 @@ class TrajectoryState:
         )
 
 
-def corrected(seen: Observations, now: TrajectoryState, path: IntArray | BoolArray) -> FloatArray:
+def without_heading_offsets(seen: Observations, now: TrajectoryState, path: IntArray | BoolArray) -> FloatArray:
     """Measurements of some paths, their departures turned by the TX heading offset of their session."""
     measured = seen.measured[path].copy()
     measured[:, 1] += now.offset_rad[now.session[seen.row[path]]]

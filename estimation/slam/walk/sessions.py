@@ -8,7 +8,7 @@ import numpy as np
 from estimation.slam.config import TrajectoryConfig
 from estimation.slam.walk.linearise import linearise
 from estimation.slam.walk.residuals import Association, Observations, TrajectoryState
-from estimation.slam.walk.smoother import normal_equations, optimise, robust_cost
+from estimation.slam.walk.smoother import minimise_robust_cost, normal_equations, robust_cost
 from scenes.record import FloatArray, IntArray
 
 # Share of a squared residual that counts beyond 3 standard deviations: the nearer of two far sessions is better.
@@ -76,7 +76,7 @@ def split_sessions(
     before = robust_cost(seen, link, now, config)
     best, best_cost = now, before - config.min_session_gain
     for stop in candidates[np.argsort(-gain)[:5]]:
-        trial = optimise(seen, link, with_jump(now, int(stop)), config)
+        trial = minimise_robust_cost(seen, link, with_jump(now, int(stop)), config)
         cost = robust_cost(seen, link, trial, config)
         if cost < best_cost:
             best, best_cost = trial, cost

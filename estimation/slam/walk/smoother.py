@@ -22,7 +22,7 @@ _TOLERANCE = 1e-5  # of the cost, and of log-likelihood: a step that gains less 
 _WEAK_STD = np.array([50.0, 50.0, np.pi, 50.0])
 
 
-def optimise(
+def minimise_robust_cost(
     seen: Observations, link: Association, start: TrajectoryState, config: TrajectoryConfig
 ) -> TrajectoryState:
     """Levenberg-Marquardt on the robust cost, re-weighting at every step."""

@@ -17,7 +17,7 @@ from estimation.slam.record import IncidencePoints, PoseEstimates, SolveStatus
 from estimation.slam.snapshot.problem import Fit, SnapshotProblem, snapshot_problem
 from estimation.slam.snapshot.solution import bias_to_seconds
 from estimation.slam.snapshot.solve import ranked_modes
-from estimation.slam.walk.alternation import smooth
+from estimation.slam.walk.alternation import smooth_walk
 from estimation.slam.walk.modes import Rivals, choose_modes, rival_modes
 from estimation.slam.walk.motion import course_of
 from estimation.slam.walk.residuals import Association, Observations, PathClass, TrajectoryState
@@ -65,7 +65,7 @@ def run_trajectory(
     is_los = _lines_of_sight(problems, modes, chosen)
     if np.all(chosen < 0):
         return _unsolved(estimates, seen, tx_pose, mapping_config)
-    now, link = smooth(seen, is_los, initial_state(modes, chosen), config)
+    now, link = smooth_walk(seen, is_los, initial_state(modes, chosen), config)
     covariance, shared_covariance = solution_covariance(seen, link, now, config)
     cost = robust_cost(seen, link, now, config) / seen.n_stops
     poses = _poses(estimates, now, link, seen, chosen, is_los, cost)
@@ -73,13 +73,13 @@ def run_trajectory(
     covariance = covariance + snapshot.consider.covariance(from_tx)
     poses = _with_covariance(poses, covariance, rival_modes(modes, chosen, config), snapshot)
     details = _details(now, link, seen, chosen, shared_covariance)
-    shifted, joint = turned(estimates, details), list(poses.covariance)
+    shifted, joint = turn_departures(estimates, details), list(poses.covariance)
     flags = flags_by_stop(estimates, details)
     points = map_stops(shifted, poses, tx_pose, mapping_config, **flags, state_covariance=joint)
     return poses, points, details
 
 
-def turned(estimates: Sequence[ChannelEstimate], details: TrajectoryDetails) -> list[ChannelEstimate]:
+def turn_departures(estimates: Sequence[ChannelEstimate], details: TrajectoryDetails) -> list[ChannelEstimate]:
     """The channel estimates with their departures turned by the TX heading offset of their session."""
     offset = details.tx_offset_rad[details.session]
     return [

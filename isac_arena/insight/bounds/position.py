@@ -43,7 +43,7 @@ class BoundInputs:
     in_space: bool  # elevations are estimated
 
 
-def prepare(campaign: str) -> BoundInputs:
+def bound_inputs(campaign: str) -> BoundInputs:
     """Scene and settings of a campaign; every path gets the fixed covariance of the campaign's SLAM settings."""
     config, scene_file = load_campaign(campaign)
     carrier_hz = config.waveform.carrier_ghz * 1e9

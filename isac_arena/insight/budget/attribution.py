@@ -72,7 +72,7 @@ class Attribution:
         return ""
 
 
-def root(mean_square: FloatArray | float) -> FloatArray:
+def signed_root(mean_square: FloatArray | float) -> FloatArray:
     """Square root of a mean square or of a difference of two, with its sign."""
     return np.asarray(np.sign(mean_square) * np.sqrt(np.abs(mean_square)))
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from estimation.channel.record import ChannelEstimate
 from estimation.slam.record import IncidencePoints, PoseEstimates
-from isac_arena.campaign.chain import known_receiver, located, with_shapes
+from isac_arena.campaign.chain import known_receiver, locate_or_take, with_shapes
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.insight.budget.oracles import (
     TracedPaths,
@@ -69,10 +69,10 @@ class Chain:
         paths = self._channel(replaced)
         channel = [one.estimate for one in paths]
         known = known_receiver(stop.truth for stop in self.stops) if Stage.POSE in replaced else None
-        poses, ips = located(self.config, channel, self.scene.tx, known)
+        poses, ips = locate_or_take(self.config, channel, self.scene.tx, known)
         if Stage.ASSOCIATION in replaced:
             if known is None:
-                _, ips = located(self.config, channel, self.scene.tx, poses)
+                _, ips = locate_or_take(self.config, channel, self.scene.tx, poses)
             ips = replace(ips, is_inlier=np.asarray(np.isfinite(ips.position_m).all(axis=1)))
         row = {int(stop): index for index, stop in enumerate(poses.stop)}
         names = [

@@ -15,7 +15,7 @@ from sim.truth import Truth
 QUIET = 1e-6  # noise switched off: 60 dB less, so that levels estimated from the data stay defined
 
 
-def present(config: CampaignConfig, truths: Sequence[Truth]) -> tuple[Part, ...]:
+def present_physics(config: CampaignConfig, truths: Sequence[Truth]) -> tuple[Part, ...]:
     """The physics of a campaign that can be switched off."""
     found = {
         Physics.DIFFUSE: any(truth.paths.is_diffuse.any() for truth in truths),
@@ -43,7 +43,9 @@ def without_paths(truth: Truth, off: frozenset[Part]) -> Truth:
     return replace(truth, paths=paths)
 
 
-def observed(config: CampaignConfig, link: Link, scene: Scene, truth: Truth, off: frozenset[Part]) -> BeamSweep:
+def observe_without(
+    config: CampaignConfig, link: Link, scene: Scene, truth: Truth, off: frozenset[Part]
+) -> BeamSweep:
     """The samples of a stop, without noise where it is off; the sweep states the nominal noise power anyway."""
     if Physics.NOISE not in off:
         return observe(config, link, scene, truth)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from isac_arena.insight.budget.attribution import Attribution, attribute, root
+from isac_arena.insight.budget.attribution import Attribution, attribute, signed_root
 from isac_arena.insight.budget.outcome import FinalErrors
 from isac_arena.insight.budget.stages import Groups, Part
 
@@ -59,9 +59,9 @@ def table_rows(budget: Budget) -> Iterator[dict[str, str | float | None]]:
                 "part": str(part),
                 **_parts(found.contribution[index], total, found.low[index], found.high[index]),
                 "effect": "" if found.objection else str(found.effect[index]),
-                "alone_rms_m": _finite(root(found.alone[index])),
-                "first_rms_m": _finite(root(found.first[index])),
-                "last_rms_m": _finite(root(found.last[index])),
+                "alone_rms_m": _finite(signed_root(found.alone[index])),
+                "first_rms_m": _finite(signed_root(found.first[index])),
+                "last_rms_m": _finite(signed_root(found.last[index])),
             }
         blank = {"effect": "", **dict.fromkeys(("alone_rms_m", "first_rms_m", "last_rms_m"))}
         yield about | {"part": REST, **_parts(found.rest, total, found.rest_low, found.rest_high), **blank}
@@ -77,7 +77,7 @@ def _parts(mean_square: float, total: float, low: float, high: float) -> dict[st
         "share_low": _finite(low) if np.isfinite(share) else None,
         "share_high": _finite(high) if np.isfinite(share) else None,
         "mean_square_m2": _finite(mean_square),
-        "rms_m": _finite(root(mean_square)),
+        "rms_m": _finite(signed_root(mean_square)),
     }
 
 

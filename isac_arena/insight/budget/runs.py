@@ -20,7 +20,7 @@ from isac_arena.campaign.recording import recorded_run
 from isac_arena.campaign.summary import progress_bar
 from isac_arena.insight.budget.chain import Chain, make_chain
 from isac_arena.insight.budget.outcome import FinalErrors, LitObject, lit_objects
-from isac_arena.insight.budget.physics import observed, present, without_hardware, without_paths
+from isac_arena.insight.budget.physics import observe_without, present_physics, without_hardware, without_paths
 from isac_arena.insight.budget.record import OUTCOMES, Budget, Variants, attributions
 from isac_arena.insight.budget.stages import STAGE_GROUPS, Groups, Part, coalitions, label
 from isac_arena.scoring.stages.channel import TrueStop, true_stop
@@ -115,7 +115,7 @@ def run_budget(job: BudgetJob, console: Console) -> Budget:
     with progress_bar(console, transient=True) as progress:
         run = CampaignRun(job.paths.config, job.scene, job.paths, job.stops)
         traced = tuple(progress.track(run.truths(), len(job.stops), description="trace"))
-        physics: Groups = (present(job.paths.config, traced),)
+        physics: Groups = (present_physics(job.paths.config, traced),)
         rest = [off for off in coalitions(physics) if off]
         objects = tuple(lit_objects(job.scene, true_stops(run), run.config.shapes.min_samples))
         by_stage: dict[frozenset[Part], list[FinalErrors]] = {key: [] for key in coalitions(STAGE_GROUPS)}
@@ -156,7 +156,7 @@ def _variant(
     name = f"without_{label(off, groups)}" if off else "all"
     store = replace(job.paths, directory=job.out / f"repeat_{repeat:02d}" / name, config=config)
     store.open_for_writing()
-    paths, observer = [without_paths(truth, off) for truth in traced], partial(observed, off=off)
+    paths, observer = [without_paths(truth, off) for truth in traced], partial(observe_without, off=off)
     run = CampaignRun(config, job.scene, store, None, paths, store.estimator, observer)
     return Variant(store, run, off, objects, groups)
 

@@ -61,7 +61,7 @@ def common_stops(first: ScoreTables, second: ScoreTables) -> IntArray:
     return np.asarray(first.poses.stop[one[apart <= SAME_PLACE_M]])
 
 
-def pair(key: str, unit: str, direction: Direction, first: Values, second: Values) -> PairedValues:
+def pair_values(key: str, unit: str, direction: Direction, first: Values, second: Values) -> PairedValues:
     """The values of two runs by item, NaN where a run has none.
 
     The group of an item is the first part of its key where that is a tuple, else the item itself.
@@ -81,12 +81,12 @@ def _pose_pairs(runs: Sequence[ScoreTables], stops: IntArray) -> Iterator[Paired
         ("slam.clock_error", "ns", "clock_error_s", 1e9),
     ):
         sides = (_of_stops(run.poses.stop, scale * np.abs(getattr(run.poses, field)), stops) for run in runs)
-        yield pair(key, unit, "lower", *sides)
+        yield pair_values(key, unit, "lower", *sides)
 
 
 def _set_pairs(runs: Sequence[ScoreTables], stops: IntArray) -> Iterator[PairedValues]:
     sides = (_of_stops(run.stops.stop, run.stops.gospa, stops) for run in runs)
-    yield pair("channel.gospa", "1", "lower", *sides)
+    yield pair_values("channel.gospa", "1", "lower", *sides)
 
 
 def _same_paths(runs: Sequence[ScoreTables], stops: IntArray) -> bool:
@@ -105,7 +105,7 @@ def _path_pairs(runs: Sequence[ScoreTables], stops: IntArray) -> Iterator[Paired
     """Detection of the significant true paths, and the errors of the detected ones."""
     tables = (run.significant for run in runs)
     detected = (_of_paths(one.stop, one.path, one.is_detected.astype(float), stops) for one in tables)
-    yield pair("channel.detected", "1", "higher", *detected)
+    yield pair_values("channel.detected", "1", "higher", *detected)
     for key, unit, field, scale in (
         ("channel.delay_error", "ns", "delay_error_s", 1e9),
         ("channel.aod_error", "deg", "aod_error_rad", DEGREES),
@@ -116,7 +116,7 @@ def _path_pairs(runs: Sequence[ScoreTables], stops: IntArray) -> Iterator[Paired
             _of_paths(run.paths.stop, run.paths.true_path, scale * np.abs(getattr(run.paths, field)), stops)
             for run in runs
         )
-        yield pair(key, unit, "lower", *errors)
+        yield pair_values(key, unit, "lower", *errors)
 
 
 def _ip_pairs(name: str, maps: Sequence[MapScores], stops: IntArray) -> Iterator[PairedValues]:
@@ -126,7 +126,7 @@ def _ip_pairs(name: str, maps: Sequence[MapScores], stops: IntArray) -> Iterator
         for ips in (one.ips.take("ip", one.ips.is_inlier) for one in maps):
             value = np.abs(getattr(ips, field))
             sides.append({stop: quantile(value[ips.stop == stop], 0.5) for stop in stops.tolist()})
-        yield pair(f"{name}.{key}", "m", "lower", *sides)
+        yield pair_values(f"{name}.{key}", "m", "lower", *sides)
 
 
 def _object_pairs(name: str, maps: Sequence[MapScores]) -> Iterator[PairedValues]:
@@ -147,7 +147,7 @@ def _object_pairs(name: str, maps: Sequence[MapScores]) -> Iterator[PairedValues
                 {item: float(getattr(table, field)[row]) for item, row in best.items()}
                 for table, best in zip(tables, rows, strict=True)
             ]
-            yield pair(f"{kind}.{name}.{field.removesuffix('_m')}", unit, direction, *sides)
+            yield pair_values(f"{kind}.{name}.{field.removesuffix('_m')}", unit, direction, *sides)
 
 
 def _of_stops(stop: IntArray, value: FloatArray, wanted: IntArray) -> Values:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from isac_arena.campaign.measured import MeasuredCampaign
-from isac_arena.insight.twin.explain import explained
+from isac_arena.insight.twin.explain import explain_paths
 from isac_arena.insight.twin.offsets import corrected_offsets, leave_one_out, other_half, sight_offsets
 from isac_arena.insight.twin.power import PowerModel, calibrated_signal_dbm, fit_power, object_gains, over_floor
 from isac_arena.insight.twin.record import Offsets, TwinPaths
@@ -46,7 +46,7 @@ def calibrate(campaign: MeasuredCampaign, simulated: Sequence[Paths]) -> TwinCal
     half = other_half(n_stops)
     within = ~half & leave_one_out(n_stops)
     own = StopCalibration(sight_offsets(campaign, within), fit_power(campaign, simulated, within))
-    paths = explained(campaign, simulated, own.offsets, own.power)
+    paths = explain_paths(campaign, simulated, own.offsets, own.power)
     offsets = corrected_offsets(sight_offsets(campaign, half), paths, paths.is_single_bounce, half)
     return TwinCalibration(own, StopCalibration(offsets, fit_power(campaign, simulated, half)), half)
 
@@ -57,8 +57,8 @@ def explained_calibrated(
     """Every measured path with the simulated path that explains it, calibrated on the other half of the stops."""
     materials = {name: material.name for name, material in scene.materials.items()}
     within, across = calibration.within, calibration.across
-    references = explained(campaign, simulated, within.offsets, within.power)
-    paths = explained(campaign, simulated, across.offsets, across.power)
+    references = explain_paths(campaign, simulated, within.offsets, within.power)
+    paths = explain_paths(campaign, simulated, across.offsets, across.power)
     signal_dbm = paths.signal_dbm.copy()
     for stop in np.unique(paths.stop):
         used = calibration.half[stop][references.stop] & references.is_single_bounce

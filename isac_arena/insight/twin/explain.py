@@ -16,7 +16,7 @@ from sim.propagation.paths import Paths, path_labels
 FAR_M = 2.0  # paths of stops this far apart agree only by chance: the wide gate is 0.45 m of delay
 
 
-def explained(
+def explain_paths(
     campaign: MeasuredCampaign, simulated: Sequence[Paths], offsets: Offsets, power: PowerModel
 ) -> TwinPaths:
     """Every measured path with the simulated path that explains it.

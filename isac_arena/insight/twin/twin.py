@@ -7,7 +7,7 @@ import numpy as np
 
 from isac_arena.campaign.measured import MeasuredCampaign
 from isac_arena.insight.twin.calibration import calibrate, explained_calibrated
-from isac_arena.insight.twin.explain import chance_share, explained
+from isac_arena.insight.twin.explain import chance_share, explain_paths
 from isac_arena.insight.twin.offsets import leave_one_out, sight_offsets
 from isac_arena.insight.twin.power import fit_power
 from isac_arena.insight.twin.record import Offsets, TwinPaths
@@ -73,7 +73,7 @@ def make_twin(campaign: MeasuredCampaign, scene: Scene, simulated: Mapping[str, 
     models = {}
     for name, paths in simulated.items():
         models[name] = ModelTwin(
-            paths=explained(campaign, paths, offsets, power),
+            paths=explain_paths(campaign, paths, offsets, power),
             calibrated=explained_calibrated(campaign, scene, paths, calibration),
             chance=chance_share(campaign, paths, offsets),
         )

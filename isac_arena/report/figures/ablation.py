@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from isac_arena.insight.ablation import EFFECTS, NONE, Ablation, cell
+from isac_arena.insight.ablation import EFFECTS, NONE, Ablation, score_text
 from isac_arena.report.style import new_figure, styled
 
 SHOWN_OCTAVES = (1.0, 4.0)  # the colour scale ends at a factor between 2 and 16 in both directions
@@ -33,7 +33,7 @@ def ablation_figure(ablation: Ablation) -> Figure:
     for row, column in np.ndindex(ratio.shape):
         value = float(shown[row, column])
         dark = np.isfinite(ratio[row, column]) and _luminance(image, float(ratio[row, column])) < DARK_LUMINANCE
-        text = cell(value, decimals=2 if column == n_columns - 1 else 3)
+        text = score_text(value, decimals=2 if column == n_columns - 1 else 3)
         ax.text(column, row, text, ha="center", va="center", fontsize=8, color="white" if dark else "black")
     labels = [f"{label}\n{unit}" for label, unit in EFFECTS.values()]
     ax.set_xticks(range(n_columns), [*labels, "mean\nratio"])

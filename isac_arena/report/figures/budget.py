@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from isac_arena.insight.budget.attribution import NOTHING, Attribution, root
+from isac_arena.insight.budget.attribution import NOTHING, Attribution, signed_root
 from isac_arena.insight.budget.record import OUTCOMES, REST, TOTAL, Budget
 from isac_arena.report.style import ESTIMATE, GHOST, TRUTH, legend_below, new_figure, styled
 
@@ -146,7 +146,7 @@ def _whole(value: float) -> str:
 
 
 def _metres(mean_square: float) -> str:
-    value = float(root(mean_square))
+    value = float(signed_root(mean_square))
     text = f"{1e3 * value:.2g} mm" if 1e-9 < abs(value) < 0.01 else f"{round(value, 3) or 0.0:.3f} m"
     return text.replace("-", "\N{MINUS SIGN}")
 

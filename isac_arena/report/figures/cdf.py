@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, PercentFormatter
 
 from isac_arena.report.style import CLUSTER_COLORS, MAPPING, SLAM, legend_below, new_figure, styled
-from isac_arena.scoring.metrics.statistics import measured
+from isac_arena.scoring.metrics.statistics import finite_entries
 from isac_arena.scoring.record import MapScores, PathScores, PoseScores, ScoreTables
 from isac_arena.scoring.stages.channel_metrics import KIND_KEYS
 from scenes.record import FloatArray
@@ -70,7 +70,7 @@ def _figure(curves: Mapping[str, Mapping[str, FloatArray]], colors: Sequence[str
     axes = np.atleast_1d(figure.subplots(1, len(curves), sharey=True))
     handles: dict[str, Any] = {}
     for ax, (label, groups) in zip(axes, curves.items(), strict=True):
-        errors = {name: np.sort(np.abs(measured(error))) for name, error in groups.items()}
+        errors = {name: np.sort(np.abs(finite_entries(error))) for name, error in groups.items()}
         end = max((error[-1] for error in errors.values() if len(error)), default=1.0) or 1.0
         every = np.concatenate([*errors.values(), [end]])
         start = float(np.clip(np.quantile(every, SMALLEST_SHARE), end / MOST_DECADES, end / 10))

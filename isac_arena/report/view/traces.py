@@ -100,7 +100,7 @@ def ray_traces(lines: Iterable[PathLine]) -> list[Trace]:
     known = list(lines)
     return [
         {
-            **_line(joined([line.points_m for line in known if line.kind == kind])),
+            **_line(join_lines([line.points_m for line in known if line.kind == kind])),
             "name": kind,
             "line": {"color": color, "width": WIDTHS[kind]},
             "mode": "lines",
@@ -114,7 +114,7 @@ def ray_traces(lines: Iterable[PathLine]) -> list[Trace]:
 def estimate_trace(ways_m: Sequence[FloatArray]) -> Trace:
     """Lines (point, xyz) of estimated paths through their incidence points."""
     return {
-        **_line(joined(ways_m)),
+        **_line(join_lines(ways_m)),
         "name": "estimated, mapping",
         "line": {"color": "#8A8A8A", "width": 2},
         "mode": "lines+markers",
@@ -144,7 +144,7 @@ def contour_traces(curves: Sequence[Curve], name: str, color: str, z_m: tuple[fl
             "showlegend": True,
         },
         {
-            **_line(joined(at_top)),
+            **_line(join_lines(at_top)),
             "name": f"{name}, 95 % band",
             "legendgroup": name,
             "line": {"color": color, "width": 3, "dash": "dot"},
@@ -155,7 +155,7 @@ def contour_traces(curves: Sequence[Curve], name: str, color: str, z_m: tuple[fl
     ]
 
 
-def joined(ways_m: Sequence[FloatArray]) -> FloatArray:
+def join_lines(ways_m: Sequence[FloatArray]) -> FloatArray:
     """Lines (point, xyz) one after the other as one array, with a row of NaN after each."""
     gap = np.full((1, 3), np.nan)
     return np.concatenate([np.zeros((0, 3)), *(part for way in ways_m for part in (way, gap))])

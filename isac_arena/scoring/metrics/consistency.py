@@ -6,7 +6,7 @@ import numpy as np
 from scipy.stats import binomtest, chi2, norm
 
 from isac_arena.scoring.metrics.metric import Metric
-from isac_arena.scoring.metrics.statistics import mean, measured, squared_mahalanobis
+from isac_arena.scoring.metrics.statistics import finite_entries, mean, squared_mahalanobis
 from scenes.record import BoolArray, FloatArray
 
 
@@ -26,7 +26,7 @@ def normalised_nees(error: FloatArray, covariance: FloatArray) -> Interval:
     chi-square with n k degrees of freedom. Source: Bar-Shalom, Li and Kirubarajan, Estimation with Applications
     to Tracking and Navigation, 2001, section 5.4.2.
     """
-    nees = measured(squared_mahalanobis(error, covariance))
+    nees = finite_entries(squared_mahalanobis(error, covariance))
     freedom = len(nees) * error.shape[1]
     if not freedom:
         return Interval(np.nan, np.nan, np.nan)
@@ -36,19 +36,19 @@ def normalised_nees(error: FloatArray, covariance: FloatArray) -> Interval:
 
 def region_coverage(error: FloatArray, covariance: FloatArray, level: float = 0.95) -> Interval:
     """Share of errors (n, k) inside the `level` region of their covariance, with its Wilson interval."""
-    nees = measured(squared_mahalanobis(error, covariance))
-    return share(nees <= chi2.ppf(level, error.shape[1]))
+    nees = finite_entries(squared_mahalanobis(error, covariance))
+    return share_with_interval(nees <= chi2.ppf(level, error.shape[1]))
 
 
 def consistency_metrics(prefix: str, nees: FloatArray, freedom: int) -> list[Metric]:
     """Mean NEES (n,) over its degrees of freedom, and share inside the 95 % region; NaN entries are ignored."""
     return [
         Metric(f"{prefix}.nees", mean(nees / freedom), "1", "info"),
-        Metric(f"{prefix}.coverage95", mean(measured(nees) <= chi2.ppf(0.95, freedom)), "1", "info"),
+        Metric(f"{prefix}.coverage95", mean(finite_entries(nees) <= chi2.ppf(0.95, freedom)), "1", "info"),
     ]
 
 
-def share(hits: BoolArray) -> Interval:
+def share_with_interval(hits: BoolArray) -> Interval:
     """Share of true entries with its Wilson score interval (Wilson 1927)."""
     if not len(hits):
         return Interval(np.nan, np.nan, np.nan)

@@ -7,7 +7,7 @@ import numpy as np
 from scenes.record import FloatArray
 
 
-def measured(values: Any) -> FloatArray:
+def finite_entries(values: Any) -> FloatArray:
     """The finite entries (n,) as floats."""
     array = np.asarray(values, float).ravel()
     return np.asarray(array[np.isfinite(array)])
@@ -15,7 +15,7 @@ def measured(values: Any) -> FloatArray:
 
 def mean(values: Any) -> float:
     """Arithmetic mean."""
-    kept = measured(values)
+    kept = finite_entries(values)
     return float(kept.mean()) if len(kept) else float("nan")
 
 
@@ -26,7 +26,7 @@ def rms(values: Any) -> float:
 
 def quantile(values: Any, level: float) -> float:
     """Quantile in [0, 1], linear between order statistics."""
-    kept = measured(values)
+    kept = finite_entries(values)
     return float(np.quantile(kept, level)) if len(kept) else float("nan")
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from rich.console import Console
 
 from isac_arena.sweep.config import AxisConfig, SweepConfig
-from isac_arena.sweep.engine import connected, run_jobs
+from isac_arena.sweep.engine import connect_scheduler, run_jobs
 from isac_arena.sweep.job import Job, store_scene
 from isac_arena.sweep.plan import make_plan
 from isac_arena.sweep.run import case_run, make_signals, run_cases, trace_stops
@@ -75,7 +75,7 @@ def bench_estimators(seed: int, quick: bool) -> list[Measurement]:
 def bench_memory(seed: int, quick: bool) -> list[Measurement]:
     """Largest resident memory of one worker after a quarter of many cases and after all of them."""
     n_cases = 8 if quick else 200
-    with tempfile.TemporaryDirectory() as folder, connected(1, None) as client:
+    with tempfile.TemporaryDirectory() as folder, connect_scheduler(1, None) as client:
         jobs = _jobs(Path(folder), _sweep_of(POWER, [0.0, 20.0], n_cases // 2), seed)
         peaks_mb = []
         for part in (jobs[: n_cases // 4], jobs[n_cases // 4 :]):
@@ -122,7 +122,7 @@ def _time_loop(jobs: Sequence[Job]) -> float:
 
 
 def _time_engine(jobs: Sequence[Job], workers: int, base: str = SMALL) -> float:
-    with connected(workers, None) as client:
+    with connect_scheduler(workers, None) as client:
         client.run(run_cases, [_warm(jobs, base)])
         started = time.perf_counter()
         run_jobs(client, jobs, _raise)

@@ -12,7 +12,7 @@ from isac_arena.scoring.metrics.statistics import mean, squared_mahalanobis
 from isac_arena.validation.channel import matching
 from isac_arena.validation.channel.efficiency import UNIFORM_DEG, make_estimator, scaled, scene_paths
 from isac_arena.validation.measurement import Measurement, at_most
-from isac_arena.validation.monte_carlo import most_by_chance, widened
+from isac_arena.validation.monte_carlo import most_by_chance, quick_bar
 from isac_arena.validation.scenarios import link_bench
 from isac_arena.validation.scenarios.estimates import plane_parameters
 from isac_arena.validation.scenarios.link_bench import ChannelStop, LinkBench
@@ -65,7 +65,7 @@ def check_element_errors(seed: int, quick: bool, trials: int = 0, estimator: str
     n = sum(map(len, errors))
     rows = [matching.false_row("element_errors.false_per_stop", np.array(n_false), 0.02, quick)]
     for name, ratio in zip(("aod", "aoa"), rms[0] / rms[1], strict=True):
-        bar = widened(1.1, 1.1 / np.sqrt(n), quick)
+        bar = quick_bar(1.1, 1.1 / np.sqrt(n), quick)
         reason = f"{n} paths from {CALIBRATED_MIN_DB:g} dB on"
         rows.append(at_most(f"element_errors.{name}_rmse_over_known", ratio, bar, reason))
     return rows
@@ -129,7 +129,7 @@ def check_diffuse(seed: int, quick: bool, trials: int = 0, estimator: str = "") 
 def _diffuse_rows(suffix: str, extra: list[int], nees: list[float], quick: bool) -> list[Measurement]:
     key, n = f"diffuse10db{suffix}", len(extra)
     most = most_by_chance(0.3 * n) / n if quick else 0.3
-    nees_bar = widened(1.5, 1.5 * np.sqrt(2 / 3 / n), quick)
+    nees_bar = quick_bar(1.5, 1.5 * np.sqrt(2 / 3 / n), quick)
     reason = f"NEES over 3 of {len(nees)} found paths; the background adds to the noise"
     return [
         at_most(f"{key}.extra_per_stop", np.mean(extra), most, f"{n} stops", "per stop"),

@@ -129,7 +129,7 @@ def efficiency_rows(
     spread = np.array([1.0, 1.0, 1.0, 1 / np.sqrt(3)]) / np.sqrt(2 * max(n, 1))
     names, values, every = ("delay", "aod", "aoa", "mean"), [*ratio, ratio.mean()], [*3 * bars[:1], bars[1]]
     return [
-        at_most(f"{prefix}.rmse_over_crb.{name}", value, monte_carlo.widened(bar, error, quick), reason)
+        at_most(f"{prefix}.rmse_over_crb.{name}", value, monte_carlo.quick_bar(bar, error, quick), reason)
         for name, value, bar, error in zip(names, values, every, spread, strict=True)
     ]
 
@@ -138,8 +138,8 @@ def consistency_rows(prefix: str, table: MatchedPaths, *, min_snr_db: float, qui
     """Coverage of the 95 % region and NEES over its dimension, as deviations from their nominal values."""
     nees = table.nees[table.chosen(min_snr_db)]
     n = max(len(nees), 1)
-    cover_bar = monte_carlo.widened(0.01, np.sqrt(0.95 * 0.05 / n), quick)
-    nees_bar = monte_carlo.widened(0.05, np.sqrt(2 / 3 / n), quick)
+    cover_bar = monte_carlo.quick_bar(0.01, np.sqrt(0.95 * 0.05 / n), quick)
+    nees_bar = monte_carlo.quick_bar(0.05, np.sqrt(2 / 3 / n), quick)
     return [
         monte_carlo.coverage_row(f"{prefix}.coverage95_deviation", nees, 3, cover_bar, f", {n} paths"),
         monte_carlo.nees_row(f"{prefix}.nees_deviation", nees, 3, nees_bar, f", {n} paths"),

@@ -30,7 +30,7 @@ def plane_parameters(estimate: ChannelEstimate) -> FloatArray:
     return np.stack([getattr(estimate, name) for name in PARAMETERS[:3]], axis=-1)
 
 
-def shifted(estimate: ChannelEstimate, error: Any) -> ChannelEstimate:
+def shift_estimate(estimate: ChannelEstimate, error: Any) -> ChannelEstimate:
     """The estimate with errors (path, 3) or (3,) added to delay in s, AoD and AoA azimuth in rad."""
     moved = plane_parameters(estimate) + error
     return replace(estimate, **dict(zip(PARAMETERS[:3], moved.T, strict=True)))

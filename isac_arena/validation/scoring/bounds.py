@@ -16,7 +16,7 @@ from isac_arena.scoring.stages.channel import TrueStop, score_stop, true_stop
 from isac_arena.scoring.stages.channel_metrics import channel_metrics
 from isac_arena.scoring.stages.poses import pose_bounds, pose_metrics, score_poses
 from isac_arena.validation.measurement import Measurement, at_most
-from isac_arena.validation.scenarios.estimates import moved_poses, shifted, true_states
+from isac_arena.validation.scenarios.estimates import moved_poses, shift_estimate, true_states
 from isac_arena.validation.scenarios.perfect_campaign import MadeCampaign, made_view, make_campaign
 from scenes.pose import SPEED_OF_LIGHT_M_S
 from scenes.record import FloatArray, concatenate
@@ -94,7 +94,9 @@ def _efficient(made: MadeCampaign, stops: list[TrueStop], rng: np.random.Generat
     """The made results with path parameters and poses off by draws from their bounds."""
     channel, errors = [], []
     for stop, estimate in zip(stops, made.results.channel, strict=True):
-        channel.append(shifted(estimate, [rng.multivariate_normal(np.zeros(3), one) for one in stop.covariance]))
+        channel.append(
+            shift_estimate(estimate, [rng.multivariate_normal(np.zeros(3), one) for one in stop.covariance])
+        )
         errors.append(rng.multivariate_normal(np.zeros(4), _state_covariance(made, stop)))
     moved = moved_poses(made.results.slam.poses, np.array(errors) / [1.0, 1.0, 1.0, SPEED_OF_LIGHT_M_S])
     return replace(made.results, channel=tuple(channel), slam=replace(made.results.slam, poses=moved))
@@ -132,9 +134,9 @@ def _faults(
     path = int(rng.choice([2, 4]))
     extra = estimate.take("path", [path])
     other = estimate.take("path", np.arange(len(estimate)) != path)
-    again = shifted(extra, [0.3 * gate[0], 0.0, 0.0])
-    beside = shifted(extra, [rng.uniform(1.2, 1.8) * gate[0], 0.0, 0.0])
-    nowhere = shifted(extra, [60e-9, 0.0, 0.9])
+    again = shift_estimate(extra, [0.3 * gate[0], 0.0, 0.0])
+    beside = shift_estimate(extra, [rng.uniform(1.2, 1.8) * gate[0], 0.0, 0.0])
+    nowhere = shift_estimate(extra, [60e-9, 0.0, 0.9])
     loud = replace(nowhere, power_dbm=np.zeros(1))
     noisy = replace(stop, limits=stop.limits.model_copy(update={"noise_threshold_dbm": -1.0}))
     aoa = np.linspace(-np.pi, np.pi, 181)

@@ -7,7 +7,7 @@ import numpy as np
 from estimation.channel.record import ChannelEstimate
 from estimation.shape.config import ContourConfig, ShapeConfig
 from isac_arena.campaign.config import CampaignConfig
-from isac_arena.insight.budget.attribution import attribute, root
+from isac_arena.insight.budget.attribution import attribute, signed_root
 from isac_arena.insight.budget.chain import Chain, make_chain
 from isac_arena.insight.budget.outcome import lit_objects
 from isac_arena.insight.budget.record import OUTCOMES, Variants, attributions
@@ -16,7 +16,7 @@ from isac_arena.scoring.config import Significance
 from isac_arena.scoring.stages.channel import true_stop
 from isac_arena.validation.measurement import Measurement, at_most
 from isac_arena.validation.monte_carlo import generators
-from isac_arena.validation.scenarios.estimates import shifted
+from isac_arena.validation.scenarios.estimates import shift_estimate
 from isac_arena.validation.scenarios.perfect_campaign import make_campaign, power_dbm
 from scenes.record import concatenate
 
@@ -32,7 +32,7 @@ def check_budget(seed: int, quick: bool) -> list[Measurement]:
         chain = faulty_chain(rng)
         variants = {parts: [*done, chain.final_errors(parts)] for parts, done in variants.items()}
     found = attributions(variants, STAGE_GROUPS, np.random.default_rng(seed))
-    rest = max(float(root(one.rest)) for one in found.values())
+    rest = max(float(signed_root(one.rest)) for one in found.values())
     gap = max(abs(one.contribution.sum() + one.rest - one.total) / one.total for one in found.values())
     outside = sum(_swaps_outside(variants, outcome) for outcome in found)
     solver = variants[frozenset({Stage.DETECTION, Stage.GEOMETRY, Stage.ASSOCIATION})]
@@ -81,9 +81,9 @@ def faulty_chain(rng: np.random.Generator) -> Chain:
 
 def _faulty(estimate: ChannelEstimate, rng: np.random.Generator) -> ChannelEstimate:
     std = np.sqrt(np.diagonal(estimate.covariance, axis1=1, axis2=2))
-    noisy = shifted(estimate, std * rng.standard_normal(std.shape))
+    noisy = shift_estimate(estimate, std * rng.standard_normal(std.shape))
     one = noisy.take("path", [int(rng.integers(1, len(estimate)))])
-    false = shifted(one, [rng.uniform(5e-9, 20e-9), 0.0, 0.0])
+    false = shift_estimate(one, [rng.uniform(5e-9, 20e-9), 0.0, 0.0])
     found = np.arange(len(estimate)) != rng.integers(1, len(estimate))
     both = concatenate([noisy.take("path", found), false], "path")
     return both.take("path", np.argsort(both.delay_s, kind="stable"))

@@ -20,7 +20,7 @@ from isac_arena.scoring.metrics.sets import gospa, ospa
 from isac_arena.scoring.metrics.trajectories import absolute_errors, relative_errors
 from isac_arena.scoring.score import score_campaign
 from isac_arena.validation.measurement import Measurement, at_most
-from isac_arena.validation.scenarios.estimates import moved_poses, shifted
+from isac_arena.validation.scenarios.estimates import moved_poses, shift_estimate
 from isac_arena.validation.scenarios.perfect_campaign import MadeCampaign, made_view, make_campaign, power_dbm
 from scenes.record import FloatArray, IntArray
 
@@ -200,7 +200,7 @@ def _emptied(results: CampaignResults) -> CampaignResults:
 
 def _moved(results: CampaignResults, share: float) -> CampaignResults:
     """All estimates moved away by a share of the gate, or of 1 m and 10 deg."""
-    channel = tuple(shifted(estimate, share * Gate().half_width) for estimate in results.channel)
+    channel = tuple(shift_estimate(estimate, share * Gate().half_width) for estimate in results.channel)
     slam, mapping = _moved_map(results.slam, share), _moved_map(results.mapping, share)
     return replace(results, channel=channel, slam=slam, mapping=mapping)
 

@@ -8,7 +8,7 @@ from estimation.shape.gp.exact import ExactPosterior, Likelihood, log_marginal_l
 from estimation.shape.gp.fourier import FourierPosterior, log_marginal_likelihood_fourier
 from estimation.shape.gp.radial import RadialData
 from isac_arena.validation.measurement import Measurement, at_least, at_most
-from isac_arena.validation.monte_carlo import widened
+from isac_arena.validation.monte_carlo import quick_bar
 from isac_arena.validation.shape.gp_study import SHAPES, draw_points, run_cell
 from scenes.record import FloatArray
 
@@ -34,11 +34,11 @@ def check_paper_table(seed: int, quick: bool) -> list[Measurement]:
             rmse = run_cell("paper", shape, n, n_runs, seed).rmse_m
             deviation.append(abs(rmse.mean() / reference - 1))
             doubt.append(rmse.std() / np.sqrt(n_runs) / reference)
-        bar = widened(TOLERANCE[shape], max(doubt), quick)
+        bar = quick_bar(TOLERANCE[shape], max(doubt), quick)
         reason = f"{n_runs} runs per M, table of 1,000 runs" + (", 3 standard errors added" if quick else "")
         rows.append(at_most(f"gp.paper.{shape}.rmse_deviation", max(deviation), round(bar, 3), reason))
     stuck = [run_cell("paper", "star", n, n_runs, seed).is_stuck.mean() for n in n_points]
-    bar = round(widened(0.7, -np.sqrt(0.8 * 0.2 / n_runs), quick), 3)
+    bar = round(quick_bar(0.7, -np.sqrt(0.8 * 0.2 / n_runs), quick), 3)
     reason = "least over M >= 16: from the printed start the fit takes the contour for noise"
     return [*rows, at_least("gp.paper.star.stuck_share", min(stuck), bar, reason)]
 
@@ -51,7 +51,7 @@ def check_corrected_gp(seed: int, quick: bool) -> list[Measurement]:
     n_points = TABLE_N_POINTS[:3] if quick else TABLE_N_POINTS
     runs = [run_cell("with noise floor", "circle", n, n_runs, seed).coverage for n in n_points]
     doubt = max(float(run.std()) for run in runs) / np.sqrt(n_runs)
-    bar = round(widened(0.92, -doubt, quick), 3)
+    bar = round(quick_bar(0.92, -doubt, quick), 3)
     floor = "least over M >= 16, with the noise floor of the IP covariances"
     without_floor = run_cell("data-driven", "circle", 64, n_runs, seed).coverage.mean()
     key = "gp.fixed.circle"

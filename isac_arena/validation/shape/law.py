@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from estimation.laws.contour import EDGE, WALL, predict
+from estimation.laws.contour import EDGE, WALL, predict_reflection
 from estimation.laws.plane import bounce_jacobian_point, lit_normals
 from estimation.laws.support import CIRCLE, CLOSED_FAMILY
 from estimation.shape.reflection.normals import OrientedPoints, circle_design, residual_covariance
@@ -48,7 +48,7 @@ def information_ratio(circle: FloatArray, data: Reflections) -> float:
 
     `circle` is [x, y, log R]; both bounds are those of centre and radius in m.
     """
-    paths = predict(CIRCLE, circle, data.tx, data.rx_state)
+    paths = predict_reflection(CIRCLE, circle, data.tx, data.rx_state)
     radius = np.exp(circle[2])
     by_circle = paths.by_parameter / np.array([1.0, 1.0, radius])
     direct = np.einsum("nai,nab,nbj->ij", by_circle, np.linalg.inv(data.covariance), by_circle)
@@ -69,12 +69,12 @@ def jacobian_error(family: int, parameter: FloatArray, rng: np.random.Generator)
     rx = np.column_stack([true.rx, np.zeros(len(true.rx))])
     away = np.linalg.norm(rx[:, :2] - parameter[:2], axis=1) > 1.5 if family != WALL else rx[:, 1] > -8.0
     tx, rx = tx[away], rx[away]
-    paths = predict(family, parameter, tx, rx)
+    paths = predict_reflection(family, parameter, tx, rx)
     lit = paths.is_lit
     by_parameter = _differences(
-        lambda change: predict(family, parameter + change, tx, rx).measured, len(parameter)
+        lambda change: predict_reflection(family, parameter + change, tx, rx).measured, len(parameter)
     )
-    by_rx = _differences(lambda change: predict(family, parameter, tx, rx + change).measured, 4)
+    by_rx = _differences(lambda change: predict_reflection(family, parameter, tx, rx + change).measured, 4)
     pairs = ((by_parameter, paths.by_parameter), (by_rx, paths.by_rx))
     return max(float(np.abs(found - exact)[lit].max(initial=0.0)) for found, exact in pairs)
 

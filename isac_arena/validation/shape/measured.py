@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from estimation.laws.plane import measurements
+from estimation.laws.plane import measurement_vectors
 from estimation.shape.gp.clustering import to_polar
 from estimation.shape.gp.radial import fit_radial_gp
 from estimation.shape.reflection.bundle import Bundle, BundleObject, fit_bundle
@@ -73,7 +73,7 @@ def measured_pillar(name: str, two_sessions: bool = True) -> Reflections:
 
 def _reflections(campaign: MeasuredCampaign, masks: list[BoolArray], two_sessions: bool) -> Reflections:
     measured = np.concatenate([
-        measurements(one.delay_s, one.aod_azimuth_rad, one.aoa_azimuth_rad)[mask]
+        measurement_vectors(one.delay_s, one.aod_azimuth_rad, one.aoa_azimuth_rad)[mask]
         for one, mask in zip(campaign.channel, masks, strict=True)
     ])  # fmt: skip
     counts, n = [int(mask.sum()) for mask in masks], len(measured)

@@ -15,7 +15,7 @@ from estimation.shape.points.line import fit_line
 from estimation.shape.points.mic import fit_mic
 from isac_arena.scoring.metrics.contours import extent_iou, intersection_over_union
 from isac_arena.validation.measurement import Measurement, at_least, at_most
-from isac_arena.validation.monte_carlo import standard_error, widened
+from isac_arena.validation.monte_carlo import quick_bar, standard_error
 from isac_arena.validation.scenarios import point_clusters
 from scenes.record import FloatArray
 
@@ -176,7 +176,7 @@ class _Rows:
         self._add(f"{key}_most", values, high, -1)
 
     def _add(self, key: str, values: FloatArray, bar: float, sign: int) -> None:
-        allowed = round(widened(bar, -sign * standard_error(values), self.quick), 4)
+        allowed = round(quick_bar(bar, -sign * standard_error(values), self.quick), 4)
         reason = f"{self.n_sets} sets" + (", 3 standard errors allowed" if self.quick else "")
         row, unit = at_least if sign > 0 else at_most, "m" if key.endswith("_m") else "1"
         self.rows.append(row(f"{self.name}.{key}", np.nanmean(values), allowed, reason, unit))

@@ -11,7 +11,7 @@ from estimation.laws.plane import (
     bounce_jacobian_point,
     bounce_jacobian_rx,
     los_jacobian_rx,
-    measurements,
+    measurement_vectors,
     predict_bounce,
     predict_los,
     range_covariance,
@@ -105,7 +105,7 @@ def test_residual_wraps_angles_only():
 
 
 def test_units_of_measurement_and_covariance():
-    measured = measurements(np.array([1e-8]), np.array([0.1]), np.array([0.2]))
+    measured = measurement_vectors(np.array([1e-8]), np.array([0.1]), np.array([0.2]))
     assert measured[0] == pytest.approx([SPEED_OF_LIGHT_M_S * 1e-8, 0.1, 0.2])
     covariance = np.diag([1e-9, 0.01, 0.02]) ** 2
     covariance[0, 1] = covariance[1, 0] = 2e-12

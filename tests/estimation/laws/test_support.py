@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from estimation.laws.contour import EDGE, WALL, predict
+from estimation.laws.contour import EDGE, WALL, predict_reflection
 from estimation.laws.support import (
     CIRCLE,
     ELLIPSE,
@@ -76,7 +76,7 @@ def test_rounded_square_is_close_to_the_exact_one() -> None:
 def test_specular_point_gives_the_shortest_path(name: str, rng: np.random.Generator) -> None:
     family, parameter = CASES[name][0], np.array(CASES[name][1])
     tx, rx = devices(rng, 20)
-    paths = predict(family, parameter, tx, rx)
+    paths = predict_reflection(family, parameter, tx, rx)
     outline = contour_points(family, parameter, np.linspace(0, 2 * np.pi, 20001))
     to_tx = np.linalg.norm(outline[None] - tx[:, None, :2], axis=-1)
     to_rx = np.linalg.norm(outline[None] - rx[:, None, :2], axis=-1)
@@ -87,7 +87,7 @@ def test_specular_point_gives_the_shortest_path(name: str, rng: np.random.Genera
 
 def test_wall_is_the_mirror_image_of_the_tx(rng: np.random.Generator) -> None:
     tx, rx = devices(rng, 10)
-    paths = predict(WALL, np.array([np.pi / 2, -6.0]), tx, rx)
+    paths = predict_reflection(WALL, np.array([np.pi / 2, -6.0]), tx, rx)
     image = np.column_stack([tx[:, 0], -12.0 - tx[:, 1]])
     np.testing.assert_allclose(
         paths.measured[:, 0], np.linalg.norm(image - rx[:, :2], axis=1) + rx[:, 3], atol=1e-12
@@ -101,11 +101,13 @@ def test_wall_is_the_mirror_image_of_the_tx(rng: np.random.Generator) -> None:
 def test_jacobians_against_differences(name: str, rng: np.random.Generator) -> None:
     family, parameter = CASES[name][0], np.array(CASES[name][1])
     tx, rx = devices(rng, 12)
-    paths = predict(family, parameter, tx, rx)
+    paths = predict_reflection(family, parameter, tx, rx)
     np.testing.assert_allclose(
-        difference(lambda v: predict(family, v, tx, rx).measured, parameter), paths.by_parameter, atol=1e-7
+        difference(lambda v: predict_reflection(family, v, tx, rx).measured, parameter),
+        paths.by_parameter,
+        atol=1e-7,
     )
-    by_rx = difference(lambda v: predict(family, parameter, tx, rx + v).measured, np.zeros(4))
+    by_rx = difference(lambda v: predict_reflection(family, parameter, tx, rx + v).measured, np.zeros(4))
     np.testing.assert_allclose(by_rx, paths.by_rx, atol=1e-7)
 
 

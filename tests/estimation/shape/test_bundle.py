@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.stats import chi2
 
-from estimation.laws.contour import predict
+from estimation.laws.contour import predict_reflection
 from estimation.laws.support import CIRCLE
 from estimation.shape.kinds.fit import fit_kind
 from estimation.shape.reflection.bundle import BundleObject, fit_bundle
@@ -55,7 +55,7 @@ def test_bundle_equals_dense_least_squares() -> None:
         parts.append((circles[:, 2] - np.log(config.radius_median_m)) / config.radius_log_std)
         for each, circle in zip(objects, circles, strict=True):
             data = each.paths
-            paths = predict(CIRCLE, circle, data.tx, state[data.stop]).measured + turned
+            paths = predict_reflection(CIRCLE, circle, data.tx, state[data.stop]).measured + turned
             parts.append(whitened(data.measured - paths, data.covariance))
         away = state[:, :2] - TX[:2]
         azimuth = np.arctan2(away[:, 1], away[:, 0])

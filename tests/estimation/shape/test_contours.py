@@ -13,9 +13,9 @@ from estimation.shape.points.cluster import PointCluster
 from estimation.shape.points.methods import POINT_METHODS, choose_points
 from estimation.shape.record import Contours
 from estimation.shape.reflection.bundle import fit_bundle
-from estimation.shape.reflection.fit_all import corrected, object_noise
+from estimation.shape.reflection.fit_all import object_noise, without_offsets
 from estimation.shape.reflection.paths import campaign_paths, in_plane
-from estimation.shape.reflection.rows import resampled
+from estimation.shape.reflection.rows import resample_contour
 from estimation.shape.reflection.tx_sessions import los_sessions
 from estimation.slam.config import PathNoise
 from estimation.slam.record import SolveStatus
@@ -182,7 +182,7 @@ def test_noise_of_an_object_never_falls_below_the_stated():
 def test_corrected_paths_have_no_offset(made, result):
     paths = campaign_paths(made.channel, TX_POSE, made.poses, result.ips, PathNoise(), ContourConfig())
     bundle = fit_bundle([], paths.los, paths.config)
-    data, settings = corrected(paths.los, bundle, paths.config)
+    data, settings = without_offsets(paths.los, bundle, paths.config)
     remaining = data.measured - predict_los(TX_POSE, data.rx_state)
     assert np.abs(remaining[:, 0]).mean() < 0.2
     assert settings.aod_offset_std_deg < paths.config.aod_offset_std_deg
@@ -193,7 +193,7 @@ def test_contours_are_resampled_evenly():
     angle = np.linspace(0, 2 * np.pi, 40, endpoint=False)
     ring = np.column_stack([np.cos(angle), np.sin(angle)])
     circle = fit_circle(PointCluster(ring, np.tile(1e-4 * np.eye(2), (40, 1, 1)), np.zeros(2)))
-    points, std = resampled(circle, 25)
+    points, std = resample_contour(circle, 25)
     assert points.shape == (25, 2)
     assert std.shape == (25,)
     step = np.linalg.norm(np.diff(np.vstack([points, points[:1]]), axis=0), axis=1)

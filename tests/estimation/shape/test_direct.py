@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from estimation.laws.contour import predict
+from estimation.laws.contour import predict_reflection
 from estimation.laws.support import CIRCLE, CLOSED_FAMILY, contour_points
 from estimation.shape.kinds.closed import HARMONIC_STD, fit_closed, harmonic_std
 from estimation.shape.kinds.fit import fit_kind
-from estimation.shape.reflection.posterior import Prior, maximise
+from estimation.shape.reflection.posterior import Prior, maximise_posterior
 from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
 from isac_arena.scoring.metrics.contours import intersection_over_union
 from isac_arena.validation.scenarios.reflections import Errors, closed_paths, draw_circle, lit_pillar, observe
@@ -29,7 +29,9 @@ def data_of(contour: Circle, errors: Errors, seed: int) -> Reflections:
 def exact_data(kind: str, parameter: np.ndarray) -> Reflections:
     """Paths that the model itself predicts, with small stated errors: their noise-free fit must return it."""
     data = data_of(PILLAR, Errors(0.01), 0)
-    return replace(data, measured=predict(CLOSED_FAMILY[kind], parameter, data.tx, data.rx_state).measured)
+    return replace(
+        data, measured=predict_reflection(CLOSED_FAMILY[kind], parameter, data.tx, data.rx_state).measured
+    )
 
 
 @pytest.mark.parametrize(
@@ -99,7 +101,7 @@ def test_evidence_is_the_integral_over_the_parameters() -> None:
     density = []
     for u in np.stack(np.meshgrid(axis, axis, axis), axis=-1).reshape(-1, 3):
         value = found.parameter + root @ u
-        difference = data.measured - predict(CIRCLE, value, data.tx, data.rx_state).measured
+        difference = data.measured - predict_reflection(CIRCLE, value, data.tx, data.rx_state).measured
         difference[:, 1:] = (difference[:, 1:] + np.pi) % (2 * np.pi) - np.pi
         square = np.einsum("na,nab,nb->", difference, weight, difference)
         away = (value[2] - np.log(sure.radius_median_m)) / sure.radius_log_std
@@ -153,4 +155,4 @@ def test_harmonics_carry_the_variance_asked_for() -> None:
 def test_singular_information_is_no_optimum() -> None:
     data = data_of(PILLAR, Errors(0.5), 6)
     broken = Prior(np.full(3, np.nan), np.array([0.0, 0.0, 1.0]), np.ones(3))
-    assert maximise(CIRCLE, np.array([1.0, -5.0, np.nan]), broken, data, SURE) is None
+    assert maximise_posterior(CIRCLE, np.array([1.0, -5.0, np.nan]), broken, data, SURE) is None

@@ -11,7 +11,13 @@ import numpy as np
 
 from estimation.laws.plane import Prediction, bounce_equation, residual
 from estimation.slam.config import TrajectoryConfig
-from estimation.slam.walk.residuals import Association, Observations, PathClass, TrajectoryState, corrected
+from estimation.slam.walk.residuals import (
+    Association,
+    Observations,
+    PathClass,
+    TrajectoryState,
+    without_heading_offsets,
+)
 from scenes.pose import Pose, wrap_angle
 from scenes.record import FloatArray, IntArray
 
@@ -62,7 +68,7 @@ def _bounce_block(
     seen: Observations, link: Association, now: TrajectoryState, config: TrajectoryConfig, path: IntArray
 ) -> Block:
     row = seen.row[path]
-    measured, state, covariance = corrected(seen, now, path), now.state[row], seen.covariance[path]
+    measured, state, covariance = without_heading_offsets(seen, now, path), now.state[row], seen.covariance[path]
     equation = bounce_equation(seen.tx, state[:, 2], measured)
     away = state[:, :2] - seen.tx.position_m[:2]
     along = away[:, 0] * equation.row[:, 1] - away[:, 1] * equation.row[:, 0]
@@ -84,7 +90,7 @@ def _direct_block(
 ) -> Block:
     """Line of sight or paths off landmarks: three residuals each."""
     row, kind, index = seen.row[path], link.kind[path[0]], link.landmark[path]
-    measured, state, covariance = corrected(seen, now, path), now.state[row], seen.covariance[path]
+    measured, state, covariance = without_heading_offsets(seen, now, path), now.state[row], seen.covariance[path]
     offsets, walls = len(now.offset_rad), now.walls
     if kind == PathClass.LOS:
         difference = residual(measured, predict_los(seen.tx, state))

@@ -4,9 +4,9 @@ import numpy as np
 
 from estimation.slam.config import TrajectoryConfig
 from estimation.slam.snapshot.problem import snapshot_problem
-from estimation.slam.walk.association import associate, drop_unused_landmarks, reassign
+from estimation.slam.walk.association import classify_paths, drop_unused_landmarks, reclassify_paths
 from estimation.slam.walk.residuals import Association, PathClass, TrajectoryState
-from estimation.slam.walk.smoother import optimise
+from estimation.slam.walk.smoother import minimise_robust_cost
 from estimation.slam.walk.trajectory import observations
 from isac_arena.validation.scenarios.halls import ScenarioConfig, draw_walk
 from isac_arena.validation.scenarios.stops import observe_stop
@@ -39,10 +39,10 @@ def test_estimated_walls_get_their_own_paths_and_no_others():
     taken = own = foreign = 0
     for seed in range(4):
         seen, now, is_los, landmark = true_walk(seed)
-        link, now, spans = associate(seen, now, is_los, CONFIG)
+        link, now, spans = classify_paths(seen, now, is_los, CONFIG)
         for _ in range(3):
-            now = optimise(seen, link, now, CONFIG)
-            link = reassign(seen, now, is_los, spans, CONFIG)
+            now = minimise_robust_cost(seen, link, now, CONFIG)
+            link = reclassify_paths(seen, now, is_los, spans, CONFIG)
         for wall in range(len(now.walls)):
             members = landmark[(link.kind == PathClass.WALL) & (link.landmark[:, 0] == wall)]
             if not len(members):
@@ -72,7 +72,7 @@ def test_landmarks_without_a_path_are_dropped_and_the_others_renumbered():
 def test_a_walk_without_landmarks_stays_without():
     seen, now, is_los, _ = true_walk(1)
     none = CONFIG.model_copy(update={"use_landmarks": False})
-    link, same, spans = associate(seen, now, is_los, none)
-    kept, again = drop_unused_landmarks(same, reassign(seen, same, is_los, spans, none))
+    link, same, spans = classify_paths(seen, now, is_los, none)
+    kept, again = drop_unused_landmarks(same, reclassify_paths(seen, same, is_los, spans, none))
     assert len(kept.walls) == len(kept.objects) == len(spans) == 0
     np.testing.assert_array_equal(again.kind, link.kind)

@@ -10,7 +10,7 @@ from estimation.laws import plane
 from estimation.laws.contour import predict_circle
 from estimation.laws.wall import predict_walls, wall_places
 from estimation.slam.config import TrajectoryConfig
-from estimation.slam.walk.assignment import assign
+from estimation.slam.walk.assignment import assign_to_landmarks
 from estimation.slam.walk.linearise import linearise
 from estimation.slam.walk.motion import add_motion, course_of, motion_cost
 from estimation.slam.walk.residuals import Association, Observations, PathClass, TrajectoryState
@@ -172,7 +172,7 @@ def test_paths_go_to_the_landmark_of_smallest_distance():
     measured[:, 1] -= now.offset_rad[now.session[seen.row]]
     seen = replace(seen, measured=measured, covariance=np.tile(np.diag([0.3, 0.02, 0.02]) ** 2, (m, 1, 1)))
     link = Association(np.zeros(m, int), np.full((m, 2), -1))
-    found = assign(seen, now, link, np.tile([-50.0, 50.0], (3, 1)), CONFIG)
+    found = assign_to_landmarks(seen, now, link, np.tile([-50.0, 50.0], (3, 1)), CONFIG)
     everything = [(PathClass.WALL, (w, -1)) for w in range(3)] + [(PathClass.OBJECT, (o, -1)) for o in range(2)]
     distance = []
     for kind, index in everything:

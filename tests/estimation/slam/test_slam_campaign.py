@@ -11,7 +11,7 @@ from estimation.slam.snapshot.problem import Fit
 from estimation.slam.snapshot.solve import solve_snapshot
 from estimation.slam.space.snapshot import solve_spatial
 from estimation.slam.stops import locate_and_map, run_slam
-from estimation.slam.walk.filter import advance, run_filter
+from estimation.slam.walk.filter import advance_hypotheses, run_filter
 from estimation.slam.walk.modes import rival_modes
 from isac_arena.validation.scenarios.halls import ScenarioConfig
 from isac_arena.validation.scenarios.stops import draw_stop, draw_trajectory
@@ -119,8 +119,8 @@ def test_the_filter_predicts_stops_without_a_mode():
     config = TrajectoryConfig()
     hypotheses = []
     for x in (0.0, 0.5, 1.0, 1.5):
-        hypotheses = advance(hypotheses, [mode(x, -20.0)], config)
-    best = advance(hypotheses, [], config)[0]
+        hypotheses = advance_hypotheses(hypotheses, [mode(x, -20.0)], config)
+    best = advance_hypotheses(hypotheses, [], config)[0]
     assert best.mode is None
     assert best.mean[0] == pytest.approx(2.0, abs=0.1)
     walk = draw_trajectory(np.random.default_rng(4), ScenarioConfig(n_paths=9), 8)

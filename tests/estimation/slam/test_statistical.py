@@ -14,7 +14,7 @@ from estimation.laws.plane import predict_bounce, predict_los
 from estimation.slam.config import Mixture, PathLoss, PathNoise, SnapshotConfig
 from estimation.slam.record import SolveStatus
 from estimation.slam.snapshot.evidence import log_clutter, log_evidence, power_law, prior_of
-from estimation.slam.snapshot.hypotheses import distinct, four_bounce_states, line_of_sight_states
+from estimation.slam.snapshot.hypotheses import distinct_states, four_bounce_states, line_of_sight_states
 from estimation.slam.snapshot.likelihood import log_likelihood, refine_states
 from estimation.slam.snapshot.path_table import line_of_sight, path_model, path_table
 from estimation.slam.snapshot.problem import snapshot_problem
@@ -117,10 +117,10 @@ def test_distinct_states_are_the_best_of_their_neighbourhoods():
         [[0.0, 0, 3.14, 0], [0.1, 0, -3.14, 0], [0, 0, 2.9, 0], [5, 0, 0, 0], [6, 0, 0, 0], [7, 0, 0, 0]]
     )
     score = np.array([1.0, 2.0, 0.5, 9.0, np.nan, -30.0])
-    assert_array_equal(distinct(states, score, 9, np.inf), [3, 1, 2, 5])
-    assert_array_equal(distinct(states, score, 9, 10.0), [3, 1, 2])
-    assert_array_equal(distinct(states, score, 2, np.inf), [3, 1])
-    assert len(distinct(states[:0], score[:0], 3, np.inf)) == 0
+    assert_array_equal(distinct_states(states, score, 9, np.inf), [3, 1, 2, 5])
+    assert_array_equal(distinct_states(states, score, 9, 10.0), [3, 1, 2])
+    assert_array_equal(distinct_states(states, score, 2, np.inf), [3, 1])
+    assert len(distinct_states(states[:0], score[:0], 3, np.inf)) == 0
 
 
 def test_a_bounce_that_comes_first_does_not_hide_the_line_of_sight():

@@ -12,7 +12,7 @@ from scenes.pose import Pose
 
 
 def test_bounds_over_the_plan_are_those_of_the_paths_there():
-    prepared = bound_map.prepare("box_room")
+    prepared = bound_map.bound_inputs("box_room")
     bound = bound_map.over_plan(prepared, bound_map.plan_grid(prepared, 0.7))
     assert bound.peb_m.shape == (len(bound.y_m), len(bound.x_m)) == bound.has_los.shape
     finite = np.argwhere(np.isfinite(bound.peb_m))
@@ -26,12 +26,12 @@ def test_bounds_over_the_plan_are_those_of_the_paths_there():
 
 
 def test_the_table_along_the_walk_has_both_bounds():
-    table = bound_map.along_walk(bound_map.prepare("box_room"))
+    table = bound_map.along_walk(bound_map.bound_inputs("box_room"))
     assert table.row_count == 4 and len(table.columns) == 4
 
 
 def test_faces_are_shared_by_the_stops_that_see_them_and_pillars_are_not():
-    prepared = bound_map.prepare("box_room")
+    prepared = bound_map.bound_inputs("box_room")
     positions = prepared.scene.walk.positions_m()
     states = np.column_stack([positions[:, :2], np.zeros((len(positions), 2))])
     stops = [bound_map.stop_paths(prepared, paths) for paths in prepared.solver.paths(positions)]
@@ -45,7 +45,7 @@ def test_faces_are_shared_by_the_stops_that_see_them_and_pillars_are_not():
 
 
 def test_channel_bounds_over_the_plan_are_those_of_the_strongest_path_there():
-    prepared = bound_map.prepare("box_room")
+    prepared = bound_map.bound_inputs("box_room")
     model, grid = channel_bound.channel_model(prepared), bound_map.plan_grid(prepared, 1.1)
     bound = channel_bound.over_plan(model, grid)
     assert model.is_coherent and bound.delay_std_s.shape == bound.has_los.shape
@@ -72,19 +72,19 @@ def test_channel_bounds_over_the_plan_are_those_of_the_strongest_path_there():
 
 
 def test_the_channel_table_has_both_kinds_of_paths_and_of_phases():
-    table = channel_bound.along_walk(channel_bound.channel_model(bound_map.prepare("box_room")))
+    table = channel_bound.along_walk(channel_bound.channel_model(bound_map.bound_inputs("box_room")))
     delay = [float(list(column.cells)[1]) for column in table.columns[1:5]]
     assert table.row_count == 5 and delay[0] < delay[2]
     assert delay[1] >= delay[0] and delay[3] >= delay[2]
 
 
 def test_hardware_without_phase_is_bounded_as_such():
-    prepared = bound_map.prepare("campus_arena_hardware")
+    prepared = bound_map.bound_inputs("campus_arena_hardware")
     assert not channel_bound.channel_model(prepared).is_coherent
 
 
 def test_weak_paths_are_left_out():
-    prepared = bound_map.prepare("box_room")
+    prepared = bound_map.bound_inputs("box_room")
     model, pose = channel_bound.channel_model(prepared), prepared.scene.walk.poses()[0]
     (paths,) = prepared.solver.paths(pose.position_m)
     kept, bounds = channel_bound.stop_bounds(model, paths, pose, coherent=True)

@@ -43,8 +43,8 @@ def test_a_campaign_with_elevations_has_heights_from_sweep_to_map(tmp_path: Path
 
 
 def test_bounds_of_a_campaign_with_elevations_are_those_in_space() -> None:
-    prepared = bound_map.prepare("box_room_heights")
-    assert prepared.in_space and not bound_map.prepare("box_room").in_space
+    prepared = bound_map.bound_inputs("box_room_heights")
+    assert prepared.in_space and not bound_map.bound_inputs("box_room").in_space
     table = bound_map.along_walk(prepared)
     assert "height error bound" in list(table.columns[0].cells)
     place = np.array([4.0, 2.0, RX_HEIGHT_M])

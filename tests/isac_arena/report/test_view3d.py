@@ -20,7 +20,7 @@ from isac_arena.report.view.traces import (
     contour_traces,
     coordinates,
     frame_axes,
-    joined,
+    join_lines,
     ray_traces,
 )
 from scenes.config import load_scene
@@ -106,7 +106,7 @@ def test_contours_stand_upright_with_their_bands(campaign):
 
 
 def test_nothing_to_draw_is_no_line():
-    assert coordinates(joined([])) == {"x": [], "y": [], "z": []}
+    assert coordinates(join_lines([])) == {"x": [], "y": [], "z": []}
 
 
 def test_the_page_stands_by_itself(page, campaign):

@@ -5,7 +5,12 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.stats import norm
 
-from isac_arena.scoring.metrics.consistency import gaussian_crps, normalised_nees, region_coverage, share
+from isac_arena.scoring.metrics.consistency import (
+    gaussian_crps,
+    normalised_nees,
+    region_coverage,
+    share_with_interval,
+)
 
 COVARIANCE = np.array([[4e-18, 1e-10], [1e-10, 9e-2]])
 
@@ -27,11 +32,11 @@ def test_consistent_errors_are_found_consistent_and_others_not():
 
 def test_nothing_to_judge_is_not_a_number():
     nothing = normalised_nees(np.zeros((0, 2)), np.zeros((0, 2, 2)))
-    assert np.isnan([nothing.value, nothing.low, nothing.high, share(np.zeros(0, bool)).value]).all()
+    assert np.isnan([nothing.value, nothing.low, nothing.high, share_with_interval(np.zeros(0, bool)).value]).all()
 
 
 def test_share_has_the_wilson_interval():
-    found = share(np.arange(20) < 18)
+    found = share_with_interval(np.arange(20) < 18)
     z, p, n = norm.ppf(0.975), 0.9, 20
     middle = (p + z**2 / (2 * n)) / (1 + z**2 / n)
     half = z / (1 + z**2 / n) * np.sqrt(p * (1 - p) / n + z**2 / (4 * n**2))

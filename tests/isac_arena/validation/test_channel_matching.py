@@ -15,7 +15,7 @@ from isac_arena.validation.channel.matching import (
     match_stop,
     rate_row,
 )
-from isac_arena.validation.monte_carlo import widened
+from isac_arena.validation.monte_carlo import quick_bar
 from isac_arena.validation.scenarios.link_bench import ChannelStop, DrawnPaths, TrueBounds, make_bench, nearest
 
 
@@ -120,7 +120,7 @@ def test_nothing_found_meets_no_bar():
 
 
 def test_quick_bars_allow_three_standard_errors_and_full_ones_none():
-    assert widened(1.0, 0.1, True) == pytest.approx(1.3) and widened(1.0, 0.1, False) == 1.0
+    assert quick_bar(1.0, 0.1, True) == pytest.approx(1.3) and quick_bar(1.0, 0.1, False) == 1.0
     hits = np.arange(100) < 97
     assert rate_row("x", hits, 0.99, "", True).met and not rate_row("x", hits, 0.99, "", False).met
     n_false = np.array([2] + [0] * 19)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from estimation.laws.plane import measurements, predict_bounce, predict_los, residual
+from estimation.laws.plane import measurement_vectors, predict_bounce, predict_los, residual
 from estimation.slam.snapshot.problem import snapshot_problem
 from estimation.slam.snapshot.reference import solve_reference
 from isac_arena.validation.benches import slam as bench_slam
@@ -19,7 +19,7 @@ EXACT = ScenarioConfig(outlier_share=0.4, is_noisy=False)
 
 def measured(scenario):
     e = scenario.estimate
-    return measurements(e.delay_s, e.aod_azimuth_rad, e.aoa_azimuth_rad)
+    return measurement_vectors(e.delay_s, e.aod_azimuth_rad, e.aoa_azimuth_rad)
 
 
 def test_single_bounces_and_line_of_sight_are_exact_and_outliers_are_as_many_as_asked():

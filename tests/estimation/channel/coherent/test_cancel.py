@@ -3,8 +3,8 @@
 import numpy as np
 
 from estimation.channel.coherent.cancel import cancelling_coherence, without_cancelling_paths
-from estimation.channel.coherent.prune import pruned
-from estimation.channel.coherent.refine import Reference, refine, solve_at
+from estimation.channel.coherent.prune import prune_paths
+from estimation.channel.coherent.refine import Reference, refine_paths, solve_at
 from estimation.channel.model.compress import CompressedSweep
 from estimation.channel.model.path_model import PathParameters
 from tests.estimation.channel.plain_sweeps import compressed, plain_link, plain_paths, plain_sweep
@@ -44,7 +44,7 @@ def test_cancelling_paths_at_one_path_become_one_significant_path() -> None:
     reference = Reference(sweep, truth.take(slice(0)))
     found = without_cancelling_paths(reference, solve_at(reference, _cancelling_pair(sweep, truth)), 30)
     assert not cancelling_coherence(found).any()
-    found = pruned(reference, found, lambda delay_bins: np.full(len(delay_bins), 24.0), 30)
+    found = prune_paths(reference, found, lambda delay_bins: np.full(len(delay_bins), 24.0), 30)
     assert len(found.paths) == 1
     assert np.isclose(found.paths.delay_bins[0], truth.delay_bins[0], atol=0.05)
 
@@ -53,5 +53,5 @@ def test_true_pairs_are_kept_at_any_phases() -> None:
     for phase in np.linspace(0, 2 * np.pi, 8, endpoint=False):
         sweep, truth = _two(0.5, phase)
         reference = Reference(sweep, truth.take(slice(0)))
-        fitted = refine(reference, truth, 30)
+        fitted = refine_paths(reference, truth, 30)
         assert without_cancelling_paths(reference, fitted, 30) is fitted

@@ -5,8 +5,8 @@ import pytest
 from scipy.stats import chi2
 
 from estimation.channel.coherent.elevated import merge_elevated_images
-from estimation.channel.coherent.paths import fit_coherent, prepare
-from estimation.channel.coherent.refine import Reference, refine
+from estimation.channel.coherent.paths import compress_stop, fit_coherent
+from estimation.channel.coherent.refine import Reference, refine_paths
 from estimation.channel.fit import PathFit
 from estimation.channel.model.apparent import apparent_angles, cone_angles
 from estimation.channel.model.manifold import Manifold
@@ -57,7 +57,7 @@ def test_one_path_above_the_horizon_is_one(snr_db: float) -> None:
 
 
 def test_a_model_of_the_horizon_alone_needs_two() -> None:
-    stop = prepare(
+    stop = compress_stop(
         _one_above(np.random.default_rng(1)), None, *map(Manifold, (LINK.tx_codebook, LINK.rx_codebook))
     )
     assert not isinstance(stop, PathFit)
@@ -67,8 +67,11 @@ def test_a_model_of_the_horizon_alone_needs_two() -> None:
         bins * np.array([200.0, 200.0, 400.0]), np.deg2rad([[20.0], [20.0], [-10.0]]), aoa, np.ones(3, complex)
     )
     reference = Reference(stop.compressed, start.take(slice(0)))
-    level = refine(reference, start, 30)
-    assert level.explained - refine(reference, start.take(np.array([0, 2])), 30).explained > 10 * stop.window.level
+    level = refine_paths(reference, start, 30)
+    assert (
+        level.explained - refine_paths(reference, start.take(np.array([0, 2])), 30).explained
+        > 10 * stop.window.level
+    )
     one = merge_elevated_images(reference, level, stop.window.level_at, 30)
     assert len(one.paths) == 2
     assert np.isclose(abs(np.rad2deg(one.paths.aoa_rad[:, 1]).max()), ELEVATION_DEG, atol=2.0)

@@ -3,8 +3,13 @@
 import numpy as np
 from scipy.stats import chi2
 
-from estimation.channel.coherent.misfit import UNRESOLVED_CELLS, misfit_factor, quadrature_statistic, widened
-from estimation.channel.coherent.refine import Reference, Solution, covariances, refine
+from estimation.channel.coherent.misfit import (
+    UNRESOLVED_CELLS,
+    misfit_factor,
+    quadrature_statistic,
+    widen_covariances,
+)
+from estimation.channel.coherent.refine import Reference, Solution, marginal_covariances, refine_paths
 from estimation.channel.model.manifold import CELL
 from estimation.channel.model.path_model import PathParameters
 from tests.estimation.channel.plain_sweeps import compressed, places, plain_link, plain_paths, plain_sweep
@@ -25,7 +30,7 @@ def _fit_one(rng: np.random.Generator, neighbour_db: float | None) -> tuple[Refe
     start = PathParameters(
         paths.delay_s[:1] / sweep.bin_s, paths.aod_rad[:1], paths.aoa_rad[:1], paths.amplitude[:1]
     )
-    solution = refine(Reference(sweep, start.take(slice(0))), start, 30)
+    solution = refine_paths(Reference(sweep, start.take(slice(0))), start, 30)
     found = solution.paths
     error = np.concatenate([found.delay_bins * sweep.bin_s, found.aod_rad[0], found.aoa_rad[0]]) - places(paths)[0]
     error[0] /= sweep.bin_s
@@ -47,7 +52,7 @@ def test_an_unresolved_neighbour_has_a_misfit_as_large_as_its_shift() -> None:
     plain, shown = [], []
     for _ in range(N_TRIALS):
         reference, fit, error = _fit_one(rng, -10.0)
-        covariance = covariances(fit, reference.sweep.n_subcarriers)[0]
+        covariance = marginal_covariances(fit, reference.sweep.n_subcarriers)[0]
         plain.append(error @ np.linalg.solve(covariance, error))
         shown.append(quadrature_statistic(reference, fit)[0][0])
     assert np.mean(plain) > 30
@@ -61,14 +66,14 @@ def test_the_misfit_widens_by_its_factor_up_to_the_error_of_a_neighbour() -> Non
     half = UNRESOLVED_CELLS / 2 * CELL / rate
     shape = (root @ np.swapaxes(root, 1, 2) + np.eye(3)) * half[:, :, None] * half[:, None]
     small, factor = 1e-9 * shape, np.array([1.0, 3.0, 30.0, 1e3, 1e15])
-    wide = widened(small, factor, rate)
+    wide = widen_covariances(small, factor, rate)
     np.testing.assert_array_equal(wide[0], small[0])
     np.testing.assert_allclose(wide[1:4], small[1:4] * factor[1:4, None, None], rtol=1e-4)
     np.testing.assert_allclose(wide[4], np.diag(half[4] ** 2), atol=1e-4 * np.outer(half[4], half[4]).max())
     own = 100 * shape[:1]
-    np.testing.assert_allclose(widened(own, np.ones(1), rate[:1]), own)  # noise may be wider than a cell
+    np.testing.assert_allclose(widen_covariances(own, np.ones(1), rate[:1]), own)  # noise may be wider than a cell
 
 
 def test_an_unobservable_parameter_is_widened_by_its_full_factor() -> None:
-    wide = widened(np.eye(3)[None], np.array([4.0]), np.array([[1e9, 1e9, 0.0]]))
+    wide = widen_covariances(np.eye(3)[None], np.array([4.0]), np.array([[1e9, 1e9, 0.0]]))
     np.testing.assert_allclose(np.diagonal(wide[0]), [1.0, 1.0, 4.0], rtol=1e-6)

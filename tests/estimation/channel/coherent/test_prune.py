@@ -3,7 +3,7 @@
 import numpy as np
 
 from estimation.channel.coherent.prune import redundant_paths
-from estimation.channel.coherent.refine import Reference, paths_near, refine, refine_near, solve_at
+from estimation.channel.coherent.refine import Reference, paths_near, refine_near, refine_paths, solve_at
 from estimation.channel.model.path_model import PathParameters
 from tests.estimation.channel.plain_sweeps import compressed, plain_link, plain_paths, plain_sweep
 
@@ -31,8 +31,8 @@ def test_of_two_for_one_path_one_is_redundant() -> None:
 def test_loss_of_a_redundant_path_is_the_increase_of_the_residual() -> None:
     """A weak path alone in its place: the linear model is exact, its power is what is lost."""
     reference, truth = _fitted([100.0, 400.0, 900.0], 20.0)
-    solution = refine(reference, truth, 30)
-    without = refine(reference, truth.take(np.array([True, False, True])), 30)
+    solution = refine_paths(reference, truth, 30)
+    without = refine_paths(reference, truth.take(np.array([True, False, True])), 30)
     loss = solution.explained - without.explained
     for share, expected in ((0.99, False), (1.01, True)):
         level = np.array([0.0, share * loss, 0.0])
@@ -44,7 +44,7 @@ def test_refining_near_paths_equals_refining_all_if_the_others_are_far() -> None
     start = truth.moved(np.where(np.arange(30)[:, None] == 7, [0.2, 0.02, 0.02], 0.0))
     about = start.take(slice(7, 8))
     assert list(np.flatnonzero(paths_near(reference.sweep, start, about))) == [7]
-    local, whole = refine_near(reference, start, about, 30), refine(reference, start, 30)
+    local, whole = refine_near(reference, start, about, 30), refine_paths(reference, start, 30)
     assert np.allclose(local.paths.delay_bins[7], whole.paths.delay_bins[7], atol=0.03)
     assert np.allclose(local.paths.aod_rad[7], whole.paths.aod_rad[7], atol=3e-3)
     assert np.array_equal(local.paths.delay_bins[:7], start.delay_bins[:7])

@@ -12,11 +12,11 @@ from estimation.channel.incoherent.grid_kernels import candidate_ratios, cell_am
 from estimation.channel.incoherent.kernels import log_bessel
 from estimation.channel.incoherent.likelihood import (
     LinkBeams,
-    coupled,
+    correlated_paths,
     likelihood_without,
     local_samples,
+    log_likelihood_gradient,
     maximise_likelihood,
-    score,
 )
 from estimation.channel.incoherent.second_path import _known, _probes, _score
 from estimation.channel.incoherent.spectrum import delay_spectrum, delay_waves
@@ -81,18 +81,21 @@ def test_the_likelihood_is_that_of_the_uncompressed_samples(stop):
     for shift in (0.0, 0.05):
         paths = PATHS + shift
         expected = oracle(sweep, spectrum, ends, paths)
-        assert score(local, ends, paths).value == pytest.approx(expected, rel=2e-5)
+        assert log_likelihood_gradient(local, ends, paths).value == pytest.approx(expected, rel=2e-5)
 
 
 def test_the_score_is_the_slope_of_the_likelihood(stop):
     _, _, ends, local = stop
-    at = score(local, ends, PATHS)
+    at = log_likelihood_gradient(local, ends, PATHS)
     step = 1e-4
     for index in range(PATHS.size):
         shift = np.zeros(PATHS.size)
         shift[index] = step
         move = shift.reshape(PATHS.shape)
-        slope = (score(local, ends, PATHS + move).value - score(local, ends, PATHS - move).value) / (2 * step)
+        slope = (
+            log_likelihood_gradient(local, ends, PATHS + move).value
+            - log_likelihood_gradient(local, ends, PATHS - move).value
+        ) / (2 * step)
         assert at.gradient[index] == pytest.approx(slope, rel=2e-3, abs=0.05)
 
 
@@ -106,7 +109,7 @@ def test_the_information_is_that_of_the_bound(stop):
     scale = np.tile([spectrum.bin_s, 1, 1, 1, 1], len(PATHS))
     bound = bound.reshape(15, 15) * np.outer(scale, scale)
     root = np.sqrt(np.diagonal(bound))
-    found = score(local, ends, PATHS, faint=0.0).information
+    found = log_likelihood_gradient(local, ends, PATHS, faint=0.0).information
     assert np.abs((found - bound) / np.outer(root, root)).max() < 2e-3
 
 
@@ -115,7 +118,7 @@ def test_the_maximum_has_zero_score_and_exceeds_the_truth(stop):
     start = PATHS + np.array([0.2, 0.02, -0.02, 0.1, 0.2])
     _, at, is_top = maximise_likelihood(local, ends, start)
     assert is_top
-    assert at.value > score(local, ends, PATHS).value
+    assert at.value > log_likelihood_gradient(local, ends, PATHS).value
     root = np.sqrt(np.diagonal(at.information))
     assert np.abs(at.gradient / root).max() < 0.1
 
@@ -129,7 +132,7 @@ def test_score_of_a_probe_is_that_of_a_faint_path(stop):
         faint = probe.copy()
         amplitude = 1e-3 / np.sqrt(np.trace(own[i]))
         faint[-2] = np.log(amplitude)
-        whole = score(local, ends, np.vstack([paths, faint]), faint=0.0)
+        whole = log_likelihood_gradient(local, ends, np.vstack([paths, faint]), faint=0.0)
         n = paths.size
         assert pull[i] == pytest.approx(whole.gradient[n + 3 :] / amplitude, rel=0.01, abs=0.02 / amplitude * 1e-3)
         information = whole.information[n + 3 :, n + 3 :] / amplitude**2
@@ -186,8 +189,8 @@ def test_cell_amplitudes_and_column_maxima():
 
 def test_fixed_paths_count_like_fitted_ones(stop):
     _, _, ends, local = stop
-    whole = score(local, ends, PATHS)
-    beside = score(local.with_fixed(ends, PATHS[1:]), ends, PATHS[:1])
+    whole = log_likelihood_gradient(local, ends, PATHS)
+    beside = log_likelihood_gradient(local.with_fixed(ends, PATHS[1:]), ends, PATHS[:1])
     assert beside.value == pytest.approx(whole.value, rel=1e-9)
     assert beside.pair_snr == pytest.approx(whole.pair_snr, rel=1e-9)
     assert beside.gradient == pytest.approx(whole.gradient[:5], rel=1e-6, abs=1e-6 * np.abs(whole.gradient).max())
@@ -198,7 +201,7 @@ def test_the_likelihood_without_a_path_is_that_of_the_others(stop):
     _, _, ends, local = stop
     chosen = np.array([2, 0])
     found = likelihood_without(local, ends, PATHS, chosen)
-    expected = [score(local, ends, np.delete(PATHS, path, axis=0)).value for path in chosen]
+    expected = [log_likelihood_gradient(local, ends, np.delete(PATHS, path, axis=0)).value for path in chosen]
     assert found == pytest.approx(expected, rel=1e-6)
     alone = likelihood_without(local, ends, PATHS[:1], np.array([0]))
     assert alone == pytest.approx([0.0], abs=1e-6)
@@ -206,9 +209,9 @@ def test_the_likelihood_without_a_path_is_that_of_the_others(stop):
 
 def test_paths_far_apart_are_not_coupled(stop):
     _, _, ends, local = stop
-    at = score(local, ends, PATHS)
-    assert coupled(at, 3, 0, 0.1).tolist() == [False, True, False]
-    assert coupled(at, 3, 2, 0.1).tolist() == [False, False, False]
+    at = log_likelihood_gradient(local, ends, PATHS)
+    assert correlated_paths(at, 3, 0, 0.1).tolist() == [False, True, False]
+    assert correlated_paths(at, 3, 2, 0.1).tolist() == [False, False, False]
 
 
 def test_candidates_have_their_likelihood_ratio():

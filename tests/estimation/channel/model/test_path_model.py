@@ -5,13 +5,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from estimation.channel.coherent.refine import Reference, covariances, refine, solve_at
+from estimation.channel.coherent.refine import Reference, marginal_covariances, refine_paths, solve_at
 from estimation.channel.model.compress import CompressedSweep, beam_span, compress
 from estimation.channel.model.kernels import dirichlet
 from estimation.channel.model.manifold import Manifold
 from estimation.channel.model.path_model import (
     PathParameters,
-    gram,
+    gram_matrix,
     products_with,
     residual,
     response_energies,
@@ -91,7 +91,7 @@ def test_inner_products_are_those_of_dense_arrays(swept: CompressedSweep) -> Non
     assert np.abs((products_with(swept.parts, at) - products) / norm).max() < 1e-6
     full = np.einsum("pas,qbs->paqb", dense.conj(), dense)
     norm = np.linalg.norm(dense, axis=2)
-    assert np.abs((gram(at, at) - full) / norm[:, :, None, None] / norm).max() < 1e-6
+    assert np.abs((gram_matrix(at, at) - full) / norm[:, :, None, None] / norm).max() < 1e-6
     assert np.allclose(response_energies(at), np.einsum("papa->pa", full)[:, 0].real)
 
 
@@ -123,7 +123,7 @@ def test_normal_equations_are_those_of_least_squares(swept: CompressedSweep) -> 
 def test_refinement_ends_where_the_slope_vanishes(swept: CompressedSweep) -> None:
     reference = Reference(swept, _guess(swept))
     start = solve_at(reference, reference.paths)
-    best = refine(reference, reference.paths, 30)
+    best = refine_paths(reference, reference.paths, 30)
     assert best.explained > start.explained
     std = np.sqrt(np.einsum("papa->pa", best.information))
     assert np.abs(best.slope / std).max() < 0.05
@@ -132,7 +132,7 @@ def test_refinement_ends_where_the_slope_vanishes(swept: CompressedSweep) -> Non
 def test_reference_does_not_change_the_solution(swept: CompressedSweep) -> None:
     """Only the residual of reference paths is in single precision: far or near ones give the same likelihood."""
     paths = _guess(swept)
-    near = Reference(swept, refine(Reference(swept, paths), paths, 30).paths)
+    near = Reference(swept, refine_paths(Reference(swept, paths), paths, 30).paths)
     far = Reference(swept, paths.take(slice(0, 0)))
     one, other = solve_at(near, paths), solve_at(far, paths)
     assert np.isclose(one.explained, other.explained, rtol=1e-6)
@@ -145,6 +145,6 @@ def test_covariance_is_the_inverse_information_of_the_parameters(swept: Compress
     full = np.linalg.inv(2 * solution.flat_information)
     n = solution.slope.shape[1]
     block = full.reshape(2, n, 2, n)[0, 2:, 0, 2:]
-    found = covariances(solution, swept.n_subcarriers)[0]
+    found = marginal_covariances(solution, swept.n_subcarriers)[0]
     scale = np.sqrt(np.diagonal(block))
     assert np.allclose(found / scale[:, None] / scale, block / scale[:, None] / scale, atol=1e-2)

@@ -3,7 +3,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from isac_arena.insight.budget.attribution import attribute, root
+from isac_arena.insight.budget.attribution import attribute, signed_root
 from isac_arena.insight.budget.stages import STAGE_GROUPS, Stage, coalitions, label, orders
 
 FREE = (("a", "b", "c"),)
@@ -141,7 +141,7 @@ def test_units_must_agree():
 
 
 def test_roots_keep_the_sign():
-    np.testing.assert_allclose(root(np.array([4.0, -9.0, 0.0])), [2, -3, 0])
+    np.testing.assert_allclose(signed_root(np.array([4.0, -9.0, 0.0])), [2, -3, 0])
 
 
 def test_orders_keep_causes_before_effects():

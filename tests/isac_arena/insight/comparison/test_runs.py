@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimation.shape.reflection.rows import no_contours
-from isac_arena.insight.comparison.runs import compare_runs, pair
+from isac_arena.insight.comparison.runs import compare_runs, pair_values
 from isac_arena.report.figures.comparison import compare_figure
 from isac_arena.report.style import png_bytes
 from isac_arena.scoring.config import Significance
@@ -90,7 +90,7 @@ def test_other_true_paths_are_not_paired(score):
 
 
 def test_items_are_paired_by_what_they_are():
-    found = pair("key", "m", "lower", {(0, 1): 1.0, (0, 2): 2.0, (3, 1): 3.0}, {(3, 1): 30.0, (0, 4): 40.0})
+    found = pair_values("key", "m", "lower", {(0, 1): 1.0, (0, 2): 2.0, (3, 1): 3.0}, {(3, 1): 30.0, (0, 4): 40.0})
     np.testing.assert_array_equal(found.first, [1, 2, 3, np.nan])
     np.testing.assert_array_equal(found.second, [np.nan, np.nan, 30, 40])
     assert found.group.tolist() == [0, 0, 1, 0]
