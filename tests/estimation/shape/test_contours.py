@@ -22,7 +22,8 @@ from estimation.slam.record import SolveStatus
 from isac_arena.campaign.chain import make_map
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.files import read_record, write_record
-from isac_arena.validation.shape.campaign import DELAY_OFFSET_NS, DEPARTURE_OFFSET_DEG, TX, make_arena, score
+from isac_arena.validation.scenarios.reflections import TX
+from isac_arena.validation.shape.campaign import DELAY_OFFSET_NS, DEPARTURE_OFFSET_DEG, make_arena, score
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
 
 TX_POSE = Pose(np.array([*TX[:2], 0.0]), float(TX[2]))
