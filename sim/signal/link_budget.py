@@ -7,8 +7,7 @@ Three effects limit the weakest path next to a line of sight:
   scale is set once, for the strongest signal of the campaign, and the converter noise is the same at every stop,
   with or without a line of sight.
 - Side lobes of strong paths, which appear as crosses in a beam power map. They follow these paths; delay
-resolution
-  or a taper reduces them.
+  resolution or a taper reduces them.
 
 A beam power map has no coherent gain against the first two effects: they limit the weakest path that it shows. In
 the real hall the weakest reported paths are at -52 dBm at every stop, with and without a line of sight. This is a

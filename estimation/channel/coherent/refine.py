@@ -145,7 +145,7 @@ def refine_paths(reference: Reference, paths: PathParameters, max_steps: int, en
 def refine_near(
     reference: Reference, paths: PathParameters, about: PathParameters, max_steps: int, enough: float = np.inf
 ) -> Solution:
-    """As `refine_paths`, for the paths near `about`, the places of a change; the others change only their amplitudes.
+    """As `refine_paths`, for the paths near `about`, the places of a change; the others change amplitudes only.
 
     Paths that share no resolution cell have little coupling. A few paths are all refined: it takes no longer.
     """
