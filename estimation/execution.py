@@ -9,6 +9,7 @@ import numba
 import numpy as np
 from threadpoolctl import ThreadpoolController
 
+from estimation.kernel_cache import named_by_imports
 from scenes.record import FloatArray
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -16,7 +17,14 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 def compiled(function: F) -> F:
     """Compile the function at its first call (IEEE arithmetic, one thread) and cache it on disk."""
-    return cast(F, numba.njit(cache=True, error_model="numpy")(function))
+    with named_by_imports():
+        return cast(F, numba.njit(cache=True, error_model="numpy")(function))
+
+
+def compiled_fast(function: F) -> F:
+    """The same where sums may be taken in another order, and with no infinities or NaNs in them."""
+    with named_by_imports():
+        return cast(F, numba.njit(cache=True, error_model="numpy", fastmath=True)(function))
 
 
 def over_rows(

@@ -12,14 +12,13 @@ import numpy as np
 
 from estimation.execution import compiled, over_rows
 from estimation.laws.plane import Prediction, bisector, bounce_path, tx_row, unit, wrapped
-from estimation.laws.support import CIRCLE, support_terms
+from estimation.laws.support import CIRCLE_BY_RADIUS, support_terms
 from estimation.laws.wall import wall_path
 from scenes.pose import Pose
 from scenes.record import BoolArray, FloatArray
 
-EDGE, WALL = 4, 5
+EDGE, WALL = 5, 6  # after the closed families
 _MAX_ROUNDS = 60
-_MIN_RADIUS_M = 1e-3  # a circle of a smaller or negative radius gets this one
 
 
 @dataclass(frozen=True)
@@ -61,33 +60,14 @@ def predict_circle(tx: Pose | FloatArray, state: FloatArray, circle: FloatArray)
 
 
 @compiled
-def circle_path(
-    tx: FloatArray,
-    state: FloatArray,
-    circle: FloatArray,
-    value: FloatArray,
-    by_state: FloatArray,
-    by_circle: FloatArray,
-    point: FloatArray,
-) -> None:
-    """Path off the lit side of a circle: measurement (3,), derivatives (3, 4) and (3, 3), IP (2,)."""
-    radius = max(circle[2], _MIN_RADIUS_M)
-    parameter = np.empty(3)
-    parameter[0], parameter[1], parameter[2] = circle[0], circle[1], np.log(radius)
-    work = np.zeros(3), np.zeros((2, 3)), np.empty((3, 2))
-    closed_path(CIRCLE, parameter, tx, state, value, by_state, by_circle, point, work)
-    for a in range(3):
-        by_circle[a, 2] /= radius
-
-
-@compiled
 def _circle_paths(
     tx: FloatArray, state: FloatArray, circle: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     n, point = len(state), np.empty(2)
     value, by_state, by_circle = np.empty((n, 3)), np.empty((n, 3, 4)), np.empty((n, 3, 3))
+    work = np.zeros(3), np.zeros((2, 3)), np.empty((3, 2))
     for i in range(n):
-        circle_path(tx[i], state[i], circle[i], value[i], by_state[i], by_circle[i], point)
+        closed_path(CIRCLE_BY_RADIUS, circle[i], tx[i], state[i], value[i], by_state[i], by_circle[i], point, work)
         value[i, 1], value[i, 2] = wrapped(value[i, 1]), wrapped(value[i, 2])
     return value, by_state, by_circle
 

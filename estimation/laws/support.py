@@ -3,7 +3,7 @@
 A contour about a centre c is x(psi) = c + h n + h' e with n = (cos psi, sin psi) and e = (-sin psi, cos psi);
 its radius of curvature is h + h''. Parameters are [x, y, log R, shape ...] in m, with h = R f(psi; shape):
 
-- circle: f = 1;
+- circle: f = 1; by its radius, [x, y, R] with R of any sign, where an estimate may pass through zero;
 - ellipse: f^2 = cosh|w| + sinh|w| cos(2 psi - azimuth of w), shape w (2,). R is the geometric mean of the half
   axes, |w| the logarithm of their ratio, and the azimuth of w twice that of the long axis. A circle is not
   singular;
@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from estimation.execution import compiled
 from scenes.record import FloatArray
 
-CIRCLE, ELLIPSE, ROUNDED_SQUARE, HARMONICS = range(4)
+CIRCLE, ELLIPSE, ROUNDED_SQUARE, HARMONICS, CIRCLE_BY_RADIUS = range(5)
 CLOSED_FAMILY = {"circle": CIRCLE, "ellipse": ELLIPSE, "rounded_square": ROUNDED_SQUARE, "support_gp": HARMONICS}
 FACE_BEND = 0.03  # eps of the rounded square
 
@@ -61,6 +61,10 @@ def support_terms(family: int, parameter: FloatArray, psi: float, value: FloatAr
 
     The columns of the centre are not written.
     """
+    if family == CIRCLE_BY_RADIUS:
+        value[0], value[1], value[2] = parameter[2], 0.0, 0.0
+        slope[0, 2], slope[1, 2] = 1.0, 0.0
+        return
     radius = np.exp(parameter[2])
     shape, by_shape = parameter[3:], slope[:, 3:]
     if family == ELLIPSE:

@@ -6,12 +6,12 @@ from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 
 import numpy as np
-from numba import njit
 
 from estimation.channel.model.compress import CompressedSweep
 from estimation.channel.model.kernels import dirichlet
 from estimation.channel.model.manifold import Manifold
 from estimation.channel.model.path_model import PathParameters, no_paths, response_energies, responses
+from estimation.execution import compiled
 from scenes.record import BoolArray, ComplexArray, FloatArray, IntArray
 
 NEIGHBOUR_COHERENCE = 0.5  # of directions about half a resolution cell apart: grid neighbours
@@ -195,7 +195,7 @@ def _times(matched: ComplexArray | FloatArray, parts: FloatArray) -> FloatArray:
     return product
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@compiled
 def _local_maxima(
     power: FloatArray, tx_neighbour: IntArray, rx_neighbour: IntArray, level: np.float32
 ) -> IntArray:
@@ -218,7 +218,7 @@ def _local_maxima(
     return found
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@compiled
 def _tops_directions(
     power: FloatArray, tx_neighbour: IntArray, rx_neighbour: IntArray, cell: tuple[int, int, int]
 ) -> bool:

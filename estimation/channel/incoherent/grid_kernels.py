@@ -3,13 +3,13 @@
 import math
 
 import numpy as np
-from numba import njit
 
 from estimation.channel.incoherent.kernels import log_bessel
+from estimation.execution import compiled, compiled_fast
 from scenes.record import ComplexArray, FloatArray, IntArray
 
 
-@njit(cache=True, fastmath=True)  # type: ignore[untyped-decorator]
+@compiled_fast
 def cell_amplitudes(
     value: ComplexArray, scale: FloatArray, sign: float, out: FloatArray
 ) -> None:  # pragma: no cover
@@ -36,7 +36,7 @@ def cell_amplitudes(
                 out[m, j, 1, k] = s * np.sqrt(re * re + im * im) - mean
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@compiled
 def waves_and_slopes(
     bins: IntArray, delay_bins: FloatArray, n_bins: int
 ) -> tuple[FloatArray, FloatArray]:  # pragma: no cover
@@ -62,7 +62,7 @@ def waves_and_slopes(
     return value, slope
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@compiled
 def candidate_ratios(
     tx: ComplexArray,
     rx: ComplexArray,
@@ -119,7 +119,7 @@ def candidate_ratios(
     return amplitude, phase, ratio
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@compiled
 def column_maxima(values: FloatArray) -> tuple[FloatArray, IntArray]:  # pragma: no cover
     """Largest value of every column of a matrix, and its row."""
     largest, row = values[0].copy(), np.zeros(values.shape[1], np.int64)

@@ -3,12 +3,12 @@
 import math
 
 import numpy as np
-from numba import njit
 
+from estimation.execution import compiled
 from scenes.record import ComplexArray, FloatArray, IntArray
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@compiled
 def log_bessel(x: float) -> tuple[float, float]:  # pragma: no cover
     """Log I0(x) and I1(x) / I0(x) of x >= 0; Abramowitz and Stegun 9.8.1 to 9.8.4, errors below 3e-7."""
     if x < 3.75:
@@ -53,7 +53,7 @@ def log_bessel(x: float) -> tuple[float, float]:  # pragma: no cover
     return x - 0.5 * math.log(x) + math.log(i0), i1 / i0
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@compiled
 def _weigh(
     sent: ComplexArray, tx: ComplexArray, rx: ComplexArray, weight: ComplexArray, along: ComplexArray
 ) -> None:  # pragma: no cover
@@ -78,7 +78,7 @@ def _weigh(
             along[i, k] = wave * weight[i, k]
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@compiled
 def pair_scores(
     inner: ComplexArray,
     pair_snr: FloatArray,
@@ -142,7 +142,7 @@ def pair_scores(
             _add_information(information, gram, weight, along, bright[:n_bright], snr, table)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@compiled
 def _add_information(
     information: FloatArray,
     gram: FloatArray,
@@ -185,7 +185,7 @@ def _add_information(
                     )
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@compiled
 def likelihoods_without(
     inner: ComplexArray,
     pair_snr: FloatArray,
@@ -210,7 +210,7 @@ def likelihoods_without(
     return total
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@compiled
 def fill_lower_blocks(information: FloatArray, size: int) -> None:  # pragma: no cover
     """Fill the lower blocks of a symmetric matrix whose upper ones `pair_scores` has computed."""
     for i in range(information.shape[0]):

@@ -4,14 +4,14 @@ Every function writes out one formula over small arrays, where the overhead of a
 """
 
 import numpy as np
-from numba import njit
 
+from estimation.execution import compiled
 from scenes.record import ComplexArray, FloatArray, IntArray
 
 NEAR_BINS = 1e-3  # distance from its peak below which the series of the Dirichlet kernel is used
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@compiled
 def dirichlet(position: IntArray, delay_bins: FloatArray, n: int) -> FloatArray:
     """Dirichlet kernel sin(pi x) / (n sin(pi x / n)) of `n` subcarriers and its slope over x, (delay, 2, bin).
 
@@ -41,7 +41,7 @@ def dirichlet(position: IntArray, delay_bins: FloatArray, n: int) -> FloatArray:
     return kernel
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@compiled
 def unit_vectors(azimuth_rad: FloatArray, elevation_rad: FloatArray) -> FloatArray:
     """Unit vectors of directions and their derivatives over azimuth and elevation, (direction, 3, xyz)."""
     vectors = np.zeros((len(azimuth_rad), 3, 3))
@@ -54,7 +54,7 @@ def unit_vectors(azimuth_rad: FloatArray, elevation_rad: FloatArray) -> FloatArr
     return vectors
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@compiled
 def add_panel_tangents(
     out: ComplexArray,
     vectors: FloatArray,
@@ -87,7 +87,7 @@ def add_panel_tangents(
                     out[p, a, b] += factor[a] * weights[e, b]
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@compiled
 def tangent_products(slices: FloatArray, tx: ComplexArray, rx: ComplexArray) -> ComplexArray:
     """Inner products (path, tangent) of tangents with samples already summed over delay.
 
@@ -116,7 +116,7 @@ def tangent_products(slices: FloatArray, tx: ComplexArray, rx: ComplexArray) -> 
     return products
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@compiled
 def hadamard_gram(tx: ComplexArray, rx: ComplexArray, delay: FloatArray) -> ComplexArray:
     """Inner products (path, tangent, path, tangent) from those of the factors of each axis (path, factor, ...)."""
     n_paths, n_others = tx.shape[0], tx.shape[2]
@@ -138,7 +138,7 @@ def hadamard_gram(tx: ComplexArray, rx: ComplexArray, delay: FloatArray) -> Comp
     return gram
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@compiled
 def real_equations(
     gram: ComplexArray, residual: ComplexArray, amplitude: ComplexArray
 ) -> tuple[FloatArray, FloatArray]:

@@ -4,8 +4,9 @@ import numpy as np
 from scipy.stats import chi2
 
 from estimation.execution import compiled
-from estimation.laws.contour import circle_path
+from estimation.laws.contour import closed_path
 from estimation.laws.plane import tx_row, wrapped
+from estimation.laws.support import CIRCLE_BY_RADIUS
 from estimation.laws.wall import mirror_point, wall_path, wall_place
 from estimation.slam.config import TrajectoryConfig
 from estimation.slam.walk.linearise import add_roughness, cholesky3
@@ -164,7 +165,8 @@ def circle_chi2(
     """The same as the one off a circle (3,)."""
     value, by_state, by_circle = np.empty(3), np.empty((3, 4)), np.empty((3, 3))
     point = np.empty(2)
-    circle_path(tx, x, circle, value, by_state, by_circle, point)
+    work = np.zeros(3), np.zeros((2, 3)), np.empty((3, 2))
+    closed_path(CIRCLE_BY_RADIUS, circle, tx, x, value, by_state, by_circle, point, work)
     return _chi2(tx, x, seen, cov, value, circle[:2], rough_m)
 
 

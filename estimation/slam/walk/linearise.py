@@ -11,8 +11,9 @@ import numpy as np
 
 from estimation.execution import compiled
 from estimation.inference.least_squares import student_t_efficiency
-from estimation.laws.contour import circle_path
+from estimation.laws.contour import closed_path
 from estimation.laws.plane import bounce_gap_path, bounce_path, los_path, tx_row, wrapped
+from estimation.laws.support import CIRCLE_BY_RADIUS
 from estimation.laws.wall import wall_path
 from estimation.slam.config import TrajectoryConfig
 from estimation.slam.walk.residuals import Association, Observations, PathClass, TrajectoryState
@@ -92,6 +93,7 @@ def _linearise(
     value, by_state, by_shared = np.zeros((n, 3)), np.zeros((n, 3, 4)), np.zeros((n, 3, N_SHARED))
     seen, point = np.empty(3), np.empty(2)
     chain, cov = np.empty((2, 2)), np.empty((3, 3))
+    work = np.zeros(3), np.zeros((2, 3)), np.empty((3, 2))
     for i in range(n):
         if kind[i] == _UNUSED:
             continue
@@ -109,7 +111,8 @@ def _linearise(
             los_path(tx, x, value[i], by_state[i])
         elif kind[i] == _OBJECT:
             circle = objects[landmark[i, 0]]
-            circle_path(tx, x, circle, value[i], by_state[i], by_shared[i, :, 1:4], point)
+            by_circle = by_shared[i, :, 1:4]
+            closed_path(CIRCLE_BY_RADIUS, circle, tx, x, value[i], by_state[i], by_circle, point, work)
             shared[i, 1:4] = len(offset) + walls.size + 3 * landmark[i, 0] + np.arange(3)
             # The centre replaces the IP: its directions from TX and RX are nearly the same.
             add_roughness(tx, x, circle[:2], rough_m[1], cov)
