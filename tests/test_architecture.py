@@ -32,6 +32,7 @@ FILE_PARTS = (
         "isac_arena/verification/",
     ),
     *("isac_arena/insight/budget/runs.py", "isac_arena/validation/benches/sweep.py"),
+    "estimation/kernel_cache.py",  # reads source code
     *("isac_arena/doctor.py", "isac_arena/validation/golden.py"),
     *("isac_arena/report/page/template.py", "isac_arena/report/page/budget_file.py"),
     *("scenes/config.py", "scenes/toml_config.py", "scenes/objects/config.py", "scenes/walks/config.py"),

@@ -117,7 +117,7 @@ def tangent_products(slices: FloatArray, tx: ComplexArray, rx: ComplexArray) -> 
 
 
 @compiled
-def hadamard_gram(tx: ComplexArray, rx: ComplexArray, delay: FloatArray) -> ComplexArray:
+def hadamard_gram(tx: ComplexArray, rx: ComplexArray, delay: FloatArray | ComplexArray) -> ComplexArray:
     """Inner products (path, tangent, path, tangent) from those of the factors of each axis (path, factor, ...)."""
     n_paths, n_others = tx.shape[0], tx.shape[2]
     n_aod, n_aoa, n_delay = tx.shape[1] - 1, rx.shape[1] - 1, delay.shape[1]
