@@ -1,9 +1,7 @@
 """The tutorials in docs/tutorials do what they say: files are written, commands and code run, in order."""
 
-import os
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -12,34 +10,29 @@ from markdown_it import MarkdownIt
 from isac_arena.campaign.directory import StopEstimate
 from isac_arena.campaign.files import write_record
 from isac_arena.validation.scenarios.perfect_campaign import make_campaign
+from tests.command_line import ROOT, arena_here
 
-ROOT = Path(__file__).resolve().parents[1]
 TUTORIALS = sorted((ROOT / "docs" / "tutorials").glob("*.md"))
 OCTAVE = ROOT / "docs" / "octave" / "read_channel.m"
 
 
-def run(command: list[str], folder: Path) -> str:
-    environment = {**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{folder}", "COLUMNS": "100"}
-    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, f"{command}\n{done.stdout}\n{done.stderr}"
-    return done.stdout
-
-
 @pytest.mark.parametrize("tutorial", TUTORIALS, ids=lambda path: path.stem)
-def test_tutorial(tutorial: Path, tmp_path: Path) -> None:
+def test_tutorial(tutorial: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
     blocks = [token for token in MarkdownIt().parse(tutorial.read_text()) if token.type == "fence"]
     assert blocks
     for block in blocks:
         language, _, about = block.info.partition(" ")
         if about.startswith("file="):
-            (tmp_path / about.removeprefix("file=")).write_text(block.content)
+            Path(about.removeprefix("file=")).write_text(block.content)
         elif language == "sh":
             for line in block.content.splitlines():
                 name, *arguments = line.split()
                 assert name == "arena"
-                run([sys.executable, "-c", "from isac_arena.cli.main import main; main()", *arguments], tmp_path)
+                done = arena_here(*arguments, cwd=tmp_path, columns=100)
+                assert done.returncode == 0, f"{line}\n{done.stdout}\n{done.stderr}"
         elif language == "python":
-            run([sys.executable, "-c", block.content], tmp_path)
+            exec(compile(block.content, tutorial.name, "exec"), {})
 
 
 @pytest.mark.skipif(shutil.which("octave-cli") is None, reason="Octave is not installed")

@@ -6,7 +6,7 @@ import pytest
 from isac_arena.validation.scenarios.perfect_campaign import MadeCampaign, make_campaign, power_dbm
 from scenes.record import FloatArray
 from sim.truth import Truth
-from tests.command_line import arena
+from tests.command_line import arena_here
 from tests.isac_arena.cli.sweep_files import N_CASES, write_sweep
 
 
@@ -30,6 +30,6 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a sweep of `N_CASES` cases that ran to its end on one worker."""
     folder = tmp_path_factory.mktemp("undisturbed")
     write_sweep(folder, repeats=N_CASES // 2)
-    result = arena("sweep", "sweep.toml", "--out", "out", "--workers", "1", cwd=folder)
+    result = arena_here("sweep", "sweep.toml", "--out", "out", "--workers", "1", cwd=folder)
     assert result.returncode == 0, result.stderr
     return folder

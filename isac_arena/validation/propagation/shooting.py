@@ -6,15 +6,17 @@ neighbours meet different objects, the last rays that still meet the same ones a
 a pillar lies in a sliver of angle beside its rim.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from scenes.contours import Circle, Contour
+from estimation.execution import compiled
+from scenes.contours import Circle, Contour, Piece
 from scenes.record import BoolArray, FloatArray, IntArray
 from scenes.scene import Scene
 
-POINTS_PER_CONTOUR = 4000
+POINTS_PER_PIECE = 4000
 SAGITTA_M = 1e-5  # normals are interpolated along the chords, so lengths are good to about 1e-6 m
 N_BISECTIONS = 60
 OFF_SURFACE_M = 1e-7
@@ -47,42 +49,40 @@ class Shooter:
 
     def paths(self, rx_xy_m: FloatArray, max_bounces: int) -> list[ShotPath]:
         """All paths of 1 ... `max_bounces` reflections from the TX to a receiver (xy,)."""
+        angles = [self._angles(piece) for contour in self._contours for piece in contour.pieces]
         found: list[ShotPath] = []
-        for contour in self._contours:
-            t = np.linspace(0, 1, POINTS_PER_CONTOUR, endpoint=False)
-            for piece in contour.pieces:
-                aim = piece.point(t)
-                angle = np.unwrap(np.arctan2(aim[:, 1] - self._tx[1], aim[:, 0] - self._tx[0]))
-                for n in range(1, max_bounces + 1):
-                    found += self._between(*self._stretches(angle, rx_xy_m, n), rx_xy_m, n)
+        for n in range(1, max_bounces + 1):
+            found += self._between(*self._stretches(angles, rx_xy_m, n), rx_xy_m, n)
         return _distinct(found)
 
-    def _stretches(self, angle: FloatArray, rx: FloatArray, n: int) -> tuple[FloatArray, FloatArray]:
+    def _angles(self, piece: Piece) -> FloatArray:
+        """Directions (ray,) from the TX to points along a piece of a contour."""
+        aim = piece.point(np.linspace(0, 1, POINTS_PER_PIECE, endpoint=False))
+        return np.unwrap(np.arctan2(aim[:, 1] - self._tx[1], aim[:, 0] - self._tx[0]))
+
+    def _stretches(self, angles: list[FloatArray], rx: FloatArray, n: int) -> tuple[FloatArray, FloatArray]:
         """Intervals of angle, lower and upper ends, over which the rays meet the same objects."""
+        angle = np.concatenate(angles)
+        left = np.delete(np.arange(len(angle)), np.cumsum([len(piece) for piece in angles]) - 1)
+        right = left + 1
         chain = self._follow(angle, rx, n)[0]
-        differs = np.flatnonzero((chain[:-1] != chain[1:]).any(axis=1))
-        low, high = [np.delete(angle[:-1], differs)], [np.delete(angle[1:], differs)]
-        for anchor, other in ((differs, differs + 1), (differs + 1, differs)):
-            near, far = angle[anchor], angle[other]
-            for _ in range(N_BISECTIONS):
-                middle = (near + far) / 2
-                same = (self._follow(middle, rx, n)[0] == chain[anchor]).all(axis=1)
-                near, far = np.where(same, middle, near), np.where(same, far, middle)
-            low.append(angle[anchor])
-            high.append(near)
-        return np.concatenate(low), np.concatenate(high)
+        differs = (chain[left] != chain[right]).any(axis=1)
+        anchor = np.append(left[differs], right[differs])
+        other = np.append(right[differs], left[differs])
+        near, _ = _bisected(
+            angle[anchor], angle[other], lambda ray: (self._follow(ray, rx, n)[0] == chain[anchor]).all(axis=1)
+        )
+        return np.append(angle[left[~differs]], angle[anchor]), np.append(angle[right[~differs]], near)
 
     def _between(self, low: FloatArray, high: FloatArray, rx: FloatArray, n: int) -> list[ShotPath]:
         chain_low, miss_low, _, _ = self._follow(low, rx, n)
         chain_high, miss_high, _, _ = self._follow(high, rx, n)
         bracket = (chain_low == chain_high).all(axis=1) & (chain_low >= 0).all(axis=1)
         bracket &= (miss_low > 0) != (miss_high > 0)
-        low, high, above = low[bracket], high[bracket], miss_low[bracket] > 0
-        chain = chain_low[bracket]
-        for _ in range(N_BISECTIONS):
-            middle = (low + high) / 2
-            same = (self._follow(middle, rx, n)[1] > 0) == above
-            low, high = np.where(same, middle, low), np.where(same, high, middle)
+        above, chain = miss_low[bracket] > 0, chain_low[bracket]
+        low, high = _bisected(
+            low[bracket], high[bracket], lambda middle: (self._follow(middle, rx, n)[1] > 0) == above
+        )
         met, miss, length, reached = self._follow((low + high) / 2, rx, n)
         kept = reached & (np.abs(miss) < 1e-5) & (met == chain).all(axis=1)
         found = zip(met[kept].tolist(), length[kept].tolist(), strict=True)
@@ -125,6 +125,19 @@ class Shooter:
         return best
 
 
+def _bisected(
+    low: FloatArray, high: FloatArray, is_like_low: Callable[[FloatArray], BoolArray]
+) -> tuple[FloatArray, FloatArray]:
+    """Ends (ray,) of intervals halved until no number lies between them."""
+    for _ in range(N_BISECTIONS):
+        middle = (low + high) / 2
+        if ((middle == low) | (middle == high)).all():
+            break
+        like_low = is_like_low(middle)
+        low, high = np.where(like_low, middle, low), np.where(like_low, high, middle)
+    return low, high
+
+
 def _chords(contour: Contour) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Starts, ends and the normals at both (chord, xy) of a polygon close to a contour."""
     columns: list[tuple[FloatArray, ...]] = []
@@ -154,21 +167,34 @@ def _meet_chords(
     origin: FloatArray,
     heading: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    along = end - start
-    determinant = heading[:, :1] * along[:, 1] - heading[:, 1:] * along[:, 0]
-    x, y = start[:, 0] - origin[:, :1], start[:, 1] - origin[:, 1:]
-    safe = np.where(determinant == 0, 1.0, determinant)
-    distance = (x * along[:, 1] - y * along[:, 0]) / safe
-    share = (x * heading[:, 1:] - y * heading[:, :1]) / safe
-    valid = (determinant != 0) & (share >= 0) & (share <= 1) & (distance > OFF_SURFACE_M)
-    distance = np.where(valid, distance, np.inf)
-    chord = distance.argmin(axis=1)
-    ray = np.arange(len(origin))
-    weight = np.clip(share[ray, chord], 0, 1)[:, None]
+    chord, distance, share = _nearest_chord(start, end - start, origin, heading)
+    weight = share[:, None]
     normal = (1 - weight) * first[chord] + weight * last[chord]
-    hit = np.isfinite(distance[ray, chord])
-    normal = np.where(hit[:, None], normal, [1.0, 0.0])
-    return distance[ray, chord], normal / np.linalg.norm(normal, axis=1, keepdims=True)
+    normal = np.where(np.isfinite(distance)[:, None], normal, [1.0, 0.0])
+    return distance, normal / np.linalg.norm(normal, axis=1, keepdims=True)
+
+
+@compiled
+def _nearest_chord(
+    start: FloatArray, along: FloatArray, origin: FloatArray, heading: FloatArray
+) -> tuple[IntArray, FloatArray, FloatArray]:
+    """First chord (ray,) that each ray meets, the distance to it (infinite for none), and the share along it."""
+    n_rays = len(origin)
+    chord, nearest, place = np.zeros(n_rays, np.int64), np.full(n_rays, np.inf), np.zeros(n_rays)
+    for ray in range(n_rays):
+        heading_x, heading_y = heading[ray, 0], heading[ray, 1]
+        for index in range(len(start)):
+            determinant = heading_x * along[index, 1] - heading_y * along[index, 0]
+            if determinant == 0:
+                continue
+            x, y = start[index, 0] - origin[ray, 0], start[index, 1] - origin[ray, 1]
+            distance = (x * along[index, 1] - y * along[index, 0]) / determinant
+            if not OFF_SURFACE_M < distance < nearest[ray]:
+                continue
+            share = (x * heading_y - y * heading_x) / determinant
+            if 0 <= share <= 1:
+                chord[ray], nearest[ray], place[ray] = index, distance, share
+    return chord, nearest, place
 
 
 def _distinct(paths: list[ShotPath]) -> list[ShotPath]:

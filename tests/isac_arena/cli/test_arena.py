@@ -12,12 +12,12 @@ from pathlib import Path
 import pytest
 
 from isac_arena.campaign.load import load_campaign
-from tests.command_line import ARENA, ROOT, arena, failure
+from tests.command_line import ARENA, ROOT, arena, arena_here, failure
 
 
 @pytest.fixture(scope="module")
 def box_room(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A finished run of the small campaign."""
+    """A finished run of the small campaign, made in a process of its own."""
     out = tmp_path_factory.mktemp("run") / "box"
     result = arena("run", "box_room", "--out", out)
     assert result.returncode == 0, result.stderr
@@ -38,7 +38,7 @@ def test_the_small_campaign_is_complete_and_good(box_room: Path) -> None:
 
 def test_another_directory_gives_the_same_scores_and_another_seed_others(box_room: Path, tmp_path: Path) -> None:
     for name, seed in (("same", 1), ("other", 2)):
-        assert arena("run", "box_room", "--out", tmp_path / name, "--seed", seed).returncode == 0
+        assert arena_here("run", "box_room", "--out", tmp_path / name, "--seed", seed).returncode == 0
     first = (box_room / "scores.json").read_bytes()
     assert (tmp_path / "same" / "scores.json").read_bytes() == first
     assert (tmp_path / "other" / "scores.json").read_bytes() != first
@@ -46,11 +46,11 @@ def test_another_directory_gives_the_same_scores_and_another_seed_others(box_roo
 
 def test_stages_alone_give_the_same_scores(box_room: Path, tmp_path: Path) -> None:
     out = tmp_path / "stages"
-    assert arena("generate", "box_room", "--out", out).returncode == 0
+    assert arena_here("generate", "box_room", "--out", out).returncode == 0
     assert len(list((out / "sweep").glob("*.nc"))) == 4
     assert "'arena estimate'" in failure("score", out)
     for verb in ("estimate", "score", "report"):
-        assert arena(verb, out).returncode == 0
+        assert arena_here(verb, out).returncode == 0
     assert (out / "scores.json").read_bytes() == (box_room / "scores.json").read_bytes()
 
 
@@ -66,7 +66,7 @@ def test_a_killed_run_leaves_nothing_that_looks_finished_and_resumes(box_room: P
     process.wait()
     assert not (out / "scores.json").exists() and not (out / "report.html").exists()
     kept = {file: file.stat().st_mtime_ns for file in out.glob("truth/*.nc")}
-    assert arena("run", "box_room", "--out", out).returncode == 0
+    assert arena_here("run", "box_room", "--out", out).returncode == 0
     assert (out / "scores.json").read_bytes() == (box_room / "scores.json").read_bytes()
     assert all(file.stat().st_mtime_ns == written for file, written in kept.items())
 
@@ -79,7 +79,7 @@ def test_a_users_estimator_takes_the_place_of_ours(box_room: Path, tmp_path: Pat
         "def broken(sweep):\n    return 1 / 0\n"
     )
     out = tmp_path / "out"
-    assert arena("run", "box_room", "--out", out, "--estimator", "mine:few", cwd=tmp_path).returncode == 0
+    assert arena_here("run", "box_room", "--out", out, "--estimator", "mine:few", cwd=tmp_path).returncode == 0
     scores = {row["key"]: row["value"] for row in json.loads((out / "scores.json").read_text())}
     assert scores["channel.estimated_per_stop"] == 2
     message = failure("estimate", out, "--estimator", "mine:nothing", cwd=tmp_path)
@@ -209,7 +209,7 @@ def test_every_library_campaign_is_valid() -> None:
 
 def test_the_view_stands_by_itself_and_knows_its_stops(box_room: Path, tmp_path: Path) -> None:
     out = tmp_path / "view.html"
-    result = arena("view", box_room, "--stop", 2, "--out", out, "--no-open")
+    result = arena_here("view", box_room, "--stop", 2, "--out", out, "--no-open")
     assert result.returncode == 0 and str(out) in result.stdout.replace("\n", ""), result.stderr
     page = out.read_text()
     assert "box_room: 3-D view" in page and '"active":2' in page and "default-src 'none'" in page

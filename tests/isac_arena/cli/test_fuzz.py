@@ -29,7 +29,7 @@ from scenes.config import LIBRARY as SCENES
 from scenes.config import SceneConfig
 from scenes.toml_config import validate_config
 from sim.truth import Truth
-from tests.command_line import ROOT, arena, environment
+from tests.command_line import ROOT, arena_here, environment
 from tests.isac_arena.cli.sweep_files import CAMPAIGN, SWEEP
 
 JUNK: list[Any] = [
@@ -200,7 +200,7 @@ def test_damaged_sweep_files_are_one_line(undisturbed: Path, tmp_path: Path, see
 
 
 def test_a_command_on_a_damaged_campaign_ends_in_one_line(undisturbed: Path, tmp_path: Path) -> None:
-    made = arena("generate", "small.toml", "--out", tmp_path / "run", "--no-keep-sweeps", cwd=undisturbed)
+    made = arena_here("generate", "small.toml", "--out", tmp_path / "run", "--no-keep-sweeps", cwd=undisturbed)
     assert made.returncode == 0, made.stderr
     rng = random.Random(1)
     files = sorted(path for path in (tmp_path / "run").rglob("*") if path.is_file())

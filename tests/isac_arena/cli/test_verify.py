@@ -14,7 +14,7 @@ from isac_arena.campaign.recording import recorded_run
 from isac_arena.cli.main import app
 from isac_arena.verification.compare import TOLERANCE, compare_metrics, compare_records
 from scenes.pose import Pose
-from tests.command_line import arena
+from tests.command_line import arena_here as arena
 from tests.isac_arena.cli.sweep_files import write_sweep
 
 

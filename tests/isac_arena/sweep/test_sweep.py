@@ -17,7 +17,7 @@ from isac_arena.sweep.plan import make_plan, metric_keys
 from isac_arena.sweep.run import score_case, score_cases
 from isac_arena.verification.compare import compare_records
 from scenes.toml_config import load_config
-from tests.command_line import arena
+from tests.command_line import arena_here
 from tests.isac_arena.cli.sweep_files import N_CASES, results, write_sweep
 
 UNTIL = """
@@ -212,7 +212,7 @@ def test_a_full_disk_ends_the_sweep_in_one_line_and_fails_no_case(
 def test_a_directory_that_cannot_be_written_is_one_line(files: Path) -> None:
     (files / "file").touch()
     for command in (("sweep", "sweep.toml", "--out", "file/out"), ("run", "small.toml", "--out", "file/out")):
-        result = arena(*command, cwd=files)
+        result = arena_here(*command, cwd=files)
         assert result.returncode == 2
         assert result.stderr.count("\n") == 1 and "file/out: Not a directory" in result.stderr
 

@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from isac_arena.campaign.manifest import check_files
-from tests.command_line import ARENA, arena, environment
+from tests.command_line import ARENA, arena_here, environment
 from tests.isac_arena.cli.sweep_files import N_CASES, results, write_sweep
 
 SCHEDULER = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0"]
@@ -113,7 +113,7 @@ def test_a_killed_client_leaves_what_is_done(undisturbed: Path, tmp_path: Path) 
     kill(client)
     before = done(tmp_path)
     assert len(before) < N_CASES and not (tmp_path / "out" / "results.csv").exists()
-    resumed = arena("sweep", "sweep.toml", "--out", "out", "--workers", "1", cwd=tmp_path)
+    resumed = arena_here("sweep", "sweep.toml", "--out", "out", "--workers", "1", cwd=tmp_path)
     assert resumed.returncode == 0, resumed.stderr
     check_whole(tmp_path, before, undisturbed)
 
@@ -130,7 +130,7 @@ def test_a_lost_scheduler_ends_the_sweep_in_one_line(undisturbed: Path, tmp_path
     assert error.strip().splitlines()[-1].startswith("arena: the scheduler was lost")
     assert "Traceback" not in error
     before = done(tmp_path)
-    resumed = arena("sweep", "sweep.toml", "--out", "out", "--workers", "1", cwd=tmp_path)
+    resumed = arena_here("sweep", "sweep.toml", "--out", "out", "--workers", "1", cwd=tmp_path)
     assert resumed.returncode == 0, resumed.stderr
     check_whole(tmp_path, before, undisturbed)
 
@@ -153,8 +153,8 @@ def test_killed_at_a_random_moment(undisturbed: Path, tmp_path: Path, role: str,
         client.communicate(timeout=120)
         before = done(tmp_path)
         if role == "client":  # its cases may go on for a moment on the workers
-            resumed = arena("sweep", "sweep.toml", "--out", "out", "--scheduler", dask.address, cwd=tmp_path)
+            resumed = arena_here("sweep", "sweep.toml", "--out", "out", "--scheduler", dask.address, cwd=tmp_path)
         else:
-            resumed = arena("sweep", "sweep.toml", "--out", "out", "--workers", "1", cwd=tmp_path)
+            resumed = arena_here("sweep", "sweep.toml", "--out", "out", "--workers", "1", cwd=tmp_path)
     assert resumed.returncode == 0, resumed.stderr
     check_whole(tmp_path, before, undisturbed)
