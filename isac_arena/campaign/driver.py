@@ -19,7 +19,7 @@ from isac_arena.campaign.chain import channel_estimator, known_receiver, make_ma
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.results import CampaignResults, MapName, MapResult
 from isac_arena.scoring.link_view import link_view
-from isac_arena.scoring.score import Scores, score_campaign
+from isac_arena.scoring.score import Scores, score_campaign, score_channel
 from scenes.record import FloatArray
 from scenes.scene import Scene
 from sim.observation import BeamSweep
@@ -134,6 +134,19 @@ class CampaignRun:
         channel = list(self.channel(truths))
         maps = self.maps(channel, self.surveyed_receiver(truths))
         return self.score(truths, CampaignResults(tuple(channel), (), **maps))
+
+    def channel_scores(self) -> Scores:
+        """The scores of the channel estimates alone: no later stage runs. Raises as `score_campaign` does."""
+        truths = list(self.truths())
+        self.calibrate()
+        return score_channel(
+            self.scene,
+            truths,
+            list(self.channel(truths)),
+            true_power_dbm=self.true_power_dbm,
+            significance=significance(self.config, self.link),
+            view=link_view(self.config, self.link, self.scene),
+        )
 
     def truths(self) -> Iterator[Truth]:
         """The truth of every stop in order: given, kept or traced paths, and the clock of these settings."""

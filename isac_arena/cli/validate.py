@@ -17,7 +17,7 @@ from isac_arena.cli.options import Json, Quick, RandomSeed
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from isac_arena.validation.measurement import Measurement
+    from isac_arena.validation.measurement import InfoTable, Measured, Measurement
 
 MODULES: Mapping[str, tuple[str, ...]] = {
     "signal": ("signal.waveform", "signal.generation"),
@@ -27,6 +27,7 @@ MODULES: Mapping[str, tuple[str, ...]] = {
     "channel": ("channel.efficiency", "channel.noise", "channel.hardware", "channel.arena"),
     "shape": tuple(f"shape.{name}" for name in ("gp", "points", "law", "reflection", "campaign", "measured")),
     "twin": ("twin",),
+    "halls": ("halls.check",),
 }
 BENCHES: Mapping[str, tuple[str, ...]] = {
     "raytrace": ("benches.raytrace",),
@@ -37,11 +38,22 @@ BENCHES: Mapping[str, tuple[str, ...]] = {
     "sweep": ("benches.sweep",),
 }
 
+INFO_WIDTH = 175  # columns of tables beside the rows: they are not broken on a narrow terminal
+
 Trials = Annotated[
-    int | None, typer.Option(min=1, help="Scenes of the longest Monte Carlo run; the others use a share of them.")
+    int | None,
+    typer.Option(
+        min=1, help="Scenes of the longest Monte Carlo run; the others use a share of them. Rooms of halls."
+    ),
 ]
 Estimator = Annotated[
     str | None, typer.Option(help="Check your own estimator in place of ours: package.module:function.")
+]
+Method = Annotated[
+    str | None, typer.Option(help="halls: method of the channel estimator: auto, coherent, incoherent or power.")
+]
+Out = Annotated[
+    Path | None, typer.Option(help="halls: directory of the rooms, where an interrupted run goes on; out/halls.")
 ]
 
 
@@ -52,9 +64,11 @@ def validate(
     json_file: Json = None,
     trials: Trials = None,
     estimator: Estimator = None,
+    method: Method = None,
+    out: Out = None,
 ) -> None:
     """Measure a stage against closed forms, exact solutions and brute force; exit 1 if a bar is missed."""
-    options = {"trials": trials, "estimator": estimator}
+    options = {"trials": trials, "estimator": estimator, "method": method, "out": out}
     given = {key: value for key, value in options.items() if value is not None}
     _measure(name, MODULES, "check_", quick, seed, json_file, given)
 
@@ -82,7 +96,7 @@ def _measure(
     from rich.table import Table  # noqa: PLC0415
 
     from isac_arena.campaign.files import write_json  # noqa: PLC0415
-    from isac_arena.validation.measurement import to_json  # noqa: PLC0415
+    from isac_arena.validation.measurement import Measured, to_json  # noqa: PLC0415
 
     if name not in modules:
         raise ValueError(f"name = '{name}': must be one of {', '.join(modules)}")
@@ -92,6 +106,7 @@ def _measure(
     for index, column in enumerate(table.columns[1:]):
         column.justify, column.no_wrap = "right" if index < 2 else "left", True
     rows: list[Measurement] = []
+    tables: list[InfoTable] = []
     checks = list(_checks(modules[name], prefix))
     for option in options:
         if not any(option in inspect.signature(check).parameters for _, check in checks):
@@ -99,20 +114,29 @@ def _measure(
     for title, check in checks:
         started = time.perf_counter()
         accepted = {key: options[key] for key in options if key in inspect.signature(check).parameters}
-        with console.status(title):
-            measured = check(seed, quick, **accepted)
-        _add_section(table, f"{title}, {time.perf_counter() - started:.1f} s", measured)
-        rows += measured
+        if "console" in inspect.signature(check).parameters:  # it shows its own progress
+            found = check(seed, quick, console=console, **accepted)
+        else:
+            with console.status(title):
+                found = check(seed, quick, **accepted)
+        measured = found if isinstance(found, Measured) else Measured(found)
+        _add_section(table, f"{title}, {time.perf_counter() - started:.1f} s", measured.rows)
+        rows += measured.rows
+        tables += measured.tables
+    for one in tables:
+        Console(highlight=False, width=max(console.width, INFO_WIDTH)).print(_info_table(one))
     console.print(table)
     if json_file is not None:
-        write_json(json_file, to_json(rows))
+        write_json(json_file, to_json(rows, tables))
     missed = [row.key for row in rows if not row.met]
     console.print(f"{len(rows) - len(missed)} of {len(rows)} bars met")
     if missed:
         raise typer.Exit(1)
 
 
-def _checks(modules: tuple[str, ...], prefix: str) -> Iterator[tuple[str, Callable[..., list[Measurement]]]]:
+def _checks(
+    modules: tuple[str, ...], prefix: str
+) -> Iterator[tuple[str, Callable[..., list[Measurement] | Measured]]]:
     """The check functions of validation modules in the order they are written, with the title of each."""
     for module_name in modules:
         module = importlib.import_module(f"isac_arena.validation.{module_name}")
@@ -128,3 +152,15 @@ def _add_section(table: Table, title: str, rows: list[Measurement]) -> None:
         met = "[green]yes[/]" if row.met else "[bold red]no[/]"
         table.add_row(row.key, f"{row.value:.4g}", f"{sign} {row.bar:.4g}", row.unit, met)
     table.add_section()
+
+
+def _info_table(info: InfoTable) -> Table:
+    from rich.box import SIMPLE_HEAD  # noqa: PLC0415
+    from rich.table import Table  # noqa: PLC0415
+
+    table = Table(*info.columns, title=info.title, box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for column in table.columns:
+        column.no_wrap = True
+    for row in info.rows:
+        table.add_row(*(f"{cell:.3g}" if isinstance(cell, float) else str(cell) for cell in row))
+    return table

@@ -43,6 +43,9 @@ class PathScores(Record):
     delay_error_s: FloatArray = array("estimate", unit="s", doc="error of the delay")
     aod_error_rad: FloatArray = array("estimate", unit="rad", doc="error of the azimuth of departure")
     aoa_error_rad: FloatArray = array("estimate", unit="rad", doc="error of the azimuth of arrival")
+    delay_std_s: FloatArray = array("estimate", unit="s", doc="reported standard deviation of the delay")
+    aod_std_rad: FloatArray = array("estimate", unit="rad", doc="reported, of the azimuth of departure")
+    aoa_std_rad: FloatArray = array("estimate", unit="rad", doc="reported, of the azimuth of arrival")
     power_error_db: FloatArray = array("estimate", unit="dB", doc="error of the power in the best beam pair")
     nees: FloatArray = array("estimate", doc="squared error over covariance, 3 degrees of freedom")
 

@@ -1,10 +1,11 @@
 """Scores of a whole campaign. It reads the truths once, stop by stop, and keeps only small tables."""
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from estimation.channel.record import ChannelEstimate
 from isac_arena.campaign.results import CampaignResults, MapResult
 from isac_arena.scoring.config import DEFAULT_GATE, Gate, Significance
 from isac_arena.scoring.link_view import LinkView
@@ -28,7 +29,7 @@ from isac_arena.scoring.stages.outlines import outline_columns
 from isac_arena.scoring.stages.poses import pose_bounds, pose_metrics, score_poses
 from isac_arena.scoring.stages.scene import scene_metrics, score_scene
 from isac_arena.scoring.stages.shapes import ShapeErrors, shape_errors, shape_metrics
-from scenes.record import FloatArray, concatenate
+from scenes.record import FloatArray, concatenate, empty_record
 from scenes.scene import Scene, SceneObject
 from sim.truth import Truth
 
@@ -68,16 +69,33 @@ def score_campaign(
     stop.
     """
     prepared = (true_stop(truth, scene.tx, true_power_dbm(truth), significance, view) for truth in truths)
-    paths, significant, stops, poses = _score_stops(scene, prepared, results, gate)
-    tables = ScoreTables(
-        paths=paths,
-        significant=significant,
-        stops=stops,
-        poses=poses,
-        mapping=score_map(scene, results.mapping, paths, significant),
-        slam=score_map(scene, results.slam, paths, significant),
+    tables, bare = _score_stops(prepared, results.channel, gate)
+    tables = replace(
+        tables,
+        poses=_score_poses(scene, bare, tables, results.slam),
+        mapping=score_map(scene, results.mapping, tables.paths, tables.significant),
+        slam=score_map(scene, results.slam, tables.paths, tables.significant),
     )
     return Scores(score_metrics(scene, tables), tables)
+
+
+def score_channel(
+    scene: Scene,
+    truths: Iterable[Truth],
+    channel: Iterable[ChannelEstimate],
+    *,
+    true_power_dbm: Callable[[Truth], FloatArray],
+    significance: Significance,
+    view: LinkView | None = None,
+    gate: Gate = DEFAULT_GATE,
+) -> Scores:
+    """The scores of the channel estimates alone; tables of the later stages are empty.
+
+    Arguments and errors as in `score_campaign`.
+    """
+    prepared = (true_stop(truth, scene.tx, true_power_dbm(truth), significance, view) for truth in truths)
+    tables, _ = _score_stops(prepared, channel, gate)
+    return Scores(tuple(channel_metrics(tables.stops, tables.paths, tables.significant)), tables)
 
 
 def score_metrics(scene: Scene, tables: ScoreTables) -> tuple[Metric, ...]:
@@ -93,9 +111,10 @@ def score_metrics(scene: Scene, tables: ScoreTables) -> tuple[Metric, ...]:
 
 
 def _score_stops(
-    scene: Scene, stops: Iterable[TrueStop], results: CampaignResults, gate: Gate
-) -> tuple[PathScores, SignificantPaths, StopScores, PoseScores]:
-    estimates = {estimate.stop: estimate for estimate in results.channel}
+    stops: Iterable[TrueStop], channel: Iterable[ChannelEstimate], gate: Gate
+) -> tuple[ScoreTables, list[TrueStop]]:
+    """Tables of the channel estimates, the others empty, and the stops with their significant paths only."""
+    estimates = {estimate.stop: estimate for estimate in channel}
     parts: list[tuple[PathScores, SignificantPaths, StopScores]] = []
     bare: list[TrueStop] = []  # with significant paths only, to save memory
     for stop in stops:
@@ -109,16 +128,25 @@ def _score_stops(
     if unscored or not scored:
         raise ValueError(f"truths: no truth for stop {unscored[0]}" if unscored else "truths: no stop given")
     paths, true_paths, sets = zip(*parts, strict=True)
-    significant = concatenate(true_paths, "true_path")
-    poses = score_poses(
-        np.array(scored),
-        [stop.truth.rx_pose for stop in bare],
-        np.array([stop.truth.clock_bias_s for stop in bare]),
-        np.isin(scored, significant.stop[significant.kind == PathKind.LOS]),
-        results.slam.poses,
-        pose_bounds(scene, bare),
+    tables = replace(
+        empty_record(ScoreTables),
+        paths=concatenate(paths, "estimate"),
+        significant=concatenate(true_paths, "true_path"),
+        stops=concatenate(sets, "stop"),
     )
-    return concatenate(paths, "estimate"), significant, concatenate(sets, "stop"), poses
+    return tables, bare
+
+
+def _score_poses(scene: Scene, stops: list[TrueStop], tables: ScoreTables, slam: MapResult) -> PoseScores:
+    scored, significant = tables.stops.stop, tables.significant
+    return score_poses(
+        scored,
+        [stop.truth.rx_pose for stop in stops],
+        np.array([stop.truth.clock_bias_s for stop in stops]),
+        np.isin(scored, significant.stop[significant.kind == PathKind.LOS]),
+        slam.poses,
+        pose_bounds(scene, stops),
+    )
 
 
 def score_map(scene: Scene, result: MapResult, paths: PathScores, significant: SignificantPaths) -> MapScores:

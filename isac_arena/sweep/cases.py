@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import tomli_w
@@ -23,6 +23,7 @@ from scenes.record import FloatArray
 from scenes.toml_config import ConfigError, read_text, read_toml
 
 Point = tuple[Any, ...]  # one value per axis
+Stages = Literal["all", "channel"]  # what a case runs and scores: the whole chain, or no more than the channel
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,7 @@ class Case:
     scene: SceneSource
     estimator: str | None
     stop_every: int
+    stages: Stages = "all"
 
 
 def design_points(config: SweepConfig) -> list[Point]:

@@ -4,6 +4,8 @@ scenes/HASH/scene.toml     a scene and the files it names
 paths/HASH/stop_000.nc     traced paths, shared by all cases of the same scene and propagation
 signals/HASH/stop_000.nc   samples, while several cases wait for them
 cases/HASH/                campaign.json, scores.json, provenance.nc, manifest.json: there only when whole
+estimates/HASH/stop_000.nc channel estimates, of cases that end there
+times/HASH.json            processor time in s of each of them
 """
 
 from dataclasses import dataclass
@@ -13,9 +15,9 @@ from pathlib import Path
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.directory import CampaignStore
 from isac_arena.campaign.files import write_bytes
-from isac_arena.campaign.integrity import digest
+from isac_arena.campaign.integrity import code_digest, digest
 from isac_arena.campaign.load import scene_in_use
-from isac_arena.sweep.cases import Case, Point, SceneSource
+from isac_arena.sweep.cases import Case, Point, SceneSource, Stages
 from scenes.scene import Scene
 from sim.config import WaveformConfig
 
@@ -33,10 +35,12 @@ class Job:
     config: CampaignConfig
     estimator: str | None
     stop_every: int
+    stages: Stages
     n_stops: int  # of the walk
     scene_hash: str
     paths_hash: str  # of the inputs of the paths: equal for cases that differ in signal, noise or estimator
     signal_hash: str  # of the inputs of the samples
+    channel_hash: str  # of the inputs of the channel estimates
     key: str  # of settings, scene, estimator and code: the name of the case
 
     @property
@@ -69,6 +73,15 @@ class Job:
         """The traced paths of a stop."""
         return self.root / "paths" / self.paths_hash / f"stop_{stop:03d}.nc"
 
+    def estimate_file(self, stop: int) -> Path:
+        """The channel estimate of a stop, kept where the case runs no later stage."""
+        return self.root / "estimates" / self.channel_hash / f"stop_{stop:03d}.nc"
+
+    @property
+    def times_file(self) -> Path:
+        """Processor times of the kept channel estimates, by stop."""
+        return self.root / "times" / f"{self.channel_hash}.json"
+
     def signal_file(self, stop: int) -> Path:
         """The samples of a stop."""
         return self.root / "signals" / self.signal_hash / f"stop_{stop:03d}.nc"
@@ -85,12 +98,22 @@ def make_job(case: Case, root: Path, n_stops: int) -> Job:
         config=case.config,
         estimator=case.estimator,
         stop_every=case.stop_every,
+        stages=case.stages,
         n_stops=n_stops,
         scene_hash=case.scene.hash,
         paths_hash=_store(case, root, tracing_config(case.config)).truth_fingerprint,
         signal_hash=store.truth_fingerprint,
-        key=digest(store.score_fingerprint, str(case.stop_every)),
+        channel_hash=store.channel_fingerprint,
+        key=_key(case, store),
     )
+
+
+def _key(case: Case, store: CampaignStore) -> str:
+    """The name of a case: later stages count only where it runs them."""
+    if case.stages == "all":
+        return digest(store.score_fingerprint, str(case.stop_every))
+    scoring = code_digest("isac_arena/scoring")
+    return digest(store.channel_fingerprint, scoring, str(case.stop_every), case.stages)
 
 
 def tracing_config(config: CampaignConfig) -> CampaignConfig:

@@ -5,9 +5,11 @@ from their inputs, and are not made again. All compute with one thread, because 
 the number of threads; the manifest of a case records that number.
 """
 
+import json
 import os
 import shutil
 import tempfile
+import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -15,6 +17,7 @@ from typing import ParamSpec, TypeVar
 
 from threadpoolctl import threadpool_limits
 
+from estimation.channel.record import ChannelEstimate
 from isac_arena.campaign.chain import channel_estimator
 from isac_arena.campaign.driver import CampaignRun, MemoryResults
 from isac_arena.campaign.files import read_record, write_json, write_record
@@ -64,6 +67,26 @@ class CaseResults(MemoryResults):
     def write_truth(self, truth: Truth) -> None:
         """Store the paths of a stop without the clock, in which cases differ."""
         write_record(self.job.paths_file(truth.stop), replace(truth, clock_bias_s=0.0))
+
+    @property
+    def keeps_estimates(self) -> bool:
+        """Whether channel estimates are stored: the case is scored again without them where scoring changes."""
+        return self.job.stages == "channel"
+
+    def estimate(self, stop: int) -> ChannelEstimate | None:
+        """The channel estimate of a stop, from its file where it is kept there."""
+        return (
+            _read(self.job.estimate_file(stop), ChannelEstimate)
+            if self.keeps_estimates
+            else super().estimate(stop)
+        )
+
+    def write_estimate(self, estimate: ChannelEstimate, sweep: BeamSweep) -> None:
+        """Store a channel estimate where it is kept in a file."""
+        if self.keeps_estimates:
+            write_record(self.job.estimate_file(estimate.stop), estimate)
+        else:
+            super().write_estimate(estimate, sweep)
 
     def sweep(self, stop: int) -> BeamSweep | None:
         """The stored samples of a stop."""
@@ -128,9 +151,10 @@ def score_cases(jobs: Sequence[Job], stops: Sequence[int] | None = None) -> Iter
         paths = list(case_run(jobs[0], stops).truths())
         runs = [case_run(job, stops, paths) for job in jobs]
         failures = _failures(runs, paths)
-    for run, failure in zip(runs, failures, strict=True):
+    for job, run, failure in zip(jobs, runs, failures, strict=True):
         with threadpool_limits(limits=1):
-            scores = _tried(run.scores) if failure is None else failure
+            score = run.scores if job.stages == "all" else run.channel_scores
+            scores = _tried(score) if failure is None else failure
         yield scores
 
 
@@ -138,12 +162,26 @@ def _failures(runs: Sequence[CampaignRun], truths: Sequence[Truth]) -> list[Exce
     """Make the channel estimates of every run at every stop; the error that ended a run, else None."""
     failures = [_failure(run.calibrate) for run in runs]
     for truth in truths:
+        waits = [run.results.estimate(truth.stop) is None for run in runs]
+        if not any(waits):
+            continue
         sweep = runs[0].sweep(truth)
         failures = [
-            _failure(run.estimate, truth, sweep) if failure is None else failure
-            for run, failure in zip(runs, failures, strict=True)
+            _failure(_timed_estimate, run, truth, sweep) if failure is None and is_waiting else failure
+            for run, failure, is_waiting in zip(runs, failures, waits, strict=True)
         ]
     return failures
+
+
+def _timed_estimate(run: CampaignRun, truth: Truth, sweep: BeamSweep) -> None:
+    """Make the channel estimate of a stop, and keep its processor time."""
+    started = time.process_time()
+    run.estimate(truth, sweep)
+    results = run.results
+    if isinstance(results, CaseResults) and results.keeps_estimates:
+        write_json(
+            results.job.times_file, {**read_times(results.job), str(truth.stop): time.process_time() - started}
+        )
 
 
 def _failure(step: Callable[P, object], *arguments: P.args, **options: P.kwargs) -> Exception | None:
@@ -163,7 +201,7 @@ def store_case(job: Job, scores: Scores) -> None:
     """Write the directory of a case under a temporary name, then rename it, so that it is always whole."""
     partial = job.directory.with_name(f".{job.key}.{os.getpid()}.part")
     shutil.rmtree(partial, ignore_errors=True)
-    settings = {name: getattr(job, name) for name in ("point", "repeat", "stop_every", "estimator")}
+    settings = {name: getattr(job, name) for name in ("point", "repeat", "stop_every", "stages", "estimator")}
     settings |= {"scene": job.scene_hash, "campaign": job.config.model_dump(mode="json")}
     try:
         with threadpool_limits(limits=1), recorded_run(partial):
@@ -178,6 +216,14 @@ def store_case(job: Job, scores: Scores) -> None:
             raise
     finally:
         shutil.rmtree(partial, ignore_errors=True)
+
+
+def read_times(job: Job) -> dict[str, float]:
+    """Processor times in s of the kept channel estimates of a case, by stop; those that are known."""
+    try:
+        return dict(json.loads(job.times_file.read_text(encoding="utf-8")))
+    except (OSError, ValueError):
+        return {}
 
 
 def _read(file: Path, kind: type[K]) -> K | None:

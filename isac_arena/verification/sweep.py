@@ -78,6 +78,7 @@ def stored_case(directory: Path, key: str) -> Case:
             scene=source,
             estimator=settings["estimator"],
             stop_every=settings["stop_every"],
+            stages=settings["stages"],
         )
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         reason = " ".join(str(error).split())

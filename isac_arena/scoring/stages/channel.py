@@ -180,9 +180,16 @@ def _path_scores(
         delay_error_s=error[:, 0],
         aod_error_rad=error[:, 1],
         aoa_error_rad=error[:, 2],
+        **reported_std(estimate),
         power_error_db=power_error_db,
         nees=squared_mahalanobis(error, estimate.plane_covariance),
     )
+
+
+def reported_std(estimate: ChannelEstimate) -> dict[str, FloatArray]:
+    """The columns of `PathScores` with the standard deviations that an estimate reports of its paths."""
+    std = np.sqrt(np.diagonal(estimate.plane_covariance, axis1=1, axis2=2))
+    return dict(zip(("delay_std_s", "aod_std_rad", "aoa_std_rad"), std.T, strict=True))
 
 
 def _significant_scores(stop: TrueStop, evidence: Evidence) -> SignificantPaths:

@@ -93,13 +93,7 @@ def _cause_metrics(paths: PathScores, significant: SignificantPaths) -> list[Met
 
 def _bound_metrics(paths: PathScores, significant: SignificantPaths) -> list[Metric]:
     """Errors of the detected paths over the bounds of their true paths: the RMS of an efficient estimator is 1."""
-    # Paths of a measured campaign have no true path.
-    is_known = (paths.status == PathStatus.DETECTED) & (paths.true_path >= 0)
-    detected = paths.take("estimate", is_known)
-    keys = zip(significant.stop.tolist(), significant.path.tolist(), strict=True)
-    row = {key: index for index, key in enumerate(keys)}
-    of_path = [row[key] for key in zip(detected.stop.tolist(), detected.true_path.tolist(), strict=True)]
-    bound = significant.take("true_path", np.array(of_path, int))
+    detected, bound = detected_paths(paths, significant)
     metrics = []
     for name, error, std in (
         ("delay", detected.delay_error_s, bound.delay_bound_s),
@@ -111,3 +105,16 @@ def _bound_metrics(paths: PathScores, significant: SignificantPaths) -> list[Met
         metrics.append(Metric(f"channel.{name}.over_bound.rms", rms(share), "1", "lower"))
         metrics.append(Metric(f"channel.{name}.over_bound.median", quantile(share, 0.5), "1", "lower"))
     return metrics
+
+
+def detected_paths(paths: PathScores, significant: SignificantPaths) -> tuple[PathScores, SignificantPaths]:
+    """The detected paths and, row by row, the significant path that each was assigned to.
+
+    Paths of a measured campaign have no true path and are left out.
+    """
+    is_known = (paths.status == PathStatus.DETECTED) & (paths.true_path >= 0)
+    detected = paths.take("estimate", is_known)
+    keys = zip(significant.stop.tolist(), significant.path.tolist(), strict=True)
+    row = {key: index for index, key in enumerate(keys)}
+    of_path = [row[key] for key in zip(detected.stop.tolist(), detected.true_path.tolist(), strict=True)]
+    return detected, significant.take("true_path", np.array(of_path, int))

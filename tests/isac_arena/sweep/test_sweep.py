@@ -1,6 +1,7 @@
 import errno
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import pyarrow.parquet as pq
@@ -11,10 +12,11 @@ from isac_arena.campaign.lock import one_run
 from isac_arena.cli.main import app
 from isac_arena.scoring.score import Scores
 from isac_arena.sweep import store as sweep_store
+from isac_arena.sweep.cases import make_cases
 from isac_arena.sweep.config import SweepConfig
-from isac_arena.sweep.job import store_scene
+from isac_arena.sweep.job import make_job, store_scene
 from isac_arena.sweep.plan import make_plan, metric_keys
-from isac_arena.sweep.run import score_case, score_cases
+from isac_arena.sweep.run import read_times, score_case, score_cases
 from isac_arena.verification.compare import compare_records
 from scenes.toml_config import load_config
 from tests.command_line import arena_here
@@ -228,3 +230,22 @@ def test_an_edited_case_is_not_taken_for_a_result(undisturbed: Path, tmp_path: P
     (copy / "scores.json").write_text(text.replace("1", "2", 1))
     with pytest.raises(ValueError, match=r"scores.json: damaged or edited since it was written; remove"):
         sweep_store.read_scores(tmp_path, case.name)
+
+
+def test_a_case_that_ends_at_the_channel_scores_it_as_the_whole_chain_does(files: Path) -> None:
+    config = load_config(files / "sweep.toml", SweepConfig)
+    plan = make_plan(str(files / "sweep.toml"), config, files / "out", range(1))
+    for scene in plan.scenes.values():
+        store_scene(files / "out", scene)
+    case = next(make_cases(str(files / "sweep.toml"), config, [(20.0,)], range(1)))
+    short = make_job(replace(case, stages="channel"), files / "out", plan.jobs[1].n_stops)
+    assert short.key != plan.jobs[1].key and short.channel_hash == plan.jobs[1].channel_hash
+    whole, channel = score_case(plan.jobs[1]), score_case(short)
+    assert compare_records("paths", whole.tables.paths, channel.tables.paths).holds(exact=True)
+    assert channel.value("channel.detection_rate") == whole.value("channel.detection_rate")
+    assert {metric.key.partition(".")[0] for metric in channel.metrics} == {"channel"}
+    times = read_times(short)
+    assert sorted(times, key=int) == [str(stop) for stop in short.stops]
+    again = score_case(short)  # from the stored estimates
+    assert read_times(short) == times
+    assert compare_records("paths", again.tables.paths, channel.tables.paths).holds(exact=True)

@@ -1,0 +1,99 @@
+"""Random halls keep their rules, and `arena validate halls` measures them by the sweep engine."""
+
+import json
+import tomllib
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from isac_arena.validation.halls import run as hall_run
+from isac_arena.validation.halls.check import check_halls
+from isac_arena.validation.halls.statistics import trimmed_rms
+from isac_arena.validation.scenarios.random_halls import (
+    EQUAL_HEIGHTS_M,
+    LEAST_DIFFERENCE_M,
+    LEAST_DISTANCE_M,
+    LEAST_SEEN,
+    LONGEST_M,
+    N_STOPS,
+    SHORTEST_M,
+    draw_hall,
+)
+from scenes.config import SceneConfig
+from sim.propagation.occlusion import is_blocked, occluders
+from tests.command_line import arena
+
+
+@pytest.fixture(scope="module")
+def halls():
+    return [draw_hall(100, room) for room in range(16)]
+
+
+def scene_of(hall):
+    return SceneConfig.model_validate(tomllib.loads(hall.scene_text)).build(60e9)
+
+
+def test_sixteen_rooms_hold_every_combination(halls):
+    kinds = {(hall.has_equal_heights, hall.n_elevations, hall.has_hardware) for hall in halls}
+    assert len(kinds) == 16
+    for hall in halls:
+        arrays = hall.config.tx_array, hall.config.rx_array
+        assert {len(array.beam_elevation_deg) for array in arrays} == {hall.n_elevations}
+        assert bool(hall.config.impairments.switched_on) == hall.has_hardware
+
+
+def test_a_room_is_the_same_alone_and_another_seed_another(halls):
+    assert draw_hall(100, 5) == halls[5]
+    few = tomllib.loads(draw_hall(100, 5, n_stops=2).scene_text)["walk"]["waypoints_m"]
+    assert few == tomllib.loads(halls[5].scene_text)["walk"]["waypoints_m"][:2]
+    assert draw_hall(101, 5).scene_text != halls[5].scene_text
+
+
+def test_rooms_follow_the_rules(halls):
+    n_seen = []
+    for hall in halls:
+        scene = scene_of(hall)  # it refuses overlaps and devices inside objects
+        size = np.array(scene.bounds_m[2:])
+        assert SHORTEST_M <= size[0] <= LONGEST_M and size[1] <= size[0]
+        stops, tx = scene.walk.positions_m(), scene.tx.position_m
+        assert len(stops) == N_STOPS
+        apart_m = abs(stops[0, 2] - tx[2])
+        assert apart_m <= EQUAL_HEIGHTS_M if hall.has_equal_heights else apart_m >= LEAST_DIFFERENCE_M
+        assert np.linalg.norm((stops - tx)[:, :2], axis=1).min() >= LEAST_DISTANCE_M
+        for item in scene.objects:
+            if item.z_min_m <= stops[0, 2]:
+                assert np.abs(item.contour.signed_distance(stops[:, :2])).min() >= 0.4
+        blocked = is_blocked(occluders(scene), np.broadcast_to(tx, stops.shape), stops)
+        n_seen.append(int((~blocked).sum()))
+    assert min(n_seen) >= LEAST_SEEN
+    assert min(n_seen) < N_STOPS  # some stops have no line of sight
+
+
+def test_the_trimmed_rms_of_a_gaussian_is_one_whatever_its_outliers():
+    ratio = np.abs(np.random.default_rng(1).standard_normal(200_000))
+    assert trimmed_rms(ratio) == pytest.approx(1, abs=0.01)
+    ratio[::50] = 1e6  # 2 % gross errors: the others keep all their small values
+    assert trimmed_rms(ratio) == pytest.approx(1, abs=0.06)
+    assert np.isnan(trimmed_rms(np.zeros(0)))
+
+
+def test_a_quick_run_measures_every_row_and_continues_without_estimating(tmp_path, monkeypatch):
+    options = ("--quick", "--method", "power", "--trials", "2", "--seed", "100", "--out", str(tmp_path / "rooms"))
+    result = arena("validate", "halls", *options, "--json", str(tmp_path / "rows.json"))
+    content = json.loads((tmp_path / "rows.json").read_text())
+    rows = {row["key"]: row["value"] for row in content["metrics"]}
+    assert len(rows) == len(content["metrics"]) == 28
+    assert rows["halls.detection.equal_heights"] > 0.2 and rows["halls.detection.unequal_heights"] > 0.2
+    assert all(row["unit"] and row["bar"] is not None for row in content["metrics"])
+    rooms, groups = content["tables"]
+    assert [len(rooms["rows"]), groups["rows"][0][0]] == [2, "all (2)"]
+    assert result.returncode == 1  # power alone misses bars
+    monkeypatch.setattr(hall_run, "run_missing", lambda *arguments: None)
+    again = check_halls(100, True, 2, method="power", out=tmp_path / "rooms", console=Console(quiet=True))
+    assert {row.key: row.value for row in again.rows} == pytest.approx(rows, nan_ok=True)
+
+
+def test_a_room_that_fails_is_named(tmp_path):
+    with pytest.raises(ValueError, match="cannot be imported"):
+        check_halls(100, True, 1, estimator="no_such:thing", out=tmp_path, console=Console(quiet=True))
