@@ -48,8 +48,9 @@ def over_rows(
     rows = []
     for array, n_own in arguments:
         own = array.shape[array.ndim - n_own :]
-        every = np.broadcast_to(array, (*leading, *own))
-        rows.append(np.ascontiguousarray(every, dtype=float).reshape(n_rows, *own))
+        # A copy, also where nothing broadcasts: a view would be read-only, a type of its own to compile for.
+        every = np.array(np.broadcast_to(array, (*leading, *own)), dtype=float, order="C")
+        rows.append(every.reshape(n_rows, *own))
     return tuple(part.reshape(*leading, *part.shape[1:]) for part in loop(*rows))
 
 

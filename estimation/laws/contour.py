@@ -47,6 +47,8 @@ def predict_reflection(family: int, parameter: FloatArray, tx: FloatArray, rx_st
     rx_state
         (path, 4) x and y in m, heading in rad, clock bias in m of the RX of each path.
     """
+    # Copies, because arrays of records are read-only, a type of its own to compile for.
+    tx, rx_state = np.array(tx, float, order="C"), np.array(rx_state, float, order="C")
     n, m = len(tx), len(parameter)
     measured, by_parameter, by_rx = np.empty((n, 3)), np.empty((n, 3, m)), np.empty((n, 3, 4))
     point, normal, lit = np.empty((n, 2)), np.empty(n), np.empty(n, dtype=np.bool_)

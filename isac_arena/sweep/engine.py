@@ -17,6 +17,7 @@ from distributed import Client, Future, LocalCluster, WorkerPlugin, as_completed
 from isac_arena.sweep.job import Job
 from isac_arena.sweep.run import make_signals, reason, run_cases, trace_stops
 
+ANSWER_S = 10  # within which a scheduler answers
 STOPS_PER_TASK = 8
 CASES_PER_TASK = 8  # at most, of cases that share their samples: samples are read once for all
 ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL", "NUMBA")}
@@ -56,7 +57,7 @@ def connect_scheduler(workers: int | None, scheduler: str | None) -> Iterator[Cl
             logging.getLogger(name).setLevel(logging.CRITICAL + 1)  # errors of cases are returned
     if scheduler is not None:
         try:
-            client = Client(scheduler, timeout="10s")
+            client = Client(scheduler, timeout=f"{ANSWER_S}s")
         except (OSError, ValueError, TypeError) as error:
             raise ValueError(
                 f"--scheduler = '{scheduler}': no dask scheduler answers there; give its address as tcp://HOST:PORT"

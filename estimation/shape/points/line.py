@@ -99,6 +99,7 @@ def _log_evidence(points: PointCluster, line: Line, ends: SegmentEnds, prior: Li
     log_outlier_density = -float(np.log(points.area_m2(prior.outlier_margin_m)))
     log_length = np.log(prior.length_m)
     offset = points.position_m - line.origin_m
+    covariance = np.array(points.covariance_m2, order="C")  # not read-only, a type of its own to compile for
 
     def log_density(segment: FloatArray) -> FloatArray:
         """Log of likelihood times prior (draw,) of segments (draw, 5); minus infinity outside the prior."""
@@ -107,7 +108,7 @@ def _log_evidence(points: PointCluster, line: Line, ends: SegmentEnds, prior: Li
         held &= (length > log_length[0]) & (length < log_length[1])
         value = np.full(len(segment), -np.inf)
         value[held] = segment_log_likelihood(
-            segment[held], offset, points.covariance_m2, prior.outlier_share, log_outlier_density
+            segment[held], offset, covariance, prior.outlier_share, log_outlier_density
         )
         facing = _log_facing(azimuth, points.away, prior.facing_concentration)
         spread = (distance / prior.offset_std_m) ** 2 + (log_scale / prior.log_noise_scale_std) ** 2

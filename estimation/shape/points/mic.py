@@ -160,7 +160,7 @@ class _Model:
         log_weight -= logsumexp(log_weight)
         weight = np.exp(log_weight)
         value, by_node, by_scale, n_at_node = log_likelihood(
-            self.points.position_m,
+            np.array(self.points.position_m),  # read-only is a type of its own to compile for
             self.precision,
             self.log_constant,
             np.asarray(log_weight + log_expit(-parameter[LOGIT_OUTLIER])),

@@ -193,7 +193,8 @@ def test_the_metrics_of_a_scene_are_known_without_a_run(undisturbed: Path) -> No
     assert metric_keys(load_scene("box_room")) == [row["key"] for row in scores]
 
 
-def test_a_wrong_scheduler_address_is_told_with_its_option(files: Path) -> None:
+def test_a_wrong_scheduler_address_is_told_with_its_option(files: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("isac_arena.sweep.engine.ANSWER_S", 1)
     for address in ("tcp://127.0.0.1:9", "nonsense::"):
         message = str(run(files, "out", "--scheduler", address).exception)
         assert f"--scheduler = '{address}'" in message
