@@ -1,9 +1,9 @@
 """The one driver of the chain: truths, sweeps, calibration, channel estimates, maps, scores.
 
 A `CampaignRun` states what is computed (which stops), from what (settings, scene, paths traced before), what
-replaces a stage (a user's estimator, another way to make sweeps) and where results are kept. Every stage uses the
-kept results and makes the others. So a run continues where it stopped. Every stop has its own random numbers, so
-any subset of stops gives the same bits.
+replaces a stage (a user's estimator, another way to make sweeps, truth) and where results are kept. Every stage
+uses the kept results and makes the others. So a run continues where it stopped. Every stop has its own random
+numbers, so any subset of stops gives the same bits.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -11,16 +11,19 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Protocol
 
+import numpy as np
+
 from estimation.channel.calibration.self_calibration import Calibration, calibration_rows, self_calibrate
 from estimation.channel.estimate import ChannelEstimator
 from estimation.channel.record import ChannelEstimate
-from estimation.slam.record import PoseEstimates
-from isac_arena.campaign.chain import channel_estimator, known_receiver, make_map, significance
+from estimation.slam.checks import check_estimates
+from estimation.slam.record import IncidencePoints, PoseEstimates
+from isac_arena.campaign.chain import channel_estimator, known_receiver, locate_or_take, significance, with_shapes
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.results import CampaignResults, MapName, MapResult
 from isac_arena.scoring.link_view import link_view
 from isac_arena.scoring.score import Scores, score_campaign, score_channel
-from scenes.record import FloatArray
+from scenes.record import FloatArray, IntArray
 from scenes.scene import Scene
 from sim.observation import BeamSweep
 from sim.signal.hardware.apply_impairments import with_surveyed_pose
@@ -111,12 +114,26 @@ class MemoryResults:
 
 
 @dataclass(frozen=True)
+class Oracle:
+    """Truth in place of the records behind the channel estimates; what is None is estimated.
+
+    `has_all_points` states that each path of `channel` is a line of sight or a single bounce: then each incidence
+    point is an inlier. `clusters` gives the cluster (ip,) of each incidence point, -1 for none.
+    """
+
+    channel: Sequence[ChannelEstimate] | None = None
+    receiver: PoseEstimates | None = None
+    has_all_points: bool = False
+    clusters: Callable[[IncidencePoints], IntArray] | None = None
+
+
+@dataclass(frozen=True)
 class CampaignRun:
     """One run of the chain; `scores` is the whole of it.
 
     `stops` are indices into the walk of the scene: by default those of `paths`, without `paths` all. `paths` are
     truths whose paths replace traced ones. `estimator` is a user's `package.module:function` and replaces the
-    channel estimator of the settings. `observer` makes the sweep of a stop.
+    channel estimator of the settings. `observer` makes the sweep of a stop. `oracle` replaces records by truth.
     """
 
     config: CampaignConfig
@@ -126,6 +143,7 @@ class CampaignRun:
     paths: Sequence[Truth] = ()
     estimator: str | None = None
     observer: Observe = observe
+    oracle: Oracle = field(default_factory=Oracle)
 
     def scores(self) -> Scores:
         """The scores of all estimates; raises as `score_campaign` does."""
@@ -203,10 +221,33 @@ class CampaignRun:
         found: dict[MapName, MapResult] = {}
         for name, states in given.items():
             kept = self.results.map_result(name)
-            found[name] = kept or make_map(self.config, channel, self.scene.tx, states)
             if kept is None:
-                self.results.write_map(name, found[name])
+                check_estimates(channel, self.scene.tx)
+                kept = self.shape(channel, *self.locate(channel, states))
+                self.results.write_map(name, kept)
+            found[name] = kept
         return found
+
+    def locate(
+        self, channel: Sequence[ChannelEstimate], receiver: PoseEstimates | None = None
+    ) -> tuple[PoseEstimates, IncidencePoints]:
+        """Receiver states and incidence points: of the given states, or found together (SLAM)."""
+        tx, oracle = self.scene.tx, self.oracle
+        channel = channel if oracle.channel is None else oracle.channel
+        receiver = receiver if oracle.receiver is None else oracle.receiver
+        poses, ips = locate_or_take(self.config, channel, tx, receiver)
+        if oracle.has_all_points:
+            if receiver is None:
+                _, ips = locate_or_take(self.config, channel, tx, poses)
+            ips = replace(ips, is_inlier=np.asarray(np.isfinite(ips.position_m).all(axis=1)))
+        return poses, ips
+
+    def shape(self, channel: Sequence[ChannelEstimate], poses: PoseEstimates, ips: IncidencePoints) -> MapResult:
+        """The map with the shapes of its clusters and the contours of its objects."""
+        oracle = self.oracle
+        channel = channel if oracle.channel is None else oracle.channel
+        label = None if oracle.clusters is None else oracle.clusters(ips)
+        return with_shapes(self.config, channel, self.scene.tx, poses, ips, label)
 
     def score(self, truths: Iterable[Truth], results: CampaignResults) -> Scores:
         """The scores of estimates against the truth; raises as `score_campaign` does."""

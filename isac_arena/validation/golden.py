@@ -11,13 +11,12 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from isac_arena.campaign.config import CampaignConfig
-from isac_arena.campaign.driver import CampaignRun
+from isac_arena.campaign.driver import CampaignRun, MemoryResults
 from isac_arena.campaign.files import write_text
 from isac_arena.campaign.load import campaign_path, campaign_scene, resolve_campaign
 from isac_arena.scoring.metrics.metric import Metric
 from scenes.scene import Scene
 from scenes.toml_config import read_text, read_toml
-from sim.simulate import simulate_truth
 from sim.truth import Truth
 
 NUDGES = 4  # runs with paths moved by rounding, when golden scores are made
@@ -90,12 +89,13 @@ def golden_rows(metrics: Sequence[Metric], nudged: Sequence[Sequence[Metric]]) -
 def run_golden(content: dict[str, Any], nudge: int | None = None) -> tuple[Metric, ...]:
     """All scores of the campaign of a golden file; `nudge` is the seed of moving its paths by rounding."""
     config, scene = golden_campaign(content)
-    truths = list(simulate_truth(config, scene, content["stops"]))
+    run = CampaignRun(config, scene, stops=content["stops"])
+    truths = list(run.truths())
     if nudge is not None:
         rng = np.random.default_rng(nudge)
         truths = [_nudged(truth, rng) for truth in truths]
     with threadpool_limits(limits=1):
-        return CampaignRun(config, scene, paths=truths).scores().metrics
+        return replace(run, paths=truths, results=MemoryResults()).scores().metrics
 
 
 def golden_campaign(content: dict[str, Any]) -> tuple[CampaignConfig, Scene]:

@@ -1,4 +1,4 @@
-"""The estimation chain of a campaign with truth in place of any of its stages."""
+"""The chain of a campaign behind its channel estimates, with truth in place of any of its stages."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -7,8 +7,8 @@ import numpy as np
 
 from estimation.channel.record import ChannelEstimate
 from estimation.slam.record import IncidencePoints, PoseEstimates
-from isac_arena.campaign.chain import known_receiver, locate_or_take, with_shapes
-from isac_arena.campaign.config import CampaignConfig
+from isac_arena.campaign.chain import known_receiver
+from isac_arena.campaign.driver import CampaignRun, Oracle
 from isac_arena.insight.budget.oracles import (
     TracedPaths,
     object_labels,
@@ -29,7 +29,6 @@ from isac_arena.insight.budget.stages import Part, Stage
 from isac_arena.scoring.provenance import cluster_origin
 from isac_arena.scoring.stages.channel import TrueStop, score_stop
 from scenes.record import FloatArray, IntArray, TextArray
-from scenes.scene import Scene
 
 UPSTREAM = (Stage.DETECTION, Stage.GEOMETRY, Stage.ASSOCIATION, Stage.POSE)
 FALLBACK_STD = np.array([1e-9, np.deg2rad(1.0), np.deg2rad(1.0)])  # where no path has a covariance
@@ -37,9 +36,9 @@ FALLBACK_STD = np.array([1e-9, np.deg2rad(1.0), np.deg2rad(1.0)])  # where no pa
 
 @dataclass(frozen=True)
 class Mapped:
-    """Results before the contours: paths, receiver states, incidence points and their objects."""
+    """Results before the contours: receiver states, incidence points and their objects, and the oracle behind."""
 
-    channel: list[ChannelEstimate]
+    oracle: Oracle
     poses: PoseEstimates
     ips: IncidencePoints
     ip_object: TextArray  # (ip,) upright object of the true single bounce behind it, else empty
@@ -47,14 +46,18 @@ class Mapped:
 
 @dataclass(frozen=True)
 class Chain:
-    """The chain after the channel estimates, with the truth of the same stops for the oracles."""
+    """The run behind the channel estimates, with the truth of the same stops for the oracles."""
 
-    config: CampaignConfig
-    scene: Scene
+    run: CampaignRun
     stops: list[TrueStop]
     paths: list[TracedPaths]
     objects: list[LitObject]
     _maps: dict[frozenset[Part], Mapped] = field(default_factory=dict, repr=False)
+
+    @property
+    def estimates(self) -> list[ChannelEstimate]:
+        """The channel estimates of the run."""
+        return [one.estimate for one in self.paths]
 
     def final_errors(self, replaced: frozenset[Part]) -> FinalErrors:
         """Final errors with truth in place of some stages."""
@@ -69,21 +72,18 @@ class Chain:
         paths = self._channel(replaced)
         channel = [one.estimate for one in paths]
         known = known_receiver(stop.truth for stop in self.stops) if Stage.POSE in replaced else None
-        poses, ips = locate_or_take(self.config, channel, self.scene.tx, known)
-        if Stage.ASSOCIATION in replaced:
-            if known is None:
-                _, ips = locate_or_take(self.config, channel, self.scene.tx, poses)
-            ips = replace(ips, is_inlier=np.asarray(np.isfinite(ips.position_m).all(axis=1)))
+        oracle = Oracle(channel, known, has_all_points=Stage.ASSOCIATION in replaced)
+        poses, ips = replace(self.run, oracle=oracle).locate(self.estimates)
         row = {int(stop): index for index, stop in enumerate(poses.stop)}
         names = [
             np.append(self.stops[row[stop]].origin.object, "")[paths[row[stop]].true_path[path]]
             for stop, path in zip(ips.stop.tolist(), ips.path.tolist(), strict=True)
         ]
-        upright = np.isin(np.array(names, str), self.scene.object_names)
-        return Mapped(channel, poses, ips, np.where(upright, np.array(names, str), ""))
+        upright = np.isin(np.array(names, str), self.run.scene.object_names)
+        return Mapped(oracle, poses, ips, np.where(upright, np.array(names, str), ""))
 
     def _channel(self, replaced: frozenset[Part]) -> list[TracedPaths]:
-        typical = typical_covariance([one.estimate for one in self.paths], FALLBACK_STD**2)
+        typical = typical_covariance(self.estimates, FALLBACK_STD**2)
         found = []
         for estimated, stop in zip(self.paths, self.stops, strict=True):
             paths = estimated
@@ -92,7 +92,7 @@ class Chain:
             if Stage.GEOMETRY in replaced:
                 paths = with_true_geometry(paths, stop)
             if Stage.ASSOCIATION in replaced:
-                paths = with_true_association(paths, stop, self.scene)
+                paths = with_true_association(paths, stop, self.run.scene)
             found.append(paths)
         return found
 
@@ -100,13 +100,14 @@ class Chain:
         """Errors (object,) of the paper's contours and of ours; ours are empty where their method is off."""
         ips, names = mapped.ips, mapped.ip_object
         true_label, shown = object_labels(ips, names)
-        label = true_label if Stage.CLUSTERS in replaced else None
-        made = with_shapes(self.config, mapped.channel, self.scene.tx, mapped.poses, ips, label)
-        if label is None:
+        clusters = (lambda _: true_label) if Stage.CLUSTERS in replaced else None
+        run = replace(self.run, oracle=replace(mapped.oracle, clusters=clusters))
+        made = run.shape(self.estimates, mapped.poses, ips)
+        if clusters is None:
             shown = _majority(made.shapes.label, names, len(made.shapes.center_m))
         paper = object_errors(self.objects, outlines_of_shapes(made.shapes, ips.position_m, shown))
         ours = np.zeros(0)
-        if self.config.contours.method != "none":
+        if self.run.config.contours.method != "none":
             owner = _majority(made.contours.object, names, len(made.contours))
             ours = object_errors(self.objects, outlines_of_contours(made.contours, ips.position_m, owner))
         if Stage.FIT not in replaced:
@@ -126,13 +127,9 @@ def _majority(label: IntArray, ip_object: TextArray, count: int) -> TextArray:
 
 
 def make_chain(
-    config: CampaignConfig,
-    scene: Scene,
-    stops: list[TrueStop],
-    channel: Sequence[ChannelEstimate],
-    objects: list[LitObject],
+    run: CampaignRun, stops: list[TrueStop], channel: Sequence[ChannelEstimate], objects: list[LitObject]
 ) -> Chain:
     """The chain of a campaign; `stops` and `channel` are of the same stops in the same order."""
     scored = [score_stop(stop, one)[0] for stop, one in zip(stops, channel, strict=True)]
     paths = [TracedPaths(one, rows.true_path) for one, rows in zip(channel, scored, strict=True)]
-    return Chain(config, scene, stops, paths, objects)
+    return Chain(run, stops, paths, objects)

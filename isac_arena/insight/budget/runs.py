@@ -57,7 +57,7 @@ class Variant:
         """The estimation chain behind the channel estimates."""
         run = self.run
         channel = list(run.channel(run.truths()))
-        return make_chain(run.config, run.scene, true_stops(run), channel, list(self.objects))
+        return make_chain(run, true_stops(run), channel, list(self.objects))
 
     def final_errors(self, replaced: frozenset[Part]) -> FinalErrors:
         """Final errors with truth in place of some stages: read, or made and stored."""

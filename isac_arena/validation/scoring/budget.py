@@ -7,6 +7,7 @@ import numpy as np
 from estimation.channel.record import ChannelEstimate
 from estimation.shape.config import ContourConfig, ShapeConfig
 from isac_arena.campaign.config import CampaignConfig
+from isac_arena.campaign.driver import CampaignRun
 from isac_arena.insight.budget.attribution import attribute, signed_root
 from isac_arena.insight.budget.chain import Chain, make_chain
 from isac_arena.insight.budget.outcome import lit_objects
@@ -76,7 +77,7 @@ def faulty_chain(rng: np.random.Generator) -> Chain:
     contours = ContourConfig(method="none")
     config = CampaignConfig(name=name, scene=name, shapes=shapes, contours=contours)
     channel = [_faulty(estimate, rng) for estimate in made.results.channel]
-    return make_chain(config, made.scene, stops, channel, lit_objects(made.scene, stops, 3))
+    return make_chain(CampaignRun(config, made.scene), stops, channel, lit_objects(made.scene, stops, 3))
 
 
 def _faulty(estimate: ChannelEstimate, rng: np.random.Generator) -> ChannelEstimate:

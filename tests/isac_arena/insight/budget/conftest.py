@@ -7,6 +7,7 @@ import pytest
 
 from estimation.shape.config import ContourConfig, ShapeConfig
 from isac_arena.campaign.config import CampaignConfig
+from isac_arena.campaign.driver import CampaignRun
 from isac_arena.insight.budget.chain import Chain, make_chain
 from isac_arena.insight.budget.outcome import lit_objects
 from isac_arena.scoring.config import Significance
@@ -49,4 +50,4 @@ def stops(campaign, true_power):
 def chain(campaign, stops) -> Chain:
     rng = np.random.default_rng(11)
     channel = [faulty(estimate, rng) for estimate in campaign.results.channel]
-    return make_chain(CONFIG, campaign.scene, stops, channel, lit_objects(campaign.scene, stops, 3))
+    return make_chain(CampaignRun(CONFIG, campaign.scene), stops, channel, lit_objects(campaign.scene, stops, 3))

@@ -40,7 +40,8 @@ def test_nothing_is_left_when_truth_stands_everywhere(chain):
 
 
 def test_nothing_is_left_of_our_contours_either(chain):
-    ours = replace(chain, config=chain.config.model_copy(update={"contours": ContourConfig()}), _maps={})
+    config = chain.run.config.model_copy(update={"contours": ContourConfig()})
+    ours = replace(chain, run=replace(chain.run, config=config), _maps={})
     assert len(ours.final_errors(frozenset()).contour_error_m) == 4
     assert ours.final_errors(EVERYTHING).contour_error_m.max() <= 1e-9
 
@@ -83,7 +84,7 @@ def test_a_budget_becomes_rows_of_finite_numbers_or_none(variants):
 
 def test_a_perfect_channel_leaves_no_error_to_detection_and_geometry(campaign, stops, chain):
     """What is left of the poses is the double bounce that SLAM cannot tell from a single one."""
-    perfect = make_chain(chain.config, campaign.scene, stops, campaign.results.channel, chain.objects)
+    perfect = make_chain(chain.run, stops, campaign.results.channel, chain.objects)
     variants = {parts: [perfect.final_errors(parts)] for parts in coalitions(STAGE_GROUPS)}
     found = attributions(variants, STAGE_GROUPS, np.random.default_rng(2))["pose"]
     shares = dict(zip(found.part, found.contribution / found.total, strict=True))
@@ -93,7 +94,7 @@ def test_a_perfect_channel_leaves_no_error_to_detection_and_geometry(campaign, s
 
 def test_stops_without_estimates_count_as_missed_and_are_made_good_by_truth(campaign, stops, chain):
     silent = [estimate.take("path", slice(0, 0)) for estimate in campaign.results.channel]
-    empty = make_chain(chain.config, campaign.scene, stops, silent, chain.objects)
+    empty = make_chain(chain.run, stops, silent, chain.objects)
     for parts in coalitions(STAGE_GROUPS):
         errors = empty.final_errors(parts)
         blind = not parts & {Stage.DETECTION, Stage.POSE}

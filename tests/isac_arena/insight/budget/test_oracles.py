@@ -66,13 +66,13 @@ def test_geometry_never_puts_two_paths_in_one_place(traced):
 
 def test_association_leaves_the_line_of_sight_and_upright_single_bounces(traced, chain):
     paths, stop = traced
-    found = with_true_association(paths, stop, chain.scene)
+    found = with_true_association(paths, stop, chain.run.scene)
     assert found.true_path[found.estimate.is_los].tolist() == [0]
     assert set(found.true_path) <= {0, 1, 2, 3, 4}
     assert 5 not in found.true_path  # the double bounce
     np.testing.assert_array_equal(found.estimate.los_probability, found.estimate.is_los)
     lonely = with_true_association(paths, replace(stop, origin=replace(stop.origin, kind=stop.origin.kind + 1)),
-                                   chain.scene)  # fmt: skip
+                                   chain.run.scene)  # fmt: skip
     assert not lonely.estimate.is_los.any()
 
 
@@ -80,12 +80,12 @@ def test_all_path_oracles_together_give_the_exact_incidence_points(chain):
     """The map of equation (4) from paths by truth lies on the true points."""
     paths = [
         with_true_association(
-            with_true_geometry(with_true_detection(one, stop, np.diag(STD**2)), stop), stop, chain.scene
+            with_true_geometry(with_true_detection(one, stop, np.diag(STD**2)), stop), stop, chain.run.scene
         )
         for one, stop in zip(chain.paths, chain.stops, strict=True)
     ]
     receiver = known_receiver(stop.truth for stop in chain.stops)
-    ips = map_stops([one.estimate for one in paths], receiver, chain.scene.tx, chain.config.mapping)
+    ips = map_stops([one.estimate for one in paths], receiver, chain.run.scene.tx, chain.run.config.mapping)
     truth = np.array(
         [chain.stops[s].origin.vertex_m[paths[s].true_path[p]] for s, p in zip(ips.stop, ips.path, strict=True)]
     )
