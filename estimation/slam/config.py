@@ -48,7 +48,6 @@ class MappingConfig(ConfigModel):
     gate_probability: float = Field(0.99, gt=0, lt=1)
     use_elevation: bool = Field(True, description="map in space where elevations were estimated")
     max_position_std_m: float = Field(1.0, gt=0)
-    max_iterations: int = Field(30, ge=1)
 
 
 class PathLoss(ConfigModel):
@@ -98,7 +97,7 @@ class Mixture(ConfigModel):
     """Mixture model of the paths that are no line of sight, for the statistical method.
 
     A single bounce has a Student-t residual, scaled by the covariance of the path. A bounce off two walls that are
-    perpendicular, or parallel to within `wall_angle_std_deg`, has parallel directions of departure and arrival;
+    perpendicular or parallel has parallel directions of departure and arrival;
     `double_share` 0 excludes it. Clutter has any angles, and a range uniform over `clutter_width_m`.
     """
 
@@ -106,7 +105,6 @@ class Mixture(ConfigModel):
     double_share: float = Field(0.0, ge=0, lt=1)
     clutter_width_m: float = Field(30.0, gt=0)
     degrees_of_freedom: int = Field(3, ge=1)
-    wall_angle_std_deg: float = Field(0.5, ge=0)
 
     @model_validator(mode="after")
     def _check_shares(self) -> Mixture:
@@ -171,9 +169,6 @@ class SnapshotConfig(ConfigModel):
         True, description="solve in space where elevations were estimated (statistical method only)"
     )
     path_loss: PathLoss = PathLoss()
-    max_hypothesis_paths: int = Field(12, ge=4)
-    min_los_inliers: int = Field(3, ge=2)
-    min_nlos_inliers: int = Field(4, ge=4)
 
     n_headings: int = Field(361, ge=2)
     gate_m2: float = Field(0.1, gt=0)
@@ -182,11 +177,8 @@ class SnapshotConfig(ConfigModel):
     mixture: Mixture = Mixture()
     reach_m: float = Field(20.0, gt=0)
     gate_probability: float = Field(0.997, gt=0, lt=1)
-    n_modes: int = Field(8, ge=1)
-    n_ranked: int = Field(6, ge=2)
     ambiguous_gap: float = Field(6.0, ge=0)
     consider: Consider = Consider()
-    max_iterations: int = Field(40, ge=1)
     max_clock_bias_ns: float = Field(300.0, gt=0, description="a larger clock bias is not credible")
     max_position_std_m: float = Field(1.5, gt=0, description="a stop less certain than this has failed")
 
@@ -238,14 +230,12 @@ class TrajectoryConfig(ConfigModel):
     spacing_m: float | None = Field(None, gt=0)
     heading_step_deg: float = Field(10.0, gt=0)
     clock_step_ns: float = Field(3.3, gt=0)
-    n_modes: int = Field(6, ge=1)
     gate_probability: float = Field(0.997, gt=0, lt=1)
 
     confirm_probability: float = Field(0.99, gt=0, lt=1)
 
     cluster_eps_m: float = Field(0.6, gt=0)
     cluster_min_samples: int = Field(5, ge=2)
-    min_wall_length_m: float = Field(1.0, gt=0)
     max_object_extent_m: float = Field(1.5, gt=0)
     wall_roughness_m: float = Field(0.03, ge=0)
     object_roughness_m: float = Field(0.08, ge=0)
@@ -254,13 +244,6 @@ class TrajectoryConfig(ConfigModel):
 
     offset_std_deg: float = Field(5.0, gt=0)
     min_session_gain: float = Field(10.0, gt=0)
-
-    rounds: int = Field(10, ge=1)
-    max_iterations: int = Field(20, ge=1)
-
-    def ranking(self, snapshot: SnapshotConfig) -> SnapshotConfig:
-        """Snapshot settings that rank as many modes as the trajectory needs."""
-        return snapshot.model_copy(update={"method": "statistical", "n_ranked": self.n_modes})
 
     @property
     def heading_step_rad(self) -> float:

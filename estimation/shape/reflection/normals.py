@@ -14,7 +14,6 @@ from estimation.laws.support import CIRCLE, contour_points, normal_std_m
 from estimation.shape.fit import OK, ShapeFit, failed_fit
 from estimation.shape.record import N_CONTOUR_SAMPLES
 from estimation.shape.reflection.reflections import ReflectionConfig, Reflections, ray_points
-from estimation.slam.config import MappingConfig
 from estimation.slam.mapping.point_fit import fit_points
 from scenes.record import FloatArray
 
@@ -38,7 +37,7 @@ def oriented_points(data: Reflections) -> OrientedPoints:
     start, _ = ray_points(data)
     by_rx = plane_law.bounce_jacobian_rx(data.tx, data.rx_state, start)
     total = data.covariance + by_rx @ data.rx_covariance @ np.swapaxes(by_rx, 1, 2)
-    position, _ = fit_points(plane_law, data.tx, data.rx_state, data.measured, total, MappingConfig())
+    position, _ = fit_points(plane_law, data.tx, data.rx_state, data.measured, total)
     by_point = plane_law.bounce_jacobian_point(data.tx, data.rx_state, position)
     information = np.swapaxes(by_point, 1, 2) @ np.linalg.solve(total, by_point)
     floor = 1e-9 * np.einsum("nii->n", information)

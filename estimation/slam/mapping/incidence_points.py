@@ -111,7 +111,7 @@ def map_paths(
     row = np.repeat(np.arange(len(estimates)), [len(estimate) for estimate in estimates])
     use = ~seen.is_los & (poses.status[row] != SolveStatus.FAILED)
     row, measured, path_covariance = row[use], seen.measured[use], seen.covariance[use]
-    point, cost = fit_points(law, tx_pose, state[row], measured, path_covariance, config)
+    point, cost = fit_points(law, tx_pose, state[row], measured, path_covariance)
     conditional, sensitivity = point_covariance(law, tx_pose, state[row], point, path_covariance)
     covariance = conditional
     if state_covariance is not None:

@@ -9,9 +9,9 @@ from typing import NamedTuple, Protocol, TypeVar
 import numpy as np
 
 from estimation.inference.least_squares import Attempt, Schedule, minimise
-from estimation.slam.config import MappingConfig
 from scenes.record import FloatArray
 
+_MAX_ITERATIONS = 30
 _TOLERANCE = 1e-9  # of J: a fit that gains less has converged, far below the noise of any path
 Tx_contra = TypeVar("Tx_contra", contravariant=True)  # the TX: a `scenes.pose.Pose`, or rows of it
 
@@ -44,7 +44,6 @@ def fit_points(
     state: FloatArray,
     measured: FloatArray,
     covariance: FloatArray,
-    config: MappingConfig,
 ) -> tuple[FloatArray, FloatArray]:
     """Minimise J of equation (4) for all paths at once, by damped Gauss-Newton from the midpoint start.
 
@@ -75,7 +74,7 @@ def fit_points(
         trial = located(at.point + np.linalg.solve(damped, gradient[..., None])[..., 0])
         return Attempt(trial, at.cost, trial.cost)
 
-    schedule = Schedule(config.max_iterations, first=1e-9, largest=1.0, absolute=0.0, relative=_TOLERANCE)
+    schedule = Schedule(_MAX_ITERATIONS, first=1e-9, largest=1.0, absolute=0.0, relative=_TOLERANCE)
     point, _, cost = minimise(located(law.start_point(tx_pose, state, measured)), attempt, schedule)
     return point, cost
 

@@ -28,6 +28,7 @@ NEAR_M = 3.0
 EARLY_SHARE = 0.05
 # No single bounce is beyond 20 standard deviations (squared: 400), no bounce off two walls beyond 6.
 FAR_SINGLE, FAR_DOUBLE = 400.0, 36.0
+MAX_ITERATIONS = 40
 _STEP_LIMIT = (2.0, 2.0, 0.3, 4.0)  # of one iteration, in m, m, rad, m
 _CONVERGED = 1e-6  # share of these limits; a Newton step squares the error
 

@@ -11,6 +11,7 @@ from estimation.slam.config import Mixture
 from estimation.slam.snapshot.problem import SnapshotProblem
 from scenes.record import FloatArray
 
+WALL_ANGLE_STD_DEG = 0.5  # between walls that count as parallel or perpendicular
 # Standard deviations of the angles by which an IP may be outside the devices' rays, and of the range by which a
 # path may seem shorter than the straight line.
 FEASIBLE_STDS, _EARLY_STDS = 2.0, 3.0
@@ -52,7 +53,7 @@ class PathModel(NamedTuple):
 def path_table(problem: SnapshotProblem, mixture: Mixture) -> PathTable:
     """The paths of a problem in the form that the compiled functions take."""
     departure, arrival, covariance = problem.departure_rad, problem.measured[:, 2], problem.covariance
-    wall = np.deg2rad(mixture.wall_angle_std_deg)
+    wall = np.deg2rad(WALL_ANGLE_STD_DEG)
     mean, half = (departure + arrival) / 2, (arrival - departure) / 2
     return PathTable(
         np.ascontiguousarray(problem.measured[:, 0]),

@@ -13,6 +13,15 @@ from estimation.slam.config import PathNoise, SnapshotConfig
 from scenes.pose import Pose
 from scenes.record import BoolArray, FloatArray, IntArray
 
+MAX_HYPOTHESIS_PATHS = 12
+MIN_LOS_INLIERS, MIN_NLOS_INLIERS = 3, 4  # with and without line of sight
+
+
+def strongest_paths(power_dbm: FloatArray) -> IntArray:
+    """Indices of the strongest paths, which hypotheses are made from, in path order; ties go to the first."""
+    order = np.argsort(-power_dbm, kind="stable")
+    return np.sort(order[:MAX_HYPOTHESIS_PATHS])
+
 
 @dataclass(frozen=True)
 class SnapshotProblem:
@@ -41,10 +50,10 @@ class SnapshotProblem:
         kept = self.measured[index], self.covariance[index], self.power_dbm[index]
         return SnapshotProblem(self.tx, *kept)
 
-    def strongest(self, n: int) -> IntArray:
-        """Indices of the n strongest paths, in path order; ties go to the first."""
-        order = np.argsort(-self.power_dbm, kind="stable")
-        return np.sort(order[:n])
+    @property
+    def strongest(self) -> IntArray:
+        """Indices of the paths of hypotheses, as `strongest_paths`."""
+        return strongest_paths(self.power_dbm)
 
 
 @dataclass(frozen=True)

@@ -55,7 +55,7 @@ class _Search:
         self.problem, self.config, self.with_los = problem, config, with_los
         self.first = problem.earliest
         self.weight = 10 ** (problem.power_dbm / 10)
-        candidates = problem.strongest(config.max_hypothesis_paths)
+        candidates = problem.strongest
         if with_los:
             others = candidates[candidates != self.first]
             self.sets: IntArray = np.stack([np.full_like(others, self.first), others], axis=1)

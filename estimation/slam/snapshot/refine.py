@@ -10,7 +10,7 @@ import numpy as np
 
 from estimation.laws.plane import bounce_gap
 from estimation.slam.config import SnapshotConfig
-from estimation.slam.snapshot.likelihood import refine_states
+from estimation.slam.snapshot.likelihood import MAX_ITERATIONS, refine_states
 from estimation.slam.snapshot.path_table import FEASIBLE_STDS, line_of_sight, path_model, path_table
 from estimation.slam.snapshot.problem import SnapshotProblem
 from scenes.pose import Pose
@@ -37,7 +37,7 @@ def refine_members(
     mixture = config.mixture.model_copy(update={"clutter_share": _NO_CLUTTER, "double_share": 0.0})
     direct = line_of_sight(problem, los)
     state, information, _, _ = refine_states(
-        path_table(problem, mixture), direct, path_model(mixture), start[None], config.max_iterations
+        path_table(problem, mixture), direct, path_model(mixture), start[None], MAX_ITERATIONS
     )
     return state[0], np.linalg.inv(information[0] + np.diag(config.prior_std**-2.0))
 

@@ -6,7 +6,13 @@ import numpy as np
 
 from estimation.channel.record import ChannelEstimate
 from estimation.slam.config import SnapshotConfig
-from estimation.slam.snapshot.problem import Fit, SnapshotProblem, reject_uncertain, snapshot_problem
+from estimation.slam.snapshot.problem import (
+    MIN_LOS_INLIERS,
+    Fit,
+    SnapshotProblem,
+    reject_uncertain,
+    snapshot_problem,
+)
 from estimation.slam.snapshot.reference import solve_reference
 from estimation.slam.snapshot.refine import refine_members
 from estimation.slam.snapshot.solution import SnapshotSolution, failed_solution, solution_of
@@ -51,7 +57,7 @@ def _line_of_sight_first(problem: SnapshotProblem, config: SnapshotConfig) -> Fi
 
 def _is_credible_los(problem: SnapshotProblem, fit: Fit, config: SnapshotConfig) -> bool:
     distance = float(np.hypot(*(fit.state[:2] - problem.tx.position_m[:2])))
-    enough = np.count_nonzero(fit.is_inlier) >= config.min_los_inliers
+    enough = np.count_nonzero(fit.is_inlier) >= MIN_LOS_INLIERS
     return bool(enough and config.path_loss.is_credible(problem.power_dbm[problem.earliest], distance))
 
 

@@ -6,7 +6,6 @@ evidence: with every credible path as line of sight, and without one.
 """
 
 from functools import cache
-from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import chi2
@@ -22,26 +21,17 @@ from estimation.slam.snapshot.evidence import (
     prior_of,
 )
 from estimation.slam.snapshot.hypotheses import distinct_states, four_bounce_states, line_of_sight_states
-from estimation.slam.snapshot.likelihood import log_likelihood, refine_states
+from estimation.slam.snapshot.likelihood import MAX_ITERATIONS, log_likelihood, refine_states
 from estimation.slam.snapshot.path_table import LineOfSight, PathModel, PathTable, path_model, path_table
-from estimation.slam.snapshot.problem import Fit, SnapshotProblem
+from estimation.slam.snapshot.problem import MIN_LOS_INLIERS, MIN_NLOS_INLIERS, Fit, SnapshotProblem
 from scenes.pose import wrap_angle
 from scenes.record import BoolArray, FloatArray, IntArray
 
+N_REFINED = 8  # hypotheses that are refined, with each line of sight
+N_RANKED = 6  # modes that are kept
 _SAME_DELAY_STDS = 3.0
 # Log-likelihood below the best hypothesis from which a hypothesis is not refined.
 _MAX_DEFICIT = 15.0
-
-
-class Limits(NamedTuple):
-    """The settings of the search in the form that the compiled function takes."""
-
-    gate: float  # chi-square of an inlier
-    min_los_inliers: int
-    min_nlos_inliers: int
-    n_modes: int
-    n_ranked: int
-    max_iterations: int
 
 
 def solve_statistical(problem: SnapshotProblem, config: SnapshotConfig) -> list[Fit]:
@@ -51,24 +41,16 @@ def solve_statistical(problem: SnapshotProblem, config: SnapshotConfig) -> list[
     """
     if not len(problem):
         return []
-    limits = Limits(
-        _gate(config.gate_probability),
-        config.min_los_inliers,
-        config.min_nlos_inliers,
-        config.n_modes,
-        config.n_ranked,
-        config.max_iterations,
-    )
     state, covariance, evidence, inlier, los = _ranked(
         path_table(problem, config.mixture),
         np.column_stack([problem.measured[:, 0], problem.departure_rad, problem.measured[:, 2]]),
         problem.power_dbm,
         np.append(los_candidates(problem), -1),
-        problem.strongest(config.max_hypothesis_paths),
+        problem.strongest,
         path_model(config.mixture),
         power_law(config.path_loss),
         prior_of(config),
-        limits,
+        _gate(config.gate_probability),
     )
     state[:, :2] += problem.tx.position_m[:2]
     state[:, 2] = wrap_angle(state[:, 2])
@@ -102,7 +84,7 @@ def _ranked(
     model: PathModel,
     law: PowerLaw,
     prior: SnapshotPrior,
-    limits: Limits,
+    gate: float,
 ) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray, IntArray]:
     """Modes with each of `lines` as line of sight, -1 for none, that have enough inliers, the best first.
 
@@ -110,25 +92,25 @@ def _ranked(
     (mode, 4) from the TX, covariances (mode, 4, 4), log evidences (mode,), inliers (mode, path) and lines of
     sight (mode,).
     """
-    n, most = len(power_dbm), len(lines) * limits.n_modes
+    n, most = len(power_dbm), len(lines) * N_REFINED
     state, covariance = np.empty((most, 4)), np.empty((most, 4, 4))
     evidence, inlier, los = np.empty(most), np.zeros((most, n), np.bool_), np.empty(most, np.int64)
     clutter, found = log_clutter(paths.range_m, power_dbm, law, prior), 0
     for line in lines:
-        direct, least = LineOfSight(-1, np.zeros(3), np.zeros((3, 3))), limits.min_nlos_inliers
+        direct, least = LineOfSight(-1, np.zeros(3), np.zeros((3, 3))), MIN_NLOS_INLIERS
         if line >= 0:
             whitening = np.ascontiguousarray(np.linalg.inv(np.linalg.cholesky(paths.covariance[line])))
-            direct, least = LineOfSight(line, measured[line], whitening), limits.min_los_inliers
+            direct, least = LineOfSight(line, measured[line], whitening), MIN_LOS_INLIERS
             start = line_of_sight_states(paths, line, measured[line, 1:], strongest[strongest != line])
         else:
             start = four_bounce_states(paths, strongest)
         score = log_likelihood(paths, direct, model, start)
-        first = distinct_states(start, score, limits.n_modes, _MAX_DEFICIT)
+        first = distinct_states(start, score, N_REFINED, _MAX_DEFICIT)
         refined, information, likelihood, square = refine_states(
-            paths, direct, model, start[first], limits.max_iterations
+            paths, direct, model, start[first], MAX_ITERATIONS
         )
         for k in range(len(first)):
-            inlier[found] = square[k] <= limits.gate
+            inlier[found] = square[k] <= gate
             if line >= 0:
                 inlier[found, line] = True
             if np.sum(inlier[found]) < least or abs(refined[k, 3]) > prior.max_clock_m:
@@ -141,7 +123,7 @@ def _ranked(
                 state[found], los[found] = refined[k], line
                 found += 1
     # The same state with the line of sight as a single bounce is not a second mode.
-    kept = distinct_states(state[:found], evidence[:found], limits.n_ranked, np.inf)
+    kept = distinct_states(state[:found], evidence[:found], N_RANKED, np.inf)
     return state[kept], covariance[kept], evidence[kept], inlier[kept], los[kept]
 
 

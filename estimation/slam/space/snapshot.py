@@ -14,8 +14,16 @@ from estimation.inference.least_squares import Attempt, Schedule, damped_step, m
 from estimation.laws.space import N_STATE
 from estimation.slam.config import SnapshotConfig
 from estimation.slam.snapshot.evidence import log_clutter, power_law, prior_of
-from estimation.slam.snapshot.problem import Fit, reject_uncertain
+from estimation.slam.snapshot.likelihood import MAX_ITERATIONS
+from estimation.slam.snapshot.problem import (
+    MIN_LOS_INLIERS,
+    MIN_NLOS_INLIERS,
+    Fit,
+    reject_uncertain,
+    strongest_paths,
+)
 from estimation.slam.snapshot.solution import SnapshotSolution, failed_solution, solution_of
+from estimation.slam.snapshot.statistical import N_RANKED, N_REFINED
 from estimation.slam.space.hypotheses import bounce_states, los_states
 from estimation.slam.space.problem import (
     BounceFit,
@@ -58,7 +66,7 @@ def ranked_spatial_modes(problem: SpatialProblem, config: SnapshotConfig) -> lis
         clutter = _log_clutter(problem, config)
         fits = [fit for fit in fits if -fit.cost > clutter]
     state = np.array([fit.state for fit in fits]).reshape(-1, N_STATE)
-    kept = distinct_states(state, np.array([-fit.cost for fit in fits]), config.n_ranked)
+    kept = distinct_states(state, np.array([-fit.cost for fit in fits]), N_RANKED)
     return reject_uncertain([fits[k] for k in kept], config)
 
 
@@ -90,7 +98,7 @@ def refine_spatial(
         return Attempt((state + step, trial), before * (1 + 1e-12), after)
 
     begun = start.copy(), _evaluate(problem, start, los, others, config)
-    schedule = Schedule(config.max_iterations, first=1e-6, largest=1e9)
+    schedule = Schedule(MAX_ITERATIONS, first=1e-6, largest=1e9)
     state, (fit, score, _, slope) = minimise(begun, attempt, schedule)
     share = expit(bounce_log_ratio(fit, config.mixture)) * others
     kept = student_t_efficiency(config.mixture.degrees_of_freedom, 1)
@@ -112,15 +120,15 @@ def distinct_states(state: FloatArray, score: FloatArray, n: int) -> IntArray:
 
 
 def _with_los(problem: SpatialProblem, config: SnapshotConfig) -> list[Fit]:
-    if len(problem) < config.min_los_inliers:
+    if len(problem) < MIN_LOS_INLIERS:
         return []
-    return _modes(problem, los_states(problem, _strongest(problem, config)), problem.direct, config)
+    return _modes(problem, los_states(problem, strongest_paths(problem.power_dbm)), problem.direct, config)
 
 
 def _without_los(problem: SpatialProblem, config: SnapshotConfig) -> list[Fit]:
     if len(problem) < _MIN_BOUNCES:
         return []
-    return _modes(problem, bounce_states(problem, _strongest(problem, config)), -1, config)
+    return _modes(problem, bounce_states(problem, strongest_paths(problem.power_dbm)), -1, config)
 
 
 def _modes(problem: SpatialProblem, state: FloatArray, los: int, config: SnapshotConfig) -> list[Fit]:
@@ -129,14 +137,14 @@ def _modes(problem: SpatialProblem, state: FloatArray, los: int, config: Snapsho
         return []
     others = np.arange(len(problem)) != los
     score = _evaluate(problem, state, los, others, config)[1]
-    start = state[distinct_states(state, score, config.n_modes)]
+    start = state[distinct_states(state, score, N_REFINED)]
     state, information, score = refine_spatial(problem, start, los, config)
     evidence, covariances = _log_evidence(problem, los, state, information, score, config)
     fit = bounce_fit(problem, state)
     inlier = others & fit.is_feasible & (fit.square <= chi2.ppf(config.gate_probability, 2))
     if los >= 0:
         inlier[:, los] = True
-    enough = inlier.sum(axis=1) >= (config.min_los_inliers if los >= 0 else config.min_nlos_inliers)
+    enough = inlier.sum(axis=1) >= (MIN_LOS_INLIERS if los >= 0 else MIN_NLOS_INLIERS)
     credible = np.abs(state[:, 4]) <= config.max_clock_bias_m
     if los >= 0:
         reach = np.linalg.norm(state[:, :3] - problem.tx.position_m, axis=1)
@@ -217,8 +225,3 @@ def _log_power(problem: SpatialProblem, los: int, state: FloatArray, config: Sna
 def _prior(config: SnapshotConfig) -> FloatArray:
     """Standard deviations (5,) of the weak prior: those of the plane, with `reach_m` for the height too."""
     return np.insert(config.prior_std, 2, config.reach_m)
-
-
-def _strongest(problem: SpatialProblem, config: SnapshotConfig) -> IntArray:
-    order = np.argsort(-problem.power_dbm, kind="stable")[: config.max_hypothesis_paths]
-    return np.sort(order)

@@ -19,7 +19,8 @@ from estimation.slam.walk.sessions import split_sessions
 from estimation.slam.walk.smoother import minimise_robust_cost, normal_equations
 from scenes.record import BoolArray
 
-_ROUGH_ITERATIONS = 6
+_ROUGH_ITERATIONS = 6  # enough where the association will change
+_MAX_ROUNDS = 10
 
 
 def smooth_walk(
@@ -73,17 +74,15 @@ def _alternate(
     First landmarks are found from clusters in every round. Then paths are assigned to the estimated landmarks,
     which are more accurate than the clusters they come from.
     """
-    # Few iterations are enough where the association will change.
-    rough = config.model_copy(update={"max_iterations": min(_ROUGH_ITERATIONS, config.max_iterations)})
     link, now, spans = classify_paths(seen, now, is_los, config)
-    for _ in range(config.rounds):
-        now = minimise_robust_cost(seen, link, now, rough)
+    for _ in range(_MAX_ROUNDS):
+        now = minimise_robust_cost(seen, link, now, config, _ROUGH_ITERATIONS)
         before = link
         link, now, spans = classify_paths(seen, now, is_los, config)
         if _same(link, before):
             break
-    for _ in range(config.rounds):
-        now = minimise_robust_cost(seen, link, now, rough)
+    for _ in range(_MAX_ROUNDS):
+        now = minimise_robust_cost(seen, link, now, config, _ROUGH_ITERATIONS)
         before = link
         link = reclassify_paths(seen, now, is_los, spans, config)
         if _same(link, before):

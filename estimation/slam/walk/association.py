@@ -23,6 +23,7 @@ from scenes.record import BoolArray, FloatArray
 # Landmarks are found from incidence points more certain than this.
 _MAX_POINT_STD_M = 0.6
 _WALL_TOLERANCE_M = 0.25
+_MIN_WALL_LENGTH_M = 1.0
 _MAX_OBJECT_SCATTER_M = 0.4
 # Standard deviation of the position of a landmark that is not yet estimated.
 _START_STD_M = 0.05
@@ -126,7 +127,7 @@ def find_landmarks(
                 if _is_flat(outward, std):
                     wall = _facing(rest, outward)
                     span = _stretch(rest, wall)
-                    if span[1] - span[0] >= config.min_wall_length_m:
+                    if span[1] - span[0] >= _MIN_WALL_LENGTH_M:
                         walls.append(wall)
                         spans.append(span)
                 else:
@@ -136,7 +137,7 @@ def find_landmarks(
             wall, on_wall = _best_line(rest)
             enough = np.count_nonzero(on_wall) >= config.cluster_min_samples
             span = _stretch(rest[on_wall], wall) if enough else (0.0, 0.0)
-            if span[1] - span[0] < config.min_wall_length_m:
+            if span[1] - span[0] < _MIN_WALL_LENGTH_M:
                 break
             walls.append(wall)
             spans.append(span)

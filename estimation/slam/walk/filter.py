@@ -18,6 +18,7 @@ from estimation.slam.record import IncidencePoints, PoseEstimates
 from estimation.slam.snapshot.problem import Fit, snapshot_problem
 from estimation.slam.snapshot.solution import SnapshotSolution, bias_to_seconds, failed_solution, solution_of
 from estimation.slam.snapshot.solve import ranked_modes
+from estimation.slam.snapshot.statistical import N_RANKED
 from estimation.slam.space.problem import is_spatial, spatial_problem
 from estimation.slam.space.snapshot import ranked_spatial_modes
 from scenes.pose import Pose, wrap_angle
@@ -58,7 +59,7 @@ def run_filter(
     `snapshot.solves_in_space`.
     """
     spatial = is_spatial(estimates, use_elevation=snapshot.solves_in_space)
-    ranked = config.ranking(snapshot)
+    ranked = snapshot.model_copy(update={"method": "statistical"})
     hypotheses: list[Hypothesis] = []
     solutions: list[SnapshotSolution] = []
     for estimate in estimates:
@@ -76,7 +77,7 @@ def advance_hypotheses(
 ) -> list[Hypothesis]:
     """Hypotheses after one more stop with these modes, best first."""
     if not hypotheses:
-        return _normalised([_initial(mode) for mode in modes], config)
+        return _normalised([_initial(mode) for mode in modes])
     evidence = np.array([-mode.cost for mode in modes])
     relative = evidence - evidence.max(initial=-np.inf) if len(evidence) else evidence
     branches = []
@@ -87,7 +88,7 @@ def advance_hypotheses(
         branches += [
             update_hypothesis(ahead, mode, float(gain)) for mode, gain in zip(modes, relative, strict=True)
         ]
-    return _normalised(branches, config)
+    return _normalised(branches)
 
 
 def predict_hypothesis(before: Hypothesis, config: TrajectoryConfig) -> Hypothesis:
@@ -129,9 +130,9 @@ def _initial(mode: Fit) -> Hypothesis:
     return Hypothesis(np.concatenate([mode.state, np.zeros(2)]), covariance, -mode.cost, mode)
 
 
-def _normalised(hypotheses: list[Hypothesis], config: TrajectoryConfig) -> list[Hypothesis]:
+def _normalised(hypotheses: list[Hypothesis]) -> list[Hypothesis]:
     """The best hypotheses, twice as many as modes, with log weights relative to the best."""
-    kept = sorted(hypotheses, key=lambda h: -h.log_weight)[: 2 * config.n_modes]
+    kept = sorted(hypotheses, key=lambda h: -h.log_weight)[: 2 * N_RANKED]
     top = kept[0].log_weight if kept else 0.0
     return [Hypothesis(h.mean, h.covariance, h.log_weight - top, h.mode) for h in kept]
 

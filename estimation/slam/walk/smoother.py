@@ -19,11 +19,16 @@ from estimation.slam.walk.residuals import Association, Observations, Trajectory
 from scenes.record import FloatArray
 
 _TOLERANCE = 1e-5  # of the cost, and of log-likelihood: a step that gains less changes no association
+_MAX_ITERATIONS = 20
 _WEAK_STD = np.array([50.0, 50.0, np.pi, 50.0])
 
 
 def minimise_robust_cost(
-    seen: Observations, link: Association, start: TrajectoryState, config: TrajectoryConfig
+    seen: Observations,
+    link: Association,
+    start: TrajectoryState,
+    config: TrajectoryConfig,
+    max_iterations: int = _MAX_ITERATIONS,
 ) -> TrajectoryState:
     """Levenberg-Marquardt on the robust cost, re-weighting at every step."""
 
@@ -36,7 +41,7 @@ def minimise_robust_cost(
         trial = point(at.now.moved(*step))
         return Attempt(trial, at.cost, trial.cost)
 
-    schedule = Schedule(config.max_iterations, first=1e-4, largest=1e5, absolute=_TOLERANCE, relative=_TOLERANCE)
+    schedule = Schedule(max_iterations, first=1e-4, largest=1e5, absolute=_TOLERANCE, relative=_TOLERANCE)
     return minimise(point(replace(start, course=course_of(start.state))), attempt, schedule).now
 
 

@@ -59,7 +59,7 @@ def run_trajectory(
     for solved stops.
     """
     problems = [snapshot_problem(estimate, tx_pose, snapshot.noise) for estimate in estimates]
-    modes = [ranked_modes(problem, config.ranking(snapshot)) for problem in problems]
+    modes = [ranked_modes(problem, snapshot.model_copy(update={"method": "statistical"})) for problem in problems]
     chosen = choose_modes(modes, config)
     seen = observations(problems, tx_pose)
     is_los = _lines_of_sight(problems, modes, chosen)

@@ -10,6 +10,7 @@ from scipy.stats import t as student
 
 from estimation.laws.plane import bounce_equation, los_jacobian_rx, predict_los, residual
 from estimation.slam.config import Mixture
+from estimation.slam.snapshot.path_table import WALL_ANGLE_STD_DEG
 from estimation.slam.snapshot.problem import SnapshotProblem
 from estimation.slam.snapshot.refine import bounce_terms
 from scenes.pose import wrap_angle
@@ -31,7 +32,7 @@ def path_densities(problem: SnapshotProblem, state: FloatArray, mixture: Mixture
     turn = state[2] + problem.measured[:, 2] - problem.departure_rad
     sine = np.sin(turn) * np.sign(np.cos(turn))  # of the angle to the nearer of 0 and 180 deg
     cov = problem.covariance
-    spread = np.sqrt(cov[:, 1, 1] + cov[:, 2, 2] - 2 * cov[:, 1, 2] + np.deg2rad(mixture.wall_angle_std_deg) ** 2)
+    spread = np.sqrt(cov[:, 1, 1] + cov[:, 2, 2] - 2 * cov[:, 1, 2] + np.deg2rad(WALL_ANGLE_STD_DEG) ** 2)
     # Half the double bounces reverse a ray, half keep its direction; clutter has any angle.
     double = mixture.double_share * 0.5 * 2 * np.pi * norm.pdf(sine / spread) / spread
     double[np.abs(sine) > 6 * spread] = 0.0

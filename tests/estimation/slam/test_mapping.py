@@ -69,7 +69,7 @@ def test_errors_match_the_covariance_and_cost_is_chi_square(covariance):
     noise = rng.multivariate_normal(np.zeros(3), r, len(truth))
     measured = predict_bounce(TX, state, truth) + noise
     r_all = np.tile(r, (len(truth), 1, 1))
-    point, cost = fit_points(plane_law, TX, state, measured, r_all, FIXED)
+    point, cost = fit_points(plane_law, TX, state, measured, r_all)
     sigma, _ = point_covariance(plane_law, TX, state, point, r_all)
     error = point - truth
     nees = np.einsum("ni,nij,nj->n", error, np.linalg.inv(sigma), error)
@@ -83,7 +83,7 @@ def test_result_is_the_minimum_of_the_cost():
     rng = np.random.default_rng(6)
     measured = predict_bounce(TX, STATE, POINTS) + rng.normal(size=(6, 3)) * [0.3, 0.02, 0.02]
     r = np.tile(np.diag([0.3, 0.0175, 0.0175]) ** 2, (6, 1, 1))
-    point, cost = fit_points(plane_law, TX, np.tile(STATE, (6, 1)), measured, r, FIXED)
+    point, cost = fit_points(plane_law, TX, np.tile(STATE, (6, 1)), measured, r)
     for step in np.array([[1, 0], [-1, 0], [0, 1], [0, -1]]) * 1e-3:
         difference = measured - predict_bounce(TX, STATE, point + step)
         nearby = np.einsum("ni,nij,nj->n", difference, np.linalg.inv(r), difference)
@@ -96,8 +96,8 @@ def test_sensitivity_matches_a_moved_receiver():
     _, sensitivity = point_covariance(plane_law, TX, np.tile(STATE, (6, 1)), POINTS, r)
     for i in range(4):
         step = 1e-5 * np.eye(4)[i]
-        ahead, _ = fit_points(plane_law, TX, np.tile(STATE + step, (6, 1)), measured, r, FIXED)
-        behind, _ = fit_points(plane_law, TX, np.tile(STATE - step, (6, 1)), measured, r, FIXED)
+        ahead, _ = fit_points(plane_law, TX, np.tile(STATE + step, (6, 1)), measured, r)
+        behind, _ = fit_points(plane_law, TX, np.tile(STATE - step, (6, 1)), measured, r)
         np.testing.assert_allclose(sensitivity[..., i], (ahead - behind) / 2e-5, rtol=2e-3, atol=2e-3)
 
 

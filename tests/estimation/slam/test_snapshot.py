@@ -198,7 +198,8 @@ def test_many_paths_are_capped_by_power():
     solution = solve_snapshot(estimate, TX, SnapshotConfig(method="statistical", noise=SHARP))
     assert np.abs(state_error(solution, state)[:3]).max() < 1e-6
     problem = snapshot_problem(estimate, TX, SHARP)
-    strongest = problem.strongest(12)
+    strongest = problem.strongest
+    assert len(strongest) == 12
     assert problem.power_dbm[strongest].min() >= np.delete(problem.power_dbm, strongest).max()
 
 

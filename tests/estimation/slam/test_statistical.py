@@ -15,7 +15,7 @@ from estimation.slam.config import Mixture, PathLoss, PathNoise, SnapshotConfig
 from estimation.slam.record import SolveStatus
 from estimation.slam.snapshot.evidence import log_clutter, log_evidence, power_law, prior_of
 from estimation.slam.snapshot.hypotheses import distinct_states, four_bounce_states, line_of_sight_states
-from estimation.slam.snapshot.likelihood import log_likelihood, refine_states
+from estimation.slam.snapshot.likelihood import MAX_ITERATIONS, log_likelihood, refine_states
 from estimation.slam.snapshot.path_table import line_of_sight, path_model, path_table
 from estimation.slam.snapshot.problem import snapshot_problem
 from estimation.slam.snapshot.solve import solve_snapshot
@@ -38,7 +38,7 @@ def drawn(seed, **changes):
     return scenario, snapshot_problem(scenario.estimate, scenario.tx, NOISE), tx
 
 
-def refined(problem, los, start, max_iterations=OURS.max_iterations):
+def refined(problem, los, start, max_iterations=MAX_ITERATIONS):
     """States, information and log-likelihoods after the compiled refinement."""
     table, model = path_table(problem, OURS.mixture), path_model(OURS.mixture)
     return refine_states(table, line_of_sight(problem, los), model, start, max_iterations)[:3]
