@@ -1,5 +1,8 @@
-"""The common style of all figures: colours for colour-blind readers, light axes, sizes in inches."""
+"""The common style of figures (colours for colour-blind readers, light axes, sizes in inches) and HTML pages."""
 
+from base64 import b64encode
+from collections.abc import Iterable, Sequence
+from html import escape
 from io import BytesIO
 from typing import Any
 
@@ -39,6 +42,7 @@ STYLE = {
     "ytick.labelsize": 8,
 }
 DOTS_PER_INCH = 130
+PIXELS_PER_INCH = 86  # on a page: the widest figure fills it, and all figures have the same letter size
 
 styled = rc_context(rc=STYLE)  # decorator: the function draws in this style and ignores the user's settings
 
@@ -67,3 +71,22 @@ def png_bytes(figure: Figure) -> bytes:
     buffer = BytesIO()
     figure.savefig(buffer, format="png", dpi=DOTS_PER_INCH, metadata={"Software": None})
     return buffer.getvalue()
+
+
+def html_table(heads: Sequence[str], rows: Iterable[Sequence[str]], style: str = "") -> str:
+    """An HTML table, in the CSS class `style`; heads and cells are HTML."""
+    head = "".join(f"<th>{cell}</th>" for cell in heads)
+    body = "\n".join(f"<tr>{''.join(f'<td>{cell}</td>' for cell in row)}</tr>" for row in rows)
+    kind = f' class="{style}"' if style else ""
+    return f"<table{kind}>\n<thead><tr>{head}</tr></thead>\n<tbody>\n{body}\n</tbody>\n</table>"
+
+
+def figure_html(title: str, png: bytes, figure: Figure, caption: str, name: str = "") -> str:
+    """A figure as an HTML element with the PNG file inside; `name` is its anchor on the page."""
+    data = b64encode(png).decode("ascii")
+    width = round(PIXELS_PER_INCH * float(figure.get_size_inches()[0]))
+    anchor = f' id="{escape(name)}"' if name else ""
+    return (
+        f'<figure{anchor}><img alt="{escape(title)}" width="{width}" src="data:image/png;base64,{data}">'
+        f"<figcaption><b>{escape(title)}.</b> {escape(caption)}</figcaption></figure>"
+    )

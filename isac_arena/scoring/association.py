@@ -28,12 +28,20 @@ def assign(estimate: FloatArray, truth: FloatArray, gate: Gate) -> IntArray:
     pair outside the gate costs as much as a pair at its corner and is not assigned. So an additional poor pair
     never replaces a good pair at a higher total cost.
     """
-    error = parameter_errors(estimate[:, None], truth[None])
-    inside = inside_gate(error, gate)
-    cost = np.where(inside, np.square(error / gate.half_width).sum(axis=-1), 3.0)
+    return assign_by_error(parameter_errors(estimate[:, None], truth[None]), gate.half_width, 3.0)
+
+
+def assign_by_error(error: FloatArray, half_width: FloatArray, unassigned_cost: float) -> IntArray:
+    """Column (row,) assigned to each row, -1 for none, of the least total cost (Hungarian method).
+
+    The errors (row, column, 3) of a pair have to lie within `half_width` (3,). The cost of such a pair is its
+    squared error in units of that, and the cost of any other pair is `unassigned_cost`.
+    """
+    inside = np.asarray((np.abs(error) <= half_width).all(axis=-1))
+    cost = np.where(inside, np.square(error / half_width).sum(axis=-1), unassigned_cost)
     rows, columns = linear_sum_assignment(cost)
     matched = inside[rows, columns]
-    result = np.full(len(estimate), -1)
+    result = np.full(len(error), -1)
     result[rows[matched]] = columns[matched]
     return result
 

@@ -5,10 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from isac_arena.campaign.measured import MeasuredCampaign
-from isac_arena.insight.twin.matching import NARROW_GATE, WIDE_GATE, assign, differences
 from isac_arena.insight.twin.offsets import without_offsets
 from isac_arena.insight.twin.power import PowerModel, over_floor
-from isac_arena.insight.twin.record import Offsets, TwinPaths
+from isac_arena.insight.twin.record import NARROW_GATE, WIDE_GATE, Offsets, TwinPaths
+from isac_arena.scoring.association import assign_by_error, parameter_errors
 from isac_arena.scoring.provenance import path_origin
 from scenes.record import FloatArray, IntArray, concatenate
 from sim.propagation.paths import Paths, path_labels
@@ -79,5 +79,16 @@ def _matches(
     aod_rad = simulated.aod_azimuth_rad - campaign.tx.heading_rad
     aoa_rad = simulated.aoa_azimuth_rad - campaign.truths[stop].rx_pose.heading_rad
     candidates = np.column_stack([simulated.delay_s, aod_rad, aoa_rad])
-    difference = differences(without_offsets(campaign, stop, offsets), candidates)
-    return assign(difference, gate), difference
+    difference = parameter_errors(without_offsets(campaign, stop, offsets)[:, None], candidates[None])
+    return explaining(difference, gate), difference
+
+
+def explaining(difference: FloatArray, gate: FloatArray) -> IntArray:
+    """Candidate (path,) that explains each path, -1 for none.
+
+    A candidate explains at most one path, and only where all three differences (path, candidate, 3) lie within the
+    gate (3,). As many paths as possible are explained, and with the least sum of squared differences in units of
+    the gate.
+    """
+    none_costs = 3.0 * (len(difference) + 1)  # more than all pairs within the gate together
+    return assign_by_error(difference, gate, none_costs)

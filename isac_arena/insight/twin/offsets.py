@@ -6,8 +6,7 @@ import numpy as np
 
 from estimation.slam.walk.sessions import segment_offsets
 from isac_arena.campaign.measured import PUBLISHED_NOISE, MeasuredCampaign
-from isac_arena.insight.twin.matching import WIDE_GATE
-from isac_arena.insight.twin.record import HeadingSource, Offsets, TwinPaths
+from isac_arena.insight.twin.record import WIDE_GATE, HeadingSource, Offsets, TwinPaths
 from scenes.pose import SPEED_OF_LIGHT_M_S, wrap_angle
 from scenes.record import BoolArray, FloatArray, IntArray
 

@@ -3,7 +3,13 @@
 from dataclasses import dataclass
 from enum import IntEnum
 
+import numpy as np
+
 from scenes.record import BoolArray, FloatArray, IntArray, Record, TextArray, array
+
+# Largest differences of delay, departure and arrival, in s, rad, rad, of a path and the one that explains it.
+WIDE_GATE = np.array([1.5e-9, np.deg2rad(3.0), np.deg2rad(3.0)])
+NARROW_GATE = np.array([1.0e-9, np.deg2rad(2.0), np.deg2rad(2.0)])
 
 
 class HeadingSource(IntEnum):

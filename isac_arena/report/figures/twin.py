@@ -6,8 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from isac_arena.insight.twin.matching import NARROW_GATE, WIDE_GATE
-from isac_arena.insight.twin.record import TwinPaths
+from isac_arena.insight.twin.record import NARROW_GATE, WIDE_GATE, TwinPaths
 from isac_arena.insight.twin.scores import is_pillar
 from isac_arena.insight.twin.twin import Twin
 from isac_arena.report.figures.plan import draw_plan, plan_view

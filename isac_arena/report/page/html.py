@@ -6,7 +6,6 @@ from html import escape
 from string import Template
 from typing import Any
 
-from isac_arena.report.elements import figure_html, html_table
 from isac_arena.report.page.figures import ReportFigure
 from isac_arena.report.page.tables import (
     ACCEPTED,
@@ -22,6 +21,7 @@ from isac_arena.report.page.tables import (
     score_table,
 )
 from isac_arena.report.page.template import PAGE, script_text, style_text
+from isac_arena.report.style import figure_html, html_table
 from isac_arena.scoring.score import Scores
 
 SECTIONS = {

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from html import escape
 
-from isac_arena.report.elements import html_table
+from isac_arena.report.style import html_table
 from isac_arena.scoring.metrics.metric import Metric
 
 DIRECTION_MARKS = {"lower": "↓", "higher": "↑", "info": ""}

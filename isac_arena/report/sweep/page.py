@@ -8,8 +8,7 @@ from string import Template
 import numpy as np
 from matplotlib.figure import Figure
 
-from isac_arena.report.elements import figure_html, html_table
-from isac_arena.report.style import png_bytes
+from isac_arena.report.style import figure_html, html_table, png_bytes
 from isac_arena.report.sweep.results import SweepResults, groups, mean_interval
 
 STYLE = """
