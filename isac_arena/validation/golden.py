@@ -1,4 +1,4 @@
-"""Golden campaigns: small campaigns whose scores are kept, so that no change of a result goes unseen."""
+"""Golden campaigns: small campaigns whose scores are kept, so that every change of a result is seen."""
 
 import json
 import math
@@ -27,7 +27,7 @@ LEAST_RELATIVE, LEAST_ABSOLUTE = 1e-3, 1e-9  # where no nudge changes anything
 
 @dataclass(frozen=True)
 class Deviation:
-    """A golden score that a run does not keep."""
+    """A golden score that a run does not reproduce."""
 
     campaign: str
     key: str
@@ -37,14 +37,14 @@ class Deviation:
 
 
 def check_file(file: Path) -> list[Deviation]:
-    """Run the campaign of a golden file once; what is out of tolerance, in the order of the file."""
+    """Run the campaign of a golden file once; return the scores out of tolerance, in the order of the file."""
     content = read_golden(file)
     found = {metric.key: metric.value for metric in run_golden(content)}
     return list(deviations_of(file.stem, content["metrics"], found))
 
 
 def deviations_of(name: str, kept: Sequence[dict[str, Any]], found: dict[str, float]) -> Iterator[Deviation]:
-    """Golden scores (`kept`: key, value, tolerance) that `found` misses; scores that are new are no deviation."""
+    """Golden scores (`kept`: key, value, tolerance) that `found` does not reproduce; new scores do not count."""
     for row in kept:
         value = found.get(row["key"], math.nan)
         if not abs(value - row["value"]) <= row["tolerance"]:
@@ -87,7 +87,7 @@ def golden_rows(metrics: Sequence[Metric], nudged: Sequence[Sequence[Metric]]) -
 
 
 def run_golden(content: dict[str, Any], nudge: int | None = None) -> tuple[Metric, ...]:
-    """All scores of the campaign of a golden file; `nudge` is the seed of moving its paths by rounding."""
+    """All scores of the campaign of a golden file; with the seed `nudge`, rounding moves its paths first."""
     config, scene = golden_campaign(content)
     run = CampaignRun(config, scene, stops=content["stops"])
     truths = list(run.truths())

@@ -1,4 +1,4 @@
-"""`arena validate channel`: how often noise alone makes a path, against the probability asked for.
+"""`arena validate channel`: how often noise alone makes a path, against the nominal probability.
 
 Coherent trials draw the noise after compression: white, of unit power, on the span of the beams and all delay
 bins. Everything after that is the estimator's own code. One row uses whole sweeps, to show that both agree. The

@@ -70,7 +70,7 @@ def check_box_room(seed: int, quick: bool) -> list[Measurement]:
 
 
 def check_box_gain(seed: int, quick: bool) -> list[Measurement]:
-    """Gain of level paths between four walls: products of the s coefficients of their images."""
+    """Gain of level paths between four walls: free space times one s-polarised reflection coefficient a bounce."""
     rng = np.random.default_rng(seed + 1)
     errors = []
     permittivity = STONE.complex_permittivity(CARRIER_HZ)

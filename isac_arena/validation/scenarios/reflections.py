@@ -249,7 +249,7 @@ def _place(rng: np.random.Generator, reach_m: float) -> FloatArray:
 
 
 def _seen(point_m: FloatArray, rx: FloatArray) -> TruePaths:
-    """Paths that are not nearly straight on: grazing ones and those of stops in the object's shadow."""
+    """The paths without grazing ones and those of stops in the object's shadow: their incidence is too flat."""
     seen = np.hypot(*_back(point_m, rx).T) / 2 > LEAST_COS_INCIDENCE
     return TruePaths(np.asarray(point_m[seen]), rx[seen])
 

@@ -29,7 +29,7 @@ DETECTABLE = 6  # the line of sight, four single bounces and a double one
 
 
 def check_bounds(seed: int, quick: bool) -> list[Measurement]:
-    """An efficient estimator, its errors drawn from the bounds themselves, has errors of 1 over its bounds."""
+    """An efficient estimator: its errors are drawn from the bounds, so their RMS over the bounds is 1."""
     made = make_campaign()
     stops = _stops(made, made_view())
     bound = pose_bounds(made.scene, stops)

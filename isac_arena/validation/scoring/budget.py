@@ -48,7 +48,7 @@ def check_budget(seed: int, quick: bool) -> list[Measurement]:
 
 
 def check_attribution(seed: int, quick: bool) -> list[Measurement]:
-    """Independent errors of known size: shares exact, intervals that cover as often as they say."""
+    """Independent errors of known size: the shares are exact, and the intervals cover as often as stated."""
     runs, hits, worst = 100 if quick else 1000, 0, 0.0
     for rng in generators(seed, runs):
         term = dict(zip("abc", np.array([[6.0], [3.0], [1.0]]) * rng.chisquare(4, (3, 60)), strict=True))
