@@ -23,6 +23,7 @@ from isac_arena.sweep.store import (
     open_sweep,
     plan_of_jobs,
     read_failures,
+    remove_unfinished,
     stale_names,
     write_failure,
     write_plan,
@@ -56,6 +57,7 @@ def run_sweep(
         recording.drop(stale_names(out, recording.names))
         with workers:
             jobs = run_until_known(workers, console, file, config, out, plan.jobs)
+        remove_unfinished(out)  # of workers that were lost
         return print_results(console, out, config, jobs)
 
 

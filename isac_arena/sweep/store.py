@@ -53,7 +53,12 @@ def open_sweep(directory: Path, config: SweepConfig, base_text: str) -> None:
         raise ValueError(f"--out = {directory}: holds other files; choose an empty or a new directory")
     content = {"sweep": config.model_dump(mode="json"), "base": base_text}
     write_json(directory / SWEEP, content)
-    for folder in (directory, directory / "failures", directory / "cases"):
+    remove_unfinished(directory)
+
+
+def remove_unfinished(directory: Path) -> None:
+    """Remove what processes that have ended left half written anywhere in a sweep."""
+    for folder in {leftover.parent for leftover in directory.rglob(".*.part")}:
         remove_leftovers(folder)
 
 

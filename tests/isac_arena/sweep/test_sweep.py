@@ -1,6 +1,8 @@
 import errno
 import json
 import os
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -218,6 +220,23 @@ def test_a_directory_that_cannot_be_written_is_one_line(files: Path) -> None:
         result = arena_here(*command, cwd=files)
         assert result.returncode == 2
         assert result.stderr.count("\n") == 1 and "file/out: Not a directory" in result.stderr
+
+
+def test_what_a_lost_worker_left_half_written_is_removed(tmp_path: Path) -> None:
+    ended = subprocess.Popen([sys.executable, "-c", ""])
+    ended.wait()
+    half, stop = f"cases/.key.{ended.pid}.part/scores.json", f"paths/ab/.stop.nc.{ended.pid}.part"
+    lost = [tmp_path / half, tmp_path / stop]
+        tmp_path / f"cases/.key.{ended.pid}.part/scores.json",
+        tmp_path / f"paths/ab/.stop.nc.{ended.pid}.part",
+    ]
+    held = [tmp_path / "cases/key/scores.json", tmp_path / f"paths/ab/.stop.nc.{os.getpid()}.part"]
+    for file in (*lost, *held):
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.touch()
+    sweep_store.remove_unfinished(tmp_path)
+    assert [file.exists() for file in (*lost, *held)] == [False, False, True, True]
+    assert not lost[0].parent.exists()
 
 
 def test_an_edited_case_is_not_taken_for_a_result(undisturbed: Path, tmp_path: Path) -> None:
