@@ -227,9 +227,6 @@ def test_what_a_lost_worker_left_half_written_is_removed(tmp_path: Path) -> None
     ended.wait()
     half, stop = f"cases/.key.{ended.pid}.part/scores.json", f"paths/ab/.stop.nc.{ended.pid}.part"
     lost = [tmp_path / half, tmp_path / stop]
-        tmp_path / f"cases/.key.{ended.pid}.part/scores.json",
-        tmp_path / f"paths/ab/.stop.nc.{ended.pid}.part",
-    ]
     held = [tmp_path / "cases/key/scores.json", tmp_path / f"paths/ab/.stop.nc.{os.getpid()}.part"]
     for file in (*lost, *held):
         file.parent.mkdir(parents=True, exist_ok=True)
