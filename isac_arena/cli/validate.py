@@ -21,7 +21,9 @@ if TYPE_CHECKING:
 
 MODULES: Mapping[str, tuple[str, ...]] = {
     "signal": ("signal.waveform", "signal.generation"),
-    "propagation": tuple(f"propagation.{name}" for name in ("closed_form", "specular", "diffraction", "mesh")),
+    "propagation": tuple(
+        f"propagation.{name}" for name in ("closed_form", "specular", "diffraction", "mesh", "nist")
+    ),
     "slam": ("slam.measured", "slam.snapshot", "slam.trajectory", "slam.laws"),
     "scoring": ("scoring.metrics", "scoring.bounds", "scoring.budget"),
     "channel": ("channel.efficiency", "channel.noise", "channel.hardware", "channel.arena"),
@@ -38,7 +40,7 @@ BENCHES: Mapping[str, tuple[str, ...]] = {
     "sweep": ("benches.sweep",),
 }
 
-INFO_WIDTH = 175  # columns of tables beside the rows: they are not broken on a narrow terminal
+INFO_WIDTH = 180  # columns of tables beside the rows: they are not broken on a narrow terminal
 
 Trials = Annotated[
     int | None,
@@ -159,8 +161,10 @@ def _info_table(info: InfoTable) -> Table:
     from rich.table import Table  # noqa: PLC0415
 
     table = Table(*info.columns, title=info.title, box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    for column in table.columns:
+    rows = [[f"{cell:.3g}" if isinstance(cell, float) else str(cell) for cell in row] for row in info.rows]
+    for index, column in enumerate(table.columns[:-1]):
         column.no_wrap = True
-    for row in info.rows:
-        table.add_row(*(f"{cell:.3g}" if isinstance(cell, float) else str(cell) for cell in row))
+        column.min_width = max(len(row[index]) for row in [info.columns, *rows])
+    for row in rows:
+        table.add_row(*row)
     return table

@@ -29,6 +29,7 @@ class Cause(StrEnum):
     NOISE = "noise"  # close to the noise threshold
     WEAK = "weak"  # true energy that is not significant
     DIFFUSE = "diffuse"  # diffuse energy; missed: the diffuse power in its gate is at least its own
+    INSEPARABLE = "inseparable"  # no estimator could tell it from its neighbours: counted apart
     UNRESOLVED = "unresolved"  # inside the gate of a detected path
     OUTSIDE_CODEBOOK = "outside_codebook"  # no beam of the TX or of the RX points there
     BELOW_THRESHOLD = "below_threshold"  # close to the threshold of significance
@@ -45,8 +46,8 @@ FALSE_CAUSES = (
     Cause.DUPLICATE, Cause.MERGED, Cause.INACCURATE, Cause.SIDE_LOBE, Cause.NOISE, Cause.UNKNOWN,
 )  # fmt: skip
 MISS_CAUSES = (
-    Cause.REFUSED, Cause.UNRESOLVED, Cause.INACCURATE, Cause.OUTSIDE_CODEBOOK, Cause.BELOW_THRESHOLD,
-    Cause.MASKED, Cause.DIFFUSE, Cause.MERGED, Cause.PATH_LIMIT, Cause.UNKNOWN,
+    Cause.REFUSED, Cause.INSEPARABLE, Cause.UNRESOLVED, Cause.INACCURATE, Cause.OUTSIDE_CODEBOOK,
+    Cause.BELOW_THRESHOLD, Cause.MASKED, Cause.DIFFUSE, Cause.MERGED, Cause.PATH_LIMIT, Cause.UNKNOWN,
 )  # fmt: skip
 GHOST_CAUSES = (
     Cause.DOUBLE_BOUNCE, Cause.LINE_OF_SIGHT, Cause.WEAK, Cause.DIFFUSE, *FALSE_CAUSES,
@@ -64,6 +65,7 @@ class Evidence:
     distance: FloatArray  # (estimate, true) to the significant paths
     true_distance: FloatArray  # (true, true) between significant paths
     is_detected: BoolArray  # (true,)
+    is_separable: BoolArray  # (true,)
     estimate_dbm: FloatArray  # (estimate,)
     true_dbm: FloatArray  # (true,)
     leaked_dbm: FloatArray  # (estimate, true) power of a true path in the cell of the estimate
@@ -101,6 +103,7 @@ def miss_causes(evidence: Evidence) -> TextArray:
     others_dbm = np.where(itself, -np.inf, evidence.crosstalk_dbm)
     tests = {
         Cause.REFUSED: np.full(len(power), evidence.is_refused),
+        Cause.INSEPARABLE: ~evidence.is_separable,
         Cause.UNRESOLVED: (evidence.true_distance[:, evidence.is_detected] <= 1).any(axis=1),
         Cause.INACCURATE: (evidence.distance[false] <= NEAR_GATES).any(axis=0),
         Cause.OUTSIDE_CODEBOOK: evidence.beam_loss_db >= OUTSIDE_BEAMS_DB,

@@ -33,4 +33,20 @@ class Significance(BaseModel):
     noise_threshold_dbm: float = Field(description="power of the weakest path that the estimator can detect")
 
 
+class Separability(BaseModel):
+    """How well the joint bound must know a path that an estimator is expected to find.
+
+    The default is the bound of a lone path that a detector finds with probability .98. A false alarm in any of
+    some N = 5e4 resolution cells may have the probability P = 3e-4, so the threshold on energy over noise is
+    ln(N / P) = 19, and the path needs an SNR, over all samples, of (sqrt(2 x 19) + 2.05)^2 / 2 = 34 (15 dB). Its
+    bound is then sqrt(3) / (pi sqrt(2 SNR)) = .067 of the Rayleigh cell of a uniform aperture. A neighbour that
+    raises the bound beyond this costs as much as the noise that hides a lone path.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    share_of_cell: float = Field(0.067, gt=0, description="largest joint bound over a resolution cell")
+
+
 DEFAULT_GATE = Gate()
+DEFAULT_SEPARABILITY = Separability()

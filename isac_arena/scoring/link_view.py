@@ -1,19 +1,21 @@
 """The link as scoring sees it: power of true paths in every cell of a sweep, and their Cramer-Rao bounds."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
 from estimation.channel.coherent.plan import nominal_manifold
-from estimation.channel.model.apparent import apparent_angles
-from estimation.channel.model.crb import PathBounds, path_bounds
+from estimation.channel.model.apparent import apparent_angles, cone_angles
+from estimation.channel.model.crb import PathBounds, path_bounds, path_information
 from estimation.channel.model.delay import hann_window
 from estimation.channel.model.manifold import Manifold
 from estimation.channel.record import ChannelEstimate
 from isac_arena.campaign.config import CampaignConfig
-from scenes.pose import Pose
-from scenes.record import FloatArray, IntArray
+from scenes.pose import Pose, wrap_angle
+from scenes.record import ComplexArray, FloatArray, IntArray
 from scenes.scene import Scene
 from sim.propagation.paths import Paths
 from sim.signal.arrays.codebook import Codebook, beam_response
@@ -32,6 +34,19 @@ class Cells:
 
 
 @dataclass(frozen=True)
+class Cones:
+    """Cone angles of directions as horizontal beams of a device see them."""
+
+    angle_rad: FloatArray  # (path,) in the device frame
+    slope: FloatArray  # (path, 2) over azimuth and elevation
+    sine_slope: FloatArray  # (path,) of the sine about the panel's boresight over the angle
+
+    def take(self, rows: IntArray) -> Cones:
+        """Some of the directions."""
+        return Cones(self.angle_rad[rows], self.slope[rows], self.sine_slope[rows])
+
+
+@dataclass(frozen=True)
 class LinkView:
     """The beams as built, the band with the estimator's window, and whether beam pairs keep their phases."""
 
@@ -46,8 +61,8 @@ class LinkView:
 
     def estimated_cells(self, estimate: ChannelEstimate) -> Cells:
         """The cells of estimated paths: the best nominal beams at their angles."""
-        tx = np.abs(beam_response(self.link.tx_codebook, estimate.aod_azimuth_rad))
-        rx = np.abs(beam_response(self.link.rx_codebook, estimate.aoa_azimuth_rad))
+        tx = _estimated(self.link.tx_codebook, estimate.aod_azimuth_rad, estimate.aod_elevation_rad)
+        rx = _estimated(self.link.rx_codebook, estimate.aoa_azimuth_rad, estimate.aoa_elevation_rad)
         return Cells(estimate.delay_s, tx.argmax(axis=0), rx.argmax(axis=0))
 
     def true_cells(self, truth: Truth) -> Cells:
@@ -72,10 +87,43 @@ class LinkView:
         ]
         return np.asarray(np.maximum(*loss))
 
-    def bounds(self, truth: Truth) -> PathBounds:
-        """Cramer-Rao bounds of all paths of `truth`, estimated jointly with the nominal beams."""
-        poses = self.tx_pose, truth.rx_pose
-        return true_path_bounds(self.link, (self.tx, self.rx), truth.paths, poses, coherent=self.is_coherent)
+    def information(self, truth: Truth, *, coherent: bool) -> FloatArray:
+        """Fisher information (path, parameter, path, parameter) of all paths of `truth` with the nominal beams."""
+        frequency_hz, noise_mw = self.link.frequency_offset_hz, self.link.noise_power_mw
+        seen = self.seen_paths(truth)
+        return path_information(self.tx, self.rx, frequency_hz, noise_mw, *seen, coherent=coherent)
+
+    def seen_paths(self, truth: Truth) -> tuple[FloatArray, FloatArray, FloatArray, ComplexArray]:
+        """Delays, departures and arrivals (path, angle) as the beams observe them, and amplitudes in sqrt(mW)."""
+        return _seen_paths(self.link, (self.tx, self.rx), truth.paths, (self.tx_pose, truth.rx_pose))
+
+    def waves(self, truth: Truth) -> tuple[ComplexArray, ComplexArray, ComplexArray, ComplexArray]:
+        """Factors of the waves of true paths over TX beams, RX beams and subcarriers, and amplitudes in sqrt(mW).
+
+        (path, beam), (path, beam) over the noise amplitude, (path, subcarrier) and (path,).
+        """
+        paths, link = truth.paths, self.link
+        tx = beam_response(link.tx_codebook, *_departure(paths, self.tx_pose)).T
+        rx = beam_response(link.rx_codebook, *_arrival(paths, truth.rx_pose)).T / self.noise_amplitude
+        wave = np.exp(-2j * np.pi * paths.delay_s[:, None] * link.frequency_offset_hz)
+        return tx, rx, wave, np.asarray(np.sqrt(link.tx_power_mw) * paths.gain)
+
+    @property
+    def noise_amplitude(self) -> FloatArray:
+        """Noise amplitude (rx_beam,) of a sample in sqrt(mW)."""
+        return np.sqrt(self.link.noise_power_mw)
+
+    def cones(self, truth: Truth) -> tuple[Cones, Cones]:
+        """Cone angles of true departures and arrivals, each about the panel of the strongest nominal beam."""
+        return (
+            _cones(self.link.tx_codebook, *_departure(truth.paths, self.tx_pose)),
+            _cones(self.link.rx_codebook, *_arrival(truth.paths, truth.rx_pose)),
+        )
+
+    @cached_property
+    def resolution_cell(self) -> FloatArray:
+        """Rayleigh cells (3,) of delay in s and of the sines of both cone angles: 1 / bandwidth, 2 / columns."""
+        return resolution_cell(self.link)
 
     @cached_property
     def _peaks(self) -> tuple[float, float]:
@@ -107,18 +155,38 @@ def true_path_bounds(
     link: Link, manifolds: tuple[Manifold, Manifold], paths: Paths, poses: tuple[Pose, Pose], *, coherent: bool
 ) -> PathBounds:
     """Cramer-Rao bounds of true paths, estimated jointly; manifolds and poses are those of TX and RX."""
+    delay_s, aod_rad, aoa_rad, amplitude = _seen_paths(link, manifolds, paths, poses)
+    frequency_hz, noise_mw = link.frequency_offset_hz, link.noise_power_mw
+    return path_bounds(*manifolds, frequency_hz, noise_mw, delay_s, aod_rad, aoa_rad, amplitude, coherent=coherent)
+
+
+def _seen_paths(
+    link: Link, manifolds: tuple[Manifold, Manifold], paths: Paths, poses: tuple[Pose, Pose]
+) -> tuple[FloatArray, FloatArray, FloatArray, ComplexArray]:
+    """Delays, departures and arrivals (path, angle) as the manifolds observe them, and amplitudes in sqrt(mW)."""
     aod, tx_gain = apparent_angles(link.tx_codebook, manifolds[0], *_departure(paths, poses[0]))
     aoa, rx_gain = apparent_angles(link.rx_codebook, manifolds[1], *_arrival(paths, poses[1]))
-    return path_bounds(
-        *manifolds,
-        link.frequency_offset_hz,
-        link.noise_power_mw,
-        paths.delay_s,
-        aod,
-        aoa,
-        np.sqrt(link.tx_power_mw) * paths.gain * tx_gain * rx_gain,
-        coherent=coherent,
-    )
+    return paths.delay_s, aod, aoa, np.sqrt(link.tx_power_mw) * paths.gain * tx_gain * rx_gain
+
+
+def _estimated(codebook: Codebook, azimuth_rad: FloatArray, elevation_rad: FloatArray) -> FloatArray:
+    """Amplitudes (beam, path) of the beams at estimated directions, level ones where elevations are unknown."""
+    level = np.where(np.isfinite(elevation_rad), elevation_rad, 0.0)
+    return np.asarray(np.abs(beam_response(codebook, azimuth_rad, level)))
+
+
+def resolution_cell(link: Link) -> FloatArray:
+    """Rayleigh cells (3,) of delay in s and of the sines of departure and arrival: 1 / bandwidth, 2 / columns."""
+    step_hz = float(np.diff(link.frequency_offset_hz[:2])[0])
+    columns = [len(np.unique(book.element_position_m[:, 1])) for book in (link.tx_codebook, link.rx_codebook)]
+    return np.array([1 / (step_hz * len(link.frequency_offset_hz)), *(2 / np.array(columns))])
+
+
+def _cones(codebook: Codebook, azimuth_rad: FloatArray, elevation_rad: FloatArray) -> Cones:
+    response = np.abs(beam_response(codebook, azimuth_rad, elevation_rad))
+    panel_rad = codebook.panel_azimuth_rad[response.argmax(axis=0)]
+    angle_rad, slope = cone_angles(azimuth_rad, elevation_rad, panel_rad)
+    return Cones(wrap_angle(angle_rad), slope, np.cos(angle_rad - panel_rad))
 
 
 def _departure(paths: Paths, tx_pose: Pose) -> tuple[FloatArray, FloatArray]:

@@ -41,8 +41,8 @@ class PathScores(Record):
     vertex_m: FloatArray = array("estimate", "xy", unit="m", doc="true IP of a detected single bounce, or NaN")
     vertex_height_m: FloatArray = array("estimate", unit="m", doc="height of that IP, or NaN")
     delay_error_s: FloatArray = array("estimate", unit="s", doc="error of the delay")
-    aod_error_rad: FloatArray = array("estimate", unit="rad", doc="error of the azimuth of departure")
-    aoa_error_rad: FloatArray = array("estimate", unit="rad", doc="error of the azimuth of arrival")
+    aod_error_rad: FloatArray = array("estimate", unit="rad", doc="error of the departure, cone or azimuth")
+    aoa_error_rad: FloatArray = array("estimate", unit="rad", doc="error of the arrival, cone or azimuth")
     delay_std_s: FloatArray = array("estimate", unit="s", doc="reported standard deviation of the delay")
     aod_std_rad: FloatArray = array("estimate", unit="rad", doc="reported, of the azimuth of departure")
     aoa_std_rad: FloatArray = array("estimate", unit="rad", doc="reported, of the azimuth of arrival")
@@ -64,10 +64,22 @@ class SignificantPaths(Record):
     aoa_azimuth_rad: FloatArray = array("true_path", unit="rad", doc="azimuth of arrival, RX frame")
     power_dbm: FloatArray = array("true_path", unit="dBm", doc="received power in the best beam pair")
     is_detected: BoolArray = array("true_path", dtype=bool, doc="an estimate is assigned to it")
+    is_separable: BoolArray = array(
+        "true_path", dtype=bool, doc="its joint bound allows to tell it from its neighbours and diffuse power"
+    )
+    share_of_cell: FloatArray = array(
+        "true_path", doc="largest joint bound over a resolution cell, diffuse included"
+    )
     cause: TextArray = array("true_path", dtype=str, doc="why it was missed, see docs/metrics.md")
     delay_bound_s: FloatArray = array("true_path", unit="s", doc="Cramer-Rao bound of the standard deviation")
-    aod_bound_rad: FloatArray = array("true_path", unit="rad", doc="bound of the azimuth of departure")
-    aoa_bound_rad: FloatArray = array("true_path", unit="rad", doc="bound of the azimuth of arrival")
+    aod_bound_rad: FloatArray = array("true_path", unit="rad", doc="bound of the departure, cone or azimuth")
+    aoa_bound_rad: FloatArray = array("true_path", unit="rad", doc="bound of the arrival, cone or azimuth")
+    delay_lone_bound_s: FloatArray = array("true_path", unit="s", doc="bound of the delay without other paths")
+    aod_lone_bound_rad: FloatArray = array("true_path", unit="rad", doc="bound of departure without other paths")
+    aoa_lone_bound_rad: FloatArray = array("true_path", unit="rad", doc="bound of arrival without other paths")
+    delay_scattered_bound_s: FloatArray = array("true_path", unit="s", doc="bound with diffuse power as noise")
+    aod_scattered_bound_rad: FloatArray = array("true_path", unit="rad", doc="departure, diffuse power as noise")
+    aoa_scattered_bound_rad: FloatArray = array("true_path", unit="rad", doc="arrival, diffuse power as noise")
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ class ScoreTable:
 
 
 HEADLINE = (
-    ("Paths detected, share of the significant ones", "channel.detection_rate"),
+    ("Paths detected, share of the significant separable ones", "channel.detection_rate"),
     ("False paths per stop", "channel.false_per_stop"),
     ("Receiver position by SLAM, RMSE", "slam.position.rmse_m"),
     ("Receiver heading by SLAM, RMSE", "slam.heading.rmse_deg"),
@@ -39,6 +39,7 @@ CHANNEL_COUNTS = ScoreTable(
     (
         ("Estimated paths per stop", "estimated_per_stop"),
         ("Significant true paths per stop", "significant_per_stop"),
+        ("of these, inseparable from others", "inseparable_per_stop"),
         ("Detected per stop", "detected_per_stop"),
         ("Missed per stop", "missed_per_stop"),
         ("of these, inside the gate of a detected one", "unresolved_per_stop"),

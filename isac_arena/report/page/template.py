@@ -30,8 +30,9 @@ PAGE = """<!DOCTYPE html>
 <div id="instrument"></div>
 <h2 id="channel">Channel estimation</h2>
 <p>Every estimated path is assigned to at most one true path, within a gate on delay and angles. Only significant
-true paths count: not diffuse, above the noise and within the estimator's dynamic range. An unassigned estimate is
-weak or diffuse where other true energy explains it, and false otherwise.</p>
+true paths count: not diffuse, above the noise and within the estimator's dynamic range. A path that no estimator
+could part from its neighbours is counted apart, not as missed. An unassigned estimate is weak or diffuse where
+other true energy explains it, and false otherwise. Angles are compared as reported: azimuths, or cone angles.</p>
 <div class="columns unit">$channel_counts $channel_errors</div>
 $channel_figures
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from estimation.channel.record import ChannelEstimate, EstimateStatus
+from estimation.channel.record import AngleKind, ChannelEstimate, EstimateStatus
 from isac_arena.scoring.association import assign, inside_gate, parameter_errors, path_gospa
 from isac_arena.scoring.causes import WEAK_MARGIN_DB, Evidence, false_causes, miss_causes, weak_causes
 from isac_arena.scoring.config import DEFAULT_GATE, Gate, Significance
@@ -12,6 +12,14 @@ from isac_arena.scoring.link_view import LinkView
 from isac_arena.scoring.metrics.statistics import squared_mahalanobis
 from isac_arena.scoring.provenance import PathOrigin, path_origin
 from isac_arena.scoring.record import PathKind, PathScores, PathStatus, SignificantPaths, StopScores
+from isac_arena.scoring.stop_bounds import (
+    Kinds,
+    StopBounds,
+    kinds_of,
+    observed_kinds,
+    separable_paths,
+    stop_information,
+)
 from scenes.pose import Pose, wrap_angle
 from scenes.record import BoolArray, FloatArray, IntArray
 from sim.propagation.paths import Paths
@@ -24,10 +32,14 @@ class TrueStop:
 
     truth: Truth
     origin: PathOrigin
-    parameters: FloatArray  # (path, 3) in (s, rad, rad)
+    parameters: FloatArray  # (path, 3) in (s, rad, rad): azimuths, or cone angles where `seen_by` says so
+    cone_rad: FloatArray  # (path, 2) cone angles of departure and arrival; azimuths without a view of the link
     power_dbm: FloatArray  # (path,)
     significant: IntArray  # rows of the significant paths
-    covariance: FloatArray  # (significant, 3, 3) bound in (s, rad, rad)^2, NaN without a view of the link
+    covariance: FloatArray  # (significant, 3, 3) joint bound in (s, rad, rad)^2, NaN without a view of the link
+    bounds: StopBounds | None  # of the significant paths; None without a view of the link
+    is_separable: BoolArray  # (significant,) true without a view of the link
+    share_of_cell: FloatArray  # (significant,) joint bound over a resolution cell, NaN without a view of the link
     limits: Significance
     view: LinkView | None
 
@@ -53,13 +65,38 @@ def true_stop(
 ) -> TrueStop:
     """Prepare one stop; `power_dbm` (path,) is the received power of the true paths in their best beam pairs."""
     significant = np.flatnonzero(significant_paths(truth.paths, power_dbm, limits))
-    covariance = np.full((len(significant), 3, 3), np.nan)
+    parameters = device_parameters(truth, tx_pose if view is None else view.tx_pose)
+    cone_rad, covariance, bounds = parameters[:, 1:], np.full((len(significant), 3, 3), np.nan), None
+    is_separable, share_of_cell = np.ones(len(significant), bool), np.full(len(significant), np.nan)
     if view is not None:
-        found = view.bounds(replace(truth, paths=truth.paths.take("path", significant)))
-        azimuths = [0, 1, 1 + found.n_aod_angles]
-        covariance = found.covariance[:, azimuths][:, :, azimuths]
-    origin, parameters = path_origin(truth.paths), device_parameters(truth, tx_pose)
-    return TrueStop(truth, origin, parameters, power_dbm, significant, covariance, limits, view)
+        cone_rad = np.stack([cones.angle_rad for cones in view.cones(truth)], axis=1)
+        information = stop_information(view, truth, significant)
+        bounds = information.bounds(np.arange(len(significant)))
+        is_separable, share_of_cell = separable_paths(view, truth, significant, information)
+        covariance = bounds.in_kinds(bounds.joint, observed_kinds(view))
+    return TrueStop(
+        truth=truth,
+        origin=path_origin(truth.paths),
+        parameters=parameters,
+        cone_rad=cone_rad,
+        power_dbm=power_dbm,
+        significant=significant,
+        covariance=covariance,
+        bounds=bounds,
+        is_separable=is_separable,
+        share_of_cell=share_of_cell,
+        limits=limits,
+        view=view,
+    )
+
+
+def seen_by(stop: TrueStop, estimate: ChannelEstimate) -> TrueStop:
+    """The stop with parameters and bounds in the angles that an estimate reports: cone against cone."""
+    kinds = kinds_of(estimate)
+    is_cone = np.array([kind == AngleKind.CONE for kind in kinds])
+    angles = np.where(is_cone, stop.cone_rad, stop.parameters[:, 1:])
+    covariance = stop.covariance if stop.bounds is None else stop.bounds.in_kinds(stop.bounds.joint, kinds)
+    return replace(stop, parameters=np.column_stack([stop.parameters[:, 0], angles]), covariance=covariance)
 
 
 def significant_alone(stop: TrueStop) -> TrueStop:
@@ -70,6 +107,7 @@ def significant_alone(stop: TrueStop) -> TrueStop:
         truth=replace(stop.truth, paths=stop.truth.paths.take("path", keep)),
         origin=PathOrigin(*(getattr(stop.origin, field.name)[keep] for field in fields(PathOrigin))),
         parameters=stop.parameters[keep],
+        cone_rad=stop.cone_rad[keep],
         power_dbm=stop.power_dbm[keep],
         significant=np.arange(len(keep)),
     )
@@ -80,18 +118,20 @@ def score_stop(
 ) -> tuple[PathScores, SignificantPaths, StopScores]:
     """Tables of one stop: its estimated paths, its significant true paths, and the GOSPA between them."""
     measured = np.stack([estimate.delay_s, estimate.aod_azimuth_rad, estimate.aoa_azimuth_rad], axis=-1)
-    match = assign(measured, stop.parameters[stop.significant], gate)
+    seen = seen_by(stop, estimate)
+    match = assign(measured, seen.parameters[stop.significant], gate)
     true_path = np.append(stop.significant, -1)[match]
     status = np.where(true_path >= 0, PathStatus.DETECTED, PathStatus.FALSE)
     for index in np.flatnonzero(true_path < 0):
-        true_path[index] = _weak_origin(stop, measured[index], float(estimate.power_dbm[index]), gate)
+        true_path[index] = _weak_origin(seen, measured[index], float(estimate.power_dbm[index]), gate)
         status[index] = PathStatus.WEAK if true_path[index] >= 0 else PathStatus.FALSE
     detected = np.isin(np.arange(len(stop.significant)), match)
-    evidence = _evidence(stop, estimate, measured, status, detected, gate)
+    evidence = _evidence(seen, estimate, measured, status, detected, gate)
+    expected = seen.parameters[stop.significant][detected | evidence.is_separable]
     return (
-        _path_scores(stop, estimate, measured, true_path, evidence),
-        _significant_scores(stop, evidence),
-        _stop_scores(stop, measured[status != PathStatus.WEAK], gate),
+        _path_scores(seen, estimate, measured, true_path, evidence),
+        _significant_scores(stop, seen, kinds_of(estimate), evidence),
+        _stop_scores(stop, measured[status != PathStatus.WEAK], expected, gate),
     )
 
 
@@ -140,6 +180,7 @@ def _evidence(
         distance=np.abs(parameter_errors(measured[:, None], own[None]) / half_width).max(axis=2),
         true_distance=np.abs(parameter_errors(own[:, None], own[None]) / half_width).max(axis=2),
         is_detected=detected,
+        is_separable=stop.is_separable,
         estimate_dbm=estimate.power_dbm,
         true_dbm=true_dbm,
         leaked_dbm=leaked,
@@ -192,10 +233,14 @@ def reported_std(estimate: ChannelEstimate) -> dict[str, FloatArray]:
     return dict(zip(("delay_std_s", "aod_std_rad", "aoa_std_rad"), std.T, strict=True))
 
 
-def _significant_scores(stop: TrueStop, evidence: Evidence) -> SignificantPaths:
+def _significant_scores(stop: TrueStop, seen: TrueStop, kinds: Kinds, evidence: Evidence) -> SignificantPaths:
+    """The table of significant paths: true azimuths, and bounds of the angles that the estimate reports."""
     significant = stop.significant
     parameters = stop.parameters[significant]
-    bound = np.sqrt(np.diagonal(stop.covariance, axis1=1, axis2=2))
+    bound = np.sqrt(np.diagonal(seen.covariance, axis1=1, axis2=2))
+    alone = scattered = np.full((len(significant), 3), np.nan)
+    if stop.bounds is not None:
+        alone, scattered = stop.bounds.std(stop.bounds.alone, kinds), stop.bounds.scattered_std(kinds)
     return SignificantPaths(
         stop=np.full(len(significant), stop.truth.stop),
         path=significant,
@@ -207,14 +252,23 @@ def _significant_scores(stop: TrueStop, evidence: Evidence) -> SignificantPaths:
         aoa_azimuth_rad=parameters[:, 2],
         power_dbm=stop.power_dbm[significant],
         is_detected=evidence.is_detected,
+        is_separable=evidence.is_separable,
+        share_of_cell=stop.share_of_cell,
         cause=miss_causes(evidence),
         delay_bound_s=bound[:, 0],
         aod_bound_rad=bound[:, 1],
         aoa_bound_rad=bound[:, 2],
+        delay_lone_bound_s=alone[:, 0],
+        aod_lone_bound_rad=alone[:, 1],
+        aoa_lone_bound_rad=alone[:, 2],
+        delay_scattered_bound_s=scattered[:, 0],
+        aod_scattered_bound_rad=scattered[:, 1],
+        aoa_scattered_bound_rad=scattered[:, 2],
     )
 
 
-def _stop_scores(stop: TrueStop, measured: FloatArray, gate: Gate) -> StopScores:
-    found = path_gospa(measured, stop.parameters[stop.significant], gate)
+def _stop_scores(stop: TrueStop, measured: FloatArray, expected: FloatArray, gate: Gate) -> StopScores:
+    """GOSPA against the `expected` paths: those that are separable, and others that were detected."""
+    found = path_gospa(measured, expected, gate)
     row = (stop.truth.stop, found.value, found.localisation, found.missed, found.false)
     return StopScores(*(np.array([value]) for value in row))

@@ -43,12 +43,14 @@ def channel_metrics(sets: StopScores, paths: PathScores, significant: Significan
 def _count_metrics(stops: IntArray, paths: PathScores, significant: SignificantPaths) -> list[Metric]:
     n = len(stops)
     false = paths.status == PathStatus.FALSE
-    detected, unresolved = significant.is_detected, significant.cause == Cause.UNRESOLVED
+    unresolved, expected = significant.cause == Cause.UNRESOLVED, significant.is_separable
+    detected = significant.is_detected[expected]
     most_false = maximum([(paths.stop[false] == stop).sum() for stop in stops])
     metrics = [
         Metric("channel.estimated_per_stop", ratio(len(paths.stop), n), "1", "info"),
-        Metric("channel.significant_per_stop", ratio(len(detected), n), "1", "info"),
-        Metric("channel.detected_per_stop", ratio(detected.sum(), n), "1", "higher"),
+        Metric("channel.significant_per_stop", ratio(len(expected), n), "1", "info"),
+        Metric("channel.inseparable_per_stop", ratio((~expected).sum(), n), "1", "info"),
+        Metric("channel.detected_per_stop", ratio(significant.is_detected.sum(), n), "1", "higher"),
         Metric("channel.missed_per_stop", ratio((~detected).sum(), n), "1", "lower"),
         Metric("channel.unresolved_per_stop", ratio(unresolved.sum(), n), "1", "info"),
         Metric("channel.weak_per_stop", ratio((paths.status == PathStatus.WEAK).sum(), n), "1", "info"),
@@ -57,7 +59,7 @@ def _count_metrics(stops: IntArray, paths: PathScores, significant: SignificantP
         Metric("channel.detection_rate", mean(detected), "1", "higher"),
     ]
     for kind, name in KIND_KEYS.items():
-        rate = mean(detected[significant.kind == kind])
+        rate = mean(detected[significant.kind[expected] == kind])
         metrics.append(Metric(f"channel.{name}.detection_rate", rate, "1", "higher"))
     return metrics
 

@@ -19,6 +19,7 @@ from estimation.channel.model.manifold import Manifold
 from estimation.channel.record import ChannelEstimate
 from isac_arena.campaign.chain import user_estimator
 from isac_arena.campaign.config import CampaignConfig
+from isac_arena.scoring.link_view import resolution_cell
 from isac_arena.validation.channel.matching import Estimator, false_row, rate_row
 from isac_arena.validation.measurement import Measurement
 from isac_arena.validation.scenarios.estimates import plane_parameters
@@ -152,11 +153,8 @@ def count_unexplained(link: Link, found: ChannelEstimate, unmatched: IntArray, s
 
 def _cells(link: Link, error: FloatArray) -> FloatArray:
     """Magnitudes of errors (..., 3) in Rayleigh cells: 1 / bandwidth, and 2 over the columns of both arrays."""
-    step_hz = float(np.diff(link.frequency_offset_hz[:2])[0])
-    columns = [len(np.unique(book.element_position_m[:, 1])) for book in (link.tx_codebook, link.rx_codebook)]
-    cell = np.array([1 / (step_hz * len(link.frequency_offset_hz)), *(2 / np.array(columns))])
     error[..., 1:] = wrap_angle(error[..., 1:])
-    return np.asarray(np.abs(error) / cell)
+    return np.asarray(np.abs(error) / resolution_cell(link))
 
 
 def _estimator(estimator: str) -> Estimator:

@@ -67,14 +67,14 @@ def hall_rows(results: Sequence[HallResult], quick: bool) -> list[Measurement]:
 
 
 def _detection(heights: str, results: Sequence[HallResult], quick: bool) -> Measurement:
-    """Share of the significant paths of some rooms with an estimate."""
+    """Share of the significant separable paths of some rooms with an estimate."""
     key = f"halls.detection.{heights}"
     if not results:
         return at_least(key, np.nan, DETECTION, "no room with these heights")
     paths = pooled([hall_paths(result) for result in results])
-    n = max(len(paths.is_detected), 1)
+    n = max(int(paths.is_separable.sum()), 1)
     bar = fewest_by_chance(n, DETECTION) / n if quick else DETECTION
-    return at_least(key, paths.detection, bar, f"{n} significant paths of {len(results)} rooms")
+    return at_least(key, paths.detection, bar, f"{n} significant separable paths of {len(results)} rooms")
 
 
 def _coverage_rows(every: HallPaths, rooms: Sequence[HallPaths], quick: bool) -> list[Measurement]:
@@ -106,9 +106,9 @@ def _nees_rows(every: HallPaths, rooms: Sequence[HallPaths], quick: bool) -> lis
 
 
 def _bound_rows(every: HallPaths, quick: bool) -> list[Measurement]:
-    n = int(every.has_ideal_hardware.sum())
+    n = int(every.is_efficient.sum())
     bar = quick_bar(ERROR_OVER_BOUND, float(1 / np.sqrt(2 * max(n, 1))), quick)
-    reason = f"trimmed RMS over {n} paths of ideal hardware; the bound allows 1"
+    reason = f"trimmed RMS over {n} separable paths of ideal hardware; the bound allows 1"
     return [
         at_most(f"halls.error_over_bound.{name}", every.error_over_bound(index), bar, reason)
         for index, name in enumerate(PARAMETERS)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import chi2, norm
 
+from isac_arena.scoring.config import DEFAULT_SEPARABILITY
 from isac_arena.scoring.metrics.statistics import mean
 from isac_arena.scoring.record import PathKind, PathStatus
 from isac_arena.scoring.stages.channel_metrics import detected_paths
@@ -29,18 +30,22 @@ class HallPaths:
     n_false: int
     n_weak: int
     is_detected: BoolArray  # (true,) of the significant paths
+    is_separable: BoolArray  # (true,)
     cause: TextArray  # (true,) why it was missed
     kind: IntArray  # (path,) PathKind of the detected paths
     error: FloatArray  # (path, 3) of delay in s, AoD and AoA in rad
     std: FloatArray  # (path, 3) reported
-    bound: FloatArray  # (path, 3) joint bound
+    bound: FloatArray  # (path, 3) joint bound with diffuse power as noise
+    thermal_bound: FloatArray  # (path, 3) joint bound with thermal noise alone
     nees: FloatArray  # (path,)
-    has_ideal_hardware: BoolArray  # (path,) of its room
+    is_efficient: (
+        BoolArray  # (path,) separable from all others, and its room has ideal hardware, as the bound assumes
+    )
 
     @property
     def detection(self) -> float:
-        """Share of the significant paths with an estimate."""
-        return mean(self.is_detected)
+        """Share of the significant separable paths with an estimate."""
+        return mean(self.is_detected[self.is_separable])
 
     @property
     def false_per_stop(self) -> float:
@@ -57,13 +62,17 @@ class HallPaths:
         """Mean NEES over its 3 degrees of freedom."""
         return mean(self.nees) / 3
 
-    def error_over_bound(self, parameter: int) -> float:
-        """RMS error over the joint bound, of paths of ideal hardware; 1 for an efficient estimator.
+    def error_over_bound(self, parameter: int, *, thermal: bool = False) -> float:
+        """RMS error over the joint bound, of separable paths of ideal hardware; 1 for an efficient estimator.
+
+        The bound has the diffuse power of the stop as noise, or thermal noise alone: no estimator reaches that one
+        in a room that scatters.
 
         Of the ratios of all paths the largest 5 % are left out, and the RMS of the others is scaled to 1 for
         Gaussian errors. So one gross error, which coverage and NEES count, does not hide the accuracy of the rest.
         """
-        return trimmed_rms(np.abs(self.error / self.bound)[self.has_ideal_hardware, parameter])
+        bound = self.thermal_bound if thermal else self.bound
+        return trimmed_rms(np.abs(self.error / bound)[self.is_efficient, parameter])
 
     def std_over_error(self, kind: PathKind, parameter: int) -> float:
         """Median reported standard deviation over the median error, scaled to the deviation of a Gaussian."""
@@ -96,19 +105,24 @@ def trimmed_rms(ratio: FloatArray) -> float:
 def hall_paths(result: HallResult) -> HallPaths:
     """The paths of one room."""
     tables = result.tables
-    paths, bound = detected_paths(tables.paths, tables.significant)
+    paths, true = detected_paths(tables.paths, tables.significant)
+    thermal_bound = np.stack([true.delay_bound_s, true.aod_bound_rad, true.aoa_bound_rad], axis=1)
     return HallPaths(
         n_stops=len(tables.stops.stop),
         n_false=int((tables.paths.status == PathStatus.FALSE).sum()),
         n_weak=int((tables.paths.status == PathStatus.WEAK).sum()),
         is_detected=tables.significant.is_detected,
+        is_separable=tables.significant.is_separable,
         cause=tables.significant.cause,
         kind=paths.kind,
         error=np.stack([paths.delay_error_s, paths.aod_error_rad, paths.aoa_error_rad], axis=1),
         std=np.stack([paths.delay_std_s, paths.aod_std_rad, paths.aoa_std_rad], axis=1),
-        bound=np.stack([bound.delay_bound_s, bound.aod_bound_rad, bound.aoa_bound_rad], axis=1),
+        bound=np.stack(
+            [true.delay_scattered_bound_s, true.aod_scattered_bound_rad, true.aoa_scattered_bound_rad], axis=1
+        ),
+        thermal_bound=thermal_bound,
         nees=paths.nees,
-        has_ideal_hardware=np.full(len(paths.kind), not result.hall.has_hardware),
+        is_efficient=(true.share_of_cell <= DEFAULT_SEPARABILITY.share_of_cell) & (not result.hall.has_hardware),
     )
 
 

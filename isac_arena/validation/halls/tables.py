@@ -1,7 +1,8 @@
 """Tables of the rooms and of groups of rooms beside the rows: information, without bars.
 
-Columns: stops; processor time of the estimate; significant and detected paths; share detected; false and weak
-estimates; coverage of all, of lines of sight, of single bounces; NEES/3; error over bound; causes of misses.
+Columns: stops; processor time of the estimate; significant, separable and detected paths; share of the separable
+ones detected; false and weak estimates; coverage of all, of lines of sight, of single bounces; NEES/3; error over
+bound, that of the delay also over the thermal bound; causes of misses of separable paths.
 """
 
 from collections import Counter
@@ -17,8 +18,8 @@ from isac_arena.validation.measurement import InfoTable
 N_CAUSES = 3  # named per row
 
 COLUMNS = (
-    "stops", "s/stop", "sig.", "found", "rate", "false", "weak", "cover", "LOS", "1 b.", "NEES/3",
-    *(f"{name}/bd" for name in PARAMETERS), "missed",
+    "stops", "s/stop", "sig.", "sep.", "found", "rate", "false", "weak", "cover", "LOS", "1 b.", "NEES/3",
+    *(f"{name}/bd" for name in PARAMETERS), "d./th.", "missed",
 )  # fmt: skip
 GROUPS: dict[str, Callable[[HallResult], bool]] = {
     "all": lambda result: True,
@@ -60,6 +61,7 @@ def _cells(results: Sequence[HallResult]) -> tuple[str | float, ...]:
         str(paths.n_stops),
         float(times.mean()) if len(times) else np.nan,
         len(paths.is_detected) / paths.n_stops,
+        float(paths.is_separable.sum()) / paths.n_stops,
         float(paths.is_detected.sum()) / paths.n_stops,
         paths.detection,
         paths.false_per_stop,
@@ -69,12 +71,13 @@ def _cells(results: Sequence[HallResult]) -> tuple[str | float, ...]:
         paths.coverage(PathKind.SINGLE_BOUNCE),
         paths.normalised_nees,
         *(paths.error_over_bound(index) for index in range(len(PARAMETERS))),
+        paths.error_over_bound(0, thermal=True),
         _causes(paths),
     )
 
 
 def _causes(paths: HallPaths) -> str:
     """The most frequent causes of missed paths with their shares of the misses."""
-    missed = paths.cause[~paths.is_detected].tolist()
+    missed = paths.cause[~paths.is_detected & paths.is_separable].tolist()
     named = Counter(missed).most_common(N_CAUSES)
     return ", ".join(f"{cause} {count / len(missed):.0%}" for cause, count in named)

@@ -30,6 +30,7 @@ def evidence():
         distance=np.full((1, 3), FAR),
         true_distance=np.where(np.eye(3, dtype=bool), 0.0, FAR),
         is_detected=np.array([True, False, False]),
+        is_separable=np.ones(3, bool),
         estimate_dbm=np.array([-60.0]),
         true_dbm=np.array([-40.0, -50.0, -55.0]),
         leaked_dbm=np.full((1, 3), -200.0),

@@ -61,8 +61,10 @@ function stopFacts(row) {
   const count = (status) => estimated.status.filter((one) => one === status).length;
   const words = [stops.los[row] ? "Line of sight." : "No line of sight."];
   if (truth) {
-    const missed = truth.detected.filter((one) => !one).length;
-    words.push(`${truth.path.length} significant true paths, ${count("detected")} detected, ${missed} missed; `
+    const apart = truth.cause.filter((one) => one === "inseparable").length;
+    const missed = truth.detected.filter((one) => !one).length - apart;
+    words.push(`${truth.path.length} significant true paths, ${count("detected")} detected, ${missed} missed`
+      + (apart ? `, ${apart} inseparable from others; ` : "; ")
       + `${count("weak")} weak or diffuse and ${count("false")} false estimates.`);
   } else {
     words.push(`${estimated.status.length} measured paths, ${count("detected")} labelled line of sight or single bounce.`);
