@@ -70,13 +70,20 @@ class LinkView:
         tx, rx = self._amplitudes(truth)
         return Cells(truth.paths.delay_s + truth.clock_bias_s, tx.argmax(axis=0), rx.argmax(axis=0))
 
+    def cell_amplitudes(self, truth: Truth, cells: Cells) -> ComplexArray:
+        """Amplitude (cell, path) in sqrt(mW) of every true path in every cell: responses of beams and band."""
+        tx = beam_response(self.tx_built, *_departure(truth.paths, self.tx_pose))
+        rx = beam_response(self.rx_built, *_arrival(truth.paths, truth.rx_pose))
+        frequency_hz = self.link.frequency_offset_hz
+        filters = np.exp(2j * np.pi * cells.delay_s[:, None] * frequency_hz) * self.window / self.window.sum()
+        delay_s = truth.paths.delay_s + truth.clock_bias_s
+        band = filters @ np.exp(-2j * np.pi * frequency_hz[:, None] * delay_s)
+        gain = np.sqrt(self.link.tx_power_mw) * truth.paths.gain
+        return np.asarray(tx[cells.tx_beam] * rx[cells.rx_beam] * band * gain)
+
     def leaked_dbm(self, truth: Truth, cells: Cells) -> FloatArray:
-        """Power (cell, path) in dBm of every true path in every cell, from the responses of beams and band."""
-        tx, rx = self._amplitudes(truth)
-        offset_s = cells.delay_s[:, None] - truth.paths.delay_s - truth.clock_bias_s
-        wave = np.exp(2j * np.pi * offset_s[..., None] * self.link.frequency_offset_hz)
-        amplitude = tx[cells.tx_beam] * rx[cells.rx_beam] * np.abs(wave @ self.window) / self.window.sum()
-        power_mw = self.link.tx_power_mw * truth.paths.power * amplitude**2
+        """Power (cell, path) in dBm of every true path in every cell."""
+        power_mw = np.square(np.abs(self.cell_amplitudes(truth, cells)))
         return np.asarray(10 * np.log10(np.maximum(power_mw, np.finfo(float).tiny)))
 
     def beam_loss_db(self, truth: Truth) -> FloatArray:

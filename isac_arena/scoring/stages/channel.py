@@ -124,7 +124,9 @@ def score_stop(
     status = np.where(true_path >= 0, PathStatus.DETECTED, PathStatus.FALSE)
     for index in np.flatnonzero(true_path < 0):
         true_path[index] = _weak_origin(seen, measured[index], float(estimate.power_dbm[index]), gate)
-        status[index] = PathStatus.WEAK if true_path[index] >= 0 else PathStatus.FALSE
+    unexplained = np.flatnonzero(true_path < 0)
+    true_path[unexplained] = _field_origin(seen, estimate.take("path", unexplained))
+    status[(status == PathStatus.FALSE) & (true_path >= 0)] = PathStatus.WEAK
     detected = np.isin(np.arange(len(stop.significant)), match)
     evidence = _evidence(seen, estimate, measured, status, detected, gate)
     expected = seen.parameters[stop.significant][detected | evidence.is_separable]
@@ -150,6 +152,22 @@ def _weak_origin(stop: TrueStop, measured: FloatArray, estimate_dbm: float, gate
     names, group = np.unique(stop.origin.object[candidates], return_inverse=True)
     strongest_group = np.bincount(group, weights=power_mw, minlength=len(names)).argmax()
     return int(candidates[np.where(group == strongest_group, power_mw, -1.0).argmax()])
+
+
+def _field_origin(stop: TrueStop, estimate: ChannelEstimate) -> IntArray:
+    """The path (estimate,) that contributes the most to the field that explains each estimate, -1 for none.
+
+    The field is the coherent sum of all weak and diffuse paths in the cell of the estimate: many diffuse paths may
+    add up there, from beyond the gate as well. Its power must reach that of the estimate minus the margin.
+    """
+    weak = np.setdiff1d(np.arange(len(stop.truth.paths)), stop.significant)
+    if stop.view is None or not len(weak) or not len(estimate):
+        return np.full(len(estimate), -1)
+    truth = replace(stop.truth, paths=stop.truth.paths.take("path", weak))
+    amplitude = stop.view.cell_amplitudes(truth, stop.view.estimated_cells(estimate))
+    field_mw = np.square(np.abs(amplitude.sum(axis=1)))
+    is_explained = field_mw >= 10 ** ((estimate.power_dbm - WEAK_MARGIN_DB) / 10)
+    return np.where(is_explained, weak[np.abs(amplitude).argmax(axis=1)], -1)
 
 
 def _evidence(

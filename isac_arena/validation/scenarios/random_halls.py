@@ -31,8 +31,8 @@ CARRIER_HZ = 60e9
 WALL_M = 0.15
 N_ROOMS, N_WALKS = 200, 12  # rooms and walks tried before giving up
 
-# By number of elevations: columns of the arrays, beams of the TX and of an RX panel at each. Neighbouring beams are
-# less than a Rayleigh cell apart.
+# By number of elevations: columns of the arrays, beams of the TX and of an RX panel at each. Neighbouring beams
+# are less than a Rayleigh cell apart.
 ARRAYS = {1: (16, 28, 24), 2: (8, 12, 8), 3: (8, 10, 7), 4: (8, 9, 6)}
 ELEVATIONS_DEG = {1: [0.0], 2: [-12.0, 12.0], 3: [-25.0, 0.0, 25.0], 4: [-33.0, -11.0, 11.0, 33.0]}
 ELEVATION_TURNS = (1, 3, 2, 4)

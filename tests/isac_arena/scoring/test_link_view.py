@@ -9,8 +9,10 @@ from isac_arena.campaign.config import CampaignConfig
 from isac_arena.scoring.causes import Cause
 from isac_arena.scoring.config import Significance
 from isac_arena.scoring.link_view import Cells, link_view
+from isac_arena.scoring.record import PathStatus
 from isac_arena.scoring.stages.channel import score_stop, true_stop
 from isac_arena.scoring.stages.poses import pose_bounds
+from isac_arena.validation.scenarios.perfect_campaign import DIFFUSE
 from scenes.pose import SPEED_OF_LIGHT_M_S
 from sim.config import ArrayConfig, WaveformConfig
 from sim.signal.generation import beam_channel
@@ -141,3 +143,25 @@ def test_an_estimate_in_a_side_lobe_is_named(stop, view, campaign):
     assert paths.cause.tolist() == [Cause.SIDE_LOBE]
     loud = replace(made, power_dbm=leaked[[worst]] + 20)
     assert score_stop(stop, loud)[0].cause.tolist() == [Cause.UNKNOWN]
+
+
+@pytest.mark.parametrize(("sign", "status"), [(1, PathStatus.WEAK), (-1, PathStatus.FALSE)])
+def test_diffuse_paths_that_add_up_in_a_cell_explain_an_estimate(campaign, view, sign, status):
+    """Nine equal ones in phase are 19 dB above one, in power 9.5 dB; of alternating signs they leave one."""
+    truth = campaign.truths[4]
+    rows = [0, *[DIFFUSE] * 9]
+    rays = truth.paths.take("path", rows)
+    rays = replace(rays, gain=rays.gain * np.array([1.0, *(float(sign) ** n for n in range(9))]))
+    power = best_beam_power_dbm(rays, view.link, campaign.scene.tx, truth.rx_pose)
+    stop = true_stop(replace(truth, paths=rays), campaign.scene.tx, power, LIMITS, view)
+    assert stop.significant.tolist() == [0]
+    estimate = replace(
+        campaign.results.channel[4].take("path", [0, 1]),
+        delay_s=stop.parameters[:2, 0],
+        aod_azimuth_rad=stop.parameters[:2, 1],
+        aoa_azimuth_rad=stop.parameters[:2, 2],
+        power_dbm=power[:2] + np.array([0.0, 19.0]),
+    )
+    paths, _, _ = score_stop(stop, estimate)
+    assert paths.status.tolist() == [PathStatus.DETECTED, status]
+    assert (paths.true_path[1] >= 1) == (status == PathStatus.WEAK)
