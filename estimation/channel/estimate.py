@@ -19,6 +19,7 @@ from estimation.channel.incoherent.paths import fit_incoherent
 from estimation.channel.los import LosConfig
 from estimation.channel.power.paths import PowerMethodConfig, estimate_power
 from estimation.channel.record import ChannelEstimate, EstimateStatus, check_estimate, empty_estimate
+from estimation.execution import one_blas_thread
 from scenes.toml_config import ConfigModel
 from sim.observation import BeamSweep
 from sim.signal.arrays.codebook import Codebook
@@ -81,11 +82,12 @@ def estimate_channel(
     if wrong:
         return empty_estimate(sweep.stop, method, EstimateStatus.REFUSED, wrong)
     blind = _blind_ends(sweep)
-    if method == "power" or blind:
+    with one_blas_thread():
+        if method != "power" and not blind:
+            return _maximum_likelihood(sweep, method, config)
         estimate = estimate_power(sweep, config.power, config.los)
-        reason = f"{blind}; beam powers hold all observable information" if blind else ""
-        return replace(_limited(estimate, config.power.max_paths), reason=reason) if reason else estimate
-    return _maximum_likelihood(sweep, method, config)
+    reason = f"{blind}; beam powers hold all observable information" if blind else ""
+    return replace(_limited(estimate, config.power.max_paths), reason=reason) if reason else estimate
 
 
 def checked_estimate(estimate: object, sweep: BeamSweep, name: str) -> ChannelEstimate:

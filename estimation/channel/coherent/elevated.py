@@ -20,6 +20,7 @@ ELEVATIONS_RAD = np.deg2rad(np.arange(3.0, 75.0, 2.0))  # candidates
 SAME_PLACE = 0.5  # least squared coherence over delay and far-end angle of the images of a path
 OTHER_ANGLE = 0.25  # squared coherence over the angle at this end, below which two paths are no close pair
 LARGEST_DEVIATION = 0.7  # largest relative difference between an image's amplitude and that of the elevated path
+LARGEST_ALONE = 1.4  # the same with each image alone: images on other panels change it by their coherence
 
 
 def merge_elevated_images(
@@ -74,10 +75,13 @@ def _clearest_images(
         directions = _same_cone(manifold, angles_rad[first])
         change = paths.amplitude[first] * (manifold.response(directions) - own[first])
         seen = paths.amplitude[others] * beside[first, others] / energy[first]
-        for angles, difference in zip(directions, change, strict=True):
-            agree, power = _agreeing(own[others], seen, difference)
+        alone = change @ own[others].conj().T / own_energy[others]
+        may_agree = np.abs(alone / seen - 1) <= LARGEST_ALONE
+        for k in np.flatnonzero(may_agree.any(axis=1)):
+            some = others[may_agree[k]]
+            agree, power = _agreeing(own[some], seen[may_agree[k]], change[k])
             if power > most:
-                most, best = power, (int(first), np.isin(np.arange(len(paths)), others[agree]), angles)
+                most, best = power, (int(first), np.isin(np.arange(len(paths)), some[agree]), directions[k])
     return best
 
 

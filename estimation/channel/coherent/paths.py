@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimation.channel.coherent.background import background_over_delay, without_paths
 from estimation.channel.coherent.cancel import without_cancelling_paths
 from estimation.channel.coherent.elevated import merge_elevated_images
 from estimation.channel.coherent.plan import (
@@ -20,8 +21,9 @@ from estimation.channel.coherent.plan import (
     nominal_manifold,
     search_plan,
 )
-from estimation.channel.coherent.prune import hidden_second_path, prune_paths
+from estimation.channel.coherent.prune import hidden_second_paths, prune_paths
 from estimation.channel.coherent.refine import (
+    FEW,
     Reference,
     Solution,
     marginal_covariances,
@@ -36,11 +38,15 @@ from estimation.channel.model.apparent import reported_angles
 from estimation.channel.model.compress import CompressedSweep, check_sweep, compress
 from estimation.channel.model.manifold import Manifold
 from estimation.channel.model.path_model import PathParameters, no_paths
+from estimation.execution import one_blas_thread
 from scenes.pose import wrap_angle
 from scenes.record import FloatArray
 from sim.observation import BeamSweep
 
-MAX_ROUNDS = 30
+MAX_ROUNDS = 60
+MAX_PASSES = 6  # searches for hidden second paths
+PASS_STEPS = 8  # of many paths between such searches
+CHANGED = 0.1  # relative change of the background above which the search goes on
 ROUND_STEPS = 3  # Levenberg-Marquardt steps per round: undetected paths would bias further steps
 FINAL_STEPS = 30
 CERTAIN = 1.5  # times the detection level, above which a grid peak needs no refined test
@@ -64,7 +70,8 @@ def fit_coherent(
     stop = compress_stop(sweep, config, tx_manifold, rx_manifold)
     if isinstance(stop, PathFit):
         return stop
-    solution = fit_paths(stop.compressed, stop.window, stop.plan, stop.config)
+    with one_blas_thread():
+        solution = fit_paths(stop.compressed, stop.window, stop.plan, stop.config)
     return path_fit(solution, stop.compressed, stop.tx, stop.rx, sweep.noise_power_mw)
 
 
@@ -108,52 +115,79 @@ def compress_stop(
 def fit_paths(
     sweep: CompressedSweep, window: DelayWindow, plan: SearchPlan, config: MaximumLikelihoodConfig
 ) -> Solution:
-    """Paths in a compressed sweep: find, fit jointly and prune until nothing in the residual exceeds the level."""
-    search = SpectrumSearch(sweep, plan.grids, plan.oversampling)
-    reference = Reference(sweep, no_paths(sweep))
+    """Paths in a compressed sweep of white noise; as `find_paths` without a background."""
+    return find_paths(sweep, window, plan, config.model_copy(update={"whiten_background": False}))[1]
+
+
+def find_paths(
+    sweep: CompressedSweep, window: DelayWindow, plan: SearchPlan, config: MaximumLikelihoodConfig
+) -> tuple[CompressedSweep, Solution]:
+    """Paths in a compressed sweep, and the sweep whitened by the background that they leave.
+
+    Every round finds paths in the residual, fits them jointly with all others, prunes, and estimates the
+    background from the new residual. It ends when nothing exceeds the level and the background stays. After the
+    strongest paths a background is too high, never too low: weaker ones follow as it falls.
+    """
+    background, white = np.ones(len(sweep.position)), sweep
+    reference = Reference(white, no_paths(sweep))
     solution = solve_at(reference, reference.paths)
+    most, n_passes = min(config.max_paths, _most_paths(sweep)), 0
     for _ in range(MAX_ROUNDS):
-        room = min(config.max_paths, _most_paths(sweep)) - len(solution.paths)
-        new = _new_paths(search, reference, window, room)
-        if not len(new):
-            solution, is_changed = _finished(reference, solution, window)
-            reference = Reference(sweep, solution.paths)
-            if is_changed:
-                continue
-            new = hidden_second_path(reference, solution, window.level) if room > 0 else new
-            if not len(new):
-                return solution
-        trial = refine_paths(reference, solution.paths.joined(new), ROUND_STEPS)
-        trial = prune_paths(reference, trial, window.level_at, ROUND_STEPS)
-        trial = without_cancelling_paths(reference, trial, ROUND_STEPS)
-        if trial.explained - solution.explained < window.level / 2:
-            trial, is_changed = _finished(reference, solution, window)
-            if not is_changed:
-                return trial
-        solution, reference = trial, Reference(sweep, trial.paths)
-    return _finished(reference, solution, window)[0]
+        search = SpectrumSearch(white, plan.grids, plan.oversampling)
+        room = most - len(solution.paths)
+        new, is_changed = _new_paths(search, reference, window, room), False
+        if not len(new) and n_passes < MAX_PASSES:
+            n_passes += 1
+            solution, is_changed = _finished(reference, solution, window, PASS_STEPS)
+            reference = Reference(white, solution.paths)
+            if not is_changed and room > 0:
+                new = hidden_second_paths(reference, solution, window.level).take(slice(room))
+        if len(new):
+            trial = refine_paths(reference, solution.paths.joined(new), ROUND_STEPS)
+            trial = prune_paths(reference, trial, window.level_at, ROUND_STEPS)
+            trial = without_cancelling_paths(reference, trial, ROUND_STEPS)
+            if trial.explained - solution.explained >= window.level / 2:
+                solution, is_changed = trial, True
+        now = _background(sweep, solution.paths, config)
+        if np.abs(now / background - 1).max() > CHANGED:
+            background, white, is_changed = now, sweep.over_background(now), True
+        reference = Reference(white, solution.paths)
+        solution = solve_at(reference, solution.paths)
+        if not is_changed:
+            break
+    return white, _finished(reference, solution, window, FINAL_STEPS)[0]
 
 
-def _finished(reference: Reference, solution: Solution, window: DelayWindow) -> tuple[Solution, bool]:
+def _background(sweep: CompressedSweep, paths: PathParameters, config: MaximumLikelihoodConfig) -> FloatArray:
+    """Noise power (bin,) of every delay bin without the paths, receiver noise 1."""
+    if not config.whiten_background:
+        return np.ones(len(sweep.position))
+    return background_over_delay(without_paths(sweep, paths))
+
+
+def _finished(
+    reference: Reference, solution: Solution, window: DelayWindow, many_steps: int
+) -> tuple[Solution, bool]:
     """The converged solution after `merge_elevated_images`; whether that changed it."""
-    solution = _converged(reference, solution, window)
+    solution = _converged(reference, solution, window, many_steps)
     above = merge_elevated_images(reference, solution, window.level_at, FINAL_STEPS)
     if above is solution:
         return solution, False
-    return _converged(reference, above, window), True
+    return _converged(reference, above, window, many_steps), True
 
 
-def _converged(reference: Reference, solution: Solution, window: DelayWindow) -> Solution:
-    """The solution after convergence, without paths that are redundant or cancel each other."""
-    solution = prune_paths(
-        reference, refine_paths(reference, solution.paths, FINAL_STEPS), window.level_at, FINAL_STEPS
-    )
-    apart = without_cancelling_paths(reference, solution, FINAL_STEPS)
+def _converged(reference: Reference, solution: Solution, window: DelayWindow, many_steps: int) -> Solution:
+    """The solution without paths that are redundant or cancel each other, after convergence.
+
+    Many paths take `many_steps`, and a few after each change: their neighbours hardly move.
+    """
+    is_few = len(solution.paths) <= FEW
+    steps, after = (FINAL_STEPS, FINAL_STEPS) if is_few else (many_steps, ROUND_STEPS)
+    solution = prune_paths(reference, refine_paths(reference, solution.paths, steps), window.level_at, after)
+    apart = without_cancelling_paths(reference, solution, after)
     if apart is solution:
         return solution
-    return without_cancelling_paths(
-        reference, prune_paths(reference, apart, window.level_at, FINAL_STEPS), FINAL_STEPS
-    )
+    return without_cancelling_paths(reference, prune_paths(reference, apart, window.level_at, after), after)
 
 
 def path_fit(
@@ -198,7 +232,7 @@ def _of_reported(covariance: FloatArray, aod_slopes: FloatArray, aoa_slopes: Flo
 
 
 def _new_paths(search: SpectrumSearch, reference: Reference, window: DelayWindow, room: int) -> PathParameters:
-    """Paths in the residual above their level; doubtful grid peaks are refined and tested."""
+    """Paths in the residual above their level and their background; doubtful grid peaks are refined and tested."""
     if room <= 0:
         return no_paths(search.sweep)
     peaks = search.peaks(reference.parts, SCALLOPING * window.level)

@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from estimation.channel.coherent.refine import (
+    FEW,
     Reference,
     Solution,
     paths_near,
@@ -26,6 +27,7 @@ from scenes.record import BoolArray, ComplexArray, FloatArray
 LevelAtDelay = Callable[[FloatArray], FloatArray]  # power over noise power that paths need, at delays in bins
 
 PROBE_OFFSET = 0.5  # resolution cells between a path and the probes for a second one
+DROP_TURNS = 3  # of many paths, in a round
 LEAST_OWN_SHARE = 0.02  # of a probe's energy that known paths cannot explain: below it, a probe is uninformative
 
 
@@ -47,13 +49,19 @@ def prune_paths(reference: Reference, solution: Solution, levels: LevelAtDelay, 
     """The solution without paths whose likelihood ratio is below their level; the others are fitted again.
 
     Wald's test selects candidates. The likelihood without them decides, of all redundant ones together or of the
-    weakest alone. If test and likelihood disagree, the path is in a side maximum: it is moved.
+    weakest alone. If test and likelihood disagree, the path is in a side maximum: it is moved. Of many paths, the
+    redundant ones are only tested together: the time for tests one by one grows with the square of their number.
     """
+    if len(solution.paths) > FEW:
+        return _prune_together(reference, solution, levels, max_steps)
     needed: BoolArray = np.zeros(len(solution.paths), bool)
     is_changed = False
+    tested, statistic = solution, wald_statistic(solution)
     while True:
+        if solution is not tested:
+            tested, statistic = solution, wald_statistic(solution)
         level = levels(solution.paths.delay_bins)
-        excess = np.where(needed, np.inf, wald_statistic(solution) - level)
+        excess = np.where(needed, np.inf, statistic - level)
         if not (excess < 0).any():
             return refine_paths(reference, solution.paths, max_steps) if is_changed else solution
         weakest = np.arange(len(level)) == np.argmin(excess)
@@ -71,6 +79,28 @@ def prune_paths(reference: Reference, solution: Solution, levels: LevelAtDelay, 
                 solution, needed, is_changed = moved, np.append(needed[~weakest], True), True
             else:
                 needed = needed | weakest
+
+
+def _prune_together(reference: Reference, solution: Solution, levels: LevelAtDelay, max_steps: int) -> Solution:
+    """The solution without redundant paths; where the likelihood disagrees, without the weaker half of them.
+
+    What a few turns leave is for the next round of the search.
+    """
+    for _ in range(DROP_TURNS):
+        level = levels(solution.paths.delay_bins)
+        dropped = redundant_paths(solution, level)
+        if not dropped.any():
+            break
+        excess = np.where(dropped, wald_statistic(solution) - level, np.inf)
+        half = np.argsort(np.argsort(excess)) < (dropped.sum() + 1) // 2
+        for some in (dropped, half):
+            without = refine_paths(reference, solution.paths.take(~some), max_steps)
+            if solution.explained - without.explained <= level[some].sum():
+                solution = without
+                break
+        else:
+            break
+    return solution
 
 
 def redundant_paths(solution: Solution, level: FloatArray) -> BoolArray:
@@ -105,19 +135,20 @@ def _moved(
 ) -> Solution:
     """The solution with one more path near a removed `path`, at the place of largest score."""
     about = path.joined(without.paths.take(paths_near(reference.sweep, without.paths, path)))
-    place = hidden_second_path(Reference(reference.sweep, without.paths), without, 0.0, about)
+    place = hidden_second_paths(Reference(reference.sweep, without.paths), without, 0.0, about).take(slice(1))
     if not len(place):
         return without
     return refine_near(reference, without.paths.joined(place), path, max_steps, enough)
 
 
-def hidden_second_path(
+def hidden_second_paths(
     reference: Reference, solution: Solution, level: float, about: PathParameters | None = None
 ) -> PathParameters:
-    """The likeliest second path next to one of the `reference`, if it explains more than `level`; else none.
+    """The likeliest second paths next to those of the `reference` that explain more than `level`, best first.
 
     `solution` is at the reference's paths. Probes are half a resolution cell from every path (or from `about`)
-    along every axis. The score test counts only the energy that no change of the known paths explains.
+    along every axis. The score test counts only the energy that no change of the known paths explains. No two of
+    the result are near each other.
     """
     about = solution.paths if about is None else about
     if not len(about):
@@ -138,11 +169,21 @@ def hidden_second_path(
     pair = np.stack([product.real, product.imag], axis=1)
     weighted = np.linalg.solve(own, pair[..., None])[..., 0]
     score = (pair * weighted).sum(axis=1)
-    best = int(np.argmax(score))
-    if score[best] < level:
-        return probes.take(slice(0, 0))
-    chosen = probes.take(slice(best, best + 1))
-    return PathParameters(chosen.delay_bins, chosen.aod_rad, chosen.aoa_rad, weighted[best : best + 1] @ [1, 1j])
+    order = np.argsort(-score, kind="stable")
+    order = order[score[order] >= level]
+    best = PathParameters(probes.delay_bins, probes.aod_rad, probes.aoa_rad, weighted @ [1, 1j]).take(order)
+    return _apart(reference, best)
+
+
+def _apart(reference: Reference, paths: PathParameters) -> PathParameters:
+    """The paths, from the first on, that are near none before."""
+    kept: list[int] = []
+    remaining: BoolArray = np.ones(len(paths), bool)
+    while remaining.any():
+        kept.append(int(np.argmax(remaining)))
+        remaining &= ~paths_near(reference.sweep, paths, paths.take(np.array(kept[-1:])))
+        remaining[kept[-1]] = False
+    return paths.take(np.array(kept, int))
 
 
 def _probes(reference: Reference, paths: PathParameters) -> PathParameters:

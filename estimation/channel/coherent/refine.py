@@ -5,10 +5,12 @@ projection); delays and angles take damped Gauss-Newton steps with analytic deri
 are computed with the residual of reference paths, small numbers in single precision; the rest is exact.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
-from scipy.linalg.lapack import dposv
+from scipy.linalg.lapack import dposv, dpotrf, dpotri
 
 from estimation.channel.model.compress import CompressedSweep
 from estimation.channel.model.kernels import real_equations
@@ -21,6 +23,7 @@ from estimation.channel.model.path_model import (
     products_with,
     residual,
     response_energies,
+    responses,
     tangents,
 )
 from estimation.inference.least_squares import Attempt, Schedule, minimise
@@ -29,6 +32,7 @@ from scenes.record import BoolArray, ComplexArray, FloatArray
 
 APART_STEPS = 2
 NEAR_CELLS = 2.0  # resolution cells along every axis, beyond which coupling between paths is small
+REACH_BINS = 24  # of the delay response about a path that a partial refinement sees: 99.6 % of its energy
 FEW = 24  # number of paths up to which a partial refinement saves no time
 CONVERGED = 1e-3  # decrease of the squared residual, in units of the noise power, that ends the iteration
 LARGEST_DAMPING = 1e7
@@ -64,15 +68,30 @@ class Solution:
     ----------
     paths : with the amplitudes that fit best at their delays and angles
     explained : squared norm of the samples that the paths explain; the likelihood up to a constant
-    information : (path, column, path, column) half the Fisher information; columns are the real and imaginary part
-        of the amplitude, the delay in bins, the angles of departure and of arrival in rad
-    slope : (path, column) half the gradient of the log-likelihood
+    equations : makes `information` and `slope` when one of them is first used
     """
 
     paths: PathParameters
     explained: float
-    information: FloatArray
-    slope: FloatArray
+    equations: Callable[[], tuple[FloatArray, FloatArray]]
+
+    @cached_property
+    def _both(self) -> tuple[FloatArray, FloatArray]:
+        return self.equations()
+
+    @property
+    def information(self) -> FloatArray:
+        """Half the Fisher information (path, column, path, column).
+
+        Columns are the real and imaginary part of the amplitude, the delay in bins, the angles of departure and of
+        arrival in rad.
+        """
+        return self._both[0]
+
+    @property
+    def slope(self) -> FloatArray:
+        """Half the gradient (path, column) of the log-likelihood."""
+        return self._both[1]
 
     @property
     def flat_information(self) -> FloatArray:
@@ -85,6 +104,18 @@ def solve_at(reference: Reference, paths: PathParameters) -> Solution:
     """Best amplitudes at given delays and angles, and the normal equations of all parameters."""
     at = tangents(reference.sweep, paths)
     return _solved(paths, reference.products(at), gram_matrix(at, at))
+
+
+def solve_amplitudes(reference: Reference, paths: PathParameters) -> Solution:
+    """The same where the normal equations may not be needed: they are made when they are first used."""
+    at = responses(reference.sweep, paths)
+    product, inner = reference.products(at), gram_matrix(at, at)
+    amplitude, explained = _amplitudes(product, inner)
+
+    def equations() -> tuple[FloatArray, FloatArray]:
+        return solve_at(reference, paths).equations()
+
+    return Solution(_with_amplitudes(paths, amplitude), explained, equations)
 
 
 def refine_separately(reference: Reference, paths: PathParameters) -> tuple[PathParameters, FloatArray]:
@@ -113,14 +144,25 @@ def refine_separately(reference: Reference, paths: PathParameters) -> tuple[Path
 
 
 def _solved(paths: PathParameters, product: ComplexArray, inner: ComplexArray) -> Solution:
+    amplitude, explained = _amplitudes(product, inner)
+
+    def equations() -> tuple[FloatArray, FloatArray]:
+        rest = product - inner[:, :, :, 0] @ amplitude
+        return real_equations(inner, rest, amplitude)
+
+    return Solution(_with_amplitudes(paths, amplitude), explained, equations)
+
+
+def _amplitudes(product: ComplexArray, inner: ComplexArray) -> tuple[ComplexArray, float]:
+    """Best amplitudes (path,) and what they explain, from inner products with the samples and with each other."""
     values = inner[:, 0, :, 0]
-    ridge = TINY * np.abs(values.diagonal()).max(initial=0.0) * np.eye(len(paths))
+    ridge = TINY * np.abs(values.diagonal()).max(initial=0.0) * np.eye(len(values))
     amplitude = np.linalg.solve(values + ridge, product[:, 0])
-    rest = product - inner[:, :, :, 0] @ amplitude
-    information, slope = real_equations(inner, rest, amplitude)
-    explained = float((product[:, 0].conj() @ amplitude).real)
-    paths = PathParameters(paths.delay_bins, paths.aod_rad, paths.aoa_rad, amplitude)
-    return Solution(paths, explained, information, slope)
+    return amplitude, float((product[:, 0].conj() @ amplitude).real)
+
+
+def _with_amplitudes(paths: PathParameters, amplitude: ComplexArray) -> PathParameters:
+    return PathParameters(paths.delay_bins, paths.aod_rad, paths.aoa_rad, amplitude)
 
 
 def refine_paths(reference: Reference, paths: PathParameters, max_steps: int, enough: float = np.inf) -> Solution:
@@ -152,10 +194,15 @@ def refine_near(
     if len(paths) <= FEW:
         return refine_paths(reference, paths, max_steps, enough)
     moves = paths_near(reference.sweep, paths, about)
-    rest = replace(reference.sweep, parts=residual(reference.sweep, paths.take(~moves)))
-    moved = refine_paths(Reference(rest, paths.take(moves)), paths.take(moves), max_steps)
+    if not moves.any():
+        return solve_amplitudes(reference, paths)
+    moving = paths.take(moves)
+    apart_bins = np.abs(reference.sweep.position[:, None] - moving.delay_bins)
+    around = reference.sweep.bins(apart_bins.min(axis=1) <= REACH_BINS)
+    rest = replace(around, parts=residual(around, paths.take(~moves)))
+    moved = refine_paths(Reference(rest, moving), moving, max_steps)
     order = np.argsort(np.concatenate([np.flatnonzero(~moves), np.flatnonzero(moves)]))
-    return solve_at(reference, paths.take(~moves).joined(moved.paths).take(order))
+    return solve_amplitudes(reference, paths.take(~moves).joined(moved.paths).take(order))
 
 
 def paths_near(sweep: CompressedSweep, paths: PathParameters, about: PathParameters) -> BoolArray:
@@ -210,8 +257,14 @@ def marginal_covariances(solution: Solution, n_subcarriers: int) -> FloatArray:
 def regular_inverse(information: FloatArray) -> FloatArray:
     """Inverse of a positive semidefinite matrix; directions without information become large, but finite."""
     scale = _unit_scale(np.diagonal(information))
-    scaled = information * scale[:, None] * scale
-    return np.asarray(np.linalg.inv(scaled + TINY * np.eye(len(scale))) * scale[:, None] * scale)
+    scaled = information * scale[:, None] * scale + TINY * np.eye(len(scale))
+    root, failed = dpotrf(scaled)
+    if failed or not len(scale):
+        inverse = np.linalg.inv(scaled)
+    else:
+        upper, _ = dpotri(root)
+        inverse = np.triu(upper) + np.triu(upper, 1).T
+    return np.asarray(inverse * scale[:, None] * scale)
 
 
 def _unit_scale(diagonal: FloatArray) -> FloatArray:

@@ -15,7 +15,7 @@ import scipy.fft
 
 from estimation.channel.model.kernels import dirichlet
 from estimation.channel.model.manifold import Manifold
-from scenes.record import ComplexArray, FloatArray, IntArray
+from scenes.record import BoolArray, ComplexArray, FloatArray, IntArray
 from sim.observation import BeamSweep
 
 RANK_TOLERANCE = 1e-6  # of the largest singular value: weaker sums of beams are rounding errors
@@ -66,6 +66,15 @@ class CompressedSweep:
         kernel = dirichlet(self.position, np.asarray(delay_bins, float), self.n_subcarriers)
         scale = np.sqrt(self.n_subcarriers) * self.weight
         return np.asarray(kernel * (np.array([[1.0], [-1.0]]) * scale))
+
+    def bins(self, kept: BoolArray) -> Self:
+        """The delay bins marked in `kept` (bin,)."""
+        return replace(self, parts=self.parts[..., kept], position=self.position[kept], weight=self.weight[kept])
+
+    def over_background(self, background: FloatArray) -> Self:
+        """The sweep whitened by the noise power (bin,) of every delay bin."""
+        std = np.sqrt(background)
+        return replace(self, parts=np.asarray(self.parts / std, np.float32), weight=self.weight / std)
 
     def with_hidden_elevation(self) -> Self:
         """The sweep with the elevations that several panels observe (`Manifold.with_hidden_elevation`)."""

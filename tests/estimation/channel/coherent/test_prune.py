@@ -2,8 +2,16 @@
 
 import numpy as np
 
-from estimation.channel.coherent.prune import redundant_paths
-from estimation.channel.coherent.refine import Reference, paths_near, refine_near, refine_paths, solve_at
+from estimation.channel.coherent.prune import hidden_second_paths, prune_paths, redundant_paths
+from estimation.channel.coherent.refine import (
+    Reference,
+    paths_near,
+    refine_near,
+    refine_paths,
+    regular_inverse,
+    solve_amplitudes,
+    solve_at,
+)
 from estimation.channel.model.path_model import PathParameters
 from tests.estimation.channel.plain_sweeps import compressed, plain_link, plain_paths, plain_sweep
 
@@ -48,3 +56,42 @@ def test_refining_near_paths_equals_refining_all_if_the_others_are_far() -> None
     assert np.allclose(local.paths.delay_bins[7], whole.paths.delay_bins[7], atol=0.03)
     assert np.allclose(local.paths.aod_rad[7], whole.paths.aod_rad[7], atol=3e-3)
     assert np.array_equal(local.paths.delay_bins[:7], start.delay_bins[:7])
+
+
+def test_amplitudes_alone_are_those_of_the_full_solution() -> None:
+    reference, truth = _fitted([100.0, 104.0, 900.0])
+    full, quick = solve_at(reference, truth), solve_amplitudes(reference, truth)
+    np.testing.assert_allclose(quick.paths.amplitude, full.paths.amplitude, rtol=1e-6)
+    assert np.isclose(quick.explained, full.explained)
+    np.testing.assert_allclose(quick.information, full.information, rtol=1e-9)
+    np.testing.assert_allclose(quick.slope, full.slope, rtol=1e-9)
+
+
+def test_of_many_paths_the_redundant_ones_go_together_and_no_other() -> None:
+    reference, truth = _fitted(list(np.linspace(50, 8000, 30)))
+    beside = truth.take(np.arange(0, 30, 6)).moved(np.array([[0.15, 0.0, 0.0]]))
+    start = refine_paths(reference, truth.joined(beside), 3)
+    found = prune_paths(reference, start, lambda delay_bins: np.full(len(delay_bins), 24.0), 3)
+    assert len(found.paths) == 30
+    apart = np.abs(found.paths.delay_bins[:, None] - truth.delay_bins)
+    assert (apart.min(axis=0) < 0.3).all()
+
+
+def test_hidden_second_paths_are_found_at_all_places_at_once() -> None:
+    reference, truth = _fitted([100.0, 102.0, 900.0, 902.0, 1800.0], 40.0)
+    one_each = refine_paths(reference, truth.take(np.array([0, 2, 4])), 30)
+    found = hidden_second_paths(Reference(reference.sweep, one_each.paths), one_each, 24.0)
+    near = np.abs(found.delay_bins[:, None] - one_each.paths.delay_bins).argmin(axis=1)
+    assert {0, 1} <= set(near)
+    assert 2 not in near
+
+
+def test_regular_inverse_is_the_inverse_and_survives_an_unobservable_parameter() -> None:
+    rng = np.random.default_rng(4)
+    half = rng.standard_normal((30, 40)) * np.logspace(-3, 3, 30)[:, None]
+    information = half @ half.T
+    np.testing.assert_allclose(regular_inverse(information) @ information, np.eye(30), atol=1e-5)
+    information[7], information[:, 7] = 0.0, 0.0
+    inverse = regular_inverse(information)
+    assert np.isfinite(inverse).all()
+    np.testing.assert_allclose(inverse, inverse.T, rtol=1e-12)
