@@ -3,7 +3,7 @@
 import numpy as np
 
 from estimation.channel.model.compress import CompressedSweep
-from estimation.channel.model.path_model import PathParameters, residual, responses
+from estimation.channel.model.path_model import PathParameters, responses
 from scenes.record import ComplexArray, FloatArray
 
 SMOOTHING_BINS = 2  # to either side, for the background's power over delay
@@ -49,9 +49,3 @@ def background_along(sweep: CompressedSweep, residual_parts: FloatArray, paths: 
     for path in np.flatnonzero(beside.sum(axis=1) >= AROUND_BINS):
         factor[path] = np.median(power[path, beside[path]]) / np.log(2)
     return np.where(factor > NOTABLE, factor, 1.0)
-
-
-def without_paths(sweep: CompressedSweep, paths: PathParameters) -> ComplexArray:
-    """The samples (tx_rank, rx_rank, bin) of a compressed sweep minus the signals of the paths."""
-    real, imaginary = residual(sweep, paths)
-    return np.asarray(real + 1j * imaginary)

@@ -16,7 +16,7 @@ import numpy as np
 
 from estimation.channel.coherent.background import background_along
 from estimation.channel.coherent.misfit import misfit_factor, widen_covariances
-from estimation.channel.coherent.paths import compress_stop, find_paths, path_fit
+from estimation.channel.coherent.paths import compress_stop, find_paths, path_fit, reported_delay_bins
 from estimation.channel.coherent.plan import DelayWindow
 from estimation.channel.coherent.prune import wald_statistic
 from estimation.channel.coherent.refine import Reference, Solution
@@ -51,27 +51,19 @@ def fit_over_background(
     white, solution = find_paths(stop.compressed, stop.window, stop.plan, stop.config)
     noise_factor, stands_out = _direction_test(white, solution, stop.window)
     fit = path_fit(solution, white, stop.tx, stop.rx, sweep.noise_power_mw)
-    fit = _widened(fit, white, solution, noise_factor, stop.tx, stop.rx)
-    kept: PathFit = fit.take("path", stands_out[_by_delay(white, solution.paths)])
+    factor = noise_factor * misfit_factor(Reference(white, solution.paths), solution)
+    order = np.argsort(reported_delay_bins(white, solution.paths), kind="stable")  # of the paths in the fit
+    fit = _widened(fit, factor[order], replace(white, tx=stop.tx, rx=stop.rx))
+    kept: PathFit = fit.take("path", stands_out[order])
     return kept if len(kept) else replace(kept, status="no_paths")
 
 
-def _widened(
-    fit: PathFit, white: CompressedSweep, solution: Solution, noise_factor: FloatArray, tx: Manifold, rx: Manifold
-) -> PathFit:
-    """A `fit` with covariances widened by background and misfit."""
-    factor = noise_factor * misfit_factor(Reference(white, solution.paths), solution)
-    reported = PathParameters(fit.delay_s / white.bin_s, fit.aod_rad, fit.aoa_rad, fit.amplitude.astype(complex))
-    rate = manifold_rates(replace(white, tx=tx, rx=rx), reported)
-    rate[:, 0] /= white.bin_s
-    order = _by_delay(white, solution.paths)
-    return replace(fit, covariance=widen_covariances(fit.covariance, factor[order], rate))
-
-
-def _by_delay(sweep: CompressedSweep, paths: PathParameters) -> IntArray:
-    """The order (path,) of the paths in the record; the last eighth of the period is negative delays."""
-    n = sweep.n_subcarriers
-    return np.argsort((paths.delay_bins + n / 8) % n - n / 8, kind="stable")
+def _widened(fit: PathFit, factor: FloatArray, sweep: CompressedSweep) -> PathFit:
+    """A `fit` with covariances times factors (path,) by background and misfit; `sweep` has all beams."""
+    reported = PathParameters(fit.delay_s / sweep.bin_s, fit.aod_rad, fit.aoa_rad, fit.amplitude.astype(complex))
+    rate = manifold_rates(sweep, reported)
+    rate[:, 0] /= sweep.bin_s
+    return replace(fit, covariance=widen_covariances(fit.covariance, factor, rate))
 
 
 def _direction_test(

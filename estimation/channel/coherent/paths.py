@@ -6,11 +6,11 @@ that of Newtonised orthogonal matching pursuit (Mamandipoor, Ramasamy and Madhow
 false alarms controlled over the continuous field, and the model order decided by likelihood ratios.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimation.channel.coherent.background import background_over_delay, without_paths
+from estimation.channel.coherent.background import background_over_delay
 from estimation.channel.coherent.cancel import without_cancelling_paths
 from estimation.channel.coherent.elevated import merge_elevated_images
 from estimation.channel.coherent.plan import (
@@ -37,8 +37,7 @@ from estimation.channel.fit import PathFit, empty_fit
 from estimation.channel.model.apparent import reported_angles
 from estimation.channel.model.compress import CompressedSweep, check_sweep, compress
 from estimation.channel.model.manifold import Manifold
-from estimation.channel.model.path_model import PathParameters, no_paths
-from estimation.execution import one_blas_thread
+from estimation.channel.model.path_model import PathParameters, no_paths, residual
 from scenes.pose import wrap_angle
 from scenes.record import FloatArray
 from sim.observation import BeamSweep
@@ -70,8 +69,7 @@ def fit_coherent(
     stop = compress_stop(sweep, config, tx_manifold, rx_manifold)
     if isinstance(stop, PathFit):
         return stop
-    with one_blas_thread():
-        solution = fit_paths(stop.compressed, stop.window, stop.plan, stop.config)
+    solution = fit_paths(stop.compressed, stop.window, stop.plan, stop.config)
     return path_fit(solution, stop.compressed, stop.tx, stop.rx, sweep.noise_power_mw)
 
 
@@ -132,8 +130,8 @@ def find_paths(
     reference = Reference(white, no_paths(sweep))
     solution = solve_at(reference, reference.paths)
     most, n_passes = min(config.max_paths, _most_paths(sweep)), 0
+    search = SpectrumSearch(white, plan.grids, plan.oversampling)
     for _ in range(MAX_ROUNDS):
-        search = SpectrumSearch(white, plan.grids, plan.oversampling)
         room = most - len(solution.paths)
         new, is_changed = _new_paths(search, reference, window, room), False
         if not len(new) and n_passes < MAX_PASSES:
@@ -151,6 +149,7 @@ def find_paths(
         now = _background(sweep, solution.paths, config)
         if np.abs(now / background - 1).max() > CHANGED:
             background, white, is_changed = now, sweep.over_background(now), True
+            search = SpectrumSearch(white, plan.grids, plan.oversampling)
         reference = Reference(white, solution.paths)
         solution = solve_at(reference, solution.paths)
         if not is_changed:
@@ -162,7 +161,7 @@ def _background(sweep: CompressedSweep, paths: PathParameters, config: MaximumLi
     """Noise power (bin,) of every delay bin without the paths, receiver noise 1."""
     if not config.whiten_background:
         return np.ones(len(sweep.position))
-    return background_over_delay(without_paths(sweep, paths))
+    return background_over_delay(replace(sweep, parts=residual(sweep, paths)).samples)
 
 
 def _finished(
@@ -195,7 +194,7 @@ def path_fit(
 ) -> PathFit:
     """A solution in physical units, sorted by delay; `tx` and `rx` are the manifolds of all beams."""
     paths, n = solution.paths, sweep.n_subcarriers
-    delay_bins = (paths.delay_bins + n / 8) % n - n / 8
+    delay_bins = reported_delay_bins(sweep, paths)
     delay_s = delay_bins * sweep.bin_s
     turns = np.round((delay_bins - paths.delay_bins) / n)  # every period rotates the phase at the band centre
     gain = paths.amplitude * np.sqrt(sweep.noise_scale) * np.where(turns * (n - 1) % 2, -1, 1)
@@ -221,6 +220,12 @@ def path_fit(
     )
 
 
+def reported_delay_bins(sweep: CompressedSweep, paths: PathParameters) -> FloatArray:
+    """Delays (path,) in bins within one period, whose last eighth is negative delays."""
+    n = sweep.n_subcarriers
+    return np.asarray((paths.delay_bins + n / 8) % n - n / 8)
+
+
 def _of_reported(covariance: FloatArray, aod_slopes: FloatArray, aoa_slopes: FloatArray) -> FloatArray:
     """Covariance of delay and reported angles from that of fitted ones; slopes are (path, reported, fitted)."""
     n, (n_aod, n_aoa) = len(covariance), (aod_slopes.shape[1], aoa_slopes.shape[1])
@@ -232,7 +237,7 @@ def _of_reported(covariance: FloatArray, aod_slopes: FloatArray, aoa_slopes: Flo
 
 
 def _new_paths(search: SpectrumSearch, reference: Reference, window: DelayWindow, room: int) -> PathParameters:
-    """Paths in the residual above their level and their background; doubtful grid peaks are refined and tested."""
+    """Paths in the residual above their level; doubtful grid peaks are refined and tested."""
     if room <= 0:
         return no_paths(search.sweep)
     peaks = search.peaks(reference.parts, SCALLOPING * window.level)

@@ -1,6 +1,6 @@
 """Model order: remove redundant paths, and find hidden second paths close to known ones."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
@@ -88,19 +88,23 @@ def _prune_together(reference: Reference, solution: Solution, levels: LevelAtDel
     """
     for _ in range(DROP_TURNS):
         level = levels(solution.paths.delay_bins)
-        dropped = redundant_paths(solution, level)
-        if not dropped.any():
-            break
-        excess = np.where(dropped, wald_statistic(solution) - level, np.inf)
-        half = np.argsort(np.argsort(excess)) < (dropped.sum() + 1) // 2
-        for some in (dropped, half):
-            without = refine_paths(reference, solution.paths.take(~some), max_steps)
-            if solution.explained - without.explained <= level[some].sum():
+        for dropped in _redundant_together(solution, level):
+            without = refine_paths(reference, solution.paths.take(~dropped), max_steps)
+            if solution.explained - without.explained <= level[dropped].sum():
                 solution = without
                 break
         else:
             break
     return solution
+
+
+def _redundant_together(solution: Solution, level: FloatArray) -> Iterator[BoolArray]:
+    """Masks (path,) of all redundant paths, then of the weaker half of them; none where no path is redundant."""
+    dropped = redundant_paths(solution, level)
+    if dropped.any():
+        yield dropped
+        excess = np.where(dropped, wald_statistic(solution) - level, np.inf)
+        yield np.argsort(np.argsort(excess)) < (dropped.sum() + 1) // 2
 
 
 def redundant_paths(solution: Solution, level: FloatArray) -> BoolArray:

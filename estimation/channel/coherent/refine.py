@@ -115,7 +115,7 @@ def solve_amplitudes(reference: Reference, paths: PathParameters) -> Solution:
     def equations() -> tuple[FloatArray, FloatArray]:
         return solve_at(reference, paths).equations()
 
-    return Solution(_with_amplitudes(paths, amplitude), explained, equations)
+    return Solution(replace(paths, amplitude=amplitude), explained, equations)
 
 
 def refine_separately(reference: Reference, paths: PathParameters) -> tuple[PathParameters, FloatArray]:
@@ -150,7 +150,7 @@ def _solved(paths: PathParameters, product: ComplexArray, inner: ComplexArray) -
         rest = product - inner[:, :, :, 0] @ amplitude
         return real_equations(inner, rest, amplitude)
 
-    return Solution(_with_amplitudes(paths, amplitude), explained, equations)
+    return Solution(replace(paths, amplitude=amplitude), explained, equations)
 
 
 def _amplitudes(product: ComplexArray, inner: ComplexArray) -> tuple[ComplexArray, float]:
@@ -159,10 +159,6 @@ def _amplitudes(product: ComplexArray, inner: ComplexArray) -> tuple[ComplexArra
     ridge = TINY * np.abs(values.diagonal()).max(initial=0.0) * np.eye(len(values))
     amplitude = np.linalg.solve(values + ridge, product[:, 0])
     return amplitude, float((product[:, 0].conj() @ amplitude).real)
-
-
-def _with_amplitudes(paths: PathParameters, amplitude: ComplexArray) -> PathParameters:
-    return PathParameters(paths.delay_bins, paths.aod_rad, paths.aoa_rad, amplitude)
 
 
 def refine_paths(reference: Reference, paths: PathParameters, max_steps: int, enough: float = np.inf) -> Solution:

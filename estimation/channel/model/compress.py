@@ -80,20 +80,6 @@ class CompressedSweep:
         """The sweep with the elevations that several panels observe (`Manifold.with_hidden_elevation`)."""
         return replace(self, tx=self.tx.with_hidden_elevation(), rx=self.rx.with_hidden_elevation())
 
-    def whitened(self, tx: ComplexArray | FloatArray, rx: ComplexArray | FloatArray, bin_std: FloatArray) -> Self:
-        """The sweep and its path models after whitening of further noise.
-
-        `tx` and `rx` (rank, rank) act on the beams; every delay bin is divided by `bin_std` (bin,).
-        """
-        samples = np.einsum("im,mnd,jn->ijd", tx, self.samples, rx, optimize=True) / bin_std
-        return replace(
-            self,
-            parts=np.stack([samples.real, samples.imag]).astype(np.float32),
-            tx=self.tx.combined(tx),
-            rx=self.rx.combined(rx),
-            weight=self.weight / bin_std,
-        )
-
 
 @dataclass(frozen=True)
 class DelayCube:

@@ -105,8 +105,7 @@ def test_further_whitening_changes_the_model_with_the_samples() -> None:
     cube = _compressed(plain_sweep(SMALL, plain_paths(SMALL, 20.0, 5.0, 0.0, 30.0)))
     window = cube.window(np.arange(-10, 40))
     rng = np.random.default_rng(4)
-    tx, rx = (rng.standard_normal((m.n_beams, m.n_beams)) for m in (window.tx, window.rx))
-    whitened = window.whitened(tx, rx, rng.uniform(0.5, 2.0, 50))
+    whitened = window.over_background(np.square(rng.uniform(0.5, 2.0, 50)))
     wave = whitened.delay_response(np.array([20e-9 / whitened.bin_s]))[0, 0]
     angles = np.deg2rad([[5.0]]), np.zeros((1, 1))
     beams = np.outer(whitened.tx.response(angles[0])[0], whitened.rx.response(angles[1])[0])
