@@ -43,6 +43,7 @@ def assemble_estimate(
         gain_phase_rad=fit.phase_rad,
         aod_elevation_rad=_elevation(fit.aod_rad),
         aoa_elevation_rad=_elevation(fit.aoa_rad),
+        unresolved_probability=fit.unresolved_probability,
         aod_angle_kind=angle_kind(tx),
         aoa_angle_kind=angle_kind(rx),
         method=method,

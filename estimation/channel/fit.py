@@ -32,6 +32,7 @@ class PathFit(Record):
         unit="(s, rad, ...)^2",
         doc="of delay, departure angles and arrival angles",
     )
+    unresolved_probability: FloatArray = array("path", doc="probability that the path stands for several")
     status: FitStatus = array(dtype=str, doc="ok, no_paths or no_signal")
 
     def __len__(self) -> int:
@@ -49,5 +50,6 @@ def empty_fit(n_aod_angles: int, n_aoa_angles: int, status: FitStatus) -> PathFi
         phase_rad=np.zeros(0),
         snr_db=np.zeros(0),
         covariance=np.zeros((0, n_parameters, n_parameters)),
+        unresolved_probability=np.zeros(0),
         status=status,
     )

@@ -77,6 +77,9 @@ class ChannelEstimate(Record):
     )
     aod_elevation_rad: FloatArray = _optional("path", unit="rad", doc="elevation of departure; NaN unknown")
     aoa_elevation_rad: FloatArray = _optional("path", unit="rad", doc="elevation of arrival; NaN unknown")
+    unresolved_probability: FloatArray = _optional(
+        "path", doc="probability that the path stands for several closer than a resolution cell; NaN unknown"
+    )
     aod_angle_kind: str = _optional(dtype=str, doc="departure azimuths are: 'azimuth' or 'cone' angles")
     aoa_angle_kind: str = _optional(dtype=str, doc="arrival azimuths are: 'azimuth' or 'cone' angles")
     method: str = _optional(dtype=str, doc="method that found the paths")
@@ -86,7 +89,14 @@ class ChannelEstimate(Record):
     def __post_init__(self) -> None:
         n = len(self.delay_s)
         unknown = dict.fromkeys(
-            ("gain_amplitude", "gain_phase_rad", "aod_elevation_rad", "aoa_elevation_rad"), np.full(n, np.nan)
+            (
+                "gain_amplitude",
+                "gain_phase_rad",
+                "aod_elevation_rad",
+                "aoa_elevation_rad",
+                "unresolved_probability",
+            ),
+            np.full(n, np.nan),
         )
         defaults: dict[str, Any] = {
             "los_probability": np.asarray(self.is_los, float),

@@ -6,7 +6,7 @@ horizontal paths needs an image for each panel. The images have the same delay a
 dependent amplitudes. If one path with an elevation explains the samples as well as all images, it replaces them.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from estimation.channel.coherent.prune import LevelAtDelay
 from estimation.channel.coherent.refine import Reference, Solution, refine_near
 from estimation.channel.model.manifold import Manifold
 from estimation.channel.model.path_model import PathParameters, responses
-from scenes.record import BoolArray, ComplexArray, FloatArray
+from scenes.record import BoolArray, ComplexArray, FloatArray, IntArray
 
 ELEVATIONS_RAD = np.deg2rad(np.arange(3.0, 75.0, 2.0))  # candidates
 SAME_PLACE = 0.5  # least squared coherence over delay and far-end angle of the images of a path
@@ -33,29 +33,31 @@ def merge_elevated_images(
     for is_tx, manifold in ((True, reference.sweep.tx), (False, reference.sweep.rx)):
         if not manifold.hides_elevation:
             continue
-        tried: BoolArray = np.zeros(len(solution.paths), bool)
-        while True:
-            images = _clearest_images(reference, solution.paths, tried, is_tx=is_tx)
-            if images is None:
-                break
-            first, seconds, angles = images
-            tried[first] = True
+        kept = np.arange(len(solution.paths))  # of the paths before any change
+        for images in _clearest_images(reference, solution.paths, is_tx=is_tx):
+            if not np.isin([images.first, *images.seconds], kept).all():
+                continue
+            first, seconds = kept == images.first, np.isin(kept, images.seconds)
             enough = solution.explained - levels(solution.paths.delay_bins[seconds]).sum()
-            trial = _with_angles(solution.paths, first, angles, is_tx=is_tx).take(~seconds)
-            about = solution.paths.take(seconds | (np.arange(len(tried)) == first))
-            one = refine_near(reference, trial, about, max_steps)
+            trial = _with_angles(solution.paths, first, images.angles_rad, is_tx=is_tx).take(~seconds)
+            one = refine_near(reference, trial, solution.paths.take(first | seconds), max_steps)
             if one.explained > enough:
-                solution, tried = one, tried[~seconds]
+                solution, kept = one, kept[~seconds]
     return solution
 
 
-def _clearest_images(
-    reference: Reference, paths: PathParameters, tried: BoolArray, *, is_tx: bool
-) -> tuple[int, BoolArray, FloatArray] | None:
-    """A path, the mask (path,) of its images, and its elevated angles (2,); None if there are no images.
+@dataclass(frozen=True)
+class _Images:
+    """A path `first`, its images `seconds` on other panels, its elevated angles (2,) and their common power."""
 
-    Of all horizontal paths not tried yet, and all elevations, those that explain most power.
-    """
+    first: int
+    seconds: IntArray
+    angles_rad: FloatArray
+    power: float
+
+
+def _clearest_images(reference: Reference, paths: PathParameters, *, is_tx: bool) -> list[_Images]:
+    """Of every horizontal path the images, over all elevations, that explain most power; the strongest first."""
     at = responses(reference.sweep, paths)
     tx, rx, delay = at.tx[:, 0], at.rx[:, 0], at.delay[:, 0]
     own, far = (tx, rx) if is_tx else (rx, tx)
@@ -67,9 +69,8 @@ def _clearest_images(
     inner = own.conj() @ own.T
     own_energy = np.diagonal(inner).real
     together &= np.square(np.abs(inner)) < OTHER_ANGLE * own_energy * own_energy[:, None]
-    together[tried | (angles_rad[:, 1] != 0)] = False
-    best: tuple[int, BoolArray, FloatArray] | None = None
-    most = 0.0
+    together[angles_rad[:, 1] != 0] = False
+    found = []
     for first in np.flatnonzero(together.any(axis=1)):
         others = np.flatnonzero(together[first])
         directions = _same_cone(manifold, angles_rad[first])
@@ -77,12 +78,18 @@ def _clearest_images(
         seen = paths.amplitude[others] * beside[first, others] / energy[first]
         alone = change @ own[others].conj().T / own_energy[others]
         may_agree = np.abs(alone / seen - 1) <= LARGEST_ALONE
-        for k in np.flatnonzero(may_agree.any(axis=1)):
+        most = np.square(may_agree @ (np.abs(seen) * np.sqrt(own_energy[others])))  # power at most, by elevation
+        best: _Images | None = None
+        for k in np.argsort(-most, kind="stable"):
+            if most[k] <= (best.power if best else 0.0):
+                break
             some = others[may_agree[k]]
             agree, power = _agreeing(own[some], seen[may_agree[k]], change[k])
-            if power > most:
-                most, best = power, (int(first), np.isin(np.arange(len(paths)), some[agree]), directions[k])
-    return best
+            if power > (best.power if best else 0.0):
+                best = _Images(int(first), some[agree], directions[k], power)
+        if best:
+            found.append(best)
+    return sorted(found, key=lambda images: -images.power)
 
 
 def _agreeing(
@@ -111,8 +118,8 @@ def _same_cone(manifold: Manifold, angles_rad: FloatArray) -> FloatArray:
     return np.stack([boresight + np.arcsin(sine[is_there]), ELEVATIONS_RAD[is_there]], axis=1)
 
 
-def _with_angles(paths: PathParameters, path: int, angles_rad: FloatArray, *, is_tx: bool) -> PathParameters:
-    """The paths, with one path's angles (2,) at one end replaced."""
+def _with_angles(paths: PathParameters, path: BoolArray, angles_rad: FloatArray, *, is_tx: bool) -> PathParameters:
+    """The paths, with the angles (2,) of one path (its mask is (path,)) at one end replaced."""
     angles = (paths.aod_rad if is_tx else paths.aoa_rad).copy()
     angles[path] = angles_rad
     return replace(paths, aod_rad=angles) if is_tx else replace(paths, aoa_rad=angles)

@@ -5,32 +5,43 @@ derivative of the path's response. Its part in phase with the path shifts the es
 residual. No shift explains its part in quadrature: it remains in the residual. Phases of true paths are
 independent and uniform, so both parts have one distribution: the energy of the derivatives in quadrature, over its
 value in noise, measures the squared error over the bound. In noise it is chi-square, with one degree of freedom
-per parameter. It may grow without limit, but the error does not: neighbours further away are detected.
+per parameter. These are few; so all paths of a stop together say how large errors are (empirical Bayes).
 """
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.stats import chi2, f
 
 from estimation.channel.coherent.refine import Reference, Solution, regular_inverse
-from estimation.channel.model.manifold import CELL
 from estimation.channel.model.path_model import gram_matrix, tangents
 from scenes.record import FloatArray, IntArray
 
 LEAST_SEEN = 1e-9  # information on a shift, relative to the amplitude, below which it is unobservable
-UNRESOLVED_CELLS = 0.4  # Rayleigh cells below which two equal paths are not resolved
-BY_NOISE = 1e-3  # least probability of the quadrature that noise explains, for a path or a stop
+N_TYPICAL = 40  # trial values of the typical scale of a stop
+FREEDOM = 2 + np.geomspace(0.5, 200, 20)  # trial degrees of freedom: few where scales differ much
 
 
-def misfit_factor(reference: Reference, solution: Solution) -> FloatArray:
-    """Factor (path,), at least 1, on the covariances of paths at the maximum of the likelihood.
+def error_scale(shown: FloatArray, n_seen: IntArray) -> FloatArray:
+    """Scale (path,), at least 1, of the squared errors of paths over their bound, from quadrature statistics.
 
-    It is 1 for paths that noise explains, in a stop that noise explains. `solution` is at the reference's paths.
+    Each statistic over its scale is chi-square. The scales of a stop have a scaled inverse chi-square distribution
+    whose two parameters maximise the likelihood of all statistics; the posterior mean of each path shrinks to it.
+    All scales are 1 if noise alone explains the statistics as well, by the Bayesian information criterion.
     """
-    shown, n_seen = quadrature_statistic(reference, solution)
-    is_misfit = shown > chi2.isf(BY_NOISE, np.maximum(1, n_seen))
-    if shown.sum() > chi2.isf(BY_NOISE, max(1, n_seen.sum())):
-        is_misfit[:] = True
-    return np.where(is_misfit, np.maximum(1.0, shown / np.maximum(1, n_seen)), 1.0)
+    seen = n_seen > 0
+    if not seen.any():
+        return np.ones(len(shown))
+    degrees, value = n_seen[seen], np.maximum(shown[seen], np.finfo(float).tiny)
+    typical, freedom = np.meshgrid(
+        np.geomspace(1, max(2.0, float((value / degrees).max())), N_TYPICAL), FREEDOM, indexing="ij"
+    )
+    ratio = value / degrees / typical[..., None]
+    each = f.logpdf(ratio, degrees, freedom[..., None]) - np.log(degrees * typical[..., None])
+    likelihood = each.sum(axis=2)
+    best = np.unravel_index(int(np.argmax(likelihood)), likelihood.shape)
+    if likelihood[best] - chi2.logpdf(value, degrees).sum() < np.log(len(value)):
+        return np.ones(len(shown))
+    known = freedom[best] * typical[best]
+    return np.asarray(np.maximum(1.0, (known + np.where(seen, shown, 0.0)) / (freedom[best] + n_seen - 2)))
 
 
 def quadrature_statistic(reference: Reference, solution: Solution) -> tuple[FloatArray, IntArray]:
@@ -60,17 +71,3 @@ def quadrature_statistic(reference: Reference, solution: Solution) -> tuple[Floa
         n_seen[path] = seen.sum()
         statistic[path] = 2 * score[seen] @ regular_inverse(information[np.ix_(seen, seen)]) @ score[seen]
     return statistic, n_seen
-
-
-def widen_covariances(covariance: FloatArray, factor: FloatArray, rate: FloatArray) -> FloatArray:
-    """Covariances (path, parameter, parameter) times factors (path,), up to the largest error by misfit.
-
-    A path that stands for itself and an unresolved neighbour lies between them: its error is at most half their
-    distance. The factor adds C' with C'^-1 = ((factor - 1) C)^-1 + B^-1, B the square of that half. `rate` (path,
-    parameter) is the length on the manifold per unit of each parameter.
-    """
-    half = UNRESOLVED_CELLS / 2 * CELL / np.maximum(rate, np.finfo(float).tiny ** 0.25)
-    scale = half[:, :, None] * half[:, None]
-    added = covariance * (factor - 1)[:, None, None] / scale
-    bounded = added - added @ np.linalg.solve(added + np.eye(added.shape[1]), added)
-    return np.asarray(covariance + scale * (bounded + np.swapaxes(bounded, 1, 2)) / 2)

@@ -13,6 +13,7 @@ import numpy as np
 from estimation.channel.coherent.background import background_over_delay
 from estimation.channel.coherent.cancel import without_cancelling_paths
 from estimation.channel.coherent.elevated import merge_elevated_images
+from estimation.channel.coherent.hidden import hidden_second_paths
 from estimation.channel.coherent.plan import (
     SCALLOPING,
     DelayWindow,
@@ -21,7 +22,7 @@ from estimation.channel.coherent.plan import (
     nominal_manifold,
     search_plan,
 )
-from estimation.channel.coherent.prune import hidden_second_paths, prune_paths
+from estimation.channel.coherent.prune import prune_paths
 from estimation.channel.coherent.refine import (
     FEW,
     Reference,
@@ -70,7 +71,9 @@ def fit_coherent(
     if isinstance(stop, PathFit):
         return stop
     solution = fit_paths(stop.compressed, stop.window, stop.plan, stop.config)
-    return path_fit(solution, stop.compressed, stop.tx, stop.rx, sweep.noise_power_mw)
+    by_noise = marginal_covariances(solution, stop.compressed.n_subcarriers)
+    errors = PathErrors(by_noise, np.zeros(len(by_noise)))
+    return path_fit(solution, stop.compressed, stop.tx, stop.rx, sweep.noise_power_mw, errors)
 
 
 @dataclass(frozen=True)
@@ -83,6 +86,20 @@ class PreparedStop:
     config: MaximumLikelihoodConfig
     tx: Manifold
     rx: Manifold
+
+
+@dataclass(frozen=True)
+class PathErrors:
+    """What is known of the errors of a solution.
+
+    Attributes
+    ----------
+    covariance : (path, parameter, parameter) of delay in bins and angles in rad
+    unresolved_probability : (path,) that a path stands for two within half a resolution cell
+    """
+
+    covariance: FloatArray
+    unresolved_probability: FloatArray
 
 
 def compress_stop(
@@ -190,7 +207,12 @@ def _converged(reference: Reference, solution: Solution, window: DelayWindow, ma
 
 
 def path_fit(
-    solution: Solution, sweep: CompressedSweep, tx: Manifold, rx: Manifold, noise_power_mw: FloatArray
+    solution: Solution,
+    sweep: CompressedSweep,
+    tx: Manifold,
+    rx: Manifold,
+    noise_power_mw: FloatArray,
+    errors: PathErrors,
 ) -> PathFit:
     """A solution in physical units, sorted by delay; `tx` and `rx` are the manifolds of all beams."""
     paths, n = solution.paths, sweep.n_subcarriers
@@ -204,7 +226,7 @@ def path_fit(
     tx_gain = np.abs(tx.response(aod_rad)) ** 2
     rx_gain = np.abs(rx.response(aoa_rad)) ** 2 / noise_power_mw
     snr = np.abs(gain) ** 2 * tx_gain.max(axis=1) * rx_gain.max(axis=1) * n / sweep.noise_scale
-    covariance = _of_reported(marginal_covariances(solution, n), aod_slopes, aoa_slopes)
+    covariance = _of_reported(errors.covariance, aod_slopes, aoa_slopes)
     covariance[:, 0] *= sweep.bin_s
     covariance[:, :, 0] *= sweep.bin_s
     order = np.argsort(delay_s, kind="stable")
@@ -216,6 +238,7 @@ def path_fit(
         phase_rad=np.angle(gain)[order],
         snr_db=10 * np.log10(snr[order]),
         covariance=covariance[order],
+        unresolved_probability=errors.unresolved_probability[order],
         status="ok" if len(paths) else "no_paths",
     )
 

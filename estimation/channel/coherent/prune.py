@@ -1,9 +1,10 @@
-"""Model order: remove redundant paths, and find hidden second paths close to known ones."""
+"""Model order: remove redundant paths."""
 
 from collections.abc import Callable, Iterator
 
 import numpy as np
 
+from estimation.channel.coherent.hidden import hidden_second_paths
 from estimation.channel.coherent.refine import (
     FEW,
     Reference,
@@ -13,22 +14,12 @@ from estimation.channel.coherent.refine import (
     refine_paths,
     regular_inverse,
 )
-from estimation.channel.model.manifold import CELL
-from estimation.channel.model.path_model import (
-    PathParameters,
-    gram_matrix,
-    manifold_rates,
-    response_energies,
-    responses,
-    tangents,
-)
-from scenes.record import BoolArray, ComplexArray, FloatArray
+from estimation.channel.model.path_model import PathParameters
+from scenes.record import BoolArray, FloatArray
 
 LevelAtDelay = Callable[[FloatArray], FloatArray]  # power over noise power that paths need, at delays in bins
 
-PROBE_OFFSET = 0.5  # resolution cells between a path and the probes for a second one
 DROP_TURNS = 3  # of many paths, in a round
-LEAST_OWN_SHARE = 0.02  # of a probe's energy that known paths cannot explain: below it, a probe is uninformative
 
 
 def wald_statistic(solution: Solution) -> FloatArray:
@@ -143,68 +134,3 @@ def _moved(
     if not len(place):
         return without
     return refine_near(reference, without.paths.joined(place), path, max_steps, enough)
-
-
-def hidden_second_paths(
-    reference: Reference, solution: Solution, level: float, about: PathParameters | None = None
-) -> PathParameters:
-    """The likeliest second paths next to those of the `reference` that explain more than `level`, best first.
-
-    `solution` is at the reference's paths. Probes are half a resolution cell from every path (or from `about`)
-    along every axis. The score test counts only the energy that no change of the known paths explains. No two of
-    the result are near each other.
-    """
-    about = solution.paths if about is None else about
-    if not len(about):
-        return about
-    probes = _probes(reference, about)
-    if not len(probes):
-        return probes
-    at, known = responses(reference.sweep, probes), tangents(reference.sweep, solution.paths)
-    product = reference.residual_products(at)[:, 0]
-    energy = response_energies(at)
-    cross = _columns(gram_matrix(at, known)[:, 0], solution)
-    both = np.stack([cross, -1j * cross], axis=1).real  # probe times 1 and j, with every column
-    known_inverse = regular_inverse(solution.flat_information)
-    both_known = both.reshape(2 * len(probes), len(known_inverse)) @ known_inverse
-    explained_by_known = both_known.reshape(both.shape) @ both.swapaxes(1, 2)
-    own = energy[:, None, None] * np.eye(2) - explained_by_known
-    own += LEAST_OWN_SHARE * energy[:, None, None] * np.eye(2)
-    pair = np.stack([product.real, product.imag], axis=1)
-    weighted = np.linalg.solve(own, pair[..., None])[..., 0]
-    score = (pair * weighted).sum(axis=1)
-    order = np.argsort(-score, kind="stable")
-    order = order[score[order] >= level]
-    best = PathParameters(probes.delay_bins, probes.aod_rad, probes.aoa_rad, weighted @ [1, 1j]).take(order)
-    return _apart(reference, best)
-
-
-def _apart(reference: Reference, paths: PathParameters) -> PathParameters:
-    """The paths, from the first on, that are near none before."""
-    kept: list[int] = []
-    remaining: BoolArray = np.ones(len(paths), bool)
-    while remaining.any():
-        kept.append(int(np.argmax(remaining)))
-        remaining &= ~paths_near(reference.sweep, paths, paths.take(np.array(kept[-1:])))
-        remaining[kept[-1]] = False
-    return paths.take(np.array(kept, int))
-
-
-def _probes(reference: Reference, paths: PathParameters) -> PathParameters:
-    """Paths half a resolution cell to either side of every path, along delay and every angle."""
-    rate = manifold_rates(reference.sweep, paths)
-    probes = paths.take(slice(0, 0))
-    for axis in range(rate.shape[1]):
-        seen = rate[:, axis] > 1e-3 * CELL
-        for sign in (-1, 1):
-            step = np.zeros((int(seen.sum()), rate.shape[1]))
-            step[:, axis] = sign * PROBE_OFFSET * CELL / rate[seen, axis]
-            probes = probes.joined(paths.take(seen).moved(step))
-    return probes
-
-
-def _columns(values: ComplexArray, solution: Solution) -> ComplexArray:
-    """Inner products (probe, path, tangent) as those with the columns of the information, (probe, all columns)."""
-    amplitude = solution.paths.amplitude[:, None]
-    columns = np.concatenate([values[:, :, :1], 1j * values[:, :, :1], values[:, :, 1:] * amplitude], axis=2)
-    return columns.reshape(len(values), -1)

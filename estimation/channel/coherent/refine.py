@@ -18,8 +18,8 @@ from estimation.channel.model.manifold import CELL
 from estimation.channel.model.path_model import (
     PathParameters,
     PathTangents,
+    cells_apart,
     gram_matrix,
-    manifold_rates,
     products_with,
     residual,
     response_energies,
@@ -27,7 +27,6 @@ from estimation.channel.model.path_model import (
     tangents,
 )
 from estimation.inference.least_squares import Attempt, Schedule, minimise
-from scenes.pose import wrap_angle
 from scenes.record import BoolArray, ComplexArray, FloatArray
 
 APART_STEPS = 2
@@ -203,11 +202,7 @@ def refine_near(
 
 def paths_near(sweep: CompressedSweep, paths: PathParameters, about: PathParameters) -> BoolArray:
     """Mask (path,) of the paths within `NEAR_CELLS` of any of those in `about`, along every axis."""
-    apart = [paths.delay_bins[:, None, None] - about.delay_bins[:, None]]
-    for angles, others in ((paths.aod_rad, about.aod_rad), (paths.aoa_rad, about.aoa_rad)):
-        apart.append(wrap_angle(angles[:, None] - others))
-    cells = np.abs(np.concatenate(apart, axis=2)) * manifold_rates(sweep, about) / CELL
-    return np.asarray((cells <= NEAR_CELLS).all(axis=2).any(axis=1))
+    return np.asarray((cells_apart(sweep, paths, about) <= NEAR_CELLS).any(axis=1))
 
 
 def _step(now: Solution, damping: float) -> tuple[FloatArray, float]:

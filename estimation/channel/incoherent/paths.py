@@ -117,6 +117,7 @@ def _assemble(sweep: BeamSweep, search: IncoherentSearch, paths: FloatArray, at:
     signal = search.local.signal(ends, paths) * at.pair_phasor
     residual[pairs] = np.square(np.abs(search.local.samples - signal)).sum(axis=0) - len(signal)
     n_tx = ends.tx.n_angles
+    is_ambiguous = np.einsum("iaa->i", spread) > 0
     return IncoherentFit(
         delay_s=delay_bins * spectrum.bin_s,
         aod_rad=wrap_angle(paths[:, 1 : 1 + n_tx]),
@@ -125,8 +126,9 @@ def _assemble(sweep: BeamSweep, search: IncoherentSearch, paths: FloatArray, at:
         phase_rad=np.full(n, np.nan),
         snr_db=10 * np.log10(power.max(axis=0)),
         covariance=block * scale[:, None] * scale,
+        unresolved_probability=np.where(is_ambiguous, 1.0, 0.0),
         status="ok",
-        is_ambiguous=np.einsum("iaa->i", spread) > 0,
+        is_ambiguous=is_ambiguous,
         pair_phase_rad=phase.reshape(shape),
         pair_snr=snr.reshape(shape),
         pair_residual=np.maximum(residual, 0.0).reshape(shape),

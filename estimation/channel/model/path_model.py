@@ -15,6 +15,7 @@ import numpy as np
 from estimation.channel.model.compress import CompressedSweep
 from estimation.channel.model.kernels import hadamard_gram, tangent_products
 from estimation.channel.model.manifold import CELL
+from scenes.pose import wrap_angle
 from scenes.record import BoolArray, ComplexArray, FloatArray, IntArray
 
 
@@ -140,6 +141,14 @@ def manifold_rates(sweep: CompressedSweep, paths: PathParameters) -> FloatArray:
     for manifold, angles in ((sweep.tx, paths.aod_rad), (sweep.rx, paths.aoa_rad)):
         rates.append(np.sqrt(np.einsum("paa->pa", manifold.metric(angles))))
     return np.concatenate(rates, axis=1)
+
+
+def cells_apart(sweep: CompressedSweep, paths: PathParameters, others: PathParameters) -> FloatArray:
+    """Distance (path, other) in resolution cells of the others, along the axis where it is largest."""
+    apart = [paths.delay_bins[:, None, None] - others.delay_bins[:, None]]
+    for angles, given in ((paths.aod_rad, others.aod_rad), (paths.aoa_rad, others.aoa_rad)):
+        apart.append(wrap_angle(angles[:, None] - given))
+    return np.asarray((np.abs(np.concatenate(apart, axis=2)) * manifold_rates(sweep, others) / CELL).max(axis=2))
 
 
 def residual(sweep: CompressedSweep, paths: PathParameters) -> FloatArray:

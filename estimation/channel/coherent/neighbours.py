@@ -1,0 +1,74 @@
+"""Covariance of paths that may have an undetected neighbour: the average over models with and without it.
+
+A neighbour within half a resolution cell can escape every test of the model order: the path that is there moves
+and absorbs it. So each path has a posterior over one hidden neighbour: its place on a grid around the path, its
+complex amplitude (zero-mean Gaussian, at powers that are equally likely on a logarithmic scale), and whether it
+exists. The number of neighbours per path is learned from all paths of the stop. Given a neighbour, all paths near
+it shift by what the normal equations say, and the second moment of the shifts adds to the covariance: the
+covariance of a model average (Hoeting et al., 1999) about the reported estimate.
+"""
+
+import numpy as np
+
+from estimation.channel.coherent.hidden import PROBE_OFFSET, KnownPaths, ProbeScores, probes_about
+from estimation.channel.coherent.refine import NEAR_CELLS, Reference, Solution
+from estimation.channel.model.path_model import cells_apart
+from scenes.record import FloatArray
+
+N_AXES = 2  # along which a neighbour may be off at once
+NEIGHBOUR_POWER = 10.0 ** -np.arange(0, 4.5, 0.5)  # over that of the path
+LARGEST_LOG = 50.0  # of a Bayes factor
+LEARNING_STEPS = 50  # of the number of neighbours per path
+
+
+def neighbour_covariance(reference: Reference, solution: Solution) -> tuple[FloatArray, FloatArray]:
+    """Covariance (path, parameter, parameter) by hidden neighbours, and probability (path,) that a path has one.
+
+    `solution` is at the reference's paths, in white noise.
+    """
+    paths, sweep = solution.paths, reference.sweep
+    known, n, n_parameters = KnownPaths(reference, solution), len(paths), solution.slope.shape[1] - 2
+    near = cells_apart(sweep, paths, paths) <= NEAR_CELLS
+    bayes_factor, tests, moments = np.zeros(n), [], []
+    for path in range(n):
+        probes = probes_about(reference, paths.take(np.array([path])), N_AXES)
+        test = known.test(probes, near[:, path])
+        n_owners = (cells_apart(sweep, probes, paths.take(near[:, path])) <= 1.001 * PROBE_OFFSET).sum(axis=1)
+        share = 1 / len(probes) / np.maximum(n_owners, 1)  # a place near several paths belongs to all of them
+        factor, moment = _amplitude_posterior(test, float(np.abs(paths.amplitude[path]) ** 2))
+        bayes_factor[path] = share @ factor
+        tests.append(test)
+        moments.append(share[:, None, None] * moment)
+    odds = _learned_odds(bayes_factor)
+    weight = odds / (1 + odds * bayes_factor)
+    covariance = np.zeros((n, n_parameters, n_parameters))
+    for path, (test, moment) in enumerate(zip(tests, moments, strict=True)):
+        turned = np.einsum("qij,qjpk->qipk", weight[path] * moment, test.shift)
+        covariance[test.near] += np.einsum("qipk,qipl->pkl", turned, test.shift)
+    return covariance, weight * bayes_factor
+
+
+def _amplitude_posterior(test: ProbeScores, power: float) -> tuple[FloatArray, FloatArray]:
+    """Bayes factor (probe,) of a neighbour, and that times the second moment (probe, 2, 2) of its amplitude.
+
+    Both are means over the powers of neighbours relative to `power`.
+    """
+    value, axes = np.linalg.eigh((test.own + test.own.swapaxes(1, 2)) / 2)
+    score = np.einsum("qij,qi->qj", axes, test.score)
+    variance = NEIGHBOUR_POWER[:, None, None] * power
+    precision = np.maximum(value, 0.0) + 1 / variance
+    mean = score / precision
+    log_factor = (score * mean).sum(axis=2) - np.log(variance[..., 0]) - np.log(precision).sum(axis=2) / 2
+    factor = np.exp(np.minimum(log_factor, LARGEST_LOG)) / len(NEIGHBOUR_POWER)
+    moment = np.eye(2) * (0.5 / precision)[..., None] + mean[..., None] * mean[..., None, :]
+    total = np.einsum("kq,kqij->qij", factor, moment)
+    return factor.sum(axis=0), axes @ total @ axes.swapaxes(1, 2)
+
+
+def _learned_odds(bayes_factor: FloatArray) -> float:
+    """Prior odds of a neighbour, from all paths of a stop by expectation maximisation with Jeffreys' prior."""
+    odds, n = 1.0, len(bayes_factor)
+    for _ in range(LEARNING_STEPS):
+        expected = float((odds * bayes_factor / (1 + odds * bayes_factor)).sum())
+        odds = (expected + 0.5) / (n - expected + 0.5)
+    return odds
