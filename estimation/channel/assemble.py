@@ -27,7 +27,8 @@ def assemble_estimate(
     covariance = ordered_covariance(fit.covariance, tx.n_angles, rx.n_angles)
     angles = np.stack([fit.aod_rad[:, 0], fit.aoa_rad[:, 0]], axis=1)
     cell_s = 1 / float(np.ptp(sweep.frequency_offset_hz))
-    probability = los_probability(fit.delay_s, power_dbm + loss_db, los, cell_s=cell_s)
+    probability, strong = np.zeros(n), ~fit.is_weak
+    probability[strong] = los_probability(fit.delay_s[strong], (power_dbm + loss_db)[strong], los, cell_s=cell_s)
     return ChannelEstimate(
         stop=sweep.stop,
         delay_s=fit.delay_s,
@@ -43,6 +44,7 @@ def assemble_estimate(
         gain_phase_rad=fit.phase_rad,
         aod_elevation_rad=_elevation(fit.aod_rad),
         aoa_elevation_rad=_elevation(fit.aoa_rad),
+        is_weak=fit.is_weak,
         unresolved_probability=fit.unresolved_probability,
         aod_angle_kind=angle_kind(tx),
         aoa_angle_kind=angle_kind(rx),

@@ -6,6 +6,9 @@ pair that a path illuminates. A constant frequency offset makes these phases a l
 over the RX beams, in either order of a sweep. The rms residual of that ramp, corrected for noise, decides: if it
 is small, the ramp is removed and the sweep is fitted coherently. Phases that wander are not tracked: the phases of
 the paths would absorb them, and the coherent covariance would take them as known.
+
+Where many paths share beam pairs and delays, a few of them do not explain the phases. Then all paths of a coherent
+fit are the reference, and the phases of the pairs against their sum decide.
 """
 
 from dataclasses import dataclass, replace
@@ -15,14 +18,16 @@ import numpy as np
 import scipy.fft
 
 from estimation.channel.coherent.diffuse import fit_over_background
+from estimation.channel.coherent.plan import nominal_manifold
 from estimation.channel.config import MaximumLikelihoodConfig
 from estimation.channel.fit import PathFit
 from estimation.channel.incoherent.paths import IncoherentFit, fit_incoherent
 from scenes.pose import wrap_angle
-from scenes.record import FloatArray, IntArray
+from scenes.record import BoolArray, FloatArray, IntArray
 from sim.observation import BeamSweep
 
 LARGEST_RESIDUAL_RAD = np.deg2rad(10.0)  # rms without noise, of phases that count as coherent
+DOUBTFUL_RAD = np.deg2rad(45.0)  # residual of a few paths up to which all paths decide; random phases show 104 deg
 _TELLING_PATHS = 12  # strongest paths that are fitted first: the others change little if phases are coherent
 _LEAST_SNR = 6.0  # of a pair whose phase is used: its phase noise has a standard deviation of at most 17 deg
 _LEAST_PAIRS = 4  # degrees of freedom of the residual
@@ -83,19 +88,72 @@ def fit_auto(sweep: BeamSweep, config: MaximumLikelihoodConfig | None = None) ->
     config = config or MaximumLikelihoodConfig()
     few = config.model_copy(update={"max_paths": min(config.max_paths, _TELLING_PATHS)})
     incoherent = fit_incoherent(sweep, few)
-    ramp = fit_phase_ramp(incoherent)
-    if not ramp.is_coherent and few.max_paths <= len(incoherent) < config.max_paths:
+    ramp = fit_phase_ramp(phases_of(incoherent))
+    if ramp.is_coherent or ramp.residual_rad <= DOUBTFUL_RAD:
+        coherent = fit_over_background(without_phase_ramp(sweep, ramp.tx_step_rad, ramp.rx_step_rad), config)
+        joint = ramp if ramp.is_coherent else fit_phase_ramp(phases_against(sweep, coherent))
+        if len(coherent) and joint.is_coherent:
+            offset_hz = _frequency_offset_hz(sweep, joint)
+            return AutoFit(coherent, "coherent", joint, offset_hz, "coherent: " + _words(joint, offset_hz))
+    if few.max_paths <= len(incoherent) < config.max_paths:
         incoherent = fit_incoherent(sweep, config)
-        ramp = fit_phase_ramp(incoherent)
-    spacing_hz = float(np.ptp(sweep.frequency_offset_hz)) / (sweep.samples.shape[2] - 1)
-    offset_hz = ramp.frequency_offset_hz(sweep.samples.shape[1], (1 + _CYCLIC_PREFIX) / spacing_hz)
-    if ramp.is_coherent:
-        back = without_phase_ramp(sweep, ramp.tx_step_rad, ramp.rx_step_rad)
-        coherent = fit_over_background(back, config)
-        if len(coherent):
-            return AutoFit(coherent, "coherent", ramp, offset_hz, "coherent: " + _words(ramp, offset_hz))
+    offset_hz = _frequency_offset_hz(sweep, ramp)
     words = "; ".join(part for part in (_words(ramp, offset_hz), incoherent.caveat) if part)
     return AutoFit(incoherent, "incoherent", ramp, offset_hz, "incoherent: " + words)
+
+
+def _frequency_offset_hz(sweep: BeamSweep, ramp: PhaseRamp) -> float:
+    """Frequency offset that causes a ramp if each pair takes one symbol of the sounded spacing."""
+    spacing_hz = float(np.ptp(sweep.frequency_offset_hz)) / (sweep.samples.shape[2] - 1)
+    return ramp.frequency_offset_hz(sweep.samples.shape[1], (1 + _CYCLIC_PREFIX) / spacing_hz)
+
+
+@dataclass(frozen=True)
+class PairPhases:
+    """Phases of beam pairs (tx_beam, rx_beam) against a reference path, with their SNR.
+
+    Attributes
+    ----------
+    path : (tx_beam, rx_beam) reference of each pair; phases of different ones have no common zero
+    residual : (tx_beam, rx_beam) energy that the reference does not explain, over the noise
+    is_usable : (tx_beam, rx_beam) the reference is not one of several ambiguous directions
+    """
+
+    phase_rad: FloatArray
+    snr: FloatArray
+    residual: FloatArray
+    path: IntArray
+    is_usable: BoolArray
+
+
+def phases_of(fit: IncoherentFit) -> PairPhases:
+    """The phases of an incoherent fit."""
+    usable = ~fit.is_ambiguous[fit.pair_path] if len(fit) else np.zeros(fit.pair_path.shape, bool)
+    return PairPhases(fit.pair_phase_rad, fit.pair_snr, fit.pair_residual, fit.pair_path, usable)
+
+
+def phases_against(sweep: BeamSweep, fit: PathFit) -> PairPhases:
+    """The phases of a sweep against the sum of all paths of a coherent fit."""
+    tx = nominal_manifold(sweep.tx_codebook).response(fit.aod_rad)
+    rx = nominal_manifold(sweep.rx_codebook).response(fit.aoa_rad)
+    gain = fit.amplitude * np.exp(1j * fit.phase_rad)
+    wave = np.exp(-2j * np.pi * fit.delay_s[:, None] * sweep.frequency_offset_hz).astype(np.complex64)
+    shape, noise = sweep.samples.shape[:2], sweep.noise_power_mw
+    product, model, energy = np.zeros(shape, complex), np.zeros(shape), np.zeros(shape)
+    for beam in range(shape[0]):
+        expected = ((gain * tx[:, beam])[:, None] * rx).T.astype(np.complex64) @ wave
+        samples = sweep.samples[beam] * sweep.prs_symbol[beam].conj()
+        product[beam] = (expected.conj() * samples).sum(axis=1) / noise
+        model[beam] = np.square(np.abs(expected)).sum(axis=1) / noise
+        energy[beam] = np.square(np.abs(samples)).sum(axis=1) / noise
+    unexplained = energy - np.square(np.abs(product)) / np.maximum(model, np.finfo(float).tiny)
+    return PairPhases(
+        phase_rad=np.angle(product),
+        snr=model,
+        residual=np.maximum(unexplained - sweep.samples.shape[2], 0.0),
+        path=np.zeros(shape, int),
+        is_usable=np.ones(shape, bool),
+    )
 
 
 def without_phase_ramp(sweep: BeamSweep, tx_step_rad: float, rx_step_rad: float) -> BeamSweep:
@@ -105,30 +163,27 @@ def without_phase_ramp(sweep: BeamSweep, tx_step_rad: float, rx_step_rad: float)
     return replace(sweep, samples=sweep.samples * np.exp(-1j * phase).astype(np.complex64)[:, :, None])
 
 
-def fit_phase_ramp(fit: IncoherentFit) -> PhaseRamp:
-    """The linear phase ramp that explains most of the pair phases of a fit.
+def fit_phase_ramp(pairs: PairPhases) -> PhaseRamp:
+    """The linear phase ramp that explains most of the phases of beam pairs.
 
     Phases of different paths have no common reference, so every path has a constant of its own. The ramp is the
     maximum over both steps nu of sum_i |sum over the pairs p of path i of w_p exp(j psi_p - j nu^T p)|, refined by
     least squares. Weights follow the noise and the variance of the previous iteration. Pairs with a large residual
     count less: undetected paths in it can change their phases.
     """
-    n_rx = fit.pair_snr.shape[1]
-    used = np.flatnonzero(fit.pair_snr.ravel() > _LEAST_SNR)
-    used = used[
-        ~fit.is_ambiguous[fit.pair_path.ravel()[used]]
-    ]  # their phases belong to one of several ambiguous directions
-    path = fit.pair_path.ravel()[used]
+    n_rx = pairs.snr.shape[1]
+    used = np.flatnonzero(((pairs.snr > _LEAST_SNR) & pairs.is_usable).ravel())
+    path = pairs.path.ravel()[used]
     several = np.bincount(path, minlength=1)[path] > 1  # one pair determines only its path's constant
     used, path = used[several], path[several]
     pair = np.stack(np.divmod(used, n_rx), axis=1)
-    phase, snr = fit.pair_phase_rad.ravel()[used], fit.pair_snr.ravel()[used]
-    noise, hidden = _phase_variance(snr), 0.5 * fit.pair_residual.ravel()[used] / snr
+    phase, snr = pairs.phase_rad.ravel()[used], pairs.snr.ravel()[used]
+    noise, hidden = _phase_variance(snr), 0.5 * pairs.residual.ravel()[used] / snr
     n_free = len(used) - len(np.unique(path)) - 2
     if n_free < _LEAST_PAIRS:
         return PhaseRamp(np.nan, np.nan, np.nan, np.nan, np.nan, 0)
     variance = LARGEST_RESIDUAL_RAD**2
-    step = _strongest_ramp(pair, phase, path, 1 / (noise + hidden + variance), fit.pair_snr.shape)
+    step = _strongest_ramp(pair, phase, path, 1 / (noise + hidden + variance), pairs.snr.shape)
     for _ in range(_REFINEMENTS):
         weight = 1 / (noise + hidden + max(variance, _LEAST_VARIANCE))
         centred = pair - np.stack([_path_means(axis.astype(float), path, weight) for axis in pair.T], axis=1)

@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from scenes.record import FloatArray, Record, array
+from scenes.record import BoolArray, FloatArray, Record, array
 
 FitStatus = Literal["ok", "no_paths", "no_signal"]
 
@@ -33,6 +33,7 @@ class PathFit(Record):
         doc="of delay, departure angles and arrival angles",
     )
     unresolved_probability: FloatArray = array("path", doc="probability that the path stands for several")
+    is_weak: BoolArray = array("path", dtype=bool, doc="a sum of weak fields, or not resolved")
     status: FitStatus = array(dtype=str, doc="ok, no_paths or no_signal")
 
     def __len__(self) -> int:
@@ -51,5 +52,6 @@ def empty_fit(n_aod_angles: int, n_aoa_angles: int, status: FitStatus) -> PathFi
         snr_db=np.zeros(0),
         covariance=np.zeros((0, n_parameters, n_parameters)),
         unresolved_probability=np.zeros(0),
+        is_weak=np.zeros(0, bool),
         status=status,
     )

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -80,6 +80,9 @@ class ChannelEstimate(Record):
     unresolved_probability: FloatArray = _optional(
         "path", doc="probability that the path stands for several closer than a resolution cell; NaN unknown"
     )
+    is_weak: BoolArray = _optional(
+        "path", dtype=bool, doc="a sum of weak fields, or not resolved: mapping and SLAM leave it out"
+    )
     aod_angle_kind: str = _optional(dtype=str, doc="departure azimuths are: 'azimuth' or 'cone' angles")
     aoa_angle_kind: str = _optional(dtype=str, doc="arrival azimuths are: 'azimuth' or 'cone' angles")
     method: str = _optional(dtype=str, doc="method that found the paths")
@@ -101,6 +104,7 @@ class ChannelEstimate(Record):
         defaults: dict[str, Any] = {
             "los_probability": np.asarray(self.is_los, float),
             **unknown,
+            "is_weak": np.zeros(n, bool),
             "aod_angle_kind": AngleKind.AZIMUTH,
             "aoa_angle_kind": AngleKind.AZIMUTH,
             "method": "given",
@@ -114,6 +118,11 @@ class ChannelEstimate(Record):
 
     def __len__(self) -> int:
         return self.size("path")
+
+    @property
+    def reported(self) -> Self:
+        """The estimate without its weak paths: what mapping, SLAM and scores use."""
+        return self.take("path", ~self.is_weak)
 
     @property
     def plane_covariance(self) -> FloatArray:

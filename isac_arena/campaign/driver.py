@@ -202,10 +202,10 @@ class CampaignRun:
         return calibration
 
     def channel(self, truths: Iterable[Truth]) -> Iterator[ChannelEstimate]:
-        """The channel estimate of every stop, kept or made, with one sweep in memory at a time."""
+        """The reported paths of every stop, kept or made, with one sweep in memory at a time."""
         for truth in truths:
             kept = self.results.estimate(truth.stop)
-            yield self.estimate(truth) if kept is None else kept
+            yield (self.estimate(truth) if kept is None else kept).reported
 
     def estimate(self, truth: Truth, sweep: BeamSweep | None = None) -> ChannelEstimate:
         """The channel estimate of a stop, made now and kept; from `sweep` where the caller has it."""

@@ -205,10 +205,11 @@ def known_stops(store: CampaignStore, n_stops: int) -> Iterator[Truth] | Iterato
 
 
 def channel_estimates(store: CampaignStore, n_stops: int) -> Iterator[StopEstimate]:
-    """The stored channel estimate of every stop; `ValueError` where one is missing."""
+    """The reported paths of every stop's stored channel estimate; `ValueError` where one is missing."""
     for stop in range(n_stops):
         what = f"the channel estimate of stop {stop} (channel/stop_{stop:03d}.nc)"
-        yield _present(store, store.channel(stop), what, "estimate")
+        found = _present(store, store.channel(stop), what, "estimate")
+        yield replace(found, channel=found.channel.reported)
 
 
 def stored_results(store: CampaignStore, n_stops: int) -> CampaignResults:

@@ -5,7 +5,7 @@ from itertools import combinations, product
 
 import numpy as np
 
-from estimation.channel.coherent.refine import NEAR_CELLS, Reference, Solution, paths_near, regular_inverse
+from estimation.channel.coherent.refine import NEAR_CELLS, Reference, Solution, regular_inverse
 from estimation.channel.model.manifold import CELL
 from estimation.channel.model.path_model import (
     PathParameters,
@@ -75,19 +75,18 @@ class KnownPaths:
         )
 
 
-def probes_about(reference: Reference, path: PathParameters, n_axes: int) -> PathParameters:
+def probes_about(path: PathParameters, rate: FloatArray, n_axes: int) -> PathParameters:
     """Probes half a resolution cell from one path to either side, along one axis and up to `n_axes` axes at once.
 
-    Axes that the beams do not observe are left out.
+    Axes that the beams do not observe are left out; `rate` (parameter,) is the path's of `manifold_rates`.
     """
-    rate = manifold_rates(reference.sweep, path)
-    seen = np.flatnonzero(rate[0] > LEAST_SEEN * CELL)
-    rows = [np.zeros((0, rate.shape[1]))]
+    seen = np.flatnonzero(rate > LEAST_SEEN * CELL)
+    rows = [np.zeros((0, len(rate)))]
     for count in range(1, min(n_axes, len(seen)) + 1):
         for axes in combinations(seen, count):
             signs = np.array(list(product((-1.0, 1.0), repeat=count)))
-            row = np.zeros((len(signs), rate.shape[1]))
-            row[:, axes] = signs * PROBE_OFFSET * CELL / rate[0, axes]
+            row = np.zeros((len(signs), len(rate)))
+            row[:, axes] = signs * PROBE_OFFSET * CELL / rate[list(axes)]
             rows.append(row)
     step = np.concatenate(rows)
     return path.take(np.zeros(len(step), int)).moved(step)
@@ -104,25 +103,27 @@ def hidden_second_paths(
     """
     about = solution.paths if about is None else about
     known, found, power = KnownPaths(reference, solution), about.take(slice(0, 0)), np.zeros(0)
-    near = cells_apart(reference.sweep, solution.paths, about) <= NEAR_CELLS
+    rate = manifold_rates(reference.sweep, about)
+    near = cells_apart(solution.paths, about, rate) <= NEAR_CELLS
     for place in range(len(about)):
-        probes = probes_about(reference, about.take(np.array([place])), 1)
+        probes = probes_about(about.take(np.array([place])), rate[place], 1)
         test = known.test(probes, near[:, place])
         own = test.own + LEAST_OWN_SHARE * test.energy[:, None, None] * np.eye(2)
         weighted = np.linalg.solve(own, test.score[..., None])[..., 0]
         explained = (test.score * weighted).sum(axis=1)
         likely = explained >= level
-        found = found.joined(replace(probes, amplitude=weighted @ [1, 1j]).take(likely))
+        found = found.joined(replace(probes, amplitude=weighted @ np.array([1, 1j])).take(likely))
         power = np.append(power, explained[likely])
     return _apart(reference, found.take(np.argsort(-power, kind="stable")))
 
 
 def _apart(reference: Reference, paths: PathParameters) -> PathParameters:
     """The paths, from the first on, that are near none before."""
+    is_near = cells_apart(paths, paths, manifold_rates(reference.sweep, paths)) <= NEAR_CELLS
     kept: list[int] = []
     remaining: BoolArray = np.ones(len(paths), bool)
     while remaining.any():
         kept.append(int(np.argmax(remaining)))
-        remaining &= ~paths_near(reference.sweep, paths, paths.take(np.array(kept[-1:])))
+        remaining &= ~is_near[:, kept[-1]]
         remaining[kept[-1]] = False
     return paths.take(np.array(kept, int))

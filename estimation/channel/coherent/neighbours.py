@@ -12,7 +12,7 @@ import numpy as np
 
 from estimation.channel.coherent.hidden import PROBE_OFFSET, KnownPaths, ProbeScores, probes_about
 from estimation.channel.coherent.refine import NEAR_CELLS, Reference, Solution
-from estimation.channel.model.path_model import cells_apart
+from estimation.channel.model.path_model import cells_apart, manifold_rates
 from scenes.record import FloatArray
 
 N_AXES = 2  # along which a neighbour may be off at once
@@ -26,14 +26,15 @@ def neighbour_covariance(reference: Reference, solution: Solution) -> tuple[Floa
 
     `solution` is at the reference's paths, in white noise.
     """
-    paths, sweep = solution.paths, reference.sweep
+    paths, rate = solution.paths, manifold_rates(reference.sweep, solution.paths)
     known, n, n_parameters = KnownPaths(reference, solution), len(paths), solution.slope.shape[1] - 2
-    near = cells_apart(sweep, paths, paths) <= NEAR_CELLS
+    near = cells_apart(paths, paths, rate) <= NEAR_CELLS
     bayes_factor, tests, moments = np.zeros(n), [], []
     for path in range(n):
-        probes = probes_about(reference, paths.take(np.array([path])), N_AXES)
+        probes = probes_about(paths.take(np.array([path])), rate[path], N_AXES)
         test = known.test(probes, near[:, path])
-        n_owners = (cells_apart(sweep, probes, paths.take(near[:, path])) <= 1.001 * PROBE_OFFSET).sum(axis=1)
+        away = cells_apart(probes, paths.take(test.near), rate[test.near])
+        n_owners = (away <= 1.001 * PROBE_OFFSET).sum(axis=1)
         share = 1 / len(probes) / np.maximum(n_owners, 1)  # a place near several paths belongs to all of them
         factor, moment = _amplitude_posterior(test, float(np.abs(paths.amplitude[path]) ** 2))
         bayes_factor[path] = share @ factor
@@ -45,7 +46,7 @@ def neighbour_covariance(reference: Reference, solution: Solution) -> tuple[Floa
     for path, (test, moment) in enumerate(zip(tests, moments, strict=True)):
         turned = np.einsum("qij,qjpk->qipk", weight[path] * moment, test.shift)
         covariance[test.near] += np.einsum("qipk,qipl->pkl", turned, test.shift)
-    return covariance, weight * bayes_factor
+    return covariance, np.minimum(weight * bayes_factor, 1.0)
 
 
 def _amplitude_posterior(test: ProbeScores, power: float) -> tuple[FloatArray, FloatArray]:

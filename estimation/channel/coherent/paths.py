@@ -239,6 +239,7 @@ def path_fit(
         snr_db=10 * np.log10(snr[order]),
         covariance=covariance[order],
         unresolved_probability=errors.unresolved_probability[order],
+        is_weak=np.zeros(len(order), bool),
         status="ok" if len(paths) else "no_paths",
     )
 

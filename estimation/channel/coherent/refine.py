@@ -20,6 +20,7 @@ from estimation.channel.model.path_model import (
     PathTangents,
     cells_apart,
     gram_matrix,
+    manifold_rates,
     products_with,
     residual,
     response_energies,
@@ -202,7 +203,7 @@ def refine_near(
 
 def paths_near(sweep: CompressedSweep, paths: PathParameters, about: PathParameters) -> BoolArray:
     """Mask (path,) of the paths within `NEAR_CELLS` of any of those in `about`, along every axis."""
-    return np.asarray((cells_apart(sweep, paths, about) <= NEAR_CELLS).any(axis=1))
+    return np.asarray((cells_apart(paths, about, manifold_rates(sweep, about)) <= NEAR_CELLS).any(axis=1))
 
 
 def _step(now: Solution, damping: float) -> tuple[FloatArray, float]:

@@ -127,6 +127,7 @@ def _assemble(sweep: BeamSweep, search: IncoherentSearch, paths: FloatArray, at:
         snr_db=10 * np.log10(power.max(axis=0)),
         covariance=block * scale[:, None] * scale,
         unresolved_probability=np.where(is_ambiguous, 1.0, 0.0),
+        is_weak=np.zeros(n, bool),
         status="ok",
         is_ambiguous=is_ambiguous,
         pair_phase_rad=phase.reshape(shape),

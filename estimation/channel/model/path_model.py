@@ -143,12 +143,15 @@ def manifold_rates(sweep: CompressedSweep, paths: PathParameters) -> FloatArray:
     return np.concatenate(rates, axis=1)
 
 
-def cells_apart(sweep: CompressedSweep, paths: PathParameters, others: PathParameters) -> FloatArray:
-    """Distance (path, other) in resolution cells of the others, along the axis where it is largest."""
+def cells_apart(paths: PathParameters, others: PathParameters, rate: FloatArray) -> FloatArray:
+    """Distance (path, other) in resolution cells of the others, along the axis where it is largest.
+
+    `rate` (other, parameter) is the `manifold_rates` of the others.
+    """
     apart = [paths.delay_bins[:, None, None] - others.delay_bins[:, None]]
     for angles, given in ((paths.aod_rad, others.aod_rad), (paths.aoa_rad, others.aoa_rad)):
         apart.append(wrap_angle(angles[:, None] - given))
-    return np.asarray((np.abs(np.concatenate(apart, axis=2)) * manifold_rates(sweep, others) / CELL).max(axis=2))
+    return np.asarray((np.abs(np.concatenate(apart, axis=2)) * rate / CELL).max(axis=2))
 
 
 def residual(sweep: CompressedSweep, paths: PathParameters) -> FloatArray:

@@ -164,4 +164,4 @@ def _estimator(estimator: str) -> Estimator:
     update = {"max_paths": MAX_PATHS, "whiten_background": False}  # dense power lies in few directions
     many = settings.maximum_likelihood.model_copy(update=update)
     settings = settings.model_copy(update={"maximum_likelihood": many})
-    return lambda sweep: estimate_channel(sweep, method="coherent", config=settings)
+    return lambda sweep: estimate_channel(sweep, method="coherent", config=settings).reported

@@ -24,7 +24,9 @@ RESOLVED_CELLS = 0.5
 
 def make_estimator(method: str, estimator: str) -> matching.Estimator:
     """A method of ours by name, or in its place the user's `package.module:function` if there is one."""
-    return user_estimator(estimator) if estimator else lambda sweep: estimate_channel(sweep, method=method)
+    return (
+        user_estimator(estimator) if estimator else lambda sweep: estimate_channel(sweep, method=method).reported
+    )
 
 
 def scaled(trials: int, quick: bool, share: float) -> int:

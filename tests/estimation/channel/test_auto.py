@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimation.channel.auto import fit_auto, fit_phase_ramp, without_phase_ramp
+from estimation.channel.auto import fit_auto, fit_phase_ramp, phases_against, phases_of, without_phase_ramp
 from estimation.channel.coherent.paths import fit_coherent
 from estimation.channel.incoherent.paths import fit_incoherent
 from scenes.record import FloatArray
@@ -89,4 +89,19 @@ def test_without_a_ramp_the_fit_is_the_coherent_one() -> None:
     chosen, coherent = fit_auto(sweep), fit_coherent(sweep)
     std = np.sqrt(np.einsum("paa->pa", coherent.covariance))[:, 0]
     assert (np.abs(chosen.fit.delay_s - coherent.delay_s) < 0.3 * std).all()
-    assert fit_phase_ramp(fit_incoherent(sweep)).n_pairs == chosen.ramp.n_pairs
+    assert fit_phase_ramp(phases_of(fit_incoherent(sweep))).n_pairs == chosen.ramp.n_pairs
+
+
+def test_all_paths_of_a_coherent_fit_show_a_ramp_and_random_phases() -> None:
+    """Against the true paths: a ramp is told to its noise, random phases have the residual of a uniform one."""
+    rng = np.random.default_rng(4)
+    plain = with_phases(np.zeros((10, 10)))
+    fit = fit_coherent(plain)
+    ramp = fit_phase_ramp(phases_against(with_phases(0.02 * np.arange(10)[:, None] + 0.1 * np.arange(10)), fit))
+    assert ramp.is_coherent
+    assert ramp.tx_step_rad == pytest.approx(0.02, abs=1e-2)
+    assert ramp.rx_step_rad == pytest.approx(0.1, abs=1e-2)
+    assert np.rad2deg(ramp.residual_rad) < 2
+    random = fit_phase_ramp(phases_against(with_phases(rng.uniform(-np.pi, np.pi, (10, 10))), fit))
+    assert not random.is_coherent
+    assert np.rad2deg(random.residual_rad) > 45
