@@ -22,6 +22,7 @@ from estimation.channel.coherent.plan import nominal_manifold
 from estimation.channel.config import MaximumLikelihoodConfig
 from estimation.channel.fit import PathFit
 from estimation.channel.incoherent.paths import IncoherentFit, fit_incoherent
+from estimation.channel.incoherent.search import MOST_PATHS
 from scenes.pose import wrap_angle
 from scenes.record import BoolArray, FloatArray, IntArray
 from sim.observation import BeamSweep
@@ -90,16 +91,31 @@ def fit_auto(sweep: BeamSweep, config: MaximumLikelihoodConfig | None = None) ->
     incoherent = fit_incoherent(sweep, few)
     ramp = fit_phase_ramp(phases_of(incoherent))
     if ramp.is_coherent or ramp.residual_rad <= DOUBTFUL_RAD:
-        coherent = fit_over_background(without_phase_ramp(sweep, ramp.tx_step_rad, ramp.rx_step_rad), config)
-        joint = ramp if ramp.is_coherent else fit_phase_ramp(phases_against(sweep, coherent))
+        joint = ramp if ramp.is_coherent else _joint_ramp(sweep, ramp, few)
+        coherent = fit_over_background(without_phase_ramp(sweep, joint.tx_step_rad, joint.rx_step_rad), config)
+        if not ramp.is_coherent:
+            joint = fit_phase_ramp(phases_against(sweep, coherent))
         if len(coherent) and joint.is_coherent:
             offset_hz = _frequency_offset_hz(sweep, joint)
             return AutoFit(coherent, "coherent", joint, offset_hz, "coherent: " + _words(joint, offset_hz))
-    if few.max_paths <= len(incoherent) < config.max_paths:
+    if few.max_paths <= len(incoherent) < min(config.max_paths, MOST_PATHS):
         incoherent = fit_incoherent(sweep, config)
     offset_hz = _frequency_offset_hz(sweep, ramp)
     words = "; ".join(part for part in (_words(ramp, offset_hz), incoherent.caveat) if part)
     return AutoFit(incoherent, "incoherent", ramp, offset_hz, "incoherent: " + words)
+
+
+def _joint_ramp(sweep: BeamSweep, ramp: PhaseRamp, few: MaximumLikelihoodConfig) -> PhaseRamp:
+    """The ramp against the sum of a few coherent paths; they are fitted without it, and without any ramp."""
+    found = []
+    for steps in ((0.0, 0.0), (ramp.tx_step_rad, ramp.rx_step_rad)):
+        back = without_phase_ramp(sweep, *steps)
+        rest = fit_phase_ramp(phases_against(back, fit_over_background(back, few)))
+        found.append(
+            replace(rest, tx_step_rad=rest.tx_step_rad + steps[0], rx_step_rad=rest.rx_step_rad + steps[1])
+        )
+    best = min(found, key=lambda one: one.residual_rad if one.n_pairs else np.inf)
+    return best if best.n_pairs else ramp
 
 
 def _frequency_offset_hz(sweep: BeamSweep, ramp: PhaseRamp) -> float:

@@ -37,7 +37,7 @@ def fit_over_background(
 ) -> PathFit:
     """Paths of one stop by coherent maximum likelihood; dense diffuse multipath counts as noise.
 
-    As `fit_coherent`, with equal results if there is no background.
+    Arguments and errors are those of `fit_coherent`; without a background so are the paths.
     """
     stop = compress_stop(sweep, config, tx_manifold, rx_manifold)
     if isinstance(stop, PathFit):

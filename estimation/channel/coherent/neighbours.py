@@ -17,7 +17,7 @@ from scenes.record import FloatArray
 
 N_AXES = 2  # along which a neighbour may be off at once
 NEIGHBOUR_POWER = 10.0 ** -np.arange(0, 4.5, 0.5)  # over that of the path
-LARGEST_LOG = 50.0  # of a Bayes factor
+LARGEST_LOG = 600.0  # of a Bayes factor in double precision
 LEARNING_STEPS = 50  # of the number of neighbours per path
 
 
