@@ -16,6 +16,7 @@ powers are nearly uninformative, except for later paths that are too strong; if 
 distance. The later paths enter as one factor, of the strongest: losses of paths over the same walls are dependent.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -136,6 +137,46 @@ def _log_bayes_factor(delay_s: FloatArray, power_dbm: FloatArray, config: LosCon
     sight = -0.5 * (own / config.tolerance_db) ** 2 - np.log(config.tolerance_db)
     bounce = _log_loss(own, config.reflection_loss_db, config.reflection_std_db, config.tolerance_db)
     return float(np.logaddexp.reduce(log_prior + sight + later) - np.logaddexp.reduce(log_prior + bounce + later))
+
+
+def sight_log_prior(delay_s: FloatArray, power_dbm: FloatArray, config: LosConfig, cell_s: float) -> FloatArray:
+    """Log prior (path,) that a path is the line of sight, by order alone; paths are sorted by delay."""
+    prior = np.full(len(delay_s), -np.inf)
+    seen = np.flatnonzero(~_masked(delay_s, power_dbm, cell_s))[:CANDIDATES]
+    prior[seen] = np.log1p(-config.blocked_share) + np.log(config.ghost_share) * np.arange(len(seen))
+    return prior
+
+
+def clock_log_likelihood(
+    delay_s: FloatArray,
+    power_dbm: FloatArray,
+    config: LosConfig,
+    bias_s: FloatArray,
+    *,
+    cell_s: float,
+    sight_std_db: float,
+    sight_loss_db: Callable[[FloatArray], FloatArray],
+) -> FloatArray:
+    """Log-likelihood (clock,) of clock biases (clock,) by the powers of the first paths, in order of delay.
+
+    One of them is the line of sight, or the first one is a reflection. A line of sight of length l has the loss
+    `sight_loss_db(l)`, with the standard deviation `sight_std_db`. The other arguments are those of
+    `los_probability`; a clock bias that leaves the first path no length has -inf.
+    """
+    prior = sight_log_prior(delay_s, power_dbm, config, cell_s)
+    total = np.full(len(bias_s), -np.inf)
+    for rank, path in enumerate(np.flatnonzero(np.isfinite(prior))):
+        length_m = SPEED_OF_LIGHT_M_S * (delay_s[path] - bias_s)
+        is_possible = length_m >= MIN_LENGTH_M
+        length_m = np.maximum(length_m, MIN_LENGTH_M)
+        loss_db = config.power_at_1m_dbm - 20 * np.log10(length_m) - power_dbm[path]
+        excess = (loss_db - sight_loss_db(length_m)) / sight_std_db
+        either = prior[path] - 0.5 * excess**2 - np.log(sight_std_db)
+        if rank == 0:
+            bounce = _log_loss(loss_db, config.reflection_loss_db, config.reflection_std_db, config.tolerance_db)
+            either = np.logaddexp(either, np.log(config.blocked_share) + bounce)
+        total = np.where(is_possible, np.logaddexp(total, either), total)
+    return total
 
 
 def _clock(config: LosConfig) -> tuple[FloatArray, FloatArray]:

@@ -1,0 +1,291 @@
+"""Heights and clock biases of a campaign from its channel estimates, and the classes of all paths.
+
+A coarse search gives starts. From each, three steps alternate: states of all paths (`classes.py`), their priors,
+and a Gauss-Newton step of heights and clocks that brings versions of the same plan path together (`refine.py`).
+The start of largest evidence is kept, with the votes of the coarse search: both are approximate, and their errors
+differ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimation.channel.hall.classes import START, ClassPriors, StopStates, learned_priors, stop_states
+from estimation.channel.hall.geometry import Heights
+from estimation.channel.hall.paths import RangedPaths, stop_paths
+from estimation.channel.hall.power import ElevationLoss, SightPower, StopPowers, stop_powers
+from estimation.channel.hall.refine import stop_equations
+from estimation.channel.hall.search import (
+    clock_grid,
+    height_grid,
+    height_log_prior,
+    log_votes,
+    starting_clocks,
+    starting_heights,
+    stop_votes,
+)
+from estimation.channel.los import LosConfig
+from estimation.channel.record import ChannelEstimate
+from scenes.record import FloatArray, IntArray
+from sim.signal.arrays.codebook import Codebook
+
+N_CLOCKS = 6  # clock biases tried at each stop
+CLOCK_STEPS, FIRST_STEPS, LAST_STEPS = 2, 4, 16  # of a clock alone; of every start; of the best ones
+N_BEST = 3
+LONGEST_STEP_M = np.array([0.1, 0.1, 0.1, 0.5])  # heights and clock
+LOOSE_STD_M = np.array([3.0, 3.0, 10.0, 100.0])  # prior of a step: keeps what is unobservable where it is
+SMALLEST_STEP_M = 1e-4
+AMBIGUOUS = 10.0  # by how much the merit of another solution may be lower if it is to be named
+SAME_M = 0.03  # heights of one solution
+
+
+@dataclass(frozen=True)
+class HallLink:
+    """What estimates of a campaign share: beams, powers of lines of sight, and the resolution cell in delay."""
+
+    tx_codebook: Codebook
+    rx_codebook: Codebook
+    los: LosConfig
+    cell_s: float
+
+
+@dataclass(frozen=True)
+class HallModel:
+    """A hall as its channel estimates show it.
+
+    Attributes
+    ----------
+    heights : of TX, receiver and ceiling above the floor
+    stop : (stop,) index of the receiver stop of each estimate
+    clock_m : (stop,) clock bias times the speed of light
+    covariance_m2 : (3 + stop, 3 + stop) of the heights and the clocks; 0 for a height that was given
+    priors : what paths of each class are like
+    merit : log evidence of the solution, by the classes of paths and by the votes of pairs together
+    others : other solutions that explain the estimates nearly as well, with their merits
+    caveats : what the estimates cannot tell
+    """
+
+    heights: Heights
+    stop: IntArray
+    clock_m: FloatArray
+    covariance_m2: FloatArray
+    priors: ClassPriors
+    merit: float
+    others: tuple[tuple[Heights, float], ...]
+    caveats: tuple[str, ...]
+
+    @property
+    def height_std_m(self) -> FloatArray:
+        """Standard deviations (3,) of the heights of TX, receiver and ceiling."""
+        return np.sqrt(np.diagonal(self.covariance_m2)[:3])
+
+    @property
+    def clock_std_m(self) -> FloatArray:
+        """Standard deviations (stop,) of the clock biases."""
+        return np.sqrt(np.diagonal(self.covariance_m2)[3:])
+
+
+@dataclass(frozen=True)
+class _Stops:
+    """All estimates with paths, prepared."""
+
+    paths: Sequence[RangedPaths]
+    powers: Sequence[StopPowers]
+    tx_is_known: bool
+
+
+@dataclass(frozen=True)
+class _Point:
+    """Heights (3,), clock biases (stop,) and priors, with the states of all paths there."""
+
+    heights_m: FloatArray
+    clock_m: FloatArray
+    priors: ClassPriors
+    states: Sequence[StopStates]
+
+    @property
+    def evidence(self) -> float:
+        """Log evidence of all stops with the prior of the heights."""
+        return float(sum(stop.evidence for stop in self.states) + height_log_prior(self.heights_m[None])[0])
+
+
+def read_hall(
+    estimates: Sequence[ChannelEstimate], link: HallLink, *, tx_height_m: float | None = None
+) -> HallModel | None:
+    """Heights of floor, ceiling and receiver from the estimates of a campaign; None where no stop has two paths.
+
+    The floor is the origin of heights. The receiver has one height at all stops; clock biases are free. Estimates
+    of fewer than two paths are left out.
+    """
+    used = [estimate for estimate in estimates if len(estimate) > 1]
+    if not used:
+        return None
+    stops = prepared_stops(used, link, tx_height_m is not None)
+    clocks = [clock_grid(paths) for paths in stops.paths]
+    votes = [stop_votes(paths, clock) for paths, clock in zip(stops.paths, clocks, strict=True)]
+    sight = SightPower(used, clocks, stops.powers[0].elevation_loss, link.los, link.cell_s)
+    heights, _ = starting_heights(votes, sight.log_prior, height_grid(tx_height_m))
+    points = []
+    for start in heights:
+        tried = starting_clocks(votes, sight.log_prior, start, N_CLOCKS)
+        point = _climbed(stops, _with_best_clocks(stops, start, START, tried), FIRST_STEPS)
+        points.append((point, tried))
+
+    def merit(point: _Point) -> float:
+        same_priors = _at(stops, point.heights_m, point.clock_m, START)
+        return same_priors.evidence + log_votes(votes, sight.log_prior, point.heights_m)
+
+    points.sort(key=lambda one: -merit(one[0]))
+    settled = [_settled(stops, *one) for one in points[:N_BEST]]
+    ranked = sorted(((merit(point), point) for point in settled), key=lambda one: -one[0])
+    return _model(used, stops, ranked)
+
+
+def prepared_stops(estimates: Sequence[ChannelEstimate], link: HallLink, tx_is_known: bool) -> _Stops:
+    """Paths and powers of estimates."""
+    books = (link.tx_codebook, link.rx_codebook)
+    elevation_loss = ElevationLoss(books)
+    paths = [stop_paths(estimate, *books) for estimate in estimates]
+    powers = [
+        stop_powers(estimate, own, elevation_loss, link.los, link.cell_s)
+        for estimate, own in zip(estimates, paths, strict=True)
+    ]
+    return _Stops(paths, powers, tx_is_known)
+
+
+def _with_best_clocks(
+    stops: _Stops, heights_m: FloatArray, priors: ClassPriors, tried: Sequence[FloatArray]
+) -> _Point:
+    """The point at these heights with the best of the clocks tried at every stop, each after steps of its own."""
+    differences = Heights(*heights_m).differences_m
+    best, clock = [], []
+    for paths, powers, biases in zip(stops.paths, stops.powers, tried, strict=True):
+        reached = [_own_clock(paths, powers, float(bias), differences, priors) for bias in biases]
+        bias, states = max(reached, key=lambda one: one[1].evidence)
+        best.append(states)
+        clock.append(bias)
+    return _Point(heights_m, np.array(clock), priors, best)
+
+
+def _own_clock(
+    paths: RangedPaths, powers: StopPowers, clock_m: float, differences_m: FloatArray, priors: ClassPriors
+) -> tuple[float, StopStates]:
+    """A clock bias after steps that do not lower the evidence of its stop, with the states there."""
+    states = stop_states(paths, powers, clock_m, differences_m, priors)
+    for _ in range(CLOCK_STEPS):
+        part = stop_equations(paths, powers, states, clock_m, differences_m)
+        step = part.slope[3] / (part.information[3, 3] + 1 / LOOSE_STD_M[3] ** 2)
+        trial = clock_m + float(np.clip(step, -LONGEST_STEP_M[3], LONGEST_STEP_M[3]))
+        there = stop_states(paths, powers, trial, differences_m, priors)
+        if there.evidence <= states.evidence:
+            break
+        clock_m, states = trial, there
+    return clock_m, states
+
+
+def _settled(stops: _Stops, point: _Point, tried: Sequence[FloatArray]) -> _Point:
+    """The point of largest evidence from this one, with the clocks tried once more."""
+    clocks = [np.append(biases, now) for biases, now in zip(tried, point.clock_m, strict=True)]
+    again = _with_best_clocks(stops, point.heights_m, point.priors, clocks)
+    return _climbed(stops, _better(point, again), LAST_STEPS)
+
+
+def _at(stops: _Stops, heights_m: FloatArray, clock_m: FloatArray, priors: ClassPriors) -> _Point:
+    differences = Heights(*heights_m).differences_m
+    states = [
+        stop_states(paths, powers, float(bias), differences, priors)
+        for paths, powers, bias in zip(stops.paths, stops.powers, clock_m, strict=True)
+    ]
+    return _Point(heights_m, clock_m, priors, states)
+
+
+def _climbed(stops: _Stops, point: _Point, n_steps: int) -> _Point:
+    """The point after steps of heights, clocks and priors, none of which lowers the evidence."""
+    for _ in range(n_steps):
+        point = _better(point, _at(stops, point.heights_m, point.clock_m, learned_priors(point.states)))
+        information, slope = _equations(stops, point)
+        step = np.linalg.solve(information, slope)
+        limit = np.concatenate([LONGEST_STEP_M[:3], np.full(len(point.clock_m), LONGEST_STEP_M[3])])
+        step *= min(1.0, float((limit / np.maximum(np.abs(step), 1e-12)).min()))
+        for share in (1.0, 0.3, 0.1):
+            heights = point.heights_m + share * step[:3]
+            if not Heights(*heights).are_possible:
+                continue
+            trial = _at(stops, heights, point.clock_m + share * step[3:], point.priors)
+            if trial.evidence >= point.evidence:
+                point = trial
+                break
+        else:
+            break
+        if np.abs(step).max() < SMALLEST_STEP_M:
+            break
+    return point
+
+
+def _better(one: _Point, two: _Point) -> _Point:
+    return two if two.evidence > one.evidence else one
+
+
+def _equations(stops: _Stops, point: _Point) -> tuple[FloatArray, FloatArray]:
+    """Normal equations of the heights (3,) and the clocks (stop,), with a loose prior on the step."""
+    n = len(point.clock_m)
+    information, slope = np.zeros((3 + n, 3 + n)), np.zeros(3 + n)
+    loose = np.concatenate([LOOSE_STD_M[:3], np.full(n, LOOSE_STD_M[3])])
+    information[np.diag_indices(3 + n)] = 1 / loose**2
+    differences = Heights(*point.heights_m).differences_m
+    for index, (paths, powers, states) in enumerate(zip(stops.paths, stops.powers, point.states, strict=True)):
+        part = stop_equations(paths, powers, states, float(point.clock_m[index]), differences)
+        rows = np.array([0, 1, 2, 3 + index])
+        information[np.ix_(rows, rows)] += part.information
+        slope[rows] += part.slope
+    if stops.tx_is_known:
+        information[0], information[:, 0], slope[0] = 0.0, 0.0, 0.0
+        information[0, 0] = 1.0
+    return information, slope
+
+
+def _model(
+    estimates: Sequence[ChannelEstimate], stops: _Stops, ranked: Sequence[tuple[float, _Point]]
+) -> HallModel:
+    """The model at the best of the points, which come with their merits, the best first."""
+    merit, best = ranked[0]
+    information, _ = _equations(stops, best)
+    covariance = np.asarray(np.linalg.inv(information), float)
+    if stops.tx_is_known:
+        covariance[0] = covariance[:, 0] = 0.0
+    std = np.sqrt(np.diagonal(covariance))
+    others = []
+    for other_merit, point in ranked[1:]:
+        is_other = np.abs(point.heights_m - best.heights_m).max() > 3 * std[:3].max() + SAME_M
+        if is_other and other_merit > merit - AMBIGUOUS:
+            others.append((Heights(*map(float, point.heights_m)), other_merit))
+    model = HallModel(
+        heights=Heights(*map(float, best.heights_m)),
+        stop=np.array([estimate.stop for estimate in estimates]),
+        clock_m=best.clock_m,
+        covariance_m2=covariance,
+        priors=best.priors,
+        merit=merit,
+        others=tuple(others),
+        caveats=(),
+    )
+    return replace(model, caveats=_caveats(stops, model))
+
+
+def _caveats(stops: _Stops, model: HallModel) -> tuple[str, ...]:
+    """What the estimates cannot tell, in words."""
+    found = []
+    level, floor, ceiling = np.abs(model.heights.differences_m[:3])
+    if abs(floor - ceiling) < 3 * float(np.max(model.height_std_m)) + 0.02:
+        found.append("floor and ceiling are as far from the devices: their versions coincide")
+    sees = any(paths.sees_elevation.any() for paths in stops.paths)
+    if not sees and level < 3 * float(np.max(model.height_std_m)):
+        found.append("devices at equal heights: no level path shows a height difference")
+    if not sees and not stops.tx_is_known:
+        found.append("beams without elevation: floor and ceiling, and TX and receiver, may have changed places")
+    if model.others:
+        found.append(f"{len(model.others)} other solutions explain the paths nearly as well")
+    return tuple(found)
