@@ -153,25 +153,25 @@ def clock_log_likelihood(
     config: LosConfig,
     bias_s: FloatArray,
     *,
-    cell_s: float,
+    log_prior: FloatArray,
     sight_std_db: float,
     sight_loss_db: Callable[[FloatArray], FloatArray],
 ) -> FloatArray:
     """Log-likelihood (clock,) of clock biases (clock,) by the powers of the first paths, in order of delay.
 
-    One of them is the line of sight, or the first one is a reflection. A line of sight of length l has the loss
-    `sight_loss_db(l)`, with the standard deviation `sight_std_db`. The other arguments are those of
-    `los_probability`; a clock bias that leaves the first path no length has -inf.
+    One of them is the line of sight, or the first one is a reflection: `log_prior` (path,) is that of
+    `sight_log_prior`. A line of sight of length l has the loss `sight_loss_db(l)`, with the standard deviation
+    `sight_std_db`. The other arguments are those of `los_probability`; a clock bias that leaves a path no length
+    does not allow it.
     """
-    prior = sight_log_prior(delay_s, power_dbm, config, cell_s)
     total = np.full(len(bias_s), -np.inf)
-    for rank, path in enumerate(np.flatnonzero(np.isfinite(prior))):
+    for rank, path in enumerate(np.flatnonzero(np.isfinite(log_prior))):
         length_m = SPEED_OF_LIGHT_M_S * (delay_s[path] - bias_s)
         is_possible = length_m >= MIN_LENGTH_M
         length_m = np.maximum(length_m, MIN_LENGTH_M)
         loss_db = config.power_at_1m_dbm - 20 * np.log10(length_m) - power_dbm[path]
         excess = (loss_db - sight_loss_db(length_m)) / sight_std_db
-        either = prior[path] - 0.5 * excess**2 - np.log(sight_std_db)
+        either = log_prior[path] - 0.5 * excess**2 - np.log(sight_std_db)
         if rank == 0:
             bounce = _log_loss(loss_db, config.reflection_loss_db, config.reflection_std_db, config.tolerance_db)
             either = np.logaddexp(either, np.log(config.blocked_share) + bounce)

@@ -126,7 +126,7 @@ def read_hall(
     stops = prepared_stops(used, link, tx_height_m is not None)
     clocks = [clock_grid(paths) for paths in stops.paths]
     votes = [stop_votes(paths, clock) for paths, clock in zip(stops.paths, clocks, strict=True)]
-    sight = SightPower(used, clocks, stops.powers[0].elevation_loss, link.los, link.cell_s)
+    sight = SightPower(used, stops.powers, clocks, link.los)
     heights, _ = starting_heights(votes, sight.log_prior, height_grid(tx_height_m))
     points = []
     for start in heights:

@@ -87,7 +87,7 @@ def stop_powers(
         below_db=config.power_at_1m_dbm - power_dbm,
         elevation_loss=elevation_loss,
         features=np.stack([log_variance[:, 0] / 2, log_variance[:, 1:].mean(axis=1) / 2], axis=1),
-        sight_log_prior=sight_log_prior(estimate.delay_s, power_dbm, config, cell_s),
+        sight_log_prior=sight_log_prior(estimate.delay_s, estimate.power_dbm, config, cell_s),
     )
 
 
@@ -97,26 +97,28 @@ class SightPower:
     def __init__(
         self,
         estimates: Sequence[ChannelEstimate],
+        powers: Sequence[StopPowers],
         clock_m: Sequence[FloatArray],
-        elevation_loss: ElevationLoss,
         config: LosConfig,
-        cell_s: float,
     ) -> None:
-        self.estimates, self.clock_m, self.cell_s = estimates, clock_m, cell_s
-        self.config, self.elevation_loss = config, elevation_loss
+        self.estimates, self.powers, self.clock_m, self.config = estimates, powers, clock_m, config
 
     def log_prior(self, difference_m: float) -> list[FloatArray]:
         """Normalised log prior (clock,) of every stop if the heights of the devices differ by this."""
-
-        def loss(length_m: FloatArray) -> FloatArray:
-            return self.elevation_loss(difference_m / np.maximum(length_m, MIN_LENGTH_M))
-
         priors = []
-        for estimate, clock_m in zip(self.estimates, self.clock_m, strict=True):
-            power_dbm = estimate.power_dbm + estimate.beam_loss_db
+        for estimate, powers, clock_m in zip(self.estimates, self.powers, self.clock_m, strict=True):
+
+            def loss(length_m: FloatArray, powers: StopPowers = powers) -> FloatArray:
+                return powers.elevation_loss(difference_m / length_m)
+
             likelihood = clock_log_likelihood(
-                estimate.delay_s, power_dbm, self.config, clock_m / SPEED_OF_LIGHT_M_S, cell_s=self.cell_s,
-                sight_std_db=SIGHT_STD_DB, sight_loss_db=loss,
-            )  # fmt: skip
+                estimate.delay_s,
+                self.config.power_at_1m_dbm - powers.below_db,
+                self.config,
+                clock_m / SPEED_OF_LIGHT_M_S,
+                log_prior=powers.sight_log_prior,
+                sight_std_db=SIGHT_STD_DB,
+                sight_loss_db=loss,
+            )
             priors.append(likelihood - np.logaddexp.reduce(likelihood))
         return priors

@@ -3,7 +3,14 @@
 import numpy as np
 import pytest
 
-from estimation.channel.los import LosConfig, LosDirection, line_of_sight, los_probability
+from estimation.channel.los import (
+    LosConfig,
+    LosDirection,
+    clock_log_likelihood,
+    line_of_sight,
+    los_probability,
+    sight_log_prior,
+)
 from scenes.pose import SPEED_OF_LIGHT_M_S
 
 LEVEL_DBM = -13.0
@@ -119,3 +126,23 @@ def _loss(rng: np.random.Generator, mean_db: float, std_db: float, tolerance_db:
         loss = rng.normal(mean_db, std_db)
         if rng.random() < np.exp(-0.5 * (min(loss, 0.0) / tolerance_db) ** 2):
             return float(loss)
+
+
+def test_only_the_first_paths_may_be_the_line_of_sight_and_none_beside_a_stronger_one() -> None:
+    delay_s = 1e-9 * np.array([10.0, 10.5, 20.0, 30.0, 40.0])
+    prior = sight_log_prior(delay_s, np.array([-60.0, -30.0, -40.0, -40.0, -40.0]), LosConfig(), 2e-9)
+    assert np.isneginf(prior[[0, 4]]).all()
+    assert (np.diff(prior[1:4]) < 0).all()
+
+
+def test_the_power_of_a_line_of_sight_tells_the_clock_bias() -> None:
+    config, length_m, loss_db = LosConfig(power_at_1m_dbm=LEVEL_DBM), np.array([6.0, 9.0]), np.array([2.0, 12.0])
+    power_dbm = LEVEL_DBM - 20 * np.log10(length_m) - loss_db
+    delay_s = length_m / SPEED_OF_LIGHT_M_S + BIAS_S
+    bias_s = BIAS_S + np.linspace(-3e-8, 3e-8, 601)
+    likelihood = clock_log_likelihood(
+        delay_s, power_dbm, config, bias_s, log_prior=sight_log_prior(delay_s, power_dbm, config, 1e-9),
+        sight_std_db=0.5, sight_loss_db=lambda length: np.full(length.shape, 2.0),
+    )  # fmt: skip
+    assert bias_s[likelihood.argmax()] == pytest.approx(BIAS_S, abs=2e-10)
+    assert np.isneginf(likelihood[bias_s > delay_s[1]]).all()
