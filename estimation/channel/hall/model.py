@@ -117,7 +117,8 @@ def read_hall(
 ) -> HallModel | None:
     """Heights of floor, ceiling and receiver from the estimates of a campaign; None where no stop has two paths.
 
-    The floor is the origin of heights. The receiver has one height at all stops; clock biases are free. Estimates
+    The floor is the origin of heights. The receiver has one height at all stops; clock biases are free. Give the
+    height of the TX where it is known: without it other sets of heights often explain the paths as well. Estimates
     of fewer than two paths are left out.
     """
     used = [estimate for estimate in estimates if len(estimate) > 1]
@@ -284,8 +285,8 @@ def _caveats(stops: _Stops, model: HallModel) -> tuple[str, ...]:
     sees = any(paths.sees_elevation.any() for paths in stops.paths)
     if not sees and level < 3 * float(np.max(model.height_std_m)):
         found.append("devices at equal heights: no level path shows a height difference")
-    if not sees and not stops.tx_is_known:
-        found.append("beams without elevation: floor and ceiling, and TX and receiver, may have changed places")
+    if not stops.tx_is_known:
+        found.append("height of the TX unknown: another set of heights may have nearly the same versions")
     if model.others:
         found.append(f"{len(model.others)} other solutions explain the paths nearly as well")
     return tuple(found)
