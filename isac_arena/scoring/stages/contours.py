@@ -121,7 +121,8 @@ def contour_metrics(map_name: str, scene: Scene, table: ContourScores) -> list[M
 
 def _class_mean(scene: Scene, table: ContourScores) -> float:
     """Mean of two means, over pillars and over all other objects, so that pillars count as much as many walls."""
-    kinds = np.array([scene.object(str(name)).kind if name else "" for name in table.object], dtype=str)
+    known = scene.object_names
+    kinds = np.array([scene.object(name).kind if name in known else "" for name in table.object], dtype=str)
     pillars, others = kinds == "pillar", (kinds != "pillar") & (kinds != "")
     return mean([mean(table.coverage95[pillars]), mean(table.coverage95[others])])
 

@@ -21,6 +21,19 @@ def tables(campaign, true_power):
     return found.tables
 
 
+def test_a_contour_of_points_on_the_floor_has_no_class(campaign, tables):
+    """Reflections on the floor are inliers too; the floor is no object of the scene."""
+    result = campaign.results.mapping
+    ips = score_ips(campaign.scene, result, tables.paths)
+    first = result.contours.object == 0
+    ips = replace(ips, object=np.where(first, "floor", ips.object))
+    table = score_contours(campaign.scene, result, ips, tables.significant)
+    assert table.object[0] == "floor"
+    assert np.isnan(table.class_right[0])
+    values = {metric.key: metric.value for metric in contour_metrics("mapping", campaign.scene, table)}
+    assert values["contours.mapping.class_mean_coverage95"] == 1
+
+
 @pytest.fixture
 def scored(campaign, tables):
     def run(contours):
