@@ -22,7 +22,6 @@ from estimation.channel.coherent.plan import nominal_manifold
 from estimation.channel.config import MaximumLikelihoodConfig
 from estimation.channel.fit import PathFit
 from estimation.channel.incoherent.paths import IncoherentFit, fit_incoherent
-from estimation.channel.incoherent.search import MOST_PATHS
 from scenes.pose import wrap_angle
 from scenes.record import BoolArray, FloatArray, IntArray
 from sim.observation import BeamSweep
@@ -98,7 +97,7 @@ def fit_auto(sweep: BeamSweep, config: MaximumLikelihoodConfig | None = None) ->
         if len(coherent) and joint.is_coherent:
             offset_hz = _frequency_offset_hz(sweep, joint)
             return AutoFit(coherent, "coherent", joint, offset_hz, "coherent: " + _words(joint, offset_hz))
-    if few.max_paths <= len(incoherent) < min(config.max_paths, MOST_PATHS):
+    if few.max_paths <= len(incoherent) < config.max_incoherent_paths:
         incoherent = fit_incoherent(sweep, config)
     offset_hz = _frequency_offset_hz(sweep, ramp)
     words = "; ".join(part for part in (_words(ramp, offset_hz), incoherent.caveat) if part)

@@ -4,6 +4,8 @@ from pydantic import Field, field_validator
 
 from scenes.toml_config import ConfigModel, Pair
 
+MOST_INCOHERENT_PATHS = 40  # the time grows with their square: every pair of beams has a phase of its own
+
 
 class MaximumLikelihoodConfig(ConfigModel):
     """Detection and refinement of the coherent and incoherent maximum-likelihood methods."""
@@ -28,6 +30,11 @@ class MaximumLikelihoodConfig(ConfigModel):
     delay_after_ns: float = Field(
         300.0, gt=0, description="to this long after it; a path at another delay needs more power"
     )
+
+    @property
+    def max_incoherent_paths(self) -> int:
+        """Most paths of the incoherent fit."""
+        return min(self.max_paths, MOST_INCOHERENT_PATHS)
 
     @field_validator("expected_delay_ns")
     @classmethod

@@ -16,7 +16,6 @@ from estimation.channel.coherent.plan import nominal_manifold
 from estimation.channel.config import MaximumLikelihoodConfig
 from estimation.channel.fit import PathFit
 from estimation.channel.incoherent.paths import IncoherentFit, fit_incoherent
-from estimation.channel.incoherent.search import MOST_PATHS
 from estimation.channel.los import LosConfig
 from estimation.channel.power.paths import PowerMethodConfig, estimate_power
 from estimation.channel.record import ChannelEstimate, EstimateStatus, check_estimate, empty_estimate
@@ -114,7 +113,7 @@ def _maximum_likelihood(sweep: BeamSweep, method: str, config: ChannelConfig) ->
     else:
         chosen = fit_auto(sweep, settings)
         fit, reason = chosen.fit, chosen.reason
-    most = min(settings.max_paths, MOST_PATHS) if isinstance(fit, IncoherentFit) else settings.max_paths
+    most = settings.max_incoherent_paths if isinstance(fit, IncoherentFit) else settings.max_paths
     fit = _widened(fit, config)
     tx, rx = nominal_manifold(sweep.tx_codebook), nominal_manifold(sweep.rx_codebook)
     return _limited(assemble_estimate(sweep, fit, tx, rx, config.los, method, reason), most)

@@ -100,7 +100,7 @@ def los_probability(
             odds + _angle_factor(angles_rad[i], variance[i], direction, config)
             for i, odds in zip(candidates, log_odds, strict=True)
         ]
-    prior = np.log1p(-config.blocked_share) + np.log(config.ghost_share) * np.arange(len(log_odds))
+    prior = _order_log_prior(len(log_odds), config)
     score = np.array([np.log(config.blocked_share), *(prior + np.array(log_odds))])
     weight = np.exp(score - score.max())
     probability = np.zeros(n)
@@ -113,6 +113,11 @@ def _masked(delay_s: FloatArray, power_dbm: FloatArray, cell_s: float) -> BoolAr
     near = np.abs(delay_s[:, None] - delay_s) < cell_s
     louder = power_dbm[None] > power_dbm[:, None] + MASKED_DB
     return np.asarray((near & louder).any(axis=1))
+
+
+def loss_beyond_free_space_db(length_m: FloatArray, below_db: FloatArray) -> FloatArray:
+    """Loss of paths beyond free space, from lengths and powers below that of a line of sight at 1 m."""
+    return np.asarray(below_db - 20 * np.log10(length_m))
 
 
 def line_of_sight(probability: FloatArray) -> BoolArray:
@@ -129,7 +134,7 @@ def _log_bayes_factor(delay_s: FloatArray, power_dbm: FloatArray, config: LosCon
     if not len(bias_s):
         return NONE_FOR_SURE
     length_m = SPEED_OF_LIGHT_M_S * (delay_s - bias_s[:, None])
-    loss_db = config.power_at_1m_dbm - 20 * np.log10(length_m) - power_dbm
+    loss_db = loss_beyond_free_space_db(length_m, config.power_at_1m_dbm - power_dbm)
     own, least = loss_db[:, 0], loss_db[:, 1:].min(axis=1, initial=np.inf)
     later = np.zeros(len(bias_s))
     if len(delay_s) > 1:
@@ -143,8 +148,13 @@ def sight_log_prior(delay_s: FloatArray, power_dbm: FloatArray, config: LosConfi
     """Log prior (path,) that a path is the line of sight, by order alone; paths are sorted by delay."""
     prior = np.full(len(delay_s), -np.inf)
     seen = np.flatnonzero(~_masked(delay_s, power_dbm, cell_s))[:CANDIDATES]
-    prior[seen] = np.log1p(-config.blocked_share) + np.log(config.ghost_share) * np.arange(len(seen))
+    prior[seen] = _order_log_prior(len(seen), config)
     return prior
+
+
+def _order_log_prior(n: int, config: LosConfig) -> FloatArray:
+    """Log prior (path,) that each of the first `n` paths is the line of sight and those before it are ghosts."""
+    return np.asarray(np.log1p(-config.blocked_share) + np.log(config.ghost_share) * np.arange(n))
 
 
 def clock_log_likelihood(
@@ -169,7 +179,7 @@ def clock_log_likelihood(
         length_m = SPEED_OF_LIGHT_M_S * (delay_s[path] - bias_s)
         is_possible = length_m >= MIN_LENGTH_M
         length_m = np.maximum(length_m, MIN_LENGTH_M)
-        loss_db = config.power_at_1m_dbm - 20 * np.log10(length_m) - power_dbm[path]
+        loss_db = loss_beyond_free_space_db(length_m, config.power_at_1m_dbm - power_dbm[path])
         excess = (loss_db - sight_loss_db(length_m)) / sight_std_db
         either = log_prior[path] - 0.5 * excess**2 - np.log(sight_std_db)
         if rank == 0:

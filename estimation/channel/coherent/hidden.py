@@ -15,7 +15,6 @@ from estimation.channel.model.path_model import (
     manifold_rates,
     response_energies,
     responses,
-    tangents,
 )
 from scenes.record import BoolArray, FloatArray
 
@@ -50,12 +49,12 @@ class KnownPaths:
     def __init__(self, reference: Reference, solution: Solution) -> None:
         self.reference = reference
         self.solution = solution
-        self._at = tangents(reference.sweep, solution.paths)
 
     def test(self, probes: PathParameters, near: BoolArray) -> ProbeScores:
         """Scores of probes about one place, where only the known paths `near` (path,) change."""
         at = responses(self.reference.sweep, probes)
-        close = PathTangents(self._at.tx[near], self._at.rx[near], self._at.delay[near])
+        known = self.reference.at
+        close = PathTangents(known.tx[near], known.rx[near], known.delay[near])
         inner = gram_matrix(at, close)[:, 0]
         scale = self.solution.paths.amplitude[near, None]
         columns = np.concatenate([inner[..., :1], 1j * inner[..., :1], inner[..., 1:] * scale], axis=2)

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.stats import chi2, f
 
 from estimation.channel.coherent.refine import Reference, Solution, regular_inverse
-from estimation.channel.model.path_model import gram_matrix, tangents
+from estimation.channel.model.path_model import gram_matrix
 from scenes.record import FloatArray, IntArray
 
 LEAST_SEEN = 1e-9  # information on a shift, relative to the amplitude, below which it is unobservable
@@ -52,7 +52,7 @@ def quadrature_statistic(reference: Reference, solution: Solution) -> tuple[Floa
     """
     n, n_columns = solution.slope.shape
     amplitude = solution.paths.amplitude
-    at = tangents(reference.sweep, solution.paths)
+    at = reference.at
     inner, residual = gram_matrix(at, at), reference.residual_products(at)
     energy = np.einsum("papa->pa", inner)[:, 0].real
     tangent = np.maximum(np.arange(n_columns) - 1, 0)  # of every column of the normal equations

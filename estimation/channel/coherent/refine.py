@@ -42,13 +42,16 @@ SMALLEST = 1e-150  # diagonal of an unobservable parameter
 
 
 class Reference:
-    """Reference paths and the residual of the samples: inner products with any tangents, in double precision."""
+    """Reference paths and the residual of the samples: inner products with any tangents, in double precision.
+
+    `at` holds the tangents of the reference paths, `parts` the residual.
+    """
 
     def __init__(self, sweep: CompressedSweep, paths: PathParameters) -> None:
         self.sweep = sweep
         self.paths = paths
         self.parts = residual(sweep, paths)
-        self._at = tangents(sweep, paths)
+        self.at = tangents(sweep, paths)
 
     def residual_products(self, at: PathTangents) -> ComplexArray:
         """Inner products (path, tangent) of tangents with the residual of the reference paths."""
@@ -56,7 +59,7 @@ class Reference:
 
     def products(self, at: PathTangents) -> ComplexArray:
         """Inner products (path, tangent) of tangents with the sweep's samples."""
-        explained = gram_matrix(at, self._at)[:, :, :, 0] @ self.paths.amplitude
+        explained = gram_matrix(at, self.at)[:, :, :, 0] @ self.paths.amplitude
         return np.asarray(self.residual_products(at) + explained)
 
 

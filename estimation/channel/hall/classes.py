@@ -185,8 +185,8 @@ def _loss_ratio(pairs: Agreement, loss_db: FloatArray, priors: ClassPriors) -> F
     return np.where(is_child.sum(axis=0) == 1, ratio, 1.0)
 
 
-def _by_version(probability: FloatArray) -> FloatArray:
-    """Probability (path, version): the line of sight is level."""
+def version_probabilities(probability: FloatArray) -> FloatArray:
+    """Probability (path, version) from that of states (path, state): the line of sight is level."""
     by_version = probability[:, FIRST:].copy()
     by_version[:, Version.LEVEL] += probability[:, SIGHT]
     return by_version
@@ -194,7 +194,7 @@ def _by_version(probability: FloatArray) -> FloatArray:
 
 def _support(pairs: Agreement, probability: FloatArray) -> FloatArray:
     """Support (path, state) by versions among the other paths; weak ones have none."""
-    by_version = _by_version(probability)
+    by_version = version_probabilities(probability)
     first, second = VERSION_PAIRS.T
     support = np.zeros(by_version.shape)
     np.add.at(support, (pairs.one[:, None], first), pairs.ratio * by_version[pairs.two][:, second])
@@ -204,7 +204,7 @@ def _support(pairs: Agreement, probability: FloatArray) -> FloatArray:
 
 def _weights(pairs: Agreement, probability: FloatArray) -> FloatArray:
     """Probability (pair, pair of versions) that two paths are these versions of one plan path."""
-    by_version = _by_version(probability)
+    by_version = version_probabilities(probability)
     first, second = VERSION_PAIRS.T
     share = pairs.ratio / (1 + pairs.ratio)
     return np.asarray(share * by_version[pairs.one][:, first] * by_version[pairs.two][:, second])

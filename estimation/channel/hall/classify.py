@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimation.channel.hall.classes import FIRST, SIGHT, class_probabilities, stop_states
+from estimation.channel.hall.classes import class_probabilities, stop_states, version_probabilities
 from estimation.channel.hall.geometry import HEIGHT_SLOPES
 from estimation.channel.hall.model import HallLink, HallModel, prepared_stops
 from estimation.channel.record import ChannelEstimate
@@ -51,8 +51,7 @@ def classify(estimates: Sequence[ChannelEstimate], hall: HallModel, link: HallLi
     for estimate, paths, powers in zip(estimates, stops.paths, stops.powers, strict=True):
         index = row.get(estimate.stop, 0)
         states = stop_states(paths, powers, float(hall.clock_m[index]), hall.heights.differences_m, hall.priors)
-        version = states.probability[:, FIRST:].copy()
-        version[:, 0] += states.probability[:, SIGHT]
+        version = version_probabilities(states.probability)
         version /= np.maximum(version.sum(axis=1, keepdims=True), np.finfo(float).tiny)
         best = version.argmax(axis=1)
         every = np.arange(len(paths))

@@ -128,7 +128,7 @@ def read_hall(
     clocks = [clock_grid(paths) for paths in stops.paths]
     votes = [stop_votes(paths, clock) for paths, clock in zip(stops.paths, clocks, strict=True)]
     sight = SightPower(used, stops.powers, clocks, link.los)
-    heights, _ = starting_heights(votes, sight.log_prior, height_grid(tx_height_m))
+    heights = starting_heights(votes, sight.log_prior, height_grid(tx_height_m))
     points = []
     for start in heights:
         tried = starting_clocks(votes, sight.log_prior, start, N_CLOCKS)

@@ -65,5 +65,11 @@ def difference_density(difference: FloatArray, covariance: FloatArray) -> FloatA
     root = np.linalg.cholesky(covariance)
     distance = np.square(np.linalg.solve(root, difference[..., None])[..., 0]).sum(axis=-1)
     norm = (2 * np.pi) ** 1.5 * np.einsum("...ii->...i", root).prod(axis=-1)
+    core, tail = core_and_tail(distance)
+    return np.asarray((core + tail) / norm)
+
+
+def core_and_tail(distance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The two parts (...) of that density over its norm, at squared Mahalanobis distances (...)."""
     tail = TAIL_SHARE / TAIL_SPREAD**3 * np.exp(-0.5 * distance / TAIL_SPREAD**2)
-    return np.asarray(((1 - TAIL_SHARE) * np.exp(-0.5 * distance) + tail) / norm)
+    return (1 - TAIL_SHARE) * np.exp(-0.5 * distance), tail

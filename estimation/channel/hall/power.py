@@ -9,7 +9,13 @@ import numpy as np
 
 from estimation.channel.coherent.plan import nominal_manifold
 from estimation.channel.hall.paths import RangedPaths
-from estimation.channel.los import MIN_LENGTH_M, LosConfig, clock_log_likelihood, sight_log_prior
+from estimation.channel.los import (
+    MIN_LENGTH_M,
+    LosConfig,
+    clock_log_likelihood,
+    loss_beyond_free_space_db,
+    sight_log_prior,
+)
 from estimation.channel.model.apparent import apparent_angles
 from estimation.channel.record import ChannelEstimate
 from scenes.pose import SPEED_OF_LIGHT_M_S
@@ -69,7 +75,7 @@ class StopPowers:
 
     def plain_loss_db(self, paths: RangedPaths, clock_m: float) -> FloatArray:
         """Loss (path,) beyond free space if the path is horizontal."""
-        return np.asarray(self.below_db - 20 * np.log10(np.maximum(paths.range_m - clock_m, MIN_LENGTH_M)))
+        return loss_beyond_free_space_db(np.maximum(paths.range_m - clock_m, MIN_LENGTH_M), self.below_db)
 
     def loss_db(self, paths: RangedPaths, clock_m: float, differences_m: FloatArray) -> FloatArray:
         """Loss (path, version) beyond free space and beyond what beams lose by the elevation of each version."""

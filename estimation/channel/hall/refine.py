@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimation.channel.hall.classes import FIRST, SIGHT, StopStates
+from estimation.channel.hall.classes import SIGHT, StopStates, version_probabilities
 from estimation.channel.hall.geometry import ELEVATION_SIGNS, HEIGHT_SLOPES
-from estimation.channel.hall.pairs import TAIL_SHARE, TAIL_SPREAD, VERSION_PAIRS
+from estimation.channel.hall.pairs import TAIL_SPREAD, VERSION_PAIRS, core_and_tail
 from estimation.channel.hall.paths import ELEVATION_OUTLIER_DENSITY, RangedPaths, expected_elevation
 from estimation.channel.hall.power import SIGHT_STD_DB, StopPowers
 from scenes.record import FloatArray
@@ -65,8 +65,7 @@ def _pair_rows(states: StopStates) -> Rows:
     jacobian[:, :, :3] -= slopes[two, second, :, 3, None] * HEIGHT_SLOPES[second][:, None]
     inverse = np.linalg.inv(covariance)
     distance = np.einsum("ri,rij,rj->r", error, inverse, error)
-    core = (1 - TAIL_SHARE) * np.exp(-0.5 * distance)
-    tail = TAIL_SHARE / TAIL_SPREAD**3 * np.exp(-0.5 * distance / TAIL_SPREAD**2)
+    core, tail = core_and_tail(distance)
     share = (core + tail / TAIL_SPREAD**2) / np.maximum(core + tail, 1e-300)
     scale = weight * share * 4 / (size[one] + size[two])
     return jacobian, error, inverse * scale[:, None, None]
@@ -76,8 +75,7 @@ def _elevation_rows(paths: RangedPaths, states: StopStates, clock_m: float, diff
     """Elevations observed at both ends, as every version."""
     length = np.maximum(paths.range_m - clock_m, SMALL_M)[:, None]
     plan = states.points.value[..., 0]
-    probability = states.probability[:, FIRST:].copy()
-    probability[:, 0] += states.probability[:, SIGHT]
+    probability = version_probabilities(states.probability)
     jacobians, errors, weights = [], [], []
     for end in range(2):
         sign = ELEVATION_SIGNS[:, end]

@@ -110,9 +110,7 @@ def _candidates(paths: RangedPaths) -> tuple[IntArray, IntArray]:
     order = np.argsort(paths.range_m, kind="stable")
     first, second = np.triu_indices(len(paths), 1)
     one, two = order[first], order[second]
-    sine = np.sin(paths.azimuth_rad - paths.boresight_rad)
-    turn = wrap_angle(paths.azimuth_rad[one] - paths.azimuth_rad[two])
-    apart = np.where(paths.is_cone, sine[one] - sine[two], turn)
+    apart = _apart(paths, np.ones(len(paths)), one, two)
     same = ~paths.is_cone | (np.abs(wrap_angle(paths.boresight_rad[one] - paths.boresight_rad[two])) < 1e-6)
     near = ((np.abs(apart) < WIDEST_SINE) & same).all(axis=1)
     return one[near], two[near]
@@ -136,10 +134,8 @@ def height_log_prior(heights_m: FloatArray) -> FloatArray:
     return np.asarray(-0.5 * (np.log(heights_m[:, 1] / RX_MEDIAN_M) / RX_LOG_STD) ** 2)
 
 
-def starting_heights(
-    votes: Sequence[Votes], clocks: ClockPrior, grid: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """The best local maxima (start, 3) of the coarse search, best first, and their log scores (start,)."""
+def starting_heights(votes: Sequence[Votes], clocks: ClockPrior, grid: FloatArray) -> FloatArray:
+    """The best local maxima (start, 3) of the coarse search, best first."""
     score = height_log_prior(grid)
     for difference in np.unique(np.round(grid[:, 0] - grid[:, 1], 6)):
         rows = np.flatnonzero(np.abs(grid[:, 0] - grid[:, 1] - difference) < 1e-5)
@@ -150,7 +146,7 @@ def starting_heights(
             starts.append(int(index))
         if len(starts) == N_STARTS:
             break
-    return grid[starts], score[starts]
+    return np.asarray(grid[starts])
 
 
 def _gaps(heights: FloatArray) -> FloatArray:

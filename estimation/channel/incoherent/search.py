@@ -38,7 +38,6 @@ _NEARLY = 0.7  # below, it enters if it reaches this share of the threshold when
 _ALONE_BINS = 12  # of delay to either side in that fit
 _SAFE = 4.0  # of the threshold: Wald statistic above which no likelihood ratio is computed
 _SAME_CELLS = 0.8  # a candidate this near to a failed one is not tried again
-MOST_PATHS = 40  # the time grows with their square: every pair of beams has a phase of its own
 
 
 @dataclass
@@ -58,11 +57,6 @@ class IncoherentSearch:
     failed: list[FloatArray] = field(default_factory=list)  # delays and angles
 
     @property
-    def max_paths(self) -> int:
-        """Most paths of this stop."""
-        return min(self.config.max_paths, MOST_PATHS)
-
-    @property
     def _state(self) -> tuple[LocalSamples, IntArray, ComplexArray, IntArray]:
         """The samples on which the current paths are fitted."""
         return self.local, self.bins, self.window, self.pairs
@@ -74,7 +68,7 @@ class IncoherentSearch:
     def run(self) -> tuple[FloatArray, Score | None]:
         """Paths and the likelihood at its maximum; None if there are none."""
         paths, at = np.zeros((0, self.ends.n_parameters)), None
-        new = self._first_starts()[: self.max_paths]
+        new = self._first_starts()[: self.config.max_incoherent_paths]
         for _ in range(_ROUNDS):
             if len(new):
                 paths = np.concatenate([paths, new])
@@ -84,7 +78,7 @@ class IncoherentSearch:
             paths, at, residual = self._standing_out(paths, at)
             if at is None:
                 return paths, None
-            room = self.max_paths - len(paths)
+            room = self.config.max_incoherent_paths - len(paths)
             new = self._further_starts(paths, at, residual)[:room]
             if len(new):
                 continue
@@ -187,7 +181,7 @@ class IncoherentSearch:
 
     def _candidates(self, level: FloatArray, place: IntArray, delay_bins: FloatArray) -> Candidates:
         lowest = _VISIBLE * np.sqrt(self.levels.lowest)
-        return self.screen.candidates(level, place, delay_bins, float(lowest), self.max_paths)
+        return self.screen.candidates(level, place, delay_bins, float(lowest), self.config.max_incoherent_paths)
 
     def _candidates_within(self, residual: ComplexArray) -> Candidates:
         """Candidates in samples (pair, bin) of unit noise at the bins of the window, which may have gaps."""
