@@ -12,12 +12,12 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from scenes.contours import Contour, rectangle
+from scenes.names import Name
 from scenes.objects.clutter import Clutter
 from scenes.objects.config import (
     FloorplanConfig,
     MaterialConfig,
     MeshConfig,
-    Name,
     ObjectConfig,
     PlaneConfig,
     TxConfig,

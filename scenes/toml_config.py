@@ -2,7 +2,7 @@
 
 import json
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -68,8 +68,17 @@ def read_text(path: str | Path) -> str:
 
 def validate_config(data: dict[str, Any], model: type[M], source: str) -> M:
     """Convert plain tables into a typed model; the `ConfigError` names the file `source`."""
+    return _validated(data, model, source, model.model_validate)
+
+
+def validate_stored(data: Any, model: type[M], source: str) -> M:
+    """As `validate_config`, for tables that were stored as JSON, which has lists in place of tuples."""
+    return _validated(data, model, source, lambda found: model.model_validate_json(json.dumps(found)))
+
+
+def _validated(data: Any, model: type[M], source: str, validate: Callable[[Any], M]) -> M:
     try:
-        return model.model_validate(data)
+        return validate(data)
     except ValidationError as error:
         problems = error.errors(include_url=False)
         more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""

@@ -5,6 +5,7 @@ from pydantic import Field
 from estimation.channel.estimate import ChannelConfig
 from estimation.shape.config import ContourConfig, ShapeConfig
 from estimation.slam.config import MappingConfig, SnapshotConfig, TrajectoryConfig
+from scenes.names import Name
 from sim.config import SimulationConfig
 from sim.signal.link import line_of_sight_at_1m_dbm
 
@@ -12,7 +13,7 @@ from sim.signal.link import line_of_sight_at_1m_dbm
 class CampaignConfig(SimulationConfig):
     """The campaign file: simulation settings at the top, one table per estimation stage."""
 
-    name: str = Field(min_length=1, description="name of the campaign")
+    name: Name = Field(description="name of the campaign")
     channel: ChannelConfig = ChannelConfig()
     mapping: MappingConfig = MappingConfig()
     slam: SnapshotConfig = SnapshotConfig()

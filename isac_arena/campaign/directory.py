@@ -46,6 +46,7 @@ from isac_arena.scoring.record import ScoreTables
 from isac_arena.scoring.score import Scores
 from scenes.objects.config import KEPT_FOLDER
 from scenes.record import Record
+from scenes.toml_config import validate_stored
 from sim.config import SimulationConfig
 from sim.observation import BeamSweep
 from sim.propagation.deepmimo.folder import scenario_digest
@@ -278,7 +279,7 @@ def open_campaign(directory: Path) -> CampaignStore:
     settings, scene = directory / "campaign.json", directory / "scene.toml"
     try:
         content = json.loads(settings.read_text(encoding="utf-8"))
-        config = CampaignConfig.model_validate_json(json.dumps(content["campaign"]))
+        config = validate_stored(content["campaign"], CampaignConfig, "settings")
         text, measured = scene.read_text(encoding="utf-8"), content.get("measured")
         files = {
             f"{KEPT_FOLDER}/{file.name}": file.read_bytes()

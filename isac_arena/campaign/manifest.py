@@ -19,6 +19,7 @@ from threadpoolctl import threadpool_info
 
 from isac_arena.campaign.files import write_json
 from isac_arena.campaign.integrity import code_digest, file_digest, manifest_seal
+from scenes.names import path_in
 
 MANIFEST = "manifest.json"
 LIBRARIES = ("numpy", "scipy", "numba", "scikit-learn", "shapely", "trimesh", "sionna-rt", "h5py", "pydantic")
@@ -99,14 +100,17 @@ def read_manifest(directory: Path) -> Manifest:
         raise ValueError(f"{file}: missing; a finished run writes it: run the same command again")
     try:
         content = json.loads(file.read_text(encoding="utf-8"))
-        seal = content.pop("seal")
+        seal, manifest = content.pop("seal"), Manifest(**content)
+        for name, entry in manifest.files.items():
+            path_in(directory, name)
+            _ = entry["sha256"], manifest.made_by[entry["made_by"]]["code"]
     except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
         reason = " ".join(str(error).split())
         raise ValueError(f"{file}: damaged ({reason}); remove it and run the same command again") from error
     if seal != manifest_seal(content):
         what = "damaged or edited since it was written"
         raise ValueError(f"{file}: {what}; remove it and run the same command again")
-    return Manifest(**content)
+    return manifest
 
 
 def check_files(directory: Path) -> FileCheck:

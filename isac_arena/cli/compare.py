@@ -71,6 +71,7 @@ def read_run(directory: Path) -> Run:
     """
     from isac_arena.campaign.config import CampaignConfig  # noqa: PLC0415
     from isac_arena.campaign.manifest import check_unchanged  # noqa: PLC0415
+    from scenes.toml_config import validate_stored  # noqa: PLC0415
 
     if (directory / "sweep.json").is_file():
         raise ValueError(f"{directory}: holds a sweep; compare two of its cases, {directory}/cases/KEY")
@@ -81,7 +82,7 @@ def read_run(directory: Path) -> Run:
     file = directory / "campaign.json"
     try:
         content = json.loads(file.read_text(encoding="utf-8"))
-        config = CampaignConfig.model_validate_json(json.dumps(content["campaign"]))
+        config = validate_stored(content["campaign"], CampaignConfig, "settings")
         settings = {name: content.get(name) for name in ("estimator", "measured", "stop_every")}
         case_scene = content.get("scene")
     except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
@@ -183,11 +184,12 @@ def _side_by_side(first: tuple[Metric, ...], second: tuple[Metric, ...]) -> list
 
 def _read_scene(directory: Path, case_scene: str | None) -> dict[str, Any] | None:
     """The tables of the scene file of a campaign or of a sweep's case; None where it is gone."""
+    from scenes.names import path_in  # noqa: PLC0415
     from scenes.toml_config import read_toml  # noqa: PLC0415
 
     files = [directory / "scene.toml"]
     if case_scene is not None:
-        files.append(directory.resolve().parents[1] / "scenes" / case_scene / "scene.toml")
+        files.append(path_in(directory.resolve().parents[1] / "scenes", case_scene) / "scene.toml")
     known = [file for file in files if file.is_file()]
     return read_toml(known[0]) if known else None
 

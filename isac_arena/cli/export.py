@@ -39,12 +39,13 @@ def export(
     from isac_arena.campaign import stages  # noqa: PLC0415
     from isac_arena.campaign.recording import recorded_additions  # noqa: PLC0415
     from isac_arena.exchange import formats as exchange  # noqa: PLC0415
+    from scenes.names import path_in  # noqa: PLC0415
 
     store = stages.reopen(directory, reads=stages.SCORED)
     folder = out or directory / "export"
     with recorded_additions(directory):
         if file_format == ExportFormat.deepmimo:
-            files = [exchange.write_scenario(store, folder / store.config.name.lower(), max_paths)]
+            files = [exchange.write_scenario(store, path_in(folder, store.config.name.lower()), max_paths)]
         elif file_format == ExportFormat.glb:
             files = [exchange.write_glb(store, folder / f"stop_{stop:03d}.glb", stop, max_paths)]
         else:

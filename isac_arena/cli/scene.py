@@ -62,10 +62,11 @@ def show(
     from isac_arena.report.figures.scene3d import scene_figure  # noqa: PLC0415
     from isac_arena.report.style import png_bytes  # noqa: PLC0415
     from scenes.config import load_scene  # noqa: PLC0415
+    from scenes.names import path_in  # noqa: PLC0415
 
     scene = load_scene(name, CARRIER_HZ).choose(tx or 0, walk or 0)
     paths = None if stop is None else _paths(scene, stop)
-    path = out or Path(f"{scene.name}.png")
+    path = out or path_in(Path(), f"{scene.name}.png")
     draw = plan_figure if view == View.plan else scene_figure
     figure = draw(scene, extent="all" if everything else "walk", paths=paths, stop=stop)
     write_bytes(path, png_bytes(figure))
@@ -85,14 +86,15 @@ def export(
     from isac_arena.campaign.summary import scene_summary  # noqa: PLC0415
     from scenes.config import load_scene  # noqa: PLC0415
     from scenes.meshes.mesh import glb_bytes, ply_bytes, write_mitsuba  # noqa: PLC0415
+    from scenes.names import path_in  # noqa: PLC0415
 
     scene = load_scene(name, CARRIER_HZ)
     if mesh_format == MeshFormat.xml:
-        path = write_mitsuba(scene, out or Path(scene.name))
+        path = write_mitsuba(scene, out or path_in(Path(), scene.name))
     else:
-        path = out or Path(f"{scene.name}.{mesh_format.value}")
+        path = out or path_in(Path(), f"{scene.name}.{mesh_format.value}")
         if path.is_dir():
-            path /= f"{scene.name}.{mesh_format.value}"
+            path = path_in(path, f"{scene.name}.{mesh_format.value}")
         make = glb_bytes if mesh_format == MeshFormat.glb else ply_bytes
         write_bytes(path, make(scene))
     typer.echo(f"{scene.name}: {scene_summary(scene)} in {path}")

@@ -15,6 +15,7 @@ from scipy.io import savemat
 
 from isac_arena.campaign.files import write_bytes, write_json, write_text
 from scenes.meshes.mesh import mesh_bytes, object_meshes
+from scenes.names import name_from, path_in
 from scenes.objects.clutter import Clutter
 from scenes.objects.material import Material
 from scenes.record import FloatArray, IntArray
@@ -61,7 +62,7 @@ def write_deepmimo(folder: Path, scenario: PathScenario, facets: Facets, max_pat
     matrices = path_matrices(scenario.paths, max_paths)
     matrices |= {"rx_pos": scenario.rx_position_m, "tx_pos": scenario.tx_position_m[None]}
     for name, matrix in matrices.items():
-        _write_mat(folder / f"{name}_{matrix_suffix(TX_SET, 0, RX_SET)}.mat", name, matrix)
+        _write_mat(path_in(folder, f"{name}_{matrix_suffix(TX_SET, 0, RX_SET)}.mat"), name, matrix)
     _write_mat(folder / "vertices.mat", "vertices", facets.vertices_m)
     write_json(folder / "objects.json", facets.objects)
     target = folder / "params.json"
@@ -179,10 +180,10 @@ def import_scenario(
     write_deepmimo(out / PATHS_FOLDER, scenario, facets, MAX_PATHS)
     time_s = np.arange(n_stops, dtype=float)
     write_text(out / "walk.tum", tum_text(time_s, scenario.rx_position_m, np.zeros(n_stops)))
-    name = folder.resolve().name
+    name = name_from(folder.resolve().name)
     meshes = _meshes(facets)
     for mesh in meshes:
-        write_bytes(out / f"{mesh.name}.ply", mesh_bytes(mesh.vertices_m, mesh.faces))
+        write_bytes(path_in(out, f"{mesh.name}.ply"), mesh_bytes(mesh.vertices_m, mesh.faces))
     scene = {
         "name": name,
         "tx": {"position_m": scenario.tx_position_m.tolist(), "heading_deg": 0.0},

@@ -16,6 +16,7 @@ from isac_arena.exchange.mat import measurement_bytes
 from isac_arena.exchange.measurement import labelled_stops
 from isac_arena.report.figures.path_lines import COLORS, path_kind
 from scenes.meshes.mesh import Polyline3d, glb_bytes
+from scenes.names import path_in
 from scenes.record import FloatArray
 from scenes.walks.tum import tum_text
 from sim.propagation.deepmimo.scenario import PathScenario
@@ -32,7 +33,7 @@ def write_mat(store: CampaignStore, folder: Path) -> Iterator[Path]:
     if tables is None:
         raise ValueError(f"{store.directory}: the score is missing or out of date; run 'arena score' first")
     content = measurement_bytes(scene.tx, labelled_stops(channel, truths, tables.paths))
-    yield _written(folder / f"{store.config.name}.mat", content)
+    yield _written(path_in(folder, f"{store.config.name}.mat"), content)
 
 
 def write_tum(store: CampaignStore, folder: Path) -> Iterator[Path]:
@@ -49,7 +50,7 @@ def write_tum(store: CampaignStore, folder: Path) -> Iterator[Path]:
         ("truth", tum_text(time_s, position, heading)),
         ("slam", tum_text(found.stop.astype(float), estimate, found.heading_rad)),
     ):
-        yield _written(folder / f"{name}.tum", text.encode())
+        yield _written(path_in(folder, f"{name}.tum"), text.encode())
 
 
 def write_geojson(store: CampaignStore, folder: Path) -> Iterator[Path]:
@@ -58,7 +59,7 @@ def write_geojson(store: CampaignStore, folder: Path) -> Iterator[Path]:
     results = stages.stored_results(store, len(scene.stops))
     for name, result in (("mapping", results.mapping), ("slam", results.slam)):
         text = json.dumps(map_geojson(scene, result), allow_nan=False)
-        yield _written(folder / f"{name}.geojson", text.encode())
+        yield _written(path_in(folder, f"{name}.geojson"), text.encode())
 
 
 def write_scenario(store: CampaignStore, folder: Path, max_paths: int) -> Path:

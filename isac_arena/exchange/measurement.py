@@ -30,6 +30,7 @@ from isac_arena.campaign.recording import recorded_run
 from isac_arena.exchange.mat import count_stops, read_measurement
 from isac_arena.scoring.record import PathKind, PathScores, PathStatus
 from scenes.config import load_scene, referenced_contents, scene_path
+from scenes.names import name_from
 from scenes.pose import SPEED_OF_LIGHT_M_S
 from scenes.record import empty_record
 from sim.truth import Truth
@@ -80,7 +81,7 @@ def import_campaign(
     campaign = read_measurement(file, tx_offset_deg=tx_offset_deg, clock_bias_m=bias_m, height_m=height_m)
     store = CampaignStore(
         directory=out,
-        config=settings(file.stem, method),
+        config=settings(name_from(file.stem), method),
         scene_text=scene_text(scene_path(scene).read_text(encoding="utf-8"), campaign),
         estimator=None,
         measured=_origin(file, tx_offset_deg, clock_seed),

@@ -18,6 +18,7 @@ from isac_arena.campaign.files import write_bytes
 from isac_arena.campaign.integrity import code_digest, digest
 from isac_arena.campaign.load import scene_in_use
 from isac_arena.sweep.cases import Case, Point, SceneSource, Stages
+from scenes.names import path_in
 from scenes.scene import Scene
 from sim.config import WaveformConfig
 
@@ -46,7 +47,7 @@ class Job:
     @property
     def directory(self) -> Path:
         """Where the finished case is."""
-        return self.root / "cases" / self.key
+        return path_in(self.root / "cases", self.key)
 
     @property
     def is_done(self) -> bool:
@@ -119,7 +120,7 @@ def _key(case: Case, store: CampaignStore) -> str:
 def tracing_config(config: CampaignConfig) -> CampaignConfig:
     """The settings that paths depend on, all others at their defaults."""
     return CampaignConfig(
-        name="-",
+        name="paths",
         scene=config.scene,
         tx=config.tx,
         walk=config.walk,
@@ -130,14 +131,14 @@ def tracing_config(config: CampaignConfig) -> CampaignConfig:
 
 def scene_file(root: Path, scene_hash: str) -> Path:
     """Where a sweep keeps a scene."""
-    return root / "scenes" / scene_hash / "scene.toml"
+    return path_in(root / "scenes", scene_hash) / "scene.toml"
 
 
 def store_scene(root: Path, scene: SceneSource) -> None:
     """Store a scene with the files it names, the scene file last; changed files are restored."""
     file = scene_file(root, scene.hash)
     for name, data in scene.files.items():
-        write_bytes(file.parent / name, data)
+        write_bytes(path_in(file.parent, name), data)
     write_bytes(file, scene.text.encode())
 
 

@@ -17,6 +17,8 @@ from isac_arena.campaign.integrity import file_digest
 from isac_arena.campaign.manifest import read_manifest
 from isac_arena.sweep.config import SweepConfig
 from isac_arena.sweep.job import CASE_FILES, Job
+from scenes.names import path_in
+from scenes.toml_config import validate_stored
 
 SWEEP = "sweep.json"
 MAY_CHANGE = {"repeats", "until"}  # in a sweep directory: they only add cases
@@ -72,7 +74,7 @@ def read_sweep(directory: Path) -> tuple[SweepConfig, str]:
         raise ValueError(f"{directory}: holds no sweep (no {SWEEP}); make one with 'arena sweep'")
     try:
         content = json.loads(file.read_text(encoding="utf-8"))
-        return SweepConfig.model_validate_json(json.dumps(content["sweep"])), str(content["base"])
+        return validate_stored(content["sweep"], SweepConfig, "settings"), str(content["base"])
     except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise ValueError(
             f"{file}: damaged, or of another version ({_first_line(error)}); put it back as it was, or sweep into "
@@ -112,12 +114,13 @@ def stale_names(directory: Path, names: Iterable[str]) -> list[str]:
 
 def is_done(directory: Path, key: str) -> bool:
     """Whether all files of a case exist."""
-    return all((directory / "cases" / key / name).is_file() for name in CASE_FILES)
+    case = path_in(directory / "cases", key)
+    return all((case / name).is_file() for name in CASE_FILES)
 
 
 def read_scores(directory: Path, key: str) -> list[dict[str, Any]]:
     """The metrics of a finished case; `ValueError` where they changed since they were written."""
-    case = directory / "cases" / key
+    case = path_in(directory / "cases", key)
     file = case / "scores.json"
     if read_manifest(case).files.get(file.name, {}).get("sha256") != file_digest(file):
         raise ValueError(f"{file}: damaged or edited since it was written; remove {case} and run again")
@@ -137,13 +140,13 @@ def read_failures(directory: Path) -> dict[str, str]:
 
 def write_failure(directory: Path, key: str, reason: str) -> None:
     """Record that a case failed and why."""
-    write_text(directory / "failures" / f"{key}.json", json.dumps({"error": reason}) + "\n")
+    write_text(path_in(directory / "failures", f"{key}.json"), json.dumps({"error": reason}) + "\n")
 
 
 def forget_failures(directory: Path, keys: Iterable[str]) -> None:
     """Remove recorded failures, so that their cases run again."""
     for key in keys:
-        remove_file(directory / "failures" / f"{key}.json")
+        remove_file(path_in(directory / "failures", f"{key}.json"))
 
 
 def _first_line(error: BaseException) -> str:

@@ -19,7 +19,9 @@ from isac_arena.sweep.store import is_done, read_failures, read_plan, read_score
 from isac_arena.sweep.table import result_rows, write_tables
 from isac_arena.verification.campaign import draw_share
 from isac_arena.verification.compare import Finding, compare_metrics, compare_records
+from scenes.names import path_in
 from scenes.objects.config import KEPT_FOLDER
+from scenes.toml_config import validate_stored
 
 
 def checked_tables(directory: Path) -> Iterator[Finding]:
@@ -62,7 +64,7 @@ def recomputed_cases(directory: Path, share: float, seed: int) -> Iterator[Findi
 
 def stored_case(directory: Path, key: str) -> Case:
     """A finished case with its scene; `ValueError`, one line, where its files are damaged or missing."""
-    file = directory / "cases" / key / "campaign.json"
+    file = path_in(directory / "cases", key) / "campaign.json"
     try:
         settings = json.loads(file.read_text(encoding="utf-8"))
         scene = scene_file(directory, settings["scene"])
@@ -74,7 +76,7 @@ def stored_case(directory: Path, key: str) -> Case:
             point=settings["point"],
             repeat=settings["repeat"],
             values=(),
-            config=CampaignConfig.model_validate_json(json.dumps(settings["campaign"])),
+            config=validate_stored(settings["campaign"], CampaignConfig, "settings"),
             scene=source,
             estimator=settings["estimator"],
             stop_every=settings["stop_every"],
@@ -95,6 +97,6 @@ def _recomputed(directory: Path, key: str) -> Iterator[Finding]:
         store_scene(Path(folder), case.scene)
         job = make_job(case, Path(folder), len(scene.stops))
         scores = score_case(job)
-    tables = read_record(directory / "cases" / key / "provenance.nc", ScoreTables)
+    tables = read_record(path_in(directory / "cases", key) / "provenance.nc", ScoreTables)
     yield compare_records(f"cases/{key}/provenance.nc", tables, scores.tables)
     yield compare_metrics(f"cases/{key}/scores.json", read_scores(directory, key), to_json(scores.metrics))

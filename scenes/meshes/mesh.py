@@ -10,6 +10,7 @@ import shapely
 import trimesh
 
 from scenes.contours import Contour
+from scenes.names import path_in
 from scenes.objects.material import Material
 from scenes.objects.scene_object import KIND_COLORS
 from scenes.record import FloatArray, IntArray
@@ -83,7 +84,7 @@ def read_mesh(path: Path) -> tuple[FloatArray, IntArray]:
 
 def write_ply(part: MeshPart, folder: Path) -> Path:
     """Write a part as binary PLY 'NAME-flat.ply' or 'NAME-curved.ply' and return the path."""
-    path = folder / f"{part.object_name}-{'curved' if part.is_curved else 'flat'}.ply"
+    path = path_in(folder, f"{part.object_name}-{'curved' if part.is_curved else 'flat'}.ply")
     part.mesh.export(path)
     return path
 
@@ -144,7 +145,7 @@ def write_mitsuba(scene: Scene, folder: Path, max_sagitta_m: float = MAX_SAGITTA
     for part in object_meshes(scene, max_sagitta_m, keep_hidden_caps=False):
         file = write_ply(part, folder / "meshes")
         shapes.append((file.stem, f"meshes/{file.name}", scene.materials[part.object_name].name))
-    path = folder / f"{scene.name}.xml"
+    path = path_in(folder, f"{scene.name}.xml")
     materials = {material.name: material for material in scene.materials.values()}
     path.write_text(mitsuba_xml(materials, shapes), encoding="utf-8")
     return path

@@ -15,6 +15,7 @@ from pydantic import Field, model_validator
 from scenes.contours import Polyline
 from scenes.contours.config import ContourConfig, Positive
 from scenes.meshes.floorplan import merge_segments, parse_geojson, parse_segments
+from scenes.names import Name, name_from
 from scenes.objects.clutter import Clutter, placed_vertices
 from scenes.objects.material import Material, itu_material
 from scenes.pose import Pose
@@ -24,7 +25,6 @@ from scenes.toml_config import ConfigError, ConfigModel, read_text
 KEPT_FOLDER = "scene_files"  # folder beside a copied scene file with copies of the files it refers to
 
 Triple = Annotated[tuple[float, float, float], Field(strict=False)]
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+$")]
 
 
 class MaterialConfig(ConfigModel):
@@ -100,7 +100,7 @@ class FloorplanConfig(ConfigModel):
 
     def build(self, materials: dict[str, Material], folder: Path) -> list[SceneObject]:
         """One object per straight wall: NAME_1, NAME_2, ... The default NAME is that of the file."""
-        name = self.name or Path(self.file).stem
+        name = self.name or name_from(Path(self.file).stem)
         with naming_field(f"floorplans[{name}]"):
             material = find_material(self.material, materials)
             with naming_field(self.file, ": "):
@@ -127,7 +127,7 @@ class MeshConfig(ConfigModel):
         """The mesh. The default name is that of the file."""
         from scenes.meshes.mesh import read_mesh  # noqa: PLC0415
 
-        name = self.name or Path(self.file).stem
+        name = self.name or name_from(Path(self.file).stem)
         with naming_field(f"meshes[{name}]"):
             material = find_material(self.material, materials)
             vertices, faces = read_mesh(find_file(folder, self.file))

@@ -9,6 +9,7 @@ from pydantic import Discriminator, Field, Tag
 
 from scenes.contours import Contour
 from scenes.contours.config import Points, Positive
+from scenes.names import Name
 from scenes.objects.config import find_file, naming_field
 from scenes.toml_config import ConfigModel, Pair, read_text
 from scenes.walks.random_walk import random_walk
@@ -25,7 +26,7 @@ class WaypointWalkConfig(ConfigModel):
     `type = "spline"` follows the smooth curve through the way-points instead of straight lines.
     """
 
-    name: str = "walk"
+    name: Name = "walk"
     type: Literal["waypoints", "spline"] = "waypoints"
     waypoints_m: Points
     height_m: float
@@ -44,7 +45,7 @@ class RandomWalkConfig(ConfigModel):
     `area_m` is (x_min, y_min, x_max, y_max). Its default is the bounds of the scene.
     """
 
-    name: str = "walk"
+    name: Name = "walk"
     type: Literal["random"]
     seed: Annotated[int, Field(ge=0)]
     n_stops: Count
@@ -73,7 +74,7 @@ class RandomWalkConfig(ConfigModel):
 class RecordedWalkConfig(ConfigModel):
     """Stops from a trajectory file (TUM format, `time x y z qx qy qz qw`) in the folder of the scene file."""
 
-    name: str = "walk"
+    name: Name = "walk"
     type: Literal["tum"]
     file: str
 

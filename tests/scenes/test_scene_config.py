@@ -206,7 +206,7 @@ def test_library_scenes_load_with_plausible_materials(name):
         ("[8.5, 2.0]", "[14.5, 2.0]", ["walk 'walk'", "bounds_m"]),
         ("bounds_m = [0.0, 0.0, 10.0, 8.0]", "bounds_m = [10.0, 0.0, 0.0, 8.0]", ["bounds_m", "min below max"]),
         ("[4.0, 2.0]", "[1.5, 4.0]", ["stop 0", "from the TX"]),
-        ('name = "box_room"', 'name = "../room"', ["name", "pattern"]),
+        ('name = "box_room"', 'name = "../room"', ["name", "letters, digits"]),
     ],
 )
 def test_places_that_cannot_be_are_refused(tmp_path, old, new, words):
