@@ -4,7 +4,9 @@
 """
 
 import importlib
-from collections.abc import Callable, Iterable, Sequence
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import chdir, contextmanager
 
 import numpy as np
 
@@ -57,8 +59,11 @@ def user_estimator(name: str) -> ChannelEstimator:
 
     def checked(sweep: BeamSweep) -> ChannelEstimate:
         try:
-            estimate = function(sweep)
-        except Exception as error:
+            with _fenced():
+                estimate = function(sweep)
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # it may also end the process
             reason = f"{type(error).__name__}: {error}"
             raise ValueError(f"estimator = '{name}' at stop {sweep.stop}: {reason}") from error
         return checked_estimate(estimate, sweep, name)
@@ -140,13 +145,23 @@ def significance(config: CampaignConfig, link: Link) -> Significance:
     )
 
 
+@contextmanager
+def _fenced() -> Iterator[None]:
+    """Undo what a user's code changes for the code after it: working directory, warnings, errors of numpy."""
+    with chdir("."), warnings.catch_warnings(), np.errstate():
+        yield
+
+
 def _imported(name: str) -> Callable[[BeamSweep], object]:
     module_name, colon, function_name = name.partition(":")
     if not (module_name and colon and function_name):
         raise ValueError(f"estimator = '{name}': write it as package.module:function")
     try:
-        function = getattr(importlib.import_module(module_name), function_name)
-    except Exception as error:
+        with _fenced():
+            function = getattr(importlib.import_module(module_name), function_name)
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
         reason = f"{type(error).__name__}: {error}"
         raise ValueError(f"estimator = '{name}': cannot be imported ({reason})") from error
     if not callable(function):

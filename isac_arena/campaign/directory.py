@@ -44,6 +44,7 @@ from isac_arena.campaign.results import MapName, MapResult
 from isac_arena.scoring.metrics.metric import to_json
 from isac_arena.scoring.record import ScoreTables
 from isac_arena.scoring.score import Scores
+from scenes.names import path_in
 from scenes.objects.config import KEPT_FOLDER
 from scenes.record import Record
 from scenes.toml_config import validate_stored
@@ -53,6 +54,7 @@ from sim.propagation.deepmimo.folder import scenario_digest
 from sim.signal.arrays.weights_file import weights_digest
 from sim.truth import Truth
 
+RESULTS = ("scores.json", "provenance.nc", "report.html")  # stale when anything before them changes
 FOLDERS = ("truth", "sweep", "channel", "map", "figures")
 R = TypeVar("R", bound=Record)
 
@@ -70,7 +72,8 @@ class CampaignStore:
     """A campaign directory under one configuration, scene and channel estimator.
 
     `measured` names the source of a measured campaign, with a hash; None for a simulated one. `scene_files` holds
-    the contents of the files that the scene names, by the path of their copies in the directory.
+    the contents of the files that the scene names, by the path of their copies in the directory. With a `side`
+    folder all files are written there, and those there are read first: see `swapped_in`.
     """
 
     directory: Path
@@ -79,6 +82,7 @@ class CampaignStore:
     estimator: str | None
     measured: str | None = None
     scene_files: Mapping[str, bytes] = field(default_factory=dict)
+    side: Path | None = None
 
     @cached_property
     def truth_fingerprint(self) -> str:
@@ -131,52 +135,52 @@ class CampaignStore:
                     f"--out = {self.directory}: holds another campaign ({difference}); choose another "
                     "directory or remove it"
                 )
-            if held.estimator != self.estimator:
+            if held.estimator != self.estimator and self.side is None:
                 self.drop_results()
         campaign = self.config.model_dump(mode="json")
         settings = {"estimator": self.estimator, "measured": self.measured, "campaign": campaign}
         for name, content in self.scene_files.items():
-            write_bytes(self.directory / name, content)
-        write_text(self.directory / "scene.toml", self.scene_text)
-        write_json(self.directory / "campaign.json", settings)
+            write_bytes(self._root / path_in(Path(), name), content)
+        write_text(self._root / "scene.toml", self.scene_text)
+        write_json(self._root / "campaign.json", settings)
         for folder in (self.directory, *(self.directory / name for name in (*FOLDERS, KEPT_FOLDER))):
             remove_leftovers(folder)
 
     def truth(self, stop: int) -> Truth | None:
         """The truth of a stop, or None where there is none yet."""
-        return self._read(self._stop("truth", stop), Truth, self.truth_fingerprint)
+        return self._read(_stop("truth", stop), Truth, self.truth_fingerprint)
 
     def measured_truth(self, stop: int) -> MeasuredTruth | None:
         """What is known about a measured stop, or None where it was not imported."""
-        return self._read(self._stop("truth", stop), MeasuredTruth, self.truth_fingerprint)
+        return self._read(_stop("truth", stop), MeasuredTruth, self.truth_fingerprint)
 
     def has_sweep(self, stop: int) -> bool:
         """Whether the samples of a stop are stored."""
-        return self._is_current(self._stop("sweep", stop), self.truth_fingerprint)
+        return self._current(_stop("sweep", stop), self.truth_fingerprint) is not None
 
     def write_truth(self, truth: Truth | MeasuredTruth) -> None:
         """Store the truth of a stop; scores made before are dropped."""
-        self._write(self._stop("truth", truth.stop), truth, self.truth_fingerprint)
+        self._write(_stop("truth", truth.stop), truth, self.truth_fingerprint)
 
     def sweep(self, stop: int) -> BeamSweep | None:
         """The samples of a stop, or None where they were not kept."""
-        return self._read(self._stop("sweep", stop), BeamSweep, self.truth_fingerprint)
+        return self._read(_stop("sweep", stop), BeamSweep, self.truth_fingerprint)
 
     def write_sweep(self, sweep: BeamSweep) -> None:
         """Store the samples of a stop."""
-        self._write(self._stop("sweep", sweep.stop), sweep, self.truth_fingerprint)
+        self._write(_stop("sweep", sweep.stop), sweep, self.truth_fingerprint)
 
     def channel(self, stop: int) -> StopEstimate | None:
         """The channel estimate of a stop, or None where there is none yet."""
-        return self._read(self._stop("channel", stop), StopEstimate, self.channel_fingerprint)
+        return self._read(_stop("channel", stop), StopEstimate, self.channel_fingerprint)
 
     def has_channel(self, stop: int) -> bool:
         """Whether the channel estimate of a stop is stored."""
-        return self._is_current(self._stop("channel", stop), self.channel_fingerprint)
+        return self._current(_stop("channel", stop), self.channel_fingerprint) is not None
 
     def write_channel(self, estimate: StopEstimate) -> None:
         """Store the channel estimate of a stop; scores made before are dropped."""
-        self._write(self._stop("channel", estimate.channel.stop), estimate, self.channel_fingerprint)
+        self._write(_stop("channel", estimate.channel.stop), estimate, self.channel_fingerprint)
 
     def estimate(self, stop: int) -> ChannelEstimate | None:
         """The paths of a stop alone, or None where there are none yet."""
@@ -189,42 +193,43 @@ class CampaignStore:
 
     def calibration(self) -> Calibration | None:
         """What self-calibration found, or None where there is none yet."""
-        return self._read(self.directory / "channel/calibration.nc", Calibration, self.channel_fingerprint)
+        return self._read("channel/calibration.nc", Calibration, self.channel_fingerprint)
 
     def write_calibration(self, calibration: Calibration) -> None:
         """Store what self-calibration found; scores made before are dropped."""
-        self._write(self.directory / "channel/calibration.nc", calibration, self.channel_fingerprint)
+        self._write("channel/calibration.nc", calibration, self.channel_fingerprint)
 
     def map_result(self, name: MapName) -> MapResult | None:
         """The map of mapping or SLAM, or None where there is none yet."""
-        return self._read(self.directory / "map" / f"{name}.nc", MapResult, self.map_fingerprint)
+        return self._read(f"map/{name}.nc", MapResult, self.map_fingerprint)
 
     def write_map(self, name: MapName, result: MapResult) -> None:
         """Store the map of mapping or SLAM; scores made before are dropped."""
-        self._write(self.directory / "map" / f"{name}.nc", result, self.map_fingerprint)
+        self._write(f"map/{name}.nc", result, self.map_fingerprint)
 
     def score_tables(self) -> ScoreTables | None:
         """The tables behind the scores, or None where there are none yet."""
-        return self._read(self.directory / "provenance.nc", ScoreTables, self.score_fingerprint)
+        return self._read("provenance.nc", ScoreTables, self.score_fingerprint)
 
     def write_scores(self, scores: Scores) -> None:
         """Store the tables behind the scores, then the metrics; a report made before is dropped."""
-        self._write(self.directory / "provenance.nc", scores.tables, self.score_fingerprint)
-        write_json(self.directory / "scores.json", to_json(scores.metrics))
+        self._write("provenance.nc", scores.tables, self.score_fingerprint)
+        write_json(self._root / "scores.json", to_json(scores.metrics))
 
     def write_report(self, page: str, pictures: Mapping[str, bytes]) -> None:
         """Store the figures, then the page."""
-        figures = self.directory / "figures"
-        for old in figures.glob("*.png"):
-            remove_file(old)
+        figures = self._root / "figures"
         for name, picture in pictures.items():
-            write_bytes(figures / f"{name}.png", picture)
-        write_text(self.directory / "report.html", page)
+            write_bytes(path_in(figures, f"{name}.png"), picture)
+        for old in figures.glob("*.png"):
+            if old.stem not in pictures:
+                remove_file(old)
+        write_text(self._root / "report.html", page)
 
     def drop_results(self) -> None:
         """Remove scores and report, which an upstream change made stale."""
-        for name in ("scores.json", "provenance.nc", "report.html"):
-            remove_file(self.directory / name)
+        for name in RESULTS:
+            remove_file(self._root / name)
 
     def _difference(self, held: CampaignStore) -> str | None:
         """The first difference to the stored campaign, the estimator excepted; None for none."""
@@ -249,18 +254,30 @@ class CampaignStore:
         names = {entry.name for entry in self.directory.iterdir() if not entry.name.endswith(".part")}
         return names <= {"scene.toml", KEPT_FOLDER}
 
-    def _stop(self, kind: str, stop: int) -> Path:
-        return self.directory / kind / f"stop_{stop:03d}.nc"
+    @property
+    def _root(self) -> Path:
+        """The folder that is written."""
+        return self.directory if self.side is None else self.side
 
-    def _read(self, path: Path, kind: type[R], fingerprint: str) -> R | None:
-        return read_record(path, kind) if self._is_current(path, fingerprint) else None
+    def _read(self, name: str, kind: type[R], fingerprint: str) -> R | None:
+        path = self._current(name, fingerprint)
+        return None if path is None else read_record(path, kind)
 
-    def _is_current(self, path: Path, fingerprint: str) -> bool:
-        return path.is_file() and read_attribute(path, "fingerprint") == fingerprint
+    def _current(self, name: str, fingerprint: str) -> Path | None:
+        """The file of that name with this fingerprint; None where there is none."""
+        for folder in dict.fromkeys((self._root, self.directory)):
+            path = folder / name
+            if path.is_file() and read_attribute(path, "fingerprint") == fingerprint:
+                return path
+        return None
 
-    def _write(self, path: Path, record: Record, fingerprint: str) -> None:
+    def _write(self, name: str, record: Record, fingerprint: str) -> None:
         self.drop_results()
-        write_record(path, record, {"title": self.config.name, "fingerprint": fingerprint})
+        write_record(self._root / name, record, {"title": self.config.name, "fingerprint": fingerprint})
+
+
+def _stop(kind: str, stop: int) -> str:
+    return f"{kind}/stop_{stop:03d}.nc"
 
 
 def check_is_campaign(directory: Path) -> None:

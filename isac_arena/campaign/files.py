@@ -61,10 +61,18 @@ def complete_file(path: Path) -> Iterator[Path]:
             partial.unlink(missing_ok=True)
 
 
+def take_over(complete: Path, path: Path) -> None:
+    """Give a complete file its name."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    _notify(path, complete)
+    os.replace(complete, path)
+
+
 def remove_file(path: Path) -> None:
     """Remove a file where it exists."""
-    _notify(path, None)
-    path.unlink(missing_ok=True)
+    if path.exists():
+        _notify(path, None)
+        path.unlink(missing_ok=True)
 
 
 def remove_leftovers(folder: Path) -> None:

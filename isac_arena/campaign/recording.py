@@ -13,7 +13,15 @@ from typing import Any
 from isac_arena.campaign.files import notify_of_files
 from isac_arena.campaign.integrity import file_digest, is_sealed
 from isac_arena.campaign.lock import DirectoryHeldError, one_run
-from isac_arena.campaign.manifest import MANIFEST, Manifest, file_names, made_by, read_manifest, write_manifest
+from isac_arena.campaign.manifest import (
+    MANIFEST,
+    PARTIAL,
+    Manifest,
+    file_names,
+    made_by,
+    read_manifest,
+    write_manifest,
+)
 
 PASSING = "signals"  # a folder of a sweep whose files are removed after use
 
@@ -39,6 +47,8 @@ class Recording:
         if not path.is_relative_to(self._root) or path == self._root / MANIFEST:
             return
         name = path.relative_to(self._root).as_posix()
+        if PARTIAL in name.partition("/")[0]:  # of a side folder: it is entered when it is swapped in
+            return
         self._written.pop(name, None)
         self.drop([name])
         if complete is not None:

@@ -18,6 +18,7 @@ from isac_arena.campaign.manifest import SETTINGS, check_unchanged, remedy
 from isac_arena.campaign.measured import MeasuredTruth
 from isac_arena.campaign.recording import recorded_run
 from isac_arena.campaign.results import CampaignResults, MapName, MapResult
+from isac_arena.campaign.side import swapped_in
 from isac_arena.campaign.summary import PlanarCounts, progress_bar, run_facts, score_table
 from isac_arena.report.page.budget_file import BUDGET_FILE, read_budget
 from isac_arena.scoring.measured import measured_metrics, score_measured
@@ -50,8 +51,9 @@ def opened(campaign: str, out: Path, seed: int | None, estimator: str | None) ->
     store = _checked(campaign, out, seed, estimator)
     with one_run(out), recorded_run(out):
         check_unchanged(out, (*SETTINGS, *SAMPLES, *ESTIMATES))
-        store.open_for_writing()
-        yield store
+        with swapped_in(store) as beside:
+            beside.open_for_writing()
+            yield beside
 
 
 def _checked(campaign: str, out: Path, seed: int | None, estimator: str | None) -> CampaignStore:
@@ -66,27 +68,32 @@ def _checked(campaign: str, out: Path, seed: int | None, estimator: str | None) 
 def reopened(
     directory: Path, estimator: str | None = None, reads: Sequence[str] = ESTIMATES
 ) -> Iterator[CampaignStore]:
-    """As `reopen`, for a run: the directory is locked for it, and its manifest is written at the end."""
+    """As `reopen`, for a run: the directory is locked for it, and its manifest is written at the end.
+
+    With another estimator, channel estimates are made again.
+    """
     check_is_campaign(directory)
     with one_run(directory), recorded_run(directory):
-        yield reopen(directory, estimator, reads)
+        store = reopen(directory, reads)
+        if estimator is not None:
+            if store.measured is not None:
+                raise ValueError(f"--estimator = '{estimator}': {directory} is measured and holds no samples")
+            channel_estimator(store.config, estimator)
+            store = replace(store, estimator=estimator)
+        with swapped_in(store) as beside:
+            if estimator is not None:
+                beside.open_for_writing()
+            yield beside
 
 
-def reopen(directory: Path, estimator: str | None = None, reads: Sequence[str] = ESTIMATES) -> CampaignStore:
-    """The campaign in a directory; with another estimator, channel estimates are made again.
+def reopen(directory: Path, reads: Sequence[str] = ESTIMATES) -> CampaignStore:
+    """The campaign in a directory.
 
     Raises `ValueError`, one line, where its settings or the files in `reads` are not as they were written.
     """
     check_is_campaign(directory)
     check_unchanged(directory, (*SETTINGS, *reads))
-    store = open_campaign(directory)
-    if estimator is not None:
-        if store.measured is not None:
-            raise ValueError(f"--estimator = '{estimator}': {directory} is measured and holds no samples")
-        channel_estimator(store.config, estimator)
-        store = replace(store, estimator=estimator)
-        store.open_for_writing()
-    return store
+    return open_campaign(directory)
 
 
 def sweep_only(store: CampaignStore, *, keep_sweeps: bool) -> None:

@@ -27,6 +27,7 @@ from isac_arena.campaign.measured import (
     clock_walk_m,
 )
 from isac_arena.campaign.recording import recorded_run
+from isac_arena.campaign.side import swapped_in
 from isac_arena.exchange.mat import count_stops, read_measurement
 from isac_arena.scoring.record import PathKind, PathScores, PathStatus
 from scenes.config import load_scene, referenced_contents, scene_path
@@ -87,13 +88,13 @@ def import_campaign(
         measured=_origin(file, tx_offset_deg, clock_seed),
         scene_files=referenced_contents(scene_path(scene)),
     )
-    with one_run(out), recorded_run(out):
-        store.open_for_writing()
-        load_scene(out / "scene.toml")
+    with one_run(out), recorded_run(out), swapped_in(store) as beside:
+        beside.open_for_writing()
+        load_scene((beside.side or out) / "scene.toml")
         for truth, channel in zip(campaign.truths, campaign.channel, strict=True):
-            store.write_truth(truth)
+            beside.write_truth(truth)
             no_power_map = replace(empty_record(BeamPowerMap), stop=channel.stop)
-            store.write_channel(StopEstimate(channel, no_power_map))
+            beside.write_channel(StopEstimate(channel, no_power_map))
     return len(campaign.truths)
 
 

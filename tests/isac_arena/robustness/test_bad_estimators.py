@@ -1,0 +1,120 @@
+"""A finished run and functions that fail: the run stays as it was, byte for byte, until another is whole."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from isac_arena.campaign import files
+from tests.command_line import arena, arena_here, failure
+from tests.isac_arena.cli.sweep_files import write_sweep
+
+FUNCTIONS = """
+import os, sys, warnings
+from pathlib import Path
+import numpy as np
+from estimation.channel.estimate import ChannelConfig, estimate_channel
+
+def good(sweep):
+    return estimate_channel(sweep, config=ChannelConfig(method="power"))
+
+def raises(sweep):
+    raise KeyError("mine")
+
+def late(sweep):
+    return 1 / 0 if sweep.stop == 3 else good(sweep)
+
+def leaves(sweep):
+    sys.exit(0)
+
+def dies(sweep):
+    os._exit(0) if sweep.stop == 1 else None
+    return good(sweep)
+
+def nothing(sweep):
+    return None
+
+def stops(sweep):
+    raise KeyboardInterrupt
+
+def moves(sweep):
+    os.chdir("/")
+    np.seterr(all="raise")
+    warnings.simplefilter("error")
+    return good(sweep)
+"""
+
+
+def tree(folder: Path) -> dict[str, bytes]:
+    """Contents of all files but those in side folders."""
+    found = (file for file in folder.rglob("*") if file.is_file() and ".part" not in str(file))
+    return {str(file.relative_to(folder)): file.read_bytes() for file in found}
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("finished")
+    write_sweep(folder)
+    (folder / "bad.py").write_text(FUNCTIONS)
+    result = arena_here("run", "small.toml", "--out", "run", cwd=folder)
+    assert result.returncode == 0, result.stderr
+    return folder
+
+
+@pytest.mark.parametrize("verb", ["estimate", "run"])
+@pytest.mark.parametrize("name", ["raises", "late", "leaves", "nothing", "absent", "stops"])
+def test_a_failed_estimator_leaves_the_run_as_it_was(made: Path, verb: str, name: str) -> None:
+    before = tree(made / "run")
+    command = ("estimate", "run") if verb == "estimate" else ("run", "small.toml", "--out", "run")
+    line = failure(*command, "--estimator", f"bad:{name}", cwd=made)
+    assert ("interrupted" if name == "stops" else "estimator = 'bad:") in line
+    assert tree(made / "run") == before
+
+
+def test_a_function_that_ends_the_process_leaves_the_run_as_it_was(made: Path) -> None:
+    before = tree(made / "run")
+    arena("estimate", "run", "--estimator", "bad:dies", cwd=made)
+    assert tree(made / "run") == before
+    assert arena_here("score", "run", cwd=made).returncode == 0
+    assert not list((made / "run").glob(".*")), "the side folder of another command is removed"
+
+
+def test_a_full_disk_in_a_second_run_loses_nothing(made: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    before = tree(made / "run")
+    command = ("run", "small.toml", "--out", "run", "--estimator", "bad:good")
+    write = files.write_bytes
+    written = []
+
+    def full(path: Path, content: bytes) -> None:
+        written.append(path)
+        if len(written) == 7:
+            raise OSError(28, "No space left on device", str(path))
+        write(path, content)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(files, "write_bytes", full)
+        assert "No space left" in failure(*command, cwd=made)
+    assert tree(made / "run") == before
+
+
+def test_a_whole_run_replaces_the_first(made: Path, tmp_path: Path) -> None:
+    whole = tmp_path / "run"
+    shutil.copytree(made / "run", whole)
+    assert (
+        arena_here(
+            "run", made / "small.toml", "--out", tmp_path / "fresh", "--estimator", "bad:good", cwd=made
+        ).returncode
+        == 0
+    )
+    for name in ("good", "moves"):
+        again = arena_here("estimate", whole, "--estimator", f"bad:{name}", cwd=made)
+        assert again.returncode == 0, again.stderr
+        assert not (whole / "scores.json").exists() and not (whole / "report.html").exists()
+        assert not list(whole.glob(".*.part"))
+        for verb in ("score", "report"):
+            assert arena_here(verb, whole, cwd=made).returncode == 0
+        if name == "good":
+            found, fresh = tree(whole), tree(tmp_path / "fresh")
+            assert {name for name in fresh if found.get(name) != fresh[name]} <= {"manifest.json"}
+            assert found.keys() == fresh.keys()
+        assert arena_here("verify", whole, "--share", "0", cwd=made).returncode == 0
