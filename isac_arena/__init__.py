@@ -1,13 +1,15 @@
 """ISAC Arena: from a scene to scored object shapes. These are the public names.
 
->>> from isac_arena import campaign_scene, estimate_channel, load_campaign, make_link, observe, simulate_truth
->>> config, scene_file = load_campaign("box_room")
->>> scene, link = campaign_scene(config, scene_file), make_link(config)
->>> truth = next(simulate_truth(config, scene, [0]))
->>> estimate = estimate_channel(observe(config, link, scene, truth), config=config.channel)
+>>> import isac_arena as ia
+>>> campaign = ia.load_campaign("box_room")
+>>> truths = campaign.trace([0, 1])
+>>> estimates = [ia.estimate_channel(campaign.observe(truth), config=campaign.config.channel) for truth in truths]
+>>> mapping = ia.fit_contours(campaign, estimates, *ia.map_points(campaign, estimates, truths))
+>>> ia.score(campaign, truths, estimates, mapping).value("mapping.ip_to_surface.median_m") < 0.1
+True
 
-A name is imported when it is first used, so `import isac_arena` is fast. Read `campaign/driver.py` first for the
-method: the chain from truths to scores.
+A name is imported when it is first used, so `import isac_arena` is fast. Read `api.py` first, and
+`campaign/driver.py` for the method: the chain from truths to scores.
 
 `campaign/`  settings, the chain and its files    `cli/`        the `arena` command
 `scoring/`   estimates against the truth          `report/`     figures and pages
@@ -21,21 +23,31 @@ from typing import Any
 from isac_arena.own_packages import ROOT, check_own_packages
 
 check_own_packages()
+from scenes.display import HOMES as DISPLAY_HOMES  # noqa: E402  (only now surely ours)
 
 HOMES = {
     "estimation.channel.estimate": ("estimate_channel",),
     "estimation.channel.record": ("ChannelEstimate",),
     "estimation.shape.record": ("Contours", "Shapes"),
     "estimation.slam.record": ("IncidencePoints", "PoseEstimates"),
+    "isac_arena.api": ("FinishedRun", "fit_contours", "map_points", "open", "run", "score", "slam"),
+    "isac_arena.campaign.campaign": ("Campaign", "load_campaign"),
     "isac_arena.campaign.chain": ("known_receiver", "make_map"),
     "isac_arena.campaign.config": ("CampaignConfig",),
     "isac_arena.campaign.directory": ("open_campaign",),
     "isac_arena.campaign.driver": ("CampaignRun",),
     "isac_arena.campaign.files": ("read_record",),
-    "isac_arena.campaign.load": ("campaign_scene", "load_campaign"),
-    "scenes.config": ("load_scene",),
+    "isac_arena.campaign.load": ("campaign_scene", "library_campaigns"),
+    "isac_arena.campaign.results": ("MapResult",),
+    "isac_arena.scoring.score": ("Scores",),
+    "scenes.config": ("library_scenes", "load_scene"),
+    "scenes.contours.polygons": ("Polygon", "Polyline", "RoundedPolygon", "rectangle"),
+    "scenes.contours.smooth": ("Circle", "ClosedSpline", "Ellipse", "OpenSpline"),
+    "scenes.objects.material": ("Material", "itu_material"),
     "scenes.pose": ("Pose",),
-    "scenes.scene": ("Scene",),
+    "scenes.random_arena": ("random_arena",),
+    "scenes.scene": ("HorizontalPlane", "Scene", "SceneObject"),
+    "scenes.walks.trajectory": ("RecordedWalk", "Walk"),
     "sim.config": ("SimulationConfig",),
     "sim.observation": ("BeamSweep",),
     "sim.propagation.paths": ("Paths",),
@@ -43,6 +55,12 @@ HOMES = {
     "sim.simulate": ("observe", "simulate_truth"),
     "sim.truth": ("Truth",),
 }
+DISPLAY_HOMES.update(
+    plot="isac_arena.report.records",
+    html="isac_arena.report.records",
+    to_xarray="isac_arena.exchange.frames",
+    to_dataframe="isac_arena.exchange.frames",
+)
 _HOME_OF = {name: module for module, names in HOMES.items() for name in names}
 __all__ = sorted([*_HOME_OF, "__version__"])  # noqa: PLE0605  (the stub lists them for type checkers)
 

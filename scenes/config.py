@@ -11,7 +11,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field, model_validator
 
-from scenes.contours import Contour, rectangle
+from scenes.contours import Circle, Contour, rectangle
 from scenes.names import Name
 from scenes.objects.clutter import Clutter
 from scenes.objects.config import (
@@ -30,12 +30,21 @@ from scenes.pose import Pose
 from scenes.record import FloatArray
 from scenes.scene import Scene, SceneObject
 from scenes.toml_config import ConfigError, ConfigModel, load_config
-from scenes.walks.config import Quadruple, RandomWalkConfig, RecordedWalkConfig, WalkConfig
+from scenes.walks.config import (
+    PosesWalkConfig,
+    Quadruple,
+    RandomWalkConfig,
+    RecordedWalkConfig,
+    WalkConfig,
+    WaypointWalkConfig,
+)
 from scenes.walks.trajectory import AnyWalk
 
 LIBRARY = Path(__file__).parent / "library"
 MIN_DISTANCE_M = 0.05  # between TX and RX: nearer points are not in the far field
 DEFAULT_MARGIN_M = 1.0  # default bounds: this margin around all objects and stops
+
+GIVEN_WALKS = (WaypointWalkConfig, RecordedWalkConfig, PosesWalkConfig)
 
 Bounds = tuple[float, float, float, float]
 
@@ -118,18 +127,23 @@ class SceneConfig(ConfigModel):
     def _given_walks(self, folder: Path) -> Iterator[tuple[str, AnyWalk]]:
         """Names and walks that are given in the scene file or in a trajectory file."""
         for item in self._walk_configs:
-            if not isinstance(item, RandomWalkConfig):
+            if isinstance(item, GIVEN_WALKS):
                 with self._walk_field(item.name):
                     yield item.name, item.build(folder)
 
     def _random_walks(
         self, objects: Sequence[SceneObject], clutter: Sequence[Clutter], bounds_m: Bounds
     ) -> Iterator[tuple[str, AnyWalk]]:
-        """Names and random walks. They avoid all objects and meshes that reach down to the height of the RX."""
+        """Names and walks, grids and drops. They avoid objects and meshes that reach down to the height of the RX.
+
+        Grids and drops also avoid every TX.
+        """
         for item in self._walk_configs:
-            if isinstance(item, RandomWalkConfig):
+            if not isinstance(item, GIVEN_WALKS):
                 obstacles = [one.contour for one in objects if one.z_min_m <= item.height_m]
                 obstacles += [_footprint(one) for one in clutter if one.bounds_m[0][2] <= item.height_m]
+                if not isinstance(item, RandomWalkConfig):
+                    obstacles += [Circle(np.array(tx.position_m[:2]), MIN_DISTANCE_M) for tx in self._tx_configs]
                 with self._walk_field(item.name):
                     yield item.name, item.build(obstacles, bounds_m)
 
@@ -199,21 +213,24 @@ def load_scene(name_or_path: str | Path, frequency_hz: float = 60e9) -> Scene:
         return config.build(frequency_hz, path.parent)
 
 
-def referenced_files(path: str | Path) -> list[Path]:
-    """Floor plan, mesh and trajectory files that a scene file refers to, relative to its folder."""
-    config = load_config(path, SceneConfig)
-    named = [*(item.file for item in config.floorplans), *(item.file for item in config.meshes)]
-    named += [item.file for item in config._walk_configs if isinstance(item, RecordedWalkConfig)]
-    return [Path(file) for file in named]
+def referenced_contents(config: SceneConfig, folder: Path) -> dict[str, bytes]:
+    """Contents of all files that a scene file in `folder` refers to, by the name of their copies.
 
-
-def referenced_contents(path: str | Path) -> dict[str, bytes]:
-    """Contents of all files that a scene file refers to, by the name of their copy beside a copied scene file.
-
-    A copied scene file needs these copies in its folder: see `scenes.objects.config.find_file`.
+    These are floor plans, meshes and walks. A copied scene file needs these copies in its folder: see
+    `scenes.objects.config.find_file`.
     """
-    folder = Path(path).parent
-    return {copy_name(str(file)): find_file(folder, str(file)).read_bytes() for file in referenced_files(path)}
+    named = [*(item.file for item in config.floorplans), *(item.file for item in config.meshes)]
+    walks = [item for item in config._walk_configs if isinstance(item, RecordedWalkConfig | PosesWalkConfig)]
+    named += [item.file for item in walks if item.file is not None]
+    return {copy_name(file): _content(find_file(folder, file)) for file in (str(Path(name)) for name in named)}
+
+
+def _content(file: Path) -> bytes:
+    """The bytes of a file; `ConfigError` where it cannot be read."""
+    try:
+        return file.read_bytes()
+    except OSError as error:
+        raise ConfigError(f"{file}: cannot be read ({error.strerror})") from error
 
 
 def _footprint(item: Clutter) -> Contour:

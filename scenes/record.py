@@ -7,15 +7,17 @@ construction, writes files and documents the field:
 ... class Echo(Record):
 ...     delay_s: FloatArray = array("path", unit="s", doc="time of arrival")
 
-An axis name has one length within a record. The axes `xy` and `xyz` have fixed lengths.
+An axis name has one length within a record. The axes `xy`, `xy2` and `xyz` have fixed lengths.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields
-from typing import Any, Self, TypeVar, get_type_hints
+from typing import Any, ClassVar, Self, TypeVar, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
+
+from scenes.display import Displayed, shown
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -25,7 +27,7 @@ TextArray = NDArray[np.str_]
 
 R = TypeVar("R", bound="Record")
 
-FIXED_AXES = {"xy": 2, "xyz": 3}
+FIXED_AXES = {"xy": 2, "xy2": 2, "xyz": 3}
 
 
 def array(*axes: str, unit: str = "1", dtype: Any = np.float64, doc: str = "", default: Any = MISSING) -> Any:
@@ -41,12 +43,31 @@ def array(*axes: str, unit: str = "1", dtype: Any = np.float64, doc: str = "", d
 
 
 @dataclass(frozen=True)
-class Record:
+class Record(Displayed):
     """Base of all records: converts to the declared dtypes, checks the shapes, freezes the arrays.
+
+    `derived` declares properties that files and tables hold beside the fields, in the form of `array`.
 
     Raises `ValueError` if an array does not have the declared axes; the message names record, field, shape and
     axes.
     """
+
+    derived: ClassVar[Mapping[str, Any]] = {}
+
+    def __init_subclass__(cls) -> None:
+        if "__repr__" not in vars(cls):  # `dataclass` would make one that prints all numbers
+            cls.__repr__ = Record.__repr__  # type: ignore[method-assign]
+
+    def __repr__(self) -> str:
+        lengths: dict[str, int] = {}
+        parts = []
+        for name, axes, value, _ in columns(self):
+            lengths |= {axis: n for axis, n in zip(axes, value.shape, strict=True) if axis not in FIXED_AXES}
+            if not axes or (len(axes) == 1 and axes[0] in FIXED_AXES):
+                parts.append(f"{name} {value.tolist()!r}")
+        parts += [f"{n} x {axis}" for axis, n in lengths.items()]
+        parts += [repr(inner) for inner in parts_of(self).values()]
+        return f"{type(self).__name__}({', '.join(parts)})"
 
     def __post_init__(self) -> None:
         sizes: dict[str, int] = dict(FIXED_AXES)
@@ -55,6 +76,10 @@ class Record:
                 continue
             value = _checked(type(self).__name__, spec.name, getattr(self, spec.name), spec.metadata, sizes)
             object.__setattr__(self, spec.name, value)
+
+    def to_xarray(self) -> Any:
+        """An xarray Dataset with units and meanings, or a DataTree where records are inside."""
+        return shown("to_xarray", self)
 
     def take(self, axis: str, index: Any) -> Self:
         """The same record with `index` (mask or integers) applied to one named axis of every field that has it."""
@@ -74,6 +99,19 @@ class Record:
             if axis in axes:
                 return int(getattr(self, spec.name).shape[axes.index(axis)])
         raise KeyError(axis)
+
+
+def columns(record: Record) -> Iterator[tuple[str, tuple[str, ...], NDArray[Any], Mapping[str, Any]]]:
+    """Name, axes, values and metadata of the arrays and numbers of a record, the derived ones last."""
+    declared = {spec.name: spec.metadata for spec in fields(record) if "axes" in spec.metadata}
+    for name, metadata in (declared | {name: one.metadata for name, one in record.derived.items()}).items():
+        yield name, metadata["axes"], np.asarray(getattr(record, name)), metadata
+
+
+def parts_of(record: Record) -> dict[str, Record]:
+    """The records inside a record, by the name of their field."""
+    inner = {spec.name: getattr(record, spec.name) for spec in fields(record)}
+    return {name: value for name, value in inner.items() if isinstance(value, Record)}
 
 
 def empty_record(kind: type[R]) -> R:

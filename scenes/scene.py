@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
+from scenes.display import Displayed
 from scenes.objects.clutter import Clutter
 from scenes.objects.material import Material
 from scenes.objects.scene_object import OBJECT_KINDS, ObjectKind, SceneObject, check_overlaps
 from scenes.pose import Pose
 from scenes.record import IntArray
-from scenes.walks.trajectory import AnyWalk
+from scenes.walks.trajectory import AnyWalk, RecordedWalk
 
 __all__ = ["OBJECT_KINDS", "HorizontalPlane", "ObjectKind", "Scene", "SceneObject"]
 
@@ -29,8 +30,8 @@ class HorizontalPlane:
     material: Material
 
 
-@dataclass(frozen=True)
-class Scene:
+@dataclass(frozen=True, repr=False)
+class Scene(Displayed):
     """The world of one campaign.
 
     `bounds_m` is (x_min, y_min, x_max, y_max), the extent of floor and ceiling. A scene may have several TXs
@@ -66,6 +67,9 @@ class Scene:
             stops = walk.positions_m()
             self._check_free([label.format(index) for index in range(len(stops))], stops)
 
+    def __repr__(self) -> str:
+        return f"Scene({self.name!r}: {len(self.objects) + len(self.clutter)} objects, {len(self.stops)} stops)"
+
     @property
     def object_names(self) -> list[str]:
         """Names of all prisms in order, without floor, ceiling and clutter."""
@@ -100,13 +104,22 @@ class Scene:
         """Every walk by name, the active one first."""
         return {self.walk_name: self.walk, **self.other_walks}
 
-    def choose(self, tx: str | int = 0, walk: str | int = 0) -> Scene:
+    def choose(self, tx: str | int = 0, walk: str | int | Sequence[str] = 0) -> Scene:
         """The same scene with another active TX and walk, given by name or by index in `txs` and `walks`.
+
+        Several walks become one with the stops of each in turn, named NAME+NAME.
 
         Raises `ValueError` with a list of the names if there is no such TX or walk.
         """
-        tx_name, walk_name = _chosen("tx", tx, self.txs), _chosen("walk", walk, self.walks)
         txs, walks = self.txs, self.walks
+        if not isinstance(walk, str | int):
+            parts = [walks[_chosen("walk", name, walks)] for name in walk]
+            walk = "+".join(walk)
+            walks[walk] = RecordedWalk(
+                np.concatenate([part.positions_m() for part in parts]),
+                np.concatenate([part.headings_rad() for part in parts]),
+            )
+        tx_name, walk_name = _chosen("tx", tx, txs), _chosen("walk", walk, walks)
         return replace(
             self,
             tx=txs.pop(tx_name), tx_name=tx_name, other_txs=txs,

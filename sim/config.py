@@ -163,7 +163,9 @@ class SimulationConfig(ConfigModel):
 
     scene: str = Field(min_length=1, description="library name or path of the scene file")
     tx: str | None = Field(None, description="TX to use where the scene has several; by default the first")
-    walk: str | None = Field(None, description="walk to use where the scene has several; by default the first")
+    walk: str | Annotated[list[str], Field(min_length=1)] | None = Field(
+        None, description="walk to use where the scene has several, or a list of them; by default the first"
+    )
     seed: int = Field(1, ge=0, lt=2**63)
     waveform: WaveformConfig = WaveformConfig()
     tx_array: ArrayConfig = ArrayConfig()

@@ -1,26 +1,126 @@
-"""Campaign files: found by library name or path, with the scene they name."""
+"""Campaign files: found by library name or path, with the scene they name, and with some fields changed."""
 
+import copy
+import hashlib
+import tempfile
+import tomllib
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import tomli_w
+
 from isac_arena.campaign.config import CampaignConfig, with_link_levels
-from scenes.config import load_scene, scene_path
+from isac_arena.campaign.files import write_bytes
+from isac_arena.campaign.integrity import digest
+from scenes.config import SceneConfig, load_scene, referenced_contents, scene_path
+from scenes.names import path_in
 from scenes.scene import Scene
-from scenes.toml_config import ConfigError, read_toml, validate_config
+from scenes.toml_config import ConfigError, load_config, read_text, validate_config
 
 LIBRARY = Path(__file__).parent / "library"
 
 
-def load_campaign(name_or_path: str, seed: int | None = None) -> tuple[CampaignConfig, Path]:
-    """The settings of a campaign, with the seed replaced where one is given, and the file of its scene.
+@dataclass(frozen=True)
+class SceneSource:
+    """The text of a scene file, and the contents of the files that it names by the names of their copies.
 
-    Scene and beam weight files are looked up beside the campaign file that names them.
-
-    Raises `ConfigError`, one line naming file, field, value and what is allowed.
+    `file` is the scene file where there is one with this text.
     """
-    path = campaign_path(name_or_path)
-    config, scene_file = resolve_campaign(read_toml(path), path)
-    return (config if seed is None else config.model_copy(update={"seed": seed})), scene_file
+
+    text: str
+    files: Mapping[str, bytes]
+    file: Path | None = None
+
+    @cached_property
+    def hash(self) -> str:
+        """Hash of the scene file and of the files it names: the name of the scene in a sweep."""
+        contents = sorted(f"{name} {hashlib.sha256(data).hexdigest()}" for name, data in self.files.items())
+        return digest(self.text, *contents)
+
+    def write(self, folder: Path) -> Path:
+        """Write the scene file into a folder, after the files it names; returns its path."""
+        for name, data in self.files.items():
+            write_bytes(path_in(folder, name), data)
+        file = folder / "scene.toml"
+        write_bytes(file, self.text.encode())
+        return file
+
+    def build(self, config: CampaignConfig) -> Scene:
+        """The scene as `campaign_scene` makes it; a `ValueError` names the scene file where there is one."""
+        if self.file is not None:
+            return campaign_scene(config, self.file)
+        with tempfile.TemporaryDirectory() as folder:
+            file = self.write(Path(folder))
+            try:
+                return campaign_scene(config, file)
+            except ValueError as error:
+                raise ValueError(str(error).replace(f"{file}: ", "")) from error
+
+
+def read_scene_source(file: Path) -> SceneSource:
+    """A scene file with the files that it names; `ConfigError` where one is missing or wrong."""
+    text = read_text(file)
+    return SceneSource(text, referenced_contents(load_config(file, SceneConfig), file.parent), file)
+
+
+def python_scene_source(tables: Mapping[str, Any]) -> SceneSource:
+    """The tables of a scene file made in Python, with the files that they name in the working folder."""
+    config = validate_config(dict(tables), SceneConfig, "scene")
+    return SceneSource(tomli_w.dumps(dict(tables)), referenced_contents(config, Path()))
+
+
+def changed_campaign(
+    document: Mapping[str, Any],
+    path: Path,
+    changes: Iterable[tuple[str, Any]],
+    scene_of: Callable[[Path], SceneSource] = read_scene_source,
+) -> tuple[CampaignConfig, SceneSource]:
+    """Settings and scene of the campaign in the tables of a file at `path`, with some fields changed.
+
+    A field is a dotted path into the campaign, or after `scene.` into its scene file; tables in a list have names.
+
+    Raises `ConfigError` as `load_campaign` does.
+    """
+    changed, changes = copy.deepcopy(dict(document)), list(changes)
+    in_scene = [(field.partition(".")[2], value) for field, value in changes if field.startswith("scene.")]
+    for field, value in changes:
+        if not field.startswith("scene."):
+            put_field(changed, field, value)
+    config, scene_file = resolve_campaign(changed, path)
+    scene = scene_of(scene_file)
+    if in_scene:
+        tables = tomllib.loads(scene.text)
+        for field, value in in_scene:
+            put_field(tables, field, value)
+        scene = replace(scene, text=tomli_w.dumps(tables), file=None)
+    return config, scene
+
+
+def put_field(document: dict[str, Any], field: str, value: Any) -> None:
+    """Set a dotted path in nested tables; tables of a list have names or numbers. Missing tables are made."""
+    *parents, last = field.split(".")
+    here: Any = document
+    for part in parents:
+        here = here.setdefault(part, {}) if isinstance(here, dict) else here[_index(here, part, field)]
+        if not isinstance(here, dict | list):
+            raise ConfigError(f"field = '{field}': '{part}' is a value, not a table")
+    if isinstance(here, dict):
+        here[last] = copy.deepcopy(value)
+    else:
+        here[_index(here, last, field)] = copy.deepcopy(value)
+
+
+def _index(items: list[Any], part: str, field: str) -> int:
+    names = [item.get("name") if isinstance(item, dict) else None for item in items]
+    if part in names:
+        return names.index(part)
+    if part.isdecimal() and int(part) < len(items):
+        return int(part)
+    known = ", ".join(str(name) for name in names if name) or f"0 to {len(items) - 1}"
+    raise ConfigError(f"field = '{field}': there is no '{part}'; allowed: {known}")
 
 
 def resolve_campaign(document: dict[str, Any], path: Path) -> tuple[CampaignConfig, Path]:
@@ -51,8 +151,8 @@ def campaign_scene(config: CampaignConfig, scene_file: Path) -> Scene:
     return scene_in_use(scene_file, config.waveform.carrier_ghz, config.tx, config.walk)
 
 
-def scene_in_use(scene_file: Path, carrier_ghz: float, tx: str | None, walk: str | None) -> Scene:
-    """A scene, materials at a carrier, with a TX and a walk by name in use, or its first ones.
+def scene_in_use(scene_file: Path, carrier_ghz: float, tx: str | None, walk: str | Sequence[str] | None) -> Scene:
+    """A scene, materials at a carrier, with a TX and a walk (or walks) by name in use, or its first ones.
 
     Raises as `campaign_scene` does.
     """
@@ -63,8 +163,12 @@ def campaign_path(name_or_path: str) -> Path:
     """The file of a campaign: a name of the library, or the path of a TOML file."""
     if name_or_path.endswith(".toml"):
         return Path(name_or_path)
-    names = sorted(file.stem for file in LIBRARY.glob("*.toml"))
-    if name_or_path not in names:
-        known = ", ".join(names)
+    if name_or_path not in library_campaigns():
+        known = ", ".join(library_campaigns())
         raise ConfigError(f"campaign = '{name_or_path}': must be one of {known}, or the path of a .toml file")
     return LIBRARY / f"{name_or_path}.toml"
+
+
+def library_campaigns() -> list[str]:
+    """Names of the campaigns that come with the project."""
+    return sorted(file.stem for file in LIBRARY.glob("*.toml"))

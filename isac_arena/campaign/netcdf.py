@@ -18,7 +18,7 @@ import h5py
 import numpy as np
 
 from isac_arena.campaign.integrity import add_seal, is_sealed
-from scenes.record import Record
+from scenes.record import Record, columns
 
 R = TypeVar("R", bound=Record)
 
@@ -88,15 +88,12 @@ def _write_group(group: h5py.Group, record: Record) -> None:
 
 def _variables(record: Record) -> Iterator[tuple[str, tuple[str, ...], Any, Mapping[str, Any]]]:
     """Name, axes, values and metadata of the variables of a record; two for a complex field."""
-    for spec in fields(record):
-        if "axes" not in spec.metadata:
-            continue
-        array, axes = np.asarray(getattr(record, spec.name)), spec.metadata["axes"]
+    for name, axes, array, about in columns(record):
         if array.dtype.kind == "c":
-            yield f"{spec.name}_re", axes, array.real, spec.metadata
-            yield f"{spec.name}_im", axes, array.imag, spec.metadata
+            yield f"{name}_re", axes, array.real, about
+            yield f"{name}_im", axes, array.imag, about
         else:
-            yield spec.name, axes, array, spec.metadata
+            yield name, axes, array, about
 
 
 def _write_array(group: h5py.Group, name: str, array: Any) -> h5py.Dataset:

@@ -8,11 +8,12 @@ from typing import Any, TypeVar
 
 from rich.console import Console
 
+from isac_arena.campaign.campaign import Campaign, campaign_store, load_campaign
 from isac_arena.campaign.chain import channel_estimator, known_receiver
 from isac_arena.campaign.directory import CampaignStore, StopEstimate, check_is_campaign, open_campaign
 from isac_arena.campaign.driver import CampaignRun
 from isac_arena.campaign.files import read_attribute
-from isac_arena.campaign.load import campaign_scene, load_campaign
+from isac_arena.campaign.load import campaign_scene
 from isac_arena.campaign.lock import one_run
 from isac_arena.campaign.manifest import SETTINGS, check_unchanged, remedy
 from isac_arena.campaign.measured import MeasuredTruth
@@ -24,7 +25,6 @@ from isac_arena.report.page.budget_file import BUDGET_FILE, read_budget
 from isac_arena.scoring.measured import measured_metrics, score_measured
 from isac_arena.scoring.record import ScoreTables
 from isac_arena.scoring.score import Scores, score_metrics
-from scenes.config import referenced_contents
 from scenes.scene import Scene
 from sim.signal.hardware.apply_impairments import with_surveyed_pose
 from sim.truth import Truth
@@ -38,7 +38,7 @@ ESTIMATES = ("truth", "channel", "map")
 SCORED = (*ESTIMATES, "provenance.nc")
 
 
-def prepare(campaign: str, out: Path, seed: int | None, estimator: str | None) -> CampaignStore:
+def prepare(campaign: str | Campaign, out: Path, seed: int | None, estimator: str | None) -> CampaignStore:
     """Open a campaign directory for a campaign file. All inputs are checked before anything is written."""
     store = _checked(campaign, out, seed, estimator)
     store.open_for_writing()
@@ -46,7 +46,9 @@ def prepare(campaign: str, out: Path, seed: int | None, estimator: str | None) -
 
 
 @contextmanager
-def opened(campaign: str, out: Path, seed: int | None, estimator: str | None) -> Iterator[CampaignStore]:
+def opened(
+    campaign: str | Campaign, out: Path, seed: int | None, estimator: str | None
+) -> Iterator[CampaignStore]:
     """As `prepare`, for a whole run: the directory is locked for it, and its manifest is written at the end."""
     store = _checked(campaign, out, seed, estimator)
     with one_run(out), recorded_run(out):
@@ -56,12 +58,22 @@ def opened(campaign: str, out: Path, seed: int | None, estimator: str | None) ->
             yield beside
 
 
-def _checked(campaign: str, out: Path, seed: int | None, estimator: str | None) -> CampaignStore:
-    config, scene_file = load_campaign(campaign, seed)
-    channel_estimator(config, estimator)
-    campaign_scene(config, scene_file)
-    text = scene_file.read_text(encoding="utf-8")
-    return CampaignStore(out, config, text, estimator, scene_files=referenced_contents(scene_file))
+def _checked(campaign: str | Campaign, out: Path, seed: int | None, estimator: str | None) -> CampaignStore:
+    loaded = campaign if isinstance(campaign, Campaign) else load_campaign(campaign, seed=seed)
+    channel_estimator(loaded.config, estimator)
+    return campaign_store(loaded, out, estimator)
+
+
+def run_campaign(
+    campaign: str | Campaign, out: Path, *, seed: int | None = None, estimator: str | None = None,
+    keep_sweeps: bool = False,
+) -> None:  # fmt: skip
+    """All stages from the scene to the report, into a directory; an interrupted run continues."""
+    with opened(campaign, out, seed, estimator) as store:
+        sweep_and_estimate(store, keep_sweeps=keep_sweeps)
+        build_maps(store)
+        write_scores(store)
+        write_report(store)
 
 
 @contextmanager

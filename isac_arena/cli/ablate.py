@@ -28,16 +28,15 @@ def ablate(
     from rich.console import Console  # noqa: PLC0415
     from rich.progress import Progress, track  # noqa: PLC0415
 
-    from isac_arena.campaign.driver import CampaignRun  # noqa: PLC0415
-    from isac_arena.campaign.load import campaign_scene, load_campaign  # noqa: PLC0415
+    from isac_arena.campaign.campaign import load_campaign  # noqa: PLC0415
     from isac_arena.insight.ablation import score_variants, variants  # noqa: PLC0415
 
     console = Console(highlight=False)
-    config, scene_file = load_campaign(campaign, seed)
-    scene = campaign_scene(config, scene_file)
+    loaded = load_campaign(campaign, seed=seed)
+    config, scene = loaded.config, loaded.scene
     n_variants = len(variants(config.impairments))
     stops = range(0, len(scene.stops), step)
-    traced = CampaignRun(config, scene, stops=stops).truths()
+    traced = loaded.run(stops).truths()
     truths = list(track(traced, "trace", len(stops), console=console, transient=True))
     with Progress(console=console, transient=True) as progress:
         task = progress.add_task("variants", total=n_variants)

@@ -9,11 +9,7 @@ def run(
     """Run a campaign from the scene to the report. The same command resumes an interrupted run."""
     from isac_arena.campaign import stages  # noqa: PLC0415
 
-    with stages.opened(campaign, out, seed, estimator) as store:
-        stages.sweep_and_estimate(store, keep_sweeps=keep_sweeps)
-        stages.build_maps(store)
-        stages.write_scores(store)
-        stages.write_report(store)
+    stages.run_campaign(campaign, out, seed=seed, estimator=estimator, keep_sweeps=keep_sweeps)
 
 
 def generate(campaign: Campaign, out: Out, seed: Seed = None, keep_sweeps: KeepSweeps = True) -> None:

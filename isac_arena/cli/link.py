@@ -20,16 +20,15 @@ def link(campaign: Campaign) -> None:
     from rich.console import Console  # noqa: PLC0415
     from rich.progress import track  # noqa: PLC0415
 
-    from isac_arena.campaign.load import campaign_scene, load_campaign  # noqa: PLC0415
-    from sim.signal.link import make_link  # noqa: PLC0415
+    from isac_arena.campaign.campaign import load_campaign  # noqa: PLC0415
     from sim.signal.link_budget import converter_share, link_budget  # noqa: PLC0415
     from sim.simulate import simulate_truth  # noqa: PLC0415
 
     console = Console(highlight=False)
-    config, scene_file = load_campaign(campaign)
-    scene = campaign_scene(config, scene_file)
+    loaded = load_campaign(campaign)
+    config, scene = loaded.config, loaded.scene
     propagation = config.propagation.model_copy(update={"diffuse_samples": 0})
-    made, stops = make_link(config), range(len(scene.stops))
+    made, stops = loaded.link, range(len(scene.stops))
     traced = simulate_truth(config.model_copy(update={"propagation": propagation}), scene, stops)
     truths = track(traced, "trace", len(stops), console=console, transient=True)
     budget = link_budget(truths, made, scene.tx, config.link, converter_share(config.waveform))

@@ -17,6 +17,7 @@ from estimation.channel.record import ChannelEstimate
 from estimation.slam.config import MappingConfig, SnapshotConfig
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.directory import CampaignStore, StopEstimate
+from isac_arena.campaign.load import read_scene_source
 from isac_arena.campaign.lock import one_run
 from isac_arena.campaign.measured import (
     PUBLISHED_MAX_POSITION_STD_M,
@@ -30,7 +31,7 @@ from isac_arena.campaign.recording import recorded_run
 from isac_arena.campaign.side import swapped_in
 from isac_arena.exchange.mat import count_stops, read_measurement
 from isac_arena.scoring.record import PathKind, PathScores, PathStatus
-from scenes.config import load_scene, referenced_contents, scene_path
+from scenes.config import load_scene, scene_path
 from scenes.names import name_from
 from scenes.pose import SPEED_OF_LIGHT_M_S
 from scenes.record import empty_record
@@ -79,14 +80,15 @@ def import_campaign(
     height_m, bias_m = float(load_scene(scene).tx.position_m[2]), None
     if clock_seed is not None:
         bias_m = clock_walk_m(count_stops(file), np.random.default_rng(clock_seed))
+    source = read_scene_source(scene_path(scene))
     campaign = read_measurement(file, tx_offset_deg=tx_offset_deg, clock_bias_m=bias_m, height_m=height_m)
     store = CampaignStore(
         directory=out,
         config=settings(name_from(file.stem), method),
-        scene_text=scene_text(scene_path(scene).read_text(encoding="utf-8"), campaign),
+        scene_text=scene_text(source.text, campaign),
         estimator=None,
         measured=_origin(file, tx_offset_deg, clock_seed),
-        scene_files=referenced_contents(scene_path(scene)),
+        scene_files=source.files,
     )
     with one_run(out), recorded_run(out), swapped_in(store) as beside:
         beside.open_for_writing()

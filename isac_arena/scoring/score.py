@@ -29,17 +29,22 @@ from isac_arena.scoring.stages.outlines import outline_columns
 from isac_arena.scoring.stages.poses import pose_bounds, pose_metrics, score_poses
 from isac_arena.scoring.stages.scene import scene_metrics, score_scene
 from isac_arena.scoring.stages.shapes import ShapeErrors, shape_errors, shape_metrics
+from scenes.display import Displayed
 from scenes.record import FloatArray, concatenate, empty_record
 from scenes.scene import Scene, SceneObject
 from sim.truth import Truth
 
 
-@dataclass(frozen=True)
-class Scores:
+@dataclass(frozen=True, repr=False)
+class Scores(Displayed):
     """All metrics of a campaign, and the tables that they are computed from."""
 
     metrics: tuple[Metric, ...]
     tables: ScoreTables
+
+    def __repr__(self) -> str:
+        n_stops = self.tables.stops.size("stop")
+        return f"Scores({len(self.metrics)} metrics over {n_stops} stops; .to_dataframe() has them all)"
 
     def value(self, key: str) -> float:
         """Value of one metric; `KeyError` where there is none of that key."""

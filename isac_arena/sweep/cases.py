@@ -1,43 +1,23 @@
 """The cases of a sweep: points of the design, each with its resolved campaign and scene."""
 
-import copy
-import hashlib
-import tomllib
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache
 from itertools import product
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import tomli_w
 from scipy.stats import qmc
 
 from isac_arena.campaign.config import CampaignConfig
-from isac_arena.campaign.integrity import digest
-from isac_arena.campaign.load import campaign_path, resolve_campaign
+from isac_arena.campaign.load import SceneSource, campaign_path, changed_campaign, read_scene_source
 from isac_arena.sweep.config import AxisConfig, SweepConfig
-from scenes.config import referenced_contents
 from scenes.record import FloatArray
-from scenes.toml_config import ConfigError, read_text, read_toml
+from scenes.toml_config import ConfigError, read_toml
 
 Point = tuple[Any, ...]  # one value per axis
 Stages = Literal["all", "channel"]  # what a case runs and scores: the whole chain, or no more than the channel
-
-
-@dataclass(frozen=True)
-class SceneSource:
-    """A scene file and the contents of the files that it names."""
-
-    text: str
-    files: Mapping[str, bytes]
-
-    @cached_property
-    def hash(self) -> str:
-        """Hash of the scene file and of the files it names: the name of the scene in a sweep."""
-        contents = sorted(f"{name} {hashlib.sha256(data).hexdigest()}" for name, data in self.files.items())
-        return digest(self.text, *contents)
 
 
 @dataclass(frozen=True)
@@ -90,13 +70,15 @@ def make_cases(
     """
     base = base_path(source, config)
     document = read_toml(base)
-    scene_of = cache(lambda file: SceneSource(read_text(file), referenced_contents(file)))
+    scene_of = cache(read_scene_source)
     for index, point in enumerate(points):
-        changes = [(axis.field, value) for axis, value in zip(config.axes, point, strict=True)]
+        changes = {axis.field: value for axis, value in zip(config.axes, point, strict=True)}
+        in_campaign = [(field, value) for field, value in changes.items() if field != "estimator"]
+        estimator = str(changes["estimator"]) if "estimator" in changes else None
         try:
-            campaign, scene, estimator = _resolved(document, base, changes, scene_of)
+            campaign, scene = changed_campaign(document, base, in_campaign, scene_of)
         except ConfigError as error:
-            changed = ", ".join(f"{field} = {value}" for field, value in changes) or "the base"
+            changed = ", ".join(f"{field} = {value}" for field, value in changes.items()) or "the base"
             raise ConfigError(f"{source}: case {changed}: {error}") from error
         for repeat in repeats:
             seeded = campaign.model_copy(update={"seed": campaign.seed + repeat})
@@ -107,54 +89,6 @@ def base_path(source: str, config: SweepConfig) -> Path:
     """The file of the base campaign; a relative path is looked up beside the sweep file."""
     path = campaign_path(config.base)
     return Path(source).parent / path if config.base.endswith(".toml") else path
-
-
-def _resolved(
-    document: Mapping[str, Any],
-    base: Path,
-    changes: Sequence[tuple[str, Any]],
-    scene_of: Callable[[Path], SceneSource],
-) -> tuple[CampaignConfig, SceneSource, str | None]:
-    """Campaign, scene and estimator of a base campaign with some fields changed."""
-    changed, estimator = copy.deepcopy(dict(document)), None
-    in_scene = [(field.partition(".")[2], value) for field, value in changes if field.startswith("scene.")]
-    for field, value in changes:
-        if field == "estimator":
-            estimator = str(value)
-        elif not field.startswith("scene."):
-            _put(changed, field, value)
-    campaign, scene_file = resolve_campaign(changed, base)
-    scene = scene_of(scene_file)
-    if in_scene:
-        tables = tomllib.loads(scene.text)
-        for field, value in in_scene:
-            _put(tables, field, value)
-        scene = replace(scene, text=tomli_w.dumps(tables))
-    return campaign, scene, estimator
-
-
-def _put(document: dict[str, Any], field: str, value: Any) -> None:
-    """Set a dotted path in nested tables; tables of a list have names or numbers. Missing tables are made."""
-    *parents, last = field.split(".")
-    here: Any = document
-    for part in parents:
-        here = here.setdefault(part, {}) if isinstance(here, dict) else here[_index(here, part, field)]
-        if not isinstance(here, dict | list):
-            raise ConfigError(f"field = '{field}': '{part}' is a value, not a table")
-    if isinstance(here, dict):
-        here[last] = copy.deepcopy(value)
-    else:
-        here[_index(here, last, field)] = copy.deepcopy(value)
-
-
-def _index(items: list[Any], part: str, field: str) -> int:
-    names = [item.get("name") if isinstance(item, dict) else None for item in items]
-    if part in names:
-        return names.index(part)
-    if part.isdecimal() and int(part) < len(items):
-        return int(part)
-    known = ", ".join(str(name) for name in names if name) or f"0 to {len(items) - 1}"
-    raise ConfigError(f"field = '{field}': there is no '{part}'; allowed: {known}")
 
 
 def _listed(axis: AxisConfig) -> list[Any]:

@@ -14,10 +14,9 @@ from pathlib import Path
 
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.directory import CampaignStore
-from isac_arena.campaign.files import write_bytes
 from isac_arena.campaign.integrity import code_digest, digest
-from isac_arena.campaign.load import scene_in_use
-from isac_arena.sweep.cases import Case, Point, SceneSource, Stages
+from isac_arena.campaign.load import SceneSource, scene_in_use
+from isac_arena.sweep.cases import Case, Point, Stages
 from scenes.names import path_in
 from scenes.scene import Scene
 from sim.config import WaveformConfig
@@ -58,7 +57,8 @@ class Job:
     def scene(self) -> Scene:
         """The scene of the case, with the TX and the walk it chooses."""
         config = self.config
-        return _loaded(self.scene_file, config.waveform.carrier_ghz, config.tx, config.walk)
+        walk = tuple(config.walk) if isinstance(config.walk, list) else config.walk
+        return _loaded(self.scene_file, config.waveform.carrier_ghz, config.tx, walk)
 
     @property
     def scene_file(self) -> Path:
@@ -136,14 +136,11 @@ def scene_file(root: Path, scene_hash: str) -> Path:
 
 def store_scene(root: Path, scene: SceneSource) -> None:
     """Store a scene with the files it names, the scene file last; changed files are restored."""
-    file = scene_file(root, scene.hash)
-    for name, data in scene.files.items():
-        write_bytes(path_in(file.parent, name), data)
-    write_bytes(file, scene.text.encode())
+    scene.write(scene_file(root, scene.hash).parent)
 
 
 @lru_cache(maxsize=2)
-def _loaded(file: Path, carrier_ghz: float, tx: str | None, walk: str | None) -> Scene:
+def _loaded(file: Path, carrier_ghz: float, tx: str | None, walk: str | tuple[str, ...] | None) -> Scene:
     """A stored scene; the name of its file follows from its content."""
     return scene_in_use(file, carrier_ghz, tx, walk)
 

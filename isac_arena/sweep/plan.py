@@ -11,11 +11,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from isac_arena.campaign.load import SceneSource
 from isac_arena.campaign.results import MapResult
 from isac_arena.scoring.record import ScoreTables
 from isac_arena.scoring.score import score_metrics
 from isac_arena.scoring.stages.scene import score_scene
-from isac_arena.sweep.cases import SceneSource, design_points, make_cases
+from isac_arena.sweep.cases import design_points, make_cases
 from isac_arena.sweep.config import SweepConfig
 from isac_arena.sweep.job import Job, make_job, store_scene
 from isac_arena.sweep.run import check_case, make_signals, score_case, store_case, trace_stops
@@ -65,7 +66,7 @@ def make_plan(source: str, config: SweepConfig, root: Path, repeats: Iterable[in
     n_stops: dict[Any, int] = {}
     plan = Plan([], {})
     for case in make_cases(source, config, design_points(config), list(repeats)):
-        place = (case.config.tx, case.config.walk, case.config.waveform.carrier_ghz)
+        place = (case.config.tx, repr(case.config.walk), case.config.waveform.carrier_ghz)
         chosen = (case.scene.hash, *place, case.estimator)
         if chosen not in n_stops:
             try:

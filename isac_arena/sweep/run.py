@@ -8,7 +8,6 @@ the number of threads; the manifest of a case records that number.
 import json
 import os
 import shutil
-import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -21,12 +20,11 @@ from estimation.channel.record import ChannelEstimate
 from isac_arena.campaign.chain import channel_estimator
 from isac_arena.campaign.driver import CampaignRun, MemoryResults
 from isac_arena.campaign.files import read_record, write_json, write_record
-from isac_arena.campaign.load import scene_in_use
 from isac_arena.campaign.recording import recorded_run
 from isac_arena.scoring.metrics.metric import to_json
 from isac_arena.scoring.score import Scores
 from isac_arena.sweep.cases import Case
-from isac_arena.sweep.job import Job, store_scene
+from isac_arena.sweep.job import Job
 from scenes.record import Record
 from scenes.scene import Scene
 from sim.observation import BeamSweep
@@ -43,15 +41,10 @@ def check_case(case: Case) -> Scene:
         channel_estimator(case.config, case.estimator)
     except ValueError as error:
         raise ValueError(f"axis 'estimator', point {case.point}: {error}") from error
-    with tempfile.TemporaryDirectory() as folder:
-        store_scene(Path(folder), case.scene)
-        file = next(Path(folder).rglob("scene.toml"))
-        config = case.config
-        try:
-            return scene_in_use(file, config.waveform.carrier_ghz, config.tx, config.walk)
-        except ValueError as error:
-            message = str(error).replace(f"{file}: ", "")
-            raise ValueError(f"scene '{case.config.scene}' of point {case.point}: {message}") from error
+    try:
+        return case.scene.build(case.config)
+    except ValueError as error:
+        raise ValueError(f"scene '{case.config.scene}' of point {case.point}: {error}") from error
 
 
 @dataclass

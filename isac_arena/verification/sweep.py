@@ -10,9 +10,10 @@ import pyarrow.parquet as pq
 
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.files import read_record
+from isac_arena.campaign.load import SceneSource
 from isac_arena.scoring.metrics.metric import to_json
 from isac_arena.scoring.record import ScoreTables
-from isac_arena.sweep.cases import Case, SceneSource
+from isac_arena.sweep.cases import Case
 from isac_arena.sweep.job import make_job, scene_file, store_scene
 from isac_arena.sweep.run import check_case, score_case
 from isac_arena.sweep.store import is_done, read_failures, read_plan, read_scores, read_sweep

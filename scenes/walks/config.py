@@ -1,23 +1,25 @@
-"""Walks in scene files: along way-points, along a spline through them, random, or recorded."""
+"""Walks in scene files: along way-points or a spline, random, on a grid, drops, given poses, or recorded."""
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import Discriminator, Field, Tag
+from pydantic import Discriminator, Field, Tag, model_validator
 
 from scenes.contours import Contour
 from scenes.contours.config import Points, Positive
 from scenes.names import Name
 from scenes.objects.config import find_file, naming_field
+from scenes.record import FloatArray
 from scenes.toml_config import ConfigModel, Pair, read_text
-from scenes.walks.random_walk import random_walk
+from scenes.walks.random_walk import grid_places, random_places, random_walk
 from scenes.walks.trajectory import RecordedWalk, Walk
 from scenes.walks.tum import parse_tum
 
 Quadruple = Annotated[tuple[float, float, float, float], Field(strict=False)]
 Count = Annotated[int, Field(ge=1, le=100_000)]
+POSE_COLUMNS = ("x_m", "y_m", "z_m", "heading_deg")
 
 
 class WaypointWalkConfig(ConfigModel):
@@ -71,6 +73,99 @@ class RandomWalkConfig(ConfigModel):
         )
 
 
+class GridWalkConfig(ConfigModel):
+    """Stops on a regular grid, row by row in alternating direction, where they keep `clearance_m` from everything.
+
+    `area_m` is (x_min, y_min, x_max, y_max). Its default is the bounds of the scene.
+    """
+
+    name: Name = "walk"
+    type: Literal["grid"]
+    height_m: float = Field(description="height of the RX array at every stop")
+    step_m: Positive = Field(1.0, description="distance between neighbours in x and in y")
+    clearance_m: Annotated[float, Field(ge=0.01)] = Field(0.3, description="from objects, TX and rim")
+    area_m: Quadruple | None = Field(None, description="x_min, y_min, x_max, y_max; by default the bounds")
+    heading_deg: float = Field(0.0, description="heading at every stop")
+
+    def build(self, obstacles: Sequence[Contour], bounds_m: Quadruple) -> RecordedWalk:
+        """The stops, the same for the same objects."""
+        places = grid_places(obstacles, self.area_m or bounds_m, self.step_m, self.clearance_m)
+        return _at_places(places, self.height_m, np.full(len(places), np.deg2rad(self.heading_deg)))
+
+
+class DropsWalkConfig(ConfigModel):
+    """Stops at random places with random headings, each drawn alone; they keep `clearance_m` from everything.
+
+    `area_m` is (x_min, y_min, x_max, y_max). Its default is the bounds of the scene.
+    """
+
+    name: Name = "walk"
+    type: Literal["drops"]
+    seed: Annotated[int, Field(ge=0)] = Field(description="seed of places and headings")
+    n_stops: Count = Field(description="number of stops")
+    height_m: float = Field(description="height of the RX array at every stop")
+    clearance_m: Annotated[float, Field(ge=0.01)] = Field(0.3, description="from objects, TX and rim")
+    area_m: Quadruple | None = Field(None, description="x_min, y_min, x_max, y_max; by default the bounds")
+    heading_deg: float | None = Field(None, description="heading at every stop; random by default")
+
+    def build(self, obstacles: Sequence[Contour], bounds_m: Quadruple) -> RecordedWalk:
+        """The stops, the same for the same seed and objects."""
+        rng = np.random.default_rng(self.seed)
+        places = random_places(rng, obstacles, self.area_m or bounds_m, self.n_stops, self.clearance_m)
+        heading = rng.uniform(-np.pi, np.pi, self.n_stops)
+        if self.heading_deg is not None:
+            heading[:] = np.deg2rad(self.heading_deg)
+        return _at_places(places, self.height_m, heading)
+
+
+class PosesWalkConfig(ConfigModel):
+    """Stops with a pose each, in the scene file or in a CSV file in its folder: x_m, y_m, z_m, heading_deg."""
+
+    name: Name = "walk"
+    type: Literal["poses"]
+    poses: Annotated[tuple[Quadruple, ...], Field(strict=False, min_length=1)] | None = Field(
+        None, description="[x_m, y_m, z_m, heading_deg] of every stop"
+    )
+    file: str | None = Field(None, description="CSV file of these four columns, names on top or not")
+
+    @model_validator(mode="after")
+    def _one_source(self) -> Self:
+        if (self.poses is None) == (self.file is None):
+            raise ValueError("poses: give either poses or a file of them")
+        return self
+
+    def build(self, folder: Path) -> RecordedWalk:
+        """The walk, with one stop per pose."""
+        table = np.array(self.poses, float)
+        if self.file is not None:
+            with naming_field(self.file, ": "):
+                table = parse_poses(read_text(find_file(folder, self.file)))
+        return RecordedWalk(table[:, :3], np.deg2rad(table[:, 3]))
+
+
+def parse_poses(text: str) -> FloatArray:
+    """Poses (stop, 4) of CSV text: x, y, z in m and heading in deg. Raises `ValueError` that names the line."""
+    rows = []
+    for number, line in enumerate(text.splitlines(), start=1):
+        cells = [cell.strip() for cell in line.split(",")]
+        if not any(cells) or line.startswith("#") or cells == list(POSE_COLUMNS):
+            continue
+        try:
+            row = [float(cell) for cell in cells]
+        except ValueError:
+            row = []
+        if len(row) != len(POSE_COLUMNS) or not np.isfinite(row).all():
+            raise ValueError(f"line {number}: must be four finite numbers, {', '.join(POSE_COLUMNS)}")
+        rows.append(row)
+    if not rows:
+        raise ValueError(f"no pose; a line each of {', '.join(POSE_COLUMNS)} is needed")
+    return np.array(rows)
+
+
+def _at_places(places_m: FloatArray, height_m: float, heading_rad: FloatArray) -> RecordedWalk:
+    return RecordedWalk(np.column_stack([places_m, np.full(len(places_m), height_m)]), heading_rad)
+
+
 class RecordedWalkConfig(ConfigModel):
     """Stops from a trajectory file (TUM format, `time x y z qx qy qz qw`) in the folder of the scene file."""
 
@@ -98,6 +193,9 @@ def _type_of(walk: Any) -> Any:
 WalkConfig = Annotated[
     Annotated[WaypointWalkConfig, Tag("waypoints")]
     | Annotated[RandomWalkConfig, Tag("random")]
+    | Annotated[GridWalkConfig, Tag("grid")]
+    | Annotated[DropsWalkConfig, Tag("drops")]
+    | Annotated[PosesWalkConfig, Tag("poses")]
     | Annotated[RecordedWalkConfig, Tag("tum")],
     Discriminator(_type_of),
 ]

@@ -1,4 +1,4 @@
-"""Random walks of a receiver that keep a clearance from all obstacles."""
+"""Random walks, random places and grids of places of a receiver that keep a clearance from all obstacles."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -60,6 +60,42 @@ def random_walk(
             raise ValueError(f"step_m = {step_m}: there is no clear step from {np.round(here, 3).tolist()}")
         points.append(here)
     return Walk(np.array(points), height_m, heading_rad)
+
+
+def grid_places(
+    obstacles: Sequence[Contour], area_m: tuple[float, float, float, float], step_m: float, clearance_m: float
+) -> FloatArray:
+    """Free places (stop, xy) of a grid centred in the area, row by row in alternating direction.
+
+    Raises `ValueError` if no place is free.
+    """
+    free = _free_area(obstacles, area_m, clearance_m)
+    low, high = np.array(area_m[:2]), np.array(area_m[2:])
+    count = ((high - low - 2 * clearance_m) // step_m).astype(int) + 1
+    start = (low + high - (count - 1) * step_m) / 2
+    x, y = (start[axis] + step_m * np.arange(max(count[axis], 0)) for axis in (0, 1))
+    rows = [np.column_stack([x if row % 2 == 0 else x[::-1], np.full(len(x), at)]) for row, at in enumerate(y)]
+    places = np.concatenate([np.zeros((0, 2)), *rows])
+    found = places[shapely.covers(free, shapely.points(places))]
+    if not len(found):
+        raise ValueError(f"step_m = {step_m}: no place of the grid keeps clearance_m = {clearance_m}")
+    return np.asarray(found)
+
+
+def random_places(
+    rng: np.random.Generator,
+    obstacles: Sequence[Contour],
+    area_m: tuple[float, float, float, float],
+    n_places: int,
+    clearance_m: float,
+) -> FloatArray:
+    """Places (stop, xy) drawn evenly over the free part of the area, each alone.
+
+    Raises `ValueError` if no place is free.
+    """
+    free = _free_area(obstacles, area_m, clearance_m)
+    found = [_start(rng, free, area_m, None, clearance_m) for _ in range(n_places)]
+    return np.array(found)
 
 
 def _free_area(obstacles: Sequence[Contour], area_m: tuple[float, float, float, float], clearance_m: float) -> Any:

@@ -1,8 +1,9 @@
 """The path record: the result of propagation, used by the signal model and, as truth, by scoring."""
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
+from types import MappingProxyType
 
 import numpy as np
 
@@ -40,6 +41,8 @@ class Paths(Record):
     bounce_object: IntArray = array("path", "bounce", dtype=int, doc="index into object_name, -1 for none")
     vertex_m: FloatArray = array("path", "bounce", "xyz", unit="m", doc="interaction points, TX to RX")
     object_name: TextArray = array("object", dtype=str, doc="names of the scene's objects")
+
+    derived = MappingProxyType({"is_los": array("path", dtype=bool, doc="no interaction: the line of sight")})
 
     def __len__(self) -> int:
         return self.size("path")
@@ -102,7 +105,7 @@ def with_bounce_slots(paths: Paths, n_slots: int) -> Paths:
         new = np.full((old.shape[0], n_slots, *old.shape[2:]), filler, old.dtype)
         new[:, : old.shape[1]] = old
         changes[name] = new
-    return Paths(**{**{f: getattr(paths, f) for f in paths.__dataclass_fields__}, **changes})
+    return replace(paths, **changes)
 
 
 def empty_paths(object_name: TextArray | list[str], n_slots: int = 1) -> Paths:

@@ -8,8 +8,8 @@ from rich.table import Table
 from estimation.laws.wall import wall_line
 from estimation.slam.bounds import StateBound, StopPaths, state_bound, stop_bound, trajectory_covariance
 from estimation.slam.space.bounds import SpatialBound, SpatialPaths, spatial_bound
+from isac_arena.campaign.campaign import load_campaign
 from isac_arena.campaign.config import CampaignConfig
-from isac_arena.campaign.load import campaign_scene, load_campaign
 from isac_arena.report.figures.bound import BoundMap
 from isac_arena.scoring.provenance import path_origin
 from isac_arena.scoring.record import PathKind
@@ -45,9 +45,9 @@ class BoundInputs:
 
 def bound_inputs(campaign: str) -> BoundInputs:
     """Scene and settings of a campaign; every path gets the fixed covariance of the campaign's SLAM settings."""
-    config, scene_file = load_campaign(campaign)
+    loaded = load_campaign(campaign)
+    config, scene = loaded.config, loaded.scene
     carrier_hz = config.waveform.carrier_ghz * 1e9
-    scene = campaign_scene(config, scene_file)
     noise, in_space = config.slam.noise, sees_elevations(config)
     angles = (4 if in_space else 2) * [np.deg2rad(noise.angle_std_deg)]
     std = np.array([SPEED_OF_LIGHT_M_S * 1e-9 * noise.delay_std_ns, *angles])

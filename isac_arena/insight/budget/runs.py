@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
+from isac_arena.campaign.campaign import campaign_store, load_campaign
 from isac_arena.campaign.chain import channel_estimator, significance
 from isac_arena.campaign.directory import CampaignStore
 from isac_arena.campaign.driver import CampaignRun
 from isac_arena.campaign.files import read_attribute, read_record, write_record
 from isac_arena.campaign.integrity import code_digest, digest
-from isac_arena.campaign.load import campaign_scene, load_campaign
 from isac_arena.campaign.lock import one_run
 from isac_arena.campaign.recording import recorded_run
 from isac_arena.campaign.summary import progress_bar
@@ -24,7 +24,6 @@ from isac_arena.insight.budget.physics import observe_without, present_physics, 
 from isac_arena.insight.budget.record import OUTCOMES, Budget, Variants, attributions
 from isac_arena.insight.budget.stages import STAGE_GROUPS, Groups, Part, coalitions, label
 from isac_arena.scoring.stages.channel import TrueStop, true_stop
-from scenes.config import referenced_contents
 from scenes.scene import Scene
 from sim.truth import Truth
 
@@ -80,15 +79,13 @@ def budget_job(
     campaign: str, out: Path, seed: int | None, repeats: int, stops: str | None, estimator: str | None
 ) -> Iterator[BudgetJob]:
     """A budget; all inputs are checked before anything is written, and its directory is locked for one run."""
-    config, scene_file = load_campaign(campaign, seed)
-    channel_estimator(config, estimator)
-    scene = campaign_scene(config, scene_file)
-    chosen = chosen_stops(stops, len(scene.stops))
-    text = scene_file.read_text(encoding="utf-8")
-    paths = CampaignStore(out / "paths", config, text, estimator, scene_files=referenced_contents(scene_file))
+    loaded = load_campaign(campaign, seed=seed)
+    channel_estimator(loaded.config, estimator)
+    chosen = chosen_stops(stops, len(loaded.stops))
+    paths = campaign_store(loaded, out / "paths", estimator)
     with one_run(out), recorded_run(out):
         paths.open_for_writing()
-        yield BudgetJob(out, paths, scene, chosen, repeats)
+        yield BudgetJob(out, paths, loaded.scene, chosen, repeats)
 
 
 def chosen_stops(text: str | None, n_stops: int) -> tuple[int, ...]:

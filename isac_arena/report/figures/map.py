@@ -1,5 +1,6 @@
 """The maps of mapping and SLAM side by side, as in the paper's figure 3."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -70,9 +71,16 @@ def _draw_map(ax: Any, result: MapResult, scores: MapScores) -> None:
         curves = [contour_curve(contours, row) for row in range(len(contours))]
         label, is_ghost = contours.object, scores.contours.is_ghost
     ax.plot(*ips.position_m[ips.is_inlier & (label < 0)].T, ".", color=GHOST, markersize=3.5, zorder=3)
+    looks = [{"color": GHOST, "marker": "x"} if ghost else cluster_look(row) for row, ghost in enumerate(is_ghost)]
+    draw_contours(ax, curves, [ips.position_m[label == row] for row in range(len(curves))], looks)
+
+
+def draw_contours(
+    ax: Any, curves: Sequence[Curve], points_m: Sequence[FloatArray] | None, looks: Sequence[dict[str, Any]]
+) -> None:
+    """Draw numbered contours with their bands and, where given, the points (ip, xy) that each was fitted to."""
     for row, curve in enumerate(curves):
-        look = {"color": GHOST, "marker": "x"} if is_ghost[row] else cluster_look(row)
-        _draw_curve(ax, curve, ips.position_m[label == row], row, look)
+        _draw_curve(ax, curve, np.zeros((0, 2)) if points_m is None else points_m[row], row, looks[row])
 
 
 def _draw_curve(ax: Any, curve: Curve, points_m: FloatArray, row: int, look: dict[str, Any]) -> None:

@@ -49,7 +49,7 @@ def plan_figure(
     ax = figure.subplots()
     title = scene.name
     if paths is not None and stop is not None:
-        _draw_paths(ax, scene, paths, stop)
+        draw_paths(ax, scene, paths, scene.walk.positions_m()[stop])
         title = f"{scene.name}, stop {stop}: {path_summary(paths)}"
     draw_plan(ax, scene, extent=extent)
     ax.set_title(title, fontsize=11, weight="bold")
@@ -153,8 +153,8 @@ def _write(ax: Any, text: str, place_m: FloatArray, offset_pt: tuple[float, floa
     )  # fmt: skip
 
 
-def _draw_paths(ax: Any, scene: Scene, paths: Paths, stop: int) -> None:
-    here = scene.walk.positions_m()[stop]
+def draw_paths(ax: Any, scene: Scene, paths: Paths, here: FloatArray) -> None:
+    """Draw the paths from the TX to the RX at `here` (xyz,), before the plan."""
     scattered = scatter_points(paths)
     if len(scattered):
         ax.plot(*scattered[:, :2].T, "o", color=SCATTER_COLOR, markersize=1.0, alpha=0.4, zorder=2.1)

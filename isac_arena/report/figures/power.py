@@ -27,7 +27,7 @@ def power_figure(power_map: BeamPowerMap, estimate: ChannelEstimate, tables: Sco
     figure = new_figure(8.4, 5.2)
     ax = figure.subplots()
     ax.grid(visible=False)
-    mesh = _draw_power(ax, power_map)
+    mesh = draw_power(ax, power_map)
     figure.colorbar(mesh, ax=ax, label="received power per beam pair in dBm", pad=0.02, extend="min")
     true = tables.significant.take("true_path", tables.significant.stop == power_map.stop)
     ax.plot(
@@ -42,7 +42,8 @@ def power_figure(power_map: BeamPowerMap, estimate: ChannelEstimate, tables: Sco
     return figure
 
 
-def _draw_power(ax: Any, power_map: BeamPowerMap) -> Any:
+def draw_power(ax: Any, power_map: BeamPowerMap) -> Any:
+    """Draw the power per beam pair over departure and arrival in deg; returns the mesh of its colours."""
     tx_order, rx_order = np.argsort(power_map.tx_azimuth_rad), np.argsort(power_map.rx_azimuth_rad)
     top = float(power_map.power_dbm.max())
     return ax.pcolormesh(

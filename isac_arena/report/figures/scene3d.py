@@ -39,13 +39,18 @@ Ring = FloatArray  # corners (point, xyz) of a flat face
 
 
 def scene_figure(
-    scene: Scene, *, extent: Literal["walk", "all"] = "walk", paths: Paths | None = None, stop: int | None = None
+    scene: Scene,
+    *,
+    extent: Literal["walk", "all"] = "walk",
+    paths: Paths | None = None,
+    stop: int | None = None,
+    figure: Figure | None = None,
 ) -> Figure:
     """The scene in an oblique view from above, cut off at the extent, with transparent walls and without ceiling.
 
-    With `paths`, the paths from the TX to the RX at `stop` are drawn over it.
+    With `paths`, the paths from the TX to the RX at `stop` are drawn over it. By default the figure is a new one.
     """
-    figure = Figure(figsize=(10.5, 7.5))
+    figure = figure or Figure(figsize=(10.5, 7.5))
     ax: Any = figure.add_axes((0.0, 0.03, 0.86, 0.91), projection="3d", computed_zorder=False)
     ax.autoscale(False)
     view = plan_view(scene, extent)

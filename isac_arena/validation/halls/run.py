@@ -9,10 +9,11 @@ from rich.console import Console
 from threadpoolctl import threadpool_limits
 
 from isac_arena.campaign.files import read_record
+from isac_arena.campaign.load import SceneSource
 from isac_arena.campaign.lock import one_run
 from isac_arena.campaign.recording import recorded_run
 from isac_arena.scoring.record import ScoreTables
-from isac_arena.sweep.cases import Case, SceneSource
+from isac_arena.sweep.cases import Case
 from isac_arena.sweep.job import Job, make_job, store_scene
 from isac_arena.sweep.run import check_case, read_times
 from isac_arena.sweep.runner import Workers, run_missing

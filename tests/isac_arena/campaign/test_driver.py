@@ -9,13 +9,12 @@ import pytest
 
 from estimation.channel.calibration.self_calibration import SelfCalibrationConfig
 from estimation.channel.estimate import ChannelConfig
-from estimation.slam.config import SnapshotConfig
 from estimation.slam.record import SolveStatus
+from isac_arena.campaign.campaign import Campaign, load_campaign
 from isac_arena.campaign.chain import known_receiver
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.directory import CampaignStore
 from isac_arena.campaign.driver import CampaignRun, MemoryResults
-from isac_arena.campaign.load import campaign_scene, load_campaign
 from isac_arena.scoring.score import Scores
 from isac_arena.verification.compare import compare_records
 from scenes.scene import Scene
@@ -37,19 +36,15 @@ def strongest(sweep):
 
 
 @pytest.fixture(scope="module")
-def campaign_files(tmp_path_factory: pytest.TempPathFactory) -> tuple[CampaignConfig, Path]:
+def loaded(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
     file = tmp_path_factory.mktemp("driver") / "small.toml"
     file.write_text(CAMPAIGN)
-    config, scene_file = load_campaign(str(file))
-    slam = config.slam.model_copy(update={"method": "statistical"})
-    assert isinstance(slam, SnapshotConfig)
-    return config.model_copy(update={"slam": slam}), scene_file
+    return load_campaign(file, slam={"method": "statistical"})
 
 
 @pytest.fixture(scope="module")
-def in_memory(campaign_files: tuple[CampaignConfig, Path]) -> CampaignRun:
-    config, scene_file = campaign_files
-    return CampaignRun(config, campaign_scene(config, scene_file), stops=STOPS)
+def in_memory(loaded: Campaign) -> CampaignRun:
+    return loaded.run(STOPS)
 
 
 @pytest.fixture(scope="module")
@@ -72,10 +67,10 @@ def counted(calls: list[int]):
 
 
 def test_a_directory_gives_the_same_results_as_memory_and_is_used_again(
-    campaign_files: tuple[CampaignConfig, Path], in_memory: CampaignRun, scores: Scores, tmp_path: Path
+    loaded: Campaign, in_memory: CampaignRun, scores: Scores, tmp_path: Path
 ) -> None:
-    config, scene_file = campaign_files
-    store = CampaignStore(tmp_path / "out", config, scene_file.read_text(), None)
+    config = loaded.config
+    store = CampaignStore(tmp_path / "out", config, loaded.source.text, None)
     store.open_for_writing()
     calls: list[int] = []
     kept = replace(in_memory, results=store, observer=counted(calls))

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from isac_arena.campaign.load import load_campaign
+from isac_arena.campaign.campaign import load_campaign
 from tests.command_line import ARENA, ROOT, arena, arena_here, failure
 
 
@@ -103,8 +103,8 @@ def campaign_file(folder: Path, text: str) -> Path:
 
 
 def test_a_campaign_of_three_lines_has_the_slam_of_the_library(tmp_path: Path) -> None:
-    short, _ = load_campaign(str(campaign_file(tmp_path, "seed = 1\n")))
-    library, _ = load_campaign("box_room")
+    short = load_campaign(str(campaign_file(tmp_path, "seed = 1\n"))).config
+    library = load_campaign("box_room").config
     assert short.slam == library.slam
     assert short.slam.method == "statistical"
 
@@ -185,12 +185,12 @@ def test_files_that_are_no_campaign_are_left_alone(tmp_path: Path) -> None:
 
 
 def test_the_line_of_sight_level_follows_the_link(tmp_path: Path) -> None:
-    base, _ = load_campaign("box_room")
+    base = load_campaign("box_room").config
     assert base.channel.los.power_at_1m_dbm == pytest.approx(-13, abs=0.3)
-    strong, _ = load_campaign(str(campaign_file(tmp_path, "[link]\ntx_power_dbm = 23.0\n")))
+    strong = load_campaign(str(campaign_file(tmp_path, "[link]\ntx_power_dbm = 23.0\n"))).config
     assert strong.channel.los.power_at_1m_dbm == pytest.approx(base.channel.los.power_at_1m_dbm + 20)
     assert strong.slam.path_loss.intercept_dbm == strong.channel.los.power_at_1m_dbm
-    given, _ = load_campaign(str(campaign_file(tmp_path, "[channel.los]\npower_at_1m_dbm = -7.0\n")))
+    given = load_campaign(str(campaign_file(tmp_path, "[channel.los]\npower_at_1m_dbm = -7.0\n"))).config
     assert given.channel.los.power_at_1m_dbm == -7
 
 
@@ -203,8 +203,8 @@ def test_a_directory_of_another_campaign_is_not_overwritten(box_room: Path) -> N
 
 def test_every_library_campaign_is_valid() -> None:
     for file in (ROOT / "isac_arena/campaign/library").glob("*.toml"):
-        config, scene = load_campaign(file.stem)
-        assert config.name == file.stem and scene.is_file()
+        campaign = load_campaign(file.stem)
+        assert campaign.config.name == file.stem and campaign.stops
 
 
 def test_the_view_stands_by_itself_and_knows_its_stops(box_room: Path, tmp_path: Path) -> None:

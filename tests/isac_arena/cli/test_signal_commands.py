@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from isac_arena.campaign.campaign import load_campaign
 from isac_arena.campaign.directory import CampaignStore
-from isac_arena.campaign.load import load_campaign
 from isac_arena.exchange.sigmf_recording import read_sigmf
 from sim.signal.link import make_link
 from sim.signal.waveform.ofdm import cp_lengths, demodulate
@@ -87,7 +87,7 @@ def test_weight_files_lie_beside_the_campaign(tmp_path: Path) -> None:
     np.savez(tmp_path / "beams.npz", weights=np.eye(2, 64))
     text = '[rx_array]\ncodebook = "file"\nweights_file = "beams.npz"\n'
     (tmp_path / "own.toml").write_text(f'name = "own"\nscene = "box_room"\n{text}')
-    config, _ = load_campaign(str(tmp_path / "own.toml"))
+    config = load_campaign(str(tmp_path / "own.toml")).config
     assert len(make_link(config).rx_codebook) == 2
     before = CampaignStore(tmp_path / "out", config, "", None).truth_fingerprint
     np.savez(tmp_path / "beams.npz", weights=np.eye(3, 64))

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from scenes.config import library_scenes, load_scene, referenced_files
+from scenes.config import SceneConfig, library_scenes, load_scene, referenced_contents
 from scenes.meshes.mesh import Polyline3d, glb_bytes, object_meshes, ply_bytes, read_mesh, write_mitsuba
-from scenes.toml_config import ConfigError
+from scenes.toml_config import ConfigError, load_config
 
 ROOM = (load_scene.__globals__["LIBRARY"] / "box_room.toml").read_text()
 MESH = '\n[[meshes]]\nfile = "crate.{kind}"\nmaterial = "wood"\nposition_m = [3.0, 6.0, 0.6]\n{more}'
@@ -53,7 +53,8 @@ def test_a_floor_plan_becomes_thin_walls(load, folder):
     assert scene.object_names[-2:] == ["plan_1", "plan_2"]
     wall = scene.object("plan_1")
     assert not wall.contour.closed and wall.contour.length_m == pytest.approx(1.5) and wall.z_max_m == 2.2
-    assert [str(file) for file in referenced_files(folder / "room.toml")] == ["plan.csv"]
+    config = load_config(folder / "room.toml", SceneConfig)
+    assert list(referenced_contents(config, folder)) == ["scene_files/plan.csv"]
 
 
 MISTAKES = [

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from scenes.config import load_scene, referenced_contents
-from scenes.toml_config import ConfigError
+from scenes.config import SceneConfig, load_scene, referenced_contents
+from scenes.toml_config import ConfigError, load_config
 from scenes.walks.tum import parse_tum, tum_text
 
 ROOM = (load_scene.__globals__["LIBRARY"] / "box_room.toml").read_text()
@@ -61,7 +61,7 @@ def test_a_walk_has_the_poses_of_its_file(tmp_path):
     np.testing.assert_allclose([pose.heading_rad for pose in scene.stops], heading, atol=1e-8)
     assert scene.walk.height_m == pytest.approx(1.5) and scene.walk.line_m().shape == (3, 2)
     assert scene.walk.length_m == pytest.approx(np.linalg.norm(np.diff(position, axis=0), axis=1).sum())
-    assert list(referenced_contents(file)) == ["scene_files/way.tum"]
+    assert list(referenced_contents(load_config(file, SceneConfig), tmp_path)) == ["scene_files/way.tum"]
 
 
 def test_a_wrong_walk_is_named(tmp_path):

@@ -1,0 +1,171 @@
+"""The estimation chain in Python: functions of a campaign and of records, and runs on a directory.
+
+The campaign gives settings, scene and link; `CampaignRun` in `campaign/driver.py` does the work.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from estimation.channel.record import ChannelEstimate
+from estimation.slam.checks import check_estimates
+from estimation.slam.record import IncidencePoints, PoseEstimates, SolveStatus
+from isac_arena.campaign import stages
+from isac_arena.campaign.campaign import Campaign, load_campaign
+from isac_arena.campaign.config import CampaignConfig
+from isac_arena.campaign.directory import CampaignStore
+from isac_arena.campaign.results import CampaignResults, MapResult
+from isac_arena.scoring.measured import measured_metrics
+from isac_arena.scoring.score import Scores, score_metrics
+from scenes.display import Displayed
+from scenes.record import empty_record
+from scenes.scene import Scene
+from sim.truth import Truth
+
+Located = tuple[PoseEstimates, IncidencePoints]
+
+
+def map_points(campaign: Campaign, channel: Sequence[ChannelEstimate], truths: Sequence[Truth]) -> Located:
+    """Mapping: the incidence points of all paths, from the surveyed receiver states of the truths.
+
+    Returns the states and the points. Raises `ValueError` where an estimate does not fit the others.
+    """
+    run = campaign.run()
+    return run.locate(_usable(campaign, channel), run.surveyed_receiver(truths))
+
+
+def slam(campaign: Campaign, channel: Sequence[ChannelEstimate]) -> Located:
+    """SLAM: receiver states and incidence points, found together; raises as `map_points` does."""
+    return campaign.run().locate(_usable(campaign, channel))
+
+
+def fit_contours(
+    campaign: Campaign, channel: Sequence[ChannelEstimate], poses: PoseEstimates, points: IncidencePoints
+) -> MapResult:
+    """The map with the paper's shapes of clusters and our contours of objects."""
+    return campaign.run().shape(_usable(campaign, channel), poses, points)
+
+
+def score(
+    campaign: Campaign,
+    truths: Sequence[Truth],
+    channel: Sequence[ChannelEstimate],
+    mapping: MapResult | None = None,
+    slam: MapResult | None = None,
+) -> Scores:
+    """Scores of the channel estimates and of the maps that are given, against the truths.
+
+    Raises `ValueError` where a stop has a truth but no estimate, or an estimate but no truth.
+    """
+    results = CampaignResults(
+        tuple(_usable(campaign, channel)), (), mapping or empty_record(MapResult), slam or _no_slam(truths)
+    )
+    scores = campaign.run([truth.stop for truth in truths]).score(truths, results)
+    absent = {name for name, given in (("mapping", mapping), ("slam", slam)) if given is None}
+    kept = (metric for metric in scores.metrics if absent.isdisjoint(metric.key.split(".")))
+    return replace(scores, metrics=tuple(kept))
+
+
+def run(
+    campaign: Campaign | str | Path,
+    out: str | Path,
+    *,
+    seed: int | None = None,
+    estimator: str | None = None,
+    keep_sweeps: bool = False,
+) -> "FinishedRun":
+    """The whole chain into a campaign directory, as `arena run`; an interrupted run continues.
+
+    `estimator` is `package.module:function`, a channel estimator of your own. Raises `ValueError` where the
+    directory holds something else or an input is wrong.
+    """
+    given = campaign if isinstance(campaign, Campaign) else load_campaign(campaign)
+    if seed is not None:
+        given = replace(given, config=given.config.model_copy(update={"seed": seed}))
+    stages.run_campaign(given, Path(out), estimator=estimator, keep_sweeps=keep_sweeps)
+    return FinishedRun(stages.reopen(Path(out), reads=stages.SCORED))
+
+
+def open(directory: str | Path) -> "FinishedRun":
+    """The results in a campaign directory; `ValueError` where it holds none, or files changed since."""
+    return FinishedRun(stages.reopen(Path(directory), reads=stages.SCORED))
+
+
+@dataclass(frozen=True, repr=False)
+class FinishedRun(Displayed):
+    """The results of a run, read from its directory when they are first used."""
+
+    store: CampaignStore
+
+    @property
+    def directory(self) -> Path:
+        """Where the files are."""
+        return self.store.directory
+
+    @property
+    def config(self) -> CampaignConfig:
+        """The settings, with all defaults."""
+        return self.store.config
+
+    @cached_property
+    def scene(self) -> Scene:
+        """The scene."""
+        return stages.scene_of(self.store)
+
+    @cached_property
+    def truths(self) -> list[Truth]:
+        """The truth of every stop; a measured campaign has none."""
+        return list(stages.stored_truths(self.store, len(self.scene.stops)))
+
+    @cached_property
+    def results(self) -> CampaignResults:
+        """All estimates."""
+        return stages.stored_results(self.store, len(self.scene.stops))
+
+    @property
+    def channel(self) -> tuple[ChannelEstimate, ...]:
+        """The channel estimate of every stop."""
+        return self.results.channel
+
+    @property
+    def mapping(self) -> MapResult:
+        """The map from the surveyed receiver."""
+        return self.results.mapping
+
+    @property
+    def slam(self) -> MapResult:
+        """The map and the receiver states found together."""
+        return self.results.slam
+
+    @cached_property
+    def scores(self) -> Scores:
+        """The scores; `ValueError` where the run was not scored."""
+        tables = self.store.score_tables()
+        if tables is None:
+            raise ValueError(f"{self.directory}: has no scores; run 'arena score' first")
+        metrics = score_metrics if self.store.measured is None else measured_metrics
+        return Scores(metrics(self.scene, tables), tables)
+
+    def __repr__(self) -> str:
+        return f"FinishedRun({str(self.directory)!r}: {self.config.name!r}, {self.scene!r})"
+
+
+def _usable(campaign: Campaign, channel: Sequence[ChannelEstimate]) -> list[ChannelEstimate]:
+    """The estimates without their weak paths; `ValueError` where one does not fit the others."""
+    check_estimates(channel, campaign.scene.tx)
+    return [estimate.reported for estimate in channel]
+
+
+def _no_slam(truths: Sequence[Truth]) -> MapResult:
+    """A map of SLAM that solved no stop."""
+    n = len(truths)
+    unknown = np.full(n, np.nan)
+    poses = PoseEstimates(
+        stop=np.array([truth.stop for truth in truths], int), position_m=np.full((n, 2), np.nan),
+        heading_rad=unknown, clock_bias_s=unknown, status=np.full(n, SolveStatus.FAILED),
+        n_inliers=np.zeros(n, int), cost=unknown,
+    )  # fmt: skip
+    return replace(empty_record(MapResult), poses=poses)

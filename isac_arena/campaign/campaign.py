@@ -1,0 +1,117 @@
+"""A campaign in hand: settings, scene and link, with the truth and the samples of its stops."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from isac_arena.campaign.config import CampaignConfig
+from isac_arena.campaign.directory import CampaignStore
+from isac_arena.campaign.driver import CampaignRun
+from isac_arena.campaign.load import SceneSource, campaign_path, changed_campaign, python_scene_source
+from scenes.display import Displayed
+from scenes.pose import Pose
+from scenes.scene import Scene
+from scenes.tables import scene_tables
+from scenes.toml_config import read_toml
+from sim.observation import BeamSweep
+from sim.signal.link import Link
+from sim.simulate import observe
+from sim.truth import Truth
+
+IN_PYTHON = "campaign"  # what errors name in place of a file
+
+
+@dataclass(frozen=True, repr=False)
+class Campaign(Displayed):
+    """Settings, scene and what the scene was made from. `load_campaign` makes one."""
+
+    config: CampaignConfig
+    scene: Scene
+    source: SceneSource
+
+    @property
+    def stops(self) -> tuple[Pose, ...]:
+        """The receiver pose at every stop of the walk."""
+        return self.scene.stops
+
+    @cached_property
+    def link(self) -> Link:
+        """Beams, signal and noise of the settings."""
+        return self.run().link
+
+    def trace(self, stops: Iterable[int] | None = None) -> list[Truth]:
+        """True paths, receiver pose and clock of the given stops, by default of all."""
+        return list(self.run(stops).truths())
+
+    def observe(self, truth: Truth) -> BeamSweep:
+        """The samples of a stop: what its receiver has."""
+        return observe(self.config, self.link, self.scene, truth)
+
+    def run(self, stops: Iterable[int] | None = None) -> CampaignRun:
+        """The whole chain over these stops, in memory; `.scores()` runs it to its end."""
+        return CampaignRun(self.config, self.scene, stops=None if stops is None else list(stops))
+
+    def __repr__(self) -> str:
+        method = self.config.channel.method
+        return f"Campaign({self.config.name!r}: {self.scene!r}, method {method!r}, seed {self.config.seed})"
+
+
+def load_campaign(
+    source: str | Path | Mapping[str, Any],
+    *,
+    seed: int | None = None,
+    scene: str | Path | Mapping[str, Any] | Scene | None = None,
+    **changes: Any,
+) -> Campaign:
+    """A campaign of the library by name, of a TOML file by path, or of the tables of such a file as a dict.
+
+    Files that a campaign or scene names are looked up beside it; those of a dict in the working folder.
+
+    Parameters
+    ----------
+    seed
+        Replaces the seed of the file.
+    scene
+        Replaces the scene: a name, a path, the tables of a scene file as a dict, or a `Scene` made in Python.
+    changes
+        Settings that differ: a table as a dict (`link={"tx_power_dbm": 0.0}`: its other fields stay), or a dotted
+        path as in sweeps (`**{"scene.objects.pillar.contour.radius_m": 0.5}`).
+
+    Raises `ConfigError`, one line naming file, field, value and what is allowed, and `ValueError` for a scene that
+    cannot be used.
+    """
+    path = Path(IN_PYTHON) if isinstance(source, Mapping) else campaign_path(str(source))
+    document = dict(source) if isinstance(source, Mapping) else read_toml(path)
+    wanted = list(_fields(changes))
+    if seed is not None:
+        wanted.append(("seed", seed))
+    if scene is None:
+        config, made_of = changed_campaign(document, path, wanted)
+    elif isinstance(scene, str | Path):
+        name = str(Path(scene).resolve()) if str(scene).endswith(".toml") else str(scene)
+        config, made_of = changed_campaign(document, path, [*wanted, ("scene", name)])
+    else:
+        tables = scene_tables(scene) if isinstance(scene, Scene) else dict(scene)
+        named = [*wanted, ("scene", f"{tables.get('name', 'scene')}.toml")]
+        config, made_of = changed_campaign(document, path, named, lambda _: python_scene_source(tables))
+    return Campaign(config, made_of.build(config), made_of)
+
+
+def campaign_store(campaign: Campaign, directory: Path, estimator: str | None) -> CampaignStore:
+    """The directory of a campaign; nothing is written yet."""
+    return CampaignStore(
+        directory, campaign.config, campaign.source.text, estimator, scene_files=campaign.source.files
+    )
+
+
+def _fields(changes: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Changes as dotted paths and values: tables become their fields."""
+    for name, value in changes.items():
+        if isinstance(value, Mapping):
+            yield from ((f"{name}.{field}", inner) for field, inner in _fields(value))
+        else:
+            yield name, value

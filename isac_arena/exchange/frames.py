@@ -1,0 +1,57 @@
+"""Records as xarray and pandas objects."""
+
+from functools import singledispatch
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from isac_arena.scoring.metrics.metric import to_json
+from isac_arena.scoring.score import Scores
+from scenes.record import FIXED_AXES, Record, columns, parts_of
+
+LONGEST_SPREAD = 5  # a second axis of this length becomes columns of a table, a longer one is left out
+
+
+def to_xarray(record: Record) -> Any:
+    """A Dataset whose variables have `units` and `long_name`; a DataTree where records are inside the record."""
+    variables = {
+        name: (axes, values, {"units": about["unit"], "long_name": about["doc"]})
+        for name, axes, values, about in columns(record)
+    }
+    dataset, inner = xr.Dataset(variables, attrs={"record": type(record).__name__}), parts_of(record)
+    if not inner:
+        return dataset
+    trees = {name: to_xarray(part) for name, part in inner.items()}
+    return xr.DataTree(dataset, {n: t if isinstance(t, xr.DataTree) else xr.DataTree(t) for n, t in trees.items()})
+
+
+@singledispatch
+def to_dataframe(thing: Any) -> pd.DataFrame:
+    """A row per element of the first axis; short further axes become columns such as `position_x_m`."""
+    raise TypeError(f"{type(thing).__name__} is no table; use to_xarray, or one of its parts")
+
+
+@to_dataframe.register
+def _(thing: Record) -> pd.DataFrame:
+    first = next((axes for _, axes, _, _ in columns(thing) if axes), ())
+    if len(first) != 1 or parts_of(thing):
+        raise TypeError(f"{type(thing).__name__} is no table; use to_xarray, or one of its parts")
+    table: dict[str, Any] = {}
+    for name, axes, values, _ in columns(thing):
+        if not axes:
+            table[name] = np.full(thing.size(first[0]), values)
+        elif axes == first:
+            table[name] = values
+        elif axes[0] == first[0] and len(axes) == 2 and values.shape[1] <= LONGEST_SPREAD:
+            stem, _, unit = name.rpartition("_")
+            letters = axes[1] if axes[1] in FIXED_AXES else map(str, range(values.shape[1]))
+            for letter, column in zip(letters, values.T, strict=True):
+                table[f"{stem}_{letter}_{unit}" if stem else f"{name}_{letter}"] = column
+    return pd.DataFrame(table)
+
+
+@to_dataframe.register
+def _(thing: Scores) -> pd.DataFrame:
+    return pd.DataFrame(to_json(thing.metrics), columns=["key", "value", "unit", "direction"])

@@ -1,0 +1,113 @@
+"""A scene made in Python as the tables of a scene file, the inverse of `scenes.config`."""
+
+from typing import Any
+
+import numpy as np
+
+from scenes.contours import Circle, ClosedSpline, Contour, Ellipse, OpenSpline, Polygon, Polyline, RoundedPolygon
+from scenes.objects.material import Material, itu_material, itu_names
+from scenes.pose import Pose
+from scenes.scene import HorizontalPlane, Scene
+from scenes.walks.trajectory import AnyWalk, RecordedWalk
+
+
+def scene_tables(scene: Scene, carrier_hz: float = 60e9) -> dict[str, Any]:
+    """The tables of a scene file that gives this scene at the carrier of its materials.
+
+    Raises `ValueError` for a scene with meshes, which are files, and for two materials of one name.
+    """
+    if scene.clutter:
+        raise ValueError(f"mesh '{scene.clutter[0].name}': meshes are files; give the tables of a scene file")
+    materials: dict[str, Material] = {}
+    for material in scene.materials.values():
+        if materials.setdefault(material.name, material) != material:
+            raise ValueError(f"material '{material.name}': two materials have this name; each needs its own")
+    tables: dict[str, Any] = {
+        "name": scene.name,
+        "bounds_m": list(scene.bounds_m),
+        "txs": [_tx(name, pose) for name, pose in scene.txs.items()],
+        "walks": [_walk(name, walk) for name, walk in scene.walks.items()],
+        "materials": {name: _material(material, carrier_hz) for name, material in materials.items()},
+    }
+    planes: dict[str, HorizontalPlane | None] = {"floor": scene.floor, "ceiling": scene.ceiling}
+    for name, plane in planes.items():
+        if plane is not None:
+            tables[name] = {"z_m": plane.z_m, "material": plane.material.name}
+    tables["objects"] = [
+        {
+            "name": item.name,
+            "kind": item.kind,
+            "material": item.material.name,
+            "z_min_m": item.z_min_m,
+            "z_max_m": item.z_max_m,
+            **({"may_overlap": True} if item.may_overlap else {}),
+            "contour": _contour(item.contour),
+        }
+        for item in scene.objects
+    ]
+    return tables
+
+
+def _tx(name: str, pose: Pose) -> dict[str, Any]:
+    return {"name": name, "position_m": pose.position_m.tolist(), "heading_deg": _deg(pose.heading_rad)}
+
+
+def _walk(name: str, walk: AnyWalk) -> dict[str, Any]:
+    if isinstance(walk, RecordedWalk):
+        poses = np.column_stack([walk.position_m, np.rad2deg(walk.heading_rad)])
+        return {"name": name, "type": "poses", "poses": poses.tolist()}
+    table: dict[str, Any] = {
+        "name": name,
+        "type": "spline" if walk.is_smooth else "waypoints",
+        "waypoints_m": walk.waypoints_m.tolist(),
+        "height_m": walk.height_m,
+    }
+    if walk.n_stops is not None:
+        table["n_stops"] = walk.n_stops
+    if not np.isnan(walk.heading_rad):
+        table["heading_deg"] = _deg(walk.heading_rad)
+    return table
+
+
+def _material(material: Material, carrier_hz: float) -> dict[str, Any]:
+    """The ITU row that has the constants of a material at the carrier, otherwise the constants."""
+    constants: dict[str, Any] = {
+        "relative_permittivity": material.relative_permittivity,
+        "conductivity_s_m": material.conductivity_s_m,
+    }
+    if material.is_itu:
+        for name in itu_names(carrier_hz):
+            row = itu_material(name, carrier_hz)
+            if all(getattr(row, field) == value for field, value in constants.items()):
+                constants = {"itu": name}
+                break
+    table = {
+        **constants,
+        "thickness_m": material.thickness_m,
+        "scattering_coefficient": material.scattering_coefficient,
+    }
+    if material.scattering_directivity is not None:
+        table["scattering_directivity"] = material.scattering_directivity
+    return table
+
+
+def _contour(contour: Contour) -> dict[str, Any]:
+    match contour:
+        case Circle():
+            return {"type": "circle", "center_m": contour.center_m.tolist(), "radius_m": contour.radius_m}
+        case Ellipse():
+            place = {"center_m": contour.center_m.tolist(), "semi_axes_m": contour.semi_axes_m.tolist()}
+            return {"type": "ellipse", **place, "rotation_deg": _deg(contour.rotation_rad)}
+        case Polygon():
+            return {"type": "polygon", "vertices_m": contour.vertices_m.tolist()}
+        case RoundedPolygon():
+            radii = contour.corner_radius_m.tolist()
+            return {"type": "polygon", "vertices_m": contour.vertices_m.tolist(), "corner_radius_m": radii}
+        case ClosedSpline() | OpenSpline() | Polyline():
+            kinds = {ClosedSpline: "closed_spline", OpenSpline: "spline", Polyline: "polyline"}
+            return {"type": kinds[type(contour)], "points_m": contour.points_m.tolist()}
+    raise ValueError(f"contour = {type(contour).__name__}: a scene file has no such contour")
+
+
+def _deg(angle_rad: float) -> float:
+    return float(np.rad2deg(angle_rad))

@@ -1,0 +1,152 @@
+"""The public API: signatures that stay, campaigns made in Python, and records as tables and pictures."""
+
+import inspect
+import io
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+import xarray as xr
+
+import isac_arena as ia
+from isac_arena.campaign.campaign import campaign_store
+from isac_arena.campaign.stages import scene_of
+from isac_arena.validation.scenarios.perfect_campaign import MadeCampaign
+from scenes.config import SceneConfig
+from scenes.scene import Scene
+from scenes.tables import scene_tables
+from scenes.toml_config import ConfigError
+
+ROOT = Path(__file__).resolve().parents[2]
+
+# The arguments that users write. What goes is deprecated first: CONTRIBUTING.md
+SIGNATURES = {
+    "load_campaign": "source, *, seed=None, scene=None, **changes",
+    "estimate_channel": "sweep, method=None, config=None",
+    "map_points": "campaign, channel, truths",
+    "slam": "campaign, channel",
+    "fit_contours": "campaign, channel, poses, points",
+    "score": "campaign, truths, channel, mapping=None, slam=None",
+    "run": "campaign, out, *, seed=None, estimator=None, keep_sweeps=False",
+    "open": "directory",
+    "Campaign.trace": "self, stops=None",
+    "Campaign.observe": "self, truth",
+    "Campaign.run": "self, stops=None",
+    "Paths.plot": "self, *arguments, **options",
+    "Paths.to_xarray": "self",
+    "Paths.to_dataframe": "self",
+    "random_arena": "rng, difficulty=0.5, n_stops=10",
+    "load_scene": "name_or_path, frequency_hz=60000000000.0",
+}
+
+
+@pytest.mark.parametrize(("name", "wanted"), SIGNATURES.items())
+def test_public_signatures_stay(name: str, wanted: str) -> None:
+    first, _, method = name.partition(".")
+    function = getattr(getattr(ia, first), method) if method else getattr(ia, first)
+    plain = [
+        parameter.replace(annotation=inspect.Parameter.empty)
+        for parameter in inspect.signature(function).parameters.values()
+    ]
+    assert str(inspect.Signature(plain)) == f"({wanted})"
+
+
+def test_ten_lines_of_the_readme(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    block = next(part for part in text.split("```python\n")[1:] if part.startswith("import isac_arena as ia"))
+    lines = block.partition("```")[0].strip().splitlines()
+    assert len([line for line in lines if line]) <= 10
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, Any] = {}
+    exec(compile("\n".join(lines), "README.md", "exec"), names)
+    assert {"circle", "wall"} <= set(names["mapping"].contours.kind.tolist())
+    assert names["scores"].value("mapping.ip_to_surface.median_m") < 0.05
+    assert (tmp_path / "contours.png").stat().st_size > 10_000
+    plt.close("all")
+
+
+def test_settings_change_by_tables_and_by_paths() -> None:
+    base = ia.load_campaign("box_room")
+    table = {"link": {"tx_power_dbm": -5.0}, "scene.objects.pillar.contour.radius_m": 0.4}
+    changed = ia.load_campaign("box_room", seed=7, **table)
+    assert changed.config.link.tx_power_dbm == -5.0 and changed.config.seed == 7
+    assert changed.config.link.noise_figure_db == base.config.link.noise_figure_db
+    assert changed.config.shapes == base.config.shapes
+    assert changed.scene.object("pillar").contour.radius_m == 0.4  # type: ignore[attr-defined]
+    with pytest.raises(ConfigError, match=r"box_room.toml: link.tx_power = 1: unknown key; did you mean tx_power"):
+        ia.load_campaign("box_room", link={"tx_power": 1})
+
+
+def same_scene(one: Scene, other: Scene) -> None:
+    assert one.object_names == other.object_names and one.kinds == other.kinds
+    for name in one.object_names:
+        a, b = one.object(name), other.object(name)
+        np.testing.assert_allclose(a.contour.vertices(0.01), b.contour.vertices(0.01), atol=1e-9)
+        assert (a.z_min_m, a.z_max_m, a.material) == (b.z_min_m, b.z_max_m, b.material)
+    assert (one.floor, one.ceiling) == (other.floor, other.ceiling)
+    for pose, there in zip([one.tx, *one.stops], [other.tx, *other.stops], strict=True):
+        np.testing.assert_allclose(pose.position_m, there.position_m, atol=1e-9)
+        assert pose.heading_rad == pytest.approx(there.heading_rad, abs=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(100, 106))
+def test_a_scene_made_in_python_becomes_a_scene_file(seed: int) -> None:
+    scene = ia.random_arena(np.random.default_rng(seed), 0.6)
+    tables = scene_tables(scene)
+    assert {"itu": "concrete"}.items() <= tables["materials"]["concrete"].items()
+    same_scene(SceneConfig.model_validate(tables).build(60e9), scene)
+
+
+def test_a_campaign_made_in_python_has_a_directory(tmp_path: Path) -> None:
+    scene = ia.random_arena(np.random.default_rng(100), 0.2, n_stops=3)
+    campaign = ia.load_campaign({"name": "mine", "scene": "-"}, scene=scene, waveform={"comb": 12})
+    store = campaign_store(campaign, tmp_path / "out", None)
+    store.open_for_writing()
+    same_scene(scene_of(store), campaign.scene)
+    room = tomllib.loads(ia.load_campaign("box_room").source.text)
+    room["walk"] = {"type": "drops", "n_stops": 5, "seed": 3, "height_m": 1.5}
+    dropped = ia.load_campaign("box_room", scene=room)
+    assert len(dropped.stops) == 5 and dropped.config.shapes == ia.load_campaign("box_room").config.shapes
+    with pytest.raises(ConfigError, match=r"scene: walk.step = 1"):
+        ia.load_campaign("box_room", scene={**room, "walk": {**room["walk"], "step": 1}})
+
+
+def test_a_record_in_xarray_is_what_its_file_holds(campaign: MadeCampaign, tmp_path: Path) -> None:
+    store = campaign_store(ia.load_campaign("box_room"), tmp_path / "out", None)
+    truth = campaign.truths[0]
+    store.write_truth(truth)
+    with xr.open_datatree(tmp_path / "out/truth/stop_000.nc", engine="h5netcdf") as stored:
+        made = truth.to_xarray()
+        assert set(made.children) == set(stored.children)
+        paths = stored["paths"].dataset
+        assert paths["is_los"].values.tolist() == truth.paths.is_los.tolist() and paths["is_los"].values.sum() == 1
+        for name in paths.data_vars:
+            if not str(name).startswith("gain_"):
+                np.testing.assert_array_equal(paths[name].values, made["paths"][name].values)
+                assert paths[name].attrs["units"] == made["paths"][name].attrs["units"]
+
+
+def test_records_are_tables_texts_and_pictures(campaign: MadeCampaign) -> None:
+    truth, estimate, mapping = campaign.truths[0], campaign.results.channel[0], campaign.results.mapping
+    table = truth.paths.to_dataframe()
+    assert len(table) == len(truth.paths) and table["is_los"].sum() == 1
+    points = mapping.ips.to_dataframe()
+    np.testing.assert_array_equal(points[["position_x_m", "position_y_m"]], mapping.ips.position_m)
+    with pytest.raises(TypeError, match="MapResult is no table"):
+        mapping.to_dataframe()
+    for record in (truth, estimate, mapping, mapping.poses, mapping.ips, mapping.contours):
+        assert repr(record).startswith(type(record).__name__) and len(repr(record)) < 700
+        assert "<table" in record._repr_html_()
+        axes = record.plot(scene=campaign.scene)
+        assert axes.has_data()
+        axes.figure.savefig(io.BytesIO())
+    for view in ("plan", "3d"):
+        assert campaign.scene.plot(view=view).figure is not None
+        assert truth.plot(campaign.scene, view=view).figure is not None
+    assert campaign.results.power_maps[0].plot().has_data()
+    with pytest.raises(TypeError, match="Pose has no picture; these have"):
+        truth.rx_pose.plot()
+    plt.close("all")
