@@ -1,5 +1,6 @@
 """Checks of this machine and environment: can they run the chain, and what to do about each problem."""
 
+import math
 import os
 import platform
 import re
@@ -11,6 +12,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Literal
 
+from scenes.memory import free_bytes
 from sim.propagation.llvm import (
     LLVM_VARIABLE,
     MIN_LLVM_VERSION,
@@ -161,20 +163,8 @@ def check_disk(directory: Path) -> Check:
 
 def available_memory_gib() -> float | None:
     """Memory available to this process in GiB, None where the system does not report it."""
-    limits = []
-    try:
-        found = re.search(r"^MemAvailable:\s+(\d+) kB", Path("/proc/meminfo").read_text(), re.MULTILINE)
-        if found:
-            limits.append(int(found[1]) * 1024)
-    except OSError:
-        pass
-    group = Path("/sys/fs/cgroup")
-    try:
-        used = int((group / "memory.current").read_text())
-        limits.append(int((group / "memory.max").read_text()) - used)
-    except (OSError, ValueError):
-        pass
-    return max(0, min(limits)) / GIB if limits else None
+    free = free_bytes() / GIB
+    return free if math.isfinite(free) else None
 
 
 def read_pins(lock_file: Path) -> dict[str, str]:

@@ -12,6 +12,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from scenes.contours import Circle, Contour, rectangle
+from scenes.inputs import read_input
 from scenes.names import Name
 from scenes.objects.clutter import Clutter
 from scenes.objects.config import (
@@ -228,7 +229,7 @@ def referenced_contents(config: SceneConfig, folder: Path) -> dict[str, bytes]:
 def _content(file: Path) -> bytes:
     """The bytes of a file; `ConfigError` where it cannot be read."""
     try:
-        return file.read_bytes()
+        return read_input(file)
     except OSError as error:
         raise ConfigError(f"{file}: cannot be read ({error.strerror})") from error
 

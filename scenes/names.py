@@ -8,6 +8,7 @@ from pydantic import AfterValidator
 
 LONGEST_NAME = 120  # bytes: file systems take 255, and names get endings
 NAME = re.compile(r"\w[\w .+()-]*")
+LONGEST_PATH = 4000
 ALLOWED = f"letters, digits and _ . + - ( ) or blanks, a letter or digit first, at most {LONGEST_NAME} bytes"
 
 
@@ -19,6 +20,15 @@ def _checked(name: str) -> str:
 
 # Of campaigns, sweeps, scenes, objects, TXs and walks: it may become the name of a file and leads nowhere else
 Name = Annotated[str, AfterValidator(_checked)]
+
+
+def _checked_file(name: str) -> str:
+    if not name or "\0" in name or len(name) > LONGEST_PATH:
+        raise ValueError(f"a file name has 1 to {LONGEST_PATH} characters, and no NUL")
+    return name
+
+
+FileName = Annotated[str, AfterValidator(_checked_file)]  # of an input: it may be in any folder
 
 
 def name_from(text: str) -> str:

@@ -7,6 +7,7 @@ import numpy as np
 
 from scenes.record import FloatArray, Record, array
 
+LARGEST_LENGTH_M = 1e6  # of any input: the square of a larger one loses the centimetres
 SPEED_OF_LIGHT_M_S = 299_792_458.0
 
 

@@ -1,16 +1,26 @@
 """Typed TOML files. Every error is one line: FILE: field.path = value: allowed values."""
 
 import json
+import re
 import tomllib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Self, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import ErrorDetails, PydanticCustomError
 
+from scenes.inputs import LARGEST_TEXT, InputError, read_input
+from scenes.memory import MemoryLimitError
+from scenes.pose import LARGEST_LENGTH_M
+
 LONGEST_SHOWN_VALUE = 80
+LARGEST_NUMBER = 1e12  # its square is far from the largest float
+MAX_KEY_PARTS = 32
+# Strings and comments of a TOML text, and a key of too many parts in what is left of it
+STRINGS = re.compile(r'"""(?s:[^\\]|\\.)*?"""|"(?:[^"\\\n]|\\.)*+"|' + r"'''(?s:.)*?'''|'[^'\n]*+'|#[^\n]*+")
+LONG_KEY = re.compile(rf"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){{{MAX_KEY_PARTS}}}")
 
 # TOML arrays are read as lists: the tuple accepts a list, its elements stay strict
 Pair = Annotated[tuple[float, float], Field(strict=False)]
@@ -36,6 +46,23 @@ class ConfigModel(BaseModel):
             raise PydanticCustomError("unknown_key", "{hint}", {"hint": hint, "key": unknown[0]})
         return data
 
+    @model_validator(mode="after")
+    def _refuse_what_overflows(self) -> Self:
+        for name, value in self:
+            most = LARGEST_LENGTH_M if name.endswith("_m") else LARGEST_NUMBER
+            for number in _floats(value):
+                if abs(number) > most:
+                    raise ValueError(f"{name} = {number:g}: must be within -{most:g} and {most:g}")
+        return self
+
+
+def _floats(value: Any) -> Iterator[float]:
+    if isinstance(value, float):
+        yield value
+    elif isinstance(value, list | tuple):
+        for item in value:
+            yield from _floats(item)
+
 
 M = TypeVar("M", bound=ConfigModel)
 
@@ -48,18 +75,35 @@ def load_config(path: str | Path, model: type[M]) -> M:
 def read_toml(path: str | Path) -> dict[str, Any]:
     """The tables of a TOML file. Raises `ConfigError` (one line) if it is missing or not valid TOML."""
     try:
-        with open(path, "rb") as file:
-            return tomllib.load(file)
+        return parse_toml(read_input(path, LARGEST_TEXT).decode("utf-8"))
+    except (InputError, MemoryLimitError) as error:
+        raise ConfigError(str(error)) from error
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read ({error.strerror}); it must be a TOML file") from error
     except ValueError as error:  # TOML syntax or text that is not UTF-8
-        raise ConfigError(f"{path}: not valid TOML: {_one_line(str(error))}") from error
+        raise ConfigError(f"{path}: not valid TOML: {_shortened(_one_line(str(error)))}") from error
 
 
-def read_text(path: str | Path) -> str:
+def parse_toml(text: str) -> dict[str, Any]:
+    """The tables of a TOML text.
+
+    Raises `ValueError` for a key of more parts than any table is deep, whose cost is their square, and for nesting
+    that is too deep.
+    """
+    if found := LONG_KEY.search(STRINGS.sub("s", text)):
+        raise ValueError(f"the key {found[0][:20]}... has more than {MAX_KEY_PARTS} parts")
+    try:
+        return tomllib.loads(text.replace("\r\n", "\n"))
+    except RecursionError:
+        raise ValueError("nested too deep") from None
+
+
+def read_text(path: str | Path, encoding: str = "utf-8-sig") -> str:
     """The text of a file. Raises `ConfigError` (one line) if it is missing or not UTF-8."""
     try:
-        return Path(path).read_text(encoding="utf-8-sig")
+        return read_input(path, LARGEST_TEXT).decode(encoding)
+    except (InputError, MemoryLimitError) as error:
+        raise ConfigError(str(error)) from error
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read ({error.strerror})") from error
     except ValueError as error:
@@ -127,7 +171,10 @@ def _join(path: str, rest: str) -> str:
 
 
 def _shown(value: Any) -> str:
-    text = _one_line(json.dumps(value, default=str, ensure_ascii=False))
+    return _shortened(_one_line(json.dumps(value, default=str, ensure_ascii=False)))
+
+
+def _shortened(text: str) -> str:
     return text if len(text) <= LONGEST_SHOWN_VALUE else text[: LONGEST_SHOWN_VALUE - 3] + "..."
 
 

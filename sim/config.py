@@ -4,6 +4,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
+from scenes.names import FileName
 from scenes.toml_config import ConfigModel
 from sim.signal.hardware.config import ImpairmentsConfig
 from sim.signal.waveform.config import ScheduleConfig
@@ -89,7 +90,7 @@ class ArrayConfig(ConfigModel):
         [0.0], min_length=1, description="steered, campus_63: elevations of the beams in the panel frame"
     )
     hierarchy_levels: int = Field(4, ge=1, le=9, description="hierarchical: levels of 1, 2, 4, ... beams")
-    weights_file: str | None = Field(None, description="file: .npz or .csv with the weights of each beam")
+    weights_file: FileName | None = Field(None, description="file: .npz or .csv with the weights of each beam")
     taper: Literal["uniform", "taylor", "chebyshev"] = Field("uniform", description="amplitude over the array")
     taper_side_lobe_db: float = Field(30.0, ge=15, le=80, description="side lobes of a taper below the main lobe")
     phase_bits: int | None = Field(None, ge=1, le=16, description="bits of the phase shifters, none for ideal")
@@ -148,7 +149,7 @@ class PropagationConfig(ConfigModel):
     max_transmission_loss_db: float = Field(
         30.0, gt=0, le=200, description="paths that lose more on their way through faces are left out"
     )
-    deepmimo: str | None = Field(
+    deepmimo: FileName | None = Field(
         None, description="folder: paths of this DeepMIMO v4 scenario in place of traced ones"
     )
 
@@ -161,7 +162,7 @@ class PropagationConfig(ConfigModel):
 class SimulationConfig(ConfigModel):
     """One campaign: a scene, a seed and the settings of every simulated part."""
 
-    scene: str = Field(min_length=1, description="library name or path of the scene file")
+    scene: FileName = Field(description="library name or path of the scene file")
     tx: str | None = Field(None, description="TX to use where the scene has several; by default the first")
     walk: str | Annotated[list[str], Field(min_length=1)] | None = Field(
         None, description="walk to use where the scene has several, or a list of them; by default the first"

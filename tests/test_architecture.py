@@ -33,9 +33,17 @@ FILE_PARTS = (
     ),
     *("isac_arena/insight/budget/runs.py", "isac_arena/validation/benches/sweep.py"),
     "estimation/kernel_cache.py",  # reads source code
+    *("scenes/inputs.py", "scenes/memory.py"),
     *("isac_arena/doctor.py", "isac_arena/validation/golden.py"),
     *("isac_arena/report/page/template.py", "isac_arena/report/page/budget_file.py"),
-    *("scenes/config.py", "scenes/toml_config.py", "scenes/objects/config.py", "scenes/walks/config.py"),
+    *(
+        "scenes/config.py",
+        "scenes/inputs.py",
+        "scenes/memory.py",
+        "scenes/toml_config.py",
+        "scenes/objects/config.py",
+        "scenes/walks/config.py",
+    ),
     *("scenes/meshes/", "sim/signal/arrays/weights_file.py", "sim/propagation/deepmimo/"),
 )
 

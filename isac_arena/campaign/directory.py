@@ -44,10 +44,11 @@ from isac_arena.campaign.results import MapName, MapResult
 from isac_arena.scoring.metrics.metric import to_json
 from isac_arena.scoring.record import ScoreTables
 from isac_arena.scoring.score import Scores
+from scenes.inputs import LARGEST_TEXT, read_input
 from scenes.names import path_in
 from scenes.objects.config import KEPT_FOLDER
 from scenes.record import Record
-from scenes.toml_config import validate_stored
+from scenes.toml_config import read_text, validate_stored
 from sim.config import SimulationConfig
 from sim.observation import BeamSweep
 from sim.propagation.deepmimo.folder import scenario_digest
@@ -293,18 +294,17 @@ def open_campaign(directory: Path) -> CampaignStore:
     Raises `ValueError` where the directory holds no campaign, or its settings are damaged.
     """
     check_is_campaign(directory)
-    settings, scene = directory / "campaign.json", directory / "scene.toml"
+    settings, text = directory / "campaign.json", read_text(directory / "scene.toml", "utf-8")
     try:
-        content = json.loads(settings.read_text(encoding="utf-8"))
+        content = json.loads(read_input(settings, LARGEST_TEXT))
         config = validate_stored(content["campaign"], CampaignConfig, "settings")
-        text, measured = scene.read_text(encoding="utf-8"), content.get("measured")
         files = {
             f"{KEPT_FOLDER}/{file.name}": file.read_bytes()
             for file in sorted((directory / KEPT_FOLDER).glob("*"))
             if not file.name.endswith(".part")
         }
-        return CampaignStore(directory, config, text, content["estimator"], measured, files)
-    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        return CampaignStore(directory, config, text, content["estimator"], content.get("measured"), files)
+    except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0]
         raise ValueError(
             f"{settings}: damaged, or of another version ({reason}); put it back as it was, or run the campaign "

@@ -18,6 +18,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from scenes.inputs import read_input
+
 SEAL = b"sha256 "
 SEAL_BYTES = len(SEAL) + 64
 
@@ -29,7 +31,7 @@ def add_seal(content: bytes) -> bytes:
 
 def is_sealed(path: Path) -> bool:
     """Whether a file is, byte by byte, as `add_seal` made it; `OSError` where it cannot be read."""
-    content = memoryview(path.read_bytes())
+    content = memoryview(read_input(path))
     return content[-SEAL_BYTES:] == _seal(content[:-SEAL_BYTES])
 
 

@@ -138,7 +138,10 @@ def resolve_campaign(document: dict[str, Any], path: Path) -> tuple[CampaignConf
         folder = str((path.parent / config.propagation.deepmimo).resolve())
         propagation = config.propagation.model_copy(update={"deepmimo": folder})
         config = config.model_copy(update={"propagation": propagation})
-    config = with_link_levels(config)
+    try:
+        config = with_link_levels(config)
+    except (ValueError, OSError) as error:  # a file of weights, or arrays that are too large
+        raise ConfigError(f"{path}: {error}") from error
     is_file = config.scene.endswith(".toml")
     return config, path.parent / config.scene if is_file else scene_path(config.scene)
 

@@ -19,6 +19,7 @@ from threadpoolctl import threadpool_info
 
 from isac_arena.campaign.files import write_json
 from isac_arena.campaign.integrity import code_digest, file_digest, manifest_seal
+from scenes.inputs import read_input
 from scenes.names import path_in
 
 MANIFEST = "manifest.json"
@@ -99,7 +100,7 @@ def read_manifest(directory: Path) -> Manifest:
     if not file.is_file():
         raise ValueError(f"{file}: missing; a finished run writes it: run the same command again")
     try:
-        content = json.loads(file.read_text(encoding="utf-8"))
+        content = json.loads(read_input(file))
         seal, manifest = content.pop("seal"), Manifest(**content)
         for name, entry in manifest.files.items():
             path_in(directory, name)

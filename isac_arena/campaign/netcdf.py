@@ -18,6 +18,7 @@ import h5py
 import numpy as np
 
 from isac_arena.campaign.integrity import add_seal, is_sealed
+from scenes.memory import ask_memory
 from scenes.record import Record, columns
 
 R = TypeVar("R", bound=Record)
@@ -26,6 +27,7 @@ R = TypeVar("R", bound=Record)
 # dimension but other axes
 NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable.%10d"
 NO_COORDINATE = "_nc4_non_coord_"
+ASKED_BYTES = 10_000_000  # of a variable: a packed file can be much smaller
 
 
 def to_netcdf(record: Record, attributes: Mapping[str, str]) -> bytes:
@@ -124,4 +126,6 @@ def _read_group(group: h5py.Group, kind: type[R]) -> R:
 
 def _read_array(group: h5py.Group, name: str) -> Any:
     dataset = group[NO_COORDINATE + name] if NO_COORDINATE + name in group else group[name]
+    if (size := dataset.size * dataset.dtype.itemsize) > ASKED_BYTES:
+        ask_memory(size, name, str(group.file.filename))
     return (dataset.asstr() if h5py.check_string_dtype(dataset.dtype) else dataset)[()]

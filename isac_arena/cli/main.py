@@ -31,6 +31,7 @@ from isac_arena.cli import (
     verify,
     view,
 )
+from isac_arena.cli.options import with_memory
 from isac_arena.own_packages import hiding_names
 
 USAGE_ERROR: Any = typer.BadParameter.__bases__[0]  # of click, or of typer's own copy of click
@@ -53,7 +54,7 @@ COMMANDS = (
     twin.twin, doctor.doctor, validate.validate, validate.bench,
 )  # fmt: skip
 for command in COMMANDS:
-    app.command(command.__name__.replace("_", "-"))(command)
+    app.command(command.__name__.replace("_", "-"))(with_memory(command))
 app.add_typer(scene.app, name="scene")
 app.add_typer(study.app, name="study")
 

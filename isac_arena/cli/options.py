@@ -1,7 +1,9 @@
 """Arguments and options that several commands share, each defined once."""
 
+import inspect
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -17,3 +19,29 @@ Estimator = Annotated[
 KeepSweeps = Annotated[bool, typer.Option(help="Keep the samples of every stop (about 40 MB each).")]
 Json = Annotated[Path | None, typer.Option("--json", help="Write the rows to this JSON file as well.")]
 Quick = Annotated[bool, typer.Option("--quick", help="A subset that takes seconds.")]
+Memory = Annotated[
+    str | None, typer.Option(help="Most memory to take, such as 4GB; by default 80 % of what is free.")
+]
+
+
+def with_memory(command: Callable[..., Any]) -> Callable[..., Any]:
+    """A command with the option `--memory`."""
+
+    def limited(*arguments: Any, memory: str | None = None, **options: Any) -> Any:
+        from scenes.memory import limited_memory  # noqa: PLC0415
+
+        with limited_memory(memory):
+            return command(*arguments, **options)
+
+    signature = inspect.signature(command, eval_str=True)
+    option = inspect.Parameter("memory", inspect.Parameter.KEYWORD_ONLY, default=None, annotation=Memory)
+    parameters = [*signature.parameters.values(), option]
+    about = {
+        "__name__": command.__name__,
+        "__doc__": command.__doc__,
+        "__signature__": signature.replace(parameters=parameters),
+        "__annotations__": {each.name: each.annotation for each in parameters},
+    }
+    for name, value in about.items():
+        setattr(limited, name, value)
+    return limited

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from isac_arena.cli.options import with_memory
+
 if TYPE_CHECKING:
     from scenes.scene import Scene
     from sim.propagation.paths import Paths
@@ -44,6 +46,7 @@ def list_scenes() -> None:
 
 
 @app.command("show")
+@with_memory
 def show(
     name: SceneName,
     out: Annotated[Path | None, typer.Option(help="PNG file to write; NAME.png by default.")] = None,
@@ -74,6 +77,7 @@ def show(
 
 
 @app.command("export")
+@with_memory
 def export(
     name: SceneName,
     mesh_format: Annotated[MeshFormat, typer.Option("--format", help="glTF, PLY, or Mitsuba XML.")],

@@ -15,6 +15,8 @@ import numpy as np
 from scipy.io import loadmat, savemat
 
 from isac_arena.campaign.measured import PUBLISHED_TX_OFFSET_DEG, MeasuredCampaign, MeasuredStop, measured_campaign
+from scenes.inputs import check_matlab
+from scenes.memory import MemoryLimitError
 from scenes.pose import Pose
 from scenes.record import FloatArray
 
@@ -86,8 +88,11 @@ def _struct(path: Path) -> dict[str, Any]:
     if not path.is_file():
         raise FileNotFoundError(2, "no such file", str(path))
     try:
+        check_matlab(path)
         content = loadmat(path)
-    except (ValueError, NotImplementedError, TypeError, OSError) as error:
+    except MemoryLimitError:
+        raise
+    except Exception as error:  # the reader raises many types of exceptions for damaged files
         raise ValueError(f"{path}: no MATLAB 5 file ({' '.join(str(error).split())[:80]})") from error
     names = sorted(name for name in content if not name.startswith("__"))
     sim = content.get("sim")

@@ -1,5 +1,6 @@
 """The cases of a sweep: points of the design, each with its resolved campaign and scene."""
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -13,9 +14,11 @@ from scipy.stats import qmc
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.load import SceneSource, campaign_path, changed_campaign, read_scene_source
 from isac_arena.sweep.config import AxisConfig, SweepConfig
+from scenes.memory import ask_memory
 from scenes.record import FloatArray
 from scenes.toml_config import ConfigError, read_toml
 
+CASE_BYTES = 16_000  # of a case while it is planned: its settings, its names and its place
 Point = tuple[Any, ...]  # one value per axis
 Stages = Literal["all", "channel"]  # what a case runs and scores: the whole chain, or no more than the channel
 
@@ -32,6 +35,23 @@ class Case:
     estimator: str | None
     stop_every: int
     stages: Stages = "all"
+
+
+def count_points(config: SweepConfig) -> int:
+    """Number of points of the design, without making them."""
+    sizes = [len(axis.values) if axis.values is not None else axis.count or 2 for axis in config.axes]
+    if config.design == "grid":
+        return math.prod(sizes)
+    return (config.n_points or 1) if config.n_points or not sizes else max(sizes)
+
+
+def ask_case_memory(config: SweepConfig, n_repeats: int) -> None:
+    """Raise `MemoryLimitError`, with the fields to change, where the cases do not fit into the memory."""
+    n_points = count_points(config)
+    fields = ["n_points"] if config.n_points else [f"axes.{axis.field}.count" for axis in config.axes]
+    fields += ["repeats"] if n_repeats > 1 else []
+    what = f"a plan of {n_points} points x {n_repeats} repeats"
+    ask_memory(CASE_BYTES * n_points * n_repeats, what, " and ".join(fields) or "repeats")
 
 
 def design_points(config: SweepConfig) -> list[Point]:

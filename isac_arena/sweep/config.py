@@ -4,7 +4,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from scenes.names import Name
+from scenes.names import FileName, Name
 from scenes.toml_config import ConfigModel
 
 
@@ -55,7 +55,7 @@ class SweepConfig(ConfigModel):
     """A sweep: every case is the base campaign with some fields changed, repeated with other seeds."""
 
     name: Name = Field(description="name of the sweep")
-    base: str = Field(min_length=1, description="campaign name of the library, or path of a campaign file")
+    base: FileName = Field(description="campaign name of the library, or path of a campaign file")
     design: Literal["grid", "list", "random", "latin_hypercube"] = Field(
         "grid", description="all combinations; values side by side; or points drawn over the ranges"
     )

@@ -16,7 +16,7 @@ from isac_arena.campaign.results import MapResult
 from isac_arena.scoring.record import ScoreTables
 from isac_arena.scoring.score import score_metrics
 from isac_arena.scoring.stages.scene import score_scene
-from isac_arena.sweep.cases import design_points, make_cases
+from isac_arena.sweep.cases import ask_case_memory, design_points, make_cases
 from isac_arena.sweep.config import SweepConfig
 from isac_arena.sweep.job import Job, make_job, store_scene
 from isac_arena.sweep.run import check_case, make_signals, score_case, store_case, trace_stops
@@ -63,9 +63,11 @@ def make_plan(source: str, config: SweepConfig, root: Path, repeats: Iterable[in
     Raises `ConfigError`, one line, where a case is no valid campaign, and `ValueError` for a scene, an estimator
     or a metric in `until` that cannot be used; the message names the sweep file.
     """
+    repeats = list(repeats)
+    ask_case_memory(config, len(repeats))
     n_stops: dict[Any, int] = {}
     plan = Plan([], {})
-    for case in make_cases(source, config, design_points(config), list(repeats)):
+    for case in make_cases(source, config, design_points(config), repeats):
         place = (case.config.tx, repr(case.config.walk), case.config.waveform.carrier_ghz)
         chosen = (case.scene.hash, *place, case.estimator)
         if chosen not in n_stops:

@@ -17,6 +17,7 @@ from isac_arena.campaign.integrity import file_digest
 from isac_arena.campaign.manifest import read_manifest
 from isac_arena.sweep.config import SweepConfig
 from isac_arena.sweep.job import CASE_FILES, Job
+from scenes.inputs import read_input
 from scenes.names import path_in
 from scenes.toml_config import validate_stored
 
@@ -73,7 +74,7 @@ def read_sweep(directory: Path) -> tuple[SweepConfig, str]:
     if not file.is_file():
         raise ValueError(f"{directory}: holds no sweep (no {SWEEP}); make one with 'arena sweep'")
     try:
-        content = json.loads(file.read_text(encoding="utf-8"))
+        content = json.loads(read_input(file))
         return validate_stored(content["sweep"], SweepConfig, "settings"), str(content["base"])
     except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise ValueError(
@@ -92,7 +93,7 @@ def read_plan(directory: Path) -> list[PlannedCase]:
     """The cases of a sweep; `ValueError`, one line, where the plan is missing or damaged."""
     file = directory / "plan.json"
     try:
-        content = json.loads(file.read_text(encoding="utf-8"))
+        content = json.loads(read_input(file))
         return [PlannedCase(**{**case, "values": tuple(case["values"])}) for case in content["cases"]]
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         reason = _first_line(error)
@@ -124,7 +125,7 @@ def read_scores(directory: Path, key: str) -> list[dict[str, Any]]:
     file = case / "scores.json"
     if read_manifest(case).files.get(file.name, {}).get("sha256") != file_digest(file):
         raise ValueError(f"{file}: damaged or edited since it was written; remove {case} and run again")
-    return json.loads(file.read_text(encoding="utf-8"))  # type: ignore[no-any-return]
+    return json.loads(read_input(file))  # type: ignore[no-any-return]
 
 
 def read_failures(directory: Path) -> dict[str, str]:
@@ -132,7 +133,7 @@ def read_failures(directory: Path) -> dict[str, str]:
     found = {}
     for file in sorted((directory / "failures").glob("*.json")):
         try:
-            found[file.stem] = str(json.loads(file.read_text(encoding="utf-8"))["error"])
+            found[file.stem] = str(json.loads(read_input(file))["error"])
         except (ValueError, KeyError, TypeError, RecursionError):
             continue
     return found

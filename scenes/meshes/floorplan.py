@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import csv
+import json
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import shapely
 
-from scenes.record import BoolArray, FloatArray
+from scenes.pose import LARGEST_LENGTH_M
+from scenes.record import BoolArray, FloatArray, IntArray
 
 COLUMNS = ("x0_m", "y0_m", "x1_m", "y1_m")
 JOIN_TOLERANCE_M = 5e-3  # segments this close to one line and to each other along it form one wall
+BLOCK = 1024  # segments whose neighbours are looked up at once
+MAX_NEAR_PAIRS = 5_000_000  # 0.6 GB while they are compared
+SHOWN = 40  # characters of a wrong cell in a message
 MAX_ANGLE_RAD = 1e-2  # between segments of one wall
 
 
@@ -22,10 +28,13 @@ def parse_segments(text: str) -> FloatArray:
     missing, invalid or not finite, or if a segment has no length.
     """
     rows = csv.DictReader(text.splitlines())
-    missing = [name for name in COLUMNS if name not in (rows.fieldnames or [])]
-    if missing:
-        raise ValueError(f"column {missing[0]} is missing: the first line must name {', '.join(COLUMNS)}")
-    segments = np.array(list(_numbers(rows)), float).reshape(-1, 2, 2)
+    try:
+        missing = [name for name in COLUMNS if name not in (rows.fieldnames or [])]
+        if missing:
+            raise ValueError(f"column {missing[0]} is missing: the first line must name {', '.join(COLUMNS)}")
+        segments = np.array(list(_numbers(rows)), float).reshape(-1, 2, 2)
+    except csv.Error as error:
+        raise ValueError(f"line {rows.line_num + 1}: no CSV ({error})") from error
     if not len(segments):
         raise ValueError("there is no segment: at least one is needed")
     return segments
@@ -37,21 +46,54 @@ def parse_geojson(text: str) -> FloatArray:
     Points and heights are ignored. Raises `ValueError` if the text is not GeoJSON or has no segment.
     """
     try:
-        shapes = shapely.get_parts(shapely.from_geojson(text))
-    except shapely.errors.GEOSException as error:
-        raise ValueError(f"no GeoJSON ({' '.join(str(error).split())})") from error
-    while any(item.geom_type.startswith(("Multi", "GeometryCollection")) for item in shapes):
-        shapes = shapely.get_parts(shapes)
-    rings = [item for item in shapes if item.geom_type in ("LineString", "LinearRing")]
-    for item in shapes:
-        if item.geom_type == "Polygon":
-            rings += [item.exterior, *item.interiors]
-    lines = [shapely.get_coordinates(shapely.remove_repeated_points(ring)) for ring in rings]
-    segments = [np.stack([line[:-1], line[1:]], axis=1) for line in lines]
+        segments = [_segments_of(line) for line in _lines(json.loads(text))]
+    except RecursionError as error:
+        raise ValueError("no GeoJSON (nested too deep)") from error
+    except (ValueError, LookupError, TypeError, OverflowError) as error:
+        raise ValueError(f"no GeoJSON ({' '.join(str(error).split())[:80]})") from error
     found = np.concatenate([np.zeros((0, 2, 2)), *segments])
     if not len(found):
         raise ValueError("there is no line and no polygon: at least one is needed")
     return found
+
+
+def _lines(document: Any) -> list[Any]:
+    """Coordinates of all lines of a GeoJSON document, then of the rings of all polygons."""
+    lines: list[Any] = []
+    rings: list[Any] = []
+    waiting = [document]
+    while waiting:
+        item = waiting.pop()
+        match item["type"]:
+            case "FeatureCollection":
+                waiting += reversed(item["features"])
+            case "Feature":
+                waiting += [] if item["geometry"] is None else [item["geometry"]]
+            case "GeometryCollection":
+                waiting += reversed(item["geometries"])
+            case "LineString":
+                lines.append(item["coordinates"])
+            case "MultiLineString":
+                lines += item["coordinates"]
+            case "Polygon":
+                rings += item["coordinates"]
+            case "MultiPolygon":
+                rings += [ring for polygon in item["coordinates"] for ring in polygon]
+            case "Point" | "MultiPoint":
+                continue
+            case other:
+                raise ValueError(f"type = {str(other)[:40]!r}")
+    return lines + rings
+
+
+def _segments_of(line: Any) -> FloatArray:
+    """Segments (segment, end, xy) of a line through positions; repeated positions count once."""
+    points = np.array([position[:2] for position in line], float).reshape(-1, 2)
+    if len(points) < 2 or not (np.abs(points) <= LARGEST_LENGTH_M).all():
+        raise ValueError(f"a line has two or more positions within +-{LARGEST_LENGTH_M:g} m")
+    kept = np.append(True, (np.diff(points, axis=0) != 0).any(axis=1))
+    points = points[kept]
+    return np.stack([points[:-1], points[1:]], axis=1)
 
 
 def _numbers(rows: csv.DictReader[str]) -> Iterator[list[float]]:
@@ -62,8 +104,10 @@ def _numbers(rows: csv.DictReader[str]) -> Iterator[list[float]]:
                 values.append(float(row[name]))
             except (TypeError, ValueError):
                 values.append(np.nan)
-            if not np.isfinite(values[-1]):
-                raise ValueError(f"line {rows.line_num}: {name} = {row[name]!r}: must be a finite number")
+            if not abs(values[-1]) <= LARGEST_LENGTH_M:
+                raise ValueError(
+                    f"line {rows.line_num}: {name} = {_cut(row[name])!r}: must be a finite number within +-{LARGEST_LENGTH_M:g}"
+                )
         if np.hypot(values[2] - values[0], values[3] - values[1]) < JOIN_TOLERANCE_M:
             raise ValueError(f"line {rows.line_num}: the segment is shorter than {JOIN_TOLERANCE_M} m")
         yield values
@@ -75,26 +119,52 @@ def merge_segments(segments_m: FloatArray, tolerance_m: float = JOIN_TOLERANCE_M
     Segments become one wall if they lie on one line within the tolerance and overlap, repeat or touch each other.
     The wall spans all of them. Corners and crossings of different lines do not change.
     """
+    from scipy.sparse import coo_array  # noqa: PLC0415  (slow to import)
     from scipy.sparse.csgraph import connected_components  # noqa: PLC0415  (slow to import)
 
     segments = np.asarray(segments_m, float)
-    n_walls, wall = connected_components(_are_one(segments, tolerance_m), directed=False)
-    walls = [_spanned(segments[wall == index]) for index in range(n_walls)]
-    return np.array(walls)
+    near = _near_pairs(segments, tolerance_m)
+    one, other = near[:, _are_one(segments, near, tolerance_m)]
+    pairs = coo_array((np.ones(len(one), bool), (one, other)), shape=(len(segments),) * 2)
+    n_walls, wall = connected_components(pairs, directed=False)
+    order = np.argsort(wall, kind="stable")
+    ends = np.cumsum(np.bincount(wall, minlength=n_walls))
+    return np.array([_spanned(group) for group in np.split(segments[order], ends[:-1])])
 
 
-def _are_one(segments: FloatArray, tolerance_m: float) -> BoolArray:
-    """Mask (segment, segment) of pairs that belong to one wall."""
-    start, along = segments[:, 0], segments[:, 1] - segments[:, 0]
+def _near_pairs(segments: FloatArray, tolerance_m: float) -> IntArray:
+    """Indices (2, pair) of segments that are near enough to belong to one wall.
+
+    Raises `ValueError` where so many lie on each other that the table of pairs would be too large.
+    """
+    lines = shapely.linestrings(segments)
+    tree, found = shapely.STRtree(lines), []
+    for first in range(0, len(lines), BLOCK):
+        found.append(
+            tree.query(lines[first : first + BLOCK], "dwithin", 2 * tolerance_m) + np.array([[first], [0]])
+        )
+        if sum(each.shape[1] for each in found) > MAX_NEAR_PAIRS:
+            raise ValueError(f"{len(lines)} segments: too many lie on each other; merge those of a wall")
+    return np.concatenate(found, axis=1)
+
+
+def _are_one(segments: FloatArray, pairs: IntArray, tolerance_m: float) -> BoolArray:
+    """Mask (pair,) of the pairs (2, pair) of segments that belong to one wall."""
+    along = segments[:, 1] - segments[:, 0]
     length = np.linalg.norm(along, axis=1)
     unit = along / length[:, None]
-    sine = unit[:, None, 0] * unit[None, :, 1] - unit[:, None, 1] * unit[None, :, 0]
-    offset = segments[None] - start[:, None, None]
-    aside = offset[..., 1] * unit[:, None, None, 0] - offset[..., 0] * unit[:, None, None, 1]
-    place = (offset * unit[:, None, None]).sum(axis=-1)
+    one, other = pairs
+    sine = unit[one, 0] * unit[other, 1] - unit[one, 1] * unit[other, 0]
+    offset = segments[other] - segments[one, :1]
+    aside = offset[..., 1] * unit[one, None, 0] - offset[..., 0] * unit[one, None, 1]
+    place = (offset * unit[one, None]).sum(axis=-1)
     on_line = (np.abs(sine) < MAX_ANGLE_RAD) & (np.abs(aside).max(axis=-1) <= tolerance_m)
-    meets = (place.max(axis=-1) >= -tolerance_m) & (place.min(axis=-1) <= length[:, None] + tolerance_m)
+    meets = (place.max(axis=-1) >= -tolerance_m) & (place.min(axis=-1) <= length[one] + tolerance_m)
     return np.asarray(on_line & meets)
+
+
+def _cut(text: str | None) -> str | None:
+    return text if text is None or len(text) <= SHOWN else f"{text[:SHOWN]}..."
 
 
 def _spanned(segments: FloatArray) -> FloatArray:

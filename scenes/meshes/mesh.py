@@ -3,6 +3,7 @@
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -10,12 +11,19 @@ import shapely
 import trimesh
 
 from scenes.contours import Contour
+from scenes.inputs import check_input
+from scenes.memory import MemoryLimitError, address_space
 from scenes.names import path_in
 from scenes.objects.material import Material
 from scenes.objects.scene_object import KIND_COLORS
 from scenes.record import FloatArray, IntArray
 from scenes.scene import Scene, SceneObject
 
+FORMATS: dict[str, tuple[str, ...]] = {  # and the packages that trimesh needs beside its own for them
+    **dict.fromkeys((".obj", ".stl", ".ply", ".off", ".gltf", ".glb", ".zip"), ()),
+    ".3mf": ("lxml", "networkx"),
+    ".dae": ("collada",),
+}
 MAX_SAGITTA_M = 0.02
 EXPORT_SAGITTA_M = 1e-3
 PLANE_COLOR = "#d5d8dc"  # floor and ceiling of exported meshes
@@ -64,16 +72,32 @@ def object_meshes(
 def read_mesh(path: Path) -> tuple[FloatArray, IntArray]:
     """Vertices (vertex, xyz) and faces (face, corner) of a mesh file; equal vertices of a body are merged.
 
-    All formats of trimesh: OBJ, STL, PLY, OFF, glTF and GLB (their y axis points up) and others. Raises
-    `ValueError` if the file cannot be read or holds no triangle.
+    OBJ, STL, PLY, OFF, glTF and GLB (their y axis points up), a zip archive of them, and 3MF and DAE with further
+    packages. Raises `ValueError` if the file cannot be read or holds no triangle.
     """
-    if not path.is_file():
+    if not path.exists():
         raise ValueError(f"file = '{path}': there is no such file")
+    kind = path.suffix.lower()
+    if kind not in FORMATS:
+        raise ValueError(f"file = '{path}': must be one of {', '.join(FORMATS)}")
+    missing = [name for name in FORMATS[kind] if find_spec(name) is None]
+    if missing:
+        needed = "install them with: pip install 'isac-arena[meshes]'"
+        raise ValueError(f"file = '{path}': {kind} files need the packages {', '.join(missing)}; {needed}")
     try:
-        loaded = trimesh.load_scene(path)
-        for body in loaded.geometry.values():
-            body.merge_vertices(merge_norm=True, merge_tex=True)
-        loaded = loaded.to_mesh()
+        check_input(path)
+    except OSError as error:
+        raise ValueError(f"file = '{path}': cannot be read ({error.strerror})") from error
+    try:
+        with address_space(f"file = '{path}'"):
+            loaded = trimesh.load_scene(path)
+            for body in loaded.geometry.values():
+                body.merge_vertices(merge_norm=True, merge_tex=True)
+            loaded = loaded.to_mesh()
+    except MemoryLimitError:
+        raise
+    except ImportError as error:  # a reader falls back to one for other texts
+        raise ValueError(f"file = '{path}': cannot be read as a mesh (damaged, or not a {kind} file)") from error
     except Exception as error:  # readers raise many types of exceptions for damaged files
         reason = " ".join(str(error).split()) or type(error).__name__
         raise ValueError(f"file = '{path}': cannot be read as a mesh ({reason})") from error

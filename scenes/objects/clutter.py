@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from scenes.objects.material import Material
+from scenes.pose import LARGEST_LENGTH_M
 from scenes.record import BoolArray, FloatArray, IntArray, Record, array
 
 END_CLEARANCE_M = 1e-6  # a crossing nearer to an end of the leg than this is the face that the leg starts on
@@ -43,10 +44,12 @@ class Clutter(Record):
             raise ValueError(f"mesh '{self.name}' has no triangles: at least one is needed")
         if self.faces.min() < 0 or self.faces.max() >= len(self.vertices_m):
             raise ValueError(f"mesh '{self.name}': a face names a vertex that is not there")
-        bad = np.flatnonzero(~np.isfinite(self.vertices_m).all(axis=1))
+        bad = np.flatnonzero(~(np.abs(self.vertices_m) <= LARGEST_LENGTH_M).all(axis=1))
         if len(bad):
             place = self.vertices_m[bad[0]].tolist()
-            raise ValueError(f"mesh '{self.name}': vertex {bad[0]} = {place} must be finite")
+            raise ValueError(
+                f"mesh '{self.name}': vertex {bad[0]} = {place} must be finite, up to {LARGEST_LENGTH_M:g}"
+            )
         if not self.area_m2() > 0:
             raise ValueError(f"mesh '{self.name}': its faces have no area")
         uses, balance = self._edge_uses

@@ -15,13 +15,14 @@ from pydantic import Field, model_validator
 from scenes.contours import Polyline
 from scenes.contours.config import ContourConfig, Positive
 from scenes.meshes.floorplan import merge_segments, parse_geojson, parse_segments
-from scenes.names import Name, name_from
+from scenes.names import FileName, Name, name_from
 from scenes.objects.clutter import Clutter, placed_vertices
 from scenes.objects.material import Material, itu_material
 from scenes.pose import Pose
 from scenes.scene import HorizontalPlane, ObjectKind, SceneObject
 from scenes.toml_config import ConfigError, ConfigModel, read_text
 
+MAX_WALLS = 50_000  # of a floor plan
 KEPT_FOLDER = "scene_files"  # folder beside a copied scene file with copies of the files it refers to
 
 Triple = Annotated[tuple[float, float, float], Field(strict=False)]
@@ -92,7 +93,7 @@ class FloorplanConfig(ConfigModel):
     """Thin walls from a file in the folder of the scene file: CSV (x0_m,y0_m,x1_m,y1_m) or GeoJSON."""
 
     name: Name | None = None
-    file: str
+    file: FileName
     material: str
     kind: ObjectKind = "wall"
     z_min_m: float = 0.0
@@ -106,6 +107,8 @@ class FloorplanConfig(ConfigModel):
             with naming_field(self.file, ": "):
                 parse = parse_geojson if Path(self.file).suffix in (".geojson", ".json") else parse_segments
                 walls = merge_segments(parse(read_text(find_file(folder, self.file))))
+                if len(walls) > MAX_WALLS:
+                    raise ValueError(f"{len(walls)} walls: at most {MAX_WALLS} are taken")
             return [
                 SceneObject(f"{name}_{index}", self.kind, Polyline(wall), self.z_min_m, self.z_max_m, material)
                 for index, wall in enumerate(walls, start=1)
@@ -116,7 +119,7 @@ class MeshConfig(ConfigModel):
     """Clutter from a mesh file in the folder of the scene file: scaled, rotated about x, y, z, and moved."""
 
     name: Name | None = None
-    file: str
+    file: FileName
     material: str
     kind: ObjectKind = "clutter"
     position_m: Triple = (0.0, 0.0, 0.0)

@@ -9,16 +9,17 @@ from pydantic import Discriminator, Field, Tag, model_validator
 
 from scenes.contours import Contour
 from scenes.contours.config import Points, Positive
-from scenes.names import Name
+from scenes.names import FileName, Name
 from scenes.objects.config import find_file, naming_field
 from scenes.record import FloatArray
 from scenes.toml_config import ConfigModel, Pair, read_text
 from scenes.walks.random_walk import grid_places, random_places, random_walk
 from scenes.walks.trajectory import RecordedWalk, Walk
-from scenes.walks.tum import parse_tum
+from scenes.walks.tum import MAX_STOPS, parse_tum
 
 Quadruple = Annotated[tuple[float, float, float, float], Field(strict=False)]
-Count = Annotated[int, Field(ge=1, le=100_000)]
+Count = Annotated[int, Field(ge=1, le=MAX_STOPS)]
+PosesTable = Annotated[tuple[Quadruple, ...], Field(strict=False, min_length=1, max_length=MAX_STOPS)]
 POSE_COLUMNS = ("x_m", "y_m", "z_m", "heading_deg")
 
 
@@ -123,10 +124,10 @@ class PosesWalkConfig(ConfigModel):
 
     name: Name = "walk"
     type: Literal["poses"]
-    poses: Annotated[tuple[Quadruple, ...], Field(strict=False, min_length=1)] | None = Field(
-        None, description="[x_m, y_m, z_m, heading_deg] of every stop"
+    poses: Annotated[tuple[Quadruple, ...], Field(strict=False, min_length=1, max_length=MAX_STOPS)] | None = (
+        Field(None, description="[x_m, y_m, z_m, heading_deg] of every stop")
     )
-    file: str | None = Field(None, description="CSV file of these four columns, names on top or not")
+    file: FileName | None = Field(None, description="CSV file of these four columns, names on top or not")
 
     @model_validator(mode="after")
     def _one_source(self) -> Self:
@@ -157,6 +158,8 @@ def parse_poses(text: str) -> FloatArray:
         if len(row) != len(POSE_COLUMNS) or not np.isfinite(row).all():
             raise ValueError(f"line {number}: must be four finite numbers, {', '.join(POSE_COLUMNS)}")
         rows.append(row)
+        if len(rows) > MAX_STOPS:
+            raise ValueError(f"more than {MAX_STOPS} poses")
     if not rows:
         raise ValueError(f"no pose; a line each of {', '.join(POSE_COLUMNS)} is needed")
     return np.array(rows)
@@ -171,7 +174,7 @@ class RecordedWalkConfig(ConfigModel):
 
     name: Name = "walk"
     type: Literal["tum"]
-    file: str
+    file: FileName
 
     def build(self, folder: Path) -> RecordedWalk:
         """The walk, with one stop per line of the file."""

@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from scenes.contours.pieces import SplinePiece
-from scenes.pose import Pose
+from scenes.pose import LARGEST_LENGTH_M, Pose
 from scenes.record import BoolArray, FloatArray, IntArray, Record, array
 
 N_DRAWN_PER_WAYPOINT = 16
@@ -121,8 +121,8 @@ class RecordedWalk(Record):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not len(self.position_m) or not np.isfinite(self.position_m).all():
-            raise ValueError("position_m: at least one stop and finite numbers are needed")
+        if not len(self.position_m) or not (np.abs(self.position_m) <= LARGEST_LENGTH_M).all():
+            raise ValueError(f"position_m: at least one stop and numbers within +-{LARGEST_LENGTH_M:g} are needed")
         if not np.isfinite(self.heading_rad).all():
             raise ValueError("heading_rad: finite numbers are needed")
 

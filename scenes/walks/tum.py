@@ -6,6 +6,7 @@ from scenes.pose import wrap_angle
 from scenes.record import FloatArray
 
 N_COLUMNS = 8
+MAX_STOPS = 100_000
 MAX_TILT = 0.02  # largest share of qx and qy: beyond it the device is not upright
 
 
@@ -24,21 +25,32 @@ def parse_tum(text: str) -> tuple[FloatArray, FloatArray, FloatArray]:
     Empty lines and lines that start with # are ignored. Raises `ValueError` with the line number if a line does
     not have eight finite numbers, its quaternion has no length, or the device is tilted; also if no line exists.
     """
-    rows = []
-    for number, line in enumerate(text.splitlines(), start=1):
-        if not line.strip() or line.lstrip().startswith("#"):
-            continue
-        try:
-            row = np.array(line.replace(",", " ").split(), float)
-        except ValueError:
-            row = np.zeros(0)
-        if len(row) != N_COLUMNS or not np.isfinite(row).all():
-            raise ValueError(f"line {number}: must be eight finite numbers, time x y z qx qy qz qw")
-        length = np.linalg.norm(row[4:])
-        if length == 0 or np.hypot(*row[4:6]) > MAX_TILT * length:
-            raise ValueError(f"line {number}: the quaternion must turn about the vertical: qx = qy = 0")
-        rows.append(row)
-    if not rows:
+    numbered = [
+        (number, line)
+        for number, line in enumerate(text.replace(",", " ").splitlines(), start=1)
+        if line.strip() and not line.lstrip().startswith("#")
+    ]
+    if not numbered:
         raise ValueError("there is no pose: at least one is needed")
-    table = np.array(rows)
+    if len(numbered) > MAX_STOPS:
+        raise ValueError(f"{len(numbered)} poses: at most {MAX_STOPS} are read")
+    table = np.array([_row(line) for _, line in numbered])
+    number = np.array([number for number, _ in numbered])
+    length = np.linalg.norm(table[:, 4:], axis=1)
+    tilted = (length == 0) | (np.hypot(table[:, 4], table[:, 5]) > MAX_TILT * length)
+    for wrong, what in (
+        (~np.isfinite(table).all(axis=1), "must be eight finite numbers, time x y z qx qy qz qw"),
+        (tilted, "the quaternion must turn about the vertical: qx = qy = 0"),
+    ):
+        if wrong.any():
+            raise ValueError(f"line {number[np.argmax(wrong)]}: {what}")
     return table[:, 0], table[:, 1:4], np.asarray(wrap_angle(2 * np.arctan2(table[:, 6], table[:, 7])))
+
+
+def _row(line: str) -> list[float]:
+    """The eight numbers of a line, NaN where it holds something else."""
+    try:
+        row = [float(cell) for cell in line.split(maxsplit=N_COLUMNS)]
+    except ValueError:
+        row = []
+    return row if len(row) == N_COLUMNS else [np.nan] * N_COLUMNS

@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from scenes.inputs import LARGEST_TEXT, check_input, check_matlab, read_input
+from scenes.memory import MemoryLimitError
 from scenes.record import FloatArray
 from sim.propagation.deepmimo.scenario import PATH_MATRICES, PathScenario, paths_of_matrices
 
@@ -30,7 +32,7 @@ def read_facets(folder: Path) -> Facets:
     """The facets of a scenario folder; empty if it has none or stores them in another form."""
     params = _read_params(folder)
     try:
-        objects = json.loads((folder / "objects.json").read_text(encoding="utf-8"))
+        objects = json.loads(read_input(folder / "objects.json"))
         vertices = _read_matrix(folder, "vertices")
         known = [item for item in objects if "face_vertex_idxs" in item]
     except (OSError, ValueError):
@@ -73,7 +75,7 @@ def scenario_digest(folder: str | Path) -> str:
     """Checksum of the contents of a scenario folder, independent of its name. Raises `OSError` if unreadable."""
     state = hashlib.sha256()
     for file in sorted(Path(folder).iterdir()):
-        state.update(file.name.encode() + hashlib.sha256(file.read_bytes()).digest())
+        state.update(file.name.encode() + hashlib.sha256(read_input(file)).digest())
     return state.hexdigest()
 
 
@@ -85,12 +87,12 @@ def matrix_suffix(tx_set: int, tx: int, rx_set: int) -> str:
 def _read_params(folder: Path) -> dict[str, Any]:
     path = folder / "params.json"
     try:
-        params: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        params: dict[str, Any] = json.loads(read_input(path, LARGEST_TEXT))
         if not params["txrx_sets"] or not float(params["rt_params"]["frequency"]) > 0:
             raise ValueError("txrx_sets and rt_params.frequency are needed")
     except FileNotFoundError:
         raise ValueError(f"{folder}: holds no DeepMIMO v4 scenario (no params.json)") from None
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
         raise ValueError(f"{path}: no parameters of a DeepMIMO v4 scenario ({error})") from error
     return params
 
@@ -117,8 +119,11 @@ def _read_matrix(folder: Path, name: str, pair: str = "") -> FloatArray:
     else:
         raise ValueError(f"{folder}: {stem}.mat (or .npz, .npy) is missing")
     try:
+        (check_matlab if suffix == ".mat" else check_input)(path)
         content = loadmat(path) if suffix == ".mat" else np.load(path, allow_pickle=False)
         return np.asarray(content if suffix == ".npy" else content[name], float)
+    except MemoryLimitError:
+        raise
     except Exception as error:  # readers raise many types of exceptions for damaged files
         reason = " ".join(str(error).split())[:80] or type(error).__name__
         raise ValueError(f"{path}: holds no matrix '{name}' ({reason})") from error

@@ -1,10 +1,13 @@
 """Beam weights from a file: one row of complex weights per beam."""
 
 import hashlib
+import zipfile
 from pathlib import Path
 
 import numpy as np
 
+from scenes.inputs import LARGEST_TEXT, check_input, read_input
+from scenes.memory import MemoryLimitError
 from scenes.record import ComplexArray
 
 
@@ -17,11 +20,14 @@ def read_weights(path: str | Path) -> ComplexArray:
     path = Path(path)
     if path.suffix not in (".npz", ".csv"):
         raise ValueError(f"weights_file = {path}: must end in .npz or .csv")
-    if not path.is_file():
-        raise FileNotFoundError(f"weights_file = {path}: no such file")
     try:
+        check_input(path)
         weights = _npz(path) if path.suffix == ".npz" else _csv(path)
-    except (OSError, KeyError, ValueError) as error:
+    except MemoryLimitError as error:
+        raise MemoryLimitError(f"weights_file = {error}") from error
+    except FileNotFoundError:
+        raise FileNotFoundError(f"weights_file = {path}: no such file") from None
+    except (OSError, KeyError, ValueError, EOFError, NotImplementedError, zipfile.BadZipFile) as error:
         raise ValueError(f"weights_file = {path}: not readable as complex weights ({error})") from error
     if weights.ndim != 2 or not weights.size:
         raise ValueError(f"weights_file = {path}: shape {weights.shape}, needed is (beam, element)")
@@ -30,7 +36,7 @@ def read_weights(path: str | Path) -> ComplexArray:
 
 def weights_digest(path: str | Path) -> str:
     """Checksum of the contents of a weights file, independent of its name. Raises `OSError` if unreadable."""
-    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+    return hashlib.sha256(read_input(path)).hexdigest()
 
 
 def _npz(path: Path) -> ComplexArray:
@@ -39,5 +45,5 @@ def _npz(path: Path) -> ComplexArray:
 
 
 def _csv(path: Path) -> ComplexArray:
-    lines = [line for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]
+    lines = [line for line in read_input(path, LARGEST_TEXT).decode("utf-8").splitlines() if line.strip()]
     return np.array([[complex(cell.replace(" ", "")) for cell in line.split(",")] for line in lines], complex)

@@ -1,0 +1,48 @@
+"""What a campaign will hold in memory: beam weights, and the samples of a stop; asked for before it is made."""
+
+from scenes.memory import ask_memory
+from sim.config import ArrayConfig, SimulationConfig
+
+WEIGHT_BYTES = 16 * 3  # complex128: of a panel, of all panels, and shaped
+SAMPLE_BYTES = 8 * 4  # complex64: made, received, and twice in an estimator
+CAMPUS_AZIMUTHS = 63
+
+
+def ask_link_memory(config: SimulationConfig) -> None:
+    """Raise `MemoryLimitError`, with the fields to change, where beams or samples do not fit into the memory."""
+    beams = {}
+    for name in ("tx_array", "rx_array"):
+        array = getattr(config, name)
+        beams[name] = len(array.panel_azimuth_deg) * beams_of_panel(array)
+        n_elements, field = (
+            array.rows * array.columns,
+            "beams_per_panel" if array.codebook == "steered" else "codebook",
+        )
+        ask_memory(
+            WEIGHT_BYTES * beams[name] * n_elements,
+            f"the weights of {beams[name]} beams over {n_elements} elements",
+            f"{name}.rows, columns, {field} and panel_azimuth_deg",
+        )
+    waveform = config.waveform
+    n_subcarriers = 12 * waveform.n_rb // (1 if waveform.combine_symbols else waveform.comb)
+    ask_memory(
+        SAMPLE_BYTES * beams["tx_array"] * beams["rx_array"] * n_subcarriers,
+        f"the samples of {beams['tx_array']} x {beams['rx_array']} beam pairs over {n_subcarriers} subcarriers",
+        "tx_array and rx_array.beams_per_panel and panel_azimuth_deg, or waveform.n_rb",
+    )
+
+
+def beams_of_panel(array: ArrayConfig) -> int:
+    """Beams of one panel; a file of weights has at least one."""
+    n_elevations = len(array.beam_elevation_deg)
+    match array.codebook:
+        case "dft":
+            return array.rows * array.columns
+        case "hierarchical":
+            return int(2**array.hierarchy_levels) - 1
+        case "campus_63":
+            return CAMPUS_AZIMUTHS * n_elevations
+        case "file":
+            return 1
+        case _:
+            return array.beams_per_panel * n_elevations
