@@ -9,6 +9,7 @@ from enum import StrEnum
 
 import numpy as np
 
+from isac_arena.scoring.metrics.statistics import rows_of_groups
 from isac_arena.scoring.record import PathKind, PathStatus
 from scenes.record import BoolArray, FloatArray, IntArray, TextArray
 
@@ -140,8 +141,10 @@ def point_causes(is_inlier: BoolArray, ip_object: TextArray, kind: IntArray, pat
 def cluster_causes(label: IntArray, ip_object: TextArray, ip_cause: TextArray, is_ghost: BoolArray) -> TextArray:
     """Cause (cluster,) of every ghost: the most frequent cause of its points without object; empty for others."""
     causes = np.full(len(is_ghost), Cause.NONE.value, dtype=object)
+    members = rows_of_groups(label, len(is_ghost))
     for cluster in np.flatnonzero(is_ghost):
-        names, counts = np.unique(ip_cause[(label == cluster) & (ip_object == "")], return_counts=True)
+        rows = members[cluster]
+        names, counts = np.unique(ip_cause[rows[ip_object[rows] == ""]], return_counts=True)
         causes[cluster] = names[counts.argmax()]
     return causes.astype(str)
 

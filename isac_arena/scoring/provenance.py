@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimation.slam.record import IncidencePoints
+from isac_arena.scoring.metrics.statistics import rows_of_groups
 from isac_arena.scoring.record import PathKind, PathScores
 from scenes.record import FloatArray, IntArray, TextArray
 from sim.propagation.paths import BounceKind, Paths, with_bounce_slots
@@ -66,8 +67,8 @@ class ClusterOrigin:
 def cluster_origin(label: IntArray, ip_object: TextArray, n_clusters: int) -> ClusterOrigin:
     """Most frequent object among the IPs of each cluster, empty where its share is below `FOUND_SHARE`."""
     objects, purity = [], np.zeros(n_clusters)
-    for cluster in range(n_clusters):
-        members = ip_object[label == cluster]
+    for cluster, rows in enumerate(rows_of_groups(label, n_clusters)):
+        members = ip_object[rows]
         names, counts = np.unique(members[members != ""], return_counts=True)
         best = counts.argmax() if len(counts) else -1
         purity[cluster] = counts[best] / len(members) if len(counts) else 0.0

@@ -106,9 +106,7 @@ def _numbers(rows: csv.DictReader[str]) -> Iterator[list[float]]:
                 values.append(np.nan)
             if not abs(values[-1]) <= LARGEST_LENGTH_M:
                 found = f"{name} = {_cut(row[name])!r}"
-                raise ValueError(
-                    f"line {rows.line_num}: {found}: must be a finite number to {LARGEST_LENGTH_M:g}"
-                )
+                raise ValueError(f"line {rows.line_num}: {found}: must be a finite number to {LARGEST_LENGTH_M:g}")
         if np.hypot(values[2] - values[0], values[3] - values[1]) < JOIN_TOLERANCE_M:
             raise ValueError(f"line {rows.line_num}: the segment is shorter than {JOIN_TOLERANCE_M} m")
         yield values

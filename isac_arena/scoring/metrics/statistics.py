@@ -1,10 +1,11 @@
 """Summary statistics that ignore NaN entries; they are NaN, without a warning, where no entry is finite."""
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
-from scenes.record import FloatArray
+from scenes.record import FloatArray, IntArray
 
 
 def finite_entries(values: Any) -> FloatArray:
@@ -56,3 +57,13 @@ def squared_mahalanobis(error: FloatArray, covariance: FloatArray) -> FloatArray
     inverse = np.linalg.pinv(correlation, hermitian=True)
     result[usable] = np.einsum("ni,nij,nj->n", normalised, inverse, normalised)
     return result
+
+
+def rows_of_groups(label: IntArray, n_groups: int) -> list[IntArray]:
+    """Rows (member,) of each group in their order, of labels (row,); negative labels are of no group.
+
+    One sort for all groups: a mask of all rows for each group costs their product.
+    """
+    order = np.argsort(label, kind="stable")
+    bounds = np.searchsorted(label[order], np.arange(n_groups + 1))
+    return [order[first:last] for first, last in pairwise(bounds)]

@@ -6,7 +6,7 @@ from isac_arena.campaign.results import MapResult
 from isac_arena.scoring.causes import GHOST_CAUSES, Cause, point_causes
 from isac_arena.scoring.metrics.consistency import consistency_metrics
 from isac_arena.scoring.metrics.metric import Metric
-from isac_arena.scoring.metrics.statistics import mean, quantile, ratio, rms, squared_mahalanobis
+from isac_arena.scoring.metrics.statistics import mean, quantile, ratio, rms, rows_of_groups, squared_mahalanobis
 from isac_arena.scoring.provenance import ClusterOrigin, ip_paths
 from isac_arena.scoring.record import IpScores, OutlineScores, PathScores
 from scenes.record import BoolArray, FloatArray, IntArray
@@ -53,18 +53,20 @@ def score_ips(scene: Scene, result: MapResult, paths: PathScores) -> IpScores:
 def close_counts(scene: Scene, result: MapResult, ips: IpScores, origin: ClusterOrigin) -> IntArray:
     """Numbers (cluster,) of IPs that stem from the cluster's object and lie within `FOUND_DISTANCE_M` of it."""
     counts = np.zeros(len(origin.object), int)
-    for cluster, name in enumerate(origin.object):
-        if name not in scene.object_names:
+    objects = {item.name: item for item in scene.objects}
+    for cluster, members in enumerate(rows_of_groups(ips.label, len(counts))):
+        name = str(origin.object[cluster])
+        if name not in objects:
             continue
-        own = (ips.label == cluster) & (ips.object == name)
-        distance = np.abs(scene.object(str(name)).contour.signed_distance(result.ips.position_m[own]))
+        own = members[ips.object[members] == name]
+        distance = np.abs(objects[name].contour.signed_distance(result.ips.position_m[own]))
         counts[cluster] = (distance <= FOUND_DISTANCE_M).sum()
     return counts
 
 
 def is_ghost(ips: IpScores, n_clusters: int) -> BoolArray:
     """Whether more than half of the IPs of each cluster have no object: multiple bounces and false paths."""
-    nameless = [mean(ips.object[ips.label == cluster] == "") for cluster in range(n_clusters)]
+    nameless = [mean(ips.object[members] == "") for members in rows_of_groups(ips.label, n_clusters)]
     return np.array(nameless, float) > 0.5
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from isac_arena.campaign.results import MapResult
 from isac_arena.scoring.causes import cluster_causes
+from isac_arena.scoring.metrics.statistics import rows_of_groups
 from isac_arena.scoring.provenance import cluster_origin
 from isac_arena.scoring.record import IpScores, SignificantPaths
 from isac_arena.scoring.stages.maps import FOUND_POINTS, close_counts, is_ghost
@@ -28,14 +29,14 @@ def outline_columns(
     """
     origin = cluster_origin(ips.label, ips.object, n_rows)
     n_close = close_counts(scene, result, ips, origin)
-    errors = []
-    for row, name in enumerate(origin.object):
-        if name not in scene.object_names:
+    members, errors = rows_of_groups(ips.label, n_rows), []
+    objects = {item.name: item for item in scene.objects}
+    lit_m = {name: significant.vertex_m[significant.object == name] for name in set(origin.object.tolist())}
+    for row, name in enumerate(origin.object.tolist()):
+        if name not in objects:
             errors.append(ShapeErrors())
             continue
-        members_m = result.ips.position_m[ips.label == row]
-        lit_m = significant.vertex_m[significant.object == name]
-        errors.append(error_of(row, scene.object(str(name)), members_m, lit_m))
+        errors.append(error_of(row, objects[name], result.ips.position_m[members[row]], lit_m[name]))
     columns = np.array([astuple(error) for error in errors]).reshape(-1, len(fields(ShapeErrors))).T
     ghost = is_ghost(ips, n_rows)
     return {
