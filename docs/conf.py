@@ -6,6 +6,8 @@ import dataclasses
 from pathlib import Path
 from typing import Any
 
+from isac_arena.settings import settings_page
+
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("scenes", "sim", "estimation", "isac_arena")
 
@@ -48,9 +50,14 @@ def add_fields(app: Any, what: str, name: str, thing: Any, options: Any, lines: 
 
 
 def skip_foreign(app: Any, what: str, name: str, thing: Any, skip: bool, options: Any) -> bool | None:
-    """Leave out what a module imports from elsewhere; the arguments of some of it cannot be shown."""
-    home = (getattr(thing, "__module__", None) or "").partition(".")[0]
-    return True if callable(thing) and home not in PACKAGES else None
+    """Leave out what a module imports from elsewhere; the arguments of some of it cannot be shown.
+
+    Public names are shown twice, where they are defined and in `isac_arena`, but not in other packages as well.
+    """
+    home = getattr(thing, "__module__", None) or ""
+    page = app.env.temp_data.get("autodoc:module")
+    is_alias = page == "scenes.contours" and home.startswith(f"{page}.")
+    return True if callable(thing) and (home.partition(".")[0] not in PACKAGES or is_alias) else None
 
 
 def record_fields(record: Any) -> Any:
@@ -68,7 +75,13 @@ def settings_fields(model: Any) -> Any:
         yield f"``{name}``", default if len(default) < 60 else "as below", field.description or ""
 
 
+def write_settings(app: Any) -> None:
+    """Write the page of all settings."""
+    (ROOT / "docs" / "settings.md").write_text(settings_page(), encoding="utf-8")
+
+
 def setup(app: Any) -> None:
-    """Hook into autodoc."""
+    """Hook into autodoc, and make the pages that are made."""
+    app.connect("builder-inited", write_settings)
     app.connect("autodoc-process-docstring", add_fields)
     app.connect("autodoc-skip-member", skip_foreign)

@@ -53,9 +53,11 @@ Bounds = tuple[float, float, float, float]
 class SceneConfig(ConfigModel):
     """A scene file: one `tx` or several `txs`, one `walk` or several `walks`. The first of each is active."""
 
-    name: Name
-    description: str = ""
-    bounds_m: Quadruple | None = None
+    name: Name = Field(description="name of the scene")
+    description: str = Field("", description="one sentence for people")
+    bounds_m: Quadruple | None = Field(
+        None, description="x_min, y_min, x_max, y_max of floor and ceiling; by default 1 m round everything"
+    )
     tx: TxConfig | None = None
     txs: Annotated[tuple[TxConfig, ...], Field(strict=False)] = ()
     walk: WalkConfig | None = None

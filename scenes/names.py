@@ -12,14 +12,15 @@ LONGEST_PATH = 4000
 ALLOWED = f"letters, digits and _ . + - ( ) or blanks, a letter or digit first, at most {LONGEST_NAME} bytes"
 
 
-def _checked(name: str) -> str:
+def checked_name(name: str) -> str:
+    """The name; `ValueError` where it could not be part of a path."""
     if not NAME.fullmatch(name) or len(name.encode("utf-8", "surrogatepass")) > LONGEST_NAME:
         raise ValueError(f"a name has {ALLOWED}")
     return name
 
 
 # Of campaigns, sweeps, scenes, objects, TXs and walks: it may become the name of a file and leads nowhere else
-Name = Annotated[str, AfterValidator(_checked)]
+Name = Annotated[str, AfterValidator(checked_name)]
 
 
 def _checked_file(name: str) -> str:

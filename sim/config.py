@@ -1,8 +1,8 @@
 """Settings of a simulated campaign: waveform, arrays, link, clock and propagation."""
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from scenes.names import FileName
 from scenes.toml_config import ConfigModel
@@ -71,9 +71,11 @@ class WaveformConfig(ConfigModel):
 class ArrayConfig(ConfigModel):
     """A uniform planar array, the orientations of its panels and the beams of each."""
 
-    rows: int = Field(4, ge=1, le=256)
-    columns: int = Field(16, ge=1, le=256)
-    element_pattern: Literal["tr38901", "isotropic"] = "tr38901"
+    rows: int = Field(4, ge=1, le=256, description="rows of elements of a panel")
+    columns: int = Field(16, ge=1, le=256, description="columns of elements of a panel")
+    element_pattern: Literal["tr38901", "isotropic"] = Field(
+        "tr38901", description="pattern of an element: TR 38.901, or the same in all directions"
+    )
     polarisation_slant_deg: ElevationDeg = Field(0.0, description="slant of the elements, 0 is vertical")
     panel_azimuth_deg: list[AngleDeg] = Field([0.0], min_length=1, description="panel boresights, device frame")
     panel_tilt_deg: list[ElevationDeg] = Field(
@@ -109,11 +111,14 @@ class ArrayConfig(ConfigModel):
         return self
 
 
+RX_ARRAY = ArrayConfig(panel_azimuth_deg=[-180.0, -90.0, 0.0, 90.0], beams_per_panel=24, sector_deg=90.0)
+
+
 class LinkConfig(ConfigModel):
     """The link budget. The converter shapes the budget of `arena link`, not the samples."""
 
     tx_power_dbm: float = Field(3.0, ge=-50, le=60, description="power into the TX array")
-    noise_figure_db: float = Field(10.0, ge=0, le=40)
+    noise_figure_db: float = Field(10.0, ge=0, le=40, description="noise figure of the receiver")
     adc_effective_bits: float = Field(6.0, ge=1, le=24, description="ENOB of the receiver's converters")
     adc_back_off_db: float = Field(
         12.0, ge=0, le=40, description="strongest signal of the campaign below a full-scale sine, at fixed gain"
@@ -123,7 +128,7 @@ class LinkConfig(ConfigModel):
 class ClockConfig(ConfigModel):
     """The receiver clock, unknown to the estimators: an initial bias and a random walk over the stops."""
 
-    initial_bias_ns: float = Field(33.0, ge=-200, le=200)
+    initial_bias_ns: float = Field(33.0, ge=-200, le=200, description="clock bias before the first stop")
     walk_std_ns: float = Field(3.3, ge=0, le=50, description="standard deviation of the step per stop")
 
 
@@ -167,13 +172,17 @@ class SimulationConfig(ConfigModel):
     walk: str | Annotated[list[str], Field(min_length=1)] | None = Field(
         None, description="walk to use where the scene has several, or a list of them; by default the first"
     )
-    seed: int = Field(1, ge=0, lt=2**63)
+    seed: int = Field(1, ge=0, lt=2**63, description="seed of all random numbers of the simulation")
     waveform: WaveformConfig = WaveformConfig()
     tx_array: ArrayConfig = ArrayConfig()
-    rx_array: ArrayConfig = ArrayConfig(
-        panel_azimuth_deg=[-180.0, -90.0, 0.0, 90.0], beams_per_panel=24, sector_deg=90.0
-    )
+    rx_array: ArrayConfig = RX_ARRAY
     link: LinkConfig = LinkConfig()
     clock: ClockConfig = ClockConfig()
     impairments: ImpairmentsConfig = ImpairmentsConfig()
     propagation: PropagationConfig = PropagationConfig()
+
+    @field_validator("rx_array", mode="before")
+    @classmethod
+    def _keep_the_defaults_of_the_receiver(cls, value: Any) -> Any:
+        """What an `rx_array` table leaves out is that of the default receiver, as documented, not of one panel."""
+        return RX_ARRAY.model_dump() | value if isinstance(value, dict) else value

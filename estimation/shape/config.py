@@ -79,7 +79,7 @@ class ContourConfig(ConfigModel):
         "recursive_gp",
         "star_convex_rhm",
         "none",
-    ] = "reflection"
+    ] = Field("reflection", description="method of the contours; none for none")
     eps_m: float = Field(0.6, gt=0, description="neighbourhood radius of DBSCAN in m, for candidate objects")
     min_samples: int = Field(5, ge=1, description="IPs within eps_m, itself included, that make a core point")
     reflection: ReflectionConfig = ReflectionConfig()

@@ -22,11 +22,13 @@ class PathNoise(ConfigModel):
     model, of the survey, of the third dimension.
     """
 
-    source: Literal["estimate", "fixed"] = "estimate"
-    delay_std_ns: float = Field(1.0, gt=0)
-    angle_std_deg: float = Field(1.0, gt=0)
-    floor_delay_std_ns: float = Field(0.1, ge=0)
-    floor_angle_std_deg: float = Field(0.2, ge=0)
+    source: Literal["estimate", "fixed"] = Field(
+        "estimate", description="covariances of the channel estimate, or fixed ones"
+    )
+    delay_std_ns: float = Field(1.0, gt=0, description="fixed: standard deviation of a delay")
+    angle_std_deg: float = Field(1.0, gt=0, description="fixed: standard deviation of an azimuth")
+    floor_delay_std_ns: float = Field(0.1, ge=0, description="estimate: added in quadrature to delays")
+    floor_angle_std_deg: float = Field(0.2, ge=0, description="estimate: added in quadrature to angles")
 
     def covariance(self, estimate: ChannelEstimate) -> FloatArray:
         """R (path, 3, 3) in (m, rad, rad)^2 of the paths of one stop."""
@@ -45,9 +47,11 @@ class MappingConfig(ConfigModel):
     """
 
     noise: PathNoise = PathNoise()
-    gate_probability: float = Field(0.99, gt=0, lt=1)
+    gate_probability: float = Field(
+        0.99, gt=0, lt=1, description="probability that a single bounce passes the gate"
+    )
     use_elevation: bool = Field(True, description="map in space where elevations were estimated")
-    max_position_std_m: float = Field(1.0, gt=0)
+    max_position_std_m: float = Field(1.0, gt=0, description="a less certain incidence point is no inlier")
 
 
 class PathLoss(ConfigModel):
@@ -60,13 +64,17 @@ class PathLoss(ConfigModel):
     `level_std_db` common to all. Power against length is weak evidence of the clock bias (statistical method).
     """
 
-    intercept_dbm: float = -13.0
-    slope_db: float = -17.0
-    std_db: float = Field(1.8, gt=0)
-    min_log_likelihood: float = -10.8
-    reflection_loss_db: float = 10.0
-    reflection_std_db: float = Field(5.0, gt=0)
-    level_std_db: float = Field(3.0, gt=0)
+    intercept_dbm: float = Field(
+        -13.0, description="line-of-sight power at 1 m; by default that of the campaign's link"
+    )
+    slope_db: float = Field(-17.0, description="line-of-sight power per decade of distance; by default free space")
+    std_db: float = Field(1.8, gt=0, description="standard deviation of the line-of-sight power")
+    min_log_likelihood: float = Field(
+        -10.8, description="a path whose power is less likely is no credible line of sight"
+    )
+    reflection_loss_db: float = Field(10.0, description="what all other paths lose beyond the line of sight")
+    reflection_std_db: float = Field(5.0, gt=0, description="its standard deviation per path")
+    level_std_db: float = Field(3.0, gt=0, description="its standard deviation common to all paths of a stop")
 
     def expected_dbm(self, distance_m: FloatArray) -> FloatArray:
         """Power of a line of sight of that length."""
@@ -101,10 +109,12 @@ class Mixture(ConfigModel):
     `double_share` 0 excludes it. Clutter has any angles, and a range uniform over `clutter_width_m`.
     """
 
-    clutter_share: float = Field(0.2, gt=0, lt=1)
-    double_share: float = Field(0.0, ge=0, lt=1)
-    clutter_width_m: float = Field(30.0, gt=0)
-    degrees_of_freedom: int = Field(3, ge=1)
+    clutter_share: float = Field(0.2, gt=0, lt=1, description="share of the paths that fit nothing")
+    double_share: float = Field(
+        0.0, ge=0, lt=1, description="share of bounces off two perpendicular or parallel walls; 0 excludes them"
+    )
+    clutter_width_m: float = Field(30.0, gt=0, description="width of the range of clutter")
+    degrees_of_freedom: int = Field(3, ge=1, description="of the Student-t residual of a single bounce")
 
     @model_validator(mode="after")
     def _check_shares(self) -> Mixture:
@@ -121,9 +131,11 @@ class Consider(ConfigModel):
     the heading error is that of the true receiver headings which states are compared with.
     """
 
-    pointing_std_deg: float = Field(0.0, ge=0)
-    survey_std_m: float = Field(0.0, ge=0)
-    heading_std_deg: float = Field(0.0, ge=0)
+    pointing_std_deg: float = Field(0.0, ge=0, description="pointing error of the TX")
+    survey_std_m: float = Field(0.0, ge=0, description="error of the TX position")
+    heading_std_deg: float = Field(
+        0.0, ge=0, description="error of the true headings that states are compared with"
+    )
 
     def covariance(self, from_tx_m: FloatArray) -> FloatArray:
         """Covariance (..., state, state) to add to that of states at offsets (..., 2 or 3) from the TX.
@@ -163,21 +175,29 @@ class SnapshotConfig(ConfigModel):
         Prior standard deviation of the receiver's position about the TX.
     """
 
-    method: Literal["reference", "statistical"] = "statistical"
-    refine: bool = False
+    method: Literal["reference", "statistical"] = Field(
+        "statistical", description="published algorithm, or mixture model with evidence"
+    )
+    refine: bool = Field(False, description="reference: maximum-likelihood refinement on the inliers")
     use_elevation: bool = Field(
         True, description="solve in space where elevations were estimated (statistical method only)"
     )
     path_loss: PathLoss = PathLoss()
 
-    n_headings: int = Field(361, ge=2)
-    gate_m2: float = Field(0.1, gt=0)
+    n_headings: int = Field(361, ge=2, description="reference: headings tried on the full circle")
+    gate_m2: float = Field(0.1, gt=0, description="reference: largest squared residual of an inlier")
 
     noise: PathNoise = PathNoise()
     mixture: Mixture = Mixture()
-    reach_m: float = Field(20.0, gt=0)
-    gate_probability: float = Field(0.997, gt=0, lt=1)
-    ambiguous_gap: float = Field(6.0, ge=0)
+    reach_m: float = Field(
+        20.0, gt=0, description="prior standard deviation of the receiver's position about the TX"
+    )
+    gate_probability: float = Field(
+        0.997, gt=0, lt=1, description="statistical: probability that a path passes the gate"
+    )
+    ambiguous_gap: float = Field(
+        6.0, ge=0, description="a smaller gap in log evidence to the next mode makes a stop ambiguous"
+    )
     consider: Consider = Consider()
     max_clock_bias_ns: float = Field(300.0, gt=0, description="a larger clock bias is not credible")
     max_position_std_m: float = Field(1.5, gt=0, description="a stop less certain than this has failed")
@@ -219,31 +239,43 @@ class TrajectoryConfig(ConfigModel):
         heading offset.
     """
 
-    method: Literal["smooth", "filter"] = "smooth"
-    use_landmarks: bool = True
-    use_double_bounces: bool = True
-    use_sessions: bool = True
-    degrees_of_freedom: int = Field(4, ge=1)
-    cross_track_std_m: float = Field(0.1, gt=0)
-    along_track_std_m: float = Field(0.5, gt=0)
-    motion_degrees_of_freedom: float = Field(2.0, gt=0)
-    spacing_m: float | None = Field(None, gt=0)
-    heading_step_deg: float = Field(10.0, gt=0)
-    clock_step_ns: float = Field(3.3, gt=0)
-    gate_probability: float = Field(0.997, gt=0, lt=1)
+    method: Literal["smooth", "filter"] = Field(
+        "smooth", description="all stops at once, or every stop from earlier ones"
+    )
+    use_landmarks: bool = Field(True, description="walls and pillars seen from several stops are shared")
+    use_double_bounces: bool = Field(True, description="bounces off two walls are used where both walls are known")
+    use_sessions: bool = Field(True, description="headings of the TX may have an offset per session")
+    degrees_of_freedom: int = Field(4, ge=1, description="of the Student-t residual of a path")
+    cross_track_std_m: float = Field(
+        0.1, gt=0, description="second difference of the position across the walk, per stop squared"
+    )
+    along_track_std_m: float = Field(
+        0.5, gt=0, description="second difference of the position along the walk, per stop squared"
+    )
+    motion_degrees_of_freedom: float = Field(2.0, gt=0, description="of the Student-t law of the motion")
+    spacing_m: float | None = Field(None, gt=0, description="distance between stops, where it is known")
+    heading_step_deg: float = Field(10.0, gt=0, description="scale of the change of heading between stops")
+    clock_step_ns: float = Field(3.3, gt=0, description="scale of the change of clock bias between stops")
+    gate_probability: float = Field(0.997, gt=0, lt=1, description="probability that a path passes the gate")
 
-    confirm_probability: float = Field(0.99, gt=0, lt=1)
+    confirm_probability: float = Field(
+        0.99, gt=0, lt=1, description="gate of a lone bounce, tested against all other paths"
+    )
 
-    cluster_eps_m: float = Field(0.6, gt=0)
-    cluster_min_samples: int = Field(5, ge=2)
-    max_object_extent_m: float = Field(1.5, gt=0)
-    wall_roughness_m: float = Field(0.03, ge=0)
-    object_roughness_m: float = Field(0.08, ge=0)
-    object_radius_m: float = Field(0.2, ge=0)
-    object_radius_std_m: float = Field(0.2, gt=0)
+    cluster_eps_m: float = Field(0.6, gt=0, description="neighbourhood radius of DBSCAN for landmarks")
+    cluster_min_samples: int = Field(5, ge=2, description="points within the radius that make a core point")
+    max_object_extent_m: float = Field(1.5, gt=0, description="a larger cluster is no small object")
+    wall_roughness_m: float = Field(0.03, ge=0, description="standard deviation of a wall about its line")
+    object_roughness_m: float = Field(
+        0.08, ge=0, description="standard deviation of a small object about its circle"
+    )
+    object_radius_m: float = Field(0.2, ge=0, description="prior mean of the radius of a small object")
+    object_radius_std_m: float = Field(0.2, gt=0, description="prior standard deviation of that radius")
 
-    offset_std_deg: float = Field(5.0, gt=0)
-    min_session_gain: float = Field(10.0, gt=0)
+    offset_std_deg: float = Field(
+        5.0, gt=0, description="prior standard deviation of a session's TX heading offset"
+    )
+    min_session_gain: float = Field(10.0, gt=0, description="gain in log evidence that an offset needs")
 
     @property
     def heading_step_rad(self) -> float:

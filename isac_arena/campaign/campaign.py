@@ -111,7 +111,7 @@ def campaign_store(campaign: Campaign, directory: Path, estimator: str | None) -
 def _fields(changes: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
     """Changes as dotted paths and values: tables become their fields."""
     for name, value in changes.items():
-        if isinstance(value, Mapping):
+        if isinstance(value, Mapping) and value:
             yield from ((f"{name}.{field}", inner) for field, inner in _fields(value))
         else:
             yield name, value

@@ -17,6 +17,7 @@ from isac_arena.campaign.load import campaign_scene
 from isac_arena.campaign.lock import one_run
 from isac_arena.campaign.manifest import SETTINGS, check_unchanged, remedy
 from isac_arena.campaign.measured import MeasuredTruth
+from isac_arena.campaign.plan import RunPlan, check_elevations, plan_run
 from isac_arena.campaign.recording import recorded_run
 from isac_arena.campaign.results import CampaignResults, MapName, MapResult
 from isac_arena.campaign.side import swapped_in
@@ -27,6 +28,7 @@ from isac_arena.scoring.record import ScoreTables
 from isac_arena.scoring.score import Scores, score_metrics
 from scenes.scene import Scene
 from sim.signal.hardware.apply_impairments import with_surveyed_pose
+from sim.signal.link import make_link
 from sim.truth import Truth
 
 console = Console(highlight=False)
@@ -61,6 +63,7 @@ def opened(
 def _checked(campaign: str | Campaign, out: Path, seed: int | None, estimator: str | None) -> CampaignStore:
     loaded = campaign if isinstance(campaign, Campaign) else load_campaign(campaign, seed=seed)
     channel_estimator(loaded.config, estimator)
+    check_elevations(loaded.config, estimator)
     return campaign_store(loaded, out, estimator)
 
 
@@ -70,10 +73,25 @@ def run_campaign(
 ) -> None:  # fmt: skip
     """All stages from the scene to the report, into a directory; an interrupted run continues."""
     with opened(campaign, out, seed, estimator) as store:
+        print_plan(run_plan(store))
         sweep_and_estimate(store, keep_sweeps=keep_sweeps)
         build_maps(store)
         write_scores(store)
         write_report(store)
+
+
+def run_plan(store: CampaignStore) -> RunPlan:
+    """What a run does and what is doubtful about it; a measured campaign has no doubts of a simulation."""
+    with console.status("plan"):
+        scene = scene_of(store)
+        return plan_run(store.config, scene, make_link(store.config), store.estimator)
+
+
+def print_plan(plan: RunPlan) -> None:
+    """Print the plan of a run, a line for everything doubtful."""
+    console.print(f"plan: {plan.does}", markup=False, soft_wrap=True)
+    for doubt in plan.doubts:
+        console.print(f"doubtful: {doubt}", markup=False, soft_wrap=True)
 
 
 @contextmanager
@@ -178,6 +196,8 @@ def write_report(store: CampaignStore) -> None:
         scores = Scores(metrics(scene, tables), tables)
         figures = make_figures(scene, results, scores)
         facts = run_facts(store.config, scene, store.estimator, store.measured)
+        if store.measured is None and (doubts := run_plan(store).doubts):
+            facts["Doubtful"] = "; ".join(doubts)
         page = render_report(_page_payload(store, scene, results, tables), scores, figures, facts)
         store.write_report(page, {name: figure.png for name, figure in figures.items()})
     console.print(f"report: {store.directory / 'report.html'}")

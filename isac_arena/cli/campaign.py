@@ -1,6 +1,37 @@
-"""The campaign verbs: `run`, and its stages alone: `generate`, `estimate`, `score`, `report`."""
+"""The campaign verbs: `run`, its stages alone: `generate`, `estimate`, `score`, `report`; and `arena campaign`."""
+
+import typer
 
 from isac_arena.cli.options import Campaign, Directory, Estimator, KeepSweeps, Out, Seed
+
+app = typer.Typer(help="The campaigns of the library and your own.", no_args_is_help=True)
+
+
+@app.command("list")
+def list_campaigns() -> None:
+    """List the campaigns of the library, each with what it is."""
+    from isac_arena.campaign.load import campaign_path, library_campaigns  # noqa: PLC0415
+
+    for name in library_campaigns():
+        head = campaign_path(name).read_text(encoding="utf-8").partition("\n")[0].removeprefix("# ")
+        typer.echo(f"{name:22} {head}")
+
+
+@app.command("show")
+def show(campaign: Campaign, seed: Seed = None) -> None:
+    """Print the file of a campaign, what it makes, and what is doubtful about it."""
+    from isac_arena.campaign import stages  # noqa: PLC0415
+    from isac_arena.campaign.campaign import load_campaign  # noqa: PLC0415
+    from isac_arena.campaign.load import campaign_path  # noqa: PLC0415
+    from isac_arena.campaign.plan import plan_run  # noqa: PLC0415
+    from isac_arena.campaign.summary import run_facts  # noqa: PLC0415
+    from scenes.toml_config import read_text  # noqa: PLC0415
+
+    loaded = load_campaign(campaign, seed=seed)
+    typer.echo(read_text(campaign_path(campaign)))
+    for name, fact in run_facts(loaded.config, loaded.scene, None).items():
+        typer.echo(f"{name}: {fact}")
+    stages.print_plan(plan_run(loaded.config, loaded.scene, loaded.link))
 
 
 def run(

@@ -19,10 +19,10 @@ from isac_arena.cli import (
     campaign,
     compare,
     doctor,
-    export,
+    exchange,
     golden,
-    imports,
     link,
+    new,
     scene,
     study,
     sweep,
@@ -49,13 +49,15 @@ app = typer.Typer(
 )
 COMMANDS = (
     campaign.run, campaign.generate, campaign.estimate, campaign.score, campaign.report, view.view,
-    imports.import_mat, imports.import_deepmimo, export.export, link.link, export.export_sigmf, bound.bound,
+    exchange.import_mat, exchange.import_deepmimo, exchange.export, link.link, exchange.export_sigmf, bound.bound,
     ablate.ablate, budget.budget, sweep.sweep, sweep.sweep_report, verify.verify, compare.compare, golden.golden,
-    twin.twin, doctor.doctor, validate.validate, validate.bench,
+    twin.twin, doctor.doctor, validate.validate, validate.bench, new.settings,
 )  # fmt: skip
 for command in COMMANDS:
     app.command(command.__name__.replace("_", "-"))(with_memory(command))
+app.add_typer(campaign.app, name="campaign")
 app.add_typer(scene.app, name="scene")
+app.add_typer(new.app, name="new")
 app.add_typer(study.app, name="study")
 
 

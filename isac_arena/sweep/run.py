@@ -20,6 +20,7 @@ from estimation.channel.record import ChannelEstimate
 from isac_arena.campaign.chain import channel_estimator
 from isac_arena.campaign.driver import CampaignRun, MemoryResults
 from isac_arena.campaign.files import read_record, write_json, write_record
+from isac_arena.campaign.plan import check_elevations
 from isac_arena.campaign.recording import recorded_run
 from isac_arena.scoring.metrics.metric import to_json
 from isac_arena.scoring.score import Scores
@@ -41,6 +42,7 @@ def check_case(case: Case) -> Scene:
         channel_estimator(case.config, case.estimator)
     except ValueError as error:
         raise ValueError(f"axis 'estimator', point {case.point}: {error}") from error
+    check_elevations(case.config, case.estimator)
     try:
         return case.scene.build(case.config)
     except ValueError as error:

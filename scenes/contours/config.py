@@ -29,8 +29,8 @@ class CircleConfig(ConfigModel):
     """A round contour."""
 
     type: Literal["circle"]
-    center_m: Pair
-    radius_m: Positive
+    center_m: Pair = Field(description="x, y of the centre")
+    radius_m: Positive = Field(description="radius")
 
     def build(self) -> Contour:
         """The contour."""
@@ -41,9 +41,9 @@ class EllipseConfig(ConfigModel):
     """An ellipse; `rotation_deg` is the azimuth of its first semi-axis."""
 
     type: Literal["ellipse"]
-    center_m: Pair
-    semi_axes_m: PositivePair
-    rotation_deg: float = 0.0
+    center_m: Pair = Field(description="x, y of the centre")
+    semi_axes_m: PositivePair = Field(description="first and second semi-axis")
+    rotation_deg: float = Field(0.0, description="azimuth of the first semi-axis")
 
     def build(self) -> Contour:
         """The contour."""
@@ -54,8 +54,8 @@ class RectangleConfig(ConfigModel):
     """An axis-parallel rectangle between two x and two y coordinates."""
 
     type: Literal["rectangle"]
-    x_m: Pair
-    y_m: Pair
+    x_m: Pair = Field(description="lowest and highest x")
+    y_m: Pair = Field(description="lowest and highest y")
 
     def build(self) -> Contour:
         """The contour."""
@@ -66,8 +66,10 @@ class PolygonConfig(ConfigModel):
     """A polygon. `corner_radius_m` is the radius of each corner; all corners are sharp by default."""
 
     type: Literal["polygon"]
-    vertices_m: Points
-    corner_radius_m: Annotated[tuple[float, ...], Field(strict=False)] | None = None
+    vertices_m: Points = Field(description="x, y of the corners in order, the first not repeated")
+    corner_radius_m: Annotated[tuple[float, ...], Field(strict=False)] | None = Field(
+        None, description="radius of each corner; sharp by default"
+    )
 
     @model_validator(mode="after")
     def _one_radius_per_vertex(self) -> PolygonConfig:
@@ -89,7 +91,7 @@ class PolylineConfig(ConfigModel):
     """An open thin wall of straight pieces."""
 
     type: Literal["polyline"]
-    points_m: Points
+    points_m: Points = Field(description="x, y of the corners from one end to the other")
 
     def build(self) -> Contour:
         """The contour."""
@@ -100,7 +102,7 @@ class SplineConfig(ConfigModel):
     """An open thin curved wall through points."""
 
     type: Literal["spline"]
-    points_m: Points
+    points_m: Points = Field(description="x, y of points from one end to the other")
 
     def build(self) -> Contour:
         """The contour."""
@@ -111,7 +113,7 @@ class ClosedSplineConfig(ConfigModel):
     """A smooth solid through points; the first point is not repeated."""
 
     type: Literal["closed_spline"]
-    points_m: Points
+    points_m: Points = Field(description="x, y of points in order, the first not repeated")
 
     def build(self) -> Contour:
         """The contour."""

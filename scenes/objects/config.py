@@ -31,12 +31,22 @@ Triple = Annotated[tuple[float, float, float], Field(strict=False)]
 class MaterialConfig(ConfigModel):
     """A material: either `itu`, a row of ITU-R P.2040-3, or both electrical constants."""
 
-    itu: str | None = None
-    relative_permittivity: Annotated[float, Field(ge=1)] | None = None
-    conductivity_s_m: Annotated[float, Field(ge=0)] | None = None
-    thickness_m: Positive
-    scattering_coefficient: Annotated[float, Field(ge=0, le=1)] = 0.0
-    scattering_directivity: Annotated[int, Field(ge=1, le=100)] | None = None
+    itu: str | None = Field(
+        None, description="row of ITU-R P.2040-3: concrete, glass, metal, plasterboard, wood, ..."
+    )
+    relative_permittivity: Annotated[float, Field(ge=1)] | None = Field(
+        None, description="in place of itu: real part at the carrier"
+    )
+    conductivity_s_m: Annotated[float, Field(ge=0)] | None = Field(
+        None, description="in place of itu: conductivity at the carrier"
+    )
+    thickness_m: Positive = Field(description="thickness of the slab behind every face")
+    scattering_coefficient: Annotated[float, Field(ge=0, le=1)] = Field(
+        0.0, description="share of the reflected field that is scattered"
+    )
+    scattering_directivity: Annotated[int, Field(ge=1, le=100)] | None = Field(
+        None, description="directivity of the scattering lobe; without it scattering is even"
+    )
 
     @model_validator(mode="after")
     def _itu_or_custom(self) -> MaterialConfig:
@@ -70,12 +80,12 @@ class MaterialConfig(ConfigModel):
 class ObjectConfig(ConfigModel):
     """One prism of the scene."""
 
-    name: Name
-    kind: ObjectKind
-    material: str
-    z_min_m: float = 0.0
-    z_max_m: float
-    may_overlap: bool = False
+    name: Name = Field(description="name of the object")
+    kind: ObjectKind = Field(description="what the object is called in scores and figures")
+    material: str = Field(description="name of one of the materials")
+    z_min_m: float = Field(0.0, description="lower end")
+    z_max_m: float = Field(description="upper end")
+    may_overlap: bool = Field(False, description="whether it may overlap other objects")
     contour: ContourConfig
 
     def build(self, materials: dict[str, Material]) -> SceneObject:
@@ -92,12 +102,14 @@ class ObjectConfig(ConfigModel):
 class FloorplanConfig(ConfigModel):
     """Thin walls from a file in the folder of the scene file: CSV (x0_m,y0_m,x1_m,y1_m) or GeoJSON."""
 
-    name: Name | None = None
-    file: FileName
-    material: str
-    kind: ObjectKind = "wall"
-    z_min_m: float = 0.0
-    z_max_m: float
+    name: Name | None = Field(
+        None, description="prefix of the names of the walls; by default the name of the file"
+    )
+    file: FileName = Field(description="CSV x0_m,y0_m,x1_m,y1_m or GeoJSON, beside the scene file")
+    material: str = Field(description="name of one of the materials")
+    kind: ObjectKind = Field("wall", description="what the walls are called in scores and figures")
+    z_min_m: float = Field(0.0, description="lower end")
+    z_max_m: float = Field(description="upper end")
 
     def build(self, materials: dict[str, Material], folder: Path) -> list[SceneObject]:
         """One object per straight wall: NAME_1, NAME_2, ... The default NAME is that of the file."""
@@ -118,13 +130,13 @@ class FloorplanConfig(ConfigModel):
 class MeshConfig(ConfigModel):
     """Clutter from a mesh file in the folder of the scene file: scaled, rotated about x, y, z, and moved."""
 
-    name: Name | None = None
-    file: FileName
-    material: str
-    kind: ObjectKind = "clutter"
-    position_m: Triple = (0.0, 0.0, 0.0)
-    scale: Positive = 1.0
-    rotation_deg: Triple = (0.0, 0.0, 0.0)
+    name: Name | None = Field(None, description="name of the mesh; by default that of the file")
+    file: FileName = Field(description="mesh that trimesh reads, z up, beside the scene file")
+    material: str = Field(description="name of one of the materials")
+    kind: ObjectKind = Field("clutter", description="what the mesh is called in scores and figures")
+    position_m: Triple = Field((0.0, 0.0, 0.0), description="x, y, z that the mesh is moved by")
+    scale: Positive = Field(1.0, description="factor from the units of the file to m")
+    rotation_deg: Triple = Field((0.0, 0.0, 0.0), description="rotation about x, then y, then z")
 
     def build(self, materials: dict[str, Material], folder: Path) -> Clutter:
         """The mesh. The default name is that of the file."""
@@ -142,8 +154,8 @@ class MeshConfig(ConfigModel):
 class PlaneConfig(ConfigModel):
     """Floor or ceiling."""
 
-    z_m: float
-    material: str
+    z_m: float = Field(description="height of the plane")
+    material: str = Field(description="name of one of the materials")
 
     def build(self, materials: dict[str, Material]) -> HorizontalPlane:
         """The plane."""
@@ -153,9 +165,9 @@ class PlaneConfig(ConfigModel):
 class TxConfig(ConfigModel):
     """Position and heading of a transmitter."""
 
-    name: Name = "tx"
-    position_m: Triple
-    heading_deg: float = 0.0
+    name: Name = Field("tx", description="name of the TX")
+    position_m: Triple = Field(description="x, y, z of the array")
+    heading_deg: float = Field(0.0, description="azimuth of the boresight, counter-clockwise from +x")
 
     def build(self) -> Pose:
         """The pose, its heading in radians."""

@@ -29,12 +29,16 @@ class WaypointWalkConfig(ConfigModel):
     `type = "spline"` follows the smooth curve through the way-points instead of straight lines.
     """
 
-    name: Name = "walk"
-    type: Literal["waypoints", "spline"] = "waypoints"
-    waypoints_m: Points
-    height_m: float
-    n_stops: Count | None = None
-    heading_deg: float | None = None
+    name: Name = Field("walk", description="name of the walk")
+    type: Literal["waypoints", "spline"] = Field(
+        "waypoints", description="straight lines between the way-points, or a smooth curve through them"
+    )
+    waypoints_m: Points = Field(description="x, y of the way-points")
+    height_m: float = Field(description="height of the RX array at every stop")
+    n_stops: Count | None = Field(
+        None, description="stops at equal spacing; without it the way-points are the stops"
+    )
+    heading_deg: float | None = Field(None, description="heading at every stop; without it the RX looks ahead")
 
     def build(self, folder: Path) -> Walk:
         """The walk, angles in radians; it needs no file of `folder`."""
@@ -48,16 +52,16 @@ class RandomWalkConfig(ConfigModel):
     `area_m` is (x_min, y_min, x_max, y_max). Its default is the bounds of the scene.
     """
 
-    name: Name = "walk"
+    name: Name = Field("walk", description="name of the walk")
     type: Literal["random"]
-    seed: Annotated[int, Field(ge=0)]
-    n_stops: Count
-    height_m: float
-    step_m: Positive = 0.5
-    clearance_m: Annotated[float, Field(ge=0.01)] = 0.3
-    area_m: Quadruple | None = None
-    start_m: Pair | None = None
-    heading_deg: float | None = None
+    seed: Annotated[int, Field(ge=0)] = Field(description="seed of the walk")
+    n_stops: Count = Field(description="number of stops")
+    height_m: float = Field(description="height of the RX array at every stop")
+    step_m: Positive = Field(0.5, description="length of a step")
+    clearance_m: Annotated[float, Field(ge=0.01)] = Field(0.3, description="from objects and rim")
+    area_m: Quadruple | None = Field(None, description="x_min, y_min, x_max, y_max; by default the bounds")
+    start_m: Pair | None = Field(None, description="first stop; random by default")
+    heading_deg: float | None = Field(None, description="heading at every stop; without it the RX looks ahead")
 
     def build(self, obstacles: Sequence[Contour], bounds_m: Quadruple) -> Walk:
         """The walk, the same for the same seed and objects."""
@@ -80,7 +84,7 @@ class GridWalkConfig(ConfigModel):
     `area_m` is (x_min, y_min, x_max, y_max). Its default is the bounds of the scene.
     """
 
-    name: Name = "walk"
+    name: Name = Field("walk", description="name of the walk")
     type: Literal["grid"]
     height_m: float = Field(description="height of the RX array at every stop")
     step_m: Positive = Field(1.0, description="distance between neighbours in x and in y")
@@ -100,7 +104,7 @@ class DropsWalkConfig(ConfigModel):
     `area_m` is (x_min, y_min, x_max, y_max). Its default is the bounds of the scene.
     """
 
-    name: Name = "walk"
+    name: Name = Field("walk", description="name of the walk")
     type: Literal["drops"]
     seed: Annotated[int, Field(ge=0)] = Field(description="seed of places and headings")
     n_stops: Count = Field(description="number of stops")
@@ -122,7 +126,7 @@ class DropsWalkConfig(ConfigModel):
 class PosesWalkConfig(ConfigModel):
     """Stops with a pose each, in the scene file or in a CSV file in its folder: x_m, y_m, z_m, heading_deg."""
 
-    name: Name = "walk"
+    name: Name = Field("walk", description="name of the walk")
     type: Literal["poses"]
     poses: Annotated[tuple[Quadruple, ...], Field(strict=False, min_length=1, max_length=MAX_STOPS)] | None = (
         Field(None, description="[x_m, y_m, z_m, heading_deg] of every stop")
@@ -172,9 +176,9 @@ def _at_places(places_m: FloatArray, height_m: float, heading_rad: FloatArray) -
 class RecordedWalkConfig(ConfigModel):
     """Stops from a trajectory file (TUM format, `time x y z qx qy qz qw`) in the folder of the scene file."""
 
-    name: Name = "walk"
+    name: Name = Field("walk", description="name of the walk")
     type: Literal["tum"]
-    file: FileName
+    file: FileName = Field(description="trajectory in TUM format beside the scene file")
 
     def build(self, folder: Path) -> RecordedWalk:
         """The walk, with one stop per line of the file."""

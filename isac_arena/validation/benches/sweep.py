@@ -22,7 +22,8 @@ scene = "box_room"
 seed = {seed}
 propagation = {{max_bounces = 1, diffuse_samples = 0, diffraction = false, compare_planar = false}}
 """
-SMALL = COMMON + "waveform.n_rb = 132\ntx_array.rows = 1\nrx_array.rows = 1\n"
+SMALL = COMMON + "waveform.n_rb = 132\ntx_array.rows = 1\n"
+SMALL += "rx_array = {{rows = 1, panel_azimuth_deg = [0.0], beams_per_panel = 32, sector_deg = 140.0}}\n"
 FULL = COMMON + "waveform.combine_symbols = true\n"
 POWER = "link.tx_power_dbm"
 RANGE = "channel.power.dynamic_range_db"

@@ -18,6 +18,7 @@ rows = 1
 columns = 8
 beams_per_panel = 12
 panel_azimuth_deg = [-180.0, -90.0, 0.0, 90.0]
+sector_deg = 140.0
 [propagation]
 max_bounces = 1
 diffuse_samples = 0

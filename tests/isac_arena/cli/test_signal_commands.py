@@ -85,7 +85,7 @@ def test_bad_beams_and_stops_end_in_one_line(generated: Path) -> None:
 
 def test_weight_files_lie_beside_the_campaign(tmp_path: Path) -> None:
     np.savez(tmp_path / "beams.npz", weights=np.eye(2, 64))
-    text = '[rx_array]\ncodebook = "file"\nweights_file = "beams.npz"\n'
+    text = '[rx_array]\ncodebook = "file"\nweights_file = "beams.npz"\npanel_azimuth_deg = [0.0]\n'
     (tmp_path / "own.toml").write_text(f'name = "own"\nscene = "box_room"\n{text}')
     config = load_campaign(str(tmp_path / "own.toml")).config
     assert len(make_link(config).rx_codebook) == 2

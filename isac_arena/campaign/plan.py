@@ -1,0 +1,160 @@
+"""The plan of a run: what is done, what is doubtful and what is refused, before the first stop is computed."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from isac_arena.campaign.config import CampaignConfig
+from scenes.pose import SPEED_OF_LIGHT_M_S
+from scenes.scene import Scene
+from scenes.walks.trajectory import RecordedWalk
+from sim.config import ArrayConfig
+from sim.propagation.paths import Paths
+from sim.propagation.propagator import Propagator
+from sim.signal.link import Link, best_beam_power_dbm, line_of_sight_at_1m_dbm
+
+MOST_STOPS = 60  # looked at, evenly over the walk
+LEAST_BIAS_M = 0.02  # of positions, from heights that the beams do not see: smaller ones are not told
+BEHIND_DB = 25.0  # a line of sight weaker than this in the best beams lies behind the panels
+COARSE = 4.0  # a delay cell of so many times the extent of an object shows it as a point
+LONGEST_LIST = 6  # names in a sentence
+ELEVATION_METHODS = "'coherent', 'incoherent' or 'auto'"
+SAMPLE_BYTES = 8
+LEAP = 5.0  # a leg of so many times the median leg is no step of a walk
+HEIGHTS = "see 'Heights' in the README for the settings that mend it"
+
+
+@dataclass(frozen=True)
+class RunPlan:
+    """What a run does in one line, and a sentence for everything doubtful."""
+
+    does: str
+    doubts: tuple[str, ...]
+
+
+def check_elevations(config: CampaignConfig, estimator: str | None) -> None:
+    """Raise `ValueError` where beams have several elevations and the channel method ignores them."""
+    for name, array in (("tx_array", config.tx_array), ("rx_array", config.rx_array)):
+        if len(elevations_deg(array)) > 1 and estimator is None and config.channel.method == "power":
+            raise ValueError(
+                f"channel.method = 'power': estimates no elevation, but {name} has beams at several; take "
+                f"{ELEVATION_METHODS}, or one beam_elevation_deg and one panel_tilt_deg"
+            )
+
+
+def elevations_deg(array: ArrayConfig) -> list[float]:
+    """The elevations of the beams of an array in the device frame."""
+    return sorted({tilt + beam for tilt in array.panel_tilt_deg for beam in array.beam_elevation_deg})
+
+
+def plan_run(config: CampaignConfig, scene: Scene, link: Link, estimator: str | None = None) -> RunPlan:
+    """The plan of a campaign; raises as `check_elevations`."""
+    check_elevations(config, estimator)
+    n_pairs = len(link.tx_codebook) * len(link.rx_codebook)
+    megabytes = 1e-6 * SAMPLE_BYTES * n_pairs * link.prs_symbol.shape[1]
+    does = (
+        f"{len(scene.stops)} stops, {n_pairs} beam pairs, channel estimates by "
+        f"{estimator or config.channel.method}; {megabytes:.0f} MB of samples a stop"
+    )
+    if config.propagation.deepmimo is not None:
+        return RunPlan(does, tuple(_about_settings(config, scene)))
+    step = -(-len(scene.stops) // MOST_STOPS)
+    seen = _seen_paths(config, scene, step)
+    level_dbm = line_of_sight_at_1m_dbm(config)
+    in_sight = _about_sight(scene, link, level_dbm, seen, step)
+    return RunPlan(does, (*_about_settings(config, scene), *in_sight, *_about_cells(scene, link)))
+
+
+def _seen_paths(config: CampaignConfig, scene: Scene, step: int) -> list[Paths]:
+    """Line of sight and single reflections at every step-th stop."""
+    changes = {"max_bounces": min(1, config.propagation.max_bounces), "diffuse_samples": 0, "diffraction": False}
+    propagation = config.propagation.model_copy(update=changes)
+    propagator = Propagator(scene, config.waveform.carrier_ghz * 1e9, propagation)
+    return [propagator.paths(pose.position_m) for pose in scene.stops[::step]]
+
+
+def _about_settings(config: CampaignConfig, scene: Scene) -> Iterator[str]:
+    """What the settings alone tell: heights that the beams do not see, and stops without an order."""
+    sees = any(len(elevations_deg(array)) > 1 for array in (config.tx_array, config.rx_array))
+    if not sees:
+        bias_m, height_m = _height_bias_m(scene)
+        if bias_m > LEAST_BIAS_M:
+            yield (
+                f"TX and receiver differ by up to {height_m:.2g} m in height and the beams are horizontal: expect "
+                f"positions and points about {bias_m:.2g} m off; {HEIGHTS}"
+            )
+    elif not config.slam.solves_in_space or not config.mapping.use_elevation:
+        yield "elevations are estimated, but slam or mapping ignores them (slam.method, use_elevation)"
+    if config.trajectory is not None and isinstance(scene.walk, RecordedWalk):
+        positions = scene.walk.positions_m()
+        legs = np.linalg.norm(np.diff(positions, axis=0), axis=1)
+        if len(legs) and legs.max() > LEAP * np.median(legs):
+            yield "the stops leap, but [trajectory] takes them for one walk: leave it out"
+
+
+def _height_bias_m(scene: Scene) -> tuple[float, float]:
+    """Median excess of the line of sight over its length in the plan, and the largest difference in height."""
+    offset = scene.walk.positions_m() - scene.tx.position_m
+    excess = np.linalg.norm(offset, axis=1) - np.linalg.norm(offset[:, :2], axis=1)
+    return float(np.median(excess)), float(np.abs(offset[:, 2]).max())
+
+
+def _about_sight(scene: Scene, link: Link, level_dbm: float, seen: list[Paths], step: int) -> Iterator[str]:
+    """Stops that receive nothing, or only from behind, and objects and meshes that reflect to no stop."""
+    stops = range(0, len(scene.stops), step)
+    dark = [stop for stop, paths in zip(stops, seen, strict=True) if not len(paths)]
+    if dark:
+        yield f"no line of sight and no single reflection reaches stop {_listed(map(str, dark))}"
+    behind = [
+        stop for stop, paths in zip(stops, seen, strict=True) if _is_behind(scene, link, level_dbm, stop, paths)
+    ]
+    if behind:
+        yield f"the beams do not cover the line of sight of stop {_listed(map(str, behind))}: turn or add panels"
+    names = np.array([*scene.object_names, *(mesh.name for mesh in scene.clutter)])
+    reflecting = {
+        str(paths.object_name[item]) for paths in seen for item in np.unique(paths.bounce_object) if item >= 0
+    }
+    unseen = [name for name in names.tolist() if name not in reflecting]
+    meshes = [mesh.name for mesh in scene.clutter if mesh.name in unseen]
+    objects = [name for name in unseen if name not in meshes]
+    if objects:
+        yield f"no single reflection reaches a stop from {_listed(objects)}: no contour of these will be found"
+    if meshes:
+        yield (
+            f"no flat facet of mesh {_listed(meshes)} reflects to a stop: it only blocks and scatters; draw what "
+            "is round as a circle or spline"
+        )
+
+
+def _is_behind(scene: Scene, link: Link, level_dbm: float, stop: int, paths: Paths) -> bool:
+    """Whether a stop has a line of sight that the beams of a device do not cover."""
+    los = paths.take("path", paths.is_los)
+    if not len(los):
+        return False
+    received = best_beam_power_dbm(los, link, scene.tx, scene.stops[stop])[0]
+    distance_m = SPEED_OF_LIGHT_M_S * los.delay_s[0]
+    return bool(received < level_dbm - 20 * np.log10(distance_m) - BEHIND_DB)
+
+
+def _about_cells(scene: Scene, link: Link) -> Iterator[str]:
+    """Objects that are small beside the delay cell of the signal."""
+    step_hz = float(np.diff(link.frequency_offset_hz[:2])[0])
+    cell_m = SPEED_OF_LIGHT_M_S / (step_hz * len(link.frequency_offset_hz))
+    small = [
+        item.name for item in scene.objects
+        if item.contour.closed and item.kind != "wall" and _extent_m(item.contour.bounds_m) * COARSE < cell_m
+    ]  # fmt: skip
+    if small:
+        yield f"a delay cell is {cell_m:.2g} m long, these are far smaller and look like points: {_listed(small)}"
+
+
+def _extent_m(bounds_m: tuple[float, float, float, float]) -> float:
+    x_min, y_min, x_max, y_max = bounds_m
+    return float(max(x_max - x_min, y_max - y_min))
+
+
+def _listed(names: Iterable[str]) -> str:
+    every = list(names)
+    more = f" and {len(every) - LONGEST_LIST} more" if len(every) > LONGEST_LIST else ""
+    return ", ".join(every[:LONGEST_LIST]) + more

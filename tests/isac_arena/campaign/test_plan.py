@@ -1,0 +1,82 @@
+"""The plan of a run tells what is doubtful and refuses what cannot work, before the first stop."""
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+
+import isac_arena as ia
+from isac_arena.campaign.plan import LEAST_BIAS_M, plan_run
+from tests.command_line import failure
+
+ROOM = tomllib.loads((Path(__file__).resolve().parents[3] / "scenes/library/box_room.toml").read_text())
+FEW = {"n_rb": 24, "comb": 12}
+
+
+def doubts(scene: dict[str, Any] | None = None, **changes: Any) -> list[str]:
+    campaign = ia.load_campaign("box_room", scene=scene, **changes)
+    return list(plan_run(campaign.config, campaign.scene, campaign.link).doubts)
+
+
+def test_equal_heights_are_told_nothing_about() -> None:
+    told = doubts()
+    assert len(told) == 1 and "from box: no contour" in told[0]  # 1.2 m high, under the beams at 1.5 m
+
+
+def test_unequal_heights_with_horizontal_beams() -> None:
+    tx = {"position_m": [1.5, 4.0, 2.6], "heading_deg": 0.0}
+    told = doubts({**ROOM, "tx": tx, "walk": {**ROOM["walk"], "height_m": 1.2}})
+    distance_m = np.linalg.norm(np.linspace([4.0, 2.0], [8.5, 2.0], 4) - [1.5, 4.0], axis=1)
+    excess_m = np.median(np.hypot(distance_m, 1.4) - distance_m)
+    assert excess_m > LEAST_BIAS_M and f"about {excess_m:.2g} m off" in told[0] and "1.4 m in height" in told[0]
+    beams = {"beam_elevation_deg": [-10.0, 10.0]}
+    told = doubts({**ROOM, "tx": tx}, tx_array=beams, channel={"method": "coherent"})
+    assert not any("height" in line for line in told)
+
+
+def test_elevations_that_the_method_ignores_are_refused(tmp_path: Path) -> None:
+    text = 'name = "x"\nscene = "box_room"\n[channel]\nmethod = "power"\n[rx_array]\n'
+    for field in ("beam_elevation_deg = [-10.0, 10.0]", "panel_tilt_deg = [0.0, 20.0, 0.0, 0.0]"):
+        (tmp_path / "x.toml").write_text(f"{text}{field}\n")
+        message = failure("run", "x.toml", "--out", "out", cwd=tmp_path)
+        assert "channel.method = 'power': estimates no elevation, but rx_array has beams at several" in message
+        assert not (tmp_path / "out").exists()
+
+
+def test_a_receiver_behind_the_beams_and_one_that_nothing_reaches() -> None:
+    turned = {**ROOM["tx"], "heading_deg": 150.0}
+    assert any(
+        "the beams do not cover the line of sight of stop 0, 1, 2, 3" in line
+        for line in doubts({**ROOM, "tx": turned})
+    )
+    cell = {"name": "cell", "kind": "wall", "material": "metal", "z_max_m": 3.0}
+    corners = [[8.0, 1.5], [9.0, 1.5], [9.0, 2.5], [8.0, 2.5], [8.0, 1.5]]
+    cell["contour"] = {"type": "polyline", "points_m": corners}
+    planes = {name: {**ROOM[name]} for name in ("floor", "ceiling")}
+    told = doubts({**ROOM, **planes, "objects": [*ROOM["objects"], cell]}, propagation={"max_bounces": 0})
+    assert any("no line of sight and no single reflection reaches stop 3" in line for line in told)
+
+
+def test_a_mesh_that_does_not_reflect_and_one_that_does(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    trimesh.creation.box((0.01, 1.0, 0.5)).export("board.ply")
+    mesh = {"file": "board.ply", "material": "metal", "position_m": [9.0, 3.0, 1.5]}
+    for tilt_deg, is_told in ((0.0, False), (40.0, True)):
+        told = doubts({**ROOM, "meshes": [{**mesh, "rotation_deg": [0.0, tilt_deg, 0.0]}]})
+        assert any("no flat facet of mesh board" in line for line in told) == is_told
+
+
+def test_cells_coarser_than_objects_and_leaps() -> None:
+    assert any(
+        "m long, these are far smaller and look like points: pillar" in line for line in doubts(waveform=FEW)
+    )
+    drops = {"type": "drops", "n_stops": 12, "seed": 1, "height_m": 1.5}
+    walk = {
+        "type": "poses",
+        "poses": [[2.5, 2.0, 1.5, 0.0], [2.6, 2.0, 1.5, 0.0], [2.7, 2.0, 1.5, 0.0], [9.0, 7.0, 1.5, 0.0]],
+    }
+    assert any("the stops leap" in line for line in doubts({**ROOM, "walk": walk}, trajectory={}))
+    assert not any("the stops leap" in line for line in doubts({**ROOM, "walk": drops}))
