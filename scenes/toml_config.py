@@ -49,7 +49,8 @@ class ConfigModel(BaseModel):
     @model_validator(mode="after")
     def _refuse_what_overflows(self) -> Self:
         for name, value in self:
-            most = LARGEST_LENGTH_M if name.endswith("_m") else LARGEST_NUMBER
+            is_length = name.endswith("_m") and not name.endswith("_s_m")
+            most = LARGEST_LENGTH_M if is_length else LARGEST_NUMBER
             for number in _floats(value):
                 if abs(number) > most:
                     raise ValueError(f"{name} = {number:g}: must be within -{most:g} and {most:g}")
