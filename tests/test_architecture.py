@@ -30,6 +30,7 @@ FILE_PARTS = (
         "isac_arena/exchange/",
         "isac_arena/sweep/",
         "isac_arena/verification/",
+        "isac_arena/validation/robustness/",
     ),
     *("isac_arena/insight/budget/runs.py", "isac_arena/validation/benches/sweep.py"),
     "estimation/kernel_cache.py",  # reads source code

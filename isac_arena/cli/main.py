@@ -7,6 +7,7 @@ import errno
 import os
 import re
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -65,8 +66,13 @@ def main() -> None:
     """Run the command line; every failure ends in one line on stderr and a non-zero exit code."""
     _add_working_folder()
     sys.unraisablehook = lambda _: None  # the reader of a damaged file fails again at its deletion
+    guarded(lambda: app(standalone_mode=False))
+
+
+def guarded(call: Callable[[], Any]) -> None:
+    """Call a function as a command: every failure ends in one line on stderr and a non-zero exit code."""
     try:
-        code = app(standalone_mode=False)
+        code = call()
         if code == INTERRUPTED:  # typer turns Ctrl-C into an exit without a message
             raise KeyboardInterrupt
         sys.exit(code)

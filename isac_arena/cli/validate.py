@@ -30,6 +30,7 @@ MODULES: Mapping[str, tuple[str, ...]] = {
     "shape": tuple(f"shape.{name}" for name in ("gp", "points", "law", "reflection", "campaign", "measured")),
     "twin": ("twin",),
     "halls": ("halls.check",),
+    "robustness": ("robustness.check",),
 }
 BENCHES: Mapping[str, tuple[str, ...]] = {
     "raytrace": ("benches.raytrace",),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from scenes.contours import (
     Circle,
@@ -20,8 +20,17 @@ from scenes.contours import (
 )
 from scenes.toml_config import ConfigModel, Pair
 
+SMALLEST = 1e-6  # of a radius, a thickness or a scale
+
+
+def _not_tiny(value: float) -> float:
+    if value < SMALLEST:
+        raise ValueError(f"must be {SMALLEST:g} or more")
+    return value
+
+
 Points = Annotated[tuple[Pair, ...], Field(strict=False, min_length=1)]
-Positive = Annotated[float, Field(gt=0)]
+Positive = Annotated[float, Field(gt=0), AfterValidator(_not_tiny)]
 PositivePair = Annotated[tuple[Positive, Positive], Field(strict=False)]
 
 

@@ -128,9 +128,10 @@ class Polyline3d:
     points_m: FloatArray  # (point, xyz)
 
 
-def mesh_bytes(vertices_m: FloatArray, faces: IntArray) -> bytes:
-    """A mesh of vertices (vertex, xyz) and faces (face, corner) as binary PLY in m."""
-    return bytes(trimesh.Trimesh(vertices_m, faces, process=False).export(file_type="ply"))
+def mesh_bytes(vertices_m: FloatArray, faces: IntArray, file_type: str = "ply") -> bytes:
+    """A mesh of vertices (vertex, xyz) and faces (face, corner) in m as a file, by default binary PLY."""
+    content = trimesh.Trimesh(vertices_m, faces, process=False).export(file_type=file_type)
+    return content.encode() if isinstance(content, str) else bytes(content)
 
 
 def glb_bytes(

@@ -4,6 +4,7 @@ from scenes.memory import ask_memory
 from sim.config import ArrayConfig, SimulationConfig
 
 WEIGHT_BYTES = 16 * 3  # complex128: of a panel, of all panels, and shaped
+PATTERN_BYTES = 16 * 3
 SAMPLE_BYTES = 8 * 4  # complex64: made, received, and twice in an estimator
 CAMPUS_AZIMUTHS = 63
 
@@ -22,6 +23,11 @@ def ask_link_memory(config: SimulationConfig) -> None:
             WEIGHT_BYTES * beams[name] * n_elements,
             f"the weights of {beams[name]} beams over {n_elements} elements",
             f"{name}.rows, columns, {field} and panel_azimuth_deg",
+        )
+        ask_memory(
+            PATTERN_BYTES * beams[name] ** 2,
+            f"the patterns of {beams[name]} beams at their own directions",
+            f"{name}.{field}, panel_azimuth_deg and beam_elevation_deg",
         )
     waveform = config.waveform
     n_subcarriers = 12 * waveform.n_rb // (1 if waveform.combine_symbols else waveform.comb)
