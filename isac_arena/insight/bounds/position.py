@@ -8,7 +8,7 @@ from rich.table import Table
 from estimation.laws.wall import wall_line
 from estimation.slam.bounds import StateBound, StopPaths, state_bound, stop_bound, trajectory_covariance
 from estimation.slam.space.bounds import SpatialBound, SpatialPaths, spatial_bound
-from isac_arena.campaign.campaign import load_campaign
+from isac_arena.campaign.campaign import Campaign, load_campaign
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.report.figures.bound import BoundMap
 from isac_arena.scoring.provenance import path_origin
@@ -19,7 +19,7 @@ from scenes.scene import Scene
 from sim.propagation.paths import BounceKind, Paths
 from sim.propagation.specular.solver import ExactSolver
 
-MARGIN_M = 3.0  # of the grid around the TX and the walk
+N_CELLS = 40  # of the grid along the longer side of the plan, by default
 MIN_TX_DISTANCE_M = 0.1  # no receiver stands closer to the TX
 SMOOTHNESS_M = 0.1  # second difference of the walk, per coordinate and stop^2
 SAME_LINE_DECIMALS = 6
@@ -43,9 +43,9 @@ class BoundInputs:
     in_space: bool  # elevations are estimated
 
 
-def bound_inputs(campaign: str) -> BoundInputs:
+def bound_inputs(campaign: str | Campaign) -> BoundInputs:
     """Scene and settings of a campaign; every path gets the fixed covariance of the campaign's SLAM settings."""
-    loaded = load_campaign(campaign)
+    loaded = campaign if isinstance(campaign, Campaign) else load_campaign(campaign)
     config, scene = loaded.config, loaded.scene
     carrier_hz = config.waveform.carrier_ghz * 1e9
     noise, in_space = config.slam.noise, sees_elevations(config)
@@ -73,12 +73,12 @@ class PlanGrid:
     paths: list[Paths]  # (place,)
 
 
-def plan_grid(prepared: BoundInputs, step_m: float) -> PlanGrid:
-    """A grid around the TX and the walk, at the height of the walk."""
+def plan_grid(prepared: BoundInputs, step_m: float | None = None) -> PlanGrid:
+    """A grid over the whole plan, at the height of the walk, by default with `N_CELLS` along the longer side."""
     scene = prepared.scene
-    known = np.vstack([scene.walk.positions_m()[:, :2], scene.tx.position_m[:2]])
-    low, high = known.min(axis=0) - MARGIN_M, known.max(axis=0) + MARGIN_M
-    x, y = (np.arange(low[axis], high[axis] + step_m / 2, step_m) for axis in (0, 1))
+    low, high = np.array(scene.bounds_m[:2]), np.array(scene.bounds_m[2:])
+    step_m = step_m or float((high - low).max() / N_CELLS)
+    x, y = (np.arange(low[axis] + step_m / 2, high[axis], step_m) for axis in (0, 1))
     height = np.full((len(y), len(x)), scene.walk.height_m)
     places = np.stack([*np.meshgrid(x, y), height], axis=-1)
     to_tx = np.linalg.norm(places - scene.tx.position_m, axis=-1)
@@ -110,7 +110,7 @@ def place_bound(
 
 def along_walk(prepared: BoundInputs) -> Table:
     """Median bounds over the stops of the walk: each stop alone, and in the plane also all stops jointly."""
-    table = Table("median over the walk", "each stop alone", "whole walk", "unit")
+    table = Table("median over the walk, fixed errors of paths", "each stop alone", "whole walk", "unit")
     for column in (1, 2):
         table.columns[column].justify = "right"
     for label, alone, together, unit in _in_space(prepared) if prepared.in_space else _in_plane(prepared):

@@ -14,7 +14,7 @@ from scenes.pose import SPEED_OF_LIGHT_M_S
 from scenes.record import BoolArray, FloatArray
 from scenes.scene import Scene
 
-PEB_RANGE_M = (0.05, 5.0)
+FROM_SIGNAL = "from the signal, the arrays and the joint paths"
 COLOR_MAP = "viridis_r"
 UNBOUNDED_COLOR = "#f2d7d5"
 WIDTH_IN, BARS_IN = 13.0, 1.5  # width of the channel figure; height of its colour bars and titles
@@ -49,13 +49,17 @@ class ChannelBoundMap:
 
 
 @styled
-def bound_figure(scene: Scene, bound: BoundMap) -> Figure:
-    """PEB of a receiver at every place, in colour on a logarithmic scale; the edge of the LOS region is dashed."""
-    figure = new_figure(9.5, 7.5)
+def bound_figure(scene: Scene, bound: BoundMap, errors: str = FROM_SIGNAL) -> Figure:
+    """PEB of a receiver at every place, in colour on a logarithmic scale; the edge of the LOS region is dashed.
+
+    `errors` says where the errors of the paths come from.
+    """
+    x_min, y_min, x_max, y_max = plan_view(scene, "all")
+    figure = new_figure(9.5, float(np.clip(8.0 * (y_max - y_min) / (x_max - x_min) + 1.0, 4.0, 9.0)))
     ax = figure.subplots()
     bar = {"label": "position error bound in m", "shrink": 0.85}
-    _draw_bound(figure, ax, scene, bound, bound.peb_m, LogNorm(*PEB_RANGE_M), bar)
-    ax.set_title(f"{scene.name}: position error bound (dashed: edge of line of sight, pink: unbounded)")
+    _draw_bound(figure, ax, scene, bound, bound.peb_m, _scale(bound.peb_m[np.isfinite(bound.peb_m)]), bar)
+    ax.set_title(f"{scene.name}: position error bound {errors}\n(dashed: edge of line of sight, pink: unbounded)")
     return figure
 
 
@@ -65,7 +69,7 @@ def channel_bound_figure(scene: Scene, bound: ChannelBoundMap) -> Figure:
 
     The edge of the LOS region is dashed.
     """
-    x_min, y_min, x_max, y_max = plan_view(scene, "walk")
+    x_min, y_min, x_max, y_max = plan_view(scene, "all")
     panel_in = WIDTH_IN / 3 - 0.3
     figure = new_figure(WIDTH_IN, panel_in * (y_max - y_min) / (x_max - x_min) + BARS_IN)
     panels = [
@@ -98,7 +102,7 @@ def _draw_bound(
     bar: dict[str, Any],
 ) -> None:
     """Draw the plan with a bound (y, x) under it, its colour bar and the edge of the LOS region."""
-    draw_plan(ax, scene, labels=False)
+    draw_plan(ax, scene, labels=False, extent="all")
     ax.grid(visible=False)
     unbounded = np.where(np.isinf(value), 1.0, np.nan)
     ax.pcolormesh(bound.x_m, bound.y_m, unbounded, cmap=ListedColormap([UNBOUNDED_COLOR]), zorder=0.5)

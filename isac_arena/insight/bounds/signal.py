@@ -1,0 +1,89 @@
+"""Bounds of the receiver from the signal, the arrays and the joint paths of a campaign: those of its scores.
+
+Every significant path has its Cramer-Rao bound for joint estimation of all of them. Line of sight and single
+bounces off upright objects then bound position, heading and clock, with unknown incidence points.
+"""
+
+from collections.abc import Callable, Iterable
+from functools import cached_property
+from typing import TypeVar
+
+import numpy as np
+from rich.table import Table
+
+from estimation.slam.bounds import StateBound
+from isac_arena.campaign.campaign import Campaign
+from isac_arena.campaign.chain import significance
+from isac_arena.insight.bounds.position import QUANTITIES, PlanGrid
+from isac_arena.report.figures.bound import BoundMap
+from isac_arena.scoring.config import Significance
+from isac_arena.scoring.link_view import LinkView, link_view
+from isac_arena.scoring.stages.channel import significant_alone, true_stop
+from isac_arena.scoring.stages.poses import pose_bounds
+from scenes.pose import Pose
+from sim.propagation.propagator import Propagator
+from sim.signal.link import best_beam_power_dbm
+from sim.truth import Truth
+
+T = TypeVar("T")
+Track = Callable[[Iterable[T]], Iterable[T]]  # shows progress
+
+
+class SignalBounds:
+    """A campaign prepared for bounds at any place."""
+
+    def __init__(self, campaign: Campaign) -> None:
+        self.campaign = campaign
+
+    @cached_property
+    def view(self) -> LinkView:
+        """The campaign's link as scores see it."""
+        return link_view(self.campaign.config, self.campaign.link, self.campaign.scene)
+
+    @cached_property
+    def propagator(self) -> Propagator:
+        """All paths of the campaign except diffuse ones, which are no significant paths."""
+        config = self.campaign.config
+        changes = {"diffuse_samples": 0, "compare_planar": False}
+        propagation = config.propagation.model_copy(update=changes)
+        return Propagator(self.campaign.scene, config.waveform.carrier_ghz * 1e9, propagation)
+
+    def at(self, pose: Pose) -> tuple[StateBound, bool]:
+        """Bounds (1,) of a receiver there, and whether the line of sight is a significant path."""
+        return self.of(Truth(self.propagator.paths(pose.position_m), pose, 0, 0.0))
+
+    def of(self, truth: Truth) -> tuple[StateBound, bool]:
+        """The same from the true paths of a stop."""
+        tx, link = self.campaign.scene.tx, self.campaign.link
+        power_dbm = best_beam_power_dbm(truth.paths, link, tx, truth.rx_pose)
+        stop = significant_alone(true_stop(truth, tx, power_dbm, self._limits, self.view))
+        return pose_bounds(self.campaign.scene, [stop]), bool(stop.truth.paths.is_los.any())
+
+    @cached_property
+    def _limits(self) -> Significance:
+        return significance(self.campaign.config, self.campaign.link)
+
+
+def over_plan(bounds: SignalBounds, grid: PlanGrid, track: Track[int] = iter) -> BoundMap:
+    """Position error bound at every free place of a grid; the receiver has the heading of the first stop."""
+    heading = float(bounds.campaign.scene.walk.headings_rad()[0])
+    peb, los = np.full(grid.is_free.shape, np.nan), np.zeros(grid.is_free.shape, bool)
+    places = np.argwhere(grid.is_free)
+    for index in track(range(len(places))):
+        at = tuple(places[index])
+        bound, los[at] = bounds.at(Pose(grid.position_m[index], heading))
+        peb[at] = bound.position_m[0]
+    return BoundMap(grid.x_m, grid.y_m, peb, los)
+
+
+def along_walk(bounds: SignalBounds, track: Track[Pose] = iter) -> tuple[Table, list[float]]:
+    """A table of the bounds over the stops, and the position error bound of every stop in m."""
+    found = [bounds.at(pose)[0] for pose in track(bounds.campaign.stops)]
+    table = Table("bound at the stops, from the signal", "median", "smallest", "largest", "unit")
+    for column in (1, 2, 3):
+        table.columns[column].justify = "right"
+    for label, name, scale, unit in QUANTITIES:
+        values = scale * np.concatenate([getattr(bound, name) for bound in found])
+        cells = [f"{value:.3g}" for value in (np.median(values), values.min(), values.max())]
+        table.add_row(label, *cells, unit)
+    return table, [float(bound.position_m[0]) for bound in found]
