@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -80,8 +82,14 @@ def write_settings(app: Any) -> None:
     (ROOT / "docs" / "settings.md").write_text(settings_page(), encoding="utf-8")
 
 
+def execute_notebooks(app: Any) -> None:
+    """Execute all notebooks, in a process of their own; an error in one ends the build."""
+    subprocess.run([sys.executable, str(ROOT / "docs" / "execute_notebooks.py")], check=True)
+
+
 def setup(app: Any) -> None:
     """Hook into autodoc, and make the pages that are made."""
     app.connect("builder-inited", write_settings)
+    app.connect("builder-inited", execute_notebooks)
     app.connect("autodoc-process-docstring", add_fields)
     app.connect("autodoc-skip-member", skip_foreign)

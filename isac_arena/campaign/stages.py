@@ -21,7 +21,8 @@ from isac_arena.campaign.plan import RunPlan, check_elevations, plan_run
 from isac_arena.campaign.recording import recorded_run
 from isac_arena.campaign.results import CampaignResults, MapName, MapResult
 from isac_arena.campaign.side import swapped_in
-from isac_arena.campaign.summary import PlanarCounts, progress_bar, run_facts, score_table
+from isac_arena.campaign.summary import PlanarCounts, run_facts, score_table
+from isac_arena.progress import progress_bar, working
 from isac_arena.report.page.budget_file import BUDGET_FILE, read_budget
 from isac_arena.scoring.measured import measured_metrics, score_measured
 from isac_arena.scoring.record import ScoreTables
@@ -82,7 +83,7 @@ def run_campaign(
 
 def run_plan(store: CampaignStore) -> RunPlan:
     """What a run does and what is doubtful about it; a measured campaign has no doubts of a simulation."""
-    with console.status("plan"):
+    with working(console, "plan"):
         scene = scene_of(store)
         return plan_run(store.config, scene, make_link(store.config), store.estimator)
 
@@ -146,7 +147,7 @@ def _each_stop(
 ) -> None:
     """Make the truth of every stop, its sweep where it is needed, and its channel estimate where `estimates`."""
     run, counts = campaign_run(store), PlanarCounts()
-    with console.status("self-calibration"):
+    with working(console, "self-calibration"):
         run.calibrate()
     with progress_bar(console) as progress:
         for truth in progress.track(run.truths(), len(run.chosen_stops), description=description):
@@ -169,7 +170,7 @@ def build_maps(store: CampaignStore) -> None:
     run = campaign_run(store)
     n_stops = len(run.chosen_stops)
     channel = [estimate.channel for estimate in channel_estimates(store, n_stops)]
-    with console.status("mapping, SLAM, shapes"):
+    with working(console, "mapping, SLAM, shapes"):
         run.maps(channel, known_receiver(known_stops(store, n_stops)))
 
 
@@ -177,7 +178,7 @@ def write_scores(store: CampaignStore) -> None:
     """Score every stage against the truth; write the metrics and the origin of each estimate."""
     scene = scene_of(store)
     results = stored_results(store, len(scene.stops))
-    with console.status("scores"):
+    with working(console, "scores"):
         scores = scores_of(store, scene, results)
     store.write_scores(scores)
     console.print(score_table(scores))
@@ -191,7 +192,7 @@ def write_report(store: CampaignStore) -> None:
     scene = scene_of(store)
     results = stored_results(store, len(scene.stops))
     tables = _present(store, store.score_tables(), "the score (provenance.nc)", "score")
-    with console.status("report"):
+    with working(console, "report"):
         metrics = score_metrics if store.measured is None else measured_metrics
         scores = Scores(metrics(scene, tables), tables)
         figures = make_figures(scene, results, scores)

@@ -6,17 +6,7 @@ import math
 import platform
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
-from typing import Any
 
-from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
 from rich.table import Table
 
 from isac_arena.campaign.config import CampaignConfig
@@ -64,14 +54,6 @@ class PlanarCounts:
         extra = f"; {self.n_extra} that only the tracer found are not used" if self.n_extra else ""
         n_exact = self.n_compared - self.n_extra
         return f"planar paths: {n_exact} by the exact solver; the ray tracer missed {self.n_repaired}{extra}"
-
-
-def progress_bar(console: Console, *fields: str, **options: Any) -> Progress:
-    """A progress bar with counts, some `fields` of its tasks, and elapsed and remaining time."""
-    counts = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()
-    texts = [TextColumn(f"{{task.fields[{name}]}}") for name in fields]
-    times = TimeElapsedColumn(), TextColumn("remaining"), TimeRemainingColumn()
-    return Progress(*counts, *texts, *times, console=console, **options)
 
 
 def score_table(scores: Scores) -> Table:

@@ -26,10 +26,10 @@ def ablate(
     Paths are traced once and all variants draw the same random numbers.
     """
     from rich.console import Console  # noqa: PLC0415
-    from rich.progress import Progress, track  # noqa: PLC0415
 
     from isac_arena.campaign.campaign import load_campaign  # noqa: PLC0415
     from isac_arena.insight.ablation import score_variants, variants  # noqa: PLC0415
+    from isac_arena.progress import progress_bar, tracked  # noqa: PLC0415
 
     console = Console(highlight=False)
     loaded = load_campaign(campaign, seed=seed)
@@ -37,8 +37,8 @@ def ablate(
     n_variants = len(variants(config.impairments))
     stops = range(0, len(scene.stops), step)
     traced = loaded.run(stops).truths()
-    truths = list(track(traced, "trace", len(stops), console=console, transient=True))
-    with Progress(console=console, transient=True) as progress:
+    truths = list(tracked(console, traced, len(stops), "trace"))
+    with progress_bar(console, transient=True) as progress:
         task = progress.add_task("variants", total=n_variants)
         ablation = score_variants(
             config, scene, truths, lambda name: progress.update(task, advance=1, description=f"{name} done")

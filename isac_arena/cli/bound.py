@@ -26,10 +26,10 @@ def bound(
     from isac_arena.campaign.campaign import load_campaign  # noqa: PLC0415
     from isac_arena.campaign.files import write_bytes  # noqa: PLC0415
     from isac_arena.campaign.stages import console  # noqa: PLC0415
-    from isac_arena.campaign.summary import progress_bar  # noqa: PLC0415
     from isac_arena.insight.bounds import channel as channel_bound  # noqa: PLC0415
     from isac_arena.insight.bounds import position as bound_map  # noqa: PLC0415
     from isac_arena.insight.bounds import signal as signal_bound  # noqa: PLC0415
+    from isac_arena.progress import progress_bar, working  # noqa: PLC0415
     from isac_arena.report.figures.bound import FROM_SIGNAL, bound_figure, channel_bound_figure  # noqa: PLC0415
     from isac_arena.report.style import png_bytes  # noqa: PLC0415
 
@@ -37,7 +37,7 @@ def bound(
         raise ValueError(f"--out = {out}: must end in .png")
     loaded = load_campaign(campaign)
     prepared = bound_map.bound_inputs(loaded)
-    with console.status("paths and bounds of the channel"):
+    with working(console, "paths and bounds of the channel"):
         model, grid = channel_bound.channel_model(prepared), bound_map.plan_grid(prepared, step_m)
         channel = channel_bound_figure(prepared.scene, channel_bound.over_plan(model, grid))
         tables = [channel_bound.along_walk(model)]

@@ -25,6 +25,7 @@ def golden(
     """Run the golden campaigns and compare their scores with the stored ones; exit 1 if one deviates."""
     from rich.console import Console  # noqa: PLC0415
 
+    from isac_arena.progress import working  # noqa: PLC0415
     from isac_arena.validation.golden import check_file, remake_file  # noqa: PLC0415
 
     console = Console(highlight=False)
@@ -34,7 +35,7 @@ def golden(
         raise ValueError(f"--folder = {folder}: holds no golden file (*.json){hint}")
     deviations: list[Deviation] = []
     for file in files:
-        with console.status(file.stem):
+        with working(console, file.stem):
             if remake:
                 remake_file(file)
                 console.print(f"{file}: remade")

@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 def link(campaign: Campaign) -> None:
     """Print the link budget of a campaign: received power of each stop, and noise levels."""
     from rich.console import Console  # noqa: PLC0415
-    from rich.progress import track  # noqa: PLC0415
 
     from isac_arena.campaign.campaign import load_campaign  # noqa: PLC0415
+    from isac_arena.progress import tracked  # noqa: PLC0415
     from sim.signal.link_budget import converter_share, link_budget  # noqa: PLC0415
     from sim.simulate import simulate_truth  # noqa: PLC0415
 
@@ -30,7 +30,7 @@ def link(campaign: Campaign) -> None:
     propagation = config.propagation.model_copy(update={"diffuse_samples": 0})
     made, stops = loaded.link, range(len(scene.stops))
     traced = simulate_truth(config.model_copy(update={"propagation": propagation}), scene, stops)
-    truths = track(traced, "trace", len(stops), console=console, transient=True)
+    truths = tracked(console, traced, len(stops), "trace")
     budget = link_budget(truths, made, scene.tx, config.link, converter_share(config.waveform))
     for line in (*head(budget), sweep_line(config, made)):
         console.print(line)

@@ -31,16 +31,16 @@ def gp_synthetic(
 ) -> None:
     """Radial Gaussian process on basic shapes (Fig. 1 of the paper): example, and RMSE against the points."""
     from rich.console import Console  # noqa: PLC0415
-    from rich.progress import track  # noqa: PLC0415
 
     from isac_arena.campaign.files import write_bytes, write_csv  # noqa: PLC0415
+    from isac_arena.progress import tracked  # noqa: PLC0415
     from isac_arena.report.figures.gp_study import contour_figure, radial_function_figure, rmse_figure  # noqa: PLC0415
     from isac_arena.report.style import png_bytes  # noqa: PLC0415
     from isac_arena.validation.shape.gp_study import MODES, N_POINTS, SHAPES, example, study  # noqa: PLC0415
 
     console = Console(highlight=False)
     n_cells = len(MODES) * len(SHAPES) * len(N_POINTS)
-    cells = list(track(study(runs, seed), "fits", n_cells, console=console, transient=True))
+    cells = list(tracked(console, study(runs, seed), n_cells, "fits"))
     shown = example(seed, "data-driven")
     figures = {"radial_function": radial_function_figure(shown), "contour": contour_figure(shown)}
     for name, figure in {**figures, "rmse": rmse_figure(cells)}.items():

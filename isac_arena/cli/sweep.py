@@ -66,6 +66,7 @@ def sweep_report(
     from isac_arena.campaign.files import write_text  # noqa: PLC0415
     from isac_arena.campaign.manifest import check_unchanged  # noqa: PLC0415
     from isac_arena.campaign.recording import recorded_additions  # noqa: PLC0415
+    from isac_arena.progress import working  # noqa: PLC0415
     from isac_arena.sweep.report import sweep_page, sweep_results  # noqa: PLC0415
     from isac_arena.sweep.store import read_failures, read_plan, read_sweep  # noqa: PLC0415
     from isac_arena.sweep.table import result_rows  # noqa: PLC0415
@@ -77,7 +78,7 @@ def sweep_report(
     results = sweep_results(config, result_rows(directory, config, cases, {}))
     keys = _chosen(results, metric, directory)
     pairs = _pairs(results, pareto, directory)
-    with console.status("figures"):
+    with working(console, "figures"):
         page = sweep_page(directory, config, cases, failures, results, keys, pairs)
         with threadpool_limits(limits=1), recorded_additions(directory):  # as every file of a sweep
             write_text(directory / REPORT, page)

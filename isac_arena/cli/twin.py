@@ -98,16 +98,15 @@ def _campaign(store: CampaignStore, scene: Scene) -> MeasuredCampaign:
 
 
 def _trace(campaign: MeasuredCampaign, scene: Scene, carrier_hz: float) -> Twin:
-    from rich.progress import track  # noqa: PLC0415
-
     from isac_arena.campaign import stages  # noqa: PLC0415
     from isac_arena.insight.twin.twin import MODELS, make_twin, simulate_stops  # noqa: PLC0415
+    from isac_arena.progress import tracked  # noqa: PLC0415
 
     simulated = {}
     for name, config in MODELS.items():
         stops = simulate_stops(scene, campaign, config, carrier_hz)
         title, n_stops = f"trace {name.replace('_', ' ')}", len(campaign.truths)
-        simulated[name] = list(track(stops, title, n_stops, console=stages.console, transient=True))
+        simulated[name] = list(tracked(stages.console, stops, n_stops, title))
     return make_twin(campaign, scene, simulated)
 
 

@@ -99,6 +99,7 @@ def _measure(
     from rich.table import Table  # noqa: PLC0415
 
     from isac_arena.campaign.files import write_json  # noqa: PLC0415
+    from isac_arena.progress import working  # noqa: PLC0415
     from isac_arena.validation.measurement import Measured, to_json  # noqa: PLC0415
 
     if name not in modules:
@@ -120,7 +121,7 @@ def _measure(
         if "console" in inspect.signature(check).parameters:  # it shows its own progress
             found = check(seed, quick, console=console, **accepted)
         else:
-            with console.status(title):
+            with working(console, title):
                 found = check(seed, quick, **accepted)
         measured = found if isinstance(found, Measured) else Measured(found)
         _add_section(table, f"{title}, {time.perf_counter() - started:.1f} s", measured.rows)

@@ -30,6 +30,7 @@ def verify(
     from threadpoolctl import threadpool_limits  # noqa: PLC0415
 
     from isac_arena.campaign.manifest import MANIFEST, check_files, made_by  # noqa: PLC0415
+    from isac_arena.progress import working  # noqa: PLC0415
     from isac_arena.verification.campaign import recomputed_campaign  # noqa: PLC0415
     from isac_arena.verification.sweep import checked_tables, recomputed_cases  # noqa: PLC0415
 
@@ -50,7 +51,7 @@ def verify(
             print_origin(console, origin, here)
         findings: list[Finding] = list(checked_tables(directory)) if is_sweep else []
         if is_sweep or (directory / "campaign.json").is_file():
-            with console.status("computing again"):
+            with working(console, "computing again"):
                 recomputed = recomputed_cases if is_sweep else recomputed_campaign
                 findings += recomputed(directory, share, seed)
     exact = all(origin == here for origin in checked.made_by)

@@ -12,6 +12,11 @@ from scenes.scene import Scene
 
 OUTLINE_SPACING_M = 0.02
 DIGITS = 4  # tenths of a millimetre
+# RFC 7946 knows degrees alone; with this older member GDAL and geopandas read metres of a local frame
+LOCAL_CRS = (
+    'ENGCRS["local frame of the scene",EDATUM["scene"],CS[Cartesian,2],AXIS["x",east],AXIS["y",north],'
+    'LENGTHUNIT["metre",1]]'
+)
 
 Feature = dict[str, Any]
 
@@ -26,6 +31,7 @@ def map_geojson(scene: Scene, result: MapResult) -> dict[str, Any]:
         "type": "FeatureCollection",
         "name": scene.name,
         "coordinates": "x and y of a local right-handed frame in m",
+        "crs": {"type": "name", "properties": {"name": LOCAL_CRS}},
         "features": [feature for layer in layers for feature in layer],
     }
 

@@ -57,6 +57,16 @@ def read_measurement(
         raise ValueError(f"{path}: {error}") from error
 
 
+ABOUT = {
+    "tx": ("m, m, rad", "x, y and heading of the TX at every stop"),
+    "rx": ("m, m, rad", "x, y and heading of the receiver at every stop, the truth"),
+    "y": ("m, rad, rad", "estimated path lengths without clock bias, azimuths of departure and arrival, per stop"),
+    "power": ("dBm", "received power of the paths in their best beam pairs, per stop"),
+    "inlier": ("1", "first row: line of sight, second row: single bounce, by the truth"),
+    "MU": ("m", "x and y of the incidence points of single bounces, NaN for other paths"),
+}
+
+
 def measurement_bytes(tx: Pose, stops: Sequence[MeasuredStop]) -> bytes:
     """A MATLAB 5 file of the same layout; `read_measurement` without a heading offset gives the stops back."""
 
@@ -75,7 +85,8 @@ def measurement_bytes(tx: Pose, stops: Sequence[MeasuredStop]) -> bytes:
         "MU": cells(stop.landmark_m.T for stop in stops),
     }
     content = BytesIO()
-    savemat(content, {"sim": sim}, do_compression=True)
+    about = {name: {"unit": unit, "description": text} for name, (unit, text) in ABOUT.items()}
+    savemat(content, {"sim": sim, "about": about}, do_compression=True)
     return content.getvalue()
 
 

@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 
 from isac_arena.campaign.lock import one_run
 from isac_arena.campaign.recording import recorded_run
-from isac_arena.campaign.summary import progress_bar
+from isac_arena.progress import progress_bar
 from isac_arena.sweep.cases import base_path
 from isac_arena.sweep.config import SweepConfig
 from isac_arena.sweep.job import Job, store_scene

@@ -17,12 +17,12 @@ from isac_arena.campaign.files import read_attribute, read_record, write_record
 from isac_arena.campaign.integrity import code_digest, digest
 from isac_arena.campaign.lock import one_run
 from isac_arena.campaign.recording import recorded_run
-from isac_arena.campaign.summary import progress_bar
 from isac_arena.insight.budget.chain import Chain, make_chain
 from isac_arena.insight.budget.outcome import FinalErrors, LitObject, lit_objects
 from isac_arena.insight.budget.physics import observe_without, present_physics, without_hardware, without_paths
 from isac_arena.insight.budget.record import OUTCOMES, Budget, Variants, attributions
 from isac_arena.insight.budget.stages import STAGE_GROUPS, Groups, Part, coalitions, label
+from isac_arena.progress import progress_bar
 from isac_arena.scoring.stages.channel import TrueStop, true_stop
 from scenes.scene import Scene
 from sim.truth import Truth

@@ -1,0 +1,44 @@
+"""Where there is no terminal, long work prints a line now and then with what is done and what is left."""
+
+import io
+import time
+
+import pytest
+from rich.console import Console
+
+from isac_arena import progress
+
+
+@pytest.fixture
+def console(monkeypatch: pytest.MonkeyPatch) -> Console:
+    monkeypatch.setattr(progress, "PERIOD_S", 0.02)
+    return Console(file=io.StringIO(), force_terminal=False, width=120)
+
+
+def printed(console: Console) -> str:
+    assert isinstance(console.file, io.StringIO)
+    return console.file.getvalue()
+
+
+def test_tracked_items_tell_how_many_are_done_and_how_long_the_rest_takes(console: Console) -> None:
+    items = [time.sleep(0.03) or k for k in progress.tracked(console, range(8), 8, "stops")]
+    assert items == list(range(8))
+    lines = [line for line in printed(console).splitlines() if line.startswith("stops: ")]
+    assert len(lines) >= 2 and " of 8, " in lines[-1] and "s left" in lines[-1]
+
+
+def test_work_of_unknown_length_tells_its_time_and_ends_with_an_error(console: Console) -> None:
+    with pytest.raises(ZeroDivisionError), progress.working(console, "scores"):
+        time.sleep(0.1)
+        _ = 1 / 0
+    before = printed(console)
+    assert "scores: 0 s" in before
+    time.sleep(0.06)
+    assert printed(console) == before
+
+
+def test_short_work_prints_nothing() -> None:
+    console = Console(file=io.StringIO(), force_terminal=False)
+    with progress.working(console, "scores"):
+        assert list(progress.tracked(console, "abc", 3, "stops")) == ["a", "b", "c"]
+    assert not printed(console).strip()
