@@ -49,7 +49,8 @@ def run_sweep(
     The manifest records one thread: the workers compute with one.
     """
     with one_run(out), threadpool_limits(limits=1), recorded_run(out) as recording:
-        open_sweep(out, config, read_text(base_path(str(file), config)))
+        keys = {job.key for job in plan.jobs}
+        open_sweep(out, config, read_text(base_path(str(file), config)), keys)
         for scene in plan.scenes.values():
             store_scene(out, scene)
         if retry_failed:

@@ -6,7 +6,7 @@ failures/KEY.json   the error of a case; removed when the case is tried again
 """
 
 import json
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,7 @@ from scenes.toml_config import validate_stored
 
 SWEEP = "sweep.json"
 MAY_CHANGE = {"repeats", "until"}  # in a sweep directory: they only add cases
+MAY_GROW = {"axes"}  # where all planned cases stay
 
 
 @dataclass(frozen=True)
@@ -36,27 +37,39 @@ class PlannedCase:
     values: tuple[Any, ...]  # of every axis
 
 
-def open_sweep(directory: Path, config: SweepConfig, base_text: str) -> None:
-    """Use a directory for a new sweep, or continue its sweep; repeats may change.
+def open_sweep(directory: Path, config: SweepConfig, base_text: str, keys: Collection[str]) -> None:
+    """Use a directory for a new sweep, or continue its sweep with the cases `keys`.
+
+    Repeats may change. Axes may grow: more values, or one more axis with the value that all cases had. Then
+    finished cases are used again.
 
     Raises `ValueError` where the directory holds another sweep or other files.
     """
     if (directory / SWEEP).is_file():
         held, held_base = read_sweep(directory)
-        there, here = (one.model_dump(mode="json", exclude=MAY_CHANGE) for one in (held, config))
+        grows = _keeps_all(directory, config, keys)
+        may = MAY_CHANGE | (MAY_GROW if grows else set())
+        there, here = (one.model_dump(mode="json", exclude=may) for one in (held, config))
         what = first_difference(there, here)
         if what is None and held_base != base_text:
             what = f"the base campaign{line_difference(held_base, base_text)}"
         if what is not None:
             raise ValueError(
                 f"--out = {directory}: holds a sweep with other settings ({what}); choose another directory. "
-                "Only repeats and until may change"
+                "Only repeats and until may change, and axes may grow"
             )
     elif directory.is_dir() and any(not entry.name.endswith(".part") for entry in directory.iterdir()):
         raise ValueError(f"--out = {directory}: holds other files; choose an empty or a new directory")
     content = {"sweep": config.model_dump(mode="json"), "base": base_text}
     write_json(directory / SWEEP, content)
     remove_unfinished(directory)
+
+
+def _keeps_all(directory: Path, config: SweepConfig, keys: Collection[str]) -> bool:
+    """Whether all cases planned before are among `keys`, except seeds beyond the repeats."""
+    if not (directory / "plan.json").is_file():
+        return False
+    return all(case.key in keys for case in read_plan(directory) if case.repeat < config.repeats)
 
 
 def remove_unfinished(directory: Path) -> None:

@@ -1,4 +1,5 @@
 import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -7,7 +8,10 @@ from hypothesis import strategies as st
 
 from isac_arena.sweep.cases import design_points, make_cases
 from isac_arena.sweep.config import SweepConfig
-from scenes.toml_config import ConfigError, validate_config
+from isac_arena.sweep.plan import make_plan
+from isac_arena.sweep.store import open_sweep, plan_of_jobs, write_plan
+from scenes.toml_config import ConfigError, load_config, validate_config
+from tests.isac_arena.cli.sweep_files import write_sweep
 
 
 def sweep(axes=(), **settings):
@@ -111,3 +115,26 @@ def test_bad_axes_are_refused_in_one_line(axis, message):
 def test_sweep_files_that_make_no_sense_are_refused(axes, settings, message):
     with pytest.raises(ConfigError, match=message):
         sweep(axes, **settings)
+
+
+def test_a_sweep_may_grow_and_knows_its_finished_cases(tmp_path: Path) -> None:
+    write_sweep(tmp_path)
+    file, out = tmp_path / "sweep.toml", tmp_path / "out"
+
+    def opened(text: str) -> set[str]:
+        file.write_text(text)
+        config = load_config(file, SweepConfig)
+        jobs = make_plan(str(file), config, out, range(config.repeats)).jobs
+        keys = {job.key for job in jobs}
+        open_sweep(out, config, (tmp_path / "small.toml").read_text(), keys)
+        write_plan(out, plan_of_jobs(jobs))
+        return keys
+
+    first = opened(file.read_text())
+    values = file.read_text().replace("values = [0.0, 20.0]", "values = [0.0, 10.0, 20.0]")
+    more = opened(values)
+    assert first < more and len(more) == 1.5 * len(first)
+    axis = '[[axes]]\nfield = "link.noise_figure_db"\nvalues = [10.0, 4.0]\n'
+    assert more < opened(values + axis)
+    with pytest.raises(ValueError, match=r"holds a sweep with other settings .*axes may grow"):
+        opened(values)
