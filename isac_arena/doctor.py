@@ -27,7 +27,7 @@ Status = Literal["ok", "warn", "fail"]
 
 PROJECT = "isac-arena"
 LOCK_FILE = Path(__file__).resolve().parents[1] / "requirements.lock"  # of a checkout
-REINSTALL = "run scripts/test, or: python -m pip install -r requirements.lock"
+REINSTALL = "run scripts/test, or: python -m pip install --require-hashes -r requirements.lock"
 
 MIN_PYTHON = (3, 11)
 GIB = 2**30
@@ -168,9 +168,9 @@ def available_memory_gib() -> float | None:
 
 
 def read_pins(lock_file: Path) -> dict[str, str]:
-    """Version of each package that a lock file of `name==version` lines pins, by normalised name."""
-    lines = (line.partition("#")[0].strip() for line in lock_file.read_text(encoding="utf-8").splitlines())
-    pairs = (line.split("==", 1) for line in lines if line)
+    """Version of each package that a lock file pins, by normalised name; hashes are left out."""
+    lines = (line.partition("#")[0].strip(" \\") for line in lock_file.read_text(encoding="utf-8").splitlines())
+    pairs = (line.split("==", 1) for line in lines if line and not line.startswith("--hash="))
     return {normalised(name): version for name, version in pairs}
 
 

@@ -74,7 +74,7 @@ install_packages() {
     touch -- "$unfinished"
     rm -f -- "$installed" "$llvm"
     say "Installing the pinned packages into $venv (once, about a minute) ..."
-    "${pip[@]}" -r "$root/requirements.lock" || die "the pinned packages could not be installed, see above"
+    "${pip[@]}" --require-hashes -r "$root/requirements.lock" || die "the pinned packages could not be installed, see above"
     "${pip[@]}" --no-deps --no-build-isolation -e "$root" || die "the project could not be installed, see above"
     # Numba's caches name the classes of the code that they were compiled from: after an update that renames a class,
     # loading an old cache raises AttributeError.

@@ -73,10 +73,21 @@ def test_scripts_are_executable_bash_that_stops_on_errors(script: str) -> None:
     subprocess.run(["bash", "-n", str(path)], check=True)
 
 
-def test_lock_file_pins_exact_versions_and_holds_no_address() -> None:
-    for line in LOCK.read_text(encoding="utf-8").splitlines():
-        assert line.startswith("#") or re.fullmatch(r"[A-Za-z0-9._-]+==[0-9][\w.+!]*", line), line
-        assert "://" not in line
+@pytest.mark.parametrize("lock", [LOCK, ROOT / "docs" / "requirements.lock"], ids=["project", "docs"])
+def test_lock_file_pins_exact_versions_and_hashes_and_holds_no_address(lock: Path) -> None:
+    text = lock.read_text(encoding="utf-8")
+    assert "://" not in text
+    entries = re.sub(r"#.*\n", "", text).replace("\\\n", " ").splitlines()
+    for entry in entries:
+        assert re.fullmatch(r"[A-Za-z0-9._-]+==[0-9][\w.+!]*( +--hash=sha256:[0-9a-f]{64})+ *", entry), entry
+    assert len(entries) == len(read_pins(lock))
+
+
+def test_packages_are_installed_with_their_hashes_alone() -> None:
+    for script in ("scripts/bootstrap.sh", "scripts/docs"):
+        text = (ROOT / script).read_text(encoding="utf-8").replace("\\\n", " ")
+        installs = [line for line in text.splitlines() if re.search(r"-r +\S*requirements.lock", line)]
+        assert installs and all("--require-hashes" in line for line in installs)
 
 
 def test_lock_file_pins_every_dependency_and_the_build() -> None:
