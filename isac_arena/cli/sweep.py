@@ -31,6 +31,9 @@ def sweep(
         bool, typer.Option("--dry-run", help="Check and count the cases, estimate time and disk, run none.")
     ] = False,
     retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Run failed cases again.")] = False,
+    stop_limit: Annotated[
+        float | None, typer.Option(min=0.1, help="Seconds per stop after which a case counts as hanging; 3600.")
+    ] = None,
 ) -> None:
     """Run all missing cases of a sweep, and write the table of all results."""
     from rich.console import Console  # noqa: PLC0415
@@ -46,7 +49,7 @@ def sweep(
     if dry_run:
         print_plan(console, config, plan)
         return
-    if run_sweep(console, file, config, out, plan, Workers(workers, scheduler), retry_failed):
+    if run_sweep(console, file, config, out, plan, Workers(workers, scheduler, stop_limit), retry_failed):
         raise typer.Exit(1)
 
 

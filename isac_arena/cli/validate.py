@@ -39,6 +39,7 @@ BENCHES: Mapping[str, tuple[str, ...]] = {
     "channel": ("benches.channel",),
     "shape": ("benches.shape",),
     "sweep": ("benches.sweep",),
+    "endurance": ("benches.endurance",),
 }
 
 INFO_WIDTH = 180  # columns of tables beside the rows: they are not broken on a narrow terminal

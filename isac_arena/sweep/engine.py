@@ -1,6 +1,7 @@
 """Many cases on many processes, and their order. The only user of dask.distributed."""
 
 import errno
+import faulthandler
 import logging
 import os
 import shutil
@@ -12,12 +13,13 @@ from contextlib import contextmanager
 from typing import Any, TypeVar
 
 import dask.config
-from distributed import Client, Future, LocalCluster, WorkerPlugin, as_completed
+from distributed import Client, Future, KilledWorker, LocalCluster, WorkerPlugin, as_completed
 
 from isac_arena.sweep.job import Job
 from isac_arena.sweep.run import make_signals, reason, run_cases, trace_stops
 
 ANSWER_S = 10  # within which a scheduler answers
+STOP_LIMIT_S = 3600.0  # of a stop of a case: a worker that takes longer is taken as one that hangs
 STOPS_PER_TASK = 8
 CASES_PER_TASK = 8  # at most, of cases that share their samples: samples are read once for all
 ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL", "NUMBA")}
@@ -27,6 +29,7 @@ LEAN = {"distributed.nanny.pre-spawn-environ": ONE_THREAD, "distributed.worker.p
 # Faults of the disk, not of a case: the sweep ends at once and no case is recorded as failed.
 PLACE_FAULTS = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM, errno.EIO, errno.EFBIG}
 
+DIED = "its worker died each time: out of memory, ended or crashed by the estimator, or longer than --stop-limit"
 LOST = "the scheduler was lost; the same command continues where the sweep stopped"
 
 Report = Callable[[Job, str | None], None]  # of a case that ended, and why where it failed
@@ -88,8 +91,10 @@ def _interrupts_ignored() -> Iterator[None]:
         signal.signal(signal.SIGINT, before)
 
 
-def run_jobs(client: Client, jobs: Sequence[Job], report: Report) -> None:
+def run_jobs(client: Client, jobs: Sequence[Job], report: Report, stop_limit_s: float = STOP_LIMIT_S) -> None:
     """Run all jobs, their shared paths and samples first; `report` is called for each job that ends.
+
+    A worker that takes longer than `stop_limit_s` for each stop of its cases is ended, as one that hangs.
 
     Jobs that share their samples are neighbours, so samples are removed before many others are made. Jobs whose
     worker dies are tried again on another; a failure is reported with its reason and stops no other job.
@@ -100,13 +105,13 @@ def run_jobs(client: Client, jobs: Sequence[Job], report: Report) -> None:
     waiting: dict[str, list[Job]] = {}
     for job in jobs:
         waiting.setdefault(job.signal_hash, []).append(job)
-    futures = _submit(client, waiting)
+    futures = _submit(client, waiting, stop_limit_s)
     ended = as_completed(futures)
     for future in ended:
         batch = futures.pop(future)
         reasons = _reasons(future, batch)
         if reasons is None:  # one of them killed its worker: run them one by one to find which
-            alone = {_submit_batch(client, [job], [], 0): [job] for job in batch}
+            alone = {_submit_batch(client, [job], [], 0, stop_limit_s): [job] for job in batch}
             futures |= alone
             ended.update(alone)
             continue
@@ -118,7 +123,7 @@ def run_jobs(client: Client, jobs: Sequence[Job], report: Report) -> None:
         future.release()
 
 
-def _submit(client: Client, groups: dict[str, list[Job]]) -> dict[Future, list[Job]]:
+def _submit(client: Client, groups: dict[str, list[Job]], stop_limit_s: float) -> dict[Future, list[Job]]:
     """Tasks of all cases, grouped by shared samples, after the tasks that they wait for."""
     futures: dict[Future, list[Job]] = {}
     paths: dict[str, list[Future]] = {}
@@ -132,14 +137,17 @@ def _submit(client: Client, groups: dict[str, list[Job]]) -> dict[Future, list[J
         if len(group) > 1:
             before = _submit_signals(client, first, before, -rank) or before
         for batch in _blocks(group, size):
-            futures[_submit_batch(client, batch, before, -rank)] = list(batch)
+            futures[_submit_batch(client, batch, before, -rank, stop_limit_s)] = list(batch)
     return futures
 
 
-def _submit_batch(client: Client, batch: Sequence[Job], before: Sequence[Future], priority: int) -> Future:
+def _submit_batch(
+    client: Client, batch: Sequence[Job], before: Sequence[Future], priority: int, stop_limit_s: float
+) -> Future:
     """The task of some cases that share their samples."""
     options = _options(f"cases-{batch[0].key}-{len(batch)}", priority)
-    return client.submit(_after, before, run_cases, batch, **options)
+    limit_s = stop_limit_s * sum(len(job.stops) for job in batch)
+    return client.submit(_after, before, _run_within, limit_s, batch, **options)
 
 
 def _submit_paths(client: Client, job: Job, priority: int) -> list[Future]:
@@ -176,11 +184,23 @@ def _reasons(future: Future, batch: Sequence[Job]) -> list[str | None] | None:
     if isinstance(error, OSError) and error.errno in PLACE_FAULTS:
         raise error
     if isinstance(error, BaseException):
-        return [reason(error)] if len(batch) == 1 else None
+        if len(batch) > 1:
+            return None
+        return [DIED if isinstance(error, KilledWorker) else reason(error)]
     try:
         return list(future.result())
     except (OSError, CancelledError) as gone:
         raise ConnectionError(LOST) from gone
+
+
+def _run_within(limit_s: float, batch: Sequence[Job]) -> list[str | None]:
+    """Run cases; end this process, as a crash would, where they take longer, also where a call holds the GIL."""
+    with open(os.devnull, "w", encoding="utf-8") as nothing:
+        faulthandler.dump_traceback_later(limit_s, exit=True, file=nothing)
+        try:
+            return run_cases(batch)
+        finally:
+            faulthandler.cancel_dump_traceback_later()
 
 
 def _after(done: Sequence[None], function: Callable[..., T], *arguments: Any) -> T:

@@ -65,8 +65,9 @@ def run_sweep(
 class Workers:
     """The workers of a sweep. They start with the first case, so a finished sweep starts none."""
 
-    def __init__(self, workers: int | None, scheduler: str | None) -> None:
+    def __init__(self, workers: int | None, scheduler: str | None, stop_limit_s: float | None = None) -> None:
         self._options = workers, scheduler
+        self.limits = {} if stop_limit_s is None else {"stop_limit_s": stop_limit_s}
         self._stack = ExitStack()
         self._client: Client | None = None
 
@@ -136,7 +137,7 @@ def run_missing(workers: Workers, console: Console, out: Path, jobs: Sequence[Jo
             per_minute = 60 * done / (time.monotonic() - started)
             progress.update(task, advance=1, rate=f"{per_minute:.3g} a minute, {n_failed} failed")
 
-        run_jobs(workers.client, pending, report)
+        run_jobs(workers.client, pending, report, **workers.limits)
 
 
 def print_results(console: Console, out: Path, config: SweepConfig, jobs: Sequence[Job]) -> int:

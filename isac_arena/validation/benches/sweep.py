@@ -34,10 +34,10 @@ def bench_workers(seed: int, quick: bool) -> list[Measurement]:
     """Small cases in a plain loop, on one worker and on two, all with libraries loaded and code compiled."""
     n_cases, repeats = (8, 2) if quick else (64, 2)
     with tempfile.TemporaryDirectory() as folder:
-        sweep = _sweep_of(POWER, [0.0, 20.0], n_cases // 2)
-        loop_s = _best(repeats, lambda k: _time_loop(_jobs(Path(folder, f"loop{k}"), sweep, seed)))
-        one_s = _best(repeats, lambda k: _time_engine(_jobs(Path(folder, f"one{k}"), sweep, seed), 1))
-        two_s = _best(repeats, lambda k: _time_engine(_jobs(Path(folder, f"two{k}"), sweep, seed), 2))
+        sweep = sweep_of(POWER, [0.0, 20.0], n_cases // 2)
+        loop_s = _best(repeats, lambda k: _time_loop(make_jobs(Path(folder, f"loop{k}"), sweep, seed)))
+        one_s = _best(repeats, lambda k: _time_engine(make_jobs(Path(folder, f"one{k}"), sweep, seed), 1))
+        two_s = _best(repeats, lambda k: _time_engine(make_jobs(Path(folder, f"two{k}"), sweep, seed), 2))
     reason = f"{n_cases} cases: {loop_s:.1f} s in a loop, {one_s:.1f} s on one worker, {two_s:.1f} s on two"
     overhead = "one worker beside a plain loop over the same cases; start and end weigh more with few cases"
     return [
@@ -51,7 +51,7 @@ def bench_cached(seed: int, quick: bool) -> list[Measurement]:
     n_cases = 4 if quick else 64
     with tempfile.TemporaryDirectory() as folder:
         first_s, second_s = (
-            _time_sweep(Path(folder), _sweep_of(POWER, [0.0, 20.0], n_cases // 2), seed) for _ in range(2)
+            _time_sweep(Path(folder), sweep_of(POWER, [0.0, 20.0], n_cases // 2), seed) for _ in range(2)
         )
     reason = f"{first_s:.1f} s, then {second_s:.2f} s"
     bar = 0.2 if quick else 0.02  # the first run of a few cases is short
@@ -62,7 +62,7 @@ def bench_estimators(seed: int, quick: bool) -> list[Measurement]:
     """Eight settings of the channel estimator on one campaign that is traced and generated."""
     with tempfile.TemporaryDirectory() as folder:
         settings = [12.0 + 2.0 * step for step in range(2 if quick else 8)]
-        jobs = _jobs(Path(folder, "sweep"), _sweep_of(RANGE, settings, 1), seed, FULL)
+        jobs = make_jobs(Path(folder, "sweep"), sweep_of(RANGE, settings, 1), seed, FULL)
         _run([_warm(jobs, FULL)])
         trace_stops(jobs[0], jobs[0].stops)
         make_signals(jobs[0], jobs[0].stops)
@@ -77,7 +77,7 @@ def bench_memory(seed: int, quick: bool) -> list[Measurement]:
     """Largest resident memory of one worker after a quarter of many cases and after all of them."""
     n_cases = 8 if quick else 200
     with tempfile.TemporaryDirectory() as folder, connect_scheduler(1, None) as client:
-        jobs = _jobs(Path(folder), _sweep_of(POWER, [0.0, 20.0], n_cases // 2), seed)
+        jobs = make_jobs(Path(folder), sweep_of(POWER, [0.0, 20.0], n_cases // 2), seed)
         peaks_mb = []
         for part in (jobs[: n_cases // 4], jobs[n_cases // 4 :]):
             run_jobs(client, part, _raise)
@@ -92,13 +92,14 @@ def peak_memory_mb() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
-def _sweep_of(field: str, values: Sequence[float], repeats: int) -> SweepConfig:
+def sweep_of(field: str, values: Sequence[float], repeats: int) -> SweepConfig:
+    """A sweep of one field, with repeats."""
     return SweepConfig(
         name="bench", base="base.toml", repeats=repeats, axes=[AxisConfig(field=field, values=list(values))]
     )
 
 
-def _jobs(folder: Path, config: SweepConfig, seed: int, base: str = SMALL) -> list[Job]:
+def make_jobs(folder: Path, config: SweepConfig, seed: int, base: str = SMALL) -> list[Job]:
     """The cases of a sweep in a directory of its own, with their scene stored."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "base.toml").write_text(base.format(seed=seed), encoding="utf-8")
@@ -111,7 +112,7 @@ def _jobs(folder: Path, config: SweepConfig, seed: int, base: str = SMALL) -> li
 def _warm(jobs: Sequence[Job], base: str = SMALL) -> Job:
     """A case like those timed, in a directory of its own."""
     folder = jobs[0].root.parent / f"warm{time.monotonic_ns()}"
-    return _jobs(folder, SweepConfig(name="warm", base="base.toml"), WARM_SEED, base)[0]
+    return make_jobs(folder, SweepConfig(name="warm", base="base.toml"), WARM_SEED, base)[0]
 
 
 def _time_loop(jobs: Sequence[Job]) -> float:

@@ -16,8 +16,10 @@ from isac_arena.validation.measurement import InfoTable, Measured, at_least, at_
 from isac_arena.validation.robustness.attempt import Trial
 from isac_arena.validation.robustness.inputs import try_files, try_settings
 from isac_arena.validation.robustness.runs import (
+    FATAL,
     bad_functions,
     damage_files,
+    fatal_cases,
     finished_run,
     full_disks,
     killed_runs,
@@ -66,6 +68,7 @@ def check_runs(seed: int, quick: bool, console: Console) -> Measured:
         console.print("kills, full disks, two commands at once ...")
         killed, full = list(killed_runs(made, rng, n_kills)), list(full_disks(made, rng, n_disks))
         both = quick or two_at_once(made)
+        fatal = [True] if quick else fatal_cases(made, len(FATAL))
         told = _told_in_locales(made.folder, 1 if quick else LOCALES)
     good = sum(one.outcome in ("refused", "accepted") for one in damaged)
     of = f"{len(damaged)} files x damages x verbs: refused, or all other results are the same"
@@ -75,6 +78,7 @@ def check_runs(seed: int, quick: bool, console: Console) -> Measured:
         at_least("robustness.kills.same_bytes", _share(killed), 1.0, f"{len(killed)} kills, then run again"),
         at_least("robustness.disks.same_bytes", _share(full), 1.0, f"{len(full)} disks, then run again"),
         at_least("robustness.two_commands.same_bytes", float(both), 1.0, "two runs in one directory"),
+        at_least("robustness.fatal_cases.explained", _share(fatal), 1.0, f"{len(fatal)} cases: done, or listed"),
         at_least("robustness.locales.told", _share(told), 1.0, f"{len(told)} locales: one line, no traceback"),
     ]
     return Measured(rows, _bad(damaged))

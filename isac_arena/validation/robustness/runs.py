@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 from unittest import mock
 
+from isac_arena.sweep.store import is_done, read_failures, read_plan
 from isac_arena.validation.robustness.attempt import Outcome, Trial, attempt, command, start, tree, wait_until
 from isac_arena.validation.robustness.files import DAMAGES
 from isac_arena.validation.robustness.functions import BODIES, SOURCE
@@ -30,6 +31,7 @@ VERBS: dict[str, tuple[str, ...]] = {
 }
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
 RUN_CPU_S = 60
+FATAL_CPU_S, FATAL_WALL_S = 300, 900.0
 ENDS_S = 60.0
 
 
@@ -115,6 +117,33 @@ def full_disks(made: Finished, rng: random.Random, count: int) -> Iterator[bool]
         with _fresh(made) as folder:
             ended = attempt("disk", _filling(command(*RUN), rng.randrange(1, 8)), folder, RUN_CPU_S)
             yield ended.outcome == "refused" and _mended(made, folder)
+
+
+FATAL = ("crashes", "dies", "aborts", "kills_itself", "takes_memory", "spins", "leaves", "late")
+FATAL_SWEEP = """
+name = "fatal"
+base = "small.toml"
+[[axes]]
+field = "estimator"
+values = {values}
+"""
+
+
+def fatal_cases(made: Finished, count: int) -> list[bool]:
+    """A sweep over good and fatal estimators: whether each good case is done, and each bad one is listed."""
+    values = [f"bad_lab:{name}" for name in ("good", *FATAL[:count])]
+    with _fresh(made) as folder:
+        (folder / "fatal.toml").write_text(FATAL_SWEEP.format(values=values), encoding="utf-8")
+        options = ("--out", "fatal", "--workers", "2", "--stop-limit", "3")
+        attempt("fatal", command("sweep", "fatal.toml", *options), folder, FATAL_CPU_S, FATAL_WALL_S)
+        if not (folder / "fatal" / "plan.json").is_file():
+            return [False]
+        cases, failures = read_plan(folder / "fatal"), read_failures(folder / "fatal")
+        return [
+            is_done(folder / "fatal", case.key) != (case.key in failures)
+            and is_done(folder / "fatal", case.key) == (case.values == ("bad_lab:good",))
+            for case in cases
+        ]
 
 
 def two_at_once(made: Finished) -> bool:

@@ -155,7 +155,7 @@ def rack(rng: np.random.Generator, center: FloatArray, height_m: float) -> list[
 
 def contour_body(table: Table) -> Any:
     """The body in plan view, a shapely geometry, of an object's table."""
-    return ObjectConfig.model_validate({"name": "-", **table}).contour.build().body()
+    return ObjectConfig.model_validate({"name": "made", **table}).contour.build().body()
 
 
 def _table(kind: str, material: str, z_min_m: float, z_max_m: float, contour: Table) -> Table:
