@@ -54,12 +54,12 @@ def call(function: Callable[..., object], *arguments: Any) -> Callable[[], None]
     return run
 
 
-def attempt(what: str, run: Callable[[], None], folder: Path, cpu_s: int = CPU_S, wall_s: float = WALL_S) -> Trial:
+def attempt(what: str, run: Callable[[], None], folder: Path, cpu_s: int = CPU_S) -> Trial:
     """Run something in a fork of this process, with `folder` as its working directory."""
     result = folder.parent / f"{folder.name}.json"
     result.unlink(missing_ok=True)
     process = start(run, folder, cpu_s)
-    process.join(wall_s)
+    process.join(WALL_S)
     if process.is_alive():
         process.kill()
         process.join()
