@@ -50,7 +50,7 @@ def list_scenes() -> None:
 def show(
     name: SceneName,
     out: Annotated[Path | None, typer.Option(help="PNG file to write; NAME.png by default.")] = None,
-    everything: Annotated[bool, typer.Option("--all", help="Whole scene, not only near the walk.")] = False,
+    everything: Annotated[bool, typer.Option("--all/--walk-only", help="Whole scene, or near the walk.")] = True,
     view: Annotated[View, typer.Option(help="Plan from above, or a picture in space.")] = View.plan,
     stop: Annotated[
         int | None, typer.Option("--paths", metavar="STOP", help="Draw the paths to this RX stop, from 0.")
