@@ -18,6 +18,7 @@ from estimation.channel.coherent.misfit import error_scale, quadrature_statistic
 from estimation.channel.coherent.neighbours import neighbour_covariance
 from estimation.channel.coherent.paths import PathErrors, compress_stop, find_paths, path_fit
 from estimation.channel.coherent.refine import Reference, Solution, marginal_covariances
+from estimation.channel.companions import companions
 from estimation.channel.config import MaximumLikelihoodConfig
 from estimation.channel.fit import PathFit
 from estimation.channel.model.compress import CompressedSweep
@@ -27,6 +28,7 @@ from scenes.record import BoolArray
 from sim.observation import BeamSweep
 
 UNIFORM_VARIANCE = 1 / 12  # of a position in a resolution cell, in cells
+QUADRANT_VARIANCE = (np.pi / 2) ** 2 / 12  # of an azimuth in a quadrant: at the edge of a panel, cells are as wide
 
 
 def fit_over_background(
@@ -57,15 +59,17 @@ def path_errors(reference: Reference, solution: Solution) -> PathErrors:
 
 
 def _is_weak(fit: PathFit, sweep: CompressedSweep, level: float) -> BoolArray:
-    """Mask (path,) of paths below the `level` in their best beam pair, or known no better than to their cell.
+    """Mask (path,) of paths that are below the `level` in their best beam pair, not resolved, or companions.
 
-    The first show only in many beams together, as the sum of weak paths does; the second are parts of a group that
-    the data cannot resolve. `sweep` has all beams.
+    The first show only in many beams together, as the sum of weak paths does. The second are known no better than
+    to their cell, or to a quadrant: parts of a group that the data cannot resolve. `sweep` has all beams.
     """
     paths = PathParameters(fit.delay_s / sweep.bin_s, fit.aod_rad, fit.aoa_rad, fit.amplitude.astype(complex))
     rate = manifold_rates(sweep, paths)
     rate[:, 0] /= sweep.bin_s
-    variance = np.einsum("ipp->ip", fit.covariance) * np.square(rate / CELL)
+    variance = np.einsum("ipp->ip", fit.covariance)
     is_seen = rate > LEAST_SEEN * rate.max(axis=0, initial=0.0)
-    is_lost = (is_seen & (variance > UNIFORM_VARIANCE)).any(axis=1)
+    is_lost = (is_seen & (variance * np.square(rate / CELL) > UNIFORM_VARIANCE)).any(axis=1)
+    is_lost |= (is_seen.any(axis=0) & (variance > QUADRANT_VARIANCE))[:, [1, 1 + sweep.tx.n_angles]].any(axis=1)
+    is_lost |= companions(fit, sweep.tx, sweep.rx)
     return np.asarray(is_lost | (fit.snr_db < 10 * np.log10(level)))

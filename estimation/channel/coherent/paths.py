@@ -32,7 +32,8 @@ from estimation.channel.coherent.refine import (
     refine_separately,
     solve_at,
 )
-from estimation.channel.coherent.search import SpectrumSearch, without_side_lobes
+from estimation.channel.coherent.search import SpectrumPeaks, SpectrumSearch, without_side_lobes
+from estimation.channel.coherent.twins import move_to_twins
 from estimation.channel.config import MaximumLikelihoodConfig
 from estimation.channel.fit import PathFit, empty_fit
 from estimation.channel.model.apparent import reported_angles
@@ -153,7 +154,11 @@ def find_paths(
         new, is_changed = _new_paths(search, reference, window, room), False
         if not len(new) and n_passes < MAX_PASSES:
             n_passes += 1
+            before = solution
+            solution = move_to_twins(reference, solution, plan.grids, ROUND_STEPS)
+            has_moved = solution is not before
             solution, is_changed = _finished(reference, solution, window, PASS_STEPS)
+            is_changed |= has_moved
             reference = Reference(white, solution.paths)
             if not is_changed and room > 0:
                 new = hidden_second_paths(reference, solution, window.level).take(slice(room))
@@ -269,7 +274,22 @@ def _new_paths(search: SpectrumSearch, reference: Reference, window: DelayWindow
     level = window.level_at(peaks.delay_bins)
     is_certain = np.abs(peaks.value) ** 2 >= CERTAIN * level
     doubtful, power = refine_separately(reference, search.paths(peaks.take(~is_certain)))
-    return search.paths(peaks.take(is_certain)).joined(doubtful.take(power >= level[~is_certain]))
+    certain = _best_of_twins(search, reference, peaks.take(is_certain))
+    return certain.joined(doubtful.take(power >= level[~is_certain]))
+
+
+def _best_of_twins(search: SpectrumSearch, reference: Reference, peaks: SpectrumPeaks) -> PathParameters:
+    """Paths at peaks; where other directions respond alike, the one whose refined path explains most."""
+    every, origin = search.with_twins(peaks)
+    has_twins = np.bincount(origin, minlength=len(peaks)) > 1
+    some = np.flatnonzero(has_twins[origin])
+    refined, power = refine_separately(reference, search.paths(every.take(some)))
+    paths = search.paths(peaks)
+    for peak in np.flatnonzero(has_twins):
+        own = np.flatnonzero(origin[some] == peak)
+        best = own[np.argmax(power[own])]
+        paths = paths.replaced(np.arange(len(paths)) == peak, refined.take(np.full(len(paths), best)))
+    return paths
 
 
 def _most_paths(sweep: CompressedSweep) -> int:

@@ -121,13 +121,15 @@ def solve_amplitudes(reference: Reference, paths: PathParameters) -> Solution:
     return Solution(replace(paths, amplitude=amplitude), explained, equations)
 
 
-def refine_separately(reference: Reference, paths: PathParameters) -> tuple[PathParameters, FloatArray]:
+def refine_separately(
+    reference: Reference, paths: PathParameters, n_steps: int = APART_STEPS
+) -> tuple[PathParameters, FloatArray]:
     """Paths refined one by one, alone in the residual of the reference, and their explained power (path,).
 
     Gauss-Newton steps from points of a search grid; a step that explains less is rejected.
     """
     best, power = paths, np.full(len(paths), -np.inf)
-    for _ in range(APART_STEPS + 1 if len(paths) else 0):
+    for _ in range(n_steps + 1 if len(paths) else 0):
         at = tangents(reference.sweep, paths)
         product, inner = (
             reference.residual_products(at),

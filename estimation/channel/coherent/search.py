@@ -9,9 +9,10 @@ import numpy as np
 
 from estimation.channel.model.compress import CompressedSweep
 from estimation.channel.model.kernels import dirichlet
-from estimation.channel.model.manifold import Manifold
+from estimation.channel.model.manifold import CELL, Manifold
 from estimation.channel.model.path_model import PathParameters, no_paths, response_energies, responses
 from estimation.execution import compiled
+from scenes.pose import wrap_angle
 from scenes.record import BoolArray, ComplexArray, FloatArray, IntArray
 
 NEIGHBOUR_COHERENCE = 0.5  # of directions about half a resolution cell apart: grid neighbours
@@ -32,6 +33,7 @@ class DirectionGrid:
     neighbour : (direction, place) neighbouring directions, padded with the direction itself
     envelope : (direction, direction) largest side lobe around the first direction of a path near the second
     close : (direction, direction) whether two are within about one and a half resolution cells
+    twin : (direction, place) directions elsewhere that respond alike, padded with the direction itself
     """
 
     angle_rad: FloatArray
@@ -39,6 +41,7 @@ class DirectionGrid:
     neighbour: IntArray
     envelope: FloatArray
     close: BoolArray
+    twin: IntArray
 
 
 @dataclass(frozen=True)
@@ -66,14 +69,36 @@ def direction_grid(manifold: Manifold, oversampling: float) -> DirectionGrid:
     matched = unit.real.astype(np.float32) if manifold.is_real else unit.conj().astype(np.complex64)
     coherence = np.abs(unit @ unit.conj().T)
     next_to = coherence >= NEIGHBOUR_COHERENCE
-    own = np.arange(len(angles))
-    neighbour = np.tile(own[:, None], (1, max(1, int(next_to.sum(axis=1).max()))))
-    for i, row in enumerate(next_to):
-        others = np.flatnonzero(row)
-        neighbour[i, : len(others)] = others
+    neighbour = _padded([np.flatnonzero(row) for row in next_to])
     envelope = coherence[neighbour].max(axis=1)
     close = np.linalg.matrix_power(next_to.astype(float), round(1.5 * oversampling)) > 0
-    return DirectionGrid(angles, matched, neighbour, envelope, close)
+    return DirectionGrid(angles, matched, neighbour, envelope, close, _twins(manifold, angles, coherence))
+
+
+def _twins(manifold: Manifold, angles: FloatArray, coherence: FloatArray) -> IntArray:
+    """Of every direction (direction, angle) those elsewhere that respond alike: a row each, padded with itself.
+
+    Beams at two elevations tell apart little more than the ratio of their gains, which returns further up.
+    """
+    rate = np.sqrt(np.einsum("daa->da", manifold.metric(angles)))
+    apart = np.abs(wrap_angle(angles[:, None] - angles)) * np.minimum(rate[:, None], rate)
+    elsewhere = apart.max(axis=2) > CELL
+    rows = []
+    for own in range(len(angles)):
+        left, found = elsewhere[own] & (coherence[own] >= NEIGHBOUR_COHERENCE), [own]
+        while left.any():
+            found.append(int(np.argmax(np.where(left, coherence[own], -1.0))))
+            left &= elsewhere[found[-1]]
+        rows.append(np.array(found))
+    return _padded(rows)
+
+
+def _padded(rows: list[IntArray]) -> IntArray:
+    """Rows (row, place) of equal length, padded with the number of the row."""
+    table = np.tile(np.arange(len(rows))[:, None], (1, max(1, *(len(row) for row in rows))))
+    for i, row in enumerate(rows):
+        table[i, : len(row)] = row
+    return table
 
 
 class SpectrumSearch:
@@ -107,9 +132,7 @@ class SpectrumSearch:
             i, j, d = i[inside], j[inside], d[inside]
             value = real[i, j, d] + 1j * imaginary[i, j, d].astype(float)
             found.append(SpectrumPeaks(i, j, self._delay_bins[d + low], value))
-        peaks = SpectrumPeaks(
-            *(np.concatenate([getattr(p, f.name) for p in found]) for f in fields(SpectrumPeaks))
-        )
+        peaks = _joined(found)
         return peaks.take(np.argsort(-np.abs(peaks.value), kind="stable"))
 
     def paths(self, peaks: SpectrumPeaks) -> PathParameters:
@@ -121,6 +144,17 @@ class SpectrumSearch:
         aoa = _at_horizon(rx.angle_rad[peaks.rx], self.sweep.rx)
         paths = PathParameters(peaks.delay_bins, aod, aoa, peaks.value)
         return replace(paths, amplitude=peaks.value / np.sqrt(response_energies(responses(self.sweep, paths))))
+
+    def with_twins(self, peaks: SpectrumPeaks) -> tuple[SpectrumPeaks, IntArray]:
+        """Every peak, and the same at each twin of its two directions; and the number (peak,) of its original."""
+        own = np.arange(len(peaks))
+        found, origin = [peaks], [own]
+        for name, grid in zip(("tx", "rx"), self.grids, strict=True):
+            twin = grid.twin[getattr(peaks, name)][:, 1:]
+            row, place = np.nonzero(twin != getattr(peaks, name)[:, None])
+            found.append(replace(peaks.take(row), **{name: twin[row, place]}))
+            origin.append(row)
+        return _joined(found), np.concatenate(origin)
 
     def _delay_filtered(self, parts: FloatArray) -> FloatArray:
         """Samples (part, tx_rank, rx_rank, delay) matched to all delays of the grid."""
@@ -159,6 +193,10 @@ def without_side_lobes(
         is_close = tx.close[peaks.tx, peaks.tx[index]] & rx.close[peaks.rx, peaks.rx[index]]
         explained += amplitude[index] * np.where(is_close & (distance <= CLOSE_BINS), 1.0, lobe)
     return peaks.take(np.array(kept, int))
+
+
+def _joined(peaks: list[SpectrumPeaks]) -> SpectrumPeaks:
+    return SpectrumPeaks(*(np.concatenate([getattr(p, f.name) for p in peaks]) for f in fields(SpectrumPeaks)))
 
 
 def _at_horizon(angles_rad: FloatArray, manifold: Manifold) -> FloatArray:

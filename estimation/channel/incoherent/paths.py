@@ -6,11 +6,12 @@ pairs, at almost no loss for an isolated path. Compare SAGE with a random phase 
 2212.11756; here the phases are marginalised, not estimated.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
 from estimation.channel.coherent.plan import nominal_manifold
+from estimation.channel.companions import companions
 from estimation.channel.config import MaximumLikelihoodConfig
 from estimation.channel.fit import PathFit, empty_fit
 from estimation.channel.incoherent.ambiguity import resolve_ambiguous_directions
@@ -92,7 +93,8 @@ def fit_incoherent(
     paths, at = search.run()
     if at is None:
         return _empty(sweep, empty_fit(tx.n_angles, rx.n_angles, "no_paths"))
-    return _assemble(sweep, search, paths, at)
+    fit = _assemble(sweep, search, paths, at)
+    return replace(fit, is_weak=companions(fit, tx, rx))
 
 
 def _assemble(sweep: BeamSweep, search: IncoherentSearch, paths: FloatArray, at: Score) -> IncoherentFit:

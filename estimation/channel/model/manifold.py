@@ -12,7 +12,7 @@ import numpy as np
 
 from estimation.channel.model.kernels import add_panel_tangents, unit_vectors
 from scenes.pose import SPEED_OF_LIGHT_M_S, direction, wrap_angle
-from scenes.record import ComplexArray, FloatArray
+from scenes.record import BoolArray, ComplexArray, FloatArray
 from sim.signal.arrays.array import element_amplitude, panel_axes, to_panel, vertical_polarisation
 from sim.signal.arrays.codebook import Codebook
 
@@ -126,6 +126,20 @@ class Manifold:
         strongest = [np.abs(panel.response(azimuth, elevation)).max(axis=1, initial=0.0) for panel in self._panels]
         boresight = np.array([panel.azimuth_rad for panel in self._panels])
         return np.asarray(boresight[np.argmax(strongest, axis=0)])
+
+    def is_behind(self, angles: FloatArray) -> BoolArray:
+        """Whether `angles` (direction, angle) are behind all panels, (direction,)."""
+        azimuth = self._split(angles)[0]
+        return np.asarray(np.all([np.cos(azimuth - panel.azimuth_rad) < 0 for panel in self._panels], axis=0))
+
+    def mirrored(self, angles: FloatArray) -> FloatArray:
+        """Mirror images of `angles` (direction, angle) at the upright plane of their best panel.
+
+        An array in this plane has the same phases there: only the patterns of its elements tell front from back.
+        """
+        mirror = np.asarray(angles, float).copy()
+        mirror[:, 0] = wrap_angle(2 * self.best_panel_rad(angles) + np.pi - mirror[:, 0])
+        return mirror
 
     def weights(self) -> ComplexArray:
         """Weights (beam, element) of all panels side by side: their span holds every response."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from estimation.channel.record import AngleKind, ChannelEstimate, EstimateStatus
-from isac_arena.scoring.association import assign, inside_gate, parameter_errors, path_gospa
+from isac_arena.scoring.association import assign_by_error, inside_gate, parameter_errors, path_gospa
 from isac_arena.scoring.causes import WEAK_MARGIN_DB, Evidence, false_causes, miss_causes, weak_causes
 from isac_arena.scoring.config import DEFAULT_GATE, Gate, Significance
 from isac_arena.scoring.link_view import LinkView
@@ -119,7 +119,7 @@ def score_stop(
     """Tables of one stop: its estimated paths, its significant true paths, and the GOSPA between them."""
     measured = np.stack([estimate.delay_s, estimate.aod_azimuth_rad, estimate.aoa_azimuth_rad], axis=-1)
     seen = seen_by(stop, estimate)
-    match = assign(measured, seen.parameters[stop.significant], gate)
+    match = _assigned(seen, estimate.power_dbm, measured, gate)
     true_path = np.append(stop.significant, -1)[match]
     status = np.where(true_path >= 0, PathStatus.DETECTED, PathStatus.FALSE)
     for index in np.flatnonzero(true_path < 0):
@@ -135,6 +135,19 @@ def score_stop(
         _significant_scores(stop, seen, kinds_of(estimate), evidence),
         _stop_scores(stop, measured[status != PathStatus.WEAK], expected, gate),
     )
+
+
+def _assigned(stop: TrueStop, estimate_dbm: FloatArray, measured: FloatArray, gate: Gate) -> IntArray:
+    """Index (estimate,) of the significant path assigned to each estimate (estimate, 3), -1 for none.
+
+    An estimate may rather be a weaker specular path that has the power to explain it.
+    """
+    weaker = np.setdiff1d(np.flatnonzero(~stop.truth.paths.is_diffuse), stop.significant)
+    error = parameter_errors(measured[:, None], stop.parameters[np.append(stop.significant, weaker)][None])
+    explains = stop.power_dbm[weaker] >= estimate_dbm[:, None] - WEAK_MARGIN_DB
+    error[:, len(stop.significant) :][~explains] = np.inf
+    match = assign_by_error(error, gate.half_width, 3.0)
+    return np.where(match < len(stop.significant), match, -1)
 
 
 def _weak_origin(stop: TrueStop, measured: FloatArray, estimate_dbm: float, gate: Gate) -> int:

@@ -89,6 +89,23 @@ def test_weak_energy_explains_and_thin_air_does_not(stop, estimate, campaign, tr
     assert stop(louder)[0].status[-2] == PathStatus.FALSE
 
 
+def test_an_estimate_of_a_weaker_path_does_not_detect_a_significant_one(campaign, estimate, true_power):
+    """A weaker path of its power explains it better, 2 ns later; with too little power it cannot."""
+    truth = campaign.truths[4]
+    later = truth.paths.take("path", np.array([1]))
+    later = replace(later, delay_s=later.delay_s + 2e-9)
+    more = replace(truth, paths=concatenate([truth.paths, later], "path"))
+    shown = estimate.take("path", np.array([1]))
+    shown = replace(shown, delay_s=shown.delay_s + 2e-9, power_dbm=shown.power_dbm - 5.0)
+    power = true_power(truth)
+    limits = Significance(dynamic_range_db=100.0, noise_threshold_dbm=float(power[1]) - 4.0)
+    for below_db, status in ((5.0, PathStatus.WEAK), (30.0, PathStatus.DETECTED)):
+        stop = true_stop(more, campaign.scene.tx, np.append(power, power[1] - below_db), limits, None)
+        paths, significant, _ = score_stop(stop, shown)
+        assert paths.status.tolist() == [status]
+        assert significant.is_detected[significant.path == 1].tolist() == [status == PathStatus.DETECTED]
+
+
 def test_a_duplicate_of_a_detected_path_is_false(stop, estimate):
     twice = concatenate([estimate, estimate.take("path", np.array([4]))], "path")
     paths, _, _ = stop(twice)

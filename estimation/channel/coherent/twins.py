@@ -1,0 +1,100 @@
+"""Choose between directions in which the beams respond alike, by what is likely in a hall.
+
+Beams at two elevations show little more of an elevation than the ratio of their gains, which returns further up:
+two or three directions explain the samples equally well. Between them decides what is known of paths. Floors and
+ceilings are level and walls are upright, so a path departs and arrives at the same elevation, up or down; and
+most paths are nearly level.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from estimation.channel.coherent.misfit import error_scale, quadrature_statistic
+from estimation.channel.coherent.refine import Reference, Solution, refine_near, refine_separately
+from estimation.channel.coherent.search import DirectionGrid
+from estimation.channel.model.compress import CompressedSweep
+from estimation.channel.model.manifold import Manifold
+from estimation.channel.model.path_model import PathParameters, manifold_rates
+from scenes.pose import wrap_angle
+from scenes.record import FloatArray
+
+SPREAD_RAD = np.deg2rad(10.0)  # Laplacian scale of elevations: a spread of 14 deg (TR 38.901 table 7.5-6, indoor)
+TWIN_STEPS = 8  # twins of strong paths differ little: they are compared after convergence
+BEHIND_SHARE = 0.01  # of the paths, behind a panel: their gain is some 20 dB below that of the mirrored direction
+EQUAL_SHARE = 0.9  # of paths with equal elevations at both ends
+EQUAL_RAD = np.deg2rad(2.0)  # standard deviation of their estimated difference
+
+
+def move_to_twins(
+    reference: Reference, solution: Solution, grids: tuple[DirectionGrid, DirectionGrid], max_steps: int
+) -> Solution:
+    """The solution, which is at the reference's paths, with every path at its likeliest twin; strongest first."""
+    ends = zip((reference.sweep.tx, reference.sweep.rx), grids, strict=True)
+    if not any(_sees_elevation(manifold) and grid.twin.shape[1] > 1 for manifold, grid in ends):
+        return solution
+    before = solution
+    scale = error_scale(*quadrature_statistic(reference, solution))
+    for path in np.argsort(-np.abs(before.paths.amplitude), kind="stable"):
+        own = before.paths.take(np.array([path]))
+        every = _twins(reference, own, grids)
+        if len(every) == 1:
+            continue
+        alone = Reference(replace(reference.sweep, parts=reference.parts), replace(own, amplitude=-own.amplitude))
+        refined, power = refine_separately(alone, every, TWIN_STEPS)
+        posterior = power / scale[path] + log_prior(reference.sweep, refined)
+        best = int(np.argmax(posterior))
+        if best == 0:
+            continue
+        twin = refined.take(np.array([best]))
+        itself = np.arange(len(solution.paths)) == path
+        moved = solution.paths.replaced(itself, twin.take(np.zeros(len(itself), int)))
+        trial = refine_near(reference, moved, twin, max_steps)
+        prior, moved_prior = log_prior(
+            reference.sweep, solution.paths.take(itself).joined(trial.paths.take(itself))
+        )
+        if trial.explained + scale[path] * (moved_prior - prior) > solution.explained:
+            solution = trial
+    return solution
+
+
+def log_prior(sweep: CompressedSweep, paths: PathParameters) -> FloatArray:
+    """Logarithm (path,) of the prior density of the directions that the beams observe, up to a constant."""
+    both = ((sweep.tx, paths.aod_rad), (sweep.rx, paths.aoa_rad))
+    ends = [(manifold, angles) for manifold, angles in both if _sees_elevation(manifold)]
+    if not ends:
+        return np.zeros(len(paths))
+    behind = np.sum([manifold.is_behind(angles) for manifold, angles in ends], axis=0)
+    seen = [np.abs(wrap_angle(angles[:, 1])) for _, angles in ends]
+    first = np.log(BEHIND_SHARE) * behind - seen[0] / SPREAD_RAD
+    if len(seen) == 1:
+        return np.asarray(first)
+    equal = EQUAL_SHARE * np.exp(-(((seen[1] - seen[0]) / EQUAL_RAD) ** 2) / 2) / (np.sqrt(2 * np.pi) * EQUAL_RAD)
+    other = (1 - EQUAL_SHARE) * np.exp(-seen[1] / SPREAD_RAD) / SPREAD_RAD
+    return np.asarray(first + np.log(equal + other))
+
+
+def _sees_elevation(manifold: Manifold) -> bool:
+    return manifold.n_angles == 2 and not manifold.hides_elevation
+
+
+def _twins(
+    reference: Reference, path: PathParameters, grids: tuple[DirectionGrid, DirectionGrid]
+) -> PathParameters:
+    """The one path, then the same at every twin of its directions."""
+    rate = manifold_rates(reference.sweep, path)[0, 1:]
+    n_aod = path.aod_rad.shape[1]
+    ends = []
+    for manifold, angles, grid, own in (
+        (reference.sweep.tx, path.aod_rad, grids[0], rate[:n_aod]),
+        (reference.sweep.rx, path.aoa_rad, grids[1], rate[n_aod:]),
+    ):
+        twin = np.zeros((0, angles.shape[1]))
+        if _sees_elevation(manifold):
+            near = int(np.argmin((np.abs(wrap_angle(grid.angle_rad - angles)) * own).max(axis=1)))
+            twin = grid.angle_rad[np.setdiff1d(grid.twin[near], near)]
+            if manifold.is_behind(angles)[0]:
+                twin = np.concatenate([twin, manifold.mirrored(angles)])
+        ends.append(np.concatenate([angles, twin]))
+    tx, rx = (index.ravel() for index in np.meshgrid(*(np.arange(len(end)) for end in ends), indexing="ij"))
+    return replace(path.take(np.zeros(len(tx), int)), aod_rad=ends[0][tx], aoa_rad=ends[1][rx])
