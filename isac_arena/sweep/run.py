@@ -42,7 +42,8 @@ def check_case(case: Case) -> Scene:
         channel_estimator(case.config, case.estimator)
     except ValueError as error:
         raise ValueError(f"axis 'estimator', point {case.point}: {error}") from error
-    check_elevations(case.config, case.estimator)
+    if case.stages != "channel":  # such cases measure what a method misses
+        check_elevations(case.config, case.estimator)
     try:
         return case.scene.build(case.config)
     except ValueError as error:
