@@ -16,6 +16,7 @@ from sim.observation import BeamSweep
 from sim.propagation.deepmimo.folder import read_deepmimo
 from sim.propagation.deepmimo.scenario import SAME_PLACE_M, PathScenario
 from sim.propagation.propagator import Propagator
+from sim.signal.demand import ask_sample_memory
 from sim.signal.generation import beam_channel
 from sim.signal.hardware.apply_impairments import (
     RandomStage,
@@ -81,7 +82,10 @@ def observe(config: SimulationConfig, link: Link, scene: Scene, truth: Truth) ->
     """The samples of one stop: equation (1) with noise, the unknown clock bias and the hardware impairments.
 
     Every call gives the same bits. The sweep holds only the nominal codebooks and the nominal TX pose.
+
+    Raises `MemoryLimitError` where the samples do not fit into the memory.
     """
+    ask_sample_memory(config)
     tx_codebook, rx_codebook = impaired_codebooks(config, link)
     samples = beam_channel(
         truth.paths,

@@ -28,6 +28,7 @@ from isac_arena.scoring.measured import measured_metrics, score_measured
 from isac_arena.scoring.record import ScoreTables
 from isac_arena.scoring.score import Scores, score_metrics
 from scenes.scene import Scene
+from sim.signal.demand import ask_sample_memory
 from sim.signal.hardware.apply_impairments import with_surveyed_pose
 from sim.signal.link import make_link
 from sim.truth import Truth
@@ -65,6 +66,7 @@ def _checked(campaign: str | Campaign, out: Path, seed: int | None, estimator: s
     loaded = campaign if isinstance(campaign, Campaign) else load_campaign(campaign, seed=seed)
     channel_estimator(loaded.config, estimator)
     check_elevations(loaded.config, estimator)
+    ask_sample_memory(loaded.config)
     return campaign_store(loaded, out, estimator)
 
 

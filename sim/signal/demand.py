@@ -9,31 +9,32 @@ SAMPLE_BYTES = 8 * 4  # complex64: made, received, and twice in an estimator
 CAMPUS_AZIMUTHS = 63
 
 
-def ask_link_memory(config: SimulationConfig) -> None:
-    """Raise `MemoryLimitError`, with the fields to change, where beams or samples do not fit into the memory."""
-    beams = {}
+def ask_beam_memory(config: SimulationConfig) -> None:
+    """Raise `MemoryLimitError`, with the fields to change, where the beams do not fit into the memory."""
     for name in ("tx_array", "rx_array"):
         array = getattr(config, name)
-        beams[name] = len(array.panel_azimuth_deg) * beams_of_panel(array)
-        n_elements, field = (
-            array.rows * array.columns,
-            "beams_per_panel" if array.codebook == "steered" else "codebook",
-        )
+        n_beams, n_elements = len(array.panel_azimuth_deg) * beams_of_panel(array), array.rows * array.columns
+        field = "beams_per_panel" if array.codebook == "steered" else "codebook"
         ask_memory(
-            WEIGHT_BYTES * beams[name] * n_elements,
-            f"the weights of {beams[name]} beams over {n_elements} elements",
+            WEIGHT_BYTES * n_beams * n_elements,
+            f"the weights of {n_beams} beams over {n_elements} elements",
             f"{name}.rows, columns, {field} and panel_azimuth_deg",
         )
         ask_memory(
-            PATTERN_BYTES * beams[name] ** 2,
-            f"the patterns of {beams[name]} beams at their own directions",
+            PATTERN_BYTES * n_beams**2,
+            f"the patterns of {n_beams} beams at their own directions",
             f"{name}.{field}, panel_azimuth_deg and beam_elevation_deg",
         )
+
+
+def ask_sample_memory(config: SimulationConfig) -> None:
+    """Raise `MemoryLimitError`, with the fields to change, where the samples of a stop do not fit into the memory."""
+    n_tx, n_rx = (len(a.panel_azimuth_deg) * beams_of_panel(a) for a in (config.tx_array, config.rx_array))
     waveform = config.waveform
     n_subcarriers = 12 * waveform.n_rb // (1 if waveform.combine_symbols else waveform.comb)
     ask_memory(
-        SAMPLE_BYTES * beams["tx_array"] * beams["rx_array"] * n_subcarriers,
-        f"the samples of {beams['tx_array']} x {beams['rx_array']} beam pairs over {n_subcarriers} subcarriers",
+        SAMPLE_BYTES * n_tx * n_rx * n_subcarriers,
+        f"the samples of {n_tx} x {n_rx} beam pairs over {n_subcarriers} subcarriers",
         "tx_array and rx_array.beams_per_panel and panel_azimuth_deg, or waveform.n_rb",
     )
 

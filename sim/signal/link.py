@@ -22,7 +22,7 @@ from sim.signal.arrays.beams import (
 )
 from sim.signal.arrays.codebook import Codebook, beam_response, codebook_on_panels
 from sim.signal.arrays.weights_file import read_weights
-from sim.signal.demand import ask_link_memory
+from sim.signal.demand import ask_beam_memory
 from sim.signal.noise import dbm_to_mw, noise_power_mw
 from sim.signal.waveform.occasions import measurements_per_sample, sweep_occasions
 from sim.signal.waveform.prs import (
@@ -57,7 +57,7 @@ def make_link(config: SimulationConfig) -> Link:
 
     Raises `ValueError` if the beams do not fit into the schedule, or a weights file does not fit the array.
     """
-    ask_link_memory(config)
+    ask_beam_memory(config)
     carrier_hz = config.waveform.carrier_ghz * 1e9
     prs = config.waveform.prs
     tx_codebook = make_codebook(config.tx_array, carrier_hz)
@@ -135,7 +135,7 @@ def best_beam_power_dbm(paths: Paths, link: Link, tx_pose: Pose, rx_pose: Pose) 
 
 def line_of_sight_at_1m_dbm(config: SimulationConfig) -> float:
     """Received power in dBm over 1 m of free space between the peaks of the strongest TX and RX beam."""
-    ask_link_memory(config)
+    ask_beam_memory(config)
     carrier_hz = config.waveform.carrier_ghz * 1e9
     books = [make_codebook(array, carrier_hz) for array in (config.tx_array, config.rx_array)]
     peaks = [np.abs(beam_response(book, book.azimuth_rad, book.elevation_rad)).max() for book in books]

@@ -21,6 +21,7 @@ from isac_arena.validation.scenarios.reflections import (
 )
 from isac_arena.validation.shape.law import check_reflection_information
 from scenes.contours.smooth import Circle
+from scenes.record import concatenate
 
 SURE = ReflectionConfig(delay_offset_std_ns=0.0, aod_offset_std_deg=0.0, aoa_offset_std_deg=0.0)
 PILLAR = Circle(np.array([1.0, -5.0]), 0.4)
@@ -98,10 +99,7 @@ def test_wall_is_not_the_mean_of_two_objects() -> None:
     rng = np.random.default_rng(6)
     wall, _ = observe(wall_paths(WALL_ENDS, rng), Errors(0.3), rng)
     jamb, _ = observe(edge_paths(EDGE, rng), Errors(0.3), rng)
-    some = jamb.take("path", slice(0, 12))
-    joined = type(wall)(
-        **{name: np.concatenate([getattr(wall, name), getattr(some, name)]) for name in wall.__dataclass_fields__}
-    )
+    joined = concatenate([wall, jamb.take("path", slice(0, 12))], "path")
     fit = fit_kind(joined, "wall", SURE)
     slope = np.arctan2(*(WALL_ENDS[1] - WALL_ENDS[0])[::-1]) + np.pi / 2
     assert abs(np.rad2deg(fit.parameter[0] - slope)) < 0.3

@@ -63,7 +63,8 @@ def test_large_arrays_are_refused_before_their_weights_are_made() -> None:
 
 def test_the_limit_of_the_command_line_holds(tmp_path: Path) -> None:
     (tmp_path / "c.toml").write_text(CAMPAIGN)
-    assert "the limit is 1 MB (--memory)" in failure("link", "c.toml", "--memory", "1MB", cwd=tmp_path)
+    refused = failure("run", "c.toml", "--out", "out", "--memory", "1MB", cwd=tmp_path)
+    assert "the limit is 1 MB (--memory)" in refused and not (tmp_path / "out").exists()
 
 
 def test_a_floor_plan_of_many_segments_needs_no_table_of_pairs() -> None:
