@@ -28,7 +28,7 @@ def ask_beam_memory(config: SimulationConfig) -> None:
 
 
 def ask_sample_memory(config: SimulationConfig) -> None:
-    """Raise `MemoryLimitError`, with the fields to change, where the samples of a stop do not fit into the memory."""
+    """Raise `MemoryLimitError`, with the fields to change, where the samples of a stop do not fit."""
     n_tx, n_rx = (len(a.panel_azimuth_deg) * beams_of_panel(a) for a in (config.tx_array, config.rx_array))
     waveform = config.waveform
     n_subcarriers = 12 * waveform.n_rb // (1 if waveform.combine_symbols else waveform.comb)
