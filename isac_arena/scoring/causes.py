@@ -9,13 +9,17 @@ from enum import StrEnum
 
 import numpy as np
 
-from isac_arena.scoring.metrics.statistics import rows_of_groups
+from isac_arena.scoring.metrics.statistics import quantile, rows_of_groups
 from isac_arena.scoring.record import PathKind, PathStatus
 from scenes.record import BoolArray, FloatArray, IntArray, TextArray
 
 WEAK_MARGIN_DB = 6.0  # true energy explains an estimate up to 6 dB stronger: it may add up to twice the amplitude
 NEAR_GATES = 2.0  # an estimate within this many gates of a path counts as an inaccurate estimate of it
 THRESHOLD_MARGIN_DB = 3.0  # this close to a threshold, noise decides whether a path exceeds it
+ON_SURFACE_M = (
+    0.1  # a double bounce this close to a true surface misleads no map: its distance is that of most points
+)
+RIGHT_SURFACE = "right surface, wrong path"
 OUTSIDE_BEAMS_DB = 10.0  # no beam points to where the best gain is this far below the highest gain
 
 
@@ -147,6 +151,22 @@ def cluster_causes(label: IntArray, ip_object: TextArray, ip_cause: TextArray, i
         names, counts = np.unique(ip_cause[rows[ip_object[rows] == ""]], return_counts=True)
         causes[cluster] = names[counts.argmax()]
     return causes.astype(str)
+
+
+def cause_words(cause: TextArray, surface_m: FloatArray | None = None) -> list[str]:
+    """Causes (item,) in words; with distances to the nearest true surface, whether a double bounce lies on one."""
+    surface = np.full(len(cause), np.inf) if surface_m is None else surface_m
+    is_right = (cause == Cause.DOUBLE_BOUNCE) & (surface <= ON_SURFACE_M)
+    return [
+        RIGHT_SURFACE if right else str(one).replace("_", " ") for one, right in zip(cause, is_right, strict=True)
+    ]
+
+
+def ghost_words(cause: TextArray, label: IntArray, surface_m: FloatArray) -> list[str]:
+    """What a ghost with each cause (cluster,) is called; `label` and `surface_m` (ip,) are those of its points."""
+    median_m = np.array([quantile(surface_m[rows], 0.5) for rows in rows_of_groups(label, len(cause))], float)
+    words = cause_words(cause, median_m)
+    return [one if one == RIGHT_SURFACE else f"ghost ({one})" if one else "ghost" for one in words]
 
 
 def _first(tests: dict[Cause, BoolArray], applies: BoolArray) -> TextArray:

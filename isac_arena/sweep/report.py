@@ -7,10 +7,12 @@ from typing import Any
 import numpy as np
 
 from isac_arena.campaign.manifest import MANIFEST, read_manifest
+from isac_arena.report.page.tables import in_words, score_title
 from isac_arena.report.sweep.captions import axis_caption, parallel_caption, pareto_caption
 from isac_arena.report.sweep.figures import axis_figure, parallel_figure, pareto_figure
 from isac_arena.report.sweep.page import SweepFigure, axis_tables, render_sweep, table
 from isac_arena.report.sweep.results import SweepAxis, SweepMetric, SweepResults
+from isac_arena.settings import UNITS
 from isac_arena.sweep.config import SweepConfig
 from isac_arena.sweep.store import PlannedCase, is_done
 from isac_arena.sweep.table import axis_names
@@ -48,11 +50,17 @@ def sweep_results(config: SweepConfig, rows: Sequence[dict[str, Any]]) -> SweepR
         column = values.setdefault(row["key"], np.full(len(cases), np.nan))
         column[place[row["case"]]] = np.nan if row["value"] is None else row["value"]
     axes = [
-        SweepAxis(name, tuple(first[case][name] for case in cases), axis.log)
+        SweepAxis(axis.label or axis_title(axis.field), tuple(first[case][name] for case in cases), axis.log)
         for name, axis in zip(axis_names(config), config.axes, strict=True)
     ]
     metrics = {key: SweepMetric(key, *heads[key], column) for key, column in values.items()}
     return SweepResults(np.array([first[case]["point"] for case in cases], int), tuple(axes), metrics)
+
+
+def axis_title(field: str) -> str:
+    """The readable name of an axis, with its unit."""
+    unit = next((unit for ending, unit in UNITS.items() if field.endswith(ending)), "")
+    return f"{in_words(field)} in {unit}" if unit else in_words(field)
 
 
 def sweep_page(
@@ -111,12 +119,15 @@ def sweep_facts(
 def _axis_figures(results: SweepResults, keys: Sequence[str]) -> list[SweepFigure | str]:
     if not results.axes:
         return ["<p>The sweep has no axes; its tables hold the repeats.</p>"]
-    return [SweepFigure(key, axis_figure(results, key), axis_caption(results, key)) for key in keys]
+    return [SweepFigure(score_title(key), axis_figure(results, key), axis_caption(results, key)) for key in keys]
 
 
 def _pareto_figures(results: SweepResults, pairs: Sequence[tuple[str, str]]) -> list[SweepFigure | str]:
     caption = pareto_caption(results)
-    return [SweepFigure(f"{x} against {y}", pareto_figure(results, x, y), caption) for x, y in pairs]
+    return [
+        SweepFigure(f"{score_title(x)} against {score_title(y)}", pareto_figure(results, x, y), caption)
+        for x, y in pairs
+    ]
 
 
 def _parallel_figures(results: SweepResults, keys: Sequence[str]) -> list[SweepFigure | str]:

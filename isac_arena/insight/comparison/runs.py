@@ -50,8 +50,11 @@ def compare_runs(first: ScoreTables, second: ScoreTables) -> RunComparison:
     for name in ("mapping", "slam"):
         maps = getattr(first, name), getattr(second, name)
         pairs += [*_ip_pairs(name, maps, stops), *_object_pairs(name, maps)]
-    differences = (paired_difference(one) for one in pairs)
-    return RunComparison(tuple(one for one in differences if one.verdict), len(stops), tuple(notes))
+    differences = tuple(one for one in map(paired_difference, pairs) if one.verdict)
+    alone = [f"{one.key} ({one.verdict})" for one in differences if not one.n_pairs]
+    if alone:
+        notes.append(f"without pairs, so not shown: {', '.join(alone)}")
+    return RunComparison(differences, len(stops), tuple(notes))
 
 
 def common_stops(first: ScoreTables, second: ScoreTables) -> IntArray:

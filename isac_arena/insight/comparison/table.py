@@ -41,7 +41,7 @@ def difference_table(compared: RunComparison) -> Table:
     table.columns[0].min_width = NAME_WIDTH
     table.columns[4].max_width = COUNTS_WIDTH
     group = ""
-    for one in compared.differences:
+    for one in paired:
         prefix, _, name = one.key.rpartition(".")
         if prefix != group:
             group = prefix
@@ -66,9 +66,6 @@ def setting_table(differences: Iterable[SettingDifference]) -> Table:
 def _cells(one: PairedDifference) -> list[str]:
     color = COLORS.get(one.verdict)
     verdict = f"[{color}]{one.verdict}[/]" if color else one.verdict
-    if not one.n_pairs:
-        counts = f"{one.n_first}|{one.n_second}"
-        return [_number(one.first), _number(one.second), "-", counts, verdict]
     counts = "" if one.n_first == one.n_second == one.n_pairs else f" of {one.n_first}|{one.n_second}"
     interval = "" if math.isnan(one.low) else f" ({one.low:.2g}, {one.high:.2g})"
     values = _number(one.first), _number(one.second), f"{one.difference:+.2g}{interval}"

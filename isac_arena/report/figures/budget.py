@@ -13,7 +13,7 @@ from isac_arena.insight.budget.record import OUTCOMES, REST, TOTAL, Budget
 from isac_arena.report.style import ESTIMATE, GHOST, TRUTH, legend_below, new_figure, styled
 
 WORSE = "#E69F00"
-ROW_IN, MARGIN_IN, WIDTH_IN = 0.36, 1.0, 5.9
+ROW_IN, MARGIN_IN, WIDTH_IN = 0.36, 1.0, 6.6
 TITLES = {"pose": "Receiver position", "shape": "The paper's contours", "contour": "Our contours"}
 KINDS = {"stages": "truth in place of a stage", "physics": "physics switched off"}
 RESTS = {"stages": "all stages true", "physics": "estimators alone"}
@@ -116,12 +116,12 @@ def _draw(ax: Any, bars: list[_Bar], n_rows: int) -> None:
             _whisker(ax, row, bar.interval, limits)
         if row < len(bars) - 2:
             ax.plot([bar.end, bar.end], [row, row + 1], color="0.6", linewidth=0.7, zorder=0)
-        ax.text(1.015, row, bar.text, transform=ax.get_yaxis_transform(), va="center", fontsize=8)
+        ax.text(1.015, row, bar.text, transform=ax.get_yaxis_transform(), va="center", fontsize=9)
     ax.axvline(0, color="0.4", linewidth=0.8)
     ax.set_xlim(*limits)
     ax.set_ylim(n_rows - 0.4, -0.6)
     ax.set_yticks(range(len(bars)), [bar.name for bar in bars])
-    ax.tick_params(axis="y", length=0)
+    ax.tick_params(axis="y", length=0, labelsize=9)
     ax.grid(visible=False, axis="y")
 
 

@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from isac_arena.insight.comparison.difference import PairedDifference
+from isac_arena.report.page.tables import in_words
 from isac_arena.report.style import ESTIMATE, GHOST, SLAM, TRUTH, legend_below, new_figure, styled
 
 MOST_SHOWN_PERCENT = 150.0
@@ -27,9 +28,9 @@ def compare_figure(differences: Sequence[PairedDifference], first: str, second: 
     """Mean difference of every quantity in percent of the first run's mean, with its 95 % interval.
 
     An interval that exceeds the axis ends in an arrow, and the text gives its limits. Quantities with mean zero
-    in the first run have no percentage and are drawn at zero. The row of a quantity without a pair names the run
-    that has it.
+    in the first run have no percentage and are drawn at zero. Quantities without a pair have no row.
     """
+    differences = [one for one in differences if one.n_pairs]
     figure = new_figure(9.8, 1.6 + 0.24 * max(len(differences), 1))
     ax = figure.subplots()
     spans = [_percent(one) for one in differences]
@@ -39,7 +40,7 @@ def compare_figure(differences: Sequence[PairedDifference], first: str, second: 
     for row, (one, span) in enumerate(zip(reversed(differences), reversed(spans), strict=True)):
         is_clipped |= _draw_row(ax, row, one, span, limit)
         ax.annotate(
-            _text(one, span, limit, first, second), (1.025, row), xycoords=("axes fraction", "data"),
+            _text(one, span, limit), (1.025, row), xycoords=("axes fraction", "data"),
             fontsize=7, va="center",
         )  # fmt: skip
     ax.axvline(0, color="0.3", linewidth=0.9, zorder=0)
@@ -60,9 +61,6 @@ def compare_figure(differences: Sequence[PairedDifference], first: str, second: 
 
 def _draw_row(ax: Any, row: int, one: PairedDifference, span: tuple[float, ...], limit: float) -> bool:
     """Draw interval and mean of one quantity; returns whether they exceed the axis."""
-    if not one.n_pairs:
-        ax.axhspan(row - 0.5, row + 0.5, color="0.94", zorder=-1, linewidth=0)
-        return False
     look = VERDICTS[one.verdict]
     place, *ends = (max(-limit, min(limit, value)) if math.isfinite(value) else math.nan for value in span)
     ax.plot(ends, [row, row], color=look["color"], linewidth=2.0)
@@ -78,18 +76,12 @@ def _draw_row(ax: Any, row: int, one: PairedDifference, span: tuple[float, ...],
 
 def _percent(one: PairedDifference) -> tuple[float, ...]:
     """Difference and limits of its interval in % of the first run's mean, NaN where there are none."""
-    scale = 100 / abs(one.first) if one.n_pairs and one.first else math.nan
+    scale = 100 / abs(one.first) if one.first else math.nan
     return tuple(scale * value for value in (one.difference, one.low, one.high))
 
 
-def _text(one: PairedDifference, span: tuple[float, ...], limit: float, first: str, second: str) -> str:
+def _text(one: PairedDifference, span: tuple[float, ...], limit: float) -> str:
     unit = "" if one.unit == "1" else f" {one.unit}"
-    if one.verdict in ("only in A", "only in B"):
-        is_first = one.verdict == "only in A"
-        mean, count = (one.first, one.n_first) if is_first else (one.second, one.n_second)
-        return f"only in {first if is_first else second}: {mean:.3g}{unit}, n = {count}"
-    if not one.n_pairs:
-        return f"no pair among {one.n_first} and {one.n_second}"
     counts = "" if one.n_first == one.n_second == one.n_pairs else f" of {one.n_first} and {one.n_second}"
     text = f"{one.first:.3g} to {one.second:.3g}{unit}, n = {one.n_pairs}{counts}"
     if any(abs(value) > limit for value in span):
@@ -100,4 +92,4 @@ def _text(one: PairedDifference, span: tuple[float, ...], limit: float, first: s
 
 def _label(one: PairedDifference) -> str:
     wanted = {"lower": " (less is better)", "higher": " (more is better)", "info": ""}[one.direction]
-    return f"{one.key}{wanted}"
+    return f"{in_words(one.key)}{wanted}"

@@ -11,16 +11,22 @@ from matplotlib.patches import Patch
 
 from isac_arena.campaign.results import CampaignResults, MapResult
 from isac_arena.report.figures.bands import Curve, contour_curve, line_m, shape_curve
-from isac_arena.report.figures.plan import draw_plan
+from isac_arena.report.figures.plan import Box, draw_plan, plan_view
 from isac_arena.report.style import BAND_ALPHA, GHOST, SLAM, TRUTH, cluster_look, legend_below, new_figure, styled
+from isac_arena.scoring.causes import RIGHT_SURFACE, ghost_words
 from isac_arena.scoring.record import MapScores, PoseScores, ScoreTables
 from scenes.record import FloatArray
 from scenes.scene import Scene
 
 WIDTH_IN = 12.0
 AXES_WIDTH_IN = 5.5  # of one plan
-SURROUND_IN = 1.15  # height of title, axis labels and legend
+SURROUND_IN = 1.6  # height of title, axis labels and legend
+ROW_GAP_IN = 0.8
+SMALL_SHARE = 0.6  # of the scene, in both directions: below it the part around the walk is shown as well
+FAR_SHARE = 0.2  # of the scene: points farther outside are not shown
 VIEW_MARGIN_M = 1.0
+GHOST_LOOK: dict[str, Any] = {"color": GHOST, "marker": "x"}
+RIGHT_LOOK: dict[str, Any] = {"color": GHOST, "marker": "2"}  # of a ghost on a true surface
 TRACK_COLOR = "#1e8449"  # of the walk in the plan
 
 
@@ -28,50 +34,73 @@ TRACK_COLOR = "#1e8449"  # of the walk in the plan
 def map_figure(scene: Scene, results: CampaignResults, tables: ScoreTables) -> Figure:
     """Incidence points and contours over the plan: receiver known (left) and unknown (right).
 
-    A map with contours of ours shows them with filled bands, gives the points their colours and draws the paper's
-    contours dashed. A map without them shows the paper's contours with filled bands.
+    The plan is that of the whole scene. Where the walk is a small part of it, a second row shows the part around
+    the walk. A map with contours of ours shows them with filled bands, gives the points their colours and draws
+    the paper's contours dashed. A map without them shows the paper's contours with filled bands.
     """
-    figure = new_figure(WIDTH_IN, WIDTH_IN / 2)
-    axes = figure.subplots(1, 2, sharex=True, sharey=True)
-    stops = tables.poses.stop.tolist()
-    draw_plan(axes[0], scene, stops=stops, labels=False)
-    axes[0].set_title("Mapping: receiver pose and clock known")
-    _draw_map(axes[0], results.mapping, tables.mapping)
-    draw_plan(axes[1], scene, stops=stops, labels=False)
-    axes[1].set(title="SLAM: receiver pose and clock unknown", ylabel="")
-    _draw_track(axes[1], results, tables.poses)
-    _draw_map(axes[1], results.slam, tables.slam)
-    _fit(figure, axes[0], [results.mapping, results.slam])
-    legend_below(figure, _legend_handles(), 8)
+    maps = [results.mapping, results.slam]
+    views = [_whole_view(scene, maps)]
+    near = plan_view(scene, "walk")
+    if max((near[2] - near[0]) / _width(views[0]), (near[3] - near[1]) / _height(views[0])) < SMALL_SHARE:
+        views.append(near)
+    tall = [_height(view) / _width(view) for view in views]
+    figure = new_figure(WIDTH_IN, AXES_WIDTH_IN * sum(tall) + SURROUND_IN + ROW_GAP_IN * (len(views) - 1))
+    grid = figure.subplots(len(views), 2, sharex="row", sharey="row", squeeze=False, height_ratios=tall)
+    for (left, right), view in zip(grid, views, strict=True):
+        for ax, result, scores in ((left, results.mapping, tables.mapping), (right, results.slam, tables.slam)):
+            draw_plan(ax, scene, stops=tables.poses.stop.tolist(), labels=False, extent="all")
+            if ax is right:
+                _draw_track(ax, results, tables.poses)
+            _draw_map(ax, result, scores)
+            ax.set(xlim=view[::2], ylim=view[1::2])
+        right.set_ylabel("")
+    grid[0, 0].set_title("Mapping: receiver pose and clock known")
+    grid[0, 1].set_title("SLAM: receiver pose and clock unknown")
+    if len(views) > 1:
+        for ax in grid[1]:
+            ax.set_title("the same around the walk")
+    legend_below(figure, _legend_handles(), 5)
     return figure
 
 
-def _fit(figure: Figure, ax: Any, maps: list[MapResult]) -> None:
-    """Extend the view to all clustered incidence points and set the height of the figure to match it."""
+def _whole_view(scene: Scene, maps: list[MapResult]) -> Box:
+    """The scene and all clustered incidence points, unless they lie far outside of it."""
+    x_min, y_min, x_max, y_max = view = plan_view(scene, "all")
     points = np.vstack([one.ips.position_m[one.shapes.label >= 0] for one in maps])
-    low = np.array([ax.get_xlim()[0], ax.get_ylim()[0]])
-    high = np.array([ax.get_xlim()[1], ax.get_ylim()[1]])
-    if len(points):
-        low = np.minimum(low, points.min(axis=0) - VIEW_MARGIN_M)
-        high = np.maximum(high, points.max(axis=0) + VIEW_MARGIN_M)
-    ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
-    width, height = high - low
-    figure.set_size_inches(WIDTH_IN, AXES_WIDTH_IN * height / width + SURROUND_IN)
+    low, high, size = np.array([x_min, y_min]), np.array([x_max, y_max]), np.array([_width(view), _height(view)])
+    near = np.clip(points, low - FAR_SHARE * size, high + FAR_SHARE * size)
+    low, high = (
+        np.vstack([near - VIEW_MARGIN_M, low]).min(axis=0),
+        np.vstack([near + VIEW_MARGIN_M, high]).max(axis=0),
+    )
+    return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+
+
+def _width(view: Box) -> float:
+    return view[2] - view[0]
+
+
+def _height(view: Box) -> float:
+    return view[3] - view[1]
 
 
 def _draw_map(ax: Any, result: MapResult, scores: MapScores) -> None:
     """Draw incidence points and contours; points without object and ghosts are grey."""
     ips, shapes, contours = result.ips, result.shapes, result.contours
     paper = [shape_curve(shapes, cluster) for cluster in range(len(shapes.center_m))]
-    curves, label, is_ghost = paper, shapes.label, scores.clusters.is_ghost
+    curves, label, table = paper, shapes.label, scores.clusters
     if len(contours):
         for curve in paper:
             line = line_m(curve.points_m, is_closed=curve.is_closed)
             ax.plot(*line.T, color=TRUTH, linewidth=0.8, linestyle="--", zorder=2.6)
         curves = [contour_curve(contours, row) for row in range(len(contours))]
-        label, is_ghost = contours.object, scores.contours.is_ghost
+        label, table = contours.object, scores.contours
     ax.plot(*ips.position_m[ips.is_inlier & (label < 0)].T, ".", color=GHOST, markersize=3.5, zorder=3)
-    looks = [{"color": GHOST, "marker": "x"} if ghost else cluster_look(row) for row, ghost in enumerate(is_ghost)]
+    words = ghost_words(table.cause, label, scores.ips.surface_distance_m)
+    looks = [
+        (RIGHT_LOOK if words[row] == RIGHT_SURFACE else GHOST_LOOK) if ghost else cluster_look(row)
+        for row, ghost in enumerate(table.is_ghost)
+    ]
     draw_contours(ax, curves, [ips.position_m[label == row] for row in range(len(curves))], looks)
 
 
@@ -84,7 +113,7 @@ def draw_contours(
 
 
 def _draw_curve(ax: Any, curve: Curve, points_m: FloatArray, row: int, look: dict[str, Any]) -> None:
-    edge = {} if look["marker"] == "x" else {"markeredgecolor": "white", "markeredgewidth": 0.4}
+    edge = {} if look["color"] == GHOST else {"markeredgecolor": "white", "markeredgewidth": 0.4}
     ax.plot(*points_m.T, linestyle="none", markersize=3.8, zorder=4, **look, **edge)
     line, outer, inner = (
         line_m(points, is_closed=curve.is_closed) for points in (curve.points_m, curve.outer_m, curve.inner_m)
@@ -116,6 +145,7 @@ def _legend_handles() -> list[Any]:
         Line2D([], [], marker="o", linestyle="none", color="0.45", label="IPs of an object"),
         Patch(facecolor="0.85", edgecolor="0.45", label="its contour, 95 % interval"),
         Line2D([], [], color=TRUTH, linewidth=0.8, linestyle="--", label="the paper's contours"),
-        Line2D([], [], marker="x", linestyle="none", color=GHOST, label="ghost"),
+        Line2D([], [], linestyle="none", label="ghost", **GHOST_LOOK),
+        Line2D([], [], linestyle="none", label=RIGHT_SURFACE, **RIGHT_LOOK),
         Line2D([], [], marker=".", linestyle="none", color=GHOST, label="IP of no object"),
     ]

@@ -24,6 +24,7 @@ from scenes.record import FloatArray
 from scenes.scene import Scene, SceneObject
 from sim.propagation.paths import Paths
 
+KIND_WORDS = {"clutter": "mesh"}  # in legends, where they are not the name of the kind
 RX_COLOR = "#1e8449"
 FIGURE_WIDTH_IN, PLAN_WIDTH_IN, MARGIN_IN = 10.5, 8.4, 0.9
 LEAST_DRAWN_M2 = 1e-9
@@ -268,7 +269,7 @@ def _free_place(
 def kind_patches(kinds: set[str]) -> list[Patch]:
     """Entries of a legend for the kinds of objects given, in the order of `KIND_COLORS`."""
     return [
-        Patch(facecolor=color + "59", edgecolor=color, label=kind)
+        Patch(facecolor=color + "59", edgecolor=color, label=KIND_WORDS.get(kind, kind))
         for kind, color in KIND_COLORS.items() if kind in kinds
     ]  # fmt: skip
 

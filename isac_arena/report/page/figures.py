@@ -65,7 +65,8 @@ def _map(scene: Scene, results: CampaignResults, tables: ScoreTables) -> ReportF
         "coloured by the object they support, and the contour of every object with its 95 % interval. Dashed: "
         "the paper's contours of clusters. Left: mapping with the true receiver pose and clock. Right: SLAM, "
         "which estimates both; a thin line connects each estimated position to the true one. Contours are "
-        "numbered as in the files. A ghost is a contour with most of its IPs from no single bounce."
+        "numbered as in the files. A ghost is a contour with most of its IPs from no single bounce; if they are "
+        "double bounces that lie on a true surface, it is a right surface by a wrong path."
     )
     return ReportFigure("map", "map", "Maps", caption, map_figure(scene, results, tables))
 

@@ -1,13 +1,21 @@
 """Tables of the report: the scores of each table and their readable names."""
 
 import math
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from html import escape
 
 from isac_arena.report.style import html_table
 from isac_arena.scoring.metrics.metric import Metric
+from isac_arena.settings import UNITS
 
+SILENT_PARTS = ("scene", "objects", "contour")  # of a dotted name: they say nothing to a reader
+MORE_TITLES = {  # of scores that no table of the report shows
+    "channel.detection_rate": "Paths: share of the significant separable ones that were detected",
+    "channel.delay.over_bound.median": "Paths: delay error over its Cramér-Rao bound, median",
+}
 DIRECTION_MARKS = {"lower": "↓", "higher": "↑", "info": ""}
 
 
@@ -138,6 +146,34 @@ ACCEPTED = ScoreTable(
         ("GOSPA of the scene over 1 - IoU", "scene_gospa"),
     ),
 )
+
+
+@cache
+def score_titles() -> dict[str, str]:
+    """Readable names of scores by their key, from the tables of the report."""
+    tables = {"Paths": (CHANNEL_COUNTS, CHANNEL_ERRORS), "SLAM": (POSES,), "Map": (MAPS,)}
+    tables |= {"The paper's contours": (SHAPES,), "Our contours": (CONTOURS, ACCEPTED)}
+    found = dict(MORE_TITLES)
+    for name, members in tables.items():
+        for table in members:
+            for heading, prefix in table.columns:
+                of = name if heading in ("value", "all stops") else f"{name}, {heading}"
+                found |= {prefix + key: f"{of}: {label[0].lower()}{label[1:]}" for label, key in table.rows}
+    return found | {key: label for label, key in HEADLINE}
+
+
+def score_title(key: str) -> str:
+    """The readable name of a score; the words of its key where no table of the report has it."""
+    known = score_titles().get(key)
+    return known or in_words(key)
+
+
+def in_words(name: str) -> str:
+    """A dotted key of a score or of a setting in words, without its unit."""
+    parts = [part for part in name.split(".") if part not in SILENT_PARTS]
+    parts[-1] = parts[-1].removesuffix(next((ending for ending in UNITS if parts[-1].endswith(ending)), ""))
+    words = ", ".join(part.replace("_", " ") for part in parts if part)
+    return re.sub(r"\b(tx|rx|ip|ips|los|nlos|iou|snr|slam)\b", lambda found: found[0].upper(), words)
 
 
 def headline_table(metrics: Sequence[Metric]) -> str:

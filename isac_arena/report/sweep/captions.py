@@ -4,10 +4,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from isac_arena.report.page.tables import score_title
 from isac_arena.report.sweep.figures import axis_lines
-from isac_arena.report.sweep.results import SweepResults, groups
-
-FEW_CASES = 3  # Student's t intervals of so few cases can exceed the figure
+from isac_arena.report.sweep.results import LEAST_CASES, SweepResults, groups
 
 
 def axis_caption(results: SweepResults, key: str) -> str:
@@ -23,7 +22,7 @@ def axis_caption(results: SweepResults, key: str) -> str:
     counts = [count for count in counts if count]
     sentences = [_means(counts)]
     is_mixed = len(results.axes) > 1 and any(len(found) == 1 for found in lines.values())
-    if is_mixed and max(counts, default=0) > 1:
+    if is_mixed and max(counts, default=0) >= LEAST_CASES:
         sentences.append("Cases at one value also differ in the other axes; the interval includes this.")
     if results.bound(key) is not None:
         sentences.append("Dashed: the bound on the same stops.")
@@ -39,7 +38,7 @@ def pareto_caption(results: SweepResults) -> str:
 def parallel_caption(results: SweepResults, key: str) -> str:
     """Caption of parallel coordinates; `key` is the metric that colours the lines."""
     means = _repeats(results, " through the means of its repeats")
-    return f"One line for each design point{means}, coloured by {key}: dark is high."
+    return f"One line for each design point{means}, coloured by {score_title(key)}: dark is high."
 
 
 def _means(counts: Iterable[int]) -> str:
@@ -48,13 +47,11 @@ def _means(counts: Iterable[int]) -> str:
         return "No finished case has a value."
     if known[-1] == 1:
         return "One case for each dot, so there are no intervals."
-    interval = "with the 95 % interval of the mean (Student's t)"
-    if known[0] == known[-1]:
-        text = f"Means of {known[0]} cases each, {interval}."
-    else:
-        text = f"Means of {known[0]} to {known[-1]} cases each, {interval}"
-        text += "; a single case has none." if known[0] == 1 else "."
-    return f"{text} Intervals of so few cases may exceed the figure." if known[0] <= FEW_CASES else text
+    cases = f"{known[0]}" if known[0] == known[-1] else f"{known[0]} to {known[-1]}"
+    if known[-1] < LEAST_CASES:
+        return f"Dots: means of {cases} cases each, which are the crosses: too few for an interval."
+    text = f"Means of {cases} cases each, with the 95 % interval of the mean (Student's t)."
+    return text if known[0] >= LEAST_CASES else f"{text} Crosses: cases of means of fewer than {LEAST_CASES}."
 
 
 def _repeats(results: SweepResults, words: str) -> str:

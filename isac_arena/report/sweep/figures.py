@@ -1,6 +1,7 @@
 """Figures of a sweep: a metric over each axis, trade-offs between two metrics, and parallel coordinates."""
 
 from collections.abc import Sequence
+from textwrap import wrap
 from typing import Any
 
 import numpy as np
@@ -9,8 +10,10 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, NullLocator, ScalarFormatter
 
+from isac_arena.report.page.tables import score_title
 from isac_arena.report.style import BAND_ALPHA, CLUSTER_COLORS, ESTIMATE, GHOST, TRUTH, new_figure, styled
 from isac_arena.report.sweep.results import (
+    LEAST_CASES,
     Group,
     SweepAxis,
     SweepMetric,
@@ -24,7 +27,9 @@ from scenes.record import BoolArray, FloatArray
 
 MOST_LINES = 5  # with two axes, each value of the other axis has its own line up to this number of values
 LONGEST_LABEL = 24
+LETTERS_A_LINE = 34
 DECADES_FOR_LOG = 1.5
+WIDTH_IN = 13.2  # of a page
 MARGIN, LOG_MARGIN = 0.15, 1.5  # of the vertical axis around the values: a share of their range, a factor
 MOST_TICKS = 7
 FLOOR = 1e-3  # of the least value: intervals end there, so that a logarithmic axis shows them
@@ -35,7 +40,9 @@ LABEL_BOX = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.8
 
 @styled
 def axis_figure(results: SweepResults, key: str) -> Figure:
-    """Mean of a metric over every axis with its 95 % interval, and its bound if it has one.
+    """Mean of a metric over every axis, and its bound if it has one.
+
+    Means of `LEAST_CASES` cases and more have their 95 % interval; of fewer, the cases themselves are drawn.
 
     There is one panel for each axis. With two axes, each value of the other axis has its own line if there are few
     values. Otherwise the mean is over all values of the other axes. Numeric axes with many values are averaged in
@@ -43,7 +50,7 @@ def axis_figure(results: SweepResults, key: str) -> Figure:
     """
     metric, bound = results.metrics[key], results.bound(key)
     axes = results.axes
-    figure = new_figure(min(4.4 * max(len(axes), 1), 13.2), 3.4)
+    figure = new_figure(WIDTH_IN, 4.0)
     panels = figure.subplots(1, max(len(axes), 1), squeeze=False, sharey=True)[0]
     for panel, axis in zip(panels, axes, strict=False):
         lines = axis_lines(results, axis)
@@ -53,8 +60,8 @@ def axis_figure(results: SweepResults, key: str) -> Figure:
             _bound_curve(panel, groups(axis), bound)
         _dress(panel, axis)
         if any(label for label, _ in lines) or bound is not None:
-            panel.legend()
-    _scale(panels[0], drawn_means(results, key))
+            panel.legend(loc="upper center", bbox_to_anchor=(0.5, -0.17), ncols=2)
+    _scale(panels[0], drawn_values(results, key))
     panels[0].set_ylabel(_label(metric))
     return figure
 
@@ -62,7 +69,7 @@ def axis_figure(results: SweepResults, key: str) -> Figure:
 @styled
 def pareto_figure(results: SweepResults, first: str, second: str) -> Figure:
     """Two metrics against each other: the mean of every design point, and the points that no other one beats."""
-    figure = new_figure(6.4, 4.4)
+    figure = new_figure(WIDTH_IN, 4.4)
     panel = figure.subplots()
     means = np.column_stack([point_means(results, key) for key in (first, second)])
     front = front_of(results, first, second)
@@ -100,7 +107,7 @@ def parallel_figure(results: SweepResults, keys: Sequence[str]) -> Figure:
     for at, axis in enumerate(results.axes):
         if axis.is_numeric and axis.is_log:
             ends[at] = [(height, f"{10 ** float(text):.3g}") for height, text in ends[at]]
-    figure = new_figure(min(1.9 * len(columns) + 1.5, 13.2), 4.2)
+    figure = new_figure(WIDTH_IN, 4.2)
     panel = figure.subplots()
     colour = point_means(results, keys[0])
     known = colour[np.isfinite(colour)]
@@ -136,14 +143,18 @@ def axis_lines(results: SweepResults, axis: SweepAxis) -> list[tuple[str, BoolAr
     distinct = len({str(value) for value in others[0].values})
     if not 1 < len(parts) <= MOST_LINES or distinct > MOST_LINES:
         return everyone
-    return [(_short(f"{others[0].name} {part.label}"), part.members) for part in parts]
+    return [(f"{others[0].name}: {part.label}", part.members) for part in parts]
 
 
 def _curve(panel: Any, axis: SweepAxis, value: FloatArray, members: BoolArray, color: str, label: str) -> None:
     """Draw the means of the groups of an axis with intervals: a line with a band, or bars for an axis of texts."""
     rows = np.array([(part.place, *mean_interval(value[part.members & members])) for part in groups(axis)])
     rows = rows[np.isfinite(rows[:, 1])]
-    place, mean, half = rows[:, 0], rows[:, 1], np.where(np.isfinite(rows[:, 2]), rows[:, 2], 0.0)
+    place, mean, half = rows[:, 0], rows[:, 1], np.where(rows[:, 3] >= LEAST_CASES, rows[:, 2], np.nan)
+    for part in groups(axis):
+        if 1 < np.isfinite(value[part.members & members]).sum() < LEAST_CASES:
+            cases = value[part.members & members]
+            panel.plot(np.full(len(cases), part.place), cases, "x", color=color, markersize=4, alpha=0.7)
     lower, upper = mean - half, mean + half
     known = value[np.isfinite(value)]
     if len(known) and known.min() >= 0:
@@ -162,15 +173,17 @@ def _bound_curve(panel: Any, parts: Sequence[Group], bound: FloatArray) -> None:
     panel.plot(place, mean, "--", color=TRUTH, linewidth=1.2, label="bound, mean")
 
 
-def drawn_means(results: SweepResults, key: str) -> FloatArray:
-    """All means (dot,) that the panels of a metric show, including those of its bound."""
+def drawn_values(results: SweepResults, key: str) -> FloatArray:
+    """All means (dot,) that the panels of a metric show, those of its bound, and cases of which there are few."""
     value, bound = results.metrics[key].value, results.bound(key)
-    means = [
-        mean_interval(value[part.members & members])[0]
+    dots = [
+        value[part.members & members]
         for axis in results.axes
         for _, members in axis_lines(results, axis)
         for part in groups(axis)
     ]
+    means = [mean_interval(cases)[0] for cases in dots]
+    means += [one for cases in dots if 1 < np.isfinite(cases).sum() < LEAST_CASES for one in cases]
     if bound is not None:
         means += [mean_interval(bound[part.members])[0] for axis in results.axes for part in groups(axis)]
     known = np.array(means, float)
@@ -248,8 +261,8 @@ def _values_at(results: SweepResults, index: int) -> str:
 
 
 def _label(metric: SweepMetric) -> str:
-    unit = "" if metric.unit == "1" else f" in {metric.unit}"
-    return f"{metric.key}{unit}"
+    unit = "" if metric.unit == "1" else f" in\N{NO-BREAK SPACE}{metric.unit}"
+    return _wrapped(f"{score_title(metric.key)}{unit}")
 
 
 def _short(text: str) -> str:
@@ -257,4 +270,4 @@ def _short(text: str) -> str:
 
 
 def _wrapped(label: str) -> str:
-    return label.replace(".", ".\n", 2).replace(" in ", "\nin ")
+    return "\n".join(wrap(label, LETTERS_A_LINE))

@@ -8,8 +8,9 @@ from string import Template
 import numpy as np
 from matplotlib.figure import Figure
 
+from isac_arena.report.page.tables import score_title
 from isac_arena.report.style import figure_html, html_table, png_bytes
-from isac_arena.report.sweep.results import SweepResults, groups, mean_interval
+from isac_arena.report.sweep.results import LEAST_CASES, SweepResults, groups, mean_interval
 
 STYLE = """
 :root { color-scheme: light; }
@@ -81,7 +82,7 @@ def render_sweep(
 
 
 def axis_tables(results: SweepResults, keys: Sequence[str]) -> list[str]:
-    """One HTML table per axis: the mean of every metric at each of its values, with its 95 % interval."""
+    """One HTML table per axis: the mean of every metric at each of its values, with its 95 % interval or range."""
     made = []
     for axis in results.axes:
         head = [axis.name, "cases", *(_heading(results, key) for key in keys)]
@@ -101,11 +102,14 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]], style: str = "") -
 def _heading(results: SweepResults, key: str) -> str:
     metric = results.metrics[key]
     unit = "" if metric.unit == "1" else f" ({metric.unit})"
-    return f"{key}{unit} {dict(lower='↓', higher='↑').get(metric.direction, '')}".strip()
+    return f"{score_title(key)}{unit} {dict(lower='↓', higher='↑').get(metric.direction, '')}".strip()
 
 
 def _interval(values: object) -> str:
     mean, half, n = mean_interval(np.asarray(values, float))
     if n == 0:
         return "–"
-    return f"{mean:.3g}" if not np.isfinite(half) else f"{mean:.3g} ± {half:.2g}"
+    if n < LEAST_CASES:
+        known = np.asarray(values, float)
+        return f"{mean:.3g}" if n == 1 else f"{mean:.3g} ({np.nanmin(known):.3g} to {np.nanmax(known):.3g})"
+    return f"{mean:.3g} ± {half:.2g}"

@@ -9,6 +9,7 @@ from scipy.stats import t as student
 
 from scenes.record import BoolArray, FloatArray, IntArray
 
+LEAST_CASES = 4  # of a mean with an interval: Student's t of fewer says nothing that the cases do not
 MOST_VALUES = 12  # a numeric axis with more values is divided into bins
 BINS = 8
 

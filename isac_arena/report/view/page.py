@@ -128,13 +128,13 @@ def _contours(scene: Scene, results: CampaignResults) -> list[Trace]:
 
 
 def _layout(scene: Scene) -> dict[str, Any]:
-    x_min, y_min, x_max, y_max = plan_view(scene, "walk")
+    x_min, y_min, x_max, y_max = plan_view(scene, "all")
     tops = [item.z_max_m for item in scene.objects]
     z_low = scene.floor.z_m if scene.floor else 0.0
     z_high = scene.ceiling.z_m if scene.ceiling else max([*tops, scene.tx.position_m[2] + 1.0])
     return {
         "margin": {"l": 0, "r": 0, "t": 0, "b": 0},
-        "legend": {"x": 0.01, "y": 0.99, "bgcolor": "rgba(255,255,255,0.8)", "font": {"size": 11}},
+        "legend": {"x": 1.0, "xanchor": "left", "y": 0.94, "font": {"size": 12}},  # beside the hall
         "uirevision": "view",
         "scene": {
             "aspectmode": "data",

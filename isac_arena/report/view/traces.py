@@ -8,6 +8,7 @@ import numpy as np
 
 from isac_arena.report.figures.bands import Curve, line_m
 from isac_arena.report.figures.path_lines import COLORS, PathLine
+from isac_arena.report.figures.plan import KIND_WORDS
 from scenes.meshes.mesh import PLANE_COLOR, object_meshes
 from scenes.objects.scene_object import KIND_COLORS
 from scenes.pose import Pose, direction
@@ -23,6 +24,8 @@ WIDTHS = {  # of rays in pixels; no dashes, because their length changes with th
     "line of sight": 7.0, "one reflection": 4.5, "two reflections": 3.0,
     "three reflections": 2.0, "diffracted": 2.5, "through walls": 3.5,
 }  # fmt: skip
+
+SEVERAL_BOUNCES = ("two reflections", "three reflections")  # hidden at first: they would hide the hall
 
 Trace = dict[str, Any]
 
@@ -42,7 +45,7 @@ def body_traces(scene: Scene) -> list[Trace]:
         traces.append(
             {
                 **mesh,
-                "name": kind,
+                "name": KIND_WORDS.get(kind, kind),
                 "text": names.tolist(),
                 "hovertemplate": "%{text}<extra></extra>",
                 "color": KIND_COLORS.get(kind, PLANE_COLOR),
@@ -106,6 +109,7 @@ def ray_traces(lines: Iterable[PathLine]) -> list[Trace]:
             "mode": "lines",
             "hovertemplate": f"{kind}<extra></extra>",
             "showlegend": True,
+            "visible": "legendonly" if kind in SEVERAL_BOUNCES else True,
         }
         for kind, color in COLORS.items()
     ]

@@ -81,6 +81,16 @@ def test_the_address_selects_stop_object_and_map(tab: Any, page: Path) -> None:
     assert tab.is_silent()
 
 
+def test_rays_of_several_bounces_are_hidden_at_first(tab: Any, page: Path) -> None:
+    tab.show(page)
+    assert tab.count("#drawing-plan-mapping .ray") > 0
+    assert tab.count("#drawing-plan-mapping .kind-two-reflections") == 0
+    tab.click("#layer-several")
+    assert tab.count("#drawing-plan-mapping .kind-two-reflections") > 0 and "hide=&" in address(tab) + "&"
+    tab.show(page, "#stop=0&hide=")
+    assert tab.count("#drawing-plan-mapping .kind-two-reflections") > 0
+
+
 def test_what_the_address_does_not_know_stays(tab: Any, page: Path) -> None:
     tab.show(page, "#stop=999&object=no_such&map=upside&path=x9&hide=everything")
     assert tab.text("#stop-title") == "Stop 0" and tab.text("#object-title") == "Objects"

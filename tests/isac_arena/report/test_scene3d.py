@@ -74,7 +74,7 @@ def test_pictures_name_the_stop_and_the_kinds_of_paths(room, paths):
         png_bytes(figure)
         legend = figure.legends or [figure.axes[0].get_legend()]
         texts = {text.get_text() for text in legend[0].get_texts()}
-        assert {"clutter", "line of sight", "one reflection", "diffuse scattering", "RX stop"} <= texts
+        assert {"mesh", "line of sight", "one reflection", "diffuse scattering", "RX stop"} <= texts
         title = figure.get_suptitle() or figure.axes[0].get_title()
         assert title == f"box_room, stop 1: {path_summary(paths)}"
 

@@ -8,7 +8,7 @@ from scipy.stats import t as student
 
 from isac_arena.report.style import new_figure
 from isac_arena.report.sweep.captions import axis_caption, parallel_caption, pareto_caption
-from isac_arena.report.sweep.figures import axis_figure, drawn_means, front_of, parallel_figure, pareto_figure
+from isac_arena.report.sweep.figures import axis_figure, drawn_values, front_of, parallel_figure, pareto_figure
 from isac_arena.report.sweep.page import SweepFigure, axis_tables, render_sweep
 from isac_arena.report.sweep.results import (
     SweepAxis,
@@ -79,7 +79,7 @@ def test_bounds_stand_beside_what_they_bound() -> None:
     lines = {line.get_label(): line for line in panel.get_lines()}
     expected = [np.mean(results.metrics[KEY].value[results.point == at]) / 2 for at in range(6)]
     np.testing.assert_allclose(lines["bound, mean"].get_ydata(), expected)
-    assert {"method a", "method b"} <= set(lines)
+    assert {"method: a", "method: b"} <= set(lines)
     assert varying(results, [KEY, "same", "nothing"]) == [KEY]
 
 
@@ -92,15 +92,13 @@ def test_the_axis_spans_what_is_drawn_and_no_single_outlier() -> None:
     means = [np.mean(value[results.point == at]) for at in range(6)]
     low, high = panel.get_ylim()
     assert low < min(means) and max(means) < high < 1e3
-    assert len(drawn_means(results, KEY)) == (3 + 3) + 2 * 1 + 6 + 2  # two lines; both methods; their bounds
+    assert len(drawn_values(results, KEY)) == (3 + 3) + 2 * 1 + 6 + 2  # two lines; both methods; their bounds
 
 
 def test_captions_state_only_what_the_cases_support() -> None:
     single = made(repeats=1)
     assert axis_caption(single, "rate") == (
-        "Means of 1 to 3 cases each, with the 95 % interval of the mean (Student's t); a single case has"
-        " none. Intervals of so few cases may exceed the figure. Cases at one value also differ in the other axes;"
-        " the interval includes this."
+        "Dots: means of 1 to 3 cases each, which are the crosses: too few for an interval."
     )
     alone = replace(single, axes=single.axes[:1])
     assert axis_caption(alone, "rate") == "One case for each dot, so there are no intervals."
@@ -113,13 +111,14 @@ def test_captions_state_only_what_the_cases_support() -> None:
     value[1:4] = np.nan
     holes = replace(often, metrics={"rate": replace(often.metrics["rate"], value=value)})
     assert "Means of 1 to 4 cases" in axis_caption(holes, "rate")
+    assert axis_caption(holes, "rate").endswith("Crosses: cases of means of fewer than 4.")
 
 
 def test_trade_offs_use_the_directions_of_the_metrics() -> None:
     results = made()
     assert front_of(results, KEY, "rate").tolist() == [False] * 5 + [True]  # both are best at the last point
     figure = pareto_figure(results, KEY, "rate")
-    assert figure.axes[0].get_xlabel() == f"{KEY} in m"
+    assert figure.axes[0].get_xlabel() == "Receiver position by SLAM, RMSE\nin\N{NO-BREAK SPACE}m"
     parallel = parallel_figure(results, [KEY, "rate"])
     assert sum(len(line.get_xdata()) == 4 for line in parallel.axes[0].get_lines()) == 6  # a line per point
 

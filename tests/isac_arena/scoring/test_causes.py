@@ -9,10 +9,13 @@ from isac_arena.scoring.causes import (
     FALSE_CAUSES,
     GHOST_CAUSES,
     MISS_CAUSES,
+    RIGHT_SURFACE,
     Cause,
     Evidence,
+    cause_words,
     cluster_causes,
     false_causes,
+    ghost_words,
     miss_causes,
     point_causes,
     weak_causes,
@@ -140,3 +143,18 @@ def test_a_ghost_cluster_takes_the_most_frequent_cause():
     causes = np.array(["double_bounce", "double_bounce", "side_lobe", "", "", "noise", "noise"])
     found = cluster_causes(label, names, causes, np.array([True, False]))
     assert found.tolist() == ["double_bounce", ""]
+
+
+def test_double_bounces_on_a_true_surface_are_told_from_ghosts():
+    causes, surface_m = (
+        np.array(["double_bounce", "double_bounce", "side_lobe", ""]),
+        np.array([0.02, 0.5, 0.0, 0.0]),
+    )
+    assert cause_words(causes, surface_m) == [RIGHT_SURFACE, "double bounce", "side lobe", ""]
+    assert cause_words(causes)[0] == "double bounce"
+    label, distance_m = np.array([0, 0, 0, 1, -1]), np.array([0.02, 0.05, 3.0, 0.0, 9.0])
+    assert ghost_words(causes[[0, 2, 0]], label, distance_m) == [
+        RIGHT_SURFACE,
+        "ghost (side lobe)",
+        "ghost (double bounce)",
+    ]

@@ -10,6 +10,7 @@ window.addEventListener("unhandledrejection", (event) => noteError(String(event.
 const data = JSON.parse(document.getElementById("campaign").textContent);
 const MAPS = { mapping: "Mapping: receiver known", slam: "SLAM: receiver unknown" };
 const N_COLORS = 6;
+const PATH_KINDS = ["line of sight", "one reflection", "two reflections", "three reflections", "diffracted", "through walls"];
 const GLYPHS = ["circle", "square", "up", "diamond", "down", "hexagon"];
 
 function fill(element, attributes, children) {
@@ -80,6 +81,11 @@ function look(index) {
     color: `var(--c${index % N_COLORS})`,
     shape: GLYPHS[(index + Math.floor(index / N_COLORS)) % GLYPHS.length],
   };
+}
+
+/** Where an incidence point comes from: its object, or why it has none. */
+function originOf(ips, index) {
+  return ips.object[index] || ips.cause[index] || "no single bounce";
 }
 
 /** A number with a fixed number of decimals and a typographic minus sign; a dash where it is unknown. */

@@ -76,12 +76,13 @@ function legendEntries() {
   const kinds = new Set(data.true.flatMap((paths) => (paths ? paths.kind : [])));
   const line = (cls) => svg("svg", { class: "swatch wide", viewBox: "0 0 34 12", width: 34, height: 12, "aria-hidden": "true" },
     svg("path", { class: cls, d: "M2 6H32" }));
-  const entries = [...kinds].map((kind) => [line(`ray ${kindClass(kind)}`), `true, ${kind}`]);
+  const mark = (cls, shape) => swatch(cls, shape, 4);
+  const entries = PATH_KINDS.filter((kind) => kinds.has(kind)).map((kind) => [line(`ray ${kindClass(kind)}`), `true, ${kind}`]);
   for (const status of Object.keys(STATUS).filter((one) => STATUS[one])) {
     entries.push([html("span", {}, line(`estimate ${status}`), swatch(`estimate-mark ${status}`, STATUS_GLYPHS[status])), `estimated, ${STATUS[status]}`]);
   }
+  if (data.scene.clutter.length) entries.push([mark("clutter", "square"), "mesh"]);
   if (data.has_truth) entries.push([html("span", {}, swatch("true-mark", "circle", 6), swatch("true-mark missed", "circle", 6)), "true path, detected and missed"]);
-  const mark = (cls, shape) => swatch(cls, shape, 4);
   entries.push([mark("stop", "circle"), data.has_truth ? "true RX stop" : "surveyed RX stop"], [mark("found", "plus"), "RX by SLAM"], [mark("tx", "diamond"), "TX with boresight"]);
   entries.push([line("contour ours neutral"), "our contour"], [line("contour paper neutral"), "the paper's contour"], [line("outline"), data.has_truth ? "true outline" : "surveyed outline"]);
   return entries.map(([sign, word]) => html("li", {}, sign, ` ${word}`));

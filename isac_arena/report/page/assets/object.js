@@ -104,7 +104,7 @@ function drawObject(drawing, mapName, width, height) {
     const style = shape === "cross" ? `stroke:${color};fill:none` : `fill:${color}`;
     add(`point ${shape} ${isHere ? "here" : ""}`, glyphD(shape, place, isHere ? 5.5 : 3.2), style);
     const row = data.stops.stop.indexOf(ips.stop[index]);
-    hits.push({ x: place[0], y: place[1], text: `stop ${ips.stop[index]}, path ${ips.path[index]}: ${ips.object[index] || ips.cause[index] || "no single bounce"}`,
+    hits.push({ x: place[0], y: place[1], text: `stop ${ips.stop[index]}, path ${ips.path[index]}: ${originOf(ips, index)}`,
       pick: () => select({ row, path: `e${ips.path[index]}` }) });
   }
   return hits;
@@ -173,7 +173,7 @@ function scoreTable(mapName, curves) {
   const words = Object.entries(SCORE_WORDS).filter(([name]) => curves.some((one) => one.scores[name] !== null));
   const heads = ["contour", "by", "points", "purity", ...words.map(([, [word]]) => word)];
   const rows = curves.map((one) => ({
-    cells: [`${one.word}${one.ghost ? `, ghost${one.cause ? `: ${one.cause}` : ""}` : ""}`, one.source === "ours" ? "ours" : "paper", `${one.n_ips}`, shown(one.purity, 2),
+    cells: [`${one.word}${one.called ? `, ${one.called}` : ""}`, one.source === "ours" ? "ours" : "paper", `${one.n_ips}`, shown(one.purity, 2),
       ...words.map(([name, [, decimals]]) => shown(one.scores[name], decimals))],
   }));
   return html("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Scores of the contours" },

@@ -1,12 +1,18 @@
-// The visible part of the floor plan, common to both maps. Mouse, touch and keys move and zoom it.
+// The visible part of the floor plan, common to both maps: the whole scene at first. Mouse, touch and keys move and
+// zoom it.
 
 const view = { x: 0, y: 0, zoom: 1 };
-const [west, south, east, north] = data.scene.view;
+const [west, south, east, north] = data.scene.extent;
 const ZOOM_LIMITS = [0.3, 60];
 const MOST_FOCUS = 2.5;
 
 function resetView() {
   Object.assign(view, { x: (west + east) / 2, y: (south + north) / 2, zoom: 1 });
+}
+function showWalk() {
+  const [x0, y0, x1, y1] = data.scene.view;
+  const zoom = Math.min((east - west) / (x1 - x0), (north - south) / (y1 - y0));
+  Object.assign(view, { x: (x0 + x1) / 2, y: (y0 + y1) / 2, zoom });
 }
 resetView();
 

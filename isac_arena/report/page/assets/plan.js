@@ -2,6 +2,7 @@
 
 const MANY_PATHS = 25; // the paths of a stop with more of them are paler
 const STUB_M = 1.6; // length drawn of an estimated path with unknown incidence point
+const SEVERAL_BOUNCES = ["two reflections", "three reflections"];
 const planFigures = [];
 const redrawPlans = () => planFigures.forEach((one) => one.redraw());
 
@@ -9,7 +10,8 @@ function makePlan(parent, mapName) {
   const tools = [
     ["+", "Zoom in", () => { view.zoom *= 1.4; }],
     ["−", "Zoom out", () => { view.zoom /= 1.4; }],
-    ["⌂", "Show the walk", resetView],
+    ["⌂", "Show the whole scene", resetView],
+    ["walk", "Show the walk", showWalk],
   ].map(([sign, label, act]) =>
     html("button", { type: "button", class: "sign", "aria-label": label, title: label, onclick: () => { act(); redrawPlans(); } }, sign));
   const plan = figure(parent, {
@@ -115,6 +117,8 @@ function drawPaths(sheet) {
   const truth = data.true[row];
   if (truth && !state.hidden.has("true")) {
     truth.corners.forEach((corners, index) => {
+      const isSeveral = SEVERAL_BOUNCES.includes(truth.kind[index]);
+      if (isSeveral && state.hidden.has("several") && !samePath(`t${index}`)) return;
       const points = project([...data.scene.tx.xy, ...corners, ...data.stops.xy.slice(2 * row, 2 * row + 2)]);
       const many = truth.path.length > MANY_PATHS ? "many" : "";
       const kind = `ray ${many} ${kindClass(truth.kind[index])} ${fadePath(`t${index}`)}`;
@@ -191,8 +195,7 @@ function drawPoints({ add, to, hits, mapName }) {
     const key = `${item?.key ?? ""} ${isHere}`;
     if (!groups.has(key)) groups.set(key, { item, isHere, places: [] });
     groups.get(key).places.push(place);
-    const from = ips.object[index] || ips.cause[index] || "no single bounce";
-    const text = `IP of stop ${ips.stop[index]}, path ${ips.path[index]}: ${from}`;
+    const text = `IP of stop ${ips.stop[index]}, path ${ips.path[index]}: ${originOf(ips, index)}`;
     const pick = () => select({ row: data.stops.stop.indexOf(ips.stop[index]), path: `e${ips.path[index]}`,
       object: item?.key ?? state.object });
     hits.push({ x: place[0], y: place[1], text, pick });
@@ -249,7 +252,8 @@ function drawNames({ add, to, hits, width, height }) {
   const [x, y] = to(data.scene.tx.xy);
   write("TX", [x, y - 9], "strong");
   const isChosen = (object) => object.name === state.object;
-  for (const object of [...data.scene.objects].sort((a, b) => isChosen(b) - isChosen(a))) {
+  const meshes = data.scene.clutter.map(({ name, rings }) => ({ name, closed: true, xy: rings.flat() }));
+  for (const object of [...data.scene.objects, ...meshes].sort((a, b) => isChosen(b) - isChosen(a))) {
     const inside = pairs(object.xy).map(to).filter(([px, py]) => px > 0 && px < width && py > 0 && py < height);
     if (!inside.length) continue;
     const [xs, ys] = [inside.map(([px]) => px), inside.map(([, py]) => py)];

@@ -2,6 +2,7 @@
 
 const LAYERS = {
   true: "true paths",
+  several: "also of several bounces",
   estimated: "estimated paths",
   points: "incidence points",
   band: "95 % bands",
@@ -15,7 +16,7 @@ const state = {
   object: "",
   map: window.matchMedia("(max-width: 45rem)").matches ? "mapping" : "both",
   contours: hasOurs ? "ours" : "paper",
-  hidden: new Set(),
+  hidden: new Set(["several"]), // they would hide the plan
 };
 
 /** Everything that can be selected as an object: true objects with paths or points, then contours without object. */
@@ -40,7 +41,7 @@ function findItems() {
     for (const source of ["contours", "shapes"]) {
       map[source].forEach((one, row) => {
         const word = source === "contours" ? "contour" : "cluster";
-        const what = one.ghost ? "ghost" : "several objects";
+        const what = one.called || "several objects";
         const title = `${mapName === "slam" ? "SLAM" : "mapping"} ${word} ${row}: ${what}`;
         const item = found.get(one.object) ?? enter(`${mapName}-${word}-${row}`, title, "", one.ghost);
         item.rows[mapName][source].push(row);
@@ -89,7 +90,7 @@ function writeAddress() {
   const parts = new URLSearchParams({ stop: data.stops.stop[state.row], map: state.map, contours: state.contours });
   if (state.object) parts.set("object", state.object);
   if (state.path) parts.set("path", state.path);
-  if (state.hidden.size) parts.set("hide", [...state.hidden].join(","));
+  parts.set("hide", [...state.hidden].join(","));
   try {
     history.replaceState(null, "", `#${parts}`);
   } catch {
@@ -108,7 +109,7 @@ function readAddress() {
   }
   state.object = items.has(parts.get("object")) ? parts.get("object") : "";
   state.path = /^[et]\d+$/.test(parts.get("path") ?? "") ? parts.get("path") : "";
-  state.hidden = new Set((parts.get("hide") ?? "").split(",").filter((name) => name in LAYERS));
+  if (parts.has("hide")) state.hidden = new Set(parts.get("hide").split(",").filter((name) => name in LAYERS));
 }
 window.addEventListener("hashchange", () => {
   readAddress();

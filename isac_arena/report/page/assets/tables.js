@@ -61,7 +61,7 @@ function pointTable(mapName, points) {
     const centi = (value) => shown(value === null ? null : 100 * value, 1);
     return {
       cells: [`${ips.stop[index]}, ${ips.path[index]}`, supports.filter(Boolean).join(", ") || "–",
-        ips.object[index] || ips.cause[index] || "no single bounce", shown(x, 2), shown(y, 2),
+        originOf(ips, index), shown(x, 2), shown(y, 2),
         `${centi(ips.std_m[2 * index])} × ${centi(ips.std_m[2 * index + 1])}`, centi(ips.surface_m[index]), centi(ips.error_m[index]),
         shown(ips.nees[index], 1)],
       chosen: row === state.row,

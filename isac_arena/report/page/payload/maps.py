@@ -8,7 +8,8 @@ from estimation.slam.record import SolveStatus
 from isac_arena.campaign.results import MapResult
 from isac_arena.report.figures.bands import Curve, contour_curve, shape_curve
 from isac_arena.report.page.payload.numbers import number, rounded
-from isac_arena.scoring.record import ContourScores, IpScores, MapScores, OutlineScores
+from isac_arena.scoring.causes import cause_words, ghost_words
+from isac_arena.scoring.record import IpScores, MapScores, OutlineScores
 from scenes.record import IntArray
 
 SHAPE_STEP = 3  # every third sample of the paper's contours is drawn
@@ -25,8 +26,8 @@ def map_payload(result: MapResult, scores: MapScores) -> dict[str, Any]:
             "status": [SolveStatus(status).name for status in poses.status],
         },
         "ips": _points(result, scores.ips),
-        "contours": [_contour(result, scores.contours, row) for row in range(len(result.contours))],
-        "shapes": [_shape(result, scores.clusters, row) for row in range(len(result.shapes.center_m))],
+        "contours": [_contour(result, scores, row) for row in range(len(result.contours))],
+        "shapes": [_shape(result, scores, row) for row in range(len(result.shapes.center_m))],
     }
 
 
@@ -43,14 +44,14 @@ def _points(result: MapResult, scores: IpScores) -> dict[str, Any]:
         "ours": result.contours.object.tolist(),
         "paper": result.shapes.label.tolist(),
         "object": scores.object.tolist(),
-        "cause": scores.cause.tolist(),
+        "cause": cause_words(scores.cause, scores.surface_distance_m),
         "surface_m": rounded(scores.surface_distance_m, 4),
         "error_m": rounded(scores.position_error_m, 4),
         "nees": rounded(scores.nees, 2),
     }
 
 
-def _contour(result: MapResult, scores: ContourScores, row: int) -> dict[str, Any]:
+def _contour(result: MapResult, scores: MapScores, row: int) -> dict[str, Any]:
     contours = result.contours
     return {
         "kind": str(contours.kind[row]),
@@ -60,12 +61,12 @@ def _contour(result: MapResult, scores: ContourScores, row: int) -> dict[str, An
         "extent_std_m": number(contours.extent_std_m[row], 3),
         "classes": contours.class_name.tolist(),
         "probability": rounded(contours.class_probability[row], 3),
-        **_origin(scores, row, contours.object),
+        **_origin(scores.contours, row, contours.object, scores.ips),
         **_curve(contour_curve(contours, row)),
     }
 
 
-def _shape(result: MapResult, scores: OutlineScores, row: int) -> dict[str, Any]:
+def _shape(result: MapResult, scores: MapScores, row: int) -> dict[str, Any]:
     shapes = result.shapes
     return {
         "kind": "star-convex",
@@ -73,17 +74,17 @@ def _shape(result: MapResult, scores: OutlineScores, row: int) -> dict[str, Any]
         "signal_std_m": number(shapes.signal_std_m[row], 3),
         "length_scale": number(shapes.length_scale[row], 3),
         "noise_std_m": number(shapes.noise_std_m[row], 4),
-        "cause": str(scores.cause[row]),
-        **_origin(scores, row, shapes.label),
+        **_origin(scores.clusters, row, shapes.label, scores.ips),
         **_curve(shape_curve(shapes, row, SHAPE_STEP)),
     }
 
 
-def _origin(scores: OutlineScores, row: int, label: IntArray) -> dict[str, Any]:
+def _origin(scores: OutlineScores, row: int, label: IntArray, ips: IpScores) -> dict[str, Any]:
     """The object that a contour shows, and the scores of the contour."""
     return {
         "object": str(scores.object[row]),
         "ghost": bool(scores.is_ghost[row]),
+        "called": ghost_words(scores.cause, label, ips.surface_distance_m)[row] if scores.is_ghost[row] else "",
         "found": bool(scores.is_found[row]),
         "purity": number(scores.purity[row], 3),
         "n_ips": int((label == row).sum()),

@@ -7,6 +7,7 @@ import numpy as np
 from isac_arena.campaign.results import CampaignResults
 from isac_arena.report.figures.path_lines import path_kind
 from isac_arena.report.page.payload.numbers import rounded
+from isac_arena.scoring.causes import cause_words
 from isac_arena.scoring.record import PathStatus, ScoreTables
 from scenes.pose import wrap_angle
 from scenes.record import FloatArray
@@ -31,7 +32,7 @@ def estimated_paths(stop: int, results: CampaignResults, tables: ScoreTables) ->
         "aoa_std_deg": rounded(np.rad2deg(aoa_std_rad), 4),
         "los": estimate.is_los.tolist(),
         "status": [PathStatus(status).name.lower() for status in scores.status],
-        "cause": scores.cause.tolist(),
+        "cause": cause_words(scores.cause),
         "true_path": scores.true_path.tolist(),
         "object": scores.object.tolist(),
         "delay_error_ns": rounded(1e9 * scores.delay_error_s, 3),
@@ -57,7 +58,7 @@ def true_paths(truth: Truth, tables: ScoreTables) -> dict[str, Any]:
         "aoa_deg": _degrees(rows.aoa_azimuth_rad),
         "power_dbm": rounded(rows.power_dbm, 1),
         "detected": rows.is_detected.tolist(),
-        "cause": rows.cause.tolist(),
+        "cause": cause_words(rows.cause),
         "delay_bound_ns": rounded(1e9 * rows.delay_bound_s, 4),
         "aod_bound_deg": rounded(np.rad2deg(rows.aod_bound_rad), 4),
         "aoa_bound_deg": rounded(np.rad2deg(rows.aoa_bound_rad), 4),
