@@ -25,7 +25,7 @@ MODULES: Mapping[str, tuple[str, ...]] = {
         f"propagation.{name}" for name in ("closed_form", "specular", "diffraction", "mesh", "nist")
     ),
     "slam": ("slam.measured", "slam.snapshot", "slam.trajectory", "slam.laws"),
-    "scoring": ("scoring.metrics", "scoring.bounds", "scoring.budget"),
+    "scoring": ("scoring.metrics", "scoring.bounds", "scoring.campaigns", "scoring.budget"),
     "channel": ("channel.efficiency", "channel.noise", "channel.hardware", "channel.arena"),
     "shape": tuple(f"shape.{name}" for name in ("gp", "points", "law", "reflection", "campaign", "measured")),
     "twin": ("twin",),
