@@ -3,10 +3,7 @@
 `driver.py` calls them in order.
 """
 
-import importlib
-import warnings
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import chdir, contextmanager
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -27,6 +24,7 @@ from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.measured import MeasuredTruth
 from isac_arena.campaign.results import MapResult
 from isac_arena.scoring.config import Significance
+from isac_arena.user_code import fenced, imported_function, user_error
 from scenes.pose import Pose
 from scenes.record import IntArray
 from sim.observation import BeamSweep
@@ -55,17 +53,16 @@ def user_estimator(name: str) -> ChannelEstimator:
     Raises `ValueError` where the name has another form, cannot be imported or is no function; and, when called,
     where the function returns something else than the `ChannelEstimate` of the same stop.
     """
-    function = _imported(name)
+    function = imported_function(name)
 
     def checked(sweep: BeamSweep) -> ChannelEstimate:
         try:
-            with _fenced():
+            with fenced():
                 estimate = function(sweep)
         except KeyboardInterrupt:
             raise
         except BaseException as error:  # it may also end the process
-            reason = f"{type(error).__name__}: {error}"
-            raise ValueError(f"estimator = '{name}' at stop {sweep.stop}: {reason}") from error
+            raise user_error(f"estimator = '{name}' at stop {sweep.stop}: ", error) from error
         return checked_estimate(estimate, sweep, name)
 
     return checked
@@ -143,27 +140,3 @@ def significance(config: CampaignConfig, link: Link) -> Significance:
         dynamic_range_db=config.channel.power.dynamic_range_db,
         noise_threshold_dbm=float(10 * np.log10(threshold * noise_mw)),
     )
-
-
-@contextmanager
-def _fenced() -> Iterator[None]:
-    """Undo what a user's code changes for the code after it: working directory, warnings, errors of numpy."""
-    with chdir("."), warnings.catch_warnings(), np.errstate():
-        yield
-
-
-def _imported(name: str) -> Callable[[BeamSweep], object]:
-    module_name, colon, function_name = name.partition(":")
-    if not (module_name and colon and function_name):
-        raise ValueError(f"estimator = '{name}': write it as package.module:function")
-    try:
-        with _fenced():
-            function = getattr(importlib.import_module(module_name), function_name)
-    except KeyboardInterrupt:
-        raise
-    except BaseException as error:
-        reason = f"{type(error).__name__}: {error}"
-        raise ValueError(f"estimator = '{name}': cannot be imported ({reason})") from error
-    if not callable(function):
-        raise ValueError(f"estimator = '{name}': is no function")
-    return function  # type: ignore[no-any-return]

@@ -1,7 +1,7 @@
 """The plan of a run: what is done, what is doubtful and what is refused, before the first stop is computed."""
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -49,8 +49,7 @@ def elevations_deg(array: ArrayConfig) -> list[float]:
 
 
 def plan_run(config: CampaignConfig, scene: Scene, link: Link, estimator: str | None = None) -> RunPlan:
-    """The plan of a campaign; raises as `check_elevations`."""
-    check_elevations(config, estimator)
+    """The plan of a campaign that passes `check_elevations`."""
     n_pairs = len(link.tx_codebook) * len(link.rx_codebook)
     megabytes = 1e-6 * SAMPLE_BYTES * n_pairs * link.prs_symbol.shape[1]
     does = (
@@ -61,8 +60,7 @@ def plan_run(config: CampaignConfig, scene: Scene, link: Link, estimator: str | 
         return RunPlan(does, tuple(_about_settings(config, scene)))
     step = -(-len(scene.stops) // MOST_STOPS)
     seen = _seen_paths(config, scene, step)
-    level_dbm = line_of_sight_at_1m_dbm(config)
-    in_sight = _about_sight(scene, link, level_dbm, seen, step)
+    in_sight = (*_about_heights(config, scene, link, seen, step), *_about_sight(scene, seen, step))
     return RunPlan(does, (*_about_settings(config, scene), *in_sight, *_about_cells(scene, link)))
 
 
@@ -100,17 +98,12 @@ def _height_bias_m(scene: Scene) -> tuple[float, float]:
     return float(np.median(excess)), float(np.abs(offset[:, 2]).max())
 
 
-def _about_sight(scene: Scene, link: Link, level_dbm: float, seen: list[Paths], step: int) -> Iterator[str]:
-    """Stops that receive nothing, or only from behind, and objects and meshes that reflect to no stop."""
+def _about_sight(scene: Scene, seen: list[Paths], step: int) -> Iterator[str]:
+    """Stops that receive nothing, and objects and meshes that reflect to no stop."""
     stops = range(0, len(scene.stops), step)
     dark = [stop for stop, paths in zip(stops, seen, strict=True) if not len(paths)]
     if dark:
         yield f"no line of sight and no single reflection reaches stop {_listed(map(str, dark))}"
-    behind = [
-        stop for stop, paths in zip(stops, seen, strict=True) if _is_behind(scene, link, level_dbm, stop, paths)
-    ]
-    if behind:
-        yield f"the beams do not cover the line of sight of stop {_listed(map(str, behind))}: turn or add panels"
     names = np.array([*scene.object_names, *(mesh.name for mesh in scene.clutter)])
     reflecting = {
         str(paths.object_name[item]) for paths in seen for item in np.unique(paths.bounce_object) if item >= 0
@@ -127,14 +120,35 @@ def _about_sight(scene: Scene, link: Link, level_dbm: float, seen: list[Paths], 
         )
 
 
-def _is_behind(scene: Scene, link: Link, level_dbm: float, stop: int, paths: Paths) -> bool:
-    """Whether a stop has a line of sight that the beams of a device do not cover."""
-    los = paths.take("path", paths.is_los)
-    if not len(los):
-        return False
-    received = best_beam_power_dbm(los, link, scene.tx, scene.stops[stop])[0]
-    distance_m = SPEED_OF_LIGHT_M_S * los.delay_s[0]
-    return bool(received < level_dbm - 20 * np.log10(distance_m) - BEHIND_DB)
+def _about_heights(
+    config: CampaignConfig, scene: Scene, link: Link, seen: list[Paths], step: int
+) -> Iterator[str]:
+    """Lines of sight that the beams pass above or below, and those behind the panels."""
+    level_dbm = line_of_sight_at_1m_dbm(config)
+    reflection_db = config.channel.los.reflection_loss_db  # a line of sight with this loss is taken for a bounce
+    passed: dict[str, float] = {}
+    behind: list[str] = []
+    for stop, paths in zip(range(0, len(scene.stops), step), seen, strict=True):
+        los = paths.take("path", paths.is_los)
+        if not len(los):
+            continue
+        flat = replace(los, aod_elevation_rad=np.zeros(len(los)), aoa_elevation_rad=np.zeros(len(los)))
+        free_dbm = level_dbm - 20 * np.log10(SPEED_OF_LIGHT_M_S * los.delay_s[0])
+        loss_db, flat_loss_db = (
+            free_dbm - best_beam_power_dbm(one, link, scene.tx, scene.stops[stop])[0] for one in (los, flat)
+        )
+        if flat_loss_db > BEHIND_DB:
+            behind.append(str(stop))
+        elif loss_db >= reflection_db and flat_loss_db < loss_db / 2:
+            passed[str(stop)] = loss_db
+    if passed:
+        yield (
+            f"the beams pass above or below the line of sight of stop {_listed(passed)}: it arrives up to "
+            f"{max(passed.values()):.0f} dB too weak and looks like a reflection: SLAM may be metres off; "
+            f"{HEIGHTS}"
+        )
+    if behind:
+        yield f"the beams do not cover the line of sight of stop {_listed(behind)}: turn or add panels"
 
 
 def _about_cells(scene: Scene, link: Link) -> Iterator[str]:

@@ -76,15 +76,16 @@ def run_campaign(
 ) -> None:  # fmt: skip
     """All stages from the scene to the report, into a directory; an interrupted run continues."""
     with opened(campaign, out, seed, estimator) as store:
-        print_plan(run_plan(store))
+        plan = run_plan(store)
+        print_plan(plan)
         sweep_and_estimate(store, keep_sweeps=keep_sweeps)
         build_maps(store)
         write_scores(store)
-        write_report(store)
+        write_report(store, plan)
 
 
 def run_plan(store: CampaignStore) -> RunPlan:
-    """What a run does and what is doubtful about it; a measured campaign has no doubts of a simulation."""
+    """What a run does and what is doubtful about it."""
     with working(console, "plan"):
         scene = scene_of(store)
         return plan_run(store.config, scene, make_link(store.config), store.estimator)
@@ -186,8 +187,8 @@ def write_scores(store: CampaignStore) -> None:
     console.print(score_table(scores))
 
 
-def write_report(store: CampaignStore) -> None:
-    """Draw the figures and write the self-contained HTML report."""
+def write_report(store: CampaignStore, plan: RunPlan | None = None) -> None:
+    """Draw the figures and write the self-contained HTML report, with the doubts of the plan where it is known."""
     from isac_arena.report.page.figures import make_figures  # noqa: PLC0415  (brings matplotlib)
     from isac_arena.report.page.html import render_report  # noqa: PLC0415
 
@@ -199,8 +200,9 @@ def write_report(store: CampaignStore) -> None:
         scores = Scores(metrics(scene, tables), tables)
         figures = make_figures(scene, results, scores)
         facts = run_facts(store.config, scene, store.estimator, store.measured)
-        if store.measured is None and (doubts := run_plan(store).doubts):
-            facts["Doubtful"] = "; ".join(doubts)
+        plan = plan or (run_plan(store) if store.measured is None else None)
+        if plan and plan.doubts:
+            facts["Doubtful"] = "; ".join(plan.doubts)
         page = render_report(_page_payload(store, scene, results, tables), scores, figures, facts)
         store.write_report(page, {name: figure.png for name, figure in figures.items()})
     console.print(f"report: {store.directory / 'report.html'}")

@@ -23,11 +23,12 @@ def show(campaign: Campaign, seed: Seed = None) -> None:
     from isac_arena.campaign import stages  # noqa: PLC0415
     from isac_arena.campaign.campaign import load_campaign  # noqa: PLC0415
     from isac_arena.campaign.load import campaign_path  # noqa: PLC0415
-    from isac_arena.campaign.plan import plan_run  # noqa: PLC0415
+    from isac_arena.campaign.plan import check_elevations, plan_run  # noqa: PLC0415
     from isac_arena.campaign.summary import run_facts  # noqa: PLC0415
     from scenes.toml_config import read_text  # noqa: PLC0415
 
     loaded = load_campaign(campaign, seed=seed)
+    check_elevations(loaded.config, None)
     typer.echo(read_text(campaign_path(campaign)))
     for name, fact in run_facts(loaded.config, loaded.scene, None).items():
         typer.echo(f"{name}: {fact}")

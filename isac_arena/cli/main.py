@@ -34,10 +34,12 @@ from isac_arena.cli import (
 )
 from isac_arena.cli.options import with_memory
 from isac_arena.own_packages import hiding_names
+from isac_arena.user_code import EstimatorError
 
 USAGE_ERROR: Any = typer.BadParameter.__bases__[0]  # of click, or of typer's own copy of click
 
 INTERRUPTED = 130
+TRACE_FILE = Path("estimator_error.txt")
 FULL = "free some space and run the same command again: it continues where it stopped"
 ELSEWHERE = "choose an --out that can be written"
 
@@ -80,10 +82,21 @@ def guarded(call: Callable[[], Any]) -> None:
         _fail(_usage(error), error.exit_code)
     except (KeyboardInterrupt, typer.Abort):
         _fail("interrupted; the same command continues where it stopped", INTERRUPTED)
+    except EstimatorError as error:
+        _fail(f"{error}{_kept(error.trace)}", 2)
     except (ValueError, OSError, RuntimeError) as error:
         _fail(_one_line(error), 2)
     except Exception as error:  # a defect of ours: still one line, with a way to see more
         _fail(f"{type(error).__name__}: {_one_line(error)} (ARENA_DEBUG=1 shows where)", 70)
+
+
+def _kept(trace: str) -> str:
+    """Where the traceback of a user's function is kept: a file in the working folder, if it can be written."""
+    try:
+        TRACE_FILE.write_text(trace, encoding="utf-8")
+    except OSError:
+        return ""
+    return f"; traceback in {TRACE_FILE}"
 
 
 def _add_working_folder() -> None:

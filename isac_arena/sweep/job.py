@@ -5,6 +5,7 @@ paths/HASH/stop_000.nc     traced paths, shared by all cases of the same scene a
 signals/HASH/stop_000.nc   samples, while several cases wait for them
 cases/HASH/                campaign.json, scores.json, provenance.nc, manifest.json: there only when whole
 estimates/HASH/stop_000.nc channel estimates, of cases that end there
+failures/KEY.txt           traceback of a user's function, where it failed
 times/HASH.json            processor time in s of each of them
 """
 
@@ -77,6 +78,11 @@ class Job:
     def estimate_file(self, stop: int) -> Path:
         """The channel estimate of a stop, kept where the case runs no later stage."""
         return self.root / "estimates" / self.channel_hash / f"stop_{stop:03d}.nc"
+
+    @property
+    def trace_file(self) -> Path:
+        """Traceback of a user's function that failed in the case."""
+        return path_in(self.root / "failures", f"{self.key}.txt")
 
     @property
     def times_file(self) -> Path:

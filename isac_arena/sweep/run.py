@@ -19,13 +19,14 @@ from threadpoolctl import threadpool_limits
 from estimation.channel.record import ChannelEstimate
 from isac_arena.campaign.chain import channel_estimator
 from isac_arena.campaign.driver import CampaignRun, MemoryResults
-from isac_arena.campaign.files import read_record, write_json, write_record
+from isac_arena.campaign.files import read_record, write_json, write_record, write_text
 from isac_arena.campaign.plan import check_elevations
 from isac_arena.campaign.recording import recorded_run
 from isac_arena.scoring.metrics.metric import to_json
 from isac_arena.scoring.score import Scores
 from isac_arena.sweep.cases import Case
 from isac_arena.sweep.job import Job
+from isac_arena.user_code import EstimatorError
 from scenes.record import Record
 from scenes.scene import Scene
 from sim.observation import BeamSweep
@@ -122,8 +123,17 @@ def run_cases(jobs: Sequence[Job]) -> list[str | None]:
         if isinstance(scores, Scores):
             store_case(job, scores)
         else:
-            reasons[job.key] = reason(scores)
+            reasons[job.key] = _told(job, scores)
     return [reasons.get(job.key) for job in jobs]
+
+
+def _told(job: Job, error: Exception) -> str:
+    """The error of a case in one line; the traceback of a user's function goes to the file that the line names."""
+    if not isinstance(error, EstimatorError):
+        return reason(error)
+    case = f"case {job.key}, point {job.point}: {', '.join(map(str, job.values))}; seed {job.config.seed}"
+    write_text(job.trace_file, f"{case}\n{error.trace}")
+    return f"{error}; traceback in {job.trace_file}"
 
 
 def reason(error: BaseException) -> str:

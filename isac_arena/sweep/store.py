@@ -2,7 +2,7 @@
 
 sweep.json          the resolved sweep and its base campaign
 plan.json           key, point, repeat, seed and axis values of every case
-failures/KEY.json   the error of a case; removed when the case is tried again
+failures/KEY.json   the error of a case (KEY.txt: traceback of a user's function); removed when it is tried again
 """
 
 import json
@@ -160,7 +160,8 @@ def write_failure(directory: Path, key: str, reason: str) -> None:
 def forget_failures(directory: Path, keys: Iterable[str]) -> None:
     """Remove recorded failures, so that their cases run again."""
     for key in keys:
-        remove_file(path_in(directory / "failures", f"{key}.json"))
+        for ending in ("json", "txt"):
+            remove_file(path_in(directory / "failures", f"{key}.{ending}"))
 
 
 def _first_line(error: BaseException) -> str:

@@ -32,6 +32,9 @@ def test_unequal_heights_with_horizontal_beams() -> None:
     distance_m = np.linalg.norm(np.linspace([4.0, 2.0], [8.5, 2.0], 4) - [1.5, 4.0], axis=1)
     excess_m = np.median(np.hypot(distance_m, 1.4) - distance_m)
     assert excess_m > LEAST_BIAS_M and f"about {excess_m:.2g} m off" in told[0] and "1.4 m in height" in told[0]
+    assert "above or below the line of sight of stop 0, 1: it arrives up to 36 dB too weak" in told[1]
+    near = {**ROOM, "tx": {**tx, "position_m": [1.5, 4.0, 1.8]}, "walk": {**ROOM["walk"], "height_m": 1.2}}
+    assert not any("above or below" in line for line in doubts(near))
     beams = {"beam_elevation_deg": [-10.0, 10.0]}
     told = doubts({**ROOM, "tx": tx}, tx_array=beams, channel={"method": "coherent"})
     assert not any("height" in line for line in told)

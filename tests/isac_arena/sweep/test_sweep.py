@@ -91,6 +91,8 @@ def test_a_failed_case_is_recorded_and_stops_no_other(files: Path) -> None:
     assert failed.exit_code == 1
     assert "1 of 2 cases done, 1 failed" in failed.output
     assert "broken on purpose" in failed.output
+    (trace,) = (files / "out" / "failures").glob("*.txt")
+    assert "raise" in trace.read_text() and trace.name in "".join(failed.output.split())
     again = run(files, "out", "--workers", "1")
     assert again.exit_code == 1 and "1 failed" in again.output
     (files / "broken").unlink()
