@@ -2,7 +2,7 @@
 
 import typer
 
-from isac_arena.cli.options import Campaign, Directory, Estimator, KeepSweeps, Out, Seed
+from isac_arena.cli.options import Campaign, Directory, Estimator, KeepSweeps, Out, Seed, with_clock
 
 app = typer.Typer(help="The campaigns of the library and your own.", no_args_is_help=True)
 
@@ -18,6 +18,7 @@ def list_campaigns() -> None:
 
 
 @app.command("show")
+@with_clock
 def show(campaign: Campaign, seed: Seed = None) -> None:
     """Print the file of a campaign, what it makes, and what is doubtful about it."""
     from isac_arena.campaign import stages  # noqa: PLC0415

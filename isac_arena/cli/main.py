@@ -32,7 +32,7 @@ from isac_arena.cli import (
     verify,
     view,
 )
-from isac_arena.cli.options import with_memory
+from isac_arena.cli.options import with_clock, with_memory
 from isac_arena.own_packages import hiding_names
 from isac_arena.user_code import EstimatorError
 
@@ -51,9 +51,10 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 COMMANDS = (
-    campaign.run, campaign.generate, campaign.estimate, campaign.score, campaign.report, view.view,
-    exchange.import_mat, exchange.import_deepmimo, exchange.export, link.link, exchange.export_sigmf, bound.bound,
-    ablate.ablate, budget.budget, sweep.sweep, sweep.sweep_report, verify.verify, compare.compare, golden.golden,
+    campaign.run, campaign.generate, campaign.estimate, campaign.score, campaign.report, with_clock(view.view),
+    with_clock(exchange.import_mat), with_clock(exchange.import_deepmimo), with_clock(exchange.export), link.link,
+    with_clock(exchange.export_sigmf), bound.bound, ablate.ablate, budget.budget, sweep.sweep, sweep.sweep_report,
+    verify.verify, with_clock(compare.compare), golden.golden,
     twin.twin, doctor.doctor, validate.validate, validate.bench, new.settings,
 )  # fmt: skip
 for command in COMMANDS:

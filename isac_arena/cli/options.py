@@ -2,6 +2,7 @@
 
 import inspect
 from collections.abc import Callable
+from functools import wraps
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -22,6 +23,21 @@ Quick = Annotated[bool, typer.Option("--quick", help="A subset that takes second
 Memory = Annotated[
     str | None, typer.Option(help="Most memory to take, such as 4GB; by default 80 % of what is free.")
 ]
+
+
+def with_clock(command: Callable[..., Any]) -> Callable[..., Any]:
+    """A command of unknown length: a spinner in a terminal, elsewhere a line every 30 s."""
+
+    @wraps(command)
+    def timed(*arguments: Any, **options: Any) -> Any:
+        from rich.console import Console  # noqa: PLC0415
+
+        from isac_arena.progress import working  # noqa: PLC0415
+
+        with working(Console(highlight=False), command.__name__.replace("_", " ")):
+            return command(*arguments, **options)
+
+    return timed
 
 
 def with_memory(command: Callable[..., Any]) -> Callable[..., Any]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from isac_arena.cli.options import with_memory
+from isac_arena.cli.options import with_clock, with_memory
 
 if TYPE_CHECKING:
     from scenes.scene import Scene
@@ -47,6 +47,7 @@ def list_scenes() -> None:
 
 @app.command("show")
 @with_memory
+@with_clock
 def show(
     name: SceneName,
     out: Annotated[Path | None, typer.Option(help="PNG file to write; NAME.png by default.")] = None,
@@ -78,6 +79,7 @@ def show(
 
 @app.command("export")
 @with_memory
+@with_clock
 def export(
     name: SceneName,
     mesh_format: Annotated[MeshFormat, typer.Option("--format", help="glTF, PLY, or Mitsuba XML.")],

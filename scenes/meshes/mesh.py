@@ -24,6 +24,7 @@ FORMATS: dict[str, tuple[str, ...]] = {  # and the packages that trimesh needs b
     ".3mf": ("lxml", "networkx"),
     ".dae": ("collada",),
 }
+Y_UP = (".gltf", ".glb")  # glTF 2.0, clause 3.4: right-handed, y up
 MAX_SAGITTA_M = 0.02
 EXPORT_SAGITTA_M = 1e-3
 PLANE_COLOR = "#d5d8dc"  # floor and ceiling of exported meshes
@@ -72,8 +73,9 @@ def object_meshes(
 def read_mesh(path: Path) -> tuple[FloatArray, IntArray]:
     """Vertices (vertex, xyz) and faces (face, corner) of a mesh file; equal vertices of a body are merged.
 
-    OBJ, STL, PLY, OFF, glTF and GLB (their y axis points up), a zip archive of them, and 3MF and DAE with further
-    packages. Raises `ValueError` if the file cannot be read or holds no triangle.
+    OBJ, STL, PLY, OFF, glTF and GLB, a zip archive of them, and 3MF and DAE with further packages. z points up in
+    files, except in glTF and GLB, where y does by their standard: these are turned upright. Raises `ValueError` if
+    the file cannot be read or holds no triangle.
     """
     if not path.exists():
         raise ValueError(f"file = '{path}': there is no such file")
@@ -103,7 +105,9 @@ def read_mesh(path: Path) -> tuple[FloatArray, IntArray]:
         raise ValueError(f"file = '{path}': cannot be read as a mesh ({reason})") from error
     if not len(getattr(loaded, "faces", ())):
         raise ValueError(f"file = '{path}': holds no triangle")
-    return np.asarray(loaded.vertices, float), np.asarray(loaded.faces, int)
+    vertices = np.asarray(loaded.vertices, float)
+    upright = vertices[:, [0, 2, 1]] * [1, -1, 1] if kind in Y_UP else vertices
+    return upright, np.asarray(loaded.faces, int)
 
 
 def write_ply(part: MeshPart, folder: Path) -> Path:

@@ -131,7 +131,7 @@ class MeshConfig(ConfigModel):
     """Clutter from a mesh file in the folder of the scene file: scaled, rotated about x, y, z, and moved."""
 
     name: Name | None = Field(None, description="name of the mesh; by default that of the file")
-    file: FileName = Field(description="mesh that trimesh reads, z up, beside the scene file")
+    file: FileName = Field(description="mesh that trimesh reads, z up (glTF: y up), beside the scene file")
     material: str = Field(description="name of one of the materials")
     kind: ObjectKind = Field("clutter", description="what the mesh is called in scores and figures")
     position_m: Triple = Field((0.0, 0.0, 0.0), description="x, y, z that the mesh is moved by")

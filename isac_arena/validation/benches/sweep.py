@@ -32,7 +32,7 @@ WARM_SEED = 900_000  # of the case that loads and compiles, not one of those tha
 
 def bench_workers(seed: int, quick: bool) -> list[Measurement]:
     """Small cases in a plain loop, on one worker and on two, all with libraries loaded and code compiled."""
-    n_cases, repeats = (8, 2) if quick else (64, 2)
+    n_cases, repeats = (6, 1) if quick else (64, 2)
     with tempfile.TemporaryDirectory() as folder:
         sweep = sweep_of(POWER, [0.0, 20.0], n_cases // 2)
         loop_s = _best(repeats, lambda k: _time_loop(make_jobs(Path(folder, f"loop{k}"), sweep, seed)))
@@ -62,7 +62,8 @@ def bench_estimators(seed: int, quick: bool) -> list[Measurement]:
     """Eight settings of the channel estimator on one campaign that is traced and generated."""
     with tempfile.TemporaryDirectory() as folder:
         settings = [12.0 + 2.0 * step for step in range(2 if quick else 8)]
-        jobs = make_jobs(Path(folder, "sweep"), sweep_of(RANGE, settings, 1), seed, FULL)
+        sweep = sweep_of(RANGE, settings, 1).model_copy(update={"stop_every": 2 if quick else 1})
+        jobs = make_jobs(Path(folder, "sweep"), sweep, seed, FULL)
         _run([_warm(jobs, FULL)])
         trace_stops(jobs[0], jobs[0].stops)
         make_signals(jobs[0], jobs[0].stops)

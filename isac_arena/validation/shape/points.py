@@ -20,8 +20,8 @@ from isac_arena.validation.scenarios import point_clusters
 from scenes.record import FloatArray
 
 BAND_STD = 1.96
-PILLAR_DRAWS, QUICK_DRAWS = 36, 3
-WALL_DRAWS, QUICK_WALL_DRAWS = 15, 2
+PILLAR_DRAWS, QUICK_DRAWS = 36, 1
+WALL_DRAWS, QUICK_WALL_DRAWS = 15, 1
 RECESS_M = 0.3
 
 Method = Callable[[PointCluster], ShapeFit]
