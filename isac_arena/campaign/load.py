@@ -92,11 +92,26 @@ def changed_campaign(
     config, scene_file = resolve_campaign(changed, path)
     scene = scene_of(scene_file)
     if in_scene:
-        tables = tomllib.loads(scene.text)
+        tables = before = tomllib.loads(scene.text)
         for field, value in in_scene:
-            put_field(tables, field, value)
-        scene = replace(scene, text=tomli_w.dumps(tables), file=None)
+            tried = copy.deepcopy(tables)
+            put_field(tried, field, value)
+            if not _is_same_scene(tried, tables):
+                tables = tried
+        if tables is not before:
+            scene = replace(scene, text=tomli_w.dumps(tables), file=None)
     return config, scene
+
+
+def _is_same_scene(changed: dict[str, Any], tables: dict[str, Any]) -> bool:
+    """Whether two scene files mean the same: a default may be written out, or not."""
+    if changed == tables:
+        return True
+    try:
+        one, other = (validate_config(each, SceneConfig, "scene") for each in (changed, tables))
+    except ConfigError:  # told where the scene is built
+        return False
+    return bool(one == other)
 
 
 def put_field(document: dict[str, Any], field: str, value: Any) -> None:

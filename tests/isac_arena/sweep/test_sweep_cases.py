@@ -135,6 +135,14 @@ def test_a_sweep_may_grow_and_knows_its_finished_cases(tmp_path: Path) -> None:
     more = opened(values)
     assert first < more and len(more) == 1.5 * len(first)
     axis = '[[axes]]\nfield = "link.noise_figure_db"\nvalues = [10.0, 4.0]\n'
-    assert more < opened(values + axis)
+    known = opened(values + axis)
+    assert more < known
+    for field, usual in (
+        ("contour.radius_m", 0.3),
+        ("z_min_m", 0.0),
+    ):  # in the scene file; a default it leaves out
+        axis += f'[[axes]]\nfield = "scene.objects.pillar.{field}"\nvalues = [{usual}, 0.4]\n'
+        before, known = known, opened(values + axis)
+        assert before < known and len(known) == 2 * len(before)
     with pytest.raises(ValueError, match=r"holds a sweep with other settings .*axes may grow"):
         opened(values)
