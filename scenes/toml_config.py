@@ -82,7 +82,16 @@ def read_toml(path: str | Path) -> dict[str, Any]:
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read ({error.strerror}); it must be a TOML file") from error
     except ValueError as error:  # TOML syntax or text that is not UTF-8
-        raise ConfigError(f"{path}: not valid TOML: {_shortened(_one_line(str(error)))}") from error
+        raise ConfigError(f"{path}: not valid TOML: {_shortened(_syntax(_one_line(str(error))))}") from error
+
+
+def _syntax(message: str) -> str:
+    """The message of the parser; of a table that stands there twice, in words."""
+    found = re.fullmatch(r"Cannot declare \((.*?),?\) twice \(at line (\d+).*\)", message)
+    if not found:
+        return message
+    table = ".".join(re.findall(r"'([^']*)'", found[1]))
+    return f"the table [{table}] is there twice, again in line {found[2]}: put all its fields under the first"
 
 
 def parse_toml(text: str) -> dict[str, Any]:

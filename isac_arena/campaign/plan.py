@@ -115,8 +115,8 @@ def _about_sight(scene: Scene, seen: list[Paths], step: int) -> Iterator[str]:
         yield f"no single reflection reaches a stop from {_listed(objects)}: no contour of these will be found"
     if meshes:
         yield (
-            f"no flat facet of mesh {_listed(meshes)} reflects to a stop: it only blocks and scatters; draw what "
-            "is round as a circle or spline"
+            f"no flat facet of mesh {_listed(meshes)} reflects to a stop: it only blocks and scatters; what is "
+            "round reflects where it is drawn as a circle or spline"
         )
 
 

@@ -12,6 +12,7 @@ from isac_arena.scoring.record import MapScores, OutlineScores, ScoreTables
 from isac_arena.scoring.stages.shapes import best_rows
 from scenes.record import FloatArray, IntArray
 
+SHOWN_KEYS = 4  # of quantities without pairs
 SAME_PLACE_M = 1e-6
 SAME_DIRECTION_RAD = 1e-9
 DEGREES = float(np.rad2deg(1.0))
@@ -51,9 +52,10 @@ def compare_runs(first: ScoreTables, second: ScoreTables) -> RunComparison:
         maps = getattr(first, name), getattr(second, name)
         pairs += [*_ip_pairs(name, maps, stops), *_object_pairs(name, maps)]
     differences = tuple(one for one in map(paired_difference, pairs) if one.verdict)
-    alone = [f"{one.key} ({one.verdict})" for one in differences if not one.n_pairs]
+    alone = [one.key for one in differences if not one.n_pairs]
     if alone:
-        notes.append(f"without pairs, so not shown: {', '.join(alone)}")
+        more = f" and {len(alone) - SHOWN_KEYS} more" if len(alone) > SHOWN_KEYS else ""
+        notes.append(f"no pairs, so not shown: {', '.join(alone[:SHOWN_KEYS])}{more}")
     return RunComparison(differences, len(stops), tuple(notes))
 
 
