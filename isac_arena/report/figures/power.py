@@ -14,6 +14,7 @@ from isac_arena.report.style import SLAM, legend_below, new_figure, styled
 from isac_arena.scoring.record import PathScores, PathStatus, ScoreTables
 
 SHOWN_RANGE_DB = 45.0
+MARGIN_DEG = 10.0  # around the beams
 STATUS_LOOK = {
     PathStatus.DETECTED: ("estimated, detected", "x", SLAM),
     PathStatus.WEAK: ("estimated, weak or diffuse", "+", "#56B4E9"),
@@ -23,11 +24,12 @@ STATUS_LOOK = {
 
 @styled
 def power_figure(power_map: BeamPowerMap, estimate: ChannelEstimate, tables: ScoreTables) -> Figure:
-    """Power in dBm per beam pair of one stop, with the significant true paths and all estimated ones."""
+    """Power in dBm per beam pair of one stop, with significant true paths and estimated ones near the beams."""
     figure = new_figure(8.4, 5.2)
     ax = figure.subplots()
     ax.grid(visible=False)
     mesh = draw_power(ax, power_map)
+    sides = ax.get_xlim(), ax.get_ylim()
     figure.colorbar(mesh, ax=ax, label="received power per beam pair in dBm", pad=0.02, extend="min")
     true = tables.significant.take("true_path", tables.significant.stop == power_map.stop)
     ax.plot(
@@ -36,6 +38,8 @@ def power_figure(power_map: BeamPowerMap, estimate: ChannelEstimate, tables: Sco
     )  # fmt: skip
     _draw_estimates(ax, estimate, tables.paths.take("estimate", tables.paths.stop == power_map.stop))
     ax.set(xlabel="azimuth of arrival in the RX frame, deg", ylabel="azimuth of departure in the TX frame, deg")
+    x, y = (np.clip([low - MARGIN_DEG, high + MARGIN_DEG], -180, 180) for low, high in sides)
+    ax.set(xlim=x, ylim=y)  # paths far outside the beams are left out
     ax.xaxis.set_major_locator(MultipleLocator(30))
     ax.yaxis.set_major_locator(MultipleLocator(20))
     legend_below(figure, _legend_handles(), 4)

@@ -87,8 +87,8 @@ def _power_map(results: CampaignResults, tables: ScoreTables, stop: int | None) 
     n_tx, n_rx = power_map.power_dbm.shape
     caption = (
         f"Mean received power of each of the {n_tx} x {n_rx} beam pairs at stop {stop}. Circles: true paths "
-        "within the estimator's dynamic range. Marks: estimated paths by status. Strong paths have side-lobe "
-        "stripes along both axes; paths that differ only in delay coincide."
+        "within the estimator's dynamic range, those far outside the beams left out. Marks: estimated paths by "
+        "status. Strong paths have side-lobe stripes along both axes; paths that differ only in delay coincide."
     )
     figure = power_figure(power_map, estimate, tables)
     return ReportFigure("power_map", "channel", f"Power map of stop {stop}", caption, figure)

@@ -27,9 +27,9 @@ from scenes.record import BoolArray, FloatArray
 
 MOST_LINES = 5  # with two axes, each value of the other axis has its own line up to this number of values
 LONGEST_LABEL = 24
-LETTERS_A_LINE = 34
+LETTERS_A_LINE = 30
 DECADES_FOR_LOG = 1.5
-WIDTH_IN = 13.2  # of a page
+WIDTH_IN = 10.0  # the page stretches it to its own width
 MARGIN, LOG_MARGIN = 0.15, 1.5  # of the vertical axis around the values: a share of their range, a factor
 MOST_TICKS = 7
 FLOOR = 1e-3  # of the least value: intervals end there, so that a logarithmic axis shows them

@@ -29,7 +29,9 @@ th { font-weight: 600; border-bottom: 1.5px solid #999; font-size: .82rem; }
 .facts td { text-align: left; }
 .failed td { text-align: left; font-size: .85rem; }
 figure { margin: 1rem 0 1.8rem; break-inside: avoid; }
-figure img { max-width: 100%; height: auto; display: block; }
+figure img { width: 100%; height: auto; display: block; }
+h2, h3 { break-after: avoid; }
+table, tr { break-inside: avoid; }
 figcaption { font-size: .87rem; color: #444; max-width: 52rem; margin-top: .3rem; }
 @media print { body { max-width: none; padding: 0; font-size: 10pt; } }
 """
