@@ -9,6 +9,7 @@ import pytest
 from estimation.shape.reflection.rows import no_contours
 from estimation.slam.record import SolveStatus
 from isac_arena.campaign.results import MapResult
+from isac_arena.report.figures.plan import plan_view
 from isac_arena.report.page.figures import best_stop, make_figures
 from isac_arena.report.page.html import render_report
 from isac_arena.report.page.payload.campaign import report_payload
@@ -55,6 +56,15 @@ def test_every_cluster_and_stage_has_its_figure(figures):
     clusters = [f"{name}_cluster_{index:02d}" for name in ("mapping", "slam") for index in range(4)]
     stages = ["map", "power_map", "cdf_channel", "cdf_ip_to_surface", "cdf_pose"]
     assert list(figures) == stages + clusters
+
+
+def test_the_map_shows_the_whole_scene_and_a_small_walk_again(campaign, scores, figures):
+    whole = plan_view(campaign.scene, "all")
+    axes = figures["map"].figure.axes
+    assert len(axes) in (2, 4) and axes[0].get_xlim()[0] <= whole[0] and axes[0].get_ylim()[1] >= whole[3]
+    wide = replace(campaign.scene, bounds_m=(-60.0, -60.0, 60.0, 60.0))
+    top, _, near, _ = make_figures(wide, campaign.results, scores)["map"].figure.axes
+    assert np.ptp(top.get_xlim()) > 120 and np.ptp(near.get_xlim()) < 40
 
 
 def test_axes_are_labelled_with_units(figures):

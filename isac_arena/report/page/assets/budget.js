@@ -2,6 +2,7 @@
 
 const OUTCOMES = { pose: "Receiver position", shape: "The paper's contours", contour: "Our contours" };
 const BUDGETS = { stages: "truth in place of a stage", physics: "physics switched off" };
+const LETTER_PIXELS = 6.8; // the widest of the texts beside the bars
 
 function makeBudgetPanel(parent) {
   if (!data.budget) return;
@@ -34,10 +35,14 @@ function drawWaterfall(drawing, rows, width, height) {
   const rest = rows.filter((row) => row.part === "rest");
   const parts = rows.filter((row) => !whole.includes(row) && !rest.includes(row));
   const lines = [...whole, ...parts, ...rest];
-  const box = { left: 134, top: 4, width: width - 134 - 130, height: height - 44 };
   const hasShares = !rows[0].objection;
   const percent = (share) => 100 * (share ?? 0);
   const size = (row) => (hasShares ? percent(row.share) : 1e4 * (row.mean_square_m2 ?? 0));
+  const noteOf = (row) => `${parts.includes(row) && size(row) < 0 ? "grows " : ""}`
+    + `${hasShares ? `${shown(Math.abs(percent(row.share)), 1)} %, ` : ""}${measured(Math.abs(row.rms_m ?? 0), "m")}`;
+  const room = (words) => LETTER_PIXELS * Math.max(...words.map((word) => word.length)) + 16;
+  const [left, right] = [room(lines.map((row) => row.part)), room(lines.map(noteOf))];
+  const box = { left, top: 4, width: width - left - right, height: height - 44 };
   let level = size(whole[0]);
   const bars = lines.map((row) => {
     if (!parts.includes(row)) return { row, from: 0, to: size(row), kind: whole.includes(row) ? "whole" : "rest" };
@@ -62,8 +67,7 @@ function drawWaterfall(drawing, rows, width, height) {
       drawing.append(svg("path", { class: "whisker", d: `M${at(row.share_low)} ${y}H${at(row.share_high)}` }));
     }
     words.append(svg("text", { x: box.left - 8, y: y + 4, "text-anchor": "end" }, row.part));
-    const sign = kind.startsWith("grows") ? "grows " : "";
-    const note = `${sign}${hasShares ? `${shown(Math.abs(percent(row.share)), 1)} %, ` : ""}${measured(Math.abs(row.rms_m ?? 0), "m")}`;
+    const note = noteOf(row);
     words.append(svg("text", { x: width - 2, y: y + 4, "text-anchor": "end" }, note));
     const span = row.share_low === null ? "" : `; 95 %: ${shown(percent(row.share_low), 1)} to ${shown(percent(row.share_high), 1)} %`;
     const doubt = row.effect === "undecided" ? "; undecided" : "";
