@@ -119,7 +119,10 @@ def sweep_facts(
 def _axis_figures(results: SweepResults, keys: Sequence[str]) -> list[SweepFigure | str]:
     if not results.axes:
         return ["<p>The sweep has no axes; its tables hold the repeats.</p>"]
-    return [SweepFigure(score_title(key), axis_figure(results, key), axis_caption(results, key)) for key in keys]
+    return [
+        SweepFigure(score_title(key), axis_figure(results, key), f"{axis_caption(results, key)} Score: {key}.")
+        for key in keys
+    ]
 
 
 def _pareto_figures(results: SweepResults, pairs: Sequence[tuple[str, str]]) -> list[SweepFigure | str]:

@@ -23,7 +23,8 @@ def test_a_finished_sweep_has_figures_and_tables(undisturbed: Path, tmp_path: Pa
     options = ("--metric", "channel.delay.rmse_ns", "--pareto", "channel.delay.rmse_ns,channel.aoa.rmse_deg")
     assert report(out, *options).exit_code == 0
     page = (out / "sweep_report.html").read_text()
-    assert "channel.delay.rmse_ns against channel.aoa.rmse_deg" in page and "slam.position" not in page
+    assert "Paths: delay, RMSE against Paths: azimuth of arrival, RMSE" in page and "Receiver position" not in page
+    assert "Score: channel.delay.rmse_ns." in page
 
 
 def test_an_unfinished_sweep_tells_its_pace_and_its_failures(undisturbed: Path, tmp_path: Path) -> None:
