@@ -15,7 +15,7 @@ from isac_arena.validation.monte_carlo import fewest_by_chance, most_by_chance, 
 from isac_arena.validation.scenarios.random_halls import draw_hall
 
 N_ROOMS = 40
-N_QUICK_ROOMS, N_QUICK_STOPS, LONGEST_QUICK_M = 3, 1, 11.0
+N_QUICK_ROOMS, N_QUICK_STOPS, LONGEST_QUICK_M = 3, 2, 14.0
 OUT = Path("out") / "halls"
 
 DETECTION = 0.96
@@ -36,7 +36,7 @@ def check_halls(
     out: Path = OUT,
     console: Console | None = None,
 ) -> Measured:
-    """Estimates of `trials` random halls of 8 stops; a quick run takes three small rooms of one stop.
+    """Estimates of `trials` random halls of 8 stops; a quick run takes three small rooms of two stops.
 
     `out` keeps the rooms: an interrupted run goes on there, and other methods share the traced paths.
     """
