@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
 
+ALWAYS_FREE = 1e6  # bytes for which the system is not asked
 FREE_SHARE = 0.8  # of the free memory that a command takes by default
 UNITS = {"": 1, "B": 1, "KB": 1e3, "MB": 1e6, "GB": 1e9, "TB": 1e12, "MIB": 2**20, "GIB": 2**30}
 CONTROL_GROUPS = (  # limit and use of a container, in both versions of the kernel's interface
@@ -37,8 +38,7 @@ def limited_memory(limit: str | None) -> Iterator[None]:
 
 def ask_memory(needed_bytes: float, what: str, change: str) -> None:
     """Raise `MemoryLimitError` where so much memory for `what` is over the limit; `change` names the field."""
-    limit = memory_limit_bytes()
-    if needed_bytes > limit:
+    if needed_bytes > ALWAYS_FREE and needed_bytes > (limit := memory_limit_bytes()):
         raise MemoryLimitError(
             f"{change}: {what} would take {_shown(needed_bytes)}, the limit is {_shown(limit)} (--memory)"
         )

@@ -92,7 +92,7 @@ class CampaignStore:
             return digest(self.measured, self._scene_digest)
         simulation = {name: getattr(self.config, name) for name in SimulationConfig.model_fields}
         simulation.pop("scene")  # its text counts, not its name
-        settings = SimulationConfig(**simulation, scene="-").model_dump_json()
+        settings = SimulationConfig.model_construct(**simulation, scene="-").model_dump_json()
         arrays = (self.config.tx_array, self.config.rx_array)
         weights = [weights_digest(array.weights_file) for array in arrays if array.weights_file is not None]
         scenario = self.config.propagation.deepmimo

@@ -19,6 +19,7 @@ from scenes.record import FloatArray
 from scenes.toml_config import ConfigError, read_toml
 
 CASE_BYTES = 16_000  # of a case while it is planned: its settings, its names and its place
+MOST_POINTS, MOST_CASES = 20_000, 100_000  # so that a plan takes seconds: 0.5 ms a point, 0.05 ms a case
 Point = tuple[Any, ...]  # one value per axis
 Stages = Literal["all", "channel"]  # what a case runs and scores: the whole chain, or no more than the channel
 
@@ -45,13 +46,24 @@ def count_points(config: SweepConfig) -> int:
     return (config.n_points or 1) if config.n_points or not sizes else max(sizes)
 
 
-def ask_case_memory(config: SweepConfig, n_repeats: int) -> None:
-    """Raise `MemoryLimitError`, with the fields to change, where the cases do not fit into the memory."""
+def ask_cases(config: SweepConfig, n_repeats: int) -> None:
+    """Raise `ConfigError` where the cases are too many, `MemoryLimitError` where they do not fit into the memory.
+
+    Both name the fields to change.
+    """
     n_points = count_points(config)
-    fields = ["n_points"] if config.n_points else [f"axes.{axis.field}.count" for axis in config.axes]
+    fields = ["n_points"] if config.n_points else [_size_field(axis) for axis in config.axes]
     fields += ["repeats"] if n_repeats > 1 else []
-    what = f"a plan of {n_points} points x {n_repeats} repeats"
-    ask_memory(CASE_BYTES * n_points * n_repeats, what, " and ".join(fields) or "repeats")
+    change, what = " and ".join(fields) or "repeats", f"a plan of {n_points} points x {n_repeats} repeats"
+    ask_memory(CASE_BYTES * n_points * n_repeats, what, change)
+    if n_points > MOST_POINTS or n_points * n_repeats > MOST_CASES:
+        raise ConfigError(
+            f"{change}: {what}: a sweep has at most {MOST_POINTS} points and {MOST_CASES} cases; divide it"
+        )
+
+
+def _size_field(axis: AxisConfig) -> str:
+    return f"axes.{axis.field}.{'count' if axis.values is None else 'values'}"
 
 
 def design_points(config: SweepConfig) -> list[Point]:

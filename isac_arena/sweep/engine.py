@@ -14,18 +14,24 @@ from typing import Any, TypeVar
 
 import dask.config
 from distributed import Client, Future, KilledWorker, LocalCluster, WorkerPlugin, as_completed
+from tornado.ioloop import PeriodicCallback
 
 from isac_arena.sweep.job import Job
 from isac_arena.sweep.run import make_signals, reason, run_cases, trace_stops
 
 ANSWER_S = 10  # within which a scheduler answers
 STOP_LIMIT_S = 3600.0  # of a stop of a case: a worker that takes longer is taken as one that hangs
+REPLACE_S = 5.0  # between looks at how many workers are left
 STOPS_PER_TASK = 8
 CASES_PER_TASK = 8  # at most, of cases that share their samples: samples are read once for all
 ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL", "NUMBA")}
 # By default dask returns freed memory to the system at once and samples the stack of every task: a fifth of the
-# time of small cases, mostly page faults.
-LEAN = {"distributed.nanny.pre-spawn-environ": ONE_THREAD, "distributed.worker.profile.enabled": False}
+# time of small cases, mostly page faults, and 0.2 MB a case of samples that are kept.
+LEAN = {
+    "distributed.nanny.pre-spawn-environ": ONE_THREAD,
+    "distributed.worker.profile.enabled": False,
+    "distributed.scheduler.allowed-failures": 1,  # a task may lose two workers: a case that hangs takes its time
+}
 # Faults of the disk, not of a case: the sweep ends at once and no case is recorded as failed.
 PLACE_FAULTS = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM, errno.EIO, errno.EFBIG}
 
@@ -70,12 +76,19 @@ def connect_scheduler(workers: int | None, scheduler: str | None) -> Iterator[Cl
             yield client
         return
     n_workers = workers or os.cpu_count() or 1
-    with dask.config.set(LEAN), _interrupts_ignored():
-        options = {"dashboard_address": "127.0.0.1:0", "silence_logs": "CRITICAL"}
-        cluster = LocalCluster(n_workers=n_workers, threads_per_worker=1, **options)
-    with cluster, Client(cluster) as client:
-        client.register_plugin(WarmUp())
-        yield client
+    options = {"threads_per_worker": 1, "dashboard_address": "127.0.0.1:0", "silence_logs": "CRITICAL"}
+    with dask.config.set(LEAN):  # all the while: a worker that replaces a lost one takes it from here
+        with _interrupts_ignored():
+            cluster = LocalCluster(n_workers=n_workers, **options)
+        with cluster, Client(cluster) as client:
+            # Where a lost worker takes long to start again, dask gives it up: without this none may be left
+            replacing = PeriodicCallback(lambda: cluster.scale(n_workers), REPLACE_S * 1000)
+            cluster.loop.add_callback(replacing.start)
+            client.register_plugin(WarmUp())
+            try:
+                yield client
+            finally:
+                cluster.loop.add_callback(replacing.stop)
 
 
 @contextmanager
@@ -96,8 +109,9 @@ def run_jobs(client: Client, jobs: Sequence[Job], report: Report, stop_limit_s: 
 
     A worker that takes longer than `stop_limit_s` for each stop of its cases is ended, as one that hangs.
 
-    Jobs that share their samples are neighbours, so samples are removed before many others are made. Jobs whose
-    worker dies are tried again on another; a failure is reported with its reason and stops no other job.
+    Jobs that share their samples are neighbours, so samples are removed before many others are made. A failure is
+    reported with its reason and stops no other job. A batch whose worker dies is divided. A job whose worker died
+    may have waited there behind the one that killed it, so it is tried again alone, when nothing else runs.
 
     Raises `OSError` where the directory of the sweep cannot be written, or its disk is full; `ConnectionError`
     where the scheduler was lost.
@@ -106,21 +120,31 @@ def run_jobs(client: Client, jobs: Sequence[Job], report: Report, stop_limit_s: 
     for job in jobs:
         waiting.setdefault(job.signal_hash, []).append(job)
     futures = _submit(client, waiting, stop_limit_s)
-    ended = as_completed(futures)
+    ended, suspects = as_completed(futures), []
+
+    def end(job: Job, why: str | None) -> None:
+        report(job, why)
+        waiting[job.signal_hash].remove(job)
+        if not waiting[job.signal_hash]:
+            shutil.rmtree(job.signal_file(0).parent, ignore_errors=True)
+
     for future in ended:
         batch = futures.pop(future)
         reasons = _reasons(future, batch)
         if reasons is None:  # one of them killed its worker: run them one by one to find which
-            alone = {_submit_batch(client, [job], [], 0, stop_limit_s): [job] for job in batch}
+            alone = {_submit_batch(client, [job], [], 0, stop_limit_s, "case"): [job] for job in batch}
             futures |= alone
             ended.update(alone)
-            continue
-        for job, why in zip(batch, reasons, strict=True):
-            report(job, why)
-            waiting[job.signal_hash].remove(job)
-        if not waiting[batch[0].signal_hash]:
-            shutil.rmtree(batch[0].signal_file(0).parent, ignore_errors=True)
+        elif reasons == [DIED]:
+            suspects += batch
+        else:
+            for job, why in zip(batch, reasons, strict=True):
+                end(job, why)
         future.release()
+    for job in suspects:
+        (future,) = as_completed([_submit_batch(client, [job], [], 0, stop_limit_s, "alone")])
+        (why,) = _reasons(future, [job]) or [DIED]
+        end(job, why)
 
 
 def _submit(client: Client, groups: dict[str, list[Job]], stop_limit_s: float) -> dict[Future, list[Job]]:
@@ -142,10 +166,11 @@ def _submit(client: Client, groups: dict[str, list[Job]], stop_limit_s: float) -
 
 
 def _submit_batch(
-    client: Client, batch: Sequence[Job], before: Sequence[Future], priority: int, stop_limit_s: float
-) -> Future:
-    """The task of some cases that share their samples."""
-    options = _options(f"cases-{batch[0].key}-{len(batch)}", priority)
+    client: Client, batch: Sequence[Job], before: Sequence[Future], priority: int, stop_limit_s: float,
+    kind: str = "cases",
+) -> Future:  # fmt: skip
+    """The task of some cases that share their samples; another kind is another try."""
+    options = _options(f"{kind}-{batch[0].key}-{len(batch)}", priority)
     limit_s = stop_limit_s * sum(len(job.stops) for job in batch)
     return client.submit(_after, before, _run_within, limit_s, batch, **options)
 

@@ -94,9 +94,12 @@ class Job:
         return self.root / "signals" / self.signal_hash / f"stop_{stop:03d}.nc"
 
 
-def make_job(case: Case, root: Path, n_stops: int) -> Job:
-    """The job of a case whose walk has `n_stops` stops."""
+def make_job(case: Case, root: Path, n_stops: int, like: Job | None = None) -> Job:
+    """The job of a case whose walk has `n_stops` stops; `like` is one of the same point, with the same paths."""
     store = _store(case, root, case.config)
+    paths_hash = (
+        _store(case, root, tracing_config(case.config)).truth_fingerprint if like is None else like.paths_hash
+    )
     return Job(
         root=root,
         point=case.point,
@@ -108,7 +111,7 @@ def make_job(case: Case, root: Path, n_stops: int) -> Job:
         stages=case.stages,
         n_stops=n_stops,
         scene_hash=case.scene.hash,
-        paths_hash=_store(case, root, tracing_config(case.config)).truth_fingerprint,
+        paths_hash=paths_hash,
         signal_hash=store.truth_fingerprint,
         channel_hash=store.channel_fingerprint,
         key=_key(case, store),
@@ -125,13 +128,13 @@ def _key(case: Case, store: CampaignStore) -> str:
 
 def tracing_config(config: CampaignConfig) -> CampaignConfig:
     """The settings that paths depend on, all others at their defaults."""
-    return CampaignConfig(
+    return CampaignConfig.model_construct(
         name="paths",
         scene=config.scene,
         tx=config.tx,
         walk=config.walk,
         propagation=config.propagation,
-        waveform=WaveformConfig(carrier_ghz=config.waveform.carrier_ghz),
+        waveform=WaveformConfig.model_construct(carrier_ghz=config.waveform.carrier_ghz),
     )
 
 

@@ -16,7 +16,7 @@ from isac_arena.campaign.results import MapResult
 from isac_arena.scoring.record import ScoreTables
 from isac_arena.scoring.score import score_metrics
 from isac_arena.scoring.stages.scene import score_scene
-from isac_arena.sweep.cases import ask_case_memory, design_points, make_cases
+from isac_arena.sweep.cases import ask_cases, design_points, make_cases
 from isac_arena.sweep.config import SweepConfig
 from isac_arena.sweep.job import Job, make_job, store_scene
 from isac_arena.sweep.run import check_case, make_signals, score_case, store_case, trace_stops
@@ -64,7 +64,7 @@ def make_plan(source: str, config: SweepConfig, root: Path, repeats: Iterable[in
     or a metric in `until` that cannot be used; the message names the sweep file.
     """
     repeats = list(repeats)
-    ask_case_memory(config, len(repeats))
+    ask_cases(config, len(repeats))
     n_stops: dict[Any, int] = {}
     plan = Plan([], {})
     for case in make_cases(source, config, design_points(config), repeats):
@@ -78,7 +78,8 @@ def make_plan(source: str, config: SweepConfig, root: Path, repeats: Iterable[in
                 raise ValueError(f"{source}: {error}") from error
             n_stops[chosen] = len(scene.stops)
         plan.scenes[case.scene.hash] = case.scene
-        plan.jobs.append(make_job(case, root, n_stops[chosen]))
+        like = plan.jobs[-1] if plan.jobs and plan.jobs[-1].point == case.point else None
+        plan.jobs.append(make_job(case, root, n_stops[chosen], like))
     return plan
 
 

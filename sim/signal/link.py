@@ -1,6 +1,7 @@
 """A link: the waveform, the beams and the power, which are the same at all stops of a campaign."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -137,7 +138,18 @@ def line_of_sight_at_1m_dbm(config: SimulationConfig) -> float:
     """Received power in dBm over 1 m of free space between the peaks of the strongest TX and RX beam."""
     ask_beam_memory(config)
     carrier_hz = config.waveform.carrier_ghz * 1e9
-    books = [make_codebook(array, carrier_hz) for array in (config.tx_array, config.rx_array)]
-    peaks = [np.abs(beam_response(book, book.azimuth_rad, book.elevation_rad)).max() for book in books]
+    peaks = [
+        (_known_peak if device.weights_file is None else _peak_response)(device.model_dump_json(), carrier_hz)
+        for device in (config.tx_array, config.rx_array)
+    ]
     free_space = SPEED_OF_LIGHT_M_S / carrier_hz / (4 * np.pi)
     return float(config.link.tx_power_dbm + 20 * np.log10(peaks[0] * peaks[1] * free_space))
+
+
+def _peak_response(device: str, carrier_hz: float) -> float:
+    """Largest response of the beams of an array, given as JSON."""
+    book = make_codebook(ArrayConfig.model_validate_json(device), carrier_hz)
+    return float(np.abs(beam_response(book, book.azimuth_rad, book.elevation_rad)).max())
+
+
+_known_peak = lru_cache(maxsize=64)(_peak_response)  # sweeps have few arrays in thousands of cases

@@ -50,6 +50,18 @@ def test_cases_are_counted_before_they_are_made(tmp_path: Path) -> None:
     assert len(design_points(small)) == 27
 
 
+def test_a_plan_that_would_take_minutes_is_refused_with_its_fields(tmp_path: Path) -> None:
+    drawn = [AxisConfig(field="a", low=0.0, high=1.0)]
+    for config, message in (
+        (SweepConfig(name="long", base="b.toml", repeats=99_999, axes=[AxisConfig(field="a", values=[1, 2])]),
+         r"^axes.a.values and repeats: a plan of 2 points x 99999 repeats: a sweep has at most"),
+        (SweepConfig(name="wide", base="b.toml", design="random", n_points=20_001, axes=drawn),
+         r"^n_points: a plan of 20001 points x 1 repeats: a sweep has at most 20000 points"),
+    ):  # fmt: skip
+        with pytest.raises(ConfigError, match=message):
+            make_plan("sweep.toml", config, tmp_path, range(config.repeats))
+
+
 def test_large_arrays_are_refused_before_their_weights_are_made() -> None:
     array = ArrayConfig(rows=256, columns=256, panel_azimuth_deg=[float(each) for each in range(64)])
     config = SimulationConfig(scene="box_room", tx_array=array, rx_array=array)

@@ -1,11 +1,13 @@
 import errno
 import json
 import os
+import signal
 import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
 
+import dask.config
 import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner, Result
@@ -16,6 +18,7 @@ from isac_arena.scoring.score import Scores
 from isac_arena.sweep import store as sweep_store
 from isac_arena.sweep.cases import make_cases
 from isac_arena.sweep.config import SweepConfig
+from isac_arena.sweep.engine import connect_scheduler
 from isac_arena.sweep.job import make_job, store_scene
 from isac_arena.sweep.plan import make_plan, metric_keys
 from isac_arena.sweep.run import read_times, score_case, score_cases
@@ -102,13 +105,27 @@ def test_a_failed_case_is_recorded_and_stops_no_other(files: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_case_that_takes_its_worker_down_fails_alone(files: Path) -> None:
+@pytest.mark.parametrize("together", [8, 1])  # in one task; or as tasks that wait on one worker
+def test_a_case_that_takes_its_worker_down_fails_alone(
+    files: Path, monkeypatch: pytest.MonkeyPatch, together: int
+) -> None:
+    monkeypatch.setattr("isac_arena.sweep.engine.CASES_PER_TASK", together)
     estimators = '["mine:deadly", "mine:estimate", "estimation.channel.power.paths:estimate_power"]'
     write_sweep(files, 1, **{"link.tx_power_dbm": "estimator", "[0.0, 20.0]": estimators})
     result = run(files, "out", "--workers", "1")
     assert result.exit_code == 1
     assert "2 of 3 cases done, 1 failed" in result.output
     assert "its worker died each time" in " ".join(result.output.split())
+
+
+@pytest.mark.slow
+def test_a_worker_that_dask_gives_up_is_replaced_by_one_like_it(tmp_path: Path) -> None:
+    with dask.config.set({"distributed.deploy.lost-worker-timeout": "1ms"}), connect_scheduler(1, None) as client:
+        (before,) = client.run(os.getpid).values()
+        os.kill(before, signal.SIGKILL)
+        assert client.submit(os.getpid, pure=False).result(timeout=120) != before
+        (profiles,) = client.run(dask.config.get, "distributed.worker.profile.enabled").values()
+        assert profiles is False  # samples of its stack are kept, without a limit
 
 
 def test_cases_that_share_their_samples_score_as_they_do_alone(files: Path) -> None:
