@@ -1,5 +1,6 @@
 """Names that may become part of a path, and how they are joined to a folder."""
 
+import os
 import re
 from pathlib import Path, PurePosixPath
 from typing import Annotated
@@ -47,3 +48,13 @@ def path_in(folder: Path, name: str) -> Path:
     if not PurePosixPath(name).parts or name.startswith("/") or "\0" in name or ".." in name.split("/"):
         raise ValueError(f"name = {name[:80]!r}: leads out of {folder}; a name below this folder is needed")
     return folder / name
+
+
+def refuse_outer_links(folder: Path) -> None:
+    """Raise `ValueError` where a link below a folder leads out of it: a stranger's link may name any file."""
+    root = os.path.realpath(folder)
+    for here, folders, files in os.walk(root):
+        for name in (*folders, *files):
+            path = os.path.join(here, name)
+            if os.path.islink(path) and not os.path.realpath(path).startswith(f"{root}{os.sep}"):
+                raise ValueError(f"{path}: a link that leads out of {folder}; put the file itself there")

@@ -149,11 +149,11 @@ class CampaignStore:
 
     def truth(self, stop: int) -> Truth | None:
         """The truth of a stop, or None where there is none yet."""
-        return self._read(_stop("truth", stop), Truth, self.truth_fingerprint)
+        return self.read(_stop("truth", stop), Truth, self.truth_fingerprint)
 
     def measured_truth(self, stop: int) -> MeasuredTruth | None:
         """What is known about a measured stop, or None where it was not imported."""
-        return self._read(_stop("truth", stop), MeasuredTruth, self.truth_fingerprint)
+        return self.read(_stop("truth", stop), MeasuredTruth, self.truth_fingerprint)
 
     def has_sweep(self, stop: int) -> bool:
         """Whether the samples of a stop are stored."""
@@ -161,19 +161,19 @@ class CampaignStore:
 
     def write_truth(self, truth: Truth | MeasuredTruth) -> None:
         """Store the truth of a stop; scores made before are dropped."""
-        self._write(_stop("truth", truth.stop), truth, self.truth_fingerprint)
+        self.write(_stop("truth", truth.stop), truth, self.truth_fingerprint)
 
     def sweep(self, stop: int) -> BeamSweep | None:
         """The samples of a stop, or None where they were not kept."""
-        return self._read(_stop("sweep", stop), BeamSweep, self.truth_fingerprint)
+        return self.read(_stop("sweep", stop), BeamSweep, self.truth_fingerprint)
 
     def write_sweep(self, sweep: BeamSweep) -> None:
         """Store the samples of a stop."""
-        self._write(_stop("sweep", sweep.stop), sweep, self.truth_fingerprint)
+        self.write(_stop("sweep", sweep.stop), sweep, self.truth_fingerprint)
 
     def channel(self, stop: int) -> StopEstimate | None:
         """The channel estimate of a stop, or None where there is none yet."""
-        return self._read(_stop("channel", stop), StopEstimate, self.channel_fingerprint)
+        return self.read(_stop("channel", stop), StopEstimate, self.channel_fingerprint)
 
     def has_channel(self, stop: int) -> bool:
         """Whether the channel estimate of a stop is stored."""
@@ -181,7 +181,7 @@ class CampaignStore:
 
     def write_channel(self, estimate: StopEstimate) -> None:
         """Store the channel estimate of a stop; scores made before are dropped."""
-        self._write(_stop("channel", estimate.channel.stop), estimate, self.channel_fingerprint)
+        self.write(_stop("channel", estimate.channel.stop), estimate, self.channel_fingerprint)
 
     def estimate(self, stop: int) -> ChannelEstimate | None:
         """The paths of a stop alone, or None where there are none yet."""
@@ -194,27 +194,27 @@ class CampaignStore:
 
     def calibration(self) -> Calibration | None:
         """What self-calibration found, or None where there is none yet."""
-        return self._read("channel/calibration.nc", Calibration, self.channel_fingerprint)
+        return self.read("channel/calibration.nc", Calibration, self.channel_fingerprint)
 
     def write_calibration(self, calibration: Calibration) -> None:
         """Store what self-calibration found; scores made before are dropped."""
-        self._write("channel/calibration.nc", calibration, self.channel_fingerprint)
+        self.write("channel/calibration.nc", calibration, self.channel_fingerprint)
 
     def map_result(self, name: MapName) -> MapResult | None:
         """The map of mapping or SLAM, or None where there is none yet."""
-        return self._read(f"map/{name}.nc", MapResult, self.map_fingerprint)
+        return self.read(f"map/{name}.nc", MapResult, self.map_fingerprint)
 
     def write_map(self, name: MapName, result: MapResult) -> None:
         """Store the map of mapping or SLAM; scores made before are dropped."""
-        self._write(f"map/{name}.nc", result, self.map_fingerprint)
+        self.write(f"map/{name}.nc", result, self.map_fingerprint)
 
     def score_tables(self) -> ScoreTables | None:
         """The tables behind the scores, or None where there are none yet."""
-        return self._read("provenance.nc", ScoreTables, self.score_fingerprint)
+        return self.read("provenance.nc", ScoreTables, self.score_fingerprint)
 
     def write_scores(self, scores: Scores) -> None:
         """Store the tables behind the scores, then the metrics; a report made before is dropped."""
-        self._write("provenance.nc", scores.tables, self.score_fingerprint)
+        self.write("provenance.nc", scores.tables, self.score_fingerprint)
         write_json(self._root / "scores.json", to_json(scores.metrics))
 
     def write_report(self, page: str, pictures: Mapping[str, bytes]) -> None:
@@ -260,7 +260,8 @@ class CampaignStore:
         """The folder that is written."""
         return self.directory if self.side is None else self.side
 
-    def _read(self, name: str, kind: type[R], fingerprint: str) -> R | None:
+    def read(self, name: str, kind: type[R], fingerprint: str) -> R | None:
+        """The record in a file with this fingerprint, None where there is none."""
         path = self._current(name, fingerprint)
         return None if path is None else read_record(path, kind)
 
@@ -272,7 +273,8 @@ class CampaignStore:
                 return path
         return None
 
-    def _write(self, name: str, record: Record, fingerprint: str) -> None:
+    def write(self, name: str, record: Record, fingerprint: str) -> None:
+        """Store a record with its fingerprint; scores made before are dropped."""
         self.drop_results()
         write_record(self._root / name, record, {"title": self.config.name, "fingerprint": fingerprint})
 

@@ -7,6 +7,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from scenes.names import refuse_outer_links
+
 NO_LOCKS = {errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.EINVAL, errno.EBADF}
 
 
@@ -20,7 +22,8 @@ def one_run(directory: Path) -> Iterator[None]:
 
     File systems without locks do not lock it.
 
-    Raises `DirectoryHeldError` where another run has locked it, `ValueError` where it cannot be made or opened.
+    Raises `DirectoryHeldError` where another run has locked it, `ValueError` where it cannot be made or opened, or
+    a link in it leads elsewhere.
     """
     try:
         directory.mkdir(parents=True, exist_ok=True)
@@ -38,6 +41,7 @@ def one_run(directory: Path) -> Iterator[None]:
         except OSError as error:
             if error.errno not in NO_LOCKS:
                 raise
+        refuse_outer_links(directory)
         yield
     finally:
         os.close(handle)

@@ -20,7 +20,7 @@ from threadpoolctl import threadpool_info
 from isac_arena.campaign.files import write_json
 from isac_arena.campaign.integrity import code_digest, file_digest, manifest_seal
 from scenes.inputs import read_input
-from scenes.names import path_in
+from scenes.names import path_in, refuse_outer_links
 
 MANIFEST = "manifest.json"
 LIBRARIES = ("numpy", "scipy", "numba", "scikit-learn", "shapely", "trimesh", "sionna-rt", "h5py", "pydantic")
@@ -117,8 +117,9 @@ def read_manifest(directory: Path) -> Manifest:
 def check_files(directory: Path) -> FileCheck:
     """Hash every file of a directory and of the units in it and compare with the manifests.
 
-    Raises as `read_manifest`.
+    Raises as `read_manifest`, and where a link leads out of the directory.
     """
+    refuse_outer_links(directory)
     manifest = read_manifest(directory)
     entries, here = manifest.files, set(file_names(directory))
     changed = set(_changed(directory, manifest, here))
@@ -149,8 +150,10 @@ def _with_unit(found: FileCheck, unit: Path, inner: FileCheck) -> FileCheck:
 def check_unchanged(directory: Path, parts: Sequence[str]) -> None:
     """Compare files, and the files of folders, with the manifest of their directory.
 
-    Raises `ValueError`, one line that names the first file that differs and says what to do.
+    Raises `ValueError`, one line that names the first file that differs and says what to do, or a link that leads
+    out of the directory.
     """
+    refuse_outer_links(directory)
     if not (directory / MANIFEST).is_file():
         return
     manifest, folders = read_manifest(directory), tuple(f"{part}/" for part in parts)

@@ -18,25 +18,32 @@ from isac_arena.campaign.manifest import MANIFEST, PARTIAL
 
 @contextmanager
 def swapped_in(store: CampaignStore) -> Iterator[CampaignStore]:
-    """The store to work with: beside the directory where a run has finished there, else in it.
+    """The store to work with: beside the directory where a run has finished there, else in it."""
+    with side_folder(store.directory, store.score_fingerprint) as side:
+        yield replace(store, side=side)
+
+
+@contextmanager
+def side_folder(directory: Path, fingerprint: str) -> Iterator[Path | None]:
+    """The folder to write to where a run has finished in a directory, whose files are then swapped in; else None.
 
     After an error the side folder is removed, except after one of the disk or an interruption.
     """
-    if not (store.directory / MANIFEST).is_file():
-        yield store
+    if not (directory / MANIFEST).is_file():
+        yield None
         return
-    side = store.directory / f".{store.score_fingerprint}{PARTIAL}"
-    for old in store.directory.glob(f".*{PARTIAL}"):
+    side = directory / f".{fingerprint}{PARTIAL}"
+    for old in directory.glob(f".*{PARTIAL}"):
         if re.fullmatch(r"\.[0-9a-f]{16}\.part", old.name) and old != side:
             shutil.rmtree(old, ignore_errors=True)
     try:
-        yield replace(store, side=side)
+        yield side
     except OSError:
         raise
     except Exception:
         shutil.rmtree(side, ignore_errors=True)
         raise
-    _swap_in(side, store.directory)
+    _swap_in(side, directory)
 
 
 def _swap_in(side: Path, directory: Path) -> None:

@@ -38,7 +38,7 @@ def budget(
     console = Console(highlight=False)
     with budget_job(campaign, out, seed, repeats, stops, estimator) as job:
         found = run_budget(job, console)
-        write_budget(out, found)
+        write_budget(job.side or out, found)
     for table in budget_tables(found):
         console.print(table)
     console.print(f"budget: {out / 'budget.png'}, .csv and .json")

@@ -184,12 +184,13 @@ def _side_by_side(first: tuple[Metric, ...], second: tuple[Metric, ...]) -> list
 
 def _read_scene(directory: Path, case_scene: str | None) -> dict[str, Any] | None:
     """The tables of the scene file of a campaign or of a sweep's case; None where it is gone."""
-    from scenes.names import path_in  # noqa: PLC0415
+    from scenes.names import path_in, refuse_outer_links  # noqa: PLC0415
     from scenes.toml_config import read_toml  # noqa: PLC0415
 
     files = [directory / "scene.toml"]
     if case_scene is not None:
         files.append(path_in(directory.resolve().parents[1] / "scenes", case_scene) / "scene.toml")
+        refuse_outer_links(files[-1].parent)
     known = [file for file in files if file.is_file()]
     return read_toml(known[0]) if known else None
 

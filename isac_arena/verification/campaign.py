@@ -22,9 +22,10 @@ from sim.truth import Truth
 class StoredCampaign(CampaignStore):
     """A campaign directory whose files count as current whatever version of the code made them."""
 
-    def _is_current(self, path: Path, fingerprint: str) -> bool:
+    def _current(self, name: str, fingerprint: str) -> Path | None:
         del fingerprint
-        return path.is_file()
+        path = self.directory / name
+        return path if path.is_file() else None
 
 
 class RecomputedResults(MemoryResults):

@@ -13,10 +13,11 @@ from isac_arena.campaign.campaign import campaign_store, load_campaign
 from isac_arena.campaign.chain import channel_estimator, significance
 from isac_arena.campaign.directory import CampaignStore
 from isac_arena.campaign.driver import CampaignRun
-from isac_arena.campaign.files import read_attribute, read_record, write_record
 from isac_arena.campaign.integrity import code_digest, digest
 from isac_arena.campaign.lock import one_run
+from isac_arena.campaign.manifest import check_unchanged
 from isac_arena.campaign.recording import recorded_run
+from isac_arena.campaign.side import side_folder
 from isac_arena.insight.budget.chain import Chain, make_chain
 from isac_arena.insight.budget.outcome import FinalErrors, LitObject, lit_objects
 from isac_arena.insight.budget.physics import observe_without, present_physics, without_hardware, without_paths
@@ -32,9 +33,13 @@ NOTHING: frozenset[Part] = frozenset()
 
 @dataclass(frozen=True)
 class BudgetJob:
-    """A budget to be run: `paths` is the campaign directory of the traced paths."""
+    """A budget to be run: `paths` is the campaign directory of the traced paths.
+
+    Over a finished budget all files are written to the folder `side`, see `side_folder`.
+    """
 
     out: Path
+    side: Path | None
     paths: CampaignStore
     scene: Scene
     stops: tuple[int, ...]
@@ -60,17 +65,18 @@ class Variant:
 
     def final_errors(self, replaced: frozenset[Part]) -> FinalErrors:
         """Final errors with truth in place of some stages: read, or made and stored."""
-        path = self.store.directory / "errors" / f"{label(replaced, STAGE_GROUPS)}.nc"
+        name = f"errors/{label(replaced, STAGE_GROUPS)}.nc"
         fingerprint = digest(
             self.store.map_fingerprint,
             code_digest("isac_arena/insight/budget", "isac_arena/scoring"),
             label(self.off, self.groups),
             repr(list(self.run.chosen_stops)),
         )
-        if path.is_file() and read_attribute(path, "fingerprint") == fingerprint:
-            return read_record(path, FinalErrors)
+        stored = self.store.read(name, FinalErrors, fingerprint)
+        if stored is not None:
+            return stored
         errors = self.chain.final_errors(replaced)
-        write_record(path, errors, {"title": self.store.config.name, "fingerprint": fingerprint})
+        self.store.write(name, errors, fingerprint)
         return errors
 
 
@@ -78,14 +84,22 @@ class Variant:
 def budget_job(
     campaign: str, out: Path, seed: int | None, repeats: int, stops: str | None, estimator: str | None
 ) -> Iterator[BudgetJob]:
-    """A budget; all inputs are checked before anything is written, and its directory is locked for one run."""
+    """A budget; all inputs are checked before anything is written, and its directory is locked for one run.
+
+    Raises `ValueError` where the directory holds a campaign.
+    """
     loaded = load_campaign(campaign, seed=seed)
     channel_estimator(loaded.config, estimator)
     chosen = chosen_stops(stops, len(loaded.stops))
+    if (out / "campaign.json").exists():
+        raise ValueError(f"--out = {out}: holds a campaign; choose a folder of its own, such as {out / 'budget'}")
     paths = campaign_store(loaded, out / "paths", estimator)
     with one_run(out), recorded_run(out):
-        paths.open_for_writing()
-        yield BudgetJob(out, paths, loaded.scene, chosen, repeats)
+        check_unchanged(out, ("paths", *(f"repeat_{repeat:02d}" for repeat in range(repeats))))
+        with side_folder(out, paths.score_fingerprint) as side:
+            paths = replace(paths, side=side and side / "paths")
+            paths.open_for_writing()
+            yield BudgetJob(out, side, paths, loaded.scene, chosen, repeats)
 
 
 def chosen_stops(text: str | None, n_stops: int) -> tuple[int, ...]:
@@ -150,8 +164,8 @@ def _variant(
 ) -> Variant:
     base = job.paths.config
     config = without_hardware(base.model_copy(update={"seed": base.seed + repeat}), off)
-    name = f"without_{label(off, groups)}" if off else "all"
-    store = replace(job.paths, directory=job.out / f"repeat_{repeat:02d}" / name, config=config)
+    name = Path(f"repeat_{repeat:02d}", f"without_{label(off, groups)}" if off else "all")
+    store = replace(job.paths, directory=job.out / name, side=job.side and job.side / name, config=config)
     store.open_for_writing()
     paths, observer = [without_paths(truth, off) for truth in traced], partial(observe_without, off=off)
     run = CampaignRun(config, job.scene, store, None, paths, store.estimator, observer)

@@ -54,6 +54,13 @@ def test_untouched_directories_come_out_bit_by_bit(made: Path) -> None:
     assert "computed again: 6 of 6 agree bit by bit" in sweep.stdout
 
 
+def test_results_of_another_version_are_computed_again(copies: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("isac_arena.campaign.directory.code_digest", lambda *parts: "another version")
+    result = verify(copies / "run", 0.3)
+    assert result.exit_code == 0, result.output
+    assert "agree" in result.output and "missing" not in result.output
+
+
 def test_damaged_edited_and_missing_files_are_named(copies: Path) -> None:
     run = copies / "run"
     damaged = bytearray((run / "map" / "slam.nc").read_bytes())

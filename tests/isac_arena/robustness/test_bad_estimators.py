@@ -79,6 +79,19 @@ def test_a_function_that_ends_the_process_leaves_the_run_as_it_was(made: Path) -
     assert not list((made / "run").glob(".*")), "the side folder of another command is removed"
 
 
+def test_a_failed_budget_leaves_the_one_before_as_it_was(made: Path, tmp_path: Path) -> None:
+    command = ("budget", "small.toml", "--out", tmp_path / "budget", "--stops", "0:2")
+    assert arena_here(*command, cwd=made).returncode == 0
+    before = tree(tmp_path)
+    for name in ("raises", "leaves", "nothing", "stops"):
+        failure(*command, "--estimator", f"bad:{name}", cwd=made)
+        assert tree(tmp_path) == before, name
+    assert arena_here(*command, "--estimator", "bad:good", cwd=made).returncode == 0
+    assert tree(tmp_path).keys() == before.keys() and not list((tmp_path / "budget").glob(".*"))
+    assert arena_here("verify", tmp_path / "budget", "--share", "0", cwd=made).returncode == 0
+    assert "holds a campaign" in failure("budget", "small.toml", "--out", "run", cwd=made)
+
+
 def test_a_full_disk_in_a_second_run_loses_nothing(made: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     before = tree(made / "run")
     command = ("run", "small.toml", "--out", "run", "--estimator", "bad:good")

@@ -97,3 +97,36 @@ def test_any_text_gives_a_valid_name() -> None:
         name = name_from(text)
         assert path_in(Path("a"), name).parent == Path("a") and len(name.encode()) <= 120
     assert name_from("hall (2).v1") == "hall (2).v1"
+
+
+@pytest.mark.parametrize("name", ["scores.json", "truth/stop_000.nc", "channel", "figures", "scene_files", "map"])
+def test_links_that_leave_a_run_are_refused(made: Path, tmp_path: Path, name: str) -> None:
+    work, outside = tmp_path / "work", tmp_path / "outside"
+    work.mkdir()
+    outside.mkdir()
+    write_sweep(work)
+    shutil.copytree(made / "run", work / "run")
+    place = work / "run" / name
+    if place.exists():
+        place.rename(outside / "kept")
+    place.symlink_to(outside / "kept" if (outside / "kept").exists() else outside)
+    before = tree(outside)
+    commands = [
+        ("run", "small.toml", "--out", "run"),
+        *((verb, "run") for verb in ("estimate", "score", "report", "view", "verify")),
+        ("export", "run", "--format", "tum", "--out", "out"),
+        ("export-sigmf", "run", "--stop", "0", "--tx-beam", "0"),
+        ("compare", "run", "run", "--out", "out"),
+        ("sweep", "sweep.toml", "--out", "run"),
+    ]
+    for command in commands:
+        assert "a link that leads out of" in failure(*command, cwd=work), command
+        assert tree(outside) == before, command
+
+
+def test_links_within_a_run_are_followed(made: Path, tmp_path: Path) -> None:
+    shutil.copytree(made / "run", tmp_path / "run")
+    (tmp_path / "run" / "scores.json").rename(tmp_path / "run" / "kept.json")
+    (tmp_path / "run" / "scores.json").symlink_to("kept.json")
+    (tmp_path / "link").symlink_to("run")
+    assert arena_here("report", "link", cwd=tmp_path).returncode == 0
