@@ -7,6 +7,7 @@ import os
 import shutil
 import signal
 import threading
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
@@ -14,8 +15,10 @@ from typing import Any, TypeVar
 
 import dask.config
 from distributed import Client, Future, KilledWorker, LocalCluster, WorkerPlugin, as_completed
+from distributed.versions import VersionMismatchWarning
 from tornado.ioloop import PeriodicCallback
 
+from isac_arena.campaign.integrity import code_digest
 from isac_arena.sweep.job import Job
 from isac_arena.sweep.run import make_signals, reason, run_cases, trace_stops
 
@@ -32,6 +35,7 @@ LEAN = {
     "distributed.worker.profile.enabled": False,
     "distributed.scheduler.allowed-failures": 1,  # a task may lose two workers: a case that hangs takes its time
 }
+CODE = ("scenes", "sim", "estimation", "isac_arena")  # that results depend on
 # Faults of the disk, not of a case: the sweep ends at once and no case is recorded as failed.
 PLACE_FAULTS = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM, errno.EIO, errno.EFBIG}
 
@@ -43,13 +47,17 @@ T = TypeVar("T")
 
 
 class WarmUp(WorkerPlugin):  # type: ignore[misc]
-    """Imports the heavy libraries once per worker, before its first case."""
+    """Imports the heavy libraries once per worker, before its first case; refuses workers with other code."""
 
     name = "arena-warm-up"
 
+    def __init__(self, code: str) -> None:
+        self.code = code
+
     def setup(self, worker: Any) -> None:
         """Called by dask in every worker, also in those that join late."""
-        del worker
+        if self.code != code_digest(*CODE):
+            raise ValueError(f"worker {worker.address}: has another version of ISAC Arena; install the same there")
         os.environ.update(ONE_THREAD)
         import isac_arena.campaign.driver  # noqa: F401, PLC0415
         import sim.propagation.propagator  # noqa: F401, PLC0415
@@ -65,6 +73,7 @@ def connect_scheduler(workers: int | None, scheduler: str | None) -> Iterator[Cl
         if name.partition(".")[0] in ("distributed", "tornado", "asyncio"):
             logging.getLogger(name).setLevel(logging.CRITICAL + 1)  # errors of cases are returned
     if scheduler is not None:
+        warnings.simplefilter("ignore", VersionMismatchWarning)  # a table: `_check_versions` says it in one line
         try:
             client = Client(scheduler, timeout=f"{ANSWER_S}s")
         except (OSError, ValueError, TypeError) as error:
@@ -72,7 +81,8 @@ def connect_scheduler(workers: int | None, scheduler: str | None) -> Iterator[Cl
                 f"--scheduler = '{scheduler}': no dask scheduler answers there; give its address as tcp://HOST:PORT"
             ) from error
         with client:
-            client.register_plugin(WarmUp())
+            _check_versions(client, scheduler)
+            client.register_plugin(WarmUp(code_digest(*CODE)))
             yield client
         return
     n_workers = workers or os.cpu_count() or 1
@@ -84,11 +94,22 @@ def connect_scheduler(workers: int | None, scheduler: str | None) -> Iterator[Cl
             # Where a lost worker takes long to start again, dask gives it up: without this none may be left
             replacing = PeriodicCallback(lambda: cluster.scale(n_workers), REPLACE_S * 1000)
             cluster.loop.add_callback(replacing.start)
-            client.register_plugin(WarmUp())
+            client.register_plugin(WarmUp(code_digest(*CODE)))
             try:
                 yield client
             finally:
                 cluster.loop.add_callback(replacing.stop)
+
+
+def _check_versions(client: Client, scheduler: str) -> None:
+    """Raise `ValueError` where a scheduler or its workers have another Python or dask."""
+    found = client.get_versions()
+    for place, there in {"the scheduler": found["scheduler"], **found["workers"]}.items():
+        for package in ("python", "distributed"):
+            versions = [str(one["packages"][package]) for one in (there, found["client"])]
+            if versions[0] != versions[1]:
+                what = f"{place} has {package} {versions[0]}, here it is {versions[1]}"
+                raise ValueError(f"--scheduler = '{scheduler}': {what}; install the same")
 
 
 @contextmanager

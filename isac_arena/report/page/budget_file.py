@@ -36,10 +36,13 @@ class BudgetFile(BaseModel):
 def read_budget(directory: Path, campaign: str) -> list[dict[str, Any]] | None:
     """Rows of the budget in a campaign directory, None where there is none.
 
-    Raises `ValueError` where the file is damaged, is no error budget, or is the budget of another campaign.
+    Raises `ValueError` where the file is damaged, is no error budget, is the budget of another campaign, or is
+    missing where a budget ended.
     """
     path = directory / BUDGET_FILE
     if not path.is_file():
+        if path.with_name("manifest.json").is_file():
+            raise ValueError(f"{path}: missing; run 'arena budget' again, or remove {path.parent}")
         return None
     try:
         found = BudgetFile.model_validate_json(path.read_text(encoding="utf-8"))

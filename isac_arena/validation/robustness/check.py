@@ -14,21 +14,14 @@ from rich.console import Console
 
 from isac_arena.validation.measurement import InfoTable, Measured, at_least, at_most
 from isac_arena.validation.robustness.attempt import Trial
+from isac_arena.validation.robustness.damage import damage_files, with_budget_and_sweep
 from isac_arena.validation.robustness.inputs import try_files, try_settings
-from isac_arena.validation.robustness.runs import (
-    FATAL,
-    bad_functions,
-    damage_files,
-    fatal_cases,
-    finished_run,
-    full_disks,
-    killed_runs,
-    two_at_once,
-)
+from isac_arena.validation.robustness.runs import bad_functions, finished_run, full_disks, killed_runs, two_at_once
+from isac_arena.validation.robustness.sweeps import disturbed_sweeps, fatal_cases
 
 REFUSED_MB = 500.0
 WANTED_INPUTS = 5000
-KILLS, DISKS = 100, 20
+KILLS, DISKS, SWEEP_KILLS = 100, 20, 9
 SHOWN = 30
 LOCALES = 4
 
@@ -62,13 +55,15 @@ def check_runs(seed: int, quick: bool, console: Console) -> Measured:
     with tempfile.TemporaryDirectory() as folder:
         made = finished_run(Path(folder) / "made" / "work", seed)
         console.print("damaged files of a run ...")
-        damaged = list(damage_files(made, rng, n_damages))
+        damaged = list(damage_files(made.folder if quick else with_budget_and_sweep(made.folder), rng, n_damages))
         console.print("bad estimators ...")
         stayed = [stays for _, stays in bad_functions(made, n_functions)]
         console.print("kills, full disks, two commands at once ...")
         killed, full = list(killed_runs(made, rng, n_kills)), list(full_disks(made, rng, n_disks))
         both = quick or two_at_once(made)
-        fatal = [True] if quick else fatal_cases(made, len(FATAL))
+        console.print("sweeps ...")
+        swept = [] if quick else list(disturbed_sweeps(made.folder, rng, SWEEP_KILLS))
+        fatal = [] if quick else fatal_cases(made.folder)
         told = _told_in_locales(made.folder, 1 if quick else LOCALES)
     good = sum(one.outcome in ("refused", "accepted") for one in damaged)
     of = f"{len(damaged)} files x damages x verbs: refused, or all other results are the same"
@@ -78,9 +73,13 @@ def check_runs(seed: int, quick: bool, console: Console) -> Measured:
         at_least("robustness.kills.same_bytes", _share(killed), 1.0, f"{len(killed)} kills, then run again"),
         at_least("robustness.disks.same_bytes", _share(full), 1.0, f"{len(full)} disks, then run again"),
         at_least("robustness.two_commands.same_bytes", float(both), 1.0, "two runs in one directory"),
-        at_least("robustness.fatal_cases.explained", _share(fatal), 1.0, f"{len(fatal)} cases: done, or listed"),
         at_least("robustness.locales.told", _share(told), 1.0, f"{len(told)} locales: one line, no traceback"),
     ]
+    if not quick:
+        of = f"{len(swept)}: two in one directory, a scheduler of another version, kills, then the same command"
+        rows.append(at_least("robustness.sweeps.same_bytes", _share(swept), 1.0, of))
+        of = f"{len(fatal)} cases of a sweep: done, or listed"
+        rows.append(at_least("robustness.fatal_cases.explained", _share(fatal), 1.0, of))
     return Measured(rows, _bad(damaged))
 
 

@@ -1,40 +1,26 @@
-"""Attacks on a finished run and on one at work: damaged files, bad functions, kills, full disks, two commands."""
+"""Attacks on a finished run and on one at work: bad functions, kills, full disks, two commands."""
 
 import errno
 import os
 import random
 import shutil
 import signal
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from unittest import mock
 
-from isac_arena.sweep.store import is_done, read_failures, read_plan
-from isac_arena.validation.robustness.attempt import Outcome, Trial, attempt, command, start, tree, wait_until
-from isac_arena.validation.robustness.files import DAMAGES
+from isac_arena.validation.robustness.attempt import Trial, attempt, command, start, tree, wait_until
+from isac_arena.validation.robustness.files import write_inputs
 from isac_arena.validation.robustness.functions import BODIES, SOURCE
 from isac_arena.validation.robustness.made import write_campaign
 
-RUN = ("run", "small.toml", "--out", "run")
-VERBS: dict[str, tuple[str, ...]] = {
-    "score": ("score", "run"),
-    "report": ("report", "run"),
-    "estimate": ("estimate", "run"),
-    "run": RUN,
-    "tum": ("export", "run", "--format", "tum", "--out", "out"),
-    "geojson": ("export", "run", "--format", "geojson", "--out", "out"),
-    "view": ("view", "run", "--no-open", "--out", "out/view.html"),
-    "verify": ("verify", "run", "--share", "0"),
-}
+RUN = ("run", "small.toml", "--out", "run", "--keep-sweeps")
+INPUTS = ("small.toml", "room.toml", "sweep.toml", "bad_lab.py", "plan.csv", "crate.obj")
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
 RUN_CPU_S = 60
-FATAL_WALL_S = 1200.0
 ENDS_S = 60.0
 
 
@@ -51,37 +37,14 @@ def finished_run(folder: Path, seed: int) -> Finished:
     """Make the small campaign in a folder and run it to its report; `RuntimeError` where that fails."""
     folder.mkdir(parents=True)
     write_campaign(folder, seed)
+    write_inputs(folder)
+    (folder / "scene_obj.toml").replace(folder / "room.toml")  # with a floor plan and a mesh
     (folder / "bad_lab.py").write_text(SOURCE, encoding="utf-8")
-    _expect(attempt("run", command(*RUN), folder, RUN_CPU_S))  # the first compiles
+    expect(attempt("run", command(*RUN), folder, RUN_CPU_S))  # the first compiles
     shutil.rmtree(folder / "run")
     started = time.monotonic()
-    _expect(attempt("run", command(*RUN), folder, RUN_CPU_S))
+    expect(attempt("run", command(*RUN), folder, RUN_CPU_S))
     return Finished(folder, tree(folder / "run"), time.monotonic() - started)
-
-
-def damage_files(made: Finished, rng: random.Random, count: int | None) -> Iterator[Trial]:
-    """Every file of the run x every damage x every verb: refused, or all other results are as without damage."""
-    cases = [(verb, name, damage) for verb in VERBS for name in made.files for damage in DAMAGES]
-    clean: dict[str, dict[str, bytes]] = {}
-    for verb, name, damage in cases if count is None else rng.sample(cases, count):
-        if verb not in clean:
-            clean[verb] = _after(made, verb, lambda folder: None)[1]
-        content = DAMAGES[damage](made.files[name], rng)
-        if content == made.files[name]:
-            continue
-
-        def harm(folder: Path, name: str = name, content: bytes | None = content) -> None:
-            (folder / "run" / name).unlink() if content is None else (folder / "run" / name).write_bytes(content)
-
-        ended, files = _after(made, verb, harm)
-        other = {each for each in clean[verb] if files.get(each) != clean[verb][each]} - {
-            name,
-            "run/manifest.json",
-        }
-        is_lost = ended.outcome == "accepted" and other - {f"run/{name}"}
-        outcome: Outcome = "internal" if is_lost else ended.outcome
-        line = f"accepted, and {min(other)} differs" if is_lost else ended.line
-        yield Trial(f"{verb}: {damage} {name}", outcome, line, ended.peak_mb)
 
 
 def bad_functions(made: Finished, count: int | None) -> Iterator[tuple[Trial, bool]]:
@@ -122,36 +85,6 @@ def full_disks(made: Finished, rng: random.Random, count: int) -> Iterator[bool]
             yield ended.outcome == "refused" and _mended(made, folder)
 
 
-FATAL = ("crashes", "dies", "aborts", "kills_itself", "takes_memory", "spins", "leaves", "late")
-FATAL_SWEEP = """
-name = "fatal"
-base = "small.toml"
-[[axes]]
-field = "estimator"
-values = {values}
-"""
-
-
-def fatal_cases(made: Finished, count: int) -> list[bool]:
-    """A sweep over good and fatal estimators: whether each good case is done, and each bad one is listed."""
-    values = [f"bad_lab:{name}" for name in ("good", *FATAL[:count])]
-    with _fresh(made) as folder:
-        (folder / "fatal.toml").write_text(FATAL_SWEEP.format(values=values), encoding="utf-8")
-        options = ("--out", "fatal", "--workers", "2", "--stop-limit", "3")
-        arena = [sys.executable, "-m", "isac_arena", "sweep", "fatal.toml", *options]  # dask wants no fork
-        path = {**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parents[3])}
-        with suppress(subprocess.TimeoutExpired):
-            subprocess.run(arena, cwd=folder, env=path, capture_output=True, check=False, timeout=FATAL_WALL_S)
-        if not (folder / "fatal" / "plan.json").is_file():
-            return [False]
-        cases, failures = read_plan(folder / "fatal"), read_failures(folder / "fatal")
-        return [
-            is_done(folder / "fatal", case.key) != (case.key in failures)
-            and is_done(folder / "fatal", case.key) == (case.values == ("bad_lab:good",))
-            for case in cases
-        ]
-
-
 def two_at_once(made: Finished) -> bool:
     """Two runs in one directory: one does the work, the other is refused in one line or finds it done."""
     with _fresh(made) as folder:
@@ -159,7 +92,9 @@ def two_at_once(made: Finished) -> bool:
         wait_until((folder / "run" / "campaign.json").exists, first, ENDS_S)
         other = folder / "other"
         other.mkdir()
-        second = attempt("second", command("run", "../small.toml", "--out", "../run"), other, RUN_CPU_S)
+        second = attempt(
+            "second", command("run", "../small.toml", *RUN[2:3], "../run", *RUN[4:]), other, RUN_CPU_S
+        )
         first.join(ENDS_S)
         return second.outcome == "refused" and "another run" in second.line and tree(folder / "run") == made.files
 
@@ -167,17 +102,6 @@ def two_at_once(made: Finished) -> bool:
 def _mended(made: Finished, folder: Path) -> bool:
     again = attempt("again", command(*RUN), folder, RUN_CPU_S)
     return again.outcome == "accepted" and tree(folder / "run") == made.files
-
-
-def _after(made: Finished, verb: str, harm: Callable[[Path], None]) -> tuple[Trial, dict[str, bytes]]:
-    """How a verb ends on a copy of the run that was harmed, and the files of `run` and `out` after it."""
-    with _copy(made) as folder:
-        harm(folder)
-        ended = attempt(verb, command(*VERBS[verb]), folder, RUN_CPU_S)
-        parts = {part: tree(folder / part) for part in ("run", "out") if (folder / part).is_dir()}
-        return ended, {
-            f"{part}/{name}": content for part, found in parts.items() for name, content in found.items()
-        }
 
 
 class _Folder:
@@ -189,7 +113,7 @@ class _Folder:
     def __enter__(self) -> Path:
         shutil.rmtree(self.path.parent, ignore_errors=True)
         self.path.mkdir(parents=True)
-        for name in ("small.toml", "room.toml", "bad_lab.py"):
+        for name in INPUTS:
             shutil.copy(self.made.folder / name, self.path / name)
         if self.with_run:
             shutil.copytree(self.made.folder / "run", self.path / "run")
@@ -244,6 +168,7 @@ def _filling(run: Callable[[], None], at: int) -> Callable[[], None]:
     return filled
 
 
-def _expect(ended: Trial) -> None:
+def expect(ended: Trial) -> None:
+    """Raise `RuntimeError` where a command that is not attacked does not end well."""
     if ended.outcome != "accepted":
         raise RuntimeError(f"the run that is attacked did not end: {ended.line}")

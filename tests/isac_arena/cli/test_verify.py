@@ -181,6 +181,12 @@ def test_damaged_settings_and_budgets_are_named_by_every_command(copies: Path) -
         for verb in ("score", "report"):
             told = str(CliRunner().invoke(app, [verb, str(run)]).exception)
             assert f"{run}/campaign.json: damaged or edited since it was written; put it back" in told
+    (run / "campaign.json").write_text(settings)
+    with recorded_run(run / "budget"):
+        pass
+    assert "budget.json: missing; run 'arena budget'" in str(
+        CliRunner().invoke(app, ["report", str(run)]).exception
+    )
     (run / "manifest.json").unlink()
     (run / "campaign.json").write_text(settings[:-30])
     told = str(CliRunner().invoke(app, ["score", str(run)]).exception)

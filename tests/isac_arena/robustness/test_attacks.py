@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Callable
+from inspect import signature
 from pathlib import Path
 from typing import Any
 
@@ -9,8 +10,10 @@ import pytest
 from pydantic import Field
 
 from isac_arena.campaign.config import CampaignConfig
+from isac_arena.cli.main import COMMANDS
 from isac_arena.sweep.config import SweepConfig
 from isac_arena.validation.robustness.attempt import attempt, call
+from isac_arena.validation.robustness.damage import VERBS
 from isac_arena.validation.robustness.functions import BODIES, SOURCE
 from isac_arena.validation.robustness.schemas import attacks
 from scenes.config import SceneConfig
@@ -79,3 +82,9 @@ def test_every_end_is_told_apart(tmp_path: Path, function: Callable[[], Any], ou
 def test_there_are_thirty_bad_functions() -> None:
     compile(SOURCE, "bad_lab.py", "exec")
     assert len(BODIES) == 30
+
+
+def test_every_command_that_reads_a_directory_reads_damaged_files() -> None:
+    reading = [each for each in COMMANDS if {"directory", "first"} & signature(each).parameters.keys()]
+    reads = {each.__name__.replace("_", "-") for each in reading}
+    assert reads - {"twin"} <= {words[0] for words in VERBS.values()}

@@ -22,6 +22,7 @@ from isac_arena.sweep.engine import connect_scheduler
 from isac_arena.sweep.job import make_job, store_scene
 from isac_arena.sweep.plan import make_plan, metric_keys
 from isac_arena.sweep.run import read_times, score_case, score_cases
+from isac_arena.validation.robustness.sweeps import OLD, SCHEDULER, Processes
 from isac_arena.verification.compare import compare_records
 from scenes.toml_config import load_config
 from tests.command_line import arena_here
@@ -219,6 +220,17 @@ def test_a_wrong_scheduler_address_is_told_with_its_option(files: Path, monkeypa
     for address in ("tcp://127.0.0.1:9", "nonsense::"):
         message = str(run(files, "out", "--scheduler", address).exception)
         assert f"--scheduler = '{address}'" in message
+
+
+@pytest.mark.slow
+def test_a_scheduler_of_another_version_is_refused(files: Path) -> None:
+    processes = Processes(files)
+    try:
+        _, address = processes.scheduler(sys.executable, "-c", OLD, *SCHEDULER[1:])
+        message = str(run(files, "out", "--scheduler", address).exception)
+    finally:
+        processes.close()
+    assert "the scheduler has distributed 2020.1.0, here it is" in message
 
 
 def test_a_full_disk_ends_the_sweep_in_one_line_and_fails_no_case(
