@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 import dask.config
 from distributed import Client, Future, KilledWorker, LocalCluster, WorkerPlugin, as_completed
 from distributed.versions import VersionMismatchWarning
+from distributed.worker_memory import parse_memory_limit
 from tornado.ioloop import PeriodicCallback
 
 from isac_arena.campaign.integrity import code_digest
@@ -99,6 +100,11 @@ def connect_scheduler(workers: int | None, scheduler: str | None) -> Iterator[Cl
                 yield client
             finally:
                 cluster.loop.add_callback(replacing.stop)
+
+
+def worker_bytes(n_workers: int) -> float:
+    """Memory that dask gives each of some workers here."""
+    return float(parse_memory_limit("auto", 1, n_workers, logger=logging.getLogger(__name__)) or 0)
 
 
 def _check_versions(client: Client, scheduler: str) -> None:

@@ -12,9 +12,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from dask.system import CPU_COUNT
-from distributed.system import MEMORY_LIMIT
-
+from isac_arena.sweep.engine import worker_bytes
 from isac_arena.sweep.store import is_done, read_failures, read_plan
 
 FATAL = ("crashes", "dies", "aborts", "kills_itself", "takes_memory", "grows", "spins", "leaves", "late")
@@ -129,8 +127,7 @@ def fatal_cases(made: Path) -> list[bool]:
         (folder / "sweep.toml").write_text(FATAL_SWEEP.format(values=values), encoding="utf-8")
         with (folder / "bad_lab.py").open("a", encoding="utf-8") as file:
             file.write(f"\nimport time\n{GROWS}")
-        share = WORKER_BYTES / (MEMORY_LIMIT / max(CPU_COUNT, 2))
-        limits = {"DASK_DISTRIBUTED__WORKER__MEMORY__TERMINATE": f"{share:.4f}"}
+        limits = {"DASK_DISTRIBUTED__WORKER__MEMORY__TERMINATE": f"{WORKER_BYTES / worker_bytes(2):.4f}"}
         options = ("--workers", "2", "--stop-limit", "3")
         processes.end(*ARENA, *options, seconds=FATAL_S, **limits)
         if not (folder / "out" / "plan.json").is_file():
