@@ -12,6 +12,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from isac_arena.campaign.manifest import made_by
 from isac_arena.validation.measurement import InfoTable, Measured, at_least, at_most
 from isac_arena.validation.robustness.attempt import Trial
 from isac_arena.validation.robustness.damage import damage_files, with_budget_and_sweep
@@ -77,10 +78,12 @@ def check_runs(seed: int, quick: bool, console: Console) -> Measured:
     ]
     if not quick:
         of = f"{len(swept)}: two in one directory, a scheduler of another version, kills, then the same command"
-        rows.append(at_least("robustness.sweeps.same_bytes", _share(swept), 1.0, of))
+        rows.append(
+            at_least("robustness.sweeps.same_bytes", _share([one.outcome != "internal" for one in swept]), 1.0, of)
+        )
         of = f"{len(fatal)} cases of a sweep: done, or listed"
         rows.append(at_least("robustness.fatal_cases.explained", _share(fatal), 1.0, of))
-    return Measured(rows, _bad(damaged))
+    return Measured(rows, _bad([*damaged, *swept]))
 
 
 def _told_in_locales(folder: Path, count: int) -> list[bool]:
@@ -106,6 +109,7 @@ def _import_all() -> None:
     """Import once what every attempt needs: attempts are forks of this process."""
     for name in ("isac_arena.campaign.stages", "isac_arena.report.page.figures", "isac_arena.report.page.html"):
         importlib.import_module(name)
+    made_by()  # reads all code once
 
 
 def _bad(made: Iterable[Trial]) -> tuple[InfoTable, ...]:

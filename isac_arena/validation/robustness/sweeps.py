@@ -14,6 +14,7 @@ from pathlib import Path
 
 from isac_arena.sweep.engine import worker_bytes
 from isac_arena.sweep.store import is_done, read_failures, read_plan
+from isac_arena.validation.robustness.attempt import Outcome, Trial
 
 FATAL = ("crashes", "dies", "aborts", "kills_itself", "takes_memory", "grows", "spins", "leaves", "late")
 FATAL_SWEEP = """
@@ -83,7 +84,7 @@ class Processes:
         """A scheduler and its address."""
         file = self.folder / f"scheduler{len(self._started)}.json"
         process = self.start(*command, "--scheduler-file", str(file))
-        wait_for(file.is_file, process)
+        wait_for(lambda: file.is_file() and file.read_text(encoding="utf-8").rstrip().endswith("}"), process)
         return process, str(json.loads(file.read_text(encoding="utf-8"))["address"])
 
     def close(self) -> None:
@@ -140,28 +141,34 @@ def fatal_cases(made: Path) -> list[bool]:
         ]
 
 
-def disturbed_sweeps(made: Path, rng: random.Random, count: int) -> Iterator[bool]:
-    """Whether sweeps come out as an undisturbed one, or are refused in one line where they cannot run.
+def disturbed_sweeps(made: Path, rng: random.Random, count: int) -> Iterator[Trial]:
+    """Sweeps that come out as an undisturbed one, or are refused in one line where they cannot run.
 
     Two in one directory, a scheduler of another version, and `count` kills of client, worker and scheduler.
     """
     with _sandbox(made, "undisturbed") as processes:
         first = processes.start(*ARENA, "--workers", "1")
         wait_for((processes.folder / "out" / "plan.json").is_file, first)
-        code, told = processes.end(*ARENA, "--workers", "1")
-        yield code == 2 and told.count("\n") == 1 and "another run is at work" in told
+        yield _refused("two sweeps", *processes.end(*ARENA, "--workers", "1"), "another run is at work")
         wanted = _tables(processes, first.wait(LONGEST_S))
     with _sandbox(made, "version") as processes:
         _, address = processes.scheduler(sys.executable, "-c", OLD, *SCHEDULER[1:])
-        code, told = processes.end(*ARENA, "--scheduler", address)
-        yield code == 2 and told.count("\n") == 1 and "--scheduler" in told and "2020.1.0" in told
+        yield _refused("another version", *processes.end(*ARENA, "--scheduler", address), "2020.1.0")
     for trial in range(count):
         with _sandbox(made, f"kill{trial}") as processes:
-            yield wanted is not None and _killed(processes, ROLES[trial % 3], rng) == wanted
+            tables, told = _killed(processes, ROLES[trial % 3], rng)
+            outcome: Outcome = "internal" if wanted is None or tables != wanted else "accepted"
+            yield Trial(f"kill {trial} of the {ROLES[trial % 3]}", outcome, told[-300:], 0.0)
 
 
-def _killed(processes: Processes, role: str, rng: random.Random) -> bytes | None:
-    """The tables of a sweep after one of its processes was killed, and the same command after it."""
+def _refused(what: str, code: int, told: str, wanted: str) -> Trial:
+    """Whether a command was refused in one line that holds some words."""
+    is_told = code == 2 and told.count("\n") == 1 and wanted in told
+    return Trial(what, "refused" if is_told else "internal", f"{code}: {told[-300:]}", 0.0)
+
+
+def _killed(processes: Processes, role: str, rng: random.Random) -> tuple[bytes | None, str]:
+    """The tables of a sweep after one of its processes was killed and the same command run again; what it told."""
     cases = processes.folder / "out" / "cases"
     scheduler, address = processes.scheduler(*PYTHON, *SCHEDULER)
     workers = [processes.start(*WORKER, address) for _ in range(2)]
@@ -169,15 +176,16 @@ def _killed(processes: Processes, role: str, rng: random.Random) -> bytes | None
     n_before = rng.randrange(N_CASES)
     wait_for(lambda: len(list(cases.glob("[!.]*/scores.json"))) >= n_before, client)
     {"client": client, "worker": workers[0], "scheduler": scheduler}[role].kill()
-    with suppress(subprocess.TimeoutExpired):
+    try:
         code, told = client.wait(LONGEST_S), processes.errors(client)
-        if role == "scheduler" and code and "arena: the scheduler was lost" not in told:
-            return None
-        if role == "worker" and code:
-            return None
-        again = ("--scheduler", address) if role == "client" else ("--workers", "1")
-        return _tables(processes, processes.end(*ARENA, *again)[0])
-    return None
+    except subprocess.TimeoutExpired:
+        return None, "it did not end"
+    is_expected = {"client": True, "worker": code == 0, "scheduler": not code or "scheduler was lost" in told}
+    if not is_expected[role]:
+        return None, f"{code}: {told}"
+    again = ("--scheduler", address) if role == "client" else ("--workers", "1")
+    code, told = processes.end(*ARENA, *again)
+    return _tables(processes, code), f"{code}: {told}"
 
 
 def _tables(processes: Processes, code: int) -> bytes | None:
