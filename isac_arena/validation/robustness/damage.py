@@ -14,8 +14,6 @@ from isac_arena.validation.robustness.files import DAMAGES
 from isac_arena.validation.robustness.runs import RUN, expect
 
 VERBS: dict[str, tuple[str, ...]] = {
-    **{verb: (verb, "run") for verb in ("score", "report", "estimate")},
-    "run": RUN,
     **{
         kind: ("export", "run", "--format", kind, "--out", "out")
         for kind in ("tum", "geojson", "mat", "deepmimo", "glb")
@@ -24,9 +22,11 @@ VERBS: dict[str, tuple[str, ...]] = {
     "view": ("view", "run", "--no-open", "--out", "out/view.html"),
     "compare": ("compare", "run", "run", "--out", "out"),
     "verify": ("verify", "run", "--share", "0"),
-    "sweep": ("sweep", "sweep.toml", "--out", "sweep", "--workers", "1"),
-    "sweep-report": ("sweep-report", "sweep"),
+    **{verb: (verb, "run") for verb in ("estimate", "score", "report")},
+    "run": RUN,
     "verify-sweep": ("verify", "sweep", "--share", "0"),
+    "sweep-report": ("sweep-report", "sweep"),
+    "sweep": ("sweep", "sweep.toml", "--out", "sweep", "--workers", "1"),
 }
 BUDGET = ("budget", "small.toml", "--out", "run/budget", "--stops", "0:1")
 CPU_S = 120

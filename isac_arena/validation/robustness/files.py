@@ -27,18 +27,23 @@ DAMAGES: dict[str, Damage] = {
     "random": lambda content, rng: rng.randbytes(max(len(content), 16)),
 }
 
-SCENE_TAIL = """
+PLAN_TAIL = """
 [[floorplans]]
 name = "plan"
 file = "plan.{plan}"
 material = "plasterboard"
 z_max_m = 2.0
+"""
+SCENE_TAIL = (
+    PLAN_TAIL
+    + """
 [[meshes]]
 name = "crate"
 file = "crate.{mesh}"
 material = "wood"
 position_m = [3.0, 6.0, 0.6]
 """
+)
 PLANS = ("csv", "geojson")
 CORNERS_M = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], float) - 0.2  # of a tetrahedron
 FACES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])

@@ -13,12 +13,12 @@ from typing import Any
 from unittest import mock
 
 from isac_arena.validation.robustness.attempt import Trial, attempt, command, start, tree, wait_until
-from isac_arena.validation.robustness.files import write_inputs
+from isac_arena.validation.robustness.files import PLAN_TAIL, write_inputs
 from isac_arena.validation.robustness.functions import BODIES, SOURCE
 from isac_arena.validation.robustness.made import write_campaign
 
 RUN = ("run", "small.toml", "--out", "run", "--keep-sweeps")
-INPUTS = ("small.toml", "room.toml", "sweep.toml", "bad_lab.py", "plan.csv", "crate.obj")
+INPUTS = ("small.toml", "room.toml", "sweep.toml", "bad_lab.py", "plan.csv")
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
 RUN_CPU_S = 60
 ENDS_S = 60.0
@@ -38,7 +38,8 @@ def finished_run(folder: Path, seed: int) -> Finished:
     folder.mkdir(parents=True)
     write_campaign(folder, seed)
     write_inputs(folder)
-    (folder / "scene_obj.toml").replace(folder / "room.toml")  # with a floor plan and a mesh
+    with (folder / "room.toml").open("a", encoding="utf-8") as file:
+        file.write(PLAN_TAIL.format(plan="csv"))
     (folder / "bad_lab.py").write_text(SOURCE, encoding="utf-8")
     expect(attempt("run", command(*RUN), folder, RUN_CPU_S))  # the first compiles
     shutil.rmtree(folder / "run")
