@@ -13,7 +13,8 @@ from pathlib import Path
 
 from isac_arena.campaign.directory import RESULTS, CampaignStore
 from isac_arena.campaign.files import remove_file, take_over
-from isac_arena.campaign.manifest import MANIFEST, PARTIAL
+from isac_arena.campaign.integrity import file_digest
+from isac_arena.campaign.manifest import MANIFEST, PARTIAL, read_manifest
 
 
 @contextmanager
@@ -49,12 +50,18 @@ def side_folder(directory: Path, fingerprint: str) -> Iterator[Path | None]:
 def _swap_in(side: Path, directory: Path) -> None:
     """Move all files of the side folder to their places, after what they make stale is removed.
 
-    A command that is killed meanwhile finds the rest in the side folder.
+    Records that came out as they were, because they had been lost, make nothing stale. A command that is killed
+    meanwhile finds the rest in the side folder.
     """
     files = {file.relative_to(side).as_posix(): file for file in sorted(side.rglob("*")) if file.is_file()}
     settings = directory / "campaign.json"
     is_other = settings.name in files and files[settings.name].read_bytes() != settings.read_bytes()
-    stale = [name for name in RESULTS if is_other or any(made.endswith(".nc") for made in files)]
+    before = read_manifest(directory).files
+    is_new = any(
+        name.endswith(".nc") and before.get(name, {}).get("sha256") != file_digest(file)
+        for name, file in files.items()
+    )
+    stale = [name for name in RESULTS if is_other or is_new]
     if "report.html" in files:
         stale += [f"figures/{old.name}" for old in sorted((directory / "figures").glob("*.png"))]
     for name in stale:

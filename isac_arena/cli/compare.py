@@ -70,7 +70,7 @@ def read_run(directory: Path) -> Run:
     Raises `ValueError`, one line, where the directory holds neither, or files of it are missing or damaged.
     """
     from isac_arena.campaign.config import CampaignConfig  # noqa: PLC0415
-    from isac_arena.campaign.manifest import check_unchanged  # noqa: PLC0415
+    from isac_arena.campaign.manifest import MANIFEST, check_unchanged, read_manifest  # noqa: PLC0415
     from scenes.toml_config import validate_stored  # noqa: PLC0415
 
     if (directory / "sweep.json").is_file():
@@ -79,6 +79,9 @@ def read_run(directory: Path) -> Run:
         if not (directory / name).is_file():
             raise ValueError(f"{directory}: holds no scored run (no {name}); make one with 'arena {verb}'")
     check_unchanged(directory, ("campaign.json", "scene.toml", "provenance.nc", "scores.json"))
+    is_known = (directory / MANIFEST).is_file() and "scene.toml" in read_manifest(directory).files
+    if is_known and not (directory / "scene.toml").is_file():
+        raise ValueError(f"{directory / 'scene.toml'}: missing; put it back as it was")
     file = directory / "campaign.json"
     try:
         content = json.loads(file.read_text(encoding="utf-8"))

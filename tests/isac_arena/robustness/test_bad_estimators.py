@@ -79,6 +79,20 @@ def test_a_function_that_ends_the_process_leaves_the_run_as_it_was(made: Path) -
     assert not list((made / "run").glob(".*")), "the side folder of another command is removed"
 
 
+def test_a_lost_record_is_made_again_and_nothing_else_changes(made: Path, tmp_path: Path) -> None:
+    shutil.copytree(made / "run", tmp_path / "run")
+    before = tree(tmp_path / "run")
+    for name in ("truth/stop_000.nc", "channel/stop_001.nc", "map/slam.nc"):
+        (tmp_path / "run" / name).unlink()
+        assert arena_here("estimate", tmp_path / "run", cwd=made).returncode == 0
+        after = tree(tmp_path / "run")
+        assert {one for one in before if after.get(one) != before[one]} <= {"manifest.json"}, name
+    (tmp_path / "run" / "scene.toml").unlink()
+    assert "scene.toml: missing" in failure(
+        "compare", tmp_path / "run", "run", "--out", tmp_path / "out", cwd=made
+    )
+
+
 def test_a_failed_budget_leaves_the_one_before_as_it_was(made: Path, tmp_path: Path) -> None:
     command = ("budget", "small.toml", "--out", tmp_path / "budget", "--stops", "0:2")
     assert arena_here(*command, cwd=made).returncode == 0
