@@ -59,7 +59,7 @@ class _End:
 
     def is_elsewhere(self) -> BoolArray:
         """Whether a direction is more than a resolution cell from the other, (path, other)."""
-        rate = np.sqrt(np.einsum("paa->pa", self.manifold.metric(self.angle_rad)))
+        rate = self.manifold.rates(self.angle_rad)
         return np.asarray((self._apart_rad() * rate > CELL).any(axis=2))
 
     def _apart_rad(self) -> FloatArray:

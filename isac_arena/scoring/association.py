@@ -21,24 +21,28 @@ def inside_gate(error: FloatArray, gate: Gate) -> BoolArray:
     return np.asarray((np.abs(error) <= gate.half_width).all(axis=-1))
 
 
-def assign(estimate: FloatArray, truth: FloatArray, gate: Gate) -> IntArray:
+def assign(estimate: FloatArray, truth: FloatArray, gate: Gate, possible: BoolArray | None = None) -> IntArray:
     """Index (estimate,) of the true path assigned to each estimate, -1 for none.
 
-    The assignment minimises the sum over all pairs of min(d^2, 3), where d is the error in units of the gate. A
-    pair outside the gate costs as much as a pair at its corner and is not assigned. So an additional poor pair
-    never replaces a good pair at a higher total cost.
+    The assignment minimises the sum over all pairs of min(d, sqrt(3)), where d is the error in units of the gate.
+    A pair outside the gate costs as much as a pair at its corner and is not assigned; nor is one that is not
+    `possible` (estimate, true), by default all are. The distance counts, not its square: squares would rather have
+    several poor pairs than a good one and an estimate without a path.
     """
-    return assign_by_error(parameter_errors(estimate[:, None], truth[None]), gate.half_width, 3.0)
+    error = parameter_errors(estimate[:, None], truth[None])
+    if possible is not None:
+        error[~possible] = np.inf
+    return assign_by_error(error, gate.half_width, np.sqrt(3.0))
 
 
 def assign_by_error(error: FloatArray, half_width: FloatArray, unassigned_cost: float) -> IntArray:
     """Column (row,) assigned to each row, -1 for none, of the least total cost (Hungarian method).
 
-    The errors (row, column, 3) of a pair have to lie within `half_width` (3,). The cost of such a pair is its
-    squared error in units of that, and the cost of any other pair is `unassigned_cost`.
+    The errors (row, column, 3) of a pair have to lie within `half_width` (3,). The cost of such a pair is the norm
+    of its error in units of that, and the cost of any other pair is `unassigned_cost`.
     """
     inside = np.asarray((np.abs(error) <= half_width).all(axis=-1))
-    cost = np.where(inside, np.square(error / half_width).sum(axis=-1), unassigned_cost)
+    cost = np.where(inside, np.linalg.norm(error / half_width, axis=-1), unassigned_cost)
     rows, columns = linear_sum_assignment(cost)
     matched = inside[rows, columns]
     result = np.full(len(error), -1)

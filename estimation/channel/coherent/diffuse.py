@@ -17,6 +17,7 @@ from estimation.channel.coherent.hidden import LEAST_SEEN
 from estimation.channel.coherent.misfit import error_scale, quadrature_statistic
 from estimation.channel.coherent.neighbours import neighbour_covariance
 from estimation.channel.coherent.paths import PathErrors, compress_stop, find_paths, path_fit
+from estimation.channel.coherent.prune import redundant_paths
 from estimation.channel.coherent.refine import Reference, Solution, marginal_covariances
 from estimation.channel.companions import companions
 from estimation.channel.config import MaximumLikelihoodConfig
@@ -24,7 +25,7 @@ from estimation.channel.fit import PathFit
 from estimation.channel.model.compress import CompressedSweep
 from estimation.channel.model.manifold import CELL, Manifold
 from estimation.channel.model.path_model import PathParameters, manifold_rates
-from scenes.record import BoolArray
+from scenes.record import BoolArray, FloatArray
 from sim.observation import BeamSweep
 
 UNIFORM_VARIANCE = 1 / 12  # of a position in a resolution cell, in cells
@@ -46,23 +47,29 @@ def fit_over_background(
         return stop
     white, solution = find_paths(stop.compressed, stop.window, stop.plan, stop.config)
     reference = Reference(white, solution.paths)
-    fit = path_fit(solution, white, stop.tx, stop.rx, sweep.noise_power_mw, path_errors(reference, solution))
+    errors = path_errors(reference, solution, stop.window.level_at(solution.paths.delay_bins))
+    fit = path_fit(solution, white, stop.tx, stop.rx, sweep.noise_power_mw, errors)
     return replace(fit, is_weak=_is_weak(fit, replace(white, tx=stop.tx, rx=stop.rx), stop.window.level))
 
 
-def path_errors(reference: Reference, solution: Solution) -> PathErrors:
-    """Errors by noise, times the scale that the quadrature shows (`error_scale`), plus those by neighbours."""
+def path_errors(reference: Reference, solution: Solution, level: FloatArray) -> PathErrors:
+    """Errors by noise, times the scale that the quadrature shows (`error_scale`), plus those by neighbours.
+
+    The `level` (path,) of noise times that scale is what the errors of the model reach: a path below is redundant.
+    """
     by_neighbours, probability = neighbour_covariance(reference, solution)
     scale = error_scale(*quadrature_statistic(reference, solution))
     by_noise = marginal_covariances(solution, reference.sweep.n_subcarriers)
-    return PathErrors(scale[:, None, None] * by_noise + by_neighbours, probability)
+    is_redundant = redundant_paths(solution, scale * level)
+    return PathErrors(scale[:, None, None] * by_noise + by_neighbours, probability, is_redundant)
 
 
 def _is_weak(fit: PathFit, sweep: CompressedSweep, level: float) -> BoolArray:
-    """Mask (path,) of paths that are below the `level` in their best beam pair, not resolved, or companions.
+    """Mask (path,) of paths that are redundant, companions, below the `level` in every beam pair, or not resolved.
 
-    The first show only in many beams together, as the sum of weak paths does. The second are known no better than
-    to their cell, or to a quadrant: parts of a group that the data cannot resolve. `sweep` has all beams.
+    Those below the level show only in many beams together, as the sum of weak paths does. Those not resolved are
+    known no better than to their cell, or to a quadrant: parts of a group that the data cannot resolve. The
+    `sweep` has all beams.
     """
     paths = PathParameters(fit.delay_s / sweep.bin_s, fit.aod_rad, fit.aoa_rad, fit.amplitude.astype(complex))
     rate = manifold_rates(sweep, paths)
@@ -72,4 +79,4 @@ def _is_weak(fit: PathFit, sweep: CompressedSweep, level: float) -> BoolArray:
     is_lost = (is_seen & (variance * np.square(rate / CELL) > UNIFORM_VARIANCE)).any(axis=1)
     is_lost |= (is_seen.any(axis=0) & (variance > QUADRANT_VARIANCE))[:, [1, 1 + sweep.tx.n_angles]].any(axis=1)
     is_lost |= companions(fit, sweep.tx, sweep.rx)
-    return np.asarray(is_lost | (fit.snr_db < 10 * np.log10(level)))
+    return np.asarray(fit.is_weak | is_lost | (fit.snr_db < 10 * np.log10(level)))

@@ -41,7 +41,7 @@ from estimation.channel.model.compress import CompressedSweep, check_sweep, comp
 from estimation.channel.model.manifold import Manifold
 from estimation.channel.model.path_model import PathParameters, no_paths, residual
 from scenes.pose import wrap_angle
-from scenes.record import FloatArray
+from scenes.record import BoolArray, FloatArray
 from sim.observation import BeamSweep
 
 MAX_ROUNDS = 60
@@ -73,7 +73,7 @@ def fit_coherent(
         return stop
     solution = fit_paths(stop.compressed, stop.window, stop.plan, stop.config)
     by_noise = marginal_covariances(solution, stop.compressed.n_subcarriers)
-    errors = PathErrors(by_noise, np.zeros(len(by_noise)))
+    errors = PathErrors(by_noise, np.zeros(len(by_noise)), np.zeros(len(by_noise), bool))
     return path_fit(solution, stop.compressed, stop.tx, stop.rx, sweep.noise_power_mw, errors)
 
 
@@ -97,10 +97,12 @@ class PathErrors:
     ----------
     covariance : (path, parameter, parameter) of delay in bins and angles in rad
     unresolved_probability : (path,) that a path stands for two within half a resolution cell
+    is_redundant : (path,) that the others explain the path but for errors of the model
     """
 
     covariance: FloatArray
     unresolved_probability: FloatArray
+    is_redundant: BoolArray
 
 
 def compress_stop(
@@ -154,11 +156,10 @@ def find_paths(
         new, is_changed = _new_paths(search, reference, window, room), False
         if not len(new) and n_passes < MAX_PASSES:
             n_passes += 1
-            before = solution
-            solution = move_to_twins(reference, solution, plan.grids, ROUND_STEPS)
-            has_moved = solution is not before
-            solution, is_changed = _finished(reference, solution, window, PASS_STEPS)
-            is_changed |= has_moved
+            moved = move_to_twins(reference, solution, plan.grids, ROUND_STEPS)
+            finished, is_changed = _finished(reference, moved, window, PASS_STEPS)
+            is_changed |= moved is not solution
+            solution = finished
             reference = Reference(white, solution.paths)
             if not is_changed and room > 0:
                 new = hidden_second_paths(reference, solution, window.level).take(slice(room))
@@ -244,7 +245,7 @@ def path_fit(
         snr_db=10 * np.log10(snr[order]),
         covariance=covariance[order],
         unresolved_probability=errors.unresolved_probability[order],
-        is_weak=np.zeros(len(order), bool),
+        is_weak=errors.is_redundant[order],
         status="ok" if len(paths) else "no_paths",
     )
 
@@ -284,12 +285,10 @@ def _best_of_twins(search: SpectrumSearch, reference: Reference, peaks: Spectrum
     has_twins = np.bincount(origin, minlength=len(peaks)) > 1
     some = np.flatnonzero(has_twins[origin])
     refined, power = refine_separately(reference, search.paths(every.take(some)))
-    paths = search.paths(peaks)
-    for peak in np.flatnonzero(has_twins):
-        own = np.flatnonzero(origin[some] == peak)
-        best = own[np.argmax(power[own])]
-        paths = paths.replaced(np.arange(len(paths)) == peak, refined.take(np.full(len(paths), best)))
-    return paths
+    order = np.lexsort((-power, origin[some]))
+    place = np.arange(len(peaks))
+    place[has_twins] = len(peaks) + order[np.unique(origin[some][order], return_index=True)[1]]
+    return search.paths(peaks).joined(refined).take(place)
 
 
 def _most_paths(sweep: CompressedSweep) -> int:

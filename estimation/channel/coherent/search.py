@@ -80,7 +80,7 @@ def _twins(manifold: Manifold, angles: FloatArray, coherence: FloatArray) -> Int
 
     Beams at two elevations tell apart little more than the ratio of their gains, which returns further up.
     """
-    rate = np.sqrt(np.einsum("daa->da", manifold.metric(angles)))
+    rate = manifold.rates(angles)
     apart = np.abs(wrap_angle(angles[:, None] - angles)) * np.minimum(rate[:, None], rate)
     elsewhere = apart.max(axis=2) > CELL
     rows = []

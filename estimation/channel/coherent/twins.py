@@ -40,6 +40,7 @@ def move_to_twins(
         every = _twins(reference, own, grids)
         if len(every) == 1:
             continue
+        # the residual with the path put back: its negative is taken out
         alone = Reference(replace(reference.sweep, parts=reference.parts), replace(own, amplitude=-own.amplitude))
         refined, power = refine_separately(alone, every, TWIN_STEPS)
         posterior = power / scale[path] + log_prior(reference.sweep, refined)

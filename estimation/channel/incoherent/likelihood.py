@@ -92,7 +92,7 @@ class LinkBeams:
         n = self.tx.n_angles
         widths = [np.ones((len(paths), 1))]
         for manifold, angles in ((self.tx, paths[:, 1 : 1 + n]), (self.rx, paths[:, 1 + n : -2])):
-            rate = np.sqrt(np.diagonal(manifold.metric(angles), axis1=1, axis2=2))
+            rate = manifold.rates(angles)
             widths.append(CELL / np.maximum(rate, CELL / np.pi))
         return np.concatenate(widths, axis=1)
 

@@ -180,6 +180,10 @@ class Manifold:
         across = slopes - along * value
         return np.asarray((across @ across.conj().swapaxes(1, 2)).real / power)
 
+    def rates(self, angles: FloatArray) -> FloatArray:
+        """Length on the manifold per rad (direction, angle), along each angle alone."""
+        return np.asarray(np.sqrt(np.diagonal(self.metric(angles), axis1=1, axis2=2)))
+
     def grid(self, oversampling: float) -> FloatArray:
         """Directions (direction, angle) in rad that the beams cover, `oversampling` per Rayleigh cell.
 

@@ -139,7 +139,7 @@ def manifold_rates(sweep: CompressedSweep, paths: PathParameters) -> FloatArray:
     """Length on the manifold (path, parameter) per delay bin and per rad of every angle; a cell is `CELL` long."""
     rates = [np.full((len(paths), 1), CELL)]
     for manifold, angles in ((sweep.tx, paths.aod_rad), (sweep.rx, paths.aoa_rad)):
-        rates.append(np.sqrt(np.einsum("paa->pa", manifold.metric(angles))))
+        rates.append(manifold.rates(angles))
     return np.concatenate(rates, axis=1)
 
 

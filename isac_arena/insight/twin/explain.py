@@ -87,8 +87,8 @@ def explaining(difference: FloatArray, gate: FloatArray) -> IntArray:
     """Candidate (path,) that explains each path, -1 for none.
 
     A candidate explains at most one path, and only where all three differences (path, candidate, 3) lie within the
-    gate (3,). As many paths as possible are explained, and with the least sum of squared differences in units of
-    the gate.
+    gate (3,). As many paths as possible are explained, and with the least sum of differences in units of the
+    gate.
     """
-    none_costs = 3.0 * (len(difference) + 1)  # more than all pairs within the gate together
+    none_costs = np.sqrt(3.0) * (len(difference) + 1)  # more than all pairs within the gate together
     return assign_by_error(difference, gate, none_costs)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from estimation.channel.record import AngleKind, ChannelEstimate, EstimateStatus
-from isac_arena.scoring.association import assign_by_error, inside_gate, parameter_errors, path_gospa
+from isac_arena.scoring.association import assign, inside_gate, parameter_errors, path_gospa
 from isac_arena.scoring.causes import WEAK_MARGIN_DB, Evidence, false_causes, miss_causes, weak_causes
 from isac_arena.scoring.config import DEFAULT_GATE, Gate, Significance
 from isac_arena.scoring.link_view import LinkView
@@ -143,10 +143,10 @@ def _assigned(stop: TrueStop, estimate_dbm: FloatArray, measured: FloatArray, ga
     An estimate may rather be a weaker specular path that has the power to explain it.
     """
     weaker = np.setdiff1d(np.flatnonzero(~stop.truth.paths.is_diffuse), stop.significant)
-    error = parameter_errors(measured[:, None], stop.parameters[np.append(stop.significant, weaker)][None])
-    explains = stop.power_dbm[weaker] >= estimate_dbm[:, None] - WEAK_MARGIN_DB
-    error[:, len(stop.significant) :][~explains] = np.inf
-    match = assign_by_error(error, gate.half_width, 3.0)
+    candidates = np.append(stop.significant, weaker)
+    explains = stop.power_dbm[candidates] >= estimate_dbm[:, None] - WEAK_MARGIN_DB
+    explains[:, : len(stop.significant)] = True
+    match = assign(measured, stop.parameters[candidates], gate, explains)
     return np.where(match < len(stop.significant), match, -1)
 
 

@@ -166,11 +166,11 @@ def _assignment_excess(rng: np.random.Generator, n: int, m: int) -> float:
     gate = Gate()
     estimate, truth = (rng.normal(0, 1, (k, 3)) * gate.half_width for k in (n, m))
     error = (estimate[:, None] - truth[None]) / gate.half_width
-    cost = np.where((np.abs(error) <= 1).all(axis=2), np.square(error).sum(axis=2), 3.0)
+    cost = np.where((np.abs(error) <= 1).all(axis=2), np.linalg.norm(error, axis=2), np.sqrt(3.0))
     found: IntArray = assign(estimate, truth, gate)
     paired = np.flatnonzero(found >= 0)
     unpaired = min(n, m) - len(paired)
-    return float(cost[paired, found[paired]].sum() + 3.0 * unpaired - _cheapest(cost))
+    return float(cost[paired, found[paired]].sum() + np.sqrt(3.0) * unpaired - _cheapest(cost))
 
 
 def _keep(worst: dict[str, float], name: str, error: float) -> None:

@@ -11,10 +11,10 @@ GATE = Gate()
 
 
 def total_cost(match, estimate, truth):
-    """Sum of d^2 over the matches and 3 for every pair that could not be made, one per estimate or truth left."""
+    """Sum of d over the matches, and sqrt(3) for every pair that could not be made."""
     matched = [(i, j) for i, j in enumerate(match) if j >= 0]
-    d2 = sum(np.square(parameter_errors(estimate[i], truth[j]) / GATE.half_width).sum() for i, j in matched)
-    return d2 + 3 * (min(len(estimate), len(truth)) - len(matched))
+    d = sum(np.linalg.norm(parameter_errors(estimate[i], truth[j]) / GATE.half_width) for i, j in matched)
+    return d + np.sqrt(3) * (min(len(estimate), len(truth)) - len(matched))
 
 
 def brute_force_cost(estimate, truth):
@@ -56,3 +56,16 @@ def test_a_good_match_is_not_given_up_for_two_poor_ones():
     truth = np.array([0 * step, step])
     estimate = np.array([0 * step, -step])
     assert assign(estimate, truth, GATE).tolist() == [0, -1]
+
+
+def test_a_chain_of_poor_matches_does_not_replace_good_ones():
+    step = np.array([0.5, 0.5, 0.5]) * GATE.half_width
+    truth = np.arange(3)[:, None] * step
+    estimate = np.arange(1, 4)[:, None] * step  # two on true paths, and one more
+    assert assign(estimate, truth, GATE).tolist() == [1, 2, -1]
+
+
+def test_a_pair_that_is_not_possible_is_not_assigned():
+    both = np.zeros((2, 3))
+    possible = np.array([[False, True], [False, False]])
+    assert assign(both, both, GATE, possible).tolist() == [1, -1]
