@@ -21,6 +21,7 @@ from estimation.channel.coherent.diffuse import fit_over_background
 from estimation.channel.coherent.plan import nominal_manifold
 from estimation.channel.config import MaximumLikelihoodConfig
 from estimation.channel.fit import PathFit
+from estimation.channel.incoherent.clock_drift import without_drift
 from estimation.channel.incoherent.paths import IncoherentFit, fit_incoherent
 from scenes.pose import wrap_angle
 from scenes.record import BoolArray, FloatArray, IntArray
@@ -88,12 +89,13 @@ def fit_auto(sweep: BeamSweep, config: MaximumLikelihoodConfig | None = None) ->
     config = config or MaximumLikelihoodConfig()
     few = config.model_copy(update={"max_paths": min(config.max_paths, _TELLING_PATHS)})
     incoherent = fit_incoherent(sweep, few)
+    steady = without_drift(sweep, incoherent.drift_s)
     ramp = fit_phase_ramp(phases_of(incoherent))
     if ramp.is_coherent or ramp.residual_rad <= DOUBTFUL_RAD:
-        joint = ramp if ramp.is_coherent else _joint_ramp(sweep, ramp, few)
-        coherent = fit_over_background(without_phase_ramp(sweep, joint.tx_step_rad, joint.rx_step_rad), config)
+        joint = ramp if ramp.is_coherent else _joint_ramp(steady, ramp, few)
+        coherent = fit_over_background(without_phase_ramp(steady, joint.tx_step_rad, joint.rx_step_rad), config)
         if not ramp.is_coherent:
-            joint = fit_phase_ramp(phases_against(sweep, coherent))
+            joint = fit_phase_ramp(phases_against(steady, coherent))
         if len(coherent) and joint.is_coherent:
             offset_hz = _frequency_offset_hz(sweep, joint)
             return AutoFit(coherent, "coherent", joint, offset_hz, "coherent: " + _words(joint, offset_hz))

@@ -17,7 +17,7 @@ from estimation.channel.coherent.hidden import LEAST_SEEN
 from estimation.channel.coherent.misfit import error_scale, quadrature_statistic
 from estimation.channel.coherent.neighbours import neighbour_covariance
 from estimation.channel.coherent.paths import PathErrors, compress_stop, find_paths, path_fit
-from estimation.channel.coherent.prune import redundant_paths
+from estimation.channel.coherent.prune import redundant_paths, wald_statistic
 from estimation.channel.coherent.refine import Reference, Solution, marginal_covariances
 from estimation.channel.companions import companions
 from estimation.channel.config import MaximumLikelihoodConfig
@@ -28,6 +28,7 @@ from estimation.channel.model.path_model import PathParameters, manifold_rates
 from scenes.record import BoolArray, FloatArray
 from sim.observation import BeamSweep
 
+OWN_SHARE = 0.5  # of the energy of a path, which others cannot replace: with less it may be redundant
 UNIFORM_VARIANCE = 1 / 12  # of a position in a resolution cell, in cells
 QUADRANT_VARIANCE = (np.pi / 2) ** 2 / 12  # of an azimuth in a quadrant: at the edge of a panel, cells are as wide
 
@@ -55,21 +56,23 @@ def fit_over_background(
 def path_errors(reference: Reference, solution: Solution, level: FloatArray) -> PathErrors:
     """Errors by noise, times the scale that the quadrature shows (`error_scale`), plus those by neighbours.
 
-    The `level` (path,) of noise times that scale is what the errors of the model reach: a path below is redundant.
+    A path is redundant if the others share most of its energy, and what it adds is below the `level` (path,) of
+    noise times that scale: the errors of the model reach as far.
     """
     by_neighbours, probability = neighbour_covariance(reference, solution)
     scale = error_scale(*quadrature_statistic(reference, solution))
     by_noise = marginal_covariances(solution, reference.sweep.n_subcarriers)
-    is_redundant = redundant_paths(solution, scale * level)
+    energy = np.square(np.abs(solution.paths.amplitude)) * np.einsum("iaia->ia", solution.information)[:, 0]
+    is_redundant = redundant_paths(solution, scale * level) & (wald_statistic(solution) < OWN_SHARE * energy)
     return PathErrors(scale[:, None, None] * by_noise + by_neighbours, probability, is_redundant)
 
 
 def _is_weak(fit: PathFit, sweep: CompressedSweep, level: float) -> BoolArray:
-    """Mask (path,) of paths that are redundant, companions, below the `level` in every beam pair, or not resolved.
+    """Mask (path,) of paths that are redundant, companions, faint over a background, or not resolved.
 
-    Those below the level show only in many beams together, as the sum of weak paths does. Those not resolved are
-    known no better than to their cell, or to a quadrant: parts of a group that the data cannot resolve. The
-    `sweep` has all beams.
+    Those below the `level` in every beam pair show only in many beams together; over a background so does the sum
+    of weak paths. Those not resolved are known no better than to their cell, or to a quadrant: parts of a group
+    that the data cannot resolve. The `sweep` has all beams.
     """
     paths = PathParameters(fit.delay_s / sweep.bin_s, fit.aod_rad, fit.aoa_rad, fit.amplitude.astype(complex))
     rate = manifold_rates(sweep, paths)
@@ -79,4 +82,12 @@ def _is_weak(fit: PathFit, sweep: CompressedSweep, level: float) -> BoolArray:
     is_lost = (is_seen & (variance * np.square(rate / CELL) > UNIFORM_VARIANCE)).any(axis=1)
     is_lost |= (is_seen.any(axis=0) & (variance > QUADRANT_VARIANCE))[:, [1, 1 + sweep.tx.n_angles]].any(axis=1)
     is_lost |= companions(fit, sweep.tx, sweep.rx)
-    return np.asarray(fit.is_weak | is_lost | (fit.snr_db < 10 * np.log10(level)))
+    is_faint = over_background(sweep, paths.delay_bins) & (fit.snr_db < 10 * np.log10(level))
+    return np.asarray(fit.is_weak | is_lost | is_faint)
+
+
+def over_background(sweep: CompressedSweep, delay_bins: FloatArray) -> BoolArray:
+    """Mask (path,) of the delays where the sweep was whitened by a background above the noise."""
+    half = sweep.n_subcarriers / 2
+    apart = np.abs((sweep.position - delay_bins[:, None] + half) % sweep.n_subcarriers - half)
+    return np.asarray(sweep.weight[apart.argmin(axis=1)] < 1)

@@ -1,9 +1,8 @@
 """Choose between directions in which the beams respond alike, by what is likely in a hall.
 
 Beams at two elevations show little more of an elevation than the ratio of their gains, which returns further up:
-two or three directions explain the samples equally well. Between them decides what is known of paths. Floors and
-ceilings are level and walls are upright, so a path departs and arrives at the same elevation, up or down; and
-most paths are nearly level.
+two or three directions explain the samples equally well. Between them decides what is known of paths
+(`direction_prior`).
 """
 
 from dataclasses import replace
@@ -14,16 +13,12 @@ from estimation.channel.coherent.misfit import error_scale, quadrature_statistic
 from estimation.channel.coherent.refine import Reference, Solution, refine_near, refine_separately
 from estimation.channel.coherent.search import DirectionGrid
 from estimation.channel.model.compress import CompressedSweep
-from estimation.channel.model.manifold import Manifold
+from estimation.channel.model.direction_prior import direction_log_prior, sees_elevation
 from estimation.channel.model.path_model import PathParameters, manifold_rates
 from scenes.pose import wrap_angle
 from scenes.record import FloatArray
 
-SPREAD_RAD = np.deg2rad(10.0)  # Laplacian scale of elevations: a spread of 14 deg (TR 38.901 table 7.5-6, indoor)
 TWIN_STEPS = 8  # twins of strong paths differ little: they are compared after convergence
-BEHIND_SHARE = 0.01  # of the paths, behind a panel: their gain is some 20 dB below that of the mirrored direction
-EQUAL_SHARE = 0.9  # of paths with equal elevations at both ends
-EQUAL_RAD = np.deg2rad(2.0)  # standard deviation of their estimated difference
 
 
 def move_to_twins(
@@ -31,7 +26,7 @@ def move_to_twins(
 ) -> Solution:
     """The solution, which is at the reference's paths, with every path at its likeliest twin; strongest first."""
     ends = zip((reference.sweep.tx, reference.sweep.rx), grids, strict=True)
-    if not any(_sees_elevation(manifold) and grid.twin.shape[1] > 1 for manifold, grid in ends):
+    if not any(sees_elevation(manifold) and grid.twin.shape[1] > 1 for manifold, grid in ends):
         return solution
     before = solution
     scale = error_scale(*quadrature_statistic(reference, solution))
@@ -43,7 +38,7 @@ def move_to_twins(
         # the residual with the path put back: its negative is taken out
         alone = Reference(replace(reference.sweep, parts=reference.parts), replace(own, amplitude=-own.amplitude))
         refined, power = refine_separately(alone, every, TWIN_STEPS)
-        posterior = power / scale[path] + log_prior(reference.sweep, refined)
+        posterior = power / scale[path] + _log_prior(reference.sweep, refined)
         best = int(np.argmax(posterior))
         if best == 0:
             continue
@@ -51,7 +46,7 @@ def move_to_twins(
         itself = np.arange(len(solution.paths)) == path
         moved = solution.paths.replaced(itself, twin.take(np.zeros(len(itself), int)))
         trial = refine_near(reference, moved, twin, max_steps)
-        prior, moved_prior = log_prior(
+        prior, moved_prior = _log_prior(
             reference.sweep, solution.paths.take(itself).joined(trial.paths.take(itself))
         )
         if trial.explained + scale[path] * (moved_prior - prior) > solution.explained:
@@ -59,24 +54,8 @@ def move_to_twins(
     return solution
 
 
-def log_prior(sweep: CompressedSweep, paths: PathParameters) -> FloatArray:
-    """Logarithm (path,) of the prior density of the directions that the beams observe, up to a constant."""
-    both = ((sweep.tx, paths.aod_rad), (sweep.rx, paths.aoa_rad))
-    ends = [(manifold, angles) for manifold, angles in both if _sees_elevation(manifold)]
-    if not ends:
-        return np.zeros(len(paths))
-    behind = np.sum([manifold.is_behind(angles) for manifold, angles in ends], axis=0)
-    seen = [np.abs(wrap_angle(angles[:, 1])) for _, angles in ends]
-    first = np.log(BEHIND_SHARE) * behind - seen[0] / SPREAD_RAD
-    if len(seen) == 1:
-        return np.asarray(first)
-    equal = EQUAL_SHARE * np.exp(-(((seen[1] - seen[0]) / EQUAL_RAD) ** 2) / 2) / (np.sqrt(2 * np.pi) * EQUAL_RAD)
-    other = (1 - EQUAL_SHARE) * np.exp(-seen[1] / SPREAD_RAD) / SPREAD_RAD
-    return np.asarray(first + np.log(equal + other))
-
-
-def _sees_elevation(manifold: Manifold) -> bool:
-    return manifold.n_angles == 2 and not manifold.hides_elevation
+def _log_prior(sweep: CompressedSweep, paths: PathParameters) -> FloatArray:
+    return direction_log_prior(sweep.tx, sweep.rx, paths.aod_rad, paths.aoa_rad)
 
 
 def _twins(
@@ -91,7 +70,7 @@ def _twins(
         (reference.sweep.rx, path.aoa_rad, grids[1], rate[n_aod:]),
     ):
         twin = np.zeros((0, angles.shape[1]))
-        if _sees_elevation(manifold):
+        if sees_elevation(manifold):
             near = int(np.argmin((np.abs(wrap_angle(grid.angle_rad - angles)) * own).max(axis=1)))
             twin = grid.angle_rad[np.setdiff1d(grid.twin[near], near)]
             if manifold.is_behind(angles)[0]:

@@ -3,8 +3,8 @@
 Without phases between beam pairs a path shows only the strength of every beam. Beams at few elevations are nearly
 as strong a little above as a little below their peak, so two directions, even of different azimuths, explain the
 same magnitudes: the likelihood has several modes. The modes are searched along the elevation, fitted, and weighted
-by their likelihood, tempered by the errors of beam models, and by the prior of their power (strong paths are
-rare). The covariance of the path then spans all modes.
+by their likelihood, tempered by the errors of beam models, by the prior of their power (strong paths are rare),
+and by that of their directions (`direction_prior`). The covariance of the path then spans all modes.
 """
 
 import numpy as np
@@ -18,6 +18,7 @@ from estimation.channel.incoherent.likelihood import (
     maximise_likelihood,
 )
 from estimation.channel.model.crb import path_covariance
+from estimation.channel.model.direction_prior import direction_log_prior
 from scenes.pose import wrap_angle
 from scenes.record import FloatArray
 
@@ -44,7 +45,7 @@ def resolve_ambiguous_directions(
         return paths, at, spread
     temper = 1 + MODEL_ERROR * np.maximum(at.value - likelihood_without(local, ends, paths, np.arange(n)), 0.0)
     modes = _modes(local, ends, paths, at)
-    chosen = [_weights(*mode, factor)[1] for mode, factor in zip(modes, temper, strict=True)]
+    chosen = [_weights(ends, *mode, factor)[1] for mode, factor in zip(modes, temper, strict=True)]
     together = np.array([places[second] for (places, _), second in zip(modes, chosen, strict=True)])
     if any(second > 0 for second in chosen):
         moved, then, is_near = maximise_likelihood(local, ends, together)
@@ -56,8 +57,8 @@ def resolve_ambiguous_directions(
     best = paths.copy()
     for path, ((places, values), factor) in enumerate(zip(modes, temper, strict=True)):
         alone = slice(len(values) - 1) if len(values) > 1 else slice(None)
-        best[path] = places[alone][np.argmax(_weights(places[alone], values[alone], factor)[0])]
-        weight, _ = _weights(places, values, factor)
+        best[path] = places[alone][np.argmax(_weights(ends, places[alone], values[alone], factor)[0])]
+        weight, _ = _weights(ends, places, values, factor)
         offset = _offset(places, best[path])[:, :n_places]
         spread[path] = np.einsum("r,ra,rb->ab", weight, offset, offset)
     return best, at if (best == paths).all() else log_likelihood_gradient(local, ends, best), spread
@@ -85,9 +86,11 @@ def _modes(
     return found
 
 
-def _weights(places: FloatArray, values: FloatArray, temper: float) -> tuple[FloatArray, int]:
+def _weights(ends: LinkBeams, places: FloatArray, values: FloatArray, temper: float) -> tuple[FloatArray, int]:
     """Weights (mode,) that add up to one, and the index of the heaviest except the first, 0 if there is none."""
+    n = ends.tx.n_angles
     log_weight = values / temper - 2 * places[:, -2]
+    log_weight += direction_log_prior(ends.tx, ends.rx, places[:, 1 : 1 + n], places[:, 1 + n : -2])
     weight = np.exp(log_weight - log_weight.max())
     weight[weight < np.exp(LEAST_LOG_WEIGHT)] = 0.0
     second = 1 + int(np.argmax(log_weight[1:])) if len(values) > 1 else 0

@@ -13,9 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimation.channel.incoherent.likelihood import LinkBeams
+from estimation.channel.incoherent.response_errors import ResponseErrors
 from estimation.channel.incoherent.spectrum import delay_waves
 from scenes.record import ComplexArray, FloatArray, IntArray
 
+NO_ERRORS = ResponseErrors()
 AROUND_BINS = 12  # to either side of a path, for its background
 OWN_BINS = 2  # to either side, filled by the path itself
 NOTABLE = 1.5  # least background that counts: noise alone stays below
@@ -29,11 +31,14 @@ class Background:
     power: FloatArray
     bins: IntArray
     n_bins: int
+    errors: ResponseErrors = NO_ERRORS
 
     @classmethod
-    def of(cls, residual: ComplexArray, bins: IntArray, n_bins: int) -> Background:
-        """The background in residual samples (pair, bin) of unit noise."""
-        return cls(np.square(residual.real) + np.square(residual.imag), bins, n_bins)
+    def of(
+        cls, residual: ComplexArray, bins: IntArray, n_bins: int, errors: ResponseErrors = NO_ERRORS
+    ) -> Background:
+        """The background in residual samples (pair, bin) of unit noise, and the floor by errors of the arrays."""
+        return cls(np.square(residual.real) + np.square(residual.imag), bins, n_bins, errors)
 
     def noise_factor(self, ends: LinkBeams, paths: FloatArray) -> FloatArray:
         """Noise power (path,) that affects paths (path, parameter) over receiver noise; 1 below `NOTABLE`."""
@@ -48,7 +53,7 @@ class Background:
             # greater of two sample medians over it.
             n = n_pairs[path]
             factor[path] = level / ((1 - 1 / (9 * n)) ** 3 * (1 + np.sqrt(0.5 / (n * (AROUND_BINS - OWN_BINS)))))
-        return np.where(factor > NOTABLE, factor, 1.0)
+        return np.where(factor > NOTABLE, factor, 1.0) + self.errors.noise(ends, paths, self.n_bins)
 
     def covariance_factor(self, ends: LinkBeams, paths: FloatArray) -> FloatArray:
         """Factor (path,) on the covariances of paths: their noise, or the residual in their own cells."""

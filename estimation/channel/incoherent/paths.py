@@ -15,6 +15,7 @@ from estimation.channel.companions import companions
 from estimation.channel.config import MaximumLikelihoodConfig
 from estimation.channel.fit import PathFit, empty_fit
 from estimation.channel.incoherent.ambiguity import resolve_ambiguous_directions
+from estimation.channel.incoherent.clock_drift import mean_pairs
 from estimation.channel.incoherent.likelihood import LinkBeams, Score
 from estimation.channel.incoherent.screen import Screen
 from estimation.channel.incoherent.search import IncoherentSearch
@@ -50,12 +51,18 @@ class IncoherentFit(PathFit):
     )
     pair_path: IntArray = array("tx_beam", "rx_beam", dtype=int, doc="strongest path in a pair, -1 none")
     log_likelihood_ratio: float = array(doc="ratio of the paths to noise alone")
+    drift_s: float = array(unit="s", doc="growth of all delays from one beam pair to the next, removed")
 
     @property
     def caveat(self) -> str:
         """What the covariances alone do not show; empty if there is nothing."""
-        n = int(self.is_ambiguous.sum())
-        return f"{n} of {len(self)} paths fit several directions equally by magnitudes alone" if n else ""
+        n, said = int(self.is_ambiguous.sum()), []
+        if n:
+            said.append(f"{n} of {len(self)} paths fit several directions equally by magnitudes alone")
+        if self.drift_s:
+            late_ns = 1e9 * self.drift_s * (self.pair_snr.size - 1)
+            said.append(f"delays grow by {late_ns:.2g} ns over the sweep: the clock drifts, which is removed")
+        return "; ".join(said)
 
 
 def fit_incoherent(
@@ -89,7 +96,7 @@ def fit_incoherent(
     ends = LinkBeams(tx, rx, spectrum.noise_mw)
     screen = Screen.make(tx, rx, tx.grid(config.oversampling), rx.grid(config.oversampling), spectrum.noise_mw)
     levels = DetectionLevels(null_tail(tx, rx), config, spectrum.bin_s, spectrum.n_bins)
-    search = IncoherentSearch(spectrum, ends, screen, levels, config)
+    search = IncoherentSearch(sweep, spectrum, ends, screen, levels, config)
     paths, at = search.run()
     if at is None:
         return _empty(sweep, empty_fit(tx.n_angles, rx.n_angles, "no_paths"))
@@ -109,7 +116,9 @@ def _assemble(sweep: BeamSweep, search: IncoherentSearch, paths: FloatArray, at:
     block = np.einsum("iaib->iab", path_covariance(information))[:, :-2, :-2]
     if search.background is not None:
         block = block * search.background.covariance_factor(ends, paths)[:, None, None]
+        block[:, 1:, 1:] += search.background.errors.angle_covariance(ends, paths)
     block = block + spread
+    block[:, 0, 0] += search.drift.variance * np.square(mean_pairs(ends, paths))
     scale = np.concatenate([[spectrum.bin_s], np.ones(size - 3)])
     power = np.abs(ends.amplitudes(paths)) ** 2 * spectrum.n_bins
     shape = sweep.samples.shape[:2]
@@ -137,6 +146,7 @@ def _assemble(sweep: BeamSweep, search: IncoherentSearch, paths: FloatArray, at:
         pair_residual=np.maximum(residual, 0.0).reshape(shape),
         pair_path=np.where(snr > 0, power.argmax(axis=1), -1).reshape(shape),
         log_likelihood_ratio=at.value,
+        drift_s=search.drift_s,
     )
 
 
@@ -150,4 +160,5 @@ def _empty(sweep: BeamSweep, fit: PathFit) -> IncoherentFit:
         pair_residual=np.zeros(shape),
         pair_path=np.full(shape, -1),
         log_likelihood_ratio=0.0,
+        drift_s=0.0,
     )

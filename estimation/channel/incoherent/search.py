@@ -1,11 +1,12 @@
 """From candidates to paths: joint fits, tests, and a search of the residual, until no path is added."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from estimation.channel.config import MaximumLikelihoodConfig
 from estimation.channel.incoherent.background import Background
+from estimation.channel.incoherent.clock_drift import ClockDrift, clock_drift, mean_pairs, without_drift
 from estimation.channel.incoherent.likelihood import (
     MOST_STEPS,
     LinkBeams,
@@ -17,12 +18,14 @@ from estimation.channel.incoherent.likelihood import (
     maximise_likelihood,
 )
 from estimation.channel.incoherent.proposal import starting_points
+from estimation.channel.incoherent.response_errors import ResponseErrors, response_errors
 from estimation.channel.incoherent.screen import Candidates, Screen
 from estimation.channel.incoherent.second_path import second_path_start
-from estimation.channel.incoherent.spectrum import DelaySpectrum, delay_waves, window_bins
+from estimation.channel.incoherent.spectrum import DelaySpectrum, delay_spectrum, delay_waves, window_bins
 from estimation.channel.incoherent.threshold import DetectionLevels
 from estimation.channel.model.crb import path_covariance
 from scenes.record import ComplexArray, FloatArray, IntArray
+from sim.observation import BeamSweep
 
 _LIT = 0.02  # least SNR of a beam pair that takes part in a fit
 _ROUNDS = 30
@@ -37,6 +40,7 @@ _SURE = 1.5  # of the threshold: above it a candidate enters the joint fit at on
 _NEARLY = 0.7  # below, it enters if it reaches this share of the threshold when fitted alone
 _ALONE_BINS = 12  # of delay to either side in that fit
 _SAFE = 4.0  # of the threshold: Wald statistic above which no likelihood ratio is computed
+_SAME_DRIFT = 0.1  # standard deviations by which a drift may differ from the one that is removed
 _SAME_CELLS = 0.8  # a candidate this near to a failed one is not tried again
 
 
@@ -44,7 +48,8 @@ _SAME_CELLS = 0.8  # a candidate this near to a failed one is not tried again
 class IncoherentSearch:
     """The search for the paths of one stop. Paths are (path, parameter) as in `likelihood.py`."""
 
-    spectrum: DelaySpectrum
+    sweep: BeamSweep
+    spectrum: DelaySpectrum  # of the sweep without the drift of the clock
     ends: LinkBeams
     screen: Screen
     levels: DetectionLevels
@@ -54,7 +59,14 @@ class IncoherentSearch:
     window: ComplexArray = field(init=False)
     pairs: IntArray = field(init=False)  # that the current paths illuminate
     background: Background | None = None  # in the residual of the last round
+    errors: ResponseErrors = ResponseErrors()  # of the last round that showed them
+    drift: ClockDrift = ClockDrift()
     failed: list[FloatArray] = field(default_factory=list)  # delays and angles
+
+    @property
+    def drift_s(self) -> float:
+        """Growth of all delays from one beam pair to the next, which the spectrum is free of."""
+        return self.drift.bins_per_pair * self.spectrum.bin_s
 
     @property
     def _state(self) -> tuple[LocalSamples, IntArray, ComplexArray, IntArray]:
@@ -69,12 +81,14 @@ class IncoherentSearch:
         """Paths and the likelihood at its maximum; None if there are none."""
         paths, at = np.zeros((0, self.ends.n_parameters)), None
         new = self._first_starts()[: self.config.max_incoherent_paths]
-        for _ in range(_ROUNDS):
+        for n_rounds in range(_ROUNDS):
             if len(new):
                 paths = np.concatenate([paths, new])
-                paths, at = self._fitted(paths, max(_ROUND_STEPS, min(MOST_STEPS, _PATH_STEPS // len(paths))))
+                paths, at = self._fitted(paths, self._round_steps(paths))
             if at is None:
                 return paths, None
+            if n_rounds == 0:
+                paths, at = self._without_drift(paths, at)
             paths, at, residual = self._standing_out(paths, at)
             if at is None:
                 return paths, None
@@ -82,13 +96,30 @@ class IncoherentSearch:
             new = self._further_starts(paths, at, residual)[:room]
             if len(new):
                 continue
-            paths, at = self._converged(paths, at)
+            paths, at = self._converged(*self._without_drift(paths, at))
             n_paths = len(paths)
             if at is not None and room:
                 paths, at = self._with_second_path(paths, at)
             if len(paths) == n_paths:
                 return paths, at
         return self._converged(paths, at)
+
+    def _round_steps(self, paths: FloatArray) -> int:
+        return max(_ROUND_STEPS, min(MOST_STEPS, _PATH_STEPS // len(paths)))
+
+    def _without_drift(self, paths: FloatArray, at: Score) -> tuple[FloatArray, Score]:
+        """Paths fitted to the samples without the drift of the clock that the residual shows."""
+        before, n_bins = self.drift, self.spectrum.n_bins
+        residual = self._residual(paths, at)
+        self.drift = clock_drift(self.ends, paths, self._phasor(at), residual, self.bins, n_bins, before)
+        further = self.drift.bins_per_pair - before.bins_per_pair
+        if abs(further) <= _SAME_DRIFT * np.sqrt(self.drift.variance):
+            self.drift = replace(self.drift, bins_per_pair=before.bins_per_pair)
+            return paths, at
+        self.spectrum = delay_spectrum(without_drift(self.sweep, self.drift_s))
+        paths = paths.copy()
+        paths[:, 0] -= further * mean_pairs(self.ends, paths)
+        return self._fitted(paths, self._round_steps(paths))
 
     def _first_starts(self) -> FloatArray:
         """Starting points of paths from the unchanged samples."""
@@ -129,7 +160,10 @@ class IncoherentSearch:
     def _standing_out(self, paths: FloatArray, at: Score) -> tuple[FloatArray, Score | None, ComplexArray]:
         """Paths that are significant above the background, and their residual (pair, bin)."""
         residual, n_paths = self._residual(paths, at), len(paths)
-        self.background = Background.of(residual, self.bins, self.spectrum.n_bins)
+        n_bins = self.spectrum.n_bins
+        errors = response_errors(self.ends, paths, self._phasor(at), residual, self.bins, n_bins)
+        self.errors = errors or self.errors
+        self.background = Background.of(residual, self.bins, n_bins, self.errors)
         needed, then = self._needed(paths, at, _REFIT_STEPS)
         return (needed, then, residual if then is None or len(needed) == n_paths else self._residual(needed, then))
 

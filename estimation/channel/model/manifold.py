@@ -12,7 +12,7 @@ import numpy as np
 
 from estimation.channel.model.kernels import add_panel_tangents, unit_vectors
 from scenes.pose import SPEED_OF_LIGHT_M_S, direction, wrap_angle
-from scenes.record import BoolArray, ComplexArray, FloatArray
+from scenes.record import BoolArray, ComplexArray, FloatArray, IntArray
 from sim.signal.arrays.array import element_amplitude, panel_axes, to_panel, vertical_polarisation
 from sim.signal.arrays.codebook import Codebook
 
@@ -37,6 +37,12 @@ class _Panel:
     tilt_rad: float
     pattern: str
     slant_rad: float
+    n_summed: IntArray  # (element,) elements of the array whose weights are summed in one
+
+    @property
+    def error_weights(self) -> ComplexArray:
+        """Weights (beam, element) by which independent relative errors of elements enter a response."""
+        return self.weights / np.sqrt(self.n_summed)
 
     def response(self, azimuth_rad: FloatArray, elevation_rad: FloatArray) -> ComplexArray:
         """Responses (direction, beam) of the panel's beams."""
@@ -158,6 +164,27 @@ class Manifold:
         for panel in self._panels:
             response += panel.response(azimuth, elevation)
         return response
+
+    def element_power(self, angles: FloatArray) -> FloatArray:
+        """Power (direction, beam) of the beams' elements towards `angles`, added without regard to phase."""
+        azimuth, elevation = self._split(angles)
+        power = np.zeros((len(azimuth), self.n_beams))
+        for panel in self._panels:
+            weights = np.square(np.abs(panel.error_weights)).sum(axis=1)
+            power += np.square(panel.amplitude(azimuth, elevation))[:, None] * weights
+        return power
+
+    def element_covariance(self, angles: FloatArray, beam: IntArray) -> ComplexArray:
+        """Covariance (beam, beam) of the responses of some beams in one direction (angle,), by errors of elements.
+
+        Errors are relative, independent and of unit power.
+        """
+        azimuth, elevation = self._split(angles)
+        total = np.zeros((len(beam), len(beam)), complex)
+        for panel in self._panels:
+            weights = panel.amplitude(azimuth, elevation)[0] * panel.error_weights[beam]
+            total += weights @ weights.conj().T
+        return total
 
     def tangents(self, angles: FloatArray) -> ComplexArray:
         """Responses and their derivatives per rad, (direction, 1 + angle, beam)."""
@@ -285,6 +312,7 @@ def _panels(codebook: Codebook) -> list[_Panel]:
                 tilt_rad=float(tilt),
                 pattern=codebook.element_pattern,
                 slant_rad=codebook.polarisation_slant_rad,
+                n_summed=np.ones(codebook.weights.shape[1], int),
             )
         )
     return panels
@@ -296,7 +324,8 @@ def _merged_at_horizon(panel: _Panel) -> _Panel:
     places, index = np.unique(horizontal, axis=0, return_inverse=True)
     summed = np.zeros((len(panel.weights), len(places)), complex)
     np.add.at(summed.T, index, panel.weights.T)
-    return replace(panel, weights=summed, wave_vector=np.pad(places, ((0, 0), (0, 1))))
+    n_summed = np.bincount(index.ravel(), weights=panel.n_summed).astype(int)
+    return replace(panel, weights=summed, wave_vector=np.pad(places, ((0, 0), (0, 1))), n_summed=n_summed)
 
 
 def _evenly(position: FloatArray, speed: FloatArray, step: float, middle: float, *, is_closed: bool) -> FloatArray:

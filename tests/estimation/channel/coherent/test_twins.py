@@ -6,10 +6,9 @@ import pytest
 from estimation.channel.coherent.paths import fit_coherent
 from estimation.channel.coherent.plan import nominal_manifold
 from estimation.channel.coherent.search import direction_grid
-from estimation.channel.coherent.twins import log_prior
 from estimation.channel.model.compress import beam_span
+from estimation.channel.model.direction_prior import direction_log_prior
 from estimation.channel.model.manifold import CELL
-from estimation.channel.model.path_model import PathParameters
 from scenes.pose import wrap_angle
 from sim.config import ArrayConfig
 from tests.estimation.channel.plain_sweeps import PANELS, compressed, plain_link, plain_paths, plain_sweep
@@ -56,7 +55,7 @@ def test_the_prior_prefers_equal_low_elevations_in_front() -> None:
     sweep = compressed(plain_sweep(LINK, plain_paths(LINK, [200.0], [[0.0, 0.0]], [[0.0, 0.0]], 30.0)))
     aod = np.deg2rad([[10.0, 5.0], [10.0, 45.0], [170.0, 5.0], [10.0, 45.0]])
     aoa = np.deg2rad([[50.0, -5.0], [50.0, -5.0], [50.0, -5.0], [50.0, -45.0]])
-    prior = log_prior(sweep, PathParameters(np.zeros(4), aod, aoa, np.ones(4, complex)))
+    prior = direction_log_prior(sweep.tx, sweep.rx, aod, aoa)
     assert (prior[0] > prior[1:]).all()
     assert prior[3] > prior[1]  # equal at both ends
 

@@ -1,0 +1,135 @@
+"""The drift of the receiver's clock during a sweep: delays that grow from one beam pair to the next.
+
+A clock that is 0.01 ppm fast shifts delays by 0.3 ns over a sweep of 30 ms, a hundred times the error by noise.
+Every path that dominates several beam pairs shows the drift in the delays of these pairs, up to a constant. Other
+paths in a pair shift its delay too, so the pairs of one path err together: the drift is the mean over paths, whose
+scatter counts as their error (DerSimonian and Laird, 1986).
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimation.channel.incoherent.likelihood import LinkBeams
+from estimation.channel.incoherent.spectrum import delay_waves
+from scenes.record import BoolArray, ComplexArray, FloatArray, IntArray
+from sim.observation import BeamSweep
+
+DOMINANT = 30.0  # energy of a path in a pair over that of all others, and over the noise
+LEAST_PHASOR = 0.9  # of the expectation of a known phase
+LEAST_PAIRS = 6  # of a path
+STEPS = 20  # of the weighted fit
+LARGEST_PPM = 0.1  # frequency error of a synchronised receiver, TS 38.101-2 clause 6.4.1
+DRIFTING = 0.01  # odds of a drift that matters, before the samples
+CYCLIC_PREFIX = 144 / 2048  # of a symbol, TS 38.211 clause 5.3.1
+
+
+@dataclass(frozen=True)
+class ClockDrift:
+    """Growth of all delays, in bins from one beam pair to the next, and its variance.
+
+    Pairs follow each other with all RX beams of a TX beam in turn, as in the record.
+    """
+
+    bins_per_pair: float = 0.0
+    variance: float = 0.0
+
+
+def clock_drift(
+    ends: LinkBeams,
+    paths: FloatArray,
+    phasor: ComplexArray,
+    residual: ComplexArray,
+    bins: IntArray,
+    n_bins: int,
+    removed: ClockDrift,
+) -> ClockDrift:
+    """The drift that the residual (pair, bin) of fitted paths (path, parameter) shows.
+
+    The mean over two hypotheses: no drift, or one within `LARGEST_PPM`, which has to be evident (`DRIFTING`).
+    `phasor` (pair,) is the phase of every pair; the samples are free of the drift `removed` already.
+    """
+    signal = ends.amplitudes(paths) * phasor[:, None]
+    is_dominant = dominant_pairs(ends, paths, phasor, n_bins)
+    _, slope = delay_waves(bins, paths[:, 0], n_bins)
+    found = []
+    for path in np.flatnonzero(is_dominant.sum(axis=0) >= LEAST_PAIRS):
+        pair = np.flatnonzero(is_dominant[:, path])
+        norm = np.square(np.abs(signal[pair, path])) * np.square(slope[:, path]).sum()
+        shift = (residual[pair] @ slope[:, path] * signal[pair, path].conj()).real / norm
+        found.append(_slope(pair.astype(float), shift, 0.5 / norm))
+    if not found:
+        return removed
+    value, variance = _mean(np.array(found))
+    return _posterior(removed.bins_per_pair + value, variance, _prior_variance(n_bins))
+
+
+def dominant_pairs(ends: LinkBeams, paths: FloatArray, phasor: ComplexArray, n_bins: int) -> BoolArray:
+    """Mask (pair, path) of the beam pairs in which one path is much stronger than the noise and all others.
+
+    `phasor` (pair,) is the expected phase of every pair; pairs without one took no part in the fit.
+    """
+    energy = n_bins * np.square(np.abs(ends.amplitudes(paths)))
+    rest = energy.sum(axis=1, keepdims=True) - energy
+    return np.asarray((energy > DOMINANT * (1 + rest)) & (np.abs(phasor) > LEAST_PHASOR)[:, None])
+
+
+def without_drift(sweep: BeamSweep, drift_s: float) -> BeamSweep:
+    """The sweep with the delays of all beam pairs as the clock of the first shows them; `drift_s` is per pair."""
+    if not drift_s:
+        return sweep
+    samples, n_rx = np.empty_like(sweep.samples), sweep.samples.shape[1]
+    for beam, block in enumerate(sweep.samples):
+        late_s = drift_s * (beam * n_rx + np.arange(n_rx))
+        turn = np.exp(2j * np.pi * late_s[:, None] * sweep.frequency_offset_hz)
+        samples[beam] = block * turn.astype(np.complex64)
+    return replace(sweep, samples=samples)
+
+
+def mean_pairs(ends: LinkBeams, paths: FloatArray) -> FloatArray:
+    """Mean number (path,) of the beam pairs in which every path is seen, weighted by its energy there."""
+    energy = np.square(np.abs(ends.amplitudes(paths)))
+    return np.asarray(np.arange(len(energy)) @ energy / np.maximum(energy.sum(axis=0), 1e-300))
+
+
+def _slope(position: FloatArray, shift: FloatArray, variance: FloatArray) -> tuple[float, float]:
+    """Slope of shifts over the position and its variance; outliers count less (least absolute deviations)."""
+    weight, slope, error = 1 / variance, 0.0, np.inf
+    for _ in range(STEPS):
+        centred = position - np.average(position, weights=weight)
+        information = float(weight @ np.square(centred))
+        slope = float(weight * centred @ shift) / information
+        left = shift - np.average(shift, weights=weight) - slope * centred
+        spread = 1.4826 * float(np.median(np.abs(left)))
+        free = len(position) / (len(position) - 2)
+        scattered = float(np.square(weight * centred * left).sum()) / information**2 * free
+        error = max(1 / information, scattered)
+        weight = 1 / np.maximum(variance, spread * np.maximum(spread, np.abs(left)))
+    return slope, error
+
+
+def _mean(found: FloatArray) -> tuple[float, float]:
+    """Mean of slopes with their variances (path, 2) that scatter beyond these, and its variance."""
+    value, variance = found.T
+    weight = 1 / variance
+    spread = weight @ np.square(value - np.average(value, weights=weight)) - (len(value) - 1)
+    free = weight.sum() - np.square(weight).sum() / weight.sum()
+    weight = 1 / (variance + (max(0.0, float(spread / free)) if len(value) > 1 else 0.0))
+    return float(np.average(value, weights=weight)), float(1 / weight.sum())
+
+
+def _prior_variance(n_bins: int) -> float:
+    """Variance of the bins per pair if the drift is uniform within `LARGEST_PPM`, with a symbol per pair.
+
+    A symbol without cyclic prefix takes the period of the delay spectrum; a comb of two shortens that by half.
+    """
+    return ((1 + CYCLIC_PREFIX) * n_bins * LARGEST_PPM * 1e-6) ** 2 / 3
+
+
+def _posterior(value: float, variance: float, prior: float) -> ClockDrift:
+    """Mean and variance of the drift over both hypotheses, given its measured value."""
+    total = variance + prior
+    log_odds = (value**2 / variance - value**2 / total + np.log(variance / total)) / 2 + np.log(DRIFTING)
+    probability = 1 / (1 + np.exp(-np.clip(log_odds, -500, 500)))
+    mean, own = value * prior / total, variance * prior / total
+    return ClockDrift(probability * mean, probability * (own + (1 - probability) * mean**2))

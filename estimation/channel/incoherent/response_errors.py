@@ -1,0 +1,176 @@
+"""Errors of the arrays' responses: what they do to the directions of paths, and a noise that grows with the paths.
+
+Elements with errors of their gains and phases, and quantised weights, give beams that differ from the codebook. An
+error that is independent from element to element has a known covariance over the beams: it moves the directions of
+all paths, and it adds a floor of side lobes below every path that weaker paths would fit. Its level is what the
+magnitudes of strong paths show beyond the shift that their directions absorb.
+"""
+
+from dataclasses import astuple, dataclass
+
+import numpy as np
+from scipy.stats import chi2
+
+from estimation.channel.incoherent.clock_drift import dominant_pairs
+from estimation.channel.incoherent.likelihood import LinkBeams
+from estimation.channel.incoherent.spectrum import delay_waves
+from estimation.channel.model.manifold import Manifold
+from scenes.record import ComplexArray, FloatArray, IntArray
+
+MAIN_LOBE = 0.1  # of the power of the best beam: beams whose magnitudes show errors
+SIGNIFICANT_STD = 3.0  # by which magnitudes exceed the noise where they show errors
+LARGEST_LEVEL = 0.3  # power of the error of an element: a third of its own, 30 deg or 5 dB
+REGULAR = 1e-9  # relative information on an angle below which magnitudes do not show it
+
+
+@dataclass(frozen=True)
+class ResponseErrors:
+    """Power of the error of an element over its own: the level, equal at both ends.
+
+    The few magnitudes of one main lobe show a level poorly; so both ends are taken as alike.
+    """
+
+    level: float = 0.0
+
+    def noise(self, ends: LinkBeams, paths: FloatArray, n_bins: int) -> FloatArray:
+        """Power (path,) over the noise of the floors of all other paths, as it affects paths (path, parameter)."""
+        if not len(paths) or not self.level:
+            return np.zeros(len(paths))
+        energy = np.square(np.abs(ends.amplitudes(paths)))
+        share = energy / np.maximum(energy.sum(axis=0), 1e-300)
+        apart = paths[:, None, 0] - paths[:, 0]
+        overlap = np.square(np.sinc(apart) / np.maximum(np.sinc(apart / n_bins), 1e-300))
+        np.fill_diagonal(overlap, 0.0)
+        return np.asarray((n_bins * (share.T @ self._floor(ends, paths)) * overlap).sum(axis=1))
+
+    def angle_covariance(self, ends: LinkBeams, paths: FloatArray) -> FloatArray:
+        """Covariance (path, angle, angle) of the directions of paths by the errors, departure first."""
+        n, size = ends.tx.n_angles, ends.tx.n_angles + ends.rx.n_angles
+        covariance = np.zeros((len(paths), size, size))
+        for path, (aod, aoa) in enumerate(zip(paths[:, 1 : 1 + n], paths[:, 1 + n : -2], strict=True)):
+            covariance[path, :n, :n] = self.level * EndErrors.of(ends.tx, aod).angle_covariance
+            covariance[path, n:, n:] = self.level * EndErrors.of(ends.rx, aoa).angle_covariance
+        return covariance
+
+    def _floor(self, ends: LinkBeams, paths: FloatArray) -> FloatArray:
+        """Power (pair, path) of the floor below every path in a delay bin."""
+        n = ends.tx.n_angles
+        aod, aoa = paths[:, 1 : 1 + n], paths[:, 1 + n : -2]
+        tx, rx = np.square(np.abs(ends.tx.response(aod))), np.square(np.abs(ends.rx.response(aoa)))
+        tx_floor, rx_floor = ends.tx.element_power(aod), ends.rx.element_power(aoa)
+        both = tx_floor[:, :, None] * rx[:, None] + tx[:, :, None] * rx_floor[:, None]
+        both *= self.level * np.exp(2 * paths[:, -2])[:, None, None] / ends.noise_mw
+        return np.asarray(both.reshape(len(paths), -1).T)
+
+
+@dataclass(frozen=True)
+class LevelEvidence:
+    """Weighted squares of magnitudes that no shift explains: found, and expected by noise and by a level of one.
+
+    `noise_squared` and `errors_squared` are the sums of the squared eigenvalues of their covariances.
+    """
+
+    found: float
+    by_noise: float
+    noise_squared: float
+    by_errors: float
+    errors_squared: float
+
+    def joined(self, other: "LevelEvidence") -> "LevelEvidence":
+        """Both together."""
+        both = zip(astuple(self), astuple(other), strict=True)
+        return LevelEvidence(*(one + another for one, another in both))
+
+    @property
+    def level(self) -> float:
+        """The level that is exceeded as often as not; 0 if noise alone may explain the magnitudes.
+
+        A weighted sum of a few chi-squares has about the median of one with as many degrees of freedom as give the
+        same variance (Satterthwaite, 1946).
+        """
+        if self.found < self.by_noise + SIGNIFICANT_STD * np.sqrt(2 * self.noise_squared):
+            return 0.0
+        freedom = self.by_errors**2 / self.errors_squared
+        return max(0.0, self.found - self.by_noise) * freedom / float(chi2.median(freedom)) / self.by_errors
+
+
+@dataclass(frozen=True)
+class EndErrors:
+    """How errors of the elements show in the magnitudes of one path at one end, per unit of their level.
+
+    Attributes
+    ----------
+    beam : (beam,) beams of the main lobe
+    weight : (beam,) power of these beams over that of the best
+    remainder : (beam, beam) from relative magnitudes to those that no shift of gain and direction explains
+    covariance : (beam, beam) of relative magnitudes by errors of a level of one
+    angle_covariance : (angle, angle) in rad^2, by errors of a level of one
+    """
+
+    beam: IntArray
+    weight: FloatArray
+    remainder: FloatArray
+    covariance: FloatArray
+    angle_covariance: FloatArray
+
+    @classmethod
+    def of(cls, manifold: Manifold, angles: FloatArray) -> "EndErrors":
+        """The errors of a path in a direction (angle,)."""
+        tangents = manifold.tangents(angles[None])[0]
+        power = np.square(np.abs(tangents[0]))
+        power = power / power.max()
+        beam = np.flatnonzero(power > MAIN_LOBE)
+        value, weight = tangents[0, beam], power[beam]
+        covariance = manifold.element_covariance(angles, beam) / np.outer(value, value.conj())
+        relative = covariance.real / 2  # the phase of a beam pair is unknown: only magnitudes count
+        slope = np.column_stack([np.ones(len(beam)), (tangents[1:, beam] / value).real.T])
+        scale = 1 / np.sqrt(np.maximum((weight[:, None] * np.square(slope)).sum(axis=0), 1e-300))
+        scaled = np.sqrt(weight)[:, None] * slope * scale
+        inverse = np.linalg.pinv(scaled, rcond=np.sqrt(REGULAR)) * np.sqrt(weight)
+        shift = scale[:, None] * inverse
+        return cls(beam, weight, np.eye(len(beam)) - slope @ shift, relative, (shift @ relative @ shift.T)[1:, 1:])
+
+    def evidence(self, magnitude: FloatArray, variance: FloatArray) -> LevelEvidence:
+        """What relative magnitudes (beam,), of this `variance` by noise, show of the level."""
+        root = np.sqrt(self.weight)[:, None] * self.remainder
+        by_errors, by_noise = root @ self.covariance @ root.T, (root * variance) @ root.T
+        return LevelEvidence(
+            found=float(np.square(root @ magnitude).sum()),
+            by_noise=float(np.trace(by_noise)),
+            noise_squared=float(np.square(by_noise).sum()),
+            by_errors=float(np.trace(by_errors)),
+            errors_squared=float(np.square(by_errors).sum()),
+        )
+
+
+def response_errors(
+    ends: LinkBeams, paths: FloatArray, phasor: ComplexArray, residual: ComplexArray, bins: IntArray, n_bins: int
+) -> ResponseErrors | None:
+    """The level that fitted paths (path, parameter) show: the median over those that dominate their main lobes.
+
+    None where no path does.
+
+    `residual` (pair, bin) is that of all paths, `phasor` (pair,) the phase of every pair.
+    """
+    n, shape = ends.tx.n_angles, (ends.tx.n_beams, ends.rx.n_beams)
+    amplitude = ends.amplitudes(paths)
+    is_dominant = dominant_pairs(ends, paths, phasor, n_bins)
+    wave, _ = delay_waves(bins, paths[:, 0], n_bins)
+    levels = []
+    for path in np.flatnonzero(is_dominant.any(axis=0)):
+        tx = EndErrors.of(ends.tx, paths[path, 1 : 1 + n])
+        rx = EndErrors.of(ends.rx, paths[path, 1 + n : -2])
+        pair = (tx.beam[:, None] * shape[1] + rx.beam).ravel()
+        if not is_dominant[pair, path].all():
+            continue
+        power = np.square(np.abs(amplitude[pair, path]))
+        matched = (residual[pair] @ wave[:, path]) / np.square(wave[:, path]).sum()
+        error = (matched * (amplitude[pair, path] * phasor[pair]).conj()).real / power
+        error, power = error.reshape(len(tx.beam), -1), power.reshape(len(tx.beam), -1)
+        by_noise = 0.5 / n_bins
+        shown = tx.evidence(error @ power[0] / power[0].sum(), by_noise / power.sum(axis=1)).joined(
+            rx.evidence(power[:, 0] @ error / power[:, 0].sum(), by_noise / power.sum(axis=0))
+        )
+        if shown.by_errors > REGULAR:
+            levels.append(shown.level)
+    return ResponseErrors(min(LARGEST_LEVEL, float(np.median(levels)))) if levels else None

@@ -1,0 +1,72 @@
+"""Errors of elements: their effect on directions is that of a simulation, their level is what sweeps show."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimation.channel.incoherent.likelihood import LinkBeams
+from estimation.channel.incoherent.response_errors import EndErrors, ResponseErrors
+from estimation.channel.model.manifold import Manifold
+from tests.estimation.channel.plain_sweeps import ELEVATION, plain_link
+
+LINK = plain_link()
+LEVEL = 1e-3
+
+
+def erring(codebook, rng: np.random.Generator):
+    """The codebook with errors of `LEVEL` in every element, the same for all beams."""
+    n = codebook.weights.shape[1]
+    error = np.sqrt(LEVEL / 2) * (rng.standard_normal(n) + 1j * rng.standard_normal(n))
+    return replace(codebook, weights=codebook.weights * (1 + error))
+
+
+@pytest.mark.parametrize("link", [LINK, plain_link(rx=ELEVATION)], ids=["horizontal", "elevations"])
+def test_directions_err_as_in_a_simulation(link) -> None:
+    """The weighted fit of gain and direction to magnitudes with errors, over many draws of the errors."""
+    rng = np.random.default_rng(1)
+    manifold = Manifold(link.rx_codebook)
+    angles = np.deg2rad([12.0, 6.0])[: manifold.n_angles]
+    errors = EndErrors.of(manifold, angles)
+    true = manifold.tangents(angles[None])[0][:, errors.beam]
+    slope = np.column_stack([np.ones(len(errors.beam)), (true[1:] / true[0]).real.T])
+    root = np.abs(true[0])[:, None]
+    found, magnitudes = [], []
+    for _ in range(2000):
+        other = Manifold(erring(link.rx_codebook, rng), manifold.n_angles).response(angles[None])[0, errors.beam]
+        magnitudes.append((other / true[0]).real - 1)
+        found.append(np.linalg.lstsq(root * slope, root[:, 0] * magnitudes[-1])[0][1:])
+    np.testing.assert_allclose(np.cov(np.array(magnitudes).T), LEVEL * errors.covariance, atol=0.1 * LEVEL)
+    scale = LEVEL * np.squeeze(errors.angle_covariance)
+    np.testing.assert_allclose(np.cov(np.array(found).T), scale, atol=0.1 * np.max(scale))
+
+
+def test_the_level_is_exceeded_as_often_as_not() -> None:
+    rng = np.random.default_rng(2)
+    manifold = Manifold(LINK.rx_codebook)
+    angles = np.array([0.2])
+    errors = EndErrors.of(manifold, angles)
+    true = manifold.response(angles[None])[0, errors.beam]
+    levels = []
+    for _ in range(1000):
+        other = Manifold(erring(LINK.rx_codebook, rng), 1).response(angles[None])[0, errors.beam]
+        levels.append(errors.evidence((other / true).real - 1, np.zeros(len(true))).level)
+    assert np.mean(np.array(levels) > LEVEL) == pytest.approx(0.5, abs=0.06)
+
+
+def test_noise_alone_shows_no_level() -> None:
+    rng = np.random.default_rng(3)
+    errors = EndErrors.of(Manifold(LINK.rx_codebook), np.array([0.2]))
+    variance = 1e-4 / errors.weight
+    noise = np.sqrt(variance) * rng.standard_normal((1000, len(variance)))
+    levels = np.array([errors.evidence(one, variance).level for one in noise])
+    assert np.median(levels) < 1e-4
+
+
+def test_the_floor_of_a_strong_path_hides_weak_ones_at_its_delay_only() -> None:
+    ends = LinkBeams(Manifold(LINK.tx_codebook), Manifold(LINK.rx_codebook), np.ones(10))
+    paths = np.array([[30.0, -0.3, 0.2, 3.0, 0.0], [30.0, 0.5, 0.2, 0.0, 0.0], [70.0, 0.5, 0.2, 0.0, 0.0]])
+    noise = ResponseErrors(0.02).noise(ends, paths, 288)
+    assert noise[1] > 100 * noise[2] > 0
+    assert noise[0] < 0.01 * noise[1]
+    assert (ResponseErrors().noise(ends, paths, 288) == 0).all()
