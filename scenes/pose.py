@@ -24,6 +24,17 @@ def wrap_angle(angle_rad: Any) -> Any:
     return (np.asarray(angle_rad) + np.pi) % (2 * np.pi) - np.pi
 
 
+def within_poles(angles_rad: FloatArray) -> FloatArray:
+    """The same directions (direction, 1 or 2) of azimuth, and of elevation if given, without any over a pole."""
+    if angles_rad.shape[1] == 1:
+        return angles_rad
+    azimuth, elevation = angles_rad.T
+    turned = wrap_angle(elevation)
+    is_over = np.abs(turned) > np.pi / 2
+    folded = np.where(is_over, np.copysign(np.pi, turned) - turned, elevation)
+    return np.stack([np.where(is_over, azimuth + np.pi, azimuth), folded], axis=1)
+
+
 def direction(azimuth_rad: Any, elevation_rad: Any = 0.0) -> FloatArray:
     """Unit vector(s) (..., xyz) of azimuth (from +x counter-clockwise) and elevation (from horizontal)."""
     azimuth, elevation = np.broadcast_arrays(np.asarray(azimuth_rad, float), np.asarray(elevation_rad, float))

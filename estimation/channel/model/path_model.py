@@ -15,7 +15,7 @@ import numpy as np
 from estimation.channel.model.compress import CompressedSweep
 from estimation.channel.model.kernels import hadamard_gram, tangent_products
 from estimation.channel.model.manifold import CELL
-from scenes.pose import wrap_angle
+from scenes.pose import within_poles, wrap_angle
 from scenes.record import BoolArray, ComplexArray, FloatArray, IntArray
 
 
@@ -60,13 +60,13 @@ class PathParameters:
         )
 
     def moved(self, step: FloatArray) -> PathParameters:
-        """The paths after a step (path, parameter) of delays and angles."""
+        """The paths after a step (path, parameter) of delays and angles; over a pole they come down behind it."""
         n_aod = self.aod_rad.shape[1]
         return replace(
             self,
             delay_bins=self.delay_bins + step[:, 0],
-            aod_rad=self.aod_rad + step[:, 1 : 1 + n_aod],
-            aoa_rad=self.aoa_rad + step[:, 1 + n_aod :],
+            aod_rad=within_poles(self.aod_rad + step[:, 1 : 1 + n_aod]),
+            aoa_rad=within_poles(self.aoa_rad + step[:, 1 + n_aod :]),
         )
 
 
