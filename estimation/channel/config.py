@@ -4,7 +4,7 @@ from pydantic import Field, field_validator
 
 from scenes.toml_config import ConfigModel, Pair
 
-MOST_INCOHERENT_PATHS = 40  # the time grows with their square: every pair of beams has a phase of its own
+MOST_INCOHERENT_PATHS = 80  # the time grows with their square: every pair of beams has a phase of its own
 
 
 class MaximumLikelihoodConfig(ConfigModel):
