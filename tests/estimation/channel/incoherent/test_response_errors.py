@@ -8,17 +8,18 @@ import pytest
 from estimation.channel.incoherent.likelihood import LinkBeams
 from estimation.channel.incoherent.response_errors import EndErrors, ResponseErrors
 from estimation.channel.model.manifold import Manifold
+from sim.signal.arrays.codebook import beam_response
 from tests.estimation.channel.plain_sweeps import ELEVATION, plain_link
 
 LINK = plain_link()
 LEVEL = 1e-3
 
 
-def erring(codebook, rng: np.random.Generator):
-    """The codebook with errors of `LEVEL` in every element, the same for all beams."""
+def erring_response(codebook, angles, rng: np.random.Generator):
+    """Response (beam,) in one direction, with errors of `LEVEL` in every element, the same for all beams."""
     n = codebook.weights.shape[1]
     error = np.sqrt(LEVEL / 2) * (rng.standard_normal(n) + 1j * rng.standard_normal(n))
-    return replace(codebook, weights=codebook.weights * (1 + error))
+    return beam_response(replace(codebook, weights=codebook.weights * (1 + error)), *angles)[:, 0]
 
 
 @pytest.mark.parametrize("link", [LINK, plain_link(rx=ELEVATION)], ids=["horizontal", "elevations"])
@@ -26,14 +27,15 @@ def test_directions_err_as_in_a_simulation(link) -> None:
     """The weighted fit of gain and direction to magnitudes with errors, over many draws of the errors."""
     rng = np.random.default_rng(1)
     manifold = Manifold(link.rx_codebook)
-    angles = np.deg2rad([12.0, 6.0])[: manifold.n_angles]
+    toward = (12.0, 6.0 if manifold.n_angles == 2 else 0.0)
+    angles = np.deg2rad(toward)[: manifold.n_angles]
     errors = EndErrors.of(manifold, angles)
     true = manifold.tangents(angles[None])[0][:, errors.beam]
     slope = np.column_stack([np.ones(len(errors.beam)), (true[1:] / true[0]).real.T])
     root = np.abs(true[0])[:, None]
     found, magnitudes = [], []
     for _ in range(2000):
-        other = Manifold(erring(link.rx_codebook, rng), manifold.n_angles).response(angles[None])[0, errors.beam]
+        other = erring_response(link.rx_codebook, np.deg2rad(toward), rng)[errors.beam]
         magnitudes.append((other / true[0]).real - 1)
         found.append(np.linalg.lstsq(root * slope, root[:, 0] * magnitudes[-1])[0][1:])
     np.testing.assert_allclose(np.cov(np.array(magnitudes).T), LEVEL * errors.covariance, atol=0.1 * LEVEL)
@@ -49,7 +51,7 @@ def test_the_level_is_exceeded_as_often_as_not() -> None:
     true = manifold.response(angles[None])[0, errors.beam]
     levels = []
     for _ in range(1000):
-        other = Manifold(erring(LINK.rx_codebook, rng), 1).response(angles[None])[0, errors.beam]
+        other = erring_response(LINK.rx_codebook, (0.2, 0.0), rng)[errors.beam]
         levels.append(errors.evidence((other / true).real - 1, np.zeros(len(true))).level)
     assert np.mean(np.array(levels) > LEVEL) == pytest.approx(0.5, abs=0.06)
 
