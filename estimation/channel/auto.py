@@ -26,6 +26,7 @@ from estimation.channel.incoherent.paths import IncoherentFit, fit_incoherent
 from scenes.pose import wrap_angle
 from scenes.record import BoolArray, FloatArray, IntArray
 from sim.observation import BeamSweep
+from sim.signal.waveform.prs import PREFIX_SHARE
 
 LARGEST_RESIDUAL_RAD = np.deg2rad(10.0)  # rms without noise, of phases that count as coherent
 DOUBTFUL_RAD = np.deg2rad(45.0)  # residual of a few paths up to which all paths decide; random phases show 104 deg
@@ -34,7 +35,6 @@ _LEAST_SNR = 6.0  # of a pair whose phase is used: its phase noise has a standar
 _LEAST_PAIRS = 4  # degrees of freedom of the residual
 _CONFIDENCE = 1.64  # standard deviations by which the residual must be below its limit: 95 %
 _ZERO_PADDING = 4
-_CYCLIC_PREFIX = 144 / 2048  # of a symbol, TS 38.211 clause 5.3.1
 _REFINEMENTS = 6
 _LEAST_VARIANCE = np.deg2rad(1.0) ** 2  # of the residual, in the weights
 
@@ -89,9 +89,9 @@ def fit_auto(sweep: BeamSweep, config: MaximumLikelihoodConfig | None = None) ->
     config = config or MaximumLikelihoodConfig()
     few = config.model_copy(update={"max_paths": min(config.max_paths, _TELLING_PATHS)})
     incoherent = fit_incoherent(sweep, few)
-    steady = without_drift(sweep, incoherent.drift_s)
     ramp = fit_phase_ramp(phases_of(incoherent))
     if ramp.is_coherent or ramp.residual_rad <= DOUBTFUL_RAD:
+        steady = without_drift(sweep, incoherent.drift_s)
         joint = ramp if ramp.is_coherent else _joint_ramp(steady, ramp, few)
         coherent = fit_over_background(without_phase_ramp(steady, joint.tx_step_rad, joint.rx_step_rad), config)
         if not ramp.is_coherent:
@@ -122,7 +122,7 @@ def _joint_ramp(sweep: BeamSweep, ramp: PhaseRamp, few: MaximumLikelihoodConfig)
 def _frequency_offset_hz(sweep: BeamSweep, ramp: PhaseRamp) -> float:
     """Frequency offset that causes a ramp if each pair takes one symbol of the sounded spacing."""
     spacing_hz = float(np.ptp(sweep.frequency_offset_hz)) / (sweep.samples.shape[2] - 1)
-    return ramp.frequency_offset_hz(sweep.samples.shape[1], (1 + _CYCLIC_PREFIX) / spacing_hz)
+    return ramp.frequency_offset_hz(sweep.samples.shape[1], (1 + PREFIX_SHARE["normal"]) / spacing_hz)
 
 
 @dataclass(frozen=True)

@@ -56,6 +56,7 @@ def user_estimator(name: str) -> ChannelEstimator:
     function = imported_function(name)
 
     def checked(sweep: BeamSweep) -> ChannelEstimate:
+        """The estimate of the user's function, checked; `EstimatorError` where it raises or ends the process."""
         try:
             with fenced():
                 estimate = function(sweep)

@@ -82,11 +82,11 @@ def _is_weak(fit: PathFit, sweep: CompressedSweep, level: float) -> BoolArray:
     is_lost = (is_seen & (variance * np.square(rate / CELL) > UNIFORM_VARIANCE)).any(axis=1)
     is_lost |= (is_seen.any(axis=0) & (variance > QUADRANT_VARIANCE))[:, [1, 1 + sweep.tx.n_angles]].any(axis=1)
     is_lost |= companions(fit, sweep.tx, sweep.rx)
-    is_faint = over_background(sweep, paths.delay_bins) & (fit.snr_db < 10 * np.log10(level))
+    is_faint = _is_over_background(sweep, paths.delay_bins) & (fit.snr_db < 10 * np.log10(level))
     return np.asarray(fit.is_weak | is_lost | is_faint)
 
 
-def over_background(sweep: CompressedSweep, delay_bins: FloatArray) -> BoolArray:
+def _is_over_background(sweep: CompressedSweep, delay_bins: FloatArray) -> BoolArray:
     """Mask (path,) of the delays where the sweep was whitened by a background above the noise."""
     half = sweep.n_subcarriers / 2
     apart = np.abs((sweep.position - delay_bins[:, None] + half) % sweep.n_subcarriers - half)

@@ -64,7 +64,6 @@ class Background:
 
     def _profile(self, ends: LinkBeams, paths: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Power over delay (path, bin) that affects each path, and the number of pairs (path,) in this mean."""
-        share = np.square(np.abs(ends.amplitudes(paths))).T
-        share = share / np.maximum(share.sum(axis=1, keepdims=True), 1e-300)
+        share = ends.energy_shares(paths).T
         n_pairs = 1 / np.maximum(np.square(share).sum(axis=1), 1e-300)
         return np.asarray(share.astype(np.float32) @ self.power, float), n_pairs

@@ -14,6 +14,7 @@ from estimation.channel.incoherent.likelihood import LinkBeams
 from estimation.channel.incoherent.spectrum import delay_waves
 from scenes.record import BoolArray, ComplexArray, FloatArray, IntArray
 from sim.observation import BeamSweep
+from sim.signal.waveform.prs import PREFIX_SHARE
 
 DOMINANT = 30.0  # energy of a path in a pair over that of all others, and over the noise
 LEAST_PHASOR = 0.9  # of the expectation of a known phase
@@ -21,7 +22,6 @@ LEAST_PAIRS = 6  # of a path
 STEPS = 20  # of the weighted fit
 LARGEST_PPM = 0.1  # frequency error of a synchronised receiver, TS 38.101-2 clause 6.4.1
 DRIFTING = 0.01  # odds of a drift that matters, before the samples
-CYCLIC_PREFIX = 144 / 2048  # of a symbol, TS 38.211 clause 5.3.1
 
 
 @dataclass(frozen=True)
@@ -88,8 +88,8 @@ def without_drift(sweep: BeamSweep, drift_s: float) -> BeamSweep:
 
 def mean_pairs(ends: LinkBeams, paths: FloatArray) -> FloatArray:
     """Mean number (path,) of the beam pairs in which every path is seen, weighted by its energy there."""
-    energy = np.square(np.abs(ends.amplitudes(paths)))
-    return np.asarray(np.arange(len(energy)) @ energy / np.maximum(energy.sum(axis=0), 1e-300))
+    share = ends.energy_shares(paths)
+    return np.asarray(np.arange(len(share)) @ share)
 
 
 def _slope(position: FloatArray, shift: FloatArray, variance: FloatArray) -> tuple[float, float]:
@@ -123,7 +123,7 @@ def _prior_variance(n_bins: int) -> float:
 
     A symbol without cyclic prefix takes the period of the delay spectrum; a comb of two shortens that by half.
     """
-    return ((1 + CYCLIC_PREFIX) * n_bins * LARGEST_PPM * 1e-6) ** 2 / 3
+    return ((1 + PREFIX_SHARE["normal"]) * n_bins * LARGEST_PPM * 1e-6) ** 2 / 3
 
 
 def _posterior(value: float, variance: float, prior: float) -> ClockDrift:

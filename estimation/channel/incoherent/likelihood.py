@@ -70,6 +70,11 @@ class LinkBeams:
         tx, rx = self._beams(paths)
         return np.asarray((np.abs(tx) ** 2).sum(axis=1) * (np.abs(rx) ** 2).sum(axis=1))
 
+    def energy_shares(self, paths: FloatArray) -> FloatArray:
+        """Share (pair, path) of every path's energy that each beam pair receives."""
+        energy = np.square(np.abs(self.amplitudes(paths)))
+        return np.asarray(energy / np.maximum(energy.sum(axis=0), 1e-300))
+
     def known_phase_shares(self, paths: FloatArray, n_bins: int) -> FloatArray:
         """Share (path,) of every path's energy in beam pairs whose phases the other paths determine.
 
@@ -243,6 +248,7 @@ def maximise_likelihood(
     inside = True
 
     def attempt(now: tuple[FloatArray, Score], damping: float) -> Attempt[tuple[FloatArray, Score]] | None:
+        """One damped Fisher scoring step of all paths; None where it gains too little or a delay leaves reach."""
         nonlocal inside
         paths, at = now
         step = _damped_step(at, damping)

@@ -9,6 +9,7 @@ magnitudes of strong paths show beyond the shift that their directions absorb.
 from dataclasses import astuple, dataclass
 
 import numpy as np
+from scipy.special import diric
 from scipy.stats import chi2
 
 from estimation.channel.incoherent.clock_drift import dominant_pairs
@@ -36,12 +37,11 @@ class ResponseErrors:
         """Power (path,) over the noise of the floors of all other paths, as it affects paths (path, parameter)."""
         if not len(paths) or not self.level:
             return np.zeros(len(paths))
-        energy = np.square(np.abs(ends.amplitudes(paths)))
-        share = energy / np.maximum(energy.sum(axis=0), 1e-300)
-        apart = paths[:, None, 0] - paths[:, 0]
-        overlap = np.square(np.sinc(apart) / np.maximum(np.sinc(apart / n_bins), 1e-300))
+        floor = n_bins * ends.energy_shares(paths).T @ self._floor(ends, paths)
+        apart_rad = 2 * np.pi / n_bins * (paths[:, None, 0] - paths[:, 0])
+        overlap = np.square(diric(apart_rad, n_bins))
         np.fill_diagonal(overlap, 0.0)
-        return np.asarray((n_bins * (share.T @ self._floor(ends, paths)) * overlap).sum(axis=1))
+        return np.asarray((floor * overlap).sum(axis=1))
 
     def angle_covariance(self, ends: LinkBeams, paths: FloatArray) -> FloatArray:
         """Covariance (path, angle, angle) of the directions of paths by the errors, departure first."""
@@ -144,13 +144,18 @@ class EndErrors:
 
 
 def response_errors(
-    ends: LinkBeams, paths: FloatArray, phasor: ComplexArray, residual: ComplexArray, bins: IntArray, n_bins: int
-) -> ResponseErrors | None:
+    ends: LinkBeams,
+    paths: FloatArray,
+    phasor: ComplexArray,
+    residual: ComplexArray,
+    bins: IntArray,
+    n_bins: int,
+    known: ResponseErrors,
+) -> ResponseErrors:
     """The level that fitted paths (path, parameter) show: the median over those that dominate their main lobes.
 
-    None where no path does.
-
-    `residual` (pair, bin) is that of all paths, `phasor` (pair,) the phase of every pair.
+    `residual` (pair, bin) is that of all paths, `phasor` (pair,) the phase of every pair. Where no path dominates,
+    these are the errors `known` before.
     """
     n, shape = ends.tx.n_angles, (ends.tx.n_beams, ends.rx.n_beams)
     amplitude = ends.amplitudes(paths)
@@ -173,4 +178,4 @@ def response_errors(
         )
         if shown.by_errors > REGULAR:
             levels.append(shown.level)
-    return ResponseErrors(min(LARGEST_LEVEL, float(np.median(levels)))) if levels else None
+    return ResponseErrors(min(LARGEST_LEVEL, float(np.median(levels)))) if levels else known

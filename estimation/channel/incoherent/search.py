@@ -161,8 +161,7 @@ class IncoherentSearch:
         """Paths that are significant above the background, and their residual (pair, bin)."""
         residual, n_paths = self._residual(paths, at), len(paths)
         n_bins = self.spectrum.n_bins
-        errors = response_errors(self.ends, paths, self._phasor(at), residual, self.bins, n_bins)
-        self.errors = errors or self.errors
+        self.errors = response_errors(self.ends, paths, self._phasor(at), residual, self.bins, n_bins, self.errors)
         self.background = Background.of(residual, self.bins, n_bins, self.errors)
         needed, then = self._needed(paths, at, _REFIT_STEPS)
         return (needed, then, residual if then is None or len(needed) == n_paths else self._residual(needed, then))

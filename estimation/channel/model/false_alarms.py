@@ -67,7 +67,7 @@ def direction_curvatures(manifold: Manifold) -> FloatArray:
     """Curvatures of all directions that the beams cover: of a curve for one angle, of a surface for two."""
     azimuth = manifold.azimuths()
     if manifold.n_angles == 1:
-        speed = np.sqrt(manifold.metric(azimuth[:, None])[:, 0, 0])
+        speed = manifold.rates(azimuth[:, None])[:, 0]
         length = _integral(speed, azimuth, is_closed=manifold.is_closed)
         return np.array([0.0 if manifold.is_closed and length > FLAT else 1.0, length])
     elevation = manifold.elevations()

@@ -243,7 +243,7 @@ class Manifold:
         """Directions (direction, 2) at one elevation, evenly spaced on the manifold by at most `step`."""
         azimuth = self.azimuths()
         angles = np.stack([azimuth, np.broadcast_to(elevation_rad, azimuth.shape)], axis=1)[:, : self.n_angles]
-        speed = np.sqrt(self.metric(angles)[:, 0, 0])
+        speed = self.rates(angles)[:, 0]
         strongest = azimuth[int(np.argmax(np.linalg.norm(self.response(angles), axis=1)))]
         if self.is_closed:
             azimuth, speed = np.append(azimuth, azimuth[0] + 2 * np.pi), np.append(speed, speed[0])
@@ -253,10 +253,7 @@ class Manifold:
     def _levels(self, step: float) -> FloatArray:
         """Elevations (level,) at most `step` apart on the manifold at any azimuth."""
         elevation, azimuth = self.elevations(), self.azimuths()[::4]
-        speed = [
-            np.sqrt(self.metric(np.stack([azimuth, np.full(len(azimuth), e)], axis=1))[:, 1, 1].max())
-            for e in elevation
-        ]
+        speed = [self.rates(np.stack([azimuth, np.full(len(azimuth), e)], axis=1))[:, 1].max() for e in elevation]
         return _evenly(elevation, np.array(speed), step, float(elevation.mean()), is_closed=False)
 
     def _scan_azimuths(self) -> None:

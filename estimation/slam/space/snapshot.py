@@ -82,6 +82,7 @@ def refine_spatial(
     weak = np.diag(_prior(config) ** -2.0)
 
     def attempt(at: _Refined, damping: FloatArray) -> Attempt[_Refined] | None:
+        """One damped step of all states with the weights of their errors; None where every state has converged."""
         state, (fit, _, direct, slope) = at
         weight = _weights(fit, others, config)
         jacobian = fit.jacobian * weight[..., None]

@@ -16,6 +16,7 @@ from sim.propagation.paths import Paths
 from sim.signal.generation import beam_channel
 from sim.signal.link import Link, make_link
 from sim.signal.noise import add_noise
+from sim.signal.waveform.prs import PREFIX_SHARE
 
 N_SUBCARRIERS = 3168
 ORIGIN = Pose(np.zeros(3), 0.0)
@@ -66,6 +67,6 @@ def noisy_cube(link: Link, paths: Paths, rng: np.random.Generator) -> ComplexArr
 
 def _air_time(link: Link, taken_s: float) -> Measurement:
     step_hz = float(np.diff(link.frequency_offset_hz).min())
-    air_s = len(link.tx_codebook) * len(link.rx_codebook) * (1 + 144 / 2048) / step_hz
+    air_s = len(link.tx_codebook) * len(link.rx_codebook) * (1 + PREFIX_SHARE["normal"]) / step_hz
     reason = f"beam pairs x symbol duration = {1e3 * air_s:.1f} ms; the bar finds only gross errors"
     return at_most("signal.generation.over_air_time", taken_s / air_s, 100.0, reason)

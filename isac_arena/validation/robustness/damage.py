@@ -125,6 +125,7 @@ def _watched(run: Callable[[], None], folder: Path, log: str) -> Callable[[], No
     """A command that writes the names of the files it opens in a folder to a log."""
 
     def watched() -> None:
+        """Run, with an audit hook that hears what is opened."""
         names: set[str] = set()
 
         def hear(event: str, arguments: tuple[Any, ...]) -> None:

@@ -9,7 +9,7 @@ from isac_arena.campaign.results import MapResult
 from isac_arena.report.figures.bands import Curve, contour_curve, shape_curve
 from isac_arena.report.page.payload.numbers import number, rounded
 from isac_arena.scoring.causes import cause_words, ghost_words
-from isac_arena.scoring.record import IpScores, MapScores, OutlineScores
+from isac_arena.scoring.record import ContourScores, IpScores, MapScores, OutlineScores
 from scenes.record import IntArray
 
 SHAPE_STEP = 3  # every third sample of the paper's contours is drawn
@@ -18,7 +18,9 @@ SHOWN_SCORES = ("iou", "hausdorff_m", "seen_rmse_m", "full_rmse_m", "coverage95"
 
 def map_payload(result: MapResult, scores: MapScores) -> dict[str, Any]:
     """One map. `ours` and `paper` of a point are its rows in `contours` and in `shapes`, -1 for none."""
-    poses = result.poses
+    poses, surface_m = result.poses, scores.ips.surface_distance_m
+    ours = ghost_words(scores.contours.cause, result.contours.object, surface_m)
+    paper = ghost_words(scores.clusters.cause, result.shapes.label, surface_m)
     return {
         "poses": {
             "xy": rounded(poses.position_m, 3),
@@ -26,8 +28,8 @@ def map_payload(result: MapResult, scores: MapScores) -> dict[str, Any]:
             "status": [SolveStatus(status).name for status in poses.status],
         },
         "ips": _points(result, scores.ips),
-        "contours": [_contour(result, scores, row) for row in range(len(result.contours))],
-        "shapes": [_shape(result, scores, row) for row in range(len(result.shapes.center_m))],
+        "contours": [_contour(result, scores.contours, row, called) for row, called in enumerate(ours)],
+        "shapes": [_shape(result, scores.clusters, row, called) for row, called in enumerate(paper)],
     }
 
 
@@ -51,7 +53,7 @@ def _points(result: MapResult, scores: IpScores) -> dict[str, Any]:
     }
 
 
-def _contour(result: MapResult, scores: MapScores, row: int) -> dict[str, Any]:
+def _contour(result: MapResult, scores: ContourScores, row: int, called: str) -> dict[str, Any]:
     contours = result.contours
     return {
         "kind": str(contours.kind[row]),
@@ -61,12 +63,12 @@ def _contour(result: MapResult, scores: MapScores, row: int) -> dict[str, Any]:
         "extent_std_m": number(contours.extent_std_m[row], 3),
         "classes": contours.class_name.tolist(),
         "probability": rounded(contours.class_probability[row], 3),
-        **_origin(scores.contours, row, contours.object, scores.ips),
+        **_origin(scores, row, contours.object, called),
         **_curve(contour_curve(contours, row)),
     }
 
 
-def _shape(result: MapResult, scores: MapScores, row: int) -> dict[str, Any]:
+def _shape(result: MapResult, scores: OutlineScores, row: int, called: str) -> dict[str, Any]:
     shapes = result.shapes
     return {
         "kind": "star-convex",
@@ -74,17 +76,17 @@ def _shape(result: MapResult, scores: MapScores, row: int) -> dict[str, Any]:
         "signal_std_m": number(shapes.signal_std_m[row], 3),
         "length_scale": number(shapes.length_scale[row], 3),
         "noise_std_m": number(shapes.noise_std_m[row], 4),
-        **_origin(scores.clusters, row, shapes.label, scores.ips),
+        **_origin(scores, row, shapes.label, called),
         **_curve(shape_curve(shapes, row, SHAPE_STEP)),
     }
 
 
-def _origin(scores: OutlineScores, row: int, label: IntArray, ips: IpScores) -> dict[str, Any]:
-    """The object that a contour shows, and the scores of the contour."""
+def _origin(scores: OutlineScores, row: int, label: IntArray, called: str) -> dict[str, Any]:
+    """The object that a contour shows, what it is `called` where it is a ghost, and the scores of the contour."""
     return {
         "object": str(scores.object[row]),
         "ghost": bool(scores.is_ghost[row]),
-        "called": ghost_words(scores.cause, label, ips.surface_distance_m)[row] if scores.is_ghost[row] else "",
+        "called": called if scores.is_ghost[row] else "",
         "found": bool(scores.is_found[row]),
         "purity": number(scores.purity[row], 3),
         "n_ips": int((label == row).sum()),
