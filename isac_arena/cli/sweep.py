@@ -62,30 +62,43 @@ def sweep_report(
         list[str] | None, typer.Option(help="Two metrics of a trade-off, KEY,KEY; may be given several times.")
     ] = None,
 ) -> None:
-    """Write sweep_report.html: every metric over every axis, with intervals and bounds, and trade-offs."""
+    """Write sweep_report.html: every metric over every axis, with intervals and bounds, and trade-offs.
+
+    Cases whose files are damaged are left out, and named.
+    """
     from rich.console import Console  # noqa: PLC0415
     from threadpoolctl import threadpool_limits  # noqa: PLC0415
 
     from isac_arena.campaign.files import write_text  # noqa: PLC0415
-    from isac_arena.campaign.manifest import check_unchanged  # noqa: PLC0415
+    from isac_arena.campaign.manifest import check_unchanged, read_manifest  # noqa: PLC0415
     from isac_arena.campaign.recording import recorded_additions  # noqa: PLC0415
     from isac_arena.progress import working  # noqa: PLC0415
     from isac_arena.sweep.report import sweep_page, sweep_results  # noqa: PLC0415
-    from isac_arena.sweep.store import read_failures, read_plan, read_sweep  # noqa: PLC0415
+    from isac_arena.sweep.store import damaged_cases, read_failures, read_plan, read_sweep  # noqa: PLC0415
     from isac_arena.sweep.table import result_rows  # noqa: PLC0415
 
     console = Console(highlight=False)
     check_unchanged(directory, ("sweep.json", "plan.json"))
     config, _ = read_sweep(directory)
     cases, failures = read_plan(directory), read_failures(directory)
-    results = sweep_results(config, result_rows(directory, config, cases, {}))
+    if (directory / "results.csv").is_file():  # a sweep that ended has a manifest
+        read_manifest(directory)
+    found = damaged_cases(directory)
+    damaged = {case.key: found[case.key] for case in cases if case.key in found}
+    whole = [case for case in cases if case.key not in damaged]
+    results = sweep_results(config, result_rows(directory, config, whole, {}))
     keys = _chosen(results, metric, directory)
     pairs = _pairs(results, pareto, directory)
     with working(console, "figures"):
-        page = sweep_page(directory, config, cases, failures, results, keys, pairs)
+        page = sweep_page(directory, config, cases, failures, damaged, results, keys, pairs)
         with threadpool_limits(limits=1), recorded_additions(directory):  # as every file of a sweep
             write_text(directory / REPORT, page)
     console.print(f"report: {directory / REPORT}")
+    if damaged:
+        console.print(f"{len(damaged)} damaged cases are left out; the same 'arena sweep' runs them again")
+        for what in list(damaged.values())[:5]:
+            console.print(f"  {what}", markup=False)
+        raise typer.Exit(1)
 
 
 def print_plan(console: Console, config: SweepConfig, plan: Plan) -> None:

@@ -228,10 +228,9 @@ def _options(key: str, priority: int) -> dict[str, Any]:
 def _reasons(future: Future, batch: Sequence[Job]) -> list[str | None] | None:
     """The reason of every failure in a batch, None for a case that is done; None where several share a fault.
 
-    Raises errors that are no fault of a case.
+    A task that ended is lost with its worker where that dies before its result is here: both calls below wait
+    until it has run again. Raises errors that are no fault of a case.
     """
-    if future.status in ("cancelled", "lost"):
-        raise ConnectionError(LOST)
     error = future.exception()
     if isinstance(error, OSError) and error.errno in PLACE_FAULTS:
         raise error

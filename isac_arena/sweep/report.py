@@ -1,6 +1,6 @@
 """The report page of a sweep, finished or not: figures and tables."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -67,15 +67,13 @@ def sweep_page(
     directory: Path,
     config: SweepConfig,
     cases: Sequence[PlannedCase],
-    failures: dict[str, str],
+    failures: Mapping[str, str],
+    damaged: Mapping[str, str],
     results: SweepResults,
     keys: Sequence[str],
     pairs: Sequence[tuple[str, str]],
 ) -> str:
-    """The report page of a sweep."""
-    failed = [
-        [case.key, _case_settings(config, case), failures[case.key]] for case in cases if case.key in failures
-    ]
+    """The report page of a sweep; failed and damaged cases with what is wrong, by their key."""
     sections: list[tuple[str, Sequence[SweepFigure | str]]] = []
     if keys:
         sections.append(("Metrics over every axis", _axis_figures(results, keys)))
@@ -84,17 +82,23 @@ def sweep_page(
     else:
         nothing = "<p>No finished case yet, or no metric that changes over the cases.</p>"
         sections.append(("Metrics", [nothing]))
-    if failed:
-        rows = table(["case", "axes", "error"], failed[:MOST_FAILURES], "failed")
-        sections.append((f"{len(failed)} failed cases", [rows]))
-    return render_sweep(config.name, sweep_facts(directory, config, cases, failures), sections)
+    for what, found in (("failed", failures), ("damaged", damaged)):
+        rows = [[case.key, _case_settings(config, case), found[case.key]] for case in cases if case.key in found]
+        if rows:
+            shown = table(["case", "axes", "error"], rows[:MOST_FAILURES], "failed")
+            sections.append((f"{len(rows)} {what} cases", [shown]))
+    return render_sweep(config.name, sweep_facts(directory, config, cases, failures, damaged), sections)
 
 
 def sweep_facts(
-    directory: Path, config: SweepConfig, cases: Sequence[PlannedCase], failures: dict[str, str]
+    directory: Path,
+    config: SweepConfig,
+    cases: Sequence[PlannedCase],
+    failures: Mapping[str, str],
+    damaged: Mapping[str, str],
 ) -> dict[str, str]:
     """What was swept and how far it is, with its pace where it is not finished."""
-    done = [case for case in cases if is_done(directory, case.key)]
+    done = [case for case in cases if is_done(directory, case.key) and case.key not in damaged]
     failed = [case for case in cases if case.key in failures and case not in done]
     remaining = len(cases) - len(done) - len(failed)
     facts = {
@@ -103,6 +107,8 @@ def sweep_facts(
         "Axes": ", ".join(axis_names(config)) or "none",
         "Cases": f"{len(done)} of {len(cases)} done, {len(failed)} failed",
     }
+    if damaged:
+        facts["Cases"] += f", {len(damaged)} damaged"
     times = sorted((directory / "cases" / case.key / "scores.json").stat().st_mtime for case in done)
     if remaining and len(times) > 1 and times[-1] > times[0]:
         pace = (len(times) - 1) / (times[-1] - times[0])

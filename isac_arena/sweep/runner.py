@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -19,6 +20,7 @@ from isac_arena.sweep.config import SweepConfig
 from isac_arena.sweep.job import Job, store_scene
 from isac_arena.sweep.plan import Plan, make_plan
 from isac_arena.sweep.store import (
+    damaged_cases,
     forget_failures,
     open_sweep,
     plan_of_jobs,
@@ -29,6 +31,7 @@ from isac_arena.sweep.store import (
     write_plan,
 )
 from isac_arena.sweep.table import mean_with_interval, result_rows, write_tables
+from scenes.names import path_in
 from scenes.toml_config import read_text
 
 if TYPE_CHECKING:
@@ -53,6 +56,9 @@ def run_sweep(
         open_sweep(out, config, read_text(base_path(str(file), config)), keys)
         for scene in plan.scenes.values():
             store_scene(out, scene)
+        for key, what in damaged_cases(out).items():
+            console.print(f"{what}; this case runs again", markup=False)
+            shutil.rmtree(path_in(out / "cases", key))
         if retry_failed:
             forget_failures(out, read_failures(out))
         recording.drop(stale_names(out, recording.names))

@@ -14,7 +14,7 @@ from typing import Any
 from isac_arena.campaign.difference import first_difference, line_difference
 from isac_arena.campaign.files import remove_file, remove_leftovers, write_json, write_text
 from isac_arena.campaign.integrity import file_digest
-from isac_arena.campaign.manifest import read_manifest
+from isac_arena.campaign.manifest import check_unchanged, read_manifest
 from isac_arena.sweep.config import SweepConfig
 from isac_arena.sweep.job import CASE_FILES, Job
 from scenes.inputs import read_input
@@ -67,9 +67,11 @@ def open_sweep(directory: Path, config: SweepConfig, base_text: str, keys: Colle
 
 def _keeps_all(directory: Path, config: SweepConfig, keys: Collection[str]) -> bool:
     """Whether all cases planned before are among `keys`, except seeds beyond the repeats."""
-    if not (directory / "plan.json").is_file():
+    try:
+        planned = read_plan(directory)
+    except ValueError:  # damaged: it is written again
         return False
-    return all(case.key in keys for case in read_plan(directory) if case.repeat < config.repeats)
+    return all(case.key in keys for case in planned if case.repeat < config.repeats)
 
 
 def remove_unfinished(directory: Path) -> None:
@@ -130,6 +132,23 @@ def is_done(directory: Path, key: str) -> bool:
     """Whether all files of a case exist."""
     case = path_in(directory / "cases", key)
     return all((case / name).is_file() for name in CASE_FILES)
+
+
+def damaged_cases(directory: Path) -> dict[str, str]:
+    """What is wrong with each case that is no longer as it was written, in one line, by the key of the case."""
+    keys = [each.name for each in sorted((directory / "cases").glob("[!.]*")) if each.is_dir()]
+    return {key: what for key in keys if (what := _damage(path_in(directory / "cases", key))) is not None}
+
+
+def _damage(case: Path) -> str | None:
+    for name in CASE_FILES:
+        if not (case / name).is_file():
+            return f"{case / name}: missing"
+    try:
+        check_unchanged(case, CASE_FILES)
+    except ValueError as error:
+        return str(error).partition("; ")[0]
+    return None
 
 
 def read_scores(directory: Path, key: str) -> list[dict[str, Any]]:

@@ -5,10 +5,11 @@ import multiprocessing
 import os
 import resource
 import signal
+import sys
 import time
 import traceback
 from collections.abc import Callable
-from contextlib import redirect_stderr, redirect_stdout
+from contextlib import redirect_stderr, redirect_stdout, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -52,6 +53,19 @@ def call(function: Callable[..., object], *arguments: Any) -> Callable[[], None]
         guarded(silent)
 
     return run
+
+
+def warm(run: Callable[[], None], folder: Path) -> None:
+    """Run something in this process, without output: forks of it have its imports and its compiled code."""
+    before, path, hook = Path.cwd(), sys.path[:], sys.unraisablehook
+    os.chdir(folder)
+    try:
+        with open(os.devnull, "w", encoding="utf-8") as nothing, redirect_stderr(nothing), redirect_stdout(nothing):
+            with suppress(SystemExit):
+                run()
+    finally:
+        os.chdir(before)
+        sys.path[:], sys.unraisablehook = path, hook
 
 
 def attempt(what: str, run: Callable[[], None], folder: Path, cpu_s: int = CPU_S) -> Trial:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 from unittest import mock
 
-from isac_arena.validation.robustness.attempt import Trial, attempt, command, start, tree, wait_until
+from isac_arena.validation.robustness.attempt import Trial, attempt, command, start, tree, wait_until, warm
 from isac_arena.validation.robustness.files import PLAN_TAIL, write_inputs
 from isac_arena.validation.robustness.functions import BODIES, SOURCE
 from isac_arena.validation.robustness.made import write_campaign
@@ -41,7 +41,7 @@ def finished_run(folder: Path, seed: int) -> Finished:
     with (folder / "room.toml").open("a", encoding="utf-8") as file:
         file.write(PLAN_TAIL.format(plan="csv"))
     (folder / "bad_lab.py").write_text(SOURCE, encoding="utf-8")
-    expect(attempt("run", command(*RUN), folder, RUN_CPU_S))  # the first compiles
+    warm(command(*RUN), folder)
     shutil.rmtree(folder / "run")
     started = time.monotonic()
     expect(attempt("run", command(*RUN), folder, RUN_CPU_S))

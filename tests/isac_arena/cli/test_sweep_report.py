@@ -42,6 +42,24 @@ def test_an_unfinished_sweep_tells_its_pace_and_its_failures(undisturbed: Path, 
     assert "a &lt;bad&gt; case" in page and "power = 0.0, seed 1" in page
 
 
+def test_a_damaged_case_is_named_and_left_out(undisturbed: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    shutil.copytree(undisturbed / "out", out)
+    first, second, third, fourth = (out / "cases" / case.key for case in read_plan(out)[:4])
+    (first / "provenance.nc").unlink()
+    (second / "manifest.json").unlink()
+    (third / "campaign.json").write_bytes((third / "campaign.json").read_bytes()[:-2])
+    (fourth / "scores.json").write_text("[]")
+    result = report(out)
+    assert result.exit_code == 1 and "4 damaged cases are left out" in result.output
+    told = "".join(result.output.split())
+    assert f"{first.name}/provenance.nc:missing" in told and f"{third.name}/campaign.json:damaged" in told
+    page = (out / "sweep_report.html").read_text()
+    assert "8 of 12 done, 0 failed, 4 damaged" in page and "4 damaged cases" in page
+    (out / "manifest.json").unlink()
+    assert "manifest.json: missing; a finished run writes it" in str(report(out).exception)
+
+
 def test_what_cannot_be_shown_is_one_line(undisturbed: Path, tmp_path: Path) -> None:
     assert "holds no sweep" in str(report(tmp_path).exception)
     assert "--metric = 'nothing'" in str(report(undisturbed / "out", "--metric", "nothing").exception)

@@ -4,12 +4,14 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 
 import dask.config
 import pyarrow.parquet as pq
 import pytest
+from distributed import wait
 from typer.testing import CliRunner, Result
 
 from isac_arena.campaign.lock import one_run
@@ -18,8 +20,8 @@ from isac_arena.scoring.score import Scores
 from isac_arena.sweep import store as sweep_store
 from isac_arena.sweep.cases import make_cases
 from isac_arena.sweep.config import SweepConfig
-from isac_arena.sweep.engine import connect_scheduler
-from isac_arena.sweep.job import make_job, store_scene
+from isac_arena.sweep.engine import _reasons, connect_scheduler
+from isac_arena.sweep.job import CASE_FILES, make_job, store_scene
 from isac_arena.sweep.plan import make_plan, metric_keys
 from isac_arena.sweep.run import read_times, score_case, score_cases
 from isac_arena.validation.robustness.sweeps import OLD, SCHEDULER, Processes
@@ -66,6 +68,10 @@ def run(folder: Path, out: str, *options: str) -> Result:
     return CliRunner().invoke(app, ["sweep", str(folder / "sweep.toml"), "--out", str(folder / out), *options])
 
 
+def verify(folder: Path, *options: str) -> Result:
+    return CliRunner().invoke(app, ["verify", str(folder), *options])
+
+
 def test_two_workers_and_a_resumed_sweep_give_the_same_bytes(undisturbed: Path, files: Path) -> None:
     write_sweep(files, repeats=N_CASES // 2)
     first = run(files, "out", "--workers", "2")
@@ -73,12 +79,17 @@ def test_two_workers_and_a_resumed_sweep_give_the_same_bytes(undisturbed: Path, 
     assert results(files / "out") == results(undisturbed / "out")
     done = sorted((files / "out" / "cases").iterdir())
     assert len(done) == N_CASES
-    for case in done[::2]:
-        (case / "scores.json").unlink()  # a case that lost a file is none
+    for case, name in zip(done[::2], CASE_FILES, strict=False):
+        (case / name).unlink()  # a case that lost a file is none
+    for case, name in zip(done[1::2], CASE_FILES, strict=False):
+        (case / name).write_bytes((case / name).read_bytes()[:-3])  # nor is a damaged one
+    (files / "out" / "plan.json").write_text("{}")
     for file in (files / "out" / "paths").rglob("*.nc"):
         file.write_bytes(file.read_bytes()[:-100])  # nor are damaged paths used
-    assert run(files, "out", "--workers", "1").exit_code == 0
+    again = run(files, "out", "--workers", "1")
+    assert again.exit_code == 0 and "".join(again.output.split()).count("runsagain") == 2 * len(CASE_FILES)
     assert results(files / "out") == results(undisturbed / "out")
+    assert verify(files / "out", "--share", "0").exit_code == 0
     assert not list((files / "out").rglob("*.part"))
     table = pq.read_table(files / "out" / "results.parquet").to_pydict()
     assert set(table["power"]) == {0.0, 20.0}
@@ -117,6 +128,18 @@ def test_a_case_that_takes_its_worker_down_fails_alone(
     assert result.exit_code == 1
     assert "2 of 3 cases done, 1 failed" in result.output
     assert "its worker died each time" in " ".join(result.output.split())
+
+
+def test_a_result_that_is_lost_with_its_worker_is_made_again() -> None:
+    with connect_scheduler(1, None) as client:
+        future = client.submit(list, [None])
+        wait(future)
+        (worker,) = client.run(os.getpid).values()
+        os.kill(worker, signal.SIGKILL)
+        while future.status == "finished":
+            time.sleep(0.01)
+        assert future.status == "lost"
+        assert _reasons(future, []) == [None]
 
 
 @pytest.mark.slow
@@ -254,8 +277,10 @@ def test_a_directory_that_cannot_be_written_is_one_line(files: Path) -> None:
 
 
 def test_what_a_lost_worker_left_half_written_is_removed(tmp_path: Path) -> None:
-    ended = subprocess.Popen([sys.executable, "-c", ""])
-    ended.wait()
+    ended = subprocess.Popen([sys.executable, "-c", ""], stdout=subprocess.PIPE)
+    assert ended.stdout is not None and not ended.stdout.read()  # it has ended, and nobody asked for its exit code
+    while f"{ended.pid} (" in (state := Path(f"/proc/{ended.pid}/stat").read_text()) and ") Z " not in state:
+        time.sleep(0.01)
     half, stop = f"cases/.key.{ended.pid}.part/scores.json", f"paths/ab/.stop.nc.{ended.pid}.part"
     lost = [tmp_path / half, tmp_path / stop]
     held = [tmp_path / "cases/key/scores.json", tmp_path / f"paths/ab/.stop.nc.{os.getpid()}.part"]
@@ -265,6 +290,7 @@ def test_what_a_lost_worker_left_half_written_is_removed(tmp_path: Path) -> None
     sweep_store.remove_unfinished(tmp_path)
     assert [file.exists() for file in (*lost, *held)] == [False, False, True, True]
     assert not lost[0].parent.exists()
+    ended.wait()
 
 
 def test_an_edited_case_is_not_taken_for_a_result(undisturbed: Path, tmp_path: Path) -> None:
