@@ -9,7 +9,7 @@ import sys
 import time
 import traceback
 from collections.abc import Callable
-from contextlib import redirect_stderr, redirect_stdout, suppress
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -20,7 +20,7 @@ from isac_arena.cli.main import guarded, main
 Outcome = Literal["refused", "accepted", "internal", "hang", "outside"]
 CPU_S = 10  # a command that is refused, or reads a file, is done long before
 WALL_S = 120.0
-LOWEST_SIGNALS = 128
+ENDS = "SystemExit"
 
 
 @dataclass(frozen=True)
@@ -60,9 +60,11 @@ def warm(run: Callable[[], None], folder: Path) -> None:
     before, path, hook = Path.cwd(), sys.path[:], sys.unraisablehook
     os.chdir(folder)
     try:
-        with open(os.devnull, "w", encoding="utf-8") as nothing, redirect_stderr(nothing), redirect_stdout(nothing):
-            with suppress(SystemExit):
-                run()
+        with open(os.devnull, "w", encoding="utf-8") as null, redirect_stderr(null), redirect_stdout(null):
+            run()
+    except BaseException as end:  # every command ends by one
+        if type(end).__name__ != ENDS:
+            raise
     finally:
         os.chdir(before)
         sys.path[:], sys.unraisablehook = path, hook
@@ -118,7 +120,7 @@ def _inside(run: Callable[[], None], folder: Path, cpu_s: int) -> None:
             run()
         except BaseException as error:
             code = getattr(error, "code", None)
-            if type(error).__name__ != "SystemExit":
+            if type(error).__name__ != ENDS:
                 errors.write(traceback.format_exc())
                 code = 99
     peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024

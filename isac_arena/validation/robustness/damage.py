@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from isac_arena.validation.robustness.attempt import Outcome, Trial, attempt, command, tree
+from isac_arena.validation.robustness.attempt import Outcome, Trial, attempt, command, tree, warm
 from isac_arena.validation.robustness.files import DAMAGES
 from isac_arena.validation.robustness.runs import RUN, expect
 
@@ -100,6 +100,8 @@ def _tried(made: Path, verb: str, name: str, content: bytes | None, what: str, c
 
 def _undamaged(made: Path, verb: str) -> Undamaged:
     """The results of a verb and the files of the folder that it opens, by the audit events of Python."""
+    if verb != "sweep":  # its workers are processes of their own
+        _after(made, verb, lambda folder: warm(command(*VERBS[verb]), folder))
     with tempfile.NamedTemporaryFile("r+", encoding="utf-8", suffix=".opened") as log:
         ended, files = _after(made, verb, lambda folder: None, log.name)
         expect(ended)
