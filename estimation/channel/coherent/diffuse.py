@@ -18,7 +18,7 @@ from estimation.channel.coherent.misfit import error_scale, quadrature_statistic
 from estimation.channel.coherent.neighbours import neighbour_covariance
 from estimation.channel.coherent.paths import PathErrors, compress_stop, find_paths, path_fit
 from estimation.channel.coherent.prune import redundant_paths, wald_statistic
-from estimation.channel.coherent.refine import Reference, Solution, marginal_covariances
+from estimation.channel.coherent.refine import Reference, Solution, marginal_covariances, response_powers
 from estimation.channel.companions import companions
 from estimation.channel.config import MaximumLikelihoodConfig
 from estimation.channel.fit import PathFit
@@ -62,8 +62,8 @@ def path_errors(reference: Reference, solution: Solution, level: FloatArray) -> 
     by_neighbours, probability = neighbour_covariance(reference, solution)
     scale = error_scale(*quadrature_statistic(reference, solution))
     by_noise = marginal_covariances(solution, reference.sweep.n_subcarriers)
-    energy = np.square(np.abs(solution.paths.amplitude)) * np.einsum("iaia->ia", solution.information)[:, 0]
-    is_redundant = redundant_paths(solution, scale * level) & (wald_statistic(solution) < OWN_SHARE * energy)
+    is_small = wald_statistic(solution) < OWN_SHARE * response_powers(solution)
+    is_redundant = redundant_paths(solution, scale * level) & is_small
     return PathErrors(scale[:, None, None] * by_noise + by_neighbours, probability, is_redundant)
 
 

@@ -73,7 +73,7 @@ def _clearest_images(reference: Reference, paths: PathParameters, *, is_tx: bool
     found = []
     for first in np.flatnonzero(together.any(axis=1)):
         others = np.flatnonzero(together[first])
-        directions = _same_cone(manifold, angles_rad[first])
+        directions = same_cone(manifold, angles_rad[first], ELEVATIONS_RAD)
         change = paths.amplitude[first] * (manifold.response(directions) - own[first])
         seen = paths.amplitude[others] * beside[first, others] / energy[first]
         alone = change @ own[others].conj().T / own_energy[others]
@@ -110,12 +110,12 @@ def _agreeing(
     return agree, float(power)
 
 
-def _same_cone(manifold: Manifold, angles_rad: FloatArray) -> FloatArray:
-    """Directions (elevation, 2) above the horizon on the cone of a horizontal one (2,) about its panel."""
+def same_cone(manifold: Manifold, angles_rad: FloatArray, elevation_rad: FloatArray) -> FloatArray:
+    """Directions (direction, 2) of these elevations on the cone of a horizontal one (2,) about its panel."""
     boresight = manifold.best_panel_rad(angles_rad[None])[0]
-    sine = np.sin(angles_rad[0] - boresight) / np.cos(ELEVATIONS_RAD)
+    sine = np.sin(angles_rad[0] - boresight) / np.cos(elevation_rad)
     is_there = np.abs(sine) < 1
-    return np.stack([boresight + np.arcsin(sine[is_there]), ELEVATIONS_RAD[is_there]], axis=1)
+    return np.stack([boresight + np.arcsin(sine[is_there]), elevation_rad[is_there]], axis=1)
 
 
 def _with_angles(paths: PathParameters, path: BoolArray, angles_rad: FloatArray, *, is_tx: bool) -> PathParameters:

@@ -14,6 +14,7 @@ from estimation.channel.coherent.background import background_over_delay
 from estimation.channel.coherent.cancel import without_cancelling_paths
 from estimation.channel.coherent.elevated import merge_elevated_images
 from estimation.channel.coherent.hidden import hidden_second_paths
+from estimation.channel.coherent.maxima import HigherMaximum
 from estimation.channel.coherent.plan import (
     SCALLOPING,
     DelayWindow,
@@ -23,6 +24,7 @@ from estimation.channel.coherent.plan import (
     search_plan,
 )
 from estimation.channel.coherent.prune import prune_paths
+from estimation.channel.coherent.raised import raised_paths
 from estimation.channel.coherent.refine import (
     FEW,
     Reference,
@@ -33,7 +35,6 @@ from estimation.channel.coherent.refine import (
     solve_at,
 )
 from estimation.channel.coherent.search import SpectrumPeaks, SpectrumSearch, without_side_lobes
-from estimation.channel.coherent.twins import move_to_twins
 from estimation.channel.config import MaximumLikelihoodConfig
 from estimation.channel.fit import PathFit, empty_fit
 from estimation.channel.model.apparent import reported_angles
@@ -151,12 +152,13 @@ def find_paths(
     solution = solve_at(reference, reference.paths)
     most, n_passes = min(config.max_paths, _most_paths(sweep)), 0
     search = SpectrumSearch(white, plan.grids, plan.oversampling)
+    higher_maximum = HigherMaximum(plan.grids, window.level)
     for _ in range(MAX_ROUNDS):
         room = most - len(solution.paths)
         new, is_changed = _new_paths(search, reference, window, room), False
         if not len(new) and n_passes < MAX_PASSES:
             n_passes += 1
-            moved = move_to_twins(reference, solution, plan.grids, ROUND_STEPS)
+            moved = higher_maximum(reference, solution)
             finished, is_changed = _finished(reference, moved, window, PASS_STEPS)
             is_changed |= moved is not solution
             solution = finished
@@ -276,7 +278,8 @@ def _new_paths(search: SpectrumSearch, reference: Reference, window: DelayWindow
     is_certain = np.abs(peaks.value) ** 2 >= CERTAIN * level
     doubtful, power = refine_separately(reference, search.paths(peaks.take(~is_certain)))
     certain = _best_of_twins(search, reference, peaks.take(is_certain))
-    return certain.joined(doubtful.take(power >= level[~is_certain]))
+    new = certain.joined(doubtful.take(power >= level[~is_certain]))
+    return raised_paths(reference, new, window.level / 2)
 
 
 def _best_of_twins(search: SpectrumSearch, reference: Reference, peaks: SpectrumPeaks) -> PathParameters:

@@ -235,6 +235,13 @@ def _solve_positive(matrix: FloatArray, right: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.solve(matrix, right) if failed else solution)
 
 
+def response_powers(solution: Solution) -> FloatArray:
+    """Power (path,) over the noise of every path alone, summed over all samples."""
+    return np.asarray(
+        np.square(np.abs(solution.paths.amplitude)) * np.einsum("iaia->ia", solution.information)[:, 0]
+    )
+
+
 def marginal_covariances(solution: Solution, n_subcarriers: int) -> FloatArray:
     """Covariance (path, parameter, parameter) of delay in bins and angles in rad, all other parameters unknown.
 

@@ -6,6 +6,7 @@ from scipy.stats import chi2
 
 from estimation.channel.coherent.elevated import merge_elevated_images
 from estimation.channel.coherent.paths import compress_stop, fit_coherent
+from estimation.channel.coherent.raised import raise_paths
 from estimation.channel.coherent.refine import Reference, refine_paths
 from estimation.channel.fit import PathFit
 from estimation.channel.model.apparent import apparent_angles, cone_angles
@@ -131,3 +132,22 @@ def test_a_cone_is_in_front_and_its_slopes_are_limits_of_differences() -> None:
         more = cone_angles(azimuth + change[0], elevation + change[1], boresight)[0]
         less = cone_angles(azimuth - change[0], elevation - change[1], boresight)[0]
         assert np.allclose((more - less) / (2 * step), slopes[:, axis], atol=1e-8)
+
+
+@pytest.mark.parametrize("elevation_deg", [12.0, 30.0])
+def test_a_horizontal_path_on_the_edge_of_two_panels_is_raised(elevation_deg: float) -> None:
+    """At the horizon the likelihood has no slope over elevation: steps alone stay there."""
+    aod, aoa = [[20.0, 0.0], [-10.0, 0.0]], [[AZIMUTH_DEG, elevation_deg], [100.0, 0.0]]
+    sweep = plain_sweep(LINK, plain_paths(LINK, [200.0, 400.0], aod, aoa, 40.0), np.random.default_rng(5))
+    stop = compress_stop(sweep, None, None, None)
+    assert not isinstance(stop, PathFit)
+    delay = 1e-9 * np.array([200.0, 400.0]) / stop.compressed.bin_s
+    level = np.deg2rad([[AZIMUTH_DEG, 0.0], [100.0, 0.0]])
+    start = PathParameters(delay, np.deg2rad([[20.0], [-10.0]]), level, np.ones(2, complex))
+    flat = refine_paths(Reference(stop.compressed, start.take(slice(0))), start, 30)
+    assert (flat.paths.aoa_rad[:, 1] == 0).all()
+    reference = Reference(stop.compressed, flat.paths)
+    raised = raise_paths(reference, flat, stop.window.level / 2, 30)
+    assert abs(np.rad2deg(raised.paths.aoa_rad[0, 1])) == pytest.approx(elevation_deg, abs=2.0)
+    assert raised.paths.aoa_rad[1, 1] == 0
+    assert raised.explained > flat.explained + stop.window.level
