@@ -38,6 +38,13 @@ class PathNoise(ConfigModel):
         return range_covariance(estimate.plane_covariance) + floor
 
 
+class HeightConfig(ConfigModel):
+    """What is made of the surveyed heights of TX and receiver where the beams show no elevation."""
+
+    use: bool = Field(True, description="cone angles: see paths from above, as level between the known heights")
+    std_m: float = Field(0.02, ge=0, description="standard deviation of the height of TX above receiver")
+
+
 class MappingConfig(ConfigModel):
     """Mapping by equation (4) and the gate for single bounces.
 

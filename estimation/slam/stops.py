@@ -4,8 +4,10 @@ from collections.abc import Sequence
 
 from estimation.channel.record import ChannelEstimate
 from estimation.slam.config import MappingConfig, SnapshotConfig, TrajectoryConfig
+from estimation.slam.level import KnownHeights, solved_from_above
 from estimation.slam.mapped_solutions import collect_and_map
 from estimation.slam.record import IncidencePoints, PoseEstimates
+from estimation.slam.snapshot.solution import collect_poses
 from estimation.slam.snapshot.solve import solve_snapshot
 from estimation.slam.space.problem import is_spatial
 from estimation.slam.space.snapshot import solve_spatial
@@ -21,12 +23,31 @@ def locate_and_map(
     slam: SnapshotConfig,
     trajectory: TrajectoryConfig | None,
     mapping: MappingConfig,
+    heights: KnownHeights | None = None,
 ) -> tuple[PoseEstimates, IncidencePoints]:
     """Poses and incidence points: every stop alone without `trajectory`, else by `trajectory.method`.
 
-    In space where elevations were estimated and `slam.use_elevation` is true; in the plane with `slam.method`
-    "reference", whose published algorithm is planar.
+    In space where elevations were estimated and `slam.use_elevation` is true, else in the plane, with paths seen
+    from above where `heights` are known. With `slam.method` "reference", the published algorithm, in the plane and
+    without heights.
     """
+    if heights is None or slam.method == "reference" or is_spatial(estimates, use_elevation=True):
+        return _located(estimates, tx_pose, slam, trajectory, mapping)
+    return solved_from_above(
+        estimates,
+        heights,
+        solve=lambda seen: _located(seen, tx_pose, slam, trajectory, mapping),
+        alone=lambda seen: collect_poses([solve_snapshot(estimate, tx_pose, slam) for estimate in seen]),
+    )
+
+
+def _located(
+    estimates: Sequence[ChannelEstimate],
+    tx_pose: Pose,
+    slam: SnapshotConfig,
+    trajectory: TrajectoryConfig | None,
+    mapping: MappingConfig,
+) -> tuple[PoseEstimates, IncidencePoints]:
     if trajectory is None:
         return run_slam(estimates, tx_pose, slam, mapping)
     if trajectory.method == "filter":

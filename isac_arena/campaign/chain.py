@@ -15,6 +15,7 @@ from estimation.channel.record import ChannelEstimate
 from estimation.shape.contours import estimate_contours
 from estimation.shape.gp.estimate import estimate_shapes, fit_shapes
 from estimation.slam.checks import check_estimates
+from estimation.slam.level import KnownHeights, seen_from_above
 from estimation.slam.mapping.incidence_points import map_stops
 from estimation.slam.record import IncidencePoints, PoseEstimates, SolveStatus
 from estimation.slam.space.mapping import map_stops_spatial
@@ -26,7 +27,7 @@ from isac_arena.campaign.results import MapResult
 from isac_arena.scoring.config import Significance
 from isac_arena.user_code import fenced, imported_function, user_error
 from scenes.pose import Pose
-from scenes.record import IntArray
+from scenes.record import FloatArray, IntArray
 from sim.observation import BeamSweep
 from sim.signal.link import Link
 from sim.truth import Truth
@@ -91,10 +92,31 @@ def make_map(
     channel: Sequence[ChannelEstimate],
     tx_pose: Pose,
     receiver: PoseEstimates | None = None,
+    rx_height_m: FloatArray | None = None,
 ) -> MapResult:
-    """The map of all stops: mapping from the given receiver states, SLAM without any."""
+    """The map of all stops: mapping from the given receiver states, SLAM without any.
+
+    `rx_height_m` (stop,) are the heights of the receiver where they are known; by default those of `receiver`.
+    """
     check_estimates(channel, tx_pose)
-    return with_shapes(config, channel, tx_pose, *locate_or_take(config, channel, tx_pose, receiver))
+    heights = known_heights(config, tx_pose, receiver, rx_height_m)
+    poses, ips = locate_or_take(config, channel, tx_pose, receiver, heights)
+    return with_shapes(config, channel, tx_pose, poses, ips, heights=heights)
+
+
+def known_heights(
+    config: CampaignConfig,
+    tx_pose: Pose,
+    receiver: PoseEstimates | None = None,
+    rx_height_m: FloatArray | None = None,
+) -> KnownHeights | None:
+    """The heights that mapping and SLAM may use; None if the receiver's are unknown or `heights.use` is false."""
+    if rx_height_m is None and receiver is not None and np.isfinite(receiver.height_m).all():
+        rx_height_m = receiver.height_m
+    if rx_height_m is None or not config.heights.use:
+        return None
+    panels = (np.deg2rad(array.panel_azimuth_deg) for array in (config.tx_array, config.rx_array))
+    return KnownHeights(tx_pose.position_m[2] - rx_height_m, config.heights.std_m, *panels)
 
 
 def locate_or_take(
@@ -102,16 +124,19 @@ def locate_or_take(
     channel: Sequence[ChannelEstimate],
     tx_pose: Pose,
     receiver: PoseEstimates | None = None,
+    heights: KnownHeights | None = None,
 ) -> tuple[PoseEstimates, IncidencePoints]:
     """Receiver states and incidence points: the given states and their points, or both found together (SLAM).
 
     SLAM solves every stop separately; where the campaign has a `trajectory` table, a smoother or filter solves all
-    stops. Both work with heights where elevations were estimated.
+    stops. Both work in space where elevations were estimated, else with the `heights` that are known.
     """
     if receiver is None:
-        return locate_and_map(channel, tx_pose, config.slam, config.trajectory, config.mapping)
-    spatial = is_spatial(channel, use_elevation=config.mapping.use_elevation)
-    return receiver, (map_stops_spatial if spatial else map_stops)(channel, receiver, tx_pose, config.mapping)
+        return locate_and_map(channel, tx_pose, config.slam, config.trajectory, config.mapping, heights)
+    if is_spatial(channel, use_elevation=config.mapping.use_elevation):
+        return receiver, map_stops_spatial(channel, receiver, tx_pose, config.mapping)
+    seen = seen_from_above(channel, receiver.clock_bias_s, heights)
+    return receiver, map_stops(seen, receiver, tx_pose, config.mapping)
 
 
 def with_shapes(
@@ -121,12 +146,14 @@ def with_shapes(
     poses: PoseEstimates,
     ips: IncidencePoints,
     label: IntArray | None = None,
+    heights: KnownHeights | None = None,
 ) -> MapResult:
     """The map with the paper's shapes of its clusters and our contours of its objects.
 
     `label` (ip,) is the cluster of every incidence point, -1 for none; without it DBSCAN finds the clusters.
     """
     shapes = estimate_shapes(ips, config.shapes) if label is None else fit_shapes(ips, label, config.shapes)
+    channel = seen_from_above(channel, poses.clock_bias_s, heights)
     contours = estimate_contours(channel, tx_pose, poses, ips, shapes.label, config.mapping.noise, config.contours)
     return MapResult(poses, ips, shapes, contours)
 

@@ -4,7 +4,7 @@ from pydantic import Field
 
 from estimation.channel.estimate import ChannelConfig
 from estimation.shape.config import ContourConfig, ShapeConfig
-from estimation.slam.config import MappingConfig, SnapshotConfig, TrajectoryConfig
+from estimation.slam.config import HeightConfig, MappingConfig, SnapshotConfig, TrajectoryConfig
 from scenes.names import Name
 from sim.config import SimulationConfig
 from sim.signal.link import line_of_sight_at_1m_dbm
@@ -15,6 +15,7 @@ class CampaignConfig(SimulationConfig):
 
     name: Name = Field(description="name of the campaign")
     channel: ChannelConfig = ChannelConfig()
+    heights: HeightConfig = HeightConfig()
     mapping: MappingConfig = MappingConfig()
     slam: SnapshotConfig = SnapshotConfig()
     trajectory: TrajectoryConfig | None = Field(None, description="all stops together; off by default")

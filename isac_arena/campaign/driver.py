@@ -17,8 +17,16 @@ from estimation.channel.calibration.self_calibration import Calibration, calibra
 from estimation.channel.estimate import ChannelEstimator
 from estimation.channel.record import ChannelEstimate
 from estimation.slam.checks import check_estimates
+from estimation.slam.level import KnownHeights
 from estimation.slam.record import IncidencePoints, PoseEstimates
-from isac_arena.campaign.chain import channel_estimator, known_receiver, locate_or_take, significance, with_shapes
+from isac_arena.campaign.chain import (
+    channel_estimator,
+    known_heights,
+    known_receiver,
+    locate_or_take,
+    significance,
+    with_shapes,
+)
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.results import CampaignResults, MapName, MapResult
 from isac_arena.scoring.link_view import link_view
@@ -235,10 +243,10 @@ class CampaignRun:
         tx, oracle = self.scene.tx, self.oracle
         channel = channel if oracle.channel is None else oracle.channel
         receiver = receiver if oracle.receiver is None else oracle.receiver
-        poses, ips = locate_or_take(self.config, channel, tx, receiver)
+        poses, ips = locate_or_take(self.config, channel, tx, receiver, self.heights)
         if oracle.has_all_points:
             if receiver is None:
-                _, ips = locate_or_take(self.config, channel, tx, poses)
+                _, ips = locate_or_take(self.config, channel, tx, poses, self.heights)
             ips = replace(ips, is_inlier=np.asarray(np.isfinite(ips.position_m).all(axis=1)))
         return poses, ips
 
@@ -247,7 +255,7 @@ class CampaignRun:
         oracle = self.oracle
         channel = channel if oracle.channel is None else oracle.channel
         label = None if oracle.clusters is None else oracle.clusters(ips)
-        return with_shapes(self.config, channel, self.scene.tx, poses, ips, label)
+        return with_shapes(self.config, channel, self.scene.tx, poses, ips, label, self.heights)
 
     def score(self, truths: Iterable[Truth], results: CampaignResults) -> Scores:
         """The scores of estimates against the truth; raises as `score_campaign` does."""
@@ -267,6 +275,12 @@ class CampaignRun:
     def true_power_dbm(self, truth: Truth) -> FloatArray:
         """Received power (path,) of the true paths in their best beam pairs."""
         return best_beam_power_dbm(truth.paths, self.link, self.scene.tx, truth.rx_pose)
+
+    @cached_property
+    def heights(self) -> KnownHeights | None:
+        """The surveyed heights of the devices, where mapping and SLAM may use them."""
+        rx_height_m = np.array([self.scene.stops[stop].position_m[2] for stop in self.chosen_stops])
+        return known_heights(self.config, self.scene.tx, rx_height_m=rx_height_m)
 
     @cached_property
     def chosen_stops(self) -> Sequence[int]:

@@ -57,11 +57,11 @@ def plan_run(config: CampaignConfig, scene: Scene, link: Link, estimator: str | 
         f"{estimator or config.channel.method}; {megabytes:.0f} MB of samples a stop"
     )
     if config.propagation.deepmimo is not None:
-        return RunPlan(does, tuple(_about_settings(config, scene)))
+        return RunPlan(does, tuple(_about_settings(config, scene, estimator)))
     step = -(-len(scene.stops) // MOST_STOPS)
     seen = _seen_paths(config, scene, step)
     in_sight = (*_about_heights(config, scene, link, seen, step), *_about_sight(scene, seen, step))
-    return RunPlan(does, (*_about_settings(config, scene), *in_sight, *_about_cells(scene, link)))
+    return RunPlan(does, (*_about_settings(config, scene, estimator), *in_sight, *_about_cells(scene, link)))
 
 
 def _seen_paths(config: CampaignConfig, scene: Scene, step: int) -> list[Paths]:
@@ -72,23 +72,33 @@ def _seen_paths(config: CampaignConfig, scene: Scene, step: int) -> list[Paths]:
     return [propagator.paths(pose.position_m) for pose in scene.stops[::step]]
 
 
-def _about_settings(config: CampaignConfig, scene: Scene) -> Iterator[str]:
-    """What the settings alone tell: heights that the beams do not see, and stops without an order."""
+def _about_settings(config: CampaignConfig, scene: Scene, estimator: str | None) -> Iterator[str]:
+    """What the settings alone tell: heights that are neither seen nor used, and stops without an order."""
     sees = any(len(elevations_deg(array)) > 1 for array in (config.tx_array, config.rx_array))
-    if not sees:
+    uses = config.heights.use and config.slam.method != "reference" and estimator is None
+    if not sees and not uses:
         bias_m, height_m = _height_bias_m(scene)
         if bias_m > LEAST_BIAS_M:
             yield (
-                f"TX and receiver differ by up to {height_m:.2g} m in height and the beams are horizontal: expect "
-                f"positions and points about {bias_m:.2g} m off; {HEIGHTS}"
+                f"TX and receiver differ by up to {height_m:.2g} m in height, the beams are horizontal and the "
+                f"known heights are not used ({_why_unused(config, estimator)}): expect positions and points "
+                f"about {bias_m:.2g} m off; {HEIGHTS}"
             )
-    elif not config.slam.solves_in_space or not config.mapping.use_elevation:
+    elif sees and (not config.slam.solves_in_space or not config.mapping.use_elevation):
         yield "elevations are estimated, but slam or mapping ignores them (slam.method, use_elevation)"
     if config.trajectory is not None and isinstance(scene.walk, RecordedWalk):
         positions = scene.walk.positions_m()
         legs = np.linalg.norm(np.diff(positions, axis=0), axis=1)
         if len(legs) and legs.max() > LEAP * np.median(legs):
             yield "the stops leap, but [trajectory] takes them for one walk: leave it out"
+
+
+def _why_unused(config: CampaignConfig, estimator: str | None) -> str:
+    if not config.heights.use:
+        return "heights.use = false"
+    if estimator is not None:
+        return f"unless {estimator} says that its azimuths are cone angles, aod_angle_kind = 'cone'"
+    return f"slam.method = '{config.slam.method}'"
 
 
 def _height_bias_m(scene: Scene) -> tuple[float, float]:

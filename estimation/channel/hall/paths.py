@@ -8,12 +8,12 @@ import numpy as np
 
 from estimation.channel.hall.geometry import ELEVATION_SIGNS
 from estimation.channel.record import AngleKind, ChannelEstimate
-from scenes.pose import SPEED_OF_LIGHT_M_S, wrap_angle
+from estimation.laws.level import nearest_boresight, plan_paths
+from scenes.pose import SPEED_OF_LIGHT_M_S
 from scenes.record import BoolArray, FloatArray, IntArray
 from sim.signal.arrays.codebook import Codebook
 
-LEVEL_SHARE = 1e-3  # shortest plan length as a share of the length: a path straight up has no plan path
-STEEPEST_SINE = 0.9995  # sines beyond are taken as this
+CONE_STDS = 3.0  # standard deviations by which a cone may seem too wide
 ELEVATION_OUTLIER_DENSITY = 0.05 / np.pi  # per rad: one elevation in twenty is wrong
 NO_ELEVATION_STD_RAD = 10.0  # of an elevation that was not estimated
 
@@ -78,16 +78,16 @@ def stop_paths(estimate: ChannelEstimate, tx: Codebook, rx: Codebook) -> RangedP
         range_m=SPEED_OF_LIGHT_M_S * estimate.delay_s,
         azimuth_rad=azimuth,
         elevation_rad=np.nan_to_num(elevation),
-        boresight_rad=np.stack([_nearest(azimuth[:, 0], tx), _nearest(azimuth[:, 1], rx)], axis=1),
+        boresight_rad=np.stack(
+            [
+                nearest_boresight(azimuth[:, 0], tx.panel_azimuth_rad),
+                nearest_boresight(azimuth[:, 1], rx.panel_azimuth_rad),
+            ],
+            axis=1,
+        ),
         is_cone=np.array([kind == AngleKind.CONE for kind in (estimate.aod_angle_kind, estimate.aoa_angle_kind)]),
         covariance=covariance,
     )
-
-
-def _nearest(azimuth_rad: FloatArray, codebook: Codebook) -> FloatArray:
-    """Boresight (path,) of the panel nearest to each azimuth."""
-    panels = np.unique(codebook.panel_azimuth_rad)
-    return np.asarray(panels[np.abs(wrap_angle(azimuth_rad[:, None] - panels)).argmin(axis=1)])
 
 
 @dataclass(frozen=True)
@@ -109,34 +109,18 @@ class PlanPoints:
 
 
 def plan_points(paths: RangedPaths, clock_m: float, differences_m: FloatArray) -> PlanPoints:
-    """Plan paths from a clock bias in m and the height differences (version,).
-
-    L = sqrt(l^2 - dz^2) with the length l; sin(azimuth) = sin(cone) l / L about the panel, for cone angles.
-    """
-    n, n_versions = len(paths), len(differences_m)
-    length = (paths.range_m - clock_m)[:, None]
-    square = length**2 - differences_m**2
-    is_possible = (length > 0) & (square > (LEVEL_SHARE * length) ** 2)
-    plan = np.sqrt(np.where(is_possible, square, 1.0))
-    value, slope = np.empty((n, n_versions, 3)), np.zeros((n, n_versions, 3, 4))
-    value[..., 0], slope[..., 0, 0], slope[..., 0, 3] = plan, length / plan, -differences_m / plan
-    for end in range(2):
-        axis, turn = end + 1, wrap_angle(paths.azimuth_rad - paths.boresight_rad)[:, None, end]
-        if not paths.is_cone[end]:
-            value[..., axis], slope[..., axis, axis] = paths.azimuth_rad[:, None, end], 1.0
-            continue
-        sine = np.sin(turn) * length / plan
-        deviation = np.sqrt(paths.variance[:, None, axis])
-        is_possible = is_possible & (np.abs(sine) < 1 + 3 * deviation)
-        clipped = np.clip(sine, -STEEPEST_SINE, STEEPEST_SINE)
-        across = np.sqrt(1 - clipped**2)
-        value[..., axis] = wrap_angle(paths.boresight_rad[:, None, end] + np.arcsin(clipped))
-        slope[..., axis, 0] = -np.sin(turn) * differences_m**2 / plan**3 / across
-        slope[..., axis, axis] = np.cos(turn) * length / plan / across
-        slope[..., axis, 3] = np.sin(turn) * length * differences_m / plan**3 / across
-    own = slope[..., :3]
+    """Plan paths from a clock bias in m and the height differences (version,)."""
+    seen = plan_paths(
+        (paths.range_m - clock_m)[:, None],
+        paths.azimuth_rad[:, None],
+        paths.boresight_rad[:, None],
+        paths.is_cone,
+        CONE_STDS * np.sqrt(paths.variance[:, None, 1:3]),
+        differences_m,
+    )
+    own = seen.slope[..., :3]
     covariance = np.einsum("pvai,pij,pvbj->pvab", own, paths.covariance[:, :3, :3], own)
-    return PlanPoints(value, slope, covariance, is_possible)
+    return PlanPoints(seen.value, seen.slope, covariance, seen.is_possible)
 
 
 def expected_elevation(plan_m: FloatArray, differences_m: FloatArray, end: int) -> FloatArray:

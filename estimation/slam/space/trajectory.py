@@ -15,6 +15,7 @@ from estimation.channel.record import ChannelEstimate
 from estimation.inference.least_squares import student_t_efficiency
 from estimation.laws.space import bounce_equations
 from estimation.slam.config import MappingConfig, SnapshotConfig, TrajectoryConfig
+from estimation.slam.level import interpolated
 from estimation.slam.record import IncidencePoints, PoseEstimates, SolveStatus
 from estimation.slam.snapshot.solution import PLANE_OF_SPACE, SnapshotSolution
 from estimation.slam.space.mapping import map_stops_spatial
@@ -48,7 +49,7 @@ def run_spatial_trajectory(
     kinds = np.split(details.path_kind, np.cumsum([len(e) for e in estimates])[:-1])
     shifted = turn_departures(estimates, details)
     problems = [spatial_problem(estimate, tx_pose, snapshot.noise) for estimate in shifted]
-    guess = _filled(np.array([s.position_m[2] for s in alone]), tx_pose.position_m[2])
+    guess = interpolated(np.array([s.position_m[2] for s in alone]), tx_pose.position_m[2])
     joint = np.array(
         [
             _with_height(problem, kind, _state(poses, k, guess[k]), poses.covariance[k], snapshot)
@@ -75,7 +76,7 @@ def project_on_plane(
     Each leg counts with its share of the length. The bias is that of the stop solved alone, interpolated where
     that failed: an error b of it changes a length by b (1 - cosine) only. Covariances are propagated.
     """
-    bias = _filled(np.array([SPEED_OF_LIGHT_M_S * s.clock_bias_s for s in alone]), 0.0)
+    bias = interpolated(np.array([SPEED_OF_LIGHT_M_S * s.clock_bias_s for s in alone]), 0.0)
     return [
         _project(estimate, problem, solution, float(bias[k]))
         for k, (estimate, problem, solution) in enumerate(zip(estimates, problems, alone, strict=True))
@@ -165,11 +166,3 @@ def _residuals(
 def _state(poses: PoseEstimates, k: int, height_m: float) -> FloatArray:
     bias = SPEED_OF_LIGHT_M_S * poses.clock_bias_s[k]
     return np.array([*poses.position_m[k], height_m, poses.heading_rad[k], bias])
-
-
-def _filled(value: FloatArray, default: float) -> FloatArray:
-    """Values (stop,) with NaN interpolated from the neighbours; `default` where there are none."""
-    known = np.flatnonzero(np.isfinite(value))
-    if not len(known):
-        return np.full(len(value), default)
-    return np.interp(np.arange(len(value)), known, value[known])

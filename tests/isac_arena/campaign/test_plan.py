@@ -28,11 +28,18 @@ def test_equal_heights_are_told_nothing_about() -> None:
 
 def test_unequal_heights_with_horizontal_beams() -> None:
     tx = {"position_m": [1.5, 4.0, 2.6], "heading_deg": 0.0}
-    told = doubts({**ROOM, "tx": tx, "walk": {**ROOM["walk"], "height_m": 1.2}})
+    high = {**ROOM, "tx": tx, "walk": {**ROOM["walk"], "height_m": 1.2}}
+    told = doubts(high, heights={"use": False})
     distance_m = np.linalg.norm(np.linspace([4.0, 2.0], [8.5, 2.0], 4) - [1.5, 4.0], axis=1)
     excess_m = np.median(np.hypot(distance_m, 1.4) - distance_m)
     assert excess_m > LEAST_BIAS_M and f"about {excess_m:.2g} m off" in told[0] and "1.4 m in height" in told[0]
+    assert "heights.use = false" in told[0]
     assert "above or below the line of sight of stop 0, 1: it arrives up to 36 dB too weak" in told[1]
+    told = doubts(high)
+    assert "above or below the line of sight" in told[0] and "m off" not in told[0]
+    assert "slam.method = 'reference'" in doubts(high, slam={"method": "reference"})[0]
+    own = ia.load_campaign("box_room", scene=high)
+    assert "says that its azimuths" in plan_run(own.config, own.scene, own.link, "mine:guess").doubts[0]
     near = {**ROOM, "tx": {**tx, "position_m": [1.5, 4.0, 1.8]}, "walk": {**ROOM["walk"], "height_m": 1.2}}
     assert not any("above or below" in line for line in doubts(near))
     beams = {"beam_elevation_deg": [-10.0, 10.0]}
