@@ -15,7 +15,7 @@ from scenes.record import BoolArray, FloatArray, IntArray
 
 COLUMNS = ("x0_m", "y0_m", "x1_m", "y1_m")
 JOIN_TOLERANCE_M = 5e-3  # segments this close to one line and to each other along it form one wall
-BLOCK = 1024  # segments whose neighbours are looked up at once
+BLOCK = 128  # segments whose neighbours are looked up at once
 MAX_NEAR_PAIRS = 5_000_000  # 0.6 GB while they are compared
 SHOWN = 40  # characters of a wrong cell in a message
 MAX_ANGLE_RAD = 1e-2  # between segments of one wall

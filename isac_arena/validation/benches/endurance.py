@@ -14,20 +14,30 @@ from isac_arena.validation.benches.sweep import POWER, make_jobs, sweep_of
 from isac_arena.validation.measurement import Measurement, at_most
 from scenes.record import FloatArray
 
-KILL_EVERY_S = 120.0
+N_CASES, KILL_EVERY_S = 2000, 120.0
 SHARE = 0.2  # of the cases at the start, after a first part that compiles, and at the end
 POWERS_DBM = [0.0, 20.0]
+WINDOW = 10  # cases, at most: cases of a task end together
+WORK = np.exp(1j * np.arange(2**18))  # a fixed piece of work is its FFT, some times
+WORK_TIMES = 4
 
 
 class Watch:
-    """Samples memory, open files and times at every case that ends, and kills a worker from time to time."""
+    """Samples memory, open files and times at every case that ends, and kills a worker from time to time.
 
-    def __init__(self, seed: int, kill_every_s: float) -> None:
-        self._rng, self._every_s = random.Random(seed), kill_every_s
+    The processor time of a case is that of all workers, the scheduler and the client. It changes with what else
+    runs on the machine. So the client does a fixed piece of work after every window of cases, and a case counts in
+    units of its processor time.
+    """
+
+    def __init__(self, seed: int, kill_every_s: float, window: int) -> None:
+        self._rng, self._every_s, self._window = random.Random(seed), kill_every_s, window
         self._own, self._next_s = psutil.Process(), time.monotonic() + kill_every_s
         self.n_killed, self.failed = 0, 0
-        self._worked_s: dict[int, float] = {}  # processor time of every worker
-        self.rows: list[tuple[float, float, float, float]] = []  # times in s, memory in MB, open files
+        self._worked_s: dict[int, float] = {}  # processor time of every process
+        self._before_s = self._spent_s = 0.0
+        self.rows: list[tuple[float, float]] = []  # memory in MB and open files, of every case
+        self.windows: list[tuple[float, float]] = []  # processor time in s of a case and of the piece of work
 
     def __call__(self, job: Job, reason: str | None) -> None:
         """A case ended."""
@@ -36,9 +46,13 @@ class Watch:
         workers = _workers(self._own)
         memory = [self._own.memory_info().rss, *(_of(each, "memory_info") for each in workers)]
         files = [self._own.num_fds(), *(_of(each, "num_fds") for each in workers)]
-        self._worked_s |= {each.pid: worked for each in workers if (worked := _of(each, "cpu_times"))}
-        worked_s = sum(self._worked_s.values())
-        self.rows.append((time.monotonic(), worked_s, max(memory) / 1e6, float(max(files))))
+        everyone = (self._own, *workers)
+        self._worked_s |= {each.pid: worked for each in everyone if (worked := _of(each, "cpu_times"))}
+        self.rows.append((max(memory) / 1e6, float(max(files))))
+        if len(self.rows) % self._window == 0:
+            worked_s, work_s = sum(self._worked_s.values()) - self._spent_s, _piece_of_work_s()
+            self.windows.append(((worked_s - self._before_s) / self._window, work_s))
+            self._before_s, self._spent_s = worked_s, self._spent_s + work_s
         if workers and time.monotonic() > self._next_s:
             self._rng.choice(workers).kill()
             self.n_killed, self._next_s = self.n_killed + 1, time.monotonic() + self._every_s
@@ -46,34 +60,42 @@ class Watch:
 
 def bench_endurance(seed: int, quick: bool) -> list[Measurement]:
     """2,000 small cases on two workers, one of them killed every two minutes."""
-    n_cases, every_s = (40, 10.0) if quick else (2000, KILL_EVERY_S)
+    n_cases, every_s = (40, 10.0) if quick else (N_CASES, KILL_EVERY_S)
     with tempfile.TemporaryDirectory() as folder, connect_scheduler(2, None) as client:
         jobs = make_jobs(Path(folder), sweep_of(POWER, POWERS_DBM, n_cases // 2), seed)
-        watch = Watch(seed, every_s)
+        watch = Watch(seed, every_s, max(1, min(WINDOW, int(SHARE * n_cases) // 4)))
         run_jobs(client, jobs, watch)
         lost = sum(not job.is_done for job in jobs)
-    table = np.array(watch.rows)
-    n = max(int(SHARE * len(table)), 2)
-    first, last = table[n : 2 * n], table[-n:]
-    growth = np.median(last, axis=0) / np.median(first, axis=0)
-    gaps = [[float(np.median(_gaps(part[:, of]))) for part in (first, last)] for of in (0, 1)]
+    (memory_mb, files), cost_s, work_s = np.array(watch.rows).T, *np.array(watch.windows).T
+    seconds, pieces = _start_and_end(cost_s), _start_and_end(cost_s / work_s)
     reason = f"{n_cases} cases, {watch.n_killed} workers killed"
+    about = f"{seconds[0]:.3f} s of processor time, then {seconds[1]:.3f} s, in units of a piece of work beside it"
     bars = (2.0, 2.0, 3.0) if quick else (1.05, 1.0, 1.05)  # a few cases tell little about times
-    rows = [
-        at_most("endurance.memory", growth[2], bars[0], f"{reason}; largest process", "of the start"),
-        at_most("endurance.open_files", growth[3], bars[1], reason, "of the start"),
+    return [
+        at_most("endurance.memory", _growth(memory_mb), bars[0], f"{reason}; largest process", "of the start"),
+        at_most("endurance.open_files", _growth(files), bars[1], reason, "of the start"),
         at_most("endurance.lost_cases", lost + watch.failed, 0, reason),
+        at_most("endurance.time_per_case", pieces[1] / pieces[0], bars[2], about, "of the start"),
     ]
-    for name, (start_s, end_s) in zip(("time", "processor_time"), gaps, strict=True):
-        about = f"{start_s:.3f} s, then {end_s:.3f} s; other work on the machine changes the first of both"
-        rows.append(at_most(f"endurance.{name}_per_case", end_s / start_s, bars[2], about, "of the start"))
-    return rows
 
 
-def _gaps(times_s: FloatArray) -> FloatArray:
-    """Mean time per case over runs of ten cases: cases of a task end together."""
-    step = max(1, min(10, len(times_s) // 4))
-    return np.diff(times_s[::step]) / step
+def _start_and_end(values: FloatArray) -> tuple[float, float]:
+    """Medians of the start, after a first part that compiles, and of the end."""
+    n = max(int(SHARE * len(values)), 2)
+    return float(np.median(values[n : 2 * n])), float(np.median(values[-n:]))
+
+
+def _growth(values: FloatArray) -> float:
+    start, end = _start_and_end(values)
+    return end / start
+
+
+def _piece_of_work_s() -> float:
+    """Processor time of a piece of work that is always the same."""
+    started = time.thread_time()
+    for _ in range(WORK_TIMES):
+        np.fft.fft(WORK)
+    return time.thread_time() - started
 
 
 def _workers(own: psutil.Process) -> list[psutil.Process]:

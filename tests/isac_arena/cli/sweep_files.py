@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-N_CASES = 12  # of the undisturbed sweep
+N_CASES = 8  # of the undisturbed sweep
 
 CAMPAIGN = """
 name = "small"

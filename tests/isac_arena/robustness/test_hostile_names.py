@@ -32,18 +32,8 @@ def tree(folder: Path) -> dict[str, bytes]:
     return {str(file.relative_to(folder)): file.read_bytes() for file in folder.rglob("*") if file.is_file()}
 
 
-@pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with a campaign that ran to its report, in `run`."""
-    folder = tmp_path_factory.mktemp("named")
-    write_sweep(folder)
-    result = arena_here("run", "small.toml", "--out", "run", cwd=folder)
-    assert result.returncode == 0, result.stderr
-    return folder
-
-
 @pytest.mark.parametrize("name", HOSTILE)
-def test_every_command_refuses_a_hostile_name(made: Path, tmp_path: Path, name: str) -> None:
+def test_every_command_refuses_a_hostile_name(finished: Path, tmp_path: Path, name: str) -> None:
     work = tmp_path / "deep" / "er"
     work.mkdir(parents=True)
     text = json.dumps(name)
@@ -53,7 +43,7 @@ def test_every_command_refuses_a_hostile_name(made: Path, tmp_path: Path, name: 
     room = (LIBRARY / "box_room.toml").read_text()
     (work / "scene.toml").write_text(room.replace('name = "box_room"', f"name = {text}"))
     (work / "object.toml").write_text(room.replace('name = "pillar"', f"name = {text}"))
-    shutil.copytree(made / "run", work / "run")
+    shutil.copytree(finished / "run", work / "run")
     (work / "run" / MANIFEST).unlink()
     settings = json.loads((work / "run" / "campaign.json").read_text())
     settings["campaign"]["name"] = name
@@ -80,13 +70,13 @@ def test_every_command_refuses_a_hostile_name(made: Path, tmp_path: Path, name: 
         assert tree(tmp_path) == before, command
 
 
-def test_a_stored_name_cannot_lead_out(made: Path, tmp_path: Path) -> None:
+def test_a_stored_name_cannot_lead_out(finished: Path, tmp_path: Path) -> None:
     for name in ("..", "../x", "/etc/passwd", "", ".", "a/../../b", "\0"):
         with pytest.raises(ValueError, match="leads out of"):
             path_in(tmp_path, name)
     assert path_in(tmp_path, "scene_files/a%2Fb.csv") == tmp_path / "scene_files" / "a%2Fb.csv"
-    content = json.loads((made / "run" / MANIFEST).read_text())
-    shutil.copytree(made / "run", tmp_path / "run")
+    content = json.loads((finished / "run" / MANIFEST).read_text())
+    shutil.copytree(finished / "run", tmp_path / "run")
     content["files"]["../../secret"] = next(iter(content["files"].values()))
     (tmp_path / "run" / MANIFEST).write_text(json.dumps(content))
     assert "../../secret" in failure("verify", tmp_path / "run")
@@ -100,12 +90,12 @@ def test_any_text_gives_a_valid_name() -> None:
 
 
 @pytest.mark.parametrize("name", ["scores.json", "truth/stop_000.nc", "channel", "figures", "scene_files", "map"])
-def test_links_that_leave_a_run_are_refused(made: Path, tmp_path: Path, name: str) -> None:
+def test_links_that_leave_a_run_are_refused(finished: Path, tmp_path: Path, name: str) -> None:
     work, outside = tmp_path / "work", tmp_path / "outside"
     work.mkdir()
     outside.mkdir()
     write_sweep(work)
-    shutil.copytree(made / "run", work / "run")
+    shutil.copytree(finished / "run", work / "run")
     place = work / "run" / name
     if place.exists():
         place.rename(outside / "kept")
@@ -124,8 +114,8 @@ def test_links_that_leave_a_run_are_refused(made: Path, tmp_path: Path, name: st
         assert tree(outside) == before, command
 
 
-def test_links_within_a_run_are_followed(made: Path, tmp_path: Path) -> None:
-    shutil.copytree(made / "run", tmp_path / "run")
+def test_links_within_a_run_are_followed(finished: Path, tmp_path: Path) -> None:
+    shutil.copytree(finished / "run", tmp_path / "run")
     (tmp_path / "run" / "scores.json").rename(tmp_path / "run" / "kept.json")
     (tmp_path / "run" / "scores.json").symlink_to("kept.json")
     (tmp_path / "link").symlink_to("run")

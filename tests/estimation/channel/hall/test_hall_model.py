@@ -19,10 +19,14 @@ EQUAL = Heights(1.5, 1.5, 4.0)
 CLASSES = list(HallClass)
 
 
-@cache
 def read(
     heights: Heights, seed: int, *, sees_elevation: bool = False
 ) -> tuple[TrueHall, HallModel, list[ClassifiedPaths]]:
+    return _read(heights, seed, sees_elevation)
+
+
+@cache
+def _read(heights: Heights, seed: int, sees_elevation: bool) -> tuple[TrueHall, HallModel, list[ClassifiedPaths]]:
     link = hall_link(sees_elevation=sees_elevation)
     truth = synthetic_hall(np.random.default_rng(seed), heights, link)
     hall = read_hall(truth.estimates, link, tx_height_m=heights.tx_m)
