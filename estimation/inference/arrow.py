@@ -69,13 +69,23 @@ class ArrowSystem:
         through = through.reshape(-1, _SIZE, n_shared)
         return blocks + through @ shared @ np.swapaxes(through, 1, 2), shared
 
+    def log_determinant(self) -> float:
+        """Logarithm of the determinant of the matrix. `LinAlgError` as for a solution."""
+        border = self.border.reshape(len(self.border) * _SIZE, len(self.corner))
+        schur = self.corner - border.T @ self._solve_banded(border)
+        return float(2 * np.log(self._factor()[_BAND]).sum() + np.linalg.slogdet(schur)[1])
+
     def _solve_banded(self, right_side: FloatArray) -> FloatArray:
         """Inverse of B times columns (4 stop, column). `LinAlgError` where B is not positive definite."""
+        solved, _ = lapack.dpbtrs(self._factor(), right_side)
+        return np.asarray(solved)
+
+    def _factor(self) -> FloatArray:
+        """Cholesky factor of B in banded form. `LinAlgError` where B is not positive definite."""
         factor, order = lapack.dpbtrf(self._banded(), overwrite_ab=1)
         if order:
             raise np.linalg.LinAlgError(f"the block of stop {(order - 1) // _SIZE} is not positive definite")
-        solved, _ = lapack.dpbtrs(factor, right_side)
-        return np.asarray(solved)
+        return np.asarray(factor)
 
     def _banded(self) -> FloatArray:
         """B in the upper banded form of scipy.linalg."""

@@ -34,8 +34,14 @@ class PathNoise(ConfigModel):
         """R (path, 3, 3) in (m, rad, rad)^2 of the paths of one stop."""
         if self.source == "fixed":
             return np.tile(_diagonal(self.delay_std_ns, self.angle_std_deg), (len(estimate), 1, 1))
-        floor = _diagonal(self.floor_delay_std_ns, self.floor_angle_std_deg)
-        return range_covariance(estimate.plane_covariance) + floor
+        return range_covariance(estimate.plane_covariance) + self.floor
+
+    @property
+    def floor(self) -> FloatArray:
+        """The part (3, 3) of every R in (m, rad, rad)^2 that is a floor; zero for `fixed`."""
+        if self.source == "fixed":
+            return np.zeros((3, 3))
+        return _diagonal(self.floor_delay_std_ns, self.floor_angle_std_deg)
 
 
 class HeightConfig(ConfigModel):

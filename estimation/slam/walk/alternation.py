@@ -1,6 +1,9 @@
 """Alternation between the association of paths to landmarks and least squares for the trajectory."""
 
+from __future__ import annotations
+
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import chi2
@@ -8,6 +11,7 @@ from scipy.stats import chi2
 from estimation.slam.config import TrajectoryConfig
 from estimation.slam.snapshot.refine import bounce_terms
 from estimation.slam.walk.association import classify_paths, drop_unused_landmarks, reclassify_paths
+from estimation.slam.walk.linearise import linearise
 from estimation.slam.walk.residuals import (
     Association,
     Observations,
@@ -16,27 +20,83 @@ from estimation.slam.walk.residuals import (
     without_heading_offsets,
 )
 from estimation.slam.walk.sessions import split_sessions
-from estimation.slam.walk.smoother import minimise_robust_cost, normal_equations
+from estimation.slam.walk.smoother import LANDMARK_INFORMATION, minimise_robust_cost, normal_equations
 from scenes.record import BoolArray
 
+ROUGHNESS = ("wall_roughness_m", "object_roughness_m")
+LEAST_GAIN = 10.0  # in log evidence, that lower noise needs
+SHARES = (0.3, 0.1, 0.03)  # of the floors, one after the other
+CLUTTER_LOG_DENSITY = -float(np.log(30.0 * (2 * np.pi) ** 2))  # per m rad^2: any angles, a range within 30 m
 _ROUGH_ITERATIONS = 6  # enough where the association will change
 _MAX_ROUNDS = 10
 
 
+class Noise(NamedTuple):
+    """Paths with their covariances, and settings with the roughness of surfaces."""
+
+    seen: Observations
+    config: TrajectoryConfig
+
+    def lower(self, share: float) -> Noise:
+        """With this share of the floors; the roughness falls with its root."""
+        rough = {name: float(np.sqrt(share)) * getattr(self.config, name) for name in ROUGHNESS}
+        return Noise(self.seen.with_floor(share), self.config.model_copy(update=rough))
+
+
+class SmoothedWalk(NamedTuple):
+    """A walk with the association of its paths, and the noise that it was fitted with."""
+
+    now: TrajectoryState
+    link: Association
+    noise: Noise
+
+    @property
+    def evidence(self) -> float:
+        """Log evidence of the lines of sight and of the paths off landmarks over that of clutter.
+
+        The unknowns are integrated out in Gaussian approximation: with few paths for many unknowns low noise
+        explains anything, and is no better for it.
+        """
+        seen, config = self.noise
+        density = linearise(seen, self.link, self.now, config).log_density(config.degrees_of_freedom)
+        information = normal_equations(seen, self.link, self.now, config).log_determinant()
+        prior = (self.now.walls.size + self.now.objects.size) * np.log(LANDMARK_INFORMATION)
+        return float((density[np.isfinite(density)] - CLUTTER_LOG_DENSITY).sum() + (prior - information) / 2)
+
+
 def smooth_walk(
     seen: Observations, is_los: BoolArray, start: TrajectoryState, config: TrajectoryConfig
-) -> tuple[TrajectoryState, Association]:
-    """Motion prior alone, then with landmarks, then with sessions, each until the association is constant."""
-    now, _ = _alternate(seen, is_los, start, config.model_copy(update={"use_landmarks": False}))
-    now, link = _alternate(seen, is_los, now, config)
-    now, link = _confirm_bounces(seen, link, now, config)
-    while config.use_sessions:
-        split = split_sessions(seen, link, now, config)
+) -> SmoothedWalk:
+    """Motion prior alone, then with landmarks and sessions, then with less noise.
+
+    The floors of the noise and the roughness of surfaces are wide, for errors that are not in the covariances of
+    paths. Lower ones follow step by step, each from the solution before; the one of most evidence is kept.
+    """
+    wide = Noise(seen, config)
+    now, _ = _alternate(wide, wide, is_los, start, use_landmarks=False)
+    walks = [_with_landmarks(wide, wide, is_los, now)]
+    for share in SHARES if seen.floor.any() and config.use_landmarks else ():
+        walks.append(_with_landmarks(wide.lower(share), wide, is_los, walks[-1].now))
+    best = max(walks, key=lambda walk: walk.evidence)
+    return best if best.evidence > walks[0].evidence + LEAST_GAIN else walks[0]
+
+
+def _with_landmarks(noise: Noise, wide: Noise, is_los: BoolArray, now: TrajectoryState) -> SmoothedWalk:
+    """The walk with landmarks, then with sessions, each until the association is constant."""
+    now, link = _settled(noise, wide, is_los, now)
+    while wide.config.use_sessions:
+        split = split_sessions(noise.seen, link, now, noise.config)
         if len(split.offset_rad) == len(now.offset_rad):
             break
-        now, link = _alternate(seen, is_los, split, config)
-        now, link = _confirm_bounces(seen, link, now, config)
-    return now, link
+        now, link = _settled(noise, wide, is_los, split)
+    return SmoothedWalk(now, link, noise)
+
+
+def _settled(
+    noise: Noise, wide: Noise, is_los: BoolArray, now: TrajectoryState
+) -> tuple[TrajectoryState, Association]:
+    now, link = _alternate(noise, wide, is_los, now, use_landmarks=wide.config.use_landmarks)
+    return _confirm_bounces(noise.seen, link, now, noise.config)
 
 
 def _confirm_bounces(
@@ -67,27 +127,29 @@ def _confirm_bounces(
 
 
 def _alternate(
-    seen: Observations, is_los: BoolArray, now: TrajectoryState, config: TrajectoryConfig
+    noise: Noise, wide: Noise, is_los: BoolArray, now: TrajectoryState, *, use_landmarks: bool
 ) -> tuple[TrajectoryState, Association]:
     """Alternate association and least squares until the association is constant.
 
     First landmarks are found from clusters in every round. Then paths are assigned to the estimated landmarks,
-    which are more accurate than the clusters they come from.
+    which are more accurate than the clusters they come from. Paths are associated with `wide` noise: a path that
+    errs by more than the `noise` of the fit has little weight there, but is no other path.
     """
-    link, now, spans = classify_paths(seen, now, is_los, config)
+    config = wide.config.model_copy(update={"use_landmarks": use_landmarks})
+    link, now, spans = classify_paths(wide.seen, now, is_los, config)
     for _ in range(_MAX_ROUNDS):
-        now = minimise_robust_cost(seen, link, now, config, _ROUGH_ITERATIONS)
+        now = minimise_robust_cost(noise.seen, link, now, noise.config, _ROUGH_ITERATIONS)
         before = link
-        link, now, spans = classify_paths(seen, now, is_los, config)
+        link, now, spans = classify_paths(wide.seen, now, is_los, config)
         if _same(link, before):
             break
     for _ in range(_MAX_ROUNDS):
-        now = minimise_robust_cost(seen, link, now, config, _ROUGH_ITERATIONS)
+        now = minimise_robust_cost(noise.seen, link, now, noise.config, _ROUGH_ITERATIONS)
         before = link
-        link = reclassify_paths(seen, now, is_los, spans, config)
+        link = reclassify_paths(wide.seen, now, is_los, spans, config)
         if _same(link, before):
             break
-    return drop_unused_landmarks(minimise_robust_cost(seen, link, now, config), link)
+    return drop_unused_landmarks(minimise_robust_cost(noise.seen, link, now, noise.config), link)
 
 
 def _same(link: Association, other: Association) -> bool:

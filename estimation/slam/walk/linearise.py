@@ -8,6 +8,7 @@ roughness, in any direction.
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import gammaln
 
 from estimation.execution import compiled
 from estimation.inference.least_squares import student_t_efficiency
@@ -40,14 +41,33 @@ class Linearised:
         """Sum of squares (path,)."""
         return np.asarray(np.einsum("pd,pd->p", self.value, self.value))
 
+    def log_density(self, freedom: float) -> FloatArray:
+        """Log density (path,) of the measurements, in (m rad^2)^-1; minus infinity without three residuals.
+
+        The determinant of the whitening is the product of its diagonal, which is in the derivatives over the clock
+        bias, the offset of the TX heading and the heading.
+        """
+        peak = gammaln((freedom + 3) / 2) - gammaln(freedom / 2) - 1.5 * np.log(freedom * np.pi)
+        diagonal = self.by_state[:, 0, 3] * self.by_shared[:, 1, 0] * self.by_state[:, 2, 2]
+        is_whole = self.size == 3
+        scale = np.log(np.abs(np.where(is_whole, diagonal, 1.0)))
+        density = peak + scale - (freedom + 3) / 2 * np.log1p(self.square() / freedom)
+        return np.where(is_whole, density, -np.inf)
+
     def weight(self, freedom: float) -> FloatArray:
         """Student-t weight (path,); 0 where not in use."""
         return np.asarray((self.size > 0) * (freedom + self.size) / (freedom + self.square()))
 
     def efficient_weight(self, freedom: float) -> FloatArray:
-        """Mean weight (path,) under Gaussian errors, instead of that of the actual errors."""
+        """Mean weight (path,) under Gaussian errors; less at stops whose actual errors are larger.
+
+        A stop whose paths agree with nothing knows little: its weights add up to no more than the actual ones.
+        """
         by_size = np.array([0.0, student_t_efficiency(freedom, 1), 0.0, student_t_efficiency(freedom, 3)])
-        return np.asarray(by_size[self.size])
+        expected = by_size[self.size]
+        sums = [np.bincount(self.row, weight) for weight in (expected, self.weight(freedom))]
+        share = np.minimum(1.0, sums[1] / np.maximum(sums[0], np.finfo(float).tiny))
+        return np.asarray(expected * share[self.row])
 
     def cost(self, freedom: float) -> float:
         """Minus the Student-t log-likelihood, up to a constant."""

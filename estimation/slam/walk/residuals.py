@@ -29,6 +29,12 @@ class Observations:
     row: IntArray  # (path,) index of the stop
     measured: FloatArray  # (path, 3)
     covariance: FloatArray  # (path, 3, 3)
+    floor: FloatArray  # (3, 3) part of every covariance that is a floor of the noise
+
+    def with_floor(self, share: float) -> Observations:
+        """The same paths with this share of the floor's standard deviations."""
+        lower = share**2 * self.floor
+        return replace(self, covariance=self.covariance - self.floor + lower, floor=lower)
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,7 @@ from scenes.record import FloatArray
 
 _TOLERANCE = 1e-5  # of the cost, and of log-likelihood: a step that gains less changes no association
 _MAX_ITERATIONS = 20
+LANDMARK_INFORMATION = 1e-6  # of the prior of a landmark, in m^-2 and rad^-2
 _WEAK_STD = np.array([50.0, 50.0, np.pi, 50.0])
 
 
@@ -120,6 +121,6 @@ def _add_shared_priors(
     corner[radii, radii] += config.object_radius_std_m**-2.0
     gradient[radii] += (now.objects[:, 2] - config.object_radius_m) * config.object_radius_std_m**-2.0
     shared = np.arange(len(sessions), len(corner))
-    corner[shared, shared] += 1e-6
+    corner[shared, shared] += LANDMARK_INFORMATION
     corner[now.anchor], corner[:, now.anchor], border[:, :, now.anchor] = 0.0, 0.0, 0.0
     corner[now.anchor, now.anchor], gradient[now.anchor] = 1e12, 0.0

@@ -61,11 +61,11 @@ def run_trajectory(
     problems = [snapshot_problem(estimate, tx_pose, snapshot.noise) for estimate in estimates]
     modes = [ranked_modes(problem, snapshot.model_copy(update={"method": "statistical"})) for problem in problems]
     chosen = choose_modes(modes, config)
-    seen = observations(problems, tx_pose)
+    seen = observations(problems, tx_pose, snapshot.noise.floor)
     is_los = _lines_of_sight(problems, modes, chosen)
     if np.all(chosen < 0):
         return _unsolved(estimates, seen, tx_pose, mapping_config)
-    now, link = smooth_walk(seen, is_los, initial_state(modes, chosen), config)
+    now, link, (seen, config) = smooth_walk(seen, is_los, initial_state(modes, chosen), config)
     covariance, shared_covariance = solution_covariance(seen, link, now, config)
     cost = robust_cost(seen, link, now, config) / seen.n_stops
     poses = _poses(estimates, now, link, seen, chosen, is_los, cost)
@@ -94,8 +94,8 @@ def flags_by_stop(estimates: Sequence[ChannelEstimate], details: TrajectoryDetai
     return {"is_los": [k == PathClass.LOS for k in kinds], "is_inlier": [np.isin(k, single) for k in kinds]}
 
 
-def observations(problems: Sequence[SnapshotProblem], tx_pose: Pose) -> Observations:
-    """All paths of all stops in one table."""
+def observations(problems: Sequence[SnapshotProblem], tx_pose: Pose, floor: FloatArray) -> Observations:
+    """All paths of all stops in one table; `floor` (3, 3) is part of their covariances."""
     measured = [problem.measured for problem in problems]
     covariance = [problem.covariance for problem in problems]
     return Observations(
@@ -104,6 +104,7 @@ def observations(problems: Sequence[SnapshotProblem], tx_pose: Pose) -> Observat
         np.repeat(np.arange(len(problems)), [len(m) for m in measured]),
         np.concatenate([np.empty((0, 3)), *measured]),
         np.concatenate([np.empty((0, 3, 3)), *covariance]),
+        floor,
     )
 
 

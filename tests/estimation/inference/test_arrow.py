@@ -45,3 +45,4 @@ def test_solution_and_marginals_are_those_of_the_dense_matrix(n, shared):
     for k in range(n):
         np.testing.assert_allclose(blocks[k], inverse[4 * k : 4 * k + 4, 4 * k : 4 * k + 4], rtol=1e-6)
     np.testing.assert_allclose(corner, inverse[4 * n :, 4 * n :], rtol=1e-6)
+    assert system.log_determinant() == pytest.approx(np.linalg.slogdet(dense)[1])

@@ -40,6 +40,7 @@ def campaign(rng, n=8, paths=6):
         np.repeat(np.arange(n), paths),
         np.column_stack([rng.uniform(15, 30, m), rng.uniform(-1.2, 1.2, m), rng.uniform(-3, 3, m)]),
         factor @ np.swapaxes(factor, 1, 2) + np.diag([0.01, 1e-4, 1e-4]),
+        np.zeros((3, 3)),
     )
     now = TrajectoryState(
         state, np.array([0.0, 0.03]), WALLS, OBJECTS, np.repeat([0, 1], n // 2), 0, course_of(state)
