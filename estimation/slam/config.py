@@ -247,6 +247,9 @@ class TrajectoryConfig(ConfigModel):
     surfaces that deviate from a plane or a circle. They are not fitted to measured data: `arena validate slam`
     halves and doubles each on simulated walks, and no such change gains much over the default.
 
+    `wall_roughness_m`, `object_roughness_m`
+        Where the evidence allows it, they fall with the floors of `PathNoise`, by the root of the same share.
+
     `use_landmarks`, `use_double_bounces`, `use_sessions`
         Share walls and objects between stops; use double bounces off two known walls; search for jumps of the TX
         heading offset.

@@ -37,14 +37,13 @@ def run_spatial_trajectory(
     mapping_config: MappingConfig,
 ) -> tuple[PoseEstimates, IncidencePoints, TrajectoryDetails]:
     """Poses, incidence points and shared landmarks of a walk with elevations; stops in the order of the walk."""
-    problems = [spatial_problem(estimate, tx_pose, snapshot.noise) for estimate in estimates]
     alone = [solve_spatial(estimate, tx_pose, snapshot) for estimate in estimates]
-    flat = project_on_plane(estimates, problems, alone)
-    # The projected covariance already contains the floors.
-    exact = snapshot.noise.model_copy(
-        update={"source": "estimate", "floor_delay_std_ns": 0.0, "floor_angle_std_deg": 0.0}
-    )
-    in_plane = snapshot.model_copy(update={"noise": exact})
+    # The floors are those of the plane: the walk may lower them.
+    no_floors = {"floor_delay_std_ns": 0.0, "floor_angle_std_deg": 0.0}
+    own = snapshot.noise.model_copy(update=no_floors)
+    flat = project_on_plane(estimates, [spatial_problem(estimate, tx_pose, own) for estimate in estimates], alone)
+    in_plane_noise = snapshot.noise if snapshot.noise.source == "estimate" else own
+    in_plane = snapshot.model_copy(update={"noise": in_plane_noise.model_copy(update={"source": "estimate"})})
     poses, _, details = run_trajectory(flat, tx_pose, in_plane, config, mapping_config)
     kinds = np.split(details.path_kind, np.cumsum([len(e) for e in estimates])[:-1])
     shifted = turn_departures(estimates, details)
