@@ -15,7 +15,7 @@ from isac_arena.campaign.driver import CampaignRun
 from isac_arena.campaign.files import read_attribute
 from isac_arena.campaign.load import campaign_scene
 from isac_arena.campaign.lock import one_run
-from isac_arena.campaign.manifest import SETTINGS, check_unchanged, remedy
+from isac_arena.campaign.manifest import MANIFEST, SETTINGS, check_unchanged, remedy
 from isac_arena.campaign.measured import MeasuredTruth
 from isac_arena.campaign.plan import RunPlan, check_elevations, plan_run
 from isac_arena.campaign.recording import recorded_run
@@ -104,11 +104,17 @@ def reopened(
 ) -> Iterator[CampaignStore]:
     """As `reopen`, for a run: the directory is locked for it, and its manifest is written at the end.
 
-    With another estimator, channel estimates are made again.
+    With another estimator, channel estimates are made again. Raises `ValueError` where a report has no manifest,
+    which would say to which results it belongs.
     """
     check_is_campaign(directory)
     with one_run(directory), recorded_run(directory):
         store = reopen(directory, reads)
+        if (directory / "report.html").is_file() and not (directory / MANIFEST).is_file():
+            what = "missing, so it is not known which results report.html shows"
+            raise ValueError(
+                f"{directory / MANIFEST}: {what}; use the same 'arena run' again, or remove report.html"
+            )
         if estimator is not None:
             if store.measured is not None:
                 raise ValueError(f"--estimator = '{estimator}': {directory} is measured and holds no samples")

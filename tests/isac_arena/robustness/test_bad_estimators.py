@@ -84,10 +84,16 @@ def test_a_lost_record_is_made_again_and_nothing_else_changes(made: Path, tmp_pa
         assert arena_here("estimate", tmp_path / "run", cwd=made).returncode == 0
         after = tree(tmp_path / "run")
         assert {one for one in before if after.get(one) != before[one]} <= {"manifest.json"}, name
-    (tmp_path / "run" / "scene.toml").unlink()
+    (tmp_path / "run" / "scene.toml").rename(tmp_path / "scene.toml")
     assert "scene.toml: missing" in failure(
         "compare", tmp_path / "run", "run", "--out", tmp_path / "out", cwd=made
     )
+    (tmp_path / "scene.toml").rename(tmp_path / "run" / "scene.toml")
+    (tmp_path / "run" / "manifest.json").unlink()
+    kept = tree(tmp_path / "run")
+    for verb in ("estimate", "score"):
+        assert "which results report.html shows" in failure(verb, tmp_path / "run", cwd=made)
+        assert tree(tmp_path / "run") == kept
 
 
 def test_a_failed_budget_leaves_the_one_before_as_it_was(made: Path, tmp_path: Path) -> None:
