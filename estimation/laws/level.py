@@ -13,6 +13,7 @@ from scenes.pose import wrap_angle
 from scenes.record import BoolArray, FloatArray
 
 LEVEL_SHARE = 1e-3  # shortest plan length as a share of the length: a path straight up has no plan path
+CONE_STDS = 3.0  # standard deviations by which a cone may seem too wide
 STEEPEST_SINE = 0.9995  # sines beyond are taken as this
 
 
@@ -36,7 +37,7 @@ def plan_paths(
     azimuth_rad: FloatArray,
     boresight_rad: FloatArray,
     is_cone: BoolArray,
-    slack: FloatArray,
+    std_rad: FloatArray,
     difference_m: FloatArray,
 ) -> LevelPaths:
     """Paths seen from above; impossible ones get a plan length of 1 m.
@@ -45,9 +46,8 @@ def plan_paths(
     ----------
     length_m, difference_m
         (...) lengths without clock bias, and height differences: both broadcast.
-    azimuth_rad, boresight_rad, slack
-        (..., 2) at departure and arrival: observed azimuths, boresights of their panels, and by how much the sine
-        of a true azimuth may exceed 1.
+    azimuth_rad, boresight_rad, std_rad
+        (..., 2) at departure and arrival: observed azimuths, boresights of their panels, standard deviations.
     is_cone
         (2,) whether the azimuths observed at an end are cone angles.
     """
@@ -63,7 +63,7 @@ def plan_paths(
             value[..., axis], slope[..., axis, axis] = azimuth_rad[..., end], 1.0
             continue
         sine = np.sin(turn) * length / plan
-        is_possible = is_possible & (np.abs(sine) < 1 + slack[..., end])
+        is_possible = is_possible & (np.abs(sine) < 1 + CONE_STDS * std_rad[..., end])
         clipped = np.clip(sine, -STEEPEST_SINE, STEEPEST_SINE)
         across = np.sqrt(1 - clipped**2)
         value[..., axis] = wrap_angle(boresight_rad[..., end] + np.arcsin(clipped))

@@ -23,7 +23,6 @@ MAX_TURNS = 5
 SETTLED_M = 1e-5  # change of the clock biases that ends the turns
 DISTANCES_M = np.geomspace(1.5, 40.0, 12)  # in the plan, of a first path that is the line of sight
 EQUAL_HEIGHTS_M = 1e-3
-CONE_STDS = 3.0  # standard deviations by which a cone may seem too wide
 
 T = TypeVar("T")
 
@@ -44,20 +43,23 @@ class KnownHeights:
     tx_panel_rad: FloatArray
     rx_panel_rad: FloatArray
 
+    def matter(self, estimates: Sequence[ChannelEstimate]) -> bool:
+        """Whether any estimate looks different from above."""
+        return any(map(_is_seen_otherwise, estimates, self.difference_m))
+
     def seen(self, estimate: ChannelEstimate, difference_m: float, clock_bias_s: float) -> ChannelEstimate:
         """One estimate as paths of the plane, the clock bias as before; azimuths that are no cone angles stay."""
-        is_cone = np.array([k == AngleKind.CONE for k in (estimate.aod_angle_kind, estimate.aoa_angle_kind)])
-        elevation = np.concatenate([estimate.aod_elevation_rad, estimate.aoa_elevation_rad])
-        if abs(difference_m) < EQUAL_HEIGHTS_M or not is_cone.any() or np.isfinite(elevation).any():
+        if not _is_seen_otherwise(estimate, difference_m):
             return estimate
+        is_cone = np.array([k == AngleKind.CONE for k in (estimate.aod_angle_kind, estimate.aoa_angle_kind)])
         to_metres = np.array([SPEED_OF_LIGHT_M_S, 1.0, 1.0])
         covariance = estimate.plane_covariance * to_metres[:, None] * to_metres
         azimuth = np.column_stack([estimate.aod_azimuth_rad, estimate.aoa_azimuth_rad])
         panels = (self.tx_panel_rad, self.rx_panel_rad)
         boresight = np.column_stack([nearest_boresight(azimuth[:, end], panels[end]) for end in range(2)])
-        slack = CONE_STDS * np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)[:, 1:])
+        std_rad = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)[:, 1:])
         length_m = SPEED_OF_LIGHT_M_S * (estimate.delay_s - clock_bias_s)
-        above = plan_paths(length_m, azimuth, boresight, is_cone, slack, np.array(difference_m))
+        above = plan_paths(length_m, azimuth, boresight, is_cone, std_rad, np.array(difference_m))
         own, by_height = above.slope[..., :3], above.slope[..., 3]
         seen = own @ covariance @ own.swapaxes(1, 2) + self.std_m**2 * by_height[:, :, None] * by_height[:, None]
         is_level = above.is_possible
@@ -72,6 +74,13 @@ class KnownHeights:
             aod_angle_kind=AngleKind.AZIMUTH,
             aoa_angle_kind=AngleKind.AZIMUTH,
         )
+
+
+def _is_seen_otherwise(estimate: ChannelEstimate, difference_m: float) -> bool:
+    """Whether an estimate has cone angles, no elevations, and devices at unequal heights."""
+    is_cone = AngleKind.CONE in (estimate.aod_angle_kind, estimate.aoa_angle_kind)
+    elevation = np.concatenate([estimate.aod_elevation_rad, estimate.aoa_elevation_rad])
+    return bool(is_cone and abs(difference_m) >= EQUAL_HEIGHTS_M and not np.isfinite(elevation).any())
 
 
 def seen_from_above(

@@ -31,7 +31,7 @@ def locate_and_map(
     from above where `heights` are known. With `slam.method` "reference", the published algorithm, in the plane and
     without heights.
     """
-    if heights is None or slam.method == "reference" or is_spatial(estimates, use_elevation=True):
+    if heights is None or slam.method == "reference" or not heights.matter(estimates):
         return _located(estimates, tx_pose, slam, trajectory, mapping)
     return solved_from_above(
         estimates,

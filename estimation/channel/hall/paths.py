@@ -13,7 +13,6 @@ from scenes.pose import SPEED_OF_LIGHT_M_S
 from scenes.record import BoolArray, FloatArray, IntArray
 from sim.signal.arrays.codebook import Codebook
 
-CONE_STDS = 3.0  # standard deviations by which a cone may seem too wide
 ELEVATION_OUTLIER_DENSITY = 0.05 / np.pi  # per rad: one elevation in twenty is wrong
 NO_ELEVATION_STD_RAD = 10.0  # of an elevation that was not estimated
 
@@ -115,7 +114,7 @@ def plan_points(paths: RangedPaths, clock_m: float, differences_m: FloatArray) -
         paths.azimuth_rad[:, None],
         paths.boresight_rad[:, None],
         paths.is_cone,
-        CONE_STDS * np.sqrt(paths.variance[:, None, 1:3]),
+        np.sqrt(paths.variance[:, None, 1:3]),
         differences_m,
     )
     own = seen.slope[..., :3]

@@ -99,3 +99,5 @@ def test_azimuths_elevations_and_equal_heights_are_left() -> None:
     elevated = replace(ESTIMATES[0], aod_elevation_rad=np.full(len(ESTIMATES[0]), 0.1))
     assert HEIGHTS.seen(elevated, 2.5, 0.0) is elevated
     assert HEIGHTS.seen(ESTIMATES[0], 0.0, 0.0) is ESTIMATES[0]
+    equal = replace(HEIGHTS, difference_m=np.zeros(len(ESTIMATES)))
+    assert HEIGHTS.matter(ESTIMATES) and not equal.matter(ESTIMATES)
