@@ -15,6 +15,8 @@ from pathlib import Path
 from typing import Any, Literal
 from unittest import mock
 
+from threadpoolctl import threadpool_limits
+
 from isac_arena.cli.main import guarded, main
 
 Outcome = Literal["refused", "accepted", "internal", "hang", "outside"]
@@ -56,7 +58,12 @@ def call(function: Callable[..., object], *arguments: Any) -> Callable[[], None]
 
 
 def warm(run: Callable[[], None], folder: Path) -> None:
-    """Run something in this process, without output: forks of it have its imports and its compiled code."""
+    """Run something in this process, without output: forks of it have its imports and its compiled code.
+
+    From now on this process has one thread: a pool of threads does not survive a fork, which would wait for it.
+    """
+    os.environ["OMP_NUM_THREADS"] = "1"  # of libraries that are loaded later
+    threadpool_limits(1)
     before, path, hook = Path.cwd(), sys.path[:], sys.unraisablehook
     os.chdir(folder)
     try:
