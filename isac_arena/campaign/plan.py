@@ -75,13 +75,13 @@ def _seen_paths(config: CampaignConfig, scene: Scene, step: int) -> list[Paths]:
 def _about_settings(config: CampaignConfig, scene: Scene, estimator: str | None) -> Iterator[str]:
     """What the settings alone tell: heights that are neither seen nor used, and stops without an order."""
     sees = any(len(elevations_deg(array)) > 1 for array in (config.tx_array, config.rx_array))
-    uses = config.heights.use and config.slam.method != "reference" and estimator is None
-    if not sees and not uses:
+    why_unused = _why_unused(config, estimator)
+    if not sees and why_unused:
         bias_m, height_m = _height_bias_m(scene)
         if bias_m > LEAST_BIAS_M:
             yield (
                 f"TX and receiver differ by up to {height_m:.2g} m in height, the beams are horizontal and the "
-                f"known heights are not used ({_why_unused(config, estimator)}): expect positions and points "
+                f"known heights are not used ({why_unused}): expect positions and points "
                 f"about {bias_m:.2g} m off; {HEIGHTS}"
             )
     elif sees and (not config.slam.solves_in_space or not config.mapping.use_elevation):
@@ -94,11 +94,12 @@ def _about_settings(config: CampaignConfig, scene: Scene, estimator: str | None)
 
 
 def _why_unused(config: CampaignConfig, estimator: str | None) -> str:
+    """Why known heights are not used; empty if they are."""
     if not config.heights.use:
         return "heights.use = false"
     if estimator is not None:
         return f"unless {estimator} says that its azimuths are cone angles, aod_angle_kind = 'cone'"
-    return f"slam.method = '{config.slam.method}'"
+    return "slam.method = 'reference'" if config.slam.method == "reference" else ""
 
 
 def _height_bias_m(scene: Scene) -> tuple[float, float]:

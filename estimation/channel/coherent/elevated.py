@@ -12,6 +12,7 @@ import numpy as np
 
 from estimation.channel.coherent.prune import LevelAtDelay
 from estimation.channel.coherent.refine import Reference, Solution, refine_near
+from estimation.channel.model.compress import CompressedSweep
 from estimation.channel.model.manifold import Manifold
 from estimation.channel.model.path_model import PathParameters, responses
 from scenes.record import BoolArray, ComplexArray, FloatArray, IntArray
@@ -30,16 +31,15 @@ def merge_elevated_images(
 
     As well means: as much as with the images, minus their levels. Only manifolds that hide elevation change.
     """
-    for is_tx, manifold in ((True, reference.sweep.tx), (False, reference.sweep.rx)):
-        if not manifold.hides_elevation:
-            continue
+    for is_tx, _ in hiding_ends(reference.sweep):
         kept = np.arange(len(solution.paths))  # of the paths before any change
         for images in _clearest_images(reference, solution.paths, is_tx=is_tx):
             if not np.isin([images.first, *images.seconds], kept).all():
                 continue
             first, seconds = kept == images.first, np.isin(kept, images.seconds)
             enough = solution.explained - levels(solution.paths.delay_bins[seconds]).sum()
-            trial = _with_angles(solution.paths, first, images.angles_rad, is_tx=is_tx).take(~seconds)
+            angles_rad = np.where(first[:, None], images.angles_rad, angles_at(solution.paths, is_tx=is_tx))
+            trial = with_angles(solution.paths, angles_rad, is_tx=is_tx).take(~seconds)
             one = refine_near(reference, trial, solution.paths.take(first | seconds), max_steps)
             if one.explained > enough:
                 solution, kept = one, kept[~seconds]
@@ -61,7 +61,7 @@ def _clearest_images(reference: Reference, paths: PathParameters, *, is_tx: bool
     at = responses(reference.sweep, paths)
     tx, rx, delay = at.tx[:, 0], at.rx[:, 0], at.delay[:, 0]
     own, far = (tx, rx) if is_tx else (rx, tx)
-    angles_rad = paths.aod_rad if is_tx else paths.aoa_rad
+    angles_rad = angles_at(paths, is_tx=is_tx)
     manifold = reference.sweep.tx if is_tx else reference.sweep.rx
     beside = (far.conj() @ far.T) * (delay @ delay.T)
     energy = np.diagonal(beside).real
@@ -118,8 +118,17 @@ def same_cone(manifold: Manifold, angles_rad: FloatArray, elevation_rad: FloatAr
     return np.stack([boresight + np.arcsin(sine[is_there]), elevation_rad[is_there]], axis=1)
 
 
-def _with_angles(paths: PathParameters, path: BoolArray, angles_rad: FloatArray, *, is_tx: bool) -> PathParameters:
-    """The paths, with the angles (2,) of one path (its mask is (path,)) at one end replaced."""
-    angles = (paths.aod_rad if is_tx else paths.aoa_rad).copy()
-    angles[path] = angles_rad
-    return replace(paths, aod_rad=angles) if is_tx else replace(paths, aoa_rad=angles)
+def hiding_ends(sweep: CompressedSweep) -> list[tuple[bool, Manifold]]:
+    """Whether it is the TX, and the manifold, of the ends that hide elevation."""
+    ends = ((True, sweep.tx), (False, sweep.rx))
+    return [(is_tx, manifold) for is_tx, manifold in ends if manifold.hides_elevation]
+
+
+def angles_at(paths: PathParameters, *, is_tx: bool) -> FloatArray:
+    """Angles (path, angle) of paths at one end."""
+    return paths.aod_rad if is_tx else paths.aoa_rad
+
+
+def with_angles(paths: PathParameters, angles_rad: FloatArray, *, is_tx: bool) -> PathParameters:
+    """The paths with other angles (path, angle) at one end."""
+    return replace(paths, aod_rad=angles_rad) if is_tx else replace(paths, aoa_rad=angles_rad)

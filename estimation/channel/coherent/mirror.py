@@ -20,7 +20,9 @@ class PairMirror:
     """Mirrors the close pairs of one stop; it knows those that it has tried in vain."""
 
     def __init__(self) -> None:
-        self._tried: list[tuple[PathParameters, PathParameters]] = []
+        self._tried: tuple[PathParameters, PathParameters] | None = (
+            None  # the stronger and the weaker of each pair
+        )
 
     def __call__(self, reference: Reference, solution: Solution, max_steps: int) -> Solution:
         """The solution, which is at the reference's paths, with close pairs mirrored where that explains more.
@@ -39,21 +41,20 @@ class PairMirror:
                 if trial.explained > solution.explained + LEAST_GAIN:
                     solution = trial
                 else:
-                    self._tried.append((solution.paths.take(pair[:1]), solution.paths.take(pair[1:])))
+                    self._remember(solution.paths.take(pair[:1]), solution.paths.take(pair[1:]))
         return solution
+
+    def _remember(self, stronger: PathParameters, weaker: PathParameters) -> None:
+        if self._tried is not None:
+            stronger, weaker = self._tried[0].joined(stronger), self._tried[1].joined(weaker)
+        self._tried = (stronger, weaker)
 
     def _pairs_tried(self, paths: PathParameters, rate: FloatArray) -> BoolArray:
         """Mask (path, path) of the stronger and weaker paths of pairs that were tried."""
-        mask = np.zeros((len(paths), len(paths)), bool)
-        if not self._tried:
-            return mask
-        ends = []
-        for place in range(2):
-            known = self._tried[0][place]
-            for pair in self._tried[1:]:
-                known = known.joined(pair[place])
-            ends.append(cells_apart(known, paths, rate) <= SAME_CELLS)
-        return np.asarray((ends[0][:, :, None] & ends[1][:, None, :]).any(axis=0))
+        if self._tried is None:
+            return np.zeros((len(paths), len(paths)), bool)
+        stronger, weaker = (cells_apart(known, paths, rate) <= SAME_CELLS for known in self._tried)
+        return np.asarray((stronger[:, :, None] & weaker[:, None, :]).any(axis=0))
 
 
 def _mirrored(paths: PathParameters, pair: IntArray) -> PathParameters:

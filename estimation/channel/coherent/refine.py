@@ -5,6 +5,8 @@ projection); delays and angles take damped Gauss-Newton steps with analytic deri
 are computed with the residual of reference paths, small numbers in single precision; the rest is exact.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -52,6 +54,11 @@ class Reference:
         self.paths = paths
         self.parts = residual(sweep, paths)
         self.at = tangents(sweep, paths)
+
+    def with_path_back(self, path: PathParameters) -> Reference:
+        """The reference without one of its paths, which is in the residual again: its negative is taken out."""
+        rest = replace(self.sweep, parts=self.parts)
+        return Reference(rest, replace(path, amplitude=-path.amplitude))
 
     def residual_products(self, at: PathTangents) -> ComplexArray:
         """Inner products (path, tangent) of tangents with the residual of the reference paths."""

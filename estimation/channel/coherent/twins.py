@@ -35,17 +35,14 @@ def move_to_twins(
         every = _twins(reference, own, grids)
         if len(every) == 1:
             continue
-        # the residual with the path put back: its negative is taken out
-        alone = Reference(replace(reference.sweep, parts=reference.parts), replace(own, amplitude=-own.amplitude))
-        refined, power = refine_separately(alone, every, TWIN_STEPS)
+        refined, power = refine_separately(reference.with_path_back(own), every, TWIN_STEPS)
         posterior = power / scale[path] + _log_prior(reference.sweep, refined)
         best = int(np.argmax(posterior))
         if best == 0:
             continue
         twin = refined.take(np.array([best]))
-        itself = np.arange(len(solution.paths)) == path
-        moved = solution.paths.replaced(itself, twin.take(np.zeros(len(itself), int)))
-        trial = refine_near(reference, moved, twin, max_steps)
+        trial = refine_near(reference, solution.paths.with_path(int(path), twin), twin, max_steps)
+        itself = np.array([path])
         prior, moved_prior = _log_prior(
             reference.sweep, solution.paths.take(itself).joined(trial.paths.take(itself))
         )

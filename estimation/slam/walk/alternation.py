@@ -75,10 +75,13 @@ def smooth_walk(
     wide = Noise(seen, config)
     now, _ = _alternate(wide, wide, is_los, start, use_landmarks=False)
     walks = [_with_landmarks(wide, wide, is_los, now)]
-    for share in SHARES if seen.floor.any() and config.use_landmarks else ():
+    if not (seen.floor.any() and config.use_landmarks):
+        return walks[0]
+    for share in SHARES:
         walks.append(_with_landmarks(wide.lower(share), wide, is_los, walks[-1].now))
-    best = max(walks, key=lambda walk: walk.evidence)
-    return best if best.evidence > walks[0].evidence + LEAST_GAIN else walks[0]
+    evidence = np.array([walk.evidence for walk in walks])
+    best = int(np.argmax(evidence))
+    return walks[best] if evidence[best] > evidence[0] + LEAST_GAIN else walks[0]
 
 
 def _with_landmarks(noise: Noise, wide: Noise, is_los: BoolArray, now: TrajectoryState) -> SmoothedWalk:
