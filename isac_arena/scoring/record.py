@@ -115,6 +115,8 @@ class PoseScores(Record):
     position_nees: FloatArray = array("stop", doc="NEES of the position, 2 degrees of freedom")
     height_error_m: FloatArray = array("stop", unit="m", doc="estimate minus truth; NaN in the plane")
     height_nees: FloatArray = array("stop", doc="squared height error over variance; NaN in the plane")
+    position_std_m: FloatArray = array("stop", unit="m", doc="stated deviation of the position, over all modes")
+    is_ambiguous: BoolArray = array("stop", dtype=bool, doc="flagged by SLAM: two modes are near-equal")
     position_bound_m: FloatArray = array("stop", unit="m", doc="bound of the position from this stop alone")
     heading_bound_rad: FloatArray = array("stop", unit="rad", doc="bound of the heading from this stop alone")
     clock_bound_s: FloatArray = array("stop", unit="s", doc="bound of the clock bias from this stop alone")

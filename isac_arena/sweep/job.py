@@ -4,7 +4,7 @@ scenes/HASH/scene.toml     a scene and the files it names
 paths/HASH/stop_000.nc     traced paths, shared by all cases of the same scene and propagation
 signals/HASH/stop_000.nc   samples, while several cases wait for them
 cases/HASH/                campaign.json, scores.json, provenance.nc, manifest.json: there only when whole
-estimates/HASH/stop_000.nc channel estimates, of cases that end there
+estimates/HASH/stop_000.nc channel estimates, of cases that keep them
 failures/KEY.txt           traceback of a user's function, where it failed
 times/HASH.json            processor time in s of each of them
 """
@@ -76,7 +76,7 @@ class Job:
         return self.root / "paths" / self.paths_hash / f"stop_{stop:03d}.nc"
 
     def estimate_file(self, stop: int) -> Path:
-        """The channel estimate of a stop, kept where the case runs no later stage."""
+        """The channel estimate of a stop, where the case keeps it."""
         return self.root / "estimates" / self.channel_hash / f"stop_{stop:03d}.nc"
 
     @property
@@ -120,7 +120,7 @@ def make_job(case: Case, root: Path, n_stops: int, like: Job | None = None) -> J
 
 def _key(case: Case, store: CampaignStore) -> str:
     """The name of a case: later stages count only where it runs them."""
-    if case.stages == "all":
+    if case.stages != "channel":
         return digest(store.score_fingerprint, str(case.stop_every))
     scoring = code_digest("isac_arena/scoring")
     return digest(store.channel_fingerprint, scoring, str(case.stop_every), case.stages)

@@ -67,8 +67,8 @@ class CaseResults(MemoryResults):
 
     @property
     def keeps_estimates(self) -> bool:
-        """Whether channel estimates are stored: the case is scored again without them where scoring changes."""
-        return self.job.stages == "channel"
+        """Whether channel estimates are stored: later stages that change run again without making them."""
+        return self.job.stages != "all"
 
     def estimate(self, stop: int) -> ChannelEstimate | None:
         """The channel estimate of a stop, from its file where it is kept there."""
@@ -159,7 +159,7 @@ def score_cases(jobs: Sequence[Job], stops: Sequence[int] | None = None) -> Iter
         failures = _failures(runs, paths)
     for job, run, failure in zip(jobs, runs, failures, strict=True):
         with threadpool_limits(limits=1):
-            score = run.scores if job.stages == "all" else run.channel_scores
+            score = run.channel_scores if job.stages == "channel" else run.scores
             scores = _tried(score) if failure is None else failure
         yield scores
 

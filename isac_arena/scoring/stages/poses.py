@@ -59,10 +59,18 @@ def score_poses(
         position_nees=_where(solved, squared_mahalanobis(error[:, :2], estimate.covariance[:, :2, :2])),
         height_error_m=_where(solved, height_error_m),
         height_nees=_where(solved, (height_error_m / estimate.height_std_m) ** 2),
+        position_std_m=_where(solved, _stated_std_m(estimate)),
+        is_ambiguous=estimate.is_ambiguous,
         position_bound_m=bound.position_m,
         heading_bound_rad=bound.heading_rad,
         clock_bound_s=bound.clock_m / SPEED_OF_LIGHT_M_S,
     )
+
+
+def _stated_std_m(estimate: PoseEstimates) -> FloatArray:
+    """Deviation (stop,) of the position over all modes; of the chosen mode where only that is known."""
+    variance = estimate.covariance[:, 0, 0] + estimate.covariance[:, 1, 1]
+    return np.where(np.isfinite(estimate.position_std_m), estimate.position_std_m, np.sqrt(np.maximum(variance, 0)))
 
 
 def pose_bounds(scene: Scene, stops: Sequence[TrueStop]) -> StateBound:

@@ -1,4 +1,4 @@
-"""Random halls by the sweep engine: resumable, on all cores, no further than the channel estimates."""
+"""Random halls by the sweep engine, no further than the channel estimates."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,18 +6,14 @@ from pathlib import Path
 
 import numpy as np
 from rich.console import Console
-from threadpoolctl import threadpool_limits
 
 from isac_arena.campaign.files import read_record
 from isac_arena.campaign.load import SceneSource
-from isac_arena.campaign.lock import one_run
-from isac_arena.campaign.recording import recorded_run
 from isac_arena.scoring.record import ScoreTables
 from isac_arena.sweep.cases import Case
-from isac_arena.sweep.job import Job, make_job, store_scene
-from isac_arena.sweep.run import check_case, read_times
-from isac_arena.sweep.runner import Workers, run_missing
-from isac_arena.sweep.store import forget_failures, read_failures, stale_names
+from isac_arena.sweep.job import Job
+from isac_arena.sweep.run import read_times
+from isac_arena.validation.case_runs import run_cases
 from isac_arena.validation.scenarios.random_halls import RandomHall
 from scenes.record import FloatArray
 
@@ -36,32 +32,22 @@ def run_halls(
 ) -> list[HallResult]:
     """Estimate and score the rooms that are not yet in the directory `out`, and return all.
 
-    Traced paths are shared by all methods; a room that failed before is tried again.
-
     Raises `ValueError` for an unknown method, or with the reason where a room failed.
     """
-    with one_run(out), threadpool_limits(limits=1), recorded_run(out) as recording:
-        forget_failures(out, read_failures(out))
-        jobs = [_job(hall, out, method, estimator) for hall in halls]
-        recording.drop(stale_names(out, recording.names))
-        with Workers(None, None) as workers:
-            run_missing(workers, console, out, jobs)
-    failures = read_failures(out)
+    jobs = run_cases(console, [_case(hall, method, estimator) for hall in halls], out)
+    results = []
     for hall, job in zip(halls, jobs, strict=True):
-        if not job.is_done:
-            raise ValueError(f"room {hall.room}: {failures.get(job.key, 'did not finish')}")
-    return [_result(hall, job) for hall, job in zip(halls, jobs, strict=True)]
+        if isinstance(job, str):
+            raise ValueError(f"room {hall.room}: {job}")
+        results.append(_result(hall, job))
+    return results
 
 
-def _job(hall: RandomHall, out: Path, method: str, estimator: str | None) -> Job:
-    """The job of a room, its scene stored."""
+def _case(hall: RandomHall, method: str, estimator: str | None) -> Case:
     channel = type(hall.config.channel).model_validate({**hall.config.channel.model_dump(), "method": method})
     config = hall.config.model_copy(update={"channel": channel})
     scene = SceneSource(hall.scene_text, {})
-    case = Case(hall.room, 0, (), config, scene, estimator, stop_every=1, stages="channel")
-    n_stops = len(check_case(case).stops)
-    store_scene(out, scene)
-    return make_job(case, out, n_stops)
+    return Case(hall.room, 0, (), config, scene, estimator, stop_every=1, stages="channel")
 
 
 def _result(hall: RandomHall, job: Job) -> HallResult:

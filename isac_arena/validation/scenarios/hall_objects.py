@@ -1,6 +1,7 @@
 """Objects of random halls as tables of a scene file: columns, partitions, boxes and racks in free places."""
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from scenes.pose import direction
 from scenes.record import FloatArray
 
 CLEARANCE_M = 0.7  # between objects, and between objects and walls: a receiver can pass
+COLUMN_HALF_M = (0.12, 0.5)  # half the width of columns
 N_TRIES = 40  # random places tried for an object; after that it is omitted
 
 Table = dict[str, Any]
@@ -58,13 +60,18 @@ class FreeSpace:
         return []
 
 
-def furnish(rng: np.random.Generator, free: FreeSpace, height_m: float) -> Iterator[Table]:
-    """Tables of the objects of a room, large ones first; their number follows the size of the room."""
+def furnish(
+    rng: np.random.Generator, free: FreeSpace, height_m: float, column_half_m: tuple[float, float] = COLUMN_HALF_M
+) -> Iterator[Table]:
+    """Tables of the objects of a room, large ones first; their number follows the size of the room.
+
+    Half the width of columns is drawn from `column_half_m`.
+    """
     room_m2 = float(free.area.area)
     for name, make, per_m2, most in (
         ("rack", rack, 0.005, 3),
         ("partition", partition, 0.01, 4),
-        ("column", column, 0.02, 9),
+        ("column", partial(column, half_m=column_half_m), 0.02, 9),
         ("box", box, 0.015, 6),
     ):
         for index in range(min(most, int(rng.poisson(per_m2 * room_m2)))):
@@ -74,9 +81,14 @@ def furnish(rng: np.random.Generator, free: FreeSpace, height_m: float) -> Itera
                 yield {**table, "name": f"{name}_{index + 1}{table.get('name', '')}"}
 
 
-def column(rng: np.random.Generator, center: FloatArray, height_m: float) -> list[Table]:
+def column(
+    rng: np.random.Generator,
+    center: FloatArray,
+    height_m: float,
+    half_m: tuple[float, float] = COLUMN_HALF_M,
+) -> list[Table]:
     """A column from floor to ceiling: round, elliptic, square, rounded or lobed."""
-    half, turn = float(rng.uniform(0.12, 0.5)), float(rng.uniform(0, np.pi))
+    half, turn = float(rng.uniform(*half_m)), float(rng.uniform(0, np.pi))
     corners = center + half * np.sqrt(2) * direction(turn + np.pi / 4 + np.arange(4) * np.pi / 2)[:, :2]
     angle = np.arange(16) * np.pi / 8
     lobes = half * (1 + 0.12 * np.cos(rng.integers(2, 5) * angle))

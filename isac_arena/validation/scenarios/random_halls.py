@@ -3,7 +3,7 @@
 A room of 10 to 40 m has four walls, sometimes a corner cut out, floor and ceiling, windows, columns, partitions,
 boxes and racks. Half of the rooms have the TX and the receiver at one height; the number of beam elevations and
 the hardware take turns, so rooms 0 to 15 hold every combination once. Room k of a seed is the same whatever other
-rooms are drawn.
+rooms are drawn, and whatever the length of its walk.
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ import shapely
 import tomli_w
 
 from isac_arena.campaign.config import CampaignConfig, with_link_levels
-from isac_arena.validation.scenarios.hall_objects import MATERIALS, FreeSpace, Table, furnish
+from isac_arena.validation.scenarios.hall_objects import COLUMN_HALF_M, MATERIALS, FreeSpace, Table, furnish
 from scenes.config import SceneConfig
 from scenes.record import FloatArray
 from scenes.scene import Scene
@@ -30,6 +30,7 @@ TX_SECTOR_DEG, RX_SECTOR_DEG = 140.0, 90.0
 CARRIER_HZ = 60e9
 WALL_M = 0.15
 N_ROOMS, N_WALKS = 200, 12  # rooms and walks tried before giving up
+CLEARANCE_M = 0.4  # of a walk from everything
 
 # By number of elevations: columns of the arrays, beams of the TX and of an RX panel at each. Neighbouring beams
 # are less than a Rayleigh cell apart.
@@ -50,27 +51,38 @@ class RandomHall:
     has_hardware: bool
 
 
-def draw_hall(seed: int, room: int, n_stops: int = N_STOPS, longest_m: float = LONGEST_M) -> RandomHall:
+def draw_hall(
+    seed: int,
+    room: int,
+    n_stops: int = N_STOPS,
+    longest_m: float = LONGEST_M,
+    column_half_m: tuple[float, float] = COLUMN_HALF_M,
+) -> RandomHall:
     """Room number `room` of a seed, at most `longest_m` long, with a walk of `n_stops`.
 
-    Fewer stops are the first ones of the same walk.
+    Fewer than 8 stops are the first ones of the same walk, more go on from its last one. Other `column_half_m`, half
+    the width of the columns, give another room.
 
-    Raises `ValueError` where no room can be drawn.
+    Raises `ValueError` where no room can be drawn, or the walk cannot go on.
     """
     rng = np.random.default_rng([seed, room])
     equal, hardware = room % 2 == 0, room // 2 % 2 == 1
     n_elevations = ELEVATION_TURNS[(room + room // 4) % 4]
     for _ in range(N_ROOMS):
-        scene = _draw_scene(rng, room, equal, longest_m)
+        scene = _draw_scene(rng, room, equal, longest_m, column_half_m)
         if scene is not None:
             stops = scene["walk"]["waypoints_m"]
+            if n_stops > N_STOPS:
+                stops += _further_stops(scene, n_stops - N_STOPS, np.random.default_rng([seed, room, N_STOPS]))
             scene["walk"] |= {"waypoints_m": stops[:n_stops]}
             config = _draw_campaign(rng, room, n_elevations, hardware)
             return RandomHall(room, tomli_w.dumps(scene), config, equal, n_elevations, hardware)
     raise ValueError(f"room {room} of seed {seed}: no walk with enough lines of sight in {N_ROOMS} rooms")
 
 
-def _draw_scene(rng: np.random.Generator, room: int, equal: bool, longest_m: float) -> Table | None:
+def _draw_scene(
+    rng: np.random.Generator, room: int, equal: bool, longest_m: float, column_half_m: tuple[float, float]
+) -> Table | None:
     """The tables of a scene file; None where no walk sees enough of the TX."""
     length = float(np.exp(rng.uniform(np.log(SHORTEST_M), np.log(longest_m))))
     size = np.array([length, max(5.0, length * float(rng.uniform(0.35, 1.0)))])
@@ -79,7 +91,7 @@ def _draw_scene(rng: np.random.Generator, room: int, equal: bool, longest_m: flo
     free = FreeSpace(floor)
     tx_m, inward = _tx_place(rng, floor, free)
     free.area = free.area.difference(shapely.Point(tx_m).buffer(1.0))
-    objects = [*walls, *furnish(rng, free, height_m)]
+    objects = [*walls, *furnish(rng, free, height_m, column_half_m)]
     rx_height_m = float(rng.uniform(0.9, 1.8))
     tx_height_m = _tx_height_m(rng, rx_height_m, height_m, equal)
     look = float(np.rad2deg(inward + 0.25 * rng.standard_normal()))
@@ -169,11 +181,41 @@ def _tx_height_m(rng: np.random.Generator, rx_height_m: float, ceiling_m: float,
 
 def _random_walk(scene: Table, seed: int, step_m: float, height_m: float) -> Scene | None:
     """The scene with a random walk; None where no walk is free."""
-    walk = {"type": "random", "seed": seed, "n_stops": N_STOPS, "height_m": height_m, "step_m": step_m}
+    walk = {"n_stops": N_STOPS, "height_m": height_m, "step_m": step_m}
+    return _built(scene, seed, walk)
+
+
+def _built(scene: Table, seed: int, walk: Table) -> Scene | None:
+    """The scene with a random walk of some settings; None where it is not free."""
+    walk = {"type": "random", "seed": seed, "clearance_m": CLEARANCE_M, **walk}
     try:
-        return SceneConfig.model_validate({**scene, "walk": {**walk, "clearance_m": 0.4}}).build(CARRIER_HZ)
+        return SceneConfig.model_validate({**scene, "walk": walk}).build(CARRIER_HZ)
     except ValueError:
         return None
+
+
+def _further_stops(scene: Table, n_stops: int, rng: np.random.Generator) -> list[list[float]]:
+    """More stops (stop, xy) of a walk from its last one on, in steps of the same length.
+
+    The first step turns by less than a right angle, where one of some walks does so.
+    """
+    here, tx_m = np.array(scene["walk"]["waypoints_m"]), np.array(scene["tx"]["position_m"][:2])
+    last = here[-1] - here[-2]
+    walk = {"n_stops": n_stops + 1, "height_m": scene["walk"]["height_m"], "start_m": here[-1].tolist()}
+    turned: list[list[float]] = []
+    for _ in range(10 * N_WALKS):
+        built = _built(scene, int(rng.integers(2**31)), {**walk, "step_m": float(np.linalg.norm(last))})
+        if built is None:
+            continue
+        stops = built.walk.positions_m()[:, :2]
+        if np.linalg.norm(stops - tx_m, axis=1).min() < LEAST_DISTANCE_M:
+            continue
+        if (stops[1] - stops[0]) @ last > 0:
+            return stops[1:].tolist()
+        turned = turned or stops[1:].tolist()
+    if not turned:
+        raise ValueError(f"{scene['name']}: the walk cannot go on for {n_stops} stops")
+    return turned
 
 
 def _n_seen(scene: Scene) -> int:

@@ -16,7 +16,7 @@ from isac_arena.scoring.link_view import link_view
 from isac_arena.scoring.score import score_channel
 from isac_arena.scoring.stages.channel import seen_by, true_stop
 from isac_arena.scoring.stop_bounds import observed_kinds
-from isac_arena.validation.halls import run as hall_run
+from isac_arena.validation import case_runs
 from isac_arena.validation.halls.check import check_halls, hall_rows
 from isac_arena.validation.halls.run import HallResult
 from isac_arena.validation.halls.statistics import trimmed_rms
@@ -100,7 +100,7 @@ def test_a_quick_run_measures_every_row_and_continues_without_estimating(tmp_pat
     rooms, groups = content["tables"]
     assert [len(rooms["rows"]), groups["rows"][0][0]] == [2, "all (2)"]
     assert result.returncode == 1  # power alone misses bars
-    monkeypatch.setattr(hall_run, "run_missing", lambda *arguments: None)
+    monkeypatch.setattr(case_runs, "run_missing", lambda *arguments: None)
     again = check_halls(100, True, 2, method="power", out=tmp_path / "rooms", console=Console(quiet=True))
     assert {row.key: row.value for row in again.rows} == pytest.approx(rows, nan_ok=True)
 
