@@ -30,6 +30,7 @@ MODULES: Mapping[str, tuple[str, ...]] = {
     "shape": tuple(f"shape.{name}" for name in ("gp", "points", "law", "reflection", "campaign", "measured")),
     "twin": ("twin",),
     "halls": ("halls.check",),
+    "chain": ("chain.check", "chain.trials"),
     "robustness": ("robustness.check",),
 }
 BENCHES: Mapping[str, tuple[str, ...]] = {
@@ -47,17 +48,25 @@ INFO_WIDTH = 180  # columns of tables beside the rows: they are not broken on a 
 Trials = Annotated[
     int | None,
     typer.Option(
-        min=1, help="Scenes of the longest Monte Carlo run; the others use a share of them. Rooms of halls."
+        min=1,
+        help="Scenes of the longest Monte Carlo run; the others use a share of them. Rooms of halls and of chain.",
     ),
 ]
 Estimator = Annotated[
     str | None, typer.Option(help="Check your own estimator in place of ours: package.module:function.")
 ]
 Method = Annotated[
-    str | None, typer.Option(help="halls: method of the channel estimator: auto, coherent, incoherent or power.")
+    str | None,
+    typer.Option(help="halls, chain: method of the channel estimator: auto, coherent, incoherent or power."),
 ]
 Out = Annotated[
-    Path | None, typer.Option(help="halls: directory of the rooms, where an interrupted run goes on; out/halls.")
+    Path | None,
+    typer.Option(
+        help="halls, chain: directory where an interrupted run goes on; by default out/halls or out/chain."
+    ),
+]
+Processes = Annotated[
+    int | None, typer.Option(min=1, help="halls, chain: worker processes; by default one per core.")
 ]
 
 
@@ -70,9 +79,10 @@ def validate(
     estimator: Estimator = None,
     method: Method = None,
     out: Out = None,
+    workers: Processes = None,
 ) -> None:
     """Measure a stage against closed forms, exact solutions and brute force; exit 1 if a bar is missed."""
-    options = {"trials": trials, "estimator": estimator, "method": method, "out": out}
+    options = {"trials": trials, "estimator": estimator, "method": method, "out": out, "workers": workers}
     given = {key: value for key, value in options.items() if value is not None}
     _measure(name, MODULES, "check_", quick, seed, json_file, given)
 

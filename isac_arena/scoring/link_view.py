@@ -88,11 +88,15 @@ class LinkView:
 
     def beam_loss_db(self, truth: Truth) -> FloatArray:
         """Loss (path,) of the best beam at each path below the highest gain of all beams, at the worse device."""
+        return np.asarray(self.beam_losses_db(truth).max(axis=0))
+
+    def beam_losses_db(self, truth: Truth) -> FloatArray:
+        """The same at the TX and at the RX (device, path)."""
         loss = [
             20 * np.log10(peak / np.maximum(amplitude.max(axis=0), 1e-9))
             for peak, amplitude in zip(self._peaks, self._amplitudes(truth), strict=True)
         ]
-        return np.asarray(np.maximum(*loss))
+        return np.array(loss)
 
     def information(self, truth: Truth, *, coherent: bool) -> FloatArray:
         """Fisher information (path, parameter, path, parameter) of all paths of `truth` with the nominal beams."""

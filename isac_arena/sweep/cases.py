@@ -21,7 +21,7 @@ from scenes.toml_config import ConfigError, read_toml
 CASE_BYTES = 16_000  # of a case while it is planned: its settings, its names and its place
 MOST_POINTS, MOST_CASES = 20_000, 100_000  # so that a plan takes seconds: 0.5 ms a point, 0.05 ms a case
 Point = tuple[Any, ...]  # one value per axis
-# What a case runs and scores: the whole chain, the same with its channel estimates kept, or no more than the channel
+# What a case runs and scores: the whole chain, the same with channel estimates kept, or no more than the channel
 Stages = Literal["all", "all_kept", "channel"]
 
 

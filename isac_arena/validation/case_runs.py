@@ -15,13 +15,11 @@ from isac_arena.sweep.runner import Workers, run_missing
 from isac_arena.sweep.store import forget_failures, read_failures, stale_names
 
 
-def run_cases(
-    console: Console, cases: Sequence[Case], out: Path, n_workers: int | None = None
-) -> list[Job | str]:
+def run_cases(console: Console, cases: Sequence[Case], out: Path, n_workers: int | None = None) -> list[Job | str]:
     """Run the cases that are not yet in the directory `out`: the job of every case, or why it failed in one line.
 
-    Traced paths are shared by all cases of a scene; a case that failed before is tried again. `n_workers` is one per
-    core by default.
+    Traced paths are shared by all cases of a scene; a case that failed before is tried again. By default there is
+    one worker per core.
     """
     with one_run(out), threadpool_limits(limits=1), recorded_run(out) as recording:
         forget_failures(out, read_failures(out))

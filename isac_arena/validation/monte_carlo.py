@@ -6,7 +6,7 @@ import numpy as np
 from scipy.stats import binom, norm, poisson
 
 from isac_arena.scoring.metrics.consistency import consistency_metrics
-from isac_arena.validation.measurement import Measurement, at_most
+from isac_arena.validation.measurement import Measurement, at_least, at_most
 from scenes.record import FloatArray
 
 STANDARD_ERRORS = 3.0  # that the value of a quick run, with few trials, may be off by chance
@@ -47,6 +47,14 @@ def consistency(nees: FloatArray, freedom: int) -> tuple[float, float]:
         return np.nan, np.nan
     mean, cover = (metric.value for metric in consistency_metrics("", nees, freedom))
     return mean, cover * float(np.isfinite(nees).mean())
+
+
+def band_rows(
+    key: str, value: float, bars: tuple[float, float], error: float, quick: bool, reason: str
+) -> list[Measurement]:
+    """Two rows that hold a value between two bars; a quick run moves both by its standard `error`."""
+    low, high = quick_bar(bars[0], -error, quick), quick_bar(bars[1], error, quick)
+    return [at_least(f"{key}.least", value, low, reason), at_most(f"{key}.most", value, high, reason)]
 
 
 def nees_row(key: str, nees: FloatArray, freedom: int, bar: float, of: str = "") -> Measurement:

@@ -70,7 +70,9 @@ def score_poses(
 def _stated_std_m(estimate: PoseEstimates) -> FloatArray:
     """Deviation (stop,) of the position over all modes; of the chosen mode where only that is known."""
     variance = estimate.covariance[:, 0, 0] + estimate.covariance[:, 1, 1]
-    return np.where(np.isfinite(estimate.position_std_m), estimate.position_std_m, np.sqrt(np.maximum(variance, 0)))
+    return np.where(
+        np.isfinite(estimate.position_std_m), estimate.position_std_m, np.sqrt(np.maximum(variance, 0))
+    )
 
 
 def pose_bounds(scene: Scene, stops: Sequence[TrueStop]) -> StateBound:

@@ -11,7 +11,7 @@ from isac_arena.validation.halls.run import HallResult, run_halls
 from isac_arena.validation.halls.statistics import PARAMETERS, HallPaths, hall_paths, pooled
 from isac_arena.validation.halls.tables import group_table, room_table
 from isac_arena.validation.measurement import Measured, Measurement, at_least, at_most
-from isac_arena.validation.monte_carlo import fewest_by_chance, most_by_chance, quick_bar
+from isac_arena.validation.monte_carlo import band_rows, fewest_by_chance, most_by_chance, quick_bar
 from isac_arena.validation.scenarios.random_halls import draw_hall
 
 N_ROOMS = 40
@@ -34,6 +34,7 @@ def check_halls(
     estimator: str | None = None,
     method: str = "auto",
     out: Path = OUT,
+    workers: int | None = None,
     console: Console | None = None,
 ) -> Measured:
     """Estimates of `trials` random halls of 8 stops; a quick run takes three small rooms of two stops.
@@ -45,7 +46,7 @@ def check_halls(
         halls = [draw_hall(seed, room, N_QUICK_STOPS, LONGEST_QUICK_M) for room in rooms]
     else:
         halls = [draw_hall(seed, room) for room in range(trials)]
-    results = run_halls(console or Console(quiet=True), halls, out, method, estimator)
+    results = run_halls(console or Console(quiet=True), halls, out, method, estimator, workers)
     return Measured(hall_rows(results, quick), (room_table(results), group_table(results)))
 
 
@@ -91,7 +92,7 @@ def _coverage_rows(every: HallPaths, rooms: Sequence[HallPaths], quick: bool) ->
 def _coverage_band(name: str, value: float, n: int, quick: bool) -> list[Measurement]:
     error = float(np.sqrt(0.95 * 0.05 / max(n, 1)))
     reason = f"share of {n} detected paths inside their 95 % region"
-    return _band(f"halls.coverage95.{name}", value, COVERAGE, error, quick, reason)
+    return band_rows(f"halls.coverage95.{name}", value, COVERAGE, error, quick, reason)
 
 
 def _nees_rows(every: HallPaths, rooms: Sequence[HallPaths], quick: bool) -> list[Measurement]:
@@ -100,7 +101,7 @@ def _nees_rows(every: HallPaths, rooms: Sequence[HallPaths], quick: bool) -> lis
     reason = "mean squared error in units of the reported covariance, over its 3 dimensions"
     bar = quick_bar(WORST_NEES, errors[1], quick)
     return [
-        *_band("halls.nees", every.normalised_nees, NEES, errors[0], quick, reason),
+        *band_rows("halls.nees", every.normalised_nees, NEES, errors[0], quick, reason),
         at_most("halls.nees.worst_room", worst.normalised_nees, bar, "the largest of a room"),
     ]
 
@@ -123,13 +124,5 @@ def _calibration_rows(every: HallPaths, quick: bool) -> list[Measurement]:
         for index, parameter in enumerate(PARAMETERS):
             key, value = f"halls.std_over_error.{name}.{parameter}", every.std_over_error(kind, index)
             reason = f"medians over {every.n_of(kind)} paths"
-            rows += _band(key, value, STD_OVER_ERROR, error * STD_OVER_ERROR[0], quick, reason)
+            rows += band_rows(key, value, STD_OVER_ERROR, error * STD_OVER_ERROR[0], quick, reason)
     return rows
-
-
-def _band(
-    key: str, value: float, bars: tuple[float, float], error: float, quick: bool, reason: str
-) -> list[Measurement]:
-    """Two rows that hold a value between two bars."""
-    low, high = quick_bar(bars[0], -error, quick), quick_bar(bars[1], error, quick)
-    return [at_least(f"{key}.least", value, low, reason), at_most(f"{key}.most", value, high, reason)]

@@ -28,13 +28,18 @@ class HallResult:
 
 
 def run_halls(
-    console: Console, halls: Sequence[RandomHall], out: Path, method: str, estimator: str | None
+    console: Console,
+    halls: Sequence[RandomHall],
+    out: Path,
+    method: str,
+    estimator: str | None,
+    n_workers: int | None = None,
 ) -> list[HallResult]:
     """Estimate and score the rooms that are not yet in the directory `out`, and return all.
 
     Raises `ValueError` for an unknown method, or with the reason where a room failed.
     """
-    jobs = run_cases(console, [_case(hall, method, estimator) for hall in halls], out)
+    jobs = run_cases(console, [_case(hall, method, estimator) for hall in halls], out, n_workers)
     results = []
     for hall, job in zip(halls, jobs, strict=True):
         if isinstance(job, str):

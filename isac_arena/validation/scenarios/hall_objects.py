@@ -82,10 +82,7 @@ def furnish(
 
 
 def column(
-    rng: np.random.Generator,
-    center: FloatArray,
-    height_m: float,
-    half_m: tuple[float, float] = COLUMN_HALF_M,
+    rng: np.random.Generator, center: FloatArray, height_m: float, half_m: tuple[float, float] = COLUMN_HALF_M
 ) -> list[Table]:
     """A column from floor to ceiling: round, elliptic, square, rounded or lobed."""
     half, turn = float(rng.uniform(*half_m)), float(rng.uniform(0, np.pi))

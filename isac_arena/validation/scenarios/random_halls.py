@@ -60,8 +60,8 @@ def draw_hall(
 ) -> RandomHall:
     """Room number `room` of a seed, at most `longest_m` long, with a walk of `n_stops`.
 
-    Fewer than 8 stops are the first ones of the same walk, more go on from its last one. Other `column_half_m`, half
-    the width of the columns, give another room.
+    Fewer than 8 stops are the first ones of the same walk, more go on from its last one. Other `column_half_m`,
+    half the width of the columns, give another room.
 
     Raises `ValueError` where no room can be drawn, or the walk cannot go on.
     """
@@ -210,9 +210,10 @@ def _further_stops(scene: Table, n_stops: int, rng: np.random.Generator) -> list
         stops = built.walk.positions_m()[:, :2]
         if np.linalg.norm(stops - tx_m, axis=1).min() < LEAST_DISTANCE_M:
             continue
+        further: list[list[float]] = stops[1:].tolist()
         if (stops[1] - stops[0]) @ last > 0:
-            return stops[1:].tolist()
-        turned = turned or stops[1:].tolist()
+            return further
+        turned = turned or further
     if not turned:
         raise ValueError(f"{scene['name']}: the walk cannot go on for {n_stops} stops")
     return turned

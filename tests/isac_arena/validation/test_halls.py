@@ -2,24 +2,21 @@
 
 import json
 import tomllib
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from rich.console import Console
 
-from estimation.channel.record import ChannelEstimate, EstimateStatus, empty_estimate
 from isac_arena.campaign.chain import significance
 from isac_arena.campaign.driver import CampaignRun
-from isac_arena.scoring.config import DEFAULT_SEPARABILITY
 from isac_arena.scoring.link_view import link_view
 from isac_arena.scoring.score import score_channel
-from isac_arena.scoring.stages.channel import seen_by, true_stop
-from isac_arena.scoring.stop_bounds import observed_kinds
+from isac_arena.scoring.stages.channel import true_stop
 from isac_arena.validation import case_runs
 from isac_arena.validation.halls.check import check_halls, hall_rows
 from isac_arena.validation.halls.run import HallResult
 from isac_arena.validation.halls.statistics import trimmed_rms
+from isac_arena.validation.scenarios.drawn_estimates import drawn_estimate
 from isac_arena.validation.scenarios.random_halls import (
     EQUAL_HEIGHTS_M,
     LEAST_DIFFERENCE_M,
@@ -127,31 +124,3 @@ def test_estimates_drawn_from_the_bounds_meet_every_bar():
         results.append(HallResult(hall, scores.tables, np.zeros(0)))
     rows = hall_rows(results, quick=True)
     assert len(rows) == 28 and not [(row.key, row.value, row.bar) for row in rows if not row.met]
-
-
-def drawn_estimate(stop, rng):
-    """The separable paths of a stop with errors drawn from their bounds, in the angles that the beams observe."""
-    departures, arrivals = observed_kinds(stop.view)
-    rows = stop.significant[stop.is_separable]
-    own = (stop.share_of_cell <= DEFAULT_SEPARABILITY.share_of_cell)[:, None, None]  # else one stands for a group
-    lone = stop.bounds.in_kinds(stop.bounds.alone, (departures, arrivals))
-    covariance = np.where(own, stop.covariance, lone)[stop.is_separable]
-    none = np.zeros(len(rows))
-    empty = empty_estimate(stop.truth.stop, "drawn", EstimateStatus.OK, "")
-    kinds = replace(empty, aod_angle_kind=departures, aoa_angle_kind=arrivals)
-    place = seen_by(stop, kinds).parameters[rows]
-    place = place + [rng.multivariate_normal(np.zeros(3), one) for one in covariance]
-    order = np.argsort(place[:, 0])
-    return ChannelEstimate(
-        stop=stop.truth.stop,
-        delay_s=place[order, 0],
-        aod_azimuth_rad=place[order, 1],
-        aoa_azimuth_rad=place[order, 2],
-        power_dbm=stop.power_dbm[rows][order],
-        beam_loss_db=none,
-        snr_db=none,
-        covariance=covariance[order],
-        is_los=none > 0,
-        aod_angle_kind=departures,
-        aoa_angle_kind=arrivals,
-    )

@@ -102,7 +102,7 @@ def test_without_the_measured_data_every_row_is_unmet_and_says_why(tmp_path, mon
     monkeypatch.setenv("ARENA_DATA", str(tmp_path))
     checks = [f for name, f in vars(slam_measured).items() if name.startswith("check_")]
     rows = [row for check in checks for row in check(1, True)]
-    assert len(rows) == 19
+    assert len(rows) == 22
     assert all(np.isnan(row.value) and not row.met and "is not in" in row.reason for row in rows)
 
 
@@ -110,3 +110,11 @@ def test_distance_to_a_plan_of_segments():
     segments = np.array([[0.0, 0.0, 2.0, 0.0], [5.0, 5.0, 5.0, 5.0]])
     points = np.array([[1.0, 0.5], [-3.0, 4.0], [5.0, 4.0]])
     assert_allclose(slam_measured.plan_distance_m(segments, points), [0.5, 5.0, 1.0])
+
+
+def test_the_ratio_of_thirds_held_out_is_one_for_equal_errors_and_names_the_worst_third():
+    assert slam_measured.held_out_ratio(np.full(30, 0.2)) == pytest.approx(1)
+    error = np.ones(30)
+    error[1::3] = 2.0
+    assert slam_measured.held_out_ratio(error) == pytest.approx(2)
+    assert np.isinf(slam_measured.held_out_ratio(np.append(error, np.inf)))  # an unsolved stop meets no bar
