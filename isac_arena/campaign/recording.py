@@ -1,4 +1,4 @@
-"""Commands enter the files that they write in the manifest of the directory.
+"""Commands enter the files that they write in the manifest of the directory, and compute with one thread.
 
 A command enters each file with the hash of what it writes and changes no other entry. So the entry of a file that
 is damaged later keeps its hash and shows the damage. An entry is removed before its file is replaced, so a killed
@@ -22,6 +22,7 @@ from isac_arena.campaign.manifest import (
     read_manifest,
     write_manifest,
 )
+from isac_arena.workers.threads import one_thread
 
 PASSING = "signals"  # a folder of a sweep whose files are removed after use
 
@@ -86,10 +87,11 @@ def recorded_run(directory: Path) -> Iterator[Recording]:
 
     Raises `ValueError`, one line, where the directory has a manifest that is damaged.
     """
-    recording = Recording(directory, is_run=True)
-    with notify_of_files(recording.enter):
-        yield recording
-    recording.finish()
+    with one_thread():
+        recording = Recording(directory, is_run=True)
+        with notify_of_files(recording.enter):
+            yield recording
+        recording.finish()
 
 
 @contextmanager
@@ -98,7 +100,7 @@ def recorded_additions(directory: Path) -> Iterator[None]:
 
     While a run works in the directory, its manifest is locked and the files are not entered.
     """
-    with ExitStack() as stack:
+    with one_thread(), ExitStack() as stack:
         is_ours = (directory / MANIFEST).is_file()
         if is_ours:
             try:

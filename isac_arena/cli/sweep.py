@@ -40,7 +40,8 @@ def sweep(
 
     from isac_arena.sweep.config import SweepConfig  # noqa: PLC0415
     from isac_arena.sweep.plan import make_plan  # noqa: PLC0415
-    from isac_arena.sweep.runner import Workers, run_sweep  # noqa: PLC0415
+    from isac_arena.sweep.runner import run_sweep  # noqa: PLC0415
+    from isac_arena.workers.workers import Workers  # noqa: PLC0415
     from scenes.toml_config import load_config  # noqa: PLC0415
 
     console = Console(highlight=False)
@@ -67,7 +68,6 @@ def sweep_report(
     Cases whose files are damaged are left out, and named.
     """
     from rich.console import Console  # noqa: PLC0415
-    from threadpoolctl import threadpool_limits  # noqa: PLC0415
 
     from isac_arena.campaign.files import write_text  # noqa: PLC0415
     from isac_arena.campaign.manifest import check_unchanged, read_manifest  # noqa: PLC0415
@@ -91,7 +91,7 @@ def sweep_report(
     pairs = _pairs(results, pareto, directory)
     with working(console, "figures"):
         page = sweep_page(directory, config, cases, failures, damaged, results, keys, pairs)
-        with threadpool_limits(limits=1), recorded_additions(directory):  # as every file of a sweep
+        with recorded_additions(directory):
             write_text(directory / REPORT, page)
     console.print(f"report: {directory / REPORT}")
     if damaged:

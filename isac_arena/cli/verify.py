@@ -27,12 +27,12 @@ def verify(
     With the same machine, code and libraries results must agree bit by bit, otherwise within a tolerance.
     """
     from rich.console import Console  # noqa: PLC0415
-    from threadpoolctl import threadpool_limits  # noqa: PLC0415
 
     from isac_arena.campaign.manifest import MANIFEST, check_files, made_by  # noqa: PLC0415
     from isac_arena.progress import working  # noqa: PLC0415
     from isac_arena.verification.campaign import recomputed_campaign  # noqa: PLC0415
     from isac_arena.verification.sweep import checked_tables, recomputed_cases  # noqa: PLC0415
+    from isac_arena.workers.threads import one_thread  # noqa: PLC0415
 
     console = Console(highlight=False, soft_wrap=True)
     is_sweep = (directory / "sweep.json").is_file()
@@ -45,7 +45,7 @@ def verify(
         console.print(f"  not of the run: {', '.join(checked.unknown[:5])}", markup=False)
     n_good = checked.n_files - len(checked.problems)
     console.print(f"files: {n_good} of {checked.n_files} as they were written")
-    with threadpool_limits(limits=1 if is_sweep else None):  # as sweep/run.py computes
+    with one_thread():  # as every run computes
         here = made_by()
         for origin in checked.made_by:
             print_origin(console, origin, here)

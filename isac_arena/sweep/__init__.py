@@ -1,5 +1,5 @@
 """Many campaigns: cases of a design, run on many processes.
 
-Read `plan.py` first, then `cases.py`, `run.py` (one case), `engine.py` (many, by dask) and `runner.py` (the whole
+Read `plan.py` first, then `cases.py`, `run.py` (one case), `engine.py` (many cases) and `runner.py` (the whole
 sweep). `report.py` makes the page of `arena sweep-report`.
 """

@@ -1,134 +1,27 @@
-"""Many cases on many processes, and their order. The only user of dask.distributed."""
+"""Many cases on many processes, and their order."""
 
-import errno
-import faulthandler
-import logging
-import os
 import shutil
-import signal
-import threading
-import warnings
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import CancelledError
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
-import dask.config
-from distributed import Client, Future, KilledWorker, LocalCluster, WorkerPlugin, as_completed
-from distributed.versions import VersionMismatchWarning
-from distributed.worker_memory import parse_memory_limit
-from tornado.ioloop import PeriodicCallback
-
-from isac_arena.campaign.integrity import code_digest
 from isac_arena.sweep.job import Job
 from isac_arena.sweep.run import make_signals, reason, run_cases, trace_stops
+from isac_arena.workers.tasks import (
+    STOP_LIMIT_S,
+    Client,
+    Future,
+    WorkerDiedError,
+    as_completed,
+    outcome,
+    run_within,
+)
 
-ANSWER_S = 10  # within which a scheduler answers
-STOP_LIMIT_S = 3600.0  # of a stop of a case: a worker that takes longer is taken as one that hangs
-REPLACE_S = 5.0  # between looks at how many workers are left
 STOPS_PER_TASK = 8
 CASES_PER_TASK = 8  # at most, of cases that share their samples: samples are read once for all
-ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL", "NUMBA")}
-# By default dask returns freed memory to the system at once and samples the stack of every task: a fifth of the
-# time of small cases, mostly page faults, and 0.2 MB a case of samples that are kept.
-LEAN = {
-    "distributed.nanny.pre-spawn-environ": ONE_THREAD,
-    "distributed.worker.profile.enabled": False,
-    "distributed.scheduler.allowed-failures": 1,  # a task may lose two workers: a case that hangs takes its time
-}
-CODE = ("scenes", "sim", "estimation", "isac_arena")  # that results depend on
-# Faults of the disk, not of a case: the sweep ends at once and no case is recorded as failed.
-PLACE_FAULTS = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM, errno.EIO, errno.EFBIG}
-
 DIED = "its worker died each time: out of memory, ended or crashed by the estimator, or longer than --stop-limit"
-LOST = "the scheduler was lost; the same command continues where the sweep stopped"
 
 Report = Callable[[Job, str | None], None]  # of a case that ended, and why where it failed
 T = TypeVar("T")
-
-
-class WarmUp(WorkerPlugin):  # type: ignore[misc]
-    """Imports the heavy libraries once per worker, before its first case; refuses workers with other code."""
-
-    name = "arena-warm-up"
-
-    def __init__(self, code: str) -> None:
-        self.code = code
-
-    def setup(self, worker: Any) -> None:
-        """Called by dask in every worker, also in those that join late."""
-        if self.code != code_digest(*CODE):
-            raise ValueError(f"worker {worker.address}: has another version of ISAC Arena; install the same there")
-        os.environ.update(ONE_THREAD)
-        import isac_arena.campaign.driver  # noqa: F401, PLC0415
-        import sim.propagation.propagator  # noqa: F401, PLC0415
-
-
-@contextmanager
-def connect_scheduler(workers: int | None, scheduler: str | None) -> Iterator[Client]:
-    """A client of the scheduler at an address, or of new worker processes here, one per core by default.
-
-    Raises `ValueError` where no scheduler answers at the address.
-    """
-    for name in list(logging.root.manager.loggerDict):
-        if name.partition(".")[0] in ("distributed", "tornado", "asyncio"):
-            logging.getLogger(name).setLevel(logging.CRITICAL + 1)  # errors of cases are returned
-    if scheduler is not None:
-        warnings.simplefilter("ignore", VersionMismatchWarning)  # a table: `_check_versions` says it in one line
-        try:
-            client = Client(scheduler, timeout=f"{ANSWER_S}s")
-        except (OSError, ValueError, TypeError) as error:
-            raise ValueError(
-                f"--scheduler = '{scheduler}': no dask scheduler answers there; give its address as tcp://HOST:PORT"
-            ) from error
-        with client:
-            _check_versions(client, scheduler)
-            client.register_plugin(WarmUp(code_digest(*CODE)))
-            yield client
-        return
-    n_workers = workers or os.cpu_count() or 1
-    options = {"threads_per_worker": 1, "dashboard_address": "127.0.0.1:0", "silence_logs": "CRITICAL"}
-    with dask.config.set(LEAN):  # all the while: a worker that replaces a lost one takes it from here
-        with _interrupts_ignored():
-            cluster = LocalCluster(n_workers=n_workers, **options)
-        with cluster, Client(cluster) as client:
-            # Where a lost worker takes long to start again, dask gives it up: without this none may be left
-            replacing = PeriodicCallback(lambda: cluster.scale(n_workers), REPLACE_S * 1000)
-            cluster.loop.add_callback(replacing.start)
-            client.register_plugin(WarmUp(code_digest(*CODE)))
-            try:
-                yield client
-            finally:
-                cluster.loop.add_callback(replacing.stop)
-
-
-def worker_bytes(n_workers: int) -> float:
-    """Memory that dask gives each of some workers here."""
-    return float(parse_memory_limit("auto", 1, n_workers, logger=logging.getLogger(__name__)) or 0)
-
-
-def _check_versions(client: Client, scheduler: str) -> None:
-    """Raise `ValueError` where a scheduler or its workers have another Python or dask."""
-    found = client.get_versions()
-    for place, there in {"the scheduler": found["scheduler"], **found["workers"]}.items():
-        for package in ("python", "distributed"):
-            versions = [str(one["packages"][package]) for one in (there, found["client"])]
-            if versions[0] != versions[1]:
-                what = f"{place} has {package} {versions[0]}, here it is {versions[1]}"
-                raise ValueError(f"--scheduler = '{scheduler}': {what}; install the same")
-
-
-@contextmanager
-def _interrupts_ignored() -> Iterator[None]:
-    """Ignore Ctrl-C here and in the processes that start meanwhile: the client handles it."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 def run_jobs(client: Client, jobs: Sequence[Job], report: Report, stop_limit_s: float = STOP_LIMIT_S) -> None:
@@ -199,7 +92,7 @@ def _submit_batch(
     """The task of some cases that share their samples; another kind is another try."""
     options = _options(f"{kind}-{batch[0].key}-{len(batch)}", priority)
     limit_s = stop_limit_s * sum(len(job.stops) for job in batch)
-    return client.submit(_after, before, _run_within, limit_s, batch, **options)
+    return client.submit(_after, before, run_within, limit_s, run_cases, batch, **options)
 
 
 def _submit_paths(client: Client, job: Job, priority: int) -> list[Future]:
@@ -228,30 +121,14 @@ def _options(key: str, priority: int) -> dict[str, Any]:
 def _reasons(future: Future, batch: Sequence[Job]) -> list[str | None] | None:
     """The reason of every failure in a batch, None for a case that is done; None where several share a fault.
 
-    A task that ended is lost with its worker where that dies before its result is here: both calls below wait
-    until it has run again. Raises errors that are no fault of a case.
+    Raises errors that are no fault of a case.
     """
-    error = future.exception()
-    if isinstance(error, OSError) and error.errno in PLACE_FAULTS:
-        raise error
-    if isinstance(error, BaseException):
+    found = outcome(future)
+    if isinstance(found, BaseException):
         if len(batch) > 1:
             return None
-        return [DIED if isinstance(error, KilledWorker) else reason(error)]
-    try:
-        return list(future.result())
-    except (OSError, CancelledError) as gone:
-        raise ConnectionError(LOST) from gone
-
-
-def _run_within(limit_s: float, batch: Sequence[Job]) -> list[str | None]:
-    """Run cases; end this process, as a crash would, where they take longer, also where a call holds the GIL."""
-    with open(os.devnull, "w", encoding="utf-8") as nothing:
-        faulthandler.dump_traceback_later(limit_s, exit=True, file=nothing)
-        try:
-            return run_cases(batch)
-        finally:
-            faulthandler.cancel_dump_traceback_later()
+        return [DIED if isinstance(found, WorkerDiedError) else reason(found)]
+    return list(found)
 
 
 def _after(done: Sequence[None], function: Callable[..., T], *arguments: Any) -> T:

@@ -210,7 +210,7 @@ def store_case(job: Job, scores: Scores) -> None:
     settings = {name: getattr(job, name) for name in ("point", "repeat", "stop_every", "stages", "estimator")}
     settings |= {"scene": job.scene_hash, "campaign": job.config.model_dump(mode="json")}
     try:
-        with threadpool_limits(limits=1), recorded_run(partial):
+        with recorded_run(partial):
             write_json(partial / "campaign.json", settings)
             write_record(partial / "provenance.nc", scores.tables)
             write_json(partial / "scores.json", to_json(scores.metrics))

@@ -1,16 +1,11 @@
 """Run a sweep: its missing cases on workers, then the tables of all results."""
 
-from __future__ import annotations
-
 import shutil
 import time
 from collections.abc import Sequence
-from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from rich.console import Console
-from threadpoolctl import threadpool_limits
 
 from isac_arena.campaign.lock import one_run
 from isac_arena.campaign.recording import recorded_run
@@ -31,11 +26,9 @@ from isac_arena.sweep.store import (
     write_plan,
 )
 from isac_arena.sweep.table import mean_with_interval, result_rows, write_tables
+from isac_arena.workers.workers import Workers
 from scenes.names import path_in
 from scenes.toml_config import read_text
-
-if TYPE_CHECKING:
-    from distributed import Client
 
 
 def run_sweep(
@@ -47,11 +40,8 @@ def run_sweep(
     workers: Workers,
     retry_failed: bool = False,
 ) -> int:
-    """Run what is missing of a sweep, write its tables and its manifest, and return how many cases failed.
-
-    The manifest records one thread: the workers compute with one.
-    """
-    with one_run(out), threadpool_limits(limits=1), recorded_run(out) as recording:
+    """Run what is missing of a sweep, write its tables and its manifest, and return how many cases failed."""
+    with one_run(out), recorded_run(out) as recording:
         keys = {job.key for job in plan.jobs}
         open_sweep(out, config, read_text(base_path(str(file), config)), keys)
         for scene in plan.scenes.values():
@@ -66,31 +56,6 @@ def run_sweep(
             jobs = run_until_known(workers, console, file, config, out, plan.jobs)
         remove_unfinished(out)  # of workers that were lost
         return print_results(console, out, config, jobs)
-
-
-class Workers:
-    """The workers of a sweep. They start with the first case, so a finished sweep starts none."""
-
-    def __init__(self, workers: int | None, scheduler: str | None, stop_limit_s: float | None = None) -> None:
-        self._options = workers, scheduler
-        self.limits = {} if stop_limit_s is None else {"stop_limit_s": stop_limit_s}
-        self._stack = ExitStack()
-        self._client: Client | None = None
-
-    def __enter__(self) -> Workers:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._stack.close()
-
-    @property
-    def client(self) -> Client:
-        """The client of the scheduler."""
-        from isac_arena.sweep.engine import connect_scheduler  # noqa: PLC0415
-
-        if self._client is None:
-            self._client = self._stack.enter_context(connect_scheduler(*self._options))
-        return self._client
 
 
 def run_until_known(

@@ -4,15 +4,15 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from rich.console import Console
-from threadpoolctl import threadpool_limits
 
 from isac_arena.campaign.lock import one_run
 from isac_arena.campaign.recording import recorded_run
 from isac_arena.sweep.cases import Case
 from isac_arena.sweep.job import Job, make_job, store_scene
 from isac_arena.sweep.run import check_case, reason
-from isac_arena.sweep.runner import Workers, run_missing
+from isac_arena.sweep.runner import run_missing
 from isac_arena.sweep.store import forget_failures, read_failures, stale_names
+from isac_arena.workers.workers import Workers
 
 
 def run_cases(console: Console, cases: Sequence[Case], out: Path, n_workers: int | None = None) -> list[Job | str]:
@@ -21,7 +21,7 @@ def run_cases(console: Console, cases: Sequence[Case], out: Path, n_workers: int
     Traced paths are shared by all cases of a scene; a case that failed before is tried again. By default there is
     one worker per core.
     """
-    with one_run(out), threadpool_limits(limits=1), recorded_run(out) as recording:
+    with one_run(out), recorded_run(out) as recording:
         forget_failures(out, read_failures(out))
         jobs = [_job(case, out) for case in cases]
         recording.drop(stale_names(out, recording.names))

@@ -11,7 +11,7 @@ from sim.truth import Truth
 from tests.command_line import arena_here
 from tests.isac_arena.cli.sweep_files import N_CASES, write_sweep
 
-LIBRARIES = ("isac_arena.campaign.driver", "sim.propagation.propagator")
+LIBRARIES = ("isac_arena.workers.cluster", "isac_arena.campaign.driver", "sim.propagation.propagator")
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 import psutil
 
-from isac_arena.sweep.engine import connect_scheduler, run_jobs
+from isac_arena.sweep.engine import run_jobs
 from isac_arena.sweep.job import Job
 from isac_arena.validation.benches.sweep import POWER, make_jobs, sweep_of
 from isac_arena.validation.measurement import Measurement, at_most
+from isac_arena.workers.cluster import connect_scheduler
 from scenes.record import FloatArray
 
 N_CASES, KILL_EVERY_S = 2000, 120.0

@@ -9,12 +9,14 @@ from pathlib import Path
 from rich.console import Console
 
 from isac_arena.sweep.config import AxisConfig, SweepConfig
-from isac_arena.sweep.engine import connect_scheduler, run_jobs
+from isac_arena.sweep.engine import run_jobs
 from isac_arena.sweep.job import Job, store_scene
 from isac_arena.sweep.plan import make_plan
 from isac_arena.sweep.run import case_run, make_signals, run_cases, trace_stops
-from isac_arena.sweep.runner import Workers, run_sweep
+from isac_arena.sweep.runner import run_sweep
 from isac_arena.validation.measurement import Measurement, at_least, at_most
+from isac_arena.workers.cluster import connect_scheduler
+from isac_arena.workers.workers import Workers
 
 COMMON = """
 name = "bench"

@@ -12,9 +12,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from isac_arena.sweep.engine import worker_bytes
 from isac_arena.sweep.store import is_done, read_failures, read_plan
 from isac_arena.validation.robustness.attempt import Outcome, Trial
+from isac_arena.workers.cluster import worker_bytes
 
 FATAL = ("crashes", "dies", "aborts", "kills_itself", "takes_memory", "grows", "spins", "leaves", "late")
 FATAL_SWEEP = """

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from isac_arena.sweep import engine
+from isac_arena.workers.tasks import run_within
 
 
 def hold(batch: Any) -> None:
@@ -22,10 +22,9 @@ def rest(batch: Any) -> list[None]:
 
 
 @pytest.mark.parametrize(("work", "code"), [(hold, 1), (rest, 0)])
-def test_a_hanging_worker_is_ended(monkeypatch: pytest.MonkeyPatch, work: Any, code: int) -> None:
-    monkeypatch.setattr(engine, "run_cases", work)
+def test_a_hanging_worker_is_ended(work: Any, code: int) -> None:
     limit_s = 0.5 if code else 60.0
-    process = multiprocessing.get_context("fork").Process(target=engine._run_within, args=(limit_s, []))
+    process = multiprocessing.get_context("fork").Process(target=run_within, args=(limit_s, work, []))
     process.start()
     process.join(60)
     assert process.exitcode == code

@@ -21,12 +21,13 @@ from isac_arena.scoring.score import Scores
 from isac_arena.sweep import store as sweep_store
 from isac_arena.sweep.cases import make_cases
 from isac_arena.sweep.config import SweepConfig
-from isac_arena.sweep.engine import _reasons, connect_scheduler
 from isac_arena.sweep.job import make_job, store_scene
 from isac_arena.sweep.plan import make_plan, metric_keys
 from isac_arena.sweep.run import read_times, score_case, score_cases
 from isac_arena.validation.robustness.sweeps import OLD, SCHEDULER, Processes
 from isac_arena.verification.compare import compare_records
+from isac_arena.workers.cluster import connect_scheduler
+from isac_arena.workers.tasks import Future, outcome
 from scenes.toml_config import load_config
 from tests.command_line import arena_here
 from tests.isac_arena.cli.sweep_files import N_CASES, results, write_sweep
@@ -141,7 +142,7 @@ def test_a_result_that_is_lost_with_its_worker_is_made_again() -> None:
         while future.status == "finished":
             time.sleep(0.01)
         assert future.status == "lost"
-        assert _reasons(future, []) == [None]
+        assert outcome(future) == [None]
 
 
 @pytest.mark.slow
@@ -241,7 +242,7 @@ def test_the_metrics_of_a_scene_are_known_without_a_run(undisturbed: Path) -> No
 
 
 def test_a_wrong_scheduler_address_is_told_with_its_option(files: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("isac_arena.sweep.engine.ANSWER_S", 1)
+    monkeypatch.setattr("isac_arena.workers.cluster.ANSWER_S", 1)
     for address in ("tcp://127.0.0.1:9", "nonsense::"):
         message = str(run(files, "out", "--scheduler", address).exception)
         assert f"--scheduler = '{address}'" in message
@@ -261,10 +262,8 @@ def test_a_scheduler_of_another_version_is_refused(files: Path) -> None:
 def test_a_full_disk_ends_the_sweep_in_one_line_and_fails_no_case(
     files: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from isac_arena.sweep import engine as sweep_engine  # noqa: PLC0415
-
     error = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "/data/out/.stop_000.nc.12.part")
-    monkeypatch.setattr(sweep_engine.Future, "exception", lambda self, **_: error)
+    monkeypatch.setattr(Future, "exception", lambda self, **_: error)
     refused = run(files, "out", "--workers", "1")
     assert refused.exception is error
     assert not list((files / "out" / "failures").glob("*"))
