@@ -18,6 +18,7 @@ from isac_arena.campaign.campaign import Campaign, load_campaign
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.directory import CampaignStore
 from isac_arena.campaign.results import CampaignResults, MapResult
+from isac_arena.campaign.stops import StopMakers
 from isac_arena.scoring.measured import measured_metrics
 from isac_arena.scoring.score import Scores, score_metrics
 from scenes.display import Displayed
@@ -76,16 +77,19 @@ def run(
     seed: int | None = None,
     estimator: str | None = None,
     keep_sweeps: bool = False,
+    workers: int = 1,
 ) -> "FinishedRun":
     """The whole chain into a campaign directory, as `arena run`; an interrupted run continues.
 
-    `estimator` is `package.module:function`, a channel estimator of your own. Raises `ValueError` where the
-    directory holds something else or an input is wrong.
+    `estimator` is `package.module:function`, a channel estimator of your own. More than one of the `workers` are
+    processes of their own, which import the script that calls: guard it by `if __name__ == "__main__":`.
+
+    Raises `ValueError` where the directory holds something else or an input is wrong.
     """
     given = campaign if isinstance(campaign, Campaign) else load_campaign(campaign)
     if seed is not None:
         given = replace(given, config=given.config.model_copy(update={"seed": seed}))
-    stages.run_campaign(given, Path(out), estimator=estimator, keep_sweeps=keep_sweeps)
+    stages.run_campaign(given, Path(out), estimator=estimator, keep_sweeps=keep_sweeps, makers=StopMakers(workers))
     return FinishedRun(stages.reopen(Path(out), reads=stages.SCORED))
 
 
@@ -113,7 +117,7 @@ class FinishedRun(Displayed):
     @cached_property
     def scene(self) -> Scene:
         """The scene."""
-        return stages.scene_of(self.store)
+        return self.store.scene
 
     @cached_property
     def truths(self) -> list[Truth]:

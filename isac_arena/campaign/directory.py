@@ -39,6 +39,7 @@ from isac_arena.campaign.files import (
     write_text,
 )
 from isac_arena.campaign.integrity import code_digest, digest, estimator_source
+from isac_arena.campaign.load import campaign_scene
 from isac_arena.campaign.measured import MeasuredTruth
 from isac_arena.campaign.results import MapName, MapResult
 from isac_arena.scoring.metrics.metric import to_json
@@ -48,6 +49,7 @@ from scenes.inputs import LARGEST_TEXT, read_input
 from scenes.names import path_in
 from scenes.objects.config import KEPT_FOLDER
 from scenes.record import Record
+from scenes.scene import Scene
 from scenes.toml_config import read_text, validate_stored
 from sim.config import SimulationConfig
 from sim.observation import BeamSweep
@@ -84,6 +86,11 @@ class CampaignStore:
     measured: str | None = None
     scene_files: Mapping[str, bytes] = field(default_factory=dict)
     side: Path | None = None
+
+    @cached_property
+    def scene(self) -> Scene:
+        """The scene stored with the campaign."""
+        return campaign_scene(self.config, self.directory / "scene.toml")
 
     @cached_property
     def truth_fingerprint(self) -> str:
@@ -144,12 +151,17 @@ class CampaignStore:
             write_bytes(self._root / path_in(Path(), name), content)
         write_text(self._root / "scene.toml", self.scene_text)
         write_json(self._root / "campaign.json", settings)
-        for folder in (self.directory, *(self.directory / name for name in (*FOLDERS, KEPT_FOLDER))):
-            remove_leftovers(folder)
+        for root in {self.directory, self._root}:
+            for name in ("", *FOLDERS, KEPT_FOLDER):
+                remove_leftovers(root / name)
 
     def truth(self, stop: int) -> Truth | None:
         """The truth of a stop, or None where there is none yet."""
         return self.read(_stop("truth", stop), Truth, self.truth_fingerprint)
+
+    def has_truth(self, stop: int) -> bool:
+        """Whether the truth of a stop is stored."""
+        return self._current(_stop("truth", stop), self.truth_fingerprint) is not None
 
     def measured_truth(self, stop: int) -> MeasuredTruth | None:
         """What is known about a measured stop, or None where it was not imported."""

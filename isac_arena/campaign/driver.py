@@ -175,17 +175,22 @@ class CampaignRun:
         )
 
     def truths(self) -> Iterator[Truth]:
-        """The truth of every stop in order: given, kept or traced paths, and the clock of these settings."""
-        given = {truth.stop: truth for truth in self.paths}
-        wanted: list[int] = []
-        traced = simulate_truth(self.config, self.scene, iter(wanted.pop, None))  # one `wanted` per `next`
-        for stop in self.chosen_stops:
-            truth = given.get(stop) or self.results.truth(stop)
-            if truth is None:
-                wanted.append(stop)
+        """The truth of every stop in order."""
+        return map(self.truth, self.chosen_stops)
+
+    def truth(self, stop: int) -> Truth:
+        """The truth of a stop: given, kept or traced paths, and the clock of these settings."""
+        truth = self._given.get(stop) or self.results.truth(stop)
+        if truth is None:
+            wanted, traced = self._tracing
+            wanted.append(stop)
+            try:
                 truth = next(traced)
-                self.results.write_truth(truth)
-            yield replace(truth, clock_bias_s=float(self._clock_biases_s[stop]))
+            except BaseException:
+                self.__dict__.pop("_tracing")  # it ended with the error
+                raise
+            self.results.write_truth(truth)
+        return replace(truth, clock_bias_s=float(self._clock_biases_s[stop]))
 
     def sweep(self, truth: Truth) -> BeamSweep:
         """The samples of a stop, kept or made."""
@@ -298,6 +303,16 @@ class CampaignRun:
     def channel_estimator(self) -> ChannelEstimator:
         """The channel estimator, calibrated where the settings ask for it."""
         return channel_estimator(self.config, self.estimator, self.calibrate())
+
+    @cached_property
+    def _given(self) -> dict[int, Truth]:
+        return {truth.stop: truth for truth in self.paths}
+
+    @cached_property
+    def _tracing(self) -> tuple[list[int], Iterator[Truth]]:
+        """Stops to trace, and their truths: the scene is prepared once, one stop is taken per `next`."""
+        wanted: list[int] = []
+        return wanted, simulate_truth(self.config, self.scene, iter(wanted.pop, None))
 
     @cached_property
     def _clock_biases_s(self) -> FloatArray:

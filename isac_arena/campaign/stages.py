@@ -1,6 +1,6 @@
 """The stages of a campaign on a directory: files, progress and messages around the driver."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -11,9 +11,7 @@ from rich.console import Console
 from isac_arena.campaign.campaign import Campaign, campaign_store, load_campaign
 from isac_arena.campaign.chain import channel_estimator, known_receiver
 from isac_arena.campaign.directory import CampaignStore, StopEstimate, check_is_campaign, open_campaign
-from isac_arena.campaign.driver import CampaignRun
 from isac_arena.campaign.files import read_attribute
-from isac_arena.campaign.load import campaign_scene
 from isac_arena.campaign.lock import one_run
 from isac_arena.campaign.manifest import MANIFEST, SETTINGS, check_unchanged, remedy
 from isac_arena.campaign.measured import MeasuredTruth
@@ -21,6 +19,7 @@ from isac_arena.campaign.plan import RunPlan, check_elevations, plan_run
 from isac_arena.campaign.recording import recorded_run
 from isac_arena.campaign.results import CampaignResults, MapName, MapResult
 from isac_arena.campaign.side import swapped_in
+from isac_arena.campaign.stops import StopMakers, StopRun, campaign_run, make_stops, stop_run
 from isac_arena.campaign.summary import PlanarCounts, run_facts, score_table
 from isac_arena.progress import progress_bar, working
 from isac_arena.report.page.budget_file import BUDGET_FILE, read_budget
@@ -35,6 +34,7 @@ from sim.truth import Truth
 
 console = Console(highlight=False)
 T = TypeVar("T")
+HERE = StopMakers(workers=1)
 
 # Files and folders of a campaign directory that a command reads beside the settings
 SAMPLES = ("truth", "sweep")
@@ -72,13 +72,13 @@ def _checked(campaign: str | Campaign, out: Path, seed: int | None, estimator: s
 
 def run_campaign(
     campaign: str | Campaign, out: Path, *, seed: int | None = None, estimator: str | None = None,
-    keep_sweeps: bool = False,
+    keep_sweeps: bool = False, makers: StopMakers = HERE,
 ) -> None:  # fmt: skip
     """All stages from the scene to the report, into a directory; an interrupted run continues."""
     with opened(campaign, out, seed, estimator) as store:
         plan = run_plan(store)
         print_plan(plan)
-        sweep_and_estimate(store, keep_sweeps=keep_sweeps)
+        sweep_and_estimate(store, makers, keep_sweeps=keep_sweeps)
         build_maps(store)
         write_scores(store)
         write_report(store, plan)
@@ -87,7 +87,7 @@ def run_campaign(
 def run_plan(store: CampaignStore) -> RunPlan:
     """What a run does and what is doubtful about it."""
     with working(console, "plan"):
-        scene = scene_of(store)
+        scene = store.scene
         return plan_run(store.config, scene, make_link(store.config), store.estimator)
 
 
@@ -136,38 +136,32 @@ def reopen(directory: Path, reads: Sequence[str] = ESTIMATES) -> CampaignStore:
     return open_campaign(directory)
 
 
-def sweep_only(store: CampaignStore, *, keep_sweeps: bool) -> None:
+def sweep_only(store: CampaignStore, makers: StopMakers = HERE, *, keep_sweeps: bool) -> None:
     """Make the truth of every stop, and keep its sweep where asked for."""
-    _each_stop(store, "trace, sweep", keep_sweeps, lambda stop: False)
+    _each_stop(stop_run(store, keeps_sweeps=keep_sweeps, estimates=False), makers, "trace, sweep")
 
 
-def sweep_and_estimate(store: CampaignStore, *, keep_sweeps: bool, again: bool = False) -> None:
-    """Make missing truths and channel estimates, one stop in memory at a time.
+def sweep_and_estimate(
+    store: CampaignStore, makers: StopMakers = HERE, *, keep_sweeps: bool, again: bool = False
+) -> None:
+    """Make missing truths and channel estimates, with one stop in the memory of a process at a time.
 
     `again` makes all channel estimates, also stored ones. A measured campaign has both from its import.
     """
-    steps = "trace, sweep, estimate"
     if store.measured is None:
-        _each_stop(store, steps, keep_sweeps, lambda stop: again or not store.has_channel(stop))
+        work = stop_run(store, keeps_sweeps=keep_sweeps, estimates=True, again=again)
+        _each_stop(work, makers, "trace, sweep, estimate")
 
 
-def _each_stop(
-    store: CampaignStore, description: str, keep_sweeps: bool, estimates: Callable[[int], bool]
-) -> None:
-    """Make the truth of every stop, its sweep where it is needed, and its channel estimate where `estimates`."""
-    run, counts = campaign_run(store), PlanarCounts()
+def _each_stop(stops: StopRun, makers: StopMakers, description: str) -> None:
+    """Make what is missing at every stop, here or on workers, with progress."""
+    counts = PlanarCounts()
     with working(console, "self-calibration"):
-        run.calibrate()
+        stops.run.calibrate()
     with progress_bar(console) as progress:
-        for truth in progress.track(run.truths(), len(run.chosen_stops), description=description):
-            counts += truth
-            keeps, makes = keep_sweeps and not store.has_sweep(truth.stop), estimates(truth.stop)
-            if keeps or makes:
-                sweep = run.sweep(truth)
-                if keeps:
-                    store.write_sweep(sweep)
-                if makes:
-                    run.estimate(truth, sweep)
+        made = make_stops(stops, makers, progress.console.print)
+        for one in progress.track(made, len(stops.run.chosen_stops), description=description):
+            counts += one
     if counts.n_compared:
         console.print(counts.line)
 
@@ -185,7 +179,7 @@ def build_maps(store: CampaignStore) -> None:
 
 def write_scores(store: CampaignStore) -> None:
     """Score every stage against the truth; write the metrics and the origin of each estimate."""
-    scene = scene_of(store)
+    scene = store.scene
     results = stored_results(store, len(scene.stops))
     with working(console, "scores"):
         scores = scores_of(store, scene, results)
@@ -198,7 +192,7 @@ def write_report(store: CampaignStore, plan: RunPlan | None = None) -> None:
     from isac_arena.report.page.figures import make_figures  # noqa: PLC0415  (brings matplotlib)
     from isac_arena.report.page.html import render_report  # noqa: PLC0415
 
-    scene = scene_of(store)
+    scene = store.scene
     results = stored_results(store, len(scene.stops))
     tables = _present(store, store.score_tables(), "the score (provenance.nc)", "score")
     with working(console, "report"):
@@ -271,16 +265,6 @@ def stored_results(store: CampaignStore, n_stops: int) -> CampaignResults:
     }
     power_maps = tuple(each.power_map for each in estimates) if store.measured is None else ()
     return CampaignResults(tuple(each.channel for each in estimates), power_maps, **maps)
-
-
-def campaign_run(store: CampaignStore) -> CampaignRun:
-    """The run of the chain that a campaign directory keeps."""
-    return CampaignRun(store.config, scene_of(store), store, estimator=store.estimator)
-
-
-def scene_of(store: CampaignStore) -> Scene:
-    """The scene stored with a campaign."""
-    return campaign_scene(store.config, store.directory / "scene.toml")
 
 
 def _present(store: CampaignStore, value: T | None, what: str, verb: str) -> T:

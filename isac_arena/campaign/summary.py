@@ -12,7 +12,6 @@ from rich.table import Table
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.scoring.score import Scores
 from scenes.scene import Scene
-from sim.truth import Truth
 
 HEADLINES = {
     "channel.detected_per_stop": "paths detected per stop",
@@ -35,17 +34,15 @@ LIBRARIES = ("isac-arena", "sionna-rt", "numpy", "scipy")
 
 @dataclass(frozen=True)
 class PlanarCounts:
-    """Planar specular paths of a campaign: ray tracer against exact solver. Adding a truth counts its paths."""
+    """Planar specular paths of a campaign: ray tracer against exact solver."""
 
     n_compared: int = 0
     n_repaired: int = 0
     n_extra: int = 0
 
-    def __add__(self, truth: Truth) -> PlanarCounts:
+    def __add__(self, other: PlanarCounts) -> PlanarCounts:
         return PlanarCounts(
-            self.n_compared + truth.n_planar_compared,
-            self.n_repaired + truth.n_planar_repaired,
-            self.n_extra + truth.n_planar_extra,
+            self.n_compared + other.n_compared, self.n_repaired + other.n_repaired, self.n_extra + other.n_extra
         )
 
     @property

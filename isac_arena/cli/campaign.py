@@ -2,7 +2,17 @@
 
 import typer
 
-from isac_arena.cli.options import Campaign, Directory, Estimator, KeepSweeps, Out, Seed, with_clock
+from isac_arena.cli.options import (
+    Campaign,
+    Directory,
+    Estimator,
+    KeepSweeps,
+    Out,
+    Seed,
+    StopLimit,
+    WorkerCount,
+    with_clock,
+)
 
 app = typer.Typer(help="The campaigns of the library and your own.", no_args_is_help=True)
 
@@ -37,28 +47,39 @@ def show(campaign: Campaign, seed: Seed = None) -> None:
 
 
 def run(
-    campaign: Campaign, out: Out, seed: Seed = None, estimator: Estimator = None, keep_sweeps: KeepSweeps = False
-) -> None:
+    campaign: Campaign, out: Out, seed: Seed = None, estimator: Estimator = None, keep_sweeps: KeepSweeps = False,
+    workers: WorkerCount = None, stop_limit: StopLimit = None,
+) -> None:  # fmt: skip
     """Run a campaign from the scene to the report. The same command resumes an interrupted run."""
     from isac_arena.campaign import stages  # noqa: PLC0415
+    from isac_arena.campaign.stops import StopMakers  # noqa: PLC0415
 
-    stages.run_campaign(campaign, out, seed=seed, estimator=estimator, keep_sweeps=keep_sweeps)
+    makers = StopMakers(workers, stop_limit)
+    stages.run_campaign(campaign, out, seed=seed, estimator=estimator, keep_sweeps=keep_sweeps, makers=makers)
 
 
-def generate(campaign: Campaign, out: Out, seed: Seed = None, keep_sweeps: KeepSweeps = True) -> None:
+def generate(
+    campaign: Campaign, out: Out, seed: Seed = None, keep_sweeps: KeepSweeps = True, workers: WorkerCount = None,
+    stop_limit: StopLimit = None,
+) -> None:  # fmt: skip
     """Trace the scene and make the sweeps of a campaign, with the truth behind them."""
     from isac_arena.campaign import stages  # noqa: PLC0415
+    from isac_arena.campaign.stops import StopMakers  # noqa: PLC0415
 
     with stages.opened(campaign, out, seed, None) as store:
-        stages.sweep_only(store, keep_sweeps=keep_sweeps)
+        stages.sweep_only(store, StopMakers(workers, stop_limit), keep_sweeps=keep_sweeps)
 
 
-def estimate(directory: Directory, estimator: Estimator = None) -> None:
+def estimate(
+    directory: Directory, estimator: Estimator = None, workers: WorkerCount = None, stop_limit: StopLimit = None
+) -> None:
     """Estimate channel parameters, maps, poses and shapes from the sweeps of a campaign directory."""
     from isac_arena.campaign import stages  # noqa: PLC0415
+    from isac_arena.campaign.stops import StopMakers  # noqa: PLC0415
 
     with stages.reopened(directory, estimator, (*stages.SAMPLES, *stages.ESTIMATES)) as store:
-        stages.sweep_and_estimate(store, keep_sweeps=False, again=estimator is not None)
+        makers = StopMakers(workers, stop_limit)
+        stages.sweep_and_estimate(store, makers, keep_sweeps=False, again=estimator is not None)
         stages.build_maps(store)
 
 

@@ -75,7 +75,7 @@ def export_sigmf(
     store = stages.reopen(directory, reads=[f"{kind}/stop_{stop:03d}.nc" for kind in stages.SAMPLES])
     sweep = store.sweep(stop)
     if sweep is None:
-        scene, truth = stages.scene_of(store), store.truth(stop)
+        scene, truth = store.scene, store.truth(stop)
         if truth is None:
             what = f"the truth of stop {stop} is missing or out of date"
             raise ValueError(f"{directory}: {what}; run 'arena generate'")

@@ -20,6 +20,12 @@ Estimator = Annotated[
 KeepSweeps = Annotated[bool, typer.Option(help="Keep the samples of every stop (about 40 MB each).")]
 Json = Annotated[Path | None, typer.Option("--json", help="Write the rows to this JSON file as well.")]
 Quick = Annotated[bool, typer.Option("--quick", help="A subset that takes seconds.")]
+WorkerCount = Annotated[
+    int | None, typer.Option(min=1, help="Worker processes on this machine, by default one per core.")
+]
+StopLimit = Annotated[
+    float | None, typer.Option(min=0.1, help="Seconds per stop after which a worker counts as hanging; 3600.")
+]
 Memory = Annotated[
     str | None, typer.Option(help="Most memory to take, such as 4GB; by default 80 % of what is free.")
 ]

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from isac_arena.cli.options import StopLimit, WorkerCount
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -21,9 +23,7 @@ REPORT = "sweep_report.html"
 def sweep(
     file: Annotated[Path, typer.Argument(help="Sweep file (TOML): a base campaign and its axes.")],
     out: Annotated[Path, typer.Option(help="Directory of the sweep, seen by all workers; made where missing.")],
-    workers: Annotated[
-        int | None, typer.Option(min=1, help="Worker processes on this machine, by default one per core.")
-    ] = None,
+    workers: WorkerCount = None,
     scheduler: Annotated[
         str | None, typer.Option(help="Address of a running dask scheduler, in place of own workers.")
     ] = None,
@@ -31,9 +31,7 @@ def sweep(
         bool, typer.Option("--dry-run", help="Check and count the cases, estimate time and disk, run none.")
     ] = False,
     retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Run failed cases again.")] = False,
-    stop_limit: Annotated[
-        float | None, typer.Option(min=0.1, help="Seconds per stop after which a case counts as hanging; 3600.")
-    ] = None,
+    stop_limit: StopLimit = None,
 ) -> None:
     """Run all missing cases of a sweep, and write the table of all results."""
     from rich.console import Console  # noqa: PLC0415

@@ -51,7 +51,7 @@ def twin(
         raise ValueError(
             f"{directory}: holds a simulated campaign; a twin needs a measured one, made by 'arena import-mat'"
         )
-    scene = stages.scene_of(store)
+    scene = store.scene
     campaign = _campaign(store, scene)
     made = _trace(campaign, scene, store.config.waveform.carrier_ghz * 1e9)
     metrics = _write(out, made, scene)

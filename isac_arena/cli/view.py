@@ -29,7 +29,7 @@ def view(
     from isac_arena.report.view.page import view_page  # noqa: PLC0415
 
     store = stages.reopen(directory)
-    scene = stages.scene_of(store)
+    scene = store.scene
     results = stages.stored_results(store, len(scene.stops))
     is_measured = store.measured is not None
     paths = [] if is_measured else [truth.paths for truth in stages.stored_truths(store, len(scene.stops))]

@@ -25,7 +25,7 @@ from sim.propagation.paths import Paths
 
 def write_mat(store: CampaignStore, folder: Path) -> Iterator[Path]:
     """The estimates and labels as the public measurement file lays them out."""
-    scene = stages.scene_of(store)
+    scene = store.scene
     n_stops = len(scene.stops)
     truths = stages.known_stops(store, n_stops)
     channel = [estimate.channel for estimate in stages.channel_estimates(store, n_stops)]
@@ -38,7 +38,7 @@ def write_mat(store: CampaignStore, folder: Path) -> Iterator[Path]:
 
 def write_tum(store: CampaignStore, folder: Path) -> Iterator[Path]:
     """The true trajectory and that of SLAM, one stop per second."""
-    scene = stages.scene_of(store)
+    scene = store.scene
     poses = scene.stops
     position = np.array([pose.position_m for pose in poses])
     heading = np.array([pose.heading_rad for pose in poses])
@@ -55,7 +55,7 @@ def write_tum(store: CampaignStore, folder: Path) -> Iterator[Path]:
 
 def write_geojson(store: CampaignStore, folder: Path) -> Iterator[Path]:
     """The maps of mapping and SLAM with the true outlines."""
-    scene = stages.scene_of(store)
+    scene = store.scene
     results = stages.stored_results(store, len(scene.stops))
     for name, result in (("mapping", results.mapping), ("slam", results.slam)):
         text = json.dumps(map_geojson(scene, result), allow_nan=False)
@@ -64,7 +64,7 @@ def write_geojson(store: CampaignStore, folder: Path) -> Iterator[Path]:
 
 def write_scenario(store: CampaignStore, folder: Path, max_paths: int) -> Path:
     """The true paths as a DeepMIMO v4 scenario; returns its params.json."""
-    scene = stages.scene_of(store)
+    scene = store.scene
     scenario = PathScenario(
         tx_position_m=scene.tx.position_m,
         rx_position_m=np.array([pose.position_m for pose in scene.stops]),
@@ -76,7 +76,7 @@ def write_scenario(store: CampaignStore, folder: Path, max_paths: int) -> Path:
 
 def write_glb(store: CampaignStore, file: Path, stop: int, max_paths: int) -> Path:
     """The scene with the strongest true paths of a stop, named by their kind."""
-    scene = stages.scene_of(store)
+    scene = store.scene
     if stop >= len(scene.stops):
         raise ValueError(f"--stop = {stop}: the walk has stops 0 to {len(scene.stops) - 1}")
     rays = _rays(_true_paths(store, stop), scene.tx.position_m, scene.stops[stop].position_m, max_paths)

@@ -46,7 +46,7 @@ def recomputed_campaign(directory: Path, share: float, seed: int) -> list[Findin
         return []
     held = open_campaign(directory)
     store = StoredCampaign(**{field.name: getattr(held, field.name) for field in fields(held)})
-    scene = stages.scene_of(store)
+    scene = store.scene
     stops = draw_share(len(scene.stops), share, seed) if store.measured is None else []
     return [
         *_guarded("stops", _stops(store, scene, stops)),

@@ -1,5 +1,7 @@
 """What a campaign will hold in memory: beam weights, and the samples of a stop; asked for before it is made."""
 
+import math
+
 from scenes.memory import ask_memory
 from sim.config import ArrayConfig, SimulationConfig
 
@@ -29,14 +31,24 @@ def ask_beam_memory(config: SimulationConfig) -> None:
 
 def ask_sample_memory(config: SimulationConfig) -> None:
     """Raise `MemoryLimitError`, with the fields to change, where the samples of a stop do not fit."""
-    n_tx, n_rx = (len(a.panel_azimuth_deg) * beams_of_panel(a) for a in (config.tx_array, config.rx_array))
-    waveform = config.waveform
-    n_subcarriers = 12 * waveform.n_rb // (1 if waveform.combine_symbols else waveform.comb)
+    n_tx, n_rx, n_subcarriers = _sample_shape(config)
     ask_memory(
-        SAMPLE_BYTES * n_tx * n_rx * n_subcarriers,
+        sample_bytes(config),
         f"the samples of {n_tx} x {n_rx} beam pairs over {n_subcarriers} subcarriers",
         "tx_array and rx_array.beams_per_panel and panel_azimuth_deg, or waveform.n_rb",
     )
+
+
+def sample_bytes(config: SimulationConfig) -> float:
+    """Bytes that the samples of a stop take, with their copies."""
+    return SAMPLE_BYTES * math.prod(_sample_shape(config))
+
+
+def _sample_shape(config: SimulationConfig) -> tuple[int, int, int]:
+    """Number of beams of TX and RX, and of subcarriers."""
+    n_tx, n_rx = (len(a.panel_azimuth_deg) * beams_of_panel(a) for a in (config.tx_array, config.rx_array))
+    waveform = config.waveform
+    return n_tx, n_rx, 12 * waveform.n_rb // (1 if waveform.combine_symbols else waveform.comb)
 
 
 def beams_of_panel(array: ArrayConfig) -> int:

@@ -13,7 +13,6 @@ import xarray as xr
 
 import isac_arena as ia
 from isac_arena.campaign.campaign import campaign_store
-from isac_arena.campaign.stages import scene_of
 from isac_arena.validation.scenarios.perfect_campaign import MadeCampaign
 from scenes.config import SceneConfig
 from scenes.scene import Scene
@@ -105,7 +104,7 @@ def test_a_campaign_made_in_python_has_a_directory(tmp_path: Path) -> None:
     campaign = ia.load_campaign({"name": "mine", "scene": "-"}, scene=scene, waveform={"comb": 12})
     store = campaign_store(campaign, tmp_path / "out", None)
     store.open_for_writing()
-    same_scene(scene_of(store), campaign.scene)
+    same_scene(store.scene, campaign.scene)
     room = tomllib.loads(ia.load_campaign("box_room").source.text)
     room["walk"] = {"type": "drops", "n_stops": 5, "seed": 3, "height_m": 1.5}
     dropped = ia.load_campaign("box_room", scene=room)

@@ -60,7 +60,7 @@ def test_exported_samples_demodulate_to_the_sweep(generated: Path) -> None:
     store = stages.reopen(generated)
     truth = store.truth(1)
     assert truth is not None
-    sweep = observe(store.config, make_link(store.config), stages.scene_of(store), truth)
+    sweep = observe(store.config, make_link(store.config), store.scene, truth)
     grid = demodulate(samples, 3168, cp_lengths(3, 16)[:1])[0, ::2] * np.sqrt(1584)
     expected = sweep.samples[16, 40]
     assert np.abs(grid - expected).max() <= 1e-5 * np.abs(expected).max()

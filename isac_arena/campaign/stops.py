@@ -1,0 +1,180 @@
+"""The stops of a campaign side by side: truth, samples and channel estimate of each, in the files of a directory.
+
+Whoever makes a stop writes its files, so workers only say how it ended. Every stop has its own random numbers and
+all processes compute with one thread: the files have the same bytes for any number of workers.
+"""
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from pathlib import Path
+
+from isac_arena.campaign.directory import CampaignStore, open_campaign
+from isac_arena.campaign.driver import CampaignRun
+from isac_arena.campaign.summary import PlanarCounts
+from isac_arena.workers.workers import Workers, n_cores
+from scenes.memory import MemoryLimitError, limited_memory, memory_limit_bytes
+from sim.signal.demand import sample_bytes
+
+# Measured: two workers take 5 s to start on two free cores, 10 s on busy ones, 2 s to end, and their first stops
+# take longer. Like `FIRST_S` it decides who makes a stop, and no result depends on it.
+START_S = 15.0
+FIRST_S = 10.0  # that the first stop here may take longer than the next: it imports, and loads compiled code
+WORKER_BYTES = 600e6  # of a worker without samples
+DIED = (
+    "stop {stop}: its worker died each time: out of memory, ended or crashed by the estimator, or longer than "
+    "--stop-limit; the other stops stay, the same command continues"
+)
+
+Tell = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class StopWork:
+    """What is made at the stops of a directory. Small, because it is sent to the workers."""
+
+    directory: Path
+    side: Path | None
+    estimator: str | None
+    keeps_sweeps: bool
+    estimates: bool  # makes channel estimates where there are none
+    again: bool  # also where there are some
+
+
+@dataclass(frozen=True)
+class StopMakers:
+    """Who makes the stops: at most `workers` processes, one per core by default; one is this process.
+
+    A worker that takes longer than `limit_s` for a stop is ended, by default after an hour.
+    """
+
+    workers: int | None = None
+    limit_s: float | None = None
+
+
+@dataclass(frozen=True)
+class StopRun:
+    """The work at the stops of a directory, with the run that does it."""
+
+    store: CampaignStore
+    work: StopWork
+
+    @cached_property
+    def run(self) -> CampaignRun:
+        """The run: scene, tracer and estimator are loaded once."""
+        return campaign_run(self.store)
+
+    def is_done(self, stop: int) -> bool:
+        """Whether all files of a stop are there."""
+        store, work = self.store, self.work
+        return (
+            store.has_truth(stop)
+            and (not work.keeps_sweeps or store.has_sweep(stop))
+            and (not work.estimates or (not work.again and store.has_channel(stop)))
+        )
+
+    def make(self, stop: int) -> PlanarCounts:
+        """Make what is missing at a stop, and count its planar paths."""
+        store, work, truth = self.store, self.work, self.run.truth(stop)
+        keeps = work.keeps_sweeps and not store.has_sweep(stop)
+        makes = work.estimates and (work.again or not store.has_channel(stop))
+        if keeps or makes:
+            sweep = self.run.sweep(truth)
+            if keeps:
+                store.write_sweep(sweep)
+            if makes:
+                self.run.estimate(truth, sweep)
+        return PlanarCounts(truth.n_planar_compared, truth.n_planar_repaired, truth.n_planar_extra)
+
+
+def stop_run(store: CampaignStore, *, keeps_sweeps: bool, estimates: bool, again: bool = False) -> StopRun:
+    """The work at the stops of a directory."""
+    return StopRun(store, StopWork(store.directory, store.side, store.estimator, keeps_sweeps, estimates, again))
+
+
+def campaign_run(store: CampaignStore) -> CampaignRun:
+    """The run of the chain that a campaign directory keeps."""
+    return CampaignRun(store.config, store.scene, store, estimator=store.estimator)
+
+
+def make_stops(stops: StopRun, makers: StopMakers, tell: Tell) -> Iterator[PlanarCounts]:
+    """Make what is missing at every stop, and yield the counts of each that ends.
+
+    The first stops are made here. Workers start where they save more time than they take to start, judged by the
+    stops that were made here, and where the memory holds them.
+
+    Raises what a stop raises, and `ChildProcessError` where it ended its worker.
+    """
+    missing = []
+    for stop in stops.run.chosen_stops:
+        if stops.is_done(stop):
+            yield stops.make(stop)
+        else:
+            missing.append(stop)
+    n_workers = min(makers.workers or n_cores(), len(missing))
+    n_workers, short = affordable(n_workers, sample_bytes(stops.store.config))
+    times_s: list[float] = []
+    while missing and not pays(n_workers, len(missing), times_s):
+        started = time.monotonic()
+        yield stops.make(missing.pop(0))
+        times_s.append(time.monotonic() - started)
+    if missing:
+        if short:
+            tell(short)
+        yield from _made_by_workers(stops, missing, n_workers, makers.limit_s)
+
+
+def pays(n_workers: int, n_stops: int, times_s: Sequence[float]) -> bool:
+    """Whether workers save more time than their start takes, judged by the times of the stops made here so far."""
+    if n_workers < 2 or not times_s:
+        return False
+    later = times_s[1:]
+    stop_s = sum(later) / len(later) if later else times_s[0] - FIRST_S
+    return (1 - 1 / n_workers) * n_stops * stop_s > START_S
+
+
+def affordable(n_workers: int, stop_bytes: float) -> tuple[int, str]:
+    """How many workers the memory holds, at least one, and a sentence where these are fewer than wanted."""
+    limit = memory_limit_bytes()
+    fitting = max(1, min(n_workers, int(limit / (WORKER_BYTES + stop_bytes))))
+    if fitting == n_workers:
+        return n_workers, ""
+    each = f"{1e-9 * (WORKER_BYTES + stop_bytes):.2g} GB each, the limit is {1e-9 * limit:.3g} GB (--memory)"
+    return fitting, f"{fitting} workers in place of {n_workers}: they take {each}"
+
+
+def _made_by_workers(
+    stops: StopRun, missing: Sequence[int], n_workers: int, limit_s: float | None
+) -> Iterator[PlanarCounts]:
+    """Make stops on workers; those that found too little memory beside others are made here at the end."""
+    from isac_arena.workers.tasks import STOP_LIMIT_S, WorkerDiedError, each_outcome  # noqa: PLC0415  (imports dask)
+
+    share = f"{memory_limit_bytes() / n_workers:.0f}B"
+    calls = [(stops.work, share, stop) for stop in missing]
+    short = []
+    with Workers(n_workers, None) as workers:
+        for (_, _, stop), found in each_outcome(
+            workers.client, n_workers, _made_there, calls, limit_s or STOP_LIMIT_S
+        ):
+            if isinstance(found, WorkerDiedError):
+                raise ChildProcessError(DIED.format(stop=stop))
+            if isinstance(found, MemoryLimitError | MemoryError):
+                short.append(stop)
+            elif isinstance(found, BaseException):
+                raise found
+            else:
+                yield found
+    yield from map(stops.make, short)
+
+
+def _made_there(call: tuple[StopWork, str, int]) -> PlanarCounts:
+    """Make a stop in a worker, with its share of the memory."""
+    work, share, stop = call
+    with limited_memory(share):
+        return _stops_there(work).make(stop)
+
+
+@lru_cache(maxsize=1)
+def _stops_there(work: StopWork) -> StopRun:
+    return StopRun(replace(open_campaign(work.directory), estimator=work.estimator, side=work.side), work)

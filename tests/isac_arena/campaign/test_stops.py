@@ -1,0 +1,193 @@
+"""The stops of a campaign side by side: the same bytes for any number of workers, and nothing lost in a failure."""
+
+import math
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+
+from isac_arena.campaign import stops
+from scenes.memory import limited_memory
+from tests.command_line import arena_here, environment, failure
+from tests.isac_arena.cli.sweep_files import CAMPAIGN
+
+AT_ONCE = (
+    "from isac_arena.campaign import stops; stops.START_S = float('-inf')"  # workers start after the first stop
+)
+COMMAND = [sys.executable, "-c", f"{AT_ONCE}; from isac_arena.cli.main import main; main()"]
+RUN = ("run", "small.toml", "--out", "run", "--workers", "2")
+LAB = """
+import os, time
+from pathlib import Path
+from estimation.channel.estimate import ChannelConfig, estimate_channel
+
+def good(sweep):
+    return estimate_channel(sweep, config=ChannelConfig(method="power"))
+
+def raises(sweep):
+    return 1 / 0 if sweep.stop == 2 else good(sweep)
+
+def dies(sweep):
+    os._exit(0) if sweep.stop == 2 else None
+    return good(sweep)
+
+def hangs(sweep):
+    time.sleep(600) if sweep.stop == 2 else None
+    return good(sweep)
+
+def stops(sweep):
+    if sweep.stop == 2:
+        raise KeyboardInterrupt
+    return good(sweep)
+
+def slow(sweep):
+    Path("at_work").mkdir(exist_ok=True)
+    (Path("at_work") / f"{os.getpid()}_{sweep.stop}").touch()
+    time.sleep(2.0 if sweep.stop else 0.0)
+    return good(sweep)
+"""
+
+
+def tree(folder: Path) -> dict[str, bytes]:
+    """Contents of all files but those in side folders."""
+    found = (file for file in folder.rglob("*") if file.is_file() and ".part" not in str(file))
+    return {str(file.relative_to(folder)): file.read_bytes() for file in found}
+
+
+@pytest.fixture
+def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(stops, "START_S", -math.inf)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "small.toml").write_text(CAMPAIGN)
+    (tmp_path / "lab.py").write_text(LAB)
+    return tmp_path
+
+
+@pytest.mark.usefixtures("at_once")
+def test_two_workers_and_a_resumed_run_give_the_same_bytes(finished: Path, folder: Path) -> None:
+    before = tree(finished / "run")  # made in one process
+    assert arena_here(*RUN, cwd=folder).returncode == 0
+    assert tree(folder / "run") == before
+    for name in (
+        "manifest.json",
+        "scores.json",
+        "provenance.nc",
+        "report.html",
+        "map/slam.nc",
+        "truth/stop_003.nc",
+    ):
+        (folder / "run" / name).unlink()
+    for stop in range(3):
+        (folder / "run" / f"channel/stop_{stop:03d}.nc").unlink()
+    assert arena_here(*RUN, cwd=folder).returncode == 0
+    assert tree(folder / "run") == before
+    (folder / "run" / "truth/stop_001.nc").unlink()  # of a finished run: the workers write beside it
+    (folder / "run" / "truth/stop_002.nc").unlink()
+    assert arena_here("estimate", "run", "--workers", "2", cwd=folder).returncode == 0
+    assert tree(folder / "run") == before
+
+
+@pytest.mark.usefixtures("at_once")
+def test_kept_samples_and_errors_of_impaired_arrays_are_the_same(folder: Path) -> None:
+    with (folder / "small.toml").open("a") as file:
+        file.write("[channel.self_calibration]\n[impairments]\nphase_std_deg = 5.0\n")
+    trees = []
+    for workers in (1, 2):
+        out = f"out{workers}"
+        assert arena_here("generate", "small.toml", "--out", out, "--workers", workers, cwd=folder).returncode == 0
+        assert arena_here("estimate", out, "--workers", workers, cwd=folder).returncode == 0
+        trees.append(tree(folder / out))
+    assert trees[0] == trees[1]
+    assert {"channel/calibration.nc", "sweep/stop_003.nc", "map/slam.nc"} <= trees[0].keys()
+
+
+@pytest.mark.usefixtures("at_once")
+def test_a_failure_of_a_worker_is_that_of_one_process(finished: Path, folder: Path) -> None:
+    shutil.copytree(finished / "run", folder / "run")
+    before = tree(folder / "run")
+    for name in ("raises", "stops"):
+        here, there = (
+            failure("estimate", "run", "--estimator", f"lab:{name}", "--workers", workers, cwd=folder)
+            for workers in (1, 2)
+        )
+        assert here == there
+        assert tree(folder / "run") == before
+    trace = (folder / "estimator_error.txt").read_text()
+    assert "return 1 / 0" in trace and "chain.py" not in trace
+
+
+@pytest.mark.usefixtures("at_once")
+@pytest.mark.parametrize("name", ["dies", "hangs"])
+def test_a_worker_that_ends_is_named_by_its_stop_and_loses_nothing(folder: Path, name: str) -> None:
+    command = (*RUN, "--stop-limit", "2", "--estimator", f"lab:{name}")
+    assert failure(*command, cwd=folder).startswith("arena: stop 2: its worker died each time")
+    made = {file.name for file in (folder / "run" / "channel").glob("*.nc")}
+    assert "stop_002.nc" not in made and {"stop_000.nc", "stop_001.nc"} <= made
+    (folder / "lab.py").write_text(LAB.replace("sweep.stop == 2", "False"))
+    before = {file: file.stat().st_mtime_ns for file in (folder / "run" / "truth").glob("*.nc")}
+    assert arena_here(*RUN, "--estimator", f"lab:{name}", cwd=folder).returncode == 0
+    assert all(file.stat().st_mtime_ns == written for file, written in before.items())
+    assert not list((folder / "run").rglob("*.part"))
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
+def test_an_ended_command_leaves_no_process_that_writes_on(folder: Path, number: int) -> None:
+    command = [*COMMAND, *RUN, "--estimator", "lab:slow"]
+    process = subprocess.Popen(
+        command, cwd=folder, env=environment(), text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        start_new_session=True,
+    )  # fmt: skip
+    ends = time.monotonic() + 120
+    while len(list(folder.glob("at_work/*"))) < 3:  # one here, two on workers
+        assert process.poll() is None and time.monotonic() < ends
+        time.sleep(0.05)
+    children = psutil.Process(process.pid).children(recursive=True)
+    if number == signal.SIGINT:
+        os.killpg(process.pid, number)  # as a terminal does: every process of the command gets it
+    else:
+        process.send_signal(number)
+    _, told = process.communicate(timeout=120)
+    _, alive = psutil.wait_procs(children, timeout=20)
+    assert not [each for each in alive if each.status() != psutil.STATUS_ZOMBIE]
+    if number == signal.SIGINT:
+        assert process.returncode == 130
+        assert told.splitlines() == ["arena: interrupted; the same command continues where it stopped"]
+    made = tree(folder / "run")
+    time.sleep(2.5)
+    assert tree(folder / "run") == made
+    assert arena_here(*RUN, "--estimator", "lab:slow", cwd=folder).returncode == 0
+    again = ("run", "small.toml", "--out", "fresh", "--workers", "1", "--estimator", "lab:slow")
+    assert arena_here(*again, cwd=folder).returncode == 0
+    assert tree(folder / "run") == tree(folder / "fresh")
+
+
+def test_workers_start_where_they_save_more_than_they_cost() -> None:
+    long_s = 4 * stops.START_S
+    assert not stops.pays(2, 100, [])  # the first stop is made here
+    assert not stops.pays(1, 1000, [0.0, long_s])
+    assert not stops.pays(2, 3, [stops.FIRST_S + 1.0])  # what is left takes less than the start
+    assert stops.pays(2, 3, [stops.FIRST_S + long_s])
+    assert not stops.pays(2, 100, [stops.FIRST_S, 0.1])
+    assert stops.pays(2, 1000, [stops.FIRST_S, 0.1])
+    assert stops.pays(8, int(1.3 * stops.START_S), [0.0, 1.0]) and not stops.pays(
+        2, int(1.3 * stops.START_S), [0.0, 1.0]
+    )
+
+
+def test_memory_holds_fewer_workers_and_says_so() -> None:
+    each = stops.WORKER_BYTES + 1e9
+    with limited_memory(f"{2.5 * each:.0f}B"):
+        assert stops.affordable(2, 1e9) == (2, "")
+        n_workers, told = stops.affordable(8, 1e9)
+    assert n_workers == 2 and "2 workers in place of 8" in told and "--memory" in told
+    with limited_memory("1MB"):
+        assert stops.affordable(8, 1e9)[0] == 1
