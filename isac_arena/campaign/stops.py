@@ -46,11 +46,13 @@ class StopWork:
 class StopMakers:
     """Who makes the stops: at most `workers` processes, one per core by default; one is this process.
 
-    A worker that takes longer than `limit_s` for a stop is ended, by default after an hour.
+    A worker that takes longer than `limit_s` for a stop is ended, by default after an hour. Workers start where
+    they save more than `start_s`, by default `START_S`.
     """
 
     workers: int | None = None
     limit_s: float | None = None
+    start_s: float | None = None
 
 
 @dataclass(frozen=True)
@@ -114,8 +116,9 @@ def make_stops(stops: StopRun, makers: StopMakers, tell: Tell) -> Iterator[Plana
             missing.append(stop)
     n_workers = min(makers.workers or n_cores(), len(missing))
     n_workers, short = affordable(n_workers, sample_bytes(stops.store.config))
+    start_s = START_S if makers.start_s is None else makers.start_s
     times_s: list[float] = []
-    while missing and not pays(n_workers, len(missing), times_s):
+    while missing and not pays(n_workers, len(missing), times_s, start_s):
         started = time.monotonic()
         yield stops.make(missing.pop(0))
         times_s.append(time.monotonic() - started)
@@ -125,13 +128,13 @@ def make_stops(stops: StopRun, makers: StopMakers, tell: Tell) -> Iterator[Plana
         yield from _made_by_workers(stops, missing, n_workers, makers.limit_s)
 
 
-def pays(n_workers: int, n_stops: int, times_s: Sequence[float]) -> bool:
-    """Whether workers save more time than their start takes, judged by the times of the stops made here so far."""
+def pays(n_workers: int, n_stops: int, times_s: Sequence[float], start_s: float) -> bool:
+    """Whether workers save more time than `start_s`, judged by the times of the stops made here so far."""
     if n_workers < 2 or not times_s:
         return False
     later = times_s[1:]
     stop_s = sum(later) / len(later) if later else times_s[0] - FIRST_S
-    return (1 - 1 / n_workers) * n_stops * stop_s > START_S
+    return (1 - 1 / n_workers) * n_stops * stop_s > start_s
 
 
 def affordable(n_workers: int, stop_bytes: float) -> tuple[int, str]:

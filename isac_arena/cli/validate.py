@@ -41,6 +41,7 @@ BENCHES: Mapping[str, tuple[str, ...]] = {
     "shape": ("benches.shape",),
     "sweep": ("benches.sweep",),
     "endurance": ("benches.endurance",),
+    "campaign": ("benches.campaign",),
 }
 
 INFO_WIDTH = 180  # columns of tables beside the rows: they are not broken on a narrow terminal
