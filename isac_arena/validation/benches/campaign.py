@@ -28,7 +28,9 @@ def bench_two_workers(seed: int, quick: bool) -> Measured:
     start_s = QUICK_START_S if quick else None
     pairs, same = [], True
     with tempfile.TemporaryDirectory() as folder:
-        timed_run(heavy_campaign(seed, 2, campaign.config.channel.method), Path(folder, "warm"), StopMakers(1))
+        timed_run(
+            heavy_campaign(seed, QUICK_STOPS, campaign.config.channel.method), Path(folder, "warm"), StopMakers(1)
+        )
         for pair in range(1 if quick else HEAVY_PAIRS):
             outs = [Path(folder, f"{pair}_{workers}") for workers in (1, 2)]
             one, two = (
