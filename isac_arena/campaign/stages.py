@@ -1,7 +1,7 @@
 """The stages of a campaign on a directory: files, progress and messages around the driver."""
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -158,8 +158,7 @@ def _each_stop(stops: StopRun, makers: StopMakers, description: str) -> None:
     counts = PlanarCounts()
     with working(console, "self-calibration"):
         stops.run.calibrate()
-    with progress_bar(console) as progress:
-        made = make_stops(stops, makers, progress.console.print)
+    with progress_bar(console) as progress, closing(make_stops(stops, makers, progress.console.print)) as made:
         for one in progress.track(made, len(stops.run.chosen_stops), description=description):
             counts += one
     if counts.n_compared:

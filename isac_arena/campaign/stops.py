@@ -5,7 +5,7 @@ all processes compute with one thread: the files have the same bytes for any num
 """
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -100,7 +100,7 @@ def campaign_run(store: CampaignStore) -> CampaignRun:
     return CampaignRun(store.config, store.scene, store, estimator=store.estimator)
 
 
-def make_stops(stops: StopRun, makers: StopMakers, tell: Tell) -> Iterator[PlanarCounts]:
+def make_stops(stops: StopRun, makers: StopMakers, tell: Tell) -> Generator[PlanarCounts, None, None]:
     """Make what is missing at every stop, and yield the counts of each that ends.
 
     The first stops are made here. Workers start where they save more time than they take to start, judged by the
@@ -116,15 +116,16 @@ def make_stops(stops: StopRun, makers: StopMakers, tell: Tell) -> Iterator[Plana
             missing.append(stop)
     n_workers = min(makers.workers or n_cores(), len(missing))
     n_workers, short = affordable(n_workers, sample_bytes(stops.store.config))
+    if missing and short:
+        tell(short)
     start_s = START_S if makers.start_s is None else makers.start_s
     times_s: list[float] = []
     while missing and not pays(n_workers, len(missing), times_s, start_s):
         started = time.monotonic()
-        yield stops.make(missing.pop(0))
+        made = stops.make(missing.pop(0))
         times_s.append(time.monotonic() - started)
+        yield made
     if missing:
-        if short:
-            tell(short)
         yield from _made_by_workers(stops, missing, n_workers, makers.limit_s)
 
 
@@ -144,7 +145,7 @@ def affordable(n_workers: int, stop_bytes: float) -> tuple[int, str]:
     if fitting == n_workers:
         return n_workers, ""
     each = f"{1e-9 * (WORKER_BYTES + stop_bytes):.2g} GB each, the limit is {1e-9 * limit:.3g} GB (--memory)"
-    return fitting, f"{fitting} workers in place of {n_workers}: they take {each}"
+    return fitting, f"processes side by side: {fitting} in place of {n_workers}; they take {each}"
 
 
 def _made_by_workers(

@@ -182,6 +182,6 @@ def test_memory_holds_fewer_workers_and_says_so() -> None:
     with limited_memory(f"{2.5 * each:.0f}B"):
         assert stops.affordable(2, 1e9) == (2, "")
         n_workers, told = stops.affordable(8, 1e9)
-    assert n_workers == 2 and "2 workers in place of 8" in told and "--memory" in told
+    assert n_workers == 2 and "2 in place of 8" in told and "--memory" in told
     with limited_memory("1MB"):
         assert stops.affordable(8, 1e9)[0] == 1
