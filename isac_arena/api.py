@@ -18,9 +18,9 @@ from isac_arena.campaign.campaign import Campaign, load_campaign
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.directory import CampaignStore
 from isac_arena.campaign.results import CampaignResults, MapResult
-from isac_arena.campaign.stops import StopMakers
 from isac_arena.scoring.measured import measured_metrics
 from isac_arena.scoring.score import Scores, score_metrics
+from isac_arena.workers.stops import StopMakers
 from scenes.display import Displayed
 from scenes.record import empty_record
 from scenes.scene import Scene

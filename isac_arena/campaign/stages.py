@@ -19,13 +19,13 @@ from isac_arena.campaign.plan import RunPlan, check_elevations, plan_run
 from isac_arena.campaign.recording import recorded_run
 from isac_arena.campaign.results import CampaignResults, MapName, MapResult
 from isac_arena.campaign.side import swapped_in
-from isac_arena.campaign.stops import StopMakers, StopRun, campaign_run, make_stops, stop_run
 from isac_arena.campaign.summary import PlanarCounts, run_facts, score_table
 from isac_arena.progress import progress_bar, working
 from isac_arena.report.page.budget_file import BUDGET_FILE, read_budget
 from isac_arena.scoring.measured import measured_metrics, score_measured
 from isac_arena.scoring.record import ScoreTables
 from isac_arena.scoring.score import Scores, score_metrics
+from isac_arena.workers.stops import StopMakers, StopRun, campaign_run, make_stops, stop_run
 from scenes.scene import Scene
 from sim.signal.demand import ask_sample_memory
 from sim.signal.hardware.apply_impairments import with_surveyed_pose

@@ -52,7 +52,7 @@ def run(
 ) -> None:  # fmt: skip
     """Run a campaign from the scene to the report. The same command resumes an interrupted run."""
     from isac_arena.campaign import stages  # noqa: PLC0415
-    from isac_arena.campaign.stops import StopMakers  # noqa: PLC0415
+    from isac_arena.workers.stops import StopMakers  # noqa: PLC0415
 
     makers = StopMakers(workers, stop_limit)
     stages.run_campaign(campaign, out, seed=seed, estimator=estimator, keep_sweeps=keep_sweeps, makers=makers)
@@ -64,7 +64,7 @@ def generate(
 ) -> None:  # fmt: skip
     """Trace the scene and make the sweeps of a campaign, with the truth behind them."""
     from isac_arena.campaign import stages  # noqa: PLC0415
-    from isac_arena.campaign.stops import StopMakers  # noqa: PLC0415
+    from isac_arena.workers.stops import StopMakers  # noqa: PLC0415
 
     with stages.opened(campaign, out, seed, None) as store:
         stages.sweep_only(store, StopMakers(workers, stop_limit), keep_sweeps=keep_sweeps)
@@ -75,7 +75,7 @@ def estimate(
 ) -> None:
     """Estimate channel parameters, maps, poses and shapes from the sweeps of a campaign directory."""
     from isac_arena.campaign import stages  # noqa: PLC0415
-    from isac_arena.campaign.stops import StopMakers  # noqa: PLC0415
+    from isac_arena.workers.stops import StopMakers  # noqa: PLC0415
 
     with stages.reopened(directory, estimator, (*stages.SAMPLES, *stages.ESTIMATES)) as store:
         makers = StopMakers(workers, stop_limit)

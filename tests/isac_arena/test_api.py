@@ -29,7 +29,7 @@ SIGNATURES = {
     "slam": "campaign, channel",
     "fit_contours": "campaign, channel, poses, points",
     "score": "campaign, truths, channel, mapping=None, slam=None",
-    "run": "campaign, out, *, seed=None, estimator=None, keep_sweeps=False",
+    "run": "campaign, out, *, seed=None, estimator=None, keep_sweeps=False, workers=1",
     "open": "directory",
     "Campaign.trace": "self, stops=None",
     "Campaign.observe": "self, truth",

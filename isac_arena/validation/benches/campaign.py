@@ -12,8 +12,9 @@ import numpy as np
 
 from isac_arena.campaign import stages
 from isac_arena.campaign.campaign import Campaign, load_campaign
-from isac_arena.campaign.stops import StopMakers
+from isac_arena.campaign.integrity import file_digest
 from isac_arena.validation.measurement import InfoTable, Measured, at_least
+from isac_arena.workers.stops import StopMakers
 
 HEAVY_STOPS, HEAVY_PAIRS = 72, 2
 QUICK_STOPS = 4
@@ -86,6 +87,6 @@ def shares(one: dict[str, float], two: dict[str, float]) -> InfoTable:
     return InfoTable("Stages of a run", ("stage", "one core in s", "share", "two cores in s", "share"), rows)
 
 
-def contents(folder: Path) -> dict[str, bytes]:
-    """The bytes of every file below a folder, by name."""
-    return {file.relative_to(folder).as_posix(): file.read_bytes() for file in folder.rglob("*") if file.is_file()}
+def contents(folder: Path) -> dict[str, str]:
+    """The hash of every file below a folder, by name."""
+    return {file.relative_to(folder).as_posix(): file_digest(file) for file in folder.rglob("*") if file.is_file()}

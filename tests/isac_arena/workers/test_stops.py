@@ -12,13 +12,13 @@ from pathlib import Path
 import psutil
 import pytest
 
-from isac_arena.campaign import stops
+from isac_arena.workers import stops
 from scenes.memory import limited_memory
 from tests.command_line import arena_here, environment, failure
 from tests.isac_arena.cli.sweep_files import CAMPAIGN
 
 # Workers start after the first stop
-AT_ONCE = "from isac_arena.campaign import stops; stops.START_S = float('-inf')"
+AT_ONCE = "from isac_arena.workers import stops; stops.START_S = float('-inf')"
 COMMAND = [sys.executable, "-c", f"{AT_ONCE}; from isac_arena.cli.main import main; main()"]
 RUN = ("run", "small.toml", "--out", "run", "--workers", "2")
 LAB = """
@@ -92,7 +92,7 @@ def test_two_workers_and_a_resumed_run_give_the_same_bytes(finished: Path, folde
 @pytest.mark.usefixtures("at_once")
 def test_samples_and_a_self_calibration_are_the_same(folder: Path) -> None:
     with (folder / "small.toml").open("a") as file:
-        file.write("[channel]\nmethod = 'incoherent'\n[channel.self_calibration]\nstops = 3\nmin_snr_db = 10.0\n")
+        file.write("[channel.self_calibration]\nstops = 3\nmin_snr_db = 10.0\n")
         file.write("min_purity = 0.8\n[impairments]\nelement_phase_std_deg = 5.0\n")
     trees = []
     for workers in (1, 2):
