@@ -2,5 +2,5 @@
 
 Read `check.py` first: the rows and their bars. `campaigns.py` says which campaigns run, with which settings.
 `run.py` runs them by the sweep engine. `statistics.py` has the statistics of stops and objects, `tables.py` the
-table beside the rows, `trials.py` the trials of SLAM with paths made from the truth.
+tables beside the rows, `trials.py` the trials of SLAM with paths made from the truth.
 """

@@ -26,7 +26,7 @@ COLUMN_ROOMS = (THIN_M, THICK_M, THIN_M, THICK_M)
 FEWEST_COLUMNS = 2  # of such a room
 # 126 x 252 beam pairs in the hall of campus_arena, 400 MB of samples a stop: every third stop is enough
 STOP_EVERY = {"campus_arena_63": 3}
-QUICK_CAMPAIGN, N_QUICK_STOPS, LONGEST_QUICK_M, QUICK_PATHS = "box_room", 4, 12.0, 12
+QUICK_CAMPAIGN, N_QUICK_STOPS, LONGEST_QUICK_M, QUICK_PATHS = "box_room", 6, 12.0, 16
 
 
 class ChainGroup(StrEnum):

@@ -30,7 +30,7 @@ from isac_arena.validation.chain.statistics import (
     pooled_stops,
     slam_objects,
 )
-from isac_arena.validation.chain.tables import campaign_table
+from isac_arena.validation.chain.tables import object_table, stop_table
 from isac_arena.validation.measurement import Measured, Measurement, at_least, at_most
 from isac_arena.validation.monte_carlo import band_rows, fewest_by_chance, most_by_chance, quick_bar
 
@@ -68,7 +68,7 @@ def check_chain(
     options = ChainOptions(method, QUICK_PATHS if quick else MAX_PATHS, estimator)
     campaigns = quick_campaigns(seed, options) if quick else chain_campaigns(seed, trials, options)
     results, failures = run_chain(console or Console(quiet=True), campaigns, out, workers)
-    return Measured(chain_rows(results, failures, quick), (campaign_table(results, failures),))
+    return Measured(chain_rows(results, failures, quick), (stop_table(results, failures), object_table(results)))
 
 
 def chain_rows(results: Sequence[ChainResult], failures: Sequence[ChainFailure], quick: bool) -> list[Measurement]:

@@ -28,7 +28,7 @@ from isac_arena.validation.chain.campaigns import (
 from isac_arena.validation.chain.check import chain_rows, check_chain
 from isac_arena.validation.chain.run import ChainFailure, ChainResult
 from isac_arena.validation.chain.statistics import ChainStops, slam_objects
-from isac_arena.validation.chain.tables import campaign_table
+from isac_arena.validation.chain.tables import object_table, stop_table
 from isac_arena.validation.chain.trials import check_exact_paths, check_wrong_covariances
 from isac_arena.validation.scenarios.perfect_campaign import make_campaign, power_dbm
 from isac_arena.validation.scenarios.random_halls import LEAST_DISTANCE_M, N_STOPS, draw_hall
@@ -175,8 +175,9 @@ def test_rows_and_table_name_every_campaign(perfect):
     failure = ChainFailure("hall_7", ChainGroup.ROOMS, "ValueError: no such thing")
     (failed, *others) = chain_rows([], [failure], quick=False)
     assert not others and failed.value == 1 and not failed.met and "no such thing" in failed.reason
-    table = campaign_table(results, [failure])
-    assert {len(row) for row in table.rows} == {len(table.columns)}
+    table = stop_table(results, [failure])
+    for one in (table, object_table(results)):
+        assert {len(row) for row in one.rows} == {len(one.columns)}
     assert table.rows[-1][0] == "hall_7" and table.rows[-1][-1] == failure.reason
 
 
