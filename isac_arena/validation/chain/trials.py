@@ -4,7 +4,7 @@ The paths are traced without diffuse scattering. Their bounds are those of the c
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -22,6 +22,8 @@ from isac_arena.validation.chain.statistics import GROSS_M, ChainStops, chain_st
 from isac_arena.validation.measurement import InfoTable, Measured, Measurement, at_least, at_most
 from isac_arena.validation.monte_carlo import band_rows, generators
 from isac_arena.validation.scenarios.drawn_estimates import drawn_estimate
+from isac_arena.validation.scenarios.random_halls import TX_SECTOR_DEG
+from scenes.pose import SPEED_OF_LIGHT_M_S
 from scenes.record import BoolArray
 from sim.config import PropagationConfig
 
@@ -40,17 +42,25 @@ class TracedRoom:
     run: CampaignRun
     stops: tuple[TrueStop, ...]
 
-    def located(self, channel: Sequence[ChannelEstimate]) -> PoseScores:
-        """The receiver states that SLAM finds from channel estimates, and their bounds."""
+    def located(self, channel: Sequence[ChannelEstimate], chosen: Sequence[BoolArray] = ()) -> PoseScores:
+        """The receiver states that SLAM finds from channel estimates, and their bounds.
+
+        Bounds are those from the `chosen` paths (path,) of each stop, by default from all.
+        """
         poses, _ = self.run.locate(channel)
         truths = [stop.truth for stop in self.stops]
+        chosen = chosen or [np.ones(len(stop.significant), bool) for stop in self.stops]
+        bounding = [
+            replace(stop, significant=stop.significant[rows], covariance=stop.covariance[rows])
+            for stop, rows in zip(self.stops, chosen, strict=True)
+        ]
         return score_poses(
             np.array([truth.stop for truth in truths]),
             [truth.rx_pose for truth in truths],
             np.array([truth.clock_bias_s for truth in truths]),
             np.array([bool((stop.origin.kind == PathKind.LOS).any()) for stop in self.stops]),
             poses,
-            pose_bounds(self.run.scene, self.stops),
+            pose_bounds(self.run.scene, bounding),
         )
 
 
@@ -62,8 +72,9 @@ def check_exact_paths(seed: int, quick: bool) -> list[Measurement]:
     parts = []
     for room in UNEQUAL_ROOMS[:1] if quick else UNEQUAL_ROOMS:
         traced = traced_room(seed, room, quick, is_walk=False)
-        channel = [drawn_estimate(stop, chosen=_is_informative(traced, stop)) for stop in traced.stops]
-        parts.append(chain_stops(traced.located(channel)))
+        level = [_is_level(traced, stop) for stop in traced.stops]
+        channel = [drawn_estimate(stop, chosen=rows) for stop, rows in zip(traced.stops, level, strict=True)]
+        parts.append(chain_stops(traced.located(channel, level)))
     stops = ChainStops.joined(parts)
     key, reason = "chain.exact_paths", f"of {stops.is_known.sum()} stops that their paths determine"
     return [
@@ -102,10 +113,19 @@ def traced_room(seed: int, room: int, quick: bool, *, is_walk: bool = True) -> T
     return TracedRoom(run, tuple(significant_alone(stop) for stop in stops))
 
 
-def _is_informative(traced: TracedRoom, stop: TrueStop) -> BoolArray:
-    """The significant paths (path,) that are a line of sight or a single bounce off an upright object."""
-    is_upright = np.isin(stop.origin.object, traced.run.scene.object_names)
-    return np.asarray((stop.origin.kind == PathKind.LOS) | is_upright)
+def _is_level(traced: TracedRoom, stop: TrueStop) -> BoolArray:
+    """The significant paths (path,) that are a line of sight or a single bounce off an upright face.
+
+    Bounces off the top of an object are no such paths: their plan lengths are others. Those that
+    leave outside the TX sector are left out: near and behind its panel mirror images look alike.
+    """
+    tx_m, rx_m = traced.run.scene.tx.position_m, stop.truth.rx_pose.position_m
+    is_los, vertex_m = stop.origin.kind == PathKind.LOS, stop.origin.vertex_m
+    plan_m = np.linalg.norm(vertex_m - tx_m[:2], axis=1) + np.linalg.norm(vertex_m - rx_m[:2], axis=1)
+    length_m = SPEED_OF_LIGHT_M_S * (stop.parameters[:, 0] - stop.truth.clock_bias_s)
+    is_upright = np.abs(np.hypot(plan_m, tx_m[2] - rx_m[2]) - length_m) < EXACT_M
+    is_inside = np.abs(stop.parameters[:, 1]) < np.deg2rad(TX_SECTOR_DEG / 2)
+    return np.asarray((is_los | is_upright) & is_inside)
 
 
 def _drawn_stops(rooms: Sequence[TracedRoom], seed: int, factor: float) -> ChainStops:
