@@ -8,7 +8,8 @@ is small, the ramp is removed and the sweep is fitted coherently. Phases that wa
 the paths would absorb them, and the coherent covariance would take them as known.
 
 Where many paths share beam pairs and delays, a few of them do not explain the phases. Then all paths of a coherent
-fit are the reference, and the phases of the pairs against their sum decide.
+fit are the reference, and the phases of the pairs against their sum decide. What even this fit leaves out turns
+phases and scales magnitudes alike; unknown phases leave the magnitudes as they are.
 """
 
 from dataclasses import dataclass, replace
@@ -46,7 +47,7 @@ class PhaseRamp:
     Attributes
     ----------
     tx_step_rad, rx_step_rad : phase step from one TX beam, and from one RX beam, to the next
-    residual_rad : rms of the residual phases, corrected for noise
+    residual_rad : rms of the residual phases, corrected for noise and for undetected paths
     upper_rad : its upper confidence limit
     walk_rad : rms change of the residual from one RX beam to the next, corrected for noise
     n_pairs : beam pairs whose phases were used; if they are too few, 0, and all other attributes are NaN
@@ -107,7 +108,11 @@ def fit_auto(sweep: BeamSweep, config: MaximumLikelihoodConfig | None = None) ->
 
 
 def _joint_ramp(sweep: BeamSweep, ramp: PhaseRamp, few: MaximumLikelihoodConfig) -> PhaseRamp:
-    """The ramp against the sum of a few coherent paths; they are fitted without it, and without any ramp."""
+    """The ramp against the sum of a few coherent paths; they are fitted without it, and without any ramp.
+
+    A ramp that turns the phases over the whole sweep by less than the limit is left: undetected paths make such
+    ramps.
+    """
     found = []
     for steps in ((0.0, 0.0), (ramp.tx_step_rad, ramp.rx_step_rad)):
         back = without_phase_ramp(sweep, *steps)
@@ -116,7 +121,9 @@ def _joint_ramp(sweep: BeamSweep, ramp: PhaseRamp, few: MaximumLikelihoodConfig)
             replace(rest, tx_step_rad=rest.tx_step_rad + steps[0], rx_step_rad=rest.rx_step_rad + steps[1])
         )
     best = min(found, key=lambda one: one.residual_rad if one.n_pairs else np.inf)
-    return best if best.n_pairs else ramp
+    best = best if best.n_pairs else ramp
+    over_sweep = np.abs([best.tx_step_rad, best.rx_step_rad]) * sweep.samples.shape[:2]
+    return best if over_sweep.max() > LARGEST_RESIDUAL_RAD else replace(best, tx_step_rad=0.0, rx_step_rad=0.0)
 
 
 def _frequency_offset_hz(sweep: BeamSweep, ramp: PhaseRamp) -> float:
@@ -134,6 +141,7 @@ class PairPhases:
     path : (tx_beam, rx_beam) reference of each pair; phases of different ones have no common zero
     residual : (tx_beam, rx_beam) energy that the reference does not explain, over the noise
     is_usable : (tx_beam, rx_beam) the reference is not one of several ambiguous directions
+    log_magnitude : (tx_beam, rx_beam) logarithm of the amplitude over the reference's, None where that is fitted
     """
 
     phase_rad: FloatArray
@@ -141,6 +149,7 @@ class PairPhases:
     residual: FloatArray
     path: IntArray
     is_usable: BoolArray
+    log_magnitude: FloatArray | None = None
 
 
 def phases_of(fit: IncoherentFit) -> PairPhases:
@@ -163,13 +172,15 @@ def phases_against(sweep: BeamSweep, fit: PathFit) -> PairPhases:
         product[beam] = (expected.conj() * samples).sum(axis=1) / noise
         model[beam] = np.square(np.abs(expected)).sum(axis=1) / noise
         energy[beam] = np.square(np.abs(samples)).sum(axis=1) / noise
-    unexplained = energy - np.square(np.abs(product)) / np.maximum(model, np.finfo(float).tiny)
+    tiny = np.finfo(float).tiny
+    unexplained = energy - np.square(np.abs(product)) / np.maximum(model, tiny)
     return PairPhases(
         phase_rad=np.angle(product),
         snr=model,
         residual=np.maximum(unexplained - sweep.samples.shape[2], 0.0),
         path=np.zeros(shape, int),
         is_usable=np.ones(shape, bool),
+        log_magnitude=np.log(np.maximum(np.abs(product), tiny) / np.maximum(model, tiny)),
     )
 
 
@@ -186,7 +197,8 @@ def fit_phase_ramp(pairs: PairPhases) -> PhaseRamp:
     Phases of different paths have no common reference, so every path has a constant of its own. The ramp is the
     maximum over both steps nu of sum_i |sum over the pairs p of path i of w_p exp(j psi_p - j nu^T p)|, refined by
     least squares. Weights follow the noise and the variance of the previous iteration. Pairs with a large residual
-    count less: undetected paths in it can change their phases.
+    count less: undetected paths in it can change their phases. They change the magnitudes as much, for their own
+    phases are independent: the variance of the logarithms of the magnitudes is taken off that of the phases.
     """
     n_rx = pairs.snr.shape[1]
     used = np.flatnonzero(((pairs.snr > _LEAST_SNR) & pairs.is_usable).ravel())
@@ -210,6 +222,11 @@ def fit_phase_ramp(pairs: PairPhases) -> PhaseRamp:
         residual = _remainder(pair, phase, path, weight, step)
         variance = float((weight * (residual**2 * len(used) / n_free - noise)).sum() / weight.sum())
     error = np.sqrt(2 * (weight**2 * (noise + max(variance, 0.0)) ** 2).sum()) / weight.sum()
+    if pairs.log_magnitude is not None:
+        log_magnitude = pairs.log_magnitude.ravel()[used]
+        off = log_magnitude - _path_means(log_magnitude, path, weight)
+        unmodelled = float((weight * (off**2 * len(used) / n_free - noise)).sum() / weight.sum())
+        variance, error = variance - max(unmodelled, 0.0), np.sqrt(2) * error
     return PhaseRamp(
         tx_step_rad=float(wrap_angle(step[0])),
         rx_step_rad=float(wrap_angle(step[1])),

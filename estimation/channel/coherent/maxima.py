@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from estimation.channel.coherent.mirror import PairMirror
-from estimation.channel.coherent.raised import raise_paths
+from estimation.channel.coherent.raised import PathRaiser
 from estimation.channel.coherent.refine import Reference, Solution, solve_at
 from estimation.channel.coherent.search import DirectionGrid
 from estimation.channel.coherent.twins import move_to_twins
@@ -18,7 +18,7 @@ class HigherMaximum:
     """Moves of one stop; a path needs the power `level` to be there."""
 
     def __init__(self, grids: tuple[DirectionGrid, DirectionGrid], level: float) -> None:
-        mirror_pairs = PairMirror()
+        raise_paths, mirror_pairs = PathRaiser(), PairMirror()
         self._moves: tuple[Move, ...] = (
             lambda at, now: raise_paths(at, now, level / 2, STEPS),
             lambda at, now: mirror_pairs(at, now, PAIR_STEPS),

@@ -144,7 +144,8 @@ def find_paths(
     """Paths in a compressed sweep, and the sweep whitened by the background that they leave.
 
     Every round finds paths in the residual, fits them jointly with all others, prunes, and estimates the
-    background from the new residual. It ends when nothing exceeds the level and the background stays. After the
+    background from the new residual. It ends when nothing exceeds the level and the background stays. Where no
+    path is found, moves to higher maxima take turns with convergence as long as they are worth a path. After the
     strongest paths a background is too high, never too low: weaker ones follow as it falls.
     """
     background, white = np.ones(len(sweep.position)), sweep
@@ -158,9 +159,8 @@ def find_paths(
         new, is_changed = _new_paths(search, reference, window, room), False
         if not len(new) and n_passes < MAX_PASSES:
             n_passes += 1
-            moved = higher_maximum(reference, solution)
-            finished, is_changed = _finished(reference, moved, window, PASS_STEPS)
-            is_changed |= moved is not solution
+            finished = _finished(reference, higher_maximum(reference, solution), window, PASS_STEPS)
+            is_changed = _worth(finished, window) > _worth(solution, window) + window.level / 2
             solution = finished
             reference = Reference(white, solution.paths)
             if not is_changed and room > 0:
@@ -179,7 +179,7 @@ def find_paths(
         solution = solve_at(reference, solution.paths)
         if not is_changed:
             break
-    return white, _finished(reference, solution, window, FINAL_STEPS)[0]
+    return white, _finished(reference, solution, window, FINAL_STEPS)
 
 
 def _background(sweep: CompressedSweep, paths: PathParameters, config: MaximumLikelihoodConfig) -> FloatArray:
@@ -189,15 +189,16 @@ def _background(sweep: CompressedSweep, paths: PathParameters, config: MaximumLi
     return background_over_delay(replace(sweep, parts=residual(sweep, paths)).samples)
 
 
-def _finished(
-    reference: Reference, solution: Solution, window: DelayWindow, many_steps: int
-) -> tuple[Solution, bool]:
-    """The converged solution after `merge_elevated_images`; whether that changed it."""
+def _worth(solution: Solution, window: DelayWindow) -> float:
+    """What the paths of a solution explain beyond the level that each of them needs."""
+    return solution.explained - window.level * len(solution.paths)
+
+
+def _finished(reference: Reference, solution: Solution, window: DelayWindow, many_steps: int) -> Solution:
+    """The converged solution after `merge_elevated_images`."""
     solution = _converged(reference, solution, window, many_steps)
     above = merge_elevated_images(reference, solution, window.level_at, FINAL_STEPS)
-    if above is solution:
-        return solution, False
-    return _converged(reference, above, window, many_steps), True
+    return solution if above is solution else _converged(reference, above, window, many_steps)
 
 
 def _converged(reference: Reference, solution: Solution, window: DelayWindow, many_steps: int) -> Solution:

@@ -11,41 +11,80 @@ from estimation.channel.coherent.refine import Reference, Solution, refine_near,
 from estimation.channel.model.apparent import cone_angles
 from estimation.channel.model.compress import CompressedSweep
 from estimation.channel.model.manifold import Manifold
-from estimation.channel.model.path_model import PathParameters, response_energies, responses
-from scenes.record import IntArray
+from estimation.channel.model.path_model import (
+    PathParameters,
+    cells_apart,
+    manifold_rates,
+    response_energies,
+    responses,
+)
+from scenes.record import BoolArray, IntArray
 
 STARTS_RAD = np.deg2rad([8.0, 25.0])  # elevations that a path is refined from
 START_STEPS = 4
+SAME_CELLS = 0.02  # of a path tried before
 
 
-def raise_paths(reference: Reference, solution: Solution, level: float, max_steps: int) -> Solution:
-    """The solution, which is at the reference's paths, with paths raised or lowered where that explains more.
+class PathRaiser:
+    """Raises and lowers the paths of one stop; it knows those that it has tried in vain."""
 
-    A raised path must explain more by `level`. Horizontal paths whose elevation would not show are left.
-    """
-    before = solution.paths
-    if not hiding_ends(reference.sweep):
+    def __init__(self) -> None:
+        self._tried: PathParameters | None = None
+
+    def __call__(self, reference: Reference, solution: Solution, level: float, max_steps: int) -> Solution:
+        """The solution, which is at the reference's paths, with paths raised or lowered where that explains more.
+
+        A raised path must explain more by `level`. Horizontal paths whose elevation would not show are left.
+        """
+        before = solution.paths
+        if not hiding_ends(reference.sweep):
+            return solution
+        changed = lowered_paths(reference.sweep, before)
+        is_raised = ~_differ(changed, before) & _would_show(reference.sweep, before, level)
+        is_new = ~self._was_tried(reference.sweep, before)
+        some = np.flatnonzero(is_raised & is_new)
+        own = before.take(some)
+        raised = raised_paths(reference, own, level, own)
+        place = np.zeros(len(before), int)
+        place[some] = np.arange(len(some))
+        if len(some):
+            changed = changed.replaced(is_raised & is_new, raised.take(place))
+        is_tried = _differ(changed, before) & is_new
+        for path in np.argsort(-np.abs(before.amplitude), kind="stable"):
+            if not is_tried[path]:
+                continue
+            one = changed.take(np.array([path]))
+            trial = refine_near(reference, solution.paths.with_path(int(path), one), one, max_steps)
+            if trial.explained > solution.explained + (level if is_raised[path] else 0.0):
+                solution, is_new[path] = trial, False
+        self._remember(before.take(is_new))
         return solution
-    for path in np.argsort(-np.abs(before.amplitude), kind="stable"):
-        own = before.take(np.array([path]))
-        changed, least_gain = lowered_path(reference.sweep, own), 0.0
-        if changed is own and _would_show(reference.sweep, own, level):
-            changed, least_gain = raised_paths(reference.with_path_back(own), own, level), level
-        if not _differ(changed, own):
-            continue
-        trial = refine_near(reference, solution.paths.with_path(int(path), changed), changed, max_steps)
-        if trial.explained > solution.explained + least_gain:
-            solution = trial
-    return solution
+
+    def _remember(self, paths: PathParameters) -> None:
+        self._tried = paths if self._tried is None else self._tried.joined(paths)
+
+    def _was_tried(self, sweep: CompressedSweep, paths: PathParameters) -> BoolArray:
+        """Mask (path,) of paths that were tried in vain."""
+        if self._tried is None:
+            return np.zeros(len(paths), bool)
+        apart = cells_apart(self._tried, paths, manifold_rates(sweep, paths))
+        return np.asarray((apart <= SAME_CELLS).any(axis=0))
 
 
-def raised_paths(reference: Reference, paths: PathParameters, least_gain: float) -> PathParameters:
-    """Paths of a residual, with an elevation where that explains more by `least_gain` than the horizon does."""
+def raised_paths(
+    reference: Reference, paths: PathParameters, least_gain: float, back: PathParameters | None = None
+) -> PathParameters:
+    """Paths of a residual, with an elevation where that explains more by `least_gain` than the horizon does.
+
+    In the residual of each is its path of `back` (path,), where given.
+    """
     if not len(paths):
         return paths
     for is_tx, manifold in hiding_ends(reference.sweep):
         every, origin = _with_raised(paths, manifold, is_tx=is_tx)
-        refined, power = refine_separately(reference, every, START_STEPS)
+        refined, power = refine_separately(
+            reference, every, START_STEPS, None if back is None else back.take(origin)
+        )
         n = len(paths)
         power[:n] += least_gain
         order = np.lexsort((-power, origin))
@@ -54,14 +93,14 @@ def raised_paths(reference: Reference, paths: PathParameters, least_gain: float)
     return paths
 
 
-def lowered_path(sweep: CompressedSweep, path: PathParameters) -> PathParameters:
-    """One path with hidden elevations zero, on the same cones; the path itself if they are."""
+def lowered_paths(sweep: CompressedSweep, paths: PathParameters) -> PathParameters:
+    """The paths with hidden elevations zero, on the same cones."""
     for is_tx, manifold in hiding_ends(sweep):
-        angles = angles_at(path, is_tx=is_tx)
-        if angles[0, 1] != 0:
-            cone, _ = cone_angles(angles[:, 0], angles[:, 1], manifold.best_panel_rad(angles))
-            path = with_angles(path, np.stack([cone, np.zeros(1)], axis=1), is_tx=is_tx)
-    return path
+        angles = angles_at(paths, is_tx=is_tx)
+        cone, _ = cone_angles(angles[:, 0], angles[:, 1], manifold.best_panel_rad(angles))
+        level = np.stack([cone, np.zeros(len(paths))], axis=1)
+        paths = with_angles(paths, np.where(angles[:, 1:] != 0, level, angles), is_tx=is_tx)
+    return paths
 
 
 def _with_raised(paths: PathParameters, manifold: Manifold, *, is_tx: bool) -> tuple[PathParameters, IntArray]:
@@ -76,18 +115,21 @@ def _with_raised(paths: PathParameters, manifold: Manifold, *, is_tx: bool) -> t
     return with_angles(paths.take(origin), np.concatenate(turned), is_tx=is_tx), origin
 
 
-def _would_show(sweep: CompressedSweep, path: PathParameters, level: float) -> bool:
-    """Whether some elevation of one horizontal path would change its power in the samples by a `level`."""
+def _would_show(sweep: CompressedSweep, paths: PathParameters, level: float) -> BoolArray:
+    """Whether some elevation of a horizontal path would change its power in the samples by a `level`, (path,)."""
+    shows: BoolArray = np.zeros(len(paths), bool)
     for is_tx, manifold in hiding_ends(sweep):
-        at = responses(sweep, _with_raised(path, manifold, is_tx=is_tx)[0])
+        every, origin = _with_raised(paths, manifold, is_tx=is_tx)
+        at = responses(sweep, every)
         own = (at.tx if is_tx else at.rx)[:, 0]
         energy = np.square(np.abs(own)).sum(axis=1)
-        same = np.square(np.abs(own @ own[0].conj())) / np.maximum(energy * energy[0], 1e-300)
-        power = np.square(np.abs(path.amplitude[0])) * response_energies(at)[0]
-        if power * (1 - same.min()) > level:
-            return True
-    return False
+        inner = np.einsum("ij,ij->i", own, own[origin].conj())
+        same = np.square(np.abs(inner)) / np.maximum(energy * energy[origin], 1e-300)
+        power = np.square(np.abs(paths.amplitude)) * response_energies(at)[: len(paths)]
+        shows[origin[power[origin] * (1 - same) > level]] = True
+    return shows
 
 
-def _differ(one: PathParameters, other: PathParameters) -> bool:
-    return bool((one.aod_rad != other.aod_rad).any() or (one.aoa_rad != other.aoa_rad).any())
+def _differ(one: PathParameters, other: PathParameters) -> BoolArray:
+    """Mask (path,) of paths with other angles."""
+    return np.asarray((one.aod_rad != other.aod_rad).any(axis=1) | (one.aoa_rad != other.aoa_rad).any(axis=1))

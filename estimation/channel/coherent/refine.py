@@ -23,14 +23,14 @@ from estimation.channel.model.path_model import (
     cells_apart,
     gram_matrix,
     manifold_rates,
+    own_gram_matrix,
     products_with,
     residual,
-    response_energies,
     responses,
     tangents,
 )
 from estimation.inference.least_squares import Attempt, Schedule, minimise
-from scenes.record import BoolArray, ComplexArray, FloatArray
+from scenes.record import BoolArray, ComplexArray, FloatArray, IntArray
 
 APART_STEPS = 2
 NEAR_CELLS = 2.0  # resolution cells along every axis, beyond which coupling between paths is small
@@ -59,6 +59,12 @@ class Reference:
         """The reference without one of its paths, which is in the residual again: its negative is taken out."""
         rest = replace(self.sweep, parts=self.parts)
         return Reference(rest, replace(path, amplitude=-path.amplitude))
+
+    @cached_property
+    def own_products(self) -> tuple[ComplexArray, ComplexArray]:
+        """Inner products of the responses of the reference paths: with the samples (path,), with each other."""
+        values = self.at.values
+        return self.products(values)[:, 0], gram_matrix(values, values)[:, 0, :, 0]
 
     def residual_products(self, at: PathTangents) -> ComplexArray:
         """Inner products (path, tangent) of tangents with the residual of the reference paths."""
@@ -117,10 +123,20 @@ def solve_at(reference: Reference, paths: PathParameters) -> Solution:
 
 
 def solve_amplitudes(reference: Reference, paths: PathParameters) -> Solution:
-    """The same where the normal equations may not be needed: they are made when they are first used."""
-    at = responses(reference.sweep, paths)
-    product, inner = reference.products(at), gram_matrix(at, at)
-    amplitude, explained = _amplitudes(product, inner)
+    """The same where the normal equations may not be needed: they are made when they are first used.
+
+    Only paths that are not among the reference's take time.
+    """
+    known = _places_among(reference.paths, paths)
+    at = responses(reference.sweep, paths.take(known < 0))
+    ours, theirs = reference.own_products
+    across = gram_matrix(at, reference.at.values)[:, 0, :, 0]
+    new = reference.residual_products(at)[:, 0] + across @ reference.paths.amplitude
+    inner = np.block([[theirs, across.conj().T], [across, gram_matrix(at, at)[:, 0, :, 0]]])
+    place = known.copy()
+    place[known < 0] = len(theirs) + np.arange(len(new))
+    product = np.concatenate([ours, new])[place]
+    amplitude, explained = _amplitudes(product, inner[np.ix_(place, place)])
 
     def equations() -> tuple[FloatArray, FloatArray]:
         return solve_at(reference, paths).equations()
@@ -128,35 +144,59 @@ def solve_amplitudes(reference: Reference, paths: PathParameters) -> Solution:
     return Solution(replace(paths, amplitude=amplitude), explained, equations)
 
 
+def _places_among(known: PathParameters, paths: PathParameters) -> IntArray:
+    """The place (path,) of the same path among those known, whatever its amplitude; -1 if it is not there."""
+    if not len(known):
+        return np.full(len(paths), -1)
+    order = np.argsort(known.delay_bins, kind="stable")
+    place = order[np.searchsorted(known.delay_bins[order], paths.delay_bins).clip(max=len(known) - 1)]
+    is_same = known.delay_bins[place] == paths.delay_bins
+    is_same &= (known.aod_rad[place] == paths.aod_rad).all(axis=1)
+    is_same &= (known.aoa_rad[place] == paths.aoa_rad).all(axis=1)
+    return np.where(is_same, place, -1)
+
+
 def refine_separately(
-    reference: Reference, paths: PathParameters, n_steps: int = APART_STEPS
+    reference: Reference, paths: PathParameters, n_steps: int = APART_STEPS, back: PathParameters | None = None
 ) -> tuple[PathParameters, FloatArray]:
     """Paths refined one by one, alone in the residual of the reference, and their explained power (path,).
 
+    In the residual of each is the path of `back` (path,), where given: one of the reference's in another place.
     Gauss-Newton steps from points of a search grid; a step that explains less is rejected.
     """
     best, power = paths, np.full(len(paths), -np.inf)
+    put_back = None if back is None else tangents(reference.sweep, back).values
     for _ in range(n_steps + 1 if len(paths) else 0):
         at = tangents(reference.sweep, paths)
-        product, inner = (
-            reference.residual_products(at),
-            gram_matrix(at, at) * np.eye(len(paths))[:, None, :, None],
-        )
-        apart = _solved(paths, product, inner)
-        explained = np.abs(product[:, 0]) ** 2 / response_energies(at)
+        product, inner = reference.residual_products(at), own_gram_matrix(at, at)
+        if back is not None and put_back is not None:
+            product = product + own_gram_matrix(at, put_back)[:, :, 0] * back.amplitude[:, None]
+        energy = inner[:, 0, 0].real
+        amplitude = product[:, 0] / np.maximum(energy, SMALLEST)
+        explained = np.abs(product[:, 0]) ** 2 / np.maximum(energy, SMALLEST)
         is_better = explained > power
         power = np.where(is_better, explained, power)
-        best = best.replaced(is_better, apart.paths)
-        blocks = np.einsum("iaib->iab", apart.information)
-        diagonal = np.einsum("iaa->ia", blocks)
-        blocks = blocks + (1e-2 * diagonal + SMALLEST)[:, :, None] * np.eye(blocks.shape[1])
-        step = np.linalg.solve(blocks, apart.slope[..., None])[:, 2:, 0]
-        paths = apart.paths.moved(step)
+        best = best.replaced(is_better, replace(paths, amplitude=amplitude))
+        matrix, slope = _own_equations(inner, product - inner[:, :, 0] * amplitude[:, None], amplitude)
+        diagonal = np.einsum("iaa->ia", matrix)
+        matrix = matrix + (1e-2 * diagonal + SMALLEST)[:, :, None] * np.eye(matrix.shape[1])
+        paths = paths.moved(np.linalg.solve(matrix, slope[..., None])[:, 2:, 0])
     return best, power
 
 
+def _own_equations(
+    inner: ComplexArray, rest: ComplexArray, amplitude: ComplexArray
+) -> tuple[FloatArray, FloatArray]:
+    """As `real_equations`, of every path alone: matrix (path, column, column) and gradient (path, column)."""
+    tangent = np.maximum(np.arange(-1, rest.shape[1]), 0)
+    scale = np.repeat(amplitude[:, None], len(tangent), axis=1)
+    scale[:, :2] = 1.0, 1j
+    matrix = (scale.conj()[:, :, None] * inner[:, tangent[:, None], tangent] * scale[:, None]).real
+    return matrix, (scale.conj() * rest[:, tangent]).real
+
+
 def _solved(paths: PathParameters, product: ComplexArray, inner: ComplexArray) -> Solution:
-    amplitude, explained = _amplitudes(product, inner)
+    amplitude, explained = _amplitudes(product[:, 0], inner[:, 0, :, 0])
 
     def equations() -> tuple[FloatArray, FloatArray]:
         rest = product - inner[:, :, :, 0] @ amplitude
@@ -166,11 +206,10 @@ def _solved(paths: PathParameters, product: ComplexArray, inner: ComplexArray) -
 
 
 def _amplitudes(product: ComplexArray, inner: ComplexArray) -> tuple[ComplexArray, float]:
-    """Best amplitudes (path,) and what they explain, from inner products with the samples and with each other."""
-    values = inner[:, 0, :, 0]
-    ridge = TINY * np.abs(values.diagonal()).max(initial=0.0) * np.eye(len(values))
-    amplitude = np.linalg.solve(values + ridge, product[:, 0])
-    return amplitude, float((product[:, 0].conj() @ amplitude).real)
+    """Best amplitudes (path,) and what they explain, from products with the samples and with each other."""
+    ridge = TINY * np.abs(inner.diagonal()).max(initial=0.0) * np.eye(len(inner))
+    amplitude = np.linalg.solve(inner + ridge, product)
+    return amplitude, float((product.conj() @ amplitude).real)
 
 
 def refine_paths(reference: Reference, paths: PathParameters, max_steps: int, enough: float = np.inf) -> Solution:

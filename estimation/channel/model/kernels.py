@@ -55,36 +55,30 @@ def unit_vectors(azimuth_rad: FloatArray, elevation_rad: FloatArray) -> FloatArr
 
 
 @compiled
-def add_panel_tangents(
-    out: ComplexArray,
-    vectors: FloatArray,
-    amplitude: FloatArray,
-    slope: FloatArray,
-    wave_vector: FloatArray,
-    weights: ComplexArray,
-) -> None:
-    """Add to `out` (direction, 1 + angle, beam) the responses of one panel's beams and their derivatives.
+def element_tangents(
+    vectors: FloatArray, amplitude: FloatArray, slope: FloatArray, wave_vector: FloatArray, panel: IntArray
+) -> ComplexArray:
+    """Waves at the elements of all panels and their derivatives, (direction, 1 + angle, element).
 
-    `vectors` (direction, 1 + angle or more, xyz) are unit vectors and their derivatives; `amplitude` (direction,)
-    of the element has the `slope` (direction, angle); `wave_vector` (element, xyz), `weights` (element, beam).
+    `vectors` (direction, 1 + angle or more, xyz) are unit vectors and their derivatives; `amplitude` (panel,
+    direction) of the elements has the `slope` (panel, angle, direction); `wave_vector` (element, xyz); `panel`
+    (element,) of every element.
     """
-    n_directions, n_factors, n_beams = out.shape
-    factor = np.empty(n_factors, np.complex128)
+    n_directions, n_angles = len(vectors), slope.shape[1]
+    out = np.empty((n_directions, 1 + n_angles, len(panel)), np.complex128)
     for p in range(n_directions):
-        for e in range(len(wave_vector)):
-            phase = 0.0
+        for e in range(len(panel)):
+            phase, of = 0.0, panel[e]
             for axis in range(3):
                 phase += wave_vector[e, axis] * vectors[p, 0, axis]
             wave = complex(np.cos(phase), np.sin(phase))
-            factor[0] = amplitude[p] * wave
-            for a in range(n_factors - 1):
+            out[p, 0, e] = amplitude[of, p] * wave
+            for a in range(n_angles):
                 rate = 0.0
                 for axis in range(3):
                     rate += wave_vector[e, axis] * vectors[p, 1 + a, axis]
-                factor[a + 1] = (slope[p, a] + 1j * amplitude[p] * rate) * wave
-            for a in range(n_factors):
-                for b in range(n_beams):
-                    out[p, a, b] += factor[a] * weights[e, b]
+                out[p, 1 + a, e] = complex(slope[of, a, p], amplitude[of, p] * rate) * wave
+    return out
 
 
 @compiled

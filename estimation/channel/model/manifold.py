@@ -5,15 +5,14 @@ response g. They measure how fast a normalised response changes, independent of 
 moves by pi / sqrt(3) over one Rayleigh cell, along any axis.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Self
 
 import numpy as np
 
-from estimation.channel.model.kernels import add_panel_tangents, unit_vectors
-from scenes.pose import SPEED_OF_LIGHT_M_S, direction, wrap_angle
+from estimation.channel.model.panels import Panel, PanelStack, merged_at_horizon, panels_of
+from scenes.pose import wrap_angle
 from scenes.record import BoolArray, ComplexArray, FloatArray, IntArray
-from sim.signal.arrays.array import element_amplitude, panel_axes, to_panel, vertical_polarisation
 from sim.signal.arrays.codebook import Codebook
 
 CELL = np.pi / np.sqrt(3)  # length on the manifold of one Rayleigh cell of a uniform aperture
@@ -23,52 +22,7 @@ DARKEST = 10 ** (-30 / 20)  # least amplitude of the best beam, over the stronge
 REAL_TOLERANCE = 1e-8  # relative imaginary part that is a rounding error
 NULL = 1e-16  # power of a response, relative to that of the weights, that is a rounding error
 FLAT = 1e-6  # length on the manifold below which beams do not resolve directions
-DIFFERENCE_STEP_RAD = 1e-5  # for the element amplitude, which is real and smooth: the error is below 1e-9
 ELEVATION_SHARE = 0.03  # of the information of the bare elements, above which beams resolve elevation
-
-
-@dataclass(frozen=True)
-class _Panel:
-    """One panel: the weights of its beams, and the phase of every element per unit direction (device frame)."""
-
-    weights: ComplexArray  # (beam, element), rows of zeros for the beams of other panels
-    wave_vector: FloatArray  # (element, xyz): phase in rad = wave_vector @ u
-    azimuth_rad: float
-    tilt_rad: float
-    pattern: str
-    slant_rad: float
-    n_summed: IntArray  # (element,) elements of the array whose weights are summed in one
-
-    @property
-    def error_weights(self) -> ComplexArray:
-        """Weights (beam, element) by which independent relative errors of elements enter a response."""
-        return self.weights / np.sqrt(self.n_summed)
-
-    def response(self, azimuth_rad: FloatArray, elevation_rad: FloatArray) -> ComplexArray:
-        """Responses (direction, beam) of the panel's beams."""
-        phase = direction(azimuth_rad, elevation_rad) @ self.wave_vector.T
-        wave = _phasor(phase) * self.amplitude(azimuth_rad, elevation_rad)[:, None]
-        return np.asarray(wave @ self.weights.T)
-
-    def amplitude(self, azimuth_rad: FloatArray, elevation_rad: FloatArray) -> FloatArray:
-        """Element amplitude (direction,) in vertical polarisation."""
-        amplitude = element_amplitude(
-            self.pattern, *to_panel(azimuth_rad, elevation_rad, self.azimuth_rad, self.tilt_rad)
-        )
-        if self.slant_rad or self.tilt_rad:
-            amplitude = amplitude * vertical_polarisation(
-                azimuth_rad, elevation_rad, self.azimuth_rad, self.tilt_rad, self.slant_rad
-            )
-        return np.asarray(amplitude)
-
-    def amplitude_and_slope(
-        self, azimuth_rad: FloatArray, elevation_rad: FloatArray, n_angles: int
-    ) -> tuple[FloatArray, FloatArray]:
-        """Element amplitude (direction,) and its derivative (direction, angle), by central differences."""
-        step = DIFFERENCE_STEP_RAD * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])[: 1 + 2 * n_angles]
-        values = self.amplitude(azimuth_rad + step[:, :1], elevation_rad + step[:, 1:])
-        slopes = (values[1::2] - values[2::2]) / (2 * DIFFERENCE_STEP_RAD)
-        return values[0], slopes.T
 
 
 class Manifold:
@@ -93,22 +47,25 @@ class Manifold:
     hides_elevation: bool = False
 
     def __init__(self, codebook: Codebook, n_angles: int | None = None) -> None:
-        self._panels = _panels(codebook)
+        self._set_panels(panels_of(codebook))
         self.n_beams = len(codebook)
         self.n_angles = 2
         self.elevation_range_rad = (0.0, 0.0)
         self._scan_azimuths()
         self.n_angles = n_angles or (2 if self._sees_elevation() else 1)
         if self.n_angles == 1:
-            self._panels = [_merged_at_horizon(panel) for panel in self._panels]
+            self._set_panels([merged_at_horizon(panel) for panel in self._panels])
         else:
             self._scan_elevations()
+
+    def _set_panels(self, panels: list[Panel]) -> None:
+        self._panels, self._stack = panels, PanelStack(panels)
 
     def combined(self, matrix: ComplexArray | FloatArray) -> Self:
         """The manifold of linear combinations of beams: responses G @ matrix.T, for `matrix` (output, beam)."""
         other = object.__new__(type(self))
         other.__dict__.update(self.__dict__)
-        other._panels = [replace(panel, weights=matrix @ panel.weights) for panel in self._panels]
+        other._set_panels([replace(panel, weights=matrix @ panel.weights) for panel in self._panels])
         other.n_beams = len(matrix)
         return other
 
@@ -129,7 +86,10 @@ class Manifold:
     def best_panel_rad(self, angles: FloatArray) -> FloatArray:
         """Boresight azimuth (direction,) of the panel of the best beam towards `angles` (direction, angle)."""
         azimuth, elevation = self._split(angles)
-        strongest = [np.abs(panel.response(azimuth, elevation)).max(axis=1, initial=0.0) for panel in self._panels]
+        strongest = [
+            np.abs(PanelStack([panel]).response(azimuth, elevation)).max(axis=1, initial=0.0)
+            for panel in self._panels
+        ]
         boresight = np.array([panel.azimuth_rad for panel in self._panels])
         return np.asarray(boresight[np.argmax(strongest, axis=0)])
 
@@ -159,11 +119,7 @@ class Manifold:
 
     def response(self, angles: FloatArray) -> ComplexArray:
         """Responses (direction, beam) towards `angles` (direction, angle) in rad, in the device frame."""
-        azimuth, elevation = self._split(angles)
-        response = np.zeros((len(azimuth), self.n_beams), complex)
-        for panel in self._panels:
-            response += panel.response(azimuth, elevation)
-        return response
+        return self._stack.response(*self._split(angles))
 
     def element_power(self, angles: FloatArray) -> FloatArray:
         """Power (direction, beam) of the beams' elements towards `angles`, added without regard to phase."""
@@ -188,14 +144,7 @@ class Manifold:
 
     def tangents(self, angles: FloatArray) -> ComplexArray:
         """Responses and their derivatives per rad, (direction, 1 + angle, beam)."""
-        azimuth, elevation = self._split(angles)
-        vectors = unit_vectors(azimuth, elevation)
-        tangents = np.zeros((len(azimuth), 1 + self.n_angles, self.n_beams), complex)
-        for panel in self._panels:
-            amplitude, slope = panel.amplitude_and_slope(azimuth, elevation, self.n_angles)
-            weights = np.ascontiguousarray(panel.weights.T)
-            add_panel_tangents(tangents, vectors, amplitude, slope, panel.wave_vector, weights)
-        return tangents
+        return self._stack.tangents(*self._split(angles), self.n_angles)
 
     def metric(self, angles: FloatArray) -> FloatArray:
         """Fubini-Study metric (direction, angle, angle) in rad^-2; zero if there is no response."""
@@ -295,36 +244,6 @@ class Manifold:
         return bool(bare > 0 and np.median(share) > ELEVATION_SHARE * bare)
 
 
-def _panels(codebook: Codebook) -> list[_Panel]:
-    wave_vector = 2 * np.pi * codebook.carrier_hz / SPEED_OF_LIGHT_M_S * codebook.element_position_m
-    boresights = np.stack([codebook.panel_azimuth_rad, codebook.panel_tilt_rad], axis=1)
-    panels = []
-    for azimuth, tilt in np.unique(boresights, axis=0):
-        beams = (boresights == (azimuth, tilt)).all(axis=1)
-        panels.append(
-            _Panel(
-                weights=np.where(beams[:, None], codebook.weights, 0.0),
-                wave_vector=wave_vector @ panel_axes(azimuth, tilt),
-                azimuth_rad=float(azimuth),
-                tilt_rad=float(tilt),
-                pattern=codebook.element_pattern,
-                slant_rad=codebook.polarisation_slant_rad,
-                n_summed=np.ones(codebook.weights.shape[1], int),
-            )
-        )
-    return panels
-
-
-def _merged_at_horizon(panel: _Panel) -> _Panel:
-    """The panel with elements that have equal phases in all horizontal directions summed into one."""
-    horizontal = np.round(panel.wave_vector[:, :2], 12)
-    places, index = np.unique(horizontal, axis=0, return_inverse=True)
-    summed = np.zeros((len(panel.weights), len(places)), complex)
-    np.add.at(summed.T, index, panel.weights.T)
-    n_summed = np.bincount(index.ravel(), weights=panel.n_summed).astype(int)
-    return replace(panel, weights=summed, wave_vector=np.pad(places, ((0, 0), (0, 1))), n_summed=n_summed)
-
-
 def _evenly(position: FloatArray, speed: FloatArray, step: float, middle: float, *, is_closed: bool) -> FloatArray:
     """Positions along a curve of this `speed`, evenly spaced by at most `step`.
 
@@ -337,10 +256,3 @@ def _evenly(position: FloatArray, speed: FloatArray, step: float, middle: float,
         return np.array([middle])
     fractions = (np.arange(n) + (0.0 if is_closed else 0.5)) / n
     return np.asarray(np.interp(fractions * length[-1], length, position))
-
-
-def _phasor(phase_rad: FloatArray) -> ComplexArray:
-    phasor = np.empty(phase_rad.shape, complex)
-    np.cos(phase_rad, out=phasor.real)
-    np.sin(phase_rad, out=phasor.imag)
-    return phasor

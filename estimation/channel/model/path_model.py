@@ -100,6 +100,11 @@ class PathTangents:
     rx: ComplexArray
     delay: FloatArray
 
+    @property
+    def values(self) -> PathTangents:
+        """The responses alone."""
+        return PathTangents(self.tx[:, :1], self.rx[:, :1], self.delay[:, :1])
+
 
 def tangents(sweep: CompressedSweep, paths: PathParameters) -> PathTangents:
     """Responses of the paths and their derivatives over delay (per bin) and angles (per rad)."""
@@ -132,6 +137,27 @@ def gram_matrix(at: PathTangents, other: PathTangents) -> ComplexArray:
     return np.asarray(
         hadamard_gram(_axis_gram(at.tx, other.tx), _axis_gram(at.rx, other.rx), _axis_gram(at.delay, other.delay))
     )
+
+
+def own_gram_matrix(at: PathTangents, other: PathTangents) -> ComplexArray:
+    """Inner products (path, tangent, tangent) of the tangents of each path and of its partner in `other`."""
+    tx, rx, delay = (
+        one.conj() @ two.swapaxes(1, 2)
+        for one, two in ((at.tx, other.tx), (at.rx, other.rx), (at.delay, other.delay))
+    )
+    d, i, j = _factors(at)
+    e, k, h = _factors(other)
+    return np.asarray(tx[:, i[:, None], k] * rx[:, j[:, None], h] * delay[:, d[:, None], e])
+
+
+def _factors(at: PathTangents) -> tuple[IntArray, IntArray, IntArray]:
+    """Which factors (tangent,) of delay, TX and RX every tangent is the product of."""
+    n_delay, n_aod, n_aoa = at.delay.shape[1], at.tx.shape[1] - 1, at.rx.shape[1] - 1
+    factors = np.zeros((3, n_delay + n_aod + n_aoa), int)
+    factors[0, :n_delay] = np.arange(n_delay)
+    factors[1, n_delay : n_delay + n_aod] = 1 + np.arange(n_aod)
+    factors[2, n_delay + n_aod :] = 1 + np.arange(n_aoa)
+    return factors[0], factors[1], factors[2]
 
 
 def response_energies(at: PathTangents) -> FloatArray:

@@ -6,7 +6,7 @@ from scipy.stats import chi2
 
 from estimation.channel.coherent.elevated import merge_elevated_images
 from estimation.channel.coherent.paths import compress_stop, fit_coherent
-from estimation.channel.coherent.raised import raise_paths
+from estimation.channel.coherent.raised import PathRaiser
 from estimation.channel.coherent.refine import Reference, refine_paths
 from estimation.channel.fit import PathFit
 from estimation.channel.model.apparent import apparent_angles, cone_angles
@@ -147,7 +147,7 @@ def test_a_horizontal_path_on_the_edge_of_two_panels_is_raised(elevation_deg: fl
     flat = refine_paths(Reference(stop.compressed, start.take(slice(0))), start, 30)
     assert (flat.paths.aoa_rad[:, 1] == 0).all()
     reference = Reference(stop.compressed, flat.paths)
-    raised = raise_paths(reference, flat, stop.window.level / 2, 30)
+    raised = PathRaiser()(reference, flat, stop.window.level / 2, 30)
     assert abs(np.rad2deg(raised.paths.aoa_rad[0, 1])) == pytest.approx(elevation_deg, abs=2.0)
     assert raised.paths.aoa_rad[1, 1] == 0
     assert raised.explained > flat.explained + stop.window.level
