@@ -37,7 +37,7 @@ class PairMirror:
             for weak in np.flatnonzero(is_close[strong] & (power < power[strong])):
                 pair = np.array([strong, weak])
                 mirrored = _mirrored(solution.paths, pair)
-                trial = refine_near(reference, mirrored, mirrored.take(pair), max_steps)
+                trial = refine_near(reference, mirrored, mirrored.take(pair), max_steps, before=solution.paths)
                 if trial.explained > solution.explained + LEAST_GAIN:
                     solution = trial
                 else:

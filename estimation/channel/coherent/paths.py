@@ -46,8 +46,9 @@ from scenes.record import BoolArray, FloatArray
 from sim.observation import BeamSweep
 
 MAX_ROUNDS = 60
-MAX_PASSES = 6  # searches for hidden second paths
-PASS_STEPS = 8  # of many paths between such searches
+MAX_PASSES = 6  # of moves to higher maxima and convergence
+LIMIT_PASSES = 2  # of as many paths as there may be: what is left out shifts them more than further passes
+PASS_STEPS = 8  # of many paths in a pass
 CHANGED = 0.1  # relative change of the background above which the search goes on
 ROUND_STEPS = 3  # Levenberg-Marquardt steps per round: undetected paths would bias further steps
 FINAL_STEPS = 30
@@ -157,7 +158,7 @@ def find_paths(
     for _ in range(MAX_ROUNDS):
         room = most - len(solution.paths)
         new, is_changed = _new_paths(search, reference, window, room), False
-        if not len(new) and n_passes < MAX_PASSES:
+        if not len(new) and n_passes < (MAX_PASSES if room > 0 else LIMIT_PASSES):
             n_passes += 1
             finished = _finished(reference, higher_maximum(reference, solution), window, PASS_STEPS)
             is_changed = _worth(finished, window) > _worth(solution, window) + window.level / 2

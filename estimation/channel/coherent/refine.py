@@ -38,6 +38,7 @@ REACH_BINS = 24  # of the delay response about a path that a partial refinement 
 FEW = 24  # number of paths up to which a partial refinement saves no time
 CONVERGED = 1e-3  # decrease of the squared residual, in units of the noise power, that ends the iteration
 LARGEST_DAMPING = 1e7
+HOPE = 10.0  # times the gain that a step expects: more is not gained by the steps that follow
 LONGEST_STEP = 0.5  # resolution cells
 TINY = 1e-12  # relative ridge that keeps normal equations of coinciding paths solvable
 SMALLEST = 1e-150  # diagonal of an unobservable parameter
@@ -212,17 +213,19 @@ def _amplitudes(product: ComplexArray, inner: ComplexArray) -> tuple[ComplexArra
     return amplitude, float((product.conj() @ amplitude).real)
 
 
-def refine_paths(reference: Reference, paths: PathParameters, max_steps: int, enough: float = np.inf) -> Solution:
+def refine_paths(
+    reference: Reference, paths: PathParameters, max_steps: int, enough: float = np.inf, least: float = -np.inf
+) -> Solution:
     """Paths of largest likelihood near the given ones, after at most `max_steps` Levenberg-Marquardt steps.
 
-    The steps end when `enough` is explained.
+    The steps end when `enough` is explained, or when there is no hope to explain the `least`.
     """
 
     def attempt(now: Solution, damping: float) -> Attempt[Solution] | None:
         if now.explained > enough:
             return None
         step, expected = _step(now, damping)
-        if expected < CONVERGED:
+        if expected < CONVERGED or now.explained + HOPE * expected < least:
             return None
         trial = solve_at(reference, now.paths.moved(step))
         return Attempt(trial, -now.explained, -trial.explained)
@@ -232,11 +235,17 @@ def refine_paths(reference: Reference, paths: PathParameters, max_steps: int, en
 
 
 def refine_near(
-    reference: Reference, paths: PathParameters, about: PathParameters, max_steps: int, enough: float = np.inf
+    reference: Reference,
+    paths: PathParameters,
+    about: PathParameters,
+    max_steps: int,
+    enough: float = np.inf,
+    before: PathParameters | None = None,
 ) -> Solution:
     """As `refine_paths`, for the paths near `about`, the places of a change; the others change amplitudes only.
 
-    Paths that share no resolution cell have little coupling. A few paths are all refined: it takes no longer.
+    Paths that share no resolution cell have little coupling. A few paths are all refined: it takes no longer. With
+    the paths as they were `before`, the steps end when there is no hope to explain more than these.
     """
     if len(paths) <= FEW:
         return refine_paths(reference, paths, max_steps, enough)
@@ -247,7 +256,9 @@ def refine_near(
     apart_bins = np.abs(reference.sweep.position[:, None] - moving.delay_bins)
     around = reference.sweep.bins(apart_bins.min(axis=1) <= REACH_BINS)
     rest = replace(around, parts=residual(around, paths.take(~moves)))
-    moved = refine_paths(Reference(rest, moving), moving, max_steps)
+    here = Reference(rest, moving)
+    least = -np.inf if before is None else solve_amplitudes(here, before.take(moves)).explained
+    moved = refine_paths(here, moving, max_steps, least=least)
     order = np.argsort(np.concatenate([np.flatnonzero(~moves), np.flatnonzero(moves)]))
     return solve_amplitudes(reference, paths.take(~moves).joined(moved.paths).take(order))
 
