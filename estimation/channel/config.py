@@ -14,7 +14,7 @@ class MaximumLikelihoodConfig(ConfigModel):
         3e-4, gt=0, lt=1, description="probability of any path at a stop that holds noise alone"
     )
     max_paths: int = Field(
-        40, ge=1, le=400, description="most paths per stop, weak ones included; the incoherent fit stops at 40"
+        120, ge=1, le=400, description="most paths per stop, weak ones included; the incoherent fit stops at 80"
     )
     whiten_background: bool = Field(
         True, description="estimate the dense diffuse power over delay and whiten by it (coherent)"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -35,6 +35,11 @@ class PathNoise(ConfigModel):
         if self.source == "fixed":
             return np.tile(_diagonal(self.delay_std_ns, self.angle_std_deg), (len(estimate), 1, 1))
         return range_covariance(estimate.plane_covariance) + self.floor
+
+    def with_floors(self, share: float) -> Self:
+        """The noise with a share of the floors."""
+        lower = {name: share * getattr(self, name) for name in ("floor_delay_std_ns", "floor_angle_std_deg")}
+        return self.model_copy(update=lower)
 
     @property
     def floor(self) -> FloatArray:
@@ -233,11 +238,12 @@ class SnapshotConfig(ConfigModel):
 
 
 class TrajectoryConfig(ConfigModel):
-    """All stops of a walk together, by the smoother or by the filter.
+    """All stops of a walk together, by the smoother or by the filter, or every stop alone.
 
     `method`
         `smooth`: all stops at once, shared landmarks. `filter`: every stop from itself and earlier stops, for
-        online use, with modes and motion prior only.
+        online use, with modes and motion prior only. `single`: every stop alone. `auto`: `smooth` where the stops
+        follow one another, else `single`.
 
     The motion prior is a Student-t law of the second difference of the position, in m per stop squared:
     `cross_track_std_m` across the walk, `along_track_std_m` along it. So the spacing of the stops need not be
@@ -255,8 +261,9 @@ class TrajectoryConfig(ConfigModel):
         heading offset.
     """
 
-    method: Literal["smooth", "filter"] = Field(
-        "smooth", description="all stops at once, or every stop from earlier ones"
+    method: Literal["auto", "smooth", "filter", "single"] = Field(
+        "auto",
+        description="all stops at once, each from earlier ones, or alone; auto: at once if one follows another",
     )
     use_landmarks: bool = Field(True, description="walls and pillars seen from several stops are shared")
     use_double_bounces: bool = Field(True, description="bounces off two walls are used where both walls are known")

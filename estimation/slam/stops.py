@@ -27,6 +27,8 @@ def locate_and_map(
 ) -> tuple[PoseEstimates, IncidencePoints]:
     """Poses and incidence points: every stop alone without `trajectory`, else by `trajectory.method`.
 
+    `auto` is `smooth` here: whether the stops follow one another is not known here.
+
     In space where elevations were estimated and `slam.use_elevation` is true, else in the plane, with paths seen
     from above where `heights` are known. With `slam.method` "reference", the published algorithm, in the plane and
     without heights.
@@ -48,7 +50,7 @@ def _located(
     trajectory: TrajectoryConfig | None,
     mapping: MappingConfig,
 ) -> tuple[PoseEstimates, IncidencePoints]:
-    if trajectory is None:
+    if trajectory is None or trajectory.method == "single":
         return run_slam(estimates, tx_pose, slam, mapping)
     if trajectory.method == "filter":
         return run_filter(estimates, tx_pose, slam, trajectory, mapping)

@@ -15,8 +15,10 @@ from estimation.channel.record import ChannelEstimate
 from estimation.shape.contours import estimate_contours
 from estimation.shape.gp.estimate import estimate_shapes, fit_shapes
 from estimation.slam.checks import check_estimates
+from estimation.slam.config import TrajectoryConfig
 from estimation.slam.level import KnownHeights, seen_from_above
 from estimation.slam.mapping.incidence_points import map_stops
+from estimation.slam.mapping.noise import with_learned_noise
 from estimation.slam.record import IncidencePoints, PoseEstimates, SolveStatus
 from estimation.slam.space.mapping import map_stops_spatial
 from estimation.slam.space.problem import is_spatial
@@ -28,6 +30,7 @@ from isac_arena.scoring.config import Significance
 from isac_arena.user_code import fenced, imported_function, user_error
 from scenes.pose import Pose
 from scenes.record import FloatArray, IntArray
+from scenes.walks.trajectory import follow_one_another
 from sim.observation import BeamSweep
 from sim.signal.link import Link
 from sim.truth import Truth
@@ -100,7 +103,7 @@ def make_map(
     """
     check_estimates(channel, tx_pose)
     heights = known_heights(config, tx_pose, receiver, rx_height_m)
-    poses, ips = locate_or_take(config, channel, tx_pose, receiver, heights)
+    poses, ips = locate_or_take(config, channel, tx_pose, receiver, heights, config.trajectory)
     return with_shapes(config, channel, tx_pose, poses, ips, heights=heights)
 
 
@@ -119,24 +122,32 @@ def known_heights(
     return KnownHeights(tx_pose.position_m[2] - rx_height_m, config.heights.std_m, *panels)
 
 
+def walk_settings(config: CampaignConfig, position_m: FloatArray) -> TrajectoryConfig | None:
+    """Settings with which the stops at `position_m` (stop, xyz) are solved together; None where each is alone."""
+    method = config.trajectory.method
+    alone = method == "single" or (method == "auto" and not follow_one_another(position_m))
+    return None if alone else config.trajectory
+
+
 def locate_or_take(
     config: CampaignConfig,
     channel: Sequence[ChannelEstimate],
     tx_pose: Pose,
     receiver: PoseEstimates | None = None,
     heights: KnownHeights | None = None,
+    trajectory: TrajectoryConfig | None = None,
 ) -> tuple[PoseEstimates, IncidencePoints]:
     """Receiver states and incidence points: the given states and their points, or both found together (SLAM).
 
-    SLAM solves every stop separately; where the campaign has a `trajectory` table, a smoother or filter solves all
-    stops. Both work in space where elevations were estimated, else with the `heights` that are known.
+    SLAM solves every stop alone, or all stops together with a `trajectory`. Both work in space where elevations
+    were estimated, else with the `heights` that are known.
     """
     if receiver is None:
-        return locate_and_map(channel, tx_pose, config.slam, config.trajectory, config.mapping, heights)
-    if is_spatial(channel, use_elevation=config.mapping.use_elevation):
-        return receiver, map_stops_spatial(channel, receiver, tx_pose, config.mapping)
+        return locate_and_map(channel, tx_pose, config.slam, trajectory, config.mapping, heights)
     seen = seen_from_above(channel, receiver.clock_bias_s, heights)
-    return receiver, map_stops(seen, receiver, tx_pose, config.mapping)
+    spatial = is_spatial(channel, use_elevation=config.mapping.use_elevation)
+    mapping = with_learned_noise(seen, receiver, tx_pose, config.mapping, spatial=spatial)
+    return receiver, (map_stops_spatial if spatial else map_stops)(seen, receiver, tx_pose, mapping)
 
 
 def with_shapes(
@@ -154,7 +165,9 @@ def with_shapes(
     """
     shapes = estimate_shapes(ips, config.shapes) if label is None else fit_shapes(ips, label, config.shapes)
     channel = seen_from_above(channel, poses.clock_bias_s, heights)
-    contours = estimate_contours(channel, tx_pose, poses, ips, shapes.label, config.mapping.noise, config.contours)
+    spatial = bool(np.isfinite(ips.height_m).any())
+    mapping = with_learned_noise(channel, poses, tx_pose, config.mapping, spatial=spatial)
+    contours = estimate_contours(channel, tx_pose, poses, ips, shapes.label, mapping.noise, config.contours)
     return MapResult(poses, ips, shapes, contours)
 
 

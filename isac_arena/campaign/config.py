@@ -18,7 +18,7 @@ class CampaignConfig(SimulationConfig):
     heights: HeightConfig = HeightConfig()
     mapping: MappingConfig = MappingConfig()
     slam: SnapshotConfig = SnapshotConfig()
-    trajectory: TrajectoryConfig | None = Field(None, description="all stops together; off by default")
+    trajectory: TrajectoryConfig = TrajectoryConfig()
     shapes: ShapeConfig = ShapeConfig()
     contours: ContourConfig = ContourConfig()
 

@@ -17,6 +17,7 @@ from estimation.channel.calibration.self_calibration import Calibration, calibra
 from estimation.channel.estimate import ChannelEstimator
 from estimation.channel.record import ChannelEstimate
 from estimation.slam.checks import check_estimates
+from estimation.slam.config import TrajectoryConfig
 from estimation.slam.level import KnownHeights
 from estimation.slam.record import IncidencePoints, PoseEstimates
 from isac_arena.campaign.chain import (
@@ -25,6 +26,7 @@ from isac_arena.campaign.chain import (
     known_receiver,
     locate_or_take,
     significance,
+    walk_settings,
     with_shapes,
 )
 from isac_arena.campaign.config import CampaignConfig
@@ -248,7 +250,7 @@ class CampaignRun:
         tx, oracle = self.scene.tx, self.oracle
         channel = channel if oracle.channel is None else oracle.channel
         receiver = receiver if oracle.receiver is None else oracle.receiver
-        poses, ips = locate_or_take(self.config, channel, tx, receiver, self.heights)
+        poses, ips = locate_or_take(self.config, channel, tx, receiver, self.heights, self.trajectory)
         if oracle.has_all_points:
             if receiver is None:
                 _, ips = locate_or_take(self.config, channel, tx, poses, self.heights)
@@ -286,6 +288,11 @@ class CampaignRun:
         """The surveyed heights of the devices, where mapping and SLAM may use them."""
         rx_height_m = np.array([self.scene.stops[stop].position_m[2] for stop in self.chosen_stops])
         return known_heights(self.config, self.scene.tx, rx_height_m=rx_height_m)
+
+    @cached_property
+    def trajectory(self) -> TrajectoryConfig | None:
+        """Settings with which SLAM solves all stops together; None where it solves each alone."""
+        return walk_settings(self.config, self.scene.walk.positions_m()[list(self.chosen_stops)])
 
     @cached_property
     def chosen_stops(self) -> Sequence[int]:

@@ -5,10 +5,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from isac_arena.campaign.chain import walk_settings
 from isac_arena.campaign.config import CampaignConfig
 from scenes.pose import SPEED_OF_LIGHT_M_S
 from scenes.scene import Scene
-from scenes.walks.trajectory import RecordedWalk
+from scenes.walks.trajectory import LEAST_STOPS, follow_one_another
 from sim.config import ArrayConfig
 from sim.propagation.paths import Paths
 from sim.propagation.propagator import Propagator
@@ -21,7 +22,6 @@ COARSE = 4.0  # a delay cell of so many times the extent of an object shows it a
 LONGEST_LIST = 6  # names in a sentence
 ELEVATION_METHODS = "'coherent', 'incoherent' or 'auto'"
 SAMPLE_BYTES = 8
-LEAP = 5.0  # a leg of so many times the median leg is no step of a walk
 HEIGHTS = "see 'Heights' in the README for the settings that mend it"
 
 
@@ -52,9 +52,10 @@ def plan_run(config: CampaignConfig, scene: Scene, link: Link, estimator: str | 
     """The plan of a campaign that passes `check_elevations`."""
     n_pairs = len(link.tx_codebook) * len(link.rx_codebook)
     megabytes = 1e-6 * SAMPLE_BYTES * n_pairs * link.prs_symbol.shape[1]
+    together = "all stops together" if walk_settings(config, scene.walk.positions_m()) else "every stop alone"
     does = (
         f"{len(scene.stops)} stops, {n_pairs} beam pairs, channel estimates by "
-        f"{estimator or config.channel.method}; {megabytes:.0f} MB of samples a stop"
+        f"{estimator or config.channel.method}, SLAM of {together}; {megabytes:.0f} MB of samples a stop"
     )
     if config.propagation.deepmimo is not None:
         return RunPlan(does, tuple(_about_settings(config, scene, estimator)))
@@ -86,11 +87,12 @@ def _about_settings(config: CampaignConfig, scene: Scene, estimator: str | None)
             )
     elif sees and (not config.slam.solves_in_space or not config.mapping.use_elevation):
         yield "elevations are estimated, but slam or mapping ignores them (slam.method, use_elevation)"
-    if config.trajectory is not None and isinstance(scene.walk, RecordedWalk):
-        positions = scene.walk.positions_m()
-        legs = np.linalg.norm(np.diff(positions, axis=0), axis=1)
-        if len(legs) and legs.max() > LEAP * np.median(legs):
-            yield "the stops leap, but [trajectory] takes them for one walk: leave it out"
+    trajectory = walk_settings(config, scene.walk.positions_m())
+    if len(scene.stops) >= LEAST_STOPS and trajectory and not follow_one_another(scene.walk.positions_m()):
+        yield (
+            f"the stops do not follow one another, but trajectory.method = '{trajectory.method}' takes them "
+            "for one walk: leave it out"
+        )
 
 
 def _why_unused(config: CampaignConfig, estimator: str | None) -> str:

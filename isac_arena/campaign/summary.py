@@ -9,6 +9,7 @@ from importlib.metadata import PackageNotFoundError, version
 
 from rich.table import Table
 
+from isac_arena.campaign.chain import walk_settings
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.scoring.score import Scores
 from scenes.scene import Scene
@@ -75,9 +76,10 @@ def run_facts(
     config: CampaignConfig, scene: Scene, estimator: str | None, measured: str | None = None
 ) -> dict[str, str]:
     """What was run, for the head of the report; `measured` is the source of a measured campaign."""
-    slam = f"snapshot, {config.slam.method}"
-    if config.trajectory is not None:
-        slam = f"trajectory, {config.trajectory.method}; snapshots {config.slam.method}"
+    slam = f"every stop alone, {config.slam.method}"
+    if trajectory := walk_settings(config, scene.walk.positions_m()):
+        how = "stop by stop along the walk" if trajectory.method == "filter" else "all stops together"
+        slam = f"{how}; every stop first alone, {config.slam.method}"
     versions = [f"Python {platform.python_version()}", *(f"{name} {_version(name)}" for name in LIBRARIES)]
     return {
         "Scene": f"{scene.name}, {scene_summary(scene)}, {len(scene.stops)} receiver stops",

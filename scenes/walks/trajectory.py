@@ -10,6 +10,9 @@ from scenes.pose import LARGEST_LENGTH_M, Pose
 from scenes.record import BoolArray, FloatArray, IntArray, Record, array
 
 N_DRAWN_PER_WAYPOINT = 16
+LEAST_STOPS = 3  # of a walk
+ORDERED = 0.75  # rms leg of a walk, over that of the same stops in a random order; three on a line have 0.71
+LEAP = 5.0  # a leg of so many times the median leg is no step of a walk
 
 
 @dataclass(frozen=True)
@@ -110,6 +113,20 @@ class Walk(Record):
             reached = np.concatenate([[0.0], np.cumsum(length)])
             at = np.interp(np.linspace(0, reached[-1], self.n_stops), reached, np.arange(len(reached)))
         return at, np.minimum(at.astype(int), n_last)
+
+
+def follow_one_another(position_m: FloatArray) -> bool:
+    """Whether stops at `position_m` (stop, xyz), in this order, are a walk: three or more, near each other.
+
+    Their legs are shorter than those of a random order, by von Neumann's ratio of the mean square successive
+    difference to the variance (Annals of Mathematical Statistics, 1941), and none is a leap.
+    """
+    if len(position_m) < LEAST_STOPS:
+        return False
+    leg_m = np.linalg.norm(np.diff(position_m, axis=0), axis=1)
+    random_leg_m = np.sqrt(2 * position_m.var(axis=0, ddof=1).sum())
+    is_short = np.sqrt(np.mean(leg_m**2)) <= ORDERED * random_leg_m
+    return bool(is_short and leg_m.max() <= LEAP * np.median(leg_m))
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,6 @@ from itertools import count
 
 import numpy as np
 
-from estimation.slam.config import TrajectoryConfig
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.load import SceneSource, campaign_path, changed_campaign, library_campaigns
 from isac_arena.sweep.cases import Case
@@ -105,7 +104,7 @@ def chain_settings(config: CampaignConfig, method: str, max_paths: int) -> Campa
     return config.model_copy(
         update={
             "channel": type(config.channel).model_validate(channel),
-            "trajectory": config.trajectory or TrajectoryConfig(),
+            "trajectory": config.trajectory,
             "contours": config.contours.model_copy(update={"method": "reflection"}),
         }
     )

@@ -59,7 +59,7 @@ HEIGHTS = KnownHeights(np.full(len(STATES), TX.position_m[2] - RX_HEIGHT_M), 0.0
 def test_exact_paths_give_exact_positions(trajectory: TrajectoryConfig | None) -> None:
     poses, points = locate_and_map(ESTIMATES, TX, OURS, trajectory, MAPPING, HEIGHTS)
     assert (poses.status != SolveStatus.FAILED).all()
-    exact_m = {None: 1e-6, "smooth": 0.01, "filter": 1e-4}  # the smoother has priors of the walk and of walls
+    exact_m = {None: 1e-6, "auto": 0.01, "filter": 1e-4}  # the smoother has priors of the walk and of walls
     atol = exact_m[trajectory and trajectory.method]
     np.testing.assert_allclose(poses.position_m, STATES[:, :2], atol=atol)
     assert np.isfinite(points.position_m).all()

@@ -53,7 +53,7 @@ def test_a_new_campaign_and_a_new_scene_run(tmp_path: Path, monkeypatch: pytest.
     assert len(campaign.stops) == 12 and campaign.trace([0])[0].paths.is_los.sum() == 1
     assert "is there already" in failure("new", "scene", "hall", cwd=tmp_path)
     lines = Path("mine.toml").read_text().splitlines()
-    first, last = lines.index("[mapping]"), lines.index("# [trajectory]")
+    first, last = lines.index("[mapping]"), lines.index("[trajectory]")
     lines[first:last] = [line.removeprefix("# ") if " = " in line else line for line in lines[first:last]]
     Path("all.toml").write_text("\n".join(lines))
     every = ia.load_campaign("all.toml").config
