@@ -4,6 +4,9 @@ A single bounce at a known state has one measurement more than its incidence poi
 So the paths themselves show how precise they are: under the right noise single bounces agree to their stated
 precision, and all others stand out. The floors are for errors that covariances leave out; where these are right,
 less noise explains the paths better.
+
+One measurement too many does not show every error. So the floors stay where covariances follow from no likelihood,
+and at states of SLAM, whose common errors move all points alike.
 """
 
 from collections.abc import Sequence
@@ -13,12 +16,13 @@ import numpy as np
 from estimation.channel.record import ChannelEstimate
 from estimation.slam.config import MappingConfig
 from estimation.slam.mapping.incidence_points import concatenate_stops, map_stops
-from estimation.slam.record import IncidencePoints, PoseEstimates
+from estimation.slam.record import IncidencePoints, PoseEstimates, SolveStatus
 from estimation.slam.space.mapping import map_stops_spatial
 from estimation.slam.space.problem import spatial_problem
 from scenes.pose import Pose
 from scenes.record import FloatArray
 
+LIKELIHOOD = ("auto", "coherent", "incoherent")  # methods whose covariances follow from a likelihood
 SHARES = (0.3, 0.1, 0.03)  # of the floors
 LEAST_GAIN = 10.0  # in log evidence, that less noise needs
 LARGEST_RANGE_M = 30.0  # of paths that are no single bounce: any range up to it, any angles
@@ -36,8 +40,11 @@ def with_learned_noise(
     """The settings of mapping with the share of the floors that has most evidence at the given states.
 
     A path is a single bounce off any place, or anything; the share of single bounces is learned with the noise.
+    The floors stay for states that were estimated, and for estimates of other methods than maximum likelihood.
     """
-    if not config.noise.floor.any():
+    is_given = (poses.status == SolveStatus.GIVEN).all()
+    by_likelihood = all(estimate.method in LIKELIHOOD for estimate in estimates)
+    if not (config.noise.floor.any() and is_given and by_likelihood):
         return config
     candidates = [config]
     for share in SHARES:

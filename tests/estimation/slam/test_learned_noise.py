@@ -9,7 +9,7 @@ import pytest
 from estimation.slam.config import MappingConfig, PathNoise
 from estimation.slam.mapping.incidence_points import map_stops
 from estimation.slam.mapping.noise import with_learned_noise
-from estimation.slam.record import IncidencePoints, PoseEstimates
+from estimation.slam.record import IncidencePoints, PoseEstimates, SolveStatus
 from estimation.slam.space.mapping import map_stops_spatial
 from isac_arena.validation.scenarios.estimates import made_poses
 from isac_arena.validation.scenarios.halls import ScenarioConfig
@@ -24,7 +24,11 @@ BLUNT = replace(SHARP, delay_std_ns=0.3, angle_std_deg=0.6)
 def _walk(seed: int, config: ScenarioConfig, said: float = 1.0) -> list[Scenario]:
     """A walk whose covariances say that errors are `said` times what they are."""
     walk = draw_trajectory(np.random.default_rng([seed, 3]), config, 15)
-    return [replace(s, estimate=replace(s.estimate, covariance=said**2 * s.estimate.covariance)) for s in walk]
+    said_covariance = [said**2 * s.estimate.covariance for s in walk]
+    return [
+        replace(s, estimate=replace(s.estimate, covariance=covariance, method="coherent"))
+        for s, covariance in zip(walk, said_covariance, strict=True)
+    ]
 
 
 def _poses(walk: Sequence[Scenario]) -> PoseEstimates:
@@ -57,6 +61,15 @@ def test_covariances_that_are_too_small_keep_the_floors(seed: int) -> None:
     walk = _walk(seed, BLUNT, said=0.02)
     learned = with_learned_noise([s.estimate for s in walk], _poses(walk), walk[0].tx, CONFIG, spatial=False)
     assert learned == CONFIG
+
+
+def test_floors_stay_at_estimated_states_and_for_covariances_of_no_likelihood() -> None:
+    walk = _walk(0, SHARP)
+    estimates, poses, tx = [s.estimate for s in walk], _poses(walk), walk[0].tx
+    by_power = [replace(estimate, method="power") for estimate in estimates]
+    assert with_learned_noise(by_power, poses, tx, CONFIG, spatial=False) is CONFIG
+    estimated = replace(poses, status=np.full(len(walk), SolveStatus.LOS))
+    assert with_learned_noise(estimates, estimated, tx, CONFIG, spatial=False) is CONFIG
 
 
 def test_fixed_noise_and_no_paths_are_left() -> None:
