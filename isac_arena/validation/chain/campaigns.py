@@ -104,7 +104,6 @@ def chain_settings(config: CampaignConfig, method: str, max_paths: int) -> Campa
     return config.model_copy(
         update={
             "channel": type(config.channel).model_validate(channel),
-            "trajectory": config.trajectory,
             "contours": config.contours.model_copy(update={"method": "reflection"}),
         }
     )

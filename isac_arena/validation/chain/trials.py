@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 
 from estimation.channel.record import ChannelEstimate
+from estimation.slam.config import TrajectoryConfig
 from isac_arena.campaign.chain import significance
 from isac_arena.campaign.driver import CampaignRun
 from isac_arena.scoring.link_view import link_view
@@ -105,7 +106,7 @@ def traced_room(seed: int, room: int, quick: bool, *, is_walk: bool = True) -> T
     case = room_campaign(seed, room, ChainOptions()).case
     config = case.config.model_copy(update={"propagation": PropagationConfig(diffuse_samples=0)})
     if not is_walk:
-        config = config.model_copy(update={"trajectory": None})
+        config = config.model_copy(update={"trajectory": TrajectoryConfig(method="single")})
     run = CampaignRun(config, case.scene.build(config), stops=range(N_QUICK_STOPS) if quick else None)
     view, limits = link_view(config, run.link, run.scene), significance(config, run.link)
     prepare = partial(true_stop, tx_pose=run.scene.tx, limits=limits, view=view)

@@ -6,6 +6,7 @@ import numpy as np
 
 from estimation.channel.record import ChannelEstimate
 from estimation.shape.config import ContourConfig, ShapeConfig
+from estimation.slam.config import TrajectoryConfig
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.driver import CampaignRun
 from isac_arena.insight.budget.attribution import attribute, signed_root
@@ -75,7 +76,8 @@ def faulty_chain(rng: np.random.Generator) -> Chain:
     stops = [true_stop(truth, made.scene.tx, power_dbm(truth), LIMITS, None) for truth in made.truths]
     name, shapes = made.scene.name, ShapeConfig(eps_m=1.5, min_samples=3)
     contours = ContourConfig(method="none")
-    config = CampaignConfig(name=name, scene=name, shapes=shapes, contours=contours)
+    alone = TrajectoryConfig(method="single")  # the prior of a walk moves states off what true paths say
+    config = CampaignConfig(name=name, scene=name, trajectory=alone, shapes=shapes, contours=contours)
     channel = [_faulty(estimate, rng) for estimate in made.results.channel]
     return make_chain(CampaignRun(config, made.scene), stops, channel, lit_objects(made.scene, stops, 3))
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from estimation.shape.config import ContourConfig, ShapeConfig
+from estimation.slam.config import TrajectoryConfig
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.driver import CampaignRun
 from isac_arena.insight.budget.chain import Chain, make_chain
@@ -18,6 +19,7 @@ LIMITS = Significance(dynamic_range_db=28.0, noise_threshold_dbm=-150.0)
 CONFIG = CampaignConfig(
     name="made",
     scene="made_up",
+    trajectory=TrajectoryConfig(method="single"),
     shapes=ShapeConfig(eps_m=1.5, min_samples=3),
     contours=ContourConfig(method="none"),
 )
