@@ -19,7 +19,9 @@ from tests.isac_arena.cli.sweep_files import CAMPAIGN
 
 # Workers start after the first stop
 AT_ONCE = "from isac_arena.workers import stops; stops.START_S = float('-inf')"
-COMMAND = [sys.executable, "-c", f"{AT_ONCE}; from isac_arena.cli.main import main; main()"]
+# A command that a shell starts in the background ignores interrupts
+HEARS = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
+COMMAND = [sys.executable, "-c", f"{AT_ONCE}; {HEARS}; from isac_arena.cli.main import main; main()"]
 RUN = ("run", "small.toml", "--out", "run", "--workers", "2")
 LAB = """
 import os, time
