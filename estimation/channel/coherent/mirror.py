@@ -8,21 +8,19 @@ one do not reach the other. Groups of several paths have a maximum for every arr
 import numpy as np
 
 from estimation.channel.coherent.refine import NEAR_CELLS, Reference, Solution, refine_near, response_powers
+from estimation.channel.coherent.tried import TriedPaths
 from estimation.channel.model.path_model import PathParameters, cells_apart, manifold_rates
 from scenes.pose import wrap_angle
 from scenes.record import BoolArray, FloatArray, IntArray
 
 LEAST_GAIN = 2.0  # units of the noise power: less is a matter of rounding and of few steps
-SAME_CELLS = 0.02  # of a pair tried before
 
 
 class PairMirror:
     """Mirrors the close pairs of one stop; it knows those that it has tried in vain."""
 
     def __init__(self) -> None:
-        self._tried: tuple[PathParameters, PathParameters] | None = (
-            None  # the stronger and the weaker of each pair
-        )
+        self._stronger, self._weaker = TriedPaths(), TriedPaths()
 
     def __call__(self, reference: Reference, solution: Solution, max_steps: int) -> Solution:
         """The solution, which is at the reference's paths, with close pairs mirrored where that explains more.
@@ -41,19 +39,13 @@ class PairMirror:
                 if trial.explained > solution.explained + LEAST_GAIN:
                     solution = trial
                 else:
-                    self._remember(solution.paths.take(pair[:1]), solution.paths.take(pair[1:]))
+                    self._stronger.add(solution.paths.take(pair[:1]))
+                    self._weaker.add(solution.paths.take(pair[1:]))
         return solution
-
-    def _remember(self, stronger: PathParameters, weaker: PathParameters) -> None:
-        if self._tried is not None:
-            stronger, weaker = self._tried[0].joined(stronger), self._tried[1].joined(weaker)
-        self._tried = (stronger, weaker)
 
     def _pairs_tried(self, paths: PathParameters, rate: FloatArray) -> BoolArray:
         """Mask (path, path) of the stronger and weaker paths of pairs that were tried."""
-        if self._tried is None:
-            return np.zeros((len(paths), len(paths)), bool)
-        stronger, weaker = (cells_apart(known, paths, rate) <= SAME_CELLS for known in self._tried)
+        stronger, weaker = (tried.among(paths, rate) for tried in (self._stronger, self._weaker))
         return np.asarray((stronger[:, :, None] & weaker[:, None, :]).any(axis=0))
 
 

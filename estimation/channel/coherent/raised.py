@@ -8,28 +8,22 @@ import numpy as np
 
 from estimation.channel.coherent.elevated import angles_at, hiding_ends, same_cone, with_angles
 from estimation.channel.coherent.refine import Reference, Solution, refine_near, refine_separately
+from estimation.channel.coherent.tried import TriedPaths
 from estimation.channel.model.apparent import cone_angles
 from estimation.channel.model.compress import CompressedSweep
 from estimation.channel.model.manifold import Manifold
-from estimation.channel.model.path_model import (
-    PathParameters,
-    cells_apart,
-    manifold_rates,
-    response_energies,
-    responses,
-)
+from estimation.channel.model.path_model import PathParameters, manifold_rates, response_energies, responses
 from scenes.record import BoolArray, IntArray
 
 STARTS_RAD = np.deg2rad([8.0, 25.0])  # elevations that a path is refined from
 START_STEPS = 4
-SAME_CELLS = 0.02  # of a path tried before
 
 
 class PathRaiser:
     """Raises and lowers the paths of one stop; it knows those that it has tried in vain."""
 
     def __init__(self) -> None:
-        self._tried: PathParameters | None = None
+        self._tried = TriedPaths()
 
     def __call__(self, reference: Reference, solution: Solution, level: float, max_steps: int) -> Solution:
         """The solution, which is at the reference's paths, with paths raised or lowered where that explains more.
@@ -41,34 +35,22 @@ class PathRaiser:
             return solution
         changed = lowered_paths(reference.sweep, before)
         is_raised = ~_differ(changed, before) & _would_show(reference.sweep, before, level)
-        is_new = ~self._was_tried(reference.sweep, before)
+        tried = self._tried.among(before, manifold_rates(reference.sweep, before))
+        is_new = np.logical_not(np.asarray(tried.any(axis=0)))
         some = np.flatnonzero(is_raised & is_new)
         own = before.take(some)
-        raised = raised_paths(reference, own, level, own)
-        place = np.zeros(len(before), int)
-        place[some] = np.arange(len(some))
-        if len(some):
-            changed = changed.replaced(is_raised & is_new, raised.take(place))
+        changed = changed.with_paths(some, raised_paths(reference, own, level, own))
         is_tried = _differ(changed, before) & is_new
         for path in np.argsort(-np.abs(before.amplitude), kind="stable"):
             if not is_tried[path]:
                 continue
-            one = changed.take(np.array([path]))
-            trial = refine_near(reference, solution.paths.with_path(int(path), one), one, max_steps)
+            itself = np.array([path])
+            one = changed.take(itself)
+            trial = refine_near(reference, solution.paths.with_paths(itself, one), one, max_steps)
             if trial.explained > solution.explained + (level if is_raised[path] else 0.0):
                 solution, is_new[path] = trial, False
-        self._remember(before.take(is_new))
+        self._tried.add(before.take(is_new))
         return solution
-
-    def _remember(self, paths: PathParameters) -> None:
-        self._tried = paths if self._tried is None else self._tried.joined(paths)
-
-    def _was_tried(self, sweep: CompressedSweep, paths: PathParameters) -> BoolArray:
-        """Mask (path,) of paths that were tried in vain."""
-        if self._tried is None:
-            return np.zeros(len(paths), bool)
-        apart = cells_apart(self._tried, paths, manifold_rates(sweep, paths))
-        return np.asarray((apart <= SAME_CELLS).any(axis=0))
 
 
 def raised_paths(

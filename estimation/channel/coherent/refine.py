@@ -166,15 +166,15 @@ def refine_separately(
     Gauss-Newton steps from points of a search grid; a step that explains less is rejected.
     """
     best, power = paths, np.full(len(paths), -np.inf)
-    put_back = None if back is None else tangents(reference.sweep, back).values
+    put_back = None if back is None else (tangents(reference.sweep, back).values, back.amplitude[:, None])
     for _ in range(n_steps + 1 if len(paths) else 0):
         at = tangents(reference.sweep, paths)
         product, inner = reference.residual_products(at), own_gram_matrix(at, at)
-        if back is not None and put_back is not None:
-            product = product + own_gram_matrix(at, put_back)[:, :, 0] * back.amplitude[:, None]
-        energy = inner[:, 0, 0].real
-        amplitude = product[:, 0] / np.maximum(energy, SMALLEST)
-        explained = np.abs(product[:, 0]) ** 2 / np.maximum(energy, SMALLEST)
+        if put_back is not None:
+            product = product + own_gram_matrix(at, put_back[0])[:, :, 0] * put_back[1]
+        energy = np.maximum(inner[:, 0, 0].real, SMALLEST)
+        amplitude = product[:, 0] / energy
+        explained = np.abs(product[:, 0]) ** 2 / energy
         is_better = explained > power
         power = np.where(is_better, explained, power)
         best = best.replaced(is_better, replace(paths, amplitude=amplitude))

@@ -41,8 +41,8 @@ def move_to_twins(
         if best == 0:
             continue
         twin = refined.take(np.array([best]))
-        trial = refine_near(reference, solution.paths.with_path(int(path), twin), twin, max_steps)
         itself = np.array([path])
+        trial = refine_near(reference, solution.paths.with_paths(itself, twin), twin, max_steps)
         prior, moved_prior = _log_prior(
             reference.sweep, solution.paths.take(itself).joined(trial.paths.take(itself))
         )

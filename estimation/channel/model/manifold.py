@@ -60,6 +60,7 @@ class Manifold:
 
     def _set_panels(self, panels: list[Panel]) -> None:
         self._panels, self._stack = panels, PanelStack(panels)
+        self._alone = [PanelStack([panel]) for panel in panels]
 
     def combined(self, matrix: ComplexArray | FloatArray) -> Self:
         """The manifold of linear combinations of beams: responses G @ matrix.T, for `matrix` (output, beam)."""
@@ -86,10 +87,7 @@ class Manifold:
     def best_panel_rad(self, angles: FloatArray) -> FloatArray:
         """Boresight azimuth (direction,) of the panel of the best beam towards `angles` (direction, angle)."""
         azimuth, elevation = self._split(angles)
-        strongest = [
-            np.abs(PanelStack([panel]).response(azimuth, elevation)).max(axis=1, initial=0.0)
-            for panel in self._panels
-        ]
+        strongest = [np.abs(panel.response(azimuth, elevation)).max(axis=1, initial=0.0) for panel in self._alone]
         boresight = np.array([panel.azimuth_rad for panel in self._panels])
         return np.asarray(boresight[np.argmax(strongest, axis=0)])
 

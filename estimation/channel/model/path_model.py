@@ -59,10 +59,11 @@ class PathParameters:
             np.where(where, other.amplitude, self.amplitude),
         )
 
-    def with_path(self, index: int, path: PathParameters) -> PathParameters:
-        """The paths, with one `path` (1,) in the place of that number."""
-        n = len(self)
-        return self.replaced(np.arange(n) == index, path.take(np.zeros(n, int)))
+    def with_paths(self, index: IntArray, paths: PathParameters) -> PathParameters:
+        """The paths, with others in the places of these numbers."""
+        place = np.arange(len(self))
+        place[index] = len(self) + np.arange(len(paths))
+        return self.joined(paths).take(place)
 
     def moved(self, step: FloatArray) -> PathParameters:
         """The paths after a step (path, parameter) of delays and angles; over a pole they come down behind it."""

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from estimation.slam.config import TrajectoryConfig
+from estimation.slam.mapping.noise import LARGEST_RANGE_M, LEAST_GAIN, SHARES
 from estimation.slam.snapshot.refine import bounce_terms
 from estimation.slam.walk.association import classify_paths, drop_unused_landmarks, reclassify_paths
 from estimation.slam.walk.linearise import linearise
@@ -24,9 +25,7 @@ from estimation.slam.walk.smoother import LANDMARK_INFORMATION, minimise_robust_
 from scenes.record import BoolArray
 
 ROUGHNESS = ("wall_roughness_m", "object_roughness_m")
-LEAST_GAIN = 10.0  # in log evidence, that lower noise needs
-SHARES = (0.3, 0.1, 0.03)  # of the floors, one after the other
-CLUTTER_LOG_DENSITY = -float(np.log(30.0 * (2 * np.pi) ** 2))  # per m rad^2: any angles, a range within 30 m
+CLUTTER_LOG_DENSITY = -float(np.log(LARGEST_RANGE_M * (2 * np.pi) ** 2))  # per m rad^2
 _ROUGH_ITERATIONS = 6  # enough where the association will change
 _MAX_ROUNDS = 10
 
