@@ -12,13 +12,15 @@ import numpy as np
 
 from estimation.execution import compiled, over_rows
 from estimation.laws.plane import Prediction, bisector, bounce_path, tx_row, unit, wrapped
-from estimation.laws.support import CIRCLE_BY_RADIUS, support_terms
-from estimation.laws.wall import wall_path
+from estimation.laws.support import CIRCLE, CIRCLE_BY_RADIUS, support_terms
+from estimation.laws.wall import mirror_path
 from scenes.pose import Pose
 from scenes.record import BoolArray, FloatArray
 
 EDGE, WALL = 5, 6  # after the closed families
 _MAX_ROUNDS = 60
+_MAX_CIRCLE_ROUNDS = 12
+_CONVERGED_RAD = 1e-9  # Newton steps are quadratic: after a smaller one the error is that of rounding
 
 
 @dataclass(frozen=True)
@@ -67,7 +69,7 @@ def _circle_paths(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     n, point = len(state), np.empty(2)
     value, by_state, by_circle = np.empty((n, 3)), np.empty((n, 3, 4)), np.empty((n, 3, 3))
-    work = np.zeros(3), np.zeros((2, 3)), np.empty((3, 2))
+    work = path_work(3)
     for i in range(n):
         closed_path(CIRCLE_BY_RADIUS, circle[i], tx[i], state[i], value[i], by_state[i], by_circle[i], point, work)
         value[i, 1], value[i, 2] = wrapped(value[i, 1]), wrapped(value[i, 2])
@@ -87,27 +89,54 @@ def _predict_paths(
     normal: FloatArray,
     lit: BoolArray,
 ) -> None:
-    work = np.zeros(3), np.zeros((2, len(parameter))), np.empty((3, 2))
-    walls = np.empty((1, 2))
+    work = path_work(len(parameter))
     for i in range(len(tx)):
         t, r = tx[i, :2], rx_state[i, :2]
+        nx, ny = contour_path(
+            family, parameter, tx[i], rx_state[i], measured[i], by_rx[i], by_parameter[i], point[i], work
+        )
         if family == EDGE:
-            point[i] = parameter
-            bounce_path(tx[i], rx_state[i], point[i], measured[i], by_rx[i], by_parameter[i])
             normal[i], lit[i] = bisector(point[i, 0], point[i, 1], t, r), True
             continue
         if family == WALL:
-            walls[0] = parameter
-            wall_path(tx[i], rx_state[i], walls, measured[i], by_rx[i], by_parameter[i], point[i])
             normal[i] = parameter[0]
+            nx, ny = np.cos(normal[i]), np.sin(normal[i])
         else:
-            x = rx_state[i]
-            normal[i] = closed_path(
-                family, parameter, tx[i], x, measured[i], by_rx[i], by_parameter[i], point[i], work
-            )
-        nx, ny = np.cos(normal[i]), np.sin(normal[i])
+            normal[i] = np.arctan2(ny, nx)
         depth_t = nx * (t[0] - point[i, 0]) + ny * (t[1] - point[i, 1])
         lit[i] = depth_t > 0 and nx * (r[0] - point[i, 0]) + ny * (r[1] - point[i, 1]) > 0
+
+
+@compiled
+def path_work(n_parameters: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Arrays in which `contour_path` and `closed_path` write."""
+    return np.zeros(3), np.zeros((2, n_parameters)), np.empty((3, 2))
+
+
+@compiled
+def contour_path(
+    family: int,
+    parameter: FloatArray,
+    tx: FloatArray,
+    state: FloatArray,
+    value: FloatArray,
+    by_state: FloatArray,
+    by_parameter: FloatArray,
+    point: FloatArray,
+    work: tuple[FloatArray, FloatArray, FloatArray],
+) -> tuple[float, float]:
+    """Path off a contour of any family: measurement (3,), derivatives (3, 4) and (3, parameter), IP (2,), written.
+
+    `work` is that of `path_work`. Returns the outward normal of a closed contour, zeros for the others.
+    """
+    if family == EDGE:
+        point[0], point[1] = parameter[0], parameter[1]
+        bounce_path(tx, state, point, value, by_state, by_parameter)
+        return 0.0, 0.0
+    if family == WALL:
+        mirror_path(tx, state, parameter, value, by_state, by_parameter, point)
+        return 0.0, 0.0
+    return closed_path(family, parameter, tx, state, value, by_state, by_parameter, point, work)
 
 
 @compiled
@@ -121,16 +150,21 @@ def closed_path(
     by_parameter: FloatArray,
     point: FloatArray,
     work: tuple[FloatArray, FloatArray, FloatArray],
-) -> float:
+) -> tuple[float, float]:
     """Path off a closed contour: measurement (3,), derivatives (3, 4) and (3, parameter), IP (2,), all written.
 
     The path is the single bounce at the specular point x(psi). That point moves with parameters and RX such that
-    f = e . (a + b) stays zero: directly at fixed psi, and along the tangent e by the change of psi. `work` holds
-    arrays (3,), (2, parameter) and (3, 2) to write in. Returns psi, the azimuth of the outward normal.
+    f = e . (a + b) stays zero: directly at fixed psi, and along the tangent e by the change of psi. `work` is that
+    of `path_work`. Returns the outward normal.
     """
     support, slope, by_point = work
-    psi = specular_normal(family, parameter, tx, state, support, slope)
-    nx, ny = np.cos(psi), np.sin(psi)
+    nx, ny = 0.0, 0.0
+    if family in (CIRCLE, CIRCLE_BY_RADIUS):
+        support_terms(family, parameter, 0.0, support, slope)
+        nx, ny = _circle_normal(parameter[0], parameter[1], support[0], tx, state)
+    if nx == 0.0 and ny == 0.0:
+        psi = specular_normal(family, parameter, tx, state, support, slope)
+        nx, ny = np.cos(psi), np.sin(psi)
     point[0] = parameter[0] + support[0] * nx - support[1] * ny
     point[1] = parameter[1] + support[0] * ny + support[1] * nx
     bounce_path(tx, state, point, value, by_state, by_point)
@@ -156,7 +190,33 @@ def closed_path(
         sweep = (by_point[a, 1] * nx - by_point[a, 0] * ny) * radius / fall
         by_state[a, 0] -= sweep * rx
         by_state[a, 1] -= sweep * ry
-    return psi
+    return nx, ny
+
+
+@compiled
+def _circle_normal(x: float, y: float, radius: float, t: FloatArray, r: FloatArray) -> tuple[float, float]:
+    """Outward normal at the lit specular point of a circle, zeros where Newton steps do not reach it.
+
+    They are those of `specular_normal` on the normal itself: adding a step along the tangent and scaling the sum
+    to length 1 turns it by the step to third order, without sines.
+    """
+    ax, ay, _ = unit(t[0] - x, t[1] - y)
+    bx, by, _ = unit(r[0] - x, r[1] - y)
+    nx, ny, _ = unit(ax + bx, ay + by)
+    for _ in range(_MAX_CIRCLE_ROUNDS):
+        px, py = x + radius * nx, y + radius * ny
+        ax, ay, at = unit(t[0] - px, t[1] - py)
+        bx, by, br = unit(r[0] - px, r[1] - py)
+        tilt_a, tilt_b = nx * ay - ny * ax, nx * by - ny * bx
+        along_a, along_b = nx * ax + ny * ay, nx * bx + ny * by
+        fall = along_a + along_b + radius * (along_a**2 / at + along_b**2 / br)
+        if not fall > 0:
+            break
+        step = (tilt_a + tilt_b) / fall
+        nx, ny, _ = unit(nx - step * ny, ny + step * nx)
+        if abs(step) < _CONVERGED_RAD:
+            return (nx, ny) if along_a > 0 and along_b > 0 else (0.0, 0.0)
+    return 0.0, 0.0
 
 
 @compiled
@@ -190,7 +250,7 @@ def specular_normal(
         if not low <= psi + step <= high:
             step = (low + high) / 2 - psi
         psi += step
-        if abs(step) < 1e-14:
+        if abs(step) < _CONVERGED_RAD:
             break
     support_terms(family, parameter, psi, value, slope)
     return float(psi)

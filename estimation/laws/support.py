@@ -66,6 +66,10 @@ def support_terms(family: int, parameter: FloatArray, psi: float, value: FloatAr
         slope[0, 2], slope[1, 2] = 1.0, 0.0
         return
     radius = np.exp(parameter[2])
+    if family == CIRCLE:
+        value[0], value[1], value[2] = radius, 0.0, 0.0
+        slope[0, 2], slope[1, 2] = radius, 0.0
+        return
     shape, by_shape = parameter[3:], slope[:, 3:]
     if family == ELLIPSE:
         _ellipse(shape, psi, value, by_shape)

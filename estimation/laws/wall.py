@@ -76,6 +76,45 @@ def wall_place(wall: FloatArray, t: FloatArray, r: FloatArray) -> tuple[float, f
 
 
 @compiled
+def mirror_path(
+    tx: FloatArray,
+    state: FloatArray,
+    wall: FloatArray,
+    value: FloatArray,
+    by_state: FloatArray,
+    by_wall: FloatArray,
+    point: FloatArray,
+) -> None:
+    """`wall_path` off one wall (2,): the ray to the image of the RX mirrors that from the RX to the TX's image."""
+    nx, ny = np.cos(wall[0]), np.sin(wall[0])
+    gap_t, gap_r = wall[1] - nx * tx[0] - ny * tx[1], wall[1] - nx * state[0] - ny * state[1]
+    place_t, place_r = nx * tx[1] - ny * tx[0], nx * state[1] - ny * state[0]
+    ux, uy, length = unit(tx[0] + 2 * gap_t * nx - state[0], tx[1] + 2 * gap_t * ny - state[1])
+    along = 2 * (nx * ux + ny * uy)
+    wx, wy = along * nx - ux, along * ny - uy
+    rx, ry = -uy / length, ux / length  # gradient of the arrival's azimuth by the image of the TX
+    qx, qy = -wy / length, wx / length  # of the departure's by the image of the RX
+    value[0] = length + state[3]
+    value[1] = np.arctan2(wy, wx) - tx[2]
+    value[2] = np.arctan2(uy, ux) - state[2]
+    by_state[:] = 0.0
+    by_state[0, 0], by_state[0, 1], by_state[0, 3] = -ux, -uy, 1.0
+    across = 2 * (qx * nx + qy * ny)
+    by_state[1, 0], by_state[1, 1] = qx - across * nx, qy - across * ny
+    by_state[2, 0], by_state[2, 1], by_state[2, 2] = -rx, -ry, -1.0
+    ax, ay = 2 * (-gap_t * ny - place_t * nx), 2 * (gap_t * nx - place_t * ny)  # image of the TX by the azimuth
+    bx, by = 2 * (-gap_r * ny - place_r * nx), 2 * (gap_r * nx - place_r * ny)  # image of the RX
+    by_wall[0, 0], by_wall[0, 1] = ux * ax + uy * ay, along
+    by_wall[1, 0], by_wall[1, 1] = qx * bx + qy * by, across
+    by_wall[2, 0], by_wall[2, 1] = rx * ax + ry * ay, 2 * (rx * nx + ry * ny)
+    total = -gap_t - gap_r
+    if abs(total) < _MIN_DEPTH_M:
+        total = _MIN_DEPTH_M
+    place = -(place_r * gap_t + place_t * gap_r) / total
+    point[0], point[1] = wall[1] * nx - place * ny, wall[1] * ny + place * nx
+
+
+@compiled
 def wall_path(
     tx: FloatArray,
     state: FloatArray,

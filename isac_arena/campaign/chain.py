@@ -15,7 +15,7 @@ from estimation.channel.record import ChannelEstimate
 from estimation.shape.contours import estimate_contours
 from estimation.shape.gp.estimate import estimate_shapes, fit_shapes
 from estimation.slam.checks import check_estimates
-from estimation.slam.config import TrajectoryConfig
+from estimation.slam.config import MappingConfig, TrajectoryConfig
 from estimation.slam.level import KnownHeights, seen_from_above
 from estimation.slam.mapping.incidence_points import map_stops
 from estimation.slam.mapping.noise import with_learned_noise
@@ -103,8 +103,9 @@ def make_map(
     """
     check_estimates(channel, tx_pose)
     heights = known_heights(config, tx_pose, receiver, rx_height_m)
-    poses, ips = locate_or_take(config, channel, tx_pose, receiver, heights, config.trajectory)
-    return with_shapes(config, channel, tx_pose, poses, ips, heights=heights)
+    mapping = None if receiver is None else learned_mapping(config, channel, tx_pose, receiver, heights)
+    poses, ips = locate_or_take(config, channel, tx_pose, receiver, heights, config.trajectory, mapping)
+    return with_shapes(config, channel, tx_pose, poses, ips, heights=heights, mapping=mapping)
 
 
 def known_heights(
@@ -129,6 +130,19 @@ def walk_settings(config: CampaignConfig, position_m: FloatArray) -> TrajectoryC
     return None if alone else config.trajectory
 
 
+def learned_mapping(
+    config: CampaignConfig,
+    channel: Sequence[ChannelEstimate],
+    tx_pose: Pose,
+    poses: PoseEstimates,
+    heights: KnownHeights | None = None,
+) -> MappingConfig:
+    """The settings of mapping with the noise that the paths show at given states; unchanged for other states."""
+    seen = seen_from_above(channel, poses.clock_bias_s, heights)
+    spatial = is_spatial(channel, use_elevation=config.mapping.use_elevation)
+    return with_learned_noise(seen, poses, tx_pose, config.mapping, spatial=spatial)
+
+
 def locate_or_take(
     config: CampaignConfig,
     channel: Sequence[ChannelEstimate],
@@ -136,17 +150,19 @@ def locate_or_take(
     receiver: PoseEstimates | None = None,
     heights: KnownHeights | None = None,
     trajectory: TrajectoryConfig | None = None,
+    mapping: MappingConfig | None = None,
 ) -> tuple[PoseEstimates, IncidencePoints]:
     """Receiver states and incidence points: the given states and their points, or both found together (SLAM).
 
     SLAM solves every stop alone, or all stops together with a `trajectory`. Both work in space where elevations
-    were estimated, else with the `heights` that are known.
+    were estimated, else with the `heights` that are known. `mapping` is `learned_mapping` of the given states,
+    where the caller has it.
     """
     if receiver is None:
         return locate_and_map(channel, tx_pose, config.slam, trajectory, config.mapping, heights)
     seen = seen_from_above(channel, receiver.clock_bias_s, heights)
     spatial = is_spatial(channel, use_elevation=config.mapping.use_elevation)
-    mapping = with_learned_noise(seen, receiver, tx_pose, config.mapping, spatial=spatial)
+    mapping = mapping or learned_mapping(config, channel, tx_pose, receiver, heights)
     return receiver, (map_stops_spatial if spatial else map_stops)(seen, receiver, tx_pose, mapping)
 
 
@@ -158,15 +174,16 @@ def with_shapes(
     ips: IncidencePoints,
     label: IntArray | None = None,
     heights: KnownHeights | None = None,
+    mapping: MappingConfig | None = None,
 ) -> MapResult:
     """The map with the paper's shapes of its clusters and our contours of its objects.
 
     `label` (ip,) is the cluster of every incidence point, -1 for none; without it DBSCAN finds the clusters.
+    `mapping` is `learned_mapping` of the states, where the caller has it.
     """
     shapes = estimate_shapes(ips, config.shapes) if label is None else fit_shapes(ips, label, config.shapes)
+    mapping = mapping or learned_mapping(config, channel, tx_pose, poses, heights)
     channel = seen_from_above(channel, poses.clock_bias_s, heights)
-    spatial = bool(np.isfinite(ips.height_m).any())
-    mapping = with_learned_noise(channel, poses, tx_pose, config.mapping, spatial=spatial)
     contours = estimate_contours(channel, tx_pose, poses, ips, shapes.label, mapping.noise, config.contours)
     return MapResult(poses, ips, shapes, contours)
 

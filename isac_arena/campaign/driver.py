@@ -17,13 +17,14 @@ from estimation.channel.calibration.self_calibration import Calibration, calibra
 from estimation.channel.estimate import ChannelEstimator
 from estimation.channel.record import ChannelEstimate
 from estimation.slam.checks import check_estimates
-from estimation.slam.config import TrajectoryConfig
+from estimation.slam.config import MappingConfig, TrajectoryConfig
 from estimation.slam.level import KnownHeights
 from estimation.slam.record import IncidencePoints, PoseEstimates
 from isac_arena.campaign.chain import (
     channel_estimator,
     known_heights,
     known_receiver,
+    learned_mapping,
     locate_or_take,
     significance,
     walk_settings,
@@ -238,31 +239,54 @@ class CampaignRun:
             kept = self.results.map_result(name)
             if kept is None:
                 check_estimates(channel, self.scene.tx)
-                kept = self.shape(channel, *self.locate(channel, states))
+                mapping = self.learned_mapping(channel, states)
+                kept = self.shape(channel, *self.locate(channel, states, mapping), mapping)
                 self.results.write_map(name, kept)
             found[name] = kept
         return found
 
+    def learned_mapping(
+        self, channel: Sequence[ChannelEstimate], receiver: PoseEstimates | None
+    ) -> MappingConfig | None:
+        """The settings of mapping at given states; None for SLAM."""
+        channel = channel if self.oracle.channel is None else self.oracle.channel
+        receiver = receiver if self.oracle.receiver is None else self.oracle.receiver
+        if receiver is None:
+            return None
+        return learned_mapping(self.config, channel, self.scene.tx, receiver, self.heights)
+
     def locate(
-        self, channel: Sequence[ChannelEstimate], receiver: PoseEstimates | None = None
+        self,
+        channel: Sequence[ChannelEstimate],
+        receiver: PoseEstimates | None = None,
+        mapping: MappingConfig | None = None,
     ) -> tuple[PoseEstimates, IncidencePoints]:
-        """Receiver states and incidence points: of the given states, or found together (SLAM)."""
+        """Receiver states and incidence points: of the given states, or found together (SLAM).
+
+        `mapping` is `learned_mapping` of the given states, where the caller has it.
+        """
         tx, oracle = self.scene.tx, self.oracle
         channel = channel if oracle.channel is None else oracle.channel
         receiver = receiver if oracle.receiver is None else oracle.receiver
-        poses, ips = locate_or_take(self.config, channel, tx, receiver, self.heights, self.trajectory)
+        poses, ips = locate_or_take(self.config, channel, tx, receiver, self.heights, self.trajectory, mapping)
         if oracle.has_all_points:
             if receiver is None:
                 _, ips = locate_or_take(self.config, channel, tx, poses, self.heights)
             ips = replace(ips, is_inlier=np.asarray(np.isfinite(ips.position_m).all(axis=1)))
         return poses, ips
 
-    def shape(self, channel: Sequence[ChannelEstimate], poses: PoseEstimates, ips: IncidencePoints) -> MapResult:
-        """The map with the shapes of its clusters and the contours of its objects."""
+    def shape(
+        self,
+        channel: Sequence[ChannelEstimate],
+        poses: PoseEstimates,
+        ips: IncidencePoints,
+        mapping: MappingConfig | None = None,
+    ) -> MapResult:
+        """The map with the shapes of its clusters and the contours of its objects; `mapping` as for `locate`."""
         oracle = self.oracle
         channel = channel if oracle.channel is None else oracle.channel
         label = None if oracle.clusters is None else oracle.clusters(ips)
-        return with_shapes(self.config, channel, self.scene.tx, poses, ips, label, self.heights)
+        return with_shapes(self.config, channel, self.scene.tx, poses, ips, label, self.heights, mapping)
 
     def score(self, truths: Iterable[Truth], results: CampaignResults) -> Scores:
         """The scores of estimates against the truth; raises as `score_campaign` does."""

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from estimation.laws.contour import predict_reflection
 from estimation.laws.support import CIRCLE, contour_points, normal_std_m
 from estimation.shape.fit import OK, ShapeFit
 from estimation.shape.kinds.closed import circle_starts
@@ -15,8 +16,9 @@ _START_RADII_M = np.geomspace(1.0, 30.0, 8)
 
 def arc_shape(found: Optimum, data: Reflections, config: ReflectionConfig) -> ShapeFit:
     """The record of a fitted curved wall over the part that its paths illuminate."""
-    member = (found.inlier > 0.5) & found.paths.is_lit
-    normal = found.paths.normal_rad[member if member.any() else slice(None)]
+    paths = predict_reflection(CIRCLE, found.parameter, data.tx, data.rx_state)
+    member = (found.inlier > 0.5) & paths.is_lit
+    normal = paths.normal_rad[member if member.any() else slice(None)]
     middle = np.arctan2(np.sin(normal).mean(), np.cos(normal).mean())
     turn = (normal - middle + np.pi) % (2 * np.pi) - np.pi
     psi = middle + np.linspace(turn.min(), turn.max(), N_CONTOUR_SAMPLES)

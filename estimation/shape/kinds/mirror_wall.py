@@ -6,7 +6,7 @@ show the wall only between the first and the last specular point.
 
 import numpy as np
 
-from estimation.laws.contour import WALL
+from estimation.laws.contour import WALL, predict_reflection
 from estimation.laws.wall import wall_places
 from estimation.shape.fit import OK, ShapeFit
 from estimation.shape.reflection.posterior import Optimum, Prior, best_start, maximise_posterior
@@ -73,7 +73,8 @@ def _lit_ends(found: Optimum, data: Reflections) -> tuple[FloatArray, FloatArray
     The slopes are by azimuth and offset; the variances are those due to the RX positions.
     """
     place, slope, by_rx = wall_places(found.parameter, data.tx, data.rx_state[:, :2])
-    member = np.flatnonzero((found.inlier > 0.5) & found.paths.is_lit)
+    is_lit = predict_reflection(WALL, found.parameter, data.tx, data.rx_state).is_lit
+    member = np.flatnonzero((found.inlier > 0.5) & is_lit)
     if len(member) == 0:
         member = np.arange(len(place))
     ends = member[[int(np.argmin(place[member])), int(np.argmax(place[member]))]]

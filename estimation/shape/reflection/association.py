@@ -6,7 +6,7 @@ only. Objects are found one after another, each among the paths that no earlier 
 and fits alternate.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -37,11 +37,41 @@ def split_cluster(data: Reflections, config: ReflectionConfig) -> ClusterSplit:
 
     An object needs `MIN_PATHS` paths and more evidence than the same paths as ghosts.
     """
-    label = np.full(len(data), GHOST)
+    return split_rows(GroupFits(data, config), np.arange(len(data)))
+
+
+@dataclass(frozen=True)
+class GroupFits:
+    """Fits of groups of paths; each group is fitted once."""
+
+    data: Reflections
+    config: ReflectionConfig
+    known: dict[bytes, tuple[str, Optimum] | None] = field(default_factory=dict)
+    square: dict[int, tuple[Optimum, FloatArray]] = field(default_factory=dict)
+
+    def fit(self, rows: IntArray) -> tuple[str, Optimum] | None:
+        """The most evident simple contour of some paths, None where ghosts explain them as well."""
+        key = rows.tobytes()
+        if key not in self.known:
+            self.known[key] = most_evident(self.data.take("path", rows), self.config)
+        return self.known[key]
+
+    def squares(self, kind: str, optimum: Optimum) -> FloatArray:
+        """`object_squares` of all paths; kept, because objects stay the same for many rounds."""
+        key = id(optimum)
+        if key not in self.square:
+            self.square[key] = optimum, object_squares(kind, optimum, self.data)
+        return self.square[key][1]
+
+
+def split_rows(fits: GroupFits, rows: IntArray) -> ClusterSplit:
+    """`split_cluster` of some of the paths (path,)."""
+    data = fits.data.take("path", rows)
+    label = np.full(len(rows), GHOST)
     found: list[tuple[str, Optimum]] = []
     while len(found) < _MAX_OBJECTS:
         rest = np.flatnonzero(label == GHOST)
-        best = most_evident(data.take("path", rest), config)
+        best = fits.fit(rows[rest])
         if best is None:
             break
         members = rest[best[1].inlier > 0.5]
@@ -51,7 +81,7 @@ def split_cluster(data: Reflections, config: ReflectionConfig) -> ClusterSplit:
         found.append(best)
     for _ in range(_MAX_ROUNDS):
         before, label = label, _nearest(data, found)
-        label, found = _fitted(data, label, len(found), config)
+        label, found = _fitted(fits, rows, label, len(found))
         if np.array_equal(label, before):
             break
     return ClusterSplit(label, tuple(kind for kind, _ in found))
@@ -84,14 +114,14 @@ def _nearest(data: Reflections, found: list[tuple[str, Optimum]]) -> IntArray:
 
 
 def _fitted(
-    data: Reflections, label: IntArray, n_objects: int, config: ReflectionConfig
+    fits: GroupFits, rows: IntArray, label: IntArray, n_objects: int
 ) -> tuple[IntArray, list[tuple[str, Optimum]]]:
     """New labels and fits of the objects; those with too few paths or too little evidence are dissolved."""
     renewed = np.full(len(label), GHOST)
     found: list[tuple[str, Optimum]] = []
     for number in range(n_objects):
         members = label == number
-        best = most_evident(data.take("path", members), config)
+        best = fits.fit(rows[members])
         if best is not None:
             renewed[members] = len(found)
             found.append(best)

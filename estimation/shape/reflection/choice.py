@@ -34,6 +34,11 @@ class Choice:
         return max(self.class_probability, key=lambda name: self.class_probability[name])
 
     @property
+    def open_fits(self) -> Mapping[str, ShapeFit]:
+        """The fits of the kinds that the prior of the radius of a pillar does not affect."""
+        return {kind: fit for kind, fit in self.fits.items() if kind not in CLASSES["pillar"]}
+
+    @property
     def best(self) -> ShapeFit:
         """The fit to use, of the most probable class.
 
@@ -56,16 +61,17 @@ def choose_shape(
     config: ReflectionConfig,
     classes: Sequence[str] = tuple(CLASSES),
     shares: Mapping[str, float] = MappingProxyType({}),
+    known: Mapping[str, ShapeFit] = MappingProxyType({}),
 ) -> Choice:
     """Fit every kind of object of the classes to the paths and weight the fits by their evidence.
 
-    `shares` replaces the prior shares of kinds within their class. Raises `ValueError` where there is no path or
-    every fit failed.
+    `shares` replaces the prior shares of kinds within their class. A kind with a `known` fit is not fitted again.
+    Raises `ValueError` where there is no path or every fit failed.
     """
     if len(data) == 0:
         raise ValueError("choose_shape: data holds 0 paths, at least one is needed")
     share = {kind: shares.get(kind, own) for name in classes for kind, own in CLASSES[name].items()}
-    fits = {kind: fit_kind(data, kind, config) for kind in share}
+    fits = {kind: known.get(kind) or fit_kind(data, kind, config) for kind in share}
     usable = {kind: fit.log_evidence + np.log(share[kind]) for kind, fit in fits.items() if fit.is_usable}
     if not usable:
         raise ValueError(f"choose_shape: no kind fits the {len(data)} paths; check the poses")

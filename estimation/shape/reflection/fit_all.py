@@ -12,15 +12,14 @@ import numpy as np
 from estimation.execution import one_blas_thread
 from estimation.shape.config import ContourConfig
 from estimation.shape.fit import ShapeFit
-from estimation.shape.reflection.association import MIN_PATHS, object_squares
+from estimation.shape.reflection.association import MIN_PATHS, GroupFits, object_squares
 from estimation.shape.reflection.bundle import Bundle, BundleObject, fit_bundle
 from estimation.shape.reflection.choice import CLASSES, choose_shape
 from estimation.shape.reflection.objects import FoundObject, find_objects, refit_objects
-from estimation.shape.reflection.path_likelihood import N_COMMON
 from estimation.shape.reflection.paths import CampaignPaths
 from estimation.shape.reflection.pillar_prior import prior_from_others
-from estimation.shape.reflection.posterior import CHI2_MEDIAN
 from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
+from estimation.shape.reflection.search import CHI2_MEDIAN, N_COMMON
 from estimation.shape.reflection.tx_sessions import (
     Sessions,
     object_sessions,
@@ -60,7 +59,7 @@ def fit_campaign(paths: CampaignPaths, config: ContourConfig) -> CampaignFit:
         objects = find_objects(data, config.eps_m, config.min_samples, settings)
         together = _simple_bundle(paths, objects)
         data, settings = without_offsets(paths.bounces, together, paths.config)
-        objects = refit_objects(data, [each.paths for each in objects], config.min_samples, settings)
+        objects = refit_objects(GroupFits(data, settings), [each.paths for each in objects], config.min_samples)
         if config.learn_noise:
             paths = _rescaled(paths, together.noise_scale)
         together = _simple_bundle(paths, objects)
@@ -173,7 +172,8 @@ def _final(
         for k, part in enumerate(parts):
             if alone[k].class_probability["pillar"] > _UNLIKELY:
                 own, shares = prior_from_others(alone, k, settings)
-                choices[k], priors[k] = choose_shape(part, own, shares=shares), own
+                priors[k] = own
+                choices[k] = choose_shape(part, own, shares=shares, known=alone[k].open_fits)
     members = [
         BundleObject(choice.best.kind, _scaled(paths.bounces.take("path", each.paths), factor), prior)
         for choice, each, factor, prior in zip(choices, objects, noise, priors, strict=True)

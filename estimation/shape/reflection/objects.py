@@ -5,20 +5,12 @@ path may join any object, and objects that one contour explains as well are join
 """
 
 from dataclasses import dataclass
-from itertools import permutations
 
 import numpy as np
 
 from estimation.laws.plane import bounce, residual
 from estimation.shape.gp.clustering import NOISE, cluster_points
-from estimation.shape.reflection.association import (
-    GATE,
-    GHOST,
-    MIN_PATHS,
-    most_evident,
-    object_squares,
-    split_cluster,
-)
+from estimation.shape.reflection.association import GATE, GHOST, MIN_PATHS, GroupFits, split_rows
 from estimation.shape.reflection.normals import oriented_points
 from estimation.shape.reflection.posterior import Optimum
 from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
@@ -39,25 +31,22 @@ class FoundObject:
 
 def find_objects(data: Reflections, eps_m: float, min_samples: int, config: ReflectionConfig) -> list[FoundObject]:
     """Objects among all paths of a campaign; a path belongs to one of them or to none."""
-    seeds = []
+    seeds, fits = [], GroupFits(data, config)
     label = seed_clusters(data, eps_m, min_samples)
     for cluster in range(int(label.max(initial=NOISE)) + 1):
         rows = np.flatnonzero(label == cluster)
-        split = split_cluster(data.take("path", rows), config)
+        split = split_rows(fits, rows)
         seeds += [rows[split.label == k] for k in range(len(split.kind))]
-    return refit_objects(data, seeds, min_samples, config)
+    return refit_objects(fits, seeds, min_samples)
 
 
-def refit_objects(
-    data: Reflections, seeds: list[IntArray], min_paths: int, config: ReflectionConfig
-) -> list[FoundObject]:
+def refit_objects(fits: GroupFits, seeds: list[IntArray], min_paths: int) -> list[FoundObject]:
     """Objects from the paths of `seeds`. Joining objects, assigning paths to them and fitting them alternate."""
-    fitter = _Fitter(data, config, {})
-    objects = fitter.objects(seeds, min_paths)
+    objects = _objects(fits, seeds, min_paths)
     for _ in range(_MAX_ROUNDS):
         before = [each.paths for each in objects]
-        objects = _joined(fitter, objects)
-        objects = fitter.objects(_choices(data, objects), min_paths)
+        objects = _joined(fits, objects)
+        objects = _objects(fits, _choices(fits, objects), min_paths)
         if len(before) == len(objects) and all(
             np.array_equal(old, new.paths) for old, new in zip(before, objects, strict=True)
         ):
@@ -86,60 +75,45 @@ def _is_single_bounce(data: Reflections, point_m: FloatArray) -> BoolArray:
     return np.asarray(np.einsum("na,nab,nb->n", difference, np.linalg.inv(covariance), difference) <= GATE)
 
 
-@dataclass(frozen=True)
-class _Fitter:
-    """Fits of groups of paths; each group is fitted once."""
-
-    data: Reflections
-    config: ReflectionConfig
-    known: dict[bytes, tuple[str, Optimum] | None]
-
-    def fit(self, rows: IntArray) -> tuple[str, Optimum] | None:
-        """The most evident simple contour of some paths, None where ghosts explain them as well."""
-        key = rows.tobytes()
-        if key not in self.known:
-            self.known[key] = most_evident(self.data.take("path", rows), self.config)
-        return self.known[key]
-
-    def objects(self, groups: list[IntArray], min_paths: int) -> list[FoundObject]:
-        """The groups that have enough paths and evidence for an object, the largest first."""
-        least, objects = max(min_paths, MIN_PATHS), []
-        for rows in groups:
-            best = self.fit(rows) if len(rows) >= least else None
-            if best is not None and np.count_nonzero(best[1].inlier > 0.5) >= least:
-                objects.append(FoundObject(*best, rows))
-        return sorted(objects, key=lambda each: (-len(each.paths), int(each.paths[0])))
+def _objects(fits: GroupFits, groups: list[IntArray], min_paths: int) -> list[FoundObject]:
+    """The groups that have enough paths and evidence for an object, the largest first."""
+    least, objects = max(min_paths, MIN_PATHS), []
+    for rows in groups:
+        best = fits.fit(rows) if len(rows) >= least else None
+        if best is not None and np.count_nonzero(best[1].inlier > 0.5) >= least:
+            objects.append(FoundObject(*best, rows))
+    return sorted(objects, key=lambda each: (-len(each.paths), int(each.paths[0])))
 
 
-def _choices(data: Reflections, objects: list[FoundObject]) -> list[IntArray]:
+def _choices(fits: GroupFits, objects: list[FoundObject]) -> list[IntArray]:
     """Paths of each object when every path takes the one that explains it best, if any does.
 
     A contour has one path per stop; of several the nearest counts.
     """
     if not objects:
         return []
-    square = _squares(data, objects)
+    square = _squares(fits, objects)
     choice = np.where(square.min(axis=0) <= GATE, square.argmin(axis=0), GHOST)
     groups = []
     for k in range(len(objects)):
         rows = np.flatnonzero(choice == k)
         rows = rows[np.argsort(square[k, rows], kind="stable")]
-        _, first = np.unique(data.stop[rows], return_index=True)
+        _, first = np.unique(fits.data.stop[rows], return_index=True)
         groups.append(np.sort(rows[first]))
     return groups
 
 
-def _joined(fitter: _Fitter, objects: list[FoundObject]) -> list[FoundObject]:
+def _joined(fits: GroupFits, objects: list[FoundObject]) -> list[FoundObject]:
     """Objects after merging those that have more evidence as one than as two."""
     tried: set[bytes] = set()
     while True:
-        pair = _next_pair(_squares(fitter.data, objects), objects, tried)
+        pair = _next_pair(_squares(fits, objects), objects, tried)
         if pair is None:
             return objects
         one, other = (objects[k] for k in pair)
         rows = np.sort(np.concatenate([one.paths, other.paths]))
         tried.add(rows.tobytes())
-        best = fitter.fit(rows)
+        best = fits.fit(rows)
         apart = one.optimum.log_evidence + other.optimum.log_evidence
         if best is not None and best[1].log_evidence > apart:
             objects = [each for k, each in enumerate(objects) if k not in pair]
@@ -148,12 +122,15 @@ def _joined(fitter: _Fitter, objects: list[FoundObject]) -> list[FoundObject]:
 
 def _next_pair(square: FloatArray, objects: list[FoundObject], tried: set[bytes]) -> tuple[int, int] | None:
     """The first pair not yet tried of which one explains at least half of the paths of the other."""
-    for k, j in permutations(range(len(objects)), 2):
+    n = len(objects)
+    shared = np.array([np.mean(square[:, each.paths] <= GATE, axis=1) for each in objects]).reshape(n, n).T
+    for k, j in np.argwhere((shared >= _SHARED) & ~np.eye(n, dtype=bool)).tolist():
         rows = np.sort(np.concatenate([objects[k].paths, objects[j].paths]))
-        if rows.tobytes() not in tried and np.mean(square[k, objects[j].paths] <= GATE) >= _SHARED:
+        if rows.tobytes() not in tried:
             return k, j
     return None
 
 
-def _squares(data: Reflections, objects: list[FoundObject]) -> FloatArray:
-    return np.array([object_squares(each.kind, each.optimum, data) for each in objects])
+def _squares(fits: GroupFits, objects: list[FoundObject]) -> FloatArray:
+    squares = [fits.squares(each.kind, each.optimum) for each in objects]
+    return np.array(squares).reshape(len(objects), len(fits.data))

@@ -8,30 +8,15 @@ those of Laplace.
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
-from estimation.inference.least_squares import Attempt, Schedule, damped_step, minimise
-from estimation.laws.contour import SpecularPaths, predict_reflection
-from estimation.laws.support import HARMONICS
-from estimation.shape.reflection.path_likelihood import (
-    N_COMMON,
-    normal_equations,
-    path_covariance,
-    path_weights,
-    squared_distances,
-)
 from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
+from estimation.shape.reflection.search import CHI2_MEDIAN, N_COMMON, GhostMixture, search_posterior, weigh_starts
 from scenes.pose import SPEED_OF_LIGHT_M_S
 from scenes.record import FloatArray
 
-CHI2_MEDIAN = 2.366  # of 3 degrees of freedom
-FAR_OFF = 4.0  # squared errors over their expected median, above which the covariances are enlarged at first
 _FIXED_STD = 1e-7
-_MAX_STEPS = 60
-_CONVERGED_NAT = 1e-7
 _MAX_REFRESHES = 4
 
 
@@ -69,7 +54,6 @@ class Optimum:
     covariance: FloatArray  # (parameter + 2 + session, ...) of parameter and offset together
     log_evidence: float
     inlier: FloatArray  # (path,) probability of belonging to the contour
-    paths: SpecularPaths
 
     @property
     def parameter_covariance(self) -> FloatArray:
@@ -92,34 +76,16 @@ def maximise_posterior(
     by step. The contribution of the pose errors to the path covariances is constant during a search; searches
     are repeated with the new contribution until the result stays the same, at most `refreshes` times.
     """
-    m = len(start)
-    full = with_offsets(prior, data.n_sessions, config)
-    value = np.concatenate([start, np.zeros(N_COMMON + data.n_sessions)])
-    value[m:] = full.mean[m:]
-    exact_pose = not np.any(data.rx_covariance)
-    for _ in range(1 if exact_pose else refreshes):
-        paths = predict_reflection(family, value[:m], data.tx, data.rx_state)
-        weight, log_norm = path_weights(paths, data, config)
-        before = value
-        for scale in _cooling(squared_distances(paths, value[m:], data, weight)):
-            hot = log_norm - 1.5 * np.log(scale)
-            value = _descend(family, value, full, data, weight / scale, hot, config)
-        if np.max(np.abs(value - before)) < 1e-6:
-            break
-    paths = predict_reflection(family, value[:m], data.tx, data.rx_state)
-    if not exact_pose:
-        weight, log_norm = path_weights(paths, data, config)
-    minus_log, _, hessian, inlier = normal_equations(paths, value[m:], data, weight, log_norm, config)
-    hessian = hessian + np.diag(full.evidence_precision)
-    try:
-        factor = cho_factor(hessian, lower=True)
-    except (np.linalg.LinAlgError, ValueError):
-        return None
-    log_determinant = 2 * np.sum(np.log(np.diagonal(factor[0])))
-    evidence = (
-        float(full.log_density(value)) - minus_log + 0.5 * (len(value) * np.log(2 * np.pi) - log_determinant)
+    m, full = len(start), with_offsets(prior, data.n_sessions, config)
+    value = full.mean.copy()
+    value[:m] = start
+    added = (full.mean, full.precision, full.evidence_precision)
+    evidence, covariance, inlier, is_regular = search_posterior(
+        family, m, value, *added, data.arrays, _mixture(data, config), refreshes
     )
-    return Optimum(value[:m], value[m:], cho_solve(factor, np.eye(len(value))), evidence, inlier, paths)
+    if not is_regular:
+        return None
+    return Optimum(value[:m], value[m:], covariance, float(full.log_density(value)) + evidence, inlier)
 
 
 def best_start(
@@ -129,15 +95,9 @@ def best_start(
 
     The covariances are scaled so that the start with the least median error has the expected median error.
     """
-    square, log_norm = np.empty((2, len(starts), len(data)))
-    exact_pose = not np.any(data.rx_covariance)
-    for i, start in enumerate(starts):
-        paths = predict_reflection(family, start, data.tx, data.rx_state)
-        if i == 0 or not exact_pose:
-            weight, log_norm[i] = path_weights(paths, data, config)
-        else:
-            log_norm[i] = log_norm[0]
-        square[i] = squared_distances(paths, np.zeros(N_COMMON + data.n_sessions), data, weight)
+    square, log_norm = weigh_starts(
+        family, starts, np.zeros(N_COMMON + data.n_sessions), data.arrays, _mixture(data, config)
+    )
     scale = max(np.median(square, axis=1).min() / CHI2_MEDIAN, 1.0)
     log_inlier = log_norm - 1.5 * np.log(scale) - 0.5 * square / scale
     density = np.logaddexp(log_inlier, config.log_ghost_density).sum(axis=1)
@@ -151,11 +111,12 @@ def path_squares(family: int, found: Optimum, data: Reflections) -> FloatArray:
     The covariances of paths and poses count, that of the contour does not. Sessions without paths in the fit get
     its mean departure offset.
     """
-    paths = predict_reflection(family, found.parameter, data.tx, data.rx_state)
     n_known = len(found.offset) - N_COMMON
     missing = np.full(max(data.n_sessions - n_known, 0), found.offset[N_COMMON:].mean())
-    weight = np.asarray(np.linalg.inv(path_covariance(paths, data)), float)
-    return squared_distances(paths, np.concatenate([found.offset, missing]), data, weight)
+    offset = np.concatenate([found.offset, missing])
+    mixture = GhostMixture(0.0, -np.inf, data.has_exact_poses)
+    square, _ = weigh_starts(family, found.parameter[None], offset, data.arrays, mixture)
+    return np.asarray(square[0])
 
 
 def with_offsets(prior: Prior, n_sessions: int, config: ReflectionConfig) -> Prior:
@@ -175,46 +136,5 @@ def with_offsets(prior: Prior, n_sessions: int, config: ReflectionConfig) -> Pri
     )
 
 
-def _cooling(square: FloatArray) -> list[float]:
-    """Factors on the covariances, falling to 1; the first one makes the median squared error usual."""
-    first = float(np.median(square)) / CHI2_MEDIAN
-    if not first > FAR_OFF:
-        return [1.0]
-    return [*np.geomspace(first, 1.0, int(np.ceil(np.log10(first))) + 1)]
-
-
-def _descend(
-    family: int,
-    value: FloatArray,
-    prior: Prior,
-    data: Reflections,
-    weight: FloatArray,
-    log_norm: FloatArray,
-    config: ReflectionConfig,
-) -> FloatArray:
-    m = len(value) - N_COMMON - data.n_sessions
-
-    def evaluate(at: FloatArray) -> _PosteriorPoint:
-        paths = predict_reflection(family, at[:m], data.tx, data.rx_state)
-        cost, gradient, hessian, _ = normal_equations(paths, at[m:], data, weight, log_norm, config)
-        away = at - prior.mean
-        cost += 0.5 * float(np.sum(prior.precision * away**2))
-        return _PosteriorPoint(at, cost, gradient + prior.precision * away, hessian + np.diag(prior.precision))
-
-    def attempt(at: _PosteriorPoint, damping: float) -> Attempt[_PosteriorPoint] | None:
-        step = damped_step(at.hessian, at.gradient, damping)
-        if family <= HARMONICS:
-            step[2:m] = np.clip(step[2:m], -1.0, 1.0)
-        trial = evaluate(at.value + step)
-        if not trial.cost < at.cost and -at.gradient @ step < _CONVERGED_NAT:
-            return None
-        return Attempt(trial, at.cost, trial.cost)
-
-    return minimise(evaluate(value), attempt, Schedule(_MAX_STEPS, absolute=_CONVERGED_NAT)).value
-
-
-class _PosteriorPoint(NamedTuple):
-    value: FloatArray  # (parameter + 2 + session,)
-    cost: float
-    gradient: FloatArray
-    hessian: FloatArray
+def _mixture(data: Reflections, config: ReflectionConfig) -> GhostMixture:
+    return GhostMixture(config.log_path_share, config.log_ghost_density, data.has_exact_poses)

@@ -2,11 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from pydantic import Field
 
 from estimation.laws.plane import ray_directions, start_point
+from estimation.shape.reflection.search import PathArrays
 from scenes.record import FloatArray, IntArray, Record, array
 from scenes.toml_config import ConfigModel
 
@@ -45,6 +47,17 @@ class Reflections(Record):
     def __len__(self) -> int:
         return len(self.stop)
 
+    @cached_property
+    def arrays(self) -> PathArrays:
+        """The same for compiled code: copies, because arrays of records are read-only, a type of its own."""
+        names = ("measured", "covariance", "tx", "rx_state", "rx_covariance", "session")
+        return PathArrays(*(np.array(getattr(self, name), order="C") for name in names))
+
+    @cached_property
+    def has_exact_poses(self) -> bool:
+        """Whether the states have no covariance."""
+        return not np.any(self.rx_covariance)
+
     @property
     def n_sessions(self) -> int:
         """Number of sessions, those without a path included."""
@@ -75,6 +88,11 @@ class ReflectionConfig(ConfigModel):
     ghost_share: float = Field(0.05, ge=0, lt=1, description="prior share of paths that belong to no object")
     ghost_range_m: float = Field(20.0, gt=0, description="ghosts: uniform over this window of range in m")
     ghost_angle_deg: float = Field(60.0, gt=0, le=360, description="ghosts: uniform over this window of angles")
+
+    @property
+    def log_path_share(self) -> float:
+        """Logarithm of the prior share of paths that are no ghosts."""
+        return float(np.log1p(-self.ghost_share))
 
     @property
     def log_ghost_density(self) -> float:

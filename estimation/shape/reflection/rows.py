@@ -5,7 +5,7 @@ import numpy as np
 from estimation.shape.fit import ShapeFit
 from estimation.shape.record import CLASS_NAMES, N_CONTOUR_SAMPLES, Contours
 from estimation.shape.reflection.fit_all import CampaignFit
-from estimation.shape.reflection.path_likelihood import N_COMMON
+from estimation.shape.reflection.search import N_COMMON
 from estimation.shape.reflection.tx_sessions import one_session
 from scenes.pose import SPEED_OF_LIGHT_M_S
 from scenes.record import FloatArray, IntArray

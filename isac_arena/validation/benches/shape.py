@@ -5,7 +5,7 @@ All times are processor time of one thread.
 
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
@@ -17,8 +17,15 @@ from estimation.execution import one_blas_thread
 from estimation.shape.gp.radial import fit_radial_gp, fit_radial_gps
 from estimation.shape.kinds.fit import fit_kind
 from estimation.shape.reflection.bundle import fit_bundle
-from estimation.shape.reflection.reflections import ReflectionConfig
-from isac_arena.validation.benches.timing import best_time
+from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
+from isac_arena.validation.benches.plain_reflections import (
+    Evaluation,
+    circle_terms,
+    evaluated,
+    los_terms,
+    wall_terms,
+)
+from isac_arena.validation.benches.timing import best_time, paired_ratios
 from isac_arena.validation.measurement import Measurement, at_least, at_most
 from isac_arena.validation.scenarios.reflections import Errors
 from isac_arena.validation.shape.gp_study import SHAPES, draw_points
@@ -26,6 +33,8 @@ from isac_arena.validation.shape.reflection import OFFSET_ERRORS, made_campaign,
 from scenes.record import FloatArray
 
 N_REPEATS = 7  # of the fits by the reflection law
+N_EVALUATIONS = 100
+Pair = tuple[Callable[[], object], Callable[[], object]]
 
 
 def bench_radial_gp(seed: int, quick: bool) -> list[Measurement]:
@@ -77,23 +86,49 @@ def bench_against_scikit_learn(seed: int, quick: bool) -> list[Measurement]:
 
 
 def bench_reflection_fits(seed: int, quick: bool) -> list[Measurement]:
-    """Median over random objects, offsets unknown, at 1 ns and 1 deg: circle, wall, and three pillars at once."""
-    n, config = 5 if quick else 40, ReflectionConfig()
+    """Fits with all starts over the residuals and Jacobians of their paths, evaluated 100 times in numpy.
+
+    Random objects at 45 stops, offsets unknown, at 1 ns and 1 deg: a circle, a wall, and three pillars at once.
+    """
+    n = 5 if quick else 40
     pillars = [made_pillar(np.random.default_rng([seed, k]), OFFSET_ERRORS) for k in range(n)]
     walls = [made_wall(np.random.default_rng([seed, k]), Errors()) for k in range(n)]
-    circle = [_least_time_ms(partial(fit_kind, data, "circle", config)) for data in pillars]
-    wall = [_least_time_ms(partial(fit_kind, data, "wall", config)) for data in walls]
-    campaigns = [made_campaign(np.random.default_rng([seed, k])) for k in range(2 if quick else 8)]
-    bundle = [_least_time_ms(partial(fit_bundle, objects, los, config)) for objects, los in campaigns]
-    return [
-        at_most("reflection.circle.time_ms", np.median(circle), 4.0, "all starts", "ms"),
-        at_most("reflection.wall.time_ms", np.median(wall), 1.0, "all starts", "ms"),
-        at_most("reflection.bundle.time_ms", np.median(bundle), 60.0, "3 pillars, 45 stops", "ms"),
+    rows = [
+        _over_evaluations("circle", _own_fits("circle", circle_terms, pillars), "all starts"),
+        _over_evaluations("wall", _own_fits("wall", wall_terms, walls), "all starts"),
     ]
+    return [*rows, _over_evaluations("bundle", _bundles(seed, 2 if quick else 8), "3 pillars with their own fits")]
 
 
-def _least_time_ms(action: Callable[[], object]) -> float:
-    return 1e3 * best_time(action, N_REPEATS)[0]
+def _own_fits(kind: str, terms: Evaluation, drawn: Sequence[Reflections]) -> list[Pair]:
+    """Fits of one kind, each beside its evaluations at the solution."""
+    pairs: list[Pair] = []
+    for data in drawn:
+        fit = partial(fit_kind, data, kind, ReflectionConfig())
+        pairs.append((fit, partial(evaluated, [(terms, data, fit().parameter)], N_EVALUATIONS)))
+    return pairs
+
+
+def _bundles(seed: int, n: int) -> list[Pair]:
+    """Bundles of three pillars, each beside its evaluations at the solution."""
+    pairs: list[Pair] = []
+    for k in range(n):
+        objects, los = made_campaign(np.random.default_rng([seed, k]))
+        fit = partial(fit_bundle, objects, los, ReflectionConfig())
+        found = zip(objects, fit().shapes, strict=True)
+        parts = [(circle_terms, each.paths, shape.parameter) for each, shape in found]
+        pairs.append((fit, partial(evaluated, [*parts, (los_terms, los, np.empty(0))], N_EVALUATIONS)))
+    return pairs
+
+
+def _over_evaluations(name: str, pairs: Sequence[Pair], reason: str) -> Measurement:
+    """The median ratio of fits to the evaluations beside them, each the median of its own pairs."""
+    found = [paired_ratios(*pair, N_REPEATS) for pair in pairs]
+    ratios = [float(np.median(ratio)) for ratio, _ in found]
+    fit_ms, beside_ms = 1e3 * np.median([np.median(times, axis=0) for _, times in found], axis=0)
+    low, high = np.quantile(ratios, (0.25, 0.75))
+    about = f"{reason}; quartiles {low:.2f} and {high:.2f}; {fit_ms:.2f} ms over {beside_ms:.2f} ms"
+    return at_most(f"reflection.{name}.over_100_evaluations", np.median(ratios), 1.0, about)
 
 
 def _fit(angle_rad: FloatArray, radius_m: FloatArray) -> Callable[[], object]:

@@ -7,6 +7,8 @@ from typing import TypeVar
 
 import numpy as np
 
+from scenes.record import FloatArray
+
 T = TypeVar("T")
 
 
@@ -20,6 +22,22 @@ def best_time(
         value = function()
         shortest = min(shortest, clock() - started)
     return shortest, value
+
+
+def paired_ratios(
+    work: Callable[[], object], beside: Callable[[], object], pairs: int
+) -> tuple[FloatArray, FloatArray]:
+    """Ratios (pair,) of the processor times of two works done in turns, after a first call of each; times in s.
+
+    The times are (pair, work). What slows the machine down slows both works of a pair.
+    """
+    times = np.empty((pairs, 2))
+    for pair in range(-1, pairs):
+        for k, each in enumerate((work, beside)):
+            started = time.process_time()
+            each()
+            times[pair, k] = time.process_time() - started
+    return times[:, 0] / times[:, 1], times
 
 
 def median_time_s(
