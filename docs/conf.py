@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from isac_arena.settings import settings_page
+from scenes.record import FIELDS
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("scenes", "sim", "estimation", "isac_arena")
@@ -43,6 +44,8 @@ def add_fields(app: Any, what: str, name: str, thing: Any, options: Any, lines: 
     rows: list[Any] = []
     if what == "class":
         rows += record_fields(thing) if dataclasses.is_dataclass(thing) else settings_fields(thing)
+        if FIELDS in lines:  # the same, for `help`
+            del lines[lines.index(FIELDS) :]
     if rows:
         lines += ["", ".. list-table::", "   :widths: auto", ""]
         for row in rows:

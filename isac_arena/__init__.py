@@ -51,6 +51,7 @@ HOMES = {
     "sim.config": ("SimulationConfig",),
     "sim.observation": ("BeamSweep",),
     "sim.propagation.paths": ("Paths",),
+    "sim.signal.arrays.codebook": ("Codebook",),
     "sim.signal.link": ("make_link",),
     "sim.simulate": ("observe", "simulate_truth"),
     "sim.truth": ("Truth",),

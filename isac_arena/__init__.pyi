@@ -46,6 +46,7 @@ from scenes.walks.trajectory import Walk as Walk
 from sim.config import SimulationConfig as SimulationConfig
 from sim.observation import BeamSweep as BeamSweep
 from sim.propagation.paths import Paths as Paths
+from sim.signal.arrays.codebook import Codebook as Codebook
 from sim.signal.link import make_link as make_link
 from sim.simulate import observe as observe
 from sim.simulate import simulate_truth as simulate_truth

@@ -12,6 +12,7 @@ An axis name has one length within a record. The axes `xy`, `xy2` and `xyz` have
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields
+from inspect import cleandoc
 from typing import Any, ClassVar, Self, TypeVar, get_type_hints
 
 import numpy as np
@@ -28,6 +29,7 @@ TextArray = NDArray[np.str_]
 R = TypeVar("R", bound="Record")
 
 FIXED_AXES = {"xy": 2, "xy2": 2, "xyz": 3}
+FIELDS = "Fields, with axes and units:"  # in the docstring of a record, before what its fields say of themselves
 
 
 def array(*axes: str, unit: str = "1", dtype: Any = np.float64, doc: str = "", default: Any = MISSING) -> Any:
@@ -57,6 +59,8 @@ class Record(Displayed):
     def __init_subclass__(cls) -> None:
         if "__repr__" not in vars(cls):  # `dataclass` would make one that prints all numbers
             cls.__repr__ = Record.__repr__  # type: ignore[method-assign]
+        if cls.__doc__:
+            cls.__doc__ = "\n".join([cleandoc(cls.__doc__), *_field_lines(cls)])
 
     def __repr__(self) -> str:
         lengths: dict[str, int] = {}
@@ -99,6 +103,20 @@ class Record(Displayed):
             if axis in axes:
                 return int(getattr(self, spec.name).shape[axes.index(axis)])
         raise KeyError(axis)
+
+
+def _field_lines(kind: type[Record]) -> list[str]:
+    """What the fields of a record say of themselves, for `help`; `dataclass` has not seen them yet."""
+    lines = []
+    for name, kind_of_field in vars(kind).get("__annotations__", {}).items():
+        metadata = getattr(vars(kind).get(name), "metadata", {})
+        if "axes" in metadata:
+            axes = f" ({', '.join(metadata['axes'])})" if metadata["axes"] else ""
+            unit = f" [{metadata['unit']}]" if metadata["unit"] != "1" else ""
+            lines.append(f"    {name}{axes}{unit}: {metadata['doc']}")
+        elif "ClassVar" not in str(kind_of_field):
+            lines.append(f"    {name}: {getattr(kind_of_field, '__name__', kind_of_field)}")
+    return ["", FIELDS, "", *lines] if lines else []
 
 
 def columns(record: Record) -> Iterator[tuple[str, tuple[str, ...], NDArray[Any], Mapping[str, Any]]]:

@@ -15,7 +15,7 @@ def bound(
         float | None, typer.Option("--step", min=0.05, max=5.0, help="Grid step in m; by default 40 cells.")
     ] = None,
     fixed: Annotated[
-        bool, typer.Option("--fixed", help="Give all paths the fixed errors of [slam.noise] instead.")
+        bool, typer.Option("--fixed", help="Give all paths the fixed errors of table slam.noise instead.")
     ] = False,
 ) -> None:
     """Draw the bounds of position and channel over the plan, and print those along the walk.

@@ -30,6 +30,7 @@ MODULES: Mapping[str, tuple[str, ...]] = {
     "shape": tuple(f"shape.{name}" for name in ("gp", "points", "law", "reflection", "campaign", "measured")),
     "twin": ("twin",),
     "halls": ("halls.check",),
+    "heights": ("heights",),
     "chain": ("chain.check", "chain.trials"),
     "robustness": ("robustness.check",),
 }
@@ -57,17 +58,14 @@ Estimator = Annotated[
     str | None, typer.Option(help="Check your own estimator in place of ours: package.module:function.")
 ]
 Method = Annotated[
-    str | None,
-    typer.Option(help="halls, chain: method of the channel estimator: auto, coherent, incoherent or power."),
+    str | None, typer.Option(help="halls, heights, chain: channel method: auto, coherent, incoherent or power.")
 ]
 Out = Annotated[
     Path | None,
-    typer.Option(
-        help="halls, chain: directory where an interrupted run goes on; by default out/halls or out/chain."
-    ),
+    typer.Option(help="halls, heights, chain: directory where an interrupted run goes on; by default out/NAME."),
 ]
 Processes = Annotated[
-    int | None, typer.Option(min=1, help="halls, chain: worker processes; by default one per core.")
+    int | None, typer.Option(min=1, help="halls, heights, chain: worker processes; by default one per core.")
 ]
 
 

@@ -15,9 +15,12 @@ from scenes.record import FloatArray
 
 
 def check_bounds_of_campaigns(seed: int, quick: bool) -> list[Measurement]:
-    """Bounds over the plan are made without diffuse paths, which are never significant; scores know all paths."""
+    """Bounds over the plan are made without diffuse paths, which are never significant; scores know all paths.
+
+    Eight stops of every campaign of the library; a quick run takes one stop of every fourth campaign.
+    """
     rng, rows = np.random.default_rng(seed), []
-    for name in library_campaigns():
+    for name in library_campaigns()[:: 4 if quick else 1]:
         campaign = load_campaign(name)
         n_stops = len(campaign.stops)
         stops = sorted(rng.choice(n_stops, min(1 if quick else 8, n_stops), replace=False).tolist())
