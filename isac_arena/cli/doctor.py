@@ -16,9 +16,13 @@ def doctor(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
 ) -> None:
     """Check this machine: Python, packages, LLVM, Sionna, memory and disk. Ends with 1 if anything fails."""
-    from isac_arena.doctor import doctor_report  # noqa: PLC0415
+    from rich.console import Console  # noqa: PLC0415
 
-    checks = doctor_report()
+    from isac_arena.doctor import doctor_report  # noqa: PLC0415
+    from isac_arena.progress import working  # noqa: PLC0415
+
+    with working(Console(stderr=True, highlight=False), "doctor"):  # the standard output may be JSON
+        checks = doctor_report()
     if as_json:
         typer.echo(json.dumps([asdict(check) for check in checks], indent=2))
     else:

@@ -36,6 +36,7 @@ def sweep(
     """Run all missing cases of a sweep, and write the table of all results."""
     from rich.console import Console  # noqa: PLC0415
 
+    from isac_arena.progress import working  # noqa: PLC0415
     from isac_arena.sweep.config import SweepConfig  # noqa: PLC0415
     from isac_arena.sweep.plan import make_plan  # noqa: PLC0415
     from isac_arena.sweep.runner import run_sweep  # noqa: PLC0415
@@ -44,7 +45,8 @@ def sweep(
 
     console = Console(highlight=False)
     config = load_config(file, SweepConfig)
-    plan = make_plan(str(file), config, out, range(config.repeats))
+    with working(console, "plan"):
+        plan = make_plan(str(file), config, out, range(config.repeats))
     if dry_run:
         print_plan(console, config, plan)
         return
@@ -81,10 +83,11 @@ def sweep_report(
     cases, failures = read_plan(directory), read_failures(directory)
     if (directory / "results.csv").is_file():  # a sweep that ended has a manifest
         read_manifest(directory)
-    found = damaged_cases(directory)
-    damaged = {case.key: found[case.key] for case in cases if case.key in found}
-    whole = [case for case in cases if case.key not in damaged]
-    results = sweep_results(config, result_rows(directory, config, whole, {}))
+    with working(console, "results"):
+        found = damaged_cases(directory)
+        damaged = {case.key: found[case.key] for case in cases if case.key in found}
+        whole = [case for case in cases if case.key not in damaged]
+        results = sweep_results(config, result_rows(directory, config, whole, {}))
     keys = _chosen(results, metric, directory)
     pairs = _pairs(results, pareto, directory)
     with working(console, "figures"):
@@ -101,6 +104,7 @@ def sweep_report(
 
 def print_plan(console: Console, config: SweepConfig, plan: Plan) -> None:
     """Print the cases of a sweep, and their estimated time on one core and disk space."""
+    from isac_arena.progress import working  # noqa: PLC0415
     from isac_arena.sweep.plan import estimate_cost  # noqa: PLC0415
 
     jobs = plan.jobs
@@ -111,7 +115,8 @@ def print_plan(console: Console, config: SweepConfig, plan: Plan) -> None:
     )
     if config.until is not None:
         console.print(f"  and up to {config.until.max_repeats} repeats of every point")
-    cost = estimate_cost(plan)
+    with working(console, "a few stops, to time them"):
+        cost = estimate_cost(plan)
     console.print(
         f"about {cost.core_hours:.2g} core hours and {cost.start_up_s:.0f} s for every worker to start, "
         f"{cost.disk_gb:.2g} GB; estimated from a few stops of {cost.n_tried} cases"

@@ -38,7 +38,8 @@ def verify(
     is_sweep = (directory / "sweep.json").is_file()
     if not is_sweep and not any((directory / name).is_file() for name in ("campaign.json", MANIFEST)):
         raise ValueError(f"{directory}: holds no campaign and no sweep; 'arena run' and 'arena sweep' make them")
-    checked = check_files(directory)
+    with working(console, "files"):
+        checked = check_files(directory)
     for problem in checked.problems:
         console.print(f"  {problem}", markup=False)
     if checked.unknown:

@@ -1,6 +1,6 @@
 """Records as xarray and pandas objects."""
 
-from functools import singledispatch
+from functools import cached_property, singledispatch
 from typing import Any
 
 import numpy as np
@@ -30,14 +30,14 @@ def to_xarray(record: Record) -> Any:
 @singledispatch
 def to_dataframe(thing: Any) -> pd.DataFrame:
     """A row per element of the first axis; short further axes become columns such as `position_x_m`."""
-    raise TypeError(f"{type(thing).__name__} is no table; use to_xarray, or one of its parts")
+    raise _no_table(thing)
 
 
 @to_dataframe.register
 def _(thing: Record) -> pd.DataFrame:
     first = next((axes for _, axes, _, _ in columns(thing) if axes), ())
     if len(first) != 1 or parts_of(thing):
-        raise TypeError(f"{type(thing).__name__} is no table; use to_xarray, or one of its parts")
+        raise _no_table(thing)
     table: dict[str, Any] = {}
     for name, axes, values, _ in columns(thing):
         if not axes:
@@ -55,3 +55,13 @@ def _(thing: Record) -> pd.DataFrame:
 @to_dataframe.register
 def _(thing: Scores) -> pd.DataFrame:
     return pd.DataFrame(to_json(thing.metrics), columns=["key", "value", "unit", "direction"])
+
+
+def _no_table(thing: Any) -> TypeError:
+    """The error that names the parts, some of which are tables."""
+    name, kind = type(thing).__name__, vars(type(thing))
+    if isinstance(thing, Record):
+        parts = ", ".join(parts_of(thing))
+        return TypeError(f"{name} is no table; use to_xarray{f', or one of its parts: {parts}' if parts else ''}")
+    parts = ", ".join(part for part, each in kind.items() if isinstance(each, property | cached_property))
+    return TypeError(f"{name} is no table{f'; its parts: {parts}' if parts else ''}")

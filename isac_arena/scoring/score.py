@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from difflib import get_close_matches
 
 import numpy as np
 
@@ -47,11 +48,13 @@ class Scores(Displayed):
         return f"Scores({len(self.metrics)} metrics over {n_stops} stops; .to_dataframe() has them all)"
 
     def value(self, key: str) -> float:
-        """Value of one metric; `KeyError` where there is none of that key."""
-        for metric in self.metrics:
-            if metric.key == key:
-                return metric.value
-        raise KeyError(key)
+        """Value of one metric; a `KeyError` where there is none of that key names similar ones."""
+        values = {metric.key: metric.value for metric in self.metrics}
+        if key not in values:
+            close = get_close_matches(key, values, n=3)
+            hint = f"did you mean {' or '.join(close)}?" if close else ".to_dataframe() has them all"
+            raise KeyError(f"{key}: no such metric; {hint}")
+        return values[key]
 
 
 def score_campaign(

@@ -13,6 +13,7 @@ import xarray as xr
 
 import isac_arena as ia
 from isac_arena.campaign.campaign import campaign_store
+from isac_arena.scoring.metrics.metric import Metric
 from isac_arena.validation.scenarios.perfect_campaign import MadeCampaign
 from scenes.config import SceneConfig
 from scenes.scene import Scene
@@ -128,14 +129,23 @@ def test_a_record_in_xarray_is_what_its_file_holds(campaign: MadeCampaign, tmp_p
                 assert paths[name].attrs["units"] == made["paths"][name].attrs["units"]
 
 
-def test_records_are_tables_texts_and_pictures(campaign: MadeCampaign) -> None:
+def test_an_unknown_score_names_similar_ones() -> None:
+    scores = ia.Scores([Metric("slam.position.rmse_m", 0.1, "m", "lower")], None)  # type: ignore[arg-type]
+    assert scores.value("slam.position.rmse_m") == 0.1
+    with pytest.raises(KeyError, match=r"slam.position: no such metric; did you mean slam.position.rmse_m"):
+        scores.value("slam.position")
+
+
+def test_records_are_tables_texts_and_pictures(campaign: MadeCampaign, tmp_path: Path) -> None:
     truth, estimate, mapping = campaign.truths[0], campaign.results.channel[0], campaign.results.mapping
     table = truth.paths.to_dataframe()
     assert len(table) == len(truth.paths) and table["is_los"].sum() == 1
     points = mapping.ips.to_dataframe()
     np.testing.assert_array_equal(points[["position_x_m", "position_y_m"]], mapping.ips.position_m)
-    with pytest.raises(TypeError, match="MapResult is no table"):
+    with pytest.raises(TypeError, match="MapResult is no table; use to_xarray, or one of its parts: poses, ips"):
         mapping.to_dataframe()
+    with pytest.raises(TypeError, match=r"FinishedRun is no table; its parts: .*truths, .*scores"):
+        ia.FinishedRun(campaign_store(ia.load_campaign("box_room"), tmp_path, None)).to_dataframe()
     for record in (truth, estimate, mapping, mapping.poses, mapping.ips, mapping.contours):
         assert repr(record).startswith(type(record).__name__) and len(repr(record)) < 700
         assert "<table" in record._repr_html_()

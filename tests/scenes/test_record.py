@@ -6,14 +6,21 @@ import numpy as np
 import pytest
 
 from scenes.pose import Pose, azimuth_elevation, direction, wrap_angle
-from scenes.record import FloatArray, Record, array, concatenate
+from scenes.record import FIELDS, FloatArray, Record, array, concatenate
 
 
 @dataclass(frozen=True)
 class Echo(Record):
+    """What came back."""
+
     delay_s: FloatArray = array("path", unit="s", doc="time of arrival")
     place_m: FloatArray = array("path", "xyz", unit="m", doc="where")
     stop: int = array(dtype=int, doc="which stop")
+
+
+def test_help_lists_the_fields() -> None:
+    assert Echo.__doc__ is not None and Echo.__doc__.startswith("What came back.")
+    assert FIELDS in Echo.__doc__ and "    place_m (path, xyz) [m]: where\n    stop: which stop" in Echo.__doc__
 
 
 def test_arrays_are_converted_and_frozen_without_freezing_the_callers() -> None:
