@@ -16,7 +16,7 @@ from isac_arena.validation.scenarios import link_bench
 from isac_arena.validation.scenarios.link_bench import ChannelStop, LinkBench
 
 TRIALS = 5000  # scenes of the coherent run; the bar on false paths asks for as many
-QUICK_TRIALS = 20
+QUICK_TRIALS = 14
 STRONGEST_DB = (20.0, 40.0)
 UNIFORM_DEG = 180.0  # step of the phase from pair to pair: wrapped, it is uniform to 1 %
 RESOLVED_CELLS = 0.5

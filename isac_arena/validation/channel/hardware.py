@@ -21,7 +21,7 @@ from sim.observation import BeamSweep
 from sim.signal.hardware.apply_impairments import impaired_codebooks
 
 CALIBRATION_STOPS = 20
-QUICK_STOPS = 8  # of the 20 that are calibrated on, estimated in a quick run
+QUICK_STOPS = 6  # of the 20 that are calibrated on, estimated in a quick run
 ELEMENT_ERRORS = {"element_phase_std_deg": 10.0, "element_gain_std_db": 1.0}
 CFO_HZ = 150.0
 BACKGROUND_DB = 10.0  # below the path
@@ -91,7 +91,7 @@ def check_choice(seed: int, quick: bool, trials: int = 0, estimator: str = "") -
     Scenes with no impairment, with frequency offsets, and with phases of pairs or beams that no offset explains.
     """
     estimate, plain = make_estimator("auto", estimator), link_bench.make_bench(seed)
-    count = scaled(trials, quick, 0.25 if quick else 0.02)
+    count = scaled(trials, quick, 0.2 if quick else 0.02)
     rows = []
     for mode, cases in CHOICES.items():
         right = []

@@ -55,7 +55,7 @@ class NoiseRow:
 
 METHODS: dict[str, Fit] = {"coherent": fit_over_background, "incoherent": fit_incoherent}
 QUICK = (
-    NoiseRow("coherent", 0.1, 30), NoiseRow("coherent", 0.1, 15, whole=True), NoiseRow("incoherent", 0.1, 15),
+    NoiseRow("coherent", 0.1, 20), NoiseRow("coherent", 0.1, 10, whole=True), NoiseRow("incoherent", 0.1, 10),
 )  # fmt: skip
 FULL = (
     NoiseRow("coherent", 1e-2, 10_000), NoiseRow("coherent", 1e-3, 100_000, FEW_RB),
