@@ -6,7 +6,7 @@ Gaussian process on the support function, whose harmonics have the variances of 
 kernel.
 """
 
-from itertools import pairwise, product
+from itertools import product
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,6 +25,7 @@ PRIOR_SHARE = 0.9  # of the prior's standard deviation: above it the paths hold 
 HARMONIC_STD = 0.15  # of h / R - 1
 HARMONIC_LENGTH = 0.8  # length scale of the periodic kernel
 N_HARMONICS = 6
+_TURN_STEP_RAD = np.pi / 8  # between the starts of a rounded square: four in a quarter turn
 
 
 def fit_closed(kind: str, data: Reflections, config: ReflectionConfig) -> Optimum | None:
@@ -48,6 +49,14 @@ def fit_closed(kind: str, data: Reflections, config: ReflectionConfig) -> Optimu
     if not np.any(data.rx_covariance):
         return best
     return maximise_posterior(CLOSED_FAMILY[kind], best.parameter, prior, data, config)
+
+
+def refit_closed(kind: str, known: FloatArray, data: Reflections, config: ReflectionConfig) -> Optimum | None:
+    """The optimum from that under another prior of the radius; the turn keeps the prior of its start."""
+    start = known.copy()
+    if kind == "rounded_square":
+        start[4] = (np.floor(known[4] / _TURN_STEP_RAD) + 0.5) * _TURN_STEP_RAD
+    return maximise_posterior(CLOSED_FAMILY[kind], known, closed_prior(kind, start, config), data, config)
 
 
 def closed_prior(kind: str, start: FloatArray, config: ReflectionConfig) -> Prior:
@@ -128,11 +137,10 @@ def circle_starts(data: Reflections, radii_m: ArrayLike) -> FloatArray:
 
 def _shape_starts(kind: str, config: ReflectionConfig) -> list[FloatArray]:
     if kind == "ellipse":
-        turns = np.arange(4) * np.pi / 2
-        return [0.4 * np.array([np.cos(turn), np.sin(turn)]) for turn in turns]
+        return [0.4 * np.array([np.cos(turn), np.sin(turn)]) for turn in np.arange(4) * np.pi / 2]
     if kind == "rounded_square":
-        edges = np.linspace(0, np.pi / 2, 5)
-        return [np.array([_log_odds(config.round_share_median), (a + b) / 2]) for a, b in pairwise(edges)]
+        odds = _log_odds(config.round_share_median)
+        return [np.array([odds, turn]) for turn in (np.arange(4) + 0.5) * _TURN_STEP_RAD]
     return [np.zeros(2 * (N_HARMONICS - 1))]
 
 

@@ -8,7 +8,7 @@ from estimation.laws.contour import EDGE, WALL
 from estimation.laws.support import CIRCLE, CLOSED_FAMILY
 from estimation.shape.fit import ShapeFit, failed_fit
 from estimation.shape.kinds.arc import arc_prior, arc_shape, fit_arc
-from estimation.shape.kinds.closed import closed_prior, closed_shape, fit_closed
+from estimation.shape.kinds.closed import closed_prior, closed_shape, fit_closed, refit_closed
 from estimation.shape.kinds.edge import edge_prior, edge_shape, fit_edge
 from estimation.shape.kinds.mirror_wall import fit_wall, wall_prior, wall_shape
 from estimation.shape.reflection.posterior import Optimum, Prior
@@ -58,3 +58,11 @@ def fit_kind(data: Reflections, kind: str, config: ReflectionConfig) -> ShapeFit
         return failed_fit(kind, "no paths")
     found = methods.optimum(data, config)
     return failed_fit(kind, "singular information") if found is None else methods.shape(found, data, config)
+
+
+def refit_kind(data: Reflections, known: ShapeFit, config: ReflectionConfig) -> ShapeFit:
+    """Fit a closed contour again, from a fit to the same paths under another prior of the radius."""
+    found = refit_closed(known.kind, known.parameter, data, config)
+    if found is None:
+        return failed_fit(known.kind, "singular information")
+    return closed_shape(known.kind, found, data, config)

@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 
 from estimation.shape.fit import ShapeFit
-from estimation.shape.kinds.fit import fit_kind
+from estimation.shape.kinds.fit import fit_kind, refit_kind
 from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
 
 # Prior share of each kind within its class: half of all pillars are round, a quarter of all walls are curved.
@@ -32,11 +32,6 @@ class Choice:
     def best_class(self) -> str:
         """The most probable class."""
         return max(self.class_probability, key=lambda name: self.class_probability[name])
-
-    @property
-    def open_fits(self) -> Mapping[str, ShapeFit]:
-        """The fits of the kinds that the prior of the radius of a pillar does not affect."""
-        return {kind: fit for kind, fit in self.fits.items() if kind not in CLASSES["pillar"]}
 
     @property
     def best(self) -> ShapeFit:
@@ -65,13 +60,14 @@ def choose_shape(
 ) -> Choice:
     """Fit every kind of object of the classes to the paths and weight the fits by their evidence.
 
-    `shares` replaces the prior shares of kinds within their class. A kind with a `known` fit is not fitted again.
-    Raises `ValueError` where there is no path or every fit failed.
+    `shares` replaces the prior shares of kinds within their class. `known` are fits to the same paths under
+    another prior of the radius of a pillar: only pillars are fitted again, each from its fit. Raises `ValueError`
+    where there is no path or every fit failed.
     """
     if len(data) == 0:
         raise ValueError("choose_shape: data holds 0 paths, at least one is needed")
     share = {kind: shares.get(kind, own) for name in classes for kind, own in CLASSES[name].items()}
-    fits = {kind: known.get(kind) or fit_kind(data, kind, config) for kind in share}
+    fits = {kind: _fit(data, kind, config, known.get(kind)) for kind in share}
     usable = {kind: fit.log_evidence + np.log(share[kind]) for kind, fit in fits.items() if fit.is_usable}
     if not usable:
         raise ValueError(f"choose_shape: no kind fits the {len(data)} paths; check the poses")
@@ -79,6 +75,12 @@ def choose_shape(
     probability = {kind: float(np.exp(usable.get(kind, -np.inf) - total)) for kind in share}
     by_class = {name: sum(probability[kind] for kind in CLASSES[name]) for name in classes}
     return Choice(fits, probability, by_class)
+
+
+def _fit(data: Reflections, kind: str, config: ReflectionConfig, known: ShapeFit | None) -> ShapeFit:
+    if known is None or not known.is_usable:
+        return fit_kind(data, kind, config)
+    return refit_kind(data, known, config) if kind in CLASSES["pillar"] else known
 
 
 def _overlap(one: Any, other: Any) -> float:

@@ -173,7 +173,7 @@ def _final(
             if alone[k].class_probability["pillar"] > _UNLIKELY:
                 own, shares = prior_from_others(alone, k, settings)
                 priors[k] = own
-                choices[k] = choose_shape(part, own, shares=shares, known=alone[k].open_fits)
+                choices[k] = choose_shape(part, own, shares=shares, known=alone[k].fits)
     members = [
         BundleObject(choice.best.kind, _scaled(paths.bounces.take("path", each.paths), factor), prior)
         for choice, each, factor, prior in zip(choices, objects, noise, priors, strict=True)

@@ -1,24 +1,30 @@
-"""A whole run on one core and on two, as ratios inside one bench: what stops side by side save, and its stages."""
+"""A whole run on one core and on two, its stages, and the map stage over FFT passes: ratios inside one bench."""
 
 import io
 import tempfile
 import time
 from collections.abc import Callable
 from contextlib import redirect_stdout
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy.fft
 
+from estimation.execution import one_blas_thread
 from isac_arena.campaign import stages
 from isac_arena.campaign.campaign import Campaign, load_campaign
+from isac_arena.campaign.driver import MemoryResults
 from isac_arena.campaign.integrity import file_digest
-from isac_arena.validation.measurement import InfoTable, Measured, at_least
+from isac_arena.validation.benches.timing import paired_ratios
+from isac_arena.validation.measurement import InfoTable, Measured, Measurement, at_least, at_most
 from isac_arena.workers.stops import StopMakers
 
 HEAVY_STOPS, HEAVY_PAIRS = 72, 2
 QUICK_STOPS = 4
 SPEED_UP = 1.7
+MAP_PASSES, MAP_PAIRS = 3.0, 3  # FFT passes that the map stage of a stop may take; pairs of times
 QUICK_START_S = float("-inf")  # workers start, though so few stops do not gain by them
 HEAVY = {"channel.method": "coherent"}  # a stop takes seconds
 SMALL = {
@@ -52,6 +58,32 @@ def bench_two_workers(seed: int, quick: bool) -> Measured:
         at_least("campaign.same_bits", float(same), 1.0, "all files of both runs, manifests included"),
     ]
     return Measured(rows, (shares(*pairs[-1]),))
+
+
+def bench_map_stage(seed: int, quick: bool) -> list[Measurement]:
+    """Mapping, SLAM and both contour stages of the campus arena, per stop, over one FFT pass over a stop's sweep.
+
+    Processor times, in turns; channel estimates by the settings of the campaign. The pass is over the subcarriers.
+    """
+    run = (box_campaign(seed, QUICK_STOPS, SMALL) if quick else load_campaign("campus_arena", seed=seed)).run()
+    truths = list(run.truths())
+    channel, receiver = list(run.channel(truths)), run.surveyed_receiver(truths)
+    samples, n_stops = run.sweep(truths[0]).samples, len(truths)
+
+    def passes() -> None:
+        for _ in range(n_stops):
+            scipy.fft.fft(samples, axis=-1)
+
+    def maps() -> None:
+        replace(run, results=MemoryResults()).maps(channel, receiver)
+
+    with one_blas_thread():
+        ratios, times_s = paired_ratios(maps, passes, 1 if quick else MAP_PAIRS)
+    maps_ms, pass_ms = 1e3 * np.median(times_s, axis=0) / n_stops
+    n_paths = np.mean([len(estimate) for estimate in channel])
+    about = f"{n_stops} stops of {n_paths:.0f} paths: {maps_ms:.0f} ms a stop over {pass_ms:.0f} ms"
+    spread = f"; from {ratios.min():.2f} to {ratios.max():.2f}"
+    return [at_most("campaign.map_stage", np.median(ratios), MAP_PASSES, about + spread, "FFT passes")]
 
 
 def box_campaign(seed: int, n_stops: int, settings: dict[str, Any]) -> Campaign:
