@@ -13,7 +13,8 @@ from scenes.toml_config import ConfigModel
 FILES: dict[str, type[ConfigModel]] = {"campaign": CampaignConfig, "scene": SceneConfig, "sweep": SweepConfig}
 UNITS = {
     "_s_m": "S/m", "_m2": "m²", "_dbm": "dBm", "_db": "dB", "_deg": "deg", "_ghz": "GHz", "_khz": "kHz",
-    "_hz": "Hz", "_ns": "ns", "_ppm": "ppm", "_m": "m",
+    "_hz": "Hz", "_ns": "ns", "_ppm": "ppm", "_deg_s": "deg/s", "_m_s": "m/s",
+    "_m": "m", "_s": "s",
 }  # fmt: skip
 LIMITS = {"minimum": "≥", "exclusiveMinimum": ">", "maximum": "≤", "exclusiveMaximum": "<"}
 LARGEST_PLAIN = 2**31  # larger limits are powers of two

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -13,24 +14,16 @@ from pydantic import Field, model_validator
 
 from scenes.contours import Circle, Contour, rectangle
 from scenes.inputs import read_input
+from scenes.motion.config import RecordedMotionConfig
 from scenes.names import Name
 from scenes.objects.clutter import Clutter
-from scenes.objects.config import (
-    FloorplanConfig,
-    MaterialConfig,
-    MeshConfig,
-    ObjectConfig,
-    PlaneConfig,
-    TxConfig,
-    copy_name,
-    find_file,
-    naming_field,
-)
+from scenes.objects.config import FloorplanConfig, MaterialConfig, MeshConfig, ObjectConfig, PlaneConfig, TxConfig
 from scenes.objects.material import Material
 from scenes.pose import Pose
 from scenes.record import FloatArray
+from scenes.references import copy_name, find_file
 from scenes.scene import Scene, SceneObject
-from scenes.toml_config import ConfigError, ConfigModel, load_config
+from scenes.toml_config import ConfigError, ConfigModel, load_config, naming_field
 from scenes.walks.config import (
     PosesWalkConfig,
     Quadruple,
@@ -89,7 +82,7 @@ class SceneConfig(ConfigModel):
         for name, material in self.materials.items():
             with naming_field(f"materials.{name}"):
                 materials[name] = material.build(name, frequency_hz)
-        objects = [item.build(materials) for item in self.objects]
+        objects = [item.build(materials, folder) for item in self.objects]
         for plan in self.floorplans:
             objects += plan.build(materials, folder)
         clutter = [item.build(materials, folder) for item in self.meshes]
@@ -99,6 +92,7 @@ class SceneConfig(ConfigModel):
         walks = {item.name: walks[item.name] for item in self._walk_configs}
         txs = {item.name: item.build() for item in self._tx_configs}
         _check_places(bounds, txs, walks)
+        moving = {item.name: item.build_motion(folder) for item in self._tx_configs}
         tx_name, walk_name = next(iter(txs)), next(iter(walks))
         planes = {}
         for name in ("floor", "ceiling"):
@@ -116,6 +110,7 @@ class SceneConfig(ConfigModel):
             walk_name=walk_name,
             other_txs=txs,
             other_walks=walks,
+            tx_motions={name: motion for name, motion in moving.items() if motion is not None},
             **planes,
         )
 
@@ -132,7 +127,7 @@ class SceneConfig(ConfigModel):
         for item in self._walk_configs:
             if isinstance(item, GIVEN_WALKS):
                 with self._walk_field(item.name):
-                    yield item.name, item.build(folder)
+                    yield item.name, _timed(item, item.build(folder))
 
     def _random_walks(
         self, objects: Sequence[SceneObject], clutter: Sequence[Clutter], bounds_m: Bounds
@@ -148,7 +143,7 @@ class SceneConfig(ConfigModel):
                 if not isinstance(item, RandomWalkConfig):
                     obstacles += [Circle(np.array(tx.position_m[:2]), MIN_DISTANCE_M) for tx in self._tx_configs]
                 with self._walk_field(item.name):
-                    yield item.name, item.build(obstacles, bounds_m)
+                    yield item.name, _timed(item, item.build(obstacles, bounds_m))
 
     def _walk_field(self, name: str) -> AbstractContextManager[None]:
         return naming_field(f"walks[{name}]" if self.walks else "walk")
@@ -164,6 +159,11 @@ class SceneConfig(ConfigModel):
         every = np.concatenate(points)
         low, high = every.min(axis=0) - DEFAULT_MARGIN_M, every.max(axis=0) + DEFAULT_MARGIN_M
         return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+
+
+def _timed(config: WalkConfig, walk: AnyWalk) -> AnyWalk:
+    """A walk with the speed and the times of its settings."""
+    return replace(walk, speed_m_s=config.speed_m_s, stop_interval_s=config.stop_interval_s)
 
 
 def _check_places(bounds_m: Bounds, txs: Mapping[str, Pose], walks: Mapping[str, AnyWalk]) -> None:
@@ -219,12 +219,15 @@ def load_scene(name_or_path: str | Path, frequency_hz: float = 60e9) -> Scene:
 def referenced_contents(config: SceneConfig, folder: Path) -> dict[str, bytes]:
     """Contents of all files that a scene file in `folder` refers to, by the name of their copies.
 
-    These are floor plans, meshes and walks. A copied scene file needs these copies in its folder: see
-    `scenes.objects.config.find_file`.
+    These are floor plans, meshes, walks and motions. A copied scene file needs these copies in its folder: see
+    `scenes.references.find_file`.
     """
     named = [*(item.file for item in config.floorplans), *(item.file for item in config.meshes)]
     walks = [item for item in config._walk_configs if isinstance(item, RecordedWalkConfig | PosesWalkConfig)]
     named += [item.file for item in walks if item.file is not None]
+    moving = [item.motion for item in config.objects] + [item.motion for item in config.meshes]
+    moving += [item.motion for item in config._tx_configs]
+    named += [motion.file for motion in moving if isinstance(motion, RecordedMotionConfig)]
     return {copy_name(file): _content(find_file(folder, file)) for file in (str(Path(name)) for name in named)}
 
 

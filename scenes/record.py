@@ -93,6 +93,8 @@ class Record(Displayed):
             axes = spec.metadata.get("axes", ())
             if axis in axes:
                 value = value[(slice(None),) * axes.index(axis) + (index,)]
+            elif is_optional(spec) and isinstance(value, Record):
+                value = value.take(axis, index)
             changed[spec.name] = value
         return type(self)(**changed)
 
@@ -132,6 +134,11 @@ def parts_of(record: Record) -> dict[str, Record]:
     return {name: value for name, value in inner.items() if isinstance(value, Record)}
 
 
+def is_optional(spec: Any) -> bool:
+    """Whether a field holds a record that may be absent: its axes are those of the record around it."""
+    return "axes" not in spec.metadata and spec.default is None
+
+
 def empty_record(kind: type[R]) -> R:
     """A record without any rows."""
     types, values = get_type_hints(kind), {}
@@ -139,7 +146,7 @@ def empty_record(kind: type[R]) -> R:
         if "axes" in spec.metadata:
             shape = [FIXED_AXES.get(axis, 0) for axis in spec.metadata["axes"]]
             values[spec.name] = np.zeros(shape, spec.metadata["dtype"])
-        else:
+        elif not is_optional(spec):
             values[spec.name] = empty_record(types[spec.name])
     return kind(**values)
 
@@ -155,7 +162,10 @@ def concatenate(records: Sequence[R], axis: str) -> R:
     for spec in fields(records[0]):
         axes = spec.metadata.get("axes", ())
         values = [getattr(record, spec.name) for record in records]
-        joined[spec.name] = np.concatenate(values, axis=axes.index(axis)) if axis in axes else values[0]
+        if is_optional(spec) and isinstance(values[0], Record):
+            joined[spec.name] = concatenate(values, axis)
+        else:
+            joined[spec.name] = np.concatenate(values, axis=axes.index(axis)) if axis in axes else values[0]
     return type(records[0])(**joined)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -10,11 +11,13 @@ from typing import Any
 import numpy as np
 
 from scenes.display import Displayed
+from scenes.motion.motion import AT_REST, BodyMotion, Motion, RigidState
+from scenes.motion.placed import carried_points, moved_clutter, moved_object, moved_pose
 from scenes.objects.clutter import Clutter
 from scenes.objects.material import Material
 from scenes.objects.scene_object import OBJECT_KINDS, ObjectKind, SceneObject, check_overlaps
 from scenes.pose import Pose
-from scenes.record import IntArray
+from scenes.record import FloatArray, IntArray
 from scenes.walks.trajectory import AnyWalk, RecordedWalk
 
 __all__ = ["OBJECT_KINDS", "HorizontalPlane", "ObjectKind", "Scene", "SceneObject"]
@@ -35,7 +38,8 @@ class Scene(Displayed):
     """The world of one campaign.
 
     `bounds_m` is (x_min, y_min, x_max, y_max), the extent of floor and ceiling. A scene may have several TXs
-    and several walks: `tx` and `walk` are the active ones, `choose` selects others.
+    and several walks: `tx` and `walk` are the active ones, `choose` selects others. Objects, meshes and TXs stand
+    where they are at time zero of the campaign; those with a motion move from there, see `at`.
 
     Raises `ValueError` if two objects share a name, the ceiling is not above the floor, solids overlap without
     `may_overlap`, or a TX or an RX stop lies inside an object, on a thin wall, or not between floor and ceiling.
@@ -53,6 +57,7 @@ class Scene(Displayed):
     walk_name: str = "walk"
     other_txs: Mapping[str, Pose] = field(default_factory=dict)
     other_walks: Mapping[str, AnyWalk] = field(default_factory=dict)
+    tx_motions: Mapping[str, Motion] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self._check_names()
@@ -65,7 +70,7 @@ class Scene(Displayed):
         for name, walk in self.walks.items():
             label = f"RX stop {{}} of walk '{name}'" if self.other_walks else "RX stop {}"
             stops = walk.positions_m()
-            self._check_free([label.format(index) for index in range(len(stops))], stops)
+            self._check_free([label.format(index) for index in range(len(stops))], stops, of_standing=True)
 
     def __repr__(self) -> str:
         return f"Scene({self.name!r}: {len(self.objects) + len(self.clutter)} objects, {len(self.stops)} stops)"
@@ -115,6 +120,8 @@ class Scene(Displayed):
         if not isinstance(walk, str | int):
             parts = [walks[_chosen("walk", name, walks)] for name in walk]
             walk = "+".join(walk)
+            if any(part.speed_m_s for part in parts):
+                raise ValueError(f"walk = {walk}: walks with speed_m_s are not joined, choose one")
             walks[walk] = RecordedWalk(
                 np.concatenate([part.positions_m() for part in parts]),
                 np.concatenate([part.headings_rad() for part in parts]),
@@ -125,6 +132,84 @@ class Scene(Displayed):
             tx=txs.pop(tx_name), tx_name=tx_name, other_txs=txs,
             walk=walks.pop(walk_name), walk_name=walk_name, other_walks=walks,
         )  # fmt: skip
+
+    @property
+    def movers(self) -> dict[str, Motion]:
+        """The motion of every object, mesh and of the active TX that moves, by name."""
+        moving = {item.name: item.motion for item in self.objects if item.motion is not None}
+        moving |= {item.name: item.motion for item in self.clutter if item.motion is not None}
+        if self.tx_name in self.tx_motions:
+            moving[f"TX '{self.tx_name}'"] = self.tx_motions[self.tx_name]
+        return moving
+
+    @property
+    def is_moving(self) -> bool:
+        """Whether an object, a mesh or the active TX moves, or the receiver walks while it sweeps."""
+        return bool(self.movers) or self.walk.speed_m_s > 0
+
+    @property
+    def standing_tx(self) -> Pose:
+        """The pose of a TX that stands. `ValueError` where it moves: mapping and SLAM take it at one place."""
+        if self.tx_name in self.tx_motions:
+            raise ValueError(
+                "tx.motion: mapping and SLAM need a TX that stands; 'arena generate' makes its sweeps"
+            )
+        return self.tx
+
+    def at(self, time_s: float) -> Scene:
+        """The frozen scene at a time of the campaign: everything where its motion has brought it, at rest.
+
+        Only the places change. `scenes.motion.collisions` looks for what drives through something.
+        """
+        frozen = copy.copy(self)
+        txs = {
+            name: moved_pose(tx, self.tx_motions[name].at(time_s)) if name in self.tx_motions else tx
+            for name, tx in self.txs.items()
+        }
+        changes: dict[str, object] = {
+            "objects": tuple(moved_object(item, time_s) for item in self.objects),
+            "clutter": tuple(moved_clutter(item, time_s) for item in self.clutter),
+            "tx": txs.pop(self.tx_name),
+            "other_txs": txs,
+            "tx_motions": {},
+            "walk": replace(self.walk, speed_m_s=0.0),
+        }
+        for name, value in changes.items():
+            object.__setattr__(frozen, name, value)
+        return frozen
+
+    def carried_points(self, body: IntArray, point_m: FloatArray, from_s: float, to_s: float) -> FloatArray:
+        """Points (point, xyz) of bodies (point,), counted as in `bodies_at`, where they are at another time."""
+        carried = np.array(point_m, float)
+        n_planes = (self.floor is not None) + (self.ceiling is not None)
+        first = len(self.objects) + n_planes
+        moving = [(index, item.pivot_m, item.motion) for index, item in enumerate(self.objects) if item.motion]
+        moving += [
+            (index, item.pivot_m, item.motion) for index, item in enumerate(self.clutter, first) if item.motion
+        ]
+        for index, pivot_m, motion in moving:
+            here = body == index
+            carried[here] = carried_points(point_m[here], pivot_m, motion.at(from_s), motion.at(to_s))
+        return carried
+
+    def bodies_at(self, time_s: float, rx_position_m: FloatArray, rx_velocity_m_s: FloatArray) -> BodyMotion:
+        """How bodies move at a time: objects, floor, ceiling, meshes (as paths count them), TX and receiver."""
+        planes = [plane for plane in (self.floor, self.ceiling) if plane is not None]
+        rest = (np.zeros(3), AT_REST)
+        places = [
+            *((item.pivot_m, item.motion.at(time_s)) if item.motion else rest for item in self.objects),
+            *(rest for _ in planes),
+            *((item.pivot_m, item.motion.at(time_s)) if item.motion else rest for item in self.clutter),
+            (self.tx.position_m, _state(self.tx_motions.get(self.tx_name), time_s)),
+            (rx_position_m, replace(AT_REST, velocity_m_s=rx_velocity_m_s)),
+        ]
+        return BodyMotion(
+            np.array([pivot_m + state.shift_m for pivot_m, state in places]),
+            np.array([state.velocity_m_s for _, state in places]),
+            np.array([state.acceleration_m_s2 for _, state in places]),
+            np.array([state.turn_rate_rad_s for _, state in places]),
+            np.array([state.turn_acceleration_rad_s2 for _, state in places]),
+        )
 
     def object(self, name: str) -> SceneObject:
         """The object of that name; a `ValueError` lists the names if there is none."""
@@ -159,20 +244,25 @@ class Scene(Displayed):
             if name in others:
                 raise ValueError(f"{field_name}s: the name '{name}' is given twice; every one needs its own")
 
-    def _check_free(self, labels: list[str], points_m: Any) -> None:
+    def _check_free(self, labels: list[str], points_m: Any, *, of_standing: bool = False) -> None:
+        """Refuse points inside objects and meshes, or only inside those that stand."""
         z_low = self.floor.z_m if self.floor else -np.inf
         z_high = self.ceiling.z_m if self.ceiling else np.inf
         for label, point, index in zip(labels, points_m, self.object_index_at(points_m), strict=True):
             place = f"{label} at ({point[0]:.3f}, {point[1]:.3f}, {point[2]:.3f}) m"
-            if index >= 0:
+            if index >= 0 and not (of_standing and self.objects[index].motion):
                 raise ValueError(f"{place} lies inside object '{self.objects[index].name}': move one of them")
             if not z_low < point[2] < z_high:
                 raise ValueError(f"{place} must lie between floor and ceiling, z {z_low:g} to {z_high:g} m")
         for item in self.clutter:
             for label, point, inside in zip(labels, points_m, item.contains(points_m), strict=True):
-                if inside:
+                if inside and not (of_standing and item.motion):
                     place = f"{label} at ({point[0]:.3f}, {point[1]:.3f}, {point[2]:.3f}) m"
                     raise ValueError(f"{place} lies inside mesh '{item.name}': move one of them")
+
+
+def _state(motion: Motion | None, time_s: float) -> RigidState:
+    return AT_REST if motion is None else motion.at(time_s)
 
 
 def _chosen(kind: str, wanted: str | int, known: Mapping[str, object]) -> str:

@@ -5,8 +5,10 @@ from typing import Any
 import numpy as np
 
 from scenes.contours import Circle, ClosedSpline, Contour, Ellipse, OpenSpline, Polygon, Polyline, RoundedPolygon
+from scenes.motion.motion import Motion
 from scenes.objects.material import Material, itu_material, itu_names
 from scenes.pose import Pose
+from scenes.record import FloatArray
 from scenes.scene import HorizontalPlane, Scene
 from scenes.walks.trajectory import AnyWalk, RecordedWalk
 
@@ -25,7 +27,10 @@ def scene_tables(scene: Scene, carrier_hz: float = 60e9) -> dict[str, Any]:
     tables: dict[str, Any] = {
         "name": scene.name,
         "bounds_m": list(scene.bounds_m),
-        "txs": [_tx(name, pose) for name, pose in scene.txs.items()],
+        "txs": [
+            _tx(name, pose) | _motion(scene.tx_motions.get(name), pose.position_m)
+            for name, pose in scene.txs.items()
+        ],
         "walks": [_walk(name, walk) for name, walk in scene.walks.items()],
         "materials": {name: _material(material, carrier_hz) for name, material in materials.items()},
     }
@@ -42,10 +47,31 @@ def scene_tables(scene: Scene, carrier_hz: float = 60e9) -> dict[str, Any]:
             "z_max_m": item.z_max_m,
             **({"may_overlap": True} if item.may_overlap else {}),
             "contour": _contour(item.contour),
+            **_motion(item.motion, item.pivot_m),
         }
         for item in scene.objects
     ]
     return tables
+
+
+def _motion(motion: Motion | None, middle_m: FloatArray) -> dict[str, Any]:
+    """The table of a motion, of an object whose middle is at `middle_m`; none without motion."""
+    if motion is None:
+        return {}
+    if motion.coefficient[:, :2].any():
+        raise ValueError("motion: recorded motions are files; give the tables of a scene file")
+    start, rate = motion.knot_s[0], motion.coefficient[0, 2]
+    table: dict[str, Any] = {"start_s": float(start), "angular_rate_deg_s": _deg(rate[3])}
+    if len(motion.coefficient) == 1 and not motion.loops:
+        table |= {"type": "velocity", "speed_m_s": float(np.hypot(*rate[:2])), "climb_m_s": float(rate[2])}
+        table["heading_deg"] = _deg(np.arctan2(rate[1], rate[0]))
+        if np.isfinite(motion.knot_s[1]):
+            table["duration_s"] = float(motion.knot_s[1] - start)
+        return {"motion": table}
+    step = motion.coefficient[:, 2] * np.diff(motion.knot_s)[:, None]
+    places = middle_m[:2] + np.cumsum(step[:, :2], axis=0)
+    table |= {"type": "waypoints", "speed_m_s": float(np.linalg.norm(rate[:3])), "loop": motion.loops}
+    return {"motion": table | {"waypoints_m": places.tolist()}}
 
 
 def _tx(name: str, pose: Pose) -> dict[str, Any]:
@@ -53,6 +79,11 @@ def _tx(name: str, pose: Pose) -> dict[str, Any]:
 
 
 def _walk(name: str, walk: AnyWalk) -> dict[str, Any]:
+    timing = {field: getattr(walk, field) for field in ("speed_m_s", "stop_interval_s")}
+    return _places(name, walk) | {field: value for field, value in timing.items() if value}
+
+
+def _places(name: str, walk: AnyWalk) -> dict[str, Any]:
     if isinstance(walk, RecordedWalk):
         poses = np.column_stack([walk.position_m, np.rad2deg(walk.heading_rad)])
         return {"name": name, "type": "poses", "poses": poses.tolist()}

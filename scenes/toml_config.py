@@ -4,6 +4,7 @@ import json
 import re
 import tomllib
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, Self, TypeVar
@@ -28,6 +29,15 @@ Pair = Annotated[tuple[float, float], Field(strict=False)]
 
 class ConfigError(ValueError):
     """A configuration file has an error; the message is one line."""
+
+
+@contextmanager
+def naming_field(path: str, joint: str = ".") -> Iterator[None]:
+    """Put the path of the field in front of the message of a `ValueError` raised inside."""
+    try:
+        yield
+    except ValueError as error:
+        raise ConfigError(f"{path}{joint}{error}") from error
 
 
 class ConfigModel(BaseModel):

@@ -44,6 +44,7 @@ FILE_PARTS = (
         "scenes/memory.py",
         "scenes/toml_config.py",
         "scenes/objects/config.py",
+        "scenes/motion/config.py",
         "scenes/walks/config.py",
     ),
     *("scenes/meshes/", "sim/signal/arrays/weights_file.py", "sim/propagation/deepmimo/"),

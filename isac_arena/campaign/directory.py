@@ -47,8 +47,8 @@ from isac_arena.scoring.record import ScoreTables
 from isac_arena.scoring.score import Scores
 from scenes.inputs import LARGEST_TEXT, read_input
 from scenes.names import path_in
-from scenes.objects.config import KEPT_FOLDER
 from scenes.record import Record
+from scenes.references import KEPT_FOLDER
 from scenes.scene import Scene
 from scenes.toml_config import read_text, validate_stored
 from sim.config import SimulationConfig

@@ -21,7 +21,7 @@ from isac_arena.sweep.table import result_rows, write_tables
 from isac_arena.verification.campaign import draw_share
 from isac_arena.verification.compare import Finding, compare_metrics, compare_records
 from scenes.names import path_in
-from scenes.objects.config import KEPT_FOLDER
+from scenes.references import KEPT_FOLDER
 from scenes.toml_config import validate_stored
 
 

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from scenes.motion.motion import Motion
 from scenes.objects.material import Material
 from scenes.pose import LARGEST_LENGTH_M
 from scenes.record import BoolArray, FloatArray, IntArray, Record, array
@@ -37,6 +38,7 @@ class Clutter(Record):
     material: Material
     vertices_m: FloatArray = array("vertex", "xyz", unit="m", doc="corners of the triangles")
     faces: IntArray = array("face", "corner", dtype=int, doc="vertex index of each corner")
+    motion: Motion | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -64,6 +66,11 @@ class Clutter(Record):
         """Lowest and highest coordinates, each (xyz,) in m."""
         used = self.vertices_m[self.faces].reshape(-1, 3)
         return used.min(axis=0), used.max(axis=0)
+
+    @property
+    def pivot_m(self) -> FloatArray:
+        """The point (xyz,) that way-points refer to and that the mesh turns about: the middle of its bounds."""
+        return np.asarray(np.mean(self.bounds_m, axis=0))
 
     @property
     def is_closed(self) -> bool:

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
-from urllib.parse import quote
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -15,15 +12,17 @@ from pydantic import Field, model_validator
 from scenes.contours import Polyline
 from scenes.contours.config import ContourConfig, Positive
 from scenes.meshes.floorplan import merge_segments, parse_geojson, parse_segments
+from scenes.motion.config import MotionConfig, build_motion
+from scenes.motion.motion import Motion
 from scenes.names import FileName, Name, name_from
 from scenes.objects.clutter import Clutter, placed_vertices
 from scenes.objects.material import Material, itu_material
 from scenes.pose import Pose
+from scenes.references import find_file
 from scenes.scene import HorizontalPlane, ObjectKind, SceneObject
-from scenes.toml_config import ConfigError, ConfigModel, read_text
+from scenes.toml_config import ConfigModel, naming_field, read_text
 
 MAX_WALLS = 50_000  # of a floor plan
-KEPT_FOLDER = "scene_files"  # folder beside a copied scene file with copies of the files it refers to
 
 Triple = Annotated[tuple[float, float, float], Field(strict=False)]
 
@@ -87,16 +86,18 @@ class ObjectConfig(ConfigModel):
     z_max_m: float = Field(description="upper end")
     may_overlap: bool = Field(False, description="whether it may overlap other objects")
     contour: ContourConfig
+    motion: MotionConfig | None = Field(None, description="how the object moves; by default it stands")
 
-    def build(self, materials: dict[str, Material]) -> SceneObject:
-        """The object. A `ValueError` names the field."""
+    def build(self, materials: dict[str, Material], folder: Path = Path()) -> SceneObject:
+        """The object. A `ValueError` names the field. `folder` holds the file of its motion."""
         with naming_field(f"objects[{self.name}]"):
             material = find_material(self.material, materials)
             with naming_field("contour"):
                 contour = self.contour.build()
-            return SceneObject(
+            item = SceneObject(
                 self.name, self.kind, contour, self.z_min_m, self.z_max_m, material, self.may_overlap
             )
+            return replace(item, motion=build_motion(self.motion, folder, item.pivot_m))
 
 
 class FloorplanConfig(ConfigModel):
@@ -137,6 +138,7 @@ class MeshConfig(ConfigModel):
     position_m: Triple = Field((0.0, 0.0, 0.0), description="x, y, z that the mesh is moved by")
     scale: Positive = Field(1.0, description="factor from the units of the file to m")
     rotation_deg: Triple = Field((0.0, 0.0, 0.0), description="rotation about x, then y, then z")
+    motion: MotionConfig | None = Field(None, description="how the mesh moves; by default it stands")
 
     def build(self, materials: dict[str, Material], folder: Path) -> Clutter:
         """The mesh. The default name is that of the file."""
@@ -148,7 +150,9 @@ class MeshConfig(ConfigModel):
             vertices, faces = read_mesh(find_file(folder, self.file))
         vertices = placed_vertices(vertices, self.position_m, self.scale, np.deg2rad(self.rotation_deg).tolist())
         with naming_field(f"meshes[{name}]", ": "):
-            return Clutter(name, self.kind, material, vertices, faces)
+            item = Clutter(name, self.kind, material, vertices, faces)
+        with naming_field(f"meshes[{name}]"):
+            return replace(item, motion=build_motion(self.motion, folder, item.pivot_m))
 
 
 class PlaneConfig(ConfigModel):
@@ -168,21 +172,16 @@ class TxConfig(ConfigModel):
     name: Name = Field("tx", description="name of the TX")
     position_m: Triple = Field(description="x, y, z of the array")
     heading_deg: float = Field(0.0, description="azimuth of the boresight, counter-clockwise from +x")
+    motion: MotionConfig | None = Field(None, description="how the TX moves; by default it stands")
 
     def build(self) -> Pose:
         """The pose, its heading in radians."""
         return Pose(np.array(self.position_m), float(np.deg2rad(self.heading_deg)))
 
-
-def copy_name(file: str) -> str:
-    """Path, relative to a copied scene file, of the copy of a file that the scene file refers to."""
-    return f"{KEPT_FOLDER}/{quote(file, safe='')}"
-
-
-def find_file(folder: Path, file: str) -> Path:
-    """Path of a file that a scene file in `folder` refers to: the copy if it exists, else the file."""
-    copy = folder / copy_name(file)
-    return copy if copy.is_file() else folder / file
+    def build_motion(self, folder: Path) -> Motion | None:
+        """The motion; a `ValueError` names the field."""
+        with naming_field(f"tx '{self.name}'"):
+            return build_motion(self.motion, folder, np.array(self.position_m))
 
 
 def find_material(name: str, materials: dict[str, Material]) -> Material:
@@ -190,12 +189,3 @@ def find_material(name: str, materials: dict[str, Material]) -> Material:
     if name not in materials:
         raise ValueError(f"material = '{name}': must be one of the materials given, {', '.join(materials)}")
     return materials[name]
-
-
-@contextmanager
-def naming_field(path: str, joint: str = ".") -> Iterator[None]:
-    """Put the path of the field in front of the message of a `ValueError` raised inside."""
-    try:
-        yield
-    except ValueError as error:
-        raise ConfigError(f"{path}{joint}{error}") from error

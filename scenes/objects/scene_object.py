@@ -9,7 +9,9 @@ import numpy as np
 import shapely
 
 from scenes.contours import Contour
+from scenes.motion.motion import Motion
 from scenes.objects.material import Material
+from scenes.record import FloatArray
 
 ObjectKind = Literal["wall", "pillar", "kiosk", "rail", "box", "polygon", "stairs", "rack", "clutter"]
 OBJECT_KINDS: tuple[str, ...] = get_args(ObjectKind)
@@ -43,6 +45,7 @@ class SceneObject:
     z_max_m: float
     material: Material
     may_overlap: bool = False
+    motion: Motion | None = None
 
     def __post_init__(self) -> None:
         if not self.name or self.name in ("floor", "ceiling"):
@@ -54,6 +57,12 @@ class SceneObject:
         if not np.isfinite([self.z_min_m, self.z_max_m]).all():
             raise ValueError(f"z_min_m, z_max_m = {self.z_min_m}, {self.z_max_m}: must be finite")
         _check_joined(self.name, self.contour)
+
+    @property
+    def pivot_m(self) -> FloatArray:
+        """The point (xyz,) that way-points refer to and that the object turns about: the middle of its plan."""
+        middle = self.contour.body().centroid
+        return np.array([middle.x, middle.y, self.z_min_m])
 
 
 def check_overlaps(objects: Sequence[SceneObject]) -> None:

@@ -10,9 +10,9 @@ from pydantic import Discriminator, Field, Tag, model_validator
 from scenes.contours import Contour
 from scenes.contours.config import Points, Positive
 from scenes.names import FileName, Name
-from scenes.objects.config import find_file, naming_field
 from scenes.record import FloatArray
-from scenes.toml_config import ConfigModel, Pair, read_text
+from scenes.references import find_file
+from scenes.toml_config import ConfigModel, Pair, naming_field, read_text
 from scenes.walks.random_walk import grid_places, random_places, random_walk
 from scenes.walks.trajectory import RecordedWalk, Walk
 from scenes.walks.tum import MAX_STOPS, parse_tum
@@ -20,6 +20,12 @@ from scenes.walks.tum import MAX_STOPS, parse_tum
 Quadruple = Annotated[tuple[float, float, float, float], Field(strict=False)]
 Count = Annotated[int, Field(ge=1, le=MAX_STOPS)]
 PosesTable = Annotated[tuple[Quadruple, ...], Field(strict=False, min_length=1, max_length=MAX_STOPS)]
+Speed = Annotated[
+    float, Field(ge=0, le=100, description="of a receiver that walks on while it sweeps; 0: it stands")
+]
+Interval = Annotated[
+    float, Field(ge=0, le=1e6, description="from stop to stop of one that stands, no shorter than a sweep")
+]
 POSE_COLUMNS = ("x_m", "y_m", "z_m", "heading_deg")
 
 
@@ -39,6 +45,8 @@ class WaypointWalkConfig(ConfigModel):
         None, description="stops at equal spacing; without it the way-points are the stops"
     )
     heading_deg: float | None = Field(None, description="heading at every stop; without it the RX looks ahead")
+    speed_m_s: Speed = 0.0
+    stop_interval_s: Interval = 0.0
 
     def build(self, folder: Path) -> Walk:
         """The walk, angles in radians; it needs no file of `folder`."""
@@ -62,6 +70,8 @@ class RandomWalkConfig(ConfigModel):
     area_m: Quadruple | None = Field(None, description="x_min, y_min, x_max, y_max; by default the bounds")
     start_m: Pair | None = Field(None, description="first stop; random by default")
     heading_deg: float | None = Field(None, description="heading at every stop; without it the RX looks ahead")
+    speed_m_s: Speed = 0.0
+    stop_interval_s: Interval = 0.0
 
     def build(self, obstacles: Sequence[Contour], bounds_m: Quadruple) -> Walk:
         """The walk, the same for the same seed and objects."""
@@ -91,6 +101,8 @@ class GridWalkConfig(ConfigModel):
     clearance_m: Annotated[float, Field(ge=0.01)] = Field(0.3, description="from objects, TX and rim")
     area_m: Quadruple | None = Field(None, description="x_min, y_min, x_max, y_max; by default the bounds")
     heading_deg: float = Field(0.0, description="heading at every stop")
+    speed_m_s: Speed = 0.0
+    stop_interval_s: Interval = 0.0
 
     def build(self, obstacles: Sequence[Contour], bounds_m: Quadruple) -> RecordedWalk:
         """The stops, the same for the same objects."""
@@ -112,6 +124,8 @@ class DropsWalkConfig(ConfigModel):
     clearance_m: Annotated[float, Field(ge=0.01)] = Field(0.3, description="from objects, TX and rim")
     area_m: Quadruple | None = Field(None, description="x_min, y_min, x_max, y_max; by default the bounds")
     heading_deg: float | None = Field(None, description="heading at every stop; random by default")
+    speed_m_s: Speed = 0.0
+    stop_interval_s: Interval = 0.0
 
     def build(self, obstacles: Sequence[Contour], bounds_m: Quadruple) -> RecordedWalk:
         """The stops, the same for the same seed and objects."""
@@ -132,6 +146,8 @@ class PosesWalkConfig(ConfigModel):
         Field(None, description="[x_m, y_m, z_m, heading_deg] of every stop")
     )
     file: FileName | None = Field(None, description="CSV file of these four columns, names on top or not")
+    speed_m_s: Speed = 0.0
+    stop_interval_s: Interval = 0.0
 
     @model_validator(mode="after")
     def _one_source(self) -> Self:
@@ -179,6 +195,8 @@ class RecordedWalkConfig(ConfigModel):
     name: Name = Field("walk", description="name of the walk")
     type: Literal["tum"]
     file: FileName = Field(description="trajectory in TUM format beside the scene file")
+    speed_m_s: Speed = 0.0
+    stop_interval_s: Interval = 0.0
 
     def build(self, folder: Path) -> RecordedWalk:
         """The walk, with one stop per line of the file."""

@@ -29,6 +29,8 @@ class Walk(Record):
     heading_rad: float = array(unit="rad", doc="heading at every stop; NaN: along the path")
     n_stops: int | None = None
     is_smooth: bool = False
+    speed_m_s: float = array(unit="m/s", default=0.0, doc="of a receiver that walks while it sweeps")
+    stop_interval_s: float = array(unit="s", default=0.0, doc="from stop to stop, of one that stands")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -135,6 +137,8 @@ class RecordedWalk(Record):
 
     position_m: FloatArray = array("stop", "xyz", unit="m", doc="position of the RX array at every stop")
     heading_rad: FloatArray = array("stop", unit="rad", doc="heading at every stop")
+    speed_m_s: float = array(unit="m/s", default=0.0, doc="of a receiver that walks while it sweeps")
+    stop_interval_s: float = array(unit="s", default=0.0, doc="from stop to stop, of one that stands")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -172,3 +176,39 @@ class RecordedWalk(Record):
 
 
 AnyWalk = Walk | RecordedWalk
+
+
+def velocities_m_s(walk: AnyWalk) -> FloatArray:
+    """Velocity (stop, xyz) in m/s of the receiver during the sweep of each stop: straight towards the next stop.
+
+    That of the last stop is the one before. Zero where it stands while it sweeps.
+    """
+    position_m = walk.positions_m()
+    if not walk.speed_m_s or len(position_m) < 2:
+        return np.zeros_like(position_m)
+    leg_m = np.diff(position_m, axis=0)
+    leg_m = np.vstack([leg_m, leg_m[-1:]])
+    return np.asarray(walk.speed_m_s * leg_m / np.linalg.norm(leg_m, axis=1, keepdims=True))
+
+
+def stop_times_s(walk: AnyWalk, sweep_s: float) -> FloatArray:
+    """Middle (stop,) in s of the sweep at every stop; the sweep of the first stop starts the campaign.
+
+    A receiver that walks while it sweeps is at its stops in the middle of the sweeps. One that stands takes
+    `stop_interval_s` from stop to stop, or no longer than a sweep of `sweep_s`.
+
+    Raises `ValueError` where it is at a stop before the sweep of the one before has ended, or does not move.
+    """
+    position_m = walk.positions_m()
+    interval_s = np.full(len(position_m) - 1, max(sweep_s, walk.stop_interval_s))
+    if walk.speed_m_s:
+        interval_s = np.linalg.norm(np.diff(position_m, axis=0), axis=1) / walk.speed_m_s
+        if len(position_m) < 2:
+            raise ValueError(f"walk.speed_m_s = {walk.speed_m_s:g}: a walk has two or more stops")
+    if len(interval_s) and interval_s.min() < sweep_s:
+        stop = int(interval_s.argmin())
+        raise ValueError(
+            f"walk.speed_m_s = {walk.speed_m_s:g}: stop {stop} is {interval_s[stop]:.3g} s before the next, "
+            f"but a sweep takes {sweep_s:.3g} s; take fewer stops, fewer beams or a lower speed"
+        )
+    return np.asarray(sweep_s / 2 + np.concatenate([[0.0], np.cumsum(interval_s)]))
