@@ -12,14 +12,14 @@ from collections.abc import Iterator, Mapping
 from dataclasses import fields
 from io import BytesIO
 from pathlib import Path
-from typing import Any, TypeVar, get_type_hints
+from typing import Any, TypeVar, get_args, get_type_hints
 
 import h5py
 import numpy as np
 
 from isac_arena.campaign.integrity import add_seal, is_sealed
 from scenes.memory import ask_memory
-from scenes.record import Record, columns
+from scenes.record import Record, columns, is_optional
 
 R = TypeVar("R", bound=Record)
 
@@ -84,8 +84,9 @@ def _write_group(group: h5py.Group, record: Record) -> None:
         for dimension, axis in zip(variable.dims, axes, strict=True):
             dimension.attach_scale(scales[axis])
     for spec in fields(record):
-        if "axes" not in spec.metadata:
-            _write_group(group.create_group(spec.name, track_order=True), getattr(record, spec.name))
+        inner = getattr(record, spec.name)
+        if "axes" not in spec.metadata and inner is not None:
+            _write_group(group.create_group(spec.name, track_order=True), inner)
 
 
 def _variables(record: Record) -> Iterator[tuple[str, tuple[str, ...], Any, Mapping[str, Any]]]:
@@ -113,7 +114,10 @@ def _read_group(group: h5py.Group, kind: type[R]) -> R:
     types = get_type_hints(kind)
     values: dict[str, Any] = {}
     for spec in fields(kind):
-        if "axes" not in spec.metadata:
+        if is_optional(spec):
+            [inner] = (one for one in get_args(types[spec.name]) if one is not type(None))
+            values[spec.name] = _read_group(group[spec.name], inner) if spec.name in group else None
+        elif "axes" not in spec.metadata:
             values[spec.name] = _read_group(group[spec.name], types[spec.name])
         elif spec.metadata["dtype"].kind == "c":
             real = _read_array(group, f"{spec.name}_re")

@@ -4,10 +4,11 @@ from collections import Counter
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
-from scenes.pose import SPEED_OF_LIGHT_M_S, azimuth_elevation, direction
+from scenes.pose import SPEED_OF_LIGHT_M_S, azimuth_elevation
 from scenes.record import BoolArray, ComplexArray, FloatArray, IntArray, Record, TextArray, array
 
 
@@ -19,6 +20,26 @@ class BounceKind(IntEnum):
     DIFFUSE = 2
     REFRACTION = 3
     DIFFRACTION = 4
+
+
+@dataclass(frozen=True)
+class PathRates(Record):
+    """How paths change at one instant, from the motion of TX, RX and everything that they meet."""
+
+    doppler_hz: FloatArray = array(
+        "path", unit="Hz", doc="shift of the carrier, positive where the path gets shorter"
+    )
+    length_rate_m_s: FloatArray = array(
+        "path", unit="m/s", doc="rate of the length, -c / f_c of the Doppler shift"
+    )
+    length_acceleration_m_s2: FloatArray = array("path", unit="m/s^2", doc="second derivative of the length")
+    aod_azimuth_rate_rad_s: FloatArray = array("path", unit="rad/s", doc="rate of the azimuth of departure")
+    aod_elevation_rate_rad_s: FloatArray = array("path", unit="rad/s", doc="rate of the elevation of departure")
+    aoa_azimuth_rate_rad_s: FloatArray = array("path", unit="rad/s", doc="rate of the azimuth of arrival")
+    aoa_elevation_rate_rad_s: FloatArray = array("path", unit="rad/s", doc="rate of the elevation of arrival")
+
+    def __len__(self) -> int:
+        return self.size("path")
 
 
 @dataclass(frozen=True)
@@ -41,11 +62,17 @@ class Paths(Record):
     bounce_object: IntArray = array("path", "bounce", dtype=int, doc="index into object_name, -1 for none")
     vertex_m: FloatArray = array("path", "bounce", "xyz", unit="m", doc="interaction points, TX to RX")
     object_name: TextArray = array("object", dtype=str, doc="names of the scene's objects")
+    rates: PathRates | None = None  # absent where nothing moves
 
     derived = MappingProxyType({"is_los": array("path", dtype=bool, doc="no interaction: the line of sight")})
 
     def __len__(self) -> int:
         return self.size("path")
+
+    @property
+    def length_m(self) -> FloatArray:
+        """Length (path,) in m."""
+        return np.asarray(self.delay_s * SPEED_OF_LIGHT_M_S)
 
     @property
     def power(self) -> FloatArray:
@@ -99,7 +126,7 @@ def with_bounce_slots(paths: Paths, n_slots: int) -> Paths:
         raise ValueError(
             f"Paths.bounce: {paths.n_interactions.max()} interactions do not fit into {n_slots} slots"
         )
-    changes = {}
+    changes: dict[str, Any] = {}
     for name, filler in (("bounce_kind", BounceKind.NONE), ("bounce_object", -1), ("vertex_m", np.nan)):
         old = getattr(paths, name)[:, :n_slots]
         new = np.full((old.shape[0], n_slots, *old.shape[2:]), filler, old.dtype)
@@ -164,21 +191,6 @@ def single_interaction(
     """Kinds, objects and vertices of paths with one interaction each, at `vertex_m` (path, xyz)."""
     shape = (len(vertex_m), 1)
     return np.full(shape, kind), np.broadcast_to(np.reshape(item, (-1, 1)), shape), vertex_m[:, None]
-
-
-def doppler_hz(
-    paths: Paths, carrier_hz: float, rx_velocity_m_s: FloatArray, tx_velocity_m_s: FloatArray | None = None
-) -> FloatArray:
-    """Doppler shift (path,) in Hz for devices with the given velocities (xyz,) in a static scene.
-
-    f = f_c / c (v_rx . u_arrival + v_tx . u_departure). Both directions point away from their device, so the shift
-    is positive when a device moves towards the path.
-    """
-    arrival = direction(paths.aoa_azimuth_rad, paths.aoa_elevation_rad)
-    speed = arrival @ np.asarray(rx_velocity_m_s, float)
-    if tx_velocity_m_s is not None:
-        speed = speed + direction(paths.aod_azimuth_rad, paths.aod_elevation_rad) @ np.asarray(tx_velocity_m_s)
-    return np.asarray(carrier_hz / SPEED_OF_LIGHT_M_S * speed)
 
 
 def path_labels(paths: Paths) -> TextArray:

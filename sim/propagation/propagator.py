@@ -1,17 +1,22 @@
 """All propagation paths of a scene in canonical order: exact specular, diffracted, over meshes, diffuse."""
 
-from dataclasses import dataclass
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from scenes.contours.pieces import LinePiece, Piece
-from scenes.record import BoolArray, FloatArray, concatenate
+from scenes.motion.motion import BodyMotion
+from scenes.record import BoolArray, FloatArray, IntArray, concatenate
 from scenes.scene import Scene
 from sim.config import PropagationConfig
 from sim.propagation.diffraction.creeping import convex_contours, creeping_paths
 from sim.propagation.diffraction.edge_paths import diffracted_paths
 from sim.propagation.diffraction.edges import find_edges
 from sim.propagation.diffraction.mesh_edges import diffracted_by_meshes, mesh_edges
+from sim.propagation.motion.rates import path_rates
 from sim.propagation.occlusion import occluders, surface_names
 from sim.propagation.paths import BounceKind, Paths, canonical_order, with_bounce_slots
 from sim.propagation.specular.facets import TracedChains, mesh_rays
@@ -38,17 +43,20 @@ class Propagator:
     seconds. In this case it raises `sim.propagation.llvm.LlvmError` if there is no usable LLVM library.
     """
 
-    def __init__(self, scene: Scene, carrier_hz: float, config: PropagationConfig | None = None) -> None:
+    def __init__(
+        self, scene: Scene, carrier_hz: float, config: PropagationConfig | None = None, *, traces: bool = True
+    ) -> None:
         self._config = config or PropagationConfig()
         self._scene, self._carrier_hz = scene, carrier_hz
         self._faces = occluders(scene)
         self._exact = ExactSolver(scene, carrier_hz, self._config, self._faces)
         self._edges = find_edges(scene) if self._diffracts else None
         self._rings = convex_contours(scene) if self._diffracts else {}
-        self._tracer = Tracer(scene, carrier_hz, self._config) if _needs_tracer(scene, self._config) else None
+        needs_tracer = _needs_tracer(scene, self._config)
+        self._tracer = Tracer(scene, carrier_hz, self._config) if traces and needs_tracer else None
         self._meshes = None
-        if self._tracer is not None and scene.clutter:
-            self._meshes = MeshSolver(scene, carrier_hz, self._diffracts, self._exact, self._tracer)
+        if needs_tracer and scene.clutter:
+            self._meshes = MeshSolver(scene, carrier_hz, self._diffracts, self._exact)
 
     def paths(self, rx_position_m: FloatArray) -> Paths:
         """All paths from the scene's TX to a receiver (xyz,), in canonical order.
@@ -75,16 +83,48 @@ class Propagator:
 
     def _paths(self, rx: FloatArray, exact: list[Paths], chains: TracedChains | None) -> Paths:
         """All paths to a receiver (xyz,); `chains` are the result of the tracer if it has already run."""
+        if chains is None:
+            chains = self.mesh_chains(rx)
+        parts = self._exact_parts(rx, exact, chains)
+        if self._tracer is not None:
+            parts.append(self._tracer.diffuse(rx))
+        return canonical_order(concatenate(parts, "path"))
+
+    def mesh_chains(self, rx_position_m: FloatArray) -> TracedChains | None:
+        """Chains of triangles that reflect to a receiver (xyz,), found by the tracer; None without meshes."""
+        if self._meshes is None or self._tracer is None:
+            return None
+        return self._tracer.specular_chains(rx_position_m)[1]
+
+    def exact_paths(self, rx_position_m: FloatArray, chains: TracedChains | None = None) -> Paths:
+        """All paths but the diffuse ones to a receiver (xyz,); `chains` are those of meshes."""
+        rx = np.asarray(rx_position_m, float)
+        return canonical_order(concatenate(self._exact_parts(rx, self._exact.paths(rx), chains), "path"))
+
+    def with_rates(self, paths: Paths, bodies: BodyMotion) -> Paths:
+        """Paths of this scene with their rates; `bodies` are its surfaces as paths count them, TX and receiver."""
+        meshes = None if self._meshes is None else self._meshes.edges
+        args = self._scene, self._edges, self._rings, meshes, self._carrier_hz
+        return replace(paths, rates=path_rates(paths, bodies, *args))
+
+    def restricted(self, objects: IntArray) -> Propagator:
+        """The same scene where only these objects reflect and diffract; all of them still block."""
+        fewer = copy.copy(self)
+        fewer._exact = self._exact.restricted(objects)
+        if self._edges is not None:
+            fewer._edges = self._edges.take("edge", np.isin(self._edges.object, objects))
+        fewer._rings = {index: ring for index, ring in self._rings.items() if index in objects}
+        return fewer
+
+    def _exact_parts(self, rx: FloatArray, exact: list[Paths], chains: TracedChains | None) -> list[Paths]:
         parts = list(exact)
         if self._edges is not None:
             bent = diffracted_paths(self._scene, rx, self._carrier_hz, self._faces, self._edges)
             bent += creeping_paths(self._scene, rx, self._carrier_hz, self._faces, self._rings)
             parts += [with_bounce_slots(paths, self._config.n_bounce_slots) for paths in bent]
-        if self._meshes is not None:
+        if self._meshes is not None and chains is not None:
             parts += self._meshes.paths(rx, chains)
-        if self._tracer is not None:
-            parts.append(self._tracer.diffuse(rx))
-        return canonical_order(concatenate(parts, "path"))
+        return parts
 
     @property
     def _diffracts(self) -> bool:
@@ -94,25 +134,22 @@ class Propagator:
 class MeshSolver:
     """Paths over the meshes of a scene: the tracer finds the reflecting triangles, points and gains are exact."""
 
-    def __init__(
-        self, scene: Scene, carrier_hz: float, diffracts: bool, exact: ExactSolver, tracer: Tracer
-    ) -> None:
-        self._carrier_hz, self._exact, self._tracer = carrier_hz, exact, tracer
+    def __init__(self, scene: Scene, carrier_hz: float, diffracts: bool, exact: ExactSolver) -> None:
+        self._carrier_hz, self._exact = carrier_hz, exact
         self._tx = np.asarray(scene.tx.position_m, float)
         self._clutter, self._names = scene.clutter, surface_names(scene)
-        self._edges = mesh_edges(scene.clutter) if diffracts else None
+        self.edges = mesh_edges(scene.clutter) if diffracts else None
 
-    def paths(self, rx_m: FloatArray, chains: TracedChains | None = None) -> list[Paths]:
+    def paths(self, rx_m: FloatArray, chains: TracedChains) -> list[Paths]:
         """Paths to a receiver (xyz,) that reflect off or are diffracted at one or more meshes, in no order."""
-        chains = self._tracer.specular_chains(rx_m)[1] if chains is None else chains
         first = len(self._names) - len(self._clutter)
         rays = mesh_rays(chains, self._tx, rx_m, self._clutter, first)
         parts = [self._exact.finished(one, rx_m[None])[0] for one in rays]
-        if self._edges is not None:
+        if self.edges is not None:
             materials = [item.material for item in self._clutter]
             parts.append(
                 diffracted_by_meshes(
-                    self._edges, (self._tx, rx_m), materials, self._exact.faces, self._carrier_hz, self._names,
+                    self.edges, (self._tx, rx_m), materials, self._exact.faces, self._carrier_hz, self._names,
                     self._exact.n_bounce_slots,
                 )
             )  # fmt: skip

@@ -4,6 +4,9 @@ The solver finds paths in plan view (images for flat faces, stationary points fo
 and removes the blocked ones.
 """
 
+from __future__ import annotations
+
+import copy
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -48,8 +51,25 @@ class ExactSolver:
         self._opaque = self._slabs.opaque(self._config.max_transmission_loss_db)
         if not self._config.transmission:
             self._opaque = np.ones_like(self._opaque)
-        self._chains = face_chains(self._known.faces, self._tx[:2], self._config.max_bounces)
-        self._pairs = facing_pairs(self._known.curves, self._tx[:2]) if self._config.max_bounces > 1 else None
+        self._find_chains()
+
+    def restricted(self, objects: IntArray) -> ExactSolver:
+        """The same scene where only these objects, floor and ceiling among them, reflect."""
+        fewer, known = copy.copy(self), self._known
+        fewer._known = replace(
+            known,
+            faces=known.faces.take("face", np.isin(known.faces.surface, objects)),
+            curves=known.curves.take("curve", np.isin(known.curves.surface, objects)),
+            horizontal_faces=tuple(face for face in known.horizontal_faces if face.surface in objects),
+        )
+        fewer._find_chains()
+        return fewer
+
+    def _find_chains(self) -> None:
+        """Chains of faces and pairs of curves, the same for all receivers."""
+        faces, curves, tx = self._known.faces, self._known.curves, self._tx[:2]
+        self._chains = face_chains(faces, tx, self._config.max_bounces)
+        self._pairs = facing_pairs(curves, tx) if self._config.max_bounces > 1 else None
 
     def paths(self, rx_positions_m: FloatArray, chunk: int = CHUNK) -> list[Paths]:
         """All specular paths to receivers (receiver, xyz), one record each in canonical order.

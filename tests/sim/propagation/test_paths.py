@@ -1,10 +1,10 @@
-"""The path record: derived Doppler and readable ids."""
+"""The path record: readable ids."""
 
 from dataclasses import replace
 
 import numpy as np
 
-from sim.propagation.paths import BounceKind, Paths, doppler_hz, empty_paths, path_labels
+from sim.propagation.paths import BounceKind, Paths, empty_paths, path_labels
 
 S, D, R, NONE = BounceKind.SPECULAR, BounceKind.DIFFUSE, BounceKind.REFRACTION, BounceKind.NONE
 
@@ -48,32 +48,6 @@ def test_a_way_through_a_wall_is_neither_line_of_sight_nor_bounce() -> None:
     assert paths.n_bounces.tolist() == [0, 0, 0, 1, 1, 1, 2, 1]
     assert paths.is_single_bounce.tolist() == [False, False, False, True, True, True, False, True]
     assert path_labels(paths).tolist()[:5] == ["LOS", "R wall", "R wall > R wall", "S wall", "R wall > S wall"]
-
-
-def test_doppler_is_the_rate_of_change_of_the_path_length() -> None:
-    paths, carrier_hz = some_paths(), 60e9
-    shift = doppler_hz(paths, carrier_hz, np.array([2.0, 0.0, 0.0]))
-    np.testing.assert_allclose(shift, carrier_hz * 2 / 299_792_458 * np.array([1, -1, 0.5, 1]), atol=1e-9)
-    both = doppler_hz(paths, carrier_hz, np.zeros(3), np.array([0.0, 1.0, 0.0]))
-    np.testing.assert_allclose(both, carrier_hz / 299_792_458 * np.array([0, 1, 0, 0]), atol=1e-6)
-
-
-def test_doppler_of_a_moving_receiver_by_finite_differences() -> None:
-    tx, mirror = np.array([0.0, 0.0]), np.array([0.0, 8.0])  # a wall at y = 4
-    rx, velocity, step = np.array([5.0, 1.0]), np.array([1.5, -0.7]), 1e-4
-    lengths = [
-        np.array([np.linalg.norm(rx + t * velocity - source) for source in (tx, mirror)]) for t in (-step, step)
-    ]
-    rate = (lengths[1] - lengths[0]) / (2 * step)
-    towards = [np.arctan2(*(source - rx)[::-1]) for source in (tx, mirror)]
-    level = np.zeros(2)
-    base = some_paths().take("path", [0, 1])
-    paths = Paths(
-        base.gain, base.delay_s, base.aod_azimuth_rad, level, np.array(towards), level,
-        base.bounce_kind, base.bounce_object, base.vertex_m, base.object_name,
-    )  # fmt: skip
-    shift = doppler_hz(paths, 60e9, np.append(velocity, 0.0))
-    np.testing.assert_allclose(shift, -rate * 60e9 / 299_792_458, rtol=1e-7)
 
 
 def test_labels_of_paths_over_unknown_objects():
