@@ -154,6 +154,13 @@ class PropagationConfig(ConfigModel):
     max_transmission_loss_db: float = Field(
         30.0, gt=0, le=200, description="paths that lose more on their way through faces are left out"
     )
+    retrace_phase_deg: float = Field(
+        1.0,
+        ge=0.01,
+        le=90,
+        description="in a world that moves, a sweep is traced again inside where the second order of"
+        " a path errs by more, times its gain over the strongest",
+    )
     deepmimo: FileName | None = Field(
         None, description="folder: paths of this DeepMIMO v4 scenario in place of traced ones"
     )

@@ -9,13 +9,16 @@ from pathlib import Path
 
 import numpy as np
 
-from scenes.record import FloatArray
+from scenes.record import ComplexArray, FloatArray, IntArray
 from scenes.scene import Scene
+from sim.clock import campaign_clock
 from sim.config import SimulationConfig
+from sim.moving import moving_paths, tx_pose_at
 from sim.observation import BeamSweep
 from sim.propagation.deepmimo.folder import read_deepmimo
 from sim.propagation.deepmimo.scenario import SAME_PLACE_M, PathScenario
-from sim.propagation.propagator import Propagator
+from sim.propagation.propagator import PlanarComparison, Propagator
+from sim.signal.arrays.codebook import Codebook
 from sim.signal.demand import ask_sample_memory
 from sim.signal.generation import beam_channel
 from sim.signal.hardware.apply_impairments import (
@@ -27,6 +30,8 @@ from sim.signal.hardware.apply_impairments import (
     true_tx_pose,
 )
 from sim.signal.link import Link
+from sim.signal.moving import moving_channel
+from sim.signal.waveform.prs import SUBCARRIERS_PER_RB, prs_subcarriers
 from sim.truth import Truth
 
 __all__ = ["RandomStage", "clock_biases_s", "observe", "simulate_truth", "stage_generator"]
@@ -48,6 +53,10 @@ def simulate_truth(config: SimulationConfig, scene: Scene, stops: Iterable[int])
     poses = scene.stops
     biases_s = clock_biases_s(config, len(poses))
     carrier_hz = config.waveform.carrier_ghz * 1e9
+    if scene.is_moving:
+        for stop, paths, motion, compared in moving_paths(config, scene, stops):
+            yield Truth(paths, poses[stop], stop, biases_s[stop], *_counts(compared), motion)
+        return
     if config.propagation.deepmimo is not None:
         scenario = _scenario(config.propagation.deepmimo, scene, carrier_hz)
         for stop in stops:
@@ -56,12 +65,12 @@ def simulate_truth(config: SimulationConfig, scene: Scene, stops: Iterable[int])
     propagator = Propagator(scene, carrier_hz, config.propagation)
     for stop in stops:
         paths, compared = propagator.compared_paths(poses[stop].position_m)
-        counts = (
-            compared.n_common + compared.n_repaired + compared.n_extra,
-            compared.n_repaired,
-            compared.n_extra,
-        )
-        yield Truth(paths, poses[stop], stop, biases_s[stop], *counts)
+        yield Truth(paths, poses[stop], stop, biases_s[stop], *_counts(compared))
+
+
+def _counts(compared: PlanarComparison) -> tuple[int, int, int]:
+    """Planar paths found, missed by the tracer, and found by the tracer alone."""
+    return compared.n_common + compared.n_repaired + compared.n_extra, compared.n_repaired, compared.n_extra
 
 
 def _scenario(folder: str, scene: Scene, carrier_hz: float) -> PathScenario:
@@ -87,21 +96,19 @@ def observe(config: SimulationConfig, link: Link, scene: Scene, truth: Truth) ->
     """
     ask_sample_memory(config)
     tx_codebook, rx_codebook = impaired_codebooks(config, link)
-    samples = beam_channel(
-        truth.paths,
-        tx_codebook=tx_codebook,
-        rx_codebook=rx_codebook,
-        tx_pose=true_tx_pose(config, scene.tx),
-        rx_pose=truth.rx_pose,
-        frequency_offset_hz=link.frequency_offset_hz,
-        clock_bias_s=truth.clock_bias_s,
-    )
-    samples *= np.sqrt(link.tx_power_mw).astype(np.float32) * link.prs_symbol[:, None, :]
-    samples = receive_samples(config, link, truth.stop, samples)
+    pilot = np.sqrt(link.tx_power_mw).astype(np.float32) * link.prs_symbol[:, None, :]
+
+    def sent(repetition: int) -> ComplexArray:
+        samples = clean_samples(config, link, scene, truth, (tx_codebook, rx_codebook), repetition)
+        samples *= pilot
+        return samples
+
+    samples = receive_samples(config, link, truth.stop, sent(0), None if truth.motion is None else sent)
+    tx_pose = scene.tx if truth.motion is None else tx_pose_at(scene, truth.motion.time_s)
     return BeamSweep(
         tx_codebook=link.tx_codebook,
         rx_codebook=link.rx_codebook,
-        tx_pose=scene.tx,
+        tx_pose=tx_pose,
         stop=truth.stop,
         samples=samples,
         prs_symbol=link.prs_symbol,
@@ -109,3 +116,70 @@ def observe(config: SimulationConfig, link: Link, scene: Scene, truth: Truth) ->
         carrier_hz=link.carrier_hz,
         noise_power_mw=link.noise_power_mw,
     )
+
+
+def clean_samples(
+    config: SimulationConfig,
+    link: Link,
+    scene: Scene,
+    truth: Truth,
+    codebooks: tuple[Codebook, Codebook],
+    repetition: int,
+) -> ComplexArray:
+    """Channel (tx_beam, rx_beam, subcarrier) of one repetition of every beam pair of a stop, with these codebooks.
+
+    In a frozen world all repetitions are the same.
+    """
+    if truth.motion is not None:
+        return _moving_samples(config, link, scene, truth, codebooks, repetition)
+    return beam_channel(
+        truth.paths,
+        tx_codebook=codebooks[0],
+        rx_codebook=codebooks[1],
+        tx_pose=true_tx_pose(config, scene.tx),
+        rx_pose=truth.rx_pose,
+        frequency_offset_hz=link.frequency_offset_hz,
+        clock_bias_s=truth.clock_bias_s,
+    )
+
+
+def _moving_samples(
+    config: SimulationConfig,
+    link: Link,
+    scene: Scene,
+    truth: Truth,
+    codebooks: tuple[Codebook, Codebook],
+    repetition: int,
+) -> ComplexArray:
+    """Channel (tx_beam, rx_beam, subcarrier) of one repetition of every beam pair in a world that moves.
+
+    Where a beam pair combines the symbols of a resource, each subcarrier is the mean of the symbols that sound it.
+    """
+    assert truth.motion is not None
+    motion, prs = truth.motion, config.waveform.prs
+    time_s = campaign_clock(config, scene).symbol_s[repetition]
+
+    def heading_rad(later_s: float) -> float:
+        return true_tx_pose(config, tx_pose_at(scene, motion.time_s + later_s)).heading_rad
+
+    def channel(later_s: float, subcarrier: slice | IntArray) -> ComplexArray:
+        return moving_channel(
+            motion,
+            time_s,
+            tx_codebook=codebooks[0],
+            rx_codebook=codebooks[1],
+            tx_heading_rad=heading_rad,
+            rx_pose=truth.rx_pose,
+            frequency_offset_hz=link.frequency_offset_hz[subcarrier],
+            clock_bias_s=truth.clock_bias_s,
+            later_s=later_s,
+        )
+
+    if not config.waveform.combine_symbols:
+        return channel(0.0, slice(None))
+    total = np.zeros((*time_s.shape, len(link.frequency_offset_hz)), np.complex64)
+    for number, symbol in enumerate(prs.symbols):
+        sounded = prs_subcarriers(prs, symbol) - prs.rb_offset * SUBCARRIERS_PER_RB
+        total[..., sounded] += channel(number * prs.symbol_s, sounded)
+    total *= np.float32(prs.comb / prs.length)
+    return total

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from scenes.pose import Pose
 from scenes.record import Record, array
+from sim.propagation.motion.tracks import SweepMotion
 from sim.propagation.paths import Paths
 
 
@@ -22,3 +23,4 @@ class Truth(Record):
         dtype=int, default=0, doc="of these, missed by the tracer: the exact ones are used"
     )
     n_planar_extra: int = array(dtype=int, default=0, doc="of these, found by the tracer only: discarded")
+    motion: SweepMotion | None = None  # absent where nothing moves

@@ -238,7 +238,7 @@ class CampaignRun:
         for name, states in given.items():
             kept = self.results.map_result(name)
             if kept is None:
-                check_estimates(channel, self.scene.tx)
+                check_estimates(channel, self.scene.standing_tx)
                 mapping = self.learned_mapping(channel, states)
                 kept = self.shape(channel, *self.locate(channel, states, mapping), mapping)
                 self.results.write_map(name, kept)

@@ -19,7 +19,7 @@ from isac_arena.campaign.plan import RunPlan, check_elevations, plan_run
 from isac_arena.campaign.recording import recorded_run
 from isac_arena.campaign.results import CampaignResults, MapName, MapResult
 from isac_arena.campaign.side import swapped_in
-from isac_arena.campaign.summary import PlanarCounts, run_facts, score_table
+from isac_arena.campaign.summary import TraceCounts, run_facts, score_table
 from isac_arena.progress import progress_bar, working
 from isac_arena.report.page.budget_file import BUDGET_FILE, read_budget
 from isac_arena.scoring.measured import measured_metrics, score_measured
@@ -27,6 +27,7 @@ from isac_arena.scoring.record import ScoreTables
 from isac_arena.scoring.score import Scores, score_metrics
 from isac_arena.workers.stops import StopMakers, StopRun, campaign_run, make_stops, stop_run
 from scenes.scene import Scene
+from sim.clock import checked_clock
 from sim.signal.demand import ask_sample_memory
 from sim.signal.hardware.apply_impairments import with_surveyed_pose
 from sim.signal.link import make_link
@@ -66,6 +67,8 @@ def _checked(campaign: str | Campaign, out: Path, seed: int | None, estimator: s
     loaded = campaign if isinstance(campaign, Campaign) else load_campaign(campaign, seed=seed)
     channel_estimator(loaded.config, estimator)
     check_elevations(loaded.config, estimator)
+    if loaded.scene.is_moving:
+        checked_clock(loaded.config, loaded.scene)
     ask_sample_memory(loaded.config)
     return campaign_store(loaded, out, estimator)
 
@@ -76,6 +79,7 @@ def run_campaign(
 ) -> None:  # fmt: skip
     """All stages from the scene to the report, into a directory; an interrupted run continues."""
     with opened(campaign, out, seed, estimator) as store:
+        _ = store.scene.standing_tx
         plan = run_plan(store)
         print_plan(plan)
         sweep_and_estimate(store, makers, keep_sweeps=keep_sweeps)
@@ -155,14 +159,14 @@ def sweep_and_estimate(
 
 def _each_stop(stops: StopRun, makers: StopMakers, description: str) -> None:
     """Make what is missing at every stop, here or on workers, with progress."""
-    counts = PlanarCounts()
+    counts = TraceCounts()
     with working(console, "self-calibration"):
         stops.run.calibrate()
     with progress_bar(console) as progress, closing(make_stops(stops, makers, progress.console.print)) as made:
         for one in progress.track(made, len(stops.run.chosen_stops), description=description):
             counts += one
-    if counts.n_compared:
-        console.print(counts.line)
+    for line in counts.lines:
+        console.print(line)
 
 
 def build_maps(store: CampaignStore) -> None:

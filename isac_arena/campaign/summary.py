@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import math
 import platform
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from importlib.metadata import PackageNotFoundError, version
 
+import numpy as np
 from rich.table import Table
 
 from isac_arena.campaign.chain import walk_settings
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.scoring.score import Scores
 from scenes.scene import Scene
+from sim.propagation.motion.sweep import TRACES_OF_A_SWEEP
+from sim.truth import Truth
 
 HEADLINES = {
     "channel.detected_per_stop": "paths detected per stop",
@@ -34,24 +37,47 @@ LIBRARIES = ("isac-arena", "sionna-rt", "numpy", "scipy")
 
 
 @dataclass(frozen=True)
-class PlanarCounts:
-    """Planar specular paths of a campaign: ray tracer against exact solver."""
+class TraceCounts:
+    """Tracing of a campaign: planar paths of the ray tracer against the exact ones, and sweeps that move."""
 
     n_compared: int = 0
     n_repaired: int = 0
     n_extra: int = 0
+    n_moving: int = 0  # sweeps
+    n_traced_again: int = 0  # of these, inside
+    n_traces: int = 0  # of all of these
+    phase_rad: float = 0.0  # largest error of the second order
 
-    def __add__(self, other: PlanarCounts) -> PlanarCounts:
-        return PlanarCounts(
-            self.n_compared + other.n_compared, self.n_repaired + other.n_repaired, self.n_extra + other.n_extra
-        )
+    def __add__(self, other: TraceCounts) -> TraceCounts:
+        sums = {each.name: getattr(self, each.name) + getattr(other, each.name) for each in fields(self)}
+        return TraceCounts(**(sums | {"phase_rad": max(self.phase_rad, other.phase_rad)}))
 
     @property
-    def line(self) -> str:
-        """One line for the terminal."""
-        extra = f"; {self.n_extra} that only the tracer found are not used" if self.n_extra else ""
-        n_exact = self.n_compared - self.n_extra
-        return f"planar paths: {n_exact} by the exact solver; the ray tracer missed {self.n_repaired}{extra}"
+    def lines(self) -> list[str]:
+        """Lines for the terminal: none about what did not happen."""
+        lines = []
+        if self.n_compared:
+            extra = f"; {self.n_extra} that only the tracer found are not used" if self.n_extra else ""
+            n_exact = self.n_compared - self.n_extra
+            missed = f"the ray tracer missed {self.n_repaired}"
+            lines.append(f"planar paths: {n_exact} by the exact solver; {missed}{extra}")
+        if self.n_moving:
+            lines.append(
+                f"motion: {self.n_moving} sweeps, {self.n_traced_again} of them traced again inside, "
+                f"{self.n_traces / self.n_moving:.3g} times each sweep; "
+                f"the second order errs by up to {np.rad2deg(self.phase_rad):.2g} deg times the relative gain"
+            )
+        return lines
+
+
+def trace_counts(truth: Truth) -> TraceCounts:
+    """What tracing a stop took."""
+    planar = truth.n_planar_compared, truth.n_planar_repaired, truth.n_planar_extra
+    motion = truth.motion
+    if motion is None:
+        return TraceCounts(*planar)
+    again = int(motion.n_traces > TRACES_OF_A_SWEEP)
+    return TraceCounts(*planar, 1, again, motion.n_traces, motion.second_order_phase_rad)
 
 
 def score_table(scores: Scores) -> Table:

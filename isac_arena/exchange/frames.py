@@ -1,5 +1,6 @@
 """Records as xarray and pandas objects."""
 
+from dataclasses import fields
 from functools import cached_property, singledispatch
 from typing import Any
 
@@ -9,7 +10,7 @@ import xarray as xr
 
 from isac_arena.scoring.metrics.metric import to_json
 from isac_arena.scoring.score import Scores
-from scenes.record import FIXED_AXES, Record, columns, parts_of
+from scenes.record import FIXED_AXES, Record, columns, is_optional, parts_of
 
 LONGEST_SPREAD = 5  # a second axis of this length becomes columns of a table, a longer one is left out
 
@@ -36,10 +37,12 @@ def to_dataframe(thing: Any) -> pd.DataFrame:
 @to_dataframe.register
 def _(thing: Record) -> pd.DataFrame:
     first = next((axes for _, axes, _, _ in columns(thing) if axes), ())
-    if len(first) != 1 or parts_of(thing):
+    added = {spec.name for spec in fields(thing) if is_optional(spec)}  # records with the rows of this one
+    if len(first) != 1 or set(parts_of(thing)) - added:
         raise _no_table(thing)
     table: dict[str, Any] = {}
-    for name, axes, values, _ in columns(thing):
+    records = thing, *parts_of(thing).values()
+    for name, axes, values, _ in (column for record in records for column in columns(record)):
         if not axes:
             table[name] = np.full(thing.size(first[0]), values)
         elif axes == first:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from isac_arena.campaign.directory import CampaignStore, open_campaign
 from isac_arena.campaign.driver import CampaignRun
-from isac_arena.campaign.summary import PlanarCounts
+from isac_arena.campaign.summary import TraceCounts, trace_counts
 from isac_arena.workers.workers import Workers, n_cores
 from scenes.memory import MemoryLimitError, limited_memory, memory_limit_bytes
 from sim.signal.demand import sample_bytes
@@ -76,7 +76,7 @@ class StopRun:
             and (not work.estimates or (not work.again and store.has_channel(stop)))
         )
 
-    def make(self, stop: int) -> PlanarCounts:
+    def make(self, stop: int) -> TraceCounts:
         """Make what is missing at a stop, and count its planar paths."""
         store, work, truth = self.store, self.work, self.run.truth(stop)
         keeps = work.keeps_sweeps and not store.has_sweep(stop)
@@ -87,7 +87,7 @@ class StopRun:
                 store.write_sweep(sweep)
             if makes:
                 self.run.estimate(truth, sweep)
-        return PlanarCounts(truth.n_planar_compared, truth.n_planar_repaired, truth.n_planar_extra)
+        return trace_counts(truth)
 
 
 def stop_run(store: CampaignStore, *, keeps_sweeps: bool, estimates: bool, again: bool = False) -> StopRun:
@@ -100,7 +100,7 @@ def campaign_run(store: CampaignStore) -> CampaignRun:
     return CampaignRun(store.config, store.scene, store, estimator=store.estimator)
 
 
-def make_stops(stops: StopRun, makers: StopMakers, tell: Tell) -> Generator[PlanarCounts, None, None]:
+def make_stops(stops: StopRun, makers: StopMakers, tell: Tell) -> Generator[TraceCounts, None, None]:
     """Make what is missing at every stop, and yield the counts of each that ends.
 
     The first stops are made here. Workers start where they save more time than they take to start, judged by the
@@ -150,7 +150,7 @@ def affordable(n_workers: int, stop_bytes: float) -> tuple[int, str]:
 
 def _made_by_workers(
     stops: StopRun, missing: Sequence[int], n_workers: int, limit_s: float | None
-) -> Iterator[PlanarCounts]:
+) -> Iterator[TraceCounts]:
     """Make stops on workers; those that found too little memory beside others are made here at the end."""
     from isac_arena.workers.tasks import STOP_LIMIT_S, WorkerDiedError, each_outcome  # noqa: PLC0415  (imports dask)
 
@@ -172,7 +172,7 @@ def _made_by_workers(
     yield from map(stops.make, short)
 
 
-def _made_there(call: tuple[StopWork, str, int]) -> PlanarCounts:
+def _made_there(call: tuple[StopWork, str, int]) -> TraceCounts:
     """Make a stop in a worker, with its share of the memory."""
     work, share, stop = call
     with limited_memory(share):

@@ -137,13 +137,13 @@ def _terms(
     tx: ComplexArray, rx: ComplexArray, delay_s: FloatArray, frequency_hz: FloatArray
 ) -> tuple[ComplexArray, ComplexArray]:
     """Amplitudes (term, beam pair) and waves (term, subcarrier): a term is a path or a grid delay."""
-    spacing_s = 1 / (OVERSAMPLING * _bandwidth_hz(frequency_hz))
+    spacing_s = 1 / (OVERSAMPLING * bandwidth_hz(frequency_hz))
     n_grid = int(np.ptp(delay_s) / spacing_s) + KERNEL_WIDTH + 1 if len(delay_s) else 0
     if n_grid >= len(delay_s):
         return _pairs(tx, rx), _waves(delay_s, frequency_hz).astype(np.complex64)
     position = (delay_s - delay_s[0]) / spacing_s + KERNEL_WIDTH / 2
     first_s = delay_s[0] - KERNEL_WIDTH / 2 * spacing_s
-    return _spread(tx, rx, position, n_grid), _grid_waves(n_grid, first_s, spacing_s, frequency_hz)
+    return _spread(tx, rx, position, n_grid), grid_waves(n_grid, first_s, spacing_s, frequency_hz)
 
 
 def _waves(delay_s: FloatArray, frequency_hz: FloatArray) -> ComplexArray:
@@ -155,7 +155,7 @@ def _waves(delay_s: FloatArray, frequency_hz: FloatArray) -> ComplexArray:
     return wave
 
 
-def _grid_waves(n_grid: int, first_s: float, spacing_s: float, frequency_hz: FloatArray) -> ComplexArray:
+def grid_waves(n_grid: int, first_s: float, spacing_s: float, frequency_hz: FloatArray) -> ComplexArray:
     """Waves of the grid delays, divided by the spectrum of the kernel to correct for the spreading."""
     from scipy.special import i0  # noqa: PLC0415  (slow to import)
 
@@ -188,13 +188,13 @@ def _spread(tx: ComplexArray, rx: ComplexArray, position: FloatArray, n_grid: in
         bins = np.arange(max(0, low), min(n_grid, low + CELLS_PER_GROUP + KERNEL_WIDTH - 1))
         for first in range(begin, end, longest):
             part = slice(first, min(end, first + longest))
-            kernel = _kernel(bins[:, None] - position[part]).astype(np.float32)
+            kernel = kernel_at(bins[:, None] - position[part]).astype(np.float32)
             pairs = _pairs(tx[part], rx[part]).view(np.float32)
             grid[bins[0] : bins[-1] + 1] += (kernel @ pairs).view(np.complex64)
     return grid
 
 
-def _kernel(distance: FloatArray) -> FloatArray:
+def kernel_at(distance: FloatArray) -> FloatArray:
     """Kaiser-Bessel kernel at a distance in grid delays, largest 1, zero outside its width."""
     from scipy.special import i0  # noqa: PLC0415  (slow to import)
 
@@ -203,7 +203,7 @@ def _kernel(distance: FloatArray) -> FloatArray:
     return np.where(inside > 0, value, 0.0)
 
 
-def _bandwidth_hz(frequency_hz: FloatArray) -> float:
+def bandwidth_hz(frequency_hz: FloatArray) -> float:
     """Span of the subcarriers, with half a step at each end."""
     steps = max(1, len(frequency_hz) - 1)
     span_hz = float(np.ptp(frequency_hz))

@@ -1,5 +1,6 @@
 """Application of the hardware impairments of a campaign, each one with its own random generator."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from enum import IntEnum
 
@@ -82,12 +83,19 @@ def with_surveyed_pose(config: SimulationConfig, truth: Truth) -> Truth:
     return replace(truth, rx_pose=pose)
 
 
-def receive_samples(config: SimulationConfig, link: Link, stop: int, clean: ComplexArray) -> ComplexArray:
+def receive_samples(
+    config: SimulationConfig,
+    link: Link,
+    stop: int,
+    clean: ComplexArray,
+    again: Callable[[int], ComplexArray] | None = None,
+) -> ComplexArray:
     """Received samples of a stop from noiseless samples (tx_beam, rx_beam, subcarrier), which are overwritten.
 
     Oscillator, thermal noise and front end act on every repetition of a beam pair separately. The receiver
     replaces the pilots of each repetition by those of the first one and averages. If the slots of a beam differ
-    between RX beams, the pilots of the first RX beam are used for all.
+    between RX beams, the pilots of the first RX beam are used for all. `again` gives the noiseless samples of a
+    later repetition, where they are not those of the first.
     """
     occasions = sweep_occasions(config.waveform, *clean.shape[:2])
     phase_rad = oscillator_phase_rad(config, stop, occasions.time_s)
@@ -95,8 +103,10 @@ def receive_samples(config: SimulationConfig, link: Link, stop: int, clean: Comp
     symbol_rng = stage_generator(config.seed, RandomStage.SYMBOL_PHASE, stop)
     count = occasions.repetitions
     total = clean if count == 1 else np.zeros_like(clean)
-    for time_s, turn_rad, slot in zip(occasions.time_s, phase_rad, occasions.slot, strict=True):
-        samples = clean if count == 1 else clean.copy()
+    for number, (time_s, turn_rad, slot) in enumerate(
+        zip(occasions.time_s, phase_rad, occasions.slot, strict=True)
+    ):
+        samples = clean if count == 1 else clean.copy() if again is None or not number else again(number)
         other_pilot = None
         if count > 1:
             other_pilot = (pilots(config.waveform, slot) * link.prs_symbol.conj()).astype(np.complex64)

@@ -1,6 +1,6 @@
 """Records survive the way to a file and back; unfinished files never look finished."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -12,10 +12,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from isac_arena.campaign.files import complete_file, read_attribute, read_record, write_record
+from isac_arena.exchange.frames import to_dataframe
+from scenes.config import load_scene
 from scenes.pose import Pose
 from scenes.record import BoolArray, ComplexArray, FloatArray, IntArray, Record, TextArray, array
+from sim.config import PropagationConfig, SimulationConfig
 from sim.propagation.paths import empty_paths
 from sim.signal.link import Link
+from sim.simulate import simulate_truth
 from sim.truth import Truth
 
 
@@ -145,3 +149,21 @@ def test_a_full_disk_names_the_file(tmp_path: Path) -> None:
         partial.symlink_to("/dev/full")
         partial.write_text("x" * 10_000)
     assert not list(tmp_path.iterdir())
+
+
+def test_motion_is_kept_and_frozen_truths_have_no_place_for_it(tmp_path: Path) -> None:
+    scene = load_scene("box_room")
+    scene = replace(scene, walk=replace(scene.walk, speed_m_s=1.0))
+    propagation = PropagationConfig(diffuse_samples=0, max_bounces=1)
+    [truth] = simulate_truth(SimulationConfig(scene="-", propagation=propagation), scene, [0])
+    write_record(tmp_path / "truth.nc", truth)
+    back = read_record(tmp_path / "truth.nc", Truth)
+    assert truth.motion is not None and back.motion is not None and back.paths.rates is not None
+    assert np.array_equal(back.motion.states.delay_s, truth.motion.states.delay_s)
+    assert np.array_equal(back.paths.rates.doppler_hz, truth.paths.rates.doppler_hz)
+    assert {"delay_s", "doppler_hz"} <= set(to_dataframe(truth.paths).columns)
+    frozen = replace(truth, motion=None, paths=replace(truth.paths, rates=None))
+    write_record(tmp_path / "frozen.nc", frozen)
+    assert read_record(tmp_path / "frozen.nc", Truth).motion is None
+    with h5py.File(tmp_path / "frozen.nc") as file:
+        assert "motion" not in file and "rates" not in file["paths"]

@@ -1,4 +1,4 @@
-"""The quick checks of propagation, signal and scoring meet their bars: what `arena validate NAME --quick` runs."""
+"""The quick checks of several stages meet their bars: what `arena validate NAME --quick` runs."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from isac_arena.validation.measurement import Measured
 
 CHECKS = [
     pytest.param(check, id=f"{name} {title}")
-    for name in ("propagation", "signal", "scoring")
+    for name in ("propagation", "signal", "scoring", "motion")
     for title, check in _checks(MODULES[name], "check_")
 ]
 

@@ -1,0 +1,139 @@
+"""Equation (1) with paths that change from symbol to symbol: gain, delay and directions at the time of each pair.
+
+The paths of a beam pair are spread on the delay grid of `sim.signal.generation`, each with the amplitude and at
+the delay of that time; one product with the waves of the grid gives the samples of all pairs. The response of a
+beam follows the directions by interpolation between Chebyshev times.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
+from scenes.record import ComplexArray, FloatArray, IntArray
+from sim.propagation.motion.tracks import SweepMotion, carrier_phase, states_at
+from sim.signal.arrays.codebook import Codebook, beam_response
+from sim.signal.generation import KERNEL_WIDTH, OVERSAMPLING, bandwidth_hz, beam_channel, grid_waves, kernel_at
+
+STRETCHES_AT_ONCE = 64
+LEAST_TIMES, MOST_TIMES = 4, 40  # Chebyshev times of a response
+TIMES_PER_RAD = 1.5  # of phase over half of the aperture
+
+Heading = Callable[[float], float]
+
+
+def moving_channel(
+    motion: SweepMotion,
+    time_s: FloatArray,
+    *,
+    tx_codebook: Codebook,
+    rx_codebook: Codebook,
+    tx_heading_rad: Heading,
+    rx_pose: Pose,
+    frequency_offset_hz: FloatArray,
+    clock_bias_s: float,
+    later_s: float = 0.0,
+) -> ComplexArray:
+    """Channel (tx_beam, rx_beam, subcarrier) in complex64 of beam pairs at times (tx_beam, rx_beam) of a sweep.
+
+    Every path counts at the times of its stretches, as it is `later_s` after them. `tx_heading_rad` gives the
+    heading of the TX at a time. Paths that do not change at all are summed as in a frozen world.
+    """
+    shape = (*time_s.shape, len(frequency_offset_hz))
+    still = motion.is_still() & (np.array([tx_heading_rad(t) for t in (time_s.min(), time_s.max())]).std() == 0)
+    heading = tx_heading_rad(0.0)
+    resting = motion.states.take("path", motion.middle[still])
+    channel = beam_channel(
+        resting,
+        tx_codebook=tx_codebook,
+        rx_codebook=rx_codebook,
+        tx_pose=Pose(np.zeros(3), heading),
+        rx_pose=rx_pose,
+        frequency_offset_hz=frequency_offset_hz,
+        clock_bias_s=clock_bias_s,
+    )
+    motion = motion.stretches(~still)
+    if not len(motion):
+        return channel
+    times = time_s.ravel()
+    centre_hz = (frequency_offset_hz.min() + frequency_offset_hz.max()) / 2
+    spacing_s = 1 / (OVERSAMPLING * bandwidth_hz(frequency_offset_hz))
+    grid = _DelayGrid(motion, clock_bias_s, spacing_s, len(times))
+    for begin_s, end_s in np.unique(np.stack([motion.from_s, motion.to_s], axis=1), axis=0):
+        pairs = np.flatnonzero((times >= begin_s) & (times < end_s))
+        alike = np.flatnonzero((motion.from_s == begin_s) & (motion.to_s == end_s))
+        for first in range(0, len(alike) if len(pairs) else 0, STRETCHES_AT_ONCE):
+            part = motion.stretches(alike[first : first + STRETCHES_AT_ONCE])
+            now_s = times[pairs] + later_s
+            states = states_at(part, now_s, tx_codebook.carrier_hz)
+            delay_s = states.length_m / SPEED_OF_LIGHT_M_S + clock_bias_s
+            amplitude = states.amplitude * carrier_phase(states.length_m, tx_codebook.carrier_hz)
+            amplitude *= np.exp(-2j * np.pi * centre_hz * delay_s)
+            amplitude *= _responses(tx_codebook, part, now_s, pairs // time_s.shape[1], 0, tx_heading_rad)
+            amplitude *= _responses(
+                rx_codebook, part, now_s, pairs % time_s.shape[1], 2, lambda _: rx_pose.heading_rad
+            )
+            grid.add(pairs, delay_s, amplitude)
+    waves = grid_waves(grid.n_delays, grid.first_s, spacing_s, frequency_offset_hz - centre_hz)
+    channel += (grid.amplitude @ waves).reshape(shape)
+    return channel
+
+
+class _DelayGrid:
+    """Amplitudes (pair, delay) on a uniform grid of delays."""
+
+    def __init__(self, motion: SweepMotion, bias_s: float, spacing_s: float, n_pairs: int) -> None:
+        used = np.unique(np.concatenate([motion.first, motion.middle, motion.last]))
+        delay_s = motion.states.delay_s[used] + bias_s
+        self.spacing_s = spacing_s
+        self.first_s = float(delay_s.min() - KERNEL_WIDTH * spacing_s)
+        self.n_delays = int(np.ptp(delay_s) / spacing_s) + 2 * KERNEL_WIDTH + 1
+        self.amplitude = np.zeros((n_pairs, self.n_delays), np.complex64)
+
+    def add(self, pairs: IntArray, delay_s: FloatArray, amplitude: ComplexArray) -> None:
+        """Spread paths with delays and amplitudes (pair, path)."""
+        position = (delay_s - self.first_s) / self.spacing_s
+        low = np.floor(position).astype(int) - KERNEL_WIDTH // 2 + 1
+        for step in range(KERNEL_WIDTH):
+            column = np.clip(low + step, 0, self.n_delays - 1)
+            share = (amplitude * kernel_at(low + step - position)).astype(np.complex64)
+            for path in range(share.shape[1]):  # a pair has one entry a path: none is added to twice at once
+                self.amplitude[pairs, column[:, path]] += share[:, path]
+
+
+def _responses(
+    codebook: Codebook, motion: SweepMotion, time_s: FloatArray, beam: IntArray, angle: int, heading_rad: Heading
+) -> ComplexArray:
+    """Responses (time, stretch) of beams (time,) towards paths; `angle` is the place of the azimuth."""
+    nodes, weight = _chebyshev(codebook, motion, time_s, angle)
+    states = states_at(motion, nodes, codebook.carrier_hz)
+    turned = np.array([heading_rad(float(node)) for node in nodes])[:, None]
+    azimuth, elevation = states.angles_rad[angle] - turned, states.angles_rad[angle + 1]
+    response = beam_response(codebook, azimuth.ravel(), elevation.ravel()).reshape(len(codebook), *azimuth.shape)
+    total = np.zeros((len(time_s), len(motion)), complex)
+    for node in range(len(nodes)):
+        total += weight[:, node, None] * response[beam, node]
+    return total
+
+
+def _chebyshev(
+    codebook: Codebook, motion: SweepMotion, time_s: FloatArray, angle: int
+) -> tuple[FloatArray, FloatArray]:
+    """Times (node,) and weights (time, node) of interpolation between them, enough for the turns of the paths."""
+    low, high = float(time_s.min()), float(time_s.max())
+    ends = np.linspace(low, high, 3)
+    angles = states_at(motion, ends, codebook.carrier_hz).angles_rad[angle : angle + 2]
+    turn = max(float(np.ptp(each, axis=0).max()) for each in angles)
+    reach = np.linalg.norm(codebook.element_position_m, axis=1).max() * 2 * np.pi * codebook.carrier_hz
+    n = LEAST_TIMES + int(TIMES_PER_RAD * reach / SPEED_OF_LIGHT_M_S * turn)
+    if high == low:
+        return np.array([low]), np.ones((len(time_s), 1))
+    n = min(n, MOST_TIMES)
+    k = np.arange(n)
+    nodes = (low + high) / 2 + (high - low) / 2 * np.cos((2 * k + 1) * np.pi / (2 * n))
+    sign = (-1.0) ** k * np.sin((2 * k + 1) * np.pi / (2 * n))
+    gap = time_s[:, None] - nodes
+    exact = gap == 0
+    ratio = sign / np.where(exact, 1.0, gap)
+    weight = ratio / ratio.sum(axis=1, keepdims=True)
+    return nodes, np.where(exact.any(axis=1, keepdims=True), exact.astype(float), weight)
