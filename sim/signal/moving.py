@@ -11,7 +11,7 @@ import numpy as np
 
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
 from scenes.record import ComplexArray, FloatArray, IntArray
-from sim.propagation.motion.tracks import SweepMotion, carrier_phase, states_at
+from sim.propagation.motion.tracks import SweepMotion, angle_at, carrier_phase, lengths_at
 from sim.signal.arrays.codebook import Codebook, beam_response
 from sim.signal.generation import KERNEL_WIDTH, OVERSAMPLING, bandwidth_hz, beam_channel, grid_waves, kernel_at
 
@@ -41,19 +41,19 @@ def moving_channel(
     """
     shape = (*time_s.shape, len(frequency_offset_hz))
     still = motion.is_still() & (np.array([tx_heading_rad(t) for t in (time_s.min(), time_s.max())]).std() == 0)
-    heading = tx_heading_rad(0.0)
-    resting = motion.states.take("path", motion.middle[still])
-    channel = beam_channel(
-        resting,
-        tx_codebook=tx_codebook,
-        rx_codebook=rx_codebook,
-        tx_pose=Pose(np.zeros(3), heading),
-        rx_pose=rx_pose,
-        frequency_offset_hz=frequency_offset_hz,
-        clock_bias_s=clock_bias_s,
-    )
+    channel = None
+    if still.any() or not len(motion):
+        channel = beam_channel(
+            motion.states.take("path", motion.middle[still]),
+            tx_codebook=tx_codebook,
+            rx_codebook=rx_codebook,
+            tx_pose=Pose(np.zeros(3), tx_heading_rad(0.0)),
+            rx_pose=rx_pose,
+            frequency_offset_hz=frequency_offset_hz,
+            clock_bias_s=clock_bias_s,
+        )
     motion = motion.stretches(~still)
-    if not len(motion):
+    if channel is not None and not len(motion):
         return channel
     times = time_s.ravel()
     centre_hz = (frequency_offset_hz.min() + frequency_offset_hz.max()) / 2
@@ -65,18 +65,17 @@ def moving_channel(
         for first in range(0, len(alike) if len(pairs) else 0, STRETCHES_AT_ONCE):
             part = motion.stretches(alike[first : first + STRETCHES_AT_ONCE])
             now_s = times[pairs] + later_s
-            states = states_at(part, now_s, tx_codebook.carrier_hz)
-            delay_s = states.length_m / SPEED_OF_LIGHT_M_S + clock_bias_s
-            amplitude = states.amplitude * carrier_phase(states.length_m, tx_codebook.carrier_hz)
+            length_m, amplitude = lengths_at(part, now_s, tx_codebook.carrier_hz)
+            delay_s = length_m / SPEED_OF_LIGHT_M_S + clock_bias_s
+            amplitude = amplitude * carrier_phase(length_m, tx_codebook.carrier_hz)
             amplitude *= np.exp(-2j * np.pi * centre_hz * delay_s)
-            amplitude *= _responses(tx_codebook, part, now_s, pairs // time_s.shape[1], 0, tx_heading_rad)
-            amplitude *= _responses(
-                rx_codebook, part, now_s, pairs % time_s.shape[1], 2, lambda _: rx_pose.heading_rad
-            )
+            sent, received = np.divmod(pairs, time_s.shape[1])
+            amplitude *= _responses(tx_codebook, part, now_s, sent, "aod", tx_heading_rad)
+            amplitude *= _responses(rx_codebook, part, now_s, received, "aoa", lambda _: rx_pose.heading_rad)
             grid.add(pairs, delay_s, amplitude)
     waves = grid_waves(grid.n_delays, grid.first_s, spacing_s, frequency_offset_hz - centre_hz)
-    channel += (grid.amplitude @ waves).reshape(shape)
-    return channel
+    moving = (grid.amplitude @ waves).reshape(shape)
+    return moving if channel is None else channel + moving
 
 
 class _DelayGrid:
@@ -102,13 +101,13 @@ class _DelayGrid:
 
 
 def _responses(
-    codebook: Codebook, motion: SweepMotion, time_s: FloatArray, beam: IntArray, angle: int, heading_rad: Heading
+    codebook: Codebook, motion: SweepMotion, time_s: FloatArray, beam: IntArray, end: str, heading_rad: Heading
 ) -> ComplexArray:
-    """Responses (time, stretch) of beams (time,) towards paths; `angle` is the place of the azimuth."""
-    nodes, weight = _chebyshev(codebook, motion, time_s, angle)
-    states = states_at(motion, nodes, codebook.carrier_hz)
-    turned = np.array([heading_rad(float(node)) for node in nodes])[:, None]
-    azimuth, elevation = states.angles_rad[angle] - turned, states.angles_rad[angle + 1]
+    """Responses (time, stretch) of beams (time,) at one end, "aod" or "aoa", of paths."""
+    low_s, high_s = float(time_s.min()), float(time_s.max())
+    turned = _directions(motion, np.linspace(low_s, high_s, 3), end, heading_rad)
+    nodes, weight = _chebyshev(codebook, time_s, max(float(np.ptp(each, axis=0).max()) for each in turned))
+    azimuth, elevation = _directions(motion, nodes, end, heading_rad)
     response = beam_response(codebook, azimuth.ravel(), elevation.ravel()).reshape(len(codebook), *azimuth.shape)
     total = np.zeros((len(time_s), len(motion)), complex)
     for node in range(len(nodes)):
@@ -116,16 +115,19 @@ def _responses(
     return total
 
 
-def _chebyshev(
-    codebook: Codebook, motion: SweepMotion, time_s: FloatArray, angle: int
+def _directions(
+    motion: SweepMotion, time_s: FloatArray, end: str, heading_rad: Heading
 ) -> tuple[FloatArray, FloatArray]:
-    """Times (node,) and weights (time, node) of interpolation between them, enough for the turns of the paths."""
+    """Azimuth and elevation (time, stretch) in the frame of the device."""
+    heading = np.array([heading_rad(float(time)) for time in time_s])[:, None]
+    return angle_at(motion, time_s, f"{end}_azimuth") - heading, angle_at(motion, time_s, f"{end}_elevation")
+
+
+def _chebyshev(codebook: Codebook, time_s: FloatArray, turn_rad: float) -> tuple[FloatArray, FloatArray]:
+    """Times (node,) and weights (time, node) of interpolation between them, for directions that turn so far."""
     low, high = float(time_s.min()), float(time_s.max())
-    ends = np.linspace(low, high, 3)
-    angles = states_at(motion, ends, codebook.carrier_hz).angles_rad[angle : angle + 2]
-    turn = max(float(np.ptp(each, axis=0).max()) for each in angles)
     reach = np.linalg.norm(codebook.element_position_m, axis=1).max() * 2 * np.pi * codebook.carrier_hz
-    n = LEAST_TIMES + int(TIMES_PER_RAD * reach / SPEED_OF_LIGHT_M_S * turn)
+    n = LEAST_TIMES + int(TIMES_PER_RAD * reach / SPEED_OF_LIGHT_M_S * turn_rad)
     if high == low:
         return np.array([low]), np.ones((len(time_s), 1))
     n = min(n, MOST_TIMES)

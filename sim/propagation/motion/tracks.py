@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -59,29 +58,29 @@ class SweepMotion(Record):
         return np.asarray(still & same & (self.from_s == self.state_s.min(initial=0.0)))
 
 
-class PathStates(NamedTuple):
-    """Paths at times of one stretch, each (time, stretch); angles in the order of `ANGLES`."""
-
-    length_m: FloatArray
-    amplitude: ComplexArray  # gain without the phase of the length
-    angles_rad: tuple[FloatArray, ...]
-
-
-def states_at(motion: SweepMotion, time_s: FloatArray, carrier_hz: float) -> PathStates:
-    """All stretches at times (time,) inside of them."""
+def lengths_at(motion: SweepMotion, time_s: FloatArray, carrier_hz: float) -> tuple[FloatArray, ComplexArray]:
+    """Length in m, and gain without the phase of the length, of all stretches (time, stretch) at times (time,)."""
     paths, rates = motion.states, motion.states.rates
     assert rates is not None
+    low, high, gone, span = _between(motion, time_s)
+    length = _quintic(gone, span, paths.length_m, rates.length_rate_m_s, rates.length_acceleration_m_s2, low, high)
+    spread = paths.gain * paths.length_m * np.exp(2j * np.pi * carrier_hz * paths.delay_s)
+    return length, _quadratic(motion, time_s, spread) / length
+
+
+def angle_at(motion: SweepMotion, time_s: FloatArray, name: str) -> FloatArray:
+    """One of `ANGLES` in rad of all stretches (time, stretch) at times (time,)."""
+    low, high, gone, span = _between(motion, time_s)
+    rate = getattr(motion.states.rates, f"{name}_rate_rad_s")
+    return _cubic(gone, span, getattr(motion.states, f"{name}_rad"), rate, low, high)
+
+
+def _between(motion: SweepMotion, time_s: FloatArray) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
+    """States before and after times (time, stretch), and the time since the first of them and between them."""
     late = time_s[:, None] > motion.state_s[motion.middle]
     low, high = np.where(late, motion.middle, motion.first), np.where(late, motion.last, motion.middle)
-    start, end = motion.state_s[low], motion.state_s[high]
-    span, gone = end - start, time_s[:, None] - start
-    length = _quintic(gone, span, paths.length_m, rates.length_rate_m_s, rates.length_acceleration_m_s2, low, high)
-    angles = []
-    for name in ANGLES:
-        angle, rate = getattr(paths, f"{name}_rad"), getattr(rates, f"{name}_rate_rad_s")
-        angles.append(_cubic(gone, span, angle, rate, low, high))
-    spread = paths.gain * paths.length_m * np.exp(2j * np.pi * carrier_hz * paths.delay_s)
-    return PathStates(length, _quadratic(motion, time_s, spread) / length, tuple(angles))
+    start = motion.state_s[low]
+    return low, high, time_s[:, None] - start, motion.state_s[high] - start
 
 
 def carrier_phase(length_m: FloatArray, carrier_hz: float) -> ComplexArray:
