@@ -16,6 +16,7 @@ from sim.propagation.paths import BounceKind, Paths
 
 N_SEEDS = 12  # per interval between breaks of a piece
 N_NEWTON = 8
+JOINT_M = 1e-9
 UPRIGHT = 0.5  # a face whose normal rises less is vertical
 
 
@@ -112,9 +113,11 @@ def _nearest(piece: Piece, point_m: FloatArray) -> FloatArray:
     seeds = np.unique(np.concatenate([np.linspace(a, b, N_SEEDS + 1) for a, b in pairwise(breaks)]))
     apart = np.linalg.norm(piece.point(seeds)[None] - point_m[:, None], axis=2)
     t = seeds[apart.argmin(axis=1)]
+    closes = np.linalg.norm(piece.point(1.0) - piece.point(0.0)) < JOINT_M  # its ends are one place
     for _ in range(N_NEWTON):
         offset, first, second = piece.point(t) - point_m, piece.derivative(t), piece.second_derivative(t)
         slope = (offset * first).sum(axis=1)
         bend = (first * first).sum(axis=1) + (offset * second).sum(axis=1)
-        t = np.clip(t - slope / np.where(bend > 0, bend, (first * first).sum(axis=1)), 0.0, 1.0)
+        t = t - slope / np.where(bend > 0, bend, (first * first).sum(axis=1))
+        t = t % 1.0 if closes else np.clip(t, 0.0, 1.0)
     return np.asarray(t)

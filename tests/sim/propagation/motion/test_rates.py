@@ -14,6 +14,7 @@ from scenes.pose import SPEED_OF_LIGHT_M_S, Pose, wrap_angle
 from scenes.scene import HorizontalPlane, Scene
 from scenes.walks.trajectory import RecordedWalk
 from sim.config import PropagationConfig
+from sim.propagation.motion.bounces import _curvature_at
 from sim.propagation.motion.tracks import ANGLES
 from sim.propagation.paths import BounceKind, path_labels
 from sim.propagation.propagator import Propagator
@@ -115,6 +116,15 @@ def test_rates_are_those_of_paths_traced_again(what):
     assert n_judged > len(middle) / 2 and BounceKind.SPECULAR in kinds
     if what in ("box", "pillar_in_the_way", "mesh"):
         assert BounceKind.DIFFRACTION in kinds
+
+
+@pytest.mark.parametrize("contour", [LOBED, ROUND, Circle(np.array([1.0, 2.0]), 0.4)])
+def test_curvature_and_normal_at_a_point_of_a_contour_also_beside_its_joints(contour):
+    for piece in contour.pieces:
+        t = np.array([1e-4, 0.003, 0.3, 0.77, 0.99, 0.9999])
+        curvature, normal = _curvature_at(contour.pieces, piece.point(t))
+        expected = piece.curvature(t) if piece.is_curved else np.zeros(len(t))
+        assert np.allclose(curvature, expected, atol=1e-6) and np.allclose(normal, piece.outward_normal(t))
 
 
 def near(paths, middle, path, time):
