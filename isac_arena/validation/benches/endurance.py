@@ -63,7 +63,7 @@ class Watch:
 
 def bench_endurance(seed: int, quick: bool) -> list[Measurement]:
     """2,000 small cases on two workers, one of them killed every two minutes."""
-    n_cases, every_s = (40, 10.0) if quick else (N_CASES, KILL_EVERY_S)
+    n_cases, every_s = (24, 8.0) if quick else (N_CASES, KILL_EVERY_S)
     with tempfile.TemporaryDirectory() as folder, connect_scheduler(2, None) as client:
         jobs = make_jobs(Path(folder), sweep_of(POWER, POWERS_DBM, n_cases // 2), seed)
         watch = Watch(seed, every_s, max(1, min(WINDOW, int(SHARE * n_cases) // 4)))

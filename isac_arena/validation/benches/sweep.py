@@ -34,7 +34,7 @@ WARM_SEED = 900_000  # of the case that loads and compiles, not one of those tha
 
 def bench_workers(seed: int, quick: bool) -> list[Measurement]:
     """Small cases in a plain loop, on one worker and on two, all with libraries loaded and code compiled."""
-    n_cases, repeats = (6, 1) if quick else (64, 2)
+    n_cases, repeats = (4, 1) if quick else (64, 2)
     with tempfile.TemporaryDirectory() as folder:
         sweep = sweep_of(POWER, [0.0, 20.0], n_cases // 2)
         loop_s = _best(repeats, lambda k: _time_loop(make_jobs(Path(folder, f"loop{k}"), sweep, seed)))
@@ -50,11 +50,10 @@ def bench_workers(seed: int, quick: bool) -> list[Measurement]:
 
 def bench_cached(seed: int, quick: bool) -> list[Measurement]:
     """A sweep run twice in the same directory, workers started where they are needed."""
-    n_cases = 4 if quick else 64
+    n_cases, n_workers = (4, 1) if quick else (64, None)
     with tempfile.TemporaryDirectory() as folder:
-        first_s, second_s = (
-            _time_sweep(Path(folder), sweep_of(POWER, [0.0, 20.0], n_cases // 2), seed) for _ in range(2)
-        )
+        sweep = sweep_of(POWER, [0.0, 20.0], n_cases // 2)
+        first_s, second_s = (_time_sweep(Path(folder), sweep, seed, n_workers) for _ in range(2))
     reason = f"{first_s:.1f} s, then {second_s:.2f} s"
     bar = 0.2 if quick else 0.02  # the first run of a few cases is short
     return [at_most("sweep.cached.second_run", second_s / first_s, bar, reason, "of the first")]
@@ -134,12 +133,12 @@ def _time_engine(jobs: Sequence[Job], workers: int, base: str = SMALL) -> float:
         return time.perf_counter() - started
 
 
-def _time_sweep(folder: Path, config: SweepConfig, seed: int) -> float:
+def _time_sweep(folder: Path, config: SweepConfig, seed: int, n_workers: int | None) -> float:
     (folder / "base.toml").write_text(SMALL.format(seed=seed), encoding="utf-8")
     file, out = folder / "sweep.toml", folder / "out"
     started = time.perf_counter()
     plan = make_plan(str(file), config, out, range(config.repeats))
-    run_sweep(Console(quiet=True), file, config, out, plan, Workers(None, None))
+    run_sweep(Console(quiet=True), file, config, out, plan, Workers(n_workers, None))
     return time.perf_counter() - started
 
 
