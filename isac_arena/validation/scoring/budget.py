@@ -83,7 +83,8 @@ def faulty_chain(rng: np.random.Generator, stop_every: int = 1) -> Chain:
     alone = TrajectoryConfig(method="single")  # the prior of a walk moves states off what true paths say
     config = CampaignConfig(name=name, scene=name, trajectory=alone, shapes=shapes, contours=contours)
     channel = [_faulty(estimate, rng) for estimate in made.results.channel[::stop_every]]
-    return make_chain(CampaignRun(config, made.scene), stops, channel, lit_objects(made.scene, stops, 3))
+    run = CampaignRun(config, made.scene, stops=[truth.stop for truth in truths])
+    return make_chain(run, stops, channel, lit_objects(made.scene, stops, 3))
 
 
 def _faulty(estimate: ChannelEstimate, rng: np.random.Generator) -> ChannelEstimate:

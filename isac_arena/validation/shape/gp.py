@@ -48,7 +48,7 @@ def check_corrected_gp(seed: int, quick: bool) -> list[Measurement]:
     n_runs = 30 if quick else 500
     star = run_cell("data-driven", "star", 64, n_runs, seed).rmse_m
     error = abs(float(star.mean()) - FIXED_STAR_RMSE_M)
-    n_points = TABLE_N_POINTS[:3] if quick else TABLE_N_POINTS
+    n_points = TABLE_N_POINTS[:2] if quick else TABLE_N_POINTS
     runs = [run_cell("with noise floor", "circle", n, n_runs, seed).coverage for n in n_points]
     doubt = max(float(run.std()) for run in runs) / np.sqrt(n_runs)
     bar = round(quick_bar(0.92, -doubt, quick), 3)
