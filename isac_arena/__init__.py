@@ -28,6 +28,7 @@ from scenes.display import HOMES as DISPLAY_HOMES  # noqa: E402  (only now surel
 HOMES = {
     "estimation.channel.estimate": ("estimate_channel",),
     "estimation.channel.record": ("ChannelEstimate",),
+    "estimation.shape.outline": ("ObjectOutline", "contours_of"),
     "estimation.shape.record": ("Contours", "Shapes"),
     "estimation.slam.record": ("IncidencePoints", "PoseEstimates"),
     "isac_arena.api": ("FinishedRun", "fit_contours", "map_points", "open", "run", "score", "slam"),

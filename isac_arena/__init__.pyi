@@ -1,6 +1,8 @@
 # The public names for type checkers and editors; `__init__.py` imports each when it is first used.
 from estimation.channel.estimate import estimate_channel as estimate_channel
 from estimation.channel.record import ChannelEstimate as ChannelEstimate
+from estimation.shape.outline import ObjectOutline as ObjectOutline
+from estimation.shape.outline import contours_of as contours_of
 from estimation.shape.record import Contours as Contours
 from estimation.shape.record import Shapes as Shapes
 from estimation.slam.record import IncidencePoints as IncidencePoints

@@ -3,23 +3,24 @@
 The campaign gives settings, scene and link; `CampaignRun` in `campaign/driver.py` does the work.
 """
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
-import numpy as np
-
 from estimation.channel.record import ChannelEstimate
 from estimation.slam.checks import check_estimates
-from estimation.slam.record import IncidencePoints, PoseEstimates, SolveStatus
+from estimation.slam.record import IncidencePoints, PoseEstimates
 from isac_arena.campaign import stages
 from isac_arena.campaign.campaign import Campaign, load_campaign
+from isac_arena.campaign.chain import unsolved_poses
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.directory import CampaignStore
 from isac_arena.campaign.results import CampaignResults, MapResult
 from isac_arena.scoring.measured import measured_metrics
 from isac_arena.scoring.score import Scores, score_metrics
+from isac_arena.user_functions.errors import summed
 from isac_arena.workers.stops import StopMakers
 from scenes.display import Displayed
 from scenes.record import empty_record
@@ -81,15 +82,22 @@ def run(
 ) -> "FinishedRun":
     """The whole chain into a campaign directory, as `arena run`; an interrupted run continues.
 
-    `estimator` is `package.module:function`, a channel estimator of your own. More than one of the `workers` are
-    processes of their own, which import the script that calls: guard it by `if __name__ == "__main__":`.
+    `estimator` is `package.module:function`, a channel estimator of your own; `functions` of the settings replace
+    other stages as well. Where one fails the run goes on without it, with a warning. More than one of the
+    `workers` are processes of their own, which import the script that calls: guard it by
+    `if __name__ == "__main__":`.
 
     Raises `ValueError` where the directory holds something else or an input is wrong.
     """
     given = campaign if isinstance(campaign, Campaign) else load_campaign(campaign)
     if seed is not None:
         given = replace(given, config=given.config.model_copy(update={"seed": seed}))
-    stages.run_campaign(given, Path(out), estimator=estimator, keep_sweeps=keep_sweeps, makers=StopMakers(workers))
+    named = {} if estimator is None else {"channel": estimator}
+    failures = stages.run_campaign(
+        given, Path(out), named=named, keep_sweeps=keep_sweeps, makers=StopMakers(workers)
+    )
+    if failures:
+        warnings.warn(str(summed(failures)), stacklevel=2)
     return FinishedRun(stages.reopen(Path(out), reads=stages.SCORED))
 
 
@@ -165,11 +173,4 @@ def _usable(campaign: Campaign, channel: Sequence[ChannelEstimate]) -> list[Chan
 
 def _no_slam(truths: Sequence[Truth]) -> MapResult:
     """A map of SLAM that solved no stop."""
-    n = len(truths)
-    unknown = np.full(n, np.nan)
-    poses = PoseEstimates(
-        stop=np.array([truth.stop for truth in truths], int), position_m=np.full((n, 2), np.nan),
-        heading_rad=unknown, clock_bias_s=unknown, status=np.full(n, SolveStatus.FAILED),
-        n_inliers=np.zeros(n, int), cost=unknown,
-    )  # fmt: skip
-    return replace(empty_record(MapResult), poses=poses)
+    return replace(empty_record(MapResult), poses=unsolved_poses([truth.stop for truth in truths]))

@@ -19,6 +19,7 @@ class EstimateStatus(StrEnum):
     NO_PATHS = "no paths"  # the sweep is valid, nothing exceeds the noise
     LIMITED = "limited"  # more paths than the limit, or than the data can determine
     REFUSED = "refused"  # the samples are uninformative: empty, all zero, not finite
+    FAILED = "failed"  # a user's function gave no estimate: it raised, hung, ended its process, or was not valid
 
 
 class AngleKind(StrEnum):
@@ -86,7 +87,7 @@ class ChannelEstimate(Record):
     aod_angle_kind: str = _optional(dtype=str, doc="departure azimuths are: 'azimuth' or 'cone' angles")
     aoa_angle_kind: str = _optional(dtype=str, doc="arrival azimuths are: 'azimuth' or 'cone' angles")
     method: str = _optional(dtype=str, doc="method that found the paths")
-    status: str = _optional(dtype=str, doc="'ok', 'no paths', 'limited' or 'refused'")
+    status: str = _optional(dtype=str, doc="'ok', 'no paths', 'limited', 'refused' or 'failed'")
     reason: str = _optional(dtype=str, doc="what the method chose and why, or what is wrong")
 
     def __post_init__(self) -> None:

@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from isac_arena.campaign.config import CampaignConfig
+from isac_arena.campaign.config import CampaignConfig, methods
 from isac_arena.campaign.directory import CampaignStore
 from isac_arena.campaign.driver import CampaignRun
 from isac_arena.campaign.load import SceneSource, campaign_path, changed_campaign, python_scene_source
@@ -56,7 +56,7 @@ class Campaign(Displayed):
         return CampaignRun(self.config, self.scene, stops=None if stops is None else list(stops))
 
     def __repr__(self) -> str:
-        method = self.config.channel.method
+        method = methods(self.config)["channel"]
         return f"Campaign({self.config.name!r}: {self.scene!r}, method {method!r}, seed {self.config.seed})"
 
 
@@ -101,11 +101,9 @@ def load_campaign(
     return Campaign(config, made_of.build(config), made_of)
 
 
-def campaign_store(campaign: Campaign, directory: Path, estimator: str | None) -> CampaignStore:
+def campaign_store(campaign: Campaign, directory: Path) -> CampaignStore:
     """The directory of a campaign; nothing is written yet."""
-    return CampaignStore(
-        directory, campaign.config, campaign.source.text, estimator, scene_files=campaign.source.files
-    )
+    return CampaignStore(directory, campaign.config, campaign.source.text, scene_files=campaign.source.files)
 
 
 def _fields(changes: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:

@@ -4,11 +4,12 @@
 """
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from estimation.channel.calibration.self_calibration import Calibration
-from estimation.channel.estimate import ChannelEstimator, checked_estimate, estimate_channel
+from estimation.channel.estimate import ChannelEstimator, estimate_channel
 from estimation.channel.model.delay import hann_window
 from estimation.channel.power.detect import noise_threshold
 from estimation.channel.record import ChannelEstimate
@@ -27,7 +28,8 @@ from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.measured import MeasuredTruth
 from isac_arena.campaign.results import MapResult
 from isac_arena.scoring.config import Significance
-from isac_arena.user_code import fenced, imported_function, user_error
+from isac_arena.user_functions.config import UserFunction, UserFunctions, with_functions
+from isac_arena.user_functions.room import called, caller
 from scenes.pose import Pose
 from scenes.record import FloatArray, IntArray
 from scenes.walks.trajectory import follow_one_another
@@ -36,41 +38,38 @@ from sim.signal.link import Link
 from sim.truth import Truth
 
 
-def channel_estimator(
-    config: CampaignConfig, name: str | None = None, calibration: Calibration | None = None
-) -> ChannelEstimator:
-    """The channel estimator to run: the method of the settings, or a user's `package.module:function`.
+def channel_estimator(config: CampaignConfig, calibration: Calibration | None = None) -> ChannelEstimator:
+    """The channel estimator to run: the method of the settings, or the user's function that they name.
 
     A calibration replaces the nominal codebooks for the methods of the settings. A user's function gets the sweep
     as it is. Raises as `user_estimator` does.
     """
-    if name is not None:
-        return user_estimator(name)
+    if function := config.functions.of("channel"):
+        return _user_estimator(function)
     return lambda sweep: estimate_channel(
         sweep if calibration is None else calibration.applied(sweep), config=config.channel
     )
 
 
 def user_estimator(name: str) -> ChannelEstimator:
-    """A user's channel estimator `package.module:function`: it takes a `BeamSweep`, returns a `ChannelEstimate`.
+    """A user's channel estimator by name: it takes a `BeamSweep`, returns a `ChannelEstimate`.
 
-    Raises `ValueError` where the name has another form, cannot be imported or is no function; and, when called,
-    where the function returns something else than the `ChannelEstimate` of the same stop.
+    Raises `EstimatorError`, one line, where the name has another form, cannot be imported or is no function; and,
+    when called, where the function fails or returns something else than the `ChannelEstimate` of the same stop.
     """
-    function = imported_function(name)
+    named = with_functions(CampaignConfig(name="any", scene="any"), {"channel": name})
+    return channel_estimator(named)
 
-    def checked(sweep: BeamSweep) -> ChannelEstimate:
-        """The estimate of the user's function, checked; `EstimatorError` where it raises or ends the process."""
-        try:
-            with fenced():
-                estimate = function(sweep)
-        except KeyboardInterrupt:
-            raise
-        except BaseException as error:  # it may also end the process
-            raise user_error(f"estimator = '{name}' at stop {sweep.stop}: ", error) from error
-        return checked_estimate(estimate, sweep, name)
 
-    return checked
+def _user_estimator(function: UserFunction) -> ChannelEstimator:
+    call = caller("channel", function)
+
+    def estimate(sweep: BeamSweep) -> ChannelEstimate:
+        """The checked estimate of the user's function."""
+        found: ChannelEstimate = call(sweep, where=f"stop {sweep.stop}: ")
+        return found
+
+    return estimate
 
 
 def known_receiver(truths: Iterable[Truth | MeasuredTruth]) -> PoseEstimates:
@@ -156,10 +155,17 @@ def locate_or_take(
 
     SLAM solves every stop alone, or all stops together with a `trajectory`. Both work in space where elevations
     were estimated, else with the `heights` that are known. `mapping` is `learned_mapping` of the given states,
-    where the caller has it.
+    where the caller has it. Functions of the settings take their place; raises `EstimatorError` where one fails.
     """
     if receiver is None:
+        if function := config.functions.of("slam"):
+            found: tuple[PoseEstimates, IncidencePoints] = called(
+                "slam", function, list(channel), tx_pose, heights
+            )
+            return found
         return locate_and_map(channel, tx_pose, config.slam, trajectory, config.mapping, heights)
+    if function := config.functions.of("mapping"):
+        return receiver, called("mapping", function, list(channel), tx_pose, receiver)
     seen = seen_from_above(channel, receiver.clock_bias_s, heights)
     spatial = is_spatial(channel, use_elevation=config.mapping.use_elevation)
     mapping = mapping or learned_mapping(config, channel, tx_pose, receiver, heights)
@@ -179,13 +185,40 @@ def with_shapes(
     """The map with the paper's shapes of its clusters and our contours of its objects.
 
     `label` (ip,) is the cluster of every incidence point, -1 for none; without it DBSCAN finds the clusters.
-    `mapping` is `learned_mapping` of the states, where the caller has it.
+    `mapping` is `learned_mapping` of the states, where the caller has it. A function of the settings may take the
+    place of our contours; raises `EstimatorError` where it fails.
     """
     shapes = estimate_shapes(ips, config.shapes) if label is None else fit_shapes(ips, label, config.shapes)
+    if function := config.functions.of("shapes"):
+        return MapResult(poses, ips, shapes, called("shapes", function, list(channel), tx_pose, poses, ips))
     mapping = mapping or learned_mapping(config, channel, tx_pose, poses, heights)
     channel = seen_from_above(channel, poses.clock_bias_s, heights)
     contours = estimate_contours(channel, tx_pose, poses, ips, shapes.label, mapping.noise, config.contours)
     return MapResult(poses, ips, shapes, contours)
+
+
+def without_map(
+    config: CampaignConfig,
+    channel: Sequence[ChannelEstimate],
+    tx_pose: Pose,
+    poses: PoseEstimates,
+    ips: IncidencePoints,
+    problem: str,
+) -> MapResult:
+    """The map where a user's function failed: the states and points that there are, clusters, and no contours."""
+    ours = config.contours.model_copy(update={"method": "none"})
+    without = config.model_copy(update={"contours": ours, "functions": UserFunctions()})
+    return replace(with_shapes(without, channel, tx_pose, poses, ips), problem=problem)
+
+
+def unsolved_poses(stops: Sequence[int]) -> PoseEstimates:
+    """The receiver states of a SLAM that solved no stop."""
+    n = len(stops)
+    unknown = np.full(n, np.nan)
+    return PoseEstimates(
+        stop=np.array(stops, int), position_m=np.full((n, 2), np.nan), heading_rad=unknown, clock_bias_s=unknown,
+        status=np.full(n, SolveStatus.FAILED), n_inliers=np.zeros(n, int), cost=unknown,
+    )  # fmt: skip
 
 
 def significance(config: CampaignConfig, link: Link) -> Significance:

@@ -1,10 +1,14 @@
 """Settings of a whole campaign: the simulation and every estimation stage."""
 
+import json
+
 from pydantic import Field
 
 from estimation.channel.estimate import ChannelConfig
 from estimation.shape.config import ContourConfig, ShapeConfig
 from estimation.slam.config import HeightConfig, MappingConfig, SnapshotConfig, TrajectoryConfig
+from isac_arena.user_functions.config import Stage, UserFunctions
+from isac_arena.user_functions.names import OURS
 from scenes.names import Name
 from sim.config import SimulationConfig
 from sim.signal.link import line_of_sight_at_1m_dbm
@@ -21,6 +25,21 @@ class CampaignConfig(SimulationConfig):
     trajectory: TrajectoryConfig = TrajectoryConfig()
     shapes: ShapeConfig = ShapeConfig()
     contours: ContourConfig = ContourConfig()
+    functions: UserFunctions = UserFunctions()
+
+
+def methods(config: CampaignConfig) -> dict[Stage, str]:
+    """The method of every stage that a function can replace: that of the settings, or the function."""
+    ours: dict[Stage, str] = {
+        "channel": config.channel.method,
+        "mapping": OURS,
+        "slam": config.slam.method,
+        "shapes": config.contours.method,
+    }
+    for stage, function in config.functions.given.items():
+        settings = ", ".join(f"{name} = {json.dumps(value)}" for name, value in function.settings.items())
+        ours[stage] = f"{function.function} ({settings})" if settings else function.function
+    return ours
 
 
 def with_link_levels(config: CampaignConfig) -> CampaignConfig:

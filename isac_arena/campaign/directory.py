@@ -21,11 +21,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from estimation.channel.beam_power_map import BeamPowerMap, beam_power_map
 from estimation.channel.calibration.self_calibration import Calibration
-from estimation.channel.record import ChannelEstimate
+from estimation.channel.record import ChannelEstimate, EstimateStatus
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.difference import first_difference, line_difference
 from isac_arena.campaign.files import (
@@ -38,13 +38,14 @@ from isac_arena.campaign.files import (
     write_record,
     write_text,
 )
-from isac_arena.campaign.integrity import code_digest, digest, estimator_source
+from isac_arena.campaign.integrity import code_digest, digest
 from isac_arena.campaign.load import campaign_scene
 from isac_arena.campaign.measured import MeasuredTruth
 from isac_arena.campaign.results import MapName, MapResult
 from isac_arena.scoring.metrics.metric import to_json
 from isac_arena.scoring.record import ScoreTables
 from isac_arena.scoring.score import Scores
+from isac_arena.user_functions.room import functions_digest
 from scenes.inputs import LARGEST_TEXT, read_input
 from scenes.names import path_in
 from scenes.record import Record
@@ -58,6 +59,7 @@ from sim.signal.arrays.weights_file import weights_digest
 from sim.truth import Truth
 
 RESULTS = ("scores.json", "provenance.nc", "report.html")  # stale when anything before them changes
+FAILED = " failed"  # end of the fingerprint of a stop at which a user's function failed
 FOLDERS = ("truth", "sweep", "channel", "map", "figures")
 R = TypeVar("R", bound=Record)
 
@@ -72,7 +74,7 @@ class StopEstimate(Record):
 
 @dataclass(frozen=True)
 class CampaignStore:
-    """A campaign directory under one configuration, scene and channel estimator.
+    """A campaign directory under one configuration and scene.
 
     `measured` names the source of a measured campaign, with a hash; None for a simulated one. `scene_files` holds
     the contents of the files that the scene names, by the path of their copies in the directory. With a `side`
@@ -82,7 +84,6 @@ class CampaignStore:
     directory: Path
     config: CampaignConfig
     scene_text: str
-    estimator: str | None
     measured: str | None = None
     scene_files: Mapping[str, bytes] = field(default_factory=dict)
     side: Path | None = None
@@ -111,9 +112,9 @@ class CampaignStore:
         """Fingerprint of all inputs of the channel estimates."""
         if self.measured is not None:
             return self.truth_fingerprint
-        estimator = self.estimator or self.config.channel.model_dump_json()
+        estimator = functions_digest(self.config.functions, "channel") or [self.config.channel.model_dump_json()]
         code = code_digest("estimation/channel", "estimation/inference", "estimation/execution.py")
-        return digest(self.truth_fingerprint, estimator, estimator_source(self.estimator), code)
+        return digest(self.truth_fingerprint, *estimator, code)
 
     @cached_property
     def map_fingerprint(self) -> str:
@@ -121,7 +122,8 @@ class CampaignStore:
         parts = {"mapping", "slam", "trajectory", "shapes", "contours"}
         settings = self.config.model_dump_json(include=parts)
         code = code_digest(*(f"estimation/{part}" for part in ("laws", "inference", "slam", "shape")))
-        return digest(self.channel_fingerprint, settings, code)
+        functions = functions_digest(self.config.functions, "mapping", "slam", "shapes")
+        return digest(self.channel_fingerprint, settings, *functions, code)
 
     @cached_property
     def score_fingerprint(self) -> str:
@@ -129,7 +131,7 @@ class CampaignStore:
         return digest(self.map_fingerprint, code_digest("isac_arena/scoring"))
 
     def open_for_writing(self) -> None:
-        """Write settings and scene; remove temporary files, and scores and report of another estimator.
+        """Write settings and scene; remove temporary files, and scores and report of other functions.
 
         Raises `ValueError` where the directory already holds another campaign, or files of no campaign.
         """
@@ -143,10 +145,10 @@ class CampaignStore:
                     f"--out = {self.directory}: holds another campaign ({difference}); choose another "
                     "directory or remove it"
                 )
-            if held.estimator != self.estimator and self.side is None:
+            if held.config.functions != self.config.functions and self.side is None:
                 self.drop_results()
         campaign = self.config.model_dump(mode="json")
-        settings = {"estimator": self.estimator, "measured": self.measured, "campaign": campaign}
+        settings = {"measured": self.measured, "campaign": campaign}
         for name, content in self.scene_files.items():
             write_bytes(self._root / path_in(Path(), name), content)
         write_text(self._root / "scene.toml", self.scene_text)
@@ -184,16 +186,18 @@ class CampaignStore:
         self.write(_stop("sweep", sweep.stop), sweep, self.truth_fingerprint)
 
     def channel(self, stop: int) -> StopEstimate | None:
-        """The channel estimate of a stop, or None where there is none yet."""
-        return self.read(_stop("channel", stop), StopEstimate, self.channel_fingerprint)
+        """The channel estimate of a stop, or that a user's function failed there; None where there is none yet."""
+        name, found = _stop("channel", stop), self.channel_fingerprint
+        return self.read(name, StopEstimate, found) or self.read(name, StopEstimate, f"{found}{FAILED}")
 
     def has_channel(self, stop: int) -> bool:
-        """Whether the channel estimate of a stop is stored."""
+        """Whether the channel estimate of a stop is stored; one that failed is tried again."""
         return self._current(_stop("channel", stop), self.channel_fingerprint) is not None
 
     def write_channel(self, estimate: StopEstimate) -> None:
         """Store the channel estimate of a stop; scores made before are dropped."""
-        self.write(_stop("channel", estimate.channel.stop), estimate, self.channel_fingerprint)
+        mark = FAILED if estimate.channel.status == EstimateStatus.FAILED else ""
+        self.write(_stop("channel", estimate.channel.stop), estimate, f"{self.channel_fingerprint}{mark}")
 
     def estimate(self, stop: int) -> ChannelEstimate | None:
         """The paths of a stop alone, or None where there are none yet."""
@@ -245,8 +249,8 @@ class CampaignStore:
             remove_file(self._root / name)
 
     def _difference(self, held: CampaignStore) -> str | None:
-        """The first difference to the stored campaign, the estimator excepted; None for none."""
-        there, here = (store.config.model_dump(mode="json") for store in (held, self))
+        """The first difference to the stored campaign, the user's functions excepted; None for none."""
+        there, here = (store.config.model_dump(mode="json", exclude={"functions"}) for store in (held, self))
         if found := first_difference(there, here):
             return found
         if held.measured != self.measured:
@@ -302,6 +306,14 @@ def check_is_campaign(directory: Path) -> None:
             raise ValueError(f"{directory}: holds no campaign (no {name}); make one with 'arena run'")
 
 
+def stored_settings(content: Mapping[str, Any]) -> dict[str, Any]:
+    """The campaign table of a stored campaign.json; versions before 0.3 named a user's estimator beside it."""
+    settings = dict(content["campaign"])
+    if name := content.get("estimator"):
+        settings["functions"] = {"channel": {"function": name}}
+    return settings
+
+
 def open_campaign(directory: Path) -> CampaignStore:
     """The campaign in a directory, with the settings and the scene it was made with.
 
@@ -311,13 +323,13 @@ def open_campaign(directory: Path) -> CampaignStore:
     settings, text = directory / "campaign.json", read_text(directory / "scene.toml", "utf-8")
     try:
         content = json.loads(read_input(settings, LARGEST_TEXT))
-        config = validate_stored(content["campaign"], CampaignConfig, "settings")
+        config = validate_stored(stored_settings(content), CampaignConfig, "settings")
         files = {
             f"{KEPT_FOLDER}/{file.name}": file.read_bytes()
             for file in sorted((directory / KEPT_FOLDER).glob("*"))
             if not file.name.endswith(".part")
         }
-        return CampaignStore(directory, config, text, content["estimator"], content.get("measured"), files)
+        return CampaignStore(directory, config, text, content.get("measured"), files)
     except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0]
         raise ValueError(

@@ -1,7 +1,7 @@
 """The one driver of the chain: truths, sweeps, calibration, channel estimates, maps, scores.
 
 A `CampaignRun` states what is computed (which stops), from what (settings, scene, paths traced before), what
-replaces a stage (a user's estimator, another way to make sweeps, truth) and where results are kept. Every stage
+replaces a stage (a user's function, another way to make sweeps, truth) and where results are kept. Every stage
 uses the kept results and makes the others. So a run continues where it stopped. Every stop has its own random
 numbers, so any subset of stops gives the same bits.
 """
@@ -9,13 +9,12 @@ numbers, so any subset of stops gives the same bits.
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 
 from estimation.channel.calibration.self_calibration import Calibration, calibration_rows, self_calibrate
 from estimation.channel.estimate import ChannelEstimator
-from estimation.channel.record import ChannelEstimate
+from estimation.channel.record import ChannelEstimate, EstimateStatus, empty_estimate
 from estimation.slam.checks import check_estimates
 from estimation.slam.config import MappingConfig, TrajectoryConfig
 from estimation.slam.level import KnownHeights
@@ -27,14 +26,17 @@ from isac_arena.campaign.chain import (
     learned_mapping,
     locate_or_take,
     significance,
+    unsolved_poses,
     walk_settings,
     with_shapes,
+    without_map,
 )
 from isac_arena.campaign.config import CampaignConfig
-from isac_arena.campaign.results import CampaignResults, MapName, MapResult
+from isac_arena.campaign.results import CampaignResults, MapName, MapResult, MemoryResults, ResultStore
 from isac_arena.scoring.link_view import link_view
 from isac_arena.scoring.score import Scores, score_campaign, score_channel
-from scenes.record import FloatArray, IntArray
+from isac_arena.user_functions.errors import EstimatorError
+from scenes.record import FloatArray, IntArray, empty_record
 from scenes.scene import Scene
 from sim.observation import BeamSweep
 from sim.signal.hardware.apply_impairments import with_surveyed_pose
@@ -43,85 +45,6 @@ from sim.simulate import clock_biases_s, observe, simulate_truth
 from sim.truth import Truth
 
 Observe = Callable[[CampaignConfig, Link, Scene, Truth], BeamSweep]
-
-
-class ResultStore(Protocol):
-    """Where a run keeps its results. Reading returns None for a result that has to be made."""
-
-    def truth(self, stop: int) -> Truth | None:
-        """The paths of a stop; the run sets the clock."""
-
-    def write_truth(self, truth: Truth) -> None:
-        """Keep the truth of a stop."""
-
-    def sweep(self, stop: int) -> BeamSweep | None:
-        """The samples of a stop."""
-
-    def calibration(self) -> Calibration | None:
-        """The self-calibration of both arrays."""
-
-    def write_calibration(self, calibration: Calibration) -> None:
-        """Keep the self-calibration."""
-
-    def estimate(self, stop: int) -> ChannelEstimate | None:
-        """The channel estimate of a stop."""
-
-    def write_estimate(self, estimate: ChannelEstimate, sweep: BeamSweep) -> None:
-        """Keep the channel estimate of a stop, and what is drawn of its sweep."""
-
-    def map_result(self, name: MapName) -> MapResult | None:
-        """The map of mapping or SLAM."""
-
-    def write_map(self, name: MapName, result: MapResult) -> None:
-        """Keep the map of mapping or SLAM."""
-
-
-@dataclass
-class MemoryResults:
-    """Results in memory, except the samples: they are large and made again where needed."""
-
-    truths: dict[int, Truth] = field(default_factory=dict)
-    estimates: dict[int, ChannelEstimate] = field(default_factory=dict)
-    maps: dict[MapName, MapResult] = field(default_factory=dict)
-    calibrated: Calibration | None = None
-
-    def truth(self, stop: int) -> Truth | None:
-        """As `ResultStore`."""
-        return self.truths.get(stop)
-
-    def write_truth(self, truth: Truth) -> None:
-        """As `ResultStore`."""
-        self.truths[truth.stop] = truth
-
-    def sweep(self, stop: int) -> BeamSweep | None:
-        """None: samples are not kept."""
-        del stop
-        return None
-
-    def calibration(self) -> Calibration | None:
-        """As `ResultStore`."""
-        return self.calibrated
-
-    def write_calibration(self, calibration: Calibration) -> None:
-        """As `ResultStore`."""
-        self.calibrated = calibration
-
-    def estimate(self, stop: int) -> ChannelEstimate | None:
-        """As `ResultStore`."""
-        return self.estimates.get(stop)
-
-    def write_estimate(self, estimate: ChannelEstimate, sweep: BeamSweep) -> None:
-        """As `ResultStore`."""
-        del sweep
-        self.estimates[estimate.stop] = estimate
-
-    def map_result(self, name: MapName) -> MapResult | None:
-        """As `ResultStore`."""
-        return self.maps.get(name)
-
-    def write_map(self, name: MapName, result: MapResult) -> None:
-        """As `ResultStore`."""
-        self.maps[name] = result
 
 
 @dataclass(frozen=True)
@@ -143,8 +66,9 @@ class CampaignRun:
     """One run of the chain; `scores` is the whole of it.
 
     `stops` are indices into the walk of the scene: by default those of `paths`, without `paths` all. `paths` are
-    truths whose paths replace traced ones. `estimator` is a user's `package.module:function` and replaces the
-    channel estimator of the settings. `observer` makes the sweep of a stop. `oracle` replaces records by truth.
+    truths whose paths replace traced ones. `observer` makes the sweep of a stop. `oracle` replaces records by
+    truth. Where a user's function fails the run ends with `EstimatorError`; or, with `on_failure`, it tells that
+    the error and goes on without: the stop has no paths, the map no points or no contours.
     """
 
     config: CampaignConfig
@@ -152,9 +76,9 @@ class CampaignRun:
     results: ResultStore = field(default_factory=MemoryResults)
     stops: Sequence[int] | None = None
     paths: Sequence[Truth] = ()
-    estimator: str | None = None
     observer: Observe = observe
     oracle: Oracle = field(default_factory=Oracle)
+    on_failure: Callable[[EstimatorError], None] | None = None
 
     def scores(self) -> Scores:
         """The scores of all estimates; raises as `score_campaign` does."""
@@ -206,7 +130,7 @@ class CampaignRun:
         A user's estimator gets no calibration.
         """
         settings = self.config.channel.self_calibration
-        if settings is None or self.estimator is not None:
+        if settings is None or self.config.functions.of("channel") is not None:
             return None
         calibration = self.results.calibration()
         if calibration is None:
@@ -227,7 +151,11 @@ class CampaignRun:
         """The channel estimate of a stop, made now and kept; from `sweep` where the caller has it."""
         estimator = self.channel_estimator  # first: it may be calibrated on sweeps of its own
         sweep = self.sweep(truth) if sweep is None else sweep
-        estimate = estimator(sweep)
+        try:
+            estimate = estimator(sweep)
+        except EstimatorError as error:
+            self._tell(error)
+            estimate = empty_estimate(truth.stop, "function", EstimateStatus.FAILED, str(error))
         self.results.write_estimate(estimate, sweep)
         return estimate
 
@@ -237,10 +165,9 @@ class CampaignRun:
         found: dict[MapName, MapResult] = {}
         for name, states in given.items():
             kept = self.results.map_result(name)
-            if kept is None:
+            if kept is None or kept.problem:
                 check_estimates(channel, self.scene.standing_tx)
-                mapping = self.learned_mapping(channel, states)
-                kept = self.shape(channel, *self.locate(channel, states, mapping), mapping)
+                kept = self._map(channel, states)
                 self.results.write_map(name, kept)
             found[name] = kept
         return found
@@ -254,6 +181,24 @@ class CampaignRun:
         if receiver is None:
             return None
         return learned_mapping(self.config, channel, self.scene.tx, receiver, self.heights)
+
+    def _map(self, channel: Sequence[ChannelEstimate], states: PoseEstimates | None) -> MapResult:
+        """One map; where a user's function fails, what there is without it."""
+        poses = unsolved_poses([estimate.stop for estimate in channel]) if states is None else states
+        ips = empty_record(IncidencePoints)
+        try:
+            mapping = self.learned_mapping(channel, states)
+            poses, ips = self.locate(channel, states, mapping)
+            return self.shape(channel, poses, ips, mapping)
+        except EstimatorError as error:
+            self._tell(error)
+            return without_map(self.config, channel, self.scene.standing_tx, poses, ips, str(error))
+
+    def _tell(self, error: EstimatorError) -> None:
+        """Tell the error of a user's function, or raise it where nobody listens."""
+        if self.on_failure is None:
+            raise error
+        self.on_failure(error)
 
     def locate(
         self,
@@ -333,7 +278,7 @@ class CampaignRun:
     @cached_property
     def channel_estimator(self) -> ChannelEstimator:
         """The channel estimator, calibrated where the settings ask for it."""
-        return channel_estimator(self.config, self.estimator, self.calibrate())
+        return channel_estimator(self.config, self.calibrate())
 
     @cached_property
     def _given(self) -> dict[int, Truth]:

@@ -11,7 +11,6 @@
 """
 
 import hashlib
-import importlib.util
 import json
 from collections.abc import Mapping
 from functools import cache
@@ -87,15 +86,3 @@ def _python_files(root: Path, part: str) -> list[Path]:
     if not files:
         raise ValueError(f"{part}: a folder without Python files, its source has no fingerprint")
     return files
-
-
-def estimator_source(estimator: str | None) -> str:
-    """Hash of the source of the top-level module or package of a user's estimator; empty where unknown."""
-    if estimator is None:
-        return ""
-    spec = importlib.util.find_spec(estimator.partition(":")[0].partition(".")[0])
-    if spec is None or spec.origin is None or not spec.origin.endswith(".py"):
-        return ""
-    origin = Path(spec.origin)
-    source = origin if spec.submodule_search_locations is None else origin.parent
-    return source_digest(source.parent, source.name)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from isac_arena.campaign.chain import walk_settings
-from isac_arena.campaign.config import CampaignConfig
+from isac_arena.campaign.config import CampaignConfig, methods
 from scenes.pose import SPEED_OF_LIGHT_M_S
 from scenes.scene import Scene
 from scenes.walks.trajectory import LEAST_STOPS, follow_one_another
@@ -33,10 +33,10 @@ class RunPlan:
     doubts: tuple[str, ...]
 
 
-def check_elevations(config: CampaignConfig, estimator: str | None) -> None:
+def check_elevations(config: CampaignConfig) -> None:
     """Raise `ValueError` where beams have several elevations and the channel method ignores them."""
     for name, array in (("tx_array", config.tx_array), ("rx_array", config.rx_array)):
-        if len(elevations_deg(array)) > 1 and estimator is None and config.channel.method == "power":
+        if len(elevations_deg(array)) > 1 and methods(config)["channel"] == "power":
             raise ValueError(
                 f"channel.method = 'power': estimates no elevation, but {name} has beams at several; take "
                 f"{ELEVATION_METHODS}, or one beam_elevation_deg and one panel_tilt_deg"
@@ -48,21 +48,23 @@ def elevations_deg(array: ArrayConfig) -> list[float]:
     return sorted({tilt + beam for tilt in array.panel_tilt_deg for beam in array.beam_elevation_deg})
 
 
-def plan_run(config: CampaignConfig, scene: Scene, link: Link, estimator: str | None = None) -> RunPlan:
+def plan_run(config: CampaignConfig, scene: Scene, link: Link) -> RunPlan:
     """The plan of a campaign that passes `check_elevations`."""
     n_pairs = len(link.tx_codebook) * len(link.rx_codebook)
     megabytes = 1e-6 * SAMPLE_BYTES * n_pairs * link.prs_symbol.shape[1]
     together = "all stops together" if walk_settings(config, scene.walk.positions_m()) else "every stop alone"
+    if function := config.functions.of("slam"):
+        together = f"all stops by {function.function}"
     does = (
         f"{len(scene.stops)} stops, {n_pairs} beam pairs, channel estimates by "
-        f"{estimator or config.channel.method}, SLAM of {together}; {megabytes:.0f} MB of samples a stop"
+        f"{methods(config)['channel']}, SLAM of {together}; {megabytes:.0f} MB of samples a stop"
     )
     if config.propagation.deepmimo is not None:
-        return RunPlan(does, tuple(_about_settings(config, scene, estimator)))
+        return RunPlan(does, tuple(_about_settings(config, scene)))
     step = -(-len(scene.stops) // MOST_STOPS)
     seen = _seen_paths(config, scene, step)
     in_sight = (*_about_heights(config, scene, link, seen, step), *_about_sight(scene, seen, step))
-    return RunPlan(does, (*_about_settings(config, scene, estimator), *in_sight, *_about_cells(scene, link)))
+    return RunPlan(does, (*_about_settings(config, scene), *in_sight, *_about_cells(scene, link)))
 
 
 def _seen_paths(config: CampaignConfig, scene: Scene, step: int) -> list[Paths]:
@@ -73,10 +75,10 @@ def _seen_paths(config: CampaignConfig, scene: Scene, step: int) -> list[Paths]:
     return [propagator.paths(pose.position_m) for pose in scene.stops[::step]]
 
 
-def _about_settings(config: CampaignConfig, scene: Scene, estimator: str | None) -> Iterator[str]:
+def _about_settings(config: CampaignConfig, scene: Scene) -> Iterator[str]:
     """What the settings alone tell: heights that are neither seen nor used, and stops without an order."""
     sees = any(len(elevations_deg(array)) > 1 for array in (config.tx_array, config.rx_array))
-    why_unused = _why_unused(config, estimator)
+    why_unused = _why_unused(config)
     if not sees and why_unused:
         bias_m, height_m = _height_bias_m(scene)
         if bias_m > LEAST_BIAS_M:
@@ -95,12 +97,12 @@ def _about_settings(config: CampaignConfig, scene: Scene, estimator: str | None)
         )
 
 
-def _why_unused(config: CampaignConfig, estimator: str | None) -> str:
+def _why_unused(config: CampaignConfig) -> str:
     """Why known heights are not used; empty if they are."""
     if not config.heights.use:
         return "heights.use = false"
-    if estimator is not None:
-        return f"unless {estimator} says that its azimuths are cone angles, aod_angle_kind = 'cone'"
+    if function := config.functions.of("channel"):
+        return f"unless {function.function} says that its azimuths are cone angles, aod_angle_kind = 'cone'"
     return "slam.method = 'reference'" if config.slam.method == "reference" else ""
 
 

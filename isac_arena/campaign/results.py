@@ -1,13 +1,16 @@
-"""What the whole chain produced for one campaign, in memory."""
+"""What the chain produced for a campaign, and where a run keeps it."""
 
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, field
+from typing import Literal, Protocol
 
 from estimation.channel.beam_power_map import BeamPowerMap
+from estimation.channel.calibration.self_calibration import Calibration
 from estimation.channel.record import ChannelEstimate
 from estimation.shape.record import Contours, Shapes
 from estimation.slam.record import IncidencePoints, PoseEstimates
-from scenes.record import Record
+from scenes.record import Record, array
+from sim.observation import BeamSweep
+from sim.truth import Truth
 
 MapName = Literal["mapping", "slam"]
 
@@ -16,13 +19,15 @@ MapName = Literal["mapping", "slam"]
 class MapResult(Record):
     """A map of the scene, from mapping or from SLAM.
 
-    Receiver poses, incidence points, the paper's shapes of clusters and our contours of objects.
+    Receiver poses, incidence points, the paper's shapes of clusters and our contours of objects, or those of the
+    user's functions in their place.
     """
 
     poses: PoseEstimates
     ips: IncidencePoints
     shapes: Shapes
     contours: Contours
+    problem: str = array(dtype=str, default="", doc="how a user's function failed; empty where none did")
 
 
 @dataclass(frozen=True)
@@ -36,3 +41,82 @@ class CampaignResults:
     power_maps: tuple[BeamPowerMap, ...]
     mapping: MapResult
     slam: MapResult
+
+
+class ResultStore(Protocol):
+    """Where a run keeps its results. Reading returns None for a result that has to be made."""
+
+    def truth(self, stop: int) -> Truth | None:
+        """The paths of a stop; the run sets the clock."""
+
+    def write_truth(self, truth: Truth) -> None:
+        """Keep the truth of a stop."""
+
+    def sweep(self, stop: int) -> BeamSweep | None:
+        """The samples of a stop."""
+
+    def calibration(self) -> Calibration | None:
+        """The self-calibration of both arrays."""
+
+    def write_calibration(self, calibration: Calibration) -> None:
+        """Keep the self-calibration."""
+
+    def estimate(self, stop: int) -> ChannelEstimate | None:
+        """The channel estimate of a stop."""
+
+    def write_estimate(self, estimate: ChannelEstimate, sweep: BeamSweep) -> None:
+        """Keep the channel estimate of a stop, and what is drawn of its sweep."""
+
+    def map_result(self, name: MapName) -> MapResult | None:
+        """The map of mapping or SLAM."""
+
+    def write_map(self, name: MapName, result: MapResult) -> None:
+        """Keep the map of mapping or SLAM."""
+
+
+@dataclass
+class MemoryResults:
+    """Results in memory, except the samples: they are large and made again where needed."""
+
+    truths: dict[int, Truth] = field(default_factory=dict)
+    estimates: dict[int, ChannelEstimate] = field(default_factory=dict)
+    maps: dict[MapName, MapResult] = field(default_factory=dict)
+    calibrated: Calibration | None = None
+
+    def truth(self, stop: int) -> Truth | None:
+        """As `ResultStore`."""
+        return self.truths.get(stop)
+
+    def write_truth(self, truth: Truth) -> None:
+        """As `ResultStore`."""
+        self.truths[truth.stop] = truth
+
+    def sweep(self, stop: int) -> BeamSweep | None:
+        """None: samples are not kept."""
+        del stop
+        return None
+
+    def calibration(self) -> Calibration | None:
+        """As `ResultStore`."""
+        return self.calibrated
+
+    def write_calibration(self, calibration: Calibration) -> None:
+        """As `ResultStore`."""
+        self.calibrated = calibration
+
+    def estimate(self, stop: int) -> ChannelEstimate | None:
+        """As `ResultStore`."""
+        return self.estimates.get(stop)
+
+    def write_estimate(self, estimate: ChannelEstimate, sweep: BeamSweep) -> None:
+        """As `ResultStore`."""
+        del sweep
+        self.estimates[estimate.stop] = estimate
+
+    def map_result(self, name: MapName) -> MapResult | None:
+        """As `ResultStore`."""
+        return self.maps.get(name)
+
+    def write_map(self, name: MapName, result: MapResult) -> None:
+        """As `ResultStore`."""
+        self.maps[name] = result

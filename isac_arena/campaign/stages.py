@@ -1,6 +1,6 @@
 """The stages of a campaign on a directory: files, progress and messages around the driver."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -8,8 +8,9 @@ from typing import Any, TypeVar
 
 from rich.console import Console
 
+from estimation.channel.record import EstimateStatus
 from isac_arena.campaign.campaign import Campaign, campaign_store, load_campaign
-from isac_arena.campaign.chain import channel_estimator, known_receiver
+from isac_arena.campaign.chain import known_receiver
 from isac_arena.campaign.directory import CampaignStore, StopEstimate, check_is_campaign, open_campaign
 from isac_arena.campaign.files import read_attribute
 from isac_arena.campaign.lock import one_run
@@ -25,6 +26,9 @@ from isac_arena.report.page.budget_file import BUDGET_FILE, read_budget
 from isac_arena.scoring.measured import measured_metrics, score_measured
 from isac_arena.scoring.record import ScoreTables
 from isac_arena.scoring.score import Scores, score_metrics
+from isac_arena.user_functions.config import with_functions
+from isac_arena.user_functions.errors import EstimatorError
+from isac_arena.user_functions.room import check_functions
 from isac_arena.workers.stops import StopMakers, StopRun, campaign_run, make_stops, stop_run
 from scenes.scene import Scene
 from sim.clock import checked_clock
@@ -34,6 +38,7 @@ from sim.signal.link import make_link
 from sim.truth import Truth
 
 console = Console(highlight=False)
+Named = Mapping[str, str]  # functions of a user by the stage that they replace
 T = TypeVar("T")
 HERE = StopMakers(workers=1)
 
@@ -43,19 +48,22 @@ ESTIMATES = ("truth", "channel", "map")
 SCORED = (*ESTIMATES, "provenance.nc")
 
 
-def prepare(campaign: str | Campaign, out: Path, seed: int | None, estimator: str | None) -> CampaignStore:
-    """Open a campaign directory for a campaign file. All inputs are checked before anything is written."""
-    store = _checked(campaign, out, seed, estimator)
+def prepare(campaign: str | Campaign, out: Path, seed: int | None, named: Named | None = None) -> CampaignStore:
+    """Open a campaign directory for a campaign file. All inputs are checked before anything is written.
+
+    `named` are functions of a user by the stage that they replace.
+    """
+    store = _checked(campaign, out, seed, named, None)
     store.open_for_writing()
     return store
 
 
 @contextmanager
 def opened(
-    campaign: str | Campaign, out: Path, seed: int | None, estimator: str | None
+    campaign: str | Campaign, out: Path, seed: int | None, named: Named | None = None, limit_s: float | None = None
 ) -> Iterator[CampaignStore]:
     """As `prepare`, for a whole run: the directory is locked for it, and its manifest is written at the end."""
-    store = _checked(campaign, out, seed, estimator)
+    store = _checked(campaign, out, seed, named, limit_s)
     with one_run(out), recorded_run(out):
         check_unchanged(out, (*SETTINGS, *SAMPLES, *ESTIMATES))
         with swapped_in(store) as beside:
@@ -63,36 +71,43 @@ def opened(
             yield beside
 
 
-def _checked(campaign: str | Campaign, out: Path, seed: int | None, estimator: str | None) -> CampaignStore:
+def _checked(
+    campaign: str | Campaign, out: Path, seed: int | None, named: Named | None, limit_s: float | None
+) -> CampaignStore:
     loaded = campaign if isinstance(campaign, Campaign) else load_campaign(campaign, seed=seed)
-    channel_estimator(loaded.config, estimator)
-    check_elevations(loaded.config, estimator)
+    loaded = replace(loaded, config=with_functions(loaded.config, named or {}, limit_s))
+    check_functions(loaded.config.functions)
+    check_elevations(loaded.config)
     if loaded.scene.is_moving:
         checked_clock(loaded.config, loaded.scene)
     ask_sample_memory(loaded.config)
-    return campaign_store(loaded, out, estimator)
+    return campaign_store(loaded, out)
 
 
 def run_campaign(
-    campaign: str | Campaign, out: Path, *, seed: int | None = None, estimator: str | None = None,
+    campaign: str | Campaign, out: Path, *, seed: int | None = None, named: Named | None = None,
     keep_sweeps: bool = False, makers: StopMakers = HERE,
-) -> None:  # fmt: skip
-    """All stages from the scene to the report, into a directory; an interrupted run continues."""
-    with opened(campaign, out, seed, estimator) as store:
+) -> list[EstimatorError]:  # fmt: skip
+    """All stages from the scene to the report, into a directory; an interrupted run continues.
+
+    Returns the failures of a user's functions that the run went on without.
+    """
+    with opened(campaign, out, seed, named, makers.limit_s) as store:
         _ = store.scene.standing_tx
         plan = run_plan(store)
         print_plan(plan)
-        sweep_and_estimate(store, makers, keep_sweeps=keep_sweeps)
-        build_maps(store)
+        failures = sweep_and_estimate(store, makers, keep_sweeps=keep_sweeps)
+        failures += build_maps(store)
         write_scores(store)
         write_report(store, plan)
+    return failures
 
 
 def run_plan(store: CampaignStore) -> RunPlan:
     """What a run does and what is doubtful about it."""
     with working(console, "plan"):
         scene = store.scene
-        return plan_run(store.config, scene, make_link(store.config), store.estimator)
+        return plan_run(store.config, scene, make_link(store.config))
 
 
 def print_plan(plan: RunPlan) -> None:
@@ -104,12 +119,12 @@ def print_plan(plan: RunPlan) -> None:
 
 @contextmanager
 def reopened(
-    directory: Path, estimator: str | None = None, reads: Sequence[str] = ESTIMATES
+    directory: Path, named: Named | None = None, reads: Sequence[str] = ESTIMATES, limit_s: float | None = None
 ) -> Iterator[CampaignStore]:
     """As `reopen`, for a run: the directory is locked for it, and its manifest is written at the end.
 
-    With another estimator, channel estimates are made again. Raises `ValueError` where a report has no manifest,
-    which would say to which results it belongs.
+    With `named` functions, what they and the stages after them make is made again. Raises `ValueError`
+    where a report has no manifest, which would say to which results it belongs.
     """
     check_is_campaign(directory)
     with one_run(directory), recorded_run(directory):
@@ -119,13 +134,13 @@ def reopened(
             raise ValueError(
                 f"{directory / MANIFEST}: {what}; use the same 'arena run' again, or remove report.html"
             )
-        if estimator is not None:
-            if store.measured is not None:
-                raise ValueError(f"--estimator = '{estimator}': {directory} is measured and holds no samples")
-            channel_estimator(store.config, estimator)
-            store = replace(store, estimator=estimator)
+        if named:
+            if store.measured is not None and "channel" in named:
+                raise ValueError(f"--channel = '{named['channel']}': {directory} is measured and holds no samples")
+            store = replace(store, config=with_functions(store.config, named, limit_s))
+            check_functions(store.config.functions)
         with swapped_in(store) as beside:
-            if estimator is not None:
+            if named:
                 beside.open_for_writing()
             yield beside
 
@@ -147,37 +162,59 @@ def sweep_only(store: CampaignStore, makers: StopMakers = HERE, *, keep_sweeps: 
 
 def sweep_and_estimate(
     store: CampaignStore, makers: StopMakers = HERE, *, keep_sweeps: bool, again: bool = False
-) -> None:
+) -> list[EstimatorError]:
     """Make missing truths and channel estimates, with one stop in the memory of a process at a time.
 
-    `again` makes all channel estimates, also stored ones. A measured campaign has both from its import.
+    `again` makes all channel estimates, also stored ones. A measured campaign has both from its import. Returns
+    the failures of a user's function, stop by stop; raises the first where it failed at every stop.
     """
-    if store.measured is None:
-        work = stop_run(store, keeps_sweeps=keep_sweeps, estimates=True, again=again)
-        _each_stop(work, makers, "trace, sweep, estimate")
+    if store.measured is not None:
+        return []
+    work = stop_run(store, keeps_sweeps=keep_sweeps, estimates=True, again=again)
+    failures = _each_stop(work, makers, "trace, sweep, estimate")
+    if failures and len(failures) == len(work.run.chosen_stops):
+        raise failures[0]
+    return failures
 
 
-def _each_stop(stops: StopRun, makers: StopMakers, description: str) -> None:
-    """Make what is missing at every stop, here or on workers, with progress."""
+def _each_stop(stops: StopRun, makers: StopMakers, description: str) -> list[EstimatorError]:
+    """Make what is missing at every stop, here or on workers, with progress; failures of a user's function."""
     counts = TraceCounts()
+    failures: list[EstimatorError] = []
     with working(console, "self-calibration"):
         stops.run.calibrate()
     with progress_bar(console) as progress, closing(make_stops(stops, makers, progress.console.print)) as made:
         for one in progress.track(made, len(stops.run.chosen_stops), description=description):
-            counts += one
+            counts += one.counts
+            if one.failure is not None:
+                failures.append(one.failure)
+                _print_failure(one.failure, progress.console)
     for line in counts.lines:
         console.print(line)
+    return failures
 
 
-def build_maps(store: CampaignStore) -> None:
-    """Map with the known receiver, run SLAM without it, and fit shapes to both maps."""
-    if store.map_result("mapping") and store.map_result("slam"):
-        return
-    run = campaign_run(store)
+def _print_failure(error: EstimatorError, where: Console) -> None:
+    where.print(f"failed: {error}", markup=False, soft_wrap=True)
+
+
+def build_maps(store: CampaignStore) -> list[EstimatorError]:
+    """Map with the known receiver, run SLAM without it, and fit shapes to both maps.
+
+    Returns the failures of a user's functions; the same command tries these again.
+    """
+    kept = [store.map_result(name) for name in ("mapping", "slam")]
+    if all(one is not None and not one.problem for one in kept):
+        return []
+    failures: list[EstimatorError] = []
+    run = campaign_run(store, failures.append)
     n_stops = len(run.chosen_stops)
     channel = [estimate.channel for estimate in channel_estimates(store, n_stops)]
     with working(console, "mapping, SLAM, shapes"):
         run.maps(channel, known_receiver(known_stops(store, n_stops)))
+    for failure in failures:
+        _print_failure(failure, console)
+    return failures
 
 
 def write_scores(store: CampaignStore) -> None:
@@ -202,13 +239,19 @@ def write_report(store: CampaignStore, plan: RunPlan | None = None) -> None:
         metrics = score_metrics if store.measured is None else measured_metrics
         scores = Scores(metrics(scene, tables), tables)
         figures = make_figures(scene, results, scores)
-        facts = run_facts(store.config, scene, store.estimator, store.measured)
+        facts = run_facts(store.config, scene, store.measured, _failures(results))
         plan = plan or (run_plan(store) if store.measured is None else None)
         if plan and plan.doubts:
             facts["Doubtful"] = "; ".join(plan.doubts)
         page = render_report(_page_payload(store, scene, results, tables), scores, figures, facts)
         store.write_report(page, {name: figure.png for name, figure in figures.items()})
     console.print(f"report: {store.directory / 'report.html'}")
+
+
+def _failures(results: CampaignResults) -> list[str]:
+    """Where functions of a user failed in stored results."""
+    at_stops = [one.reason for one in results.channel if one.status == EstimateStatus.FAILED]
+    return [*at_stops, *filter(None, (results.mapping.problem, results.slam.problem))]
 
 
 def _page_payload(

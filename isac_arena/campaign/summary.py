@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import platform
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from importlib.metadata import PackageNotFoundError, version
 
@@ -11,8 +12,9 @@ import numpy as np
 from rich.table import Table
 
 from isac_arena.campaign.chain import walk_settings
-from isac_arena.campaign.config import CampaignConfig
+from isac_arena.campaign.config import CampaignConfig, methods
 from isac_arena.scoring.score import Scores
+from isac_arena.user_functions.config import Stage
 from scenes.scene import Scene
 from sim.propagation.motion.sweep import TRACES_OF_A_SWEEP
 from sim.truth import Truth
@@ -33,6 +35,10 @@ HEADLINES = {
     "contours.slam.pillar.iou.mean": "SLAM: overlap of pillar contours (IoU)",
     "shapes.slam.pillar.iou.mean": "SLAM: the same, paper's method",
 }
+OWN: dict[Stage, str] = {
+    "mapping": "Mapping",
+    "shapes": "Contours",
+}  # stages that are named only where they are a user's
 LIBRARIES = ("isac-arena", "sionna-rt", "numpy", "scipy")
 
 
@@ -99,18 +105,27 @@ def scene_summary(scene: Scene) -> str:
 
 
 def run_facts(
-    config: CampaignConfig, scene: Scene, estimator: str | None, measured: str | None = None
+    config: CampaignConfig, scene: Scene, measured: str | None = None, failures: Sequence[str] = ()
 ) -> dict[str, str]:
-    """What was run, for the head of the report; `measured` is the source of a measured campaign."""
+    """What was run, for the head of the report; `measured` is the source of a measured campaign.
+
+    `failures` says where functions of the user failed.
+    """
     slam = f"every stop alone, {config.slam.method}"
     if trajectory := walk_settings(config, scene.walk.positions_m()):
         how = "stop by stop along the walk" if trajectory.method == "filter" else "all stops together"
         slam = f"{how}; every stop first alone, {config.slam.method}"
+    used, functions = methods(config), config.functions.given
+    slam = used["slam"] if "slam" in functions else slam
+    own = {OWN[stage]: used[stage] for stage in OWN if stage in functions}
+    failed = {"Failed": "; ".join(failures)} if failures else {}
     versions = [f"Python {platform.python_version()}", *(f"{name} {_version(name)}" for name in LIBRARIES)]
     return {
         "Scene": f"{scene.name}, {scene_summary(scene)}, {len(scene.stops)} receiver stops",
-        **(_signal_facts(config, estimator) if measured is None else {"Measurement": measured}),
+        **(_signal_facts(config) if measured is None else {"Measurement": measured}),
         "SLAM": slam,
+        **own,
+        **failed,
         "Versions": ", ".join(versions),
     }
 
@@ -122,7 +137,7 @@ def _version(distribution: str) -> str:
         return "(not installed)"
 
 
-def _signal_facts(config: CampaignConfig, estimator: str | None) -> dict[str, str]:
+def _signal_facts(config: CampaignConfig) -> dict[str, str]:
     wave, tx, rx = config.waveform, config.tx_array, config.rx_array
     bandwidth_mhz = wave.n_rb * 12 * 15e-3 * 2**wave.numerology
     return {
@@ -131,5 +146,5 @@ def _signal_facts(config: CampaignConfig, estimator: str | None) -> dict[str, st
         "TX": f"{tx.rows} x {tx.columns} elements, {len(tx.panel_azimuth_deg)} x {tx.beams_per_panel} beams",
         "RX": f"{rx.rows} x {rx.columns} elements, {len(rx.panel_azimuth_deg)} x {rx.beams_per_panel} beams",
         "Link": f"{config.link.tx_power_dbm:g} dBm, noise figure {config.link.noise_figure_db:g} dB",
-        "Channel estimator": estimator or config.channel.method,
+        "Channel estimator": methods(config)["channel"],
     }

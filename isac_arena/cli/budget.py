@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from isac_arena.cli.options import Campaign, Estimator, Seed
+from isac_arena.cli.options import Campaign, Channel, Mapping, Seed, Shapes, Slam, functions
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -25,7 +25,10 @@ def budget(
     stops: Annotated[
         str | None, typer.Option(help="Receiver stops: 0,4,9 or first:last:step without last; all by default.")
     ] = None,
-    estimator: Estimator = None,
+    channel: Channel = None,
+    mapping: Mapping = None,
+    slam: Slam = None,
+    shapes: Shapes = None,
 ) -> None:
     """Replace each stage by truth, switch off physics, and report how much the final errors fall.
 
@@ -36,7 +39,8 @@ def budget(
     from isac_arena.insight.budget.runs import budget_job, run_budget  # noqa: PLC0415
 
     console = Console(highlight=False)
-    with budget_job(campaign, out, seed, repeats, stops, estimator) as job:
+    named = functions(channel=channel, mapping=mapping, slam=slam, shapes=shapes)
+    with budget_job(campaign, out, seed, repeats, stops, named) as job:
         found = run_budget(job, console)
         write_budget(job.side or out, found)
     for table in budget_tables(found):

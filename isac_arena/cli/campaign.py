@@ -1,18 +1,27 @@
 """The campaign verbs: `run`, its stages alone: `generate`, `estimate`, `score`, `report`; and `arena campaign`."""
 
+from typing import TYPE_CHECKING
+
 import typer
 
 from isac_arena.cli.options import (
     Campaign,
+    Channel,
     Directory,
-    Estimator,
     KeepSweeps,
+    Mapping,
     Out,
     Seed,
+    Shapes,
+    Slam,
     StopLimit,
     WorkerCount,
+    functions,
     with_clock,
 )
+
+if TYPE_CHECKING:
+    from isac_arena.user_functions.errors import EstimatorError
 
 app = typer.Typer(help="The campaigns of the library and your own.", no_args_is_help=True)
 
@@ -39,23 +48,30 @@ def show(campaign: Campaign, seed: Seed = None) -> None:
     from scenes.toml_config import read_text  # noqa: PLC0415
 
     loaded = load_campaign(campaign, seed=seed)
-    check_elevations(loaded.config, None)
+    check_elevations(loaded.config)
     typer.echo(read_text(campaign_path(campaign)))
-    for name, fact in run_facts(loaded.config, loaded.scene, None).items():
+    for name, fact in run_facts(loaded.config, loaded.scene).items():
         typer.echo(f"{name}: {fact}")
     stages.print_plan(plan_run(loaded.config, loaded.scene, loaded.link))
 
 
 def run(
-    campaign: Campaign, out: Out, seed: Seed = None, estimator: Estimator = None, keep_sweeps: KeepSweeps = False,
-    workers: WorkerCount = None, stop_limit: StopLimit = None,
+    campaign: Campaign, out: Out, seed: Seed = None, channel: Channel = None, mapping: Mapping = None,
+    slam: Slam = None, shapes: Shapes = None, keep_sweeps: KeepSweeps = False, workers: WorkerCount = None,
+    stop_limit: StopLimit = None,
 ) -> None:  # fmt: skip
-    """Run a campaign from the scene to the report. The same command resumes an interrupted run."""
+    """Run a campaign from the scene to the report. The same command resumes an interrupted run.
+
+    Where a function of yours fails, the run goes on without it, and ends with 1.
+    """
     from isac_arena.campaign import stages  # noqa: PLC0415
     from isac_arena.workers.stops import StopMakers  # noqa: PLC0415
 
     makers = StopMakers(workers, stop_limit)
-    stages.run_campaign(campaign, out, seed=seed, estimator=estimator, keep_sweeps=keep_sweeps, makers=makers)
+    named = functions(channel=channel, mapping=mapping, slam=slam, shapes=shapes)
+    raise_summed(
+        stages.run_campaign(campaign, out, seed=seed, named=named, keep_sweeps=keep_sweeps, makers=makers)
+    )
 
 
 def generate(
@@ -66,21 +82,27 @@ def generate(
     from isac_arena.campaign import stages  # noqa: PLC0415
     from isac_arena.workers.stops import StopMakers  # noqa: PLC0415
 
-    with stages.opened(campaign, out, seed, None) as store:
+    with stages.opened(campaign, out, seed) as store:
         stages.sweep_only(store, StopMakers(workers, stop_limit), keep_sweeps=keep_sweeps)
 
 
 def estimate(
-    directory: Directory, estimator: Estimator = None, workers: WorkerCount = None, stop_limit: StopLimit = None
-) -> None:
-    """Estimate channel parameters, maps, poses and shapes from the sweeps of a campaign directory."""
+    directory: Directory, channel: Channel = None, mapping: Mapping = None, slam: Slam = None,
+    shapes: Shapes = None, workers: WorkerCount = None, stop_limit: StopLimit = None,
+) -> None:  # fmt: skip
+    """Estimate channel parameters, maps, poses and shapes from the sweeps of a campaign directory.
+
+    Where a function of yours fails, the others go on without it, and the command ends with 1.
+    """
     from isac_arena.campaign import stages  # noqa: PLC0415
     from isac_arena.workers.stops import StopMakers  # noqa: PLC0415
 
-    with stages.reopened(directory, estimator, (*stages.SAMPLES, *stages.ESTIMATES)) as store:
+    named = functions(channel=channel, mapping=mapping, slam=slam, shapes=shapes)
+    with stages.reopened(directory, named, (*stages.SAMPLES, *stages.ESTIMATES), stop_limit) as store:
         makers = StopMakers(workers, stop_limit)
-        stages.sweep_and_estimate(store, makers, keep_sweeps=False, again=estimator is not None)
-        stages.build_maps(store)
+        failures = stages.sweep_and_estimate(store, makers, keep_sweeps=False, again=channel is not None)
+        failures += stages.build_maps(store)
+    raise_summed(failures)
 
 
 def score(directory: Directory) -> None:
@@ -97,3 +119,11 @@ def report(directory: Directory) -> None:
 
     with stages.reopened(directory, reads=stages.SCORED) as store:
         stages.write_report(store)
+
+
+def raise_summed(failures: "list[EstimatorError]") -> None:
+    """End the command with the failures of a user's functions that it went on without, where there are any."""
+    from isac_arena.user_functions.errors import summed  # noqa: PLC0415
+
+    if failures:
+        raise summed(failures)

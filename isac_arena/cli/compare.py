@@ -25,6 +25,7 @@ class Run:
 
     directory: Path
     settings: dict[str, Any]
+    methods: dict[str, str]  # of each stage that a function of a user can replace
     scene: dict[str, Any] | None
     tables: ScoreTables
     metrics: tuple[Metric, ...]
@@ -42,7 +43,7 @@ def compare(
     from rich.console import Console  # noqa: PLC0415
 
     from isac_arena.insight.comparison.runs import compare_runs  # noqa: PLC0415
-    from isac_arena.insight.comparison.table import difference_table, setting_table  # noqa: PLC0415
+    from isac_arena.insight.comparison.table import difference_table, method_table, setting_table  # noqa: PLC0415
 
     if (out / "campaign.json").exists():
         raise ValueError(f"--out = {out}: holds a campaign; choose another directory")
@@ -58,6 +59,7 @@ def compare(
     write_comparison(out, (a, b), compared, changed, notes)
     console = Console(highlight=False)
     console.print(difference_table(compared))
+    console.print(method_table(a.methods, b.methods))
     console.print(setting_table(changed) if changed else "settings: all are the same")
     for note in notes:
         console.print(f"note: {note}", markup=False)
@@ -69,7 +71,8 @@ def read_run(directory: Path) -> Run:
 
     Raises `ValueError`, one line, where the directory holds neither, or files of it are missing or damaged.
     """
-    from isac_arena.campaign.config import CampaignConfig  # noqa: PLC0415
+    from isac_arena.campaign.config import CampaignConfig, methods  # noqa: PLC0415
+    from isac_arena.campaign.directory import stored_settings  # noqa: PLC0415
     from isac_arena.campaign.manifest import MANIFEST, check_unchanged, read_manifest  # noqa: PLC0415
     from scenes.toml_config import validate_stored  # noqa: PLC0415
 
@@ -85,15 +88,22 @@ def read_run(directory: Path) -> Run:
     file = directory / "campaign.json"
     try:
         content = json.loads(file.read_text(encoding="utf-8"))
-        config = validate_stored(content["campaign"], CampaignConfig, "settings")
-        settings = {name: content.get(name) for name in ("estimator", "measured", "stop_every")}
+        config = validate_stored(stored_settings(content), CampaignConfig, "settings")
+        settings = {name: content.get(name) for name in ("measured", "stop_every")}
         case_scene = content.get("scene")
     except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0]
         raise ValueError(f"{file}: no settings of a campaign ({reason})") from error
     settings |= {**config.model_dump(mode="json"), "code": _code(directory)}
     scene = _read_scene(directory, case_scene)
-    return Run(directory, settings, scene, read_tables(directory), read_metrics(directory))
+    return Run(
+        directory,
+        settings,
+        {str(stage): method for stage, method in methods(config).items()},
+        scene,
+        read_tables(directory),
+        read_metrics(directory),
+    )
 
 
 def read_tables(directory: Path) -> ScoreTables:
@@ -145,6 +155,10 @@ def write_comparison(
         "second": str(runs[1].directory),
         "n_stops": compared.n_stops,
         "notes": notes,
+        "methods": [
+            {"stage": stage, "first": method, "second": runs[1].methods[stage]}
+            for stage, method in runs[0].methods.items()
+        ],
         "settings": [vars(one) for one in changed],
         "paired": paired,
         "scores": _side_by_side(runs[0].metrics, runs[1].metrics),

@@ -34,7 +34,7 @@ from isac_arena.cli import (
 )
 from isac_arena.cli.options import with_clock, with_memory
 from isac_arena.own_packages import hiding_names
-from isac_arena.user_code import EstimatorError
+from isac_arena.user_functions.errors import EstimatorError, WentOnError
 
 USAGE_ERROR: Any = typer.BadParameter.__bases__[0]  # of click, or of typer's own copy of click
 
@@ -84,7 +84,7 @@ def guarded(call: Callable[[], Any]) -> None:
     except (KeyboardInterrupt, typer.Abort):
         _fail("interrupted; the same command continues where it stopped", INTERRUPTED)
     except EstimatorError as error:
-        _fail(f"{error}{_kept(error.trace)}", 2)
+        _fail(f"{error}{_kept(error.trace)}", 1 if isinstance(error, WentOnError) else 2)
     except (ValueError, OSError, RuntimeError) as error:
         _fail(_one_line(error), 2)
     except Exception as error:  # a defect of ours: still one line, with a way to see more
@@ -93,6 +93,8 @@ def guarded(call: Callable[[], Any]) -> None:
 
 def _kept(trace: str) -> str:
     """Where the traceback of a user's function is kept: a file in the working folder, if it can be written."""
+    if not trace:
+        return ""
     try:
         TRACE_FILE.write_text(trace, encoding="utf-8")
     except OSError:

@@ -1,5 +1,6 @@
 """`arena new`: commented files to start from. `arena settings`: what may stand in them."""
 
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -65,12 +66,25 @@ def new_sweep(name: NewName) -> None:
     _write(name, ".toml", _template("sweep.toml", name))
 
 
+class NewStage(StrEnum):
+    """Stages that a function of a user can replace."""
+
+    channel = "channel"
+    mapping = "mapping"
+    slam = "slam"
+    shapes = "shapes"
+
+
 @app.command("estimator")
-def new_estimator(name: NewName) -> None:
-    """Write NAME.py: a channel estimator of your own."""
+def new_estimator(
+    name: NewName,
+    stage: Annotated[NewStage, typer.Option(help="The stage that it takes the place of.")] = NewStage.channel,
+) -> None:
+    """Write NAME.py, a function of your own in place of a stage, and test_NAME.py, which tests it."""
     if not name.isidentifier():
         raise ValueError(f"name = '{name}': must be a Python name: letters, digits and _, no digit first")
-    _write(name, ".py", _template("estimator.txt", name))
+    _write(name, ".py", _template(f"{stage.value}.txt", name))
+    _write(f"test_{name}", ".py", _template(f"test_{stage.value}.txt", name))
 
 
 def settings(

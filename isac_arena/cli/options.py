@@ -14,9 +14,16 @@ Out = Annotated[Path, typer.Option(help="Directory of the campaign; made where m
 OutFolder = Annotated[Path, typer.Option(help="Directory of the tables and figures; made where missing.")]
 Seed = Annotated[int | None, typer.Option(min=0, max=2**63 - 1, help="Seed, in place of the file's.")]
 RandomSeed = Annotated[int, typer.Option(min=0, help="Seed of all random numbers of this command.")]
-Estimator = Annotated[
-    str | None, typer.Option(help="Your channel estimator: package.module:function, BeamSweep to ChannelEstimate.")
-]
+Channel = Annotated[
+    str | None,
+    typer.Option(
+        "--channel", "--estimator",
+        help="Your channel estimator: package.module:function, the name of an installed one, or ours.",
+    ),
+]  # fmt: skip
+Mapping = Annotated[str | None, typer.Option(help="Your mapping: as --channel.")]
+Slam = Annotated[str | None, typer.Option(help="Your SLAM: as --channel.")]
+Shapes = Annotated[str | None, typer.Option(help="Your contours of objects: as --channel.")]
 KeepSweeps = Annotated[bool, typer.Option(help="Keep the samples of every stop (about 40 MB each).")]
 Json = Annotated[Path | None, typer.Option("--json", help="Write the rows to this JSON file as well.")]
 Quick = Annotated[bool, typer.Option("--quick", help="A subset that takes seconds.")]
@@ -24,11 +31,19 @@ WorkerCount = Annotated[
     int | None, typer.Option(min=1, help="Worker processes on this machine, by default one per core.")
 ]
 StopLimit = Annotated[
-    float | None, typer.Option(min=0.1, help="Seconds per stop after which a worker counts as hanging; 3600.")
+    float | None,
+    typer.Option(
+        min=0.1, help="Seconds per stop, and per call of your functions, after which it counts as hanging; 3600."
+    ),
 ]
 Memory = Annotated[
     str | None, typer.Option(help="Most memory to take, such as 4GB; by default 80 % of what is free.")
 ]
+
+
+def functions(**named: str | None) -> dict[str, str]:
+    """The functions that options name, by the stage that they replace."""
+    return {stage: name for stage, name in named.items() if name is not None}
 
 
 def with_clock(command: Callable[..., Any]) -> Callable[..., Any]:

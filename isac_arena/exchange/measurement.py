@@ -86,7 +86,6 @@ def import_campaign(
         directory=out,
         config=settings(name_from(file.stem), method),
         scene_text=scene_text(source.text, campaign),
-        estimator=None,
         measured=_origin(file, tx_offset_deg, clock_seed),
         scene_files=source.files,
     )

@@ -20,6 +20,7 @@ from scenes.toml_config import ConfigError, read_toml
 
 CASE_BYTES = 16_000  # of a case while it is planned: its settings, its names and its place
 MOST_POINTS, MOST_CASES = 20_000, 100_000  # so that a plan takes seconds: 0.5 ms a point, 0.05 ms a case
+ALIASES = {"estimator": "functions.channel.function"}  # a short name of an axis
 Point = tuple[Any, ...]  # one value per axis
 # What a case runs and scores: the whole chain, the same with channel estimates kept, or no more than the channel
 Stages = Literal["all", "all_kept", "channel"]
@@ -34,7 +35,6 @@ class Case:
     values: Point
     config: CampaignConfig
     scene: SceneSource
-    estimator: str | None
     stop_every: int
     stages: Stages = "all"
 
@@ -105,17 +105,16 @@ def make_cases(
     document = read_toml(base)
     scene_of = cache(read_scene_source)
     for index, point in enumerate(points):
-        changes = {axis.field: value for axis, value in zip(config.axes, point, strict=True)}
-        in_campaign = [(field, value) for field, value in changes.items() if field != "estimator"]
-        estimator = str(changes["estimator"]) if "estimator" in changes else None
+        fields = [ALIASES.get(axis.field, axis.field) for axis in config.axes]
+        changes = dict(zip(fields, point, strict=True))
         try:
-            campaign, scene = changed_campaign(document, base, in_campaign, scene_of)
+            campaign, scene = changed_campaign(document, base, changes.items(), scene_of)
         except ConfigError as error:
             changed = ", ".join(f"{field} = {value}" for field, value in changes.items()) or "the base"
             raise ConfigError(f"{source}: case {changed}: {error}") from error
         for repeat in repeats:
             seeded = campaign.model_copy(update={"seed": campaign.seed + repeat})
-            yield Case(index, repeat, point, seeded, scene, estimator, config.stop_every)
+            yield Case(index, repeat, point, seeded, scene, config.stop_every)
 
 
 def base_path(source: str, config: SweepConfig) -> Path:

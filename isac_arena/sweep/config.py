@@ -12,8 +12,8 @@ class AxisConfig(ConfigModel):
     """One axis: a field, with its values or with a range.
 
     The field is a dotted path into the campaign (`waveform.n_rb`); or, after `scene`, into its scene file, where
-    tables in a list have names (`scene.objects.pillar_a.radius_m`); or the word `estimator`: a user's own channel
-    estimator `package.module:function`.
+    tables in a list have names (`scene.objects.pillar_a.radius_m`). `functions.slam.function` varies the function
+    of a user in place of SLAM, `ours` among them; `estimator` is short for `functions.channel.function`.
     """
 
     field: str = Field(min_length=1, description="dotted path of the field that varies")

@@ -34,7 +34,6 @@ class Job:
     repeat: int
     values: Point
     config: CampaignConfig
-    estimator: str | None
     stop_every: int
     stages: Stages
     n_stops: int  # of the walk
@@ -106,7 +105,6 @@ def make_job(case: Case, root: Path, n_stops: int, like: Job | None = None) -> J
         repeat=case.repeat,
         values=case.values,
         config=case.config,
-        estimator=case.estimator,
         stop_every=case.stop_every,
         stages=case.stages,
         n_stops=n_stops,
@@ -156,4 +154,4 @@ def _loaded(file: Path, carrier_ghz: float, tx: str | None, walk: str | tuple[st
 
 def _store(case: Case, root: Path, config: CampaignConfig) -> CampaignStore:
     """The case as a campaign of its own, for its fingerprints."""
-    return CampaignStore(root, config, case.scene.text, case.estimator, scene_files=dict(case.scene.files))
+    return CampaignStore(root, config, case.scene.text, scene_files=dict(case.scene.files))

@@ -69,7 +69,7 @@ def make_plan(source: str, config: SweepConfig, root: Path, repeats: Iterable[in
     plan = Plan([], {})
     for case in make_cases(source, config, design_points(config), repeats):
         place = (case.config.tx, repr(case.config.walk), case.config.waveform.carrier_ghz)
-        chosen = (case.scene.hash, *place, case.estimator)
+        chosen = (case.scene.hash, *place, repr(case.config.functions))
         if chosen not in n_stops:
             try:
                 scene = check_case(case)

@@ -17,16 +17,17 @@ from typing import ParamSpec, TypeVar
 from threadpoolctl import threadpool_limits
 
 from estimation.channel.record import ChannelEstimate
-from isac_arena.campaign.chain import channel_estimator
-from isac_arena.campaign.driver import CampaignRun, MemoryResults
+from isac_arena.campaign.driver import CampaignRun
 from isac_arena.campaign.files import read_record, write_json, write_record, write_text
 from isac_arena.campaign.plan import check_elevations
 from isac_arena.campaign.recording import recorded_run
+from isac_arena.campaign.results import MemoryResults
 from isac_arena.scoring.metrics.metric import to_json
 from isac_arena.scoring.score import Scores
 from isac_arena.sweep.cases import Case
 from isac_arena.sweep.job import Job
-from isac_arena.user_code import EstimatorError
+from isac_arena.user_functions.errors import EstimatorError
+from isac_arena.user_functions.room import check_functions
 from scenes.record import Record
 from scenes.scene import Scene
 from sim.observation import BeamSweep
@@ -38,13 +39,13 @@ K = TypeVar("K", bound=Record)
 
 
 def check_case(case: Case) -> Scene:
-    """The scene of a case; `ValueError`, one line, where scene or estimator cannot be used."""
+    """The scene of a case; `ValueError`, one line, where scene or a user's function cannot be used."""
     try:
-        channel_estimator(case.config, case.estimator)
+        check_functions(case.config.functions)
     except ValueError as error:
-        raise ValueError(f"axis 'estimator', point {case.point}: {error}") from error
+        raise ValueError(f"point {case.point}: {error}") from error
     if case.stages != "channel":  # such cases measure what a method misses
-        check_elevations(case.config, case.estimator)
+        check_elevations(case.config)
     try:
         return case.scene.build(case.config)
     except ValueError as error:
@@ -93,7 +94,7 @@ class CaseResults(MemoryResults):
 def case_run(job: Job, stops: Sequence[int] | None = None, paths: Sequence[Truth] = ()) -> CampaignRun:
     """The run of a case over all its stops or some; `paths` are its truths where they are in memory."""
     stops = job.stops if stops is None else stops
-    return CampaignRun(job.config, job.scene, CaseResults(job=job), stops, paths, job.estimator)
+    return CampaignRun(job.config, job.scene, CaseResults(job=job), stops, paths)
 
 
 def trace_stops(job: Job, stops: Sequence[int]) -> None:
@@ -207,7 +208,7 @@ def store_case(job: Job, scores: Scores) -> None:
     """Write the directory of a case under a temporary name, then rename it, so that it is always whole."""
     partial = job.directory.with_name(f".{job.key}.{os.getpid()}.part")
     shutil.rmtree(partial, ignore_errors=True)
-    settings = {name: getattr(job, name) for name in ("point", "repeat", "stop_every", "stages", "estimator")}
+    settings = {name: getattr(job, name) for name in ("point", "repeat", "stop_every", "stages")}
     settings |= {"scene": job.scene_hash, "campaign": job.config.model_dump(mode="json")}
     try:
         with recorded_run(partial):

@@ -11,9 +11,10 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from isac_arena.campaign.config import CampaignConfig
-from isac_arena.campaign.driver import CampaignRun, MemoryResults
+from isac_arena.campaign.driver import CampaignRun
 from isac_arena.campaign.files import write_text
 from isac_arena.campaign.load import campaign_path, campaign_scene, resolve_campaign
+from isac_arena.campaign.results import MemoryResults
 from isac_arena.scoring.metrics.metric import Metric
 from scenes.scene import Scene
 from scenes.toml_config import read_text, read_toml

@@ -15,6 +15,7 @@ from isac_arena.scoring.metrics.statistics import rms
 from isac_arena.scoring.record import ScoreTables
 from isac_arena.sweep.cases import Case
 from isac_arena.sweep.job import Job
+from isac_arena.user_functions.config import with_functions
 from isac_arena.validation.case_runs import run_cases
 from isac_arena.validation.chain.statistics import ChainStops, chain_stops
 from isac_arena.validation.measurement import InfoTable, Measured, Measurement, at_least, at_most
@@ -89,7 +90,8 @@ def _case(name: str, method: str, seed: int, estimator: str | None, quick: bool)
     if quick:
         changes.append(("contours.method", "none"))
     config, scene = changed_campaign(read_toml(file), file, changes)
-    return Case(0, 0, (), config, scene, estimator, stop_every=1, stages="all_kept")
+    config = with_functions(config, {"channel": estimator})
+    return Case(0, 0, (), config, scene, stop_every=1, stages="all_kept")
 
 
 def _table(runs: Sequence[HeightsRun]) -> tuple[tuple[str | float, ...], ...]:

@@ -11,10 +11,12 @@ from estimation.channel.beam_power_map import beam_power_map
 from isac_arena.campaign import stages
 from isac_arena.campaign.chain import known_receiver
 from isac_arena.campaign.directory import CampaignStore, StopEstimate, open_campaign
-from isac_arena.campaign.driver import CampaignRun, MemoryResults
-from isac_arena.campaign.results import MapName
+from isac_arena.campaign.driver import CampaignRun
+from isac_arena.campaign.results import MapName, MemoryResults
 from isac_arena.scoring.metrics.metric import to_json
+from isac_arena.user_functions.errors import EstimatorError
 from isac_arena.verification.compare import Finding, compare_metrics, compare_records
+from scenes.record import parts_of
 from scenes.scene import Scene
 from sim.truth import Truth
 
@@ -71,7 +73,7 @@ def _guarded(name: str, findings: Iterator[Finding]) -> Iterator[Finding]:
 
 def _stops(store: CampaignStore, scene: Scene, stops: Sequence[int]) -> Iterator[Finding]:
     results = RecomputedResults(calibrated=store.calibration())
-    run = CampaignRun(store.config, scene, results, stops, estimator=store.estimator)
+    run = CampaignRun(store.config, scene, results, stops, on_failure=_go_on)
     for traced in run.truths():
         stop = traced.stop
         truth = store.truth(stop)
@@ -94,12 +96,18 @@ def _maps(store: CampaignStore, scene: Scene) -> Iterator[Finding]:
     if not any(stored.values()):
         return
     channel = [estimate.channel for estimate in stages.channel_estimates(store, n_stops)]
-    again = CampaignRun(store.config, scene).maps(channel, known_receiver(stages.known_stops(store, n_stops)))
+    again = CampaignRun(store.config, scene, on_failure=_go_on).maps(
+        channel, known_receiver(stages.known_stops(store, n_stops))
+    )
     for name, result in stored.items():
         if result is not None:
-            for part in fields(result):
-                pair = (getattr(each, part.name) for each in (result, again[name]))
-                yield compare_records(f"map/{name}.nc, {part.name}", *pair)
+            for part in parts_of(result):
+                pair = (getattr(each, part) for each in (result, again[name]))
+                yield compare_records(f"map/{name}.nc, {part}", *pair)
+
+
+def _go_on(error: EstimatorError) -> None:
+    """A function that failed fails again: the results without it are compared."""
 
 
 def _scores(store: CampaignStore, scene: Scene) -> Iterator[Finding]:

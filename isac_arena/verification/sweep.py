@@ -9,6 +9,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from isac_arena.campaign.config import CampaignConfig
+from isac_arena.campaign.directory import stored_settings
 from isac_arena.campaign.files import read_record
 from isac_arena.campaign.load import SceneSource
 from isac_arena.scoring.metrics.metric import to_json
@@ -77,9 +78,8 @@ def stored_case(directory: Path, key: str) -> Case:
             point=settings["point"],
             repeat=settings["repeat"],
             values=(),
-            config=validate_stored(settings["campaign"], CampaignConfig, "settings"),
+            config=validate_stored(stored_settings(settings), CampaignConfig, "settings"),
             scene=source,
-            estimator=settings["estimator"],
             stop_every=settings["stop_every"],
             stages=settings["stages"],
         )

@@ -6,13 +6,15 @@ all processes compute with one thread: the files have the same bytes for any num
 
 import time
 from collections.abc import Callable, Generator, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
 
 from isac_arena.campaign.directory import CampaignStore, open_campaign
 from isac_arena.campaign.driver import CampaignRun
 from isac_arena.campaign.summary import TraceCounts, trace_counts
+from isac_arena.user_functions.config import UserFunctions
+from isac_arena.user_functions.errors import EstimatorError
 from isac_arena.workers.workers import Workers, n_cores
 from scenes.memory import MemoryLimitError, limited_memory, memory_limit_bytes
 from sim.signal.demand import sample_bytes
@@ -21,10 +23,11 @@ from sim.signal.demand import sample_bytes
 # take longer. Like `FIRST_S` it decides who makes a stop, and no result depends on it.
 START_S = 15.0
 FIRST_S = 10.0  # that the first stop here may take longer than the next: it imports, and loads compiled code
+IMPORT_S = 60.0  # that a function of a user may take to be imported, beside its call
 WORKER_BYTES = 600e6  # of a worker without samples
 DIED = (
-    "stop {stop}: its worker died each time: out of memory, ended or crashed by the estimator, or longer than "
-    "--stop-limit; the other stops stay, the same command continues"
+    "stop {stop}: its worker died each time: out of memory, crashed, or longer than --stop-limit; the other stops "
+    "stay, the same command continues"
 )
 
 Tell = Callable[[str], None]
@@ -36,10 +39,18 @@ class StopWork:
 
     directory: Path
     side: Path | None
-    estimator: str | None
+    functions: str  # of a user, as JSON
     keeps_sweeps: bool
     estimates: bool  # makes channel estimates where there are none
     again: bool  # also where there are some
+
+
+@dataclass(frozen=True)
+class MadeStop:
+    """How a stop ended: the counts of its planar paths, and the error of a user's function that failed there."""
+
+    counts: TraceCounts
+    failure: EstimatorError | None = None
 
 
 @dataclass(frozen=True)
@@ -61,11 +72,12 @@ class StopRun:
 
     store: CampaignStore
     work: StopWork
+    failures: list[EstimatorError] = field(default_factory=list)  # of the stop that is being made
 
     @cached_property
     def run(self) -> CampaignRun:
         """The run: scene, tracer and estimator are loaded once."""
-        return campaign_run(self.store)
+        return campaign_run(self.store, self.failures.append)
 
     def is_done(self, stop: int) -> bool:
         """Whether all files of a stop are there."""
@@ -76,8 +88,9 @@ class StopRun:
             and (not work.estimates or (not work.again and store.has_channel(stop)))
         )
 
-    def make(self, stop: int) -> TraceCounts:
+    def make(self, stop: int) -> MadeStop:
         """Make what is missing at a stop, and count its planar paths."""
+        self.failures.clear()
         store, work, truth = self.store, self.work, self.run.truth(stop)
         keeps = work.keeps_sweeps and not store.has_sweep(stop)
         makes = work.estimates and (work.again or not store.has_channel(stop))
@@ -87,21 +100,22 @@ class StopRun:
                 store.write_sweep(sweep)
             if makes:
                 self.run.estimate(truth, sweep)
-        return trace_counts(truth)
+        return MadeStop(trace_counts(truth), self.failures[0] if self.failures else None)
 
 
 def stop_run(store: CampaignStore, *, keeps_sweeps: bool, estimates: bool, again: bool = False) -> StopRun:
     """The work at the stops of a directory."""
-    return StopRun(store, StopWork(store.directory, store.side, store.estimator, keeps_sweeps, estimates, again))
+    functions = store.config.functions.model_dump_json()
+    return StopRun(store, StopWork(store.directory, store.side, functions, keeps_sweeps, estimates, again))
 
 
-def campaign_run(store: CampaignStore) -> CampaignRun:
+def campaign_run(store: CampaignStore, on_failure: Callable[[EstimatorError], None] | None = None) -> CampaignRun:
     """The run of the chain that a campaign directory keeps."""
-    return CampaignRun(store.config, store.scene, store, estimator=store.estimator)
+    return CampaignRun(store.config, store.scene, store, on_failure=on_failure)
 
 
-def make_stops(stops: StopRun, makers: StopMakers, tell: Tell) -> Generator[TraceCounts, None, None]:
-    """Make what is missing at every stop, and yield the counts of each that ends.
+def make_stops(stops: StopRun, makers: StopMakers, tell: Tell) -> Generator[MadeStop, None, None]:
+    """Make what is missing at every stop, and yield how each ends.
 
     The first stops are made here. Workers start where they save more time than they take to start, judged by the
     stops that were made here, and where the memory holds them.
@@ -150,17 +164,17 @@ def affordable(n_workers: int, stop_bytes: float) -> tuple[int, str]:
 
 def _made_by_workers(
     stops: StopRun, missing: Sequence[int], n_workers: int, limit_s: float | None
-) -> Iterator[TraceCounts]:
+) -> Iterator[MadeStop]:
     """Make stops on workers; those that found too little memory beside others are made here at the end."""
     from isac_arena.workers.tasks import STOP_LIMIT_S, WorkerDiedError, each_outcome  # noqa: PLC0415  (imports dask)
 
     share = f"{memory_limit_bytes() / n_workers:.0f}B"
+    own = stops.store.config.functions.of("channel")  # it is ended before the worker in which it is called
+    limit_s = (limit_s or STOP_LIMIT_S) + (0.0 if own is None else own.limit_s + IMPORT_S)
     calls = [(stops.work, share, stop) for stop in missing]
     short = []
     with Workers(n_workers, None) as workers:
-        for (_, _, stop), found in each_outcome(
-            workers.client, n_workers, _made_there, calls, limit_s or STOP_LIMIT_S
-        ):
+        for (_, _, stop), found in each_outcome(workers.client, n_workers, _made_there, calls, limit_s):
             if isinstance(found, WorkerDiedError):
                 raise ChildProcessError(DIED.format(stop=stop))
             if isinstance(found, MemoryLimitError | MemoryError):
@@ -172,7 +186,7 @@ def _made_by_workers(
     yield from map(stops.make, short)
 
 
-def _made_there(call: tuple[StopWork, str, int]) -> TraceCounts:
+def _made_there(call: tuple[StopWork, str, int]) -> MadeStop:
     """Make a stop in a worker, with its share of the memory."""
     work, share, stop = call
     with limited_memory(share):
@@ -181,4 +195,6 @@ def _made_there(call: tuple[StopWork, str, int]) -> TraceCounts:
 
 @lru_cache(maxsize=1)
 def _stops_there(work: StopWork) -> StopRun:
-    return StopRun(replace(open_campaign(work.directory), estimator=work.estimator, side=work.side), work)
+    store = open_campaign(work.directory)
+    config = store.config.model_copy(update={"functions": UserFunctions.model_validate_json(work.functions)})
+    return StopRun(replace(store, config=config, side=work.side), work)

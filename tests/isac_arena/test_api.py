@@ -103,7 +103,7 @@ def test_a_scene_made_in_python_becomes_a_scene_file(seed: int) -> None:
 def test_a_campaign_made_in_python_has_a_directory(tmp_path: Path) -> None:
     scene = ia.random_arena(np.random.default_rng(100), 0.2, n_stops=3)
     campaign = ia.load_campaign({"name": "mine", "scene": "-"}, scene=scene, waveform={"comb": 12})
-    store = campaign_store(campaign, tmp_path / "out", None)
+    store = campaign_store(campaign, tmp_path / "out")
     store.open_for_writing()
     same_scene(store.scene, campaign.scene)
     room = tomllib.loads(ia.load_campaign("box_room").source.text)
@@ -115,7 +115,7 @@ def test_a_campaign_made_in_python_has_a_directory(tmp_path: Path) -> None:
 
 
 def test_a_record_in_xarray_is_what_its_file_holds(campaign: MadeCampaign, tmp_path: Path) -> None:
-    store = campaign_store(ia.load_campaign("box_room"), tmp_path / "out", None)
+    store = campaign_store(ia.load_campaign("box_room"), tmp_path / "out")
     truth = campaign.truths[0]
     store.write_truth(truth)
     with xr.open_datatree(tmp_path / "out/truth/stop_000.nc", engine="h5netcdf") as stored:
@@ -145,7 +145,7 @@ def test_records_are_tables_texts_and_pictures(campaign: MadeCampaign, tmp_path:
     with pytest.raises(TypeError, match="MapResult is no table; use to_xarray, or one of its parts: poses, ips"):
         mapping.to_dataframe()
     with pytest.raises(TypeError, match=r"FinishedRun is no table; its parts: .*truths, .*scores"):
-        ia.FinishedRun(campaign_store(ia.load_campaign("box_room"), tmp_path, None)).to_dataframe()
+        ia.FinishedRun(campaign_store(ia.load_campaign("box_room"), tmp_path)).to_dataframe()
     for record in (truth, estimate, mapping, mapping.poses, mapping.ips, mapping.contours):
         assert repr(record).startswith(type(record).__name__) and len(repr(record)) < 700
         assert "<table" in record._repr_html_()

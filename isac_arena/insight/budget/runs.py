@@ -1,6 +1,6 @@
 """The runs of `arena budget`: one directory per variant, each made once, and the final errors of all."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -10,7 +10,7 @@ import numpy as np
 from rich.console import Console
 
 from isac_arena.campaign.campaign import campaign_store, load_campaign
-from isac_arena.campaign.chain import channel_estimator, significance
+from isac_arena.campaign.chain import significance
 from isac_arena.campaign.directory import CampaignStore
 from isac_arena.campaign.driver import CampaignRun
 from isac_arena.campaign.integrity import code_digest, digest
@@ -25,6 +25,8 @@ from isac_arena.insight.budget.record import OUTCOMES, Budget, Variants, attribu
 from isac_arena.insight.budget.stages import STAGE_GROUPS, Groups, Part, coalitions, label
 from isac_arena.progress import progress_bar
 from isac_arena.scoring.stages.channel import TrueStop, true_stop
+from isac_arena.user_functions.config import with_functions
+from isac_arena.user_functions.room import check_functions
 from scenes.scene import Scene
 from sim.truth import Truth
 
@@ -82,18 +84,19 @@ class Variant:
 
 @contextmanager
 def budget_job(
-    campaign: str, out: Path, seed: int | None, repeats: int, stops: str | None, estimator: str | None
+    campaign: str, out: Path, seed: int | None, repeats: int, stops: str | None, named: Mapping[str, str]
 ) -> Iterator[BudgetJob]:
     """A budget; all inputs are checked before anything is written, and its directory is locked for one run.
 
     Raises `ValueError` where the directory holds a campaign.
     """
     loaded = load_campaign(campaign, seed=seed)
-    channel_estimator(loaded.config, estimator)
+    loaded = replace(loaded, config=with_functions(loaded.config, named))
+    check_functions(loaded.config.functions)
     chosen = chosen_stops(stops, len(loaded.stops))
     if (out / "campaign.json").exists():
         raise ValueError(f"--out = {out}: holds a campaign; choose a folder of its own, such as {out / 'budget'}")
-    paths = campaign_store(loaded, out / "paths", estimator)
+    paths = campaign_store(loaded, out / "paths")
     with one_run(out), recorded_run(out):
         check_unchanged(out, ("paths", *(f"repeat_{repeat:02d}" for repeat in range(repeats))))
         with side_folder(out, paths.score_fingerprint) as side:
@@ -168,7 +171,7 @@ def _variant(
     store = replace(job.paths, directory=job.out / name, side=job.side and job.side / name, config=config)
     store.open_for_writing()
     paths, observer = [without_paths(truth, off) for truth in traced], partial(observe_without, off=off)
-    run = CampaignRun(config, job.scene, store, None, paths, store.estimator, observer)
+    run = CampaignRun(config, job.scene, store, None, paths, observer)
     return Variant(store, run, off, objects, groups)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from rich.box import SIMPLE
@@ -48,6 +48,17 @@ def difference_table(compared: RunComparison) -> Table:
             table.add_row(f"[bold]{prefix}[/]")
         words = name.replace("_", " ")  # lines break at spaces
         table.add_row(f"{words} {one.unit}" if one.unit != "1" else words, *_cells(one))
+    return table
+
+
+def method_table(first: Mapping[str, str], second: Mapping[str, str]) -> Table:
+    """One row for each stage of the chain: its method in both runs, ours or a function of the user."""
+    table = Table("stage", "A", "B", title="Methods", box=SIMPLE, padding=(0, 1, 0, 0), show_edge=False)
+    for column in table.columns:
+        column.overflow = "fold"
+    for stage, method in first.items():
+        style = "" if method == second[stage] else "bold"
+        table.add_row(stage, escape(_value(method)), escape(_value(second[stage])), style=style)
     return table
 
 

@@ -221,7 +221,7 @@ def _evidence(
         noise_threshold_dbm=limits.noise_threshold_dbm,
         significance_dbm=max(limits.noise_threshold_dbm, strongest_dbm - limits.dynamic_range_db),
         is_limited=estimate.status == EstimateStatus.LIMITED,
-        is_refused=estimate.status == EstimateStatus.REFUSED,
+        is_refused=estimate.status in (EstimateStatus.REFUSED, EstimateStatus.FAILED),
     )
 
 

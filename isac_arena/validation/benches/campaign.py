@@ -15,8 +15,8 @@ import scipy.fft
 from estimation.execution import one_blas_thread
 from isac_arena.campaign import stages
 from isac_arena.campaign.campaign import Campaign, load_campaign
-from isac_arena.campaign.driver import MemoryResults
 from isac_arena.campaign.integrity import file_digest
+from isac_arena.campaign.results import MemoryResults
 from isac_arena.validation.benches.timing import paired_ratios
 from isac_arena.validation.measurement import InfoTable, Measured, Measurement, at_least, at_most
 from isac_arena.workers.stops import StopMakers
@@ -100,7 +100,7 @@ def timed_run(campaign: Campaign, out: Path, makers: StopMakers) -> dict[str, fl
         stage()
         times_s[name] = time.perf_counter() - started
 
-    with redirect_stdout(io.StringIO()), stages.opened(campaign, out, None, None) as store:
+    with redirect_stdout(io.StringIO()), stages.opened(campaign, out, None) as store:
         timed("plan", lambda: stages.run_plan(store))
         timed("trace, sweep, estimate", lambda: stages.sweep_and_estimate(store, makers, keep_sweeps=False))
         timed("mapping, SLAM, shapes", lambda: stages.build_maps(store))

@@ -14,6 +14,7 @@ import numpy as np
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.load import SceneSource, campaign_path, changed_campaign, library_campaigns
 from isac_arena.sweep.cases import Case
+from isac_arena.user_functions.config import with_functions
 from isac_arena.validation.scenarios.random_halls import LONGEST_M, draw_hall
 from scenes.toml_config import read_toml
 
@@ -129,4 +130,5 @@ def _room(
 
 def _case(config: CampaignConfig, scene: SceneSource, options: ChainOptions, stop_every: int = 1) -> Case:
     settings = chain_settings(config, options.method, options.max_paths)
-    return Case(0, 0, (), settings, scene, options.estimator, stop_every, stages="all_kept")
+    settings = with_functions(settings, {"channel": options.estimator})
+    return Case(0, 0, (), settings, scene, stop_every, stages="all_kept")

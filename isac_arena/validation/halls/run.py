@@ -13,6 +13,7 @@ from isac_arena.scoring.record import ScoreTables
 from isac_arena.sweep.cases import Case
 from isac_arena.sweep.job import Job
 from isac_arena.sweep.run import read_times
+from isac_arena.user_functions.config import with_functions
 from isac_arena.validation.case_runs import run_cases
 from isac_arena.validation.scenarios.random_halls import RandomHall
 from scenes.record import FloatArray
@@ -50,9 +51,9 @@ def run_halls(
 
 def _case(hall: RandomHall, method: str, estimator: str | None) -> Case:
     channel = type(hall.config.channel).model_validate({**hall.config.channel.model_dump(), "method": method})
-    config = hall.config.model_copy(update={"channel": channel})
+    config = with_functions(hall.config.model_copy(update={"channel": channel}), {"channel": estimator})
     scene = SceneSource(hall.scene_text, {})
-    return Case(hall.room, 0, (), config, scene, estimator, stop_every=1, stages="channel")
+    return Case(hall.room, 0, (), config, scene, stop_every=1, stages="channel")
 
 
 def _result(hall: RandomHall, job: Job) -> HallResult:

@@ -27,7 +27,7 @@ Run = Callable[[], None]
 
 def prepare_campaign(file: Path) -> None:
     """Read a campaign with its scene, make its beams, and open its directory."""
-    make_link(stages.prepare(str(file), Path("out"), None, None).config)
+    make_link(stages.prepare(str(file), Path("out"), None).config)
 
 
 def plan_sweep(file: Path) -> None:

@@ -15,7 +15,7 @@ from unittest import mock
 from isac_arena.validation.robustness.attempt import Trial, attempt, command, start, tree, wait_until, warm
 from isac_arena.validation.robustness.files import PLAN_TAIL, write_inputs
 from isac_arena.validation.robustness.functions import BODIES, SOURCE
-from isac_arena.validation.robustness.made import write_campaign
+from isac_arena.validation.robustness.made import N_STOPS, write_campaign
 
 RUN = ("run", "small.toml", "--out", "run", "--keep-sweeps")
 INPUTS = ("small.toml", "room.toml", "sweep.toml", "bad_lab.py", "plan.csv")
@@ -49,14 +49,25 @@ def finished_run(folder: Path, seed: int) -> Finished:
 
 
 def bad_functions(made: Finished, count: int | None) -> Iterator[tuple[Trial, bool]]:
-    """Every bad estimator on the finished run, and whether its bytes stayed; those that succeed count as well."""
+    """Every bad estimator on the finished run, and whether its bytes stayed.
+
+    Those that succeed count as well, and those that fail at some stops, where the command goes on without these.
+    """
     for name in list(BODIES)[:: 1 if count is None else max(1, len(BODIES) // count)]:
         with _copy(made) as folder:
             verb = ("estimate", "run", "--estimator", f"bad_lab:{name}")
             ended = attempt(name, command(*verb), folder, CPU_OF_FUNCTION_S)
-            yield ended, ended.outcome == "accepted" or tree(folder / "run") == made.files
+            stays = tree(folder / "run") == made.files
+            yield ended, ended.outcome == "accepted" or stays or _went_on(ended, folder / "run")
 
 
+def _went_on(ended: Trial, run: Path) -> bool:
+    """Whether a command named the stops where the function failed, and made all others and the maps."""
+    made = len(list(run.glob("channel/stop_*.nc"))) == N_STOPS and len(list(run.glob("map/*.nc"))) == 2
+    return made and ended.outcome == "refused" and WENT_ON in ended.line
+
+
+WENT_ON = "; the run went on without"
 CPU_OF_FUNCTION_S = 20
 
 

@@ -14,8 +14,10 @@ from isac_arena.campaign.campaign import Campaign, load_campaign
 from isac_arena.campaign.chain import known_receiver
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.directory import CampaignStore
-from isac_arena.campaign.driver import CampaignRun, MemoryResults
+from isac_arena.campaign.driver import CampaignRun
+from isac_arena.campaign.results import MemoryResults
 from isac_arena.scoring.score import Scores
+from isac_arena.user_functions.config import with_functions
 from isac_arena.verification.compare import compare_records
 from scenes.scene import Scene
 from sim.observation import BeamSweep
@@ -70,7 +72,7 @@ def test_a_directory_gives_the_same_results_as_memory_and_is_used_again(
     loaded: Campaign, in_memory: CampaignRun, scores: Scores, tmp_path: Path
 ) -> None:
     config = loaded.config
-    store = CampaignStore(tmp_path / "out", config, loaded.source.text, None)
+    store = CampaignStore(tmp_path / "out", config, loaded.source.text)
     store.open_for_writing()
     calls: list[int] = []
     kept = replace(in_memory, results=store, observer=counted(calls))
@@ -108,7 +110,8 @@ def test_a_users_estimator_replaces_that_of_the_settings(
 ) -> None:
     monkeypatch.syspath_prepend(tmp_path)
     (tmp_path / "strongest_paths.py").write_text(MODULE)
-    run = replace(in_memory, results=MemoryResults(), estimator="strongest_paths:strongest")
+    own = with_functions(in_memory.config, {"channel": "strongest_paths:strongest"})
+    run = replace(in_memory, config=own, results=MemoryResults())
     assert all(len(estimate) <= 3 for estimate in run.channel(in_memory.truths()))
     assert any(len(estimate) > 3 for estimate in in_memory.channel(in_memory.truths()))
 
@@ -147,5 +150,6 @@ def test_self_calibration_takes_stops_spread_over_the_run_and_is_made_once(
     made = run.calibrate()
     assert made is not None and calls == [STOPS[0], STOPS[-1]]
     assert run.calibrate() is made
-    assert replace(run, estimator="any:thing", results=MemoryResults()).calibrate() is None
+    own = with_functions(run.config, {"channel": "any:thing"})
+    assert replace(run, config=own, results=MemoryResults()).calibrate() is None
     assert calls == [STOPS[0], STOPS[-1]]

@@ -10,6 +10,7 @@ import trimesh
 
 import isac_arena as ia
 from isac_arena.campaign.plan import LEAST_BIAS_M, plan_run
+from isac_arena.user_functions.config import with_functions
 from tests.command_line import failure
 
 ROOM = tomllib.loads((Path(__file__).resolve().parents[3] / "scenes/library/box_room.toml").read_text())
@@ -39,7 +40,8 @@ def test_unequal_heights_with_horizontal_beams() -> None:
     assert "above or below the line of sight" in told[0] and "m off" not in told[0]
     assert "slam.method = 'reference'" in doubts(high, slam={"method": "reference"})[0]
     own = ia.load_campaign("box_room", scene=high)
-    assert "says that its azimuths" in plan_run(own.config, own.scene, own.link, "mine:guess").doubts[0]
+    guessed = with_functions(own.config, {"channel": "mine:guess"})
+    assert "says that its azimuths" in plan_run(guessed, own.scene, own.link).doubts[0]
     near = {**ROOM, "tx": {**tx, "position_m": [1.5, 4.0, 1.8]}, "walk": {**ROOM["walk"], "height_m": 1.2}}
     assert not any("above or below" in line for line in doubts(near))
     beams = {"beam_elevation_deg": [-10.0, 10.0]}

@@ -26,7 +26,7 @@ LIMITS = Significance(dynamic_range_db=28.0, noise_threshold_dbm=-150.0)
 
 def settings(**changes):
     config = CampaignConfig.model_validate({"name": "made", "scene": "made_up", **changes})
-    return json.dumps({"estimator": None, "measured": None, "campaign": config.model_dump(mode="json")})
+    return json.dumps({"measured": None, "campaign": config.model_dump(mode="json")})
 
 
 @pytest.fixture(scope="module")

@@ -94,7 +94,7 @@ def test_the_report_says_what_was_measured(directory):
 def test_a_measured_campaign_takes_no_channel_estimator_and_no_other_file(directory, tmp_path):
     with (
         pytest.raises(ValueError, match="is measured and holds no samples"),
-        stages.reopened(directory, "my.module:function"),
+        stages.reopened(directory, {"channel": "my.module:function"}),
     ):
         pass
     file = made_up_file(tmp_path)

@@ -11,6 +11,7 @@ import isac_arena as ia
 from isac_arena.settings import FILES, setting_tables, settings_page
 from isac_arena.sweep.config import SweepConfig
 from isac_arena.sweep.plan import make_plan
+from isac_arena.user_functions.room import close_rooms
 from scenes.random_arena import random_arena
 from scenes.toml_config import load_config
 from tests.command_line import arena_here, failure
@@ -83,6 +84,21 @@ def test_a_new_estimator_and_a_new_sweep_work(tmp_path: Path, monkeypatch: pytes
     arena_here("new", "sweep", "power", cwd=tmp_path)
     config = load_config("power.toml", SweepConfig)
     assert len(make_plan("power.toml", config, tmp_path / "out", range(config.repeats)).jobs) == 8
+
+
+@pytest.mark.parametrize("stage", ["channel", "mapping", "slam", "shapes"])
+def test_a_new_function_of_every_stage_passes_its_test(
+    stage: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    assert arena_here("new", "estimator", f"own_{stage}", "--stage", stage, cwd=tmp_path).returncode == 0
+    names: dict[str, Any] = {}
+    exec(compile(Path(f"test_own_{stage}.py").read_text(), f"test_own_{stage}.py", "exec"), names)
+    tests = [value for name, value in names.items() if name.startswith("test_")]
+    assert len(tests) == 1
+    tests[0]()
+    close_rooms()
 
 
 def test_the_library_and_the_settings_are_listed(tmp_path: Path) -> None:

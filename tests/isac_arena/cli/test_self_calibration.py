@@ -39,7 +39,7 @@ def test_a_stored_calibration_is_the_one_that_the_estimator_uses(tmp_path: Path)
     sweeps = [observe_paths(bench, paths, stop).sweep for stop, paths in enumerate(drawn)]
     settings = ChannelConfig(method="coherent", self_calibration=SelfCalibrationConfig(stops=5))
     config = CampaignConfig(name="calibrated", scene="box_room", channel=settings)
-    store = CampaignStore(tmp_path / "out", config, "", None)
+    store = CampaignStore(tmp_path / "out", config, "")
     store.open_for_writing()
     assert store.calibration() is None
     made = self_calibrate(sweeps, settings.self_calibration)
@@ -48,10 +48,10 @@ def test_a_stored_calibration_is_the_one_that_the_estimator_uses(tmp_path: Path)
     assert stored is not None
     np.testing.assert_array_equal(stored.tx_codebook.weights, made.tx_codebook.weights)
     np.testing.assert_array_equal(stored.rx_element, made.rx_element)
-    nominal, calibrated = (channel_estimator(config, None, one)(sweeps[0]) for one in (None, stored))
+    nominal, calibrated = (channel_estimator(config, one)(sweeps[0]) for one in (None, stored))
     assert len(nominal) > len(drawn[0])  # ghosts
     assert len(calibrated) <= len(drawn[0])
-    again = channel_estimator(config, None, made)(sweeps[0])
+    again = channel_estimator(config, made)(sweeps[0])
     np.testing.assert_array_equal(again.delay_s, calibrated.delay_s)
 
 

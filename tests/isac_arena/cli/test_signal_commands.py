@@ -89,9 +89,9 @@ def test_weight_files_lie_beside_the_campaign(tmp_path: Path) -> None:
     (tmp_path / "own.toml").write_text(f'name = "own"\nscene = "box_room"\n{text}')
     config = load_campaign(str(tmp_path / "own.toml")).config
     assert len(make_link(config).rx_codebook) == 2
-    before = CampaignStore(tmp_path / "out", config, "", None).truth_fingerprint
+    before = CampaignStore(tmp_path / "out", config, "").truth_fingerprint
     np.savez(tmp_path / "beams.npz", weights=np.eye(3, 64))
-    assert CampaignStore(tmp_path / "out", config, "", None).truth_fingerprint != before
+    assert CampaignStore(tmp_path / "out", config, "").truth_fingerprint != before
 
 
 @pytest.mark.parametrize(

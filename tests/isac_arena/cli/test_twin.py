@@ -61,7 +61,7 @@ def test_tables_and_figures_of_an_exact_measurement(measured, tmp_path):
 def test_a_simulated_campaign_is_refused(tmp_path):
     from isac_arena.campaign import stages  # noqa: PLC0415
 
-    stages.prepare("box_room", tmp_path / "made", None, None)
+    stages.prepare("box_room", tmp_path / "made", None)
     result = runner.invoke(app, ["twin", str(tmp_path / "made"), "--out", str(tmp_path / "out")])
     assert "holds a simulated campaign; a twin needs a measured one" in str(result.exception)
     assert not (tmp_path / "out").exists()

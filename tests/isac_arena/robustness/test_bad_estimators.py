@@ -5,8 +5,9 @@ from pathlib import Path
 
 import pytest
 
+import isac_arena as ia
 from isac_arena.campaign import files
-from tests.command_line import arena, arena_here, failure
+from tests.command_line import arena_here, failure
 
 FUNCTIONS = """
 import os, sys, warnings
@@ -59,21 +60,34 @@ def made(finished: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("verb", ["estimate", "run"])
-@pytest.mark.parametrize("name", ["raises", "late", "leaves", "nothing", "absent", "stops"])
+@pytest.mark.parametrize("name", ["raises", "leaves", "nothing", "absent", "stops"])
 def test_a_failed_estimator_leaves_the_run_as_it_was(made: Path, verb: str, name: str) -> None:
     before = tree(made / "run")
     command = ("estimate", "run") if verb == "estimate" else ("run", "small.toml", "--out", "run")
     line = failure(*command, "--estimator", f"bad:{name}", cwd=made)
-    assert ("interrupted" if name == "stops" else "estimator = 'bad:") in line
+    assert ("interrupted" if name == "stops" else "channel = 'bad:") in line
     assert tree(made / "run") == before
 
 
-def test_a_function_that_ends_the_process_leaves_the_run_as_it_was(made: Path) -> None:
-    before = tree(made / "run")
-    arena("estimate", "run", "--estimator", "bad:dies", cwd=made)
-    assert tree(made / "run") == before
-    assert arena_here("score", "run", cwd=made).returncode == 0
-    assert not list((made / "run").glob(".*")), "the side folder of another command is removed"
+@pytest.mark.parametrize("name", ["late", "dies"])
+def test_a_function_that_fails_at_one_stop_loses_that_stop_alone(
+    made: Path, tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(made)  # its source is part of what the results depend on
+    shutil.copytree(made / "run", tmp_path / "run")
+    stop = {"late": 3, "dies": 1}[name]
+    done = arena_here("estimate", tmp_path / "run", "--estimator", f"bad:{name}", cwd=made)
+    assert done.returncode == 1 and f"channel = 'bad:{name}': stop {stop}: " in done.stderr
+    assert done.stderr.count("\n") == 1 and "the run went on without" in done.stderr
+    assert arena_here("score", tmp_path / "run", cwd=made).returncode == 0
+    run = ia.open(tmp_path / "run")
+    status = [estimate.status for estimate in run.channel]
+    assert status[stop] == "failed" and status.count("ok") == len(status) - 1
+    assert f"stop {stop}: " in run.channel[stop].reason
+    assert arena_here("verify", tmp_path / "run", cwd=made).returncode == 0
+    again = arena_here("estimate", tmp_path / "run", cwd=made)  # the stop that failed is tried again
+    assert again.returncode == 1 and f"stop {stop}: " in again.stderr
+    assert not list((tmp_path / "run").glob(".*")), "the side folder of another command is removed"
 
 
 def test_a_lost_record_is_made_again_and_nothing_else_changes(made: Path, tmp_path: Path) -> None:

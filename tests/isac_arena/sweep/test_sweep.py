@@ -212,7 +212,7 @@ def test_a_dry_run_writes_nothing_and_wrong_sweeps_are_refused(files: Path) -> N
         (
             '"link.tx_power_dbm"\nlabel = "power"\nvalues = [0.0, 20.0]',
             '"estimator"\nvalues = ["mine:nothing"]',
-            "sweep.toml: axis 'estimator', point 0: estimator = 'mine:nothing': cannot be imported",
+            "sweep.toml: point 0: channel = 'mine:nothing': cannot be imported",
         ),
     ],
 )
