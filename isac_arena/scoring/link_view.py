@@ -131,6 +131,14 @@ class LinkView:
             _cones(self.link.rx_codebook, *_arrival(truth.paths, truth.rx_pose)),
         )
 
+    def in_front(self, parameters: FloatArray) -> FloatArray:
+        """Delays and azimuths (path, 3), azimuths behind all panels of a device mirrored to the front.
+
+        A flat array has the same phases in both directions, so no estimator can tell them apart.
+        """
+        delay_s, aod_rad, aoa_rad = parameters.T
+        return np.stack([delay_s, self.tx.in_front(aod_rad), self.rx.in_front(aoa_rad)], axis=-1)
+
     @cached_property
     def resolution_cell(self) -> FloatArray:
         """Rayleigh cells (3,) of delay in s and of the sines of both cone angles: 1 / bandwidth, 2 / columns."""

@@ -16,7 +16,9 @@ import numpy as np
 from estimation.channel.coherent.hidden import LEAST_SEEN
 from estimation.channel.coherent.misfit import error_scale, quadrature_statistic
 from estimation.channel.coherent.neighbours import neighbour_covariance
+from estimation.channel.coherent.pair_errors import PairErrors
 from estimation.channel.coherent.paths import PathErrors, compress_stop, find_paths, path_fit
+from estimation.channel.coherent.plan import DelayWindow
 from estimation.channel.coherent.prune import redundant_paths, wald_statistic
 from estimation.channel.coherent.refine import Reference, Solution, marginal_covariances, response_powers
 from estimation.channel.companions import companions
@@ -38,32 +40,37 @@ def fit_over_background(
     config: MaximumLikelihoodConfig | None = None,
     tx_manifold: Manifold | None = None,
     rx_manifold: Manifold | None = None,
+    pair_errors: PairErrors | None = None,
 ) -> PathFit:
     """Paths of one stop by coherent maximum likelihood; dense diffuse multipath counts as noise.
 
-    Arguments and errors are those of `fit_coherent`; without a background so are the paths.
+    Arguments and errors are those of `fit_coherent`; without a background so are the paths. `pair_errors`
+    are the errors of beam pairs, if they differ.
     """
-    stop = compress_stop(sweep, config, tx_manifold, rx_manifold)
+    stop = compress_stop(sweep, config, tx_manifold, rx_manifold, pair_errors)
     if isinstance(stop, PathFit):
         return stop
     white, solution = find_paths(stop.compressed, stop.window, stop.plan, stop.config)
     reference = Reference(white, solution.paths)
-    errors = path_errors(reference, solution, stop.window.level_at(solution.paths.delay_bins))
+    errors = path_errors(reference, solution, stop.window)
     fit = path_fit(solution, white, stop.tx, stop.rx, sweep.noise_power_mw, errors)
     return replace(fit, is_weak=_is_weak(fit, replace(white, tx=stop.tx, rx=stop.rx), stop.window.level))
 
 
-def path_errors(reference: Reference, solution: Solution, level: FloatArray) -> PathErrors:
+def path_errors(reference: Reference, solution: Solution, window: DelayWindow) -> PathErrors:
     """Errors by noise, times the scale that the quadrature shows (`error_scale`), plus those by neighbours.
 
-    A path is redundant if the others share most of its energy, and what it adds is below the `level` (path,) of
-    noise times that scale: the errors of the model reach as far.
+    A path is redundant if the others share most of its energy, and what it adds is below its level in the window
+    times that scale: the errors of the model reach as far. The scale is at least the noise of the path's beam
+    pairs.
     """
     by_neighbours, probability = neighbour_covariance(reference, solution)
-    scale = error_scale(*quadrature_statistic(reference, solution))
-    by_noise = marginal_covariances(solution, reference.sweep.n_subcarriers)
+    noise = window.noise_at(solution.paths)
+    scale = np.maximum(error_scale(*quadrature_statistic(reference, solution)), noise)
+    lost = 0.0 if window.pairs is None else window.pairs.lost_information(reference.sweep, solution.paths)
+    by_noise = marginal_covariances(solution, reference.sweep.n_subcarriers, lost)
     is_small = wald_statistic(solution) < OWN_SHARE * response_powers(solution)
-    is_redundant = redundant_paths(solution, scale * level) & is_small
+    is_redundant = redundant_paths(solution, scale / noise * window.level_at(solution.paths)) & is_small
     return PathErrors(scale[:, None, None] * by_noise + by_neighbours, probability, is_redundant)
 
 

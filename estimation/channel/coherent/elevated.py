@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimation.channel.coherent.prune import LevelAtDelay
+from estimation.channel.coherent.prune import LevelOfPaths
 from estimation.channel.coherent.refine import Reference, Solution, refine_near
 from estimation.channel.model.compress import CompressedSweep
 from estimation.channel.model.manifold import Manifold
@@ -25,7 +25,7 @@ LARGEST_ALONE = 1.4  # the same with each image alone: images on other panels ch
 
 
 def merge_elevated_images(
-    reference: Reference, solution: Solution, levels: LevelAtDelay, max_steps: int
+    reference: Reference, solution: Solution, levels: LevelOfPaths, max_steps: int
 ) -> Solution:
     """The solution with an elevated path in place of several horizontal ones if it explains the samples as well.
 
@@ -37,7 +37,7 @@ def merge_elevated_images(
             if not np.isin([images.first, *images.seconds], kept).all():
                 continue
             first, seconds = kept == images.first, np.isin(kept, images.seconds)
-            enough = solution.explained - levels(solution.paths.delay_bins[seconds]).sum()
+            enough = solution.explained - levels(solution.paths.take(seconds)).sum()
             angles_rad = np.where(first[:, None], images.angles_rad, angles_at(solution.paths, is_tx=is_tx))
             trial = with_angles(solution.paths, angles_rad, is_tx=is_tx).take(~seconds)
             one = refine_near(reference, trial, solution.paths.take(first | seconds), max_steps)

@@ -15,6 +15,7 @@ from estimation.channel.coherent.cancel import without_cancelling_paths
 from estimation.channel.coherent.elevated import merge_elevated_images
 from estimation.channel.coherent.hidden import hidden_second_paths
 from estimation.channel.coherent.maxima import HigherMaximum
+from estimation.channel.coherent.pair_errors import LitPairs, PairErrors
 from estimation.channel.coherent.plan import (
     SCALLOPING,
     DelayWindow,
@@ -112,10 +113,11 @@ def compress_stop(
     config: MaximumLikelihoodConfig | None,
     tx_manifold: Manifold | None,
     rx_manifold: Manifold | None,
+    pair_errors: PairErrors | None = None,
 ) -> PreparedStop | PathFit:
     """The compressed samples of a stop at the delays that may hold paths, or the empty fit if there are none.
 
-    Arguments and errors are those of `fit_coherent`.
+    Arguments and errors are those of `fit_over_background`.
     """
     config = config or MaximumLikelihoodConfig()
     check_sweep(sweep)
@@ -128,6 +130,8 @@ def compress_stop(
     window = delay_window(cube, plan, config)
     if window is None:
         return empty_fit(tx.n_angles, rx.n_angles, "no_paths")
+    if pair_errors is not None:
+        window = replace(window, pairs=LitPairs(tx, rx, sweep.noise_power_mw, pair_errors))
     compressed = cube.window(window.position).with_hidden_elevation()
     return PreparedStop(compressed, window, plan, config, tx, rx)
 
@@ -276,9 +280,10 @@ def _new_paths(search: SpectrumSearch, reference: Reference, window: DelayWindow
         return no_paths(search.sweep)
     peaks = search.peaks(reference.parts, SCALLOPING * window.level)
     peaks = without_side_lobes(peaks, search.grids, SIDE_LOBE_MARGIN, room)
-    level = window.level_at(peaks.delay_bins)
+    places = search.paths(peaks)
+    level = window.level_at(places)
     is_certain = np.abs(peaks.value) ** 2 >= CERTAIN * level
-    doubtful, power = refine_separately(reference, search.paths(peaks.take(~is_certain)))
+    doubtful, power = refine_separately(reference, places.take(~is_certain))
     certain = _best_of_twins(search, reference, peaks.take(is_certain))
     new = certain.joined(doubtful.take(power >= level[~is_certain]))
     return raised_paths(reference, new, window.level / 2)

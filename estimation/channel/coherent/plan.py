@@ -6,6 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from estimation.channel.coherent.pair_errors import LitPairs
 from estimation.channel.coherent.refine import Reference, refine_separately
 from estimation.channel.coherent.search import DirectionGrid, SpectrumSearch, direction_grid
 from estimation.channel.config import MaximumLikelihoodConfig
@@ -17,7 +18,7 @@ from estimation.channel.model.false_alarms import (
     region_curvatures,
 )
 from estimation.channel.model.manifold import Manifold
-from estimation.channel.model.path_model import no_paths
+from estimation.channel.model.path_model import PathParameters, no_paths
 from scenes.record import BoolArray, FloatArray, IntArray
 from sim.signal.arrays.codebook import Codebook
 
@@ -55,6 +56,7 @@ class DelayWindow:
     ----------
     position : (bin,) ascending, around the strongest path, and separate intervals that may hold later paths
     first, last : bins around the strongest path, where `level` applies; elsewhere it is `late_level`
+    pairs : beam pairs with errors, by whose noise levels increase; None if there are none
     """
 
     position: IntArray
@@ -62,11 +64,16 @@ class DelayWindow:
     last: int
     level: float
     late_level: float
+    pairs: LitPairs | None = None
 
-    def level_at(self, delay_bins: FloatArray) -> FloatArray:
-        """Level (path,) of paths at delays in bins."""
-        is_inside = (delay_bins >= self.first - 0.5) & (delay_bins <= self.last + 0.5)
-        return np.where(is_inside, self.level, self.late_level)
+    def level_at(self, paths: PathParameters) -> FloatArray:
+        """Level (path,) of paths."""
+        is_inside = (paths.delay_bins >= self.first - 0.5) & (paths.delay_bins <= self.last + 0.5)
+        return np.where(is_inside, self.level, self.late_level) * self.noise_at(paths)
+
+    def noise_at(self, paths: PathParameters) -> FloatArray:
+        """Noise power (path,) that paths compete with, over that of the receiver."""
+        return np.ones(len(paths)) if self.pairs is None else self.pairs.noise_factor(paths)
 
 
 class _ByContent:

@@ -17,7 +17,7 @@ from estimation.channel.coherent.refine import (
 from estimation.channel.model.path_model import PathParameters
 from scenes.record import BoolArray, FloatArray
 
-LevelAtDelay = Callable[[FloatArray], FloatArray]  # power over noise power that paths need, at delays in bins
+LevelOfPaths = Callable[[PathParameters], FloatArray]  # power over noise power that each path needs
 
 DROP_TURNS = 3  # of many paths, in a round
 
@@ -36,7 +36,7 @@ def wald_statistic(solution: Solution) -> FloatArray:
     return np.asarray((amplitude * weighted).sum(axis=1))
 
 
-def prune_paths(reference: Reference, solution: Solution, levels: LevelAtDelay, max_steps: int) -> Solution:
+def prune_paths(reference: Reference, solution: Solution, levels: LevelOfPaths, max_steps: int) -> Solution:
     """The solution without paths whose likelihood ratio is below their level; the others are fitted again.
 
     Wald's test selects candidates. The likelihood without them decides, of all redundant ones together or of the
@@ -51,7 +51,7 @@ def prune_paths(reference: Reference, solution: Solution, levels: LevelAtDelay, 
     while True:
         if solution is not tested:
             tested, statistic = solution, wald_statistic(solution)
-        level = levels(solution.paths.delay_bins)
+        level = levels(solution.paths)
         excess = np.where(needed, np.inf, statistic - level)
         if not (excess < 0).any():
             return refine_paths(reference, solution.paths, max_steps) if is_changed else solution
@@ -72,13 +72,13 @@ def prune_paths(reference: Reference, solution: Solution, levels: LevelAtDelay, 
                 needed = needed | weakest
 
 
-def _prune_together(reference: Reference, solution: Solution, levels: LevelAtDelay, max_steps: int) -> Solution:
+def _prune_together(reference: Reference, solution: Solution, levels: LevelOfPaths, max_steps: int) -> Solution:
     """The solution without redundant paths; where the likelihood disagrees, without the weaker half of them.
 
     What a few turns leave is for the next round of the search.
     """
     for _ in range(DROP_TURNS):
-        level = levels(solution.paths.delay_bins)
+        level = levels(solution.paths)
         for dropped in _redundant_together(solution, level):
             without = refine_paths(reference, solution.paths.take(~dropped), max_steps)
             if solution.explained - without.explained <= level[dropped].sum():

@@ -299,14 +299,15 @@ def response_powers(solution: Solution) -> FloatArray:
     )
 
 
-def marginal_covariances(solution: Solution, n_subcarriers: int) -> FloatArray:
+def marginal_covariances(solution: Solution, n_subcarriers: int, lost: FloatArray | float = 0.0) -> FloatArray:
     """Covariance (path, parameter, parameter) of delay in bins and angles in rad, all other parameters unknown.
 
     The inverse of the joint Fisher information of all paths plus a prior: delays are within the period, angles on
-    the circle. So an unobservable parameter has the variance of a uniform one.
+    the circle. So an unobservable parameter has the variance of a uniform one. `lost` is what other unknowns take
+    from `Solution.information`.
     """
     n, n_columns = solution.slope.shape
-    information = 2 * solution.information
+    information = 2 * (solution.information - lost)
     prior = np.full(n_columns, 12 / (2 * np.pi) ** 2)
     prior[:3] = [0.0, 0.0, 12 / n_subcarriers**2]
     information = information + np.einsum("pq,ab,b->paqb", np.eye(n), np.eye(n_columns), prior)

@@ -7,12 +7,12 @@ from functools import lru_cache
 
 import numpy as np
 
+from estimation.channel.model.alike import alike_directions, padded_rows
 from estimation.channel.model.compress import CompressedSweep
 from estimation.channel.model.kernels import dirichlet
-from estimation.channel.model.manifold import CELL, Manifold
+from estimation.channel.model.manifold import Manifold
 from estimation.channel.model.path_model import PathParameters, no_paths, response_energies, responses
 from estimation.execution import compiled
-from scenes.pose import wrap_angle
 from scenes.record import BoolArray, ComplexArray, FloatArray, IntArray
 
 NEIGHBOUR_COHERENCE = 0.5  # of directions about half a resolution cell apart: grid neighbours
@@ -69,36 +69,11 @@ def direction_grid(manifold: Manifold, oversampling: float) -> DirectionGrid:
     matched = unit.real.astype(np.float32) if manifold.is_real else unit.conj().astype(np.complex64)
     coherence = np.abs(unit @ unit.conj().T)
     next_to = coherence >= NEIGHBOUR_COHERENCE
-    neighbour = _padded([np.flatnonzero(row) for row in next_to])
+    neighbour = padded_rows([np.flatnonzero(row) for row in next_to])
     envelope = coherence[neighbour].max(axis=1)
+    twin = alike_directions(manifold, angles, coherence, NEIGHBOUR_COHERENCE)
     close = np.linalg.matrix_power(next_to.astype(float), round(1.5 * oversampling)) > 0
-    return DirectionGrid(angles, matched, neighbour, envelope, close, _twins(manifold, angles, coherence))
-
-
-def _twins(manifold: Manifold, angles: FloatArray, coherence: FloatArray) -> IntArray:
-    """Of every direction (direction, angle) those elsewhere that respond alike: a row each, padded with itself.
-
-    Beams at two elevations tell apart little more than the ratio of their gains, which returns further up.
-    """
-    rate = manifold.rates(angles)
-    apart = np.abs(wrap_angle(angles[:, None] - angles)) * np.minimum(rate[:, None], rate)
-    elsewhere = apart.max(axis=2) > CELL
-    rows = []
-    for own in range(len(angles)):
-        left, found = elsewhere[own] & (coherence[own] >= NEIGHBOUR_COHERENCE), [own]
-        while left.any():
-            found.append(int(np.argmax(np.where(left, coherence[own], -1.0))))
-            left &= elsewhere[found[-1]]
-        rows.append(np.array(found))
-    return _padded(rows)
-
-
-def _padded(rows: list[IntArray]) -> IntArray:
-    """Rows (row, place) of equal length, padded with the number of the row."""
-    table = np.tile(np.arange(len(rows))[:, None], (1, max(1, *(len(row) for row in rows))))
-    for i, row in enumerate(rows):
-        table[i, : len(row)] = row
-    return table
+    return DirectionGrid(angles, matched, neighbour, envelope, close, twin)
 
 
 class SpectrumSearch:

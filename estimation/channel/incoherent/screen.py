@@ -13,12 +13,16 @@ from numpy.typing import NDArray
 
 from estimation.channel.incoherent.grid_kernels import cell_amplitudes, column_maxima
 from estimation.channel.incoherent.spectrum import DelaySpectrum
+from estimation.channel.model.alike import alike_directions
+from estimation.channel.model.apparent import cone_angles
 from estimation.channel.model.manifold import Manifold
+from scenes.pose import wrap_angle
 from scenes.record import ComplexArray, FloatArray, IntArray, Record, array
 
 _NOISE_STD = np.sqrt(1 - np.pi / 4)  # of the amplitude of unit noise
 _DELAYS_AT_ONCE = 128
 _HIDDEN = 0.4  # of a candidate's level: allowed for candidates of its delay in other directions
+_ALIKE = 0.8  # of the magnitudes over all beams, above which directions are tried for each other
 _SIDE_LOBE_MARGIN = 1.6  # by which a candidate must exceed the side lobes of stronger ones
 
 
@@ -43,17 +47,34 @@ class Screen:
     rx_angles: FloatArray
     tx_weight: FloatArray  # (direction, tx_beam), float32
     rx_weight: FloatArray
+    tx_twin: IntArray  # (direction, place) directions elsewhere whose magnitudes are alike, padded with itself
+    rx_twin: IntArray
 
     @classmethod
     def make(
         cls, tx: Manifold, rx: Manifold, tx_grid: FloatArray, rx_grid: FloatArray, noise_mw: FloatArray
     ) -> Self:
         """Screen for directions (direction, angle) of both ends; `noise_mw` is (rx_beam,)."""
+        tx_weight = _weights(np.abs(tx.response(tx_grid)))
+        rx_weight = _weights(np.abs(rx.response(rx_grid)) / np.sqrt(noise_mw))
         return cls(
             tx_angles=tx_grid,
             rx_angles=rx_grid,
-            tx_weight=_weights(np.abs(tx.response(tx_grid))),
-            rx_weight=_weights(np.abs(rx.response(rx_grid)) / np.sqrt(noise_mw)),
+            tx_weight=tx_weight,
+            rx_weight=rx_weight,
+            tx_twin=_twins(tx, tx_grid, tx_weight),
+            rx_twin=_twins(rx, rx_grid, rx_weight),
+        )
+
+    def twins(self, tx_direction: int, rx_direction: int) -> FloatArray:
+        """Angles (place, departure and arrival) of a pair of directions, first, and of all that are alike."""
+        tx, rx = np.unique(self.tx_twin[tx_direction]), np.unique(self.rx_twin[rx_direction])
+        tx, rx = (
+            tx[np.argsort(tx != tx_direction, kind="stable")],
+            rx[np.argsort(rx != rx_direction, kind="stable")],
+        )
+        return np.column_stack(
+            [np.repeat(self.tx_angles[tx], len(rx), axis=0), np.tile(self.rx_angles[rx].T, len(tx)).T]
         )
 
     def levels(self, value: ComplexArray, noise_mw: FloatArray, sign: float) -> tuple[FloatArray, IntArray]:
@@ -112,6 +133,20 @@ class Screen:
 def _interleaved(values: NDArray[Any]) -> NDArray[Any]:
     """Values at all bins and then at all half bins, in order of delay."""
     return values.reshape(2, -1).T.ravel()
+
+
+def _twins(manifold: Manifold, angles: FloatArray, weight: FloatArray) -> IntArray:
+    """Of every direction those with like magnitudes and that of the same cone at the horizon, (direction, place).
+
+    Reflections from above and below in the same cell change the magnitudes, not the cone.
+    """
+    if manifold.n_angles == 1:
+        return np.arange(len(angles))[:, None]
+    cone, _ = cone_angles(angles[:, 0], angles[:, 1], manifold.best_panel_rad(angles))
+    level = np.abs(angles[:, 1])
+    at_horizon = np.flatnonzero(level == level.min())
+    nearest = np.abs(wrap_angle(cone[:, None] - angles[at_horizon, 0])).argmin(axis=1)
+    return np.column_stack([alike_directions(manifold, angles, weight @ weight.T, _ALIKE), at_horizon[nearest]])
 
 
 def _weights(amplitude: FloatArray) -> FloatArray:

@@ -142,7 +142,7 @@ class IncoherentSearch:
         if ratio[strongest] > limit[strongest]:
             limit = self._thresholds(starts, strongest)
         self.bins = window_bins(starts[ratio > _PROMISING * limit, 0], n_bins)
-        return self._promising(starts, ratio, limit, spectrum.window(self.bins))
+        return self._promising(candidates, starts, ratio, limit, spectrum.window(self.bins))
 
     def _further_starts(self, paths: FloatArray, at: Score, residual: ComplexArray) -> FloatArray:
         """Starting points of more paths from the residual (pair, bin) of the fitted ones."""
@@ -155,7 +155,7 @@ class IncoherentSearch:
         limit = self._thresholds(np.concatenate([paths, starts]), self._strongest(paths))[len(paths) :]
         for failed in self.failed:
             ratio[self.ends.distance_cells(starts, failed) < _SAME_CELLS] = 0.0
-        return self._promising(starts, ratio, limit, residual)
+        return self._promising(candidates, starts, ratio, limit, residual)
 
     def _standing_out(self, paths: FloatArray, at: Score) -> tuple[FloatArray, Score | None, ComplexArray]:
         """Paths that are significant above the background, and their residual (pair, bin)."""
@@ -192,14 +192,30 @@ class IncoherentSearch:
         return paths, at
 
     def _promising(
-        self, starts: FloatArray, ratio: FloatArray, limit: FloatArray, window: ComplexArray
+        self,
+        candidates: Candidates,
+        starts: FloatArray,
+        ratio: FloatArray,
+        limit: FloatArray,
+        window: ComplexArray,
     ) -> FloatArray:
-        """Starting points well above the threshold, or near it when fitted alone to the `window`."""
+        """Starting points well above the threshold, or near it when fitted alone to the `window`.
+
+        Where other directions have the same magnitudes, the one that explains most when fitted alone.
+        """
         kept = ratio > _SURE * limit
-        for i in np.flatnonzero((ratio > _PROMISING * limit) & ~kept):
+        for i in np.flatnonzero(ratio > _PROMISING * limit):
+            places = self.screen.twins(candidates.tx_direction[i], candidates.rx_direction[i])
+            if kept[i] and len(places) == 1:
+                continue
             near = np.abs(self.bins - starts[i, 0]) < _ALONE_BINS
-            starts[[i]], alone = self._alone(starts[[i]], window[:, near], self.bins[near])
-            kept[i] = alone > _NEARLY * limit[i]
+            tried = np.repeat(starts[[i]], len(places), axis=0)
+            tried[:, 1:-2] = places
+            fits = [self._alone(one[None], window[:, near], self.bins[near]) for one in tried]
+            seen = [value if self.ends.in_sight(path)[0] else -np.inf for path, value in fits]
+            best = int(np.argmax(seen))
+            starts[[i]], alone = fits[best]
+            kept[i] |= alone > _NEARLY * limit[i]
         return starts[kept]
 
     def _alone(self, path: FloatArray, window: ComplexArray, bins: IntArray) -> tuple[FloatArray, float]:

@@ -105,6 +105,12 @@ class Manifold:
         mirror[:, 0] = wrap_angle(2 * self.best_panel_rad(angles) + np.pi - mirror[:, 0])
         return mirror
 
+    def in_front(self, azimuth_rad: FloatArray) -> FloatArray:
+        """Azimuths (direction,), those behind all panels replaced by their mirror images: what phases can tell."""
+        angles = np.zeros((len(azimuth_rad), self.n_angles))
+        angles[:, 0] = azimuth_rad
+        return np.asarray(np.where(self.is_behind(angles), self.mirrored(angles)[:, 0], azimuth_rad))
+
     def weights(self) -> ComplexArray:
         """Weights (beam, element) of all panels side by side: their span holds every response."""
         return np.concatenate([panel.weights for panel in self._panels], axis=1)

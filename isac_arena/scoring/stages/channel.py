@@ -91,12 +91,36 @@ def true_stop(
 
 
 def seen_by(stop: TrueStop, estimate: ChannelEstimate) -> TrueStop:
-    """The stop with parameters and bounds in the angles that an estimate reports: cone against cone."""
+    """The stop with parameters and bounds in the angles that an estimate reports: cone against cone.
+
+    Directions behind all panels of a device are mirrored to the front if the view is known.
+    """
     kinds = kinds_of(estimate)
     is_cone = np.array([kind == AngleKind.CONE for kind in kinds])
     angles = np.where(is_cone, stop.cone_rad, stop.parameters[:, 1:])
     covariance = stop.covariance if stop.bounds is None else stop.bounds.in_kinds(stop.bounds.joint, kinds)
-    return replace(stop, parameters=np.column_stack([stop.parameters[:, 0], angles]), covariance=covariance)
+    parameters = np.column_stack([stop.parameters[:, 0], angles])
+    return replace(
+        stop, parameters=parameters if stop.view is None else stop.view.in_front(parameters), covariance=covariance
+    )
+
+
+def _plane_parameters(estimate: ChannelEstimate) -> FloatArray:
+    return np.stack([estimate.delay_s, estimate.aod_azimuth_rad, estimate.aoa_azimuth_rad], axis=-1)
+
+
+def _in_front(estimate: ChannelEstimate, view: LinkView) -> ChannelEstimate:
+    """The estimate with directions behind all panels of a device mirrored to the front, as `LinkView.in_front`."""
+    before = _plane_parameters(estimate)
+    after = view.in_front(before)
+    sign = np.ones(estimate.covariance.shape[:2])
+    sign[:, :3] = np.where(after == before, 1.0, -1.0)  # a mirrored angle errs the other way
+    return replace(
+        estimate,
+        aod_azimuth_rad=after[:, 1],
+        aoa_azimuth_rad=after[:, 2],
+        covariance=estimate.covariance * sign[:, :, None] * sign[:, None],
+    )
 
 
 def significant_alone(stop: TrueStop) -> TrueStop:
@@ -117,7 +141,8 @@ def score_stop(
     stop: TrueStop, estimate: ChannelEstimate, gate: Gate = DEFAULT_GATE
 ) -> tuple[PathScores, SignificantPaths, StopScores]:
     """Tables of one stop: its estimated paths, its significant true paths, and the GOSPA between them."""
-    measured = np.stack([estimate.delay_s, estimate.aod_azimuth_rad, estimate.aoa_azimuth_rad], axis=-1)
+    estimate = estimate if stop.view is None else _in_front(estimate, stop.view)
+    measured = _plane_parameters(estimate)
     seen = seen_by(stop, estimate)
     match = _assigned(seen, estimate.power_dbm, measured, gate)
     true_path = np.append(stop.significant, -1)[match]

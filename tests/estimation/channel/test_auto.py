@@ -3,9 +3,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimation.channel.auto import fit_auto, fit_phase_ramp, phases_against, phases_of, without_phase_ramp
+from estimation.channel.auto import fit_auto
 from estimation.channel.coherent.paths import fit_coherent
 from estimation.channel.incoherent.paths import fit_incoherent
+from estimation.channel.phases.pairs import phases_against, phases_of
+from estimation.channel.phases.ramp import fit_phase_ramp, without_phase_ramp
 from scenes.record import FloatArray
 from sim.config import WaveformConfig
 from sim.observation import BeamSweep
@@ -52,12 +54,19 @@ def test_random_phases_stay_incoherent() -> None:
     assert np.isnan(fit.phase_rad).all()
 
 
-def test_wandering_phases_are_reported_and_stay_incoherent() -> None:
-    phase = np.deg2rad(12) * np.cumsum(np.random.default_rng(3).standard_normal(100)).reshape(10, 10)
+@pytest.mark.parametrize(("step_deg", "mode"), [(5.0, "tracked"), (45.0, "incoherent")])
+def test_wandering_phases_are_tracked_where_neighbours_tell_them(step_deg: float, mode: str) -> None:
+    phase = np.deg2rad(step_deg) * np.cumsum(np.random.default_rng(3).standard_normal(100)).reshape(10, 10)
     chosen = fit_auto(with_phases(phase))
-    assert chosen.mode == "incoherent"
-    assert "from one pair to the next they change by" in chosen.reason
-    assert 5 < np.rad2deg(chosen.ramp.walk_rad) < 20
+    assert chosen.mode == mode
+    assert len(chosen.fit) == 3
+    std = np.sqrt(np.einsum("paa->pa", chosen.fit.covariance))
+    assert (np.abs(chosen.fit.delay_s - PATHS.delay_s) < 4 * std[:, 0]).all()
+    assert (np.abs(chosen.fit.aod_rad - PATHS.aod_rad)[:, 0] < 4 * std[:, 1]).all()
+    if mode == "tracked":
+        assert "walk by" in chosen.reason
+    else:
+        assert "from one pair to the next they change by" in chosen.reason
 
 
 @pytest.mark.parametrize(("spread_deg", "mode"), [(4.0, "coherent"), (25.0, "incoherent")])

@@ -165,3 +165,20 @@ def test_diffuse_paths_that_add_up_in_a_cell_explain_an_estimate(campaign, view,
     paths, _, _ = score_stop(stop, estimate)
     assert paths.status.tolist() == [PathStatus.DETECTED, status]
     assert (paths.true_path[1] >= 1) == (status == PathStatus.WEAK)
+
+
+def test_a_flat_array_is_not_asked_for_front_or_back(campaign, view, stop):
+    """An estimate is scored alike where the true departure or the estimated one is mirrored at the TX panel."""
+    estimate = campaign.results.channel[4]
+    tx_heading_rad = campaign.scene.tx.heading_rad
+    paths = stop.truth.paths
+    behind = replace(
+        stop.truth, paths=replace(paths, aod_azimuth_rad=2 * tx_heading_rad + np.pi - paths.aod_azimuth_rad)
+    )
+    mirrored = true_stop(behind, campaign.scene.tx, stop.power_dbm, LIMITS, view)
+    as_it_is, from_behind = score_stop(stop, estimate)[0], score_stop(mirrored, estimate)[0]
+    assert (as_it_is.status == PathStatus.DETECTED).all()
+    assert (from_behind.status == PathStatus.DETECTED).all()
+    np.testing.assert_allclose(from_behind.aod_error_rad, as_it_is.aod_error_rad, atol=1e-9)
+    guessed = replace(estimate, aod_azimuth_rad=np.pi - estimate.aod_azimuth_rad)
+    np.testing.assert_allclose(score_stop(mirrored, guessed)[0].nees, as_it_is.nees, atol=1e-6)

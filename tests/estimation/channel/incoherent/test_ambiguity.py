@@ -68,3 +68,19 @@ def test_horizontal_beams_are_not_ambiguous() -> None:
     fit = fit_incoherent(plain_sweep(link, paths, np.random.default_rng(1)))
     assert not fit.is_ambiguous.any()
     assert fit.caveat == ""
+
+
+@pytest.mark.parametrize("phase_rad", [0.0, 1.0, 2.0, 3.0, 4.0, 5.0])
+def test_a_path_and_its_reflection_off_the_floor_are_not_taken_for_one_far_above(phase_rad: float) -> None:
+    """Their sum shows beams at two elevations a ratio that a single path has only near the zenith."""
+    beams = TWO_LEVELS.model_copy(update={"beam_elevation_deg": [-12.0, 12.0]})
+    link = plain_link(beams, beams)
+    paths = plain_paths(
+        link, [30.0, 31.0], [[2, 0], [2, -6]], [[-60, 0], [-60, -6]], [50, 44], phase=[0, phase_rad]
+    )
+    fit = fit_incoherent(plain_sweep(link, paths, np.random.default_rng(1)))
+    assert len(fit) == 2
+    strongest = np.argmax(fit.snr_db)
+    assert abs(fit.delay_s[strongest] - 30e-9) < 0.5e-9
+    np.testing.assert_allclose(np.rad2deg(fit.aod_rad[strongest]), [2, 0], atol=2)
+    np.testing.assert_allclose(np.rad2deg(fit.aoa_rad[strongest]), [-60, 0], atol=2)

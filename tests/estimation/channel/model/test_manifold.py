@@ -8,6 +8,7 @@ from sim.config import ArrayConfig
 from sim.signal.arrays.codebook import Codebook, beam_response
 from sim.signal.hardware.impairments import with_element_errors
 from sim.signal.link import make_codebook
+from tests.estimation.channel.plain_sweeps import PANELS, plain_link
 
 ARRAYS = {
     "steered": ArrayConfig(sector_deg=120.0),
@@ -124,3 +125,17 @@ def test_symmetric_arrays_have_real_responses() -> None:
     book = _book("steered")
     assert Manifold(book).is_real
     assert not Manifold(with_element_errors(book, 0.0, 0.1, np.random.default_rng(6))).is_real
+
+
+def test_azimuths_behind_all_panels_are_mirrored_to_the_front() -> None:
+    one = Manifold(plain_link().tx_codebook)
+    np.testing.assert_allclose(
+        np.rad2deg(one.in_front(np.deg2rad([-141.8, 170.0, 60.0, -90.0]))), [-38.2, 10.0, 60.0, -90.0]
+    )
+    angles = np.deg2rad([[-141.8], [-38.2]])
+    behind, front = one.response(angles)
+    shares = np.abs(behind) / np.linalg.norm(behind), np.abs(front) / np.linalg.norm(front)
+    np.testing.assert_allclose(*shares, atol=1e-9)
+    four = Manifold(plain_link(rx=PANELS).rx_codebook)
+    every = np.linspace(-3.1, 3.1, 9)
+    np.testing.assert_array_equal(four.in_front(every), every)

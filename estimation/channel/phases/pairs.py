@@ -1,0 +1,100 @@
+"""Phases of beam pairs against the paths of a fit."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.fft
+
+from estimation.channel.coherent.plan import nominal_manifold
+from estimation.channel.fit import PathFit
+from estimation.channel.incoherent.paths import IncoherentFit
+from scenes.record import BoolArray, FloatArray, IntArray
+from sim.observation import BeamSweep
+
+ABOUT_BINS = 2  # about a path, that hold most of its energy
+
+
+@dataclass(frozen=True)
+class PairPhases:
+    """Phases of beam pairs (tx_beam, rx_beam) against a reference path, with their SNR.
+
+    Attributes
+    ----------
+    path : (tx_beam, rx_beam) reference of each pair; phases of different ones have no common zero
+    residual : (tx_beam, rx_beam) energy that the reference does not explain, over the noise
+    is_usable : (tx_beam, rx_beam) the reference is not one of several ambiguous directions
+    log_magnitude : (tx_beam, rx_beam) logarithm of the amplitude over the reference's, None where that is fitted
+    excess : (tx_beam, rx_beam) noise power beyond the nominal one, over it; None where it is not known
+    hidden : (tx_beam, rx_beam) residual energy at the delays of paths beyond that noise, over the nominal one
+    """
+
+    phase_rad: FloatArray
+    snr: FloatArray
+    residual: FloatArray
+    path: IntArray
+    is_usable: BoolArray
+    log_magnitude: FloatArray | None = None
+    excess: FloatArray | None = None
+    hidden: FloatArray | None = None
+
+    @property
+    def noise_excess(self) -> FloatArray:
+        """`excess`, zero where it is not known."""
+        return np.zeros(self.snr.shape) if self.excess is None else self.excess
+
+
+def phases_of(fit: IncoherentFit) -> PairPhases:
+    """The phases of an incoherent fit."""
+    usable = ~fit.is_ambiguous[fit.pair_path] if len(fit) else np.zeros(fit.pair_path.shape, bool)
+    return PairPhases(fit.pair_phase_rad, fit.pair_snr, fit.pair_residual, fit.pair_path, usable)
+
+
+def phases_against(sweep: BeamSweep, fit: PathFit) -> PairPhases:
+    """The phases of a sweep against the sum of all paths of a coherent fit."""
+    tx = nominal_manifold(sweep.tx_codebook).response(fit.aod_rad)
+    rx = nominal_manifold(sweep.rx_codebook).response(fit.aoa_rad)
+    gain = fit.amplitude * np.exp(1j * fit.phase_rad)
+    wave = np.exp(-2j * np.pi * fit.delay_s[:, None] * sweep.frequency_offset_hz).astype(np.complex64)
+    shape, noise = sweep.samples.shape[:2], sweep.noise_power_mw
+    product, model, energy = np.zeros(shape, complex), np.zeros(shape), np.zeros(shape)
+    white, hidden = np.zeros(shape), np.zeros(shape)
+    occupied = _occupied_bins(sweep, fit.delay_s)
+    tiny = np.finfo(float).tiny
+    for beam in range(shape[0]):
+        expected = ((gain * tx[:, beam])[:, None] * rx).T.astype(np.complex64) @ wave
+        samples = sweep.samples[beam] * sweep.prs_symbol[beam].conj()
+        product[beam] = (expected.conj() * samples).sum(axis=1) / noise
+        model[beam] = np.square(np.abs(expected)).sum(axis=1) / noise
+        energy[beam] = np.square(np.abs(samples)).sum(axis=1) / noise
+        turn = np.exp(1j * np.angle(product[beam])).astype(np.complex64)
+        profile = scipy.fft.ifft(samples - expected * turn[:, None], axis=1, norm="ortho", overwrite_x=True)
+        power = (np.square(profile.real) + np.square(profile.imag)) / noise[:, None]
+        white[beam] = np.median(power, axis=1) / np.log(2)  # of white noise the median is ln 2 of the mean
+        hidden[beam] = power[:, occupied].sum(axis=1) - occupied.sum() * white[beam]
+    unexplained = energy - np.square(np.abs(product)) / np.maximum(model, tiny)
+    residual = np.maximum(unexplained - sweep.samples.shape[2], 0.0)
+    return PairPhases(
+        phase_rad=np.angle(product),
+        snr=model,
+        residual=residual,
+        path=np.zeros(shape, int),
+        is_usable=np.ones(shape, bool),
+        log_magnitude=np.log(np.maximum(np.abs(product), tiny) / np.maximum(model, tiny)),
+        excess=np.maximum(white - 1, 0.0),
+        hidden=np.maximum(hidden, 0.0),
+    )
+
+
+def _occupied_bins(sweep: BeamSweep, delay_s: FloatArray) -> BoolArray:
+    """Mask (bin,) of the delay bins about the paths."""
+    n = sweep.samples.shape[2]
+    bin_s = 1 / (n * np.diff(sweep.frequency_offset_hz[:2])[0])
+    occupied = np.zeros(n, bool)
+    around = np.arange(-ABOUT_BINS, ABOUT_BINS + 1)
+    occupied[(np.round(delay_s / bin_s).astype(int)[:, None] + around) % n] = True
+    return occupied
+
+
+def phase_variance(snr: FloatArray) -> FloatArray:
+    """Variance of the phase of a pair of SNR g, to second order: 1 / (2 g) + 1 / (4 g^2)."""
+    return np.asarray(0.5 / snr + 0.25 / snr**2)
