@@ -88,7 +88,7 @@ def _tracked_fit(
     pairs, found = phases_of(incoherent), None
     for limit in (*_TRACKING_PATHS, config.max_paths):
         track = track_phases(pairs)
-        if track.error_rad > _TRACKED_RAD:
+        if track.error_rad > (DOUBTFUL_RAD if found is None else _TRACKED_RAD):
             return None
         turned = replace(
             sweep, samples=sweep.samples * np.exp(-1j * track.phase_rad).astype(np.complex64)[..., None]

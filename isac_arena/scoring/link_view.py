@@ -20,6 +20,8 @@ from scenes.scene import Scene
 from sim.propagation.paths import Paths
 from sim.signal.arrays.codebook import Codebook, beam_response
 from sim.signal.hardware.apply_impairments import impaired_codebooks, true_tx_pose
+from sim.signal.hardware.config import ImpairmentsConfig
+from sim.signal.hardware.impairments import quantiser_gain
 from sim.signal.link import Link
 from sim.truth import Truth
 
@@ -56,6 +58,7 @@ class LinkView:
     rx_built: Codebook
     window: FloatArray  # (subcarrier,) weights of the estimator over the band
     is_coherent: bool
+    hardware: ImpairmentsConfig
     tx: Manifold = field(repr=False)
     rx: Manifold = field(repr=False)
 
@@ -85,6 +88,17 @@ class LinkView:
         """Power (cell, path) in dBm of every true path in every cell."""
         power_mw = np.square(np.abs(self.cell_amplitudes(truth, cells)))
         return np.asarray(10 * np.log10(np.maximum(power_mw, np.finfo(float).tiny)))
+
+    def converter_gain_db(self, truth: Truth, cells: Cells) -> FloatArray:
+        """Gain (cell,) of the converters in the beam pairs of cells: they raise pairs far below the strongest."""
+        if not self.hardware.adc_bits or not len(truth.paths):
+            return np.zeros(len(cells.delay_s))
+        tx, rx = (np.square(part) for part in self._amplitudes(truth))
+        power_mw = self.link.tx_power_mw * np.square(np.abs(truth.paths.gain))
+        pair_mw = (tx * power_mw) @ rx.T + self.link.noise_power_mw
+        steps = 2.0 ** (self.hardware.adc_bits - 1) * 10 ** (-self.hardware.adc_full_scale_db / 20)
+        ratio = steps * np.sqrt(pair_mw[cells.tx_beam, cells.rx_beam] / pair_mw.max())
+        return np.asarray(20 * np.log10(quantiser_gain(ratio, self.hardware.adc_bits)))
 
     def beam_loss_db(self, truth: Truth) -> FloatArray:
         """Loss (path,) of the best beam at each path below the highest gain of all beams, at the worse device."""
@@ -165,6 +179,7 @@ def link_view(config: CampaignConfig, link: Link, scene: Scene) -> LinkView:
         rx_built=rx_built,
         window=hann_window(n) if config.channel.method == "power" else np.ones(n),
         is_coherent=not (hardware.cfo_hz or hardware.phase_noise_pair_deg),
+        hardware=hardware,
         tx=nominal_manifold(link.tx_codebook),
         rx=nominal_manifold(link.rx_codebook),
     )

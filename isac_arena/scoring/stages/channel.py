@@ -142,24 +142,32 @@ def score_stop(
 ) -> tuple[PathScores, SignificantPaths, StopScores]:
     """Tables of one stop: its estimated paths, its significant true paths, and the GOSPA between them."""
     estimate = estimate if stop.view is None else _in_front(estimate, stop.view)
+    received_dbm = _received_dbm(stop, estimate)
     measured = _plane_parameters(estimate)
     seen = seen_by(stop, estimate)
-    match = _assigned(seen, estimate.power_dbm, measured, gate)
+    match = _assigned(seen, received_dbm, measured, gate)
     true_path = np.append(stop.significant, -1)[match]
     status = np.where(true_path >= 0, PathStatus.DETECTED, PathStatus.FALSE)
     for index in np.flatnonzero(true_path < 0):
-        true_path[index] = _weak_origin(seen, measured[index], float(estimate.power_dbm[index]), gate)
+        true_path[index] = _weak_origin(seen, measured[index], float(received_dbm[index]), gate)
     unexplained = np.flatnonzero(true_path < 0)
-    true_path[unexplained] = _field_origin(seen, estimate.take("path", unexplained))
+    true_path[unexplained] = _field_origin(seen, estimate.take("path", unexplained), received_dbm[unexplained])
     status[(status == PathStatus.FALSE) & (true_path >= 0)] = PathStatus.WEAK
     detected = np.isin(np.arange(len(stop.significant)), match)
-    evidence = _evidence(seen, estimate, measured, status, detected, gate)
+    evidence = _evidence(seen, replace(estimate, power_dbm=received_dbm), measured, status, detected, gate)
     expected = seen.parameters[stop.significant][detected | evidence.is_separable]
     return (
         _path_scores(seen, estimate, measured, true_path, evidence),
         _significant_scores(stop, seen, kinds_of(estimate), evidence),
         _stop_scores(stop, measured[status != PathStatus.WEAK], expected, gate),
     )
+
+
+def _received_dbm(stop: TrueStop, estimate: ChannelEstimate) -> FloatArray:
+    """Estimated powers (path,) before the gain of the converters, which no estimator knows."""
+    if stop.view is None or not len(estimate):
+        return estimate.power_dbm
+    return estimate.power_dbm - stop.view.converter_gain_db(stop.truth, stop.view.estimated_cells(estimate))
 
 
 def _assigned(stop: TrueStop, estimate_dbm: FloatArray, measured: FloatArray, gate: Gate) -> IntArray:
@@ -192,7 +200,7 @@ def _weak_origin(stop: TrueStop, measured: FloatArray, estimate_dbm: float, gate
     return int(candidates[np.where(group == strongest_group, power_mw, -1.0).argmax()])
 
 
-def _field_origin(stop: TrueStop, estimate: ChannelEstimate) -> IntArray:
+def _field_origin(stop: TrueStop, estimate: ChannelEstimate, received_dbm: FloatArray) -> IntArray:
     """The path (estimate,) that contributes the most to the field that explains each estimate, -1 for none.
 
     The field is the coherent sum of all weak and diffuse paths in the cell of the estimate: many diffuse paths may
@@ -204,7 +212,7 @@ def _field_origin(stop: TrueStop, estimate: ChannelEstimate) -> IntArray:
     truth = replace(stop.truth, paths=stop.truth.paths.take("path", weak))
     amplitude = stop.view.cell_amplitudes(truth, stop.view.estimated_cells(estimate))
     field_mw = np.square(np.abs(amplitude.sum(axis=1)))
-    is_explained = field_mw >= 10 ** ((estimate.power_dbm - WEAK_MARGIN_DB) / 10)
+    is_explained = field_mw >= 10 ** ((received_dbm - WEAK_MARGIN_DB) / 10)
     return np.where(is_explained, weak[np.abs(amplitude).argmax(axis=1)], -1)
 
 

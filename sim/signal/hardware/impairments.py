@@ -98,6 +98,19 @@ def quantised_iq(samples: ComplexArray, bits: int, full_scale: float) -> Complex
     return np.asarray(parts.astype(np.float32).view(np.complex64))
 
 
+def quantiser_gain(std_over_step: FloatArray, bits: int) -> FloatArray:
+    """Mean slope of a mid-rise quantiser for Gaussian input of this standard deviation over its step.
+
+    It is the gain of a weak signal among others (Bussgang, 1952): 1 for input of several steps, large where the
+    input is well below one, since the output is never less than half a step.
+    """
+    threshold = np.arange(1 - 2 ** (bits - 1), 2 ** (bits - 1))
+    ratio = np.asarray(std_over_step, float)[..., None]
+    return np.asarray(
+        np.exp(-0.5 * np.square(threshold / ratio)).sum(axis=-1) / (np.sqrt(2 * np.pi) * ratio[..., 0])
+    )
+
+
 def fft_bins(frequency_hz: FloatArray, subcarrier_spacing_hz: float) -> tuple[IntArray, int]:
     """FFT bin of every occupied subcarrier, and an FFT size (a power of 2) that includes all of them."""
     bins = np.rint(frequency_hz / subcarrier_spacing_hz).astype(int)

@@ -14,6 +14,7 @@ from sim.signal.hardware.impairments import (
     coupling_matrix,
     fft_bins,
     quantised_iq,
+    quantiser_gain,
     to_subcarriers,
     to_time_samples,
     with_iq_imbalance,
@@ -92,3 +93,12 @@ def test_coupling_falls_with_distance() -> None:
     matrix = coupling_matrix(np.array([[0, 0, 0], [0, 2.5e-3, 0], [0, 5e-3, 0]]), 59.9584916e9, -20.0)
     np.testing.assert_allclose(np.abs(matrix[0]), [1, 0.1, 0.05], rtol=1e-6)
     np.testing.assert_allclose(matrix, matrix.T)
+
+
+@pytest.mark.parametrize("ratio", [0.05, 0.3, 1.0, 8.0])
+def test_the_gain_of_a_quantiser_is_that_of_a_gaussian_input(ratio: float) -> None:
+    x = np.random.default_rng(1).standard_normal(400_000).astype(np.float32)
+    bits, step = 8, 1 / ratio
+    output = quantised_iq((x + 0j).astype(np.complex64), bits, step * 2 ** (bits - 1)).real
+    slope = float((x * output).mean() / (x * x).mean())
+    assert float(quantiser_gain(np.array(ratio), bits)) == pytest.approx(slope, rel=0.01)
