@@ -44,7 +44,7 @@ def test_cancelling_paths_at_one_path_become_one_significant_path() -> None:
     reference = Reference(sweep, truth.take(slice(0)))
     found = without_cancelling_paths(reference, solve_at(reference, _cancelling_pair(sweep, truth)), 30)
     assert not cancelling_coherence(found).any()
-    found = prune_paths(reference, found, lambda delay_bins: np.full(len(delay_bins), 24.0), 30)
+    found = prune_paths(reference, found, lambda paths: np.full(len(paths), 24.0), 30)
     assert len(found.paths) == 1
     assert np.isclose(found.paths.delay_bins[0], truth.delay_bins[0], atol=0.05)
 

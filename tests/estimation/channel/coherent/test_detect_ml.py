@@ -7,7 +7,7 @@ from estimation.channel.coherent.plan import SearchPlan, delay_window, nominal_m
 from estimation.channel.coherent.search import SpectrumSearch, without_side_lobes
 from estimation.channel.config import MaximumLikelihoodConfig
 from estimation.channel.model.compress import DelayCube, compress
-from estimation.channel.model.path_model import response_energies, responses
+from estimation.channel.model.path_model import PathParameters, response_energies, responses
 from sim.config import ArrayConfig
 from sim.observation import BeamSweep
 from sim.signal.link import make_codebook
@@ -89,7 +89,8 @@ def test_window_follows_the_strongest_path() -> None:
     assert len(window.position) < cube.n_bins / 2
     assert np.abs(window.position - bins[1]).min() < 1
     assert window.level < window.late_level
-    assert np.allclose(window.level_at(bins), [window.level, window.late_level])
+    places = PathParameters(bins, paths.aod_rad, paths.aoa_rad, paths.amplitude)
+    assert np.allclose(window.level_at(places), [window.level, window.late_level])
 
 
 def test_noise_alone_has_no_window() -> None:

@@ -71,7 +71,7 @@ def test_of_many_paths_the_redundant_ones_go_together_and_no_other() -> None:
     reference, truth = _fitted(list(np.linspace(50, 8000, 30)))
     beside = truth.take(np.arange(0, 30, 6)).moved(np.array([[0.15, 0.0, 0.0]]))
     start = refine_paths(reference, truth.joined(beside), 3)
-    found = prune_paths(reference, start, lambda delay_bins: np.full(len(delay_bins), 24.0), 3)
+    found = prune_paths(reference, start, lambda paths: np.full(len(paths), 24.0), 3)
     assert len(found.paths) == 30
     apart = np.abs(found.paths.delay_bins[:, None] - truth.delay_bins)
     assert (apart.min(axis=0) < 0.3).all()
