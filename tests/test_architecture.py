@@ -32,6 +32,7 @@ FILE_PARTS = (
         "isac_arena/verification/",
         "isac_arena/workers/tasks.py",  # of no content: a process that ends is silent
         "isac_arena/validation/robustness/",
+        "isac_arena/validation/exchange/",
     ),
     *("isac_arena/insight/budget/runs.py", "isac_arena/validation/benches/sweep.py"),
     "estimation/kernel_cache.py",  # reads source code

@@ -43,7 +43,10 @@ class MeasuredCampaign:
 
 @dataclass(frozen=True)
 class MeasuredStop:
-    """One stop as the file has it: paths in the file's own order, angles in the array frames."""
+    """One stop as the file has it: paths in the file's own order, angles in the array frames.
+
+    What is None is not in the file: then noise and height of the campaign hold, and elevations are unknown.
+    """
 
     rx: FloatArray  # (3,) x, y, heading in m, m, rad
     measured: FloatArray  # (path, 3) range without clock bias, AoD, AoA in m, rad, rad
@@ -51,6 +54,19 @@ class MeasuredStop:
     is_los: BoolArray  # (path,)
     is_single_bounce: BoolArray  # (path,)
     landmark_m: FloatArray  # (path, xy)
+    height_m: float | None = None  # of the receiver
+    covariance: FloatArray | None = None  # (path, 3, 3), or (path, 5, 5) with elevations, in (s, rad, ...)^2
+    elevation_rad: FloatArray | None = None  # (path, 2) of departure and arrival
+    is_los_estimate: BoolArray | None = None  # (path,) taken as line of sight; by default the label
+
+
+@dataclass(frozen=True)
+class MeasuredFile:
+    """The TX and all stops of a file of measured paths, and the clock bias (stop,) that it states, if any."""
+
+    tx: Pose
+    stops: list[MeasuredStop]
+    bias_m: FloatArray | None = None
 
 
 def clock_walk_m(n_stops: int, rng: np.random.Generator) -> FloatArray:
@@ -60,23 +76,30 @@ def clock_walk_m(n_stops: int, rng: np.random.Generator) -> FloatArray:
 
 
 def measured_campaign(
-    tx: Pose, stops: Sequence[MeasuredStop], bias_m: FloatArray, height_m: float = 0.0
+    tx: Pose,
+    stops: Sequence[MeasuredStop],
+    bias_m: FloatArray,
+    height_m: float = 0.0,
+    noise: PathNoise = PUBLISHED_NOISE,
 ) -> MeasuredCampaign:
     """Channel estimates and labels of all stops, the paths sorted by delay and the clock bias (stop,) added.
 
-    The covariance of every path is that of `PUBLISHED_NOISE`; its line of sight is the labelled one.
+    A path whose covariance is not in the file has that of `noise`; a line of sight is by default the labelled one.
 
     Raises `ValueError` where a stop has one path only, repeats a path, or holds NaN or angles in degrees.
     """
     channel, truths = [], []
     for index, (stop, bias) in enumerate(zip(stops, bias_m, strict=True)):
         order = np.argsort(stop.measured[:, 0], kind="stable")
-        estimate = _channel_estimate(index, stop, order, float(bias))
+        estimate = _channel_estimate(index, stop, order, float(bias), noise)
         check_enough_paths(estimate)
         channel.append(estimate)
         truths.append(
             MeasuredTruth(
-                rx_pose=Pose(np.array([*stop.rx[:2], height_m]), float(stop.rx[2])),
+                rx_pose=Pose(
+                    np.array([*stop.rx[:2], height_m if stop.height_m is None else stop.height_m]),
+                    float(stop.rx[2]),
+                ),
                 stop=index,
                 clock_bias_s=float(bias) / SPEED_OF_LIGHT_M_S,
                 is_los=stop.is_los[order],
@@ -88,9 +111,14 @@ def measured_campaign(
     return MeasuredCampaign(tx, tuple(channel), tuple(truths))
 
 
-def _channel_estimate(index: int, stop: MeasuredStop, order: IntArray, bias_m: float) -> ChannelEstimate:
-    n, angle_std_rad = len(order), np.deg2rad(PUBLISHED_NOISE.angle_std_deg)
-    std = np.array([1e-9 * PUBLISHED_NOISE.delay_std_ns, angle_std_rad, angle_std_rad], float)
+def _channel_estimate(
+    index: int, stop: MeasuredStop, order: IntArray, bias_m: float, noise: PathNoise
+) -> ChannelEstimate:
+    n, angle_std_rad = len(order), np.deg2rad(noise.angle_std_deg)
+    std = np.array([1e-9 * noise.delay_std_ns, angle_std_rad, angle_std_rad], float)
+    fixed = np.tile(np.diag(std**2), (n, 1, 1))
+    is_los = stop.is_los if stop.is_los_estimate is None else stop.is_los_estimate
+    elevation = np.full((n, 2), np.nan) if stop.elevation_rad is None else stop.elevation_rad[order]
     return ChannelEstimate(
         stop=index,
         delay_s=(stop.measured[order, 0] + bias_m) / SPEED_OF_LIGHT_M_S,
@@ -99,6 +127,8 @@ def _channel_estimate(index: int, stop: MeasuredStop, order: IntArray, bias_m: f
         power_dbm=stop.power_dbm[order],
         beam_loss_db=np.zeros(n),
         snr_db=np.zeros(n),
-        covariance=np.tile(np.diag(std**2), (n, 1, 1)),
-        is_los=stop.is_los[order],
+        covariance=fixed if stop.covariance is None else stop.covariance[order],
+        is_los=is_los[order],
+        aod_elevation_rad=elevation[:, 0],
+        aoa_elevation_rad=elevation[:, 1],
     )

@@ -284,7 +284,7 @@ def stored_truths(store: CampaignStore, n_stops: int) -> Iterator[Truth]:
 def measured_truths(store: CampaignStore, n_stops: int) -> Iterator[MeasuredTruth]:
     """What is known about every measured stop; `ValueError` where one is missing."""
     for stop in range(n_stops):
-        yield _present(store, store.measured_truth(stop), f"stop {stop} of the measurement", "import-mat")
+        yield _present(store, store.measured_truth(stop), f"stop {stop} of the measurement", "import-paths")
 
 
 def known_stops(store: CampaignStore, n_stops: int) -> Iterator[Truth] | Iterator[MeasuredTruth]:

@@ -1,4 +1,4 @@
-"""`arena export`, `export-sigmf`, `import-mat`, `import-deepmimo`: campaigns in the formats of other tools."""
+"""`arena export`, `export-sigmf`, `import-paths`, `import-mat`, `import-deepmimo`: formats of other tools."""
 
 from enum import StrEnum
 from pathlib import Path
@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from isac_arena.cli.options import Directory
+from isac_arena.cli.options import Directory, Out
 
 
 class ExportFormat(StrEnum):
@@ -96,20 +96,55 @@ def export_sigmf(
     stages.console.print(f"samples: {meta}")
 
 
+Offset = Annotated[
+    float, typer.Option(min=-180, max=180, help="Mounting offset added to the TX heading of the file.")
+]
+ClockSeed = Annotated[
+    int | None,
+    typer.Option(min=0, help="Add a clock bias: 10 m, then a random walk of 1 m per stop; none by default."),
+]
+SlamMethod = Annotated[str, typer.Option("--method", help="SLAM: statistical, or reference as published.")]
+SceneFile = Annotated[str, typer.Option("--scene", help="Scene to score against: name or TOML file.")]
+
+
+def import_paths(
+    file: Annotated[
+        Path, typer.Argument(help="Table of paths: .csv, .parquet, .mat, .nc or .h5; docs/exchange.md.")
+    ],
+    out: Out,
+    scene: SceneFile,
+    tx_offset_deg: Offset = 0.0,
+    clock_seed: ClockSeed = None,
+    method: SlamMethod = "statistical",
+    delay_std_ns: Annotated[
+        float, typer.Option(min=1e-3, max=1e3, help="Standard deviation of delays, where the file has none.")
+    ] = 1.0,
+    angle_std_deg: Annotated[
+        float, typer.Option(min=1e-3, max=60, help="Standard deviation of azimuths, where the file has none.")
+    ] = 1.0,
+) -> None:
+    """Import measured paths of any hall; then estimate, score and report work on the directory."""
+    from estimation.slam.config import PathNoise  # noqa: PLC0415
+    from isac_arena.campaign import stages  # noqa: PLC0415
+    from isac_arena.exchange import measurement  # noqa: PLC0415
+
+    noise = PathNoise(source="fixed", delay_std_ns=delay_std_ns, angle_std_deg=angle_std_deg)
+    options = measurement.ImportOptions(tx_offset_deg, clock_seed, method, scene, noise)
+    n_stops, unused = measurement.import_paths(file, out, options)
+    if unused:
+        stages.console.print(f"not used: {', '.join(unused)[:500]}", markup=False)
+    stages.console.print(f"{n_stops} stops imported; next: arena estimate {out}")
+
+
 def import_mat(
     file: Annotated[Path, typer.Argument(help="MATLAB file of the measured campaign, of 30 or 45 stops.")],
-    out: Annotated[Path, typer.Option(help="Directory of the campaign; made where missing.")],
-    tx_offset_deg: Annotated[
-        float, typer.Option(min=-180, max=180, help="Mounting offset added to the TX heading of the file.")
-    ] = -1.6,
-    clock_seed: Annotated[
-        int | None,
-        typer.Option(min=0, help="Add a clock bias: 10 m, then a random walk of 1 m per stop; none by default."),
-    ] = None,
-    method: Annotated[str, typer.Option(help="SLAM: statistical, or reference as published.")] = "statistical",
-    scene: Annotated[str, typer.Option(help="Scene to score against: name or TOML file.")] = "campus_arena",
+    out: Out,
+    tx_offset_deg: Offset = -1.6,
+    clock_seed: ClockSeed = None,
+    method: SlamMethod = "statistical",
+    scene: SceneFile = "campus_arena",
 ) -> None:
-    """Import the public measurement file; then estimate, score and report work on the directory."""
+    """Import the public measurement file, as import-paths does with the TX offset of that hall."""
     from isac_arena.campaign import stages  # noqa: PLC0415
     from isac_arena.exchange import measurement  # noqa: PLC0415
 

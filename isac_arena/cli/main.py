@@ -52,7 +52,8 @@ app = typer.Typer(
 )
 COMMANDS = (
     campaign.run, campaign.generate, campaign.estimate, campaign.score, campaign.report, with_clock(view.view),
-    with_clock(exchange.import_mat), with_clock(exchange.import_deepmimo), with_clock(exchange.export), link.link,
+    with_clock(exchange.import_paths), with_clock(exchange.import_mat), with_clock(exchange.import_deepmimo),
+    with_clock(exchange.export), link.link,
     with_clock(exchange.export_sigmf), bound.bound, ablate.ablate, budget.budget, sweep.sweep, sweep.sweep_report,
     verify.verify, with_clock(compare.compare), golden.golden,
     twin.twin, doctor.doctor, validate.validate, validate.bench, new.settings,

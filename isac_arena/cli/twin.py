@@ -36,7 +36,7 @@ COLUMNS = {
 
 def twin(
     directory: Annotated[
-        Path, typer.Argument(metavar="MEASURED_DIR", help="Measured campaign, made by 'arena import-mat'.")
+        Path, typer.Argument(metavar="MEASURED_DIR", help="Measured campaign, made by 'arena import-paths'.")
     ],
     out: OutFolder,
 ) -> None:
@@ -49,7 +49,7 @@ def twin(
     store = stages.reopen(directory)
     if store.measured is None:
         raise ValueError(
-            f"{directory}: holds a simulated campaign; a twin needs a measured one, made by 'arena import-mat'"
+            f"{directory}: holds a simulated campaign; a twin needs a measured one, made by 'arena import-paths'"
         )
     scene = store.scene
     campaign = _campaign(store, scene)

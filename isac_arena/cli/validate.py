@@ -34,6 +34,7 @@ MODULES: Mapping[str, tuple[str, ...]] = {
     "heights": ("heights",),
     "chain": ("chain.check", "chain.trials"),
     "robustness": ("robustness.check",),
+    "exchange": tuple(f"exchange.{name}" for name in ("stages", "paths")),
 }
 BENCHES: Mapping[str, tuple[str, ...]] = {
     "raytrace": ("benches.raytrace",),

@@ -14,7 +14,13 @@ from typing import Any
 import numpy as np
 from scipy.io import loadmat, savemat
 
-from isac_arena.campaign.measured import PUBLISHED_TX_OFFSET_DEG, MeasuredCampaign, MeasuredStop, measured_campaign
+from isac_arena.campaign.measured import (
+    PUBLISHED_TX_OFFSET_DEG,
+    MeasuredCampaign,
+    MeasuredFile,
+    MeasuredStop,
+    measured_campaign,
+)
 from scenes.inputs import check_matlab
 from scenes.memory import MemoryLimitError
 from scenes.pose import Pose
@@ -38,6 +44,21 @@ def read_measurement(
     Raises `FileNotFoundError` where the file is missing; `ValueError` where it is no MATLAB 5 file or has
     another layout; the message names file, field, shape and what is needed.
     """
+    found = read_layout(path, Pose(np.array([0.0, 0.0, height_m]), 0.0))
+    pose, stops = found.tx, found.stops
+    pose = Pose(pose.position_m, float(pose.heading_rad + np.deg2rad(tx_offset_deg)))
+    n_stops = len(stops)
+    bias = np.zeros(n_stops) if clock_bias_m is None else np.asarray(clock_bias_m, float)
+    if bias.shape != (n_stops,):
+        raise ValueError(f"clock_bias_m: shape {bias.shape}, one value for each of {n_stops} stops is needed")
+    try:
+        return measured_campaign(pose, stops, bias, height_m)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+
+
+def read_layout(path: Path, scene_tx: Pose) -> MeasuredFile:
+    """TX and stops as the file has them, all devices at the height of `scene_tx`; raises as `read_measurement`."""
     sim = _struct(path)
     rx = _numbers(path, sim, "rx")
     n_stops = len(rx)
@@ -47,14 +68,12 @@ def read_measurement(
         _stop(path, index, rx[index], {name: cell[index] for name, cell in cells.items()})
         for index in range(n_stops)
     ]
-    pose = Pose(np.array([*tx[:2], height_m]), float(tx[2] + np.deg2rad(tx_offset_deg)))
-    bias = np.zeros(n_stops) if clock_bias_m is None else np.asarray(clock_bias_m, float)
-    if bias.shape != (n_stops,):
-        raise ValueError(f"clock_bias_m: shape {bias.shape}, one value for each of {n_stops} stops is needed")
-    try:
-        return measured_campaign(pose, stops, bias, height_m)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
+    return MeasuredFile(Pose(np.array([*tx[:2], scene_tx.position_m[2]]), float(tx[2])), stops)
+
+
+def is_layout(path: Path) -> bool:
+    """Whether a MATLAB file holds the struct `sim`; raises as `read_measurement`."""
+    return "sim" in read_variables(path)
 
 
 ABOUT = {
@@ -95,7 +114,8 @@ def count_stops(path: Path) -> int:
     return len(_numbers(path, _struct(path), "rx"))
 
 
-def _struct(path: Path) -> dict[str, Any]:
+def read_variables(path: Path) -> dict[str, Any]:
+    """The variables of a MATLAB 5 file; `FileNotFoundError`, or `ValueError` where it is none."""
     if not path.is_file():
         raise FileNotFoundError(2, "no such file", str(path))
     try:
@@ -105,8 +125,12 @@ def _struct(path: Path) -> dict[str, Any]:
         raise
     except Exception as error:  # the reader raises many types of exceptions for damaged files
         raise ValueError(f"{path}: no MATLAB 5 file ({' '.join(str(error).split())[:80]})") from error
-    names = sorted(name for name in content if not name.startswith("__"))
-    sim = content.get("sim")
+    return {name: value for name, value in content.items() if not name.startswith("__")}
+
+
+def _struct(path: Path) -> dict[str, Any]:
+    content = read_variables(path)
+    names, sim = sorted(content), content.get("sim")
     if sim is None or sim.dtype.names is None or sim.size != 1:
         raise ValueError(f"{path}: holds {', '.join(names) or 'nothing'}; one struct 'sim' is needed")
     missing = [name for name in NEEDED if name not in sim.dtype.names]

@@ -1,20 +1,20 @@
-"""A campaign as the stops of the public measurement file, and such a file made into a campaign directory.
+"""A campaign as the stops of the public measurement file, and measured paths made into a campaign directory.
 
-`mat.py` reads and writes the file itself.
+`mat.py` reads and writes the public file, `path_table.py` reads tables of paths.
 """
 
 import hashlib
-import re
-from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import get_args
 
 import numpy as np
+import tomli_w
 
 from estimation.channel.beam_power_map import BeamPowerMap
 from estimation.channel.record import ChannelEstimate
-from estimation.slam.config import MappingConfig, SnapshotConfig
+from estimation.slam.config import MappingConfig, PathNoise, SnapshotConfig
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.directory import CampaignStore, StopEstimate
 from isac_arena.campaign.load import read_scene_source
@@ -23,18 +23,22 @@ from isac_arena.campaign.measured import (
     PUBLISHED_MAX_POSITION_STD_M,
     PUBLISHED_NOISE,
     MeasuredCampaign,
+    MeasuredFile,
     MeasuredStop,
     MeasuredTruth,
     clock_walk_m,
+    measured_campaign,
 )
 from isac_arena.campaign.recording import recorded_run
 from isac_arena.campaign.side import swapped_in
-from isac_arena.exchange.mat import count_stops, read_measurement
+from isac_arena.exchange.mat import is_layout, read_layout
+from isac_arena.exchange.path_table import measured_file, read_table
 from isac_arena.scoring.record import PathKind, PathScores, PathStatus
 from scenes.config import load_scene, scene_path
 from scenes.names import name_from
-from scenes.pose import SPEED_OF_LIGHT_M_S
+from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
 from scenes.record import empty_record
+from scenes.toml_config import parse_toml
 from sim.truth import Truth
 
 METHODS = get_args(SnapshotConfig.model_fields["method"].annotation)
@@ -67,6 +71,21 @@ def labelled_stops(
     return stops
 
 
+@dataclass(frozen=True)
+class ImportOptions:
+    """How measured paths become a campaign.
+
+    `tx_offset_deg` is added to the TX heading. `clock_seed` draws a clock bias that is added to the ranges.
+    `method` is that of SLAM, `scene` the hall to score against, `noise` that of paths without a covariance.
+    """
+
+    tx_offset_deg: float = 0.0
+    clock_seed: int | None = None
+    method: str = "statistical"
+    scene: str = "campus_arena"
+    noise: PathNoise = PUBLISHED_NOISE
+
+
 def import_campaign(
     file: Path, out: Path, *, tx_offset_deg: float, clock_seed: int | None, method: str, scene: str
 ) -> int:
@@ -75,18 +94,49 @@ def import_campaign(
     Raises `ValueError` where the file has another layout, the method is unknown, or the directory holds another
     campaign.
     """
-    if method not in METHODS:
-        raise ValueError(f"--method = '{method}': must be one of {', '.join(METHODS)}")
-    height_m, bias_m = float(load_scene(scene).tx.position_m[2]), None
-    if clock_seed is not None:
-        bias_m = clock_walk_m(count_stops(file), np.random.default_rng(clock_seed))
-    source = read_scene_source(scene_path(scene))
-    campaign = read_measurement(file, tx_offset_deg=tx_offset_deg, clock_bias_m=bias_m, height_m=height_m)
+    return import_measured(file, out, ImportOptions(tx_offset_deg, clock_seed, method, scene), read_layout)
+
+
+def import_paths(file: Path, out: Path, options: ImportOptions) -> tuple[int, list[str]]:
+    """Write the campaign directory of a table of paths, or of the public file.
+
+    Returns the number of stops, and the columns that are not used. Raises as `import_campaign`.
+    """
+    if file.suffix.lower() == ".mat" and is_layout(file):
+        return import_measured(file, out, options, read_layout), []
+    unused: list[str] = []
+
+    def read(path: Path, scene_tx: Pose) -> MeasuredFile:
+        table = read_table(path)
+        unused.extend(table.unused)
+        return measured_file(table, scene_tx)
+
+    return import_measured(file, out, options, read), unused
+
+
+def import_measured(
+    file: Path, out: Path, options: ImportOptions, read: Callable[[Path, Pose], MeasuredFile]
+) -> int:
+    """Write the campaign directory of what `read` finds in a file; returns its number of stops."""
+    if options.method not in METHODS:
+        raise ValueError(f"--method = '{options.method}': must be one of {', '.join(METHODS)}")
+    source = read_scene_source(scene_path(options.scene))
+    found = read(file, load_scene(options.scene).tx)
+    n_stops = len(found.stops)
+    bias_m = np.zeros(n_stops) if found.bias_m is None else found.bias_m
+    if options.clock_seed is not None:
+        bias_m = bias_m + clock_walk_m(n_stops, np.random.default_rng(options.clock_seed))
+    tx = Pose(found.tx.position_m, found.tx.heading_rad + float(np.deg2rad(options.tx_offset_deg)))
+    try:
+        campaign = measured_campaign(tx, found.stops, bias_m, float(tx.position_m[2]), options.noise)
+    except ValueError as error:
+        raise ValueError(f"{file}: {error}") from error
+    is_known = all(stop.covariance is not None for stop in found.stops)
     store = CampaignStore(
         directory=out,
-        config=settings(name_from(file.stem), method),
+        config=settings(name_from(file.stem), options.method, None if is_known else options.noise),
         scene_text=scene_text(source.text, campaign),
-        measured=_origin(file, tx_offset_deg, clock_seed),
+        measured=_origin(file, options),
         scene_files=source.files,
     )
     with one_run(out), recorded_run(out), swapped_in(store) as beside:
@@ -96,42 +146,36 @@ def import_campaign(
             beside.write_truth(truth)
             no_power_map = replace(empty_record(BeamPowerMap), stop=channel.stop)
             beside.write_channel(StopEstimate(channel, no_power_map))
-    return len(campaign.truths)
+    return n_stops
 
 
-def settings(name: str, method: str) -> CampaignConfig:
-    """Settings of a measured campaign: all paths have the published covariance, as the file holds none."""
+def settings(name: str, method: str, noise: PathNoise | None) -> CampaignConfig:
+    """Settings of a measured campaign: with `noise` all paths have it, without their own covariances count."""
+    if noise is None:
+        return CampaignConfig(name=name, scene="measured", slam=SnapshotConfig.model_validate({"method": method}))
     slam = SnapshotConfig.model_validate(
-        {"method": method, "noise": PUBLISHED_NOISE, "max_position_std_m": PUBLISHED_MAX_POSITION_STD_M}
+        {"method": method, "noise": noise, "max_position_std_m": PUBLISHED_MAX_POSITION_STD_M}
     )
-    mapping = MappingConfig(noise=PUBLISHED_NOISE)
-    return CampaignConfig(name=name, scene="measured", mapping=mapping, slam=slam)
+    return CampaignConfig(name=name, scene="measured", mapping=MappingConfig(noise=noise), slam=slam)
 
 
 def scene_text(text: str, campaign: MeasuredCampaign) -> str:
     """A scene file with the measured TX and receiver stops in place of its own."""
-    position, height_m = campaign.tx.position_m, float(campaign.tx.position_m[2])
-    stops = [truth.rx_pose for truth in campaign.truths]
-    headings = {stop.heading_rad for stop in stops}
-    if len(headings) > 1:
-        raise ValueError("sim.rx: the heading changes; only one heading for all stops is known")
-    points = ",\n".join(f"    [{x!r}, {y!r}]" for x, y, _ in (stop.position_m.tolist() for stop in stops))
-    tx = f"position_m = {position.tolist()}\nheading_deg = {float(np.rad2deg(campaign.tx.heading_rad))!r}\n"
-    walk = f"waypoints_m = [\n{points},\n]\nheight_m = {height_m!r}\n"
-    walk += f"heading_deg = {float(np.rad2deg(headings.pop()))!r}\n"
-    return _with_table(_with_table(text, "tx", tx), "walk", walk)
+    tables = parse_toml(text)
+    for name in ("tx", "txs", "walk", "walks"):
+        tables.pop(name, None)
+    poses = [
+        [*truth.rx_pose.position_m.tolist(), float(np.rad2deg(truth.rx_pose.heading_rad))]
+        for truth in campaign.truths
+    ]
+    heading_deg = float(np.rad2deg(campaign.tx.heading_rad))
+    tables["tx"] = {"position_m": campaign.tx.position_m.tolist(), "heading_deg": heading_deg}
+    tables["walk"] = {"type": "poses", "poses": poses}
+    return tomli_w.dumps(tables)
 
 
-def _with_table(text: str, name: str, body: str) -> str:
-    """TOML with the content of one table replaced."""
-    pattern = re.compile(rf"^\[{name}\][^\n]*\n.*?(?=^\[[^\n]*\]|\Z)", re.MULTILINE | re.DOTALL)
-    replaced, count = pattern.subn(lambda _: f"[{name}]\n{body}\n", text)
-    if count != 1:
-        raise ValueError(f"scene: the table [{name}] is found {count} times, once is needed")
-    return replaced
-
-
-def _origin(file: Path, tx_offset_deg: float, clock_seed: int | None) -> str:
+def _origin(file: Path, options: ImportOptions) -> str:
     digest = hashlib.sha256(file.read_bytes()).hexdigest()[:16]
-    clock = "as in the file" if clock_seed is None else f"10 m and a random walk, seed {clock_seed}"
-    return f"{file.name} (sha256 {digest}), TX heading offset {tx_offset_deg:g} deg, clock {clock}"
+    seed = options.clock_seed
+    clock = "as in the file" if seed is None else f"10 m and a random walk, seed {seed}"
+    return f"{file.name} (sha256 {digest}), TX heading offset {options.tx_offset_deg:g} deg, clock {clock}"

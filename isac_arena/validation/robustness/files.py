@@ -4,12 +4,18 @@ import json
 import random
 import zipfile
 from collections.abc import Callable
+from dataclasses import dataclass, fields
 from io import BytesIO
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from scipy.io import netcdf_file, savemat
 
+from isac_arena.campaign.netcdf import to_netcdf
 from scenes.meshes.mesh import mesh_bytes
+from scenes.record import FloatArray, IntArray, Record, array
 
 Damage = Callable[[bytes, random.Random], bytes | None]
 
@@ -48,6 +54,48 @@ PLANS = ("csv", "geojson")
 CORNERS_M = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], float) - 0.2  # of a tetrahedron
 FACES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
 MESHES = ("obj", "stl", "ply", "off", "glb", "zip")
+
+
+@dataclass(frozen=True)
+class MadePaths(Record):
+    """A table of measured paths: two at each of two stops."""
+
+    stop: IntArray = array("path", dtype=int)
+    range_m: FloatArray = array("path", unit="m")
+    aod_azimuth_rad: FloatArray = array("path", unit="rad")
+    aoa_azimuth_rad: FloatArray = array("path", unit="rad")
+    power_dbm: FloatArray = array("path", unit="dBm")
+    rx_x_m: FloatArray = array("path", unit="m")
+    rx_y_m: FloatArray = array("path", unit="m")
+    rx_heading_rad: FloatArray = array("path", unit="rad")
+
+
+PATHS = MadePaths(
+    np.array([0, 0, 1, 1]), np.array([4.0, 6.0, 5.0, 7.0]), np.array([0.1, 0.2, 0.3, 0.4]),
+    np.array([-0.1, -0.2, -0.3, -0.4]), np.array([-40.0, -50.0, -45.0, -55.0]), np.array([4.0, 4.0, 5.0, 5.0]),
+    np.full(4, 2.0), np.zeros(4),
+)  # fmt: skip
+TABLES = ("csv", "parquet", "mat", "nc", "h5")
+
+
+def write_tables(folder: Path) -> list[str]:
+    """A table of measured paths in every format; returns the names of the files."""
+    columns = {spec.name: getattr(PATHS, spec.name) for spec in fields(PATHS)}
+    rows = zip(*(value.tolist() for value in columns.values()), strict=True)
+    lines = [",".join(columns), *(",".join(map(str, row)) for row in rows)]
+    (folder / "paths.csv").write_text("\n".join(lines), encoding="utf-8")
+    packed = BytesIO()
+    pq.write_table(pa.table({name: pa.array(value) for name, value in columns.items()}), packed)
+    (folder / "paths.parquet").write_bytes(packed.getvalue())
+    saved = BytesIO()
+    savemat(saved, columns, do_compression=True)
+    (folder / "paths.mat").write_bytes(saved.getvalue())
+    (folder / "paths.h5").write_bytes(to_netcdf(PATHS, {}))
+    with netcdf_file(folder / "paths.nc", "w") as stored:
+        stored.createDimension("path", len(PATHS.stop))
+        for name, value in columns.items():
+            stored.createVariable(name, "f8", ("path",))[:] = value
+    return [f"paths.{kind}" for kind in TABLES]
 
 
 def write_inputs(folder: Path) -> list[str]:

@@ -14,7 +14,7 @@ from isac_arena.campaign.config import CampaignConfig
 from isac_arena.sweep.config import SweepConfig
 from isac_arena.sweep.plan import make_plan
 from isac_arena.validation.robustness.attempt import Trial, attempt, call, command, tree
-from isac_arena.validation.robustness.files import DAMAGES, write_inputs
+from isac_arena.validation.robustness.files import DAMAGES, write_inputs, write_tables
 from isac_arena.validation.robustness.made import write_campaign
 from isac_arena.validation.robustness.schemas import attacks
 from scenes.config import SceneConfig
@@ -93,7 +93,7 @@ def try_settings(box: Path, rng: random.Random, count: int | None) -> Iterator[T
 def try_files(box: Path, rng: random.Random, count: int | None) -> Iterator[Trial]:
     """Damage every input file and read it with the command that its settings are for."""
     with Sandbox(box) as sandbox:
-        settings = write_inputs(sandbox.work)
+        settings = [*write_inputs(sandbox.work), *write_tables(sandbox.work)]
         kept = tree(sandbox.work)
     cases = [
         (name, file, damage)
@@ -105,15 +105,15 @@ def try_files(box: Path, rng: random.Random, count: int | None) -> Iterator[Tria
     for name, file, damage in cases if count is None else rng.sample(cases, count):
         with Sandbox(box) as sandbox:
             write_inputs(sandbox.work)
+            write_tables(sandbox.work)
             content = DAMAGES[damage](kept[file], rng)
             (sandbox.work / file).unlink() if content is None else (sandbox.work / file).write_bytes(content)
             path = sandbox.work / name
-            is_scene = name.startswith("scene")
-            run = (
-                command("scene", "export", name, "--format", "glb", "--out", "out/s.glb")
-                if is_scene
-                else call(prepare_campaign, path)
-            )
+            verbs = {
+                "scene": command("scene", "export", name, "--format", "glb", "--out", "out/s.glb"),
+                "paths": command("import-paths", name, "--out", "out", "--scene", "room.toml"),
+            }
+            run = verbs.get(name[:5], call(prepare_campaign, path))
             yield sandbox.attempt(f"{name}: {damage} {file}", run)
 
 

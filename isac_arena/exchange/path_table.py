@@ -1,0 +1,333 @@
+"""Tables of measured paths, a row per path: columns with units, made into stops."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from isac_arena.campaign.measured import MeasuredFile, MeasuredStop
+from isac_arena.exchange.path_columns import read_columns
+from scenes.pose import LARGEST_LENGTH_M, SPEED_OF_LIGHT_M_S, Pose
+from scenes.record import BoolArray, FloatArray, IntArray
+from scenes.walks.tum import MAX_STOPS
+
+C = SPEED_OF_LIGHT_M_S
+ANGLE = {"rad": 1.0, "deg": float(np.pi / 180)}
+DELAY = {"delay_s": C, "delay_ns": 1e-9 * C, "range_m": 1.0}  # in m
+PARAMETERS = ("delay", "aod_azimuth", "aoa_azimuth", "aod_elevation", "aoa_elevation")
+LABELS = {"": 0, "none": 0, "other": 0, "los": 1, "single_bounce": 2}
+MIN_STD_M, MIN_STD_RAD = 1e-6, 1e-7  # smaller ones are rounding, or another unit
+
+# Every column with its meaning; docs/exchange.md has the same list.
+COLUMNS: dict[str, str] = {
+    "stop": "whole number of the stop",
+    "delay_s, delay_ns or range_m": "time of arrival with the clock bias, or its length",
+    "aod_azimuth_rad or _deg": "azimuth of departure, relative to the TX heading",
+    "aoa_azimuth_rad or _deg": "azimuth of arrival, relative to the receiver's heading",
+    "power_dbm": "received power",
+    "rx_x_m, rx_y_m": "surveyed position of the receiver, the same in all rows of a stop",
+    "rx_heading_rad or _deg": "its heading in the world frame",
+    "rx_z_m": "optional: its height; by default that of the TX",
+    "tx_x_m, tx_y_m, tx_heading_rad or _deg": "optional: pose of the TX, the same in all rows; else the scene's",
+    "tx_z_m": "optional: its height; else the scene's",
+    "clock_bias_s or _ns": "optional: true clock bias of the stop, which the delays contain; by default 0",
+    "aod_elevation_rad or _deg, aoa_elevation_rad or _deg": "optional, both: elevations",
+    "delay_std_s, delay_std_ns or range_std_m": "optional: standard deviation",
+    "aod_azimuth_std_rad or _deg, and aoa_azimuth, aod_elevation, aoa_elevation": "optional: the same of angles",
+    "correlation_delay_aod_azimuth, and of all other pairs": "optional: correlations of the errors, by default 0",
+    "is_los": "optional: 1 where the estimator took the path as line of sight; by default the label",
+    "label": "optional: los, single_bounce or none; as numbers 1, 2, 0",
+    "ip_x_m, ip_y_m": "optional: true incidence point of a labelled single bounce",
+}
+
+
+@dataclass(frozen=True)
+class MeasuredTable:
+    """The columns of a file, one value per path, and the names of those that are not used."""
+
+    file: Path
+    columns: dict[str, NDArray[Any]]
+
+    @property
+    def unused(self) -> list[str]:
+        """Columns that no setting of the list names."""
+        known = set(_known_names())
+        return sorted(set(self.columns) - known)
+
+    def has(self, *names: str) -> bool:
+        """Whether one of these columns is there."""
+        return any(name in self.columns for name in names)
+
+    def numbers(self, name: str) -> FloatArray:
+        """A column as numbers; `ValueError` where it holds something else."""
+        value = self.columns[name]
+        try:
+            return np.asarray(value, float)
+        except (ValueError, TypeError):
+            row = next(row for row, one in enumerate(value.tolist()) if not _is_number(one))
+            raise self.wrong(row, name, value[row], "must be a number") from None
+
+    def scaled(self, units: dict[str, float], what: str) -> FloatArray | None:
+        """The one column of several units that is there, in the unit of factor 1; None where there is none."""
+        found = [name for name in units if name in self.columns]
+        if len(found) > 1:
+            raise ValueError(f"{self.file}: {found[0]}, {found[1]}: two columns for the same; leave one out")
+        if not found:
+            return None
+        value = self.numbers(found[0])
+        bad = np.flatnonzero(~np.isfinite(value))
+        if len(bad):
+            raise self.wrong(int(bad[0]), found[0], value[bad[0]], "must be finite")
+        del what
+        return value if units[found[0]] == 1.0 else value * units[found[0]]
+
+    def needed(self, units: dict[str, float]) -> FloatArray:
+        """As `scaled`, for a column that has to be there."""
+        value = self.scaled(units, "")
+        if value is None:
+            wanted = " or ".join(units)
+            close = get_close_matches(next(iter(units)), self.columns, n=1)
+            hint = f"; did you mean that by '{close[0]}'?" if close else f"; there are {', '.join(self.columns)}"
+            raise ValueError(f"{self.file}: the column {wanted} is missing{hint[:300]}")
+        return value
+
+    def angle(self, name: str, *, needed: bool = False) -> FloatArray | None:
+        """An angle in rad."""
+        units = {f"{name}_{unit}": factor for unit, factor in ANGLE.items()}
+        return self.needed(units) if needed else self.scaled(units, name)
+
+    def wrong(self, row: int, name: str, value: object, allowed: str) -> ValueError:
+        """An error that names file, row (from 1), column and value."""
+        return ValueError(f"{self.file}: row {row + 1}: {name} = {str(value)[:80]}: {allowed}")
+
+
+def read_table(file: Path) -> MeasuredTable:
+    """The table in a CSV, Parquet, MATLAB or netCDF file; `ValueError`, one line, where it holds none."""
+    columns = read_columns(file)
+    sizes = {name: len(value) for name, value in columns.items()}
+    first = next(iter(sizes), None)
+    if first is None or not sizes[first]:
+        raise ValueError(f"{file}: holds no rows; a table of paths is needed")
+    for name, size in sizes.items():
+        if size != sizes[first]:
+            raise ValueError(
+                f"{file}: {name} has {size} values, {first} has {sizes[first]}: one per path is needed"
+            )
+    return MeasuredTable(file, columns)
+
+
+def measured_file(table: MeasuredTable, scene_tx: Pose) -> MeasuredFile:
+    """The TX and the stops of a table, numbered in the order of their numbers in it; what is missing of the TX is
+    that of the scene. Raises `ValueError`: file, row, column, value and what is allowed.
+    """
+    stop = table.needed({"stop": 1.0})
+    odd = np.flatnonzero(stop != np.round(stop))
+    if len(odd):
+        raise table.wrong(int(odd[0]), "stop", stop[odd[0]], "must be a whole number")
+    numbers, first, index = np.unique(stop, return_index=True, return_inverse=True)
+    if len(numbers) > MAX_STOPS:
+        raise ValueError(f"{table.file}: holds {len(numbers)} stops, at most {MAX_STOPS} are read")
+    tx = _tx_pose(table, scene_tx)
+    rx = _receivers(table, first, index, float(tx.position_m[2]))
+    bias_s = table.scaled({"clock_bias_s": 1.0, "clock_bias_ns": 1e-9}, "clock")
+    range_m = table.needed(DELAY)
+    if bias_s is not None:
+        _same_at_stops(table, "clock_bias", bias_s, first, index)
+        range_m = range_m - C * bias_s
+    azimuths = [table.angle(name, needed=True) for name in ("aod_azimuth", "aoa_azimuth")]
+    measured = np.column_stack([range_m, *(one for one in azimuths if one is not None)])
+    rows = _PathRows(
+        measured=measured,
+        power_dbm=table.needed({"power_dbm": 1.0}),
+        label=_labels(table),
+        landmark_m=_landmarks(table),
+        elevation_rad=_elevations(table),
+        covariance=_covariances(table),
+        is_los=_flags(table, "is_los"),
+    )
+    order = np.argsort(index, kind="stable")
+    at_stops = np.split(order, np.cumsum(np.bincount(index, minlength=len(numbers)))[:-1])
+    stops = [rows.stop(members, rx[k]) for k, members in enumerate(at_stops)]
+    return MeasuredFile(tx, stops, None if bias_s is None else C * bias_s[first])
+
+
+@dataclass(frozen=True)
+class _PathRows:
+    """The columns of all paths, in SI units."""
+
+    measured: FloatArray
+    power_dbm: FloatArray
+    label: IntArray
+    landmark_m: FloatArray
+    elevation_rad: FloatArray | None
+    covariance: FloatArray | None
+    is_los: BoolArray | None
+
+    def stop(self, rows: IntArray, rx: FloatArray) -> MeasuredStop:
+        """The stop of some rows, with the receiver's x, y, z and heading."""
+        is_single = self.label[rows] == LABELS["single_bounce"]
+        return MeasuredStop(
+            rx=np.array([rx[0], rx[1], rx[3]]),
+            measured=self.measured[rows],
+            power_dbm=self.power_dbm[rows],
+            is_los=self.label[rows] == LABELS["los"],
+            is_single_bounce=is_single,
+            landmark_m=np.where(is_single[:, None], self.landmark_m[rows], np.nan),
+            height_m=float(rx[2]),
+            covariance=None if self.covariance is None else self.covariance[rows],
+            elevation_rad=None if self.elevation_rad is None else self.elevation_rad[rows],
+            is_los_estimate=None if self.is_los is None else self.is_los[rows],
+        )
+
+
+def _tx_pose(table: MeasuredTable, scene_tx: Pose) -> Pose:
+    x_m, y_m = (table.scaled({f"tx_{axis}_m": 1.0}, axis) for axis in "xy")
+    heading_rad = table.angle("tx_heading")
+    height_m = table.scaled({"tx_z_m": 1.0}, "z")
+    given = {"tx_x_m": x_m, "tx_y_m": y_m, "tx_heading": heading_rad}
+    missing = [name for name, value in given.items() if value is None]
+    if 0 < len(missing) < len(given):
+        raise ValueError(
+            f"{table.file}: {missing[0]} is missing: give tx_x_m, tx_y_m and tx_heading, or none of them"
+        )
+    for name, value in {**given, "tx_z_m": height_m}.items():
+        if value is not None and np.any(value != value[0]):
+            row = int(np.argmax(value != value[0]))
+            raise table.wrong(row, name, value[row], "the TX moves; only a TX at rest is known")
+    z_m = scene_tx.position_m[2] if height_m is None else height_m[0]
+    if x_m is None or y_m is None or heading_rad is None:
+        return Pose(np.array([*scene_tx.position_m[:2], z_m]), scene_tx.heading_rad)
+    return Pose(np.array([x_m[0], y_m[0], z_m]), float(heading_rad[0]))
+
+
+def _receivers(table: MeasuredTable, first: IntArray, index: IntArray, tx_height_m: float) -> FloatArray:
+    """x, y, z and heading (stop, 4) of the receiver."""
+    heading_rad = table.angle("rx_heading", needed=True)
+    columns = [table.needed({f"rx_{axis}_m": 1.0}) for axis in "xy"]
+    height_m = table.scaled({"rx_z_m": 1.0}, "z")
+    height_m = np.full(len(index), tx_height_m) if height_m is None else height_m
+    assert heading_rad is not None
+    for name, value in (("rx_x_m", columns[0]), ("rx_y_m", columns[1]), ("rx_z_m", height_m)):
+        far = np.flatnonzero(np.abs(value) > LARGEST_LENGTH_M)
+        if len(far):
+            raise table.wrong(int(far[0]), name, value[far[0]], f"must be within {LARGEST_LENGTH_M:g} m")
+    named = {"rx_x_m": columns[0], "rx_y_m": columns[1], "rx_z_m": height_m, "rx_heading": heading_rad}
+    for name, value in named.items():
+        _same_at_stops(table, name, value, first, index)
+    return np.column_stack(list(named.values()))[first]
+
+
+def _same_at_stops(table: MeasuredTable, name: str, value: FloatArray, first: IntArray, index: IntArray) -> None:
+    other = np.flatnonzero(value != value[first][index])
+    if len(other):
+        row = int(other[0])
+        start = int(first[index[row]]) + 1
+        raise table.wrong(row, name, value[row], f"differs from row {start} of the same stop")
+
+
+def _elevations(table: MeasuredTable) -> FloatArray | None:
+    both = [table.angle(name) for name in ("aod_elevation", "aoa_elevation")]
+    found = [one for one in both if one is not None]
+    if len(found) == 1:
+        raise ValueError(f"{table.file}: aod_elevation, aoa_elevation: give both, or none of them")
+    return np.column_stack(found) if found else None
+
+
+def _covariances(table: MeasuredTable) -> FloatArray | None:
+    """Covariances (path, 3, 3), or (path, 5, 5) with elevations, in (s, rad, ...)^2; None where none are given."""
+    names = PARAMETERS if table.has("aod_elevation_rad", "aod_elevation_deg") else PARAMETERS[:3]
+    std: list[FloatArray] = []
+    for name in names:
+        if name == "delay":
+            value = table.scaled({"delay_std_s": C, "delay_std_ns": 1e-9 * C, "range_std_m": 1.0}, name)
+        else:
+            value = table.angle(f"{name}_std")
+        if value is not None:
+            least = MIN_STD_M if name == "delay" else MIN_STD_RAD
+            low = np.flatnonzero(value < least)
+            if len(low):
+                unit = "m" if name == "delay" else "rad"
+                raise table.wrong(
+                    int(low[0]), f"{name}_std", f"{value[low[0]]:g} {unit}", f"must be {least:g} at least"
+                )
+            std.append(value)
+    if not std:
+        return None
+    if len(std) < len(names):
+        wanted = ", ".join(f"{name}_std" for name in names)
+        raise ValueError(f"{table.file}: give the standard deviations of all parameters, or of none: {wanted}")
+    shares = np.tile(np.eye(len(names)), (len(std[0]), 1, 1))
+    for row, one in enumerate(names):
+        for column, other in enumerate(names[:row]):
+            value = table.scaled({f"correlation_{other}_{one}": 1.0}, one)
+            if value is not None:
+                shares[:, row, column] = shares[:, column, row] = value
+    bad = np.flatnonzero(np.linalg.eigvalsh(shares).min(axis=1) <= 0)
+    if len(bad):
+        raise table.wrong(int(bad[0]), "correlation", "they", "must make a positive definite covariance")
+    std[0] = std[0] / C
+    scale = np.column_stack(std)
+    return np.asarray(shares * scale[:, :, None] * scale[:, None, :])
+
+
+def _labels(table: MeasuredTable) -> IntArray:
+    if "label" not in table.columns:
+        n = len(next(iter(table.columns.values())))
+        return np.zeros(n, int)
+    found = np.zeros(len(table.columns["label"]), int)
+    for row, value in enumerate(table.columns["label"].tolist()):
+        known = _label(value)
+        if known is None:
+            raise table.wrong(row, "label", value, "must be los, single_bounce or none; or 1, 2, 0")
+        found[row] = known
+    return found
+
+
+def _label(value: Any) -> int | None:
+    if isinstance(value, str):
+        word = value.strip().lower()
+        return LABELS.get(word, int(word) if word in ("0", "1", "2") else None)
+    if value is None or str(value) == "nan":  # an empty cell
+        return 0
+    return int(value) if value in (0, 1, 2) else None
+
+
+def _flags(table: MeasuredTable, name: str) -> BoolArray | None:
+    if name not in table.columns:
+        return None
+    value = table.numbers(name)
+    bad = np.flatnonzero((value != 0) & (value != 1))
+    if len(bad):
+        raise table.wrong(int(bad[0]), name, value[bad[0]], "must be 0 or 1")
+    return np.asarray(value == 1)
+
+
+def _landmarks(table: MeasuredTable) -> FloatArray:
+    n = len(next(iter(table.columns.values())))
+    columns = [table.numbers(f"ip_{axis}_m") for axis in "xy" if table.has(f"ip_{axis}_m")]
+    if len(columns) == 1:
+        raise ValueError(f"{table.file}: ip_x_m, ip_y_m: give both, or none of them")
+    return np.column_stack(columns) if columns else np.full((n, 2), np.nan)
+
+
+def _is_number(value: Any) -> bool:
+    try:
+        float(value)
+    except (ValueError, TypeError):
+        return False
+    return True
+
+
+def _known_names() -> Sequence[str]:
+    """All column names that are read."""
+    angles = ["aod_azimuth", "aoa_azimuth", "aod_elevation", "aoa_elevation", "rx_heading", "tx_heading"]
+    angles += [f"{name}_std" for name in PARAMETERS[1:]]
+    plain = ["stop", "power_dbm", "is_los", "label", "clock_bias_s", "clock_bias_ns", "ip_x_m", "ip_y_m"]
+    plain += [f"{end}_{axis}_m" for end in ("tx", "rx") for axis in "xyz"]
+    plain += [*DELAY, "delay_std_s", "delay_std_ns", "range_std_m"]
+    pairs = [f"correlation_{one}_{other}" for k, one in enumerate(PARAMETERS) for other in PARAMETERS[k + 1 :]]
+    return [*plain, *pairs, *(f"{name}_{unit}" for name in angles for unit in ANGLE)]
