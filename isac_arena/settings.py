@@ -133,8 +133,9 @@ def _tables(
 def _referenced(root: Mapping[str, Any], field: Mapping[str, Any]) -> Iterator[tuple[Mapping[str, Any], str]]:
     """Schemas of the tables that a field holds, and the form of their heading: one, a list of them, or by name."""
     for variant in _variants(field):
-        if "$ref" in variant:
-            yield root["$defs"][variant["$ref"].rpartition("/")[2]], "[{}]"
+        table = root["$defs"][variant["$ref"].rpartition("/")[2]] if "$ref" in variant else {}
+        if "properties" in table:  # else it holds any value
+            yield table, "[{}]"
         for key, heading in (("items", "[[{}]]"), ("additionalProperties", "[{}.NAME]")):
             if isinstance(variant.get(key), dict):
                 yield from ((part, heading) for part, _ in _referenced(root, variant[key]))

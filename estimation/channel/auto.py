@@ -24,8 +24,8 @@ from estimation.channel.coherent.pair_errors import PairErrors
 from estimation.channel.config import MaximumLikelihoodConfig
 from estimation.channel.fit import PathFit
 from estimation.channel.incoherent.clock_drift import without_drift
-from estimation.channel.incoherent.paths import IncoherentFit, fit_incoherent
-from estimation.channel.phases.pairs import phases_against, phases_of
+from estimation.channel.incoherent.paths import fit_incoherent
+from estimation.channel.phases.pairs import PairPhases, phases_against, phases_of
 from estimation.channel.phases.ramp import LARGEST_RESIDUAL_RAD, PhaseRamp, fit_phase_ramp, without_phase_ramp
 from estimation.channel.phases.track import PhaseTrack, track_phases
 from sim.observation import BeamSweep
@@ -55,40 +55,64 @@ def fit_auto(sweep: BeamSweep, config: MaximumLikelihoodConfig | None = None) ->
     config = config or MaximumLikelihoodConfig()
     few = config.model_copy(update={"max_paths": min(config.max_paths, _TELLING_PATHS)})
     incoherent = fit_incoherent(sweep, few)
+    steady = without_drift(sweep, incoherent.drift_s)
     ramp = fit_phase_ramp(phases_of(incoherent))
+    coherent, tracked = None, None
     if ramp.is_coherent or ramp.residual_rad <= DOUBTFUL_RAD:
-        steady = without_drift(sweep, incoherent.drift_s)
         joint = ramp if ramp.is_coherent else _joint_ramp(steady, ramp, few)
-        coherent = fit_over_background(without_phase_ramp(steady, joint.tx_step_rad, joint.rx_step_rad), config)
-        if not ramp.is_coherent:
-            joint = fit_phase_ramp(phases_against(steady, coherent))
-        if len(coherent) and joint.is_coherent:
-            offset_hz = _frequency_offset_hz(sweep, joint)
-            return AutoFit(coherent, "coherent", joint, offset_hz, "coherent: " + _words(joint, offset_hz))
-    tracked = _tracked_fit(without_drift(sweep, incoherent.drift_s), incoherent, config)
+        coherent = _coherent(steady, joint, config, is_sure=ramp.is_coherent)
+    if coherent is None:
+        tracked = _tracked(steady, phases_of(incoherent), config, _TRACKING_PATHS)
     if tracked is not None:
-        fit, track = tracked
-        offset_hz = _frequency_offset_hz(sweep, ramp)
-        return AutoFit(fit, "tracked", ramp, offset_hz, "coherent, pair phases tracked: " + _track_words(track))
+        joint = fit_phase_ramp(tracked.pairs)
+        coherent = _coherent(steady, joint, config, is_sure=False) if joint.is_coherent else None
+        tracked = tracked if coherent else _tracked(steady, tracked.pairs, config, (config.max_paths,))
+    if coherent is not None:
+        return coherent
+    offset_hz = _frequency_offset_hz(sweep, ramp)
+    if tracked is not None:
+        words = "coherent, pair phases tracked: " + _track_words(tracked.track)
+        return AutoFit(tracked.fit, "tracked", ramp, offset_hz, words)
     if few.max_paths <= len(incoherent) < config.max_incoherent_paths:
         incoherent = fit_incoherent(sweep, config)
-    offset_hz = _frequency_offset_hz(sweep, ramp)
     words = "; ".join(part for part in (_words(ramp, offset_hz), incoherent.caveat) if part)
     return AutoFit(incoherent, "incoherent", ramp, offset_hz, "incoherent: " + words)
 
 
-def _tracked_fit(
-    sweep: BeamSweep, incoherent: IncoherentFit, config: MaximumLikelihoodConfig
-) -> tuple[PathFit, PhaseTrack] | None:
-    """The coherent paths of a sweep with tracked pair phases, and the phases; None where they wander too fast.
+def _coherent(
+    sweep: BeamSweep, ramp: PhaseRamp, config: MaximumLikelihoodConfig, *, is_sure: bool
+) -> AutoFit | None:
+    """The coherent fit without the ramp; None if it has no paths, or if its phases do not hold and must."""
+    fit = fit_over_background(without_phase_ramp(sweep, ramp.tx_step_rad, ramp.rx_step_rad), config)
+    if not is_sure:
+        ramp = fit_phase_ramp(phases_against(sweep, fit))
+    if not (len(fit) and ramp.is_coherent):
+        return None
+    offset_hz = _frequency_offset_hz(sweep, ramp)
+    return AutoFit(fit, "coherent", ramp, offset_hz, "coherent: " + _words(ramp, offset_hz))
+
+
+@dataclass(frozen=True)
+class _Tracked:
+    """A coherent fit with tracked phases, and the phases of the sweep against its paths."""
+
+    fit: PathFit
+    track: PhaseTrack
+    pairs: PairPhases
+
+
+def _tracked(
+    sweep: BeamSweep, pairs: PairPhases, config: MaximumLikelihoodConfig, limits: tuple[int, ...]
+) -> _Tracked | None:
+    """The coherent paths of a sweep with tracked pair phases; None where they wander too fast.
 
     Phases and paths are estimated in turn, with more and more paths: those that are not yet found turn the phases
     of the pairs that they light. What the paths leave of a pair is its noise.
     """
-    pairs, found = phases_of(incoherent), None
-    for limit in (*_TRACKING_PATHS, config.max_paths):
+    found = None
+    for limit in limits:
         track = track_phases(pairs)
-        if track.error_rad > (DOUBTFUL_RAD if found is None else _TRACKED_RAD):
+        if track.error_rad > (DOUBTFUL_RAD if pairs.excess is None else _TRACKED_RAD):
             return None
         turned = replace(
             sweep, samples=sweep.samples * np.exp(-1j * track.phase_rad).astype(np.complex64)[..., None]
@@ -98,7 +122,8 @@ def _tracked_fit(
         fit = fit_over_background(turned, some, pair_errors=errors)
         if not len(fit):
             return None
-        found, pairs = (fit, track), phases_against(sweep, fit)
+        pairs = phases_against(sweep, fit)
+        found = _Tracked(fit, track, pairs)
     return found
 
 

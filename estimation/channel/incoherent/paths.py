@@ -28,6 +28,8 @@ from scenes.pose import wrap_angle
 from scenes.record import BoolArray, FloatArray, IntArray, array
 from sim.observation import BeamSweep
 
+UNRESOLVED_VARIANCE = 1.0  # of a delay in bins, above which paths in one place share what is known of them
+
 
 @dataclass(frozen=True)
 class IncoherentFit(PathFit):
@@ -101,7 +103,8 @@ def fit_incoherent(
     if at is None:
         return _empty(sweep, empty_fit(tx.n_angles, rx.n_angles, "no_paths"))
     fit = _assemble(sweep, search, paths, at)
-    return replace(fit, is_weak=companions(fit, tx, rx))
+    is_lost = fit.covariance[:, 0, 0] > UNRESOLVED_VARIANCE * spectrum.bin_s**2
+    return replace(fit, is_weak=companions(fit, tx, rx) | is_lost)
 
 
 def _assemble(sweep: BeamSweep, search: IncoherentSearch, paths: FloatArray, at: Score) -> IncoherentFit:
@@ -113,7 +116,7 @@ def _assemble(sweep: BeamSweep, search: IncoherentSearch, paths: FloatArray, at:
     order = np.argsort(delay_bins, kind="stable")
     information = at.information.reshape(n, size, n, size)[order][:, :, order]
     paths, delay_bins, spread = paths[order], delay_bins[order], spread[order]
-    block = np.einsum("iaib->iab", path_covariance(information))[:, :-2, :-2]
+    block = _observable(np.einsum("iaib->iab", path_covariance(information))[:, :-2, :-2], spectrum.n_bins)
     if search.background is not None:
         block = block * search.background.covariance_factor(ends, paths)[:, None, None]
         block[:, 1:, 1:] += search.background.errors.angle_covariance(ends, paths)
@@ -148,6 +151,15 @@ def _assemble(sweep: BeamSweep, search: IncoherentSearch, paths: FloatArray, at:
         log_likelihood_ratio=at.value,
         drift_s=search.drift_s,
     )
+
+
+def _observable(covariance: FloatArray, n_bins: int) -> FloatArray:
+    """Covariances (path, parameter, parameter) with unobservable parameters as uniform over period or circle."""
+    uniform = np.full(covariance.shape[1], (2 * np.pi) ** 2 / 12)
+    uniform[0] = n_bins**2 / 12
+    lost = ~np.isfinite(np.einsum("iaa->ia", covariance))
+    kept = np.where(lost[:, :, None] | lost[:, None], 0.0, covariance)
+    return np.asarray(kept + np.where(lost, uniform, 0.0)[:, :, None] * np.eye(len(uniform)))
 
 
 def _empty(sweep: BeamSweep, fit: PathFit) -> IncoherentFit:

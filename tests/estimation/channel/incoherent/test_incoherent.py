@@ -5,7 +5,7 @@ import pytest
 
 from estimation.channel.coherent.plan import NEAR_SHARE
 from estimation.channel.config import MaximumLikelihoodConfig
-from estimation.channel.incoherent.paths import fit_incoherent
+from estimation.channel.incoherent.paths import _observable, fit_incoherent
 from estimation.channel.incoherent.threshold import DetectionLevels, null_tail
 from estimation.channel.model.false_alarms import (
     delay_curvatures,
@@ -121,3 +121,11 @@ def test_bad_samples_are_refused_in_one_line() -> None:
         fit_incoherent(replace(sweep, samples=samples))
     with pytest.raises(ValueError, match="2 subcarriers"):
         fit_incoherent(sweep.take("subcarrier", slice(0, 1)))
+
+
+def test_what_cannot_be_observed_is_uniform_and_finite() -> None:
+    covariance = np.stack([np.diag([0.1, 0.2, 0.3]), np.full((3, 3), np.nan)])
+    covariance[1, 0, 0] = np.inf
+    kept, lost = _observable(covariance, 100)
+    np.testing.assert_array_equal(kept, covariance[0])
+    np.testing.assert_allclose(lost, np.diag([100**2, (2 * np.pi) ** 2, (2 * np.pi) ** 2]) / 12)

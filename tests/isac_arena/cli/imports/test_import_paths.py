@@ -17,7 +17,7 @@ from isac_arena.exchange.mat import read_layout
 from isac_arena.exchange.path_table import COLUMNS, MeasuredTable, _known_names, measured_file, read_table
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
 from tests.command_line import ROOT, arena_here, failure
-from tests.isac_arena.cli.test_import_mat import made_up_file
+from tests.isac_arena.cli.imports.test_import_mat import made_up_file
 
 SCENE_TX = Pose(np.array([1.0, 2.0, 1.8]), 0.5)
 LABELS = np.array(["none", "los", "single_bounce"])
