@@ -1,14 +1,12 @@
 """The checks behind `arena validate channel`: seams, helpers, and a user's estimator in place of ours."""
 
-import sys
-from types import ModuleType
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
 from estimation.channel.model.compress import compress
-from estimation.channel.record import ChannelEstimate, EstimateStatus, empty_estimate
+from estimation.channel.record import ChannelEstimate
+from isac_arena.user_functions.room import close_rooms
 from isac_arena.validation.channel import arena as channel_arena
 from isac_arena.validation.channel import efficiency as channel
 from isac_arena.validation.channel import noise as channel_noise
@@ -21,19 +19,26 @@ def bench():
     return make_bench(1)
 
 
+MY_LAB = """
+from estimation.channel.record import EstimateStatus, empty_estimate
+from tests.isac_arena.validation.test_channel_checks import estimate_of
+import numpy as np
+
+def nothing(sweep):
+    return empty_estimate(sweep.stop, "mine", EstimateStatus.NO_PATHS, "")
+
+def always(sweep):
+    return estimate_of(np.array([[50e-9, 0.1, 0.2]]), sweep.stop)
+"""
+
+
 @pytest.fixture
-def user(monkeypatch):
+def user(tmp_path, monkeypatch):
     """A module of the user's: one estimator that finds nothing, one that finds a path in everything."""
-
-    def nothing(sweep):
-        return empty_estimate(sweep.stop, "mine", EstimateStatus.NO_PATHS, "")
-
-    def always(sweep):
-        return estimate_of(np.array([[50e-9, 0.1, 0.2]]), sweep.stop)
-
-    module = ModuleType("my_lab")
-    module.nothing, module.always = nothing, always
-    monkeypatch.setitem(sys.modules, "my_lab", module)
+    (tmp_path / "my_lab.py").write_text(MY_LAB)
+    monkeypatch.syspath_prepend(tmp_path)
+    yield
+    close_rooms()
 
 
 def estimate_of(parameters, stop=0, snr_db=30.0):
