@@ -71,7 +71,8 @@ class MovingWorld:
         )
         traced.run()
         diffuse = middle.take("path", middle.is_diffuse)
-        self._kept = {key: each for key, each in self._kept.items() if not self._scene.movers}
+        if self._scene.movers:
+            self._kept.clear()
         return middle, self._motion(traced, diffuse, time_s, rx_m, velocity), compared
 
     def _motion(

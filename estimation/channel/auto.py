@@ -25,7 +25,7 @@ from estimation.channel.config import MaximumLikelihoodConfig
 from estimation.channel.fit import PathFit
 from estimation.channel.incoherent.clock_drift import without_drift
 from estimation.channel.incoherent.paths import fit_incoherent
-from estimation.channel.phases.pairs import PairPhases, phases_against, phases_of
+from estimation.channel.phases.pairs import PairPhases, phases_against, phases_of, without_phases
 from estimation.channel.phases.ramp import LARGEST_RESIDUAL_RAD, PhaseRamp, fit_phase_ramp, without_phase_ramp
 from estimation.channel.phases.track import PhaseTrack, track_phases
 from sim.observation import BeamSweep
@@ -114,9 +114,7 @@ def _tracked(
         track = track_phases(pairs)
         if track.error_rad > (DOUBTFUL_RAD if pairs.excess is None else _TRACKED_RAD):
             return None
-        turned = replace(
-            sweep, samples=sweep.samples * np.exp(-1j * track.phase_rad).astype(np.complex64)[..., None]
-        )
+        turned = without_phases(sweep, track.phase_rad)
         some = config.model_copy(update={"max_paths": min(limit, config.max_paths)})
         errors = PairErrors(pairs.noise_excess, track.variance)
         fit = fit_over_background(turned, some, pair_errors=errors)

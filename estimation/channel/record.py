@@ -126,6 +126,11 @@ class ChannelEstimate(Record):
         return self.take("path", ~self.is_weak)
 
     @property
+    def plane_parameters(self) -> FloatArray:
+        """Delay in s, azimuths of departure and of arrival in rad (path, 3)."""
+        return np.stack([self.delay_s, self.aod_azimuth_rad, self.aoa_azimuth_rad], axis=-1)
+
+    @property
     def plane_covariance(self) -> FloatArray:
         """Covariance (path, 3, 3) of delay and both azimuths, in (s, rad, rad)^2."""
         return self.covariance[:, :MIN_PARAMETERS, :MIN_PARAMETERS]

@@ -5,8 +5,10 @@ from pathlib import Path
 
 from rich.console import Console
 
+from isac_arena.campaign.files import read_record
 from isac_arena.campaign.lock import one_run
 from isac_arena.campaign.recording import recorded_run
+from isac_arena.scoring.record import ScoreTables
 from isac_arena.sweep.cases import Case
 from isac_arena.sweep.job import Job, make_job, store_scene
 from isac_arena.sweep.run import check_case, reason
@@ -31,6 +33,11 @@ def run_cases(console: Console, cases: Sequence[Case], out: Path, n_workers: int
     return [
         job if isinstance(job, str) or job.is_done else failures.get(job.key, "did not finish") for job in jobs
     ]
+
+
+def case_tables(job: Job) -> ScoreTables:
+    """The tables of scores of a case that is done."""
+    return read_record(job.directory / "provenance.nc", ScoreTables)
 
 
 def _job(case: Case, out: Path) -> Job | str:

@@ -9,14 +9,12 @@ from pathlib import Path
 
 from rich.console import Console
 
-from isac_arena.campaign.files import read_record
 from isac_arena.campaign.load import campaign_path, changed_campaign
 from isac_arena.scoring.metrics.statistics import rms
-from isac_arena.scoring.record import ScoreTables
 from isac_arena.sweep.cases import Case
 from isac_arena.sweep.job import Job
 from isac_arena.user_functions.config import with_functions
-from isac_arena.validation.case_runs import run_cases
+from isac_arena.validation.case_runs import case_tables, run_cases
 from isac_arena.validation.chain.statistics import ChainStops, chain_stops
 from isac_arena.validation.measurement import InfoTable, Measured, Measurement, at_least, at_most
 from scenes.toml_config import read_toml
@@ -79,7 +77,7 @@ def heights_rows(runs: Sequence[HeightsRun]) -> list[Measurement]:
 def _run(name: str, method: str, job: Job | str) -> HeightsRun:
     if isinstance(job, str):
         return HeightsRun(name, method, None, job)
-    tables = read_record(job.directory / "provenance.nc", ScoreTables)
+    tables = case_tables(job)
     return HeightsRun(name, method, chain_stops(tables.poses))
 
 

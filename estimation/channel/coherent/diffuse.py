@@ -65,12 +65,12 @@ def path_errors(reference: Reference, solution: Solution, window: DelayWindow) -
     pairs.
     """
     by_neighbours, probability = neighbour_covariance(reference, solution)
-    noise = window.noise_at(solution.paths)
-    scale = np.maximum(error_scale(*quadrature_statistic(reference, solution)), noise)
+    shown = error_scale(*quadrature_statistic(reference, solution))
+    scale = np.maximum(shown, window.noise_at(solution.paths))
     lost = 0.0 if window.pairs is None else window.pairs.lost_information(reference.sweep, solution.paths)
     by_noise = marginal_covariances(solution, reference.sweep.n_subcarriers, lost)
     is_small = wald_statistic(solution) < OWN_SHARE * response_powers(solution)
-    is_redundant = redundant_paths(solution, scale / noise * window.level_at(solution.paths)) & is_small
+    is_redundant = redundant_paths(solution, scale * window.white_level_at(solution.paths.delay_bins)) & is_small
     return PathErrors(scale[:, None, None] * by_noise + by_neighbours, probability, is_redundant)
 
 

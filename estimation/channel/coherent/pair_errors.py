@@ -62,12 +62,12 @@ class LitPairs:
         tx, rx = self._tangents(paths)
         wave = sweep.delay_response(paths.delay_bins)
         gram = np.einsum("iab,jb->iaj", wave, wave[:, 0])
-        amplitude = paths.amplitude[:, None] * _pairs(tx[:, 0], rx[:, 0])
+        response = _pairs(tx[:, 0], rx[:, 0])
+        amplitude = paths.amplitude[:, None] * response
         against = np.einsum("iaj,jp->iap", gram, amplitude)  # of each wave and its slope with the signal of a pair
         energy = np.einsum("ip,ip->p", amplitude.conj(), against[:, 0]).real
-        unit = (_pairs(tx[:, 0], rx[:, 0]).conj() * against[:, 0]).imag
-        turned = (_pairs(tx[:, 0], rx[:, 0]).conj() * against[:, 0]).real
-        columns = [unit, -turned, (amplitude.conj() * against[:, 1]).imag]
+        matched = response.conj() * against[:, 0]
+        columns = [matched.imag, -matched.real, (amplitude.conj() * against[:, 1]).imag]
         for end, other, is_tx in ((tx, rx, True), (rx, tx, False)):
             for slope in range(1, end.shape[1]):
                 pair = _pairs(end[:, slope], other[:, 0]) if is_tx else _pairs(other[:, 0], end[:, slope])

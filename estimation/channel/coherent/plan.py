@@ -68,8 +68,12 @@ class DelayWindow:
 
     def level_at(self, paths: PathParameters) -> FloatArray:
         """Level (path,) of paths."""
-        is_inside = (paths.delay_bins >= self.first - 0.5) & (paths.delay_bins <= self.last + 0.5)
-        return np.where(is_inside, self.level, self.late_level) * self.noise_at(paths)
+        return self.white_level_at(paths.delay_bins) * self.noise_at(paths)
+
+    def white_level_at(self, delay_bins: FloatArray) -> FloatArray:
+        """Level (path,) of paths at delays in bins in the noise of the receiver alone."""
+        is_inside = (delay_bins >= self.first - 0.5) & (delay_bins <= self.last + 0.5)
+        return np.where(is_inside, self.level, self.late_level)
 
     def noise_at(self, paths: PathParameters) -> FloatArray:
         """Noise power (path,) that paths compete with, over that of the receiver."""

@@ -1,6 +1,6 @@
 """Phases of beam pairs against the paths of a fit."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.fft
@@ -11,6 +11,7 @@ from estimation.channel.incoherent.paths import IncoherentFit
 from scenes.record import BoolArray, FloatArray, IntArray
 from sim.observation import BeamSweep
 
+LEAST_SNR = 6.0  # of a pair whose phase is used: its phase noise has a standard deviation of at most 17 deg
 ABOUT_BINS = 2  # about a path, that hold most of its energy
 
 
@@ -83,6 +84,11 @@ def phases_against(sweep: BeamSweep, fit: PathFit) -> PairPhases:
         excess=np.maximum(white - 1, 0.0),
         hidden=np.maximum(hidden, 0.0),
     )
+
+
+def without_phases(sweep: BeamSweep, phase_rad: FloatArray) -> BeamSweep:
+    """The sweep with phases (tx_beam, rx_beam) of its beam pairs removed."""
+    return replace(sweep, samples=sweep.samples * np.exp(-1j * phase_rad).astype(np.complex64)[:, :, None])
 
 
 def _occupied_bins(sweep: BeamSweep, delay_s: FloatArray) -> BoolArray:

@@ -1,17 +1,16 @@
 """A linear ramp of the phases over TX and RX beams, as a constant frequency offset makes it."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.fft
 
-from estimation.channel.phases.pairs import PairPhases, phase_variance
+from estimation.channel.phases.pairs import LEAST_SNR, PairPhases, phase_variance, without_phases
 from scenes.pose import wrap_angle
 from scenes.record import FloatArray, IntArray
 from sim.observation import BeamSweep
 
 LARGEST_RESIDUAL_RAD = np.deg2rad(10.0)  # rms without noise, of phases that count as coherent
-_LEAST_SNR = 6.0  # of a pair whose phase is used: its phase noise has a standard deviation of at most 17 deg
 _LEAST_PAIRS = 4  # degrees of freedom of the residual
 _CONFIDENCE = 1.64  # standard deviations by which the residual must be below its limit: 95 %
 _ZERO_PADDING = 4
@@ -56,8 +55,7 @@ class PhaseRamp:
 def without_phase_ramp(sweep: BeamSweep, tx_step_rad: float, rx_step_rad: float) -> BeamSweep:
     """The sweep with a linear phase ramp over its TX beams and RX beams removed."""
     n_tx, n_rx = sweep.samples.shape[:2]
-    phase = tx_step_rad * np.arange(n_tx)[:, None] + rx_step_rad * np.arange(n_rx)
-    return replace(sweep, samples=sweep.samples * np.exp(-1j * phase).astype(np.complex64)[:, :, None])
+    return without_phases(sweep, tx_step_rad * np.arange(n_tx)[:, None] + rx_step_rad * np.arange(n_rx))
 
 
 def fit_phase_ramp(pairs: PairPhases) -> PhaseRamp:
@@ -70,7 +68,7 @@ def fit_phase_ramp(pairs: PairPhases) -> PhaseRamp:
     phases are independent: the variance of the logarithms of the magnitudes is taken off that of the phases.
     """
     n_rx = pairs.snr.shape[1]
-    used = np.flatnonzero(((pairs.snr > _LEAST_SNR) & pairs.is_usable).ravel())
+    used = np.flatnonzero(((pairs.snr > LEAST_SNR) & pairs.is_usable).ravel())
     path = pairs.path.ravel()[used]
     several = np.bincount(path, minlength=1)[path] > 1  # one pair determines only its path's constant
     used, path = used[several], path[several]

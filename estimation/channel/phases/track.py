@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimation.channel.phases.pairs import PairPhases, phase_variance
+from estimation.channel.phases.pairs import LEAST_SNR, PairPhases, phase_variance
 from estimation.execution import compiled
 from scenes.pose import wrap_angle
 from scenes.record import BoolArray, FloatArray, IntArray
@@ -19,7 +19,6 @@ from scenes.record import BoolArray, FloatArray, IntArray
 STEPS_RAD = np.deg2rad(np.geomspace(0.1, 51.2, 14))  # trial standard deviations of a step of the walk,
 OWN_RAD = np.deg2rad(np.geomspace(0.4, 51.2, 13))  # and of a pair's own phase
 FIRST_STEP_RAD, FIRST_OWN_RAD = np.deg2rad([4.0, 4.0])  # before they are learned
-_LEAST_SNR = 6.0  # of a pair whose phase is used
 _MOST_VARIANCE = 1.0  # in rad^2, of a phase that is used
 _COARSE_TURNS = 10  # of smoothing over less and less of the sweep
 _FINE_TURNS = 20
@@ -92,7 +91,7 @@ def _noise(pairs: PairPhases) -> tuple[FloatArray, BoolArray]:
 
     What the paths leave out of their delays may turn the phase of a pair.
     """
-    used = (pairs.snr > _LEAST_SNR) & pairs.is_usable
+    used = (pairs.snr > LEAST_SNR) & pairs.is_usable
     snr = np.where(used, pairs.snr, 1.0)
     if pairs.excess is None or pairs.hidden is None:
         variance = phase_variance(snr) + 0.5 * pairs.residual / snr

@@ -105,13 +105,9 @@ def seen_by(stop: TrueStop, estimate: ChannelEstimate) -> TrueStop:
     )
 
 
-def _plane_parameters(estimate: ChannelEstimate) -> FloatArray:
-    return np.stack([estimate.delay_s, estimate.aod_azimuth_rad, estimate.aoa_azimuth_rad], axis=-1)
-
-
 def _in_front(estimate: ChannelEstimate, view: LinkView) -> ChannelEstimate:
     """The estimate with directions behind all panels of a device mirrored to the front, as `LinkView.in_front`."""
-    before = _plane_parameters(estimate)
+    before = estimate.plane_parameters
     after = view.in_front(before)
     sign = np.ones(estimate.covariance.shape[:2])
     sign[:, :3] = np.where(after == before, 1.0, -1.0)  # a mirrored angle errs the other way
@@ -143,7 +139,7 @@ def score_stop(
     """Tables of one stop: its estimated paths, its significant true paths, and the GOSPA between them."""
     estimate = estimate if stop.view is None else _in_front(estimate, stop.view)
     received_dbm = _received_dbm(stop, estimate)
-    measured = _plane_parameters(estimate)
+    measured = estimate.plane_parameters
     seen = seen_by(stop, estimate)
     match = _assigned(seen, received_dbm, measured, gate)
     true_path = np.append(stop.significant, -1)[match]

@@ -7,10 +7,9 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
-from isac_arena.campaign.files import read_record
 from isac_arena.scoring.record import ScoreTables
 from isac_arena.sweep.run import read_times
-from isac_arena.validation.case_runs import run_cases
+from isac_arena.validation.case_runs import case_tables, run_cases
 from isac_arena.validation.chain.campaigns import ChainCampaign, ChainGroup, cases_of
 from scenes.record import FloatArray
 from scenes.scene import Scene
@@ -50,7 +49,7 @@ def run_chain(
         if isinstance(job, str):
             failures.append(ChainFailure(campaign.name, campaign.group, job))
             continue
-        tables = read_record(job.directory / "provenance.nc", ScoreTables)
+        tables = case_tables(job)
         times = np.array(list(read_times(job).values()), float)
         results.append(ChainResult(campaign.name, campaign.group, job.scene, tables, times))
     return results, failures

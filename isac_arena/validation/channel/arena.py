@@ -22,7 +22,6 @@ from isac_arena.campaign.config import CampaignConfig
 from isac_arena.scoring.link_view import resolution_cell
 from isac_arena.validation.channel.matching import Estimator, false_row, rate_row
 from isac_arena.validation.measurement import Measurement
-from isac_arena.validation.scenarios.estimates import plane_parameters
 from scenes.config import load_scene
 from scenes.pose import wrap_angle
 from scenes.record import BoolArray, ComplexArray, FloatArray, IntArray
@@ -134,7 +133,7 @@ def diffuse_loss_db(link: Link, paths: ApparentPaths, diffuse: ApparentPaths) ->
 
 def matched(link: Link, found: ChannelEstimate, target: ApparentPaths) -> IntArray:
     """Estimate (path,) of every true path within half a resolution cell on all axes, -1 for none; one to one."""
-    distance = _cells(link, plane_parameters(found)[None] - target.parameters[:, None]) / GATE_CELLS
+    distance = _cells(link, found.plane_parameters[None] - target.parameters[:, None]) / GATE_CELLS
     cost = np.minimum(distance.max(axis=2, initial=0.0), 1.0)
     rows, columns = linear_sum_assignment(cost)
     match = np.full(len(target.delay_s), -1)
@@ -145,7 +144,7 @@ def matched(link: Link, found: ChannelEstimate, target: ApparentPaths) -> IntArr
 
 def count_unexplained(link: Link, found: ChannelEstimate, unmatched: IntArray, seen: ApparentPaths) -> int:
     """How many estimates have over 6 dB less true power within a cell around them than their own power."""
-    offset = plane_parameters(found)[unmatched, None] - seen.parameters[None]
+    offset = found.plane_parameters[unmatched, None] - seen.parameters[None]
     near = (_cells(link, offset) < 2 * GATE_CELLS).all(axis=2)
     near_power = near @ 10 ** (seen.snr_db / 10)
     return int((near_power < 10 ** ((found.snr_db[unmatched] - WEAK_MARGIN_DB) / 10)).sum())

@@ -14,7 +14,6 @@ from isac_arena.validation.channel.efficiency import UNIFORM_DEG, make_estimator
 from isac_arena.validation.measurement import Measurement, at_most
 from isac_arena.validation.monte_carlo import most_by_chance, quick_bar
 from isac_arena.validation.scenarios import link_bench
-from isac_arena.validation.scenarios.estimates import plane_parameters
 from isac_arena.validation.scenarios.link_bench import ChannelStop, LinkBench
 from scenes.record import FloatArray
 from sim.observation import BeamSweep
@@ -171,5 +170,5 @@ def _nees(bench: LinkBench, stop: ChannelStop, found: ChannelEstimate) -> list[f
     match, _ = matching.match_stop(bench, stop, found, link_bench.true_bounds(bench, stop, coherent=True))
     if match[0] < 0:
         return []
-    error = plane_parameters(found)[match] - stop.paths.parameters
+    error = found.plane_parameters[match] - stop.paths.parameters
     return list(squared_mahalanobis(error, found.covariance[match, :3, :3]))

@@ -15,7 +15,6 @@ from estimation.channel.record import ChannelEstimate
 from isac_arena.scoring.metrics.statistics import mean, squared_mahalanobis
 from isac_arena.validation import monte_carlo
 from isac_arena.validation.measurement import Measurement, at_least, at_most
-from isac_arena.validation.scenarios.estimates import plane_parameters
 from isac_arena.validation.scenarios.link_bench import (
     SEPARATED_CELLS,
     ChannelStop,
@@ -106,7 +105,7 @@ def run_stops(
 def _path_rows(stop: ChannelStop, estimate: ChannelEstimate, bounds: TrueBounds, found: IntArray) -> FloatArray:
     n, hit = len(stop.paths), found >= 0
     error, covariance = np.full((n, 3), np.nan), np.full((n, 3, 3), np.nan)
-    error[hit] = plane_parameters(estimate)[found[hit]] - stop.paths.parameters[hit]
+    error[hit] = estimate.plane_parameters[found[hit]] - stop.paths.parameters[hit]
     error[:, 1:] = wrap_angle(error[:, 1:])
     covariance[hit] = estimate.covariance[found[hit], :3, :3]
     std = np.sqrt(np.diagonal(bounds.covariance, axis1=1, axis2=2))

@@ -7,14 +7,13 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
-from isac_arena.campaign.files import read_record
 from isac_arena.campaign.load import SceneSource
 from isac_arena.scoring.record import ScoreTables
 from isac_arena.sweep.cases import Case
 from isac_arena.sweep.job import Job
 from isac_arena.sweep.run import read_times
 from isac_arena.user_functions.config import with_functions
-from isac_arena.validation.case_runs import run_cases
+from isac_arena.validation.case_runs import case_tables, run_cases
 from isac_arena.validation.scenarios.random_halls import RandomHall
 from scenes.record import FloatArray
 
@@ -57,5 +56,5 @@ def _case(hall: RandomHall, method: str, estimator: str | None) -> Case:
 
 
 def _result(hall: RandomHall, job: Job) -> HallResult:
-    tables = read_record(job.directory / "provenance.nc", ScoreTables)
+    tables = case_tables(job)
     return HallResult(hall, tables, np.array(list(read_times(job).values()), float))

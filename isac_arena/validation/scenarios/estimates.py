@@ -25,14 +25,9 @@ def made_estimate(
     return ChannelEstimate(stop=stop, power_dbm=power_dbm, beam_loss_db=np.zeros(n), is_los=is_los, **values)
 
 
-def plane_parameters(estimate: ChannelEstimate) -> FloatArray:
-    """Delay in s, AoD and AoA azimuth in rad (path, 3) of an estimate."""
-    return np.stack([getattr(estimate, name) for name in PARAMETERS[:3]], axis=-1)
-
-
 def shift_estimate(estimate: ChannelEstimate, error: Any) -> ChannelEstimate:
     """The estimate with errors (path, 3) or (3,) added to delay in s, AoD and AoA azimuth in rad."""
-    moved = plane_parameters(estimate) + error
+    moved = estimate.plane_parameters + error
     return replace(estimate, **dict(zip(PARAMETERS[:3], moved.T, strict=True)))
 
 
