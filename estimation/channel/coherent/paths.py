@@ -47,6 +47,7 @@ from scenes.record import BoolArray, FloatArray
 from sim.observation import BeamSweep
 
 MAX_ROUNDS = 60
+LEAST_OF_ROUND = 10**-0.5  # of a round's strongest peak, in amplitude: 10 dB
 MAX_PASSES = 6  # of moves to higher maxima and convergence
 LIMIT_PASSES = 2  # of as many paths as there may be: what is left out shifts them more than further passes
 PASS_STEPS = 8  # of many paths in a pass
@@ -151,17 +152,19 @@ def find_paths(
     Every round finds paths in the residual, fits them jointly with all others, prunes, and estimates the
     background from the new residual. It ends when nothing exceeds the level and the background stays. Where no
     path is found, moves to higher maxima take turns with convergence as long as they are worth a path. After the
-    strongest paths a background is too high, never too low: weaker ones follow as it falls.
+    strongest paths a background is too high, never too low: weaker ones follow as it falls. Much weaker peaks than
+    a round's strongest wait for a later one, unless the round is in vain: what strong paths leave at their first
+    places would become paths.
     """
     background, white = np.ones(len(sweep.position)), sweep
     reference = Reference(white, no_paths(sweep))
     solution = solve_at(reference, reference.paths)
     most, n_passes = min(config.max_paths, _most_paths(sweep)), 0
     search = SpectrumSearch(white, plan.grids, plan.oversampling)
-    higher_maximum = HigherMaximum(plan.grids, window.level)
+    higher_maximum, share = HigherMaximum(plan.grids, window.level), LEAST_OF_ROUND
     for _ in range(MAX_ROUNDS):
         room = most - len(solution.paths)
-        new, is_changed = _new_paths(search, reference, window, room), False
+        new, is_changed = _new_paths(search, reference, window, room, share), False
         if not len(new) and n_passes < (MAX_PASSES if room > 0 else LIMIT_PASSES):
             n_passes += 1
             finished = _finished(reference, higher_maximum(reference, solution), window, PASS_STEPS)
@@ -174,8 +177,10 @@ def find_paths(
             trial = refine_paths(reference, solution.paths.joined(new), ROUND_STEPS)
             trial = prune_paths(reference, trial, window.level_at, ROUND_STEPS)
             trial = without_cancelling_paths(reference, trial, ROUND_STEPS)
-            if trial.explained - solution.explained >= window.level / 2:
-                solution, is_changed = trial, True
+            is_changed = trial.explained - solution.explained >= window.level / 2
+            solution = trial if is_changed else solution
+            if is_changed or share > 0:
+                share, is_changed = LEAST_OF_ROUND if is_changed else 0.0, True
         now = _background(sweep, solution.paths, config)
         if np.abs(now / background - 1).max() > CHANGED:
             background, white, is_changed = now, sweep.over_background(now), True
@@ -274,11 +279,14 @@ def _of_reported(covariance: FloatArray, aod_slopes: FloatArray, aoa_slopes: Flo
     return np.asarray(slopes @ covariance @ slopes.swapaxes(1, 2))
 
 
-def _new_paths(search: SpectrumSearch, reference: Reference, window: DelayWindow, room: int) -> PathParameters:
-    """Paths in the residual above their level; doubtful grid peaks are refined and tested."""
+def _new_paths(
+    search: SpectrumSearch, reference: Reference, window: DelayWindow, room: int, share: float
+) -> PathParameters:
+    """Paths in the residual above their level and a share of the strongest; doubtful ones are refined first."""
     if room <= 0:
         return no_paths(search.sweep)
     peaks = search.peaks(reference.parts, SCALLOPING * window.level)
+    peaks = peaks.take(np.abs(peaks.value) >= share * np.abs(peaks.value).max(initial=0.0))
     peaks = without_side_lobes(peaks, search.grids, SIDE_LOBE_MARGIN, room)
     places = search.paths(peaks)
     level = window.level_at(places)

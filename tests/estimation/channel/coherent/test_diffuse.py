@@ -23,7 +23,8 @@ def test_without_a_background_it_is_the_coherent_fit() -> None:
         sweep = observe_paths(bench, paths, stop).sweep
         plain, over = fit_coherent(sweep), fit_over_background(sweep)
         assert len(over) == len(plain)
-        np.testing.assert_allclose(over.delay_s, plain.delay_s, atol=1e-13)
+        std_s = np.sqrt(plain.covariance[:, 0, 0])  # where the likelihood is flat, steps end at their tolerance
+        assert (np.abs(over.delay_s - plain.delay_s) < 0.1 * std_s).all()
         ratio = over.covariance[:, 0, 0] / plain.covariance[:, 0, 0]
         assert (ratio > 0.99).all()
         assert np.median(ratio) < 1.3
