@@ -94,6 +94,9 @@ class PoseEstimates(Record):
     los_probability: FloatArray = _optional(
         "stop", doc="posterior probability that one of the paths is a line of sight; NaN where unknown"
     )
+    is_of_walk: BoolArray = _optional(
+        "stop", dtype=bool, doc="solved together with other stops, jumps of the TX heading included"
+    )
 
     def __post_init__(self) -> None:
         n = len(self.stop)
@@ -109,5 +112,6 @@ class PoseEstimates(Record):
             evidence_gap=unknown,
             alternative=np.full((n, N_STATE), np.nan),
             los_probability=unknown,
+            is_of_walk=np.zeros(n, bool),
         )
         super().__post_init__()

@@ -51,7 +51,7 @@ class CampaignFit:
 def fit_campaign(paths: CampaignPaths, config: ContourConfig) -> CampaignFit:
     """Contours of the objects among the paths; none where no object has enough of them."""
     with one_blas_thread():
-        if paths.widening > 1 and len(paths.sessions.offset_rad) == 1:
+        if paths.may_turn and len(paths.sessions.offset_rad) == 1:
             paths = _aligned(paths, config)
         data, settings = paths.bounces, paths.config
         if paths.widening == 1:

@@ -28,6 +28,7 @@ class CampaignPaths:
     sessions: Sessions  # of these stops, with the offsets removed from the departures
     widening: float  # factor on the standard deviations of poses that were found from these paths
     config: ReflectionConfig  # with the priors of the offsets that are observable
+    may_turn: bool = False  # poses found stop by stop: the TX heading may jump between them
 
 
 def campaign_paths(
@@ -57,7 +58,8 @@ def campaign_paths(
         return CampaignPaths(joined[0], joined[1], poses.stop, unknown, 1.0, config.reflection)
     turned = [_turned(data, sessions.of_paths(data, poses.stop)) for data in (bounces, los)]
     anchored = config.reflection.model_copy(update={"aod_offset_std_deg": 0.0})
-    return CampaignPaths(turned[0], turned[1], poses.stop, sessions, config.slam_widening, anchored)
+    alone = not poses.is_of_walk.any()
+    return CampaignPaths(turned[0], turned[1], poses.stop, sessions, config.slam_widening, anchored, alone)
 
 
 def in_plane(estimate: ChannelEstimate, covariance: FloatArray, bias_m: float) -> tuple[FloatArray, FloatArray]:

@@ -156,6 +156,7 @@ def _poses(
         status=status,
         n_inliers=np.bincount(seen.row[link.kind != PathClass.UNUSED], minlength=n),
         cost=np.full(n, cost),
+        is_of_walk=np.ones(n, bool),
     )
 
 

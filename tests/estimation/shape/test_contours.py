@@ -153,6 +153,18 @@ def test_offsets_of_sessions_are_relative_to_the_longest(made, result):
     np.testing.assert_allclose(sessions.offset_rad, [0.0, 0.05], atol=1e-9)
 
 
+def test_only_poses_found_stop_by_stop_may_turn(made, result):
+    def may_turn(**changes):
+        poses = replace(made.poses, **changes)
+        return campaign_paths(made.channel, TX_POSE, poses, result.ips, PathNoise(), ContourConfig()).may_turn
+
+    n = len(made.poses.stop)
+    solved = np.full(n, SolveStatus.LOS)
+    assert not may_turn(status=np.full(n, SolveStatus.GIVEN))
+    assert may_turn(status=solved)
+    assert not may_turn(status=solved, is_of_walk=np.ones(n, bool))
+
+
 def test_paths_from_above_are_level_paths_shortened(made):
     """A wall's path climbs evenly: seen from above its length falls by the cosine, after the clock bias."""
     estimate, bias_m = made.channel[0], 7.0
