@@ -89,14 +89,40 @@ class BeamAxis:
         azimuth = strongest + offset[inside[best]] + GRID_STEP_RAD * parabola_peak(score, best)
         return AngleFit(float(wrap_angle(azimuth)), *self._quality(beams, amplitude, azimuth))
 
+    def match_without_patterns(self, beams: IntArray, amplitude: FloatArray) -> AngleFit:
+        """Angle of the peak of a Gaussian main lobe through the strongest beam and the two beside it.
+
+        Only where the beams point to has to be known. With fewer beams, or none weaker, it is the strongest's.
+        """
+        pointing = self._codebook.azimuth_rad[beams]
+        best = int(np.argmax(amplitude))
+        offset = wrap_angle(pointing - pointing[best])
+        order = np.argsort(offset, kind="stable")
+        place = int(np.flatnonzero(order == best)[0])
+        three = order[place - 1 : place + 2] if place else order[:0]
+        spacing = np.diff(np.sort(offset)).max(initial=0.0) or np.pi / 8
+        curvature, slope = -4 * np.log(2) / spacing**2, 0.0  # half the power between two beams
+        if len(three) == len(np.unique(offset[three])) == 3 and amplitude[three].min() > 0:
+            fitted, across, _ = np.polyfit(offset[three], 2 * np.log(amplitude[three]), 2)
+            if fitted < 0:
+                curvature, slope = fitted, across
+        peak = float(np.clip(-slope / (2 * curvature), -spacing / 2, spacing / 2))
+        at = np.exp(curvature * np.square(offset - peak) / 2)
+        return AngleFit(
+            float(wrap_angle(pointing[best] + peak)), _information(at, -curvature * (offset - peak) * at), 0.0
+        )
+
     def _quality(self, beams: IntArray, amplitude: FloatArray, azimuth_rad: float) -> tuple[float, float]:
         step = GRID_STEP_RAD
         before, at, after = np.abs(
             beam_response(self._codebook, azimuth_rad + np.array([-step, 0.0, step]))[beams]
         ).T
         slope = (after - before) / (2 * step)
-        energy = at @ at
-        information = (slope @ slope - (slope @ at) ** 2 / energy) / at.max() ** 2
-        scale = (amplitude @ at) / energy
+        scale = (amplitude @ at) / (at @ at)
         misfit = ((amplitude - scale * at) ** 2).sum() / max(len(beams) - 2, 1)
-        return float(information), float(misfit / amplitude.max() ** 2)
+        return _information(at, slope), float(misfit / amplitude.max() ** 2)
+
+
+def _information(at: FloatArray, slope: FloatArray) -> float:
+    """`AngleFit.information` of beams of amplitudes `at`, of unknown scale, with slopes over the angle."""
+    return float((slope @ slope - (slope @ at) ** 2 / (at @ at)) / at.max() ** 2)

@@ -30,6 +30,9 @@ class PowerMethodConfig(ConfigModel):
     side_lobe_margin_db: float = Field(4.0, ge=0, description="a peak must exceed side lobes by this")
     max_misfit: float = Field(0.05, gt=0, description="largest misfit of a path to the beam patterns")
     max_paths: int = Field(40, ge=1, description="most paths per stop")
+    use_patterns: bool = Field(
+        True, description="angles by the nominal beam patterns; false: by beam powers and pointings alone"
+    )
     delay_std_floor_ns: float = Field(0.02, ge=0, description="added in quadrature to every delay's std")
     angle_std_floor_deg: float = Field(0.05, ge=0, description="added in quadrature to every angle's std")
 
@@ -84,7 +87,7 @@ def _accept(
         side_lobes = explained[index]
         if amplitude[index] <= max(margin * side_lobes, side_lobes + np.sqrt(threshold)):
             continue
-        path = _refine(peaks, index, power, *axes)
+        path = _refine(peaks, index, power, *axes, use_patterns=config.use_patterns)
         if max(path.aod.residual, path.aoa.residual) > config.max_misfit:
             continue
         paths.append(path)
@@ -93,15 +96,19 @@ def _accept(
     return paths
 
 
-def _refine(peaks: Peaks, index: int, power: DelayPower, tx: BeamAxis, rx: BeamAxis) -> _Path:
+def _refine(
+    peaks: Peaks, index: int, power: DelayPower, tx: BeamAxis, rx: BeamAxis, *, use_patterns: bool
+) -> _Path:
     """Delay by a parabola on the log power, angles from the singular vectors of the beam powers around a peak."""
     m, n, d = int(peaks.tx_beam[index]), int(peaks.rx_beam[index]), int(peaks.delay[index])
     tx_beams, rx_beams = tx.neighbourhood(m), rx.neighbourhood(n)
     offset, misfit = match_delay(power, m, n, d)
     local = np.maximum(power.snr[tx_beams[:, None], rx_beams, d].astype(float) - 1, 0)
     left, values, right = np.linalg.svd(local)
-    aod = tx.match(tx_beams, np.sqrt(np.abs(left[:, 0]) * values[0]))
-    aoa = rx.match(rx_beams, np.sqrt(np.abs(right[0]) * values[0]))
+    aod, aoa = (
+        (axis.match if use_patterns else axis.match_without_patterns)(beams, np.sqrt(np.abs(profile) * values[0]))
+        for axis, beams, profile in ((tx, tx_beams, left[:, 0]), (rx, rx_beams, right[0]))
+    )
     return _Path(float(peaks.snr[index]), m, n, d + offset, misfit, aod, aoa)
 
 

@@ -58,7 +58,7 @@ class ChainOptions:
 def chain_campaigns(seed: int, n_rooms: int, options: ChainOptions) -> list[ChainCampaign]:
     """The campaigns of a seed, longest first: the library, rooms of thin or thick columns, `n_rooms` rooms."""
     library = [
-        library_campaign(name, seed, options, stop_every=STOP_EVERY.get(name, 1)) for name in library_campaigns()
+        library_campaign(name, seed, options, stop_every=STOP_EVERY.get(name, 1)) for name in our_campaigns()
     ]
     columns = [column_campaign(seed, index, options) for index in range(len(COLUMN_ROOMS))]
     return [*library, *columns, *(room_campaign(seed, room, options) for room in range(n_rooms))]
@@ -89,6 +89,11 @@ def column_campaign(seed: int, index: int, options: ChainOptions) -> ChainCampai
             break
     n_stops = walk_length(seed, room)
     return _room(seed, room, ChainGroup.COLUMNS, options, n_stops, column_half_m=COLUMN_ROOMS[index])
+
+
+def our_campaigns() -> list[str]:
+    """The campaigns of the library without the paper's way, whose settings are its own."""
+    return [name for name in library_campaigns() if not name.endswith("_paper")]
 
 
 def library_campaign(name: str, seed: int, options: ChainOptions, stop_every: int = 1) -> ChainCampaign:

@@ -78,6 +78,28 @@ def test_angle_is_unbiased_everywhere(full_link: Link) -> None:
         assert fit.residual < 1e-6
 
 
+def test_without_patterns_angles_are_good_to_a_part_of_a_beam(full_link: Link) -> None:
+    axis = BeamAxis(full_link.rx_codebook)
+    spacing = np.diff(full_link.rx_codebook.azimuth_rad[:24]).max()
+    for azimuth in np.linspace(-np.pi, np.pi, 97):
+        amplitude = axis.relative_amplitude(azimuth)
+        beams = axis.neighbourhood(int(np.argmax(amplitude)))
+        fit = axis.match_without_patterns(beams, 3.0 * amplitude[beams])
+        assert abs(wrap_angle(fit.azimuth_rad - azimuth)) < 0.3 * spacing
+        known = axis.match(beams, amplitude[beams]).information
+        assert known / 3 < fit.information < 3 * known
+
+
+def test_without_patterns_a_gaussian_lobe_is_found_exactly(full_link: Link) -> None:
+    codebook = full_link.tx_codebook
+    axis = BeamAxis(codebook)
+    beams = np.arange(10, 15)
+    for true in codebook.azimuth_rad[12] + np.deg2rad([-1.0, 0.0, 1.5]):
+        amplitude = np.exp(-np.square((codebook.azimuth_rad[beams] - true) / np.deg2rad(8.0)))
+        assert axis.match_without_patterns(beams, amplitude).azimuth_rad == pytest.approx(true, abs=1e-12)
+    assert axis.match_without_patterns(beams, np.ones(5)).azimuth_rad == codebook.azimuth_rad[10]
+
+
 def test_noise_level_is_estimated_from_the_samples(make_sweep: SweepMaker, full_link: Link) -> None:
     sweep = make_sweep(empty_paths(["wall"]), np.random.default_rng(0))
     power = delay_power(sweep)

@@ -9,7 +9,6 @@ from rich.console import Console
 
 from estimation.slam.config import TrajectoryConfig
 from estimation.slam.record import SolveStatus
-from isac_arena.campaign.load import library_campaigns
 from isac_arena.scoring.config import Significance
 from isac_arena.scoring.record import PoseScores
 from isac_arena.scoring.score import score_campaign
@@ -22,6 +21,7 @@ from isac_arena.validation.chain.campaigns import (
     ChainOptions,
     column_campaign,
     library_campaign,
+    our_campaigns,
     room_campaign,
     walk_length,
 )
@@ -59,7 +59,7 @@ def test_longer_walks_go_on_from_the_same_stops_and_leave_the_room_as_it_is():
 def test_rooms_columns_and_the_whole_library_have_the_same_settings():
     options = ChainOptions()
     columns = column_campaign(100, COLUMN_ROOMS.index(THICK_M), options)
-    library = [library_campaign(name, 100, options) for name in library_campaigns()]
+    library = [library_campaign(name, 100, options) for name in our_campaigns()]
     assert [one.case.config.seed for one in library] == [100] * len(library)
     for one in (*library, columns, room_campaign(100, 0, options)):
         config = one.case.config
