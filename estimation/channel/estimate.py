@@ -34,7 +34,7 @@ NUMBERS_PER_PATH = 5  # real numbers: delay, two angles, complex gain
 class ChannelConfig(ConfigModel):
     """Settings of channel estimation: the method, and the settings of each method."""
 
-    method: MethodName = Field("power", description="auto, coherent, incoherent or power")
+    method: MethodName = Field("auto", description="auto, coherent, incoherent or power")
     maximum_likelihood: MaximumLikelihoodConfig = MaximumLikelihoodConfig()
     power: PowerMethodConfig = PowerMethodConfig()
     los: LosConfig = LosConfig()

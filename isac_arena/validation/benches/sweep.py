@@ -23,6 +23,7 @@ name = "bench"
 scene = "box_room"
 seed = {seed}
 propagation = {{max_bounces = 1, diffuse_samples = 0, diffraction = false, compare_planar = false}}
+channel.method = "power"
 """
 SMALL = COMMON + "waveform.n_rb = 132\ntx_array.rows = 1\n"
 SMALL += "rx_array = {{rows = 1, panel_azimuth_deg = [0.0], beams_per_panel = 32, sector_deg = 140.0}}\n"

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimation.channel.beam_power_map import BeamPowerMap
+from estimation.channel.estimate import ChannelConfig
 from estimation.channel.record import ChannelEstimate
 from estimation.shape.fit import OK
 from estimation.shape.record import CLASS_NAMES, Contours, Shapes
@@ -39,6 +40,7 @@ HEADING_RAD = 0.3
 SMALL_LINK = CampaignConfig(
     name="small",
     scene="made_up",
+    channel=ChannelConfig(method="power"),
     waveform=WaveformConfig(comb=12),
     tx_array=ArrayConfig(rows=1, columns=8, beams_per_panel=12),
     rx_array=ArrayConfig(

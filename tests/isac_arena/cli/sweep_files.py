@@ -24,6 +24,8 @@ max_bounces = 1
 diffuse_samples = 0
 diffraction = false
 compare_planar = false
+[channel]
+method = "power"
 """
 SWEEP = """
 name = "two powers"
