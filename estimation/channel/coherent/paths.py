@@ -154,14 +154,16 @@ def find_paths(
     path is found, moves to higher maxima take turns with convergence as long as they are worth a path. After the
     strongest paths a background is too high, never too low: weaker ones follow as it falls. Much weaker peaks than
     a round's strongest wait for a later one, unless the round is in vain: what strong paths leave at their first
-    places would become paths.
+    places would become paths. Not so where beam pairs err: there strong peaks are what errors leave.
     """
     background, white = np.ones(len(sweep.position)), sweep
     reference = Reference(white, no_paths(sweep))
     solution = solve_at(reference, reference.paths)
     most, n_passes = min(config.max_paths, _most_paths(sweep)), 0
     search = SpectrumSearch(white, plan.grids, plan.oversampling)
-    higher_maximum, share = HigherMaximum(plan.grids, window.level), LEAST_OF_ROUND
+    higher_maximum = HigherMaximum(plan.grids, window.level)
+    least_share = LEAST_OF_ROUND if window.pairs is None else 0.0
+    share = least_share
     for _ in range(MAX_ROUNDS):
         room = most - len(solution.paths)
         new, is_changed = _new_paths(search, reference, window, room, share), False
@@ -180,7 +182,7 @@ def find_paths(
             is_changed = trial.explained - solution.explained >= window.level / 2
             solution = trial if is_changed else solution
             if is_changed or share > 0:
-                share, is_changed = LEAST_OF_ROUND if is_changed else 0.0, True
+                share, is_changed = least_share if is_changed else 0.0, True
         now = _background(sweep, solution.paths, config)
         if np.abs(now / background - 1).max() > CHANGED:
             background, white, is_changed = now, sweep.over_background(now), True

@@ -2,8 +2,9 @@
 
 A clock that is 0.01 ppm fast shifts delays by 0.3 ns over a sweep of 30 ms, a hundred times the error by noise.
 Every path that dominates several beam pairs shows the drift in the delays of these pairs, up to a constant. Other
-paths in a pair shift its delay too, so the pairs of one path err together: the drift is the mean over paths, whose
-scatter counts as their error (DerSimonian and Laird, 1986).
+paths in a pair shift its delay too, so the pairs of one path err together, as beams at several elevations do one
+after the other: the drift is the mean over paths, with an error of each, and with their scatter where it is larger
+(DerSimonian and Laird, 1986).
 """
 
 from dataclasses import dataclass, replace
@@ -19,6 +20,7 @@ from sim.signal.waveform.prs import PREFIX_SHARE
 DOMINANT = 30.0  # energy of a path in a pair over that of all others, and over the noise
 LEAST_PHASOR = 0.9  # of the expectation of a known phase
 LEAST_PAIRS = 6  # of a path
+MISLED_BINS = 1 / np.pi / np.sqrt(3 * DOMINANT)  # rms over a sweep, by a path a bin away in each dominated pair
 STEPS = 20  # of the weighted fit
 LARGEST_PPM = 0.1  # frequency error of a synchronised receiver, TS 38.101-2 clause 6.4.1
 DRIFTING = 0.01  # odds of a drift that matters, before the samples
@@ -57,7 +59,8 @@ def clock_drift(
         pair = np.flatnonzero(is_dominant[:, path])
         norm = np.square(np.abs(signal[pair, path])) * np.square(slope[:, path]).sum()
         shift = (residual[pair] @ slope[:, path] * signal[pair, path].conj()).real / norm
-        found.append(_slope(pair.astype(float), shift, 0.5 / norm))
+        value, variance = _slope(pair.astype(float), shift, 0.5 / norm)
+        found.append((value, variance + (MISLED_BINS / len(phasor)) ** 2))
     if not found:
         return removed
     value, variance = _mean(np.array(found))

@@ -7,7 +7,7 @@ import pytest
 
 from estimation.channel.incoherent.clock_drift import without_drift
 from estimation.channel.incoherent.paths import fit_incoherent
-from isac_arena.validation.scenarios.link_bench import draw_paths, make_bench, observe_paths
+from isac_arena.validation.scenarios.link_bench import draw_paths, make_bench, observe_paths, single_path
 from sim.signal.hardware.impairments import apply_clock_drift
 
 PPM = 0.05
@@ -40,6 +40,23 @@ def test_a_steady_clock_is_left_alone(seed: int) -> None:
     fit = fit_incoherent(sweep_of(seed)[0])
     assert abs(fit.drift_s) * fit.pair_snr.size < 1e-12
     assert np.sqrt(fit.covariance[np.argmax(fit.snr_db), 0, 0]) < 5e-12
+
+
+def test_one_path_alone_tells_no_small_drift() -> None:
+    """A path that no fit knows shifts the delays of the pairs that both light, as a small drift does."""
+    bench = make_bench(104, beam_phase_std_deg=60.0)
+    sweep = observe_paths(bench, single_path(np.random.default_rng(104), 70.0), 0).sweep
+    pairs = np.arange(np.prod(sweep.samples.shape[:2])).reshape(sweep.samples.shape[:2])
+    bin_s = 1 / np.ptp(sweep.frequency_offset_hz)
+
+    def drift_bins(added: float) -> float:
+        late_s = added * bin_s * pairs / pairs.size
+        turn = np.exp(-2j * np.pi * late_s[:, :, None] * sweep.frequency_offset_hz)
+        fit = fit_incoherent(replace(sweep, samples=(sweep.samples * turn).astype(np.complex64)))
+        return fit.drift_s * pairs.size / bin_s
+
+    assert drift_bins(0.5) == pytest.approx(0.5, rel=0.1)
+    assert abs(drift_bins(0.05)) < 0.02
 
 
 def test_what_is_removed_is_what_a_fast_clock_adds() -> None:
