@@ -55,6 +55,7 @@ class MovingWorld:
         exact = middle.take("path", ~middle.is_diffuse)
 
         def trace(later_s: float, objects: IntArray | None) -> Paths:
+            """Exact paths with their rates, this many s after `time_s`; only of some `objects` where given."""
             if later_s == 0.0 and objects is None:
                 return exact
             now_s, here = time_s + later_s, rx_m + later_s * velocity

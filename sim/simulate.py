@@ -163,6 +163,7 @@ def _moving_samples(
         return true_tx_pose(config, tx_pose_at(scene, motion.time_s + later_s)).heading_rad
 
     def channel(later_s: float, subcarrier: slice | IntArray) -> ComplexArray:
+        """Channel (tx_beam, rx_beam, subcarrier) at some subcarriers, `later_s` s after the times of the pairs."""
         return moving_channel(
             motion,
             time_s,

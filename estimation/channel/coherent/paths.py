@@ -179,10 +179,10 @@ def find_paths(
             trial = refine_paths(reference, solution.paths.joined(new), ROUND_STEPS)
             trial = prune_paths(reference, trial, window.level_at, ROUND_STEPS)
             trial = without_cancelling_paths(reference, trial, ROUND_STEPS)
-            is_changed = trial.explained - solution.explained >= window.level / 2
-            solution = trial if is_changed else solution
-            if is_changed or share > 0:
-                share, is_changed = least_share if is_changed else 0.0, True
+            has_grown = trial.explained - solution.explained >= window.level / 2
+            solution = trial if has_grown else solution
+            is_changed = has_grown or share > 0  # after a round in vain, all peaks are tried
+            share = least_share if has_grown else 0.0
         now = _background(sweep, solution.paths, config)
         if np.abs(now / background - 1).max() > CHANGED:
             background, white, is_changed = now, sweep.over_background(now), True
