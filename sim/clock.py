@@ -9,6 +9,7 @@ from scenes.record import FloatArray, Record, array
 from scenes.scene import Scene
 from scenes.walks.trajectory import stop_times_s
 from sim.config import SimulationConfig
+from sim.observation import BeamClock
 from sim.signal.link import make_codebook
 from sim.signal.waveform.occasions import sweep_occasions
 
@@ -30,6 +31,15 @@ class CampaignClock(Record):
     def order_s(self) -> FloatArray:
         """The times (symbol,) of all beam pairs in order."""
         return np.unique(self.symbol_s)
+
+
+def beam_clock(config: SimulationConfig, clock: CampaignClock) -> BeamClock:
+    """The times of the beams of a sweep, relative to its middle symbol."""
+    prs = config.waveform.prs
+    mean_s = clock.symbol_s.mean(axis=0)
+    if config.waveform.combine_symbols:
+        mean_s = mean_s + (prs.length - 1) / 2 * prs.symbol_s
+    return BeamClock(tx_s=mean_s.mean(axis=1), rx_s=mean_s.mean(axis=0) - mean_s.mean())
 
 
 def campaign_clock(config: SimulationConfig, scene: Scene) -> CampaignClock:

@@ -7,7 +7,7 @@ from pydantic import Field, field_validator, model_validator
 from scenes.names import FileName
 from scenes.toml_config import ConfigModel
 from sim.signal.hardware.config import ImpairmentsConfig
-from sim.signal.waveform.config import ScheduleConfig
+from sim.signal.waveform.config import ScanOrder, ScheduleConfig
 from sim.signal.waveform.prs import PrsConfig
 from sim.signal.waveform.schedule import sent_slots
 
@@ -37,6 +37,9 @@ class WaveformConfig(ConfigModel):
         description="a beam pair combines all symbols of a resource; otherwise it takes the first symbol alone",
     )
     cyclic_prefix: Literal["normal", "extended"] = Field("normal", description="extended with numerology 2 alone")
+    scan_order: ScanOrder = Field(
+        "linear", description="order of the beams in a sweep: linear, interleaved or random, at both ends"
+    )
     schedule: ScheduleConfig | None = Field(
         None, description="slots in which the beams are sent; without it one symbol follows the other"
     )

@@ -8,6 +8,17 @@ from sim.signal.arrays.codebook import Codebook
 
 
 @dataclass(frozen=True)
+class BeamClock(Record):
+    """When the beam pairs of a sweep are measured: at the time of the TX beam plus that of the RX beam.
+
+    Times are relative to the middle of the sweep, and means where a pair is measured several times.
+    """
+
+    tx_s: FloatArray = array("tx_beam", unit="s", doc="time of every TX beam")
+    rx_s: FloatArray = array("rx_beam", unit="s", doc="time of every RX beam")
+
+
+@dataclass(frozen=True)
 class BeamSweep(Record):
     """Samples of all TX beams x RX beams at one stop, and the known properties of the signal.
 
@@ -19,7 +30,8 @@ class BeamSweep(Record):
     symbol. Or the receiver divides by the pilots, averages the symbols of each subcarrier and combines the
     interleaved combs; then the samples cover every subcarrier and `prs_symbol` is that of the first comb pass.
 
-    Codebooks are nominal: the designed weights, patterns and panels, without hardware impairments.
+    Codebooks are nominal: the designed weights, patterns and panels, without hardware impairments. With a `clock`
+    paths may have Doppler shifts; without one the world is taken as frozen.
     """
 
     tx_codebook: Codebook
@@ -33,3 +45,4 @@ class BeamSweep(Record):
     frequency_offset_hz: FloatArray = array("subcarrier", unit="Hz", doc="subcarrier offset from the carrier")
     carrier_hz: float = array(unit="Hz", doc="carrier frequency")
     noise_power_mw: FloatArray = array("rx_beam", unit="mW", doc="nominal noise power per sample")
+    clock: BeamClock | None = None  # absent where nothing moves

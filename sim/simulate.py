@@ -11,7 +11,7 @@ import numpy as np
 
 from scenes.record import ComplexArray, FloatArray, IntArray
 from scenes.scene import Scene
-from sim.clock import campaign_clock
+from sim.clock import beam_clock, campaign_clock
 from sim.config import SimulationConfig
 from sim.moving import moving_paths, tx_pose_at
 from sim.observation import BeamSweep
@@ -115,6 +115,7 @@ def observe(config: SimulationConfig, link: Link, scene: Scene, truth: Truth) ->
         frequency_offset_hz=link.frequency_offset_hz,
         carrier_hz=link.carrier_hz,
         noise_power_mw=link.noise_power_mw,
+        clock=None if truth.motion is None else beam_clock(config, campaign_clock(config, scene)),
     )
 
 

@@ -5,7 +5,13 @@ import numpy as np
 from estimation.channel.fit import PathFit
 from estimation.channel.los import LosConfig, line_of_sight, los_probability
 from estimation.channel.model.manifold import Manifold
-from estimation.channel.record import UNKNOWN_ANGLE_VARIANCE, AngleKind, ChannelEstimate, EstimateStatus
+from estimation.channel.record import (
+    UNKNOWN_ANGLE_VARIANCE,
+    AngleKind,
+    ChannelEstimate,
+    EstimateStatus,
+    PathMotion,
+)
 from scenes.record import FloatArray
 from sim.observation import BeamSweep
 
@@ -51,7 +57,18 @@ def assemble_estimate(
         method=method,
         status=EstimateStatus.OK if n else EstimateStatus.NO_PATHS,
         reason=reason,
+        motion=_motion(fit),
     )
+
+
+def _motion(fit: PathFit) -> PathMotion | None:
+    """The Doppler shifts of a fit; None if it estimated none."""
+    if not fit.size("doppler"):
+        return None
+    doppler_hz = fit.doppler_hz[:, 0]
+    std_hz = np.sqrt(fit.covariance[:, -1, -1])
+    moves = doppler_hz != 0
+    return PathMotion(moves, doppler_hz, np.where(moves, std_hz, np.nan), fit.seen_s)
 
 
 def angle_kind(manifold: Manifold) -> AngleKind:

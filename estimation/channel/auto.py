@@ -12,6 +12,9 @@ are then estimated in turn. Where they do not, the incoherent fit of all paths i
 Where many paths share beam pairs and delays, a few of them do not explain the phases. Then all paths of a coherent
 fit are the reference, and the phases of the pairs against their sum decide. What even this fit leaves out turns
 phases and scales magnitudes alike; unknown phases leave the magnitudes as they are.
+
+A sweep with a clock is fitted coherently with Doppler shifts first: a frequency offset is one common to all paths.
+If the phases do not follow that fit, the world is taken as frozen.
 """
 
 from dataclasses import dataclass, replace
@@ -39,6 +42,9 @@ _TRACKED_RAD = np.deg2rad(
 )  # error of tracked phases, in the median, up to which pairs add up: they lose 0.5 dB
 
 
+NO_RAMP = PhaseRamp(0.0, 0.0, 0.0, 0.0, 0.0, 0)
+
+
 @dataclass(frozen=True)
 class AutoFit:
     """A fit, the chosen mode, and the reason."""
@@ -54,6 +60,12 @@ def fit_auto(sweep: BeamSweep, config: MaximumLikelihoodConfig | None = None) ->
     """Paths of one stop by the likelihood that its phases allow; errors are those of `fit_incoherent`."""
     config = config or MaximumLikelihoodConfig()
     few = config.model_copy(update={"max_paths": min(config.max_paths, _TELLING_PATHS)})
+    if sweep.clock is not None:
+        ramp = fit_phase_ramp(phases_against(sweep, fit_over_background(sweep, few)))
+        moving = _coherent(sweep, NO_RAMP, config, is_sure=False) if ramp.residual_rad <= DOUBTFUL_RAD else None
+        if moving is not None:
+            return moving
+        sweep = replace(sweep, clock=None)
     incoherent = fit_incoherent(sweep, few)
     steady = without_drift(sweep, incoherent.drift_s)
     ramp = fit_phase_ramp(phases_of(incoherent))

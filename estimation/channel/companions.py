@@ -29,9 +29,9 @@ def companions(fit: PathFit, tx: Manifold, rx: Manifold) -> BoolArray:
     cell away at the other. `tx` and `rx` are the manifolds of the fit.
     """
     variance = np.einsum("ipp->ip", fit.covariance)
-    n_aod = fit.aod_rad.shape[1]
+    n_aod, n_aoa = fit.aod_rad.shape[1], fit.aoa_rad.shape[1]
     departures = _End(fit.aod_rad, variance[:, 1 : 1 + n_aod], tx)
-    arrivals = _End(fit.aoa_rad, variance[:, 1 + n_aod :], rx)
+    arrivals = _End(fit.aoa_rad, variance[:, 1 + n_aod : 1 + n_aod + n_aoa], rx)
     late = np.square(fit.delay_s[:, None] - fit.delay_s) / (variance[:, None, 0] + variance[:, 0])
     is_weaker = fit.snr_db[:, None] <= fit.snr_db - WEAKER_DB
     same = is_weaker & (

@@ -31,6 +31,13 @@ class MaximumLikelihoodConfig(ConfigModel):
         300.0, gt=0, description="to this long after it; a path at another delay needs more power"
     )
 
+    max_length_rate_m_s: float = Field(
+        6.0,
+        gt=0,
+        le=200,
+        description="fastest change of a path's length that is searched, where sweeps have a clock (coherent)",
+    )
+
     @property
     def max_incoherent_paths(self) -> int:
         """Most paths of the incoherent fit."""

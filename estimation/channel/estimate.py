@@ -123,6 +123,7 @@ def _widened(fit: PathFit, config: ChannelConfig) -> PathFit:
     """The fit with the floors of the settings added to its covariances."""
     std = np.full(fit.size("parameter"), np.deg2rad(config.angle_std_floor_deg))
     std[0] = 1e-9 * config.delay_std_floor_ns
+    std[fit.size("parameter") - fit.size("doppler") :] = 0.0
     return replace(fit, covariance=fit.covariance + np.diag(std**2))
 
 

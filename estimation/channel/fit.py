@@ -30,10 +30,16 @@ class PathFit(Record):
         "parameter",
         "parameter2",
         unit="(s, rad, ...)^2",
-        doc="of delay, departure angles and arrival angles",
+        doc="of delay, departure angles, arrival angles and, where estimated, Doppler shift",
     )
     unresolved_probability: FloatArray = array("path", doc="probability that the path stands for several")
     is_weak: BoolArray = array("path", dtype=bool, doc="a sum of weak fields, or not resolved")
+    doppler_hz: FloatArray = array(
+        "path", "doppler", unit="Hz", doc="one shift or none; exactly zero: no evidence of motion, not estimated"
+    )
+    seen_s: FloatArray = array(
+        "path", unit="s", doc="when its energy arrives, since the middle of the sweep: angles are of that time"
+    )
     status: FitStatus = array(dtype=str, doc="ok, no_paths or no_signal")
 
     def __len__(self) -> int:
@@ -53,5 +59,7 @@ def empty_fit(n_aod_angles: int, n_aoa_angles: int, status: FitStatus) -> PathFi
         covariance=np.zeros((0, n_parameters, n_parameters)),
         unresolved_probability=np.zeros(0),
         is_weak=np.zeros(0, bool),
+        doppler_hz=np.zeros((0, 0)),
+        seen_s=np.zeros(0),
         status=status,
     )

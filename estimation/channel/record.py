@@ -36,6 +36,22 @@ class AngleKind(StrEnum):
     CONE = "cone"
 
 
+@dataclass(frozen=True)
+class PathMotion(Record):
+    """What a sweep with a clock shows of the motion of its paths, from the Doppler shift of each.
+
+    A path moves if its shift explains the samples better than a frozen path does, by evidence. Delays are those
+    in the middle of the sweep, angles those of `seen_s`.
+    """
+
+    is_moving: BoolArray = array("path", dtype=bool, doc="whether the path has a Doppler shift, by evidence")
+    doppler_hz: FloatArray = array("path", unit="Hz", doc="Doppler shift: positive where a path gets shorter")
+    doppler_std_hz: FloatArray = array("path", unit="Hz", doc="its standard deviation; NaN for frozen paths")
+    seen_s: FloatArray = array(
+        "path", unit="s", doc="when the energy of the path arrives, since the middle of the sweep"
+    )
+
+
 def _optional(*axes: str, **about: Any) -> Any:
     """An optional array field; the record fills in the documented default."""
     return field(default=None, metadata=array(*axes, **about).metadata)
@@ -89,6 +105,7 @@ class ChannelEstimate(Record):
     method: str = _optional(dtype=str, doc="method that found the paths")
     status: str = _optional(dtype=str, doc="'ok', 'no paths', 'limited', 'refused' or 'failed'")
     reason: str = _optional(dtype=str, doc="what the method chose and why, or what is wrong")
+    motion: PathMotion | None = None  # absent where the sweep has no clock, or phases are not coherent
 
     def __post_init__(self) -> None:
         n = len(self.delay_s)
@@ -124,6 +141,11 @@ class ChannelEstimate(Record):
     def reported(self) -> Self:
         """The estimate without its weak paths: what mapping, SLAM and scores use."""
         return self.take("path", ~self.is_weak)
+
+    @property
+    def frozen(self) -> Self:
+        """The estimate without its moving paths."""
+        return self if self.motion is None else self.take("path", ~self.motion.is_moving)
 
     @property
     def plane_parameters(self) -> FloatArray:

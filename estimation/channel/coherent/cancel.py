@@ -71,7 +71,11 @@ def _apart(reference: Reference, two: PathParameters, cells: float) -> PathParam
     """Two paths this many resolution cells apart about their centre, on the line through both."""
     rate = manifold_rates(reference.sweep, two).mean(axis=0)
     step = np.concatenate(
-        [np.diff(two.delay_bins), *(wrap_angle(np.diff(a, axis=0))[0] for a in (two.aod_rad, two.aoa_rad))]
+        [
+            np.diff(two.delay_bins),
+            *(wrap_angle(np.diff(a, axis=0))[0] for a in (two.aod_rad, two.aoa_rad)),
+            np.diff(two.doppler_turns, axis=0)[0],
+        ]
     )
     length = max(float(np.linalg.norm(step * rate)), np.finfo(float).tiny)
     half = step / 2 * cells * CELL / length

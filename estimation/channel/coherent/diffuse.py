@@ -81,10 +81,13 @@ def _is_weak(fit: PathFit, sweep: CompressedSweep, level: float) -> BoolArray:
     of weak paths. Those not resolved are known no better than to their cell, or to a quadrant: parts of a group
     that the data cannot resolve. The `sweep` has all beams.
     """
-    paths = PathParameters(fit.delay_s / sweep.bin_s, fit.aod_rad, fit.aoa_rad, fit.amplitude.astype(complex))
-    rate = manifold_rates(sweep, paths)
+    paths = PathParameters(
+        fit.delay_s / sweep.bin_s, fit.aod_rad, fit.aoa_rad, fit.amplitude.astype(complex), fit.doppler_hz
+    )
+    n_places = 1 + sweep.tx.n_angles + sweep.rx.n_angles
+    rate = manifold_rates(sweep, paths)[:, :n_places]
     rate[:, 0] /= sweep.bin_s
-    variance = np.einsum("ipp->ip", fit.covariance)
+    variance = np.einsum("ipp->ip", fit.covariance)[:, :n_places]
     is_seen = rate > LEAST_SEEN * rate.max(axis=0, initial=0.0)
     is_lost = (is_seen & (variance * np.square(rate / CELL) > UNIFORM_VARIANCE)).any(axis=1)
     is_lost |= (is_seen.any(axis=0) & (variance > QUADRANT_VARIANCE))[:, [1, 1 + sweep.tx.n_angles]].any(axis=1)

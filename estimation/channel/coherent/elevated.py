@@ -74,7 +74,10 @@ def _clearest_images(reference: Reference, paths: PathParameters, *, is_tx: bool
     for first in np.flatnonzero(together.any(axis=1)):
         others = np.flatnonzero(together[first])
         directions = same_cone(manifold, angles_rad[first], ELEVATIONS_RAD)
-        change = paths.amplitude[first] * (manifold.response(directions) - own[first])
+        raised = manifold.response(directions)
+        if reference.sweep.turns is not None:
+            raised = raised * reference.sweep.turns.wave(paths.doppler_turns[[first]], is_tx=is_tx)
+        change = paths.amplitude[first] * (raised - own[first])
         seen = paths.amplitude[others] * beside[first, others] / energy[first]
         alone = change @ own[others].conj().T / own_energy[others]
         may_agree = np.abs(alone / seen - 1) <= LARGEST_ALONE

@@ -9,7 +9,6 @@ from estimation.channel.coherent.refine import NEAR_CELLS, Reference, Solution, 
 from estimation.channel.model.manifold import CELL
 from estimation.channel.model.path_model import (
     PathParameters,
-    PathTangents,
     cells_apart,
     gram_matrix,
     manifold_rates,
@@ -54,7 +53,7 @@ class KnownPaths:
         """Scores of probes about one place, where only the known paths `near` (path,) change."""
         at = responses(self.reference.sweep, probes)
         known = self.reference.at
-        close = PathTangents(known.tx[near], known.rx[near], known.delay[near])
+        close = replace(known, tx=known.tx[near], rx=known.rx[near], delay=known.delay[near])
         inner = gram_matrix(at, close)[:, 0]
         scale = self.solution.paths.amplitude[near, None]
         columns = np.concatenate([inner[..., :1], 1j * inner[..., :1], inner[..., 1:] * scale], axis=2)

@@ -66,4 +66,5 @@ def _mirrored(paths: PathParameters, pair: IntArray) -> PathParameters:
         turned(paths.aod_rad, wrap_angle(paths.aod_rad[second] - paths.aod_rad[first])),
         turned(paths.aoa_rad, wrap_angle(paths.aoa_rad[second] - paths.aoa_rad[first])),
         paths.amplitude,
+        turned(paths.doppler_turns, paths.doppler_turns[second] - paths.doppler_turns[first]),
     )

@@ -10,11 +10,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimation.channel.coherent.background import background_over_delay
 from estimation.channel.coherent.cancel import without_cancelling_paths
 from estimation.channel.coherent.elevated import merge_elevated_images
 from estimation.channel.coherent.hidden import hidden_second_paths
 from estimation.channel.coherent.maxima import HigherMaximum
+from estimation.channel.coherent.misfit import background_over_delay
+from estimation.channel.coherent.moving import at_likeliest_turns, finer_turns, freeze_still_paths
 from estimation.channel.coherent.pair_errors import LitPairs, PairErrors
 from estimation.channel.coherent.plan import (
     SCALLOPING,
@@ -42,6 +43,7 @@ from estimation.channel.model.apparent import reported_angles
 from estimation.channel.model.compress import CompressedSweep, check_sweep, compress
 from estimation.channel.model.manifold import Manifold
 from estimation.channel.model.path_model import PathParameters, no_paths, residual
+from estimation.channel.model.turns import sweep_turns
 from scenes.pose import wrap_angle
 from scenes.record import BoolArray, FloatArray
 from sim.observation import BeamSweep
@@ -124,8 +126,9 @@ def compress_stop(
     check_sweep(sweep)
     tx = tx_manifold or nominal_manifold(sweep.tx_codebook)
     rx = rx_manifold or nominal_manifold(sweep.rx_codebook)
-    plan = search_plan(tx, rx, tuple(sweep.noise_power_mw.tolist()), config.oversampling)
-    cube = compress(sweep, plan.tx, plan.rx)
+    turns = None if pair_errors is not None else sweep_turns(sweep, config.max_length_rate_m_s)
+    plan = search_plan(tx, rx, tuple(sweep.noise_power_mw.tolist()), config.oversampling, turns)
+    cube = compress(sweep, plan.tx, plan.rx, turns)
     if not cube.spectrum.any():
         return empty_fit(tx.n_angles, rx.n_angles, "no_signal")
     window = delay_window(cube, plan, config)
@@ -161,7 +164,7 @@ def find_paths(
     solution = solve_at(reference, reference.paths)
     most, n_passes = min(config.max_paths, _most_paths(sweep)), 0
     search = SpectrumSearch(white, plan.grids, plan.oversampling)
-    higher_maximum = HigherMaximum(plan.grids, window.level)
+    higher_maximum = HigherMaximum(plan.grids, search.turns, window.level)
     least_share = LEAST_OF_ROUND if window.pairs is None else 0.0
     share = least_share
     for _ in range(MAX_ROUNDS):
@@ -191,7 +194,8 @@ def find_paths(
         solution = solve_at(reference, solution.paths)
         if not is_changed:
             break
-    return white, _finished(reference, solution, window, FINAL_STEPS)
+    finished = _finished(reference, solution, window, FINAL_STEPS)
+    return white, freeze_still_paths(Reference(white, finished.paths), finished, FINAL_STEPS)
 
 
 def _background(sweep: CompressedSweep, paths: PathParameters, config: MaximumLikelihoodConfig) -> FloatArray:
@@ -250,6 +254,15 @@ def path_fit(
     covariance = _of_reported(errors.covariance, aod_slopes, aoa_slopes)
     covariance[:, 0] *= sweep.bin_s
     covariance[:, :, 0] *= sweep.bin_s
+    doppler_hz, seen_s = np.zeros((len(paths), 0)), np.zeros(len(paths))
+    if sweep.turns is not None:
+        doppler_hz = paths.doppler_turns / sweep.turns.span_s
+        seen_s = sweep.turns.span_s * sweep.turns.mean_time(
+            sweep.tx.response(paths.aod_rad), sweep.rx.response(paths.aoa_rad)
+        )
+        delay_s = delay_s + doppler_hz[:, 0] * seen_s / sweep.turns.carrier_hz
+        covariance[:, -1] /= sweep.turns.span_s
+        covariance[:, :, -1] /= sweep.turns.span_s
     order = np.argsort(delay_s, kind="stable")
     return PathFit(
         delay_s=delay_s[order],
@@ -261,6 +274,8 @@ def path_fit(
         covariance=covariance[order],
         unresolved_probability=errors.unresolved_probability[order],
         is_weak=errors.is_redundant[order],
+        doppler_hz=doppler_hz[order],
+        seen_s=seen_s[order],
         status="ok" if len(paths) else "no_paths",
     )
 
@@ -272,12 +287,14 @@ def reported_delay_bins(sweep: CompressedSweep, paths: PathParameters) -> FloatA
 
 
 def _of_reported(covariance: FloatArray, aod_slopes: FloatArray, aoa_slopes: FloatArray) -> FloatArray:
-    """Covariance of delay and reported angles from that of fitted ones; slopes are (path, reported, fitted)."""
-    n, (n_aod, n_aoa) = len(covariance), (aod_slopes.shape[1], aoa_slopes.shape[1])
-    slopes = np.zeros((n, 1 + n_aod + n_aoa, covariance.shape[1]))
-    slopes[:, 0, 0] = 1.0
-    slopes[:, 1 : 1 + n_aod, 1 : 1 + aod_slopes.shape[2]] = aod_slopes
-    slopes[:, 1 + n_aod :, 1 + aod_slopes.shape[2] :] = aoa_slopes
+    """Covariance of delay, reported angles and turns from that of fitted ones; slopes (path, reported, fitted)."""
+    blocks = np.ones((len(covariance), 1, 1)), aod_slopes, aoa_slopes
+    n_turns = covariance.shape[1] - sum(block.shape[2] for block in blocks)
+    slopes = np.zeros((len(covariance), sum(block.shape[1] for block in blocks) + n_turns, covariance.shape[1]))
+    row = column = 0
+    for block in (*blocks, np.broadcast_to(np.eye(n_turns), (len(covariance), n_turns, n_turns))):
+        slopes[:, row : row + block.shape[1], column : column + block.shape[2]] = block
+        row, column = row + block.shape[1], column + block.shape[2]
     return np.asarray(slopes @ covariance @ slopes.swapaxes(1, 2))
 
 
@@ -296,6 +313,8 @@ def _new_paths(
     doubtful, power = refine_separately(reference, places.take(~is_certain))
     certain = _best_of_twins(search, reference, peaks.take(is_certain))
     new = certain.joined(doubtful.take(power >= level[~is_certain]))
+    if len(search.turns):
+        new, _ = at_likeliest_turns(reference, new, finer_turns(search.turns))
     return raised_paths(reference, new, window.level / 2)
 
 
@@ -313,5 +332,5 @@ def _best_of_twins(search: SpectrumSearch, reference: Reference, peaks: Spectrum
 
 def _most_paths(sweep: CompressedSweep) -> int:
     """Largest number of paths with at least as many samples as parameters."""
-    n_parameters = 3 + sweep.tx.n_angles + sweep.rx.n_angles
+    n_parameters = 3 + sweep.tx.n_angles + sweep.rx.n_angles + (sweep.turns is not None)
     return max(1, sweep.samples.size // n_parameters)

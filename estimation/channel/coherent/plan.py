@@ -8,9 +8,9 @@ import numpy as np
 
 from estimation.channel.coherent.pair_errors import LitPairs
 from estimation.channel.coherent.refine import Reference, refine_separately
-from estimation.channel.coherent.search import DirectionGrid, SpectrumSearch, direction_grid
+from estimation.channel.coherent.search import DirectionGrid, SpectrumSearch, direction_grid, turn_rate
 from estimation.channel.config import MaximumLikelihoodConfig
-from estimation.channel.model.compress import BeamSpan, DelayCube, beam_span
+from estimation.channel.model.compress import BeamSpan, DelayCube, beam_span, every_beam
 from estimation.channel.model.false_alarms import (
     delay_curvatures,
     detection_level,
@@ -19,6 +19,7 @@ from estimation.channel.model.false_alarms import (
 )
 from estimation.channel.model.manifold import Manifold
 from estimation.channel.model.path_model import PathParameters, no_paths
+from estimation.channel.model.turns import SweepTurns
 from scenes.record import BoolArray, FloatArray, IntArray
 from sim.signal.arrays.codebook import Codebook
 
@@ -39,6 +40,7 @@ class SearchPlan:
     grids: tuple[DirectionGrid, DirectionGrid]
     curvatures: FloatArray
     oversampling: int
+    turns: SweepTurns | None = None
 
     @lru_cache(maxsize=64)  # noqa: B019  plans are few and live long
     def level(self, probability: float, n_bins: int, n_subcarriers: int) -> float:
@@ -109,15 +111,30 @@ def _manifold(key: _ByContent) -> Manifold:
 
 
 @lru_cache(maxsize=8)
-def search_plan(tx: Manifold, rx: Manifold, noise_power_mw: tuple[float, ...], oversampling: float) -> SearchPlan:
-    """The plan for the beams of two devices and the noise power of every RX beam, cached for the next stop."""
-    relative = np.asarray(noise_power_mw)
-    spans = beam_span(tx), beam_span(rx, relative)
+def search_plan(
+    tx: Manifold,
+    rx: Manifold,
+    noise_power_mw: tuple[float, ...],
+    oversampling: float,
+    turns: SweepTurns | None = None,
+) -> SearchPlan:
+    """The plan for the beams of two devices and the noise power of every RX beam, cached for the next stop.
+
+    With the times of the beams in `turns`, Doppler shifts are searched as well.
+    """
+    span = beam_span if turns is None else every_beam
+    spans = span(tx), span(rx, np.asarray(noise_power_mw))
+    grids = direction_grid(spans[0].manifold, oversampling), direction_grid(spans[1].manifold, oversampling)
+    regions = [direction_curvatures(each.manifold) for each in spans]
+    if turns is not None:
+        rate = turn_rate(turns, grids)
+        regions.append(np.array([1.0, 2 * turns.most * rate]))
     return SearchPlan(
         *spans,
-        grids=(direction_grid(spans[0].manifold, oversampling), direction_grid(spans[1].manifold, oversampling)),
-        curvatures=region_curvatures(*(direction_curvatures(span.manifold) for span in spans)),
+        grids=grids,
+        curvatures=region_curvatures(*regions),
         oversampling=int(np.ceil(oversampling)),
+        turns=turns,
     )
 
 

@@ -41,6 +41,7 @@ LARGEST_DAMPING = 1e7
 HOPE = 10.0  # times the gain that a step expects: more is not gained by the steps that follow
 LONGEST_STEP = 0.5  # resolution cells
 TINY = 1e-12  # relative ridge that keeps normal equations of coinciding paths solvable
+TURNS_SPAN = 200.0  # of the turns that a path may have: more than sweeps are searched for
 SMALLEST = 1e-150  # diagonal of an unobservable parameter
 
 
@@ -303,13 +304,14 @@ def marginal_covariances(solution: Solution, n_subcarriers: int, lost: FloatArra
     """Covariance (path, parameter, parameter) of delay in bins and angles in rad, all other parameters unknown.
 
     The inverse of the joint Fisher information of all paths plus a prior: delays are within the period, angles on
-    the circle. So an unobservable parameter has the variance of a uniform one. `lost` is what other unknowns take
-    from `Solution.information`.
+    the circle, turns within `TURNS_SPAN`. So an unobservable parameter has the variance of a uniform one. `lost`
+    is what other unknowns take from `Solution.information`.
     """
     n, n_columns = solution.slope.shape
     information = 2 * (solution.information - lost)
     prior = np.full(n_columns, 12 / (2 * np.pi) ** 2)
     prior[:3] = [0.0, 0.0, 12 / n_subcarriers**2]
+    prior[n_columns - solution.paths.doppler_turns.shape[1] :] = 12 / TURNS_SPAN**2
     information = information + np.einsum("pq,ab,b->paqb", np.eye(n), np.eye(n_columns), prior)
     inverse = regular_inverse(information.reshape(n * n_columns, -1)).reshape(information.shape)
     block = np.einsum("iaib->iab", inverse)[:, 2:, 2:]

@@ -10,8 +10,9 @@ import numpy as np
 from estimation.channel.model.alike import alike_directions, padded_rows
 from estimation.channel.model.compress import CompressedSweep
 from estimation.channel.model.kernels import dirichlet
-from estimation.channel.model.manifold import Manifold
+from estimation.channel.model.manifold import CELL, Manifold
 from estimation.channel.model.path_model import PathParameters, no_paths, response_energies, responses
+from estimation.channel.model.turns import SweepTurns
 from estimation.execution import compiled
 from scenes.record import BoolArray, ComplexArray, FloatArray, IntArray
 
@@ -19,6 +20,7 @@ NEIGHBOUR_COHERENCE = 0.5  # of directions about half a resolution cell apart: g
 CLOSE_BINS = 1.5
 FILTER_REACH_BINS = 24  # of the response between two bins that is summed: 99.2 % of its energy
 BINS_AT_ONCE = 64
+USUAL = 0.9  # of the directions have smaller rates of turns than that taken for all
 CELLS_AT_ONCE = 1 << 17  # spectrum cells held at a time
 
 
@@ -46,19 +48,20 @@ class DirectionGrid:
 
 @dataclass(frozen=True)
 class SpectrumPeaks:
-    """Local maxima of the spectrum, strongest first: indices on the grids, delay in bins, filter output."""
+    """Local maxima of the spectrum, strongest first: indices on the grids, delay in bins, filter output, turns."""
 
     tx: IntArray
     rx: IntArray
     delay_bins: FloatArray
     value: ComplexArray
+    doppler_turns: FloatArray
 
     def __len__(self) -> int:
         return len(self.tx)
 
     def take(self, index: IntArray | BoolArray | slice) -> SpectrumPeaks:
         """Some of the peaks."""
-        return SpectrumPeaks(self.tx[index], self.rx[index], self.delay_bins[index], self.value[index])
+        return SpectrumPeaks(*(getattr(self, spec.name)[index] for spec in fields(self)))
 
 
 def direction_grid(manifold: Manifold, oversampling: float) -> DirectionGrid:
@@ -88,6 +91,7 @@ class SpectrumSearch:
         # At whole bins the response is a single bin, so only the delays in between need a product.
         apart, weight = (sweep.position - sweep.position[0]).tobytes(), sweep.weight.tobytes()
         self._between = [_matched_delays(apart, weight, part, sweep.n_subcarriers) for part in parts[1:]]
+        self.turns = searched_turns(sweep.turns, grids, oversampling)
 
     def peaks(self, parts: FloatArray, level: float) -> SpectrumPeaks:
         """Local maxima above `level` of the spectrum of samples given as parts (part, tx_rank, rx_rank, bin).
@@ -100,13 +104,13 @@ class SpectrumSearch:
         found = []
         for start in range(0, n_delays, n_at_once):
             low, high = max(0, start - 1), min(n_delays, start + n_at_once + 1)
-            real, imaginary = _spectrum(np.ascontiguousarray(fine[..., low:high]), tx, rx)
-            power = real * real + imaginary * imaginary
+            real, imaginary, power, best = self._strongest_turn(np.ascontiguousarray(fine[..., low:high]))
             i, j, d = _local_maxima(power, tx.neighbour, rx.neighbour, np.float32(level)).T
             inside = (d + low >= start) & (d + low < start + n_at_once)
             i, j, d = i[inside], j[inside], d[inside]
             value = real[i, j, d] + 1j * imaginary[i, j, d].astype(float)
-            found.append(SpectrumPeaks(i, j, self._delay_bins[d + low], value))
+            turns = self.turns[best[i, j, d]] if best is not None else np.zeros((len(i), 0))
+            found.append(SpectrumPeaks(i, j, self._delay_bins[d + low], value, turns))
         peaks = _joined(found)
         return peaks.take(np.argsort(-np.abs(peaks.value), kind="stable"))
 
@@ -117,7 +121,7 @@ class SpectrumSearch:
             return no_paths(self.sweep)
         aod = _at_horizon(tx.angle_rad[peaks.tx], self.sweep.tx)
         aoa = _at_horizon(rx.angle_rad[peaks.rx], self.sweep.rx)
-        paths = PathParameters(peaks.delay_bins, aod, aoa, peaks.value)
+        paths = PathParameters(peaks.delay_bins, aod, aoa, peaks.value, peaks.doppler_turns)
         return replace(paths, amplitude=peaks.value / np.sqrt(response_energies(responses(self.sweep, paths))))
 
     def with_twins(self, peaks: SpectrumPeaks) -> tuple[SpectrumPeaks, IntArray]:
@@ -131,6 +135,31 @@ class SpectrumSearch:
             origin.append(row)
         return _joined(found), np.concatenate(origin)
 
+    def _strongest_turn(self, fine: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, IntArray | None]:
+        """Real and imaginary part and power (tx, rx, delay) of the spectrum, largest over the searched turns.
+
+        The last result is the number of the turns (tx, rx, delay), None if none are searched.
+        """
+        turns = self.sweep.turns
+        if turns is None:
+            real, imaginary = _spectrum(fine, *self.grids)
+            return real, imaginary, real * real + imaginary * imaginary, None
+        samples = fine[0] + 1j * fine[1]
+        largest: tuple[FloatArray, FloatArray, FloatArray, IntArray] | None = None
+        for number, turn in enumerate(self.turns):
+            tx, rx = (turns.wave(turn[None], is_tx=is_tx)[0].conj() for is_tx in (True, False))
+            back = samples * (tx[:, None] * rx).astype(np.complex64)[..., None]
+            real, imaginary = _spectrum(np.stack([back.real, back.imag]), *self.grids)
+            power = real * real + imaginary * imaginary
+            if largest is None:
+                largest = real, imaginary, power, np.zeros(power.shape, np.int64)
+                continue
+            more = power > largest[2]
+            for kept, new in zip(largest, (real, imaginary, power, number), strict=True):
+                np.copyto(kept, new, where=more, casting="same_kind")
+        assert largest is not None
+        return largest
+
     def _delay_filtered(self, parts: FloatArray) -> FloatArray:
         """Samples (part, tx_rank, rx_rank, delay) matched to all delays of the grid."""
         n_bins = parts.shape[3]
@@ -143,6 +172,24 @@ class SpectrumSearch:
             for k, matched in enumerate(self._between):
                 fine[:, start:end, k + 1] = rows[:, near] @ matched[near, start:end]
         return np.asarray(fine.reshape(*parts.shape[:3], -1))
+
+
+def searched_turns(
+    turns: SweepTurns | None, grids: tuple[DirectionGrid, DirectionGrid], oversampling: float
+) -> FloatArray:
+    """Doppler shifts (shift, 1) in turns that are searched; none of them zero."""
+    if turns is None:
+        return np.zeros((0, 1))
+    step = CELL / oversampling / turn_rate(turns, grids)
+    half = max(1, int(np.ceil(turns.most / step)))
+    return np.asarray(step * (np.arange(-half, half) + 0.5)[:, None])
+
+
+def turn_rate(turns: SweepTurns, grids: tuple[DirectionGrid, DirectionGrid]) -> float:
+    """Length on the manifold per turn that few directions of both ends exceed."""
+    tx, rx = (grid.matched for grid in grids)
+    ends = ((tx, rx[:1] * 0), (tx[:1] * 0, rx))
+    return float(np.linalg.norm([np.quantile(turns.rates(*end), USUAL) for end in ends]))
 
 
 def without_side_lobes(

@@ -60,11 +60,11 @@ def _twins(
 ) -> PathParameters:
     """The one path, then the same at every twin of its directions."""
     rate = manifold_rates(reference.sweep, path)[0, 1:]
-    n_aod = path.aod_rad.shape[1]
+    n_aod, n_aoa = path.aod_rad.shape[1], path.aoa_rad.shape[1]
     ends = []
     for manifold, angles, grid, own in (
         (reference.sweep.tx, path.aod_rad, grids[0], rate[:n_aod]),
-        (reference.sweep.rx, path.aoa_rad, grids[1], rate[n_aod:]),
+        (reference.sweep.rx, path.aoa_rad, grids[1], rate[n_aod : n_aod + n_aoa]),
     ):
         twin = np.zeros((0, angles.shape[1]))
         if sees_elevation(manifold):

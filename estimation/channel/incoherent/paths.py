@@ -142,6 +142,8 @@ def _assemble(sweep: BeamSweep, search: IncoherentSearch, paths: FloatArray, at:
         covariance=block * scale[:, None] * scale,
         unresolved_probability=np.where(is_ambiguous, 1.0, 0.0),
         is_weak=np.zeros(n, bool),
+        doppler_hz=np.zeros((n, 0)),
+        seen_s=np.zeros(n),
         status="ok",
         is_ambiguous=is_ambiguous,
         pair_phase_rad=phase.reshape(shape),

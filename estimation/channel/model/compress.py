@@ -15,6 +15,7 @@ import scipy.fft
 
 from estimation.channel.model.kernels import dirichlet
 from estimation.channel.model.manifold import Manifold
+from estimation.channel.model.turns import SweepTurns
 from scenes.record import BoolArray, ComplexArray, FloatArray, IntArray
 from sim.observation import BeamSweep
 
@@ -41,6 +42,7 @@ class CompressedSweep:
     weight : (bin,) factor of whitening for every bin
     n_subcarriers, bin_s, centre_hz : of the delay transform, whose period is n_subcarriers * bin_s
     noise_scale : noise power that the samples were divided by, relative to the nominal one
+    turns : times of the beams where paths may have Doppler shifts, with one cell per beam; else None
     """
 
     parts: FloatArray
@@ -52,6 +54,7 @@ class CompressedSweep:
     bin_s: float
     centre_hz: float
     noise_scale: float
+    turns: SweepTurns | None = None
 
     @property
     def samples(self) -> ComplexArray:
@@ -89,6 +92,7 @@ class DelayCube:
     ----------
     spectrum : complex64 (tx_rank, rx_rank, bin), white noise; phases of a plain inverse FFT
     noise_scale : noise power per cell, 1 if the nominal noise powers are right
+    turns : as in `CompressedSweep`
     """
 
     spectrum: ComplexArray
@@ -97,6 +101,7 @@ class DelayCube:
     bin_s: float
     centre_hz: float
     noise_scale: float
+    turns: SweepTurns | None = None
 
     @property
     def n_bins(self) -> int:
@@ -118,6 +123,7 @@ class DelayCube:
             bin_s=self.bin_s,
             centre_hz=self.centre_hz,
             noise_scale=self.noise_scale,
+            turns=self.turns,
         )
 
 
@@ -152,6 +158,13 @@ def beam_span(manifold: Manifold, noise_power_mw: FloatArray | None = None) -> B
     return BeamSpan(np.asarray(basis * whitener, precision), white.combined(basis))
 
 
+def every_beam(manifold: Manifold, noise_power_mw: FloatArray | None = None) -> BeamSpan:
+    """As `beam_span`, with one cell per beam."""
+    whitener = np.diag(np.ones(manifold.n_beams) if noise_power_mw is None else 1 / np.sqrt(noise_power_mw))
+    precision: type[np.generic] = np.float32
+    return BeamSpan(np.asarray(whitener, precision), manifold.combined(whitener))
+
+
 def _towards_directions(manifold: Manifold, basis: ComplexArray | FloatArray) -> ComplexArray | FloatArray:
     """The basis (rank, beam) rotated by the unitary matrix nearest to responses of evenly spaced directions."""
     directions = manifold.grid(2.0)
@@ -162,9 +175,10 @@ def _towards_directions(manifold: Manifold, basis: ComplexArray | FloatArray) ->
     return np.asarray(np.concatenate([turned, right[len(left) :]]) @ basis)
 
 
-def compress(sweep: BeamSweep, tx: BeamSpan, rx: BeamSpan) -> DelayCube:
+def compress(sweep: BeamSweep, tx: BeamSpan, rx: BeamSpan, turns: SweepTurns | None = None) -> DelayCube:
     """All delay bins of a sweep, on the bases of its beams (`beam_span`; that of the RX with the noise powers).
 
+    With `turns`, the bases are those of `every_beam`: a Doppler shift leaves the span of the beams.
     The noise level is measured at the delays farthest from the strongest path (see `noise_scale_of`).
 
     Raises `ValueError` For samples that are not finite; the message names the stop.
@@ -188,6 +202,7 @@ def compress(sweep: BeamSweep, tx: BeamSpan, rx: BeamSpan) -> DelayCube:
         bin_s=float(1 / (n_bins * step_hz)),
         centre_hz=float(sweep.frequency_offset_hz.mean()),
         noise_scale=noise_scale_of(spectrum),
+        turns=turns,
     )
 
 

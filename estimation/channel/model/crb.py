@@ -3,7 +3,11 @@
 Model, equation (1): y[m, n, k] = sum_i xi_i T_m(phi_i) R_n(theta_i) exp(-j 2 pi f_k tau_i) x[m, k] + w with |x| =
 1 and white w of power sigma_n^2. Parameters of a path are, in this order,
 
-    delay in s, AoD angles in rad, AoA angles in rad, log |xi|, arg xi.
+    delay in s, AoD angles in rad, AoA angles in rad, (Doppler shift in Hz,) log |xi|, arg xi.
+
+With the times t of the beam pairs, a path of Doppler shift nu is multiplied by exp(j 2 pi nu t[m, n]). These times
+are sums of one per TX beam and one per RX beam, so the slope over nu is a sum of two products of factors: both are
+carried as parameters of their own, and tied at the end.
 
 Every derivative of the mean is a product of one factor over TX beams, one over RX beams and one over subcarriers,
 so the coherent Fisher information is the Hadamard product of three small Grams: J_ab = 2 Re(c_a^* c_b G_T G_R G_W)
@@ -21,9 +25,10 @@ from typing import Any
 
 import numpy as np
 
+from estimation.channel.model.factors import MovingPaths, TangentFactors
 from estimation.channel.model.manifold import Manifold
-from estimation.channel.model.phase_information import pair_information
 from scenes.record import ComplexArray, FloatArray, Record, array
+from sim.observation import BeamClock
 from sim.signal.arrays.codebook import Codebook
 
 _NO_INFORMATION = 1e-13  # eigenvalue of an equilibrated information that is a rounding error
@@ -39,12 +44,17 @@ class PathBounds(Record):
     """
 
     covariance: FloatArray = array(
-        "path", "parameter", "parameter2", unit="(s, rad)^2", doc="of delay, AoD angles and AoA angles"
+        "path",
+        "parameter",
+        "parameter2",
+        unit="(s, rad, Hz)^2",
+        doc="of delay, AoD angles, AoA angles (, Doppler)",
     )
     gain_std_db: FloatArray = array("path", unit="dB", doc="of the path's gain magnitude")
     phase_std_rad: FloatArray = array("path", unit="rad", doc="of the path's gain phase")
     snr_db: FloatArray = array("path", unit="dB", doc="of the best beam pair after summing the subcarriers")
-    n_aod_angles: int = array(dtype=int, doc="1: azimuth, 2: azimuth and elevation; the rest are AoA angles")
+    n_aod_angles: int = array(dtype=int, doc="1: azimuth, 2: azimuth and elevation; then come AoA angles")
+    has_doppler: bool = array(dtype=bool, default=False, doc="whether the last parameter is the Doppler shift")
 
     @property
     def std(self) -> FloatArray:
@@ -64,7 +74,12 @@ class PathBounds(Record):
     @property
     def aoa_std_rad(self) -> FloatArray:
         """Angles of arrival (path, angle)."""
-        return self.std[:, 1 + self.n_aod_angles :]
+        return self.std[:, 1 + self.n_aod_angles : self.std.shape[1] - self.has_doppler]
+
+    @property
+    def doppler_std_hz(self) -> FloatArray:
+        """Doppler shift (path,): zero for a path known to be frozen, NaN without times of the beam pairs."""
+        return self.std[:, -1] if self.has_doppler else np.full(len(self.covariance), np.nan)
 
 
 def crb(
@@ -78,6 +93,9 @@ def crb(
     aoa_rad: Any,
     amplitude: Any,
     coherent: bool = True,
+    clock: BeamClock | None = None,
+    doppler_hz: Any = 0.0,
+    is_frozen: Any = False,
 ) -> PathBounds:
     """Cramer-Rao bounds of the paths of one stop, for design studies: any codebooks, subcarriers and paths.
 
@@ -99,6 +117,10 @@ def crb(
         it (`Manifold.n_angles`)
     amplitude : (path,) complex xi in sqrt(mW), the transmit power included
     coherent : whether phases are coherent from beam pair to beam pair
+    clock : times of the beams; with it every path has an unknown Doppler shift, and the bound holds what the order
+        of the scan costs. Without it the world is known to be frozen.
+    doppler_hz : scalar or (path,)
+    is_frozen : scalar or (path,), paths that are known to have no shift
 
     Raises `ValueError` For arrays of other shapes, values that are not finite, and noise powers that are not
     positive.
@@ -115,7 +137,11 @@ def crb(
     if (noise <= 0).any():
         raise ValueError(f"noise_power_mw = {noise.min():g}: must be positive")
     frequency_hz = np.asarray(frequency_offset_hz, float)
-    return path_bounds(tx, rx, frequency_hz, noise, delay, aod, aoa, amplitude, coherent=coherent)
+    moving = None
+    if clock is not None:
+        shift = np.broadcast_to(np.asarray(doppler_hz, float), n)
+        moving = MovingPaths(clock, shift, np.broadcast_to(np.asarray(is_frozen, bool), n))
+    return path_bounds(tx, rx, frequency_hz, noise, delay, aod, aoa, amplitude, coherent=coherent, moving=moving)
 
 
 def path_bounds(
@@ -129,10 +155,13 @@ def path_bounds(
     amplitude: ComplexArray,
     *,
     coherent: bool,
+    moving: MovingPaths | None = None,
 ) -> PathBounds:
     """Bounds as in `crb`, for given manifolds: arguments as in `path_information`."""
     paths = delay_s, aod_rad, aoa_rad, amplitude
-    information = path_information(tx, rx, frequency_offset_hz, noise_power_mw, *paths, coherent=coherent)
+    information = path_information(
+        tx, rx, frequency_offset_hz, noise_power_mw, *paths, coherent=coherent, moving=moving
+    )
     covariance = path_covariance(information)
     block = np.einsum("iaib->iab", covariance)
     phase_std = np.sqrt(block[:, -1, -1])
@@ -142,6 +171,7 @@ def path_bounds(
         phase_std_rad=phase_std if coherent else np.full(len(delay_s), np.nan),
         snr_db=path_snr_db(tx, rx, len(frequency_offset_hz), noise_power_mw, aod_rad, aoa_rad, amplitude),
         n_aod_angles=tx.n_angles,
+        has_doppler=moving is not None,
     )
 
 
@@ -156,28 +186,51 @@ def path_information(
     amplitude: ComplexArray,
     *,
     coherent: bool,
+    moving: MovingPaths | None = None,
 ) -> FloatArray:
     """Fisher information (path, parameter, path, parameter) of all parameters of all paths.
 
     `noise_power_mw` is (rx_beam,), angles (path, angle) as in the manifolds, `amplitude` (path,) xi in sqrt(mW).
+    Frozen paths of `moving` know their shift: it has no slope and infinite information.
     """
-    factors = _Factors.make(tx, rx, frequency_offset_hz, noise_power_mw, delay_s, aod_rad, aoa_rad, amplitude)
-    flat = _coherent(factors) if coherent else _incoherent(factors)
+    factors = TangentFactors.make(
+        tx, rx, frequency_offset_hz, noise_power_mw, delay_s, aod_rad, aoa_rad, amplitude, moving
+    )
+    flat = factors.coherent() if coherent else factors.incoherent()
     n = len(delay_s)
     size = 3 + tx.n_angles + rx.n_angles
-    return flat.reshape(n, size, n, size)
+    if moving is None:
+        return flat.reshape(n, size, n, size)
+    tie = np.insert(np.eye(size + 1), 1 + tx.n_angles, 0.0, axis=0)  # (factor, parameter)
+    tie[1 + tx.n_angles, size - 2] = 1.0
+    tied = np.einsum("ap,iajb,bq->ipjq", tie, flat.reshape(n, size + 2, n, size + 2), tie)
+    known = np.flatnonzero(moving.is_frozen)
+    tied[known, size - 2, known, size - 2] = np.inf
+    return np.asarray(tied)
 
 
 def path_covariance(information: FloatArray) -> FloatArray:
     """Inverse (path, parameter, path, parameter) of a path information.
 
     Parameters with a component in a direction without information, such as all phases in incoherent mode, get
-    infinite variances. Parameters are first scaled to a unit diagonal: seconds and radians differ by 1e20.
+    infinite variances; those of infinite information are known. Parameters are first scaled to a unit diagonal:
+    seconds and radians differ by 1e20.
     """
     n, size = information.shape[:2]
     if not n:
         return np.zeros_like(information)
     flat = information.reshape(n * size, n * size)
+    known = np.isinf(np.diagonal(flat))
+    if known.any():
+        covariance = np.zeros_like(flat)
+        unknown = np.ix_(~known, ~known)
+        covariance[unknown] = _inverse(flat[unknown])
+        return covariance.reshape(information.shape)
+    return _inverse(flat).reshape(information.shape)
+
+
+def _inverse(flat: FloatArray) -> FloatArray:
+    """The covariance (parameter, parameter) of an information, infinite where there is none."""
     diagonal = np.diagonal(flat)
     scale = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
     value, vector = np.linalg.eigh(flat / np.outer(scale, scale))
@@ -186,7 +239,7 @@ def path_covariance(information: FloatArray) -> FloatArray:
     covariance = (kept / value[~free]) @ kept.T / np.outer(scale, scale)
     touched = np.any(np.abs(vector[:, free]) > _TOUCHED, axis=1)
     covariance[touched, touched] = np.inf
-    return np.asarray(covariance.reshape(information.shape))
+    return np.asarray(covariance)
 
 
 def joint_loss_db(information: FloatArray) -> FloatArray:
@@ -201,7 +254,9 @@ def joint_loss_db(information: FloatArray) -> FloatArray:
     alone = [path_covariance(information[i : i + 1, :, i : i + 1])[0, :, 0] for i in range(n)]
     own = np.array([np.diagonal(covariance) for covariance in alone])
     ratio = np.full((n, joint.shape[1] - 1), np.inf)
-    np.divide(joint[:, :-1], own[:, :-1], out=ratio, where=np.isfinite(joint[:, :-1]))
+    known = own[:, :-1] == 0  # as the shift of a frozen path
+    ratio[known] = 1.0
+    np.divide(joint[:, :-1], own[:, :-1], out=ratio, where=np.isfinite(joint[:, :-1]) & ~known)
     return np.asarray(10 * np.log10(ratio.max(axis=1)))
 
 
@@ -219,81 +274,6 @@ def path_snr_db(
     rx_gain = (np.square(np.abs(rx.response(aoa_rad))) / noise_power_mw).max(axis=1, initial=0.0)
     snr = np.square(np.abs(amplitude)) * tx_gain * rx_gain * n_subcarriers
     return np.asarray(10 * np.log10(np.maximum(snr, np.finfo(float).tiny)))
-
-
-@dataclass(frozen=True)
-class _Factors:
-    """The factors of every parameter's derivative of the mean, in units of the noise.
-
-    A derivative is coefficient x TX factor (beam,) x RX factor (beam,) x wave (subcarrier,).
-    """
-
-    coefficient: ComplexArray  # (parameter,)
-    tx: ComplexArray  # (parameter, tx_beam)
-    rx: ComplexArray  # (parameter, rx_beam), over the noise amplitude
-    wave_gram: ComplexArray  # (parameter, parameter)
-    magnitude: Any  # indices (path,) of the parameters log |xi|
-
-    @classmethod
-    def make(
-        cls,
-        tx: Manifold,
-        rx: Manifold,
-        frequency_hz: FloatArray,
-        noise_mw: FloatArray,
-        delay_s: FloatArray,
-        aod_rad: FloatArray,
-        aoa_rad: FloatArray,
-        amplitude: ComplexArray,
-    ) -> _Factors:
-        """The factors of paths with arguments as in `path_information`, parameters in the order of the module."""
-        n, n_tx, n_rx = len(delay_s), tx.n_angles, rx.n_angles
-        size = 3 + n_tx + n_rx
-        noise = np.sqrt(noise_mw)
-        tx_tangent, rx_tangent = tx.tangents(aod_rad), rx.tangents(aoa_rad)  # the response, then its slopes
-        tx_factor = np.repeat(tx_tangent[:, :1], size, axis=1)
-        tx_factor[:, 1 : 1 + n_tx] = tx_tangent[:, 1:]
-        rx_factor = np.repeat(rx_tangent[:, :1], size, axis=1)
-        rx_factor[:, 1 + n_tx : 1 + n_tx + n_rx] = rx_tangent[:, 1:]
-        coefficient = np.repeat(amplitude[:, None], size, axis=1).astype(complex)
-        coefficient[:, -1] *= 1j
-        wave = np.exp(-2j * np.pi * delay_s[:, None] * frequency_hz)
-        slope = -2j * np.pi * frequency_hz * wave
-        kind = np.zeros((n, size), int)  # of wave: 0 the wave, 1 its slope
-        kind[:, 0] = 1
-        index = (2 * np.arange(n)[:, None] + kind).ravel()
-        waves = np.stack([wave, slope], axis=1).reshape(2 * n, len(frequency_hz))
-        gram = waves.conj() @ waves.T
-        return cls(
-            coefficient=coefficient.ravel(),
-            tx=tx_factor.reshape(n * size, tx.n_beams),
-            rx=rx_factor.reshape(n * size, rx.n_beams) / noise,
-            wave_gram=gram[np.ix_(index, index)],
-            magnitude=size * np.arange(n) + size - 2,
-        )
-
-
-def _coherent(factors: _Factors) -> FloatArray:
-    c = factors.coefficient
-    grams = (factors.tx.conj() @ factors.tx.T) * (factors.rx.conj() @ factors.rx.T) * factors.wave_gram
-    return np.asarray(2 * np.real(np.outer(c.conj(), c) * grams))
-
-
-def _incoherent(factors: _Factors) -> FloatArray:
-    """4 A Re(alpha) Re(alpha)' + 2 B Re(d'^H d') summed over beam pairs."""
-    pairs = factors.tx[:, :, None] * factors.rx[:, None, :]
-    weight = factors.coefficient[:, None] * pairs.reshape(len(pairs), -1)  # (parameter, pair)
-    gram = factors.wave_gram
-    # mu is the sum of the derivatives by log |xi|, so mu^H d is a sum over these rows.
-    along = weight * (gram[factors.magnitude].T @ weight[factors.magnitude].conj())
-    snr = np.maximum(along[factors.magnitude].real.sum(axis=0), 0.0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        alpha = np.where(snr > 0, along / snr, 0.0)
-    a, b = pair_information(snr)
-    whole = gram * ((weight.conj() * b) @ weight.T)
-    parallel = (alpha.conj() * (snr * b)) @ alpha.T
-    kept = (alpha.real * a) @ alpha.real.T
-    return np.asarray(4 * kept + 2 * np.real(whole - parallel))
 
 
 def _checked(name: str, value: Any, shape: tuple[int, ...]) -> FloatArray:

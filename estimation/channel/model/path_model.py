@@ -1,13 +1,14 @@
 """The model of paths in a compressed sweep: tangents, and their inner products with samples and with each other.
 
-A path adds c t(phi) r(theta) d(tau), a product over the three axes. In each derivative one factor is replaced, so
-every inner product of two of them is a product of three short ones: the Fisher information is a Hadamard product
-of small Gram matrices, and no array of the size paths x samples is needed.
+A path adds c t(phi) r(theta) d(tau), a product over the three axes; with Doppler, t and r turn from beam to beam.
+In each derivative one factor is replaced, so every inner product of two of them is a product of three short ones:
+the Fisher information is a Hadamard product of small Gram matrices, and no array of the size paths x samples is
+needed.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Self
 
 import numpy as np
@@ -15,18 +16,28 @@ import numpy as np
 from estimation.channel.model.compress import CompressedSweep
 from estimation.channel.model.kernels import hadamard_gram, tangent_products
 from estimation.channel.model.manifold import CELL
+from estimation.channel.model.turns import is_moving
 from scenes.pose import within_poles, wrap_angle
 from scenes.record import BoolArray, ComplexArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True)
 class PathParameters:
-    """Parameters of paths: delays (path,) in bins, angles (path, angle) in rad, amplitudes (path,)."""
+    """Parameters of paths: delays (path,) in bins, angles (path, angle) in rad, amplitudes (path,).
+
+    `doppler_turns` (path, 0 or 1) are turns of phase during the sweep, exactly zero for a frozen path; a sweep
+    without a clock has none.
+    """
 
     delay_bins: FloatArray
     aod_rad: FloatArray
     aoa_rad: FloatArray
     amplitude: ComplexArray
+    doppler_turns: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+
+    def __post_init__(self) -> None:
+        if not self.doppler_turns.shape[1]:
+            object.__setattr__(self, "doppler_turns", np.zeros((len(self.delay_bins), 0)))
 
     def __len__(self) -> int:
         return len(self.delay_bins)
@@ -39,7 +50,8 @@ class PathParameters:
             aod_rad=self.aod_rad[index],
             aoa_rad=self.aoa_rad[index],
             amplitude=self.amplitude[index],
-        )  # fmt: skip
+            doppler_turns=self.doppler_turns[index],
+        )
 
     def joined(self, other: PathParameters) -> PathParameters:
         """These paths, then the others."""
@@ -48,6 +60,7 @@ class PathParameters:
             np.concatenate([self.aod_rad, other.aod_rad]),
             np.concatenate([self.aoa_rad, other.aoa_rad]),
             np.concatenate([self.amplitude, other.amplitude]),
+            np.concatenate([self.doppler_turns, other.doppler_turns]),
         )
 
     def replaced(self, where: BoolArray, other: PathParameters) -> PathParameters:
@@ -57,6 +70,7 @@ class PathParameters:
             np.where(where[:, None], other.aod_rad, self.aod_rad),
             np.where(where[:, None], other.aoa_rad, self.aoa_rad),
             np.where(where, other.amplitude, self.amplitude),
+            np.where(where[:, None], other.doppler_turns, self.doppler_turns),
         )
 
     def with_paths(self, index: IntArray, paths: PathParameters) -> PathParameters:
@@ -66,13 +80,17 @@ class PathParameters:
         return self.joined(paths).take(place)
 
     def moved(self, step: FloatArray) -> PathParameters:
-        """The paths after a step (path, parameter) of delays and angles; over a pole they come down behind it."""
-        n_aod = self.aod_rad.shape[1]
+        """The paths after a step (path, parameter) of delays, angles and turns.
+
+        Over a pole they come down behind it.
+        """
+        n_aod, n_angles = self.aod_rad.shape[1], self.aod_rad.shape[1] + self.aoa_rad.shape[1]
         return replace(
             self,
             delay_bins=self.delay_bins + step[:, 0],
             aod_rad=within_poles(self.aod_rad + step[:, 1 : 1 + n_aod]),
-            aoa_rad=within_poles(self.aoa_rad + step[:, 1 + n_aod :]),
+            aoa_rad=within_poles(self.aoa_rad + step[:, 1 + n_aod : 1 + n_angles]),
+            doppler_turns=self.doppler_turns + step[:, 1 + n_angles :],
         )
 
 
@@ -83,6 +101,7 @@ def no_paths(sweep: CompressedSweep) -> PathParameters:
         aod_rad=np.zeros((0, sweep.tx.n_angles)),
         aoa_rad=np.zeros((0, sweep.rx.n_angles)),
         amplitude=np.zeros(0, complex),
+        doppler_turns=np.zeros((0, 0 if sweep.turns is None else 1)),
     )
 
 
@@ -90,16 +109,18 @@ def no_paths(sweep: CompressedSweep) -> PathParameters:
 class PathTangents:
     """Factors of the responses of paths and of their derivatives along every axis, the value first.
 
-    The order of the tangents is: value, derivatives over delay, angles of departure, angles of arrival.
+    The order of the tangents is: value, derivatives over delay, angles of departure, angles of arrival, turns.
 
     Attributes
     ----------
     tx : (path, 1 + aod angle, tx_rank); rx : (path, 1 + aoa angle, rx_rank); delay : (path, 2, bin)
+    is_tied : whether the last factors of both ends are slopes over turns: their sum is one derivative
     """
 
     tx: ComplexArray
     rx: ComplexArray
     delay: FloatArray
+    is_tied: bool = False
 
     @property
     def values(self) -> PathTangents:
@@ -108,21 +129,21 @@ class PathTangents:
 
 
 def tangents(sweep: CompressedSweep, paths: PathParameters) -> PathTangents:
-    """Responses of the paths and their derivatives over delay (per bin) and angles (per rad)."""
-    return PathTangents(
-        tx=sweep.tx.tangents(paths.aod_rad),
-        rx=sweep.rx.tangents(paths.aoa_rad),
-        delay=sweep.delay_response(paths.delay_bins),
-    )
+    """Responses of the paths and their derivatives over delay (per bin), angles (per rad) and turns."""
+    tx, rx = sweep.tx.tangents(paths.aod_rad), sweep.rx.tangents(paths.aoa_rad)
+    if sweep.turns is not None:
+        tx = sweep.turns.with_slope(tx, paths.doppler_turns, is_tx=True)
+        rx = sweep.turns.with_slope(rx, paths.doppler_turns, is_tx=False)
+    return PathTangents(tx, rx, sweep.delay_response(paths.delay_bins), is_tied=sweep.turns is not None)
 
 
 def responses(sweep: CompressedSweep, paths: PathParameters) -> PathTangents:
     """Responses of the paths alone, without derivatives."""
-    return PathTangents(
-        tx=sweep.tx.response(paths.aod_rad)[:, None],
-        rx=sweep.rx.response(paths.aoa_rad)[:, None],
-        delay=sweep.delay_response(paths.delay_bins)[:, :1],
-    )
+    tx, rx = sweep.tx.response(paths.aod_rad)[:, None], sweep.rx.response(paths.aoa_rad)[:, None]
+    if sweep.turns is not None:
+        tx = sweep.turns.turned(tx, paths.doppler_turns, is_tx=True)
+        rx = sweep.turns.turned(rx, paths.doppler_turns, is_tx=False)
+    return PathTangents(tx, rx, sweep.delay_response(paths.delay_bins)[:, :1])
 
 
 def products_with(parts: FloatArray, at: PathTangents) -> ComplexArray:
@@ -130,14 +151,15 @@ def products_with(parts: FloatArray, at: PathTangents) -> ComplexArray:
     n_paths, n_factors, n_bins = at.delay.shape
     short = at.delay.reshape(n_paths * n_factors, n_bins).astype(np.float32)
     slices = short @ parts.reshape(-1, n_bins).T
-    return np.asarray(tangent_products(slices.reshape(n_paths, n_factors, *parts.shape[:3]), at.tx, at.rx))
+    return _tied(tangent_products(slices.reshape(n_paths, n_factors, *parts.shape[:3]), at.tx, at.rx), at, 1)
 
 
 def gram_matrix(at: PathTangents, other: PathTangents) -> ComplexArray:
     """Inner products (path, tangent, path, tangent) of two sets of tangents."""
-    return np.asarray(
-        hadamard_gram(_axis_gram(at.tx, other.tx), _axis_gram(at.rx, other.rx), _axis_gram(at.delay, other.delay))
+    gram = hadamard_gram(
+        _axis_gram(at.tx, other.tx), _axis_gram(at.rx, other.rx), _axis_gram(at.delay, other.delay)
     )
+    return _tied(_tied(gram, at, 1), other, 3)
 
 
 def own_gram_matrix(at: PathTangents, other: PathTangents) -> ComplexArray:
@@ -148,7 +170,18 @@ def own_gram_matrix(at: PathTangents, other: PathTangents) -> ComplexArray:
     )
     d, i, j = _factors(at)
     e, k, h = _factors(other)
-    return np.asarray(tx[:, i[:, None], k] * rx[:, j[:, None], h] * delay[:, d[:, None], e])
+    gram = tx[:, i[:, None], k] * rx[:, j[:, None], h] * delay[:, d[:, None], e]
+    return _tied(_tied(gram, at, 1), other, 2)
+
+
+def _tied(products: ComplexArray | FloatArray, at: PathTangents, axis: int) -> ComplexArray:
+    """Products over all tangents along an axis, with both slopes over turns added to one, the last."""
+    if not at.is_tied:
+        return np.asarray(products)
+    of_tx = at.delay.shape[1] + at.tx.shape[1] - 2
+    both = np.take(products, of_tx, axis) + np.take(products, -1, axis)
+    rest = np.delete(products, [of_tx, products.shape[axis] - 1], axis)
+    return np.concatenate([rest, np.expand_dims(both, axis)], axis=axis)
 
 
 def _factors(at: PathTangents) -> tuple[IntArray, IntArray, IntArray]:
@@ -168,10 +201,16 @@ def response_energies(at: PathTangents) -> FloatArray:
 
 
 def manifold_rates(sweep: CompressedSweep, paths: PathParameters) -> FloatArray:
-    """Length on the manifold (path, parameter) per delay bin and per rad of every angle; a cell is `CELL` long."""
+    """Length on the manifold (path, parameter) per delay bin, rad of every angle, and turn.
+
+    A resolution cell is `CELL` long.
+    """
     rates = [np.full((len(paths), 1), CELL)]
     for manifold, angles in ((sweep.tx, paths.aod_rad), (sweep.rx, paths.aoa_rad)):
         rates.append(manifold.rates(angles))
+    if sweep.turns is not None:
+        rate = sweep.turns.rates(sweep.tx.response(paths.aod_rad), sweep.rx.response(paths.aoa_rad))
+        rates.append((rate * is_moving(paths.doppler_turns))[:, None])
     return np.concatenate(rates, axis=1)
 
 
@@ -183,6 +222,7 @@ def cells_apart(paths: PathParameters, others: PathParameters, rate: FloatArray)
     apart = [paths.delay_bins[:, None, None] - others.delay_bins[:, None]]
     for angles, given in ((paths.aod_rad, others.aod_rad), (paths.aoa_rad, others.aoa_rad)):
         apart.append(wrap_angle(angles[:, None] - given))
+    apart.append(paths.doppler_turns[:, None] - others.doppler_turns)
     return np.asarray((np.abs(np.concatenate(apart, axis=2)) * rate / CELL).max(axis=2))
 
 

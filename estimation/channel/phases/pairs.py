@@ -54,6 +54,9 @@ def phases_against(sweep: BeamSweep, fit: PathFit) -> PairPhases:
     """The phases of a sweep against the sum of all paths of a coherent fit."""
     tx = nominal_manifold(sweep.tx_codebook).response(fit.aod_rad)
     rx = nominal_manifold(sweep.rx_codebook).response(fit.aoa_rad)
+    if sweep.clock is not None and fit.size("doppler"):
+        tx = tx * np.exp(2j * np.pi * fit.doppler_hz * sweep.clock.tx_s)
+        rx = rx * np.exp(2j * np.pi * fit.doppler_hz * sweep.clock.rx_s)
     gain = fit.amplitude * np.exp(1j * fit.phase_rad)
     wave = np.exp(-2j * np.pi * fit.delay_s[:, None] * sweep.frequency_offset_hz).astype(np.complex64)
     shape, noise = sweep.samples.shape[:2], sweep.noise_power_mw

@@ -108,7 +108,7 @@ def make_bench(seed: int, **impairments: Any) -> LinkBench:
     array = ArrayConfig(beams_per_panel=32, sector_deg=SECTOR_DEG, columns=COLUMNS)
     waveform = WaveformConfig(numerology=3, n_rb=264, combine_symbols=True)
     config = SimulationConfig(scene="lone", seed=seed, waveform=waveform, tx_array=array, rx_array=array)
-    return with_settings(_bench(config), **impairments)
+    return with_settings(bench_of(config), **impairments)
 
 
 def draw_paths(
@@ -169,8 +169,8 @@ def observe_paths(bench: LinkBench, paths: DrawnPaths, stop: int, background: Pa
     The stop's number picks the random draws of noise and hardware. `background` adds paths that are no truth.
     """
     parameters = paths.parameters
-    amplitude = _amplitudes(bench, paths)
-    drawn = _level_paths(amplitude / np.sqrt(bench.link.tx_power_mw), parameters)
+    amplitude = amplitudes(bench, paths)
+    drawn = level_paths(amplitude / np.sqrt(bench.link.tx_power_mw), parameters)
     every = drawn if background is None else concatenate([drawn, background], "path")
     sweep = observe(bench.config, bench.link, LONE_SCENE, Truth(every, LONE_STOP, stop, 0.0))
     return ChannelStop(sweep, paths, amplitude)
@@ -178,7 +178,7 @@ def observe_paths(bench: LinkBench, paths: DrawnPaths, stop: int, background: Pa
 
 def noise_stop(bench: LinkBench, stop: int) -> BeamSweep:
     """A sweep without any path."""
-    none = _level_paths(np.zeros(0, complex), np.zeros((0, 3)))
+    none = level_paths(np.zeros(0, complex), np.zeros((0, 3)))
     return observe(bench.config, bench.link, LONE_SCENE, Truth(none, LONE_STOP, stop, 0.0))
 
 
@@ -211,9 +211,9 @@ def diffuse_background(
     delay = paths.delay_s[0] + rng.exponential(50e-9, n)
     sines = rng.uniform(-EDGE_SINE, EDGE_SINE, (n, 2))
     gain = rng.standard_normal(n) + 1j * rng.standard_normal(n)
-    strongest = np.abs(_amplitudes(bench, paths)).max() / np.sqrt(bench.link.tx_power_mw)
+    strongest = np.abs(amplitudes(bench, paths)).max() / np.sqrt(bench.link.tx_power_mw)
     gain *= strongest * 10 ** (-below_db / 20) / np.sqrt(2 * n)
-    return _level_paths(gain, np.column_stack([delay, np.arcsin(sines)]))
+    return level_paths(gain, np.column_stack([delay, np.arcsin(sines)]))
 
 
 def with_settings(bench: LinkBench, **impairments: Any) -> LinkBench:
@@ -225,15 +225,16 @@ def with_settings(bench: LinkBench, **impairments: Any) -> LinkBench:
 def with_bandwidth(bench: LinkBench, n_rb: int) -> LinkBench:
     """The same beams over 12 subcarriers in each of `n_rb` resource blocks."""
     waveform = bench.config.waveform.model_copy(update={"n_rb": n_rb})
-    return _bench(bench.config.model_copy(update={"waveform": waveform}))
+    return bench_of(bench.config.model_copy(update={"waveform": waveform}))
 
 
-def _bench(config: SimulationConfig) -> LinkBench:
+def bench_of(config: SimulationConfig) -> LinkBench:
+    """The link of a simulation with its manifolds."""
     link = make_link(config)
     return LinkBench(config, link, Manifold(link.tx_codebook), Manifold(link.rx_codebook))
 
 
-def _amplitudes(bench: LinkBench, paths: DrawnPaths) -> ComplexArray:
+def amplitudes(bench: LinkBench, paths: DrawnPaths) -> ComplexArray:
     """Gains xi (path,) in sqrt(mW) that give the drawn SNRs."""
     parameters = paths.parameters
     tx = np.square(np.abs(bench.tx.response(parameters[:, 1:2]))).max(axis=1)
@@ -242,7 +243,7 @@ def _amplitudes(bench: LinkBench, paths: DrawnPaths) -> ComplexArray:
     return np.asarray(magnitude * np.exp(1j * paths.phase_rad))
 
 
-def _level_paths(gain: ComplexArray, parameters: FloatArray) -> Paths:
+def level_paths(gain: ComplexArray, parameters: FloatArray) -> Paths:
     """Paths at zero elevation from gains and (path, 3) delay, AoD and AoA."""
     level = np.zeros(len(gain))
     return made_paths(gain, parameters[:, 0], (parameters[:, 1], level), (parameters[:, 2], level))

@@ -8,6 +8,7 @@ from scenes.toml_config import ConfigModel
 from sim.signal.waveform.schedule import PrsSchedule
 
 Bits = list[Literal[0, 1]]
+ScanOrder = Literal["linear", "interleaved", "random"]
 
 
 class ScheduleConfig(ConfigModel):

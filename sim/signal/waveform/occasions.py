@@ -4,6 +4,8 @@ Without a schedule, the beam pairs follow each other without gaps, as in a measu
 a schedule, the TX beams are the resources of a PRS resource set. The receiver keeps one RX beam for one instance
 of the set, in which every TX beam has its repetitions, and combines them. It knows the schedule and skips muted
 symbols: muted instances cost air time, muted repetitions cost combining gain, and no beam pair is missing.
+
+The time of a beam pair is always a time of its TX beam plus one of its RX beam, in every scan order.
 """
 
 from dataclasses import dataclass
@@ -12,7 +14,7 @@ import numpy as np
 
 from scenes.record import FloatArray, IntArray, Record, array
 from sim.config import WaveformConfig
-from sim.signal.waveform.config import ScheduleConfig
+from sim.signal.waveform.config import ScanOrder, ScheduleConfig
 from sim.signal.waveform.schedule import sent_slots
 
 
@@ -38,22 +40,38 @@ def sweep_occasions(waveform: WaveformConfig, n_tx: int, n_rx: int) -> Occasions
     Raises `ValueError` if the beams do not fit into the period of the schedule, or everything is muted.
     """
     prs, schedule = waveform.prs, waveform.schedule
+    tx_turn, rx_turn = (beam_turns(waveform.scan_order, n) for n in (n_tx, n_rx))
     if schedule is None:
         pair_s = prs.symbol_s * (prs.length if waveform.combine_symbols else 1)
         return Occasions(
-            time_s=pair_s * np.arange(n_tx * n_rx, dtype=float).reshape(1, n_tx, n_rx),
-            slot=np.arange(n_tx)[None] % prs.slots_per_frame,
+            time_s=pair_s * (n_rx * tx_turn[:, None] + rx_turn)[None].astype(float),
+            slot=tx_turn[None] % prs.slots_per_frame,
             air_time_s=pair_s * n_tx * n_rx,
         )
-    offset = resource_offsets(schedule, n_tx)
-    first = sent_slots(schedule.of_resource(prs.numerology), n_rx)  # (rx_beam, repetition) of the first TX beam
+    offset = resource_offsets(schedule, n_tx)[tx_turn]
+    sent = sent_slots(schedule.of_resource(prs.numerology), n_rx)  # (instance, repetition) of the first TX beam
+    first = sent[rx_turn]
     slot = first.T[:, None, :] + offset[:, None]
     slot_s = 1e-3 / 2**prs.numerology
     return Occasions(
         time_s=slot_s * (slot - slot.min()),
-        slot=slot[:, :, 0] % prs.slots_per_frame,
+        slot=slot[:, :, rx_turn.argmin()] % prs.slots_per_frame,
         air_time_s=slot_s * float(np.ptp(slot) + 1),
     )
+
+
+def beam_turns(order: ScanOrder, n_beams: int) -> IntArray:
+    """The turn (beam,) of every beam of one end in a sweep.
+
+    Interleaved takes about every sqrt(n)-th beam, then those after them; random is one order for all campaigns.
+    """
+    beam = np.arange(n_beams)
+    if order == "linear":
+        return beam
+    if order == "random":
+        return np.random.default_rng(n_beams).permutation(n_beams)
+    stride = max(1, round(np.sqrt(n_beams)))
+    return np.argsort(np.lexsort((beam, beam % stride)))
 
 
 def measurements_per_sample(waveform: WaveformConfig) -> float:

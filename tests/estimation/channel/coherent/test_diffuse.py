@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from estimation.channel.coherent.background import background_over_delay
 from estimation.channel.coherent.diffuse import fit_over_background
+from estimation.channel.coherent.misfit import background_over_delay
 from estimation.channel.coherent.paths import fit_coherent
 from estimation.channel.config import MaximumLikelihoodConfig
 from isac_arena.validation.scenarios.link_bench import (
