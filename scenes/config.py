@@ -23,6 +23,7 @@ from scenes.pose import Pose
 from scenes.record import FloatArray
 from scenes.references import copy_name, find_file
 from scenes.scene import Scene, SceneObject
+from scenes.targets.config import TargetConfig
 from scenes.toml_config import ConfigError, ConfigModel, load_config, naming_field
 from scenes.walks.config import (
     PosesWalkConfig,
@@ -61,6 +62,7 @@ class SceneConfig(ConfigModel):
     objects: Annotated[tuple[ObjectConfig, ...], Field(strict=False)] = ()
     floorplans: Annotated[tuple[FloorplanConfig, ...], Field(strict=False)] = ()
     meshes: Annotated[tuple[MeshConfig, ...], Field(strict=False)] = ()
+    targets: Annotated[tuple[TargetConfig, ...], Field(strict=False)] = ()
 
     @model_validator(mode="after")
     def _one_or_several(self) -> SceneConfig:
@@ -85,6 +87,7 @@ class SceneConfig(ConfigModel):
         objects = [item.build(materials, folder) for item in self.objects]
         for plan in self.floorplans:
             objects += plan.build(materials, folder)
+        objects += [item.build(folder) for item in self.targets]
         clutter = [item.build(materials, folder) for item in self.meshes]
         given = dict(self._given_walks(folder))
         bounds = self.bounds_m or self._bounds_round(objects, clutter, given.values())
@@ -226,6 +229,7 @@ def referenced_contents(config: SceneConfig, folder: Path) -> dict[str, bytes]:
     walks = [item for item in config._walk_configs if isinstance(item, RecordedWalkConfig | PosesWalkConfig)]
     named += [item.file for item in walks if item.file is not None]
     moving = [item.motion for item in config.objects] + [item.motion for item in config.meshes]
+    moving += [item.motion for item in config.targets]
     moving += [item.motion for item in config._tx_configs]
     named += [motion.file for motion in moving if isinstance(motion, RecordedMotionConfig)]
     return {copy_name(file): _content(find_file(folder, file)) for file in (str(Path(name)) for name in named)}

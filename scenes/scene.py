@@ -81,6 +81,16 @@ class Scene(Displayed):
         return [item.name for item in self.objects]
 
     @property
+    def fixtures(self) -> tuple[SceneObject, ...]:
+        """The objects that belong on a map: all but targets."""
+        return tuple(item for item in self.objects if item.target is None)
+
+    @property
+    def has_targets(self) -> bool:
+        """Whether there are targets."""
+        return len(self.fixtures) < len(self.objects)
+
+    @property
     def materials(self) -> dict[str, Material]:
         """Material by name: all objects in order, then 'floor' and 'ceiling' if present, then the clutter."""
         result = {item.name: item.material for item in self.objects}

@@ -19,6 +19,7 @@ from sim.propagation.occlusion import surface_names
 from sim.propagation.paths import Paths
 from sim.propagation.propagator import PlanarComparison, Propagator
 from sim.propagation.specular.facets import TracedChains
+from sim.signal.hardware.apply_impairments import RandomStage, stage_generator
 
 
 def moving_paths(
@@ -42,10 +43,12 @@ class MovingWorld:
         self._carrier_hz = config.waveform.carrier_ghz * 1e9
         self._velocity, self._position = velocities_m_s(scene.walk), scene.walk.positions_m()
         self._kept: dict[tuple[float, bool], Propagator] = {}
+        self._stop = 0
         self._first_mesh = len(surface_names(scene)) - len(scene.clutter)
 
     def swept(self, stop: int) -> tuple[Paths, SweepMotion, PlanarComparison]:
         """The paths of a stop and how they change during its sweep."""
+        self._stop = stop  # whose random numbers targets have
         time_s, velocity = float(self._clock.middle_s[stop]), self._velocity[stop]
         rx_m = self._position[stop]
         whole = self._propagator(time_s, traces=True)
@@ -139,7 +142,7 @@ class MovingWorld:
         if key not in self._kept:
             frozen = self._scene.at(time_s)
             self._kept[key] = Propagator(frozen, self._carrier_hz, self._config.propagation, traces=traces)
-        return self._kept[key]
+        return self._kept[key].drawn(stage_generator(self._config.seed, RandomStage.TARGETS, self._stop))
 
     def _carried(self, chains: TracedChains, from_s: float, to_s: float) -> TracedChains:
         """Chains of triangles at another time."""

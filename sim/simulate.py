@@ -64,7 +64,8 @@ def simulate_truth(config: SimulationConfig, scene: Scene, stops: Iterable[int])
         return
     propagator = Propagator(scene, carrier_hz, config.propagation)
     for stop in stops:
-        paths, compared = propagator.compared_paths(poses[stop].position_m)
+        rng = stage_generator(config.seed, RandomStage.TARGETS, stop)
+        paths, compared = propagator.drawn(rng).compared_paths(poses[stop].position_m)
         yield Truth(paths, poses[stop], stop, biases_s[stop], *_counts(compared))
 
 

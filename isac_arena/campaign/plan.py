@@ -171,7 +171,7 @@ def _about_cells(scene: Scene, link: Link) -> Iterator[str]:
     step_hz = float(np.diff(link.frequency_offset_hz[:2])[0])
     cell_m = SPEED_OF_LIGHT_M_S / (step_hz * len(link.frequency_offset_hz))
     small = [
-        item.name for item in scene.objects
+        item.name for item in scene.fixtures
         if item.contour.closed and item.kind != "wall" and _extent_m(item.contour.bounds_m) * COARSE < cell_m
     ]  # fmt: skip
     if small:

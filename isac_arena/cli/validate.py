@@ -29,7 +29,7 @@ MODULES: Mapping[str, tuple[str, ...]] = {
     "channel": ("channel.efficiency", "channel.noise", "channel.hardware", "channel.arena"),
     "shape": tuple(f"shape.{name}" for name in ("gp", "points", "law", "reflection", "campaign", "measured")),
     "twin": ("twin",),
-    "motion": ("motion.rates", "motion.samples", "motion.estimates"),
+    "motion": ("motion.rates", "motion.samples", "motion.estimates", "motion.targets"),
     "halls": ("halls.check",),
     "heights": ("heights",),
     "chain": ("chain.check", "chain.trials"),

@@ -108,7 +108,7 @@ def _params(scenario: PathScenario, facets: Facets) -> dict[str, Any]:
             "max_path_depth": _most(paths, *BounceKind),
             "max_reflections": _most(paths, BounceKind.SPECULAR),
             "max_diffractions": _most(paths, BounceKind.DIFFRACTION),
-            "max_scattering": _most(paths, BounceKind.DIFFUSE),
+            "max_scattering": _most(paths, BounceKind.DIFFUSE, BounceKind.TARGET),
             "max_transmissions": _most(paths, BounceKind.REFRACTION),
         },
         "scene": {

@@ -63,9 +63,9 @@ def measured_metrics(scene: Scene, tables: ScoreTables) -> tuple[Metric, ...]:
 
 def nearest_objects(scene: Scene, points_m: FloatArray, reach_m: float) -> TextArray:
     """Name (point,) of the object whose boundary is nearest to each point (point, xy); empty beyond `reach_m`."""
-    if not scene.objects:
+    if not scene.fixtures:
         return np.full(len(points_m), "", dtype=str)
-    distance = np.stack([np.abs(item.contour.signed_distance(points_m)) for item in scene.objects])
+    distance = np.stack([np.abs(item.contour.signed_distance(points_m)) for item in scene.fixtures])
     nearest = np.array(scene.object_names)[distance.argmin(axis=0)]
     return np.asarray(np.where(distance.min(axis=0) <= reach_m, nearest, ""))
 

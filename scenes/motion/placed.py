@@ -32,8 +32,9 @@ def moved_object(item: SceneObject, time_s: float) -> SceneObject:
         return item
     state = item.motion.at(time_s)
     contour = moved_contour(item.contour, item.pivot_m[:2], state)
-    rise = float(state.shift_m[2])
-    return replace(item, contour=contour, z_min_m=item.z_min_m + rise, z_max_m=item.z_max_m + rise, motion=None)
+    low, high = (z_m + float(state.shift_m[2]) for z_m in (item.z_min_m, item.z_max_m))
+    target = item.target and replace(item.target, heading_rad=item.target.heading_rad + state.turn_rad)
+    return replace(item, contour=contour, z_min_m=low, z_max_m=high, motion=None, target=target)
 
 
 def moved_clutter(item: Clutter, time_s: float) -> Clutter:

@@ -12,6 +12,7 @@ from scenes.contours import Contour
 from scenes.motion.motion import Motion
 from scenes.objects.material import Material
 from scenes.record import FloatArray
+from scenes.targets.target import Target
 
 ObjectKind = Literal["wall", "pillar", "kiosk", "rail", "box", "polygon", "stairs", "rack", "clutter"]
 OBJECT_KINDS: tuple[str, ...] = get_args(ObjectKind)
@@ -25,6 +26,7 @@ KIND_COLORS: dict[str, str] = {  # in plans, figures and exported meshes
     "stairs": "#7f8c8d",
     "rack": "#16807a",
     "clutter": "#b03a78",
+    "target": "#117a65",
 }
 OVERLAP_TOLERANCE_M = 1e-3  # solids that penetrate each other more than this overlap
 JOINT_TOLERANCE_M = 1e-6
@@ -35,22 +37,24 @@ class SceneObject:
     """A vertical prism: a contour from `z_min_m` to `z_max_m` in one material.
 
     A closed contour makes a solid, an open contour a thin vertical sheet. Solids of one scene may touch. A solid
-    that overlaps another one needs `may_overlap`, for example a pillar inside a room with glass walls.
+    that overlaps another one needs `may_overlap`, for example a pillar inside a room with glass walls. A target
+    blocks paths and scatters at its points; its faces reflect nothing.
     """
 
     name: str
-    kind: ObjectKind
+    kind: ObjectKind | Literal["target"]
     contour: Contour
     z_min_m: float
     z_max_m: float
     material: Material
     may_overlap: bool = False
     motion: Motion | None = None
+    target: Target | None = None
 
     def __post_init__(self) -> None:
         if not self.name or self.name in ("floor", "ceiling"):
             raise ValueError(f"name = '{self.name}': must not be empty, 'floor' or 'ceiling'")
-        if self.kind not in OBJECT_KINDS:
+        if (self.kind == "target") != (self.target is not None) or self.kind not in (*OBJECT_KINDS, "target"):
             raise ValueError(f"kind = '{self.kind}': must be one of {', '.join(OBJECT_KINDS)}")
         if not self.z_min_m < self.z_max_m:
             raise ValueError(f"z_max_m = {self.z_max_m}: must be greater than z_min_m = {self.z_min_m}")

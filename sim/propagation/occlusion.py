@@ -54,10 +54,12 @@ def surface_names(scene: Scene) -> list[str]:
     return [*scene.object_names, *planes, *(mesh.name for mesh in scene.clutter)]
 
 
-def occluders(scene: Scene) -> Occluders:
-    """Faces of all objects. Floor and ceiling are omitted: both ends of a leg lie between them."""
+def occluders(scene: Scene, without: int = -1) -> Occluders:
+    """Faces of all objects but one. Floor and ceiling are omitted: both ends of a leg lie between them."""
     flat, curved = [], []
     for index, item in enumerate(scene.objects):
+        if index == without:
+            continue
         for piece in item.contour.pieces:
             if isinstance(piece, LinePiece):
                 flat.append((piece.start_m, piece.end_m, index))
@@ -71,7 +73,11 @@ def occluders(scene: Scene) -> Occluders:
         np.array([item.z_max_m for item in scene.objects]),
         joined_curves([one for one in curved if one.is_conic[0]]),
         joined_curves([one for one in curved if not one.is_conic[0]]),
-        tuple(level for level in horizontal_faces(scene) if level.surface < len(scene.objects)),
+        tuple(
+            level
+            for level in horizontal_faces(scene)
+            if level.surface < len(scene.objects) and level.surface != without
+        ),
         scene.clutter,
         len(surface_names(scene)) - len(scene.clutter),
     )

@@ -20,6 +20,7 @@ class BounceKind(IntEnum):
     DIFFUSE = 2
     REFRACTION = 3
     DIFFRACTION = 4
+    TARGET = 5
 
 
 @dataclass(frozen=True)
@@ -196,7 +197,7 @@ def single_interaction(
 def path_labels(paths: Paths) -> TextArray:
     """A readable label (path,) that is the same in every run: the interactions and, for equal ones, a number.
 
-    Kinds are S specular, D diffuse, R refraction (through a wall), X diffraction: 'LOS', 'S wall_east',
+    Kinds are S specular, D diffuse, R refraction (through a wall), X diffraction, T target: 'LOS', 'S wall_east',
     'R door > S wall_east #1'; 'R door' is the straight path through the door. Paths with the same interactions
     are numbered by delay, from #1 for the second.
     """
@@ -206,6 +207,7 @@ def path_labels(paths: Paths) -> TextArray:
         BounceKind.DIFFUSE: "D",
         BounceKind.REFRACTION: "R",
         BounceKind.DIFFRACTION: "X",
+        BounceKind.TARGET: "T",
     }
     chains = [
         " > ".join(

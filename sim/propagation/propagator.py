@@ -1,4 +1,4 @@
-"""All propagation paths of a scene in canonical order: exact specular, diffracted, over meshes, diffuse."""
+"""All propagation paths of a scene in canonical order: specular, diffracted, over meshes and targets, diffuse."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ from sim.propagation.occlusion import occluders, surface_names
 from sim.propagation.paths import BounceKind, Paths, canonical_order, with_bounce_slots
 from sim.propagation.specular.facets import TracedChains, mesh_rays
 from sim.propagation.specular.solver import ExactSolver
+from sim.propagation.targets.paths import SLOTS, TargetSolver
 from sim.propagation.tracer import Tracer
 
 SAME_VERTEX_M = 5e-3  # the tracer computes its vertices in single precision
@@ -54,6 +55,7 @@ class Propagator:
         self._rings = convex_contours(scene) if self._diffracts else {}
         needs_tracer = _needs_tracer(scene, self._config)
         self._tracer = Tracer(scene, carrier_hz, self._config) if traces and needs_tracer else None
+        self._targets = TargetSolver(scene, carrier_hz, self._config) if self._reaches_targets else None
         self._meshes = None
         if needs_tracer and scene.clutter:
             self._meshes = MeshSolver(scene, carrier_hz, self._diffracts, self._exact)
@@ -87,7 +89,7 @@ class Propagator:
             chains = self.mesh_chains(rx)
         parts = self._exact_parts(rx, exact, chains)
         if self._tracer is not None:
-            parts.append(self._tracer.diffuse(rx))
+            parts.append(with_bounce_slots(self._tracer.diffuse(rx), parts[0].bounce_kind.shape[1]))
         return canonical_order(concatenate(parts, "path"))
 
     def mesh_chains(self, rx_position_m: FloatArray) -> TracedChains | None:
@@ -101,6 +103,14 @@ class Propagator:
         rx = np.asarray(rx_position_m, float)
         return canonical_order(concatenate(self._exact_parts(rx, self._exact.paths(rx), chains), "path"))
 
+    def drawn(self, rng: np.random.Generator) -> Propagator:
+        """The same scene, its targets with the random numbers of a stop; without them they have mean values."""
+        if self._targets is None:
+            return self
+        drawn = copy.copy(self)
+        drawn._targets = self._targets.drawn(rng)
+        return drawn
+
     def with_rates(self, paths: Paths, bodies: BodyMotion) -> Paths:
         """Paths of this scene with their rates; `bodies` are its surfaces as paths count them, TX and receiver."""
         meshes = None if self._meshes is None else self._meshes.edges
@@ -113,6 +123,7 @@ class Propagator:
         fewer._exact = self._exact.restricted(objects)
         if self._edges is not None:
             fewer._edges = self._edges.take("edge", np.isin(self._edges.object, objects))
+        fewer._targets = None if self._targets is None else self._targets.restricted(objects)
         fewer._rings = {index: ring for index, ring in self._rings.items() if index in objects}
         return fewer
 
@@ -124,7 +135,14 @@ class Propagator:
             parts += [with_bounce_slots(paths, self._config.n_bounce_slots) for paths in bent]
         if self._meshes is not None and chains is not None:
             parts += self._meshes.paths(rx, chains)
+        if self._targets is not None:
+            n_slots = max(self._config.n_bounce_slots, SLOTS)
+            parts = [with_bounce_slots(paths, n_slots) for paths in (*parts, *self._targets.paths(rx))]
         return parts
+
+    @property
+    def _reaches_targets(self) -> bool:
+        return self._scene.has_targets and self._config.max_bounces > 0
 
     @property
     def _diffracts(self) -> bool:

@@ -15,12 +15,14 @@ import numpy as np
 
 from estimation.channel.coherent.hidden import LEAST_SEEN
 from estimation.channel.coherent.misfit import error_scale, quadrature_statistic
+from estimation.channel.coherent.moving import shift_covariance
 from estimation.channel.coherent.neighbours import neighbour_covariance
 from estimation.channel.coherent.pair_errors import PairErrors
 from estimation.channel.coherent.paths import PathErrors, compress_stop, find_paths, path_fit
 from estimation.channel.coherent.plan import DelayWindow
 from estimation.channel.coherent.prune import redundant_paths, wald_statistic
 from estimation.channel.coherent.refine import Reference, Solution, marginal_covariances, response_powers
+from estimation.channel.coherent.search import searched_turns
 from estimation.channel.companions import companions
 from estimation.channel.config import MaximumLikelihoodConfig
 from estimation.channel.fit import PathFit
@@ -53,6 +55,9 @@ def fit_over_background(
     white, solution = find_paths(stop.compressed, stop.window, stop.plan, stop.config)
     reference = Reference(white, solution.paths)
     errors = path_errors(reference, solution, stop.window)
+    turns = searched_turns(white.turns, stop.plan.grids, stop.plan.oversampling)
+    if len(turns):
+        errors = replace(errors, covariance=errors.covariance + shift_covariance(reference, solution, turns))
     fit = path_fit(solution, white, stop.tx, stop.rx, sweep.noise_power_mw, errors)
     return replace(fit, is_weak=_is_weak(fit, replace(white, tx=stop.tx, rx=stop.rx), stop.window.level))
 

@@ -16,7 +16,8 @@ from estimation.channel.coherent.refine import (
     refine_separately,
     regular_inverse,
 )
-from estimation.channel.model.path_model import PathParameters, responses
+from estimation.channel.model.manifold import CELL
+from estimation.channel.model.path_model import PathParameters, manifold_rates, responses
 from estimation.channel.model.turns import is_moving
 from scenes.record import FloatArray, IntArray
 
@@ -87,6 +88,29 @@ def move_to_likelier_turns(
         if trial.explained > solution.explained + LEAST_GAIN:
             solution = trial
     return solution
+
+
+def shift_covariance(reference: Reference, solution: Solution, turns: FloatArray) -> FloatArray:
+    """What other likely Doppler shifts add to the covariance (path, parameter, parameter), about the one found.
+
+    Every other maximum among `turns` (shift, 1) has the weight of its likelihood against that of the path.
+    """
+    paths, n_parameters = solution.paths, solution.slope.shape[1] - 2
+    added = np.zeros((len(paths), n_parameters, n_parameters))
+    some = np.flatnonzero(is_moving(paths.doppler_turns))
+    if not len(some):
+        return added
+    own = paths.take(some)
+    now = refine_separately(reference, own, 0, own)[1]
+    lobe, origin = _lobes(_power_over_turns(reference, own, finer_turns(turns), own))
+    start = replace(own.take(origin), doppler_turns=finer_turns(turns)[lobe])
+    refined, power = refine_separately(reference, start, LOBE_STEPS, own.take(origin))
+    away = np.square(refined.doppler_turns - own.doppler_turns[origin])[:, 0]
+    rate = manifold_rates(reference.sweep, own)[origin, -1]
+    weight = np.where(away * rate**2 > CELL**2, np.exp(np.minimum(power - now[origin], 0.0)), 0.0)
+    total = 1 + np.bincount(origin, weight, len(some))
+    added[some, -1, -1] = np.bincount(origin, weight * away, len(some)) / total
+    return added
 
 
 def finer_turns(turns: FloatArray) -> FloatArray:

@@ -58,7 +58,7 @@ def lit_objects(scene: Scene, stops: Sequence[TrueStop], least_points: int) -> l
     """Objects with at least `least_points` significant single bounces over the walk, in scene order."""
     name = np.concatenate([stop.origin.object[stop.significant] for stop in stops])
     vertex = np.concatenate([stop.origin.vertex_m[stop.significant] for stop in stops])
-    lit = [LitObject(item.name, item.contour, vertex[name == item.name]) for item in scene.objects]
+    lit = [LitObject(item.name, item.contour, vertex[name == item.name]) for item in scene.fixtures]
     return [item for item in lit if len(item.lit_m) >= least_points]
 
 

@@ -19,6 +19,7 @@ COLORS = {  # Okabe and Ito (2008)
     "three reflections": "#009E73",
     "diffracted": "#CC79A7",
     "through walls": "#56B4E9",
+    "over a target": "#7A4B1F",
 }
 DASHES: dict[str, tuple[float, ...]] = {  # on, off, ... in line widths, so that kinds differ without colours
     "line of sight": (),
@@ -27,6 +28,7 @@ DASHES: dict[str, tuple[float, ...]] = {  # on, off, ... in line widths, so that
     "three reflections": (2.0, 2.0),
     "diffracted": (6.0, 2.0, 1.5, 2.0),
     "through walls": (1.0, 1.5),
+    "over a target": (4.0, 1.5),
 }
 
 
@@ -79,6 +81,8 @@ def line_style(kind: str) -> tuple[float, tuple[float, ...] | None]:
 
 def path_kind(bounces: IntArray) -> str:
     """The kind of a path by the `BounceKind` (bounce,) of all its interactions, one of `COLORS`."""
+    if np.any(bounces == BounceKind.TARGET):
+        return "over a target"
     if np.any(bounces == BounceKind.DIFFRACTION):
         return "diffracted"
     if np.any(bounces == BounceKind.REFRACTION):

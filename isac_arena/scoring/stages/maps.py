@@ -19,7 +19,7 @@ FOUND_POINTS = 3  # an object is found when this many points support it: two can
 def surface_distance_m(scene: Scene, points_m: FloatArray) -> FloatArray:
     """Distance (point,) in m to the nearest boundary of any object of the scene; infinite without objects."""
     nearest = np.full(len(points_m), np.inf)
-    for item in scene.objects:
+    for item in scene.fixtures:
         nearest = np.minimum(nearest, np.abs(item.contour.signed_distance(points_m)))
     return nearest
 
@@ -53,7 +53,7 @@ def score_ips(scene: Scene, result: MapResult, paths: PathScores) -> IpScores:
 def close_counts(scene: Scene, result: MapResult, ips: IpScores, origin: ClusterOrigin) -> IntArray:
     """Numbers (cluster,) of IPs that stem from the cluster's object and lie within `FOUND_DISTANCE_M` of it."""
     counts = np.zeros(len(origin.object), int)
-    objects = {item.name: item for item in scene.objects}
+    objects = {item.name: item for item in scene.fixtures}
     for cluster, members in enumerate(rows_of_groups(ips.label, len(counts))):
         name = str(origin.object[cluster])
         if name not in objects:
@@ -121,6 +121,6 @@ def _object_metrics(prefix: str, scene: Scene, clusters: OutlineScores) -> list[
         Metric(f"{prefix}.ghost_clusters", clusters.is_ghost.sum(), "1", "lower"),
         Metric(f"{prefix}.cluster_purity", mean(clusters.purity), "1", "higher"),
         Metric(f"{prefix}.objects_found", len(found), "1", "higher"),
-        Metric(f"{prefix}.objects_found_share", ratio(len(found), len(scene.objects)), "1", "higher"),
+        Metric(f"{prefix}.objects_found_share", ratio(len(found), len(scene.fixtures)), "1", "higher"),
         *(Metric(f"{prefix}.objects_found.{kind}", found.count(kind), "1", "higher") for kind in OBJECT_KINDS),
     ]

@@ -30,7 +30,7 @@ def outline_columns(
     origin = cluster_origin(ips.label, ips.object, n_rows)
     n_close = close_counts(scene, result, ips, origin)
     members, errors = rows_of_groups(ips.label, n_rows), []
-    objects = {item.name: item for item in scene.objects}
+    objects = {item.name: item for item in scene.fixtures}
     lit_m = {name: significant.vertex_m[significant.object == name] for name in set(origin.object.tolist())}
     for row, name in enumerate(origin.object.tolist()):
         if name not in objects:

@@ -29,7 +29,7 @@ def score_scene(
     one side is unobservable. An open contour of a compact object has no area: it counts as false and its object
     as missed.
     """
-    compact = [item for item in scene.objects if is_compact(item)]
+    compact = [item for item in scene.fixtures if is_compact(item)]
     lit = [item for item in compact if (significant.object == item.name).any()]
     truths = [np.asarray(item.contour.outline.coords)[:-1] for item in lit]
     shapes = [contour_points_m(result.shapes, row) for row in _with_area(scene, clusters.object)]
@@ -53,7 +53,7 @@ def scene_metrics(map_name: str, table: SceneScores) -> list[Metric]:
 
 def _with_area(scene: Scene, names: TextArray) -> list[int]:
     """Rows of estimates of no object or of a compact one."""
-    flat_names = {item.name for item in scene.objects if not is_compact(item)}
+    flat_names = {item.name for item in scene.fixtures if not is_compact(item)}
     return [row for row, name in enumerate(names) if str(name) not in flat_names]
 
 

@@ -115,13 +115,13 @@ def outline_metrics(prefix: str, scene: Scene, table: OutlineScores) -> list[Met
     Each object counts once, with its best row (`best_rows`).
     """
     best = best_rows(table)
-    rows = table.take("outline", [best[item.name] for item in scene.objects if item.name in best])
+    rows = table.take("outline", [best[item.name] for item in scene.fixtures if item.name in best])
     metrics = [Metric(f"{prefix}.coverage95", mean(rows.coverage95), "1", "info")]
     metrics.append(Metric(f"{prefix}.seen_coverage95", mean(rows.seen_coverage95), "1", "info"))
     for kind in OBJECT_KINDS:
-        chosen = [best[item.name] for item in scene.objects if item.kind == kind and item.name in best]
+        chosen = [best[item.name] for item in scene.fixtures if item.kind == kind and item.name in best]
         metrics += _mean_metrics(f"{prefix}.{kind}", table.take("outline", np.array(chosen, int)))
-    for item in scene.objects:
+    for item in scene.fixtures:
         metrics += _object_metrics(f"{prefix}.{item.name}", table, best.get(item.name))
     return metrics
 

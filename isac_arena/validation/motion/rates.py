@@ -108,6 +108,8 @@ def _rates(paths: Paths, rows: IntArray) -> FloatArray:
 
 def _kind(world: MadeWorld, paths: Paths, path: int) -> str:
     kinds, objects = paths.bounce_kind[path], paths.bounce_object[path]
+    if (kinds == BounceKind.TARGET).any():
+        return "target"
     touched = objects[objects >= 0]
     if (touched >= len(paths.object_name) - len(world.scene.clutter)).any():
         return "mesh"

@@ -20,6 +20,7 @@ MAX_DIGITS = 15  # largest number of interactions that a float64 can encode
 DIGIT_OF_KIND = {
     BounceKind.SPECULAR: 1,
     BounceKind.DIFFRACTION: 2,
+    BounceKind.TARGET: 3,
     BounceKind.DIFFUSE: 3,
     BounceKind.REFRACTION: 4,
 }

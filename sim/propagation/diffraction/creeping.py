@@ -44,7 +44,7 @@ def convex_contours(scene: Scene) -> dict[int, ConvexContour | Circle]:
     rings: dict[int, ConvexContour | Circle] = {}
     for index, item in enumerate(scene.objects):
         ring = item.contour if isinstance(item.contour, Circle) else convex_contour(item.contour)
-        if ring is not None:
+        if ring is not None and item.target is None:
             rings[index] = ring
     return rings
 

@@ -61,7 +61,7 @@ def find_edges(scene: Scene) -> Edges:
     """
     found = []
     for owner, item in enumerate(scene.objects):
-        for corner in _corners(item.contour):
+        for corner in [] if item.target else _corners(item.contour):
             found += _edges_at(corner, owner, scene.objects)
     found = _without_repetitions(found)
     columns = list(zip(*found, strict=True)) if found else [()] * 8

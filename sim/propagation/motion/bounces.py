@@ -1,6 +1,7 @@
 """The surface around every interaction of a path: how its point may slide, and how the surface bends.
 
-A point of reflection slides over a face, a point of diffraction along an edge; a diffuse point stays on its body.
+A point of reflection slides over a face, a point of diffraction along an edge; diffuse points and those of targets
+stay on their bodies.
 """
 
 from dataclasses import dataclass

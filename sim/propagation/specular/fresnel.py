@@ -67,6 +67,11 @@ def vertical_polarisation(direction: Any) -> FloatArray:
     return np.stack([k[..., 2] * cos_azimuth, k[..., 2] * k[..., 1] / safe, -level], axis=-1)
 
 
+def horizontal_polarisation(direction: Any) -> FloatArray:
+    """Unit vector (..., xyz) of the horizontally polarised field of a wave along `direction` (..., xyz)."""
+    return np.cross(np.asarray(direction, float), vertical_polarisation(direction))
+
+
 def vertical_reflection(
     incident: Any, reflected: Any, normal: Any, reflection_s: Any, reflection_p: Any
 ) -> ComplexArray:

@@ -1,5 +1,6 @@
 """Gain, delay and directions of rays: the field vector after all reflections and transmissions."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +12,8 @@ from sim.propagation.occlusion import Crossings
 from sim.propagation.paths import BounceKind, Paths, paths_from_field
 from sim.propagation.specular.fresnel import normal_to_plane_of_incidence, slab, vertical_polarisation
 from sim.propagation.specular.rays import Rays
+
+Polarisation = Callable[[FloatArray], FloatArray]  # unit vectors of the field of waves in these directions
 
 MIN_LEG_M = 1e-9  # shorter legs are rounding
 
@@ -84,9 +87,15 @@ def ray_interactions(rays: Rays, points_m: FloatArray, met: Crossings, n_slots: 
 
 
 def paths_of_rays(
-    rays: Rays, points_m: FloatArray, happening: Interactions, known: Slabs, names: list[str], max_loss_db: float
+    rays: Rays,
+    points_m: FloatArray,
+    happening: Interactions,
+    known: Slabs,
+    names: list[str],
+    max_loss_db: float,
+    receives: Polarisation = vertical_polarisation,
 ) -> tuple[Paths, BoolArray]:
-    """The rays as a path record, and a mask (ray,) of the valid ones.
+    """The rays as a path record, and a mask (ray,) of the valid ones; `receives` is the receiver's polarisation.
 
     Rays that lose more than `max_loss_db` in transmission are not valid, nor rays that bounce twice at one point,
     where two surfaces join.
@@ -95,7 +104,7 @@ def paths_of_rays(
     leg_m = np.sqrt((travel * travel).sum(axis=2))
     length = leg_m.sum(axis=1)
     direction = travel / np.maximum(leg_m, MIN_LEG_M)[..., None]
-    received, transmitted = _received(direction, happening, known)
+    received, transmitted = _received(direction, happening, known, receives)
     interactions = happening.kind, happening.surface, happening.vertex_m
     paths = paths_from_field(
         received * rays.spreading, length, direction[:, 0], direction[:, -1], interactions, names, known.carrier_hz
@@ -103,8 +112,10 @@ def paths_of_rays(
     return paths, (transmitted >= 10 ** (-max_loss_db / 20)) & (leg_m > MIN_LEG_M).all(axis=1)
 
 
-def _received(direction: FloatArray, happening: Interactions, known: Slabs) -> tuple[ComplexArray, FloatArray]:
-    """Field between vertically polarised antennas (ray,), and the transmitted share of the amplitude (ray,)."""
+def _received(
+    direction: FloatArray, happening: Interactions, known: Slabs, receives: Polarisation
+) -> tuple[ComplexArray, FloatArray]:
+    """Field between a vertical antenna and the receiver's (ray,), and the transmitted share of the amplitude."""
     ray = np.arange(len(direction))
     field = vertical_polarisation(direction[:, 0]).astype(complex)
     transmitted = np.ones(len(direction))
@@ -128,7 +139,7 @@ def _received(direction: FloatArray, happening: Interactions, known: Slabs) -> t
         loss = _size(passed) / np.maximum(_size(field[used]), 1e-300)
         transmitted[used] *= np.where(reflects, 1.0, loss)
         field[used] = passed
-    return (field * vertical_polarisation(direction[ray, -1])).sum(axis=1), transmitted
+    return (field * receives(direction[ray, -1])).sum(axis=1), transmitted
 
 
 def _interact(

@@ -13,15 +13,16 @@ from dataclasses import replace
 import numpy as np
 
 from scenes.pose import SPEED_OF_LIGHT_M_S
-from scenes.record import FloatArray, IntArray, concatenate
+from scenes.record import ComplexArray, FloatArray, IntArray, concatenate
 from scenes.scene import Scene
 from sim.config import PropagationConfig
 from sim.propagation.occlusion import Occluders, occluders, surface_names
 from sim.propagation.paths import Paths, canonical_order, empty_paths
 from sim.propagation.specular.curved import curved_paths, curved_planar_paths, planar_curved_paths
 from sim.propagation.specular.curved_pairs import curved_curved_paths, facing_pairs
+from sim.propagation.specular.fresnel import horizontal_polarisation, vertical_polarisation
 from sim.propagation.specular.images import face_chains, planar_paths
-from sim.propagation.specular.path_gain import paths_of_rays, ray_interactions, scene_slabs
+from sim.propagation.specular.path_gain import Polarisation, paths_of_rays, ray_interactions, scene_slabs
 from sim.propagation.specular.plan_view import PlanPaths, straight_paths, without_duplicates
 from sim.propagation.specular.rays import Rays, ray_points, rays_from_plan_paths, unobstructed_rays
 from sim.propagation.specular.surfaces import reflecting_surfaces
@@ -48,10 +49,25 @@ class ExactSolver:
         self.n_bounce_slots = self._config.n_bounce_slots
         self._known = reflecting_surfaces(scene)
         self._slabs = scene_slabs(scene, carrier_hz)
+        self._receives: Polarisation = vertical_polarisation
         self._opaque = self._slabs.opaque(self._config.max_transmission_loss_db)
         if not self._config.transmission:
             self._opaque = np.ones_like(self._opaque)
         self._find_chains()
+
+    def from_place(self, tx_m: FloatArray) -> ExactSolver:
+        """The same scene with the TX in another place (xyz,)."""
+        other = copy.copy(self)
+        other._tx = np.asarray(tx_m, float)
+        other._find_chains()
+        return other
+
+    def polarised(self, rx_positions_m: FloatArray) -> list[tuple[Paths, ComplexArray]]:
+        """Paths to every receiver (receiver, xyz), with gains (path, 2) at vertical and horizontal elements."""
+        across = copy.copy(self)
+        across._receives = horizontal_polarisation
+        pairs = zip(self.paths(rx_positions_m), across.paths(rx_positions_m), strict=True)
+        return [(paths, np.stack([paths.gain, other.gain], axis=1)) for paths, other in pairs]
 
     def restricted(self, objects: IntArray) -> ExactSolver:
         """The same scene where only these objects, floor and ceiling among them, reflect."""
@@ -126,7 +142,7 @@ class ExactSolver:
         rays, points = rays.take("ray", kept), points[kept]
         happening = ray_interactions(rays, points, met, config.n_bounce_slots)
         paths, strong = paths_of_rays(
-            rays, points, happening, self._slabs, self._names, config.max_transmission_loss_db
+            rays, points, happening, self._slabs, self._names, config.max_transmission_loss_db, self._receives
         )
         return paths.take("path", strong), rays.receiver[strong]
 

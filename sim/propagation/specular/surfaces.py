@@ -64,11 +64,11 @@ class Surfaces:
 
 
 def reflecting_surfaces(scene: Scene) -> Surfaces:
-    """Tables of all reflecting surfaces; the objects' indices are those of `surface_names`."""
+    """Tables of all reflecting surfaces, targets are none; the objects' indices are those of `surface_names`."""
     flat: list[tuple[FloatArray, FloatArray, int]] = []
     curved = []
     for index, item in enumerate(scene.objects):
-        for piece in item.contour.pieces:
+        for piece in () if item.target else item.contour.pieces:
             if isinstance(piece, LinePiece):
                 flat.append((piece.start_m, piece.end_m, index))
                 if not item.contour.closed:
@@ -76,7 +76,9 @@ def reflecting_surfaces(scene: Scene) -> Surfaces:
             else:
                 curved += curves_of_piece(piece, index, closed=item.contour.closed)
     z_range = np.array([(item.z_min_m, item.z_max_m) for item in scene.objects]).reshape(-1, 2)
-    return Surfaces(_faces(flat), joined_curves(curved), tuple(horizontal_faces(scene)), z_range)
+    targets = [index for index, item in enumerate(scene.objects) if item.target]
+    level = tuple(face for face in horizontal_faces(scene) if face.surface not in targets)
+    return Surfaces(_faces(flat), joined_curves(curved), level, z_range)
 
 
 def horizontal_faces(scene: Scene) -> Iterable[HorizontalFace]:

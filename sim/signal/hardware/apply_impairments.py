@@ -44,6 +44,7 @@ class RandomStage(IntEnum):
     TX_BEAMS = 7
     RX_BEAMS = 8
     SURVEY = 9
+    TARGETS = 10
 
 
 def stage_generator(seed: int, stage: RandomStage, stop: int = 0) -> np.random.Generator:
