@@ -9,7 +9,8 @@ from scenes.motion.motion import Motion
 from scenes.objects.material import Material, itu_material, itu_names
 from scenes.pose import Pose
 from scenes.record import FloatArray
-from scenes.scene import HorizontalPlane, Scene
+from scenes.scene import HorizontalPlane, Scene, SceneObject
+from scenes.targets.target import Target
 from scenes.walks.trajectory import AnyWalk, RecordedWalk
 
 
@@ -21,8 +22,9 @@ def scene_tables(scene: Scene, carrier_hz: float = 60e9) -> dict[str, Any]:
     if scene.clutter:
         raise ValueError(f"mesh '{scene.clutter[0].name}': meshes are files; give the tables of a scene file")
     materials: dict[str, Material] = {}
-    for material in scene.materials.values():
-        if materials.setdefault(material.name, material) != material:
+    targets = {item.name for item in scene.objects if item.target is not None}
+    for name, material in scene.materials.items():
+        if name not in targets and materials.setdefault(material.name, material) != material:
             raise ValueError(f"material '{material.name}': two materials have this name; each needs its own")
     tables: dict[str, Any] = {
         "name": scene.name,
@@ -49,9 +51,23 @@ def scene_tables(scene: Scene, carrier_hz: float = 60e9) -> dict[str, Any]:
             "contour": _contour(item.contour),
             **_motion(item.motion, item.pivot_m),
         }
-        for item in scene.objects
+        for item in scene.fixtures
     ]
+    tables["targets"] = [_target(item, item.target) for item in scene.objects if item.target is not None]
     return tables
+
+
+def _target(item: SceneObject, target: Target) -> dict[str, Any]:
+    return {
+        "name": item.name,
+        "type": target.kind,
+        "position_m": item.pivot_m[:2].tolist(),
+        "z_m": item.z_min_m,
+        "heading_deg": _deg(target.heading_rad),
+        "rcs_model": target.rcs_model,
+        "scattering_points": "multiple" if target.has_points else "single",
+        **_motion(item.motion, item.pivot_m),
+    }
 
 
 def _motion(motion: Motion | None, middle_m: FloatArray) -> dict[str, Any]:

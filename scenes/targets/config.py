@@ -58,6 +58,6 @@ class TargetConfig(ConfigModel):
                 self.z_m,
                 self.z_m + height,
                 ABSORBER,
-                target=Target(standard, turn, self.scattering_points == "multiple"),
+                target=Target(self.type, model, standard, turn, self.scattering_points == "multiple"),
             )
             return replace(item, motion=build_motion(self.motion, folder, item.pivot_m))

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from scenes.record import FloatArray
-from scenes.targets.standard import TargetClass
+from scenes.targets.standard import TargetClass, TargetType
 
 SIDES = {"front": (0.5, 0.0, 0.5), "back": (-0.5, 0.0, 0.5), "left": (0.0, 0.5, 0.5), "right": (0.0, -0.5, 0.5)}
 SIDES |= {"roof": (0.0, 0.0, 1.0), "bottom": (0.0, 0.0, 0.0)}  # of the box, from the middle of its bottom
@@ -13,8 +13,13 @@ SIDES |= {"roof": (0.0, 0.0, 1.0), "bottom": (0.0, 0.0, 0.0)}  # of the box, fro
 
 @dataclass(frozen=True)
 class Target:
-    """The standard's class of a target, where its front faces, and whether each lobe is a point of its own."""
+    """The standard's class of a target, where its front faces, and whether each lobe is a point of its own.
 
+    `kind` and `rcs_model` are those that the class was chosen by.
+    """
+
+    kind: TargetType
+    rcs_model: int
     standard: TargetClass
     heading_rad: float
     has_points: bool

@@ -4,6 +4,7 @@ import pytest
 from scenes.config import SceneConfig
 from scenes.pose import SPEED_OF_LIGHT_M_S
 from scenes.scene import Scene
+from scenes.tables import scene_tables
 from scenes.targets.standard import target_class
 from sim.config import PropagationConfig
 from sim.propagation.paths import BounceKind, Paths
@@ -87,6 +88,15 @@ def test_large_targets_have_a_point_on_every_side() -> None:
 def test_draws_differ_between_stops_and_are_the_same_for_a_seed() -> None:
     first, again, other = (_over_targets(_paths(_scene(ADULT), seed)).gain for seed in (1, 1, 2))
     assert first == again and first != other
+
+
+def test_a_scene_with_targets_is_its_tables() -> None:
+    motion = {"type": "velocity", "speed_m_s": 1.0, "heading_deg": 30.0}
+    scene = _scene(ADULT | {"motion": motion}, {"name": "cart", "type": "agv_small", "position_m": [1.0, 4.0]})
+    again = SceneConfig.model_validate(scene_tables(scene, CARRIER_HZ)).build(CARRIER_HZ)
+    assert again.objects[0].target == scene.objects[0].target and again.has_targets
+    later = again.at(2.0).objects[0]
+    assert np.allclose(later.pivot_m[:2], [4.0 + 2 * np.cos(np.pi / 6), 3.0])
 
 
 @pytest.mark.parametrize("kind", ["vehicle", "agv_small", "uav_large"])
