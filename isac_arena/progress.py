@@ -11,12 +11,14 @@ from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
     Progress,
+    Task,
     TextColumn,
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
 
 PERIOD_S = 30.0  # of the lines where there is no terminal
+SPEED_PERIOD_S = 3600.0  # the bar tells the time left from what was done in it: a stop may take minutes
 T = TypeVar("T")
 
 
@@ -43,10 +45,23 @@ class TimedProgress(Progress):
         """The unfinished tasks: how much is done, and how long it takes."""
         tasks = [task for task in self.tasks if not task.finished and task.total]
         return "; ".join(
-            f"{task.description}: {task.completed:g} of {task.total:g}, {task.elapsed or 0:.0f} s"
-            + (f", about {task.time_remaining:.0f} s left" if task.time_remaining else "")
+            f"{task.description}: {task.completed:g} of {task.total:g}, {task.elapsed or 0:.0f} s{_left(task)}"
             for task in tasks
         )
+
+
+def _left(task: Task) -> str:
+    """The time left at the mean speed so far; empty where nothing is done yet."""
+    if not (task.completed and task.elapsed and task.remaining):
+        return ""
+    return f", about {duration(task.elapsed / task.completed * task.remaining)} left"
+
+
+def duration(seconds: float) -> str:
+    """A time in words of the size that a reader waits for: s, min or h."""
+    if seconds < 100:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 100 * 60 else f"{seconds / 3600:.1f} h"
 
 
 def progress_bar(console: Console, *fields: str, **options: Any) -> Progress:
@@ -54,6 +69,7 @@ def progress_bar(console: Console, *fields: str, **options: Any) -> Progress:
     counts = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()
     texts = [TextColumn(f"{{task.fields[{name}]}}") for name in fields]
     times = TimeElapsedColumn(), TextColumn("remaining"), TimeRemainingColumn()
+    options = {"speed_estimate_period": SPEED_PERIOD_S} | options
     return TimedProgress(*counts, *texts, *times, console=console, **options)
 
 

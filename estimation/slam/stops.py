@@ -60,6 +60,13 @@ def _located(
     return poses, points
 
 
+def published_poses(estimates: Sequence[ChannelEstimate], tx_pose: Pose, slam: SnapshotConfig) -> PoseEstimates:
+    """Poses by the published algorithm, every stop alone, with fixed noise: what ours are compared with."""
+    noise = slam.noise.model_copy(update={"source": "fixed"})
+    published = slam.model_copy(update={"method": "reference", "refine": False, "noise": noise})
+    return collect_poses([solve_snapshot(estimate, tx_pose, published) for estimate in estimates])
+
+
 def run_slam(
     estimates: Sequence[ChannelEstimate], tx_pose: Pose, config: SnapshotConfig, mapping_config: MappingConfig
 ) -> tuple[PoseEstimates, IncidencePoints]:

@@ -19,6 +19,7 @@ from estimation.slam.checks import check_estimates
 from estimation.slam.config import MappingConfig, TrajectoryConfig
 from estimation.slam.level import KnownHeights
 from estimation.slam.record import IncidencePoints, PoseEstimates
+from estimation.slam.stops import published_poses
 from isac_arena.campaign.chain import (
     channel_estimator,
     known_heights,
@@ -168,6 +169,9 @@ class CampaignRun:
             if kept is None or kept.problem:
                 check_estimates(channel, self.scene.standing_tx)
                 kept = self._map(channel, states)
+                if states is None:
+                    seen = self.oracle.channel or channel
+                    kept = replace(kept, published=published_poses(seen, self.scene.tx, self.config.slam))
                 self.results.write_map(name, kept)
             found[name] = kept
         return found

@@ -28,6 +28,7 @@ class MapResult(Record):
     shapes: Shapes
     contours: Contours
     problem: str = array(dtype=str, default="", doc="how a user's function failed; empty where none did")
+    published: PoseEstimates | None = None  # SLAM: by the published algorithm, to compare with
 
 
 @dataclass(frozen=True)

@@ -242,7 +242,7 @@ def write_report(store: CampaignStore, plan: RunPlan | None = None) -> None:
         facts = run_facts(store.config, scene, store.measured, _failures(results))
         plan = plan or (run_plan(store) if store.measured is None else None)
         if plan and plan.doubts:
-            facts["Doubtful"] = "; ".join(plan.doubts)
+            facts["Doubtful"] = "\n".join(f"• {doubt}" for doubt in plan.doubts)
         page = render_report(_page_payload(store, scene, results, tables), scores, figures, facts)
         store.write_report(page, {name: figure.png for name, figure in figures.items()})
     console.print(f"report: {store.directory / 'report.html'}")

@@ -9,32 +9,18 @@ from dataclasses import dataclass, fields
 from importlib.metadata import PackageNotFoundError, version
 
 import numpy as np
+from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from isac_arena.campaign.chain import walk_settings
 from isac_arena.campaign.config import CampaignConfig, methods
+from isac_arena.scoring.headline import HEADS, headline
 from isac_arena.scoring.score import Scores
 from isac_arena.user_functions.config import Stage
 from scenes.scene import Scene
 from sim.propagation.motion.sweep import TRACES_OF_A_SWEEP
 from sim.truth import Truth
 
-HEADLINES = {
-    "channel.detected_per_stop": "paths detected per stop",
-    "channel.missed_per_stop": "paths missed per stop",
-    "channel.false_per_stop": "false paths per stop",
-    "mapping.ip_to_surface.median_m": "mapping: incidence point to surface, median",
-    "mapping.objects_found.pillar": "mapping: pillars found",
-    "mapping.objects_found.wall": "mapping: walls found",
-    "contours.mapping.pillar.iou.mean": "mapping: overlap of pillar contours (IoU)",
-    "shapes.mapping.pillar.iou.mean": "mapping: the same, paper's method",
-    "slam.position.rmse_m": "SLAM: position error, RMSE",
-    "slam.heading.rmse_deg": "SLAM: heading error, RMSE",
-    "slam.clock.rmse_ns": "SLAM: clock error, RMSE",
-    "slam.ip_to_surface.median_m": "SLAM: incidence point to surface, median",
-    "contours.slam.pillar.iou.mean": "SLAM: overlap of pillar contours (IoU)",
-    "shapes.slam.pillar.iou.mean": "SLAM: the same, paper's method",
-}
 OWN: dict[Stage, str] = {
     "mapping": "Mapping",
     "shapes": "Contours",
@@ -88,13 +74,12 @@ def trace_counts(truth: Truth) -> TraceCounts:
 
 def score_table(scores: Scores) -> Table:
     """The main scores as a table for the terminal."""
-    table = Table("score", "value", "unit", title="Scores")
-    table.columns[1].justify = "right"
-    metrics = {metric.key: metric for metric in scores.metrics}
-    for key, label in HEADLINES.items():
-        metric = metrics[key]
-        value = f"{metric.value:.3g}" if math.isfinite(metric.value) else "-"
-        table.add_row(label, value, metric.unit.replace("1", ""))
+    table = Table("Scores", *HEADS, box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for column in table.columns[1:-1]:
+        column.justify, column.no_wrap = "right", True
+    for label, cells, unit in headline(scores.metrics):
+        values = [f"{one.value:.3g}" if one and math.isfinite(one.value) else "-" for one in cells]
+        table.add_row(label, *values, unit)
     return table
 
 
@@ -118,7 +103,7 @@ def run_facts(
     used, functions = methods(config), config.functions.given
     slam = used["slam"] if "slam" in functions else slam
     own = {OWN[stage]: used[stage] for stage in OWN if stage in functions}
-    failed = {"Failed": "; ".join(failures)} if failures else {}
+    failed = {"Failed": "\n".join(failures)} if failures else {}
     versions = [f"Python {platform.python_version()}", *(f"{name} {_version(name)}" for name in LIBRARIES)]
     return {
         "Scene": f"{scene.name}, {scene_summary(scene)}, {len(scene.stops)} receiver stops",

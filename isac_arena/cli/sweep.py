@@ -104,7 +104,7 @@ def sweep_report(
 
 def print_plan(console: Console, config: SweepConfig, plan: Plan) -> None:
     """Print the cases of a sweep, and their estimated time on one core and disk space."""
-    from isac_arena.progress import working  # noqa: PLC0415
+    from isac_arena.progress import duration, working  # noqa: PLC0415
     from isac_arena.sweep.plan import estimate_cost  # noqa: PLC0415
 
     jobs = plan.jobs
@@ -118,8 +118,8 @@ def print_plan(console: Console, config: SweepConfig, plan: Plan) -> None:
     with working(console, "a few stops, to time them"):
         cost = estimate_cost(plan)
     console.print(
-        f"about {cost.core_hours:.2g} core hours and {cost.start_up_s:.0f} s for every worker to start, "
-        f"{cost.disk_gb:.2g} GB; estimated from a few stops of {cost.n_tried} cases"
+        f"about {duration(3600 * cost.core_hours)} of one core and {cost.start_up_s:.0f} s for every worker to "
+        f"start, {1e3 * cost.disk_gb:.2g} MB; estimated from a few stops of {cost.n_tried} cases"
     )
     if cost.samples_gb:
         console.print(

@@ -14,7 +14,7 @@ from isac_arena.scoring.record import PathKind, PathScores, PathStatus, ScoreTab
 from isac_arena.scoring.score import Scores, score_map, score_metrics
 from isac_arena.scoring.stages.channel import reported_std
 from isac_arena.scoring.stages.maps import FOUND_DISTANCE_M
-from isac_arena.scoring.stages.poses import score_poses, unknown_bound
+from isac_arena.scoring.stages.poses import score_both_poses, unknown_bound
 from scenes.record import FloatArray, TextArray, concatenate, empty_record
 from scenes.scene import Scene
 
@@ -34,18 +34,20 @@ def score_measured(scene: Scene, truths: Iterable[MeasuredTruth], results: Campa
         raise ValueError("truths: no stop given")
     paths, significant = concatenate(parts, "estimate"), empty_record(SignificantPaths)
     stops = np.array([truth.stop for truth in known])
+    poses, published = score_both_poses(
+        results.slam,
+        stop=stops,
+        true_pose=[truth.rx_pose for truth in known],
+        true_clock_bias_s=np.array([truth.clock_bias_s for truth in known]),
+        has_los=np.array([truth.is_los.any() for truth in known]),
+        bound=unknown_bound(len(stops)),
+    )
     tables = ScoreTables(
         paths=paths,
         significant=significant,
         stops=StopScores(stops, *np.full((4, len(stops)), np.nan)),
-        poses=score_poses(
-            stops,
-            [truth.rx_pose for truth in known],
-            np.array([truth.clock_bias_s for truth in known]),
-            np.array([truth.is_los.any() for truth in known]),
-            results.slam.poses,
-            unknown_bound(len(stops)),
-        ),
+        poses=poses,
+        published=published,
         mapping=score_map(scene, results.mapping, paths, significant),
         slam=score_map(scene, results.slam, paths, significant),
     )

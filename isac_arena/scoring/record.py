@@ -205,5 +205,6 @@ class ScoreTables(Record):
     significant: SignificantPaths
     stops: StopScores
     poses: PoseScores
+    published: PoseScores
     mapping: MapScores
     slam: MapScores

@@ -27,7 +27,7 @@ from isac_arena.scoring.stages.channel_metrics import channel_metrics
 from isac_arena.scoring.stages.contours import contour_metrics, score_contours
 from isac_arena.scoring.stages.maps import map_metrics, score_ips
 from isac_arena.scoring.stages.outlines import outline_columns
-from isac_arena.scoring.stages.poses import pose_bounds, pose_metrics, score_poses
+from isac_arena.scoring.stages.poses import pose_bounds, pose_metrics, published_metrics, score_both_poses
 from isac_arena.scoring.stages.scene import scene_metrics, score_scene
 from isac_arena.scoring.stages.shapes import ShapeErrors, shape_errors, shape_metrics
 from scenes.display import Displayed
@@ -78,9 +78,11 @@ def score_campaign(
     """
     prepared = (true_stop(truth, scene.tx, true_power_dbm(truth), significance, view) for truth in truths)
     tables, bare = _score_stops(prepared, results.channel, gate)
+    poses, published = _score_poses(scene, bare, tables, results.slam)
     tables = replace(
         tables,
-        poses=_score_poses(scene, bare, tables, results.slam),
+        poses=poses,
+        published=published,
         mapping=score_map(scene, results.mapping, tables.paths, tables.significant),
         slam=score_map(scene, results.slam, tables.paths, tables.significant),
     )
@@ -110,6 +112,7 @@ def score_metrics(scene: Scene, tables: ScoreTables) -> tuple[Metric, ...]:
     """All metrics of a campaign, with the same keys for the same scene."""
     metrics = channel_metrics(tables.stops, tables.paths, tables.significant)
     metrics += pose_metrics(tables.poses)
+    metrics += published_metrics(tables.published)
     for name, one_map in (("mapping", tables.mapping), ("slam", tables.slam)):
         metrics += map_metrics(name, scene, one_map.ips, one_map.clusters)
         metrics += shape_metrics(name, scene, one_map.clusters)
@@ -145,15 +148,17 @@ def _score_stops(
     return tables, bare
 
 
-def _score_poses(scene: Scene, stops: list[TrueStop], tables: ScoreTables, slam: MapResult) -> PoseScores:
+def _score_poses(
+    scene: Scene, stops: list[TrueStop], tables: ScoreTables, slam: MapResult
+) -> tuple[PoseScores, PoseScores]:
     scored, significant = tables.stops.stop, tables.significant
-    return score_poses(
-        scored,
-        [stop.truth.rx_pose for stop in stops],
-        np.array([stop.truth.clock_bias_s for stop in stops]),
-        np.isin(scored, significant.stop[significant.kind == PathKind.LOS]),
-        slam.poses,
-        pose_bounds(scene, stops),
+    return score_both_poses(
+        slam,
+        stop=scored,
+        true_pose=[stop.truth.rx_pose for stop in stops],
+        true_clock_bias_s=np.array([stop.truth.clock_bias_s for stop in stops]),
+        has_los=np.isin(scored, significant.stop[significant.kind == PathKind.LOS]),
+        bound=pose_bounds(scene, stops),
     )
 
 

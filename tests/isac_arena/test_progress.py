@@ -5,6 +5,7 @@ import time
 
 import pytest
 from rich.console import Console
+from rich.progress import Task, TaskID
 
 from isac_arena import progress
 
@@ -25,6 +26,19 @@ def test_tracked_items_tell_how_many_are_done_and_how_long_the_rest_takes(consol
     assert items == list(range(8))
     lines = [line for line in printed(console).splitlines() if line.startswith("stops: ")]
     assert len(lines) >= 2 and " of 8, " in lines[-1] and "s left" in lines[-1]
+
+
+def test_the_time_left_is_known_as_soon_as_one_is_done() -> None:
+    task = Task(TaskID(0), "stops", total=5, completed=1, _get_time=lambda: 180.0)
+    task.start_time = 0.0
+    assert progress._left(task) == ", about 12 min left"
+    task.completed = 0
+    assert progress._left(task) == ""
+
+
+@pytest.mark.parametrize(("seconds", "text"), [(9.6, "10 s"), (600, "10 min"), (36000, "10.0 h")])
+def test_durations_have_the_unit_of_their_size(seconds: float, text: str) -> None:
+    assert progress.duration(seconds) == text
 
 
 def test_work_of_unknown_length_tells_its_time_and_ends_with_an_error(console: Console) -> None:

@@ -82,14 +82,13 @@ class _Search:
         """Whether all lengths are positive and the members' IPs are between the devices' rays."""
         range_m = self.problem.measured[:, 0]
         result = np.asarray(np.min(range_m) >= z[:, 2])  # False for NaN
-        on = np.flatnonzero(result)
-        equation = BounceEquation(
-            self.equation.row[h[on]], self.equation.right_side[h[on]], self.equation.along[h[on]]
-        )
-        share = bounce_fraction(self.problem.tx, equation, z[on, None], range_m)
-        outside = member[on] & ~((share >= 0) & (share <= 1))
-        outside[:, self.first] &= 4 * equation.along[:, self.first] ** 2 >= PARALLEL_GATE
-        result[on] = ~outside.any(axis=1)
+        row, path = np.nonzero(member & result[:, None])
+        at = h[row], path
+        equation = BounceEquation(self.equation.row[at], self.equation.right_side[at], self.equation.along[at])
+        share = bounce_fraction(self.problem.tx, equation, z[row], range_m[path])
+        outside = ~((share >= 0) & (share <= 1))
+        outside &= (path != self.first) | (4 * equation.along**2 >= PARALLEL_GATE)
+        result[row[outside]] = False
         return result
 
     def distance2(self, h: IntArray, z: FloatArray) -> FloatArray:

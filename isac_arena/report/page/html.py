@@ -58,7 +58,9 @@ def render_report(
         script=script_text(),
         campaign=_script_json(payload),
         headline=headline_table(metrics),
-        facts=html_table(("", ""), [(escape(label), escape(text)) for label, text in facts.items()]),
+        facts=html_table(
+            ("", ""), [(escape(label), escape(text).replace("\n", "<br>")) for label, text in facts.items()]
+        ),
         channel_counts=score_table(CHANNEL_COUNTS, metrics),
         channel_errors=score_table(CHANNEL_ERRORS, metrics),
         poses=score_table(POSES, metrics),

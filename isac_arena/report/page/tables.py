@@ -8,6 +8,7 @@ from functools import cache
 from html import escape
 
 from isac_arena.report.style import html_table
+from isac_arena.scoring.headline import ABOUT, HEADLINE, HEADS, headline
 from isac_arena.scoring.metrics.metric import Metric
 from isac_arena.settings import UNITS
 
@@ -26,21 +27,6 @@ class ScoreTable:
     columns: tuple[tuple[str, str], ...]  # heading, key prefix
     rows: tuple[tuple[str, str], ...]  # label, key without the prefix
 
-
-HEADLINE = (
-    ("Paths detected, share of the significant separable ones", "channel.detection_rate"),
-    ("False paths per stop", "channel.false_per_stop"),
-    ("Receiver position by SLAM, RMSE", "slam.position.rmse_m"),
-    ("Receiver heading by SLAM, RMSE", "slam.heading.rmse_deg"),
-    ("Receiver clock bias by SLAM, RMSE", "slam.clock.rmse_ns"),
-    ("Incidence point to surface, mapping, median", "mapping.ip_to_surface.median_m"),
-    ("Incidence point to surface, SLAM, median", "slam.ip_to_surface.median_m"),
-    ("Pillars found by mapping", "mapping.objects_found.pillar"),
-    ("Walls found by mapping", "mapping.objects_found.wall"),
-    ("Pillars, seen part, our contours, mapping, RMSE", "contours.mapping.pillar.seen_rmse.mean_m"),
-    ("Pillars, IoU of our contours, mapping", "contours.mapping.pillar.iou.mean"),
-    ("Pillars, IoU of the paper's contours, mapping", "shapes.mapping.pillar.iou.mean"),
-)
 
 CHANNEL_COUNTS = ScoreTable(
     (("value", "channel."),),
@@ -159,7 +145,8 @@ def score_titles() -> dict[str, str]:
             for heading, prefix in table.columns:
                 of = name if heading in ("value", "all stops") else f"{name}, {heading}"
                 found |= {prefix + key: f"{of}: {label[0].lower()}{label[1:]}" for label, key in table.rows}
-    return found | {key: label for label, key in HEADLINE}
+    found |= {row.paper: f"The paper's method: {row.label}" for row in HEADLINE if row.paper not in found}
+    return found | {row.key: row.label for row in HEADLINE}
 
 
 def score_title(key: str) -> str:
@@ -177,10 +164,9 @@ def in_words(name: str) -> str:
 
 
 def headline_table(metrics: Sequence[Metric]) -> str:
-    """The main scores of a campaign."""
-    known = {metric.key: metric for metric in metrics}
-    rows = [(escape(label), _value(known.get(key)), _unit(known.get(key))) for label, key in HEADLINE]
-    return html_table(("", "value", "unit"), rows)
+    """The main scores of a campaign, beside the paper's method and the bound."""
+    rows = [(escape(label), *map(_value, cells), escape(unit)) for label, cells, unit in headline(metrics)]
+    return html_table(("", *map(escape, HEADS)), rows) + f"<p>{escape(ABOUT)}</p>"
 
 
 def score_table(table: ScoreTable, metrics: Sequence[Metric]) -> str:

@@ -2,12 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import fields
+from typing import Any
 
 import numpy as np
 
 from estimation.laws.plane import range_covariance
 from estimation.slam.bounds import StateBound, StopPaths, stop_bound
 from estimation.slam.record import PoseEstimates, SolveStatus
+from isac_arena.campaign.results import MapResult
 from isac_arena.scoring.metrics.consistency import consistency_metrics
 from isac_arena.scoring.metrics.metric import Metric
 from isac_arena.scoring.metrics.statistics import maximum, mean, quantile, ratio, rms, squared_mahalanobis
@@ -15,8 +17,16 @@ from isac_arena.scoring.metrics.trajectories import absolute_errors, relative_er
 from isac_arena.scoring.record import PathKind, PoseScores
 from isac_arena.scoring.stages.channel import TrueStop
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose, wrap_angle
-from scenes.record import BoolArray, FloatArray, IntArray
+from scenes.record import BoolArray, FloatArray, IntArray, empty_record
 from scenes.scene import Scene
+
+
+def score_both_poses(slam: MapResult, **truth: Any) -> tuple[PoseScores, PoseScores]:
+    """Tables of the poses of SLAM and of those by the published algorithm; arguments as `score_poses`."""
+    published = empty_record(PoseScores)
+    if slam.published is not None:
+        published = score_poses(estimate=slam.published, **truth)
+    return score_poses(estimate=slam.poses, **truth), published
 
 
 def score_poses(
@@ -137,6 +147,18 @@ def pose_metrics(poses: PoseScores) -> list[Metric]:
     return metrics
 
 
+def published_metrics(poses: PoseScores) -> list[Metric]:
+    """Scores of the published algorithm on the same channel estimates; NaN where it was not run."""
+    solved = poses.status != SolveStatus.FAILED
+    return [
+        Metric("published.solved_share", mean(solved), "1", "higher"),
+        Metric("published.position.rmse_m", rms(poses.position_error_m), "m", "lower"),
+        Metric("published.position.median_m", quantile(poses.position_error_m, 0.5), "m", "lower"),
+        Metric("published.heading.rmse_deg", rms(np.rad2deg(poses.heading_error_rad)), "deg", "lower"),
+        Metric("published.clock.rmse_ns", rms(1e9 * poses.clock_error_s), "ns", "lower"),
+    ]
+
+
 def _trajectory_metrics(poses: PoseScores) -> list[Metric]:
     """APE after the best rigid motion and RPE from stop to stop, in the order of the stops."""
     truth_m, truth_rad = poses.true_position_m, poses.true_heading_rad
@@ -152,13 +174,14 @@ def _trajectory_metrics(poses: PoseScores) -> list[Metric]:
 
 
 def _bound_metrics(poses: PoseScores) -> list[Metric]:
-    """RMS errors over RMS bounds of the solved stops, and the median over stops of error over bound."""
+    """RMS bounds; RMS errors over them at the solved stops; the median over stops of error over bound."""
     metrics = []
-    for name, error, bound in (
-        ("position", poses.position_error_m, poses.position_bound_m),
-        ("heading", poses.heading_error_rad, poses.heading_bound_rad),
-        ("clock", poses.clock_error_s, poses.clock_bound_s),
+    for name, error, bound, unit, scale in (
+        ("position", poses.position_error_m, poses.position_bound_m, "m", 1.0),
+        ("heading", poses.heading_error_rad, poses.heading_bound_rad, "deg", np.rad2deg(1.0)),
+        ("clock", poses.clock_error_s, poses.clock_bound_s, "ns", 1e9),
     ):
+        metrics.append(Metric(f"slam.{name}.bound_{unit}", scale * rms(bound), unit, "info"))
         known = np.isfinite(error) & np.isfinite(bound) & (bound > 0)
         share = np.abs(error[known]) / bound[known]
         overall = ratio(rms(error[known]), rms(bound[known])) if known.any() else np.nan

@@ -86,7 +86,10 @@ def test_rays_of_several_bounces_are_hidden_at_first(tab: Any, page: Path) -> No
     assert tab.count("#drawing-plan-mapping .ray") > 0
     assert tab.count("#drawing-plan-mapping .kind-two-reflections") == 0
     tab.click("#layer-several")
-    assert tab.count("#drawing-plan-mapping .kind-two-reflections") > 0 and "hide=&" in address(tab) + "&"
+    assert tab.count("#drawing-plan-mapping .kind-two-reflections") > 0
+    assert tab.count("#drawing-plan-mapping .estimate.weak") == 0
+    tab.click("#layer-weak")
+    assert "hide=&" in address(tab) + "&"
     tab.show(page, "#stop=0&hide=")
     assert tab.count("#drawing-plan-mapping .kind-two-reflections") > 0
 

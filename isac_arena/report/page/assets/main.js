@@ -46,7 +46,7 @@ function focusObject() {
 }
 
 function layerControl() {
-  const boxes = Object.entries(LAYERS).filter(([name]) => data.has_truth || name !== "true").map(([name, label]) => {
+  const boxes = Object.entries(LAYERS).filter(([name]) => data.has_truth || !OF_TRUTH.includes(name)).map(([name, label]) => {
     const input = html("input", { type: "checkbox", id: `layer-${name}`, onchange: () => {
       const hidden = new Set(state.hidden);
       if (input.checked) hidden.delete(name);

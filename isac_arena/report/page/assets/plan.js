@@ -131,6 +131,7 @@ function drawPaths(sheet) {
   }
   if (!state.hidden.has("estimated")) {
     for (const one of estimatedLines(sheet.mapName, row)) {
+      if (one.status === "weak" && state.hidden.has("weak") && !samePath(`e${one.index}`)) continue;
       const points = one.points.map((point) => point && to(point));
       const d = one.stubs ? lineD(points.slice(0, 2)) + lineD(points.slice(2)) : lineD(points);
       add("path", { class: `estimate ${one.status} ${fadePath(`e${one.index}`)}`, d });

@@ -4,10 +4,12 @@ const LAYERS = {
   true: "true paths",
   several: "also of several bounces",
   estimated: "estimated paths",
+  weak: "also weak or diffuse",
   points: "incidence points",
   band: "95 % bands",
   names: "object names",
 };
+const OF_TRUTH = ["true", "several", "weak"]; // layers that a measurement does not have
 const CHOICES = { map: ["both", "mapping", "slam"], contours: ["ours", "paper", "both"] };
 const hasOurs = Object.values(data.maps).some((map) => map.contours.length);
 const state = {
@@ -16,7 +18,7 @@ const state = {
   object: "",
   map: window.matchMedia("(max-width: 45rem)").matches ? "mapping" : "both",
   contours: hasOurs ? "ours" : "paper",
-  hidden: new Set(["several"]), // they would hide the plan
+  hidden: new Set(["several", "weak"]), // they would hide the plan
 };
 
 /** Everything that can be selected as an object: true objects with paths or points, then contours without object. */

@@ -1,0 +1,64 @@
+"""The first table of a run: its main scores beside the paper's method and the bound."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from isac_arena.scoring.metrics.metric import Metric
+
+HEADS = ("paper's", "this run", "bound", "unit")
+ABOUT = (
+    "Paper's: published snapshot SLAM and contours of clusters, from the channel estimates of this run. "
+    "Bound: of each stop alone; estimates that use other stops can be below."
+)
+
+
+@dataclass(frozen=True)
+class HeadlineRow:
+    """A score of this run, and the keys of the same by the paper's method and of its bound; empty for none."""
+
+    label: str
+    key: str
+    paper: str = ""
+    bound: str = ""
+
+
+def _pose_row(name: str, field: str, unit: str) -> HeadlineRow:
+    label, key = f"Receiver {name} by SLAM, RMSE", f"{field}.rmse_{unit}"
+    return HeadlineRow(label, f"slam.{key}", f"published.{key}", f"slam.{field}.bound_{unit}")
+
+
+def _found_row(kind: str) -> HeadlineRow:
+    key = f"mapping.objects_found.{kind}"
+    return HeadlineRow(f"{kind.capitalize()}s found by mapping", f"contours.{key}", key)
+
+
+def _contour_row(label: str, key: str) -> HeadlineRow:
+    return HeadlineRow(label, f"contours.{key}", f"shapes.{key}")
+
+
+HEADLINE = (
+    HeadlineRow("Paths detected, share of the separable ones", "channel.detection_rate"),
+    HeadlineRow("False paths per stop", "channel.false_per_stop"),
+    HeadlineRow("Stops located by SLAM, share", "slam.solved_share", "published.solved_share"),
+    _pose_row("position", "position", "m"),
+    HeadlineRow("Receiver position by SLAM, median", "slam.position.median_m", "published.position.median_m"),
+    _pose_row("heading", "heading", "deg"),
+    _pose_row("clock bias", "clock", "ns"),
+    HeadlineRow("Incidence point to surface, mapping, median", "mapping.ip_to_surface.median_m"),
+    HeadlineRow("Incidence point to surface, SLAM, median", "slam.ip_to_surface.median_m"),
+    _found_row("pillar"),
+    _found_row("wall"),
+    _contour_row("Pillars, seen part, mapping, RMSE", "mapping.pillar.seen_rmse.mean_m"),
+    _contour_row("Walls, seen part, mapping, RMSE", "mapping.wall.seen_rmse.mean_m"),
+    _contour_row("Pillars, overlap (IoU), mapping", "mapping.pillar.iou.mean"),
+    _contour_row("Pillars, overlap (IoU), SLAM", "slam.pillar.iou.mean"),
+)
+
+
+def headline(metrics: Sequence[Metric]) -> Iterator[tuple[str, list[Metric | None], str]]:
+    """Label, scores (the paper's, of this run, the bound) and unit of every row that the scene has."""
+    known = {metric.key: metric for metric in metrics}
+    for row in HEADLINE:
+        cells = [known.get(key) for key in (row.paper, row.key, row.bound)]
+        if (present := next(filter(None, cells), None)) is not None:
+            yield row.label, cells, "" if present.unit == "1" else present.unit
