@@ -157,7 +157,9 @@ class FinishedRun(Displayed):
         """The scores; `ValueError` where the run was not scored."""
         tables = self.store.score_tables()
         if tables is None:
-            raise ValueError(f"{self.directory}: has no scores; run 'arena score' first")
+            raise ValueError(
+                f"{self.directory}: its scores are missing or of another version; run 'arena score' first"
+            )
         metrics = score_metrics if self.store.measured is None else measured_metrics
         return Scores(metrics(self.scene, tables), tables)
 

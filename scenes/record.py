@@ -29,6 +29,7 @@ TextArray = NDArray[np.str_]
 R = TypeVar("R", bound="Record")
 
 FIXED_AXES = {"xy": 2, "xy2": 2, "xyz": 3}
+LONGEST_TEXT = 40  # of a value in the short form of a record
 FIELDS = "Fields, with axes and units:"  # in the docstring of a record, before what its fields say of themselves
 
 
@@ -67,9 +68,10 @@ class Record(Displayed):
         parts = []
         for name, axes, value, _ in columns(self):
             lengths |= {axis: n for axis, n in zip(axes, value.shape, strict=True) if axis not in FIXED_AXES}
-            if not axes or (len(axes) == 1 and axes[0] in FIXED_AXES):
-                parts.append(f"{name} {value.tolist()!r}")
-        parts += [f"{n} x {axis}" for axis, n in lengths.items()]
+            if (not axes or (len(axes) == 1 and axes[0] in FIXED_AXES)) and value.tolist() != "":
+                parts.append(f"{name} {_brief(value.tolist())}")
+        doubled = {f"{axis}2" for axis in lengths}  # the other side of a covariance
+        parts += [f"{n} x {axis}" for axis, n in lengths.items() if axis not in doubled]
         parts += [repr(inner) for inner in parts_of(self).values()]
         return f"{type(self).__name__}({', '.join(parts)})"
 
@@ -105,6 +107,15 @@ class Record(Displayed):
             if axis in axes:
                 return int(getattr(self, spec.name).shape[axes.index(axis)])
         raise KeyError(axis)
+
+
+def _brief(value: Any) -> str:
+    """A value in a few words: six digits of a number, the start of a long text."""
+    if isinstance(value, list):
+        return f"[{', '.join(map(_brief, value))}]"
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    return repr(value if len(str(value)) <= LONGEST_TEXT else f"{str(value)[:LONGEST_TEXT]}...")
 
 
 def _field_lines(kind: type[Record]) -> list[str]:

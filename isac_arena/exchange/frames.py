@@ -30,7 +30,10 @@ def to_xarray(record: Record) -> Any:
 
 @singledispatch
 def to_dataframe(thing: Any) -> pd.DataFrame:
-    """A row per element of the first axis; short further axes become columns such as `position_x_m`."""
+    """A row per element of the first axis; short further axes become columns such as `position_x_m`.
+
+    Texts of the whole record, such as the method, are in `attrs` of the table.
+    """
     raise _no_table(thing)
 
 
@@ -41,9 +44,12 @@ def _(thing: Record) -> pd.DataFrame:
     if len(first) != 1 or set(parts_of(thing)) - added:
         raise _no_table(thing)
     table: dict[str, Any] = {}
+    texts: dict[str, Any] = {}
     records = thing, *parts_of(thing).values()
     for name, axes, values, _ in (column for record in records for column in columns(record)):
-        if not axes:
+        if not axes and values.dtype.kind == "U":
+            texts[name] = values.item()
+        elif not axes:
             table[name] = np.full(thing.size(first[0]), values)
         elif axes == first:
             table[name] = values
@@ -52,7 +58,9 @@ def _(thing: Record) -> pd.DataFrame:
             letters = axes[1] if axes[1] in FIXED_AXES else map(str, range(values.shape[1]))
             for letter, column in zip(letters, values.T, strict=True):
                 table[f"{stem}_{letter}_{unit}" if stem else f"{name}_{letter}"] = column
-    return pd.DataFrame(table)
+    frame = pd.DataFrame(table)
+    frame.attrs.update(texts)
+    return frame
 
 
 @to_dataframe.register

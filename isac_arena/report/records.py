@@ -128,7 +128,8 @@ def _(thing: PoseEstimates, scene: Scene | None = None, *, ax: Any = None, view:
     ax = _over_plan(ax, scene)
     u, v = np.cos(thing.heading_rad), np.sin(thing.heading_rad)
     ax.quiver(*thing.position_m.T, u, v, color=SLAM, angles="xy", width=0.003, scale=30, zorder=4)
-    ax.plot(*thing.position_m.T, "+", color=SLAM, markersize=7, markeredgewidth=1.4, zorder=4)
+    look = {"markersize": 7, "markeredgewidth": 1.4, "linestyle": "none", "zorder": 4}
+    ax.plot(*thing.position_m.T, "+", color=SLAM, label="receiver pose", **look)
     return ax
 
 
@@ -161,8 +162,11 @@ def _(thing: MapResult, scene: Scene | None = None, *, ax: Any = None, view: Vie
     curves = [contour_curve(thing.contours, row) for row in range(len(thing.contours))]
     looks = [cluster_look(row) for row in range(len(curves))]
     position_m, label = thing.ips.position_m, thing.contours.object
-    ax.plot(*position_m[thing.ips.is_inlier & (label < 0)].T, ".", color=GHOST, markersize=3.5, zorder=3)
+    alone = position_m[thing.ips.is_inlier & (label < 0)]
+    ax.plot(*alone.T, ".", color=GHOST, markersize=3.5, zorder=3, label="incidence point of no contour")
     draw_contours(ax, curves, [position_m[label == row] for row in range(len(curves))], looks)
+    ax.set_title("contours with their incidence points and 95 % bands")
+    ax.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0))
     return ax
 
 

@@ -52,11 +52,16 @@ def compare_runs(first: ScoreTables, second: ScoreTables) -> RunComparison:
         maps = getattr(first, name), getattr(second, name)
         pairs += [*_ip_pairs(name, maps, stops), *_object_pairs(name, maps)]
     differences = tuple(one for one in map(paired_difference, pairs) if one.verdict)
+    notes += [f"SLAM located no stop in {name}" for name, run in zip("AB", runs, strict=True) if _is_lost(run)]
     alone = [one.key for one in differences if not one.n_pairs]
     if alone:
         more = f" and {len(alone) - SHOWN_KEYS} more" if len(alone) > SHOWN_KEYS else ""
         notes.append(f"no pairs, so not shown: {', '.join(alone[:SHOWN_KEYS])}{more}")
     return RunComparison(differences, len(stops), tuple(notes))
+
+
+def _is_lost(run: ScoreTables) -> bool:
+    return not np.isfinite(run.poses.position_error_m).any()
 
 
 def common_stops(first: ScoreTables, second: ScoreTables) -> IntArray:

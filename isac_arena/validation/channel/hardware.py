@@ -90,7 +90,7 @@ def check_choice(seed: int, quick: bool, trials: int = 0, estimator: str = "") -
     Scenes with no impairment, with frequency offsets, and with phases of pairs or beams that no offset explains.
     """
     estimate, plain = make_estimator("auto", estimator), link_bench.make_bench(seed)
-    count = scaled(trials, quick, 0.2 if quick else 0.02)
+    count = scaled(trials, quick, 0.1 if quick else 0.02)
     rows = []
     for mode, cases in CHOICES.items():
         right = []
