@@ -15,7 +15,7 @@ from isac_arena.validation.monte_carlo import band_rows, fewest_by_chance, most_
 from isac_arena.validation.scenarios.random_halls import draw_hall
 
 N_ROOMS = 40
-N_QUICK_ROOMS, N_QUICK_STOPS, LONGEST_QUICK_M = 2, 1, 12.0
+N_QUICK_ROOMS, N_QUICK_STOPS, LONGEST_QUICK_M = 2, 1, 14.0
 OUT = Path("out") / "halls"
 
 DETECTION = 0.96
