@@ -63,13 +63,16 @@ DISPLAY_HOMES.update(
     to_xarray="isac_arena.exchange.frames",
     to_dataframe="isac_arena.exchange.frames",
 )
+MODULES = ("datasets",)  # of functions that belong together
 _HOME_OF = {name: module for module, names in HOMES.items() for name in names}
-__all__ = sorted([*_HOME_OF, "__version__"])  # noqa: PLE0605  (the stub lists them for type checkers)
+__all__ = sorted([*_HOME_OF, *MODULES, "__version__"])  # noqa: PLE0605  (the stub lists them for type checkers)
 
 
 def __getattr__(name: str) -> Any:
     if name == "__version__":
         value = _version()
+    elif name in MODULES:
+        value = import_module(f"isac_arena.{name}")
     elif name in _HOME_OF:
         value = getattr(import_module(_HOME_OF[name]), name)
     else:

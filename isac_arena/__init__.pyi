@@ -7,6 +7,7 @@ from estimation.shape.record import Contours as Contours
 from estimation.shape.record import Shapes as Shapes
 from estimation.slam.record import IncidencePoints as IncidencePoints
 from estimation.slam.record import PoseEstimates as PoseEstimates
+from isac_arena import datasets as datasets
 from isac_arena.api import FinishedRun as FinishedRun
 from isac_arena.api import fit_contours as fit_contours
 from isac_arena.api import map_points as map_points
@@ -56,4 +57,5 @@ from sim.truth import Truth as Truth
 
 __version__: str
 __all__: list[str]
+MODULES: tuple[str, ...]
 HOMES: dict[str, tuple[str, ...]]

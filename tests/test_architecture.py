@@ -27,6 +27,7 @@ FILE_PARTS = (
     *(
         "isac_arena/campaign/",
         "isac_arena/cli/",
+        "isac_arena/datasets/",
         "isac_arena/exchange/",
         "isac_arena/sweep/",
         "isac_arena/verification/",
@@ -34,7 +35,7 @@ FILE_PARTS = (
         "isac_arena/validation/robustness/",
         "isac_arena/validation/exchange/",
     ),
-    *("isac_arena/insight/budget/runs.py", "isac_arena/validation/benches/sweep.py"),
+    *("isac_arena/insight/budget/runs.py", "isac_arena/validation/benches/"),
     "estimation/kernel_cache.py",  # reads source code
     *("scenes/inputs.py", "scenes/memory.py"),
     *("isac_arena/doctor.py", "isac_arena/validation/golden.py"),

@@ -73,7 +73,10 @@ def _user_estimator(function: UserFunction) -> ChannelEstimator:
 
 
 def known_receiver(truths: Iterable[Truth | MeasuredTruth]) -> PoseEstimates:
-    """The true receiver states as given poses: the input of mapping; SLAM does not use them."""
+    """The true receiver states as given poses: the input of mapping; SLAM does not use them.
+
+    A stop that was not surveyed counts as unsolved: mapping leaves it out.
+    """
     states = [(t.stop, *t.rx_pose.position_m, t.rx_pose.heading_rad, t.clock_bias_s) for t in truths]
     table = np.array(states, float).reshape(-1, 6)
     return PoseEstimates(
@@ -81,7 +84,7 @@ def known_receiver(truths: Iterable[Truth | MeasuredTruth]) -> PoseEstimates:
         position_m=table[:, 1:3],
         heading_rad=table[:, 4],
         clock_bias_s=table[:, 5],
-        status=np.full(len(table), SolveStatus.GIVEN),
+        status=np.where(np.isfinite(table[:, 4]), SolveStatus.GIVEN, SolveStatus.FAILED),
         n_inliers=np.zeros(len(table), int),
         cost=np.zeros(len(table)),
         height_m=table[:, 3],

@@ -7,7 +7,8 @@
     channel/calibration.nc  arrays as self-calibrated, where asked for
     scores.json, provenance.nc, report.html, figures/
 
-A measured campaign holds surveyed poses and labels in place of true paths, and no sweeps.
+A measured campaign holds surveyed poses and labels in place of true paths. It has either sweeps, cut from
+recordings, or channel estimates from elsewhere.
 
 Every netCDF file carries the fingerprint of the settings, scene and code that made it. A file with another
 fingerprint counts as missing, so an interrupted campaign resumes where it stopped and nothing stale is reused.
@@ -59,6 +60,7 @@ from sim.signal.arrays.weights_file import weights_digest
 from sim.truth import Truth
 
 RESULTS = ("scores.json", "provenance.nc", "report.html")  # stale when anything before them changes
+RECORDED = "samples of "  # start of `measured` where a campaign holds recorded sweeps
 FAILED = " failed"  # end of the fingerprint of a stop at which a user's function failed
 FOLDERS = ("truth", "sweep", "channel", "map", "figures")
 R = TypeVar("R", bound=Record)
@@ -88,6 +90,11 @@ class CampaignStore:
     scene_files: Mapping[str, bytes] = field(default_factory=dict)
     side: Path | None = None
 
+    @property
+    def has_samples(self) -> bool:
+        """Whether channel estimates are made here: a measured campaign may hold the estimates alone."""
+        return self.measured is None or self.measured.startswith(RECORDED)
+
     @cached_property
     def scene(self) -> Scene:
         """The scene stored with the campaign."""
@@ -110,7 +117,7 @@ class CampaignStore:
     @cached_property
     def channel_fingerprint(self) -> str:
         """Fingerprint of all inputs of the channel estimates."""
-        if self.measured is not None:
+        if not self.has_samples:
             return self.truth_fingerprint
         estimator = functions_digest(self.config.functions, "channel") or [self.config.channel.model_dump_json()]
         code = code_digest("estimation/channel", "estimation/inference", "estimation/execution.py")

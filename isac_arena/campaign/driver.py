@@ -136,8 +136,9 @@ class CampaignRun:
         calibration = self.results.calibration()
         if calibration is None:
             stops = self.chosen_stops
-            chosen = {stops[row] for row in calibration_rows(len(stops), settings)}
-            sweeps = (self.sweep(truth) for truth in self.truths() if truth.stop in chosen)
+            chosen = [stops[row] for row in calibration_rows(len(stops), settings)]
+            kept = ((stop, self.results.sweep(stop)) for stop in chosen)
+            sweeps = (self.sweep(self.truth(stop)) if sweep is None else sweep for stop, sweep in kept)
             calibration = self_calibrate(sweeps, settings)
             self.results.write_calibration(calibration)
         return calibration
@@ -151,12 +152,16 @@ class CampaignRun:
     def estimate(self, truth: Truth, sweep: BeamSweep | None = None) -> ChannelEstimate:
         """The channel estimate of a stop, made now and kept; from `sweep` where the caller has it."""
         estimator = self.channel_estimator  # first: it may be calibrated on sweeps of its own
-        sweep = self.sweep(truth) if sweep is None else sweep
+        return self.estimate_sweep(self.sweep(truth) if sweep is None else sweep, estimator)
+
+    def estimate_sweep(self, sweep: BeamSweep, estimator: ChannelEstimator | None = None) -> ChannelEstimate:
+        """The channel estimate of a sweep, made now and kept."""
+        estimator = estimator or self.channel_estimator
         try:
             estimate = estimator(sweep)
         except EstimatorError as error:
             self._tell(error)
-            estimate = empty_estimate(truth.stop, "function", EstimateStatus.FAILED, str(error))
+            estimate = empty_estimate(sweep.stop, "function", EstimateStatus.FAILED, str(error))
         self.results.write_estimate(estimate, sweep)
         return estimate
 

@@ -22,7 +22,10 @@ PUBLISHED_MAX_POSITION_STD_M = 2.5
 
 @dataclass(frozen=True)
 class MeasuredTruth(Record):
-    """One measured stop: the surveyed receiver and the labels of its paths, ordered as its channel estimate."""
+    """One measured stop: the surveyed receiver and the labels of its paths, ordered as its channel estimate.
+
+    The pose is NaN where it was not surveyed, and there are no labels where the paths were not labelled.
+    """
 
     rx_pose: Pose
     stop: int = array(dtype=int, doc="index of the receiver stop")
@@ -67,6 +70,18 @@ class MeasuredFile:
     tx: Pose
     stops: list[MeasuredStop]
     bias_m: FloatArray | None = None
+
+
+def unlabelled_stop(stop: int, rx_pose: Pose | None) -> MeasuredTruth:
+    """A stop without labels, whose receiver was surveyed or not."""
+    return MeasuredTruth(
+        rx_pose=rx_pose or Pose(np.full(3, np.nan), np.nan),
+        stop=stop,
+        clock_bias_s=0.0,
+        is_los=np.zeros(0, bool),
+        is_single_bounce=np.zeros(0, bool),
+        landmark_m=np.zeros((0, 2)),
+    )
 
 
 def clock_walk_m(n_stops: int, rng: np.random.Generator) -> FloatArray:

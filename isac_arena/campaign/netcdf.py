@@ -149,7 +149,7 @@ def send_columns(file: str, limit: str) -> None:
                 found[name] = np.array(one.asstr()[:].astype(str) if is_text else one[:])
     content = BytesIO()
     np.savez(
-        content, allow_pickle=False, **{name: one for name, one in found.items() if one.dtype.kind in "fiubU"}
+        content, allow_pickle=False, **{name: one for name, one in found.items() if one.dtype.kind in "fiubUc"}
     )
     with open(1, "wb", closefd=False) as out:
         out.write(content.getvalue())

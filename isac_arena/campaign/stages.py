@@ -135,7 +135,7 @@ def reopened(
                 f"{directory / MANIFEST}: {what}; use the same 'arena run' again, or remove report.html"
             )
         if named:
-            if store.measured is not None and "channel" in named:
+            if not store.has_samples and "channel" in named:
                 raise ValueError(f"--channel = '{named['channel']}': {directory} is measured and holds no samples")
             store = replace(store, config=with_functions(store.config, named, limit_s))
             check_functions(store.config.functions)
@@ -165,10 +165,10 @@ def sweep_and_estimate(
 ) -> list[EstimatorError]:
     """Make missing truths and channel estimates, with one stop in the memory of a process at a time.
 
-    `again` makes all channel estimates, also stored ones. A measured campaign has both from its import. Returns
+    `again` makes all channel estimates, also stored ones. Measured paths are both. Returns
     the failures of a user's function, stop by stop; raises the first where it failed at every stop.
     """
-    if store.measured is not None:
+    if not store.has_samples:
         return []
     work = stop_run(store, keeps_sweeps=keep_sweeps, estimates=True, again=again)
     failures = _each_stop(work, makers, "trace, sweep, estimate")

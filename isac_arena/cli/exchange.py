@@ -1,4 +1,4 @@
-"""`arena export`, `export-sigmf`, `import-paths`, `import-mat`, `import-deepmimo`: formats of other tools."""
+"""`arena export`, `export-sigmf` and `import-...`: formats of other tools."""
 
 from enum import StrEnum
 from pathlib import Path
@@ -152,6 +152,25 @@ def import_mat(
         file, out, tx_offset_deg=tx_offset_deg, clock_seed=clock_seed, method=method, scene=scene
     )
     stages.console.print(f"{n_stops} stops imported; next: arena estimate {out}")
+
+
+def import_iq(
+    file: Annotated[
+        Path, typer.Argument(help="Campaign file with a table [recording] that names SigMF, NPZ or HDF5 files.")
+    ],
+    out: Out,
+) -> None:
+    """Cut beam sweeps from recorded samples; then estimate, score and report work on the directory."""
+    from isac_arena.campaign import stages  # noqa: PLC0415
+    from isac_arena.exchange.iq.importing import import_iq as import_recording  # noqa: PLC0415
+
+    found = import_recording(file, out)
+    for stop, one in enumerate(found):
+        stages.console.print(
+            f"stop {stop}: starts at {1e6 * one.offset_s:.4g} us, carrier {one.cfo_hz:+.5g} Hz, sampling"
+            f" {1e6 * one.drift:+.3g} ppm"
+        )
+    stages.console.print(f"{len(found)} stops imported; next: arena estimate {out}")
 
 
 def import_deepmimo(

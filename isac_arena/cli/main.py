@@ -32,6 +32,7 @@ from isac_arena.cli import (
     verify,
     view,
 )
+from isac_arena.cli.learning import dataset
 from isac_arena.cli.options import with_clock, with_memory
 from isac_arena.own_packages import hiding_names
 from isac_arena.user_functions.errors import EstimatorError, WentOnError
@@ -52,9 +53,10 @@ app = typer.Typer(
 )
 COMMANDS = (
     campaign.run, campaign.generate, campaign.estimate, campaign.score, campaign.report, with_clock(view.view),
-    with_clock(exchange.import_paths), with_clock(exchange.import_mat), with_clock(exchange.import_deepmimo),
-    with_clock(exchange.export), link.link,
+    with_clock(exchange.import_paths), with_clock(exchange.import_mat), with_clock(exchange.import_iq),
+    with_clock(exchange.import_deepmimo), with_clock(exchange.export), link.link,
     with_clock(exchange.export_sigmf), bound.bound, ablate.ablate, budget.budget, sweep.sweep, sweep.sweep_report,
+    dataset.dataset,
     verify.verify, with_clock(compare.compare), golden.golden,
     twin.twin, doctor.doctor, validate.validate, validate.bench, new.settings,
 )  # fmt: skip

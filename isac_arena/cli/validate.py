@@ -34,7 +34,7 @@ MODULES: Mapping[str, tuple[str, ...]] = {
     "heights": ("heights",),
     "chain": ("chain.check", "chain.trials"),
     "robustness": ("robustness.check",),
-    "exchange": tuple(f"exchange.{name}" for name in ("stages", "paths")),
+    "exchange": tuple(f"exchange.{name}" for name in ("stages", "paths", "recordings")),
 }
 BENCHES: Mapping[str, tuple[str, ...]] = {
     "raytrace": ("benches.raytrace",),
@@ -45,6 +45,7 @@ BENCHES: Mapping[str, tuple[str, ...]] = {
     "sweep": ("benches.sweep",),
     "endurance": ("benches.endurance",),
     "campaign": ("benches.campaign",),
+    "dataset": ("benches.dataset",),
 }
 
 INFO_WIDTH = 180  # columns of tables beside the rows: they are not broken on a narrow terminal

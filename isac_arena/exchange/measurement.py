@@ -22,7 +22,6 @@ from isac_arena.campaign.lock import one_run
 from isac_arena.campaign.measured import (
     PUBLISHED_MAX_POSITION_STD_M,
     PUBLISHED_NOISE,
-    MeasuredCampaign,
     MeasuredFile,
     MeasuredStop,
     MeasuredTruth,
@@ -37,7 +36,7 @@ from isac_arena.scoring.record import PathKind, PathScores, PathStatus
 from scenes.config import load_scene, scene_path
 from scenes.names import name_from
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
-from scenes.record import empty_record
+from scenes.record import FloatArray, empty_record
 from scenes.toml_config import parse_toml
 from sim.truth import Truth
 
@@ -121,7 +120,8 @@ def import_measured(
     if options.method not in METHODS:
         raise ValueError(f"--method = '{options.method}': must be one of {', '.join(METHODS)}")
     source = read_scene_source(scene_path(options.scene))
-    found = read(file, load_scene(options.scene).tx)
+    scene = load_scene(options.scene)
+    found, first_m = read(file, scene.tx), scene.walk.positions_m()[0]
     n_stops = len(found.stops)
     bias_m = np.zeros(n_stops) if found.bias_m is None else found.bias_m
     if options.clock_seed is not None:
@@ -135,7 +135,7 @@ def import_measured(
     store = CampaignStore(
         directory=out,
         config=settings(name_from(file.stem), options.method, None if is_known else options.noise),
-        scene_text=scene_text(source.text, campaign),
+        scene_text=measured_scene_text(source.text, campaign.tx, campaign.truths, first_m),
         measured=_origin(file, options),
         scene_files=source.files,
     )
@@ -159,17 +159,21 @@ def settings(name: str, method: str, noise: PathNoise | None) -> CampaignConfig:
     return CampaignConfig(name=name, scene="measured", mapping=MappingConfig(noise=noise), slam=slam)
 
 
-def scene_text(text: str, campaign: MeasuredCampaign) -> str:
-    """A scene file with the measured TX and receiver stops in place of its own."""
+def measured_scene_text(text: str, tx: Pose, truths: Sequence[MeasuredTruth], unknown_m: FloatArray) -> str:
+    """A scene file with the measured TX and receiver stops in place of its own.
+
+    A stop that was not surveyed stands at `unknown_m` (xyz,): a scene has a place for every stop.
+    """
     tables = parse_toml(text)
     for name in ("tx", "txs", "walk", "walks"):
         tables.pop(name, None)
-    poses = [
-        [*truth.rx_pose.position_m.tolist(), float(np.rad2deg(truth.rx_pose.heading_rad))]
-        for truth in campaign.truths
-    ]
-    heading_deg = float(np.rad2deg(campaign.tx.heading_rad))
-    tables["tx"] = {"position_m": campaign.tx.position_m.tolist(), "heading_deg": heading_deg}
+    poses = []
+    for pose in (truth.rx_pose for truth in truths):
+        is_known = bool(np.isfinite(pose.heading_rad))
+        heading_deg = float(np.rad2deg(pose.heading_rad)) if is_known else 0.0
+        poses.append([*(pose.position_m if is_known else unknown_m).tolist(), heading_deg])
+    heading_deg = float(np.rad2deg(tx.heading_rad))
+    tables["tx"] = {"position_m": tx.position_m.tolist(), "heading_deg": heading_deg}
     tables["walk"] = {"type": "poses", "poses": poses}
     return tomli_w.dumps(tables)
 

@@ -78,6 +78,12 @@ def _mat(file: Path) -> Columns:
     return found
 
 
+def _npz(file: Path) -> Columns:
+    check_input(file)
+    with np.load(file, allow_pickle=False) as stored:
+        return {name: np.atleast_1d(stored[name]) for name in stored.files}
+
+
 def _netcdf(file: Path) -> Columns:
     content = read_input(file, None)
     if not content.startswith(HDF5):
@@ -105,5 +111,5 @@ def _netcdf(file: Path) -> Columns:
 
 
 READERS: dict[str, Callable[[Path], Columns]] = {
-    ".csv": _csv, ".parquet": _parquet, ".mat": _mat, ".nc": _netcdf, ".h5": _netcdf,
+    ".csv": _csv, ".parquet": _parquet, ".mat": _mat, ".nc": _netcdf, ".h5": _netcdf, ".npz": _npz,
 }  # fmt: skip

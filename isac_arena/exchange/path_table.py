@@ -29,8 +29,8 @@ COLUMNS: dict[str, str] = {
     "aod_azimuth_rad or _deg": "azimuth of departure, relative to the TX heading",
     "aoa_azimuth_rad or _deg": "azimuth of arrival, relative to the receiver's heading",
     "power_dbm": "received power",
-    "rx_x_m, rx_y_m": "surveyed position of the receiver, the same in all rows of a stop",
-    "rx_heading_rad or _deg": "its heading in the world frame",
+    "rx_x_m, rx_y_m": "optional: surveyed position of the receiver, the same in all rows of a stop",
+    "rx_heading_rad or _deg": "optional: its heading in the world frame; without pose there is SLAM alone",
     "rx_z_m": "optional: its height; by default that of the TX",
     "tx_x_m, tx_y_m, tx_heading_rad or _deg": "optional: pose of the TX, the same in all rows; else the scene's",
     "tx_z_m": "optional: its height; else the scene's",
@@ -205,7 +205,9 @@ def _tx_pose(table: MeasuredTable, scene_tx: Pose) -> Pose:
 
 
 def _receivers(table: MeasuredTable, first: IntArray, index: IntArray, tx_height_m: float) -> FloatArray:
-    """x, y, z and heading (stop, 4) of the receiver."""
+    """x, y, z and heading (stop, 4) of the receiver; NaN where the table has no poses."""
+    if not table.has("rx_x_m", "rx_y_m", "rx_heading_rad", "rx_heading_deg"):
+        return np.full((len(first), 4), np.nan)
     heading_rad = table.angle("rx_heading", needed=True)
     columns = [table.needed({f"rx_{axis}_m": 1.0}) for axis in "xy"]
     height_m = table.scaled({"rx_z_m": 1.0}, "z")

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -9,9 +10,12 @@ from typing import Any
 import numpy as np
 
 from isac_arena.campaign.files import complete_file, write_json
+from scenes.inputs import read_input
+from scenes.memory import ask_memory
 from scenes.record import ComplexArray
 
 DATATYPE = "cf32_le"
+READ_PER_BYTE = 8  # memory while samples are converted
 
 
 def write_sigmf(
@@ -53,20 +57,28 @@ def write_sigmf(
 
 
 def read_sigmf(base: Path) -> tuple[ComplexArray, dict[str, Any]]:
-    """Samples (sample,) and metadata of a recording written by `write_sigmf`.
+    """Samples (sample,) of complex64 and metadata of a SigMF recording; integers become fractions of full scale.
 
     Raises `FileNotFoundError` where a file is missing; `ValueError` where the metadata is damaged or names
-    another datatype, or the samples are not those it was written with.
+    a datatype that is not complex, or the samples are not those of its checksum.
     """
     data, meta = (base.with_name(f"{base.name}.sigmf-{kind}") for kind in ("data", "meta"))
     try:
-        metadata = json.loads(meta.read_text(encoding="utf-8"))
-        datatype, checksum = (metadata["global"][f"core:{key}"] for key in ("datatype", "sha512"))
-    except (ValueError, KeyError, TypeError) as error:
+        metadata = json.loads(read_input(meta))
+        datatype, checksum = metadata["global"]["core:datatype"], metadata["global"].get("core:sha512")
+        float(metadata["global"].get("core:sample_rate", 1.0))
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise ValueError(f"{meta}: not readable SigMF metadata ({error})") from error
-    if datatype != DATATYPE:
-        raise ValueError(f"{meta}: core:datatype = {datatype}: must be {DATATYPE}")
-    content = data.read_bytes()
-    if hashlib.sha512(content).hexdigest() != checksum:
+    kind = re.fullmatch(r"c(f32|f64|i8|i16|i32)(_le|_be)?", str(datatype))
+    if kind is None:
+        raise ValueError(f"{meta}: core:datatype = {datatype}: must be {DATATYPE}, or ci16_le and its like")
+    content = read_input(data)
+    if checksum is not None and hashlib.sha512(content).hexdigest() != checksum:
         raise ValueError(f"{data}: differs from the core:sha512 of its metadata")
-    return np.frombuffer(content, "<c8"), metadata
+    number = np.dtype(f"{kind[1][0]}{int(kind[1][1:]) // 8}").newbyteorder(">" if kind[2] == "_be" else "<")
+    if len(content) % (2 * number.itemsize):
+        raise ValueError(f"{data}: {len(content)} bytes are no whole samples of {datatype}")
+    ask_memory(READ_PER_BYTE * len(content), "its samples", str(data))
+    full_scale = 1.0 if number.kind == "f" else 2.0 ** (8 * number.itemsize - 1)
+    parts = np.frombuffer(content, number) / np.dtype(np.float32).type(full_scale)
+    return parts.astype("<f4").view("<c8"), metadata

@@ -72,8 +72,17 @@ def nearest_objects(scene: Scene, points_m: FloatArray, reach_m: float) -> TextA
     return np.asarray(np.where(distance.min(axis=0) <= reach_m, nearest, ""))
 
 
+def unlabelled(truth: MeasuredTruth, n_paths: int) -> MeasuredTruth:
+    """A stop whose paths were not labelled, with empty labels for so many paths."""
+    none = np.zeros(n_paths, bool)
+    return replace(truth, is_los=none, is_single_bounce=none, landmark_m=np.full((n_paths, 2), np.nan))
+
+
 def _label_scores(scene: Scene, truth: MeasuredTruth, estimate: ChannelEstimate | None) -> PathScores:
     n = truth.size("path")
+    if not n and estimate is not None:
+        truth = unlabelled(truth, len(estimate))
+        n = len(estimate)
     if estimate is None or len(estimate) != n:
         raise ValueError(f"results.channel: stop {truth.stop} has {n} labelled paths but no estimate of as many")
     single = truth.is_single_bounce

@@ -91,7 +91,12 @@ class StopRun:
     def make(self, stop: int) -> MadeStop:
         """Make what is missing at a stop, and count its planar paths."""
         self.failures.clear()
-        store, work, truth = self.store, self.work, self.run.truth(stop)
+        store, work = self.store, self.work
+        if store.measured is not None:
+            if not self.is_done(stop) and (recorded := store.sweep(stop)) is not None:
+                self.run.estimate_sweep(recorded)
+            return MadeStop(TraceCounts(), self.failures[0] if self.failures else None)
+        truth = self.run.truth(stop)
         keeps = work.keeps_sweeps and not store.has_sweep(stop)
         makes = work.estimates and (work.again or not store.has_channel(stop))
         if keeps or makes:

@@ -47,8 +47,9 @@ def test_every_public_name_exists(name: str) -> None:
 def test_names_for_type_checkers_and_at_run_time_are_the_same() -> None:
     tree = ast.parse((ROOT / "isac_arena" / "__init__.pyi").read_text(encoding="utf-8"))
     typed = {(node.module, a.name) for node in tree.body if isinstance(node, ast.ImportFrom) for a in node.names}
-    assert typed == {(module, name) for module, names in isac_arena.HOMES.items() for name in names}
-    names = [name for names in isac_arena.HOMES.values() for name in names]
+    modules = {("isac_arena", name) for name in isac_arena.MODULES}
+    assert typed == modules | {(module, name) for module, names in isac_arena.HOMES.items() for name in names}
+    names = [*isac_arena.MODULES, *(name for names in isac_arena.HOMES.values() for name in names)]
     assert sorted([*names, "__version__"]) == sorted(isac_arena.__all__)
     assert set(isac_arena.__all__) <= set(dir(isac_arena))
 

@@ -1,0 +1,1 @@
+"""`arena dataset`: what others learn from."""
