@@ -118,18 +118,20 @@ def sweep_times(
     if config.pairs is not None:
         start, slot = _table(folder / config.pairs, n_tx, n_rx, prs.slots_per_frame)
         return SweepTimes(start[..., None] + _in_burst(prs, slot, used), slot)
+    occasions = sweep_occasions(waveform, n_tx, n_rx)
     if waveform.schedule is not None:
-        occasions = sweep_occasions(waveform, n_tx, n_rx)
         slot_s = 1e-3 / 2**prs.numerology
         first = int(sent_slots(waveform.schedule.of_resource(prs.numerology), 1).min())
         slot = first + np.rint(occasions.time_s / slot_s).astype(int)
         start = _slot_start_s(prs, slot)[..., None] + _in_slot(prs, slot)[..., prs.first_symbol :][..., :used]
         return SweepTimes(start, slot)
-    slot = np.repeat(np.arange(n_tx)[:, None], n_rx, axis=1)[None]
+    slot = np.repeat(occasions.slot[:, :, None], n_rx, axis=2)
     in_burst = _in_burst(prs, slot, used)
-    length = in_burst[..., -1] + 1 / prs.subcarrier_spacing_hz
-    begin = np.concatenate([[0.0], np.cumsum(length.ravel())[:-1]]).reshape(length.shape)
-    return SweepTimes(begin[..., None] + in_burst, slot)
+    length = (in_burst[..., -1] + 1 / prs.subcarrier_spacing_hz).ravel()
+    order = np.argsort(occasions.time_s.ravel())
+    begin = np.empty(len(order))
+    begin[order] = np.concatenate([[0.0], np.cumsum(length[order])[:-1]])
+    return SweepTimes(begin.reshape(slot.shape)[..., None] + in_burst, slot)
 
 
 def _prefix_s(prs: PrsConfig, slot: IntArray) -> FloatArray:
