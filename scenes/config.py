@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -24,7 +25,7 @@ from scenes.record import FloatArray
 from scenes.references import copy_name, find_file
 from scenes.scene import Scene, SceneObject
 from scenes.targets.config import TargetConfig
-from scenes.toml_config import ConfigError, ConfigModel, load_config, naming_field
+from scenes.toml_config import ConfigError, ConfigModel, load_config, naming_field, read_text
 from scenes.walks.config import (
     PosesWalkConfig,
     Quadruple,
@@ -48,6 +49,9 @@ class SceneConfig(ConfigModel):
     """A scene file: one `tx` or several `txs`, one `walk` or several `walks`. The first of each is active."""
 
     name: Name = Field(description="name of the scene")
+    base: str | None = Field(
+        None, description="scene of the library that this one adds to: its tables are taken, lists are appended"
+    )
     description: str = Field("", description="one sentence for people")
     bounds_m: Quadruple | None = Field(
         None, description="x_min, y_min, x_max, y_max of floor and ceiling; by default 1 m round everything"
@@ -63,6 +67,11 @@ class SceneConfig(ConfigModel):
     floorplans: Annotated[tuple[FloorplanConfig, ...], Field(strict=False)] = ()
     meshes: Annotated[tuple[MeshConfig, ...], Field(strict=False)] = ()
     targets: Annotated[tuple[TargetConfig, ...], Field(strict=False)] = ()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _on_base(cls, tables: Any) -> Any:
+        return with_base(tables) if isinstance(tables, dict) else tables
 
     @model_validator(mode="after")
     def _one_or_several(self) -> SceneConfig:
@@ -187,6 +196,27 @@ def _check_places(bounds_m: Bounds, txs: Mapping[str, Pose], walks: Mapping[str,
             if (distance < MIN_DISTANCE_M).any():
                 stop = int(np.argmin(distance))
                 raise ValueError(f"walk '{name}', stop {stop}: must be {MIN_DISTANCE_M} m or more from the TX")
+
+
+def with_base(tables: Mapping[str, Any]) -> dict[str, Any]:
+    """The tables of a scene file together with those of its base, without naming it.
+
+    Raises `ConfigError` where the library has no such scene.
+    """
+    whole = dict(tables)
+    base = whole.pop("base", None)
+    if base is None:
+        return whole
+    if base not in library_scenes():
+        raise ConfigError(f"base = '{base}': must be one of {', '.join(library_scenes())}")
+    below = with_base(tomllib.loads(read_text(LIBRARY / f"{base}.toml")))
+    for name, value in below.items():
+        given = whole.get(name, value)
+        if isinstance(value, list) and name in whole:
+            whole[name] = [*value, *given]
+        else:
+            whole[name] = value | given if isinstance(value, dict) else given
+    return whole
 
 
 def library_scenes() -> list[str]:

@@ -143,11 +143,6 @@ class ChannelEstimate(Record):
         return self.take("path", ~self.is_weak)
 
     @property
-    def frozen(self) -> Self:
-        """The estimate without its moving paths."""
-        return self if self.motion is None else self.take("path", ~self.motion.is_moving)
-
-    @property
     def plane_parameters(self) -> FloatArray:
         """Delay in s, azimuths of departure and of arrival in rad (path, 3)."""
         return np.stack([self.delay_s, self.aod_azimuth_rad, self.aoa_azimuth_rad], axis=-1)

@@ -13,6 +13,7 @@ from estimation.channel.estimate import ChannelEstimator, estimate_channel
 from estimation.channel.model.delay import hann_window
 from estimation.channel.power.detect import noise_threshold
 from estimation.channel.record import ChannelEstimate
+from estimation.channel.still import still_paths
 from estimation.shape.contours import estimate_contours
 from estimation.shape.gp.estimate import estimate_shapes, fit_shapes
 from estimation.slam.checks import check_estimates
@@ -140,6 +141,7 @@ def learned_mapping(
     heights: KnownHeights | None = None,
 ) -> MappingConfig:
     """The settings of mapping with the noise that the paths show at given states; unchanged for other states."""
+    channel = still_paths(channel).channel
     seen = seen_from_above(channel, poses.clock_bias_s, heights)
     spatial = is_spatial(channel, use_elevation=config.mapping.use_elevation)
     return with_learned_noise(seen, poses, tx_pose, config.mapping, spatial=spatial)
@@ -159,7 +161,23 @@ def locate_or_take(
     SLAM solves every stop alone, or all stops together with a `trajectory`. Both work in space where elevations
     were estimated, else with the `heights` that are known. `mapping` is `learned_mapping` of the given states,
     where the caller has it. Functions of the settings take their place; raises `EstimatorError` where one fails.
+    Paths that move are left out; points have the numbers of their paths among all.
     """
+    still = still_paths(channel)
+    poses, ips = _located(config, still.channel, tx_pose, receiver, heights, trajectory, mapping)
+    return poses, replace(ips, path=still.of_all(ips.stop, ips.path))
+
+
+def _located(
+    config: CampaignConfig,
+    channel: Sequence[ChannelEstimate],
+    tx_pose: Pose,
+    receiver: PoseEstimates | None,
+    heights: KnownHeights | None,
+    trajectory: TrajectoryConfig | None,
+    mapping: MappingConfig | None,
+) -> tuple[PoseEstimates, IncidencePoints]:
+    """As `locate_or_take`, from paths that stand."""
     if receiver is None:
         if function := config.functions.of("slam"):
             found: tuple[PoseEstimates, IncidencePoints] = called(
@@ -189,15 +207,17 @@ def with_shapes(
 
     `label` (ip,) is the cluster of every incidence point, -1 for none; without it DBSCAN finds the clusters.
     `mapping` is `learned_mapping` of the states, where the caller has it. A function of the settings may take the
-    place of our contours; raises `EstimatorError` where it fails.
+    place of our contours; raises `EstimatorError` where it fails. Paths that move are left out.
     """
+    still, every = still_paths(channel), ips
+    channel, ips = still.channel, replace(ips, path=still.of_still(ips.stop, ips.path))
     shapes = estimate_shapes(ips, config.shapes) if label is None else fit_shapes(ips, label, config.shapes)
     if function := config.functions.of("shapes"):
-        return MapResult(poses, ips, shapes, called("shapes", function, list(channel), tx_pose, poses, ips))
+        return MapResult(poses, every, shapes, called("shapes", function, list(channel), tx_pose, poses, ips))
     mapping = mapping or learned_mapping(config, channel, tx_pose, poses, heights)
     channel = seen_from_above(channel, poses.clock_bias_s, heights)
     contours = estimate_contours(channel, tx_pose, poses, ips, shapes.label, mapping.noise, config.contours)
-    return MapResult(poses, ips, shapes, contours)
+    return MapResult(poses, every, shapes, contours)
 
 
 def without_map(

@@ -15,7 +15,7 @@ import tomli_w
 from isac_arena.campaign.config import CampaignConfig, with_link_levels
 from isac_arena.campaign.files import write_bytes
 from isac_arena.campaign.integrity import digest
-from scenes.config import SceneConfig, load_scene, referenced_contents, scene_path
+from scenes.config import SceneConfig, load_scene, referenced_contents, scene_path, with_base
 from scenes.names import path_in
 from scenes.scene import Scene
 from scenes.toml_config import ConfigError, load_config, read_text, validate_config
@@ -62,8 +62,11 @@ class SceneSource:
 
 def read_scene_source(file: Path) -> SceneSource:
     """A scene file with the files that it names; `ConfigError` where one is missing or wrong."""
-    text = read_text(file)
-    return SceneSource(text, referenced_contents(load_config(file, SceneConfig), file.parent), file)
+    text, files = read_text(file), referenced_contents(load_config(file, SceneConfig), file.parent)
+    tables = tomllib.loads(text)
+    if "base" in tables:  # the whole scene, as it is now
+        return SceneSource(tomli_w.dumps(with_base(tables)), files)
+    return SceneSource(text, files, file)
 
 
 def python_scene_source(tables: Mapping[str, Any]) -> SceneSource:

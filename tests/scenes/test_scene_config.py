@@ -218,3 +218,21 @@ def test_places_that_cannot_be_are_refused(tmp_path, old, new, words):
     with pytest.raises(ConfigError) as caught:
         load_scene(path)
     assert all(word in str(caught.value) for word in words), caught.value
+
+
+def test_a_scene_adds_to_one_of_the_library() -> None:
+    busy, empty = load_scene("campus_arena_busy"), load_scene("campus_arena")
+    assert [item.name for item in busy.fixtures] == empty.object_names
+    assert len(busy.objects) == len(empty.objects) + 8
+    assert (
+        busy.walk.speed_m_s == 1.0
+        and len(busy.stops) == 12
+        and np.array_equal(busy.tx.position_m, empty.tx.position_m)
+    )
+
+
+def test_a_base_is_one_of_the_library(tmp_path):
+    file = tmp_path / "scene.toml"
+    file.write_text('name = "mine"\nbase = "other"\n')
+    with pytest.raises(ConfigError, match="base = 'other': must be one of box_room, "):
+        load_scene(file)
