@@ -29,6 +29,7 @@ FILE_PARTS = (
         "isac_arena/cli/",
         "isac_arena/datasets/",
         "isac_arena/exchange/",
+        "isac_arena/public_tasks/",
         "isac_arena/sweep/",
         "isac_arena/verification/",
         "isac_arena/workers/tasks.py",  # of no content: a process that ends is silent

@@ -32,7 +32,7 @@ from isac_arena.cli import (
     verify,
     view,
 )
-from isac_arena.cli.learning import dataset
+from isac_arena.cli.learning import dataset, task
 from isac_arena.cli.options import with_clock, with_memory
 from isac_arena.own_packages import hiding_names
 from isac_arena.user_functions.errors import EstimatorError, WentOnError
@@ -66,6 +66,7 @@ app.add_typer(campaign.app, name="campaign")
 app.add_typer(scene.app, name="scene")
 app.add_typer(new.app, name="new")
 app.add_typer(study.app, name="study")
+app.add_typer(task.app, name="task")
 
 
 def main() -> None:

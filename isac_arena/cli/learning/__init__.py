@@ -1,1 +1,1 @@
-"""`arena dataset`: what others learn from."""
+"""`arena dataset` and `arena task`: what others learn from, and are compared on."""

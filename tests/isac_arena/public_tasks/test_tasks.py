@@ -1,0 +1,178 @@
+"""Public tasks: what is sealed, what is given, and grades in closed form."""
+
+from __future__ import annotations
+
+import json
+import tarfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import isac_arena as ia
+from isac_arena.exchange.path_table import read_table
+from isac_arena.public_tasks import making
+from isac_arena.public_tasks.board import BoardRow, enter, page, read_board
+from isac_arena.public_tasks.grading import bounce_points, channel_tables, grade, with_interval
+from isac_arena.public_tasks.making import SealedScene, Stage, TaskSpec, make_task, read_task
+from isac_arena.public_tasks.scenes import CLEAR_M, task_scene
+from isac_arena.public_tasks.submissions import submission_of
+from sim.observation import BeamSweep
+from tests.command_line import arena_here, failure
+
+ARRAY = {"rows": 1, "columns": 8, "beams_per_panel": 8}
+SMALL = {
+    "waveform": {"n_rb": 64, "comb": 4}, "tx_array": ARRAY,
+    "rx_array": ARRAY | {"panel_azimuth_deg": [0.0, 180.0]},
+    "channel": {"method": "power"}, "propagation": {"diffuse_samples": 0, "compare_planar": False},
+}  # fmt: skip
+N_SCENES, N_STOPS = 2, 2
+
+
+def task(folder: Path, stage: Stage) -> Path:
+    make_task(TaskSpec("a task", "pillar", stage, N_SCENES, N_STOPS, 5), folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A task of every stage with small arrays."""
+    folder = tmp_path_factory.mktemp("tasks")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(making, "SETTINGS", SMALL)
+        for stage in making.TASK_STAGES:
+            task(folder / stage, stage)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def sealed(made: Path) -> list[SealedScene]:
+    return read_task(made / "slam")[1]
+
+
+def columns(stage: Stage, rows: list[tuple[float, ...]]) -> dict[str, np.ndarray]:
+    names = {"slam": ("scene", "stop", "x_m", "y_m"), "contours": ("scene", "contour", "x_m", "y_m")}
+    wanted = names.get(stage, ("scene", "stop", "delay_s", "aod_azimuth_rad", "aoa_azimuth_rad"))
+    return dict(zip(wanted, np.array(rows, float).reshape(-1, len(wanted)).T, strict=True))
+
+
+def graded(stage: Stage, scenes: list[SealedScene], rows: list[tuple[float, ...]]) -> float:
+    return grade(stage, scenes, submission_of(columns(stage, rows), stage, N_SCENES, N_STOPS, "mine")).mean
+
+
+def test_nothing_public_tells_the_truth(made: Path, sealed: list[SealedScene]) -> None:
+    about = json.loads((made / "slam/public/task.json").read_text())
+    assert "seed" not in about and "seed" not in json.dumps(about["settings"])
+    table = read_table(made / "slam/public/scene_000/paths.csv")
+    assert not table.has("rx_x_m", "clock_bias_s", "label", "ip_x_m")
+    assert read_table(made / "contours/public/scene_000/paths.csv").has("rx_x_m")
+    sweep = ia.read_record(made / "channel/public/scene_001/stop_001.nc", BeamSweep)
+    assert np.array_equal(sweep.samples, sealed[1].run.sweep(sealed[1].truths[1]).samples)
+
+
+def test_a_seal_is_that_of_its_task(made: Path, tmp_path: Path) -> None:
+    again = tmp_path / "again"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(making, "SETTINGS", SMALL)
+        task(again, "slam")
+    assert (again / "seal.tar").read_bytes() == (made / "slam/seal.tar").read_bytes()
+    with tarfile.open(again / "seal.tar", "a") as seal:
+        seal.add(again / "public/task.json", "more.json")
+    with pytest.raises(ValueError, match="is not the seal of this task"):
+        read_task(again)
+    (again / "seal.tar").unlink()
+    with pytest.raises(ValueError, match="only who made the task can grade"):
+        read_task(again)
+    assert "holds other files" in failure(
+        "task", "make", "--out", again, "--tier", "halls", "--stage", "slam", "--scenes", "1"
+    )
+
+
+def test_positions_off_by_so_much_have_that_loss(sealed: list[SealedScene]) -> None:
+    places = [
+        (number, truth.stop, truth.rx_pose.position_m[0] + 0.3, truth.rx_pose.position_m[1] - 0.4)
+        for number, one in enumerate(sealed)
+        for truth in one.truths
+    ]
+    assert graded("slam", sealed, places) == pytest.approx(0.5)
+    assert graded("slam", sealed, places[1:]) == pytest.approx((3 * 0.5 + 1) / 4)
+
+
+def test_true_contours_lose_nothing_and_none_lose_most(sealed: list[SealedScene]) -> None:
+    rows: list[tuple[float, ...]] = []
+    for number, one in enumerate(sealed):
+        for contour, item in enumerate(one.scene.objects):
+            outline = item.contour.body().exterior.coords
+            rows += [(number, contour, x, y) for x, y in outline]
+    assert graded("contours", sealed, rows) == pytest.approx(0.0, abs=1e-3)  # circles have corners here
+    assert graded("contours", sealed, []) == pytest.approx(0.5)
+    assert len(bounce_points(sealed[0])) > 0
+
+
+def test_true_paths_have_no_gospa_and_none_have_that_of_all_missed(sealed: list[SealedScene]) -> None:
+    rows: list[tuple[float, ...]] = []
+    for number, one in enumerate(sealed):
+        empty = [estimate.take("path", slice(0, 0)) for estimate in one.channel]
+        paths = channel_tables(one, empty).significant
+        kept = paths.take("true_path", paths.is_separable)
+        values = (kept.stop, kept.delay_s, kept.aod_azimuth_rad, kept.aoa_azimuth_rad)
+        rows += [(number, *map(float, row)) for row in zip(*values, strict=True)]
+    missed = graded("channel", sealed, [])
+    assert graded("channel", sealed, rows) < 0.35 * missed
+
+
+def test_intervals_hold_the_mean_of_many_scenes() -> None:
+    """Scenes with a common part: the interval is that over scenes, not over stops."""
+    rng = np.random.default_rng(3)
+    hits = 0
+    for _ in range(60):
+        losses = [1.0 + rng.standard_normal() + 0.01 * rng.standard_normal(20) for _ in range(25)]
+        found = with_interval(losses)
+        hits += found.low <= 1.0 <= found.high
+    assert 50 <= hits <= 60
+
+
+def test_a_submission_is_graded_and_entered(made: Path, sealed: list[SealedScene], tmp_path: Path) -> None:
+    place = sealed[0].truths[0].rx_pose.position_m
+    (tmp_path / "mine.csv").write_text(f"scene,stop,x_m,y_m\n0,0,{place[0]},{place[1]}\n")
+    done = arena_here("task", "grade", "mine.csv", "--task", made / "slam", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    (row,) = read_board(made / "slam")
+    assert (row.name, row.kind, row.mean) == ("mine", "submission", 0.75)
+    text = (made / "slam/leaderboard.html").read_text()
+    assert "mine" in text and "0.75" in text and "<script" not in text
+    (tmp_path / "mine.csv").write_text("scene,stop,x_m,y_m\n0,7,1,1\n")
+    assert "row 1: stop = 7: must be a whole number from 0 to 1" in failure(
+        "task", "grade", "mine.csv", "--task", made / "slam", cwd=tmp_path
+    )
+
+
+@pytest.mark.slow
+def test_baselines_and_the_bound_are_rows(made: Path) -> None:
+    done = arena_here("task", "baselines", made / "slam")
+    assert done.returncode == 0, done.stderr
+    kinds = [row.kind for row in read_board(made / "slam")]
+    assert kinds.count("baseline") == 3 and kinds.count("bound") == 1
+
+
+def test_names_on_the_page_are_text(tmp_path: Path) -> None:
+    about = {
+        "name": "t", "tier": "halls", "stage": "slam", "n_scenes": 1, "n_stops": 1, "seal_sha256": "0",
+    }  # fmt: skip
+    rows = enter(tmp_path, about, [BoardRow("<script>", "submission", 0.5, 0.4, 0.6)])
+    rows = enter(tmp_path, about, [BoardRow("better", "submission", 0.2, 0.1, 0.3)])
+    assert [row.name for row in rows] == ["better", "<script>"]
+    assert "<script>" not in page(about, rows)
+
+
+def test_people_walk_where_nothing_stands() -> None:
+    scene = task_scene("people", np.random.default_rng(2), 3)
+    people = [item for item in scene.objects if item.motion is not None]
+    assert people and scene.is_moving
+    for person in people:
+        assert person.motion is not None
+        shift_m = person.motion.over(np.linspace(0, 3, 40))[0][:, :2]
+        for item in scene.objects:
+            if item.motion is None:
+                places = person.contour.body().centroid.coords[0] + shift_m
+                assert item.contour.signed_distance(places).min() > CLEAR_M
