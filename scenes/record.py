@@ -45,6 +45,11 @@ def array(*axes: str, unit: str = "1", dtype: Any = np.float64, doc: str = "", d
     return field(metadata=metadata, default=default)
 
 
+def optional_array(*axes: str, **about: Any) -> Any:
+    """As `array`, for a field that may be left out: the record fills it in."""
+    return field(default=None, metadata=array(*axes, **about).metadata)
+
+
 @dataclass(frozen=True)
 class Record(Displayed):
     """Base of all records: converts to the declared dtypes, checks the shapes, freezes the arrays.

@@ -2,12 +2,12 @@
 
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, PrivateAttr, field_validator, model_validator
 
 from scenes.names import FileName
 from scenes.toml_config import ConfigModel
 from sim.signal.hardware.config import ImpairmentsConfig
-from sim.signal.waveform.config import ScanOrder, ScheduleConfig
+from sim.signal.waveform.config import Bits, ScanOrder, ScheduleConfig
 from sim.signal.waveform.prs import PrsConfig
 from sim.signal.waveform.schedule import sent_slots
 
@@ -31,6 +31,9 @@ class WaveformConfig(ConfigModel):
     first_symbol: int = Field(0, ge=0, le=12, description="symbol of the slot where the resource starts")
     carrier_rb: int | None = Field(
         None, ge=24, le=275, description="resource blocks of the carrier; by default it ends with the PRS"
+    )
+    sequence_id: int = Field(
+        0, ge=0, le=4095, description="PRS sequence of the first TX beam; the next beams have the next ones"
     )
     combine_symbols: bool = Field(
         False,
@@ -133,6 +136,12 @@ class ClockConfig(ConfigModel):
 
     initial_bias_ns: float = Field(33.0, ge=-200, le=200, description="clock bias before the first stop")
     walk_std_ns: float = Field(3.3, ge=0, le=50, description="standard deviation of the step per stop")
+    tx_offset_std_ns: float = Field(
+        10.0, ge=0, le=200, description="several TX: standard deviation of the clock of a TX about the first one"
+    )
+    tx_walk_std_ns: float = Field(
+        0.0, ge=0, le=50, description="several TX: standard deviation of the step of that offset per stop"
+    )
 
 
 class PropagationConfig(ConfigModel):
@@ -174,11 +183,35 @@ class PropagationConfig(ConfigModel):
         return max(1, self.max_bounces + (self.max_crossed_faces if self.transmission else 0))
 
 
+class TransmitterConfig(ConfigModel):
+    """What one of several TX has of its own: power, array, and PRS resource set; by default that of the campaign.
+
+    Without a resource of their own the TX are orthogonal: each takes the next comb offset, and when all are taken
+    the next ones send after the others. TX with equal resources collide: each is interference to the other.
+    """
+
+    tx_power_dbm: float | None = Field(None, ge=-50, le=60, description="power into the array")
+    array: ArrayConfig | None = Field(None, description="the array; what is left out is that of tx_array")
+    sequence_id: int | None = Field(
+        None, ge=0, le=4095, description="PRS sequence of the first beam; by default after those of the TX before"
+    )
+    re_offset: int | None = Field(None, ge=0, le=11, description="comb offset, below the comb size")
+    turn: int | None = Field(
+        None, ge=0, le=63, description="sweeps that are sent before this one; with a schedule, in the same period"
+    )
+    first_symbol: int | None = Field(None, ge=0, le=12, description="symbol of the slot where a resource starts")
+    muting_1: Bits | None = Field(None, description="with a schedule: a bit for every instance, 0 for muted")
+    muting_2: Bits | None = Field(None, description="with a schedule: a bit for every repetition, 0 for muted")
+
+
 class SimulationConfig(ConfigModel):
     """One campaign: a scene, a seed and the settings of every simulated part."""
 
     scene: FileName = Field(description="library name or path of the scene file")
-    tx: str | None = Field(None, description="TX to use where the scene has several; by default the first")
+    tx: str | Annotated[list[str], Field(min_length=1)] | None = Field(
+        None, description="TX to use where the scene has several, a list of them, or 'all'; by default the first"
+    )
+    transmitters: dict[str, TransmitterConfig] = Field({}, description="several TX: what one has of its own")
     walk: str | Annotated[list[str], Field(min_length=1)] | None = Field(
         None, description="walk to use where the scene has several, or a list of them; by default the first"
     )
@@ -190,6 +223,41 @@ class SimulationConfig(ConfigModel):
     clock: ClockConfig = ClockConfig()
     impairments: ImpairmentsConfig = ImpairmentsConfig()
     propagation: PropagationConfig = PropagationConfig()
+    _tx_number: int = PrivateAttr(0)
+    _turn: int = PrivateAttr(0)
+
+    @property
+    def tx_number(self) -> int:
+        """Which of the TX of a campaign these settings are of (`sim.transmitters.tx_links`): 0 is the first."""
+        return self._tx_number
+
+    @property
+    def turn(self) -> int:
+        """Sweeps of other TX that are sent before the one of this TX."""
+        return self._turn
+
+    def of_transmitter(self, number: int, turn: int, **changes: Any) -> Self:
+        """The settings of one TX of several, with what is its own in `changes`."""
+        made = self.model_copy(update={"transmitters": {}, **changes})
+        made._tx_number, made._turn = number, turn
+        return made
+
+    @model_validator(mode="before")
+    @classmethod
+    def _keep_the_array_of_all_tx(cls, data: Any) -> Any:
+        """What an `array` table of one TX leaves out is that of `tx_array`."""
+        own = data.get("transmitters") if isinstance(data, dict) else None
+        if not isinstance(own, dict):
+            return data
+        base = data.get("tx_array", {})
+        base = base.model_dump() if isinstance(base, ArrayConfig) else base
+        merged = {
+            name: one | {"array": base | one["array"]}
+            if isinstance(one, dict) and isinstance(one.get("array"), dict) and isinstance(base, dict)
+            else one
+            for name, one in own.items()
+        }
+        return data | {"transmitters": merged}
 
     @field_validator("rx_array", mode="before")
     @classmethod

@@ -4,7 +4,8 @@ Every stop and stage has its own random generator, derived from the seed. So any
 any number of workers, gives the same bits.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from sim.propagation.deepmimo.folder import read_deepmimo
 from sim.propagation.deepmimo.scenario import SAME_PLACE_M, PathScenario
 from sim.propagation.propagator import PlanarComparison, Propagator
 from sim.signal.arrays.codebook import Codebook
+from sim.signal.crosstalk import crosstalk, do_meet, share_all_elements
 from sim.signal.demand import ask_sample_memory
 from sim.signal.generation import beam_channel
 from sim.signal.hardware.apply_impairments import (
@@ -34,14 +36,25 @@ from sim.signal.moving import moving_channel
 from sim.signal.waveform.prs import SUBCARRIERS_PER_RB, prs_subcarriers
 from sim.truth import Truth
 
-__all__ = ["RandomStage", "clock_biases_s", "observe", "simulate_truth", "stage_generator"]
+__all__ = ["OtherTx", "RandomStage", "clock_biases_s", "observe", "simulate_truth", "stage_generator"]
 
 
 def clock_biases_s(config: SimulationConfig, n_stops: int) -> FloatArray:
-    """Clock bias (stop,) in s: a random walk from the initial value, plus the extra bias of every stop."""
+    """Clock bias (stop,) in s: a random walk from the initial value, plus the extra bias of every stop.
+
+    That against a later TX of several also has the offset between the two TX.
+    """
     steps = stage_generator(config.seed, RandomStage.CLOCK).standard_normal(n_stops)
     walk_s = (config.clock.initial_bias_ns + config.clock.walk_std_ns * np.cumsum(steps)) * 1e-9
-    return np.asarray(walk_s + extra_clock_bias_s(config, n_stops))
+    bias_s = np.asarray(walk_s + extra_clock_bias_s(config, n_stops))
+    return bias_s if not config.tx_number else bias_s - _tx_clock_s(config, n_stops)
+
+
+def _tx_clock_s(config: SimulationConfig, n_stops: int) -> FloatArray:
+    """Clock (stop,) in s of a TX against the first one: a random walk from an offset."""
+    clock = config.clock
+    draws = stage_generator(config.seed, RandomStage.TX_CLOCK, 0, config.tx_number).standard_normal(n_stops + 1)
+    return np.asarray((clock.tx_offset_std_ns * draws[0] + clock.tx_walk_std_ns * np.cumsum(draws[1:])) * 1e-9)
 
 
 def simulate_truth(config: SimulationConfig, scene: Scene, stops: Iterable[int]) -> Iterator[Truth]:
@@ -88,23 +101,44 @@ def _scenario(folder: str, scene: Scene, carrier_hz: float) -> PathScenario:
     return scenario
 
 
-def observe(config: SimulationConfig, link: Link, scene: Scene, truth: Truth) -> BeamSweep:
+@dataclass(frozen=True)
+class OtherTx:
+    """Another TX on the air, as its own link has it."""
+
+    config: SimulationConfig
+    link: Link
+    scene: Scene
+    truth: Truth
+
+
+def observe(
+    config: SimulationConfig, link: Link, scene: Scene, truth: Truth, others: Sequence[OtherTx] = ()
+) -> BeamSweep:
     """The samples of one stop: equation (1) with noise, the unknown clock bias and the hardware impairments.
 
-    Every call gives the same bits. The sweep holds only the nominal codebooks and the nominal TX pose.
+    Every call gives the same bits. The sweep holds only the nominal codebooks and the nominal TX pose. Another TX
+    is heard where its resources meet those of the sweep.
 
     Raises `MemoryLimitError` where the samples do not fit into the memory.
     """
     ask_sample_memory(config)
     tx_codebook, rx_codebook = impaired_codebooks(config, link)
     pilot = np.sqrt(link.tx_power_mw).astype(np.float32) * link.prs_symbol[:, None, :]
+    heard = [
+        (other, _heard_channel(other)) for other in others if is_heard(config, link, other.config, other.link)
+    ]
 
     def sent(repetition: int) -> ComplexArray:
         samples = clean_samples(config, link, scene, truth, (tx_codebook, rx_codebook), repetition)
         samples *= pilot
+        for other, channel in heard:
+            samples += crosstalk(config, other.config, link.prs_symbol, channel, repetition)
         return samples
 
-    samples = receive_samples(config, link, truth.stop, sent(0), None if truth.motion is None else sent)
+    is_alike = truth.motion is None and not heard
+    samples = receive_samples(
+        config, link, truth.stop, sent(0), None if is_alike else sent, _noise_number(config, link, others)
+    )
     tx_pose = scene.tx if truth.motion is None else tx_pose_at(scene, truth.motion.time_s)
     return BeamSweep(
         tx_codebook=link.tx_codebook,
@@ -118,6 +152,30 @@ def observe(config: SimulationConfig, link: Link, scene: Scene, truth: Truth) ->
         noise_power_mw=link.noise_power_mw,
         clock=None if truth.motion is None else beam_clock(config, campaign_clock(config, scene)),
     )
+
+
+def is_heard(config: SimulationConfig, link: Link, other: SimulationConfig, other_link: Link) -> bool:
+    """Whether another TX is heard in a sweep of these settings."""
+    n_tx, n_other, n_rx = len(link.tx_codebook), len(other_link.tx_codebook), len(link.rx_codebook)
+    return do_meet(config, other, n_tx, n_other, n_rx)
+
+
+def _heard_channel(other: OtherTx) -> ComplexArray:
+    """Channel (beam, rx_beam, subcarrier) of another TX, with its transmit power and its beams as built."""
+    built = impaired_codebooks(other.config, other.link)
+    samples = clean_samples(other.config, other.link, other.scene, other.truth, built, 0)
+    return np.asarray(np.sqrt(other.link.tx_power_mw).astype(np.float32) * samples)
+
+
+def _noise_number(config: SimulationConfig, link: Link, others: Sequence[OtherTx]) -> int:
+    """The TX whose noise a sweep has: the first of those that are measured on the same resource elements."""
+    n_tx, n_rx = len(link.tx_codebook), len(link.rx_codebook)
+    same = [
+        other.config.tx_number
+        for other in others
+        if len(other.link.tx_codebook) == n_tx and share_all_elements(config, other.config, n_tx, n_rx)
+    ]
+    return min([config.tx_number, *same])
 
 
 def clean_samples(

@@ -24,3 +24,4 @@ class Truth(Record):
     )
     n_planar_extra: int = array(dtype=int, default=0, doc="of these, found by the tracer only: discarded")
     motion: SweepMotion | None = None  # absent where nothing moves
+    tx: int = array(dtype=int, default=0, doc="index of the TX, among several of a campaign")

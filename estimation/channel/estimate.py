@@ -44,6 +44,9 @@ class ChannelConfig(ConfigModel):
         description="added in quadrature to maximum-likelihood delays: errors of the model of separate paths",
     )
     angle_std_floor_deg: float = Field(0.0, ge=0, description="the same for their angles")
+    interference: Literal["whiten", "ignore"] = Field(
+        "whiten", description="another TX on the same resource elements: as noise of the RX beams, or not at all"
+    )
     self_calibration: SelfCalibrationConfig | None = Field(
         None, description="calibrate both arrays from the campaign itself; off if left out"
     )

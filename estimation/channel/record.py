@@ -1,12 +1,12 @@
 """The channel estimate: the paths of one stop as the receiver knows them, the same record for all methods."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, Self
 
 import numpy as np
 
-from scenes.record import BoolArray, FloatArray, Record, array
+from scenes.record import BoolArray, FloatArray, IntArray, Record, array, optional_array
 
 UNKNOWN_ANGLE_VARIANCE = np.pi**2 / 3  # of a uniform angle on the circle, as with a single beam
 MIN_PARAMETERS = 3  # delay, departure azimuth, arrival azimuth; then departure and arrival elevation
@@ -52,11 +52,6 @@ class PathMotion(Record):
     )
 
 
-def _optional(*axes: str, **about: Any) -> Any:
-    """An optional array field; the record fills in the documented default."""
-    return field(default=None, metadata=array(*axes, **about).metadata)
-
-
 @dataclass(frozen=True)
 class ChannelEstimate(Record):
     """Estimated paths of one stop, sorted by delay; zero paths are valid.
@@ -85,26 +80,27 @@ class ChannelEstimate(Record):
         doc="of delay, both azimuths (departure, arrival) and, where estimated, both elevations; NaN unknown",
     )
     is_los: BoolArray = array("path", dtype=bool, doc="the path taken as line of sight: at most one")
-    los_probability: FloatArray = _optional("path", doc="probability that the path is the line of sight")
-    gain_amplitude: FloatArray = _optional(
+    los_probability: FloatArray = optional_array("path", doc="probability that the path is the line of sight")
+    gain_amplitude: FloatArray = optional_array(
         "path", unit="sqrt(mW)", doc="magnitude of the path gain with the transmit power, without beams"
     )
-    gain_phase_rad: FloatArray = _optional(
+    gain_phase_rad: FloatArray = optional_array(
         "path", unit="rad", doc="phase of the path gain at the carrier; NaN if phases are not coherent"
     )
-    aod_elevation_rad: FloatArray = _optional("path", unit="rad", doc="elevation of departure; NaN unknown")
-    aoa_elevation_rad: FloatArray = _optional("path", unit="rad", doc="elevation of arrival; NaN unknown")
-    unresolved_probability: FloatArray = _optional(
+    aod_elevation_rad: FloatArray = optional_array("path", unit="rad", doc="elevation of departure; NaN unknown")
+    aoa_elevation_rad: FloatArray = optional_array("path", unit="rad", doc="elevation of arrival; NaN unknown")
+    unresolved_probability: FloatArray = optional_array(
         "path", doc="probability that the path stands for several closer than a resolution cell; NaN unknown"
     )
-    is_weak: BoolArray = _optional(
+    is_weak: BoolArray = optional_array(
         "path", dtype=bool, doc="a sum of weak fields, or not resolved: mapping and SLAM leave it out"
     )
-    aod_angle_kind: str = _optional(dtype=str, doc="departure azimuths are: 'azimuth' or 'cone' angles")
-    aoa_angle_kind: str = _optional(dtype=str, doc="arrival azimuths are: 'azimuth' or 'cone' angles")
-    method: str = _optional(dtype=str, doc="method that found the paths")
-    status: str = _optional(dtype=str, doc="'ok', 'no paths', 'limited', 'refused' or 'failed'")
-    reason: str = _optional(dtype=str, doc="what the method chose and why, or what is wrong")
+    aod_angle_kind: str = optional_array(dtype=str, doc="departure azimuths are: 'azimuth' or 'cone' angles")
+    aoa_angle_kind: str = optional_array(dtype=str, doc="arrival azimuths are: 'azimuth' or 'cone' angles")
+    tx: IntArray = optional_array("path", dtype=int, doc="index of the TX, among several of a campaign")
+    method: str = optional_array(dtype=str, doc="method that found the paths")
+    status: str = optional_array(dtype=str, doc="'ok', 'no paths', 'limited', 'refused' or 'failed'")
+    reason: str = optional_array(dtype=str, doc="what the method chose and why, or what is wrong")
     motion: PathMotion | None = None  # absent where the sweep has no clock, or phases are not coherent
 
     def __post_init__(self) -> None:
@@ -123,6 +119,7 @@ class ChannelEstimate(Record):
             "los_probability": np.asarray(self.is_los, float),
             **unknown,
             "is_weak": np.zeros(n, bool),
+            "tx": np.zeros(n, int),
             "aod_angle_kind": AngleKind.AZIMUTH,
             "aoa_angle_kind": AngleKind.AZIMUTH,
             "method": "given",

@@ -5,7 +5,8 @@ functions for arrays call these kernels and broadcast over leading axes. Lengths
 quantities have similar sizes: range = c * delay and bias = c * clock bias, both in metres.
 
 - TX: a `scenes.pose.Pose`, of which x, y and the heading count, or rows (..., 3) of x, y in m and heading in rad.
-- RX state (..., 4): x, y in m, heading in rad, clock bias in m.
+- RX state (..., 4): x, y in m, heading in rad, clock bias in m. A state that several TX share has a clock bias for
+  each; `state_columns` are those that the paths of a TX depend on.
 - measurement (..., 3): range in m (clock bias included), azimuth of departure in the TX frame and azimuth of
   arrival in the RX frame, both in rad.
 """
@@ -16,7 +17,7 @@ import numpy as np
 
 from estimation.execution import compiled, over_rows
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose, wrap_angle
-from scenes.record import FloatArray
+from scenes.record import FloatArray, IntArray
 
 MIN_LENGTH_M = 1e-6  # lower limit of lengths in denominators
 
@@ -46,6 +47,11 @@ def range_covariance(covariance: FloatArray) -> FloatArray:
 def tx_row(tx: Pose | FloatArray) -> FloatArray:
     """[x, y, heading] (..., 3) of the TX, as the kernels take it."""
     return np.array([*tx.position_m[:2], tx.heading_rad], float) if isinstance(tx, Pose) else tx
+
+
+def state_columns(tx: IntArray) -> IntArray:
+    """Columns (..., 4) of a state that the paths of TX (...) depend on: x, y, heading and their clock bias."""
+    return np.concatenate([np.broadcast_to(np.arange(3), (*tx.shape, 3)), 3 + tx[..., None]], axis=-1)
 
 
 def bounce(tx: Pose | FloatArray, rx_state: FloatArray, point_m: FloatArray) -> Prediction:

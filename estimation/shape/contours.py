@@ -11,13 +11,13 @@ from estimation.shape.reflection.paths import campaign_paths
 from estimation.shape.reflection.rows import contour_record, no_contours
 from estimation.slam.config import PathNoise
 from estimation.slam.record import IncidencePoints, PoseEstimates
-from scenes.pose import Pose
+from estimation.slam.transmitters import AnyTx, Transmitters
 from scenes.record import IntArray
 
 
 def estimate_contours(
     channel: Sequence[ChannelEstimate],
-    tx_pose: Pose,
+    tx_pose: AnyTx,
     poses: PoseEstimates,
     ips: IncidencePoints,
     label: IntArray,
@@ -32,6 +32,9 @@ def estimate_contours(
     if config.method == "none":
         return no_contours(len(ips), len(poses.stop))
     if config.method != "reflection":
+        if isinstance(tx_pose, Transmitters):
+            allowed = "several need 'reflection' or 'none'"
+            raise ValueError(f"contours.method = '{config.method}': is of one TX; {allowed}")
         return fit_point_contours(ips, label, tx_pose, poses, config)
     paths = campaign_paths(channel, tx_pose, poses, ips, noise, config)
     return contour_record(fit_campaign(paths, config), label, len(ips))

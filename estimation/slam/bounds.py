@@ -58,6 +58,15 @@ def stop_information(tx: Pose, state: FloatArray, paths: StopPaths) -> FloatArra
     return state_information(plane_law, tx, state, paths.point_m, paths.covariance, paths.los_covariance)
 
 
+def shared_pose_information(parts: Sequence[FloatArray]) -> FloatArray:
+    """Information (3 + tx, 3 + tx) of one pose and a clock bias per TX, from that of every TX (4, 4)."""
+    total = np.zeros((3 + len(parts), 3 + len(parts)))
+    for tx, part in enumerate(parts):
+        at = plane_law.state_columns(np.array(tx))
+        total[at[:, None], at] += part
+    return total
+
+
 def state_covariance(information: FloatArray) -> FloatArray:
     """Inverse (n, n) of an information; infinite variances of unknowns that are unobservable."""
     scale = np.sqrt(np.maximum(np.diagonal(information), 0.0))
@@ -72,7 +81,7 @@ def state_covariance(information: FloatArray) -> FloatArray:
 
 
 def state_bound(covariance: FloatArray) -> StateBound:
-    """Bounds from covariances (..., 4, 4) of the state."""
+    """Bounds from covariances (..., 4, 4) of the state; with several TX the clock is that of the first."""
     variance = np.diagonal(covariance, axis1=-2, axis2=-1)
     return StateBound(
         np.sqrt(variance[..., 0] + variance[..., 1]), np.sqrt(variance[..., 2]), np.sqrt(variance[..., 3])

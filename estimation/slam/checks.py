@@ -5,14 +5,14 @@ from collections.abc import Iterable
 import numpy as np
 
 from estimation.channel.record import ChannelEstimate
-from scenes.pose import Pose
+from estimation.slam.transmitters import AnyTx, transmitters_of
 
 MIN_PATHS = 2  # a line of sight and one single bounce
 MAX_ANGLE_RAD = 2 * np.pi
 _FIELDS = ("delay_s", "aod_azimuth_rad", "aoa_azimuth_rad", "power_dbm")
 
 
-def check_estimates(estimates: Iterable[ChannelEstimate], tx_pose: Pose | None) -> None:
+def check_estimates(estimates: Iterable[ChannelEstimate], tx_pose: AnyTx | None) -> None:
     """Refuse paths that no receiver can have estimated.
 
     Raises `ValueError` where there is no finite TX pose, a value of a path is not finite, an azimuth is beyond
@@ -20,8 +20,9 @@ def check_estimates(estimates: Iterable[ChannelEstimate], tx_pose: Pose | None) 
     """
     if tx_pose is None:
         raise ValueError("tx_pose = None: mapping and SLAM need the position and the heading of the TX")
-    if not np.isfinite([*tx_pose.position_m, tx_pose.heading_rad]).all():
-        raise ValueError(f"tx_pose = {[*tx_pose.position_m, tx_pose.heading_rad]}: must be finite")
+    for pose in transmitters_of(tx_pose).poses:
+        if not np.isfinite([*pose.position_m, pose.heading_rad]).all():
+            raise ValueError(f"tx_pose = {[*pose.position_m, pose.heading_rad]}: must be finite")
     for estimate in estimates:
         _check_values(estimate)
         _check_distinct(estimate)
@@ -51,7 +52,7 @@ def _check_values(estimate: ChannelEstimate) -> None:
 
 
 def _check_distinct(estimate: ChannelEstimate) -> None:
-    rows = np.column_stack([getattr(estimate, name) for name in _FIELDS[:3]])
+    rows = np.column_stack([getattr(estimate, name) for name in _FIELDS[:3]] + [estimate.tx])
     _, first, count = np.unique(rows, axis=0, return_index=True, return_counts=True)
     if np.any(count > 1):
         index = int(first[np.argmax(count > 1)])

@@ -217,6 +217,11 @@ class SnapshotConfig(ConfigModel):
         6.0, ge=0, description="a smaller gap in log evidence to the next mode makes a stop ambiguous"
     )
     consider: Consider = Consider()
+    tx_sync_std_ns: float | None = Field(
+        None,
+        gt=0,
+        description="several TX: standard deviation of the clock of each; without it every clock is free",
+    )
     max_clock_bias_ns: float = Field(300.0, gt=0, description="a larger clock bias is not credible")
     max_position_std_m: float = Field(1.5, gt=0, description="a stop less certain than this has failed")
 

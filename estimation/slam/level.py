@@ -16,6 +16,7 @@ import numpy as np
 from estimation.channel.record import AngleKind, ChannelEstimate
 from estimation.laws.level import nearest_boresight, plan_paths
 from estimation.slam.record import PoseEstimates, SolveStatus
+from estimation.slam.transmitters import of_tx, replaced_paths
 from scenes.pose import SPEED_OF_LIGHT_M_S
 from scenes.record import FloatArray
 
@@ -36,16 +37,23 @@ class KnownHeights:
     difference_m : (stop,) height of the TX above the receiver, in the order of the channel estimates
     std_m : standard deviation of these differences
     tx_panel_rad, rx_panel_rad : (panel,) boresight azimuths in the device frames
+    others : the same for the TX after the first
     """
 
     difference_m: FloatArray
     std_m: float
     tx_panel_rad: FloatArray
     rx_panel_rad: FloatArray
+    others: tuple["KnownHeights", ...] = ()
+
+    @property
+    def by_tx(self) -> tuple["KnownHeights", ...]:
+        """The heights of every TX."""
+        return (replace(self, others=()), *self.others)
 
     def matter(self, estimates: Sequence[ChannelEstimate]) -> bool:
         """Whether any estimate looks different from above."""
-        return any(map(_is_seen_otherwise, estimates, self.difference_m))
+        return any(any(map(_is_seen_otherwise, estimates, one.difference_m)) for one in self.by_tx)
 
     def seen(self, estimate: ChannelEstimate, difference_m: float, clock_bias_s: float) -> ChannelEstimate:
         """One estimate as paths of the plane, the clock bias as before; azimuths that are no cone angles stay."""
@@ -86,13 +94,19 @@ def _is_seen_otherwise(estimate: ChannelEstimate, difference_m: float) -> bool:
 def seen_from_above(
     estimates: Sequence[ChannelEstimate], clock_bias_s: FloatArray, heights: KnownHeights | None
 ) -> Sequence[ChannelEstimate]:
-    """The estimates as paths of the plane, at clock biases (stop,); as they are without `heights`.
+    """The estimates as paths of the plane, at clock biases (stop,), with several TX (stop, tx); else unchanged.
 
     A clock bias that is not finite is interpolated. Estimates of azimuths stay: they are known to be horizontal,
     or have elevations.
     """
     if heights is None:
         return estimates
+    if heights.others:
+        parts = [
+            seen_from_above(of_tx(estimates, tx), clock_bias_s[:, tx], own) for tx, own in enumerate(heights.by_tx)
+        ]
+        return replaced_paths(estimates, parts)
+    clock_bias_s = clock_bias_s.reshape(len(estimates))
     rows = zip(estimates, heights.difference_m, interpolated(clock_bias_s, 0.0), strict=True)
     return [heights.seen(estimate, float(difference), float(own)) for estimate, difference, own in rows]
 
@@ -101,16 +115,19 @@ def solved_from_above(
     estimates: Sequence[ChannelEstimate],
     heights: KnownHeights,
     solve: Callable[[Sequence[ChannelEstimate]], tuple[PoseEstimates, T]],
-    alone: Callable[[Sequence[ChannelEstimate]], PoseEstimates],
+    alone: Callable[[Sequence[ChannelEstimate], int], PoseEstimates],
 ) -> tuple[PoseEstimates, T]:
     """What `solve` finds for the paths seen from above, with the clock biases that it finds itself.
 
-    `alone` solves every stop by itself, which gives the first clock biases.
+    `alone` solves every stop by itself from the paths of one TX, which gives the first clock biases.
     """
-    bias_s = _starting_biases_s(estimates, heights, alone)
+    bias_s = np.column_stack(
+        [_starting_biases_s(of_tx(estimates, tx), own, alone, tx) for tx, own in enumerate(heights.by_tx)]
+    )
     for _ in range(MAX_TURNS):
         poses, rest = solve(seen_from_above(estimates, bias_s, heights))
-        before_s, bias_s = bias_s, interpolated(poses.clock_bias_s, 0.0)
+        before_s, found = bias_s, poses.tx_clock_bias_s
+        bias_s = np.column_stack([interpolated(column, 0.0) for column in found.T])
         moved_m = SPEED_OF_LIGHT_M_S * np.abs(bias_s - before_s)
         if moved_m.max(initial=0.0) < SETTLED_M:
             break
@@ -120,14 +137,15 @@ def solved_from_above(
 def _starting_biases_s(
     estimates: Sequence[ChannelEstimate],
     heights: KnownHeights,
-    alone: Callable[[Sequence[ChannelEstimate]], PoseEstimates],
+    alone: Callable[[Sequence[ChannelEstimate], int], PoseEstimates],
+    tx: int,
 ) -> FloatArray:
     """Clock biases (stop,) of the stops alone, each from the distance of its first path that costs least."""
     first_s = np.array([estimate.delay_s.min(initial=np.inf) for estimate in estimates])
     bias_s, least = np.full(len(estimates), np.nan), np.full(len(estimates), np.inf)
     for distance_m in DISTANCES_M:
         trial_s = first_s - np.hypot(distance_m, heights.difference_m) / SPEED_OF_LIGHT_M_S
-        poses = alone(seen_from_above(estimates, trial_s, heights))
+        poses = alone(seen_from_above(estimates, trial_s, heights), tx)
         is_better = (poses.status != SolveStatus.FAILED) & (poses.cost < least)
         bias_s, least = np.where(is_better, poses.clock_bias_s, bias_s), np.where(is_better, poses.cost, least)
     return interpolated(bias_s, 0.0)

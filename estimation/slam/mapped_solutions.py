@@ -10,20 +10,21 @@ from estimation.slam.mapping.incidence_points import map_stops
 from estimation.slam.record import IncidencePoints, PoseEstimates
 from estimation.slam.snapshot.solution import SnapshotSolution, collect_poses
 from estimation.slam.space.mapping import map_stops_spatial
-from scenes.pose import Pose
+from estimation.slam.transmitters import AnyTx, map_each_tx
 
 
 def collect_and_map(
     estimates: Sequence[ChannelEstimate],
     solutions: Sequence[SnapshotSolution],
-    tx_pose: Pose,
+    tx_pose: AnyTx,
     config: MappingConfig,
     *,
     spatial: bool,
 ) -> tuple[PoseEstimates, IncidencePoints]:
     """Poses of all stops and IPs of the solved ones, whose covariances include that of the pose."""
     poses = collect_poses(solutions)
-    points = (map_stops_spatial if spatial else map_stops)(
+    points = map_each_tx(
+        map_stops_spatial if spatial else map_stops,
         estimates,
         poses,
         tx_pose,

@@ -1,12 +1,12 @@
 """Results of mapping and SLAM: incidence points and receiver poses."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from enum import IntEnum
-from typing import Any
+from typing import Self
 
 import numpy as np
 
-from scenes.record import BoolArray, FloatArray, IntArray, Record, array
+from scenes.record import BoolArray, FloatArray, IntArray, Record, array, optional_array
 
 N_STATE = 4  # x, y, heading, clock bias
 
@@ -20,12 +20,7 @@ class SolveStatus(IntEnum):
     GIVEN = 3  # the pose was given, as in mapping
 
 
-def _optional(*axes: str, **about: Any) -> Any:
-    """An optional array field."""
-    return field(default=None, metadata=array(*axes, **about).metadata)
-
-
-def _fill(record: Record, **values: FloatArray | BoolArray) -> None:
+def _fill(record: Record, **values: FloatArray | IntArray | BoolArray) -> None:
     """Set the fields that were not given."""
     for name, value in values.items():
         if getattr(record, name) is None:
@@ -42,14 +37,16 @@ class IncidencePoints(Record):
     covariance_m2: FloatArray = array("ip", "xy", "xy2", unit="m^2", doc="covariance of the position")
     cost: FloatArray = array("ip", doc="J of equation (4) at the minimum: chi-square, 1 degree of freedom")
     is_inlier: BoolArray = array("ip", dtype=bool, doc="taken as a single bounce; only these are clustered")
-    height_m: FloatArray = _optional("ip", unit="m", doc="estimated height; NaN in the plane")
-    height_covariance_m2: FloatArray = _optional(
+    height_m: FloatArray = optional_array("ip", unit="m", doc="estimated height; NaN in the plane")
+    height_covariance_m2: FloatArray = optional_array(
         "ip", "xyz", unit="m^2", doc="covariance of the height with x, y and itself; NaN in the plane"
     )
+    tx: IntArray = optional_array("ip", dtype=int, doc="index of the TX, among several of a campaign")
 
     def __post_init__(self) -> None:
         n = len(self.stop)
-        _fill(self, height_m=np.full(n, np.nan), height_covariance_m2=np.full((n, 3), np.nan))
+        unknown = np.full(n, np.nan), np.full((n, 3), np.nan)
+        _fill(self, height_m=unknown[0], height_covariance_m2=unknown[1], tx=np.zeros(n, int))
         super().__post_init__()
 
     def __len__(self) -> int:
@@ -60,58 +57,82 @@ class IncidencePoints(Record):
 class PoseEstimates(Record):
     """Receiver state per stop. NaN where the status is FAILED.
 
-    A state is [x, y, heading, clock bias] in (m, m, rad, s); `covariance` is that of the errors, estimate minus
-    truth, with wrapped heading. It is that of the chosen mode; `position_std_m` includes all modes.
+    A state is [x, y, heading, clock bias] in (m, m, rad, s), with several TX one clock bias for each; `covariance`
+    is that of the errors, estimate minus truth, with wrapped heading. It is that of the chosen mode;
+    `position_std_m` includes all modes.
     """
 
     stop: IntArray = array("stop", dtype=int, doc="index of the receiver stop")
     position_m: FloatArray = array("stop", "xy", unit="m", doc="receiver position")
     heading_rad: FloatArray = array("stop", unit="rad", doc="receiver heading, world frame")
-    clock_bias_s: FloatArray = array("stop", unit="s", doc="receiver clock bias")
+    clock_bias_s: FloatArray = array("stop", unit="s", doc="receiver clock bias, against the first TX of several")
     status: IntArray = array("stop", dtype=int, doc="SolveStatus")
     n_inliers: IntArray = array("stop", dtype=int, doc="paths that agree with the solution, LOS included")
     cost: FloatArray = array("stop", doc="cost of the chosen hypothesis")
-    height_m: FloatArray = _optional("stop", unit="m", doc="receiver height; NaN in the plane")
-    height_std_m: FloatArray = _optional("stop", unit="m", doc="its standard deviation; NaN in the plane")
-    covariance: FloatArray = _optional(
+    height_m: FloatArray = optional_array("stop", unit="m", doc="receiver height; NaN in the plane")
+    height_std_m: FloatArray = optional_array("stop", unit="m", doc="its standard deviation; NaN in the plane")
+    covariance: FloatArray = optional_array(
         "stop", "state", "state2", doc="of the state, consider-parameters included; NaN where unknown"
     )
-    height_covariance: FloatArray = _optional(
+    height_covariance: FloatArray = optional_array(
         "stop", "state", doc="covariance of the height with the state (m^2, m^2, m rad, m s); NaN in the plane"
     )
-    position_std_m: FloatArray = _optional(
+    position_std_m: FloatArray = optional_array(
         "stop", unit="m", doc="standard deviation of the plan position over all modes; NaN where unknown"
     )
-    is_ambiguous: BoolArray = _optional(
+    is_ambiguous: BoolArray = optional_array(
         "stop", dtype=bool, doc="two modes are near-equal: the gap is below `ambiguous_gap` of the settings"
     )
-    evidence_gap: FloatArray = _optional(
+    evidence_gap: FloatArray = optional_array(
         "stop", doc="log evidence of the mode chosen over the next distinct one; NaN where there is none"
     )
-    alternative: FloatArray = _optional(
+    alternative: FloatArray = optional_array(
         "stop", "state", doc="state of the next distinct mode; NaN where there is none"
     )
-    los_probability: FloatArray = _optional(
+    los_probability: FloatArray = optional_array(
         "stop", doc="posterior probability that one of the paths is a line of sight; NaN where unknown"
     )
-    is_of_walk: BoolArray = _optional(
+    is_of_walk: BoolArray = optional_array(
         "stop", dtype=bool, doc="solved together with other stops, jumps of the TX heading included"
     )
+    tx_clock_bias_s: FloatArray = optional_array("stop", "tx", unit="s", doc="clock bias against every TX")
 
     def __post_init__(self) -> None:
         n = len(self.stop)
         unknown = np.full(n, np.nan)
+        if self.tx_clock_bias_s is None or np.shape(self.tx_clock_bias_s)[1] == 1:
+            object.__setattr__(self, "tx_clock_bias_s", np.asarray(self.clock_bias_s)[:, None])
+        n_state = N_STATE - 1 + np.shape(self.tx_clock_bias_s)[1]
         _fill(
             self,
             height_m=unknown,
             height_std_m=unknown,
-            covariance=np.full((n, N_STATE, N_STATE), np.nan),
-            height_covariance=np.full((n, N_STATE), np.nan),
+            covariance=np.full((n, n_state, n_state), np.nan),
+            height_covariance=np.full((n, n_state), np.nan),
             position_std_m=unknown,
             is_ambiguous=np.zeros(n, bool),
             evidence_gap=unknown,
-            alternative=np.full((n, N_STATE), np.nan),
+            alternative=np.full((n, n_state), np.nan),
             los_probability=unknown,
             is_of_walk=np.zeros(n, bool),
         )
         super().__post_init__()
+
+    @property
+    def n_tx(self) -> int:
+        """Number of TX that have a clock bias."""
+        return self.size("tx")
+
+    def of_tx(self, tx: int) -> Self:
+        """The states with the clock bias against one TX, as of that TX alone."""
+        if self.n_tx == 1:
+            return self
+        state = np.array([0, 1, 2, N_STATE - 1 + tx])
+        return replace(
+            self,
+            clock_bias_s=self.tx_clock_bias_s[:, tx],
+            tx_clock_bias_s=self.tx_clock_bias_s[:, tx : tx + 1],
+            covariance=self.covariance[:, state[:, None], state],
+            height_covariance=self.height_covariance[:, state],
+            alternative=self.alternative[:, state],
+        )

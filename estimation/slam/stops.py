@@ -12,14 +12,14 @@ from estimation.slam.snapshot.solve import solve_snapshot
 from estimation.slam.space.problem import is_spatial
 from estimation.slam.space.snapshot import solve_spatial
 from estimation.slam.space.trajectory import run_spatial_trajectory
+from estimation.slam.transmitters import AnyTx, Transmitters, of_tx, transmitters_of
 from estimation.slam.walk.filter import run_filter
 from estimation.slam.walk.trajectory import run_trajectory
-from scenes.pose import Pose
 
 
 def locate_and_map(
     estimates: Sequence[ChannelEstimate],
-    tx_pose: Pose,
+    tx_pose: AnyTx,
     slam: SnapshotConfig,
     trajectory: TrajectoryConfig | None,
     mapping: MappingConfig,
@@ -33,19 +33,35 @@ def locate_and_map(
     from above where `heights` are known. With `slam.method` "reference", the published algorithm, in the plane and
     without heights.
     """
+    poses = transmitters_of(tx_pose).poses
+    _refuse_for_several(len(poses), estimates, slam, trajectory)
     if heights is None or slam.method == "reference" or not heights.matter(estimates):
         return _located(estimates, tx_pose, slam, trajectory, mapping)
     return solved_from_above(
         estimates,
         heights,
         solve=lambda seen: _located(seen, tx_pose, slam, trajectory, mapping),
-        alone=lambda seen: collect_poses([solve_snapshot(estimate, tx_pose, slam) for estimate in seen]),
+        alone=lambda seen, tx: collect_poses([solve_snapshot(each, poses[tx], slam) for each in seen]),
     )
+
+
+def _refuse_for_several(
+    n_tx: int, estimates: Sequence[ChannelEstimate], slam: SnapshotConfig, trajectory: TrajectoryConfig | None
+) -> None:
+    """`ValueError` where a method that knows one TX only is asked for several."""
+    if n_tx == 1:
+        return
+    if slam.method == "reference":
+        raise ValueError("slam.method = 'reference': is of one TX, with several only 'statistical' is allowed")
+    if trajectory is not None and trajectory.method == "filter":
+        raise ValueError("trajectory.method = 'filter': is of one TX; several need 'smooth', 'single' or 'auto'")
+    if is_spatial(estimates, use_elevation=slam.solves_in_space):
+        raise ValueError("slam.use_elevation = true: SLAM with several TX works in the plane, false is allowed")
 
 
 def _located(
     estimates: Sequence[ChannelEstimate],
-    tx_pose: Pose,
+    tx_pose: AnyTx,
     slam: SnapshotConfig,
     trajectory: TrajectoryConfig | None,
     mapping: MappingConfig,
@@ -53,22 +69,30 @@ def _located(
     if trajectory is None or trajectory.method == "single":
         return run_slam(estimates, tx_pose, slam, mapping)
     if trajectory.method == "filter":
-        return run_filter(estimates, tx_pose, slam, trajectory, mapping)
+        return run_filter(estimates, transmitters_of(tx_pose).poses[0], slam, trajectory, mapping)
     spatial = is_spatial(estimates, use_elevation=slam.solves_in_space)
-    smooth = run_spatial_trajectory if spatial else run_trajectory
-    poses, points, _ = smooth(estimates, tx_pose, slam, trajectory, mapping)
+    if spatial:
+        first = transmitters_of(tx_pose).poses[0]
+        poses, points, _ = run_spatial_trajectory(estimates, first, slam, trajectory, mapping)
+    else:
+        poses, points, _ = run_trajectory(estimates, tx_pose, slam, trajectory, mapping)
     return poses, points
 
 
-def published_poses(estimates: Sequence[ChannelEstimate], tx_pose: Pose, slam: SnapshotConfig) -> PoseEstimates:
-    """Poses by the published algorithm, every stop alone, with fixed noise: what ours are compared with."""
+def published_poses(estimates: Sequence[ChannelEstimate], tx_pose: AnyTx, slam: SnapshotConfig) -> PoseEstimates:
+    """Poses by the published algorithm, every stop alone, with fixed noise: what ours are compared with.
+
+    It knows one TX: of several it gets the paths of the first.
+    """
+    if isinstance(tx_pose, Transmitters):
+        estimates, tx_pose = of_tx(estimates, 0), tx_pose.poses[0]
     noise = slam.noise.model_copy(update={"source": "fixed"})
     published = slam.model_copy(update={"method": "reference", "refine": False, "noise": noise})
     return collect_poses([solve_snapshot(estimate, tx_pose, published) for estimate in estimates])
 
 
 def run_slam(
-    estimates: Sequence[ChannelEstimate], tx_pose: Pose, config: SnapshotConfig, mapping_config: MappingConfig
+    estimates: Sequence[ChannelEstimate], tx_pose: AnyTx, config: SnapshotConfig, mapping_config: MappingConfig
 ) -> tuple[PoseEstimates, IncidencePoints]:
     """Solve every stop alone, then map the IPs of the solved stops; in space or in the plane as `locate_and_map`.
 
@@ -76,6 +100,9 @@ def run_slam(
     of the state is part of that of the IPs.
     """
     spatial = is_spatial(estimates, use_elevation=config.solves_in_space)
-    solve = solve_spatial if spatial else solve_snapshot
-    solutions = [solve(estimate, tx_pose, config) for estimate in estimates]
+    if spatial:
+        first = transmitters_of(tx_pose).poses[0]
+        solutions = [solve_spatial(estimate, first, config) for estimate in estimates]
+    else:
+        solutions = [solve_snapshot(estimate, tx_pose, config) for estimate in estimates]
     return collect_and_map(estimates, solutions, tx_pose, mapping_config, spatial=spatial)

@@ -20,6 +20,7 @@ from scenes.toml_config import read_toml
 from sim.observation import BeamSweep
 from sim.signal.link import Link
 from sim.simulate import observe
+from sim.transmitters import chosen_tx
 from sim.truth import Truth
 
 IN_PYTHON = "campaign"  # what errors name in place of a file
@@ -104,6 +105,12 @@ def load_campaign(
 def campaign_store(campaign: Campaign, directory: Path) -> CampaignStore:
     """The directory of a campaign; nothing is written yet."""
     return CampaignStore(directory, campaign.config, campaign.source.text, scene_files=campaign.source.files)
+
+
+def link_stores(store: CampaignStore) -> tuple[CampaignStore, ...]:
+    """The files of every TX of a campaign; of one TX the store itself."""
+    names = chosen_tx(store.config, store.scene)
+    return tuple(store.of_tx(name) for name in names) if len(names) > 1 else (store,)
 
 
 def _fields(changes: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:

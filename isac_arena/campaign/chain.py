@@ -4,12 +4,14 @@
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
 
 from estimation.channel.calibration.self_calibration import Calibration
 from estimation.channel.estimate import ChannelEstimator, estimate_channel
+from estimation.channel.interference import whitened
 from estimation.channel.model.delay import hann_window
 from estimation.channel.power.detect import noise_threshold
 from estimation.channel.record import ChannelEstimate
@@ -25,7 +27,8 @@ from estimation.slam.record import IncidencePoints, PoseEstimates, SolveStatus
 from estimation.slam.space.mapping import map_stops_spatial
 from estimation.slam.space.problem import is_spatial
 from estimation.slam.stops import locate_and_map
-from isac_arena.campaign.config import CampaignConfig
+from estimation.slam.transmitters import AnyTx, Transmitters, map_each_tx, transmitters_of
+from isac_arena.campaign.config import CampaignConfig, with_own_level
 from isac_arena.campaign.measured import MeasuredTruth
 from isac_arena.campaign.results import MapResult
 from isac_arena.scoring.config import Significance
@@ -33,23 +36,68 @@ from isac_arena.user_functions.config import UserFunction, UserFunctions, with_f
 from isac_arena.user_functions.room import called, caller
 from scenes.pose import Pose
 from scenes.record import FloatArray, IntArray
+from scenes.scene import Scene
 from scenes.walks.trajectory import follow_one_another
+from sim.config import ArrayConfig
 from sim.observation import BeamSweep
-from sim.signal.link import Link
+from sim.signal.link import Link, line_of_sight_at_1m_dbm
+from sim.transmitters import tx_links
 from sim.truth import Truth
 
 
-def channel_estimator(config: CampaignConfig, calibration: Calibration | None = None) -> ChannelEstimator:
+@dataclass(frozen=True)
+class CampaignLink:
+    """One TX of a campaign: its name, the settings with what is its own, and the scene with it in use."""
+
+    name: str
+    config: CampaignConfig
+    scene: Scene
+
+
+def links_of(config: CampaignConfig, scene: Scene) -> tuple[CampaignLink, ...]:
+    """The TX of a campaign; of one TX these settings and this scene.
+
+    Raises `ValueError` as `sim.transmitters.tx_links` does, and where a function of a user is to see several TX.
+    """
+    found = [(link.name, cast(CampaignConfig, link.config), link.scene) for link in tx_links(config, scene)]
+    own = [stage for stage in ("mapping", "slam", "shapes") if config.functions.of(stage) is not None]
+    if own and len(found) > 1:
+        raise ValueError(
+            f"functions.{own[0]}: takes the paths of one TX, with {len(found)} TX only channel is allowed"
+        )
+    return tuple(CampaignLink(name, with_own_level(config, each), seen) for name, each, seen in found)
+
+
+def all_tx(configs: Sequence[CampaignConfig], poses: Sequence[Pose]) -> AnyTx:
+    """The TX as mapping and SLAM take them: the pose of one, or all of several."""
+    if len(poses) == 1:
+        return poses[0]
+    level_dbm = np.array([line_of_sight_at_1m_dbm(config) for config in configs])
+    sync_ns = configs[0].slam.tx_sync_std_ns
+    return Transmitters(tuple(poses), level_dbm - level_dbm[0], None if sync_ns is None else 1e-9 * sync_ns)
+
+
+def channel_estimator(
+    config: CampaignConfig, calibration: Calibration | None = None, *, is_disturbed: bool = False
+) -> ChannelEstimator:
     """The channel estimator to run: the method of the settings, or the user's function that they name.
 
-    A calibration replaces the nominal codebooks for the methods of the settings. A user's function gets the sweep
-    as it is. Raises as `user_estimator` does.
+    A calibration replaces the nominal codebooks for the methods of the settings; where the sweep `is_disturbed` by
+    another TX, they get the noise that it shows. A user's function gets the sweep as it is. Raises as
+    `user_estimator` does.
     """
     if function := config.functions.of("channel"):
         return _user_estimator(function)
-    return lambda sweep: estimate_channel(
-        sweep if calibration is None else calibration.applied(sweep), config=config.channel
-    )
+    whitens = is_disturbed and config.channel.interference == "whiten"
+
+    def estimate(sweep: BeamSweep) -> ChannelEstimate:
+        """The estimate by the method of the settings."""
+        sweep = whitened(sweep) if whitens else sweep
+        return estimate_channel(
+            sweep if calibration is None else calibration.applied(sweep), config=config.channel
+        )
+
+    return estimate
 
 
 def user_estimator(name: str) -> ChannelEstimator:
@@ -76,10 +124,13 @@ def _user_estimator(function: UserFunction) -> ChannelEstimator:
 def known_receiver(truths: Iterable[Truth | MeasuredTruth]) -> PoseEstimates:
     """The true receiver states as given poses: the input of mapping; SLAM does not use them.
 
-    A stop that was not surveyed counts as unsolved: mapping leaves it out.
+    A stop that was not surveyed counts as unsolved: mapping leaves it out. The truths of several TX at a stop, one
+    after the other, are one state with a clock bias for each.
     """
-    states = [(t.stop, *t.rx_pose.position_m, t.rx_pose.heading_rad, t.clock_bias_s) for t in truths]
-    table = np.array(states, float).reshape(-1, 6)
+    states = [(t.stop, *t.rx_pose.position_m, t.rx_pose.heading_rad, t.clock_bias_s, _tx(t)) for t in truths]
+    table = np.array(states, float).reshape(-1, 7)
+    n_tx = int(table[:, 6].max(initial=0)) + 1
+    clock_s, table = table[:, 5].reshape(-1, n_tx), table[::n_tx]
     return PoseEstimates(
         stop=table[:, 0].astype(int),
         position_m=table[:, 1:3],
@@ -90,13 +141,18 @@ def known_receiver(truths: Iterable[Truth | MeasuredTruth]) -> PoseEstimates:
         cost=np.zeros(len(table)),
         height_m=table[:, 3],
         height_std_m=np.zeros(len(table)),
+        tx_clock_bias_s=clock_s,
     )
+
+
+def _tx(truth: Truth | MeasuredTruth) -> int:
+    return truth.tx if isinstance(truth, Truth) else 0
 
 
 def make_map(
     config: CampaignConfig,
     channel: Sequence[ChannelEstimate],
-    tx_pose: Pose,
+    tx_pose: AnyTx,
     receiver: PoseEstimates | None = None,
     rx_height_m: FloatArray | None = None,
 ) -> MapResult:
@@ -105,7 +161,7 @@ def make_map(
     `rx_height_m` (stop,) are the heights of the receiver where they are known; by default those of `receiver`.
     """
     check_estimates(channel, tx_pose)
-    heights = known_heights(config, tx_pose, receiver, rx_height_m)
+    heights = known_heights(config, transmitters_of(tx_pose).poses, receiver, rx_height_m)
     mapping = None if receiver is None else learned_mapping(config, channel, tx_pose, receiver, heights)
     poses, ips = locate_or_take(config, channel, tx_pose, receiver, heights, config.trajectory, mapping)
     return with_shapes(config, channel, tx_pose, poses, ips, heights=heights, mapping=mapping)
@@ -113,17 +169,30 @@ def make_map(
 
 def known_heights(
     config: CampaignConfig,
-    tx_pose: Pose,
+    tx_poses: Sequence[Pose],
     receiver: PoseEstimates | None = None,
     rx_height_m: FloatArray | None = None,
+    tx_arrays: Sequence[ArrayConfig] = (),
 ) -> KnownHeights | None:
-    """The heights that mapping and SLAM may use; None if the receiver's are unknown or `heights.use` is false."""
+    """The heights that mapping and SLAM may use; None if the receiver's are unknown or `heights.use` is false.
+
+    `tx_arrays` are those of the TX, by default that of the settings for all.
+    """
     if rx_height_m is None and receiver is not None and np.isfinite(receiver.height_m).all():
         rx_height_m = receiver.height_m
     if rx_height_m is None or not config.heights.use:
         return None
-    panels = (np.deg2rad(array.panel_azimuth_deg) for array in (config.tx_array, config.rx_array))
-    return KnownHeights(tx_pose.position_m[2] - rx_height_m, config.heights.std_m, *panels)
+    rx_panel_rad = np.deg2rad(config.rx_array.panel_azimuth_deg)
+    every = [
+        KnownHeights(
+            pose.position_m[2] - rx_height_m,
+            config.heights.std_m,
+            np.deg2rad(array.panel_azimuth_deg),
+            rx_panel_rad,
+        )
+        for pose, array in zip(tx_poses, tx_arrays or len(tx_poses) * (config.tx_array,), strict=True)
+    ]
+    return replace(every[0], others=tuple(every[1:]))
 
 
 def walk_settings(config: CampaignConfig, position_m: FloatArray) -> TrajectoryConfig | None:
@@ -136,13 +205,13 @@ def walk_settings(config: CampaignConfig, position_m: FloatArray) -> TrajectoryC
 def learned_mapping(
     config: CampaignConfig,
     channel: Sequence[ChannelEstimate],
-    tx_pose: Pose,
+    tx_pose: AnyTx,
     poses: PoseEstimates,
     heights: KnownHeights | None = None,
 ) -> MappingConfig:
     """The settings of mapping with the noise that the paths show at given states; unchanged for other states."""
     channel = still_paths(channel).channel
-    seen = seen_from_above(channel, poses.clock_bias_s, heights)
+    seen = seen_from_above(channel, poses.tx_clock_bias_s, heights)
     spatial = is_spatial(channel, use_elevation=config.mapping.use_elevation)
     return with_learned_noise(seen, poses, tx_pose, config.mapping, spatial=spatial)
 
@@ -150,7 +219,7 @@ def learned_mapping(
 def locate_or_take(
     config: CampaignConfig,
     channel: Sequence[ChannelEstimate],
-    tx_pose: Pose,
+    tx_pose: AnyTx,
     receiver: PoseEstimates | None = None,
     heights: KnownHeights | None = None,
     trajectory: TrajectoryConfig | None = None,
@@ -171,7 +240,7 @@ def locate_or_take(
 def _located(
     config: CampaignConfig,
     channel: Sequence[ChannelEstimate],
-    tx_pose: Pose,
+    tx_pose: AnyTx,
     receiver: PoseEstimates | None,
     heights: KnownHeights | None,
     trajectory: TrajectoryConfig | None,
@@ -187,16 +256,16 @@ def _located(
         return locate_and_map(channel, tx_pose, config.slam, trajectory, config.mapping, heights)
     if function := config.functions.of("mapping"):
         return receiver, called("mapping", function, list(channel), tx_pose, receiver)
-    seen = seen_from_above(channel, receiver.clock_bias_s, heights)
+    seen = seen_from_above(channel, receiver.tx_clock_bias_s, heights)
     spatial = is_spatial(channel, use_elevation=config.mapping.use_elevation)
     mapping = mapping or learned_mapping(config, channel, tx_pose, receiver, heights)
-    return receiver, (map_stops_spatial if spatial else map_stops)(seen, receiver, tx_pose, mapping)
+    return receiver, map_each_tx(map_stops_spatial if spatial else map_stops, seen, receiver, tx_pose, mapping)
 
 
 def with_shapes(
     config: CampaignConfig,
     channel: Sequence[ChannelEstimate],
-    tx_pose: Pose,
+    tx_pose: AnyTx,
     poses: PoseEstimates,
     ips: IncidencePoints,
     label: IntArray | None = None,
@@ -215,7 +284,7 @@ def with_shapes(
     if function := config.functions.of("shapes"):
         return MapResult(poses, every, shapes, called("shapes", function, list(channel), tx_pose, poses, ips))
     mapping = mapping or learned_mapping(config, channel, tx_pose, poses, heights)
-    channel = seen_from_above(channel, poses.clock_bias_s, heights)
+    channel = seen_from_above(channel, poses.tx_clock_bias_s, heights)
     contours = estimate_contours(channel, tx_pose, poses, ips, shapes.label, mapping.noise, config.contours)
     return MapResult(poses, every, shapes, contours)
 
@@ -223,7 +292,7 @@ def with_shapes(
 def without_map(
     config: CampaignConfig,
     channel: Sequence[ChannelEstimate],
-    tx_pose: Pose,
+    tx_pose: AnyTx,
     poses: PoseEstimates,
     ips: IncidencePoints,
     problem: str,
@@ -234,13 +303,14 @@ def without_map(
     return replace(with_shapes(without, channel, tx_pose, poses, ips), problem=problem)
 
 
-def unsolved_poses(stops: Sequence[int]) -> PoseEstimates:
+def unsolved_poses(stops: Sequence[int], n_tx: int = 1) -> PoseEstimates:
     """The receiver states of a SLAM that solved no stop."""
     n = len(stops)
     unknown = np.full(n, np.nan)
     return PoseEstimates(
         stop=np.array(stops, int), position_m=np.full((n, 2), np.nan), heading_rad=unknown, clock_bias_s=unknown,
         status=np.full(n, SolveStatus.FAILED), n_inliers=np.zeros(n, int), cost=unknown,
+        tx_clock_bias_s=np.full((n, n_tx), np.nan),
     )  # fmt: skip
 
 

@@ -57,3 +57,13 @@ def with_link_levels(config: CampaignConfig) -> CampaignConfig:
     channel = config.channel.model_copy(update={"los": los})
     slam = config.slam.model_copy(update={"path_loss": path_loss})
     return config.model_copy(update={"channel": channel, "slam": slam})
+
+
+def with_own_level(whole: CampaignConfig, own: CampaignConfig) -> CampaignConfig:
+    """Settings of one TX with its nominal LOS power, from those of the campaign, which hold for its first TX."""
+    if own is whole:
+        return own
+    more_db = line_of_sight_at_1m_dbm(own) - line_of_sight_at_1m_dbm(whole)
+    level_dbm = own.channel.los.power_at_1m_dbm + more_db
+    los = own.channel.los.model_copy(update={"power_at_1m_dbm": level_dbm})
+    return own.model_copy(update={"channel": own.channel.model_copy(update={"los": los})})

@@ -19,7 +19,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
@@ -89,6 +89,11 @@ class CampaignStore:
     measured: str | None = None
     scene_files: Mapping[str, bytes] = field(default_factory=dict)
     side: Path | None = None
+    tx: str = ""  # _NAME of one of several: files of a stop are truth/stop_000_NAME.nc, and so on
+
+    def of_tx(self, name: str) -> CampaignStore:
+        """The same directory for the files of one TX."""
+        return replace(self, tx=f"_{name}")
 
     @property
     def has_samples(self) -> bool:
@@ -108,10 +113,10 @@ class CampaignStore:
         simulation = {name: getattr(self.config, name) for name in SimulationConfig.model_fields}
         simulation.pop("scene")  # its text counts, not its name
         settings = SimulationConfig.model_construct(**simulation, scene="-").model_dump_json()
-        arrays = (self.config.tx_array, self.config.rx_array)
+        own = [one.array for _, one in sorted(self.config.transmitters.items()) if one.array is not None]
+        arrays = (self.config.tx_array, self.config.rx_array, *own)
         weights = [weights_digest(array.weights_file) for array in arrays if array.weights_file is not None]
-        scenario = self.config.propagation.deepmimo
-        paths = [] if scenario is None else [scenario_digest(scenario)]
+        paths = [] if (name := self.config.propagation.deepmimo) is None else [scenario_digest(name)]
         return digest(settings, self._scene_digest, code_digest("scenes", "sim"), *weights, *paths)
 
     @cached_property
@@ -166,45 +171,45 @@ class CampaignStore:
 
     def truth(self, stop: int) -> Truth | None:
         """The truth of a stop, or None where there is none yet."""
-        return self.read(_stop("truth", stop), Truth, self.truth_fingerprint)
+        return self.read(self.stop_file("truth", stop), Truth, self.truth_fingerprint)
 
     def has_truth(self, stop: int) -> bool:
         """Whether the truth of a stop is stored."""
-        return self._current(_stop("truth", stop), self.truth_fingerprint) is not None
+        return self._current(self.stop_file("truth", stop), self.truth_fingerprint) is not None
 
     def measured_truth(self, stop: int) -> MeasuredTruth | None:
         """What is known about a measured stop, or None where it was not imported."""
-        return self.read(_stop("truth", stop), MeasuredTruth, self.truth_fingerprint)
+        return self.read(self.stop_file("truth", stop), MeasuredTruth, self.truth_fingerprint)
 
     def has_sweep(self, stop: int) -> bool:
         """Whether the samples of a stop are stored."""
-        return self._current(_stop("sweep", stop), self.truth_fingerprint) is not None
+        return self._current(self.stop_file("sweep", stop), self.truth_fingerprint) is not None
 
     def write_truth(self, truth: Truth | MeasuredTruth) -> None:
         """Store the truth of a stop; scores made before are dropped."""
-        self.write(_stop("truth", truth.stop), truth, self.truth_fingerprint)
+        self.write(self.stop_file("truth", truth.stop), truth, self.truth_fingerprint)
 
     def sweep(self, stop: int) -> BeamSweep | None:
         """The samples of a stop, or None where they were not kept."""
-        return self.read(_stop("sweep", stop), BeamSweep, self.truth_fingerprint)
+        return self.read(self.stop_file("sweep", stop), BeamSweep, self.truth_fingerprint)
 
     def write_sweep(self, sweep: BeamSweep) -> None:
         """Store the samples of a stop."""
-        self.write(_stop("sweep", sweep.stop), sweep, self.truth_fingerprint)
+        self.write(self.stop_file("sweep", sweep.stop), sweep, self.truth_fingerprint)
 
     def channel(self, stop: int) -> StopEstimate | None:
         """The channel estimate of a stop, or that a user's function failed there; None where there is none yet."""
-        name, found = _stop("channel", stop), self.channel_fingerprint
+        name, found = self.stop_file("channel", stop), self.channel_fingerprint
         return self.read(name, StopEstimate, found) or self.read(name, StopEstimate, f"{found}{FAILED}")
 
     def has_channel(self, stop: int) -> bool:
         """Whether the channel estimate of a stop is stored; one that failed is tried again."""
-        return self._current(_stop("channel", stop), self.channel_fingerprint) is not None
+        return self._current(self.stop_file("channel", stop), self.channel_fingerprint) is not None
 
     def write_channel(self, estimate: StopEstimate) -> None:
         """Store the channel estimate of a stop; scores made before are dropped."""
         mark = FAILED if estimate.channel.status == EstimateStatus.FAILED else ""
-        self.write(_stop("channel", estimate.channel.stop), estimate, f"{self.channel_fingerprint}{mark}")
+        self.write(self.stop_file("channel", estimate.channel.stop), estimate, f"{self.channel_fingerprint}{mark}")
 
     def estimate(self, stop: int) -> ChannelEstimate | None:
         """The paths of a stop alone, or None where there are none yet."""
@@ -217,11 +222,11 @@ class CampaignStore:
 
     def calibration(self) -> Calibration | None:
         """What self-calibration found, or None where there is none yet."""
-        return self.read("channel/calibration.nc", Calibration, self.channel_fingerprint)
+        return self.read(f"channel/calibration{self.tx}.nc", Calibration, self.channel_fingerprint)
 
     def write_calibration(self, calibration: Calibration) -> None:
         """Store what self-calibration found; scores made before are dropped."""
-        self.write("channel/calibration.nc", calibration, self.channel_fingerprint)
+        self.write(f"channel/calibration{self.tx}.nc", calibration, self.channel_fingerprint)
 
     def map_result(self, name: MapName) -> MapResult | None:
         """The map of mapping or SLAM, or None where there is none yet."""
@@ -268,6 +273,10 @@ class CampaignStore:
         changed = [name for name in names if held.scene_files.get(name) != self.scene_files.get(name)]
         return f"{changed[0]} differs" if changed else None
 
+    def stop_file(self, kind: str, stop: int) -> str:
+        """Name of the file of a stop, with that of the TX where there are several."""
+        return f"{kind}/stop_{stop:03d}{self.tx}.nc"
+
     @property
     def _scene_digest(self) -> str:
         contents = (hashlib.sha256(content).hexdigest() for _, content in sorted(self.scene_files.items()))
@@ -300,10 +309,6 @@ class CampaignStore:
         """Store a record with its fingerprint; scores made before are dropped."""
         self.drop_results()
         write_record(self._root / name, record, {"title": self.config.name, "fingerprint": fingerprint})
-
-
-def _stop(kind: str, stop: int) -> str:
-    return f"{kind}/stop_{stop:03d}.nc"
 
 
 def check_is_campaign(directory: Path) -> None:

@@ -6,9 +6,12 @@ uses the kept results and makes the others. So a run continues where it stopped.
 numbers, so any subset of stops gives the same bits.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import groupby
 
 import numpy as np
 
@@ -20,11 +23,14 @@ from estimation.slam.config import MappingConfig, TrajectoryConfig
 from estimation.slam.level import KnownHeights
 from estimation.slam.record import IncidencePoints, PoseEstimates
 from estimation.slam.stops import published_poses
+from estimation.slam.transmitters import AnyTx, joined_paths
 from isac_arena.campaign.chain import (
+    all_tx,
     channel_estimator,
     known_heights,
     known_receiver,
     learned_mapping,
+    links_of,
     locate_or_take,
     significance,
     unsolved_poses,
@@ -33,33 +39,20 @@ from isac_arena.campaign.chain import (
     without_map,
 )
 from isac_arena.campaign.config import CampaignConfig
-from isac_arena.campaign.results import CampaignResults, MapName, MapResult, MemoryResults, ResultStore
+from isac_arena.campaign.results import CampaignResults, MapName, MapResult, MemoryResults, Oracle, ResultStore
 from isac_arena.scoring.link_view import link_view
-from isac_arena.scoring.score import Scores, score_campaign, score_channel
+from isac_arena.scoring.score import Scores, channel_scores_of, score_stops
+from isac_arena.scoring.stages.channel import TrueStop, true_stop
 from isac_arena.user_functions.errors import EstimatorError
-from scenes.record import FloatArray, IntArray, empty_record
+from scenes.record import FloatArray, empty_record
 from scenes.scene import Scene
 from sim.observation import BeamSweep
 from sim.signal.hardware.apply_impairments import with_surveyed_pose
 from sim.signal.link import Link, best_beam_power_dbm, make_link
-from sim.simulate import clock_biases_s, observe, simulate_truth
+from sim.simulate import OtherTx, clock_biases_s, is_heard, observe, simulate_truth
 from sim.truth import Truth
 
 Observe = Callable[[CampaignConfig, Link, Scene, Truth], BeamSweep]
-
-
-@dataclass(frozen=True)
-class Oracle:
-    """Truth in place of the records behind the channel estimates; what is None is estimated.
-
-    `has_all_points` states that each path of `channel` is a line of sight or a single bounce: then each incidence
-    point is an inlier. `clusters` gives the cluster (ip,) of each incidence point, -1 for none.
-    """
-
-    channel: Sequence[ChannelEstimate] | None = None
-    receiver: PoseEstimates | None = None
-    has_all_points: bool = False
-    clusters: Callable[[IncidencePoints], IntArray] | None = None
 
 
 @dataclass(frozen=True)
@@ -80,6 +73,7 @@ class CampaignRun:
     observer: Observe = observe
     oracle: Oracle = field(default_factory=Oracle)
     on_failure: Callable[[EstimatorError], None] | None = None
+    whole: CampaignRun | None = None  # of several TX: the run of all, where this one is of one TX
 
     def scores(self) -> Scores:
         """The scores of all estimates; raises as `score_campaign` does."""
@@ -93,43 +87,47 @@ class CampaignRun:
         """The scores of the channel estimates alone: no later stage runs. Raises as `score_campaign` does."""
         truths = list(self.truths())
         self.calibrate()
-        return score_channel(
-            self.scene,
-            truths,
-            list(self.channel(truths)),
-            true_power_dbm=self.true_power_dbm,
-            significance=significance(self.config, self.link),
-            view=link_view(self.config, self.link, self.scene),
-        )
+        return channel_scores_of(self._true_stops(truths), list(self.channel(truths)))
 
     def truths(self) -> Iterator[Truth]:
-        """The truth of every stop in order."""
-        return map(self.truth, self.chosen_stops)
+        """The truth of every stop in order, of several TX one after the other."""
+        return (link.truth(stop) for stop in self.chosen_stops for link in self.links)
 
     def truth(self, stop: int) -> Truth:
-        """The truth of a stop: given, kept or traced paths, and the clock of these settings."""
+        """The truth of a stop: given, kept or traced paths, and the clock of these settings; of the first TX."""
+        if self.links[0] is not self:
+            return self.links[0].truth(stop)
         truth = self._given.get(stop) or self.results.truth(stop)
         if truth is None:
             wanted, traced = self._tracing
             wanted.append(stop)
             try:
-                truth = next(traced)
+                truth = replace(next(traced), tx=self.config.tx_number)
             except BaseException:
                 self.__dict__.pop("_tracing")  # it ended with the error
                 raise
             self.results.write_truth(truth)
-        return replace(truth, clock_bias_s=float(self._clock_biases_s[stop]))
+        return replace(truth, clock_bias_s=float(self._clock_biases_s[stop]), tx=self.config.tx_number)
 
     def sweep(self, truth: Truth) -> BeamSweep:
-        """The samples of a stop, kept or made."""
-        kept = self.results.sweep(truth.stop)
-        return self.observer(self.config, self.link, self.scene, truth) if kept is None else kept
+        """The samples of a stop, kept or made, of the TX of the truth."""
+        link = self.link_of(truth)
+        kept = link.results.sweep(truth.stop)
+        if kept is not None:
+            return kept
+        if link.disturbers and link.observer is observe:
+            others = [OtherTx(one.config, one.link, one.scene, one.truth(truth.stop)) for one in link.disturbers]
+            return observe(link.config, link.link, link.scene, truth, others)
+        return link.observer(link.config, link.link, link.scene, truth)
 
     def calibrate(self) -> Calibration | None:
         """The self-calibration of both arrays, kept or made from some stops; None where it is off.
 
-        A user's estimator gets no calibration.
+        A user's estimator gets no calibration. Each of several TX has its own.
         """
+        if self.links[0] is not self:
+            first, *_ = [link.calibrate() for link in self.links]
+            return first
         settings = self.config.channel.self_calibration
         if settings is None or self.config.functions.of("channel") is not None:
             return None
@@ -144,13 +142,21 @@ class CampaignRun:
         return calibration
 
     def channel(self, truths: Iterable[Truth]) -> Iterator[ChannelEstimate]:
-        """The reported paths of every stop, kept or made, with one sweep in memory at a time."""
-        for truth in truths:
-            kept = self.results.estimate(truth.stop)
-            yield (self.estimate(truth) if kept is None else kept).reported
+        """The reported paths of every stop, kept or made, with one sweep in memory at a time.
+
+        With several TX an estimate has the paths of all that `truths` has at the stop.
+        """
+        for _, group in groupby(truths, key=lambda truth: truth.stop):
+            yield joined_paths([self._kept_estimate(truth).reported for truth in group])
+
+    def _kept_estimate(self, truth: Truth) -> ChannelEstimate:
+        kept = self.link_of(truth).results.estimate(truth.stop)
+        return self.estimate(truth) if kept is None else kept
 
     def estimate(self, truth: Truth, sweep: BeamSweep | None = None) -> ChannelEstimate:
         """The channel estimate of a stop, made now and kept; from `sweep` where the caller has it."""
+        if (link := self.link_of(truth)) is not self:
+            return link.estimate(truth, sweep)
         estimator = self.channel_estimator  # first: it may be calibrated on sweeps of its own
         return self.estimate_sweep(self.sweep(truth) if sweep is None else sweep, estimator)
 
@@ -176,7 +182,7 @@ class CampaignRun:
                 kept = self._map(channel, states)
                 if states is None:
                     seen = self.oracle.channel or channel
-                    kept = replace(kept, published=published_poses(seen, self.scene.tx, self.config.slam))
+                    kept = replace(kept, published=published_poses(seen, self.tx, self.config.slam))
                 self.results.write_map(name, kept)
             found[name] = kept
         return found
@@ -189,11 +195,12 @@ class CampaignRun:
         receiver = receiver if self.oracle.receiver is None else self.oracle.receiver
         if receiver is None:
             return None
-        return learned_mapping(self.config, channel, self.scene.tx, receiver, self.heights)
+        return learned_mapping(self.config, channel, self.tx, receiver, self.heights)
 
     def _map(self, channel: Sequence[ChannelEstimate], states: PoseEstimates | None) -> MapResult:
         """One map; where a user's function fails, what there is without it."""
-        poses = unsolved_poses([estimate.stop for estimate in channel]) if states is None else states
+        stops = [estimate.stop for estimate in channel]
+        poses = unsolved_poses(stops, len(self.links)) if states is None else states
         ips = empty_record(IncidencePoints)
         try:
             mapping = self.learned_mapping(channel, states)
@@ -201,7 +208,7 @@ class CampaignRun:
             return self.shape(channel, poses, ips, mapping)
         except EstimatorError as error:
             self._tell(error)
-            return without_map(self.config, channel, self.scene.standing_tx, poses, ips, str(error))
+            return without_map(self.config, channel, self.tx, poses, ips, str(error))
 
     def _tell(self, error: EstimatorError) -> None:
         """Tell the error of a user's function, or raise it where nobody listens."""
@@ -219,7 +226,7 @@ class CampaignRun:
 
         `mapping` is `learned_mapping` of the given states, where the caller has it.
         """
-        tx, oracle = self.scene.tx, self.oracle
+        tx, oracle = self.tx, self.oracle
         channel = channel if oracle.channel is None else oracle.channel
         receiver = receiver if oracle.receiver is None else oracle.receiver
         poses, ips = locate_or_take(self.config, channel, tx, receiver, self.heights, self.trajectory, mapping)
@@ -240,18 +247,18 @@ class CampaignRun:
         oracle = self.oracle
         channel = channel if oracle.channel is None else oracle.channel
         label = None if oracle.clusters is None else oracle.clusters(ips)
-        return with_shapes(self.config, channel, self.scene.tx, poses, ips, label, self.heights, mapping)
+        return with_shapes(self.config, channel, self.tx, poses, ips, label, self.heights, mapping)
 
     def score(self, truths: Iterable[Truth], results: CampaignResults) -> Scores:
         """The scores of estimates against the truth; raises as `score_campaign` does."""
-        return score_campaign(
-            self.scene,
-            truths,
-            results,
-            true_power_dbm=self.true_power_dbm,
-            significance=significance(self.config, self.link),
-            view=link_view(self.config, self.link, self.scene),
-        )
+        return score_stops(self.scene, self._true_stops(truths), results)
+
+    def _true_stops(self, truths: Iterable[Truth]) -> Iterator[TrueStop]:
+        """The truths prepared for scoring, each with the view of its link."""
+        views = [(significance(r.config, r.link), link_view(r.config, r.link, r.scene)) for r in self.links]
+        for truth in truths:
+            link, (limits, view) = self.link_of(truth), views[truth.tx if len(views) > 1 else 0]
+            yield true_stop(truth, link.scene.tx, link.true_power_dbm(truth), limits, view)
 
     def surveyed_receiver(self, truths: Iterable[Truth]) -> PoseEstimates:
         """The receiver states that mapping gets: the true ones with the errors of the survey."""
@@ -261,11 +268,47 @@ class CampaignRun:
         """Received power (path,) of the true paths in their best beam pairs."""
         return best_beam_power_dbm(truth.paths, self.link, self.scene.tx, truth.rx_pose)
 
+    def link_of(self, truth: Truth) -> CampaignRun:
+        """The run of the TX of a truth."""
+        return self.links[truth.tx if len(self.links) > 1 else 0]
+
+    @cached_property
+    def links(self) -> tuple[CampaignRun, ...]:
+        """A run for every TX; of a campaign with one TX this run itself."""
+        found = links_of(self.config, self.scene)
+        if found[0].config is self.config:
+            return (self,)
+        return tuple(
+            replace(
+                self,
+                config=link.config,
+                scene=link.scene,
+                results=self.results.of_tx(link.name) if len(found) > 1 else self.results,
+                stops=self.chosen_stops,
+                paths=[truth for truth in self.paths if truth.tx == number],
+                oracle=Oracle(),
+                whole=self,
+            )
+            for number, link in enumerate(found)
+        )
+
+    @cached_property
+    def disturbers(self) -> tuple[CampaignRun, ...]:
+        """The other TX that are heard in the sweeps of this one."""
+        others = () if self.whole is None else self.whole.links
+        return tuple(r for r in others if r is not self and is_heard(self.config, self.link, r.config, r.link))
+
+    @cached_property
+    def tx(self) -> AnyTx:
+        """The TX as mapping and SLAM take it: its pose, or all of several."""
+        return all_tx([link.config for link in self.links], [link.scene.tx for link in self.links])
+
     @cached_property
     def heights(self) -> KnownHeights | None:
         """The surveyed heights of the devices, where mapping and SLAM may use them."""
         rx_height_m = np.array([self.scene.stops[stop].position_m[2] for stop in self.chosen_stops])
-        return known_heights(self.config, self.scene.tx, rx_height_m=rx_height_m)
+        poses, arrays = ([one.scene.tx for one in self.links], [one.config.tx_array for one in self.links])
+        return known_heights(self.config, poses, rx_height_m=rx_height_m, tx_arrays=arrays)
 
     @cached_property
     def trajectory(self) -> TrajectoryConfig | None:
@@ -277,17 +320,17 @@ class CampaignRun:
         """The stops of this run, in order."""
         if self.stops is not None:
             return self.stops
-        return [truth.stop for truth in self.paths] or range(len(self.scene.stops))
+        return list(dict.fromkeys(truth.stop for truth in self.paths)) or range(len(self.scene.stops))
 
     @cached_property
     def link(self) -> Link:
-        """The link of the settings."""
-        return make_link(self.config)
+        """The link of the settings; of the first of several TX."""
+        return make_link(self.config) if self.links[0] is self else self.links[0].link
 
     @cached_property
     def channel_estimator(self) -> ChannelEstimator:
         """The channel estimator, calibrated where the settings ask for it."""
-        return channel_estimator(self.config, self.calibrate())
+        return channel_estimator(self.config, self.calibrate(), is_disturbed=bool(self.disturbers))
 
     @cached_property
     def _given(self) -> dict[int, Truth]:

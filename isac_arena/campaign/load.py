@@ -19,6 +19,7 @@ from scenes.config import SceneConfig, load_scene, referenced_contents, scene_pa
 from scenes.names import path_in
 from scenes.scene import Scene
 from scenes.toml_config import ConfigError, load_config, read_text, validate_config
+from sim.transmitters import ALL, first_tx, tx_links
 
 LIBRARY = Path(__file__).parent / "library"
 
@@ -167,9 +168,12 @@ def resolve_campaign(document: dict[str, Any], path: Path) -> tuple[CampaignConf
 def campaign_scene(config: CampaignConfig, scene_file: Path) -> Scene:
     """The scene of a campaign, materials at its carrier, with the TX and the walk that it names in use.
 
-    Raises `ConfigError` where the scene file is wrong, `ValueError` where it has no TX or walk of that name.
+    Of several TX the first is in use. Raises `ConfigError` where the scene file is wrong, `ValueError` where it
+    has no TX or walk of that name and as `sim.transmitters.tx_links` does.
     """
-    return scene_in_use(scene_file, config.waveform.carrier_ghz, config.tx, config.walk)
+    scene = scene_in_use(scene_file, config.waveform.carrier_ghz, first_tx(config), config.walk)
+    tx_links(config, scene)
+    return scene
 
 
 def scene_in_use(scene_file: Path, carrier_ghz: float, tx: str | None, walk: str | Sequence[str] | None) -> Scene:
@@ -177,7 +181,9 @@ def scene_in_use(scene_file: Path, carrier_ghz: float, tx: str | None, walk: str
 
     Raises as `campaign_scene` does.
     """
-    return load_scene(scene_file, carrier_ghz * 1e9).choose(tx or 0, walk or 0)
+    scene = load_scene(scene_file, carrier_ghz * 1e9)
+    is_all = tx == ALL and ALL not in scene.txs
+    return scene.choose(0 if is_all else tx or 0, walk or 0)
 
 
 def campaign_path(name_or_path: str) -> Path:

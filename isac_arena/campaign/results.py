@@ -1,5 +1,6 @@
 """What the chain produced for a campaign, and where a run keeps it."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
@@ -8,7 +9,7 @@ from estimation.channel.calibration.self_calibration import Calibration
 from estimation.channel.record import ChannelEstimate
 from estimation.shape.record import Contours, Shapes
 from estimation.slam.record import IncidencePoints, PoseEstimates
-from scenes.record import Record, array
+from scenes.record import IntArray, Record, array
 from sim.observation import BeamSweep
 from sim.truth import Truth
 
@@ -35,7 +36,8 @@ class MapResult(Record):
 class CampaignResults:
     """All estimates of a campaign. `channel` and `power_maps` have one entry per stop, in order.
 
-    `power_maps` is for figures; it is empty where none are drawn.
+    With several TX an estimate has the paths of all, and the power maps are those of the first. `power_maps` is
+    for figures; it is empty where none are drawn.
     """
 
     channel: tuple[ChannelEstimate, ...]
@@ -44,8 +46,25 @@ class CampaignResults:
     slam: MapResult
 
 
+@dataclass(frozen=True)
+class Oracle:
+    """Truth in place of the records behind the channel estimates; what is None is estimated.
+
+    `has_all_points` states that each path of `channel` is a line of sight or a single bounce: then each incidence
+    point is an inlier. `clusters` gives the cluster (ip,) of each incidence point, -1 for none.
+    """
+
+    channel: Sequence[ChannelEstimate] | None = None
+    receiver: PoseEstimates | None = None
+    has_all_points: bool = False
+    clusters: Callable[[IncidencePoints], IntArray] | None = None
+
+
 class ResultStore(Protocol):
     """Where a run keeps its results. Reading returns None for a result that has to be made."""
+
+    def of_tx(self, name: str) -> "ResultStore":
+        """Where the truths, samples and channel estimates of one TX of several are kept."""
 
     def truth(self, stop: int) -> Truth | None:
         """The paths of a stop; the run sets the clock."""
@@ -83,6 +102,11 @@ class MemoryResults:
     estimates: dict[int, ChannelEstimate] = field(default_factory=dict)
     maps: dict[MapName, MapResult] = field(default_factory=dict)
     calibrated: Calibration | None = None
+    links: dict[str, "MemoryResults"] = field(default_factory=dict)
+
+    def of_tx(self, name: str) -> "MemoryResults":
+        """As `ResultStore`."""
+        return self.links.setdefault(name, MemoryResults())
 
     def truth(self, stop: int) -> Truth | None:
         """As `ResultStore`."""

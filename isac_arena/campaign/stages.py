@@ -9,7 +9,8 @@ from typing import Any, TypeVar
 from rich.console import Console
 
 from estimation.channel.record import EstimateStatus
-from isac_arena.campaign.campaign import Campaign, campaign_store, load_campaign
+from estimation.slam.transmitters import joined_paths
+from isac_arena.campaign.campaign import Campaign, campaign_store, link_stores, load_campaign
 from isac_arena.campaign.chain import known_receiver
 from isac_arena.campaign.directory import CampaignStore, StopEstimate, check_is_campaign, open_campaign
 from isac_arena.campaign.files import read_attribute
@@ -35,6 +36,7 @@ from sim.clock import checked_clock
 from sim.signal.demand import ask_sample_memory
 from sim.signal.hardware.apply_impairments import with_surveyed_pose
 from sim.signal.link import make_link
+from sim.transmitters import chosen_tx
 from sim.truth import Truth
 
 console = Console(highlight=False)
@@ -229,7 +231,8 @@ def write_scores(store: CampaignStore) -> None:
 
 def write_report(store: CampaignStore, plan: RunPlan | None = None) -> None:
     """Draw the figures and write the self-contained HTML report, with the doubts of the plan where it is known."""
-    from isac_arena.report.page.figures import make_figures  # noqa: PLC0415  (brings matplotlib)
+    from isac_arena.report.figures.by_tx import tx_shares  # noqa: PLC0415  (brings matplotlib)
+    from isac_arena.report.page.figures import make_figures  # noqa: PLC0415
     from isac_arena.report.page.html import render_report  # noqa: PLC0415
 
     scene = store.scene
@@ -238,8 +241,11 @@ def write_report(store: CampaignStore, plan: RunPlan | None = None) -> None:
     with working(console, "report"):
         metrics = score_metrics if store.measured is None else measured_metrics
         scores = Scores(metrics(scene, tables), tables)
-        figures = make_figures(scene, results, scores)
+        txs = chosen_tx(store.config, scene)
+        figures = make_figures(scene, results, scores, txs=txs)
         facts = run_facts(store.config, scene, store.measured, _failures(results))
+        if len(txs) > 1:
+            facts |= {f"TX {one.name}": one.text for one in tx_shares(txs, results.mapping, tables)}
         plan = plan or (run_plan(store) if store.measured is None else None)
         if plan and plan.doubts:
             facts["Doubtful"] = "\n".join(f"• {doubt}" for doubt in plan.doubts)
@@ -263,7 +269,8 @@ def _page_payload(
     name, n_stops = store.config.name, len(scene.stops)
     truths = stored_truths(store, n_stops) if store.measured is None else ()
     check_unchanged(store.directory / BUDGET_FILE.parent, [BUDGET_FILE.name])
-    return report_payload(name, scene, results, tables, truths, read_budget(store.directory, name))
+    budget, txs = read_budget(store.directory, name), chosen_tx(store.config, scene)
+    return report_payload(name, scene, results, tables, truths, budget, txs)
 
 
 def scores_of(store: CampaignStore, scene: Scene, results: CampaignResults) -> Scores:
@@ -275,10 +282,12 @@ def scores_of(store: CampaignStore, scene: Scene, results: CampaignResults) -> S
 
 
 def stored_truths(store: CampaignStore, n_stops: int) -> Iterator[Truth]:
-    """The stored truth of every stop; `ValueError` where one is missing."""
+    """The stored truth of every stop, of several TX one after the other; `ValueError` where one is missing."""
+    stores = link_stores(store)
     for stop in range(n_stops):
-        what = f"the truth of stop {stop} (truth/stop_{stop:03d}.nc)"
-        yield _present(store, store.truth(stop), what, "generate")
+        for number, each in enumerate(stores):
+            what = f"the truth of stop {stop} ({each.stop_file('truth', stop)})"
+            yield replace(_present(store, each.truth(stop), what, "generate"), tx=number)
 
 
 def measured_truths(store: CampaignStore, n_stops: int) -> Iterator[MeasuredTruth]:
@@ -295,11 +304,17 @@ def known_stops(store: CampaignStore, n_stops: int) -> Iterator[Truth] | Iterato
 
 
 def channel_estimates(store: CampaignStore, n_stops: int) -> Iterator[StopEstimate]:
-    """The reported paths of every stop's stored channel estimate; `ValueError` where one is missing."""
+    """The reported paths of every stop's stored channel estimate; `ValueError` where one is missing.
+
+    With several TX the paths of all, and the power map of the first.
+    """
+    stores = link_stores(store)
     for stop in range(n_stops):
-        what = f"the channel estimate of stop {stop} (channel/stop_{stop:03d}.nc)"
-        found = _present(store, store.channel(stop), what, "estimate")
-        yield replace(found, channel=found.channel.reported)
+        parts = []
+        for each in stores:
+            what = f"the channel estimate of stop {stop} ({each.stop_file('channel', stop)})"
+            parts.append(_present(store, each.channel(stop), what, "estimate"))
+        yield replace(parts[0], channel=joined_paths([part.channel.reported for part in parts]))
 
 
 def stored_results(store: CampaignStore, n_stops: int) -> CampaignResults:

@@ -32,10 +32,12 @@ def bound(
     from isac_arena.progress import progress_bar, working  # noqa: PLC0415
     from isac_arena.report.figures.bound import FROM_SIGNAL, bound_figure, channel_bound_figure  # noqa: PLC0415
     from isac_arena.report.style import png_bytes  # noqa: PLC0415
+    from sim.transmitters import refuse_several_tx  # noqa: PLC0415
 
     if out.suffix != ".png":
         raise ValueError(f"--out = {out}: must end in .png")
     loaded = load_campaign(campaign)
+    refuse_several_tx(loaded.config, loaded.scene, "arena bound")
     prepared = bound_map.bound_inputs(loaded)
     with working(console, "paths and bounds of the channel"):
         model, grid = channel_bound.channel_model(prepared), bound_map.plan_grid(prepared, step_m)

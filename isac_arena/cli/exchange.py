@@ -40,8 +40,10 @@ def export(
     from isac_arena.campaign.recording import recorded_additions  # noqa: PLC0415
     from isac_arena.exchange import formats as exchange  # noqa: PLC0415
     from scenes.names import path_in  # noqa: PLC0415
+    from sim.transmitters import refuse_several_tx  # noqa: PLC0415
 
     store = stages.reopen(directory, reads=stages.SCORED)
+    refuse_several_tx(store.config, store.scene, "arena export")
     folder = out or directory / "export"
     with recorded_additions(directory):
         if file_format == ExportFormat.deepmimo:
@@ -71,8 +73,10 @@ def export_sigmf(
     from sim.signal.waveform.ofdm import sample_rate_hz  # noqa: PLC0415
     from sim.signal.waveform.time_domain import received_samples  # noqa: PLC0415
     from sim.simulate import observe  # noqa: PLC0415
+    from sim.transmitters import refuse_several_tx  # noqa: PLC0415
 
     store = stages.reopen(directory, reads=[f"{kind}/stop_{stop:03d}.nc" for kind in stages.SAMPLES])
+    refuse_several_tx(store.config, store.scene, "arena export-sigmf")
     sweep = store.sweep(stop)
     if sweep is None:
         scene, truth = store.scene, store.truth(stop)

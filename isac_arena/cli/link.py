@@ -23,10 +23,12 @@ def link(campaign: Campaign) -> None:
     from isac_arena.progress import tracked  # noqa: PLC0415
     from sim.signal.link_budget import converter_share, link_budget  # noqa: PLC0415
     from sim.simulate import simulate_truth  # noqa: PLC0415
+    from sim.transmitters import refuse_several_tx  # noqa: PLC0415
 
     console = Console(highlight=False)
     loaded = load_campaign(campaign)
     config, scene = loaded.config, loaded.scene
+    refuse_several_tx(config, scene, "arena link")
     propagation = config.propagation.model_copy(update={"diffuse_samples": 0})
     made, stops = loaded.link, range(len(scene.stops))
     traced = simulate_truth(config.model_copy(update={"propagation": propagation}), scene, stops)

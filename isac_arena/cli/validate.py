@@ -30,6 +30,7 @@ MODULES: Mapping[str, tuple[str, ...]] = {
     "shape": tuple(f"shape.{name}" for name in ("gp", "points", "law", "reflection", "campaign", "measured")),
     "twin": ("twin",),
     "motion": ("motion.rates", "motion.samples", "motion.estimates", "motion.targets"),
+    "multistatic": ("multistatic.samples", "multistatic.stops"),
     "halls": ("halls.check",),
     "heights": ("heights",),
     "chain": ("chain.check", "chain.trials"),

@@ -27,9 +27,11 @@ def view(
     from isac_arena.campaign.files import write_text  # noqa: PLC0415
     from isac_arena.campaign.recording import recorded_additions  # noqa: PLC0415
     from isac_arena.report.view.page import view_page  # noqa: PLC0415
+    from sim.transmitters import refuse_several_tx  # noqa: PLC0415
 
     store = stages.reopen(directory)
     scene = store.scene
+    refuse_several_tx(store.config, scene, "arena view")
     results = stages.stored_results(store, len(scene.stops))
     is_measured = store.measured is not None
     paths = [] if is_measured else [truth.paths for truth in stages.stored_truths(store, len(scene.stops))]

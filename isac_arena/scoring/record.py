@@ -3,7 +3,9 @@
 from dataclasses import dataclass
 from enum import IntEnum
 
-from scenes.record import BoolArray, FloatArray, IntArray, Record, TextArray, array
+import numpy as np
+
+from scenes.record import BoolArray, FloatArray, IntArray, Record, TextArray, array, optional_array
 
 
 class PathStatus(IntEnum):
@@ -48,6 +50,12 @@ class PathScores(Record):
     aoa_std_rad: FloatArray = array("estimate", unit="rad", doc="reported, of the azimuth of arrival")
     power_error_db: FloatArray = array("estimate", unit="dB", doc="error of the power in the best beam pair")
     nees: FloatArray = array("estimate", doc="squared error over covariance, 3 degrees of freedom")
+    tx: IntArray = optional_array("estimate", dtype=int, doc="index of the TX, among several of a campaign")
+
+    def __post_init__(self) -> None:
+        if self.tx is None:
+            object.__setattr__(self, "tx", np.zeros(len(self.stop), int))
+        super().__post_init__()
 
 
 @dataclass(frozen=True)
@@ -80,11 +88,17 @@ class SignificantPaths(Record):
     delay_scattered_bound_s: FloatArray = array("true_path", unit="s", doc="bound with diffuse power as noise")
     aod_scattered_bound_rad: FloatArray = array("true_path", unit="rad", doc="departure, diffuse power as noise")
     aoa_scattered_bound_rad: FloatArray = array("true_path", unit="rad", doc="arrival, diffuse power as noise")
+    tx: IntArray = optional_array("true_path", dtype=int, doc="index of the TX, among several of a campaign")
+
+    def __post_init__(self) -> None:
+        if self.tx is None:
+            object.__setattr__(self, "tx", np.zeros(len(self.stop), int))
+        super().__post_init__()
 
 
 @dataclass(frozen=True)
 class StopScores(Record):
-    """GOSPA between the estimated and the significant true paths of every stop.
+    """GOSPA between the estimated and the significant true paths of every stop; a row for each of several TX.
 
     Order 2, cutoff 1; the base distance is the root mean square of the three errors in units of the gate. Weak
     estimates are not counted.
@@ -95,6 +109,12 @@ class StopScores(Record):
     localisation: FloatArray = array("stop", doc="part of GOSPA from errors of assigned paths")
     missed: FloatArray = array("stop", doc="part of GOSPA from missed paths")
     false: FloatArray = array("stop", doc="part of GOSPA from false paths")
+    tx: IntArray = optional_array("stop", dtype=int, doc="index of the TX, among several of a campaign")
+
+    def __post_init__(self) -> None:
+        if self.tx is None:
+            object.__setattr__(self, "tx", np.zeros(len(self.stop), int))
+        super().__post_init__()
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
+from itertools import groupby
 
 import numpy as np
 
@@ -77,7 +78,14 @@ def score_campaign(
     stop.
     """
     prepared = (true_stop(truth, scene.tx, true_power_dbm(truth), significance, view) for truth in truths)
-    tables, bare = _score_stops(prepared, results.channel, gate)
+    return score_stops(scene, prepared, results, gate)
+
+
+def score_stops(
+    scene: Scene, stops: Iterable[TrueStop], results: CampaignResults, gate: Gate = DEFAULT_GATE
+) -> Scores:
+    """As `score_campaign`, of truths that are prepared; of several TX at a stop one after the other."""
+    tables, bare = _score_stops(stops, results.channel, gate)
     poses, published = _score_poses(scene, bare, tables, results.slam)
     tables = replace(
         tables,
@@ -104,7 +112,14 @@ def score_channel(
     Arguments and errors as in `score_campaign`.
     """
     prepared = (true_stop(truth, scene.tx, true_power_dbm(truth), significance, view) for truth in truths)
-    tables, _ = _score_stops(prepared, channel, gate)
+    return channel_scores_of(prepared, channel, gate)
+
+
+def channel_scores_of(
+    stops: Iterable[TrueStop], channel: Iterable[ChannelEstimate], gate: Gate = DEFAULT_GATE
+) -> Scores:
+    """As `score_channel`, of truths that are prepared."""
+    tables, _ = _score_stops(stops, channel, gate)
     return Scores(tuple(channel_metrics(tables.stops, tables.paths, tables.significant)), tables)
 
 
@@ -132,10 +147,10 @@ def _score_stops(
         index = stop.truth.stop
         if index not in estimates:
             raise ValueError(f"results.channel: stop {index} has a truth but no channel estimate")
-        parts.append(score_stop(stop, estimates[index], gate))
+        parts.append(_score_link(stop, estimates[index], gate))
         bare.append(significant_alone(stop))
-    scored = [stop.truth.stop for stop in bare]
-    unscored = sorted(set(estimates) - set(scored))
+    scored = {stop.truth.stop for stop in bare}
+    unscored = sorted(set(estimates) - scored)
     if unscored or not scored:
         raise ValueError(f"truths: no truth for stop {unscored[0]}" if unscored else "truths: no stop given")
     paths, true_paths, sets = zip(*parts, strict=True)
@@ -148,17 +163,32 @@ def _score_stops(
     return tables, bare
 
 
+def _score_link(
+    stop: TrueStop, estimate: ChannelEstimate, gate: Gate
+) -> tuple[PathScores, SignificantPaths, StopScores]:
+    """Tables of the paths of one TX at a stop; paths are counted over all TX."""
+    own = np.flatnonzero(estimate.tx == stop.truth.tx)
+    if len(own) == len(estimate) and not stop.truth.tx:
+        return score_stop(stop, estimate, gate)
+    paths, true_paths, sets = score_stop(stop, estimate.take("path", own), gate)
+    paths = replace(paths, path=own[paths.path], tx=np.full(len(own), stop.truth.tx))
+    true_paths = replace(true_paths, tx=np.full(len(true_paths.stop), stop.truth.tx))
+    return paths, true_paths, replace(sets, tx=np.full(1, stop.truth.tx))
+
+
 def _score_poses(
     scene: Scene, stops: list[TrueStop], tables: ScoreTables, slam: MapResult
 ) -> tuple[PoseScores, PoseScores]:
-    scored, significant = tables.stops.stop, tables.significant
+    significant = tables.significant
+    links = [list(group) for _, group in groupby(stops, key=lambda stop: stop.truth.stop)]
+    scored = np.array([each[0].truth.stop for each in links])
     return score_both_poses(
         slam,
         stop=scored,
-        true_pose=[stop.truth.rx_pose for stop in stops],
-        true_clock_bias_s=np.array([stop.truth.clock_bias_s for stop in stops]),
+        true_pose=[each[0].truth.rx_pose for each in links],
+        true_clock_bias_s=np.array([each[0].truth.clock_bias_s for each in links]),
         has_los=np.isin(scored, significant.stop[significant.kind == PathKind.LOS]),
-        bound=pose_bounds(scene, stops),
+        bound=pose_bounds(scene, links),
     )
 
 

@@ -21,6 +21,7 @@ from isac_arena.sweep.cases import Case, Point, Stages
 from scenes.names import path_in
 from scenes.scene import Scene
 from sim.config import WaveformConfig
+from sim.transmitters import first_tx
 
 CASE_FILES = ("campaign.json", "provenance.nc", "scores.json", "manifest.json")
 
@@ -58,7 +59,7 @@ class Job:
         """The scene of the case, with the TX and the walk it chooses."""
         config = self.config
         walk = tuple(config.walk) if isinstance(config.walk, list) else config.walk
-        return _loaded(self.scene_file, config.waveform.carrier_ghz, config.tx, walk)
+        return _loaded(self.scene_file, config.waveform.carrier_ghz, first_tx(config), walk)
 
     @property
     def scene_file(self) -> Path:

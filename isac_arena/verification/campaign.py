@@ -9,6 +9,7 @@ import numpy as np
 
 from estimation.channel.beam_power_map import beam_power_map
 from isac_arena.campaign import stages
+from isac_arena.campaign.campaign import link_stores
 from isac_arena.campaign.chain import known_receiver
 from isac_arena.campaign.directory import CampaignStore, StopEstimate, open_campaign
 from isac_arena.campaign.driver import CampaignRun
@@ -74,19 +75,20 @@ def _guarded(name: str, findings: Iterator[Finding]) -> Iterator[Finding]:
 def _stops(store: CampaignStore, scene: Scene, stops: Sequence[int]) -> Iterator[Finding]:
     results = RecomputedResults(calibrated=store.calibration())
     run = CampaignRun(store.config, scene, results, stops, on_failure=_go_on)
+    stores = link_stores(store)
     for traced in run.truths():
-        stop = traced.stop
-        truth = store.truth(stop)
+        stop, own = traced.stop, stores[traced.tx if len(stores) > 1 else 0]
+        truth = own.truth(stop)
         if truth is None:
             raise ValueError(f"{store.directory}: the truth of stop {stop} is missing")
-        yield compare_records(f"truth/stop_{stop:03d}.nc", truth, traced)
+        yield compare_records(own.stop_file("truth", stop), truth, traced)
         sweep = run.sweep(truth)
-        stored_sweep, stored = store.sweep(stop), store.channel(stop)
+        stored_sweep, stored = own.sweep(stop), own.channel(stop)
         if stored_sweep is not None:
-            yield compare_records(f"sweep/stop_{stop:03d}.nc", stored_sweep, sweep)
+            yield compare_records(own.stop_file("sweep", stop), stored_sweep, sweep)
         if stored is not None:
             again = StopEstimate(run.estimate(truth, sweep), beam_power_map(sweep))
-            yield compare_records(f"channel/stop_{stop:03d}.nc", stored, again)
+            yield compare_records(own.stop_file("channel", stop), stored, again)
 
 
 def _maps(store: CampaignStore, scene: Scene) -> Iterator[Finding]:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
 
+from isac_arena.campaign.campaign import link_stores
 from isac_arena.campaign.directory import CampaignStore, open_campaign
 from isac_arena.campaign.driver import CampaignRun
 from isac_arena.campaign.summary import TraceCounts, trace_counts
@@ -81,31 +82,38 @@ class StopRun:
 
     def is_done(self, stop: int) -> bool:
         """Whether all files of a stop are there."""
-        store, work = self.store, self.work
-        return (
+        work = self.work
+        return all(
             store.has_truth(stop)
             and (not work.keeps_sweeps or store.has_sweep(stop))
             and (not work.estimates or (not work.again and store.has_channel(stop)))
+            for store in link_stores(self.store)
         )
 
     def make(self, stop: int) -> MadeStop:
         """Make what is missing at a stop, and count its planar paths."""
         self.failures.clear()
-        store, work = self.store, self.work
-        if store.measured is not None:
-            if not self.is_done(stop) and (recorded := store.sweep(stop)) is not None:
+        if self.store.measured is not None:
+            if not self.is_done(stop) and (recorded := self.store.sweep(stop)) is not None:
                 self.run.estimate_sweep(recorded)
             return MadeStop(TraceCounts(), self.failures[0] if self.failures else None)
-        truth = self.run.truth(stop)
+        counts = TraceCounts()
+        for store, link in zip(link_stores(self.store), self.run.links, strict=True):
+            counts += self._make(stop, store, link)
+        return MadeStop(counts, self.failures[0] if self.failures else None)
+
+    def _make(self, stop: int, store: CampaignStore, link: CampaignRun) -> TraceCounts:
+        """The same for one TX."""
+        work, truth = self.work, link.truth(stop)
         keeps = work.keeps_sweeps and not store.has_sweep(stop)
         makes = work.estimates and (work.again or not store.has_channel(stop))
         if keeps or makes:
-            sweep = self.run.sweep(truth)
+            sweep = link.sweep(truth)
             if keeps:
                 store.write_sweep(sweep)
             if makes:
-                self.run.estimate(truth, sweep)
-        return MadeStop(trace_counts(truth), self.failures[0] if self.failures else None)
+                link.estimate(truth, sweep)
+        return trace_counts(truth)
 
 
 def stop_run(store: CampaignStore, *, keeps_sweeps: bool, estimates: bool, again: bool = False) -> StopRun:

@@ -51,10 +51,11 @@ class Link(Record):
 def make_link(config: SimulationConfig) -> Link:
     """Waveform, codebooks and link budget of a campaign.
 
-    TX beam m sends PRS sequence m in slot m (modulo the frame), or in the slot of the schedule. A beam pair takes
-    one symbol of the resource, or combines all symbols. Combined samples cover every subcarrier of the band. Every
-    symbol has the whole transmit power on its own comb, so the noise per sample is that of one symbol, divided by
-    L_PRS / K_comb if subcarriers are measured more than once, and divided by the number of repetitions.
+    TX beam m sends PRS sequence `sequence_id` + m in slot m (modulo the frame), or in the slot of the schedule. A
+    beam pair takes one symbol of the resource, or combines all symbols. Combined samples cover every subcarrier of
+    the band. Every symbol has the whole transmit power on its own comb, so the noise per sample is that of one
+    symbol, divided by L_PRS / K_comb if subcarriers are measured more than once, and divided by the number of
+    repetitions.
 
     Raises `ValueError` if the beams do not fit into the schedule, or a weights file does not fit the array.
     """
@@ -84,7 +85,8 @@ def make_link(config: SimulationConfig) -> Link:
 def pilots(waveform: WaveformConfig, slot: IntArray) -> ComplexArray:
     """PRS symbols (tx_beam, subcarrier) of TX beams that are sent in slots (tx_beam,) of the frame."""
     of_slot = prs_comb_pass if waveform.combine_symbols else prs_symbols
-    return np.stack([of_slot(waveform.prs, beam % 4096, int(at)) for beam, at in enumerate(slot)])
+    first = waveform.sequence_id
+    return np.stack([of_slot(waveform.prs, (first + beam) % 4096, int(at)) for beam, at in enumerate(slot)])
 
 
 def make_codebook(config: ArrayConfig, carrier_hz: float) -> Codebook:

@@ -187,7 +187,8 @@ def test_contour_types_and_walks(load):
 
 def test_several_txs_and_walks_by_name():
     scene = load_scene("pillar_hall")
-    assert list(scene.txs) == ["south_west", "north_east"] and list(scene.walks) == ["aisle", "visitor"]
+    assert list(scene.txs) == ["south_west", "north_east", "north_west", "south_east"]
+    assert list(scene.walks) == ["aisle", "visitor", "stations"]
     assert scene.tx_name == "south_west" and scene.choose(tx=1).tx_name == "north_east"
 
 

@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimation.inference.least_squares import Attempt, Schedule, minimise
+from estimation.laws.plane import state_columns
 from estimation.shape.fit import ShapeFit, failed_fit
 from estimation.shape.kinds.fit import object_kind
 from estimation.shape.reflection.bundle_system import (
@@ -64,8 +65,8 @@ class Bundle:
     offset: FloatArray  # (2 + session,) delay in m, arrivals, departures of each session in rad
     offset_covariance: FloatArray  # (2 + session, 2 + session)
     stop: IntArray  # (stop,) the stops that have paths
-    rx_state: FloatArray  # (stop, 4) x, y, heading, clock bias in m, m, rad, m
-    rx_covariance: FloatArray  # (stop, 4, 4)
+    rx_state: FloatArray  # (stop, state) x, y, heading, clock bias of every TX in m, m, rad, m
+    rx_covariance: FloatArray  # (stop, state, state)
     noise_scale: FloatArray  # (3,) standard deviations of range, departures, arrivals over the stated ones
 
     @property
@@ -76,7 +77,7 @@ class Bundle:
 
 class _BundlePoint(NamedTuple):
     common: FloatArray  # (common,)
-    state: FloatArray  # (stop, 4)
+    state: FloatArray  # (stop, state)
     system: BundleSystem
 
 
@@ -124,6 +125,7 @@ def _problem(
         log_norm,
         np.repeat(np.arange(len(sets)), [len(data) for data in sets]),
         np.searchsorted(stop, every.stop),
+        state_columns(every.clock),
         np.array(family, dtype=np.int64),
         end.astype(np.int64),
         np.append(np.diff(end), 0).astype(np.int64),
@@ -175,8 +177,8 @@ def _solution(
 class _Problem:
     data: BundlePaths
     stop: IntArray  # (stop,)
-    prior_state: FloatArray  # (stop, 4)
-    prior_weight: FloatArray  # (stop, 4, 4)
+    prior_state: FloatArray  # (stop, state)
+    prior_weight: FloatArray  # (stop, state, state)
     prior_mean: FloatArray  # (common,)
     prior_precision: FloatArray  # (common,)
     log_ghost: float
@@ -222,7 +224,7 @@ class _Problem:
         return found.common, found.state
 
     def system(self, common: FloatArray, state: FloatArray, scale: FloatArray) -> BundleSystem:
-        """Cost and normal equations at common unknowns (common,) and states (stop, 4), priors included."""
+        """Cost and normal equations at common unknowns (common,) and states (stop, state), priors included."""
         system = bundle_system(common, state, self.data, scale, self.log_ghost)
         shift, away = common - self.prior_mean, state - self.prior_state
         pull = np.einsum("sij,sj->si", self.prior_weight, away)

@@ -26,6 +26,7 @@ class BundlePaths(NamedTuple):
     log_norm: FloatArray  # (path,) log normalisations of the inliers
     of_set: IntArray  # (path,)
     row: IntArray  # (path,) of the stop
+    column: IntArray  # (path, 4) of the state of the stop
     family: IntArray  # (set,) of `estimation.laws.contour`, or `LOS`
     first: IntArray  # (set,) the first parameter among the common unknowns
     size: IntArray  # (set,) number of parameters
@@ -37,15 +38,15 @@ class BundleSystem(NamedTuple):
     cost: float
     common_gradient: FloatArray  # (common,)
     common: FloatArray  # (common, common)
-    stop_gradient: FloatArray  # (stop, 4)
-    stop: FloatArray  # (stop, 4, 4)
-    cross: FloatArray  # (stop, 4, common)
+    stop_gradient: FloatArray  # (stop, state)
+    stop: FloatArray  # (stop, state, state)
+    cross: FloatArray  # (stop, state, common)
     share: FloatArray  # (path,) probabilities of not being ghosts
     square: FloatArray  # (path,) squared errors over their variances
 
     def schur(self, damping: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """The reduced system of the common unknowns, and inv(stop) times gradient (stop, 4) and cross."""
-        damped = self.stop * (1 + damping * np.eye(4))
+        """The reduced system of the common unknowns, and inv(stop) times gradient (stop, state) and cross."""
+        damped = self.stop * (1 + damping * np.eye(self.stop.shape[1]))
         through = np.linalg.solve(damped, np.concatenate([self.stop_gradient[..., None], self.cross], axis=2))
         own, cross = through[..., 0], through[..., 1:]
         size = len(self.common)
@@ -56,13 +57,13 @@ class BundleSystem(NamedTuple):
 def bundle_system(
     common: FloatArray, state: FloatArray, data: BundlePaths, scale: FloatArray, log_ghost: float
 ) -> BundleSystem:
-    """The terms of the paths at common unknowns (common,) and states (stop, 4); priors are not in them.
+    """The terms of the paths at common unknowns (common,) and states (stop, state); priors are not in them.
 
     The covariances of a set are multiplied by its `scale` (set,).
     """
-    n, size, n_stops = len(data.row), len(common), len(state)
-    arrays = (np.zeros(size), np.zeros((size, size)), np.zeros((n_stops, 4)), np.zeros((n_stops, 4, 4)))
-    rest = (np.zeros((n_stops, 4, size)), np.empty(n), np.empty(n))
+    n, size, (n_stops, own) = len(data.row), len(common), state.shape
+    arrays = (np.zeros(size), np.zeros((size, size)), np.zeros((n_stops, own)), np.zeros((n_stops, own, own)))
+    rest = (np.zeros((n_stops, own, size)), np.empty(n), np.empty(n))
     system = BundleSystem(0.0, *arrays, *rest)
     return system._replace(cost=_accumulate(common, state, data, scale, log_ghost, system))
 
@@ -96,13 +97,14 @@ def _accumulate(
             wd[a] *= share
             for b in range(3):
                 w[a, b] = share / factor * data.weight[i, a, b]
-        _add_path(row, index[:n], slope, by_rx, w, wd, system)
+        _add_path(row, data.column[i], index[:n], slope, by_rx, w, wd, system)
     return cost
 
 
 @compiled
 def _add_path(
     row: int,
+    column: IntArray,
     index: IntArray,
     slope: FloatArray,
     by_rx: FloatArray,
@@ -121,14 +123,14 @@ def _add_path(
                 system.common[index[j], index[k]] += weighted[a] * slope[a, k]
         for c in range(4):
             for a in range(3):
-                system.cross[row, c, index[j]] += by_rx[a, c] * weighted[a]
+                system.cross[row, column[c], index[j]] += by_rx[a, c] * weighted[a]
     for c in range(4):
         for a in range(3):
             weighted[a] = w[a, 0] * by_rx[0, c] + w[a, 1] * by_rx[1, c] + w[a, 2] * by_rx[2, c]
-            system.stop_gradient[row, c] -= by_rx[a, c] * wd[a]
+            system.stop_gradient[row, column[c]] -= by_rx[a, c] * wd[a]
         for e in range(4):
             for a in range(3):
-                system.stop[row, c, e] += weighted[a] * by_rx[a, e]
+                system.stop[row, column[c], column[e]] += weighted[a] * by_rx[a, e]
 
 
 @compiled
@@ -142,24 +144,25 @@ def absorbed_variance(
 ) -> tuple[FloatArray, FloatArray]:
     """Differences (path, 3) and the variances (path, 3) of the predictions, J S J' with S that of all unknowns.
 
-    `covariance` (common, common), `coupled` (stop, 4, common) and `rx_covariance` (stop, 4, 4) are blocks of S.
+    `covariance` (common, common), `coupled` (stop, state, common) and `rx_covariance` (stop, state, state) are
+    blocks of S.
     """
     n_columns = data.size.max() + N_COMMON + 1
     slope, by_rx = np.empty((3, n_columns)), np.empty((3, 4))
     index, point, work = np.empty(n_columns, np.int64), np.empty(2), path_work(n_columns)
     difference, variance = np.empty((len(data.row), 3)), np.zeros((len(data.row), 3))
     for i in range(len(data.row)):
-        row = data.row[i]
+        row, column = data.row[i], data.column[i]
         n = _linearise(i, common, state[row], data, difference[i], slope, by_rx, index, point, work)
         for a in range(3):
             for j in range(n):
                 for k in range(n):
                     variance[i, a] += slope[a, j] * covariance[index[j], index[k]] * slope[a, k]
                 for c in range(4):
-                    variance[i, a] += 2 * by_rx[a, c] * coupled[row, c, index[j]] * slope[a, j]
+                    variance[i, a] += 2 * by_rx[a, c] * coupled[row, column[c], index[j]] * slope[a, j]
             for c in range(4):
                 for e in range(4):
-                    variance[i, a] += by_rx[a, c] * rx_covariance[row, c, e] * by_rx[a, e]
+                    variance[i, a] += by_rx[a, c] * rx_covariance[row, column[c], column[e]] * by_rx[a, e]
     return difference, variance
 
 
@@ -182,11 +185,14 @@ def _linearise(
     state. Returns the number of unknowns.
     """
     k, tx, session = data.of_set[i], data.paths.tx[i], data.paths.session[i]
+    own = np.empty(4)
+    for c in range(4):
+        own[c] = state[data.column[i, c]]
     first, m, predicted = data.first[k], data.size[k], work[0]
     if data.family[k] == LOS:
-        los_path(tx, state, difference, by_rx)
+        los_path(tx, own, difference, by_rx)
     else:
-        contour_path(data.family[k], common[first : first + m], tx, state, difference, by_rx, slope, point, work)
+        contour_path(data.family[k], common[first : first + m], tx, own, difference, by_rx, slope, point, work)
     for a in range(3):
         predicted[a] = difference[a]
     path_difference(data.paths.measured[i], predicted, common, session, difference)

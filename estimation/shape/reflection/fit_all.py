@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimation.execution import one_blas_thread
+from estimation.laws.plane import state_columns
 from estimation.shape.config import ContourConfig
 from estimation.shape.fit import ShapeFit
 from estimation.shape.reflection.association import MIN_PATHS, GroupFits, object_squares
@@ -82,7 +83,9 @@ def without_offsets(
     state, covariance = data.rx_state.copy(), data.rx_covariance.copy()
     solved = np.isin(data.stop, bundle.stop)
     row = np.searchsorted(bundle.stop, data.stop[solved])
-    state[solved], covariance[solved] = bundle.rx_state[row], bundle.rx_covariance[row]
+    column = state_columns(data.clock[solved])
+    state[solved] = bundle.rx_state[row[:, None], column]
+    covariance[solved] = bundle.rx_covariance[row[:, None, None], column[:, :, None], column[:, None, :]]
     std = bundle.offset_std
     remaining = {
         "delay_offset_std_ns": float(std[0] * 1e9 / SPEED_OF_LIGHT_M_S),

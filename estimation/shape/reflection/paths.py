@@ -12,8 +12,9 @@ from estimation.shape.reflection.reflections import ReflectionConfig, Reflection
 from estimation.shape.reflection.tx_sessions import Sessions, los_sessions, stop_rows
 from estimation.slam.config import PathNoise
 from estimation.slam.record import IncidencePoints, PoseEstimates, SolveStatus
-from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
-from scenes.record import FloatArray, IntArray
+from estimation.slam.transmitters import AnyTx, Transmitters, of_tx, rows_of_tx, transmitters_of
+from scenes.pose import SPEED_OF_LIGHT_M_S
+from scenes.record import FloatArray, IntArray, concatenate
 
 _TO_METRES = np.array([1.0, 1.0, 1.0, SPEED_OF_LIGHT_M_S])
 
@@ -33,7 +34,7 @@ class CampaignPaths:
 
 def campaign_paths(
     channel: Sequence[ChannelEstimate],
-    tx_pose: Pose,
+    tx_pose: AnyTx,
     poses: PoseEstimates,
     ips: IncidencePoints,
     noise: PathNoise,
@@ -43,16 +44,21 @@ def campaign_paths(
 
     A given pose has the accuracy of the survey. A pose of SLAM was found from the same paths and gets a wider
     covariance, so that no path counts twice. With SLAM an offset that all sessions share is unobservable, since
-    it rotates everything about the TX; offsets that jump between sessions are observable.
+    it rotates everything about the TX; offsets that jump between sessions are observable. So are those of several
+    TX, which all have offsets of their own.
     """
     every, key = _all_paths(channel, tx_pose, poses, noise, config)
     row = {pair: k for k, pair in enumerate(key)}
     bounce = np.array([row[pair] for pair in zip(ips.stop.tolist(), ips.path.tolist(), strict=True)], int)
     direct = np.setdiff1d(np.arange(len(every)), bounce)
     bounces, los = every.take("path", bounce), every.take("path", direct)
-    sessions = los_sessions(los, tx_pose, poses.stop)
     solved = poses.status != SolveStatus.FAILED
-    if np.all(poses.status[solved] == SolveStatus.GIVEN):
+    is_given = bool(np.all(poses.status[solved] == SolveStatus.GIVEN))
+    if poses.n_tx > 1:
+        widening = 1.0 if is_given else config.slam_widening
+        return _of_several_tx(bounces, los, transmitters_of(tx_pose), poses.stop, widening, config.reflection)
+    sessions = los_sessions(los, transmitters_of(tx_pose).poses[0], poses.stop)
+    if is_given:
         joined = [replace(data, session=sessions.of_stop[stop_rows(data, poses.stop)]) for data in (bounces, los)]
         unknown = sessions._replace(offset_rad=0 * sessions.offset_rad, std_rad=0 * sessions.std_rad)
         return CampaignPaths(joined[0], joined[1], poses.stop, unknown, 1.0, config.reflection)
@@ -60,6 +66,23 @@ def campaign_paths(
     anchored = config.reflection.model_copy(update={"aod_offset_std_deg": 0.0})
     alone = not poses.is_of_walk.any()
     return CampaignPaths(turned[0], turned[1], poses.stop, sessions, config.slam_widening, anchored, alone)
+
+
+def _of_several_tx(
+    bounces: Reflections,
+    los: Reflections,
+    every: Transmitters,
+    stop: IntArray,
+    widening: float,
+    config: ReflectionConfig,
+) -> CampaignPaths:
+    """Paths of several TX, the sessions of one TX after those of another; stops have those of the first."""
+    parts = [los_sessions(los.take("path", los.clock == k), pose, stop) for k, pose in enumerate(every.poses)]
+    count = np.array([len(part.offset_rad) for part in parts])
+    of_link = np.array([part.of_stop for part in parts]) + (np.cumsum(count) - count)[:, None]
+    joined = [replace(data, session=of_link[data.clock, stop_rows(data, stop)]) for data in (bounces, los)]
+    none = np.zeros(int(count.sum()))
+    return CampaignPaths(joined[0], joined[1], stop, Sessions(of_link[0], none, none), widening, config)
 
 
 def in_plane(estimate: ChannelEstimate, covariance: FloatArray, bias_m: float) -> tuple[FloatArray, FloatArray]:
@@ -88,12 +111,14 @@ def in_plane(estimate: ChannelEstimate, covariance: FloatArray, bias_m: float) -
 
 def _all_paths(
     channel: Sequence[ChannelEstimate],
-    tx_pose: Pose,
+    tx_pose: AnyTx,
     poses: PoseEstimates,
     noise: PathNoise,
     config: ContourConfig,
 ) -> tuple[Reflections, list[tuple[int, int]]]:
     """Paths of the solved stops, all in one session, with the stop and the index of each."""
+    if poses.n_tx > 1:
+        return _paths_by_tx(channel, transmitters_of(tx_pose), poses, noise, config)
     state = np.column_stack([poses.position_m, poses.heading_rad, SPEED_OF_LIGHT_M_S * poses.clock_bias_s])
     solved = (poses.status != SolveStatus.FAILED) & np.isfinite(state).all(axis=1)
     estimate = {item.stop: item for item in channel}
@@ -104,13 +129,31 @@ def _all_paths(
     data = Reflections(
         measured=np.concatenate([np.zeros((0, 3)), *(part[0] for part in parts)]),
         covariance=np.concatenate([np.zeros((0, 3, 3)), *(part[1] for part in parts)]),
-        tx=np.tile([*tx_pose.position_m[:2], tx_pose.heading_rad], (n, 1)),
+        tx=np.tile(transmitters_of(tx_pose).rows[0], (n, 1)),
         rx_state=state[row],
         rx_covariance=_pose_covariance(poses, config)[row],
         session=np.zeros(n, dtype=np.int64),
         stop=poses.stop[row],
     )
     return data, [(item.stop, path) for _, item in used for path in range(len(item))]
+
+
+def _paths_by_tx(
+    channel: Sequence[ChannelEstimate],
+    every: Transmitters,
+    poses: PoseEstimates,
+    noise: PathNoise,
+    config: ContourConfig,
+) -> tuple[Reflections, list[tuple[int, int]]]:
+    """`_all_paths` of several TX, one TX after the other."""
+    parts: list[Reflections] = []
+    keys: list[tuple[int, int]] = []
+    for index, pose in enumerate(every.poses):
+        data, key = _all_paths(of_tx(channel, index), pose, poses.of_tx(index), noise, config)
+        rows = dict(zip((item.stop for item in channel), rows_of_tx(channel, index), strict=True))
+        parts.append(replace(data, clock=np.full(len(data), index)))
+        keys += [(stop, int(rows[stop][path])) for stop, path in key]
+    return concatenate(parts, "path"), keys
 
 
 def _pose_covariance(poses: PoseEstimates, config: ContourConfig) -> FloatArray:

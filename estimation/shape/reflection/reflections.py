@@ -7,9 +7,9 @@ from functools import cached_property
 import numpy as np
 from pydantic import Field
 
-from estimation.laws.plane import ray_directions, start_point
+from estimation.laws.plane import ray_directions, start_point, state_columns
 from estimation.shape.reflection.search import PathArrays
-from scenes.record import FloatArray, IntArray, Record, array
+from scenes.record import FloatArray, IntArray, Record, array, concatenate, optional_array
 from scenes.toml_config import ConfigModel
 
 _EXACT_STD = 1e-6  # of a state with zero covariance, in m and rad
@@ -30,8 +30,11 @@ class Reflections(Record):
     rx_covariance: FloatArray = array("path", "state", "state2", doc="covariance of the RX state; 0: exact")
     session: IntArray = array("path", dtype=int, doc="session of the TX heading offset, from 0")
     stop: IntArray = array("path", dtype=int, doc="stop of the RX")
+    clock: IntArray = optional_array("path", dtype=int, doc="index of the TX: of its clock bias at the stop")
 
     def __post_init__(self) -> None:
+        if self.clock is None:
+            object.__setattr__(self, "clock", np.zeros(len(self.stop), int))
         super().__post_init__()
         for name in ("measured", "covariance", "tx", "rx_state", "rx_covariance"):
             if not np.all(np.isfinite(getattr(self, name))):
@@ -50,7 +53,7 @@ class Reflections(Record):
     @cached_property
     def arrays(self) -> PathArrays:
         """The same for compiled code: copies, because arrays of records are read-only, a type of its own."""
-        names = ("measured", "covariance", "tx", "rx_state", "rx_covariance", "session")
+        names = ("measured", "covariance", "tx", "rx_state", "rx_covariance", "session", "clock")
         return PathArrays(*(np.array(getattr(self, name), order="C") for name in names))
 
     @cached_property
@@ -114,14 +117,34 @@ def ray_points(data: Reflections) -> tuple[FloatArray, FloatArray]:
 
 
 def at_solution(paths: Reflections, stop: IntArray, state: FloatArray, covariance: FloatArray) -> Reflections:
-    """Paths with the solved states (stop, 4) and their covariances (stop, 4, 4)."""
-    row = np.searchsorted(stop, paths.stop)
-    return replace(paths, rx_state=state[row], rx_covariance=covariance[row])
+    """Paths with the solved states (stop, 3 + clock) and their covariances (stop, 3 + clock, 3 + clock)."""
+    row, column = np.searchsorted(stop, paths.stop)[:, None], state_columns(paths.clock)
+    own = covariance[row[:, :, None], column[:, :, None], column[:, None, :]]
+    return replace(paths, rx_state=state[row, column], rx_covariance=own)
 
 
 def prior_states(sets: Sequence[Reflections]) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Stops, their given states (stop, 4), and the inverse (stop, 4, 4) of the covariances."""
-    stop, first = np.unique(np.concatenate([data.stop for data in sets]), return_index=True)
-    state = np.concatenate([data.rx_state for data in sets])[first]
-    covariance = np.concatenate([data.rx_covariance for data in sets])[first]
-    return stop, state, np.asarray(np.linalg.inv(covariance + _EXACT_STD**2 * np.eye(4)))
+    """Stops, their given states (stop, state), and the inverse (stop, state, state) of the covariances.
+
+    The paths of several TX at a stop share its pose. Given the pose their clock biases are independent, so their
+    informations add up, with that of the pose counted once.
+    """
+    every = concatenate(sets, "path")
+    n_clocks = int(every.clock.max(initial=0)) + 1
+    link, first = np.unique(every.stop * n_clocks + every.clock, return_index=True)
+    stop, row = np.unique(link // n_clocks, return_inverse=True)
+    state = np.zeros((len(stop), 3 + n_clocks))
+    weight = np.zeros((len(stop), 3 + n_clocks, 3 + n_clocks))
+    information = np.linalg.inv(every.rx_covariance[first] + _EXACT_STD**2 * np.eye(4))
+    column = state_columns(every.clock[first])
+    state[row[:, None], column] = every.rx_state[first]
+    for k, own in enumerate(column):
+        weight[row[k], own[:, None], own] += information[k]
+    again = np.flatnonzero(np.diff(row, prepend=-1) == 0)  # the pose was counted before
+    pose = np.linalg.inv(every.rx_covariance[first[again], :3, :3] + _EXACT_STD**2 * np.eye(3))
+    np.subtract.at(weight[:, :3, :3], row[again], pose)
+    unseen = np.ones((len(stop), n_clocks), bool)
+    unseen[row, every.clock[first]] = False
+    at, clock = np.nonzero(unseen)
+    weight[at, 3 + clock, 3 + clock] = 1.0  # of no path: it stays where it is
+    return stop, state, weight

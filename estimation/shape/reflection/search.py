@@ -36,6 +36,7 @@ class PathArrays(NamedTuple):
     rx_state: FloatArray  # (path, 4)
     rx_covariance: FloatArray  # (path, 4, 4)
     session: IntArray  # (path,)
+    clock: IntArray  # (path,)
 
 
 class GhostMixture(NamedTuple):

@@ -19,7 +19,7 @@ from estimation.slam.mapping.incidence_points import concatenate_stops, map_stop
 from estimation.slam.record import IncidencePoints, PoseEstimates, SolveStatus
 from estimation.slam.space.mapping import map_stops_spatial
 from estimation.slam.space.problem import spatial_problem
-from scenes.pose import Pose
+from estimation.slam.transmitters import AnyTx, Transmitters, of_tx
 from scenes.record import FloatArray
 
 LIKELIHOOD = ("auto", "coherent", "incoherent")  # methods whose covariances follow from a likelihood
@@ -32,7 +32,7 @@ SHARE_STEPS = 50  # of the share of single bounces
 def with_learned_noise(
     estimates: Sequence[ChannelEstimate],
     poses: PoseEstimates,
-    tx_pose: Pose,
+    tx_pose: AnyTx,
     config: MappingConfig,
     *,
     spatial: bool,
@@ -59,7 +59,7 @@ def with_learned_noise(
 def _log_densities(
     estimates: Sequence[ChannelEstimate],
     poses: PoseEstimates,
-    tx_pose: Pose,
+    tx_pose: AnyTx,
     config: MappingConfig,
     *,
     spatial: bool,
@@ -68,6 +68,12 @@ def _log_densities(
 
     The place is integrated out in Gaussian approximation.
     """
+    if isinstance(tx_pose, Transmitters):
+        parts = [
+            _log_densities(of_tx(estimates, index), poses.of_tx(index), pose, config, spatial=spatial)
+            for index, pose in enumerate(tx_pose.poses)
+        ]
+        return np.concatenate(parts)
     if spatial:
         points = map_stops_spatial(estimates, poses, tx_pose, config)
         covariances = [spatial_problem(estimate, tx_pose, config.noise).covariance for estimate in estimates]

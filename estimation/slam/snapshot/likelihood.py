@@ -36,17 +36,17 @@ _TX = np.zeros(3)  # states are relative to it, departures in the world frame
 
 # Columns of the work array: one row per path.
 _VALUE, _SPREAD, _PEAK, _TILT, _TILT_PEAK, _CLUTTER, _JACOBIAN, _CURVATURE = 0, 1, 2, 3, 4, 5, 6, 10
-_N_COLUMNS = 13
+N_COLUMNS = 13
 
 
 @compiled
 def log_likelihood(paths: PathTable, los: LineOfSight, model: PathModel, states: FloatArray) -> FloatArray:
     """Log-likelihood (state,) of all paths but the line of sight, relative to clutter alone."""
     result = np.zeros(len(states))
-    work = np.empty((len(paths.range_m), _N_COLUMNS))
+    work = np.empty((len(paths.range_m), N_COLUMNS))
     for k in range(len(states)):
-        _evaluate(paths, los, model, states[k], work)
-        result[k] = _log_gain(paths, work, work, model)
+        evaluate(paths, los, model, states[k], work)
+        result[k] = log_gain(paths, work, work, model)
     return result
 
 
@@ -68,14 +68,14 @@ def refine_states(
     n = len(paths.range_m)
     states, information = start.copy(), np.zeros((len(start), 4, 4))
     likelihood, square = np.zeros(len(start)), np.full((len(start), n), np.inf)
-    work, ahead = np.empty((n, _N_COLUMNS)), np.empty((n, _N_COLUMNS))
+    work, ahead = np.empty((n, N_COLUMNS)), np.empty((n, N_COLUMNS))
     direct, slope = np.zeros(3), np.zeros((3, 4))
     for k in range(len(start)):
         _climb(paths, los, model, states[k], max_iterations, work, ahead)
-        _evaluate(paths, los, model, states[k], work)
-        _direct(los, states[k], direct, slope)
-        likelihood[k] = _log_gain(paths, work, work, model) - 0.5 * _square(direct)
-        _fisher(paths, work, model, slope, information[k])
+        evaluate(paths, los, model, states[k], work)
+        direct_residual(los, states[k], direct, slope)
+        likelihood[k] = log_gain(paths, work, work, model) - 0.5 * square_of(direct)
+        fisher(paths, work, model, slope, information[k])
         for j in range(n):
             if work[j, _PEAK] > 0.0:
                 square[k, j] = work[j, _VALUE] ** 2 / work[j, _SPREAD] * model.degrees_of_freedom
@@ -96,10 +96,10 @@ def _climb(
     newton, gauss, gradient, lower = np.empty((4, 4)), np.empty((4, 4)), np.empty(4), np.empty((4, 4))
     direct, slope, step, trial = np.zeros(3), np.zeros((3, 4)), np.empty(4), np.empty(4)
     damping = 0.0
-    _evaluate(paths, los, model, state, work)
+    evaluate(paths, los, model, state, work)
     for _ in range(max_iterations):
-        _direct(los, state, direct, slope)
-        before = _derivatives(paths, work, model, direct, slope, newton, gauss, gradient)
+        direct_residual(los, state, direct, slope)
+        before = derivatives(paths, work, model, direct, slope, newton, gauss, gradient)
         if damping > 0.0 or not _solve(newton, gradient, lower, step):
             for i in range(4):
                 gauss[i, i] *= 1.0 + max(damping, 1e-9)
@@ -109,9 +109,9 @@ def _climb(
         for i in range(4):
             size = max(size, abs(step[i]) / _STEP_LIMIT[i])
         trial[:] = state - step / max(size, 1.0)
-        _evaluate(paths, los, model, trial, ahead)
-        _direct(los, trial, direct, slope)
-        if 0.5 * _square(direct) - _log_gain(paths, work, ahead, model) <= before + 1e-9:
+        evaluate(paths, los, model, trial, ahead)
+        direct_residual(los, trial, direct, slope)
+        if 0.5 * square_of(direct) - log_gain(paths, work, ahead, model) <= before + 1e-9:
             state[:] = trial
             work, ahead = ahead, work
             damping = damping / 10 if damping > 1e-6 else 0.0
@@ -124,7 +124,7 @@ def _climb(
 
 
 @compiled
-def _evaluate(paths: PathTable, los: LineOfSight, model: PathModel, state: FloatArray, work: FloatArray) -> None:
+def evaluate(paths: PathTable, los: LineOfSight, model: PathModel, state: FloatArray, work: FloatArray) -> None:
     """Fill `work` with the terms of every path at a state; those of the line of sight are zero."""
     x, y, bias = state[0], state[1], state[3]
     sine, cosine = math.sin(0.5 * state[2]), math.cos(0.5 * state[2])
@@ -178,7 +178,7 @@ def _double(peak: float, tilt: float, variance: float) -> float:
 
 
 @compiled
-def _log_gain(paths: PathTable, fixed: FloatArray, now: FloatArray, model: PathModel) -> float:
+def log_gain(paths: PathTable, fixed: FloatArray, now: FloatArray, model: PathModel) -> float:
     """Log density of all paths over that of clutter of unit share; one logarithm for several paths."""
     total, product = 0.0, 1.0
     for j in range(len(now)):
@@ -191,7 +191,7 @@ def _log_gain(paths: PathTable, fixed: FloatArray, now: FloatArray, model: PathM
 
 
 @compiled
-def _direct(los: LineOfSight, state: FloatArray, value: FloatArray, slope: FloatArray) -> None:
+def direct_residual(los: LineOfSight, state: FloatArray, value: FloatArray, slope: FloatArray) -> None:
     """Whitened residuals (3,) of the line of sight and their derivatives (3, 4); zero without one."""
     if los.path < 0:
         return
@@ -208,7 +208,7 @@ def _direct(los: LineOfSight, state: FloatArray, value: FloatArray, slope: Float
 
 
 @compiled
-def _derivatives(
+def derivatives(
     paths: PathTable,
     work: FloatArray,
     model: PathModel,
@@ -220,7 +220,7 @@ def _derivatives(
 ) -> float:
     """Minus the log-likelihood; in place its gradient, second derivative and the positive part of that (lower)."""
     newton[:], gauss[:], gradient[:] = 0.0, 0.0, 0.0
-    freedom, likelihood, product = model.degrees_of_freedom, -0.5 * _square(direct), 1.0
+    freedom, likelihood, product = model.degrees_of_freedom, -0.5 * square_of(direct), 1.0
     for j in range(len(work)):
         own = work[j]
         spread = paths.tilt_variance[j]
@@ -262,12 +262,13 @@ def _derivatives(
 
 
 @compiled
-def _square(vector: FloatArray) -> float:
+def square_of(vector: FloatArray) -> float:
+    """Squared length of a vector (3,)."""
     return float(vector[0] ** 2 + vector[1] ** 2 + vector[2] ** 2)
 
 
 @compiled
-def _fisher(
+def fisher(
     paths: PathTable, work: FloatArray, model: PathModel, slope: FloatArray, information: FloatArray
 ) -> None:
     """Information (4, 4) of the paths under Gaussian errors.

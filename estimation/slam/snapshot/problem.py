@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from estimation.channel.record import ChannelEstimate
 from estimation.laws.plane import measurement_vectors
 from estimation.slam.config import PathNoise, SnapshotConfig
+from estimation.slam.transmitters import AnyTx, Transmitters, transmitters_of
 from scenes.pose import Pose
 from scenes.record import BoolArray, FloatArray, IntArray
 
@@ -25,12 +26,17 @@ def strongest_paths(power_dbm: FloatArray) -> IntArray:
 
 @dataclass(frozen=True)
 class SnapshotProblem:
-    """Paths of one stop in the units of `estimation.laws.plane` (range in m instead of delay in s)."""
+    """Paths of one stop in the units of `estimation.laws.plane` (range in m instead of delay in s).
+
+    With several TX, `tx` is the first, `link` (path,) the TX of every path; `of_tx` is the problem of one.
+    """
 
     tx: Pose
     measured: FloatArray  # (path, 3) in m, rad, rad
     covariance: FloatArray  # (path, 3, 3) in (m, rad, rad)^2
-    power_dbm: FloatArray  # (path,)
+    power_dbm: FloatArray  # (path,) as with the power and the array of the first TX
+    link: IntArray  # (path,)
+    every_tx: Transmitters
 
     def __len__(self) -> int:
         return len(self.measured)
@@ -47,8 +53,14 @@ class SnapshotProblem:
 
     def take(self, index: IntArray | BoolArray) -> SnapshotProblem:
         """The same problem with some of its paths."""
-        kept = self.measured[index], self.covariance[index], self.power_dbm[index]
-        return SnapshotProblem(self.tx, *kept)
+        kept = self.measured[index], self.covariance[index], self.power_dbm[index], self.link[index]
+        return SnapshotProblem(self.tx, *kept, self.every_tx)
+
+    def of_tx(self, tx: int) -> SnapshotProblem:
+        """The paths of one TX as a problem of that TX alone."""
+        own = self.take(self.link == tx)
+        pose = self.every_tx.poses[tx]
+        return replace(own, tx=pose, link=np.zeros(len(own), np.int64), every_tx=transmitters_of(pose))
 
     @property
     def strongest(self) -> IntArray:
@@ -58,16 +70,16 @@ class SnapshotProblem:
 
 @dataclass(frozen=True)
 class Fit:
-    """A solution for the RX state [x, y, heading, bias] in m, m, rad, m.
+    """A solution for the RX state [x, y, heading, bias] in m, m, rad, m, with one bias for each of several TX.
 
     `cost` is minus the log evidence for the statistical method. `covariance` is NaN where the method gives none.
     """
 
-    state: FloatArray  # (4,)
+    state: FloatArray  # (state,)
     is_inlier: BoolArray  # (path,), the line of sight included
     is_los: BoolArray  # (path,)
     cost: float
-    covariance: FloatArray  # (4, 4)
+    covariance: FloatArray  # (state, state)
 
 
 def reject_uncertain(fits: list[Fit], config: SnapshotConfig) -> list[Fit]:
@@ -76,11 +88,14 @@ def reject_uncertain(fits: list[Fit], config: SnapshotConfig) -> list[Fit]:
     return [] if free else fits
 
 
-def snapshot_problem(estimate: ChannelEstimate, tx: Pose, noise: PathNoise) -> SnapshotProblem:
+def snapshot_problem(estimate: ChannelEstimate, tx: AnyTx, noise: PathNoise) -> SnapshotProblem:
     """Collect the paths of one stop and their covariances."""
+    every = transmitters_of(tx)
     measured = measurement_vectors(estimate.delay_s, estimate.aod_azimuth_rad, estimate.aoa_azimuth_rad)
     boresight_dbm = estimate.power_dbm + estimate.beam_loss_db
-    return SnapshotProblem(tx, measured, noise.covariance(estimate), boresight_dbm)
+    link = estimate.tx if len(every) > 1 else np.zeros(len(estimate), np.int64)
+    level_dbm = boresight_dbm - every.level_db[link] if len(every) > 1 else boresight_dbm
+    return SnapshotProblem(every.poses[0], measured, noise.covariance(estimate), level_dbm, link, every)
 
 
 def path_subsets(items: IntArray, size: int) -> IntArray:

@@ -42,8 +42,12 @@ def refine_members(
     return state[0], np.linalg.inv(information[0] + np.diag(config.prior_std**-2.0))
 
 
-def bounce_terms(tx: Pose, measured: FloatArray, covariance: FloatArray, state: FloatArray) -> BounceResidual:
+def bounce_terms(
+    tx: Pose | FloatArray, measured: FloatArray, covariance: FloatArray, state: FloatArray
+) -> BounceResidual:
     """Residual of the bounce equation, its variance and Jacobian; paths (..., 3) and states (..., 4) broadcast.
+
+    `tx` is one TX, or rows (..., 3) of x, y and heading.
 
     A bounce is feasible where its IP is between the devices' rays, up to two standard deviations of the angles:
     nearly opposite rays, as at the line of sight or just behind an obstacle, do not fix the IP along them.

@@ -6,6 +6,7 @@ import numpy as np
 
 from estimation.channel.record import ChannelEstimate
 from estimation.slam.config import SnapshotConfig
+from estimation.slam.snapshot.joint import joint_modes
 from estimation.slam.snapshot.problem import (
     MIN_LOS_INLIERS,
     Fit,
@@ -17,10 +18,10 @@ from estimation.slam.snapshot.reference import solve_reference
 from estimation.slam.snapshot.refine import refine_members
 from estimation.slam.snapshot.solution import SnapshotSolution, failed_solution, solution_of
 from estimation.slam.snapshot.statistical import solve_statistical
-from scenes.pose import Pose
+from estimation.slam.transmitters import AnyTx
 
 
-def solve_snapshot(estimate: ChannelEstimate, tx_pose: Pose, config: SnapshotConfig) -> SnapshotSolution:
+def solve_snapshot(estimate: ChannelEstimate, tx_pose: AnyTx, config: SnapshotConfig) -> SnapshotSolution:
     """Solve one stop: with the earliest path as line of sight if that is credible, else without.
 
     Kaltiokallio et al., arXiv 2404.10291; section II-C of the GP paper. The status is FAILED and the state NaN
@@ -28,9 +29,10 @@ def solve_snapshot(estimate: ChannelEstimate, tx_pose: Pose, config: SnapshotCon
     method), or where the position of the best mode is uncertain: nearly parallel paths, as along a corridor, do
     not separate clock bias and distance.
     """
-    fits = ranked_modes(snapshot_problem(estimate, tx_pose, config.noise), config)
+    problem = snapshot_problem(estimate, tx_pose, config.noise)
+    fits = ranked_modes(problem, config)
     if not fits:
-        return failed_solution(estimate, 4)
+        return failed_solution(estimate, 3 + len(problem.every_tx))
     return solution_of(estimate, tx_pose, fits, config)
 
 
@@ -39,6 +41,8 @@ def ranked_modes(problem: SnapshotProblem, config: SnapshotConfig) -> list[Fit]:
 
     None where the position of the best one is uncertain.
     """
+    if len(problem.every_tx) > 1:
+        return reject_uncertain(joint_modes(problem, config), config)
     if config.method == "statistical":
         return reject_uncertain(solve_statistical(problem, config), config)
     fit = _line_of_sight_first(problem, config)

@@ -53,7 +53,9 @@ def solve_spatial(estimate: ChannelEstimate, tx_pose: Pose, config: SnapshotConf
     statistical method; the published one is planar, see `SnapshotConfig.solves_in_space`.
     """
     fits = ranked_spatial_modes(spatial_problem(estimate, tx_pose, config.noise), config)
-    return solution_of(estimate, tx_pose, fits, config) if fits else failed_solution(estimate, N_STATE)
+    if not fits:
+        return failed_solution(estimate, N_STATE, axes=3)
+    return solution_of(estimate, tx_pose, fits, config, axes=3)
 
 
 def ranked_spatial_modes(problem: SpatialProblem, config: SnapshotConfig) -> list[Fit]:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import chi2
 
+from estimation.laws.plane import state_columns
 from estimation.slam.config import TrajectoryConfig
 from estimation.slam.mapping.noise import LARGEST_RANGE_M, LEAST_GAIN, SHARES
 from estimation.slam.snapshot.refine import bounce_terms
@@ -119,9 +120,14 @@ def _confirm_bounces(
     covariance, _ = normal_equations(seen, without, alone, config).covariance()
     row = seen.row[doubted]
     terms = bounce_terms(
-        seen.tx, without_heading_offsets(seen, alone, doubted), seen.covariance[doubted], alone.state[row]
+        seen.tx_rows[doubted],
+        without_heading_offsets(seen, alone, doubted),
+        seen.covariance[doubted],
+        seen.states(alone.state)[doubted],
     )
-    spread = np.einsum("pi,pij,pj->p", terms.jacobian, covariance[row], terms.jacobian)
+    own = state_columns(seen.tx_of_path[doubted])
+    covariance = covariance[row[:, None, None], own[:, :, None], own[:, None, :]]
+    spread = np.einsum("pi,pij,pj->p", terms.jacobian, covariance, terms.jacobian)
     gate = chi2.ppf(config.confirm_probability, 1)
     agrees = terms.is_feasible & (terms.value_m**2 <= gate * (terms.variance_m2 + spread))
     kind[doubted[agrees]] = PathClass.BOUNCE

@@ -5,10 +5,11 @@ from scipy.stats import chi2
 
 from estimation.execution import compiled
 from estimation.laws.contour import closed_path
-from estimation.laws.plane import tx_row, wrapped
+from estimation.laws.plane import wrapped
 from estimation.laws.support import CIRCLE_BY_RADIUS
 from estimation.laws.wall import mirror_point, wall_path, wall_place
 from estimation.slam.config import TrajectoryConfig
+from estimation.slam.transmitters import transmitters_of
 from estimation.slam.walk.linearise import add_roughness, cholesky3
 from estimation.slam.walk.residuals import (
     Association,
@@ -40,19 +41,15 @@ def assign_to_landmarks(
         ]
     )
     kind, landmark = link.kind.copy(), link.landmark.copy()
-    _assign(
-        tx_row(seen.tx),
-        now.state[seen.row],
-        without_heading_offsets(seen, now, np.arange(len(kind))),
-        seen.covariance,
-        now.walls,
-        spans + np.array([-_END_MARGIN_M, _END_MARGIN_M]),
-        now.objects,
-        np.array([config.wall_roughness_m, config.object_roughness_m]),
-        gates,
-        kind,
-        landmark,
-    )
+    spans = spans + np.array([-_END_MARGIN_M, _END_MARGIN_M])
+    rough_m = np.array([config.wall_roughness_m, config.object_roughness_m])
+    state, measured = seen.states(now.state), without_heading_offsets(seen, now, np.arange(len(kind)))
+    for index, tx in enumerate(transmitters_of(seen.tx).rows):
+        own = np.flatnonzero(seen.tx_of_path == index)
+        kinds, landmarks = kind[own], landmark[own]
+        paths = state[own], measured[own], seen.covariance[own]
+        _assign(tx, *paths, now.walls, spans, now.objects, rough_m, gates, kinds, landmarks)
+        kind[own], landmark[own] = kinds, landmarks
     return Association(kind, landmark)
 
 

@@ -37,7 +37,7 @@ def single_bounces(
     """Paths (path,) that are feasible single bounces at the present trajectory."""
     everyone = np.ones(len(is_los), bool)
     terms = bounce_terms(
-        seen.tx, without_heading_offsets(seen, now, everyone), seen.covariance, now.state[seen.row]
+        seen.tx_rows, without_heading_offsets(seen, now, everyone), seen.covariance, seen.states(now.state)
     )
     gate = chi2.ppf(config.gate_probability, 1)
     return np.asarray(~is_los & terms.is_feasible & (terms.value_m**2 <= gate * terms.variance_m2))
@@ -59,11 +59,12 @@ def classify_paths(
     if not config.use_landmarks or not bounce.any():
         return link, now, np.empty((0, 2))
     path = np.flatnonzero(bounce)
-    state, measured = now.state[seen.row[path]], without_heading_offsets(seen, now, path)
-    point = plane_law.start_point(seen.tx, state, measured)
-    covariance, _ = point_covariance(plane_law, seen.tx, state, point, seen.covariance[path])
+    state, measured = seen.states(now.state)[path], without_heading_offsets(seen, now, path)
+    tx = seen.tx_rows[path]
+    point = plane_law.start_point(tx, state, measured)
+    covariance, _ = point_covariance(plane_law, tx, state, point, seen.covariance[path])
     sharp = np.linalg.eigvalsh(covariance)[:, -1] < _MAX_POINT_STD_M**2
-    azimuth, _ = plane_law.lit_normals(point[sharp], seen.tx, state[sharp, :2])
+    azimuth, _ = plane_law.lit_normals(point[sharp], tx[sharp], state[sharp, :2])
     normal = np.column_stack([np.cos(azimuth), np.sin(azimuth)])
     variance = seen.covariance[path[sharp]]
     angle_std_rad = np.sqrt(variance[:, 1, 1] + variance[:, 2, 2] + 2 * variance[:, 1, 2]) / 2

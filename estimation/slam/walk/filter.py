@@ -16,12 +16,12 @@ from estimation.slam.config import MappingConfig, SnapshotConfig, TrajectoryConf
 from estimation.slam.mapped_solutions import collect_and_map
 from estimation.slam.record import IncidencePoints, PoseEstimates
 from estimation.slam.snapshot.problem import Fit, snapshot_problem
-from estimation.slam.snapshot.solution import SnapshotSolution, bias_to_seconds, failed_solution, solution_of
+from estimation.slam.snapshot.solution import SnapshotSolution, failed_solution, solution_of
 from estimation.slam.snapshot.solve import ranked_modes
 from estimation.slam.snapshot.statistical import N_RANKED
 from estimation.slam.space.problem import is_spatial, spatial_problem
 from estimation.slam.space.snapshot import ranked_spatial_modes
-from scenes.pose import Pose, wrap_angle
+from scenes.pose import SPEED_OF_LIGHT_M_S, Pose, wrap_angle
 from scenes.record import FloatArray
 
 _NONE_COST = 12.0  # penalty in log evidence of a stop that is in none of its modes
@@ -146,7 +146,7 @@ def _solution(
 ) -> SnapshotSolution:
     """The best hypothesis as the solution of a stop; the best ones at other positions are its further modes."""
     if not hypotheses:
-        return failed_solution(estimate, n_state)
+        return failed_solution(estimate, n_state, n_state - 2)
     if hypotheses[0].mode is None:
         return _predicted_solution(estimate, tx_pose, hypotheses[0], config)
     fits: list[Fit] = []
@@ -159,7 +159,7 @@ def _solution(
             fits.append(
                 Fit(state, h.mode.is_inlier, h.mode.is_los, -h.log_weight, h.covariance[:n_state, :n_state])
             )
-    return solution_of(estimate, tx_pose, fits, config)
+    return solution_of(estimate, tx_pose, fits, config, n_state - 2)
 
 
 def _predicted_solution(
@@ -167,11 +167,12 @@ def _predicted_solution(
 ) -> SnapshotSolution:
     """The predicted state of a stop in none of its modes, with status FAILED."""
     n = best.n_state
-    scale, offset = bias_to_seconds(n), best.mean[: n - 2] - tx_pose.position_m[: n - 2]
+    scale = np.append(np.ones(n - 1), 1 / SPEED_OF_LIGHT_M_S)
+    offset = best.mean[: n - 2] - tx_pose.position_m[: n - 2]
     covariance = best.covariance[:n, :n] + config.consider.covariance(offset)
     state = best.mean[:n] * scale
     return replace(
-        failed_solution(estimate, n),
+        failed_solution(estimate, n, n - 2),
         position_m=state[: n - 2],
         heading_rad=float(wrap_angle(state[n - 2])),
         clock_bias_s=state[n - 1],

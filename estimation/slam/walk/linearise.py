@@ -13,10 +13,11 @@ from scipy.special import gammaln
 from estimation.execution import compiled
 from estimation.inference.least_squares import student_t_efficiency
 from estimation.laws.contour import closed_path
-from estimation.laws.plane import bounce_gap_path, bounce_path, los_path, tx_row, wrapped
+from estimation.laws.plane import bounce_gap_path, bounce_path, los_path, state_columns, wrapped
 from estimation.laws.support import CIRCLE_BY_RADIUS
 from estimation.laws.wall import wall_path
 from estimation.slam.config import TrajectoryConfig
+from estimation.slam.transmitters import transmitters_of
 from estimation.slam.walk.residuals import Association, Observations, PathClass, TrajectoryState
 from scenes.record import FloatArray, IntArray
 
@@ -31,6 +32,8 @@ class Linearised:
     """Whitened residuals of all paths; unused residuals and parameters of a path are zero."""
 
     row: IntArray  # (path,) index of the stop
+    columns: IntArray  # (path, 4) columns of the state of the stop that a path depends on
+    clock_information: FloatArray  # (tx, tx) in m^-2 on the clock biases of every stop
     size: IntArray  # (path,) residuals: 0 of paths not in use, 1 or 3
     value: FloatArray  # (path, 3)
     by_state: FloatArray  # (path, 3, 4)
@@ -77,38 +80,37 @@ class Linearised:
 def linearise(seen: Observations, link: Association, now: TrajectoryState, config: TrajectoryConfig) -> Linearised:
     """Residuals of all paths at the present unknowns."""
     parts = _linearise(
-        tx_row(seen.tx),
-        seen.row,
+        seen.tx_rows,
         seen.measured,
         seen.covariance,
         link.kind,
         link.landmark,
-        now.state,
-        now.session,
+        seen.states(now.state),
+        now.offset_of(seen),
         now.offset_rad,
         now.walls,
         now.objects,
         np.array([config.wall_roughness_m, config.object_roughness_m]),
     )
-    return Linearised(seen.row, *parts)
+    columns = state_columns(seen.tx_of_path)
+    return Linearised(seen.row, columns, transmitters_of(seen.tx).clock_information, *parts)
 
 
 @compiled
 def _linearise(
-    tx: FloatArray,
-    row: IntArray,
+    source: FloatArray,
     measured: FloatArray,
     covariance: FloatArray,
     kind: IntArray,
     landmark: IntArray,
     state: FloatArray,
-    session: IntArray,
+    offset_of: IntArray,
     offset: FloatArray,
     walls: FloatArray,
     objects: FloatArray,
     rough_m: FloatArray,
 ) -> tuple[IntArray, FloatArray, FloatArray, FloatArray, IntArray]:
-    n = len(row)
+    n = len(state)
     size, shared = np.zeros(n, np.int64), np.full((n, N_SHARED), -1)
     value, by_state, by_shared = np.zeros((n, 3)), np.zeros((n, 3, 4)), np.zeros((n, 3, N_SHARED))
     seen, point = np.empty(3), np.empty(2)
@@ -117,10 +119,10 @@ def _linearise(
     for i in range(n):
         if kind[i] == _UNUSED:
             continue
-        x = state[row[i]]
+        tx, x = source[i], state[i]
         seen[:] = measured[i]
-        seen[1] += offset[session[row[i]]]
-        shared[i, 0] = session[row[i]]
+        seen[1] += offset[offset_of[i]]
+        shared[i, 0] = offset_of[i]
         if kind[i] == _BOUNCE:
             size[i] = 1
             _bounce(tx, x, seen, covariance[i], value[i], by_state[i], by_shared[i])
@@ -225,6 +227,7 @@ def accumulate(
     weight: FloatArray,
     value: FloatArray,
     by_state: FloatArray,
+    columns: IntArray,
     by_shared: FloatArray,
     shared: IntArray,
     diagonal: FloatArray,
@@ -239,13 +242,13 @@ def accumulate(
         for d in range(size[i]):
             w = weight[i]
             for a in range(4):
-                wa = w * by_state[i, d, a]
-                gradient[k, a] += wa * value[i, d]
+                wa, at = w * by_state[i, d, a], columns[i, a]
+                gradient[k, at] += wa * value[i, d]
                 for b in range(4):
-                    diagonal[k, a, b] += wa * by_state[i, d, b]
+                    diagonal[k, at, columns[i, b]] += wa * by_state[i, d, b]
                 for p in range(N_SHARED):
                     if shared[i, p] >= 0:
-                        border[k, a, shared[i, p]] += wa * by_shared[i, d, p]
+                        border[k, at, shared[i, p]] += wa * by_shared[i, d, p]
             for p in range(N_SHARED):
                 if shared[i, p] < 0:
                     continue

@@ -52,7 +52,7 @@ class Rivals:
     """The chosen mode of each stop against its other modes, with the neighbours in their chosen modes."""
 
     gap: FloatArray  # (stop,) log odds over the best other mode; NaN where there is none
-    state: FloatArray  # (stop, 4) that mode's state
+    state: FloatArray  # (stop, state) that mode's state
     los_probability: FloatArray  # (stop,) of all modes with a line of sight; NaN where no mode is chosen
     square_m2: FloatArray  # (stop,) mean square distance from the mode chosen, by the modes' probabilities
 
@@ -61,8 +61,9 @@ def rival_modes(modes: Sequence[Sequence[Fit]], chosen: IntArray, config: Trajec
     """Weigh every mode of a stop by its evidence and the moves from and to its neighbours."""
     spacing = config.spacing_m or typical_spacing(modes)
     gap, los, square = np.full(len(modes), np.nan), np.full(len(modes), np.nan), np.zeros(len(modes))
-    state = np.full((len(modes), 4), np.nan)
     solved = np.flatnonzero(chosen >= 0).tolist()
+    size = len(modes[solved[0]][0].state) if solved else 4
+    state = np.full((len(modes), size), np.nan)
     for at, k in enumerate(solved):
         fits, own = modes[k], chosen[k]
         score = np.array([-fit.cost for fit in fits])

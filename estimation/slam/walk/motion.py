@@ -21,25 +21,25 @@ def course_of(state: FloatArray) -> FloatArray:
 
 
 def motion_cost(state: FloatArray, course: FloatArray, config: TrajectoryConfig) -> float:
-    """Minus the log-likelihood of a walk (stop, 4), up to a constant."""
+    """Minus the log-likelihood of a walk (stop, state), up to a constant."""
     return float(_cost(state, course, _scales(config), config.motion_degrees_of_freedom))
 
 
 def add_motion(
     state: FloatArray, course: FloatArray, config: TrajectoryConfig, diagonal: FloatArray, gradient: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Add the prior's information to diagonal blocks (stop, 4, 4) and gradient (stop, 4), in place.
+    """Add the prior's information to diagonal blocks (stop, state, state) and gradient (stop, state), in place.
 
-    Returns its coupling blocks to the next (stop - 1, 4, 4) and the second next stop (stop - 2, 4, 4).
+    Returns its coupling blocks to the next (stop - 1, state, state) and the second next stop.
     """
-    n = len(state)
-    next1, next2 = np.zeros((max(n - 1, 0), 4, 4)), np.zeros((max(n - 2, 0), 4, 4))
+    n, size = state.shape
+    next1, next2 = np.zeros((max(n - 1, 0), size, size)), np.zeros((max(n - 2, 0), size, size))
     _add(state, course, _scales(config), config.motion_degrees_of_freedom, diagonal, gradient, next1, next2)
     return next1, next2
 
 
 def _scales(config: TrajectoryConfig) -> FloatArray:
-    """Scales along and across the course in m, of the heading in rad and of the clock bias in m."""
+    """Scales along and across the course in m, of the heading in rad and of a clock bias in m."""
     return np.array(
         [config.along_track_std_m, config.cross_track_std_m, config.heading_step_rad, config.clock_step_m]
     )
@@ -56,9 +56,9 @@ def _bend(state: FloatArray, course: FloatArray, scale: FloatArray, k: int) -> t
 
 @compiled
 def _drift(state: FloatArray, scale: FloatArray, k: int, axis: int) -> float:
-    """Step of heading (axis 2) or clock bias (3) from stop k to the next over its scale."""
+    """Step of heading (axis 2) or a clock bias (3 and on) from stop k to the next over its scale."""
     step = state[k + 1, axis] - state[k, axis]
-    return float((wrapped(step) if axis == 2 else step) / scale[axis])
+    return float((wrapped(step) if axis == 2 else step) / scale[min(axis, 3)])
 
 
 @compiled
@@ -68,7 +68,7 @@ def _cost(state: FloatArray, course: FloatArray, scale: FloatArray, freedom: flo
         along, across = _bend(state, course, scale, k)
         total += (freedom + 2) / 2 * np.log1p((along**2 + across**2) / freedom)
     for k in range(len(state) - 1):
-        for axis in (2, 3):
+        for axis in range(2, state.shape[1]):
             drift = _drift(state, scale, k, axis)
             total += (_DRIFT_FREEDOM + 1) / 2 * np.log1p(drift**2 / _DRIFT_FREEDOM)
     return total
@@ -86,15 +86,15 @@ def _add(
     next2: FloatArray,
 ) -> None:
     for k in range(len(state) - 1):
-        for axis in (2, 3):
+        for axis in range(2, state.shape[1]):
             drift = _drift(state, scale, k, axis)
             weight = (_DRIFT_FREEDOM + 1) / (_DRIFT_FREEDOM + drift**2)
-            information = weight / scale[axis] ** 2
+            information = weight / scale[min(axis, 3)] ** 2
             diagonal[k, axis, axis] += information
             diagonal[k + 1, axis, axis] += information
             next1[k, axis, axis] -= information
-            gradient[k, axis] -= weight * drift / scale[axis]
-            gradient[k + 1, axis] += weight * drift / scale[axis]
+            gradient[k, axis] -= weight * drift / scale[min(axis, 3)]
+            gradient[k + 1, axis] += weight * drift / scale[min(axis, 3)]
     sign = np.array([1.0, -2.0, 1.0])
     for k in range(len(state) - 2):
         along, across = _bend(state, course, scale, k)

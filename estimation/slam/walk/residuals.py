@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 
-from scenes.pose import Pose
+import numpy as np
+
+from estimation.slam.transmitters import AnyTx, transmitters_of
 from scenes.record import BoolArray, FloatArray, IntArray
 
 
@@ -24,12 +26,32 @@ class PathClass(IntEnum):
 class Observations:
     """Paths of all stops, in the units of `estimation.laws.plane`."""
 
-    tx: Pose
+    tx: AnyTx
     n_stops: int
     row: IntArray  # (path,) index of the stop
     measured: FloatArray  # (path, 3)
     covariance: FloatArray  # (path, 3, 3)
     floor: FloatArray  # (3, 3) part of every covariance that is a floor of the noise
+    link: IntArray = field(default_factory=lambda: np.zeros(1, np.int64))  # (path,) index of the TX
+
+    @property
+    def n_tx(self) -> int:
+        """Number of TX."""
+        return len(transmitters_of(self.tx))
+
+    @property
+    def tx_of_path(self) -> IntArray:
+        """Index of the TX (path,)."""
+        return np.broadcast_to(self.link, self.row.shape)
+
+    @property
+    def tx_rows(self) -> FloatArray:
+        """[x, y, heading] (path, 3) of the TX of every path."""
+        return transmitters_of(self.tx).rows[self.tx_of_path]
+
+    def states(self, state: FloatArray) -> FloatArray:
+        """[x, y, heading, clock bias] (path, 4) of every path from the states (stop, state) of the stops."""
+        return np.column_stack([state[self.row, :3], state[self.row, 3 + self.tx_of_path]])
 
     def with_floor(self, share: float) -> Observations:
         """The same paths with this share of the floor's standard deviations."""
@@ -47,15 +69,28 @@ class Association:
 
 @dataclass(frozen=True)
 class TrajectoryState:
-    """All unknowns. The offset of a stop is that of its `session`; the offset of `anchor` is zero."""
+    """All unknowns. A state is x, y, heading and a clock bias per TX.
 
-    state: FloatArray  # (stop, 4) in m, m, rad, m
-    offset_rad: FloatArray  # (session,)
+    The TX of a stop has the offset of its `session`. With one TX the offset of `anchor` is zero: that of all
+    sessions is unobservable. With several every TX has its own offsets, and `anchor` has no meaning.
+    """
+
+    state: FloatArray  # (stop, 3 + tx) in m, m, rad, m
+    offset_rad: FloatArray  # (session x tx,) the TX of the first session first
     walls: FloatArray  # (wall, 2)
     objects: FloatArray  # (object, 3)
     session: IntArray  # (stop,)
     anchor: int
     course: FloatArray  # (stop - 2, 2) unit vector of the walk at the inner stops
+
+    @property
+    def n_tx(self) -> int:
+        """Number of TX."""
+        return int(self.state.shape[1]) - 3
+
+    def offset_of(self, seen: Observations) -> IntArray:
+        """Index (path,) of the offset of every path."""
+        return np.asarray(self.session[seen.row] * self.n_tx + seen.tx_of_path)
 
     @property
     def n_shared(self) -> int:
@@ -77,5 +112,5 @@ class TrajectoryState:
 def without_heading_offsets(seen: Observations, now: TrajectoryState, path: IntArray | BoolArray) -> FloatArray:
     """Measurements of some paths, their departures turned by the TX heading offset of their session."""
     measured = seen.measured[path].copy()
-    measured[:, 1] += now.offset_rad[now.session[seen.row[path]]]
+    measured[:, 1] += now.offset_rad[now.offset_of(seen)[path]]
     return measured

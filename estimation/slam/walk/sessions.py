@@ -65,16 +65,16 @@ def split_sessions(
 ) -> TrajectoryState:
     """Split a session where a jump of the TX heading offset lowers the cost most, if by `min_session_gain`.
 
-    Candidates are ranked by the gain of one Gauss-Newton step of all unknowns and the jump; the best five are
-    solved. The longest session has offset zero: an offset common to all sessions turns the campaign about the TX
-    and is unobservable.
+    Candidates are ranked by the gain of one Gauss-Newton step of all unknowns and a jump of all TX; the best five
+    are solved. With one TX the longest session has offset zero: an offset common to all sessions turns everything
+    about the TX and is unobservable.
     """
     candidates = _candidates(now.session)
     if not len(candidates):
         return now
     gain = score_gains(seen, link, now, candidates, config)
     before = robust_cost(seen, link, now, config)
-    best, best_cost = now, before - config.min_session_gain
+    best, best_cost = now, before - config.min_session_gain * now.n_tx
     for stop in candidates[np.argsort(-gain)[:5]]:
         trial = minimise_robust_cost(seen, link, with_jump(now, int(stop)), config)
         cost = robust_cost(seen, link, trial, config)
@@ -88,12 +88,13 @@ def score_gains(
 ) -> FloatArray:
     """Fall of the cost (candidate,) predicted by one Gauss-Newton step for a jump before each stop."""
     system = normal_equations(seen, link, now, config)
-    n, m = len(now.session), len(candidates)
+    (n, size), m = now.state.shape, len(candidates)
     residuals = linearise(seen, link, now, config)
     turn = residuals.by_shared[:, :, 0] * residuals.weight(config.degrees_of_freedom)[:, None]
     # First the terms of the offset of one stop; a jump is the offset of all stops from a candidate on.
-    by_stop = np.zeros((n, 4))
-    np.add.at(by_stop, residuals.row, np.einsum("pd,pdi->pi", turn, residuals.by_state))
+    by_stop = np.zeros((n, size))
+    at = residuals.row[:, None], residuals.columns
+    np.add.at(by_stop, at, np.einsum("pd,pdi->pi", turn, residuals.by_state))
     shared_by_stop = np.zeros((n, now.n_shared))
     product = np.einsum("pd,pdi->pi", turn, residuals.by_shared)
     used = residuals.shared >= 0
@@ -107,16 +108,20 @@ def score_gains(
     shared_by_jump = shared_by_stop.T @ after
     own: FloatArray = np.bincount(residuals.row, product[:, 0], n) @ after
     slope: FloatArray = np.bincount(residuals.row, np.einsum("pd,pd->p", turn, residuals.value), n) @ after
-    shared_by_jump[now.anchor] = 0.0
-    states, shared = system.solve_for(by_jump.reshape(4 * n, m), shared_by_jump)
+    if now.n_tx == 1:
+        shared_by_jump[now.anchor] = 0.0
+    states, shared = system.solve_for(by_jump.reshape(size * n, m), shared_by_jump)
     gradient = system.gradient.ravel()
     slope = slope - gradient @ states - system.shared_gradient @ shared
-    through = np.sum(by_jump.reshape(4 * n, m) * states, axis=0) + np.sum(shared_by_jump * shared, axis=0)
+    through = np.sum(by_jump.reshape(size * n, m) * states, axis=0) + np.sum(shared_by_jump * shared, axis=0)
     return np.asarray(0.5 * slope**2 / np.maximum(own - through, 1e-3))
 
 
 def with_jump(now: TrajectoryState, stop: int) -> TrajectoryState:
-    """The state with a new session from `stop` to the end of its session; the longest session is the anchor."""
+    """The state with a new session from `stop` to the end of its session; the longest session is the anchor.
+
+    With several TX the heading of each may jump there.
+    """
     new = int(now.session.max()) + 1
     session = now.session.copy()
     session[stop:][session[stop:] == session[stop]] = new
@@ -125,8 +130,10 @@ def with_jump(now: TrajectoryState, stop: int) -> TrajectoryState:
     session = rank[session]
     old_of_new = np.append(np.arange(new), now.session[stop])[np.argsort(order)]
     anchor = int(np.argmax(np.bincount(session)))
-    offset = now.offset_rad[old_of_new]
-    return replace(now, session=session, offset_rad=offset - offset[anchor], anchor=anchor)
+    offset = now.offset_rad.reshape(-1, now.n_tx)[old_of_new]
+    if now.n_tx == 1:
+        offset = offset - offset[anchor]
+    return replace(now, session=session, offset_rad=offset.ravel(), anchor=anchor)
 
 
 def _candidates(session: IntArray) -> IntArray:

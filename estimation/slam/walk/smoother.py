@@ -21,7 +21,7 @@ from scenes.record import FloatArray
 _TOLERANCE = 1e-5  # of the cost, and of log-likelihood: a step that gains less changes no association
 _MAX_ITERATIONS = 20
 LANDMARK_INFORMATION = 1e-6  # of the prior of a landmark, in m^-2 and rad^-2
-_WEAK_STD = np.array([50.0, 50.0, np.pi, 50.0])
+_WEAK_STD = (50.0, 50.0, np.pi, 50.0)  # of a state; the last is of every clock bias
 
 
 def minimise_robust_cost(
@@ -61,7 +61,11 @@ def _cost(residuals: Linearised, now: TrajectoryState, config: TrajectoryConfig)
     total = residuals.cost(config.degrees_of_freedom)
     total += motion_cost(now.state, now.course, config)
     radius = (now.objects[:, 2] - config.object_radius_m) / config.object_radius_std_m
-    return total + 0.5 * float(np.sum(radius**2) + np.sum((now.offset_rad / config.offset_std_rad) ** 2))
+    total += 0.5 * float(np.sum(radius**2) + np.sum((now.offset_rad / config.offset_std_rad) ** 2))
+    if residuals.clock_information.any():
+        clock_m = now.state[:, 3:]
+        total += 0.5 * float(np.sum((clock_m @ residuals.clock_information) * clock_m))
+    return total
 
 
 def normal_equations(
@@ -74,7 +78,7 @@ def normal_equations(
 def solution_covariance(
     seen: Observations, link: Association, now: TrajectoryState, config: TrajectoryConfig
 ) -> tuple[FloatArray, FloatArray]:
-    """Covariances (stop, 4, 4) of the states and (shared, shared) of the shared unknowns at the solution.
+    """Covariances (stop, state, state) of the states and (shared, shared) of the shared unknowns at the solution.
 
     Paths have their mean weight under Gaussian errors, not that of their actual errors.
     """
@@ -86,16 +90,18 @@ def solution_covariance(
 def _system(
     residuals: Linearised, now: TrajectoryState, config: TrajectoryConfig, weight: FloatArray | None = None
 ) -> ArrowSystem:
-    n, m = len(now.state), now.n_shared
-    diagonal = np.tile(np.diag(_WEAK_STD**-2.0), (n, 1, 1))
-    border, corner = np.zeros((n, 4, m)), np.zeros((m, m))
-    gradient, shared_gradient = np.zeros((n, 4)), np.zeros(m)
+    (n, size), m = now.state.shape, now.n_shared
+    weak_std = np.array([*_WEAK_STD[:3], *now.n_tx * _WEAK_STD[3:]])
+    diagonal = np.tile(np.diag(weak_std**-2.0), (n, 1, 1))
+    border, corner = np.zeros((n, size, m)), np.zeros((m, m))
+    gradient, shared_gradient = np.zeros((n, size)), np.zeros(m)
     accumulate(
         residuals.row,
         residuals.size,
         residuals.weight(config.degrees_of_freedom) if weight is None else weight,
         residuals.value,
         residuals.by_state,
+        residuals.columns,
         residuals.by_shared,
         residuals.shared,
         diagonal,
@@ -104,6 +110,8 @@ def _system(
         gradient,
         shared_gradient,
     )
+    diagonal[:, 3:, 3:] += residuals.clock_information
+    gradient[:, 3:] += now.state[:, 3:] @ residuals.clock_information
     next1, next2 = add_motion(now.state, now.course, config, diagonal, gradient)
     _add_shared_priors(corner, shared_gradient, border, now, config)
     return ArrowSystem(diagonal, next1, next2, border, corner, gradient, shared_gradient)
@@ -112,7 +120,7 @@ def _system(
 def _add_shared_priors(
     corner: FloatArray, gradient: FloatArray, border: FloatArray, now: TrajectoryState, config: TrajectoryConfig
 ) -> None:
-    """Priors on offsets and radii, in place; the offset of the anchor session is fixed."""
+    """Priors on offsets and radii, in place; with one TX the offset of the anchor session is fixed."""
     sessions = np.arange(len(now.offset_rad))
     corner[sessions, sessions] += config.offset_std_rad**-2.0
     gradient[sessions] += now.offset_rad * config.offset_std_rad**-2.0
@@ -122,5 +130,7 @@ def _add_shared_priors(
     gradient[radii] += (now.objects[:, 2] - config.object_radius_m) * config.object_radius_std_m**-2.0
     shared = np.arange(len(sessions), len(corner))
     corner[shared, shared] += LANDMARK_INFORMATION
+    if now.n_tx > 1:
+        return
     corner[now.anchor], corner[:, now.anchor], border[:, :, now.anchor] = 0.0, 0.0, 0.0
     corner[now.anchor, now.anchor], gradient[now.anchor] = 1e12, 0.0

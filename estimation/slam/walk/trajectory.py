@@ -15,14 +15,14 @@ from estimation.slam.config import MappingConfig, SnapshotConfig, TrajectoryConf
 from estimation.slam.mapping.incidence_points import map_stops
 from estimation.slam.record import IncidencePoints, PoseEstimates, SolveStatus
 from estimation.slam.snapshot.problem import Fit, SnapshotProblem, snapshot_problem
-from estimation.slam.snapshot.solution import bias_to_seconds
 from estimation.slam.snapshot.solve import ranked_modes
+from estimation.slam.transmitters import AnyTx, map_each_tx, transmitters_of
 from estimation.slam.walk.alternation import smooth_walk
 from estimation.slam.walk.modes import Rivals, choose_modes, rival_modes
 from estimation.slam.walk.motion import course_of
 from estimation.slam.walk.residuals import Association, Observations, PathClass, TrajectoryState
 from estimation.slam.walk.smoother import robust_cost, solution_covariance
-from scenes.pose import SPEED_OF_LIGHT_M_S, Pose, wrap_angle
+from scenes.pose import SPEED_OF_LIGHT_M_S, wrap_angle
 from scenes.record import BoolArray, FloatArray, IntArray, Record, array
 
 
@@ -36,8 +36,10 @@ class TrajectoryDetails(Record):
 
     mode: IntArray = array("stop", dtype=int, doc="rank of the mode chosen; -1 where the stop is in none")
     session: IntArray = array("stop", dtype=int, doc="session of every stop")
-    tx_offset_rad: FloatArray = array("session", unit="rad", doc="offset of the TX heading in every session")
-    tx_offset_std_rad: FloatArray = array("session", unit="rad", doc="its standard deviation; 0 for the anchor")
+    tx_offset_rad: FloatArray = array(
+        "offset", unit="rad", doc="offset of the TX heading in every session; of every TX, session after session"
+    )
+    tx_offset_std_rad: FloatArray = array("offset", unit="rad", doc="its standard deviation; 0 for the anchor")
     walls: FloatArray = array("wall", "line", doc="azimuth of the normal in rad, offset in m")
     wall_covariance: FloatArray = array("wall", "line", "line2", doc="of the walls")
     objects: FloatArray = array("object", "circle", unit="m", doc="x, y and radius of compact objects")
@@ -48,7 +50,7 @@ class TrajectoryDetails(Record):
 
 def run_trajectory(
     estimates: Sequence[ChannelEstimate],
-    tx_pose: Pose,
+    tx_pose: AnyTx,
     snapshot: SnapshotConfig,
     config: TrajectoryConfig,
     mapping_config: MappingConfig,
@@ -65,25 +67,27 @@ def run_trajectory(
     is_los = _lines_of_sight(problems, modes, chosen)
     if np.all(chosen < 0):
         return _unsolved(estimates, seen, tx_pose, mapping_config)
-    now, link, (seen, config) = smooth_walk(seen, is_los, initial_state(modes, chosen), config)
+    start = initial_state(modes, chosen, seen)
+    now, link, (seen, config) = smooth_walk(seen, is_los, start, config)
     covariance, shared_covariance = solution_covariance(seen, link, now, config)
     cost = robust_cost(seen, link, now, config) / seen.n_stops
     poses = _poses(estimates, now, link, seen, chosen, is_los, cost)
-    from_tx = now.state[:, :2] - tx_pose.position_m[:2]
-    covariance = covariance + snapshot.consider.covariance(from_tx)
+    from_tx = now.state[:, :2] - transmitters_of(tx_pose).rows[0, :2]
+    covariance[:, :4, :4] += snapshot.consider.covariance(from_tx)
     poses = _with_covariance(poses, covariance, rival_modes(modes, chosen, config), snapshot)
     details = _details(now, link, seen, chosen, shared_covariance)
     shifted, joint = turn_departures(estimates, details), list(poses.covariance)
     flags = flags_by_stop(estimates, details)
-    points = map_stops(shifted, poses, tx_pose, mapping_config, **flags, state_covariance=joint)
+    points = map_each_tx(map_stops, shifted, poses, tx_pose, mapping_config, **flags, state_covariance=joint)
     return poses, points, details
 
 
 def turn_departures(estimates: Sequence[ChannelEstimate], details: TrajectoryDetails) -> list[ChannelEstimate]:
-    """The channel estimates with their departures turned by the TX heading offset of their session."""
-    offset = details.tx_offset_rad[details.session]
+    """The channel estimates with their departures turned by the TX heading offset of their session and TX."""
+    offset = details.tx_offset_rad.reshape(int(details.session.max(initial=0)) + 1, -1)[details.session]
     return [
-        replace(e, aod_azimuth_rad=e.aod_azimuth_rad + shift) for e, shift in zip(estimates, offset, strict=True)
+        replace(e, aod_azimuth_rad=e.aod_azimuth_rad + shift[e.tx % len(shift)])
+        for e, shift in zip(estimates, offset, strict=True)
     ]
 
 
@@ -94,7 +98,7 @@ def flags_by_stop(estimates: Sequence[ChannelEstimate], details: TrajectoryDetai
     return {"is_los": [k == PathClass.LOS for k in kinds], "is_inlier": [np.isin(k, single) for k in kinds]}
 
 
-def observations(problems: Sequence[SnapshotProblem], tx_pose: Pose, floor: FloatArray) -> Observations:
+def observations(problems: Sequence[SnapshotProblem], tx_pose: AnyTx, floor: FloatArray) -> Observations:
     """All paths of all stops in one table; `floor` (3, 3) is part of their covariances."""
     measured = [problem.measured for problem in problems]
     covariance = [problem.covariance for problem in problems]
@@ -105,19 +109,28 @@ def observations(problems: Sequence[SnapshotProblem], tx_pose: Pose, floor: Floa
         np.concatenate([np.empty((0, 3)), *measured]),
         np.concatenate([np.empty((0, 3, 3)), *covariance]),
         floor,
+        np.concatenate([np.zeros(0, np.int64), *(problem.link for problem in problems)]),
     )
 
 
-def initial_state(modes: Sequence[Sequence[Fit]], chosen: IntArray) -> TrajectoryState:
-    """The chosen modes; stops in none are interpolated from their neighbours."""
+def initial_state(modes: Sequence[Sequence[Fit]], chosen: IntArray, seen: Observations) -> TrajectoryState:
+    """The chosen modes; stops in none are interpolated from their neighbours.
+
+    So is the clock bias against a TX of which the mode has no path.
+    """
     n = len(modes)
     solved = [k for k in range(n) if chosen[k] >= 0]
     states = np.array([modes[k][chosen[k]].state for k in solved])
     states[:, 2] = np.unwrap(states[:, 2])
     filled = np.column_stack([np.interp(np.arange(n), solved, column) for column in states.T])
+    for tx in range(seen.n_tx if seen.n_tx > 1 else 0):
+        own = [seen.link[seen.row == k] == tx for k in solved]
+        known = [bool(modes[k][chosen[k]].is_inlier[mine].any()) for k, mine in zip(solved, own, strict=True)]
+        if any(known):
+            filled[:, 3 + tx] = np.interp(np.arange(n), np.array(solved)[known], states[known, 3 + tx])
     return TrajectoryState(
         state=filled,
-        offset_rad=np.zeros(1),
+        offset_rad=np.zeros(seen.n_tx),
         walls=np.empty((0, 2)),
         objects=np.empty((0, 3)),
         session=np.zeros(n, dtype=np.int64),
@@ -153,6 +166,7 @@ def _poses(
         position_m=now.state[:, :2],
         heading_rad=wrap_angle(now.state[:, 2]),
         clock_bias_s=now.state[:, 3] / SPEED_OF_LIGHT_M_S,
+        tx_clock_bias_s=now.state[:, 3:] / SPEED_OF_LIGHT_M_S,
         status=status,
         n_inliers=np.bincount(seen.row[link.kind != PathClass.UNUSED], minlength=n),
         cost=np.full(n, cost),
@@ -163,8 +177,8 @@ def _poses(
 def _with_covariance(
     poses: PoseEstimates, covariance: FloatArray, rivals: Rivals, snapshot: SnapshotConfig
 ) -> PoseEstimates:
-    """Poses with covariances (stop, 4, 4) in (m, m, rad, m) and the evidence of the chosen modes."""
-    scale = bias_to_seconds(4)
+    """Poses with covariances (stop, state, state) in m and rad, and the evidence of the chosen modes."""
+    scale = np.append(np.ones(3), np.full(poses.n_tx, 1 / SPEED_OF_LIGHT_M_S))
     return replace(
         poses,
         covariance=covariance * np.outer(scale, scale),
@@ -181,7 +195,8 @@ def _details(
 ) -> TrajectoryDetails:
     sessions, walls = len(now.offset_rad), len(now.walls)
     offset_std = np.sqrt(np.diag(shared)[:sessions])
-    offset_std[now.anchor] = 0.0
+    if now.n_tx == 1:
+        offset_std[now.anchor] = 0.0
     return TrajectoryDetails(
         mode=chosen,
         session=now.session,
@@ -197,17 +212,18 @@ def _details(
 
 
 def _unsolved(
-    estimates: Sequence[ChannelEstimate], seen: Observations, tx_pose: Pose, config: MappingConfig
+    estimates: Sequence[ChannelEstimate], seen: Observations, tx_pose: AnyTx, config: MappingConfig
 ) -> tuple[PoseEstimates, IncidencePoints, TrajectoryDetails]:
     """The result where no stop has a mode."""
     n, m = seen.n_stops, len(seen.row)
     chosen, session = np.full(n, -1), np.zeros(n, dtype=np.int64)
     walls, objects, course = np.empty((0, 2)), np.empty((0, 3)), np.empty((0, 2))
-    now = TrajectoryState(np.full((n, 4), np.nan), np.zeros(1), walls, objects, session, 0, course)
+    state, offset = np.full((n, 3 + seen.n_tx), np.nan), np.zeros(seen.n_tx)
+    now = TrajectoryState(state, offset, walls, objects, session, 0, course)
     link = Association(np.full(m, PathClass.UNUSED), np.full((m, 2), -1))
     poses = _poses(estimates, now, link, seen, chosen, np.zeros(m, bool), np.nan)
-    details = _details(now, link, seen, chosen, np.zeros((1, 1)))
-    return poses, map_stops(estimates, poses, tx_pose, config), details
+    details = _details(now, link, seen, chosen, np.zeros((seen.n_tx, seen.n_tx)))
+    return poses, map_each_tx(map_stops, estimates, poses, tx_pose, config), details
 
 
 def _blocks(matrix: FloatArray, first: int, n: int, size: int) -> FloatArray:

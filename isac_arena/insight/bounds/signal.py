@@ -57,7 +57,7 @@ class SignalBounds:
         tx, link = self.campaign.scene.tx, self.campaign.link
         power_dbm = best_beam_power_dbm(truth.paths, link, tx, truth.rx_pose)
         stop = significant_alone(true_stop(truth, tx, power_dbm, self._limits, self.view))
-        return pose_bounds(self.campaign.scene, [stop]), bool(stop.truth.paths.is_los.any())
+        return pose_bounds(self.campaign.scene, [[stop]]), bool(stop.truth.paths.is_los.any())
 
     @cached_property
     def _limits(self) -> Significance:

@@ -28,6 +28,7 @@ from isac_arena.scoring.stages.channel import TrueStop, true_stop
 from isac_arena.user_functions.config import with_functions
 from isac_arena.user_functions.room import check_functions
 from scenes.scene import Scene
+from sim.transmitters import refuse_several_tx
 from sim.truth import Truth
 
 NOTHING: frozenset[Part] = frozenset()
@@ -93,6 +94,7 @@ def budget_job(
     loaded = load_campaign(campaign, seed=seed)
     loaded = replace(loaded, config=with_functions(loaded.config, named))
     check_functions(loaded.config.functions)
+    refuse_several_tx(loaded.config, loaded.scene, "arena budget")
     chosen = chosen_stops(stops, len(loaded.stops))
     if (out / "campaign.json").exists():
         raise ValueError(f"--out = {out}: holds a campaign; choose a folder of its own, such as {out / 'budget'}")

@@ -31,12 +31,13 @@ def power_figure(power_map: BeamPowerMap, estimate: ChannelEstimate, tables: Sco
     mesh = draw_power(ax, power_map)
     sides = ax.get_xlim(), ax.get_ylim()
     figure.colorbar(mesh, ax=ax, label="received power per beam pair in dBm", pad=0.02, extend="min")
-    true = tables.significant.take("true_path", tables.significant.stop == power_map.stop)
+    every, paths = tables.significant, tables.paths  # the power map is that of the first TX
+    true = every.take("true_path", (every.stop == power_map.stop) & (every.tx == 0))
     ax.plot(
         np.rad2deg(true.aoa_azimuth_rad), np.rad2deg(true.aod_azimuth_rad), "o", markersize=11,
         markerfacecolor="none", markeredgecolor="white", markeredgewidth=1.3, path_effects=_outlined(),
     )  # fmt: skip
-    _draw_estimates(ax, estimate, tables.paths.take("estimate", tables.paths.stop == power_map.stop))
+    _draw_estimates(ax, estimate, paths.take("estimate", (paths.stop == power_map.stop) & (paths.tx == 0)))
     ax.set(xlabel="azimuth of arrival in the RX frame, deg", ylabel="azimuth of departure in the TX frame, deg")
     x, y = (np.clip([low - MARGIN_DEG, high + MARGIN_DEG], -180, 180) for low, high in sides)
     ax.set(xlim=x, ylim=y)  # paths far outside the beams are left out

@@ -1,6 +1,6 @@
 """All figures of a report with their captions."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from isac_arena.campaign.results import CampaignResults, MapResult
+from isac_arena.report.figures.by_tx import by_tx_figure
 from isac_arena.report.figures.cdf import channel_cdf_figure, pose_cdf_figure, surface_cdf_figure
 from isac_arena.report.figures.cluster import cluster_figure
 from isac_arena.report.figures.map import map_figure
@@ -38,18 +39,23 @@ class ReportFigure:
 
 
 def make_figures(
-    scene: Scene, results: CampaignResults, scores: Scores, power_map_stop: int | None = None
+    scene: Scene,
+    results: CampaignResults,
+    scores: Scores,
+    power_map_stop: int | None = None,
+    txs: Sequence[str] = (),
 ) -> dict[str, ReportFigure]:
     """All figures of a campaign by name, in the order of the report.
 
     `power_map_stop` is the stop whose power map is shown: by default the stop with the most detected paths. A
-    measured campaign has no power maps and no errors of its channel parameters.
+    measured campaign has no power maps and no errors of its channel parameters. `txs` are the names of several TX.
 
     Raises `ValueError` where the stop has no power map.
     """
     tables = scores.tables
     figures = [
         _map(scene, results, tables),
+        *_by_tx(scene, txs, results),
         *_channel(results, tables, power_map_stop),
         _surface_distances(tables),
         _pose_errors(tables),
@@ -69,6 +75,17 @@ def _map(scene: Scene, results: CampaignResults, tables: ScoreTables) -> ReportF
         "double bounces that lie on a true surface, it is a right surface by a wrong path."
     )
     return ReportFigure("map", "map", "Maps", caption, map_figure(scene, results, tables))
+
+
+def _by_tx(scene: Scene, txs: Sequence[str], results: CampaignResults) -> Iterator[ReportFigure]:
+    if len(txs) > 1:
+        caption = (
+            "Mapping with the true receiver pose: incidence points in the colour of the TX that they come from. A "
+            "coloured line follows the part of a closed contour where this TX has points. Where there are several "
+            "lines several TX saw it; where there is none no TX did, and the contour is prior."
+        )
+        figure = by_tx_figure(scene, txs, results.mapping)
+        yield ReportFigure("by_tx", "map", "What each TX saw", caption, figure)
 
 
 def _channel(results: CampaignResults, tables: ScoreTables, stop: int | None) -> Iterator[ReportFigure]:

@@ -1,6 +1,7 @@
 """Tables of the channel estimates: estimated paths with their true paths, and significant true paths."""
 
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
@@ -31,6 +32,7 @@ class TrueStop:
     """One stop prepared for scoring: true paths in the frames of the devices, and the significant ones."""
 
     truth: Truth
+    tx_pose: Pose  # the nominal one
     origin: PathOrigin
     parameters: FloatArray  # (path, 3) in (s, rad, rad): azimuths, or cone angles where `seen_by` says so
     cone_rad: FloatArray  # (path, 2) cone angles of departure and arrival; azimuths without a view of the link
@@ -76,6 +78,7 @@ def true_stop(
         covariance = bounds.in_kinds(bounds.joint, observed_kinds(view))
     return TrueStop(
         truth=truth,
+        tx_pose=tx_pose,
         origin=path_origin(truth.paths),
         parameters=parameters,
         cone_rad=cone_rad,
@@ -287,7 +290,7 @@ def _path_scores(
     )
 
 
-def reported_std(estimate: ChannelEstimate) -> dict[str, FloatArray]:
+def reported_std(estimate: ChannelEstimate) -> dict[str, Any]:
     """The columns of `PathScores` with the standard deviations that an estimate reports of its paths."""
     std = np.sqrt(np.diagonal(estimate.plane_covariance, axis1=1, axis2=2))
     return dict(zip(("delay_std_s", "aod_std_rad", "aoa_std_rad"), std.T, strict=True))

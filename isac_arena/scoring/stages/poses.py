@@ -7,7 +7,14 @@ from typing import Any
 import numpy as np
 
 from estimation.laws.plane import range_covariance
-from estimation.slam.bounds import StateBound, StopPaths, stop_bound
+from estimation.slam.bounds import (
+    StateBound,
+    StopPaths,
+    shared_pose_information,
+    state_bound,
+    state_covariance,
+    stop_information,
+)
 from estimation.slam.record import PoseEstimates, SolveStatus
 from isac_arena.campaign.results import MapResult
 from isac_arena.scoring.metrics.consistency import consistency_metrics
@@ -26,7 +33,7 @@ def score_both_poses(slam: MapResult, **truth: Any) -> tuple[PoseScores, PoseSco
     published = empty_record(PoseScores)
     if slam.published is not None:
         published = score_poses(estimate=slam.published, **truth)
-    return score_poses(estimate=slam.poses, **truth), published
+    return score_poses(estimate=slam.poses.of_tx(0), **truth), published
 
 
 def score_poses(
@@ -85,12 +92,12 @@ def _stated_std_m(estimate: PoseEstimates) -> FloatArray:
     )
 
 
-def pose_bounds(scene: Scene, stops: Sequence[TrueStop]) -> StateBound:
-    """Bounds (stop,) of the receiver states from the significant paths of each stop alone.
+def pose_bounds(scene: Scene, stops: Sequence[Sequence[TrueStop]]) -> StateBound:
+    """Bounds (stop,) of the receiver states from the significant paths of each stop alone, those of all its TX.
 
     The paths are the line of sight and single bounces off upright objects, with the Cramer-Rao bounds of their
-    delays and azimuths as covariances; incidence points are unknowns. A bound is infinite where the paths do not
-    determine the state, and NaN without a view of the link.
+    delays and azimuths as covariances; incidence points are unknowns. The clock bias against every TX is free. A
+    bound is infinite where the paths do not determine the state, and NaN without a view of the link.
     """
     found = [_pose_bound(scene, stop) for stop in stops]
     columns = ([getattr(one, field.name) for one in found] for field in fields(StateBound))
@@ -102,9 +109,15 @@ def unknown_bound(n_stops: int) -> StateBound:
     return StateBound(*np.full((3, n_stops), np.nan))
 
 
-def _pose_bound(scene: Scene, stop: TrueStop) -> StateBound:
-    if stop.view is None:
+def _pose_bound(scene: Scene, links: Sequence[TrueStop]) -> StateBound:
+    if any(link.view is None for link in links):
         return StateBound(*np.full(3, np.nan))
+    information = shared_pose_information([_information(scene, link) for link in links])
+    return state_bound(state_covariance(information))
+
+
+def _information(scene: Scene, stop: TrueStop) -> FloatArray:
+    """Information (4, 4) on the receiver state from the significant paths of one TX."""
     rows, pose = stop.significant, stop.truth.rx_pose
     covariance = range_covariance(stop.covariance)
     known = np.isfinite(covariance).all(axis=(1, 2))
@@ -117,7 +130,7 @@ def _pose_bound(scene: Scene, stop: TrueStop) -> StateBound:
         wall=np.full(bounce.sum(), -1),
         los_covariance=covariance[is_los][0] if is_los.any() else None,
     )
-    return stop_bound(scene.tx, state, paths)[0]
+    return stop_information(stop.tx_pose, state, paths)
 
 
 def pose_metrics(poses: PoseScores) -> list[Metric]:

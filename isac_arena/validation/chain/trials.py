@@ -61,7 +61,7 @@ class TracedRoom:
             np.array([truth.clock_bias_s for truth in truths]),
             np.array([bool((stop.origin.kind == PathKind.LOS).any()) for stop in self.stops]),
             poses,
-            pose_bounds(self.run.scene, bounding),
+            pose_bounds(self.run.scene, [[stop] for stop in bounding]),
         )
 
 

@@ -32,7 +32,7 @@ def check_bounds(seed: int, quick: bool) -> list[Measurement]:
     """An efficient estimator: its errors are drawn from the bounds, so their RMS over the bounds is 1."""
     made = make_campaign()
     stops = _stops(made, made_view())
-    bound = pose_bounds(made.scene, stops)
+    bound = pose_bounds(made.scene, [[stop] for stop in stops])
     rng = np.random.default_rng(seed)
     runs = 15 if quick else 300
     values: dict[str, list[float]] = {}

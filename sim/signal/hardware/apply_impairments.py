@@ -45,11 +45,13 @@ class RandomStage(IntEnum):
     RX_BEAMS = 8
     SURVEY = 9
     TARGETS = 10
+    TX_CLOCK = 11
 
 
-def stage_generator(seed: int, stage: RandomStage, stop: int = 0) -> np.random.Generator:
-    """The random generator of one stage at one stop."""
-    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(int(stage), stop)))
+def stage_generator(seed: int, stage: RandomStage, stop: int = 0, tx_number: int = 0) -> np.random.Generator:
+    """The random generator of one stage at one stop; that of a later TX for what each TX has of its own."""
+    of_tx = (tx_number,) if tx_number else ()
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(int(stage), stop, *of_tx)))
 
 
 def impaired_codebooks(config: SimulationConfig, link: Link) -> tuple[Codebook, Codebook]:
@@ -90,17 +92,19 @@ def receive_samples(
     stop: int,
     clean: ComplexArray,
     again: Callable[[int], ComplexArray] | None = None,
+    noise_number: int = 0,
 ) -> ComplexArray:
     """Received samples of a stop from noiseless samples (tx_beam, rx_beam, subcarrier), which are overwritten.
 
     Oscillator, thermal noise and front end act on every repetition of a beam pair separately. The receiver
     replaces the pilots of each repetition by those of the first one and averages. If the slots of a beam differ
     between RX beams, the pilots of the first RX beam are used for all. `again` gives the noiseless samples of a
-    later repetition, where they are not those of the first.
+    later repetition, where they are not those of the first. `noise_number` is the TX whose noise it is: TX on the
+    same resource elements share it.
     """
     occasions = sweep_occasions(config.waveform, *clean.shape[:2])
     phase_rad = oscillator_phase_rad(config, stop, occasions.time_s)
-    noise_rng = stage_generator(config.seed, RandomStage.NOISE, stop)
+    noise_rng = stage_generator(config.seed, RandomStage.NOISE, stop, noise_number)
     symbol_rng = stage_generator(config.seed, RandomStage.SYMBOL_PHASE, stop)
     count = occasions.repetitions
     total = clean if count == 1 else np.zeros_like(clean)
@@ -180,17 +184,18 @@ def apply_front_end(config: SimulationConfig, link: Link, samples: ComplexArray,
 
 def _built(config: SimulationConfig, codebook: Codebook, elements: RandomStage, beams: RandomStage) -> Codebook:
     hardware = config.impairments
+    own = config.tx_number if elements == RandomStage.TX_ELEMENTS else 0
     if hardware.element_gain_std_db or hardware.element_phase_std_deg:
         codebook = with_element_errors(
             codebook,
             hardware.element_gain_std_db,
             np.deg2rad(hardware.element_phase_std_deg),
-            stage_generator(config.seed, elements),
+            stage_generator(config.seed, elements, tx_number=own),
         )
     if hardware.coupling_db is not None:
         codebook = with_mutual_coupling(codebook, hardware.coupling_db)
     if hardware.beam_phase_std_deg:
         codebook = with_beam_phases(
-            codebook, np.deg2rad(hardware.beam_phase_std_deg), stage_generator(config.seed, beams)
+            codebook, np.deg2rad(hardware.beam_phase_std_deg), stage_generator(config.seed, beams, tx_number=own)
         )
     return codebook

@@ -48,10 +48,7 @@ def sweep_occasions(waveform: WaveformConfig, n_tx: int, n_rx: int) -> Occasions
             slot=tx_turn[None] % prs.slots_per_frame,
             air_time_s=pair_s * n_tx * n_rx,
         )
-    offset = resource_offsets(schedule, n_tx)[tx_turn]
-    sent = sent_slots(schedule.of_resource(prs.numerology), n_rx)  # (instance, repetition) of the first TX beam
-    first = sent[rx_turn]
-    slot = first.T[:, None, :] + offset[:, None]
+    slot = measured_slots(waveform, n_tx, n_rx)
     slot_s = 1e-3 / 2**prs.numerology
     return Occasions(
         time_s=slot_s * (slot - slot.min()),
@@ -74,6 +71,20 @@ def beam_turns(order: ScanOrder, n_beams: int) -> IntArray:
     return np.argsort(np.lexsort((beam, beam % stride)))
 
 
+def measured_slots(waveform: WaveformConfig, n_tx: int, n_rx: int) -> IntArray:
+    """Slots (repetition, tx_beam, rx_beam), from the start of frame 0, in which a schedule has every beam pair.
+
+    Raises as `sweep_occasions` does.
+    """
+    schedule, prs = waveform.schedule, waveform.prs
+    assert schedule is not None
+    tx_turn, rx_turn = (beam_turns(waveform.scan_order, n) for n in (n_tx, n_rx))
+    offset = resource_offsets(schedule, n_tx)[tx_turn]
+    sent = sent_slots(schedule.of_resource(prs.numerology), n_rx)  # (instance, repetition) of the first TX beam
+    first = sent[rx_turn]
+    return np.asarray(first.T[:, None, :] + offset[:, None])
+
+
 def measurements_per_sample(waveform: WaveformConfig) -> float:
     """Number of measurements of a subcarrier that are averaged in a sample: repetitions x comb passes."""
     passes = waveform.prs.length / waveform.prs.comb if waveform.combine_symbols else 1.0
@@ -88,6 +99,11 @@ def slot_of_beam(waveform: WaveformConfig, n_tx: int, tx_beam: int) -> int:
     if not 0 <= tx_beam < n_tx:
         raise ValueError(f"tx_beam = {tx_beam}: allowed is 0 to {n_tx - 1}")
     return int(sweep_occasions(waveform, n_tx, 1).slot[0, tx_beam])
+
+
+def resource_span(schedule: ScheduleConfig, n_tx: int) -> int:
+    """Slots from the first of a resource set of `n_tx` beams to its last, the last included."""
+    return int(resource_offsets(schedule, n_tx).max()) + (schedule.repetitions - 1) * schedule.gap_slots + 1
 
 
 def resource_offsets(schedule: ScheduleConfig, n_tx: int) -> IntArray:

@@ -40,9 +40,9 @@ def test_every_variant_calibrates_itself(campaign, monkeypatch: pytest.MonkeyPat
     made: list[Calibration | None] = []
     make = driver.channel_estimator
 
-    def recorded(config, calibration=None):
+    def recorded(config, calibration=None, **others):
         made.append(calibration)
-        return make(config, calibration)
+        return make(config, calibration, **others)
 
     monkeypatch.setattr(driver, "channel_estimator", recorded)
     settings = ChannelConfig(method="power", self_calibration=SelfCalibrationConfig(stops=3))

@@ -120,12 +120,12 @@ def test_the_pose_bound_is_that_of_line_of_sight_and_single_bounces(stop, campai
         np.array([*truth.rx_pose.position_m[:2], truth.rx_pose.heading_rad, bias_m]),
         StopPaths(stop.origin.vertex_m[1:5], covariance[1:5], np.full(4, -1), covariance[0]),
     )
-    found = pose_bounds(campaign.scene, [stop])
+    found = pose_bounds(campaign.scene, [[stop]])
     assert found.position_m == pytest.approx([float(direct.position_m)])
     assert found.heading_rad == pytest.approx([float(direct.heading_rad)])
     fewer = replace(stop, significant=stop.significant[:2], covariance=stop.covariance[:2])
-    assert pose_bounds(campaign.scene, [fewer]).position_m[0] > found.position_m[0]
-    assert np.isnan(pose_bounds(campaign.scene, [replace(stop, view=None)]).position_m).all()
+    assert pose_bounds(campaign.scene, [[fewer]]).position_m[0] > found.position_m[0]
+    assert np.isnan(pose_bounds(campaign.scene, [[replace(stop, view=None)]]).position_m).all()
 
 
 def test_an_estimate_in_a_side_lobe_is_named(stop, view, campaign):

@@ -74,10 +74,12 @@ function drawScene({ add, project, to }) {
     add("path", { class: kind, d: lineD(project(object.xy), object.closed) });
   }
   add("path", { class: "walk", d: lineD(project(data.scene.walk)) });
-  const [x, y] = to(data.scene.tx.xy);
-  const angle = -data.scene.tx.heading_deg;
-  add("path", { class: "tx-arrow", d: "M0 0H22M22 0l-7 -4.5M22 0l-7 4.5", transform: `translate(${x} ${y}) rotate(${angle})` });
-  add("path", { class: "tx", d: glyphD("diamond", [x, y], 5) });
+  for (const tx of data.scene.txs) {
+    const [x, y] = to(tx.xy);
+    const place = `translate(${x} ${y}) rotate(${-tx.heading_deg})`;
+    add("path", { class: "tx-arrow", d: "M0 0H22M22 0l-7 -4.5M22 0l-7 4.5", transform: place });
+    add("path", { class: "tx", d: glyphD("diamond", [x, y], 5) });
+  }
 }
 
 /** The class of marks that fade because another object is selected. */
@@ -119,7 +121,7 @@ function drawPaths(sheet) {
     truth.corners.forEach((corners, index) => {
       const isSeveral = SEVERAL_BOUNCES.includes(truth.kind[index]);
       if (isSeveral && state.hidden.has("several") && !samePath(`t${index}`)) return;
-      const points = project([...data.scene.tx.xy, ...corners, ...data.stops.xy.slice(2 * row, 2 * row + 2)]);
+      const points = project([...data.scene.txs[truth.tx[index]].xy, ...corners, ...data.stops.xy.slice(2 * row, 2 * row + 2)]);
       const many = truth.path.length > MANY_PATHS ? "many" : "";
       const kind = `ray ${many} ${kindClass(truth.kind[index])} ${fadePath(`t${index}`)}`;
       add("path", { class: kind, d: lineD(points) });
@@ -171,8 +173,8 @@ function estimatedLines(mapName, row) {
     const angle = (degrees * Math.PI) / 180;
     return [x + STUB_M * Math.cos(angle), y + STUB_M * Math.sin(angle)];
   };
-  const tx = data.scene.tx;
   return paths.delay_ns.map((_, index) => {
+    const tx = data.scene.txs[paths.tx[index]];
     const about = { index, status: paths.status[index] };
     if (paths.los[index]) return { ...about, points: [tx.xy, rx] };
     if (met.get(index)) return { ...about, points: [tx.xy, met.get(index), rx] };
@@ -250,8 +252,10 @@ function drawNames({ add, to, hits, width, height }) {
     taken.push(box);
     words.append(svg("text", { x, y, "text-anchor": "middle", class: kind }, text));
   };
-  const [x, y] = to(data.scene.tx.xy);
-  write("TX", [x, y - 9], "strong");
+  for (const tx of data.scene.txs) {
+    const [x, y] = to(tx.xy);
+    write(tx.name, [x, y - 9], "strong");
+  }
   const isChosen = (object) => object.name === state.object;
   const meshes = data.scene.clutter.map(({ name, rings }) => ({ name, closed: true, xy: rings.flat() }));
   for (const object of [...data.scene.objects, ...meshes].sort((a, b) => isChosen(b) - isChosen(a))) {

@@ -1,6 +1,7 @@
 """The data of the report page: one dictionary of plain numbers and texts from the records of a campaign."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from itertools import groupby
 from typing import Any
 
 import matplotlib
@@ -29,20 +30,21 @@ def report_payload(
     tables: ScoreTables,
     truths: Iterable[Truth] = (),
     budget: list[dict[str, Any]] | None = None,
+    txs: Sequence[str] = (),
 ) -> Payload:
     """All data of the page, ready for JSON: lengths in m, delays in ns, angles in deg, powers in dBm.
 
     Numbers are rounded to the resolution of a screen. Points are flat lists of x and y. None stands for an unknown
     value. Rows of stops, paths, incidence points and contours keep the order of their records. `truths` gives the
     corners of the true paths, one stop at a time; a measured campaign has no truths and no power maps. `budget`
-    has the rows of the campaign's error budget, None if there is none.
+    has the rows of the campaign's error budget, None if there is none. `txs` are the names of several TX.
     """
-    by_stop = {truth.stop: true_paths(truth, tables) for truth in truths}
+    by_stop = {stop: true_paths(group, tables) for stop, group in groupby(truths, key=lambda truth: truth.stop)}
     stops = tables.poses.stop.tolist()
     return {
         "name": name,
         "has_truth": bool(by_stop),
-        "scene": _scene(scene),
+        "scene": _scene(scene, txs or (scene.tx_name,)),
         "stops": _stops(scene, tables.poses),
         "estimated": [estimated_paths(stop, results, tables) for stop in stops],
         "true": [by_stop.get(stop) for stop in stops],
@@ -55,7 +57,7 @@ def report_payload(
     }
 
 
-def _scene(scene: Scene) -> Payload:
+def _scene(scene: Scene, txs: Sequence[str]) -> Payload:
     objects = [
         {
             "name": item.name,
@@ -74,10 +76,14 @@ def _scene(scene: Scene) -> Payload:
             {"name": mesh.name, "rings": [rounded(ring, 3) for ring in clutter_outlines(mesh)]}
             for mesh in scene.clutter
         ],
-        "tx": {
-            "xy": rounded(scene.tx.position_m[:2], 3),
-            "heading_deg": number(np.rad2deg(scene.tx.heading_rad), 2),
-        },
+        "txs": [
+            {
+                "name": name if len(txs) > 1 else "TX",
+                "xy": rounded(scene.txs[name].position_m[:2], 3),
+                "heading_deg": number(np.rad2deg(scene.txs[name].heading_rad), 2),
+            }
+            for name in txs
+        ],
         "walk": rounded(scene.walk.line_m(), 2),
     }
 

@@ -1,5 +1,6 @@
 """The data of the true and estimated paths of a stop for the report page."""
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -31,6 +32,7 @@ def estimated_paths(stop: int, results: CampaignResults, tables: ScoreTables) ->
         "aod_std_deg": rounded(np.rad2deg(aod_std_rad), 4),
         "aoa_std_deg": rounded(np.rad2deg(aoa_std_rad), 4),
         "los": estimate.is_los.tolist(),
+        "tx": estimate.tx.tolist(),
         "status": [PathStatus(status).name.lower() for status in scores.status],
         "cause": cause_words(scores.cause),
         "true_path": scores.true_path.tolist(),
@@ -43,13 +45,20 @@ def estimated_paths(stop: int, results: CampaignResults, tables: ScoreTables) ->
     }
 
 
-def true_paths(truth: Truth, tables: ScoreTables) -> dict[str, Any]:
-    """The significant true paths of a stop in the frames of the devices, with their corners in plan."""
-    rows = tables.significant.take("true_path", tables.significant.stop == truth.stop)
+def true_paths(truths: Iterable[Truth], tables: ScoreTables) -> dict[str, Any]:
+    """The significant true paths of a stop and all TX in the frames of the devices, with their corners in plan."""
+    parts = [_true_paths(truth, tables) for truth in truths]
+    return {name: [value for part in parts for value in part[name]] for name in parts[0]}
+
+
+def _true_paths(truth: Truth, tables: ScoreTables) -> dict[str, Any]:
+    every = tables.significant
+    rows = every.take("true_path", (every.stop == truth.stop) & (every.tx == truth.tx))
     paths = truth.paths.take("path", rows.path)
     corners = [paths.vertex_m[row, :n, :2] for row, n in enumerate(paths.n_interactions)]
     return {
         "path": rows.path.tolist(),
+        "tx": rows.tx.tolist(),
         "label": path_labels(paths).tolist(),
         "kind": [path_kind(kinds[:n]) for kinds, n in zip(paths.bounce_kind, paths.n_interactions, strict=True)],
         "object": rows.object.tolist(),

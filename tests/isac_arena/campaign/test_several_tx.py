@@ -1,0 +1,59 @@
+"""A campaign with two TX from the scene to the report: files, records, scores and what the report says of each."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from isac_arena.campaign.campaign import Campaign, load_campaign
+from isac_arena.campaign.stages import reopen, run_campaign, stored_results, stored_truths
+from isac_arena.user_functions.config import with_functions
+from isac_arena.verification.campaign import recomputed_campaign
+
+NAMES = ("south_west", "north_east")
+
+
+@pytest.fixture(scope="module")
+def loaded() -> Campaign:
+    return load_campaign(
+        "pillar_hall_two",
+        **{
+            "tx_array.beams_per_panel": 16,
+            "rx_array.beams_per_panel": 12,
+            "waveform.n_rb": 132,
+            "propagation": {"diffuse_samples": 0, "max_bounces": 1, "diffraction": False},
+            "channel.method": "power",
+            "scene.walks.aisle.n_stops": 4,
+        },
+    )
+
+
+def test_a_campaign_of_two_tx(loaded: Campaign, tmp_path: Path) -> None:
+    out = tmp_path / "two"
+    assert run_campaign(loaded, out, keep_sweeps=True) == []
+    for folder in ("truth", "sweep", "channel"):
+        names = sorted(file.name for file in (out / folder).glob("*.nc"))
+        assert names == sorted(f"stop_{stop:03d}_{name}.nc" for stop in range(4) for name in NAMES)
+    store = reopen(out)
+    truths, results = list(stored_truths(store, 4)), stored_results(store, 4)
+    assert [(truth.stop, truth.tx) for truth in truths] == [(stop, tx) for stop in range(4) for tx in range(2)]
+    assert all(set(one.tx) == {0, 1} for one in results.channel)
+    memory = list(loaded.run().channel(truths))
+    for one, other in zip(results.channel, memory, strict=True):
+        np.testing.assert_array_equal(one.plane_parameters, other.plane_parameters)
+    clock_s = np.array([truth.clock_bias_s for truth in truths]).reshape(4, 2)
+    np.testing.assert_allclose(results.mapping.poses.tx_clock_bias_s, clock_s)
+    assert set(results.mapping.ips.tx) == {0, 1}
+    page = (out / "report.html").read_text()
+    assert all(f"TX {name}" in page and "significant paths detected" in page for name in NAMES)
+    assert (out / "figures" / "by_tx.png").is_file()
+    found = recomputed_campaign(out, 0.25, 0)
+    assert {each.difference for each in found} == {0.0} and not any(each.reason for each in found)
+    table = store.score_tables()
+    assert table is not None and set(table.paths.tx) == {0, 1} and len(table.poses.stop) == 4
+
+
+def test_functions_that_know_one_tx_are_refused(loaded: Campaign) -> None:
+    own = Campaign(with_functions(loaded.config, {"slam": "my:own"}), loaded.scene, loaded.source)
+    with pytest.raises(ValueError, match=r"functions.slam: takes the paths of one TX"):
+        _ = own.run().links
