@@ -2,7 +2,7 @@
 
 from collections import Counter
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 from scenes.scene import Scene
 from scenes.toml_config import naming_field, validate_config
@@ -11,14 +11,15 @@ from sim.signal.link import make_codebook
 from sim.signal.waveform.occasions import resource_span, sweep_occasions
 
 ALL = "all"
+C = TypeVar("C", bound=SimulationConfig)
 
 
 @dataclass(frozen=True)
-class TxLink:
+class TxLink(Generic[C]):
     """One TX of a campaign: the settings with its power, array and resources, and the scene with it in use."""
 
     name: str
-    config: SimulationConfig
+    config: C
     scene: Scene
 
 
@@ -51,7 +52,7 @@ def first_tx(config: SimulationConfig) -> str | None:
     return config.tx[0] if isinstance(config.tx, list) else config.tx
 
 
-def tx_links(config: SimulationConfig, scene: Scene) -> tuple[TxLink, ...]:
+def tx_links(config: C, scene: Scene) -> tuple[TxLink[C], ...]:
     """The links of a campaign, one per TX in the order of the settings.
 
     A campaign with one TX has one link with these settings and this scene.
@@ -69,7 +70,7 @@ def tx_links(config: SimulationConfig, scene: Scene) -> tuple[TxLink, ...]:
         raise ValueError(f"tx = {list(names)}: a scene in which something moves has one TX")
     if len(names) > 1 and config.propagation.deepmimo is not None:
         raise ValueError(f"tx = {list(names)}: a DeepMIMO scenario (propagation.deepmimo) has one TX")
-    links: list[TxLink] = []
+    links: list[TxLink[C]] = []
     sequence = config.waveform.sequence_id
     for number, name in enumerate(names):
         with naming_field(f"transmitters.{name}"):
@@ -79,7 +80,7 @@ def tx_links(config: SimulationConfig, scene: Scene) -> tuple[TxLink, ...]:
     return tuple(links)
 
 
-def _of_tx(config: SimulationConfig, name: str, number: int, sequence: int) -> tuple[SimulationConfig, int]:
+def _of_tx(config: C, name: str, number: int, sequence: int) -> tuple[C, int]:
     """Settings and number of beams of one TX; a resource that is not given is orthogonal to those before."""
     own = config.transmitters.get(name, TransmitterConfig())
     waveform = config.waveform

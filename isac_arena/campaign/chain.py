@@ -4,8 +4,7 @@
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
-from typing import cast
+from dataclasses import replace
 
 import numpy as np
 
@@ -41,31 +40,22 @@ from scenes.walks.trajectory import follow_one_another
 from sim.config import ArrayConfig
 from sim.observation import BeamSweep
 from sim.signal.link import Link, line_of_sight_at_1m_dbm
-from sim.transmitters import tx_links
+from sim.transmitters import TxLink, tx_links
 from sim.truth import Truth
 
 
-@dataclass(frozen=True)
-class CampaignLink:
-    """One TX of a campaign: its name, the settings with what is its own, and the scene with it in use."""
-
-    name: str
-    config: CampaignConfig
-    scene: Scene
-
-
-def links_of(config: CampaignConfig, scene: Scene) -> tuple[CampaignLink, ...]:
+def links_of(config: CampaignConfig, scene: Scene) -> tuple[TxLink[CampaignConfig], ...]:
     """The TX of a campaign; of one TX these settings and this scene.
 
     Raises `ValueError` as `sim.transmitters.tx_links` does, and where a function of a user is to see several TX.
     """
-    found = [(link.name, cast(CampaignConfig, link.config), link.scene) for link in tx_links(config, scene)]
+    found = tx_links(config, scene)
     own = [stage for stage in ("mapping", "slam", "shapes") if config.functions.of(stage) is not None]
     if own and len(found) > 1:
         raise ValueError(
             f"functions.{own[0]}: takes the paths of one TX, with {len(found)} TX only channel is allowed"
         )
-    return tuple(CampaignLink(name, with_own_level(config, each), seen) for name, each, seen in found)
+    return tuple(replace(link, config=with_own_level(config, link.config)) for link in found)
 
 
 def all_tx(configs: Sequence[CampaignConfig], poses: Sequence[Pose]) -> AnyTx:

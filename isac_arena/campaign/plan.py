@@ -8,12 +8,14 @@ import numpy as np
 from isac_arena.campaign.chain import walk_settings
 from isac_arena.campaign.config import CampaignConfig, methods
 from scenes.pose import SPEED_OF_LIGHT_M_S
+from scenes.record import concatenate
 from scenes.scene import Scene
 from scenes.walks.trajectory import LEAST_STOPS, follow_one_another
 from sim.config import ArrayConfig
 from sim.propagation.paths import Paths
 from sim.propagation.propagator import Propagator
 from sim.signal.link import Link, best_beam_power_dbm, line_of_sight_at_1m_dbm
+from sim.transmitters import tx_links
 
 MOST_STOPS = 60  # looked at, evenly over the walk
 LEAST_BIAS_M = 0.02  # of positions, from heights that the beams do not see: smaller ones are not told
@@ -55,15 +57,18 @@ def plan_run(config: CampaignConfig, scene: Scene, link: Link) -> RunPlan:
     together = "all stops together" if walk_settings(config, scene.walk.positions_m()) else "every stop alone"
     if function := config.functions.of("slam"):
         together = f"all stops by {function.function}"
+    links = tx_links(config, scene)
+    sweeps = f" of each of {len(links)} TX" if len(links) > 1 else ""
     does = (
-        f"{len(scene.stops)} stops, {n_pairs} beam pairs, channel estimates by "
+        f"{len(scene.stops)} stops, {n_pairs} beam pairs{sweeps}, channel estimates by "
         f"{methods(config)['channel']}, SLAM of {together}; {megabytes:.0f} MB of samples a stop"
     )
     if config.propagation.deepmimo is not None:
         return RunPlan(does, tuple(_about_settings(config, scene)))
     step = -(-len(scene.stops) // MOST_STOPS)
-    seen = _seen_paths(config, scene, step)
-    in_sight = (*_about_heights(config, scene, link, seen, step), *_about_sight(scene, seen, step))
+    by_tx = [_seen_paths(config, one.scene, step) for one in links]
+    of_any = [concatenate(parts, "path") for parts in zip(*by_tx, strict=True)]
+    in_sight = (*_about_heights(config, scene, link, by_tx[0], step), *_about_sight(scene, of_any, step))
     return RunPlan(does, (*_about_settings(config, scene), *in_sight, *_about_cells(scene, link)))
 
 

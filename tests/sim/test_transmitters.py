@@ -40,7 +40,7 @@ def config_of(tx: object = "all", own: dict | None = None, **waveform: object) -
     )
 
 
-def sweeps(links: tuple[TxLink, ...], stop: int = 0) -> list:
+def sweeps(links: tuple[TxLink[SimulationConfig], ...], stop: int = 0) -> list:
     """The sweep of every TX with the others on the air."""
     every = [
         OtherTx(one.config, make_link(one.config), one.scene, next(simulate_truth(one.config, one.scene, [stop])))
