@@ -29,7 +29,7 @@ MODULES: Mapping[str, tuple[str, ...]] = {
     "channel": ("channel.efficiency", "channel.noise", "channel.hardware", "channel.arena"),
     "shape": tuple(f"shape.{name}" for name in ("gp", "points", "law", "reflection", "campaign", "measured")),
     "twin": ("twin",),
-    "motion": ("motion.rates", "motion.samples", "motion.estimates", "motion.targets"),
+    "motion": ("motion.rates", "motion.samples", "motion.estimates", "motion.targets", "motion.nist"),
     "multistatic": ("multistatic.samples", "multistatic.stops"),
     "halls": ("halls.check",),
     "heights": ("heights",),
@@ -46,6 +46,7 @@ BENCHES: Mapping[str, tuple[str, ...]] = {
     "sweep": ("benches.sweep",),
     "endurance": ("benches.endurance",),
     "campaign": ("benches.campaign",),
+    "motion": ("benches.motion",),
     "dataset": ("benches.dataset",),
 }
 

@@ -1,4 +1,4 @@
-"""Outputs of NIST's Q-D realization software: walls of a room, receivers and all specular paths to them."""
+"""Outputs of NIST's Q-D realization software: rooms with their specular paths, and echoes of a moving target."""
 
 import json
 from dataclasses import dataclass
@@ -13,6 +13,9 @@ from scenes.record import FloatArray
 ENVIRONMENT, TRANSMITTERS, RECEIVERS = "L-Room.xml", "NodePosition0.dat", "NodePosition1.dat"
 PATHS = "qdOutput.json"
 FILES = (ENVIRONMENT, TRANSMITTERS, RECEIVERS, PATHS)
+TARGET_PLACES, ECHOES = "TargetBase0.dat", "qdTargetOutput.json"
+TARGET_FILES = ("NodePosition0.dat", "NodePosition1.dat", TARGET_PLACES, ECHOES)
+COLUMNS = ("Delay", "AODAZ", "AODEL", "AOAAZ", "AOAEL")
 SPEED_M_S = 3e8  # of light, there
 
 
@@ -39,8 +42,29 @@ def read_nist_room(folder: Path) -> NistRoom:
     return NistRoom(walls, tx_m[0], rx_m, _paths(json.loads(first_line)))
 
 
+@dataclass(frozen=True)
+class NistTarget:
+    """A point that moves, and its echoes: one path over it at every time."""
+
+    tx_m: FloatArray  # (xyz,)
+    rx_m: FloatArray  # (xyz,)
+    target_m: FloatArray  # (time, xyz)
+    echo: FloatArray  # (time, 5): length in m, azimuth and elevation of departure and of arrival in rad
+    phase_rad: FloatArray  # (time,) of the carrier: plus 2 pi times the length in wavelengths
+
+
+def read_nist_target(folder: Path) -> NistTarget:
+    """The moving target in a folder that holds `TARGET_FILES`; as `read_nist_room`."""
+    line = json.loads((folder / ECHOES).read_text(encoding="utf-8").splitlines()[0])
+    names = ("delay", "aodAz", "aodEl", "aoaAz", "aoaEl")
+    echoes = _paths({given: line[name] for given, name in zip(COLUMNS, names, strict=True)})
+    places = [np.loadtxt(folder / name, delimiter=",") for name in TARGET_FILES[:3]]
+    phase = np.array(line["phase"])[:, 0]
+    return NistTarget(places[0], places[1], places[2][: len(phase)], np.concatenate(echoes), phase)
+
+
 def _paths(line: dict[str, Any]) -> list[FloatArray]:
-    columns = (line[name] for name in ("Delay", "AODAZ", "AODEL", "AOAAZ", "AOAEL"))
+    columns = (line[name] for name in COLUMNS)
     places = []
     for delay_s, *angles_deg in zip(*columns, strict=True):
         azimuth, zenith = np.deg2rad(angles_deg[::2]), np.deg2rad(angles_deg[1::2])

@@ -1,13 +1,15 @@
 """Equation (1) with paths that change from symbol to symbol: gain, delay and directions at the time of each pair.
 
 The paths of a beam pair are spread on the delay grid of `sim.signal.generation`, each with the amplitude and at
-the delay of that time; one product with the waves of the grid gives the samples of all pairs. The response of a
+the delay of that time; one FFT over the grid gives the samples of all pairs. The response of a
 beam follows the directions by interpolation between Chebyshev times.
 """
 
 from collections.abc import Callable
+from functools import lru_cache
 
 import numpy as np
+import scipy.fft
 
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
 from scenes.record import ComplexArray, FloatArray, IntArray
@@ -16,6 +18,9 @@ from sim.signal.arrays.codebook import Codebook, beam_response
 from sim.signal.generation import KERNEL_WIDTH, OVERSAMPLING, bandwidth_hz, beam_channel, grid_waves, kernel_at
 
 STRETCHES_AT_ONCE = 64
+PAIRS_AT_ONCE = 8  # of beams, transformed while they are in the cache
+KERNEL_PLACES = 1 << 12  # of the table of the kernel, per grid delay
+EVEN = 1e-6  # relative difference of the steps of subcarriers that is rounding
 LEAST_TIMES, MOST_TIMES = 4, 40  # Chebyshev times of a response
 TIMES_PER_RAD = 1.5  # of phase over half of the aperture
 
@@ -72,10 +77,22 @@ def moving_channel(
             sent, received = np.divmod(pairs, time_s.shape[1])
             amplitude *= _responses(tx_codebook, part, now_s, sent, "aod", tx_heading_rad)
             amplitude *= _responses(rx_codebook, part, now_s, received, "aoa", lambda _: rx_pose.heading_rad)
-            grid.add(pairs, delay_s, amplitude)
-    waves = grid_waves(grid.n_delays, grid.first_s, spacing_s, frequency_offset_hz - centre_hz)
-    moving = (grid.amplitude @ waves).reshape(shape)
+            grid.add(pairs, delay_s, amplitude.astype(np.complex64))
+    moving = grid.samples(frequency_offset_hz - centre_hz).reshape(shape)
     return moving if channel is None else channel + moving
+
+
+@lru_cache(maxsize=1)
+def _kernel_table() -> FloatArray:
+    """The kernel at places so close that it is straight to 1e-7 between them."""
+    return np.asarray(kernel_at(np.arange((KERNEL_WIDTH // 2 + 2) * KERNEL_PLACES) / KERNEL_PLACES), np.float32)
+
+
+def _kernel(distance: FloatArray) -> FloatArray:
+    """The kernel at distances in grid delays, at most half its width and one."""
+    place = (distance * KERNEL_PLACES).astype(np.float32)
+    index, table = place.astype(np.int32), _kernel_table()
+    return np.asarray(table[index] + (place - index) * (table[index + 1] - table[index]))
 
 
 class _DelayGrid:
@@ -89,13 +106,36 @@ class _DelayGrid:
         self.n_delays = int(np.ptp(delay_s) / spacing_s) + 2 * KERNEL_WIDTH + 1
         self.amplitude = np.zeros((n_pairs, self.n_delays), np.complex64)
 
+    def samples(self, frequency_hz: FloatArray) -> ComplexArray:
+        """Samples (pair, subcarrier) at frequencies about zero, by an FFT over the delays where these are even.
+
+        The grid has `OVERSAMPLING` delays per sample of the band, so the FFT has as many times its subcarriers.
+        """
+        n = len(frequency_hz)
+        steps = np.diff(frequency_hz)
+        if (
+            OVERSAMPLING * n % 1
+            or self.n_delays > OVERSAMPLING * n
+            or np.ptp(steps) > EVEN * np.abs(steps).min(initial=np.inf)
+        ):
+            return self.amplitude @ grid_waves(self.n_delays, self.first_s, self.spacing_s, frequency_hz)
+        turn = -2 * np.pi * frequency_hz[0] * self.spacing_s * np.arange(self.n_delays)
+        self.amplitude *= np.exp(1j * turn).astype(np.complex64)
+        first = grid_waves(1, self.first_s, self.spacing_s, frequency_hz)
+        made = np.empty((len(self.amplitude), n), np.complex64)
+        for start in range(0, len(made), PAIRS_AT_ONCE):
+            rows = slice(start, start + PAIRS_AT_ONCE)
+            spectrum = scipy.fft.fft(self.amplitude[rows], int(OVERSAMPLING * n), axis=1)
+            np.multiply(spectrum[:, :n], first, out=made[rows])
+        return made
+
     def add(self, pairs: IntArray, delay_s: FloatArray, amplitude: ComplexArray) -> None:
         """Spread paths with delays and amplitudes (pair, path)."""
         position = (delay_s - self.first_s) / self.spacing_s
         low = np.floor(position).astype(int) - KERNEL_WIDTH // 2 + 1
         for step in range(KERNEL_WIDTH):
             column = np.clip(low + step, 0, self.n_delays - 1)
-            share = (amplitude * kernel_at(low + step - position)).astype(np.complex64)
+            share = amplitude * _kernel(np.abs(low + step - position))
             for path in range(share.shape[1]):  # a pair has one entry a path: none is added to twice at once
                 self.amplitude[pairs, column[:, path]] += share[:, path]
 

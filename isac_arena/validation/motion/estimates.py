@@ -37,7 +37,7 @@ ORDERS: tuple[ScanOrder, ...] = ("linear", "interleaved", "random")
 SPEEDS_M_S = (0.2, 1.9)  # length rates of moving paths; a linear scan tells 2.3 m/s apart
 SEARCH = MaximumLikelihoodConfig(max_length_rate_m_s=2.0)
 STRONGEST_DB = (20.0, 40.0)
-SHARP_DB = 13.0  # as well known as a lone path of this SNR: from here on the bound can be reached
+SHARP_DB = 15.0  # as well known as a lone path of this SNR: from here on the bound can be reached
 GATE_CELLS, GATE_DEVIATIONS = 1.0, 5.0
 ABOVE_LEVEL_DB = 10.0
 NAMES = ("delay", "aod", "aoa", "doppler")

@@ -42,8 +42,8 @@ def check_nist_room(seed: int, quick: bool) -> Measured:
     worst: FloatArray = np.zeros(3)
     config = PropagationConfig(max_bounces=2)
     for stop, found in zip(chosen, exact_paths(_scene(room), room.rx_m[chosen], CARRIER_HZ, config), strict=True):
-        ours, known = _places(found), room.paths[stop]
-        apart = np.abs(_differences(known[:, None], ours[None]))
+        ours, known = path_places(found), room.paths[stop]
+        apart = np.abs(place_differences(known[:, None], ours[None]))
         same: BoolArray = np.asarray((apart <= [SAME_M, *(4 * [SAME_RAD])]).all(axis=2))
         n_reference, n_missed = n_reference + len(known), n_missed + int((~same.any(axis=1)).sum())
         up = ours[:, 2] > 0  # departures towards the ceiling
@@ -84,7 +84,7 @@ def _scene(room: NistRoom) -> Scene:
     )
 
 
-def _places(paths: Paths) -> FloatArray:
+def path_places(paths: Paths) -> FloatArray:
     """Length in m, azimuth and elevation of departure and of arrival in rad (path, 5)."""
     return np.column_stack(
         [
@@ -97,5 +97,6 @@ def _places(paths: Paths) -> FloatArray:
     )
 
 
-def _differences(first: FloatArray, second: FloatArray) -> FloatArray:
+def place_differences(first: FloatArray, second: FloatArray) -> FloatArray:
+    """Differences of what `path_places` gives, angles within half a turn."""
     return np.concatenate([(first - second)[..., :1], wrap_angle((first - second)[..., 1:])], axis=-1)

@@ -59,7 +59,7 @@ def moving_stop(bench: LinkBench, paths: DrawnPaths, doppler_hz: FloatArray, sto
     xi = amplitudes(bench, paths)
     middle = level_paths(xi / np.sqrt(bench.link.tx_power_mw), paths.parameters)
     clock = campaign_clock(bench.config, LONE_SCENE)
-    motion = _steady(bench, middle, doppler_hz, clock.order_s)
+    motion = steady_sweep(bench.link.carrier_hz, middle, doppler_hz, clock.order_s)
     truth = Truth(middle, LONE_STOP, stop, 0.0, motion=motion)
     return MovingStop(observe(bench.config, bench.link, LONE_SCENE, truth), paths, doppler_hz, xi)
 
@@ -81,9 +81,9 @@ def moving_bounds(
     return joint, joint_loss_db(information), nearest(stop.paths.cells / bench.cell)
 
 
-def _steady(bench: LinkBench, middle: Paths, doppler_hz: FloatArray, order_s: FloatArray) -> SweepMotion:
+def steady_sweep(carrier_hz: float, middle: Paths, doppler_hz: FloatArray, order_s: FloatArray) -> SweepMotion:
     """Paths of constant length rates over a sweep; the phase of a gain is that of its length."""
-    n, carrier_hz = len(middle), bench.link.carrier_hz
+    n = len(middle)
     ends_s = float(order_s[0]), 0.0, float(order_s[-1])
     none = np.zeros(n)
     rates = PathRates(doppler_hz, -SPEED_OF_LIGHT_M_S / carrier_hz * doppler_hz, *(none for _ in range(5)))
