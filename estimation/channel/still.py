@@ -76,7 +76,9 @@ def is_still(estimate: ChannelEstimate) -> BoolArray:
         for _ in range(REFITS if candidate.any() else 0):
             velocity = _refitted(velocity, along, shift_hz, std_hz)
         likelihood = np.logaddexp(*_log_parts(velocity, along, shift_hz, std_hz)).sum()
-        if likelihood > highest + (np.log(len(shift_hz)) if candidate.any() else 0.0):  # two more parameters
+        if candidate.any():
+            likelihood += _log_share(velocity, along, shift_hz, std_hz)
+        if likelihood > highest:
             best, highest = velocity, float(likelihood)
     still, mover = _log_parts(best, along, shift_hz, std_hz)
     return np.asarray(still >= mover)
@@ -110,7 +112,20 @@ def _log_parts(
 
 def _refitted(velocity: FloatArray, along: FloatArray, shift_hz: FloatArray, std_hz: FloatArray) -> FloatArray:
     """The velocity that the paths standing at a velocity have in common."""
-    still, mover = _log_parts(velocity, along, shift_hz, std_hz)
-    weight = 1 / (1 + np.exp(np.clip(mover - still, -50, 50))) / np.square(_spread_hz(velocity, std_hz))
+    weight = _weight(velocity, along, shift_hz, std_hz)
     information = along.T @ (along * weight[:, None])
     return np.asarray(np.linalg.lstsq(information, along.T @ (weight * shift_hz), rcond=None)[0])
+
+
+def _log_share(velocity: FloatArray, along: FloatArray, shift_hz: FloatArray, std_hz: FloatArray) -> float:
+    """Log share of all velocities that the paths leave possible: what a receiver that stands need not explain."""
+    weight = _weight(velocity, along, shift_hz, std_hz)
+    information = along.T @ (along * weight[:, None])
+    return float(np.log(2 * np.pi / WIDEST_HZ**2) - np.log(max(np.linalg.det(information), WIDEST_HZ**-4)) / 2)
+
+
+def _weight(velocity: FloatArray, along: FloatArray, shift_hz: FloatArray, std_hz: FloatArray) -> FloatArray:
+    """Weights (path,) in Hz^-2 of paths at a velocity: their precision, times the chance that they stand."""
+    still, mover = _log_parts(velocity, along, shift_hz, std_hz)
+    chance = 1 / (1 + np.exp(np.clip(mover - still, -50, 50)))
+    return np.asarray(chance / np.square(_spread_hz(velocity, std_hz)))
