@@ -52,21 +52,37 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 COMMANDS = (
+    new.settings,
     campaign.run, campaign.generate, campaign.estimate, campaign.score, campaign.report, with_clock(view.view),
     with_clock(exchange.import_paths), with_clock(exchange.import_mat), with_clock(exchange.import_iq),
     with_clock(exchange.import_deepmimo), with_clock(exchange.export), link.link,
     with_clock(exchange.export_sigmf), bound.bound, ablate.ablate, budget.budget, sweep.sweep, sweep.sweep_report,
     dataset.dataset,
     verify.verify, with_clock(compare.compare), golden.golden,
-    twin.twin, doctor.doctor, validate.validate, validate.bench, new.settings,
+    twin.twin, doctor.doctor, validate.validate, validate.bench,
 )  # fmt: skip
+PANELS = {  # of `arena --help`; imports and exports have one of their own
+    "Your files": ("campaign", "scene", "new", "settings"),
+    "A run and its stages": ("run", "generate", "estimate", "score", "report", "view", "compare", "verify"),
+    "Many runs": ("sweep", "sweep-report", "dataset", "task"),
+    "What limits the errors": ("link", "bound", "budget", "ablate", "twin", "study"),
+    "This installation": ("doctor", "validate", "bench", "golden"),
+}
+
+
+def _panel(name: str) -> str:
+    """The panel of the help in which a command stands."""
+    if name.startswith(("import", "export")):
+        return "From and to other tools"
+    return next((title for title, names in PANELS.items() if name in names), "More")
+
+
 for command in COMMANDS:
-    app.command(command.__name__.replace("_", "-"))(with_memory(command))
-app.add_typer(campaign.app, name="campaign")
-app.add_typer(scene.app, name="scene")
-app.add_typer(new.app, name="new")
-app.add_typer(study.app, name="study")
-app.add_typer(task.app, name="task")
+    called = command.__name__.replace("_", "-")
+    app.command(called, rich_help_panel=_panel(called))(with_memory(command))
+GROUPS = {"campaign": campaign, "scene": scene, "new": new, "study": study, "task": task}
+for called, group in GROUPS.items():
+    app.add_typer(group.app, name=called, rich_help_panel=_panel(called))
 
 
 def main() -> None:

@@ -149,9 +149,12 @@ def _template(file: str, name: str) -> str:
 def _write(name: str, ending: str, text: str) -> None:
     """Write a new file into the working folder; `ValueError` where it exists."""
     from isac_arena.campaign.files import write_text  # noqa: PLC0415
-    from scenes.names import checked_name, path_in  # noqa: PLC0415
+    from scenes.names import checked_name  # noqa: PLC0415
 
-    file = path_in(Path(), f"{checked_name(name)}{ending}")
+    try:
+        file = Path(f"{checked_name(name)}{ending}")
+    except ValueError as error:
+        raise ValueError(f"name = {name!r}: {error}") from error
     if file.exists():
         raise ValueError(f"{file}: is there already; choose another name")
     write_text(file, text)

@@ -37,7 +37,7 @@ def _contour_row(label: str, key: str) -> HeadlineRow:
 
 
 HEADLINE = (
-    HeadlineRow("Paths detected, share of the separable ones", "channel.detection_rate"),
+    HeadlineRow("Separable paths detected, share", "channel.detection_rate"),
     HeadlineRow("False paths per stop", "channel.false_per_stop"),
     HeadlineRow("Stops located by SLAM, share", "slam.solved_share", "published.solved_share"),
     _pose_row("position", "position", "m"),

@@ -133,7 +133,7 @@ function drawPaths(sheet) {
   }
   if (!state.hidden.has("estimated")) {
     for (const one of estimatedLines(sheet.mapName, row)) {
-      if (one.status === "weak" && state.hidden.has("weak") && !samePath(`e${one.index}`)) continue;
+      if (isHiddenEstimate(one.status, one.index)) continue;
       const points = one.points.map((point) => point && to(point));
       const d = one.stubs ? lineD(points.slice(0, 2)) + lineD(points.slice(2)) : lineD(points);
       add("path", { class: `estimate ${one.status} ${fadePath(`e${one.index}`)}`, d });
@@ -151,6 +151,11 @@ function samePath(key) {
   const trueOf = (name) =>
     name.startsWith("t") ? Number(name.slice(1)) : truth?.path.indexOf(estimated.true_path[Number(name.slice(1))]) ?? -1;
   return trueOf(key) >= 0 && trueOf(key) === trueOf(state.path);
+}
+
+/** Weak and diffuse estimates are many; they are shown where asked for, or selected. */
+function isHiddenEstimate(status, index) {
+  return status === "weak" && state.hidden.has("weak") && !samePath(`e${index}`);
 }
 
 function fadePath(key) {

@@ -66,6 +66,7 @@ function stopFacts(row) {
     words.push(`${truth.path.length} significant true paths, ${count("detected")} detected, ${missed} missed`
       + (apart ? `, ${apart} inseparable from others; ` : "; ")
       + `${count("weak")} weak or diffuse and ${count("false")} false estimates.`);
+    if (count("weak") && state.hidden.has("weak")) words.push(`Those weak or diffuse are listed with "${LAYERS.weak}".`);
   } else {
     words.push(`${estimated.status.length} measured paths, ${count("detected")} labelled line of sight or single bounce.`);
   }

@@ -25,7 +25,9 @@ function pathTable(row) {
   if (data.has_truth) heads.push("Δ delay, ns", "Δ AoD, deg", "Δ AoA, deg", "Δ power, dB", "NEES");
   const values = (one, index) => [shown(one.delay_ns[index], 2), shown(one.aod_deg[index], 2), shown(one.aoa_deg[index], 2),
     shown(one.power_dbm[index], 1)];
-  const rows = paths.status.map((status, index) => {
+  const rows = [];
+  paths.status.forEach((status, index) => {
+    if (isHiddenEstimate(status, index)) return;
     const matched = trueRow(row, index);
     const cause = paths.cause[index] ? `: ${paths.cause[index]}` : "";
     const what = html("span", {}, swatch(`estimate-mark ${status}`, STATUS_GLYPHS[status]),
@@ -35,7 +37,7 @@ function pathTable(row) {
       cells.push(shown(paths.delay_error_ns[index], 3), shown(paths.aod_error_deg[index], 3), shown(paths.aoa_error_deg[index], 3),
         shown(paths.power_error_db[index], 1), shown(paths.nees[index], 1));
     }
-    return pathRow(cells, `e${index}`);
+    rows.push(pathRow(cells, `e${index}`));
   });
   truth?.path.forEach((_, index) => {
     if (truth.detected[index]) return;
