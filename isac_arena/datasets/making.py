@@ -1,7 +1,7 @@
 """Make a data set: shards side by side on workers, each whole or not there, then what accompanies them."""
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -9,6 +9,7 @@ from typing import Any, get_args
 
 import numpy as np
 
+from isac_arena.campaign.driver import CampaignRun
 from isac_arena.campaign.files import remove_leftovers, write_json, write_text
 from isac_arena.campaign.integrity import code_digest, digest, file_digest
 from isac_arena.campaign.lock import one_run
@@ -18,6 +19,7 @@ from isac_arena.datasets.samples import ABOUT, campaign_config, fields_of, scene
 from isac_arena.datasets.shards import read_index, write_shard
 from isac_arena.workers.threads import one_thread
 from isac_arena.workers.workers import Workers, n_cores
+from scenes.toml_config import validate_config, validate_stored
 
 SETTINGS, CONTENTS = "dataset.json", "contents.json"
 CODE = ("scenes", "sim", "estimation/channel/beam_power_map.py", "isac_arena/datasets")
@@ -110,6 +112,31 @@ def make_dataset(
             _by_workers(missing, n_workers, limit_s, tell)
         _finish(plan)
     return plan
+
+
+def make(spec: Mapping[str, Any], out: str | Path, *, workers: int = 1) -> Path:
+    """A data set from the tables of a specification, as `arena dataset`; returns its directory.
+
+    Raises as `make_dataset`, and `ConfigError` where a table is wrong.
+    """
+    make_dataset(validate_config(dict(spec), DatasetConfig, "spec"), Path(out), workers=workers)
+    return Path(out)
+
+
+def behind(directory: str | Path, key: str) -> tuple[CampaignRun, int]:
+    """The simulation behind a stop of a data set by its key, and its number there: to run other methods on it.
+
+    Raises `ValueError` where the data set was made by another version, or has no such stop.
+    """
+    file = Path(directory) / SETTINGS
+    about = json.loads(file.read_text(encoding="utf-8"))
+    config = validate_stored(about["settings"], DatasetConfig, str(file))
+    if about["fingerprint"] != DatasetPlan(config, Path(directory)).fingerprint:
+        raise ValueError(f"{file}: made by another version of ISAC Arena; its stops cannot be made again here")
+    scene, _, stop = key.partition("_")
+    if not (scene.isdecimal() and stop.isdecimal() and int(scene) < config.scenes.count):
+        raise ValueError(f"key = '{key}': the data set has no such stop")
+    return CampaignRun(campaign_config(config, int(scene)), scene_of(config, int(scene))), int(stop)
 
 
 def make_shard(shard: Shard) -> None:

@@ -16,6 +16,7 @@ LOSS = {
     "slam": "distance of the position from the truth in m, at most 1 m",
     "contours": "distance between contours and true surfaces in m, at most 0.5 m",
 }
+STAGES = {"channel": "Channel estimation", "slam": "SLAM", "contours": "Contours"}
 TIERS = {
     "pillar": "One pillar in a room", "halls": "Halls", "people": "Halls in which people walk",
 }  # fmt: skip
@@ -85,12 +86,13 @@ def page(about: dict[str, Any], rows: list[BoardRow]) -> str:
             f"<td>{row.kind}</td><td>{row.mean:.4g}</td>"
             f"<td>{row.low:.4g} to {row.high:.4g}</td><td>{bar}</td></tr>"
         )
-    stage, title = about["stage"], escape(str(about["name"]))
+    stage = about["stage"]
+    title = f"{STAGES[stage]}: {TIERS[about['tier']].lower()}"
     return f"""<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><title>{title}</title><style>{STYLE}</style></head><body>
 <h1>{title}</h1>
-<p>{TIERS[about["tier"]]}, stage <b>{stage}</b>: {about["n_scenes"]} scenes of {about["n_stops"]} stops. Mean
-{LOSS[stage]}, with 95 % intervals of the bootstrap over scenes.</p>
+<p>{about["n_scenes"]} scenes of {about["n_stops"]} stops. Mean {LOSS[stage]},
+with 95 % intervals of the bootstrap over scenes.</p>
 <table><thead><tr><th></th><th>method</th><th>kind</th><th>mean ({UNITS[stage]})</th><th>95 % interval</th>
 <th></th></tr></thead><tbody>
 {chr(10).join(lines)}

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
-from estimation.channel.record import ChannelEstimate
+from estimation.channel.record import AngleKind, ChannelEstimate
 from isac_arena.campaign.chain import significance
 from isac_arena.public_tasks.making import SealedScene, Stage
 from isac_arena.public_tasks.submissions import Submission
@@ -72,14 +72,14 @@ def _channel(sealed: SealedScene, number: int, submission: Submission) -> FloatA
 
 
 def _estimate(stop: int, values: FloatArray) -> ChannelEstimate:
-    """Submitted paths of a stop as a record; what was not submitted is unknown."""
+    """Submitted paths of a stop as a record; angles are those that horizontal beams see."""
     values = values[np.argsort(values[:, 0], kind="stable")]
     n = len(values)
     zero = np.zeros(n)
     return ChannelEstimate(
         stop=stop, delay_s=values[:, 0], aod_azimuth_rad=values[:, 1], aoa_azimuth_rad=values[:, 2],
         power_dbm=zero, beam_loss_db=zero, snr_db=zero, covariance=np.full((n, 3, 3), np.nan),
-        is_los=np.zeros(n, bool),
+        is_los=np.zeros(n, bool), aod_angle_kind=AngleKind.CONE, aoa_angle_kind=AngleKind.CONE,
     )  # fmt: skip
 
 

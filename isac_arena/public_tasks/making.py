@@ -155,7 +155,8 @@ def _observe(sealed: SealedScene, stage: Stage, folder: Path) -> None:
     """Write what everybody gets of a scene."""
     tx = sealed.scene.tx
     about = {"tx_position_m": tx.position_m.tolist(), "tx_heading_rad": tx.heading_rad}
-    write_json(folder / "scene.json", {**about, "bounds_m": list(sealed.scene.bounds_m)})
+    angles = "azimuths are those that horizontal beams see: cone angles about the boresight of the nearest panel"
+    write_json(folder / "scene.json", {**about, "bounds_m": list(sealed.scene.bounds_m), "angles": angles})
     if stage == "channel":
         for truth in sealed.truths:
             write_record(folder / f"stop_{truth.stop:03d}.nc", sealed.run.sweep(truth))

@@ -81,6 +81,17 @@ def test_stops_hold_what_the_simulation_gives(made: Path) -> None:
     assert sample["contours"].shape == (len(scene.objects), 32, 2)
 
 
+def test_the_simulation_behind_a_stop_is_that_of_its_arrays(made: Path, tmp_path: Path) -> None:
+    sample = ia.datasets.open(made)[1]
+    run, stop = ia.datasets.behind(made, sample["key"])
+    sweep = run.sweep(run.truth(stop))
+    assert np.array_equal(sample["samples"], sweep.samples * sweep.prs_symbol[:, None].conj())
+    with pytest.raises(ValueError, match="has no such stop"):
+        ia.datasets.behind(made, "chair")
+    small = SPEC | {"keep": ["poses"], "scenes": SPEC["scenes"] | {"count": 1, "n_stops": 1}}
+    assert len(ia.datasets.open(ia.datasets.make(small, tmp_path / "small"), "train")) in (0, 1)
+
+
 def test_the_cube_peaks_at_the_delay_of_a_path() -> None:
     """The strongest beam pair peaks where the strongest path arrives."""
     run = ia.CampaignRun(campaign_config(CONFIG, 0), scene_of(CONFIG, 0))
