@@ -13,6 +13,7 @@ from estimation.channel.model.crb import PathBounds, path_bounds, path_informati
 from estimation.channel.model.delay import hann_window
 from estimation.channel.model.manifold import Manifold
 from estimation.channel.record import ChannelEstimate
+from estimation.slam.config import Consider
 from isac_arena.campaign.config import CampaignConfig
 from scenes.pose import Pose, wrap_angle
 from scenes.record import ComplexArray, FloatArray, IntArray
@@ -59,6 +60,7 @@ class LinkView:
     window: FloatArray  # (subcarrier,) weights of the estimator over the band
     is_coherent: bool
     hardware: ImpairmentsConfig
+    set_up: Consider  # errors of the set-up that no estimator can see
     tx: Manifold = field(repr=False)
     rx: Manifold = field(repr=False)
 
@@ -180,6 +182,7 @@ def link_view(config: CampaignConfig, link: Link, scene: Scene) -> LinkView:
         window=hann_window(n) if config.channel.method == "power" else np.ones(n),
         is_coherent=not (hardware.cfo_hz or hardware.phase_noise_pair_deg),
         hardware=hardware,
+        set_up=config.slam.consider,
         tx=nominal_manifold(link.tx_codebook),
         rx=nominal_manifold(link.rx_codebook),
     )

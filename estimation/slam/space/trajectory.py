@@ -2,8 +2,9 @@
 
 A walk in space is solved in two steps. Upright surfaces, floors and ceilings keep the absolute elevation of a
 ray. Seen from above, a path is therefore a path of the plane, shorter by the cosine of the elevation. So all
-paths are projected on the plane, the smoother of the plane shares walls and objects between stops, and the
-heights follow stop by stop.
+paths are projected on the plane, and the smoother of the plane shares walls and objects between stops. The
+projection needs the clock biases, first those of the stops alone: both are done in turns. Heights follow stop by
+stop.
 """
 
 from collections.abc import Sequence
@@ -27,6 +28,9 @@ from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
 from scenes.record import BoolArray, FloatArray, IntArray
 
 _HEIGHT_ROUNDS = 10
+_WEAK_HEIGHT_M = 3.0  # standard deviation of a height that no path shows: that of its neighbours
+_MAX_TURNS = 4  # of projection and walk
+_SETTLED_M = 1e-3  # change of the clock biases that ends the turns
 
 
 def run_spatial_trajectory(
@@ -41,11 +45,18 @@ def run_spatial_trajectory(
     # The floors are those of the plane: the walk may lower them.
     no_floors = {"floor_delay_std_ns": 0.0, "floor_angle_std_deg": 0.0}
     own = snapshot.noise.model_copy(update=no_floors)
-    flat = project_on_plane(estimates, [spatial_problem(estimate, tx_pose, own) for estimate in estimates], alone)
+    problems = [spatial_problem(estimate, tx_pose, own) for estimate in estimates]
     in_plane_noise = snapshot.noise if snapshot.noise.source == "estimate" else own
     in_plane = snapshot.model_copy(update={"noise": in_plane_noise.model_copy(update={"source": "estimate"})})
-    poses, _, details = run_trajectory(flat, tx_pose, in_plane, config, mapping_config)
-    kinds = np.split(details.path_kind, np.cumsum([len(e) for e in estimates])[:-1])
+    solutions = alone
+    for _ in range(_MAX_TURNS):
+        flat = project_on_plane(estimates, problems, solutions)
+        poses, _, details = run_trajectory(flat, tx_pose, in_plane, config, mapping_config)
+        kinds = np.split(details.path_kind, np.cumsum([len(e) for e in estimates])[:-1])
+        before, solutions = solutions, _walked(alone, poses, kinds)
+        moved_s = np.abs([one.clock_bias_s - two.clock_bias_s for one, two in zip(before, solutions, strict=True)])
+        if SPEED_OF_LIGHT_M_S * np.max(moved_s, initial=0.0) < _SETTLED_M:
+            break
     shifted = turn_departures(estimates, details)
     problems = [spatial_problem(estimate, tx_pose, snapshot.noise) for estimate in shifted]
     guess = interpolated(np.array([s.position_m[2] for s in alone]), tx_pose.position_m[2])
@@ -67,18 +78,36 @@ def run_spatial_trajectory(
     return poses, points, details
 
 
+def _walked(
+    alone: Sequence[SnapshotSolution], poses: PoseEstimates, kinds: Sequence[IntArray]
+) -> list[SnapshotSolution]:
+    """The stops where the walk has them, at the heights that they have alone."""
+    height_m = interpolated(np.array([solution.position_m[2] for solution in alone]), 0.0)
+    return [
+        replace(
+            solution,
+            status=SolveStatus(int(poses.status[k])),
+            position_m=np.array([*poses.position_m[k], height_m[k]]),
+            heading_rad=float(poses.heading_rad[k]),
+            clock_bias_s=float(poses.clock_bias_s[k]),
+            is_los=kinds[k] == PathClass.LOS,
+        )
+        for k, solution in enumerate(alone)
+    ]
+
+
 def project_on_plane(
-    estimates: Sequence[ChannelEstimate], problems: Sequence[SpatialProblem], alone: Sequence[SnapshotSolution]
+    estimates: Sequence[ChannelEstimate], problems: Sequence[SpatialProblem], solutions: Sequence[SnapshotSolution]
 ) -> list[ChannelEstimate]:
     """The paths of all stops as paths of the plane: lengths less the clock bias, times the elevation's cosine.
 
-    Each leg counts with its share of the length. The bias is that of the stop solved alone, interpolated where
-    that failed: an error b of it changes a length by b (1 - cosine) only. Covariances are propagated.
+    Each leg counts with its share of the length. The bias is that of the solution, interpolated where that failed:
+    an error b of it changes a length by b (1 - cosine) only. Covariances are propagated.
     """
-    bias = interpolated(np.array([SPEED_OF_LIGHT_M_S * s.clock_bias_s for s in alone]), 0.0)
+    bias = interpolated(np.array([SPEED_OF_LIGHT_M_S * s.clock_bias_s for s in solutions]), 0.0)
     return [
         _project(estimate, problem, solution, float(bias[k]))
-        for k, (estimate, problem, solution) in enumerate(zip(estimates, problems, alone, strict=True))
+        for k, (estimate, problem, solution) in enumerate(zip(estimates, problems, solutions, strict=True))
     ]
 
 
@@ -124,7 +153,7 @@ def _with_height(
     """
     used = np.isin(kind, (PathClass.BOUNCE, PathClass.WALL, PathClass.OBJECT))
     los = np.flatnonzero(kind == PathClass.LOS)
-    if not np.isfinite(state).all() or not (used.any() or len(los)):
+    if not np.isfinite(state).all():
         return np.full(26, np.nan)
     freedom = snapshot.mixture.degrees_of_freedom
     state = state.copy()
@@ -135,8 +164,8 @@ def _with_height(
         if abs(step) < 1e-9:
             break
     value, slope, weight = _residuals(problem, state, used, los, freedom)
-    weight = np.where(np.arange(len(value)) < 2 * used.sum(), student_t_efficiency(freedom, 1), 1.0)
-    information = max(float(np.sum(weight * slope[:, 2] ** 2)), 1e-12)
+    weight = np.full(len(value), student_t_efficiency(freedom, 1))
+    information = float(np.sum(weight * slope[:, 2] ** 2)) + _WEAK_HEIGHT_M**-2
     lean = -np.sum((weight * slope[:, 2])[:, None] * slope[:, PLANE_OF_SPACE], axis=0) / information
     to_metres = np.array([1.0, 1.0, 1.0, SPEED_OF_LIGHT_M_S])
     plane = plane_covariance * np.outer(to_metres, to_metres)
@@ -154,12 +183,10 @@ def _residuals(
     """Whitened residuals (n,), derivatives (n, 5) and weights (n,): bounces first, then the line of sight."""
     fit = bounce_fit(problem, state[None])
     value, slope = fit.white[0, used].ravel(), fit.jacobian[0, used].reshape(-1, 5)
-    weight = (freedom + 1) / (freedom + value**2)
     if len(los):
         direct, by_state = los_fit(problem, state[None], int(los[0]))
         value, slope = np.concatenate([value, direct[0]]), np.concatenate([slope, by_state[0]])
-        weight = np.concatenate([weight, np.ones(5)])
-    return value, slope, weight
+    return value, slope, (freedom + 1) / (freedom + value**2)
 
 
 def _state(poses: PoseEstimates, k: int, height_m: float) -> FloatArray:

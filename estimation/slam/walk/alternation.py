@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -10,25 +11,27 @@ from scipy.stats import chi2
 
 from estimation.laws.plane import state_columns
 from estimation.slam.config import TrajectoryConfig
-from estimation.slam.mapping.noise import LARGEST_RANGE_M, LEAST_GAIN, SHARES
+from estimation.slam.mapping.noise import LEAST_GAIN, SHARES
 from estimation.slam.snapshot.refine import bounce_terms
 from estimation.slam.walk.association import classify_paths, drop_unused_landmarks, reclassify_paths
 from estimation.slam.walk.linearise import linearise
+from estimation.slam.walk.relocate import CLUTTER_LOG_DENSITY, Place, placed
 from estimation.slam.walk.residuals import (
+    LEAST_SPARE,
     Association,
     Observations,
     PathClass,
     TrajectoryState,
+    spare_equations,
     without_heading_offsets,
 )
 from estimation.slam.walk.sessions import split_sessions
 from estimation.slam.walk.smoother import LANDMARK_INFORMATION, minimise_robust_cost, normal_equations
-from scenes.record import BoolArray
+from scenes.record import BoolArray, FloatArray
 
-ROUGHNESS = ("wall_roughness_m", "object_roughness_m")
-CLUTTER_LOG_DENSITY = -float(np.log(LARGEST_RANGE_M * (2 * np.pi) ** 2))  # per m rad^2
 _ROUGH_ITERATIONS = 6  # enough where the association will change
 _MAX_ROUNDS = 10
+_PLACINGS = 2
 
 
 class Noise(NamedTuple):
@@ -38,9 +41,13 @@ class Noise(NamedTuple):
     config: TrajectoryConfig
 
     def lower(self, share: float) -> Noise:
-        """With this share of the floors; the roughness falls with its root."""
-        rough = {name: float(np.sqrt(share)) * getattr(self.config, name) for name in ROUGHNESS}
-        return Noise(self.seen.with_floor(share), self.config.model_copy(update=rough))
+        """With this share of the floors; the roughness of walls falls with its root."""
+        return Noise(self.seen.with_floor(share), self.config).smoother("wall_roughness_m", share)
+
+    def smoother(self, name: str, share: float) -> Noise:
+        """With the root of this share of a roughness."""
+        rough = {name: float(np.sqrt(share)) * getattr(self.config, name)}
+        return Noise(self.seen, self.config.model_copy(update=rough))
 
 
 class SmoothedWalk(NamedTuple):
@@ -49,6 +56,8 @@ class SmoothedWalk(NamedTuple):
     now: TrajectoryState
     link: Association
     noise: Noise
+    is_los: BoolArray
+    places: dict[int, Place]  # of the stops that its landmarks placed
 
     @property
     def evidence(self) -> float:
@@ -64,24 +73,68 @@ class SmoothedWalk(NamedTuple):
         return float((density[np.isfinite(density)] - CLUTTER_LOG_DENSITY).sum() + (prior - information) / 2)
 
 
+class DoubtfulStops(NamedTuple):
+    """Stops that the landmarks of the walk are to place, and states of all stops to start from."""
+
+    is_doubtful: BoolArray  # (stop,)
+    starts: Sequence[FloatArray]  # (start, 4) of every stop
+    max_bias_m: float
+
+
 def smooth_walk(
-    seen: Observations, is_los: BoolArray, start: TrajectoryState, config: TrajectoryConfig
+    seen: Observations,
+    is_los: BoolArray,
+    start: TrajectoryState,
+    config: TrajectoryConfig,
+    doubtful: DoubtfulStops | None = None,
 ) -> SmoothedWalk:
-    """Motion prior alone, then with landmarks and sessions, then with less noise.
+    """Motion prior alone, then with landmarks and sessions, then doubtful stops again, then with less noise.
 
     The floors of the noise and the roughness of surfaces are wide, for errors that are not in the covariances of
-    paths. Lower ones follow step by step, each from the solution before; the one of most evidence is kept.
+    paths. Lower ones follow step by step, each from the solution before; the one of most evidence is kept. Objects
+    that are no circles stay rough: less of their roughness needs evidence of its own.
     """
     wide = Noise(seen, config)
     now, _ = _alternate(wide, wide, is_los, start, use_landmarks=False)
     walks = [_with_landmarks(wide, wide, is_los, now)]
+    if doubtful is not None and config.use_landmarks:
+        walks = [_relocated(walks[0], wide, doubtful)]
     if not (seen.floor.any() and config.use_landmarks):
         return walks[0]
-    for share in SHARES:
-        walks.append(_with_landmarks(wide.lower(share), wide, is_los, walks[-1].now))
-    evidence = np.array([walk.evidence for walk in walks])
-    best = int(np.argmax(evidence))
-    return walks[best] if evidence[best] > evidence[0] + LEAST_GAIN else walks[0]
+    share = 1.0
+    for lower in SHARES:
+        walks.append(_quieter(walks[-1], wide.lower(lower), wide))
+        if walks[-1].evidence > max(walk.evidence for walk in walks[:-1]):
+            share = lower
+    best = max(walks, key=lambda walk: walk.evidence)
+    round_ones = _quieter(best, best.noise.smoother("object_roughness_m", share), wide)
+    best = max(best, round_ones, key=lambda walk: walk.evidence)
+    return best if best.evidence > walks[0].evidence + LEAST_GAIN else walks[0]
+
+
+def _quieter(walk: SmoothedWalk, noise: Noise, wide: Noise) -> SmoothedWalk:
+    """The walk again with less noise, from the solution before."""
+    return _with_landmarks(noise, wide, walk.is_los, walk.now)._replace(places=walk.places)
+
+
+def _relocated(walk: SmoothedWalk, wide: Noise, doubtful: DoubtfulStops) -> SmoothedWalk:
+    """The walk with its doubtful stops where its landmarks place them; stops placed show more landmarks."""
+    seen, config = wide
+    for _ in range(_PLACINGS):
+        is_doubtful = doubtful.is_doubtful | (spare_equations(seen, walk.link) < LEAST_SPARE)
+        places = {
+            stop: placed(seen, walk.link, walk.now, stop, doubtful.starts[stop], config, doubtful.max_bias_m)
+            for stop in np.flatnonzero(is_doubtful).tolist()
+        }
+        state, is_los = walk.now.state.copy(), walk.is_los.copy()
+        for stop, place in places.items():
+            state[stop] = place.state
+            is_los[seen.row == stop] = place.is_los
+        is_settled = not any(place.is_new for place in places.values())
+        walk = _with_landmarks(wide, wide, is_los, replace(walk.now, state=state))._replace(places=places)
+        if is_settled:
+            break
+    return walk
 
 
 def _with_landmarks(noise: Noise, wide: Noise, is_los: BoolArray, now: TrajectoryState) -> SmoothedWalk:
@@ -92,7 +145,7 @@ def _with_landmarks(noise: Noise, wide: Noise, is_los: BoolArray, now: Trajector
         if len(split.offset_rad) == len(now.offset_rad):
             break
         now, link = _settled(noise, wide, is_los, split)
-    return SmoothedWalk(now, link, noise)
+    return SmoothedWalk(now, link, noise, is_los, {})
 
 
 def _settled(

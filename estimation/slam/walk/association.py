@@ -1,7 +1,6 @@
 """Association of paths to shared landmarks: clusters of incidence points are walls or compact objects."""
 
 from dataclasses import replace
-from itertools import combinations
 
 import numpy as np
 from scipy.stats import chi2
@@ -11,6 +10,7 @@ from estimation.slam.config import TrajectoryConfig
 from estimation.slam.mapping.point_fit import point_covariance
 from estimation.slam.snapshot.refine import bounce_terms
 from estimation.slam.walk.assignment import assign_to_landmarks
+from estimation.slam.walk.mirrors import find_walls
 from estimation.slam.walk.residuals import (
     Association,
     Observations,
@@ -22,8 +22,6 @@ from scenes.record import BoolArray, FloatArray
 
 # Landmarks are found from incidence points more certain than this.
 _MAX_POINT_STD_M = 0.6
-_WALL_TOLERANCE_M = 0.25
-_MIN_WALL_LENGTH_M = 1.0
 _MAX_OBJECT_SCATTER_M = 0.4
 # Standard deviation of the position of a landmark that is not yet estimated.
 _START_STD_M = 0.05
@@ -109,41 +107,24 @@ def find_landmarks(
     """Walls (wall, 2), circles (object, 3) and the spans (wall, 2) of the walls.
 
     From IPs (ip, 2) and the outward normals (ip, 2) of their surfaces, with standard deviations `normal_std_rad`
-    (ip,). A compact cluster with equal normals is a piece of a wall, unused where it is short. Otherwise the
-    centre of its circle is behind each IP by the radius.
+    (ip,). Walls first; the compact clusters of the other IPs are objects, unless their normals are equal. The
+    centre of an object's circle is behind each IP by the radius.
     """
-    walls: list[FloatArray] = []
+    walls, spans, is_free = find_walls(point_m, normal, normal_std_rad, config.cluster_min_samples)
     objects: list[FloatArray] = []
-    spans: list[tuple[float, float]] = []
-    if not len(point_m):
-        return np.empty((0, 2)), np.empty((0, 3)), np.empty((0, 2))
-    from sklearn.cluster import DBSCAN  # noqa: PLC0415  (it takes a second, and pandas comes with it)
+    if is_free.any():
+        from sklearn.cluster import DBSCAN  # noqa: PLC0415  (it takes a second, and pandas comes with it)
 
-    label = DBSCAN(eps=config.cluster_eps_m, min_samples=config.cluster_min_samples).fit_predict(point_m)
-    for cluster in range(label.max() + 1):
-        mine = label == cluster
-        rest, outward, std = point_m[mine], normal[mine], normal_std_rad[mine]
-        while len(rest) >= config.cluster_min_samples:
-            if _scatter(rest) <= _MAX_OBJECT_SCATTER_M and _extent(rest) <= config.max_object_extent_m:
-                if _is_flat(outward, std):
-                    wall = _facing(rest, outward)
-                    span = _stretch(rest, wall)
-                    if span[1] - span[0] >= _MIN_WALL_LENGTH_M:
-                        walls.append(wall)
-                        spans.append(span)
-                else:
-                    centre = np.median(rest - config.object_radius_m * outward, axis=0)
-                    objects.append(np.array([*centre, config.object_radius_m]))
-                break
-            wall, on_wall = _best_line(rest)
-            enough = np.count_nonzero(on_wall) >= config.cluster_min_samples
-            span = _stretch(rest[on_wall], wall) if enough else (0.0, 0.0)
-            if span[1] - span[0] < _MIN_WALL_LENGTH_M:
-                break
-            walls.append(wall)
-            spans.append(span)
-            rest, outward, std = rest[~on_wall], outward[~on_wall], std[~on_wall]
-    return np.reshape(walls, (-1, 2)), np.reshape(objects, (-1, 3)), np.reshape(spans, (-1, 2))
+        rest, outward, std = point_m[is_free], normal[is_free], normal_std_rad[is_free]
+        label = DBSCAN(eps=config.cluster_eps_m, min_samples=config.cluster_min_samples).fit_predict(rest)
+        for cluster in range(label.max() + 1):
+            mine = label == cluster
+            is_compact = _scatter(rest[mine]) <= _MAX_OBJECT_SCATTER_M
+            is_compact = is_compact and _extent(rest[mine]) <= config.max_object_extent_m
+            if is_compact and not _is_flat(outward[mine], std[mine]):
+                centre = np.median(rest[mine] - config.object_radius_m * outward[mine], axis=0)
+                objects.append(np.array([*centre, config.object_radius_m]))
+    return walls, np.reshape(objects, (-1, 3)), spans
 
 
 def _is_flat(normal: FloatArray, std_rad: FloatArray) -> bool:
@@ -151,37 +132,6 @@ def _is_flat(normal: FloatArray, std_rad: FloatArray) -> bool:
     mean = np.median(normal, axis=0)
     off = np.abs(np.arctan2(normal[:, 1] * mean[0] - normal[:, 0] * mean[1], normal @ mean))
     return bool(np.quantile(off / std_rad, _FLAT_QUANTILE) < _FLAT_STDS)
-
-
-def _facing(point_m: FloatArray, normal: FloatArray) -> FloatArray:
-    """Line [azimuth of normal, offset] through IPs of equal normals."""
-    n = np.median(normal, axis=0)
-    n = n / np.hypot(*n)
-    return np.array([np.arctan2(n[1], n[0]), np.median(point_m @ n)])
-
-
-def _stretch(point_m: FloatArray, wall: FloatArray) -> tuple[float, float]:
-    """First and last position of points along a wall."""
-    along = point_m @ np.array([-np.sin(wall[0]), np.cos(wall[0])])
-    return float(along.min()), float(along.max())
-
-
-def _best_line(point_m: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Line [azimuth of normal, offset] through two of the points with the most points near it, refitted."""
-    pairs = np.array(list(combinations(range(min(len(point_m), 60)), 2)))
-    along = point_m[pairs[:, 1]] - point_m[pairs[:, 0]]
-    pairs = pairs[np.hypot(*along.T) > 0.5]
-    if not len(pairs):
-        return np.zeros(2), np.zeros(len(point_m), bool)
-    along = point_m[pairs[:, 1]] - point_m[pairs[:, 0]]
-    normal = np.column_stack([-along[:, 1], along[:, 0]]) / np.hypot(*along.T)[:, None]
-    gap = np.abs(normal @ point_m.T - np.sum(normal * point_m[pairs[:, 0]], axis=1)[:, None])
-    closeness = np.sum(np.maximum(1 - (gap / _WALL_TOLERANCE_M) ** 2, 0), axis=1)
-    on_wall = gap[int(np.argmax(closeness))] < _WALL_TOLERANCE_M
-    centre = point_m[on_wall].mean(axis=0)
-    axes = np.linalg.svd(point_m[on_wall] - centre, full_matrices=False)[2]
-    n = np.array([-axes[0, 1], axes[0, 0]])
-    return np.array([np.arctan2(n[1], n[0]), n @ centre]), on_wall
 
 
 def _extent(point_m: FloatArray) -> float:

@@ -8,6 +8,7 @@ import numpy as np
 
 from estimation.slam.config import TrajectoryConfig
 from estimation.slam.snapshot.problem import Fit
+from estimation.slam.walk.relocate import Place
 from scenes.pose import wrap_angle
 from scenes.record import FloatArray, IntArray
 
@@ -82,6 +83,17 @@ def rival_modes(modes: Sequence[Sequence[Fit]], chosen: IntArray, config: Trajec
         if len(others):
             best = others[np.argmax(score[others])]
             gap[k], state[k] = score[own] - score[best], fits[best].state
+    return Rivals(gap, state, los, square)
+
+
+def with_places(rivals: Rivals, places: dict[int, Place]) -> Rivals:
+    """The rivals with those that landmarks left at the stops they placed."""
+    gap, state, los, square = (
+        part.copy() for part in (rivals.gap, rivals.state, rivals.los_probability, rivals.square_m2)
+    )
+    for stop, place in places.items():
+        gap[stop], state[stop] = place.gap, place.rival
+        los[stop], square[stop] = place.los_probability, place.square_m2
     return Rivals(gap, state, los, square)
 
 

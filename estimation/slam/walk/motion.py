@@ -22,23 +22,37 @@ def course_of(state: FloatArray) -> FloatArray:
 
 def motion_cost(state: FloatArray, course: FloatArray, config: TrajectoryConfig) -> float:
     """Minus the log-likelihood of a walk (stop, state), up to a constant."""
-    return float(_cost(state, course, _scales(config), config.motion_degrees_of_freedom))
+    return float(_cost(state, course, motion_scales(config), config.motion_degrees_of_freedom))
 
 
 def add_motion(
-    state: FloatArray, course: FloatArray, config: TrajectoryConfig, diagonal: FloatArray, gradient: FloatArray
+    state: FloatArray,
+    course: FloatArray,
+    config: TrajectoryConfig,
+    diagonal: FloatArray,
+    gradient: FloatArray,
+    *,
+    as_expected: bool = False,
 ) -> tuple[FloatArray, FloatArray]:
     """Add the prior's information to diagonal blocks (stop, state, state) and gradient (stop, state), in place.
 
-    Returns its coupling blocks to the next (stop - 1, state, state) and the second next stop.
+    Returns its coupling blocks to the next (stop - 1, state, state) and the second next stop. Each term has
+    the weight of its Student-t law; `as_expected` it is at most the Fisher information of that law, which is
+    what a covariance may count on: a small step is no proof of a small scale.
     """
-    n, size = state.shape
+    (n, size), freedom = state.shape, config.motion_degrees_of_freedom
     next1, next2 = np.zeros((max(n - 1, 0), size, size)), np.zeros((max(n - 2, 0), size, size))
-    _add(state, course, _scales(config), config.motion_degrees_of_freedom, diagonal, gradient, next1, next2)
+    most = np.array([_fisher(freedom, 2), _fisher(_DRIFT_FREEDOM, 1)]) if as_expected else np.full(2, np.inf)
+    _add(state, course, motion_scales(config), freedom, most, diagonal, gradient, next1, next2)
     return next1, next2
 
 
-def _scales(config: TrajectoryConfig) -> FloatArray:
+def _fisher(freedom: float, size: int) -> float:
+    """Fisher information of the location of a Student-t law of unit scale, per component of a vector of `size`."""
+    return (freedom + size) / (freedom + size + 2)
+
+
+def motion_scales(config: TrajectoryConfig) -> FloatArray:
     """Scales along and across the course in m, of the heading in rad and of a clock bias in m."""
     return np.array(
         [config.along_track_std_m, config.cross_track_std_m, config.heading_step_rad, config.clock_step_m]
@@ -80,6 +94,7 @@ def _add(
     course: FloatArray,
     scale: FloatArray,
     freedom: float,
+    most: FloatArray,
     diagonal: FloatArray,
     gradient: FloatArray,
     next1: FloatArray,
@@ -88,7 +103,7 @@ def _add(
     for k in range(len(state) - 1):
         for axis in range(2, state.shape[1]):
             drift = _drift(state, scale, k, axis)
-            weight = (_DRIFT_FREEDOM + 1) / (_DRIFT_FREEDOM + drift**2)
+            weight = min((_DRIFT_FREEDOM + 1) / (_DRIFT_FREEDOM + drift**2), most[1])
             information = weight / scale[min(axis, 3)] ** 2
             diagonal[k, axis, axis] += information
             diagonal[k + 1, axis, axis] += information
@@ -98,7 +113,7 @@ def _add(
     sign = np.array([1.0, -2.0, 1.0])
     for k in range(len(state) - 2):
         along, across = _bend(state, course, scale, k)
-        weight = (freedom + 2) / (freedom + along**2 + across**2)
+        weight = min((freedom + 2) / (freedom + along**2 + across**2), most[0])
         cx, cy = course[k, 0], course[k, 1]
         a, b = cx / scale[0], cy / scale[0]
         c, d = -cy / scale[1], cx / scale[1]

@@ -58,6 +58,17 @@ class Observations:
         lower = share**2 * self.floor
         return replace(self, covariance=self.covariance - self.floor + lower, floor=lower)
 
+    def of_stop(self, stop: int) -> Observations:
+        """The paths of one stop alone."""
+        mine = self.row == stop
+        none = self.row[mine] - stop
+        parts = {
+            "measured": self.measured[mine],
+            "covariance": self.covariance[mine],
+            "link": self.tx_of_path[mine],
+        }
+        return replace(self, n_stops=1, row=none, **parts)
+
 
 @dataclass(frozen=True)
 class Association:
@@ -65,6 +76,19 @@ class Association:
 
     kind: IntArray
     landmark: IntArray
+
+
+LEAST_SPARE = 2  # equations beyond the unknowns of a state that make it certain
+
+
+def spare_equations(seen: Observations, link: Association) -> IntArray:
+    """Equations (stop,) of the paths in use beyond the unknowns of a state.
+
+    A bounce off any place gives one, other paths three. Where they are few, one wrong path moves the state and
+    nothing contradicts it.
+    """
+    equations = np.where(link.kind == PathClass.BOUNCE, 1, np.where(link.kind == PathClass.UNUSED, 0, 3))
+    return np.asarray(np.bincount(seen.row, equations, seen.n_stops) - 3 - seen.n_tx, int)
 
 
 @dataclass(frozen=True)

@@ -75,26 +75,44 @@ def normal_equations(
     return _system(linearise(seen, link, now, config), now, config)
 
 
+def state_equations(
+    seen: Observations, link: Association, now: TrajectoryState, config: TrajectoryConfig
+) -> tuple[FloatArray, FloatArray]:
+    """Information (stop, 4, 4) and gradient (stop, 4) of the states from the paths, all else held."""
+    terms = _path_terms(linearise(seen, link, now, config), now, config)
+    return terms.diagonal, terms.gradient
+
+
 def solution_covariance(
     seen: Observations, link: Association, now: TrajectoryState, config: TrajectoryConfig
 ) -> tuple[FloatArray, FloatArray]:
     """Covariances (stop, state, state) of the states and (shared, shared) of the shared unknowns at the solution.
 
-    Paths have their mean weight under Gaussian errors, not that of their actual errors.
+    Paths have their mean weight under Gaussian errors, not that of their actual errors, and steps of the walk no
+    more than the mean weight of their law.
     """
     residuals = linearise(seen, link, now, config)
     weight = residuals.efficient_weight(config.degrees_of_freedom)
     return _system(residuals, now, config, weight).covariance()
 
 
-def _system(
+class _PathTerms(NamedTuple):
+    """What the paths add to an `ArrowSystem`, with a weak prior of the states."""
+
+    diagonal: FloatArray
+    border: FloatArray
+    corner: FloatArray
+    gradient: FloatArray
+    shared_gradient: FloatArray
+
+
+def _path_terms(
     residuals: Linearised, now: TrajectoryState, config: TrajectoryConfig, weight: FloatArray | None = None
-) -> ArrowSystem:
+) -> _PathTerms:
     (n, size), m = now.state.shape, now.n_shared
     weak_std = np.array([*_WEAK_STD[:3], *now.n_tx * _WEAK_STD[3:]])
-    diagonal = np.tile(np.diag(weak_std**-2.0), (n, 1, 1))
-    border, corner = np.zeros((n, size, m)), np.zeros((m, m))
-    gradient, shared_gradient = np.zeros((n, size)), np.zeros(m)
+    weak = np.tile(np.diag(weak_std**-2.0), (n, 1, 1))
+    terms = _PathTerms(weak, np.zeros((n, size, m)), np.zeros((m, m)), np.zeros((n, size)), np.zeros(m))
     accumulate(
         residuals.row,
         residuals.size,
@@ -104,15 +122,19 @@ def _system(
         residuals.columns,
         residuals.by_shared,
         residuals.shared,
-        diagonal,
-        border,
-        corner,
-        gradient,
-        shared_gradient,
+        *terms,
     )
-    diagonal[:, 3:, 3:] += residuals.clock_information
-    gradient[:, 3:] += now.state[:, 3:] @ residuals.clock_information
-    next1, next2 = add_motion(now.state, now.course, config, diagonal, gradient)
+    terms.diagonal[:, 3:, 3:] += residuals.clock_information
+    terms.gradient[:, 3:] += now.state[:, 3:] @ residuals.clock_information
+    return terms
+
+
+def _system(
+    residuals: Linearised, now: TrajectoryState, config: TrajectoryConfig, weight: FloatArray | None = None
+) -> ArrowSystem:
+    diagonal, border, corner, gradient, shared_gradient = _path_terms(residuals, now, config, weight)
+    is_expected = weight is not None
+    next1, next2 = add_motion(now.state, now.course, config, diagonal, gradient, as_expected=is_expected)
     _add_shared_priors(corner, shared_gradient, border, now, config)
     return ArrowSystem(diagonal, next1, next2, border, corner, gradient, shared_gradient)
 

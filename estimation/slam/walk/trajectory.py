@@ -17,10 +17,18 @@ from estimation.slam.record import IncidencePoints, PoseEstimates, SolveStatus
 from estimation.slam.snapshot.problem import Fit, SnapshotProblem, snapshot_problem
 from estimation.slam.snapshot.solve import ranked_modes
 from estimation.slam.transmitters import AnyTx, map_each_tx, transmitters_of
-from estimation.slam.walk.alternation import smooth_walk
-from estimation.slam.walk.modes import Rivals, choose_modes, rival_modes
+from estimation.slam.walk.alternation import DoubtfulStops, smooth_walk
+from estimation.slam.walk.modes import Rivals, choose_modes, rival_modes, with_places
 from estimation.slam.walk.motion import course_of
-from estimation.slam.walk.residuals import Association, Observations, PathClass, TrajectoryState
+from estimation.slam.walk.relocate import LEAST_GAIN
+from estimation.slam.walk.residuals import (
+    LEAST_SPARE,
+    Association,
+    Observations,
+    PathClass,
+    TrajectoryState,
+    spare_equations,
+)
 from estimation.slam.walk.smoother import robust_cost, solution_covariance
 from scenes.pose import SPEED_OF_LIGHT_M_S, wrap_angle
 from scenes.record import BoolArray, FloatArray, IntArray, Record, array
@@ -68,13 +76,19 @@ def run_trajectory(
     if np.all(chosen < 0):
         return _unsolved(estimates, seen, tx_pose, mapping_config)
     start = initial_state(modes, chosen, seen)
-    now, link, (seen, config) = smooth_walk(seen, is_los, start, config)
+    rivals = rival_modes(modes, chosen, config)
+    doubtful = _doubtful(modes, rivals, is_los, seen, snapshot) if seen.n_tx == 1 else None
+    walk = smooth_walk(seen, is_los, start, config, doubtful)
+    now, link, (seen, config), is_los, places = walk
+    is_known = chosen >= 0
+    for stop, place in places.items():
+        is_known[stop] |= place.evidence > LEAST_GAIN and place.position_std_m < snapshot.max_position_std_m
     covariance, shared_covariance = solution_covariance(seen, link, now, config)
     cost = robust_cost(seen, link, now, config) / seen.n_stops
-    poses = _poses(estimates, now, link, seen, chosen, is_los, cost)
+    poses = _poses(estimates, now, link, seen, is_known, is_los, cost)
     from_tx = now.state[:, :2] - transmitters_of(tx_pose).rows[0, :2]
     covariance[:, :4, :4] += snapshot.consider.covariance(from_tx)
-    poses = _with_covariance(poses, covariance, rival_modes(modes, chosen, config), snapshot)
+    poses = _with_covariance(poses, covariance, with_places(rivals, places), spare_equations(seen, link), snapshot)
     details = _details(now, link, seen, chosen, shared_covariance)
     shifted, joint = turn_departures(estimates, details), list(poses.covariance)
     flags = flags_by_stop(estimates, details)
@@ -149,18 +163,28 @@ def _lines_of_sight(
     return np.concatenate([np.empty(0, bool), *parts])
 
 
+def _doubtful(
+    modes: Sequence[Sequence[Fit]], rivals: Rivals, is_los: BoolArray, seen: Observations, snapshot: SnapshotConfig
+) -> DoubtfulStops:
+    """Stops in no mode, with a near rival, or without a line of sight."""
+    has_los = np.bincount(seen.row[is_los], minlength=seen.n_stops) > 0
+    is_doubtful = ~has_los | ~(rivals.gap >= snapshot.ambiguous_gap)
+    starts = [np.reshape([fit.state for fit in fits], (-1, 4)) for fits in modes]
+    return DoubtfulStops(np.asarray(is_doubtful), starts, snapshot.max_clock_bias_m)
+
+
 def _poses(
     estimates: Sequence[ChannelEstimate],
     now: TrajectoryState,
     link: Association,
     seen: Observations,
-    chosen: IntArray,
+    is_known: BoolArray,
     is_los: BoolArray,
     cost: float,
 ) -> PoseEstimates:
     n = seen.n_stops
     has_los = np.bincount(seen.row[is_los], minlength=n) > 0
-    status = np.where(has_los, SolveStatus.LOS, np.where(chosen >= 0, SolveStatus.NLOS, SolveStatus.FAILED))
+    status = np.where(has_los, SolveStatus.LOS, np.where(is_known, SolveStatus.NLOS, SolveStatus.FAILED))
     return PoseEstimates(
         stop=np.array([estimate.stop for estimate in estimates], dtype=int),
         position_m=now.state[:, :2],
@@ -175,15 +199,19 @@ def _poses(
 
 
 def _with_covariance(
-    poses: PoseEstimates, covariance: FloatArray, rivals: Rivals, snapshot: SnapshotConfig
+    poses: PoseEstimates, covariance: FloatArray, rivals: Rivals, n_spare: IntArray, snapshot: SnapshotConfig
 ) -> PoseEstimates:
-    """Poses with covariances (stop, state, state) in m and rad, and the evidence of the chosen modes."""
+    """Poses with covariances (stop, state, state) in m and rad, and the evidence of the chosen modes.
+
+    `n_spare` (stop,) are the equations of the paths beyond the unknowns of the state; a stop with few of them is
+    ambiguous.
+    """
     scale = np.append(np.ones(3), np.full(poses.n_tx, 1 / SPEED_OF_LIGHT_M_S))
     return replace(
         poses,
         covariance=covariance * np.outer(scale, scale),
         evidence_gap=rivals.gap,
-        is_ambiguous=rivals.gap < snapshot.ambiguous_gap,
+        is_ambiguous=(rivals.gap < snapshot.ambiguous_gap) | (n_spare < LEAST_SPARE),
         alternative=rivals.state * scale,
         los_probability=rivals.los_probability,
         position_std_m=np.sqrt(covariance[:, 0, 0] + covariance[:, 1, 1] + rivals.square_m2),
@@ -221,7 +249,7 @@ def _unsolved(
     state, offset = np.full((n, 3 + seen.n_tx), np.nan), np.zeros(seen.n_tx)
     now = TrajectoryState(state, offset, walls, objects, session, 0, course)
     link = Association(np.full(m, PathClass.UNUSED), np.full((m, 2), -1))
-    poses = _poses(estimates, now, link, seen, chosen, np.zeros(m, bool), np.nan)
+    poses = _poses(estimates, now, link, seen, chosen >= 0, np.zeros(m, bool), np.nan)
     details = _details(now, link, seen, chosen, np.zeros((seen.n_tx, seen.n_tx)))
     return poses, map_each_tx(map_stops, estimates, poses, tx_pose, config), details
 

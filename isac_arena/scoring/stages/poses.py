@@ -96,8 +96,10 @@ def pose_bounds(scene: Scene, stops: Sequence[Sequence[TrueStop]]) -> StateBound
     """Bounds (stop,) of the receiver states from the significant paths of each stop alone, those of all its TX.
 
     The paths are the line of sight and single bounces off upright objects, with the Cramer-Rao bounds of their
-    delays and azimuths as covariances; incidence points are unknowns. The clock bias against every TX is free. A
-    bound is infinite where the paths do not determine the state, and NaN without a view of the link.
+    delays and azimuths as covariances; incidence points are unknowns. The clock bias against every TX is free.
+    Errors of the set-up that the campaign states (`slam.consider`) are part of it: a turned TX turns the whole
+    solution, and no path shows it. A bound is infinite where the paths do not determine the state, and NaN
+    without a view of the link.
     """
     found = [_pose_bound(scene, stop) for stop in stops]
     columns = ([getattr(one, field.name) for one in found] for field in fields(StateBound))
@@ -112,8 +114,12 @@ def unknown_bound(n_stops: int) -> StateBound:
 def _pose_bound(scene: Scene, links: Sequence[TrueStop]) -> StateBound:
     if any(link.view is None for link in links):
         return StateBound(*np.full(3, np.nan))
-    information = shared_pose_information([_information(scene, link) for link in links])
-    return state_bound(state_covariance(information))
+    covariance = state_covariance(shared_pose_information([_information(scene, link) for link in links]))
+    first = links[0]
+    if first.view is not None:
+        from_tx = first.truth.rx_pose.position_m - first.tx_pose.position_m
+        covariance[:4, :4] += first.view.set_up.covariance(from_tx[:2])
+    return state_bound(covariance)
 
 
 def _information(scene: Scene, stop: TrueStop) -> FloatArray:

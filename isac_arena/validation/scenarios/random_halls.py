@@ -27,6 +27,7 @@ EQUAL_HEIGHTS_M = 0.05  # devices within this are at equal heights: .4 ps on a p
 LEAST_DIFFERENCE_M = 0.5  # between unequal heights
 LEAST_DISTANCE_M = 2.0  # between TX and receiver in plan view
 TX_SECTOR_DEG, RX_SECTOR_DEG = 140.0, 90.0
+MOST_POINTING_DEG = 1.0  # the TX heading of rooms with hardware is off by half of it to all of it
 CARRIER_HZ = 60e9
 WALL_M = 0.15
 N_ROOMS, N_WALKS = 200, 12  # rooms and walks tried before giving up
@@ -243,10 +244,12 @@ def _draw_campaign(rng: np.random.Generator, room: int, n_elevations: int, hardw
         "sector_deg": RX_SECTOR_DEG,
     }
     impairments: Table = {}
+    slam: Table = {}
     if hardware:
         bits = int(rng.integers(4, 7))
         tx, rx = {**tx, "phase_bits": bits}, {**rx, "phase_bits": bits}
         impairments = _draw_impairments(rng)
+        slam = {"consider": {"pointing_std_deg": MOST_POINTING_DEG}}  # as of a mount that is surveyed
     tables = {
         "name": f"hall_{room:02d}",
         "scene": f"hall_{room:02d}.toml",
@@ -255,6 +258,7 @@ def _draw_campaign(rng: np.random.Generator, room: int, n_elevations: int, hardw
         "tx_array": tx,
         "rx_array": rx,
         "impairments": impairments,
+        "slam": slam,
     }
     return with_link_levels(CampaignConfig.model_validate(tables))
 
@@ -278,7 +282,7 @@ def _draw_impairments(rng: np.random.Generator) -> Table:
         "element_gain_std_db": 0.7 * share["element"],
         "element_phase_std_deg": 8.0 * share["element"],
         "coupling_db": -20.0,
-        "tx_pointing_offset_deg": 1.0 * share["pointing"] * sign[2],
+        "tx_pointing_offset_deg": MOST_POINTING_DEG * share["pointing"] * sign[2],
         "rx_placement_std_m": 0.03,
         "rx_heading_std_deg": 1.0,
         "beam_phase_std_deg": 60.0,

@@ -1,0 +1,94 @@
+"""Walls from single bounces: each incidence point with its normal is a line, and a wall is a line that many share.
+
+A path shows where it met a surface and, as the bisector of its two rays, how the surface faces. So points of one
+wall agree however far apart they are; what is no single bounce gives lines at random, which agree with nothing.
+"""
+
+import numpy as np
+
+from scenes.record import BoolArray, FloatArray
+
+TOLERANCE_M = 0.25  # of a point about its wall
+LEAST_LENGTH_M = 1.0  # between the outer points of a wall
+GATE_STDS = 3.0  # of the difference of two normals, and of the distance that it makes at a far point
+MOST_SEEDS = 400  # lines that are tried, evenly over the points
+BLOCK = 1_000_000  # pairs of lines and points compared at a time
+REFITS = 3
+
+
+def find_walls(
+    point_m: FloatArray, normal: FloatArray, normal_std_rad: FloatArray, least: int
+) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Walls [azimuth of normal, offset] (wall, 2), their spans (wall, 2), and the points (ip,) that are on none.
+
+    From points (ip, 2) and outward normals (ip, 2) with standard deviations (ip,). The line that most points share
+    is taken first, with all its points; a wall has at least `least` of them.
+    """
+    walls: list[FloatArray] = []
+    spans: list[tuple[float, float]] = []
+    rest, free = np.arange(len(point_m)), np.ones(len(point_m), bool)
+    azimuth = np.arctan2(normal[:, 1], normal[:, 0])
+    while len(rest) >= least:
+        wall, is_on = _most_shared(point_m[rest], azimuth[rest], normal_std_rad[rest])
+        if np.count_nonzero(is_on) < least:
+            break
+        along = point_m[rest[is_on]] @ np.array([-np.sin(wall[0]), np.cos(wall[0])])
+        if np.ptp(along) >= LEAST_LENGTH_M:
+            walls.append(wall)
+            spans.append((float(along.min()), float(along.max())))
+            free[rest[is_on]] = False
+        rest = rest[~is_on]
+    return np.reshape(walls, (-1, 2)), np.reshape(spans, (-1, 2)), free
+
+
+def _most_shared(point_m: FloatArray, azimuth: FloatArray, std_rad: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """The line with the most points close to it, fitted to them, and these points (ip,)."""
+    seeds = np.unique(np.linspace(0, len(point_m) - 1, min(len(point_m), MOST_SEEDS)).astype(int))
+    score = np.concatenate(
+        [
+            _closeness(point_m[part], azimuth[part], std_rad[part], point_m, azimuth, std_rad).sum(axis=1)
+            for part in np.array_split(seeds, 1 + len(seeds) * len(point_m) // BLOCK)
+        ]
+    )
+    seed = seeds[[score.argmax()]]
+    at, wall_azimuth, std = point_m[seed], azimuth[seed], std_rad[seed]
+    for _ in range(REFITS):
+        is_on = _closeness(at, wall_azimuth, std, point_m, azimuth, std_rad)[0] > 0
+        line, std = _fitted(point_m[is_on], azimuth[is_on], std_rad[is_on], wall_azimuth[0])
+        wall_azimuth = line[:1]
+        at = point_m[is_on].mean(axis=0, keepdims=True)
+    return line, np.asarray(is_on)
+
+
+def _closeness(
+    at_m: FloatArray,
+    line_azimuth: FloatArray,
+    line_std_rad: FloatArray,
+    point_m: FloatArray,
+    azimuth: FloatArray,
+    std_rad: FloatArray,
+) -> FloatArray:
+    """Closeness (line, ip), 0 to 1, of points to lines through `at_m` (line, 2): 0 beyond the gates."""
+    normal = np.column_stack([np.cos(line_azimuth), np.sin(line_azimuth)])
+    apart = point_m - at_m[:, None]
+    gap = np.einsum("lpa,la->lp", apart, normal)
+    turned = GATE_STDS * line_std_rad[:, None] * np.linalg.norm(apart, axis=2)
+    off = np.abs(np.angle(np.exp(1j * (azimuth - line_azimuth[:, None]))))
+    is_parallel = off < GATE_STDS * np.hypot(line_std_rad[:, None], std_rad)
+    return np.where(is_parallel, np.maximum(1 - gap**2 / (TOLERANCE_M**2 + turned**2), 0.0), 0.0)
+
+
+def _fitted(
+    point_m: FloatArray, azimuth: FloatArray, std_rad: FloatArray, start_rad: float
+) -> tuple[FloatArray, FloatArray]:
+    """The line [azimuth, offset] of least squares for points and normals; the deviation (1,) of its azimuth."""
+    normal = np.array([np.cos(start_rad), np.sin(start_rad)])
+    along = np.array([-normal[1], normal[0]])
+    centre = point_m.mean(axis=0)
+    lever = (point_m - centre) @ along / TOLERANCE_M
+    turn = np.angle(np.exp(1j * (azimuth - start_rad)))
+    information = float(np.sum(lever**2) + np.sum(std_rad**-2.0))
+    slope = np.sum(turn / std_rad**2) - np.sum(lever * ((point_m - centre) @ normal)) / TOLERANCE_M
+    wall_azimuth = start_rad + float(slope) / information
+    offset = float(centre @ np.array([np.cos(wall_azimuth), np.sin(wall_azimuth)]))
+    return np.array([wall_azimuth, offset]), np.array([information**-0.5])
