@@ -82,7 +82,7 @@ def placed(
     config: TrajectoryConfig,
     max_bias_m: float,
 ) -> Place:
-    """One stop placed by the landmarks of `now` and its neighbours, from `starts` (start, 4) and a grid. One TX."""
+    """One stop placed by the landmarks of `now`, and its neighbours; from `starts` (start, 4), and a grid. One TX."""
     own, spans = seen.of_stop(stop), wall_spans(seen, link, now)
     agreeing = _agreeing(own, now, stop, max_bias_m)
     candidates = np.concatenate([now.state[[stop]], starts, _neighbours(now, stop), agreeing])
@@ -171,20 +171,25 @@ def _agreeing(own: Observations, now: TrajectoryState, stop: int, max_bias_m: fl
     place, step_m = _places(now, stop)
     path, heading, bias, is_able = _votes(own, now, stop, place, step_m)
     is_able &= np.abs(bias) < max_bias_m
-    if not is_able.any():
-        return np.empty((0, 4))
-    apart = np.abs(bias[:, :, None] - bias[:, None]) / (step_m + AGREE_M)
-    turned = np.abs(wrap_angle(heading[:, :, None] - heading[:, None])) / AGREE_RAD
-    agree = np.maximum(1 - np.maximum(apart, turned) ** 2, 0.0) * (is_able[:, :, None] & is_able[:, None])
-    by_path = np.zeros((*agree.shape[:2], len(own.measured)))
-    for one in np.unique(path):
-        by_path[:, :, one] = agree[:, :, path == one].max(axis=2)
-    votes = by_path.sum(axis=2)
-    seed = votes.argmax(axis=1)
-    every = np.arange(len(place))
-    best = np.argsort(-votes[every, seed], kind="stable")[:MOST_PLACES]
-    best = best[votes[best, seed[best]] > 1]
-    return np.asarray(np.column_stack([place, heading[every, seed], bias[every, seed]])[best])
+    states, votes = np.empty((len(place), 4)), np.zeros(len(place))
+    for k in np.flatnonzero(is_able.any(axis=1)):
+        able = np.flatnonzero(is_able[k])
+        said = np.column_stack([heading[k, able], bias[k, able]])
+        votes[k], best = _most_agreed(path[able], said, step_m + AGREE_M)
+        states[k] = [*place[k], *said[best]]
+    best = np.argsort(-votes, kind="stable")[:MOST_PLACES]
+    return np.asarray(states[best[votes[best] > 1]])
+
+
+def _most_agreed(path: IntArray, said: FloatArray, agree_m: float) -> tuple[float, int]:
+    """How many paths agree with the vote (vote, 2) of heading and bias that most agree with, and which it is."""
+    apart = np.abs(said[:, None, 1] - said[:, 1]) / agree_m
+    turned = np.abs(wrap_angle(said[:, None, 0] - said[:, 0])) / AGREE_RAD
+    agree = np.maximum(1 - np.maximum(apart, turned) ** 2, 0.0)
+    first = np.flatnonzero(np.diff(path, prepend=-1))
+    total = np.maximum.reduceat(agree, first, axis=1).sum(axis=1)
+    best = int(total.argmax())
+    return float(total[best]), best
 
 
 def _places(now: TrajectoryState, stop: int) -> tuple[FloatArray, float]:
@@ -201,7 +206,7 @@ def _places(now: TrajectoryState, stop: int) -> tuple[FloatArray, float]:
 def _votes(
     own: Observations, now: TrajectoryState, stop: int, place: FloatArray, step_m: float
 ) -> tuple[IntArray, FloatArray, FloatArray, BoolArray]:
-    """What paths say at each place by way of sources: the path (vote,) of a vote, and (place, vote) for the rest.
+    """What paths say at each place by way of sources: their rising index (vote,), and (place, vote) for the rest.
 
     That is the heading, the clock bias, and whether the vote counts. Sources are the TX, its images in the walls,
     and the objects. A ray from an image has to meet the place; one to an object has to meet the object, whatever
@@ -231,7 +236,9 @@ def _votes(
     is_able = np.ones(azimuth.shape, bool)
     is_able[:, :n_rays] = miss < np.repeat(std_rad, ray.shape[1]) + step_m / np.maximum(length[:, :n_rays], step_m)
     bias = measured[path, 0] - before - length
-    return path, azimuth + np.pi - measured[path, 2], bias, is_able
+    heading = azimuth + np.pi - measured[path, 2]
+    order = np.argsort(path, kind="stable")
+    return path[order], heading[:, order], bias[:, order], is_able[:, order]
 
 
 def _tiled(
