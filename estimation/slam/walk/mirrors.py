@@ -6,7 +6,7 @@ wall agree however far apart they are; what is no single bounce gives lines at r
 
 import numpy as np
 
-from scenes.record import BoolArray, FloatArray
+from scenes.record import BoolArray, FloatArray, IntArray
 
 TOLERANCE_M = 0.25  # of a point about its wall
 LEAST_LENGTH_M = 1.0  # between the outer points of a wall
@@ -26,38 +26,46 @@ def find_walls(
     """
     walls: list[FloatArray] = []
     spans: list[tuple[float, float]] = []
-    rest, free = np.arange(len(point_m)), np.ones(len(point_m), bool)
+    n = len(point_m)
+    rest, is_free = np.ones(n, bool), np.ones(n, bool)
     azimuth = np.arctan2(normal[:, 1], normal[:, 0])
-    while len(rest) >= least:
-        wall, is_on = _most_shared(point_m[rest], azimuth[rest], normal_std_rad[rest])
-        if np.count_nonzero(is_on) < least:
+    seeds = np.unique(np.linspace(0, max(n - 1, 0), min(n, MOST_SEEDS)).astype(int))
+    parts = np.array_split(seeds, 1 + len(seeds) * n // BLOCK)
+    near = [_closeness(point_m[k], azimuth[k], normal_std_rad[k], point_m, azimuth, normal_std_rad) for k in parts]
+    closeness = np.concatenate([part.astype(np.float32) for part in near])
+    score = closeness.sum(axis=1)
+    while np.count_nonzero(rest) >= least:
+        best = seeds[np.argmax(np.where(rest[seeds], score, -np.inf))]
+        if not rest[best]:
             break
-        along = point_m[rest[is_on]] @ np.array([-np.sin(wall[0]), np.cos(wall[0])])
+        wall, is_on = _grown(int(best), np.flatnonzero(rest), point_m, azimuth, normal_std_rad)
+        if len(is_on) < least:
+            break
+        along = point_m[is_on] @ np.array([-np.sin(wall[0]), np.cos(wall[0])])
         if np.ptp(along) >= LEAST_LENGTH_M:
             walls.append(wall)
             spans.append((float(along.min()), float(along.max())))
-            free[rest[is_on]] = False
-        rest = rest[~is_on]
-    return np.reshape(walls, (-1, 2)), np.reshape(spans, (-1, 2)), free
+            is_free[is_on] = False
+        rest[is_on] = False
+        score -= closeness[:, is_on].sum(axis=1)
+    return np.reshape(walls, (-1, 2)), np.reshape(spans, (-1, 2)), is_free
 
 
-def _most_shared(point_m: FloatArray, azimuth: FloatArray, std_rad: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """The line with the most points close to it, fitted to them, and these points (ip,)."""
-    seeds = np.unique(np.linspace(0, len(point_m) - 1, min(len(point_m), MOST_SEEDS)).astype(int))
-    score = np.concatenate(
-        [
-            _closeness(point_m[part], azimuth[part], std_rad[part], point_m, azimuth, std_rad).sum(axis=1)
-            for part in np.array_split(seeds, 1 + len(seeds) * len(point_m) // BLOCK)
-        ]
-    )
-    seed = seeds[[score.argmax()]]
-    at, wall_azimuth, std = point_m[seed], azimuth[seed], std_rad[seed]
+def _grown(
+    seed: int, rest: IntArray, point_m: FloatArray, azimuth: FloatArray, std_rad: FloatArray
+) -> tuple[FloatArray, IntArray]:
+    """The line from a seed, fitted to all points of `rest` that are close to it, and these points."""
+    at, wall_azimuth, std = point_m[[seed]], azimuth[[seed]], std_rad[[seed]]
+    others = point_m[rest], azimuth[rest], std_rad[rest]
+    is_on = rest[_closeness(at, wall_azimuth, std, *others)[0] > 0]
     for _ in range(REFITS):
-        is_on = _closeness(at, wall_azimuth, std, point_m, azimuth, std_rad)[0] > 0
-        line, std = _fitted(point_m[is_on], azimuth[is_on], std_rad[is_on], wall_azimuth[0])
-        wall_azimuth = line[:1]
-        at = point_m[is_on].mean(axis=0, keepdims=True)
-    return line, np.asarray(is_on)
+        line = _fitted(point_m[is_on], azimuth[is_on], std_rad[is_on], wall_azimuth[0])
+        wall_azimuth, at = line[:1], point_m[is_on].mean(axis=0, keepdims=True)
+        now_on = rest[_closeness(at, wall_azimuth, std, *others)[0] > 0]
+        if len(now_on) <= len(is_on):
+            break
+        is_on = now_on
+    return line, is_on
 
 
 def _closeness(
@@ -78,10 +86,8 @@ def _closeness(
     return np.where(is_parallel, np.maximum(1 - gap**2 / (TOLERANCE_M**2 + turned**2), 0.0), 0.0)
 
 
-def _fitted(
-    point_m: FloatArray, azimuth: FloatArray, std_rad: FloatArray, start_rad: float
-) -> tuple[FloatArray, FloatArray]:
-    """The line [azimuth, offset] of least squares for points and normals; the deviation (1,) of its azimuth."""
+def _fitted(point_m: FloatArray, azimuth: FloatArray, std_rad: FloatArray, start_rad: float) -> FloatArray:
+    """The line [azimuth, offset] of least squares for points and normals."""
     normal = np.array([np.cos(start_rad), np.sin(start_rad)])
     along = np.array([-normal[1], normal[0]])
     centre = point_m.mean(axis=0)
@@ -91,4 +97,4 @@ def _fitted(
     slope = np.sum(turn / std_rad**2) - np.sum(lever * ((point_m - centre) @ normal)) / TOLERANCE_M
     wall_azimuth = start_rad + float(slope) / information
     offset = float(centre @ np.array([np.cos(wall_azimuth), np.sin(wall_azimuth)]))
-    return np.array([wall_azimuth, offset]), np.array([information**-0.5])
+    return np.array([wall_azimuth, offset])

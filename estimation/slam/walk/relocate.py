@@ -37,6 +37,7 @@ REACH_STEPS, REACH_M = 3.0, (2.0, 8.0)  # half the side of the grid of places, i
 GRID = 21  # places along a side
 AGREE_M, AGREE_RAD = 0.3, 0.1  # of clock biases, beside the step of the grid, and of headings
 GATE_STDS = 3.0  # of departures
+MOST_PATHS = 24  # that are compared at the places of the grid
 MOST_PLACES = 40  # of the grid that are refined, those where most paths agree
 WIDE_M = 0.3  # errors of places that are not yet refined
 REFINEMENTS, STEPS = 3, 3  # associations of a candidate, and steps of its state after each
@@ -82,7 +83,7 @@ def placed(
     config: TrajectoryConfig,
     max_bias_m: float,
 ) -> Place:
-    """One stop placed by the landmarks of `now`, and its neighbours; from `starts` (start, 4), and a grid. One TX."""
+    """One stop placed by the landmarks of `now` and its neighbours, from `starts` (start, 4) and a grid."""
     own, spans = seen.of_stop(stop), wall_spans(seen, link, now)
     agreeing = _agreeing(own, now, stop, max_bias_m)
     candidates = np.concatenate([now.state[[stop]], starts, _neighbours(now, stop), agreeing])
@@ -169,7 +170,7 @@ def _motion(now: TrajectoryState, stop: int, state: FloatArray, config: Trajecto
 def _agreeing(own: Observations, now: TrajectoryState, stop: int, max_bias_m: float) -> FloatArray:
     """States (candidate, 4) at the places about the neighbours where most paths agree."""
     place, step_m = _places(now, stop)
-    path, heading, bias, is_able = _votes(own, now, stop, place, step_m)
+    path, heading, bias, is_able = _votes(_best_known(own), now, stop, place, step_m)
     is_able &= np.abs(bias) < max_bias_m
     states, votes = np.empty((len(place), 4)), np.zeros(len(place))
     for k in np.flatnonzero(is_able.any(axis=1)):
@@ -179,6 +180,15 @@ def _agreeing(own: Observations, now: TrajectoryState, stop: int, max_bias_m: fl
         states[k] = [*place[k], *said[best]]
     best = np.argsort(-votes, kind="stable")[:MOST_PLACES]
     return np.asarray(states[best[votes[best] > 1]])
+
+
+def _best_known(own: Observations) -> Observations:
+    """The paths of a stop that show a place most precisely, at most `MOST_PATHS`."""
+    variance = np.diagonal(own.covariance, axis1=1, axis2=2)
+    square_m2 = variance[:, 0] + np.square(own.measured[:, 0]) * variance[:, 1:].sum(axis=1)
+    best = np.sort(np.argsort(square_m2, kind="stable")[:MOST_PATHS])
+    kept = (own.row[best], own.measured[best], own.covariance[best], own.tx_of_path[best])
+    return replace(own, **dict(zip(("row", "measured", "covariance", "link"), kept, strict=True)))
 
 
 def _most_agreed(path: IntArray, said: FloatArray, agree_m: float) -> tuple[float, int]:
