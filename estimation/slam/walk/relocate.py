@@ -176,8 +176,8 @@ def _agreeing(own: Observations, now: TrajectoryState, stop: int, max_bias_m: fl
     for k in np.flatnonzero(is_able.any(axis=1)):
         able = np.flatnonzero(is_able[k])
         said = np.column_stack([heading[k, able], bias[k, able]])
-        votes[k], best = _most_agreed(path[able], said, step_m + AGREE_M)
-        states[k] = [*place[k], *said[best]]
+        votes[k], one = _most_agreed(path[able], said, step_m + AGREE_M)
+        states[k] = [*place[k], *said[one]]
     best = np.argsort(-votes, kind="stable")[:MOST_PLACES]
     return np.asarray(states[best[votes[best] > 1]])
 
@@ -187,8 +187,13 @@ def _best_known(own: Observations) -> Observations:
     variance = np.diagonal(own.covariance, axis1=1, axis2=2)
     square_m2 = variance[:, 0] + np.square(own.measured[:, 0]) * variance[:, 1:].sum(axis=1)
     best = np.sort(np.argsort(square_m2, kind="stable")[:MOST_PATHS])
-    kept = (own.row[best], own.measured[best], own.covariance[best], own.tx_of_path[best])
-    return replace(own, **dict(zip(("row", "measured", "covariance", "link"), kept, strict=True)))
+    return replace(
+        own,
+        row=own.row[best],
+        measured=own.measured[best],
+        covariance=own.covariance[best],
+        link=own.tx_of_path[best],
+    )
 
 
 def _most_agreed(path: IntArray, said: FloatArray, agree_m: float) -> tuple[float, int]:
