@@ -118,7 +118,7 @@ def _tables(
         default = values[name] if name in values else field.get("default", REQUIRED)
         parts = list(_referenced(root, field))
         path = f"{heading.strip('[]')}.{name}".strip(".")
-        is_off = default in (None, []) and name not in node.get("required", [])
+        is_off = default in (None, [], {}) and name not in node.get("required", [])
         for part, place in parts:
             inner.append((part, place.format(path), default if isinstance(default, dict) else {}, is_off))
         if not parts:

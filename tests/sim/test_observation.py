@@ -17,6 +17,8 @@ KNOWN_TO_A_RECEIVER = {
     "panel_azimuth_rad", "panel_tilt_rad", "azimuth_rad", "elevation_rad",
     # the TX pose
     "tx_pose", "position_m", "heading_rad",
+    # the times of the beam pairs, where the world moves
+    "clock",
     # the noise estimate
     "noise_power_mw",
 }  # fmt: skip

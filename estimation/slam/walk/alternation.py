@@ -122,6 +122,7 @@ def _relocated(walk: SmoothedWalk, wide: Noise, doubtful: DoubtfulStops) -> Smoo
     seen, config = wide
     for _ in range(_PLACINGS):
         is_doubtful = doubtful.is_doubtful | (spare_equations(seen, walk.link) < LEAST_SPARE)
+        is_doubtful &= np.bincount(seen.row, minlength=seen.n_stops) > 0
         places = {
             stop: placed(seen, walk.link, walk.now, stop, doubtful.starts[stop], config, doubtful.max_bias_m)
             for stop in np.flatnonzero(is_doubtful).tolist()

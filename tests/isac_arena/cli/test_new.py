@@ -55,7 +55,10 @@ def test_a_new_campaign_and_a_new_scene_run(tmp_path: Path, monkeypatch: pytest.
     assert "is there already" in failure("new", "scene", "hall", cwd=tmp_path)
     lines = Path("mine.toml").read_text().splitlines()
     first, last = lines.index("[mapping]"), lines.index("[trajectory]")
-    lines[first:last] = [line.removeprefix("# ") if " = " in line else line for line in lines[first:last]]
+    chosen = [" = " in line and " = ..." not in line for line in lines[first:last]]  # "..." has no default
+    lines[first:last] = [
+        line.removeprefix("# ") if own else line for line, own in zip(lines[first:last], chosen, strict=True)
+    ]
     Path("all.toml").write_text("\n".join(lines))
     every = ia.load_campaign("all.toml").config
     assert (every.mapping, every.slam.noise) == (default.config.mapping, default.config.slam.noise)

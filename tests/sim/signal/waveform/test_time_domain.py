@@ -92,8 +92,8 @@ def test_damaged_recordings_are_named(tmp_path: Path) -> None:
     (tmp_path / "r.sigmf-data").write_bytes(b"short")
     with pytest.raises(ValueError, match=r"r.sigmf-data: differs from the core:sha512"):
         read_sigmf(tmp_path / "r")
-    meta.write_text(meta.read_text().replace("cf32_le", "ci16_le"))
-    with pytest.raises(ValueError, match="core:datatype = ci16_le: must be cf32_le"):
+    meta.write_text(meta.read_text().replace("cf32_le", "rf32_le"))
+    with pytest.raises(ValueError, match="core:datatype = rf32_le: must be cf32_le"):
         read_sigmf(tmp_path / "r")
     meta.write_text("[]")
     with pytest.raises(ValueError, match="not readable SigMF metadata"):
