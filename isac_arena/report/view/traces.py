@@ -23,7 +23,7 @@ FRAME_COLORS = {"x": "#D55E00", "y": "#009E73", "z": "#0072B2"}
 WIDTHS = {  # of rays in pixels; no dashes, because their length changes with the view
     "line of sight": 7.0, "one reflection": 4.5, "two reflections": 3.0,
     "three reflections": 2.0, "diffracted": 2.5, "through walls": 3.5,
-    "over a target": 3.5,
+    "over a target": 4.0,
 }  # fmt: skip
 
 SEVERAL_BOUNCES = ("two reflections", "three reflections")  # hidden at first: they would hide the hall
