@@ -1,9 +1,9 @@
 """Grade a submission: a loss per stop or scene, and its mean with a confidence interval.
 
-    channel   GOSPA between submitted and significant true paths of a stop (order 2, cutoff 1)
-    slam      distance of the submitted position to the truth, at most 1 m, which a missing stop has
-    contours  mean of two distances, each at most 0.5 m: of submitted points to the nearest true surface, and of
-              the points where true paths bounced once to the nearest submitted contour
+- channel: GOSPA between submitted and significant true paths of a stop (order 2, cutoff 1);
+- slam: distance of the submitted position to the truth, at most 1 m, which a missing stop has;
+- contours: mean of two distances, each at most 0.5 m: of submitted points to the nearest true surface, and of the
+  points where true paths bounced once to the nearest submitted contour.
 
 The interval is the 95 % percentile interval of the bootstrap over scenes (Efron, 1979), because stops of one scene
 are alike; of stops where there are less than three scenes.
