@@ -14,6 +14,7 @@ from functools import cache
 from typing import Any, Generic, TypeVar
 
 import numpy as np
+from scipy.special import gammaln
 
 from scenes.record import BoolArray, FloatArray
 
@@ -114,3 +115,10 @@ def student_t_efficiency(degrees_of_freedom: float, dimension: int) -> float:
     share = share / share.sum()
     slope = np.sum(share * (nu + square - 2 * square / d) / (nu + square) ** 2)
     return float(slope**2 / np.sum(share * square / d / (nu + square) ** 2))
+
+
+@cache
+def student_t_log_peak(degrees_of_freedom: float, dimension: int) -> float:
+    """Log density at zero of the Student-t law of unit scale."""
+    nu, d = degrees_of_freedom, dimension
+    return float(gammaln((nu + d) / 2) - gammaln(nu / 2) - 0.5 * d * np.log(nu * np.pi))

@@ -11,11 +11,12 @@ from collections.abc import Callable
 from functools import lru_cache
 
 import numpy as np
-from scipy.special import gammaln, logsumexp, ndtri
+from scipy.special import logsumexp, ndtri
 from scipy.stats import chi2
 from scipy.stats.qmc import Sobol
 
 from estimation.execution import compiled
+from estimation.inference.least_squares import student_t_log_peak
 from scenes.record import FloatArray
 
 N_DRAWS = 1024
@@ -52,8 +53,7 @@ def importance_evidence(
 def _log_student(scaled: FloatArray, root: FloatArray) -> FloatArray:
     """Log density (draw,) of draws at `scaled` (draw, parameter) times the root of their scale matrix."""
     freedom, size = DEGREES_OF_FREEDOM, len(root)
-    constant = gammaln((freedom + size) / 2) - gammaln(freedom / 2) - 0.5 * size * np.log(freedom * np.pi)
-    constant -= np.log(np.diagonal(root)).sum()
+    constant = student_t_log_peak(freedom, size) - np.log(np.diagonal(root)).sum()
     return np.asarray(constant - 0.5 * (freedom + size) * np.log1p(np.sum(scaled**2, axis=1) / freedom))
 
 

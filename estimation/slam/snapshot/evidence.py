@@ -77,11 +77,8 @@ def log_evidence(
     evidence = log_likelihood - 0.5 * np.linalg.slogdet(full)[1]
     evidence -= 0.5 * (distance / prior.reach_m) ** 2
     evidence -= math.log(2 * prior.reach_m**2 * prior.max_clock_m)
-    # No true path is shorter than the straight line.
-    evidence += log_power_of_others(power_dbm, np.maximum(range_m - state[3], distance), los, law)
+    evidence += log_powers(power_dbm, range_m - state[3], distance, los, law)
     if los >= 0:
-        deviation = (power_dbm[los] - _expected_dbm(distance, law)) / law.los_std_db
-        evidence -= 0.5 * deviation**2 + math.log(math.sqrt(2 * math.pi) * law.los_std_db)
         evidence -= 0.5 * np.linalg.slogdet(2 * math.pi * los_covariance)[1]
         evidence += prior.log_clutter_volume
     return float(evidence), np.asarray(np.linalg.inv(full))
@@ -98,6 +95,19 @@ def log_clutter(range_m: FloatArray, power_dbm: FloatArray, law: PowerLaw, prior
     most = density.max()
     share = len(range_m) * math.log(prior.clutter_share)
     return float(most + math.log(np.mean(np.exp(density - most))) + share)
+
+
+@compiled
+def log_powers(power_dbm: FloatArray, length_m: FloatArray, distance_m: float, los: int, law: PowerLaw) -> float:
+    """Log density of the powers of all paths (path,) of lengths (path,).
+
+    The path `los`, -1 for none, is the line of sight over `distance_m`. No other true path is shorter than that.
+    """
+    total = log_power_of_others(power_dbm, np.maximum(length_m, distance_m), los, law)
+    if los >= 0:
+        deviation = (power_dbm[los] - _expected_dbm(distance_m, law)) / law.los_std_db
+        total -= 0.5 * deviation**2 + math.log(math.sqrt(2 * math.pi) * law.los_std_db)
+    return float(total)
 
 
 @compiled

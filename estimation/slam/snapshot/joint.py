@@ -15,14 +15,7 @@ from scipy.stats import chi2
 from estimation.inference.least_squares import Attempt, Schedule, damped_step, minimise
 from estimation.laws.plane import bounce_equation, state_columns
 from estimation.slam.config import SnapshotConfig
-from estimation.slam.snapshot.evidence import (
-    PowerLaw,
-    SnapshotPrior,
-    log_clutter,
-    log_power_of_others,
-    power_law,
-    prior_of,
-)
+from estimation.slam.snapshot.evidence import PowerLaw, SnapshotPrior, log_clutter, log_powers, power_law, prior_of
 from estimation.slam.snapshot.hypotheses import distinct_states
 from estimation.slam.snapshot.joint_terms import TxTerms, gain_between, terms_at
 from estimation.slam.snapshot.likelihood import log_likelihood
@@ -248,12 +241,8 @@ def _refined(
 def _log_powers(part: _Part, state: FloatArray, line: int, law: PowerLaw, prior: SnapshotPrior) -> float:
     """Log density of the powers of one TX, and of its line of sight over clutter, as `log_evidence` has them."""
     problem, distance = part.problem, float(np.hypot(state[0], state[1]))
-    length = np.maximum(part.table.range_m - state[3], distance)
-    total = log_power_of_others(problem.power_dbm, length, line, law)
+    total = log_powers(problem.power_dbm, part.table.range_m - state[3], distance, line, law)
     if line >= 0:
-        expected = law.intercept_dbm + law.slope_db * np.log10(max(distance, 1e-3))
-        deviation = (problem.power_dbm[line] - expected) / law.los_std_db
-        total -= 0.5 * deviation**2 + np.log(np.sqrt(2 * np.pi) * law.los_std_db)
         total += prior.log_clutter_volume - 0.5 * np.linalg.slogdet(2 * np.pi * problem.covariance[line])[1]
     return float(total)
 

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import gammaln
 
 from estimation.channel.record import ChannelEstimate
+from estimation.inference.least_squares import student_t_log_peak
 from estimation.laws.space import bounce_equations, los_jacobian_rx, predict_los, residual
 from estimation.slam.config import Mixture, PathNoise
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
@@ -149,7 +149,7 @@ def bounce_log_ratio(fit: BounceFit, mixture: Mixture) -> FloatArray:
     Both whitened values are Student-t; for clutter each equation is uniform over `clutter_width_m`.
     """
     freedom = mixture.degrees_of_freedom
-    peak = gammaln((freedom + 1) / 2) - gammaln(freedom / 2) - 0.5 * np.log(np.pi * freedom)
+    peak = student_t_log_peak(freedom, 1)
     student = np.sum(peak - (freedom + 1) / 2 * np.log1p(fit.white**2 / freedom), axis=-1) - fit.log_scale
     share = mixture.clutter_share + mixture.double_share
     ratio = student + np.log((1 - share) / share) + 2 * np.log(mixture.clutter_width_m)

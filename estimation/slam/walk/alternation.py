@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -15,7 +14,7 @@ from estimation.slam.mapping.noise import LEAST_GAIN, SHARES
 from estimation.slam.snapshot.refine import bounce_terms
 from estimation.slam.walk.association import classify_paths, drop_unused_landmarks, reclassify_paths
 from estimation.slam.walk.linearise import linearise
-from estimation.slam.walk.relocate import CLUTTER_LOG_DENSITY, Place, placed
+from estimation.slam.walk.relocate import CLUTTER_LOG_DENSITY, DoubtfulStops, Place, placed, wall_spans
 from estimation.slam.walk.residuals import (
     LEAST_SPARE,
     Association,
@@ -27,7 +26,7 @@ from estimation.slam.walk.residuals import (
 )
 from estimation.slam.walk.sessions import split_sessions
 from estimation.slam.walk.smoother import LANDMARK_INFORMATION, minimise_robust_cost, normal_equations
-from scenes.record import BoolArray, FloatArray
+from scenes.record import BoolArray
 
 _ROUGH_ITERATIONS = 6  # enough where the association will change
 _MAX_ROUNDS = 10
@@ -73,14 +72,6 @@ class SmoothedWalk(NamedTuple):
         return float((density[np.isfinite(density)] - CLUTTER_LOG_DENSITY).sum() + (prior - information) / 2)
 
 
-class DoubtfulStops(NamedTuple):
-    """Stops that the landmarks of the walk are to place, and states of all stops to start from."""
-
-    is_doubtful: BoolArray  # (stop,)
-    starts: Sequence[FloatArray]  # (start, 4) of every stop
-    max_bias_m: float
-
-
 def smooth_walk(
     seen: Observations,
     is_los: BoolArray,
@@ -101,15 +92,15 @@ def smooth_walk(
         walks = [_relocated(walks[0], wide, doubtful)]
     if not (seen.floor.any() and config.use_landmarks):
         return walks[0]
-    share = 1.0
-    for lower in SHARES:
-        walks.append(_quieter(walks[-1], wide.lower(lower), wide))
-        if walks[-1].evidence > max(walk.evidence for walk in walks[:-1]):
-            share = lower
-    best = max(walks, key=lambda walk: walk.evidence)
-    round_ones = _quieter(best, best.noise.smoother("object_roughness_m", share), wide)
-    best = max(best, round_ones, key=lambda walk: walk.evidence)
-    return best if best.evidence > walks[0].evidence + LEAST_GAIN else walks[0]
+    for share in SHARES:
+        walks.append(_quieter(walks[-1], wide.lower(share), wide))
+    evidence = [walk.evidence for walk in walks]
+    best = int(np.argmax(evidence))
+    round_ones = walks[best].noise.smoother("object_roughness_m", (1.0, *SHARES)[best])
+    walks.append(_quieter(walks[best], round_ones, wide))
+    evidence.append(walks[-1].evidence)
+    best = int(np.argmax(evidence))
+    return walks[best] if evidence[best] > evidence[0] + LEAST_GAIN else walks[0]
 
 
 def _quieter(walk: SmoothedWalk, noise: Noise, wide: Noise) -> SmoothedWalk:
@@ -123,8 +114,9 @@ def _relocated(walk: SmoothedWalk, wide: Noise, doubtful: DoubtfulStops) -> Smoo
     for _ in range(_PLACINGS):
         is_doubtful = doubtful.is_doubtful | (spare_equations(seen, walk.link) < LEAST_SPARE)
         is_doubtful &= np.bincount(seen.row, minlength=seen.n_stops) > 0
+        spans = wall_spans(seen, walk.link, walk.now)
         places = {
-            stop: placed(seen, walk.link, walk.now, stop, doubtful.starts[stop], config, doubtful.max_bias_m)
+            stop: placed(seen, walk.now, spans, stop, doubtful, config)
             for stop in np.flatnonzero(is_doubtful).tolist()
         }
         state, is_los = walk.now.state.copy(), walk.is_los.copy()

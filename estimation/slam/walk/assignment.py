@@ -73,7 +73,7 @@ def _assign(
     This bound rejects most pairs of path and landmark.
     """
     chain = np.empty((2, 2))
-    single, double = _images(tx, walls)
+    single, double = wall_images(tx, walls)
     for i in range(len(kind)):
         if kind[i] == _LOS:
             continue
@@ -128,7 +128,7 @@ def _assign_double(
 
 
 @compiled
-def _images(tx: FloatArray, walls: FloatArray) -> tuple[FloatArray, FloatArray]:
+def wall_images(tx: FloatArray, walls: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Images of the TX in every wall (wall, 2), and of those in every other wall (wall, wall, 2)."""
     n = len(walls)
     single, double = np.empty((n, 2)), np.empty((n, n, 2))

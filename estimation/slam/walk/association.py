@@ -1,4 +1,6 @@
-"""Association of paths to shared landmarks: clusters of incidence points are walls or compact objects."""
+"""Association of paths to shared landmarks: lines that many bounces share are walls, compact
+clusters of incidence points are objects.
+"""
 
 from dataclasses import replace
 

@@ -8,10 +8,9 @@ roughness, in any direction.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import gammaln
 
 from estimation.execution import compiled
-from estimation.inference.least_squares import student_t_efficiency
+from estimation.inference.least_squares import student_t_efficiency, student_t_log_peak
 from estimation.laws.contour import closed_path
 from estimation.laws.plane import bounce_gap_path, bounce_path, los_path, state_columns, wrapped
 from estimation.laws.support import CIRCLE_BY_RADIUS
@@ -50,11 +49,10 @@ class Linearised:
         The determinant of the whitening is the product of its diagonal, which is in the derivatives over the clock
         bias, the offset of the TX heading and the heading.
         """
-        peak = gammaln((freedom + 3) / 2) - gammaln(freedom / 2) - 1.5 * np.log(freedom * np.pi)
         diagonal = self.by_state[:, 0, 3] * self.by_shared[:, 1, 0] * self.by_state[:, 2, 2]
         is_whole = self.size == 3
         scale = np.log(np.abs(np.where(is_whole, diagonal, 1.0)))
-        density = peak + scale - (freedom + 3) / 2 * np.log1p(self.square() / freedom)
+        density = student_t_log_peak(freedom, 3) + scale - (freedom + 3) / 2 * np.log1p(self.square() / freedom)
         return np.where(is_whole, density, -np.inf)
 
     def weight(self, freedom: float) -> FloatArray:

@@ -5,6 +5,7 @@ wall agree however far apart they are; what is no single bounce gives lines at r
 """
 
 import numpy as np
+from scipy.stats import binom
 
 from scenes.record import BoolArray, FloatArray, IntArray
 
@@ -14,6 +15,7 @@ GATE_STDS = 3.0  # of the difference of two normals, and of the distance that it
 MOST_SEEDS = 400  # lines that are tried, evenly over the points
 BLOCK = 1_000_000  # pairs of lines and points compared at a time
 REFITS = 3
+FALSE_ALARMS = 0.01  # walls of a scene without any
 
 
 def find_walls(
@@ -22,7 +24,7 @@ def find_walls(
     """Walls [azimuth of normal, offset] (wall, 2), their spans (wall, 2), and the points (ip,) that are on none.
 
     From points (ip, 2) and outward normals (ip, 2) with standard deviations (ip,). The line that most points share
-    is taken first, with all its points; a wall has at least `least` of them.
+    is taken first, with all its points; a wall has at least `least` of them, and more than chance explains.
     """
     walls: list[FloatArray] = []
     spans: list[tuple[float, float]] = []
@@ -42,7 +44,8 @@ def find_walls(
         if len(is_on) < least:
             break
         along = point_m[is_on] @ np.array([-np.sin(wall[0]), np.cos(wall[0])])
-        if np.ptp(along) >= LEAST_LENGTH_M:
+        is_wall = _false_alarms(wall, is_on, point_m, normal_std_rad, len(seeds)) < FALSE_ALARMS
+        if np.ptp(along) >= LEAST_LENGTH_M and is_wall:
             walls.append(wall)
             spans.append((float(along.min()), float(along.max())))
             is_free[is_on] = False
@@ -66,6 +69,23 @@ def _grown(
             break
         is_on = now_on
     return line, is_on
+
+
+def _false_alarms(
+    wall: FloatArray, is_on: IntArray, point_m: FloatArray, std_rad: FloatArray, n_tried: int
+) -> float:
+    """Expected number of lines with so many points by chance, of `n_tried`, were the points' normals at random.
+
+    The number of false alarms of Desolneux, Moisan and Morel (2000): of all points between the outer points of the
+    wall, a random normal agrees with the wall's within the gate with the share of the gate in half a turn.
+    """
+    facing = np.array([np.cos(wall[0]), np.sin(wall[0])])
+    along = point_m @ np.array([-facing[1], facing[0]])
+    between = (along >= along[is_on].min()) & (along <= along[is_on].max())
+    is_near = between & (np.abs(point_m @ facing - wall[1]) < TOLERANCE_M)
+    is_near[is_on] = True
+    chance = min(GATE_STDS * np.sqrt(2) * float(np.median(std_rad[is_near])) / (np.pi / 2), 1.0)
+    return n_tried * float(binom.sf(len(is_on) - 2, np.count_nonzero(is_near) - 1, chance))
 
 
 def _closeness(

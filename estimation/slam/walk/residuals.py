@@ -60,14 +60,13 @@ class Observations:
 
     def of_stop(self, stop: int) -> Observations:
         """The paths of one stop alone."""
-        mine = self.row == stop
-        none = self.row[mine] - stop
-        parts = {
-            "measured": self.measured[mine],
-            "covariance": self.covariance[mine],
-            "link": self.tx_of_path[mine],
-        }
-        return replace(self, n_stops=1, row=none, **parts)
+        own = self.take(self.row == stop)
+        return replace(own, n_stops=1, row=np.zeros_like(own.row))
+
+    def take(self, path: IntArray | BoolArray) -> Observations:
+        """Some of the paths."""
+        kept = self.measured[path], self.covariance[path], self.tx_of_path[path]
+        return replace(self, row=self.row[path], measured=kept[0], covariance=kept[1], link=kept[2])
 
 
 @dataclass(frozen=True)

@@ -14,13 +14,14 @@ from estimation.channel.record import ChannelEstimate
 from estimation.slam.config import MappingConfig, SnapshotConfig, TrajectoryConfig
 from estimation.slam.mapping.incidence_points import map_stops
 from estimation.slam.record import IncidencePoints, PoseEstimates, SolveStatus
+from estimation.slam.snapshot.evidence import power_law
 from estimation.slam.snapshot.problem import Fit, SnapshotProblem, snapshot_problem
 from estimation.slam.snapshot.solve import ranked_modes
 from estimation.slam.transmitters import AnyTx, map_each_tx, transmitters_of
-from estimation.slam.walk.alternation import DoubtfulStops, smooth_walk
+from estimation.slam.walk.alternation import smooth_walk
 from estimation.slam.walk.modes import Rivals, choose_modes, rival_modes, with_places
 from estimation.slam.walk.motion import course_of
-from estimation.slam.walk.relocate import LEAST_GAIN
+from estimation.slam.walk.relocate import LEAST_EVIDENCE, DoubtfulStops, Powers
 from estimation.slam.walk.residuals import (
     LEAST_SPARE,
     Association,
@@ -65,8 +66,8 @@ def run_trajectory(
 ) -> tuple[PoseEstimates, IncidencePoints, TrajectoryDetails]:
     """Poses, incidence points and shared landmarks of a whole campaign; stops in the order of the walk.
 
-    Stops in no snapshot mode keep status FAILED and get the state smoothed from their neighbours. IPs are mapped
-    for solved stops.
+    Stops in no snapshot mode that no landmark places either have status FAILED and the state smoothed from their
+    neighbours. IPs are mapped for solved stops.
     """
     problems = [snapshot_problem(estimate, tx_pose, snapshot.noise) for estimate in estimates]
     modes = [ranked_modes(problem, snapshot.model_copy(update={"method": "statistical"})) for problem in problems]
@@ -77,12 +78,12 @@ def run_trajectory(
         return _unsolved(estimates, seen, tx_pose, mapping_config)
     start = initial_state(modes, chosen, seen)
     rivals = rival_modes(modes, chosen, config)
-    doubtful = _doubtful(modes, rivals, is_los, seen, snapshot) if seen.n_tx == 1 else None
+    doubtful = _doubtful(problems, modes, rivals, is_los, snapshot) if seen.n_tx == 1 else None
     walk = smooth_walk(seen, is_los, start, config, doubtful)
     now, link, (seen, config), is_los, places = walk
     is_known = chosen >= 0
     for stop, place in places.items():
-        is_known[stop] |= place.evidence > LEAST_GAIN and place.position_std_m < snapshot.max_position_std_m
+        is_known[stop] |= place.evidence > LEAST_EVIDENCE and place.position_std_m < snapshot.max_position_std_m
     covariance, shared_covariance = solution_covariance(seen, link, now, config)
     cost = robust_cost(seen, link, now, config) / seen.n_stops
     poses = _poses(estimates, now, link, seen, is_known, is_los, cost)
@@ -164,13 +165,19 @@ def _lines_of_sight(
 
 
 def _doubtful(
-    modes: Sequence[Sequence[Fit]], rivals: Rivals, is_los: BoolArray, seen: Observations, snapshot: SnapshotConfig
+    problems: Sequence[SnapshotProblem],
+    modes: Sequence[Sequence[Fit]],
+    rivals: Rivals,
+    is_los: BoolArray,
+    snapshot: SnapshotConfig,
 ) -> DoubtfulStops:
     """Stops in no mode, with a near rival, or without a line of sight."""
-    has_los = np.bincount(seen.row[is_los], minlength=seen.n_stops) > 0
+    ends = np.cumsum([len(problem) for problem in problems])
+    has_los = np.array([part.any() for part in np.split(is_los, ends[:-1])])
     is_doubtful = ~has_los | ~(rivals.gap >= snapshot.ambiguous_gap)
     starts = [np.reshape([fit.state for fit in fits], (-1, 4)) for fits in modes]
-    return DoubtfulStops(np.asarray(is_doubtful), starts, snapshot.max_clock_bias_m)
+    powers = [Powers(problem.power_dbm, power_law(snapshot.path_loss)) for problem in problems]
+    return DoubtfulStops(np.asarray(is_doubtful), starts, powers, snapshot.max_clock_bias_m)
 
 
 def _poses(

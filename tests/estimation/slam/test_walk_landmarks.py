@@ -8,10 +8,11 @@ import pytest
 from estimation.laws.contour import predict_circle
 from estimation.laws.plane import predict_los
 from estimation.laws.wall import predict_walls
-from estimation.slam.config import Consider, TrajectoryConfig
+from estimation.slam.config import Consider, PathLoss, TrajectoryConfig
+from estimation.slam.snapshot.evidence import power_law
 from estimation.slam.walk.mirrors import find_walls
 from estimation.slam.walk.motion import add_motion, course_of
-from estimation.slam.walk.relocate import placed
+from estimation.slam.walk.relocate import DoubtfulStops, Powers, placed, wall_spans
 from estimation.slam.walk.residuals import Association, Observations, PathClass, TrajectoryState, spare_equations
 from scenes.pose import Pose
 
@@ -84,13 +85,22 @@ def walk(has_los):
     return seen, Association(np.tile(kinds, n).astype(np.int64), landmark), now
 
 
+def place_stop(seen, link, now, los_dbm=0.0):
+    """Stop 2 placed; the first path is `los_dbm` stronger than a line of sight of its length."""
+    loss = PathLoss()
+    level = loss.expected_dbm(seen.measured[seen.row == 2, 0] - 5.0) - loss.reflection_loss_db
+    level[0] += loss.reflection_loss_db + los_dbm
+    doubtful = DoubtfulStops(np.ones(6, bool), [np.empty((0, 4))] * 6, [Powers(level, power_law(loss))] * 6, 90.0)
+    return placed(seen, now, wall_spans(seen, link, now), 2, doubtful, CONFIG)
+
+
 @pytest.mark.parametrize("has_los", [True, False])
 def test_landmarks_place_a_stop_that_is_far_off(has_los):
     seen, link, now = walk(has_los)
     truth = now.state[2]
     lost = now.state.copy()
     lost[2] += [2.5, -1.5, 0.6, -3.0]
-    place = placed(seen, link, replace(now, state=lost), 2, np.empty((0, 4)), CONFIG, 90.0)
+    place = place_stop(seen, link, replace(now, state=lost))
     assert place.is_new
     np.testing.assert_allclose(place.state, truth, atol=0.1)
     assert place.is_los.any() == has_los
@@ -101,13 +111,33 @@ def test_landmarks_place_a_stop_that_is_far_off(has_los):
 
 def test_a_stop_that_is_right_stays_and_one_that_nothing_explains_has_no_evidence():
     seen, link, now = walk(True)
-    place = placed(seen, link, now, 2, np.empty((0, 4)), CONFIG, 90.0)
+    place = place_stop(seen, link, now)
     assert not place.is_new
     np.testing.assert_allclose(place.state, now.state[2], atol=0.05)
     rng = np.random.default_rng(7)
     noise = np.column_stack([rng.uniform(30, 60, len(seen.row)), rng.uniform(-3, 3, (len(seen.row), 2))])
     measured = np.where((seen.row == 2)[:, None], noise, seen.measured)
-    assert placed(replace(seen, measured=measured), link, now, 2, np.empty((0, 4)), CONFIG, 90.0).evidence < 6
+    assert place_stop(replace(seen, measured=measured), link, now).evidence < 6
+
+
+@pytest.mark.parametrize(("los_dbm", "has_los"), [(0.0, True), (-30.0, False)])
+def test_a_path_far_too_weak_is_no_line_of_sight(los_dbm, has_los):
+    seen, link, now = walk(True)
+    seen = replace(seen, covariance=100 * seen.covariance)
+    assert place_stop(seen, link, now, los_dbm).is_los.any() == has_los
+
+
+def test_points_on_a_line_by_chance_are_no_wall():
+    """Points along a line, of which few face as it does: normals this uncertain agree by chance."""
+    rng = np.random.default_rng(3)
+    n = 60
+    point = np.column_stack([np.linspace(0, 6, n), 3 + 0.05 * rng.normal(size=n)])
+    azimuth, std = rng.uniform(0, np.pi, n), np.full(n, np.deg2rad(1.0))
+    walls, _, _ = find_walls(point, normals(azimuth), std, 5)
+    assert not len(walls)
+    azimuth[::2] = np.pi / 2
+    walls, _, _ = find_walls(point, normals(azimuth), std, 5)
+    assert len(walls) == 1
 
 
 def test_spare_equations_are_those_beyond_the_four_unknowns():

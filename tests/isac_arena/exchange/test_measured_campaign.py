@@ -143,9 +143,20 @@ def test_trajectory_finds_the_two_sessions_and_beats_every_stop_alone(campaign):
         campaign.estimates, campaign.tx, OURS, TrajectoryConfig(), MappingConfig(noise=FIXED)
     )
     error = errors(campaign, poses)[:, 0]
-    assert np.sqrt(np.mean(error**2)) < 0.16
-    assert error.max() < 0.4
+    # Half of the published error. The surveyed positions are good to about .1 m: with them the walls of the floor
+    # plan are .1 - .2 m too near, and the walk that has found these walls is no closer than that.
+    assert np.sqrt(np.mean(error**2)) < 0.5 * 0.3973
+    away = poses.position_m - campaign.rx[:, :2]
+    square = np.einsum("si,sij,sj->s", away, np.linalg.inv(poses.covariance[:, :2, :2]), away)
+    assert 0.5 < np.mean(square) / 2 < 2
+    assert np.array_equal(poses.status == SolveStatus.LOS, campaign.has_los)
     assert np.flatnonzero(np.diff(details.session)).tolist() == [12]
+    # Two walls of the floor plan [azimuth of normal in deg, offset in m].
+    found = np.column_stack([np.rad2deg(details.walls[:, 0]) % 360, details.walls[:, 1]])
+    for azimuth_deg, offset_m in ((180.0, -4.59), (0.0, -0.05)):
+        off = np.abs(found - [azimuth_deg, offset_m])
+        off[:, 0] = np.minimum(off[:, 0], 360 - off[:, 0])
+        assert np.any((off[:, 0] < 1.5) & (off[:, 1] < 0.12))
     offset_deg = np.rad2deg(details.tx_offset_rad + TX_HEADING_OFFSET_RAD)
     np.testing.assert_allclose(offset_deg, [-3.8, -1.25], atol=0.5)
     label = np.concatenate(campaign.is_single_bounce)

@@ -1,0 +1,110 @@
+"""Places where most paths of a stop agree on its heading and clock bias, by way of the landmarks of a walk.
+
+A path off a wall leaves the image of the TX in that wall as a line of sight leaves the TX. So at a given place
+every path tells, by way of an image or an object, the heading and the clock bias.
+"""
+
+import numpy as np
+
+from estimation.slam.walk.assignment import wall_images
+from estimation.slam.walk.residuals import Observations, TrajectoryState
+from scenes.pose import wrap_angle
+from scenes.record import BoolArray, FloatArray, IntArray
+
+REACH_STEPS, REACH_M = 3.0, (2.0, 8.0)  # half the side of the grid of places, in steps of the walk
+GRID = 21  # places along a side
+AGREE_M, AGREE_RAD = 0.3, 0.1  # of clock biases, beside the step of the grid, and of headings
+GATE_STDS = 3.0  # of departures
+MOST_PATHS = 24  # that are compared at the places of the grid
+MOST_PLACES = 40  # of the grid that are refined, those where most paths agree
+
+
+def neighbour_states(now: TrajectoryState, stop: int) -> FloatArray:
+    """The states (2, 4) of the nearest stops, and between them where there are two."""
+    n = len(now.state)
+    if n < 2:
+        return np.empty((0, 4))
+    near = now.state[[max(stop - 1, 0) if stop else 1, stop + 1 if stop + 1 < n else n - 2]].copy()
+    near[:, 3] = near[:, 3].mean()
+    return np.concatenate([near, near.mean(axis=0, keepdims=True)])
+
+
+def agreeing_states(own: Observations, now: TrajectoryState, stop: int, max_bias_m: float) -> FloatArray:
+    """States (candidate, 4) at the places about the neighbours where most paths agree."""
+    place, step_m = _places(now, stop)
+    path, heading, bias, is_able = _votes(_best_known(own), now, stop, place, step_m)
+    is_able &= np.abs(bias) < max_bias_m
+    states, votes = np.empty((len(place), 4)), np.zeros(len(place))
+    for k in np.flatnonzero(is_able.any(axis=1)):
+        able = np.flatnonzero(is_able[k])
+        said = np.column_stack([heading[k, able], bias[k, able]])
+        votes[k], one = _most_agreed(path[able], said, step_m + AGREE_M)
+        states[k] = [*place[k], *said[one]]
+    best = np.argsort(-votes, kind="stable")[:MOST_PLACES]
+    return np.asarray(states[best[votes[best] > 1]])
+
+
+def _best_known(own: Observations) -> Observations:
+    """The paths of a stop that show a place most precisely, at most `MOST_PATHS`."""
+    variance = np.diagonal(own.covariance, axis1=1, axis2=2)
+    square_m2 = variance[:, 0] + np.square(own.measured[:, 0]) * variance[:, 1:].sum(axis=1)
+    return own.take(np.sort(np.argsort(square_m2, kind="stable")[:MOST_PATHS]))
+
+
+def _most_agreed(path: IntArray, said: FloatArray, agree_m: float) -> tuple[float, int]:
+    """How many paths agree with the vote (vote, 2) of heading and bias that most agree with, and which it is."""
+    apart = np.abs(said[:, None, 1] - said[:, 1]) / agree_m
+    turned = np.abs(wrap_angle(said[:, None, 0] - said[:, 0])) / AGREE_RAD
+    agree = np.maximum(1 - np.maximum(apart, turned) ** 2, 0.0)
+    first = np.flatnonzero(np.diff(path, prepend=-1))
+    total = np.maximum.reduceat(agree, first, axis=1).sum(axis=1)
+    best = int(total.argmax())
+    return float(total[best]), best
+
+
+def _places(now: TrajectoryState, stop: int) -> tuple[FloatArray, float]:
+    """A grid of places (place, 2) about the middle of the neighbours, as wide as a few steps of the walk."""
+    steps = np.linalg.norm(np.diff(now.state[:, :2], axis=0), axis=1)
+    reach_m = float(np.clip(REACH_STEPS * np.median(steps), *REACH_M)) if len(steps) else REACH_M[1]
+    near = neighbour_states(now, stop)
+    middle = near[-1, :2] if len(near) else now.state[stop, :2]
+    offset = np.linspace(-reach_m, reach_m, GRID)
+    grid = np.stack(np.meshgrid(offset, offset), axis=-1).reshape(-1, 2)
+    return middle + grid, float(offset[1] - offset[0])
+
+
+def _votes(
+    own: Observations, now: TrajectoryState, stop: int, place: FloatArray, step_m: float
+) -> tuple[IntArray, FloatArray, FloatArray, BoolArray]:
+    """What paths say at each place by way of sources: their rising index (vote,), and (place, vote) for the rest.
+
+    That is the heading, the clock bias, and whether the vote counts. Sources are the TX, its images in the walls,
+    and the objects. A ray from an image has to meet the place; one to an object has to meet the object, whatever
+    the place.
+    """
+    measured = own.measured.copy()
+    measured[:, 1] += now.offset_rad[now.session[stop]]
+    tx, heading_rad = own.tx_rows[0, :2], own.tx_rows[0, 2]
+    image = np.concatenate([tx[None], wall_images(own.tx_rows[0], now.walls)[0]])
+    departure = measured[:, 1] + heading_rad
+    ray = np.column_stack([departure, 2 * now.walls[:, 0] + np.pi - departure[:, None]])
+    std_rad = GATE_STDS * np.sqrt(own.covariance[:, 1, 1])
+    centre, radius = now.objects[:, :2], now.objects[:, 2]
+    to_object = np.linalg.norm(centre - tx, axis=1)
+    side = np.arctan2(*(centre - tx).T[::-1])
+    wide = std_rad[:, None] + np.abs(radius) / np.maximum(to_object, 1e-3)
+    is_met = np.abs(wrap_angle(departure[:, None] - side)) < wide
+    path, source = np.concatenate([np.indices(ray.shape).reshape(2, -1), np.nonzero(is_met)], axis=1)
+    n_rays = ray.size
+    first = np.concatenate([image, centre])[np.concatenate([source[:n_rays], len(image) + source[n_rays:]])]
+    before = np.concatenate([np.zeros(n_rays), (to_object - 2 * np.abs(radius))[source[n_rays:]]])
+    leg = place[:, None] - first
+    length = np.linalg.norm(leg, axis=2)
+    azimuth = np.arctan2(leg[..., 1], leg[..., 0])
+    miss = np.abs(wrap_angle(azimuth[:, :n_rays] - ray.ravel()))
+    is_able = np.ones(azimuth.shape, bool)
+    is_able[:, :n_rays] = miss < np.repeat(std_rad, ray.shape[1]) + step_m / np.maximum(length[:, :n_rays], step_m)
+    bias = measured[path, 0] - before - length
+    heading = azimuth + np.pi - measured[path, 2]
+    order = np.argsort(path, kind="stable")
+    return path[order], heading[:, order], bias[:, order], is_able[:, order]
