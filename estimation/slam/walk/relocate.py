@@ -124,7 +124,7 @@ def placed(
     return _ranked(found, score)
 
 
-class _Refined(NamedTuple):
+class _Candidates(NamedTuple):
     """Candidates as stops of their own, with the association of their paths."""
 
     now: TrajectoryState
@@ -141,7 +141,7 @@ def _refined(
     n_known: int,
     powers: Powers,
     config: TrajectoryConfig,
-) -> _Refined:
+) -> _Candidates:
     """Association and steps in turns, from candidates of which the first `n_known` are near their places."""
 
     def associated(paths: Observations) -> tuple[Association, FloatArray]:
@@ -156,10 +156,10 @@ def _refined(
     link, odds = associated(tiled)
     information, _ = state_equations(tiled, link, point, config)
     is_los = np.reshape(link.kind == PathClass.LOS, (len(odds), -1))
-    return _Refined(point, link, is_los, information, np.where(is_los.any(axis=1), odds, 0.0))
+    return _Candidates(point, link, is_los, information, np.where(is_los.any(axis=1), odds, 0.0))
 
 
-def _log_evidence(tiled: Observations, found: _Refined, config: TrajectoryConfig) -> FloatArray:
+def _log_evidence(tiled: Observations, found: _Candidates, config: TrajectoryConfig) -> FloatArray:
     """Log evidence (candidate,) over clutter alone, the state integrated out in Gaussian approximation."""
     gain = np.maximum(path_gains(tiled, found.link, found.now, config), 0.0)
     scales = motion_scales(config)
@@ -167,7 +167,7 @@ def _log_evidence(tiled: Observations, found: _Refined, config: TrajectoryConfig
     return np.asarray(np.bincount(tiled.row, gain, tiled.n_stops) + found.los_odds - volume)
 
 
-def _ranked(found: _Refined, score: FloatArray) -> Place:
+def _ranked(found: _Candidates, score: FloatArray) -> Place:
     """The best candidate by `score` (candidate,), with its rival; the first one is the present state."""
     state = found.now.state
     best = int(score.argmax()) if score.max() > score[0] + LEAST_EVIDENCE else 0
