@@ -63,9 +63,14 @@ def still_paths(channel: Sequence[ChannelEstimate]) -> StillPaths:
 
 def is_still(estimate: ChannelEstimate) -> BoolArray:
     """Mask (path,) of the paths that stand: those with a shift that the receiver's own motion explains."""
+    return still_motion(estimate)[0]
+
+
+def still_motion(estimate: ChannelEstimate) -> tuple[BoolArray, FloatArray]:
+    """The mask (path,) of `is_still`, and the receiver's velocity (xy,) in its own frame, in wavelengths per s."""
     motion = estimate.motion
     if motion is None or not motion.is_moving.any():
-        return np.ones(len(estimate), bool)
+        return np.ones(len(estimate), bool), np.zeros(2)
     shift_hz = motion.doppler_hz
     std_hz = np.where(motion.is_moving, motion.doppler_std_hz, np.nanmedian(motion.doppler_std_hz) * FROZEN_SHIFT)
     level = np.cos(np.nan_to_num(estimate.aoa_elevation_rad))
@@ -81,7 +86,7 @@ def is_still(estimate: ChannelEstimate) -> BoolArray:
         if likelihood > highest:
             best, highest = velocity, float(likelihood)
     still, mover = _log_parts(best, along, shift_hz, std_hz)
-    return np.asarray(still >= mover)
+    return np.asarray(still >= mover), best
 
 
 def _candidates(along: FloatArray, shift_hz: FloatArray, moving: IntArray) -> list[FloatArray]:

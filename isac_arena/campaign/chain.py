@@ -27,16 +27,19 @@ from estimation.slam.space.mapping import map_stops_spatial
 from estimation.slam.space.problem import is_spatial
 from estimation.slam.stops import locate_and_map
 from estimation.slam.transmitters import AnyTx, Transmitters, map_each_tx, transmitters_of
+from estimation.tracks.estimate import estimate_tracks
+from estimation.tracks.record import EchoSurvey, Tracks
 from isac_arena.campaign.config import CampaignConfig, with_own_level
 from isac_arena.campaign.measured import MeasuredTruth
 from isac_arena.campaign.results import MapResult
 from isac_arena.scoring.config import Significance
 from isac_arena.user_functions.config import UserFunction, UserFunctions, with_functions
 from isac_arena.user_functions.room import called, caller
-from scenes.pose import Pose
+from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
 from scenes.record import FloatArray, IntArray
 from scenes.scene import Scene
 from scenes.walks.trajectory import follow_one_another
+from sim.clock import campaign_clock
 from sim.config import ArrayConfig
 from sim.observation import BeamSweep
 from sim.signal.link import Link, line_of_sight_at_1m_dbm
@@ -183,6 +186,29 @@ def known_heights(
         for pose, array in zip(tx_poses, tx_arrays or len(tx_poses) * (config.tx_array,), strict=True)
     ]
     return replace(every[0], others=tuple(every[1:]))
+
+
+def campaign_tracks(
+    config: CampaignConfig, scene: Scene, tx: AnyTx, channel: Sequence[ChannelEstimate], poses: PoseEstimates
+) -> Tracks | None:
+    """The tracks of what moves, at receiver states; None where nothing does."""
+    if not scene.is_moving:
+        return None
+    return estimate_tracks(channel, poses, echo_survey(config, scene, tx, poses.stop), config.tracks)
+
+
+def echo_survey(config: CampaignConfig, scene: Scene, tx: AnyTx, stop: IntArray) -> EchoSurvey:
+    """What the tracker knows beside paths and receiver states, at some stops of a world that moves."""
+    poses = transmitters_of(tx).poses
+    return EchoSurvey(
+        stop=stop,
+        time_s=campaign_clock(config, scene).middle_s[stop],
+        tx_m=np.array([pose.position_m for pose in poses]),
+        tx_heading_rad=np.array([pose.heading_rad for pose in poses]),
+        wavelength_m=SPEED_OF_LIGHT_M_S / (1e9 * config.waveform.carrier_ghz),
+        tx_panel_rad=np.deg2rad(config.tx_array.panel_azimuth_deg),
+        rx_panel_rad=np.deg2rad(config.rx_array.panel_azimuth_deg),
+    )
 
 
 def walk_settings(config: CampaignConfig, position_m: FloatArray) -> TrajectoryConfig | None:

@@ -7,6 +7,7 @@ from pydantic import Field
 from estimation.channel.estimate import ChannelConfig
 from estimation.shape.config import ContourConfig, ShapeConfig
 from estimation.slam.config import HeightConfig, MappingConfig, SnapshotConfig, TrajectoryConfig
+from estimation.tracks.config import TrackConfig
 from isac_arena.user_functions.config import Stage, UserFunctions
 from isac_arena.user_functions.names import OURS
 from scenes.names import Name
@@ -25,6 +26,7 @@ class CampaignConfig(SimulationConfig):
     trajectory: TrajectoryConfig = TrajectoryConfig()
     shapes: ShapeConfig = ShapeConfig()
     contours: ContourConfig = ContourConfig()
+    tracks: TrackConfig = TrackConfig()
     functions: UserFunctions = UserFunctions()
 
 

@@ -131,9 +131,9 @@ class CampaignStore:
     @cached_property
     def map_fingerprint(self) -> str:
         """Fingerprint of all inputs of maps and shapes."""
-        parts = {"mapping", "slam", "trajectory", "shapes", "contours"}
+        parts = {"mapping", "slam", "trajectory", "shapes", "contours", "tracks"}
         settings = self.config.model_dump_json(include=parts)
-        code = code_digest(*(f"estimation/{part}" for part in ("laws", "inference", "slam", "shape")))
+        code = code_digest(*(f"estimation/{part}" for part in ("laws", "inference", "slam", "shape", "tracks")))
         functions = functions_digest(self.config.functions, "mapping", "slam", "shapes")
         return digest(self.channel_fingerprint, settings, *functions, code)
 

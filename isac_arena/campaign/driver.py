@@ -26,6 +26,7 @@ from estimation.slam.stops import published_poses
 from estimation.slam.transmitters import AnyTx, joined_paths
 from isac_arena.campaign.chain import (
     all_tx,
+    campaign_tracks,
     channel_estimator,
     known_heights,
     known_receiver,
@@ -182,7 +183,9 @@ class CampaignRun:
                 kept = self._map(channel, states)
                 if states is None:
                     seen = self.oracle.channel or channel
-                    kept = replace(kept, published=published_poses(seen, self.tx, self.config.slam))
+                    published = published_poses(seen, self.tx, self.config.slam)
+                    tracks = campaign_tracks(self.config, self.scene, self.tx, channel, kept.poses)
+                    kept = replace(kept, published=published, tracks=tracks)
                 self.results.write_map(name, kept)
             found[name] = kept
         return found
@@ -251,7 +254,7 @@ class CampaignRun:
 
     def score(self, truths: Iterable[Truth], results: CampaignResults) -> Scores:
         """The scores of estimates against the truth; raises as `score_campaign` does."""
-        return score_stops(self.scene, self._true_stops(truths), results)
+        return score_stops(self.scene, self._true_stops(truths), results, motion=self.config.tracks)
 
     def _true_stops(self, truths: Iterable[Truth]) -> Iterator[TrueStop]:
         """The truths prepared for scoring, each with the view of its link."""

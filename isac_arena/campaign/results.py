@@ -9,6 +9,7 @@ from estimation.channel.calibration.self_calibration import Calibration
 from estimation.channel.record import ChannelEstimate
 from estimation.shape.record import Contours, Shapes
 from estimation.slam.record import IncidencePoints, PoseEstimates
+from estimation.tracks.record import Tracks
 from scenes.record import IntArray, Record, array
 from sim.observation import BeamSweep
 from sim.truth import Truth
@@ -30,6 +31,7 @@ class MapResult(Record):
     contours: Contours
     problem: str = array(dtype=str, default="", doc="how a user's function failed; empty where none did")
     published: PoseEstimates | None = None  # SLAM: by the published algorithm, to compare with
+    tracks: Tracks | None = None  # SLAM: what moves; absent where nothing does
 
 
 @dataclass(frozen=True)

@@ -52,6 +52,9 @@ HEADLINE = (
     _contour_row("Walls, seen part, mapping, RMSE", "mapping.wall.seen_rmse.mean_m"),
     _contour_row("Pillars, overlap (IoU), mapping", "mapping.pillar.iou.mean"),
     _contour_row("Pillars, overlap (IoU), SLAM", "slam.pillar.iou.mean"),
+    HeadlineRow("Movers in view that are tracked, share", "tracks.found_share"),
+    HeadlineRow("Tracks and movers in view, mean GOSPA", "tracks.gospa.mean_m"),
+    HeadlineRow("Velocity of tracks, RMSE", "tracks.velocity.rmse_m_s", bound="tracks.velocity.bound_m_s"),
 )
 
 

@@ -218,6 +218,25 @@ class MapScores(Record):
 
 
 @dataclass(frozen=True)
+class TrackScores(Record):
+    """Every mover at every stop, by mover and stop, and the tracks of every stop as a set."""
+
+    mover: TextArray = array("mover_state", dtype=str, doc="name of the mover")
+    mover_stop: IntArray = array("mover_state", dtype=int, doc="index of the receiver stop")
+    true_position_m: FloatArray = array("mover_state", "xy", unit="m", doc="true position of its middle")
+    true_velocity_m_s: FloatArray = array("mover_state", "xy", unit="m/s", doc="true velocity of its middle")
+    is_in_view: BoolArray = array("mover_state", dtype=bool, doc="a path of one bounce meets it, above the noise")
+    track: IntArray = array("mover_state", dtype=int, doc="track that follows it, -1 for none")
+    position_error_m: FloatArray = array("mover_state", unit="m", doc="distance of the track, or NaN")
+    velocity_error_m_s: FloatArray = array("mover_state", unit="m/s", doc="error of its velocity, or NaN")
+    velocity_bound_m_s: FloatArray = array("mover_state", unit="m/s", doc="bound of that error, or NaN")
+    stop: IntArray = array("stop", dtype=int, doc="index of the receiver stop")
+    gospa_m: FloatArray = array("stop", unit="m", doc="GOSPA of the tracks and the movers in view, cutoff 1 m")
+    gospa_all_m: FloatArray = array("stop", unit="m", doc="the same with all movers")
+    n_false: IntArray = array("stop", dtype=int, doc="tracks that follow no mover")
+
+
+@dataclass(frozen=True)
 class ScoreTables(Record):
     """All tables of a campaign."""
 
@@ -228,3 +247,4 @@ class ScoreTables(Record):
     published: PoseScores
     mapping: MapScores
     slam: MapScores
+    tracks: TrackScores | None = None  # absent where nothing moves

@@ -1,6 +1,6 @@
 """Scores of a whole campaign. It reads the truths once, stop by stop, and keeps only small tables."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from itertools import groupby
@@ -8,6 +8,7 @@ from itertools import groupby
 import numpy as np
 
 from estimation.channel.record import ChannelEstimate
+from estimation.tracks.config import TrackConfig
 from isac_arena.campaign.results import CampaignResults, MapResult
 from isac_arena.scoring.config import DEFAULT_GATE, Gate, Significance
 from isac_arena.scoring.link_view import LinkView
@@ -31,6 +32,7 @@ from isac_arena.scoring.stages.outlines import outline_columns
 from isac_arena.scoring.stages.poses import pose_bounds, pose_metrics, published_metrics, score_both_poses
 from isac_arena.scoring.stages.scene import scene_metrics, score_scene
 from isac_arena.scoring.stages.shapes import ShapeErrors, shape_errors, shape_metrics
+from isac_arena.scoring.stages.tracks import objects_in_view, score_tracks, track_metrics
 from scenes.display import Displayed
 from scenes.record import FloatArray, concatenate, empty_record
 from scenes.scene import Scene, SceneObject
@@ -82,10 +84,18 @@ def score_campaign(
 
 
 def score_stops(
-    scene: Scene, stops: Iterable[TrueStop], results: CampaignResults, gate: Gate = DEFAULT_GATE
+    scene: Scene,
+    stops: Iterable[TrueStop],
+    results: CampaignResults,
+    gate: Gate = DEFAULT_GATE,
+    motion: TrackConfig | None = None,
 ) -> Scores:
-    """As `score_campaign`, of truths that are prepared; of several TX at a stop one after the other."""
-    tables, bare = _score_stops(stops, results.channel, gate)
+    """As `score_campaign`, of truths that are prepared; of several TX at a stop one after the other.
+
+    `motion` are the settings of the tracks, whose motion model is part of the bound of velocities.
+    """
+    in_view: dict[int, set[str]] = {}
+    tables, bare = _score_stops(_noting_views(stops, in_view), results.channel, gate)
     poses, published = _score_poses(scene, bare, tables, results.slam)
     tables = replace(
         tables,
@@ -93,6 +103,7 @@ def score_stops(
         published=published,
         mapping=score_map(scene, results.mapping, tables.paths, tables.significant),
         slam=score_map(scene, results.slam, tables.paths, tables.significant),
+        tracks=score_tracks(scene, results.slam, results.channel, in_view, motion or TrackConfig()),
     )
     return Scores(score_metrics(scene, tables), tables)
 
@@ -133,6 +144,7 @@ def score_metrics(scene: Scene, tables: ScoreTables) -> tuple[Metric, ...]:
         metrics += shape_metrics(name, scene, one_map.clusters)
         metrics += contour_metrics(name, scene, one_map.contours)
         metrics += scene_metrics(name, one_map.scene)
+    metrics += track_metrics(tables.tracks)
     return tuple(metrics)
 
 
@@ -161,6 +173,13 @@ def _score_stops(
         stops=concatenate(sets, "stop"),
     )
     return tables, bare
+
+
+def _noting_views(stops: Iterable[TrueStop], in_view: dict[int, set[str]]) -> Iterator[TrueStop]:
+    """The same stops; notes which objects are in view of each."""
+    for stop in stops:
+        in_view.setdefault(stop.truth.stop, set()).update(objects_in_view(stop))
+        yield stop
 
 
 def _score_link(
