@@ -15,7 +15,6 @@ import typer
 
 from isac_arena.cli import (
     ablate,
-    bound,
     budget,
     campaign,
     compare,
@@ -32,6 +31,7 @@ from isac_arena.cli import (
     verify,
     view,
 )
+from isac_arena.cli.bounds import bound, place
 from isac_arena.cli.learning import dataset, task
 from isac_arena.cli.options import with_clock, with_memory
 from isac_arena.own_packages import hiding_names
@@ -56,8 +56,8 @@ COMMANDS = (
     campaign.run, campaign.generate, campaign.estimate, campaign.score, campaign.report, with_clock(view.view),
     with_clock(exchange.import_paths), with_clock(exchange.import_mat), with_clock(exchange.import_iq),
     with_clock(exchange.import_deepmimo), with_clock(exchange.export), link.link,
-    with_clock(exchange.export_sigmf), bound.bound, ablate.ablate, budget.budget, sweep.sweep, sweep.sweep_report,
-    dataset.dataset,
+    with_clock(exchange.export_sigmf), bound.bound, place.place, ablate.ablate, budget.budget,
+    sweep.sweep, sweep.sweep_report, dataset.dataset,
     verify.verify, with_clock(compare.compare), golden.golden,
     twin.twin, doctor.doctor, validate.validate, validate.bench,
 )  # fmt: skip
@@ -65,7 +65,7 @@ PANELS = {  # of `arena --help`; imports and exports have one of their own
     "Your files": ("campaign", "scene", "new", "settings"),
     "A run and its stages": ("run", "generate", "estimate", "score", "report", "view", "compare", "verify"),
     "Many runs": ("sweep", "sweep-report", "dataset", "task"),
-    "What limits the errors": ("link", "bound", "budget", "ablate", "twin", "study"),
+    "What limits the errors": ("link", "bound", "place", "budget", "ablate", "twin", "study"),
     "This installation": ("doctor", "validate", "bench", "golden"),
 }
 

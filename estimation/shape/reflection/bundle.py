@@ -115,14 +115,29 @@ def _problem(
 ) -> _Problem:
     """The problem of sets of paths, lines of sight last; priors are those of the offsets and of every object."""
     stop, prior_state, prior_weight = prior_states(sets)
+    data = bundle_paths(sets, family, [len(prior.mean) for prior in priors], stop, config.log_path_share)
+    mean, precision = (np.concatenate([getattr(each, name) for each in priors]) for name in ("mean", "precision"))
+    return _Problem(data, stop, prior_state, prior_weight, mean, precision, config.log_ghost_density)
+
+
+def bundle_paths(
+    sets: Sequence[Reflections],
+    family: Sequence[int],
+    sizes: Sequence[int],
+    stop: IntArray,
+    log_share: float = 0.0,
+) -> BundlePaths:
+    """The paths of sets, lines of sight last, for the normal equations of a bundle.
+
+    `sizes` are the numbers of offsets and of the parameters of every object, `stop` (stop,) the sorted stops.
+    """
     every = concatenate(sets, "path")
     weight = np.asarray(np.linalg.inv(every.covariance), float)
-    log_norm = config.log_path_share - 1.5 * np.log(2 * np.pi) + 0.5 * np.linalg.slogdet(weight)[1]
-    end = np.cumsum([len(prior.mean) for prior in priors])
-    data = BundlePaths(
+    end = np.cumsum(sizes)
+    return BundlePaths(
         every.arrays,
         weight,
-        log_norm,
+        log_share - 1.5 * np.log(2 * np.pi) + 0.5 * np.linalg.slogdet(weight)[1],
         np.repeat(np.arange(len(sets)), [len(data) for data in sets]),
         np.searchsorted(stop, every.stop),
         state_columns(every.clock),
@@ -130,8 +145,6 @@ def _problem(
         end.astype(np.int64),
         np.append(np.diff(end), 0).astype(np.int64),
     )
-    mean, precision = (np.concatenate([getattr(each, name) for each in priors]) for name in ("mean", "precision"))
-    return _Problem(data, stop, prior_state, prior_weight, mean, precision, config.log_ghost_density)
 
 
 def _solution(

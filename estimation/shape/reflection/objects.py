@@ -88,7 +88,7 @@ def _objects(fits: GroupFits, groups: list[IntArray], min_paths: int) -> list[Fo
 def _choices(fits: GroupFits, objects: list[FoundObject]) -> list[IntArray]:
     """Paths of each object when every path takes the one that explains it best, if any does.
 
-    A contour has one path per stop; of several the nearest counts.
+    A contour has one path per stop and TX; of several the nearest counts.
     """
     if not objects:
         return []
@@ -98,7 +98,8 @@ def _choices(fits: GroupFits, objects: list[FoundObject]) -> list[IntArray]:
     for k in range(len(objects)):
         rows = np.flatnonzero(choice == k)
         rows = rows[np.argsort(square[k, rows], kind="stable")]
-        _, first = np.unique(fits.data.stop[rows], return_index=True)
+        link = fits.data.stop[rows] * (fits.data.clock.max(initial=0) + 1) + fits.data.clock[rows]
+        _, first = np.unique(link, return_index=True)
         groups.append(np.sort(rows[first]))
     return groups
 

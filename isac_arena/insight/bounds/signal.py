@@ -1,7 +1,8 @@
 """Bounds of the receiver from the signal, the arrays and the joint paths of a campaign: those of its scores.
 
 Every significant path has its Cramer-Rao bound for joint estimation of all of them. Line of sight and single
-bounces off upright objects then bound position, heading and clock, with unknown incidence points.
+bounces off upright objects then bound position, heading and clock, with unknown incidence points. Several TX share
+the pose of a stop; each has a clock of its own.
 """
 
 from collections.abc import Callable, Iterable
@@ -14,54 +15,70 @@ from rich.table import Table
 from estimation.slam.bounds import StateBound
 from isac_arena.campaign.campaign import Campaign
 from isac_arena.campaign.chain import significance
+from isac_arena.campaign.driver import CampaignRun
 from isac_arena.insight.bounds.position import QUANTITIES, PlanGrid
 from isac_arena.report.figures.bound import BoundMap
 from isac_arena.scoring.config import Significance
 from isac_arena.scoring.link_view import LinkView, link_view
-from isac_arena.scoring.stages.channel import significant_alone, true_stop
+from isac_arena.scoring.stages.channel import TrueStop, significant_alone, true_stop
 from isac_arena.scoring.stages.poses import pose_bounds
 from scenes.pose import Pose
 from sim.propagation.propagator import Propagator
-from sim.signal.link import best_beam_power_dbm
 from sim.truth import Truth
 
 T = TypeVar("T")
 Track = Callable[[Iterable[T]], Iterable[T]]  # shows progress
 
 
-class SignalBounds:
-    """A campaign prepared for bounds at any place."""
+class LinkBounds:
+    """One TX of a campaign prepared for bounds at any place.
 
-    def __init__(self, campaign: Campaign) -> None:
-        self.campaign = campaign
+    With `single` the paths are the line of sight and single bounces alone, which takes a tenth of the time.
+    """
+
+    def __init__(self, run: CampaignRun, *, single: bool = False) -> None:
+        self.run, self._single = run, single
 
     @cached_property
     def view(self) -> LinkView:
-        """The campaign's link as scores see it."""
-        return link_view(self.campaign.config, self.campaign.link, self.campaign.scene)
+        """The link as scores see it."""
+        return link_view(self.run.config, self.run.link, self.run.scene)
 
     @cached_property
     def propagator(self) -> Propagator:
-        """All paths of the campaign except diffuse ones, which are no significant paths."""
-        config = self.campaign.config
-        changes = {"diffuse_samples": 0, "compare_planar": False}
+        """All paths of the TX except diffuse ones, which are no significant paths."""
+        config = self.run.config
+        changes: dict[str, int | bool] = {"diffuse_samples": 0, "compare_planar": False}
+        if self._single:
+            changes |= {"max_bounces": min(1, config.propagation.max_bounces), "diffraction": False}
         propagation = config.propagation.model_copy(update=changes)
-        return Propagator(self.campaign.scene, config.waveform.carrier_ghz * 1e9, propagation)
+        return Propagator(self.run.scene, config.waveform.carrier_ghz * 1e9, propagation)
 
-    def at(self, pose: Pose) -> tuple[StateBound, bool]:
-        """Bounds (1,) of a receiver there, and whether the line of sight is a significant path."""
+    def at(self, pose: Pose) -> TrueStop:
+        """The significant paths to a receiver there, with their bounds."""
         return self.of(Truth(self.propagator.paths(pose.position_m), pose, 0, 0.0))
 
-    def of(self, truth: Truth) -> tuple[StateBound, bool]:
+    def of(self, truth: Truth) -> TrueStop:
         """The same from the true paths of a stop."""
-        tx, link = self.campaign.scene.tx, self.campaign.link
-        power_dbm = best_beam_power_dbm(truth.paths, link, tx, truth.rx_pose)
-        stop = significant_alone(true_stop(truth, tx, power_dbm, self._limits, self.view))
-        return pose_bounds(self.campaign.scene, [[stop]]), bool(stop.truth.paths.is_los.any())
+        power_dbm = self.run.true_power_dbm(truth)
+        return significant_alone(true_stop(truth, self.run.scene.tx, power_dbm, self._limits, self.view))
 
     @cached_property
     def _limits(self) -> Significance:
-        return significance(self.campaign.config, self.campaign.link)
+        return significance(self.run.config, self.run.link)
+
+
+class SignalBounds:
+    """A campaign prepared for bounds at any place from all of its TX."""
+
+    def __init__(self, campaign: Campaign) -> None:
+        self.campaign = campaign
+        self.links = [LinkBounds(run) for run in campaign.run().links]
+
+    def at(self, pose: Pose) -> tuple[StateBound, bool]:
+        """Bounds (1,) of a receiver there, and whether the line of sight to a TX is a significant path."""
+        stops = [link.at(pose) for link in self.links]
+        return pose_bounds(self.campaign.scene, [stops]), any(stop.truth.paths.is_los.any() for stop in stops)
 
 
 def over_plan(bounds: SignalBounds, grid: PlanGrid, track: Track[int] = iter) -> BoundMap:

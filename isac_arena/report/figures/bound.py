@@ -58,7 +58,7 @@ def bound_figure(scene: Scene, bound: BoundMap, errors: str = FROM_SIGNAL) -> Fi
     figure = new_figure(9.5, float(np.clip(8.0 * (y_max - y_min) / (x_max - x_min) + 1.0, 4.0, 9.0)))
     ax = figure.subplots()
     bar = {"label": "position error bound in m", "shrink": 0.85}
-    _draw_bound(figure, ax, scene, bound, bound.peb_m, _scale(bound.peb_m[np.isfinite(bound.peb_m)]), bar)
+    _draw_bound(figure, ax, scene, bound, bound.peb_m, log_scale(bound.peb_m[np.isfinite(bound.peb_m)]), bar)
     ax.set_title(f"{scene.name}: position error bound {errors}\n(dashed: edge of line of sight, pink: unbounded)")
     return figure
 
@@ -79,7 +79,7 @@ def channel_bound_figure(scene: Scene, bound: ChannelBoundMap) -> Figure:
     ]
     for ax, (name, unit, std) in zip(figure.subplots(1, 3, sharey=True), panels, strict=True):
         bar = {"label": f"{name}: standard deviation in {unit}", "orientation": "horizontal"}
-        scale = _scale(std[np.isfinite(std) & (std > 0)])
+        scale = log_scale(std[np.isfinite(std) & (std > 0)])
         _draw_bound(figure, ax, scene, bound, std, scale, {**bar, "aspect": 30, "pad": 0.02})
         ax.label_outer()
     phases = "phases kept between beam pairs" if bound.is_coherent else "a random phase per beam pair"
@@ -113,13 +113,18 @@ def _draw_bound(
             bound.x_m, bound.y_m, bound.has_los.astype(float), [0.5], colors="black", linestyles="--",
             linewidths=0.9, zorder=0.7,
         )  # fmt: skip
-    axis: Any = figure.colorbar(mesh, ax=ax, extend="both", **bar).long_axis
+    log_axis(figure.colorbar(mesh, ax=ax, extend="both", **bar))
+
+
+def log_axis(bar: Any) -> None:
+    """Plain numbers at 1, 2 and 5 along a logarithmic colour bar."""
+    axis = bar.long_axis
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axis.set_major_formatter(StrMethodFormatter("{x:g}"))
     axis.set_minor_formatter(NullFormatter())
 
 
-def _scale(std: FloatArray) -> LogNorm:
+def log_scale(std: FloatArray) -> LogNorm:
     """A logarithmic scale over most of the positive values (place,), at least a decade."""
     if not len(std):
         return LogNorm(0.1, 1.0)

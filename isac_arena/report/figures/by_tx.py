@@ -77,7 +77,7 @@ def by_tx_figure(scene: Scene, names: Sequence[str], result: MapResult) -> Figur
         ax.plot(*scene.txs[name].position_m[:2], "D", color=color, markeredgecolor="black", markersize=7, zorder=7)
         handles.append(Line2D([], [], marker="D", color=color, markeredgecolor="black", label=name))
         for row in _closed(result):
-            line = _offset(result.contours.contour_m[row], OFFSET_M * (tx + 1))
+            line = offset_outline(result.contours.contour_m[row], OFFSET_M * (tx + 1))
             line[~_seen_by_tx(result, row, len(names))[tx]] = np.nan
             ax.plot(*line.T, color=color, linewidth=2.0, zorder=5)
     legend_below(figure, handles, len(names))
@@ -99,7 +99,7 @@ def _seen_by_tx(result: MapResult, row: int, n_tx: int) -> BoolArray:
     return np.array([seen_samples(angle, np.arctan2(*one.T[::-1]), SEEN_MARGIN_RAD) for one in members])
 
 
-def _offset(points_m: FloatArray, distance_m: float) -> FloatArray:
+def offset_outline(points_m: FloatArray, distance_m: float) -> FloatArray:
     """Points (sample, xy) of a closed contour moved outwards from its middle."""
     away = points_m - points_m.mean(axis=0)
     return np.asarray(points_m + distance_m * away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-9))

@@ -26,6 +26,7 @@ from isac_arena.scoring.stages.channel import TrueStop
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose, wrap_angle
 from scenes.record import BoolArray, FloatArray, IntArray, empty_record
 from scenes.scene import Scene
+from sim.truth import Truth
 
 
 def score_both_poses(slam: MapResult, **truth: Any) -> tuple[PoseScores, PoseScores]:
@@ -114,7 +115,7 @@ def unknown_bound(n_stops: int) -> StateBound:
 def _pose_bound(scene: Scene, links: Sequence[TrueStop]) -> StateBound:
     if any(link.view is None for link in links):
         return StateBound(*np.full(3, np.nan))
-    covariance = state_covariance(shared_pose_information([_information(scene, link) for link in links]))
+    covariance = state_covariance(shared_pose_information([pose_information(scene, link) for link in links]))
     first = links[0]
     if first.view is not None:
         from_tx = first.truth.rx_pose.position_m - first.tx_pose.position_m
@@ -122,21 +123,30 @@ def _pose_bound(scene: Scene, links: Sequence[TrueStop]) -> StateBound:
     return state_bound(covariance)
 
 
-def _information(scene: Scene, stop: TrueStop) -> FloatArray:
+def pose_information(scene: Scene, stop: TrueStop) -> FloatArray:
     """Information (4, 4) on the receiver state from the significant paths of one TX."""
-    rows, pose = stop.significant, stop.truth.rx_pose
-    covariance = range_covariance(stop.covariance)
-    known = np.isfinite(covariance).all(axis=(1, 2))
-    is_los = known & (stop.origin.kind[rows] == PathKind.LOS)
-    bounce = known & np.isin(stop.origin.object[rows], scene.object_names)
-    state = np.array([*pose.position_m[:2], pose.heading_rad, stop.truth.clock_bias_s * SPEED_OF_LIGHT_M_S])
+    covariance, is_los, bounce = plane_paths(scene, stop)
     paths = StopPaths(
-        point_m=stop.origin.vertex_m[rows[bounce]],
+        point_m=stop.origin.vertex_m[stop.significant[bounce]],
         covariance=covariance[bounce],
         wall=np.full(bounce.sum(), -1),
         los_covariance=covariance[is_los][0] if is_los.any() else None,
     )
-    return stop_information(stop.tx_pose, state, paths)
+    return stop_information(stop.tx_pose, true_state(stop.truth), paths)
+
+
+def plane_paths(scene: Scene, stop: TrueStop) -> tuple[FloatArray, BoolArray, BoolArray]:
+    """Covariances (significant, 3, 3) in (m, rad, rad)^2, and which are lines of sight and bounces off objects."""
+    covariance = range_covariance(stop.covariance)
+    known = np.isfinite(covariance).all(axis=(1, 2))
+    is_los = known & (stop.origin.kind[stop.significant] == PathKind.LOS)
+    return covariance, is_los, known & np.isin(stop.origin.object[stop.significant], scene.object_names)
+
+
+def true_state(truth: Truth) -> FloatArray:
+    """True [x, y, heading, clock bias] (4,) in m, m, rad, m."""
+    pose = truth.rx_pose
+    return np.array([*pose.position_m[:2], pose.heading_rad, truth.clock_bias_s * SPEED_OF_LIGHT_M_S])
 
 
 def pose_metrics(poses: PoseScores) -> list[Metric]:

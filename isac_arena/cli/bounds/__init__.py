@@ -1,0 +1,1 @@
+"""Commands of lower bounds: `bound` over a plan, `place` for TX."""
