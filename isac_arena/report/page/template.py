@@ -3,7 +3,7 @@
 from importlib.resources import files
 
 SCRIPTS = (  # in this order
-    "base", "state", "figure", "tables", "panzoom", "plan", "stop", "object", "budget", "main",
+    "base", "state", "figure", "tables", "panzoom", "plan", "stop", "tracks", "object", "budget", "main",
 )  # fmt: skip
 STYLES = ("report", "figures")
 

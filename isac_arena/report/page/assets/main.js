@@ -98,16 +98,18 @@ function start() {
   const plans = html("div", { class: "pair plans" });
   const stopPanel = html("section", { id: "stop-panel", "aria-labelledby": "stop-title" });
   const objectPanel = html("section", { id: "object-panel", "aria-labelledby": "object-title" });
+  const tracksPanel = html("section", { id: "tracks-panel" });
   const budgetPanel = html("section", { id: "budget-panel" });
   const hint = html("p", { class: "hint noprint" }, "Click a stop, a point or an object. Drag to move; Ctrl and the wheel, two fingers or the keys " +
     "+ − 0 and arrows zoom and move; the address of the page stores the selection.");
   document.getElementById("theme-place").append(themeControl());
-  main.append(controls, plans, html("ul", { class: "legend" }, legendEntries()), hint, stopPanel, objectPanel, budgetPanel);
+  main.append(controls, plans, html("ul", { class: "legend" }, legendEntries()), hint, stopPanel, tracksPanel, objectPanel, budgetPanel);
   document.body.append(tip);
   readAddress();
   const made = Object.keys(MAPS).map((mapName) => makePlan(plans, mapName));
   onChange(() => made.forEach((plan, index) => { plan.element.hidden = !shownMaps().includes(Object.keys(MAPS)[index]); }));
   makeStopPanel(stopPanel);
+  makeTracksPanel(tracksPanel);
   makeObjectPanel(objectPanel);
   makeBudgetPanel(budgetPanel);
   for (const listener of listeners) listener();

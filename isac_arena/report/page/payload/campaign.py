@@ -13,6 +13,7 @@ from isac_arena.report.figures.plan import clutter_outlines, plan_view
 from isac_arena.report.page.payload.maps import map_payload
 from isac_arena.report.page.payload.numbers import POWER_STEP_DB, number, quantised_power, rounded, significant
 from isac_arena.report.page.payload.paths import estimated_paths, true_paths
+from isac_arena.report.page.payload.tracks import track_payload
 from isac_arena.scoring.record import PoseScores, ScoreTables
 from scenes.scene import Scene
 from sim.truth import Truth
@@ -53,6 +54,7 @@ def report_payload(
             "mapping": map_payload(results.mapping, tables.mapping),
             "slam": map_payload(results.slam, tables.slam),
         },
+        "tracks": track_payload(scene, results.channel, results.slam.tracks),
         "budget": budget,
     }
 
