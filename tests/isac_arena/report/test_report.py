@@ -27,7 +27,10 @@ from isac_arena.report.style import cluster_look
 from isac_arena.scoring.config import Significance
 from isac_arena.scoring.headline import HEADLINE
 from isac_arena.scoring.metrics.metric import Metric
+from isac_arena.scoring.record import TrackScores
 from isac_arena.scoring.score import score_campaign
+from isac_arena.scoring.stages.tracks import track_metrics
+from scenes.record import empty_record
 
 LIMITS = Significance(dynamic_range_db=28.0, noise_threshold_dbm=-150.0)
 
@@ -105,7 +108,8 @@ def test_page_is_self_contained_and_escaped(page, figures):
 
 
 def test_every_shown_score_exists(scores):
-    keys = {metric.key for metric in scores.metrics}
+    of_movers = track_metrics(empty_record(TrackScores))  # a world that stands has none
+    keys = {metric.key for metric in (*scores.metrics, *of_movers)}
     shown = {key for row in HEADLINE for key in (row.key, row.paper, row.bound) if key}
     for table in (CHANNEL_COUNTS, CHANNEL_ERRORS, POSES, MAPS, SHAPES, CONTOURS, ACCEPTED):
         shown |= {prefix + suffix for _, prefix in table.columns for _, suffix in table.rows}
