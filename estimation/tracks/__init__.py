@@ -3,5 +3,6 @@
 Read `estimate.py` first; `record.py` holds the result. Models, association and smoothing are those of Stone Soup.
 
 `echoes.py`   paths that move, as measurements     `law.py`      what an echo measures of a mover
-`config.py`   settings                             `tracker.py`  echoes to tracks
+`models.py`   the models of Stone Soup             `tracker.py`  echoes to tracks
+`bounds.py`   what echoes tell of velocities       `nearest.py`  the baseline
 """

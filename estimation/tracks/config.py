@@ -18,7 +18,7 @@ class TrackConfig(ConfigModel):
     steady_s: float = Field(1.5, gt=0, le=1e4, description="time over which a mover forgets its velocity")
     height_m: float = Field(0.8, ge=-100, le=1000, description="expected height of what echoes, over z = 0")
     height_std_m: float = Field(0.5, gt=0, le=100, description="its standard deviation")
-    detection_probability: float = Field(0.8, gt=0, lt=1, description="of a mover's direct echo at a stop")
+    detection_probability: float = Field(0.6, gt=0, lt=1, description="of a mover's direct echo at a stop")
     birth_probability: float = Field(
         0.8, gt=0, lt=1, description="that an exact echo of one bounce, which no track explains, is a new mover"
     )
@@ -26,7 +26,7 @@ class TrackConfig(ConfigModel):
         12.0, gt=0, description="of an echo of one bounce: squared deviations, 2 degrees of freedom"
     )
     clutter: float = Field(
-        5e-3, gt=0, description="echoes of one bounce of no known mover, per m, rad^2 and m/s at a stop"
+        0.02, gt=0, description="echoes of one bounce of no known mover, per m, rad^2 and m/s at a stop"
     )
     survival_per_s: float = Field(0.98, gt=0, le=1, description="chance of a mover to be there a second later")
     least_existence: float = Field(0.05, ge=0, lt=1, description="below it a track ends")

@@ -11,7 +11,7 @@ from estimation.channel.record import AngleKind, ChannelEstimate
 from estimation.channel.still import still_motion
 from estimation.laws.level import nearest_boresight
 from estimation.laws.plane import start_point
-from estimation.slam.record import PoseEstimates
+from estimation.slam.record import PoseEstimates, SolveStatus
 from estimation.tracks.config import TrackConfig
 from estimation.tracks.law import HEIGHT, N_MEASURED, N_STATE, POSITION, VELOCITY, EchoGeometry, echo_of, residual
 from estimation.tracks.record import EchoSurvey
@@ -108,8 +108,8 @@ def _covariance(
     found += np.diag(np.square([config.floor_range_m, angle, angle, config.floor_rate_m_s]))
     state = poses.covariance[row][:4, :4]
     if not np.isfinite(state).all():
-        known = np.isfinite(poses.height_std_m[row]) and poses.height_std_m[row] == 0
-        state = np.diag(np.square([UNKNOWN_POSE_STD_M, UNKNOWN_POSE_STD_M, 0.0, 0.0])) * (0.0 if known else 1.0)
+        std_m = 0.0 if poses.status[row] == SolveStatus.GIVEN else UNKNOWN_POSE_STD_M
+        state = np.diag(np.square([std_m, std_m, 0.0, 0.0]))
     place = float(np.trace(state[:2, :2])) / 2
     clock_m2 = state[3, 3] * SPEED_OF_LIGHT_M_S**2
     return found + np.diag([place + clock_m2, 0.0, state[2, 2] + place / (length_m / 2) ** 2, 0.0])
