@@ -37,7 +37,7 @@ MODULES: Mapping[str, tuple[str, ...]] = {
         "motion.nist",
         "motion.tracks",
     ),
-    "multistatic": ("multistatic.samples", "multistatic.stops"),
+    "multistatic": ("multistatic.samples", "multistatic.stops", "multistatic.placement"),
     "halls": ("halls.check",),
     "heights": ("heights",),
     "chain": ("chain.check", "chain.trials"),

@@ -112,7 +112,7 @@ def _candidates(parts: Sequence[_Part], config: SnapshotConfig) -> Iterator[_Can
             yield _Candidate(fit.state[:3], std, lines, bias_m)
     for a, b in combinations(range(n), 2):
         first, second = parts[a].problem, parts[b].problem
-        for i, j in product(los_candidates(first), los_candidates(second)):
+        for i, j in product(_lines_of(first), _lines_of(second)):
             pose = _seen_from_two(first, int(i), second, int(j))
             if pose is not None:
                 lines = tuple({a: int(i), b: int(j)}.get(k) for k in range(n))
@@ -160,7 +160,7 @@ def _choices(candidate: _Candidate, tx: int, part: _Part) -> list[tuple[int, flo
     variance = np.diagonal(problem.covariance, axis1=1, axis2=2)[:, 1:]
     own = (candidate.std[:2].max() / max(distance, 0.1)) ** 2 + np.array([0.0, candidate.std[2] ** 2])
     agrees = (np.abs(wrap_angle(seen - expected)) <= _ANGLE_GATE * np.sqrt(variance + own)).all(axis=1)
-    lines = los_candidates(problem)
+    lines = _lines_of(problem)
     lines = lines[agrees[lines]]
     if len(lines):
         best = int(lines[np.argmax(problem.power_dbm[lines])])
@@ -171,6 +171,11 @@ def _choices(candidate: _Candidate, tx: int, part: _Part) -> list[tuple[int, flo
         score = log_likelihood(part.table, part.direct(-1), part.model, states)
         found.append((-1, float(biases[np.argmax(score)])))
     return found or [(-1, 0.0)]
+
+
+def _lines_of(problem: SnapshotProblem) -> IntArray:
+    """Paths that may be the line of sight; of a TX with one path that one, because others place the receiver."""
+    return np.arange(1) if len(problem) == 1 else los_candidates(problem)
 
 
 def _bounce_biases(pose: FloatArray, problem: SnapshotProblem) -> FloatArray:

@@ -1,6 +1,6 @@
 """A run of the chain with the TX of a placement: its errors beside those that the bounds predict."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -55,7 +55,14 @@ def comparison_table(rows: list[Comparison]) -> Table:
 
 def as_numbers(rows: list[Comparison]) -> dict[str, Any]:
     """The same for a JSON file."""
-    return {row.name: {name: value for name, value in asdict(row).items() if name != "name"} for row in rows}
+    return {
+        row.name: {
+            "predicted_m": row.predicted_m if row.count else None,
+            "achieved_m": row.achieved_m if row.count else None,
+            "count": row.count,
+        }
+        for row in rows
+    }
 
 
 def _row(name: str, predicted: FloatArray, achieved: FloatArray) -> Comparison:

@@ -1,4 +1,5 @@
 """Checks of several TX: `stops.py` poses of stops and walks against bounds, `samples.py` shared resources.
 
-`drawn.py` draws what a receiver estimates of several TX.
+`placement.py` places TX and compares expected with achieved errors. `drawn.py` and `arenas.py` draw what a
+receiver estimates of several TX.
 """

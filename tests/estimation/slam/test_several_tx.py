@@ -125,3 +125,16 @@ def test_the_pose_of_a_stop_counts_once_in_the_prior_of_contours() -> None:
     _, state, weight = prior_states(parts)
     np.testing.assert_allclose(state[0], stop.state)
     np.testing.assert_allclose(np.linalg.inv(weight[0]), joint, rtol=1e-6, atol=1e-6)
+
+
+def test_a_tx_with_its_line_of_sight_alone_places_the_receiver() -> None:
+    """Its two directions count, though one path alone is no snapshot."""
+    tx, stop = draw_shared_stop(np.random.default_rng(8), GAUSSIAN, 2)
+    estimate = stop.estimate
+    kept = np.flatnonzero((estimate.tx == 0) | estimate.is_los)
+    alone = np.flatnonzero(estimate.tx == 0)
+    assert len(kept) == len(alone) + 1
+    both, _ = run_slam([estimate.take("path", kept)], tx, OURS, MAPPING)
+    one, _ = run_slam([estimate.take("path", alone)], tx, OURS, MAPPING)
+    assert np.trace(both.covariance[0, :2, :2]) < 0.9 * np.trace(one.covariance[0, :2, :2])
+    assert np.hypot(*state_errors(both, [stop])[0, :2]) < 0.2
