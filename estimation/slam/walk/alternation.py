@@ -14,7 +14,7 @@ from estimation.slam.mapping.noise import LEAST_GAIN, SHARES
 from estimation.slam.snapshot.refine import bounce_terms
 from estimation.slam.walk.association import classify_paths, drop_unused_landmarks, reclassify_paths
 from estimation.slam.walk.linearise import linearise
-from estimation.slam.walk.relocate import CLUTTER_LOG_DENSITY, DoubtfulStops, Place, placed, wall_spans
+from estimation.slam.walk.relocate import CLUTTER_LOG_DENSITY, DoubtfulStops, Place, certain_landmarks, placed
 from estimation.slam.walk.residuals import (
     LEAST_SPARE,
     Association,
@@ -114,9 +114,9 @@ def _relocated(walk: SmoothedWalk, wide: Noise, doubtful: DoubtfulStops) -> Smoo
     for _ in range(_PLACINGS):
         is_doubtful = doubtful.is_doubtful | (spare_equations(seen, walk.link) < LEAST_SPARE)
         is_doubtful &= np.bincount(seen.row, minlength=seen.n_stops) > 0
-        spans = wall_spans(seen, walk.link, walk.now)
+        marks, spans = certain_landmarks(seen, walk.link, walk.now, ~is_doubtful)
         places = {
-            stop: placed(seen, walk.now, spans, stop, doubtful, config)
+            stop: placed(seen, marks, spans, stop, doubtful, config)
             for stop in np.flatnonzero(is_doubtful).tolist()
         }
         state, is_los = walk.now.state.copy(), walk.is_los.copy()

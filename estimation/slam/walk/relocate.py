@@ -21,7 +21,7 @@ from estimation.slam.mapping.noise import LARGEST_RANGE_M
 from estimation.slam.snapshot.evidence import PowerLaw, log_powers
 from estimation.slam.snapshot.refine import bounce_terms
 from estimation.slam.walk.agreement import agreeing_states, neighbour_states
-from estimation.slam.walk.association import reclassify_paths
+from estimation.slam.walk.association import drop_unused_landmarks, reclassify_paths
 from estimation.slam.walk.linearise import linearise
 from estimation.slam.walk.motion import motion_cost, motion_scales
 from estimation.slam.walk.residuals import (
@@ -187,6 +187,25 @@ def _ranked(found: _Candidates, score: FloatArray) -> Place:
         los_probability=float(probability[found.is_los.any(axis=1)].sum()),
         square_m2=float(probability @ np.sum(place**2, axis=1)),
     )
+
+
+def certain_landmarks(
+    seen: Observations, link: Association, now: TrajectoryState, is_certain: BoolArray
+) -> tuple[TrajectoryState, FloatArray]:
+    """The walk with the landmarks that stops which are certain (stop,) show, and the spans of its walls.
+
+    Doubtful stops that err together make landmarks of their own, which would hold them where they are. With no
+    landmark of a certain stop all are taken.
+    """
+    kind, known = link.kind.copy(), is_certain[seen.row]
+    for one in (PathClass.WALL, PathClass.OBJECT):
+        mine = link.kind == one
+        kind[mine & ~np.isin(link.landmark[:, 0], link.landmark[mine & known, 0])] = PathClass.UNUSED
+    kind[kind == PathClass.DOUBLE] = PathClass.UNUSED
+    fewer, theirs = drop_unused_landmarks(now, replace(link, kind=kind))
+    if not len(fewer.walls) + len(fewer.objects):
+        fewer, theirs = now, link
+    return fewer, wall_spans(seen, theirs, fewer)
 
 
 def wall_spans(seen: Observations, link: Association, now: TrajectoryState) -> FloatArray:
