@@ -26,8 +26,9 @@ from estimation.channel.coherent.diffuse import fit_over_background
 from estimation.channel.coherent.pair_errors import PairErrors
 from estimation.channel.config import MaximumLikelihoodConfig
 from estimation.channel.fit import PathFit
-from estimation.channel.incoherent.clock_drift import without_drift
+from estimation.channel.incoherent.clock_drift import ClockDrift, without_drift
 from estimation.channel.incoherent.paths import fit_incoherent
+from estimation.channel.phases.drift import drift_against, with_drift_errors
 from estimation.channel.phases.pairs import PairPhases, phases_against, phases_of, without_phases
 from estimation.channel.phases.ramp import LARGEST_RESIDUAL_RAD, PhaseRamp, fit_phase_ramp, without_phase_ramp
 from estimation.channel.phases.track import PhaseTrack, track_phases
@@ -77,8 +78,11 @@ def fit_auto(sweep: BeamSweep, config: MaximumLikelihoodConfig | None = None) ->
         tracked = _tracked(steady, phases_of(incoherent), config, _TRACKING_PATHS)
     if tracked is not None:
         joint = fit_phase_ramp(tracked.pairs)
-        coherent = _coherent(steady, joint, config, is_sure=False) if joint.is_coherent else None
-        tracked = tracked if coherent else _tracked(steady, tracked.pairs, config, (config.max_paths,))
+        driftless = without_drift(steady, tracked.drift.per_pair)
+        coherent = _coherent(driftless, joint, config, is_sure=False) if joint.is_coherent else None
+        tracked = (
+            tracked if coherent else _tracked(steady, tracked.pairs, config, (config.max_paths,), tracked.drift)
+        )
     if coherent is not None:
         return coherent
     offset_hz = _frequency_offset_hz(sweep, ramp)
@@ -111,29 +115,37 @@ class _Tracked:
     fit: PathFit
     track: PhaseTrack
     pairs: PairPhases
+    drift: ClockDrift  # of the sweep that was given
 
 
 def _tracked(
-    sweep: BeamSweep, pairs: PairPhases, config: MaximumLikelihoodConfig, limits: tuple[int, ...]
+    sweep: BeamSweep,
+    pairs: PairPhases,
+    config: MaximumLikelihoodConfig,
+    limits: tuple[int, ...],
+    drift: ClockDrift | None = None,
 ) -> _Tracked | None:
     """The coherent paths of a sweep with tracked pair phases; None where they wander too fast.
 
     Phases and paths are estimated in turn, with more and more paths: those that are not yet found turn the phases
-    of the pairs that they light. What the paths leave of a pair is its noise.
+    of the pairs that they light. What the paths leave of a pair is its noise. An oscillator that wanders is likely
+    to drift as well: that is found in the same turns, unless the `drift` is given.
     """
-    found = None
+    found, known = None, drift or ClockDrift()
     for limit in limits:
         track = track_phases(pairs)
         if track.error_rad > (DOUBTFUL_RAD if pairs.excess is None else _TRACKED_RAD):
             return None
-        turned = without_phases(sweep, track.phase_rad)
+        steady = without_drift(sweep, known.per_pair)
+        turned = without_phases(steady, track.phase_rad)
         some = config.model_copy(update={"max_paths": min(limit, config.max_paths)})
         errors = PairErrors(pairs.noise_excess, track.variance)
         fit = fit_over_background(turned, some, pair_errors=errors)
         if not len(fit):
             return None
-        pairs = phases_against(sweep, fit)
-        found = _Tracked(fit, track, pairs)
+        pairs = phases_against(steady, fit)
+        fit, known = with_drift_errors(steady, fit, known), drift or drift_against(steady, fit, known)
+        found = _Tracked(fit, track, pairs, known)
     return found
 
 

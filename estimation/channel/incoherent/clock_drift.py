@@ -28,12 +28,12 @@ DRIFTING = 0.01  # odds of a drift that matters, before the samples
 
 @dataclass(frozen=True)
 class ClockDrift:
-    """Growth of all delays, in bins from one beam pair to the next, and its variance.
+    """Growth of all delays from one beam pair to the next, in bins or in s, and its variance.
 
     Pairs follow each other with all RX beams of a TX beam in turn, as in the record.
     """
 
-    bins_per_pair: float = 0.0
+    per_pair: float = 0.0
     variance: float = 0.0
 
 
@@ -64,7 +64,7 @@ def clock_drift(
     if not found:
         return removed
     value, variance = _mean(np.array(found))
-    return _posterior(removed.bins_per_pair + value, variance, _prior_variance(n_bins))
+    return posterior(removed.per_pair + value, variance, prior_variance(n_bins))
 
 
 def dominant_pairs(ends: LinkBeams, paths: FloatArray, phasor: ComplexArray, n_bins: int) -> BoolArray:
@@ -121,18 +121,20 @@ def _mean(found: FloatArray) -> tuple[float, float]:
     return float(np.average(value, weights=weight)), float(1 / weight.sum())
 
 
-def _prior_variance(n_bins: int) -> float:
+def prior_variance(n_bins: float) -> float:
     """Variance of the bins per pair if the drift is uniform within `LARGEST_PPM`, with a symbol per pair.
+
+    With the period of the delay spectrum in seconds in place of its bins it is in seconds.
 
     A symbol without cyclic prefix takes the period of the delay spectrum; a comb of two shortens that by half.
     """
     return ((1 + PREFIX_SHARE["normal"]) * n_bins * LARGEST_PPM * 1e-6) ** 2 / 3
 
 
-def _posterior(value: float, variance: float, prior: float) -> ClockDrift:
-    """Mean and variance of the drift over both hypotheses, given its measured value."""
+def posterior(value: float, variance: float, prior: float, odds: float = DRIFTING) -> ClockDrift:
+    """Mean and variance of the drift over both hypotheses, given its measured value and the odds before it."""
     total = variance + prior
-    log_odds = (value**2 / variance - value**2 / total + np.log(variance / total)) / 2 + np.log(DRIFTING)
+    log_odds = (value**2 / variance - value**2 / total + np.log(variance / total)) / 2 + np.log(odds)
     probability = 1 / (1 + np.exp(-np.clip(log_odds, -500, 500)))
     mean, own = value * prior / total, variance * prior / total
     return ClockDrift(probability * mean, probability * (own + (1 - probability) * mean**2))

@@ -66,7 +66,7 @@ class IncoherentSearch:
     @property
     def drift_s(self) -> float:
         """Growth of all delays from one beam pair to the next, which the spectrum is free of."""
-        return self.drift.bins_per_pair * self.spectrum.bin_s
+        return self.drift.per_pair * self.spectrum.bin_s
 
     @property
     def _state(self) -> tuple[LocalSamples, IntArray, ComplexArray, IntArray]:
@@ -112,9 +112,9 @@ class IncoherentSearch:
         before, n_bins = self.drift, self.spectrum.n_bins
         residual = self._residual(paths, at)
         self.drift = clock_drift(self.ends, paths, self._phasor(at), residual, self.bins, n_bins, before)
-        further = self.drift.bins_per_pair - before.bins_per_pair
+        further = self.drift.per_pair - before.per_pair
         if abs(further) <= _SAME_DRIFT * np.sqrt(self.drift.variance):
-            self.drift = replace(self.drift, bins_per_pair=before.bins_per_pair)
+            self.drift = replace(self.drift, per_pair=before.per_pair)
             return paths, at
         self.spectrum = delay_spectrum(without_drift(self.sweep, self.drift_s))
         paths = paths.copy()

@@ -1,0 +1,108 @@
+"""The drift of the receiver's clock against all paths of a coherent fit.
+
+A drift moves the delays of every path from one beam pair to the next. Side lobes show a strong path in all pairs
+of a sweep, with others beside it there. So the drift is found with all paths known, together with their amplitudes
+and mean delays, by linear least squares. Beams that err do so together over the pairs of a TX beam: the variance
+is that of the sums over TX beams.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from estimation.channel.coherent.plan import nominal_manifold
+from estimation.channel.fit import PathFit
+from estimation.channel.incoherent.clock_drift import ClockDrift, posterior, prior_variance
+from scenes.record import ComplexArray, FloatArray
+from sim.observation import BeamSweep
+
+MOST_PATHS = 16  # the strongest, of which the drift is found
+LEAST_BEAMS = 4  # TX beams, whose sums tell the variance
+
+
+def drift_against(sweep: BeamSweep, fit: PathFit, removed: ClockDrift) -> ClockDrift:
+    """The drift of a clock that is likely to have one, in seconds from one beam pair to the next.
+
+    The sweep is free of the drift `removed`. The phases of pairs are free, and the fit has few paths: many
+    explain a drift by paths that are none.
+    """
+    if not len(fit) or sweep.samples.shape[0] < LEAST_BEAMS:
+        return removed
+    tx, rx = _responses(sweep, fit)
+    gain = fit.amplitude * np.exp(1j * fit.phase_rad)
+    wave = np.exp(-2j * np.pi * fit.delay_s[:, None] * sweep.frequency_offset_hz).astype(np.complex64)
+    best = np.sort(np.argsort(-fit.snr_db, kind="stable")[:MOST_PATHS])
+    slope = -2j * np.pi * sweep.frequency_offset_hz * wave[best]
+    both = np.concatenate([wave[best], slope.astype(np.complex64)]).conj().T
+    n_tx, n_rx, n_bins = sweep.samples.shape
+    matched = np.empty((n_tx, n_rx, 2, len(best)), complex)
+    for beam in range(n_tx):
+        signal = (gain * tx[:, beam])[:, None] * rx
+        expected = signal.T.astype(np.complex64) @ wave
+        samples = sweep.samples[beam] * sweep.prs_symbol[beam].conj()
+        turn = np.exp(1j * np.angle((expected.conj() * samples).sum(axis=1))).astype(np.complex64)
+        left = samples * turn.conj()[:, None] - expected
+        share = signal[best].conj().T / sweep.noise_power_mw[:, None]
+        matched[beam] = (left @ both).reshape(n_rx, 2, -1) * share[:, None]
+    place = np.arange(n_tx * n_rx).reshape(n_tx, n_rx) / (n_tx * n_rx) - 0.5
+    weighted = [_pair_products(gain[best], tx[best], rx[best], sweep.noise_power_mw, place, k) for k in range(3)]
+    value, variance = _least_squares(matched, weighted, both, place)
+    period_s = (n_bins - 1) / float(np.ptp(sweep.frequency_offset_hz))
+    total = removed.per_pair + value / place.size
+    return posterior(total, variance / place.size**2, prior_variance(period_s), odds=1.0)
+
+
+def with_drift_errors(sweep: BeamSweep, fit: PathFit, drift: ClockDrift) -> PathFit:
+    """The fit of a sweep free of a drift; what is not known of the drift is part of the covariances of delays."""
+    tx, rx = (np.square(np.abs(part)) for part in _responses(sweep, fit))
+    n_rx, energy = rx.shape[1], tx.sum(axis=1) * rx.sum(axis=1)
+    late = n_rx * (tx @ np.arange(tx.shape[1])) * rx.sum(axis=1) + tx.sum(axis=1) * (rx @ np.arange(n_rx))
+    covariance = fit.covariance.copy()
+    covariance[:, 0, 0] += drift.variance * np.square(late / np.maximum(energy, np.finfo(float).tiny))
+    return replace(fit, covariance=covariance)
+
+
+def _responses(sweep: BeamSweep, fit: PathFit) -> tuple[ComplexArray, ComplexArray]:
+    """Responses (path, beam) of both ends in the directions of a fit."""
+    tx = nominal_manifold(sweep.tx_codebook).response(fit.aod_rad)
+    return tx, nominal_manifold(sweep.rx_codebook).response(fit.aoa_rad)
+
+
+def _pair_products(
+    gain: ComplexArray, tx: ComplexArray, rx: ComplexArray, noise_mw: FloatArray, place: FloatArray, power: int
+) -> ComplexArray:
+    """Sums (path, path) over pairs of the products of two paths' amplitudes, times a power of the place."""
+    at = (gain[:, None] * tx)[:, :, None] * (rx / np.sqrt(noise_mw))[:, None]
+    flat = at.reshape(len(gain), -1)
+    return np.asarray(flat.conj() * place.ravel() ** power @ flat.T)
+
+
+def _least_squares(
+    matched: ComplexArray, weighted: list[ComplexArray], both: ComplexArray, place: FloatArray
+) -> tuple[float, float]:
+    """Delay from one end of the sweep to the other and its variance, with amplitudes and delays of paths free.
+
+    `matched` (tx_beam, rx_beam, wave or slope, path) is the residual against the paths.
+    """
+    n = weighted[0].shape[0]
+    gram = both.conj().T @ both
+    waves, mixed, slopes = gram[:n, :n].conj(), gram[:n, n:].conj(), gram[n:, n:].conj()
+    amplitudes, cross, delays = weighted[0] * waves, weighted[0] * mixed, weighted[0] * slopes
+    matrix = np.block(
+        [
+            [amplitudes.real, -amplitudes.imag, cross.real],
+            [amplitudes.imag, amplitudes.real, cross.imag],
+            [cross.real.T, cross.imag.T, delays.real],
+        ]
+    )
+    late = np.sum(weighted[1] * mixed, axis=1), np.sum(weighted[1] * slopes, axis=1)
+    beside = np.concatenate([late[0].real, late[0].imag, late[1].real])
+    own = float(np.sum(weighted[2] * slopes).real)
+    scale = np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
+    share = np.linalg.lstsq(matrix / np.outer(scale, scale), beside / scale, rcond=1e-10)[0] / scale
+    per_pair = place[:, :, None] * matched[:, :, 1].real
+    parts = np.concatenate([matched[:, :, 0].real, matched[:, :, 0].imag, matched[:, :, 1].real], axis=2)
+    score = (per_pair.sum(axis=2) - parts @ share).sum(axis=1)
+    information = own - float(beside @ share)
+    scattered = float(np.square(score - score.mean()).sum()) * len(score) / (len(score) - 1)
+    return float(score.sum()) / information, max(scattered / information**2, 0.5 / information)
