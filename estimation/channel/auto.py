@@ -24,10 +24,12 @@ import numpy as np
 
 from estimation.channel.coherent.diffuse import fit_over_background
 from estimation.channel.coherent.pair_errors import PairErrors
+from estimation.channel.coherent.plan import nominal_manifold
 from estimation.channel.config import MaximumLikelihoodConfig
 from estimation.channel.fit import PathFit
 from estimation.channel.incoherent.clock_drift import ClockDrift, without_drift
 from estimation.channel.incoherent.paths import fit_incoherent
+from estimation.channel.incoherent.response_errors import ResponseErrors
 from estimation.channel.phases.drift import drift_against, with_drift_errors
 from estimation.channel.phases.pairs import PairPhases, phases_against, phases_of, without_phases
 from estimation.channel.phases.ramp import LARGEST_RESIDUAL_RAD, PhaseRamp, fit_phase_ramp, without_phase_ramp
@@ -88,7 +90,9 @@ def fit_auto(sweep: BeamSweep, config: MaximumLikelihoodConfig | None = None) ->
     offset_hz = _frequency_offset_hz(sweep, ramp)
     if tracked is not None:
         words = "coherent, pair phases tracked: " + _track_words(tracked.track)
-        return AutoFit(tracked.fit, "tracked", ramp, offset_hz, words)
+        ends = nominal_manifold(sweep.tx_codebook), nominal_manifold(sweep.rx_codebook)
+        fit = ResponseErrors(incoherent.element_error).added_to(tracked.fit, *ends)
+        return AutoFit(fit, "tracked", ramp, offset_hz, words)
     if few.max_paths <= len(incoherent) < config.max_incoherent_paths:
         incoherent = fit_incoherent(sweep, config)
     words = "; ".join(part for part in (_words(ramp, offset_hz), incoherent.caveat) if part)

@@ -6,12 +6,13 @@ all paths, and it adds a floor of side lobes below every path that weaker paths 
 magnitudes of strong paths show beyond the shift that their directions absorb.
 """
 
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 
 import numpy as np
 from scipy.special import diric
 from scipy.stats import chi2
 
+from estimation.channel.fit import PathFit
 from estimation.channel.incoherent.clock_drift import dominant_pairs
 from estimation.channel.incoherent.likelihood import LinkBeams
 from estimation.channel.incoherent.spectrum import delay_waves
@@ -51,6 +52,16 @@ class ResponseErrors:
             covariance[path, :n, :n] = self.level * EndErrors.of(ends.tx, aod).angle_covariance
             covariance[path, n:, n:] = self.level * EndErrors.of(ends.rx, aoa).angle_covariance
         return covariance
+
+    def added_to(self, fit: PathFit, tx: Manifold, rx: Manifold) -> PathFit:
+        """A fit with free phases of pairs, its directions as uncertain as the errors make them."""
+        n = len(fit)
+        ends = LinkBeams(tx, rx, np.ones(rx.n_beams))
+        angles = np.concatenate([np.zeros((n, 1)), fit.aod_rad, fit.aoa_rad, np.zeros((n, 2))], axis=1)
+        size = 1 + tx.n_angles + rx.n_angles
+        covariance = fit.covariance.copy()
+        covariance[:, 1:size, 1:size] += self.angle_covariance(ends, angles)
+        return replace(fit, covariance=covariance)
 
     def _floor(self, ends: LinkBeams, paths: FloatArray) -> FloatArray:
         """Power (pair, path) of the floor below every path in a delay bin."""
