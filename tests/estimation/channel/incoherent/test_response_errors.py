@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from estimation.channel.coherent.diffuse import fit_over_background
 from estimation.channel.incoherent.likelihood import LinkBeams
 from estimation.channel.incoherent.response_errors import EndErrors, ResponseErrors
 from estimation.channel.model.manifold import Manifold
 from sim.signal.arrays.codebook import beam_response
-from tests.estimation.channel.plain_sweeps import ELEVATION, plain_link
+from tests.estimation.channel.plain_sweeps import ELEVATION, plain_link, plain_paths, plain_sweep
 
 LINK = plain_link()
 LEVEL = 1e-3
@@ -72,3 +73,16 @@ def test_the_floor_of_a_strong_path_hides_weak_ones_at_its_delay_only() -> None:
     assert noise[1] > 100 * noise[2] > 0
     assert noise[0] < 0.01 * noise[1]
     assert (ResponseErrors().noise(ends, paths, 288) == 0).all()
+
+
+def test_directions_of_a_fit_are_as_uncertain_as_the_errors_make_them() -> None:
+    tx, rx = Manifold(LINK.tx_codebook), Manifold(LINK.rx_codebook)
+    fit = fit_over_background(
+        plain_sweep(LINK, plain_paths(LINK, 100.0, -15.0, 12.0, 40.0), np.random.default_rng(5))
+    )
+    added = ResponseErrors(LEVEL).added_to(fit, tx, rx).covariance - fit.covariance
+    expected = [EndErrors.of(tx, fit.aod_rad[0]), EndErrors.of(rx, fit.aoa_rad[0])]
+    np.testing.assert_allclose(
+        np.diagonal(added[0])[1:], [LEVEL * end.angle_covariance.item() for end in expected], rtol=1e-6
+    )
+    assert (added[:, 0] == 0).all()
