@@ -27,7 +27,7 @@ from estimation.channel.coherent.pair_errors import PairErrors
 from estimation.channel.coherent.plan import nominal_manifold
 from estimation.channel.config import MaximumLikelihoodConfig
 from estimation.channel.fit import PathFit
-from estimation.channel.incoherent.clock_drift import ClockDrift, without_drift
+from estimation.channel.incoherent.clock_drift import WANDERING, ClockDrift, without_drift
 from estimation.channel.incoherent.paths import fit_incoherent
 from estimation.channel.incoherent.response_errors import ResponseErrors
 from estimation.channel.phases.drift import drift_against, with_drift_errors
@@ -93,8 +93,8 @@ def fit_auto(sweep: BeamSweep, config: MaximumLikelihoodConfig | None = None) ->
         ends = nominal_manifold(sweep.tx_codebook), nominal_manifold(sweep.rx_codebook)
         fit = ResponseErrors(incoherent.element_error).added_to(tracked.fit, *ends)
         return AutoFit(fit, "tracked", ramp, offset_hz, words)
-    if few.max_paths <= len(incoherent) < config.max_incoherent_paths:
-        incoherent = fit_incoherent(sweep, config)
+    has_more = few.max_paths <= len(incoherent) < config.max_incoherent_paths
+    incoherent = fit_incoherent(sweep, config if has_more else few, drift_odds=WANDERING)
     words = "; ".join(part for part in (_words(ramp, offset_hz), incoherent.caveat) if part)
     return AutoFit(incoherent, "incoherent", ramp, offset_hz, "incoherent: " + words)
 
@@ -132,8 +132,8 @@ def _tracked(
     """The coherent paths of a sweep with tracked pair phases; None where they wander too fast.
 
     Phases and paths are estimated in turn, with more and more paths: those that are not yet found turn the phases
-    of the pairs that they light. What the paths leave of a pair is its noise. An oscillator that wanders is likely
-    to drift as well: that is found in the same turns, unless the `drift` is given.
+    of the pairs that they light. What the paths leave of a pair is its noise. The drift of the clock is found in
+    the same turns, unless the `drift` is given.
     """
     found, known = None, drift or ClockDrift()
     for limit in limits:
@@ -148,8 +148,9 @@ def _tracked(
         if not len(fit):
             return None
         pairs = phases_against(steady, fit)
-        fit, known = with_drift_errors(steady, fit, known), drift or drift_against(steady, fit, known)
-        found = _Tracked(fit, track, pairs, known)
+        certain = with_drift_errors(steady, fit, known)
+        known = drift or drift_against(steady, fit, known, track.drift_odds)
+        found = _Tracked(certain, track, pairs, known)
     return found
 
 

@@ -14,11 +14,11 @@ from dataclasses import replace
 import numpy as np
 
 from estimation.channel.coherent.hidden import LEAST_SEEN
-from estimation.channel.coherent.misfit import error_scale, quadrature_statistic
+from estimation.channel.coherent.misfit import error_scale, quadrature_statistic, weak_field
 from estimation.channel.coherent.moving import shift_covariance
 from estimation.channel.coherent.neighbours import neighbour_covariance
 from estimation.channel.coherent.pair_errors import PairErrors
-from estimation.channel.coherent.paths import PathErrors, compress_stop, find_paths, path_fit
+from estimation.channel.coherent.paths import PathErrors, compress_stop, find_paths, path_fit, reported_delay_bins
 from estimation.channel.coherent.plan import DelayWindow
 from estimation.channel.coherent.prune import redundant_paths, wald_statistic
 from estimation.channel.coherent.refine import Reference, Solution, marginal_covariances, response_powers
@@ -59,19 +59,27 @@ def fit_over_background(
     if len(turns):
         errors = replace(errors, covariance=errors.covariance + shift_covariance(reference, solution, turns))
     fit = path_fit(solution, white, stop.tx, stop.rx, sweep.noise_power_mw, errors)
-    return replace(fit, is_weak=_is_weak(fit, replace(white, tx=stop.tx, rx=stop.rx), stop.window.level))
+    weak = _is_weak(fit, replace(white, tx=stop.tx, rx=stop.rx), stop.window.level)
+    if white.turns is None and len(fit):
+        is_weak = np.zeros(len(fit), bool)
+        is_weak[np.argsort(reported_delay_bins(white, solution.paths), kind="stable")] = weak
+        errors = path_errors(reference, solution, stop.window, weak_field(reference, solution.paths, is_weak))
+        fit = path_fit(solution, white, stop.tx, stop.rx, sweep.noise_power_mw, errors)
+    return replace(fit, is_weak=weak)
 
 
-def path_errors(reference: Reference, solution: Solution, window: DelayWindow) -> PathErrors:
+def path_errors(
+    reference: Reference, solution: Solution, window: DelayWindow, field: FloatArray | float = 1.0
+) -> PathErrors:
     """Errors by noise, times the scale that the quadrature shows (`error_scale`), plus those by neighbours.
 
     A path is redundant if the others share most of its energy, and what it adds is below its level in the window
     times that scale: the errors of the model reach as far. The scale is at least the noise of the path's beam
-    pairs.
+    pairs, and the weak `field` about it.
     """
     by_neighbours, probability = neighbour_covariance(reference, solution)
     shown = error_scale(*quadrature_statistic(reference, solution))
-    scale = np.maximum(shown, window.noise_at(solution.paths))
+    scale = np.maximum(np.maximum(shown, window.noise_at(solution.paths)), field)
     lost = 0.0 if window.pairs is None else window.pairs.lost_information(reference.sweep, solution.paths)
     by_noise = marginal_covariances(solution, reference.sweep.n_subcarriers, lost)
     is_small = wald_statistic(solution) < OWN_SHARE * response_powers(solution)

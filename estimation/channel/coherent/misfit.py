@@ -12,14 +12,15 @@ import numpy as np
 from scipy.stats import chi2, f
 
 from estimation.channel.coherent.refine import Reference, Solution, regular_inverse
-from estimation.channel.model.path_model import gram_matrix
-from scenes.record import ComplexArray, FloatArray, IntArray
+from estimation.channel.model.path_model import PathParameters, gram_matrix
+from scenes.record import BoolArray, ComplexArray, FloatArray, IntArray
 
 LEAST_SEEN = 1e-9  # information on a shift, relative to the amplitude, below which it is unobservable
 N_TYPICAL = 40  # trial values of the typical scale of a stop
 SMOOTHING_BINS = 2  # to either side, for the background's power over delay
 NOISE_STD = 5.0  # deviation of a smoothed bin's power up to which it counts as noise
 KEPT_SHARE = 0.95  # of the directions, from the weakest up, that the background is estimated from
+OWN_BINS, FIELD_BINS = 2, 12  # to either side of a path: filled by itself, and where a field shows
 FREEDOM = 2 + np.geomspace(0.5, 200, 20)  # trial degrees of freedom: few where scales differ much
 
 
@@ -62,6 +63,30 @@ def error_scale(shown: FloatArray, n_seen: IntArray) -> FloatArray:
         return np.ones(len(shown))
     known = freedom[best] * typical[best]
     return np.asarray(np.maximum(1.0, (known + np.where(seen, shown, 0.0)) / (freedom[best] + n_seen - 2)))
+
+
+def weak_field(reference: Reference, paths: PathParameters, is_weak: BoolArray) -> FloatArray:
+    """Noise power (path,) that paths compete with if weak ones are a field; 1 if noise explains it.
+
+    That is the power of the residual and of the weak paths together, in a path's directions, between those on both
+    sides of its delay on a logarithmic scale: fields decay, and start with their first path.
+    """
+    rest = reference.with_path_back(paths.take(np.flatnonzero(is_weak))) if is_weak.any() else reference
+    sweep = reference.sweep
+    tx, rx = sweep.tx.response(paths.aod_rad), sweep.rx.response(paths.aoa_rad)
+    energy = np.square(np.abs(tx)).sum(axis=1) * np.square(np.abs(rx)).sum(axis=1)
+    half = sweep.n_subcarriers / 2
+    apart = (sweep.position - paths.delay_bins[:, None] + half) % sweep.n_subcarriers - half
+    power = np.ones(len(paths))
+    for path in np.flatnonzero(energy > 0):
+        for side in (-1, 1):
+            beside = rest.parts[..., (side * apart[path] > OWN_BINS) & (side * apart[path] <= FIELD_BINS)]
+            matched = np.einsum("m,mnb,n->b", tx[path].conj(), beside[0] + 1j * beside[1], rx[path].conj())
+            n = matched.size
+            if n > (FIELD_BINS - OWN_BINS) / 2:
+                level = float(np.median(np.square(np.abs(matched)))) / energy[path] / np.log(2)
+                power[path] *= np.sqrt(level) if level > 1 + NOISE_STD / np.sqrt(n) else 1.0
+    return power
 
 
 def quadrature_statistic(reference: Reference, solution: Solution) -> tuple[FloatArray, IntArray]:

@@ -23,7 +23,7 @@ LEAST_PAIRS = 6  # of a path
 MISLED_BINS = 1 / np.pi / np.sqrt(3 * DOMINANT)  # rms over a sweep, by a path a bin away in each dominated pair
 STEPS = 20  # of the weighted fit
 LARGEST_PPM = 0.1  # frequency error of a synchronised receiver, TS 38.101-2 clause 6.4.1
-DRIFTING = 0.01  # odds of a drift that matters, before the samples
+DRIFTING, WANDERING = 0.01, 1.0  # odds of a drift that matters, before the samples, and where phases wander
 
 
 @dataclass(frozen=True)
@@ -45,10 +45,11 @@ def clock_drift(
     bins: IntArray,
     n_bins: int,
     removed: ClockDrift,
+    odds: float = DRIFTING,
 ) -> ClockDrift:
     """The drift that the residual (pair, bin) of fitted paths (path, parameter) shows.
 
-    The mean over two hypotheses: no drift, or one within `LARGEST_PPM`, which has to be evident (`DRIFTING`).
+    The mean over two hypotheses: no drift, or one within `LARGEST_PPM`, of these `odds` before the samples.
     `phasor` (pair,) is the phase of every pair; the samples are free of the drift `removed` already.
     """
     signal = ends.amplitudes(paths) * phasor[:, None]
@@ -64,7 +65,7 @@ def clock_drift(
     if not found:
         return removed
     value, variance = _mean(np.array(found))
-    return posterior(removed.per_pair + value, variance, prior_variance(n_bins))
+    return posterior(removed.per_pair + value, variance, prior_variance(n_bins), odds)
 
 
 def dominant_pairs(ends: LinkBeams, paths: FloatArray, phasor: ComplexArray, n_bins: int) -> BoolArray:

@@ -15,7 +15,7 @@ from estimation.channel.companions import companions
 from estimation.channel.config import MaximumLikelihoodConfig
 from estimation.channel.fit import PathFit, empty_fit
 from estimation.channel.incoherent.ambiguity import resolve_ambiguous_directions
-from estimation.channel.incoherent.clock_drift import mean_pairs
+from estimation.channel.incoherent.clock_drift import DRIFTING, mean_pairs
 from estimation.channel.incoherent.likelihood import LinkBeams, Score
 from estimation.channel.incoherent.screen import Screen
 from estimation.channel.incoherent.search import IncoherentSearch
@@ -73,6 +73,7 @@ def fit_incoherent(
     config: MaximumLikelihoodConfig | None = None,
     tx_manifold: Manifold | None = None,
     rx_manifold: Manifold | None = None,
+    drift_odds: float = DRIFTING,
 ) -> IncoherentFit:
     """Paths of one stop by maximum likelihood with one unknown phase per beam pair.
 
@@ -85,6 +86,7 @@ def fit_incoherent(
     sweep : the samples of one stop
     config : settings, the defaults if left out
     tx_manifold, rx_manifold : replace those of the nominal codebooks, such as by those of calibrated arrays
+    drift_odds : of a clock that drifts, before the samples
 
     Raises `ValueError` For a sweep without beams, subcarriers or noise power, and for samples that are not
     finite; in one line.
@@ -99,7 +101,7 @@ def fit_incoherent(
     ends = LinkBeams(tx, rx, spectrum.noise_mw)
     screen = Screen.make(tx, rx, tx.grid(config.oversampling), rx.grid(config.oversampling), spectrum.noise_mw)
     levels = DetectionLevels(null_tail(tx, rx), config, spectrum.bin_s, spectrum.n_bins)
-    search = IncoherentSearch(sweep, spectrum, ends, screen, levels, config)
+    search = IncoherentSearch(sweep, spectrum, ends, screen, levels, config, drift_odds=drift_odds)
     paths, at = search.run()
     if at is None:
         return _empty(sweep, empty_fit(tx.n_angles, rx.n_angles, "no_paths"))

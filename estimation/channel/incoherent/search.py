@@ -6,7 +6,7 @@ import numpy as np
 
 from estimation.channel.config import MaximumLikelihoodConfig
 from estimation.channel.incoherent.background import Background
-from estimation.channel.incoherent.clock_drift import ClockDrift, clock_drift, mean_pairs, without_drift
+from estimation.channel.incoherent.clock_drift import DRIFTING, ClockDrift, clock_drift, mean_pairs, without_drift
 from estimation.channel.incoherent.likelihood import (
     MOST_STEPS,
     LinkBeams,
@@ -61,6 +61,7 @@ class IncoherentSearch:
     background: Background | None = None  # in the residual of the last round
     errors: ResponseErrors = ResponseErrors()  # of the last round that showed them
     drift: ClockDrift = ClockDrift()
+    drift_odds: float = DRIFTING  # before the samples
     failed: list[FloatArray] = field(default_factory=list)  # delays and angles
 
     @property
@@ -111,7 +112,8 @@ class IncoherentSearch:
         """Paths fitted to the samples without the drift of the clock that the residual shows."""
         before, n_bins = self.drift, self.spectrum.n_bins
         residual = self._residual(paths, at)
-        self.drift = clock_drift(self.ends, paths, self._phasor(at), residual, self.bins, n_bins, before)
+        phasor = self._phasor(at)
+        self.drift = clock_drift(self.ends, paths, phasor, residual, self.bins, n_bins, before, self.drift_odds)
         further = self.drift.per_pair - before.per_pair
         if abs(further) <= _SAME_DRIFT * np.sqrt(self.drift.variance):
             self.drift = replace(self.drift, per_pair=before.per_pair)

@@ -12,7 +12,7 @@ import numpy as np
 
 from estimation.channel.coherent.plan import nominal_manifold
 from estimation.channel.fit import PathFit
-from estimation.channel.incoherent.clock_drift import ClockDrift, posterior, prior_variance
+from estimation.channel.incoherent.clock_drift import WANDERING, ClockDrift, posterior, prior_variance
 from scenes.record import ComplexArray, FloatArray
 from sim.observation import BeamSweep
 
@@ -20,8 +20,8 @@ MOST_PATHS = 16  # the strongest, of which the drift is found
 LEAST_BEAMS = 4  # TX beams, whose sums tell the variance
 
 
-def drift_against(sweep: BeamSweep, fit: PathFit, removed: ClockDrift) -> ClockDrift:
-    """The drift of a clock that is likely to have one, in seconds from one beam pair to the next.
+def drift_against(sweep: BeamSweep, fit: PathFit, removed: ClockDrift, odds: float = WANDERING) -> ClockDrift:
+    """The drift of a clock, of these `odds` before the samples, in seconds from one beam pair to the next.
 
     The sweep is free of the drift `removed`. The phases of pairs are free, and the fit has few paths: many
     explain a drift by paths that are none.
@@ -49,7 +49,7 @@ def drift_against(sweep: BeamSweep, fit: PathFit, removed: ClockDrift) -> ClockD
     value, variance = _least_squares(matched, weighted, both, place)
     period_s = (n_bins - 1) / float(np.ptp(sweep.frequency_offset_hz))
     total = removed.per_pair + value / place.size
-    return posterior(total, variance / place.size**2, prior_variance(period_s), odds=1.0)
+    return posterior(total, variance / place.size**2, prior_variance(period_s), odds)
 
 
 def with_drift_errors(sweep: BeamSweep, fit: PathFit, drift: ClockDrift) -> PathFit:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimation.channel.incoherent.clock_drift import DRIFTING, WANDERING
 from estimation.channel.phases.pairs import LEAST_SNR, PairPhases, phase_variance
 from estimation.execution import compiled
 from scenes.pose import wrap_angle
@@ -48,6 +49,11 @@ class PhaseTrack:
     def error_rad(self) -> float:
         """Median error of the phases that the beams and other pairs tell; infinite if no pair was used."""
         return float(np.sqrt(np.median(self.variance))) if self.n_pairs else np.inf
+
+    @property
+    def drift_odds(self) -> float:
+        """Odds that the clock drifts: an oscillator whose phase is lost over the sweep is likely to."""
+        return WANDERING if self.step_rad * np.sqrt(self.phase_rad.size) > 1 else DRIFTING
 
 
 def track_phases(pairs: PairPhases) -> PhaseTrack:
