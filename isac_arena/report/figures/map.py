@@ -59,7 +59,7 @@ def map_figure(scene: Scene, results: CampaignResults, tables: ScoreTables) -> F
     if len(views) > 1:
         for ax in grid[1]:
             ax.set_title("the same around the walk")
-    legend_below(figure, _legend_handles(), 5)
+    legend_below(figure, _legend_handles(has_others=bool(scene.other_txs)), 5)
     return figure
 
 
@@ -137,7 +137,10 @@ def _draw_track(ax: Any, results: CampaignResults, poses: PoseScores) -> None:
     ax.plot(*estimate.T, "+", color=SLAM, markersize=6, markeredgewidth=1.4, zorder=4)
 
 
-def _legend_handles() -> list[Any]:
+def _legend_handles(*, has_others: bool) -> list[Any]:
+    other = Line2D(
+        [], [], marker="D", linestyle="none", color="0.55", markerfacecolor="white", label="TX not in use"
+    )
     return [
         Line2D([], [], marker="D", linestyle="none", color="black", markersize=5, label="TX, boresight"),
         Line2D([], [], marker="o", color=TRACK_COLOR, markersize=3.5, linewidth=0.8, label="true RX stops"),
@@ -148,4 +151,5 @@ def _legend_handles() -> list[Any]:
         Line2D([], [], linestyle="none", label="ghost", **GHOST_LOOK),
         Line2D([], [], linestyle="none", label=RIGHT_SURFACE, **RIGHT_LOOK),
         Line2D([], [], marker=".", linestyle="none", color=GHOST, label="IP of no object"),
+        *([other] if has_others else []),
     ]
