@@ -28,10 +28,12 @@ from scenes.display import HOMES as DISPLAY_HOMES  # noqa: E402  (only now surel
 HOMES = {
     "estimation.channel.estimate": ("estimate_channel",),
     "estimation.channel.record": ("ChannelEstimate",),
+    "estimation.channel.still": ("is_still",),
     "estimation.shape.outline": ("ObjectOutline", "contours_of"),
     "estimation.shape.record": ("Contours", "Shapes"),
     "estimation.slam.record": ("IncidencePoints", "PoseEstimates"),
-    "isac_arena.api": ("FinishedRun", "fit_contours", "map_points", "open", "run", "score", "slam"),
+    "estimation.tracks.record": ("EchoSurvey", "Tracks"),
+    "isac_arena.api": ("FinishedRun", "fit_contours", "map_points", "open", "run", "score", "slam", "track"),
     "isac_arena.campaign.campaign": ("Campaign", "load_campaign"),
     "isac_arena.campaign.chain": ("known_receiver", "make_map"),
     "isac_arena.campaign.config": ("CampaignConfig",),

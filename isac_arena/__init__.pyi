@@ -1,12 +1,15 @@
 # The public names for type checkers and editors; `__init__.py` imports each when it is first used.
 from estimation.channel.estimate import estimate_channel as estimate_channel
 from estimation.channel.record import ChannelEstimate as ChannelEstimate
+from estimation.channel.still import is_still as is_still
 from estimation.shape.outline import ObjectOutline as ObjectOutline
 from estimation.shape.outline import contours_of as contours_of
 from estimation.shape.record import Contours as Contours
 from estimation.shape.record import Shapes as Shapes
 from estimation.slam.record import IncidencePoints as IncidencePoints
 from estimation.slam.record import PoseEstimates as PoseEstimates
+from estimation.tracks.record import EchoSurvey as EchoSurvey
+from estimation.tracks.record import Tracks as Tracks
 from isac_arena import datasets as datasets
 from isac_arena.api import FinishedRun as FinishedRun
 from isac_arena.api import fit_contours as fit_contours
@@ -15,6 +18,7 @@ from isac_arena.api import open as open
 from isac_arena.api import run as run
 from isac_arena.api import score as score
 from isac_arena.api import slam as slam
+from isac_arena.api import track as track
 from isac_arena.campaign.campaign import Campaign as Campaign
 from isac_arena.campaign.campaign import load_campaign as load_campaign
 from isac_arena.campaign.chain import known_receiver as known_receiver

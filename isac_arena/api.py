@@ -12,9 +12,10 @@ from pathlib import Path
 from estimation.channel.record import ChannelEstimate
 from estimation.slam.checks import check_estimates
 from estimation.slam.record import IncidencePoints, PoseEstimates
+from estimation.tracks.record import Tracks
 from isac_arena.campaign import stages
 from isac_arena.campaign.campaign import Campaign, load_campaign
-from isac_arena.campaign.chain import unsolved_poses
+from isac_arena.campaign.chain import campaign_tracks, unsolved_poses
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.directory import CampaignStore
 from isac_arena.campaign.results import CampaignResults, MapResult
@@ -49,6 +50,12 @@ def fit_contours(
 ) -> MapResult:
     """The map with the paper's shapes of clusters and our contours of objects."""
     return campaign.run().shape(_usable(campaign, channel), poses, points)
+
+
+def track(campaign: Campaign, channel: Sequence[ChannelEstimate], poses: PoseEstimates) -> Tracks | None:
+    """The tracks of what moves, at receiver states; None where nothing does. Raises as `map_points` does."""
+    run = campaign.run()
+    return campaign_tracks(run.config, run.scene, run.tx, _usable(campaign, channel), poses)
 
 
 def score(

@@ -1,6 +1,8 @@
 """Random arenas: walled rooms with pillars, partitions and boxes, from empty to cluttered."""
 
 from collections.abc import Callable, Iterator
+from contextlib import suppress
+from functools import partial
 
 import numpy as np
 import shapely
@@ -17,7 +19,8 @@ FREQUENCY_HZ = 60e9
 WALL_M = 0.15
 DEVICE_HEIGHT_M = 1.5
 CLEARANCE_M = 0.4  # between any two objects inside the room, and between them and a device
-N_TRIES = 60  # random places tried for an object; after that it is omitted
+N_TRIES = 60  # random places tried for an object, after which it is omitted, and starts of the walk
+STEP_M = 0.6  # from stop to stop
 
 Shape = tuple[ObjectKind, Contour, float, Material]  # the third entry is the height in m
 
@@ -47,16 +50,21 @@ def random_arena(rng: np.random.Generator, difficulty: float = 0.5, n_stops: int
             standing.append(SceneObject(name, kind, contour, 0.0, top, material))
     contours = [item.contour for item in standing]
     tx = _free_place(rng, size, contours)
-    walk = random_walk(
-        rng,
-        [*contours, Circle(tx, CLEARANCE_M)],
-        area_m=(0.0, 0.0, float(size[0]), float(size[1])),
-        n_stops=n_stops,
-        step_m=0.6,
-        height_m=DEVICE_HEIGHT_M,
-        clearance_m=CLEARANCE_M,
-    )
+    walk = _walk(rng, [*contours, Circle(tx, CLEARANCE_M)], size, n_stops)
     return _scene(rng, size, height, [*room, *standing], tx, walk, materials)
+
+
+def _walk(rng: np.random.Generator, obstacles: list[Contour], size: FloatArray, n_stops: int) -> Walk:
+    """A walk over the room; from another start where one ends between objects."""
+    room = (0.0, 0.0, float(size[0]), float(size[1]))
+    walk = partial(
+        random_walk, rng, obstacles, area_m=room, n_stops=n_stops, step_m=STEP_M, height_m=DEVICE_HEIGHT_M,
+        clearance_m=CLEARANCE_M,
+    )  # fmt: skip
+    for _ in range(N_TRIES):
+        with suppress(ValueError):
+            return walk()
+    return walk()
 
 
 def _scene(

@@ -80,6 +80,12 @@ class Record(Displayed):
         parts += [repr(inner) for inner in parts_of(self).values()]
         return f"{type(self).__name__}({', '.join(parts)})"
 
+    def _fill(self, **values: Any) -> None:
+        """Give optional fields that were left out their values."""
+        for name, value in values.items():
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, value)
+
     def __post_init__(self) -> None:
         sizes: dict[str, int] = dict(FIXED_AXES)
         for spec in fields(self):

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 
@@ -105,30 +105,22 @@ class ChannelEstimate(Record):
 
     def __post_init__(self) -> None:
         n = len(self.delay_s)
-        unknown = dict.fromkeys(
-            (
-                "gain_amplitude",
-                "gain_phase_rad",
-                "aod_elevation_rad",
-                "aoa_elevation_rad",
-                "unresolved_probability",
-            ),
-            np.full(n, np.nan),
+        unknown = np.full(n, np.nan)
+        self._fill(
+            los_probability=np.asarray(self.is_los, float),
+            gain_amplitude=unknown,
+            gain_phase_rad=unknown,
+            aod_elevation_rad=unknown,
+            aoa_elevation_rad=unknown,
+            unresolved_probability=unknown,
+            is_weak=np.zeros(n, bool),
+            tx=np.zeros(n, int),
+            aod_angle_kind=AngleKind.AZIMUTH,
+            aoa_angle_kind=AngleKind.AZIMUTH,
+            method="given",
+            status=EstimateStatus.OK if n else EstimateStatus.NO_PATHS,
+            reason="",
         )
-        defaults: dict[str, Any] = {
-            "los_probability": np.asarray(self.is_los, float),
-            **unknown,
-            "is_weak": np.zeros(n, bool),
-            "tx": np.zeros(n, int),
-            "aod_angle_kind": AngleKind.AZIMUTH,
-            "aoa_angle_kind": AngleKind.AZIMUTH,
-            "method": "given",
-            "status": EstimateStatus.OK if n else EstimateStatus.NO_PATHS,
-            "reason": "",
-        }
-        for name, value in defaults.items():
-            if getattr(self, name) is None:
-                object.__setattr__(self, name, value)
         super().__post_init__()
 
     def __len__(self) -> int:

@@ -20,13 +20,6 @@ class SolveStatus(IntEnum):
     GIVEN = 3  # the pose was given, as in mapping
 
 
-def _fill(record: Record, **values: FloatArray | IntArray | BoolArray) -> None:
-    """Set the fields that were not given."""
-    for name, value in values.items():
-        if getattr(record, name) is None:
-            object.__setattr__(record, name, value)
-
-
 @dataclass(frozen=True)
 class IncidencePoints(Record):
     """Incidence points (IPs) of non-LOS paths, over all stops, ordered by stop and path."""
@@ -46,7 +39,7 @@ class IncidencePoints(Record):
     def __post_init__(self) -> None:
         n = len(self.stop)
         unknown = np.full(n, np.nan), np.full((n, 3), np.nan)
-        _fill(self, height_m=unknown[0], height_covariance_m2=unknown[1], tx=np.zeros(n, int))
+        self._fill(height_m=unknown[0], height_covariance_m2=unknown[1], tx=np.zeros(n, int))
         super().__post_init__()
 
     def __len__(self) -> int:
@@ -103,8 +96,7 @@ class PoseEstimates(Record):
         if self.tx_clock_bias_s is None or np.shape(self.tx_clock_bias_s)[1] == 1:
             object.__setattr__(self, "tx_clock_bias_s", np.asarray(self.clock_bias_s)[:, None])
         n_state = N_STATE - 1 + np.shape(self.tx_clock_bias_s)[1]
-        _fill(
-            self,
+        self._fill(
             height_m=unknown,
             height_std_m=unknown,
             covariance=np.full((n, n_state, n_state), np.nan),

@@ -81,7 +81,8 @@ def track_echoes(bounces: Sequence[Sequence[OneBounce]], time_s: FloatArray, con
             else:
                 detected.append(_new(each, echo, row, time_s, config))
                 every.append(detected[-1])
-    return [_finished(one, config) for one in every if max(one.existence) > config.shown_existence]
+    finished = [_finished(one, config) for one in every if max(one.existence) > config.shown_existence]
+    return [one for one in finished if one.rows]  # some are nowhere known
 
 
 def _existence(one: Tracked, ratio: float, step_s: float, config: TrackConfig) -> float:

@@ -191,10 +191,17 @@ def known_heights(
 def campaign_tracks(
     config: CampaignConfig, scene: Scene, tx: AnyTx, channel: Sequence[ChannelEstimate], poses: PoseEstimates
 ) -> Tracks | None:
-    """The tracks of what moves, at receiver states; None where nothing does."""
+    """The tracks of what moves, at receiver states; None where nothing does.
+
+    A function of the settings may take the place of our tracker; raises `EstimatorError` where it fails.
+    """
     if not scene.is_moving:
         return None
-    return estimate_tracks(channel, poses, echo_survey(config, scene, tx, poses.stop), config.tracks)
+    survey = echo_survey(config, scene, tx, poses.stop)
+    if function := config.functions.of("tracker"):
+        found: Tracks = called("tracker", function, list(channel), poses, survey)
+        return found
+    return estimate_tracks(channel, poses, survey, config.tracks)
 
 
 def echo_survey(config: CampaignConfig, scene: Scene, tx: AnyTx, stop: IntArray) -> EchoSurvey:

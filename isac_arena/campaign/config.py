@@ -37,6 +37,7 @@ def methods(config: CampaignConfig) -> dict[Stage, str]:
         "mapping": OURS,
         "slam": config.slam.method,
         "shapes": config.contours.method,
+        "tracker": config.tracks.method,
     }
     for stage, function in config.functions.given.items():
         settings = ", ".join(f"{name} = {json.dumps(value)}" for name, value in function.settings.items())

@@ -134,7 +134,7 @@ class CampaignStore:
         parts = {"mapping", "slam", "trajectory", "shapes", "contours", "tracks"}
         settings = self.config.model_dump_json(include=parts)
         code = code_digest(*(f"estimation/{part}" for part in ("laws", "inference", "slam", "shape", "tracks")))
-        functions = functions_digest(self.config.functions, "mapping", "slam", "shapes")
+        functions = functions_digest(self.config.functions, "mapping", "slam", "shapes", "tracker")
         return digest(self.channel_fingerprint, settings, *functions, code)
 
     @cached_property

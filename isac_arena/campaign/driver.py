@@ -182,10 +182,8 @@ class CampaignRun:
                 check_estimates(channel, self.scene.standing_tx)
                 kept = self._map(channel, states)
                 if states is None:
-                    seen = self.oracle.channel or channel
-                    published = published_poses(seen, self.tx, self.config.slam)
-                    tracks = campaign_tracks(self.config, self.scene, self.tx, channel, kept.poses)
-                    kept = replace(kept, published=published, tracks=tracks)
+                    published = published_poses(self.oracle.channel or channel, self.tx, self.config.slam)
+                    kept = self._with_tracks(replace(kept, published=published), channel)
                 self.results.write_map(name, kept)
             found[name] = kept
         return found
@@ -213,6 +211,14 @@ class CampaignRun:
             self._tell(error)
             return without_map(self.config, channel, self.tx, poses, ips, str(error))
 
+    def _with_tracks(self, found: MapResult, channel: Sequence[ChannelEstimate]) -> MapResult:
+        """The map with the tracks of what moves; where a user's function fails, without."""
+        try:
+            return replace(found, tracks=campaign_tracks(self.config, self.scene, self.tx, channel, found.poses))
+        except EstimatorError as error:
+            self._tell(error)
+            return replace(found, problem="\n".join(filter(None, (found.problem, str(error)))))
+
     def _tell(self, error: EstimatorError) -> None:
         """Tell the error of a user's function, or raise it where nobody listens."""
         if self.on_failure is None:
@@ -220,11 +226,9 @@ class CampaignRun:
         self.on_failure(error)
 
     def locate(
-        self,
-        channel: Sequence[ChannelEstimate],
-        receiver: PoseEstimates | None = None,
+        self, channel: Sequence[ChannelEstimate], receiver: PoseEstimates | None = None,
         mapping: MappingConfig | None = None,
-    ) -> tuple[PoseEstimates, IncidencePoints]:
+    ) -> tuple[PoseEstimates, IncidencePoints]:  # fmt: skip
         """Receiver states and incidence points: of the given states, or found together (SLAM).
 
         `mapping` is `learned_mapping` of the given states, where the caller has it.
@@ -240,16 +244,12 @@ class CampaignRun:
         return poses, ips
 
     def shape(
-        self,
-        channel: Sequence[ChannelEstimate],
-        poses: PoseEstimates,
-        ips: IncidencePoints,
+        self, channel: Sequence[ChannelEstimate], poses: PoseEstimates, ips: IncidencePoints,
         mapping: MappingConfig | None = None,
-    ) -> MapResult:
+    ) -> MapResult:  # fmt: skip
         """The map with the shapes of its clusters and the contours of its objects; `mapping` as for `locate`."""
-        oracle = self.oracle
-        channel = channel if oracle.channel is None else oracle.channel
-        label = None if oracle.clusters is None else oracle.clusters(ips)
+        channel = channel if self.oracle.channel is None else self.oracle.channel
+        label = None if self.oracle.clusters is None else self.oracle.clusters(ips)
         return with_shapes(self.config, channel, self.tx, poses, ips, label, self.heights, mapping)
 
     def score(self, truths: Iterable[Truth], results: CampaignResults) -> Scores:

@@ -81,7 +81,7 @@ def _seen_paths(config: CampaignConfig, scene: Scene, step: int) -> list[Paths]:
 
 
 def _about_settings(config: CampaignConfig, scene: Scene) -> Iterator[str]:
-    """What the settings alone tell: heights that are neither seen nor used, and stops without an order."""
+    """What the settings alone tell: heights that are neither seen nor used, no movers, stops without an order."""
     sees = any(len(elevations_deg(array)) > 1 for array in (config.tx_array, config.rx_array))
     why_unused = _why_unused(config)
     if not sees and why_unused:
@@ -94,6 +94,8 @@ def _about_settings(config: CampaignConfig, scene: Scene) -> Iterator[str]:
             )
     elif sees and (not config.slam.solves_in_space or not config.mapping.use_elevation):
         yield "elevations are estimated, but slam or mapping ignores them (slam.method, use_elevation)"
+    if (tracker := config.functions.of("tracker")) and not scene.is_moving:
+        yield f"nothing moves in scene '{scene.name}': {tracker.function} (functions.tracker) is not called"
     trajectory = walk_settings(config, scene.walk.positions_m())
     if len(scene.stops) >= LEAST_STOPS and trajectory and not follow_one_another(scene.walk.positions_m()):
         yield (

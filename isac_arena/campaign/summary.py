@@ -24,6 +24,7 @@ from sim.truth import Truth
 OWN: dict[Stage, str] = {
     "mapping": "Mapping",
     "shapes": "Contours",
+    "tracker": "Tracks",
 }  # stages that are named only where they are a user's
 LIBRARIES = ("isac-arena", "sionna-rt", "numpy", "scipy")
 

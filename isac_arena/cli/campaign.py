@@ -15,6 +15,7 @@ from isac_arena.cli.options import (
     Shapes,
     Slam,
     StopLimit,
+    Tracker,
     WorkerCount,
     functions,
     with_clock,
@@ -57,8 +58,8 @@ def show(campaign: Campaign, seed: Seed = None) -> None:
 
 def run(
     campaign: Campaign, out: Out, seed: Seed = None, channel: Channel = None, mapping: Mapping = None,
-    slam: Slam = None, shapes: Shapes = None, keep_sweeps: KeepSweeps = False, workers: WorkerCount = None,
-    stop_limit: StopLimit = None,
+    slam: Slam = None, shapes: Shapes = None, tracker: Tracker = None, keep_sweeps: KeepSweeps = False,
+    workers: WorkerCount = None, stop_limit: StopLimit = None,
 ) -> None:  # fmt: skip
     """Run a campaign from the scene to the report. The same command resumes an interrupted run.
 
@@ -68,7 +69,7 @@ def run(
     from isac_arena.workers.stops import StopMakers  # noqa: PLC0415
 
     makers = StopMakers(workers, stop_limit)
-    named = functions(channel=channel, mapping=mapping, slam=slam, shapes=shapes)
+    named = functions(channel=channel, mapping=mapping, slam=slam, shapes=shapes, tracker=tracker)
     raise_summed(
         stages.run_campaign(campaign, out, seed=seed, named=named, keep_sweeps=keep_sweeps, makers=makers)
     )
@@ -88,7 +89,7 @@ def generate(
 
 def estimate(
     directory: Directory, channel: Channel = None, mapping: Mapping = None, slam: Slam = None,
-    shapes: Shapes = None, workers: WorkerCount = None, stop_limit: StopLimit = None,
+    shapes: Shapes = None, tracker: Tracker = None, workers: WorkerCount = None, stop_limit: StopLimit = None,
 ) -> None:  # fmt: skip
     """Estimate channel parameters, maps, poses and shapes from the sweeps of a campaign directory.
 
@@ -97,7 +98,7 @@ def estimate(
     from isac_arena.campaign import stages  # noqa: PLC0415
     from isac_arena.workers.stops import StopMakers  # noqa: PLC0415
 
-    named = functions(channel=channel, mapping=mapping, slam=slam, shapes=shapes)
+    named = functions(channel=channel, mapping=mapping, slam=slam, shapes=shapes, tracker=tracker)
     with stages.reopened(directory, named, (*stages.SAMPLES, *stages.ESTIMATES), stop_limit) as store:
         makers = StopMakers(workers, stop_limit)
         failures = stages.sweep_and_estimate(store, makers, keep_sweeps=False, again=channel is not None)

@@ -73,6 +73,7 @@ class NewStage(StrEnum):
     mapping = "mapping"
     slam = "slam"
     shapes = "shapes"
+    tracker = "tracker"
 
 
 @app.command("estimator")

@@ -24,6 +24,7 @@ Channel = Annotated[
 Mapping = Annotated[str | None, typer.Option(help="Your mapping: as --channel.")]
 Slam = Annotated[str | None, typer.Option(help="Your SLAM: as --channel.")]
 Shapes = Annotated[str | None, typer.Option(help="Your contours of objects: as --channel.")]
+Tracker = Annotated[str | None, typer.Option(help="Your tracks of what moves: as --channel.")]
 KeepSweeps = Annotated[bool, typer.Option(help="Keep the samples of every stop (about 40 MB each).")]
 Json = Annotated[Path | None, typer.Option("--json", help="Write the rows to this JSON file as well.")]
 Quick = Annotated[bool, typer.Option("--quick", help="A subset that takes seconds.")]

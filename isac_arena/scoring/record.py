@@ -53,8 +53,7 @@ class PathScores(Record):
     tx: IntArray = optional_array("estimate", dtype=int, doc="index of the TX, among several of a campaign")
 
     def __post_init__(self) -> None:
-        if self.tx is None:
-            object.__setattr__(self, "tx", np.zeros(len(self.stop), int))
+        self._fill(tx=np.zeros(len(self.stop), int))
         super().__post_init__()
 
 
@@ -91,8 +90,7 @@ class SignificantPaths(Record):
     tx: IntArray = optional_array("true_path", dtype=int, doc="index of the TX, among several of a campaign")
 
     def __post_init__(self) -> None:
-        if self.tx is None:
-            object.__setattr__(self, "tx", np.zeros(len(self.stop), int))
+        self._fill(tx=np.zeros(len(self.stop), int))
         super().__post_init__()
 
 
@@ -112,8 +110,7 @@ class StopScores(Record):
     tx: IntArray = optional_array("stop", dtype=int, doc="index of the TX, among several of a campaign")
 
     def __post_init__(self) -> None:
-        if self.tx is None:
-            object.__setattr__(self, "tx", np.zeros(len(self.stop), int))
+        self._fill(tx=np.zeros(len(self.stop), int))
         super().__post_init__()
 
 

@@ -9,7 +9,7 @@ from pydantic import AfterValidator, BaseModel, Field, JsonValue
 from isac_arena.user_functions.names import OURS, FunctionName
 from scenes.toml_config import ConfigModel
 
-Stage = Literal["channel", "mapping", "slam", "shapes"]
+Stage = Literal["channel", "mapping", "slam", "shapes", "tracker"]
 STAGES: tuple[Stage, ...] = get_args(Stage)
 CALL_LIMIT_S = 3600.0  # of a call: a function that takes longer is taken as one that hangs
 M = TypeVar("M", bound=BaseModel)
@@ -47,6 +47,7 @@ class UserFunctions(ConfigModel):
     mapping: UserFunction | None = Field(None, description="in place of mapping from known receiver states")
     slam: UserFunction | None = Field(None, description="in place of SLAM")
     shapes: UserFunction | None = Field(None, description="in place of the contours of objects")
+    tracker: UserFunction | None = Field(None, description="in place of the tracks of what moves")
 
     def of(self, stage: Stage) -> UserFunction | None:
         """The function in place of a stage, None where the stage is ours."""

@@ -4,7 +4,7 @@ Every check returns the result as our own records, or raises `ValueError`: stop,
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -16,9 +16,10 @@ from estimation.shape.record import CLASS_NAMES, Contours
 from estimation.slam.checks import check_estimates
 from estimation.slam.level import KnownHeights
 from estimation.slam.record import IncidencePoints, PoseEstimates, SolveStatus
+from estimation.tracks.record import N_COMPONENTS, EchoSurvey, Tracks
 from isac_arena.user_functions.config import Stage
 from scenes.pose import LARGEST_LENGTH_M, Pose
-from scenes.record import BoolArray, FloatArray, Record
+from scenes.record import BoolArray, FloatArray, IntArray, Record
 from sim.observation import BeamSweep
 
 MOST_CLOCK_S = 1e-3  # of a bias: larger ones are ns for s
@@ -94,11 +95,48 @@ def check_shapes(
     return contours
 
 
+def check_tracker(
+    found: object, channel: Sequence[ChannelEstimate], poses: PoseEstimates, survey: EchoSurvey
+) -> Tracks:
+    """The tracks of what moves, sorted by track and stop."""
+    del poses
+    tracks = replace(_own(found, Tracks), survey=survey)
+    n_tracks, where = (
+        tracks.n_tracks,
+        [f"track {k}: stop {n}: " for k, n in zip(tracks.track, tracks.stop, strict=True)],
+    )
+    if not np.array_equal(np.unique(tracks.track), np.arange(n_tracks)):
+        raise ValueError("track: tracks must be numbered from 0 on, without gaps")
+    _refuse(where, "stop", tracks.stop, ~np.isin(tracks.stop, survey.stop), "there is no such stop")
+    _check_order("track, stop: states", where, tracks.track, tracks.stop)
+    for name, unit in (("position_m", "m"), ("velocity_m_s", "m/s")):
+        value = getattr(tracks, name)
+        _refuse(where, name, value, ~_is_place(value), f"must be finite, in {unit}")
+    _refuse(where, "height_m", tracks.height_m, np.isinf(tracks.height_m), "must be finite, or NaN")
+    if tracks.size("component") != N_COMPONENTS:
+        raise ValueError(f"covariance has {tracks.size('component')} components: {N_COMPONENTS} are needed")
+    _refuse_covariances(where, "covariance", tracks.covariance, np.ones(len(where), bool))
+    chance, extent_m = tracks.existence, tracks.extent_m
+    _refuse(where, "existence", chance, ~((chance >= 0) & (chance <= 1)), "must be within 0 to 1")
+    _refuse(where, "extent_m", extent_m, ~(extent_m >= 0) | np.isinf(extent_m), "must be finite and not negative")
+    echoes = [
+        f"stop {stop}: echo of path {path}: "
+        for stop, path in zip(tracks.echo_stop, tracks.echo_path, strict=True)
+    ]
+    _check_paths("echoes", echoes, tracks.echo_stop, tracks.echo_path, channel)
+    owner = tracks.echo_track
+    _refuse(
+        echoes, "echo_track", owner, (owner < -1) | (owner >= n_tracks), f"must be -1, or a track below {n_tracks}"
+    )
+    return tracks
+
+
 CONTRACTS: dict[Stage, Contract] = {
     "channel": Contract(("sweep",), check_channel),
     "mapping": Contract(("channel", "tx", "receiver"), check_mapping),
     "slam": Contract(("channel", "tx", "heights"), check_slam),
     "shapes": Contract(("channel", "tx", "poses", "points"), check_shapes),
+    "tracker": Contract(("channel", "poses", "survey"), check_tracker),
 }
 
 
@@ -114,21 +152,33 @@ def _kind(found: object) -> str:
 
 
 def _check_points(ips: IncidencePoints, channel: Sequence[ChannelEstimate]) -> None:
-    n_paths = {estimate.stop: len(estimate) for estimate in channel}
     where = [f"stop {stop}: point of path {path}: " for stop, path in zip(ips.stop, ips.path, strict=True)]
-    most = np.array([n_paths.get(stop, 0) for stop in ips.stop.tolist()], int)
-    _refuse(where, "path", ips.path, (ips.path < 0) | (ips.path >= most), "there is no such path")
-    order = np.lexsort((ips.path, ips.stop))
-    if (np.diff(order) != 1).any():
-        raise ValueError("stop, path: points must be sorted by stop, then by path")
-    twice = np.append(False, (np.diff(ips.stop) == 0) & (np.diff(ips.path) == 0))
-    _refuse(where, "path", ips.path, twice, "is there twice")
+    _check_paths("points", where, ips.stop, ips.path, channel)
     taken = ips.is_inlier
     _refuse(
         where, "position_m", ips.position_m, ~_is_place(ips.position_m) & taken[:, None], "must be finite, in m"
     )
     bad = ~_is_covariance(ips.covariance_m2) & taken
     _refuse(where, "covariance_m2", ips.covariance_m2, bad, POSITIVE)
+
+
+def _check_paths(
+    what: str, where: Sequence[str], stop: IntArray, path: IntArray, channel: Sequence[ChannelEstimate]
+) -> None:
+    """Refuse rows of paths that are not there, and rows that are there twice or in another order."""
+    n_paths = {estimate.stop: len(estimate) for estimate in channel}
+    most = np.array([n_paths.get(one, 0) for one in stop.tolist()], int)
+    _refuse(where, "path", path, (path < 0) | (path >= most), "there is no such path")
+    _check_order(f"stop, path: {what}", where, stop, path)
+
+
+def _check_order(what: str, where: Sequence[str], first: IntArray, second: IntArray) -> None:
+    """Refuse rows that are not sorted by two columns, and those that are there twice."""
+    names = what.partition(":")[0].split(", ")
+    if (np.diff(np.lexsort((second, first))) != 1).any():
+        raise ValueError(f"{what} must be sorted by {names[0]}, then by {names[1]}")
+    twice = np.append(False, (np.diff(first) == 0) & (np.diff(second) == 0))[: len(where)]
+    _refuse(where, names[1], second, twice, "is there twice")
 
 
 def _check_poses(poses: PoseEstimates, stops: Sequence[int]) -> None:
@@ -146,8 +196,7 @@ def _check_poses(poses: PoseEstimates, stops: Sequence[int]) -> None:
         value = getattr(poses, name)
         allowed = f"must be within -{most:.3g} and {most:.3g} {unit}"
         _refuse(where, name, value, solved & ~(np.abs(value) <= most), allowed)
-    bad = solved & ~np.isnan(poses.covariance).all(axis=(1, 2)) & ~_is_covariance(poses.covariance)
-    _refuse(where, "covariance", poses.covariance, bad, f"{POSITIVE}, or NaN")
+    _refuse_covariances(where, "covariance", poses.covariance, solved)
     _refuse(where, "n_inliers", poses.n_inliers, poses.n_inliers < 0, "must not be negative")
     for name in ("height_std_m", "position_std_m"):
         _refuse(where, name, getattr(poses, name), getattr(poses, name) < 0, "must not be negative")
@@ -167,6 +216,12 @@ def _is_covariance(value: FloatArray) -> BoolArray:
     shares = np.where(usable[:, None, None], value / (std[:, :, None] * std[:, None, :]), np.eye(value.shape[-1]))
     symmetric = np.isclose(shares, np.swapaxes(shares, 1, 2), rtol=0.0, atol=1e-6).all(axis=(1, 2))
     return np.asarray(usable & symmetric & (np.linalg.eigvalsh(shares) > 0).all(axis=1))
+
+
+def _refuse_covariances(where: Sequence[str], name: str, value: FloatArray, judged: BoolArray) -> None:
+    """Refuse matrices (row, n, n) of judged rows that are neither a covariance nor NaN as a whole."""
+    bad = judged & ~np.isnan(value).all(axis=(1, 2)) & ~_is_covariance(value)
+    _refuse(where, name, value, bad, f"{POSITIVE}, or NaN")
 
 
 def _refuse(where: Sequence[str], name: str, value: Any, bad: BoolArray, allowed: str) -> None:

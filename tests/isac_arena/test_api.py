@@ -29,6 +29,7 @@ SIGNATURES = {
     "estimate_channel": "sweep, method=None, config=None",
     "map_points": "campaign, channel, truths",
     "slam": "campaign, channel",
+    "track": "campaign, channel, poses",
     "fit_contours": "campaign, channel, poses, points",
     "score": "campaign, truths, channel, mapping=None, slam=None",
     "run": "campaign, out, *, seed=None, estimator=None, keep_sweeps=False, workers=1",

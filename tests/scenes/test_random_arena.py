@@ -45,6 +45,11 @@ def test_more_arenas_are_valid(seed):
     check(seed)
 
 
+def test_a_walk_that_ends_in_a_corner_starts_elsewhere():
+    rng = np.random.default_rng([1, 1, 44])
+    assert len(random_arena(rng, rng.uniform(0.0, 0.1), 100).stops) == 100
+
+
 def test_same_seed_same_bits_and_others_differ():
     first, second, other = arena(3), arena(3), arena(7)
     assert first.tx.position_m.tobytes() == second.tx.position_m.tobytes() != other.tx.position_m.tobytes()

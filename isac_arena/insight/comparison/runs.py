@@ -51,6 +51,7 @@ def compare_runs(first: ScoreTables, second: ScoreTables) -> RunComparison:
     for name in ("mapping", "slam"):
         maps = getattr(first, name), getattr(second, name)
         pairs += [*_ip_pairs(name, maps, stops), *_object_pairs(name, maps)]
+    pairs += _track_pairs(runs, stops)
     differences = tuple(one for one in map(paired_difference, pairs) if one.verdict)
     notes += [f"SLAM located no stop in {name}" for name, run in zip("AB", runs, strict=True) if _is_lost(run)]
     alone = [one.key for one in differences if not one.n_pairs]
@@ -97,6 +98,21 @@ def _pose_pairs(runs: Sequence[ScoreTables], stops: IntArray) -> Iterator[Paired
 def _set_pairs(runs: Sequence[ScoreTables], stops: IntArray) -> Iterator[PairedValues]:
     sides = (_of_stops(run.stops.stop, run.stops.gospa, stops) for run in runs)
     yield pair_values("channel.gospa", "1", "lower", *sides)
+
+
+def _track_pairs(runs: Sequence[ScoreTables], stops: IntArray) -> Iterator[PairedValues]:
+    """GOSPA of the tracks at every stop, and the errors at every mover and stop; none where nothing moves."""
+    tables = [run.tracks for run in runs if run.tracks is not None]
+    if len(tables) < len(runs):
+        return
+    sets = (_of_stops(one.stop, one.gospa_m, stops) for one in tables)
+    yield pair_values("tracks.gospa", "m", "lower", *sets)
+    for key, unit, field in (("position", "m", "position_error_m"), ("velocity", "m/s", "velocity_error_m_s")):
+        sides: list[Values] = []
+        for one in tables:
+            rows = zip(one.mover.tolist(), one.mover_stop.tolist(), getattr(one, field).tolist(), strict=True)
+            sides.append({(stop, mover): value for mover, stop, value in rows if stop in stops})
+        yield pair_values(f"tracks.{key}_error", unit, "lower", *sides)
 
 
 def _same_paths(runs: Sequence[ScoreTables], stops: IntArray) -> bool:

@@ -37,7 +37,7 @@ def score_tracks(
         return None
     movers = [item for item in scene.objects if item.motion is not None]
     names, n_stops = np.array([item.name for item in movers], str), len(tracks.survey.stop)
-    state = _true_states(movers, tracks.survey.time_s)
+    state = mover_states(movers, tracks.survey.time_s)
     seen = np.array([[name in in_view.get(stop, ()) for stop in tracks.survey.stop.tolist()] for name in names])
     seen = seen.reshape(len(movers), n_stops)
     bound = velocity_bounds(channel, result.poses, tracks.survey, config, state)
@@ -70,7 +70,7 @@ def objects_in_view(stop: TrueStop) -> set[str]:
     return set(stop.origin.object[loud & ~stop.truth.paths.is_diffuse].tolist())
 
 
-def _true_states(movers: Sequence[SceneObject], time_s: FloatArray) -> FloatArray:
+def mover_states(movers: Sequence[SceneObject], time_s: FloatArray) -> FloatArray:
     """States (mover, stop, 5) as `estimation.tracks.law` has them, of the middles of the movers."""
     states = np.zeros((len(movers), len(time_s), 5))
     for state, item in zip(states, movers, strict=True):

@@ -1,4 +1,4 @@
-"""Bad functions of users for every stage: 30 ways to raise, hang, return nonsense or write into the input."""
+"""Bad functions of users for every stage: 36 ways to raise, hang, return nonsense or write into the input."""
 
 from isac_arena.user_functions.config import Stage
 
@@ -9,6 +9,7 @@ import numpy as np
 from estimation.channel.record import empty_estimate
 from estimation.shape.outline import contours_of
 from estimation.slam.record import IncidencePoints, PoseEstimates
+from estimation.tracks.record import Tracks
 
 def overwrite(value):
     address = value.__array_interface__["data"][0]
@@ -31,6 +32,10 @@ def poses(channel):
         covariance=np.tile(np.diag([1.0, 1.0, 1.0, 1e-18]), (n, 1, 1)),
     )
 
+def tracks(survey):
+    n = len(survey.stop)
+    return Tracks(survey, np.zeros(n, int), survey.stop, np.zeros((n, 2)), np.zeros((n, 2)))
+
 def two_paths(sweep):
     found = empty_estimate(sweep.stop, "mine", "ok", "")
     two = {name: np.zeros(2) for name in ("aod_azimuth_rad", "aoa_azimuth_rad", "beam_loss_db", "snr_db")}
@@ -40,6 +45,7 @@ def two_paths(sweep):
         is_los=np.zeros(2, bool), los_probability=np.zeros(2), gain_amplitude=np.full(2, np.nan),
         gain_phase_rad=np.full(2, np.nan), aod_elevation_rad=np.full(2, np.nan),
         aoa_elevation_rad=np.full(2, np.nan), unresolved_probability=np.full(2, np.nan), is_weak=np.zeros(2, bool),
+        tx=np.zeros(2, int),
     )
 """
 # Arguments of each stage, and bodies by name. A channel function fails at stop 2 only.
@@ -48,6 +54,7 @@ ARGUMENTS: dict[Stage, str] = {
     "mapping": "channel, tx, receiver",
     "slam": "channel, tx, heights",
     "shapes": "channel, tx, poses_in, points_in",
+    "tracker": "channel, poses_in, survey",
 }
 ENDS = {
     "raises": "raise RuntimeError('a\\nb')",
@@ -86,6 +93,14 @@ BODIES: dict[Stage, dict[str, str]] = {
         "shape": "return contours_of([], poses_in, points_in.take('ip', slice(0, 1)))",
         "class": "return replace(contours_of([], poses_in, points_in), class_name=np.array(['tree'] * 3))",
         "overwrites": "overwrite(points_in.position_m); return contours_of([], poses_in, points_in)",
+    },
+    "tracker": {
+        "raises": ENDS["raises"],
+        "hangs": ENDS["hangs"],
+        "shape": "return replace(tracks(survey), stop=survey.stop + 1)",
+        "nan": "return replace(tracks(survey), velocity_m_s=np.full((len(survey.stop), 2), np.nan))",
+        "covariance": "return replace(tracks(survey), covariance=np.tile(-np.eye(5), (len(survey.stop), 1, 1)))",
+        "overwrites": "overwrite(survey.time_s); return tracks(survey)",
     },
 }
 COUNT = sum(len(bodies) for bodies in BODIES.values())

@@ -6,19 +6,22 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 
 from estimation.channel.record import EstimateStatus
+from isac_arena.campaign.campaign import load_campaign
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.driver import CampaignRun
 from isac_arena.campaign.results import MemoryResults
+from isac_arena.scoring.stages.tracks import mover_states
 from isac_arena.user_functions.config import STAGES, Stage, with_functions
 from isac_arena.user_functions.errors import EstimatorError
 from isac_arena.user_functions.room import close_rooms
 from isac_arena.validation.exchange.functions import BODIES, COUNT, source
 from isac_arena.validation.measurement import InfoTable, Measured, at_least
-from isac_arena.validation.scenarios.perfect_campaign import MadeCampaign, make_campaign
+from isac_arena.validation.scenarios.perfect_campaign import MadeCampaign, make_campaign, make_moving_campaign
 from sim.config import ArrayConfig, WaveformConfig
 
 TEMPLATES = Path(__file__).resolve().parents[2] / "cli" / "templates"
@@ -27,9 +30,18 @@ FUNCTIONS: dict[Stage, str] = {
     "mapping": "map_paths",
     "slam": "locate",
     "shapes": "outline",
+    "tracker": "follow",
 }
 CALL_LIMIT_S, TEMPLATE_LIMIT_S = 1.0, 600.0
 N_STOPS = 4
+PILLAR_M_S = np.array([0.4, -0.2, 0.0])
+MOVING: dict[str, Any] = {
+    "waveform": {"comb": 12, "n_rb": 64},
+    "tx_array": {"columns": 8, "beams_per_panel": 12},
+    "rx_array": {"columns": 8, "beams_per_panel": 8},
+    "channel.maximum_likelihood.max_paths": 12,
+    "propagation": {"diffuse_samples": 0, "max_bounces": 1, "diffraction": False},
+}  # of a room with a person and an AGV
 MOST_M = 0.3  # error of a template: it is an example, no method
 QUICK = ("raises", "dies", "hangs", "covariance", "writes", "overwrites", "class")
 
@@ -40,7 +52,7 @@ def check_stages(seed: int, quick: bool) -> Measured:
     made, worked, rows = make_campaign(), [], []
     with _lab({f"of_{stage}": (TEMPLATES / f"{stage}.txt").read_text(encoding="utf-8") for stage in STAGES}):
         for stage in STAGES:
-            told, error_m = _template(made, stage)
+            told, error_m = _tracker() if stage == "tracker" else _template(made, stage)
             has_test = (TEMPLATES / f"test_{stage}.txt").is_file()
             worked.append(not told and error_m < MOST_M and has_test)
             rows.append((stage, error_m, told or "-"))
@@ -52,12 +64,13 @@ def check_stages(seed: int, quick: bool) -> Measured:
 def check_bad_functions(seed: int, quick: bool) -> Measured:
     """Functions that fail: one line with stage and function, and the campaign goes on to its scores."""
     del seed
-    made, held, rows = make_campaign(), [], []
+    frozen, moving, held, rows = make_campaign(), make_moving_campaign(PILLAR_M_S), [], []
     with _lab({"bad_lab_of_stages": source()}):
         for stage, bodies in BODIES.items():
             for name in bodies:
                 if quick and name not in QUICK:
                     continue
+                made = moving if stage == "tracker" else frozen
                 line, went_on = _bad(made, stage, f"bad_lab_of_stages:{stage}_{name}")
                 held.append(went_on)
                 rows.append((stage, name, "yes" if went_on else "no", line[:110]))
@@ -95,6 +108,21 @@ def _template(made: MadeCampaign, stage: Stage) -> tuple[str, float]:
     places_m = mapped.ips.position_m[mapped.ips.is_inlier] if stage == "mapping" else mapped.contours.center_m
     distance_m = np.min([np.abs(one.contour.signed_distance(places_m)) for one in made.scene.objects], axis=0)
     return _line(failures), float(np.median(distance_m))
+
+
+def _tracker() -> tuple[str, float]:
+    """As `_template`, in a small room where two things move: the distance of the tracks to the nearest."""
+    functions = {"tracker": {"function": f"of_tracker:{FUNCTIONS['tracker']}", "limit_s": TEMPLATE_LIMIT_S}}
+    campaign = load_campaign("moving_target", functions=functions, **MOVING)
+    run, failures = campaign.run(), list[EstimatorError]()
+    run = replace(run, on_failure=failures.append)
+    truths = list(run.truths())
+    tracks = run.maps(list(run.channel(truths)), run.surveyed_receiver(truths))["slam"].tracks
+    if tracks is None:
+        return _line(failures), np.inf
+    movers = [item for item in campaign.scene.objects if item.motion is not None]
+    true_m = mover_states(movers, tracks.survey.time_s)[:, tracks.stop][..., [0, 2]]
+    return _line(failures), float(np.median(np.linalg.norm(tracks.position_m - true_m, axis=2).min(axis=0)))
 
 
 def _line(failures: list[EstimatorError]) -> str:

@@ -6,11 +6,12 @@ import numpy as np
 
 from estimation.channel.beam_power_map import BeamPowerMap
 from estimation.channel.estimate import ChannelConfig
-from estimation.channel.record import ChannelEstimate
+from estimation.channel.record import ChannelEstimate, PathMotion
 from estimation.shape.fit import OK
 from estimation.shape.record import CLASS_NAMES, Contours, Shapes
 from estimation.shape.reflection.rows import no_contours
 from estimation.slam.record import IncidencePoints, SolveStatus
+from estimation.tracks.record import EchoSurvey, Tracks
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.results import CampaignResults, MapResult
 from isac_arena.scoring.link_view import LinkView, link_view
@@ -18,6 +19,7 @@ from isac_arena.scoring.stages.channel import device_parameters
 from isac_arena.validation.scenarios.estimates import made_estimate, made_poses, true_states
 from isac_arena.validation.scenarios.paths import over_points
 from scenes.contours import Circle, Polyline
+from scenes.motion.motion import steady_motion
 from scenes.objects.material import Material
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
 from scenes.record import FloatArray, IntArray
@@ -37,6 +39,7 @@ NAMES = [*PILLARS, *WALLS]
 SINGLES = len(NAMES)
 DOUBLE, DIFFUSE = SINGLES + 1, SINGLES + 2  # rows of a stop's paths behind the LOS and the single bounces
 HEADING_RAD = 0.3
+STOP_INTERVAL_S, ECHO_HZ = 0.5, 120.0  # of a pillar that moves
 SMALL_LINK = CampaignConfig(
     name="small",
     scene="made_up",
@@ -196,6 +199,30 @@ def make_campaign() -> MadeCampaign:
         slam=exact_map(scene, truths, SolveStatus.LOS),
     )
     return MadeCampaign(scene, truths, results)
+
+
+def make_moving_campaign(velocity_m_s: FloatArray) -> MadeCampaign:
+    """The same as if its first pillar moved: the second path of every stop is its echo, and SLAM has its track."""
+    made = make_campaign()
+    pillar, *others = made.scene.objects
+    walk = replace(made.scene.walk, stop_interval_s=STOP_INTERVAL_S)
+    scene = replace(made.scene, objects=(replace(pillar, motion=steady_motion(velocity_m_s)), *others), walk=walk)
+    channel = []
+    for one in made.results.channel:
+        moves, shift_hz = np.arange(len(one)) == 1, np.where(np.arange(len(one)) == 1, ECHO_HZ, 0.0)
+        motion = PathMotion(moves, shift_hz, np.where(moves, 1.0, np.nan), np.zeros(len(one)))
+        channel.append(replace(one, motion=motion))
+    stop = np.array([one.stop for one in channel])
+    n, time_s = len(stop), STOP_INTERVAL_S * np.arange(float(len(stop)))
+    survey = EchoSurvey(stop, time_s, np.zeros((1, 3)), np.zeros(1), 0.005, np.zeros(1), np.zeros(1))
+    place_m, speed_m_s = pillar.pivot_m[:2] + time_s[:, None] * velocity_m_s[:2], np.tile(velocity_m_s[:2], (n, 1))
+    tracks = Tracks(
+        survey, np.zeros(n, int), stop, place_m, speed_m_s, height_m=np.ones(n), existence=np.full(n, 0.9),
+        covariance=np.tile(np.eye(5) * 0.01, (n, 1, 1)), echo_stop=stop, echo_path=np.ones(n, int),
+        echo_track=np.zeros(n, int),
+    )  # fmt: skip
+    slam = replace(made.results.slam, tracks=tracks)
+    return MadeCampaign(scene, made.truths, replace(made.results, channel=tuple(channel), slam=slam))
 
 
 def made_view() -> LinkView:

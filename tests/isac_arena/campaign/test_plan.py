@@ -25,6 +25,10 @@ def doubts(scene: dict[str, Any] | None = None, **changes: Any) -> list[str]:
 def test_equal_heights_are_told_nothing_about() -> None:
     told = doubts()
     assert len(told) == 1 and "from box: no contour" in told[0]  # 1.2 m high, under the beams at 1.5 m
+    assert (
+        "mine:follow (functions.tracker) is not called"
+        in doubts(**{"functions.tracker.function": "mine:follow"})[0]
+    )
 
 
 def test_unequal_heights_with_horizontal_beams() -> None:

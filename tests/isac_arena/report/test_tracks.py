@@ -1,47 +1,26 @@
 """The movers of the report: tracks and truth over time, and the Doppler shifts of a stop."""
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from estimation.channel.record import PathMotion
-from estimation.tracks.record import EchoSurvey, Tracks
 from isac_arena.report.page.html import render_report
 from isac_arena.report.page.payload.campaign import report_payload
 from isac_arena.report.page.payload.tracks import N_FRAMES, track_payload
 from isac_arena.scoring.score import score_campaign
-from scenes.motion.motion import steady_motion
+from isac_arena.validation.scenarios.perfect_campaign import MadeCampaign, make_moving_campaign
 from tests.isac_arena.report.test_payload import LIMITS
 
 SPEED_M_S = np.array([0.4, -0.2, 0.0])
 
 
 @pytest.fixture(scope="module")
-def moving(campaign: Any) -> Any:
-    """The made-up campaign as if its first pillar moved, with a track, and its second path were an echo."""
-    pillar, *others = campaign.scene.objects
-    scene = replace(campaign.scene, objects=(replace(pillar, motion=steady_motion(SPEED_M_S)), *others))
-    channel = []
-    for one in campaign.results.channel:
-        moves = np.arange(len(one)) == 1
-        shift = np.where(moves, 120.0, 0.0)
-        motion = PathMotion(moves, shift, np.where(moves, 1.0, np.nan), np.zeros(len(one)))
-        channel.append(replace(one, motion=motion))
-    stop = np.array([one.stop for one in channel])
-    n, time_s = len(stop), 0.5 * np.arange(len(stop))
-    survey = EchoSurvey(stop, time_s, np.zeros((1, 3)), np.zeros(1), 0.005, np.zeros(1), np.zeros(1))
-    tracks = Tracks(
-        survey, np.zeros(n, int), stop, pillar.pivot_m[:2] + time_s[:, None] * SPEED_M_S[:2], np.full(n, 1.0),
-        np.tile(SPEED_M_S[:2], (n, 1)), np.tile(np.eye(5) * 0.01, (n, 1, 1)), np.full(n, 0.9), np.zeros(n),
-        stop, np.ones(n, int), np.zeros(n, int),
-    )  # fmt: skip
-    slam = replace(campaign.results.slam, tracks=tracks)
-    return replace(campaign, scene=scene, results=replace(campaign.results, channel=tuple(channel), slam=slam))
+def moving() -> MadeCampaign:
+    return make_moving_campaign(SPEED_M_S)
 
 
-def test_the_page_is_told_tracks_movers_and_shifts(moving: Any) -> None:
+def test_the_page_is_told_tracks_movers_and_shifts(moving: MadeCampaign) -> None:
     found = track_payload(moving.scene, moving.results.channel, moving.results.slam.tracks)
     assert found is not None
     (mover,), (track,) = found["movers"], found["tracks"]
@@ -54,7 +33,7 @@ def test_the_page_is_told_tracks_movers_and_shifts(moving: Any) -> None:
     assert track_payload(moving.scene, moving.results.channel, None) is None
 
 
-def test_the_slider_moves_the_world(tab: Any, folder: Any, moving: Any, true_power: Any) -> None:
+def test_the_slider_moves_the_world(tab: Any, folder: Any, moving: MadeCampaign, true_power: Any) -> None:
     scores = score_campaign(
         moving.scene, moving.truths, moving.results, true_power_dbm=true_power, significance=LIMITS
     )

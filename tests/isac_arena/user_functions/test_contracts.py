@@ -10,8 +10,10 @@ import pytest
 
 from estimation.shape.outline import ObjectOutline, contours_of
 from estimation.slam.record import SolveStatus
-from isac_arena.user_functions.contracts import CONTRACTS, check_mapping, check_shapes, check_slam
-from isac_arena.validation.scenarios.perfect_campaign import MadeCampaign, make_campaign
+from estimation.tracks.record import EchoSurvey, Tracks
+from isac_arena.user_functions.contracts import CONTRACTS, check_mapping, check_shapes, check_slam, check_tracker
+from isac_arena.validation.scenarios.perfect_campaign import MadeCampaign, make_campaign, make_moving_campaign
+from scenes.record import empty_record
 
 
 @pytest.fixture(scope="module")
@@ -104,6 +106,51 @@ def test_contours_name_row_and_field(made: MadeCampaign, name: str, row: Any, va
         check_shapes(slam.contours, *given[:3], fewer)
 
 
+TRACKS: list[tuple[str, Any, Any, str]] = [
+    ("stop", 3, 40, "track 0: stop 40: stop = 40: there is no such stop"),
+    ("stop", 3, 2, "track 0: stop 2: stop = 2: is there twice"),
+    ("stop", 3, 1, "track, stop: states must be sorted by track, then by stop"),
+    ("track", -1, 2, "track: tracks must be numbered from 0 on, without gaps"),
+    ("track", 0, -1, "track: tracks must be numbered"),
+    ("position_m", (3, 0), np.nan, "track 0: stop 3: position_m = nan: must be finite, in m"),
+    ("velocity_m_s", (3, 1), np.inf, "track 0: stop 3: velocity_m_s = inf: must be finite, in m/s"),
+    ("height_m", 3, np.inf, "height_m = inf: must be finite, or NaN"),
+    ("covariance", 3, -np.eye(5), "track 0: stop 3: covariance = "),
+    ("covariance", (3, 0, 1), np.nan, "symmetric and positive definite, or NaN"),
+    ("existence", 3, 1.5, "existence = 1.5: must be within 0 to 1"),
+    ("existence", 3, np.nan, "existence = nan: must be within 0 to 1"),
+    ("extent_m", 3, -0.1, "extent_m = -0.1: must be finite and not negative"),
+    ("echo_path", 3, 77, "stop 3: echo of path 77: path = 77: there is no such path"),
+    ("echo_track", 3, 1, "stop 3: echo of path 1: echo_track = 1: must be -1, or a track below 1"),
+]
+
+
+@pytest.mark.parametrize(("name", "row", "value", "words"), TRACKS)
+def test_tracks_name_track_stop_and_field(name: str, row: Any, value: Any, words: str) -> None:
+    moving = make_moving_campaign(np.array([0.4, -0.2, 0.0]))
+    tracks, poses = moving.results.slam.tracks, moving.results.slam.poses
+    assert tracks is not None
+    given = list(moving.results.channel), poses, tracks.survey
+    assert check_tracker(tracks, *given).position_m.tolist() == tracks.position_m.tolist()
+    with pytest.raises(ValueError, match=r"^[^\n]+$") as told:
+        check_tracker(with_row(tracks, name, row, value), *given)
+    assert words in str(told.value)
+
+
+def test_tracks_need_places_and_velocities_alone() -> None:
+    moving = make_moving_campaign(np.array([0.4, -0.2, 0.0]))
+    full, poses = moving.results.slam.tracks, moving.results.slam.poses
+    assert full is not None
+    other = replace(full.survey, time_s=full.survey.time_s + 1.0)
+    tracks = check_tracker(
+        Tracks(other, full.track, full.stop, full.position_m, full.velocity_m_s),
+        *(moving.results.channel, poses, full.survey),
+    )
+    assert tracks.survey is full.survey and np.isnan(tracks.covariance).all() and (tracks.existence == 1).all()
+    none = check_tracker(tracks.take("state", slice(0, 0)), moving.results.channel, poses, full.survey)
+    assert none.n_tracks == 0
+
+
 def test_results_of_another_kind_are_named(made: MadeCampaign) -> None:
     slam, channel = made.results.slam, list(made.results.channel)
     given = {
@@ -111,6 +158,7 @@ def test_results_of_another_kind_are_named(made: MadeCampaign) -> None:
         "mapping": (channel, made.scene.tx, slam.poses),
         "slam": (channel, made.scene.tx, None),
         "shapes": (channel, made.scene.tx, slam.poses, slam.ips),
+        "tracker": (channel, slam.poses, empty_record(EchoSurvey)),
     }
     for stage, contract in CONTRACTS.items():
         assert len(given[stage]) == len(contract.arguments)

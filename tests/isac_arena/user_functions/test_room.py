@@ -17,17 +17,17 @@ import pytest
 from isac_arena.campaign.chain import walk_settings
 from isac_arena.campaign.config import CampaignConfig, methods
 from isac_arena.campaign.driver import CampaignRun
-from isac_arena.campaign.results import MemoryResults
+from isac_arena.campaign.results import MapResult, MemoryResults
 from isac_arena.user_functions import room
 from isac_arena.user_functions.config import UserFunction, with_functions
 from isac_arena.user_functions.errors import EstimatorError
-from isac_arena.validation.scenarios.perfect_campaign import MadeCampaign, make_campaign
+from isac_arena.validation.scenarios.perfect_campaign import MadeCampaign, make_campaign, make_moving_campaign
 from scenes.memory import limited_memory
 
 LAB = """
 import ctypes, os, sys, time
 import numpy as np
-from isac_arena import IncidencePoints
+from isac_arena import IncidencePoints, Tracks
 
 class Mine(IncidencePoints):
     pass
@@ -41,6 +41,12 @@ def points(channel, tx, receiver, shift_m=0.0):
         cost=np.zeros(n), is_inlier=np.ones(n, bool),
     )
 
+def follow(channel, poses, survey):
+    n = len(survey.stop)
+    return Tracks(survey, np.zeros(n, int), survey.stop, poses.position_m, np.zeros((n, 2)))
+
+def loses(channel, poses, survey): return follow(channel, poses, survey).take("state", survey.stop != 0)
+def misses(channel, poses, survey): raise ValueError("no mover")
 def leaves(channel, tx, receiver): sys.exit(3)
 def dies(channel, tx, receiver): os._exit(7)
 def crashes(channel, tx, receiver): ctypes.string_at(0)
@@ -201,6 +207,28 @@ def test_a_run_goes_on_without_a_stage_that_fails_and_tries_it_again(made: MadeC
     alone = CampaignRun(ours, made.scene).maps(channel, receiver)
     assert (again["slam"].poses.position_m == alone["slam"].poses.position_m).all()
     assert walk_settings(mended, made.scene.walk.positions_m()) is not None
+
+
+@pytest.mark.usefixtures("lab")
+def test_a_tracker_that_fails_loses_its_tracks_alone() -> None:
+    moving = make_moving_campaign(np.array([0.4, -0.2, 0.0]))
+    channel, receiver = list(moving.results.channel), moving.results.mapping.poses
+
+    def maps(name: str, failures: list[EstimatorError]) -> MapResult:
+        named = {"slam": "lab_of_rooms:leaves"} if "misses" in name else {}
+        config = with_functions(CampaignConfig(name="made", scene="box_room"), {"tracker": name, **named})
+        assert methods(config)["tracker"] == name
+        return CampaignRun(config, moving.scene, on_failure=failures.append).maps(channel, receiver)["slam"]
+
+    failures: list[EstimatorError] = []
+    found = maps("lab_of_rooms:follow", failures)
+    assert not failures and found.tracks is not None and found.tracks.n_tracks == 1
+    assert (found.tracks.position_m == found.poses.position_m).all()
+    fewer = maps("lab_of_rooms:loses", failures)
+    assert fewer.tracks is not None and fewer.tracks.stop.tolist() == list(range(1, len(channel)))
+    lost = maps("lab_of_rooms:misses", failures)
+    assert lost.tracks is None and [str(one).partition(" ")[0] for one in failures] == ["slam", "tracker"]
+    assert lost.problem.splitlines() == [str(one) for one in failures] and "no mover" in lost.problem
 
 
 def test_the_process_ends_with_the_one_that_started_it(lab: Path) -> None:

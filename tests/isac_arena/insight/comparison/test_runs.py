@@ -12,6 +12,7 @@ from isac_arena.report.page.tables import in_words
 from isac_arena.report.style import png_bytes
 from isac_arena.scoring.config import Significance
 from isac_arena.scoring.score import score_campaign
+from isac_arena.validation.scenarios.perfect_campaign import make_moving_campaign
 
 LIMITS = Significance(dynamic_range_db=28.0, noise_threshold_dbm=-150.0)
 
@@ -108,6 +109,24 @@ def test_nothing_that_one_run_has_is_dropped_without_a_word(score, campaign):
     delay = found["channel.delay_error"]
     assert (delay.n_first, delay.n_second, delay.n_pairs) == (12 * 6, 12 * 5, 12 * 5)
     assert found["channel.detected"].n_pairs == 12 * 6 and found["channel.detected"].verdict == "worse"
+
+
+def test_tracks_are_paired_by_mover_and_stop(true_power):
+    moving = make_moving_campaign(np.array([0.4, -0.2, 0.0]))
+    tables = []
+    for by_m in (0.0, 0.1):
+        slam, tracks = moving.results.slam, moving.results.slam.tracks
+        off = replace(slam, tracks=replace(tracks, position_m=tracks.position_m + np.array([by_m, 0.0])))
+        results = replace(moving.results, slam=off)
+        scored = score_campaign(
+            moving.scene, iter(moving.truths), results, true_power_dbm=true_power, significance=LIMITS
+        )
+        tables.append(scored.tables)
+    found = by_key(compare_runs(*tables))
+    position, velocity = found["tracks.position_error"], found["tracks.velocity_error"]
+    assert position.n_pairs == len(moving.truths) and position.second - position.first == pytest.approx(0.1)
+    assert velocity.second == velocity.first and found["tracks.gospa"].second > found["tracks.gospa"].first
+    assert not [key for key in by_key(compare_runs(tables[0], replace(tables[1], tracks=None))) if "tracks" in key]
 
 
 def test_the_figure_shows_every_quantity_and_where_it_ends(score, campaign):
