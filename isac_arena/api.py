@@ -15,7 +15,8 @@ from estimation.slam.record import IncidencePoints, PoseEstimates
 from estimation.tracks.record import Tracks
 from isac_arena.campaign import stages
 from isac_arena.campaign.campaign import Campaign, load_campaign
-from isac_arena.campaign.chain import campaign_tracks, unsolved_poses
+from isac_arena.campaign.chain.inputs import unsolved_poses
+from isac_arena.campaign.chain.maps import campaign_tracks
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.directory import CampaignStore
 from isac_arena.campaign.results import CampaignResults, MapResult

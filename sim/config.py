@@ -1,5 +1,7 @@
 """Settings of a simulated campaign: waveform, arrays, link, clock and propagation."""
 
+from dataclasses import dataclass
+from enum import StrEnum
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, PrivateAttr, field_validator, model_validator
@@ -204,17 +206,67 @@ class TransmitterConfig(ConfigModel):
     muting_2: Bits | None = Field(None, description="with a schedule: a bit for every repetition, 0 for muted")
 
 
+NodeNames = str | Annotated[list[str], Field(min_length=1)]
+
+
+class StatedLinks(ConfigModel):
+    """Who sends and who receives: every TX with every receiver of the entry.
+
+    A TX of the scene is a fixed node; it may receive. A walk is what walks; it may send. A fixed node that hears
+    itself is monostatic: its receiver is a panel of its own beside the other, and both have one clock.
+    """
+
+    tx: NodeNames = Field(description="what sends: TX of the scene, walks, or 'all' TX")
+    rx: NodeNames = Field(description="what receives: walks, TX of the scene as fixed nodes, or 'all' of these")
+    panel_offset_m: list[float] = Field(
+        [0.0, 0.2, 0.0],
+        min_length=3,
+        max_length=3,
+        description="monostatic: receiving panel from the other, x ahead, y left, z up",
+    )
+    isolation_db: float = Field(
+        57.0, ge=20, le=200, description="monostatic: leakage from panel to panel below the power sent"
+    )
+
+
+class LinkKind(StrEnum):
+    """What the ends of a link are."""
+
+    DOWNLINK = "downlink"  # a fixed node sends, the walk receives
+    UPLINK = "uplink"  # the walk sends, a fixed node receives
+    NODES = "nodes"  # a fixed node sends, others receive
+    MONOSTATIC = "monostatic"  # a fixed node hears itself
+
+
+@dataclass(frozen=True)
+class LinkRole:
+    """What the settings of one link of several are about.
+
+    `node` is the number of the fixed node at which its paths are anchored, `receiver` that of the node at a stop
+    where no walk is there. `sender` is the number of what sends: links of one sender are one signal.
+    """
+
+    number: int = 0
+    turn: int = 0
+    node: int = 0
+    sender: int = 0
+    receiver: int | None = None
+    kind: LinkKind = LinkKind.DOWNLINK
+    isolation_db: float = 0.0
+
+
 class SimulationConfig(ConfigModel):
     """One campaign: a scene, a seed and the settings of every simulated part."""
 
     scene: FileName = Field(description="library name or path of the scene file")
-    tx: str | Annotated[list[str], Field(min_length=1)] | None = Field(
+    tx: NodeNames | None = Field(
         None, description="TX to use where the scene has several, a list of them, or 'all'; by default the first"
     )
     transmitters: dict[str, TransmitterConfig] = Field({}, description="several TX: what one has of its own")
-    walk: str | Annotated[list[str], Field(min_length=1)] | None = Field(
+    walk: NodeNames | None = Field(
         None, description="walk to use where the scene has several, or a list of them; by default the first"
     )
+    links: list[StatedLinks] = Field([], description="who sends to whom, in place of tx and walk")
     seed: int = Field(1, ge=0, lt=2**63, description="seed of all random numbers of the simulation")
     waveform: WaveformConfig = WaveformConfig()
     tx_array: ArrayConfig = ArrayConfig()
@@ -223,24 +275,43 @@ class SimulationConfig(ConfigModel):
     clock: ClockConfig = ClockConfig()
     impairments: ImpairmentsConfig = ImpairmentsConfig()
     propagation: PropagationConfig = PropagationConfig()
-    _tx_number: int = PrivateAttr(0)
-    _turn: int = PrivateAttr(0)
+    _role: LinkRole = PrivateAttr(LinkRole())
+
+    @property
+    def role(self) -> LinkRole:
+        """Which link of a campaign these settings are of (`sim.links.tx_links`)."""
+        return self._role
 
     @property
     def tx_number(self) -> int:
-        """Which of the TX of a campaign these settings are of (`sim.transmitters.tx_links`): 0 is the first."""
-        return self._tx_number
+        """Which of the TX (or links) of a campaign these settings are of: 0 is the first."""
+        return self._role.number
 
     @property
     def turn(self) -> int:
         """Sweeps of other TX that are sent before the one of this TX."""
-        return self._turn
+        return self._role.turn
 
-    def of_transmitter(self, number: int, turn: int, **changes: Any) -> Self:
-        """The settings of one TX of several, with what is its own in `changes`."""
-        made = self.model_copy(update={"transmitters": {}, **changes})
-        made._tx_number, made._turn = number, turn
+    @property
+    def end_arrays(self) -> tuple[ArrayConfig, ArrayConfig]:
+        """The arrays of the fixed node and of what is at a stop, whichever of them sends."""
+        ends = self.tx_array, self.rx_array
+        return ends[::-1] if self._role.kind == LinkKind.UPLINK else ends
+
+    def of_link(self, role: LinkRole, **changes: Any) -> Self:
+        """The settings of one link of several, with what is its own in `changes`."""
+        made = self.model_copy(update={"transmitters": {}, "links": [], **changes})
+        made._role = role
         return made
+
+    @model_validator(mode="after")
+    def _name_ends_once(self) -> Self:
+        for name in ("tx", "walk"):
+            if self.links and getattr(self, name) is not None:
+                raise ValueError(
+                    f"{name} = {getattr(self, name)!r}: links name what sends and receives, leave it out"
+                )
+        return self
 
     @model_validator(mode="before")
     @classmethod

@@ -31,7 +31,8 @@ class BeamSweep(Record):
     interleaved combs; then the samples cover every subcarrier and `prs_symbol` is that of the first comb pass.
 
     Codebooks are nominal: the designed weights, patterns and panels, without hardware impairments. With a `clock`
-    paths may have Doppler shifts; without one the world is taken as frozen.
+    paths may have Doppler shifts; without one the world is taken as frozen. The TX pose is NaN where the TX walks
+    and the receiver stands (uplink): nobody knows it.
     """
 
     tx_codebook: Codebook

@@ -10,10 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
+from scenes.pose import Pose
 from scenes.record import ComplexArray, FloatArray, IntArray
 from scenes.scene import Scene
 from sim.clock import beam_clock, campaign_clock
-from sim.config import SimulationConfig
+from sim.config import LinkKind, SimulationConfig
 from sim.moving import moving_paths, tx_pose_at
 from sim.observation import BeamSweep
 from sim.propagation.deepmimo.folder import read_deepmimo
@@ -29,8 +30,10 @@ from sim.signal.hardware.apply_impairments import (
     impaired_codebooks,
     receive_samples,
     stage_generator,
+    true_ends,
     true_tx_pose,
 )
+from sim.signal.leakage import with_leakage
 from sim.signal.link import Link
 from sim.signal.moving import moving_channel
 from sim.signal.waveform.prs import SUBCARRIERS_PER_RB, prs_subcarriers
@@ -40,20 +43,27 @@ __all__ = ["OtherTx", "RandomStage", "clock_biases_s", "observe", "simulate_trut
 
 
 def clock_biases_s(config: SimulationConfig, n_stops: int) -> FloatArray:
-    """Clock bias (stop,) in s: a random walk from the initial value, plus the extra bias of every stop.
+    """Clock bias (stop,) in s of a link, receiver minus TX, at every stop.
 
-    That against a later TX of several also has the offset between the two TX.
+    That of a walk is a random walk from the initial value, plus the extra bias of every stop. That against a later
+    node of several also has the offset between the two nodes.
     """
     steps = stage_generator(config.seed, RandomStage.CLOCK).standard_normal(n_stops)
     walk_s = (config.clock.initial_bias_ns + config.clock.walk_std_ns * np.cumsum(steps)) * 1e-9
     bias_s = np.asarray(walk_s + extra_clock_bias_s(config, n_stops))
-    return bias_s if not config.tx_number else bias_s - _tx_clock_s(config, n_stops)
+    role, node_s = config.role, _node_clock_s(config, config.role.node, n_stops)
+    if role.receiver is not None:  # zero where a node hears itself
+        return np.asarray(_node_clock_s(config, role.receiver, n_stops) - node_s)
+    bias_s = bias_s if not role.node else bias_s - node_s
+    return -bias_s if role.kind == LinkKind.UPLINK else bias_s
 
 
-def _tx_clock_s(config: SimulationConfig, n_stops: int) -> FloatArray:
-    """Clock (stop,) in s of a TX against the first one: a random walk from an offset."""
+def _node_clock_s(config: SimulationConfig, node: int, n_stops: int) -> FloatArray:
+    """Clock (stop,) in s of a fixed node against the first one: a random walk from an offset."""
+    if not node:
+        return np.zeros(n_stops)
     clock = config.clock
-    draws = stage_generator(config.seed, RandomStage.TX_CLOCK, 0, config.tx_number).standard_normal(n_stops + 1)
+    draws = stage_generator(config.seed, RandomStage.TX_CLOCK, 0, node).standard_normal(n_stops + 1)
     return np.asarray((clock.tx_offset_std_ns * draws[0] + clock.tx_walk_std_ns * np.cumsum(draws[1:])) * 1e-9)
 
 
@@ -63,6 +73,18 @@ def simulate_truth(config: SimulationConfig, scene: Scene, stops: Iterable[int])
     If the settings name a DeepMIMO scenario, its paths replace the traced paths. If the scene needs the ray tracer
     and `propagation.compare_planar` is set, its planar paths are also compared with the exact ones.
     """
+    for truth in _truths(config, scene, stops):
+        role = config.role
+        if role.kind == LinkKind.UPLINK:
+            yield truth.sent_from_stop(scene.tx)
+        elif role.kind == LinkKind.MONOSTATIC:
+            yield with_leakage(config, scene, truth)
+        else:
+            yield truth
+
+
+def _truths(config: SimulationConfig, scene: Scene, stops: Iterable[int]) -> Iterator[Truth]:
+    """The truths with their paths from the fixed node to the stops."""
     poses = scene.stops
     biases_s = clock_biases_s(config, len(poses))
     carrier_hz = config.waveform.carrier_ghz * 1e9
@@ -140,6 +162,8 @@ def observe(
         config, link, truth.stop, sent(0), None if is_alike else sent, _noise_number(config, link, others)
     )
     tx_pose = scene.tx if truth.motion is None else tx_pose_at(scene, truth.motion.time_s)
+    if truth.tx_pose is not None:
+        tx_pose = Pose(np.full(3, np.nan), np.nan)
     return BeamSweep(
         tx_codebook=link.tx_codebook,
         rx_codebook=link.rx_codebook,
@@ -192,12 +216,13 @@ def clean_samples(
     """
     if truth.motion is not None:
         return _moving_samples(config, link, scene, truth, codebooks, repetition)
+    tx_pose, rx_pose = true_ends(config, scene, truth)
     return beam_channel(
         truth.paths,
         tx_codebook=codebooks[0],
         rx_codebook=codebooks[1],
-        tx_pose=true_tx_pose(config, scene.tx),
-        rx_pose=truth.rx_pose,
+        tx_pose=tx_pose,
+        rx_pose=rx_pose,
         frequency_offset_hz=link.frequency_offset_hz,
         clock_bias_s=truth.clock_bias_s,
     )

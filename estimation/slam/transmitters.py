@@ -4,7 +4,7 @@ A stop has one pose and one clock bias per TX. Its channel estimate holds the pa
 other; every path carries the index of its TX. A single TX is given as its `Pose` everywhere.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -26,14 +26,21 @@ class Transmitters:
     poses : position and heading of every TX
     level_db : (tx,) nominal power of a line of sight over that of the first TX at the same distance
     sync_std_s : standard deviation of the clock of a TX about the common time; None where every clock is free
+    hears_itself : (tx,) whether TX and receiver are one device with one clock: its bias is known; by default none
     """
 
     poses: tuple[Pose, ...]
     level_db: FloatArray
     sync_std_s: float | None = None
+    hears_itself: BoolArray | None = None
 
     def __len__(self) -> int:
         return len(self.poses)
+
+    def alone(self, tx: int) -> "Transmitters":
+        """One of the TX."""
+        own = None if self.hears_itself is None else self.hears_itself[tx : tx + 1]
+        return Transmitters((self.poses[tx],), np.zeros(1), self.sync_std_s, own)
 
     @property
     def rows(self) -> FloatArray:
@@ -60,12 +67,47 @@ def transmitters_of(tx: AnyTx) -> Transmitters:
     return tx if isinstance(tx, Transmitters) else Transmitters((tx,), np.zeros(1))
 
 
-def joined_paths(parts: Sequence[ChannelEstimate]) -> ChannelEstimate:
-    """The paths of one stop from all TX, in the order of the TX; that of one TX alone is unchanged.
+def seen_from_nodes(estimates: Sequence[ChannelEstimate], is_uplink: BoolArray) -> Sequence[ChannelEstimate]:
+    """The estimates with departures at fixed nodes and arrivals at what walks, whichever of them sends.
+
+    `is_uplink` (tx,) tells which of the links end at their node.
+    """
+    if not is_uplink.any():
+        return estimates
+    return [_turned(estimate, is_uplink[estimate.tx]) for estimate in estimates]
+
+
+def _turned(estimate: ChannelEstimate, turns: BoolArray) -> ChannelEstimate:
+    """The estimate with departures and arrivals of some paths (path,) exchanged.
+
+    Raises `ValueError` where only some are, and the two ends observe different angles.
+    """
+    kinds = estimate.aod_angle_kind, estimate.aoa_angle_kind
+    if turns.any() and not turns.all() and kinds[0] != kinds[1]:
+        raise ValueError(f"stop {estimate.stop}: with links both ways both ends must observe the same angles")
+    size = estimate.covariance.shape[1]
+    order = np.array([0, 2, 1, 4, 3])[:size]
+    other = estimate.covariance[:, order][:, :, order]
+    pairs = (("aod_azimuth_rad", "aoa_azimuth_rad"), ("aod_elevation_rad", "aoa_elevation_rad"))
+    changes: dict[str, Any] = {"covariance": np.where(turns[:, None, None], other, estimate.covariance)}
+    for ends in (*pairs, *(pair[::-1] for pair in pairs)):
+        own, far = (getattr(estimate, name) for name in ends)
+        changes[ends[0]] = np.where(turns, far, own)
+    if turns.all():
+        changes |= {"aod_angle_kind": kinds[1], "aoa_angle_kind": kinds[0]}
+    return replace(estimate, **changes)
+
+
+def joined_paths(parts: Sequence[ChannelEstimate] | Mapping[int, ChannelEstimate]) -> ChannelEstimate:
+    """The paths of one stop from all TX, in the order of the TX; those of the first TX alone are unchanged.
+
+    `parts` are those of every TX, or of some TX by their index.
 
     Raises `ValueError` where some azimuths are cone angles and others are not, or only some have elevations.
     """
-    if len(parts) == 1:
+    numbers = list(parts) if isinstance(parts, Mapping) else range(len(parts))
+    parts = list(parts.values()) if isinstance(parts, Mapping) else parts
+    if list(numbers) == [0]:
         return parts[0]
     kinds = {(one.aod_angle_kind, one.aoa_angle_kind, one.covariance.shape[1]) for one in parts if len(one)}
     if len(kinds) > 1:
@@ -81,7 +123,7 @@ def joined_paths(parts: Sequence[ChannelEstimate]) -> ChannelEstimate:
             tx=np.full(len(one), index),
             covariance=one.covariance[:, :size, :size] if len(one) else np.zeros((0, size, size)),
         )
-        for index, one in enumerate(parts)
+        for index, one in zip(numbers, parts, strict=True)
     ]
     joined = concatenate(marked, "path")
     reasons = dict.fromkeys(one.reason for one in parts if one.reason)

@@ -17,10 +17,10 @@ from scenes.pose import Pose
 from scenes.scene import Scene
 from scenes.tables import scene_tables
 from scenes.toml_config import read_toml
+from sim.links import link_stops
 from sim.observation import BeamSweep
 from sim.signal.link import Link
 from sim.simulate import observe
-from sim.transmitters import chosen_tx
 from sim.truth import Truth
 
 IN_PYTHON = "campaign"  # what errors name in place of a file
@@ -107,10 +107,11 @@ def campaign_store(campaign: Campaign, directory: Path) -> CampaignStore:
     return CampaignStore(directory, campaign.config, campaign.source.text, scene_files=campaign.source.files)
 
 
-def link_stores(store: CampaignStore) -> tuple[CampaignStore, ...]:
-    """The files of every TX of a campaign; of one TX the store itself."""
-    names = chosen_tx(store.config, store.scene)
-    return tuple(store.of_tx(name) for name in names) if len(names) > 1 else (store,)
+def link_stores(store: CampaignStore) -> tuple[tuple[CampaignStore, range], ...]:
+    """The files of every TX or link of a campaign with its stops; of one the store itself."""
+    stops = link_stops(store.config, store.scene)
+    several = len(stops) > 1
+    return tuple((store.of_tx(name) if several else store, own) for name, own in stops.items())
 
 
 def _fields(changes: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:

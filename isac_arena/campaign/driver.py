@@ -22,23 +22,25 @@ from estimation.slam.checks import check_estimates
 from estimation.slam.config import MappingConfig, TrajectoryConfig
 from estimation.slam.level import KnownHeights
 from estimation.slam.record import IncidencePoints, PoseEstimates
-from estimation.slam.stops import published_poses
 from estimation.slam.transmitters import AnyTx, joined_paths
-from isac_arena.campaign.chain import (
+from isac_arena.campaign.chain.inputs import (
     all_tx,
-    campaign_tracks,
     channel_estimator,
     known_heights,
     known_receiver,
-    learned_mapping,
-    links_of,
-    locate_or_take,
     significance,
     unsolved_poses,
     walk_settings,
+)
+from isac_arena.campaign.chain.links import disturbing, runs_of_links
+from isac_arena.campaign.chain.maps import (
+    campaign_tracks,
+    learned_mapping,
+    locate_or_take,
     with_shapes,
     without_map,
 )
+from isac_arena.campaign.chain.walks import from_nodes, located_walks
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.results import CampaignResults, MapName, MapResult, MemoryResults, Oracle, ResultStore
 from isac_arena.scoring.link_view import link_view
@@ -50,7 +52,7 @@ from scenes.scene import Scene
 from sim.observation import BeamSweep
 from sim.signal.hardware.apply_impairments import with_surveyed_pose
 from sim.signal.link import Link, best_beam_power_dbm, make_link
-from sim.simulate import OtherTx, clock_biases_s, is_heard, observe, simulate_truth
+from sim.simulate import OtherTx, clock_biases_s, observe, simulate_truth
 from sim.truth import Truth
 
 Observe = Callable[[CampaignConfig, Link, Scene, Truth], BeamSweep]
@@ -75,6 +77,7 @@ class CampaignRun:
     oracle: Oracle = field(default_factory=Oracle)
     on_failure: Callable[[EstimatorError], None] | None = None
     whole: CampaignRun | None = None  # of several TX: the run of all, where this one is of one TX
+    only: Sequence[int] | None = None  # numbers of the links of this run, None for all
 
     def scores(self) -> Scores:
         """The scores of all estimates; raises as `score_campaign` does."""
@@ -91,13 +94,13 @@ class CampaignRun:
         return channel_scores_of(self._true_stops(truths), list(self.channel(truths)))
 
     def truths(self) -> Iterator[Truth]:
-        """The truth of every stop in order, of several TX one after the other."""
-        return (link.truth(stop) for stop in self.chosen_stops for link in self.links)
+        """The truth of every stop in order, of several TX or links one after the other."""
+        return (link.truth(stop) for stop in self.chosen_stops for link in self.links_at(stop))
 
     def truth(self, stop: int) -> Truth:
         """The truth of a stop: given, kept or traced paths, and the clock of these settings; of the first TX."""
         if self.links[0] is not self:
-            return self.links[0].truth(stop)
+            return self.links_at(stop)[0].truth(stop)
         truth = self._given.get(stop) or self.results.truth(stop)
         if truth is None:
             wanted, traced = self._tracing
@@ -117,7 +120,8 @@ class CampaignRun:
         if kept is not None:
             return kept
         if link.disturbers and link.observer is observe:
-            others = [OtherTx(one.config, one.link, one.scene, one.truth(truth.stop)) for one in link.disturbers]
+            there = [one for one in link.disturbers if truth.stop in one.chosen_stops]
+            others = [OtherTx(one.config, one.link, one.scene, one.truth(truth.stop)) for one in there]
             return observe(link.config, link.link, link.scene, truth, others)
         return link.observer(link.config, link.link, link.scene, truth)
 
@@ -143,12 +147,9 @@ class CampaignRun:
         return calibration
 
     def channel(self, truths: Iterable[Truth]) -> Iterator[ChannelEstimate]:
-        """The reported paths of every stop, kept or made, with one sweep in memory at a time.
-
-        With several TX an estimate has the paths of all that `truths` has at the stop.
-        """
+        """The paths reported at every stop, of all TX in `truths`, kept or made; one sweep at a time is in memory."""
         for _, group in groupby(truths, key=lambda truth: truth.stop):
-            yield joined_paths([self._kept_estimate(truth).reported for truth in group])
+            yield joined_paths({self._row(truth): self._kept_estimate(truth).reported for truth in group})
 
     def _kept_estimate(self, truth: Truth) -> ChannelEstimate:
         kept = self.link_of(truth).results.estimate(truth.stop)
@@ -175,14 +176,15 @@ class CampaignRun:
     def maps(self, channel: Sequence[ChannelEstimate], receiver: PoseEstimates) -> dict[MapName, MapResult]:
         """Both maps, kept or made: mapping from the given receiver states, SLAM without them."""
         given: dict[MapName, PoseEstimates | None] = {"mapping": receiver, "slam": None}
+        channel = from_nodes(self, channel)
         found: dict[MapName, MapResult] = {}
         for name, states in given.items():
             kept = self.results.map_result(name)
             if kept is None or kept.problem:
                 check_estimates(channel, self.scene.standing_tx)
-                kept = self._map(channel, states)
+                kept = self._map(channel, states, receiver)
                 if states is None:
-                    published = published_poses(self.oracle.channel or channel, self.tx, self.config.slam)
+                    published = located_walks(self, self.oracle.channel or channel, receiver, published=True)[0]
                     kept = self._with_tracks(replace(kept, published=published), channel)
                 self.results.write_map(name, kept)
             found[name] = kept
@@ -198,14 +200,19 @@ class CampaignRun:
             return None
         return learned_mapping(self.config, channel, self.tx, receiver, self.heights)
 
-    def _map(self, channel: Sequence[ChannelEstimate], states: PoseEstimates | None) -> MapResult:
+    def _map(
+        self, channel: Sequence[ChannelEstimate], states: PoseEstimates | None, receiver: PoseEstimates
+    ) -> MapResult:
         """One map; where a user's function fails, what there is without it."""
         stops = [estimate.stop for estimate in channel]
         poses = unsolved_poses(stops, len(self.links)) if states is None else states
         ips = empty_record(IncidencePoints)
         try:
             mapping = self.learned_mapping(channel, states)
-            poses, ips = self.locate(channel, states, mapping)
+            if states is None:
+                poses, ips = located_walks(self, channel, receiver)
+            else:
+                poses, ips = self.locate(channel, states, mapping)
             return self.shape(channel, poses, ips, mapping)
         except EstimatorError as error:
             self._tell(error)
@@ -260,46 +267,37 @@ class CampaignRun:
         """The truths prepared for scoring, each with the view of its link."""
         views = [(significance(r.config, r.link), link_view(r.config, r.link, r.scene)) for r in self.links]
         for truth in truths:
-            link, (limits, view) = self.link_of(truth), views[truth.tx if len(views) > 1 else 0]
-            yield true_stop(truth, link.scene.tx, link.true_power_dbm(truth), limits, view)
+            link, (limits, view) = self.link_of(truth), views[self._row(truth)]
+            yield true_stop(truth, truth.tx_pose or link.scene.tx, link.true_power_dbm(truth), limits, view)
 
     def surveyed_receiver(self, truths: Iterable[Truth]) -> PoseEstimates:
         """The receiver states that mapping gets: the true ones with the errors of the survey."""
-        return known_receiver(with_surveyed_pose(self.config, truth) for truth in truths)
+        return known_receiver(with_surveyed_pose(self.link_of(truth).config, truth) for truth in truths)
 
     def true_power_dbm(self, truth: Truth) -> FloatArray:
         """Received power (path,) of the true paths in their best beam pairs."""
-        return best_beam_power_dbm(truth.paths, self.link, self.scene.tx, truth.rx_pose)
+        return best_beam_power_dbm(truth.paths, self.link, truth.tx_pose or self.scene.tx, truth.rx_pose)
 
     def link_of(self, truth: Truth) -> CampaignRun:
         """The run of the TX of a truth."""
-        return self.links[truth.tx if len(self.links) > 1 else 0]
+        return self.links[self._row(truth)]
+
+    def _row(self, truth: Truth) -> int:
+        return truth.tx if len(self.links) > 1 else 0
+
+    def links_at(self, stop: int) -> list[CampaignRun]:
+        """The runs of the links of a stop, in order."""
+        return [link for link in self.links if stop in link.chosen_stops]
 
     @cached_property
     def links(self) -> tuple[CampaignRun, ...]:
-        """A run for every TX; of a campaign with one TX this run itself."""
-        found = links_of(self.config, self.scene)
-        if found[0].config is self.config:
-            return (self,)
-        return tuple(
-            replace(
-                self,
-                config=link.config,
-                scene=link.scene,
-                results=self.results.of_tx(link.name) if len(found) > 1 else self.results,
-                stops=self.chosen_stops,
-                paths=[truth for truth in self.paths if truth.tx == number],
-                oracle=Oracle(),
-                whole=self,
-            )
-            for number, link in enumerate(found)
-        )
+        """A run for every TX or link; of a campaign with one TX this run itself."""
+        return runs_of_links(self)
 
     @cached_property
     def disturbers(self) -> tuple[CampaignRun, ...]:
         """The other TX that are heard in the sweeps of this one."""
-        others = () if self.whole is None else self.whole.links
-        return tuple(r for r in others if r is not self and is_heard(self.config, self.link, r.config, r.link))
+        return disturbing(self)
 
     @cached_property
     def tx(self) -> AnyTx:
@@ -310,8 +308,8 @@ class CampaignRun:
     def heights(self) -> KnownHeights | None:
         """The surveyed heights of the devices, where mapping and SLAM may use them."""
         rx_height_m = np.array([self.scene.stops[stop].position_m[2] for stop in self.chosen_stops])
-        poses, arrays = ([one.scene.tx for one in self.links], [one.config.tx_array for one in self.links])
-        return known_heights(self.config, poses, rx_height_m=rx_height_m, tx_arrays=arrays)
+        poses, arrays = ([one.scene.tx for one in self.links], [one.config.end_arrays for one in self.links])
+        return known_heights(self.config, poses, rx_height_m=rx_height_m, arrays=arrays)
 
     @cached_property
     def trajectory(self) -> TrajectoryConfig | None:

@@ -19,7 +19,8 @@ from scenes.config import SceneConfig, load_scene, referenced_contents, scene_pa
 from scenes.names import path_in
 from scenes.scene import Scene
 from scenes.toml_config import ConfigError, load_config, read_text, validate_config
-from sim.transmitters import ALL, first_tx, tx_links
+from sim.links import tx_links, with_link_stops
+from sim.transmitters import ALL, first_tx
 
 LIBRARY = Path(__file__).parent / "library"
 
@@ -169,9 +170,10 @@ def campaign_scene(config: CampaignConfig, scene_file: Path) -> Scene:
     """The scene of a campaign, materials at its carrier, with the TX and the walk that it names in use.
 
     Of several TX the first is in use. Raises `ConfigError` where the scene file is wrong, `ValueError` where it
-    has no TX or walk of that name and as `sim.transmitters.tx_links` does.
+    has no TX or walk of that name and as `sim.links.tx_links` does.
     """
     scene = scene_in_use(scene_file, config.waveform.carrier_ghz, first_tx(config), config.walk)
+    scene = with_link_stops(config, scene)
     tx_links(config, scene)
     return scene
 

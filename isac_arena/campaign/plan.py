@@ -1,21 +1,21 @@
 """The plan of a run: what is done, what is doubtful and what is refused, before the first stop is computed."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from isac_arena.campaign.chain import walk_settings
+from isac_arena.campaign.chain.inputs import walk_settings
 from isac_arena.campaign.config import CampaignConfig, methods
 from scenes.pose import SPEED_OF_LIGHT_M_S
 from scenes.record import concatenate
 from scenes.scene import Scene
 from scenes.walks.trajectory import LEAST_STOPS, follow_one_another
-from sim.config import ArrayConfig
+from sim.config import ArrayConfig, LinkKind
+from sim.links import TxLink, tx_links
 from sim.propagation.paths import Paths
 from sim.propagation.propagator import Propagator
 from sim.signal.link import Link, best_beam_power_dbm, line_of_sight_at_1m_dbm
-from sim.transmitters import tx_links
 
 MOST_STOPS = 60  # looked at, evenly over the walk
 LEAST_BIAS_M = 0.02  # of positions, from heights that the beams do not see: smaller ones are not told
@@ -24,6 +24,12 @@ COARSE = 4.0  # a delay cell of so many times the extent of an object shows it a
 LONGEST_LIST = 6  # names in a sentence
 ELEVATION_METHODS = "'coherent', 'incoherent' or 'auto'"
 SAMPLE_BYTES = 8
+ROLES = {
+    LinkKind.DOWNLINK: "downlink",
+    LinkKind.UPLINK: "uplink",
+    LinkKind.NODES: "node to node",
+    LinkKind.MONOSTATIC: "monostatic",
+}
 HEIGHTS = "see 'Heights' in the README for the settings that mend it"
 
 
@@ -54,30 +60,57 @@ def plan_run(config: CampaignConfig, scene: Scene, link: Link) -> RunPlan:
     """The plan of a campaign that passes `check_elevations`."""
     n_pairs = len(link.tx_codebook) * len(link.rx_codebook)
     megabytes = 1e-6 * SAMPLE_BYTES * n_pairs * link.prs_symbol.shape[1]
-    together = "all stops together" if walk_settings(config, scene.walk.positions_m()) else "every stop alone"
-    if function := config.functions.of("slam"):
-        together = f"all stops by {function.function}"
     links = tx_links(config, scene)
-    sweeps = f" of each of {len(links)} TX" if len(links) > 1 else ""
+    what = "links" if config.links else "TX"
+    sweeps = f" of each of {len(links)} {what}" if len(links) > 1 else ""
     does = (
         f"{len(scene.stops)} stops, {n_pairs} beam pairs{sweeps}, channel estimates by "
-        f"{methods(config)['channel']}, SLAM of {together}; {megabytes:.0f} MB of samples a stop"
+        f"{methods(config)['channel']}, {_slam_of(config, scene, links)}; {megabytes:.0f} MB of samples a stop"
+        f"{_roles(links) if config.links else ''}"
     )
     if config.propagation.deepmimo is not None:
         return RunPlan(does, tuple(_about_settings(config, scene)))
     step = -(-len(scene.stops) // MOST_STOPS)
-    by_tx = [_seen_paths(config, one.scene, step) for one in links]
-    of_any = [concatenate(parts, "path") for parts in zip(*by_tx, strict=True)]
-    in_sight = (*_about_heights(config, scene, link, by_tx[0], step), *_about_sight(scene, of_any, step))
+    by_tx = [_seen_paths(config, one, step) for one in links]
+    of_any = {stop: [seen[stop] for seen in by_tx if stop in seen] for stop in range(0, len(scene.stops), step)}
+    seen = {stop: concatenate(parts, "path") for stop, parts in of_any.items()}
+    walks = links[0].config.role.receiver is None
+    heights = _about_heights(config, scene, link, by_tx[0]) if walks else ()
+    in_sight = (*heights, *_about_sight(scene, seen))
     return RunPlan(does, (*_about_settings(config, scene), *in_sight, *_about_cells(scene, link)))
 
 
-def _seen_paths(config: CampaignConfig, scene: Scene, step: int) -> list[Paths]:
-    """Line of sight and single reflections at every step-th stop."""
+def _slam_of(config: CampaignConfig, scene: Scene, links: Sequence[TxLink[CampaignConfig]]) -> str:
+    """What SLAM does: fixed nodes have known poses, and are not asked for theirs."""
+    walking = sorted({stop for link in links if link.config.role.receiver is None for stop in link.stops})
+    if not walking:
+        return "no SLAM: all poses are those of fixed nodes"
+    if function := config.functions.of("slam"):
+        return f"SLAM of all stops by {function.function}"
+    together = walk_settings(config, scene.walk.positions_m()[walking])
+    n_nodes = len(scene.stops) - len(walking)
+    rest = f" but the {n_nodes} at fixed nodes" if n_nodes else ""
+    return f"SLAM of all stops{rest} together" if together else f"SLAM of every stop{rest} alone"
+
+
+def _roles(links: Sequence[TxLink[CampaignConfig]]) -> str:
+    """The links of every kind."""
+    parts = []
+    for kind in LinkKind:
+        names = [link.name for link in links if link.config.role.kind == kind]
+        if names:
+            parts.append(f"{ROLES[kind]} {_listed(names)}")
+    return "; links: " + "; ".join(parts)
+
+
+def _seen_paths(config: CampaignConfig, link: TxLink[CampaignConfig], step: int) -> dict[int, Paths]:
+    """Line of sight and single reflections at every step-th stop that a link has, by the stop."""
+    scene = link.scene
     changes = {"max_bounces": min(1, config.propagation.max_bounces), "diffuse_samples": 0, "diffraction": False}
     propagation = config.propagation.model_copy(update=changes)
     propagator = Propagator(scene, config.waveform.carrier_ghz * 1e9, propagation)
-    return [propagator.paths(pose.position_m) for pose in scene.stops[::step]]
+    stops = [stop for stop in range(0, len(scene.stops), step) if stop in link.stops]
+    return {stop: propagator.paths(scene.stops[stop].position_m) for stop in stops}
 
 
 def _about_settings(config: CampaignConfig, scene: Scene) -> Iterator[str]:
@@ -120,15 +153,17 @@ def _height_bias_m(scene: Scene) -> tuple[float, float]:
     return float(np.median(excess)), float(np.abs(offset[:, 2]).max())
 
 
-def _about_sight(scene: Scene, seen: list[Paths], step: int) -> Iterator[str]:
+def _about_sight(scene: Scene, seen: dict[int, Paths]) -> Iterator[str]:
     """Stops that receive nothing, and objects and meshes that reflect to no stop."""
-    stops = range(0, len(scene.stops), step)
-    dark = [stop for stop, paths in zip(stops, seen, strict=True) if not len(paths)]
+    dark = [stop for stop, paths in seen.items() if not len(paths)]
     if dark:
         yield f"no line of sight and no single reflection reaches stop {_listed(map(str, dark))}"
     names = np.array([*scene.object_names, *(mesh.name for mesh in scene.clutter)])
     reflecting = {
-        str(paths.object_name[item]) for paths in seen for item in np.unique(paths.bounce_object) if item >= 0
+        str(paths.object_name[item])
+        for paths in seen.values()
+        for item in np.unique(paths.bounce_object)
+        if item >= 0
     }
     unseen = [name for name in names.tolist() if name not in reflecting]
     meshes = [mesh.name for mesh in scene.clutter if mesh.name in unseen]
@@ -142,15 +177,13 @@ def _about_sight(scene: Scene, seen: list[Paths], step: int) -> Iterator[str]:
         )
 
 
-def _about_heights(
-    config: CampaignConfig, scene: Scene, link: Link, seen: list[Paths], step: int
-) -> Iterator[str]:
+def _about_heights(config: CampaignConfig, scene: Scene, link: Link, seen: dict[int, Paths]) -> Iterator[str]:
     """Lines of sight that the beams pass above or below, and those behind the panels."""
     level_dbm = line_of_sight_at_1m_dbm(config)
     reflection_db = config.channel.los.reflection_loss_db  # a line of sight with this loss is taken for a bounce
     passed: dict[str, float] = {}
     behind: list[str] = []
-    for stop, paths in zip(range(0, len(scene.stops), step), seen, strict=True):
+    for stop, paths in seen.items():
         los = paths.take("path", paths.is_los)
         if not len(los):
             continue

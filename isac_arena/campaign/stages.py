@@ -11,7 +11,7 @@ from rich.console import Console
 from estimation.channel.record import EstimateStatus
 from estimation.slam.transmitters import joined_paths
 from isac_arena.campaign.campaign import Campaign, campaign_store, link_stores, load_campaign
-from isac_arena.campaign.chain import known_receiver
+from isac_arena.campaign.chain.inputs import known_receiver
 from isac_arena.campaign.directory import CampaignStore, StopEstimate, check_is_campaign, open_campaign
 from isac_arena.campaign.files import read_attribute
 from isac_arena.campaign.lock import one_run
@@ -33,10 +33,10 @@ from isac_arena.user_functions.room import check_functions
 from isac_arena.workers.stops import StopMakers, StopRun, campaign_run, make_stops, stop_run
 from scenes.scene import Scene
 from sim.clock import checked_clock
+from sim.links import link_nodes, tx_links
 from sim.signal.demand import ask_sample_memory
 from sim.signal.hardware.apply_impairments import with_surveyed_pose
 from sim.signal.link import make_link
-from sim.transmitters import chosen_tx
 from sim.truth import Truth
 
 console = Console(highlight=False)
@@ -241,11 +241,11 @@ def write_report(store: CampaignStore, plan: RunPlan | None = None) -> None:
     with working(console, "report"):
         metrics = score_metrics if store.measured is None else measured_metrics
         scores = Scores(metrics(scene, tables), tables)
-        txs = chosen_tx(store.config, scene)
+        txs = link_nodes(store.config, scene)
         figures = make_figures(scene, results, scores, txs=txs)
         facts = run_facts(store.config, scene, store.measured, _failures(results))
         if len(txs) > 1:
-            facts |= {f"TX {one.name}": one.text for one in tx_shares(txs, results.mapping, tables)}
+            facts |= {f"TX {one.name}": one.text for one in tx_shares(list(txs), results.mapping, tables)}
         plan = plan or (run_plan(store) if store.measured is None else None)
         if plan and plan.doubts:
             facts["Doubtful"] = "\n".join(f"• {doubt}" for doubt in plan.doubts)
@@ -269,7 +269,7 @@ def _page_payload(
     name, n_stops = store.config.name, len(scene.stops)
     truths = stored_truths(store, n_stops) if store.measured is None else ()
     check_unchanged(store.directory / BUDGET_FILE.parent, [BUDGET_FILE.name])
-    budget, txs = read_budget(store.directory, name), chosen_tx(store.config, scene)
+    budget, txs = read_budget(store.directory, name), link_nodes(store.config, scene)
     return report_payload(name, scene, results, tables, truths, budget, txs)
 
 
@@ -282,10 +282,12 @@ def scores_of(store: CampaignStore, scene: Scene, results: CampaignResults) -> S
 
 
 def stored_truths(store: CampaignStore, n_stops: int) -> Iterator[Truth]:
-    """The stored truth of every stop, of several TX one after the other; `ValueError` where one is missing."""
+    """The stored truth of every stop, of several links one after the other; `ValueError` where one is missing."""
     stores = link_stores(store)
     for stop in range(n_stops):
-        for number, each in enumerate(stores):
+        for number, (each, stops) in enumerate(stores):
+            if stop not in stops:
+                continue
             what = f"the truth of stop {stop} ({each.stop_file('truth', stop)})"
             yield replace(_present(store, each.truth(stop), what, "generate"), tx=number)
 
@@ -300,7 +302,8 @@ def known_stops(store: CampaignStore, n_stops: int) -> Iterator[Truth] | Iterato
     """Input of mapping at every stop: the measured pose, or the true one with the errors of its survey."""
     if store.measured is not None:
         return measured_truths(store, n_stops)
-    return (with_surveyed_pose(store.config, truth) for truth in stored_truths(store, n_stops))
+    configs = [link.config for link in tx_links(store.config, store.scene)]
+    return (with_surveyed_pose(configs[truth.tx], truth) for truth in stored_truths(store, n_stops))
 
 
 def channel_estimates(store: CampaignStore, n_stops: int) -> Iterator[StopEstimate]:
@@ -310,11 +313,14 @@ def channel_estimates(store: CampaignStore, n_stops: int) -> Iterator[StopEstima
     """
     stores = link_stores(store)
     for stop in range(n_stops):
-        parts = []
-        for each in stores:
+        parts: dict[int, StopEstimate] = {}
+        for number, (each, stops) in enumerate(stores):
+            if stop not in stops:
+                continue
             what = f"the channel estimate of stop {stop} ({each.stop_file('channel', stop)})"
-            parts.append(_present(store, each.channel(stop), what, "estimate"))
-        yield replace(parts[0], channel=joined_paths([part.channel.reported for part in parts]))
+            parts[number] = _present(store, each.channel(stop), what, "estimate")
+        joined = joined_paths({number: part.channel.reported for number, part in parts.items()})
+        yield replace(next(iter(parts.values())), channel=joined)
 
 
 def stored_results(store: CampaignStore, n_stops: int) -> CampaignResults:

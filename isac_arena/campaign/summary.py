@@ -12,7 +12,7 @@ import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
-from isac_arena.campaign.chain import walk_settings
+from isac_arena.campaign.chain.inputs import walk_settings
 from isac_arena.campaign.config import CampaignConfig, methods
 from isac_arena.scoring.headline import HEADS, headline
 from isac_arena.scoring.score import Scores

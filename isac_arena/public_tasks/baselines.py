@@ -8,7 +8,8 @@ import numpy as np
 
 from estimation.channel.estimate import estimate_channel
 from estimation.channel.record import EstimateStatus, empty_estimate
-from isac_arena.campaign.chain import known_receiver, make_map, unsolved_poses
+from isac_arena.campaign.chain.inputs import known_receiver, unsolved_poses
+from isac_arena.campaign.chain.maps import make_map
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.results import CampaignResults, MapResult
 from isac_arena.exchange.path_columns import Columns

@@ -15,7 +15,7 @@ import numpy as np
 import shapely
 
 from estimation.channel.record import AngleKind, ChannelEstimate
-from isac_arena.campaign.chain import significance
+from isac_arena.campaign.chain.inputs import significance
 from isac_arena.public_tasks.making import SealedScene, Stage
 from isac_arena.public_tasks.submissions import Submission
 from isac_arena.scoring.link_view import link_view

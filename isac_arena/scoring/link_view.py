@@ -54,7 +54,7 @@ class LinkView:
     """The beams as built, the band with the estimator's window, and whether beam pairs keep their phases."""
 
     link: Link
-    tx_pose: Pose  # the true one
+    tx_pose: Pose  # the true one of what stands: of an uplink the receiver's
     tx_built: Codebook
     rx_built: Codebook
     window: FloatArray  # (subcarrier,) weights of the estimator over the band
@@ -63,6 +63,12 @@ class LinkView:
     set_up: Consider  # errors of the set-up that no estimator can see
     tx: Manifold = field(repr=False)
     rx: Manifold = field(repr=False)
+
+    def ends(self, truth: Truth) -> tuple[Pose, Pose]:
+        """The true poses of TX and RX."""
+        if truth.tx_pose is None:
+            return self.tx_pose, truth.rx_pose
+        return truth.tx_pose, self.tx_pose
 
     def estimated_cells(self, estimate: ChannelEstimate) -> Cells:
         """The cells of estimated paths: the best nominal beams at their angles."""
@@ -77,8 +83,8 @@ class LinkView:
 
     def cell_amplitudes(self, truth: Truth, cells: Cells) -> ComplexArray:
         """Amplitude (cell, path) in sqrt(mW) of every true path in every cell: responses of beams and band."""
-        tx = beam_response(self.tx_built, *_departure(truth.paths, self.tx_pose))
-        rx = beam_response(self.rx_built, *_arrival(truth.paths, truth.rx_pose))
+        tx = beam_response(self.tx_built, *_departure(truth.paths, self.ends(truth)[0]))
+        rx = beam_response(self.rx_built, *_arrival(truth.paths, self.ends(truth)[1]))
         frequency_hz = self.link.frequency_offset_hz
         filters = np.exp(2j * np.pi * cells.delay_s[:, None] * frequency_hz) * self.window / self.window.sum()
         delay_s = truth.paths.delay_s + truth.clock_bias_s
@@ -122,7 +128,7 @@ class LinkView:
 
     def seen_paths(self, truth: Truth) -> tuple[FloatArray, FloatArray, FloatArray, ComplexArray]:
         """Delays, departures and arrivals (path, angle) as the beams observe them, and amplitudes in sqrt(mW)."""
-        return _seen_paths(self.link, (self.tx, self.rx), truth.paths, (self.tx_pose, truth.rx_pose))
+        return _seen_paths(self.link, (self.tx, self.rx), truth.paths, self.ends(truth))
 
     def waves(self, truth: Truth) -> tuple[ComplexArray, ComplexArray, ComplexArray, ComplexArray]:
         """Factors of the waves of true paths over TX beams, RX beams and subcarriers, and amplitudes in sqrt(mW).
@@ -130,8 +136,8 @@ class LinkView:
         (path, beam), (path, beam) over the noise amplitude, (path, subcarrier) and (path,).
         """
         paths, link = truth.paths, self.link
-        tx = beam_response(link.tx_codebook, *_departure(paths, self.tx_pose)).T
-        rx = beam_response(link.rx_codebook, *_arrival(paths, truth.rx_pose)).T / self.noise_amplitude
+        tx = beam_response(link.tx_codebook, *_departure(paths, self.ends(truth)[0])).T
+        rx = beam_response(link.rx_codebook, *_arrival(paths, self.ends(truth)[1])).T / self.noise_amplitude
         wave = np.exp(-2j * np.pi * paths.delay_s[:, None] * link.frequency_offset_hz)
         return tx, rx, wave, np.asarray(np.sqrt(link.tx_power_mw) * paths.gain)
 
@@ -143,8 +149,8 @@ class LinkView:
     def cones(self, truth: Truth) -> tuple[Cones, Cones]:
         """Cone angles of true departures and arrivals, each about the panel of the strongest nominal beam."""
         return (
-            _cones(self.link.tx_codebook, *_departure(truth.paths, self.tx_pose)),
-            _cones(self.link.rx_codebook, *_arrival(truth.paths, truth.rx_pose)),
+            _cones(self.link.tx_codebook, *_departure(truth.paths, self.ends(truth)[0])),
+            _cones(self.link.rx_codebook, *_arrival(truth.paths, self.ends(truth)[1])),
         )
 
     def in_front(self, parameters: FloatArray) -> FloatArray:
@@ -165,8 +171,8 @@ class LinkView:
         return _peak(self.tx_built), _peak(self.rx_built)
 
     def _amplitudes(self, truth: Truth) -> tuple[FloatArray, FloatArray]:
-        tx = beam_response(self.tx_built, *_departure(truth.paths, self.tx_pose))
-        return np.abs(tx), np.abs(beam_response(self.rx_built, *_arrival(truth.paths, truth.rx_pose)))
+        tx = beam_response(self.tx_built, *_departure(truth.paths, self.ends(truth)[0]))
+        return np.abs(tx), np.abs(beam_response(self.rx_built, *_arrival(truth.paths, self.ends(truth)[1])))
 
 
 def link_view(config: CampaignConfig, link: Link, scene: Scene) -> LinkView:

@@ -204,7 +204,8 @@ def _score_poses(
     return score_both_poses(
         slam,
         stop=scored,
-        true_pose=[each[0].truth.rx_pose for each in links],
+        tx={each[0].truth.stop: each[0].truth.tx for each in links},
+        true_pose=[each[0].truth.stop_pose for each in links],
         true_clock_bias_s=np.array([each[0].truth.clock_bias_s for each in links]),
         has_los=np.isin(scored, significant.stop[significant.kind == PathKind.LOS]),
         bound=pose_bounds(scene, links),

@@ -10,7 +10,7 @@ import numpy as np
 from estimation.channel.beam_power_map import beam_power_map
 from isac_arena.campaign import stages
 from isac_arena.campaign.campaign import link_stores
-from isac_arena.campaign.chain import known_receiver
+from isac_arena.campaign.chain.inputs import known_receiver
 from isac_arena.campaign.directory import CampaignStore, StopEstimate, open_campaign
 from isac_arena.campaign.driver import CampaignRun
 from isac_arena.campaign.results import MapName, MemoryResults
@@ -77,7 +77,7 @@ def _stops(store: CampaignStore, scene: Scene, stops: Sequence[int]) -> Iterator
     run = CampaignRun(store.config, scene, results, stops, on_failure=_go_on)
     stores = link_stores(store)
     for traced in run.truths():
-        stop, own = traced.stop, stores[traced.tx if len(stores) > 1 else 0]
+        stop, (own, _) = traced.stop, stores[traced.tx if len(stores) > 1 else 0]
         truth = own.truth(stop)
         if truth is None:
             raise ValueError(f"{store.directory}: the truth of stop {stop} is missing")

@@ -87,7 +87,8 @@ class StopRun:
             store.has_truth(stop)
             and (not work.keeps_sweeps or store.has_sweep(stop))
             and (not work.estimates or (not work.again and store.has_channel(stop)))
-            for store in link_stores(self.store)
+            for store, stops in link_stores(self.store)
+            if stop in stops
         )
 
     def make(self, stop: int) -> MadeStop:
@@ -98,7 +99,9 @@ class StopRun:
                 self.run.estimate_sweep(recorded)
             return MadeStop(TraceCounts(), self.failures[0] if self.failures else None)
         counts = TraceCounts()
-        for store, link in zip(link_stores(self.store), self.run.links, strict=True):
+        for (store, stops), link in zip(link_stores(self.store), self.run.links, strict=True):
+            if stop not in stops:
+                continue
             counts += self._make(stop, store, link)
         return MadeStop(counts, self.failures[0] if self.failures else None)
 

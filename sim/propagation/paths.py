@@ -136,6 +136,24 @@ def with_bounce_slots(paths: Paths, n_slots: int) -> Paths:
     return replace(paths, **changes)
 
 
+def reversed_paths(paths: Paths) -> Paths:
+    """The paths (without rates) from the other end: the gain between equal elements is the same both ways."""
+    slot = np.arange(paths.size("bounce"))
+    used = paths.n_interactions[:, None]
+    order = np.where(slot < used, used - 1 - slot, slot)
+    return replace(
+        paths,
+        aod_azimuth_rad=paths.aoa_azimuth_rad,
+        aod_elevation_rad=paths.aoa_elevation_rad,
+        aoa_azimuth_rad=paths.aod_azimuth_rad,
+        aoa_elevation_rad=paths.aod_elevation_rad,
+        bounce_kind=np.take_along_axis(paths.bounce_kind, order, axis=1),
+        bounce_object=np.take_along_axis(paths.bounce_object, order, axis=1),
+        vertex_m=np.take_along_axis(paths.vertex_m, order[:, :, None], axis=1),
+        rates=None,
+    )
+
+
 def empty_paths(object_name: TextArray | list[str], n_slots: int = 1) -> Paths:
     """A record of zero paths in a scene with these objects."""
     none = np.zeros(0)

@@ -9,11 +9,11 @@ from scenes.config import load_scene
 from scenes.pose import Pose
 from scenes.scene import Scene
 from sim.config import ArrayConfig, PropagationConfig, SimulationConfig, WaveformConfig
+from sim.links import TxLink, tx_links
 from sim.signal.crosstalk import meeting_beams, meeting_symbols
 from sim.signal.link import make_link
 from sim.signal.waveform.config import ScheduleConfig
 from sim.simulate import OtherTx, clean_samples, clock_biases_s, observe, simulate_truth
-from sim.transmitters import TxLink, tx_links
 
 SMALL = ArrayConfig(rows=1, columns=4, beams_per_panel=3)
 WIDE = ArrayConfig(rows=1, columns=2, beams_per_panel=2, panel_azimuth_deg=[0.0, 180.0])

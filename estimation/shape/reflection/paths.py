@@ -16,6 +16,7 @@ from estimation.slam.transmitters import AnyTx, Transmitters, of_tx, rows_of_tx,
 from scenes.pose import SPEED_OF_LIGHT_M_S
 from scenes.record import FloatArray, IntArray, concatenate
 
+KNOWN_CLOCK_STD_NS = 1e-3  # of a device that hears itself: one clock sends and receives
 _TO_METRES = np.array([1.0, 1.0, 1.0, SPEED_OF_LIGHT_M_S])
 
 
@@ -117,8 +118,11 @@ def _all_paths(
     config: ContourConfig,
 ) -> tuple[Reflections, list[tuple[int, int]]]:
     """Paths of the solved stops, all in one session, with the stop and the index of each."""
+    every = transmitters_of(tx_pose)
     if poses.n_tx > 1:
-        return _paths_by_tx(channel, transmitters_of(tx_pose), poses, noise, config)
+        return _paths_by_tx(channel, every, poses, noise, config)
+    if every.hears_itself is not None and every.hears_itself[0]:
+        config = config.model_copy(update={"survey_clock_std_ns": KNOWN_CLOCK_STD_NS})
     state = np.column_stack([poses.position_m, poses.heading_rad, SPEED_OF_LIGHT_M_S * poses.clock_bias_s])
     solved = (poses.status != SolveStatus.FAILED) & np.isfinite(state).all(axis=1)
     estimate = {item.stop: item for item in channel}
@@ -129,7 +133,7 @@ def _all_paths(
     data = Reflections(
         measured=np.concatenate([np.zeros((0, 3)), *(part[0] for part in parts)]),
         covariance=np.concatenate([np.zeros((0, 3, 3)), *(part[1] for part in parts)]),
-        tx=np.tile(transmitters_of(tx_pose).rows[0], (n, 1)),
+        tx=np.tile(every.rows[0], (n, 1)),
         rx_state=state[row],
         rx_covariance=_pose_covariance(poses, config)[row],
         session=np.zeros(n, dtype=np.int64),
@@ -148,8 +152,8 @@ def _paths_by_tx(
     """`_all_paths` of several TX, one TX after the other."""
     parts: list[Reflections] = []
     keys: list[tuple[int, int]] = []
-    for index, pose in enumerate(every.poses):
-        data, key = _all_paths(of_tx(channel, index), pose, poses.of_tx(index), noise, config)
+    for index in range(len(every)):
+        data, key = _all_paths(of_tx(channel, index), every.alone(index), poses.of_tx(index), noise, config)
         rows = dict(zip((item.stop for item in channel), rows_of_tx(channel, index), strict=True))
         parts.append(replace(data, clock=np.full(len(data), index)))
         keys += [(stop, int(rows[stop][path])) for stop, path in key]

@@ -14,7 +14,7 @@ from rich.table import Table
 
 from estimation.slam.bounds import StateBound
 from isac_arena.campaign.campaign import Campaign
-from isac_arena.campaign.chain import significance
+from isac_arena.campaign.chain.inputs import significance
 from isac_arena.campaign.driver import CampaignRun
 from isac_arena.insight.bounds.position import QUANTITIES, PlanGrid
 from isac_arena.report.figures.bound import BoundMap

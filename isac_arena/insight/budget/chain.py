@@ -7,7 +7,7 @@ import numpy as np
 
 from estimation.channel.record import ChannelEstimate
 from estimation.slam.record import IncidencePoints, PoseEstimates
-from isac_arena.campaign.chain import known_receiver
+from isac_arena.campaign.chain.inputs import known_receiver
 from isac_arena.campaign.driver import CampaignRun
 from isac_arena.campaign.results import Oracle
 from isac_arena.insight.budget.oracles import (

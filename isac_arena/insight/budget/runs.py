@@ -10,7 +10,7 @@ import numpy as np
 from rich.console import Console
 
 from isac_arena.campaign.campaign import campaign_store, load_campaign
-from isac_arena.campaign.chain import significance
+from isac_arena.campaign.chain.inputs import significance
 from isac_arena.campaign.directory import CampaignStore
 from isac_arena.campaign.driver import CampaignRun
 from isac_arena.campaign.integrity import code_digest, digest

@@ -1,6 +1,6 @@
 """What each of several TX shows: paths, incidence points, and the parts of the contours that it saw."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +16,7 @@ from scenes.record import BoolArray, FloatArray
 from scenes.scene import Scene
 
 TX_COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+LEGEND_COLUMNS = 4
 OFFSET_M = 0.08  # of the line of a TX from the contour, times its number
 
 
@@ -64,23 +65,26 @@ def tx_shares(names: Sequence[str], result: MapResult, tables: ScoreTables) -> l
 
 
 @styled
-def by_tx_figure(scene: Scene, names: Sequence[str], result: MapResult) -> Figure:
-    """Plan with the incidence points in the colour of their TX, and a line along what it saw of each contour."""
+def by_tx_figure(scene: Scene, txs: Mapping[str, str], result: MapResult) -> Figure:
+    """Plan with the incidence points in the colour of their TX, and a line along what it saw of each contour.
+
+    `txs` are the TX of the scene by the names of their links.
+    """
     figure = new_figure(8.4, 6.4)
     ax = figure.subplots()
     draw_plan(ax, scene, labels=False, extent="all")
     ips = result.ips
     handles = []
-    for tx, name in enumerate(names):
+    for tx, (name, node) in enumerate(txs.items()):
         color = TX_COLORS[tx % len(TX_COLORS)]
         ax.plot(*ips.position_m[ips.is_inlier & (ips.tx == tx)].T, ".", color=color, markersize=3.0, zorder=3)
-        ax.plot(*scene.txs[name].position_m[:2], "D", color=color, markeredgecolor="black", markersize=7, zorder=7)
+        ax.plot(*scene.txs[node].position_m[:2], "D", color=color, markeredgecolor="black", markersize=7, zorder=7)
         handles.append(Line2D([], [], marker="D", color=color, markeredgecolor="black", label=name))
         for row in _closed(result):
             line = offset_outline(result.contours.contour_m[row], OFFSET_M * (tx + 1))
-            line[~_seen_by_tx(result, row, len(names))[tx]] = np.nan
+            line[~_seen_by_tx(result, row, len(txs))[tx]] = np.nan
             ax.plot(*line.T, color=color, linewidth=2.0, zorder=5)
-    legend_below(figure, handles, len(names))
+    legend_below(figure, handles, min(len(txs), LEGEND_COLUMNS))
     return figure
 
 

@@ -1,6 +1,6 @@
 """All figures of a report with their captions."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
@@ -43,19 +43,20 @@ def make_figures(
     results: CampaignResults,
     scores: Scores,
     power_map_stop: int | None = None,
-    txs: Sequence[str] = (),
+    txs: Mapping[str, str] | None = None,
 ) -> dict[str, ReportFigure]:
     """All figures of a campaign by name, in the order of the report.
 
     `power_map_stop` is the stop whose power map is shown: by default the stop with the most detected paths. A
-    measured campaign has no power maps and no errors of its channel parameters. `txs` are the names of several TX.
+    measured campaign has no power maps and no errors of its channel parameters. `txs` are the TX of
+    the scene by the names of their links.
 
     Raises `ValueError` where the stop has no power map.
     """
     tables = scores.tables
     figures = [
         _map(scene, results, tables),
-        *_by_tx(scene, txs, results),
+        *_by_tx(scene, txs or {}, results),
         *_channel(results, tables, power_map_stop),
         _surface_distances(tables),
         _pose_errors(tables),
@@ -77,7 +78,7 @@ def _map(scene: Scene, results: CampaignResults, tables: ScoreTables) -> ReportF
     return ReportFigure("map", "map", "Maps", caption, map_figure(scene, results, tables))
 
 
-def _by_tx(scene: Scene, txs: Sequence[str], results: CampaignResults) -> Iterator[ReportFigure]:
+def _by_tx(scene: Scene, txs: Mapping[str, str], results: CampaignResults) -> Iterator[ReportFigure]:
     if len(txs) > 1:
         caption = (
             "Mapping with the true receiver pose: incidence points in the colour of the TX that they come from. A "

@@ -46,11 +46,11 @@ class TrueStop:
     view: LinkView | None
 
 
-def device_parameters(truth: Truth, tx_pose: Pose) -> FloatArray:
+def device_parameters(truth: Truth, tx_pose: Pose, rx_pose: Pose | None = None) -> FloatArray:
     """True (delay in s with the clock bias, AoD in the TX frame, AoA in the RX frame) (path, 3)."""
     paths = truth.paths
     aod_rad = wrap_angle(paths.aod_azimuth_rad - tx_pose.heading_rad)
-    aoa_rad = wrap_angle(paths.aoa_azimuth_rad - truth.rx_pose.heading_rad)
+    aoa_rad = wrap_angle(paths.aoa_azimuth_rad - (rx_pose or truth.rx_pose).heading_rad)
     return np.stack([paths.delay_s + truth.clock_bias_s, aod_rad, aoa_rad], axis=-1)
 
 
@@ -67,7 +67,7 @@ def true_stop(
 ) -> TrueStop:
     """Prepare one stop; `power_dbm` (path,) is the received power of the true paths in their best beam pairs."""
     significant = np.flatnonzero(significant_paths(truth.paths, power_dbm, limits))
-    parameters = device_parameters(truth, tx_pose if view is None else view.tx_pose)
+    parameters = device_parameters(truth, *((tx_pose,) if view is None else view.ends(truth)))
     cone_rad, covariance, bounds = parameters[:, 1:], np.full((len(significant), 3, 3), np.nan), None
     is_separable, share_of_cell = np.ones(len(significant), bool), np.full(len(significant), np.nan)
     if view is not None:

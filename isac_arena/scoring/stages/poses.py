@@ -1,7 +1,7 @@
 """Scores of the receiver poses and clock that SLAM found."""
 
-from collections.abc import Sequence
-from dataclasses import fields
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -24,17 +24,31 @@ from isac_arena.scoring.metrics.trajectories import absolute_errors, relative_er
 from isac_arena.scoring.record import PathKind, PoseScores
 from isac_arena.scoring.stages.channel import TrueStop
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose, wrap_angle
-from scenes.record import BoolArray, FloatArray, IntArray, empty_record
+from scenes.record import BoolArray, FloatArray, IntArray, concatenate, empty_record
 from scenes.scene import Scene
 from sim.truth import Truth
 
 
-def score_both_poses(slam: MapResult, **truth: Any) -> tuple[PoseScores, PoseScores]:
-    """Tables of the poses of SLAM and of those by the published algorithm; arguments as `score_poses`."""
+def score_both_poses(
+    slam: MapResult, tx: Mapping[int, int] | None = None, **truth: Any
+) -> tuple[PoseScores, PoseScores]:
+    """Tables of the poses of SLAM and of those by the published algorithm; arguments as `score_poses`.
+
+    `tx` is the index of the TX at every stop that clocks are against, by default the first.
+    """
     published = empty_record(PoseScores)
     if slam.published is not None:
-        published = score_poses(estimate=slam.published, **truth)
-    return score_poses(estimate=slam.poses.of_tx(0), **truth), published
+        published = score_poses(estimate=_against(slam.published, tx or {}), **truth)
+    return score_poses(estimate=_against(slam.poses, tx or {}), **truth), published
+
+
+def _against(poses: PoseEstimates, tx: Mapping[int, int]) -> PoseEstimates:
+    """The states with the clock bias against one TX of every stop, by default the first."""
+    if poses.n_tx == 1:
+        return poses
+    against = np.array([tx.get(int(stop), 0) for stop in poses.stop], int)
+    parts = [poses.of_tx(each).take("stop", against == each) for each in np.unique(against).tolist()]
+    return concatenate(parts, "stop")
 
 
 def score_poses(
@@ -115,12 +129,22 @@ def unknown_bound(n_stops: int) -> StateBound:
 def _pose_bound(scene: Scene, links: Sequence[TrueStop]) -> StateBound:
     if any(link.view is None for link in links):
         return StateBound(*np.full(3, np.nan))
+    links = [from_node(link) for link in links]
     covariance = state_covariance(shared_pose_information([pose_information(scene, link) for link in links]))
     first = links[0]
     if first.view is not None:
         from_tx = first.truth.rx_pose.position_m - first.tx_pose.position_m
         covariance[:4, :4] += first.view.set_up.covariance(from_tx[:2])
     return state_bound(covariance)
+
+
+def from_node(stop: TrueStop) -> TrueStop:
+    """What a bound of the state at a stop takes, with departures at the fixed node, whichever end sends."""
+    truth = stop.truth.from_node
+    if truth is stop.truth:
+        return stop
+    turned = stop.covariance[:, [0, 2, 1]][:, :, [0, 2, 1]]
+    return replace(stop, truth=truth, tx_pose=stop.truth.rx_pose, covariance=turned)
 
 
 def pose_information(scene: Scene, stop: TrueStop) -> FloatArray:
@@ -150,7 +174,11 @@ def true_state(truth: Truth) -> FloatArray:
 
 
 def pose_metrics(poses: PoseScores) -> list[Metric]:
-    """Scores of the trajectory, then of all stops and of those with and without a significant true LOS."""
+    """Scores of the trajectory, then of all stops and of those with and without a significant true LOS.
+
+    Stops whose states are given, as those of fixed nodes, are not among them.
+    """
+    poses = poses.take("stop", poses.status != SolveStatus.GIVEN)
     metrics = [
         *_trajectory_metrics(poses),
         *consistency_metrics("slam", poses.nees, 4),
@@ -178,6 +206,7 @@ def pose_metrics(poses: PoseScores) -> list[Metric]:
 
 def published_metrics(poses: PoseScores) -> list[Metric]:
     """Scores of the published algorithm on the same channel estimates; NaN where it was not run."""
+    poses = poses.take("stop", poses.status != SolveStatus.GIVEN)
     solved = poses.status != SolveStatus.FAILED
     return [
         Metric("published.solved_share", mean(solved), "1", "higher"),

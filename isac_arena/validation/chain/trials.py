@@ -11,7 +11,7 @@ import numpy as np
 
 from estimation.channel.record import ChannelEstimate
 from estimation.slam.config import TrajectoryConfig
-from isac_arena.campaign.chain import significance
+from isac_arena.campaign.chain.inputs import significance
 from isac_arena.campaign.driver import CampaignRun
 from isac_arena.scoring.link_view import link_view
 from isac_arena.scoring.metrics.statistics import maximum, rms

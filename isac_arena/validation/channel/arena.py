@@ -17,7 +17,7 @@ from estimation.channel.model.apparent import apparent_angles
 from estimation.channel.model.crb import joint_loss_db, path_information, path_snr_db
 from estimation.channel.model.manifold import Manifold
 from estimation.channel.record import ChannelEstimate
-from isac_arena.campaign.chain import user_estimator
+from isac_arena.campaign.chain.inputs import user_estimator
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.scoring.link_view import resolution_cell
 from isac_arena.validation.channel.matching import Estimator, false_row, rate_row

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from estimation.channel.estimate import estimate_channel
-from isac_arena.campaign.chain import user_estimator
+from isac_arena.campaign.chain.inputs import user_estimator
 from isac_arena.validation.channel import matching
 from isac_arena.validation.measurement import Measurement
 from isac_arena.validation.scenarios import link_bench

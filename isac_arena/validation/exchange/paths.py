@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 from pyarrow.csv import write_csv
 
-from isac_arena.campaign.chain import known_receiver
+from isac_arena.campaign.chain.inputs import known_receiver
 from isac_arena.campaign.directory import CampaignStore, open_campaign
 from isac_arena.campaign.results import MapResult
 from isac_arena.exchange.mat import read_layout

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from estimation.channel.record import ChannelEstimate
 from isac_arena.campaign.campaign import load_campaign
-from isac_arena.campaign.chain import campaign_tracks
+from isac_arena.campaign.chain.maps import campaign_tracks
 from isac_arena.campaign.driver import CampaignRun
 from isac_arena.campaign.results import CampaignResults
 from isac_arena.validation.measurement import Measurement, at_most

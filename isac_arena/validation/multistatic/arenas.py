@@ -15,7 +15,7 @@ from estimation.shape.config import ContourConfig
 from estimation.slam.record import PoseEstimates
 from estimation.slam.transmitters import joined_paths
 from isac_arena.campaign.campaign import Campaign, load_campaign
-from isac_arena.campaign.chain import known_receiver
+from isac_arena.campaign.chain.inputs import known_receiver
 from isac_arena.insight.bounds.signal import LinkBounds
 from isac_arena.insight.placement.candidates import Candidate
 from isac_arena.scoring.stages.poses import plane_paths

@@ -9,7 +9,8 @@ from estimation.shape.record import Contours
 from estimation.slam.record import PoseEstimates
 from estimation.slam.stops import run_slam
 from isac_arena.campaign.campaign import Campaign
-from isac_arena.campaign.chain import all_tx, make_map
+from isac_arena.campaign.chain.inputs import all_tx
+from isac_arena.campaign.chain.maps import make_map
 from isac_arena.insight.bounds.signal import LinkBounds
 from isac_arena.insight.placement.criterion import Criterion
 from isac_arena.insight.placement.placement import Placement, place, with_tx

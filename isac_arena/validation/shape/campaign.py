@@ -12,7 +12,7 @@ import numpy as np
 
 from estimation.channel.record import ChannelEstimate
 from estimation.slam.record import PoseEstimates
-from isac_arena.campaign.chain import make_map
+from isac_arena.campaign.chain.maps import make_map
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.results import MapResult
 from isac_arena.scoring.metrics.contours import intersection_over_union

@@ -8,7 +8,8 @@ import numpy as np
 
 from scenes.pose import Pose
 from scenes.record import ComplexArray, FloatArray
-from sim.config import SimulationConfig
+from scenes.scene import Scene
+from sim.config import LinkKind, SimulationConfig
 from sim.signal.arrays.codebook import Codebook
 from sim.signal.hardware.impairments import (
     apply_clock_drift,
@@ -55,11 +56,29 @@ def stage_generator(seed: int, stage: RandomStage, stop: int = 0, tx_number: int
 
 
 def impaired_codebooks(config: SimulationConfig, link: Link) -> tuple[Codebook, Codebook]:
-    """TX and RX codebooks with the impairments of the arrays; the designed codebooks if there are none."""
-    return (
-        _built(config, link.tx_codebook, RandomStage.TX_ELEMENTS, RandomStage.TX_BEAMS),
-        _built(config, link.rx_codebook, RandomStage.RX_ELEMENTS, RandomStage.RX_BEAMS),
+    """TX and RX codebooks with the impairments of the arrays; the designed codebooks if there are none.
+
+    A device has the same array in all its links. The receiving panel of a monostatic node is one of its own.
+    """
+    of_node, of_walk = (
+        (RandomStage.TX_ELEMENTS, RandomStage.TX_BEAMS),
+        (RandomStage.RX_ELEMENTS, RandomStage.RX_BEAMS),
     )
+    role = config.role
+    sends, receives = (*of_node, role.node), (*of_walk, 0)
+    if role.kind == LinkKind.UPLINK:
+        sends, receives = receives, sends
+    elif role.kind == LinkKind.NODES:
+        receives = (*of_node, role.receiver or 0)
+    elif role.kind == LinkKind.MONOSTATIC:
+        receives = (*of_walk, role.node + 1)
+    return _built(config, link.tx_codebook, *sends), _built(config, link.rx_codebook, *receives)
+
+
+def true_ends(config: SimulationConfig, scene: Scene, truth: Truth) -> tuple[Pose, Pose]:
+    """The true poses of TX and RX of a link: that of its fixed node has the pointing offset."""
+    node = true_tx_pose(config, scene.tx)
+    return (node, truth.rx_pose) if truth.tx_pose is None else (truth.tx_pose, node)
 
 
 def true_tx_pose(config: SimulationConfig, nominal: Pose) -> Pose:
@@ -77,13 +96,15 @@ def extra_clock_bias_s(config: SimulationConfig, n_stops: int) -> FloatArray:
 
 
 def with_surveyed_pose(config: SimulationConfig, truth: Truth) -> Truth:
-    """The truth with the surveyed RX pose, which includes the survey errors, for methods that know the RX pose."""
+    """The truth with the surveyed pose of what walks, with the survey errors, for methods that know this pose."""
     hardware = config.impairments
-    if not (hardware.rx_placement_std_m or hardware.rx_heading_std_deg):
+    is_node = config.role.receiver is not None
+    if is_node or not (hardware.rx_placement_std_m or hardware.rx_heading_std_deg):
         return truth
     rng = stage_generator(config.seed, RandomStage.SURVEY, truth.stop)
-    pose = surveyed_pose(truth.rx_pose, hardware.rx_placement_std_m, np.deg2rad(hardware.rx_heading_std_deg), rng)
-    return replace(truth, rx_pose=pose)
+    heading_std_rad = np.deg2rad(hardware.rx_heading_std_deg)
+    pose = surveyed_pose(truth.stop_pose, hardware.rx_placement_std_m, heading_std_rad, rng)
+    return replace(truth, rx_pose=pose) if truth.tx_pose is None else replace(truth, tx_pose=pose)
 
 
 def receive_samples(
@@ -182,9 +203,11 @@ def apply_front_end(config: SimulationConfig, link: Link, samples: ComplexArray,
         block[:] = to_subcarriers(signal, bins)
 
 
-def _built(config: SimulationConfig, codebook: Codebook, elements: RandomStage, beams: RandomStage) -> Codebook:
+def _built(
+    config: SimulationConfig, codebook: Codebook, elements: RandomStage, beams: RandomStage, own: int
+) -> Codebook:
+    """The codebook of the device number `own` of its kind."""
     hardware = config.impairments
-    own = config.tx_number if elements == RandomStage.TX_ELEMENTS else 0
     if hardware.element_gain_std_db or hardware.element_phase_std_deg:
         codebook = with_element_errors(
             codebook,

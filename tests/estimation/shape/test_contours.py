@@ -19,7 +19,7 @@ from estimation.shape.reflection.rows import resample_contour
 from estimation.shape.reflection.tx_sessions import los_sessions
 from estimation.slam.config import PathNoise
 from estimation.slam.record import SolveStatus
-from isac_arena.campaign.chain import make_map
+from isac_arena.campaign.chain.maps import make_map
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.files import read_record, write_record
 from isac_arena.validation.scenarios.reflections import TX

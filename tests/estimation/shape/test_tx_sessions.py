@@ -17,7 +17,7 @@ from estimation.shape.reflection.tx_sessions import (
     with_heading_error,
 )
 from estimation.slam.config import SnapshotConfig
-from isac_arena.campaign.chain import make_map
+from isac_arena.campaign.chain.maps import make_map
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.validation.scenarios.reflections import TX, Errors, closed_paths, observe
 from isac_arena.validation.shape.campaign import JUMP_STOP, make_arena, score

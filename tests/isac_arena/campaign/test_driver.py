@@ -11,7 +11,7 @@ from estimation.channel.calibration.self_calibration import SelfCalibrationConfi
 from estimation.channel.estimate import ChannelConfig
 from estimation.slam.record import SolveStatus
 from isac_arena.campaign.campaign import Campaign, load_campaign
-from isac_arena.campaign.chain import known_receiver
+from isac_arena.campaign.chain.inputs import known_receiver
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.directory import CampaignStore
 from isac_arena.campaign.driver import CampaignRun

@@ -91,7 +91,7 @@ def test_a_users_estimator_takes_the_place_of_ours(finished: Path, tmp_path: Pat
     assert "channel = 'mine:broken': stop 0: ZeroDivisionError" in message and "mine.py, line 7)" in message
     assert message.endswith("traceback in estimator_error.txt")
     trace = (tmp_path / "estimator_error.txt").read_text()
-    assert "return 1 / 0" in trace and "chain.py" not in trace
+    assert "return 1 / 0" in trace and "inputs.py" not in trace
 
 
 def test_help_answers_without_heavy_imports() -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from estimation.channel.calibration.self_calibration import SelfCalibrationConfig, self_calibrate
 from estimation.channel.estimate import ChannelConfig
-from isac_arena.campaign.chain import channel_estimator
+from isac_arena.campaign.chain.inputs import channel_estimator
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.directory import CampaignStore
 from isac_arena.validation.scenarios.link_bench import draw_paths, make_bench, observe_paths

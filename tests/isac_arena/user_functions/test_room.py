@@ -14,7 +14,7 @@ import numpy as np
 import psutil
 import pytest
 
-from isac_arena.campaign.chain import walk_settings
+from isac_arena.campaign.chain.inputs import walk_settings
 from isac_arena.campaign.config import CampaignConfig, methods
 from isac_arena.campaign.driver import CampaignRun
 from isac_arena.campaign.results import MapResult, MemoryResults

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from isac_arena.campaign.chain import significance
+from isac_arena.campaign.chain.inputs import significance
 from isac_arena.campaign.driver import CampaignRun
 from isac_arena.scoring.link_view import link_view
 from isac_arena.scoring.score import score_channel

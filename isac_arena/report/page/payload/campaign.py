@@ -1,6 +1,6 @@
 """The data of the report page: one dictionary of plain numbers and texts from the records of a campaign."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping
 from itertools import groupby
 from typing import Any
 
@@ -31,21 +31,22 @@ def report_payload(
     tables: ScoreTables,
     truths: Iterable[Truth] = (),
     budget: list[dict[str, Any]] | None = None,
-    txs: Sequence[str] = (),
+    txs: Mapping[str, str] | None = None,
 ) -> Payload:
     """All data of the page, ready for JSON: lengths in m, delays in ns, angles in deg, powers in dBm.
 
     Numbers are rounded to the resolution of a screen. Points are flat lists of x and y. None stands for an unknown
     value. Rows of stops, paths, incidence points and contours keep the order of their records. `truths` gives the
     corners of the true paths, one stop at a time; a measured campaign has no truths and no power maps. `budget`
-    has the rows of the campaign's error budget, None if there is none. `txs` are the names of several TX.
+    has the rows of the campaign's error budget, None if there is none. `txs` are the TX of the scene by
+    the names of their links.
     """
     by_stop = {stop: true_paths(group, tables) for stop, group in groupby(truths, key=lambda truth: truth.stop)}
     stops = tables.poses.stop.tolist()
     return {
         "name": name,
         "has_truth": bool(by_stop),
-        "scene": _scene(scene, txs or (scene.tx_name,)),
+        "scene": _scene(scene, txs or {scene.tx_name: scene.tx_name}),
         "stops": _stops(scene, tables.poses),
         "estimated": [estimated_paths(stop, results, tables) for stop in stops],
         "true": [by_stop.get(stop) for stop in stops],
@@ -59,7 +60,7 @@ def report_payload(
     }
 
 
-def _scene(scene: Scene, txs: Sequence[str]) -> Payload:
+def _scene(scene: Scene, txs: Mapping[str, str]) -> Payload:
     objects = [
         {
             "name": item.name,
@@ -81,10 +82,10 @@ def _scene(scene: Scene, txs: Sequence[str]) -> Payload:
         "txs": [
             {
                 "name": name if len(txs) > 1 else "TX",
-                "xy": rounded(scene.txs[name].position_m[:2], 3),
-                "heading_deg": number(np.rad2deg(scene.txs[name].heading_rad), 2),
+                "xy": rounded(scene.txs[node].position_m[:2], 3),
+                "heading_deg": number(np.rad2deg(scene.txs[node].heading_rad), 2),
             }
-            for name in txs
+            for name, node in txs.items()
         ],
         "walk": rounded(scene.walk.line_m(), 2),
     }
@@ -106,8 +107,9 @@ def _stops(scene: Scene, poses: PoseScores) -> Payload:
 
 
 def _power(results: CampaignResults, stops: list[int]) -> Payload | None:
-    """Beam power maps of the stops, beams in order of azimuth; None where the campaign has none."""
-    if not results.power_maps:
+    """Beam power maps of the stops, beams in order of azimuth; None without any, or if stops have other beams."""
+    beams = {(one.tx_azimuth_rad.tobytes(), one.rx_azimuth_rad.tobytes()) for one in results.power_maps}
+    if len(beams) != 1:
         return None
     maps = {power_map.stop: power_map for power_map in results.power_maps}
     first = results.power_maps[0]

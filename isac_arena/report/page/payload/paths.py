@@ -55,7 +55,8 @@ def _true_paths(truth: Truth, tables: ScoreTables) -> dict[str, Any]:
     every = tables.significant
     rows = every.take("true_path", (every.stop == truth.stop) & (every.tx == truth.tx))
     paths = truth.paths.take("path", rows.path)
-    corners = [paths.vertex_m[row, :n, :2] for row, n in enumerate(paths.n_interactions)]
+    vertex_m = truth.from_node.paths.vertex_m[rows.path]
+    corners = [vertex_m[row, :n, :2] for row, n in enumerate(paths.n_interactions)]
     return {
         "path": rows.path.tolist(),
         "tx": rows.tx.tolist(),

@@ -5,7 +5,7 @@ import pytest
 
 from estimation.channel.record import check_estimate
 from estimation.slam.mapping.incidence_points import map_stops
-from isac_arena.campaign.chain import known_receiver
+from isac_arena.campaign.chain.inputs import known_receiver
 from isac_arena.insight.budget.oracles import (
     TracedPaths,
     object_labels,

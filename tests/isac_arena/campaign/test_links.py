@@ -1,0 +1,89 @@
+"""Campaigns that state their links, from the scene to the report: uplink, and nodes that hear nodes."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from estimation.slam.record import SolveStatus
+from isac_arena.campaign.campaign import Campaign, load_campaign
+from isac_arena.campaign.plan import plan_run
+from isac_arena.campaign.stages import reopen, run_campaign, stored_results, stored_truths
+from isac_arena.verification.campaign import recomputed_campaign
+from scenes.pose import wrap_angle
+from sim.signal.link import make_link
+
+SMALL = {
+    "tx_array.beams_per_panel": 16,
+    "rx_array.beams_per_panel": 12,
+    "waveform.n_rb": 132,
+    "propagation": {"diffuse_samples": 0, "max_bounces": 1, "diffraction": False},
+    "channel.method": "power",
+}
+NODES = ("south_west", "north_east")
+
+
+def mixed() -> Campaign:
+    """Two nodes that hear each other, and one that hears itself and an uplink."""
+    links = [
+        {"tx": "aisle", "rx": list(NODES)},
+        {"tx": "south_west", "rx": ["aisle", "south_west"]},
+        {"tx": "north_east", "rx": "south_west"},
+    ]
+    return load_campaign(
+        {"name": "mixed", "scene": "pillar_hall", "links": links}, **SMALL, **{"scene.walks.aisle.n_stops": 4}
+    )
+
+
+def test_an_uplink_campaign_finds_what_walks() -> None:
+    """Paths are those of the real link; maps and poses are those of what walks, at the bound of the downlink."""
+    up = load_campaign("box_room_uplink", **{**SMALL, "waveform.n_rb": 264})
+    down = load_campaign("box_room", **{**SMALL, "waveform.n_rb": 264})
+    run, other = up.run(), down.run()
+    truths = list(run.truths())
+    scores, expected = run.scores(), other.scores()
+    for truth, one in zip(truths, run.channel(truths), strict=True):
+        los = int(np.argmax(one.is_los))
+        error = wrap_angle(one.aod_azimuth_rad[los] + truth.stop_pose.heading_rad - truth.paths.aod_azimuth_rad[0])
+        assert abs(error) < np.deg2rad(1.0)
+    assert scores.value("slam.solved_share") == 1
+    assert scores.value("slam.position.rmse_m") < 0.1 and scores.value("mapping.ip_to_surface.median_m") < 0.05
+    bounds = [each.value("slam.position.bound_m") for each in (scores, expected)]
+    assert bounds[0] == pytest.approx(bounds[1], rel=1e-3)
+
+
+def test_a_campaign_of_all_kinds_of_links(tmp_path: Path) -> None:
+    loaded, out = mixed(), tmp_path / "mixed"
+    plan = plan_run(loaded.config, loaded.scene, make_link(loaded.config)).does
+    assert "SLAM of every stop but the 1 at fixed nodes alone" in plan or "at fixed nodes together" in plan
+    assert "uplink aisle-south_west, aisle-north_east; node to node north_east-south_west; monostatic" in plan
+    assert run_campaign(loaded, out, keep_sweeps=True) == []
+    store = reopen(out)
+    truths, results = list(stored_truths(store, 5)), stored_results(store, 5)
+    assert [(truth.stop, truth.tx) for truth in truths] == [
+        *((stop, tx) for stop in range(4) for tx in (0, 1, 2)), (4, 3), (4, 4)
+    ]  # fmt: skip
+    assert [set(one.tx) for one in results.channel] == [{0, 1, 2}] * 4 + [{3, 4}]
+    for one in (results.mapping, results.slam):
+        assert set(one.ips.tx[one.ips.stop == 4]) == {3, 4} and set(one.ips.tx[one.ips.stop < 4]) == {0, 1, 2}
+    poses = results.slam.poses
+    assert poses.status.tolist()[4] == SolveStatus.GIVEN and (poses.status[:4] != SolveStatus.GIVEN).all()
+    assert np.isfinite(poses.tx_clock_bias_s[:4, :3]).all() and poses.tx_clock_bias_s[4, 3] == 0
+    given = results.mapping.ips.take("ip", results.mapping.ips.stop == 4)
+    kept = results.slam.ips.take("ip", results.slam.ips.stop == 4)
+    np.testing.assert_array_equal(given.position_m, kept.position_m)
+    table = store.score_tables()
+    assert table is not None and len(table.poses.stop) == 5
+    found = recomputed_campaign(out, 0.4, 0)
+    assert {each.difference for each in found} == {0.0} and not any(each.reason for each in found)
+    page = (out / "report.html").read_text()
+    assert "TX south_west-south_west" in page and (out / "figures" / "by_tx.png").is_file()
+
+
+def test_nodes_alone_are_not_asked_for_their_poses() -> None:
+    run = load_campaign("monostatic", **SMALL).run()
+    scores = run.scores()
+    assert scores.value("slam.stops") == 0 and np.isnan(scores.value("slam.position.rmse_m"))
+    assert scores.value("mapping.ip_to_surface.median_m") < 0.1
+    for name in ("ip_to_surface.median_m", "objects_found"):
+        assert scores.value(f"slam.{name}") == scores.value(f"mapping.{name}")
