@@ -147,7 +147,7 @@ class CampaignRun:
         return calibration
 
     def channel(self, truths: Iterable[Truth]) -> Iterator[ChannelEstimate]:
-        """The paths reported at every stop, of all TX in `truths`, kept or made; one sweep at a time is in memory."""
+        """The paths reported at every stop, of all TX in `truths`, kept or made with one sweep in memory."""
         for _, group in groupby(truths, key=lambda truth: truth.stop):
             yield joined_paths({self._row(truth): self._kept_estimate(truth).reported for truth in group})
 
