@@ -20,7 +20,8 @@ from scenes.record import ComplexArray, FloatArray, IntArray
 from sim.observation import BeamSweep
 
 FEW, MORE = 12, 24  # paths
-LARGEST_HZ = 1000.0  # left by synchronisation
+LARGEST_HZ = 4000.0  # left by synchronisation, whose prefixes are short
+SAME = 0.999  # of the largest sum: of such frequencies the smallest is taken
 LARGEST_GROWTH_S = 400e-9  # of the delays over a sweep, left by synchronisation
 GROUPS, OF_GROUP, LAGS = (
     64,
@@ -99,13 +100,14 @@ def _frequency(time_s: FloatArray, phase_rad: FloatArray, snr: FloatArray, path:
     if not len(time_s) or np.ptp(time_s) == 0:
         return 0.0
     step_hz = 1 / (PER_CYCLE * np.ptp(time_s))
-    trial_hz = step_hz * np.arange(-np.floor(LARGEST_HZ / step_hz), np.floor(LARGEST_HZ / step_hz) + 1)
+    n = np.arange(1, np.floor(LARGEST_HZ / step_hz) + 1)
+    trial_hz = step_hz * np.append(0.0, np.column_stack([n, -n]))
     total = np.zeros(len(trial_hz))
     for one in np.unique(path):
         mine = path == one
         phasor = np.sqrt(snr[mine]) * np.exp(1j * phase_rad[mine])
         total += np.abs(np.exp(-2j * np.pi * np.outer(trial_hz, time_s[mine])) @ phasor)
-    return float(trial_hz[np.argmax(total)])
+    return float(trial_hz[np.argmax(total >= SAME * total.max())])
 
 
 def _joint(sweep: BeamSweep, fit: PathFit, time_s: FloatArray) -> Steps:

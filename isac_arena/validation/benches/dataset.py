@@ -3,6 +3,9 @@
 import multiprocessing
 import os
 import resource
+import signal
+import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -10,6 +13,7 @@ from importlib import import_module
 from pathlib import Path
 
 import numpy as np
+import tomli_w
 
 from isac_arena.campaign.files import write_json
 from isac_arena.datasets.config import DatasetConfig
@@ -54,6 +58,24 @@ def bench_making(seed: int, quick: bool) -> list[Measurement]:
     return [
         at_most("dataset.making.cost", made_s / bare_s, 1.5 if quick else 1.1, cost),
         at_least("dataset.making.two_workers", one_s / two_s, 0.5 if quick else 1.8, speed),
+    ]
+
+
+def bench_kills(seed: int, quick: bool) -> list[Measurement]:
+    """`arena dataset` killed at ten moments and resumed: files that differ from those of a run without."""
+    n_kills, n_shards = (2, 4) if quick else (10, 14)
+    config, rng = _config(seed, n_shards, 4, 1), np.random.default_rng(seed)
+    with tempfile.TemporaryDirectory() as name:
+        spec, whole, out = (Path(name, one) for one in ("spec.toml", "whole", "killed"))
+        spec.write_text(tomli_w.dumps(config.model_dump(mode="json", exclude_unset=True)), encoding="utf-8")
+        _command(spec, whole).wait()
+        killed = sum(_killed(_command(spec, out), out, float(rng.uniform(0.0, 0.2))) for _ in range(n_kills))
+        resumed = _command(spec, out).wait() == 0
+        kept, wanted = ({one.name: one.read_bytes() for one in where.iterdir()} for where in (out, whole))
+    differing = sum(kept.get(file) != wanted.get(file) for file in kept.keys() | wanted.keys())
+    return [
+        at_least("dataset.making.kills", killed, n_kills, "of the command and its workers, each in another shard"),
+        at_most("dataset.making.other_files", differing if resumed else np.nan, 0, f"of {len(wanted)}, resumed"),
     ]
 
 
@@ -116,6 +138,24 @@ def _time_workers(config: DatasetConfig, out: Path, n_workers: int) -> float:
     if failed:
         raise RuntimeError(str(failed[0]))
     return taken_s
+
+
+def _command(spec: Path, out: Path) -> subprocess.Popen[bytes]:
+    command = [sys.executable, "-m", "isac_arena", "dataset", str(spec), "--out", str(out), "--workers", "2"]
+    return subprocess.Popen(command, stdout=subprocess.DEVNULL, start_new_session=True)
+
+
+def _killed(process: subprocess.Popen[bytes], out: Path, later_s: float) -> bool:
+    """Kill a command with its workers after the next shard, and some time; whether it was at work."""
+    before = len(list(out.glob("*.tar")))
+    while process.poll() is None and len(list(out.glob("*.tar"))) <= before:
+        time.sleep(0.01)
+    time.sleep(later_s)
+    is_at_work = process.poll() is None
+    if is_at_work:
+        os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    return is_at_work
 
 
 def _memory(config: DatasetConfig, folder: Path) -> tuple[float, float]:
