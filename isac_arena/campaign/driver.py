@@ -91,7 +91,7 @@ class CampaignRun:
         """The scores of the channel estimates alone: no later stage runs. Raises as `score_campaign` does."""
         truths = list(self.truths())
         self.calibrate()
-        return channel_scores_of(self._true_stops(truths), list(self.channel(truths)))
+        return channel_scores_of(self.true_stops(truths), list(self.channel(truths)))
 
     def truths(self) -> Iterator[Truth]:
         """The truth of every stop in order, of several TX or links one after the other."""
@@ -261,9 +261,9 @@ class CampaignRun:
 
     def score(self, truths: Iterable[Truth], results: CampaignResults) -> Scores:
         """The scores of estimates against the truth; raises as `score_campaign` does."""
-        return score_stops(self.scene, self._true_stops(truths), results, motion=self.config.tracks)
+        return score_stops(self.scene, self.true_stops(truths), results, motion=self.config.tracks)
 
-    def _true_stops(self, truths: Iterable[Truth]) -> Iterator[TrueStop]:
+    def true_stops(self, truths: Iterable[Truth]) -> Iterator[TrueStop]:
         """The truths prepared for scoring, each with the view of its link."""
         views = [(significance(r.config, r.link), link_view(r.config, r.link, r.scene)) for r in self.links]
         for truth in truths:

@@ -83,6 +83,9 @@ def _offsets(fit: CampaignFit) -> tuple[FloatArray, FloatArray]:
     own, own_std = fit.bundle.offset[N_COMMON:], fit.bundle.offset_std[N_COMMON:]
     if len(own) == 0:
         return common, common_std
-    own, own_std = (np.broadcast_to(value, n) if len(value) == 1 else value for value in (own, own_std))
+    if len(own) == 1:
+        own, own_std = np.broadcast_to(own, n), np.broadcast_to(own_std, n)
+    else:  # the last of several TX may show no object
+        own, own_std = (np.append(value, np.full(n - len(value), np.nan)) for value in (own, own_std))
     offset, std = fit.sessions.offset_rad + own, np.hypot(fit.sessions.std_rad, own_std)
     return np.concatenate([common, offset]), np.concatenate([common_std, std])

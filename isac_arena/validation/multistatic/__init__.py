@@ -1,5 +1,5 @@
 """Checks of several TX: `stops.py` poses of stops and walks against bounds, `samples.py` shared resources.
 
-`placement.py` places TX and compares expected with achieved errors. `drawn.py` and `arenas.py` draw what a
-receiver estimates of several TX.
+`links.py` has uplinks and monostatic nodes. `placement.py` places TX and compares expected with achieved errors.
+`drawn.py` and `arenas.py` draw what a receiver estimates of several TX.
 """

@@ -1,5 +1,6 @@
 """Campaigns that state their links, from the scene to the report: uplink, and nodes that hear nodes."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,8 @@ from estimation.slam.record import SolveStatus
 from isac_arena.campaign.campaign import Campaign, load_campaign
 from isac_arena.campaign.plan import plan_run
 from isac_arena.campaign.stages import reopen, run_campaign, stored_results, stored_truths
+from isac_arena.validation.multistatic.arenas import draw_arena
+from isac_arena.validation.multistatic.links import linked_run
 from isac_arena.verification.campaign import recomputed_campaign
 from scenes.pose import wrap_angle
 from sim.signal.link import make_link
@@ -31,7 +34,7 @@ def mixed() -> Campaign:
         {"tx": "north_east", "rx": "south_west"},
     ]
     return load_campaign(
-        {"name": "mixed", "scene": "pillar_hall", "links": links}, **SMALL, **{"scene.walks.aisle.n_stops": 4}
+        {"name": "mixed", "scene": "pillar_hall", "links": links}, **SMALL, **{"scene.walks.aisle.n_stops": 3}
     )
 
 
@@ -59,25 +62,34 @@ def test_a_campaign_of_all_kinds_of_links(tmp_path: Path) -> None:
     assert "uplink aisle-south_west, aisle-north_east; node to node north_east-south_west; monostatic" in plan
     assert run_campaign(loaded, out, keep_sweeps=True) == []
     store = reopen(out)
-    truths, results = list(stored_truths(store, 5)), stored_results(store, 5)
+    truths, results = list(stored_truths(store, 4)), stored_results(store, 4)
     assert [(truth.stop, truth.tx) for truth in truths] == [
-        *((stop, tx) for stop in range(4) for tx in (0, 1, 2)), (4, 3), (4, 4)
+        *((stop, tx) for stop in range(3) for tx in (0, 1, 2)), (3, 3), (3, 4)
     ]  # fmt: skip
-    assert [set(one.tx) for one in results.channel] == [{0, 1, 2}] * 4 + [{3, 4}]
+    assert [set(one.tx) for one in results.channel] == [{0, 1, 2}] * 3 + [{3, 4}]
     for one in (results.mapping, results.slam):
-        assert set(one.ips.tx[one.ips.stop == 4]) == {3, 4} and set(one.ips.tx[one.ips.stop < 4]) == {0, 1, 2}
+        assert set(one.ips.tx[one.ips.stop == 3]) == {3, 4} and set(one.ips.tx[one.ips.stop < 3]) == {0, 1, 2}
     poses = results.slam.poses
-    assert poses.status.tolist()[4] == SolveStatus.GIVEN and (poses.status[:4] != SolveStatus.GIVEN).all()
-    assert np.isfinite(poses.tx_clock_bias_s[:4, :3]).all() and poses.tx_clock_bias_s[4, 3] == 0
-    given = results.mapping.ips.take("ip", results.mapping.ips.stop == 4)
-    kept = results.slam.ips.take("ip", results.slam.ips.stop == 4)
+    assert poses.status.tolist()[3] == SolveStatus.GIVEN and (poses.status[:3] != SolveStatus.GIVEN).all()
+    assert np.isfinite(poses.tx_clock_bias_s[:3, :3]).all() and poses.tx_clock_bias_s[3, 3] == 0
+    given = results.mapping.ips.take("ip", results.mapping.ips.stop == 3)
+    kept = results.slam.ips.take("ip", results.slam.ips.stop == 3)
     np.testing.assert_array_equal(given.position_m, kept.position_m)
     table = store.score_tables()
-    assert table is not None and len(table.poses.stop) == 5
+    assert table is not None and len(table.poses.stop) == 4
     found = recomputed_campaign(out, 0.4, 0)
     assert {each.difference for each in found} == {0.0} and not any(each.reason for each in found)
     page = (out / "report.html").read_text()
     assert "TX south_west-south_west" in page and (out / "figures" / "by_tx.png").is_file()
+
+
+def test_a_node_that_sees_nothing_leaves_the_contours_of_the_others() -> None:
+    loaded, places = draw_arena(np.random.default_rng([2, 1, 32]), 3, 1)
+    scene = replace(loaded.scene, other_txs={one.name: one.pose for one in places})
+    run = linked_run(loaded.config, scene, [(one.name, one.name) for one in places])
+    truths = list(run.truths())
+    found = run.maps(list(run.channel(truths)), run.surveyed_receiver(truths))["mapping"].contours
+    assert np.isfinite(found.aod_offset_rad).tolist() == [True, True, False]
 
 
 def test_nodes_alone_are_not_asked_for_their_poses() -> None:
