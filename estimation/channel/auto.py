@@ -40,10 +40,7 @@ from sim.signal.waveform.prs import PREFIX_SHARE
 DOUBTFUL_RAD = np.deg2rad(45.0)  # residual of a few paths up to which all paths decide; random phases show 104 deg
 _TELLING_PATHS = 12  # strongest paths that are fitted first: the others change little if phases are coherent
 _TRACKING_PATHS = (12, 12, 30)  # paths of the fits between which phases are tracked, before the fit of all
-_TRACKED_RAD = np.deg2rad(
-    20.0
-)  # error of tracked phases, in the median, up to which pairs add up: they lose 0.5 dB
-
+_TRACKED_RAD = np.deg2rad(20.0)  # median error of tracked phases up to which pairs add up: they lose 0.5 dB
 
 NO_RAMP = PhaseRamp(0.0, 0.0, 0.0, 0.0, 0.0, 0)
 
@@ -80,11 +77,11 @@ def fit_auto(sweep: BeamSweep, config: MaximumLikelihoodConfig | None = None) ->
         tracked = _tracked(steady, phases_of(incoherent), config, _TRACKING_PATHS)
     if tracked is not None:
         joint = fit_phase_ramp(tracked.pairs)
-        driftless = without_drift(steady, tracked.drift.per_pair)
-        coherent = _coherent(driftless, joint, config, is_sure=False) if joint.is_coherent else None
-        tracked = (
-            tracked if coherent else _tracked(steady, tracked.pairs, config, (config.max_paths,), tracked.drift)
-        )
+        if joint.is_coherent:
+            driftless = without_drift(steady, tracked.drift.per_pair)
+            coherent = _coherent(driftless, joint, config, is_sure=False)
+        if coherent is None:
+            tracked = _tracked(steady, tracked.pairs, config, (config.max_paths,), tracked.drift)
     if coherent is not None:
         return coherent
     offset_hz = _frequency_offset_hz(sweep, ramp)

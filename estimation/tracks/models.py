@@ -1,4 +1,4 @@
-"""Stone Soup's models for movers: it is imported here alone, and late, since it brings plotting libraries."""
+"""Stone Soup's models for movers: the tracker is imported late, since Stone Soup brings plotting libraries."""
 
 from datetime import datetime, timedelta
 from typing import Any

@@ -57,34 +57,33 @@ def fit_over_background(
     errors = path_errors(reference, solution, stop.window)
     turns = searched_turns(white.turns, stop.plan.grids, stop.plan.oversampling)
     if len(turns):
-        errors = replace(errors, covariance=errors.covariance + shift_covariance(reference, solution, turns))
+        errors = replace(errors, beside=errors.beside + shift_covariance(reference, solution, turns))
     fit = path_fit(solution, white, stop.tx, stop.rx, sweep.noise_power_mw, errors)
     weak = _is_weak(fit, replace(white, tx=stop.tx, rx=stop.rx), stop.window.level)
     if white.turns is None and len(fit):
         is_weak = np.zeros(len(fit), bool)
         is_weak[np.argsort(reported_delay_bins(white, solution.paths), kind="stable")] = weak
-        errors = path_errors(reference, solution, stop.window, weak_field(reference, solution.paths, is_weak))
+        field = weak_field(reference, solution.paths, is_weak)
+        errors = replace(errors, scale=np.maximum(errors.scale, field))
         fit = path_fit(solution, white, stop.tx, stop.rx, sweep.noise_power_mw, errors)
     return replace(fit, is_weak=weak)
 
 
-def path_errors(
-    reference: Reference, solution: Solution, window: DelayWindow, field: FloatArray | float = 1.0
-) -> PathErrors:
+def path_errors(reference: Reference, solution: Solution, window: DelayWindow) -> PathErrors:
     """Errors by noise, times the scale that the quadrature shows (`error_scale`), plus those by neighbours.
 
     A path is redundant if the others share most of its energy, and what it adds is below its level in the window
     times that scale: the errors of the model reach as far. The scale is at least the noise of the path's beam
-    pairs, and the weak `field` about it.
+    pairs.
     """
     by_neighbours, probability = neighbour_covariance(reference, solution)
     shown = error_scale(*quadrature_statistic(reference, solution))
-    scale = np.maximum(np.maximum(shown, window.noise_at(solution.paths)), field)
+    scale = np.maximum(shown, window.noise_at(solution.paths))
     lost = 0.0 if window.pairs is None else window.pairs.lost_information(reference.sweep, solution.paths)
     by_noise = marginal_covariances(solution, reference.sweep.n_subcarriers, lost)
     is_small = wald_statistic(solution) < OWN_SHARE * response_powers(solution)
     is_redundant = redundant_paths(solution, scale * window.white_level_at(solution.paths.delay_bins)) & is_small
-    return PathErrors(scale[:, None, None] * by_noise + by_neighbours, probability, is_redundant)
+    return PathErrors(by_noise, scale, by_neighbours, probability, is_redundant)
 
 
 def _is_weak(fit: PathFit, sweep: CompressedSweep, level: float) -> BoolArray:

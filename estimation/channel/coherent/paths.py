@@ -79,7 +79,8 @@ def fit_coherent(
         return stop
     solution = fit_paths(stop.compressed, stop.window, stop.plan, stop.config)
     by_noise = marginal_covariances(solution, stop.compressed.n_subcarriers)
-    errors = PathErrors(by_noise, np.zeros(len(by_noise)), np.zeros(len(by_noise), bool))
+    none = np.zeros(len(by_noise))
+    errors = PathErrors(by_noise, np.ones_like(none), np.zeros_like(by_noise), none, none.astype(bool))
     return path_fit(solution, stop.compressed, stop.tx, stop.rx, sweep.noise_power_mw, errors)
 
 
@@ -101,14 +102,23 @@ class PathErrors:
 
     Attributes
     ----------
-    covariance : (path, parameter, parameter) of delay in bins and angles in rad
+    by_noise : (path, parameter, parameter) covariance of delay in bins and angles in rad by the nominal noise
+    scale : (path,) of that noise
+    beside : (path, parameter, parameter) covariance by everything else
     unresolved_probability : (path,) that a path stands for two within half a resolution cell
     is_redundant : (path,) that the others explain the path but for errors of the model
     """
 
-    covariance: FloatArray
+    by_noise: FloatArray
+    scale: FloatArray
+    beside: FloatArray
     unresolved_probability: FloatArray
     is_redundant: BoolArray
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Covariance (path, parameter, parameter) of delay in bins and angles in rad."""
+        return self.scale[:, None, None] * self.by_noise + self.beside
 
 
 def compress_stop(

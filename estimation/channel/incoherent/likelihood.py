@@ -39,6 +39,12 @@ _ENOUGH = 2e-3  # expected gain in log-likelihood at which the steps end: 0.06 s
 _LARGEST_CELLS, _LARGEST_LOG_AMPLITUDE, _LARGEST_PHASE = 0.4, 0.7, 0.7  # of one step
 
 
+def paths_towards(aod_rad: FloatArray, aoa_rad: FloatArray) -> FloatArray:
+    """Paths (path, parameter) of unit amplitude and no delay in the given directions (path, angle)."""
+    none = np.zeros((len(aod_rad), 1))
+    return np.concatenate([none, aod_rad, aoa_rad, none, none], axis=1)
+
+
 @dataclass(frozen=True)
 class LinkBeams:
     """The beams of both ends, those of the receiver with their noise."""

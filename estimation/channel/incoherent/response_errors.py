@@ -14,7 +14,7 @@ from scipy.stats import chi2
 
 from estimation.channel.fit import PathFit
 from estimation.channel.incoherent.clock_drift import dominant_pairs
-from estimation.channel.incoherent.likelihood import LinkBeams
+from estimation.channel.incoherent.likelihood import LinkBeams, paths_towards
 from estimation.channel.incoherent.spectrum import delay_waves
 from estimation.channel.model.manifold import Manifold
 from scenes.record import ComplexArray, FloatArray, IntArray
@@ -55,12 +55,10 @@ class ResponseErrors:
 
     def added_to(self, fit: PathFit, tx: Manifold, rx: Manifold) -> PathFit:
         """A fit with free phases of pairs, its directions as uncertain as the errors make them."""
-        n = len(fit)
         ends = LinkBeams(tx, rx, np.ones(rx.n_beams))
-        angles = np.concatenate([np.zeros((n, 1)), fit.aod_rad, fit.aoa_rad, np.zeros((n, 2))], axis=1)
         size = 1 + tx.n_angles + rx.n_angles
         covariance = fit.covariance.copy()
-        covariance[:, 1:size, 1:size] += self.angle_covariance(ends, angles)
+        covariance[:, 1:size, 1:size] += self.angle_covariance(ends, paths_towards(fit.aod_rad, fit.aoa_rad))
         return replace(fit, covariance=covariance)
 
     def _floor(self, ends: LinkBeams, paths: FloatArray) -> FloatArray:

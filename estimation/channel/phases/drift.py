@@ -12,7 +12,9 @@ import numpy as np
 
 from estimation.channel.coherent.plan import nominal_manifold
 from estimation.channel.fit import PathFit
-from estimation.channel.incoherent.clock_drift import WANDERING, ClockDrift, posterior, prior_variance
+from estimation.channel.incoherent.clock_drift import WANDERING, ClockDrift, mean_pairs, posterior, prior_variance
+from estimation.channel.incoherent.likelihood import LinkBeams, paths_towards
+from estimation.channel.phases.pairs import SweepModel
 from scenes.record import ComplexArray, FloatArray
 from sim.observation import BeamSweep
 
@@ -28,21 +30,17 @@ def drift_against(sweep: BeamSweep, fit: PathFit, removed: ClockDrift, odds: flo
     """
     if not len(fit) or sweep.samples.shape[0] < LEAST_BEAMS:
         return removed
-    tx, rx = _responses(sweep, fit)
-    gain = fit.amplitude * np.exp(1j * fit.phase_rad)
-    wave = np.exp(-2j * np.pi * fit.delay_s[:, None] * sweep.frequency_offset_hz).astype(np.complex64)
+    model = SweepModel.of(sweep, fit)
+    tx, rx, gain, wave = model.tx, model.rx, model.gain, model.wave
     best = np.sort(np.argsort(-fit.snr_db, kind="stable")[:MOST_PATHS])
     slope = -2j * np.pi * sweep.frequency_offset_hz * wave[best]
     both = np.concatenate([wave[best], slope.astype(np.complex64)]).conj().T
     n_tx, n_rx, n_bins = sweep.samples.shape
     matched = np.empty((n_tx, n_rx, 2, len(best)), complex)
-    for beam in range(n_tx):
-        signal = (gain * tx[:, beam])[:, None] * rx
-        expected = signal.T.astype(np.complex64) @ wave
-        samples = sweep.samples[beam] * sweep.prs_symbol[beam].conj()
+    for beam, (expected, samples) in enumerate(model.blocks(sweep)):
         turn = np.exp(1j * np.angle((expected.conj() * samples).sum(axis=1))).astype(np.complex64)
         left = samples * turn.conj()[:, None] - expected
-        share = signal[best].conj().T / sweep.noise_power_mw[:, None]
+        share = ((gain * tx[:, beam])[:, None] * rx)[best].conj().T / sweep.noise_power_mw[:, None]
         matched[beam] = (left @ both).reshape(n_rx, 2, -1) * share[:, None]
     place = np.arange(n_tx * n_rx).reshape(n_tx, n_rx) / (n_tx * n_rx) - 0.5
     weighted = [_pair_products(gain[best], tx[best], rx[best], sweep.noise_power_mw, place, k) for k in range(3)]
@@ -54,18 +52,11 @@ def drift_against(sweep: BeamSweep, fit: PathFit, removed: ClockDrift, odds: flo
 
 def with_drift_errors(sweep: BeamSweep, fit: PathFit, drift: ClockDrift) -> PathFit:
     """The fit of a sweep free of a drift; what is not known of the drift is part of the covariances of delays."""
-    tx, rx = (np.square(np.abs(part)) for part in _responses(sweep, fit))
-    n_rx, energy = rx.shape[1], tx.sum(axis=1) * rx.sum(axis=1)
-    late = n_rx * (tx @ np.arange(tx.shape[1])) * rx.sum(axis=1) + tx.sum(axis=1) * (rx @ np.arange(n_rx))
+    tx, rx = nominal_manifold(sweep.tx_codebook), nominal_manifold(sweep.rx_codebook)
+    seen = mean_pairs(LinkBeams(tx, rx, sweep.noise_power_mw), paths_towards(fit.aod_rad, fit.aoa_rad))
     covariance = fit.covariance.copy()
-    covariance[:, 0, 0] += drift.variance * np.square(late / np.maximum(energy, np.finfo(float).tiny))
+    covariance[:, 0, 0] += drift.variance * np.square(seen)
     return replace(fit, covariance=covariance)
-
-
-def _responses(sweep: BeamSweep, fit: PathFit) -> tuple[ComplexArray, ComplexArray]:
-    """Responses (path, beam) of both ends in the directions of a fit."""
-    tx = nominal_manifold(sweep.tx_codebook).response(fit.aod_rad)
-    return tx, nominal_manifold(sweep.rx_codebook).response(fit.aoa_rad)
 
 
 def _pair_products(

@@ -1,5 +1,6 @@
 """Phases of beam pairs against the paths of a fit."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -8,7 +9,7 @@ import scipy.fft
 from estimation.channel.coherent.plan import nominal_manifold
 from estimation.channel.fit import PathFit
 from estimation.channel.incoherent.paths import IncoherentFit
-from scenes.record import BoolArray, FloatArray, IntArray
+from scenes.record import BoolArray, ComplexArray, FloatArray, IntArray
 from sim.observation import BeamSweep
 
 LEAST_SNR = 6.0  # of a pair whose phase is used: its phase noise has a standard deviation of at most 17 deg
@@ -44,6 +45,40 @@ class PairPhases:
         return np.zeros(self.snr.shape) if self.excess is None else self.excess
 
 
+@dataclass(frozen=True)
+class SweepModel:
+    """The sum of the paths of a fit, as the pairs of a sweep show it.
+
+    Attributes
+    ----------
+    tx, rx : (path, beam) responses in the directions of the paths
+    gain : (path,) complex amplitude
+    wave : (path, subcarrier) phases of the delays
+    """
+
+    tx: ComplexArray
+    rx: ComplexArray
+    gain: ComplexArray
+    wave: ComplexArray
+
+    @classmethod
+    def of(cls, sweep: BeamSweep, fit: PathFit) -> "SweepModel":
+        """The model of a fit; paths with Doppler shifts turn during a sweep with a clock."""
+        tx = nominal_manifold(sweep.tx_codebook).response(fit.aod_rad)
+        rx = nominal_manifold(sweep.rx_codebook).response(fit.aoa_rad)
+        if sweep.clock is not None and fit.size("doppler"):
+            tx = tx * np.exp(2j * np.pi * fit.doppler_hz * sweep.clock.tx_s)
+            rx = rx * np.exp(2j * np.pi * fit.doppler_hz * sweep.clock.rx_s)
+        wave = np.exp(-2j * np.pi * fit.delay_s[:, None] * sweep.frequency_offset_hz).astype(np.complex64)
+        return cls(tx, rx, fit.amplitude * np.exp(1j * fit.phase_rad), wave)
+
+    def blocks(self, sweep: BeamSweep) -> Iterator[tuple[ComplexArray, ComplexArray]]:
+        """Expected and received samples (rx_beam, subcarrier) of one TX beam after the other, without the PRS."""
+        for beam in range(self.tx.shape[1]):
+            expected = ((self.gain * self.tx[:, beam])[:, None] * self.rx).T.astype(np.complex64) @ self.wave
+            yield expected, sweep.samples[beam] * sweep.prs_symbol[beam].conj()
+
+
 def phases_of(fit: IncoherentFit) -> PairPhases:
     """The phases of an incoherent fit."""
     usable = ~fit.is_ambiguous[fit.pair_path] if len(fit) else np.zeros(fit.pair_path.shape, bool)
@@ -52,21 +87,12 @@ def phases_of(fit: IncoherentFit) -> PairPhases:
 
 def phases_against(sweep: BeamSweep, fit: PathFit) -> PairPhases:
     """The phases of a sweep against the sum of all paths of a coherent fit."""
-    tx = nominal_manifold(sweep.tx_codebook).response(fit.aod_rad)
-    rx = nominal_manifold(sweep.rx_codebook).response(fit.aoa_rad)
-    if sweep.clock is not None and fit.size("doppler"):
-        tx = tx * np.exp(2j * np.pi * fit.doppler_hz * sweep.clock.tx_s)
-        rx = rx * np.exp(2j * np.pi * fit.doppler_hz * sweep.clock.rx_s)
-    gain = fit.amplitude * np.exp(1j * fit.phase_rad)
-    wave = np.exp(-2j * np.pi * fit.delay_s[:, None] * sweep.frequency_offset_hz).astype(np.complex64)
     shape, noise = sweep.samples.shape[:2], sweep.noise_power_mw
     product, model, energy = np.zeros(shape, complex), np.zeros(shape), np.zeros(shape)
     white, hidden = np.zeros(shape), np.zeros(shape)
     occupied = _occupied_bins(sweep, fit.delay_s)
     tiny = np.finfo(float).tiny
-    for beam in range(shape[0]):
-        expected = ((gain * tx[:, beam])[:, None] * rx).T.astype(np.complex64) @ wave
-        samples = sweep.samples[beam] * sweep.prs_symbol[beam].conj()
+    for beam, (expected, samples) in enumerate(SweepModel.of(sweep, fit).blocks(sweep)):
         product[beam] = (expected.conj() * samples).sum(axis=1) / noise
         model[beam] = np.square(np.abs(expected)).sum(axis=1) / noise
         energy[beam] = np.square(np.abs(samples)).sum(axis=1) / noise
