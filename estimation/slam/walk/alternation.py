@@ -104,8 +104,14 @@ def smooth_walk(
 
 
 def _quieter(walk: SmoothedWalk, noise: Noise, wide: Noise) -> SmoothedWalk:
-    """The walk again with less noise, from the solution before."""
-    return _with_landmarks(noise, wide, walk.is_los, walk.now)._replace(places=walk.places)
+    """The walk again with less noise, from the solution before.
+
+    Landmarks found anew may be fewer, and their loss would count against the noise. So the landmarks and paths of
+    the solution before are fitted too; the one of more evidence is kept.
+    """
+    kept = minimise_robust_cost(noise.seen, walk.link, walk.now, noise.config)
+    found = _with_landmarks(noise, wide, walk.is_los, walk.now), walk._replace(now=kept, noise=noise)
+    return max(found, key=lambda one: one.evidence)._replace(places=walk.places)
 
 
 def _relocated(walk: SmoothedWalk, wide: Noise, doubtful: DoubtfulStops) -> SmoothedWalk:
