@@ -227,6 +227,12 @@ class StatedLinks(ConfigModel):
     isolation_db: float = Field(
         57.0, ge=20, le=200, description="monostatic: leakage from panel to panel below the power sent"
     )
+    n_sweeps: int = Field(
+        1, ge=1, le=10_000, description="to fixed nodes: sweeps one after the other, each a stop"
+    )
+    sweep_interval_s: float = Field(
+        0.0, ge=0, le=3600, description="from sweep to sweep, 0 for no longer than a sweep takes"
+    )
 
 
 class LinkKind(StrEnum):

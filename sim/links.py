@@ -130,18 +130,23 @@ def with_link_stops(config: SimulationConfig, scene: Scene) -> Scene:
     stated = _stated_links(config, scene)
     if not stated:
         return scene
-    place = list(_places(scene, stated))
+    places = _places(scene, stated)
+    place = list(places)
     chosen = scene.choose(stated[0].node)
     if len(place) == 1 and place[0] in scene.walks:
         return chosen.choose(walk=place[0])
-    parts = [_poses(scene, stated, name) for name in place]
+    parts = [_poses(scene, stated, name, len(stops)) for name, stops in places.items()]
     rates = [(walk.speed_m_s, walk.stop_interval_s) for name in place if (walk := scene.walks.get(name))]
     if any(any(rate) for rate in rates):
         raise ValueError(
             f"links: walk '{place[0]}' has speed_m_s or stop_interval_s, its links must be all there are"
         )
     walks = {name: scene.walks[name] for name in place if name in scene.walks}
-    joined = RecordedWalk(np.concatenate([one[0] for one in parts]), np.concatenate([one[1] for one in parts]))
+    joined = RecordedWalk(
+        np.concatenate([one[0] for one in parts]),
+        np.concatenate([one[1] for one in parts]),
+        stop_interval_s=max(link.entry.sweep_interval_s for link in stated),
+    )
     with naming_field("links", ": "):
         return replace(chosen, walk=joined, walk_name=f"stops of {', '.join(place)}", other_walks=walks)
 
@@ -193,20 +198,23 @@ def _places(scene: Scene, stated: Sequence[_Stated]) -> dict[str, range]:
     found: dict[str, range] = {}
     start = 0
     for name in sorted(names, key=lambda one: one in scene.txs):
-        count = len(scene.walks[name].positions_m()) if name in scene.walks else 1
+        entries = [link.entry for link in stated if link.at_stops == name]
+        count = max(one.n_sweeps for one in entries)
+        if name in scene.walks:
+            count = len(scene.walks[name].positions_m())
         found[name] = range(start, start + count)
         start += count
     return found
 
 
-def _poses(scene: Scene, stated: Sequence[_Stated], name: str) -> tuple[FloatArray, FloatArray]:
-    """Positions (stop, xyz) and headings (stop,) of a walk, or of the receiving panel of a node."""
+def _poses(scene: Scene, stated: Sequence[_Stated], name: str, count: int) -> tuple[FloatArray, FloatArray]:
+    """Positions (stop, xyz) and headings (stop,) of a walk, or of the receiving panel of a node, `count` times."""
     if name in scene.walks:
         walk = scene.walks[name]
         return walk.positions_m(), walk.headings_rad()
     own = [link.entry for link in stated if link.kind == LinkKind.MONOSTATIC and link.rx == name]
     pose = panel_beside(scene.txs[name], own[0].panel_offset_m) if own else scene.txs[name]
-    return pose.position_m[None], np.array([pose.heading_rad])
+    return np.tile(pose.position_m, (count, 1)), np.full(count, pose.heading_rad)
 
 
 def panel_beside(pose: Pose, offset_m: Sequence[float]) -> Pose:

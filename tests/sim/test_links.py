@@ -9,6 +9,7 @@ from scenes.config import load_scene
 from scenes.contours.smooth import Circle
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
 from scenes.scene import Scene
+from sim.clock import campaign_clock
 from sim.config import LinkKind, PropagationConfig, SimulationConfig
 from sim.links import panel_beside, tx_links, with_link_stops
 from sim.propagation.paths import BounceKind
@@ -154,6 +155,34 @@ def test_echoes_of_walls_and_round_pillars_are_those_of_the_closed_form() -> Non
     turned = np.abs([single.aod_azimuth_rad[pillar] - away, single.aoa_azimuth_rad[pillar] - away])
     assert turned.max() < offset_m / (legs.min() / 2)
     assert paths.delay_s.min() * SPEED_OF_LIGHT_M_S == pytest.approx(offset_m)
+
+
+def test_a_node_hears_itself_again_and_again_in_a_world_that_moves() -> None:
+    """Sweeps of one place at their times: leakage stays, a mover has the Doppler shift of both its ways."""
+    entry = {"tx": "tx", "rx": "tx", "n_sweeps": 3, "sweep_interval_s": 0.5}
+    [link] = links_of([entry], load_scene("moving_target"))
+    clock = campaign_clock(link.config, link.scene)
+    np.testing.assert_allclose(np.diff(clock.middle_s), 0.5)
+    assert link.stops == range(3) and np.ptp([pose.position_m for pose in link.scene.stops], axis=0).max() == 0
+    first, last = truth_of(link, 0), truth_of(link, 2)
+    for truth in (first, last):
+        assert truth.motion is not None
+        states = truth.motion.states
+        level_dbm = best_beam_power_dbm(
+            states.take("path", states.is_los), make_link(link.config), link.scene.tx, truth.rx_pose
+        )
+        assert level_dbm == pytest.approx(link.config.link.tx_power_dbm - link.config.role.isolation_db)
+        assert (truth.paths.rates.doppler_hz[truth.paths.is_los] == 0).all()
+    single = first.paths.take("path", first.paths.n_interactions == 1)
+    names = single.object_name[single.bounce_object[:, 0]]
+    person = np.flatnonzero(names == "person")[0]
+    still = np.isin(names, ["wall_south", "wall_east", "pillar"])
+    wavelength_m = SPEED_OF_LIGHT_M_S / 60e9
+    state = link.scene.movers["person"].at(float(clock.middle_s[0]))
+    toward = single.vertex_m[person, 0] - link.scene.tx.position_m
+    speed_m_s = state.velocity_m_s @ toward / np.linalg.norm(toward)
+    assert np.abs(single.rates.doppler_hz[still]).max() < 1e-6
+    assert single.rates.doppler_hz[person] == pytest.approx(-2 * speed_m_s / wavelength_m, rel=0.1, abs=5)
 
 
 @pytest.mark.parametrize(
