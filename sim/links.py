@@ -122,6 +122,11 @@ def link_nodes(config: SimulationConfig, scene: Scene) -> dict[str, str]:
     return {link.name: link.node for link in stated} or {name: name for name in chosen_tx(config, scene)}
 
 
+def uplink_names(config: SimulationConfig, scene: Scene) -> set[str]:
+    """Names of the links whose fixed node receives what a walk sends."""
+    return {link.name for link in _stated_links(config, scene) if link.kind == LinkKind.UPLINK}
+
+
 def with_link_stops(config: SimulationConfig, scene: Scene) -> Scene:
     """The scene with the stops of `links` as its walk, and their first fixed node as its TX.
 

@@ -65,8 +65,8 @@ def plan_run(config: CampaignConfig, scene: Scene, link: Link) -> RunPlan:
     sweeps = f" of each of {len(links)} {what}" if len(links) > 1 else ""
     does = (
         f"{len(scene.stops)} stops, {n_pairs} beam pairs{sweeps}, channel estimates by "
-        f"{methods(config)['channel']}, {_slam_of(config, scene, links)}; {megabytes:.0f} MB of samples a stop"
-        f"{_roles(links) if config.links else ''}"
+        f"{methods(config)['channel']}, {slam_of(config, scene, links)}; {megabytes:.0f} MB of samples a stop"
+        f"{'; links: ' + link_roles(links) if config.links else ''}"
     )
     if config.propagation.deepmimo is not None:
         return RunPlan(does, tuple(_about_settings(config, scene)))
@@ -80,7 +80,7 @@ def plan_run(config: CampaignConfig, scene: Scene, link: Link) -> RunPlan:
     return RunPlan(does, (*_about_settings(config, scene), *in_sight, *_about_cells(scene, link)))
 
 
-def _slam_of(config: CampaignConfig, scene: Scene, links: Sequence[TxLink[CampaignConfig]]) -> str:
+def slam_of(config: CampaignConfig, scene: Scene, links: Sequence[TxLink[CampaignConfig]]) -> str:
     """What SLAM does: fixed nodes have known poses, and are not asked for theirs."""
     walking = sorted({stop for link in links if link.config.role.receiver is None for stop in link.stops})
     if not walking:
@@ -93,14 +93,14 @@ def _slam_of(config: CampaignConfig, scene: Scene, links: Sequence[TxLink[Campai
     return f"SLAM of all stops{rest} together" if together else f"SLAM of every stop{rest} alone"
 
 
-def _roles(links: Sequence[TxLink[CampaignConfig]]) -> str:
+def link_roles(links: Sequence[TxLink[CampaignConfig]]) -> str:
     """The links of every kind."""
     parts = []
     for kind in LinkKind:
         names = [link.name for link in links if link.config.role.kind == kind]
         if names:
             parts.append(f"{ROLES[kind]} {_listed(names)}")
-    return "; links: " + "; ".join(parts)
+    return "; ".join(parts)
 
 
 def _seen_paths(config: CampaignConfig, link: TxLink[CampaignConfig], step: int) -> dict[int, Paths]:

@@ -33,7 +33,7 @@ from isac_arena.user_functions.room import check_functions
 from isac_arena.workers.stops import StopMakers, StopRun, campaign_run, make_stops, stop_run
 from scenes.scene import Scene
 from sim.clock import checked_clock
-from sim.links import link_nodes, tx_links
+from sim.links import link_nodes, tx_links, uplink_names
 from sim.signal.demand import ask_sample_memory
 from sim.signal.hardware.apply_impairments import with_surveyed_pose
 from sim.signal.link import make_link
@@ -270,7 +270,7 @@ def _page_payload(
     truths = stored_truths(store, n_stops) if store.measured is None else ()
     check_unchanged(store.directory / BUDGET_FILE.parent, [BUDGET_FILE.name])
     budget, txs = read_budget(store.directory, name), link_nodes(store.config, scene)
-    return report_payload(name, scene, results, tables, truths, budget, txs)
+    return report_payload(name, scene, results, tables, truths, budget, txs, uplink_names(store.config, scene))
 
 
 def scores_of(store: CampaignStore, scene: Scene, results: CampaignResults) -> Scores:

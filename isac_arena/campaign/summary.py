@@ -14,10 +14,12 @@ from rich.table import Table
 
 from isac_arena.campaign.chain.inputs import walk_settings
 from isac_arena.campaign.config import CampaignConfig, methods
+from isac_arena.campaign.plan import link_roles, slam_of
 from isac_arena.scoring.headline import HEADS, headline
 from isac_arena.scoring.score import Scores
 from isac_arena.user_functions.config import Stage
 from scenes.scene import Scene
+from sim.links import tx_links
 from sim.propagation.motion.sweep import TRACES_OF_A_SWEEP
 from sim.truth import Truth
 
@@ -103,6 +105,9 @@ def run_facts(
         slam = f"{how}; every stop first alone, {config.slam.method}"
     used, functions = methods(config), config.functions.given
     slam = used["slam"] if "slam" in functions else slam
+    if config.links:
+        links = tx_links(config, scene)
+        slam = f"{slam_of(config, scene, links)}; {link_roles(links)}"
     own = {OWN[stage]: used[stage] for stage in OWN if stage in functions}
     failed = {"Failed": "\n".join(failures)} if failures else {}
     versions = [f"Python {platform.python_version()}", *(f"{name} {_version(name)}" for name in LIBRARIES)]

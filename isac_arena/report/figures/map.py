@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from estimation.slam.record import SolveStatus
 from isac_arena.campaign.results import CampaignResults, MapResult
 from isac_arena.report.figures.bands import Curve, contour_curve, line_m, shape_curve
 from isac_arena.report.figures.plan import Box, draw_plan, plan_view
@@ -55,7 +56,8 @@ def map_figure(scene: Scene, results: CampaignResults, tables: ScoreTables) -> F
             ax.set(xlim=view[::2], ylim=view[1::2])
         right.set_ylabel("")
     grid[0, 0].set_title("Mapping: receiver pose and clock known")
-    grid[0, 1].set_title("SLAM: receiver pose and clock unknown")
+    is_given = bool((results.slam.poses.status == SolveStatus.GIVEN).all())
+    grid[0, 1].set_title(f"SLAM: receiver pose and clock {'those of nodes' if is_given else 'unknown'}")
     if len(views) > 1:
         for ax in grid[1]:
             ax.set_title("the same around the walk")

@@ -183,8 +183,9 @@ function estimatedLines(mapName, row) {
     const about = { index, status: paths.status[index] };
     if (paths.los[index]) return { ...about, points: [tx.xy, rx] };
     if (met.get(index)) return { ...about, points: [tx.xy, met.get(index), rx] };
-    const points = [tx.xy, along(tx.xy, tx.heading_deg + paths.aod_deg[index]), rx,
-      along(rx, pose.heading_deg[row] + paths.aoa_deg[index])];
+    const [atNode, atStop] = tx.receives ? [paths.aoa_deg, paths.aod_deg] : [paths.aod_deg, paths.aoa_deg];
+    const points = [tx.xy, along(tx.xy, tx.heading_deg + atNode[index]), rx,
+      along(rx, pose.heading_deg[row] + atStop[index])];
     return { ...about, points, stubs: true };
   });
 }

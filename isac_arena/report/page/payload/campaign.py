@@ -1,6 +1,6 @@
 """The data of the report page: one dictionary of plain numbers and texts from the records of a campaign."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from itertools import groupby
 from typing import Any
 
@@ -32,6 +32,7 @@ def report_payload(
     truths: Iterable[Truth] = (),
     budget: list[dict[str, Any]] | None = None,
     txs: Mapping[str, str] | None = None,
+    uplinks: Collection[str] = (),
 ) -> Payload:
     """All data of the page, ready for JSON: lengths in m, delays in ns, angles in deg, powers in dBm.
 
@@ -39,14 +40,14 @@ def report_payload(
     value. Rows of stops, paths, incidence points and contours keep the order of their records. `truths` gives the
     corners of the true paths, one stop at a time; a measured campaign has no truths and no power maps. `budget`
     has the rows of the campaign's error budget, None if there is none. `txs` are the TX of the scene by
-    the names of their links.
+    the names of their links; those of `uplinks` receive.
     """
     by_stop = {stop: true_paths(group, tables) for stop, group in groupby(truths, key=lambda truth: truth.stop)}
     stops = tables.poses.stop.tolist()
     return {
         "name": name,
         "has_truth": bool(by_stop),
-        "scene": _scene(scene, txs or {scene.tx_name: scene.tx_name}),
+        "scene": _scene(scene, txs or {scene.tx_name: scene.tx_name}, uplinks),
         "stops": _stops(scene, tables.poses),
         "estimated": [estimated_paths(stop, results, tables) for stop in stops],
         "true": [by_stop.get(stop) for stop in stops],
@@ -60,7 +61,7 @@ def report_payload(
     }
 
 
-def _scene(scene: Scene, txs: Mapping[str, str]) -> Payload:
+def _scene(scene: Scene, txs: Mapping[str, str], uplinks: Collection[str]) -> Payload:
     objects = [
         {
             "name": item.name,
@@ -84,6 +85,7 @@ def _scene(scene: Scene, txs: Mapping[str, str]) -> Payload:
                 "name": name if len(txs) > 1 else "TX",
                 "xy": rounded(scene.txs[node].position_m[:2], 3),
                 "heading_deg": number(np.rad2deg(scene.txs[node].heading_rad), 2),
+                "receives": name in uplinks,
             }
             for name, node in txs.items()
         ],
