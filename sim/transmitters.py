@@ -31,11 +31,16 @@ def chosen_tx(config: SimulationConfig, scene: Scene) -> tuple[str, ...]:
 
 def refuse_several_tx(config: SimulationConfig, scene: Scene, what: str) -> None:
     """`ValueError` where a campaign has several TX and `what`, such as a command, knows only one."""
-    if config.links:
-        raise ValueError(f"links: {what} takes one TX and the walk, leave them out")
+    refuse_links(config, what)
     names = chosen_tx(config, scene)
     if len(names) > 1:
         raise ValueError(f"tx = {list(names)}: {what} takes one TX, name one of them")
+
+
+def refuse_links(config: SimulationConfig, what: str) -> None:
+    """`ValueError` where a campaign states its links and `what`, such as a command, knows TX and a walk."""
+    if config.links:
+        raise ValueError(f"links: {what} takes TX and a walk, name them by tx and walk")
 
 
 def first_tx(config: SimulationConfig) -> str | None:

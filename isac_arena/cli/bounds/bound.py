@@ -38,6 +38,7 @@ def bound(
     from isac_arena.campaign.files import write_bytes  # noqa: PLC0415
     from isac_arena.campaign.stages import console  # noqa: PLC0415
     from isac_arena.report.style import png_bytes  # noqa: PLC0415
+    from sim.transmitters import refuse_links  # noqa: PLC0415
 
     if out.suffix != ".png":
         raise ValueError(f"--out = {out}: must end in .png")
@@ -46,6 +47,7 @@ def bound(
     if contours and (fixed or step_m is not None):
         raise ValueError("--contours: bounds stops and pillars from the signal; leave --fixed and --step out")
     loaded = load_campaign(campaign)
+    refuse_links(loaded.config, "arena bound")
     figures, tables = _contours(loaded, out, json_file) if contours else _plan(loaded, out, step_m, fixed=fixed)
     for file, figure in figures.items():
         write_bytes(file, png_bytes(figure))

@@ -43,10 +43,12 @@ def place(
     from isac_arena.insight.placement.candidates import read_candidates  # noqa: PLC0415
     from isac_arena.insight.placement.criterion import criterion_name  # noqa: PLC0415
     from isac_arena.progress import progress_bar  # noqa: PLC0415
+    from sim.transmitters import refuse_links  # noqa: PLC0415
 
     if out.suffix != ".png":
         raise ValueError(f"--out = {out}: must end in .png")
     wanted, loaded = criterion_name(criterion), load_campaign(campaign)
+    refuse_links(loaded.config, "arena place")
     places = read_candidates(candidates, loaded.scene, headings)
     with progress_bar(console, transient=True) as progress:
         found = placement.place(

@@ -15,6 +15,7 @@ from isac_arena.validation.multistatic.links import linked_run
 from isac_arena.verification.campaign import recomputed_campaign
 from scenes.pose import wrap_angle
 from sim.signal.link import make_link
+from sim.transmitters import refuse_several_tx
 
 SMALL = {
     "tx_array.beams_per_panel": 16,
@@ -95,6 +96,8 @@ def test_a_node_that_sees_nothing_leaves_the_contours_of_the_others() -> None:
 def test_nodes_alone_are_not_asked_for_their_poses() -> None:
     run = load_campaign("monostatic", **SMALL).run()
     scores = run.scores()
+    with pytest.raises(ValueError, match=r"links: arena link takes TX and a walk, name them by tx and walk"):
+        refuse_several_tx(run.config, run.scene, "arena link")
     assert scores.value("slam.stops") == 0 and np.isnan(scores.value("slam.position.rmse_m"))
     assert scores.value("mapping.ip_to_surface.median_m") < 0.1
     for name in ("ip_to_surface.median_m", "objects_found"):
