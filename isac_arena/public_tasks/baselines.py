@@ -8,6 +8,7 @@ import numpy as np
 
 from estimation.channel.estimate import estimate_channel
 from estimation.channel.record import EstimateStatus, empty_estimate
+from estimation.slam.stops import published_poses
 from isac_arena.campaign.chain.inputs import known_receiver, unsolved_poses
 from isac_arena.campaign.chain.maps import make_map
 from isac_arena.campaign.config import CampaignConfig
@@ -66,14 +67,17 @@ def _rows(stage: Stage, sealed: SealedScene, number: int, method: Baseline) -> I
             for row in zip(*values, strict=True):
                 yield (number, truth.stop, *row)
         return
-    known = known_receiver(sealed.truths) if stage == "contours" else None
-    heights_m = np.array([truth.rx_pose.position_m[2] for truth in sealed.truths])
-    result = make_map(config, sealed.channel, sealed.scene.tx, known, heights_m)
+    run = replace(sealed, config=config).run
     if stage == "slam":
-        for stop, place in zip(result.poses.stop, result.poses.position_m, strict=True):
+        is_published = config.slam.method == "reference"
+        poses = (
+            published_poses(sealed.channel, run.tx, config.slam) if is_published else run.locate(sealed.channel)[0]
+        )
+        for stop, place in zip(poses.stop, poses.position_m, strict=True):
             if np.isfinite(place).all():
                 yield (number, stop, *place)
         return
+    result = make_map(config, sealed.channel, run.tx, known_receiver(sealed.truths))
     for contour, points in enumerate(_outlines(result)):
         for point in points:
             yield (number, contour, *point)

@@ -40,10 +40,12 @@ from sim.truth import Truth
 Stage = Literal["channel", "slam", "contours"]
 TASK_STAGES: tuple[Stage, ...] = get_args(Stage)
 SEAL, ABOUT = "seal.tar", "task.json"
+# A TX may stand in the middle of a room: one panel would take a path behind it for its mirror image in front.
+ALL_AROUND = {"panel_azimuth_deg": [-180.0, -90.0, 0.0, 90.0], "sector_deg": 90.0}
 SETTINGS: dict[str, Any] = {
     "waveform": {"n_rb": 264, "comb": 4},
-    "tx_array": {"rows": 1, "columns": 16, "beams_per_panel": 24},
-    "rx_array": {"rows": 1, "columns": 8, "beams_per_panel": 12, "panel_azimuth_deg": [-180.0, -90.0, 0.0, 90.0]},
+    "tx_array": {"rows": 1, "columns": 16, "beams_per_panel": 12, **ALL_AROUND},
+    "rx_array": {"rows": 1, "columns": 8, "beams_per_panel": 8, **ALL_AROUND},
     "channel": {"maximum_likelihood": {"max_paths": 40}},
     "propagation": {"diffuse_samples": 0, "compare_planar": False},
 }

@@ -12,6 +12,7 @@ import pytest
 import isac_arena as ia
 from isac_arena.exchange.path_table import read_table
 from isac_arena.public_tasks import making
+from isac_arena.public_tasks.baselines import BASELINES, baseline_rows
 from isac_arena.public_tasks.board import BoardRow, enter, page, read_board
 from isac_arena.public_tasks.grading import bounce_points, channel_tables, grade, with_interval
 from isac_arena.public_tasks.making import SealedScene, Stage, TaskSpec, make_task, read_task
@@ -152,6 +153,26 @@ def test_baselines_and_the_bound_are_rows(made: Path) -> None:
     assert done.returncode == 0, done.stderr
     kinds = [row.kind for row in read_board(made / "slam")]
     assert kinds.count("baseline") == 3 and kinds.count("bound") == 1
+
+
+def test_both_ends_see_all_around() -> None:
+    """A path behind the only panel of a TX would look as if it left in front: whole walks were mirrored."""
+    around_deg = np.arange(0.0, 360.0, 0.5)
+    for array in making.task_config(1).end_arrays:
+        away_deg = (around_deg[:, None] - np.array(array.panel_azimuth_deg) + 180) % 360 - 180
+        assert np.abs(away_deg).min(axis=1).max() <= array.sector_deg / 2
+
+
+@pytest.mark.slow
+def test_a_walk_behind_the_tx_is_found(tmp_path: Path) -> None:
+    make_task(TaskSpec("behind", "pillar", "slam", 1, 3, 1), tmp_path)
+    (scene,) = read_task(tmp_path)[1]
+    tx = scene.scene.tx
+    offset_m = scene.scene.walk.positions_m()[:, :2] - tx.position_m[:2]
+    assert (offset_m @ [np.cos(tx.heading_rad), np.sin(tx.heading_rad)] < 0).all()
+    for method in BASELINES["slam"]:
+        table = baseline_rows("slam", [scene], method)
+        assert grade("slam", [scene], submission_of(table, "slam", 1, 3, method.name)).mean < 0.2
 
 
 def test_names_on_the_page_are_text(tmp_path: Path) -> None:
