@@ -63,7 +63,7 @@ def _rows(stage: Stage, sealed: SealedScene, number: int, method: Baseline) -> I
     if stage == "channel":
         for truth in sealed.truths:
             found = estimate_channel(sealed.run.sweep(truth), config=config.channel).reported
-            values = (found.delay_s, found.aod_azimuth_rad, found.aoa_azimuth_rad)
+            values = (found.delay_s, found.aod_azimuth_rad, found.aoa_azimuth_rad, found.power_dbm)
             for row in zip(*values, strict=True):
                 yield (number, truth.stop, *row)
         return

@@ -72,13 +72,13 @@ def _channel(sealed: SealedScene, number: int, submission: Submission) -> FloatA
 
 
 def _estimate(stop: int, values: FloatArray) -> ChannelEstimate:
-    """Submitted paths of a stop as a record; angles are those that horizontal beams see."""
+    """Submitted paths of a stop as a record: angles that horizontal beams see, powers of the best pairs."""
     values = values[np.argsort(values[:, 0], kind="stable")]
     n = len(values)
     zero = np.zeros(n)
     return ChannelEstimate(
         stop=stop, delay_s=values[:, 0], aod_azimuth_rad=values[:, 1], aoa_azimuth_rad=values[:, 2],
-        power_dbm=zero, beam_loss_db=zero, snr_db=zero, covariance=np.full((n, 3, 3), np.nan),
+        power_dbm=values[:, 3], beam_loss_db=zero, snr_db=zero, covariance=np.full((n, 3, 3), np.nan),
         is_los=np.zeros(n, bool), aod_angle_kind=AngleKind.CONE, aoa_angle_kind=AngleKind.CONE,
     )  # fmt: skip
 

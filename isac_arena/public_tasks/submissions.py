@@ -11,7 +11,7 @@ from scenes.record import FloatArray
 
 # Columns of a submission by stage; docs/tasks.md has the same list.
 COLUMNS: dict[Stage, tuple[str, ...]] = {
-    "channel": ("scene", "stop", "delay_s", "aod_azimuth_rad", "aoa_azimuth_rad"),
+    "channel": ("scene", "stop", "delay_s", "aod_azimuth_rad", "aoa_azimuth_rad", "power_dbm"),
     "slam": ("scene", "stop", "x_m", "y_m"),
     "contours": ("scene", "contour", "x_m", "y_m"),
 }

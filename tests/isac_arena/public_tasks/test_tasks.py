@@ -53,7 +53,7 @@ def sealed(made: Path) -> list[SealedScene]:
 
 def columns(stage: Stage, rows: list[tuple[float, ...]]) -> dict[str, np.ndarray]:
     names = {"slam": ("scene", "stop", "x_m", "y_m"), "contours": ("scene", "contour", "x_m", "y_m")}
-    wanted = names.get(stage, ("scene", "stop", "delay_s", "aod_azimuth_rad", "aoa_azimuth_rad"))
+    wanted = names.get(stage, ("scene", "stop", "delay_s", "aod_azimuth_rad", "aoa_azimuth_rad", "power_dbm"))
     return dict(zip(wanted, np.array(rows, float).reshape(-1, len(wanted)).T, strict=True))
 
 
@@ -116,9 +116,9 @@ def test_submitted_estimates_have_the_gospa_of_a_campaign(sealed: list[SealedSce
     for number, one in enumerate(sealed):
         expected.append(channel_tables(one, one.channel).stops.gospa)
         for found in one.channel:
-            values = (found.delay_s, found.aod_azimuth_rad, found.aoa_azimuth_rad)
+            values = (found.delay_s, found.aod_azimuth_rad, found.aoa_azimuth_rad, found.power_dbm)
             rows += [(number, found.stop, *map(float, row)) for row in zip(*values, strict=True)]
-    assert graded("channel", sealed, rows) == pytest.approx(np.mean(expected), rel=0.1)  # powers are not submitted
+    assert graded("channel", sealed, rows) == pytest.approx(np.mean(expected), rel=1e-6)
 
 
 def test_intervals_hold_the_mean_of_many_scenes() -> None:
