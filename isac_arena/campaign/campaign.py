@@ -45,7 +45,12 @@ class Campaign(Displayed):
         return self.run().link
 
     def trace(self, stops: Iterable[int] | None = None) -> list[Truth]:
-        """True paths, receiver pose and clock of the given stops, by default of all."""
+        """True paths, receiver pose and clock of the given stops, by default of all; `ValueError` for others."""
+        if stops is not None:
+            stops, n_stops = list(stops), len(self.stops)
+            wrong = [stop for stop in stops if not 0 <= stop < n_stops]
+            if wrong:
+                raise ValueError(f"stops = {wrong[0]}: must be within 0 and {n_stops - 1}, the stops of the walk")
         return list(self.run(stops).truths())
 
     def observe(self, truth: Truth) -> BeamSweep:

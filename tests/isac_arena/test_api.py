@@ -102,6 +102,12 @@ def test_a_scene_made_in_python_becomes_a_scene_file(seed: int) -> None:
     same_scene(SceneConfig.model_validate(tables).build(60e9), scene)
 
 
+@pytest.mark.parametrize("stop", [-1, 4])
+def test_a_stop_that_is_not_there_is_named(stop: int) -> None:
+    with pytest.raises(ValueError, match=f"stops = {stop}: must be within 0 and 3"):
+        ia.load_campaign("box_room").trace([0, stop])
+
+
 def test_a_campaign_made_in_python_has_a_directory(tmp_path: Path) -> None:
     scene = ia.random_arena(np.random.default_rng(100), 0.2, n_stops=3)
     campaign = ia.load_campaign({"name": "mine", "scene": "-"}, scene=scene, waveform={"comb": 12})

@@ -107,7 +107,7 @@ def test_a_new_function_of_every_stage_passes_its_test(
 def test_the_library_and_the_settings_are_listed(tmp_path: Path) -> None:
     listed = arena_here("campaign", "list").stdout.splitlines()
     assert [line.split()[0] for line in listed] == ia.library_campaigns() and all(
-        len(line) < 150 for line in listed
+        len(line) < 150 and line.endswith(".") for line in listed
     )
     shown = arena_here("campaign", "show", "box_room").stdout
     assert 'scene = "box_room"' in shown and "4 receiver stops" in shown
