@@ -18,7 +18,7 @@ from sim.transmitters import chosen_tx
 def check_bounds_of_campaigns(seed: int, quick: bool) -> list[Measurement]:
     """Bounds over the plan are made without diffuse paths, which are never significant; scores know all paths.
 
-    Eight stops of every campaign of the library that `arena bound` takes, those of one TX in a hall that stands; a
+    Eight stops of every campaign of the library that `arena bound` takes, those of one TX and a walk in a hall that stands; a
     quick run takes one stop of every fourth campaign.
     """
     rng, rows = np.random.default_rng(seed), []
@@ -35,7 +35,8 @@ def check_bounds_of_campaigns(seed: int, quick: bool) -> list[Measurement]:
 
 
 def _is_taken(campaign: Campaign) -> bool:
-    return len(chosen_tx(campaign.config, campaign.scene)) == 1 and not campaign.scene.is_moving
+    config, scene = campaign.config, campaign.scene
+    return len(chosen_tx(config, scene)) == 1 and not config.links and not scene.is_moving
 
 
 def bound_difference(campaign: Campaign, stops: Sequence[int]) -> FloatArray:
