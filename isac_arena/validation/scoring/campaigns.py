@@ -18,8 +18,8 @@ from sim.transmitters import chosen_tx
 def check_bounds_of_campaigns(seed: int, quick: bool) -> list[Measurement]:
     """Bounds over the plan are made without diffuse paths, which are never significant; scores know all paths.
 
-    Eight stops of every campaign of the library that `arena bound` takes, those of one TX and a walk in a hall that stands; a
-    quick run takes one stop of every fourth campaign.
+    Eight stops of every campaign of the library that `arena bound` takes, those of one TX and a walk in a hall
+    that stands; a quick run takes one stop of every fourth campaign.
     """
     rng, rows = np.random.default_rng(seed), []
     loaded = {name: load_campaign(name) for name in library_campaigns()}
