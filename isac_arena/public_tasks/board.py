@@ -7,8 +7,10 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from isac_arena.campaign.files import write_json, write_text
-from isac_arena.public_tasks.grading import UNITS, Grade
+from isac_arena.public_tasks.grading import UNITS, Grade, interval_over
 
 BOARD, PAGE = "leaderboard.json", "leaderboard.html"
 LOSS = {
@@ -20,11 +22,18 @@ STAGES = {"channel": "Channel estimation", "slam": "SLAM", "contours": "Contours
 TIERS = {
     "pillar": "One pillar in a room", "halls": "Halls", "people": "Halls in which people walk",
 }  # fmt: skip
+INTERVALS = {
+    "scenes": "Intervals hold 95 % of the mean over scenes.",
+    "stops": "Intervals hold 95 % of the mean over stops. They do not tell how scenes differ: there are too few.",
+    "": "One value has no interval.",
+}
+BOUND = {"slam": " The bound is that of each stop alone: methods that solve all stops together may be better."}
 STYLE = """
-body { font: 16px/1.5 system-ui, sans-serif; margin: 2rem auto; max-width: 60rem; padding: 0 1rem; color: #1b1b1b }
+body { font: 16px/1.5 system-ui, sans-serif; margin: 2rem auto; max-width: 64rem; padding: 0 1rem; color: #1b1b1b }
 table { border-collapse: collapse; width: 100% } th, td { padding: .4rem .7rem; text-align: right }
 th:nth-child(-n+2), td:nth-child(-n+2) { text-align: left } tr { border-bottom: 1px solid #ddd }
-.bar { position: relative; height: .8rem; width: 14rem; background: #f0f0f0 }
+th, td:nth-child(4), td:nth-child(5) { white-space: nowrap }
+.bar { position: relative; height: .8rem; width: min(14rem, 18vw); background: #f0f0f0 }
 .bar i { position: absolute; height: 100%; background: #9dc3e6 }
 .bar b { position: absolute; height: 100%; width: 2px; background: #1f4e79 }
 .bound td { color: #666; font-style: italic } code { font-size: .85em; word-break: break-all }
@@ -33,19 +42,33 @@ th:nth-child(-n+2), td:nth-child(-n+2) { text-align: left } tr { border-bottom: 
 
 @dataclass(frozen=True)
 class BoardRow:
-    """A line of the board. `sha256` is the hash of the submitted file, empty for what was made here."""
+    """A line of the board. `sha256` is the hash of the submitted file, empty for what was made here.
+
+    `low` and `high` are the 95 % interval, None where a single value has none.
+    """
 
     name: str
     kind: str  # submission, baseline or bound
     mean: float
-    low: float
-    high: float
+    low: float | None
+    high: float | None
     sha256: str = ""
 
     @classmethod
     def of(cls, name: str, kind: str, found: Grade, sha256: str = "") -> "BoardRow":
         """The line of a grade."""
-        return cls(name, kind, found.mean, found.low, found.high, sha256)
+        low, high = (None if np.isnan(end) else end for end in (found.low, found.high))
+        return cls(name, kind, found.mean, low, high, sha256)
+
+    @property
+    def interval(self) -> str:
+        """The interval in words."""
+        return "none" if self.low is None or self.high is None else f"{plain(self.low)} to {plain(self.high)}"
+
+
+def plain(value: float) -> str:
+    """Three digits without exponent."""
+    return np.format_float_positional(value, precision=3, fractional=False, trim="-")
 
 
 def read_board(directory: Path) -> list[BoardRow]:
@@ -72,27 +95,24 @@ def enter(directory: Path, about: dict[str, Any], rows: Sequence[BoardRow]) -> l
 
 def page(about: dict[str, Any], rows: list[BoardRow]) -> str:
     """The board as HTML, without scripts."""
-    largest = max((row.high for row in rows), default=1.0) or 1.0
+    largest = max((row.high or row.mean for row in rows), default=1.0) or 1.0
     place, lines = 0, []
     for row in rows:
         place += row.kind != "bound"
-        bar = (
-            f'<div class="bar"><i style="left:{100 * row.low / largest:.1f}%;'
-            f'width:{100 * (row.high - row.low) / largest:.1f}%"></i>'
-            f'<b style="left:{min(99.0, 100 * row.mean / largest):.1f}%"></b></div>'
-        )
-        lines.append(
-            f'<tr class="{row.kind}"><td>{place if row.kind != "bound" else ""}</td><td>{escape(row.name)}</td>'
-            f"<td>{row.kind}</td><td>{row.mean:.4g}</td>"
-            f"<td>{row.low:.4g} to {row.high:.4g}</td><td>{bar}</td></tr>"
-        )
+        cells = [
+            str(place) if row.kind != "bound" else "", escape(row.name), row.kind, plain(row.mean), row.interval,
+            _bar(row, largest),
+        ]  # fmt: skip
+        lines.append(f'<tr class="{row.kind}">{"".join(f"<td>{cell}</td>" for cell in cells)}</tr>')
     stage = about["stage"]
     title = f"{STAGES[stage]}: {TIERS[about['tier']].lower()}"
+    size = f"{_count(about['n_scenes'], 'scene')} of {_count(about['n_stops'], 'stop')}"
+    over = INTERVALS[interval_over(stage, about["n_scenes"], about["n_stops"])]
     return f"""<!doctype html>
-<html lang="en"><head><meta charset="utf-8"><title>{title}</title><style>{STYLE}</style></head><body>
+<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">
+<title>{title}</title><style>{STYLE}</style></head><body>
 <h1>{title}</h1>
-<p>{about["n_scenes"]} scenes of {about["n_stops"]} stops. Mean {LOSS[stage]},
-with 95 % intervals of the bootstrap over scenes.</p>
+<p>{size}. Mean {LOSS[stage]}. {over}{BOUND.get(stage, "")}</p>
 <table><thead><tr><th></th><th>method</th><th>kind</th><th>mean ({UNITS[stage]})</th><th>95 % interval</th>
 <th></th></tr></thead><tbody>
 {chr(10).join(lines)}
@@ -100,3 +120,16 @@ with 95 % intervals of the bootstrap over scenes.</p>
 <p>The truth was sealed before the first submission. SHA-256 of the seal: <code>{about["seal_sha256"]}</code></p>
 </body></html>
 """
+
+
+def _bar(row: BoardRow, largest: float) -> str:
+    """The interval as a bar with a line at the mean, over 0 to `largest`."""
+    low, high = (row.mean if end is None else end for end in (row.low, row.high))
+    return (
+        f'<div class="bar"><i style="left:{100 * low / largest:.1f}%;width:{100 * (high - low) / largest:.1f}%">'
+        f'</i><b style="left:{min(99.0, 100 * row.mean / largest):.1f}%"></b></div>'
+    )
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"

@@ -30,16 +30,20 @@ from isac_arena.campaign.files import complete_file, read_record, write_bytes, w
 from isac_arena.campaign.integrity import file_digest
 from isac_arena.campaign.lock import one_run
 from isac_arena.campaign.netcdf import to_netcdf
-from isac_arena.public_tasks.scenes import Tier, task_scene
+from isac_arena.public_tasks.scenes import Tier, n_seen, task_scene
 from isac_arena.workers.threads import one_thread
 from scenes.config import load_scene
 from scenes.scene import Scene
 from scenes.tables import scene_tables
+from sim.clock import campaign_clock
 from sim.truth import Truth
 
 Stage = Literal["channel", "slam", "contours"]
 TASK_STAGES: tuple[Stage, ...] = get_args(Stage)
 SEAL, ABOUT = "seal.tar", "task.json"
+N_ROOMS = 50  # rooms tried for a scene
+# An object has a point a stop, and methods need five points near one another to tell an object from clutter.
+LEAST_STOPS: dict[Stage, int] = {"contours": 6}
 # A TX may stand in the middle of a room: one panel would take a path behind it for its mirror image in front.
 ALL_AROUND = {"panel_azimuth_deg": [-180.0, -90.0, 0.0, 90.0], "sector_deg": 90.0}
 SETTINGS: dict[str, Any] = {
@@ -84,7 +88,10 @@ class SealedScene:
 
 
 def make_task(spec: TaskSpec, out: Path, tell: Callable[[int], None] = lambda _: None) -> None:
-    """Write a task; `ValueError` where the directory holds other files."""
+    """Write a task; `ValueError` where the directory holds other files, or stops are too few for the stage."""
+    least = LEAST_STOPS.get(spec.stage, 1)
+    if spec.n_stops < least:
+        raise ValueError(f"--stops = {spec.n_stops}: must be at least {least} for {spec.stage}")
     with one_run(out), one_thread():
         if any(not one.name.startswith(".") for one in out.iterdir()):
             raise ValueError(f"--out = {out}: holds other files; choose an empty or a new directory")
@@ -126,11 +133,14 @@ def _about(directory: Path) -> dict[str, Any]:
 
 
 def _simulated(spec: TaskSpec, number: int) -> SealedScene:
+    """A scene in which at least half of the stops see the TX; `ValueError` where none is found."""
     rng = np.random.default_rng([spec.seed, number])
-    scene = task_scene(spec.tier, rng, spec.n_stops)
-    config = task_config(int(rng.integers(2**62)))
-    run = CampaignRun(config, scene)
-    return SealedScene(config, scene, list(run.truths()))
+    for _ in range(N_ROOMS):
+        scene = task_scene(spec.tier, rng, spec.n_stops)
+        config = task_config(int(rng.integers(2**62)))
+        if 2 * n_seen(scene, campaign_clock(config, scene).middle_s) >= spec.n_stops:
+            return SealedScene(config, scene, list(CampaignRun(config, scene).truths()))
+    raise ValueError(f"seed = {spec.seed}: scene {number}: no walk sees enough of the TX in {N_ROOMS} rooms")
 
 
 def task_config(seed: int) -> CampaignConfig:

@@ -14,6 +14,7 @@ from scenes.pose import Pose
 from scenes.random_arena import random_arena
 from scenes.record import FloatArray
 from scenes.scene import Scene
+from sim.propagation.occlusion import sees_tx
 
 Tier = Literal["pillar", "halls", "people"]
 DIFFICULTY: dict[Tier, tuple[float, float]] = {"pillar": (0.0, 0.0), "halls": (0.3, 0.7), "people": (0.2, 0.5)}
@@ -41,6 +42,13 @@ def task_scene(tier: Tier, rng: np.random.Generator, n_stops: int) -> Scene:
             taken.append(shapely.LineString(way))
             people.append(_person(f"person_{number + 1}", way))
     return replace(scene, objects=(*scene.objects, *people))
+
+
+def n_seen(scene: Scene, time_s: FloatArray) -> int:
+    """Stops that see the TX at their times (stop,), where people may stand between."""
+    if not scene.is_moving:
+        return int(sees_tx(scene).sum())
+    return sum(bool(sees_tx(scene.at(float(now_s)))[stop]) for stop, now_s in enumerate(time_s))
 
 
 def _way(rng: np.random.Generator, scene: Scene, taken: list[shapely.Geometry]) -> FloatArray | None:

@@ -90,6 +90,12 @@ def is_blocked(faces: Occluders, start_m: FloatArray, end_m: FloatArray) -> Bool
     return result
 
 
+def sees_tx(scene: Scene) -> BoolArray:
+    """Mask (stop,) of stops of the walk with a free line of sight to the TX, where everything is at the start."""
+    stops = scene.walk.positions_m()
+    return ~is_blocked(occluders(scene), np.broadcast_to(scene.tx.position_m, stops.shape), stops)
+
+
 def leg_crossings(faces: Occluders, start_m: FloatArray, end_m: FloatArray) -> Crossings:
     """All crossings of legs (leg, xyz) -> (leg, xyz) with faces, lids and mesh triangles between their ends."""
     start, end = np.atleast_2d(start_m), np.atleast_2d(end_m)

@@ -105,11 +105,11 @@ def _enter(task: Path, about: dict[str, Any], rows: Sequence[BoardRow]) -> None:
     from rich.console import Console  # noqa: PLC0415
     from rich.table import Table  # noqa: PLC0415
 
-    from isac_arena.public_tasks.board import PAGE, enter  # noqa: PLC0415
+    from isac_arena.public_tasks.board import PAGE, enter, plain  # noqa: PLC0415
 
     table = Table("method", "kind", "mean", "95 % interval", title=str(about["name"]))
     for row in enter(task, about, rows):
-        table.add_row(row.name, row.kind, f"{row.mean:.4g}", f"{row.low:.4g} to {row.high:.4g}")
+        table.add_row(row.name, row.kind, plain(row.mean), row.interval)
     console = Console(highlight=False)
     console.print(table)
     console.print(f"leaderboard: {task / PAGE}")

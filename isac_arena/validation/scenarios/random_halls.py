@@ -18,7 +18,7 @@ from isac_arena.validation.scenarios.hall_objects import COLUMN_HALF_M, MATERIAL
 from scenes.config import SceneConfig
 from scenes.record import FloatArray
 from scenes.scene import Scene
-from sim.propagation.occlusion import is_blocked, occluders
+from sim.propagation.occlusion import sees_tx
 
 N_STOPS = 8
 SHORTEST_M, LONGEST_M = 10.0, 40.0  # of the longer side of a room
@@ -226,10 +226,9 @@ def _n_seen(scene: Scene) -> int:
     offset = (stops - tx.position_m)[:, :2]
     if np.linalg.norm(offset, axis=1).min() < LEAST_DISTANCE_M:
         return 0
-    blocked = is_blocked(occluders(scene), np.broadcast_to(tx.position_m, stops.shape), stops)
     azimuth = np.arctan2(offset[:, 1], offset[:, 0]) - tx.heading_rad
     inside = np.cos(azimuth) > np.cos(np.deg2rad(TX_SECTOR_DEG / 2))
-    return int((inside & ~blocked).sum())
+    return int((inside & sees_tx(scene)).sum())
 
 
 def _draw_campaign(rng: np.random.Generator, room: int, n_elevations: int, hardware: bool) -> CampaignConfig:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import isac_arena as ia
+from isac_arena.campaign.driver import CampaignRun
 from isac_arena.exchange.path_table import read_table
 from isac_arena.public_tasks import making
 from isac_arena.public_tasks.baselines import BASELINES, baseline_rows
@@ -19,6 +20,7 @@ from isac_arena.public_tasks.making import SealedScene, Stage, TaskSpec, make_ta
 from isac_arena.public_tasks.scenes import CLEAR_M, task_scene
 from isac_arena.public_tasks.submissions import submission_of
 from sim.observation import BeamSweep
+from sim.propagation.occlusion import sees_tx
 from tests.command_line import arena_here, failure
 
 ARRAY = {"rows": 1, "columns": 8, "beams_per_panel": 8}
@@ -41,6 +43,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("tasks")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(making, "SETTINGS", SMALL)
+        patch.setattr(making, "LEAST_STOPS", {})
         for stage in making.TASK_STAGES:
             task(folder / stage, stage)
     return folder
@@ -124,12 +127,24 @@ def test_submitted_estimates_have_the_gospa_of_a_campaign(sealed: list[SealedSce
 def test_intervals_hold_the_mean_of_many_scenes() -> None:
     """Scenes with a common part: the interval is that over scenes, not over stops."""
     rng = np.random.default_rng(3)
-    hits = 0
-    for _ in range(60):
-        losses = [1.0 + rng.standard_normal() + 0.01 * rng.standard_normal(20) for _ in range(25)]
+    hits, n_tasks = 0, 1000
+    for _ in range(n_tasks):
+        losses = [9.0 + rng.standard_normal() + 0.01 * rng.standard_normal(20) for _ in range(5)]
         found = with_interval(losses)
-        hits += found.low <= 1.0 <= found.high
-    assert 50 <= hits <= 60
+        hits += found.low <= 9.0 <= found.high
+    assert abs(hits / n_tasks - 0.95) < 0.02  # three standard deviations
+
+
+def test_few_values_have_intervals_of_what_there_is(tmp_path: Path) -> None:
+    of_stops = with_interval([np.array([1.0, 3.0]), np.array([2.0, 4.0])])
+    assert (of_stops.low + of_stops.high) / 2 == pytest.approx(of_stops.mean) == 2.5
+    about = {
+        "name": "t", "tier": "halls", "stage": "contours", "n_scenes": 1, "n_stops": 8, "seal_sha256": "0",
+    }  # fmt: skip
+    (row,) = enter(tmp_path, about, [BoardRow.of("one", "submission", with_interval([np.array([0.2])]))])
+    assert (row.low, row.high, row.interval) == (None, None, "none") and read_board(tmp_path) == [row]
+    text = (tmp_path / "leaderboard.html").read_text()
+    assert "1 scene of 8 stops" in text and "One value has no interval." in text
 
 
 def test_a_submission_is_graded_and_entered(made: Path, sealed: list[SealedScene], tmp_path: Path) -> None:
@@ -183,6 +198,23 @@ def test_names_on_the_page_are_text(tmp_path: Path) -> None:
     rows = enter(tmp_path, about, [BoardRow("better", "submission", 0.2, 0.1, 0.3)])
     assert [row.name for row in rows] == ["better", "<script>"]
     assert "<script>" not in page(about, rows)
+
+
+def test_half_of_the_stops_see_the_tx(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Scene 2 of seed 100: from the first walk that is drawn, no stop sees the TX."""
+    spec = TaskSpec("t", "halls", "slam", 3, 4, 100)
+    first = task_scene("halls", np.random.default_rng([100, 2]), 4)
+    assert not sees_tx(first).any()
+    monkeypatch.setattr(CampaignRun, "truths", lambda run: iter(()))
+    assert sees_tx(making._simulated(spec, 2).scene).sum() >= 2
+
+
+def test_too_few_stops_for_contours_are_refused(tmp_path: Path) -> None:
+    options = ("--tier", "pillar", "--stage", "contours", "--stops", "5")
+    assert "--stops = 5: must be at least 6 for contours" in failure(
+        "task", "make", "--out", tmp_path / "t", *options
+    )
+    assert not (tmp_path / "t").exists()
 
 
 def test_people_walk_where_nothing_stands() -> None:
