@@ -81,7 +81,8 @@ def _mat(file: Path) -> Columns:
 def _npz(file: Path) -> Columns:
     check_input(file)
     with np.load(file, allow_pickle=False) as stored:
-        return {name: np.atleast_1d(stored[name]) for name in stored.files}
+        found = {name: np.atleast_1d(stored[name]) for name in stored.files}
+    return {name: value for name, value in found.items() if value.ndim == 1}
 
 
 def _netcdf(file: Path) -> Columns:

@@ -107,15 +107,20 @@ class MeasuredTable:
 
 def read_table(file: Path) -> MeasuredTable:
     """The table in a CSV, Parquet, MATLAB or netCDF file; `ValueError`, one line, where it holds none."""
-    columns = read_columns(file)
-    sizes = {name: len(value) for name, value in columns.items()}
-    first = next(iter(sizes), None)
-    if first is None or not sizes[first]:
+    table = table_of(file, read_columns(file))
+    if not len(next(iter(table.columns.values()), ())):
         raise ValueError(f"{file}: holds no rows; a table of paths is needed")
+    return table
+
+
+def table_of(file: Path, columns: dict[str, NDArray[Any]]) -> MeasuredTable:
+    """Columns as a table; `ValueError` where one is shorter than another."""
+    sizes = {name: len(value) for name, value in columns.items()}
+    first = next(iter(sizes), "")
     for name, size in sizes.items():
         if size != sizes[first]:
             raise ValueError(
-                f"{file}: {name} has {size} values, {first} has {sizes[first]}: one per path is needed"
+                f"{file}: {name} has {size} values, {first} has {sizes[first]}: one per row is needed"
             )
     return MeasuredTable(file, columns)
 

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -77,7 +77,8 @@ def read_board(directory: Path) -> list[BoardRow]:
     if not file.is_file():
         return []
     try:
-        return [BoardRow(**row) for row in json.loads(file.read_text(encoding="utf-8"))["rows"]]
+        rows = [BoardRow(**row) for row in json.loads(file.read_text(encoding="utf-8"))["rows"]]
+        return [replace(row, mean=float(row.mean), name=str(row.name)) for row in rows]
     except (ValueError, KeyError, TypeError) as error:
         raise ValueError(f"{file}: damaged ({error}); put it back as it was, or remove it") from error
 

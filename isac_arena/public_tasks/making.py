@@ -120,16 +120,31 @@ def read_task(directory: Path) -> tuple[dict[str, Any], list[SealedScene]]:
         for member in tar.getmembers():
             stream = tar.extractfile(member)
             write_bytes(Path(folder) / Path(member.name).name, b"" if stream is None else stream.read())
-        return about, [_unsealed(Path(folder), number, about) for number in range(about["n_scenes"])]
+        try:
+            return about, [_unsealed(Path(folder), number, about) for number in range(about["n_scenes"])]
+        except FileNotFoundError as error:
+            counts = f"{about['n_scenes']} scenes of {about['n_stops']} stops"
+            raise ValueError(f"{directory / 'public' / ABOUT}: states {counts}; the seal holds fewer") from error
 
 
 def _about(directory: Path) -> dict[str, Any]:
     try:
         found: dict[str, Any] = json.loads((directory / "public" / ABOUT).read_text(encoding="utf-8"))
-        _ = found["seal_sha256"], found["stage"], found["n_scenes"]
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError) as error:
         raise ValueError(f"{directory}: holds no task; make one with 'arena task make'") from error
+    checks: dict[str, Callable[[Any], bool]] = {
+        "name": lambda value: isinstance(value, str), "stage": TASK_STAGES.__contains__,
+        "tier": get_args(Tier).__contains__, "n_scenes": _is_count, "n_stops": _is_count,
+        "settings": lambda value: isinstance(value, dict), "seal_sha256": lambda value: isinstance(value, str),
+    }  # fmt: skip
+    for name, is_right in checks.items():
+        if not isinstance(found, dict) or not is_right(found.get(name)):
+            raise ValueError(f"{directory / 'public' / ABOUT}: {name} is not as it was made; put the file back")
     return found
+
+
+def _is_count(value: Any) -> bool:
+    return type(value) is int and value > 0
 
 
 def _simulated(spec: TaskSpec, number: int) -> SealedScene:
@@ -168,7 +183,7 @@ def _observe(sealed: SealedScene, stage: Stage, folder: Path) -> None:
     tx = sealed.scene.tx
     about = {"tx_position_m": tx.position_m.tolist(), "tx_heading_rad": tx.heading_rad}
     angles = "azimuths are those that horizontal beams see: cone angles about the boresight of the nearest panel"
-    write_json(folder / "scene.json", {**about, "bounds_m": list(sealed.scene.bounds_m), "angles": angles})
+    write_json(folder / "scene.json", {**about, "angles": angles})
     if stage == "channel":
         for truth in sealed.truths:
             write_record(folder / f"stop_{truth.stop:03d}.nc", sealed.run.sweep(truth))

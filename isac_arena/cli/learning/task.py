@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
+import secrets
 from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-
-from isac_arena.cli.options import RandomSeed
 
 if TYPE_CHECKING:
     from isac_arena.public_tasks.board import BoardRow
@@ -41,7 +40,7 @@ def make(
     stage: Annotated[StageName, typer.Option(help="What is asked for: channel, slam or contours.")],
     scenes: Annotated[int, typer.Option(min=1, max=1000, help="Scenes.")] = 5,
     stops: Annotated[int, typer.Option(min=1, max=1000, help="Stops of each.")] = 10,
-    seed: RandomSeed = 1,
+    seed: Annotated[int | None, typer.Option(min=0, help="Seed to keep secret; by default drawn.")] = None,
 ) -> None:
     """Simulate the scenes of a task: observations in public/, the truth in seal.tar."""
     from rich.console import Console  # noqa: PLC0415
@@ -50,7 +49,8 @@ def make(
     from isac_arena.public_tasks.making import SEAL, TaskSpec, make_task  # noqa: PLC0415
 
     console = Console(highlight=False)
-    spec = TaskSpec(f"{stage.value} in {tier.value}", tier.value, stage.value, scenes, stops, seed)
+    secret = secrets.randbits(64) if seed is None else seed  # who knows it can make the truth again
+    spec = TaskSpec(f"{stage.value} in {tier.value}", tier.value, stage.value, scenes, stops, secret)
     with progress_bar(console) as progress:
         bar = progress.add_task("scenes", total=scenes)
         make_task(spec, out, lambda _: progress.advance(bar))

@@ -113,6 +113,35 @@ def test_true_contours_lose_nothing_and_none_lose_most(sealed: list[SealedScene]
     assert len(bounce_points(sealed[0])) > 0
 
 
+def test_lines_drawn_often_do_not_hide_guesses(sealed: list[SealedScene]) -> None:
+    """A thousand scribbles along a true wall, and one line where nothing is."""
+    (x_0, y_0, x_1, _), guess_m = sealed[0].scene.bounds_m, 3.0
+    wall = [(x_0 + (x_1 - x_0) * (k % 2), y_0) for k in range(1000)]
+    line = [(x_0 + guess_m, y_0 + 2.0 + y) for y in (0.0, 1.0)]
+    once, often = (
+        graded("contours", sealed, [(0, 0, *point) for point in some] + [(0, 1, *point) for point in line])
+        for some in (wall[:2], wall)
+    )
+    assert often == pytest.approx(once)
+    assert once > graded("contours", sealed, [(0, 0, *point) for point in wall])
+    with pytest.raises(ValueError, match=r"scene 0: contours are 2e\+06 m long, at most 10000 m"):
+        graded("contours", sealed, [(0, 0, -1e6, 0), (0, 0, 1e6, 0)])
+
+
+@pytest.mark.parametrize(
+    ("rows", "problem"),
+    [
+        ([(0, 0, 1, 1), (0, 1, 1, 1), (0, 0, 2, 2)], "row 3: stop = 0: is in the scene already"),
+        ([(0, 0, 1, np.nan)], "row 1: y_m = nan: must be finite"),
+        ([(0, 0, 1, 1e9)], "row 1: y_m = 1e\\+09: must be within -1e\\+06 and 1e\\+06"),
+        ([(0, 0.5, 1, 1)], "row 1: stop = 0.5: must be a whole number from 0 to 1"),
+    ],
+)
+def test_a_bad_row_is_named(rows: list[tuple[float, ...]], problem: str) -> None:
+    with pytest.raises(ValueError, match=problem):
+        submission_of(columns("slam", rows), "slam", N_SCENES, N_STOPS, "mine")
+
+
 def test_submitted_estimates_have_the_gospa_of_a_campaign(sealed: list[SealedScene]) -> None:
     rows: list[tuple[float, ...]] = []
     expected = []
