@@ -160,7 +160,7 @@ def import_mat(
 
 def import_iq(
     file: Annotated[
-        Path, typer.Argument(help="Campaign file with a table [recording] that names SigMF, NPZ or HDF5 files.")
+        Path, typer.Argument(help="Campaign file with a table \\[recording] that names SigMF, NPZ or HDF5 files.")
     ],
     out: Out,
 ) -> None:

@@ -2,24 +2,23 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from isac_arena.campaign.measured import MeasuredFile, MeasuredStop
 from isac_arena.exchange.path_columns import read_columns
+from isac_arena.exchange.table import ANGLE, MeasuredTable, table_of
 from scenes.pose import LARGEST_LENGTH_M, SPEED_OF_LIGHT_M_S, Pose
 from scenes.record import BoolArray, FloatArray, IntArray
 from scenes.walks.tum import MAX_STOPS
 
 C = SPEED_OF_LIGHT_M_S
-ANGLE = {"rad": 1.0, "deg": float(np.pi / 180)}
 DELAY = {"delay_s": C, "delay_ns": 1e-9 * C, "range_m": 1.0}  # in m
 PARAMETERS = ("delay", "aod_azimuth", "aoa_azimuth", "aod_elevation", "aoa_elevation")
 LABELS = {"": 0, "none": 0, "other": 0, "los": 1, "single_bounce": 2}
+LARGEST_DBM = 300.0  # either sign
 MIN_STD_M, MIN_STD_RAD = 1e-6, 1e-7  # smaller ones are rounding, or another unit
 
 # Every column with its meaning; docs/exchange.md has the same list.
@@ -45,84 +44,12 @@ COLUMNS: dict[str, str] = {
 }
 
 
-@dataclass(frozen=True)
-class MeasuredTable:
-    """The columns of a file, one value per path, and the names of those that are not used."""
-
-    file: Path
-    columns: dict[str, NDArray[Any]]
-
-    @property
-    def unused(self) -> list[str]:
-        """Columns that no setting of the list names."""
-        known = set(_known_names())
-        return sorted(set(self.columns) - known)
-
-    def has(self, *names: str) -> bool:
-        """Whether one of these columns is there."""
-        return any(name in self.columns for name in names)
-
-    def numbers(self, name: str) -> FloatArray:
-        """A column as numbers; `ValueError` where it holds something else."""
-        value = self.columns[name]
-        try:
-            return np.asarray(value, float)
-        except (ValueError, TypeError):
-            row = next(row for row, one in enumerate(value.tolist()) if not _is_number(one))
-            raise self.wrong(row, name, value[row], "must be a number") from None
-
-    def scaled(self, units: dict[str, float], what: str) -> FloatArray | None:
-        """The one column of several units that is there, in the unit of factor 1; None where there is none."""
-        found = [name for name in units if name in self.columns]
-        if len(found) > 1:
-            raise ValueError(f"{self.file}: {found[0]}, {found[1]}: two columns for the same; leave one out")
-        if not found:
-            return None
-        value = self.numbers(found[0])
-        bad = np.flatnonzero(~np.isfinite(value))
-        if len(bad):
-            raise self.wrong(int(bad[0]), found[0], value[bad[0]], "must be finite")
-        del what
-        return value if units[found[0]] == 1.0 else value * units[found[0]]
-
-    def needed(self, units: dict[str, float]) -> FloatArray:
-        """As `scaled`, for a column that has to be there."""
-        value = self.scaled(units, "")
-        if value is None:
-            wanted = " or ".join(units)
-            close = get_close_matches(next(iter(units)), self.columns, n=1)
-            hint = f"; did you mean that by '{close[0]}'?" if close else f"; there are {', '.join(self.columns)}"
-            raise ValueError(f"{self.file}: the column {wanted} is missing{hint[:300]}")
-        return value
-
-    def angle(self, name: str, *, needed: bool = False) -> FloatArray | None:
-        """An angle in rad."""
-        units = {f"{name}_{unit}": factor for unit, factor in ANGLE.items()}
-        return self.needed(units) if needed else self.scaled(units, name)
-
-    def wrong(self, row: int, name: str, value: object, allowed: str) -> ValueError:
-        """An error that names file, row (from 1), column and value."""
-        return ValueError(f"{self.file}: row {row + 1}: {name} = {str(value)[:80]}: {allowed}")
-
-
 def read_table(file: Path) -> MeasuredTable:
     """The table in a CSV, Parquet, MATLAB or netCDF file; `ValueError`, one line, where it holds none."""
-    table = table_of(file, read_columns(file))
+    table = table_of(file, read_columns(file), _known_names())
     if not len(next(iter(table.columns.values()), ())):
         raise ValueError(f"{file}: holds no rows; a table of paths is needed")
     return table
-
-
-def table_of(file: Path, columns: dict[str, NDArray[Any]]) -> MeasuredTable:
-    """Columns as a table; `ValueError` where one is shorter than another."""
-    sizes = {name: len(value) for name, value in columns.items()}
-    first = next(iter(sizes), "")
-    for name, size in sizes.items():
-        if size != sizes[first]:
-            raise ValueError(
-                f"{file}: {name} has {size} values, {first} has {sizes[first]}: one per row is needed"
-            )
-    return MeasuredTable(file, columns)
 
 
 def measured_file(table: MeasuredTable, scene_tx: Pose) -> MeasuredFile:
@@ -145,9 +72,15 @@ def measured_file(table: MeasuredTable, scene_tx: Pose) -> MeasuredFile:
         range_m = range_m - C * bias_s
     azimuths = [table.angle(name, needed=True) for name in ("aod_azimuth", "aoa_azimuth")]
     measured = np.column_stack([range_m, *(one for one in azimuths if one is not None)])
+    power_dbm = table.needed({"power_dbm": 1.0})
+    limits = (("the length", range_m, LARGEST_LENGTH_M, "m"), ("power_dbm", power_dbm, LARGEST_DBM, "dBm"))
+    for name, value, most, unit in limits:
+        far = np.flatnonzero(np.abs(value) > most)
+        if len(far):
+            raise table.wrong(int(far[0]), name, f"{value[far[0]]:g}", f"must be within {most:g} {unit}")
     rows = _PathRows(
         measured=measured,
-        power_dbm=table.needed({"power_dbm": 1.0}),
+        power_dbm=power_dbm,
         label=_labels(table),
         landmark_m=_landmarks(table),
         elevation_rad=_elevations(table),
@@ -319,14 +252,6 @@ def _landmarks(table: MeasuredTable) -> FloatArray:
     if len(columns) == 1:
         raise ValueError(f"{table.file}: ip_x_m, ip_y_m: give both, or none of them")
     return np.column_stack(columns) if columns else np.full((n, 2), np.nan)
-
-
-def _is_number(value: Any) -> bool:
-    try:
-        float(value)
-    except (ValueError, TypeError):
-        return False
-    return True
 
 
 def _known_names() -> Sequence[str]:

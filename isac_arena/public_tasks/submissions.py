@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from isac_arena.exchange.path_columns import Columns, read_columns
-from isac_arena.exchange.path_table import MeasuredTable, table_of
+from isac_arena.exchange.table import MeasuredTable, table_of
 from isac_arena.public_tasks.making import Stage
 from scenes.pose import LARGEST_LENGTH_M
 from scenes.record import BoolArray, FloatArray
@@ -52,7 +52,7 @@ def read_submission(file: Path, stage: Stage, n_scenes: int, n_stops: int) -> Su
 
 def submission_of(columns: Columns, stage: Stage, n_scenes: int, n_stops: int, name: str) -> Submission:
     """The rows of columns; raises as `read_submission`."""
-    table = table_of(Path(name), columns)
+    table = table_of(Path(name), columns, COLUMNS[stage])
     values = {one: table.needed({one: 1.0}) for one in COLUMNS[stage]}
     counts = {"scene": n_scenes, "stop": n_stops, "contour": MOST_CONTOURS}
     for one, value in values.items():

@@ -135,6 +135,8 @@ def _named(file: Path, stop: int, receiver: Receiver, files: list[Path]) -> Reco
     """The sweep of a stop; errors name file and stop."""
     try:
         return receiver.sweep(read_recording(files), stop)
+    except OSError as error:
+        raise ValueError(f"{file}: stop {stop}: {error.filename}: {error.strerror}") from error
     except ValueError as error:
         raise ValueError(f"{file}: stop {stop}: {error}") from error
 

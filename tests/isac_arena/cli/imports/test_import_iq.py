@@ -124,6 +124,15 @@ def test_what_cannot_be_read_is_one_line(recorded: Path, changes: dict[str, obje
     assert told in failure("import-iq", "recording.toml", "--out", "never", cwd=recorded)
 
 
+def test_a_missing_recording_leaves_nothing(recorded: Path) -> None:
+    stops = stops_of(recorded)
+    stops[1]["files"] = ["nowhere.sigmf-meta"]
+    recording_file(recorded, stops, **KNOWN)
+    told = failure("import-iq", "recording.toml", "--out", "never", cwd=recorded)
+    assert "recording.toml: stop 1: nowhere.sigmf-meta: No such file or directory" in told
+    assert not (recorded / "never").exists()
+
+
 def test_formats_hold_the_same_samples(recorded: Path, tmp_path: Path) -> None:
     base = recorded / "iq/stop_000_tx_000"
     samples, about = read_sigmf(base)

@@ -14,7 +14,8 @@ from scipy.io import netcdf_file, savemat
 
 from isac_arena.campaign import stages
 from isac_arena.exchange.mat import read_layout
-from isac_arena.exchange.path_table import COLUMNS, MeasuredTable, _known_names, measured_file, read_table
+from isac_arena.exchange.path_table import COLUMNS, _known_names, measured_file, read_table
+from isac_arena.exchange.table import table_of
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
 from tests.command_line import ROOT, arena_here, failure
 from tests.isac_arena.cli.imports.test_import_mat import made_up_file
@@ -177,6 +178,7 @@ def test_optional_columns(tmp_path: Path) -> None:
         ),
         ({"range_m": [1.0] * 4}, "delay_ns, range_m: two columns for the same; leave one out"),
         ({"power_dbm": [1.0, np.nan, 1.0, 1.0]}, "row 2: power_dbm = nan: must be finite"),
+        ({"power_dbm": [1e9, 1.0, 1.0, 1.0]}, r"row 1: power_dbm = 1e\+09: must be within 300 dBm"),
         ({"power_dbm": ["a", "b", "1", "2"]}, "row 1: power_dbm = a: must be a number"),
         ({"stop": [1.5, 1, 2, 2]}, "row 1: stop = 1.5: must be a whole number"),
         ({"rx_x_m": [1.0, 2.0, 1.1, 2.0]}, "row 3: rx_x_m = 1.1: differs from row 1 of the same stop"),
@@ -223,7 +225,7 @@ def test_damaged_and_other_files_end_in_one_line_and_write_nothing(table: pd.Dat
 def test_columns_that_are_not_used_are_named_and_all_known_are_in_the_page(tmp_path: Path) -> None:
     file = tmp_path / "few.csv"
     pd.DataFrame({**few(), "weather": [1] * 4, "stop ": [0] * 4}).to_csv(file, index=False)
-    assert MeasuredTable(file, {"weather": np.zeros(1), "stop": np.zeros(1)}).unused == ["weather"]
+    assert table_of(file, {"weather": np.zeros(1), "stop": np.zeros(1)}, _known_names()).unused == ["weather"]
     page = (ROOT / "docs" / "exchange.md").read_text(encoding="utf-8")
     assert all(f"| `{names}` |" in page for names in COLUMNS)
     assert {"stop", "delay_ns", "correlation_delay_aod_azimuth", "tx_heading_deg"} <= set(_known_names())
