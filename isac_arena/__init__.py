@@ -3,7 +3,7 @@
 >>> import isac_arena as ia
 >>> campaign = ia.load_campaign("box_room")
 >>> truths = campaign.trace([0, 1])
->>> estimates = [ia.estimate_channel(campaign.observe(truth), config=campaign.config.channel) for truth in truths]
+>>> estimates = [campaign.estimate(campaign.observe(truth)) for truth in truths]
 >>> mapping = ia.fit_contours(campaign, estimates, *ia.map_points(campaign, estimates, truths))
 >>> ia.score(campaign, truths, estimates, mapping).value("mapping.ip_to_surface.median_m") < 0.1
 True

@@ -24,6 +24,7 @@ from isac_arena.scoring.measured import measured_metrics
 from isac_arena.scoring.score import Scores, score_metrics
 from isac_arena.user_functions.errors import summed
 from isac_arena.workers.stops import StopMakers
+from scenes.arguments import need, need_each
 from scenes.display import Displayed
 from scenes.record import empty_record
 from scenes.scene import Scene
@@ -37,26 +38,34 @@ def map_points(campaign: Campaign, channel: Sequence[ChannelEstimate], truths: S
 
     Returns the states and the points. Raises `ValueError` where an estimate does not fit the others.
     """
+    usable = _usable(campaign, channel)
+    need_each("truths", truths, Truth)
     run = campaign.run()
-    return run.locate(_usable(campaign, channel), run.surveyed_receiver(truths))
+    return run.locate(usable, run.surveyed_receiver(truths))
 
 
 def slam(campaign: Campaign, channel: Sequence[ChannelEstimate]) -> Located:
     """SLAM: receiver states and incidence points, found together; raises as `map_points` does."""
-    return campaign.run().locate(_usable(campaign, channel))
+    usable = _usable(campaign, channel)
+    return campaign.run().locate(usable)
 
 
 def fit_contours(
     campaign: Campaign, channel: Sequence[ChannelEstimate], poses: PoseEstimates, points: IncidencePoints
 ) -> MapResult:
     """The map with the paper's shapes of clusters and our contours of objects."""
-    return campaign.run().shape(_usable(campaign, channel), poses, points)
+    usable = _usable(campaign, channel)
+    need("poses", poses, PoseEstimates)
+    need("points", points, IncidencePoints)
+    return campaign.run().shape(usable, poses, points)
 
 
 def track(campaign: Campaign, channel: Sequence[ChannelEstimate], poses: PoseEstimates) -> Tracks | None:
     """The tracks of what moves, at receiver states; None where nothing does. Raises as `map_points` does."""
+    usable = _usable(campaign, channel)
+    need("poses", poses, PoseEstimates)
     run = campaign.run()
-    return campaign_tracks(run.config, run.scene, run.tx, _usable(campaign, channel), poses)
+    return campaign_tracks(run.config, run.scene, run.tx, usable, poses)
 
 
 def score(
@@ -70,6 +79,9 @@ def score(
 
     Raises `ValueError` where a stop has a truth but no estimate, or an estimate but no truth.
     """
+    need_each("truths", truths, Truth)
+    need("mapping", mapping, MapResult, type(None))
+    need("slam", slam, MapResult, type(None))
     results = CampaignResults(
         tuple(_usable(campaign, channel)), (), mapping or empty_record(MapResult), slam or _no_slam(truths)
     )
@@ -97,6 +109,8 @@ def run(
 
     Raises `ValueError` where the directory holds something else or an input is wrong.
     """
+    need("campaign", campaign, Campaign, str, Path)
+    need("out", out, str, Path)
     given = campaign if isinstance(campaign, Campaign) else load_campaign(campaign)
     if seed is not None:
         given = replace(given, config=given.config.model_copy(update={"seed": seed}))
@@ -111,6 +125,7 @@ def run(
 
 def open(directory: str | Path) -> "FinishedRun":
     """The results in a campaign directory; `ValueError` where it holds none, or files changed since."""
+    need("directory", directory, str, Path)
     return FinishedRun(stages.reopen(Path(directory), reads=stages.SCORED))
 
 
@@ -177,6 +192,8 @@ class FinishedRun(Displayed):
 
 def _usable(campaign: Campaign, channel: Sequence[ChannelEstimate]) -> list[ChannelEstimate]:
     """The estimates without their weak paths; `ValueError` where one does not fit the others."""
+    need("campaign", campaign, Campaign)
+    need_each("channel", channel, ChannelEstimate)
     check_estimates(channel, campaign.scene.tx)
     return [estimate.reported for estimate in channel]
 

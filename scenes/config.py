@@ -13,6 +13,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field, model_validator
 
+from scenes.arguments import need
 from scenes.contours import Circle, Contour, rectangle
 from scenes.inputs import read_input
 from scenes.motion.config import RecordedMotionConfig
@@ -243,6 +244,7 @@ def load_scene(name_or_path: str | Path, frequency_hz: float = 60e9) -> Scene:
 
     Raises `ConfigError`: one line with file, field, value and the allowed values.
     """
+    need("name_or_path", name_or_path, str, Path)
     path = scene_path(name_or_path)
     config = load_config(path, SceneConfig)
     with naming_field(str(path), ": "):

@@ -7,6 +7,7 @@ from functools import partial
 import numpy as np
 import shapely
 
+from scenes.arguments import need
 from scenes.contours import Circle, ClosedSpline, Contour, Ellipse, Polygon, Polyline, RoundedPolygon, rectangle
 from scenes.objects.material import Material, itu_material
 from scenes.pose import Pose, direction
@@ -36,6 +37,8 @@ def random_arena(rng: np.random.Generator, difficulty: float = 0.5, n_stops: int
     Objects keep at least 0.4 m from each other, from the walls and from every device. An object without such a
     place is omitted. Raises `ValueError` if the difficulty lies outside [0, 1].
     """
+    need("rng", rng, np.random.Generator)
+    need("difficulty", difficulty, float, int)
     if not 0 <= difficulty <= 1:
         raise ValueError(f"difficulty = {difficulty}: must lie in [0, 1]")
     size = rng.uniform(8.0, 10.0 + 16.0 * difficulty, 2)

@@ -268,7 +268,11 @@ class Scene(Displayed):
             for label, point, inside in zip(labels, points_m, item.contains(points_m), strict=True):
                 if inside and not (of_standing and item.motion):
                     place = f"{label} at ({point[0]:.3f}, {point[1]:.3f}, {point[2]:.3f}) m"
-                    raise ValueError(f"{place} lies inside mesh '{item.name}': move one of them")
+                    size_m = float(np.subtract(*item.bounds_m[::-1]).max())
+                    raise ValueError(
+                        f"{place} lies inside mesh '{item.name}', which is {size_m:.3g} m large: "
+                        "move one of them, or give the mesh a scale"
+                    )
 
 
 def _state(motion: Motion | None, time_s: float) -> RigidState:

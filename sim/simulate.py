@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from scenes.arguments import need
 from scenes.pose import Pose
 from scenes.record import ComplexArray, FloatArray, IntArray
 from scenes.scene import Scene
@@ -73,6 +74,8 @@ def simulate_truth(config: SimulationConfig, scene: Scene, stops: Iterable[int])
     If the settings name a DeepMIMO scenario, its paths replace the traced paths. If the scene needs the ray tracer
     and `propagation.compare_planar` is set, its planar paths are also compared with the exact ones.
     """
+    need("config", config, SimulationConfig)
+    need("scene", scene, Scene)
     for truth in _truths(config, scene, stops):
         role = config.role
         if role.kind == LinkKind.UPLINK:
@@ -143,6 +146,10 @@ def observe(
 
     Raises `MemoryLimitError` where the samples do not fit into the memory.
     """
+    need("config", config, SimulationConfig)
+    need("link", link, Link)
+    need("scene", scene, Scene)
+    need("truth", truth, Truth)
     ask_sample_memory(config)
     tx_codebook, rx_codebook = impaired_codebooks(config, link)
     pilot = np.sqrt(link.tx_power_mw).astype(np.float32) * link.prs_symbol[:, None, :]

@@ -20,6 +20,7 @@ from estimation.channel.los import LosConfig
 from estimation.channel.power.paths import PowerMethodConfig, estimate_power
 from estimation.channel.record import ChannelEstimate, EstimateStatus, check_estimate, empty_estimate
 from estimation.execution import one_blas_thread
+from scenes.arguments import need
 from scenes.toml_config import ConfigModel
 from sim.observation import BeamSweep
 from sim.signal.arrays.codebook import Codebook
@@ -65,6 +66,8 @@ def estimate_channel(
         `coherent`: joint maximum likelihood, phases known over the sweep; `incoherent`: the same with an unknown
         phase per beam pair; `auto`: a test on the data chooses; `power`: beam powers over delay alone; or a
         function of the sweep. Default: the method in `config`.
+    config
+        By default all defaults: a sweep knows no campaign. `Campaign.estimate` takes those of its campaign.
 
     Returns
     -------
@@ -75,6 +78,8 @@ def estimate_channel(
     Raises `ValueError` For an unknown method, and if a given function does not return a channel estimate of this
     stop.
     """
+    need("sweep", sweep, BeamSweep)
+    need("config", config, ChannelConfig, type(None))
     config = config or ChannelConfig()
     method = config.method if method is None else method
     if callable(method):

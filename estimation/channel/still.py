@@ -13,6 +13,7 @@ from itertools import combinations
 import numpy as np
 
 from estimation.channel.record import ChannelEstimate
+from scenes.arguments import need
 from scenes.record import BoolArray, FloatArray, IntArray
 
 MOVERS = 0.2  # prior share of the paths
@@ -63,6 +64,7 @@ def still_paths(channel: Sequence[ChannelEstimate]) -> StillPaths:
 
 def is_still(estimate: ChannelEstimate) -> BoolArray:
     """Mask (path,) of the paths that stand: those with a shift that the receiver's own motion explains."""
+    need("estimate", estimate, ChannelEstimate)
     return still_motion(estimate)[0]
 
 

@@ -11,6 +11,7 @@ from estimation.shape.reflection.fit_all import CampaignFit
 from estimation.shape.reflection.rows import contour_record
 from estimation.shape.reflection.tx_sessions import one_session
 from estimation.slam.record import IncidencePoints, PoseEstimates
+from scenes.arguments import need, need_each
 from scenes.record import FloatArray, IntArray
 
 
@@ -36,6 +37,9 @@ def contours_of(
     The extent of a closed outline is its mean distance from its centre, of an open one its length. Raises
     `ValueError` where the arrays of an outline do not fit each other.
     """
+    need_each("outlines", outlines, ObjectOutline)
+    need("poses", poses, PoseEstimates)
+    need("points", points, IncidencePoints)
     unknown = np.full((len(outlines), len(CLASS_NAMES)), np.nan)
     rows = tuple(np.asarray(outline.rows, int) for outline in outlines)
     fit = CampaignFit(method, tuple(map(_fit, outlines)), unknown, rows, None, one_session(poses.stop))

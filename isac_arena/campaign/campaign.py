@@ -8,10 +8,21 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from estimation.channel.estimate import ChannelEstimator
+from estimation.channel.record import ChannelEstimate
 from isac_arena.campaign.config import CampaignConfig, methods
 from isac_arena.campaign.directory import CampaignStore
 from isac_arena.campaign.driver import CampaignRun
-from isac_arena.campaign.load import SceneSource, campaign_path, changed_campaign, python_scene_source
+from isac_arena.campaign.load import (
+    SceneSource,
+    campaign_path,
+    changed_campaign,
+    python_scene_source,
+    without_library_paths,
+)
+from scenes.arguments import need, need_each
 from scenes.display import Displayed
 from scenes.pose import Pose
 from scenes.scene import Scene
@@ -47,6 +58,7 @@ class Campaign(Displayed):
     def trace(self, stops: Iterable[int] | None = None) -> list[Truth]:
         """True paths, receiver pose and clock of the given stops, by default of all; `ValueError` for others."""
         if stops is not None:
+            need_each("stops", stops, int, np.integer)
             stops, n_stops = list(stops), len(self.stops)
             wrong = [stop for stop in stops if not 0 <= stop < n_stops]
             if wrong:
@@ -55,7 +67,17 @@ class Campaign(Displayed):
 
     def observe(self, truth: Truth) -> BeamSweep:
         """The samples of a stop: what its receiver has."""
+        need("truth", truth, Truth)
         return observe(self.config, self.link, self.scene, truth)
+
+    def estimate(self, sweep: BeamSweep) -> ChannelEstimate:
+        """The paths of a stop by the channel method, settings and calibration of this campaign."""
+        need("sweep", sweep, BeamSweep)
+        return self._estimator(sweep)
+
+    @cached_property
+    def _estimator(self) -> ChannelEstimator:
+        return self.run().links[0].channel_estimator
 
     def run(self, stops: Iterable[int] | None = None) -> CampaignRun:
         """The whole chain over these stops, in memory; `.scores()` runs it to its end."""
@@ -90,6 +112,20 @@ def load_campaign(
     Raises `ConfigError`, one line naming file, field, value and what is allowed, and `ValueError` for a scene that
     cannot be used.
     """
+    need("source", source, str, Path, Mapping)
+    need("scene", scene, str, Path, Mapping, Scene, type(None))
+    try:
+        return _loaded(source, scene, seed, changes)
+    except ValueError as error:
+        raise type(error)(without_library_paths(str(error))) from error
+
+
+def _loaded(
+    source: str | Path | Mapping[str, Any],
+    scene: str | Path | Mapping[str, Any] | Scene | None,
+    seed: int | None,
+    changes: Mapping[str, Any],
+) -> Campaign:
     path = Path(IN_PYTHON) if isinstance(source, Mapping) else campaign_path(str(source))
     document = dict(source) if isinstance(source, Mapping) else read_toml(path)
     wanted = list(_fields(changes))

@@ -76,6 +76,7 @@ class CampaignRun:
     observer: Observe = observe
     oracle: Oracle = field(default_factory=Oracle)
     on_failure: Callable[[EstimatorError], None] | None = None
+    on_step: Callable[[str], None] = lambda _: None  # is told every one of `MAP_STEPS` when it begins
     whole: CampaignRun | None = None  # of several TX: the run of all, where this one is of one TX
     only: Sequence[int] | None = None  # numbers of the links of this run, None for all
 
@@ -101,7 +102,7 @@ class CampaignRun:
         """The truth of a stop: given, kept or traced paths, and the clock of these settings; of the first TX."""
         if self.links[0] is not self:
             return self.links_at(stop)[0].truth(stop)
-        truth = self._given.get(stop) or self.results.truth(stop)
+        truth = next((one for one in self.paths if one.stop == stop), None) or self.results.truth(stop)
         if truth is None:
             wanted, traced = self._tracing
             wanted.append(stop)
@@ -184,6 +185,7 @@ class CampaignRun:
                 check_estimates(channel, self.scene.standing_tx)
                 kept = self._map(channel, states, receiver)
                 if states is None:
+                    self.on_step("published SLAM")
                     published = located_walks(self, self.oracle.channel or channel, receiver, published=True)[0]
                     kept = self._with_tracks(replace(kept, published=published), channel)
                 self.results.write_map(name, kept)
@@ -207,12 +209,15 @@ class CampaignRun:
         stops = [estimate.stop for estimate in channel]
         poses = unsolved_poses(stops, len(self.links)) if states is None else states
         ips = empty_record(IncidencePoints)
+        name = "SLAM" if states is None else "mapping"
         try:
+            self.on_step(name)
             mapping = self.learned_mapping(channel, states)
             if states is None:
                 poses, ips = located_walks(self, channel, receiver)
             else:
                 poses, ips = self.locate(channel, states, mapping)
+            self.on_step(f"contours of {name}")
             return self.shape(channel, poses, ips, mapping)
         except EstimatorError as error:
             self._tell(error)
@@ -332,10 +337,6 @@ class CampaignRun:
     def channel_estimator(self) -> ChannelEstimator:
         """The channel estimator, calibrated where the settings ask for it."""
         return channel_estimator(self.config, self.calibrate(), is_disturbed=bool(self.disturbers))
-
-    @cached_property
-    def _given(self) -> dict[int, Truth]:
-        return {truth.stop: truth for truth in self.paths}
 
     @cached_property
     def _tracing(self) -> tuple[list[int], Iterator[Truth]]:

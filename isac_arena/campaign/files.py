@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from isac_arena.campaign.netcdf import from_netcdf, global_attribute, to_netcdf
+from scenes.arguments import need
 from scenes.record import Record
 
 # What HDF5 raises on files whose bytes were changed
@@ -133,12 +134,15 @@ def write_record(path: Path, record: Record, attributes: Mapping[str, str] | Non
     write_bytes(path, to_netcdf(record, attributes or {}))
 
 
-def read_record(path: Path, kind: type[R]) -> R:
+def read_record(path: str | Path, kind: type[R]) -> R:
     """Read a record of the given type from a file written by `write_record`.
 
     Raises `FileNotFoundError` where the file is missing; `ValueError` where the file is damaged, has changed
     since it was written, or holds something else.
     """
+    need("path", path, str, Path)
+    need("kind", kind, type)
+    path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such file")
     try:

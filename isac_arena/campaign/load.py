@@ -2,6 +2,7 @@
 
 import copy
 import hashlib
+import re
 import tempfile
 import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -15,6 +16,8 @@ import tomli_w
 from isac_arena.campaign.config import CampaignConfig, with_link_levels
 from isac_arena.campaign.files import write_bytes
 from isac_arena.campaign.integrity import digest
+from scenes.arguments import need
+from scenes.config import LIBRARY as SCENES
 from scenes.config import SceneConfig, load_scene, referenced_contents, scene_path, with_base
 from scenes.names import path_in
 from scenes.scene import Scene
@@ -172,6 +175,8 @@ def campaign_scene(config: CampaignConfig, scene_file: Path) -> Scene:
     Of several TX the first is in use. Raises `ConfigError` where the scene file is wrong, `ValueError` where it
     has no TX or walk of that name and as `sim.links.tx_links` does.
     """
+    need("config", config, CampaignConfig)
+    need("scene_file", scene_file, Path)
     scene = scene_in_use(scene_file, config.waveform.carrier_ghz, first_tx(config), config.walk)
     scene = with_link_stops(config, scene)
     tx_links(config, scene)
@@ -196,6 +201,13 @@ def campaign_path(name_or_path: str) -> Path:
         known = ", ".join(library_campaigns())
         raise ConfigError(f"campaign = '{name_or_path}': must be one of {known}, or the path of a .toml file")
     return LIBRARY / f"{name_or_path}.toml"
+
+
+def without_library_paths(message: str) -> str:
+    """A message with the names of campaigns and scenes of the library in place of their files."""
+    for folder, what in ((LIBRARY, "campaign"), (SCENES, "scene")):
+        message = re.sub(rf"{re.escape(str(folder))}/(\w+)\.toml", rf"{what} \1", message)
+    return message
 
 
 def library_campaigns() -> list[str]:

@@ -21,6 +21,7 @@ MOST_STOPS = 60  # looked at, evenly over the walk
 LEAST_BIAS_M = 0.02  # of positions, from heights that the beams do not see: smaller ones are not told
 BEHIND_DB = 25.0  # a line of sight weaker than this in the best beams lies behind the panels
 COARSE = 4.0  # a delay cell of so many times the extent of an object shows it as a point
+LARGE_MESH = 3.0  # times the extent of all else: a mesh in another unit is a hundred times larger
 LONGEST_LIST = 6  # names in a sentence
 ELEVATION_METHODS = "'coherent', 'incoherent' or 'auto'"
 SAMPLE_BYTES = 8
@@ -77,7 +78,8 @@ def plan_run(config: CampaignConfig, scene: Scene, link: Link) -> RunPlan:
     walks = links[0].config.role.receiver is None
     heights = _about_heights(config, scene, link, by_tx[0]) if walks else ()
     in_sight = (*heights, *_about_sight(scene, seen))
-    return RunPlan(does, (*_about_settings(config, scene), *in_sight, *_about_cells(scene, link)))
+    about = (*_about_settings(config, scene), *in_sight, *_about_meshes(scene), *_about_cells(scene, link))
+    return RunPlan(does, (*about, *_about_stops(config, scene)))
 
 
 def slam_of(config: CampaignConfig, scene: Scene, links: Sequence[TxLink[CampaignConfig]]) -> str:
@@ -134,6 +136,33 @@ def _about_settings(config: CampaignConfig, scene: Scene) -> Iterator[str]:
         yield (
             f"the stops do not follow one another, but trajectory.method = '{trajectory.method}' takes them "
             "for one walk: leave it out"
+        )
+
+
+def _about_meshes(scene: Scene) -> Iterator[str]:
+    """Meshes far larger than all else, or far outside of it: of another unit, or at a wrong place."""
+    around = [np.array(item.contour.bounds_m).reshape(2, 2) for item in scene.fixtures]
+    places_m = np.concatenate([*around, scene.walk.positions_m()[:, :2], scene.tx.position_m[None, :2]])
+    low, high = places_m.min(axis=0), places_m.max(axis=0)
+    extent_m = float((high - low).max())
+    for mesh in scene.clutter:
+        mesh_low, mesh_high = (corner[:2] for corner in mesh.bounds_m)
+        size_m = float((mesh_high - mesh_low).max())
+        if size_m > LARGE_MESH * extent_m:
+            yield (
+                f"mesh {mesh.name} is {size_m:.3g} m large, all else {extent_m:.3g} m: "
+                "a file in millimetres needs scale = 0.001"
+            )
+        elif (mesh_high < low).any() or (mesh_low > high).any():
+            yield f"mesh {mesh.name} lies outside of all else: check its position_m and scale"
+
+
+def _about_stops(config: CampaignConfig, scene: Scene) -> Iterator[str]:
+    """Walks that are too short for contours."""
+    if len(scene.stops) < config.contours.min_samples:
+        yield (
+            f"{len(scene.stops)} stops: an object reflects to each stop once, and clusters need "
+            f"{config.contours.min_samples} close points (contours.min_samples): few contours or none"
         )
 
 

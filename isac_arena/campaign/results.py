@@ -14,6 +14,7 @@ from scenes.record import IntArray, Record, array
 from sim.observation import BeamSweep
 from sim.truth import Truth
 
+MAP_STEPS = ("mapping", "contours of mapping", "SLAM", "contours of SLAM", "published SLAM")  # of both maps
 MapName = Literal["mapping", "slam"]
 
 

@@ -19,7 +19,7 @@ from isac_arena.campaign.manifest import MANIFEST, SETTINGS, check_unchanged, re
 from isac_arena.campaign.measured import MeasuredTruth
 from isac_arena.campaign.plan import RunPlan, check_elevations, plan_run
 from isac_arena.campaign.recording import recorded_run
-from isac_arena.campaign.results import CampaignResults, MapName, MapResult
+from isac_arena.campaign.results import MAP_STEPS, CampaignResults, MapName, MapResult
 from isac_arena.campaign.side import swapped_in
 from isac_arena.campaign.summary import TraceCounts, run_facts, score_table
 from isac_arena.progress import progress_bar, working
@@ -212,8 +212,13 @@ def build_maps(store: CampaignStore) -> list[EstimatorError]:
     run = campaign_run(store, failures.append)
     n_stops = len(run.chosen_stops)
     channel = [estimate.channel for estimate in channel_estimates(store, n_stops)]
-    with working(console, "mapping, SLAM, shapes"):
+    with progress_bar(console) as progress:
+        task = progress.add_task("mapping", total=len(MAP_STEPS))
+        run = replace(
+            run, on_step=lambda step: progress.update(task, completed=MAP_STEPS.index(step), description=step)
+        )
         run.maps(channel, known_receiver(known_stops(store, n_stops)))
+        progress.update(task, completed=len(MAP_STEPS))
     for failure in failures:
         _print_failure(failure, console)
     return failures

@@ -33,7 +33,7 @@ LIBRARIES = ("isac-arena", "sionna-rt", "numpy", "scipy")
 
 @dataclass(frozen=True)
 class TraceCounts:
-    """Tracing of a campaign: planar paths of the ray tracer against the exact ones, and sweeps that move."""
+    """Tracing of a campaign: unscattered paths of the ray tracer against the exact ones, and sweeps that move."""
 
     n_compared: int = 0
     n_repaired: int = 0
@@ -55,7 +55,7 @@ class TraceCounts:
             extra = f"; {self.n_extra} that only the tracer found are not used" if self.n_extra else ""
             n_exact = self.n_compared - self.n_extra
             missed = f"the ray tracer missed {self.n_repaired}"
-            lines.append(f"planar paths: {n_exact} by the exact solver; {missed}{extra}")
+            lines.append(f"line of sight and reflections: {n_exact} by the exact solver; {missed}{extra}")
         if self.n_moving:
             lines.append(
                 f"motion: {self.n_moving} sweeps, {self.n_traced_again} of them traced again inside, "

@@ -63,16 +63,19 @@ def run(
 ) -> None:  # fmt: skip
     """Run a campaign from the scene to the report. The same command resumes an interrupted run.
 
-    Where a function of yours fails, the run goes on without it, and ends with 1.
+    Where a function of yours fails, the run goes on without it, and exits with 1; with 2 where a channel
+    estimator fails at every stop. Its traceback is in estimator_error.txt in the directory of the run.
     """
     from isac_arena.campaign import stages  # noqa: PLC0415
+    from isac_arena.user_functions.errors import traces_in  # noqa: PLC0415
     from isac_arena.workers.stops import StopMakers  # noqa: PLC0415
 
     makers = StopMakers(workers, stop_limit)
     named = functions(channel=channel, mapping=mapping, slam=slam, shapes=shapes, tracker=tracker)
-    raise_summed(
-        stages.run_campaign(campaign, out, seed=seed, named=named, keep_sweeps=keep_sweeps, makers=makers)
-    )
+    with traces_in(out):
+        raise_summed(
+            stages.run_campaign(campaign, out, seed=seed, named=named, keep_sweeps=keep_sweeps, makers=makers)
+        )
 
 
 def generate(
@@ -93,17 +96,19 @@ def estimate(
 ) -> None:  # fmt: skip
     """Estimate channel parameters, maps, poses and shapes from the sweeps of a campaign directory.
 
-    Where a function of yours fails, the others go on without it, and the command ends with 1.
+    Where a function of yours fails, the others go on without it; exit codes and traceback as of `arena run`.
     """
     from isac_arena.campaign import stages  # noqa: PLC0415
+    from isac_arena.user_functions.errors import traces_in  # noqa: PLC0415
     from isac_arena.workers.stops import StopMakers  # noqa: PLC0415
 
     named = functions(channel=channel, mapping=mapping, slam=slam, shapes=shapes, tracker=tracker)
-    with stages.reopened(directory, named, (*stages.SAMPLES, *stages.ESTIMATES), stop_limit) as store:
-        makers = StopMakers(workers, stop_limit)
-        failures = stages.sweep_and_estimate(store, makers, keep_sweeps=False, again=channel is not None)
-        failures += stages.build_maps(store)
-    raise_summed(failures)
+    with traces_in(directory):
+        with stages.reopened(directory, named, (*stages.SAMPLES, *stages.ESTIMATES), stop_limit) as store:
+            makers = StopMakers(workers, stop_limit)
+            failures = stages.sweep_and_estimate(store, makers, keep_sweeps=False, again=channel is not None)
+            failures += stages.build_maps(store)
+        raise_summed(failures)
 
 
 def score(directory: Directory) -> None:

@@ -35,12 +35,11 @@ from isac_arena.cli.bounds import bound, place
 from isac_arena.cli.learning import dataset, task
 from isac_arena.cli.options import with_clock, with_memory
 from isac_arena.own_packages import hiding_names
-from isac_arena.user_functions.errors import EstimatorError, WentOnError
+from isac_arena.user_functions.errors import TRACE_FILE, EstimatorError, WentOnError
 
 USAGE_ERROR: Any = typer.BadParameter.__bases__[0]  # of click, or of typer's own copy of click
 
 INTERRUPTED = 130
-TRACE_FILE = Path("estimator_error.txt")
 FULL = "free some space and run the same command again: it continues where it stopped"
 ELSEWHERE = "choose an --out that can be written"
 
@@ -77,11 +76,18 @@ def _panel(name: str) -> str:
     return next((title for title, names in PANELS.items() if name in names), "More")
 
 
+def _flowing(command: Callable[..., Any]) -> str:
+    """The help of a command as paragraphs without line breaks: the terminal breaks them."""
+    return "\n\n".join(" ".join(part.split()) for part in (command.__doc__ or "").split("\n\n"))
+
+
 for command in COMMANDS:
     called = command.__name__.replace("_", "-")
-    app.command(called, rich_help_panel=_panel(called))(with_memory(command))
+    app.command(called, help=_flowing(command), rich_help_panel=_panel(called))(with_memory(command))
 GROUPS = {"campaign": campaign, "scene": scene, "new": new, "study": study, "task": task}
 for called, group in GROUPS.items():
+    for registered in group.app.registered_commands:
+        registered.help = _flowing(registered.callback) if registered.callback else None
     app.add_typer(group.app, name=called, rich_help_panel=_panel(called))
 
 
@@ -104,22 +110,23 @@ def guarded(call: Callable[[], Any]) -> None:
     except (KeyboardInterrupt, typer.Abort):
         _fail("interrupted; the same command continues where it stopped", INTERRUPTED)
     except EstimatorError as error:
-        _fail(f"{error}{_kept(error.trace)}", 1 if isinstance(error, WentOnError) else 2)
+        _fail(f"{error}{_kept(error)}", 1 if isinstance(error, WentOnError) else 2)
     except (ValueError, OSError, RuntimeError) as error:
         _fail(_one_line(error), 2)
     except Exception as error:  # a defect of ours: still one line, with a way to see more
         _fail(f"{type(error).__name__}: {_one_line(error)} (ARENA_DEBUG=1 shows where)", 70)
 
 
-def _kept(trace: str) -> str:
-    """Where the traceback of a user's function is kept: a file in the working folder, if it can be written."""
-    if not trace:
+def _kept(error: EstimatorError) -> str:
+    """Where the traceback of a user's function is kept: a file of its run, if it can be written."""
+    if not error.trace:
         return ""
+    file = error.folder / TRACE_FILE
     try:
-        TRACE_FILE.write_text(trace, encoding="utf-8")
+        file.write_text(error.trace, encoding="utf-8")
     except OSError:
         return ""
-    return f"; traceback in {TRACE_FILE}"
+    return f"; traceback in {file}"
 
 
 def _add_working_folder() -> None:

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 from isac_arena.scoring.metrics.metric import Metric
 
-HEADS = ("paper's", "this run", "bound", "unit")
+HEADS = ("published", "this run", "bound", "unit")
 ABOUT = (
-    "Paper's: published snapshot SLAM and contours of clusters, from the channel estimates of this run. "
+    "Published: snapshot SLAM and contours of clusters as in the paper (README), from the paths of this run. "
     "Bound: of each stop alone; estimates that use other stops can be below."
 )
 

@@ -9,6 +9,7 @@ from itertools import dropwhile
 from pathlib import Path
 
 OURS = (str(Path(__file__).parent), importlib.__file__, "<frozen importlib")
+TRACE_FILE = "estimator_error.txt"
 LONGEST = 500  # characters of an error in its line; the traceback has all of it
 
 
@@ -18,6 +19,7 @@ class EstimatorError(ValueError):
     def __init__(self, message: str, trace: str = "") -> None:
         super().__init__(message, trace)  # so that it survives the way from another process
         self.trace = trace
+        self.folder = Path()  # where the command line writes the traceback
 
     def __str__(self) -> str:
         """The line."""
@@ -26,6 +28,17 @@ class EstimatorError(ValueError):
 
 class WentOnError(EstimatorError):
     """A user's function failed at some stops or stages, and the run went on to its end without them."""
+
+
+@contextmanager
+def traces_in(directory: Path) -> Iterator[None]:
+    """Keep the traceback of a user's function beside the results of its run; one of an earlier try goes."""
+    try:
+        yield
+    except EstimatorError as error:
+        error.folder = directory
+        raise
+    (directory / TRACE_FILE).unlink(missing_ok=True)
 
 
 @contextmanager

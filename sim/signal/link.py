@@ -5,6 +5,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from scenes.arguments import need
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
 from scenes.record import ComplexArray, FloatArray, IntArray, Record, array
 from sim.config import ArrayConfig, SimulationConfig, WaveformConfig
@@ -59,6 +60,7 @@ def make_link(config: SimulationConfig) -> Link:
 
     Raises `ValueError` if the beams do not fit into the schedule, or a weights file does not fit the array.
     """
+    need("config", config, SimulationConfig)
     ask_beam_memory(config)
     carrier_hz = config.waveform.carrier_ghz * 1e9
     prs = config.waveform.prs
@@ -138,6 +140,7 @@ def best_beam_power_dbm(paths: Paths, link: Link, tx_pose: Pose, rx_pose: Pose) 
 
 def line_of_sight_at_1m_dbm(config: SimulationConfig) -> float:
     """Received power in dBm over 1 m of free space between the peaks of the strongest TX and RX beam."""
+    need("config", config, SimulationConfig)
     ask_beam_memory(config)
     carrier_hz = config.waveform.carrier_ghz * 1e9
     peaks = [

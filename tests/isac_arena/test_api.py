@@ -4,6 +4,7 @@ import inspect
 import io
 import re
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +37,7 @@ SIGNATURES = {
     "open": "directory",
     "Campaign.trace": "self, stops=None",
     "Campaign.observe": "self, truth",
+    "Campaign.estimate": "self, sweep",
     "Campaign.run": "self, stops=None",
     "Paths.plot": "self, *arguments, **options",
     "Paths.to_xarray": "self",
@@ -78,7 +80,7 @@ def test_settings_change_by_tables_and_by_paths() -> None:
     assert changed.config.link.noise_figure_db == base.config.link.noise_figure_db
     assert changed.config.shapes == base.config.shapes
     assert changed.scene.object("pillar").contour.radius_m == 0.4  # type: ignore[attr-defined]
-    with pytest.raises(ConfigError, match=r"box_room.toml: link.tx_power = 1: unknown key; did you mean tx_power"):
+    with pytest.raises(ConfigError, match=r"^campaign box_room: link.tx_power = 1: .*did you mean tx_power"):
         ia.load_campaign("box_room", link={"tx_power": 1})
 
 
@@ -106,6 +108,48 @@ def test_a_scene_made_in_python_becomes_a_scene_file(seed: int) -> None:
 def test_a_stop_that_is_not_there_is_named(stop: int) -> None:
     with pytest.raises(ValueError, match=f"stops = {stop}: must be within 0 and 3"):
         ia.load_campaign("box_room").trace([0, stop])
+
+
+@pytest.mark.parametrize(
+    ("call", "wanted"),
+    [
+        (lambda one: one.trace(2), "stops = 2 is of type int: must be a list of int"),
+        (lambda one: one.observe("x"), "truth = 'x' is of type str: must be Truth"),
+        (lambda one: one.estimate(one), "sweep = ... is of type Campaign: must be BeamSweep"),
+        (lambda one: ia.load_campaign(3), "source = 3 is of type int: must be str or Path"),
+        (lambda one: ia.load_scene(3), "name_or_path = 3 is of type int"),
+        (ia.estimate_channel, "sweep = ... is of type Campaign: must be BeamSweep"),
+        (lambda one: ia.map_points(1, [], []), "campaign = 1 is of type int: must be Campaign"),
+        (lambda one: ia.slam(one, [4]), r"channel\[0\] = 4 is of type int: must be ChannelEstimate"),
+        (lambda one: ia.fit_contours(one, 4, 1, 2), "channel = 4 is of type int: must be a list of Chan"),
+        (lambda one: ia.track(one, None, None), "channel = None is of type NoneType"),
+        (lambda one: ia.score(one, 5, []), "truths = 5 is of type int: must be a list of Truth"),
+        (lambda one: ia.run(None, "out"), "campaign = None is of type NoneType: must be Campaign or str or Path"),
+        (lambda one: ia.open(5), "directory = 5 is of type int: must be str or Path"),
+        (lambda one: ia.read_record(5, ia.Truth), "path = 5 is of type int"),
+        (lambda one: ia.is_still(5), "estimate = 5 is of type int"),
+        (lambda one: ia.known_receiver(5), "truths = 5 is of type int"),
+        (lambda one: ia.make_link(5), "config = 5 is of type int"),
+        (lambda one: ia.make_map(5, [], None), "config = 5 is of type int"),
+        (lambda one: ia.observe(5, None, None, None), "config = 5 is of type int"),
+        (lambda one: next(ia.simulate_truth(5, None, [])), "config = 5 is of type int"),
+        (lambda one: ia.contours_of([1], None, None), r"outlines\[0\] = 1 is of type int: must be ObjectOut"),
+        (lambda one: ia.random_arena(5), "rng = 5 is of type int: must be Generator"),
+        (lambda one: ia.campaign_scene(5, "x"), "config = 5 is of type int"),
+    ],
+)
+def test_an_argument_of_a_wrong_type_is_named(call: Callable[[ia.Campaign], Any], wanted: str) -> None:
+    with pytest.raises(ValueError, match=f"^{wanted}"):
+        call(ia.load_campaign("box_room"))
+
+
+def test_the_method_of_a_campaign_holds() -> None:
+    campaign = ia.load_campaign("box_room", channel={"method": "power"})
+    [truth] = campaign.trace([0])
+    sweep = campaign.observe(truth)
+    estimate, ours = campaign.estimate(sweep), ia.estimate_channel(sweep, config=campaign.config.channel)
+    assert estimate.method == "power"
+    np.testing.assert_array_equal(estimate.delay_s, ours.delay_s)
 
 
 def test_a_campaign_made_in_python_has_a_directory(tmp_path: Path) -> None:

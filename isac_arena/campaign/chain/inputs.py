@@ -20,6 +20,7 @@ from isac_arena.campaign.measured import MeasuredTruth
 from isac_arena.scoring.config import Significance
 from isac_arena.user_functions.config import UserFunction, with_functions
 from isac_arena.user_functions.room import caller
+from scenes.arguments import need_each
 from scenes.pose import Pose
 from scenes.record import FloatArray
 from scenes.scene import Scene
@@ -106,6 +107,7 @@ def known_receiver(truths: Iterable[Truth | MeasuredTruth]) -> PoseEstimates:
     A stop that was not surveyed counts as unsolved: mapping leaves it out. The truths of several TX at a stop, one
     after the other, are one state with a clock bias for each; that of a TX without a link there is NaN.
     """
+    need_each("truths", truths, Truth, MeasuredTruth)
     states = [(t.stop, *(p := _stop_pose(t)).position_m, p.heading_rad, t.clock_bias_s, _tx(t)) for t in truths]
     table = np.array(states, float).reshape(-1, 7)
     tx, row = table[:, 6].astype(int), np.cumsum(np.diff(table[:, 0], prepend=np.nan) != 0) - 1

@@ -26,6 +26,7 @@ from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.results import MapResult
 from isac_arena.user_functions.config import UserFunctions
 from isac_arena.user_functions.room import called
+from scenes.arguments import need, need_each
 from scenes.pose import SPEED_OF_LIGHT_M_S
 from scenes.record import FloatArray, IntArray
 from scenes.scene import Scene
@@ -43,6 +44,8 @@ def make_map(
 
     `rx_height_m` (stop,) are the heights of the receiver where they are known; by default those of `receiver`.
     """
+    need("config", config, CampaignConfig)
+    need_each("channel", channel, ChannelEstimate)
     check_estimates(channel, tx_pose)
     heights = known_heights(config, transmitters_of(tx_pose).poses, receiver, rx_height_m)
     mapping = None if receiver is None else learned_mapping(config, channel, tx_pose, receiver, heights)

@@ -14,7 +14,7 @@ from isac_arena.report.style import ESTIMATE, GHOST, TRUTH, legend_below, new_fi
 
 WORSE = "#E69F00"
 ROW_IN, MARGIN_IN, WIDTH_IN = 0.36, 1.0, 6.6
-TITLES = {"pose": "Receiver position", "shape": "The paper's contours", "contour": "Our contours"}
+TITLES = {"pose": "Receiver position", "shape": "Published contours", "contour": "Our contours"}
 KINDS = {"stages": "truth in place of a stage", "physics": "physics switched off"}
 RESTS = {"stages": "all stages true", "physics": "estimators alone"}
 SQUARE_CM = 1e4  # in a square metre

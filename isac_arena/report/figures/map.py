@@ -149,7 +149,7 @@ def _legend_handles(*, has_others: bool) -> list[Any]:
         Line2D([], [], marker="+", linestyle="none", color=SLAM, markeredgewidth=1.4, label="RX by SLAM"),
         Line2D([], [], marker="o", linestyle="none", color="0.45", label="IPs of an object"),
         Patch(facecolor="0.85", edgecolor="0.45", label="its contour, 95 % interval"),
-        Line2D([], [], color=TRUTH, linewidth=0.8, linestyle="--", label="the paper's contours"),
+        Line2D([], [], color=TRUTH, linewidth=0.8, linestyle="--", label="published method"),
         Line2D([], [], linestyle="none", label="ghost", **GHOST_LOOK),
         Line2D([], [], linestyle="none", label=RIGHT_SURFACE, **RIGHT_LOOK),
         Line2D([], [], marker=".", linestyle="none", color=GHOST, label="IP of no object"),

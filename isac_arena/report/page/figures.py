@@ -70,10 +70,10 @@ def _map(scene: Scene, results: CampaignResults, tables: ScoreTables) -> ReportF
     caption = (
         f"Plan of '{scene.name}' with the incidence points (IPs) of {len(tables.poses.stop)} receiver stops, "
         "coloured by the object they support, and the contour of every object with its 95 % interval. Dashed: "
-        "the paper's contours of clusters. Left: mapping with the true receiver pose and clock. Right: SLAM, "
-        "which estimates both; a thin line connects each estimated position to the true one. Contours are "
-        "numbered as in the files. A ghost is a contour with most of its IPs from no single bounce; if they are "
-        "double bounces that lie on a true surface, it is a right surface by a wrong path."
+        "contours of clusters by the published method. Left: mapping with the true receiver pose and clock. "
+        "Right: SLAM, which estimates both; a thin line connects each estimated position to the true one. "
+        "Contours are numbered as in the files. A ghost is a contour with most of its IPs from no single bounce; "
+        "if they are double bounces that lie on a true surface, it is a right surface by a wrong path."
     )
     return ReportFigure("map", "map", "Maps", caption, map_figure(scene, results, tables))
 

@@ -138,14 +138,14 @@ ACCEPTED = ScoreTable(
 def score_titles() -> dict[str, str]:
     """Readable names of scores by their key, from the tables of the report."""
     tables = {"Paths": (CHANNEL_COUNTS, CHANNEL_ERRORS), "SLAM": (POSES,), "Map": (MAPS,)}
-    tables |= {"The paper's contours": (SHAPES,), "Our contours": (CONTOURS, ACCEPTED)}
+    tables |= {"Published contours": (SHAPES,), "Our contours": (CONTOURS, ACCEPTED)}
     found = dict(MORE_TITLES)
     for name, members in tables.items():
         for table in members:
             for heading, prefix in table.columns:
                 of = name if heading in ("value", "all stops") else f"{name}, {heading}"
                 found |= {prefix + key: f"{of}: {label[0].lower()}{label[1:]}" for label, key in table.rows}
-    found |= {row.paper: f"The paper's method: {row.label}" for row in HEADLINE if row.paper not in found}
+    found |= {row.paper: f"Published method: {row.label}" for row in HEADLINE if row.paper not in found}
     return found | {row.key: row.label for row in HEADLINE}
 
 

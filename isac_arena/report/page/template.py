@@ -48,7 +48,7 @@ $pose_figures
 
 <h2 id="shapes">Object shapes</h2>
 <p>Our contours are fitted to the delays and angles of the paths by the reflection law: walls, edges and pillars,
-each with the probability of its class; ghosts are rejected. The paper's method fits one star-convex contour to
+each with the probability of its class; ghosts are rejected. The published method fits one star-convex contour to
 each cluster of incidence points, by a Gaussian process over the polar angle. A contour is seen near its incidence
 points; elsewhere it follows from the model or the prior. The lit extent is the part of an object where true single
 bounces met it on the walk.</p>
@@ -56,7 +56,7 @@ bounces met it on the walk.</p>
 <h3>Our contours</h3>
 <div class="unit">$contours</div>
 <div class="scroll">$contour_objects</div>
-<h3>The paper's contours</h3>
+<h3>Contours by the published method</h3>
 <div class="unit">$shapes</div>
 <div class="scroll">$shape_objects</div>
 <div class="pairs">

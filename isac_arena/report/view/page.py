@@ -117,7 +117,7 @@ def _contours(scene: Scene, results: CampaignResults) -> list[Trace]:
     for label, result, color in (("mapping", results.mapping, MAPPING), ("SLAM", results.slam, SLAM)):
         ours = [contour_curve(result.contours, row) for row in range(len(result.contours))]
         paper = [shape_curve(result.shapes, row) for row in range(len(result.shapes.center_m))]
-        made: tuple[tuple[str, list[Curve]], ...] = (("our contours", ours), ("the paper's contours", paper))
+        made: tuple[tuple[str, list[Curve]], ...] = (("our contours", ours), ("published method", paper))
         for source, curves in made:
             if curves:
                 shown = label == "mapping" and curves is (ours or paper)

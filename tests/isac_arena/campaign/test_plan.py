@@ -24,7 +24,8 @@ def doubts(scene: dict[str, Any] | None = None, **changes: Any) -> list[str]:
 
 def test_equal_heights_are_told_nothing_about() -> None:
     told = doubts()
-    assert len(told) == 1 and "from box: no contour" in told[0]  # 1.2 m high, under the beams at 1.5 m
+    assert len(told) == 2 and "from box: no contour" in told[0]  # 1.2 m high, under the beams at 1.5 m
+    assert "4 stops: an object reflects to each stop once, and clusters need 5 close points" in told[1]
     assert (
         "mine:follow (functions.tracker) is not called"
         in doubts(**{"functions.tracker.function": "mine:follow"})[0]
@@ -51,6 +52,24 @@ def test_unequal_heights_with_horizontal_beams() -> None:
     beams = {"beam_elevation_deg": [-10.0, 10.0]}
     told = doubts({**ROOM, "tx": tx}, tx_array=beams, channel={"method": "coherent"})
     assert not any("height" in line for line in told)
+
+
+@pytest.mark.parametrize(
+    ("change", "wanted"),
+    [
+        ({"scale": 1000.0, "position_m": [200.0, 0.0, 0.0]}, "mesh cart is 300 m large, all else 10"),
+        ({"position_m": [40.0, 2.0, 0.0]}, "mesh cart lies outside of all else"),
+        ({"position_m": [4.0, 3.0, 0.0]}, None),
+    ],
+)
+def test_meshes_in_another_unit_or_elsewhere_are_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, change: dict[str, Any], wanted: str | None
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    trimesh.creation.box((0.3, 0.2, 0.4)).export("cart.stl")
+    mesh = {"name": "cart", "file": "cart.stl", "material": "metal"} | change
+    told = [one for one in doubts({**ROOM, "meshes": [mesh]}) if "mesh cart is" in one or "outside" in one]
+    assert [one[: len(wanted)] for one in told] == [wanted] if wanted else not told
 
 
 def test_elevations_that_the_method_ignores_are_refused(tmp_path: Path) -> None:

@@ -125,10 +125,10 @@ def test_a_failure_of_a_worker_is_that_of_one_process(finished: Path, folder: Pa
         done = arena_here("estimate", "run", "--channel", "lab:raises", "--workers", workers, cwd=folder)
         assert done.returncode == 1
         assert done.stderr.startswith("arena: channel = 'lab:raises': stop 2: ZeroDivisionError")
-        assert done.stderr.endswith("; the run went on without; traceback in estimator_error.txt\n")
+        assert done.stderr.endswith("; the run went on without; traceback in run/estimator_error.txt\n")
         trees.append(tree(folder / "run"))
     assert trees[0] == trees[1] != before
-    trace = (folder / "estimator_error.txt").read_text()
+    trace = (folder / "run/estimator_error.txt").read_text()
     assert "return 1 / 0" in trace and "room.py" not in trace
 
 
