@@ -121,7 +121,10 @@ def panel_beams(config: ArrayConfig, position_m: FloatArray, carrier_hz: float) 
         return hierarchical_beams(position_m, carrier_hz, config.columns, config.hierarchy_levels, sector_rad)
     if config.weights_file is not None:
         weights = read_weights(config.weights_file)
-        return beams_from_weights(position_m, carrier_hz, weights, config.element_pattern)
+        try:
+            return beams_from_weights(position_m, carrier_hz, weights, config.element_pattern)
+        except ValueError as error:
+            raise ValueError(f"weights_file = {config.weights_file}: {error}") from error
     if config.codebook == "campus_63":
         azimuth = campus_azimuths(sector_rad)
     else:
