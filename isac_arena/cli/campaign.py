@@ -63,8 +63,9 @@ def run(
 ) -> None:  # fmt: skip
     """Run a campaign from the scene to the report. The same command resumes an interrupted run.
 
-    Where a function of yours fails, the run goes on without it, and exits with 1; with 2 where a channel
-    estimator fails at every stop. Its traceback is in estimator_error.txt in the directory of the run.
+    Where a function of yours fails, the run goes on without it, and exits with 1; its traceback is in
+    estimator_error.txt in the directory of the run. Where a channel estimator fails at every stop, the exit
+    code is 2, a finished run stays as it was, and the traceback is beside its directory.
     """
     from isac_arena.campaign import stages  # noqa: PLC0415
     from isac_arena.user_functions.errors import traces_in  # noqa: PLC0415

@@ -35,7 +35,7 @@ from isac_arena.cli.bounds import bound, place
 from isac_arena.cli.learning import dataset, task
 from isac_arena.cli.options import with_clock, with_memory
 from isac_arena.own_packages import hiding_names
-from isac_arena.user_functions.errors import TRACE_FILE, EstimatorError, WentOnError
+from isac_arena.user_functions.errors import EstimatorError, WentOnError
 
 USAGE_ERROR: Any = typer.BadParameter.__bases__[0]  # of click, or of typer's own copy of click
 
@@ -118,15 +118,14 @@ def guarded(call: Callable[[], Any]) -> None:
 
 
 def _kept(error: EstimatorError) -> str:
-    """Where the traceback of a user's function is kept: a file of its run, if it can be written."""
+    """Where the traceback of a user's function is kept, if it can be written."""
     if not error.trace:
         return ""
-    file = error.folder / TRACE_FILE
     try:
-        file.write_text(error.trace, encoding="utf-8")
+        error.trace_file.write_text(error.trace, encoding="utf-8")
     except OSError:
         return ""
-    return f"; traceback in {file}"
+    return f"; traceback in {error.trace_file}"
 
 
 def _add_working_folder() -> None:

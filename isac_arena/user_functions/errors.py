@@ -19,7 +19,7 @@ class EstimatorError(ValueError):
     def __init__(self, message: str, trace: str = "") -> None:
         super().__init__(message, trace)  # so that it survives the way from another process
         self.trace = trace
-        self.folder = Path()  # where the command line writes the traceback
+        self.trace_file = Path(TRACE_FILE)  # where the command line writes the traceback
 
     def __str__(self) -> str:
         """The line."""
@@ -32,13 +32,19 @@ class WentOnError(EstimatorError):
 
 @contextmanager
 def traces_in(directory: Path) -> Iterator[None]:
-    """Keep the traceback of a user's function beside the results of its run; one of an earlier try goes."""
+    """Say where the traceback of a user's function goes; one of an earlier try is removed.
+
+    It is kept with the results of a run that went on, and beside a run that stays as it was.
+    """
+    inside, folder = directory / TRACE_FILE, directory.resolve()
+    beside = folder.with_name(f"{folder.name}.{TRACE_FILE}")
     try:
         yield
     except EstimatorError as error:
-        error.folder = directory
+        error.trace_file = inside if isinstance(error, WentOnError) else beside
         raise
-    (directory / TRACE_FILE).unlink(missing_ok=True)
+    for file in (inside, beside):
+        file.unlink(missing_ok=True)
 
 
 @contextmanager

@@ -89,8 +89,8 @@ def test_a_users_estimator_takes_the_place_of_ours(finished: Path, tmp_path: Pat
     assert json.loads((out / "scores.json").read_text())  # a failed try leaves the run as it was
     message = failure("estimate", out, "--estimator", "mine:broken", cwd=tmp_path)
     assert "channel = 'mine:broken': stop 0: ZeroDivisionError" in message and "mine.py, line 7)" in message
-    assert message.endswith(f"traceback in {out}/estimator_error.txt")
-    trace = (out / "estimator_error.txt").read_text()
+    assert message.endswith(f"traceback in {out}.estimator_error.txt") and not list(out.glob("*error*"))
+    trace = (tmp_path / "out.estimator_error.txt").read_text()
     assert "return 1 / 0" in trace and "inputs.py" not in trace
 
 
