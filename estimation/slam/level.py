@@ -17,6 +17,7 @@ from estimation.channel.record import AngleKind, ChannelEstimate
 from estimation.laws.level import nearest_boresight, plan_paths
 from estimation.slam.record import PoseEstimates, SolveStatus
 from estimation.slam.transmitters import of_tx, replaced_paths
+from estimation.slam.walk.residuals import PathHeights
 from scenes.pose import SPEED_OF_LIGHT_M_S
 from scenes.record import FloatArray
 
@@ -54,6 +55,24 @@ class KnownHeights:
     def matter(self, estimates: Sequence[ChannelEstimate]) -> bool:
         """Whether any estimate looks different from above."""
         return any(any(map(_is_seen_otherwise, estimates, one.difference_m)) for one in self.by_tx)
+
+    def of_paths(self, estimates: Sequence[ChannelEstimate]) -> list[PathHeights]:
+        """What the paths of every estimate need where a point between the devices has a height of its own."""
+        ends = []
+        for stop, estimate in enumerate(estimates):
+            difference, boresight = np.zeros(len(estimate)), np.full((len(estimate), 2), np.nan)
+            for tx, own in enumerate(self.by_tx):
+                mine = estimate.tx == tx if self.others else np.ones(len(estimate), bool)
+                difference[mine] = own.difference_m[stop]
+                sides = (
+                    (estimate.aod_angle_kind, estimate.aod_azimuth_rad, own.tx_panel_rad),
+                    (estimate.aoa_angle_kind, estimate.aoa_azimuth_rad, own.rx_panel_rad),
+                )
+                for end, (kind, azimuth_rad, panel_rad) in enumerate(sides):
+                    if kind == AngleKind.CONE:
+                        boresight[mine, end] = nearest_boresight(azimuth_rad[mine], panel_rad)
+            ends.append(PathHeights(difference, boresight))
+        return ends
 
     def seen(self, estimate: ChannelEstimate, difference_m: float, clock_bias_s: float) -> ChannelEstimate:
         """One estimate as paths of the plane, the clock bias as before; azimuths that are no cone angles stay."""

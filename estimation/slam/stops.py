@@ -14,6 +14,7 @@ from estimation.slam.space.snapshot import solve_spatial
 from estimation.slam.space.trajectory import run_spatial_trajectory
 from estimation.slam.transmitters import AnyTx, Transmitters, of_tx, transmitters_of
 from estimation.slam.walk.filter import run_filter
+from estimation.slam.walk.residuals import PathHeights
 from estimation.slam.walk.trajectory import run_trajectory
 
 
@@ -35,12 +36,15 @@ def locate_and_map(
     """
     poses = transmitters_of(tx_pose).poses
     _refuse_for_several(len(poses), estimates, slam, trajectory)
-    if heights is None or slam.method == "reference" or not heights.matter(estimates):
+    if heights is None or slam.method == "reference":
         return _located(estimates, tx_pose, slam, trajectory, mapping)
+    ends = heights.of_paths(estimates)
+    if not heights.matter(estimates):
+        return _located(estimates, tx_pose, slam, trajectory, mapping, ends)
     return solved_from_above(
         estimates,
         heights,
-        solve=lambda seen: _located(seen, tx_pose, slam, trajectory, mapping),
+        solve=lambda seen: _located(seen, tx_pose, slam, trajectory, mapping, ends),
         alone=lambda seen, tx: collect_poses([solve_snapshot(each, poses[tx], slam) for each in seen]),
     )
 
@@ -65,6 +69,7 @@ def _located(
     slam: SnapshotConfig,
     trajectory: TrajectoryConfig | None,
     mapping: MappingConfig,
+    ends: Sequence[PathHeights] | None = None,
 ) -> tuple[PoseEstimates, IncidencePoints]:
     if trajectory is None or trajectory.method == "single":
         return run_slam(estimates, tx_pose, slam, mapping)
@@ -75,7 +80,7 @@ def _located(
         first = transmitters_of(tx_pose).poses[0]
         poses, points, _ = run_spatial_trajectory(estimates, first, slam, trajectory, mapping)
     else:
-        poses, points, _ = run_trajectory(estimates, tx_pose, slam, trajectory, mapping)
+        poses, points, _ = run_trajectory(estimates, tx_pose, slam, trajectory, mapping, ends)
     return poses, points
 
 

@@ -24,6 +24,7 @@ from estimation.slam.walk.residuals import (
     spare_equations,
     without_heading_offsets,
 )
+from estimation.slam.walk.roughness import own_roughness
 from estimation.slam.walk.sessions import split_sessions
 from estimation.slam.walk.smoother import LANDMARK_INFORMATION, minimise_robust_cost, normal_equations
 from scenes.record import BoolArray
@@ -31,6 +32,7 @@ from scenes.record import BoolArray
 _ROUGH_ITERATIONS = 6  # enough where the association will change
 _MAX_ROUNDS = 10
 _PLACINGS = 2
+_ROUGHNESS_TURNS = 2
 
 
 class Noise(NamedTuple):
@@ -68,7 +70,7 @@ class SmoothedWalk(NamedTuple):
         seen, config = self.noise
         density = linearise(seen, self.link, self.now, config).log_density(config.degrees_of_freedom)
         information = normal_equations(seen, self.link, self.now, config).log_determinant()
-        prior = (self.now.walls.size + self.now.objects.size) * np.log(LANDMARK_INFORMATION)
+        prior = (self.now.walls.size + self.now.objects.size + self.now.raised.size) * np.log(LANDMARK_INFORMATION)
         return float((density[np.isfinite(density)] - CLUTTER_LOG_DENSITY).sum() + (prior - information) / 2)
 
 
@@ -83,7 +85,8 @@ def smooth_walk(
 
     The floors of the noise and the roughness of surfaces are wide, for errors that are not in the covariances of
     paths. Lower ones follow step by step, each from the solution before; the one of most evidence is kept. Objects
-    that are no circles stay rough: less of their roughness needs evidence of its own.
+    that are no circles stay rough: less of their roughness needs evidence of its own. In the end every landmark
+    gets a roughness of its own, where that has more evidence.
     """
     wide = Noise(seen, config)
     now, _ = _alternate(wide, wide, is_los, start, use_landmarks=False)
@@ -100,7 +103,18 @@ def smooth_walk(
     walks.append(_quieter(walks[best], round_ones, wide))
     evidence.append(walks[-1].evidence)
     best = int(np.argmax(evidence))
-    return walks[best] if evidence[best] > evidence[0] + LEAST_GAIN else walks[0]
+    best = best if evidence[best] > evidence[0] + LEAST_GAIN else 0
+    own = _with_own_roughness(walks[best])
+    return own if own.evidence > evidence[best] + LEAST_GAIN else walks[best]
+
+
+def _with_own_roughness(walk: SmoothedWalk) -> SmoothedWalk:
+    """The walk again with a roughness of its own for every landmark, learned and fitted in turns."""
+    seen, config = walk.noise
+    for _ in range(_ROUGHNESS_TURNS):
+        link = own_roughness(seen, walk.link, walk.now, config)
+        walk = walk._replace(link=link, now=minimise_robust_cost(seen, link, walk.now, config))
+    return walk
 
 
 def _quieter(walk: SmoothedWalk, noise: Noise, wide: Noise) -> SmoothedWalk:
@@ -162,7 +176,7 @@ def _confirm_bounces(
     Lines of sight and shared landmarks are far more certain. Where a stop has two of them, its other bounces are
     gated against the solution without these bounces, with its covariance.
     """
-    certain = np.isin(link.kind, [PathClass.LOS, PathClass.WALL, PathClass.OBJECT])
+    certain = np.isin(link.kind, [PathClass.LOS, PathClass.WALL, PathClass.OBJECT, PathClass.RAISED])
     counted = np.bincount(seen.row[certain], minlength=seen.n_stops) >= 2
     doubted = np.flatnonzero((link.kind == PathClass.BOUNCE) & counted[seen.row])
     kind = link.kind.copy()
@@ -196,11 +210,11 @@ def _alternate(
     errs by more than the `noise` of the fit has little weight there, but is no other path.
     """
     config = wide.config.model_copy(update={"use_landmarks": use_landmarks})
-    link, now, spans = classify_paths(wide.seen, now, is_los, config)
+    link, now, spans = classify_paths(wide.seen, now, is_los, config, noise)
     for _ in range(_MAX_ROUNDS):
         now = minimise_robust_cost(noise.seen, link, now, noise.config, _ROUGH_ITERATIONS)
         before = link
-        link, now, spans = classify_paths(wide.seen, now, is_los, config)
+        link, now, spans = classify_paths(wide.seen, now, is_los, config, noise)
         if _same(link, before):
             break
     for _ in range(_MAX_ROUNDS):

@@ -6,11 +6,12 @@ from scipy.stats import chi2
 from estimation.execution import compiled
 from estimation.laws.contour import closed_path
 from estimation.laws.plane import wrapped
+from estimation.laws.raised import raised_path
 from estimation.laws.support import CIRCLE_BY_RADIUS
 from estimation.laws.wall import mirror_point, wall_path, wall_place
 from estimation.slam.config import TrajectoryConfig
 from estimation.slam.transmitters import transmitters_of
-from estimation.slam.walk.linearise import add_roughness, cholesky3
+from estimation.slam.walk.linearise import add_roughness, cholesky3, path_heights
 from estimation.slam.walk.residuals import (
     Association,
     Observations,
@@ -23,7 +24,7 @@ from scenes.record import FloatArray, IntArray
 _END_MARGIN_M = 0.7  # added to both ends of the span of a wall
 _DOUBLE_PROBABILITY = 0.95
 _UNUSED, _LOS = PathClass.UNUSED, PathClass.LOS
-_WALL, _OBJECT, _DOUBLE = PathClass.WALL, PathClass.OBJECT, PathClass.DOUBLE
+_WALL, _OBJECT, _DOUBLE, _RAISED = PathClass.WALL, PathClass.OBJECT, PathClass.DOUBLE, PathClass.RAISED
 
 
 def assign_to_landmarks(
@@ -49,6 +50,11 @@ def assign_to_landmarks(
         kinds, landmarks = kind[own], landmark[own]
         paths = state[own], measured[own], seen.covariance[own]
         _assign(tx, *paths, now.walls, spans, now.objects, rough_m, gates, kinds, landmarks)
+        if len(now.raised):
+            heights = path_heights(seen.take(own))
+            _assign_raised(
+                tx, *paths, now.raised, *heights, now.walls, now.objects, rough_m, gates, kinds, landmarks
+            )
         kind[own], landmark[own] = kinds, landmarks
     return Association(kind, landmark)
 
@@ -99,6 +105,42 @@ def _assign(
                 best, kind[i], landmark[i, 0], landmark[i, 1] = distance, _OBJECT, o, -1
         if kind[i] == _UNUSED:
             _assign_double(tx, x, seen, cov, walls, double, rough_m[0], gates[1], kind[i : i + 1], landmark[i])
+
+
+@compiled
+def _assign_raised(
+    tx: FloatArray,
+    state: FloatArray,
+    measured: FloatArray,
+    covariance: FloatArray,
+    raised: FloatArray,
+    difference_m: FloatArray,
+    boresight_rad: FloatArray,
+    walls: FloatArray,
+    objects: FloatArray,
+    rough_m: FloatArray,
+    gates: FloatArray,
+    kind: IntArray,
+    landmark: IntArray,
+) -> None:
+    """Give paths to a raised point that predicts them better than their landmark does, in place."""
+    value, by_state, by_point = np.empty(3), np.empty((3, 4)), np.empty((3, 3))
+    for i in range(len(kind)):
+        if kind[i] == _LOS:
+            continue
+        x, seen, cov = state[i], measured[i], covariance[i]
+        best = gates[0]
+        if kind[i] == _WALL:
+            best = wall_chi2(tx, x, seen, cov, walls[landmark[i, 0] : landmark[i, 0] + 1], rough_m[0])
+        elif kind[i] == _OBJECT:
+            best = circle_chi2(tx, x, seen, cov, objects[landmark[i, 0]], rough_m[1])
+        for r in range(len(raised)):
+            raised_path(tx, x, raised[r], difference_m[i], boresight_rad[i], value, by_state, by_point)
+            if (seen[0] - value[0]) ** 2 > best * (cov[0, 0] + 4 * rough_m[1] ** 2):
+                continue
+            distance = _chi2(tx, x, seen, cov, value, raised[r, :2], rough_m[1])
+            if distance < best:
+                best, kind[i], landmark[i, 0], landmark[i, 1] = distance, _RAISED, r, -1
 
 
 @compiled

@@ -13,6 +13,7 @@ from estimation.slam.mapping.point_fit import point_covariance
 from estimation.slam.snapshot.refine import bounce_terms
 from estimation.slam.walk.assignment import assign_to_landmarks
 from estimation.slam.walk.mirrors import find_walls
+from estimation.slam.walk.raised import with_raised
 from estimation.slam.walk.residuals import (
     Association,
     Observations,
@@ -20,7 +21,7 @@ from estimation.slam.walk.residuals import (
     TrajectoryState,
     without_heading_offsets,
 )
-from scenes.record import BoolArray, FloatArray
+from scenes.record import BoolArray, FloatArray, IntArray
 
 # Landmarks are found from incidence points more certain than this.
 _MAX_POINT_STD_M = 0.6
@@ -44,18 +45,23 @@ def single_bounces(
 
 
 def classify_paths(
-    seen: Observations, now: TrajectoryState, is_los: BoolArray, config: TrajectoryConfig
+    seen: Observations,
+    now: TrajectoryState,
+    is_los: BoolArray,
+    config: TrajectoryConfig,
+    noise: tuple[Observations, TrajectoryConfig],
 ) -> tuple[Association, TrajectoryState, FloatArray]:
     """Classify every path at the present trajectory, and find landmarks.
 
     Single bounces are mapped and clustered; long clusters become walls, compact ones circles. A path is assigned
     to the landmark that predicts it best within the gate, which is widened for landmarks not yet estimated.
     Other single bounces keep their own IP; other paths may be double bounces off two walls. Also returns the
-    spans (wall, 2) of the walls.
+    spans (wall, 2) of the walls. A compact cluster is a point at a height where that explains it better than a
+    circle, with the paths and settings of `noise`.
     """
     bounce = single_bounces(seen, now, is_los, config)
     link = _without_landmarks(is_los, bounce)
-    now = replace(now, walls=np.empty((0, 2)), objects=np.empty((0, 3)))
+    now = replace(now, walls=np.empty((0, 2)), objects=np.empty((0, 3)), raised=np.empty((0, 3)))
     if not config.use_landmarks or not bounce.any():
         return link, now, np.empty((0, 2))
     path = np.flatnonzero(bounce)
@@ -68,8 +74,10 @@ def classify_paths(
     normal = np.column_stack([np.cos(azimuth), np.sin(azimuth)])
     variance = seen.covariance[path[sharp]]
     angle_std_rad = np.sqrt(variance[:, 1, 1] + variance[:, 2, 2] + 2 * variance[:, 1, 2]) / 2
-    walls, objects, spans = find_landmarks(point[sharp], normal, angle_std_rad, config)
+    walls, objects, spans, member = find_landmarks(point[sharp], normal, angle_std_rad, config)
     now = replace(now, walls=walls, objects=objects)
+    if seen.heights is not None and len(objects):
+        now = with_raised(noise[0], now, path[sharp], member, noise[1])
     rough = np.hypot([config.wall_roughness_m, config.object_roughness_m], _START_STD_M)
     loose = config.model_copy(update={"wall_roughness_m": rough[0], "object_roughness_m": rough[1]})
     return assign_to_landmarks(seen, now, link, spans, loose), now, spans
@@ -87,14 +95,18 @@ def drop_unused_landmarks(now: TrajectoryState, link: Association) -> tuple[Traj
     """State and association without the landmarks that no path is assigned to."""
     landmark = link.landmark.copy()
     kept = []
-    wall_kinds, object_kinds = (PathClass.WALL, PathClass.DOUBLE), (PathClass.OBJECT,)
-    for kinds, n in ((wall_kinds, len(now.walls)), (object_kinds, len(now.objects))):
+    families = (
+        ((PathClass.WALL, PathClass.DOUBLE), len(now.walls)),
+        ((PathClass.OBJECT,), len(now.objects)),
+        ((PathClass.RAISED,), len(now.raised)),
+    )
+    for kinds, n in families:
         mine = np.isin(link.kind, kinds)
         used = np.isin(np.arange(n), landmark[mine])
         number = np.where(used, np.cumsum(used) - 1, -1)
         landmark[mine] = np.where(landmark[mine] >= 0, number[landmark[mine]], -1) if n else landmark[mine]
         kept.append(used)
-    now = replace(now, walls=now.walls[kept[0]], objects=now.objects[kept[1]])
+    now = replace(now, walls=now.walls[kept[0]], objects=now.objects[kept[1]], raised=now.raised[kept[2]])
     return now, replace(link, landmark=landmark)
 
 
@@ -105,15 +117,16 @@ def _without_landmarks(is_los: BoolArray, bounce: BoolArray) -> Association:
 
 def find_landmarks(
     point_m: FloatArray, normal: FloatArray, normal_std_rad: FloatArray, config: TrajectoryConfig
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Walls (wall, 2), circles (object, 3) and the spans (wall, 2) of the walls.
+) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
+    """Walls (wall, 2), circles (object, 3), the spans (wall, 2) of the walls, and the circle (ip,) of every IP.
 
     From IPs (ip, 2) and the outward normals (ip, 2) of their surfaces, with standard deviations `normal_std_rad`
     (ip,). Walls first; the compact clusters of the other IPs are objects, unless their normals are equal. The
-    centre of an object's circle is behind each IP by the radius.
+    centre of an object's circle is behind each IP by the radius; IPs on no circle have -1.
     """
     walls, spans, is_free = find_walls(point_m, normal, normal_std_rad, config.cluster_min_samples)
     objects: list[FloatArray] = []
+    member = np.full(len(point_m), -1)
     if is_free.any():
         from sklearn.cluster import DBSCAN  # noqa: PLC0415  (it takes a second, and pandas comes with it)
 
@@ -124,9 +137,10 @@ def find_landmarks(
             is_compact = _scatter(rest[mine]) <= _MAX_OBJECT_SCATTER_M
             is_compact = is_compact and _extent(rest[mine]) <= config.max_object_extent_m
             if is_compact and not _is_flat(outward[mine], std[mine]):
+                member[np.flatnonzero(is_free)[mine]] = len(objects)
                 centre = np.median(rest[mine] - config.object_radius_m * outward[mine], axis=0)
                 objects.append(np.array([*centre, config.object_radius_m]))
-    return walls, np.reshape(objects, (-1, 3)), spans
+    return walls, np.reshape(objects, (-1, 3)), spans, member
 
 
 def _is_flat(normal: FloatArray, std_rad: FloatArray) -> bool:

@@ -13,15 +13,16 @@ from estimation.execution import compiled
 from estimation.inference.least_squares import student_t_efficiency, student_t_log_peak
 from estimation.laws.contour import closed_path
 from estimation.laws.plane import bounce_gap_path, bounce_path, los_path, state_columns, wrapped
+from estimation.laws.raised import raised_path
 from estimation.laws.support import CIRCLE_BY_RADIUS
 from estimation.laws.wall import wall_path
 from estimation.slam.config import TrajectoryConfig
 from estimation.slam.transmitters import transmitters_of
-from estimation.slam.walk.residuals import Association, Observations, PathClass, TrajectoryState
+from estimation.slam.walk.residuals import Association, Observations, PathClass, PathHeights, TrajectoryState
 from scenes.record import FloatArray, IntArray
 
 _UNUSED, _LOS, _BOUNCE, _OBJECT = PathClass.UNUSED, PathClass.LOS, PathClass.BOUNCE, PathClass.OBJECT
-_WALL, _DOUBLE = PathClass.WALL, PathClass.DOUBLE
+_WALL, _DOUBLE, _RAISED = PathClass.WALL, PathClass.DOUBLE, PathClass.RAISED
 N_SHARED = 5  # shared parameters a path depends on at most: the session's offset and two walls
 _MIN_VARIANCE_M2 = 1e-18
 
@@ -77,6 +78,8 @@ class Linearised:
 
 def linearise(seen: Observations, link: Association, now: TrajectoryState, config: TrajectoryConfig) -> Linearised:
     """Residuals of all paths at the present unknowns."""
+    difference_m, boresight_rad = path_heights(seen)
+    common_m = np.array([config.wall_roughness_m, config.object_roughness_m])
     parts = _linearise(
         seen.tx_rows,
         seen.measured,
@@ -88,10 +91,19 @@ def linearise(seen: Observations, link: Association, now: TrajectoryState, confi
         now.offset_rad,
         now.walls,
         now.objects,
-        np.array([config.wall_roughness_m, config.object_roughness_m]),
+        now.raised,
+        difference_m,
+        boresight_rad,
+        common_m * np.broadcast_to(link.rough, (len(seen.row),))[:, None],
     )
     columns = state_columns(seen.tx_of_path)
     return Linearised(seen.row, columns, transmitters_of(seen.tx).clock_information, *parts)
+
+
+def path_heights(seen: Observations) -> PathHeights:
+    """Heights of all paths; where they are not known there is no raised point that needs them."""
+    n = len(seen.row)
+    return PathHeights(np.zeros(n), np.full((n, 2), np.nan)) if seen.heights is None else seen.heights
 
 
 @compiled
@@ -106,6 +118,9 @@ def _linearise(
     offset: FloatArray,
     walls: FloatArray,
     objects: FloatArray,
+    raised: FloatArray,
+    difference_m: FloatArray,
+    boresight_rad: FloatArray,
     rough_m: FloatArray,
 ) -> tuple[IntArray, FloatArray, FloatArray, FloatArray, IntArray]:
     n = len(state)
@@ -135,7 +150,13 @@ def _linearise(
             closed_path(CIRCLE_BY_RADIUS, circle, tx, x, value[i], by_state[i], by_circle, point, work)
             shared[i, 1:4] = len(offset) + walls.size + 3 * landmark[i, 0] + np.arange(3)
             # The centre replaces the IP: its directions from TX and RX are nearly the same.
-            add_roughness(tx, x, circle[:2], rough_m[1], cov)
+            add_roughness(tx, x, circle[:2], rough_m[i, 1], cov)
+        elif kind[i] == _RAISED:
+            spot = raised[landmark[i, 0]]
+            by_spot = by_shared[i, :, 1:4]
+            raised_path(tx, x, spot, difference_m[i], boresight_rad[i], value[i], by_state[i], by_spot)
+            shared[i, 1:4] = len(offset) + walls.size + objects.size + 3 * landmark[i, 0] + np.arange(3)
+            add_roughness(tx, x, spot[:2], rough_m[i, 1], cov)
         else:
             bounces = 1 if kind[i] == _WALL else 2
             for b in range(bounces):
@@ -144,7 +165,7 @@ def _linearise(
                 shared[i, 2 + 2 * b] = shared[i, 1 + 2 * b] + 1
             by_wall = by_shared[i, :, 1 : 1 + 2 * bounces]
             wall_path(tx, x, chain[:bounces], value[i], by_state[i], by_wall, point)
-            add_roughness(tx, x, point, rough_m[0], cov)
+            add_roughness(tx, x, point, rough_m[i, 0], cov)
         for a in range(3):
             value[i, a] = seen[a] - value[i, a]
             if a:

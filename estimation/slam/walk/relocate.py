@@ -28,6 +28,7 @@ from estimation.slam.walk.residuals import (
     Association,
     Observations,
     PathClass,
+    PathHeights,
     TrajectoryState,
     without_heading_offsets,
 )
@@ -198,12 +199,12 @@ def certain_landmarks(
     landmark of a certain stop all are taken.
     """
     kind, known = link.kind.copy(), is_certain[seen.row]
-    for one in (PathClass.WALL, PathClass.OBJECT):
+    for one in (PathClass.WALL, PathClass.OBJECT, PathClass.RAISED):
         mine = link.kind == one
         kind[mine & ~np.isin(link.landmark[:, 0], link.landmark[mine & known, 0])] = PathClass.UNUSED
     kind[kind == PathClass.DOUBLE] = PathClass.UNUSED
     fewer, theirs = drop_unused_landmarks(now, replace(link, kind=kind))
-    if not len(fewer.walls) + len(fewer.objects):
+    if not len(fewer.walls) + len(fewer.objects) + len(fewer.raised):
         fewer, theirs = now, link
     return fewer, wall_spans(seen, theirs, fewer)
 
@@ -259,6 +260,7 @@ def _tiled(
         measured=np.tile(own.measured, (n, 1)),
         covariance=np.tile(own.covariance, (n, 1, 1)),
         link=np.tile(own.link, n),
+        heights=None if own.heights is None else PathHeights(*(np.concatenate(n * [one]) for one in own.heights)),
     )
     session = np.full(n, now.session[stop])
     course = np.zeros((max(n - 2, 0), 2))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,6 +21,14 @@ class PathClass(IntEnum):
     WALL = 3
     OBJECT = 4
     DOUBLE = 5  # off two walls
+    RAISED = 6  # by way of a shared point at a height of its own
+
+
+class PathHeights(NamedTuple):
+    """Where paths begin and end: what the height of a point between needs."""
+
+    difference_m: FloatArray  # (path,) height of the TX above the receiver
+    boresight_rad: FloatArray  # (path, 2) as `estimation.laws.raised.raised_path` takes them
 
 
 @dataclass(frozen=True)
@@ -33,6 +42,7 @@ class Observations:
     covariance: FloatArray  # (path, 3, 3)
     floor: FloatArray  # (3, 3) part of every covariance that is a floor of the noise
     link: IntArray = field(default_factory=lambda: np.zeros(1, np.int64))  # (path,) index of the TX
+    heights: PathHeights | None = None  # None where they are not known, or elevations are
 
     @property
     def n_tx(self) -> int:
@@ -66,15 +76,19 @@ class Observations:
     def take(self, path: IntArray | BoolArray) -> Observations:
         """Some of the paths."""
         kept = self.measured[path], self.covariance[path], self.tx_of_path[path]
-        return replace(self, row=self.row[path], measured=kept[0], covariance=kept[1], link=kept[2])
+        heights = None if self.heights is None else PathHeights(*(each[path] for each in self.heights))
+        return replace(
+            self, row=self.row[path], measured=kept[0], covariance=kept[1], link=kept[2], heights=heights
+        )
 
 
 @dataclass(frozen=True)
 class Association:
-    """Kind (path,) of every path, and `landmark` (path, 2): the walls of WALL and DOUBLE, the object of OBJECT."""
+    """Kind (path,) of every path, and its `landmark` (path, 2): walls of WALL and DOUBLE, else the only one."""
 
     kind: IntArray
     landmark: IntArray
+    rough: FloatArray = field(default_factory=lambda: np.ones(1))  # (path,) of the roughness in the settings
 
 
 LEAST_SPARE = 2  # equations beyond the unknowns of a state that make it certain
@@ -105,6 +119,7 @@ class TrajectoryState:
     session: IntArray  # (stop,)
     anchor: int
     course: FloatArray  # (stop - 2, 2) unit vector of the walk at the inner stops
+    raised: FloatArray = field(default_factory=lambda: np.empty((0, 3)))  # (point, 3) x, y, height over receiver
 
     @property
     def n_tx(self) -> int:
@@ -118,17 +133,18 @@ class TrajectoryState:
     @property
     def n_shared(self) -> int:
         """Number of parameters that stops share."""
-        return len(self.offset_rad) + self.walls.size + self.objects.size
+        return len(self.offset_rad) + self.walls.size + self.objects.size + self.raised.size
 
     def moved(self, step: FloatArray, shared: FloatArray) -> TrajectoryState:
         """The unknowns after a step."""
-        a, b = len(self.offset_rad), len(self.offset_rad) + self.walls.size
+        a, b, c = np.cumsum([len(self.offset_rad), self.walls.size, self.objects.size])
         return replace(
             self,
             state=self.state + step,
             offset_rad=self.offset_rad + shared[:a],
             walls=self.walls + shared[a:b].reshape(-1, 2),
-            objects=self.objects + shared[b:].reshape(-1, 3),
+            objects=self.objects + shared[b:c].reshape(-1, 3),
+            raised=self.raised + shared[c:].reshape(-1, 3),
         )
 
 

@@ -20,6 +20,7 @@ from scenes.record import FloatArray
 
 _TOLERANCE = 1e-5  # of the cost, and of log-likelihood: a step that gains less changes no association
 _MAX_ITERATIONS = 20
+RAISED_STD_M = 3.0  # of the prior of heights over the receiver
 LANDMARK_INFORMATION = 1e-6  # of the prior of a landmark, in m^-2 and rad^-2
 _WEAK_STD = (50.0, 50.0, np.pi, 50.0)  # of a state; the last is of every clock bias
 
@@ -62,6 +63,7 @@ def _cost(residuals: Linearised, now: TrajectoryState, config: TrajectoryConfig)
     total += motion_cost(now.state, now.course, config)
     radius = (now.objects[:, 2] - config.object_radius_m) / config.object_radius_std_m
     total += 0.5 * float(np.sum(radius**2) + np.sum((now.offset_rad / config.offset_std_rad) ** 2))
+    total += 0.5 * float(np.sum((now.raised[:, 2] / RAISED_STD_M) ** 2))
     if residuals.clock_information.any():
         clock_m = now.state[:, 3:]
         total += 0.5 * float(np.sum((clock_m @ residuals.clock_information) * clock_m))
@@ -150,6 +152,9 @@ def _add_shared_priors(
     radii = first + 3 * np.arange(len(now.objects)) + 2
     corner[radii, radii] += config.object_radius_std_m**-2.0
     gradient[radii] += (now.objects[:, 2] - config.object_radius_m) * config.object_radius_std_m**-2.0
+    up = first + now.objects.size + 3 * np.arange(len(now.raised)) + 2
+    corner[up, up] += RAISED_STD_M**-2.0
+    gradient[up] += now.raised[:, 2] * RAISED_STD_M**-2.0
     shared = np.arange(len(sessions), len(corner))
     corner[shared, shared] += LANDMARK_INFORMATION
     if now.n_tx > 1:

@@ -27,6 +27,7 @@ from estimation.slam.walk.residuals import (
     Association,
     Observations,
     PathClass,
+    PathHeights,
     TrajectoryState,
     spare_equations,
 )
@@ -63,16 +64,20 @@ def run_trajectory(
     snapshot: SnapshotConfig,
     config: TrajectoryConfig,
     mapping_config: MappingConfig,
+    heights: Sequence[PathHeights] | None = None,
 ) -> tuple[PoseEstimates, IncidencePoints, TrajectoryDetails]:
     """Poses, incidence points and shared landmarks of a whole campaign; stops in the order of the walk.
 
     Stops in no snapshot mode that no landmark places either have status FAILED and the state smoothed from their
-    neighbours. IPs are mapped for solved stops.
+    neighbours. IPs are mapped for solved stops. With the `heights` of the paths of every stop, points that are
+    higher or lower than the devices are landmarks too.
     """
     problems = [snapshot_problem(estimate, tx_pose, snapshot.noise) for estimate in estimates]
     modes = [ranked_modes(problem, snapshot.model_copy(update={"method": "statistical"})) for problem in problems]
     chosen = choose_modes(modes, config)
     seen = observations(problems, tx_pose, snapshot.noise.floor)
+    if heights is not None:
+        seen = replace(seen, heights=PathHeights(*(np.concatenate(each) for each in zip(*heights, strict=True))))
     is_los = _lines_of_sight(problems, modes, chosen)
     if np.all(chosen < 0):
         return _unsolved(estimates, seen, tx_pose, mapping_config)

@@ -39,7 +39,7 @@ def test_estimated_walls_get_their_own_paths_and_no_others():
     taken = own = foreign = 0
     for seed in range(4):
         seen, now, is_los, landmark = true_walk(seed)
-        link, now, spans = classify_paths(seen, now, is_los, CONFIG)
+        link, now, spans = classify_paths(seen, now, is_los, CONFIG, (seen, CONFIG))
         for _ in range(3):
             now = minimise_robust_cost(seen, link, now, CONFIG)
             link = reclassify_paths(seen, now, is_los, spans, CONFIG)
@@ -72,7 +72,7 @@ def test_landmarks_without_a_path_are_dropped_and_the_others_renumbered():
 def test_a_walk_without_landmarks_stays_without():
     seen, now, is_los, _ = true_walk(1)
     none = CONFIG.model_copy(update={"use_landmarks": False})
-    link, same, spans = classify_paths(seen, now, is_los, none)
+    link, same, spans = classify_paths(seen, now, is_los, none, (seen, none))
     kept, again = drop_unused_landmarks(same, reclassify_paths(seen, same, is_los, spans, none))
     assert len(kept.walls) == len(kept.objects) == len(spans) == 0
     np.testing.assert_array_equal(again.kind, link.kind)
