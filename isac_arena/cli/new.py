@@ -1,6 +1,9 @@
 """`arena new`: commented files to start from. `arena settings`: what may stand in them."""
 
+import sys
 from enum import StrEnum
+from importlib.machinery import PathFinder
+from keyword import iskeyword
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -84,6 +87,8 @@ def new_estimator(
     """Write NAME.py, a function of your own in place of a stage, and test_NAME.py, which tests it."""
     if not name.isidentifier():
         raise ValueError(f"name = '{name}': must be a Python name: letters, digits and _, no digit first")
+    if iskeyword(name) or name in sys.stdlib_module_names or _is_installed(name):
+        raise ValueError(f"name = '{name}': must not hide a word or module of Python; choose another")
     _write(name, ".py", _template(f"{stage.value}.txt", name))
     _write(f"test_{name}", ".py", _template(f"test_{stage.value}.txt", name))
 
@@ -122,6 +127,12 @@ def settings(
         for row in one.settings:
             rows.add_row(row.name, row.default, row.unit, row.allowed.replace("`", ""), row.meaning)
         console.print(rows)
+
+
+def _is_installed(module: str) -> bool:
+    """Whether Python finds a module outside the working folder, where files of a user may lie."""
+    elsewhere = [folder for folder in sys.path if Path(folder).resolve() != Path.cwd()]
+    return PathFinder.find_spec(module, elsewhere) is not None
 
 
 def _table_text(table: "SettingTable", given: dict[str, object]) -> str:

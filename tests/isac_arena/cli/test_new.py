@@ -84,6 +84,9 @@ def test_a_new_estimator_and_a_new_sweep_work(tmp_path: Path, monkeypatch: pytes
     los_s = truth.paths.delay_s[truth.paths.is_los] + truth.clock_bias_s
     assert found.delay_s == pytest.approx(los_s, abs=1e-9)
     assert "must be a Python name" in failure("new", "estimator", "my-lab", cwd=tmp_path)
+    for hides in ("class", "random", "numpy"):  # a numpy.py in this folder would stop every later command
+        assert "must not hide a word or module" in failure("new", "estimator", hides, cwd=tmp_path)
+        assert not Path(f"{hides}.py").exists()
     arena_here("new", "sweep", "power", cwd=tmp_path)
     config = load_config("power.toml", SweepConfig)
     assert len(make_plan("power.toml", config, tmp_path / "out", range(config.repeats)).jobs) == 8
