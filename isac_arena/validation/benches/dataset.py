@@ -63,7 +63,7 @@ def bench_making(seed: int, quick: bool) -> list[Measurement]:
 
 def bench_kills(seed: int, quick: bool) -> list[Measurement]:
     """`arena dataset` killed at ten moments and resumed: files that differ from those of a run without."""
-    n_kills, n_shards = (2, 8) if quick else (10, 32)
+    n_kills, n_shards = (2, 8) if quick else (10, 100)
     config, rng = _config(seed, n_shards, 4, 1), np.random.default_rng(seed)
     with tempfile.TemporaryDirectory() as name:
         spec, whole, out = (Path(name, one) for one in ("spec.toml", "whole", "killed"))
