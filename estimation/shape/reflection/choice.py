@@ -27,6 +27,7 @@ class Choice:
     fits: Mapping[str, ShapeFit]
     probability: Mapping[str, float]  # of each kind
     class_probability: Mapping[str, float]
+    log_evidence: float  # of all kinds together
 
     @property
     def best_class(self) -> str:
@@ -74,7 +75,7 @@ def choose_shape(
     total = np.logaddexp.reduce(list(usable.values()))
     probability = {kind: float(np.exp(usable.get(kind, -np.inf) - total)) for kind in share}
     by_class = {name: sum(probability[kind] for kind in CLASSES[name]) for name in classes}
-    return Choice(fits, probability, by_class)
+    return Choice(fits, probability, by_class, float(total))
 
 
 def _fit(data: Reflections, kind: str, config: ReflectionConfig, known: ShapeFit | None) -> ShapeFit:

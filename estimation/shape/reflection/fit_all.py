@@ -13,10 +13,12 @@ from estimation.execution import one_blas_thread
 from estimation.laws.plane import state_columns
 from estimation.shape.config import ContourConfig
 from estimation.shape.fit import ShapeFit
+from estimation.shape.kinds.mirror_wall import lengthened
 from estimation.shape.reflection.association import MIN_PATHS, GroupFits, object_squares
 from estimation.shape.reflection.bundle import Bundle, BundleObject, fit_bundle
 from estimation.shape.reflection.choice import CLASSES, choose_shape
 from estimation.shape.reflection.objects import FoundObject, find_objects, refit_objects
+from estimation.shape.reflection.patches import wall_patches
 from estimation.shape.reflection.paths import CampaignPaths
 from estimation.shape.reflection.pillar_prior import prior_from_others
 from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
@@ -177,9 +179,14 @@ def _final(
                 own, shares = prior_from_others(alone, k, settings)
                 priors[k] = own
                 choices[k] = choose_shape(part, own, shares=shares, known=alone[k].fits)
+    patches = wall_patches(choices, parts, settings)
     members = [
-        BundleObject(choice.best.kind, _scaled(paths.bounces.take("path", each.paths), factor), prior)
-        for choice, each, factor, prior in zip(choices, objects, noise, priors, strict=True)
+        BundleObject(
+            "edge" if k in patches else choice.best.kind,
+            _scaled(paths.bounces.take("path", objects[k].paths), noise[k]),
+            None if k in patches else priors[k],
+        )
+        for k, choice in enumerate(choices)
     ]
     bundle = _bundle(paths, members)
     kept = [
@@ -188,11 +195,27 @@ def _final(
         if shape.is_usable and np.count_nonzero(bundle.inlier[k] > _LIKELY) >= MIN_PATHS
     ]
     probability = [list(choices[k].class_probability.values()) for k in kept]
-    return CampaignFit(
+    fit = CampaignFit(
         method="reflection",
         shapes=tuple(bundle.shapes[k] for k in kept),
         class_probability=np.array(probability).reshape(len(kept), len(CLASSES)),
         paths=tuple(objects[k].paths[bundle.inlier[k] > _LIKELY] for k in kept),
         bundle=bundle,
         sessions=paths.sessions,
+    )
+    return _with_patches(fit, {kept.index(k): kept.index(w) for k, w in patches.items() if {k, w} <= set(kept)})
+
+
+def _with_patches(fit: CampaignFit, patches: dict[int, int]) -> CampaignFit:
+    """The objects with every patch as a part of its wall, which reaches there."""
+    shapes, paths = list(fit.shapes), list(fit.paths)
+    for patch, wall in patches.items():
+        shapes[wall] = lengthened(shapes[wall], shapes[patch].contour_m)
+        paths[wall] = np.sort(np.concatenate([paths[wall], paths[patch]]))
+    kept = [k for k in range(len(shapes)) if k not in patches]
+    return replace(
+        fit,
+        shapes=tuple(shapes[k] for k in kept),
+        class_probability=fit.class_probability[kept],
+        paths=tuple(paths[k] for k in kept),
     )

@@ -84,6 +84,9 @@ class ReflectionConfig(ConfigModel):
     )
     bend_radius_median_m: float = Field(6.0, gt=0, description="curved wall: median of the log-normal radius")
     bend_radius_log_std: float = Field(0.8, gt=0, description="curved wall: of the logarithm of the radius")
+    wall_relief_m: float = Field(
+        0.03, gt=0, description="standard deviation in m of the places of a rough wall about its line"
+    )
     area_m2: float = Field(400.0, gt=0, description="area in m^2 over which centres and edges are uniform")
     delay_offset_std_ns: float = Field(1.0, ge=0, description="common error of all delays in ns")
     aod_offset_std_deg: float = Field(3.0, ge=0, description="common error of a session's departures in deg")
