@@ -22,7 +22,7 @@ _SPREADS_M = (0.05, 0.1, 0.2, 0.4, 0.8)  # of the places of a patch along the wa
 _STEPS = 4  # of each path to its place along the wall
 
 
-class Line(NamedTuple):
+class WallLine(NamedTuple):
     """The line of a wall, and where along it patches are likely: a Cauchy density about its lit part."""
 
     shape: ShapeFit
@@ -56,7 +56,7 @@ def wall_patches(
     choices: Sequence[Choice], parts: Sequence[Reflections], config: ReflectionConfig
 ) -> dict[int, int]:
     """The wall of every object that is a patch of one: numbers of the objects with these paths."""
-    walls = {k: Line(choice.best) for k, choice in enumerate(choices) if choice.best.kind == "wall"}
+    walls = {k: WallLine(choice.best) for k, choice in enumerate(choices) if choice.best.kind == "wall"}
     found = {}
     for k, (choice, data) in enumerate(zip(choices, parts, strict=True)):
         if k not in walls and walls:
@@ -67,7 +67,9 @@ def wall_patches(
     return found
 
 
-def patch_evidence(line: Line, fits: Mapping[str, ShapeFit], data: Reflections, config: ReflectionConfig) -> float:
+def patch_evidence(
+    line: WallLine, fits: Mapping[str, ShapeFit], data: Reflections, config: ReflectionConfig
+) -> float:
     """Log evidence of the paths of one object as scattered by a wall; ghosts are possible, as for any object.
 
     The larger of two: all paths by way of one point, whose fit as an edge is at hand, and places along a part of
@@ -85,7 +87,7 @@ def patch_evidence(line: Line, fits: Mapping[str, ShapeFit], data: Reflections, 
     return max(alone, float(edge.log_evidence + np.log(config.area_m2) + on_line))
 
 
-def along_wall(line: Line, data: Reflections, config: ReflectionConfig) -> float:
+def along_wall(line: WallLine, data: Reflections, config: ReflectionConfig) -> float:
     """Log evidence of the paths, each by way of a place of its own along a part of the wall.
 
     The places are normal about the middle of the part, with a spread of `_SPREADS_M`, all alike beforehand. Paths
@@ -108,7 +110,7 @@ def along_wall(line: Line, data: Reflections, config: ReflectionConfig) -> float
 
 
 def _places(
-    line: Line, data: Reflections, config: ReflectionConfig
+    line: WallLine, data: Reflections, config: ReflectionConfig
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Where each path met the wall.
 

@@ -9,7 +9,7 @@ from estimation.laws.plane import bounce, residual
 from estimation.shape.kinds.mirror_wall import lengthened
 from estimation.shape.reflection import patches
 from estimation.shape.reflection.choice import Choice, choose_shape
-from estimation.shape.reflection.patches import Line, along_wall, wall_patches
+from estimation.shape.reflection.patches import WallLine, along_wall, wall_patches
 from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
 from isac_arena.validation.scenarios.reflections import Errors, TruePaths, edge_paths, observe, wall_paths
 from scenes.record import concatenate
@@ -60,7 +60,7 @@ def test_no_wall_has_no_patches() -> None:
 
 
 def test_evidence_along_a_wall_is_the_integral_over_the_places(monkeypatch: pytest.MonkeyPatch) -> None:
-    data, spread, line = scattered(np.array([2.0, 2.3, 2.7]), 0.01), 0.2, Line(wall().best)
+    data, spread, line = scattered(np.array([2.0, 2.3, 2.7]), 0.01), 0.2, WallLine(wall().best)
     monkeypatch.setattr(patches, "_SPREADS_M", (spread,))
     offset = line.shape.parameter[1]
 
@@ -89,7 +89,7 @@ def test_evidence_along_a_wall_is_the_integral_over_the_places(monkeypatch: pyte
 
 def test_a_wall_reaches_to_its_patches() -> None:
     found = wall().best
-    line = Line(found)
+    line = WallLine(found)
     point = np.array([found.contour_m[0] - 2.0 * line.tangent, found.contour_m[-1] - line.tangent])
     longer = lengthened(found, point)
     assert longer.extent_m == pytest.approx(found.extent_m + 2.0)
