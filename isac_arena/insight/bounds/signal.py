@@ -80,6 +80,15 @@ class SignalBounds:
         stops = [link.at(pose) for link in self.links]
         return pose_bounds(self.campaign.scene, [stops]), any(stop.truth.paths.is_los.any() for stop in stops)
 
+    def at_stop(self, stop: int) -> StateBound:
+        """Bounds (1,) at a stop of the walk; where bodies move, of the paths at the time of its sweep."""
+        if not self.campaign.scene.is_moving:
+            return self.at(self.campaign.stops[stop])[0]
+        truths = self.campaign.trace([stop])
+        rows = [truth.tx if len(self.links) > 1 else 0 for truth in truths]
+        stops = [self.links[row].of(truth) for row, truth in zip(rows, truths, strict=True)]
+        return pose_bounds(self.campaign.scene, [stops])
+
 
 def over_plan(bounds: SignalBounds, grid: PlanGrid, track: Track[int] = iter) -> BoundMap:
     """Position error bound at every free place of a grid; the receiver has the heading of the first stop."""
@@ -93,9 +102,9 @@ def over_plan(bounds: SignalBounds, grid: PlanGrid, track: Track[int] = iter) ->
     return BoundMap(grid.x_m, grid.y_m, peb, los)
 
 
-def along_walk(bounds: SignalBounds, track: Track[Pose] = iter) -> tuple[Table, list[float]]:
+def along_walk(bounds: SignalBounds, track: Track[int] = iter) -> tuple[Table, list[float]]:
     """A table of the bounds over the stops, and the position error bound of every stop in m."""
-    found = [bounds.at(pose)[0] for pose in track(bounds.campaign.stops)]
+    found = [bounds.at_stop(stop) for stop in track(range(len(bounds.campaign.stops)))]
     table = Table("bound at the stops, from the signal", "median", "smallest", "largest", "unit")
     for column in (1, 2, 3):
         table.columns[column].justify = "right"
