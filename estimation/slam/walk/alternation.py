@@ -13,8 +13,7 @@ from estimation.slam.config import TrajectoryConfig
 from estimation.slam.mapping.noise import LEAST_GAIN, SHARES
 from estimation.slam.snapshot.refine import bounce_terms
 from estimation.slam.walk.association import classify_paths, drop_unused_landmarks, reclassify_paths
-from estimation.slam.walk.linearise import linearise
-from estimation.slam.walk.relocate import CLUTTER_LOG_DENSITY, DoubtfulStops, Place, certain_landmarks, placed
+from estimation.slam.walk.relocate import DoubtfulStops, Place, certain_landmarks, path_gains, placed
 from estimation.slam.walk.residuals import (
     LEAST_SPARE,
     Association,
@@ -62,16 +61,16 @@ class SmoothedWalk(NamedTuple):
 
     @property
     def evidence(self) -> float:
-        """Log evidence of the lines of sight and of the paths off landmarks over that of clutter.
+        """Log evidence of all paths in use over that of clutter.
 
         The unknowns are integrated out in Gaussian approximation: with few paths for many unknowns low noise
         explains anything, and is no better for it.
         """
         seen, config = self.noise
-        density = linearise(seen, self.link, self.now, config).log_density(config.degrees_of_freedom)
+        gain = path_gains(seen, self.link, self.now, config)
         information = normal_equations(seen, self.link, self.now, config).log_determinant()
         prior = (self.now.walls.size + self.now.objects.size + self.now.raised.size) * np.log(LANDMARK_INFORMATION)
-        return float((density[np.isfinite(density)] - CLUTTER_LOG_DENSITY).sum() + (prior - information) / 2)
+        return float(gain.sum() + (prior - information) / 2)
 
 
 def smooth_walk(
