@@ -25,25 +25,11 @@ def wall_shape(found: Optimum, data: Reflections, config: ReflectionConfig) -> S
     """
     ends, ends_slope, ends_variance = _lit_ends(found, data)
     covariance = _with_ends(found.parameter_covariance, ends_slope, ends_variance)
-    return _record(np.append(found.parameter, ends), covariance, found.log_evidence)
-
-
-def lengthened(wall: ShapeFit, point_m: FloatArray) -> ShapeFit:
-    """The record of a wall that reaches to points (point, xy) along it as well; the old ends keep their errors."""
-    along = point_m @ np.array([-np.sin(wall.parameter[0]), np.cos(wall.parameter[0])])
-    parameter = wall.parameter.copy()
-    parameter[2] = min(parameter[2], along.min())
-    parameter[3] = max(parameter[3], along.max())
-    return _record(parameter, wall.parameter_covariance, wall.log_evidence)
-
-
-def _record(parameter: FloatArray, covariance: FloatArray, log_evidence: float) -> ShapeFit:
-    """The record of a wall [azimuth, offset, first, last place], with their covariance (4, 4)."""
-    azimuth, offset = parameter[:2]
+    azimuth, offset = found.parameter
     normal = np.array([np.cos(azimuth), np.sin(azimuth)])
     tangent = np.array([-normal[1], normal[0]])
-    length = parameter[3] - parameter[2]
-    along = np.linspace(parameter[2], parameter[3], max(int(np.ceil(length / _SAMPLE_SPACING_M)) + 1, 2))
+    length = ends[1] - ends[0]
+    along = np.linspace(ends[0], ends[1], max(int(np.ceil(length / _SAMPLE_SPACING_M)) + 1, 2))
     # A point at place s moves by (change of d) - s (change of azimuth) along the normal.
     lever = np.column_stack([-along, np.ones(len(along))])
     variance = np.einsum("pi,ij,pj->p", lever, covariance[:2, :2], lever)
@@ -54,8 +40,8 @@ def _record(parameter: FloatArray, covariance: FloatArray, log_evidence: float) 
         is_closed=False,
         contour_m=offset * normal + along[:, None] * tangent,
         std_m=np.sqrt(variance),
-        log_evidence=log_evidence,
-        parameter=parameter,
+        log_evidence=found.log_evidence,
+        parameter=np.array([azimuth, offset, *ends]),
         parameter_covariance=covariance,
         parameter_name=np.array(["normal_azimuth_rad", "offset_m", "first_end_m", "last_end_m"]),
         extent_m=float(length),

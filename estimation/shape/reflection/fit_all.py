@@ -13,7 +13,6 @@ from estimation.execution import one_blas_thread
 from estimation.laws.plane import state_columns
 from estimation.shape.config import ContourConfig
 from estimation.shape.fit import ShapeFit
-from estimation.shape.kinds.mirror_wall import lengthened
 from estimation.shape.reflection.association import MIN_PATHS, GroupFits, object_squares
 from estimation.shape.reflection.bundle import Bundle, BundleObject, fit_bundle
 from estimation.shape.reflection.choice import CLASSES, choose_shape
@@ -184,7 +183,7 @@ def _final(
         BundleObject(
             "edge" if k in patches else choice.best.kind,
             _scaled(paths.bounces.take("path", objects[k].paths), noise[k]),
-            None if k in patches else priors[k],
+            priors[k],
         )
         for k, choice in enumerate(choices)
     ]
@@ -194,28 +193,12 @@ def _final(
         for k, shape in enumerate(bundle.shapes)
         if shape.is_usable and np.count_nonzero(bundle.inlier[k] > _LIKELY) >= MIN_PATHS
     ]
-    probability = [list(choices[k].class_probability.values()) for k in kept]
-    fit = CampaignFit(
+    probability = [list(patches.get(k, choices[k]).class_probability.values()) for k in kept]
+    return CampaignFit(
         method="reflection",
         shapes=tuple(bundle.shapes[k] for k in kept),
         class_probability=np.array(probability).reshape(len(kept), len(CLASSES)),
         paths=tuple(objects[k].paths[bundle.inlier[k] > _LIKELY] for k in kept),
         bundle=bundle,
         sessions=paths.sessions,
-    )
-    return _with_patches(fit, {kept.index(k): kept.index(w) for k, w in patches.items() if {k, w} <= set(kept)})
-
-
-def _with_patches(fit: CampaignFit, patches: dict[int, int]) -> CampaignFit:
-    """The objects with every patch as a part of its wall, which reaches there."""
-    shapes, paths = list(fit.shapes), list(fit.paths)
-    for patch, wall in patches.items():
-        shapes[wall] = lengthened(shapes[wall], shapes[patch].contour_m)
-        paths[wall] = np.sort(np.concatenate([paths[wall], paths[patch]]))
-    kept = [k for k in range(len(shapes)) if k not in patches]
-    return replace(
-        fit,
-        shapes=tuple(shapes[k] for k in kept),
-        class_probability=fit.class_probability[kept],
-        paths=tuple(paths[k] for k in kept),
     )

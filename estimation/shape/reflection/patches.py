@@ -6,6 +6,7 @@ of object of its own.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -54,17 +55,25 @@ class WallLine(NamedTuple):
 
 def wall_patches(
     choices: Sequence[Choice], parts: Sequence[Reflections], config: ReflectionConfig
-) -> dict[int, int]:
-    """The wall of every object that is a patch of one: numbers of the objects with these paths."""
-    walls = {k: WallLine(choice.best) for k, choice in enumerate(choices) if choice.best.kind == "wall"}
+) -> dict[int, Choice]:
+    """The choices of the objects that are patches of walls, with this in the probabilities of their classes."""
+    walls = [WallLine(choice.best) for choice in choices if choice.best.kind == "wall"]
     found = {}
     for k, (choice, data) in enumerate(zip(choices, parts, strict=True)):
-        if k not in walls and walls:
-            evidence = {wall: patch_evidence(line, choice.fits, data, config) for wall, line in walls.items()}
-            best = max(evidence, key=lambda wall: evidence[wall])
-            if evidence[best] > choice.log_evidence:
-                found[k] = best
+        if choice.best.kind != "wall" and walls:
+            evidence = max(patch_evidence(line, choice.fits, data, config) for line in walls)
+            if evidence > choice.log_evidence:
+                found[k] = _as_patch(choice, evidence)
     return found
+
+
+def _as_patch(choice: Choice, evidence: float) -> Choice:
+    """The choice with one kind more, of the class of walls."""
+    total = float(np.logaddexp(choice.log_evidence, evidence))
+    share = float(np.exp(choice.log_evidence - total))
+    by_class = {name: share * value for name, value in choice.class_probability.items()}
+    by_class["wall"] += 1 - share
+    return replace(choice, class_probability=by_class, log_evidence=total)
 
 
 def patch_evidence(

@@ -6,7 +6,6 @@ from scipy.integrate import quad_vec
 from scipy.stats import multivariate_normal
 
 from estimation.laws.plane import bounce, residual
-from estimation.shape.kinds.mirror_wall import lengthened
 from estimation.shape.reflection import patches
 from estimation.shape.reflection.choice import Choice, choose_shape
 from estimation.shape.reflection.patches import WallLine, along_wall, wall_patches
@@ -43,15 +42,18 @@ def test_point_on_the_line_of_a_wall_is_a_patch_and_one_before_it_is_not() -> No
         parts.append(seen(edge_paths(np.array(at), np.random.default_rng(4)), 5, 12))
     choices = [choose_shape(part, SURE) for part in parts]
     assert choices[0].best.kind == "wall"
-    assert wall_patches(choices, parts, SURE) == {1: 0}
+    found = wall_patches(choices, parts, SURE)
+    assert list(found) == [1]
+    assert found[1].best_class == "wall"
+    assert sum(found[1].class_probability.values()) == pytest.approx(1.0)
 
 
 def test_places_along_a_wall_are_a_patch_and_the_same_before_it_are_not() -> None:
     places = np.linspace(3.0, 3.8, 9)
-    for offset, expected in ((0.0, {1: 0}), (0.6, {})):
+    for offset, expected in ((0.0, [1]), (0.6, [])):
         parts = [seen(wall_paths(WALL_ENDS, np.random.default_rng(2)), 3, 20), scattered(places, offset)]
         choices = [choose_shape(part, SURE) for part in parts]
-        assert wall_patches(choices, parts, SURE) == expected
+        assert list(wall_patches(choices, parts, SURE)) == expected
 
 
 def test_no_wall_has_no_patches() -> None:
@@ -85,13 +87,3 @@ def test_evidence_along_a_wall_is_the_integral_over_the_places(monkeypatch: pyte
     whole, _ = quad_vec(integrand, best - 3, best + 3, epsrel=1e-4)
     expected = np.log(whole) + 3 * SURE.log_path_share
     assert along_wall(line, data, SURE) == pytest.approx(expected, abs=0.1)
-
-
-def test_a_wall_reaches_to_its_patches() -> None:
-    found = wall().best
-    line = WallLine(found)
-    point = np.array([found.contour_m[0] - 2.0 * line.tangent, found.contour_m[-1] - line.tangent])
-    longer = lengthened(found, point)
-    assert longer.extent_m == pytest.approx(found.extent_m + 2.0)
-    assert longer.std_m[0] > found.std_m[0]
-    np.testing.assert_allclose(longer.contour_m @ line.normal, found.parameter[1])
