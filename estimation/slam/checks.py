@@ -7,7 +7,6 @@ import numpy as np
 from estimation.channel.record import ChannelEstimate
 from estimation.slam.transmitters import AnyTx, transmitters_of
 
-MIN_PATHS = 2  # a line of sight and one single bounce
 MAX_ANGLE_RAD = 2 * np.pi
 _FIELDS = ("delay_s", "aod_azimuth_rad", "aoa_azimuth_rad", "power_dbm")
 
@@ -26,15 +25,6 @@ def check_estimates(estimates: Iterable[ChannelEstimate], tx_pose: AnyTx | None)
     for estimate in estimates:
         _check_values(estimate)
         _check_distinct(estimate)
-
-
-def check_enough_paths(estimate: ChannelEstimate) -> None:
-    """`ValueError` where a stop has too few paths for a receiver state."""
-    if len(estimate) < MIN_PATHS:
-        raise ValueError(
-            f"stop {estimate.stop}: {len(estimate)} path(s),"
-            f" at least {MIN_PATHS} are needed to locate the receiver"
-        )
 
 
 def _check_values(estimate: ChannelEstimate) -> None:

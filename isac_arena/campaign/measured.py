@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimation.channel.record import ChannelEstimate
-from estimation.slam.checks import check_enough_paths, check_estimates
+from estimation.slam.checks import check_estimates
 from estimation.slam.config import PathNoise
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
 from scenes.record import BoolArray, FloatArray, IntArray, Record, array
@@ -101,13 +101,12 @@ def measured_campaign(
 
     A path whose covariance is not in the file has that of `noise`; a line of sight is by default the labelled one.
 
-    Raises `ValueError` where a stop has one path only, repeats a path, or holds NaN or angles in degrees.
+    Raises `ValueError` where a stop repeats a path, or holds NaN or angles in degrees.
     """
     channel, truths = [], []
     for index, (stop, bias) in enumerate(zip(stops, bias_m, strict=True)):
         order = np.argsort(stop.measured[:, 0], kind="stable")
         estimate = _channel_estimate(index, stop, order, float(bias), noise)
-        check_enough_paths(estimate)
         channel.append(estimate)
         truths.append(
             MeasuredTruth(
