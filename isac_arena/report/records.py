@@ -18,9 +18,9 @@ from isac_arena.api import FinishedRun
 from isac_arena.campaign.campaign import Campaign
 from isac_arena.campaign.results import MapResult
 from isac_arena.report.figures.bands import contour_curve, shape_curve
-from isac_arena.report.figures.map import draw_contours
+from isac_arena.report.figures.map import draw_contours, object_handles
 from isac_arena.report.figures.path_lines import path_summary
-from isac_arena.report.figures.plan import draw_paths, draw_plan
+from isac_arena.report.figures.plan import draw_legend, draw_paths, draw_plan
 from isac_arena.report.figures.power import draw_power
 from isac_arena.report.figures.scene3d import scene_figure
 from isac_arena.report.style import ESTIMATE, GHOST, SLAM, cluster_look, html_table, styled
@@ -130,6 +130,7 @@ def _(thing: PoseEstimates, scene: Scene | None = None, *, ax: Any = None, view:
     ax.quiver(*thing.position_m.T, u, v, color=SLAM, angles="xy", width=0.003, scale=30, zorder=4)
     look = {"markersize": 7, "markeredgewidth": 1.4, "linestyle": "none", "zorder": 4}
     ax.plot(*thing.position_m.T, "+", color=SLAM, label="receiver pose", **look)
+    draw_legend(ax, scene)
     return ax
 
 
@@ -137,8 +138,12 @@ def _(thing: PoseEstimates, scene: Scene | None = None, *, ax: Any = None, view:
 @styled
 def _(thing: IncidencePoints, scene: Scene | None = None, *, ax: Any = None, view: View = "plan") -> Any:
     ax = _over_plan(ax, scene)
-    ax.plot(*thing.position_m[~thing.is_inlier].T, ".", color=GHOST, markersize=3.5, zorder=3)
-    ax.plot(*thing.position_m[thing.is_inlier].T, "o", color=ESTIMATE, markersize=3.8, zorder=4)
+    looks: dict[str, Any] = {"incidence point": {"marker": "o", "color": ESTIMATE, "markersize": 3.8, "zorder": 4}}
+    looks["outlier"] = {"marker": ".", "color": GHOST, "markersize": 3.5, "zorder": 3}
+    for chosen, (label, look) in zip((thing.is_inlier, ~thing.is_inlier), looks.items(), strict=True):
+        if chosen.any():
+            ax.plot(*thing.position_m[chosen].T, linestyle="none", label=label, **look)
+    draw_legend(ax, scene)
     return ax
 
 
@@ -152,6 +157,7 @@ def _(thing: Contours | Shapes, scene: Scene | None = None, *, ax: Any = None, v
     else:
         curves = [shape_curve(thing, row) for row in range(len(thing.center_m))]
     draw_contours(ax, curves, None, [cluster_look(row) for row in range(len(curves))])
+    draw_legend(ax, scene, more=object_handles()[1:])
     return ax
 
 
@@ -163,10 +169,10 @@ def _(thing: MapResult, scene: Scene | None = None, *, ax: Any = None, view: Vie
     looks = [cluster_look(row) for row in range(len(curves))]
     position_m, label = thing.ips.position_m, thing.contours.object
     alone = position_m[thing.ips.is_inlier & (label < 0)]
-    ax.plot(*alone.T, ".", color=GHOST, markersize=3.5, zorder=3, label="incidence point of no contour")
+    ax.plot(*alone.T, ".", color=GHOST, markersize=3.5, zorder=3, label="incidence point of no object")
     draw_contours(ax, curves, [position_m[label == row] for row in range(len(curves))], looks)
     ax.set_title("contours with their incidence points and 95 % bands")
-    ax.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0))
+    draw_legend(ax, scene, more=object_handles())
     return ax
 
 
@@ -236,4 +242,4 @@ def _over_plan(ax: Any, scene: Scene | None) -> Any:
 
 
 def _axes(ax: Any) -> Any:
-    return plt.subplots(figsize=(9, 6), layout="constrained")[1] if ax is None else ax
+    return plt.subplots(figsize=(9, 6), layout="compressed")[1] if ax is None else ax  # room for the legend

@@ -139,6 +139,14 @@ def _draw_track(ax: Any, results: CampaignResults, poses: PoseScores) -> None:
     ax.plot(*estimate.T, "+", color=SLAM, markersize=6, markeredgewidth=1.4, zorder=4)
 
 
+def object_handles() -> list[Any]:
+    """Entries of a legend for the points and the contour of an object, in a colour that stands for all."""
+    return [
+        Line2D([], [], marker="o", linestyle="none", color="0.45", label="incidence points of an object"),
+        Patch(facecolor="0.85", edgecolor="0.45", label="contour, 95 % interval"),
+    ]
+
+
 def _legend_handles(*, has_others: bool) -> list[Any]:
     other = Line2D(
         [], [], marker="D", linestyle="none", color="0.55", markerfacecolor="white", label="TX not in use"
@@ -147,11 +155,10 @@ def _legend_handles(*, has_others: bool) -> list[Any]:
         Line2D([], [], marker="D", linestyle="none", color="black", markersize=5, label="TX, boresight"),
         Line2D([], [], marker="o", color=TRACK_COLOR, markersize=3.5, linewidth=0.8, label="true RX stops"),
         Line2D([], [], marker="+", linestyle="none", color=SLAM, markeredgewidth=1.4, label="RX by SLAM"),
-        Line2D([], [], marker="o", linestyle="none", color="0.45", label="IPs of an object"),
-        Patch(facecolor="0.85", edgecolor="0.45", label="its contour, 95 % interval"),
+        *object_handles(),
         Line2D([], [], color=TRUTH, linewidth=0.8, linestyle="--", label="published method"),
         Line2D([], [], linestyle="none", label="ghost", **GHOST_LOOK),
         Line2D([], [], linestyle="none", label=RIGHT_SURFACE, **RIGHT_LOOK),
-        Line2D([], [], marker=".", linestyle="none", color=GHOST, label="IP of no object"),
+        Line2D([], [], marker=".", linestyle="none", color=GHOST, label="incidence point of no object"),
         *([other] if has_others else []),
     ]

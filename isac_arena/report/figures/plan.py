@@ -94,7 +94,7 @@ def draw_plan(
         names = scene.object_names if label_objects is True else label_objects
         _label_objects(ax, scene, names, view)
     if labels:
-        _draw_legend(ax, scene, view)
+        draw_legend(ax, scene, view)
 
 
 def plan_view(scene: Scene, extent: Literal["walk", "all"]) -> Box:
@@ -274,14 +274,15 @@ def kind_patches(kinds: set[str]) -> list[Patch]:
     ]  # fmt: skip
 
 
-def _draw_legend(ax: Any, scene: Scene, view: Box) -> None:
-    """Add a legend of the kinds in view to the right of the axes."""
-    kinds: set[str] = {item.kind for item in scene.objects if _overlaps(item.contour.bounds_m, view)}
-    kinds |= {item.kind for item in scene.clutter}
-    handles, _ = ax.get_legend_handles_labels()
+def draw_legend(ax: Any, scene: Scene | None, view: Box | None = None, more: Iterable[Any] = ()) -> None:
+    """Add a legend to the right of the axes: kinds of objects in view, all that has a label, and `more` handles."""
+    objects = () if scene is None else scene.objects
+    kinds: set[str] = {item.kind for item in objects if view is None or _overlaps(item.contour.bounds_m, view)}
+    kinds |= set() if scene is None else {item.kind for item in scene.clutter}
+    named = dict(zip(*ax.get_legend_handles_labels()[::-1], strict=True))  # one entry where a label comes twice
     ax.legend(
-        handles=[*kind_patches(kinds), *handles], loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0,
-        fontsize=8, frameon=False,
+        handles=[*kind_patches(kinds), *named.values(), *more], loc="upper left", bbox_to_anchor=(1.01, 1.0),
+        borderaxespad=0, fontsize=8, frameon=False,
     )  # fmt: skip
 
 
