@@ -66,6 +66,7 @@ DISPLAY_HOMES.update(
     to_xarray="isac_arena.exchange.frames",
     to_dataframe="isac_arena.exchange.frames",
 )
+OF_CAMPAIGNS = ("estimate", "plot", "trace")  # looked for here
 MODULES = ("datasets",)  # of functions that belong together
 _HOME_OF = {name: module for module, names in HOMES.items() for name in names}
 __all__ = sorted([*_HOME_OF, *MODULES, "__version__"])  # noqa: PLE0605  (the stub lists them for type checkers)
@@ -79,7 +80,8 @@ def __getattr__(name: str) -> Any:
     elif name in _HOME_OF:
         value = getattr(import_module(_HOME_OF[name]), name)
     else:
-        raise AttributeError(f"module 'isac_arena' has no attribute '{name}'")
+        hint = f"; write load_campaign(NAME).{name}()" if name in OF_CAMPAIGNS else ""
+        raise AttributeError(f"module 'isac_arena' has no attribute '{name}'{hint}")
     globals()[name] = value
     return value
 

@@ -111,6 +111,13 @@ def run(
     """
     need("campaign", campaign, Campaign, str, Path)
     need("out", out, str, Path)
+    need("seed", seed, int, type(None))
+    need("estimator", estimator, str, type(None))
+    need("keep_sweeps", keep_sweeps, bool)
+    need("workers", workers, int)
+    for name, number, least in (("seed", seed or 0, 0), ("workers", workers, 1)):
+        if number < least:
+            raise ValueError(f"{name} = {number}: must be {least} or more")
     given = campaign if isinstance(campaign, Campaign) else load_campaign(campaign)
     if seed is not None:
         given = replace(given, config=given.config.model_copy(update={"seed": seed}))
@@ -194,6 +201,8 @@ def _usable(campaign: Campaign, channel: Sequence[ChannelEstimate]) -> list[Chan
     """The estimates without their weak paths; `ValueError` where one does not fit the others."""
     need("campaign", campaign, Campaign)
     need_each("channel", channel, ChannelEstimate)
+    if not len(channel):
+        raise ValueError("channel = []: must hold the estimate of one stop at least")
     check_estimates(channel, campaign.scene.tx)
     return [estimate.reported for estimate in channel]
 

@@ -39,6 +39,7 @@ def random_arena(rng: np.random.Generator, difficulty: float = 0.5, n_stops: int
     """
     need("rng", rng, np.random.Generator)
     need("difficulty", difficulty, float, int)
+    need("n_stops", n_stops, int)
     if not 0 <= difficulty <= 1:
         raise ValueError(f"difficulty = {difficulty}: must lie in [0, 1]")
     size = rng.uniform(8.0, 10.0 + 16.0 * difficulty, 2)

@@ -195,7 +195,12 @@ def _checked(owner: str, name: str, value: Any, metadata: Any, sizes: dict[str, 
     axes: tuple[str, ...] = metadata["axes"]
     dtype: np.dtype[Any] = metadata["dtype"]
     kind = dtype.type if dtype.kind != "U" else str
-    result = np.asarray(value, dtype=kind).view()
+    try:
+        result = np.asarray(value, dtype=kind).view()
+    except (TypeError, ValueError) as error:
+        raise ValueError(
+            f"{owner}.{name} = {repr(value)[:60]}: must be {'text' if kind is str else kind.__name__}, axes {axes}"
+        ) from error
     if result.ndim != len(axes):
         raise ValueError(f"{owner}.{name}: shape {result.shape} does not fit the axes {axes}")
     for axis, length in zip(axes, result.shape, strict=True):

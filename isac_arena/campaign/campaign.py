@@ -57,12 +57,6 @@ class Campaign(Displayed):
 
     def trace(self, stops: Iterable[int] | None = None) -> list[Truth]:
         """True paths, receiver pose and clock of the given stops, by default of all; `ValueError` for others."""
-        if stops is not None:
-            need_each("stops", stops, int, np.integer)
-            stops, n_stops = list(stops), len(self.stops)
-            wrong = [stop for stop in stops if not 0 <= stop < n_stops]
-            if wrong:
-                raise ValueError(f"stops = {wrong[0]}: must be within 0 and {n_stops - 1}, the stops of the walk")
         return list(self.run(stops).truths())
 
     def observe(self, truth: Truth) -> BeamSweep:
@@ -80,8 +74,14 @@ class Campaign(Displayed):
         return self.run().links[0].channel_estimator
 
     def run(self, stops: Iterable[int] | None = None) -> CampaignRun:
-        """The whole chain over these stops, in memory; `.scores()` runs it to its end."""
-        return CampaignRun(self.config, self.scene, stops=None if stops is None else list(stops))
+        """The whole chain over these stops, in memory; `.scores()` runs it to its end. Stops are as in `trace`."""
+        if stops is not None:
+            need_each("stops", stops, int, np.integer)
+            stops, n_stops = list(stops), len(self.stops)
+            wrong = [stop for stop in stops if not 0 <= stop < n_stops]
+            if wrong:
+                raise ValueError(f"stops = {wrong[0]}: must be within 0 and {n_stops - 1}, the stops of the walk")
+        return CampaignRun(self.config, self.scene, stops=stops)
 
     def __repr__(self) -> str:
         method = methods(self.config)["channel"]

@@ -5,10 +5,11 @@
 
 from functools import singledispatch
 from html import escape
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.axes import Axes
 
 from estimation.channel.beam_power_map import BeamPowerMap, beam_power_map
 from estimation.channel.record import ChannelEstimate
@@ -25,6 +26,7 @@ from isac_arena.report.figures.power import draw_power
 from isac_arena.report.figures.scene3d import scene_figure
 from isac_arena.report.style import ESTIMATE, GHOST, SLAM, cluster_look, html_table, styled
 from isac_arena.scoring.score import Scores
+from scenes.arguments import need
 from scenes.record import Record, columns, parts_of
 from scenes.scene import Scene
 from sim.observation import BeamSweep
@@ -35,7 +37,6 @@ View = Literal["plan", "3d", "delay"]
 FLOOR_DB = 60.0  # of a power-delay profile below its strongest path
 
 
-@singledispatch
 def plot(thing: Any, scene: Scene | None = None, *, ax: Any = None, view: View = "plan") -> Any:
     """Draw a record; returns the matplotlib axes.
 
@@ -49,11 +50,20 @@ def plot(thing: Any, scene: Scene | None = None, *, ax: Any = None, view: View =
         Scenes: `plan` or `3d`. Truths: `plan` or `3d` with the paths; `delay` for the power-delay profile, as
         without a scene.
     """
-    known = ", ".join(kind.__name__ for kind in plot.registry if kind is not object)
+    need("scene", scene, Scene, type(None))
+    need("ax", ax, Axes, type(None))
+    if view not in get_args(View):
+        raise ValueError(f"view = {view!r}: must be one of {', '.join(get_args(View))}")
+    return _drawn(thing, scene, ax=ax, view=view)
+
+
+@singledispatch
+def _drawn(thing: Any, scene: Scene | None = None, *, ax: Any = None, view: View = "plan") -> Any:
+    known = ", ".join(kind.__name__ for kind in _drawn.registry if kind is not object)
     raise TypeError(f"{type(thing).__name__} has no picture; these have: {known}")
 
 
-@plot.register
+@_drawn.register
 @styled
 def _(thing: Scene, scene: Scene | None = None, *, ax: Any = None, view: View = "plan") -> Any:
     if view == "3d":
@@ -64,12 +74,12 @@ def _(thing: Scene, scene: Scene | None = None, *, ax: Any = None, view: View = 
     return ax
 
 
-@plot.register
+@_drawn.register
 def _(thing: Campaign, scene: Scene | None = None, *, ax: Any = None, view: View = "plan") -> Any:
     return plot(thing.scene, ax=ax, view=view)
 
 
-@plot.register
+@_drawn.register
 @styled
 def _(thing: Truth, scene: Scene | None = None, *, ax: Any = None, view: View = "plan") -> Any:
     if scene is None or view == "delay":
@@ -86,7 +96,7 @@ def _(thing: Truth, scene: Scene | None = None, *, ax: Any = None, view: View = 
     return ax
 
 
-@plot.register
+@_drawn.register
 @styled
 def _(thing: Paths, scene: Scene | None = None, *, ax: Any = None, view: View = "plan") -> Any:
     level_db = 20 * np.log10(np.maximum(np.abs(thing.gain), 1e-30))
@@ -96,7 +106,7 @@ def _(thing: Paths, scene: Scene | None = None, *, ax: Any = None, view: View = 
     return ax
 
 
-@plot.register
+@_drawn.register
 @styled
 def _(thing: ChannelEstimate, scene: Scene | None = None, *, ax: Any = None, view: View = "plan") -> Any:
     kinds = {"weak": (thing.is_weak, GHOST), "path": (~thing.is_weak & ~thing.is_los, ESTIMATE)}
@@ -106,7 +116,7 @@ def _(thing: ChannelEstimate, scene: Scene | None = None, *, ax: Any = None, vie
     return ax
 
 
-@plot.register
+@_drawn.register
 @styled
 def _(thing: BeamPowerMap, scene: Scene | None = None, *, ax: Any = None, view: View = "plan") -> Any:
     ax = _axes(ax)
@@ -117,12 +127,12 @@ def _(thing: BeamPowerMap, scene: Scene | None = None, *, ax: Any = None, view: 
     return ax
 
 
-@plot.register
+@_drawn.register
 def _(thing: BeamSweep, scene: Scene | None = None, *, ax: Any = None, view: View = "plan") -> Any:
     return plot(beam_power_map(thing), ax=ax)
 
 
-@plot.register
+@_drawn.register
 @styled
 def _(thing: PoseEstimates, scene: Scene | None = None, *, ax: Any = None, view: View = "plan") -> Any:
     ax = _over_plan(ax, scene)
@@ -134,7 +144,7 @@ def _(thing: PoseEstimates, scene: Scene | None = None, *, ax: Any = None, view:
     return ax
 
 
-@plot.register
+@_drawn.register
 @styled
 def _(thing: IncidencePoints, scene: Scene | None = None, *, ax: Any = None, view: View = "plan") -> Any:
     ax = _over_plan(ax, scene)
@@ -147,8 +157,8 @@ def _(thing: IncidencePoints, scene: Scene | None = None, *, ax: Any = None, vie
     return ax
 
 
-@plot.register(Contours)
-@plot.register(Shapes)
+@_drawn.register(Contours)
+@_drawn.register(Shapes)
 @styled
 def _(thing: Contours | Shapes, scene: Scene | None = None, *, ax: Any = None, view: View = "plan") -> Any:
     ax = _over_plan(ax, scene)
@@ -161,7 +171,7 @@ def _(thing: Contours | Shapes, scene: Scene | None = None, *, ax: Any = None, v
     return ax
 
 
-@plot.register
+@_drawn.register
 @styled
 def _(thing: MapResult, scene: Scene | None = None, *, ax: Any = None, view: View = "plan") -> Any:
     ax = plot(thing.poses, scene, ax=ax)
@@ -176,7 +186,7 @@ def _(thing: MapResult, scene: Scene | None = None, *, ax: Any = None, view: Vie
     return ax
 
 
-@plot.register
+@_drawn.register
 def _(thing: FinishedRun, scene: Scene | None = None, *, ax: Any = None, view: View = "plan") -> Any:
     return plot(thing.mapping, scene or thing.scene, ax=ax)
 

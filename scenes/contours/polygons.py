@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 import shapely
 
+from scenes.arguments import need_each
 from scenes.contours.base import Contour, check_distinct, check_not_crossing
 from scenes.contours.pieces import ArcPiece, LinePiece, Piece
 from scenes.record import FloatArray, array
@@ -113,9 +114,10 @@ class Polyline(Contour):
 
 def rectangle(x_m: tuple[float, float], y_m: tuple[float, float]) -> Polygon:
     """Axis-parallel rectangle between two x and two y coordinates."""
-    for name, (low, high) in (("x_m", x_m), ("y_m", y_m)):
-        if not low < high:
-            raise ValueError(f"{name} = {[low, high]}: the first must be smaller than the second")
+    for name, pair in (("x_m", x_m), ("y_m", y_m)):
+        need_each(name, pair, float, int, np.number)
+        if len(pair) != 2 or not pair[0] < pair[1]:
+            raise ValueError(f"{name} = {list(pair)}: must be two numbers, the first smaller than the second")
     return Polygon(np.array([(x_m[0], y_m[0]), (x_m[1], y_m[0]), (x_m[1], y_m[1]), (x_m[0], y_m[1])]))
 
 

@@ -275,7 +275,7 @@ def kind_patches(kinds: set[str]) -> list[Patch]:
 
 
 def draw_legend(ax: Any, scene: Scene | None, view: Box | None = None, more: Iterable[Any] = ()) -> None:
-    """Add a legend to the right of the axes: kinds of objects in view, all that has a label, and `more` handles."""
+    """Add a legend to the right of the axes: kinds of objects in view, all with a label, and `more` handles."""
     objects = () if scene is None else scene.objects
     kinds: set[str] = {item.kind for item in objects if view is None or _overlaps(item.contour.bounds_m, view)}
     kinds |= set() if scene is None else {item.kind for item in scene.clutter}

@@ -11,7 +11,9 @@ from matplotlib.ticker import MultipleLocator
 from estimation.channel.beam_power_map import BeamPowerMap
 from estimation.channel.record import ChannelEstimate
 from isac_arena.report.style import SLAM, legend_below, new_figure, styled
-from isac_arena.scoring.record import PathScores, PathStatus, ScoreTables
+from isac_arena.scoring.record import PathScores, PathStatus, ScoreTables, SignificantPaths
+from scenes.pose import wrap_angle
+from scenes.record import FloatArray
 
 SHOWN_RANGE_DB = 45.0
 MARGIN_DEG = 10.0  # around the beams
@@ -33,11 +35,12 @@ def power_figure(power_map: BeamPowerMap, estimate: ChannelEstimate, tables: Sco
     figure.colorbar(mesh, ax=ax, label="received power per beam pair in dBm", pad=0.02, extend="min")
     every, paths = tables.significant, tables.paths  # the power map is that of the first TX
     true = every.take("true_path", (every.stop == power_map.stop) & (every.tx == 0))
+    found = paths.take("estimate", (paths.stop == power_map.stop) & (paths.tx == 0))
     ax.plot(
-        np.rad2deg(true.aoa_azimuth_rad), np.rad2deg(true.aod_azimuth_rad), "o", markersize=11,
-        markerfacecolor="none", markeredgecolor="white", markeredgewidth=1.3, path_effects=_outlined(),
+        *np.rad2deg(reported_angles(true, found, estimate)).T[::-1], "o", markersize=11, markerfacecolor="none",
+        markeredgecolor="white", markeredgewidth=1.3, path_effects=_outlined(),
     )  # fmt: skip
-    _draw_estimates(ax, estimate, paths.take("estimate", (paths.stop == power_map.stop) & (paths.tx == 0)))
+    _draw_estimates(ax, estimate, found)
     ax.set(xlabel="azimuth of arrival in the RX frame, deg", ylabel="azimuth of departure in the TX frame, deg")
     x, y = (np.clip([low - MARGIN_DEG, high + MARGIN_DEG], -180, 180) for low, high in sides)
     ax.set(xlim=x, ylim=y)  # paths far outside the beams are left out
@@ -45,6 +48,21 @@ def power_figure(power_map: BeamPowerMap, estimate: ChannelEstimate, tables: Sco
     ax.yaxis.set_major_locator(MultipleLocator(20))
     legend_below(figure, _legend_handles(), 4)
     return figure
+
+
+def reported_angles(true: SignificantPaths, found: PathScores, estimate: ChannelEstimate) -> FloatArray:
+    """Departure and arrival (true_path, 2) in rad of true paths of one stop and TX, as an estimate reports them.
+
+    Horizontal beams see cone angles, which differ from azimuths far from the horizontal plane and behind a panel.
+    A path that no estimate detected has its azimuths.
+    """
+    angles = np.stack([true.aod_azimuth_rad, true.aoa_azimuth_rad], axis=1)
+    detected = found.take("estimate", found.status == PathStatus.DETECTED)
+    errors = np.stack([detected.aod_error_rad, detected.aoa_error_rad], axis=1)
+    reported = np.stack([estimate.aod_azimuth_rad, estimate.aoa_azimuth_rad], axis=1)[detected.path]
+    _, here, there = np.intersect1d(true.path, detected.true_path, return_indices=True)
+    angles[here] = wrap_angle(reported[there] - errors[there])
+    return angles
 
 
 def draw_power(ax: Any, power_map: BeamPowerMap) -> Any:

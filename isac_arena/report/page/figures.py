@@ -20,6 +20,7 @@ from isac_arena.scoring.score import Scores
 from scenes.scene import Scene
 
 Section = Literal["channel", "map", "pose", "shape"]
+LEVEL = ("floor", "ceiling")
 
 
 @dataclass(frozen=True)
@@ -74,8 +75,19 @@ def _map(scene: Scene, results: CampaignResults, tables: ScoreTables) -> ReportF
         "Right: SLAM, which estimates both; a thin line connects each estimated position to the true one. "
         "Contours are numbered as in the files. A ghost is a contour with most of its IPs from no single bounce; "
         "if they are double bounces that lie on a true surface, it is a right surface by a wrong path."
+        f"{_level_contours(tables)}"
     )
     return ReportFigure("map", "map", "Maps", caption, map_figure(scene, results, tables))
+
+
+def _level_contours(tables: ScoreTables) -> str:
+    """A sentence about the contours off floor and ceiling, which no plan shows in place; empty without any."""
+    numbers = {
+        label: ", ".join(str(row) for row, name in enumerate(scores.contours.object) if name in LEVEL)
+        for label, scores in (("mapping", tables.mapping), ("SLAM", tables.slam))
+    }
+    found = "; ".join(f"{numbers[label]} in {label}" for label in numbers if numbers[label])
+    return f" Contours from points of floor or ceiling: {found}." if found else ""
 
 
 def _by_tx(scene: Scene, txs: Mapping[str, str], results: CampaignResults) -> Iterator[ReportFigure]:
@@ -154,7 +166,7 @@ def _clusters(name: str, scene: Scene, result: MapResult, table: MapScores) -> I
     shapes, clusters = result.shapes, table.clusters
     for cluster in range(len(shapes.center_m)):
         shown = str(clusters.object[cluster]) or ("ghost" if clusters.is_ghost[cluster] else "several objects")
-        title = f"{label}, cluster {cluster}: {shown}"
+        title = f"{label}, published method, cluster {cluster}: {shown}"
         caption = (
             f"{clusters.n_ips[cluster]} incidence points. Left: radius about the object centre with its 95 % "
             f"interval. Right: the contour in the plane. Hyperparameters: mean {shapes.mean_m[cluster]:.2f} m, "

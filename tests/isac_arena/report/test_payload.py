@@ -15,7 +15,9 @@ from isac_arena.report.page.budget_file import BUDGET_FILE, read_budget
 from isac_arena.report.page.payload.campaign import report_payload
 from isac_arena.report.page.payload.numbers import POWER_LEVELS, POWER_STEP_DB, number, quantised_power, rounded
 from isac_arena.scoring.config import Significance
+from isac_arena.scoring.record import PathStatus
 from isac_arena.scoring.score import score_campaign
+from scenes.pose import wrap_angle
 from scenes.record import concatenate
 
 LIMITS = Significance(dynamic_range_db=28.0, noise_threshold_dbm=-150.0)
@@ -179,3 +181,19 @@ def test_a_budget_is_read_and_a_wrong_one_named_and_refused(tmp_path):
         path.write_text(wrong)
         with pytest.raises(ValueError, match=r"budget\.json: no error budget"):
             read_budget(tmp_path, "hall")
+
+
+def test_true_paths_stand_at_the_angles_that_their_estimates_report(campaign, true_power):
+    tables = scored(campaign, campaign.results, true_power)
+    cone = replace(tables.paths, aod_error_rad=np.full_like(tables.paths.aod_error_rad, 0.1))
+    payload = report_payload("x", campaign.scene, campaign.results, replace(tables, paths=cone), campaign.truths)
+    estimate, truth, found = campaign.results.channel[4], payload["true"][4], payload["estimated"][4]
+    rows = [truth["path"].index(path) for path in found["true_path"]]
+    reported_rad = np.deg2rad(np.array(truth["aod_deg"])[rows])
+    np.testing.assert_allclose(np.sin(reported_rad - estimate.aod_azimuth_rad), np.sin(-0.1), atol=1e-5)
+    missed = replace(cone, status=np.full_like(cone.status, PathStatus.FALSE))
+    payload = report_payload("x", campaign.scene, campaign.results, replace(tables, paths=missed), campaign.truths)
+    significant = tables.significant.take("true_path", tables.significant.stop == 4)
+    np.testing.assert_allclose(
+        np.deg2rad(payload["true"][4]["aod_deg"]), wrap_angle(significant.aod_azimuth_rad), atol=1e-5
+    )

@@ -1,6 +1,6 @@
 // The error budget, if the campaign has one: waterfalls from the whole error down to the rest.
 
-const OUTCOMES = { pose: "Receiver position", shape: "The paper's contours", contour: "Our contours" };
+const OUTCOMES = { pose: "Receiver position", shape: "Contours, published method", contour: "Our contours" };
 const BUDGETS = { stages: "truth in place of a stage", physics: "physics switched off" };
 const LETTER_PIXELS = 6.8; // the widest of the texts beside the bars
 

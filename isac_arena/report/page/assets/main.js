@@ -84,7 +84,7 @@ function legendEntries() {
   if (data.scene.clutter.length) entries.push([mark("clutter", "square"), "mesh"]);
   if (data.has_truth) entries.push([html("span", {}, swatch("true-mark", "circle", 6), swatch("true-mark missed", "circle", 6)), "true path, detected and missed"]);
   entries.push([mark("stop", "circle"), data.has_truth ? "true RX stop" : "surveyed RX stop"], [mark("found", "plus"), "RX by SLAM"], [mark("tx", "diamond"), "TX with boresight"]);
-  entries.push([line("contour ours neutral"), "our contour"], [line("contour paper neutral"), "the paper's contour"], [line("outline"), data.has_truth ? "true outline" : "surveyed outline"]);
+  entries.push([line("contour ours neutral"), "our contour"], [line("contour paper neutral"), "contour, published method"], [line("outline"), data.has_truth ? "true outline" : "surveyed outline"]);
   return entries.map(([sign, word]) => html("li", {}, sign, ` ${word}`));
 }
 
@@ -93,7 +93,7 @@ function start() {
   const controls = html("form", { class: "controls noprint", onsubmit: (event) => event.preventDefault() },
     labelled("Stop", stopControl()), labelled("Object", objectControl()),
     choice("map", { both: "Both", mapping: "Mapping", slam: "SLAM" }),
-    hasOurs ? choice("contours", { ours: "Our contours", paper: "The paper's", both: "Both" }) : null,
+    hasOurs ? choice("contours", { ours: "Our contours", paper: "Published method", both: "Both" }) : null,
     layerControl());
   const plans = html("div", { class: "pair plans" });
   const stopPanel = html("section", { id: "stop-panel", "aria-labelledby": "stop-title" });

@@ -25,7 +25,7 @@ function makeObjectPanel(parent) {
       height: (width) => Math.min(0.8 * width, 460),
       draw: (drawing, width, height) => drawObject(drawing, mapName, width, height),
     });
-    plot.caption.textContent = `${label}. Solid: our contour; dashed: the paper's; thin: true outline.`;
+    plot.caption.textContent = `${label}. Solid: our contour; dashed: published method; thin: true outline.`;
     details[mapName] = { side, plot, below: side.appendChild(html("div", { class: "below" })) };
   }
   body.append(sides);
@@ -173,7 +173,7 @@ function scoreTable(mapName, curves) {
   const words = Object.entries(SCORE_WORDS).filter(([name]) => curves.some((one) => one.scores[name] !== null));
   const heads = ["contour", "by", "points", "purity", ...words.map(([, [word]]) => word)];
   const rows = curves.map((one) => ({
-    cells: [`${one.word}${one.called ? `, ${one.called}` : ""}`, one.source === "ours" ? "ours" : "paper", `${one.n_ips}`, shown(one.purity, 2),
+    cells: [`${one.word}${one.called ? `, ${one.called}` : ""}`, one.source === "ours" ? "ours" : "published", `${one.n_ips}`, shown(one.purity, 2),
       ...words.map(([name, [, decimals]]) => shown(one.scores[name], decimals))],
   }));
   return html("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Scores of the contours" },

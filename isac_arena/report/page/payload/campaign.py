@@ -42,7 +42,9 @@ def report_payload(
     has the rows of the campaign's error budget, None if there is none. `txs` are the TX of the scene by
     the names of their links; those of `uplinks` receive.
     """
-    by_stop = {stop: true_paths(group, tables) for stop, group in groupby(truths, key=lambda truth: truth.stop)}
+    by_stop = {
+        stop: true_paths(group, results, tables) for stop, group in groupby(truths, key=lambda truth: truth.stop)
+    }
     stops = tables.poses.stop.tolist()
     return {
         "name": name,

@@ -7,6 +7,7 @@ import numpy as np
 
 from isac_arena.campaign.results import CampaignResults
 from isac_arena.report.figures.path_lines import path_kind
+from isac_arena.report.figures.power import reported_angles
 from isac_arena.report.page.payload.numbers import rounded
 from isac_arena.scoring.causes import cause_words
 from isac_arena.scoring.record import PathStatus, ScoreTables
@@ -45,15 +46,18 @@ def estimated_paths(stop: int, results: CampaignResults, tables: ScoreTables) ->
     }
 
 
-def true_paths(truths: Iterable[Truth], tables: ScoreTables) -> dict[str, Any]:
+def true_paths(truths: Iterable[Truth], results: CampaignResults, tables: ScoreTables) -> dict[str, Any]:
     """The significant true paths of a stop and all TX in the frames of the devices, with their corners in plan."""
-    parts = [_true_paths(truth, tables) for truth in truths]
+    parts = [_true_paths(truth, results, tables) for truth in truths]
     return {name: [value for part in parts for value in part[name]] for name in parts[0]}
 
 
-def _true_paths(truth: Truth, tables: ScoreTables) -> dict[str, Any]:
-    every = tables.significant
+def _true_paths(truth: Truth, results: CampaignResults, tables: ScoreTables) -> dict[str, Any]:
+    every, found = tables.significant, tables.paths
+    estimate = next(estimate for estimate in results.channel if estimate.stop == truth.stop)
     rows = every.take("true_path", (every.stop == truth.stop) & (every.tx == truth.tx))
+    of_truth = (found.stop == truth.stop) & (found.tx == truth.tx)
+    angles_rad = reported_angles(rows, found.take("estimate", of_truth), estimate)
     paths = truth.paths.take("path", rows.path)
     vertex_m = truth.from_node.paths.vertex_m[rows.path]
     corners = [vertex_m[row, :n, :2] for row, n in enumerate(paths.n_interactions)]
@@ -64,8 +68,8 @@ def _true_paths(truth: Truth, tables: ScoreTables) -> dict[str, Any]:
         "kind": [path_kind(kinds[:n]) for kinds, n in zip(paths.bounce_kind, paths.n_interactions, strict=True)],
         "object": rows.object.tolist(),
         "delay_ns": rounded(1e9 * rows.delay_s, 3),
-        "aod_deg": _degrees(rows.aod_azimuth_rad),
-        "aoa_deg": _degrees(rows.aoa_azimuth_rad),
+        "aod_deg": _degrees(angles_rad[:, 0]),
+        "aoa_deg": _degrees(angles_rad[:, 1]),
         "power_dbm": rounded(rows.power_dbm, 1),
         "detected": rows.is_detected.tolist(),
         "cause": cause_words(rows.cause),
