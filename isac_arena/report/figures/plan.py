@@ -275,14 +275,22 @@ def kind_patches(kinds: set[str]) -> list[Patch]:
 
 
 def draw_legend(ax: Any, scene: Scene | None, view: Box | None = None, more: Iterable[Any] = ()) -> None:
-    """Add a legend to the right of the axes: kinds of objects in view, all with a label, and `more` handles."""
+    """Add a legend to the right of the axes: kinds of objects in view, all with a label, and `more` handles.
+
+    What a legend of the axes shows already stays in it.
+    """
     objects = () if scene is None else scene.objects
     kinds: set[str] = {item.kind for item in objects if view is None or _overlaps(item.contour.bounds_m, view)}
     kinds |= set() if scene is None else {item.kind for item in scene.clutter}
-    named = dict(zip(*ax.get_legend_handles_labels()[::-1], strict=True))  # one entry where a label comes twice
+    before, handles = ax.get_legend(), {}
+    if before is not None:
+        handles = {text.get_text(): one for text, one in zip(before.texts, before.legend_handles, strict=True)}
+    handles |= {one.get_label(): one for one in kind_patches(kinds)}
+    handles |= {label: one for one, label in zip(*ax.get_legend_handles_labels(), strict=True)}
+    handles |= {one.get_label(): one for one in more}
     ax.legend(
-        handles=[*kind_patches(kinds), *named.values(), *more], loc="upper left", bbox_to_anchor=(1.01, 1.0),
-        borderaxespad=0, fontsize=8, frameon=False,
+        handles.values(), handles.keys(), loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0,
+        fontsize=8, frameon=False,
     )  # fmt: skip
 
 

@@ -53,3 +53,13 @@ def test_object_names_cover_neither_each_other_nor_a_stop(ax):
     for index, box in enumerate(boxes):
         assert not any(box.overlaps(other) for other in boxes[:index])
         assert not any(box.contains(*stop) for stop in stops)
+
+
+def test_a_second_record_in_the_same_axes_keeps_the_legend_of_the_first(campaign):
+    result = campaign.results.mapping
+    axes = result.ips.plot(campaign.scene)
+    result.poses.plot(ax=axes)
+    named = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert {"wall", "pillar", "RX stop", "incidence point", "receiver pose"} <= set(named)
+    assert len(named) == len(set(named))
+    plt.close("all")
