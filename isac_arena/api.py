@@ -40,6 +40,7 @@ def map_points(campaign: Campaign, channel: Sequence[ChannelEstimate], truths: S
     """
     usable = _usable(campaign, channel)
     need_each("truths", truths, Truth)
+    _check_stops("truths", [truth.stop for truth in truths], channel)
     run = campaign.run()
     return run.locate(usable, run.surveyed_receiver(truths))
 
@@ -57,6 +58,7 @@ def fit_contours(
     usable = _usable(campaign, channel)
     need("poses", poses, PoseEstimates)
     need("points", points, IncidencePoints)
+    _check_stops("poses", poses.stop.tolist(), channel)
     return campaign.run().shape(usable, poses, points)
 
 
@@ -64,6 +66,7 @@ def track(campaign: Campaign, channel: Sequence[ChannelEstimate], poses: PoseEst
     """The tracks of what moves, at receiver states; None where nothing does. Raises as `map_points` does."""
     usable = _usable(campaign, channel)
     need("poses", poses, PoseEstimates)
+    _check_stops("poses", poses.stop.tolist(), channel)
     run = campaign.run()
     return campaign_tracks(run.config, run.scene, run.tx, usable, poses)
 
@@ -205,6 +208,13 @@ def _usable(campaign: Campaign, channel: Sequence[ChannelEstimate]) -> list[Chan
         raise ValueError("channel = []: must hold the estimate of one stop at least")
     check_estimates(channel, campaign.scene.tx)
     return [estimate.reported for estimate in channel]
+
+
+def _check_stops(name: str, stops: Sequence[int], channel: Sequence[ChannelEstimate]) -> None:
+    """Raise `ValueError` where stops, each once for every TX, are not those of the channel estimates."""
+    found, wanted = list(dict.fromkeys(stops)), [estimate.stop for estimate in channel]
+    if found != wanted:
+        raise ValueError(f"{name}: stops {found}: must be those of the channel estimates, in order: {wanted}")
 
 
 def _no_slam(truths: Sequence[Truth]) -> MapResult:

@@ -198,6 +198,19 @@ def test_a_record_in_xarray_is_what_its_file_holds(campaign: MadeCampaign, tmp_p
                 assert paths[name].attrs["units"] == made["paths"][name].attrs["units"]
 
 
+def test_stops_that_do_not_belong_together_are_named(campaign: MadeCampaign) -> None:
+    room, channel, truths = ia.load_campaign("box_room"), campaign.results.channel[:2], campaign.truths
+    poses, points = campaign.results.mapping.poses, campaign.results.mapping.ips
+    for call in (
+        lambda: ia.map_points(room, channel, truths[:1]),
+        lambda: ia.map_points(room, channel, truths[1::-1]),
+        lambda: ia.fit_contours(room, channel, poses, points),
+        lambda: ia.track(room, channel, poses),
+    ):
+        with pytest.raises(ValueError, match=r"^(truths|poses): stops \[.*\]: must be those of .*: \[0, 1\]$"):
+            call()
+
+
 def test_an_unknown_score_names_similar_ones() -> None:
     scores = ia.Scores([Metric("slam.position.rmse_m", 0.1, "m", "lower")], None)  # type: ignore[arg-type]
     assert scores.value("slam.position.rmse_m") == 0.1
