@@ -116,8 +116,10 @@ def rectangle(x_m: tuple[float, float], y_m: tuple[float, float]) -> Polygon:
     """Axis-parallel rectangle between two x and two y coordinates."""
     for name, pair in (("x_m", x_m), ("y_m", y_m)):
         need_each(name, pair, float, int, np.number)
-        if len(pair) != 2 or not pair[0] < pair[1]:
-            raise ValueError(f"{name} = {list(pair)}: must be two numbers, the first smaller than the second")
+        if len(pair) != 2:
+            raise ValueError(f"{name} = {list(pair)}: must be two numbers")
+        if not pair[0] < pair[1]:
+            raise ValueError(f"{name} = {list(pair)}: the first must be smaller than the second")
     return Polygon(np.array([(x_m[0], y_m[0]), (x_m[1], y_m[0]), (x_m[1], y_m[1]), (x_m[0], y_m[1])]))
 
 
