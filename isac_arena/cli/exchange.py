@@ -126,17 +126,25 @@ def import_paths(
     angle_std_deg: Annotated[
         float, typer.Option(min=1e-3, max=60, help="Standard deviation of azimuths, where the file has none.")
     ] = 1.0,
+    los_power_dbm: Annotated[
+        float | None,
+        typer.Option(min=-300, max=300, help="Power of a line of sight of 1 m; by default the level is unknown."),
+    ] = None,
+    los_slope_db: Annotated[
+        float, typer.Option(min=-60, max=0, help="With it: its change per decade of distance; free space.")
+    ] = -20.0,
 ) -> None:
     """Import measured paths of any hall; then estimate, score and report work on the directory."""
-    from estimation.slam.config import PathNoise  # noqa: PLC0415
+    from estimation.slam.config import PathLoss, PathNoise  # noqa: PLC0415
     from isac_arena.campaign import stages  # noqa: PLC0415
     from isac_arena.exchange import measurement  # noqa: PLC0415
 
     noise = PathNoise(source="fixed", delay_std_ns=delay_std_ns, angle_std_deg=angle_std_deg)
-    options = measurement.ImportOptions(tx_offset_deg, clock_seed, method, scene, noise)
-    n_stops, unused = measurement.import_paths(file, out, options)
-    if unused:
-        stages.console.print(f"not used: {', '.join(unused)[:500]}", markup=False)
+    known = None if los_power_dbm is None else PathLoss(intercept_dbm=los_power_dbm, slope_db=los_slope_db)
+    options = measurement.ImportOptions(tx_offset_deg, clock_seed, method, scene, noise, known)
+    n_stops, lines = measurement.import_paths(file, out, options)
+    for line in lines:
+        stages.console.print(line, markup=False, soft_wrap=True)
     stages.console.print(f"{n_stops} stops imported; next: arena estimate {out}")
 
 

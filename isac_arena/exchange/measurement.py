@@ -4,7 +4,7 @@
 """
 
 import hashlib
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import get_args
@@ -14,10 +14,10 @@ import tomli_w
 
 from estimation.channel.beam_power_map import BeamPowerMap
 from estimation.channel.record import ChannelEstimate
-from estimation.slam.config import MappingConfig, PathNoise, SnapshotConfig
+from estimation.slam.config import MappingConfig, PathLoss, PathNoise, SnapshotConfig
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.directory import CampaignStore, StopEstimate
-from isac_arena.campaign.load import read_scene_source
+from isac_arena.campaign.load import SceneSource, read_scene_source
 from isac_arena.campaign.lock import one_run
 from isac_arena.campaign.measured import (
     PUBLISHED_MAX_POSITION_STD_M,
@@ -32,14 +32,19 @@ from isac_arena.campaign.recording import recorded_run
 from isac_arena.campaign.side import swapped_in
 from isac_arena.exchange.mat import is_layout, read_layout
 from isac_arena.exchange.path_table import measured_file, read_table
+from isac_arena.exchange.table import MeasuredTable
 from isac_arena.scoring.record import PathKind, PathScores, PathStatus
 from scenes.config import load_scene, scene_path
 from scenes.names import name_from
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
 from scenes.record import FloatArray, empty_record
-from scenes.toml_config import parse_toml
+from scenes.toml_config import naming_field, parse_toml
 from sim.truth import Truth
 
+LEAST_ANGLES, LONGEST_SHARE = 10, 100  # of doubtful tables: different angles, lengths over the straight line
+# Where the level of the link is unknown, the strongest path of a stop has about this length. Lengths of half to
+# twice of it are 6 dB apart from it, beams add some more.
+TYPICAL_LENGTH_M, LEVEL_STD_DB = 10.0, 10.0
 METHODS = get_args(SnapshotConfig.model_fields["method"].annotation)
 
 
@@ -75,7 +80,8 @@ class ImportOptions:
     """How measured paths become a campaign.
 
     `tx_offset_deg` is added to the TX heading. `clock_seed` draws a clock bias that is added to the ranges.
-    `method` is that of SLAM, `scene` the hall to score against, `noise` that of paths without a covariance.
+    `method` is that of SLAM, `scene` the hall to score against, `noise` that of paths without a covariance,
+    `path_loss` the powers of lines of sight, None where the level of the link is not known.
     """
 
     tx_offset_deg: float = 0.0
@@ -83,6 +89,7 @@ class ImportOptions:
     method: str = "statistical"
     scene: str = "campus_arena"
     noise: PathNoise = PUBLISHED_NOISE
+    path_loss: PathLoss | None = None
 
 
 def import_campaign(
@@ -93,24 +100,52 @@ def import_campaign(
     Raises `ValueError` where the file has another layout, the method is unknown, or the directory holds another
     campaign.
     """
-    return import_measured(file, out, ImportOptions(tx_offset_deg, clock_seed, method, scene), read_layout)
+    options = ImportOptions(tx_offset_deg, clock_seed, method, scene, path_loss=PathLoss())
+    return import_measured(file, out, options, read_layout)
 
 
 def import_paths(file: Path, out: Path, options: ImportOptions) -> tuple[int, list[str]]:
     """Write the campaign directory of a table of paths, or of the public file.
 
-    Returns the number of stops, and the columns that are not used. Raises as `import_campaign`.
+    Returns the number of stops, and lines on columns that are not used and on what is doubtful. Raises as
+    `import_campaign`.
     """
     if file.suffix.lower() == ".mat" and is_layout(file):
-        return import_measured(file, out, options, read_layout), []
-    unused: list[str] = []
+        return import_measured(file, out, replace(options, path_loss=PathLoss()), read_layout), []
+    lines: list[str] = []
 
     def read(path: Path, scene_tx: Pose) -> MeasuredFile:
         table = read_table(path)
-        unused.extend(table.unused)
-        return measured_file(table, scene_tx)
+        found = measured_file(table, scene_tx)
+        lines.extend([f"not used: {', '.join(table.unused)[:500]}"] * bool(table.unused))
+        lines.extend(f"doubtful: {one}" for one in _doubts(table, found))
+        return found
 
-    return import_measured(file, out, options, read), unused
+    return import_measured(file, out, options, read), lines
+
+
+def _doubts(table: MeasuredTable, found: MeasuredFile) -> Iterator[str]:
+    """Columns that seem to have another unit than their name says."""
+    for name in ("aod_azimuth", "aoa_azimuth", "rx_heading"):
+        if f"{name}_deg" in table.columns:
+            value = table.numbers(f"{name}_deg")
+            if len(np.unique(value)) >= LEAST_ANGLES and np.all(np.abs(value) <= 2 * np.pi):
+                yield f"{name}_deg: no value is beyond 6.28; are they radians?"
+    length_m = np.concatenate([stop.measured[:, 0] for stop in found.stops])
+    straight_m = np.concatenate(
+        [
+            np.full(len(stop.measured), np.linalg.norm(stop.rx[:2] - found.tx.position_m[:2]))
+            for stop in found.stops
+        ]
+    )
+    with np.errstate(invalid="ignore"):  # the pose may be unknown
+        short, far = length_m < straight_m / 2, length_m > LONGEST_SHARE * (straight_m + 1.0)
+    for count, words in ((short.sum(), "shorter than half"), (far.sum(), f"longer than {LONGEST_SHARE} times")):
+        if 2 * count > len(length_m):
+            yield (
+                f"{count} of {len(length_m)} paths are {words} the straight line from the TX to the receiver:"
+                " look at the unit of delays, the clock bias and the poses"
+            )
 
 
 def import_measured(
@@ -132,16 +167,20 @@ def import_measured(
     except ValueError as error:
         raise ValueError(f"{file}: {error}") from error
     is_known = all(stop.covariance is not None for stop in found.stops)
+    path_loss = options.path_loss or _unknown_level(found.stops)
+    config = settings(name_from(file.stem), options.method, None if is_known else options.noise, path_loss)
+    hall = SceneSource(measured_scene_text(source.text, campaign.tx, campaign.truths, first_m), source.files)
+    with naming_field(str(file), ": "):
+        hall.build(config)
     store = CampaignStore(
         directory=out,
-        config=settings(name_from(file.stem), options.method, None if is_known else options.noise),
-        scene_text=measured_scene_text(source.text, campaign.tx, campaign.truths, first_m),
+        config=config,
+        scene_text=hall.text,
         measured=_origin(file, options),
         scene_files=source.files,
     )
     with one_run(out), recorded_run(out), swapped_in(store) as beside:
         beside.open_for_writing()
-        load_scene((beside.side or out) / "scene.toml")
         for truth, channel in zip(campaign.truths, campaign.channel, strict=True):
             beside.write_truth(truth)
             no_power_map = replace(empty_record(BeamPowerMap), stop=channel.stop)
@@ -149,14 +188,22 @@ def import_measured(
     return n_stops
 
 
-def settings(name: str, method: str, noise: PathNoise | None) -> CampaignConfig:
+def settings(name: str, method: str, noise: PathNoise | None, path_loss: PathLoss) -> CampaignConfig:
     """Settings of a measured campaign: with `noise` all paths have it, without their own covariances count."""
+    slam: dict[str, object] = {"method": method, "path_loss": path_loss}
     if noise is None:
-        return CampaignConfig(name=name, scene="measured", slam=SnapshotConfig.model_validate({"method": method}))
-    slam = SnapshotConfig.model_validate(
-        {"method": method, "noise": noise, "max_position_std_m": PUBLISHED_MAX_POSITION_STD_M}
-    )
-    return CampaignConfig(name=name, scene="measured", mapping=MappingConfig(noise=noise), slam=slam)
+        return CampaignConfig(name=name, scene="measured", slam=SnapshotConfig.model_validate(slam))
+    slam |= {"noise": noise, "max_position_std_m": PUBLISHED_MAX_POSITION_STD_M}
+    mapping = MappingConfig(noise=noise)
+    return CampaignConfig(name=name, scene="measured", mapping=mapping, slam=SnapshotConfig.model_validate(slam))
+
+
+def _unknown_level(stops: Sequence[MeasuredStop]) -> PathLoss:
+    """Powers of lines of sight on a link whose level nobody states: a wide prior about those of the file."""
+    strongest_dbm = [stop.power_dbm.max() for stop in stops if len(stop.power_dbm)]
+    level_dbm = float(np.median(strongest_dbm) + 20 * np.log10(TYPICAL_LENGTH_M))
+    width = {"std_db": LEVEL_STD_DB, "level_std_db": LEVEL_STD_DB}
+    return PathLoss.model_validate({"intercept_dbm": level_dbm, "slope_db": -20.0, **width})
 
 
 def measured_scene_text(text: str, tx: Pose, truths: Sequence[MeasuredTruth], unknown_m: FloatArray) -> str:

@@ -73,19 +73,19 @@ def measured_file(table: MeasuredTable, scene_tx: Pose) -> MeasuredFile:
     azimuths = [table.angle(name, needed=True) for name in ("aod_azimuth", "aoa_azimuth")]
     measured = np.column_stack([range_m, *(one for one in azimuths if one is not None)])
     power_dbm = table.needed({"power_dbm": 1.0})
-    limits = (("the length", range_m, LARGEST_LENGTH_M, "m"), ("power_dbm", power_dbm, LARGEST_DBM, "dBm"))
-    for name, value, most, unit in limits:
-        far = np.flatnonzero(np.abs(value) > most)
-        if len(far):
-            raise table.wrong(int(far[0]), name, f"{value[far[0]]:g}", f"must be within {most:g} {unit}")
+    _within(table, LARGEST_LENGTH_M, "m", {"the length": range_m})
+    _within(table, LARGEST_DBM, "dBm", {"power_dbm": power_dbm})
+    label, flags = _labels(table), _flags(table, "is_los")
+    _one_los(table, "label", label == LABELS["los"], index)
+    _one_los(table, "is_los", flags, index)
     rows = _PathRows(
         measured=measured,
         power_dbm=power_dbm,
-        label=_labels(table),
-        landmark_m=_landmarks(table),
+        label=label,
+        landmark_m=_landmarks(table, label == LABELS["single_bounce"]),
         elevation_rad=_elevations(table),
         covariance=_covariances(table),
-        is_los=_flags(table, "is_los"),
+        is_los=flags,
     )
     order = np.argsort(index, kind="stable")
     at_stops = np.split(order, np.cumsum(np.bincount(index, minlength=len(numbers)))[:-1])
@@ -114,7 +114,7 @@ class _PathRows:
             power_dbm=self.power_dbm[rows],
             is_los=self.label[rows] == LABELS["los"],
             is_single_bounce=is_single,
-            landmark_m=np.where(is_single[:, None], self.landmark_m[rows], np.nan),
+            landmark_m=self.landmark_m[rows],
             height_m=float(rx[2]),
             covariance=None if self.covariance is None else self.covariance[rows],
             elevation_rad=None if self.elevation_rad is None else self.elevation_rad[rows],
@@ -151,14 +151,31 @@ def _receivers(table: MeasuredTable, first: IntArray, index: IntArray, tx_height
     height_m = table.scaled({"rx_z_m": 1.0}, "z")
     height_m = np.full(len(index), tx_height_m) if height_m is None else height_m
     assert heading_rad is not None
-    for name, value in (("rx_x_m", columns[0]), ("rx_y_m", columns[1]), ("rx_z_m", height_m)):
-        far = np.flatnonzero(np.abs(value) > LARGEST_LENGTH_M)
-        if len(far):
-            raise table.wrong(int(far[0]), name, value[far[0]], f"must be within {LARGEST_LENGTH_M:g} m")
-    named = {"rx_x_m": columns[0], "rx_y_m": columns[1], "rx_z_m": height_m, "rx_heading": heading_rad}
+    places = {"rx_x_m": columns[0], "rx_y_m": columns[1], "rx_z_m": height_m}
+    _within(table, LARGEST_LENGTH_M, "m", places)
+    named = {**places, "rx_heading": heading_rad}
     for name, value in named.items():
         _same_at_stops(table, name, value, first, index)
     return np.column_stack(list(named.values()))[first]
+
+
+def _within(table: MeasuredTable, most: float, unit: str, columns: dict[str, FloatArray]) -> None:
+    for name, value in columns.items():
+        far = np.flatnonzero(np.abs(value) > most)
+        if len(far):
+            raise table.wrong(int(far[0]), name, f"{value[far[0]]:g}", f"must be within {most:g} {unit}")
+
+
+def _one_los(table: MeasuredTable, name: str, is_los: BoolArray | None, index: IntArray) -> None:
+    rows = np.flatnonzero(is_los) if is_los is not None else np.zeros(0, int)
+    _, first, stop = np.unique(index[rows], return_index=True, return_inverse=True)
+    again = np.flatnonzero(first[stop] != np.arange(len(rows)))
+    if len(again):
+        row, other = int(rows[again[0]]), int(rows[first[stop[again[0]]]]) + 1
+        value = table.columns[name][row]
+        raise table.wrong(
+            row, name, value, f"the line of sight of this stop is in row {other}; there is one at most"
+        )
 
 
 def _same_at_stops(table: MeasuredTable, name: str, value: FloatArray, first: IntArray, index: IntArray) -> None:
@@ -170,7 +187,7 @@ def _same_at_stops(table: MeasuredTable, name: str, value: FloatArray, first: In
 
 
 def _elevations(table: MeasuredTable) -> FloatArray | None:
-    both = [table.angle(name) for name in ("aod_elevation", "aoa_elevation")]
+    both = [table.angle(name, most_deg=90.0) for name in ("aod_elevation", "aoa_elevation")]
     found = [one for one in both if one is not None]
     if len(found) == 1:
         raise ValueError(f"{table.file}: aod_elevation, aoa_elevation: give both, or none of them")
@@ -187,13 +204,12 @@ def _covariances(table: MeasuredTable) -> FloatArray | None:
         else:
             value = table.angle(f"{name}_std")
         if value is not None:
-            least = MIN_STD_M if name == "delay" else MIN_STD_RAD
-            low = np.flatnonzero(value < least)
-            if len(low):
+            least, most = (MIN_STD_M, LARGEST_LENGTH_M) if name == "delay" else (MIN_STD_RAD, 2 * np.pi)
+            bad = np.flatnonzero((value < least) | (value > most))
+            if len(bad):
                 unit = "m" if name == "delay" else "rad"
-                raise table.wrong(
-                    int(low[0]), f"{name}_std", f"{value[low[0]]:g} {unit}", f"must be {least:g} at least"
-                )
+                allowed = f"must be within {least:g} and {most:g} {unit}"
+                raise table.wrong(int(bad[0]), f"{name}_std", f"{value[bad[0]]:g} {unit}", allowed)
             std.append(value)
     if not std:
         return None
@@ -246,12 +262,20 @@ def _flags(table: MeasuredTable, name: str) -> BoolArray | None:
     return np.asarray(value == 1)
 
 
-def _landmarks(table: MeasuredTable) -> FloatArray:
+def _landmarks(table: MeasuredTable, is_single: BoolArray) -> FloatArray:
+    """Incidence points (path, xy), NaN where a single bounce has none."""
     n = len(next(iter(table.columns.values())))
     columns = [table.numbers(f"ip_{axis}_m") for axis in "xy" if table.has(f"ip_{axis}_m")]
     if len(columns) == 1:
         raise ValueError(f"{table.file}: ip_x_m, ip_y_m: give both, or none of them")
-    return np.column_stack(columns) if columns else np.full((n, 2), np.nan)
+    found = np.column_stack(columns) if columns else np.full((n, 2), np.nan)
+    found[~is_single] = np.nan
+    _within(table, LARGEST_LENGTH_M, "m", {"ip_x_m": found[:, 0], "ip_y_m": found[:, 1]})
+    half = np.flatnonzero(np.isnan(found).any(axis=1) & ~np.isnan(found).all(axis=1))
+    if len(half):
+        column = "xy"[int(np.isnan(found[half[0], 1]))]
+        raise table.wrong(int(half[0]), f"ip_{column}_m", "nan", "give both, ip_x_m and ip_y_m, or none of them")
+    return found
 
 
 def _known_names() -> Sequence[str]:

@@ -64,10 +64,22 @@ class MeasuredTable:
             raise ValueError(f"{self.file}: the column {wanted} is missing{hint[:300]}")
         return value
 
-    def angle(self, name: str, *, needed: bool = False) -> FloatArray | None:
-        """An angle in rad."""
+    def angle(self, name: str, *, needed: bool = False, most_deg: float = 360.0) -> FloatArray | None:
+        """An angle in rad; `ValueError` where it is beyond `most_deg` on either side."""
         units = {f"{name}_{unit}": factor for unit, factor in ANGLE.items()}
-        return self.needed(units) if needed else self.scaled(units, name)
+        value = self.needed(units) if needed else self.scaled(units, name)
+        unit = "rad" if f"{name}_rad" in self.columns else "deg"
+        most = most_deg * ANGLE["deg"] / ANGLE[unit]
+        far = np.flatnonzero(np.abs(value if value is not None else 0.0) > most_deg * ANGLE["deg"])
+        if len(far):
+            row, column = int(far[0]), f"{name}_{unit}"
+            hint = (
+                "; it looks like degrees" if unit == "rad" and most < abs(self.numbers(column)[row]) <= 360 else ""
+            )
+            raise self.wrong(
+                row, column, self.columns[column][row], f"must be within -{most:.4g} and {most:.4g} {unit}{hint}"
+            )
+        return value
 
     def wrong(self, row: int, name: str, value: object, allowed: str) -> ValueError:
         """An error that names file, row (from 1), column and value."""

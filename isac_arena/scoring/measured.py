@@ -87,7 +87,8 @@ def _label_scores(scene: Scene, truth: MeasuredTruth, estimate: ChannelEstimate 
         raise ValueError(f"results.channel: stop {truth.stop} has {n} labelled paths but no estimate of as many")
     single = truth.is_single_bounce
     name = np.full(n, "", dtype=object)
-    name[single] = nearest_objects(scene, truth.landmark_m[single], FOUND_DISTANCE_M)
+    known = single & np.isfinite(truth.landmark_m).all(axis=1)
+    name[known] = nearest_objects(scene, truth.landmark_m[known], FOUND_DISTANCE_M)
     unknown = np.full(n, np.nan)
     return PathScores(
         stop=np.full(n, truth.stop),

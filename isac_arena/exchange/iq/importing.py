@@ -10,8 +10,8 @@ import numpy as np
 
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.directory import RECORDED, CampaignStore
-from isac_arena.campaign.load import changed_campaign
-from isac_arena.campaign.lock import one_run
+from isac_arena.campaign.load import SceneSource, changed_campaign
+from isac_arena.campaign.lock import DirectoryHeldError, one_run
 from isac_arena.campaign.measured import MeasuredTruth, unlabelled_stop
 from isac_arena.campaign.recording import recorded_run
 from isac_arena.campaign.side import swapped_in
@@ -23,7 +23,7 @@ from isac_arena.exchange.iq.synchronise import Synchronisation, synchronise
 from isac_arena.exchange.iq.times import Pilots, SweepTimes, pilots, sweep_times
 from isac_arena.exchange.measurement import measured_scene_text
 from scenes.pose import Pose
-from scenes.toml_config import read_toml, validate_config
+from scenes.toml_config import naming_field, read_toml, validate_config
 from sim.observation import BeamSweep
 from sim.signal.arrays.codebook import Codebook
 from sim.signal.link import make_codebook
@@ -107,15 +107,18 @@ def import_iq(file: Path, out: Path) -> list[Synchronisation]:
     scene = source.build(config)
     receiver = Receiver.make(config, recording, file.parent, scene.standing_tx)
     truths = [_truth(stop, index) for index, stop in enumerate(recording.stops)]
+    known_text = measured_scene_text(source.text, scene.tx, truths, scene.walk.positions_m()[0])
+    with naming_field(str(file), ": "):
+        SceneSource(known_text, source.files).build(config)
     names = [[file.parent / name for name in stop.files] for stop in recording.stops]
     store = CampaignStore(
         directory=out,
         config=config,
-        scene_text=measured_scene_text(source.text, scene.tx, truths, scene.walk.positions_m()[0]),
+        scene_text=known_text,
         measured=_origin(file, names),
         scene_files=source.files,
     )
-    found, is_new = [], not out.exists()
+    found, is_new = [], not out.is_dir() or not any(out.iterdir())
     try:
         with one_run(out), recorded_run(out), swapped_in(store) as beside:
             beside.open_for_writing()
@@ -124,6 +127,8 @@ def import_iq(file: Path, out: Path) -> list[Synchronisation]:
                 beside.write_truth(truth)
                 beside.write_sweep(one.sweep)
                 found.append(one.synchronisation)
+    except DirectoryHeldError:
+        raise
     except ValueError:
         if is_new:  # another recording file is another campaign
             shutil.rmtree(out, ignore_errors=True)

@@ -9,6 +9,7 @@ import numpy as np
 import pyarrow as pa
 from pyarrow.csv import write_csv
 
+from estimation.slam.config import PathLoss
 from isac_arena.campaign.chain.inputs import known_receiver
 from isac_arena.campaign.directory import CampaignStore, open_campaign
 from isac_arena.campaign.results import MapResult
@@ -67,7 +68,8 @@ def _differing(n_stops: int | None) -> int:
             scene="campus_arena",
         )
         write_csv(path_table(file, None), str(folder / "table.csv"))
-        import_paths(folder / "table.csv", folder / "csv", ImportOptions(TX_OFFSET_DEG, clock_seed=1))
+        options = ImportOptions(TX_OFFSET_DEG, clock_seed=1, path_loss=PathLoss())  # of that hall, as import-mat
+        import_paths(folder / "table.csv", folder / "csv", options)
         one, other = (_maps(open_campaign(folder / kind), n_stops) for kind in ("mat", "csv"))
     return sum(_other_values(one[name], other[name]) for name in one)
 

@@ -21,6 +21,7 @@ from tests.command_line import ROOT, arena_here, failure
 from tests.isac_arena.cli.imports.test_import_mat import made_up_file
 
 SCENE_TX = Pose(np.array([1.0, 2.0, 1.8]), 0.5)
+HALL_LEVEL = ("--los-power-dbm", "-13", "--los-slope-db", "-17")  # that import-mat takes
 LABELS = np.array(["none", "los", "single_bounce"])
 
 
@@ -81,7 +82,7 @@ def test_every_format_gives_the_records_of_the_public_file(kind: str, table: pd.
     WRITERS[kind](table, tmp_path / f"walk.{kind}")
     options = ("--tx-offset-deg", "0", "--clock-seed", "2", "--scene", "campus_arena")
     assert arena_here("import-mat", public, "--out", tmp_path / "a", *options, cwd=tmp_path).returncode == 0
-    done = arena_here("import-paths", f"walk.{kind}", "--out", "b", *options, cwd=tmp_path)
+    done = arena_here("import-paths", f"walk.{kind}", "--out", "b", *options, *HALL_LEVEL, cwd=tmp_path)
     assert done.returncode == 0 and "12 stops imported" in done.stdout, done.stderr
     one, other = (stages.reopen(tmp_path / name) for name in "ab")
     assert one.config.model_dump(exclude={"name"}) == other.config.model_dump(exclude={"name"})
@@ -103,7 +104,8 @@ def test_the_map_has_the_same_bits_as_that_of_the_public_file(table: pd.DataFram
     maps = []
     for verb, file, out in (("import-mat", "walk.mat", "a"), ("import-paths", "table.csv", "b")):
         options = ("--tx-offset-deg", "0", "--scene", "campus_arena", "--out", out)
-        assert arena_here(verb, file, *options, cwd=tmp_path).returncode == 0
+        level = HALL_LEVEL if verb == "import-paths" else ()
+        assert arena_here(verb, file, *options, *level, cwd=tmp_path).returncode == 0
         for step in ("estimate", "score", "report") if verb == "import-paths" else ("estimate",):
             done = arena_here(step, out, cwd=tmp_path)
             assert done.returncode == 0, done.stderr
@@ -182,12 +184,38 @@ def test_optional_columns(tmp_path: Path) -> None:
         ({"power_dbm": ["a", "b", "1", "2"]}, "row 1: power_dbm = a: must be a number"),
         ({"stop": [1.5, 1, 2, 2]}, "row 1: stop = 1.5: must be a whole number"),
         ({"rx_x_m": [1.0, 2.0, 1.1, 2.0]}, "row 3: rx_x_m = 1.1: differs from row 1 of the same stop"),
-        ({"rx_x_m": [1e9, 2.0, 1e9, 2.0]}, r"row 1: rx_x_m = 1000000000.0: must be within 1e\+06 m"),
+        ({"rx_x_m": [1e9, 2.0, 1e9, 2.0]}, r"row 1: rx_x_m = 1e\+09: must be within 1e\+06 m"),
         ({"tx_x_m": [1.0] * 4}, "tx_y_m is missing: give tx_x_m, tx_y_m and tx_heading, or none of them"),
         ({"aod_elevation_deg": [1.0] * 4}, "aod_elevation, aoa_elevation: give both, or none of them"),
         ({"delay_std_ns": [1.0] * 4}, "give the standard deviations of all parameters, or of none: delay_std"),
         ({"label": ["wall"] * 4}, "row 1: label = wall: must be los, single_bounce or none; or 1, 2, 0"),
         ({"is_los": [2, 0, 0, 0]}, r"row 1: is_los = 2.0: must be 0 or 1"),
+        ({"is_los": [1, 1, 1, 0]}, "row 3: is_los = 1: the line of sight of this stop is in row 1; there is one"),
+        ({"label": ["los"] * 4}, "row 3: label = los: the line of sight of this stop is in row 1; there is one"),
+        (
+            {"aod_azimuth_deg": None, "aod_azimuth_rad": [1.0, 40.0, 2.0, 3.0]},
+            r"row 2: aod_azimuth_rad = 40.0: must be within -6\.283 and 6\.283 rad; it looks like degrees",
+        ),
+        (
+            {"aoa_azimuth_deg": [1e9, 1.0, 2.0, 3.0]},
+            "row 1: aoa_azimuth_deg = 1000000000.0: must be within -360 and",
+        ),
+        (
+            {"rx_heading_deg": None, "rx_heading_rad": [0.0, 90.0, 0.0, 90.0]},
+            "row 2: rx_heading_rad = 90.0: must be within -6.283 and 6.283 rad; it looks like degrees",
+        ),
+        (
+            {"aod_elevation_deg": [1.0] * 4, "aoa_elevation_deg": [100.0] * 4},
+            "row 1: aoa_elevation_deg = 100.0: must be within -90 and 90 deg",
+        ),
+        (
+            {"label": ["single_bounce"] * 4, "ip_x_m": [1.0] * 4, "ip_y_m": [1.0, np.nan, 1.0, 1.0]},
+            "row 2: ip_y_m = nan: give both, ip_x_m and ip_y_m, or none of them",
+        ),
+        (
+            {"label": ["single_bounce"] * 4, "ip_x_m": [1e30] * 4, "ip_y_m": [1.0] * 4},
+            r"row 1: ip_x_m = 1e\+30: must be within 1e\+06 m",
+        ),
     ],
 )
 def test_wrong_tables_name_row_column_and_value(tmp_path: Path, changes: dict[str, Any], message: str) -> None:
@@ -198,8 +226,14 @@ def test_wrong_tables_name_row_column_and_value(tmp_path: Path, changes: dict[st
 
 def test_impossible_covariances_are_refused(tmp_path: Path) -> None:
     std = {f"{name}_std_deg": [0.5] * 4 for name in ("aod_azimuth", "aoa_azimuth")} | {"delay_std_ns": [1.0] * 4}
-    with pytest.raises(ValueError, match=r"row 1: delay_std = -0\.299792 m: must be 1e-06 at least"):
+    with pytest.raises(ValueError, match=r"row 1: delay_std = -0\.299792 m: must be within 1e-06 and 1e\+06 m"):
         read(tmp_path, **{**std, "delay_std_ns": [-1.0] * 4})
+    with pytest.raises(ValueError, match=r"row 1: delay_std = 1\.49896e\+08 m: must be within"):
+        read(
+            tmp_path,
+            **{name: value for name, value in std.items() if name != "delay_std_ns"},
+            delay_std_s=[0.5] * 4,
+        )
     with pytest.raises(ValueError, match="row 1: correlation = they: must make a positive definite covariance"):
         read(tmp_path, **std, correlation_delay_aod_azimuth=[1.5] * 4)
 
@@ -220,6 +254,53 @@ def test_damaged_and_other_files_end_in_one_line_and_write_nothing(table: pd.Dat
     assert "must end with .csv, .parquet, .mat, .nc, .h5" in line
     line = failure("import-paths", "none.csv", "--out", "out", "--scene", "campus_arena", cwd=tmp_path)
     assert "none.csv: no such file" in line
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"rx_z_m": [-300.0] * 4}, "few.csv: RX stop 0 at (2.000, 0.500, -300.000) m must lie between floor and"),
+        (
+            {"tx_x_m": [1e9] * 4, "tx_y_m": [0.0] * 4, "tx_heading_deg": [0.0] * 4},
+            "few.csv: tx.position_m = 1e+09",
+        ),
+    ],
+)
+def test_poses_that_are_in_no_hall_leave_no_directory(
+    tmp_path: Path, changes: dict[str, Any], message: str
+) -> None:
+    pd.DataFrame(few(**changes)).to_csv(tmp_path / "few.csv", index=False)
+    line = failure("import-paths", "few.csv", "--out", "out", "--scene", "box_room", cwd=tmp_path)
+    assert message in line and not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("scale", "words"), [(1.0, ""), (1e-3, "4 of 4 paths are shorter than half"), (1e3, "4 of 4 paths are longer")]
+)
+def test_delays_in_another_unit_are_doubtful(tmp_path: Path, scale: float, words: str) -> None:
+    changes = {"delay_ns": (scale * np.array(few()["delay_ns"])).tolist(), "rx_y_m": [2.0, 2.5] * 2}
+    pd.DataFrame(few(**changes)).to_csv(tmp_path / "few.csv", index=False)
+    done = arena_here("import-paths", "few.csv", "--out", "out", "--scene", "box_room", cwd=tmp_path)
+    assert done.returncode == 0 and ("doubtful" in done.stdout) == bool(words) and words in done.stdout
+
+
+def test_slam_needs_no_level_of_the_link(table: pd.DataFrame, tmp_path: Path) -> None:
+    places_m = []
+    for level_db in (0, -40, 60):
+        walk = table.assign(power_dbm=table["power_dbm"] + level_db)
+        walk.to_csv(tmp_path / "walk.csv", index=False)
+        out = f"out{level_db}"
+        assert (
+            arena_here(
+                "import-paths", "walk.csv", "--scene", "campus_arena", "--out", out, cwd=tmp_path
+            ).returncode
+            == 0
+        )
+        assert arena_here("estimate", out, cwd=tmp_path).returncode == 0
+        places_m.append(stages.reopen(tmp_path / out).map_result("slam").poses.position_m)
+    np.testing.assert_allclose(places_m[1:], [places_m[0]] * 2, atol=1e-6)
+    true_m = table.groupby("stop").first()[["rx_x_m", "rx_y_m"]].to_numpy()
+    np.testing.assert_allclose(places_m[0], true_m, atol=0.05)
 
 
 def test_columns_that_are_not_used_are_named_and_all_known_are_in_the_page(tmp_path: Path) -> None:
