@@ -1,18 +1,19 @@
 """A measured campaign: surveyed poses and labels in place of simulated paths, and the channel estimates."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from estimation.channel.record import ChannelEstimate
 from estimation.slam.checks import check_estimates
 from estimation.slam.config import PathNoise
-from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
+from scenes.pose import SPEED_OF_LIGHT_M_S, Pose, wrap_angle
 from scenes.record import BoolArray, FloatArray, IntArray, Record, array
 
 INITIAL_BIAS_M = 10.0
 BIAS_STEP_STD_M = 1.0
+STRAIGHT_RAD = np.deg2rad(3.0)  # of a path along the straight line: errors of headings and of angles
 PUBLISHED_TX_OFFSET_DEG = -1.6
 # The published measurement covariance of the GP paper; the file holds none.
 PUBLISHED_NOISE = PathNoise(source="fixed", delay_std_ns=1.0, angle_std_deg=1.0)
@@ -29,7 +30,7 @@ class MeasuredTruth(Record):
 
     rx_pose: Pose
     stop: int = array(dtype=int, doc="index of the receiver stop")
-    clock_bias_s: float = array(unit="s", doc="receiver minus transmitter clock, as added at the import")
+    clock_bias_s: float = array(unit="s", doc="receiver minus transmitter clock, as added at the import, or NaN")
     is_los: BoolArray = array("path", dtype=bool, doc="labelled as line of sight")
     is_single_bounce: BoolArray = array("path", dtype=bool, doc="labelled as single bounce")
     landmark_m: FloatArray = array("path", "xy", unit="m", doc="labelled IP; NaN unless a single bounce")
@@ -73,15 +74,33 @@ class MeasuredFile:
 
 
 def unlabelled_stop(stop: int, rx_pose: Pose | None) -> MeasuredTruth:
-    """A stop without labels, whose receiver was surveyed or not."""
+    """A stop without labels, whose receiver was surveyed or not; its clock bias is not known."""
     return MeasuredTruth(
         rx_pose=rx_pose or Pose(np.full(3, np.nan), np.nan),
         stop=stop,
-        clock_bias_s=0.0,
+        clock_bias_s=np.nan,
         is_los=np.zeros(0, bool),
         is_single_bounce=np.zeros(0, bool),
         landmark_m=np.zeros((0, 2)),
     )
+
+
+def with_clock(truth: MeasuredTruth, estimate: ChannelEstimate, tx: Pose) -> MeasuredTruth:
+    """A stop whose clock bias, where it is not known, is that of its line of sight.
+
+    That is the first path along the straight line between the devices; without one the bias stays unknown.
+    """
+    along_m = truth.rx_pose.position_m - tx.position_m
+    if np.isfinite(truth.clock_bias_s) or not np.isfinite(along_m).all():
+        return truth
+    azimuth = np.arctan2(along_m[1], along_m[0])
+    aod = wrap_angle(estimate.aod_azimuth_rad - azimuth + tx.heading_rad)
+    aoa = wrap_angle(estimate.aoa_azimuth_rad - azimuth - np.pi + truth.rx_pose.heading_rad)
+    straight = np.flatnonzero(np.maximum(np.abs(aod), np.abs(aoa)) < STRAIGHT_RAD)
+    if not len(straight):
+        return truth
+    clock_s = estimate.delay_s[straight[0]] - np.linalg.norm(along_m) / SPEED_OF_LIGHT_M_S
+    return replace(truth, clock_bias_s=float(clock_s))
 
 
 def clock_walk_m(n_stops: int, rng: np.random.Generator) -> FloatArray:

@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 from rich.console import Console
 
-from estimation.channel.record import EstimateStatus
+from estimation.channel.record import ChannelEstimate, EstimateStatus
 from estimation.slam.transmitters import joined_paths
 from isac_arena.campaign.campaign import Campaign, campaign_store, link_stores, load_campaign
 from isac_arena.campaign.chain.inputs import known_receiver
@@ -16,7 +16,7 @@ from isac_arena.campaign.directory import CampaignStore, StopEstimate, check_is_
 from isac_arena.campaign.files import read_attribute
 from isac_arena.campaign.lock import one_run
 from isac_arena.campaign.manifest import MANIFEST, SETTINGS, check_unchanged, remedy
-from isac_arena.campaign.measured import MeasuredTruth
+from isac_arena.campaign.measured import MeasuredTruth, with_clock
 from isac_arena.campaign.plan import RunPlan, check_elevations, plan_run
 from isac_arena.campaign.recording import recorded_run
 from isac_arena.campaign.results import MAP_STEPS, CampaignResults, MapName, MapResult
@@ -217,7 +217,7 @@ def build_maps(store: CampaignStore) -> list[EstimatorError]:
         run = replace(
             run, on_step=lambda step: progress.update(task, completed=MAP_STEPS.index(step), description=step)
         )
-        run.maps(channel, known_receiver(known_stops(store, n_stops)))
+        run.maps(channel, known_receiver(known_stops(store, channel)))
         progress.update(task, completed=len(MAP_STEPS))
     for failure in failures:
         _print_failure(failure, console)
@@ -303,12 +303,18 @@ def measured_truths(store: CampaignStore, n_stops: int) -> Iterator[MeasuredTrut
         yield _present(store, store.measured_truth(stop), f"stop {stop} of the measurement", "import-paths")
 
 
-def known_stops(store: CampaignStore, n_stops: int) -> Iterator[Truth] | Iterator[MeasuredTruth]:
-    """Input of mapping at every stop: the measured pose, or the true one with the errors of its survey."""
+def known_stops(
+    store: CampaignStore, channel: Sequence[ChannelEstimate]
+) -> Iterator[Truth] | Iterator[MeasuredTruth]:
+    """Input of mapping at every stop: the measured pose, or the true one with the errors of its survey.
+
+    A clock bias that was not measured is that of the line of sight among the paths of the stop.
+    """
     if store.measured is not None:
-        return measured_truths(store, n_stops)
+        tx, truths = store.scene.standing_tx, measured_truths(store, len(channel))
+        return (with_clock(*stop, tx) for stop in zip(truths, channel, strict=True))
     configs = [link.config for link in tx_links(store.config, store.scene)]
-    return (with_surveyed_pose(configs[truth.tx], truth) for truth in stored_truths(store, n_stops))
+    return (with_surveyed_pose(configs[truth.tx], truth) for truth in stored_truths(store, len(channel)))
 
 
 def channel_estimates(store: CampaignStore, n_stops: int) -> Iterator[StopEstimate]:

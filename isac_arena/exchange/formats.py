@@ -26,9 +26,8 @@ from sim.propagation.paths import Paths
 def write_mat(store: CampaignStore, folder: Path) -> Iterator[Path]:
     """The estimates and labels as the public measurement file lays them out."""
     scene = store.scene
-    n_stops = len(scene.stops)
-    truths = stages.known_stops(store, n_stops)
-    channel = [estimate.channel for estimate in stages.channel_estimates(store, n_stops)]
+    channel = [estimate.channel for estimate in stages.channel_estimates(store, len(scene.stops))]
+    truths = stages.known_stops(store, channel)
     tables = store.score_tables()
     if tables is None:
         raise ValueError(f"{store.directory}: the score is missing or out of date; run 'arena score' first")

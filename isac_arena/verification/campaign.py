@@ -98,9 +98,8 @@ def _maps(store: CampaignStore, scene: Scene) -> Iterator[Finding]:
     if not any(stored.values()):
         return
     channel = [estimate.channel for estimate in stages.channel_estimates(store, n_stops)]
-    again = CampaignRun(store.config, scene, on_failure=_go_on).maps(
-        channel, known_receiver(stages.known_stops(store, n_stops))
-    )
+    known = known_receiver(stages.known_stops(store, channel))
+    again = CampaignRun(store.config, scene, on_failure=_go_on).maps(channel, known)
     for name, result in stored.items():
         if result is not None:
             for part in parts_of(result):

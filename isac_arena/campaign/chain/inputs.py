@@ -104,8 +104,9 @@ def _user_estimator(function: UserFunction) -> ChannelEstimator:
 def known_receiver(truths: Iterable[Truth | MeasuredTruth]) -> PoseEstimates:
     """The true receiver states as given poses: the input of mapping; SLAM does not use them.
 
-    A stop that was not surveyed counts as unsolved: mapping leaves it out. The truths of several TX at a stop, one
-    after the other, are one state with a clock bias for each; that of a TX without a link there is NaN.
+    A stop that was not surveyed, or whose clock bias is unknown, counts as unsolved: mapping leaves it out. The
+    truths of several TX at a stop, one after the other, are one state with a clock bias for each; that of a TX
+    without a link there is NaN.
     """
     need_each("truths", truths, Truth, MeasuredTruth)
     states = [(t.stop, *(p := _stop_pose(t)).position_m, p.heading_rad, t.clock_bias_s, _tx(t)) for t in truths]
@@ -119,7 +120,7 @@ def known_receiver(truths: Iterable[Truth | MeasuredTruth]) -> PoseEstimates:
         position_m=table[:, 1:3],
         heading_rad=table[:, 4],
         clock_bias_s=table[:, 5],
-        status=np.where(np.isfinite(table[:, 4]), SolveStatus.GIVEN, SolveStatus.FAILED),
+        status=np.where(np.isfinite(table[:, 4:6]).all(axis=1), SolveStatus.GIVEN, SolveStatus.FAILED),
         n_inliers=np.zeros(len(table), int),
         cost=np.zeros(len(table)),
         height_m=table[:, 3],

@@ -20,7 +20,7 @@ from isac_arena.exchange.iq.cut import cut_channel, scaled
 from isac_arena.exchange.iq.refine import left_over
 from isac_arena.exchange.iq.samples import IqRecording, read_recording
 from isac_arena.exchange.iq.synchronise import Synchronisation, synchronise
-from isac_arena.exchange.iq.times import Pilots, SweepTimes, pilots, sweep_times
+from isac_arena.exchange.iq.times import Pilots, SweepTimes, pilots, prefix_s, sweep_times
 from isac_arena.exchange.measurement import measured_scene_text
 from scenes.pose import Pose
 from scenes.toml_config import naming_field, read_toml, validate_config
@@ -68,6 +68,7 @@ class Receiver:
         if not np.isfinite(rate_hz):
             raise ValueError("recording.sample_rate_hz: is missing, the files do not state it")
         sync = synchronise(recording, self.times, self.pilots, self.config, rate_hz)
+        self._check_length(recording, sync, rate_hz)
         sweep = self._cut(recording, sync, rate_hz, stop)
         time_s = self.times.start_s[..., 0].mean(axis=0)
         middle_s = float(time_s.mean())
@@ -77,6 +78,13 @@ class Receiver:
             sync = Synchronisation(offset_s, sync.drift + drift, cfo_hz, sync.n_arrivals)
             sweep = self._cut(recording, sync, rate_hz, stop)
         return RecordedSweep(sweep, sync, middle_s)
+
+    def _check_length(self, recording: IqRecording, sync: Synchronisation, rate_hz: float) -> None:
+        """`ValueError` where samples end before the last beam pair."""
+        last_s = sync.offset_s + float(self.times.start_s.max()) + 1 / self.pilots.prs.subcarrier_spacing_hz
+        end_s = recording.end_tick / rate_hz
+        if end_s < last_s - prefix_s(self.pilots.prs):
+            raise ValueError(f"samples: end after {end_s:.6g} s, the last beam pair ends after {last_s:.6g} s")
 
     def _cut(self, recording: IqRecording, sync: Synchronisation, rate_hz: float, stop: int) -> BeamSweep:
         channel, noise = cut_channel(recording, self.times, self.pilots, sync, rate_hz)

@@ -23,6 +23,11 @@ class IqRecording(Record):
     count: IntArray = array("segment", dtype=int, doc="ticks of the sampling clock from the start to that sample")
     sample_rate_hz: float = array(unit="Hz", doc="nominal sampling rate; NaN where the files do not say")
 
+    @property
+    def end_tick(self) -> int:
+        """Tick after the last sample."""
+        return int(self.count[-1]) + len(self.samples) - int(self.first[-1])
+
     def windows(self, starts: IntArray, length: int) -> ComplexArray:
         """Windows (window, sample) that start at ticks of the clock; zero where nothing was recorded."""
         found = np.zeros((len(starts), length), np.complex64)
@@ -53,7 +58,7 @@ def read_recording(files: Sequence[Path]) -> IqRecording:
         first.append(part.first + at)
         count.append(part.count + (tick if part.count[0] == 0 else 0))
         at += len(part.samples)
-        tick = int(count[-1][-1]) + len(part.samples) - int(part.first[-1])
+        tick = int(count[-1][-1]) + part.end_tick - int(part.count[-1])
     counts = np.concatenate(count)
     if np.any(np.diff(counts) <= 0):
         raise ValueError(f"{files[0]}: segments must follow each other in time")
@@ -92,9 +97,12 @@ def _sigmf(file: Path) -> IqRecording:
 
 
 def _checked(file: Path, samples: Any, first: Any, count: Any, rate: float) -> IqRecording:
-    samples = np.asarray(samples, np.complex64)
-    first = np.zeros(1, int) if first is None else np.asarray(first, int)
-    count = np.zeros(1, int) if count is None else np.asarray(count, int)
+    try:
+        samples = np.asarray(samples, np.complex64)
+        first = np.zeros(1, int) if first is None else np.asarray(first, int)
+        count = np.zeros(1, int) if count is None else np.asarray(count, int)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{file}: samples, first, count: must be numbers") from error
     if not len(samples) or not np.isfinite(samples.view(np.float32)).all():
         raise ValueError(f"{file}: samples: must be there and finite")
     if first.shape != count.shape or first[0] != 0 or np.any(np.diff(first) <= 0) or first[-1] >= len(samples):

@@ -2,11 +2,13 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 
 from isac_arena.exchange.iq.config import RecordingConfig
 from isac_arena.exchange.path_columns import read_columns
+from isac_arena.exchange.table import MeasuredTable, table_of
 from scenes.inputs import check_input
 from scenes.record import ComplexArray, FloatArray, IntArray
 from sim.config import WaveformConfig
@@ -15,6 +17,8 @@ from sim.signal.waveform.ofdm import cp_lengths
 from sim.signal.waveform.prs import PREFIX_SHARE, SUBCARRIERS_PER_RB, PrsConfig, prs_subcarriers, prs_symbols
 from sim.signal.waveform.schedule import sent_slots
 
+PAIRS = ("tx_beam", "rx_beam", "start_s", "slot")  # columns of a table of beam pairs
+LATEST_S, LATEST_SLOT = 1e4, 10**8
 N_FFT = 4096  # prefixes are whole samples with it
 
 
@@ -92,9 +96,7 @@ def pilots(waveform: WaveformConfig, config: RecordingConfig, folder: Path, n_tx
     if config.reference is None:
         return Pilots(waveform.prs, waveform.combine_symbols, ids)
     file = folder / config.reference
-    check_input(file)
-    with np.load(file, allow_pickle=False) as stored:
-        grid = np.asarray(stored["grid"], complex)
+    grid = _grid(file)
     shape = (n_tx, waveform.prs.n_carrier_subcarriers)
     used = grid != 0 if grid.ndim == 2 else np.zeros((1, 1), bool)
     if grid.shape != shape or used[0].sum() < 2 or np.any(used != used[0]) or not np.isfinite(grid).all():
@@ -104,6 +106,16 @@ def pilots(waveform: WaveformConfig, config: RecordingConfig, folder: Path, n_tx
     if len(set(np.diff(np.flatnonzero(used[0])))) > 1:
         raise ValueError(f"{file}: grid: pilots must be evenly spaced")
     return Pilots(waveform.prs, False, ids, grid)
+
+
+def _grid(file: Path) -> ComplexArray:
+    """The array `grid` of a .npz file; `ValueError`, one line, where it holds none."""
+    check_input(file)
+    try:
+        with np.load(file, allow_pickle=False) as stored:
+            return np.asarray(stored["grid"], complex)
+    except (KeyError, TypeError, ValueError, BadZipFile) as error:
+        raise ValueError(f"{file}: holds no grid (tx_beam, subcarrier) of numbers") from error
 
 
 def sweep_times(
@@ -161,21 +173,33 @@ def _slot_start_s(prs: PrsConfig, slot: IntArray) -> FloatArray:
 
 
 def _table(file: Path, n_tx: int, n_rx: int, slots_per_frame: int) -> tuple[FloatArray, IntArray]:
-    columns = read_columns(file)
-    missing = [name for name in ("tx_beam", "rx_beam", "start_s") if name not in columns]
-    if missing:
-        raise ValueError(f"{file}: the column {missing[0]} is missing; there are {', '.join(columns)}")
-    tx, rx = (np.asarray(columns[name], int) for name in ("tx_beam", "rx_beam"))
-    start, slot = np.full((1, n_tx, n_rx), np.nan), np.zeros((1, n_tx, n_rx), int)
-    bad = np.flatnonzero((tx < 0) | (tx >= n_tx) | (rx < 0) | (rx >= n_rx))
+    """Start (1, tx_beam, rx_beam) in s and slot of every pair in a table; `ValueError` as of `MeasuredTable`."""
+    table = table_of(file, read_columns(file), PAIRS)
+    tx, rx = (_whole(table, name, n - 1) for name, n in (("tx_beam", n_tx), ("rx_beam", n_rx)))
+    start_s = table.needed({"start_s": 1.0})
+    bad = np.flatnonzero((start_s < 0) | (start_s > LATEST_S))
     if len(bad):
-        raise ValueError(f"{file}: row {bad[0] + 1}: beams {tx[bad[0]]}, {rx[bad[0]]}: there are {n_tx} x {n_rx}")
-    start[0, tx, rx] = columns["start_s"]
-    slot[0, tx, rx] = np.asarray(columns.get("slot", tx % slots_per_frame), int)
+        raise table.wrong(int(bad[0]), "start_s", start_s[bad[0]], f"must be within 0 and {LATEST_S:g} s")
+    start, slot = np.full((1, n_tx, n_rx), np.nan), np.zeros((1, n_tx, n_rx), int)
+    for row, pair in enumerate(zip(tx, rx, strict=True)):
+        if np.isfinite(start[0][pair]):
+            raise table.wrong(row, "tx_beam, rx_beam", f"{pair[0]}, {pair[1]}", "is in another row already")
+        start[0][pair] = start_s[row]
+    slot[0, tx, rx] = _whole(table, "slot", LATEST_SLOT) if table.has("slot") else tx % slots_per_frame
     if np.isnan(start).any():
         one = np.argwhere(np.isnan(start[0]))[0]
-        raise ValueError(f"{file}: start_s: the pair of TX beam {one[0]} and RX beam {one[1]} has none")
+        raise ValueError(
+            f"{file}: the pair of TX beam {one[0]} and RX beam {one[1]} is missing: all {n_tx} x {n_rx} are needed"
+        )
     return start, slot
+
+
+def _whole(table: MeasuredTable, name: str, most: int) -> IntArray:
+    value = table.needed({name: 1.0})
+    bad = np.flatnonzero((value != np.round(value)) | (value < 0) | (value > most))
+    if len(bad):
+        raise table.wrong(int(bad[0]), name, value[bad[0]], f"must be a whole number from 0 to {most}")
+    return value.astype(int)
 
 
 def prefix_s(prs: PrsConfig) -> float:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -15,7 +17,7 @@ from isac_arena.campaign.directory import open_campaign
 from isac_arena.exchange.iq.config import RecordingConfig
 from isac_arena.exchange.iq.importing import Receiver
 from isac_arena.exchange.iq.samples import IqRecording, read_recording
-from isac_arena.exchange.iq.times import sweep_times
+from isac_arena.exchange.iq.times import pilots, sweep_times
 from isac_arena.exchange.sigmf_recording import read_sigmf
 from isac_arena.validation.exchange import independent as other
 from isac_arena.validation.exchange.recordings import draw, late_s, receiver
@@ -96,7 +98,9 @@ def test_exported_samples_are_imported_and_run_the_whole_chain(recorded: Path) -
     assert (recorded / "back" / "report.html").is_file()
     run = ia.open(recorded / "back")
     assert len(run.channel) == 2
-    assert all(len(estimate) >= 3 for estimate in run.channel)
+    states, ips = run.mapping.poses, run.mapping.ips  # the clock is that of the line of sight
+    assert np.isfinite(states.clock_bias_s).all()
+    assert ips.is_inlier.any()
 
 
 def test_without_poses_there_is_slam_alone(recorded: Path) -> None:
@@ -153,6 +157,45 @@ def test_formats_hold_the_same_samples(recorded: Path, tmp_path: Path) -> None:
     assert read_recording([tmp_path / "one.npz"]).sample_rate_hz == first.sample_rate_hz
 
 
+@pytest.mark.parametrize(
+    ("row", "told"),
+    [
+        ("0,0,nan,0", "row 1: start_s = nan: must be finite"),
+        ("0,0,-5,0", "row 1: start_s = -5.0: must be within 0 and 10000 s"),
+        ("0.5,0,0,0", "row 1: tx_beam = 0.5: must be a whole number from 0 to 1"),
+        ("a,0,0,0", "row 1: tx_beam = a: must be a number"),
+        ("9,0,0,0", "row 1: tx_beam = 9.0: must be a whole number from 0 to 1"),
+        ("1,0,0,0", "row 2: tx_beam, rx_beam = 1, 0: is in another row already"),
+    ],
+)
+def test_wrong_tables_of_pairs_name_row_and_value(tmp_path: Path, row: str, told: str) -> None:
+    (tmp_path / "pairs.csv").write_text(f"tx_beam,rx_beam,start_s,slot\n{row}\n1,0,1e-3,0\n")
+    stated = RecordingConfig.model_validate({"stops": [{"files": ["-"]}], "pairs": "pairs.csv"})
+    with pytest.raises(ValueError, match=re.escape(f"pairs.csv: {told}")):
+        sweep_times(WaveformConfig(), stated, tmp_path, 2, 1)
+
+
+def test_a_pair_that_no_row_holds_is_named(tmp_path: Path) -> None:
+    (tmp_path / "pairs.csv").write_text("tx_beam,rx_beam,start_s\n1,0,1e-3\n")
+    stated = RecordingConfig.model_validate({"stops": [{"files": ["-"]}], "pairs": "pairs.csv"})
+    with pytest.raises(ValueError, match="the pair of TX beam 0 and RX beam 0 is missing: all 2 x 1 are needed"):
+        sweep_times(WaveformConfig(), stated, tmp_path, 2, 1)
+
+
+@pytest.mark.parametrize("arrays", [{"pilots": np.ones((2, 8))}, {"grid": np.array(["a"])}])
+def test_a_reference_without_grid_is_one_line(tmp_path: Path, arrays: dict[str, Any]) -> None:
+    np.savez(tmp_path / "pilots.npz", **arrays)
+    stated = RecordingConfig.model_validate({"stops": [{"files": ["-"]}], "reference": "pilots.npz"})
+    with pytest.raises(ValueError, match=r"pilots.npz: holds no grid \(tx_beam, subcarrier\) of numbers"):
+        pilots(WaveformConfig(), stated, tmp_path, 2)
+
+
+def test_samples_that_are_no_numbers_are_named(tmp_path: Path) -> None:
+    np.savez(tmp_path / "words.npz", samples=np.array(["a", "b"]))
+    with pytest.raises(ValueError, match=r"words.npz: samples, first, count: must be numbers"):
+        read_recording([tmp_path / "words.npz"])
+
+
 def test_segments_have_their_place_in_time() -> None:
     samples = np.arange(1, 9).astype(np.complex64)
     recording = IqRecording(samples, np.array([0, 3]), np.array([0, 10]), 1.0)
@@ -179,6 +222,9 @@ def test_an_independent_transmitter_is_heard(tmp_path: Path) -> None:
     wrong = other.ReceiverErrors(errors.timing_s, -301e3, 5e-6, errors.noise)
     samples = other.record(paths, wrong, np.random.default_rng(8)).astype(np.complex64)
     heard: Receiver = receiver(tmp_path)
+    half = IqRecording(samples[: len(samples) // 2], np.zeros(1, int), np.zeros(1, int), other.RATE_HZ)
+    with pytest.raises(ValueError, match=r"samples: end after 0\.0\d+ s, the last beam pair ends after 0\.0\d+ s"):
+        heard.sweep(half, 0)
     found = heard.sweep(IqRecording(samples, np.zeros(1, int), np.zeros(1, int), other.RATE_HZ), 0)
     assert found.synchronisation.cfo_hz == pytest.approx(-301e3, abs=0.5)
     assert found.synchronisation.drift == pytest.approx(5e-6, abs=5e-8)
