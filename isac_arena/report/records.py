@@ -112,7 +112,8 @@ def _(thing: ChannelEstimate, scene: Scene | None = None, *, ax: Any = None, vie
     kinds = {"weak": (thing.is_weak, GHOST), "path": (~thing.is_weak & ~thing.is_los, ESTIMATE)}
     ax = _profile(ax, thing.delay_s, thing.power_dbm, kinds | {"taken as line of sight": (thing.is_los, SLAM)})
     ax.set(xlabel="delay with the clock bias in ns", ylabel="power in the best beam pair in dBm")
-    ax.set_title(f"stop {thing.stop}: {len(thing)} estimated paths, method {thing.method}")
+    what = "estimated path" if len(thing) == 1 else "estimated paths"
+    ax.set_title(f"stop {thing.stop}: {len(thing)} {what}, method {thing.method}")
     return ax
 
 
