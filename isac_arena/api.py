@@ -13,7 +13,7 @@ from estimation.channel.record import ChannelEstimate
 from estimation.slam.checks import check_estimates
 from estimation.slam.record import IncidencePoints, PoseEstimates
 from estimation.tracks.record import Tracks
-from isac_arena.campaign import stages
+from isac_arena.campaign import stages, stored
 from isac_arena.campaign.campaign import Campaign, load_campaign
 from isac_arena.campaign.chain.inputs import unsolved_poses
 from isac_arena.campaign.chain.maps import campaign_tracks
@@ -163,12 +163,12 @@ class FinishedRun(Displayed):
     @cached_property
     def truths(self) -> list[Truth]:
         """The truth of every stop; a measured campaign has none."""
-        return list(stages.stored_truths(self.store, len(self.scene.stops)))
+        return list(stored.stored_truths(self.store, len(self.scene.stops)))
 
     @cached_property
     def results(self) -> CampaignResults:
         """All estimates."""
-        return stages.stored_results(self.store, len(self.scene.stops))
+        return stored.stored_results(self.store, len(self.scene.stops))
 
     @property
     def channel(self) -> tuple[ChannelEstimate, ...]:

@@ -4,23 +4,28 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from rich.console import Console
 
-from estimation.channel.record import ChannelEstimate, EstimateStatus
-from estimation.slam.transmitters import joined_paths
-from isac_arena.campaign.campaign import Campaign, campaign_store, link_stores, load_campaign
+from estimation.channel.record import EstimateStatus
+from isac_arena.campaign.campaign import Campaign, campaign_store, load_campaign
 from isac_arena.campaign.chain.inputs import known_receiver
-from isac_arena.campaign.directory import CampaignStore, StopEstimate, check_is_campaign, open_campaign
-from isac_arena.campaign.files import read_attribute
+from isac_arena.campaign.directory import CampaignStore, check_is_campaign, open_campaign
 from isac_arena.campaign.lock import one_run
-from isac_arena.campaign.manifest import MANIFEST, SETTINGS, check_unchanged, remedy
-from isac_arena.campaign.measured import MeasuredTruth, with_clock
+from isac_arena.campaign.manifest import MANIFEST, SETTINGS, check_unchanged
 from isac_arena.campaign.plan import RunPlan, check_elevations, plan_run
 from isac_arena.campaign.recording import recorded_run
-from isac_arena.campaign.results import MAP_STEPS, CampaignResults, MapName, MapResult
+from isac_arena.campaign.results import MAP_STEPS, CampaignResults
 from isac_arena.campaign.side import swapped_in
+from isac_arena.campaign.stored import (
+    channel_estimates,
+    known_stops,
+    measured_truths,
+    present,
+    stored_results,
+    stored_truths,
+)
 from isac_arena.campaign.summary import TraceCounts, run_facts, score_table
 from isac_arena.progress import progress_bar, working
 from isac_arena.report.page.budget_file import BUDGET_FILE, read_budget
@@ -33,15 +38,12 @@ from isac_arena.user_functions.room import check_functions
 from isac_arena.workers.stops import StopMakers, StopRun, campaign_run, make_stops, stop_run
 from scenes.scene import Scene
 from sim.clock import checked_clock
-from sim.links import link_nodes, tx_links, uplink_names
+from sim.links import link_nodes, uplink_names
 from sim.signal.demand import ask_sample_memory
-from sim.signal.hardware.apply_impairments import with_surveyed_pose
 from sim.signal.link import make_link
-from sim.truth import Truth
 
 console = Console(highlight=False)
 Named = Mapping[str, str]  # functions of a user by the stage that they replace
-T = TypeVar("T")
 HERE = StopMakers(workers=1)
 
 # Files and folders of a campaign directory that a command reads beside the settings
@@ -242,7 +244,7 @@ def write_report(store: CampaignStore, plan: RunPlan | None = None) -> None:
 
     scene = store.scene
     results = stored_results(store, len(scene.stops))
-    tables = _present(store, store.score_tables(), "the score (provenance.nc)", "score")
+    tables = present(store, store.score_tables(), "the score (provenance.nc)", "score")
     with working(console, "report"):
         metrics = score_metrics if store.measured is None else measured_metrics
         scores = Scores(metrics(scene, tables), tables)
@@ -284,72 +286,3 @@ def scores_of(store: CampaignStore, scene: Scene, results: CampaignResults) -> S
     if store.measured is not None:
         return score_measured(scene, measured_truths(store, n_stops), results)
     return campaign_run(store).score(stored_truths(store, n_stops), results)
-
-
-def stored_truths(store: CampaignStore, n_stops: int) -> Iterator[Truth]:
-    """The stored truth of every stop, of several links one after the other; `ValueError` where one is missing."""
-    stores = link_stores(store)
-    for stop in range(n_stops):
-        for number, (each, stops) in enumerate(stores):
-            if stop not in stops:
-                continue
-            what = f"the truth of stop {stop} ({each.stop_file('truth', stop)})"
-            yield replace(_present(store, each.truth(stop), what, "generate"), tx=number)
-
-
-def measured_truths(store: CampaignStore, n_stops: int) -> Iterator[MeasuredTruth]:
-    """What is known about every measured stop; `ValueError` where one is missing."""
-    for stop in range(n_stops):
-        yield _present(store, store.measured_truth(stop), f"stop {stop} of the measurement", "import-paths")
-
-
-def known_stops(
-    store: CampaignStore, channel: Sequence[ChannelEstimate]
-) -> Iterator[Truth] | Iterator[MeasuredTruth]:
-    """Input of mapping at every stop: the measured pose, or the true one with the errors of its survey.
-
-    A clock bias that was not measured is that of the line of sight among the paths of the stop.
-    """
-    if store.measured is not None:
-        tx, truths = store.scene.standing_tx, measured_truths(store, len(channel))
-        return (with_clock(*stop, tx) for stop in zip(truths, channel, strict=True))
-    configs = [link.config for link in tx_links(store.config, store.scene)]
-    return (with_surveyed_pose(configs[truth.tx], truth) for truth in stored_truths(store, len(channel)))
-
-
-def channel_estimates(store: CampaignStore, n_stops: int) -> Iterator[StopEstimate]:
-    """The reported paths of every stop's stored channel estimate; `ValueError` where one is missing.
-
-    With several TX the paths of all, and the power map of the first.
-    """
-    stores = link_stores(store)
-    for stop in range(n_stops):
-        parts: dict[int, StopEstimate] = {}
-        for number, (each, stops) in enumerate(stores):
-            if stop not in stops:
-                continue
-            what = f"the channel estimate of stop {stop} ({each.stop_file('channel', stop)})"
-            parts[number] = _present(store, each.channel(stop), what, "estimate")
-        joined = joined_paths({number: part.channel.reported for number, part in parts.items()})
-        yield replace(next(iter(parts.values())), channel=joined)
-
-
-def stored_results(store: CampaignStore, n_stops: int) -> CampaignResults:
-    """All estimates of a campaign directory; `ValueError` where some are missing."""
-    estimates = list(channel_estimates(store, n_stops))
-    maps: dict[MapName, MapResult] = {
-        name: _present(store, store.map_result(name), f"the {name} result (map/{name}.nc)", "estimate")
-        for name in ("mapping", "slam")
-    }
-    power_maps = tuple(each.power_map for each in estimates) if store.measured is None else ()
-    return CampaignResults(tuple(each.channel for each in estimates), power_maps, **maps)
-
-
-def _present(store: CampaignStore, value: T | None, what: str, verb: str) -> T:
-    if value is None:
-        for path in [*sorted(store.directory.glob("*/*.nc")), store.directory / "provenance.nc"]:
-            if path.is_file() and read_attribute(path, "fingerprint") is None:
-                name = path.relative_to(store.directory).as_posix()
-                raise ValueError(f"{path}: damaged, or no file of a campaign; {remedy(name)}")
-        raise ValueError(f"{store.directory}: {what} is missing or out of date; run 'arena {verb}' first")
-    return value

@@ -89,12 +89,12 @@ def twin_table(made: Twin, metrics: tuple[Metric, ...]) -> Table:
 
 
 def _campaign(store: CampaignStore, scene: Scene) -> MeasuredCampaign:
-    from isac_arena.campaign import stages  # noqa: PLC0415
+    from isac_arena.campaign import stored  # noqa: PLC0415
     from isac_arena.campaign.measured import MeasuredCampaign  # noqa: PLC0415
 
     n_stops = len(scene.stops)
-    channel = tuple(estimate.channel for estimate in stages.channel_estimates(store, n_stops))
-    return MeasuredCampaign(scene.tx, channel, tuple(stages.measured_truths(store, n_stops)))
+    channel = tuple(estimate.channel for estimate in stored.channel_estimates(store, n_stops))
+    return MeasuredCampaign(scene.tx, channel, tuple(stored.measured_truths(store, n_stops)))
 
 
 def _trace(campaign: MeasuredCampaign, scene: Scene, carrier_hz: float) -> Twin:

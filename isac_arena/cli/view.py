@@ -23,7 +23,7 @@ def view(
     """Show the hall with its paths and the estimated contours in 3-D: one HTML file, about 5 MB."""
     import webbrowser  # noqa: PLC0415
 
-    from isac_arena.campaign import stages  # noqa: PLC0415
+    from isac_arena.campaign import stages, stored  # noqa: PLC0415
     from isac_arena.campaign.files import write_text  # noqa: PLC0415
     from isac_arena.campaign.recording import recorded_additions  # noqa: PLC0415
     from isac_arena.report.view.page import view_page  # noqa: PLC0415
@@ -32,9 +32,9 @@ def view(
     store = stages.reopen(directory)
     scene = store.scene
     refuse_several_tx(store.config, scene, "arena view")
-    results = stages.stored_results(store, len(scene.stops))
+    results = stored.stored_results(store, len(scene.stops))
     is_measured = store.measured is not None
-    paths = [] if is_measured else [truth.paths for truth in stages.stored_truths(store, len(scene.stops))]
+    paths = [] if is_measured else [truth.paths for truth in stored.stored_truths(store, len(scene.stops))]
     path = out or directory / "view.html"
     page = view_page(store.config.name, scene, results, paths, stop or 0)
     with recorded_additions(directory):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from isac_arena.campaign import stages
+from isac_arena.campaign import stored
 from isac_arena.campaign.directory import CampaignStore
 from isac_arena.campaign.files import write_bytes
 from isac_arena.exchange.deepmimo import scene_facets, write_deepmimo
@@ -26,8 +26,8 @@ from sim.propagation.paths import Paths
 def write_mat(store: CampaignStore, folder: Path) -> Iterator[Path]:
     """The estimates and labels as the public measurement file lays them out."""
     scene = store.scene
-    channel = [estimate.channel for estimate in stages.channel_estimates(store, len(scene.stops))]
-    truths = stages.known_stops(store, channel)
+    channel = [estimate.channel for estimate in stored.channel_estimates(store, len(scene.stops))]
+    truths = stored.known_stops(store, channel)
     tables = store.score_tables()
     if tables is None:
         raise ValueError(f"{store.directory}: the score is missing or out of date; run 'arena score' first")
@@ -41,7 +41,7 @@ def write_tum(store: CampaignStore, folder: Path) -> Iterator[Path]:
     poses = scene.stops
     position = np.array([pose.position_m for pose in poses])
     heading = np.array([pose.heading_rad for pose in poses])
-    found = stages.stored_results(store, len(poses)).slam.poses
+    found = stored.stored_results(store, len(poses)).slam.poses
     height = np.where(np.isfinite(found.height_m), found.height_m, scene.walk.height_m)
     estimate = np.column_stack([found.position_m, height])
     time_s = np.arange(len(poses), dtype=float)  # one stop per second: a walk has no clock
@@ -55,7 +55,7 @@ def write_tum(store: CampaignStore, folder: Path) -> Iterator[Path]:
 def write_geojson(store: CampaignStore, folder: Path) -> Iterator[Path]:
     """The maps of mapping and SLAM with the true outlines."""
     scene = store.scene
-    results = stages.stored_results(store, len(scene.stops))
+    results = stored.stored_results(store, len(scene.stops))
     for name, result in (("mapping", results.mapping), ("slam", results.slam)):
         text = json.dumps(map_geojson(scene, result), allow_nan=False)
         yield _written(path_in(folder, f"{name}.geojson"), text.encode())

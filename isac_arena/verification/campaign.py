@@ -14,6 +14,7 @@ from isac_arena.campaign.chain.inputs import known_receiver
 from isac_arena.campaign.directory import CampaignStore, StopEstimate, open_campaign
 from isac_arena.campaign.driver import CampaignRun
 from isac_arena.campaign.results import MapName, MemoryResults
+from isac_arena.campaign.stored import channel_estimates, known_stops, stored_results
 from isac_arena.scoring.metrics.metric import to_json
 from isac_arena.user_functions.errors import EstimatorError
 from isac_arena.verification.compare import Finding, compare_metrics, compare_records
@@ -97,8 +98,8 @@ def _maps(store: CampaignStore, scene: Scene) -> Iterator[Finding]:
     stored = {name: store.map_result(name) for name in names}
     if not any(stored.values()):
         return
-    channel = [estimate.channel for estimate in stages.channel_estimates(store, n_stops)]
-    known = known_receiver(stages.known_stops(store, channel))
+    channel = [estimate.channel for estimate in channel_estimates(store, n_stops)]
+    known = known_receiver(known_stops(store, channel))
     again = CampaignRun(store.config, scene, on_failure=_go_on).maps(channel, known)
     for name, result in stored.items():
         if result is not None:
@@ -114,7 +115,7 @@ def _go_on(error: EstimatorError) -> None:
 def _scores(store: CampaignStore, scene: Scene) -> Iterator[Finding]:
     file = store.directory / "scores.json"
     if file.is_file():
-        scores = stages.scores_of(store, scene, stages.stored_results(store, len(scene.stops)))
+        scores = stages.scores_of(store, scene, stored_results(store, len(scene.stops)))
         try:
             stored = json.loads(file.read_text(encoding="utf-8"))
             yield compare_metrics("scores.json", stored, to_json(scores.metrics))

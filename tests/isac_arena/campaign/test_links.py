@@ -9,7 +9,8 @@ import pytest
 from estimation.slam.record import SolveStatus
 from isac_arena.campaign.campaign import Campaign, load_campaign
 from isac_arena.campaign.plan import plan_run
-from isac_arena.campaign.stages import reopen, run_campaign, stored_results, stored_truths
+from isac_arena.campaign.stages import reopen, run_campaign
+from isac_arena.campaign.stored import stored_results, stored_truths
 from isac_arena.validation.multistatic.arenas import draw_arena
 from isac_arena.validation.multistatic.links import linked_run
 from isac_arena.verification.campaign import recomputed_campaign

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from isac_arena.campaign.campaign import Campaign, load_campaign
-from isac_arena.campaign.stages import reopen, run_campaign, stored_results, stored_truths
+from isac_arena.campaign.stages import reopen, run_campaign
+from isac_arena.campaign.stored import stored_results, stored_truths
 from isac_arena.user_functions.config import with_functions
 from isac_arena.verification.campaign import recomputed_campaign
 

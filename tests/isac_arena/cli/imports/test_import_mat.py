@@ -10,7 +10,7 @@ from scipy.io import savemat
 
 from estimation.laws.plane import predict_bounce, predict_los
 from estimation.slam.config import TrajectoryConfig
-from isac_arena.campaign import stages
+from isac_arena.campaign import stages, stored
 from isac_arena.exchange.measurement import import_campaign
 from scenes.pose import Pose
 
@@ -71,9 +71,9 @@ def test_stops_alone_are_exact(directory):
     store = stages.reopen(directory)
     run = stages.campaign_run(store)
     config = run.config.model_copy(update={"trajectory": TrajectoryConfig(method="single")})
-    channel = [estimate.channel for estimate in stages.channel_estimates(store, 12)]
+    channel = [estimate.channel for estimate in stored.channel_estimates(store, 12)]
     poses, _ = replace(run, config=config).locate(channel)
-    truth = stages.known_receiver(stages.measured_truths(store, 12))
+    truth = stages.known_receiver(stored.measured_truths(store, 12))
     assert np.allclose(poses.position_m, truth.position_m, atol=1e-3)
     assert np.allclose(poses.clock_bias_s, truth.clock_bias_s, atol=1e-11)
 

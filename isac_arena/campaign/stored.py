@@ -1,0 +1,92 @@
+"""What a campaign directory holds of every stop: truths, measured poses, channel estimates and maps.
+
+All raise `ValueError` in one line where a file is missing, damaged or out of date.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import TypeVar
+
+from estimation.channel.record import ChannelEstimate
+from estimation.slam.transmitters import joined_paths
+from isac_arena.campaign.campaign import link_stores
+from isac_arena.campaign.directory import CampaignStore, StopEstimate
+from isac_arena.campaign.files import read_attribute
+from isac_arena.campaign.manifest import remedy
+from isac_arena.campaign.measured import MeasuredTruth, with_clock
+from isac_arena.campaign.results import CampaignResults, MapName, MapResult
+from sim.links import tx_links
+from sim.signal.hardware.apply_impairments import with_surveyed_pose
+from sim.truth import Truth
+
+T = TypeVar("T")
+
+
+def stored_truths(store: CampaignStore, n_stops: int) -> Iterator[Truth]:
+    """The stored truth of every stop, of several links one after the other; `ValueError` where one is missing."""
+    stores = link_stores(store)
+    for stop in range(n_stops):
+        for number, (each, stops) in enumerate(stores):
+            if stop not in stops:
+                continue
+            what = f"the truth of stop {stop} ({each.stop_file('truth', stop)})"
+            yield replace(present(store, each.truth(stop), what, "generate"), tx=number)
+
+
+def measured_truths(store: CampaignStore, n_stops: int) -> Iterator[MeasuredTruth]:
+    """What is known about every measured stop; `ValueError` where one is missing."""
+    for stop in range(n_stops):
+        yield present(store, store.measured_truth(stop), f"stop {stop} of the measurement", "import-paths")
+
+
+def known_stops(
+    store: CampaignStore, channel: Sequence[ChannelEstimate]
+) -> Iterator[Truth] | Iterator[MeasuredTruth]:
+    """Input of mapping at every stop: the measured pose, or the true one with the errors of its survey.
+
+    A clock bias that was not measured is that of the line of sight among the paths of the stop.
+    """
+    if store.measured is not None:
+        tx, truths = store.scene.standing_tx, measured_truths(store, len(channel))
+        return (with_clock(*stop, tx) for stop in zip(truths, channel, strict=True))
+    configs = [link.config for link in tx_links(store.config, store.scene)]
+    return (with_surveyed_pose(configs[truth.tx], truth) for truth in stored_truths(store, len(channel)))
+
+
+def channel_estimates(store: CampaignStore, n_stops: int) -> Iterator[StopEstimate]:
+    """The reported paths of every stop's stored channel estimate; `ValueError` where one is missing.
+
+    With several TX the paths of all, and the power map of the first.
+    """
+    stores = link_stores(store)
+    for stop in range(n_stops):
+        parts: dict[int, StopEstimate] = {}
+        for number, (each, stops) in enumerate(stores):
+            if stop not in stops:
+                continue
+            what = f"the channel estimate of stop {stop} ({each.stop_file('channel', stop)})"
+            parts[number] = present(store, each.channel(stop), what, "estimate")
+        joined = joined_paths({number: part.channel.reported for number, part in parts.items()})
+        yield replace(next(iter(parts.values())), channel=joined)
+
+
+def stored_results(store: CampaignStore, n_stops: int) -> CampaignResults:
+    """All estimates of a campaign directory; `ValueError` where some are missing."""
+    estimates = list(channel_estimates(store, n_stops))
+    maps: dict[MapName, MapResult] = {
+        name: present(store, store.map_result(name), f"the {name} result (map/{name}.nc)", "estimate")
+        for name in ("mapping", "slam")
+    }
+    power_maps = tuple(each.power_map for each in estimates) if store.measured is None else ()
+    return CampaignResults(tuple(each.channel for each in estimates), power_maps, **maps)
+
+
+def present(store: CampaignStore, value: T | None, what: str, verb: str) -> T:
+    """The value that was read; `ValueError` where there is none: what it is, and the command that makes it."""
+    if value is None:
+        for path in [*sorted(store.directory.glob("*/*.nc")), store.directory / "provenance.nc"]:
+            if path.is_file() and read_attribute(path, "fingerprint") is None:
+                name = path.relative_to(store.directory).as_posix()
+                raise ValueError(f"{path}: damaged, or no file of a campaign; {remedy(name)}")
+        raise ValueError(f"{store.directory}: {what} is missing or out of date; run 'arena {verb}' first")
+    return value
