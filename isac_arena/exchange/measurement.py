@@ -169,15 +169,9 @@ def import_measured(
     is_known = all(stop.covariance is not None for stop in found.stops)
     path_loss = options.path_loss or _unknown_level(found.stops)
     config = settings(name_from(file.stem), options.method, None if is_known else options.noise, path_loss)
-    hall = SceneSource(measured_scene_text(source.text, campaign.tx, campaign.truths, first_m), source.files)
-    with naming_field(str(file), ": "):
-        hall.build(config)
+    hall = measured_scene(file, source, config, campaign.tx, campaign.truths, first_m)
     store = CampaignStore(
-        directory=out,
-        config=config,
-        scene_text=hall.text,
-        measured=_origin(file, options),
-        scene_files=source.files,
+        directory=out, config=config, scene_text=hall.text, measured=_origin(file, options), scene_files=hall.files
     )
     with one_run(out), recorded_run(out), swapped_in(store) as beside:
         beside.open_for_writing()
@@ -206,7 +200,22 @@ def _unknown_level(stops: Sequence[MeasuredStop]) -> PathLoss:
     return PathLoss.model_validate({"intercept_dbm": level_dbm, "slope_db": -20.0, **width})
 
 
-def measured_scene_text(text: str, tx: Pose, truths: Sequence[MeasuredTruth], unknown_m: FloatArray) -> str:
+def measured_scene(
+    file: Path,
+    source: SceneSource,
+    config: CampaignConfig,
+    tx: Pose,
+    truths: Sequence[MeasuredTruth],
+    first_m: FloatArray,
+) -> SceneSource:
+    """The hall with the measured TX and stops; `ValueError` that names the file where they do not fit it."""
+    hall = SceneSource(_measured_text(source.text, tx, truths, first_m), source.files)
+    with naming_field(str(file), ": "):
+        hall.build(config)
+    return hall
+
+
+def _measured_text(text: str, tx: Pose, truths: Sequence[MeasuredTruth], unknown_m: FloatArray) -> str:
     """A scene file with the measured TX and receiver stops in place of its own.
 
     A stop that was not surveyed stands at `unknown_m` (xyz,): a scene has a place for every stop.

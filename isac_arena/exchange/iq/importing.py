@@ -10,7 +10,7 @@ import numpy as np
 
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.directory import RECORDED, CampaignStore
-from isac_arena.campaign.load import SceneSource, changed_campaign
+from isac_arena.campaign.load import changed_campaign
 from isac_arena.campaign.lock import DirectoryHeldError, one_run
 from isac_arena.campaign.measured import MeasuredTruth, unlabelled_stop
 from isac_arena.campaign.recording import recorded_run
@@ -21,9 +21,9 @@ from isac_arena.exchange.iq.refine import left_over
 from isac_arena.exchange.iq.samples import IqRecording, read_recording
 from isac_arena.exchange.iq.synchronise import Synchronisation, synchronise
 from isac_arena.exchange.iq.times import Pilots, SweepTimes, pilots, prefix_s, sweep_times
-from isac_arena.exchange.measurement import measured_scene_text
+from isac_arena.exchange.measurement import measured_scene
 from scenes.pose import Pose
-from scenes.toml_config import naming_field, read_toml, validate_config
+from scenes.toml_config import read_toml, validate_config
 from sim.observation import BeamSweep
 from sim.signal.arrays.codebook import Codebook
 from sim.signal.link import make_codebook
@@ -115,16 +115,10 @@ def import_iq(file: Path, out: Path) -> list[Synchronisation]:
     scene = source.build(config)
     receiver = Receiver.make(config, recording, file.parent, scene.standing_tx)
     truths = [_truth(stop, index) for index, stop in enumerate(recording.stops)]
-    known_text = measured_scene_text(source.text, scene.tx, truths, scene.walk.positions_m()[0])
-    with naming_field(str(file), ": "):
-        SceneSource(known_text, source.files).build(config)
+    hall = measured_scene(file, source, config, scene.tx, truths, scene.walk.positions_m()[0])
     names = [[file.parent / name for name in stop.files] for stop in recording.stops]
     store = CampaignStore(
-        directory=out,
-        config=config,
-        scene_text=known_text,
-        measured=_origin(file, names),
-        scene_files=source.files,
+        directory=out, config=config, scene_text=hall.text, measured=_origin(file, names), scene_files=hall.files
     )
     found, is_new = [], not out.is_dir() or not any(out.iterdir())
     try:

@@ -55,10 +55,10 @@ def read_recording(files: Sequence[Path]) -> IqRecording:
         )
     first, count, at, tick = [], [], 0, 0
     for part in parts:
+        later = tick if part.count[0] == 0 else 0  # a file without times goes on where the last one ended
         first.append(part.first + at)
-        count.append(part.count + (tick if part.count[0] == 0 else 0))
-        at += len(part.samples)
-        tick = int(count[-1][-1]) + part.end_tick - int(part.count[-1])
+        count.append(part.count + later)
+        at, tick = at + len(part.samples), later + part.end_tick
     counts = np.concatenate(count)
     if np.any(np.diff(counts) <= 0):
         raise ValueError(f"{files[0]}: segments must follow each other in time")

@@ -42,8 +42,10 @@ def report_payload(
     has the rows of the campaign's error budget, None if there is none. `txs` are the TX of the scene by
     the names of their links; those of `uplinks` receive.
     """
+    channel = {estimate.stop: estimate for estimate in results.channel}
     by_stop = {
-        stop: true_paths(group, results, tables) for stop, group in groupby(truths, key=lambda truth: truth.stop)
+        stop: true_paths(group, channel[stop], tables)
+        for stop, group in groupby(truths, key=lambda truth: truth.stop)
     }
     stops = tables.poses.stop.tolist()
     return {
@@ -51,7 +53,7 @@ def report_payload(
         "has_truth": bool(by_stop),
         "scene": _scene(scene, txs or {scene.tx_name: scene.tx_name}, uplinks),
         "stops": _stops(scene, tables.poses),
-        "estimated": [estimated_paths(stop, results, tables) for stop in stops],
+        "estimated": [estimated_paths(channel[stop], tables) for stop in stops],
         "true": [by_stop.get(stop) for stop in stops],
         "power": _power(results, stops),
         "maps": {

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from isac_arena.campaign.results import CampaignResults
+from estimation.channel.record import ChannelEstimate
 from isac_arena.report.figures.path_lines import path_kind
 from isac_arena.report.figures.power import reported_angles
 from isac_arena.report.page.payload.numbers import rounded
@@ -17,10 +17,9 @@ from sim.propagation.paths import path_labels
 from sim.truth import Truth
 
 
-def estimated_paths(stop: int, results: CampaignResults, tables: ScoreTables) -> dict[str, Any]:
+def estimated_paths(estimate: ChannelEstimate, tables: ScoreTables) -> dict[str, Any]:
     """The estimated paths of a stop with their standard deviations, status and errors."""
-    estimate = next(estimate for estimate in results.channel if estimate.stop == stop)
-    scores = tables.paths.take("estimate", tables.paths.stop == stop)
+    scores = tables.paths.take("estimate", tables.paths.stop == estimate.stop)
     delay_std_s, aod_std_rad, aoa_std_rad = np.sqrt(np.diagonal(estimate.plane_covariance, axis1=1, axis2=2)).T
     return {
         "method": estimate.method,
@@ -46,15 +45,14 @@ def estimated_paths(stop: int, results: CampaignResults, tables: ScoreTables) ->
     }
 
 
-def true_paths(truths: Iterable[Truth], results: CampaignResults, tables: ScoreTables) -> dict[str, Any]:
+def true_paths(truths: Iterable[Truth], estimate: ChannelEstimate, tables: ScoreTables) -> dict[str, Any]:
     """The significant true paths of a stop and all TX in the frames of the devices, with their corners in plan."""
-    parts = [_true_paths(truth, results, tables) for truth in truths]
+    parts = [_true_paths(truth, estimate, tables) for truth in truths]
     return {name: [value for part in parts for value in part[name]] for name in parts[0]}
 
 
-def _true_paths(truth: Truth, results: CampaignResults, tables: ScoreTables) -> dict[str, Any]:
+def _true_paths(truth: Truth, estimate: ChannelEstimate, tables: ScoreTables) -> dict[str, Any]:
     every, found = tables.significant, tables.paths
-    estimate = next(estimate for estimate in results.channel if estimate.stop == truth.stop)
     rows = every.take("true_path", (every.stop == truth.stop) & (every.tx == truth.tx))
     of_truth = (found.stop == truth.stop) & (found.tx == truth.tx)
     angles_rad = reported_angles(rows, found.take("estimate", of_truth), estimate)
