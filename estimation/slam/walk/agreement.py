@@ -7,6 +7,7 @@ every path tells, by way of an image or an object, the heading and the clock bia
 import numpy as np
 
 from estimation.slam.walk.assignment import wall_images
+from estimation.slam.walk.neighbours import neighbour_states
 from estimation.slam.walk.residuals import Observations, TrajectoryState
 from scenes.pose import wrap_angle
 from scenes.record import BoolArray, FloatArray, IntArray
@@ -17,16 +18,6 @@ AGREE_M, AGREE_RAD = 0.3, 0.1  # of clock biases, beside the step of the grid, a
 GATE_STDS = 3.0  # of departures
 MOST_PATHS = 24  # that are compared at the places of the grid
 MOST_PLACES = 40  # of the grid that are refined, those where most paths agree
-
-
-def neighbour_states(now: TrajectoryState, stop: int) -> FloatArray:
-    """The states (2, 4) of the nearest stops, and between them where there are two."""
-    n = len(now.state)
-    if n < 2:
-        return np.empty((0, 4))
-    near = now.state[[max(stop - 1, 0) if stop else 1, stop + 1 if stop + 1 < n else n - 2]].copy()
-    near[:, 3] = near[:, 3].mean()
-    return np.concatenate([near, near.mean(axis=0, keepdims=True)])
 
 
 def agreeing_states(own: Observations, now: TrajectoryState, stop: int, max_bias_m: float) -> FloatArray:
@@ -66,7 +57,7 @@ def _places(now: TrajectoryState, stop: int) -> tuple[FloatArray, float]:
     """A grid of places (place, 2) about the middle of the neighbours, as wide as a few steps of the walk."""
     steps = np.linalg.norm(np.diff(now.state[:, :2], axis=0), axis=1)
     reach_m = float(np.clip(REACH_STEPS * np.median(steps), *REACH_M)) if len(steps) else REACH_M[1]
-    near = neighbour_states(now, stop)
+    near = neighbour_states(now.state, stop)
     middle = near[-1, :2] if len(near) else now.state[stop, :2]
     offset = np.linspace(-reach_m, reach_m, GRID)
     grid = np.stack(np.meshgrid(offset, offset), axis=-1).reshape(-1, 2)

@@ -13,7 +13,16 @@ from estimation.slam.config import TrajectoryConfig
 from estimation.slam.mapping.noise import LEAST_GAIN, SHARES
 from estimation.slam.snapshot.refine import bounce_terms
 from estimation.slam.walk.association import classify_paths, drop_unused_landmarks, reclassify_paths
-from estimation.slam.walk.relocate import DoubtfulStops, Place, certain_landmarks, path_gains, placed
+from estimation.slam.walk.planes import split_walls
+from estimation.slam.walk.relocate import (
+    LEAST_EVIDENCE,
+    DoubtfulStops,
+    Place,
+    certain_landmarks,
+    path_gains,
+    placed,
+    wall_spans,
+)
 from estimation.slam.walk.residuals import (
     LEAST_SPARE,
     Association,
@@ -102,9 +111,11 @@ def smooth_walk(
     walks.append(_quieter(walks[best], round_ones, wide))
     evidence.append(walks[-1].evidence)
     best = int(np.argmax(evidence))
-    best = best if evidence[best] > evidence[0] + LEAST_GAIN else 0
-    own = _with_own_roughness(walks[best])
-    return own if own.evidence > evidence[best] + LEAST_GAIN else walks[best]
+    walk = walks[best] if evidence[best] > evidence[0] + LEAST_GAIN else walks[0]
+    if doubtful is not None:
+        walk = _relocated(walk, wide, doubtful)
+    own = _with_own_roughness(walk)
+    return own if own.evidence > walk.evidence + LEAST_GAIN else walk
 
 
 def _with_own_roughness(walk: SmoothedWalk) -> SmoothedWalk:
@@ -124,29 +135,66 @@ def _quieter(walk: SmoothedWalk, noise: Noise, wide: Noise) -> SmoothedWalk:
     """
     kept = minimise_robust_cost(noise.seen, walk.link, walk.now, noise.config)
     found = _with_landmarks(noise, wide, walk.is_los, walk.now), walk._replace(now=kept, noise=noise)
-    return max(found, key=lambda one: one.evidence)._replace(places=walk.places)
+    return _with_planes(max(found, key=lambda one: one.evidence))._replace(places=walk.places)
+
+
+def _with_planes(walk: SmoothedWalk) -> SmoothedWalk:
+    """The walk with walls of two planes, where that has more evidence."""
+    seen, config = walk.noise
+    start, link = split_walls(seen, walk.link, walk.now, config)
+    if len(start.walls) == len(walk.now.walls):
+        return walk
+    two = walk._replace(now=minimise_robust_cost(seen, link, start, config), link=link)
+    return two if two.evidence > walk.evidence + LEAST_GAIN else walk
 
 
 def _relocated(walk: SmoothedWalk, wide: Noise, doubtful: DoubtfulStops) -> SmoothedWalk:
-    """The walk with its doubtful stops where its landmarks place them; stops placed show more landmarks."""
-    seen, config = wide
+    """The walk with its stops where landmarks of the other, certain stops place them; they show more landmarks.
+
+    A doubtful stop is placed in any case, from the certain ones on, and is known where its paths agree. Another
+    moves where its paths have more evidence elsewhere: the mode of a stop alone may be wrong and look certain.
+    """
+    seen, config = walk.noise
+    stops = np.arange(seen.n_stops)
     for _ in range(_PLACINGS):
         is_doubtful = doubtful.is_doubtful | (spare_equations(seen, walk.link) < LEAST_SPARE)
-        is_doubtful &= np.bincount(seen.row, minlength=seen.n_stops) > 0
-        marks, spans = certain_landmarks(seen, walk.link, walk.now, ~is_doubtful)
-        places = {
-            stop: placed(seen, marks, spans, stop, doubtful, config)
-            for stop in np.flatnonzero(is_doubtful).tolist()
-        }
-        state, is_los = walk.now.state.copy(), walk.is_los.copy()
-        for stop, place in places.items():
-            state[stop] = place.state
-            is_los[seen.row == stop] = place.is_los
-        is_settled = not any(place.is_new for place in places.values())
-        walk = _with_landmarks(wide, wide, is_los, replace(walk.now, state=state))._replace(places=places)
+        certain = np.flatnonzero(~is_doubtful)
+        away = np.abs(stops[:, None] - certain).min(axis=1, initial=seen.n_stops)
+        is_known, places, is_settled = ~is_doubtful, {}, True
+        state, is_los, is_moved = walk.now.state.copy(), walk.is_los.copy(), np.zeros(seen.n_stops, bool)
+        for stop in np.argsort(away, kind="stable").tolist():
+            if not (seen.row == stop).any():
+                continue
+            marks, spans = certain_landmarks(seen, walk.link, walk.now, ~is_doubtful & (stops != stop))
+            place = placed(seen, replace(marks, state=state), spans, stop, is_known, doubtful, config)
+            places[stop] = place
+            if is_doubtful[stop] or place.gain > LEAST_EVIDENCE:
+                state[stop], is_los[seen.row == stop], is_moved[stop] = place.state, place.is_los, True
+                is_settled &= not place.is_new
+            is_known[stop] |= place.evidence > LEAST_EVIDENCE
+        now = replace(walk.now, state=state)
+        found = _with_landmarks(walk.noise, wide, is_los, now), _reassigned(walk, wide, is_los, now, is_moved)
+        walk = max(found, key=lambda one: one.evidence)._replace(places=places)
         if is_settled:
             break
     return walk
+
+
+def _reassigned(
+    walk: SmoothedWalk, wide: Noise, is_los: BoolArray, now: TrajectoryState, is_moved: BoolArray
+) -> SmoothedWalk:
+    """The walk with its landmarks and other states of some stops, whose paths are associated anew."""
+    seen, config = walk.noise
+    new = reclassify_paths(wide.seen, now, is_los, wall_spans(seen, walk.link, walk.now), wide.config)
+    mine = is_moved[seen.row]
+    link = Association(
+        np.where(mine, new.kind, walk.link.kind),
+        np.where(mine[:, None], new.landmark, walk.link.landmark),
+        np.where(mine, 1.0, walk.link.rough),
+    )
+    now, link = drop_unused_landmarks(minimise_robust_cost(seen, link, now, config), link)
+    now, link = _confirm_bounces(seen, link, now, config)
+    return walk._replace(now=now, link=link, is_los=is_los)
 
 
 def _with_landmarks(noise: Noise, wide: Noise, is_los: BoolArray, now: TrajectoryState) -> SmoothedWalk:

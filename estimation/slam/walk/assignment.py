@@ -89,8 +89,8 @@ def _assign(
         for w in range(len(walls)):
             if (reach - _separation(single[w], x)) ** 2 > best * variance[0]:
                 continue
-            place, _, _, _ = wall_place(walls[w], tx, x)
-            if not spans[w, 0] < place < spans[w, 1]:
+            place, depth_tx, depth_rx, _ = wall_place(walls[w], tx, x)
+            if depth_tx * depth_rx <= 0 or not spans[w, 0] < place < spans[w, 1]:
                 continue
             chain[0] = walls[w]
             distance = wall_chi2(tx, x, seen, cov, chain[:1], rough_m[0])
@@ -163,10 +163,23 @@ def _assign_double(
             short = seen[0] - x[3] - _separation(images[a, b], x)
             if a == b or short**2 > best * (cov[0, 0] + 4 * rough_m**2):
                 continue
+            if not _is_in_front(tx, x, walls[a], walls[b]):
+                continue
             chain[0], chain[1] = walls[a], walls[b]
             distance = wall_chi2(tx, x, seen, cov, chain, rough_m)
             if distance < best:
                 best, kind[0], landmark[0], landmark[1] = distance, _DOUBLE, a, b
+
+
+@compiled
+def _is_in_front(tx: FloatArray, x: FloatArray, first: FloatArray, second: FloatArray) -> bool:
+    """Whether a path off two walls meets each from one side, as seen from the image of the TX in the first."""
+    image = np.array(mirror_point(tx[0], tx[1], first))
+    place, depth_image, depth_rx, _ = wall_place(second, image, x)
+    nx, ny = np.cos(second[0]), np.sin(second[0])
+    point = np.array([nx * second[1] - ny * place, ny * second[1] + nx * place])
+    _, depth_tx, depth_point, _ = wall_place(first, tx, point)
+    return bool(depth_image * depth_rx > 0 and depth_tx * depth_point > 0)
 
 
 @compiled

@@ -20,10 +20,11 @@ from estimation.slam.config import TrajectoryConfig
 from estimation.slam.mapping.noise import LARGEST_RANGE_M
 from estimation.slam.snapshot.evidence import PowerLaw, log_powers
 from estimation.slam.snapshot.refine import bounce_terms
-from estimation.slam.walk.agreement import agreeing_states, neighbour_states
+from estimation.slam.walk.agreement import agreeing_states
 from estimation.slam.walk.association import drop_unused_landmarks, reclassify_paths
 from estimation.slam.walk.linearise import linearise
-from estimation.slam.walk.motion import motion_cost, motion_scales
+from estimation.slam.walk.motion import motion_scales
+from estimation.slam.walk.neighbours import between_known, motion_about, neighbour_states
 from estimation.slam.walk.residuals import (
     Association,
     Observations,
@@ -80,6 +81,7 @@ class Place:
     state : (4,) of the best candidate; the present one if no other is better by `LEAST_EVIDENCE`
     is_new : whether it is another place than the present one
     is_los : (path,) of the stop
+    gain : log evidence of the best candidate over the present state as it is
     evidence : log evidence of the state over clutter alone, the unknowns integrated out in Gaussian approximation
     position_std_m : of the position, from the paths of the stop with the landmarks held
     gap : log odds over the best other mode; NaN where there is none
@@ -91,6 +93,7 @@ class Place:
     state: FloatArray
     is_new: bool
     is_los: BoolArray
+    gain: float
     evidence: float
     position_std_m: float
     gap: float
@@ -104,35 +107,50 @@ def placed(
     now: TrajectoryState,
     spans: FloatArray,
     stop: int,
+    is_known: BoolArray,
     doubtful: DoubtfulStops,
     config: TrajectoryConfig,
 ) -> Place:
-    """One stop placed by the landmarks of `now`, of the `spans` (wall, 2), and by its neighbours."""
+    """One stop placed by the landmarks of `now`, of the `spans` (wall, 2), and by its neighbours.
+
+    `is_known` (stop,) says whose states of `now` hold. A stop that is known stays where no other place is clearly
+    better.
+    """
     own, starts = seen.of_stop(stop), doubtful.starts[stop]
+    others = is_known & (np.arange(len(is_known)) != stop)
+    near = replace(now, state=between_known(now.state, others))
     candidates = np.concatenate(
         [
             now.state[[stop]],
             starts,
-            neighbour_states(now, stop),
-            agreeing_states(own, now, stop, doubtful.max_bias_m),
+            neighbour_states(near.state, stop),
+            agreeing_states(own, near, stop, doubtful.max_bias_m),
         ]
     )
     tiled, point = _tiled(own, now, stop, candidates)
     found = _refined(tiled, point, spans, 1 + len(starts), doubtful.powers[stop], config)
-    score = _log_evidence(tiled, found, config) - np.array(
-        [_motion(now, stop, state, config) for state in found.now.state]
+    here = _associated(*_tiled(own, now, stop, now.state[[stop]]), spans, doubtful.powers[stop], config)
+    motion = [motion_about(now.state, others, stop, each.now.state, config) for each in (here, found)]
+    least = np.concatenate(motion).min()  # that of the walk itself
+    present, score = (
+        _log_evidence(each, config) - cost + least for each, cost in zip((here, found), motion, strict=True)
     )
-    return _ranked(found, score)
+    return _ranked(found, score, float(present[0]), LEAST_EVIDENCE if is_known[stop] else 0.0)
 
 
 class _Candidates(NamedTuple):
     """Candidates as stops of their own, with the association of their paths."""
 
+    seen: Observations
     now: TrajectoryState
     link: Association
-    is_los: BoolArray  # (candidate, path)
     information: FloatArray  # (candidate, 4, 4) of the paths with the landmarks held
-    los_odds: FloatArray  # (candidate,) log density of the powers with the line of sight over that without
+    los_odds: FloatArray  # (candidate,) log density of the powers with a line of sight over that without
+
+    @property
+    def is_los(self) -> BoolArray:
+        """Lines of sight (candidate, path)."""
+        return np.reshape(self.link.kind == PathClass.LOS, (len(self.los_odds), -1))
 
 
 def _refined(
@@ -144,34 +162,52 @@ def _refined(
     config: TrajectoryConfig,
 ) -> _Candidates:
     """Association and steps in turns, from candidates of which the first `n_known` are near their places."""
-
-    def associated(paths: Observations) -> tuple[Association, FloatArray]:
-        odds = powers.los_odds(paths, point)
-        is_los = _lines_of_sight(paths, point, odds, config)
-        return reclassify_paths(paths, point, is_los, spans, config), odds
-
     paths = _widened(tiled, n_known)
     for _ in range(REFINEMENTS):
-        link, _ = associated(paths)
+        link = _associated(paths, point, spans, powers, config).link
         point, paths = _stepped(paths, link, point, config), tiled
-    link, odds = associated(tiled)
-    information, _ = state_equations(tiled, link, point, config)
-    is_los = np.reshape(link.kind == PathClass.LOS, (len(odds), -1))
-    return _Candidates(point, link, is_los, information, np.where(is_los.any(axis=1), odds, 0.0))
+    return _associated(tiled, point, spans, powers, config)
 
 
-def _log_evidence(tiled: Observations, found: _Candidates, config: TrajectoryConfig) -> FloatArray:
+def _associated(
+    paths: Observations, point: TrajectoryState, spans: FloatArray, powers: Powers, config: TrajectoryConfig
+) -> _Candidates:
+    """Candidates with the classes of their paths."""
+    odds = powers.los_odds(paths, point)
+    link = reclassify_paths(paths, point, _lines_of_sight(paths, point, odds, config), spans, config)
+    information, _ = state_equations(paths, link, point, config)
+    has_los = np.bincount(paths.row, link.kind == PathClass.LOS, paths.n_stops) > 0
+    return _Candidates(paths, point, link, information, np.where(has_los, odds, 0.0))
+
+
+def _log_evidence(found: _Candidates, config: TrajectoryConfig) -> FloatArray:
     """Log evidence (candidate,) over clutter alone, the state integrated out in Gaussian approximation."""
-    gain = np.maximum(path_gains(tiled, found.link, found.now, config), 0.0)
+    gain = path_gains(found.seen, found.link, found.now, config) - _log_choices(found)
+    gain = np.maximum(gain, 0.0)
     scales = motion_scales(config)
     volume = 0.5 * np.linalg.slogdet(found.information + np.diag(scales**-2.0))[1] + np.log(scales).sum()
-    return np.asarray(np.bincount(tiled.row, gain, tiled.n_stops) + found.los_odds - volume)
+    return np.asarray(np.bincount(found.seen.row, gain, found.seen.n_stops) + found.los_odds - volume)
 
 
-def _ranked(found: _Candidates, score: FloatArray) -> Place:
-    """The best candidate by `score` (candidate,), with its rival; the first one is the present state."""
+def _log_choices(found: _Candidates) -> FloatArray:
+    """Logarithm (path,) of the number of landmarks, or of pairs of walls, that the one of a path was chosen from.
+
+    The more there are, the better the best agrees by chance.
+    """
+    kind, walls = found.link.kind, len(found.now.walls)
+    landmarks = walls + len(found.now.objects) + len(found.now.raised)
+    is_one = np.isin(kind, [PathClass.WALL, PathClass.OBJECT, PathClass.RAISED])
+    choices = np.where(is_one, landmarks, np.where(kind == PathClass.DOUBLE, walls * (walls - 1), 1))
+    return np.log(choices)
+
+
+def _ranked(found: _Candidates, score: FloatArray, present: float, least: float) -> Place:
+    """The best candidate by `score` (candidate,), with its rival.
+
+    The first one is the present state, refined: another has to be better by `least`.
+    """
     state = found.now.state
-    best = int(score.argmax()) if score.max() > score[0] + LEAST_EVIDENCE else 0
+    best = int(score.argmax()) if score.max() > score[0] + least else 0
     place, heading = state[:, :2] - state[best, :2], state[:, 2] - state[best, 2]
     is_other = (np.hypot(*place.T) > SAME[0]) | (np.abs(wrap_angle(heading)) > SAME[1])
     probability = np.exp(score - score.max()) * (is_other | (np.arange(len(score)) == best))
@@ -181,6 +217,7 @@ def _ranked(found: _Candidates, score: FloatArray) -> Place:
         state=state[best],
         is_new=best > 0 and bool(is_other[0]),
         is_los=found.is_los[best],
+        gain=float(score[best]) - present,
         evidence=float(score[best]),
         position_std_m=float(np.sqrt(np.trace(np.linalg.inv(found.information[best])[:2, :2]))),
         gap=float(score[best] - score[rival]) if is_other.any() else np.nan,
@@ -238,14 +275,6 @@ def path_gains(
         density = student_t_log_peak(freedom, 1) - (freedom + 1) / 2 * np.log1p(square / freedom)
         gain[lone] = density - 0.5 * np.log(terms.variance_m2) + np.log(LARGEST_RANGE_M)
     return gain
-
-
-def _motion(now: TrajectoryState, stop: int, state: FloatArray, config: TrajectoryConfig) -> float:
-    """Cost of the walk about a stop, were it in this state."""
-    low, high = max(stop - 2, 0), min(stop + 3, len(now.state))
-    part = now.state[low:high].copy()
-    part[stop - low] = state
-    return motion_cost(part, now.course[low : high - 2], config)
 
 
 def _tiled(

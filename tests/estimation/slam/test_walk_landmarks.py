@@ -91,7 +91,7 @@ def place_stop(seen, link, now, los_dbm=0.0):
     level = loss.expected_dbm(seen.measured[seen.row == 2, 0] - 5.0) - loss.reflection_loss_db
     level[0] += loss.reflection_loss_db + los_dbm
     doubtful = DoubtfulStops(np.ones(6, bool), [np.empty((0, 4))] * 6, [Powers(level, power_law(loss))] * 6, 90.0)
-    return placed(seen, now, wall_spans(seen, link, now), 2, doubtful, CONFIG)
+    return placed(seen, now, wall_spans(seen, link, now), 2, np.ones(6, bool), doubtful, CONFIG)
 
 
 @pytest.mark.parametrize("has_los", [True, False])
