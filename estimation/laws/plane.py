@@ -228,6 +228,19 @@ def los_path(tx: FloatArray, state: FloatArray, value: FloatArray, by_state: Flo
 
 
 @compiled
+def mirror_departure(offset: float, value: FloatArray, by_state: FloatArray) -> float:
+    """Departure that a flat array reports from behind it: mirrored at its plane, in place; the sign of the slopes.
+
+    `offset` is that of the heading of the TX, whose measured departures it is added to.
+    """
+    if np.cos(value[1] - offset) >= 0:
+        return 1.0
+    value[1] = np.pi - value[1] + 2 * offset
+    by_state[1] *= -1.0
+    return -1.0
+
+
+@compiled
 def bounce_path(
     tx: FloatArray,
     state: FloatArray,

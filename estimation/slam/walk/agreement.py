@@ -6,6 +6,7 @@ every path tells, by way of an image or an object, the heading and the clock bia
 
 import numpy as np
 
+from estimation.laws.plane import bounce_equation
 from estimation.slam.walk.assignment import wall_images
 from estimation.slam.walk.neighbours import neighbour_states
 from estimation.slam.walk.residuals import Observations, TrajectoryState
@@ -35,6 +36,33 @@ def agreeing_states(own: Observations, now: TrajectoryState, stop: int, max_bias
     return np.asarray(states[best[votes[best] > 1]])
 
 
+def sight_states(own: Observations, now: TrajectoryState, stop: int, bias_m: float) -> FloatArray:
+    """States (candidate, 4) about the neighbours that the earliest path shows as a line of sight.
+
+    Their clock biases are a given one, and those that each other path has as a single bounce. A flat array reports
+    a departure from behind it as its mirror image in front, so both are tried.
+    """
+    measured = own.measured.copy()
+    measured[:, 1] += now.offset_rad[now.session[stop]]
+    first = int(measured[:, 0].argmin())
+    others = np.delete(measured, first, axis=0)
+    range_m, departure, arrival = measured[first]
+    tx = own.tx_rows[first]
+    states = []
+    for turn in (departure, np.pi - departure):
+        azimuth = tx[2] + turn
+        away = np.array([np.cos(azimuth), np.sin(azimuth)])
+        heading = azimuth + np.pi - arrival
+        equation = bounce_equation(tx, heading, others)
+        start = np.append(tx[:2] + range_m * away, 0.0)  # and one metre of bias moves it by [-away, 1]
+        slope = equation.row @ np.append(-away, 1.0)
+        biases = np.append(-equation.residual_m(start) / np.where(slope == 0, np.nan, slope), bias_m)
+        states += [[*(tx[:2] + (range_m - bias) * away), heading, bias] for bias in biases[np.isfinite(biases)]]
+    middle, reach_m = _about(now, stop)
+    found = np.array(states)
+    return np.asarray(found[np.abs(found[:, :2] - middle).max(axis=1) <= reach_m])
+
+
 def _best_known(own: Observations) -> Observations:
     """The paths of a stop that show a place most precisely, at most `MOST_PATHS`."""
     variance = np.diagonal(own.covariance, axis1=1, axis2=2)
@@ -54,14 +82,19 @@ def _most_agreed(path: IntArray, said: FloatArray, agree_m: float) -> tuple[floa
 
 
 def _places(now: TrajectoryState, stop: int) -> tuple[FloatArray, float]:
-    """A grid of places (place, 2) about the middle of the neighbours, as wide as a few steps of the walk."""
-    steps = np.linalg.norm(np.diff(now.state[:, :2], axis=0), axis=1)
-    reach_m = float(np.clip(REACH_STEPS * np.median(steps), *REACH_M)) if len(steps) else REACH_M[1]
-    near = neighbour_states(now.state, stop)
-    middle = near[-1, :2] if len(near) else now.state[stop, :2]
+    """A grid of places (place, 2) about the neighbours, and its step."""
+    middle, reach_m = _about(now, stop)
     offset = np.linspace(-reach_m, reach_m, GRID)
     grid = np.stack(np.meshgrid(offset, offset), axis=-1).reshape(-1, 2)
     return middle + grid, float(offset[1] - offset[0])
+
+
+def _about(now: TrajectoryState, stop: int) -> tuple[FloatArray, float]:
+    """The middle (2,) of the neighbours of a stop, and how far from it the stop may be: a few steps."""
+    steps = np.linalg.norm(np.diff(now.state[:, :2], axis=0), axis=1)
+    reach_m = float(np.clip(REACH_STEPS * np.median(steps), *REACH_M)) if len(steps) else REACH_M[1]
+    near = neighbour_states(now.state, stop)
+    return near[-1, :2] if len(near) else now.state[stop, :2], reach_m
 
 
 def _votes(

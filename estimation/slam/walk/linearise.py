@@ -12,7 +12,7 @@ import numpy as np
 from estimation.execution import compiled
 from estimation.inference.least_squares import student_t_efficiency, student_t_log_peak
 from estimation.laws.contour import closed_path
-from estimation.laws.plane import bounce_gap_path, bounce_path, los_path, state_columns, wrapped
+from estimation.laws.plane import bounce_gap_path, bounce_path, los_path, mirror_departure, state_columns, wrapped
 from estimation.laws.raised import raised_path
 from estimation.laws.support import CIRCLE_BY_RADIUS
 from estimation.laws.wall import wall_path
@@ -95,6 +95,7 @@ def linearise(seen: Observations, link: Association, now: TrajectoryState, confi
         difference_m,
         boresight_rad,
         common_m * np.broadcast_to(link.rough, (len(seen.row),))[:, None],
+        seen.is_mirrored,
     )
     columns = state_columns(seen.tx_of_path)
     return Linearised(seen.row, columns, transmitters_of(seen.tx).clock_information, *parts)
@@ -122,6 +123,7 @@ def _linearise(
     difference_m: FloatArray,
     boresight_rad: FloatArray,
     rough_m: FloatArray,
+    is_mirrored: bool,
 ) -> tuple[IntArray, FloatArray, FloatArray, FloatArray, IntArray]:
     n = len(state)
     size, shared = np.zeros(n, np.int64), np.full((n, N_SHARED), -1)
@@ -140,10 +142,12 @@ def _linearise(
             size[i] = 1
             _bounce(tx, x, seen, covariance[i], value[i], by_state[i], by_shared[i])
             continue
-        size[i] = 3
+        size[i], side = 3, 1.0
         cov[:] = covariance[i]
         if kind[i] == _LOS:
             los_path(tx, x, value[i], by_state[i])
+            if is_mirrored:
+                side = mirror_departure(offset[offset_of[i]], value[i], by_state[i])
         elif kind[i] == _OBJECT:
             circle = objects[landmark[i, 0]]
             by_circle = by_shared[i, :, 1:4]
@@ -170,7 +174,7 @@ def _linearise(
             value[i, a] = seen[a] - value[i, a]
             if a:
                 value[i, a] = wrapped(value[i, a])
-        by_shared[i, 1, 0] = -1.0
+        by_shared[i, 1, 0] = -side
         _whiten(cov, value[i], by_state[i], by_shared[i])
     return size, value, by_state, by_shared, shared
 

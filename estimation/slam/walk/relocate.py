@@ -14,13 +14,12 @@ import numpy as np
 from scipy.stats import chi2
 
 from estimation.inference.least_squares import student_t_log_peak
-from estimation.laws.plane import predict_los, residual
 from estimation.laws.wall import wall_places
 from estimation.slam.config import TrajectoryConfig
 from estimation.slam.mapping.noise import LARGEST_RANGE_M
 from estimation.slam.snapshot.evidence import PowerLaw, log_powers
 from estimation.slam.snapshot.refine import bounce_terms
-from estimation.slam.walk.agreement import agreeing_states
+from estimation.slam.walk.agreement import agreeing_states, sight_states
 from estimation.slam.walk.association import drop_unused_landmarks, reclassify_paths
 from estimation.slam.walk.linearise import linearise
 from estimation.slam.walk.motion import motion_scales
@@ -52,15 +51,21 @@ class Powers(NamedTuple):
     law: PowerLaw
 
     def los_odds(self, tiled: Observations, now: TrajectoryState) -> FloatArray:
-        """Log density (candidate,) of the powers with the earliest path as the line of sight over that without."""
+        """Log density (candidate,) of the powers with the earliest path as the line of sight over that without.
+
+        Behind a flat array its power says nothing: the gain of the mirrored departure was taken from it.
+        """
         first, n = int(np.argmin(tiled.measured[: len(self.power_dbm), 0])), len(now.state)
         length = tiled.measured[:, 0].reshape(n, -1) - now.state[:, 3:]
-        distance = np.hypot(*(now.state[:, :2] - tiled.tx_rows[0, :2]).T)
+        x, y = (now.state[:, :2] - tiled.tx_rows[0, :2]).T
+        distance = np.hypot(x, y)
         densities = [
             [log_powers(self.power_dbm, length[k], distance[k], los, self.law) for los in (first, -1)]
             for k in range(n)
         ]
-        return np.asarray(np.subtract(*np.transpose(densities)))
+        odds = np.asarray(np.subtract(*np.transpose(densities)))
+        is_behind = np.cos(np.arctan2(y, x) - tiled.tx_rows[0, 2]) < 0
+        return np.where(is_behind & tiled.is_mirrored, 0.0, odds)
 
 
 class DoubtfulStops(NamedTuple):
@@ -119,11 +124,13 @@ def placed(
     own, starts = seen.of_stop(stop), doubtful.starts[stop]
     others = is_known & (np.arange(len(is_known)) != stop)
     near = replace(now, state=between_known(now.state, others))
+    beside = neighbour_states(near.state, stop)
     candidates = np.concatenate(
         [
             now.state[[stop]],
             starts,
-            neighbour_states(near.state, stop),
+            beside,
+            sight_states(own, near, stop, float(near.state[stop, 3])),
             agreeing_states(own, near, stop, doubtful.max_bias_m),
         ]
     )
@@ -313,12 +320,9 @@ def _lines_of_sight(
     """
     first = _earliest(seen)
     own, none = seen.take(first), np.full((len(first), 2), -1)
-    error = residual(without_heading_offsets(seen, now, first), predict_los(own.tx_rows, now.state))
-    distance = np.einsum("pi,pi->p", error, np.linalg.solve(own.covariance, error[..., None])[..., 0])
-    as_sight, as_bounce = (
-        path_gains(own, Association(np.full(len(first), kind), none), now, config)
-        for kind in (PathClass.LOS, PathClass.BOUNCE)
-    )
+    links = [Association(np.full(len(first), kind), none) for kind in (PathClass.LOS, PathClass.BOUNCE)]
+    as_sight, as_bounce = (path_gains(own, link, now, config) for link in links)
+    distance = linearise(own, links[0], now, config).square()
     result = np.zeros(len(seen.row), bool)
     is_better = as_sight + odds > np.maximum(as_bounce, 0.0)
     result[first] = is_better & (distance < chi2.ppf(config.gate_probability, 3))

@@ -43,6 +43,7 @@ class Observations:
     floor: FloatArray  # (3, 3) part of every covariance that is a floor of the noise
     link: IntArray = field(default_factory=lambda: np.zeros(1, np.int64))  # (path,) index of the TX
     heights: PathHeights | None = None  # None where they are not known, or elevations are
+    is_mirrored: bool = False  # the TX reports departures from behind it as their mirror images in front
 
     @property
     def n_tx(self) -> int:

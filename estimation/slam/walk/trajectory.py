@@ -122,14 +122,16 @@ def observations(problems: Sequence[SnapshotProblem], tx_pose: AnyTx, floor: Flo
     """All paths of all stops in one table; `floor` (3, 3) is part of their covariances."""
     measured = [problem.measured for problem in problems]
     covariance = [problem.covariance for problem in problems]
+    every = np.concatenate([np.empty((0, 3)), *measured])
     return Observations(
         tx_pose,
         len(problems),
         np.repeat(np.arange(len(problems)), [len(m) for m in measured]),
-        np.concatenate([np.empty((0, 3)), *measured]),
+        every,
         np.concatenate([np.empty((0, 3, 3)), *covariance]),
         floor,
         np.concatenate([np.zeros(0, np.int64), *(problem.link for problem in problems)]),
+        is_mirrored=bool(np.all(np.cos(every[:, 1]) > 0)),
     )
 
 

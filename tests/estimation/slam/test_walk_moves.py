@@ -1,18 +1,22 @@
 """Stops that landmarks move, what known neighbours say of a stop, walls of two planes, and sides of walls."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from estimation.laws.plane import predict_los
+from estimation.laws.plane import predict_bounce, predict_los
 from estimation.laws.wall import predict_walls
 from estimation.slam.config import TrajectoryConfig
+from estimation.slam.walk.agreement import sight_states
 from estimation.slam.walk.association import reclassify_paths
+from estimation.slam.walk.linearise import linearise
 from estimation.slam.walk.motion import course_of, motion_cost
 from estimation.slam.walk.neighbours import between_known, motion_about, neighbour_states
 from estimation.slam.walk.planes import split_walls
 from estimation.slam.walk.residuals import Association, Observations, PathClass, TrajectoryState
 from estimation.slam.walk.smoother import minimise_robust_cost
-from scenes.pose import Pose
+from scenes.pose import Pose, wrap_angle
 
 TX = Pose(np.array([1.0, 2.0, 1.5]), 0.3)
 CONFIG = TrajectoryConfig()
@@ -121,3 +125,42 @@ def test_a_walk_without_walls_is_split_nowhere():
     start, same = split_walls(seen, link, now, CONFIG)
     assert len(start.walls) == 0
     assert np.array_equal(same.landmark, link.landmark)
+
+
+@pytest.mark.parametrize("is_behind", [False, True])
+def test_a_line_of_sight_and_one_bounce_show_the_stop_in_front_and_behind(is_behind):
+    """A flat array reports the departure from behind as its mirror image."""
+    state = straight(3) * [-1 if is_behind else 1, 1, 1, 1]
+    los = predict_los(TX, state[1])
+    if is_behind:
+        los[1] = np.pi - los[1]
+    bounce = predict_bounce(TX, state[1], np.array([4.0, 6.0]))
+    own = seen_paths(np.zeros(2, int), [bounce, los])
+    around = trajectory(state + np.array([0.2, -0.1, 0.3, 1.0]), np.empty((0, 2)))
+    found = sight_states(own, around, 1, 4.0)
+    off = found - state[1]
+    off[:, 2] = wrap_angle(off[:, 2])
+    assert np.abs(off).max(axis=1).min() < 1e-9
+    assert np.any(found[:, 3] == 4.0)
+    far = trajectory(state + np.array([30.0, 0.0, 0.0, 0.0]), np.empty((0, 2)))
+    assert not len(sight_states(own, far, 1, 4.0))
+
+
+def test_a_line_of_sight_from_behind_a_flat_array_agrees_with_its_mirror_image():
+    state = straight(3) * [-1, 1, 1, 1]
+    offset = 0.02
+    mirrored = predict_los(TX, state) * [1, -1, 1] + [0, np.pi + offset, 0]  # pi - (departure - offset)
+    now = replace(trajectory(state, np.empty((0, 2))), offset_rad=np.array([offset]))
+    link = Association(np.full(3, PathClass.LOS), np.full((3, 2), -1))
+    seen = replace(seen_paths(np.arange(3), mirrored), is_mirrored=True)
+    lin = linearise(seen, link, now, CONFIG)
+    np.testing.assert_allclose(lin.value, 0, atol=1e-9)
+    assert linearise(replace(seen, is_mirrored=False), link, now, CONFIG).square().min() > 1e4
+    step = 1e-6
+    for column in range(4):
+        moved = replace(now, state=state + step * (np.arange(4) == column))
+        numeric = linearise(seen, link, moved, CONFIG).value / step
+        np.testing.assert_allclose(numeric, lin.by_state[:, :, column], rtol=1e-4, atol=1e-2)
+    turned = replace(now, offset_rad=now.offset_rad + step)
+    numeric = linearise(seen, link, turned, CONFIG).value / step
+    np.testing.assert_allclose(numeric, lin.by_shared[:, :, 0], rtol=1e-4, atol=1e-2)
