@@ -147,4 +147,4 @@ def bounce_points(sealed: SealedScene) -> FloatArray:
 
 def _line(points: FloatArray) -> shapely.Geometry:
     """A contour through points in their order; it is closed where the last point is the first."""
-    return shapely.linestrings(points) if len(points) > 1 else shapely.points(points[0])
+    return shapely.linestrings(points) if np.ptp(points, axis=0).any() else shapely.points(points[0])

@@ -1,7 +1,8 @@
 """Make a task: a folder of observations for everybody, and a sealed file with the truth of all scenes.
 
     public/task.json               tier, stage, scenes, stops, the settings, and the hash of the seal
-    public/scene_000/...           samples of every stop (channel), or measured paths as a table (slam, contours)
+    public/scene_000/...           samples of every stop (channel), or measured paths as a table (slam, contours),
+                                   and an empty hall to import them into
     seal.tar                       scenes and truths; keep it
     leaderboard.json, .html        results that were graded
 
@@ -26,13 +27,22 @@ from estimation.channel.record import ChannelEstimate
 from isac_arena.campaign.campaign import load_campaign
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.driver import CampaignRun
-from isac_arena.campaign.files import complete_file, read_record, write_bytes, write_csv, write_json, write_record
+from isac_arena.campaign.files import (
+    complete_file,
+    read_record,
+    write_bytes,
+    write_csv,
+    write_json,
+    write_record,
+    write_text,
+)
 from isac_arena.campaign.integrity import file_digest
 from isac_arena.campaign.lock import one_run
 from isac_arena.campaign.netcdf import to_netcdf
 from isac_arena.public_tasks.scenes import Tier, n_seen, task_scene
 from isac_arena.workers.threads import one_thread
 from scenes.config import load_scene
+from scenes.pose import Pose
 from scenes.scene import Scene
 from scenes.tables import scene_tables
 from sim.clock import campaign_clock
@@ -41,6 +51,7 @@ from sim.truth import Truth
 Stage = Literal["channel", "slam", "contours"]
 TASK_STAGES: tuple[Stage, ...] = get_args(Stage)
 SEAL, ABOUT = "seal.tar", "task.json"
+UNKNOWN_M = 1000.0  # half the side of a hall that is not known
 N_ROOMS = 50  # rooms tried for a scene
 # An object has a point a stop, and methods need five points near one another to tell an object from clutter.
 LEAST_STOPS: dict[Stage, int] = {"contours": 6}
@@ -188,7 +199,18 @@ def _observe(sealed: SealedScene, stage: Stage, folder: Path) -> None:
         for truth in sealed.truths:
             write_record(folder / f"stop_{truth.stop:03d}.nc", sealed.run.sweep(truth))
         return
+    write_text(folder / "hall.toml", tomli_w.dumps(_empty_hall(tx)))
     write_csv(folder / "paths.csv", path_rows(sealed, with_poses=stage == "contours"))
+
+
+def _empty_hall(tx: Pose) -> dict[str, Any]:
+    """The scene file of a hall of which the TX alone is known, for `arena import-paths`."""
+    x_m, y_m, z_m = tx.position_m.tolist()
+    return {
+        "name": "unknown_hall", "materials": {}, "bounds_m": [-UNKNOWN_M, -UNKNOWN_M, UNKNOWN_M, UNKNOWN_M],
+        "tx": {"position_m": [x_m, y_m, z_m], "heading_deg": float(np.rad2deg(tx.heading_rad))},
+        "walk": {"type": "poses", "poses": [[x_m + 1.0, y_m, z_m, 0.0]]},
+    }  # fmt: skip
 
 
 def path_rows(sealed: SealedScene, *, with_poses: bool) -> list[dict[str, Any]]:

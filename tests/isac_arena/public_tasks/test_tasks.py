@@ -74,6 +74,17 @@ def test_nothing_public_tells_the_truth(made: Path, sealed: list[SealedScene]) -
     assert np.array_equal(sweep.samples, sealed[1].run.sweep(sealed[1].truths[1]).samples)
 
 
+@pytest.mark.parametrize("stage", ["slam", "contours"])
+def test_the_table_is_imported_into_the_hall_beside_it(made: Path, tmp_path: Path, stage: Stage) -> None:
+    folder = made / stage / "public/scene_001"
+    done = arena_here(
+        "import-paths", folder / "paths.csv", "--scene", folder / "hall.toml", "--out", "mine", cwd=tmp_path
+    )
+    assert done.returncode == 0 and "2 stops imported" in done.stdout and "doubtful" not in done.stdout, (
+        done.stderr
+    )
+
+
 def test_a_seal_is_that_of_its_task(made: Path, tmp_path: Path) -> None:
     again = tmp_path / "again"
     with pytest.MonkeyPatch.context() as patch:
@@ -111,6 +122,11 @@ def test_true_contours_lose_nothing_and_none_lose_most(sealed: list[SealedScene]
     assert graded("contours", sealed, rows) == pytest.approx(0.0, abs=1e-3)  # circles have corners here
     assert graded("contours", sealed, []) == pytest.approx(0.5)
     assert len(bounce_points(sealed[0])) > 0
+
+
+def test_a_contour_of_one_place_is_a_point(sealed: list[SealedScene]) -> None:
+    once = [(scene, 0, 3.0, 3.0) for scene in range(N_SCENES)]
+    assert graded("contours", sealed, once) == graded("contours", sealed, [*once, *once])
 
 
 def test_lines_drawn_often_do_not_hide_guesses(sealed: list[SealedScene]) -> None:
