@@ -66,7 +66,10 @@ class MeasuredStop:
 
 @dataclass(frozen=True)
 class MeasuredFile:
-    """The TX and all stops of a file of measured paths, and the clock bias (stop,) that it states, if any."""
+    """The TX and all stops of a file of measured paths, and the clock bias (stop,) that it states, if any.
+
+    NaN is a bias that is not known: the measured ranges contain it.
+    """
 
     tx: Pose
     stops: list[MeasuredStop]
@@ -118,6 +121,8 @@ def measured_campaign(
 ) -> MeasuredCampaign:
     """Channel estimates and labels of all stops, the paths sorted by delay and the clock bias (stop,) added.
 
+    A bias of NaN is not known, and the ranges contain it.
+
     A path whose covariance is not in the file has that of `noise`; a line of sight is by default the labelled one.
 
     Raises `ValueError` where a stop repeats a path, or holds NaN or angles in degrees.
@@ -125,7 +130,7 @@ def measured_campaign(
     channel, truths = [], []
     for index, (stop, bias) in enumerate(zip(stops, bias_m, strict=True)):
         order = np.argsort(stop.measured[:, 0], kind="stable")
-        estimate = _channel_estimate(index, stop, order, float(bias), noise)
+        estimate = _channel_estimate(index, stop, order, float(np.nan_to_num(bias)), noise)
         channel.append(estimate)
         truths.append(
             MeasuredTruth(

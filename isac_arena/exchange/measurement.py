@@ -41,7 +41,8 @@ from scenes.record import FloatArray, empty_record
 from scenes.toml_config import naming_field, parse_toml
 from sim.truth import Truth
 
-LEAST_ANGLES, LONGEST_SHARE = 10, 100  # of doubtful tables: different angles, lengths over the straight line
+# Of doubtful tables: different angles, lengths over the straight line, lines of sight off it in m.
+LEAST_ANGLES, LONGEST_SHARE, LOS_OFF_M = 10, 100, 1.0
 # Where the level of the link is unknown, the strongest path of a stop has about this length. Lengths of half to
 # twice of it are 6 dB apart from it, beams add some more.
 TYPICAL_LENGTH_M, LEVEL_STD_DB = 10.0, 10.0
@@ -131,14 +132,14 @@ def _doubts(table: MeasuredTable, found: MeasuredFile) -> Iterator[str]:
             value = table.numbers(f"{name}_deg")
             if len(np.unique(value)) >= LEAST_ANGLES and np.all(np.abs(value) <= 2 * np.pi):
                 yield f"{name}_deg: no value is beyond 6.28; are they radians?"
+    bias_m = np.zeros(len(found.stops)) if found.bias_m is None else found.bias_m
+    away_m = np.array([np.linalg.norm(stop.rx[:2] - found.tx.position_m[:2]) for stop in found.stops])
+    straight_m = np.where(np.isnan(bias_m), np.nan, away_m)  # the lengths are not known without the clock
     length_m = np.concatenate([stop.measured[:, 0] for stop in found.stops])
-    straight_m = np.concatenate(
-        [
-            np.full(len(stop.measured), np.linalg.norm(stop.rx[:2] - found.tx.position_m[:2]))
-            for stop in found.stops
-        ]
-    )
+    is_los = np.concatenate([stop.is_los for stop in found.stops])
+    straight_m = np.repeat(straight_m, [len(stop.measured) for stop in found.stops])
     with np.errstate(invalid="ignore"):  # the pose may be unknown
+        off = is_los & (np.abs(length_m - straight_m) > LOS_OFF_M)
         short, far = length_m < straight_m / 2, length_m > LONGEST_SHARE * (straight_m + 1.0)
     for count, words in ((short.sum(), "shorter than half"), (far.sum(), f"longer than {LONGEST_SHARE} times")):
         if 2 * count > len(length_m):
@@ -146,6 +147,12 @@ def _doubts(table: MeasuredTable, found: MeasuredFile) -> Iterator[str]:
                 f"{count} of {len(length_m)} paths are {words} the straight line from the TX to the receiver:"
                 " look at the unit of delays, the clock bias and the poses"
             )
+            return
+    if 2 * off.sum() > max(1, is_los.sum()):
+        yield (
+            f"{off.sum()} of {is_los.sum()} lines of sight are not as long as the straight line, by more than"
+            f" {LOS_OFF_M:g} m: leave clock_bias_s empty where the clock is not known"
+        )
 
 
 def import_measured(
@@ -160,6 +167,9 @@ def import_measured(
     n_stops = len(found.stops)
     bias_m = np.zeros(n_stops) if found.bias_m is None else found.bias_m
     if options.clock_seed is not None:
+        if np.isnan(bias_m).any():
+            stop = int(np.flatnonzero(np.isnan(bias_m))[0])
+            raise ValueError(f"--clock-seed: adds to a known clock bias; that of stop {stop} is not in the file")
         bias_m = bias_m + clock_walk_m(n_stops, np.random.default_rng(options.clock_seed))
     tx = Pose(found.tx.position_m, found.tx.heading_rad + float(np.deg2rad(options.tx_offset_deg)))
     try:

@@ -33,7 +33,7 @@ COLUMNS: dict[str, str] = {
     "rx_z_m": "optional: its height; by default that of the TX",
     "tx_x_m, tx_y_m, tx_heading_rad or _deg": "optional: pose of the TX, the same in all rows; else the scene's",
     "tx_z_m": "optional: its height; else the scene's",
-    "clock_bias_s or _ns": "optional: true clock bias of the stop, which the delays contain; by default 0",
+    "clock_bias_s or _ns": "optional: clock bias of the stop, which the delays contain; empty: unknown; default 0",
     "aod_elevation_rad or _deg, aoa_elevation_rad or _deg": "optional, both: elevations",
     "delay_std_s, delay_std_ns or range_std_m": "optional: standard deviation",
     "aod_azimuth_std_rad or _deg, and aoa_azimuth, aod_elevation, aoa_elevation": "optional: the same of angles",
@@ -65,11 +65,10 @@ def measured_file(table: MeasuredTable, scene_tx: Pose) -> MeasuredFile:
         raise ValueError(f"{table.file}: holds {len(numbers)} stops, at most {MAX_STOPS} are read")
     tx = _tx_pose(table, scene_tx)
     rx = _receivers(table, first, index, float(tx.position_m[2]))
-    bias_s = table.scaled({"clock_bias_s": 1.0, "clock_bias_ns": 1e-9}, "clock")
+    bias_s = _clock_s(table, rx, first, index)
     range_m = table.needed(DELAY)
     if bias_s is not None:
-        _same_at_stops(table, "clock_bias", bias_s, first, index)
-        range_m = range_m - C * bias_s
+        range_m = range_m - C * np.nan_to_num(bias_s[index])
     azimuths = [table.angle(name, needed=True) for name in ("aod_azimuth", "aoa_azimuth")]
     measured = np.column_stack([range_m, *(one for one in azimuths if one is not None)])
     power_dbm = table.needed({"power_dbm": 1.0})
@@ -90,7 +89,7 @@ def measured_file(table: MeasuredTable, scene_tx: Pose) -> MeasuredFile:
     order = np.argsort(index, kind="stable")
     at_stops = np.split(order, np.cumsum(np.bincount(index, minlength=len(numbers)))[:-1])
     stops = [rows.stop(members, rx[k]) for k, members in enumerate(at_stops)]
-    return MeasuredFile(tx, stops, None if bias_s is None else C * bias_s[first])
+    return MeasuredFile(tx, stops, None if bias_s is None else C * bias_s)
 
 
 @dataclass(frozen=True)
@@ -123,9 +122,9 @@ class _PathRows:
 
 
 def _tx_pose(table: MeasuredTable, scene_tx: Pose) -> Pose:
-    x_m, y_m = (table.scaled({f"tx_{axis}_m": 1.0}, axis) for axis in "xy")
+    x_m, y_m = (table.scaled({f"tx_{axis}_m": 1.0}) for axis in "xy")
     heading_rad = table.angle("tx_heading")
-    height_m = table.scaled({"tx_z_m": 1.0}, "z")
+    height_m = table.scaled({"tx_z_m": 1.0})
     given = {"tx_x_m": x_m, "tx_y_m": y_m, "tx_heading": heading_rad}
     missing = [name for name, value in given.items() if value is None]
     if 0 < len(missing) < len(given):
@@ -148,7 +147,7 @@ def _receivers(table: MeasuredTable, first: IntArray, index: IntArray, tx_height
         return np.full((len(first), 4), np.nan)
     heading_rad = table.angle("rx_heading", needed=True)
     columns = [table.needed({f"rx_{axis}_m": 1.0}) for axis in "xy"]
-    height_m = table.scaled({"rx_z_m": 1.0}, "z")
+    height_m = table.scaled({"rx_z_m": 1.0})
     height_m = np.full(len(index), tx_height_m) if height_m is None else height_m
     assert heading_rad is not None
     places = {"rx_x_m": columns[0], "rx_y_m": columns[1], "rx_z_m": height_m}
@@ -157,6 +156,15 @@ def _receivers(table: MeasuredTable, first: IntArray, index: IntArray, tx_height
     for name, value in named.items():
         _same_at_stops(table, name, value, first, index)
     return np.column_stack(list(named.values()))[first]
+
+
+def _clock_s(table: MeasuredTable, rx: FloatArray, first: IntArray, index: IntArray) -> FloatArray | None:
+    """Clock bias (stop,), NaN where it is not known: an empty cell, or no pose and no column; else None is 0."""
+    bias_s = table.scaled({"clock_bias_s": 1.0, "clock_bias_ns": 1e-9}, may_lack=True)
+    if bias_s is None:
+        return np.full(len(first), np.nan) if np.isnan(rx).all() else None
+    _same_at_stops(table, "clock_bias", bias_s, first, index)
+    return bias_s[first]
 
 
 def _within(table: MeasuredTable, most: float, unit: str, columns: dict[str, FloatArray]) -> None:
@@ -179,7 +187,8 @@ def _one_los(table: MeasuredTable, name: str, is_los: BoolArray | None, index: I
 
 
 def _same_at_stops(table: MeasuredTable, name: str, value: FloatArray, first: IntArray, index: IntArray) -> None:
-    other = np.flatnonzero(value != value[first][index])
+    wanted = value[first][index]
+    other = np.flatnonzero((value != wanted) & ~(np.isnan(value) & np.isnan(wanted)))
     if len(other):
         row = int(other[0])
         start = int(first[index[row]]) + 1
@@ -200,7 +209,7 @@ def _covariances(table: MeasuredTable) -> FloatArray | None:
     std: list[FloatArray] = []
     for name in names:
         if name == "delay":
-            value = table.scaled({"delay_std_s": C, "delay_std_ns": 1e-9 * C, "range_std_m": 1.0}, name)
+            value = table.scaled({"delay_std_s": C, "delay_std_ns": 1e-9 * C, "range_std_m": 1.0})
         else:
             value = table.angle(f"{name}_std")
         if value is not None:
@@ -219,7 +228,7 @@ def _covariances(table: MeasuredTable) -> FloatArray | None:
     shares = np.tile(np.eye(len(names)), (len(std[0]), 1, 1))
     for row, one in enumerate(names):
         for column, other in enumerate(names[:row]):
-            value = table.scaled({f"correlation_{other}_{one}": 1.0}, one)
+            value = table.scaled({f"correlation_{other}_{one}": 1.0})
             if value is not None:
                 shares[:, row, column] = shares[:, column, row] = value
     bad = np.flatnonzero(np.linalg.eigvalsh(shares).min(axis=1) <= 0)

@@ -40,23 +40,25 @@ class MeasuredTable:
             row = next(row for row, one in enumerate(value.tolist()) if not _is_number(one))
             raise self.wrong(row, name, value[row], "must be a number") from None
 
-    def scaled(self, units: dict[str, float], what: str) -> FloatArray | None:
-        """The one column of several units that is there, in the unit of factor 1; None where there is none."""
+    def scaled(self, units: dict[str, float], *, may_lack: bool = False) -> FloatArray | None:
+        """The one column of several units that is there, in the unit of factor 1; None where there is none.
+
+        With `may_lack` a cell may be empty (NaN).
+        """
         found = [name for name in units if name in self.columns]
         if len(found) > 1:
             raise ValueError(f"{self.file}: {found[0]}, {found[1]}: two columns for the same; leave one out")
         if not found:
             return None
         value = self.numbers(found[0])
-        bad = np.flatnonzero(~np.isfinite(value))
+        bad = np.flatnonzero(np.isinf(value) if may_lack else ~np.isfinite(value))
         if len(bad):
             raise self.wrong(int(bad[0]), found[0], value[bad[0]], "must be finite")
-        del what
         return value if units[found[0]] == 1.0 else value * units[found[0]]
 
     def needed(self, units: dict[str, float]) -> FloatArray:
         """As `scaled`, for a column that has to be there."""
-        value = self.scaled(units, "")
+        value = self.scaled(units)
         if value is None:
             wanted = " or ".join(units)
             close = get_close_matches(next(iter(units)), self.unused, n=1)
@@ -67,7 +69,7 @@ class MeasuredTable:
     def angle(self, name: str, *, needed: bool = False, most_deg: float = 360.0) -> FloatArray | None:
         """An angle in rad; `ValueError` where it is beyond `most_deg` on either side."""
         units = {f"{name}_{unit}": factor for unit, factor in ANGLE.items()}
-        value = self.needed(units) if needed else self.scaled(units, name)
+        value = self.needed(units) if needed else self.scaled(units)
         unit = "rad" if f"{name}_rad" in self.columns else "deg"
         most = most_deg * ANGLE["deg"] / ANGLE[unit]
         far = np.flatnonzero(np.abs(value if value is not None else 0.0) > most_deg * ANGLE["deg"])

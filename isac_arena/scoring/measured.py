@@ -18,6 +18,8 @@ from isac_arena.scoring.stages.poses import score_both_poses, unknown_bound
 from scenes.record import FloatArray, TextArray, concatenate, empty_record
 from scenes.scene import Scene
 
+OF_LABELS = (".ghost", ".objects_found", ".cluster_purity", ".scene_gospa")  # in keys of metrics
+
 
 def score_measured(scene: Scene, truths: Iterable[MeasuredTruth], results: CampaignResults) -> Scores:
     """Score maps, poses and shapes against the survey, the labels of the paths and the scene.
@@ -55,12 +57,22 @@ def score_measured(scene: Scene, truths: Iterable[MeasuredTruth], results: Campa
 
 
 def measured_metrics(scene: Scene, tables: ScoreTables) -> tuple[Metric, ...]:
-    """All metrics with the keys of a simulated campaign; metrics of the channel need true paths and are NaN."""
-    metrics = score_metrics(scene, tables)
-    known = [one.key == "channel.estimated_per_stop" or not one.key.startswith("channel.") for one in metrics]
+    """All metrics with the keys of a simulated campaign.
+
+    Metrics of the channel need true paths and are NaN; so are those of objects that were found where no label
+    tells which path came from which object.
+    """
+    unlabelled = not (tables.paths.object != "").any()
     return tuple(
-        one if is_known else replace(one, value=np.nan) for one, is_known in zip(metrics, known, strict=True)
+        replace(one, value=np.nan) if _is_unknown(one.key, unlabelled=unlabelled) else one
+        for one in score_metrics(scene, tables)
     )
+
+
+def _is_unknown(key: str, *, unlabelled: bool) -> bool:
+    if key.startswith("channel."):
+        return key != "channel.estimated_per_stop"
+    return unlabelled and any(part in key for part in OF_LABELS)
 
 
 def nearest_objects(scene: Scene, points_m: FloatArray, reach_m: float) -> TextArray:

@@ -284,6 +284,41 @@ def test_delays_in_another_unit_are_doubtful(tmp_path: Path, scale: float, words
     assert done.returncode == 0 and ("doubtful" in done.stdout) == bool(words) and words in done.stdout
 
 
+def test_an_unknown_clock_is_that_of_the_line_of_sight(table: pd.DataFrame, tmp_path: Path) -> None:
+    """Labels without places tell no objects: those scores are empty."""
+    late = table.drop(columns=["ip_x_m", "ip_y_m"]).assign(range_m=table["range_m"] + 5.0 + 2.0 * table["stop"])
+    places_m, told = [], []
+    for out, walk in {"none": late, "unknown": late.assign(clock_bias_ns=np.nan)}.items():
+        walk.to_csv(tmp_path / "walk.csv", index=False)
+        done = arena_here(
+            "import-paths", "walk.csv", "--scene", "campus_arena", "--out", out, *HALL_LEVEL, cwd=tmp_path
+        )
+        told.append(done.stdout)
+        assert arena_here("estimate", out, cwd=tmp_path).returncode == 0
+        assert arena_here("score", out, cwd=tmp_path).returncode == 0
+        places_m.append(stages.reopen(tmp_path / out).map_result("mapping").ips.position_m)
+    assert "lines of sight are not as long as the straight line" in told[0] and "doubtful" not in told[1]
+    scores = {one["key"]: one["value"] for one in json.loads((tmp_path / "unknown/scores.json").read_text())}
+    assert scores["slam.clock.rmse_ns"] is None and scores["mapping.objects_found.wall"] is None
+    assert scores["contours.mapping.ghosts"] is None and scores["mapping.ip_to_surface.median_m"] < 0.05
+    assert len(places_m[1]) and not np.array_equal(*places_m)
+
+
+def test_tables_without_poses_have_no_known_clock(tmp_path: Path) -> None:
+    nowhere = {name: None for name in ("rx_x_m", "rx_y_m", "rx_heading_deg")}
+    found = read(tmp_path, **nowhere)
+    assert np.isnan(found.bias_m).all() and len(found.bias_m) == 2
+    with pytest.raises(ValueError, match="row 3: clock_bias = nan: differs from row 1 of the same stop"):
+        read(tmp_path, clock_bias_ns=[1.0, 1.0, np.nan, 1.0])
+    with pytest.raises(ValueError, match="row 2: clock_bias_ns = inf: must be finite"):
+        read(tmp_path, clock_bias_ns=[1.0, np.inf, 1.0, np.inf])
+    pd.DataFrame(few(**nowhere)).dropna(axis=1).to_csv(tmp_path / "few.csv", index=False)
+    line = failure(
+        "import-paths", "few.csv", "--out", "out", "--scene", "box_room", "--clock-seed", "1", cwd=tmp_path
+    )
+    assert "--clock-seed: adds to a known clock bias; that of stop 0 is not in the file" in line
+
+
 def test_slam_needs_no_level_of_the_link(table: pd.DataFrame, tmp_path: Path) -> None:
     places_m = []
     for level_db in (0, -40, 60):
