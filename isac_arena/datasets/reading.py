@@ -81,7 +81,11 @@ class Dataset:
 
 
 class SampleStream:
-    """The stops of a data set in the order of its shards, or shuffled; every pass has another order."""
+    """The stops of a data set in the order of its shards, or shuffled; every pass has another order.
+
+    Workers of a loader are copies of this object, which all begin with pass 0: the loader's own seed, which is
+    new in each of its passes, then tells the passes apart. `torch.manual_seed` fixes it.
+    """
 
     def __init__(self, dataset: Dataset, shuffle: int | None, mixed: int) -> None:
         self.dataset, self.shuffle, self.mixed = dataset, shuffle, mixed
@@ -91,8 +95,9 @@ class SampleStream:
         return len(self.dataset)
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
-        worker, n_workers = loader_worker()
-        rng = None if self.shuffle is None else np.random.default_rng([self.shuffle, self.passes])
+        worker, n_workers, loader_seed = loader_worker()
+        seeds = [self.shuffle or 0, self.passes, loader_seed]
+        rng = None if self.shuffle is None else np.random.default_rng(seeds)
         self.passes += 1
         return self.part(worker, n_workers, rng)
 
@@ -125,11 +130,11 @@ def stream_type() -> type[SampleStream]:
     return type("TorchSampleStream", (SampleStream, torch.utils.data.IterableDataset), {"__module__": __name__})
 
 
-def loader_worker() -> tuple[int, int]:
-    """The number of this worker of torch's loader, and how many there are."""
+def loader_worker() -> tuple[int, int, int]:
+    """The number of this worker of torch's loader, how many there are, and the seed that all of them share."""
     torch = sys.modules.get("torch")
     info = None if torch is None else torch.utils.data.get_worker_info()
-    return (0, 1) if info is None else (info.id, info.num_workers)
+    return (0, 1, 0) if info is None else (info.id, info.num_workers, info.seed - info.id)
 
 
 @lru_cache(maxsize=OPEN_FILES)

@@ -1,7 +1,7 @@
 """Files that are exported, opened by the packages of their ecosystems.
 
-sigmf and evo have a Python of their own, named by PEERS_PYTHON:
-`python3 -m venv .venv/peers && .venv/peers/bin/pip install sigmf evo`. `.ci/run` makes it. Likewise
+sigmf, evo and webdataset have a Python of their own, named by PEERS_PYTHON:
+`python3 -m venv .venv/peers && .venv/peers/bin/pip install sigmf evo webdataset`. `.ci/run` makes it. Likewise
 `test_deepmimo_package.py` for deepmimo; scipy.io opens MATLAB files in `test_measured_campaign.py`.
 """
 
