@@ -99,7 +99,10 @@ def _changed(config: CampaignConfig, fields: dict[str, Any]) -> CampaignConfig:
 def bound(stage: Stage, scenes: list[SealedScene]) -> Grade | None:
     """The grade of errors at their Cramer-Rao bounds, on average; None for contours, which have none."""
     losses: dict[Stage, Callable[[SealedScene], FloatArray]] = {"channel": _channel_bound, "slam": _slam_bound}
-    return with_interval([losses[stage](sealed) for sealed in scenes]) if stage in losses else None
+    if stage not in losses:
+        return None
+    found = [one[np.isfinite(one)] for one in (losses[stage](sealed) for sealed in scenes)]
+    return with_interval([one for one in found if len(one)]) if any(map(len, found)) else None
 
 
 def _channel_bound(sealed: SealedScene) -> FloatArray:
@@ -115,11 +118,9 @@ def _channel_bound(sealed: SealedScene) -> FloatArray:
 
 
 def _slam_bound(sealed: SealedScene) -> FloatArray:
-    """Mean distance of a position at the bound of its stop alone."""
+    """Mean distance of a position at the bound of its stop alone; NaN where separable paths do not fix it."""
     unsolved = unsolved_poses([truth.stop for truth in sealed.truths])
     nothing = replace(empty_record(MapResult), poses=unsolved)
     scores = sealed.run.score(sealed.truths, CampaignResults(tuple(sealed.channel), (), nothing, nothing))
     bound_m = scores.tables.poses.position_bound_m
-    return np.asarray(
-        np.minimum(RMS_TO_MEAN * np.where(np.isfinite(bound_m), bound_m, np.inf), FARTHEST_M["slam"])
-    )
+    return np.asarray(np.minimum(RMS_TO_MEAN * bound_m, FARTHEST_M["slam"]))

@@ -27,7 +27,10 @@ INTERVALS = {
     "stops": "Intervals hold 95 % of the mean over stops. They do not tell how scenes differ: there are too few.",
     "": "One value has no interval.",
 }
-BOUND = {"slam": " The bound is that of each stop alone: methods that solve all stops together may be better."}
+BOUND = {
+    "slam": " The bound is that of each stop alone, over the stops that have one: methods that solve all stops"
+    " together may be better."
+}
 STYLE = """
 body { font: 16px/1.5 system-ui, sans-serif; margin: 2rem auto; max-width: 64rem; padding: 0 1rem; color: #1b1b1b }
 table { border-collapse: collapse; width: 100% } th, td { padding: .4rem .7rem; text-align: right }

@@ -54,7 +54,7 @@ def make(
     with progress_bar(console) as progress:
         bar = progress.add_task("scenes", total=scenes)
         make_task(spec, out, lambda _: progress.advance(bar))
-    console.print(f"publish {out / 'public'}, keep {out / SEAL}; next: arena task baselines {out}")
+    console.print(f"publish {out / 'public'}, keep {out / SEAL}; next: arena task baselines {out}", soft_wrap=True)
 
 
 @app.command("grade")
@@ -112,4 +112,4 @@ def _enter(task: Path, about: dict[str, Any], rows: Sequence[BoardRow]) -> None:
         table.add_row(row.name, row.kind, plain(row.mean), row.interval)
     console = Console(highlight=False)
     console.print(table)
-    console.print(f"leaderboard: {task / PAGE}")
+    console.print(f"leaderboard: {task / PAGE}", soft_wrap=True)

@@ -11,8 +11,9 @@ import pytest
 
 import isac_arena as ia
 from isac_arena.campaign.driver import CampaignRun
+from isac_arena.exchange.path_columns import read_columns
 from isac_arena.exchange.path_table import read_table
-from isac_arena.public_tasks import making
+from isac_arena.public_tasks import baselines, making
 from isac_arena.public_tasks.baselines import BASELINES, baseline_rows
 from isac_arena.public_tasks.board import BoardRow, enter, page, read_board
 from isac_arena.public_tasks.grading import bounce_points, channel_tables, grade, with_interval
@@ -21,7 +22,7 @@ from isac_arena.public_tasks.scenes import CLEAR_M, task_scene
 from isac_arena.public_tasks.submissions import submission_of
 from sim.observation import BeamSweep
 from sim.propagation.occlusion import sees_tx
-from tests.command_line import arena_here, failure
+from tests.command_line import ROOT, arena_here, failure
 
 ARRAY = {"rows": 1, "columns": 8, "beams_per_panel": 8}
 SMALL = {
@@ -75,14 +76,26 @@ def test_nothing_public_tells_the_truth(made: Path, sealed: list[SealedScene]) -
 
 
 @pytest.mark.parametrize("stage", ["slam", "contours"])
-def test_the_table_is_imported_into_the_hall_beside_it(made: Path, tmp_path: Path, stage: Stage) -> None:
-    folder = made / stage / "public/scene_001"
+def test_the_page_makes_a_submission_of_a_table(
+    made: Path, tmp_path: Path, stage: Stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = made / stage / "public/scene_000"
     done = arena_here(
         "import-paths", folder / "paths.csv", "--scene", folder / "hall.toml", "--out", "mine", cwd=tmp_path
     )
     assert done.returncode == 0 and "2 stops imported" in done.stdout and "doubtful" not in done.stdout, (
         done.stderr
     )
+    for command in ("estimate", "score"):
+        assert arena_here(command, "mine", cwd=tmp_path).returncode == 0
+    monkeypatch.chdir(tmp_path)
+    page_text = (ROOT / "docs/tasks.md").read_text(encoding="utf-8")
+    exec(compile(page_text.split("```python\n")[1].split("```")[0], "tasks.md", "exec"), {})
+    if stage == "slam":
+        rows = submission_of(read_columns(tmp_path / "slam.csv"), stage, N_SCENES, N_STOPS, "slam.csv")
+        assert len(rows.keys) and np.isfinite(rows.values).all()  # a stop that was not solved is left out
+    else:
+        assert (tmp_path / "contours.csv").read_text().startswith("scene,contour,x_m,y_m")
 
 
 def test_a_seal_is_that_of_its_task(made: Path, tmp_path: Path) -> None:
@@ -213,6 +226,17 @@ def test_baselines_and_the_bound_are_rows(made: Path) -> None:
     assert done.returncode == 0, done.stderr
     kinds = [row.kind for row in read_board(made / "slam")]
     assert kinds.count("baseline") == 3 and kinds.count("bound") == 1
+
+
+def test_stops_without_a_bound_are_not_in_that_of_the_task(
+    sealed: list[SealedScene], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They had the largest loss of 1 m: the bound was worse than every method."""
+    losses = iter([np.array([0.01, np.nan]), np.array([np.nan, np.nan]), np.full(2, np.nan), np.full(2, np.nan)])
+    monkeypatch.setattr(baselines, "_slam_bound", lambda _: next(losses))
+    found = baselines.bound("slam", sealed)
+    assert found is not None and found.mean == 0.01
+    assert baselines.bound("slam", sealed) is None
 
 
 def test_both_ends_see_all_around() -> None:
