@@ -176,12 +176,14 @@ def import_iq(
     from isac_arena.campaign import stages  # noqa: PLC0415
     from isac_arena.exchange.iq.importing import import_iq as import_recording  # noqa: PLC0415
 
-    found = import_recording(file, out)
+    found, doubts = import_recording(file, out)
     for stop, one in enumerate(found):
         stages.console.print(
             f"stop {stop}: starts at {1e6 * one.offset_s:.4g} us, carrier {one.cfo_hz:+.5g} Hz, sampling"
             f" {1e6 * one.drift:+.3g} ppm"
         )
+    for line in doubts:
+        stages.console.print(f"doubtful: {line}", soft_wrap=True, markup=False)
     stages.console.print(f"{len(found)} stops imported; next: arena estimate {out}")
 
 

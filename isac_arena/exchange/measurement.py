@@ -177,7 +177,7 @@ def import_measured(
     except ValueError as error:
         raise ValueError(f"{file}: {error}") from error
     is_known = all(stop.covariance is not None for stop in found.stops)
-    path_loss = options.path_loss or _unknown_level(found.stops)
+    path_loss = options.path_loss or unknown_level([stop.power_dbm for stop in found.stops])
     config = settings(name_from(file.stem), options.method, None if is_known else options.noise, path_loss)
     hall = measured_scene(file, source, config, campaign.tx, campaign.truths, first_m)
     store = CampaignStore(
@@ -202,9 +202,9 @@ def settings(name: str, method: str, noise: PathNoise | None, path_loss: PathLos
     return CampaignConfig(name=name, scene="measured", mapping=mapping, slam=SnapshotConfig.model_validate(slam))
 
 
-def _unknown_level(stops: Sequence[MeasuredStop]) -> PathLoss:
-    """Powers of lines of sight on a link whose level nobody states: a wide prior about those of the file."""
-    strongest_dbm = [stop.power_dbm.max() for stop in stops if len(stop.power_dbm)]
+def unknown_level(power_dbm: Sequence[FloatArray]) -> PathLoss:
+    """Powers of lines of sight on a link whose level nobody states: a wide prior about those of stops (path,)."""
+    strongest_dbm = [power.max() for power in power_dbm if len(power)]
     level_dbm = float(np.median(strongest_dbm) + 20 * np.log10(TYPICAL_LENGTH_M))
     width = {"std_db": LEVEL_STD_DB, "level_std_db": LEVEL_STD_DB}
     return PathLoss.model_validate({"intercept_dbm": level_dbm, "slope_db": -20.0, **width})

@@ -45,9 +45,10 @@ class RecordingConfig(ConfigModel):
     search_us: float = Field(20.0, gt=0, le=1e4, description="largest error of that time")
     largest_cfo_hz: float = Field(600e3, ge=0, le=1e7, description="largest carrier frequency offset, 0: none")
     largest_drift_ppm: float = Field(25.0, ge=0, le=200, description="largest error of the sampling rate, 0: none")
-    full_scale_dbm: float = Field(
-        0.0, ge=-300, le=100, description="calibration: power at the array of a sample of magnitude 1"
-    )
+    full_scale_dbm: float | None = Field(
+        None, ge=-300, le=100,
+        description="calibration: power at the array of a sample of magnitude 1; by default the level is unknown",
+    )  # fmt: skip
     noise_power_dbm: float | None = Field(
         None, ge=-300, le=100, description="noise in the band of the pilots; by default from unused subcarriers"
     )

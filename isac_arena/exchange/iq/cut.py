@@ -86,7 +86,7 @@ def scaled(
 
     Raises `ValueError` where the noise is not known.
     """
-    unit_mw = dbm_to_mw(config.full_scale_dbm)
+    unit_mw = dbm_to_mw(config.full_scale_dbm or 0.0)
     noise_mw = unit_mw * noise
     if config.noise_power_dbm is not None:
         noise_mw = np.full(len(noise), dbm_to_mw(config.noise_power_dbm))

@@ -21,12 +21,15 @@ from isac_arena.exchange.iq.refine import left_over
 from isac_arena.exchange.iq.samples import IqRecording, read_recording
 from isac_arena.exchange.iq.synchronise import Synchronisation, synchronise
 from isac_arena.exchange.iq.times import Pilots, SweepTimes, pilots, prefix_s, sweep_times
-from isac_arena.exchange.measurement import measured_scene
+from isac_arena.exchange.measurement import TYPICAL_LENGTH_M, measured_scene, unknown_level
 from scenes.pose import Pose
 from scenes.toml_config import read_toml, validate_config
 from sim.observation import BeamSweep
 from sim.signal.arrays.codebook import Codebook
-from sim.signal.link import make_codebook
+from sim.signal.link import line_of_sight_at_1m_dbm, make_codebook
+
+# Of the strongest beam pair over a line of sight: more is no link, less is less than reflections have.
+LEAST_OVER_DB, MOST_OVER_DB = -40.0, 10.0
 
 
 @dataclass(frozen=True)
@@ -103,8 +106,8 @@ class Receiver:
         )
 
 
-def import_iq(file: Path, out: Path) -> list[Synchronisation]:
-    """Write the campaign directory of a recording and return how every stop was synchronised.
+def import_iq(file: Path, out: Path) -> tuple[list[Synchronisation], list[str]]:
+    """Write the campaign directory of a recording; returns how every stop was synchronised, and what is doubtful.
 
     Raises `ValueError`, one line, where the file is wrong, samples are missing or cannot be synchronised, or the
     directory holds another campaign.
@@ -117,15 +120,19 @@ def import_iq(file: Path, out: Path) -> list[Synchronisation]:
     truths = [_truth(stop, index) for index, stop in enumerate(recording.stops)]
     hall = measured_scene(file, source, config, scene.tx, truths, scene.walk.positions_m()[0])
     names = [[file.parent / name for name in stop.files] for stop in recording.stops]
+    first = _named(file, 0, receiver, names[0])
+    if recording.full_scale_dbm is None:
+        config = _with_unknown_level(config, document, first.sweep)
     store = CampaignStore(
         directory=out, config=config, scene_text=hall.text, measured=_origin(file, names), scene_files=hall.files
     )
-    found, is_new = [], not out.is_dir() or not any(out.iterdir())
+    found, over_db, is_new = [], [], not out.is_dir() or not any(out.iterdir())
     try:
         with one_run(out), recorded_run(out), swapped_in(store) as beside:
             beside.open_for_writing()
             for truth, files in zip(truths, names, strict=True):
-                one = _named(file, truth.stop, receiver, files)
+                one = _named(file, truth.stop, receiver, files) if truth.stop else first
+                over_db.append(_over_free_space_db(config, one.sweep, truth.rx_pose))
                 beside.write_truth(truth)
                 beside.write_sweep(one.sweep)
                 found.append(one.synchronisation)
@@ -135,7 +142,41 @@ def import_iq(file: Path, out: Path) -> list[Synchronisation]:
         if is_new:  # another recording file is another campaign
             shutil.rmtree(out, ignore_errors=True)
         raise
-    return found
+    return found, [] if recording.full_scale_dbm is None else _doubts(float(np.median(over_db)))
+
+
+def _strongest_dbm(sweep: BeamSweep) -> float:
+    """Power in the strongest beam pair."""
+    return 10 * float(np.log10(np.mean(np.abs(sweep.samples) ** 2, axis=2).max()))
+
+
+def _with_unknown_level(config: CampaignConfig, document: dict[str, Any], sweep: BeamSweep) -> CampaignConfig:
+    """Settings for samples without calibration: a wide prior about the powers of a sweep, where none is given."""
+    level = unknown_level([np.array([_strongest_dbm(sweep)])])
+    slam, channel = config.slam, config.channel
+    if "path_loss" not in document.get("slam", {}):
+        slam = slam.model_copy(update={"path_loss": level})
+    if "los" not in document.get("channel", {}):
+        stated = {"power_at_1m_dbm": level.intercept_dbm, "tolerance_db": level.std_db}
+        channel = channel.model_copy(update={"los": channel.los.model_copy(update=stated)})
+    return config.model_copy(update={"slam": slam, "channel": channel})
+
+
+def _over_free_space_db(config: CampaignConfig, sweep: BeamSweep, rx_pose: Pose) -> float:
+    """Power in the strongest beam pair over that of a line of sight, of usual length where the pose is unknown."""
+    length_m = float(np.linalg.norm(rx_pose.position_m - sweep.tx_pose.position_m))
+    length_m = max(length_m, 1.0) if np.isfinite(length_m) else TYPICAL_LENGTH_M
+    return _strongest_dbm(sweep) - line_of_sight_at_1m_dbm(config) + 20 * float(np.log10(length_m))
+
+
+def _doubts(over_db: float) -> list[str]:
+    if LEAST_OVER_DB < over_db < MOST_OVER_DB:
+        return []
+    where = "above" if over_db > 0 else "below"
+    return [
+        f"the strongest beam pairs are {abs(over_db):.0f} dB {where} a line of sight of [link]: look at"
+        " full_scale_dbm and tx_power_dbm; without full_scale_dbm the level counts as unknown"
+    ]
 
 
 def _named(file: Path, stop: int, receiver: Receiver, files: list[Path]) -> RecordedSweep:

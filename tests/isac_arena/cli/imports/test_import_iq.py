@@ -113,6 +113,18 @@ def test_without_poses_there_is_slam_alone(recorded: Path) -> None:
     assert len(run.slam.poses.stop) == 2
 
 
+def test_a_level_is_stated_or_unknown(recorded: Path) -> None:
+    """Samples of the right level; 40 dB too strong; of no stated level, which SLAM takes from them."""
+    for out, changes in (("right", {"full_scale_dbm": 0.0}), ("strong", {"full_scale_dbm": 40.0}), ("none", {})):
+        recording_file(recorded, stops_of(recorded), **KNOWN, **changes)
+        told = done(recorded, "import-iq", "recording.toml", "--out", out)
+        assert ("doubtful: the strongest beam pairs are" in told) == (out == "strong")
+    right, none = (open_campaign(recorded / out).config for out in ("right", "none"))
+    assert (right.slam.path_loss.level_std_db, none.slam.path_loss.level_std_db) == (3.0, 10.0)
+    assert abs(none.slam.path_loss.intercept_dbm - right.slam.path_loss.intercept_dbm) < 10.0
+    assert none.channel.los.power_at_1m_dbm == none.slam.path_loss.intercept_dbm
+
+
 @pytest.mark.parametrize(
     ("changes", "told"),
     [
