@@ -1,4 +1,4 @@
-"""Every setting of campaign, scene and sweep files, from the schemas that check them."""
+"""Every setting of campaign, scene, sweep, data set and recording files, from the schemas that check them."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -6,14 +6,19 @@ from functools import cache
 from typing import Any
 
 from isac_arena.campaign.config import CampaignConfig
+from isac_arena.datasets.config import DatasetConfig
+from isac_arena.exchange.iq.config import RecordingFile
 from isac_arena.sweep.config import SweepConfig
 from scenes.config import SceneConfig
 from scenes.toml_config import ConfigModel
 
-FILES: dict[str, type[ConfigModel]] = {"campaign": CampaignConfig, "scene": SceneConfig, "sweep": SweepConfig}
+FILES: dict[str, type[ConfigModel]] = {
+    "campaign": CampaignConfig, "scene": SceneConfig, "sweep": SweepConfig, "dataset": DatasetConfig,
+    "recording": RecordingFile,
+}  # fmt: skip
 UNITS = {
     "_s_m": "S/m", "_m2": "m²", "_dbm": "dBm", "_db": "dB", "_deg": "deg", "_ghz": "GHz", "_khz": "kHz",
-    "_hz": "Hz", "_ns": "ns", "_ppm": "ppm", "_deg_s": "deg/s", "_m_s": "m/s",
+    "_hz": "Hz", "_ns": "ns", "_us": "us", "_ppm": "ppm", "_deg_s": "deg/s", "_m_s": "m/s",
     "_m": "m", "_s": "s",
 }  # fmt: skip
 LIMITS = {"minimum": "≥", "exclusiveMinimum": ">", "maximum": "≤", "exclusiveMaximum": "<"}
@@ -64,7 +69,7 @@ class SettingTable:
 
 
 def setting_tables(file: str) -> list[SettingTable]:
-    """All tables of a kind of file: 'campaign', 'scene' or 'sweep'. A table of several types has an entry each."""
+    """All tables of a kind of file, one of `FILES`. A table of several types has an entry each."""
     schema = _schema(file)
     return list(_tables(schema, schema, "", {}, is_optional=False))
 
@@ -125,7 +130,8 @@ def _tables(
             rows.append(_setting(name, field, default))
     about = " ".join(node.get("description", "").partition("\n\n")[0].split())
     rows.sort(key=lambda row: row.name != "name")
-    yield SettingTable((heading,) if heading else (), about, tuple(rows), is_optional)
+    if heading or rows:
+        yield SettingTable((heading,) if heading else (), about, tuple(rows), is_optional)
     for part, place, given, off in inner:
         yield from _tables(root, part, place, given, is_optional=off)
 

@@ -96,7 +96,9 @@ def new_estimator(
 def settings(
     table: Annotated[
         str | None,
-        typer.Argument(help="Kind of file (campaign, scene, sweep), or one of its tables: channel.los."),
+        typer.Argument(
+            help="Kind of file (campaign, scene, sweep, dataset, recording), or one of its tables: channel.los."
+        ),
     ] = None,
     out: Annotated[Path | None, typer.Option(help="Write the whole page as Markdown to this file.")] = None,
 ) -> None:
@@ -119,7 +121,7 @@ def settings(
         known = ", ".join(
             dict.fromkeys(name for file in FILES for one in merged_tables(file) for name in one.names)
         )
-        raise ValueError(f"table = '{table}': must be campaign, scene, sweep or one of {known}")
+        raise ValueError(f"table = '{table}': must be {', '.join(FILES)} or one of {known}")
     for one in shown:
         rows = Table(
             "setting", "default", "unit", "allowed", "what it does", title=Text(one.title), title_justify="left"

@@ -33,9 +33,9 @@ class RandomScenesConfig(ConfigModel):
 class SplitsConfig(ConfigModel):
     """Shares of the scenes: all stops of a scene are in one split."""
 
-    train: Share = 0.8
-    validation: Share = 0.1
-    test: Share = 0.1
+    train: Share = Field(0.8, description="share of the scenes to learn from")
+    validation: Share = Field(0.1, description="share of the scenes to choose by")
+    test: Share = Field(0.1, description="share of the scenes to report on")
 
     @model_validator(mode="after")
     def _sum_to_one(self) -> Self:

@@ -53,3 +53,9 @@ class RecordingConfig(ConfigModel):
         None, ge=-300, le=100, description="noise in the band of the pilots; by default from unused subcarriers"
     )
     refine: bool = Field(True, description="refine frequency and drift with fitted paths")
+
+
+class RecordingFile(ConfigModel):
+    """What a campaign file holds more for `arena import-iq`."""
+
+    recording: RecordingConfig

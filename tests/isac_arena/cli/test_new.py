@@ -115,6 +115,8 @@ def test_the_library_and_the_settings_are_listed(tmp_path: Path) -> None:
     shown = arena_here("campaign", "show", "box_room").stdout
     assert 'scene = "box_room"' in shown and "4 receiver stops" in shown
     assert "tolerance_db" in arena_here("settings", "channel.los").stdout
-    assert "table = 'chanel': must be campaign, scene, sweep or one of" in failure("settings", "chanel")
+    assert "table = 'chanel': must be campaign, scene, sweep, dataset, recording or one of" in failure(
+        "settings", "chanel"
+    )
     assert arena_here("settings", "--out", tmp_path / "page.md").returncode == 0
     assert (tmp_path / "page.md").read_text() == settings_page()
