@@ -11,6 +11,7 @@ Whoever has the seal can show later that it is the one of the task: its hash is 
 
 import io
 import json
+import shutil
 import tarfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -50,7 +51,7 @@ from sim.truth import Truth
 
 Stage = Literal["channel", "slam", "contours"]
 TASK_STAGES: tuple[Stage, ...] = get_args(Stage)
-SEAL, ABOUT = "seal.tar", "task.json"
+SEAL, ABOUT, UNFINISHED = "seal.tar", "task.json", ".public"
 UNKNOWN_M = 1000.0  # half the side of a hall that is not known
 N_ROOMS = 50  # rooms tried for a scene
 # An object has a point a stop, and methods need five points near one another to tell an object from clutter.
@@ -106,6 +107,8 @@ def make_task(spec: TaskSpec, out: Path, tell: Callable[[int], None] = lambda _:
     with one_run(out), one_thread():
         if any(not one.name.startswith(".") for one in out.iterdir()):
             raise ValueError(f"--out = {out}: holds other files; choose an empty or a new directory")
+        public = out / UNFINISHED
+        shutil.rmtree(public, ignore_errors=True)  # of a command that was ended
         with complete_file(out / SEAL) as partial, tarfile.TarFile(partial, "w") as seal:
             for number in range(spec.n_scenes):
                 sealed = _simulated(spec, number)
@@ -113,11 +116,12 @@ def make_task(spec: TaskSpec, out: Path, tell: Callable[[int], None] = lambda _:
                     member = tarfile.TarInfo(name)
                     member.size = len(content)
                     seal.addfile(member, io.BytesIO(content))
-                _observe(sealed, spec.stage, out / "public" / f"scene_{number:03d}")
+                _observe(sealed, spec.stage, public / f"scene_{number:03d}")
                 tell(number)
         about = {**spec.__dict__, "settings": SETTINGS, "seal_sha256": file_digest(out / SEAL)}
         about.pop("seed")  # the truth follows from it
-        write_json(out / "public" / ABOUT, about)
+        write_json(public / ABOUT, about)
+        public.rename(out / "public")
 
 
 def read_task(directory: Path) -> tuple[dict[str, Any], list[SealedScene]]:

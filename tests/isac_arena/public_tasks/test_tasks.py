@@ -98,6 +98,22 @@ def test_the_page_makes_a_submission_of_a_table(
         assert (tmp_path / "contours.csv").read_text().startswith("scene,contour,x_m,y_m")
 
 
+def test_an_interrupted_command_is_given_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It left half of the observations, and was then refused because of them."""
+
+    def interrupt(number: int) -> None:
+        if number:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(making, "SETTINGS", SMALL)
+    spec = TaskSpec("a task", "pillar", "channel", N_SCENES, 1, 5)
+    with pytest.raises(KeyboardInterrupt):
+        make_task(spec, tmp_path, interrupt)
+    assert not (tmp_path / "public").exists() and not (tmp_path / "seal.tar").exists()
+    make_task(spec, tmp_path)
+    assert {one.name for one in (tmp_path / "public").iterdir()} == {"task.json", "scene_000", "scene_001"}
+
+
 def test_a_seal_is_that_of_its_task(made: Path, tmp_path: Path) -> None:
     again = tmp_path / "again"
     with pytest.MonkeyPatch.context() as patch:
