@@ -26,7 +26,9 @@ LEVEL_STEP_RAD = np.deg2rad(1.0)  # between the searched elevations
 REACH_CELLS = 2.0  # of azimuth to either side of the path's own
 SCAN_PER_CELL = 16.0  # azimuths per Rayleigh cell
 LEAST_LOG_WEIGHT = -5.0  # relative to the best mode, below which a mode does not count
-MODEL_ERROR = 3e-3  # share of a path's power that beam models do not explain
+MODEL_ERROR = (
+    3e-3  # share of a path's power that beam models do not explain: the darkest pairs with it are left out
+)
 APART = 3.0  # least distance of two modes in standard deviations
 
 
@@ -73,15 +75,20 @@ def _modes(
     std = np.sqrt(np.einsum("iaia->ia", path_covariance(information)))[:, :-2]
     found = []
     for path in range(len(paths)):
-        others = np.delete(paths, path, axis=0)
-        beside = local.with_fixed(ends, others) if len(others) else local
-        places, values = [paths[path]], [at.value]
-        for start in _starts(ends, paths[path]):
+        own, others = paths[[path]], np.delete(paths, path, axis=0)
+        places, values = [own[0]], [at.value]
+        starts = _starts(ends, own[0])
+        if len(starts):
+            bright = ends.bright_pairs(np.concatenate([own, starts]), 1 - MODEL_ERROR / 100)
+            beside = local.of_pairs(bright)
+            beside = beside.with_fixed(ends, others, own[:, 0]) if len(others) else beside
+            elsewhere = at.value - log_likelihood_gradient(beside, ends, own).value
+        for start in starts:
             mode, then, is_near = maximise_likelihood(beside, ends, start[None])
             is_apart = (np.abs(_offset(mode, paths[path])[0, :-2]) > APART * std[path]).any()
             if is_near and is_apart and ends.in_sight(mode).all():
                 places.append(mode[0])
-                values.append(then.value)
+                values.append(then.value + elsewhere)
         found.append((np.array(places), np.array(values)))
     return found
 

@@ -30,6 +30,7 @@ from scenes.record import BoolArray, ComplexArray, FloatArray, IntArray
 _OUTSIDE_RAD = np.deg2rad(3.0)  # outside the directions that the beams cover: paths there are rejected
 REACH_BINS = 1.0  # around the delay of every path, in which its wave is in the compressed span
 _NODES = 6  # waves that span all waves of a reach to 1e-6
+_NARROW_NODES = 10  # to 1e-10: likelihoods with fixed paths are compared with those of all paths
 _RANK_TOLERANCE = 1e-10  # of the power of the strongest combination of waves
 _TABLE_POINTS = 4000
 MOST_STEPS = 30
@@ -81,6 +82,15 @@ class LinkBeams:
         energy = np.square(np.abs(self.amplitudes(paths)))
         return np.asarray(energy / np.maximum(energy.sum(axis=0), 1e-300))
 
+    def bright_pairs(self, paths: FloatArray, least: float) -> BoolArray:
+        """Mask (pair,) of the brightest beam pairs that hold at least this share of the energy of every path."""
+        share = self.energy_shares(paths)
+        order = np.argsort(-share, axis=0, kind="stable")
+        ranked = np.take_along_axis(share, order, axis=0)
+        bright: BoolArray = np.zeros(len(share), bool)
+        bright[order[np.cumsum(ranked, axis=0) - ranked < least]] = True
+        return bright
+
     def known_phase_shares(self, paths: FloatArray, n_bins: int) -> FloatArray:
         """Share (path,) of every path's energy in beam pairs whose phases the other paths determine.
 
@@ -120,6 +130,15 @@ class LinkBeams:
 
 
 @dataclass(frozen=True)
+class FixedPaths:
+    """The signal of fixed paths in the basis of others, its inner product with the samples, and its energy."""
+
+    signal: ComplexArray  # (rank, pair)
+    inner: ComplexArray  # (pair,)
+    energy: FloatArray  # (pair,)
+
+
+@dataclass(frozen=True)
 class LocalSamples:
     """Samples near the delays of some paths in a basis of their span, and the beam pairs of these samples."""
 
@@ -130,11 +149,31 @@ class LocalSamples:
     basis: FloatArray  # (bin, rank), orthonormal
     bins: IntArray  # (bin,)
     n_bins: int
-    fixed: ComplexArray | None = None  # (rank, pair), the signal of further, fixed paths
+    fixed: FixedPaths | None = None
 
-    def with_fixed(self, ends: LinkBeams, paths: FloatArray) -> LocalSamples:
-        """The samples with these paths (path, parameter) fixed."""
-        return replace(self, fixed=self.signal(ends, paths))
+    def of_pairs(self, chosen: BoolArray) -> LocalSamples:
+        """The samples of the pairs in a mask (pair,) of all pairs."""
+        kept = chosen[self.pair]
+        return replace(
+            self,
+            samples=np.ascontiguousarray(self.samples[:, kept]),
+            pair=self.pair[kept],
+            tx_beam=self.tx_beam[kept],
+            rx_beam=self.rx_beam[kept],
+        )
+
+    def with_fixed(self, ends: LinkBeams, paths: FloatArray, delay_bins: FloatArray) -> LocalSamples:
+        """The samples with these paths (path, parameter) fixed, for others near `delay_bins` (path,).
+
+        The basis spans only the waves of the others: products of the fixed paths with the samples are made once.
+        """
+        signal = self.signal(ends, paths)
+        waves, _ = delay_waves(self.bins, _nodes(delay_bins, _NARROW_NODES), self.n_bins)
+        turn = np.linalg.qr(self.basis.T @ waves)[0]
+        narrow, samples = ((turn.T @ part.view(float)).view(complex) for part in (signal, self.samples))
+        inner = np.einsum("rp,rp->p", signal.conj(), self.samples)
+        fixed = FixedPaths(narrow, inner, np.square(np.abs(signal)).sum(axis=0))
+        return replace(self, samples=samples, basis=self.basis @ turn, fixed=fixed)
 
     def signal(self, ends: LinkBeams, paths: FloatArray) -> ComplexArray:
         """Signal (rank, pair) of paths (path, parameter), without the pairs' phases."""
@@ -161,14 +200,18 @@ def local_samples(
 
     `window` (pair, bin) are the samples of all pairs at the delay `bins`.
     """
-    nodes = (delay_bins[:, None] + REACH_BINS * chebpts1(_NODES)).ravel()
-    waves, _ = delay_waves(bins, nodes, spectrum.n_bins)
+    waves, _ = delay_waves(bins, _nodes(delay_bins, _NODES), spectrum.n_bins)
     power, turn = np.linalg.eigh(waves.T @ waves)
     kept = power > _RANK_TOLERANCE * power[-1]
     basis = waves @ (turn[:, kept] / np.sqrt(power[kept]))
     samples = (window[pairs] @ basis.astype(np.complex64)).T.astype(complex, order="C")
     tx_beam, rx_beam = np.divmod(pairs, len(spectrum.noise_mw))
     return LocalSamples(samples, pairs, tx_beam, rx_beam, basis, bins, spectrum.n_bins)
+
+
+def _nodes(delay_bins: FloatArray, n: int) -> FloatArray:
+    """Delays whose waves, `n` for each, span all within `REACH_BINS` of delays in bins."""
+    return np.asarray((delay_bins[:, None] + REACH_BINS * chebpts1(n)).ravel())
 
 
 def log_likelihood_gradient(
@@ -226,9 +269,9 @@ def _products(local: LocalSamples, ends: LinkBeams, paths: FloatArray) -> _Produ
     inner = np.einsum("ip,ip->p", amplitude.conj(), matched[:n])
     snr = np.einsum("ip,ip->p", amplitude.conj(), sent[:n]).real
     if local.fixed is not None:
-        cross = (waves.T @ local.fixed.view(float)).view(complex)
-        inner += np.einsum("rp,rp->p", local.fixed.conj(), local.samples)
-        snr += np.square(np.abs(local.fixed)).sum(axis=0)
+        cross = (waves.T @ local.fixed.signal.view(float)).view(complex)
+        inner += local.fixed.inner
+        snr += local.fixed.energy
         snr += 2 * np.einsum("ip,ip->p", amplitude.conj(), cross[:n]).real
         sent += cross
     return _Products(tx, rx, amplitude, gram, matched, sent, inner, np.maximum(snr, 0.0))

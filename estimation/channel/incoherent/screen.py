@@ -85,8 +85,15 @@ class Screen:
         n_tx, n_rx, n = value.shape
         amplitude = np.empty((n_tx, n_rx, 2, n - 1), np.float32)
         cell_amplitudes(value, (1 / np.sqrt(noise_mw)).astype(np.float32), sign, amplitude)
-        half = (self.tx_weight @ amplitude.reshape(n_tx, -1)).reshape(-1, n_rx, 2 * (n - 1))
-        level, place = column_maxima((self.rx_weight @ half).reshape(-1, 2 * (n - 1)))
+        n_delays, (tx, rx) = 2 * (n - 1), (len(self.tx_weight), len(self.rx_weight))
+        # First the end whose product with all samples, and that of the other end after it, take fewer operations.
+        if rx * n_tx * (n_rx + tx) < tx * n_rx * (n_tx + rx):
+            half = self.rx_weight @ amplitude.reshape(n_tx, n_rx, n_delays)
+            summed = self.tx_weight @ half.reshape(n_tx, -1)
+        else:
+            half = self.tx_weight @ amplitude.reshape(n_tx, -1)
+            summed = self.rx_weight @ half.reshape(tx, n_rx, n_delays)
+        level, place = column_maxima(summed.reshape(-1, n_delays))
         return _interleaved(level / _NOISE_STD), _interleaved(place)
 
     def all_levels(self, spectrum: DelaySpectrum) -> tuple[FloatArray, IntArray]:

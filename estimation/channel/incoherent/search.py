@@ -308,7 +308,7 @@ class IncoherentSearch:
             return rest, float(likelihood_without(self.local, self.ends, paths, np.array([path]))[0])
         near = np.delete(near, path)
         rest[near], then, _ = maximise_likelihood(
-            self.local.with_fixed(self.ends, rest[~near]), self.ends, rest[near]
+            self.local.with_fixed(self.ends, rest[~near], rest[near, 0]), self.ends, rest[near]
         )
         return rest, then.value
 

@@ -190,11 +190,22 @@ def test_cell_amplitudes_and_column_maxima():
 def test_fixed_paths_count_like_fitted_ones(stop):
     _, _, ends, local = stop
     whole = log_likelihood_gradient(local, ends, PATHS)
-    beside = log_likelihood_gradient(local.with_fixed(ends, PATHS[1:]), ends, PATHS[:1])
+    beside = log_likelihood_gradient(local.with_fixed(ends, PATHS[1:], PATHS[:1, 0]), ends, PATHS[:1])
     assert beside.value == pytest.approx(whole.value, rel=1e-9)
     assert beside.pair_snr == pytest.approx(whole.pair_snr, rel=1e-9)
     assert beside.gradient == pytest.approx(whole.gradient[:5], rel=1e-6, abs=1e-6 * np.abs(whole.gradient).max())
     assert beside.information == pytest.approx(whole.information[:5, :5], rel=1e-6, abs=1e-6)
+
+
+def test_the_brightest_pairs_hold_most_of_every_path(stop):
+    _, _, ends, local = stop
+    share = ends.energy_shares(PATHS)
+    bright = ends.bright_pairs(PATHS, 0.9)
+    assert (share[bright].sum(axis=0) >= 0.9).all() and 0 < bright.sum() < len(bright)
+    strongest = ends.bright_pairs(PATHS[:1], 0.9)
+    assert share[strongest, 0].min() >= share[~strongest, 0].max()
+    whole, some = (log_likelihood_gradient(part, ends, PATHS) for part in (local, local.of_pairs(bright)))
+    np.testing.assert_allclose(some.pair_value, whole.pair_value[bright[local.pair]], rtol=1e-9)
 
 
 def test_the_likelihood_without_a_path_is_that_of_the_others(stop):
