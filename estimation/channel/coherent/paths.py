@@ -314,8 +314,7 @@ def _new_paths(
     """Paths in the residual above their level and a share of the strongest; doubtful ones are refined first."""
     if room <= 0:
         return no_paths(search.sweep)
-    peaks = search.peaks(reference.parts, SCALLOPING * window.level)
-    peaks = peaks.take(np.abs(peaks.value) >= share * np.abs(peaks.value).max(initial=0.0))
+    peaks = search.peaks(reference.parts, SCALLOPING * window.level, share)
     peaks = without_side_lobes(peaks, search.grids, SIDE_LOBE_MARGIN, room)
     places = search.paths(peaks)
     level = window.level_at(places)

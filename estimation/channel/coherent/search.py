@@ -7,13 +7,13 @@ from functools import lru_cache
 
 import numpy as np
 
+from estimation.channel.coherent.spectrum import cell_power, local_maxima, times, with_neighbours
 from estimation.channel.model.alike import alike_directions, padded_rows
 from estimation.channel.model.compress import CompressedSweep
 from estimation.channel.model.kernels import dirichlet
 from estimation.channel.model.manifold import CELL, Manifold
 from estimation.channel.model.path_model import PathParameters, no_paths, response_energies, responses
 from estimation.channel.model.turns import SweepTurns
-from estimation.execution import compiled
 from scenes.record import BoolArray, ComplexArray, FloatArray, IntArray
 
 NEIGHBOUR_COHERENCE = 0.5  # of directions about half a resolution cell apart: grid neighbours
@@ -21,7 +21,8 @@ CLOSE_BINS = 1.5
 FILTER_REACH_BINS = 24  # of the response between two bins that is summed: 99.2 % of its energy
 BINS_AT_ONCE = 64
 USUAL = 0.9  # of the directions have smaller rates of turns than that taken for all
-CELLS_AT_ONCE = 1 << 17  # spectrum cells held at a time
+CELLS_AT_ONCE = 1 << 18  # spectrum cells held at a time
+ROUNDING = 1e-3  # of powers in single precision
 
 
 @dataclass(frozen=True)
@@ -92,26 +93,38 @@ class SpectrumSearch:
         apart, weight = (sweep.position - sweep.position[0]).tobytes(), sweep.weight.tobytes()
         self._between = [_matched_delays(apart, weight, part, sweep.n_subcarriers) for part in parts[1:]]
         self.turns = searched_turns(sweep.turns, grids, oversampling)
+        (tx, n_tx), (rx, n_rx) = (grid.matched.shape for grid in grids)
+        # The end whose product with all samples, and that of the other end after it, take fewer operations.
+        self._rx_first = rx * n_tx * (n_rx + tx) < tx * n_rx * (n_tx + rx)
 
-    def peaks(self, parts: FloatArray, level: float) -> SpectrumPeaks:
-        """Local maxima above `level` of the spectrum of samples given as parts (part, tx_rank, rx_rank, bin).
+    def peaks(self, parts: FloatArray, level: float, share: float = 0.0) -> SpectrumPeaks:
+        """Local maxima of the spectrum of samples given as parts (part, tx_rank, rx_rank, bin), strongest first.
 
-        The spectrum is the power of a path at each place in units of the noise, computed a few delays at a time.
+        They are above `level`, and have at least this `share` of the largest amplitude. The spectrum is the power
+        of a path at each place in units of the noise. It is computed a few delays at a time, and with a share only
+        where it may be large enough: no direction has more power than all samples of a delay together.
         """
-        tx, rx = self.grids
-        fine, n_delays = self._delay_filtered(parts), len(self._delay_bins)
-        n_at_once = max(8, CELLS_AT_ONCE // (len(tx.angle_rad) * len(rx.angle_rad)))
+        fine, (first, second) = self._delay_filtered(parts), self._in_order
+        n_at_once = max(8, CELLS_AT_ONCE // (len(first.angle_rad) * len(second.angle_rad)))
+        needed = np.arange(fine.shape[2])
+        if share:
+            most = cell_power(fine).sum(axis=(0, 1))
+            strong = self._strongest_turn(fine[..., [most.argmax()]])[1].max()
+            level = max(level, share**2 * float(strong))
+            needed = np.flatnonzero(with_neighbours(most * (1 + ROUNDING) >= level))
         found = []
-        for start in range(0, n_delays, n_at_once):
-            low, high = max(0, start - 1), min(n_delays, start + n_at_once + 1)
-            real, imaginary, power, best = self._strongest_turn(np.ascontiguousarray(fine[..., low:high]))
-            i, j, d = _local_maxima(power, tx.neighbour, rx.neighbour, np.float32(level)).T
+        for start in range(0, len(needed), n_at_once):
+            low, high = max(0, start - 1), min(len(needed), start + n_at_once + 1)
+            value, power, best = self._strongest_turn(np.ascontiguousarray(fine[..., needed[low:high]]))
+            i, j, d = local_maxima(power, first.neighbour, second.neighbour, np.float32(level)).T
             inside = (d + low >= start) & (d + low < start + n_at_once)
             i, j, d = i[inside], j[inside], d[inside]
-            value = real[i, j, d] + 1j * imaginary[i, j, d].astype(float)
             turns = self.turns[best[i, j, d]] if best is not None else np.zeros((len(i), 0))
-            found.append(SpectrumPeaks(i, j, self._delay_bins[d + low], value, turns))
-        peaks = _joined(found)
+            tx, rx = (j, i) if self._rx_first else (i, j)
+            delay_bins = self._delay_bins[needed[d + low]]
+            found.append(SpectrumPeaks(tx, rx, delay_bins, value[i, j, d].astype(complex), turns))
+        peaks = _joined(found) if found else _no_peaks(self.turns)
+        peaks = peaks.take(np.abs(peaks.value) >= share * np.abs(peaks.value).max(initial=0.0))
         return peaks.take(np.argsort(-np.abs(peaks.value), kind="stable"))
 
     def paths(self, peaks: SpectrumPeaks) -> PathParameters:
@@ -135,33 +148,45 @@ class SpectrumSearch:
             origin.append(row)
         return _joined(found), np.concatenate(origin)
 
-    def _strongest_turn(self, fine: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, IntArray | None]:
-        """Real and imaginary part and power (tx, rx, delay) of the spectrum, largest over the searched turns.
+    @property
+    def _in_order(self) -> tuple[DirectionGrid, DirectionGrid]:
+        """The grids in the order in which the axes of a spectrum are."""
+        return self.grids[::-1] if self._rx_first else self.grids
 
-        The last result is the number of the turns (tx, rx, delay), None if none are searched.
+    def _strongest_turn(self, fine: ComplexArray) -> tuple[ComplexArray, FloatArray, IntArray | None]:
+        """Spectrum (direction, direction, delay) and its power, largest over the searched turns.
+
+        The last result is the number of the turns (direction, direction, delay), None if none are searched.
         """
         turns = self.sweep.turns
         if turns is None:
-            real, imaginary = _spectrum(fine, *self.grids)
-            return real, imaginary, real * real + imaginary * imaginary, None
-        samples = fine[0] + 1j * fine[1]
-        largest: tuple[FloatArray, FloatArray, FloatArray, IntArray] | None = None
+            value = self._spectrum(fine)
+            return value, cell_power(value), None
+        largest: tuple[ComplexArray, FloatArray, IntArray] | None = None
         for number, turn in enumerate(self.turns):
             tx, rx = (turns.wave(turn[None], is_tx=is_tx)[0].conj() for is_tx in (True, False))
-            back = samples * (tx[:, None] * rx).astype(np.complex64)[..., None]
-            real, imaginary = _spectrum(np.stack([back.real, back.imag]), *self.grids)
-            power = real * real + imaginary * imaginary
+            value = self._spectrum(fine * (tx[:, None] * rx).astype(np.complex64)[..., None])
+            power = cell_power(value)
             if largest is None:
-                largest = real, imaginary, power, np.zeros(power.shape, np.int64)
+                largest = value, power, np.zeros(power.shape, np.int64)
                 continue
-            more = power > largest[2]
-            for kept, new in zip(largest, (real, imaginary, power, number), strict=True):
-                np.copyto(kept, new, where=more, casting="same_kind")
+            more = power > largest[1]
+            for kept, new in zip(largest[:2], (value, power), strict=True):
+                np.copyto(kept, new, where=more)
+            largest[2][more] = number
         assert largest is not None
         return largest
 
-    def _delay_filtered(self, parts: FloatArray) -> FloatArray:
-        """Samples (part, tx_rank, rx_rank, delay) matched to all delays of the grid."""
+    def _spectrum(self, fine: ComplexArray) -> ComplexArray:
+        """Filter output (direction, direction, delay) of samples (tx_rank, rx_rank, delay), axes `_in_order`."""
+        first, second = (grid.matched for grid in self._in_order)
+        samples = fine.swapaxes(0, 1) if self._rx_first else fine
+        n, _, n_delays = samples.shape
+        beams = times(first, np.ascontiguousarray(samples).reshape(n, -1))
+        return times(second, beams.reshape(len(first), -1, n_delays))
+
+    def _delay_filtered(self, parts: FloatArray) -> ComplexArray:
+        """Samples (tx_rank, rx_rank, delay) matched to all delays of the grid."""
         n_bins = parts.shape[3]
         rows = parts.reshape(-1, n_bins)
         fine: FloatArray = np.empty((len(rows), n_bins, 1 + len(self._between)), np.float32)
@@ -171,7 +196,8 @@ class SpectrumSearch:
             near = slice(max(0, start - FILTER_REACH_BINS), end + FILTER_REACH_BINS)
             for k, matched in enumerate(self._between):
                 fine[:, start:end, k + 1] = rows[:, near] @ matched[near, start:end]
-        return np.asarray(fine.reshape(*parts.shape[:3], -1))
+        real, imaginary = fine.reshape(*parts.shape[:3], -1)
+        return np.asarray(real + 1j * imaginary)
 
 
 def searched_turns(
@@ -237,57 +263,6 @@ def _matched_delays(apart: bytes, weight: bytes, part: float, n_subcarriers: int
     return np.asarray((response / np.linalg.norm(response, axis=1, keepdims=True)).T.astype(np.float32))
 
 
-def _spectrum(fine: FloatArray, tx: DirectionGrid, rx: DirectionGrid) -> FloatArray:
-    """Filter output (part, tx direction, rx direction, delay) of samples (part, tx_rank, rx_rank, delay)."""
-    _, n_tx, n_rx, n_delays = fine.shape
-    beams = _times(tx.matched, fine.reshape(2, n_tx, -1)).reshape(2, len(tx.matched), n_rx, n_delays)
-    return _times(rx.matched, beams)
-
-
-def _times(matched: ComplexArray | FloatArray, parts: FloatArray) -> FloatArray:
-    """Product of a matrix with samples, both the samples and the result as parts along the first axis."""
-    if not np.iscomplexobj(matched):
-        return np.asarray(matched @ parts)
-    real, imaginary = matched.real.copy(), matched.imag.copy()
-    product = np.asarray(real @ parts)
-    product[0] -= imaginary @ parts[1]
-    product[1] += imaginary @ parts[0]
-    return product
-
-
-@compiled
-def _local_maxima(
-    power: FloatArray, tx_neighbour: IntArray, rx_neighbour: IntArray, level: np.float32
-) -> IntArray:
-    """Cells (peak, 3) of power (tx, rx, delay) over `level` that no neighbour exceeds; of equal ones the first."""
-    n_tx, n_rx, n_delays = power.shape
-    cells = []
-    for i in range(n_tx):
-        for j in range(n_rx):
-            row = power[i, j]
-            for d in range(n_delays):
-                if row[d] <= level or (d > 0 and row[d - 1] >= row[d]):
-                    continue
-                if d + 1 < n_delays and row[d + 1] > row[d]:
-                    continue
-                if _tops_directions(power, tx_neighbour[i], rx_neighbour[j], (i, j, d)):
-                    cells.append((i, j, d))
-    found = np.empty((len(cells), 3), np.int64)
-    for k in range(len(cells)):
-        found[k, 0], found[k, 1], found[k, 2] = cells[k]
-    return found
-
-
-@compiled
-def _tops_directions(
-    power: FloatArray, tx_neighbour: IntArray, rx_neighbour: IntArray, cell: tuple[int, int, int]
-) -> bool:
-    """Whether no neighbouring pair of directions exceeds a cell at its delay; of equal ones the first counts."""
-    i, j, d = cell
-    value = power[i, j, d]
-    for a in tx_neighbour:
-        for b in rx_neighbour:
-            other = power[a, b, d]
-            if other > value or (other == value and (a, b) < (i, j)):
-                return False
-    return True
+def _no_peaks(turns: FloatArray) -> SpectrumPeaks:
+    none = np.zeros(0, int)
+    return SpectrumPeaks(none, none, np.zeros(0), np.zeros(0, complex), np.zeros((0, turns.shape[1])))

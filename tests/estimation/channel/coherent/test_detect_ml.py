@@ -59,6 +59,31 @@ def test_strongest_peak_is_near_the_path(rx: ArrayConfig | None) -> None:
         assert 0.5 * total < abs(peaks.value[0]) ** 2 <= 1.001 * total
 
 
+@pytest.mark.parametrize("ends", [(None, PANELS), (ELEVATION, None), (None, ELEVATION)])
+def test_peaks_are_those_of_the_spectrum_written_out(ends: tuple[ArrayConfig | None, ArrayConfig | None]) -> None:
+    """In either order of the products, and with a share of the largest where few delays are computed."""
+    link = plain_link(*ends)
+    paths = plain_paths(link, [200.0, 320.0], [10.0, -5.0], [-17.0, 12.0], [40.0, 28.0], phase=[0.0, 2.0])
+    cube, plan = _cube(plain_sweep(link, paths, np.random.default_rng(1)))
+    sweep = cube.window(np.arange(-5, 40))
+    search = SpectrumSearch(sweep, plan.grids, 2)
+    tx, rx = (grid.matched for grid in plan.grids)
+    fine = search._delay_filtered(sweep.parts)
+    power = np.square(np.abs(np.einsum("am,bn,mnd->abd", tx, rx, fine)))
+    for share in (0.0, 0.1, 0.5):
+        peaks = search.peaks(sweep.parts, 20.0, share)
+        place = np.rint((peaks.delay_bins - sweep.position[0]) * 2).astype(int)
+        np.testing.assert_allclose(np.square(np.abs(peaks.value)), power[peaks.tx, peaks.rx, place], rtol=1e-4)
+        least = max(20.0, share**2 * power.max())
+        expected = {
+            (i, j, d)
+            for i, j, d in np.argwhere(power >= least)
+            if power[plan.grids[0].neighbour[i][:, None], plan.grids[1].neighbour[j], d].max() <= power[i, j, d]
+            and power[i, j, max(0, d - 1) : d + 2].max() <= power[i, j, d]
+        }
+        assert {*zip(peaks.tx, peaks.rx, place, strict=True)} == expected
+
+
 def test_side_lobes_of_one_path_are_no_paths() -> None:
     cube, plan = _cube(plain_sweep(SMALL, plain_paths(SMALL, 217.0, 13.0, -17.0, 50.0)))
     sweep = cube.window(np.arange(-5, 60))
