@@ -70,10 +70,10 @@ def _clearest_images(reference: Reference, paths: PathParameters, *, is_tx: bool
     own_energy = np.diagonal(inner).real
     together &= np.square(np.abs(inner)) < OTHER_ANGLE * own_energy * own_energy[:, None]
     together[angles_rad[:, 1] != 0] = False
-    found = []
+    boresight_rad, found = manifold.best_panel_rad(angles_rad), []
     for first in np.flatnonzero(together.any(axis=1)):
         others = np.flatnonzero(together[first])
-        directions = same_cone(manifold, angles_rad[first], ELEVATIONS_RAD)
+        directions = same_cone(angles_rad[first], boresight_rad[first], ELEVATIONS_RAD)
         raised = manifold.response(directions)
         if reference.sweep.turns is not None:
             raised = raised * reference.sweep.turns.wave(paths.doppler_turns[[first]], is_tx=is_tx)
@@ -113,12 +113,11 @@ def _agreeing(
     return agree, float(power)
 
 
-def same_cone(manifold: Manifold, angles_rad: FloatArray, elevation_rad: FloatArray) -> FloatArray:
-    """Directions (direction, 2) of these elevations on the cone of a horizontal one (2,) about its panel."""
-    boresight = manifold.best_panel_rad(angles_rad[None])[0]
-    sine = np.sin(angles_rad[0] - boresight) / np.cos(elevation_rad)
+def same_cone(angles_rad: FloatArray, boresight_rad: float, elevation_rad: FloatArray) -> FloatArray:
+    """Directions (direction, 2) of these elevations on the cone of a horizontal one (2,) about a boresight."""
+    sine = np.sin(angles_rad[0] - boresight_rad) / np.cos(elevation_rad)
     is_there = np.abs(sine) < 1
-    return np.stack([boresight + np.arcsin(sine[is_there]), elevation_rad[is_there]], axis=1)
+    return np.stack([boresight_rad + np.arcsin(sine[is_there]), elevation_rad[is_there]], axis=1)
 
 
 def hiding_ends(sweep: CompressedSweep) -> list[tuple[bool, Manifold]]:

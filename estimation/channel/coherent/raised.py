@@ -89,8 +89,9 @@ def _with_raised(paths: PathParameters, manifold: Manifold, *, is_tx: bool) -> t
     """The paths, then those at the horizon of one end raised on their cones; and the original of each."""
     angles = angles_at(paths, is_tx=is_tx)
     rows, turned = [np.arange(len(paths))], [angles]
+    boresight_rad = manifold.best_panel_rad(angles)
     for path in np.flatnonzero(angles[:, 1] == 0):
-        directions = same_cone(manifold, angles[path], STARTS_RAD)
+        directions = same_cone(angles[path], boresight_rad[path], STARTS_RAD)
         rows.append(np.full(len(directions), path))
         turned.append(directions)
     origin = np.concatenate(rows)

@@ -14,9 +14,10 @@ from estimation.channel.coherent.refine import Reference, Solution, refine_near,
 from estimation.channel.coherent.search import DirectionGrid
 from estimation.channel.model.compress import CompressedSweep
 from estimation.channel.model.direction_prior import direction_log_prior, sees_elevation
+from estimation.channel.model.manifold import Manifold
 from estimation.channel.model.path_model import PathParameters, manifold_rates
 from scenes.pose import wrap_angle
-from scenes.record import FloatArray
+from scenes.record import FloatArray, IntArray
 
 TWIN_STEPS = 8  # twins of strong paths differ little: they are compared after convergence
 
@@ -30,18 +31,15 @@ def move_to_twins(
         return solution
     before = solution
     scale = error_scale(*quadrature_statistic(reference, solution))
+    every, origin = _twins(reference, before.paths, grids)
+    refined, power = refine_separately(reference, every, TWIN_STEPS, before.paths.take(origin))
+    posterior = power / scale[origin] + _log_prior(reference.sweep, refined)
     for path in np.argsort(-np.abs(before.paths.amplitude), kind="stable"):
-        own = before.paths.take(np.array([path]))
-        every = _twins(reference, own, grids)
-        if len(every) == 1:
+        own = np.flatnonzero(origin == path)  # the path itself is the first
+        best = own[np.argmax(posterior[own])] if len(own) else -1
+        if not len(own) or best == own[0]:
             continue
-        refined, power = refine_separately(reference.with_path_back(own), every, TWIN_STEPS)
-        posterior = power / scale[path] + _log_prior(reference.sweep, refined)
-        best = int(np.argmax(posterior))
-        if best == 0:
-            continue
-        twin = refined.take(np.array([best]))
-        itself = np.array([path])
+        twin, itself = refined.take(np.array([best])), np.array([path])
         trial = refine_near(reference, solution.paths.with_paths(itself, twin), twin, max_steps)
         prior, moved_prior = _log_prior(
             reference.sweep, solution.paths.take(itself).joined(trial.paths.take(itself))
@@ -56,22 +54,36 @@ def _log_prior(sweep: CompressedSweep, paths: PathParameters) -> FloatArray:
 
 
 def _twins(
-    reference: Reference, path: PathParameters, grids: tuple[DirectionGrid, DirectionGrid]
-) -> PathParameters:
-    """The one path, then the same at every twin of its directions."""
-    rate = manifold_rates(reference.sweep, path)[0, 1:]
-    n_aod, n_aoa = path.aod_rad.shape[1], path.aoa_rad.shape[1]
-    ends = []
-    for manifold, angles, grid, own in (
-        (reference.sweep.tx, path.aod_rad, grids[0], rate[:n_aod]),
-        (reference.sweep.rx, path.aoa_rad, grids[1], rate[n_aod : n_aod + n_aoa]),
-    ):
-        twin = np.zeros((0, angles.shape[1]))
-        if sees_elevation(manifold):
-            near = int(np.argmin((np.abs(wrap_angle(grid.angle_rad - angles)) * own).max(axis=1)))
-            twin = grid.angle_rad[np.setdiff1d(grid.twin[near], near)]
-            if manifold.is_behind(angles)[0]:
-                twin = np.concatenate([twin, manifold.mirrored(angles)])
-        ends.append(np.concatenate([angles, twin]))
-    tx, rx = (index.ravel() for index in np.meshgrid(*(np.arange(len(end)) for end in ends), indexing="ij"))
-    return replace(path.take(np.zeros(len(tx), int)), aod_rad=ends[0][tx], aoa_rad=ends[1][rx])
+    reference: Reference, paths: PathParameters, grids: tuple[DirectionGrid, DirectionGrid]
+) -> tuple[PathParameters, IntArray]:
+    """Paths with twins, each followed by itself at every twin of its directions; and the number of each."""
+    rates = manifold_rates(reference.sweep, paths)[:, 1:]
+    n_aod = paths.aod_rad.shape[1]
+    tx_rate, rx_rate = rates[:, :n_aod], rates[:, n_aod : n_aod + paths.aoa_rad.shape[1]]
+    departures = _directions(reference.sweep.tx, paths.aod_rad, tx_rate, grids[0])
+    arrivals = _directions(reference.sweep.rx, paths.aoa_rad, rx_rate, grids[1])
+    aod, aoa, origin = [paths.aod_rad[:0]], [paths.aoa_rad[:0]], []
+    for path, (tx, rx) in enumerate(zip(departures, arrivals, strict=True)):
+        n = len(tx) * len(rx)
+        if n > 1:
+            aod.append(np.repeat(tx, len(rx), axis=0))
+            aoa.append(np.tile(rx, (len(tx), 1)))
+            origin += [path] * n
+    index = np.array(origin, int)
+    return replace(paths.take(index), aod_rad=np.concatenate(aod), aoa_rad=np.concatenate(aoa)), index
+
+
+def _directions(
+    manifold: Manifold, angles_rad: FloatArray, rate: FloatArray, grid: DirectionGrid
+) -> list[FloatArray]:
+    """Of every direction (path, angle) itself and its twins (direction, angle) at one end."""
+    if not sees_elevation(manifold):
+        return list(angles_rad[:, None])
+    apart = (np.abs(wrap_angle(grid.angle_rad - angles_rad[:, None])) * rate[:, None]).max(axis=2)
+    mirrored, is_behind = manifold.mirrored(angles_rad), manifold.is_behind(angles_rad)
+    found = []
+    for path, near in enumerate(apart.argmin(axis=1)):
+        twin = grid.angle_rad[np.setdiff1d(grid.twin[near], near)]
+        behind = mirrored[[path]] if is_behind[path] else mirrored[:0]
+        found.append(np.concatenate([angles_rad[[path]], twin, behind]))
+    return found
