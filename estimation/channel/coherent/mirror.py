@@ -7,13 +7,22 @@ one do not reach the other. Groups of several paths have a maximum for every arr
 
 import numpy as np
 
-from estimation.channel.coherent.refine import NEAR_CELLS, Reference, Solution, refine_near, response_powers
+from estimation.channel.coherent.pairs import refine_pairs
+from estimation.channel.coherent.refine import (
+    NEAR_CELLS,
+    Reference,
+    Solution,
+    refine_near,
+    response_powers,
+    solve_at,
+)
 from estimation.channel.coherent.tried import TriedPaths
 from estimation.channel.model.path_model import PathParameters, cells_apart, manifold_rates
 from scenes.pose import wrap_angle
 from scenes.record import BoolArray, FloatArray, IntArray
 
 LEAST_GAIN = 2.0  # units of the noise power: less is a matter of rounding and of few steps
+TURNS = 4  # of mirrored pairs: one changes what the others near it can gain
 
 
 class PairMirror:
@@ -25,22 +34,40 @@ class PairMirror:
     def __call__(self, reference: Reference, solution: Solution, max_steps: int) -> Solution:
         """The solution, which is at the reference's paths, with close pairs mirrored where that explains more.
 
-        Pairs are tried from the strongest on.
+        All pairs are refined at once, with the paths near them linearised. Those that gain are tried with the
+        paths near them, the largest gain first; after a success the pairs near it wait for the next turn.
         """
+        for _ in range(TURNS):
+            moved = self._turn(reference, solution, max_steps)
+            if moved is solution:
+                break
+            reference = Reference(reference.sweep, moved.paths)
+            solution = solve_at(reference, moved.paths)
+        return solution
+
+    def _turn(self, reference: Reference, solution: Solution, max_steps: int) -> Solution:
+        """The solution with some pairs mirrored, none of them near another; it is the same if none gains."""
         before, rate = solution.paths, manifold_rates(reference.sweep, solution.paths)
         power = response_powers(solution)
-        is_close = cells_apart(before, before, rate) <= NEAR_CELLS
-        is_close &= ~self._pairs_tried(before, rate)
-        for strong in np.argsort(-power, kind="stable"):
-            for weak in np.flatnonzero(is_close[strong] & (power < power[strong])):
-                pair = np.array([strong, weak])
-                mirrored = _mirrored(solution.paths, pair)
-                trial = refine_near(reference, mirrored, mirrored.take(pair), max_steps, before=solution.paths)
-                if trial.explained > solution.explained + LEAST_GAIN:
-                    solution = trial
-                else:
-                    self._stronger.add(solution.paths.take(pair[:1]))
-                    self._weaker.add(solution.paths.take(pair[1:]))
+        is_near = cells_apart(before, before, rate) <= NEAR_CELLS
+        pairs = np.argwhere(is_near & (power < power[:, None]) & ~self._pairs_tried(before, rate))
+        if not len(pairs):
+            return solution
+        refined, gain = refine_pairs(reference, solution, pairs, _mirrored(before, pairs), max_steps)
+        in_vain = gain <= LEAST_GAIN
+        is_changed: BoolArray = np.zeros(len(before), bool)
+        for number in np.argsort(-gain, kind="stable")[: int((~in_vain).sum())]:
+            pair, two = pairs[number], refined.take(np.array([2 * number, 2 * number + 1]))
+            if is_changed[pair].any():
+                continue
+            places = solution.paths.with_paths(pair, two)
+            trial = refine_near(reference, places, two, max_steps, before=solution.paths)
+            in_vain[number] = trial.explained <= solution.explained + LEAST_GAIN
+            if not in_vain[number]:
+                solution = trial
+                is_changed |= is_near[:, pair].any(axis=1)
+        self._stronger.add(before.take(pairs[in_vain, 0]))
+        self._weaker.add(before.take(pairs[in_vain, 1]))
         return solution
 
     def _pairs_tried(self, paths: PathParameters, rate: FloatArray) -> BoolArray:
@@ -49,22 +76,26 @@ class PairMirror:
         return np.asarray((stronger[:, :, None] & weaker[:, None, :]).any(axis=0))
 
 
-def _mirrored(paths: PathParameters, pair: IntArray) -> PathParameters:
-    """The paths, two of them mirrored at their centroid: the mean weighted by the amplitudes."""
-    amplitude = np.abs(paths.amplitude[pair])
-    share = amplitude[1] / amplitude.sum()
-    first, second = pair
+def _mirrored(paths: PathParameters, pairs: IntArray) -> PathParameters:
+    """Pairs (pair, 2) of the paths, mirrored at their centroids: the means weighted by the amplitudes.
+
+    The result has the first and the second path of every pair after those of the pair before.
+    """
+    each = paths.take(pairs.ravel())
+    amplitude = np.abs(paths.amplitude[pairs])
+    share = amplitude[:, 1] / amplitude.sum(axis=1)
 
     def turned(value: FloatArray, difference: FloatArray) -> FloatArray:
-        result = value.copy()
-        result[first] = value[first] + 2 * share * difference
-        result[second] = result[first] - difference
-        return result
+        first = value[::2] + 2 * (difference.T * share).T
+        return np.stack([first, first - difference], axis=1).reshape(value.shape)
+
+    def apart(value: FloatArray) -> FloatArray:
+        return np.asarray(value[1::2] - value[::2])
 
     return PathParameters(
-        turned(paths.delay_bins, paths.delay_bins[second] - paths.delay_bins[first]),
-        turned(paths.aod_rad, wrap_angle(paths.aod_rad[second] - paths.aod_rad[first])),
-        turned(paths.aoa_rad, wrap_angle(paths.aoa_rad[second] - paths.aoa_rad[first])),
-        paths.amplitude,
-        turned(paths.doppler_turns, paths.doppler_turns[second] - paths.doppler_turns[first]),
+        turned(each.delay_bins, apart(each.delay_bins)),
+        turned(each.aod_rad, wrap_angle(apart(each.aod_rad))),
+        turned(each.aoa_rad, wrap_angle(apart(each.aoa_rad))),
+        each.amplitude,
+        turned(each.doppler_turns, apart(each.doppler_turns)),
     )

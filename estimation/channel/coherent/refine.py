@@ -8,6 +8,7 @@ are computed with the residual of reference paths, small numbers in single preci
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -56,6 +57,13 @@ class Reference:
         self.paths = paths
         self.parts = residual(sweep, paths)
         self.at = tangents(sweep, paths)
+
+    def at_bins(self, kept: BoolArray) -> Reference:
+        """The reference at the delay bins marked in `kept` (bin,), without products with the samples."""
+        rest = copy(self)
+        rest.sweep, rest.parts = self.sweep.bins(kept), self.parts[..., kept]
+        rest.at = replace(self.at, delay=self.at.delay[..., kept])
+        return rest
 
     def with_path_back(self, path: PathParameters) -> Reference:
         """The reference without one of its paths, which is in the residual again: its negative is taken out."""

@@ -164,14 +164,26 @@ def gram_matrix(at: PathTangents, other: PathTangents) -> ComplexArray:
 
 def own_gram_matrix(at: PathTangents, other: PathTangents) -> ComplexArray:
     """Inner products (path, tangent, tangent) of the tangents of each path and of its partner in `other`."""
-    tx, rx, delay = (
-        one.conj() @ two.swapaxes(1, 2)
-        for one, two in ((at.tx, other.tx), (at.rx, other.rx), (at.delay, other.delay))
-    )
-    d, i, j = _factors(at)
-    e, k, h = _factors(other)
+    return group_gram_matrix(at, other, 1)[:, 0, :, 0]
+
+
+def group_gram_matrix(
+    at: PathTangents, other: PathTangents, size: int, other_size: int | None = None
+) -> ComplexArray:
+    """Inner products (group, path, tangent, path, tangent) of groups of `size` paths with their partners.
+
+    The groups of partners have as many paths, or `other_size`.
+    """
+    sizes = size, size if other_size is None else other_size
+    grouped = [
+        [part.reshape(-1, n * part.shape[1], part.shape[2]) for part in (each.tx, each.rx, each.delay)]
+        for each, n in zip((at, other), sizes, strict=True)
+    ]
+    tx, rx, delay = (one.conj() @ two.swapaxes(1, 2) for one, two in zip(*grouped, strict=True))
+    (d, i, j), (e, k, h) = (_factors(each, n) for each, n in zip((at, other), sizes, strict=True))
     gram = tx[:, i[:, None], k] * rx[:, j[:, None], h] * delay[:, d[:, None], e]
-    return _tied(_tied(gram, at, 1), other, 2)
+    gram = gram.reshape(len(gram), sizes[0], len(d) // sizes[0], sizes[1], len(e) // sizes[1])
+    return _tied(_tied(gram, at, 2), other, 4)
 
 
 def _tied(products: ComplexArray | FloatArray, at: PathTangents, axis: int) -> ComplexArray:
@@ -184,14 +196,16 @@ def _tied(products: ComplexArray | FloatArray, at: PathTangents, axis: int) -> C
     return np.concatenate([rest, np.expand_dims(both, axis)], axis=axis)
 
 
-def _factors(at: PathTangents) -> tuple[IntArray, IntArray, IntArray]:
-    """Which factors (tangent,) of delay, TX and RX every tangent is the product of."""
+def _factors(at: PathTangents, size: int) -> tuple[IntArray, IntArray, IntArray]:
+    """Which factors of delay, TX and RX every tangent (path and tangent,) of a group is the product of."""
     n_delay, n_aod, n_aoa = at.delay.shape[1], at.tx.shape[1] - 1, at.rx.shape[1] - 1
     factors = np.zeros((3, n_delay + n_aod + n_aoa), int)
     factors[0, :n_delay] = np.arange(n_delay)
     factors[1, n_delay : n_delay + n_aod] = 1 + np.arange(n_aod)
     factors[2, n_delay + n_aod :] = 1 + np.arange(n_aoa)
-    return factors[0], factors[1], factors[2]
+    before = np.arange(size)[:, None] * np.array([n_delay, 1 + n_aod, 1 + n_aoa])
+    d, i, j = (factors + before[..., None]).transpose(1, 0, 2).reshape(3, -1)
+    return d, i, j
 
 
 def response_energies(at: PathTangents) -> FloatArray:

@@ -12,6 +12,8 @@ from estimation.channel.model.manifold import Manifold
 from estimation.channel.model.path_model import (
     PathParameters,
     gram_matrix,
+    group_gram_matrix,
+    own_gram_matrix,
     products_with,
     residual,
     response_energies,
@@ -148,3 +150,18 @@ def test_covariance_is_the_inverse_information_of_the_parameters(swept: Compress
     found = marginal_covariances(solution, swept.n_subcarriers)[0]
     scale = np.sqrt(np.diagonal(block))
     assert np.allclose(found / scale[:, None] / scale, block / scale[:, None] / scale, atol=1e-2)
+
+
+def test_products_within_groups_are_blocks_of_the_gram_matrix(swept: CompressedSweep) -> None:
+    six = _guess(swept)
+    for step in (0.3, 0.7):
+        six = six.joined(_guess(swept).moved(np.full((2, swept.tx.n_angles + swept.rx.n_angles + 1), step)))
+    at = tangents(swept, six)
+    every = gram_matrix(at, at)
+    pairs = group_gram_matrix(at, at, 2)
+    threes = group_gram_matrix(tangents(swept, six.take(slice(4))), at, 2, 3)
+    for k in range(3):
+        block = every[2 * k : 2 * k + 2, :, 2 * k : 2 * k + 2]
+        np.testing.assert_allclose(pairs[k], block, rtol=1e-9, atol=1e-9 * np.abs(every).max())
+    np.testing.assert_allclose(threes[1], every[2:4, :, 3:6], rtol=1e-9, atol=1e-9 * np.abs(every).max())
+    np.testing.assert_allclose(own_gram_matrix(at, at), np.einsum("iaib->iab", every), rtol=1e-9, atol=1e-9)
