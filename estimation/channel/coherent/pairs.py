@@ -61,7 +61,7 @@ def refine_pairs(
         own = before.take(pairs[some].ravel())
         apart_bins = np.abs(reference.sweep.position[:, None] - own.delay_bins).min(axis=1)
         around = reference.at_bins(apart_bins <= REACH_BINS)
-        problem = _Problem.of(around, solution, own, _nearest(cells, pairs[some]))
+        problem = _PairSamples.of(around, solution, own, _nearest(cells, pairs[some]))
         moved, gain[some] = _refined(problem, own, paths.take(each), max_steps)
         refined = refined.with_paths(each, moved)
     return refined, gain
@@ -77,12 +77,12 @@ def _nearest(cells: FloatArray, pairs: IntArray) -> IntArray:
 
 
 def _refined(
-    problem: _Problem, before: PathParameters, paths: PathParameters, max_steps: int
+    problem: _PairSamples, before: PathParameters, paths: PathParameters, max_steps: int
 ) -> tuple[PathParameters, FloatArray]:
     """Pairs refined from `paths`, and what they explain more (pair,) than at their places `before`."""
     least = problem.at(before).explained
 
-    def attempt(now: _Point, damping: Any) -> Attempt[_Point] | None:
+    def attempt(now: _PairPoint, damping: Any) -> Attempt[_PairPoint] | None:
         step, expected = _step(now, np.broadcast_to(damping, len(least)))
         hopeful = (expected >= CONVERGED) & (now.explained + HOPE * expected >= least)
         if not hopeful.any():
@@ -95,7 +95,7 @@ def _refined(
     return best.paths, best.explained - least
 
 
-class _Point(NamedTuple):
+class _PairPoint(NamedTuple):
     """Pairs at a point of their likelihood: parameters (pair, path, ...), and their normal equations."""
 
     delay_bins: FloatArray
@@ -113,20 +113,20 @@ class _Point(NamedTuple):
         parts: list[Any] = [part.reshape(2 * len(part), *part.shape[2:]) for part in self[:5]]
         return PathParameters(*parts)
 
-    def take(self, index: BoolArray) -> _Point:
+    def take(self, index: BoolArray) -> _PairPoint:
         """Some of the pairs."""
         parts: list[Any] = [part[index] for part in self]
-        return _Point(*parts)
+        return _PairPoint(*parts)
 
-    def replaced(self, where: BoolArray, others: _Point) -> _Point:
+    def replaced(self, where: BoolArray, others: _PairPoint) -> _PairPoint:
         """The pairs, with others in the places of those marked in `where` (pair,)."""
         parts: list[Any] = [part.copy() for part in self]
         for part, other in zip(parts, others, strict=True):
             part[where] = other
-        return _Point(*parts)
+        return _PairPoint(*parts)
 
 
-def _step(now: _Point, damping: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _step(now: _PairPoint, damping: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Damped steps (pair, path, parameter), and what they are expected to gain (pair,), as in `refine_paths`."""
     n, size = now.slope.shape
     diagonal = np.einsum("iaa->ia", now.matrix)
@@ -189,7 +189,7 @@ class _NearPaths:
 
 
 @dataclass(frozen=True)
-class _Problem:
+class _PairSamples:
     """The samples of pairs: the residual of a reference with the two paths back in it, and the paths near them.
 
     Attributes
@@ -205,19 +205,19 @@ class _Problem:
     pull: FloatArray
 
     @classmethod
-    def of(cls, reference: Reference, solution: Solution, back: PathParameters, number: IntArray) -> _Problem:
+    def of(cls, reference: Reference, solution: Solution, back: PathParameters, number: IntArray) -> _PairSamples:
         """The problem of pairs `back` (path of a pair after path,) with paths `number` (pair, near path) near."""
         near, at = _NearPaths.of(reference, solution, number), responses(reference.sweep, back)
         amplitude = back.amplitude.reshape(-1, 2)
         slope = (solution.slope[number] * (number >= 0)[..., None]).reshape(near.scale.shape)
         return cls(reference, at, amplitude, near, slope + _against(near.products(at), amplitude))
 
-    def take(self, index: BoolArray) -> _Problem:
+    def take(self, index: BoolArray) -> _PairSamples:
         """That of some of the pairs."""
         back = _taken(self.back, np.repeat(index, 2))
-        return _Problem(self.reference, back, self.amplitude[index], self.near.take(index), self.pull[index])
+        return _PairSamples(self.reference, back, self.amplitude[index], self.near.take(index), self.pull[index])
 
-    def at(self, paths: PathParameters) -> _Point:
+    def at(self, paths: PathParameters) -> _PairPoint:
         """The likelihood of the pairs at the places of these paths, the paths near them adapted."""
         at = tangents(self.reference.sweep, paths)
         inner, beside = group_gram_matrix(at, at, 2), self.near.products(at)
@@ -234,7 +234,7 @@ class _Problem:
         parts: list[Any] = [getattr(found, spec.name) for spec in fields(found)]
         parts = [part.reshape(n, 2, *part.shape[1:]) for part in parts]
         parts += [explained, matrix, slope]
-        return _Point(*parts)
+        return _PairPoint(*parts)
 
     def _amplitudes(
         self, inner: ComplexArray, product: ComplexArray, beside: ComplexArray

@@ -7,12 +7,12 @@ from functools import lru_cache
 
 import numpy as np
 
-from estimation.channel.coherent.spectrum import cell_power, local_maxima, times, with_neighbours
 from estimation.channel.model.alike import alike_directions, padded_rows
 from estimation.channel.model.compress import CompressedSweep
 from estimation.channel.model.kernels import dirichlet
 from estimation.channel.model.manifold import CELL, Manifold
 from estimation.channel.model.path_model import PathParameters, no_paths, response_energies, responses
+from estimation.channel.model.spectrum import cell_power, local_maxima, times, with_neighbours
 from estimation.channel.model.turns import SweepTurns
 from scenes.record import BoolArray, ComplexArray, FloatArray, IntArray
 

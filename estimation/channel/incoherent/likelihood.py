@@ -154,13 +154,8 @@ class LocalSamples:
     def of_pairs(self, chosen: BoolArray) -> LocalSamples:
         """The samples of the pairs in a mask (pair,) of all pairs."""
         kept = chosen[self.pair]
-        return replace(
-            self,
-            samples=np.ascontiguousarray(self.samples[:, kept]),
-            pair=self.pair[kept],
-            tx_beam=self.tx_beam[kept],
-            rx_beam=self.rx_beam[kept],
-        )
+        samples, pair = np.ascontiguousarray(self.samples[:, kept]), self.pair[kept]
+        return replace(self, samples=samples, pair=pair, tx_beam=self.tx_beam[kept], rx_beam=self.rx_beam[kept])
 
     def with_fixed(self, ends: LinkBeams, paths: FloatArray, delay_bins: FloatArray) -> LocalSamples:
         """The samples with these paths (path, parameter) fixed, for others near `delay_bins` (path,).

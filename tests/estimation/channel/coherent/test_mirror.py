@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from estimation.channel.coherent.mirror import LEAST_GAIN, PairMirror, _mirrored
-from estimation.channel.coherent.pairs import _Problem, refine_pairs
+from estimation.channel.coherent.pairs import _PairSamples, refine_pairs
 from estimation.channel.coherent.paths import PreparedStop, compress_stop, fit_paths
 from estimation.channel.coherent.refine import Reference, Solution, refine_paths, solve_at
 from estimation.channel.fit import PathFit
@@ -113,7 +113,7 @@ def test_normal_equations_of_pairs_are_derivatives_of_what_they_explain(
     reference, solution = fitted
     pairs = np.array([[0, 1], [1, 2]])
     near = np.array([[2, 3], [0, -1]])
-    problem = _Problem.of(reference, solution, solution.paths.take(pairs.ravel()), near)
+    problem = _PairSamples.of(reference, solution, solution.paths.take(pairs.ravel()), near)
     places = _mirrored(solution.paths, pairs)
     at = problem.at(places)
     slope, step = at.slope.reshape(2, 2, -1), 1e-5
