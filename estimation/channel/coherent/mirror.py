@@ -8,21 +8,13 @@ one do not reach the other. Groups of several paths have a maximum for every arr
 import numpy as np
 
 from estimation.channel.coherent.pairs import refine_pairs
-from estimation.channel.coherent.refine import (
-    NEAR_CELLS,
-    Reference,
-    Solution,
-    refine_near,
-    response_powers,
-    solve_at,
-)
+from estimation.channel.coherent.refine import NEAR_CELLS, Reference, Solution, refine_near, response_powers
 from estimation.channel.coherent.tried import TriedPaths
 from estimation.channel.model.path_model import PathParameters, cells_apart, manifold_rates
 from scenes.pose import wrap_angle
 from scenes.record import BoolArray, FloatArray, IntArray
 
 LEAST_GAIN = 2.0  # units of the noise power: less is a matter of rounding and of few steps
-TURNS = 4  # of mirrored pairs: one changes what the others near it can gain
 
 
 class PairMirror:
@@ -35,18 +27,8 @@ class PairMirror:
         """The solution, which is at the reference's paths, with close pairs mirrored where that explains more.
 
         All pairs are refined at once, with the paths near them linearised. Those that gain are tried with the
-        paths near them, the largest gain first; after a success the pairs near it wait for the next turn.
+        paths near them, the largest gain first; after a success the pairs near it wait for the next call.
         """
-        for _ in range(TURNS):
-            moved = self._turn(reference, solution, max_steps)
-            if moved is solution:
-                break
-            reference = Reference(reference.sweep, moved.paths)
-            solution = solve_at(reference, moved.paths)
-        return solution
-
-    def _turn(self, reference: Reference, solution: Solution, max_steps: int) -> Solution:
-        """The solution with some pairs mirrored, none of them near another; it is the same if none gains."""
         before, rate = solution.paths, manifold_rates(reference.sweep, solution.paths)
         power = response_powers(solution)
         is_near = cells_apart(before, before, rate) <= NEAR_CELLS
