@@ -1,6 +1,7 @@
 """Contours of objects from paths and poses, by the method of the settings."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from estimation.channel.record import ChannelEstimate
 from estimation.shape.config import ContourConfig
@@ -37,4 +38,5 @@ def estimate_contours(
             raise ValueError(f"contours.method = '{config.method}': is of one TX; {allowed}")
         return fit_point_contours(ips, label, tx_pose, poses, config)
     paths = campaign_paths(channel, tx_pose, poses, ips, noise, config)
-    return contour_record(fit_campaign(paths, config), label, len(ips))
+    fit = fit_campaign(paths, config)
+    return contour_record(replace(fit, paths=tuple(paths.upright[rows] for rows in fit.paths)), label, len(ips))

@@ -25,7 +25,34 @@ def wall_shape(found: Optimum, data: Reflections, config: ReflectionConfig) -> S
     """
     ends, ends_slope, ends_variance = _lit_ends(found, data)
     covariance = _with_ends(found.parameter_covariance, ends_slope, ends_variance)
-    azimuth, offset = found.parameter
+    return _seen_wall(np.array([*found.parameter, *ends]), covariance, found.log_evidence)
+
+
+def scattering_wall(
+    line: FloatArray, covariance: FloatArray, place_m: FloatArray, variance_m2: FloatArray
+) -> ShapeFit:
+    """The record of a wall that mirrors no path, over the places (path,) that scatter; see `wall_shape`."""
+    ends = [int(np.argmin(place_m)), int(np.argmax(place_m))]
+    total = _with_ends(covariance, np.zeros((2, 2)), variance_m2[ends])
+    return _seen_wall(np.array([*line, *place_m[ends]]), total, np.nan)
+
+
+def longer_wall(shape: ShapeFit, place_m: FloatArray, variance_m2: FloatArray) -> ShapeFit:
+    """The record of a wall that is also seen at places (path,) along it; the same without a place."""
+    if not len(place_m):
+        return shape
+    parameter, covariance = shape.parameter.copy(), shape.parameter_covariance.copy()
+    for end, sign in ((2, -1), (3, 1)):
+        far = int(np.argmax(sign * place_m))
+        if sign * place_m[far] > sign * parameter[end]:
+            parameter[end], covariance[end], covariance[:, end] = place_m[far], 0.0, 0.0
+            covariance[end, end] = variance_m2[far]
+    return _seen_wall(parameter, covariance, shape.log_evidence)
+
+
+def _seen_wall(parameter: FloatArray, covariance: FloatArray, log_evidence: float) -> ShapeFit:
+    """The record of a wall with its ends (4,) and their covariance (4, 4)."""
+    azimuth, offset, *ends = parameter
     normal = np.array([np.cos(azimuth), np.sin(azimuth)])
     tangent = np.array([-normal[1], normal[0]])
     length = ends[1] - ends[0]
@@ -40,8 +67,8 @@ def wall_shape(found: Optimum, data: Reflections, config: ReflectionConfig) -> S
         is_closed=False,
         contour_m=offset * normal + along[:, None] * tangent,
         std_m=np.sqrt(variance),
-        log_evidence=found.log_evidence,
-        parameter=np.array([azimuth, offset, *ends]),
+        log_evidence=log_evidence,
+        parameter=parameter,
         parameter_covariance=covariance,
         parameter_name=np.array(["normal_azimuth_rad", "offset_m", "first_end_m", "last_end_m"]),
         extent_m=float(length),

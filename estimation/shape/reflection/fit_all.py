@@ -5,6 +5,7 @@ and all objects together estimate offsets and poses again. Then paths, classes a
 SLAM found stop by stop are rotated onto each other where the objects show that the TX heading jumped.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,9 +16,9 @@ from estimation.shape.config import ContourConfig
 from estimation.shape.fit import ShapeFit
 from estimation.shape.reflection.association import MIN_PATHS, GroupFits, object_squares
 from estimation.shape.reflection.bundle import Bundle, BundleObject, fit_bundle
-from estimation.shape.reflection.choice import CLASSES, choose_shape
+from estimation.shape.reflection.choice import CLASSES, Choice, choose_shape
+from estimation.shape.reflection.faces.find import Face, FaceSearch, face_choice
 from estimation.shape.reflection.objects import FoundObject, find_objects, refit_objects
-from estimation.shape.reflection.patches import wall_patches
 from estimation.shape.reflection.paths import CampaignPaths
 from estimation.shape.reflection.pillar_prior import prior_from_others
 from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
@@ -59,7 +60,8 @@ def fit_campaign(paths: CampaignPaths, config: ContourConfig) -> CampaignFit:
         if paths.widening == 1:
             data, settings = without_offsets(data, _bundle(paths, []), settings)
         objects = find_objects(data, config.eps_m, config.min_samples, settings)
-        together = _simple_bundle(paths, objects)
+        standing = objects if paths.widening > 1 else _standing(objects, data, paths.los, settings)
+        together = _simple_bundle(paths, standing)
         data, settings = without_offsets(paths.bounces, together, paths.config)
         objects = refit_objects(GroupFits(data, settings), [each.paths for each in objects], config.min_samples)
         if config.learn_noise:
@@ -67,6 +69,14 @@ def fit_campaign(paths: CampaignPaths, config: ContourConfig) -> CampaignFit:
         together = _simple_bundle(paths, objects)
         data, settings = without_offsets(paths.bounces, together, paths.config)
         return _final(paths, data, objects, settings, config)
+
+
+def _standing(
+    objects: list[FoundObject], data: Reflections, los: Reflections, config: ReflectionConfig
+) -> list[FoundObject]:
+    """The objects that no face replaces or hides: scattering places do not tell offsets and noise."""
+    search = FaceSearch(objects, data, los, config)
+    return [objects[k] for k in search.standing(search.run())]
 
 
 def without_offsets(
@@ -162,43 +172,59 @@ def _final(
     settings: ReflectionConfig,
     config: ContourConfig,
 ) -> CampaignFit:
-    """Choose kinds and classes, then fit all objects with all poses and offsets."""
+    """Choose kinds and classes, then fit all objects that stand with all poses and offsets; faces with them."""
+    search = FaceSearch(objects, data, paths.los, settings)
+    faces = search.run()
+    standing = search.standing(faces)
+    objects = [objects[k] for k in standing]
+    of_wall = {standing.index(face.mirror): face for face in faces if face.mirror in standing}
     parts = [data.take("path", each.paths) for each in objects]
     noise = [1.0] * len(parts)
     if config.learn_noise:
         pairs = zip(objects, parts, strict=True)
         noise = [object_noise(object_squares(each.kind, each.optimum, part)) for each, part in pairs]
     parts = [_scaled(part, factor) for part, factor in zip(parts, noise, strict=True)]
+    choices, priors = _chosen(parts, of_wall, settings)
+    members = [
+        BundleObject(choice.best.kind, _scaled(paths.bounces.take("path", objects[k].paths), noise[k]), priors[k])
+        for k, choice in enumerate(choices)
+    ]
+    bundle = _bundle(paths, members)
+    found: list[tuple[ShapeFit, IntArray, Sequence[float]]] = []
+    for k, (shape, inlier) in enumerate(zip(bundle.shapes, bundle.inlier, strict=True)):
+        if not shape.is_usable or np.count_nonzero(inlier > _LIKELY) < MIN_PATHS:
+            continue
+        rows, face = objects[k].paths[inlier > _LIKELY], of_wall.get(k) if shape.kind == "wall" else None
+        whole = shape if face is None else search.extended(shape, face)
+        rows = rows if face is None else np.union1d(rows, face.scattered)
+        found.append((whole, rows, list(choices[k].class_probability.values())))
+    scattering = [face for face in faces if face.mirror < 0]
+    found += [(search.shape(face), face.scattered, face.class_probability) for face in scattering]
+    return CampaignFit(
+        method="reflection",
+        shapes=tuple(shape for shape, _, _ in found),
+        class_probability=np.array([each for _, _, each in found]).reshape(len(found), len(CLASSES)),
+        paths=tuple(rows for _, rows, _ in found),
+        bundle=bundle,
+        sessions=paths.sessions,
+    )
+
+
+def _chosen(
+    parts: Sequence[Reflections], of_wall: Mapping[int, Face], settings: ReflectionConfig
+) -> tuple[list[Choice], list[ReflectionConfig | None]]:
+    """The choice for every object, and the settings with the prior that the other pillars give, None without.
+
+    What the face of a wall, `of_wall`, scatters is evidence for that wall.
+    """
     choices = [choose_shape(part, settings) for part in parts]
+    choices = [face_choice(choice, of_wall[k]) if k in of_wall else choice for k, choice in enumerate(choices)]
     priors: list[ReflectionConfig | None] = [None] * len(parts)
     if settings.pillars_resemble:
         alone = list(choices)
         for k, part in enumerate(parts):
-            if alone[k].class_probability["pillar"] > _UNLIKELY:
+            if alone[k].class_probability["pillar"] > _UNLIKELY and k not in of_wall:
                 own, shares = prior_from_others(alone, k, settings)
                 priors[k] = own
                 choices[k] = choose_shape(part, own, shares=shares, known=alone[k].fits)
-    patches = wall_patches(choices, parts, settings)
-    members = [
-        BundleObject(
-            "edge" if k in patches else choice.best.kind,
-            _scaled(paths.bounces.take("path", objects[k].paths), noise[k]),
-            priors[k],
-        )
-        for k, choice in enumerate(choices)
-    ]
-    bundle = _bundle(paths, members)
-    kept = [
-        k
-        for k, shape in enumerate(bundle.shapes)
-        if shape.is_usable and np.count_nonzero(bundle.inlier[k] > _LIKELY) >= MIN_PATHS
-    ]
-    probability = [list(patches.get(k, choices[k]).class_probability.values()) for k in kept]
-    return CampaignFit(
-        method="reflection",
-        shapes=tuple(bundle.shapes[k] for k in kept),
-        class_probability=np.array(probability).reshape(len(kept), len(CLASSES)),
-        paths=tuple(objects[k].paths[bundle.inlier[k] > _LIKELY] for k in kept),
-        bundle=bundle,
-        sessions=paths.sessions,
-    )
+    return choices, priors

@@ -8,6 +8,7 @@ import numpy as np
 from estimation.channel.record import ChannelEstimate
 from estimation.laws.plane import measurement_vectors
 from estimation.shape.config import ContourConfig
+from estimation.shape.reflection.levels import is_level
 from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
 from estimation.shape.reflection.tx_sessions import Sessions, los_sessions, stop_rows
 from estimation.slam.config import PathNoise
@@ -24,12 +25,13 @@ _TO_METRES = np.array([1.0, 1.0, 1.0, SPEED_OF_LIGHT_M_S])
 class CampaignPaths:
     """The data of the contours with their priors."""
 
-    bounces: Reflections  # a path per incidence point
+    bounces: Reflections  # of the incidence points `upright`
     los: Reflections
     stop: IntArray  # (stop,) all stops of the campaign
     sessions: Sessions  # of these stops, with the offsets removed from the departures
     widening: float  # factor on the standard deviations of poses that were found from these paths
     config: ReflectionConfig  # with the priors of the offsets that are observable
+    upright: IntArray  # rows of the incidence points that are on neither floor nor ceiling
     may_turn: bool = False  # poses found stop by stop: the TX heading may jump between them
 
 
@@ -52,21 +54,25 @@ def campaign_paths(
     row = {pair: k for k, pair in enumerate(key)}
     bounce = np.array([row[pair] for pair in zip(ips.stop.tolist(), ips.path.tolist(), strict=True)], int)
     direct = np.setdiff1d(np.arange(len(every)), bounce)
-    bounces, los = every.take("path", bounce), every.take("path", direct)
+    upright = np.flatnonzero(~is_level(ips, _device_heights_m(tx_pose, poses)))
+    bounces, los = every.take("path", bounce[upright]), every.take("path", direct)
     solved = poses.status != SolveStatus.FAILED
     is_given = bool(np.all(poses.status[solved] == SolveStatus.GIVEN))
     if poses.n_tx > 1:
         widening = 1.0 if is_given else config.slam_widening
-        return _of_several_tx(bounces, los, transmitters_of(tx_pose), poses.stop, widening, config.reflection)
+        every_tx = transmitters_of(tx_pose)
+        return _of_several_tx(bounces, los, every_tx, poses.stop, widening, config.reflection, upright)
     sessions = los_sessions(los, transmitters_of(tx_pose).poses[0], poses.stop)
     if is_given:
         joined = [replace(data, session=sessions.of_stop[stop_rows(data, poses.stop)]) for data in (bounces, los)]
         unknown = sessions._replace(offset_rad=0 * sessions.offset_rad, std_rad=0 * sessions.std_rad)
-        return CampaignPaths(joined[0], joined[1], poses.stop, unknown, 1.0, config.reflection)
+        return CampaignPaths(joined[0], joined[1], poses.stop, unknown, 1.0, config.reflection, upright)
     turned = [_turned(data, sessions.of_paths(data, poses.stop)) for data in (bounces, los)]
     anchored = config.reflection.model_copy(update={"aod_offset_std_deg": 0.0})
     alone = not poses.is_of_walk.any()
-    return CampaignPaths(turned[0], turned[1], poses.stop, sessions, config.slam_widening, anchored, alone)
+    return CampaignPaths(
+        turned[0], turned[1], poses.stop, sessions, config.slam_widening, anchored, upright, alone
+    )
 
 
 def _of_several_tx(
@@ -76,6 +82,7 @@ def _of_several_tx(
     stop: IntArray,
     widening: float,
     config: ReflectionConfig,
+    upright: IntArray,
 ) -> CampaignPaths:
     """Paths of several TX, the sessions of one TX after those of another; stops have those of the first."""
     parts = [los_sessions(los.take("path", los.clock == k), pose, stop) for k, pose in enumerate(every.poses)]
@@ -83,7 +90,13 @@ def _of_several_tx(
     of_link = np.array([part.of_stop for part in parts]) + (np.cumsum(count) - count)[:, None]
     joined = [replace(data, session=of_link[data.clock, stop_rows(data, stop)]) for data in (bounces, los)]
     none = np.zeros(int(count.sum()))
-    return CampaignPaths(joined[0], joined[1], stop, Sessions(of_link[0], none, none), widening, config)
+    return CampaignPaths(joined[0], joined[1], stop, Sessions(of_link[0], none, none), widening, config, upright)
+
+
+def _device_heights_m(tx_pose: AnyTx, poses: PoseEstimates) -> tuple[float, float]:
+    """The lowest and the highest known height of a device."""
+    height = np.array([*(pose.position_m[2] for pose in transmitters_of(tx_pose).poses), *poses.height_m])
+    return float(np.nanmin(height)), float(np.nanmax(height))
 
 
 def in_plane(estimate: ChannelEstimate, covariance: FloatArray, bias_m: float) -> tuple[FloatArray, FloatArray]:

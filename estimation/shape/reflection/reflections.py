@@ -105,8 +105,12 @@ class ReflectionConfig(ConfigModel):
         """Log density of a ghost's range and angles, times its share, per m rad^2; -inf without ghosts."""
         if self.ghost_share == 0:
             return -np.inf
-        window = self.ghost_range_m * np.deg2rad(self.ghost_angle_deg) ** 2
-        return float(np.log(self.ghost_share / window))
+        return float(np.log(self.ghost_share)) + self.log_window_density
+
+    @property
+    def log_window_density(self) -> float:
+        """Log density of the range and angles of a path that may be anywhere, per m rad^2."""
+        return -float(np.log(self.ghost_range_m * np.deg2rad(self.ghost_angle_deg) ** 2))
 
 
 def ray_points(data: Reflections) -> tuple[FloatArray, FloatArray]:

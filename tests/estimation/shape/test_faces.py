@@ -1,0 +1,197 @@
+"""Scattering places of a rough wall are parts of it, what it mirrors is no object, and others near it stand."""
+
+import numpy as np
+import pytest
+from scipy.integrate import quad_vec
+from scipy.stats import multivariate_normal
+
+from estimation.laws.plane import bounce, residual
+from estimation.shape.kinds.fit import OBJECT_KINDS
+from estimation.shape.kinds.mirror_wall import longer_wall, scattering_wall
+from estimation.shape.reflection.choice import choose_shape
+from estimation.shape.reflection.faces import scattering
+from estimation.shape.reflection.faces.find import Face, FaceSearch, face_choice
+from estimation.shape.reflection.faces.scattering import FaceLine, ScatteringPoints, along_face, scattering_places
+from estimation.shape.reflection.normals import oriented_points
+from estimation.shape.reflection.objects import FoundObject
+from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
+from isac_arena.validation.scenarios.reflections import (
+    Errors,
+    TruePaths,
+    closed_paths,
+    edge_paths,
+    observe,
+    wall_paths,
+)
+from scenes.contours.smooth import Circle
+from scenes.record import concatenate
+
+SURE = ReflectionConfig(delay_offset_std_ns=0.0, aod_offset_std_deg=0.0, aoa_offset_std_deg=0.0)
+WALL_ENDS = np.array([[-8.0, -6.0], [9.0, -6.0]])
+IN_WALL, BEFORE_WALL = [6.0, -6.02], [2.0, -5.0]
+
+
+def seen(true: TruePaths, seed: int, n: int) -> Reflections:
+    data, _ = observe(true, Errors(0.5), np.random.default_rng(seed))
+    return data.take("path", np.linspace(0, len(data) - 1, min(n, len(data))).astype(int))
+
+
+def wall() -> Reflections:
+    return seen(wall_paths(WALL_ENDS, np.random.default_rng(2)), 3, 20)
+
+
+def edge(at: list[float]) -> Reflections:
+    return seen(edge_paths(np.array(at), np.random.default_rng(4)), 5, 12)
+
+
+def scattered(places_m: np.ndarray, offset_m: float) -> Reflections:
+    """One path by way of each place along the wall, that far in front of it, from places along the walk."""
+    rng = np.random.default_rng(9)
+    parts = [
+        seen(edge_paths(np.array([x, -6.0 + offset_m]), rng), 20 + k, len(places_m))
+        for k, x in enumerate(places_m)
+    ]
+    return concatenate([part.take("path", [min(k, len(part) - 1)]) for k, part in enumerate(parts)], "path")
+
+
+def search(*parts: tuple[str, Reflections], free: Reflections | None = None) -> FaceSearch:
+    """The search over objects of given kinds, and paths of no object."""
+    objects, first = [], 0
+    for kind, part in parts:
+        optimum = OBJECT_KINDS[kind].optimum(part, SURE)
+        assert optimum is not None
+        objects.append(FoundObject(kind, optimum, np.arange(first, first + len(part))))
+        first += len(part)
+    data = concatenate([*(part for _, part in parts), *([] if free is None else [free])], "path")
+    return FaceSearch(objects, data, data.take("path", []), SURE)
+
+
+def test_point_on_the_line_of_a_wall_belongs_to_it_and_one_before_it_stands() -> None:
+    found = search(("wall", wall()), ("edge", edge(IN_WALL)), ("edge", edge(BEFORE_WALL)))
+    faces = found.run()
+    assert [(face.mirror, face.objects) for face in faces] == [(0, (1,))]
+    assert found.standing(faces) == [0, 2]
+    assert faces[0].gain > 0
+
+
+def test_places_along_a_wall_belong_to_it_and_the_same_before_it_do_not() -> None:
+    places = np.linspace(3.0, 3.8, 9)
+    for offset, expected in ((0.0, (1,)), (0.6, ())):
+        (face,) = search(("wall", wall()), ("edge", scattered(places, offset))).run()[:1]
+        assert face.objects == expected
+
+
+def test_paths_of_no_object_near_the_seen_part_of_a_wall_belong_to_it() -> None:
+    on = scattered(np.linspace(0.0, 4.0, 9), 0.0)
+    (face,) = search(("wall", wall()), free=on).run()
+    assert len(face.scattered) >= 7
+    (face,) = search(("wall", wall()), free=scattered(np.linspace(0.0, 4.0, 9), 1.5)).run()
+    assert len(face.scattered) == 0
+
+
+def test_places_on_a_line_are_a_wall_that_mirrors_nothing() -> None:
+    patches = [("edge", scattered(x + np.linspace(-0.3, 0.3, 8), 0.0)) for x in (0.0, 1.5, 3.0)]
+    found = search(*patches)
+    (face,) = found.run()
+    assert face.mirror == -1 and face.objects == (0, 1, 2)
+    assert found.standing([face]) == []
+    shape = found.shape(face)
+    np.testing.assert_allclose(shape.contour_m[:, 1], -6.0, atol=0.15)
+    assert np.ptp(shape.contour_m[:, 0]) == pytest.approx(3.6, abs=0.4)
+    assert face.class_probability[0] > 0.99
+
+
+def test_one_place_shows_no_line() -> None:
+    assert search(("edge", scattered(np.linspace(2.7, 3.3, 8), 0.0))).run() == []
+
+
+def test_what_a_wall_mirrors_is_hidden_and_a_pillar_before_it_stands() -> None:
+    behind = seen(closed_paths(Circle(np.array([1.0, -8.0]), 0.4), np.random.default_rng(4)), 5, 9)
+    before = seen(closed_paths(Circle(np.array([1.0, -4.0]), 0.4), np.random.default_rng(4)), 5, 9)
+    for pillar, expected in ((behind, [0]), (before, [0, 1])):
+        found = search(("wall", wall()), ("circle", pillar))
+        assert found.standing(found.run()) == expected
+
+
+def test_scattering_places_about_a_point_are_no_object() -> None:
+    rng = np.random.default_rng(5)
+    blob = [seen(edge_paths(np.array(BEFORE_WALL) + rng.normal(0, 0.5, 2), rng), 30 + k, 12) for k in range(12)]
+    data = concatenate([part.take("path", [k]) for k, part in enumerate(blob)], "path")
+    found = search(("edge", data), ("edge", edge(BEFORE_WALL)))
+    assert found.standing([]) == [1]
+
+
+def test_no_path_has_no_face() -> None:
+    none = wall().take("path", [])
+    found = FaceSearch([], none, none, SURE)
+    assert found.run() == [] and found.standing([]) == []
+
+
+def test_scattering_is_evidence_for_a_straight_wall() -> None:
+    choice = choose_shape(edge(BEFORE_WALL), SURE)
+    line = FaceLine(np.zeros(2), np.eye(2), np.zeros(2))
+    face = Face(line, 0, (), np.zeros(0, int), 1e4)
+    assert face_choice(choice, face).best_class == "wall"
+    assert sum(face_choice(choice, face).class_probability.values()) == pytest.approx(1.0)
+
+
+def test_walls_are_seen_as_far_as_they_mirror_and_scatter() -> None:
+    shape = choose_shape(wall(), SURE).fits["wall"]
+    first, last = shape.parameter[2:]
+    longer = longer_wall(shape, np.array([first - 2.0, last - 0.1]), np.array([0.01, 0.02]))
+    np.testing.assert_allclose(longer.parameter, [*shape.parameter[:2], first - 2.0, last])
+    assert longer.extent_m == pytest.approx(shape.extent_m + 2.0)
+    assert longer.parameter_covariance[2, 2] == pytest.approx(0.01)
+    assert longer.parameter_covariance[3, 3] == shape.parameter_covariance[3, 3]
+    own = scattering_wall(shape.parameter[:2], np.diag([1e-4, 1e-4]), np.array([1.0, 4.0, 2.0]), np.full(3, 0.01))
+    assert own.extent_m == 3.0
+
+
+def test_evidence_along_a_face_is_the_integral_over_the_places(monkeypatch: pytest.MonkeyPatch) -> None:
+    shape = choose_shape(wall(), SURE).fits["wall"]
+    line = FaceLine(shape.parameter[:2], shape.parameter_covariance[:2, :2], shape.parameter[2:])
+    data, spread = scattered(np.array([2.0, 2.3, 2.7]), 0.01), 0.2
+    monkeypatch.setattr(scattering, "_SPREADS_M", (spread,))
+    offset = line.parameter[1]
+
+    def density(place_m: float, path: int) -> float:
+        predicted = bounce(data.tx[path], data.rx_state[path], offset * line.normal + place_m * line.tangent)
+        across = predicted.by_landmark @ line.normal
+        covariance = data.covariance[path] + predicted.by_state @ data.rx_covariance[path] @ predicted.by_state.T
+        covariance += line.variance_m2(np.array(place_m), SURE.wall_relief_m) * np.outer(across, across)
+        error = residual(data.measured[path], predicted.value)
+        return float(multivariate_normal(np.zeros(3), covariance).pdf(error))
+
+    foot = (data.rx_state[:, :2].mean(axis=0)) @ line.tangent
+    places = np.linspace(foot - 12, foot + 12, 24_001)
+    likely = np.array([[density(place, path) for place in places[::4]] for path in range(3)])
+
+    def integrand(middle: float) -> float:
+        normal = np.exp(-0.5 * ((places[::4] - middle) / spread) ** 2) / np.sqrt(2 * np.pi) / spread
+        of_paths = (likely * normal).sum(axis=1) * (places[4] - places[0])
+        return float(np.exp(line.log_density(np.array(middle), scattering.OBJECT_REACH_M)) * of_paths.prod())
+
+    best = float(places[::4][likely.sum(axis=0).argmax()])
+    whole, _ = quad_vec(integrand, best - 3, best + 3, epsrel=1e-4)
+    expected = np.log(whole) + 3 * SURE.log_path_share
+    evidence, near = along_face(line, scattering_places(line, data, SURE), SURE)
+    assert evidence == pytest.approx(expected, abs=0.1)
+    assert near.all()
+
+
+def test_evidence_about_a_point_is_the_integral_over_the_points(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of one path: the place is uniform over the area, whatever the spread."""
+    data = edge(BEFORE_WALL).take("path", [0])
+    points = ScatteringPoints.of(oriented_points(data), data)
+    x, y = np.meshgrid(*(at + np.linspace(-1.5, 1.5, 601) for at in points.points.position_m[0]))
+    place = np.column_stack([x.ravel(), y.ravel()])
+    many = [np.repeat(part, len(place), axis=0) for part in (data.tx, data.rx_state)]
+    predicted = bounce(*many, place)
+    covariance = data.covariance[0] + predicted.by_state @ data.rx_covariance[0] @ np.swapaxes(
+        predicted.by_state, 1, 2
+    )
+    error = residual(np.repeat(data.measured, len(place), axis=0), predicted.value)
+    square = np.einsum("na,nab,nb->n", error, np.linalg.inv(covariance), error)
+    density = np.exp(-0.5 * (square + np.linalg.slogdet(2 * np.pi * covariance)[1]))
+    expected = np.log(density.sum() * 0.005**2 / SURE.area_m2) + SURE.log_path_share
+    assert points.about_one(np.array([0]), SURE) == pytest.approx(expected, abs=0.05)
