@@ -29,12 +29,16 @@ def wall_shape(found: Optimum, data: Reflections, config: ReflectionConfig) -> S
 
 
 def scattering_wall(
-    line: FloatArray, covariance: FloatArray, place_m: FloatArray, variance_m2: FloatArray
+    line: FloatArray,
+    covariance: FloatArray,
+    place_m: FloatArray,
+    variance_m2: FloatArray,
+    log_evidence: float = np.nan,
 ) -> ShapeFit:
-    """The record of a wall that mirrors no path, over the places (path,) that scatter; see `wall_shape`."""
+    """The record of a wall seen at places (path,), of a line with its covariance; see `wall_shape`."""
     ends = [int(np.argmin(place_m)), int(np.argmax(place_m))]
     total = _with_ends(covariance, np.zeros((2, 2)), variance_m2[ends])
-    return _seen_wall(np.array([*line, *place_m[ends]]), total, np.nan)
+    return _seen_wall(np.array([*line, *place_m[ends]]), total, log_evidence)
 
 
 def longer_wall(shape: ShapeFit, place_m: FloatArray, variance_m2: FloatArray) -> ShapeFit:

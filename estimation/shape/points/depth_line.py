@@ -6,6 +6,7 @@ may bend sharply, or of order 1/2, whose functions may jump; or the line has one
 integrated over a grid. The ends are those of the line.
 """
 
+from collections.abc import Sequence
 from itertools import product
 from typing import NamedTuple
 
@@ -26,16 +27,19 @@ LENGTH_M = np.geomspace(0.3, 10.0, 6)
 LINE_OFFSET_STD_M, LINE_AZIMUTH_STD_RAD = 1.0, 0.5  # prior of the line, which is fitted again with the depth
 
 
-class _Kernel(NamedTuple):
+class DepthKernel(NamedTuple):
     """Covariance of the depth: a Matern kernel plus the unknown offset and azimuth of the line."""
 
     std_m: float
     length_m: float
     is_rough: bool  # of order 1/2, else 3/2
+    curvature_std_per_m: float = 0.0  # of a parabola beside
 
     def between(self, a_m: FloatArray, b_m: FloatArray) -> FloatArray:
+        """Covariance (a, b) of the depths at two sets of places."""
         distance = np.abs(a_m[:, None] - b_m) / self.length_m
         line = LINE_OFFSET_STD_M**2 + LINE_AZIMUTH_STD_RAD**2 * a_m[:, None] * b_m
+        line += (self.curvature_std_per_m / 2) ** 2 * a_m[:, None] ** 2 * b_m**2
         if self.is_rough:
             return np.asarray(self.std_m**2 * np.exp(-distance) + line)
         scaled = np.sqrt(3) * distance
@@ -84,20 +88,27 @@ def _depth(points: PointCluster, line: Line, at_m: FloatArray) -> tuple[FloatArr
         np.einsum("i,nij,j->n", normal, points.covariance_m2, normal),
     )
     grid = list(product(DEPTH_STD_M, LENGTH_M))
-    models = [[_fit_kernel(seen, at_m, _Kernel(*at, rough)) for at in grid] for rough in (False, True)]
+    models = [[fit_kernel(seen, at_m, DepthKernel(*at, rough)) for at in grid] for rough in (False, True)]
     line_std = (LINE_OFFSET_STD_M, LINE_AZIMUTH_STD_RAD)
     models.append([fit_recess(seen, at_m, std, line_std) for std in DEPTH_STD_M])
     members = [member for model in models for member in model]
-    log_prior = -np.log(np.repeat([len(model) for model in models], [len(model) for model in models]))
+    share = -np.log(np.repeat([len(model) for model in models], [len(model) for model in models]) * len(models))
+    depth = average(members, share)
+    return line.parameter[1] + depth.mean_m, depth.variance_m2, depth.log_likelihood
+
+
+def average(members: Sequence[DepthPosterior], log_prior: FloatArray) -> DepthPosterior:
+    """The depth over all models, of the prior shares `log_prior` (model,), with their evidence."""
     log_share = np.array([member.log_likelihood for member in members]) + log_prior
     total = float(logsumexp(log_share))
     share = np.exp(log_share - total)
     mean = share @ np.array([member.mean_m for member in members])
     variance = share @ np.array([member.variance_m2 + (member.mean_m - mean) ** 2 for member in members])
-    return line.parameter[1] + mean, variance, total - float(np.log(len(models)))
+    return DepthPosterior(total, mean, variance)
 
 
-def _fit_kernel(points: DepthPoints, at_m: FloatArray, kernel: _Kernel) -> DepthPosterior:
+def fit_kernel(points: DepthPoints, at_m: FloatArray, kernel: DepthKernel) -> DepthPosterior:
+    """Posterior of the depth at the places `at_m` (sample,) under one kernel."""
     covariance = kernel.between(points.place_m, points.place_m) + np.diag(points.variance_m2)
     cross = kernel.between(points.place_m, at_m)
     factor = cholesky(covariance, lower=True)
@@ -107,6 +118,7 @@ def _fit_kernel(points: DepthPoints, at_m: FloatArray, kernel: _Kernel) -> Depth
     log_likelihood = -0.5 * (points.depth_m @ solved + log_determinant + n * np.log(2 * np.pi))
     whitened = solve_triangular(factor, cross, lower=True)
     prior = kernel.std_m**2 + LINE_OFFSET_STD_M**2 + (LINE_AZIMUTH_STD_RAD * at_m) ** 2
+    prior += (kernel.curvature_std_per_m / 2 * at_m**2) ** 2
     return DepthPosterior(
         float(log_likelihood), cross.T @ solved, np.maximum(prior - np.sum(whitened**2, axis=0), 0.0)
     )

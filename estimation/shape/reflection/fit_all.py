@@ -17,7 +17,8 @@ from estimation.shape.fit import ShapeFit
 from estimation.shape.reflection.association import MIN_PATHS, GroupFits, object_squares
 from estimation.shape.reflection.bundle import Bundle, BundleObject, fit_bundle
 from estimation.shape.reflection.choice import CLASSES, Choice, choose_shape
-from estimation.shape.reflection.faces.find import Face, FaceSearch, face_choice
+from estimation.shape.reflection.faces.face import Face, face_choice, part_walls
+from estimation.shape.reflection.faces.find import FaceSearch
 from estimation.shape.reflection.objects import FoundObject, find_objects, refit_objects
 from estimation.shape.reflection.paths import CampaignPaths
 from estimation.shape.reflection.pillar_prior import prior_from_others
@@ -194,12 +195,13 @@ def _final(
     for k, (shape, inlier) in enumerate(zip(bundle.shapes, bundle.inlier, strict=True)):
         if not shape.is_usable or np.count_nonzero(inlier > _LIKELY) < MIN_PATHS:
             continue
-        rows, face = objects[k].paths[inlier > _LIKELY], of_wall.get(k) if shape.kind == "wall" else None
-        whole = shape if face is None else search.extended(shape, face)
-        rows = rows if face is None else np.union1d(rows, face.scattered)
-        found.append((whole, rows, list(choices[k].class_probability.values())))
-    scattering = [face for face in faces if face.mirror < 0]
-    found += [(search.shape(face), face.scattered, face.class_probability) for face in scattering]
+        walls, face = [(shape, objects[k].paths[inlier > _LIKELY])], of_wall.get(k)
+        if face is not None and shape.kind in CLASSES["wall"]:
+            walls = part_walls(face, np.union1d(walls[0][1], face.scattered), search.points, shape)
+        found += [(*part, list(choices[k].class_probability.values())) for part in walls]
+    for face in faces:
+        if face.mirror < 0:
+            found += [(*part, face.class_probability) for part in part_walls(face, face.scattered, search.points)]
     return CampaignFit(
         method="reflection",
         shapes=tuple(shape for shape, _, _ in found),

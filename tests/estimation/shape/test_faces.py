@@ -1,16 +1,21 @@
 """Scattering places of a rough wall are parts of it, what it mirrors is no object, and others near it stand."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import quad_vec
 from scipy.stats import multivariate_normal
 
 from estimation.laws.plane import bounce, residual
-from estimation.shape.kinds.fit import OBJECT_KINDS
+from estimation.shape.kinds.fit import OBJECT_KINDS, fit_kind
 from estimation.shape.kinds.mirror_wall import longer_wall, scattering_wall
 from estimation.shape.reflection.choice import choose_shape
 from estimation.shape.reflection.faces import scattering
-from estimation.shape.reflection.faces.find import Face, FaceSearch, face_choice
+from estimation.shape.reflection.faces.bends import fit_bend
+from estimation.shape.reflection.faces.face import Face, face_choice, part_walls
+from estimation.shape.reflection.faces.find import FaceSearch
+from estimation.shape.reflection.faces.parts import seen_parts
 from estimation.shape.reflection.faces.scattering import FaceLine, ScatteringPoints, along_face, scattering_places
 from estimation.shape.reflection.normals import oriented_points
 from estimation.shape.reflection.objects import FoundObject
@@ -21,6 +26,7 @@ from isac_arena.validation.scenarios.reflections import (
     closed_paths,
     edge_paths,
     observe,
+    observe_together,
     wall_paths,
 )
 from scenes.contours.smooth import Circle
@@ -95,10 +101,64 @@ def test_places_on_a_line_are_a_wall_that_mirrors_nothing() -> None:
     (face,) = found.run()
     assert face.mirror == -1 and face.objects == (0, 1, 2)
     assert found.standing([face]) == []
-    shape = found.shape(face)
+    ((shape, _),) = part_walls(face, face.scattered, found.points)
+    assert shape.kind == "wall"
     np.testing.assert_allclose(shape.contour_m[:, 1], -6.0, atol=0.15)
     assert np.ptp(shape.contour_m[:, 0]) == pytest.approx(3.6, abs=0.4)
     assert face.class_probability[0] > 0.99
+
+
+def test_a_wall_has_a_gap_where_another_is_seen_through_it() -> None:
+    rng, door_ends = np.random.default_rng(2), np.array([[1.0, -6.11], [3.0, -6.11]])
+    (whole, door), _ = observe_together(
+        [wall_paths(ends, rng) for ends in (WALL_ENDS, door_ends)], Errors(0.05), rng
+    )
+    beside = whole.take("path", ~np.isin(whole.stop, door.stop))
+    for of_wall, free, n in ((whole, door.take("path", []), 1), (beside, door, 2)):
+        found = search(("wall", of_wall), free=free)
+        (face,) = found.run()
+        walls = part_walls(face, np.arange(len(of_wall)), found.points, fit_kind(of_wall, "wall", SURE))
+        assert len(walls) == n
+        assert sorted(np.concatenate([rows for _, rows in walls])) == list(range(len(of_wall)))
+        is_before_door = [np.any(np.abs(each.contour_m[:, 0] - 2.0) < 0.5) for each, _ in walls]
+        assert any(is_before_door) == (n == 1)
+
+
+def test_what_is_seen_through_a_gap_is_not_hidden() -> None:
+    behind = seen(closed_paths(Circle(np.array([1.0, -8.0]), 0.4), np.random.default_rng(4)), 5, 9)
+    found = search(("wall", wall()), ("circle", behind))
+    (face,) = found.run()
+    assert found.standing([face]) == [0]
+    _, met = found.points.crossings(face.line, found.objects[1].paths)
+    open_face = replace(
+        face, parts_m=np.array([[met.min() - 5, met.min() - 0.1], [met.max() + 0.1, met.max() + 5]])
+    )
+    assert found.standing([open_face]) == [0, 1]
+
+
+def test_places_on_a_curve_are_one_curved_wall() -> None:
+    around = Circle(np.array([1.0, -11.0]), 5.0)
+    angles = np.deg2rad(np.linspace(55.0, 125.0, 8))
+    rng, patches = np.random.default_rng(9), []
+    for k, angle in enumerate(angles):
+        spots = around.center_m + 5.0 * np.column_stack(
+            [np.cos(angle + 0.01 * np.arange(8)), np.sin(angle + 0.01 * np.arange(8))]
+        )
+        parts = [seen(edge_paths(spot, rng), 20 + 8 * k + j, 8) for j, spot in enumerate(spots)]
+        patches.append(
+            (
+                "edge",
+                concatenate([part.take("path", [min(j, len(part) - 1)]) for j, part in enumerate(parts)], "path"),
+            )
+        )
+    found = search(*patches)
+    (face,) = found.run()
+    ((shape, rows),) = part_walls(face, face.scattered, found.points)
+    assert shape.kind == "depth_line" and len(rows) > 50
+    away = np.hypot(*(shape.contour_m - around.center_m).T) - 5.0
+    assert np.sqrt(np.mean(away**2)) < 0.05
+    assert np.mean(np.abs(away) < 1.96 * shape.std_m) > 0.8
+    assert shape.extent_m == pytest.approx(5.0 * np.ptp(angles), rel=0.1)
 
 
 def test_one_place_shows_no_line() -> None:
@@ -127,12 +187,55 @@ def test_no_path_has_no_face() -> None:
     assert found.run() == [] and found.standing([]) == []
 
 
-def test_scattering_is_evidence_for_a_straight_wall() -> None:
+def test_scattering_is_evidence_for_the_wall_that_scatters() -> None:
     choice = choose_shape(edge(BEFORE_WALL), SURE)
     line = FaceLine(np.zeros(2), np.eye(2), np.zeros(2))
-    face = Face(line, 0, (), np.zeros(0, int), 1e4)
-    assert face_choice(choice, face).best_class == "wall"
-    assert sum(face_choice(choice, face).class_probability.values()) == pytest.approx(1.0)
+    bend = fit_bend(np.arange(5.0), np.zeros(5), np.full(5, 0.01), 0.2)
+    for each, kind in ((line, "wall"), (line._replace(bend=bend), "arc")):
+        changed = face_choice(choice, Face(each, 0, (), np.zeros(0, int), 1e4))
+        assert changed.best_class == "wall" and changed.best.kind == kind
+        assert sum(changed.class_probability.values()) == pytest.approx(1.0)
+
+
+def test_a_bend_is_evident_on_a_curve_only() -> None:
+    rng, place = np.random.default_rng(3), np.linspace(0.0, 4.0, 40)
+    noise = rng.normal(0, 0.04, 40)
+    straight = fit_bend(place, 0.1 * place + noise, np.full(40, 0.04**2), 0.2)
+    assert straight.gain < 0
+    curve = 5.0 - np.sqrt(25.0 - (place - 2.0) ** 2)
+    bend = fit_bend(place, curve + noise, np.full(40, 0.04**2), 0.2)
+    assert bend.gain > 10
+    np.testing.assert_allclose(np.interp(place, bend.place_m, bend.depth_m), curve, atol=0.04)
+    beyond = np.interp([2.0, 5.5], bend.place_m, bend.variance_m2)
+    assert beyond[1] > 10 * beyond[0]
+
+
+NO_EVENT = np.zeros(0)
+
+
+@pytest.mark.parametrize(
+    ("places", "against_m", "expected"),
+    [
+        (np.linspace(0, 4, 30), NO_EVENT, [[0.0, 4.0]]),
+        (np.append(np.linspace(0, 2, 15), np.linspace(6, 8, 15)), NO_EVENT, [[0.0, 2.0], [6.0, 8.0]]),
+        (np.append(np.linspace(0, 2, 15), [6.0, 6.1]), NO_EVENT, [[0.0, 2.0]]),
+        (np.append(np.linspace(0, 2, 15), np.linspace(2.6, 4, 15)), NO_EVENT, [[0.0, 4.0]]),
+        (np.append(np.linspace(0, 2, 15), np.linspace(2.6, 4, 15)), np.full(5, 2.3), [[0.0, 2.0], [2.6, 4.0]]),
+        (np.array([3.0]), NO_EVENT, [[3.0, 3.0]]),
+    ],
+    ids=["even", "long gap", "few beyond", "short gap", "seen through", "one"],
+)
+def test_parts_end_where_paths_are_missing_or_contradict(
+    places: np.ndarray, against_m: np.ndarray, expected: list[list[float]]
+) -> None:
+    parts = seen_parts(places, np.full(len(places), 3.0), against_m, np.full(len(against_m), 2.9), 0.4)
+    np.testing.assert_allclose(parts, expected)
+
+
+def test_a_gap_costs_the_paths_within_it() -> None:
+    places, against_m = np.linspace(0, 4, 81), np.linspace(1.8, 2.2, 6)
+    for weight, n in ((1.0, 2), (20.0, 1)):
+        assert len(seen_parts(places, np.full(81, weight), against_m, np.full(6, 2.9), 0.4)) == n
 
 
 def test_walls_are_seen_as_far_as_they_mirror_and_scatter() -> None:

@@ -4,8 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimation.laws.contour import WALL, predict_reflection
+from estimation.laws.wall import wall_places
 from estimation.shape.reflection.association import GATE
-from estimation.shape.reflection.faces.scattering import OBJECT_REACH_M, FaceLine
+from estimation.shape.reflection.faces.bends import fit_bend
+from estimation.shape.reflection.faces.scattering import OBJECT_REACH_M, FaceLine, Places, scattering_places
 from estimation.shape.reflection.normals import OrientedPoints
 from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
 from scenes.record import BoolArray, FloatArray, IntArray
@@ -25,11 +28,19 @@ class FacePoints:
     los: Reflections
     config: ReflectionConfig
 
+    def places(self, line: FaceLine, rows: IntArray) -> Places:
+        """Where paths (path,) met a face on the line, if they are scattered from it."""
+        return scattering_places(line, self.data.take("path", rows), self.config)
+
     def across_m2(self, line: FaceLine, rows: IntArray) -> FloatArray:
         """Variances (path,) of points and of the line along its normal."""
-        covariance, place = self.points.covariance_m2[rows], self.places_m(line, rows)
-        own = np.einsum("a,nab,b->n", line.normal, covariance, line.normal)
-        return np.asarray(own + line.variance_m2(place, self.config.wall_relief_m))
+        own = self._own_m2(line, rows)
+        return np.asarray(own + line.variance_m2(self.places_m(line, rows), self.config.wall_relief_m))
+
+    def _own_m2(self, line: FaceLine, rows: IntArray) -> FloatArray:
+        """Variances (path,) of points along the normal of the line, those along a curved face included."""
+        across = line.normal - line.slope(self.places_m(line, rows))[:, None] * line.tangent
+        return np.asarray(np.einsum("na,nab,nb->n", across, self.points.covariance_m2[rows], across))
 
     def places_m(self, line: FaceLine, rows: IntArray) -> FloatArray:
         """Places (path,) of points along the line."""
@@ -37,26 +48,43 @@ class FacePoints:
 
     def squares(self, line: FaceLine, rows: IntArray) -> FloatArray:
         """Squared distances (path,) of points from the line over their variances."""
-        away = self.points.position_m[rows] @ line.normal - line.parameter[1]
-        return np.asarray(away**2 / self.across_m2(line, rows))
+        return np.asarray(line.away_m(self.points.position_m[rows]) ** 2 / self.across_m2(line, rows))
 
-    def behind(self, line: FaceLine, rows: IntArray) -> BoolArray:
-        """Whether paths (path,) with points clear of the line would cross its seen part on both ways."""
+    def crossings(self, line: FaceLine, rows: IntArray) -> tuple[BoolArray, FloatArray]:
+        """Whether paths (path,) with points clear of the line cross it on both ways, and where (way, path)."""
         point = self.points.position_m[rows]
-        beyond = point @ line.normal - line.parameter[1]
-        crosses = beyond**2 > GATE * self.across_m2(line, rows)
+        beyond = line.away_m(point)
+        crosses, places = beyond**2 > GATE * self.across_m2(line, rows), []
         for end in (self.data.tx[rows, :2], self.data.rx_state[rows, :2]):
-            before = end @ line.normal - line.parameter[1]
+            before = line.away_m(end)
             opposite = before * beyond < 0
             share = before / np.where(opposite, before - beyond, 1.0)
-            met = (end + share[:, None] * (point - end)) @ line.tangent
-            crosses &= opposite & (met >= line.seen_m[0]) & (met <= line.seen_m[1])
-        return np.asarray(crosses)
+            places.append((end + share[:, None] * (point - end)) @ line.tangent)
+            crosses &= opposite
+        return np.asarray(crosses), np.array(places)
+
+    def unmirrored(self, line: FaceLine, members: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Places (event,) where a flat face mirrored no path that it would have, and their evidence against it.
+
+        It mirrors to a stop as often as to those between its first and last mirrored paths, `members`.
+        """
+        link = self.data.stop * (self.data.clock.max(initial=0) + 1) + self.data.clock
+        _, first = np.unique(link, return_index=True)
+        tx, state = self.data.tx[first], self.data.rx_state[first]
+        place, _, _ = wall_places(line.parameter, tx, state[:, :2])
+        lit = predict_reflection(WALL, line.parameter, tx, state).is_lit
+        found = np.isin(link[first], link[members])
+        if not found.any():
+            return np.zeros(0), np.zeros(0)
+        between = lit & (place >= place[found].min()) & (place <= place[found].max())
+        n, missed = np.count_nonzero(between), lit & ~found
+        silent = (n - np.count_nonzero(found & between) + 1) / (n + 2)
+        return place[missed], np.full(np.count_nonzero(missed), -np.log(silent))
 
     def openings(self, line: FaceLine) -> tuple[float, float]:
         """The places nearest to the seen part, on either side, where a line of sight passes through the line."""
         tx, rx = self.los.tx[:, :2], self.los.rx_state[:, :2]
-        before, beyond = (end @ line.normal - line.parameter[1] for end in (tx, rx))
+        before, beyond = line.away_m(tx), line.away_m(rx)
         crosses = (before * beyond < 0) & (np.minimum(np.abs(before), np.abs(beyond)) > _CLEAR_M)
         share = (before / np.where(crosses, before - beyond, 1.0))[crosses]
         place = (tx[crosses] + share[:, None] * (rx - tx)[crosses]) @ line.tangent
@@ -77,6 +105,24 @@ class FacePoints:
         found = FaceLine(parameter, np.linalg.inv(information), line.seen_m)
         place = point @ found.tangent
         return found._replace(seen_m=np.array([place.min(), place.max()]))
+
+    def bent(self, line: FaceLine, rows: IntArray, mirrored: IntArray) -> FaceLine:
+        """The curved face through points, as far as they reach, from one near it; `mirrored` have no relief."""
+        base = self.fitted(line, rows)
+        # The normals of the points are those of the face as it was.
+        relief = np.where(np.isin(rows, mirrored), 0.0, self.config.wall_relief_m)
+        away, variance = base.away_m(self.points.position_m[rows]), self._own_m2(line, rows) + relief**2
+        return base._replace(
+            bend=fit_bend(self.places_m(base, rows), away, variance, 1 / self.config.bend_radius_median_m)
+        )
+
+    def facing(self, rows: IntArray) -> FaceLine:
+        """The line through the middle of points along their mean normal."""
+        normal = self.points.normal_rad[rows]
+        azimuth = np.arctan2(np.sin(normal).mean(), np.cos(normal).mean())
+        middle = np.median(self.points.position_m[rows], axis=0)
+        offset = float(middle @ [np.cos(azimuth), np.sin(azimuth)])
+        return FaceLine(np.array([azimuth, offset]), np.diag(np.square(_FIRST_STD)), np.zeros(2))
 
     def most_crowded(self, own: IntArray, others: IntArray) -> FaceLine:
         """The line through the middle of some points, `own`, near which most of the `others` are."""

@@ -21,6 +21,15 @@ _STEPS = 2  # of each path to its place along the face
 ONE_GATE, _PLACE_GATE = 10.83, 13.82  # chi-square of 1 and of 2 degrees of freedom at 0.999
 
 
+class Bend(NamedTuple):
+    """Depth of a curved face over its line, between places in order."""
+
+    place_m: FloatArray  # (knot,)
+    depth_m: FloatArray  # (knot,)
+    variance_m2: FloatArray  # (knot,) of the depth, that of the line included
+    gain: float  # of log evidence over a straight face
+
+
 class FaceLine(NamedTuple):
     """The line of a face, and where along it its paths are likely."""
 
@@ -28,6 +37,7 @@ class FaceLine(NamedTuple):
     covariance: FloatArray  # (2, 2)
     seen_m: FloatArray  # first and last place along it
     between_m: tuple[float, float] = (-np.inf, np.inf)  # places where lines of sight pass through it
+    bend: Bend | None = None  # of a curved face
 
     @property
     def normal(self) -> FloatArray:
@@ -39,8 +49,26 @@ class FaceLine(NamedTuple):
         """Unit vector (xy,) along the face: the normal turned by +90 deg."""
         return np.array([-self.normal[1], self.normal[0]])
 
+    def depth_m(self, place_m: FloatArray) -> FloatArray:
+        """Offset (place,) of the face along its normal, its bend included."""
+        bend = 0.0 if self.bend is None else np.interp(place_m, self.bend.place_m, self.bend.depth_m)
+        return np.asarray(self.parameter[1] + bend + 0 * place_m)
+
+    def slope(self, place_m: FloatArray) -> FloatArray:
+        """Change (place,) of the depth along the face."""
+        if self.bend is None:
+            return np.asarray(0 * place_m)
+        change = np.gradient(self.bend.depth_m, self.bend.place_m)
+        return np.asarray(np.interp(place_m, self.bend.place_m, change))
+
+    def away_m(self, point_m: FloatArray) -> FloatArray:
+        """Distances (point,) of points from the face along its normal."""
+        return np.asarray(point_m @ self.normal - self.depth_m(point_m @ self.tangent))
+
     def variance_m2(self, place_m: FloatArray, relief_m: float) -> FloatArray:
         """Variance (place,) of the face along its normal, with its relief."""
+        if self.bend is not None:
+            return np.asarray(np.interp(place_m, self.bend.place_m, self.bend.variance_m2) + relief_m**2)
         lever = np.stack([-place_m, np.ones_like(place_m)], axis=-1)
         return np.asarray(np.einsum("...i,ij,...j", lever, self.covariance, lever) + relief_m**2)
 
@@ -74,8 +102,7 @@ def place_evidence(line: FaceLine, places: Places, config: ReflectionConfig) -> 
 
 def at_point(line: FaceLine, edge: Optimum, config: ReflectionConfig) -> float:
     """Log evidence of paths that all go by way of one point, their `edge`, as a place of a face."""
-    distance = float(edge.parameter @ line.normal - line.parameter[1])
-    place = edge.parameter @ line.tangent
+    distance, place = float(line.away_m(edge.parameter)), edge.parameter @ line.tangent
     variance = line.variance_m2(place, config.wall_relief_m)
     variance = variance + line.normal @ edge.parameter_covariance @ line.normal
     on_line = line.log_density(place, OBJECT_REACH_M)
@@ -106,13 +133,14 @@ def along_face(line: FaceLine, places: Places, config: ReflectionConfig) -> tupl
 
 def scattering_places(line: FaceLine, data: Reflections, config: ReflectionConfig) -> Places:
     """Where each path met the face."""
-    offset = line.parameter[1]
     place = start_point(data.tx, data.rx_state, data.measured) @ line.tangent
     step = np.zeros(len(data))
     for _ in range(_STEPS + 1):
         place = place + step
-        predicted = bounce(data.tx, data.rx_state, offset * line.normal + place[:, None] * line.tangent)
-        by_place, across = predicted.by_landmark @ line.tangent, predicted.by_landmark @ line.normal
+        depth, slope = line.depth_m(place)[:, None], line.slope(place)[:, None]
+        predicted = bounce(data.tx, data.rx_state, depth * line.normal + place[:, None] * line.tangent)
+        across = predicted.by_landmark @ line.normal
+        by_place = predicted.by_landmark @ line.tangent + slope * across
         by_rx, relief = predicted.by_state, line.variance_m2(place, config.wall_relief_m)
         covariance = data.covariance + by_rx @ data.rx_covariance @ np.swapaxes(by_rx, 1, 2)
         covariance = covariance + relief[:, None, None] * across[:, :, None] * across[:, None, :]

@@ -1,0 +1,81 @@
+"""A flat or curved face with what it explains, and the records of its parts."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from estimation.shape.fit import ShapeFit
+from estimation.shape.kinds.mirror_wall import longer_wall, scattering_wall
+from estimation.shape.reflection.choice import CLASSES, Choice
+from estimation.shape.reflection.faces.bends import bent_wall
+from estimation.shape.reflection.faces.points import FacePoints
+from estimation.shape.reflection.faces.scattering import FaceLine
+from scenes.record import BoolArray, FloatArray, IntArray
+
+_CHI2_MEDIAN = 0.455  # of 1 degree of freedom
+
+
+@dataclass(frozen=True)
+class Face:
+    """A line with the objects that it replaces and all paths scattered from it."""
+
+    line: FaceLine
+    mirror: int  # the object that mirrors paths, -1 for none
+    objects: tuple[int, ...]  # that it replaces
+    scattered: IntArray  # rows of the data
+    gain: float  # of log evidence
+    parts_m: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))  # (part, 2) ends of what is seen of it
+
+    @property
+    def class_probability(self) -> list[float]:
+        """Probabilities of `CLASSES`: that of a wall by its gain, the others alike."""
+        other = float(np.exp(-np.logaddexp(0.0, self.gain)))
+        return [1 - other, other / 2, other / 2]
+
+    def covers(self, place_m: FloatArray, reach_m: float = 0.0) -> BoolArray:
+        """Whether places (...) along the face are on any of its parts, or at most so far beyond its ends."""
+        first, last = self.parts_m[:, 0] - reach_m, self.parts_m[:, 1] + reach_m
+        return np.asarray(((place_m[..., None] >= first) & (place_m[..., None] <= last)).any(axis=-1))
+
+
+def face_choice(choice: Choice, face: Face) -> Choice:
+    """The choice for the object that a face mirrors: what the face scatters is evidence for a straight wall."""
+    flat = "wall" if face.line.bend is None else "arc"
+    if not choice.fits[flat].is_usable:
+        return choice
+    with np.errstate(divide="ignore"):
+        log = {kind: float(np.log(value)) for kind, value in choice.probability.items()}
+    log[flat] += face.gain
+    total = np.logaddexp.reduce(list(log.values()))
+    probability = {kind: float(np.exp(value - total)) for kind, value in log.items()}
+    by_class = {name: sum(probability[kind] for kind in CLASSES[name]) for name in choice.class_probability}
+    return replace(choice, probability=probability, class_probability=by_class)
+
+
+def part_walls(
+    face: Face, rows: IntArray, points: FacePoints, mirrored: ShapeFit | None = None
+) -> list[tuple[ShapeFit, IntArray]]:
+    """The records of the parts of a face with their paths, of `rows`.
+
+    `mirrored` is the wall fitted to what a flat face mirrors. Without it the relief of all places may be the same.
+    """
+    line, relief_m, scale, log_evidence = face.line, points.config.wall_relief_m, 1.0, np.nan
+    if mirrored is None or line.bend is not None:
+        scale = max(float(np.median(points.squares(line, rows))) / _CHI2_MEDIAN, 1.0)
+        covariance = line.covariance * scale + np.diag([0.0, relief_m**2])
+    else:
+        log_evidence, covariance = mirrored.log_evidence, mirrored.parameter_covariance[:2, :2]
+        line = FaceLine(mirrored.parameter[:2], covariance, line.seen_m)
+        if len(face.parts_m) == 1:
+            places = points.places(line, face.scattered)
+            return [(longer_wall(mirrored, places.place_m, places.variance_m2), rows)]
+    places = points.places(line, rows)
+    outside = np.maximum(face.parts_m[:, :1] - places.place_m, places.place_m - face.parts_m[:, 1:])
+    part, found = outside.argmin(axis=0), []
+    for k in np.unique(part):
+        own = places.of(part == k)
+        shape = scattering_wall(line.parameter, covariance, own.place_m, own.variance_m2, log_evidence)
+        if line.bend is not None:
+            shape = bent_wall(shape, line, scale, relief_m)
+        found.append((shape, rows[part == k]))
+    return found
