@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from estimation.channel.record import EstimateStatus, empty_estimate
 from estimation.slam.record import SolveStatus
 from isac_arena.campaign.campaign import Campaign, load_campaign
 from isac_arena.campaign.plan import plan_run
@@ -90,7 +91,9 @@ def test_a_node_that_sees_nothing_leaves_the_contours_of_the_others() -> None:
     scene = replace(loaded.scene, other_txs={one.name: one.pose for one in places})
     run = linked_run(loaded.config, scene, [(one.name, one.name) for one in places])
     truths = list(run.truths())
-    found = run.maps(list(run.channel(truths)), run.surveyed_receiver(truths))["mapping"].contours
+    channel = list(run.channel(truths))
+    channel[2] = empty_estimate(channel[2].stop, "auto", EstimateStatus.NO_PATHS, "nothing exceeds the noise")
+    found = run.maps(channel, run.surveyed_receiver(truths))["mapping"].contours
     assert np.isfinite(found.aod_offset_rad).tolist() == [True, True, False]
 
 
