@@ -37,6 +37,7 @@ from estimation.slam.walk.sessions import split_sessions
 from estimation.slam.walk.smoother import LANDMARK_INFORMATION, minimise_robust_cost, normal_equations
 from scenes.record import BoolArray
 
+WALK_SHARES = (*SHARES, 0.01, 0.003)  # of the floors: a whole walk tells less noise than one stop
 _ROUGH_ITERATIONS = 6  # enough where the association will change
 _MAX_ROUNDS = 10
 _PLACINGS = 2
@@ -103,11 +104,11 @@ def smooth_walk(
         walks = [_relocated(walks[0], wide, doubtful)]
     if not (seen.floor.any() and config.use_landmarks):
         return walks[0]
-    for share in SHARES:
+    for share in WALK_SHARES:
         walks.append(_quieter(walks[-1], wide.lower(share), wide))
     evidence = [walk.evidence for walk in walks]
     best = int(np.argmax(evidence))
-    round_ones = walks[best].noise.smoother("object_roughness_m", (1.0, *SHARES)[best])
+    round_ones = walks[best].noise.smoother("object_roughness_m", (1.0, *WALK_SHARES)[best])
     walks.append(_quieter(walks[best], round_ones, wide))
     evidence.append(walks[-1].evidence)
     best = int(np.argmax(evidence))

@@ -298,3 +298,11 @@ def test_evidence_about_a_point_is_the_integral_over_the_points(monkeypatch: pyt
     density = np.exp(-0.5 * (square + np.linalg.slogdet(2 * np.pi * covariance)[1]))
     expected = np.log(density.sum() * 0.005**2 / SURE.area_m2) + SURE.log_path_share
     assert points.about_one(np.array([0]), SURE) == pytest.approx(expected, abs=0.05)
+
+
+def test_a_bent_line_far_from_all_points_explains_nothing() -> None:
+    found = search(("edge", edge(IN_WALL)), ("edge", edge(BEFORE_WALL)))
+    rows, none = found.objects[0].paths, np.zeros(0, int)
+    line = found.points.bent(found.points.most_crowded(rows, rows), rows, none)
+    face = found._grown(line._replace(parameter=line.parameter + np.array([0.0, 40.0])))
+    assert face.objects == () and not len(face.scattered)

@@ -131,8 +131,9 @@ class FaceSearch:
             if k not in self._left:
                 continue
             face = self._curved(self._grown(lines[k]))  # others may have taken some of its paths
-            if len(face.objects) >= _MIN_OBJECTS:
-                face = self._in_parts(face)
+            if len(face.objects) < _MIN_OBJECTS or not len(face.scattered):
+                continue
+            face = self._in_parts(face)
             gain = face.gain + self._log_prior(face.line)
             if len(face.objects) >= _MIN_OBJECTS and gain > MIN_GAIN_NAT:
                 yield replace(face, gain=gain)
@@ -157,12 +158,12 @@ class FaceSearch:
         for _ in range(_MAX_ROUNDS):
             line = line._replace(between_m=self.points.openings(line))
             face = self._explained(line, mirror)
-            longer = face.line
-            if line.bend is not None:
-                mirrored = self._mirrored(mirror)
-                longer = self.points.bent(line, np.union1d(face.scattered, mirrored), mirrored)
-            elif mirror < 0 and len(face.scattered):
-                longer = self.points.fitted(line, face.scattered)
+            longer, mirrored = face.line, self._mirrored(mirror)
+            rows = np.union1d(face.scattered, mirrored)
+            if line.bend is not None and len(rows):
+                longer = self.points.bent(line, rows, mirrored)
+            elif mirror < 0 and len(rows):
+                longer = self.points.fitted(line, rows)
             if np.allclose(longer.seen_m, line.seen_m) and np.allclose(longer.parameter, line.parameter):
                 break
             line = longer
