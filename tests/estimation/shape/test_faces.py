@@ -306,3 +306,10 @@ def test_a_bent_line_far_from_all_points_explains_nothing() -> None:
     line = found.points.bent(found.points.most_crowded(rows, rows), rows, none)
     face = found._grown(line._replace(parameter=line.parameter + np.array([0.0, 40.0])))
     assert face.objects == () and not len(face.scattered)
+
+
+def test_two_corners_without_a_scattered_path_show_no_line() -> None:
+    found = search(("edge", edge(IN_WALL)), ("edge", edge(BEFORE_WALL)))
+    rows = found.objects[0].paths
+    corners = Face(found.points.most_crowded(rows, rows), -1, (0, 1), np.zeros(0, int), 9.0)
+    assert found._curved(corners) is corners

@@ -131,7 +131,7 @@ class FaceSearch:
             if k not in self._left:
                 continue
             face = self._curved(self._grown(lines[k]))  # others may have taken some of its paths
-            if len(face.objects) < _MIN_OBJECTS or not len(face.scattered):
+            if not _shows_line(face):
                 continue
             face = self._in_parts(face)
             gain = face.gain + self._log_prior(face.line)
@@ -140,7 +140,7 @@ class FaceSearch:
 
     def _curved(self, face: Face) -> Face:
         """The face with a bend, grown along it, where its points show one; else as it is."""
-        if len(face.objects) < _MIN_OBJECTS:
+        if not _shows_line(face):
             return face
         line = self.points.bent(face.line, face.scattered, np.zeros(0, int))
         if line.bend is None or line.bend.gain < MIN_GAIN_NAT:
@@ -276,3 +276,8 @@ class FaceSearch:
             return np.zeros(0, int)
         member = self.objects[k].optimum.inlier > 0.5
         return self.objects[k].paths[member if member.any() else slice(None)]
+
+
+def _shows_line(face: Face) -> bool:
+    """Whether enough objects, and paths scattered along it, show the line of a face; corners alone do not."""
+    return len(face.objects) >= _MIN_OBJECTS and len(face.scattered) > 0
