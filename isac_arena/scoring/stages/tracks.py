@@ -38,8 +38,9 @@ def score_tracks(
     movers = [item for item in scene.objects if item.motion is not None]
     names, n_stops = np.array([item.name for item in movers], str), len(tracks.survey.stop)
     state = mover_states(movers, tracks.survey.time_s)
-    seen = np.array([[name in in_view.get(stop, ()) for stop in tracks.survey.stop.tolist()] for name in names])
-    seen = seen.reshape(len(movers), n_stops)
+    seen = np.zeros((len(movers), n_stops), bool)
+    for column, stop in enumerate(tracks.survey.stop.tolist()):
+        seen[:, column] = np.isin(names, list(in_view.get(stop, ())))
     bound = velocity_bounds(channel, result.poses, tracks.survey, config, state)
     row, in_view_m, all_m, n_false = _assigned(tracks, state[..., [0, 2]], seen)
     shape = row.shape
