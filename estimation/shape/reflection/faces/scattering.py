@@ -18,6 +18,7 @@ from scenes.record import BoolArray, FloatArray, IntArray
 OBJECT_REACH_M, PATH_REACH_M = 1.0, 0.3  # scales of how far beyond its seen part a face has objects, single paths
 _SPREADS_M = (0.05, 0.1, 0.2, 0.4, 0.8)  # of the places of an object
 _STEPS = 2  # of each path to its place along the face
+_LEAST_SHARE = 1e-12  # of the largest variance, in every direction
 ONE_GATE, _PLACE_GATE = 10.83, 13.82  # chi-square of 1 and of 2 degrees of freedom at 0.999
 
 
@@ -143,13 +144,19 @@ def scattering_places(line: FaceLine, data: Reflections, config: ReflectionConfi
         by_place = predicted.by_landmark @ line.tangent + slope * across
         by_rx, relief = predicted.by_state, line.variance_m2(place, config.wall_relief_m)
         covariance = data.covariance + by_rx @ data.rx_covariance @ np.swapaxes(by_rx, 1, 2)
-        covariance = covariance + relief[:, None, None] * across[:, :, None] * across[:, None, :]
+        covariance = _invertible(covariance + relief[:, None, None] * across[:, :, None] * across[:, None, :])
         weight, error = np.linalg.inv(covariance), residual(data.measured, predicted.value)
         information = np.einsum("pa,pab,pb->p", by_place, weight, by_place)
         step = np.einsum("pa,pab,pb->p", by_place, weight, error) / information
     square = np.einsum("pa,pab,pb->p", error, weight, error)
     log_mass = -0.5 * (square + np.linalg.slogdet(covariance)[1] + np.log(information)) - np.log(2 * np.pi)
     return Places(place, 1 / information, log_mass, square)
+
+
+def _invertible(covariance: FloatArray) -> FloatArray:
+    """Covariances (path, 3, 3) that rounding leaves invertible: a point on a device has angles of any error."""
+    largest = np.trace(covariance, axis1=1, axis2=2)[:, None, None]
+    return np.asarray(covariance + _LEAST_SHARE * largest * np.eye(covariance.shape[1]))
 
 
 class ScatteringPoints(NamedTuple):
@@ -163,7 +170,7 @@ class ScatteringPoints(NamedTuple):
         """Those of all paths of the data."""
         predicted = bounce(data.tx, data.rx_state, points.position_m)
         by_rx = predicted.by_state
-        covariance = data.covariance + by_rx @ data.rx_covariance @ np.swapaxes(by_rx, 1, 2)
+        covariance = _invertible(data.covariance + by_rx @ data.rx_covariance @ np.swapaxes(by_rx, 1, 2))
         error = residual(data.measured, predicted.value)
         square = np.einsum("pa,pab,pb->p", error, np.linalg.inv(covariance), error)
         log_size = np.linalg.slogdet(covariance)[1] - np.linalg.slogdet(points.covariance_m2)[1]
