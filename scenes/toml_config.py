@@ -101,7 +101,7 @@ def _syntax(message: str) -> str:
     if not found:
         return message
     table = ".".join(re.findall(r"'([^']*)'", found[1]))
-    return f"the table [{table}] is there twice, again in line {found[2]}: put all its fields under the first"
+    return f"the table [{table}] is there again in line {found[2]}: keep only one"
 
 
 def parse_toml(text: str) -> dict[str, Any]:

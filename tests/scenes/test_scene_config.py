@@ -90,7 +90,7 @@ MISTAKES = [
     ("z_m = 3.0", "z_m = -3.0", r"ceiling\.z_m = -3\.0: must lie above floor\.z_m = 0\.0"),
     ("z_max_m = 1.2", "z_max_m = -1.2", r"objects\[box\]\.z_max_m = -1\.2: must be greater than z_min_m"),
     ("[tx]", "[tx", r"not valid TOML: .*line"),
-    ("[tx]", "[tx]\nname = 'a'\n[tx]", r"the table \[tx\] is there twice, again in line \d+: put all its fields"),
+    ("[tx]", "[tx]\nname = 'a'\n[tx]", r"the table \[tx\] is there again in line \d+: keep only one"),
     ("[tx]", "[[txs]]\nposition_m = [1.0, 1.0, 1.0]\n[tx]", r"tx: give either one \[tx\] or one or more"),
     ("[walk]", "[[txs]]\nposition_m = [1.0, 1.0, 1.0]\n[walk]", r"tx: give either one \[tx\]"),
     ("[tx]", "[[txs]]\nposition_m = [1.0, 7.0, 1.0]\n[[txs]]", r"txs: the name 'tx' is given twice"),
