@@ -1,8 +1,7 @@
 """Make a task: a folder of observations for everybody, and a sealed file with the truth of all scenes.
 
     public/task.json               tier, stage, scenes, stops, the settings, and the hash of the seal
-    public/scene_000/...           samples of every stop (channel), or measured paths as a table (slam, contours),
-                                   and an empty hall to import them into
+    public/scene_000/...           samples of every stop (channel); else a table of paths and an empty hall
     seal.tar                       scenes and truths; keep it
     leaderboard.json, .html        results that were graded
 
