@@ -26,9 +26,8 @@ LEVEL_STEP_RAD = np.deg2rad(1.0)  # between the searched elevations
 REACH_CELLS = 2.0  # of azimuth to either side of the path's own
 SCAN_PER_CELL = 16.0  # azimuths per Rayleigh cell
 LEAST_LOG_WEIGHT = -5.0  # relative to the best mode, below which a mode does not count
-MODEL_ERROR = (
-    3e-3  # share of a path's power that beam models do not explain: the darkest pairs with it are left out
-)
+# Share of a path's power that beam models do not explain: the darkest pairs with a part of it are left out.
+MODEL_ERROR = 3e-3
 APART = 3.0  # least distance of two modes in standard deviations
 
 

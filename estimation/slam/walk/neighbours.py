@@ -12,7 +12,7 @@ _WINDOW = 2  # known stops on each side that the motion about a stop depends on
 def between_known(state: FloatArray, is_known: BoolArray) -> FloatArray:
     """States (stop, state) with those that are not known interpolated; the same where no stop is known."""
     known = np.flatnonzero(is_known)
-    return _interpolated(state, known, np.arange(len(state))) if len(known) else state
+    return interpolated(state[known], known, np.arange(len(state))) if len(known) else state
 
 
 def motion_about(
@@ -30,7 +30,7 @@ def motion_about(
     costs = np.empty(len(candidates))
     for k, candidate in enumerate(candidates):
         part[stop] = candidate
-        walk = _interpolated(part, near, every)
+        walk = interpolated(part[near], near, every)
         costs[k] = motion_cost(walk, course_of(walk), config)
     return costs
 
@@ -45,7 +45,8 @@ def neighbour_states(now: FloatArray, stop: int) -> FloatArray:
     return np.concatenate([near, near.mean(axis=0, keepdims=True)])
 
 
-def _interpolated(state: FloatArray, known: IntArray, stop: IntArray) -> FloatArray:
-    there = state[known]
+def interpolated(known_state: FloatArray, known: IntArray, stop: IntArray) -> FloatArray:
+    """States (stop, state) at some stops, on straight lines between those of the known ones (known, state)."""
+    there = known_state.copy()
     there[:, 2] = np.unwrap(there[:, 2])
     return np.column_stack([np.interp(stop, known, column) for column in there.T])

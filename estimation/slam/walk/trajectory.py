@@ -21,6 +21,7 @@ from estimation.slam.transmitters import AnyTx, map_each_tx, transmitters_of
 from estimation.slam.walk.alternation import smooth_walk
 from estimation.slam.walk.modes import Rivals, choose_modes, rival_modes, with_places
 from estimation.slam.walk.motion import course_of
+from estimation.slam.walk.neighbours import interpolated
 from estimation.slam.walk.relocate import LEAST_EVIDENCE, DoubtfulStops, Powers
 from estimation.slam.walk.residuals import (
     LEAST_SPARE,
@@ -141,15 +142,15 @@ def initial_state(modes: Sequence[Sequence[Fit]], chosen: IntArray, seen: Observ
     So is the clock bias against a TX of which the mode has no path.
     """
     n = len(modes)
-    solved = [k for k in range(n) if chosen[k] >= 0]
-    states = np.array([modes[k][chosen[k]].state for k in solved])
-    states[:, 2] = np.unwrap(states[:, 2])
-    filled = np.column_stack([np.interp(np.arange(n), solved, column) for column in states.T])
+    solved = np.flatnonzero(chosen >= 0)
+    fits = [modes[k][chosen[k]] for k in solved.tolist()]
+    states = np.array([fit.state for fit in fits])
+    filled = interpolated(states, solved, np.arange(n))
     for tx in range(seen.n_tx if seen.n_tx > 1 else 0):
         own = [seen.link[seen.row == k] == tx for k in solved]
-        known = [bool(modes[k][chosen[k]].is_inlier[mine].any()) for k, mine in zip(solved, own, strict=True)]
+        known = [bool(fit.is_inlier[mine].any()) for fit, mine in zip(fits, own, strict=True)]
         if any(known):
-            filled[:, 3 + tx] = np.interp(np.arange(n), np.array(solved)[known], states[known, 3 + tx])
+            filled[:, 3 + tx] = np.interp(np.arange(n), solved[known], states[known, 3 + tx])
     return TrajectoryState(
         state=filled,
         offset_rad=np.zeros(seen.n_tx),
