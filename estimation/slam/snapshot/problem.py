@@ -15,7 +15,18 @@ from scenes.pose import Pose
 from scenes.record import BoolArray, FloatArray, IntArray
 
 MAX_HYPOTHESIS_PATHS = 12
+_TIED_STDS = 3.0
 MIN_LOS_INLIERS, MIN_NLOS_INLIERS = 3, 4  # with and without line of sight
+
+
+def tied_with_first(range_m: FloatArray, variance_m2: FloatArray) -> BoolArray:
+    """Which paths (path,) are as early as the first one within their errors: candidates for the line of sight.
+
+    Noise may put a reflection by the floor, or off an object close to the line of sight, before it.
+    """
+    first = int(np.argmin(range_m))
+    spread = np.sqrt(variance_m2 + variance_m2[first])
+    return np.asarray(range_m - range_m[first] <= _TIED_STDS * spread)
 
 
 def strongest_paths(power_dbm: FloatArray) -> IntArray:

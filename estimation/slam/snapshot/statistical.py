@@ -23,13 +23,18 @@ from estimation.slam.snapshot.evidence import (
 from estimation.slam.snapshot.hypotheses import distinct_states, four_bounce_states, line_of_sight_states
 from estimation.slam.snapshot.likelihood import MAX_ITERATIONS, log_likelihood, refine_states
 from estimation.slam.snapshot.path_table import LineOfSight, PathModel, PathTable, path_model, path_table
-from estimation.slam.snapshot.problem import MIN_LOS_INLIERS, MIN_NLOS_INLIERS, Fit, SnapshotProblem
+from estimation.slam.snapshot.problem import (
+    MIN_LOS_INLIERS,
+    MIN_NLOS_INLIERS,
+    Fit,
+    SnapshotProblem,
+    tied_with_first,
+)
 from scenes.pose import wrap_angle
 from scenes.record import BoolArray, FloatArray, IntArray
 
 N_REFINED = 8  # hypotheses that are refined, with each line of sight
 N_RANKED = 6  # modes that are kept
-_SAME_DELAY_STDS = 3.0
 # Log-likelihood below the best hypothesis from which a hypothesis is not refined.
 _MAX_DEFICIT = 15.0
 
@@ -63,13 +68,11 @@ def solve_statistical(problem: SnapshotProblem, config: SnapshotConfig) -> list[
 def los_candidates(problem: SnapshotProblem) -> IntArray:
     """Paths that may be the line of sight: those as early as the first within errors, and the strongest.
 
-    Noise may make a bounce close to the line of sight the first; a false path may arrive long before it.
+    A false path may arrive long before it.
     """
     if len(problem) < 2:
         return np.empty(0, np.int64)
-    variance, first = problem.covariance[:, 0, 0], problem.earliest
-    later = problem.measured[:, 0] - problem.measured[first, 0]
-    credible = later <= _SAME_DELAY_STDS * np.sqrt(variance + variance[first])
+    credible = tied_with_first(problem.measured[:, 0], problem.covariance[:, 0, 0])
     credible[np.argmax(problem.power_dbm)] = True
     return np.flatnonzero(credible)
 

@@ -14,12 +14,12 @@ from estimation.channel.record import ChannelEstimate
 from estimation.inference.least_squares import student_t_log_peak
 from estimation.laws.space import bounce_equations, los_jacobian_rx, predict_los, residual
 from estimation.slam.config import Mixture, PathNoise
+from estimation.slam.snapshot.problem import tied_with_first
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
 from scenes.record import BoolArray, FloatArray
 
 _UNKNOWN_STD_RAD = np.deg2rad(40.0)  # of an elevation that was not estimated
 _FEASIBLE_STDS = 2.0
-_TIED_STDS = 3.0
 
 
 @dataclass(frozen=True)
@@ -37,10 +37,7 @@ class SpatialProblem:
     @property
     def direct(self) -> int:
         """Index of the candidate for the line of sight: the strongest path that may be the earliest."""
-        range_m = self.measured[:, 0]
-        first = int(np.argmin(range_m))
-        spread = np.sqrt(self.covariance[:, 0, 0] + self.covariance[first, 0, 0])
-        tied = range_m - range_m[first] <= _TIED_STDS * spread
+        tied = tied_with_first(self.measured[:, 0], self.covariance[:, 0, 0])
         return int(np.argmax(np.where(tied, self.power_dbm, -np.inf)))
 
 

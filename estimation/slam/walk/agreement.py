@@ -6,7 +6,8 @@ every path tells, by way of an image or an object, the heading and the clock bia
 
 import numpy as np
 
-from estimation.laws.plane import bounce_equation
+from estimation.execution import compiled
+from estimation.laws.plane import bounce_equation, wrapped
 from estimation.slam.walk.assignment import wall_images
 from estimation.slam.walk.neighbours import neighbour_states
 from estimation.slam.walk.residuals import Observations, TrajectoryState
@@ -26,25 +27,20 @@ def agreeing_states(own: Observations, now: TrajectoryState, stop: int, max_bias
     place, step_m = _places(now, stop)
     path, heading, bias, is_able = _votes(_best_known(own), now, stop, place, step_m)
     is_able &= np.abs(bias) < max_bias_m
-    states, votes = np.empty((len(place), 4)), np.zeros(len(place))
-    for k in np.flatnonzero(is_able.any(axis=1)):
-        able = np.flatnonzero(is_able[k])
-        said = np.column_stack([heading[k, able], bias[k, able]])
-        votes[k], one = _most_agreed(path[able], said, step_m + AGREE_M)
-        states[k] = [*place[k], *said[one]]
+    votes, one = _most_agreed(path, heading, bias, is_able, step_m + AGREE_M)
     best = np.argsort(-votes, kind="stable")[:MOST_PLACES]
-    return np.asarray(states[best[votes[best] > 1]])
+    best = best[votes[best] > 1]
+    return np.column_stack([place[best], heading[best, one[best]], bias[best, one[best]]])
 
 
-def sight_states(own: Observations, now: TrajectoryState, stop: int, bias_m: float) -> FloatArray:
-    """States (candidate, 4) about the neighbours that the earliest path shows as a line of sight.
+def sight_states(own: Observations, now: TrajectoryState, stop: int, first: int, bias_m: float) -> FloatArray:
+    """States (candidate, 4) about the neighbours that the path `first` shows as a line of sight.
 
     Their clock biases are a given one, and those that each other path has as a single bounce. A flat array reports
     a departure from behind it as its mirror image in front, so both are tried.
     """
     measured = own.measured.copy()
     measured[:, 1] += now.offset_rad[now.session[stop]]
-    first = int(measured[:, 0].argmin())
     others = np.delete(measured, first, axis=0)
     range_m, departure, arrival = measured[first]
     tx = own.tx_rows[first]
@@ -70,15 +66,29 @@ def _best_known(own: Observations) -> Observations:
     return own.take(np.sort(np.argsort(square_m2, kind="stable")[:MOST_PATHS]))
 
 
-def _most_agreed(path: IntArray, said: FloatArray, agree_m: float) -> tuple[float, int]:
-    """How many paths agree with the vote (vote, 2) of heading and bias that most agree with, and which it is."""
-    apart = np.abs(said[:, None, 1] - said[:, 1]) / agree_m
-    turned = np.abs(wrap_angle(said[:, None, 0] - said[:, 0])) / AGREE_RAD
-    agree = np.maximum(1 - np.maximum(apart, turned) ** 2, 0.0)
-    first = np.flatnonzero(np.diff(path, prepend=-1))
-    total = np.maximum.reduceat(agree, first, axis=1).sum(axis=1)
-    best = int(total.argmax())
-    return float(total[best]), best
+@compiled
+def _most_agreed(
+    path: IntArray, heading: FloatArray, bias: FloatArray, is_able: BoolArray, agree_m: float
+) -> tuple[FloatArray, IntArray]:
+    """How many paths agree with the vote that most agree with, and which it is, at every place (place,).
+
+    Votes (place, vote) of one path follow one another; of those of a path the one that agrees best counts.
+    """
+    votes, one = np.zeros(len(bias)), np.zeros(len(bias), np.int64)
+    for k in range(len(bias)):
+        able = np.flatnonzero(is_able[k])
+        for i in able:
+            total, most = 0.0, 0.0
+            for at, j in enumerate(able):
+                apart = abs(bias[k, i] - bias[k, j]) / agree_m
+                if apart < 1.0:
+                    turned = abs(wrapped(heading[k, i] - heading[k, j])) / AGREE_RAD
+                    most = max(most, 1.0 - max(apart, turned) ** 2)
+                if at + 1 == len(able) or path[able[at + 1]] != path[j]:
+                    total, most = total + most, 0.0
+            if total > votes[k]:
+                votes[k], one[k] = total, i
+    return votes, one
 
 
 def _places(now: TrajectoryState, stop: int) -> tuple[FloatArray, float]:

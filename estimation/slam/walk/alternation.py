@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -13,7 +14,7 @@ from estimation.slam.config import TrajectoryConfig
 from estimation.slam.mapping.noise import LEAST_GAIN, SHARES
 from estimation.slam.snapshot.refine import bounce_terms
 from estimation.slam.walk.association import classify_paths, drop_unused_landmarks, reclassify_paths
-from estimation.slam.walk.planes import split_walls
+from estimation.slam.walk.planes import split_wall
 from estimation.slam.walk.relocate import (
     LEAST_EVIDENCE,
     DoubtfulStops,
@@ -32,7 +33,7 @@ from estimation.slam.walk.residuals import (
     spare_equations,
     without_heading_offsets,
 )
-from estimation.slam.walk.roughness import own_roughness
+from estimation.slam.walk.roughness import is_rough, own_roughness
 from estimation.slam.walk.sessions import split_sessions
 from estimation.slam.walk.smoother import LANDMARK_INFORMATION, minimise_robust_cost, normal_equations
 from scenes.record import BoolArray
@@ -42,6 +43,8 @@ _ROUGH_ITERATIONS = 6  # enough where the association will change
 _MAX_ROUNDS = 10
 _PLACINGS = 2
 _ROUGHNESS_TURNS = 2
+_ROUGH_TURNS = 4
+_MOST_SPLITS = 6
 
 
 class Noise(NamedTuple):
@@ -73,8 +76,9 @@ class SmoothedWalk(NamedTuple):
     def evidence(self) -> float:
         """Log evidence of all paths in use over that of clutter.
 
-        The unknowns are integrated out in Gaussian approximation: with few paths for many unknowns low noise
-        explains anything, and is no better for it.
+        A bounce off no landmark that is less probable than clutter counts as clutter. The unknowns are integrated
+        out in Gaussian approximation: with few paths for many unknowns low noise explains anything, and is no
+        better for it.
         """
         seen, config = self.noise
         gain = path_gains(seen, self.link, self.now, config)
@@ -116,7 +120,27 @@ def smooth_walk(
     if doubtful is not None:
         walk = _relocated(walk, wide, doubtful)
     own = _with_own_roughness(walk)
-    return own if own.evidence > walk.evidence + LEAST_GAIN else walk
+    walk = own if own.evidence > walk.evidence + LEAST_GAIN else walk
+    return _with_rough_paths(walk, wide)
+
+
+def _with_rough_paths(walk: SmoothedWalk, wide: Noise) -> SmoothedWalk:
+    """The walk again, with the wide noise for paths that its own does not explain."""
+    (seen, config), link = walk.noise, walk.link
+    is_wall = np.isin(link.kind, [PathClass.WALL, PathClass.DOUBLE])
+    larger = np.where(
+        is_wall,
+        wide.config.wall_roughness_m / config.wall_roughness_m,
+        wide.config.object_roughness_m / config.object_roughness_m,
+    )
+    for _ in range(_ROUGH_TURNS):
+        mine = is_rough(seen, wide.seen, link, larger, walk.now, config)
+        covariance = np.where(mine[:, None, None], wide.seen.covariance, seen.covariance)
+        mixed = Noise(replace(seen, covariance=covariance), config)
+        own = replace(link, rough=np.where(mine, larger, link.rough))
+        now = minimise_robust_cost(mixed.seen, own, walk.now, config)
+        walk = walk._replace(now=now, link=own, noise=mixed)
+    return walk
 
 
 def _with_own_roughness(walk: SmoothedWalk) -> SmoothedWalk:
@@ -136,17 +160,29 @@ def _quieter(walk: SmoothedWalk, noise: Noise, wide: Noise) -> SmoothedWalk:
     """
     kept = minimise_robust_cost(noise.seen, walk.link, walk.now, noise.config)
     found = _with_landmarks(noise, wide, walk.is_los, walk.now), walk._replace(now=kept, noise=noise)
-    return _with_planes(max(found, key=lambda one: one.evidence))._replace(places=walk.places)
+    return _best_with_planes(found, wide)._replace(places=walk.places)
 
 
-def _with_planes(walk: SmoothedWalk) -> SmoothedWalk:
+def _best_with_planes(walks: Sequence[SmoothedWalk], wide: Noise) -> SmoothedWalk:
+    """The walk of most evidence, each with walls of two planes first: their shifts may look like a session."""
+    return max((_with_planes(walk, wide) for walk in walks), key=lambda one: one.evidence)
+
+
+def _with_planes(walk: SmoothedWalk, wide: Noise) -> SmoothedWalk:
     """The walk with walls of two planes, where that has more evidence."""
     seen, config = walk.noise
-    start, link = split_walls(seen, walk.link, walk.now, config)
-    if len(start.walls) == len(walk.now.walls):
-        return walk
-    two = walk._replace(now=minimise_robust_cost(seen, link, start, config), link=link)
-    return two if two.evidence > walk.evidence + LEAST_GAIN else walk
+    for _ in range(_MOST_SPLITS):
+        start, link = split_wall(seen, walk.link, walk.now, config)
+        if np.array_equal(link.landmark, walk.link.landmark):
+            break
+        now = minimise_robust_cost(seen, link, start, config)
+        new = reclassify_paths(wide.seen, now, walk.is_los, wall_spans(seen, link, now), wide.config)
+        anew = walk._replace(now=minimise_robust_cost(seen, new, now, config), link=new)
+        two = max(walk._replace(now=now, link=link), anew, key=lambda one: one.evidence)
+        if two.evidence < walk.evidence + LEAST_GAIN:
+            break
+        walk = two
+    return walk
 
 
 def _relocated(walk: SmoothedWalk, wide: Noise, doubtful: DoubtfulStops) -> SmoothedWalk:
@@ -175,7 +211,7 @@ def _relocated(walk: SmoothedWalk, wide: Noise, doubtful: DoubtfulStops) -> Smoo
             is_known[stop] |= place.evidence > LEAST_EVIDENCE
         now = replace(walk.now, state=state)
         found = _with_landmarks(walk.noise, wide, is_los, now), _reassigned(walk, wide, is_los, now, is_moved)
-        walk = max(found, key=lambda one: one.evidence)._replace(places=places)
+        walk = _best_with_planes(found, wide)._replace(places=places)
         if is_settled:
             break
     return walk

@@ -25,6 +25,7 @@ from scenes.record import BoolArray, FloatArray, IntArray
 
 # Landmarks are found from incidence points more certain than this.
 _MAX_POINT_STD_M = 0.6
+_LEAST_OF_WALL = 3  # points: one more than two that any line joins
 _MAX_OBJECT_SCATTER_M = 0.4
 # Standard deviation of the position of a landmark that is not yet estimated.
 _START_STD_M = 0.05
@@ -124,7 +125,7 @@ def find_landmarks(
     (ip,). Walls first; the compact clusters of the other IPs are objects, unless their normals are equal. The
     centre of an object's circle is behind each IP by the radius; IPs on no circle have -1.
     """
-    walls, spans, is_free = find_walls(point_m, normal, normal_std_rad, config.cluster_min_samples)
+    walls, spans, is_free = find_walls(point_m, normal, normal_std_rad, _LEAST_OF_WALL)
     objects: list[FloatArray] = []
     member = np.full(len(point_m), -1)
     if is_free.any():

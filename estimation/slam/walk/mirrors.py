@@ -15,6 +15,7 @@ GATE_STDS = 3.0  # of the difference of two normals, and of the distance that it
 MOST_SEEDS = 400  # lines that are tried, evenly over the points
 BLOCK = 1_000_000  # pairs of lines and points compared at a time
 REFITS = 3
+SHARPEST = (0.25, 0.5, 1.0)  # shares of the points, the sharpest first, that walls are found from
 FALSE_ALARMS = 0.01  # walls of a scene without any
 
 
@@ -24,34 +25,62 @@ def find_walls(
     """Walls [azimuth of normal, offset] (wall, 2), their spans (wall, 2), and the points (ip,) that are on none.
 
     From points (ip, 2) and outward normals (ip, 2) with standard deviations (ip,). The line that most points share
-    is taken first, with all its points; a wall has at least `least` of them, and more than chance explains.
+    is taken first, with all its points; a wall has at least `least` of them, and more than chance explains. The
+    sharpest points come first: a few reflections show a wall that scattered paths about it hide.
     """
     walls: list[FloatArray] = []
     spans: list[tuple[float, float]] = []
-    n = len(point_m)
-    rest, is_free = np.ones(n, bool), np.ones(n, bool)
+    is_free = np.ones(len(point_m), bool)
     azimuth = np.arctan2(normal[:, 1], normal[:, 0])
+    for share in SHARPEST:
+        is_sharp = normal_std_rad <= np.quantile(normal_std_rad, share) if len(point_m) else is_free
+        tried = np.flatnonzero(is_free & is_sharp)
+        for wall, on in _lines(point_m[tried], azimuth[tried], normal_std_rad[tried], least):
+            is_on = tried[on]
+            facing, along = _axes(wall[0])
+            place = point_m[is_on] @ along
+            walls.append(wall)
+            spans.append((float(place.min()), float(place.max())))
+            middle = wall[1] * facing + np.median(place) * along
+            std_rad = np.median(normal_std_rad[is_on]) / np.sqrt(len(is_on))
+            line = middle[None], wall[:1], np.array([std_rad])
+            is_free &= _closeness(*line, point_m, azimuth, normal_std_rad)[0] <= 0
+            is_free[is_on] = False
+    return np.reshape(walls, (-1, 2)), np.reshape(spans, (-1, 2)), is_free
+
+
+def _lines(
+    point_m: FloatArray, azimuth: FloatArray, std_rad: FloatArray, least: int
+) -> list[tuple[FloatArray, IntArray]]:
+    """Lines (2,) that more points share than chance explains, each with its points (index,)."""
+    lines: list[tuple[FloatArray, IntArray]] = []
+    n = len(point_m)
+    rest = np.ones(n, bool)
     seeds = np.unique(np.linspace(0, max(n - 1, 0), min(n, MOST_SEEDS)).astype(int))
     parts = np.array_split(seeds, 1 + len(seeds) * n // BLOCK)
-    near = [_closeness(point_m[k], azimuth[k], normal_std_rad[k], point_m, azimuth, normal_std_rad) for k in parts]
-    closeness = np.concatenate([part.astype(np.float32) for part in near])
+    near = [_closeness(point_m[k], azimuth[k], std_rad[k], point_m, azimuth, std_rad) for k in parts if len(k)]
+    closeness = np.concatenate([np.empty((0, n), np.float32), *(part.astype(np.float32) for part in near)])
     score = closeness.sum(axis=1)
     while np.count_nonzero(rest) >= least:
         best = seeds[np.argmax(np.where(rest[seeds], score, -np.inf))]
         if not rest[best]:
             break
-        wall, is_on = _grown(int(best), np.flatnonzero(rest), point_m, azimuth, normal_std_rad)
+        wall, is_on = _grown(int(best), np.flatnonzero(rest), point_m, azimuth, std_rad)
         if len(is_on) < least:
             break
-        along = point_m[is_on] @ np.array([-np.sin(wall[0]), np.cos(wall[0])])
-        is_wall = _false_alarms(wall, is_on, point_m, normal_std_rad, len(seeds)) < FALSE_ALARMS
-        if np.ptp(along) >= LEAST_LENGTH_M and is_wall:
-            walls.append(wall)
-            spans.append((float(along.min()), float(along.max())))
-            is_free[is_on] = False
+        place = point_m[is_on] @ _axes(wall[0])[1]
+        chance = _false_alarms(wall, is_on, point_m, std_rad, len(seeds))
+        if np.ptp(place) >= LEAST_LENGTH_M and chance < FALSE_ALARMS / len(SHARPEST):
+            lines.append((wall, is_on))
         rest[is_on] = False
         score -= closeness[:, is_on].sum(axis=1)
-    return np.reshape(walls, (-1, 2)), np.reshape(spans, (-1, 2)), is_free
+    return lines
+
+
+def _axes(azimuth_rad: float) -> tuple[FloatArray, FloatArray]:
+    """The normal (2,) of a wall, and the direction along it."""
+    facing = np.array([np.cos(azimuth_rad), np.sin(azimuth_rad)])
+    return facing, np.array([-facing[1], facing[0]])
 
 
 def _grown(
@@ -79,8 +108,8 @@ def _false_alarms(
     The number of false alarms of Desolneux, Moisan and Morel (2000): of all points between the outer points of the
     wall, a random normal agrees with the wall's within the gate with the share of the gate in half a turn.
     """
-    facing = np.array([np.cos(wall[0]), np.sin(wall[0])])
-    along = point_m @ np.array([-facing[1], facing[0]])
+    facing, tangent = _axes(wall[0])
+    along = point_m @ tangent
     between = (along >= along[is_on].min()) & (along <= along[is_on].max())
     is_near = between & (np.abs(point_m @ facing - wall[1]) < TOLERANCE_M)
     is_near[is_on] = True

@@ -18,6 +18,7 @@ from estimation.laws.wall import wall_places
 from estimation.slam.config import TrajectoryConfig
 from estimation.slam.mapping.noise import LARGEST_RANGE_M
 from estimation.slam.snapshot.evidence import PowerLaw, log_powers
+from estimation.slam.snapshot.problem import tied_with_first
 from estimation.slam.snapshot.refine import bounce_terms
 from estimation.slam.walk.agreement import agreeing_states, sight_states
 from estimation.slam.walk.association import drop_unused_landmarks, reclassify_paths
@@ -50,12 +51,18 @@ class Powers(NamedTuple):
     power_dbm: FloatArray  # (path,)
     law: PowerLaw
 
+    def direct(self, own: Observations) -> int:
+        """Index of the candidate for the line of sight: the strongest of the paths as early as the first."""
+        n = len(self.power_dbm)
+        tied = tied_with_first(own.measured[:n, 0], own.covariance[:n, 0, 0])
+        return int(np.argmax(np.where(tied, self.power_dbm, -np.inf)))
+
     def los_odds(self, tiled: Observations, now: TrajectoryState) -> FloatArray:
-        """Log density (candidate,) of the powers with the earliest path as the line of sight over that without.
+        """Log density (candidate,) of the powers with `direct` as the line of sight over that without.
 
         Behind a flat array its power says nothing: the gain of the mirrored departure was taken from it.
         """
-        first, n = int(np.argmin(tiled.measured[: len(self.power_dbm), 0])), len(now.state)
+        first, n = self.direct(tiled), len(now.state)
         length = tiled.measured[:, 0].reshape(n, -1) - now.state[:, 3:]
         x, y = (now.state[:, :2] - tiled.tx_rows[0, :2]).T
         distance = np.hypot(x, y)
@@ -121,7 +128,7 @@ def placed(
     `is_known` (stop,) says whose states of `now` hold. A stop that is known stays where no other place is clearly
     better.
     """
-    own, starts = seen.of_stop(stop), doubtful.starts[stop]
+    own, starts, powers = seen.of_stop(stop), doubtful.starts[stop], doubtful.powers[stop]
     others = is_known & (np.arange(len(is_known)) != stop)
     near = replace(now, state=between_known(now.state, others))
     beside = neighbour_states(near.state, stop)
@@ -130,13 +137,13 @@ def placed(
             now.state[[stop]],
             starts,
             beside,
-            sight_states(own, near, stop, float(near.state[stop, 3])),
+            sight_states(own, near, stop, powers.direct(own), float(near.state[stop, 3])),
             agreeing_states(own, near, stop, doubtful.max_bias_m),
         ]
     )
-    tiled, point = _tiled(own, now, stop, candidates)
-    found = _refined(tiled, point, spans, 1 + len(starts), doubtful.powers[stop], config)
-    here = _associated(*_tiled(own, now, stop, now.state[[stop]]), spans, doubtful.powers[stop], config)
+    copies, point = _tiled(own, now, stop, candidates)
+    found = _refined(copies, point, spans, 1 + len(starts), powers, config)
+    here = _associated(*_tiled(own, now, stop, now.state[[stop]]), spans, powers, config)
     motion = [motion_about(now.state, others, stop, each.now.state, config) for each in (here, found)]
     least = np.concatenate(motion).min()  # that of the walk itself
     present, score = (
@@ -172,7 +179,7 @@ def _refined(
     paths = _widened(tiled, n_known)
     for _ in range(REFINEMENTS):
         link = _associated(paths, point, spans, powers, config).link
-        point, paths = _stepped(paths, link, point, config), tiled
+        point, paths = stepped(paths, link, point, config), tiled
     return _associated(tiled, point, spans, powers, config)
 
 
@@ -181,7 +188,8 @@ def _associated(
 ) -> _Candidates:
     """Candidates with the classes of their paths."""
     odds = powers.los_odds(paths, point)
-    link = reclassify_paths(paths, point, _lines_of_sight(paths, point, odds, config), spans, config)
+    direct = powers.direct(paths) + len(powers.power_dbm) * np.arange(paths.n_stops)
+    link = reclassify_paths(paths, point, _lines_of_sight(paths, point, direct, odds, config), spans, config)
     information, _ = state_equations(paths, link, point, config)
     has_los = np.bincount(paths.row, link.kind == PathClass.LOS, paths.n_stops) > 0
     return _Candidates(paths, point, link, information, np.where(has_los, odds, 0.0))
@@ -289,7 +297,7 @@ def _tiled(
 ) -> tuple[Observations, TrajectoryState]:
     """The paths of a stop once for every state (candidate, 4), each as a stop of its own."""
     n, m = len(states), len(own.measured)
-    tiled = replace(
+    copies = replace(
         own,
         n_stops=n,
         row=np.repeat(np.arange(n), m),
@@ -300,7 +308,7 @@ def _tiled(
     )
     session = np.full(n, now.session[stop])
     course = np.zeros((max(n - 2, 0), 2))
-    return tiled, replace(now, state=states.copy(), session=session, course=course)
+    return copies, replace(now, state=states.copy(), session=session, course=course)
 
 
 def _widened(seen: Observations, first: int) -> Observations:
@@ -311,31 +319,24 @@ def _widened(seen: Observations, first: int) -> Observations:
 
 
 def _lines_of_sight(
-    seen: Observations, now: TrajectoryState, odds: FloatArray, config: TrajectoryConfig
+    seen: Observations, now: TrajectoryState, direct: IntArray, odds: FloatArray, config: TrajectoryConfig
 ) -> BoolArray:
-    """Which paths (path,) are lines of sight: the earliest of each stop, within the gate of one.
+    """Which paths (path,) are lines of sight: that of `direct` (stop,) of each stop, within the gate of one.
 
     Its delay, angles and power, of log odds `odds` (stop,), have to be more probable than as a single bounce or
     as clutter.
     """
-    first = _earliest(seen)
-    own, none = seen.take(first), np.full((len(first), 2), -1)
-    links = [Association(np.full(len(first), kind), none) for kind in (PathClass.LOS, PathClass.BOUNCE)]
+    own, none = seen.take(direct), np.full((len(direct), 2), -1)
+    links = [Association(np.full(len(direct), kind), none) for kind in (PathClass.LOS, PathClass.BOUNCE)]
     as_sight, as_bounce = (path_gains(own, link, now, config) for link in links)
     distance = linearise(own, links[0], now, config).square()
     result = np.zeros(len(seen.row), bool)
     is_better = as_sight + odds > np.maximum(as_bounce, 0.0)
-    result[first] = is_better & (distance < chi2.ppf(config.gate_probability, 3))
+    result[direct] = is_better & (distance < chi2.ppf(config.gate_probability, 3))
     return result
 
 
-def _earliest(seen: Observations) -> IntArray:
-    """Index (stop,) of the earliest path of each stop."""
-    order = np.lexsort((seen.measured[:, 0], seen.row))
-    return np.asarray(order[np.unique(seen.row[order], return_index=True)[1]])
-
-
-def _stepped(
+def stepped(
     seen: Observations, link: Association, now: TrajectoryState, config: TrajectoryConfig
 ) -> TrajectoryState:
     """Every state after steps of its own: landmarks and offsets are held, and there is no walk."""

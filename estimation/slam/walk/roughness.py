@@ -1,7 +1,11 @@
-"""A roughness of its own for every landmark of a walk: an upright is a point, a box is not quite a circle.
+"""A roughness of its own for every landmark, and rough paths: an upright is a point, a box is not quite a circle.
 
 The roughness common to all surfaces is too wide for most and too narrow for some. Those decide what the walk takes
 for certain, so every landmark gets the roughness at which its own paths are most probable.
+
+Most paths of a walk are far more precise than the floors of the noise. Some are not, or are other paths than they
+are taken for. A tail of the law bounds their pull; but where a stop has no better paths in some direction, they
+would count there as precise as the rest. So these keep the wide noise.
 """
 
 from dataclasses import replace
@@ -9,14 +13,17 @@ from dataclasses import replace
 import numpy as np
 
 from estimation.slam.config import TrajectoryConfig
-from estimation.slam.walk.linearise import linearise
+from estimation.slam.walk.linearise import Linearised, linearise
 from estimation.slam.walk.residuals import Association, Observations, PathClass, TrajectoryState
-from scenes.record import FloatArray, IntArray
+from scenes.record import BoolArray, FloatArray, IntArray
 
 _SHARES = np.array([0.3, 0.6, 1.0, 1.7, 3.0])  # of the common roughness: few paths tell it to about this factor
 _UNKNOWNS = {PathClass.WALL: 2, PathClass.OBJECT: 3, PathClass.RAISED: 3}
 _LEAST_GAIN = 1.0  # in log likelihood, for another than the common roughness
 _EQUATIONS = 3  # of a path
+_GAUSSIAN = 1e6  # degrees of freedom: the law of precise paths has no tail, the others are its tail
+_SHARE_STEPS = 20  # of the share of rough paths
+_LEAST_SHARE, _MOST_SHARE = 0.01, 0.5
 
 
 def own_roughness(
@@ -65,3 +72,38 @@ def _log_density(
     square = lin.square()[mine]
     excess = np.log1p(square / left / freedom) - np.log1p(square / freedom)
     return np.asarray(lin.log_density(freedom)[mine] - (freedom + _EQUATIONS) / 2 * excess)
+
+
+def is_rough(
+    seen: Observations,
+    wide: Observations,
+    link: Association,
+    rough: FloatArray,
+    now: TrajectoryState,
+    config: TrajectoryConfig,
+) -> BoolArray:
+    """Paths (path,) in use that `wide` noise explains better than that of `seen`.
+
+    `rough` (path,) are the roughnesses of surfaces with wide noise, as shares of the settings. Two laws are mixed,
+    and the share of rough paths is learned.
+    """
+    narrow = linearise(seen, link, now, config)
+    broad = linearise(wide, Association(link.kind, link.landmark, rough), now, config)
+    excess = _log_ratio(broad, narrow)
+    used = narrow.size > 0
+    share = _LEAST_SHARE
+    for _ in range(_SHARE_STEPS):
+        odds = np.exp(np.clip(excess[used] + np.log(share / (1 - share)), -50.0, 50.0))
+        share = float(np.clip((odds / (1 + odds)).mean(), _LEAST_SHARE, _MOST_SHARE)) if used.any() else share
+    return np.asarray(used & (excess + np.log(share / (1 - share)) > 0.0))
+
+
+def _log_ratio(broad: Linearised, narrow: Linearised) -> FloatArray:
+    """Log density (path,) with wide noise over that with less.
+
+    One residual has the same gap in both: the ratio of the scales is that of the residuals.
+    """
+    whole = broad.log_density(_GAUSSIAN) - np.where(narrow.size == 3, narrow.log_density(_GAUSSIAN), 0.0)
+    squares = np.maximum(narrow.square(), 1e-12), np.maximum(broad.square(), 1e-12)
+    lone = (np.log(squares[1]) - np.log(squares[0]) + squares[0] - squares[1]) / 2
+    return np.where(narrow.size == 3, whole, lone)

@@ -164,3 +164,19 @@ def test_set_up_errors_turn_about_the_transmitter():
     added = Consider(pointing_std_deg=2.0).covariance(offset)
     assert added[0, 0] + added[1, 1] == pytest.approx((5 * np.deg2rad(2.0)) ** 2)
     assert offset @ added[:2, :2] @ offset == pytest.approx(0, abs=1e-12)
+
+
+def test_few_sharp_reflections_show_a_wall_that_scattered_paths_hide():
+    """Five reflections off a wall of a few stops, and thirty paths scattered by places on and about it."""
+    rng = np.random.default_rng(8)
+    sharp = np.column_stack([[2.0, 3.5, 5.0, 6.5, 8.0], np.full(5, 3.0)])
+    blurred = np.column_stack([rng.uniform(1, 9, 30), rng.normal(3.0, 0.15, 30)])
+    azimuth = np.concatenate([np.full(5, np.pi / 2), rng.uniform(0.2, np.pi - 0.2, 30)])
+    std = np.concatenate([np.full(5, 0.002), rng.uniform(0.01, 0.03, 30)])
+    walls, spans, is_free = find_walls(np.concatenate([sharp, blurred]), normals(azimuth), std, 3)
+    assert walls[0] == pytest.approx([np.pi / 2, 3.0], abs=0.01)
+    assert len(walls) == 1
+    assert spans[0] == pytest.approx([-8.0, -2.0])
+    assert not is_free[:5].any()
+    alone, _, _ = find_walls(blurred, normals(azimuth[5:]), std[5:], 3)
+    assert not len(alone)

@@ -1,4 +1,4 @@
-"""Stops that landmarks move, what known neighbours say of a stop, walls of two planes, and sides of walls."""
+"""Stops that landmarks move, what known neighbours say of a stop, and sides of walls."""
 
 from dataclasses import replace
 
@@ -8,14 +8,12 @@ import pytest
 from estimation.laws.plane import predict_bounce, predict_los
 from estimation.laws.wall import predict_walls
 from estimation.slam.config import TrajectoryConfig
-from estimation.slam.walk.agreement import sight_states
+from estimation.slam.walk.agreement import AGREE_RAD, _most_agreed, sight_states
 from estimation.slam.walk.association import reclassify_paths
 from estimation.slam.walk.linearise import linearise
 from estimation.slam.walk.motion import course_of, motion_cost
 from estimation.slam.walk.neighbours import between_known, motion_about, neighbour_states
-from estimation.slam.walk.planes import split_walls
 from estimation.slam.walk.residuals import Association, Observations, PathClass, TrajectoryState
-from estimation.slam.walk.smoother import minimise_robust_cost
 from scenes.pose import Pose, wrap_angle
 
 TX = Pose(np.array([1.0, 2.0, 1.5]), 0.3)
@@ -90,43 +88,6 @@ def test_a_path_through_a_wall_is_no_bounce_off_it():
     assert np.array_equal(kind[:, 2] == PathClass.DOUBLE, ~is_behind)
 
 
-@pytest.mark.parametrize("window_m", [0.0, 0.04])
-def test_a_window_before_its_wall_gets_a_plane_of_its_own(window_m):
-    """Bounces between 3 and 5 m along the wall are off a window; without one the wall stays one."""
-    rng = np.random.default_rng(5)
-    wall, side, state = np.array([np.pi / 2, 9.0]), np.array([0.0, 14.0]), straight(16)
-    at = (state[:, 0] * 7.0 + 9.0 - state[:, 1]) / (16.0 - state[:, 1])  # of the bounce off the wall
-    is_window = (at > 3.0) & (at < 5.0)
-    assert 4 <= is_window.sum() <= 10
-    measured = []
-    for one, is_front in zip(state, is_window, strict=True):
-        front = wall - [0.0, window_m * is_front]
-        paths = [predict_los(TX, one), *(predict_walls(TX, one, each[None]).value for each in (front, side))]
-        measured += [path + STD * rng.normal(size=3) for path in paths]
-    seen = seen_paths(np.repeat(np.arange(16), 3), measured)
-    kind = np.tile([PathClass.LOS, PathClass.WALL, PathClass.WALL], 16).astype(np.int64)
-    link = Association(kind, np.column_stack([np.tile([-1, 0, 1], 16), np.full(48, -1)]))
-    quiet = CONFIG.model_copy(update={"wall_roughness_m": 0.001})
-    now = minimise_robust_cost(seen, link, trajectory(state, np.array([wall, side])), quiet)
-    start, split = split_walls(seen, link, now, quiet)
-    if not window_m:
-        assert len(start.walls) == 2
-        return
-    assert len(start.walls) == 3
-    assert np.array_equal(split.landmark[1::3, 0] == 2, is_window)
-    two = minimise_robust_cost(seen, split, start, quiet)
-    assert two.walls[0, 1] - two.walls[2, 1] == pytest.approx(window_m, abs=0.01)
-
-
-def test_a_walk_without_walls_is_split_nowhere():
-    now = trajectory(straight(3), np.empty((0, 2)))
-    seen = seen_paths(np.arange(3), np.zeros((3, 3)))
-    link = Association(np.full(3, PathClass.UNUSED), np.full((3, 2), -1))
-    start, same = split_walls(seen, link, now, CONFIG)
-    assert len(start.walls) == 0
-    assert np.array_equal(same.landmark, link.landmark)
-
-
 @pytest.mark.parametrize("is_behind", [False, True])
 def test_a_line_of_sight_and_one_bounce_show_the_stop_in_front_and_behind(is_behind):
     """A flat array reports the departure from behind as its mirror image."""
@@ -137,13 +98,13 @@ def test_a_line_of_sight_and_one_bounce_show_the_stop_in_front_and_behind(is_beh
     bounce = predict_bounce(TX, state[1], np.array([4.0, 6.0]))
     own = seen_paths(np.zeros(2, int), [bounce, los])
     around = trajectory(state + np.array([0.2, -0.1, 0.3, 1.0]), np.empty((0, 2)))
-    found = sight_states(own, around, 1, 4.0)
+    found = sight_states(own, around, 1, 1, 4.0)
     off = found - state[1]
     off[:, 2] = wrap_angle(off[:, 2])
     assert np.abs(off).max(axis=1).min() < 1e-9
     assert np.any(found[:, 3] == 4.0)
     far = trajectory(state + np.array([30.0, 0.0, 0.0, 0.0]), np.empty((0, 2)))
-    assert not len(sight_states(own, far, 1, 4.0))
+    assert not len(sight_states(own, far, 1, 1, 4.0))
 
 
 def test_a_line_of_sight_from_behind_a_flat_array_agrees_with_its_mirror_image():
@@ -164,3 +125,20 @@ def test_a_line_of_sight_from_behind_a_flat_array_agrees_with_its_mirror_image()
     turned = replace(now, offset_rad=now.offset_rad + step)
     numeric = linearise(seen, link, turned, CONFIG).value / step
     np.testing.assert_allclose(numeric, lin.by_shared[:, :, 0], rtol=1e-4, atol=1e-2)
+
+
+def test_votes_are_counted_as_by_all_pairs():
+    rng = np.random.default_rng(3)
+    path = np.sort(rng.integers(0, 6, 30))
+    heading, bias, is_able = rng.normal(0, 0.1, (4, 30)), rng.normal(0, 0.3, (4, 30)), rng.random((4, 30)) < 0.5
+    is_able[3] = False
+    votes, one = _most_agreed(path, heading, bias, is_able, 0.5)
+    for k in range(3):
+        able = np.flatnonzero(is_able[k])
+        apart = np.abs(bias[k, able][:, None] - bias[k, able]) / 0.5
+        turned = np.abs(wrap_angle(heading[k, able][:, None] - heading[k, able])) / AGREE_RAD
+        agree = np.maximum(1 - np.maximum(apart, turned) ** 2, 0.0)
+        total = sum(agree[:, path[able] == own].max(axis=1) for own in np.unique(path[able]))
+        assert votes[k] == pytest.approx(total.max())
+        assert one[k] == able[np.argmax(total)]
+    assert votes[3] == 0
