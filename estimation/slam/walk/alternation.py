@@ -82,6 +82,7 @@ class SmoothedWalk(NamedTuple):
         """
         seen, config = self.noise
         gain = path_gains(seen, self.link, self.now, config)
+        gain = np.where(self.link.kind == PathClass.BOUNCE, np.maximum(gain, 0.0), gain)
         information = normal_equations(seen, self.link, self.now, config).log_determinant()
         prior = (self.now.walls.size + self.now.objects.size + self.now.raised.size) * np.log(LANDMARK_INFORMATION)
         return float(gain.sum() + (prior - information) / 2)
