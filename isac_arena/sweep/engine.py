@@ -97,7 +97,7 @@ def _submit_batch(
 
 def _submit_paths(client: Client, job: Job, priority: int) -> list[Future]:
     """Tasks that trace what is not stored, in blocks of stops."""
-    missing = [stop for stop in job.stops if not job.paths_file(stop).is_file()]
+    missing = job.missing(job.paths_file)
     return [
         client.submit(trace_stops, job, block, **_options(f"paths-{job.paths_hash}-{block[0]}", priority))
         for block in _blocks(missing, STOPS_PER_TASK)
@@ -106,7 +106,7 @@ def _submit_paths(client: Client, job: Job, priority: int) -> list[Future]:
 
 def _submit_signals(client: Client, job: Job, paths: list[Future], priority: int) -> list[Future]:
     """Tasks that make the samples for which several jobs wait."""
-    missing = [stop for stop in job.stops if not job.signal_file(stop).is_file()]
+    missing = job.missing(job.signal_file)
     key = f"signals-{job.signal_hash}"
     return [
         client.submit(_after, paths, make_signals, job, block, **_options(f"{key}-{block[0]}", priority))

@@ -7,8 +7,11 @@ cases/HASH/                campaign.json, scores.json, provenance.nc, manifest.j
 estimates/HASH/stop_000.nc channel estimates, of cases that keep them
 failures/KEY.txt           traceback of a user's function, where it failed
 times/HASH.json            processor time in s of each of them
+
+Of several TX or links each has files of its own: stop_000_NAME.nc.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -21,6 +24,7 @@ from isac_arena.sweep.cases import Case, Point, Stages
 from scenes.names import path_in
 from scenes.scene import Scene
 from sim.config import WaveformConfig
+from sim.links import link_stops, with_link_stops
 from sim.transmitters import first_tx
 
 CASE_FILES = ("campaign.json", "provenance.nc", "scores.json", "manifest.json")
@@ -59,7 +63,8 @@ class Job:
         """The scene of the case, with the TX and the walk it chooses."""
         config = self.config
         walk = tuple(config.walk) if isinstance(config.walk, list) else config.walk
-        return _loaded(self.scene_file, config.waveform.carrier_ghz, first_tx(config), walk)
+        loaded = _loaded(self.scene_file, config.waveform.carrier_ghz, first_tx(config), walk)
+        return with_link_stops(config, loaded)
 
     @property
     def scene_file(self) -> Path:
@@ -71,13 +76,23 @@ class Job:
         """Indices of the receiver stops that the sweep takes."""
         return range(0, self.n_stops, self.stop_every)
 
-    def paths_file(self, stop: int) -> Path:
-        """The traced paths of a stop."""
-        return self.root / "paths" / self.paths_hash / f"stop_{stop:03d}.nc"
+    def paths_file(self, stop: int, tx: str = "") -> Path:
+        """The traced paths of a stop; `tx` is `_NAME` of one of several TX or links."""
+        return self.root / "paths" / self.paths_hash / f"stop_{stop:03d}{tx}.nc"
 
-    def estimate_file(self, stop: int) -> Path:
+    def estimate_file(self, stop: int, tx: str = "") -> Path:
         """The channel estimate of a stop, where the case keeps it."""
-        return self.root / "estimates" / self.channel_hash / f"stop_{stop:03d}.nc"
+        return self.root / "estimates" / self.channel_hash / f"stop_{stop:03d}{tx}.nc"
+
+    def missing(self, file_of: Callable[[int, str], Path]) -> list[int]:
+        """The stops for which one of the files of all links, as `paths_file` names them, does not exist."""
+        links = link_stops(self.config, self.scene)
+        endings = {f"_{name}" if len(links) > 1 else "": own for name, own in links.items()}
+        return [
+            stop
+            for stop in self.stops
+            if any(stop in own and not file_of(stop, tx).is_file() for tx, own in endings.items())
+        ]
 
     @property
     def trace_file(self) -> Path:
@@ -89,9 +104,9 @@ class Job:
         """Processor times of the kept channel estimates, by stop."""
         return self.root / "times" / f"{self.channel_hash}.json"
 
-    def signal_file(self, stop: int) -> Path:
+    def signal_file(self, stop: int, tx: str = "") -> Path:
         """The samples of a stop."""
-        return self.root / "signals" / self.signal_hash / f"stop_{stop:03d}.nc"
+        return self.root / "signals" / self.signal_hash / f"stop_{stop:03d}{tx}.nc"
 
 
 def make_job(case: Case, root: Path, n_stops: int, like: Job | None = None) -> Job:
@@ -132,6 +147,7 @@ def tracing_config(config: CampaignConfig) -> CampaignConfig:
         scene=config.scene,
         tx=config.tx,
         walk=config.walk,
+        links=config.links,
         propagation=config.propagation,
         waveform=WaveformConfig.model_construct(carrier_ghz=config.waveform.carrier_ghz),
     )

@@ -22,9 +22,9 @@ from isac_arena.sweep.job import Job, make_job, store_scene
 from isac_arena.sweep.run import check_case, make_signals, score_case, store_case, trace_stops
 from scenes.record import empty_record
 from scenes.scene import Scene
-from sim.transmitters import refuse_several_tx
 
 FEW, MORE = 1, 3  # stops that a case is tried with
+PLACES = ("tx", "walk", "links", "transmitters")  # settings that choose devices of a scene
 
 
 @dataclass(frozen=True)
@@ -69,12 +69,11 @@ def make_plan(source: str, config: SweepConfig, root: Path, repeats: Iterable[in
     n_stops: dict[Any, int] = {}
     plan = Plan([], {})
     for case in make_cases(source, config, design_points(config), repeats):
-        place = (repr(case.config.tx), repr(case.config.walk), case.config.waveform.carrier_ghz)
+        place = (repr([getattr(case.config, name) for name in PLACES]), case.config.waveform.carrier_ghz)
         chosen = (case.scene.hash, *place, repr(case.config.functions))
         if chosen not in n_stops:
             try:
                 scene = check_case(case)
-                refuse_several_tx(case.config, scene, "a sweep")
                 _check_metric(config, scene)
             except ValueError as error:
                 raise ValueError(f"{source}: {error}") from error

@@ -54,17 +54,22 @@ def check_case(case: Case) -> Scene:
 
 @dataclass
 class CaseResults(MemoryResults):
-    """Results of a case: paths and samples in the files that cases share, the others in memory."""
+    """Results of a case or of one of its TX: paths and samples in files that cases share, others in memory."""
 
     job: Job = field(kw_only=True)
+    tx: str = field(default="", kw_only=True)  # _NAME of one of several
+
+    def of_tx(self, name: str) -> MemoryResults:
+        """As `ResultStore`."""
+        return self.links.setdefault(name, CaseResults(job=self.job, tx=f"_{name}"))
 
     def truth(self, stop: int) -> Truth | None:
         """The stored paths of a stop."""
-        return _read(self.job.paths_file(stop), Truth)
+        return _read(self.job.paths_file(stop, self.tx), Truth)
 
     def write_truth(self, truth: Truth) -> None:
         """Store the paths of a stop without the clock, in which cases differ."""
-        write_record(self.job.paths_file(truth.stop), replace(truth, clock_bias_s=0.0))
+        write_record(self.job.paths_file(truth.stop, self.tx), replace(truth, clock_bias_s=0.0))
 
     @property
     def keeps_estimates(self) -> bool:
@@ -74,7 +79,7 @@ class CaseResults(MemoryResults):
     def estimate(self, stop: int) -> ChannelEstimate | None:
         """The channel estimate of a stop, from its file where it is kept there."""
         return (
-            _read(self.job.estimate_file(stop), ChannelEstimate)
+            _read(self.job.estimate_file(stop, self.tx), ChannelEstimate)
             if self.keeps_estimates
             else super().estimate(stop)
         )
@@ -82,13 +87,17 @@ class CaseResults(MemoryResults):
     def write_estimate(self, estimate: ChannelEstimate, sweep: BeamSweep) -> None:
         """Store a channel estimate where it is kept in a file."""
         if self.keeps_estimates:
-            write_record(self.job.estimate_file(estimate.stop), estimate)
+            write_record(self.job.estimate_file(estimate.stop, self.tx), estimate)
         else:
             super().write_estimate(estimate, sweep)
 
     def sweep(self, stop: int) -> BeamSweep | None:
         """The stored samples of a stop."""
-        return _read(self.job.signal_file(stop), BeamSweep)
+        return _read(self.job.signal_file(stop, self.tx), BeamSweep)
+
+    def write_sweep(self, sweep: BeamSweep) -> None:
+        """Store the samples of a stop."""
+        write_record(self.job.signal_file(sweep.stop, self.tx), sweep)
 
 
 def case_run(job: Job, stops: Sequence[int] | None = None, paths: Sequence[Truth] = ()) -> CampaignRun:
@@ -106,11 +115,12 @@ def trace_stops(job: Job, stops: Sequence[int]) -> None:
 
 def make_signals(job: Job, stops: Sequence[int]) -> None:
     """Store the samples of the given stops for the cases that wait for them."""
-    missing = [stop for stop in stops if _read(job.signal_file(stop), BeamSweep) is None]
-    run = case_run(job, missing)
+    run = case_run(job, stops)
     with threadpool_limits(limits=1):
         for truth in run.truths():
-            write_record(job.signal_file(truth.stop), run.sweep(truth))
+            results = run.link_of(truth).results
+            if isinstance(results, CaseResults) and results.sweep(truth.stop) is None:
+                results.write_sweep(run.sweep(truth))
 
 
 def run_cases(jobs: Sequence[Job]) -> list[str | None]:
@@ -169,7 +179,7 @@ def _failures(runs: Sequence[CampaignRun], truths: Sequence[Truth]) -> list[Exce
     """Make the channel estimates of every run at every stop; the error that ended a run, else None."""
     failures = [_failure(run.calibrate) for run in runs]
     for truth in truths:
-        waits = [run.results.estimate(truth.stop) is None for run in runs]
+        waits = [run.link_of(truth).results.estimate(truth.stop) is None for run in runs]
         if not any(waits):
             continue
         sweep = runs[0].sweep(truth)
@@ -184,11 +194,10 @@ def _timed_estimate(run: CampaignRun, truth: Truth, sweep: BeamSweep) -> None:
     """Make the channel estimate of a stop, and keep its processor time."""
     started = time.process_time()
     run.estimate(truth, sweep)
-    results = run.results
+    results = run.link_of(truth).results
     if isinstance(results, CaseResults) and results.keeps_estimates:
-        write_json(
-            results.job.times_file, {**read_times(results.job), str(truth.stop): time.process_time() - started}
-        )
+        taken = {f"{truth.stop}{results.tx}": time.process_time() - started}
+        write_json(results.job.times_file, read_times(results.job) | taken)
 
 
 def _failure(step: Callable[P, object], *arguments: P.args, **options: P.kwargs) -> Exception | None:
@@ -226,7 +235,7 @@ def store_case(job: Job, scores: Scores) -> None:
 
 
 def read_times(job: Job) -> dict[str, float]:
-    """Processor times in s of the kept channel estimates of a case, by stop; those that are known."""
+    """Processor times in s of the kept channel estimates of a case, by stop or STOP_NAME; those that are known."""
     try:
         return dict(json.loads(job.times_file.read_text(encoding="utf-8")))
     except (OSError, ValueError):
