@@ -35,19 +35,22 @@ def export(
         int, typer.Option(min=1, help="deepmimo, glb: strongest paths of each stop that are kept.")
     ] = 25,
 ) -> None:
-    """Write a campaign for MATLAB, DeepMIMO, trajectory tools, GIS tools or 3-D viewers."""
+    """Write a campaign for MATLAB, DeepMIMO, trajectory tools, GIS tools or 3-D viewers.
+
+    Of several TX mat and deepmimo write each by its name: NAME_TX.mat, a scenario NAME_TX.
+    """
     from isac_arena.campaign import stages  # noqa: PLC0415
     from isac_arena.campaign.recording import recorded_additions  # noqa: PLC0415
     from isac_arena.exchange import formats as exchange  # noqa: PLC0415
-    from scenes.names import path_in  # noqa: PLC0415
-    from sim.transmitters import refuse_several_tx  # noqa: PLC0415
+    from sim.transmitters import refuse_links  # noqa: PLC0415
 
     store = stages.reopen(directory, reads=stages.SCORED)
-    refuse_several_tx(store.config, store.scene, "arena export")
+    if file_format in (ExportFormat.mat, ExportFormat.deepmimo):
+        refuse_links(store.config, f"arena export --format {file_format.value}")
     folder = out or directory / "export"
     with recorded_additions(directory):
         if file_format == ExportFormat.deepmimo:
-            files = [exchange.write_scenario(store, path_in(folder, store.config.name.lower()), max_paths)]
+            files = list(exchange.write_scenario(store, folder, max_paths))
         elif file_format == ExportFormat.glb:
             files = [exchange.write_glb(store, folder / f"stop_{stop:03d}.glb", stop, max_paths)]
         else:

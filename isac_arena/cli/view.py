@@ -26,17 +26,20 @@ def view(
     from isac_arena.campaign import stages, stored  # noqa: PLC0415
     from isac_arena.campaign.files import write_text  # noqa: PLC0415
     from isac_arena.campaign.recording import recorded_additions  # noqa: PLC0415
+    from isac_arena.report.figures.path_lines import PathLine, path_lines  # noqa: PLC0415
     from isac_arena.report.view.page import view_page  # noqa: PLC0415
-    from sim.transmitters import refuse_several_tx  # noqa: PLC0415
+    from sim.links import link_nodes  # noqa: PLC0415
 
     store = stages.reopen(directory)
     scene = store.scene
-    refuse_several_tx(store.config, scene, "arena view")
     results = stored.stored_results(store, len(scene.stops))
-    is_measured = store.measured is not None
-    paths = [] if is_measured else [truth.paths for truth in stored.stored_truths(store, len(scene.stops))]
+    nodes = {name: scene.txs[node] for name, node in link_nodes(store.config, scene).items()}
+    lines: list[list[PathLine]] = [[] for _ in scene.stops]
+    for truth in () if store.measured is not None else stored.stored_truths(store, len(scene.stops)):
+        tx = truth.tx_pose or list(nodes.values())[truth.tx]
+        lines[truth.stop] += path_lines(truth.paths, tx.position_m, truth.rx_pose.position_m)
     path = out or directory / "view.html"
-    page = view_page(store.config.name, scene, results, paths, stop or 0)
+    page = view_page(store.config.name, scene, results, lines, stop or 0, nodes)
     with recorded_additions(directory):
         write_text(path, page)
     typer.echo(f"3-D view: {path}")

@@ -62,6 +62,7 @@ def _points(result: MapResult) -> Iterator[Feature]:
             {"type": "Point", "coordinates": _rounded(ips.position_m[row])},
             stop=int(ips.stop[row]),
             path=int(ips.path[row]),
+            tx=int(ips.tx[row]),
             is_inlier=bool(ips.is_inlier[row]),
             cluster=int(result.shapes.label[row]),
             contour=int(result.contours.object[row]),

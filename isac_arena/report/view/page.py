@@ -1,6 +1,6 @@
 """The 3-D view of a campaign in one self-contained page: scene, devices, paths of a stop and contours."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 from string import Template
 from typing import Any
@@ -11,7 +11,7 @@ import plotly.io
 
 from isac_arena.campaign.results import CampaignResults, MapResult
 from isac_arena.report.figures.bands import Curve, contour_curve, shape_curve
-from isac_arena.report.figures.path_lines import PathLine, path_lines
+from isac_arena.report.figures.path_lines import PathLine
 from isac_arena.report.figures.plan import plan_view
 from isac_arena.report.style import MAPPING, SLAM
 from isac_arena.report.view.traces import (
@@ -23,9 +23,9 @@ from isac_arena.report.view.traces import (
     frame_traces,
     ray_traces,
 )
+from scenes.pose import Pose
 from scenes.record import FloatArray
 from scenes.scene import Scene
-from sim.propagation.paths import Paths
 
 CONTOUR_MARGIN_M = 0.4  # of the top of the contours above the receiver
 EYE = {"x": -1.0, "y": -1.35, "z": 1.1}
@@ -56,19 +56,28 @@ main { flex: 1; min-height: 24rem; }
 """
 
 
-def view_page(name: str, scene: Scene, results: CampaignResults, paths: Sequence[Paths], stop: int) -> str:
+def view_page(
+    name: str,
+    scene: Scene,
+    results: CampaignResults,
+    lines: Sequence[Sequence[PathLine]],
+    stop: int,
+    nodes: Mapping[str, Pose],
+) -> str:
     """The 3-D view as one self-contained HTML page, with its slider at `stop`.
 
-    `paths` are the true paths of every stop in order. A measured campaign has none: then only estimated paths are
-    drawn. Axes are in m; contours reach from the floor to a little above the receiver.
+    `lines` are the true paths of every stop in order, of all TX. A measured campaign has none: then only estimated
+    paths are drawn. `nodes` are the fixed nodes of all TX or links by name. Axes are in m; contours reach from the
+    floor to a little above the receiver.
 
     Raises `ValueError` where the campaign has no such stop.
     """
     n_stops = len(scene.stops)
     if not 0 <= stop < n_stops:
         raise ValueError(f"stop = {stop}: the campaign has stops 0 to {n_stops - 1}")
-    still = [*body_traces(scene), *device_traces(scene), *_contours(scene, results)]
-    by_stop = [_stop_traces(scene, results, paths, one) for one in range(n_stops)]
+    still = [*body_traces(scene), *device_traces(scene, nodes), *_contours(scene, results)]
+    tx_m = np.array([pose.position_m for pose in nodes.values()])
+    by_stop = [_stop_traces(scene.stops[one], results, lines[one], tx_m, one) for one in range(n_stops)]
     figure = go.Figure(data=[*still, *by_stop[stop]], layout=_layout(scene))
     moving = list(range(len(still), len(still) + len(by_stop[stop])))
     figure.update_layout(sliders=[_slider(by_stop, moving, stop)])
@@ -84,25 +93,24 @@ def view_page(name: str, scene: Scene, results: CampaignResults, paths: Sequence
     return Template(PAGE).substitute(title=escape(f"{name}: 3-D view"), view=view)
 
 
-def _stop_traces(scene: Scene, results: CampaignResults, paths: Sequence[Paths], stop: int) -> list[Trace]:
+def _stop_traces(
+    pose: Pose, results: CampaignResults, lines: Sequence[PathLine], tx_m: FloatArray, stop: int
+) -> list[Trace]:
     """The traces that change with the stop: the frame of the receiver, its true and its estimated paths."""
-    pose = scene.stops[stop]
-    lines: list[PathLine] = []
-    if paths:
-        lines = path_lines(paths[stop], scene.tx.position_m, pose.position_m)
-    ways = estimated_ways(results.mapping, scene.tx.position_m, pose.position_m, stop)
+    ways = estimated_ways(results.mapping, tx_m, pose.position_m, stop)
     return [*frame_traces(pose, "RX"), *ray_traces(lines), estimate_trace(ways)]
 
 
-def estimated_ways(result: MapResult, tx_m: FloatArray, rx_m: FloatArray, stop: int) -> list[FloatArray]:
+def estimated_ways(result: MapResult, txs_m: FloatArray, rx_m: FloatArray, stop: int) -> list[FloatArray]:
     """TX, incidence point and RX (point, xyz) of every path of a stop that was taken as a single bounce.
 
+    `txs_m` (tx, xyz) are the TX that the incidence points count.
     A point without an estimated height is put on the path whose height changes evenly from the TX to the RX.
     """
     ips = result.ips
     ways = []
     for row in np.flatnonzero((ips.stop == stop) & ips.is_inlier):
-        point, height = ips.position_m[row], float(ips.height_m[row])
+        point, height, tx_m = ips.position_m[row], float(ips.height_m[row]), txs_m[ips.tx[row]]
         if np.isnan(height):
             there, back = np.linalg.norm(point - tx_m[:2]), np.linalg.norm(point - rx_m[:2])
             height = float(tx_m[2] + (rx_m[2] - tx_m[2]) * there / max(there + back, 1e-9))

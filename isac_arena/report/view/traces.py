@@ -1,6 +1,6 @@
 """Parts of the 3-D view as plotly traces: bodies, devices, paths, contours."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import groupby
 from typing import Any
 
@@ -59,12 +59,13 @@ def body_traces(scene: Scene) -> list[Trace]:
     return traces
 
 
-def device_traces(scene: Scene) -> list[Trace]:
-    """The TX with its frame, and all stops of the walk."""
-    tx, stops = scene.tx, np.array([pose.position_m for pose in scene.stops])
+def device_traces(scene: Scene, nodes: Mapping[str, Pose]) -> list[Trace]:
+    """The TX by name with their frames, and all stops of the walk; `nodes` are those of all TX or links."""
+    txs = {name: pose for name, pose in scene.txs.items() if any(pose is node for node in nodes.values())}
+    tx_m, stops = (np.array([pose.position_m for pose in poses]) for poses in (txs.values(), scene.stops))
     return [
-        _points(tx.position_m[None], "TX", ["TX"], {"symbol": "diamond", "size": 6, "color": "#000000"}),
-        *frame_traces(tx, "TX"),
+        _points(tx_m, "TX", list(txs), {"symbol": "diamond", "size": 6, "color": "#000000"}),
+        *(frame for name, pose in txs.items() for frame in frame_traces(pose, name)),
         _points(
             stops, "RX stops", [f"stop {stop}" for stop in range(len(stops))],
             {"symbol": "circle", "size": 3, "color": "#1e8449"},

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from estimation.channel.record import EstimateStatus, empty_estimate
 from estimation.slam.record import SolveStatus
@@ -12,6 +13,7 @@ from isac_arena.campaign.campaign import Campaign, load_campaign
 from isac_arena.campaign.plan import plan_run
 from isac_arena.campaign.stages import reopen, run_campaign
 from isac_arena.campaign.stored import stored_results, stored_truths
+from isac_arena.cli.main import app
 from isac_arena.validation.multistatic.arenas import draw_arena
 from isac_arena.validation.multistatic.links import linked_run
 from isac_arena.verification.campaign import recomputed_campaign
@@ -84,6 +86,15 @@ def test_a_campaign_of_all_kinds_of_links(tmp_path: Path) -> None:
     assert {each.difference for each in found} == {0.0} and not any(each.reason for each in found)
     page = (out / "report.html").read_text()
     assert "TX south_west-south_west" in page and (out / "figures" / "by_tx.png").is_file()
+    for command in (
+        ("view", "--no-open"),
+        ("export", "--format", "glb", "--stop", "3"),
+        ("export", "--format", "tum"),
+    ):
+        done = CliRunner().invoke(app, [command[0], str(out), *command[1:]])
+        assert done.exit_code == 0, done.output
+    refused = CliRunner().invoke(app, ["export", str(out), "--format", "mat"])
+    assert "links: arena export --format mat takes TX and a walk" in str(refused.exception)
 
 
 def test_a_node_that_sees_nothing_leaves_the_contours_of_the_others() -> None:

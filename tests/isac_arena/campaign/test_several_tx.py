@@ -4,12 +4,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
+from typer.testing import CliRunner
 
 from isac_arena.campaign.campaign import Campaign, load_campaign
 from isac_arena.campaign.stages import reopen, run_campaign
 from isac_arena.campaign.stored import stored_results, stored_truths
+from isac_arena.cli.main import app
+from isac_arena.exchange.mat import read_layout
 from isac_arena.user_functions.config import with_functions
 from isac_arena.verification.campaign import recomputed_campaign
+from sim.propagation.deepmimo.folder import read_deepmimo
 
 NAMES = ("south_west", "north_east")
 
@@ -52,6 +57,22 @@ def test_a_campaign_of_two_tx(loaded: Campaign, tmp_path: Path) -> None:
     assert {each.difference for each in found} == {0.0} and not any(each.reason for each in found)
     table = store.score_tables()
     assert table is not None and set(table.paths.tx) == {0, 1} and len(table.poses.stop) == 4
+    for file_format in ("mat", "deepmimo", "glb", "geojson"):
+        done = CliRunner().invoke(app, ["export", str(out), "--format", file_format])
+        assert done.exit_code == 0, done.output
+    scene = loaded.scene
+    for tx, name in enumerate(NAMES):
+        measured = read_layout(out / "export" / f"pillar_hall_two_{name}.mat", scene.txs[name])
+        np.testing.assert_allclose(measured.tx.position_m[:2], scene.txs[name].position_m[:2])
+        for estimate, one in zip(results.channel, measured.stops, strict=True):
+            np.testing.assert_allclose(one.power_dbm, estimate.power_dbm[estimate.tx == tx])
+        scenario = read_deepmimo(out / "export" / f"pillar_hall_two_{name}")
+        np.testing.assert_allclose(scenario.tx_position_m, scene.txs[name].position_m)
+    rays = trimesh.load_scene(out / "export" / "stop_000.glb").geometry
+    assert {f"{name} line of sight 1" for name in NAMES} <= set(rays)
+    done = CliRunner().invoke(app, ["view", str(out), "--no-open"])
+    assert done.exit_code == 0, done.output
+    assert f'"text":["{NAMES[0]}","{NAMES[1]}"]' in (out / "view.html").read_text()
 
 
 def test_functions_that_know_one_tx_are_refused(loaded: Campaign) -> None:

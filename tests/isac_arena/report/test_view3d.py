@@ -32,8 +32,9 @@ def points(trace: dict[str, Any]) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def page(campaign: Any) -> str:
-    paths = [truth.paths for truth in campaign.truths]
-    return view_page("a <b>", campaign.scene, campaign.results, paths, 3)
+    scene = campaign.scene
+    lines = [path_lines(one.paths, scene.tx.position_m, one.rx_pose.position_m) for one in campaign.truths]
+    return view_page("a <b>", scene, campaign.results, lines, 3, {"TX": scene.tx})
 
 
 def test_bodies_are_closed_meshes_of_their_own_height():
@@ -85,7 +86,7 @@ def test_an_axis_points_along_the_heading():
 def test_estimated_ways_meet_their_point_on_a_level_way(campaign):
     result, tx = campaign.results.mapping, np.array([2.0, 2.0, 1.0])
     rx = np.array([0.0, -1.5, 3.0])
-    ways = estimated_ways(result, tx, rx, 5)
+    ways = estimated_ways(result, tx[None], rx, 5)
     assert len(ways) == 4
     for way, row in zip(ways, np.flatnonzero(result.ips.stop == 5), strict=True):
         np.testing.assert_array_equal(way[[0, 2]], [tx, rx])
@@ -93,7 +94,7 @@ def test_estimated_ways_meet_their_point_on_a_level_way(campaign):
         lengths = np.linalg.norm(np.diff(way[:, :2], axis=0), axis=1)
         assert way[1, 2] == pytest.approx(1.0 + 2.0 * lengths[0] / lengths.sum())
     known = replace(result.ips, height_m=np.full(len(result.ips), 1.25))
-    assert all(way[1, 2] == 1.25 for way in estimated_ways(replace(result, ips=known), tx, rx, 5))
+    assert all(way[1, 2] == 1.25 for way in estimated_ways(replace(result, ips=known), tx[None], rx, 5))
 
 
 def test_contours_stand_upright_with_their_bands(campaign):
@@ -116,11 +117,11 @@ def test_the_page_stands_by_itself(page, campaign):
     steps = json.loads(re.search(r'"sliders":(\[.*?\}\]\}\])', page)[1])[0]["steps"]
     assert [step["label"] for step in steps] == [str(stop) for stop in range(12)]
     with pytest.raises(ValueError, match="stop = 12: the campaign has stops 0 to 11"):
-        view_page("x", campaign.scene, campaign.results, [], 12)
+        view_page("x", campaign.scene, campaign.results, [], 12, {})
 
 
 def test_a_measured_campaign_shows_estimated_ways_alone(campaign):
-    page = view_page("x", campaign.scene, campaign.results, [], 0)
+    page = view_page("x", campaign.scene, campaign.results, [[]] * 12, 0, {"TX": campaign.scene.tx})
     assert "estimated, mapping" in page
 
 
