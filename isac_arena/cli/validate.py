@@ -37,7 +37,9 @@ MODULES: Mapping[str, tuple[str, ...]] = {
         "motion.nist",
         "motion.tracks",
     ),
-    "multistatic": ("multistatic.samples", "multistatic.stops", "multistatic.placement"),
+    "multistatic": tuple(
+        f"multistatic.{name}" for name in ("samples", "stops", "links", "placement", "campaigns")
+    ),
     "halls": ("halls.check",),
     "heights": ("heights",),
     "chain": ("chain.check", "chain.trials"),
@@ -63,7 +65,8 @@ Trials = Annotated[
     int | None,
     typer.Option(
         min=1,
-        help="Scenes of the longest Monte Carlo run; the others use a share of them. Rooms of halls and of chain.",
+        help="Scenes of the longest Monte Carlo run; the others use a share of them. Rooms of halls and of chain,"
+        " seeds of the campaign of multistatic.",
     ),
 ]
 Estimator = Annotated[
@@ -74,10 +77,12 @@ Method = Annotated[
 ]
 Out = Annotated[
     Path | None,
-    typer.Option(help="halls, heights, chain: directory where an interrupted run goes on; by default out/NAME."),
+    typer.Option(
+        help="halls, heights, chain, multistatic: where an interrupted run goes on; by default out/NAME."
+    ),
 ]
 Processes = Annotated[
-    int | None, typer.Option(min=1, help="halls, heights, chain: worker processes; by default one per core.")
+    int | None, typer.Option(min=1, help="halls, heights, chain, multistatic: processes; by default one per core.")
 ]
 
 

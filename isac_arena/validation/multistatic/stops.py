@@ -2,6 +2,7 @@
 
 import time
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from estimation.slam.record import SolveStatus
 from estimation.slam.stops import run_slam
 from estimation.slam.walk.trajectory import run_trajectory
 from isac_arena.scoring.metrics.statistics import squared_mahalanobis
+from isac_arena.validation.benches.timing import peak_bytes
 from isac_arena.validation.measurement import Measurement, at_least, at_most
 from isac_arena.validation.monte_carlo import generators, rms_ratio
 from isac_arena.validation.multistatic.drawn import SharedStop, draw_shared_stop, draw_shared_walk
@@ -78,6 +80,17 @@ def check_walks(seed: int, quick: bool) -> list[Measurement]:
         at_most(f"{key}.3tx_over_2tx", rmse[3] / rmse[2], 1.0, "a third TX must help"),
         at_most(f"{key}.time", seconds[3] / seconds[1] / 3, 1.5, "of three TX over three times that of one"),
     ]
+
+
+def check_memory(seed: int, quick: bool) -> list[Measurement]:
+    """Most memory that SLAM of a walk takes, over the number of TX."""
+    peak = {}
+    for n_tx in (1, 1, 3):  # the first loads compiled code
+        tx, walk = draw_shared_walk(next(iter(generators(seed, 1, 21))), CLUTTERED, 8 if quick else 30, n_tx)
+        estimates = [stop.estimate for stop in walk]
+        peak[n_tx] = peak_bytes(partial(run_trajectory, estimates, tx, OURS, TrajectoryConfig(), MAPPING))
+    reason = "of three TX over three times that of one; new arrays alone"
+    return [at_most("multistatic.walks.memory", peak[3] / peak[1] / 3, 1.5, reason)]
 
 
 def _error(position_m: FloatArray, heading_rad: float, clock_s: FloatArray, stop: SharedStop) -> FloatArray:
