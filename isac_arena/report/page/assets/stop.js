@@ -24,6 +24,7 @@ function makeStopPanel(parent) {
     });
     power.caption.textContent = "Mean received power of every beam pair. Rings: significant true paths, dashed where " +
       "missed. Marks: estimated paths. Paths that differ only in delay coincide.";
+    if (data.scene.txs.length > 1) power.caption.textContent += ` The power is that of ${data.scene.txs[0].name}, marks are of all TX.`;
   }
   for (const [angle, name] of [["aoa", "arrival"], ["aod", "departure"]]) {
     const scatter = figure(figures, {

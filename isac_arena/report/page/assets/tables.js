@@ -25,6 +25,9 @@ function pathTable(row) {
   if (data.has_truth) heads.push("Δ delay, ns", "Δ AoD, deg", "Δ AoA, deg", "Δ power, dB", "NEES");
   const values = (one, index) => [shown(one.delay_ns[index], 2), shown(one.aod_deg[index], 2), shown(one.aoa_deg[index], 2),
     shown(one.power_dbm[index], 1)];
+  const several = data.scene.txs.length > 1;
+  if (several) heads.splice(2, 0, "TX");
+  const txCells = (one, index) => (several ? [data.scene.txs[one.tx[index]].name] : []);
   const rows = [];
   paths.status.forEach((status, index) => {
     if (isHiddenEstimate(status, index)) return;
@@ -32,7 +35,7 @@ function pathTable(row) {
     const cause = paths.cause[index] ? `: ${paths.cause[index]}` : "";
     const what = html("span", {}, swatch(`estimate-mark ${status}`, STATUS_GLYPHS[status]),
       ` ${STATUS[status]}${cause}${paths.los[index] ? " · taken as LOS" : ""}`);
-    const cells = [`${index}`, what, matched >= 0 ? truth.label[matched] : paths.object[index] || "–", ...values(paths, index)];
+    const cells = [`${index}`, what, ...txCells(paths, index), matched >= 0 ? truth.label[matched] : paths.object[index] || "–", ...values(paths, index)];
     if (data.has_truth) {
       cells.push(shown(paths.delay_error_ns[index], 3), shown(paths.aod_error_deg[index], 3), shown(paths.aoa_error_deg[index], 3),
         shown(paths.power_error_db[index], 1), shown(paths.nees[index], 1));
@@ -43,9 +46,11 @@ function pathTable(row) {
     if (truth.detected[index]) return;
     const cause = truth.cause[index] ? `: ${truth.cause[index]}` : "";
     const what = html("span", {}, swatch("true-mark missed", "circle", 5.5), ` missed${cause}`);
-    rows.push(pathRow([`true ${index}`, what, truth.label[index], ...values(truth, index), ...Array(5).fill("–")], `t${index}`));
+    rows.push(pathRow([`true ${index}`, what, ...txCells(truth, index), truth.label[index], ...values(truth, index), ...Array(5).fill("–")], `t${index}`));
   });
-  return table("path-table", heads, rows);
+  const made = table("path-table", heads, rows);
+  made.classList.toggle("several", several);
+  return made;
 }
 
 function pathRow(cells, key) {
