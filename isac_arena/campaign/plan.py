@@ -1,12 +1,14 @@
 """The plan of a run: what is done, what is doubtful and what is refused, before the first stop is computed."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from isac_arena.campaign.chain.inputs import walk_settings
 from isac_arena.campaign.config import CampaignConfig, methods
+from isac_arena.progress import counted, listed
+from isac_arena.scoring.doubts import few_stops
 from scenes.pose import SPEED_OF_LIGHT_M_S
 from scenes.record import concatenate
 from scenes.scene import Scene
@@ -22,7 +24,6 @@ LEAST_BIAS_M = 0.02  # of positions, from heights that the beams do not see: sma
 BEHIND_DB = 25.0  # a line of sight weaker than this in the best beams lies behind the panels
 COARSE = 4.0  # a delay cell of so many times the extent of an object shows it as a point
 LARGE_MESH = 3.0  # times the extent of all else: a mesh in another unit is a hundred times larger
-LONGEST_LIST = 6  # names in a sentence
 ELEVATION_METHODS = "'coherent', 'incoherent' or 'auto'"
 SAMPLE_BYTES = 8
 ROLES = {
@@ -101,7 +102,7 @@ def link_roles(links: Sequence[TxLink[CampaignConfig]]) -> str:
     for kind in LinkKind:
         names = [link.name for link in links if link.config.role.kind == kind]
         if names:
-            parts.append(f"{ROLES[kind]} {_listed(names)}")
+            parts.append(f"{ROLES[kind]} {listed(names)}")
     return "; ".join(parts)
 
 
@@ -158,10 +159,12 @@ def _about_meshes(scene: Scene) -> Iterator[str]:
 
 
 def _about_stops(config: CampaignConfig, scene: Scene) -> Iterator[str]:
-    """Walks that are too short for contours."""
+    """Walks that are too short for SLAM or contours."""
+    if walk_settings(config, scene.walk.positions_m()):
+        yield from few_stops(len(scene.stops))
     if len(scene.stops) < config.contours.min_samples:
         yield (
-            f"{len(scene.stops)} stops: an object reflects to each stop once, and clusters need "
+            f"{counted(len(scene.stops), 'stop')}: an object reflects to each stop once, and clusters need "
             f"{config.contours.min_samples} close points (contours.min_samples): few contours or none"
         )
 
@@ -186,7 +189,7 @@ def _about_sight(scene: Scene, seen: dict[int, Paths]) -> Iterator[str]:
     """Stops that receive nothing, and objects and meshes that reflect to no stop."""
     dark = [stop for stop, paths in seen.items() if not len(paths)]
     if dark:
-        yield f"no line of sight and no single reflection reaches stop {_listed(map(str, dark))}"
+        yield f"no line of sight and no single reflection reaches stop {listed(dark)}"
     names = np.array([*scene.object_names, *(mesh.name for mesh in scene.clutter)])
     reflecting = {
         str(paths.object_name[item])
@@ -198,10 +201,10 @@ def _about_sight(scene: Scene, seen: dict[int, Paths]) -> Iterator[str]:
     meshes = [mesh.name for mesh in scene.clutter if mesh.name in unseen]
     objects = [name for name in unseen if name not in meshes]
     if objects:
-        yield f"no single reflection reaches a stop from {_listed(objects)}: no contour of these will be found"
+        yield f"no single reflection reaches a stop from {listed(objects)}: no contour of these will be found"
     if meshes:
         yield (
-            f"no flat facet of mesh {_listed(meshes)} reflects to a stop: it only blocks and scatters; what is "
+            f"no flat facet of mesh {listed(meshes)} reflects to a stop: it only blocks and scatters; what is "
             "round reflects where it is drawn as a circle or spline"
         )
 
@@ -227,12 +230,19 @@ def _about_heights(config: CampaignConfig, scene: Scene, link: Link, seen: dict[
             passed[str(stop)] = loss_db
     if passed:
         yield (
-            f"the beams pass above or below the line of sight of stop {_listed(passed)}: it arrives up to "
-            f"{max(passed.values()):.0f} dB too weak and looks like a reflection: SLAM may be metres off; "
-            f"{HEIGHTS}"
+            f"the beams pass above or below the line of sight of stop {listed(passed)}: it arrives up to "
+            f"{max(passed.values()):.0f} dB too weak; {_expected(config)}; {HEIGHTS}"
         )
     if behind:
-        yield f"the beams do not cover the line of sight of stop {_listed(behind)}: turn or add panels"
+        yield f"the beams do not cover the line of sight of stop {listed(behind)}: turn or add panels"
+
+
+def _expected(config: CampaignConfig) -> str:
+    """What becomes of stops with a weak line of sight: `arena validate heights` has both cases."""
+    method = config.channel.method
+    if method == "power" or config.functions.of("channel"):
+        return "taken for a reflection, such stops may be lost or decimetres off"
+    return f"'{method}' still places such stops to centimetres or better, but not floor and ceiling"
 
 
 def _about_cells(scene: Scene, link: Link) -> Iterator[str]:
@@ -244,15 +254,9 @@ def _about_cells(scene: Scene, link: Link) -> Iterator[str]:
         if item.contour.closed and item.kind != "wall" and _extent_m(item.contour.bounds_m) * COARSE < cell_m
     ]  # fmt: skip
     if small:
-        yield f"a delay cell is {cell_m:.2g} m long, these are far smaller and look like points: {_listed(small)}"
+        yield f"a delay cell is {cell_m:.2g} m long, these are far smaller and look like points: {listed(small)}"
 
 
 def _extent_m(bounds_m: tuple[float, float, float, float]) -> float:
     x_min, y_min, x_max, y_max = bounds_m
     return float(max(x_max - x_min, y_max - y_min))
-
-
-def _listed(names: Iterable[str]) -> str:
-    every = list(names)
-    more = f" and {len(every) - LONGEST_LIST} more" if len(every) > LONGEST_LIST else ""
-    return ", ".join(every[:LONGEST_LIST]) + more
