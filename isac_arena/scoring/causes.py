@@ -20,6 +20,8 @@ ON_SURFACE_M = (
     0.1  # a double bounce this close to a true surface misleads no map: its distance is that of most points
 )
 RIGHT_SURFACE = "right surface, wrong path"
+LEVEL = ("floor", "ceiling")  # no plan shows in place what they scattered
+LEVEL_WORDS = "off floor or ceiling, at a wrong place"
 OUTSIDE_BEAMS_DB = 10.0  # no beam points to where the best gain is this far below the highest gain
 
 

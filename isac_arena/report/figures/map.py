@@ -14,7 +14,7 @@ from isac_arena.campaign.results import CampaignResults, MapResult
 from isac_arena.report.figures.bands import Curve, contour_curve, line_m, shape_curve
 from isac_arena.report.figures.plan import Box, draw_plan, plan_view
 from isac_arena.report.style import BAND_ALPHA, GHOST, SLAM, TRUTH, cluster_look, legend_below, new_figure, styled
-from isac_arena.scoring.causes import RIGHT_SURFACE, ghost_words
+from isac_arena.scoring.causes import LEVEL, LEVEL_WORDS, RIGHT_SURFACE, ghost_words
 from isac_arena.scoring.record import MapScores, PoseScores, ScoreTables
 from scenes.record import FloatArray
 from scenes.scene import Scene
@@ -27,6 +27,7 @@ SMALL_SHARE = 0.6  # of the scene, in both directions: below it the part around 
 FAR_SHARE = 0.2  # of the scene: points farther outside are not shown
 VIEW_MARGIN_M = 1.0
 GHOST_LOOK: dict[str, Any] = {"color": GHOST, "marker": "x"}
+LEVEL_LOOK: dict[str, Any] = {"color": GHOST, "marker": "_"}  # of what floor or ceiling scattered
 RIGHT_LOOK: dict[str, Any] = {"color": GHOST, "marker": "2"}  # of a ghost on a true surface
 TRACK_COLOR = "#1e8449"  # of the walk in the plan
 
@@ -100,9 +101,11 @@ def _draw_map(ax: Any, result: MapResult, scores: MapScores) -> None:
     ax.plot(*ips.position_m[ips.is_inlier & (label < 0)].T, ".", color=GHOST, markersize=3.5, zorder=3)
     words = ghost_words(table.cause, label, scores.ips.surface_distance_m)
     looks = [
-        (RIGHT_LOOK if words[row] == RIGHT_SURFACE else GHOST_LOOK) if ghost else cluster_look(row)
-        for row, ghost in enumerate(table.is_ghost)
-    ]
+        LEVEL_LOOK if name in LEVEL
+        else (RIGHT_LOOK if words[row] == RIGHT_SURFACE else GHOST_LOOK) if ghost
+        else cluster_look(row)
+        for row, (name, ghost) in enumerate(zip(table.object.tolist(), table.is_ghost, strict=True))
+    ]  # fmt: skip
     draw_contours(ax, curves, [ips.position_m[label == row] for row in range(len(curves))], looks)
 
 
@@ -159,6 +162,7 @@ def _legend_handles(*, has_others: bool) -> list[Any]:
         Line2D([], [], color=TRUTH, linewidth=0.8, linestyle="--", label="published method"),
         Line2D([], [], linestyle="none", label="ghost", **GHOST_LOOK),
         Line2D([], [], linestyle="none", label=RIGHT_SURFACE, **RIGHT_LOOK),
+        Line2D([], [], linestyle="none", label=LEVEL_WORDS, **LEVEL_LOOK),
         Line2D([], [], marker=".", linestyle="none", color=GHOST, label="incidence point of no object"),
         *([other] if has_others else []),
     ]

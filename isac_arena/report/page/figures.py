@@ -15,12 +15,12 @@ from isac_arena.report.figures.cluster import cluster_figure
 from isac_arena.report.figures.map import map_figure
 from isac_arena.report.figures.power import power_figure
 from isac_arena.report.style import png_bytes
+from isac_arena.scoring.causes import LEVEL
 from isac_arena.scoring.record import MapScores, PathStatus, ScoreTables
 from isac_arena.scoring.score import Scores
 from scenes.scene import Scene
 
 Section = Literal["channel", "map", "pose", "shape"]
-LEVEL = ("floor", "ceiling")
 
 
 @dataclass(frozen=True)

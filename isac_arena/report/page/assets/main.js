@@ -19,7 +19,7 @@ function choice(name, words) {
 
 function stopControl() {
   const list = html("select", { id: "pick-stop", onchange: () => select({ row: Number(list.value) }) },
-    data.stops.stop.map((stop, row) => option(row, `${stop}${data.stops.los[row] ? " · LOS" : " · NLOS"}`)));
+    data.stops.stop.map((stop, row) => option(row, `${stop}${data.stops.los[row] ? " · true LOS" : ""}`)));
   const turn = (step) => () => select({ row: (state.row + step + data.stops.stop.length) % data.stops.stop.length });
   onChange(() => { list.value = state.row; });
   return html("span", { class: "joined" }, html("button", { type: "button", id: "stop-before", "aria-label": "Stop before", onclick: turn(-1) }, "‹"),

@@ -4,6 +4,8 @@ const SHOWN_POWER_DB = 45;
 const STATUS = data.has_truth
   ? { detected: "detected", weak: "weak or diffuse", false: "false" }
   : { detected: "labelled line of sight or single bounce", false: "labelled neither", weak: "" };
+const TRUTH = data.has_truth ? "In truth" : "By its labels";
+const POSE_BY = { LOS: "solved with a line of sight", NLOS: "solved without a line of sight", GIVEN: "given, of a fixed node" };
 const STATUS_GLYPHS = { detected: "cross", weak: "plus", false: "tripod" };
 const powerImages = new Map();
 
@@ -60,7 +62,7 @@ function stopFacts(row) {
   const estimated = data.estimated[row];
   const truth = data.true[row];
   const count = (status) => estimated.status.filter((one) => one === status).length;
-  const words = [stops.los[row] ? "Line of sight." : "No line of sight."];
+  const words = [`${TRUTH}: ${stops.los[row] ? "a" : "no"} line of sight.`];
   if (truth) {
     const apart = truth.cause.filter((one) => one === "inseparable").length;
     const missed = truth.detected.filter((one) => !one).length - apart;
@@ -74,7 +76,7 @@ function stopFacts(row) {
   const bound = (value, unit) => (value === null ? "" : ` (bound ${measured(value, unit)})`);
   if (stops.position_error_m[row] === null) words.push("SLAM found no pose.");
   else {
-    words.push(`Pose by SLAM (${data.maps.slam.poses.status[row]}): position ${measured(stops.position_error_m[row], "m")} off`
+    words.push(`Pose by SLAM, ${POSE_BY[data.maps.slam.poses.status[row]]}: position ${measured(stops.position_error_m[row], "m")} off`
       + `${bound(stops.position_bound_m[row], "m")}, heading ${measured(stops.heading_error_deg[row], "deg", true)}`
       + `${bound(stops.heading_bound_deg[row], "deg")}, clock ${measured(stops.clock_error_ns[row], "ns", true)}`
       + `${bound(stops.clock_bound_ns[row], "ns")}.`);

@@ -8,7 +8,7 @@ from estimation.slam.record import SolveStatus
 from isac_arena.campaign.results import MapResult
 from isac_arena.report.figures.bands import Curve, contour_curve, shape_curve
 from isac_arena.report.page.payload.numbers import number, rounded
-from isac_arena.scoring.causes import cause_words, ghost_words
+from isac_arena.scoring.causes import LEVEL, LEVEL_WORDS, cause_words, ghost_words
 from isac_arena.scoring.record import ContourScores, IpScores, MapScores, OutlineScores
 from scenes.record import IntArray
 
@@ -82,11 +82,13 @@ def _shape(result: MapResult, scores: OutlineScores, row: int, called: str) -> d
 
 
 def _origin(scores: OutlineScores, row: int, label: IntArray, called: str) -> dict[str, Any]:
-    """The object that a contour shows, what it is `called` where it is a ghost, and the scores of the contour."""
+    """The object of a contour, what it is `called` where the plan has none, and its scores."""
+    name = str(scores.object[row])
+    level = name in LEVEL
     return {
-        "object": str(scores.object[row]),
-        "ghost": bool(scores.is_ghost[row]),
-        "called": called if scores.is_ghost[row] else "",
+        "object": name,
+        "ghost": bool(scores.is_ghost[row]) or level,
+        "called": LEVEL_WORDS if level else called if scores.is_ghost[row] else "",
         "found": bool(scores.is_found[row]),
         "purity": number(scores.purity[row], 3),
         "n_ips": int((label == row).sum()),
