@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from isac_arena.cli.options import Directory, Out
+from isac_arena.cli.options import Directory, Out, with_clock
 
 
 class ExportFormat(StrEnum):
@@ -19,6 +19,7 @@ class ExportFormat(StrEnum):
     glb = "glb"
 
 
+@with_clock
 def export(
     directory: Directory,
     file_format: Annotated[
@@ -60,6 +61,7 @@ def export(
         stages.console.print(f"{file_format.value}: {file}")
 
 
+@with_clock
 def export_sigmf(
     directory: Directory,
     stop: Annotated[int, typer.Option(min=0, help="Receiver stop.")],
@@ -114,6 +116,7 @@ SlamMethod = Annotated[str, typer.Option("--method", help="SLAM: statistical, or
 SceneFile = Annotated[str, typer.Option("--scene", help="Scene to score against: name or TOML file.")]
 
 
+@with_clock
 def import_paths(
     file: Annotated[
         Path, typer.Argument(help="Table of paths: .csv, .parquet, .mat, .nc or .h5; docs/exchange.md.")
@@ -151,6 +154,7 @@ def import_paths(
     stages.console.print(f"{n_stops} stops imported; next: arena estimate {out}")
 
 
+@with_clock
 def import_mat(
     file: Annotated[Path, typer.Argument(help="MATLAB file of the measured campaign, of 30 or 45 stops.")],
     out: Out,
@@ -169,6 +173,7 @@ def import_mat(
     stages.console.print(f"{n_stops} stops imported; next: arena estimate {out}")
 
 
+@with_clock
 def import_iq(
     file: Annotated[
         Path, typer.Argument(help="Campaign file with a table \\[recording] that names SigMF, NPZ or HDF5 files.")
@@ -190,6 +195,7 @@ def import_iq(
     stages.console.print(f"{len(found)} stops imported; next: arena estimate {out}")
 
 
+@with_clock
 def import_deepmimo(
     folder: Annotated[Path, typer.Argument(help="DeepMIMO v4 scenario folder.")],
     out: Annotated[Path, typer.Option(help="Folder for campaign.toml, scene.toml and what they name.")],

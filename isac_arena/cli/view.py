@@ -7,11 +7,12 @@ from typing import Annotated
 
 import typer
 
-from isac_arena.cli.options import Directory
+from isac_arena.cli.options import Directory, with_clock
 
 DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
 
 
+@with_clock
 def view(
     directory: Directory,
     stop: Annotated[

@@ -84,12 +84,12 @@ def _plan(
             channels[out.with_stem(f"{out.stem}_{name}")] = channel_bound_figure(prepared.scene, over_plan)
             tables.append(channel_bound.along_walk(model))
             tables[-1].title = None if len(links) == 1 else link.scene.tx_name
-    with progress_bar(console, transient=True) as progress:
         if fixed:
             noise = loaded.config.slam.noise
             errors = f"for fixed errors of {noise.delay_std_ns:g} ns and {noise.angle_std_deg:g} deg of every path"
             found, table = bound_map.over_plan(prepared, grid), bound_map.along_walk(prepared)
-        else:
+    if not fixed:
+        with progress_bar(console, transient=True) as progress:
             bounds, errors = signal_bound.SignalBounds(loaded), FROM_SIGNAL
             table, _ = signal_bound.along_walk(bounds, lambda stops: progress.track(stops, description="stops"))
             found = signal_bound.over_plan(bounds, grid, lambda rows: progress.track(rows, description="plan"))
