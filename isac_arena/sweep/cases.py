@@ -12,7 +12,13 @@ import numpy as np
 from scipy.stats import qmc
 
 from isac_arena.campaign.config import CampaignConfig
-from isac_arena.campaign.load import SceneSource, campaign_path, changed_campaign, read_scene_source
+from isac_arena.campaign.load import (
+    SceneSource,
+    campaign_path,
+    changed_campaign,
+    read_scene_source,
+    without_library_paths,
+)
 from isac_arena.sweep.config import AxisConfig, SweepConfig
 from scenes.memory import ask_memory
 from scenes.record import FloatArray
@@ -111,7 +117,10 @@ def make_cases(
             campaign, scene = changed_campaign(document, base, changes.items(), scene_of)
         except ConfigError as error:
             changed = ", ".join(f"{field} = {value}" for field, value in changes.items()) or "the base"
-            raise ConfigError(f"{source}: case {changed}: {error}") from error
+            told = str(error)
+            if any(field in told for field in changes):  # no fault of the base
+                told = told.removeprefix(f"{base}: ")
+            raise ConfigError(without_library_paths(f"{source}: case {changed}: {told}")) from error
         for repeat in repeats:
             seeded = campaign.model_copy(update={"seed": campaign.seed + repeat})
             yield Case(index, repeat, point, seeded, scene, config.stop_every)
