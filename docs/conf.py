@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from isac_arena.scoring.words import words_page
 from isac_arena.settings import settings_page
 from scenes.record import FIELDS
 
@@ -80,9 +81,10 @@ def settings_fields(model: Any) -> Any:
         yield f"``{name}``", default if len(default) < 60 else "as below", field.description or ""
 
 
-def write_settings(app: Any) -> None:
-    """Write the page of all settings."""
-    (ROOT / "docs" / "settings.md").write_text(settings_page(), encoding="utf-8")
+def write_pages(app: Any) -> None:
+    """Write the pages of all settings and of the words of scores."""
+    for name, text in (("settings", settings_page()), ("words", words_page())):
+        (ROOT / "docs" / f"{name}.md").write_text(text, encoding="utf-8")
 
 
 def execute_notebooks(app: Any) -> None:
@@ -92,7 +94,7 @@ def execute_notebooks(app: Any) -> None:
 
 def setup(app: Any) -> None:
     """Hook into autodoc, and make the pages that are made."""
-    app.connect("builder-inited", write_settings)
+    app.connect("builder-inited", write_pages)
     app.connect("builder-inited", execute_notebooks)
     app.connect("autodoc-process-docstring", add_fields)
     app.connect("autodoc-skip-member", skip_foreign)

@@ -19,6 +19,7 @@ from rich.progress import (
 
 PERIOD_S = 30.0  # of the lines where there is no terminal
 SPEED_PERIOD_S = 3600.0  # the bar tells the time left from what was done in it: a stop may take minutes
+LONGEST_LIST = 6  # names in a sentence
 T = TypeVar("T")
 
 
@@ -62,6 +63,18 @@ def duration(seconds: float) -> str:
     if seconds < 100:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 100 * 60 else f"{seconds / 3600:.1f} h"
+
+
+def counted(number: int, what: str) -> str:
+    """A number of things: "1 case", "2 cases"."""
+    return f"{number} {what}" if number == 1 else f"{number} {what}s"
+
+
+def listed(names: Iterable[object]) -> str:
+    """Names in a sentence; of many the first ones and how many more."""
+    every = list(map(str, names))
+    more = f" and {len(every) - LONGEST_LIST} more" if len(every) > LONGEST_LIST else ""
+    return ", ".join(every[:LONGEST_LIST]) + more
 
 
 def progress_bar(console: Console, *fields: str, **options: Any) -> Progress:

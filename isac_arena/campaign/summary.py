@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import platform
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 from importlib.metadata import PackageNotFoundError, version
 
@@ -17,6 +17,7 @@ from isac_arena.campaign.config import CampaignConfig, methods
 from isac_arena.campaign.plan import link_roles, slam_of
 from isac_arena.scoring.headline import HEADS, headline
 from isac_arena.scoring.score import Scores
+from isac_arena.scoring.words import legend
 from isac_arena.user_functions.config import Stage
 from scenes.scene import Scene
 from sim.links import tx_links
@@ -84,6 +85,11 @@ def score_table(scores: Scores) -> Table:
         values = [f"{one.value:.3g}" if one and math.isfinite(one.value) else "-" for one in cells]
         table.add_row(label, *values, unit)
     return table
+
+
+def score_legend(scores: Scores) -> Iterator[str]:
+    """The meaning of every word of the score table, a line each."""
+    return legend(label for row in headline(scores.metrics) for label in (row[0], *HEADS))
 
 
 def scene_summary(scene: Scene) -> str:

@@ -72,7 +72,7 @@ def sweep_report(
     from isac_arena.campaign.files import write_text  # noqa: PLC0415
     from isac_arena.campaign.manifest import check_unchanged, read_manifest  # noqa: PLC0415
     from isac_arena.campaign.recording import recorded_additions  # noqa: PLC0415
-    from isac_arena.progress import working  # noqa: PLC0415
+    from isac_arena.progress import counted, working  # noqa: PLC0415
     from isac_arena.sweep.report import sweep_page, sweep_results  # noqa: PLC0415
     from isac_arena.sweep.store import damaged_cases, read_failures, read_plan, read_sweep  # noqa: PLC0415
     from isac_arena.sweep.table import result_rows  # noqa: PLC0415
@@ -96,7 +96,7 @@ def sweep_report(
             write_text(directory / REPORT, page)
     console.print(f"report: {directory / REPORT}")
     if damaged:
-        console.print(f"{len(damaged)} damaged cases are left out; the same 'arena sweep' runs them again")
+        console.print(f"left out: {counted(len(damaged), 'damaged case')}; 'arena sweep' runs these again")
         for what in list(damaged.values())[:5]:
             console.print(f"  {what}", markup=False)
         raise typer.Exit(1)
@@ -104,14 +104,14 @@ def sweep_report(
 
 def print_plan(console: Console, config: SweepConfig, plan: Plan) -> None:
     """Print the cases of a sweep, and their estimated time on one core and disk space."""
-    from isac_arena.progress import duration, working  # noqa: PLC0415
+    from isac_arena.progress import counted, duration, working  # noqa: PLC0415
     from isac_arena.sweep.plan import estimate_cost  # noqa: PLC0415
 
     jobs = plan.jobs
     points, paths = len({job.point for job in jobs}), len({job.paths_hash for job in jobs})
     console.print(
-        f"{config.name}: {len(jobs)} cases, {points} points of {len(config.axes)} axes, "
-        f"{len(plan.scenes)} scenes, {paths} sets of paths; {sum(job.is_done for job in jobs)} done"
+        f"{config.name}: {counted(len(jobs), 'case')}, {counted(points, 'point')}, axes: {len(config.axes)}, "
+        f"{counted(len(plan.scenes), 'scene')}, sets of paths: {paths}; {sum(job.is_done for job in jobs)} done"
     )
     if config.until is not None:
         console.print(f"  and up to {config.until.max_repeats} repeats of every point")
@@ -119,7 +119,7 @@ def print_plan(console: Console, config: SweepConfig, plan: Plan) -> None:
         cost = estimate_cost(plan)
     console.print(
         f"about {duration(3600 * cost.core_hours)} of one core and {cost.start_up_s:.0f} s for every worker to "
-        f"start, {1e3 * cost.disk_gb:.2g} MB; estimated from a few stops of {cost.n_tried} cases"
+        f"start, {1e3 * cost.disk_gb:.2g} MB; estimated from a few stops of {counted(cost.n_tried, 'case')}"
     )
     if cost.samples_gb:
         console.print(

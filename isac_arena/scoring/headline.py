@@ -1,26 +1,25 @@
 """The first table of a run: its main scores beside the paper's method and the bound."""
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from isac_arena.scoring.metrics.metric import Metric
 
 HEADS = ("published", "this run", "bound", "unit")
-ABOUT = (
-    "Published: snapshot SLAM and contours of clusters as in the paper (README), from the paths of this run; its "
-    "headings lie on a grid of 1 deg where it takes no line of sight, and a true one on the grid has no error. "
-    "Bound: of each stop alone; estimates that use other stops can be below."
-)
 
 
 @dataclass(frozen=True)
 class HeadlineRow:
-    """A score of this run, and the keys of the same by the paper's method and of its bound; empty for none."""
+    """A score of this run, and the keys of the same by the paper's method, of its bound, and of the count that it
+    is a part of; empty for none.
+    """
 
     label: str
     key: str
     paper: str = ""
     bound: str = ""
+    whole: str = ""
 
 
 def _pose_row(name: str, field: str, unit: str) -> HeadlineRow:
@@ -30,7 +29,8 @@ def _pose_row(name: str, field: str, unit: str) -> HeadlineRow:
 
 def _found_row(kind: str) -> HeadlineRow:
     key = f"mapping.objects_found.{kind}"
-    return HeadlineRow(f"{kind.capitalize()}s found by mapping", f"contours.{key}", key)
+    whole = f"scene.visible.{kind}"
+    return HeadlineRow(f"{kind.capitalize()}s found by mapping", f"contours.{key}", key, whole=whole)
 
 
 def _contour_row(label: str, key: str) -> HeadlineRow:
@@ -43,6 +43,7 @@ HEADLINE = (
     HeadlineRow("Stops located by SLAM, share", "slam.solved_share", "published.solved_share"),
     _pose_row("position", "position", "m"),
     HeadlineRow("Receiver position by SLAM, median", "slam.position.median_m", "published.position.median_m"),
+    HeadlineRow("Receiver position by SLAM, stated deviation", "slam.position.stated_m"),
     _pose_row("heading", "heading", "deg"),
     _pose_row("clock bias", "clock", "ns"),
     HeadlineRow("Incidence point to surface, mapping, median", "mapping.ip_to_surface.median_m"),
@@ -65,4 +66,6 @@ def headline(metrics: Sequence[Metric]) -> Iterator[tuple[str, list[Metric | Non
     for row in HEADLINE:
         cells = [known.get(key) for key in (row.paper, row.key, row.bound)]
         if (present := next(filter(None, cells), None)) is not None:
-            yield row.label, cells, "" if present.unit == "1" else present.unit
+            whole = known[row.whole].value if row.whole in known else math.nan
+            unit = f"of {whole:g}" if math.isfinite(whole) else present.unit
+            yield row.label, cells, "" if unit == "1" else unit

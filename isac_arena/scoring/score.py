@@ -6,11 +6,13 @@ from difflib import get_close_matches
 from itertools import groupby
 
 import numpy as np
+import shapely
 
 from estimation.channel.record import ChannelEstimate
 from estimation.tracks.config import TrackConfig
 from isac_arena.campaign.results import CampaignResults, MapResult
 from isac_arena.scoring.config import DEFAULT_GATE, Gate, Significance
+from isac_arena.scoring.doubts import score_doubt
 from isac_arena.scoring.link_view import LinkView
 from isac_arena.scoring.metrics.metric import Metric
 from isac_arena.scoring.record import (
@@ -28,10 +30,10 @@ from isac_arena.scoring.stages.channel import TrueStop, score_stop, significant_
 from isac_arena.scoring.stages.channel_metrics import channel_metrics
 from isac_arena.scoring.stages.contours import contour_metrics, score_contours
 from isac_arena.scoring.stages.maps import map_metrics, score_ips
-from isac_arena.scoring.stages.outlines import outline_columns
+from isac_arena.scoring.stages.outlines import outline_columns, visible_metrics
 from isac_arena.scoring.stages.poses import pose_bounds, pose_metrics, published_metrics, score_both_poses
 from isac_arena.scoring.stages.scene import scene_metrics, score_scene
-from isac_arena.scoring.stages.shapes import ShapeErrors, shape_errors, shape_metrics
+from isac_arena.scoring.stages.shapes import ShapeErrors, contour_points_m, shape_errors, shape_metrics
 from isac_arena.scoring.stages.tracks import objects_in_view, score_tracks, track_metrics
 from scenes.display import Displayed
 from scenes.record import FloatArray, concatenate, empty_record
@@ -48,7 +50,13 @@ class Scores(Displayed):
 
     def __repr__(self) -> str:
         n_stops = self.tables.stops.size("stop")
-        return f"Scores({len(self.metrics)} metrics over {n_stops} stops; .to_dataframe() has them all)"
+        doubts = "".join(f"; doubtful: {doubt}" for doubt in self.doubts)
+        return f"Scores({len(self.metrics)} metrics over {n_stops} stops; .to_dataframe() has them all{doubts})"
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """What the scores say is far off, and what to do; empty where nothing is."""
+        return score_doubt(self.metrics)
 
     def value(self, key: str) -> float:
         """Value of one metric; a `KeyError` where there is none of that key names similar ones."""
@@ -139,6 +147,7 @@ def score_metrics(scene: Scene, tables: ScoreTables) -> tuple[Metric, ...]:
     metrics = channel_metrics(tables.stops, tables.paths, tables.significant)
     metrics += pose_metrics(tables.poses)
     metrics += published_metrics(tables.published)
+    metrics += visible_metrics(scene, tables.significant)
     for name, one_map in (("mapping", tables.mapping), ("slam", tables.slam)):
         metrics += map_metrics(name, scene, one_map.ips, one_map.clusters)
         metrics += shape_metrics(name, scene, one_map.clusters)
@@ -226,5 +235,8 @@ def _score_clusters(
     def error_of(cluster: int, item: SceneObject, members_m: FloatArray, lit_m: FloatArray) -> ShapeErrors:
         return shape_errors(result.shapes, cluster, members_m, item.contour, lit_m)
 
+    def line_of(cluster: int) -> shapely.Geometry:
+        return shapely.LinearRing(contour_points_m(result.shapes, cluster))
+
     n_clusters = len(result.shapes.center_m)
-    return OutlineScores(**outline_columns(scene, result, ips, n_clusters, significant, error_of))
+    return OutlineScores(**outline_columns(scene, result, ips, n_clusters, significant, error_of, line_of))

@@ -7,11 +7,13 @@ from typing import Any
 import numpy as np
 
 from isac_arena.campaign.manifest import MANIFEST, read_manifest
+from isac_arena.progress import counted
 from isac_arena.report.page.tables import in_words, score_title
 from isac_arena.report.sweep.captions import axis_caption, parallel_caption, pareto_caption
 from isac_arena.report.sweep.figures import axis_figure, parallel_figure, pareto_figure
 from isac_arena.report.sweep.page import SweepFigure, axis_tables, render_sweep, table
 from isac_arena.report.sweep.results import SweepAxis, SweepMetric, SweepResults
+from isac_arena.scoring.words import legend
 from isac_arena.settings import UNITS
 from isac_arena.sweep.config import SweepConfig
 from isac_arena.sweep.store import PlannedCase, is_done
@@ -54,7 +56,8 @@ def sweep_results(config: SweepConfig, rows: Sequence[dict[str, Any]]) -> SweepR
         for name, axis in zip(axis_names(config), config.axes, strict=True)
     ]
     metrics = {key: SweepMetric(key, *heads[key], column) for key, column in values.items()}
-    return SweepResults(np.array([first[case]["point"] for case in cases], int), tuple(axes), metrics)
+    points = np.array([first[case]["point"] for case in cases], int)
+    return SweepResults(points, tuple(axes), metrics, tuple(cases))
 
 
 def axis_title(field: str) -> str:
@@ -82,12 +85,16 @@ def sweep_page(
     else:
         nothing = "<p>No finished case yet, or no metric that changes over the cases.</p>"
         sections.append(("Metrics", [nothing]))
-    for what, found in (("failed", failures), ("damaged", damaged)):
+    doubts = {key: "; ".join(found) for key, found in zip(results.keys, results.doubts, strict=True) if found}
+    for what, found in (("doubtful", doubts), ("failed", failures), ("damaged", damaged)):
         rows = [[case.key, _case_settings(config, case), found[case.key]] for case in cases if case.key in found]
         if rows:
-            shown = table(["case", "axes", "error"], rows[:MOST_FAILURES], "failed")
-            sections.append((f"{len(rows)} {what} cases", [shown]))
-    return render_sweep(config.name, sweep_facts(directory, config, cases, failures, damaged), sections)
+            shown = table(["case", "axes", "SLAM" if found is doubts else "error"], rows[:MOST_FAILURES], "failed")
+            sections.insert(0 if found is doubts else len(sections), (counted(len(rows), f"{what} case"), [shown]))
+    facts = sweep_facts(directory, config, cases, failures, damaged)
+    if words := list(legend([score_title(key) for key in [*keys, *(key for pair in pairs for key in pair)]])):
+        facts["Words"] = "\n".join(words)
+    return render_sweep(config.name, facts, sections)
 
 
 def sweep_facts(
@@ -103,7 +110,7 @@ def sweep_facts(
     remaining = len(cases) - len(done) - len(failed)
     facts = {
         "Base": config.base,
-        "Design": f"{config.design}, {len({case.point for case in cases})} points",
+        "Design": f"{config.design}, {counted(len({case.point for case in cases}), 'point')}",
         "Axes": ", ".join(axis_names(config)) or "none",
         "Cases": f"{len(done)} of {len(cases)} done, {len(failed)} failed",
     }

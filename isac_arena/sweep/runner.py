@@ -9,7 +9,8 @@ from rich.console import Console
 
 from isac_arena.campaign.lock import one_run
 from isac_arena.campaign.recording import recorded_run
-from isac_arena.progress import progress_bar
+from isac_arena.progress import counted, progress_bar
+from isac_arena.scoring.doubts import MORE_STOPS, pose_doubts
 from isac_arena.sweep.cases import base_path
 from isac_arena.sweep.config import SweepConfig
 from isac_arena.sweep.job import Job, store_scene
@@ -25,7 +26,7 @@ from isac_arena.sweep.store import (
     write_failure,
     write_plan,
 )
-from isac_arena.sweep.table import mean_with_interval, result_rows, write_tables
+from isac_arena.sweep.table import Row, mean_with_interval, result_rows, write_tables
 from isac_arena.workers.workers import Workers
 from scenes.names import path_in
 from scenes.toml_config import read_text
@@ -111,12 +112,31 @@ def run_missing(workers: Workers, console: Console, out: Path, jobs: Sequence[Jo
         run_jobs(workers.client, pending, report, **workers.limits)
 
 
+def doubtful_cases(rows: Sequence[Row]) -> dict[str, str]:
+    """What is far off in the poses of a case, by its key; only of cases where something is."""
+    values: dict[str, dict[str, float]] = {}
+    for row in rows:
+        if row["value"] is not None:
+            values.setdefault(row["case"], {})[row["key"]] = row["value"]
+    found = {case: "; ".join(pose_doubts(of_case)) for case, of_case in values.items()}
+    return {case: doubt for case, doubt in found.items() if doubt}
+
+
 def print_results(console: Console, out: Path, config: SweepConfig, jobs: Sequence[Job]) -> int:
     """Write the tables, print how many cases are done and which failed, and return how many failed."""
     failures = read_failures(out)
-    write_tables(out, config, result_rows(out, config, plan_of_jobs(jobs), failures))
+    rows = result_rows(out, config, plan_of_jobs(jobs), failures)
+    write_tables(out, config, rows)
     failed = [job for job in jobs if job.key in failures and not job.is_done]
-    console.print(f"{sum(job.is_done for job in jobs)} of {len(jobs)} cases done, {len(failed)} failed")
+    n_done = sum(job.is_done for job in jobs)
+    console.print(f"{n_done} of {counted(len(jobs), 'case')} done, {len(failed)} failed")
+    doubts = doubtful_cases(rows)
+    for key, doubt in list(doubts.items())[:5]:
+        console.print(f"doubtful: case {key}: SLAM: {doubt}", markup=False, soft_wrap=True)
+    if doubts:
+        n = counted(len(doubts), "doubtful case")
+        told = f"{n}, marked by 'arena sweep-report {out}'; to do: {MORE_STOPS}, or see why there"
+        console.print(told, markup=False, soft_wrap=True)
     for job in failed[:5]:
         console.print(f"  case {job.key}: {failures[job.key]}", markup=False)
     console.print(f"results: {out / 'results.parquet'} and .csv")

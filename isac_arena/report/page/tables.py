@@ -8,8 +8,9 @@ from functools import cache
 from html import escape
 
 from isac_arena.report.style import html_table
-from isac_arena.scoring.headline import ABOUT, HEADLINE, HEADS, headline
+from isac_arena.scoring.headline import HEADLINE, HEADS, headline
 from isac_arena.scoring.metrics.metric import Metric
+from isac_arena.scoring.words import explained, legend
 from isac_arena.settings import UNITS
 
 SILENT_PARTS = ("scene", "objects", "contour")  # of a dotted name: they say nothing to a reader
@@ -165,8 +166,10 @@ def in_words(name: str) -> str:
 
 def headline_table(metrics: Sequence[Metric]) -> str:
     """The main scores of a campaign, beside the paper's method and the bound."""
-    rows = [(escape(label), *map(_value, cells), escape(unit)) for label, cells, unit in headline(metrics)]
-    return html_table(("", *map(escape, HEADS)), rows) + f"<p>{escape(ABOUT)}</p>"
+    rows = [(explained(label), *map(_value, cells), escape(unit)) for label, cells, unit in headline(metrics)]
+    texts = [*HEADS, *(label for label, _, _ in headline(metrics))]
+    about = "<br>".join(map(escape, legend(texts)))
+    return html_table(("", *map(explained, HEADS)), rows) + f"<p>{about}</p>"
 
 
 def score_table(table: ScoreTable, metrics: Sequence[Metric]) -> str:
@@ -177,8 +180,8 @@ def score_table(table: ScoreTable, metrics: Sequence[Metric]) -> str:
         cells = [known.get(prefix + suffix) for _, prefix in table.columns]
         present = [cell for cell in cells if cell is not None]
         if any(math.isfinite(cell.value) for cell in present):
-            rows.append((escape(label), *map(_value, cells), _unit(present[0])))
-    return html_table(("", *(escape(heading) for heading, _ in table.columns), "unit"), rows)
+            rows.append((explained(label), *map(_value, cells), _unit(present[0])))
+    return html_table(("", *(explained(heading) for heading, _ in table.columns), "unit"), rows)
 
 
 def object_table(metrics: Sequence[Metric], method: str) -> str:
@@ -195,7 +198,7 @@ def object_table(metrics: Sequence[Metric], method: str) -> str:
         if any(cell is not None and math.isfinite(cell.value) for cell in cells):
             rows.append((escape(name), *map(_value, cells)))
     heads = [f"{label}, {one}" for one in ("mapping", "SLAM") for label, _ in columns]
-    return html_table(("object", *heads), rows)
+    return html_table(("object", *map(explained, heads)), rows)
 
 
 def all_scores_table(metrics: Iterable[Metric]) -> str:

@@ -34,6 +34,7 @@ MARGIN, LOG_MARGIN = 0.15, 1.5  # of the vertical axis around the values: a shar
 MOST_TICKS = 7
 FLOOR = 1e-3  # of the least value: intervals end there, so that a logarithmic axis shows them
 LINE_COLORS = CLUSTER_COLORS
+DOUBT = "#C0142B"
 PALEST = 0.15  # of the colour map: lighter lines are invisible on white
 LABEL_BOX = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.8}
 
@@ -58,8 +59,11 @@ def axis_figure(results: SweepResults, key: str) -> Figure:
             _curve(panel, axis, metric.value, members, color, label)
         if bound is not None:
             _bound_curve(panel, groups(axis), bound)
+        is_marked = key.startswith("slam.") and bool(results.is_doubtful.any())
+        if is_marked:
+            _doubtful_cases(panel, results, axis, metric.value)
         _dress(panel, axis)
-        if any(label for label, _ in lines) or bound is not None:
+        if any(label for label, _ in lines) or bound is not None or is_marked:
             panel.legend(loc="upper center", bbox_to_anchor=(0.5, -0.17), ncols=2)
     _scale(panels[0], drawn_values(results, key))
     panels[0].set_ylabel(_label(metric))
@@ -167,6 +171,15 @@ def _curve(panel: Any, axis: SweepAxis, value: FloatArray, members: BoolArray, c
     panel.fill_between(place, lower, upper, color=color, alpha=BAND_ALPHA, linewidth=0)
 
 
+def _doubtful_cases(panel: Any, results: SweepResults, axis: SweepAxis, value: FloatArray) -> None:
+    """Ring the cases whose poses are far off."""
+    for at, part in enumerate(groups(axis)):
+        cases = value[part.members & results.is_doubtful]
+        label = None if at else "doubtful case"
+        look = {"color": DOUBT, "markerfacecolor": "none", "markersize": 9, "markeredgewidth": 1.4, "label": label}
+        panel.plot(np.full(len(cases), part.place), cases, "o", **look)
+
+
 def _bound_curve(panel: Any, parts: Sequence[Group], bound: FloatArray) -> None:
     mean = np.array([mean_interval(bound[part.members])[0] for part in parts])
     place = np.array([part.place for part in parts])
@@ -184,6 +197,8 @@ def drawn_values(results: SweepResults, key: str) -> FloatArray:
     ]
     means = [mean_interval(cases)[0] for cases in dots]
     means += [one for cases in dots if 1 < np.isfinite(cases).sum() < LEAST_CASES for one in cases]
+    if key.startswith("slam."):
+        means += value[results.is_doubtful].tolist()
     if bound is not None:
         means += [mean_interval(bound[part.members])[0] for axis in results.axes for part in groups(axis)]
     known = np.array(means, float)

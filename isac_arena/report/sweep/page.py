@@ -10,8 +10,10 @@ from matplotlib.figure import Figure
 
 from isac_arena.report.page.tables import score_title
 from isac_arena.report.style import figure_html, html_table, png_bytes
-from isac_arena.report.sweep.results import LEAST_CASES, SweepResults, groups, mean_interval
+from isac_arena.report.sweep.results import LEAST_CASES, Group, SweepResults, groups, mean_interval
+from isac_arena.scoring.words import explained
 
+MARK = "⚠"  # of scores with doubtful cases
 STYLE = """
 :root { color-scheme: light; }
 body { font: 15px/1.5 system-ui, "Segoe UI", "DejaVu Sans", sans-serif; color: #222; background: #fff;
@@ -78,7 +80,9 @@ def render_sweep(
     return Template(PAGE).substitute(
         title=escape(title),
         style=STYLE,
-        facts=table([], [[label, text] for label, text in facts.items()]),
+        facts=html_table(
+            [], [[escape(label), escape(text).replace("\n", "<br>")] for label, text in facts.items()]
+        ),
         sections="\n".join(parts),
     )
 
@@ -90,15 +94,17 @@ def axis_tables(results: SweepResults, keys: Sequence[str]) -> list[str]:
         head = [axis.name, "cases", *(_heading(results, key) for key in keys)]
         rows = []
         for group in groups(axis):
-            cells = [_interval(results.metrics[key].value[group.members]) for key in keys]
+            cells = [_interval(results, key, group) for key in keys]
             rows.append([group.label, str(int(group.members.sum())), *cells])
         made.append(f'<h3>{escape(axis.name)}</h3><div class="wide">{table(head, rows)}</div>')
+    if results.is_doubtful.any():
+        made.append(f"<p>{MARK} with doubtful cases, see above.</p>")
     return made
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]], style: str = "") -> str:
     """An HTML table of texts, in the given CSS class."""
-    return html_table([*map(escape, head)], [[*map(escape, row)] for row in rows], style)
+    return html_table([*map(explained, head)], [[*map(escape, row)] for row in rows], style)
 
 
 def _heading(results: SweepResults, key: str) -> str:
@@ -107,11 +113,14 @@ def _heading(results: SweepResults, key: str) -> str:
     return f"{score_title(key)}{unit} {dict(lower='↓', higher='↑').get(metric.direction, '')}".strip()
 
 
-def _interval(values: object) -> str:
-    mean, half, n = mean_interval(np.asarray(values, float))
+def _interval(results: SweepResults, key: str, group: Group) -> str:
+    """The mean of a group with its interval or range, and a mark where the poses of a case are far off."""
+    known = results.metrics[key].value[group.members]
+    mean, half, n = mean_interval(known)
+    mark = f" {MARK}" if key.startswith("slam.") and results.is_doubtful[group.members].any() else ""
     if n == 0:
-        return "–"
+        return f"–{mark}"
     if n < LEAST_CASES:
-        known = np.asarray(values, float)
-        return f"{mean:.3g}" if n == 1 else f"{mean:.3g} ({np.nanmin(known):.3g} to {np.nanmax(known):.3g})"
-    return f"{mean:.3g} ± {half:.2g}"
+        cases = f" ({np.nanmin(known):.3g} to {np.nanmax(known):.3g})" if n > 1 else ""
+        return f"{mean:.3g}{cases}{mark}"
+    return f"{mean:.3g} ± {half:.2g}{mark}"

@@ -2,11 +2,13 @@
 
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from scipy.stats import t as student
 
+from isac_arena.scoring.doubts import pose_doubts
 from scenes.record import BoolArray, FloatArray, IntArray
 
 LEAST_CASES = 4  # of a mean with an interval: Student's t of fewer says nothing that the cases do not
@@ -52,6 +54,19 @@ class SweepResults:
     point: IntArray  # (case,) index of the design point
     axes: tuple[SweepAxis, ...]
     metrics: Mapping[str, SweepMetric]
+    keys: tuple[str, ...] = ()  # (case,) their names
+
+    @cached_property
+    def doubts(self) -> list[tuple[str, ...]]:
+        """What is far off in the poses of every case, as `pose_doubts`."""
+        columns = {key: metric.value.tolist() for key, metric in self.metrics.items()}
+        cases = range(len(self.point))
+        return [pose_doubts({key: column[case] for key, column in columns.items()}) for case in cases]
+
+    @cached_property
+    def is_doubtful(self) -> BoolArray:
+        """Whether the poses of a case are far off (case,)."""
+        return np.array([bool(found) for found in self.doubts], bool)
 
     def bound(self, key: str) -> FloatArray | None:
         """The bound (case,) of a metric, in its unit; None where it has none."""

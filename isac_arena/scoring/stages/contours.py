@@ -48,7 +48,7 @@ def score_contours(scene: Scene, result: MapResult, ips: IpScores, significant: 
         return replace(error, iou=np.nan) if is_flat else error
 
     own = replace(ips, label=contours.object)
-    columns = outline_columns(scene, result, own, n, significant, error_of)
+    columns = outline_columns(scene, result, own, n, significant, error_of, lambda row: _line(contours, row))
     right = [
         float(is_class_right(contours, row, scene.object(str(name)))) if name in scene.object_names else np.nan
         for row, name in enumerate(columns["object"])

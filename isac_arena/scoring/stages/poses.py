@@ -197,6 +197,7 @@ def pose_metrics(poses: PoseScores) -> list[Metric]:
             Metric(f"{prefix}.position.rmse_m", rms(position_m), "m", "lower"),
             Metric(f"{prefix}.position.median_m", quantile(position_m, 0.5), "m", "lower"),
             Metric(f"{prefix}.position.max_m", maximum(position_m), "m", "lower"),
+            Metric(f"{prefix}.position.stated_m", rms(group.position_std_m), "m", "info"),
             Metric(f"{prefix}.height.rmse_m", rms(group.height_error_m), "m", "lower"),
             Metric(f"{prefix}.heading.rmse_deg", rms(np.rad2deg(group.heading_error_rad)), "deg", "lower"),
             Metric(f"{prefix}.clock.rmse_ns", rms(1e9 * group.clock_error_s), "ns", "lower"),

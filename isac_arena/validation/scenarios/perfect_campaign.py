@@ -35,6 +35,7 @@ WALLS = {
     "wall_south": Polyline(np.array([[-4.0, -7.0], [7.5, -7.0]])),
     "wall_east": Polyline(np.array([[8.0, -6.0], [8.0, 3.0]])),
 }
+LIT_WALLS_M = np.array([[2.5, 0.05], [0.8, 0.05]])  # half of their length, and of how thick they are drawn
 NAMES = [*PILLARS, *WALLS]
 SINGLES = len(NAMES)
 DOUBLE, DIFFUSE = SINGLES + 1, SINGLES + 2  # rows of a stop's paths behind the LOS and the single bounces
@@ -123,11 +124,13 @@ def exact_estimate(scene: Scene, truth: Truth) -> ChannelEstimate:
 
 
 def exact_shapes(scene: Scene, label: IntArray, n_samples: int = 360) -> Shapes:
-    """The true circles of the pillars, and thin unit circles about a point of each wall."""
+    """The true circles of the pillars, and flat ellipses along the lit part of each wall."""
     angle = np.linspace(-np.pi, np.pi, n_samples, endpoint=False)
-    center = np.array([*(pillar.center_m for pillar in PILLARS.values()), [1.0, -7.0], [8.0, -1.0]])
-    radii = np.array([*(pillar.radius_m for pillar in PILLARS.values()), 1.0, 1.0])
-    radius = np.tile(radii[:, None], (1, n_samples))
+    center = np.array([*(pillar.center_m for pillar in PILLARS.values()), [2.2, -7.0], [8.0, 0.0]])
+    radii = [pillar.radius_m for pillar in PILLARS.values()]
+    along, across = (np.array([*radii, *ends]) for ends in LIT_WALLS_M.T)
+    turned = angle - np.array([0.0, 0.0, 0.0, np.pi / 2])[:, None]
+    radius = 1 / np.hypot(np.cos(turned) / along[:, None], np.sin(turned) / across[:, None])
     return Shapes(label, center, angle, radius, np.full_like(radius, 0.05), *5 * [np.ones(SINGLES)])
 
 

@@ -1,5 +1,11 @@
 // Tables of the selected stop and object; each row selects its path or point.
 
+/** The meaning of the words in a text, for its title. */
+function meanings(text) {
+  return Object.entries(data.words).filter(([word]) => new RegExp(`\\b${word}`, "i").test(text))
+    .map(([word, meaning]) => `${word}: ${meaning}`).join("\n") || null;
+}
+
 /** A table; `rows` are {cells, key, pick, chosen}. A row with `pick` has its first cell as a button. */
 function table(id, heads, rows) {
   const body = rows.map(({ cells, pick, chosen, kind }) => {
@@ -9,7 +15,7 @@ function table(id, heads, rows) {
     return html("tr", { class: `${chosen ? "chosen" : ""} ${kind ?? ""}` }, html("td", {}, first),
       cells.slice(1).map((cell) => html("td", {}, cell)));
   });
-  return html("table", { id }, html("thead", {}, html("tr", {}, heads.map((head) => html("th", { scope: "col" }, head)))),
+  return html("table", { id }, html("thead", {}, html("tr", {}, heads.map((head) => html("th", { scope: "col", title: meanings(head) }, head)))),
     html("tbody", {}, body));
 }
 
@@ -33,7 +39,7 @@ function pathTable(row) {
     if (isHiddenEstimate(status, index)) return;
     const matched = trueRow(row, index);
     const cause = paths.cause[index] ? `: ${paths.cause[index]}` : "";
-    const what = html("span", {}, swatch(`estimate-mark ${status}`, STATUS_GLYPHS[status]),
+    const what = html("span", { title: meanings(STATUS[status]) }, swatch(`estimate-mark ${status}`, STATUS_GLYPHS[status]),
       ` ${STATUS[status]}${cause}${paths.los[index] ? " · taken as LOS" : ""}`);
     const cells = [`${index}`, what, ...txCells(paths, index), matched >= 0 ? truth.label[matched] : paths.object[index] || "–", ...values(paths, index)];
     if (data.has_truth) {

@@ -15,6 +15,7 @@ from isac_arena.report.page.payload.numbers import POWER_STEP_DB, number, quanti
 from isac_arena.report.page.payload.paths import estimated_paths, true_paths
 from isac_arena.report.page.payload.tracks import track_payload
 from isac_arena.scoring.record import PoseScores, ScoreTables
+from isac_arena.scoring.words import WORDS
 from scenes.scene import Scene
 from sim.truth import Truth
 
@@ -50,6 +51,7 @@ def report_payload(
     stops = tables.poses.stop.tolist()
     return {
         "name": name,
+        "words": WORDS,
         "has_truth": bool(by_stop),
         "scene": _scene(scene, txs or {scene.tx_name: scene.tx_name}, uplinks),
         "stops": _stops(scene, tables.poses),

@@ -1,0 +1,83 @@
+"""What is doubtful about the poses of a run: by its scores where the truth is known, and by its estimates."""
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from estimation.slam.record import PoseEstimates, SolveStatus
+from isac_arena.progress import counted, listed
+from isac_arena.scoring.metrics.metric import Metric
+
+FAR = 5.0  # times a bound: the bar of the worst random hall, see docs/metrics.md
+FAR_STATED = 3.0  # times a stated deviation: chance takes one error in 370 there
+BEHIND = 1.25  # times the RMSE of the published method: less is chance where both have the same paths
+FEW_STOPS = 6  # of a walk; box_room is .046, .007, .0015 and .0015 m off with 2, 4, 6 and 9 stops
+NONE_LOCATED = (
+    "SLAM located no stop, so it made no map: a stop needs its line of sight or three single bounces. Look at the "
+    "paths of the stops in the report, then at beams, power and walk"
+)
+MORE_STOPS = "more stops (n_stops of the walk)"
+POSES = (
+    ("position", "position.rmse_m", "m"),
+    ("heading", "heading.rmse_deg", "deg"),
+    ("clock bias", "clock.rmse_ns", "ns"),
+)
+
+
+def values_of(metrics: Sequence[Metric]) -> dict[str, float]:
+    """The values of scores by their key."""
+    return {metric.key: metric.value for metric in metrics}
+
+
+def pose_doubts(values: Mapping[str, float]) -> tuple[str, ...]:
+    """What is far off in the poses that SLAM found, by scores; empty where nothing is.
+
+    Errors far over their bound or over what covariances state, and positions behind those of the published method
+    where that locates as many stops. Scores that are missing or NaN say nothing.
+    """
+    return tuple(_pose_doubts(values))
+
+
+def _pose_doubts(values: Mapping[str, float]) -> Iterator[str]:
+    for name, key, unit in POSES:
+        over = values.get(f"slam.{key.partition('.')[0]}.over_bound", np.nan)
+        if over > FAR:
+            yield f"{name} {values[f'slam.{key}']:.2g} {unit}, {over:.2g} times its bound"
+    ours, published = (values.get(f"{one}.position.rmse_m", np.nan) for one in ("slam", "published"))
+    as_many = values.get("published.solved_share", 0.0) >= values.get("slam.solved_share", np.inf)
+    if as_many and ours > BEHIND * published:
+        yield f"position {ours / published:.2g} times that of the published method"
+    stated = np.sqrt(values.get("slam.nees", np.nan))
+    if stated > FAR_STATED:
+        yield f"errors {stated:.2g} times their stated deviations"
+
+
+def score_doubt(metrics: Sequence[Metric]) -> tuple[str, ...]:
+    """The doubts of `pose_doubts` as one sentence with what to do; empty where there is none."""
+    values = values_of(metrics)
+    if not (found := pose_doubts(values)):
+        return ()
+    few = values.get("slam.stops", np.inf) < FEW_STOPS
+    honest = "" if values.get("slam.nees", np.inf) > FAR_STATED**2 else ", as its stated deviations say"
+    what = f"{MORE_STOPS}; then" if few else "look at the stops under 'Receiver state' in the report;"
+    return (f"SLAM: {'; '.join(found)}{honest}. To do: {what} 'arena budget' tells which stage errs",)
+
+
+def few_stops(n_stops: int) -> tuple[str, ...]:
+    """What a walk of so few stops means for SLAM; empty where they are enough."""
+    if n_stops >= FEW_STOPS:
+        return ()
+    told = f"{counted(n_stops, 'stop')} of a walk hardly check one another: SLAM may be centimetres off"
+    return (f"{told} where {FEW_STOPS} stops are millimetres off; to do: {MORE_STOPS}",)
+
+
+def estimate_doubts(poses: PoseEstimates) -> tuple[str, ...]:
+    """What the estimates of SLAM say themselves: no stop located, or stops with a second solution as good."""
+    poses = poses.take("stop", poses.status != SolveStatus.GIVEN)
+    if len(poses.stop) and (poses.status == SolveStatus.FAILED).all():
+        return (NONE_LOCATED,)
+    second = poses.stop[poses.is_ambiguous].tolist()
+    if not second:
+        return ()
+    what = "a second solution that is about as good, or too few paths to tell"
+    return (f"SLAM has {what}, at stop {listed(second)}",)

@@ -1,0 +1,55 @@
+"""What the words of scores mean, in a line each: the one source for tables, pages and the documentation."""
+
+import re
+from collections.abc import Iterable, Iterator
+from html import escape
+
+WORDS = {
+    "published": "the paper's method on the same paths: snapshot SLAM of each stop alone, contours of clusters",
+    "bound": "Cramér-Rao bound: least RMSE from the paths of each stop alone; using other stops can beat it",
+    "stated": "what SLAM says itself of its errors, from its covariances: known without the truth",
+    "significant": "not diffuse, above the noise and within the dynamic range of the estimator",
+    "separable": "far enough from its neighbours in delay and angles that an estimator can tell it from them",
+    "weak": "an estimate that matches no significant path, but that weak or diffuse true energy explains",
+    "false": "an estimate that no true path explains",
+    "gate": "the largest errors at which an estimate still counts as a true path: 3 ns, 5 deg, 5 deg",
+    "IoU": "area of the overlap over the area of the union: 1 is perfect, 0 is apart",
+    "GOSPA": "distance of two sets: the errors of matched members, and a penalty for each missed or false one",
+    "NEES": "squared error over its stated covariance, 1 a dimension where covariances are right",
+    "coverage": "share of the truth inside the stated 95 % interval: .95 where intervals are right",
+    "seen": "the part of a contour near the incidence points that it was fitted to",
+    "lit extent": "the part of an object where true single bounces met it on the walk",
+    "ghost": "a contour or point most of whose paths come from no object by one bounce",
+    "incidence point": "where a path that bounced once met a surface",
+    "self-calibration": "gains and phases of both arrays, estimated from some stops before all else",
+}
+_KNOWN = re.compile(rf"\b({'|'.join(map(re.escape, WORDS))})(?=s?\b)", re.IGNORECASE)
+_BY_NAME = {word.lower(): word for word in WORDS}
+
+
+def words_in(texts: Iterable[str]) -> list[str]:
+    """The known words in some texts, each once, in the order of `WORDS`."""
+    found = {_BY_NAME[match.lower()] for text in texts for match in _KNOWN.findall(text)}
+    return [word for word in WORDS if word in found]
+
+
+def legend(texts: Iterable[str]) -> Iterator[str]:
+    """A line for every known word in some texts."""
+    return (f"{word}: {WORDS[word]}" for word in words_in(texts))
+
+
+def explained(text: str) -> str:
+    """A text as HTML whose known words have their meaning as a title."""
+    html, end = [], 0
+    for match in _KNOWN.finditer(text):
+        meaning = escape(WORDS[_BY_NAME[match[0].lower()]])
+        html += [escape(text[end : match.start()]), f'<abbr title="{meaning}">{escape(match[0])}</abbr>']
+        end = match.end()
+    return "".join([*html, escape(text[end:])])
+
+
+def words_page() -> str:
+    """The words as a Markdown table."""
+    rows = "\n".join(f"| {word} | {meaning} |" for word, meaning in WORDS.items())
+    about = "What tables, figures and pages mean by these words; [metrics](metrics.md) defines every score."
+    return f"# Words\n\n{about}\n\n| word | meaning |\n|---|---|\n{rows}\n"
