@@ -12,6 +12,31 @@ llvm="$venv/.llvm"              # the libLLVM that compiled a kernel, or "cuda"
 say() { printf '%s\n' "$*" >&2; }
 die() { say "error: $*"; exit 1; }
 
+# Run a command; meanwhile tell its time: a live line in a terminal, elsewhere a line every 30 s.
+timed() {
+    local what="$1" ticker status=0
+    shift
+    tick "$what" 9>&- &
+    ticker=$!
+    "$@" || status=$?
+    kill "$ticker" 2>/dev/null || true
+    wait "$ticker" 2>/dev/null || true
+    [[ ! -t 2 ]] || printf '\r\033[K' >&2
+    return "$status"
+}
+
+tick() {
+    local seconds=0
+    while sleep 1; do
+        seconds=$((seconds + 1))
+        if [[ -t 2 ]]; then
+            printf '\r\033[K%s: %d s' "$1" "$seconds" >&2
+        elif ((seconds % 30 == 0)); then
+            say "$1: $seconds s"
+        fi
+    done
+}
+
 is_root() { [[ "$(id -u)" == 0 ]]; }
 
 can_apt() { is_root && command -v apt-get >/dev/null; }
@@ -25,6 +50,10 @@ apt_line() {
 apt_install() {
     say "Installing the package $1 ..."
     export DEBIAN_FRONTEND=noninteractive
+    timed "package $1" apt_quietly "$1"
+}
+
+apt_quietly() {
     apt-get install -y -qq "$1" </dev/null >/dev/null 2>&1 && return
     apt-get update -qq </dev/null >/dev/null || true
     apt-get install -y -qq "$1" </dev/null >/dev/null || return 1
@@ -74,8 +103,8 @@ install_packages() {
     touch -- "$unfinished"
     rm -f -- "$installed" "$llvm"
     say "Installing the pinned packages into $venv (once, about a minute) ..."
-    "${pip[@]}" --require-hashes -r "$root/requirements.lock" || die "the pinned packages could not be installed, see above"
-    "${pip[@]}" --no-deps --no-build-isolation -e "$root" || die "the project could not be installed, see above"
+    timed "packages" "${pip[@]}" --require-hashes -r "$root/requirements.lock" || die "the pinned packages could not be installed, see above"
+    timed "the project" "${pip[@]}" --no-deps --no-build-isolation -e "$root" || die "the project could not be installed, see above"
     # Numba's caches name the classes of the code that they were compiled from: after an update that renames a class,
     # loading an old cache raises AttributeError.
     find "$root" -path "$venv" -prune -o -name '*.nb[ic]' -exec rm -f -- {} +
@@ -108,7 +137,7 @@ ensure_llvm() {
     [[ "$found" == cuda ]] && return
     [[ -n "$found" && -e "$found" && "$found" == "${chosen:-$found}" ]] && return
     rm -f -- "$llvm"
-    probe_llvm && return
+    timed "ray tracer, a first kernel" probe_llvm && return
     [[ -z "$chosen" ]] || die "DRJIT_LIBLLVM_PATH = $chosen: not a usable LLVM 17 or later; unset it or name another"
     can_apt && apt_install libllvm19 && probe_llvm && return
     die "no usable libLLVM (17 or later) found; install one: $(
