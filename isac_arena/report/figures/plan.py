@@ -36,6 +36,8 @@ STOP_LABEL_STEP = 5
 LABEL_OFFSET_PT = 8.5
 OBJECT_LABEL_PT = 6.5
 LABEL_GAP_PT = 2.5
+TX_LABEL_PT = 11.0  # behind the TX
+MOST_NAMES = 40  # of objects: more would cover the plan
 
 Box = tuple[float, float, float, float]  # x_min, y_min, x_max, y_max
 
@@ -52,7 +54,7 @@ def plan_figure(
     if paths is not None and stop is not None:
         draw_paths(ax, scene, paths, scene.walk.positions_m()[stop])
         title = f"{scene.name}, stop {stop}: {path_summary(paths)}"
-    draw_plan(ax, scene, extent=extent)
+    draw_plan(ax, scene, extent=extent, label_objects=len(scene.objects) <= MOST_NAMES)
     ax.set_title(title, fontsize=11, weight="bold")
     return figure
 
@@ -64,7 +66,7 @@ def draw_plan(
     stops: Iterable[int] | None = None,
     labels: bool = True,
     extent: Literal["walk", "all"] = "walk",
-    label_objects: bool | Iterable[str] = False,
+    label_objects: bool = False,
 ) -> None:
     """Draw the plan of a scene on matplotlib axes in m, with equal scales.
 
@@ -75,7 +77,7 @@ def draw_plan(
     stops : indices of the RX stops to show; all by default
     labels : number every fifth stop, name the TX and add the legend outside the axes
     extent : 'walk' crops to the walk and the TX with a margin, 'all' shows the bounds of the scene
-    label_objects : names of the objects that get a label; True for all in view
+    label_objects : write the names of the objects and meshes in view
     """
     view = plan_view(scene, extent)
     for item in scene.objects:
@@ -91,8 +93,7 @@ def draw_plan(
     ax.grid(color="0.92", linewidth=0.6)
     ax.set_axisbelow(True)
     if label_objects:
-        names = scene.object_names if label_objects is True else label_objects
-        _label_objects(ax, scene, names, view)
+        _label_objects(ax, scene, view)
     if labels:
         draw_legend(ax, scene, view)
 
@@ -209,12 +210,12 @@ def _draw_tx(ax: Any, scene: Scene, *, labels: bool) -> None:
     ax.plot(*here, "D", color="black", markersize=6, label="TX, arrow: boresight", linestyle="none")
     if labels:
         ax.annotate(
-            "TX", here, xytext=-11 * boresight, textcoords="offset points", fontsize=9, weight="bold",
+            "TX", here, xytext=-TX_LABEL_PT * boresight, textcoords="offset points", fontsize=9, weight="bold",
             ha="center", va="center", path_effects=_halo(),
         )  # fmt: skip
 
 
-def _label_objects(ax: Any, scene: Scene, names: Iterable[str], view: Box) -> None:
+def _label_objects(ax: Any, scene: Scene, view: Box) -> None:
     """Write names beside the objects in view, where they fit in the view and cover no stop and no other name."""
     ax.apply_aspect()
     to_points = 72 / ax.figure.dpi
@@ -224,8 +225,14 @@ def _label_objects(ax: Any, scene: Scene, names: Iterable[str], view: Box) -> No
         (x - 5, y - 5, x + 5, y + 5)
         for x, y in ax.transData.transform(scene.walk.positions_m()[:, :2]) * to_points
     ]
-    for item in map(scene.object, names):
-        seen = shapely.intersection(item.contour.outline, frame)
+    tx, ahead = scene.tx.position_m[:2], np.array([np.cos(scene.tx.heading_rad), np.sin(scene.tx.heading_rad)])
+    ends = ax.transData.transform([tx, tx + BORESIGHT_LENGTH_M * ahead]) * to_points
+    for x, y in (ends[0] - TX_LABEL_PT * ahead, *np.linspace(ends[0], ends[1], 5)):
+        taken.append((x - 8, y - 8, x + 8, y + 8))
+    named: list[tuple[SceneObject | Clutter, Any]] = [(item, item.contour.outline) for item in scene.objects]
+    named += [(mesh, shapely.MultiPoint(mesh.vertices_m[:, :2]).convex_hull) for mesh in scene.clutter]
+    for item, outline in named:
+        seen = shapely.intersection(outline, frame)
         if seen.is_empty or seen.length == 0:
             continue
         corners = ax.transData.transform(np.reshape(seen.bounds, (2, 2))) * to_points
