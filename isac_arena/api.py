@@ -20,6 +20,7 @@ from isac_arena.campaign.chain.maps import campaign_tracks
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.directory import CampaignStore
 from isac_arena.campaign.results import CampaignResults, MapResult
+from isac_arena.progress import told
 from isac_arena.scoring.measured import measured_metrics
 from isac_arena.scoring.score import Scores, score_metrics
 from isac_arena.user_functions.errors import summed
@@ -33,6 +34,7 @@ from sim.truth import Truth
 Located = tuple[PoseEstimates, IncidencePoints]
 
 
+@told(lambda *_, **__: "mapping")
 def map_points(campaign: Campaign, channel: Sequence[ChannelEstimate], truths: Sequence[Truth]) -> Located:
     """Mapping: the incidence points of all paths, from the surveyed receiver states of the truths.
 
@@ -45,12 +47,14 @@ def map_points(campaign: Campaign, channel: Sequence[ChannelEstimate], truths: S
     return run.locate(usable, run.surveyed_receiver(truths))
 
 
+@told(lambda *_, **__: "SLAM")
 def slam(campaign: Campaign, channel: Sequence[ChannelEstimate]) -> Located:
     """SLAM: receiver states and incidence points, found together; raises as `map_points` does."""
     usable = _usable(campaign, channel)
     return campaign.run().locate(usable)
 
 
+@told(lambda *_, **__: "contours")
 def fit_contours(
     campaign: Campaign, channel: Sequence[ChannelEstimate], poses: PoseEstimates, points: IncidencePoints
 ) -> MapResult:
@@ -62,6 +66,7 @@ def fit_contours(
     return campaign.run().shape(usable, poses, points)
 
 
+@told(lambda *_, **__: "tracks")
 def track(campaign: Campaign, channel: Sequence[ChannelEstimate], poses: PoseEstimates) -> Tracks | None:
     """The tracks of what moves, at receiver states; None where nothing does. Raises as `map_points` does."""
     usable = _usable(campaign, channel)
@@ -71,6 +76,7 @@ def track(campaign: Campaign, channel: Sequence[ChannelEstimate], poses: PoseEst
     return campaign_tracks(run.config, run.scene, run.tx, usable, poses)
 
 
+@told(lambda *_, **__: "scores")
 def score(
     campaign: Campaign,
     truths: Sequence[Truth],

@@ -1,36 +1,46 @@
 """Progress with the time left: a bar in a terminal, elsewhere a line every 30 s."""
 
+import logging
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager
-from threading import Event, Thread
-from typing import Any, TypeVar
+from functools import wraps
+from threading import Event, Thread, current_thread, main_thread
+from typing import Any, ParamSpec, TypeVar
 
 from rich.console import Console
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
     Progress,
+    SpinnerColumn,
     Task,
     TextColumn,
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
 
+from estimation.execution import STEPS
+
 PERIOD_S = 30.0  # of the lines where there is no terminal
+FIRST_S = 10.0  # calls of a script are silent so long; a longer pause ends a series of calls
 SPEED_PERIOD_S = 3600.0  # the bar tells the time left from what was done in it: a stop may take minutes
 LONGEST_LIST = 6  # names in a sentence
 T = TypeVar("T")
+P = ParamSpec("P")
 
 
 class TimedProgress(Progress):
     """A progress bar that prints a line every `PERIOD_S` where the console is no terminal."""
 
     _lines: AbstractContextManager[None] | None = None
+    _is_counted = False
 
     def start(self) -> None:
         """As `Progress`."""
         super().start()
+        _Calls.n_silent += not self._is_counted
+        self._is_counted = True
         if not self.console.is_terminal and self._lines is None:
             self._lines = _lines_every(self.console, self._state)
             self._lines.__enter__()
@@ -40,6 +50,8 @@ class TimedProgress(Progress):
         if self._lines is not None:
             self._lines.__exit__(None, None, None)
             self._lines = None
+        _Calls.n_silent -= self._is_counted
+        self._is_counted = False
         super().stop()
 
     def _state(self) -> str:
@@ -65,9 +77,9 @@ def duration(seconds: float) -> str:
     return f"{seconds / 60:.0f} min" if seconds < 100 * 60 else f"{seconds / 3600:.1f} h"
 
 
-def counted(number: int, what: str) -> str:
-    """A number of things: "1 case", "2 cases"."""
-    return f"{number} {what}" if number == 1 else f"{number} {what}s"
+def counted(number: int, what: str, many: str = "") -> str:
+    """A number of things: "1 case", "2 cases"; `many` is the plural where it takes more than an s."""
+    return f"{number} {what}" if number == 1 else f"{number} {many or what + 's'}"
 
 
 def listed(names: Iterable[object]) -> str:
@@ -94,23 +106,112 @@ def tracked(console: Console, items: Iterable[T], total: int, description: str) 
 
 @contextmanager
 def working(console: Console, description: str) -> Iterator[None]:
-    """Something of unknown length: a spinner in a terminal, elsewhere a line every `PERIOD_S`."""
-    if console.is_terminal:
-        with console.status(description):
-            yield
-        return
+    """Something of unknown length: a spinner with its time in a terminal, elsewhere a line every `PERIOD_S`."""
     started = time.monotonic()
-    with _lines_every(console, lambda: f"{description}: {time.monotonic() - started:.0f} s"):
-        yield
+    with _Calls.silent():
+        if console.is_terminal:
+            with _spinner(console, description):
+                yield
+        else:
+            with _lines_every(console, lambda: f"{description}: {time.monotonic() - started:.0f} s"):
+                yield
+
+
+def _spinner(console: Console, description: str) -> Progress:
+    """A spinner with its time, removed at its end."""
+    columns = SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn()
+    progress = Progress(*columns, console=console, transient=True)
+    progress.add_task(description, total=None)
+    return progress
 
 
 @contextmanager
-def _lines_every(console: Console, line: Callable[[], str]) -> Iterator[None]:
-    """Print a line every `PERIOD_S` until the block ends."""
+def heard_steps(tell: Callable[[str], None]) -> Iterator[None]:
+    """Tell the steps of estimators while the block runs."""
+    handler = logging.Handler()
+    handler.emit = lambda record: tell(record.getMessage())  # type: ignore[method-assign]
+    level = STEPS.level
+    STEPS.setLevel(logging.INFO)
+    STEPS.addHandler(handler)
+    try:
+        yield
+    finally:
+        STEPS.removeHandler(handler)
+        STEPS.setLevel(level)
+
+
+class _Calls:
+    """The calls of a user's script that follow one another: none tells anything before `FIRST_S` of them all."""
+
+    started, ended, due, n_silent = 0.0, -PERIOD_S, 0.0, 0
+
+    @classmethod
+    @contextmanager
+    def silent(cls) -> Iterator[None]:
+        """Nothing is told of the calls inside: something else tells them."""
+        cls.n_silent += 1
+        try:
+            yield
+        finally:
+            cls.n_silent -= 1
+
+    @classmethod
+    @contextmanager
+    def one(cls, what: str) -> Iterator[None]:
+        """One call; its words are told in a terminal at once, elsewhere where the calls take long."""
+        now, console, said = time.monotonic(), Console(stderr=True, highlight=False), [what]
+        if now - cls.ended > FIRST_S:
+            cls.started, cls.due = now, now + FIRST_S
+
+        def line() -> str:
+            cls.due = time.monotonic() + PERIOD_S
+            return f"{said[0]}: {time.monotonic() - cls.started:.0f} s"
+
+        spinner = _spinner(console, what) if console.is_terminal else None
+        pause = _lines_every(console, line, lambda: max(cls.due - time.monotonic(), 0.0))
+
+        def step(detail: str) -> None:
+            said[0] = f"{what}, {detail}"
+            if spinner is not None:
+                spinner.update(spinner.task_ids[0], description=said[0])
+
+        try:
+            with cls.silent(), heard_steps(step), spinner or pause:
+                yield
+        finally:
+            cls.ended = time.monotonic()
+
+
+def told(what: Callable[P, str]) -> Callable[[Callable[P, T]], Callable[P, T]]:
+    """A public function whose calls from a script tell their time; `what` words a call from its arguments.
+
+    In a terminal there is a live line; elsewhere the first line comes after `FIRST_S` of calls that follow one
+    another, then one every `PERIOD_S`. Inside of a command or of another such call, and in other threads, nothing
+    is told.
+    """
+
+    def decorated(function: Callable[P, T]) -> Callable[P, T]:
+        @wraps(function)
+        def timed(*arguments: P.args, **options: P.kwargs) -> T:
+            if _Calls.n_silent or current_thread() is not main_thread():
+                return function(*arguments, **options)
+            with _Calls.one(what(*arguments, **options)):
+                return function(*arguments, **options)
+
+        return timed
+
+    return decorated
+
+
+@contextmanager
+def _lines_every(
+    console: Console, line: Callable[[], str], pause_s: Callable[[], float] = lambda: PERIOD_S
+) -> Iterator[None]:
+    """Print a line after every pause until the block ends."""
     ended = Event()
 
     def repeat() -> None:
-        while not ended.wait(PERIOD_S):
+        while not ended.wait(pause_s()):
             if text := line():
                 console.print(text, markup=False, soft_wrap=True)
 

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 from estimation.channel.record import ChannelEstimate
+from estimation.execution import steps
 from estimation.slam.config import MappingConfig, SnapshotConfig, TrajectoryConfig
 from estimation.slam.level import KnownHeights, solved_from_above
 from estimation.slam.mapped_solutions import collect_and_map
@@ -93,7 +94,7 @@ def published_poses(estimates: Sequence[ChannelEstimate], tx_pose: AnyTx, slam: 
         estimates, tx_pose = of_tx(estimates, 0), tx_pose.poses[0]
     noise = slam.noise.model_copy(update={"source": "fixed"})
     published = slam.model_copy(update={"method": "reference", "refine": False, "noise": noise})
-    return collect_poses([solve_snapshot(estimate, tx_pose, published) for estimate in estimates])
+    return collect_poses([solve_snapshot(estimate, tx_pose, published) for estimate in steps(estimates, "stop")])
 
 
 def run_slam(
@@ -107,7 +108,7 @@ def run_slam(
     spatial = is_spatial(estimates, use_elevation=config.solves_in_space)
     if spatial:
         first = transmitters_of(tx_pose).poses[0]
-        solutions = [solve_spatial(estimate, first, config) for estimate in estimates]
+        solutions = [solve_spatial(estimate, first, config) for estimate in steps(estimates, "stop")]
     else:
-        solutions = [solve_snapshot(estimate, tx_pose, config) for estimate in estimates]
+        solutions = [solve_snapshot(estimate, tx_pose, config) for estimate in steps(estimates, "stop")]
     return collect_and_map(estimates, solutions, tx_pose, mapping_config, spatial=spatial)

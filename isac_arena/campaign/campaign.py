@@ -22,6 +22,7 @@ from isac_arena.campaign.load import (
     python_scene_source,
     without_library_paths,
 )
+from isac_arena.progress import told
 from scenes.arguments import need, need_each
 from scenes.display import Displayed
 from scenes.pose import Pose
@@ -55,15 +56,18 @@ class Campaign(Displayed):
         """Beams, signal and noise of the settings."""
         return self.run().link
 
+    @told(lambda self, stops=None: "trace")
     def trace(self, stops: Iterable[int] | None = None) -> list[Truth]:
         """True paths, receiver pose and clock of the given stops, by default of all; `ValueError` for others."""
         return list(self.run(stops).truths())
 
+    @told(lambda self, truth: f"samples of {_stop(truth)}")
     def observe(self, truth: Truth) -> BeamSweep:
         """The samples of a stop: what its receiver has."""
         need("truth", truth, Truth)
         return observe(self.config, self.link, self.scene, truth)
 
+    @told(lambda self, sweep: f"channel estimate of {_stop(sweep)}")
     def estimate(self, sweep: BeamSweep) -> ChannelEstimate:
         """The paths of a stop by the channel method, settings and calibration of this campaign."""
         need("sweep", sweep, BeamSweep)
@@ -141,6 +145,10 @@ def _loaded(
         named = [*wanted, ("scene", f"{tables.get('name', 'scene')}.toml")]
         config, made_of = changed_campaign(document, path, named, lambda _: python_scene_source(tables))
     return Campaign(config, made_of.build(config), made_of)
+
+
+def _stop(thing: object) -> str:
+    return f"stop {getattr(thing, 'stop', '?')}"
 
 
 def campaign_store(campaign: Campaign, directory: Path) -> CampaignStore:

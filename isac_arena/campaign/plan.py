@@ -201,7 +201,7 @@ def _about_sight(scene: Scene, seen: dict[int, Paths]) -> Iterator[str]:
     meshes = [mesh.name for mesh in scene.clutter if mesh.name in unseen]
     objects = [name for name in unseen if name not in meshes]
     if objects:
-        yield f"no single reflection reaches a stop from {listed(objects)}: no contour of these will be found"
+        yield f"no single reflection reaches a stop from {listed(objects)}: at most an edge of these is found"
     if meshes:
         yield (
             f"no flat facet of mesh {listed(meshes)} reflects to a stop: it only blocks and scatters; what is "

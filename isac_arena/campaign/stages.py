@@ -27,7 +27,7 @@ from isac_arena.campaign.stored import (
     stored_truths,
 )
 from isac_arena.campaign.summary import TraceCounts, run_facts, score_legend, score_table
-from isac_arena.progress import progress_bar, working
+from isac_arena.progress import heard_steps, progress_bar, working
 from isac_arena.report.page.budget_file import BUDGET_FILE, read_budget
 from isac_arena.scoring.doubts import estimate_doubts, few_stops
 from isac_arena.scoring.measured import measured_metrics, score_measured
@@ -221,11 +221,18 @@ def build_maps(store: CampaignStore) -> list[EstimatorError]:
     n_stops = len(run.chosen_stops)
     channel = [estimate.channel for estimate in channel_estimates(store, n_stops)]
     with progress_bar(console) as progress:
-        task = progress.add_task("mapping", total=len(MAP_STEPS))
-        run = replace(
-            run, on_step=lambda step: progress.update(task, completed=MAP_STEPS.index(step), description=step)
-        )
-        run.maps(channel, known_receiver(known_stops(store, channel)))
+        task = progress.add_task(MAP_STEPS[0], total=len(MAP_STEPS))
+
+        def begin(step: str) -> None:
+            progress.update(task, completed=MAP_STEPS.index(step), description=step)
+
+        def tell(detail: str) -> None:
+            step = MAP_STEPS[int(progress.tasks[task].completed)]
+            progress.update(task, description=f"{step}, {detail}")
+
+        run = replace(run, on_step=begin)
+        with heard_steps(tell):
+            run.maps(channel, known_receiver(known_stops(store, channel)))
         progress.update(task, completed=len(MAP_STEPS))
     for failure in failures:
         _print_failure(failure, console)

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from isac_arena.cli.options import with_clock
+
 if TYPE_CHECKING:
     from isac_arena.campaign.difference import SettingDifference
     from isac_arena.insight.comparison.runs import RunComparison
@@ -31,6 +33,7 @@ class Run:
     metrics: tuple[Metric, ...]
 
 
+@with_clock
 def compare(
     first: Annotated[Path, typer.Argument(metavar="A", help="Directory of a campaign or of a sweep's case.")],
     second: Annotated[Path, typer.Argument(metavar="B", help="The directory to compare with it.")],

@@ -110,8 +110,9 @@ def print_plan(console: Console, config: SweepConfig, plan: Plan) -> None:
     jobs = plan.jobs
     points, paths = len({job.point for job in jobs}), len({job.paths_hash for job in jobs})
     console.print(
-        f"{config.name}: {counted(len(jobs), 'case')}, {counted(points, 'point')}, axes: {len(config.axes)}, "
-        f"{counted(len(plan.scenes), 'scene')}, sets of paths: {paths}; {sum(job.is_done for job in jobs)} done"
+        f"{config.name}: {counted(len(jobs), 'case')}, {counted(points, 'point')} of "
+        f"{counted(len(config.axes), 'axis', 'axes')}, {counted(len(plan.scenes), 'scene')}, "
+        f"{counted(paths, 'set of paths', 'sets of paths')}; {sum(job.is_done for job in jobs)} done"
     )
     if config.until is not None:
         console.print(f"  and up to {config.until.max_repeats} repeats of every point")

@@ -7,6 +7,7 @@ import pytest
 from rich.console import Console
 from rich.progress import Task, TaskID
 
+from estimation.execution import STEPS
 from isac_arena import progress
 
 
@@ -56,3 +57,43 @@ def test_short_work_prints_nothing() -> None:
     with progress.working(console, "scores"):
         assert list(progress.tracked(console, "abc", 3, "stops")) == ["a", "b", "c"]
     assert not printed(console).strip()
+
+
+def called(seconds: float, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> str:
+    """What a series of five calls tells whose first line is due after 0.02 s."""
+    monkeypatch.setattr(progress, "FIRST_S", 0.02)
+    monkeypatch.setattr(progress, "PERIOD_S", 0.02)
+    monkeypatch.setattr(progress._Calls, "ended", -1.0)
+
+    @progress.told(lambda number: f"call {number}")
+    def one(number: int) -> int:
+        STEPS.info("stop %d of 3", number)
+        time.sleep(seconds)
+        return number
+
+    assert [one(number) for number in range(5)] == list(range(5))
+    return capsys.readouterr().err
+
+
+def test_long_calls_of_a_script_tell_their_time_and_steps(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    told = called(0.05, monkeypatch, capsys)
+    assert "call 4, stop 4 of 3: 0 s" in told
+    assert called(0.0, monkeypatch, capsys) == ""
+
+
+def test_calls_inside_of_something_that_tells_its_time_are_silent(
+    console: Console, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with progress.working(console, "scores"):
+        assert called(0.05, monkeypatch, capsys) == ""
+    with progress.progress_bar(console):
+        assert called(0.05, monkeypatch, capsys) == ""
+    assert called(0.05, monkeypatch, capsys) != ""
+
+
+def test_numbers_of_things_have_their_plural() -> None:
+    assert [progress.counted(n, "case") for n in (0, 1, 2)] == ["0 cases", "1 case", "2 cases"]
+    assert progress.counted(2, "axis", "axes") == "2 axes"
+    assert progress.listed(range(8)) == "0, 1, 2, 3, 4, 5 and 2 more"

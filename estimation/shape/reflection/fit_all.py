@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimation.execution import one_blas_thread
+from estimation.execution import one_blas_thread, steps
 from estimation.laws.plane import state_columns
 from estimation.shape.config import ContourConfig
 from estimation.shape.fit import ShapeFit
@@ -219,7 +219,7 @@ def _chosen(
 
     What the face of a wall, `of_wall`, scatters is evidence for that wall.
     """
-    choices = [choose_shape(part, settings) for part in parts]
+    choices = [choose_shape(part, settings) for part in steps(parts, "object")]
     choices = [face_choice(choice, of_wall[k]) if k in of_wall else choice for k, choice in enumerate(choices)]
     priors: list[ReflectionConfig | None] = [None] * len(parts)
     if settings.pillars_resemble:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimation.execution import steps
 from estimation.laws.plane import bounce, residual
 from estimation.shape.gp.clustering import NOISE, cluster_points
 from estimation.shape.reflection.association import GATE, GHOST, MIN_PATHS, GroupFits, split_rows
@@ -33,7 +34,7 @@ def find_objects(data: Reflections, eps_m: float, min_samples: int, config: Refl
     """Objects among all paths of a campaign; a path belongs to one of them or to none."""
     seeds, fits = [], GroupFits(data, config)
     label = seed_clusters(data, eps_m, min_samples)
-    for cluster in range(int(label.max(initial=NOISE)) + 1):
+    for cluster in steps(range(int(label.max(initial=NOISE)) + 1), "cluster"):
         rows = np.flatnonzero(label == cluster)
         split = split_rows(fits, rows)
         seeds += [rows[split.label == k] for k in range(len(split.kind))]

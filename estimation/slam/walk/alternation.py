@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import chi2
 
+from estimation.execution import steps
 from estimation.laws.plane import state_columns
 from estimation.slam.config import TrajectoryConfig
 from estimation.slam.mapping.noise import LEAST_GAIN, SHARES
@@ -109,7 +110,7 @@ def smooth_walk(
         walks = [_relocated(walks[0], wide, doubtful)]
     if not (seen.floor.any() and config.use_landmarks):
         return walks[0]
-    for share in WALK_SHARES:
+    for share in steps(WALK_SHARES, "noise"):
         walks.append(_quieter(walks[-1], wide.lower(share), wide))
     evidence = [walk.evidence for walk in walks]
     best = int(np.argmax(evidence))

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimation.channel.record import ChannelEstimate
+from estimation.execution import steps
 from estimation.slam.config import MappingConfig, SnapshotConfig, TrajectoryConfig
 from estimation.slam.mapping.incidence_points import map_stops
 from estimation.slam.record import IncidencePoints, PoseEstimates, SolveStatus
@@ -74,7 +75,8 @@ def run_trajectory(
     higher or lower than the devices are landmarks too.
     """
     problems = [snapshot_problem(estimate, tx_pose, snapshot.noise) for estimate in estimates]
-    modes = [ranked_modes(problem, snapshot.model_copy(update={"method": "statistical"})) for problem in problems]
+    ranked = snapshot.model_copy(update={"method": "statistical"})
+    modes = [ranked_modes(problem, ranked) for problem in steps(problems, "stop")]
     chosen = choose_modes(modes, config)
     seen = observations(problems, tx_pose, snapshot.noise.floor)
     if heights is not None:
