@@ -24,9 +24,10 @@ def doubts(scene: dict[str, Any] | None = None, **changes: Any) -> list[str]:
 
 def test_equal_heights_are_told_nothing_about() -> None:
     told = doubts()
-    assert len(told) == 1 and "from box: no contour" in told[0]  # 1.2 m high, under the beams at 1.5 m
+    assert len(told) == 2 and "from box: at most an edge" in told[0]  # 1.2 m high, under the beams at 1.5 m
+    assert told[1].startswith("4 stops of a walk hardly check one another") and "more stops" in told[1]
     told = doubts(contours={"min_samples": 5})
-    assert "4 stops: an object reflects to each stop once, and clusters need 5 close points" in told[1]
+    assert "4 stops: an object reflects to each stop once, and clusters need 5 close points" in told[2]
     assert (
         "mine:follow (functions.tracker) is not called"
         in doubts(**{"functions.tracker.function": "mine:follow"})[0]
@@ -118,3 +119,10 @@ def test_cells_coarser_than_objects_and_leaps() -> None:
     assert any(said in line for line in doubts({**ROOM, "walk": walk}, trajectory={"method": "smooth"}))
     for alone in (drops, walk):
         assert not any(said in line for line in doubts({**ROOM, "walk": alone}))
+
+
+def test_a_weak_line_of_sight_costs_the_power_method_more_than_the_default() -> None:
+    tx = {"position_m": [1.5, 4.0, 2.6], "heading_deg": 0.0}
+    high = {**ROOM, "tx": tx, "walk": {**ROOM["walk"], "height_m": 1.2}}
+    assert "'auto' still places such stops to centimetres or better" in doubts(high)[0]
+    assert "may be lost or decimetres off" in doubts(high, channel={"method": "power"})[0]

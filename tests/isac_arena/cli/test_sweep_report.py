@@ -51,7 +51,7 @@ def test_a_damaged_case_is_named_and_left_out(undisturbed: Path, tmp_path: Path)
     (third / "campaign.json").write_bytes((third / "campaign.json").read_bytes()[:-2])
     (fourth / "scores.json").write_text("[]")
     result = report(out)
-    assert result.exit_code == 1 and "4 damaged cases are left out" in result.output
+    assert result.exit_code == 1 and "4 damaged cases; 'arena sweep'" in result.output
     told = "".join(result.output.split())
     assert f"{first.name}/provenance.nc:missing" in told and f"{third.name}/campaign.json:damaged" in told
     page = (out / "sweep_report.html").read_text()

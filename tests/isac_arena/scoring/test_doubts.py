@@ -1,0 +1,77 @@
+"""Poses that are far off are said, with what to do."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimation.slam.record import SolveStatus
+from isac_arena.scoring.doubts import FAR, FEW_STOPS, estimate_doubts, few_stops, pose_doubts, score_doubt
+from isac_arena.scoring.metrics.metric import Metric
+
+FINE = {
+    "slam.stops": 12.0,
+    "slam.solved_share": 1.0,
+    "slam.position.rmse_m": 0.002,
+    "slam.position.over_bound": 1.1,
+    "slam.heading.rmse_deg": 0.01,
+    "slam.heading.over_bound": 1.0,
+    "slam.clock.rmse_ns": 0.01,
+    "slam.clock.over_bound": 1.0,
+    "slam.nees": 1.0,
+    "published.solved_share": 1.0,
+    "published.position.rmse_m": 0.015,
+}
+
+
+def sentence(**changes: float) -> str:
+    values = FINE | {key.replace("__", "."): value for key, value in changes.items()}
+    return "".join(score_doubt([Metric(key, value, "1", "info") for key, value in values.items()]))
+
+
+def test_nothing_is_said_of_good_poses_and_of_unknown_scores() -> None:
+    assert not pose_doubts(FINE)
+    assert not pose_doubts({})
+    assert not pose_doubts(dict.fromkeys(FINE, np.nan))
+    assert not pose_doubts({**FINE, "slam.position.over_bound": FAR})
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"slam__position__over_bound": 163.0}, "position 0.002 m, 1.6e+02 times its bound"),
+        ({"slam__heading__over_bound": 10.0}, "heading 0.01 deg, 10 times its bound"),
+        ({"slam__clock__over_bound": 30.0}, "clock bias 0.01 ns, 30 times its bound"),
+        ({"published__position__rmse_m": 0.001}, "position 2 times that of the published method"),
+        ({"slam__nees": 16.0}, "errors 4 times their stated deviations"),
+    ],
+)
+def test_every_kind_of_doubt_is_said_with_what_to_do(changes: dict[str, float], told: str) -> None:
+    assert told in sentence(**changes)
+    assert "arena budget" in sentence(**changes) and "Receiver state" in sentence(**changes)
+    assert "To do: more stops" in sentence(slam__stops=2.0, **changes)
+
+
+def test_a_published_method_that_solves_fewer_stops_is_no_comparison() -> None:
+    assert not sentence(published__position__rmse_m=0.001, published__solved_share=0.5)
+
+
+def test_errors_that_covariances_state_are_told_from_those_that_they_hide() -> None:
+    assert "as its stated deviations say" in sentence(slam__position__over_bound=30.0)
+    assert "as its stated" not in sentence(slam__position__over_bound=30.0, slam__nees=16.0)
+
+
+def test_estimates_alone_tell_that_no_stop_or_another_state_was_found(campaign) -> None:
+    poses = campaign.results.slam.poses
+    assert not estimate_doubts(poses)
+    none = replace(poses, status=np.full(len(poses.stop), SolveStatus.FAILED))
+    assert "located no stop" in "".join(estimate_doubts(none))
+    given = replace(poses, status=np.full(len(poses.stop), SolveStatus.GIVEN))
+    assert not estimate_doubts(given)
+    two = replace(poses, is_ambiguous=np.arange(len(poses.stop)) < 2)
+    assert "at stop 0, 1" in "".join(estimate_doubts(two))
+
+
+def test_few_stops_are_told_before_a_run() -> None:
+    assert "4 stops of a walk" in "".join(few_stops(4)) and "1 stop of" in "".join(few_stops(1))
+    assert not few_stops(FEW_STOPS)

@@ -1,0 +1,39 @@
+"""Words are explained where they are shown, from one source."""
+
+from isac_arena.report.page.tables import (
+    ACCEPTED,
+    CHANNEL_COUNTS,
+    CHANNEL_ERRORS,
+    CONTOURS,
+    MAPS,
+    POSES,
+    SHAPES,
+    score_titles,
+)  # fmt: skip
+from isac_arena.scoring.headline import HEADLINE, HEADS
+from isac_arena.scoring.words import WORDS, explained, legend, words_in, words_page
+
+TABLES = (ACCEPTED, CHANNEL_COUNTS, CHANNEL_ERRORS, CONTOURS, MAPS, POSES, SHAPES)
+
+
+def test_a_word_has_its_meaning_as_a_title_and_all_else_is_escaped() -> None:
+    assert explained("Weak & diffuse <b>") == f'<abbr title="{WORDS["weak"]}">Weak</abbr> &amp; diffuse &lt;b&gt;'
+    assert explained("weakness") == "weakness"
+    assert list(legend(["GOSPA of the bounds"])) == [f"bound: {WORDS['bound']}", f"GOSPA: {WORDS['GOSPA']}"]
+
+
+def test_the_words_of_the_first_table_have_a_legend() -> None:
+    assert {"published", "bound", "separable", "false", "stated"} <= set(
+        words_in([*HEADS, *(r.label for r in HEADLINE)])
+    )
+
+
+def test_every_word_is_one_of_tables_pages_or_progress() -> None:
+    shown = [text for table in TABLES for pair in (*table.columns, *table.rows) for text in pair[:1]]
+    elsewhere = {"gate", "self-calibration", "incidence point", "lit extent", "weak"}
+    found = {*words_in([*shown, *score_titles().values(), *HEADS, *(row.label for row in HEADLINE)]), *elsewhere}
+    assert found == set(WORDS)
+
+
+def test_the_page_of_words_has_all() -> None:
+    assert all(f"| {word} | {meaning} |" in words_page() for word, meaning in WORDS.items())
