@@ -42,14 +42,18 @@ def _pose_doubts(values: Mapping[str, float]) -> Iterator[str]:
     for name, key, unit in POSES:
         over = values.get(f"slam.{key.partition('.')[0]}.over_bound", np.nan)
         if over > FAR:
-            yield f"{name} {values[f'slam.{key}']:.2g} {unit}, {over:.2g} times its bound"
+            yield f"{name} {values[f'slam.{key}']:.2g} {unit}, {_times(over)} its bound"
     ours, published = (values.get(f"{one}.position.rmse_m", np.nan) for one in ("slam", "published"))
     as_many = values.get("published.solved_share", 0.0) >= values.get("slam.solved_share", np.inf)
     if as_many and ours > BEHIND * published:
-        yield f"position {ours / published:.2g} times that of the published method"
+        yield f"position {_times(ours / published)} that of the published method"
     stated = np.sqrt(values.get("slam.nees", np.nan))
     if stated > FAR_STATED:
-        yield f"errors {stated:.2g} times their stated deviations"
+        yield f"errors {_times(stated)} their stated deviations"
+
+
+def _times(factor: float) -> str:
+    return f"{factor:.2g} times" if factor < 10 else f"{factor:.0f} times"
 
 
 def score_doubt(metrics: Sequence[Metric]) -> tuple[str, ...]:

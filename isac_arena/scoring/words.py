@@ -8,6 +8,8 @@ WORDS = {
     "published": "the paper's method on the same paths: snapshot SLAM of each stop alone, contours of clusters",
     "bound": "Cramér-Rao bound: least RMSE from the paths of each stop alone; using other stops can beat it",
     "stated": "what SLAM says itself of its errors, from its covariances: known without the truth",
+    "doubtful": "position, heading or clock over 5 times its bound, a position behind the published method, or "
+    "errors over 3 times the stated ones",
     "significant": "not diffuse, above the noise and within the dynamic range of the estimator",
     "separable": "far enough from its neighbours in delay and angles that an estimator can tell it from them",
     "weak": "an estimate that matches no significant path, but that weak or diffuse true energy explains",

@@ -89,10 +89,15 @@ def sweep_page(
     for what, found in (("doubtful", doubts), ("failed", failures), ("damaged", damaged)):
         rows = [[case.key, _case_settings(config, case), found[case.key]] for case in cases if case.key in found]
         if rows:
-            shown = table(["case", "axes", "SLAM" if found is doubts else "error"], rows[:MOST_FAILURES], "failed")
-            sections.insert(0 if found is doubts else len(sections), (counted(len(rows), f"{what} case"), [shown]))
+            listing = table(
+                ["case", "axes", "SLAM" if found is doubts else "error"], rows[:MOST_FAILURES], "failed"
+            )
+            sections.insert(
+                0 if found is doubts else len(sections), (counted(len(rows), f"{what} case"), [listing])
+            )
     facts = sweep_facts(directory, config, cases, failures, damaged)
-    if words := list(legend([score_title(key) for key in [*keys, *(key for pair in pairs for key in pair)]])):
+    shown = [*map(score_title, [*keys, *(key for pair in pairs for key in pair)]), *("doubtful" for _ in doubts)]
+    if words := list(legend(shown)):
         facts["Words"] = "\n".join(words)
     return render_sweep(config.name, facts, sections)
 

@@ -29,7 +29,8 @@ th, td { padding: .22rem .9rem .22rem 0; border-bottom: 1px solid #e3e3e3; text-
 th:first-child, td:first-child { text-align: left; }
 th { font-weight: 600; border-bottom: 1.5px solid #999; font-size: .82rem; }
 .facts td { text-align: left; }
-.failed td { text-align: left; font-size: .85rem; }
+.failed th, .failed td { text-align: left; }
+.failed td { font-size: .85rem; }
 figure { margin: 1rem 0 1.8rem; break-inside: avoid; }
 figure img { width: 100%; height: auto; display: block; }
 h2, h3 { break-after: avoid; }

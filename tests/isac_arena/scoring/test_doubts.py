@@ -39,7 +39,7 @@ def test_nothing_is_said_of_good_poses_and_of_unknown_scores() -> None:
 @pytest.mark.parametrize(
     ("changes", "told"),
     [
-        ({"slam__position__over_bound": 163.0}, "position 0.002 m, 1.6e+02 times its bound"),
+        ({"slam__position__over_bound": 163.0}, "position 0.002 m, 163 times its bound"),
         ({"slam__heading__over_bound": 10.0}, "heading 0.01 deg, 10 times its bound"),
         ({"slam__clock__over_bound": 30.0}, "clock bias 0.01 ns, 30 times its bound"),
         ({"published__position__rmse_m": 0.001}, "position 2 times that of the published method"),
