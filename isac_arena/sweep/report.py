@@ -86,18 +86,15 @@ def sweep_page(
         nothing = "<p>No finished case yet, or no metric that changes over the cases.</p>"
         sections.append(("Metrics", [nothing]))
     doubts = {key: "; ".join(found) for key, found in zip(results.keys, results.doubts, strict=True) if found}
-    for what, found in (("doubtful", doubts), ("failed", failures), ("damaged", damaged)):
+    listed = {"doubtful": (doubts, "SLAM"), "failed": (failures, "error"), "damaged": (damaged, "error")}
+    for what, (found, head) in listed.items():
         rows = [[case.key, _case_settings(config, case), found[case.key]] for case in cases if case.key in found]
         if rows:
-            listing = table(
-                ["case", "axes", "SLAM" if found is doubts else "error"], rows[:MOST_FAILURES], "failed"
-            )
-            sections.insert(
-                0 if found is doubts else len(sections), (counted(len(rows), f"{what} case"), [listing])
-            )
+            shown = table(["case", "axes", head], rows[:MOST_FAILURES], "failed")
+            sections.insert(0 if found is doubts else len(sections), (counted(len(rows), f"{what} case"), [shown]))
     facts = sweep_facts(directory, config, cases, failures, damaged)
-    shown = [*map(score_title, [*keys, *(key for pair in pairs for key in pair)]), *("doubtful" for _ in doubts)]
-    if words := list(legend(shown)):
+    titles = [*map(score_title, [*keys, *(key for pair in pairs for key in pair)]), *("doubtful" for _ in doubts)]
+    if words := list(legend(titles)):
         facts["Words"] = "\n".join(words)
     return render_sweep(config.name, facts, sections)
 
