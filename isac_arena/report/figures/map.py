@@ -151,9 +151,7 @@ def object_handles() -> list[Any]:
 
 
 def _legend_handles(*, has_others: bool) -> list[Any]:
-    other = Line2D(
-        [], [], marker="D", linestyle="none", color="0.55", markerfacecolor="white", label="other TX"
-    )
+    other = Line2D([], [], marker="D", linestyle="none", color="0.55", markerfacecolor="white", label="other TX")
     return [
         Line2D([], [], marker="D", linestyle="none", color="black", markersize=5, label="TX, boresight"),
         Line2D([], [], marker="o", color=TRACK_COLOR, markersize=3.5, linewidth=0.8, label="true RX stops"),
