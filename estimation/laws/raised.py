@@ -15,6 +15,15 @@ STEEPEST_SINE = 0.9995  # sines beyond are taken as this
 
 
 @compiled
+def raised_range(tx: FloatArray, state: FloatArray, point: FloatArray, difference_m: float) -> float:
+    """The first value of `raised_path`: range in m, the clock bias with it."""
+    plan_tx = max(np.sqrt((point[0] - tx[0]) ** 2 + (point[1] - tx[1]) ** 2), MIN_LENGTH_M)
+    plan_rx = max(np.sqrt((point[0] - state[0]) ** 2 + (point[1] - state[1]) ** 2), MIN_LENGTH_M)
+    length = np.sqrt(plan_tx**2 + (point[2] - difference_m) ** 2) + np.sqrt(plan_rx**2 + point[2] ** 2)
+    return float(np.sqrt(max(length**2 - difference_m**2, MIN_LENGTH_M**2)) + state[3])
+
+
+@compiled
 def raised_path(
     tx: FloatArray,
     state: FloatArray,

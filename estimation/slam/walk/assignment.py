@@ -6,7 +6,7 @@ from scipy.stats import chi2
 from estimation.execution import compiled
 from estimation.laws.contour import closed_path
 from estimation.laws.plane import wrapped
-from estimation.laws.raised import raised_path
+from estimation.laws.raised import raised_path, raised_range
 from estimation.laws.support import CIRCLE_BY_RADIUS
 from estimation.laws.wall import mirror_point, wall_path, wall_place
 from estimation.slam.config import TrajectoryConfig
@@ -135,9 +135,10 @@ def _assign_raised(
         elif kind[i] == _OBJECT:
             best = circle_chi2(tx, x, seen, cov, objects[landmark[i, 0]], rough_m[1])
         for r in range(len(raised)):
-            raised_path(tx, x, raised[r], difference_m[i], boresight_rad[i], value, by_state, by_point)
-            if (seen[0] - value[0]) ** 2 > best * (cov[0, 0] + 4 * rough_m[1] ** 2):
+            off_m = seen[0] - raised_range(tx, x, raised[r], difference_m[i])
+            if off_m**2 > best * (cov[0, 0] + 4 * rough_m[1] ** 2):
                 continue
+            raised_path(tx, x, raised[r], difference_m[i], boresight_rad[i], value, by_state, by_point)
             distance = _chi2(tx, x, seen, cov, value, raised[r, :2], rough_m[1])
             if distance < best:
                 best, kind[i], landmark[i, 0], landmark[i, 1] = distance, _RAISED, r, -1

@@ -16,6 +16,7 @@ MOST_SEEDS = 400  # lines that are tried, evenly over the points
 BLOCK = 20_000  # pairs of lines and points compared at a time: bounds the memory
 REFITS = 3
 SHARPEST = (0.25, 0.5, 1.0)  # shares of the points, the sharpest first, that walls are found from
+PATIENCE = 10  # lines in a row that are no walls: those that fewer points share follow
 FALSE_ALARMS = 0.01  # walls of a scene without any
 
 
@@ -61,7 +62,8 @@ def _lines(
     near = [_closeness(point_m[k], azimuth[k], std_rad[k], point_m, azimuth, std_rad) for k in parts if len(k)]
     closeness = np.concatenate([np.empty((0, n), np.float32), *(part.astype(np.float32) for part in near)])
     score = closeness.sum(axis=1)
-    while np.count_nonzero(rest) >= least:
+    failed = 0
+    while np.count_nonzero(rest) >= least and failed < PATIENCE:
         best = seeds[np.argmax(np.where(rest[seeds], score, -np.inf))]
         if not rest[best]:
             break
@@ -70,7 +72,9 @@ def _lines(
             break
         place = point_m[is_on] @ _axes(wall[0])[1]
         chance = _false_alarms(wall, is_on, point_m, std_rad, len(seeds))
-        if np.ptp(place) >= LEAST_LENGTH_M and chance < FALSE_ALARMS / len(SHARPEST):
+        is_wall = np.ptp(place) >= LEAST_LENGTH_M and chance < FALSE_ALARMS / len(SHARPEST)
+        failed = 0 if is_wall else failed + 1
+        if is_wall:
             lines.append((wall, is_on))
         rest[is_on] = False
         score -= closeness[:, is_on].sum(axis=1)

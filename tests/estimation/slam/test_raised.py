@@ -4,7 +4,7 @@ import numpy as np
 
 from estimation.channel.record import AngleKind, ChannelEstimate
 from estimation.laws.level import plan_paths
-from estimation.laws.raised import raised_path
+from estimation.laws.raised import raised_path, raised_range
 from estimation.slam.config import MappingConfig, PathNoise, SnapshotConfig, TrajectoryConfig
 from estimation.slam.level import KnownHeights
 from estimation.slam.stops import locate_and_map
@@ -55,6 +55,7 @@ def drawn(rng):
 def predicted(tx, state, point, difference_m, boresight):
     parts = np.empty(3), np.empty((3, 4)), np.empty((3, 3))
     raised_path(tx, state, point, difference_m, boresight, *parts)
+    assert raised_range(tx, state, point, difference_m) == pytest.approx(parts[0][0], abs=1e-12)
     return parts
 
 
