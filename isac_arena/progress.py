@@ -148,7 +148,7 @@ class _Calls:
     @classmethod
     @contextmanager
     def silent(cls) -> Iterator[None]:
-        """Nothing is told of the calls inside: something else tells them."""
+        """Calls inside print nothing: something else shows their progress."""
         cls.n_silent += 1
         try:
             yield

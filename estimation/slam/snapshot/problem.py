@@ -29,6 +29,11 @@ def tied_with_first(range_m: FloatArray, variance_m2: FloatArray) -> BoolArray:
     return np.asarray(range_m - range_m[first] <= _TIED_STDS * spread)
 
 
+def direct_path(range_m: FloatArray, variance_m2: FloatArray, power_dbm: FloatArray) -> int:
+    """Index of the candidate for the line of sight: the strongest path that may be the earliest."""
+    return int(np.argmax(np.where(tied_with_first(range_m, variance_m2), power_dbm, -np.inf)))
+
+
 def strongest_paths(power_dbm: FloatArray) -> IntArray:
     """Indices of the strongest paths, which hypotheses are made from, in path order; ties go to the first."""
     order = np.argsort(-power_dbm, kind="stable")

@@ -14,7 +14,7 @@ from estimation.channel.record import ChannelEstimate
 from estimation.inference.least_squares import student_t_log_peak
 from estimation.laws.space import bounce_equations, los_jacobian_rx, predict_los, residual
 from estimation.slam.config import Mixture, PathNoise
-from estimation.slam.snapshot.problem import tied_with_first
+from estimation.slam.snapshot.problem import direct_path
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
 from scenes.record import BoolArray, FloatArray
 
@@ -37,8 +37,7 @@ class SpatialProblem:
     @property
     def direct(self) -> int:
         """Index of the candidate for the line of sight: the strongest path that may be the earliest."""
-        tied = tied_with_first(self.measured[:, 0], self.covariance[:, 0, 0])
-        return int(np.argmax(np.where(tied, self.power_dbm, -np.inf)))
+        return direct_path(self.measured[:, 0], self.covariance[:, 0, 0], self.power_dbm)
 
 
 class BounceFit(NamedTuple):

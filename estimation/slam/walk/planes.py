@@ -90,20 +90,14 @@ def _of_one_stop(
     stop, wall = np.unique(np.column_stack([seen.row[path], link.landmark[path, leg]]), axis=0).T
     if not len(stop):
         return None
-    copies, index = _copies(seen, stop)
+    copies, index = seen.copies(stop)
     first = len(now.walls)
     is_plane = is_off[index, None] & (link.landmark[index] == wall[copies.row, None])
     landmark = np.where(is_plane, first + copies.row[:, None], link.landmark[index])
     rough = np.broadcast_to(link.rough, link.kind.shape)[index]
     trial = Association(link.kind[index], landmark, rough)
     others = replace(trial, kind=np.where(is_plane.any(axis=1), PathClass.UNUSED, trial.kind))
-    point = replace(
-        now,
-        state=now.state[stop],
-        session=now.session[stop],
-        course=np.zeros((max(len(stop) - 2, 0), 2)),
-        walls=np.concatenate([now.walls, now.walls[wall]]),
-    )
+    point = replace(now.apart(now.state[stop], stop), walls=np.concatenate([now.walls, now.walls[wall]]))
     point = stepped(copies, others, point, config)
     for _ in range(_TURNS):
         point, information = _shifted(copies, trial, point, first, config)
@@ -120,17 +114,6 @@ def _of_one_stop(
     state[stop[best]] = point.state[best]
     chosen = index[(copies.row == best) & is_plane.any(axis=1)]
     return _Split(int(wall[best]), chosen, float(shift[best]), replace(now, state=state))
-
-
-def _copies(seen: Observations, stop: IntArray) -> tuple[Observations, IntArray]:
-    """The paths of some stops (copy,), each copy as a stop of its own, and their indices (path,)."""
-    counts = np.bincount(seen.row, minlength=seen.n_stops)
-    order = np.argsort(seen.row, kind="stable")
-    first = np.cumsum(counts) - counts
-    row = np.repeat(np.arange(len(stop)), counts[stop])
-    place = np.arange(len(row)) - np.repeat(np.cumsum(counts[stop]) - counts[stop], counts[stop])
-    index = order[first[stop[row]] + place]
-    return replace(seen.take(index), n_stops=len(stop), row=row), index
 
 
 def _shifted(

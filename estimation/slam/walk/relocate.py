@@ -18,7 +18,7 @@ from estimation.laws.wall import wall_places
 from estimation.slam.config import TrajectoryConfig
 from estimation.slam.mapping.noise import LARGEST_RANGE_M
 from estimation.slam.snapshot.evidence import PowerLaw, log_powers
-from estimation.slam.snapshot.problem import tied_with_first
+from estimation.slam.snapshot.problem import direct_path
 from estimation.slam.snapshot.refine import bounce_terms
 from estimation.slam.walk.agreement import agreeing_states, sight_states
 from estimation.slam.walk.association import drop_unused_landmarks, reclassify_paths
@@ -29,7 +29,6 @@ from estimation.slam.walk.residuals import (
     Association,
     Observations,
     PathClass,
-    PathHeights,
     TrajectoryState,
     without_heading_offsets,
 )
@@ -54,8 +53,7 @@ class Powers(NamedTuple):
     def direct(self, own: Observations) -> int:
         """Index of the candidate for the line of sight: the strongest of the paths as early as the first."""
         n = len(self.power_dbm)
-        tied = tied_with_first(own.measured[:n, 0], own.covariance[:n, 0, 0])
-        return int(np.argmax(np.where(tied, self.power_dbm, -np.inf)))
+        return direct_path(own.measured[:n, 0], own.covariance[:n, 0, 0], self.power_dbm)
 
     def los_odds(self, tiled: Observations, now: TrajectoryState) -> FloatArray:
         """Log density (candidate,) of the powers with `direct` as the line of sight over that without.
@@ -296,19 +294,8 @@ def _tiled(
     own: Observations, now: TrajectoryState, stop: int, states: FloatArray
 ) -> tuple[Observations, TrajectoryState]:
     """The paths of a stop once for every state (candidate, 4), each as a stop of its own."""
-    n, m = len(states), len(own.measured)
-    copies = replace(
-        own,
-        n_stops=n,
-        row=np.repeat(np.arange(n), m),
-        measured=np.tile(own.measured, (n, 1)),
-        covariance=np.tile(own.covariance, (n, 1, 1)),
-        link=np.tile(own.link, n),
-        heights=None if own.heights is None else PathHeights(*(np.concatenate(n * [one]) for one in own.heights)),
-    )
-    session = np.full(n, now.session[stop])
-    course = np.zeros((max(n - 2, 0), 2))
-    return copies, replace(now, state=states.copy(), session=session, course=course)
+    copies, _ = own.copies(np.zeros(len(states), np.int64))
+    return copies, now.apart(states.copy(), np.full(len(states), stop))
 
 
 def _widened(seen: Observations, first: int) -> Observations:

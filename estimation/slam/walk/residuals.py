@@ -74,6 +74,16 @@ class Observations:
         own = self.take(self.row == stop)
         return replace(own, n_stops=1, row=np.zeros_like(own.row))
 
+    def copies(self, stop: IntArray) -> tuple[Observations, IntArray]:
+        """The paths of some stops (copy,), each copy as a stop of its own, and their indices (path,)."""
+        counts = np.bincount(self.row, minlength=self.n_stops)
+        order = np.argsort(self.row, kind="stable")
+        before = np.cumsum(counts) - counts
+        row = np.repeat(np.arange(len(stop)), counts[stop])
+        place = np.arange(len(row)) - np.repeat(np.cumsum(counts[stop]) - counts[stop], counts[stop])
+        index = order[before[stop[row]] + place]
+        return replace(self.take(index), n_stops=len(stop), row=row), index
+
     def take(self, path: IntArray | BoolArray) -> Observations:
         """Some of the paths."""
         kept = self.measured[path], self.covariance[path], self.tx_of_path[path]
@@ -135,6 +145,11 @@ class TrajectoryState:
     def n_shared(self) -> int:
         """Number of parameters that stops share."""
         return len(self.offset_rad) + self.walls.size + self.objects.size + self.raised.size
+
+    def apart(self, state: FloatArray, stop: IntArray) -> TrajectoryState:
+        """States (copy, 3 + tx) at some stops (copy,) as stops of their own, which no walk joins."""
+        course = np.zeros((max(len(stop) - 2, 0), 2))
+        return replace(self, state=state, session=self.session[stop], course=course)
 
     def moved(self, step: FloatArray, shared: FloatArray) -> TrajectoryState:
         """The unknowns after a step."""
