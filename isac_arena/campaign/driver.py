@@ -1,9 +1,8 @@
 """The one driver of the chain: truths, sweeps, calibration, channel estimates, maps, scores.
 
 A `CampaignRun` states what is computed (which stops), from what (settings, scene, paths traced before), what
-replaces a stage (a user's function, another way to make sweeps, truth) and where results are kept. Every stage
-uses the kept results and makes the others. So a run continues where it stopped. Every stop has its own random
-numbers, so any subset of stops gives the same bits.
+replaces a stage (a user's function, another way to make sweeps, truth) and where results are kept. Stages use kept
+results and make the others: a run goes on where it stopped. Each stop has its own random numbers in any subset.
 """
 
 from __future__ import annotations
@@ -18,6 +17,7 @@ import numpy as np
 from estimation.channel.calibration.self_calibration import Calibration, calibration_rows, self_calibrate
 from estimation.channel.estimate import ChannelEstimator
 from estimation.channel.record import ChannelEstimate, EstimateStatus, empty_estimate
+from estimation.execution import STEPS
 from estimation.slam.checks import check_estimates
 from estimation.slam.config import MappingConfig, TrajectoryConfig
 from estimation.slam.level import KnownHeights
@@ -43,6 +43,7 @@ from isac_arena.campaign.chain.maps import (
 from isac_arena.campaign.chain.walks import from_nodes, located_walks
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.results import CampaignResults, MapName, MapResult, MemoryResults, Oracle, ResultStore
+from isac_arena.progress import told
 from isac_arena.scoring.link_view import link_view
 from isac_arena.scoring.score import Scores, channel_scores_of, score_stops
 from isac_arena.scoring.stages.channel import TrueStop, true_stop
@@ -76,10 +77,11 @@ class CampaignRun:
     observer: Observe = observe
     oracle: Oracle = field(default_factory=Oracle)
     on_failure: Callable[[EstimatorError], None] | None = None
-    on_step: Callable[[str], None] = lambda _: None  # is told every one of `MAP_STEPS` when it begins
+    on_step: Callable[[str], None] = STEPS.info  # is told every one of `MAP_STEPS` when it begins
     whole: CampaignRun | None = None  # of several TX: the run of all, where this one is of one TX
     only: Sequence[int] | None = None  # numbers of the links of this run, None for all
 
+    @told(lambda self: f"run of {len(self.chosen_stops)} stops")
     def scores(self) -> Scores:
         """The scores of all estimates; raises as `score_campaign` does."""
         truths = list(self.truths())
@@ -149,7 +151,8 @@ class CampaignRun:
 
     def channel(self, truths: Iterable[Truth]) -> Iterator[ChannelEstimate]:
         """The paths reported at every stop, of all TX in `truths`, kept or made with one sweep in memory."""
-        for _, group in groupby(truths, key=lambda truth: truth.stop):
+        for stop, group in groupby(truths, key=lambda truth: truth.stop):
+            STEPS.info(f"channel estimate of stop {stop}")
             yield joined_paths({self._row(truth): self._kept_estimate(truth).reported for truth in group})
 
     def _kept_estimate(self, truth: Truth) -> ChannelEstimate:
@@ -198,9 +201,7 @@ class CampaignRun:
         """The settings of mapping at given states; None for SLAM."""
         channel = channel if self.oracle.channel is None else self.oracle.channel
         receiver = receiver if self.oracle.receiver is None else self.oracle.receiver
-        if receiver is None:
-            return None
-        return learned_mapping(self.config, channel, self.tx, receiver, self.heights)
+        return None if receiver is None else learned_mapping(self.config, channel, self.tx, receiver, self.heights)
 
     def _map(
         self, channel: Sequence[ChannelEstimate], states: PoseEstimates | None, receiver: PoseEstimates
