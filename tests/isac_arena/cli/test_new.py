@@ -92,7 +92,14 @@ def test_a_new_estimator_and_a_new_sweep_work(tmp_path: Path, monkeypatch: pytes
     assert len(make_plan("power.toml", config, tmp_path / "out", range(config.repeats)).jobs) == 8
 
 
-@pytest.mark.parametrize("stage", ["channel", "mapping", "slam", "shapes", "tracker"])
+@pytest.mark.parametrize(
+    "stage",
+    [
+        "channel",
+        "shapes",
+        *(pytest.param(name, marks=pytest.mark.slow) for name in ("mapping", "slam", "tracker")),
+    ],
+)
 def test_a_new_function_of_every_stage_passes_its_test(
     stage: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

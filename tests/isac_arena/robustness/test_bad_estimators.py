@@ -110,6 +110,7 @@ def test_a_lost_record_is_made_again_and_nothing_else_changes(made: Path, tmp_pa
         assert tree(tmp_path / "run") == kept
 
 
+@pytest.mark.slow
 def test_a_failed_budget_leaves_the_one_before_as_it_was(made: Path, tmp_path: Path) -> None:
     command = ("budget", "small.toml", "--out", tmp_path / "budget", "--stops", "0:2")
     assert arena_here(*command, cwd=made).returncode == 0

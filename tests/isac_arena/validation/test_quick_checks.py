@@ -7,7 +7,10 @@ import pytest
 from isac_arena.cli.validate import MODULES, _checks
 from isac_arena.validation.measurement import Measured
 
-LONG = ("motion samples", "motion decision", "motion tracks", "propagation against shooting")
+LONG = (
+    "motion samples", "motion decision", "motion rates", "motion tracks", "propagation against shooting",
+    "scoring bounds of campaigns",
+)  # fmt: skip
 CHECKS = [
     pytest.param(check, id=f"{name} {title}", marks=[pytest.mark.slow] * (f"{name} {title}" in LONG))
     for name in ("propagation", "signal", "scoring", "motion")

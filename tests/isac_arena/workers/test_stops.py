@@ -152,7 +152,8 @@ def test_a_function_that_ends_is_named_by_its_stop_and_the_run_goes_on(folder: P
     assert not list((folder / "run").rglob("*.part"))
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, pytest.param(signal.SIGINT, marks=pytest.mark.slow)])
+@pytest.mark.slow  # `arena validate robustness --quick` kills runs too
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
 def test_an_ended_command_leaves_no_process_that_writes_on(folder: Path, number: int) -> None:
     (folder / "slow").touch()
     command = [*COMMAND, *RUN, "--estimator", "lab:slow"]
