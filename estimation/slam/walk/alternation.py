@@ -39,7 +39,8 @@ from estimation.slam.walk.sessions import split_sessions
 from estimation.slam.walk.smoother import LANDMARK_INFORMATION, minimise_robust_cost, normal_equations
 from scenes.record import BoolArray
 
-WALK_SHARES = (*SHARES, 0.01, 0.003)  # of the floors: a whole walk tells less noise than one stop
+WALK_SHARES = (*SHARES, 0.01, 0.003, 0.001, 0.0003)  # of the floors: a whole walk tells less noise than one stop
+_MOST_FALLS = 2  # of the evidence, one after the other, until no lower noise is tried
 _ROUGH_ITERATIONS = 6  # enough where the association will change
 _MAX_ROUNDS = 10
 _PLACINGS = 2
@@ -110,10 +111,13 @@ def smooth_walk(
         walks = [_relocated(walks[0], wide, doubtful)]
     if not (seen.floor.any() and config.use_landmarks):
         return walks[0]
+    evidence, best = [walks[0].evidence], 0
     for share in steps(WALK_SHARES, "noise"):
         walks.append(_quieter(walks[-1], wide.lower(share), wide))
-    evidence = [walk.evidence for walk in walks]
-    best = int(np.argmax(evidence))
+        evidence.append(walks[-1].evidence)
+        best = int(np.argmax(evidence))
+        if len(evidence) - 1 - best >= _MOST_FALLS:
+            break
     round_ones = walks[best].noise.smoother("object_roughness_m", (1.0, *WALK_SHARES)[best])
     walks.append(_quieter(walks[best], round_ones, wide))
     evidence.append(walks[-1].evidence)

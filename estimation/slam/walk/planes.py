@@ -2,9 +2,9 @@
 
 Within wide noise its paths are those of the wall. They shift the line of the wall; or, where few stops see the
 panel, they shift these stops, against all their other paths. So every stop is fitted again with a plane of its own
-for the paths off each of its walls. Where every stop has few paths, none contradicts itself: it moves and turns to
-where a wall of one plane agrees. But all stops share the wall. So the offset of every stretch is judged as well,
-with all other unknowns of the walk free.
+for the paths of a TX off each of its walls. Where every stop has few paths, none contradicts itself: it moves and
+turns to where a wall of one plane agrees. But all stops share the wall. So the offset of every stretch is judged as
+well, with all other unknowns of the walk free.
 """
 
 from dataclasses import replace
@@ -81,18 +81,20 @@ def _of_all_stops(
 def _of_one_stop(
     seen: Observations, link: Association, now: TrajectoryState, config: TrajectoryConfig
 ) -> _Split | None:
-    """The paths of a stop off one wall that gain most by a plane of their own, where they gain enough.
+    """The paths of a stop and TX off one wall that gain most by a plane of their own, where they gain enough.
 
     The stop moves to where its other paths put it.
     """
     is_off = np.isin(link.kind, [PathClass.WALL, PathClass.DOUBLE])
     path, leg = np.nonzero(is_off[:, None] & (link.landmark >= 0))
-    stop, wall = np.unique(np.column_stack([seen.row[path], link.landmark[path, leg]]), axis=0).T
+    named = seen.row[path], link.landmark[path, leg], seen.tx_of_path[path]
+    stop, wall, tx = np.unique(np.column_stack(named), axis=0).T
     if not len(stop):
         return None
     copies, index = seen.copies(stop)
     first = len(now.walls)
-    is_plane = is_off[index, None] & (link.landmark[index] == wall[copies.row, None])
+    is_mine = is_off[index] & (copies.tx_of_path == tx[copies.row])
+    is_plane = is_mine[:, None] & (link.landmark[index] == wall[copies.row, None])
     landmark = np.where(is_plane, first + copies.row[:, None], link.landmark[index])
     rough = np.broadcast_to(link.rough, link.kind.shape)[index]
     trial = Association(link.kind[index], landmark, rough)

@@ -39,7 +39,7 @@ from scenes.record import BoolArray, FloatArray, IntArray
 CLUTTER_LOG_DENSITY = -float(np.log(LARGEST_RANGE_M * (2 * np.pi) ** 2))  # per m rad^2
 WIDE_M = 0.3  # errors of places that are not yet refined
 REFINEMENTS, STEPS = 3, 3  # associations of a candidate, and steps of its state after each
-LARGEST_STEP = np.array([1.0, 1.0, 0.3, 1.0])
+LARGEST_STEP = np.array([1.0, 1.0, 0.3, 1.0])  # m, m, rad, m; clocks of several TX as one
 LEAST_EVIDENCE = 6.0  # of the log evidence, for another place
 SAME = np.array([0.5, 0.1])  # m, rad: closer candidates are one mode
 
@@ -327,8 +327,9 @@ def stepped(
     seen: Observations, link: Association, now: TrajectoryState, config: TrajectoryConfig
 ) -> TrajectoryState:
     """Every state after steps of its own: landmarks and offsets are held, and there is no walk."""
+    largest = LARGEST_STEP[np.minimum(np.arange(3 + now.n_tx), 3)]
     for _ in range(STEPS):
         information, gradient = state_equations(seen, link, now, config)
         step = -np.linalg.solve(information, gradient[..., None])[..., 0]
-        now = replace(now, state=now.state + np.clip(step, -LARGEST_STEP, LARGEST_STEP))
+        now = replace(now, state=now.state + np.clip(step, -largest, largest))
     return now

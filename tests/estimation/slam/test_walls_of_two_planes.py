@@ -8,6 +8,7 @@ import pytest
 from estimation.laws.plane import predict_los
 from estimation.laws.wall import predict_walls
 from estimation.slam.config import TrajectoryConfig
+from estimation.slam.transmitters import Transmitters
 from estimation.slam.walk.motion import course_of
 from estimation.slam.walk.planes import best_stretch, split_wall
 from estimation.slam.walk.residuals import Association, Observations, PathClass, TrajectoryState
@@ -21,30 +22,37 @@ STD = np.array([0.005, 0.001, 0.001])
 FRONT, SIDE, SOUTH = np.array([np.pi / 2, 9.0]), np.array([0.0, 14.0]), np.array([-np.pi / 2, 3.0])
 
 
-def walk(window_m, n=16, only=None):
-    """A walk past a wall with a window in it: lines of sight and bounces off three walls, with noise."""
-    rng = np.random.default_rng(5)
-    state = np.column_stack([np.linspace(3, 8, n), np.linspace(1, 0, n), np.full(n, 0.4), np.full(n, 5.0)])
+def walk(window_m, n=16, only=None, more_tx=()):
+    """A walk past a wall with a window in it: lines of sight and bounces off three walls, with noise.
+
+    Of `more_tx` the window shows nothing.
+    """
+    rng, poses = np.random.default_rng(5), (TX, *more_tx)
+    state = np.column_stack([np.linspace(3, 8, n), np.linspace(1, 0, n), np.full(n, 0.4), *np.full((len(poses), n), 5.0)])
     at = (state[:, 0] * 7.0 + 9.0 - state[:, 1]) / (16.0 - state[:, 1])  # of the bounce off the wall
     is_window = np.arange(n) == only if only is not None else (at > 3.0) & (at < 5.0)
     measured = []
     for one, is_front in zip(state, is_window, strict=True):
-        front = FRONT - [0.0, window_m * is_front]
-        paths = [
-            predict_los(TX, one),
-            *(predict_walls(TX, one, each[None]).value for each in (front, SIDE, SOUTH)),
-        ]
-        measured += [path + STD * rng.normal(size=3) for path in paths]
-    row = np.repeat(np.arange(n), len(paths))
+        for tx in poses:
+            front = FRONT - [0.0, window_m * (is_front and tx is TX)]
+            paths = [
+                predict_los(tx, one[:4]),
+                *(predict_walls(tx, one[:4], each[None]).value for each in (front, SIDE, SOUTH)),
+            ]
+            measured += [path + STD * rng.normal(size=3) for path in paths]
+    row = np.repeat(np.arange(n), len(measured) // n)
     covariance = np.tile(np.diag(STD**2), (len(row), 1, 1))
-    seen = Observations(TX, n, row, np.array(measured), covariance, np.zeros((3, 3)))
-    kinds, landmark = [PathClass.LOS] + 3 * [PathClass.WALL], [-1, 0, 1, 2]
+    of_tx = np.tile(np.repeat(np.arange(len(poses)), 4), n)
+    tx = Transmitters(poses, np.zeros(len(poses))) if more_tx else TX
+    seen = Observations(tx, n, row, np.array(measured), covariance, np.zeros((3, 3)), of_tx)
+    kinds = len(poses) * ([PathClass.LOS] + 3 * [PathClass.WALL])
+    landmark = len(poses) * [-1, 0, 1, 2]
     link = Association(
         np.tile(kinds, n).astype(np.int64), np.column_stack([np.tile(landmark, n), np.full(len(row), -1)])
     )
     session, none = np.zeros(n, dtype=np.int64), np.empty((0, 3))
     walls = np.array([FRONT, SIDE, SOUTH])
-    start = TrajectoryState(state, np.zeros(1), walls, none, session, 0, course_of(state))
+    start = TrajectoryState(state, np.zeros(len(poses)), walls, none, session, 0, course_of(state))
     return seen, link, minimise_robust_cost(seen, link, start, QUIET), is_window
 
 
@@ -72,6 +80,14 @@ def test_one_stop_that_sees_a_window_shows_it_by_its_other_paths():
     seen, link, now, _ = walk(0.12, only=6)
     start, split = split_wall(seen, link, now, QUIET)
     assert np.flatnonzero(split.landmark[:, 0] == 3).tolist() == [4 * 6 + 1]
+    assert start.walls[0, 1] - start.walls[3, 1] == pytest.approx(0.12, abs=0.02)
+
+
+def test_one_stop_shows_the_window_of_one_tx_beside_another():
+    seen, link, now, _ = walk(0.12, only=6, more_tx=[Pose(np.array([12.0, -1.0, 1.5]), 2.8)])
+    start, split = split_wall(seen, link, now, QUIET)
+    assert np.flatnonzero(split.landmark[:, 0] == 3).tolist() == [8 * 6 + 1]
+    assert start.state.shape == (16, 5)
     assert start.walls[0, 1] - start.walls[3, 1] == pytest.approx(0.12, abs=0.02)
 
 
