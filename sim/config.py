@@ -243,6 +243,11 @@ class LinkKind(StrEnum):
     NODES = "nodes"  # a fixed node sends, others receive
     MONOSTATIC = "monostatic"  # a fixed node hears itself
 
+    @property
+    def has_walk(self) -> bool:
+        """Whether an end of it walks."""
+        return self in (LinkKind.DOWNLINK, LinkKind.UPLINK)
+
 
 @dataclass(frozen=True)
 class LinkRole:

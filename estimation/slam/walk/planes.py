@@ -3,8 +3,8 @@
 Within wide noise its paths are those of the wall. They shift the line of the wall; or, where few stops see the
 panel, they shift these stops, against all their other paths. So every stop is fitted again with a plane of its own
 for the paths of a TX off each of its walls. Where every stop has few paths, none contradicts itself: it moves and
-turns to where a wall of one plane agrees. But all stops share the wall. So the offset of every stretch is judged as
-well, with all other unknowns of the walk free.
+turns to where a wall of one plane agrees. But all stops share the wall. So the offset of every stretch is judged
+as well, with all other unknowns of the walk free.
 """
 
 from dataclasses import replace

@@ -38,7 +38,6 @@ def bound(
     from isac_arena.campaign.files import write_bytes  # noqa: PLC0415
     from isac_arena.campaign.stages import console  # noqa: PLC0415
     from isac_arena.report.style import png_bytes  # noqa: PLC0415
-    from sim.transmitters import refuse_links  # noqa: PLC0415
 
     if out.suffix != ".png":
         raise ValueError(f"--out = {out}: must end in .png")
@@ -47,7 +46,6 @@ def bound(
     if contours and (fixed or step_m is not None):
         raise ValueError("--contours: bounds stops and pillars from the signal; leave --fixed and --step out")
     loaded = load_campaign(campaign)
-    refuse_links(loaded.config, "arena bound")
     figures, tables = _contours(loaded, out, json_file) if contours else _plan(loaded, out, step_m, fixed=fixed)
     for file, figure in figures.items():
         write_bytes(file, png_bytes(figure))
@@ -72,18 +70,18 @@ def _plan(
 
     if fixed:
         refuse_several_tx(loaded.config, loaded.scene, "arena bound --fixed")
-    links = loaded.run().links
+    links = signal_bound.links_of_walk(loaded)
     channels: dict[Path, Any] = {}
     tables: list[Any] = []
     with working(console, "paths and bounds of the channel"):
-        for link in links:
+        for link_name, link in links.items():
             prepared = bound_map.bound_inputs(replace(loaded, config=link.config, scene=link.scene))
             model, grid = channel_bound.channel_model(prepared), bound_map.plan_grid(prepared, step_m)
-            name = "channel" if len(links) == 1 else f"channel_{link.scene.tx_name}"
+            name = "channel" if len(links) == 1 else f"channel_{link_name}"
             over_plan = channel_bound.over_plan(model, grid)
             channels[out.with_stem(f"{out.stem}_{name}")] = channel_bound_figure(prepared.scene, over_plan)
-            tables.append(channel_bound.along_walk(model))
-            tables[-1].title = None if len(links) == 1 else link.scene.tx_name
+            tables.append(channel_bound.along_walk(model, link.chosen_stops))
+            tables[-1].title = None if len(links) == 1 else link_name
         if fixed:
             noise = loaded.config.slam.noise
             errors = f"for fixed errors of {noise.delay_std_ns:g} ns and {noise.angle_std_deg:g} deg of every path"
@@ -106,17 +104,17 @@ def _contours(
     from isac_arena.campaign.stages import console  # noqa: PLC0415
     from isac_arena.insight.bounds import tables as bound_tables  # noqa: PLC0415
     from isac_arena.insight.bounds.several_tx import SeveralTx  # noqa: PLC0415
-    from isac_arena.insight.bounds.signal import LinkBounds  # noqa: PLC0415
+    from isac_arena.insight.bounds.signal import LinkBounds, links_of_walk  # noqa: PLC0415
     from isac_arena.progress import progress_bar  # noqa: PLC0415
     from isac_arena.report.figures.several_tx import several_tx_figure  # noqa: PLC0415
 
-    links = [LinkBounds(run, single=True) for run in loaded.run().links]
+    runs = list(links_of_walk(loaded).values())
+    links, stops = [LinkBounds(run, single=True) for run in runs], list(runs[0].chosen_stops)
+    if any(list(run.chosen_stops) != stops for run in runs):
+        raise ValueError("links: with --contours all walks of the links must have the same stops")
     with progress_bar(console, transient=True) as progress:
         several = SeveralTx(
-            links,
-            range(len(loaded.stops)),
-            loaded.config.contours,
-            lambda rows: progress.track(rows, description="TX"),
+            links, stops, loaded.config.contours, lambda rows: progress.track(rows, description="TX")
         )
     bounds = bound_tables.by_tx(several)
     if json_file is not None:

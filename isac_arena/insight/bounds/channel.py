@@ -1,5 +1,6 @@
 """Cramer-Rao bounds of the channel parameters of a campaign, over the plan and along the walk."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,8 +15,10 @@ from isac_arena.scoring.provenance import path_origin
 from isac_arena.scoring.record import PathKind
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
 from scenes.record import BoolArray, FloatArray
+from sim.config import LinkKind
 from sim.propagation.paths import Paths
 from sim.signal.link import Link, best_beam_power_dbm, make_link
+from sim.truth import Truth
 
 LEAST_SNR_DB = 10.0  # weaker paths are not detected
 
@@ -40,8 +43,14 @@ def channel_model(prepared: BoundInputs) -> ChannelModel:
 
 
 def stop_bounds(model: ChannelModel, paths: Paths, rx_pose: Pose, *, coherent: bool) -> tuple[Paths, PathBounds]:
-    """The paths of a place with at least `LEAST_SNR_DB` and their bounds, for joint estimation of all of them."""
-    link, tx_pose = model.link, model.prepared.scene.tx
+    """The paths of a place with at least `LEAST_SNR_DB` and their bounds, for joint estimation of all of them.
+
+    In an uplink what is at the place sends.
+    """
+    link, truth = model.link, Truth(paths, rx_pose, 0, 0.0)
+    if model.prepared.config.role.kind == LinkKind.UPLINK:
+        truth = truth.sent_from_stop(model.prepared.scene.tx)
+    paths, rx_pose, tx_pose = truth.paths, truth.rx_pose, truth.tx_pose or model.prepared.scene.tx
     power_dbm = best_beam_power_dbm(paths, link, tx_pose, rx_pose)
     noise_dbm = 10 * np.log10(link.noise_power_mw.min() / len(link.frequency_offset_hz))
     paths = paths.take("path", power_dbm - noise_dbm >= LEAST_SNR_DB)
@@ -67,16 +76,17 @@ def over_plan(model: ChannelModel, grid: PlanGrid) -> ChannelBoundMap:
     return ChannelBoundMap(grid.x_m, grid.y_m, std[0], std[1], std[2], has_los, model.is_coherent)
 
 
-def along_walk(model: ChannelModel) -> Table:
-    """Median bounds of LOS and single bounces over all stops of the walk, coherent and incoherent."""
-    scene = model.prepared.scene
-    stops = list(zip(scene.walk.poses(), model.prepared.solver.paths(scene.walk.positions_m()), strict=True))
+def along_walk(model: ChannelModel, stops: Sequence[int]) -> Table:
+    """Median bounds of LOS and single bounces over some stops of the walk, coherent and incoherent."""
+    poses = [model.prepared.scene.stops[stop] for stop in stops]
+    position_m = np.array([pose.position_m for pose in poses])
+    places = list(zip(poses, model.prepared.solver.paths(position_m), strict=True))
     table = Table("channel, median", "LOS", "phases lost", "1 bounce", "phases lost", "unit")
     for column in range(1, 5):
         table.columns[column].justify = "right"
     kinds: dict[PathKind, list[FloatArray]] = {PathKind.LOS: [], PathKind.SINGLE_BOUNCE: []}
     for coherent in (True, False):
-        found = [stop_bounds(model, paths, pose, coherent=coherent) for pose, paths in stops]
+        found = [stop_bounds(model, paths, pose, coherent=coherent) for pose, paths in places]
         for kind, columns in kinds.items():
             rows = [_table_rows(bounds, path_origin(kept).kind == kind) for kept, bounds in found]
             columns.append(_median(np.concatenate(rows)))

@@ -17,7 +17,7 @@ from estimation.shape.reflection.reflections import Reflections
 from estimation.slam.bounds import state_covariance
 from isac_arena.insight.bounds.known_contour import SPACING_M, known_contour, pillars
 from isac_arena.insight.bounds.signal import LinkBounds, Track
-from isac_arena.scoring.stages.poses import plane_paths, pose_information, true_state
+from isac_arena.scoring.stages.poses import from_node, plane_paths, pose_information, true_state
 from isac_arena.scoring.stages.shapes import SEEN_MARGIN_RAD, seen_samples
 from scenes.pose import Pose
 from scenes.record import BoolArray, FloatArray
@@ -106,7 +106,7 @@ def tx_walk(
     paths: list[list[tuple[int, FloatArray]]] = [[] for _ in range(len(objects) + 1)]  # the last: lines of sight
     points: list[list[FloatArray]] = [[] for _ in objects]
     for index, at in enumerate(stops):
-        stop = link.at(at)
+        stop = from_node(link.at(at))
         pose.append(_without_clock(pose_information(scene, stop)))
         states.append(true_state(stop.truth))
         covariance, is_los, bounce = plane_paths(scene, stop)

@@ -23,6 +23,8 @@ from isac_arena.scoring.link_view import LinkView, link_view
 from isac_arena.scoring.stages.channel import TrueStop, significant_alone, true_stop
 from isac_arena.scoring.stages.poses import pose_bounds
 from scenes.pose import Pose
+from sim.config import LinkKind
+from sim.links import link_stops
 from sim.propagation.propagator import Propagator
 from sim.truth import Truth
 
@@ -31,7 +33,7 @@ Track = Callable[[Iterable[T]], Iterable[T]]  # shows progress
 
 
 class LinkBounds:
-    """One TX of a campaign prepared for bounds at any place.
+    """One TX or link of a campaign prepared for bounds at any place of what moves.
 
     With `single` the paths are the line of sight and single bounces alone, which takes a tenth of the time.
     """
@@ -55,35 +57,57 @@ class LinkBounds:
         return Propagator(self.run.scene, config.waveform.carrier_ghz * 1e9, propagation)
 
     def at(self, pose: Pose) -> TrueStop:
-        """The significant paths to a receiver there, with their bounds."""
-        return self.of(Truth(self.propagator.paths(pose.position_m), pose, 0, 0.0))
+        """The significant paths to a receiver there, with their bounds; in an uplink from what sends there."""
+        truth = Truth(self.propagator.paths(pose.position_m), pose, 0, 0.0)
+        is_uplink = self.run.config.role.kind == LinkKind.UPLINK
+        return self.of(truth.sent_from_stop(self.run.scene.tx) if is_uplink else truth)
 
     def of(self, truth: Truth) -> TrueStop:
         """The same from the true paths of a stop."""
         power_dbm = self.run.true_power_dbm(truth)
-        return significant_alone(true_stop(truth, self.run.scene.tx, power_dbm, self._limits, self.view))
+        tx_pose = truth.tx_pose or self.run.scene.tx
+        return significant_alone(true_stop(truth, tx_pose, power_dbm, self._limits, self.view))
 
     @cached_property
     def _limits(self) -> Significance:
         return significance(self.run.config, self.run.link)
 
 
+def links_of_walk(campaign: Campaign) -> dict[str, CampaignRun]:
+    """The runs of the links with something that moves, by name; `ValueError` where all devices are fixed nodes."""
+    names = link_stops(campaign.config, campaign.scene)
+    runs = dict(zip(names, campaign.run().links, strict=True))
+    moving = {name: run for name, run in runs.items() if run.config.role.kind.has_walk}
+    if not moving:
+        raise ValueError("links: none has a walk; bounds are of positions, and those of fixed nodes are known")
+    return moving
+
+
 class SignalBounds:
-    """A campaign prepared for bounds at any place from all of its TX."""
+    """A campaign prepared for bounds at any place from all of its TX, or all links of its walks."""
 
     def __init__(self, campaign: Campaign) -> None:
         self.campaign = campaign
-        self.links = [LinkBounds(run) for run in campaign.run().links]
+        self.links = [LinkBounds(run) for run in links_of_walk(campaign).values()]
 
-    def at(self, pose: Pose) -> tuple[StateBound, bool]:
-        """Bounds (1,) of a receiver there, and whether the line of sight to a TX is a significant path."""
-        stops = [link.at(pose) for link in self.links]
+    @property
+    def stops(self) -> list[int]:
+        """The stops whose position is to be found."""
+        return sorted({stop for link in self.links for stop in link.run.chosen_stops})
+
+    def at(self, pose: Pose, stop: int | None = None) -> tuple[StateBound, bool]:
+        """Bounds (1,) of a receiver there, and whether the line of sight to a TX is a significant path.
+
+        With a `stop` from its links alone.
+        """
+        heard = [link for link in self.links if stop is None or stop in link.run.chosen_stops]
+        stops = [link.at(pose) for link in heard]
         return pose_bounds(self.campaign.scene, [stops]), any(stop.truth.paths.is_los.any() for stop in stops)
 
     def at_stop(self, stop: int) -> StateBound:
         """Bounds (1,) at a stop of the walk; where bodies move, of the paths at the time of its sweep."""
         if not self.campaign.scene.is_moving:
-            return self.at(self.campaign.stops[stop])[0]
+            return self.at(self.campaign.stops[stop], stop)[0]
         truths = self.campaign.trace([stop])
         rows = [truth.tx if len(self.links) > 1 else 0 for truth in truths]
         stops = [self.links[row].of(truth) for row, truth in zip(rows, truths, strict=True)]
@@ -104,7 +128,7 @@ def over_plan(bounds: SignalBounds, grid: PlanGrid, track: Track[int] = iter) ->
 
 def along_walk(bounds: SignalBounds, track: Track[int] = iter) -> tuple[Table, list[float]]:
     """A table of the bounds over the stops, and the position error bound of every stop in m."""
-    found = [bounds.at_stop(stop) for stop in track(range(len(bounds.campaign.stops)))]
+    found = [bounds.at_stop(stop) for stop in track(bounds.stops)]
     table = Table("bound at the stops, from the signal", "median", "smallest", "largest", "unit")
     for column in (1, 2, 3):
         table.columns[column].justify = "right"

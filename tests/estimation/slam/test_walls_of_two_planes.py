@@ -28,7 +28,9 @@ def walk(window_m, n=16, only=None, more_tx=()):
     Of `more_tx` the window shows nothing.
     """
     rng, poses = np.random.default_rng(5), (TX, *more_tx)
-    state = np.column_stack([np.linspace(3, 8, n), np.linspace(1, 0, n), np.full(n, 0.4), *np.full((len(poses), n), 5.0)])
+    state = np.column_stack(
+        [np.linspace(3, 8, n), np.linspace(1, 0, n), np.full(n, 0.4), *np.full((len(poses), n), 5.0)]
+    )
     at = (state[:, 0] * 7.0 + 9.0 - state[:, 1]) / (16.0 - state[:, 1])  # of the bounce off the wall
     is_window = np.arange(n) == only if only is not None else (at > 3.0) & (at < 5.0)
     measured = []

@@ -1,6 +1,9 @@
 """Bounds of a campaign's scene: the map over the plan and the table along the walk."""
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 
 import isac_arena as ia
 from estimation.channel.model.crb import crb
@@ -75,7 +78,7 @@ def test_channel_bounds_over_the_plan_are_those_of_the_strongest_path_there():
 
 
 def test_the_channel_table_has_both_kinds_of_paths_and_of_phases():
-    table = channel_bound.along_walk(channel_bound.channel_model(bound_map.bound_inputs("box_room")))
+    table = channel_bound.along_walk(channel_bound.channel_model(bound_map.bound_inputs("box_room")), range(4))
     delay = [float(list(column.cells)[1]) for column in table.columns[1:5]]
     assert table.row_count == 5 and delay[0] < delay[2]
     assert delay[1] >= delay[0] and delay[3] >= delay[2]
@@ -92,6 +95,28 @@ def test_weak_paths_are_left_out():
     (paths,) = prepared.solver.paths(pose.position_m)
     kept, bounds = channel_bound.stop_bounds(model, paths, pose, coherent=True)
     assert 0 < len(kept) <= len(paths) and np.all(bounds.snr_db > channel_bound.LEAST_SNR_DB - 3)
+
+
+def test_the_bound_of_a_walk_that_sends_is_that_of_the_scores():
+    assert bound_difference(ia.load_campaign("box_room_uplink"), [0, 2]).max() <= 0.01
+
+
+def test_an_uplink_has_the_channel_of_the_downlink_with_its_ends_swapped():
+    loaded = ia.load_campaign("box_room_uplink")
+    ((_, up),) = signal_bound.links_of_walk(loaded).items()
+    prepared = bound_map.bound_inputs(replace(loaded, config=up.config, scene=up.scene))
+    pose = prepared.scene.stops[0]
+    (paths,) = prepared.solver.paths(pose.position_m)
+    kept, bounds = channel_bound.stop_bounds(channel_bound.channel_model(prepared), paths, pose, coherent=True)
+    los = int(np.flatnonzero(kept.is_los)[0])
+    towards = prepared.scene.tx.position_m - pose.position_m
+    assert kept.aod_azimuth_rad[los] == pytest.approx(np.arctan2(towards[1], towards[0]))
+    assert np.isfinite(bounds.delay_std_s).all() and np.isfinite(bounds.aoa_std_rad[los]).all()
+
+
+def test_fixed_nodes_alone_have_no_position_to_bound():
+    with pytest.raises(ValueError, match="links: none has a walk"):
+        signal_bound.SignalBounds(ia.load_campaign("monostatic"))
 
 
 def test_the_bound_at_the_stops_is_that_of_the_scores():
