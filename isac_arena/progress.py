@@ -191,6 +191,8 @@ def told(what: Callable[P, str]) -> Callable[[Callable[P, T]], Callable[P, T]]:
     """
 
     def decorated(function: Callable[P, T]) -> Callable[P, T]:
+        """The function, whose calls tell their time."""
+
         @wraps(function)
         def timed(*arguments: P.args, **options: P.kwargs) -> T:
             if _Calls.n_silent or current_thread() is not main_thread():

@@ -96,7 +96,7 @@ def tx_links(config: C, scene: Scene) -> tuple[TxLink[C], ...]:
             turn,
             node=nodes.index(link.node),
             sender=senders.index(link.tx),
-            receiver=nodes.index(link.rx) if link.kind in (LinkKind.NODES, LinkKind.MONOSTATIC) else None,
+            receiver=None if link.kind.has_walk else nodes.index(link.rx),
             kind=link.kind,
             isolation_db=link.entry.isolation_db,
         )

@@ -77,13 +77,15 @@ def simulate_truth(config: SimulationConfig, scene: Scene, stops: Iterable[int])
     need("config", config, SimulationConfig)
     need("scene", scene, Scene)
     for truth in _truths(config, scene, stops):
-        role = config.role
-        if role.kind == LinkKind.UPLINK:
-            yield truth.sent_from_stop(scene.tx)
-        elif role.kind == LinkKind.MONOSTATIC:
+        if config.role.kind == LinkKind.MONOSTATIC:
             yield with_leakage(config, scene, truth)
         else:
-            yield truth
+            yield in_direction(config, scene, truth)
+
+
+def in_direction(config: SimulationConfig, scene: Scene, truth: Truth) -> Truth:
+    """A truth whose paths lead from the fixed node to the stop, as its link sends: in an uplink the other way."""
+    return truth.sent_from_stop(scene.tx) if config.role.kind == LinkKind.UPLINK else truth
 
 
 def _truths(config: SimulationConfig, scene: Scene, stops: Iterable[int]) -> Iterator[Truth]:

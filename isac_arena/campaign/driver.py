@@ -2,7 +2,7 @@
 
 A `CampaignRun` states what is computed (which stops), from what (settings, scene, paths traced before), what
 replaces a stage (a user's function, another way to make sweeps, truth) and where results are kept. Stages use kept
-results and make the others: a run goes on where it stopped. Each stop has its own random numbers in any subset.
+results and make the others. Every stop has its own random numbers, so any subset of stops gives the same bits.
 """
 
 from __future__ import annotations

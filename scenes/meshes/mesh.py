@@ -104,7 +104,7 @@ def read_mesh(path: Path) -> tuple[FloatArray, IntArray]:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise ValueError(f"file = '{path}': cannot be read as a mesh ({reason})") from error
     if not len(getattr(loaded, "faces", ())):
-        raise ValueError(f"file = '{path}': holds no triangle")
+        raise ValueError(f"file = '{path}': cannot be read as a mesh (it holds no triangle)")
     vertices = np.asarray(loaded.vertices, float)
     upright = vertices[:, [0, 2, 1]] * [1, -1, 1] if kind in Y_UP else vertices
     return upright, np.asarray(loaded.faces, int)

@@ -40,7 +40,7 @@ from estimation.slam.walk.smoother import LANDMARK_INFORMATION, minimise_robust_
 from scenes.record import BoolArray
 
 WALK_SHARES = (*SHARES, 0.01, 0.003, 0.001, 0.0003)  # of the floors: a whole walk tells less noise than one stop
-_MOST_FALLS = 2  # of the evidence, one after the other, until no lower noise is tried
+_MOST_IN_VAIN = 2  # steps of less evidence than the best, after which no lower noise is tried
 _ROUGH_ITERATIONS = 6  # enough where the association will change
 _MAX_ROUNDS = 10
 _PLACINGS = 2
@@ -116,7 +116,7 @@ def smooth_walk(
         walks.append(_quieter(walks[-1], wide.lower(share), wide))
         evidence.append(walks[-1].evidence)
         best = int(np.argmax(evidence))
-        if len(evidence) - 1 - best >= _MOST_FALLS:
+        if len(evidence) - 1 - best >= _MOST_IN_VAIN:
             break
     round_ones = walks[best].noise.smoother("object_roughness_m", (1.0, *WALK_SHARES)[best])
     walks.append(_quieter(walks[best], round_ones, wide))

@@ -39,7 +39,7 @@ from scenes.record import BoolArray, FloatArray, IntArray
 CLUTTER_LOG_DENSITY = -float(np.log(LARGEST_RANGE_M * (2 * np.pi) ** 2))  # per m rad^2
 WIDE_M = 0.3  # errors of places that are not yet refined
 REFINEMENTS, STEPS = 3, 3  # associations of a candidate, and steps of its state after each
-LARGEST_STEP = np.array([1.0, 1.0, 0.3, 1.0])  # m, m, rad, m; clocks of several TX as one
+LARGEST_STEP = (1.0, 1.0, 0.3, 1.0)  # m, m, rad, m: of a state; the last is of every clock bias
 LEAST_EVIDENCE = 6.0  # of the log evidence, for another place
 SAME = np.array([0.5, 0.1])  # m, rad: closer candidates are one mode
 
@@ -327,7 +327,7 @@ def stepped(
     seen: Observations, link: Association, now: TrajectoryState, config: TrajectoryConfig
 ) -> TrajectoryState:
     """Every state after steps of its own: landmarks and offsets are held, and there is no walk."""
-    largest = LARGEST_STEP[np.minimum(np.arange(3 + now.n_tx), 3)]
+    largest = now.per_unknown(LARGEST_STEP)
     for _ in range(STEPS):
         information, gradient = state_equations(seen, link, now, config)
         step = -np.linalg.solve(information, gradient[..., None])[..., 0]

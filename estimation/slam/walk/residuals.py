@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from typing import NamedTuple
@@ -136,6 +137,10 @@ class TrajectoryState:
     def n_tx(self) -> int:
         """Number of TX."""
         return int(self.state.shape[1]) - 3
+
+    def per_unknown(self, values: Sequence[float]) -> FloatArray:
+        """Values of x, y, heading and any clock bias (4,), for every unknown (3 + tx,) of a state."""
+        return np.append(values[:3], np.full(self.n_tx, values[3]))
 
     def offset_of(self, seen: Observations) -> IntArray:
         """Index (path,) of the offset of every path."""

@@ -112,8 +112,7 @@ def _path_terms(
     residuals: Linearised, now: TrajectoryState, config: TrajectoryConfig, weight: FloatArray | None = None
 ) -> _PathTerms:
     (n, size), m = now.state.shape, now.n_shared
-    weak_std = np.array([*_WEAK_STD[:3], *now.n_tx * _WEAK_STD[3:]])
-    weak = np.tile(np.diag(weak_std**-2.0), (n, 1, 1))
+    weak = np.tile(np.diag(now.per_unknown(_WEAK_STD) ** -2.0), (n, 1, 1))
     terms = _PathTerms(weak, np.zeros((n, size, m)), np.zeros((m, m)), np.zeros((n, size)), np.zeros(m))
     accumulate(
         residuals.row,

@@ -15,9 +15,9 @@ from isac_arena.scoring.provenance import path_origin
 from isac_arena.scoring.record import PathKind
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
 from scenes.record import BoolArray, FloatArray
-from sim.config import LinkKind
 from sim.propagation.paths import Paths
 from sim.signal.link import Link, best_beam_power_dbm, make_link
+from sim.simulate import in_direction
 from sim.truth import Truth
 
 LEAST_SNR_DB = 10.0  # weaker paths are not detected
@@ -47,10 +47,9 @@ def stop_bounds(model: ChannelModel, paths: Paths, rx_pose: Pose, *, coherent: b
 
     In an uplink what is at the place sends.
     """
-    link, truth = model.link, Truth(paths, rx_pose, 0, 0.0)
-    if model.prepared.config.role.kind == LinkKind.UPLINK:
-        truth = truth.sent_from_stop(model.prepared.scene.tx)
-    paths, rx_pose, tx_pose = truth.paths, truth.rx_pose, truth.tx_pose or model.prepared.scene.tx
+    link, scene = model.link, model.prepared.scene
+    truth = in_direction(model.prepared.config, scene, Truth(paths, rx_pose, 0, 0.0))
+    paths, rx_pose, tx_pose = truth.paths, truth.rx_pose, truth.tx_pose or scene.tx
     power_dbm = best_beam_power_dbm(paths, link, tx_pose, rx_pose)
     noise_dbm = 10 * np.log10(link.noise_power_mw.min() / len(link.frequency_offset_hz))
     paths = paths.take("path", power_dbm - noise_dbm >= LEAST_SNR_DB)

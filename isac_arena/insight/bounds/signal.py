@@ -23,9 +23,9 @@ from isac_arena.scoring.link_view import LinkView, link_view
 from isac_arena.scoring.stages.channel import TrueStop, significant_alone, true_stop
 from isac_arena.scoring.stages.poses import pose_bounds
 from scenes.pose import Pose
-from sim.config import LinkKind
 from sim.links import link_stops
 from sim.propagation.propagator import Propagator
+from sim.simulate import in_direction
 from sim.truth import Truth
 
 T = TypeVar("T")
@@ -59,8 +59,7 @@ class LinkBounds:
     def at(self, pose: Pose) -> TrueStop:
         """The significant paths to a receiver there, with their bounds; in an uplink from what sends there."""
         truth = Truth(self.propagator.paths(pose.position_m), pose, 0, 0.0)
-        is_uplink = self.run.config.role.kind == LinkKind.UPLINK
-        return self.of(truth.sent_from_stop(self.run.scene.tx) if is_uplink else truth)
+        return self.of(in_direction(self.run.config, self.run.scene, truth))
 
     def of(self, truth: Truth) -> TrueStop:
         """The same from the true paths of a stop."""
@@ -100,9 +99,8 @@ class SignalBounds:
 
         With a `stop` from its links alone.
         """
-        heard = [link for link in self.links if stop is None or stop in link.run.chosen_stops]
-        stops = [link.at(pose) for link in heard]
-        return pose_bounds(self.campaign.scene, [stops]), any(stop.truth.paths.is_los.any() for stop in stops)
+        heard = [link.at(pose) for link in self.links if stop is None or stop in link.run.chosen_stops]
+        return pose_bounds(self.campaign.scene, [heard]), any(one.truth.paths.is_los.any() for one in heard)
 
     def at_stop(self, stop: int) -> StateBound:
         """Bounds (1,) at a stop of the walk; where bodies move, of the paths at the time of its sweep."""

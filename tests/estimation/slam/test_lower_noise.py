@@ -47,7 +47,7 @@ def _rms_m(walk: list[Scenario]) -> float:
 
 
 def test_sharp_paths_give_far_better_positions_than_the_floors_allow(monkeypatch: pytest.MonkeyPatch) -> None:
-    walks = [_walk(seed, sharp=0.01, said=1.0) for seed in range(2)]
+    walks = [_walk(seed, sharp=0.01, said=1.0) for seed in range(3)]
     lower = np.array([_rms_m(walk) for walk in walks])
     monkeypatch.setattr(alternation, "WALK_SHARES", ())
     wide = np.array([_rms_m(walk) for walk in walks])
@@ -56,7 +56,7 @@ def test_sharp_paths_give_far_better_positions_than_the_floors_allow(monkeypatch
 
 
 def test_covariances_that_are_too_small_do_no_harm(monkeypatch: pytest.MonkeyPatch) -> None:
-    walks = [_walk(seed, sharp=1.0, said=0.05) for seed in range(2)]
+    walks = [_walk(seed, sharp=1.0, said=0.05) for seed in range(3)]
     lower = np.array([_rms_m(walk) for walk in walks])
     monkeypatch.setattr(alternation, "WALK_SHARES", ())
     wide = np.array([_rms_m(walk) for walk in walks])

@@ -165,7 +165,7 @@ def test_damaged_files_name_themselves(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"p.mat: no MATLAB 5 file"):
         read_measurement(tmp_path / "p.mat")
     (tmp_path / "b.stl").write_bytes(bytes(80) + (99).to_bytes(4, "little") + bytes(range(256)))
-    with pytest.raises(ValueError, match=r"b.stl': (cannot be read as a mesh|holds no tri)") as caught:
+    with pytest.raises(ValueError, match=r"b.stl': cannot be read as a mesh") as caught:
         read_mesh(tmp_path / "b.stl")
     assert "normalizer" not in str(caught.value)
     for kind in (".3mf", ".dae"):
