@@ -21,6 +21,7 @@ ON_SURFACE_M = (
 )
 RIGHT_SURFACE = "right surface, wrong path"
 LEVEL = ("floor", "ceiling")  # no plan shows in place what they scattered
+PHANTOM = "phantom"  # a closed contour where no object stands
 LEVEL_WORDS = "off floor or ceiling, at a wrong place"
 OUTSIDE_BEAMS_DB = 10.0  # no beam points to where the best gain is this far below the highest gain
 

@@ -1,15 +1,18 @@
-"""What is doubtful about the poses of a run: by its scores where the truth is known, and by its estimates."""
+"""What is doubtful about a run: by its scores where the truth is known, and by its estimates."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
+from estimation.channel.record import ChannelEstimate, EstimateStatus
 from estimation.slam.record import PoseEstimates, SolveStatus
 from isac_arena.progress import counted, listed
 from isac_arena.scoring.metrics.metric import Metric
 
 FAR = 5.0  # times a bound: the bar of the worst random hall, see docs/metrics.md
 FAR_STATED = 3.0  # times a stated deviation: chance takes one error in 370 there
+LEAST_COVERAGE = 0.88  # of 95 % regions of paths: the bar of the worst random hall
+MOST_NEES = 4.0  # of paths, 1 where covariances are right: errors of twice what is stated
 BEHIND = 1.25  # times the RMSE of the published method: less is chance where both have the same paths
 FEW_STOPS = 6  # of a walk; box_room is .046, .007, .0015 and .0015 m off with 2, 4, 6 and 9 stops
 NONE_LOCATED = (
@@ -56,15 +59,37 @@ def _times(factor: float) -> str:
     return f"{factor:.2g} times" if factor < 10 else f"{factor:.0f} times"
 
 
-def score_doubt(metrics: Sequence[Metric]) -> tuple[str, ...]:
-    """The doubts of `pose_doubts` as one sentence with what to do; empty where there is none."""
+def score_doubts(metrics: Sequence[Metric]) -> tuple[str, ...]:
+    """The doubts about covariances of paths and those of `pose_doubts`, a sentence each, with what to do."""
     values = values_of(metrics)
+    return (*_channel_doubt(values), *_slam_doubt(values))
+
+
+def _channel_doubt(values: Mapping[str, float]) -> tuple[str, ...]:
+    coverage, nees = values.get("channel.coverage95", np.nan), values.get("channel.nees", np.nan)
+    if not (coverage < LEAST_COVERAGE or nees > MOST_NEES):
+        return ()
+    told = f"95 % regions of paths hold {100 * coverage:.0f} % of the true ones, NEES is {nees:.2g} where 1 is right"
+    why = "some paths, mostly close pairs, err more than they state"
+    return (f"channel: {told}: {why}. To do: weigh paths with a heavy tail, as SLAM does, not as exact Gaussians",)
+
+
+def _slam_doubt(values: Mapping[str, float]) -> tuple[str, ...]:
     if not (found := pose_doubts(values)):
         return ()
     few = values.get("slam.stops", np.inf) < FEW_STOPS
     honest = "" if values.get("slam.nees", np.inf) > FAR_STATED**2 else ", as its stated deviations say"
     what = f"{MORE_STOPS}; then" if few else "look at the stops under 'Receiver state' in the report;"
     return (f"SLAM: {'; '.join(found)}{honest}. To do: {what} 'arena budget' tells which stage errs",)
+
+
+def limit_doubt(channel: Iterable[ChannelEstimate]) -> tuple[str, ...]:
+    """Stops whose channel estimate holds as many paths as it may; empty where none does."""
+    full = [one.stop for one in channel if one.status == EstimateStatus.LIMITED]
+    if not full:
+        return ()
+    what = "the largest number of paths was reached, so weaker ones are left out"
+    return (f"channel: {what}, at stop {listed(full)}; to do: a larger max_paths of the channel method",)
 
 
 def few_stops(n_stops: int) -> tuple[str, ...]:

@@ -18,7 +18,7 @@ from isac_arena.scoring.stages.poses import score_both_poses, unknown_bound
 from scenes.record import FloatArray, TextArray, concatenate, empty_record
 from scenes.scene import Scene
 
-OF_LABELS = (".ghost", ".objects_found", ".cluster_purity", ".scene_gospa")  # in keys of metrics
+OF_LABELS = (".ghost", ".false", ".objects_found", ".cluster_purity", ".scene_gospa")  # in keys of metrics
 
 
 def score_measured(scene: Scene, truths: Iterable[MeasuredTruth], results: CampaignResults) -> Scores:

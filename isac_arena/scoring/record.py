@@ -149,7 +149,12 @@ class IpScores(Record):
     label: IntArray = array("ip", dtype=int, doc="cluster, -1 for none")
     object: TextArray = array("ip", dtype=str, doc="object of the true single bounce, else empty")
     cause: TextArray = array("ip", dtype=str, doc="why an inlier has no object, or a single bounce is no inlier")
-    surface_distance_m: FloatArray = array("ip", unit="m", doc="distance to the nearest true surface")
+    surface_distance_m: FloatArray = array(
+        "ip",
+        unit="m",
+        doc="distance to the nearest true surface: in plan to objects and meshes; of points off floor or ceiling in "
+        "height to it, NaN where the height is unknown",
+    )
     position_error_m: FloatArray = array("ip", unit="m", doc="distance to the true IP, or NaN")
     nees: FloatArray = array("ip", doc="squared position error over covariance, 2 degrees of freedom")
     height_error_m: FloatArray = array("ip", unit="m", doc="height minus the true IP's; NaN in the plane")
@@ -182,12 +187,23 @@ class OutlineScores(Record):
     crps_m: FloatArray = array("outline", unit="m", doc="mean CRPS of the predicted radius or distance")
     extent_iou: FloatArray = array("outline", doc="overlap of the seen contour with the lit extent, walls")
 
+    @property
+    def is_false(self) -> BoolArray:
+        """Whether each outline shows no object of the scene."""
+        return self.is_ghost
+
 
 @dataclass(frozen=True)
 class ContourScores(OutlineScores):
     """Every contour of ours in one map, and whether its class is correct."""
 
     class_right: FloatArray = array("outline", doc="1 where the most probable class is the object's, else 0")
+    is_phantom: BoolArray = array("outline", dtype=bool, doc="closed, and no object covers half of its area")
+
+    @property
+    def is_false(self) -> BoolArray:
+        """Whether each contour shows no object of the scene: a ghost or a phantom."""
+        return self.is_ghost | self.is_phantom
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from estimation.channel.record import ChannelEstimate
 from estimation.tracks.config import TrackConfig
 from isac_arena.campaign.results import CampaignResults, MapResult
 from isac_arena.scoring.config import DEFAULT_GATE, Gate, Significance
-from isac_arena.scoring.doubts import score_doubt
+from isac_arena.scoring.doubts import score_doubts
 from isac_arena.scoring.link_view import LinkView
 from isac_arena.scoring.metrics.metric import Metric
 from isac_arena.scoring.record import (
@@ -56,7 +56,7 @@ class Scores(Displayed):
     @property
     def doubts(self) -> tuple[str, ...]:
         """What the scores say is far off, and what to do; empty where nothing is."""
-        return score_doubt(self.metrics)
+        return score_doubts(self.metrics)
 
     def value(self, key: str) -> float:
         """Value of one metric; a `KeyError` where there is none of that key names similar ones."""

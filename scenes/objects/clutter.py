@@ -12,6 +12,7 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+import shapely
 
 from scenes.motion.motion import Motion
 from scenes.objects.material import Material
@@ -20,6 +21,7 @@ from scenes.record import BoolArray, FloatArray, IntArray, Record, array
 
 END_CLEARANCE_M = 1e-6  # a crossing nearer to an end of the leg than this is the face that the leg starts on
 SAME_CROSSING_M = 1e-9  # closer crossings of a leg count once: they lie on an edge that two faces share
+LEAST_PLAN_AREA_M2 = 1e-9  # a triangle that covers less stands upright
 MAX_TABLE_ENTRIES = 2_000_000  # legs x triangles held at once
 PROBE = np.array([0.123_456, 0.234_567, 1.0])  # direction of the inside test: parallel to no usual edge
 
@@ -76,6 +78,27 @@ class Clutter(Record):
     def is_closed(self) -> bool:
         """Whether the mesh has an inside: every edge belongs to two faces, or to four where bodies touch."""
         return bool(np.all(self._edge_uses[0] % 2 == 0))
+
+    @cached_property
+    def plan_outlines_m(self) -> list[FloatArray]:
+        """Outlines (point, xy) in m of the areas that the mesh covers in plan view, first point last again."""
+        corners, upright = self._plan_corners
+        covered = shapely.union_all(shapely.polygons(corners[~upright]))
+        return [shapely.get_coordinates(part.exterior) for part in shapely.get_parts(covered)]
+
+    def plan_distance_m(self, points_m: Any) -> FloatArray:
+        """Distance (point,) in m of points (point, xy) to the nearest outline or upright face in plan view."""
+        corners, upright = self._plan_corners
+        lines = [*map(shapely.LineString, self.plan_outlines_m), *shapely.linestrings(corners[upright])]
+        points = shapely.points(np.asarray(points_m, float))
+        _, distance = shapely.STRtree(lines).query_nearest(points, return_distance=True, all_matches=False)
+        return np.asarray(distance)
+
+    @cached_property
+    def _plan_corners(self) -> tuple[FloatArray, BoolArray]:
+        """Corners (face, corner, xy) in m in plan view, and which faces stand upright (face,)."""
+        corners = self.vertices_m[self.faces][..., :2]
+        return corners, np.abs(np.linalg.det(np.diff(corners, axis=1))) < LEAST_PLAN_AREA_M2
 
     def area_m2(self) -> float:
         """Area of all faces in m^2."""

@@ -14,7 +14,7 @@ from isac_arena.campaign.results import CampaignResults, MapResult
 from isac_arena.report.figures.bands import Curve, contour_curve, line_m, shape_curve
 from isac_arena.report.figures.plan import Box, draw_plan, plan_view
 from isac_arena.report.style import BAND_ALPHA, GHOST, SLAM, TRUTH, cluster_look, legend_below, new_figure, styled
-from isac_arena.scoring.causes import LEVEL, LEVEL_WORDS, RIGHT_SURFACE, ghost_words
+from isac_arena.scoring.causes import LEVEL, LEVEL_WORDS, PHANTOM, RIGHT_SURFACE, ghost_words
 from isac_arena.scoring.record import MapScores, PoseScores, ScoreTables
 from scenes.record import FloatArray
 from scenes.scene import Scene
@@ -28,6 +28,7 @@ FAR_SHARE = 0.2  # of the scene: points farther outside are not shown
 VIEW_MARGIN_M = 1.0
 GHOST_LOOK: dict[str, Any] = {"color": GHOST, "marker": "x"}
 LEVEL_LOOK: dict[str, Any] = {"color": GHOST, "marker": "_"}  # of what floor or ceiling scattered
+PHANTOM_LOOK: dict[str, Any] = {"color": GHOST, "marker": "+"}
 RIGHT_LOOK: dict[str, Any] = {"color": GHOST, "marker": "2"}  # of a ghost on a true surface
 TRACK_COLOR = "#1e8449"  # of the walk in the plan
 
@@ -103,8 +104,11 @@ def _draw_map(ax: Any, result: MapResult, scores: MapScores) -> None:
     looks = [
         LEVEL_LOOK if name in LEVEL
         else (RIGHT_LOOK if words[row] == RIGHT_SURFACE else GHOST_LOOK) if ghost
+        else PHANTOM_LOOK if false
         else cluster_look(row)
-        for row, (name, ghost) in enumerate(zip(table.object.tolist(), table.is_ghost, strict=True))
+        for row, (name, ghost, false) in enumerate(
+            zip(table.object.tolist(), table.is_ghost, table.is_false, strict=True)
+        )
     ]  # fmt: skip
     draw_contours(ax, curves, [ips.position_m[label == row] for row in range(len(curves))], looks)
 
@@ -159,6 +163,7 @@ def _legend_handles(*, has_others: bool) -> list[Any]:
         *object_handles(),
         Line2D([], [], color=TRUTH, linewidth=0.8, linestyle="--", label="published method"),
         Line2D([], [], linestyle="none", label="ghost", **GHOST_LOOK),
+        Line2D([], [], linestyle="none", label=f"{PHANTOM}: no object is there", **PHANTOM_LOOK),
         Line2D([], [], linestyle="none", label=RIGHT_SURFACE, **RIGHT_LOOK),
         Line2D([], [], linestyle="none", label=LEVEL_WORDS, **LEVEL_LOOK),
         Line2D([], [], marker=".", linestyle="none", color=GHOST, label="incidence point of no object"),

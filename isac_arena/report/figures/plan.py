@@ -27,7 +27,6 @@ from sim.propagation.paths import Paths
 KIND_WORDS = {"clutter": "mesh"}  # in legends, where they are not the name of the kind
 RX_COLOR = "#1e8449"
 FIGURE_WIDTH_IN, PLAN_WIDTH_IN, MARGIN_IN = 10.5, 8.4, 0.9
-LEAST_DRAWN_M2 = 1e-9
 DRAWN_SAGITTA_M = 0.002
 BORESIGHT_LENGTH_M = 1.5
 CROP_MARGIN_M = 5.0
@@ -121,16 +120,8 @@ def _draw_object(ax: Any, item: SceneObject) -> None:
 
 def _draw_clutter(ax: Any, mesh: Clutter) -> None:
     color = KIND_COLORS[mesh.kind]
-    for outline in clutter_outlines(mesh):
+    for outline in mesh.plan_outlines_m:
         ax.fill(*outline.T, facecolor=color + "59", edgecolor=color, linewidth=1.0)
-
-
-def clutter_outlines(mesh: Clutter) -> list[FloatArray]:
-    """Outlines (point, xy) in m of the area that a mesh covers in plan view."""
-    corners = mesh.vertices_m[mesh.faces][..., :2]
-    upright = np.abs(np.linalg.det(np.diff(corners, axis=1))) < LEAST_DRAWN_M2
-    covered = shapely.union_all(shapely.polygons(corners[~upright]))
-    return [shapely.get_coordinates(part.exterior) for part in shapely.get_parts(covered)]
 
 
 def _draw_others(ax: Any, scene: Scene, *, labels: bool) -> None:

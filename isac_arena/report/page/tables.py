@@ -80,6 +80,7 @@ MAPS = ScoreTable(
     (("mapping", "mapping."), ("SLAM", "slam.")),
     (
         ("Incidence points taken as single bounces", "ips"),
+        ("of these, off floor or ceiling", "ips_of_floor_or_ceiling"),
         ("of these, true single bounces, share", "ips_from_single_bounce_share"),
         ("of these, clustered, share", "ips_clustered_share"),
         ("Distance to the nearest surface, median", "ip_to_surface.median_m"),
@@ -128,6 +129,7 @@ ACCEPTED = ScoreTable(
     (
         ("Contours accepted", "accepted"),
         ("of these, ghosts", "ghosts"),
+        ("of these, phantoms", "phantoms"),
         ("Objects found", "objects_found"),
         ("Correct class, share", "class_accuracy"),
         ("GOSPA of the scene over 1 - IoU", "scene_gospa"),

@@ -53,7 +53,17 @@ def score_contours(scene: Scene, result: MapResult, ips: IpScores, significant: 
         float(is_class_right(contours, row, scene.object(str(name)))) if name in scene.object_names else np.nan
         for row, name in enumerate(columns["object"])
     ]
-    return ContourScores(class_right=np.array(right, float), **columns)
+    return ContourScores(class_right=np.array(right, float), is_phantom=is_phantom(scene, contours), **columns)
+
+
+def is_phantom(scene: Scene, contours: Contours) -> BoolArray:
+    """Whether each contour (contour,) is closed and no objects or meshes cover half of its area: nothing is there."""
+    outlines = [np.asarray(item.contour.outline.coords) for item in scene.fixtures if item.contour.closed]
+    outlines += [outline for mesh in scene.clutter for outline in mesh.plan_outlines_m]
+    covered = shapely.union_all([shapely.Polygon(outline) for outline in outlines])
+    areas = [shapely.Polygon(points).buffer(0) for points in contours.contour_m]
+    free = [area.difference(covered).area > area.area / 2 for area in areas]
+    return np.asarray(contours.is_closed & np.array(free, bool))
 
 
 def contour_errors(
@@ -111,6 +121,8 @@ def contour_metrics(map_name: str, scene: Scene, table: ContourScores) -> list[M
         *outline_metrics(prefix, scene, table),
         Metric(f"{prefix}.accepted", len(table.object), "1", "info"),
         Metric(f"{prefix}.ghosts", table.is_ghost.sum(), "1", "lower"),
+        Metric(f"{prefix}.phantoms", table.is_phantom.sum(), "1", "lower"),
+        Metric(f"{prefix}.false", table.is_false.sum(), "1", "lower"),
         Metric(f"{prefix}.objects_found", len(found), "1", "higher"),
         Metric(f"{prefix}.objects_found.pillar", found.count("pillar"), "1", "higher"),
         Metric(f"{prefix}.objects_found.wall", found.count("wall"), "1", "higher"),

@@ -3,13 +3,13 @@
 import numpy as np
 
 from isac_arena.campaign.results import MapResult
-from isac_arena.scoring.causes import GHOST_CAUSES, Cause, point_causes
+from isac_arena.scoring.causes import GHOST_CAUSES, LEVEL, Cause, point_causes
 from isac_arena.scoring.metrics.consistency import consistency_metrics
 from isac_arena.scoring.metrics.metric import Metric
 from isac_arena.scoring.metrics.statistics import mean, quantile, ratio, rms, rows_of_groups, squared_mahalanobis
 from isac_arena.scoring.provenance import ClusterOrigin, ip_paths
 from isac_arena.scoring.record import IpScores, OutlineScores, PathScores
-from scenes.record import BoolArray, FloatArray, IntArray
+from scenes.record import BoolArray, FloatArray, IntArray, TextArray
 from scenes.scene import OBJECT_KINDS, Scene
 
 FOUND_DISTANCE_M = 0.5  # a point supports its object from this distance: objects usually stand farther apart
@@ -17,11 +17,20 @@ FOUND_POINTS = 3  # an object is found when this many points support it: two can
 
 
 def surface_distance_m(scene: Scene, points_m: FloatArray) -> FloatArray:
-    """Distance (point,) in m to the nearest boundary of any object of the scene; infinite without objects."""
+    """Distance (point,) in m to the nearest boundary of any object or mesh in the plan; infinite without any."""
     nearest = np.full(len(points_m), np.inf)
     for item in scene.fixtures:
         nearest = np.minimum(nearest, np.abs(item.contour.signed_distance(points_m)))
+    for mesh in scene.clutter:
+        nearest = np.minimum(nearest, mesh.plan_distance_m(points_m))
     return nearest
+
+
+def level_distance_m(scene: Scene, objects: TextArray, height_m: FloatArray) -> FloatArray:
+    """Height difference (point,) in m to the floor or ceiling that a point stems from; NaN without either height."""
+    planes = dict(zip(LEVEL, (scene.floor, scene.ceiling), strict=True))
+    z_m = {name: plane.z_m for name, plane in planes.items() if plane is not None}
+    return np.abs(height_m - np.array([z_m.get(str(name), np.nan) for name in objects], float))
 
 
 def score_ips(scene: Scene, result: MapResult, paths: PathScores) -> IpScores:
@@ -35,6 +44,8 @@ def score_ips(scene: Scene, result: MapResult, paths: PathScores) -> IpScores:
     row = ip_paths(ips, paths)
     error = ips.position_m - paths.vertex_m[row]
     height_error = ips.height_m - paths.vertex_height_m[row]
+    on_level = level_distance_m(scene, paths.object[row], ips.height_m)
+    in_plan = surface_distance_m(scene, ips.position_m)
     return IpScores(
         stop=ips.stop,
         path=ips.path,
@@ -42,7 +53,7 @@ def score_ips(scene: Scene, result: MapResult, paths: PathScores) -> IpScores:
         label=label,
         object=paths.object[row],
         cause=point_causes(ips.is_inlier, paths.object[row], paths.kind[row], paths.cause[row]),
-        surface_distance_m=surface_distance_m(scene, ips.position_m),
+        surface_distance_m=np.where(np.isin(paths.object[row], LEVEL), on_level, in_plan),
         position_error_m=np.linalg.norm(error, axis=1),
         nees=squared_mahalanobis(error, ips.covariance_m2),
         height_error_m=height_error,
@@ -77,6 +88,7 @@ def map_metrics(prefix: str, scene: Scene, ips: IpScores, clusters: OutlineScore
     return [
         Metric(f"{prefix}.ips", len(inliers.stop), "1", "info"),
         Metric(f"{prefix}.ips_clustered_share", mean(clustered), "1", "info"),
+        Metric(f"{prefix}.ips_of_floor_or_ceiling", np.isin(inliers.object, LEVEL).sum(), "1", "info"),
         Metric(f"{prefix}.ips_from_single_bounce_share", mean(inliers.object != ""), "1", "higher"),
         *_cause_metrics(prefix, ips),
         *_distance_metrics(f"{prefix}.ip_to_surface", inliers.surface_distance_m),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimation.slam.record import SolveStatus
-from isac_arena.scoring.doubts import FAR, FEW_STOPS, estimate_doubts, few_stops, pose_doubts, score_doubt
+from isac_arena.scoring.doubts import FAR, FEW_STOPS, estimate_doubts, few_stops, pose_doubts, score_doubts
 from isac_arena.scoring.metrics.metric import Metric
 
 FINE = {
@@ -26,7 +26,7 @@ FINE = {
 
 def sentence(**changes: float) -> str:
     values = FINE | {key.replace("__", "."): value for key, value in changes.items()}
-    return "".join(score_doubt([Metric(key, value, "1", "info") for key, value in values.items()]))
+    return "".join(score_doubts([Metric(key, value, "1", "info") for key, value in values.items()]))
 
 
 def test_nothing_is_said_of_good_poses_and_of_unknown_scores() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.colors import to_hex
 
 from isac_arena.campaign.results import CampaignResults
-from isac_arena.report.figures.plan import clutter_outlines, plan_view
+from isac_arena.report.figures.plan import plan_view
 from isac_arena.report.page.payload.maps import map_payload
 from isac_arena.report.page.payload.numbers import POWER_STEP_DB, number, quantised_power, rounded, significant
 from isac_arena.report.page.payload.paths import estimated_paths, true_paths
@@ -83,7 +83,7 @@ def _scene(scene: Scene, txs: Mapping[str, str], uplinks: Collection[str]) -> Pa
         "extent": rounded(plan_view(scene, "all"), 2),
         "objects": objects,
         "clutter": [
-            {"name": mesh.name, "rings": [rounded(ring, 3) for ring in clutter_outlines(mesh)]}
+            {"name": mesh.name, "rings": [rounded(ring, 3) for ring in mesh.plan_outlines_m]}
             for mesh in scene.clutter
         ],
         "txs": [

@@ -8,7 +8,7 @@ from estimation.slam.record import SolveStatus
 from isac_arena.campaign.results import MapResult
 from isac_arena.report.figures.bands import Curve, contour_curve, shape_curve
 from isac_arena.report.page.payload.numbers import number, rounded
-from isac_arena.scoring.causes import LEVEL, LEVEL_WORDS, cause_words, ghost_words
+from isac_arena.scoring.causes import LEVEL, LEVEL_WORDS, PHANTOM, cause_words, ghost_words
 from isac_arena.scoring.record import ContourScores, IpScores, MapScores, OutlineScores
 from scenes.record import IntArray
 
@@ -87,8 +87,8 @@ def _origin(scores: OutlineScores, row: int, label: IntArray, called: str) -> di
     level = name in LEVEL
     return {
         "object": name,
-        "ghost": bool(scores.is_ghost[row]) or level,
-        "called": LEVEL_WORDS if level else called if scores.is_ghost[row] else "",
+        "ghost": bool(scores.is_false[row]) or level,
+        "called": LEVEL_WORDS if level else called if scores.is_ghost[row] else PHANTOM * int(scores.is_false[row]),
         "found": bool(scores.is_found[row]),
         "purity": number(scores.purity[row], 3),
         "n_ips": int((label == row).sum()),
