@@ -69,7 +69,9 @@ def _channel_doubt(values: Mapping[str, float]) -> tuple[str, ...]:
     coverage, nees = values.get("channel.coverage95", np.nan), values.get("channel.nees", np.nan)
     if not (coverage < LEAST_COVERAGE or nees > MOST_NEES):
         return ()
-    told = f"95 % regions of paths hold {100 * coverage:.0f} % of the true ones, NEES is {nees:.2g} where 1 is right"
+    told = (
+        f"95 % regions of paths hold {100 * coverage:.0f} % of the true ones, NEES is {nees:.2g} where 1 is right"
+    )
     why = "some paths, mostly close pairs, err more than they state"
     return (f"channel: {told}: {why}. To do: weigh paths with a heavy tail, as SLAM does, not as exact Gaussians",)
 

@@ -152,8 +152,8 @@ class IpScores(Record):
     surface_distance_m: FloatArray = array(
         "ip",
         unit="m",
-        doc="distance to the nearest true surface: in plan to objects and meshes; of points off floor or ceiling in "
-        "height to it, NaN where the height is unknown",
+        doc="distance to the nearest true surface: in plan to objects and meshes; in height to floor or ceiling "
+        "of points that stem from it, NaN where their height is unknown",
     )
     position_error_m: FloatArray = array("ip", unit="m", doc="distance to the true IP, or NaN")
     nees: FloatArray = array("ip", doc="squared position error over covariance, 2 degrees of freedom")

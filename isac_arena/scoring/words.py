@@ -8,11 +8,12 @@ WORDS = {
     "published": "the paper's method on the same paths: snapshot SLAM of each stop alone, contours of clusters",
     "bound": "Cramér-Rao bound: least RMSE from the paths of each stop alone; using other stops can beat it",
     "stated": "what SLAM says itself of its errors, from its covariances: known without the truth",
-    "doubtful": "position, heading or clock over 5 times its bound, a position behind the published method, errors "
-    "over 3 times the stated ones, or 95 % regions of paths that hold less than 88 % of the true ones",
+    "doubtful": "position, heading or clock over 5 times its bound, a position behind the published method, "
+    "errors over 3 times the stated ones, or 95 % regions of paths that hold less than 88 % of the true ones",
     "significant": "not diffuse, above the noise and within the dynamic range of the estimator",
     "separable": "far enough from its neighbours in delay and angles that an estimator can tell it from them",
     "weak": "an estimate that matches no significant path, but that weak or diffuse true energy explains",
+    "false contour": "a ghost or a phantom",
     "false": "an estimate that no true path explains",
     "gate": "the largest errors at which an estimate still counts as a true path: 3 ns, 5 deg, 5 deg",
     "IoU": "area of the overlap over the area of the union: 1 is perfect, 0 is apart",
@@ -23,9 +24,8 @@ WORDS = {
     "lit extent": "the part of an object where true single bounces met it on the walk",
     "ghost": "a contour or point most of whose paths come from no object by one bounce",
     "phantom": "a closed contour half of whose area or more no object covers",
-    "false contour": "a ghost or a phantom",
-    "incidence point": "where a path that bounced once met a surface; its distance to the surface counts in plan, off "
-    "floor or ceiling in height, and not where no height was estimated",
+    "incidence point": "where a path that bounced once met a surface; its distance to the surface counts in plan, "
+    "off floor or ceiling in height, and not where no height was estimated",
     "self-calibration": "gains and phases of both arrays, estimated from some stops before all else",
 }
 _KNOWN = re.compile(rf"\b({'|'.join(map(re.escape, WORDS))})(?=s?\b)", re.IGNORECASE)

@@ -57,7 +57,7 @@ def score_contours(scene: Scene, result: MapResult, ips: IpScores, significant: 
 
 
 def is_phantom(scene: Scene, contours: Contours) -> BoolArray:
-    """Whether each contour (contour,) is closed and no objects or meshes cover half of its area: nothing is there."""
+    """Whether each contour (contour,) is closed, and no objects or meshes cover half of its area."""
     outlines = [np.asarray(item.contour.outline.coords) for item in scene.fixtures if item.contour.closed]
     outlines += [outline for mesh in scene.clutter for outline in mesh.plan_outlines_m]
     covered = shapely.union_all([shapely.Polygon(outline) for outline in outlines])

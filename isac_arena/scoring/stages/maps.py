@@ -27,10 +27,10 @@ def surface_distance_m(scene: Scene, points_m: FloatArray) -> FloatArray:
 
 
 def level_distance_m(scene: Scene, objects: TextArray, height_m: FloatArray) -> FloatArray:
-    """Height difference (point,) in m to the floor or ceiling that a point stems from; NaN without either height."""
+    """Height difference (point,) in m to the floor or ceiling that a point stems from; NaN where unknown."""
     planes = dict(zip(LEVEL, (scene.floor, scene.ceiling), strict=True))
     z_m = {name: plane.z_m for name, plane in planes.items() if plane is not None}
-    return np.abs(height_m - np.array([z_m.get(str(name), np.nan) for name in objects], float))
+    return np.asarray(np.abs(height_m - np.array([z_m.get(str(name), np.nan) for name in objects], float)))
 
 
 def score_ips(scene: Scene, result: MapResult, paths: PathScores) -> IpScores:

@@ -4,12 +4,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 
 from estimation.shape.reflection.rows import no_contours
 from isac_arena.campaign.results import MapResult
 from isac_arena.scoring.score import score_campaign
-from isac_arena.scoring.stages.contours import contour_errors, contour_metrics, is_class_right, score_contours
+from isac_arena.scoring.stages.contours import (
+    contour_errors,
+    contour_metrics,
+    is_class_right,
+    is_phantom,
+    score_contours,
+)
 from isac_arena.scoring.stages.maps import score_ips
+from scenes.objects.clutter import Clutter
+from scenes.objects.material import Material
 from tests.isac_arena.scoring.test_score import LIMITS
 
 
@@ -95,6 +104,18 @@ def test_a_contour_of_no_object_is_a_ghost(campaign, tables, scored):
     assert table.is_ghost.tolist() == [False, True, False, False]
     assert np.isnan(table.class_right[1])
     assert np.isnan(table.iou[1])
+
+
+def test_a_closed_contour_where_nothing_stands_is_a_phantom(campaign, scored):
+    contours, mesh = campaign.results.mapping.contours, trimesh.creation.cylinder(0.3, 2.0)
+    away = contours.contour_m + np.array([[2.0, 0.0], [0.0, 0.0], [9.0, 9.0], [0.0, 0.0]])[:, None]
+    moved = replace(contours, contour_m=away)
+    assert scored(contours)["contours.mapping.phantoms"] == 0
+    values = scored(moved)
+    assert values["contours.mapping.phantoms"] == values["contours.mapping.false"] == 1  # an open one has no area
+    outline = mesh.vertices + np.array([*away[0].mean(axis=0), 0.0])
+    drum = Clutter("drum", "clutter", Material("tin", 1.0, 1e7), outline, np.asarray(mesh.faces))
+    assert not is_phantom(replace(campaign.scene, clutter=(drum,)), moved).any()
 
 
 def test_classes_are_judged_by_kind_of_object_and_corners(campaign):

@@ -5,8 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from estimation.channel.record import EstimateStatus
 from estimation.slam.record import SolveStatus
-from isac_arena.scoring.doubts import FAR, FEW_STOPS, estimate_doubts, few_stops, pose_doubts, score_doubts
+from isac_arena.scoring.doubts import (
+    FAR,
+    FEW_STOPS,
+    estimate_doubts,
+    few_stops,
+    limit_doubt,
+    pose_doubts,
+    score_doubts,
+)
 from isac_arena.scoring.metrics.metric import Metric
 
 FINE = {
@@ -59,6 +68,19 @@ def test_a_published_method_that_solves_fewer_stops_is_no_comparison() -> None:
 def test_errors_that_covariances_state_are_told_from_those_that_they_hide() -> None:
     assert "as its stated deviations say" in sentence(slam__position__over_bound=30.0)
     assert "as its stated" not in sentence(slam__position__over_bound=30.0, slam__nees=16.0)
+
+
+def test_covariances_of_paths_that_are_too_small_are_said() -> None:
+    assert not sentence(channel__coverage95=0.93, channel__nees=1.2)
+    assert "hold 80 % of the true" in sentence(channel__coverage95=0.8, channel__nees=1.2)
+    assert "NEES is 25" in sentence(channel__coverage95=0.93, channel__nees=25.0)
+
+
+def test_stops_with_as_many_paths_as_may_be_are_said(campaign) -> None:
+    channel = campaign.results.channel
+    assert not limit_doubt(channel)
+    full = [replace(channel[0], status=EstimateStatus.LIMITED), *channel[1:]]
+    assert f"at stop {channel[0].stop}; to do: a larger max_paths" in "".join(limit_doubt(full))
 
 
 def test_estimates_alone_tell_that_no_stop_or_another_state_was_found(campaign) -> None:

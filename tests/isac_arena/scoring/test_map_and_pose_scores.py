@@ -6,9 +6,10 @@ import pytest
 from estimation.slam.bounds import StateBound
 from estimation.slam.record import SolveStatus
 from isac_arena.scoring.provenance import cluster_origin, path_origin
-from isac_arena.scoring.stages.maps import surface_distance_m
+from isac_arena.scoring.stages.maps import level_distance_m, surface_distance_m
 from isac_arena.scoring.stages.poses import pose_metrics, score_poses, unknown_bound
 from scenes.pose import SPEED_OF_LIGHT_M_S
+from scenes.scene import HorizontalPlane
 from sim.propagation.paths import BounceKind, empty_paths
 
 
@@ -25,6 +26,13 @@ def test_surface_distance_matches_brute_force(campaign):
     surface = np.concatenate([item.contour.sample(1e-3) for item in campaign.scene.objects])
     brute = np.linalg.norm(points[:, None] - surface[None], axis=2).min(axis=1)
     np.testing.assert_allclose(surface_distance_m(campaign.scene, points), brute, atol=2e-3)
+
+
+def test_points_off_floor_and_ceiling_count_in_height(campaign):
+    floor = HorizontalPlane(-0.5, campaign.scene.objects[0].material)
+    scene = replace(campaign.scene, floor=floor, ceiling=None)
+    names, height_m = np.array(["floor", "floor", "ceiling", "wall_south"]), np.array([-0.4, np.nan, 3.0, 1.0])
+    np.testing.assert_allclose(level_distance_m(scene, names, height_m), [0.1, np.nan, np.nan, np.nan])
 
 
 def test_origin_knows_bounces_and_ignores_walls_passed(campaign):

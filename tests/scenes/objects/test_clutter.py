@@ -123,3 +123,13 @@ def test_closed_and_open_meshes():
     assert clutter(pair).is_closed and clutter(pair).contains(points).tolist() == [True, True, False]
     assert not Clutter("open", "clutter", WOOD, BOX.vertices, BOX.faces[:-1]).is_closed
     assert clutter().area_m2() == pytest.approx(22.0)
+
+
+def test_distance_in_the_plan_is_that_to_the_outline_and_to_upright_faces():
+    points = np.array([[1.5, 0.0], [0.0, 0.0], [2.0, 1.5], [0.9, 0.1]])
+    np.testing.assert_allclose(clutter().plan_distance_m(points), [0.5, 0.5, np.sqrt(2), 0.1], atol=1e-9)
+    sheet = trimesh.Trimesh([(-1, 0, 0), (1, 0, 0), (1, 0, 2), (-1, 0, 2)], [(0, 1, 2), (0, 2, 3)])
+    assert not clutter(sheet).plan_outlines_m
+    np.testing.assert_allclose(
+        clutter(sheet).plan_distance_m(points), [0.5, 0.0, np.hypot(1, 1.5), 0.1], atol=1e-9
+    )

@@ -84,11 +84,11 @@ def _shape(result: MapResult, scores: OutlineScores, row: int, called: str) -> d
 def _origin(scores: OutlineScores, row: int, label: IntArray, called: str) -> dict[str, Any]:
     """The object of a contour, what it is `called` where the plan has none, and its scores."""
     name = str(scores.object[row])
-    level = name in LEVEL
+    level, other = name in LEVEL, PHANTOM if scores.is_false[row] else ""
     return {
         "object": name,
         "ghost": bool(scores.is_false[row]) or level,
-        "called": LEVEL_WORDS if level else called if scores.is_ghost[row] else PHANTOM * int(scores.is_false[row]),
+        "called": LEVEL_WORDS if level else called if scores.is_ghost[row] else other,
         "found": bool(scores.is_found[row]),
         "purity": number(scores.purity[row], 3),
         "n_ips": int((label == row).sum()),
