@@ -12,6 +12,8 @@ from isac_arena.campaign.files import write_record
 from isac_arena.validation.scenarios.perfect_campaign import make_campaign
 from tests.command_line import ROOT, arena_here
 
+pytestmark = pytest.mark.whole  # whole commands: `.ci/run` runs them after the quick tests
+
 TUTORIALS = sorted((ROOT / "docs" / "tutorials").glob("*.md"))
 OCTAVE = ROOT / "docs" / "octave" / "read_channel.m"
 

@@ -63,6 +63,7 @@ def cuts_off_nothing(pixels: FloatArray) -> None:
     assert all((edge[:, :3] == 1.0).all() for edge in (pixels[0], pixels[-1], pixels[:, 0], pixels[:, -1]))
 
 
+@pytest.mark.whole
 def test_ten_lines_of_the_readme(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     block = next(part for part in text.split("```python\n")[1:] if part.startswith("import isac_arena as ia"))

@@ -21,6 +21,8 @@ from scenes.pose import wrap_angle
 from sim.signal.link import make_link
 from sim.transmitters import refuse_several_tx
 
+pytestmark = pytest.mark.whole  # whole commands: `.ci/run` runs them after the quick tests
+
 SMALL = {
     "tx_array.beams_per_panel": 16,
     "rx_array.beams_per_panel": 12,

@@ -16,6 +16,8 @@ from isac_arena.user_functions.config import with_functions
 from isac_arena.verification.campaign import recomputed_campaign
 from sim.propagation.deepmimo.folder import read_deepmimo
 
+pytestmark = pytest.mark.whole  # whole commands: `.ci/run` runs them after the quick tests
+
 NAMES = ("south_west", "north_east")
 
 

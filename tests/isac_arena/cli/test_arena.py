@@ -45,6 +45,7 @@ def test_another_seed_gives_other_scores(finished: Path, tmp_path: Path) -> None
     assert [row["key"] for row in first] == [row["key"] for row in other] and first != other
 
 
+@pytest.mark.whole
 def test_stages_alone_in_another_directory_give_the_same_scores(finished: Path, tmp_path: Path) -> None:
     out = tmp_path / "stages"
     assert arena_here("generate", finished / "small.toml", "--out", out).returncode == 0
@@ -55,6 +56,7 @@ def test_stages_alone_in_another_directory_give_the_same_scores(finished: Path, 
     assert (out / "scores.json").read_bytes() == (finished / "run" / "scores.json").read_bytes()
 
 
+@pytest.mark.whole
 def test_a_killed_run_leaves_nothing_that_looks_finished_and_resumes(finished: Path, tmp_path: Path) -> None:
     out, campaign = tmp_path / "killed", str(finished / "small.toml")
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}

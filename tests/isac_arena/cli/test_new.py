@@ -92,6 +92,7 @@ def test_a_new_estimator_and_a_new_sweep_work(tmp_path: Path, monkeypatch: pytes
     assert len(make_plan("power.toml", config, tmp_path / "out", range(config.repeats)).jobs) == 8
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize(
     "stage",
     [

@@ -14,6 +14,8 @@ from sim.truth import Truth
 from tests.command_line import arena_here as arena
 from tests.command_line import failure
 
+pytestmark = pytest.mark.whole  # whole commands: `.ci/run` runs them after the quick tests
+
 ENDS = """
 [[txs]]
 name = "west"

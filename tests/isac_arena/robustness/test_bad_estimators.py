@@ -9,6 +9,8 @@ import isac_arena as ia
 from isac_arena.campaign import files
 from tests.command_line import arena_here, failure
 
+pytestmark = pytest.mark.whole  # whole commands: `.ci/run` runs them after the quick tests
+
 FUNCTIONS = """
 import os, sys, warnings
 from pathlib import Path

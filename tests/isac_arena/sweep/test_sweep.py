@@ -32,6 +32,8 @@ from scenes.toml_config import load_config
 from tests.command_line import arena_here
 from tests.isac_arena.cli.sweep_files import N_CASES, results, write_sweep
 
+pytestmark = pytest.mark.whole  # whole commands: `.ci/run` runs them after the quick tests
+
 UNTIL = """
 [until]
 metric = "{metric}"

@@ -18,6 +18,8 @@ from isac_arena.campaign.manifest import check_files
 from tests.command_line import ARENA, arena_here, environment
 from tests.isac_arena.cli.sweep_files import N_CASES, results, write_sweep
 
+pytestmark = pytest.mark.whole  # whole commands: `.ci/run` runs them after the quick tests
+
 SCHEDULER = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0"]
 WORKER = [sys.executable, "-m", "distributed.cli.dask_worker", "--nthreads", "1", "--no-nanny", "--no-dashboard"]
 ROLES = ("client", "worker", "scheduler")

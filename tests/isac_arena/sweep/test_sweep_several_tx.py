@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pyarrow.parquet as pq
+import pytest
 from threadpoolctl import threadpool_limits
 from typer.testing import CliRunner
 
@@ -18,6 +19,7 @@ from isac_arena.verification.compare import compare_records
 from scenes.toml_config import load_config
 from tests.isac_arena.cli.sweep_files import write_sweep
 
+pytestmark = pytest.mark.whole  # whole commands: `.ci/run` runs them after the quick tests
 SWEPT = """
 name = "one case"
 base = "small.toml"

@@ -24,6 +24,8 @@ from isac_arena.user_functions.errors import EstimatorError
 from isac_arena.validation.scenarios.perfect_campaign import MadeCampaign, make_campaign, make_moving_campaign
 from scenes.memory import limited_memory
 
+pytestmark = pytest.mark.whole  # whole commands: `.ci/run` runs them after the quick tests
+
 LAB = """
 import ctypes, os, sys, time
 import numpy as np

@@ -85,6 +85,7 @@ def test_the_trimmed_rms_of_a_gaussian_is_one_whatever_its_outliers():
     assert np.isnan(trimmed_rms(np.zeros(0)))
 
 
+@pytest.mark.whole
 def test_a_quick_run_measures_every_row_and_continues_without_estimating(tmp_path, monkeypatch):
     options = ("--quick", "--method", "power", "--trials", "2", "--seed", "101", "--out", str(tmp_path / "rooms"))
     result = arena("validate", "halls", *options, "--json", str(tmp_path / "rows.json"))

@@ -18,6 +18,8 @@ from scenes.memory import limited_memory
 from tests.command_line import arena_here, environment, failure
 from tests.isac_arena.cli.sweep_files import CAMPAIGN
 
+pytestmark = pytest.mark.whole  # whole commands: `.ci/run` runs them after the quick tests
+
 # Workers start after the first stop
 AT_ONCE = "from isac_arena.workers import stops; stops.START_S = float('-inf')"
 # A command that a shell starts in the background ignores interrupts

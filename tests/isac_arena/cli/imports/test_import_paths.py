@@ -98,6 +98,7 @@ def test_every_format_gives_the_records_of_the_public_file(kind: str, table: pd.
                     np.testing.assert_array_equal(x, y, err_msg=name)
 
 
+@pytest.mark.whole
 def test_the_map_has_the_same_bits_as_that_of_the_public_file(table: pd.DataFrame, tmp_path: Path) -> None:
     table.to_csv(tmp_path / "table.csv", index=False)
     made_up_file(tmp_path)
