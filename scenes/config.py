@@ -5,7 +5,6 @@ from __future__ import annotations
 import tomllib
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -40,6 +39,7 @@ from scenes.walks.trajectory import AnyWalk
 LIBRARY = Path(__file__).parent / "library"
 MIN_DISTANCE_M = 0.05  # between TX and RX: nearer points are not in the far field
 DEFAULT_MARGIN_M = 1.0  # default bounds: this margin around all objects and stops
+FAR_OUT = 10.0  # times the longer side of the bounds: what reaches farther out of them is in another unit
 
 GIVEN_WALKS = (WaypointWalkConfig, RecordedWalkConfig, PosesWalkConfig)
 
@@ -95,10 +95,16 @@ class SceneConfig(ConfigModel):
             with naming_field(f"materials.{name}"):
                 materials[name] = material.build(name, frequency_hz)
         objects = [item.build(materials, folder) for item in self.objects]
+        fields = [f"objects[{item.name}]" for item in self.objects]
         for plan in self.floorplans:
-            objects += plan.build(materials, folder)
-        objects += [item.build(folder) for item in self.targets]
+            walls = plan.build(materials, folder)
+            fields += [f"floorplans[{plan.given_name}].{plan.file}: wall {item.name}" for item in walls]
+            objects += walls
         clutter = [item.build(materials, folder) for item in self.meshes]
+        fields += [f"meshes[{item.name}]" for item in clutter]
+        if self.bounds_m is not None:
+            _check_near(self.bounds_m, dict(zip(fields, [*objects, *clutter], strict=True)))
+        objects += [item.build(folder) for item in self.targets]
         given = dict(self._given_walks(folder))
         bounds = self.bounds_m or self._bounds_round(objects, clutter, given.values())
         walks = given | dict(self._random_walks(objects, clutter, bounds))
@@ -139,7 +145,7 @@ class SceneConfig(ConfigModel):
         """Names and walks that are given in the scene file or in a trajectory file."""
         for item in self._walk_configs:
             if isinstance(item, GIVEN_WALKS):
-                with self._walk_field(item.name):
+                with naming_field(self.walk_field(item.name)):
                     yield item.name, _timed(item, item.build(folder))
 
     def _random_walks(
@@ -155,11 +161,12 @@ class SceneConfig(ConfigModel):
                 obstacles += [_footprint(one) for one in clutter if one.bounds_m[0][2] <= item.height_m]
                 if not isinstance(item, RandomWalkConfig):
                     obstacles += [Circle(np.array(tx.position_m[:2]), MIN_DISTANCE_M) for tx in self._tx_configs]
-                with self._walk_field(item.name):
+                with naming_field(self.walk_field(item.name)):
                     yield item.name, _timed(item, item.build(obstacles, bounds_m))
 
-    def _walk_field(self, name: str) -> AbstractContextManager[None]:
-        return naming_field(f"walks[{name}]" if self.walks else "walk")
+    def walk_field(self, name: str) -> str:
+        """The field of the walk of that name."""
+        return f"walks[{name}]" if self.walks else "walk"
 
     def _bounds_round(
         self, objects: Sequence[SceneObject], clutter: Sequence[Clutter], walks: Iterable[AnyWalk]
@@ -177,6 +184,18 @@ class SceneConfig(ConfigModel):
 def _timed(config: WalkConfig, walk: AnyWalk) -> AnyWalk:
     """A walk with the speed and the times of its settings."""
     return replace(walk, speed_m_s=config.speed_m_s, stop_interval_s=config.stop_interval_s)
+
+
+def _check_near(bounds_m: Bounds, solids: Mapping[str, SceneObject | Clutter]) -> None:
+    """`ValueError` if one of the solids, by its field, reaches so far out of the bounds that its unit is wrong."""
+    low, high = np.array(bounds_m[:2]), np.array(bounds_m[2:])
+    for field, item in solids.items():
+        item_low, item_high = (corner[:2] for corner in item.bounds_m)
+        if max(*(low - item_low), *(item_high - high)) > FAR_OUT * (high - low).max() > 0:
+            reach = " to ".join("({:.6g}, {:.6g})".format(*corner) for corner in (item_low, item_high))
+            hint = f"; {item.unit_hint}" if isinstance(item, Clutter) else ""
+            near = f"must lie in or near bounds_m = {list(bounds_m)}, all in metres"
+            raise ValueError(f"{field} reaches from {reach}: {near}{hint}")
 
 
 def _check_places(bounds_m: Bounds, txs: Mapping[str, Pose], walks: Mapping[str, AnyWalk]) -> None:
@@ -255,24 +274,28 @@ def referenced_contents(config: SceneConfig, folder: Path) -> dict[str, bytes]:
     """Contents of all files that a scene file in `folder` refers to, by the name of their copies.
 
     These are floor plans, meshes, walks and motions. A copied scene file needs these copies in its folder: see
-    `scenes.references.find_file`.
+    `scenes.references.find_file`. Raises `ConfigError` with the field of a file that cannot be read.
     """
-    named = [*(item.file for item in config.floorplans), *(item.file for item in config.meshes)]
+    named = [(f"floorplans[{item.given_name}]", item.file) for item in config.floorplans]
+    named += [(f"meshes[{item.given_name}]", item.file) for item in config.meshes]
     walks = [item for item in config._walk_configs if isinstance(item, RecordedWalkConfig | PosesWalkConfig)]
-    named += [item.file for item in walks if item.file is not None]
-    moving = [item.motion for item in config.objects] + [item.motion for item in config.meshes]
-    moving += [item.motion for item in config.targets]
-    moving += [item.motion for item in config._tx_configs]
-    named += [motion.file for motion in moving if isinstance(motion, RecordedMotionConfig)]
-    return {copy_name(file): _content(find_file(folder, file)) for file in (str(Path(name)) for name in named)}
+    named += [(config.walk_field(item.name), item.file) for item in walks if item.file is not None]
+    moving = [(f"objects[{item.name}]", item.motion) for item in config.objects]
+    moving += [(f"meshes[{item.given_name}]", item.motion) for item in config.meshes]
+    moving += [(f"targets[{item.name}]", item.motion) for item in config.targets]
+    moving += [(f"tx '{item.name}'", item.motion) for item in config._tx_configs]
+    named += [
+        (f"{field}.motion", motion.file) for field, motion in moving if isinstance(motion, RecordedMotionConfig)
+    ]
+    return {copy_name(file): _content(field, folder, file) for field, file in named}
 
 
-def _content(file: Path) -> bytes:
-    """The bytes of a file; `ConfigError` where it cannot be read."""
+def _content(field: str, folder: Path, file: str) -> bytes:
+    """The bytes of the file that a field names; `ConfigError` where it cannot be read."""
     try:
-        return read_input(file)
+        return read_input(find_file(folder, file))
     except OSError as error:
-        raise ConfigError(f"{file}: cannot be read ({error.strerror})") from error
+        raise ConfigError(f"{field}.file = '{file}': cannot be read ({error.strerror})") from error
 
 
 def _footprint(item: Clutter) -> Contour:

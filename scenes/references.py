@@ -8,7 +8,7 @@ KEPT_FOLDER = "scene_files"  # folder beside a copied scene file with copies of 
 
 def copy_name(file: str) -> str:
     """Path, relative to a copied scene file, of the copy of a file that the scene file refers to."""
-    return f"{KEPT_FOLDER}/{quote(file, safe='')}"
+    return f"{KEPT_FOLDER}/{quote(str(Path(file)), safe='')}"
 
 
 def find_file(folder: Path, file: str) -> Path:

@@ -52,6 +52,7 @@ class ConfigModel(BaseModel):
         if unknown:
             allowed = [key for key in cls.model_fields if key not in data]
             close = get_close_matches(unknown[0], allowed, n=2)
+            close = close or get_close_matches(unknown[0], cls.model_fields, n=2)  # a change to one that is there
             hint = f"did you mean {' or '.join(close)}?" if close else f"allowed: {', '.join(cls.model_fields)}"
             raise PydanticCustomError("unknown_key", "{hint}", {"hint": hint, "key": unknown[0]})
         return data

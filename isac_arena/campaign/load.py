@@ -21,11 +21,12 @@ from scenes.config import LIBRARY as SCENES
 from scenes.config import SceneConfig, load_scene, referenced_contents, scene_path, with_base
 from scenes.names import path_in
 from scenes.scene import Scene
-from scenes.toml_config import ConfigError, load_config, read_text, validate_config
+from scenes.toml_config import ConfigError, load_config, naming_field, read_text, validate_config
 from sim.links import tx_links, with_link_stops
 from sim.transmitters import ALL, first_tx
 
 LIBRARY = Path(__file__).parent / "library"
+FIELD = re.compile(r"[\w.]+(\[[^]]*\][\w.]*)*( = | is missing|: | reaches)")  # at the start of a message
 
 
 @dataclass(frozen=True)
@@ -62,12 +63,15 @@ class SceneSource:
             try:
                 return campaign_scene(config, file)
             except ValueError as error:
-                raise ValueError(str(error).replace(f"{file}: ", "")) from error
+                message = str(error).removeprefix(f"{file}: ")
+                raise ValueError(f"scene.{message}" if FIELD.match(message) else message) from error
 
 
 def read_scene_source(file: Path) -> SceneSource:
     """A scene file with the files that it names; `ConfigError` where one is missing or wrong."""
-    text, files = read_text(file), referenced_contents(load_config(file, SceneConfig), file.parent)
+    text, config = read_text(file), load_config(file, SceneConfig)
+    with naming_field(str(file), ": "):
+        files = referenced_contents(config, file.parent)
     tables = tomllib.loads(text)
     if "base" in tables:  # the whole scene, as it is now
         return SceneSource(tomli_w.dumps(with_base(tables)), files)
@@ -93,7 +97,7 @@ def changed_campaign(
     Raises `ConfigError` as `load_campaign` does.
     """
     changed, changes = copy.deepcopy(dict(document)), list(changes)
-    in_scene = [(field.partition(".")[2], value) for field, value in changes if field.startswith("scene.")]
+    in_scene = [(field, value) for field, value in changes if field.startswith("scene.")]
     for field, value in changes:
         if not field.startswith("scene."):
             put_field(changed, field, value)
@@ -102,10 +106,10 @@ def changed_campaign(
     if in_scene:
         tables = before = tomllib.loads(scene.text)
         for field, value in in_scene:
-            tried = copy.deepcopy(tables)
+            tried = {"scene": copy.deepcopy(tables)}
             put_field(tried, field, value)
-            if not _is_same_scene(tried, tables):
-                tables = tried
+            if not _is_same_scene(tried["scene"], tables):
+                tables = tried["scene"]
         if tables is not before:
             scene = replace(scene, text=tomli_w.dumps(tables), file=None)
     return config, scene

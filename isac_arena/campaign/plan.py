@@ -9,9 +9,10 @@ from isac_arena.campaign.chain.inputs import walk_settings
 from isac_arena.campaign.config import CampaignConfig, methods
 from isac_arena.progress import counted, listed
 from isac_arena.scoring.doubts import few_stops
+from scenes.objects.clutter import Clutter
 from scenes.pose import SPEED_OF_LIGHT_M_S
-from scenes.record import concatenate
-from scenes.scene import Scene
+from scenes.record import FloatArray, concatenate
+from scenes.scene import Scene, SceneObject
 from scenes.walks.trajectory import LEAST_STOPS, follow_one_another
 from sim.config import ArrayConfig, LinkKind
 from sim.links import TxLink, tx_links
@@ -24,6 +25,9 @@ LEAST_BIAS_M = 0.02  # of positions, from heights that the beams do not see: sma
 BEHIND_DB = 25.0  # a line of sight weaker than this in the best beams lies behind the panels
 COARSE = 4.0  # a delay cell of so many times the extent of an object shows it as a point
 LARGE_MESH = 3.0  # times the extent of all else: a mesh in another unit is a hundred times larger
+FAR_M = 1.0  # beyond bounds, floor or ceiling: walls have a thickness
+OTHER_UNIT = 300.0  # times the extent of TX and walk, or of the objects: the other is in another unit
+LONGEST_M = 1000.0  # extent of TX and walk; a link at 60 GHz reaches less
 ELEVATION_METHODS = "'coherent', 'incoherent' or 'auto'"
 SAMPLE_BYTES = 8
 ROLES = {
@@ -79,7 +83,7 @@ def plan_run(config: CampaignConfig, scene: Scene, link: Link) -> RunPlan:
     walks = links[0].config.role.receiver is None
     heights = _about_heights(config, scene, link, by_tx[0]) if walks else ()
     in_sight = (*heights, *_about_sight(scene, seen))
-    about = (*_about_settings(config, scene), *in_sight, *_about_meshes(scene), *_about_cells(scene, link))
+    about = (*_about_settings(config, scene), *in_sight, *_about_places(scene), *_about_cells(scene, link))
     return RunPlan(does, (*about, *_about_stops(config, scene)))
 
 
@@ -140,22 +144,43 @@ def _about_settings(config: CampaignConfig, scene: Scene) -> Iterator[str]:
         )
 
 
-def _about_meshes(scene: Scene) -> Iterator[str]:
-    """Meshes far larger than all else, or far outside of it: of another unit, or at a wrong place."""
-    around = [np.array(item.contour.bounds_m).reshape(2, 2) for item in scene.fixtures]
-    places_m = np.concatenate([*around, scene.walk.positions_m()[:, :2], scene.tx.position_m[None, :2]])
-    low, high = places_m.min(axis=0), places_m.max(axis=0)
-    extent_m = float((high - low).max())
+def _about_places(scene: Scene) -> Iterator[str]:
+    """What has another unit than all else, lies out of the bounds, or where something else stands."""
+    devices = np.vstack([scene.walk.positions_m()[:, :2], scene.tx.position_m[:2]])
+    around = [corner[:2] for item in scene.fixtures for corner in item.bounds_m]
+    devices_m, objects_m = _extent_m(devices), _extent_m(np.reshape(around, (-1, 2))) if around else 0.0
+    spans = f"TX and walk span {devices_m:.1f} m, the objects {objects_m:.1f} m"
+    if around and max(devices_m, objects_m) > OTHER_UNIT * max(1.0, min(devices_m, objects_m)):
+        yield f"{spans}: are some in millimetres? All lengths are in metres"
+    elif devices_m > LONGEST_M:
+        yield f"{spans}: are they in millimetres? All lengths are in metres"
+    places_m = np.vstack([devices, *around])
+    low, high, extent_m = places_m.min(axis=0), places_m.max(axis=0), _extent_m(places_m)
     for mesh in scene.clutter:
-        mesh_low, mesh_high = (corner[:2] for corner in mesh.bounds_m)
-        size_m = float((mesh_high - mesh_low).max())
-        if size_m > LARGE_MESH * extent_m:
-            yield (
-                f"mesh {mesh.name} is {size_m:.3g} m large, all else {extent_m:.3g} m: "
-                "a file in millimetres needs scale = 0.001"
-            )
-        elif (mesh_high < low).any() or (mesh_low > high).any():
+        mesh_m = np.array(mesh.bounds_m)[:, :2]
+        if (size_m := _extent_m(mesh_m)) > LARGE_MESH * extent_m:
+            yield f"mesh {mesh.name} is {size_m:.4g} m large, all else {extent_m:.3g} m: {mesh.unit_hint}"
+        elif (mesh_m[1] < low).any() or (mesh_m[0] > high).any():
             yield f"mesh {mesh.name} lies outside of all else: check its position_m and scale"
+        met = [item.name for item in scene.fixtures if not item.may_overlap and mesh.overlaps(item)]
+        if met and not scene.movers.keys() & {mesh.name, *met}:
+            yield f"mesh {mesh.name} overlaps {listed(met)}: move one of them"
+    solids: list[SceneObject | Clutter] = [*scene.fixtures, *scene.clutter]
+    beyond = {item.name: _beyond_m(scene, item) for item in solids}
+    if far := [name for name, out_m in beyond.items() if out_m > FAR_M]:
+        yield (
+            f"up to {max(beyond.values()):.3g} m out of bounds_m, floor or ceiling: {listed(far)}; "
+            "check their units and places, or bounds_m"
+        )
+
+
+def _beyond_m(scene: Scene, item: SceneObject | Clutter) -> float:
+    """How far something reaches out of the bounds, below the floor or above the ceiling."""
+    x_min, y_min, x_max, y_max = scene.bounds_m
+    low = np.array([x_min, y_min, scene.floor.z_m if scene.floor else -np.inf])
+    high = np.array([x_max, y_max, scene.ceiling.z_m if scene.ceiling else np.inf])
+    item_low, item_high = item.bounds_m
+    return float(max(*(low - item_low), *(item_high - high)))
 
 
 def _about_stops(config: CampaignConfig, scene: Scene) -> Iterator[str]:
@@ -251,12 +276,13 @@ def _about_cells(scene: Scene, link: Link) -> Iterator[str]:
     cell_m = SPEED_OF_LIGHT_M_S / (step_hz * len(link.frequency_offset_hz))
     small = [
         item.name for item in scene.fixtures
-        if item.contour.closed and item.kind != "wall" and _extent_m(item.contour.bounds_m) * COARSE < cell_m
+        if item.contour.closed and item.kind != "wall"
+        and _extent_m(np.reshape(item.contour.bounds_m, (2, 2))) * COARSE < cell_m
     ]  # fmt: skip
     if small:
         yield f"a delay cell is {cell_m:.2g} m long, these are far smaller and look like points: {listed(small)}"
 
 
-def _extent_m(bounds_m: tuple[float, float, float, float]) -> float:
-    x_min, y_min, x_max, y_max = bounds_m
-    return float(max(x_max - x_min, y_max - y_min))
+def _extent_m(point_m: FloatArray) -> float:
+    """The longer side of the box around points (point, xy)."""
+    return float(np.ptp(point_m, axis=0).max())

@@ -18,20 +18,25 @@ JOIN_TOLERANCE_M = 5e-3  # segments this close to one line and to each other alo
 BLOCK = 128  # segments whose neighbours are looked up at once
 MAX_NEAR_PAIRS = 5_000_000  # 0.6 GB while they are compared
 SHOWN = 40  # characters of a wrong cell in a message
+SEPARATORS = {";": "semicolons", "\t": "tabulators", "|": "bars"}  # that other programs write
 MAX_ANGLE_RAD = 1e-2  # between segments of one wall
 
 
 def parse_segments(text: str) -> FloatArray:
     """Segments (segment, end, xy) in m from CSV text with the columns x0_m, y0_m, x1_m, y1_m.
 
-    Other columns and empty lines are ignored. Raises `ValueError` with the line and the column if a number is
-    missing, invalid or not finite, or if a segment has no length.
+    Other columns and empty lines are ignored. Raises `ValueError` with the line if it has too few or too many
+    values or a segment has no length, and with the column too if a number is invalid or not finite.
     """
     rows = csv.DictReader(text.splitlines())
     try:
         missing = [name for name in COLUMNS if name not in (rows.fieldnames or [])]
         if missing:
-            raise ValueError(f"column {missing[0]} is missing: the first line must name {', '.join(COLUMNS)}")
+            found = ",".join(rows.fieldnames or [])
+            other = next((name for mark, name in SEPARATORS.items() if mark in found), "")
+            hint = f"; commas must separate the values, not {other}, and a decimal point is a dot" if other else ""
+            needed = f"the first line must name {', '.join(COLUMNS)}"
+            raise ValueError(f"column {missing[0]} is missing: {needed}{hint}")
         segments = np.array(list(_numbers(rows)), float).reshape(-1, 2, 2)
     except csv.Error as error:
         raise ValueError(f"line {rows.line_num + 1}: no CSV ({error})") from error
@@ -97,12 +102,18 @@ def _segments_of(line: Any) -> FloatArray:
 
 
 def _numbers(rows: csv.DictReader[str]) -> Iterator[list[float]]:
+    names = rows.fieldnames or []
     for row in rows:
+        beyond = row.pop(None, [])  # empty values at the end do no harm
+        if any(beyond) or None in map(row.get, COLUMNS):
+            given = sum(value is not None for value in row.values()) + len(beyond)
+            needed = f"{len(names)} are needed, those that the first line names: {','.join(names)}"
+            raise ValueError(f"line {rows.line_num} has {given} value(s): {needed}")
         values = []
         for name in COLUMNS:
             try:
                 values.append(float(row[name]))
-            except (TypeError, ValueError):
+            except ValueError:
                 values.append(np.nan)
             if not abs(values[-1]) <= LARGEST_LENGTH_M:
                 found = f"{name} = {_cut(row[name])!r}"
@@ -162,8 +173,8 @@ def _are_one(segments: FloatArray, pairs: IntArray, tolerance_m: float) -> BoolA
     return np.asarray(on_line & meets)
 
 
-def _cut(text: str | None) -> str | None:
-    return text if text is None or len(text) <= SHOWN else f"{text[:SHOWN]}..."
+def _cut(text: str) -> str:
+    return text if len(text) <= SHOWN else f"{text[:SHOWN]}..."
 
 
 def _spanned(segments: FloatArray) -> FloatArray:

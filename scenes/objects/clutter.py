@@ -16,6 +16,7 @@ import shapely
 
 from scenes.motion.motion import Motion
 from scenes.objects.material import Material
+from scenes.objects.scene_object import OVERLAP_TOLERANCE_M, SceneObject
 from scenes.pose import LARGEST_LENGTH_M
 from scenes.record import BoolArray, FloatArray, IntArray, Record, array
 
@@ -41,6 +42,7 @@ class Clutter(Record):
     vertices_m: FloatArray = array("vertex", "xyz", unit="m", doc="corners of the triangles")
     faces: IntArray = array("face", "corner", dtype=int, doc="vertex index of each corner")
     motion: Motion | None = None
+    scale: float = 1.0  # metres of one unit of its file
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -68,6 +70,13 @@ class Clutter(Record):
         """Lowest and highest coordinates, each (xyz,) in m."""
         used = self.vertices_m[self.faces].reshape(-1, 3)
         return used.min(axis=0), used.max(axis=0)
+
+    @property
+    def unit_hint(self) -> str:
+        """What to do where the mesh has the size of another unit, which depends on the scale that is given."""
+        if self.scale == 1.0:
+            return "a file in millimetres needs scale = 0.001"
+        return f"scale = {self.scale:g} is given; a file in metres needs 1, one in millimetres 0.001"
 
     @property
     def pivot_m(self) -> FloatArray:
@@ -99,6 +108,38 @@ class Clutter(Record):
         """Corners (face, corner, xy) in m in plan view, and which faces stand upright (face,)."""
         corners = self.vertices_m[self.faces][..., :2]
         return corners, np.abs(np.linalg.det(np.diff(corners, axis=1))) < LEAST_PLAN_AREA_M2
+
+    def overlaps(self, item: SceneObject) -> bool:
+        """Whether the mesh and an object have a common part that is thicker than 1 mm."""
+        (low, high), (item_low, item_high) = self.bounds_m, item.bounds_m
+        if ((high < item_low) | (low > item_high)).any():
+            return False
+        rim_m = OVERLAP_TOLERANCE_M / 2
+        body = item.contour.body()
+        sides = [body.buffer(-rim_m)] if item.contour.closed else [body.offset_curve(s * rim_m) for s in (-1, 1)]
+        parts = self._plan_between(item.z_min_m + rim_m, item.z_max_m - rim_m)
+        if all(shapely.intersects(side, parts).any() for side in sides):
+            return True
+        inner = shapely.point_on_surface(sides[0])
+        height_m = (item.z_min_m + item.z_max_m) / 2
+        return not inner.is_empty and bool(self.contains([[inner.x, inner.y, height_m]])[0])
+
+    def _plan_between(self, low_m: float, high_m: float) -> Any:
+        """The parts of the faces between two heights, in plan view; faces beyond are left out."""
+        corner = self.vertices_m[self.faces]
+        start, along = corner, np.roll(corner, -1, axis=1) - corner  # (face, edge, xyz)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ends = (np.array([low_m, high_m]) - start[..., 2:]) / along[..., 2:]
+        within = (start[..., 2] >= low_m) & (start[..., 2] <= high_m)
+        level = along[..., 2] == 0
+        first = np.where(level, np.where(within, 0.0, 2.0), ends.min(axis=-1).clip(0.0))
+        last = np.where(level, 1.0, ends.max(axis=-1).clip(max=1.0))
+        face, edge = np.nonzero(first <= last)
+        share = np.stack([first[face, edge], last[face, edge]], axis=1)
+        points = start[face, edge, None, :2] + share[..., None] * along[face, edge, None, :2]
+        corners = shapely.points(points.reshape(-1, 2))
+        parts = shapely.multipoints(corners, indices=np.unique(np.repeat(face, 2), return_inverse=True)[1])
+        return shapely.convex_hull(parts)
 
     def area_m2(self) -> float:
         """Area of all faces in m^2."""

@@ -112,9 +112,14 @@ class FloorplanConfig(ConfigModel):
     z_min_m: float = Field(0.0, description="lower end")
     z_max_m: float = Field(description="upper end")
 
+    @property
+    def given_name(self) -> str:
+        """The name; by default that of the file."""
+        return self.name or name_from(Path(self.file).stem)
+
     def build(self, materials: dict[str, Material], folder: Path) -> list[SceneObject]:
-        """One object per straight wall: NAME_1, NAME_2, ... The default NAME is that of the file."""
-        name = self.name or name_from(Path(self.file).stem)
+        """One object per straight wall: NAME_1, NAME_2, ..."""
+        name = self.given_name
         with naming_field(f"floorplans[{name}]"):
             material = find_material(self.material, materials)
             with naming_field(self.file, ": "):
@@ -140,17 +145,22 @@ class MeshConfig(ConfigModel):
     rotation_deg: Triple = Field((0.0, 0.0, 0.0), description="rotation about x, then y, then z")
     motion: MotionConfig | None = Field(None, description="how the mesh moves; by default it stands")
 
+    @property
+    def given_name(self) -> str:
+        """The name; by default that of the file."""
+        return self.name or name_from(Path(self.file).stem)
+
     def build(self, materials: dict[str, Material], folder: Path) -> Clutter:
-        """The mesh. The default name is that of the file."""
+        """The mesh."""
         from scenes.meshes.mesh import read_mesh  # noqa: PLC0415
 
-        name = self.name or name_from(Path(self.file).stem)
+        name = self.given_name
         with naming_field(f"meshes[{name}]"):
             material = find_material(self.material, materials)
             vertices, faces = read_mesh(find_file(folder, self.file))
         vertices = placed_vertices(vertices, self.position_m, self.scale, np.deg2rad(self.rotation_deg).tolist())
         with naming_field(f"meshes[{name}]", ": "):
-            item = Clutter(name, self.kind, material, vertices, faces)
+            item = Clutter(name, self.kind, material, vertices, faces, scale=self.scale)
         with naming_field(f"meshes[{name}]"):
             return replace(item, motion=build_motion(self.motion, folder, item.pivot_m))
 

@@ -68,6 +68,12 @@ class SceneObject:
         middle = self.contour.body().centroid
         return np.array([middle.x, middle.y, self.z_min_m])
 
+    @property
+    def bounds_m(self) -> tuple[FloatArray, FloatArray]:
+        """Lowest and highest coordinates, each (xyz,) in m."""
+        x_min, y_min, x_max, y_max = self.contour.bounds_m
+        return np.array([x_min, y_min, self.z_min_m]), np.array([x_max, y_max, self.z_max_m])
+
 
 def check_overlaps(objects: Sequence[SceneObject]) -> None:
     """Raise `ValueError` with the names of two solids that overlap, unless one of them has `may_overlap`.

@@ -88,6 +88,8 @@ def test_settings_change_by_tables_and_by_paths() -> None:
     assert changed.scene.object("pillar").contour.radius_m == 0.4  # type: ignore[attr-defined]
     with pytest.raises(ConfigError, match=r"^campaign box_room: link.tx_power = 1: .*did you mean tx_power"):
         ia.load_campaign("box_room", link={"tx_power": 1})
+    with pytest.raises(ValueError, match=r"^scene\.walk\.nstops = 3: unknown key; did you mean n_stops\?$"):
+        ia.load_campaign("box_room", **{"scene.walk.nstops": 3})
 
 
 def same_scene(one: Scene, other: Scene) -> None:

@@ -121,6 +121,11 @@ MISTAKES = [
         r"objects\[pillar\]\.contour\.vertices_m = .*must not cross",
     ),
     (
+        "x_m = [7.0, 8.0], y_m = [5.0, 5.8]",
+        "x_m = [7000.0, 8000.0], y_m = [5000.0, 5800.0]",
+        r"objects\[box\] reaches from \(7000, 5000\) to \(8000, 5800\): must lie in or near .*, all in metres",
+    ),
+    (
         'type = "circle", center_m = [5.0, 5.5]',
         'type = "circle", center_m = [5.0, nan]',
         r"objects\[pillar\]\.contour\.center_m\[1\] = NaN: must be a finite",

@@ -59,9 +59,14 @@ def test_unequal_heights_with_horizontal_beams() -> None:
 @pytest.mark.parametrize(
     ("change", "wanted"),
     [
-        ({"scale": 1000.0, "position_m": [200.0, 0.0, 0.0]}, "mesh cart is 300 m large, all else 10"),
+        (
+            {"scale": 300.0, "position_m": [60.0, 0.0, 0.0]},
+            "mesh cart is 90 m large, all else 10.3 m: scale = 300 is",
+        ),
         ({"position_m": [40.0, 2.0, 0.0]}, "mesh cart lies outside of all else"),
-        ({"position_m": [4.0, 3.0, 0.0]}, None),
+        ({"position_m": [5.1, 5.5, 0.3]}, "mesh cart overlaps pillar: move one of them"),
+        ({"position_m": [10.0, 2.0, 0.3]}, "mesh cart overlaps wall_east: move one of them"),
+        ({"position_m": [4.0, 3.0, 0.3]}, None),
     ],
 )
 def test_meshes_in_another_unit_or_elsewhere_are_told(
@@ -70,8 +75,24 @@ def test_meshes_in_another_unit_or_elsewhere_are_told(
     monkeypatch.chdir(tmp_path)
     trimesh.creation.box((0.3, 0.2, 0.4)).export("cart.stl")
     mesh = {"name": "cart", "file": "cart.stl", "material": "metal"} | change
-    told = [one for one in doubts({**ROOM, "meshes": [mesh]}) if "mesh cart is" in one or "outside" in one]
-    assert [one[: len(wanted)] for one in told] == [wanted] if wanted else not told
+    told = [one for one in doubts({**ROOM, "meshes": [mesh]}) if "mesh cart " in one and "facet" not in one]
+    assert [one[: len(wanted or "")] for one in told] == ([wanted] if wanted else [])
+
+
+def test_places_in_another_unit_are_told() -> None:
+    def told(**changes: Any) -> list[str]:
+        return [one for one in doubts({**ROOM, **changes}) if "in metres" in one or "bounds_m" in one]
+
+    assert not told()
+    tall = [item | {"z_max_m": 5.5} if item["name"] == "pillar" else item for item in ROOM["objects"]]
+    [high] = told(objects=tall)
+    assert high.startswith("up to 2.5 m out of bounds_m, floor or ceiling: pillar; check their units")
+    room = {name: value for name, value in ROOM.items() if name != "bounds_m"}
+    far = {"type": "rectangle", "x_m": [0.0, 10000.0], "y_m": [-0.15, 0.0]}
+    objects = [item | {"contour": far} if item["name"] == "wall_south" else item for item in room["objects"]]
+    campaign = ia.load_campaign("box_room", scene={**room, "objects": objects})
+    [long] = [one for one in plan_run(campaign.config, campaign.scene, campaign.link).doubts if "in metres" in one]
+    assert long.startswith("TX and walk span 7.0 m, the objects 10000.1 m: are some in millimetres?")
 
 
 def test_elevations_that_the_method_ignores_are_refused(tmp_path: Path) -> None:

@@ -75,6 +75,15 @@ MISTAKES = [
     ),
     (MESH.format(kind="stl", more="").replace('"wood"', '"tin"'), r"meshes\[crate\]\.material = 'tin'"),
     (PLAN.replace("plan.csv", "none.csv"), r"floorplans\[plan\]\.none\.csv: .*none\.csv: cannot be read"),
+    (
+        MESH.format(kind="stl", more="scale = 1000.0\n"),
+        r"meshes\[crate\] reaches from \(-497, -294\) to \(503, 306\): must lie in or near bounds_m = .*; "
+        "scale = 1000 is given; a file in metres needs 1, one in millimetres 0.001",
+    ),
+    (
+        MESH.format(kind="stl", more="").replace("[3.0,", "[3000.0,"),
+        r"meshes\[crate\] reaches .* needs scale = 0\.001",
+    ),
     (PLAN.replace("2.2", "0.0"), r"floorplans\[plan\]\.z_max_m = 0\.0: must be greater"),
 ]
 
@@ -86,6 +95,38 @@ def test_mistakes_name_the_mesh_or_the_plan(load, more, message):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        (
+            MESH.format(kind="xyz", more=""),
+            r"^meshes\[crate\]\.file = 'crate\.xyz': cannot be read \(No such file",
+        ),
+        (PLAN.replace("plan.csv", "no.csv"), r"^floorplans\[plan\]\.file = 'no\.csv': cannot be read"),
+        (
+            MESH.format(kind="stl", more='motion = { type = "file", file = "no.tum" }\n'),
+            r"^meshes\[crate\]\.motion\.file = 'no\.tum': cannot be read",
+        ),
+    ],
+)
+def test_a_missing_file_is_named_by_its_field(folder, more, message):
+    (folder / "room.toml").write_text(ROOM + more)
+    config = load_config(folder / "room.toml", SceneConfig)
+    with pytest.raises(ConfigError, match=message):
+        referenced_contents(config, folder)
+
+
+def test_copies_are_found_under_any_spelling_of_their_file(folder, tmp_path):
+    text = ROOM + PLAN.replace("plan.csv", "./plan.csv")
+    (folder / "room.toml").write_text(text)
+    files = referenced_contents(load_config(folder / "room.toml", SceneConfig), folder)
+    for name, data in files.items():
+        (tmp_path / "copy" / name).parent.mkdir(parents=True)
+        (tmp_path / "copy" / name).write_bytes(data)
+    (tmp_path / "copy" / "scene.toml").write_text(text)
+    assert load_scene(tmp_path / "copy" / "scene.toml").object_names[-1] == "plan_2"
+
+
 def test_broken_files_are_named(load, folder):
     (folder / "crate.obj").write_text("nothing here")
     with pytest.raises(ConfigError, match=r"meshes\[crate\]\.file = .*crate\.obj"):
@@ -95,6 +136,11 @@ def test_broken_files_are_named(load, folder):
         load(ROOM + MESH.format(kind="stl", more=""))
     (folder / "plan.csv").write_text("x0_m,y0_m,x1_m,y1_m\n0,0,inf,0\n")
     with pytest.raises(ConfigError, match=r"floorplans\[plan\]\.plan\.csv: line 2: x1_m = 'inf'"):
+        load(ROOM + PLAN)
+    (folder / "plan.csv").write_text("x0_m,y0_m,x1_m,y1_m\n4000,6200,4000,9000\n")
+    with pytest.raises(
+        ConfigError, match=r"floorplans\[plan\]\.plan\.csv: wall plan_1 reaches from \(4000, 6200\)"
+    ):
         load(ROOM + PLAN)
 
 

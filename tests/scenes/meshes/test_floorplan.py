@@ -50,6 +50,7 @@ def test_gaps_parallels_and_crossings_stay():
 def test_parse():
     text = "\ufeffname,x0_m,y0_m,x1_m,y1_m\na,0,0,1,0\n\nb,1,0,1,2.5\n".lstrip("\ufeff")
     np.testing.assert_array_equal(parse_segments(text), [[(0, 0), (1, 0)], [(1, 0), (1, 2.5)]])
+    np.testing.assert_array_equal(parse_segments(f"{HEADER}0,0,1,0,,\n"), [[(0, 0), (1, 0)]])
 
 
 @pytest.mark.parametrize(
@@ -59,7 +60,9 @@ def test_parse():
         ("", "column x0_m is missing"),
         (HEADER, "there is no segment"),
         (HEADER + "0,0,1,0\n0,0,nan,0\n", r"line 3: x1_m = 'nan': must be a finite number"),
-        (HEADER + "0,0,1\n", r"line 2: y1_m = None: must be a finite number"),
+        (HEADER + "0,0,1\n", r"line 2 has 3 value\(s\): 4 are needed, .*: x0_m,y0_m,x1_m,y1_m$"),
+        (HEADER + "0,0,1,0\n0,5,0,5,1,5,2,5\n", r"line 3 has 8 value\(s\): 4 are needed"),
+        ("x0_m;y0_m;x1_m;y1_m\n0;0;1;0\n", r"column x0_m is missing: .*commas must separate .*, not semicolons"),
         (HEADER + "0,0,1,a\n", r"line 2: y1_m = 'a'"),
         (HEADER + "1,1,1,1\n", r"line 2: the segment is shorter than 0\.005 m"),
     ],

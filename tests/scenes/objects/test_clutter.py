@@ -6,8 +6,10 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from scenes.contours import Circle, Polyline
 from scenes.objects.clutter import Clutter, mesh_crossings, placed_vertices
 from scenes.objects.material import Material
+from scenes.objects.scene_object import SceneObject
 
 WOOD = Material("wood", 2.0, 0.4)
 BOX = trimesh.creation.box((2.0, 1.0, 3.0))
@@ -53,6 +55,39 @@ def test_a_ball_blocks_the_legs_that_pass_its_centre_closer_than_its_radius(star
         return
     hit = blocked(clutter(BALL, scale=scale), start, end)[0]
     assert hit == (distance < 1 and not is_inside)
+
+
+PILLAR = SceneObject("pillar", "pillar", Circle(np.zeros(2), 0.4), 0.0, 3.0, WOOD)
+SHEET = SceneObject("sheet", "wall", Polyline(np.array([(0.0, -3.0), (0.0, 3.0)])), 0.0, 3.0, WOOD)
+
+
+@pytest.mark.parametrize(
+    ("move", "size_m", "in_pillar", "in_sheet"),
+    [
+        ((0.0, 0.0, 1.0), (2.0, 1.0, 1.0), True, True),  # the pillar goes through a box
+        ((0.0, 0.0, 1.5), (9.0, 9.0, 0.05), True, True),  # and through a plate whose edges are far
+        ((0.0, 0.0, 1.5), (0.1, 0.1, 0.1), True, True),  # a box inside the pillar
+        ((0.0, 0.0, 1.5), (2.0, 1.0, 5.0), True, True),  # the pillar inside a box
+        ((1.4, 0.0, 1.5), (2.0, 1.0, 1.0), False, False),  # side by side
+        ((1.39, 0.0, 1.5), (2.0, 1.0, 1.0), True, False),
+        ((1.0, 2.0, 1.5), (2.0, 1.0, 1.0), False, False),  # beside the sheet
+        ((0.99, 2.0, 1.5), (2.0, 1.0, 1.0), False, True),
+        ((0.0, 0.0, 3.5), (2.0, 1.0, 1.0), False, False),  # on top
+        ((0.0, 0.0, 3.49), (2.0, 1.0, 1.0), True, True),
+    ],
+)
+def test_overlaps_with_objects(move, size_m, in_pillar, in_sheet):
+    item = clutter(trimesh.creation.box(size_m), move=move)
+    assert (item.overlaps(PILLAR), item.overlaps(SHEET)) == (in_pillar, in_sheet)
+
+
+@given(height=st.floats(-1.0, 4.0), reach=st.floats(-2.0, 2.0))
+@settings(max_examples=40, deadline=None)
+def test_a_ball_overlaps_a_pillar_where_its_slice_does(height, reach):
+    below_m = max(0.0, -height, height - 3.0)  # of the middle of the ball from the pillar
+    wanted_m = np.sqrt(max(0.0, 1.0 - below_m**2)) + 0.4 - abs(reach) if below_m < 1.0 else -1.0
+    if abs(wanted_m) > 0.03 and abs(below_m - 1.0) > 0.03:  # the facets lie inside of the ball
+        assert clutter(BALL, move=(reach, 0.0, height)).overlaps(PILLAR) == (wanted_m > 0)
 
 
 def test_legs_in_chunks_and_turned_round(monkeypatch):
