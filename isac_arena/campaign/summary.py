@@ -15,7 +15,7 @@ from rich.table import Table
 from isac_arena.campaign.chain.inputs import walk_settings
 from isac_arena.campaign.config import CampaignConfig, methods
 from isac_arena.campaign.plan import link_roles, slam_of
-from isac_arena.scoring.headline import HEADS, headline
+from isac_arena.scoring.headline import HEADS, bound_note, headline
 from isac_arena.scoring.score import Scores
 from isac_arena.scoring.words import legend
 from isac_arena.user_functions.config import Stage
@@ -88,8 +88,9 @@ def score_table(scores: Scores) -> Table:
 
 
 def score_legend(scores: Scores) -> Iterator[str]:
-    """The meaning of every word of the score table, a line each."""
-    return legend(label for row in headline(scores.metrics) for label in (row[0], *HEADS))
+    """The meaning of every word of the score table, a line each, and what stops without a bound mean."""
+    yield from legend(label for row in headline(scores.metrics) for label in (row[0], *HEADS))
+    yield from filter(None, [bound_note(scores.tables.poses)])
 
 
 def scene_summary(scene: Scene) -> str:

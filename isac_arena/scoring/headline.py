@@ -4,7 +4,13 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
+from estimation.slam.record import SolveStatus
+from isac_arena.progress import listed
 from isac_arena.scoring.metrics.metric import Metric
+from isac_arena.scoring.metrics.statistics import rms
+from isac_arena.scoring.record import PoseScores
 
 HEADS = ("published", "this run", "bound", "unit")
 
@@ -71,3 +77,20 @@ def headline(metrics: Sequence[Metric]) -> Iterator[tuple[str, list[Metric | Non
             whole = known[row.whole].value if row.whole in known else math.nan
             unit = f"of {whole:g}" if math.isfinite(whole) else present.unit
             yield row.label, cells, "" if unit == "1" else unit
+
+
+def bound_note(poses: PoseScores) -> str:
+    """What the RMSE of poses is over the stops that have a bound, which that of the bound counts alone.
+
+    Empty where all stops have one, or none.
+    """
+    poses = poses.take("stop", poses.status != SolveStatus.GIVEN)
+    known = np.isfinite(poses.position_bound_m)
+    missing = poses.stop[np.isinf(poses.position_bound_m)].tolist()
+    error_m, heading_deg = rms(poses.position_error_m[known]), np.rad2deg(rms(poses.heading_error_rad[known]))
+    clock_ns = 1e9 * rms(poses.clock_error_s[known])
+    if not (missing and math.isfinite(error_m)):
+        return ""
+    without = f"without one: stop {listed(missing)} ({len(missing)} of {len(poses.stop)} stops)"
+    errors = f"{error_m:.3g} m, {heading_deg:.3g} deg, {clock_ns:.3g} ns"
+    return f"bound: {without}; RMSE of this run over the others: {errors}"

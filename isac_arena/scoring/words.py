@@ -6,7 +6,8 @@ from html import escape
 
 WORDS = {
     "published": "the paper's method on the same paths: snapshot SLAM of each stop alone, contours of clusters",
-    "bound": "Cramér-Rao bound: least RMSE from the paths of each stop alone; using other stops can beat it",
+    "bound": "Cramér-Rao bound: least RMSE from the paths of each stop alone, over the stops that have one; using "
+    "other stops can beat it",
     "stated": "what SLAM says itself of its errors, from its covariances: known without the truth",
     "doubtful": "position, heading or clock over 5 times its bound, a position behind the published method, "
     "errors over 3 times the stated ones, or 95 % regions of paths that hold less than 88 % of the true ones",

@@ -60,7 +60,7 @@ def stop_bounds(model: ChannelModel, paths: Paths, rx_pose: Pose, *, coherent: b
 def over_plan(model: ChannelModel, grid: PlanGrid) -> ChannelBoundMap:
     """Bounds of the strongest path at every place; the receiver has the heading of the first stop."""
     shape = grid.is_free.shape
-    std, has_los = np.full((3, *shape), np.nan), np.zeros(shape, bool)
+    std = np.full((3, *shape), np.nan)
     heading = float(model.prepared.scene.walk.headings_rad()[0])
     for at, position, paths in zip(np.argwhere(grid.is_free), grid.position_m, grid.paths, strict=True):
         pose = Pose(position, heading)
@@ -71,8 +71,7 @@ def over_plan(model: ChannelModel, grid: PlanGrid) -> ChannelBoundMap:
         best = int(np.argmax(bounds.snr_db))
         angles = bounds.aod_std_rad[best, 0], bounds.aoa_std_rad[best, 0]
         std[(slice(None), *at)] = bounds.delay_std_s[best], *angles
-        has_los[tuple(at)] = bool(kept.is_los.any())
-    return ChannelBoundMap(grid.x_m, grid.y_m, std[0], std[1], std[2], has_los, model.is_coherent)
+    return ChannelBoundMap(grid.x_m, grid.y_m, std[0], std[1], std[2], grid.has_los, model.is_coherent)
 
 
 def along_walk(model: ChannelModel, stops: Sequence[int]) -> Table:

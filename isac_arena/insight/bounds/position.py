@@ -1,6 +1,7 @@
 """Bounds of a campaign's receiver from the exact paths of its scene."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from rich.table import Table
@@ -19,7 +20,7 @@ from scenes.scene import Scene
 from sim.propagation.paths import BounceKind, Paths
 from sim.propagation.specular.solver import ExactSolver
 
-N_CELLS = 40  # of the grid along the longer side of the plan, by default
+MOST_CELLS = 120  # of the whole plan by default: about a minute where a place takes half a second
 MIN_TX_DISTANCE_M = 0.1  # no receiver stands closer to the TX
 SMOOTHNESS_M = 0.1  # second difference of the walk, per coordinate and stop^2
 SAME_LINE_DECIMALS = 6
@@ -64,48 +65,69 @@ def sees_elevations(config: CampaignConfig) -> bool:
 
 @dataclass(frozen=True)
 class PlanGrid:
-    """Places of a receiver over the plan, with the paths to the places that are free."""
+    """Places of a receiver over the plan, and the paths to those that are free."""
 
     x_m: FloatArray  # (x,)
     y_m: FloatArray  # (y,)
     is_free: BoolArray  # (y, x)
     position_m: FloatArray  # (place, xyz)
-    paths: list[Paths]  # (place,)
+    solver: ExactSolver
+
+    @cached_property
+    def paths(self) -> list[Paths]:
+        """Paths (place,) of the TX of the solver."""
+        return self.solver.paths(self.position_m)
+
+    @property
+    def step_m(self) -> float:
+        """Distance of neighbours."""
+        return float(np.diff(max(self.x_m, self.y_m, key=len)).max(initial=0.0))
+
+    @property
+    def has_los(self) -> BoolArray:
+        """Free places (y, x) that the TX sees: no object stands between them, whatever the beams do."""
+        seen = self.is_free.copy()
+        seen[self.is_free] = [paths.is_los.any() for paths in self.paths]
+        return seen
 
 
-def plan_grid(prepared: BoundInputs, step_m: float | None = None) -> PlanGrid:
-    """A grid over the whole plan, at the height of the walk, by default with `N_CELLS` along the longer side."""
+def plan_grid(prepared: BoundInputs, step_m: float | None = None, n_links: int = 1) -> PlanGrid:
+    """A grid over the whole plan, at the height of the walk, by default of at most `MOST_CELLS` square cells.
+
+    With several TX or links they share this number.
+    """
     scene = prepared.scene
     low, high = np.array(scene.bounds_m[:2]), np.array(scene.bounds_m[2:])
-    step_m = step_m or float((high - low).max() / N_CELLS)
-    x, y = (np.arange(low[axis] + step_m / 2, high[axis], step_m) for axis in (0, 1))
+    step_m = step_m or _default_step_m(high - low, max(1, MOST_CELLS // n_links))
+    x, y = (np.arange(low[axis] + min(step_m, (high - low)[axis]) / 2, high[axis], step_m) for axis in (0, 1))
     height = np.full((len(y), len(x)), scene.walk.height_m)
     places = np.stack([*np.meshgrid(x, y), height], axis=-1)
     to_tx = np.linalg.norm(places - scene.tx.position_m, axis=-1)
     is_free = (scene.object_index_at(places) < 0) & (to_tx >= MIN_TX_DISTANCE_M)
-    return PlanGrid(x, y, is_free, places[is_free], prepared.solver.paths(places[is_free]))
+    return PlanGrid(x, y, is_free, places[is_free], prepared.solver)
+
+
+def _default_step_m(size_m: FloatArray, most: int) -> float:
+    """The smallest step that divides the longer side of a plan (xy,) and makes at most so many cells."""
+    long_m, short_m = float(size_m.max()), float(size_m.min())
+    return long_m / next(n for n in range(most, 0, -1) if n * max(1, np.ceil(short_m * n / long_m)) <= most)
 
 
 def over_plan(prepared: BoundInputs, grid: PlanGrid) -> BoundMap:
     """PEB of a snapshot at every place of a grid, in plan."""
-    peb, has_los = np.full(grid.is_free.shape, np.nan), np.zeros(grid.is_free.shape, bool)
+    peb = np.full(grid.is_free.shape, np.nan)
     for at, position, paths in zip(np.argwhere(grid.is_free), grid.position_m, grid.paths, strict=True):
-        bound, has_los[tuple(at)] = place_bound(prepared, position, paths)
+        bound = place_bound(prepared, position, paths)
         peb[tuple(at)] = bound.plan_m if isinstance(bound, SpatialBound) else bound.position_m
-    return BoundMap(grid.x_m, grid.y_m, peb, has_los)
+    return BoundMap(grid.x_m, grid.y_m, peb, grid.has_los)
 
 
-def place_bound(
-    prepared: BoundInputs, position_m: FloatArray, paths: Paths
-) -> tuple[StateBound | SpatialBound, bool]:
-    """Bound of a receiver at a place (3,), in space with elevations, and whether it sees the TX."""
+def place_bound(prepared: BoundInputs, position_m: FloatArray, paths: Paths) -> StateBound | SpatialBound:
+    """Bound of a receiver at a place (3,), in space with elevations."""
     if prepared.in_space:
-        spatial = spatial_paths(prepared, paths)
         state = np.array([*position_m, 0.0, 0.0])
-        return spatial_bound(prepared.scene.tx, state, spatial)[0], spatial.los_covariance is not None
-    stop = stop_paths(prepared, paths)
-    limits, _ = stop_bound(prepared.scene.tx, np.array([*position_m[:2], 0.0, 0.0]), stop)
-    return limits, stop.los_covariance is not None
+        return spatial_bound(prepared.scene.tx, state, spatial_paths(prepared, paths))[0]
+    return stop_bound(prepared.scene.tx, np.array([*position_m[:2], 0.0, 0.0]), stop_paths(prepared, paths))[0]
 
 
 def along_walk(prepared: BoundInputs) -> Table:

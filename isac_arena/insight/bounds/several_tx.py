@@ -17,6 +17,7 @@ from estimation.shape.reflection.reflections import Reflections
 from estimation.slam.bounds import state_covariance
 from isac_arena.insight.bounds.known_contour import SPACING_M, known_contour, pillars
 from isac_arena.insight.bounds.signal import LinkBounds, Track
+from isac_arena.scoring.metrics.statistics import rms
 from isac_arena.scoring.stages.poses import from_node, plane_paths, pose_information, true_state
 from isac_arena.scoring.stages.shapes import SEEN_MARGIN_RAD, seen_samples
 from scenes.pose import Pose
@@ -52,14 +53,13 @@ class WalkBounds:
 
     @property
     def pose_m(self) -> float:
-        """RMS over the stops of the position bound."""
-        return float(np.sqrt(np.mean(self.position_m**2)))
+        """RMS of the position bound over the stops that have one."""
+        return rms(self.position_m)
 
     @property
     def contour_m(self) -> float:
         """RMS over the objects of the bound of their outlines; NaN without any."""
-        square = self.contours.outline_m**2
-        return float(np.sqrt(np.mean(square))) if len(square) else np.nan
+        return rms(self.contours.outline_m)
 
 
 class SeveralTx:

@@ -5,18 +5,18 @@ bounces off upright objects then bound position, heading and clock, with unknown
 the pose of a stop; each has a clock of its own.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import fields
 from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
-from rich.table import Table
 
 from estimation.slam.bounds import StateBound
 from isac_arena.campaign.campaign import Campaign
 from isac_arena.campaign.chain.inputs import significance
 from isac_arena.campaign.driver import CampaignRun
-from isac_arena.insight.bounds.position import QUANTITIES, PlanGrid
+from isac_arena.insight.bounds.position import PlanGrid
 from isac_arena.report.figures.bound import BoundMap
 from isac_arena.scoring.config import Significance
 from isac_arena.scoring.link_view import LinkView, link_view
@@ -65,7 +65,7 @@ class LinkBounds:
         """The same from the true paths of a stop."""
         power_dbm = self.run.true_power_dbm(truth)
         tx_pose = truth.tx_pose or self.run.scene.tx
-        return significant_alone(true_stop(truth, tx_pose, power_dbm, self._limits, self.view))
+        return significant_alone(true_stop(truth, tx_pose, power_dbm, self._limits, self.view, separates=False))
 
     @cached_property
     def _limits(self) -> Significance:
@@ -94,44 +94,41 @@ class SignalBounds:
         """The stops whose position is to be found."""
         return sorted({stop for link in self.links for stop in link.run.chosen_stops})
 
-    def at(self, pose: Pose, stop: int | None = None) -> tuple[StateBound, bool]:
-        """Bounds (1,) of a receiver there, and whether the line of sight to a TX is a significant path.
-
-        With a `stop` from its links alone.
-        """
+    def at(self, pose: Pose, stop: int | None = None) -> StateBound:
+        """Bounds (1,) of a receiver there; with a `stop` from its links alone."""
         heard = [link.at(pose) for link in self.links if stop is None or stop in link.run.chosen_stops]
-        return pose_bounds(self.campaign.scene, [heard]), any(one.truth.paths.is_los.any() for one in heard)
+        return pose_bounds(self.campaign.scene, [heard])
 
     def at_stop(self, stop: int) -> StateBound:
         """Bounds (1,) at a stop of the walk; where bodies move, of the paths at the time of its sweep."""
         if not self.campaign.scene.is_moving:
-            return self.at(self.campaign.stops[stop], stop)[0]
+            return self.at(self.campaign.stops[stop], stop)
         truths = self.campaign.trace([stop])
         rows = [truth.tx if len(self.links) > 1 else 0 for truth in truths]
         stops = [self.links[row].of(truth) for row, truth in zip(rows, truths, strict=True)]
         return pose_bounds(self.campaign.scene, [stops])
 
 
-def over_plan(bounds: SignalBounds, grid: PlanGrid, track: Track[int] = iter) -> BoundMap:
-    """Position error bound at every free place of a grid; the receiver has the heading of the first stop."""
+def over_plan(bounds: SignalBounds, grids: Sequence[PlanGrid], track: Track[int] = iter) -> BoundMap:
+    """Position error bound at every place that is free on the grids of all links, which are over the same places.
+
+    The receiver has the heading of the first stop.
+    """
     heading = float(bounds.campaign.scene.walk.headings_rad()[0])
-    peb, los = np.full(grid.is_free.shape, np.nan), np.zeros(grid.is_free.shape, bool)
-    places = np.argwhere(grid.is_free)
+    is_free, has_los = (
+        reach([getattr(grid, name) for grid in grids], axis=0)
+        for name, reach in (("is_free", np.all), ("has_los", np.any))
+    )
+    x_m, y_m, height_m = grids[0].x_m, grids[0].y_m, bounds.campaign.scene.walk.height_m
+    peb, places = np.full(is_free.shape, np.nan), np.argwhere(is_free)
     for index in track(range(len(places))):
-        at = tuple(places[index])
-        bound, los[at] = bounds.at(Pose(grid.position_m[index], heading))
-        peb[at] = bound.position_m[0]
-    return BoundMap(grid.x_m, grid.y_m, peb, los)
+        row, column = places[index]
+        place = Pose(np.array([x_m[column], y_m[row], height_m]), heading)
+        peb[row, column] = bounds.at(place).position_m[0]
+    return BoundMap(x_m, y_m, peb, has_los & is_free)
 
 
-def along_walk(bounds: SignalBounds, track: Track[int] = iter) -> tuple[Table, list[float]]:
-    """A table of the bounds over the stops, and the position error bound of every stop in m."""
+def along_walk(bounds: SignalBounds, track: Track[int] = iter) -> StateBound:
+    """Bounds (stop,) at the stops of the walk, in their order."""
     found = [bounds.at_stop(stop) for stop in track(bounds.stops)]
-    table = Table("bound at the stops, from the signal", "median", "smallest", "largest", "unit")
-    for column in (1, 2, 3):
-        table.columns[column].justify = "right"
-    for label, name, scale, unit in QUANTITIES:
-        values = scale * np.concatenate([getattr(bound, name) for bound in found])
-        cells = [f"{value:.3g}" for value in (np.median(values), values.min(), values.max())]
-        table.add_row(label, *cells, unit)
-    return table, [float(bound.position_m[0]) for bound in found]
+    return StateBound(*(np.concatenate([getattr(one, each.name) for one in found]) for each in fields(StateBound)))

@@ -1,11 +1,17 @@
-"""Bounds of poses and contours by TX and together, as tables and as plain numbers for a file."""
+"""Bounds of poses and contours, by TX and together, as tables and as plain numbers for a file."""
 
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 from rich.table import Table
 
+from estimation.slam.bounds import StateBound
+from isac_arena.insight.bounds.position import QUANTITIES
 from isac_arena.insight.bounds.several_tx import SeveralTx, WalkBounds
+from isac_arena.progress import listed
+from isac_arena.report.figures.bound import BoundMap
+from isac_arena.scoring.metrics.statistics import rms
 
 TOGETHER = "together"
 
@@ -18,12 +24,49 @@ def by_tx(several: SeveralTx) -> dict[str, WalkBounds]:
 
 def pose_table(bounds: dict[str, WalkBounds]) -> Table:
     """Position and heading bounds over the stops, a row per TX."""
-    table = _right(Table("stops alone, from", "position in m, RMS", "median", "largest", "heading in deg, median"))
+    heads = ("position in m, RMS", "median", "largest", "without bound", "heading in deg, median")
+    table = _right(Table("stops alone, from", *heads))
     for name, found in bounds.items():
         position = found.position_m
         cells = [cell(value) for value in (found.pose_m, np.median(position), position.max())]
-        table.add_row(name, *cells, cell(np.rad2deg(np.median(found.heading_rad))))
+        none = str(int((~np.isfinite(position)).sum()))
+        table.add_row(name, *cells, none, cell(np.rad2deg(np.median(found.heading_rad))))
     return table
+
+
+def state_table(stops: StateBound, plan: BoundMap) -> Table:
+    """Bounds from the signal: of the stops of the walk, and of the position over the plan."""
+    table = _right(Table("bound, from the signal", "RMS", "median", "smallest", "largest", "unit"))
+    table.columns[-1].justify = "left"
+    rows = [(f"{label}, stops", scale * getattr(stops, name), unit) for label, name, scale, unit in QUANTITIES]
+    rows.append((f"{QUANTITIES[0][0]}, plan", plan.peb_m[~np.isnan(plan.peb_m)], QUANTITIES[0][3]))
+    for label, values, unit in rows:
+        cells = (rms(values), np.median(values), values.min(), values.max()) if len(values) else 4 * (np.nan,)
+        table.add_row(label, *(f"{value:.3g}" for value in cells), unit)
+    return table
+
+
+def about_unbounded(stop: Sequence[int], stops: StateBound, plan: BoundMap) -> Iterator[str]:
+    """What the RMS of `state_table` counts, and where there is no bound."""
+    yield "RMS: over the stops or places with a bound, as in the scores"
+    missing = np.array(stop)[np.isinf(stops.position_m)].tolist()
+    n_places, n_missing = int((~np.isnan(plan.peb_m)).sum()), int(np.isinf(plan.peb_m).sum())
+    parts = [f"stop {listed(missing)} ({len(missing)} of {len(stop)} stops)"] if missing else []
+    parts += [f"{n_missing} of {n_places} places of the plan (pink)"] if n_missing else []
+    if parts:
+        yield f"inf: no bound at {' and '.join(parts)}: too few lines of sight and reflections for a position"
+
+
+def state_numbers(stop: Sequence[int], stops: StateBound | None, plan: BoundMap) -> dict[str, Any]:
+    """The same for a JSON file, None where there is no bound; places (y, x) inside objects count as such."""
+    found: dict[str, Any] = {"plan": {"x_m": plan.x_m.tolist(), "y_m": plan.y_m.tolist()}}
+    found["plan"]["position_m"] = [[_number(value) for value in row] for row in plan.peb_m]
+    if stops is not None:
+        found["stops"] = {"stop": list(stop)}
+        for _, name, scale, unit in QUANTITIES:
+            values = scale * getattr(stops, name)
+            found["stops"][f"{name.partition('_')[0]}_{unit}"] = [_number(value) for value in values]
+    return found
 
 
 def contour_table(several: SeveralTx, bounds: dict[str, WalkBounds]) -> Table:
@@ -60,9 +103,13 @@ def _numbers(several: SeveralTx, found: WalkBounds) -> dict[str, Any]:
         }
         for k, each in enumerate(several.objects)
     }
-    position = [float(value) if np.isfinite(value) else None for value in found.position_m]
-    heading = [float(np.rad2deg(value)) if np.isfinite(value) else None for value in found.heading_rad]
+    position = [_number(value) for value in found.position_m]
+    heading = [_number(np.rad2deg(value)) for value in found.heading_rad]
     return {"position_m": position, "heading_deg": heading, "pillars": pillars}
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
 
 
 def _right(table: Table, first: int = 1) -> Table:

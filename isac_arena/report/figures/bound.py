@@ -26,7 +26,8 @@ SHOWN_PERCENTILES = (1.0, 98.0)  # of the finite bounds: a few places behind the
 class BoundMap:
     """Position error bound (PEB) on a regular grid.
 
-    The PEB is NaN inside objects and infinite where the paths do not determine the position.
+    The PEB is NaN inside objects and infinite where the paths do not determine the position. `has_los` is where
+    nothing stands between a TX and the place, also where its beams do not point.
     """
 
     x_m: FloatArray  # (x,)
@@ -37,7 +38,10 @@ class BoundMap:
 
 @dataclass(frozen=True)
 class ChannelBoundMap:
-    """Bounds of the strongest path on a regular grid: NaN inside objects, infinite where there is no path."""
+    """Bounds of the strongest path on a regular grid: NaN inside objects, infinite where there is no path.
+
+    `has_los` is as in `BoundMap`.
+    """
 
     x_m: FloatArray  # (x,)
     y_m: FloatArray  # (y,)

@@ -22,6 +22,7 @@ from isac_arena.report.page.tables import (
 )
 from isac_arena.report.page.template import PAGE, script_text, style_text
 from isac_arena.report.style import figure_html, html_table
+from isac_arena.scoring.headline import bound_note
 from isac_arena.scoring.score import Scores
 
 SECTIONS = {
@@ -57,7 +58,7 @@ def render_report(
         style=style_text(),
         script=script_text(),
         campaign=_script_json(payload),
-        headline=headline_table(metrics),
+        headline=headline_table(metrics, bound_note(scores.tables.poses)),
         facts=html_table(
             ("", ""), [(escape(label), escape(text).replace("\n", "<br>")) for label, text in facts.items()]
         ),

@@ -166,11 +166,11 @@ def in_words(name: str) -> str:
     return re.sub(r"\b(tx|rx|ip|ips|los|nlos|iou|snr|slam)\b", lambda found: found[0].upper(), words)
 
 
-def headline_table(metrics: Sequence[Metric]) -> str:
-    """The main scores of a campaign, beside the paper's method and the bound."""
+def headline_table(metrics: Sequence[Metric], note: str = "") -> str:
+    """The main scores of a campaign, beside the paper's method and the bound, and a note under their legend."""
     rows = [(explained(label), *map(_value, cells), escape(unit)) for label, cells, unit in headline(metrics)]
     texts = [*HEADS, *(label for label, _, _ in headline(metrics))]
-    about = "<br>".join(map(escape, legend(texts)))
+    about = "<br>".join(map(escape, filter(None, [*legend(texts), note])))
     return html_table(("", *map(explained, HEADS)), rows) + f"<p>{about}</p>"
 
 

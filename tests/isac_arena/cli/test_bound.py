@@ -1,5 +1,8 @@
 """Bounds of a campaign's scene: the map over the plan and the table along the walk."""
 
+import json
+import re
+import tomllib
 from dataclasses import replace
 
 import numpy as np
@@ -7,14 +10,17 @@ import pytest
 
 import isac_arena as ia
 from estimation.channel.model.crb import crb
-from estimation.slam.bounds import stop_bound
+from estimation.slam.bounds import StateBound, stop_bound
 from isac_arena.insight.bounds import channel as channel_bound
 from isac_arena.insight.bounds import position as bound_map
 from isac_arena.insight.bounds import signal as signal_bound
-from isac_arena.report.figures.bound import bound_figure, channel_bound_figure
+from isac_arena.insight.bounds import tables
+from isac_arena.report.figures.bound import BoundMap, bound_figure, channel_bound_figure
 from isac_arena.report.style import png_bytes
 from isac_arena.validation.scoring.campaigns import bound_difference
+from scenes.config import LIBRARY
 from scenes.pose import Pose
+from tests.command_line import arena_here
 
 
 def test_bounds_over_the_plan_are_those_of_the_paths_there():
@@ -122,5 +128,85 @@ def test_fixed_nodes_alone_have_no_position_to_bound():
 def test_the_bound_at_the_stops_is_that_of_the_scores():
     campaign = ia.load_campaign("box_room", waveform={"comb": 12}, propagation={"diffuse_samples": 0})
     assert bound_difference(campaign, [0, 3]).max() <= 0.01
-    _, found = signal_bound.along_walk(signal_bound.SignalBounds(campaign))
-    assert 0 < max(found) < 0.01  # thermal noise alone
+    found = signal_bound.along_walk(signal_bound.SignalBounds(campaign))
+    assert len(found.position_m) == 4 and 0 < max(found.position_m) < 0.01  # thermal noise alone
+
+
+@pytest.mark.parametrize("size_m", [(12.0, 9.0), (8.0, 10.0), (40.0, 28.5), (30.0, 2.5), (5.0, 5.0), (90.0, 0.4)])
+def test_a_plan_has_at_most_so_many_cells_by_default(size_m):
+    prepared = bound_map.bound_inputs("box_room")
+    scene = replace(prepared.scene, bounds_m=(0.0, 0.0, *size_m))
+    assert bound_map.plan_grid(replace(prepared, scene=scene), n_links=3).is_free.size <= bound_map.MOST_CELLS / 3
+    grid = bound_map.plan_grid(replace(prepared, scene=scene))
+    assert 0.6 * bound_map.MOST_CELLS < grid.is_free.size <= bound_map.MOST_CELLS
+    assert (
+        len(grid.x_m) == max(1, round(size_m[0] / grid.step_m))
+        and grid.x_m[-1] < size_m[0]
+        and grid.y_m[-1] < size_m[1]
+    )
+
+
+def test_both_figures_have_the_same_edge_of_line_of_sight_also_below_the_beams():
+    room = tomllib.loads((LIBRARY / "box_room.toml").read_text())
+    high = {**room, "tx": {**room["tx"], "position_m": [1.5, 4.0, 2.8]}}
+    campaign = ia.load_campaign("box_room", scene=high, waveform={"comb": 12}, propagation={"diffraction": False})
+    prepared = bound_map.bound_inputs(campaign)
+    model, grid = channel_bound.channel_model(prepared), bound_map.plan_grid(prepared, 2.0)
+    position = signal_bound.over_plan(signal_bound.SignalBounds(campaign), [grid])
+    channel, fixed = channel_bound.over_plan(model, grid), bound_map.over_plan(prepared, grid)
+    tx_m = prepared.scene.tx.position_m
+    seen = [
+        grid.is_free[place] and not is_hidden(prepared.scene, grid, place, tx_m)
+        for place in np.ndindex(grid.is_free.shape)
+    ]
+    for found in (position, channel, fixed):
+        np.testing.assert_array_equal(found.has_los.ravel(), seen)
+    assert np.array_equal(np.isnan(position.peb_m), ~grid.is_free)
+    near = signal_bound.SignalBounds(campaign).links[0].at(Pose(grid.position_m[0], 0.0))
+    assert not all(seen) and seen[0] and not near.truth.paths.is_los.any()  # seen, but far weaker than reflections
+
+
+def is_hidden(scene, grid, place, tx_m):
+    """Whether an object covers a point of the straight line from the TX to a place."""
+    row, column = place
+    end = np.array([grid.x_m[column], grid.y_m[row], scene.walk.height_m])
+    return (scene.object_index_at(tx_m + np.linspace(0.0, 1.0, 2000)[:, None] * (end - tx_m)) >= 0).any()
+
+
+def test_the_table_says_what_its_rms_counts_and_where_there_is_no_bound():
+    stops = StateBound(np.array([0.3, np.inf, 0.4]), np.array([0.1, np.inf, 0.1]), np.array([3.0, np.inf, 3.0]))
+    plan = BoundMap(
+        np.arange(3.0),
+        np.arange(2.0),
+        np.array([[1.0, np.inf, np.nan], [1.0, 1.0, np.inf]]),
+        np.ones((2, 3), bool),
+    )
+    table = tables.state_table(stops, plan)
+    cells = [list(column.cells) for column in table.columns]
+    assert cells[0][0] == "position error bound, stops" and cells[0][3] == "position error bound, plan"
+    assert cells[1][:2] == ["0.354", "5.73"] and cells[1][3] == "1" and cells[4] == 4 * ["inf"]
+    _, line = tables.about_unbounded([4, 6, 8], stops, plan)
+    assert line.startswith("inf: no bound at stop 6 (1 of 3 stops) and 2 of 5 places of the plan (pink): too few")
+    whole = replace(plan, peb_m=np.ones((2, 3)))
+    assert len(list(tables.about_unbounded([4, 8], StateBound(*np.ones((3, 2))), whole))) == 1
+    numbers = json.loads(json.dumps(tables.state_numbers([4, 6, 8], stops, plan), allow_nan=False))
+    assert numbers["stops"]["position_m"] == [0.3, None, 0.4] and numbers["stops"]["heading_deg"][
+        0
+    ] == pytest.approx(5.73, abs=0.01)
+    assert numbers["plan"]["position_m"] == [[1.0, None, None], [1.0, 1.0, None]]
+
+
+@pytest.mark.whole
+def test_the_command_says_the_time_to_expect_and_writes_its_numbers(tmp_path):
+    result = arena_here(
+        "bound", "box_room", "--step", 4, "--out", tmp_path / "b.png", "--json", tmp_path / "b.json"
+    )
+    assert result.returncode == 0, result.stderr
+    assert re.search(r"^\d places over the plan, 4 m apart: about \d+ s \(--step", result.stdout, re.MULTILINE)
+    assert "RMS: over the stops or places with a bound" in result.stdout
+    found = json.loads((tmp_path / "b.json").read_text())
+    assert found["campaign"] == "box_room" and len(found["stops"]["clock_ns"]) == 4
+    assert (
+        len(found["plan"]["position_m"]) == len(found["plan"]["y_m"]) == 2
+        and (tmp_path / "b_channel.png").exists()
+    )

@@ -49,9 +49,9 @@ def test_bounds_of_a_campaign_with_elevations_are_those_in_space() -> None:
     assert "height error bound" in list(table.columns[0].cells)
     place = np.array([4.0, 2.0, RX_HEIGHT_M])
     paths = prepared.solver.paths(place)[0]
-    bound, has_los = bound_map.place_bound(prepared, place, paths)
+    bound = bound_map.place_bound(prepared, place, paths)
     assert isinstance(bound, SpatialBound)
-    assert has_los and 0 < bound.height_m < bound.position_m
+    assert paths.is_los.any() and 0 < bound.height_m < bound.position_m
     grid = bound_map.plan_grid(prepared, 1.7)
     peb = bound_map.over_plan(prepared, grid).peb_m
     assert np.isfinite(peb[grid.is_free]).any()

@@ -5,6 +5,7 @@ import pytest
 
 from estimation.slam.bounds import StateBound
 from estimation.slam.record import SolveStatus
+from isac_arena.scoring.headline import bound_note
 from isac_arena.scoring.provenance import cluster_origin, path_origin
 from isac_arena.scoring.stages.maps import level_distance_m, surface_distance_m
 from isac_arena.scoring.stages.poses import pose_metrics, score_poses, unknown_bound
@@ -99,5 +100,13 @@ def test_pose_errors_are_those_put_in(campaign):
     assert values["slam.position.over_bound"] == values["slam.position.over_bound.median"] == pytest.approx(5)
     assert values["slam.heading.over_bound"] == pytest.approx(0.5)
     assert values["slam.clock.over_bound"] == pytest.approx(10)
+    assert not bound_note(scores)
+    position_m, error_m = scores.position_bound_m.copy(), scores.position_error_m.copy()
+    position_m[[3, 5]], error_m[[3, 5]] = np.inf, 7.0
+    note = bound_note(replace(scores, position_bound_m=position_m, position_error_m=error_m))
+    assert note.startswith(
+        f"bound: without one: stop {scores.stop[3]}, {scores.stop[5]} (2 of 12 stops); RMSE of this run"
+    )
+    assert note.endswith("over the others: 0.5 m, 2 deg, 1 ns")
     with pytest.raises(ValueError, match="stop 99 is missing"):
         score_poses(np.array([99]), [truths[0].rx_pose], np.zeros(1), np.ones(1, bool), poses, unknown_bound(1))
