@@ -143,7 +143,7 @@ class Mixture(ConfigModel):
 
 
 class Consider(ConfigModel):
-    """Errors of the set-up that are unobservable at a stop and only widen its covariance (consider-parameters).
+    """Errors of the set-up that no stop can show: they only widen its covariance.
 
     A pointing error of the TX turns the whole solution about the TX; the survey error is that of the TX position;
     the heading error is that of the true receiver headings which states are compared with.

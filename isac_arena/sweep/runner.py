@@ -26,7 +26,7 @@ from isac_arena.sweep.store import (
     write_failure,
     write_plan,
 )
-from isac_arena.sweep.table import Row, mean_with_interval, result_rows, write_tables
+from isac_arena.sweep.table import Row, axis_names, mean_with_interval, result_rows, write_tables
 from isac_arena.workers.workers import Workers
 from scenes.names import path_in
 from scenes.toml_config import read_text
@@ -122,6 +122,12 @@ def doubtful_cases(rows: Sequence[Row]) -> dict[str, str]:
     return {case: doubt for case, doubt in found.items() if doubt}
 
 
+def _case_name(config: SweepConfig, job: Job) -> str:
+    """What a case is called in messages: the values of its axes, its seed, and the folder that holds it."""
+    values = [f"{name} = {value!s:.60}" for name, value in zip(axis_names(config), job.values, strict=True)]
+    return f"{', '.join((*values, f'seed {job.config.seed}'))} (cases/{job.key})"
+
+
 def print_results(console: Console, out: Path, config: SweepConfig, jobs: Sequence[Job]) -> int:
     """Write the tables, print how many cases are done and which failed, and return how many failed."""
     failures = read_failures(out)
@@ -131,13 +137,14 @@ def print_results(console: Console, out: Path, config: SweepConfig, jobs: Sequen
     n_done = sum(job.is_done for job in jobs)
     console.print(f"{n_done} of {counted(len(jobs), 'case')} done, {len(failed)} failed")
     doubts = doubtful_cases(rows)
+    names = {job.key: _case_name(config, job) for job in jobs}
     for key, doubt in list(doubts.items())[:5]:
-        console.print(f"doubtful: case {key}: SLAM: {doubt}", markup=False, soft_wrap=True)
+        console.print(f"doubtful: {names[key]}: SLAM: {doubt}", markup=False, soft_wrap=True)
     if doubts:
         n = counted(len(doubts), "doubtful case")
         told = f"{n}, marked by 'arena sweep-report {out}'; to do: {MORE_STOPS}, or see why there"
         console.print(told, markup=False, soft_wrap=True)
     for job in failed[:5]:
-        console.print(f"  case {job.key}: {failures[job.key]}", markup=False)
+        console.print(f"  {names[job.key]}: {failures[job.key]}", markup=False)
     console.print(f"results: {out / 'results.parquet'} and .csv")
     return len(failed)

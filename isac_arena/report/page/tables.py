@@ -132,7 +132,7 @@ ACCEPTED = ScoreTable(
         ("of these, phantoms", "phantoms"),
         ("Objects found", "objects_found"),
         ("Correct class, share", "class_accuracy"),
-        ("GOSPA of the scene over 1 - IoU", "scene_gospa"),
+        ("Closed outlines against objects, GOSPA over 1 - IoU", "scene_gospa"),
     ),
 )
 

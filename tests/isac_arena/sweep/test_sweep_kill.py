@@ -47,7 +47,7 @@ class Cluster:
         self.folder = folder
         file = folder / f"scheduler{time.monotonic_ns()}.json"
         self.scheduler = start([*SCHEDULER, "--no-dashboard", "--scheduler-file", str(file)], folder)
-        wait_for(file.is_file, self.scheduler)
+        wait_for(lambda: file.is_file() and file.read_text().endswith("}"), self.scheduler)
         self.address = json.loads(file.read_text())["address"]
         self.workers = [start([*WORKER, self.address], folder) for _ in range(2)]
 
