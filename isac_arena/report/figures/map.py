@@ -42,7 +42,7 @@ def map_figure(scene: Scene, results: CampaignResults, tables: ScoreTables) -> F
     the paper's contours dashed. A map without them shows the paper's contours with filled bands.
     """
     maps = [results.mapping, results.slam]
-    views = [_whole_view(scene, maps)]
+    views = [whole_view(scene, maps)]
     near = plan_view(scene, "walk")
     if max((near[2] - near[0]) / _width(views[0]), (near[3] - near[1]) / _height(views[0])) < SMALL_SHARE:
         views.append(near)
@@ -67,10 +67,11 @@ def map_figure(scene: Scene, results: CampaignResults, tables: ScoreTables) -> F
     return figure
 
 
-def _whole_view(scene: Scene, maps: list[MapResult]) -> Box:
-    """The scene and all clustered incidence points, unless they lie far outside of it."""
+def whole_view(scene: Scene, maps: Sequence[MapResult]) -> Box:
+    """The scene with all clustered incidence points and contours, unless they lie far outside of it."""
     x_min, y_min, x_max, y_max = view = plan_view(scene, "all")
-    points = np.vstack([one.ips.position_m[one.shapes.label >= 0] for one in maps])
+    drawn = [(one.ips.position_m[one.shapes.label >= 0], one.contours.contour_m.reshape(-1, 2)) for one in maps]
+    points = np.vstack([points for pair in drawn for points in pair])
     low, high, size = np.array([x_min, y_min]), np.array([x_max, y_max]), np.array([_width(view), _height(view)])
     near = np.clip(points, low - FAR_SHARE * size, high + FAR_SHARE * size)
     low, high = (

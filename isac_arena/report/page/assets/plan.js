@@ -246,21 +246,25 @@ function drawStops({ add, to, hits, mapName }) {
   });
 }
 
-/** Write the names of the objects in view, the selected one first, without names that would cover another one. */
+/** Write the names of the objects in view, the selected one first, each where it covers no other one. */
 function drawNames({ add, to, hits, width, height }) {
   const words = add("g", { class: "object-names halo" });
   const taken = [];
-  const write = (text, [middle, y], kind) => {
+  const write = (text, places, kind) => {
     const half = 3.6 * text.length;
-    const x = Math.max(Math.min(middle, width - half - 2), half + 2);
-    const box = [x - half, y - 11, x + half, y + 3];
-    if (taken.some((other) => box[0] < other[2] && other[0] < box[2] && box[1] < other[3] && other[1] < box[3])) return;
-    taken.push(box);
-    words.append(svg("text", { x, y, "text-anchor": "middle", class: kind }, text));
+    const boxes = places.map(([middle, y]) => {
+      const x = Math.max(Math.min(middle, width - half - 2), half + 2);
+      return { x, y, sides: [x - half, y - 11, x + half, y + 3] };
+    });
+    const meets = (a, b) => a[0] < b[2] && b[0] < a[2] && a[1] < b[3] && b[1] < a[3];
+    const free = boxes.find(({ sides }) => !taken.some((other) => meets(sides, other)));
+    if (!free) return;
+    taken.push(free.sides);
+    words.append(svg("text", { x: free.x, y: free.y, "text-anchor": "middle", class: kind }, text));
   };
   for (const tx of data.scene.txs) {
     const [x, y] = to(tx.xy);
-    write(tx.name, [x, y - 9], "strong");
+    write(tx.name, [[x, y - 9]], "strong");
   }
   const isChosen = (object) => object.name === state.object;
   const meshes = data.scene.clutter.map(({ name, rings }) => ({ name, closed: true, xy: rings.flat() }));
@@ -272,6 +276,9 @@ function drawNames({ add, to, hits, width, height }) {
     const pick = items.has(object.name) ? () => select({ object: object.name }) : null;
     if (object.closed || inside.length < 3) hits.push({ x: middle[0], y: middle[1], text: object.name, pick });
     if (state.hidden.has("names") && !isChosen(object)) continue;
-    write(object.name, [middle[0], Math.max(Math.min(...ys) - 6, 12)], isChosen(object) ? "strong" : "");
+    const [above, below] = [Math.max(Math.min(...ys) - 6, 12), Math.min(Math.max(...ys) + 14, height - 18)];
+    const across = [middle[0], (Math.min(...xs) + 3 * Math.max(...xs)) / 4, (3 * Math.min(...xs) + Math.max(...xs)) / 4];
+    const places = [above, below].flatMap((y) => across.map((x) => [x, y]));
+    write(object.name, places, isChosen(object) ? "strong" : "");
   }
 }

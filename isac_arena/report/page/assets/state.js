@@ -45,7 +45,7 @@ function findItems() {
         const word = source === "contours" ? "contour" : "cluster";
         const what = one.called || "several objects";
         const title = `${mapName === "slam" ? "SLAM" : "mapping"} ${word} ${row}: ${what}`;
-        const item = found.get(one.object) ?? enter(`${mapName}-${word}-${row}`, title, "", one.ghost);
+        const item = (one.ghost ? null : found.get(one.object)) ?? enter(`${mapName}-${word}-${row}`, title, "", one.ghost);
         item.rows[mapName][source].push(row);
         one.item = item;
       });

@@ -5,7 +5,7 @@ const STATUS = data.has_truth
   ? { detected: "detected", weak: "weak or diffuse", false: "false" }
   : { detected: "labelled line of sight or single bounce", false: "labelled neither", weak: "" };
 const TRUTH = data.has_truth ? "In truth" : "By its labels";
-const POSE_BY = { LOS: "solved with a line of sight", NLOS: "solved without a line of sight", GIVEN: "given, of a fixed node" };
+const POSE_BY = { LOS: "solved with a line of sight", NLOS: "from reflections alone, no path trusted as the line of sight", GIVEN: "given, of a fixed node" };
 const STATUS_GLYPHS = { detected: "cross", weak: "plus", false: "tripod" };
 const powerImages = new Map();
 

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.colors import to_hex
 
 from isac_arena.campaign.results import CampaignResults
+from isac_arena.report.figures.map import whole_view
 from isac_arena.report.figures.plan import plan_view
 from isac_arena.report.page.payload.maps import map_payload
 from isac_arena.report.page.payload.numbers import POWER_STEP_DB, number, quantised_power, rounded, significant
@@ -53,7 +54,10 @@ def report_payload(
         "name": name,
         "words": WORDS,
         "has_truth": bool(by_stop),
-        "scene": _scene(scene, txs or {scene.tx_name: scene.tx_name}, uplinks),
+        "scene": {
+            **_scene(scene, txs or {scene.tx_name: scene.tx_name}, uplinks),
+            "extent": rounded(whole_view(scene, [results.mapping, results.slam]), 2),
+        },
         "stops": _stops(scene, tables.poses),
         "estimated": [estimated_paths(channel[stop], tables) for stop in stops],
         "true": [by_stop.get(stop) for stop in stops],
@@ -80,7 +84,6 @@ def _scene(scene: Scene, txs: Mapping[str, str], uplinks: Collection[str]) -> Pa
     return {
         "name": scene.name,
         "view": rounded(plan_view(scene, "walk"), 2),
-        "extent": rounded(plan_view(scene, "all"), 2),
         "objects": objects,
         "clutter": [
             {"name": mesh.name, "rings": [rounded(ring, 3) for ring in mesh.plan_outlines_m]}

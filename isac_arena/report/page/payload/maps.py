@@ -84,7 +84,7 @@ def _shape(result: MapResult, scores: OutlineScores, row: int, called: str) -> d
 def _origin(scores: OutlineScores, row: int, label: IntArray, called: str) -> dict[str, Any]:
     """The object of a contour, what it is `called` where the plan has none, and its scores."""
     name = str(scores.object[row])
-    level, other = name in LEVEL, PHANTOM if scores.is_false[row] else ""
+    level, other = name in LEVEL, f"{PHANTOM}, paths off {name}" if scores.is_false[row] else ""
     return {
         "object": name,
         "ghost": bool(scores.is_false[row]) or level,
