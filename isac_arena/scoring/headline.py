@@ -58,6 +58,7 @@ HEADLINE = (
     _found_row("wall"),
     _contour_row("Pillars, seen part, mapping, RMSE", "mapping.pillar.seen_rmse.mean_m"),
     _contour_row("Walls, seen part, mapping, RMSE", "mapping.wall.seen_rmse.mean_m"),
+    HeadlineRow("Contours of the right class, mapping, share", "contours.mapping.class_accuracy"),
     HeadlineRow("False contours, mapping", "contours.mapping.false"),
     HeadlineRow("False contours, SLAM", "contours.slam.false"),
     _contour_row("Pillars, overlap (IoU), mapping", "mapping.pillar.iou.mean"),

@@ -20,6 +20,7 @@ VERDICTS: dict[str, dict[str, Any]] = {
     "same": {"color": TRUTH, "marker": "o", "markerfacecolor": "white", "markeredgewidth": 1.4},
     "too few": {"color": GHOST, "marker": "X"},
 }
+MEANING = {"undecided": "undecided: the interval holds 0"}
 CLIPPED: dict[str, Any] = {"marker": ">", "color": "0.25", "markersize": 5, "linestyle": "none"}
 
 
@@ -50,7 +51,7 @@ def compare_figure(differences: Sequence[PairedDifference], first: str, second: 
     ax.set_title(f"{second} against {first}, 95 % intervals")
     seen = {one.verdict for one in differences}
     handles = [
-        Line2D([], [], linestyle="none", markersize=6, label=verdict, **look)
+        Line2D([], [], linestyle="none", markersize=6, label=MEANING.get(verdict, verdict), **look)
         for verdict, look in VERDICTS.items() if verdict in seen
     ]  # fmt: skip
     if is_clipped:

@@ -163,7 +163,8 @@ def in_words(name: str) -> str:
     parts = [part for part in name.split(".") if part not in SILENT_PARTS]
     parts[-1] = parts[-1].removesuffix(next((ending for ending in UNITS if parts[-1].endswith(ending)), ""))
     words = ", ".join(part.replace("_", " ") for part in parts if part)
-    return re.sub(r"\b(tx|rx|ip|ips|los|nlos|iou|snr|slam)\b", lambda found: found[0].upper(), words)
+    words = re.sub(r"\biou\b", "IoU", words)
+    return re.sub(r"\b(tx|rx|ip|ips|los|nlos|snr|slam)\b", lambda found: found[0].upper(), words)
 
 
 def headline_table(metrics: Sequence[Metric], note: str = "") -> str:
