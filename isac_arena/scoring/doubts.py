@@ -1,10 +1,11 @@
 """What is doubtful about a run: by its scores where the truth is known, and by its estimates."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 
 import numpy as np
 
 from estimation.channel.record import ChannelEstimate, EstimateStatus
+from estimation.slam.mapping.noise import LIKELIHOOD
 from estimation.slam.record import PoseEstimates, SolveStatus
 from isac_arena.progress import counted, listed
 from isac_arena.scoring.metrics.metric import Metric
@@ -85,13 +86,15 @@ def _slam_doubt(values: Mapping[str, float]) -> tuple[str, ...]:
     return (f"SLAM: {'; '.join(found)}{honest}. To do: {what} 'arena budget' tells which stage errs",)
 
 
-def limit_doubt(channel: Iterable[ChannelEstimate]) -> tuple[str, ...]:
+def limit_doubt(channel: Collection[ChannelEstimate]) -> tuple[str, ...]:
     """Stops whose channel estimate holds as many paths as it may; empty where none does."""
     full = [one.stop for one in channel if one.status == EstimateStatus.LIMITED]
     if not full:
         return ()
+    likelihood = any(one.method in LIKELIHOOD for one in channel)
+    setting = f"channel.{'maximum_likelihood' if likelihood else 'power'}.max_paths"
     what = "the largest number of paths was reached, so weaker ones are left out"
-    return (f"channel: {what}, at stop {listed(full)}; to do: a larger max_paths of the channel method",)
+    return (f"channel: {what}, at stop {listed(full)}; to do: a larger {setting}",)
 
 
 def few_stops(n_stops: int) -> tuple[str, ...]:

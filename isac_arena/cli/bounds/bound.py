@@ -30,7 +30,7 @@ def bound(
             "--step",
             min=0.05,
             max=5.0,
-            help="Distance of the places over the plan in m; by default 120 places over all TX, about a minute.",
+            help="Distance of the places over the plan in m; by default 400 places over all TX, some minutes.",
         ),
     ] = None,
     fixed: Annotated[

@@ -20,7 +20,7 @@ from scenes.scene import Scene
 from sim.propagation.paths import BounceKind, Paths
 from sim.propagation.specular.solver import ExactSolver
 
-MOST_CELLS = 120  # of the whole plan by default: about a minute where a place takes half a second
+MOST_CELLS = 400  # of the whole plan by default: some minutes where a place takes half a second
 MIN_TX_DISTANCE_M = 0.1  # no receiver stands closer to the TX
 SMOOTHNESS_M = 0.1  # second difference of the walk, per coordinate and stop^2
 SAME_LINE_DECIMALS = 6

@@ -80,7 +80,7 @@ def test_stops_with_as_many_paths_as_may_be_are_said(campaign) -> None:
     channel = campaign.results.channel
     assert not limit_doubt(channel)
     full = [replace(channel[0], status=EstimateStatus.LIMITED), *channel[1:]]
-    assert f"at stop {channel[0].stop}; to do: a larger max_paths" in "".join(limit_doubt(full))
+    assert f"at stop {channel[0].stop}; to do: a larger channel." in "".join(limit_doubt(full))
 
 
 def test_estimates_alone_tell_that_no_stop_or_another_state_was_found(campaign) -> None:
