@@ -37,6 +37,7 @@ HOMES = {
     "isac_arena.campaign.campaign": ("Campaign", "load_campaign"),
     "isac_arena.campaign.chain.inputs": ("known_receiver",),
     "isac_arena.campaign.chain.maps": ("make_map",),
+    "isac_arena.campaign.chain.memory": ("MemoryRun",),
     "isac_arena.campaign.config": ("CampaignConfig",),
     "isac_arena.campaign.directory": ("open_campaign",),
     "isac_arena.campaign.driver": ("CampaignRun",),

@@ -23,6 +23,7 @@ from isac_arena.campaign.campaign import Campaign as Campaign
 from isac_arena.campaign.campaign import load_campaign as load_campaign
 from isac_arena.campaign.chain.inputs import known_receiver as known_receiver
 from isac_arena.campaign.chain.maps import make_map as make_map
+from isac_arena.campaign.chain.memory import MemoryRun as MemoryRun
 from isac_arena.campaign.config import CampaignConfig as CampaignConfig
 from isac_arena.campaign.directory import open_campaign as open_campaign
 from isac_arena.campaign.driver import CampaignRun as CampaignRun

@@ -17,6 +17,7 @@ from isac_arena.campaign import stages, stored
 from isac_arena.campaign.campaign import Campaign, load_campaign
 from isac_arena.campaign.chain.inputs import unsolved_poses
 from isac_arena.campaign.chain.maps import campaign_tracks
+from isac_arena.campaign.chain.memory import RunResults
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.directory import CampaignStore
 from isac_arena.campaign.results import CampaignResults, MapResult
@@ -26,7 +27,6 @@ from isac_arena.scoring.score import Scores, score_metrics
 from isac_arena.user_functions.errors import summed
 from isac_arena.workers.stops import StopMakers
 from scenes.arguments import need, need_each
-from scenes.display import Displayed
 from scenes.record import empty_record
 from scenes.scene import Scene
 from sim.truth import Truth
@@ -43,7 +43,7 @@ def map_points(campaign: Campaign, channel: Sequence[ChannelEstimate], truths: S
     usable = _usable(campaign, channel)
     need_each("truths", truths, Truth)
     _check_stops("truths", [truth.stop for truth in truths], channel)
-    run = campaign.run()
+    run = campaign.chain()
     return run.locate(usable, run.surveyed_receiver(truths))
 
 
@@ -51,7 +51,7 @@ def map_points(campaign: Campaign, channel: Sequence[ChannelEstimate], truths: S
 def slam(campaign: Campaign, channel: Sequence[ChannelEstimate]) -> Located:
     """SLAM: receiver states and incidence points, found together; raises as `map_points` does."""
     usable = _usable(campaign, channel)
-    return campaign.run().locate(usable)
+    return campaign.chain().locate(usable)
 
 
 @told(lambda *_, **__: "contours")
@@ -63,7 +63,7 @@ def fit_contours(
     need("poses", poses, PoseEstimates)
     need("points", points, IncidencePoints)
     _check_stops("poses", poses.stop.tolist(), channel)
-    return campaign.run().shape(usable, poses, points)
+    return campaign.chain().shape(usable, poses, points)
 
 
 @told(lambda *_, **__: "tracks")
@@ -72,7 +72,7 @@ def track(campaign: Campaign, channel: Sequence[ChannelEstimate], poses: PoseEst
     usable = _usable(campaign, channel)
     need("poses", poses, PoseEstimates)
     _check_stops("poses", poses.stop.tolist(), channel)
-    run = campaign.run()
+    run = campaign.chain()
     return campaign_tracks(run.config, run.scene, run.tx, usable, poses)
 
 
@@ -94,7 +94,7 @@ def score(
     results = CampaignResults(
         tuple(_usable(campaign, channel)), (), mapping or empty_record(MapResult), slam or _no_slam(truths)
     )
-    scores = campaign.run([truth.stop for truth in truths]).score(truths, results)
+    scores = campaign.chain([truth.stop for truth in truths]).score(truths, results)
     absent = {name for name, given in (("mapping", mapping), ("slam", slam)) if given is None}
     kept = (metric for metric in scores.metrics if absent.isdisjoint(metric.key.split(".")))
     return replace(scores, metrics=tuple(kept))
@@ -146,8 +146,8 @@ def open(directory: str | Path) -> "FinishedRun":
 
 
 @dataclass(frozen=True, repr=False)
-class FinishedRun(Displayed):
-    """The results of a run, read from its directory when they are first used."""
+class FinishedRun(RunResults):
+    """The results of a run in a directory, read when they are first used."""
 
     store: CampaignStore
 
@@ -176,21 +176,6 @@ class FinishedRun(Displayed):
         """All estimates."""
         return stored.stored_results(self.store, len(self.scene.stops))
 
-    @property
-    def channel(self) -> tuple[ChannelEstimate, ...]:
-        """The channel estimate of every stop."""
-        return self.results.channel
-
-    @property
-    def mapping(self) -> MapResult:
-        """The map from the surveyed receiver."""
-        return self.results.mapping
-
-    @property
-    def slam(self) -> MapResult:
-        """The map and the receiver states found together."""
-        return self.results.slam
-
     @cached_property
     def scores(self) -> Scores:
         """The scores; `ValueError` where the run was not scored."""
@@ -202,8 +187,8 @@ class FinishedRun(Displayed):
         metrics = score_metrics if self.store.measured is None else measured_metrics
         return Scores(metrics(self.scene, tables), tables)
 
-    def __repr__(self) -> str:
-        return f"FinishedRun({str(self.directory)!r}: {self.config.name!r}, {self.scene!r})"
+    def _known_scores(self) -> Scores | None:
+        return None if self.store.score_tables() is None else self.scores
 
 
 def _usable(campaign: Campaign, channel: Sequence[ChannelEstimate]) -> list[ChannelEstimate]:

@@ -12,6 +12,7 @@ import numpy as np
 
 from estimation.channel.estimate import ChannelEstimator
 from estimation.channel.record import ChannelEstimate
+from isac_arena.campaign.chain.memory import MemoryRun, RunResults
 from isac_arena.campaign.config import CampaignConfig, methods
 from isac_arena.campaign.directory import CampaignStore
 from isac_arena.campaign.driver import CampaignRun
@@ -54,12 +55,12 @@ class Campaign(Displayed):
     @cached_property
     def link(self) -> Link:
         """Beams, signal and noise of the settings."""
-        return self.run().link
+        return self.chain().link
 
     @told(lambda self, stops=None: "trace")
     def trace(self, stops: Iterable[int] | None = None) -> list[Truth]:
         """True paths, receiver pose and clock of the given stops, by default of all; `ValueError` for others."""
-        return list(self.run(stops).truths())
+        return list(self.chain(stops).truths())
 
     @told(lambda self, truth: f"samples of {_stop(truth)}")
     def observe(self, truth: Truth) -> BeamSweep:
@@ -75,10 +76,24 @@ class Campaign(Displayed):
 
     @cached_property
     def _estimator(self) -> ChannelEstimator:
-        return self.run().links[0].channel_estimator
+        return self.chain().links[0].channel_estimator
 
-    def run(self, stops: Iterable[int] | None = None) -> CampaignRun:
-        """The whole chain over these stops, in memory; `.scores()` runs it to its end. Stops are as in `trace`."""
+    def run(self, stops: Iterable[int] | None = None, *, out: str | Path | None = None) -> RunResults:
+        """The whole chain over these stops in memory, or over all into a directory, as `isac_arena.run` does.
+
+        The result has the attributes of that of `isac_arena.open`; in memory each is computed at its first use.
+        Stops are as in `trace`.
+        """
+        if out is None:
+            return MemoryRun(self.chain(stops))
+        if stops is not None:
+            raise ValueError("stops: a directory holds all stops of the walk; leave out either stops or out")
+        from isac_arena.api import run  # noqa: PLC0415  (it imports this module)
+
+        return run(self, out)
+
+    def chain(self, stops: Iterable[int] | None = None) -> CampaignRun:
+        """The driver of the chain over these stops, to call it stage by stage. Stops are as in `trace`."""
         if stops is not None:
             need_each("stops", stops, int, np.integer)
             stops, n_stops = list(stops), len(self.stops)

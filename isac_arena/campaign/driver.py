@@ -56,10 +56,11 @@ from sim.signal.link import Link, best_beam_power_dbm, make_link
 from sim.simulate import OtherTx, clock_biases_s, observe, simulate_truth
 from sim.truth import Truth
 
+Channel = Sequence[ChannelEstimate]
 Observe = Callable[[CampaignConfig, Link, Scene, Truth], BeamSweep]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class CampaignRun:
     """One run of the chain; `scores` is the whole of it.
 
@@ -85,10 +86,16 @@ class CampaignRun:
     def scores(self) -> Scores:
         """The scores of all estimates; raises as `score_campaign` does."""
         truths = list(self.truths())
+        return self.score(truths, self.estimates(truths))
+
+    def estimates(self, truths: Sequence[Truth]) -> CampaignResults:
+        """All estimates at the stops of the truths."""
         self.calibrate()
-        channel = list(self.channel(truths))
-        maps = self.maps(channel, self.surveyed_receiver(truths))
-        return self.score(truths, CampaignResults(tuple(channel), (), **maps))
+        channel = tuple(self.channel(truths))
+        return CampaignResults(channel, (), **self.maps(channel, self.surveyed_receiver(truths)))
+
+    def __repr__(self) -> str:
+        return f"CampaignRun({self.config.name!r}: {len(self.chosen_stops)} of {len(self.scene.stops)} stops)"
 
     def channel_scores(self) -> Scores:
         """The scores of the channel estimates alone: no later stage runs. Raises as `score_campaign` does."""
@@ -119,8 +126,7 @@ class CampaignRun:
     def sweep(self, truth: Truth) -> BeamSweep:
         """The samples of a stop, kept or made, of the TX of the truth."""
         link = self.link_of(truth)
-        kept = link.results.sweep(truth.stop)
-        if kept is not None:
+        if (kept := link.results.sweep(truth.stop)) is not None:
             return kept
         if link.disturbers and link.observer is observe:
             there = [one for one in link.disturbers if truth.stop in one.chosen_stops]
@@ -177,7 +183,7 @@ class CampaignRun:
         self.results.write_estimate(estimate, sweep)
         return estimate
 
-    def maps(self, channel: Sequence[ChannelEstimate], receiver: PoseEstimates) -> dict[MapName, MapResult]:
+    def maps(self, channel: Channel, receiver: PoseEstimates) -> dict[MapName, MapResult]:
         """Both maps, kept or made: mapping from the given receiver states, SLAM without them."""
         given: dict[MapName, PoseEstimates | None] = {"mapping": receiver, "slam": None}
         channel = from_nodes(self, channel)
@@ -195,17 +201,13 @@ class CampaignRun:
             found[name] = kept
         return found
 
-    def learned_mapping(
-        self, channel: Sequence[ChannelEstimate], receiver: PoseEstimates | None
-    ) -> MappingConfig | None:
+    def learned_mapping(self, channel: Channel, receiver: PoseEstimates | None) -> MappingConfig | None:
         """The settings of mapping at given states; None for SLAM."""
         channel = channel if self.oracle.channel is None else self.oracle.channel
         receiver = receiver if self.oracle.receiver is None else self.oracle.receiver
         return None if receiver is None else learned_mapping(self.config, channel, self.tx, receiver, self.heights)
 
-    def _map(
-        self, channel: Sequence[ChannelEstimate], states: PoseEstimates | None, receiver: PoseEstimates
-    ) -> MapResult:
+    def _map(self, channel: Channel, states: PoseEstimates | None, receiver: PoseEstimates) -> MapResult:
         """One map; where a user's function fails, what there is without it."""
         stops = [estimate.stop for estimate in channel]
         poses = unsolved_poses(stops, len(self.links)) if states is None else states
@@ -224,7 +226,7 @@ class CampaignRun:
             self._tell(error)
             return without_map(self.config, channel, self.tx, poses, ips, str(error))
 
-    def _with_tracks(self, found: MapResult, channel: Sequence[ChannelEstimate]) -> MapResult:
+    def _with_tracks(self, found: MapResult, channel: Channel) -> MapResult:
         """The map with the tracks of what moves; where a user's function fails, without."""
         try:
             return replace(found, tracks=campaign_tracks(self.config, self.scene, self.tx, channel, found.poses))
@@ -239,9 +241,8 @@ class CampaignRun:
         self.on_failure(error)
 
     def locate(
-        self, channel: Sequence[ChannelEstimate], receiver: PoseEstimates | None = None,
-        mapping: MappingConfig | None = None,
-    ) -> tuple[PoseEstimates, IncidencePoints]:  # fmt: skip
+        self, channel: Channel, receiver: PoseEstimates | None = None, mapping: MappingConfig | None = None
+    ) -> tuple[PoseEstimates, IncidencePoints]:
         """Receiver states and incidence points: of the given states, or found together (SLAM).
 
         `mapping` is `learned_mapping` of the given states, where the caller has it.
@@ -257,9 +258,8 @@ class CampaignRun:
         return poses, ips
 
     def shape(
-        self, channel: Sequence[ChannelEstimate], poses: PoseEstimates, ips: IncidencePoints,
-        mapping: MappingConfig | None = None,
-    ) -> MapResult:  # fmt: skip
+        self, channel: Channel, poses: PoseEstimates, ips: IncidencePoints, mapping: MappingConfig | None = None
+    ) -> MapResult:
         """The map with the shapes of its clusters and the contours of its objects; `mapping` as for `locate`."""
         channel = channel if self.oracle.channel is None else self.oracle.channel
         label = None if self.oracle.clusters is None else self.oracle.clusters(ips)
@@ -325,9 +325,8 @@ class CampaignRun:
     @cached_property
     def chosen_stops(self) -> Sequence[int]:
         """The stops of this run, in order."""
-        if self.stops is not None:
-            return self.stops
-        return list(dict.fromkeys(truth.stop for truth in self.paths)) or range(len(self.scene.stops))
+        given = list(dict.fromkeys(truth.stop for truth in self.paths)) or range(len(self.scene.stops))
+        return given if self.stops is None else self.stops
 
     @cached_property
     def link(self) -> Link:

@@ -36,7 +36,7 @@ def ablate(
     config, scene = loaded.config, loaded.scene
     n_variants = len(variants(config.impairments))
     stops = range(0, len(scene.stops), step)
-    traced = loaded.run(stops).truths()
+    traced = loaded.chain(stops).truths()
     truths = list(tracked(console, traced, len(stops), "trace"))
     with progress_bar(console, transient=True) as progress:
         task = progress.add_task("variants", total=n_variants)

@@ -70,9 +70,12 @@ def _(thing: Scores) -> pd.DataFrame:
 
 def _no_table(thing: Any) -> TypeError:
     """The error that names the parts, some of which are tables."""
-    name, kind = type(thing).__name__, vars(type(thing))
+    name = type(thing).__name__
     if isinstance(thing, Record):
         parts = ", ".join(parts_of(thing))
         return TypeError(f"{name} is no table; use to_xarray{f', or one of its parts: {parts}' if parts else ''}")
-    parts = ", ".join(part for part, each in kind.items() if isinstance(each, property | cached_property))
+    kinds = {
+        part: each for kind in reversed(type(thing).__mro__) for part, each in vars(kind).items() if part[0] != "_"
+    }
+    parts = ", ".join(part for part, each in kinds.items() if isinstance(each, property | cached_property))
     return TypeError(f"{name} is no table{f'; its parts: {parts}' if parts else ''}")

@@ -15,8 +15,8 @@ from estimation.channel.beam_power_map import BeamPowerMap, beam_power_map
 from estimation.channel.record import ChannelEstimate
 from estimation.shape.record import Contours, Shapes
 from estimation.slam.record import IncidencePoints, PoseEstimates
-from isac_arena.api import FinishedRun
 from isac_arena.campaign.campaign import Campaign
+from isac_arena.campaign.chain.memory import RunResults
 from isac_arena.campaign.results import MapResult
 from isac_arena.report.figures.bands import contour_curve, shape_curve
 from isac_arena.report.figures.map import draw_contours, object_handles
@@ -188,7 +188,7 @@ def _(thing: MapResult, scene: Scene | None = None, *, ax: Any = None, view: Vie
 
 
 @_drawn.register
-def _(thing: FinishedRun, scene: Scene | None = None, *, ax: Any = None, view: View = "plan") -> Any:
+def _(thing: RunResults, scene: Scene | None = None, *, ax: Any = None, view: View = "plan") -> Any:
     return plot(thing.mapping, scene or thing.scene, ax=ax)
 
 

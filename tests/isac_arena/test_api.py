@@ -38,7 +38,8 @@ SIGNATURES = {
     "Campaign.trace": "self, stops=None",
     "Campaign.observe": "self, truth",
     "Campaign.estimate": "self, sweep",
-    "Campaign.run": "self, stops=None",
+    "Campaign.run": "self, stops=None, *, out=None",
+    "Campaign.chain": "self, stops=None",
     "Paths.plot": "self, *arguments, **options",
     "Paths.to_xarray": "self",
     "Paths.to_dataframe": "self",
@@ -238,6 +239,9 @@ def test_records_are_tables_texts_and_pictures(campaign: MadeCampaign, tmp_path:
         mapping.to_dataframe()
     with pytest.raises(TypeError, match=r"FinishedRun is no table; its parts: .*truths, .*scores"):
         ia.FinishedRun(campaign_store(ia.load_campaign("box_room"), tmp_path)).to_dataframe()
+    store = campaign_store(ia.load_campaign("box_room"), tmp_path / "out")
+    store.open_for_writing()
+    assert repr(ia.FinishedRun(store)) == f"FinishedRun('box_room' in {tmp_path / 'out'}, 4 stops: no scores yet)"
     for record in (truth, estimate, mapping, mapping.poses, mapping.ips, mapping.contours):
         assert repr(record).startswith(type(record).__name__) and len(repr(record)) < 500
         assert "state2" not in repr(record) and not re.search(r"\d{7}", repr(record))

@@ -75,7 +75,7 @@ class LinkBounds:
 def links_of_walk(campaign: Campaign) -> dict[str, CampaignRun]:
     """The runs of the links with something that moves, by name; `ValueError` where all devices are fixed nodes."""
     names = link_stops(campaign.config, campaign.scene)
-    runs = dict(zip(names, campaign.run().links, strict=True))
+    runs = dict(zip(names, campaign.chain().links, strict=True))
     moving = {name: run for name, run in runs.items() if run.config.role.kind.has_walk}
     if not moving:
         raise ValueError("links: none has a walk; bounds are of positions, and those of fixed nodes are known")

@@ -68,7 +68,7 @@ def place(
     Raises `ValueError` where there are too few candidates, a candidate stands inside something, or there are too
     many sets to try them all.
     """
-    standing = [Candidate(run.scene.tx_name, run.scene.tx) for run in campaign.run().links] if keep else []
+    standing = [Candidate(run.scene.tx_name, run.scene.tx) for run in campaign.chain().links] if keep else []
     names = {each.name for each in standing}
     rest = [each for each in candidates if each.name not in names]
     if not 1 <= count <= len(rest):

@@ -65,7 +65,7 @@ def bench_map_stage(seed: int, quick: bool) -> list[Measurement]:
 
     Processor times, in turns; channel estimates by the settings of the campaign. The pass is over the subcarriers.
     """
-    run = (box_campaign(seed, QUICK_STOPS, SMALL) if quick else load_campaign("campus_arena", seed=seed)).run()
+    run = (box_campaign(seed, QUICK_STOPS, SMALL) if quick else load_campaign("campus_arena", seed=seed)).chain()
     truths = list(run.truths())
     channel, receiver = list(run.channel(truths)), run.surveyed_receiver(truths)
     samples, n_stops = run.sweep(truths[0]).samples, len(truths)

@@ -114,7 +114,7 @@ def _tracker() -> tuple[str, float]:
     """As `_template`, in a small room where two things move: the distance of the tracks to the nearest."""
     functions = {"tracker": {"function": f"of_tracker:{FUNCTIONS['tracker']}", "limit_s": TEMPLATE_LIMIT_S}}
     campaign = load_campaign("moving_target", functions=functions, **MOVING)
-    run, failures = campaign.run(), list[EstimatorError]()
+    run, failures = campaign.chain(), list[EstimatorError]()
     run = replace(run, on_failure=failures.append)
     truths = list(run.truths())
     tracks = run.maps(list(run.channel(truths)), run.surveyed_receiver(truths))["slam"].tracks

@@ -86,7 +86,7 @@ def _run(
         "transmitters": dict(own or {}),
     }
     campaign = load_campaign("pillar_hall_two", seed=seed, **changes)
-    return replace(campaign.run(stops), results=MemoryResults())
+    return replace(campaign.chain(stops), results=MemoryResults())
 
 
 def _samples(run: CampaignRun, stop: int) -> list[ComplexArray]:

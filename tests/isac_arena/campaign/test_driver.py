@@ -1,5 +1,6 @@
 """The driver of the chain: the same results wherever they are kept, for any stops, and with stages replaced."""
 
+import re
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -7,11 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import isac_arena as ia
 from estimation.channel.calibration.self_calibration import SelfCalibrationConfig
 from estimation.channel.estimate import ChannelConfig
 from estimation.slam.record import SolveStatus
 from isac_arena.campaign.campaign import Campaign, load_campaign
 from isac_arena.campaign.chain.inputs import known_receiver
+from isac_arena.campaign.chain.memory import MemoryRun, RunResults
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.directory import CampaignStore
 from isac_arena.campaign.driver import CampaignRun
@@ -46,7 +49,7 @@ def loaded(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
 
 @pytest.fixture(scope="module")
 def in_memory(loaded: Campaign) -> CampaignRun:
-    return loaded.run(STOPS)
+    return loaded.chain(STOPS)
 
 
 @pytest.fixture(scope="module")
@@ -82,6 +85,26 @@ def test_a_directory_gives_the_same_results_as_memory_and_is_used_again(
     (store.directory / "map" / "slam.nc").unlink()
     assert same(replace(kept).scores(), scores)
     assert calls == [*STOPS, 1]
+
+
+def test_a_run_in_memory_has_the_attributes_of_one_in_a_directory(
+    in_memory: CampaignRun, scores: Scores, loaded: Campaign, tmp_path: Path
+) -> None:
+    run, fresh = MemoryRun(in_memory), loaded.run(STOPS)
+    assert isinstance(fresh, MemoryRun) and issubclass(ia.FinishedRun, RunResults)
+    assert same(run.scores, scores) and [truth.stop for truth in run.truths] == list(STOPS)
+    assert len(run.channel) == len(STOPS) and run.slam is run.results.slam and run.mapping is run.results.mapping
+    memory, files = ({name for name in dir(kind) if name[0] != "_"} for kind in (MemoryRun, ia.FinishedRun))
+    assert memory == files and {"plot", "to_dataframe", "scores", "directory", "config"} <= memory
+    assert run.plot().has_data() and run.directory is None
+    with pytest.raises(TypeError, match=r"MemoryRun is no table; its parts: .*truths, results, scores"):
+        run.to_dataframe()
+    assert repr(run).startswith("MemoryRun('small' in memory, ")
+    assert re.search(r"Receiver position by SLAM, RMSE \d", repr(run)) and len(repr(run)) < 400
+    assert repr(fresh) == f"MemoryRun('small' in memory, {len(STOPS)} stops: no scores yet)"
+    assert len(repr(in_memory)) < 100
+    with pytest.raises(ValueError, match="leave out either stops or out"):
+        loaded.run(STOPS, out=tmp_path)
 
 
 def test_some_of_the_stops_give_the_same_bits(in_memory: CampaignRun) -> None:

@@ -49,7 +49,7 @@ def test_an_uplink_campaign_finds_what_walks() -> None:
     """Paths are those of the real link; maps and poses are those of what walks, at the bound of the downlink."""
     up = load_campaign("box_room_uplink", **{**SMALL, "waveform.n_rb": 264})
     down = load_campaign("box_room", **{**SMALL, "waveform.n_rb": 264})
-    run, other = up.run(), down.run()
+    run, other = up.chain(), down.chain()
     truths = list(run.truths())
     scores, expected = run.scores(), other.scores()
     for truth, one in zip(truths, run.channel(truths), strict=True):
@@ -111,7 +111,7 @@ def test_a_node_that_sees_nothing_leaves_the_contours_of_the_others() -> None:
 
 
 def test_nodes_alone_are_not_asked_for_their_poses() -> None:
-    run = load_campaign("monostatic", **SMALL).run()
+    run = load_campaign("monostatic", **SMALL).chain()
     scores = run.scores()
     with pytest.raises(ValueError, match=r"links: arena link takes TX and a walk, name them by tx and walk"):
         refuse_several_tx(run.config, run.scene, "arena link")

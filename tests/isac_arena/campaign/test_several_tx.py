@@ -46,7 +46,7 @@ def test_a_campaign_of_two_tx(loaded: Campaign, tmp_path: Path) -> None:
     truths, results = list(stored_truths(store, 4)), stored_results(store, 4)
     assert [(truth.stop, truth.tx) for truth in truths] == [(stop, tx) for stop in range(4) for tx in range(2)]
     assert all(set(one.tx) == {0, 1} for one in results.channel)
-    memory = list(loaded.run().channel(truths))
+    memory = list(loaded.chain().channel(truths))
     for one, other in zip(results.channel, memory, strict=True):
         np.testing.assert_array_equal(one.plane_parameters, other.plane_parameters)
     clock_s = np.array([truth.clock_bias_s for truth in truths]).reshape(4, 2)
@@ -80,4 +80,4 @@ def test_a_campaign_of_two_tx(loaded: Campaign, tmp_path: Path) -> None:
 def test_functions_that_know_one_tx_are_refused(loaded: Campaign) -> None:
     own = Campaign(with_functions(loaded.config, {"slam": "my:own"}), loaded.scene, loaded.source)
     with pytest.raises(ValueError, match=r"functions.slam: takes the paths of one TX"):
-        _ = own.run().links
+        _ = own.chain().links

@@ -67,7 +67,7 @@ def test_several_tx_and_links_in_a_sweep_have_the_scores_of_a_run(tmp_path: Path
         assert job.missing(job.paths_file) == list(job.stops)
         make_signals(job, job.stops[:1])
         with threadpool_limits(limits=1):
-            whole = load_campaign(tmp_path / "small.toml").run(job.stops).scores()
+            whole = load_campaign(tmp_path / "small.toml").chain(job.stops).scores()
         swept = score_case(job)
         assert compare_records("tables", whole.tables, swept.tables).holds(exact=True)
         assert not job.missing(job.paths_file) and not job.missing(job.estimate_file)
