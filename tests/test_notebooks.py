@@ -21,7 +21,9 @@ def test_all_notebooks_are_in_the_documentation() -> None:
 
 @pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_is_a_clean_source(notebook: Path) -> None:
-    content = json.loads(notebook.read_text(encoding="utf-8"))
+    text = notebook.read_text(encoding="utf-8")
+    assert "--estimator" not in text  # the old name of --channel
+    content = json.loads(text)
     assert content["nbformat"] == 4 and content["cells"][0]["cell_type"] == "markdown"
     code = [cell for cell in content["cells"] if cell["cell_type"] == "code"]
     assert code and all(cell["outputs"] == [] and cell["execution_count"] is None for cell in code)

@@ -50,7 +50,9 @@ def list_scenes() -> None:
 @with_clock
 def show(
     name: SceneName,
-    out: Annotated[Path | None, typer.Option(help="PNG file to write; NAME.png by default.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="PNG file to write; by default my_hall.png of my_hall.toml.")
+    ] = None,
     everything: Annotated[bool, typer.Option("--all/--walk-only", help="Whole scene, or near the walk.")] = True,
     view: Annotated[View, typer.Option(help="Plan from above, or a picture in space.")] = View.plan,
     stop: Annotated[
@@ -65,12 +67,12 @@ def show(
     from isac_arena.report.figures.plan import plan_figure  # noqa: PLC0415
     from isac_arena.report.figures.scene3d import scene_figure  # noqa: PLC0415
     from isac_arena.report.style import png_bytes  # noqa: PLC0415
-    from scenes.config import load_scene  # noqa: PLC0415
+    from scenes.config import load_scene, scene_path  # noqa: PLC0415
     from scenes.names import path_in  # noqa: PLC0415
 
     scene = load_scene(name, CARRIER_HZ).choose(tx or 0, walk or 0)
     paths = None if stop is None else _paths(scene, stop)
-    path = out or path_in(Path(), f"{scene.name}.png")
+    path = out or path_in(Path(), f"{scene_path(name).stem}.png")
     draw = plan_figure if view == View.plan else scene_figure
     figure = draw(scene, extent="all" if everything else "walk", paths=paths, stop=stop)
     write_bytes(path, png_bytes(figure))
@@ -84,23 +86,27 @@ def export(
     name: SceneName,
     mesh_format: Annotated[MeshFormat, typer.Option("--format", help="glTF, PLY, or Mitsuba XML.")],
     out: Annotated[
-        Path | None, typer.Option(help="File to write; for xml the folder of the XML file and its meshes.")
+        Path | None,
+        typer.Option(
+            help="File to write, by default my_hall.glb of my_hall.toml; for xml the folder of the XML file and "
+            "its meshes."
+        ),
     ] = None,
 ) -> None:
     """Export a scene as triangle meshes: one GLB or PLY file, or a Mitsuba XML file that Sionna RT loads."""
     from isac_arena.campaign.files import write_bytes  # noqa: PLC0415
     from isac_arena.campaign.summary import scene_summary  # noqa: PLC0415
-    from scenes.config import load_scene  # noqa: PLC0415
+    from scenes.config import load_scene, scene_path  # noqa: PLC0415
     from scenes.meshes.mesh import glb_bytes, ply_bytes, write_mitsuba  # noqa: PLC0415
     from scenes.names import path_in  # noqa: PLC0415
 
-    scene = load_scene(name, CARRIER_HZ)
+    scene, stem = load_scene(name, CARRIER_HZ), scene_path(name).stem
     if mesh_format == MeshFormat.xml:
-        path = write_mitsuba(scene, out or path_in(Path(), scene.name))
+        path = write_mitsuba(scene, out or path_in(Path(), stem))
     else:
-        path = out or path_in(Path(), f"{scene.name}.{mesh_format.value}")
+        path = out or path_in(Path(), f"{stem}.{mesh_format.value}")
         if path.is_dir():
-            path = path_in(path, f"{scene.name}.{mesh_format.value}")
+            path = path_in(path, f"{stem}.{mesh_format.value}")
         make = glb_bytes if mesh_format == MeshFormat.glb else ply_bytes
         write_bytes(path, make(scene))
     typer.echo(f"{scene.name}: {scene_summary(scene)} in {path}")

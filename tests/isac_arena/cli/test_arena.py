@@ -134,6 +134,15 @@ def test_bad_campaign_files_name_field_and_value(tmp_path: Path, text: str, word
     assert not (tmp_path / "out").exists()
 
 
+def test_a_drawn_scene_has_the_name_of_its_file(tmp_path: Path) -> None:
+    text = (ROOT / "scenes/library/box_room.toml").read_text()
+    (tmp_path / "my_hall.toml").write_text(text.replace('name = "box_room"', 'name = "lab"'))
+    for arguments in (("show", "my_hall.toml"), ("export", "my_hall.toml", "--format", "ply")):
+        result = arena_here("scene", *arguments, cwd=tmp_path)
+        assert result.returncode == 0 and result.stdout.startswith("lab: 6 objects"), result.stderr
+    assert {file.name for file in tmp_path.iterdir()} == {"my_hall.toml", "my_hall.png", "my_hall.ply"}
+
+
 def test_missing_things_are_named(tmp_path: Path) -> None:
     assert "none.toml: cannot be read" in failure("run", tmp_path / "none.toml", "--out", tmp_path / "out")
     assert "campaign = 'nowhere'" in failure("run", "nowhere", "--out", tmp_path / "out")
