@@ -29,7 +29,7 @@ from isac_arena.campaign.stored import (
 from isac_arena.campaign.summary import TraceCounts, run_facts, score_legend, score_table
 from isac_arena.progress import heard_steps, progress_bar, working
 from isac_arena.report.page.budget_file import BUDGET_FILE, read_budget
-from isac_arena.scoring.doubts import estimate_doubts, few_stops, limit_doubt
+from isac_arena.scoring.doubts import estimate_doubts, few_stops
 from isac_arena.scoring.measured import measured_metrics, score_measured
 from isac_arena.scoring.record import ScoreTables
 from isac_arena.scoring.score import Scores, score_metrics
@@ -282,7 +282,7 @@ def _doubts(store: CampaignStore, scores: Scores, results: CampaignResults) -> t
     """What scores and estimates say is doubtful; of a measurement, which has no plan, few stops as well."""
     poses = results.slam.poses
     few = few_stops(len(poses.stop)) if store.measured is not None and poses.is_of_walk.any() else ()
-    return (*scores.doubts, *limit_doubt(results.channel), *estimate_doubts(poses), *few)
+    return (*scores.doubts, *estimate_doubts(poses), *few)
 
 
 def _failures(results: CampaignResults) -> list[str]:

@@ -1,11 +1,9 @@
 """What is doubtful about a run: by its scores where the truth is known, and by its estimates."""
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from estimation.channel.record import ChannelEstimate, EstimateStatus
-from estimation.slam.mapping.noise import LIKELIHOOD
 from estimation.slam.record import PoseEstimates, SolveStatus
 from isac_arena.progress import counted, listed
 from isac_arena.scoring.metrics.metric import Metric
@@ -66,15 +64,14 @@ def score_doubts(metrics: Sequence[Metric]) -> tuple[str, ...]:
     return (*_channel_doubt(values), *_slam_doubt(values))
 
 
-def _channel_doubt(values: Mapping[str, float]) -> tuple[str, ...]:
+def _channel_doubt(values: Mapping[str, float]) -> Iterator[str]:
     coverage, nees = values.get("channel.coverage95", np.nan), values.get("channel.nees", np.nan)
-    if not (coverage < LEAST_COVERAGE or nees > MOST_NEES):
-        return ()
-    told = (
-        f"95 % regions of paths hold {100 * coverage:.0f} % of the true ones, NEES is {nees:.2g} where 1 is right"
-    )
-    why = "some paths, mostly close pairs, err more than they state"
-    return (f"channel: {told}: {why}. To do: weigh paths with a heavy tail, as SLAM does, not as exact Gaussians",)
+    if coverage < LEAST_COVERAGE or nees > MOST_NEES:
+        told = f"95 % regions hold {100 * coverage:.0f} % of the true paths, NEES is {nees:.2g} where 1 is right"
+        why = "some paths, mostly close pairs, err more than they state"
+        yield f"channel: {told}: {why}. To do: weigh paths with a heavy tail, as SLAM does, not as exact Gaussians"
+    if (cut := values.get("channel.missed.path_limit", np.nan)) > 0:
+        yield f"channel: {counted(int(cut), 'significant path')} missed where max_paths was reached: raise it"
 
 
 def _slam_doubt(values: Mapping[str, float]) -> tuple[str, ...]:
@@ -84,17 +81,6 @@ def _slam_doubt(values: Mapping[str, float]) -> tuple[str, ...]:
     honest = "" if values.get("slam.nees", np.inf) > FAR_STATED**2 else ", as its stated deviations say"
     what = f"{MORE_STOPS}; then" if few else "look at the stops under 'Receiver state' in the report;"
     return (f"SLAM: {'; '.join(found)}{honest}. To do: {what} 'arena budget' tells which stage errs",)
-
-
-def limit_doubt(channel: Collection[ChannelEstimate]) -> tuple[str, ...]:
-    """Stops whose channel estimate holds as many paths as it may; empty where none does."""
-    full = [one.stop for one in channel if one.status == EstimateStatus.LIMITED]
-    if not full:
-        return ()
-    likelihood = any(one.method in LIKELIHOOD for one in channel)
-    setting = f"channel.{'maximum_likelihood' if likelihood else 'power'}.max_paths"
-    what = "the largest number of paths was reached, so weaker ones are left out"
-    return (f"channel: {what}, at stop {listed(full)}; to do: a larger {setting}",)
 
 
 def few_stops(n_stops: int) -> tuple[str, ...]:

@@ -5,17 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimation.channel.record import EstimateStatus
 from estimation.slam.record import SolveStatus
-from isac_arena.scoring.doubts import (
-    FAR,
-    FEW_STOPS,
-    estimate_doubts,
-    few_stops,
-    limit_doubt,
-    pose_doubts,
-    score_doubts,
-)
+from isac_arena.scoring.doubts import FAR, FEW_STOPS, estimate_doubts, few_stops, pose_doubts, score_doubts
 from isac_arena.scoring.metrics.metric import Metric
 
 FINE = {
@@ -76,11 +67,9 @@ def test_covariances_of_paths_that_are_too_small_are_said() -> None:
     assert "NEES is 25" in sentence(channel__coverage95=0.93, channel__nees=25.0)
 
 
-def test_stops_with_as_many_paths_as_may_be_are_said(campaign) -> None:
-    channel = campaign.results.channel
-    assert not limit_doubt(channel)
-    full = [replace(channel[0], status=EstimateStatus.LIMITED), *channel[1:]]
-    assert f"at stop {channel[0].stop}; to do: a larger channel." in "".join(limit_doubt(full))
+def test_paths_missed_by_the_limit_are_said() -> None:
+    assert not sentence(channel__missed__path_limit=0.0)
+    assert "3 significant paths missed where max_paths was" in sentence(channel__missed__path_limit=3.0)
 
 
 def test_estimates_alone_tell_that_no_stop_or_another_state_was_found(campaign) -> None:
