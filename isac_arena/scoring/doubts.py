@@ -15,8 +15,8 @@ MOST_NEES = 4.0  # of paths, 1 where covariances are right: errors of twice what
 BEHIND = 1.25  # times the RMSE of the published method: less is chance where both have the same paths
 FEW_STOPS = 6  # of a walk; box_room is .046, .007, .0015 and .0015 m off with 2, 4, 6 and 9 stops
 NONE_LOCATED = (
-    "SLAM located no stop, so it made no map: a stop needs its line of sight or three single bounces. Look at the "
-    "paths of the stops in the report, then at beams, power and walk"
+    "SLAM located no stop, so it made no map: a stop needs its line of sight and a single bounce, or four "
+    "single bounces. Look at the paths of the stops in the report, then at beams, power and walk"
 )
 MORE_STOPS = "more stops (n_stops of the walk)"
 POSES = (

@@ -184,8 +184,10 @@ def test_test_runs_slow_tests_and_other_numbers_of_processes_on_demand_only(chec
     def passed(*arguments: str) -> str:
         return run(checkout / "scripts/test", *arguments, DRJIT_LIBLLVM_PATH="").stdout
 
-    assert passed("tests/a file.py") == "<-m><pytest><-m><not slow><-n><2><--dist><worksteal><tests/a file.py>"
+    quick, two = "<-m><pytest><-m><not slow and not whole>", "<-n><2><--dist><worksteal>"
+    assert passed("tests/a file.py") == f"{quick}{two}<tests/a file.py>"
+    assert passed("--whole") == f"<-m><pytest><-m><whole and not slow>{two}"
     assert passed("--all") == "<-m><pytest><-n><2><--dist><worksteal>"
     assert passed("--all", "-n", "0") == "<-m><pytest><-n><0>"
-    assert passed("-n4") == "<-m><pytest><-m><not slow><-n4>"
-    assert passed("--pdb") == "<-m><pytest><-m><not slow><--pdb>"
+    assert passed("-n4") == f"{quick}<-n4>"
+    assert passed("--pdb") == f"{quick}<--pdb>"

@@ -54,7 +54,7 @@ def about_unbounded(stop: Sequence[int], stops: StateBound, plan: BoundMap) -> I
     parts = [f"stop {listed(missing)} ({len(missing)} of {len(stop)} stops)"] if missing else []
     parts += [f"{n_missing} of {n_places} places of the plan (pink)"] if n_missing else []
     if parts:
-        yield f"inf: no bound at {' and '.join(parts)}: too few lines of sight and reflections for a position"
+        yield f"inf: no bound at {' and '.join(parts)}: too few paths, or too few that can be told apart"
 
 
 def state_numbers(stop: Sequence[int], stops: StateBound | None, plan: BoundMap) -> dict[str, Any]:

@@ -263,7 +263,7 @@ def test_damaged_and_other_files_end_in_one_line_and_write_nothing(table: pd.Dat
         ({"rx_z_m": [-300.0] * 4}, "few.csv: RX stop 0 at (2.000, 0.500, -300.000) m must lie between floor and"),
         (
             {"tx_x_m": [1e9] * 4, "tx_y_m": [0.0] * 4, "tx_heading_deg": [0.0] * 4},
-            "few.csv: tx.position_m = 1e+09",
+            "few.csv: scene.tx.position_m = 1e+09",
         ),
     ],
 )
