@@ -325,8 +325,9 @@ class CampaignRun:
     @cached_property
     def chosen_stops(self) -> Sequence[int]:
         """The stops of this run, in order."""
-        given = list(dict.fromkeys(truth.stop for truth in self.paths)) or range(len(self.scene.stops))
-        return given if self.stops is None else self.stops
+        if self.stops is not None:
+            return self.stops
+        return list(dict.fromkeys(truth.stop for truth in self.paths)) or range(len(self.scene.stops))
 
     @cached_property
     def link(self) -> Link:

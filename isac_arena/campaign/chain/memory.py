@@ -119,27 +119,21 @@ class MemoryRun(RunResults):
         return self.chain.scene
 
     @cached_property
+    @told(lambda self: "trace")
     def truths(self) -> list[Truth]:
         """The truth of every stop of this run, traced now; of several TX or links one after the other."""
-        return self._traced()
+        return list(self.chain.truths())
 
     @cached_property
+    @told(lambda self: f"run of {len(self.chain.chosen_stops)} stops")
     def results(self) -> CampaignResults:
         """All estimates, made now; `EstimatorError` where a function of yours fails."""
-        return self._estimated()
+        return self.chain.estimates(self.truths)
 
     @cached_property
     def scores(self) -> Scores:
         """The scores of all estimates."""
         return self.chain.score(self.truths, self.results)
-
-    @told(lambda self: "trace")
-    def _traced(self) -> list[Truth]:
-        return list(self.chain.truths())
-
-    @told(lambda self: f"run of {len(self.chain.chosen_stops)} stops")
-    def _estimated(self) -> CampaignResults:
-        return self.chain.estimates(self.truths)
 
     def _known_scores(self) -> Scores | None:
         return vars(self).get("scores")

@@ -163,8 +163,11 @@ def in_words(name: str) -> str:
     parts = [part for part in name.split(".") if part not in SILENT_PARTS]
     parts[-1] = parts[-1].removesuffix(next((ending for ending in UNITS if parts[-1].endswith(ending)), ""))
     words = ", ".join(part.replace("_", " ") for part in parts if part)
-    words = re.sub(r"\biou\b", "IoU", words)
-    return re.sub(r"\b(tx|rx|ip|ips|los|nlos|snr|slam)\b", lambda found: found[0].upper(), words)
+    return re.sub(r"\b(tx|rx|ip|ips|los|nlos|iou|snr|slam)\b", _abbreviation, words)
+
+
+def _abbreviation(found: re.Match[str]) -> str:
+    return "IoU" if found[0] == "iou" else found[0].upper()
 
 
 def headline_table(metrics: Sequence[Metric], note: str = "") -> str:

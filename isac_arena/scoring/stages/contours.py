@@ -58,12 +58,13 @@ def score_contours(scene: Scene, result: MapResult, ips: IpScores, significant: 
 
 def is_phantom(scene: Scene, contours: Contours) -> BoolArray:
     """Whether each contour (contour,) is closed, and no objects or meshes cover half of its area."""
-    outlines = [np.asarray(item.contour.outline.coords) for item in scene.fixtures if item.contour.closed]
-    outlines += [outline for mesh in scene.clutter for outline in mesh.plan_outlines_m]
-    covered = shapely.union_all([shapely.Polygon(outline) for outline in outlines])
-    areas = [shapely.Polygon(points).buffer(0) for points in contours.contour_m]
-    free = [area.difference(covered).area > area.area / 2 for area in areas]
-    return np.asarray(contours.is_closed & np.array(free, bool))
+    bodies = [item.contour.body() for item in scene.fixtures if item.contour.closed]
+    bodies += [shapely.Polygon(outline) for mesh in scene.clutter for outline in mesh.plan_outlines_m]
+    covered, found = shapely.union_all(bodies), np.zeros(len(contours), bool)
+    for row in np.flatnonzero(contours.is_closed):
+        area = shapely.make_valid(shapely.Polygon(contours.contour_m[row]))
+        found[row] = area.difference(covered).area > area.area / 2
+    return found
 
 
 def contour_errors(

@@ -84,8 +84,7 @@ function legendEntries() {
   if (data.scene.clutter.length) entries.push([mark("clutter", "square"), "mesh"]);
   if (data.has_truth) entries.push([html("span", {}, swatch("true-mark", "circle", 6), swatch("true-mark missed", "circle", 6)), "true path, detected and missed"]);
   entries.push([mark("stop", "circle"), data.has_truth ? "true RX stop" : "surveyed RX stop"], [mark("found", "plus"), "RX by SLAM"], [mark("tx", "diamond"), "TX with boresight"]);
-  const point = (shape, size, color) => svg("svg", { class: "swatch", viewBox: "-7 -7 14 14", width: 14, height: 14, "aria-hidden": "true" },
-    svg("path", { class: `point ${shape}`, d: glyphD(shape, [0, 0], size), style: shape === "cross" ? `stroke:${color};fill:none` : `fill:${color}` }));
+  const point = (shape, size, color) => swatch(`point ${shape}`, shape, size, pointStyle(shape, color));
   entries.push([html("span", {}, point("circle", 4, "var(--c0)"), point("square", 4, "var(--c1)")), "incidence point, a colour and mark for each object; large: of the stop"],
     [point("circle", 2.5, "var(--ghost)"), "incidence point of no contour"], [point("cross", 4, "var(--ghost)"), "incidence point of a ghost or phantom"]);
   entries.push([line("contour ours neutral"), "our contour"], [line("contour paper neutral"), "contour, published method"], [line("outline"), data.has_truth ? "true outline" : "surveyed outline"]);

@@ -112,6 +112,10 @@ function pointLook(item) {
   return item.ghost ? { color: "var(--ghost)", shape: "cross" } : look(item.index);
 }
 
+function pointStyle(shape, color) {
+  return shape === "cross" ? `stroke:${color};fill:none` : `fill:${color}`;
+}
+
 /** Draw the paths of the stop: true paths wide and pale, estimated paths thin. */
 function drawPaths(sheet) {
   const { add, project, hits, to } = sheet;
@@ -213,8 +217,7 @@ function drawPoints({ add, to, hits, mapName }) {
     const { color, shape } = pointLook(item);
     const size = (item ? 3 : 1.8) + (isHere ? 2.2 : 0);
     const d = places.map((place) => glyphD(shape, place, size)).join("");
-    const style = shape === "cross" ? `stroke:${color};fill:none` : `fill:${color}`;
-    add("path", { class: `point ${shape} ${isHere ? "here" : ""} ${fade(item)}`, d, style });
+    add("path", { class: `point ${shape} ${isHere ? "here" : ""} ${fade(item)}`, d, style: pointStyle(shape, color) });
   }
 }
 

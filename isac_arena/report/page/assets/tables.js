@@ -20,9 +20,9 @@ function table(id, heads, rows) {
 }
 
 /** A mark of the figures, for a table or a legend. */
-function swatch(kinds, shape, r = 4.5) {
+function swatch(kinds, shape, r = 4.5, style = "") {
   return svg("svg", { class: "swatch", viewBox: "-8 -8 16 16", width: 16, height: 16, "aria-hidden": "true" },
-    svg("path", { class: kinds, d: glyphD(shape, [0, 0], r) }));
+    svg("path", { class: kinds, d: glyphD(shape, [0, 0], r), style }));
 }
 
 function pathTable(row) {
