@@ -29,7 +29,7 @@ from isac_arena.campaign.stored import (
 from isac_arena.campaign.summary import TraceCounts, run_facts, score_legend, score_table
 from isac_arena.progress import heard_steps, progress_bar, working
 from isac_arena.report.page.budget_file import BUDGET_FILE, read_budget
-from isac_arena.scoring.doubts import estimate_doubts, few_stops
+from isac_arena.scoring.doubts import run_doubts
 from isac_arena.scoring.measured import measured_metrics, score_measured
 from isac_arena.scoring.record import ScoreTables
 from isac_arena.scoring.score import Scores, score_metrics
@@ -249,7 +249,7 @@ def write_scores(store: CampaignStore) -> None:
     console.print(score_table(scores))
     for line in score_legend(scores):
         console.print(line, markup=False, soft_wrap=True)
-    print_doubts(_doubts(store, scores, results))
+    print_doubts(run_doubts(scores.metrics, results.slam.poses))
 
 
 def write_report(store: CampaignStore, plan: RunPlan | None = None) -> None:
@@ -270,19 +270,12 @@ def write_report(store: CampaignStore, plan: RunPlan | None = None) -> None:
         if len(txs) > 1:
             facts |= {f"TX {one.name}": one.text for one in tx_shares(list(txs), results.mapping, tables)}
         plan = plan or (run_plan(store) if store.measured is None else None)
-        doubts = (*_doubts(store, scores, results), *(plan.doubts if plan else ()))
-        if doubts:
+        found = run_doubts(scores.metrics, results.slam.poses)
+        if doubts := dict.fromkeys((*found, *(plan.doubts if plan else ()))):
             facts["Doubtful"] = "\n".join(f"• {doubt}" for doubt in doubts)
         page = render_report(_page_payload(store, scene, results, tables), scores, figures, facts)
         store.write_report(page, {name: figure.png for name, figure in figures.items()})
     console.print(f"report: {store.directory / 'report.html'}")
-
-
-def _doubts(store: CampaignStore, scores: Scores, results: CampaignResults) -> tuple[str, ...]:
-    """What scores and estimates say is doubtful; of a measurement, which has no plan, few stops as well."""
-    poses = results.slam.poses
-    few = few_stops(len(poses.stop)) if store.measured is not None and poses.is_of_walk.any() else ()
-    return (*scores.doubts, *estimate_doubts(poses), *few)
 
 
 def _failures(results: CampaignResults) -> list[str]:

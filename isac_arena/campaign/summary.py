@@ -89,7 +89,8 @@ def score_table(scores: Scores) -> Table:
 
 def score_legend(scores: Scores) -> Iterator[str]:
     """The meaning of every word of the score table, a line each, and what stops without a bound mean."""
-    yield from legend(label for row in headline(scores.metrics) for label in (row[0], *HEADS))
+    labels = [label for row in headline(scores.metrics) for label in (row[0], row[2], *HEADS)]
+    yield from legend([*labels, *scores.doubts])
     yield from filter(None, [bound_note(scores.tables.poses)])
 
 

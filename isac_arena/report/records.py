@@ -212,7 +212,8 @@ def _(thing: Record) -> str:
 
 @html.register
 def _(thing: Scores) -> str:
-    return str(thing.to_dataframe().to_html(max_rows=20, index=False))
+    doubts = "".join(f"<p>doubtful: {escape(doubt)}</p>" for doubt in thing.doubts)
+    return doubts + str(thing.to_dataframe().to_html(max_rows=20, index=False))
 
 
 def _parts(thing: Record) -> list[tuple[str, Record]]:

@@ -17,8 +17,8 @@ HEADS = ("published", "this run", "bound", "unit")
 
 @dataclass(frozen=True)
 class HeadlineRow:
-    """A score of this run, and the keys of the same by the paper's method, of its bound, and of the count that it
-    is a part of; empty for none.
+    """A score of this run, and the keys of the same by the paper's method, of its bound, of the count that it is a
+    part of, and of the count that it is a mean over; empty for none.
     """
 
     label: str
@@ -26,6 +26,7 @@ class HeadlineRow:
     paper: str = ""
     bound: str = ""
     whole: str = ""
+    members: str = ""
 
 
 def _pose_row(name: str, field: str, unit: str) -> HeadlineRow:
@@ -39,8 +40,8 @@ def _found_row(kind: str) -> HeadlineRow:
     return HeadlineRow(f"{kind.capitalize()}s found by mapping", f"contours.{key}", key, whole=whole)
 
 
-def _contour_row(label: str, key: str) -> HeadlineRow:
-    return HeadlineRow(label, f"contours.{key}", f"shapes.{key}")
+def _contour_row(label: str, of: str, score: str) -> HeadlineRow:
+    return HeadlineRow(label, f"contours.{of}.{score}", f"shapes.{of}.{score}", members=f"contours.{of}.count")
 
 
 HEADLINE = (
@@ -56,13 +57,13 @@ HEADLINE = (
     HeadlineRow("Incidence point to surface, SLAM, median", "slam.ip_to_surface.median_m"),
     _found_row("pillar"),
     _found_row("wall"),
-    _contour_row("Pillars, seen part, mapping, RMSE", "mapping.pillar.seen_rmse.mean_m"),
-    _contour_row("Walls, seen part, mapping, RMSE", "mapping.wall.seen_rmse.mean_m"),
+    _contour_row("Pillars, seen part, mapping, RMSE", "mapping.pillar", "seen_rmse.mean_m"),
+    _contour_row("Walls, seen part, mapping, RMSE", "mapping.wall", "seen_rmse.mean_m"),
     HeadlineRow("Contours of the right class, mapping, share", "contours.mapping.class_accuracy"),
     HeadlineRow("False contours, mapping", "contours.mapping.false"),
     HeadlineRow("False contours, SLAM", "contours.slam.false"),
-    _contour_row("Pillars, overlap (IoU), mapping", "mapping.pillar.iou.mean"),
-    _contour_row("Pillars, overlap (IoU), SLAM", "slam.pillar.iou.mean"),
+    _contour_row("Pillars, overlap (IoU), mapping", "mapping.pillar", "iou.mean"),
+    _contour_row("Pillars, overlap (IoU), SLAM", "slam.pillar", "iou.mean"),
     HeadlineRow("Movers in view that are tracked, share", "tracks.found_share"),
     HeadlineRow("Tracks and movers in view, mean GOSPA", "tracks.gospa.mean_m"),
     HeadlineRow("Velocity of tracks, RMSE", "tracks.velocity.rmse_m_s", bound="tracks.velocity.bound_m_s"),
@@ -75,9 +76,12 @@ def headline(metrics: Sequence[Metric]) -> Iterator[tuple[str, list[Metric | Non
     for row in HEADLINE:
         cells = [known.get(key) for key in (row.paper, row.key, row.bound)]
         if (present := next(filter(None, cells), None)) is not None:
-            whole = known[row.whole].value if row.whole in known else math.nan
-            unit = f"of {whole:g}" if math.isfinite(whole) else present.unit
-            yield row.label, cells, "" if unit == "1" else unit
+            unit = "" if present.unit == "1" else present.unit
+            whole, members = (known[key].value if key in known else math.nan for key in (row.whole, row.members))
+            unit = f"of {whole:g} visible" if math.isfinite(whole) else unit
+            if math.isfinite(members):
+                unit = ", ".join(filter(None, [unit, f"mean of {members:g}"]))
+            yield row.label, cells, unit
 
 
 def bound_note(poses: PoseScores) -> str:

@@ -205,6 +205,11 @@ class ContourScores(OutlineScores):
         """Whether each contour shows no object of the scene: a ghost or a phantom."""
         return self.is_ghost | self.is_phantom
 
+    @property
+    def is_mixed(self) -> BoolArray:
+        """Whether the points of each contour are of several objects, none of which has half of them."""
+        return np.asarray((self.object == "") & ~self.is_false)
+
 
 @dataclass(frozen=True)
 class SceneScores(Record):

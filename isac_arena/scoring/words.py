@@ -25,6 +25,8 @@ WORDS = {
     "lit extent": "the part of an object where true single bounces met it on the walk",
     "ghost": "a contour or point most of whose paths come from no object by one bounce",
     "phantom": "a closed contour half of whose area or more no object covers",
+    "mixed": "of several objects: none has half of its points",
+    "visible": "met by 3 significant single bounces or more over all stops, so that it can be found",
     "incidence point": "where a path that bounced once met a surface; its distance to the surface counts in plan, "
     "off floor or ceiling in height, and not where no height was estimated",
     "self-calibration": "gains and phases of both arrays, estimated from some stops before all else",

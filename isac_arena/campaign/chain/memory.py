@@ -13,6 +13,7 @@ from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.driver import CampaignRun
 from isac_arena.campaign.results import CampaignResults, MapResult
 from isac_arena.progress import counted, told
+from isac_arena.scoring.doubts import run_doubts
 from isac_arena.scoring.headline import headline
 from isac_arena.scoring.score import Scores
 from scenes.display import Displayed
@@ -75,6 +76,14 @@ class RunResults(Displayed, ABC):
         """The map and the receiver states found together."""
         return self.results.slam
 
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """What is doubtful about the results, a sentence each, with what to do; empty where nothing is.
+
+        Raises `ValueError` where the run was not scored.
+        """
+        return run_doubts(self.scores.metrics, self.slam.poses)
+
     @abstractmethod
     def _known_scores(self) -> Scores | None:
         """The scores where they are at hand."""
@@ -82,8 +91,9 @@ class RunResults(Displayed, ABC):
     def __repr__(self) -> str:
         scores = self._known_scores()
         found = "; ".join(_main(scores)) if scores else "no scores yet"
-        where = self.directory or "memory"
-        return f"{type(self).__name__}({self.config.name!r} in {where}, {counted(self._n_stops, 'stop')}: {found})"
+        doubtful = "; doubtful, see .doubts" if scores and scores.doubts else ""
+        where = f"{self.config.name!r} in {self.directory or 'memory'}"
+        return f"{type(self).__name__}({where}, {counted(self._n_stops, 'stop')}: {found}{doubtful})"
 
     @property
     def _n_stops(self) -> int:

@@ -79,7 +79,11 @@ def along_walk(model: ChannelModel, stops: Sequence[int]) -> Table:
     poses = [model.prepared.scene.stops[stop] for stop in stops]
     position_m = np.array([pose.position_m for pose in poses])
     places = list(zip(poses, model.prepared.solver.paths(position_m), strict=True))
-    table = Table("channel, median", "LOS", "phases lost", "1 bounce", "phases lost", "unit")
+    table = Table(
+        "median bound", "LOS", "LOS, power alone", "1 bounce", "1 bounce, power alone", "unit",
+        caption="Cramér-Rao bounds over the stops of the walk. Power alone: with a CFO or phase noise, which "
+        "change the phases from beam pair to beam pair", caption_justify="left",
+    )  # fmt: skip
     for column in range(1, 5):
         table.columns[column].justify = "right"
     kinds: dict[PathKind, list[FloatArray]] = {PathKind.LOS: [], PathKind.SINGLE_BOUNCE: []}

@@ -12,6 +12,7 @@ from isac_arena.report.page.tables import in_words
 from isac_arena.report.style import ESTIMATE, GHOST, SLAM, TRUTH, legend_below, new_figure, styled
 
 MOST_SHOWN_PERCENT = 150.0
+MOST_PERCENT = 1000.0  # larger changes are told as factors
 VERDICTS: dict[str, dict[str, Any]] = {
     "better": {"color": ESTIMATE, "marker": "o"},
     "worse": {"color": SLAM, "marker": "s"},
@@ -86,9 +87,13 @@ def _text(one: PairedDifference, span: tuple[float, ...], limit: float) -> str:
     counts = "" if one.n_first == one.n_second == one.n_pairs else f" of {one.n_first} and {one.n_second}"
     text = f"{one.first:.3g} to {one.second:.3g}{unit}, n = {one.n_pairs}{counts}"
     if any(abs(value) > limit for value in span):
-        known = [value for value in span[1:] if math.isfinite(value)]
-        text += f"; {known[0]:+.0f} to {known[1]:+.0f} %" if known else f"; {span[0]:+.0f} %"
+        shown = [_change(value) for value in span[1:] if math.isfinite(value)] or [_change(span[0])]
+        text += f"; {' to '.join(shown)}"
     return text.replace("-", "\N{MINUS SIGN}")
+
+
+def _change(percent: float) -> str:
+    return f"{percent:+.0f} %" if abs(percent) < MOST_PERCENT else f"{percent / 100:+,.0f} times"
 
 
 def _label(one: PairedDifference) -> str:

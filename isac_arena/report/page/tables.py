@@ -100,6 +100,7 @@ MAPS = ScoreTable(
 )
 
 SHAPE_ROWS = (
+    ("Objects with a contour, which the means are over", "count"),
     ("Overlap with the true area (IoU)", "iou.mean"),
     ("Hausdorff distance", "hausdorff.mean_m"),
     ("Seen contour, RMSE", "seen_rmse.mean_m"),
@@ -130,6 +131,7 @@ ACCEPTED = ScoreTable(
         ("Contours accepted", "accepted"),
         ("of these, ghosts", "ghosts"),
         ("of these, phantoms", "phantoms"),
+        ("of these, mixed", "mixed"),
         ("Objects found", "objects_found"),
         ("Correct class, share", "class_accuracy"),
         ("Closed outlines against objects, GOSPA over 1 - IoU", "scene_gospa"),
@@ -172,8 +174,8 @@ def _abbreviation(found: re.Match[str]) -> str:
 
 def headline_table(metrics: Sequence[Metric], note: str = "") -> str:
     """The main scores of a campaign, beside the paper's method and the bound, and a note under their legend."""
-    rows = [(explained(label), *map(_value, cells), escape(unit)) for label, cells, unit in headline(metrics)]
-    texts = [*HEADS, *(label for label, _, _ in headline(metrics))]
+    rows = [(explained(label), *map(_value, cells), explained(unit)) for label, cells, unit in headline(metrics)]
+    texts = [*HEADS, *(text for label, _, unit in headline(metrics) for text in (label, unit))]
     about = "<br>".join(map(escape, filter(None, [*legend(texts), note])))
     return html_table(("", *map(explained, HEADS)), rows) + f"<p>{about}</p>"
 

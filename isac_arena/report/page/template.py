@@ -32,7 +32,8 @@ PAGE = """<!DOCTYPE html>
 <p>Every estimated path is assigned to at most one true path, within a gate on delay and angles. Only significant
 true paths count: not diffuse, above the noise and within the estimator's dynamic range. A path that no estimator
 could part from its neighbours is counted apart, not as missed. An unassigned estimate is weak or diffuse where
-other true energy explains it, and false otherwise. Angles are compared as reported: azimuths, or cone angles.</p>
+other true energy explains it, and false otherwise. Angles are compared as reported: azimuths, or of horizontal
+beams cone angles: those off the boresight of the panel.</p>
 <div class="columns unit">$channel_counts $channel_errors</div>
 $channel_figures
 

@@ -77,9 +77,9 @@ def pareto_figure(results: SweepResults, first: str, second: str) -> Figure:
     panel = figure.subplots()
     means = np.column_stack([point_means(results, key) for key in (first, second)])
     front = front_of(results, first, second)
-    panel.plot(*means[~front].T, "o", color=GHOST, markersize=4, label="dominated")
+    panel.plot(*means[~front].T, "o", color=GHOST, markersize=4, label="another point is better in both")
     order = np.flatnonzero(front)[np.argsort(means[front][:, 0])]
-    panel.plot(*means[order].T, "o-", color=ESTIMATE, markersize=6, label="not dominated")
+    panel.plot(*means[order].T, "o-", color=ESTIMATE, markersize=6, label="no other point is better in both")
     for index in order[:: max(1, len(order) // 8)]:
         panel.annotate(
             _values_at(results, index), means[index], xytext=(6, 5), textcoords="offset points", fontsize=7,

@@ -123,6 +123,7 @@ def contour_metrics(map_name: str, scene: Scene, table: ContourScores) -> list[M
         Metric(f"{prefix}.accepted", len(table.object), "1", "info"),
         Metric(f"{prefix}.ghosts", table.is_ghost.sum(), "1", "lower"),
         Metric(f"{prefix}.phantoms", table.is_phantom.sum(), "1", "lower"),
+        Metric(f"{prefix}.mixed", table.is_mixed.sum(), "1", "lower"),
         Metric(f"{prefix}.false", table.is_false.sum(), "1", "lower"),
         Metric(f"{prefix}.objects_found", len(found), "1", "higher"),
         Metric(f"{prefix}.objects_found.pillar", found.count("pillar"), "1", "higher"),

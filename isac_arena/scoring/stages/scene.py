@@ -7,10 +7,10 @@ import numpy as np
 from isac_arena.campaign.results import MapResult
 from isac_arena.scoring.metrics.contours import scene_gospa
 from isac_arena.scoring.metrics.metric import Metric
-from isac_arena.scoring.record import OutlineScores, SceneScores, SignificantPaths
+from isac_arena.scoring.record import ContourScores, OutlineScores, SceneScores, SignificantPaths
 from isac_arena.scoring.stages.outlines import is_compact
 from isac_arena.scoring.stages.shapes import contour_points_m
-from scenes.record import FloatArray, TextArray
+from scenes.record import FloatArray
 from scenes.scene import Scene
 
 METHODS = ("shapes", "contours")  # the paper's and ours, in the order of the rows
@@ -20,22 +20,27 @@ def score_scene(
     scene: Scene,
     result: MapResult,
     clusters: OutlineScores,
-    contours: OutlineScores,
+    contours: ContourScores,
     significant: SignificantPaths,
 ) -> SceneScores:
     """Scene-level GOSPA of the paper's shapes and of our contours.
 
     Outlines of walls and other open objects are excluded, because the thickness of an object that is seen from
-    one side is unobservable. An open contour of a compact object has no area: it counts as false and its object
-    as missed.
+    one side is unobservable; a phantom is false, whatever its paths come from. An open contour of a compact object
+    has no area: it counts as false and its object as missed. Other open contours are left out.
     """
     compact = [item for item in scene.fixtures if is_compact(item)]
     lit = [item for item in compact if (significant.object == item.name).any()]
     truths = [np.asarray(item.contour.outline.coords)[:-1] for item in lit]
-    shapes = [contour_points_m(result.shapes, row) for row in _with_area(scene, clusters.object)]
-    ours = [result.contours.contour_m[row] for row in _with_area(scene, contours.object)]
-    flat = ~result.contours.is_closed[_with_area(scene, contours.object)]
-    ours = [points[:1].repeat(3, axis=0) if open_ else points for points, open_ in zip(ours, flat, strict=True)]
+    flat_names = [item.name for item in scene.fixtures if not is_compact(item)]
+    with_area = np.flatnonzero(~np.isin(clusters.object, flat_names)).tolist()
+    shapes = [contour_points_m(result.shapes, row) for row in with_area]
+    is_closed, of_compact = result.contours.is_closed, np.isin(contours.object, [item.name for item in compact])
+    closed = is_closed & (contours.is_phantom | ~np.isin(contours.object, flat_names))
+    ours = [
+        result.contours.contour_m[row] if is_closed[row] else result.contours.contour_m[row][:1].repeat(3, axis=0)
+        for row in np.flatnonzero(closed | (of_compact & ~is_closed))
+    ]
     rows = [_row(estimates, truths) for estimates in (shapes, ours)]
     return SceneScores(np.array(METHODS), *np.array(rows).T)
 
@@ -49,12 +54,6 @@ def scene_metrics(map_name: str, table: SceneScores) -> list[Metric]:
         for part in ("localisation", "missed", "false"):
             metrics.append(Metric(f"{prefix}.{part}", getattr(table, part)[row], "1", "info"))
     return metrics
-
-
-def _with_area(scene: Scene, names: TextArray) -> list[int]:
-    """Rows of estimates of no object or of a compact one."""
-    flat_names = {item.name for item in scene.fixtures if not is_compact(item)}
-    return [row for row, name in enumerate(names) if str(name) not in flat_names]
 
 
 def _row(estimates_m: Sequence[FloatArray], truths_m: Sequence[FloatArray]) -> list[float]:

@@ -56,9 +56,10 @@ def test_a_published_method_that_solves_fewer_stops_is_no_comparison() -> None:
     assert not sentence(published__position__rmse_m=0.001, published__solved_share=0.5)
 
 
-def test_errors_that_covariances_state_are_told_from_those_that_they_hide() -> None:
-    assert "as its stated deviations say" in sentence(slam__position__over_bound=30.0)
-    assert "as its stated" not in sentence(slam__position__over_bound=30.0, slam__nees=16.0)
+def test_the_error_that_slam_states_itself_is_told_beside_the_true_one() -> None:
+    stated = sentence(slam__position__over_bound=30.0, slam__position__stated_m=0.001)
+    assert "position 0.002 m, 30 times its bound (SLAM itself states 0.001 m)" in stated
+    assert "states" not in sentence(slam__position__over_bound=30.0)
 
 
 def test_covariances_of_paths_that_are_too_small_are_said() -> None:

@@ -44,6 +44,23 @@ def test_an_open_contour_of_a_pillar_is_false_and_misses_it(scene_scores, campai
     assert table.missed[1] == table.false[1] == pytest.approx(1)
 
 
+def test_phantoms_of_walls_are_false_and_open_contours_of_no_object_are_left_out(scene_scores, campaign):
+    mapping = campaign.results.mapping
+    flat = np.flatnonzero(~mapping.contours.is_closed)
+    around = np.linspace(0, 2 * np.pi, mapping.contours.contour_m.shape[1], endpoint=False)
+    ring = np.array([-40.0, -40.0]) + 0.3 * np.stack([np.cos(around), np.sin(around)], axis=1)
+    contour_m, is_closed = mapping.contours.contour_m.copy(), mapping.contours.is_closed.copy()
+    contour_m[flat[0]], is_closed[flat[0]] = ring, True
+    ringed = replace(mapping.contours, contour_m=contour_m, is_closed=is_closed)
+    table = scene_scores(replace(campaign.results, mapping=replace(mapping, contours=ringed)))
+    assert table.false[1] == pytest.approx(np.sqrt(0.5)) and table.missed[1] == 0
+    apart = replace(
+        mapping.contours, object=np.where(mapping.contours.object == flat[0], -1, mapping.contours.object)
+    )
+    table = scene_scores(replace(campaign.results, mapping=replace(mapping, contours=apart)))
+    assert table.false[1] == table.missed[1] == 0
+
+
 def test_a_ring_twice_the_area_is_half_a_unit_off(scene_scores, campaign):
     mapping = campaign.results.mapping
     wide = replace(mapping.shapes, radius_m=mapping.shapes.radius_m * np.sqrt(2))

@@ -140,7 +140,7 @@ def test_the_figure_shows_every_quantity_and_where_it_ends(score, campaign):
         in_words(one.key) for one in reversed(compared)
     ]
     texts = [text.get_text() for text in ax.texts]
-    row = next(text for text in texts if text.endswith("%"))
+    row = next(text for text in texts if text.endswith("times"))
     assert "n = 12; +4" in row  # 49 times as much: beyond the axis, written out
     arrows = [line for line in ax.get_lines() if line.get_marker() in "<>" and line.get_marker()]
     assert len(arrows) == 1 and arrows[0].get_xdata()[0] == ax.get_xlim()[1]
