@@ -111,6 +111,7 @@ install_packages() {
     wanted >"$installed.part"
     mv -- "$installed.part" "$installed"
     rm -- "$unfinished"
+    is_new=yes
 }
 
 # Write to .venv/.llvm what the ray tracer can compile with; fail where there is nothing.
@@ -150,5 +151,7 @@ if command -v flock >/dev/null; then
     exec 9<"$root"
     flock 9
 fi
+is_new=""
 install_packages
 ensure_llvm
+[[ -z "$is_new" ]] || say "Installed. For this terminal: source .venv/bin/activate; then arena --help"

@@ -14,7 +14,8 @@ from scenes.record import IntArray, Record, array
 from sim.observation import BeamSweep
 from sim.truth import Truth
 
-MAP_STEPS = ("mapping", "contours of mapping", "SLAM", "contours of SLAM", "published SLAM")  # of both maps
+# The steps of both maps, and the usual share of each in their time, in %.
+MAP_STEPS = {"mapping": 1, "contours of mapping": 11, "SLAM": 78, "contours of SLAM": 7, "published SLAM": 3}
 MapName = Literal["mapping", "slam"]
 
 

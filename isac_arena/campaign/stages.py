@@ -27,7 +27,7 @@ from isac_arena.campaign.stored import (
     stored_truths,
 )
 from isac_arena.campaign.summary import TraceCounts, run_facts, score_legend, score_table
-from isac_arena.progress import heard_steps, progress_bar, working
+from isac_arena.progress import counted, heard_steps, progress_bar, working
 from isac_arena.report.page.budget_file import BUDGET_FILE, read_budget
 from isac_arena.scoring.doubts import run_doubts
 from isac_arena.scoring.measured import measured_metrics, score_measured
@@ -48,6 +48,7 @@ Named = Mapping[str, str]  # functions of a user by the stage that they replace
 HERE = StopMakers(workers=1)
 
 # Files and folders of a campaign directory that a command reads beside the settings
+SHOWN_FAILURES = 3  # of a user's function at stops; a mistake in it fails at most stops
 SAMPLES = ("truth", "sweep")
 ESTIMATES = ("truth", "channel", "map")
 SCORED = (*ESTIMATES, "provenance.nc")
@@ -198,7 +199,10 @@ def _each_stop(stops: StopRun, makers: StopMakers, description: str) -> list[Est
             counts += one.counts
             if one.failure is not None:
                 failures.append(one.failure)
-                _print_failure(one.failure, progress.console)
+                if len(failures) <= SHOWN_FAILURES:
+                    _print_failure(one.failure, progress.console)
+    if more := max(len(failures) - SHOWN_FAILURES, 0):
+        console.print(f"failed: {counted(more, 'more stop', 'more stops')}; the report has them all")
     for line in counts.lines:
         console.print(line)
     return failures
@@ -221,19 +225,21 @@ def build_maps(store: CampaignStore) -> list[EstimatorError]:
     n_stops = len(run.chosen_stops)
     channel = [estimate.channel for estimate in channel_estimates(store, n_stops)]
     with progress_bar(console) as progress:
-        task = progress.add_task(MAP_STEPS[0], total=len(MAP_STEPS))
+        steps = list(MAP_STEPS)
+        task = progress.add_task(steps[0], total=sum(MAP_STEPS.values()))
 
         def begin(step: str) -> None:
-            progress.update(task, completed=MAP_STEPS.index(step), description=step)
+            before = steps[: steps.index(step)]
+            progress.update(task, completed=sum(MAP_STEPS[name] for name in before), description=step)
 
         def tell(detail: str) -> None:
-            step = MAP_STEPS[int(progress.tasks[task].completed)]
+            step = progress.tasks[task].description.partition(", ")[0]
             progress.update(task, description=f"{step}, {detail}")
 
         run = replace(run, on_step=begin)
         with heard_steps(tell):
             run.maps(channel, known_receiver(known_stops(store, channel)))
-        progress.update(task, completed=len(MAP_STEPS))
+        progress.update(task, completed=progress.tasks[task].total)
     for failure in failures:
         _print_failure(failure, console)
     return failures

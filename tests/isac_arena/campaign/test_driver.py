@@ -97,6 +97,9 @@ def test_a_run_in_memory_has_the_attributes_of_one_in_a_directory(
     memory, files = ({name for name in dir(kind) if name[0] != "_"} for kind in (MemoryRun, ia.FinishedRun))
     assert memory == files and {"plot", "to_dataframe", "scores", "directory", "config"} <= memory
     assert run.plot().has_data() and run.directory is None
+    assert (
+        run.doubts[: len(run.scores.doubts)] == run.scores.doubts and "hardly check one another" in run.doubts[-1]
+    )
     with pytest.raises(TypeError, match=r"MemoryRun is no table; its parts: .*truths, results, scores"):
         run.to_dataframe()
     assert repr(run).startswith("MemoryRun('small' in memory, ")
