@@ -2,8 +2,11 @@
 
 Points of ceilings, floors and walls scatter at any height. `estimation.laws.level` sees paths from above as over
 upright surfaces: for such a point this gives a plan length that is too long, and with horizontal beams azimuths
-that are too near the boresight. This kernel predicts what is seen, so that the height can be estimated.
+that are too near the boresight. So do images of upright objects in floor and ceiling. These kernels predict what
+is seen, so that the height can be estimated.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,6 +15,14 @@ from estimation.laws.plane import MIN_LENGTH_M, wrapped
 from scenes.record import FloatArray
 
 STEEPEST_SINE = 0.9995  # sines beyond are taken as this
+RAISED_STD_M = 3.0  # of the prior of heights over the receiver
+
+
+class PathHeights(NamedTuple):
+    """Where paths begin and end: what the height of a point between needs."""
+
+    difference_m: FloatArray  # (path,) height of the TX above the receiver
+    boresight_rad: FloatArray  # (path, 2) as `raised_path` takes them
 
 
 @compiled
@@ -83,3 +94,46 @@ def raised_path(
         slope[end + 1] /= across
     by_state[:, :3], by_state[:, 3], by_point[:] = slope[:, :3], 0.0, slope[:, 3:]
     by_state[0, 3] = 1.0
+
+
+@compiled
+def image_path(
+    tx: FloatArray,
+    state: FloatArray,
+    point: FloatArray,
+    boresight_rad: FloatArray,
+    value: FloatArray,
+    by_point: FloatArray,
+) -> None:
+    """Measurement (3,) with derivative (3, 3), both written, of the path by an upright edge and floor or ceiling.
+
+    `point` (3,) is x and y in m, and v^2 - d^2 in m^2: v is the way up and down, d the height difference of the
+    devices. At 0 the path is level. The rest is as for `raised_path`.
+    """
+    azimuth, by_azimuth, by_plan, plan = np.empty(2), np.zeros((2, 3)), np.zeros(3), 0.0
+    for end in range(2):
+        device = tx if end == 0 else state
+        east, north = point[0] - device[0], point[1] - device[1]
+        leg = max(np.sqrt(east**2 + north**2), MIN_LENGTH_M)
+        plan += leg
+        azimuth[end] = np.arctan2(north, east) - device[2]
+        by_plan[0] += east / leg
+        by_plan[1] += north / leg
+        by_azimuth[end, 0], by_azimuth[end, 1] = -north / leg**2, east / leg**2
+    seen = np.sqrt(max(plan**2 + point[2], MIN_LENGTH_M**2))
+    cosine = plan / seen
+    by_seen = cosine * by_plan
+    by_seen[2] = 0.5 / seen
+    by_cosine = (by_plan - cosine * by_seen) / seen
+    value[0], by_point[0] = seen + state[3], by_seen
+    for end in range(2):
+        if np.isnan(boresight_rad[end]):
+            value[end + 1], by_point[end + 1] = wrapped(azimuth[end]), by_azimuth[end]
+            continue
+        turn = wrapped(azimuth[end] - boresight_rad[end])
+        sine = min(max(np.sin(turn) * cosine, -STEEPEST_SINE), STEEPEST_SINE)
+        opening, across = np.arcsin(sine), np.sqrt(1 - sine**2)
+        if np.cos(turn) < 0:  # behind the panel
+            opening, across = np.pi - opening, -across
+        value[end + 1] = wrapped(boresight_rad[end] + opening)
+        by_point[end + 1] = (np.cos(turn) * cosine * by_azimuth[end] + np.sin(turn) * by_cosine) / across

@@ -1,9 +1,9 @@
 """Contours of objects from paths and poses, by the method of the settings."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 from estimation.channel.record import ChannelEstimate
+from estimation.laws.raised import PathHeights
 from estimation.shape.config import ContourConfig
 from estimation.shape.points.contours import fit_point_contours
 from estimation.shape.record import Contours
@@ -24,11 +24,13 @@ def estimate_contours(
     label: IntArray,
     noise: PathNoise,
     config: ContourConfig,
+    heights: Sequence[PathHeights] = (),
 ) -> Contours:
     """One contour per object, by the method of the settings.
 
     `label` (ip,) are the clusters of the shapes of the paper. They are the objects of the methods for points;
-    the record names the cluster of each object.
+    the record names the cluster of each object. `heights` of all paths, where they are known and elevations are
+    not, tell places on floor and ceiling from objects.
     """
     if config.method == "none":
         return no_contours(len(ips), len(poses.stop))
@@ -37,6 +39,6 @@ def estimate_contours(
             allowed = "several need 'reflection' or 'none'"
             raise ValueError(f"contours.method = '{config.method}': is of one TX; {allowed}")
         return fit_point_contours(ips, label, tx_pose, poses, config)
-    paths = campaign_paths(channel, tx_pose, poses, ips, noise, config)
+    paths = campaign_paths(channel, tx_pose, poses, ips, noise, config, heights)
     fit = fit_campaign(paths, config)
-    return contour_record(replace(fit, paths=tuple(paths.upright[rows] for rows in fit.paths)), label, len(ips))
+    return contour_record(fit, label, len(ips))

@@ -15,9 +15,9 @@ import numpy as np
 
 from estimation.channel.record import AngleKind, ChannelEstimate
 from estimation.laws.level import nearest_boresight, plan_paths
+from estimation.laws.raised import PathHeights
 from estimation.slam.record import PoseEstimates, SolveStatus
 from estimation.slam.transmitters import of_tx, replaced_paths
-from estimation.slam.walk.residuals import PathHeights
 from scenes.pose import SPEED_OF_LIGHT_M_S
 from scenes.record import FloatArray
 

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from estimation.channel.record import ChannelEstimate
 from estimation.execution import steps
+from estimation.laws.raised import PathHeights
 from estimation.slam.config import MappingConfig, SnapshotConfig, TrajectoryConfig
 from estimation.slam.level import KnownHeights, solved_from_above
 from estimation.slam.mapped_solutions import collect_and_map
@@ -15,7 +16,6 @@ from estimation.slam.space.snapshot import solve_spatial
 from estimation.slam.space.trajectory import run_spatial_trajectory
 from estimation.slam.transmitters import AnyTx, Transmitters, of_tx, transmitters_of
 from estimation.slam.walk.filter import run_filter
-from estimation.slam.walk.residuals import PathHeights
 from estimation.slam.walk.trajectory import run_trajectory
 
 

@@ -22,6 +22,7 @@ from estimation.shape.reflection.faces.find import FaceSearch
 from estimation.shape.reflection.objects import FoundObject, find_objects, refit_objects
 from estimation.shape.reflection.paths import CampaignPaths
 from estimation.shape.reflection.pillar_prior import prior_from_others
+from estimation.shape.reflection.raised import upright_paths
 from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
 from estimation.shape.reflection.search import CHI2_MEDIAN, N_COMMON
 from estimation.shape.reflection.tx_sessions import (
@@ -61,6 +62,10 @@ def fit_campaign(paths: CampaignPaths, config: ContourConfig) -> CampaignFit:
         if paths.widening == 1:
             data, settings = without_offsets(data, _bundle(paths, []), settings)
         objects = find_objects(data, config.eps_m, config.min_samples, settings)
+        if (upright := upright_paths(objects, data, settings)) is not None:
+            paths, data = paths.only(upright), upright.of(data)
+            seeds = [upright.rows(each.paths) for each in objects]
+            objects = refit_objects(GroupFits(data, settings), seeds, config.min_samples)
         standing = objects if paths.widening > 1 else _standing(objects, data, paths.los, settings)
         together = _simple_bundle(paths, standing)
         data, settings = without_offsets(paths.bounces, together, paths.config)
@@ -206,7 +211,7 @@ def _final(
         method="reflection",
         shapes=tuple(shape for shape, _, _ in found),
         class_probability=np.array([each for _, _, each in found]).reshape(len(found), len(CLASSES)),
-        paths=tuple(rows for _, rows, _ in found),
+        paths=tuple(paths.upright[rows] for _, rows, _ in found),
         bundle=bundle,
         sessions=paths.sessions,
     )

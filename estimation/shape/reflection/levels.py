@@ -13,6 +13,7 @@ from scenes.record import BoolArray, FloatArray
 _RELIEF_M = 0.05  # standard deviation of places of a level surface about its height
 _CLEAR_M = 0.3  # of floor and ceiling from all devices: upright mirrors show their heights
 _ROUNDS = 10
+_PLANES = 2  # floor and ceiling
 
 
 def is_level(ips: IncidencePoints, devices_m: tuple[float, float]) -> BoolArray:
@@ -27,15 +28,29 @@ def is_level(ips: IncidencePoints, devices_m: tuple[float, float]) -> BoolArray:
     for outside in (height < devices_m[0] - _CLEAR_M, height > devices_m[1] + _CLEAR_M):
         rows = np.flatnonzero(known & outside)
         if len(rows):
-            found[rows] = _on_plane(height[rows], variance[rows])
+            uniform = np.full(len(rows), 1 / max(float(np.ptp(height[rows])), 1.0))
+            found[rows] = _on_plane(height[rows], variance[rows], uniform)
     return found
 
 
-def _on_plane(height_m: FloatArray, variance_m2: FloatArray) -> BoolArray:
-    """Which heights (ip,) are those of one plane; the others are uniform over their range."""
+def on_planes(height_m: FloatArray, variance_m2: FloatArray, elsewhere: FloatArray) -> BoolArray:
+    """Which points (point,) have the height of many others: on the floor or on the ceiling.
+
+    `elsewhere` (point,) is the density per m of the height of a point on neither.
+    """
+    found = np.zeros(len(height_m), bool)
+    for _ in range(_PLANES):
+        rows = np.flatnonzero(~found)
+        if len(rows):
+            found[rows] = _on_plane(height_m[rows], variance_m2[rows], elsewhere[rows])
+    return found
+
+
+def _on_plane(height_m: FloatArray, variance_m2: FloatArray, elsewhere: FloatArray) -> BoolArray:
+    """Which heights (ip,) are those of one plane; the others have the densities `elsewhere` (ip,)."""
     spread = variance_m2 + _RELIEF_M**2
     density = np.exp(-0.5 * (height_m - height_m[:, None]) ** 2 / spread) / np.sqrt(2 * np.pi * spread)
-    ratio = density * max(float(np.ptp(height_m)), 1.0)  # (plane, ip)
+    ratio = density / elsewhere  # (plane, ip)
     share = np.full((len(height_m), 1), 0.5)
     for _ in range(_ROUNDS):
         posterior = share * ratio / (share * ratio + 1 - share)

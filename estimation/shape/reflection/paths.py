@@ -7,8 +7,10 @@ import numpy as np
 
 from estimation.channel.record import ChannelEstimate
 from estimation.laws.plane import measurement_vectors
+from estimation.laws.raised import PathHeights
 from estimation.shape.config import ContourConfig
 from estimation.shape.reflection.levels import is_level
+from estimation.shape.reflection.raised import UprightPaths
 from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
 from estimation.shape.reflection.tx_sessions import Sessions, los_sessions, stop_rows
 from estimation.slam.config import PathNoise
@@ -34,6 +36,10 @@ class CampaignPaths:
     upright: IntArray  # rows of the incidence points that are on neither floor nor ceiling
     may_turn: bool = False  # poses found stop by stop: the TX heading may jump between them
 
+    def only(self, upright: UprightPaths) -> "CampaignPaths":
+        """The data without what is on floor and ceiling."""
+        return replace(self, bounces=upright.of(self.bounces), upright=self.upright[upright.kept])
+
 
 def campaign_paths(
     channel: Sequence[ChannelEstimate],
@@ -42,15 +48,17 @@ def campaign_paths(
     ips: IncidencePoints,
     noise: PathNoise,
     config: ContourConfig,
+    heights: Sequence[PathHeights] = (),
 ) -> CampaignPaths:
     """Paths with the poses of mapping or of SLAM; those not among the incidence points are lines of sight.
 
     A given pose has the accuracy of the survey. A pose of SLAM was found from the same paths and gets a wider
     covariance, so that no path counts twice. With SLAM an offset that all sessions share is unobservable, since
     it rotates everything about the TX; offsets that jump between sessions are observable. So are those of several
-    TX, which all have offsets of their own.
+    TX, which all have offsets of their own. `heights` are those of every estimate, none where they are not known.
     """
     every, key = _all_paths(channel, tx_pose, poses, noise, config)
+    every = _with_heights(every, key, channel, heights)
     row = {pair: k for k, pair in enumerate(key)}
     bounce = np.array([row[pair] for pair in zip(ips.stop.tolist(), ips.path.tolist(), strict=True)], int)
     direct = np.setdiff1d(np.arange(len(every)), bounce)
@@ -171,6 +179,24 @@ def _paths_by_tx(
         parts.append(replace(data, clock=np.full(len(data), index)))
         keys += [(stop, int(rows[stop][path])) for stop, path in key]
     return concatenate(parts, "path"), keys
+
+
+def _with_heights(
+    paths: Reflections,
+    key: Sequence[tuple[int, int]],
+    channel: Sequence[ChannelEstimate],
+    heights: Sequence[PathHeights],
+) -> Reflections:
+    """Paths of the stops and indices `key` with what their heights need; not where elevations are known."""
+    if not heights or not len(paths):
+        return paths
+    own = {estimate.stop: pair for pair in zip(channel, heights, strict=True) for estimate in pair[:1]}
+    difference_m, boresight_rad = paths.difference_m.copy(), paths.boresight_rad.copy()
+    for row, (stop, path) in enumerate(key):
+        estimate, ends = own[stop]
+        if not np.isfinite([estimate.aod_elevation_rad[path], estimate.aoa_elevation_rad[path]]).any():
+            difference_m[row], boresight_rad[row] = ends.difference_m[path], ends.boresight_rad[path]
+    return replace(paths, difference_m=difference_m, boresight_rad=boresight_rad)
 
 
 def _pose_covariance(poses: PoseEstimates, config: ContourConfig) -> FloatArray:

@@ -31,10 +31,23 @@ class Reflections(Record):
     session: IntArray = array("path", dtype=int, doc="session of the TX heading offset, from 0")
     stop: IntArray = array("path", dtype=int, doc="stop of the RX")
     clock: IntArray = optional_array("path", dtype=int, doc="index of the TX: of its clock bias at the stop")
+    difference_m: FloatArray = optional_array(
+        "path", unit="m", doc="height of the TX over the RX; NaN where it is unknown or the path has an elevation"
+    )
+    boresight_rad: FloatArray = optional_array(
+        "path", "end", unit="rad", doc="azimuth of the panel at TX and RX in their frames; NaN for no cone angles"
+    )
 
     def __post_init__(self) -> None:
-        if self.clock is None:
-            object.__setattr__(self, "clock", np.zeros(len(self.stop), int))
+        n = len(self.stop)
+        missing = {
+            "clock": np.zeros(n, int),
+            "difference_m": np.full(n, np.nan),
+            "boresight_rad": np.full((n, 2), np.nan),
+        }
+        for name, value in missing.items():
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, value)
         super().__post_init__()
         for name in ("measured", "covariance", "tx", "rx_state", "rx_covariance"):
             if not np.all(np.isfinite(getattr(self, name))):

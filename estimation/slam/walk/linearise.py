@@ -13,12 +13,12 @@ from estimation.execution import compiled
 from estimation.inference.least_squares import student_t_efficiency, student_t_log_peak
 from estimation.laws.contour import closed_path
 from estimation.laws.plane import bounce_gap_path, bounce_path, los_path, mirror_departure, state_columns, wrapped
-from estimation.laws.raised import raised_path
+from estimation.laws.raised import PathHeights, raised_path
 from estimation.laws.support import CIRCLE_BY_RADIUS
 from estimation.laws.wall import wall_path
 from estimation.slam.config import TrajectoryConfig
 from estimation.slam.transmitters import transmitters_of
-from estimation.slam.walk.residuals import Association, Observations, PathClass, PathHeights, TrajectoryState
+from estimation.slam.walk.residuals import Association, Observations, PathClass, TrajectoryState
 from scenes.record import FloatArray, IntArray
 
 _UNUSED, _LOS, _BOUNCE, _OBJECT = PathClass.UNUSED, PathClass.LOS, PathClass.BOUNCE, PathClass.OBJECT

@@ -8,10 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from estimation.laws.raised import RAISED_STD_M
 from estimation.slam.config import TrajectoryConfig
 from estimation.slam.walk.linearise import linearise, path_heights
 from estimation.slam.walk.residuals import Association, Observations, PathClass, TrajectoryState
-from estimation.slam.walk.smoother import RAISED_STD_M
 from scenes.record import FloatArray, IntArray
 
 _STARTS_M = (0.7, -0.7, 2.0, -2.0)  # heights over the middle of the devices that fits start from

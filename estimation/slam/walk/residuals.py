@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
-from typing import NamedTuple
 
 import numpy as np
 
+from estimation.laws.raised import PathHeights
 from estimation.slam.transmitters import AnyTx, transmitters_of
 from scenes.record import BoolArray, FloatArray, IntArray
 
@@ -23,13 +23,6 @@ class PathClass(IntEnum):
     OBJECT = 4
     DOUBLE = 5  # off two walls
     RAISED = 6  # by way of a shared point at a height of its own
-
-
-class PathHeights(NamedTuple):
-    """Where paths begin and end: what the height of a point between needs."""
-
-    difference_m: FloatArray  # (path,) height of the TX above the receiver
-    boresight_rad: FloatArray  # (path, 2) as `estimation.laws.raised.raised_path` takes them
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ import numpy as np
 
 from estimation.inference.arrow import ArrowSystem
 from estimation.inference.least_squares import Attempt, Schedule, minimise
+from estimation.laws.raised import RAISED_STD_M
 from estimation.slam.config import TrajectoryConfig
 from estimation.slam.walk.linearise import Linearised, accumulate, linearise
 from estimation.slam.walk.motion import add_motion, course_of, motion_cost
@@ -20,7 +21,6 @@ from scenes.record import FloatArray
 
 _TOLERANCE = 1e-5  # of the cost, and of log-likelihood: a step that gains less changes no association
 _MAX_ITERATIONS = 20
-RAISED_STD_M = 3.0  # of the prior of heights over the receiver
 LANDMARK_INFORMATION = 1e-6  # of the prior of a landmark, in m^-2 and rad^-2
 _WEAK_STD = (50.0, 50.0, np.pi, 50.0)  # of a state; the last is of every clock bias
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from estimation.channel.record import ChannelEstimate
 from estimation.execution import steps
+from estimation.laws.raised import PathHeights
 from estimation.slam.config import MappingConfig, SnapshotConfig, TrajectoryConfig
 from estimation.slam.mapping.incidence_points import map_stops
 from estimation.slam.record import IncidencePoints, PoseEstimates, SolveStatus
@@ -29,7 +30,6 @@ from estimation.slam.walk.residuals import (
     Association,
     Observations,
     PathClass,
-    PathHeights,
     TrajectoryState,
     spare_equations,
 )

@@ -165,8 +165,9 @@ def with_shapes(
     if function := config.functions.of("shapes"):
         return MapResult(poses, every, shapes, called("shapes", function, list(channel), tx_pose, poses, ips))
     mapping = mapping or learned_mapping(config, channel, tx_pose, poses, heights)
+    ends = () if heights is None else heights.of_paths(channel)
     channel = seen_from_above(channel, poses.tx_clock_bias_s, heights)
-    contours = estimate_contours(channel, tx_pose, poses, ips, shapes.label, mapping.noise, config.contours)
+    contours = estimate_contours(channel, tx_pose, poses, ips, shapes.label, mapping.noise, config.contours, ends)
     return MapResult(poses, every, shapes, contours)
 
 

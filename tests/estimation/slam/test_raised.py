@@ -4,7 +4,7 @@ import numpy as np
 
 from estimation.channel.record import AngleKind, ChannelEstimate
 from estimation.laws.level import plan_paths
-from estimation.laws.raised import raised_path, raised_range
+from estimation.laws.raised import PathHeights, raised_path, raised_range
 from estimation.slam.config import MappingConfig, PathNoise, SnapshotConfig, TrajectoryConfig
 from estimation.slam.level import KnownHeights
 from estimation.slam.stops import locate_and_map
@@ -12,7 +12,7 @@ from estimation.slam.walk import association
 from estimation.slam.walk.linearise import linearise
 from estimation.slam.walk.motion import course_of
 from estimation.slam.walk.raised import with_raised
-from estimation.slam.walk.residuals import Association, Observations, PathClass, PathHeights, TrajectoryState
+from estimation.slam.walk.residuals import Association, Observations, PathClass, TrajectoryState
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose, wrap_angle
 
 PANELS = np.deg2rad([-180.0, -90.0, 0.0, 90.0])

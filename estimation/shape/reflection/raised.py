@@ -1,0 +1,279 @@
+"""Objects in the plane that are none: places at a height of their own, and images in floor and ceiling.
+
+Where beams show no elevation, every path is taken as level. The paths by way of a place on the floor or high on a
+rough wall are then too long, and so are those of an upright object by way of floor or ceiling: both look like an
+edge or a thin pillar behind the true place. Over a walk their length and their cone angles change as no upright
+object explains.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy.stats import norm
+
+from estimation.execution import compiled
+from estimation.laws.plane import bounce, residual, wrapped
+from estimation.laws.raised import RAISED_STD_M, image_path, raised_path
+from estimation.shape.kinds.fit import OBJECT_KINDS
+from estimation.shape.reflection.association import MIN_GAIN_NAT
+from estimation.shape.reflection.levels import on_planes
+from estimation.shape.reflection.objects import FoundObject
+from estimation.shape.reflection.reflections import ReflectionConfig, Reflections, ray_points
+from scenes.record import BoolArray, FloatArray, IntArray
+
+_HEIGHTS_M = (0.7, -0.7, 2.0, -2.0, 4.0)  # over the middle of the devices that fits of places start from
+_WAYS_M2 = (4.0, 16.0, 64.0)  # squares of ways up and down that fits of images start from
+_CLEAR_M = 1.0  # of floor and ceiling from the devices
+_REACH_M = 0.3  # standard deviation of the points of an object about their middle
+_WIDER = (20.0, 4.0, 1.0)  # factors on the standard deviations, one search after another
+_STEPS = 30
+_SETTLED = 1e-4  # of the log posterior
+_FIRST_DAMPING, _LESS, _MORE = 1e-3, 0.3, 10.0
+_SAME_M = 0.01  # height difference of devices at the same height
+_FIXED = 1e12  # precision of a third unknown that stays
+
+
+class Spot(NamedTuple):
+    """A point with a third unknown: its height over the RX in m, or of an image that of `image_path`."""
+
+    value: FloatArray  # (3,)
+    covariance: FloatArray  # (3, 3)
+    log_evidence: float
+    is_image: bool
+
+
+class UprightPaths(NamedTuple):
+    """What is left of paths (path,) without those by way of floor and ceiling, as they look from above."""
+
+    kept: IntArray  # rows of the paths that stay
+    shift: FloatArray  # (kept, 3) to take from what they measure: of places at a height
+    covariance: FloatArray  # (kept, 3, 3) to add, of the uncertainty of that height
+
+    def of(self, data: Reflections) -> Reflections:
+        """These paths of some data."""
+        left = data.take("path", self.kept)
+        return replace(left, measured=left.measured - self.shift, covariance=left.covariance + self.covariance)
+
+    def rows(self, before: IntArray) -> IntArray:
+        """Rows of those that are kept of paths with the rows `before`."""
+        return np.flatnonzero(np.isin(self.kept, before))
+
+
+def upright_paths(
+    objects: Sequence[FoundObject], data: Reflections, config: ReflectionConfig
+) -> UprightPaths | None:
+    """The paths without those of objects on floor or ceiling, and of images; None where nothing is raised.
+
+    Floor and ceiling are heights that many places have. The other places are of rough walls: their paths are seen
+    as those of an edge below or above.
+    """
+    points = np.array([np.median(ray_points(data.take("path", each.paths))[0], axis=0) for each in objects])
+    others = [np.delete(points, k, axis=0) for k in range(len(objects))]
+    found = [_spot(each, data, other, config) for each, other in zip(objects, others, strict=True)]
+    spots = {k: spot for k, spot in enumerate(found) if spot is not None}
+    if not spots:
+        return None
+    places = [k for k, spot in spots.items() if not spot.is_image]
+    is_level = _on_floor_or_ceiling([spots[k] for k in places], data.difference_m)
+    level = {k for k, is_on in zip(places, is_level, strict=True) if is_on}
+    shift, covariance = np.zeros((len(data), 3)), np.zeros((len(data), 3, 3))
+    kept = np.ones(len(data), bool)
+    for k, spot in spots.items():
+        rows = objects[k].paths
+        if spot.is_image or k in level:
+            kept[rows] = False
+        else:
+            shift[rows], covariance[rows] = _seen_above(data.take("path", rows), spot)
+    rows = np.flatnonzero(kept)
+    return UprightPaths(rows, shift[rows], covariance[rows])
+
+
+def _on_floor_or_ceiling(places: Sequence[Spot], difference_m: FloatArray) -> BoolArray:
+    """Which places (place,) are on floor or ceiling, away from the devices of height differences (path,)."""
+    height = np.array([place.value[2] for place in places]) - np.nanmedian(difference_m) / 2
+    variance = np.array([place.covariance[2, 2] for place in places])
+    elsewhere = norm(0.0, RAISED_STD_M).pdf(height)
+    if np.nanmax(np.abs(difference_m)) < _SAME_M:  # below and above look the same
+        height, elsewhere = np.abs(height), 2 * elsewhere
+    found = np.abs(height) > _CLEAR_M
+    found[found] = on_planes(height[found], variance[found], elsewhere[found])
+    return found
+
+
+def _spot(found: FoundObject, data: Reflections, others_m: FloatArray, config: ReflectionConfig) -> Spot | None:
+    """The place or image that explains the paths of an object better than what is upright does; None for none.
+
+    `others_m` (object, xy) are the middles of the points of other objects: images are likely there.
+    """
+    paths = data.take("path", found.paths)
+    if found.kind == "wall" or not np.isfinite(paths.difference_m).all():
+        return None
+    level = _fitted(paths, (0.0,), config, is_image=True, is_fixed=True)
+    if level is None:
+        return None
+    least = level.log_evidence + MIN_GAIN_NAT
+    if found.kind != "edge" and (edge := OBJECT_KINDS["edge"].optimum(paths, config)) is not None:
+        least += max(found.optimum.log_evidence - edge.log_evidence, 0.0)
+    heights = tuple(np.median(paths.difference_m) / 2 + np.array(_HEIGHTS_M))
+    place, image = _fitted(paths, heights, config), _fitted(paths, _WAYS_M2, config, is_image=True)
+    if image is not None:
+        is_far = image.value[2] > (2 * _CLEAR_M) ** 2
+        evidence = image.log_evidence + _at_others(image, others_m, config)
+        image = image._replace(log_evidence=evidence) if is_far else None
+    best = max(filter(None, (place, image)), key=lambda spot: spot.log_evidence, default=None)
+    return best if best is not None and best.log_evidence > least else None
+
+
+def _at_others(image: Spot, others_m: FloatArray, config: ReflectionConfig) -> float:
+    """Log odds, at least 0, that an image is of one of the objects at `others_m` (object, xy), not elsewhere."""
+    if not len(others_m):
+        return 0.0
+    spread = image.covariance[:2, :2] + _REACH_M**2 * np.eye(2)
+    off = others_m - image.value[:2]
+    square = np.einsum("na,ab,nb->n", off, np.linalg.inv(spread), off)
+    density = float(np.exp(-0.5 * square).sum() / np.sqrt(np.linalg.det(2 * np.pi * spread)) / len(others_m))
+    return max(float(np.log(density * config.area_m2)), 0.0) if density > 0 else 0.0
+
+
+def _fitted(
+    paths: Reflections,
+    starts: Sequence[float],
+    config: ReflectionConfig,
+    *,
+    is_image: bool = False,
+    is_fixed: bool = False,
+) -> Spot | None:
+    """The most likely spot of some paths; the third unknown stays at its start where it `is_fixed`."""
+    bounced = bounce(paths.tx, paths.rx_state, ray_points(paths)[0])
+    covariance = paths.covariance + bounced.by_state @ paths.rx_covariance @ bounced.by_state.swapaxes(1, 2)
+    inverse = np.asarray(np.linalg.inv(covariance))
+    log_norm = np.asarray(-0.5 * np.linalg.slogdet(2 * np.pi * covariance)[1])
+    middle = np.median(ray_points(paths)[0], axis=0)
+    precision = _FIXED if is_fixed else 0.0 if is_image else RAISED_STD_M**-2.0
+    tx, state = np.array(paths.tx), np.array(paths.rx_state)
+    ends = np.array(paths.difference_m), np.array(paths.boresight_rad)
+    best: Spot | None = None
+    for start in starts:
+        value, cost, information = _search(
+            tx, state, *ends, np.array(paths.measured), inverse, log_norm, config.log_path_share,
+            config.log_ghost_density, np.append(middle, start), precision, is_image, np.array(_WIDER),
+        )  # fmt: skip
+        sign, log_det = np.linalg.slogdet(information / (2 * np.pi))
+        if sign <= 0 or not np.isfinite(log_det):
+            continue
+        prior = 0.5 * np.log(precision / (2 * np.pi)) if precision else -2 * np.log(config.ghost_range_m)
+        evidence = float(prior - cost - 0.5 * log_det)
+        if best is None or evidence > best.log_evidence:
+            best = Spot(value, np.asarray(np.linalg.inv(information)), evidence, is_image)
+    return best
+
+
+def _seen_above(paths: Reflections, spot: Spot) -> tuple[FloatArray, FloatArray]:
+    """How much more (path, 3) the paths of a place measure than those of an edge there, and its covariance."""
+    shift, covariance = np.empty((len(paths), 3)), np.empty((len(paths), 3, 3))
+    plane, value, by_state, by_point = np.empty(3), np.empty(3), np.empty((3, 4)), np.empty((3, 3))
+    edge, by_edge = np.array([*spot.value[:2], 0.0]), np.empty((3, 3))
+    for i in range(len(paths)):
+        own = np.array(paths.tx[i]), np.array(paths.rx_state[i])
+        boresight = np.array(paths.boresight_rad[i])
+        raised_path(*own, spot.value, paths.difference_m[i], boresight, value, by_state, by_point)
+        image_path(*own, edge, boresight, plane, by_edge)
+        shift[i] = residual(value, plane)
+        covariance[i] = spot.covariance[2, 2] * np.outer(by_point[:, 2], by_point[:, 2])
+    return shift, covariance
+
+
+@compiled
+def _search(
+    tx: FloatArray,
+    state: FloatArray,
+    difference_m: FloatArray,
+    boresight_rad: FloatArray,
+    measured: FloatArray,
+    inverse: FloatArray,
+    log_norm: FloatArray,
+    log_share: float,
+    log_ghost: float,
+    start: FloatArray,
+    precision: float,
+    is_image: bool,
+    wider: FloatArray,
+) -> tuple[FloatArray, float, FloatArray]:
+    """The spot (3,) of highest posterior density from a start, minus that in logarithm, and its information.
+
+    Expectation maximisation by Levenberg-Marquardt: first with wide deviations, so that not all paths are ghosts.
+    """
+    value = start.copy()
+    gradient, information = np.empty(3), np.empty((3, 3))
+    to, slope = np.empty(3), np.empty((3, 3))
+    cost = 0.0
+    for factor in wider:
+        damping = _FIRST_DAMPING
+        cost = _weigh(
+            tx, state, difference_m, boresight_rad, measured, inverse, log_norm, log_share, log_ghost, value,
+            start, precision, is_image, factor, gradient, information,
+        )  # fmt: skip
+        for _ in range(_STEPS):
+            damped = information.copy()
+            for axis in range(3):
+                damped[axis, axis] += damping * information[axis, axis] + 1e-9
+            trial = value - np.linalg.solve(damped, gradient)
+            less = _weigh(
+                tx, state, difference_m, boresight_rad, measured, inverse, log_norm, log_share, log_ghost, trial,
+                start, precision, is_image, factor, to, slope,
+            )  # fmt: skip
+            if less < cost:
+                gain, cost = cost - less, less
+                value, damping = trial, damping * _LESS
+                gradient[:], information[:] = to, slope
+                if gain < _SETTLED:
+                    break
+            else:
+                damping *= _MORE
+                if damping > 1e6:
+                    break
+    return value, cost, information
+
+
+@compiled
+def _weigh(
+    tx: FloatArray,
+    state: FloatArray,
+    difference_m: FloatArray,
+    boresight_rad: FloatArray,
+    measured: FloatArray,
+    inverse: FloatArray,
+    log_norm: FloatArray,
+    log_share: float,
+    log_ghost: float,
+    value: FloatArray,
+    start: FloatArray,
+    precision: float,
+    is_image: bool,
+    factor: float,
+    gradient: FloatArray,
+    information: FloatArray,
+) -> float:
+    """Minus the log posterior of a spot, its gradient (3,) and information (3, 3), both written."""
+    centre = start[2] if precision > 1.0 else 0.0
+    gradient[:], information[:] = 0.0, 0.0
+    gradient[2], information[2, 2] = precision * (value[2] - centre), precision
+    cost = 0.5 * precision * (value[2] - centre) ** 2
+    seen, by_state, by_point, off = np.empty(3), np.empty((3, 4)), np.empty((3, 3)), np.empty(3)
+    for i in range(len(measured)):
+        if is_image:
+            image_path(tx[i], state[i], value, boresight_rad[i], seen, by_point)
+        else:
+            raised_path(tx[i], state[i], value, difference_m[i], boresight_rad[i], seen, by_state, by_point)
+        off[0] = seen[0] - measured[i, 0]
+        off[1], off[2] = wrapped(seen[1] - measured[i, 1]), wrapped(seen[2] - measured[i, 2])
+        weighted = inverse[i] @ off / factor**2
+        member = log_share + log_norm[i] - 3 * np.log(factor) - 0.5 * off @ weighted
+        total = np.logaddexp(member, log_ghost)
+        weight = np.exp(member - total)
+        cost -= total
+        gradient += weight * (by_point.T @ weighted)
+        information += weight / factor**2 * (by_point.T @ inverse[i] @ by_point)
+    return float(cost)
