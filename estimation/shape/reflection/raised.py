@@ -6,7 +6,7 @@ edge or a thin pillar behind the true place. Over a walk their length and their 
 object explains.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -17,7 +17,7 @@ from estimation.execution import compiled
 from estimation.laws.plane import bounce, residual, wrapped
 from estimation.laws.raised import RAISED_STD_M, image_path, raised_path
 from estimation.shape.kinds.fit import OBJECT_KINDS
-from estimation.shape.reflection.association import MIN_GAIN_NAT
+from estimation.shape.reflection.association import GATE, GHOST, MIN_GAIN_NAT
 from estimation.shape.reflection.levels import on_planes
 from estimation.shape.reflection.objects import FoundObject
 from estimation.shape.reflection.reflections import ReflectionConfig, Reflections, ray_points
@@ -31,7 +31,7 @@ _WIDER = (20.0, 4.0, 1.0)  # factors on the standard deviations, one search afte
 _STEPS = 30
 _SETTLED = 1e-4  # of the log posterior
 _FIRST_DAMPING, _LESS, _MORE = 1e-3, 0.3, 10.0
-_SAME_M = 0.01  # height difference of devices at the same height
+_SAME_M = 0.01  # devices with less between their heights have the same
 _FIXED = 1e12  # precision of a third unknown that stays
 
 
@@ -79,15 +79,30 @@ def upright_paths(
     is_level = _on_floor_or_ceiling([spots[k] for k in places], data.difference_m)
     level = {k for k, is_on in zip(places, is_level, strict=True) if is_on}
     shift, covariance = np.zeros((len(data), 3)), np.zeros((len(data), 3, 3))
-    kept = np.ones(len(data), bool)
+    kept, members = np.ones(len(data), bool), _members(spots, objects, data)
     for k, spot in spots.items():
-        rows = objects[k].paths
+        rows = np.flatnonzero(members == k)
         if spot.is_image or k in level:
             kept[rows] = False
         else:
             shift[rows], covariance[rows] = _seen_above(data.take("path", rows), spot)
     rows = np.flatnonzero(kept)
     return UprightPaths(rows, shift[rows], covariance[rows])
+
+
+def _members(spots: Mapping[int, Spot], objects: Sequence[FoundObject], data: Reflections) -> IntArray:
+    """The object (path,) of the spot that has each path: its own ones, and those of no object that it explains."""
+    owner = np.full(len(data), GHOST)
+    for k, each in enumerate(objects):
+        owner[each.paths] = k
+    free = np.flatnonzero((owner == GHOST) & np.isfinite(data.difference_m))
+    if len(free):
+        paths, names = data.take("path", free), np.array(list(spots))
+        inverse = np.linalg.inv(_with_poses(paths))
+        off = [residual(_seen(paths, spot), paths.measured) for spot in spots.values()]
+        square = np.array([np.einsum("na,nab,nb->n", each, inverse, each) for each in off])
+        owner[free] = np.where(square.min(axis=0) <= GATE, names[square.argmin(axis=0)], GHOST)
+    return owner
 
 
 def _on_floor_or_ceiling(places: Sequence[Spot], difference_m: FloatArray) -> BoolArray:
@@ -118,12 +133,17 @@ def _spot(found: FoundObject, data: Reflections, others_m: FloatArray, config: R
         least += max(found.optimum.log_evidence - edge.log_evidence, 0.0)
     heights = tuple(np.median(paths.difference_m) / 2 + np.array(_HEIGHTS_M))
     place, image = _fitted(paths, heights, config), _fitted(paths, _WAYS_M2, config, is_image=True)
-    if image is not None:
-        is_far = image.value[2] > (2 * _CLEAR_M) ** 2
-        evidence = image.log_evidence + _at_others(image, others_m, config)
-        image = image._replace(log_evidence=evidence) if is_far else None
-    best = max(filter(None, (place, image)), key=lambda spot: spot.log_evidence, default=None)
-    return best if best is not None and best.log_evidence > least else None
+    spots = [spot for spot in (place, image) if spot is not None and not _is_near(spot)]
+    if not spots:
+        return None
+    best = max(spots, key=lambda spot: spot.log_evidence)
+    evidence = best.log_evidence + (_at_others(best, others_m, config) if best.is_image else 0.0)
+    return best if evidence > least else None
+
+
+def _is_near(spot: Spot) -> bool:
+    """Whether an image is of a floor or ceiling that is too near to the devices to be one."""
+    return spot.is_image and spot.value[2] < (2 * _CLEAR_M) ** 2
 
 
 def _at_others(image: Spot, others_m: FloatArray, config: ReflectionConfig) -> float:
@@ -146,8 +166,7 @@ def _fitted(
     is_fixed: bool = False,
 ) -> Spot | None:
     """The most likely spot of some paths; the third unknown stays at its start where it `is_fixed`."""
-    bounced = bounce(paths.tx, paths.rx_state, ray_points(paths)[0])
-    covariance = paths.covariance + bounced.by_state @ paths.rx_covariance @ bounced.by_state.swapaxes(1, 2)
+    covariance = _with_poses(paths)
     inverse = np.asarray(np.linalg.inv(covariance))
     log_norm = np.asarray(-0.5 * np.linalg.slogdet(2 * np.pi * covariance)[1])
     middle = np.median(ray_points(paths)[0], axis=0)
@@ -170,19 +189,45 @@ def _fitted(
     return best
 
 
+def _with_poses(paths: Reflections) -> FloatArray:
+    """Covariances (path, 3, 3) of what is measured, with those of the poses."""
+    by_state = bounce(paths.tx, paths.rx_state, ray_points(paths)[0]).by_state
+    return np.asarray(paths.covariance + by_state @ paths.rx_covariance @ by_state.swapaxes(1, 2))
+
+
 def _seen_above(paths: Reflections, spot: Spot) -> tuple[FloatArray, FloatArray]:
     """How much more (path, 3) the paths of a place measure than those of an edge there, and its covariance."""
-    shift, covariance = np.empty((len(paths), 3)), np.empty((len(paths), 3, 3))
-    plane, value, by_state, by_point = np.empty(3), np.empty(3), np.empty((3, 4)), np.empty((3, 3))
-    edge, by_edge = np.array([*spot.value[:2], 0.0]), np.empty((3, 3))
-    for i in range(len(paths)):
-        own = np.array(paths.tx[i]), np.array(paths.rx_state[i])
-        boresight = np.array(paths.boresight_rad[i])
-        raised_path(*own, spot.value, paths.difference_m[i], boresight, value, by_state, by_point)
-        image_path(*own, edge, boresight, plane, by_edge)
-        shift[i] = residual(value, plane)
-        covariance[i] = spot.covariance[2, 2] * np.outer(by_point[:, 2], by_point[:, 2])
-    return shift, covariance
+    edge = spot._replace(value=np.array([*spot.value[:2], 0.0]), is_image=True)
+    higher = spot._replace(value=spot.value + np.array([0.0, 0.0, _SAME_M]))
+    seen = _seen(paths, spot)
+    by_height = residual(_seen(paths, higher), seen) / _SAME_M
+    return residual(seen, _seen(paths, edge)), spot.covariance[2, 2] * by_height[:, :, None] * by_height[:, None]
+
+
+def _seen(paths: Reflections, spot: Spot) -> FloatArray:
+    """What paths (path, 3) by way of a spot measure."""
+    tx, state = np.array(paths.tx), np.array(paths.rx_state)
+    return _predicted(
+        tx, state, np.array(paths.difference_m), np.array(paths.boresight_rad), spot.value, spot.is_image
+    )
+
+
+@compiled
+def _predicted(
+    tx: FloatArray,
+    state: FloatArray,
+    difference_m: FloatArray,
+    boresight_rad: FloatArray,
+    value: FloatArray,
+    is_image: bool,
+) -> FloatArray:
+    seen, by_state, by_point = np.empty((len(tx), 3)), np.empty((3, 4)), np.empty((3, 3))
+    for i in range(len(tx)):
+        if is_image:
+            image_path(tx[i], state[i], value, boresight_rad[i], seen[i], by_point)
+        else:
+            raised_path(tx[i], state[i], value, difference_m[i], boresight_rad[i], seen[i], by_state, by_point)
+    return seen
 
 
 @compiled
