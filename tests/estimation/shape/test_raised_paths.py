@@ -17,7 +17,7 @@ TX = np.array([0.0, 0.0, 0.2])
 N_STOPS = 30
 STD = np.array([0.02, np.deg2rad(0.1), np.deg2rad(0.1)])
 WALK = np.column_stack([np.linspace(1, 9, N_STOPS), -4 + 0.5 * np.sin(np.arange(N_STOPS)), np.zeros((N_STOPS, 2))])
-FLOOR_M = [(4.0, -10.5), (9.5, -11.0), (14.0, -9.0)]
+FLOOR_M = [(4.0, -10.5), (8.5, -10.0), (14.0, -9.0)]
 CEILING_M2 = 60.0  # of the way up and down
 CONFIG = ReflectionConfig(delay_offset_std_ns=0.01, aod_offset_std_deg=0.01, aoa_offset_std_deg=0.01)
 
