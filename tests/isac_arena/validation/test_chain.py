@@ -191,6 +191,7 @@ def test_a_campaign_that_fails_is_a_row_and_stops_no_other(tmp_path):
     assert [line[0] for line in measured.tables[0].rows] == ["box_room", "hall_00"]
 
 
+@pytest.mark.whole
 def test_trials_of_slam_have_every_row():
     exact = {row.key: row for row in check_exact_paths(100, True)}
     assert exact["chain.exact_paths.position_m"].met and exact["chain.exact_paths.solved"].met

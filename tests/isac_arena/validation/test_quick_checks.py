@@ -18,6 +18,7 @@ CHECKS = [
 ]
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("check", CHECKS)
 def test_bars_are_met(check):
     found = check(1, True)
