@@ -35,6 +35,19 @@ def raised_range(tx: FloatArray, state: FloatArray, point: FloatArray, differenc
 
 
 @compiled
+def _cone_azimuth(boresight_rad: float, turn_rad: float, sine: float) -> tuple[float, float]:
+    """Azimuth that a panel shows for a sine of the cone angle, and the slope of the sine by it.
+
+    `turn_rad` is the true azimuth over the boresight: it tells front and back of the panel.
+    """
+    sine = min(max(sine, -STEEPEST_SINE), STEEPEST_SINE)
+    opening, across = np.arcsin(sine), np.sqrt(1 - sine**2)
+    if np.cos(turn_rad) < 0:  # behind the panel
+        opening, across = np.pi - opening, -across
+    return wrapped(boresight_rad + opening), across
+
+
+@compiled
 def raised_path(
     tx: FloatArray,
     state: FloatArray,
@@ -82,13 +95,7 @@ def raised_path(
             value[end + 1], slope[end + 1] = wrapped(azimuth[end]), by_azimuth[end]
             continue
         turn = wrapped(azimuth[end] - boresight_rad[end])
-        flat = np.sin(turn) * cosine[end] * stretch
-        sine = min(max(flat, -STEEPEST_SINE), STEEPEST_SINE)
-        opening = np.arcsin(sine)
-        across = np.sqrt(1 - sine**2)
-        if np.cos(turn) < 0:  # behind the panel
-            opening, across = np.pi - opening, -across
-        value[end + 1] = wrapped(boresight_rad[end] + opening)
+        value[end + 1], across = _cone_azimuth(boresight_rad[end], turn, np.sin(turn) * cosine[end] * stretch)
         slope[end + 1] = np.cos(turn) * cosine[end] * stretch * by_azimuth[end]
         slope[end + 1] += np.sin(turn) * (by_cosine[end] * stretch + cosine[end] * by_stretch)
         slope[end + 1] /= across
@@ -131,9 +138,5 @@ def image_path(
             value[end + 1], by_point[end + 1] = wrapped(azimuth[end]), by_azimuth[end]
             continue
         turn = wrapped(azimuth[end] - boresight_rad[end])
-        sine = min(max(np.sin(turn) * cosine, -STEEPEST_SINE), STEEPEST_SINE)
-        opening, across = np.arcsin(sine), np.sqrt(1 - sine**2)
-        if np.cos(turn) < 0:  # behind the panel
-            opening, across = np.pi - opening, -across
-        value[end + 1] = wrapped(boresight_rad[end] + opening)
+        value[end + 1], across = _cone_azimuth(boresight_rad[end], turn, np.sin(turn) * cosine)
         by_point[end + 1] = (np.cos(turn) * cosine * by_azimuth[end] + np.sin(turn) * by_cosine) / across

@@ -42,9 +42,9 @@ def pose_doubts(values: Mapping[str, float]) -> tuple[str, ...]:
 
 def _pose_doubts(values: Mapping[str, float]) -> Iterator[str]:
     for name, key, unit in POSES:
-        over = values.get(f"slam.{key.partition('.')[0]}.over_bound", np.nan)
+        of = f"slam.{key.partition('.')[0]}"
+        over, stated = (values.get(f"{of}.{score}", np.nan) for score in ("over_bound", f"stated_{unit}"))
         if over > FAR:
-            stated = values.get(f"slam.{key.partition('.')[0]}.stated_{unit}", np.nan)
             itself = f" (SLAM itself states {stated:.2g} {unit})" if np.isfinite(stated) else ""
             yield f"{name} {values[f'slam.{key}']:.2g} {unit}, {_times(over)} its bound{itself}"
     ours, published = (values.get(f"{one}.position.rmse_m", np.nan) for one in ("slam", "published"))

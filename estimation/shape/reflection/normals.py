@@ -36,7 +36,7 @@ def oriented_points(data: Reflections) -> OrientedPoints:
     """Most likely IP of every path (equation (4) of the paper) and its normal, pose errors in the covariance."""
     start, _ = ray_points(data)
     by_rx = plane_law.bounce_jacobian_rx(data.tx, data.rx_state, start)
-    total = data.covariance + by_rx @ data.rx_covariance @ np.swapaxes(by_rx, 1, 2)
+    total = data.covariance_with_poses(by_rx)
     position, _ = fit_points(plane_law, data.tx, data.rx_state, data.measured, total)
     by_point = plane_law.bounce_jacobian_point(data.tx, data.rx_state, position)
     information = np.swapaxes(by_point, 1, 2) @ np.linalg.solve(total, by_point)

@@ -71,7 +71,7 @@ def _is_single_bounce(data: Reflections, point_m: FloatArray) -> BoolArray:
     """Whether the point (path, xy) of each path explains its three measurements within the gate."""
     predicted = bounce(data.tx, data.rx_state, point_m)
     by_rx = predicted.by_state
-    covariance = data.covariance + by_rx @ data.rx_covariance @ np.swapaxes(by_rx, 1, 2)
+    covariance = data.covariance_with_poses(by_rx)
     difference = residual(data.measured, predicted.value)
     return np.asarray(np.einsum("na,nab,nb->n", difference, np.linalg.inv(covariance), difference) <= GATE)
 

@@ -30,7 +30,7 @@ _REACH_M = 0.3  # standard deviation of the points of an object about their midd
 _WIDER = (20.0, 4.0, 1.0)  # factors on the standard deviations, one search after another
 _STEPS = 30
 _SETTLED = 1e-4  # of the log posterior
-_FIRST_DAMPING, _LESS, _MORE = 1e-3, 0.3, 10.0
+_FIRST_DAMPING, _MOST_DAMPING, _LESS, _MORE = 1e-3, 1e6, 0.3, 10.0
 _SAME_M = 0.01  # devices with less between their heights have the same
 _FIXED = 1e12  # precision of a third unknown that stays
 
@@ -42,6 +42,45 @@ class Spot(NamedTuple):
     covariance: FloatArray  # (3, 3)
     log_evidence: float
     is_image: bool
+
+
+class _Sights(NamedTuple):
+    """Paths for compiled code, with what weighs them."""
+
+    tx: FloatArray  # (path, 3)
+    state: FloatArray  # (path, 4)
+    difference_m: FloatArray  # (path,)
+    boresight_rad: FloatArray  # (path, 2)
+    measured: FloatArray  # (path, 3)
+    inverse: FloatArray  # (path, 3, 3) of the covariances, with those of the poses
+    log_norm: FloatArray  # (path,) log density at what is measured
+    middle_m: FloatArray  # (xy,) of the points of the paths
+
+    @classmethod
+    def of(cls, paths: Reflections) -> "_Sights":
+        """The paths of `Reflections`: copies, because arrays of records are read-only, a type of its own."""
+        points = ray_points(paths)[0]
+        covariance = paths.covariance_with_poses(bounce(paths.tx, paths.rx_state, points).by_state)
+        return cls(
+            np.array(paths.tx),
+            np.array(paths.rx_state),
+            np.array(paths.difference_m),
+            np.array(paths.boresight_rad),
+            np.array(paths.measured),
+            np.asarray(np.linalg.inv(covariance)),
+            np.asarray(-0.5 * np.linalg.slogdet(2 * np.pi * covariance)[1]),
+            np.asarray(np.median(points, axis=0)),
+        )
+
+
+class _Law(NamedTuple):
+    """Which spots paths come from: place or image, the normal prior of the third unknown, and the ghosts."""
+
+    is_image: bool
+    mean: float
+    precision: float
+    log_share: float
+    log_ghost: float
 
 
 class UprightPaths(NamedTuple):
@@ -69,10 +108,13 @@ def upright_paths(
     Floor and ceiling are heights that many places have. The other places are of rough walls: their paths are seen
     as those of an edge below or above.
     """
+    if not np.isfinite(data.difference_m).any():
+        return None
     points = np.array([np.median(ray_points(data.take("path", each.paths))[0], axis=0) for each in objects])
-    others = [np.delete(points, k, axis=0) for k in range(len(objects))]
-    found = [_spot(each, data, other, config) for each, other in zip(objects, others, strict=True)]
-    spots = {k: spot for k, spot in enumerate(found) if spot is not None}
+    spots = {}
+    for k, each in enumerate(objects):
+        if (spot := _spot(each, data, np.delete(points, k, axis=0), config)) is not None:
+            spots[k] = spot
     if not spots:
         return None
     places = [k for k, spot in spots.items() if not spot.is_image]
@@ -85,7 +127,7 @@ def upright_paths(
         if spot.is_image or k in level:
             kept[rows] = False
         else:
-            shift[rows], covariance[rows] = _seen_above(data.take("path", rows), spot)
+            shift[rows], covariance[rows] = _seen_above(_Sights.of(data.take("path", rows)), spot)
     rows = np.flatnonzero(kept)
     return UprightPaths(rows, shift[rows], covariance[rows])
 
@@ -97,10 +139,9 @@ def _members(spots: Mapping[int, Spot], objects: Sequence[FoundObject], data: Re
         owner[each.paths] = k
     free = np.flatnonzero((owner == GHOST) & np.isfinite(data.difference_m))
     if len(free):
-        paths, names = data.take("path", free), np.array(list(spots))
-        inverse = np.linalg.inv(_with_poses(paths))
-        off = [residual(_seen(paths, spot), paths.measured) for spot in spots.values()]
-        square = np.array([np.einsum("na,nab,nb->n", each, inverse, each) for each in off])
+        sights, names = _Sights.of(data.take("path", free)), np.array(list(spots))
+        off = [residual(_predicted(sights, spot.value, spot.is_image), sights.measured) for spot in spots.values()]
+        square = np.array([np.einsum("na,nab,nb->n", each, sights.inverse, each) for each in off])
         owner[free] = np.where(square.min(axis=0) <= GATE, names[square.argmin(axis=0)], GHOST)
     return owner
 
@@ -125,14 +166,15 @@ def _spot(found: FoundObject, data: Reflections, others_m: FloatArray, config: R
     paths = data.take("path", found.paths)
     if found.kind == "wall" or not np.isfinite(paths.difference_m).all():
         return None
-    level = _fitted(paths, (0.0,), config, is_image=True, is_fixed=True)
+    sights = _Sights.of(paths)
+    level = _fitted(sights, (0.0,), config, is_image=True, is_fixed=True)
     if level is None:
         return None
     least = level.log_evidence + MIN_GAIN_NAT
     if found.kind != "edge" and (edge := OBJECT_KINDS["edge"].optimum(paths, config)) is not None:
         least += max(found.optimum.log_evidence - edge.log_evidence, 0.0)
     heights = tuple(np.median(paths.difference_m) / 2 + np.array(_HEIGHTS_M))
-    place, image = _fitted(paths, heights, config), _fitted(paths, _WAYS_M2, config, is_image=True)
+    place, image = _fitted(sights, heights, config), _fitted(sights, _WAYS_M2, config, is_image=True)
     spots = [spot for spot in (place, image) if spot is not None and not _is_near(spot)]
     if not spots:
         return None
@@ -158,7 +200,7 @@ def _at_others(image: Spot, others_m: FloatArray, config: ReflectionConfig) -> f
 
 
 def _fitted(
-    paths: Reflections,
+    sights: _Sights,
     starts: Sequence[float],
     config: ReflectionConfig,
     *,
@@ -166,85 +208,56 @@ def _fitted(
     is_fixed: bool = False,
 ) -> Spot | None:
     """The most likely spot of some paths; the third unknown stays at its start where it `is_fixed`."""
-    covariance = _with_poses(paths)
-    inverse = np.asarray(np.linalg.inv(covariance))
-    log_norm = np.asarray(-0.5 * np.linalg.slogdet(2 * np.pi * covariance)[1])
-    middle = np.median(ray_points(paths)[0], axis=0)
     precision = _FIXED if is_fixed else 0.0 if is_image else RAISED_STD_M**-2.0
-    tx, state = np.array(paths.tx), np.array(paths.rx_state)
-    ends = np.array(paths.difference_m), np.array(paths.boresight_rad)
+    prior = 0.5 * np.log(precision / (2 * np.pi)) if precision else -2 * np.log(config.ghost_range_m)
     best: Spot | None = None
     for start in starts:
-        value, cost, information = _search(
-            tx, state, *ends, np.array(paths.measured), inverse, log_norm, config.log_path_share,
-            config.log_ghost_density, np.append(middle, start), precision, is_image, np.array(_WIDER),
-        )  # fmt: skip
+        law = _Law(
+            is_image, start if is_fixed else 0.0, precision, config.log_path_share, config.log_ghost_density
+        )
+        value, cost, information = _search(sights, law, np.append(sights.middle_m, start), np.array(_WIDER))
         sign, log_det = np.linalg.slogdet(information / (2 * np.pi))
         if sign <= 0 or not np.isfinite(log_det):
             continue
-        prior = 0.5 * np.log(precision / (2 * np.pi)) if precision else -2 * np.log(config.ghost_range_m)
         evidence = float(prior - cost - 0.5 * log_det)
         if best is None or evidence > best.log_evidence:
             best = Spot(value, np.asarray(np.linalg.inv(information)), evidence, is_image)
     return best
 
 
-def _with_poses(paths: Reflections) -> FloatArray:
-    """Covariances (path, 3, 3) of what is measured, with those of the poses."""
-    by_state = bounce(paths.tx, paths.rx_state, ray_points(paths)[0]).by_state
-    return np.asarray(paths.covariance + by_state @ paths.rx_covariance @ by_state.swapaxes(1, 2))
-
-
-def _seen_above(paths: Reflections, spot: Spot) -> tuple[FloatArray, FloatArray]:
+def _seen_above(sights: _Sights, spot: Spot) -> tuple[FloatArray, FloatArray]:
     """How much more (path, 3) the paths of a place measure than those of an edge there, and its covariance."""
-    edge = spot._replace(value=np.array([*spot.value[:2], 0.0]), is_image=True)
-    higher = spot._replace(value=spot.value + np.array([0.0, 0.0, _SAME_M]))
-    seen = _seen(paths, spot)
-    by_height = residual(_seen(paths, higher), seen) / _SAME_M
-    return residual(seen, _seen(paths, edge)), spot.covariance[2, 2] * by_height[:, :, None] * by_height[:, None]
-
-
-def _seen(paths: Reflections, spot: Spot) -> FloatArray:
-    """What paths (path, 3) by way of a spot measure."""
-    tx, state = np.array(paths.tx), np.array(paths.rx_state)
-    return _predicted(
-        tx, state, np.array(paths.difference_m), np.array(paths.boresight_rad), spot.value, spot.is_image
-    )
+    seen = _predicted(sights, spot.value, False)
+    edge = _predicted(sights, np.array([*spot.value[:2], 0.0]), True)
+    higher = _predicted(sights, spot.value + np.array([0.0, 0.0, _SAME_M]), False)
+    by_height = residual(higher, seen) / _SAME_M
+    return residual(seen, edge), spot.covariance[2, 2] * by_height[:, :, None] * by_height[:, None]
 
 
 @compiled
-def _predicted(
-    tx: FloatArray,
-    state: FloatArray,
-    difference_m: FloatArray,
-    boresight_rad: FloatArray,
-    value: FloatArray,
-    is_image: bool,
-) -> FloatArray:
-    seen, by_state, by_point = np.empty((len(tx), 3)), np.empty((3, 4)), np.empty((3, 3))
-    for i in range(len(tx)):
-        if is_image:
-            image_path(tx[i], state[i], value, boresight_rad[i], seen[i], by_point)
-        else:
-            raised_path(tx[i], state[i], value, difference_m[i], boresight_rad[i], seen[i], by_state, by_point)
+def _predict(
+    sights: _Sights, i: int, value: FloatArray, is_image: bool, seen: FloatArray, by_point: FloatArray
+) -> None:
+    """What path i by way of a spot measures (3,), with its derivative (3, 3), both written."""
+    tx, state, boresight = sights.tx[i], sights.state[i], sights.boresight_rad[i]
+    if is_image:
+        image_path(tx, state, value, boresight, seen, by_point)
+    else:
+        raised_path(tx, state, value, sights.difference_m[i], boresight, seen, np.empty((3, 4)), by_point)
+
+
+@compiled
+def _predicted(sights: _Sights, value: FloatArray, is_image: bool) -> FloatArray:
+    """What paths (path, 3) by way of a spot measure."""
+    seen, by_point = np.empty((len(sights.tx), 3)), np.empty((3, 3))
+    for i in range(len(seen)):
+        _predict(sights, i, value, is_image, seen[i], by_point)
     return seen
 
 
 @compiled
 def _search(
-    tx: FloatArray,
-    state: FloatArray,
-    difference_m: FloatArray,
-    boresight_rad: FloatArray,
-    measured: FloatArray,
-    inverse: FloatArray,
-    log_norm: FloatArray,
-    log_share: float,
-    log_ghost: float,
-    start: FloatArray,
-    precision: float,
-    is_image: bool,
-    wider: FloatArray,
+    sights: _Sights, law: _Law, start: FloatArray, wider: FloatArray
 ) -> tuple[FloatArray, float, FloatArray]:
     """The spot (3,) of highest posterior density from a start, minus that in logarithm, and its information.
 
@@ -256,19 +269,13 @@ def _search(
     cost = 0.0
     for factor in wider:
         damping = _FIRST_DAMPING
-        cost = _weigh(
-            tx, state, difference_m, boresight_rad, measured, inverse, log_norm, log_share, log_ghost, value,
-            start, precision, is_image, factor, gradient, information,
-        )  # fmt: skip
+        cost = _weigh(sights, law, value, factor, gradient, information)
         for _ in range(_STEPS):
             damped = information.copy()
             for axis in range(3):
                 damped[axis, axis] += damping * information[axis, axis] + 1e-9
             trial = value - np.linalg.solve(damped, gradient)
-            less = _weigh(
-                tx, state, difference_m, boresight_rad, measured, inverse, log_norm, log_share, log_ghost, trial,
-                start, precision, is_image, factor, to, slope,
-            )  # fmt: skip
+            less = _weigh(sights, law, trial, factor, to, slope)
             if less < cost:
                 gain, cost = cost - less, less
                 value, damping = trial, damping * _LESS
@@ -277,48 +284,30 @@ def _search(
                     break
             else:
                 damping *= _MORE
-                if damping > 1e6:
+                if damping > _MOST_DAMPING:
                     break
     return value, cost, information
 
 
 @compiled
 def _weigh(
-    tx: FloatArray,
-    state: FloatArray,
-    difference_m: FloatArray,
-    boresight_rad: FloatArray,
-    measured: FloatArray,
-    inverse: FloatArray,
-    log_norm: FloatArray,
-    log_share: float,
-    log_ghost: float,
-    value: FloatArray,
-    start: FloatArray,
-    precision: float,
-    is_image: bool,
-    factor: float,
-    gradient: FloatArray,
-    information: FloatArray,
+    sights: _Sights, law: _Law, value: FloatArray, factor: float, gradient: FloatArray, information: FloatArray
 ) -> float:
     """Minus the log posterior of a spot, its gradient (3,) and information (3, 3), both written."""
-    centre = start[2] if precision > 1.0 else 0.0
+    off_mean = value[2] - law.mean
     gradient[:], information[:] = 0.0, 0.0
-    gradient[2], information[2, 2] = precision * (value[2] - centre), precision
-    cost = 0.5 * precision * (value[2] - centre) ** 2
-    seen, by_state, by_point, off = np.empty(3), np.empty((3, 4)), np.empty((3, 3)), np.empty(3)
-    for i in range(len(measured)):
-        if is_image:
-            image_path(tx[i], state[i], value, boresight_rad[i], seen, by_point)
-        else:
-            raised_path(tx[i], state[i], value, difference_m[i], boresight_rad[i], seen, by_state, by_point)
-        off[0] = seen[0] - measured[i, 0]
-        off[1], off[2] = wrapped(seen[1] - measured[i, 1]), wrapped(seen[2] - measured[i, 2])
-        weighted = inverse[i] @ off / factor**2
-        member = log_share + log_norm[i] - 3 * np.log(factor) - 0.5 * off @ weighted
-        total = np.logaddexp(member, log_ghost)
+    gradient[2], information[2, 2] = law.precision * off_mean, law.precision
+    cost = 0.5 * law.precision * off_mean**2
+    seen, by_point, off = np.empty(3), np.empty((3, 3)), np.empty(3)
+    for i in range(len(sights.tx)):
+        _predict(sights, i, value, law.is_image, seen, by_point)
+        off[0] = seen[0] - sights.measured[i, 0]
+        off[1], off[2] = wrapped(seen[1] - sights.measured[i, 1]), wrapped(seen[2] - sights.measured[i, 2])
+        weighted = sights.inverse[i] @ off / factor**2
+        member = law.log_share + sights.log_norm[i] - 3 * np.log(factor) - 0.5 * off @ weighted
+        total = np.logaddexp(member, law.log_ghost)
         weight = np.exp(member - total)
         cost -= total
         gradient += weight * (by_point.T @ weighted)
-        information += weight / factor**2 * (by_point.T @ inverse[i] @ by_point)
+        information += weight / factor**2 * (by_point.T @ sights.inverse[i] @ by_point)
     return float(cost)

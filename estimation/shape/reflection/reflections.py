@@ -63,6 +63,10 @@ class Reflections(Record):
     def __len__(self) -> int:
         return len(self.stop)
 
+    def covariance_with_poses(self, by_state: FloatArray) -> FloatArray:
+        """Covariances (path, 3, 3) with those of the poses, by the slopes (path, 3, 4) of what is measured."""
+        return np.asarray(self.covariance + by_state @ self.rx_covariance @ np.swapaxes(by_state, 1, 2))
+
     @cached_property
     def arrays(self) -> PathArrays:
         """The same for compiled code: copies, because arrays of records are read-only, a type of its own."""

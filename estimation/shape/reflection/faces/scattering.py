@@ -143,7 +143,7 @@ def scattering_places(line: FaceLine, data: Reflections, config: ReflectionConfi
         across = predicted.by_landmark @ line.normal
         by_place = predicted.by_landmark @ line.tangent + slope * across
         by_rx, relief = predicted.by_state, line.variance_m2(place, config.wall_relief_m)
-        covariance = data.covariance + by_rx @ data.rx_covariance @ np.swapaxes(by_rx, 1, 2)
+        covariance = data.covariance_with_poses(by_rx)
         covariance = _invertible(covariance + relief[:, None, None] * across[:, :, None] * across[:, None, :])
         weight, error = np.linalg.inv(covariance), residual(data.measured, predicted.value)
         information = np.einsum("pa,pab,pb->p", by_place, weight, by_place)
@@ -170,7 +170,7 @@ class ScatteringPoints(NamedTuple):
         """Those of all paths of the data."""
         predicted = bounce(data.tx, data.rx_state, points.position_m)
         by_rx = predicted.by_state
-        covariance = _invertible(data.covariance + by_rx @ data.rx_covariance @ np.swapaxes(by_rx, 1, 2))
+        covariance = _invertible(data.covariance_with_poses(by_rx))
         error = residual(data.measured, predicted.value)
         square = np.einsum("pa,pab,pb->p", error, np.linalg.inv(covariance), error)
         log_size = np.linalg.slogdet(covariance)[1] - np.linalg.slogdet(points.covariance_m2)[1]
