@@ -36,6 +36,7 @@ MODULES: Mapping[str, tuple[str, ...]] = {
         "motion.targets",
         "motion.nist",
         "motion.tracks",
+        "motion.maps",
     ),
     "multistatic": tuple(
         f"multistatic.{name}" for name in ("samples", "stops", "links", "placement", "campaigns")
@@ -78,11 +79,12 @@ Method = Annotated[
 Out = Annotated[
     Path | None,
     typer.Option(
-        help="halls, heights, chain, multistatic: where an interrupted run goes on; by default out/NAME."
+        help="halls, heights, chain, motion, multistatic: where an interrupted run goes on; by default out/NAME."
     ),
 ]
 Processes = Annotated[
-    int | None, typer.Option(min=1, help="halls, heights, chain, multistatic: processes; by default one per core.")
+    int | None,
+    typer.Option(min=1, help="halls, heights, chain, motion, multistatic: processes; by default one per core."),
 ]
 
 

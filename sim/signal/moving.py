@@ -10,6 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 import scipy.fft
+from numba import njit
 
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
 from scenes.record import ComplexArray, FloatArray, IntArray
@@ -88,13 +89,6 @@ def _kernel_table() -> FloatArray:
     return np.asarray(kernel_at(np.arange((KERNEL_WIDTH // 2 + 2) * KERNEL_PLACES) / KERNEL_PLACES), np.float32)
 
 
-def _kernel(distance: FloatArray) -> FloatArray:
-    """The kernel at distances in grid delays, at most half its width and one."""
-    place = (distance * KERNEL_PLACES).astype(np.float32)
-    index, table = place.astype(np.int32), _kernel_table()
-    return np.asarray(table[index] + (place - index) * (table[index + 1] - table[index]))
-
-
 class _DelayGrid:
     """Amplitudes (pair, delay) on a uniform grid of delays."""
 
@@ -132,12 +126,21 @@ class _DelayGrid:
     def add(self, pairs: IntArray, delay_s: FloatArray, amplitude: ComplexArray) -> None:
         """Spread paths with delays and amplitudes (pair, path)."""
         position = (delay_s - self.first_s) / self.spacing_s
-        low = np.floor(position).astype(int) - KERNEL_WIDTH // 2 + 1
-        for step in range(KERNEL_WIDTH):
-            column = np.clip(low + step, 0, self.n_delays - 1)
-            share = amplitude * _kernel(np.abs(low + step - position))
-            for path in range(share.shape[1]):  # a pair has one entry a path: none is added to twice at once
-                self.amplitude[pairs, column[:, path]] += share[:, path]
+        _spread(self.amplitude, pairs, position, amplitude, _kernel_table())
+
+
+@njit(cache=True, error_model="numpy")
+def _spread(grid, pairs, position, amplitude, kernel):  # type: ignore[no-untyped-def]
+    """Add amplitudes (pair, path) at positions (pair, path) in grid delays to their neighbours in `grid`."""
+    for row in range(len(pairs)):
+        line = grid[pairs[row]]
+        for path in range(position.shape[1]):
+            low = int(np.floor(position[row, path])) - KERNEL_WIDTH // 2 + 1
+            for column in range(low, low + KERNEL_WIDTH):
+                place = abs(column - position[row, path]) * KERNEL_PLACES
+                index = int(place)
+                share = kernel[index] + np.float32(place - index) * (kernel[index + 1] - kernel[index])
+                line[min(max(column, 0), len(line) - 1)] += amplitude[row, path] * share
 
 
 def _responses(

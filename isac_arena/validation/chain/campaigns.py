@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from itertools import count
+from typing import Any
 
 import numpy as np
 
@@ -96,10 +97,12 @@ def our_campaigns() -> list[str]:
     return [name for name in library_campaigns() if not name.endswith("_paper")]
 
 
-def library_campaign(name: str, seed: int, options: ChainOptions, stop_every: int = 1) -> ChainCampaign:
-    """A campaign of the library with the seed and the settings of the chain."""
+def library_campaign(
+    name: str, seed: int, options: ChainOptions, stop_every: int = 1, changes: Sequence[tuple[str, Any]] = ()
+) -> ChainCampaign:
+    """A campaign of the library with the seed, the settings of the chain and changed fields."""
     file = campaign_path(name)
-    config, scene = changed_campaign(read_toml(file), file, [("seed", seed)])
+    config, scene = changed_campaign(read_toml(file), file, [("seed", seed), *changes])
     return ChainCampaign(name, ChainGroup.LIBRARY, _case(config, scene, options, stop_every))
 
 

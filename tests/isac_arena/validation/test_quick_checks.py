@@ -24,7 +24,8 @@ def test_bars_are_met(check):
     found = check(1, True)
     rows = found.rows if isinstance(found, Measured) else found
     if not rows:
-        pytest.skip(str(found.tables[0].rows[0]))  # the data that it compares with are not at hand
+        # the data that it compares with are not at hand
+        pytest.skip(str(found.tables[0].rows[0]) if isinstance(found, Measured) else "nothing in a quick run")
     judged = [row for row in rows if not row.key.endswith(".time")]  # other work on the machine changes times
     missed = [f"{row.key} = {row.value:.6g} {row.unit}, bar {row.bar:.6g}" for row in judged if not row.met]
     assert not missed
