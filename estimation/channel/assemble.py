@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from estimation.channel.config import LosConfig
 from estimation.channel.fit import PathFit
-from estimation.channel.los import LosConfig, line_of_sight, los_probability
+from estimation.channel.los import line_of_sight, los_probability
 from estimation.channel.model.manifold import Manifold
 from estimation.channel.record import (
     UNKNOWN_ANGLE_VARIANCE,

@@ -9,15 +9,17 @@ number is compared with that of paths at delays a little apart.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2, poisson
+from scipy.special import pdtrc
 
 from estimation.channel.fit import PathFit
 from estimation.channel.model.manifold import CELL, Manifold
+from estimation.distributions import chi_square_quantile
 from scenes.pose import wrap_angle
 from scenes.record import BoolArray, FloatArray
 
 WEAKER_DB = 10.0  # least difference from the strong path
-AGREEMENT = chi2.ppf(0.99, 2)  # squared distance of delay and angle at the other end, over its variance
+# Squared distance of delay and angle at the other end, over its variance
+AGREEMENT = float(chi_square_quantile(0.99, 2))
 APART_STD = (4.0, 16.0)  # distance in delay, over its standard deviation, of paths that agree by chance alone
 SIGNIFICANT = 1e-3  # probability that so many agree by chance
 
@@ -40,7 +42,7 @@ def companions(fit: PathFit, tx: Manifold, rx: Manifold) -> BoolArray:
     agree = same & (late <= AGREEMENT)
     control = same & (late > APART_STD[0] ** 2) & (late <= APART_STD[1] ** 2)
     by_chance = 1 + control.sum() * np.sqrt(AGREEMENT) / (APART_STD[1] - APART_STD[0])
-    is_significant = poisson.sf(agree.sum() - 1, by_chance) <= SIGNIFICANT
+    is_significant = agree.any() and pdtrc(agree.sum() - 1, by_chance) <= SIGNIFICANT
     return np.asarray(agree.any(axis=1) & is_significant)
 
 

@@ -1,10 +1,15 @@
-"""Settings of the maximum-likelihood channel estimators."""
+"""Settings of channel estimation: the method, and those of each method."""
+
+from typing import Literal
 
 from pydantic import Field, field_validator
 
 from scenes.toml_config import ConfigModel, Pair
 
 MOST_INCOHERENT_PATHS = 80  # the time grows with their square: every pair of beams has a phase of its own
+
+
+MethodName = Literal["auto", "coherent", "incoherent", "power"]
 
 
 class MaximumLikelihoodConfig(ConfigModel):
@@ -49,3 +54,70 @@ class MaximumLikelihoodConfig(ConfigModel):
         if value[0] >= value[1]:
             raise ValueError("the first must be below the second")
         return value
+
+
+class PowerMethodConfig(ConfigModel):
+    """Settings of the power-only method."""
+
+    false_alarm_probability: float = Field(1e-2, gt=0, lt=1, description="of a stop that holds noise alone")
+    dynamic_range_db: float = Field(
+        28.0, gt=0, description="level of the weakest reported path below the strongest"
+    )
+    side_lobe_margin_db: float = Field(4.0, ge=0, description="a peak must exceed side lobes by this")
+    max_misfit: float = Field(0.05, gt=0, description="largest misfit of a path to the beam patterns")
+    max_paths: int = Field(40, ge=1, description="most paths per stop")
+    use_patterns: bool = Field(
+        True, description="angles by the nominal beam patterns; false: by beam powers and pointings alone"
+    )
+    delay_std_floor_ns: float = Field(0.02, ge=0, description="added in quadrature to every delay's std")
+    angle_std_floor_deg: float = Field(0.05, ge=0, description="added in quadrature to every angle's std")
+
+
+class LosConfig(ConfigModel):
+    """Prior of lines of sight, reflections and the clock."""
+
+    power_at_1m_dbm: float = Field(-13.0, description="LOS power at 1 m between the peaks of two beams")
+    tolerance_db: float = Field(3.0, gt=0, description="spread of a LOS's power about free space")
+    reflection_loss_db: float = Field(12.0, ge=0, description="mean loss of a reflected path beyond free space")
+    reflection_std_db: float = Field(7.0, gt=0, description="spread of that loss")
+    least_loss_db: float = Field(6.0, ge=0, description="mean loss of a stop's least attenuated reflection")
+    least_loss_std_db: float = Field(5.0, gt=0, description="spread of that loss")
+    blocked_share: float = Field(0.3, gt=0, lt=1, description="prior share of stops without a LOS")
+    ghost_share: float = Field(0.01, gt=0, lt=1, description="share of estimated paths that are ghosts")
+    max_clock_bias_ns: float = Field(150.0, gt=0, description="largest credible clock bias")
+    clock_std_ns: float | None = Field(
+        None, gt=0, description="spread of the clock bias about zero if clocks are synchronised"
+    )
+    angle_std_deg: float = Field(2.0, gt=0, description="error of known directions: poses, pointing")
+
+
+class SelfCalibrationConfig(ConfigModel):
+    """Self-calibration of the arrays from the sweeps of a campaign."""
+
+    stops: int = Field(20, ge=2, description="number of stops used, spread over the campaign")
+    errors: Literal["elements", "beams", "both"] = Field("elements", description="what is estimated")
+    prior_std: float = Field(0.3, gt=0, description="prior spread of relative errors")
+    min_snr_db: float = Field(16.0, ge=10, description="least SNR of a used path in its best beam pair")
+    min_purity: float = Field(0.97, gt=0, lt=1, description="share of the first singular value's power")
+    turns: int = Field(30, ge=1, description="iterations over directions, elements and beams")
+
+
+class ChannelConfig(ConfigModel):
+    """Settings of channel estimation: the method, and the settings of each method."""
+
+    method: MethodName = Field("auto", description="auto, coherent, incoherent or power")
+    maximum_likelihood: MaximumLikelihoodConfig = MaximumLikelihoodConfig()
+    power: PowerMethodConfig = PowerMethodConfig()
+    los: LosConfig = LosConfig()
+    delay_std_floor_ns: float = Field(
+        0.0,
+        ge=0,
+        description="added in quadrature to maximum-likelihood delays: errors of the model of separate paths",
+    )
+    angle_std_floor_deg: float = Field(0.0, ge=0, description="the same for their angles")
+    interference: Literal["whiten", "ignore"] = Field(
+        "whiten", description="another TX on the same resource elements: as noise of the RX beams, or not at all"
+    )
+    self_calibration: SelfCalibrationConfig | None = Field(
+        None, description="calibrate both arrays from the campaign itself; off if left out"
+    )

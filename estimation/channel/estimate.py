@@ -2,55 +2,29 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Literal, get_args
+from typing import get_args
 
 import numpy as np
-from pydantic import Field
 
 from estimation.channel.assemble import assemble_estimate
 from estimation.channel.auto import fit_auto
 from estimation.channel.beam_power_map import summed_power
-from estimation.channel.calibration.self_calibration import SelfCalibrationConfig
 from estimation.channel.coherent.diffuse import fit_over_background
 from estimation.channel.coherent.plan import nominal_manifold
-from estimation.channel.config import MaximumLikelihoodConfig
+from estimation.channel.config import ChannelConfig, MethodName
 from estimation.channel.fit import PathFit
 from estimation.channel.incoherent.paths import IncoherentFit, fit_incoherent
-from estimation.channel.los import LosConfig
-from estimation.channel.power.paths import PowerMethodConfig, estimate_power
+from estimation.channel.power.paths import estimate_power
 from estimation.channel.record import ChannelEstimate, EstimateStatus, check_estimate, empty_estimate
 from estimation.execution import one_blas_thread
 from scenes.arguments import need
-from scenes.toml_config import ConfigModel
 from sim.observation import BeamSweep
 from sim.signal.arrays.codebook import Codebook
 
 ChannelEstimator = Callable[[BeamSweep], ChannelEstimate]
-MethodName = Literal["auto", "coherent", "incoherent", "power"]
 
 RANK_TOLERANCE = 1e-6  # singular values of beam weights below this share of the largest are rounding errors
 NUMBERS_PER_PATH = 5  # real numbers: delay, two angles, complex gain
-
-
-class ChannelConfig(ConfigModel):
-    """Settings of channel estimation: the method, and the settings of each method."""
-
-    method: MethodName = Field("auto", description="auto, coherent, incoherent or power")
-    maximum_likelihood: MaximumLikelihoodConfig = MaximumLikelihoodConfig()
-    power: PowerMethodConfig = PowerMethodConfig()
-    los: LosConfig = LosConfig()
-    delay_std_floor_ns: float = Field(
-        0.0,
-        ge=0,
-        description="added in quadrature to maximum-likelihood delays: errors of the model of separate paths",
-    )
-    angle_std_floor_deg: float = Field(0.0, ge=0, description="the same for their angles")
-    interference: Literal["whiten", "ignore"] = Field(
-        "whiten", description="another TX on the same resource elements: as noise of the RX beams, or not at all"
-    )
-    self_calibration: SelfCalibrationConfig | None = Field(
-        None, description="calibrate both arrays from the campaign itself; off if left out"
-    )
 
 
 def estimate_channel(

@@ -20,35 +20,16 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from pydantic import Field
 
+from estimation.channel.config import LosConfig
 from scenes.pose import SPEED_OF_LIGHT_M_S, wrap_angle
 from scenes.record import BoolArray, FloatArray
-from scenes.toml_config import ConfigModel
 
 CANDIDATES = 3  # earliest paths that are tested
 MASKED_DB = 10.0  # a path this far below another one in its delay cell is no line of sight
 CLOCK_POINTS = 3001
 MIN_LENGTH_M = 0.1
 NONE_FOR_SURE = -700.0  # log of a likelihood that is zero in double precision
-
-
-class LosConfig(ConfigModel):
-    """Prior of lines of sight, reflections and the clock."""
-
-    power_at_1m_dbm: float = Field(-13.0, description="LOS power at 1 m between the peaks of two beams")
-    tolerance_db: float = Field(3.0, gt=0, description="spread of a LOS's power about free space")
-    reflection_loss_db: float = Field(12.0, ge=0, description="mean loss of a reflected path beyond free space")
-    reflection_std_db: float = Field(7.0, gt=0, description="spread of that loss")
-    least_loss_db: float = Field(6.0, ge=0, description="mean loss of a stop's least attenuated reflection")
-    least_loss_std_db: float = Field(5.0, gt=0, description="spread of that loss")
-    blocked_share: float = Field(0.3, gt=0, lt=1, description="prior share of stops without a LOS")
-    ghost_share: float = Field(0.01, gt=0, lt=1, description="share of estimated paths that are ghosts")
-    max_clock_bias_ns: float = Field(150.0, gt=0, description="largest credible clock bias")
-    clock_std_ns: float | None = Field(
-        None, gt=0, description="spread of the clock bias about zero if clocks are synchronised"
-    )
-    angle_std_deg: float = Field(2.0, gt=0, description="error of known directions: poses, pointing")
 
 
 @dataclass(frozen=True)

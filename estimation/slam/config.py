@@ -8,7 +8,6 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from estimation.channel.record import ChannelEstimate
-from estimation.laws.plane import range_covariance
 from scenes.pose import SPEED_OF_LIGHT_M_S
 from scenes.record import FloatArray
 from scenes.toml_config import ConfigModel
@@ -34,6 +33,8 @@ class PathNoise(ConfigModel):
         """R (path, 3, 3) in (m, rad, rad)^2 of the paths of one stop."""
         if self.source == "fixed":
             return np.tile(_diagonal(self.delay_std_ns, self.angle_std_deg), (len(estimate), 1, 1))
+        from estimation.laws.plane import range_covariance  # noqa: PLC0415  (compiles, slow to import)
+
         return range_covariance(estimate.plane_covariance) + self.floor
 
     def with_floors(self, share: float) -> Self:

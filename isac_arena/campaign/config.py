@@ -4,7 +4,7 @@ import json
 
 from pydantic import Field
 
-from estimation.channel.estimate import ChannelConfig
+from estimation.channel.config import ChannelConfig
 from estimation.shape.config import ContourConfig, ShapeConfig
 from estimation.slam.config import HeightConfig, MappingConfig, SnapshotConfig, TrajectoryConfig
 from estimation.tracks.config import TrackConfig

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from scipy.stats import qmc
 
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.load import (
@@ -91,6 +90,8 @@ def design_points(config: SweepConfig) -> list[Point]:
         return list(zip(*columns, strict=True)) if columns else [()]
     rng, n = np.random.default_rng(config.design_seed), config.n_points or 1
     if config.design == "latin_hypercube" and axes:
+        from scipy.stats import qmc  # noqa: PLC0415  (slow to import)
+
         shares = qmc.LatinHypercube(len(axes), rng=rng).random(n)
     else:
         shares = rng.random((n, len(axes)))

@@ -25,7 +25,7 @@ from sim.signal.arrays.beams import (
 from sim.signal.arrays.codebook import Codebook, beam_response, codebook_on_panels
 from sim.signal.arrays.weights_file import read_weights
 from sim.signal.demand import ask_beam_memory
-from sim.signal.noise import dbm_to_mw, noise_power_mw
+from sim.signal.power import dbm_to_mw, noise_power_mw
 from sim.signal.waveform.occasions import measurements_per_sample, sweep_occasions
 from sim.signal.waveform.prs import (
     SUBCARRIERS_PER_RB,

@@ -27,7 +27,7 @@ from sim.config import LinkConfig, WaveformConfig
 from sim.propagation.paths import Paths
 from sim.signal.arrays.codebook import Codebook, beam_response
 from sim.signal.link import Link, best_beam_power_dbm
-from sim.signal.noise import dbm_to_mw
+from sim.signal.power import dbm_to_mw
 from sim.signal.waveform.occasions import measurements_per_sample
 from sim.truth import Truth
 

@@ -1,7 +1,4 @@
-"""Thermal noise of the receiver: its power, and circular Gaussian numbers that are fast to draw.
-
-Samples are scaled so that |y|^2 is the power received in all occupied subcarriers together: the transmit power
-is spread over them evenly, and the noise is that of their summed bandwidth.
+"""Thermal noise of the receiver: circular Gaussian numbers that are fast to draw.
 
 The numbers follow the method of Box and Muller (1958) in single precision. A uniform number u gives the power
 -ln u, which is exponentially distributed. A second uniform number gives the phase. Logarithm, sine and cosine are
@@ -15,25 +12,12 @@ from numba import njit
 
 from scenes.record import ComplexArray, FloatArray
 
-BOLTZMANN_J_K = 1.380649e-23
-REFERENCE_TEMPERATURE_K = 290.0
-
 LN_2 = np.float32(np.log(2.0))
 TURN_34 = np.float32(2 * np.pi / 2**34)  # 32 bits over a quarter turn
 ROOT_HALF_BITS = np.int32(np.float32(np.sqrt(0.5)).view(np.int32))
 LOG_SERIES = tuple(np.float32(2 / n) for n in (1, 3, 5, 7, 9))  # ln((1 + s) / (1 - s)), |s| < 0.172: 2e-9
 SIN_SERIES = tuple(np.float32(1 / n) for n in (1, -6, 120, -5040, 362880))  # up to pi / 4: 2e-9
 COS_SERIES = tuple(np.float32(1 / n) for n in (1, -2, 24, -720, 40320))  # up to pi / 4: 3e-8
-
-
-def dbm_to_mw(power_dbm: float) -> float:
-    """Power in mW."""
-    return float(10 ** (power_dbm / 10))
-
-
-def noise_power_mw(bandwidth_hz: float, noise_figure_db: float) -> float:
-    """Thermal noise power k T0 B F in mW of one combined sample; unit-norm beam weights leave it unchanged."""
-    return float(BOLTZMANN_J_K * REFERENCE_TEMPERATURE_K * bandwidth_hz * 1e3 * 10 ** (noise_figure_db / 10))
 
 
 def add_noise(samples: ComplexArray, power_mw: FloatArray, rng: np.random.Generator) -> ComplexArray:

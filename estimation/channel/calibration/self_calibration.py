@@ -22,15 +22,13 @@ element factors from their conjugates in reverse order; either is valid if only 
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
-from pydantic import Field
 
 from estimation.channel.calibration.dominant import DominantPaths, dominant_paths
+from estimation.channel.config import SelfCalibrationConfig
 from estimation.channel.model.manifold import Manifold
 from scenes.record import ComplexArray, FloatArray, IntArray, Record, array, concatenate
-from scenes.toml_config import ConfigModel
 from sim.observation import BeamSweep
 from sim.signal.arrays.array import element_amplitude, steering_vector, to_panel, vertical_polarisation
 from sim.signal.arrays.codebook import Codebook
@@ -40,17 +38,6 @@ START_OVERSAMPLING = 4.0  # directions per Rayleigh cell at the start of the dir
 FIRST_STEP_RAD = np.deg2rad(0.5)  # of the direction search; halved in every iteration, down to
 LAST_STEP_RAD = np.deg2rad(0.02)
 LEAST_MISFIT = 1e-9
-
-
-class SelfCalibrationConfig(ConfigModel):
-    """Self-calibration of the arrays from the sweeps of a campaign."""
-
-    stops: int = Field(20, ge=2, description="number of stops used, spread over the campaign")
-    errors: Literal["elements", "beams", "both"] = Field("elements", description="what is estimated")
-    prior_std: float = Field(0.3, gt=0, description="prior spread of relative errors")
-    min_snr_db: float = Field(16.0, ge=10, description="least SNR of a used path in its best beam pair")
-    min_purity: float = Field(0.97, gt=0, lt=1, description="share of the first singular value's power")
-    turns: int = Field(30, ge=1, description="iterations over directions, elements and beams")
 
 
 @dataclass(frozen=True)

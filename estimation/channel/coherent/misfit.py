@@ -9,10 +9,10 @@ per parameter. These are few; so all paths of a stop together say how large erro
 """
 
 import numpy as np
-from scipy.stats import chi2, f
 
 from estimation.channel.coherent.refine import Reference, Solution, regular_inverse
 from estimation.channel.model.path_model import PathParameters, gram_matrix
+from estimation.distributions import chi_square_log_density, f_log_density
 from scenes.record import BoolArray, ComplexArray, FloatArray, IntArray
 
 LEAST_SEEN = 1e-9  # information on a shift, relative to the amplitude, below which it is unobservable
@@ -56,10 +56,10 @@ def error_scale(shown: FloatArray, n_seen: IntArray) -> FloatArray:
         np.geomspace(1, max(2.0, float((value / degrees).max())), N_TYPICAL), FREEDOM, indexing="ij"
     )
     ratio = value / degrees / typical[..., None]
-    each = f.logpdf(ratio, degrees, freedom[..., None]) - np.log(degrees * typical[..., None])
+    each = f_log_density(ratio, degrees, freedom[..., None]) - np.log(degrees * typical[..., None])
     likelihood = each.sum(axis=2)
     best = np.unravel_index(int(np.argmax(likelihood)), likelihood.shape)
-    if likelihood[best] - chi2.logpdf(value, degrees).sum() < np.log(len(value)):
+    if likelihood[best] - chi_square_log_density(value, degrees).sum() < np.log(len(value)):
         return np.ones(len(shown))
     known = freedom[best] * typical[best]
     return np.asarray(np.maximum(1.0, (known + np.where(seen, shown, 0.0)) / (freedom[best] + n_seen - 2)))

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from estimation.channel.config import LosConfig
 from estimation.channel.hall.classes import START, ClassPriors, StopStates, learned_priors, stop_states
 from estimation.channel.hall.geometry import Heights
 from estimation.channel.hall.paths import RangedPaths, stop_paths
@@ -27,7 +28,6 @@ from estimation.channel.hall.search import (
     starting_heights,
     stop_votes,
 )
-from estimation.channel.los import LosConfig
 from estimation.channel.record import ChannelEstimate
 from scenes.record import FloatArray, IntArray
 from sim.signal.arrays.codebook import Codebook

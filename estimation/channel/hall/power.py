@@ -8,14 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimation.channel.coherent.plan import nominal_manifold
+from estimation.channel.config import LosConfig
 from estimation.channel.hall.paths import RangedPaths
-from estimation.channel.los import (
-    MIN_LENGTH_M,
-    LosConfig,
-    clock_log_likelihood,
-    loss_beyond_free_space_db,
-    sight_log_prior,
-)
+from estimation.channel.los import MIN_LENGTH_M, clock_log_likelihood, loss_beyond_free_space_db, sight_log_prior
 from estimation.channel.model.apparent import apparent_angles
 from estimation.channel.record import ChannelEstimate
 from scenes.pose import SPEED_OF_LIGHT_M_S

@@ -10,13 +10,13 @@ from dataclasses import astuple, dataclass, replace
 
 import numpy as np
 from scipy.special import diric
-from scipy.stats import chi2
 
 from estimation.channel.fit import PathFit
 from estimation.channel.incoherent.clock_drift import dominant_pairs
 from estimation.channel.incoherent.likelihood import LinkBeams, paths_towards
 from estimation.channel.incoherent.spectrum import delay_waves
 from estimation.channel.model.manifold import Manifold
+from estimation.distributions import chi_square_quantile
 from scenes.record import ComplexArray, FloatArray, IntArray
 
 MAIN_LOBE = 0.1  # of the power of the best beam: beams whose magnitudes show errors
@@ -100,7 +100,8 @@ class LevelEvidence:
         if self.found < self.by_noise + SIGNIFICANT_STD * np.sqrt(2 * self.noise_squared):
             return 0.0
         freedom = self.by_errors**2 / self.errors_squared
-        return max(0.0, self.found - self.by_noise) * freedom / float(chi2.median(freedom)) / self.by_errors
+        median = float(chi_square_quantile(0.5, freedom))
+        return max(0.0, self.found - self.by_noise) * freedom / median / self.by_errors
 
 
 @dataclass(frozen=True)

@@ -8,33 +8,15 @@ separates the two angles. The nominal beam patterns give the angles of the profi
 from dataclasses import dataclass
 
 import numpy as np
-from pydantic import Field
 
-from estimation.channel.los import LosConfig, line_of_sight, los_probability
+from estimation.channel.config import LosConfig, PowerMethodConfig
+from estimation.channel.los import line_of_sight, los_probability
 from estimation.channel.model.delay import OVERSAMPLING, DelayPower, delay_power, match_delay
 from estimation.channel.power.beams import AngleFit, BeamAxis
 from estimation.channel.power.detect import Peaks, SideLobeEnvelope, local_maxima, noise_threshold
 from estimation.channel.record import UNKNOWN_ANGLE_VARIANCE, AngleKind, ChannelEstimate
 from scenes.record import FloatArray
-from scenes.toml_config import ConfigModel
 from sim.observation import BeamSweep
-
-
-class PowerMethodConfig(ConfigModel):
-    """Settings of the power-only method."""
-
-    false_alarm_probability: float = Field(1e-2, gt=0, lt=1, description="of a stop that holds noise alone")
-    dynamic_range_db: float = Field(
-        28.0, gt=0, description="level of the weakest reported path below the strongest"
-    )
-    side_lobe_margin_db: float = Field(4.0, ge=0, description="a peak must exceed side lobes by this")
-    max_misfit: float = Field(0.05, gt=0, description="largest misfit of a path to the beam patterns")
-    max_paths: int = Field(40, ge=1, description="most paths per stop")
-    use_patterns: bool = Field(
-        True, description="angles by the nominal beam patterns; false: by beam powers and pointings alone"
-    )
-    delay_std_floor_ns: float = Field(0.02, ge=0, description="added in quadrature to every delay's std")
-    angle_std_floor_deg: float = Field(0.05, ge=0, description="added in quadrature to every angle's std")
 
 
 @dataclass(frozen=True)

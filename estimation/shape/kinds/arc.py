@@ -4,11 +4,12 @@ import numpy as np
 
 from estimation.laws.contour import predict_reflection
 from estimation.laws.support import CIRCLE, contour_points, normal_std_m
+from estimation.shape.config import ReflectionConfig
 from estimation.shape.fit import OK, ShapeFit
 from estimation.shape.kinds.closed import circle_starts
 from estimation.shape.record import N_CONTOUR_SAMPLES
 from estimation.shape.reflection.posterior import Optimum, Prior, best_start, maximise_posterior
-from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
+from estimation.shape.reflection.reflections import Reflections
 from scenes.record import FloatArray
 
 _START_RADII_M = np.geomspace(1.0, 30.0, 8)

@@ -13,10 +13,11 @@ from numpy.typing import ArrayLike
 from scipy.special import ive
 
 from estimation.laws.support import CIRCLE, CLOSED_FAMILY, contour_points, normal_std_m
+from estimation.shape.config import ReflectionConfig
 from estimation.shape.fit import OK, PRIOR, ShapeFit
 from estimation.shape.record import N_CONTOUR_SAMPLES
 from estimation.shape.reflection.posterior import Optimum, Prior, best_start, maximise_posterior
-from estimation.shape.reflection.reflections import ReflectionConfig, Reflections, ray_points
+from estimation.shape.reflection.reflections import Reflections, ray_points
 from scenes.record import FloatArray
 
 START_RADII_M = np.geomspace(0.06, 2.0, 10)

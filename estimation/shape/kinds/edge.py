@@ -3,9 +3,10 @@
 import numpy as np
 
 from estimation.laws.contour import EDGE
+from estimation.shape.config import ReflectionConfig
 from estimation.shape.fit import OK, ShapeFit
 from estimation.shape.reflection.posterior import Optimum, Prior, best_start, maximise_posterior
-from estimation.shape.reflection.reflections import ReflectionConfig, Reflections, ray_points
+from estimation.shape.reflection.reflections import Reflections, ray_points
 from scenes.record import FloatArray
 
 _N_STARTS = 8

@@ -6,13 +6,14 @@ from typing import NamedTuple
 
 from estimation.laws.contour import EDGE, WALL
 from estimation.laws.support import CIRCLE, CLOSED_FAMILY
+from estimation.shape.config import ReflectionConfig
 from estimation.shape.fit import ShapeFit, failed_fit
 from estimation.shape.kinds.arc import arc_prior, arc_shape, fit_arc
 from estimation.shape.kinds.closed import closed_prior, closed_shape, fit_closed, refit_closed
 from estimation.shape.kinds.edge import edge_prior, edge_shape, fit_edge
 from estimation.shape.kinds.mirror_wall import fit_wall, wall_prior, wall_shape
 from estimation.shape.reflection.posterior import Optimum, Prior
-from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
+from estimation.shape.reflection.reflections import Reflections
 from scenes.record import FloatArray
 
 

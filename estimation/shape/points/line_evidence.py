@@ -12,9 +12,8 @@ from functools import lru_cache
 
 import numpy as np
 from scipy.special import logsumexp, ndtri
-from scipy.stats import chi2
-from scipy.stats.qmc import Sobol
 
+from estimation.distributions import chi_square_quantile
 from estimation.execution import compiled
 from estimation.inference.least_squares import student_t_log_peak
 from scenes.record import FloatArray
@@ -60,8 +59,12 @@ def _log_student(scaled: FloatArray, root: FloatArray) -> FloatArray:
 @lru_cache(maxsize=4)
 def _quasi_normal(size: int) -> tuple[FloatArray, FloatArray]:
     """Sobol points as independent standard normals (draw, size) and the scales (draw,) of a Student density."""
+    from scipy.stats.qmc import Sobol  # noqa: PLC0415  (slow to import)
+
     uniform = Sobol(size + 1, scramble=False).random(2 * N_DRAWS)[N_DRAWS:] + 0.25 / N_DRAWS
-    return ndtri(uniform[:, :-1]), np.sqrt(DEGREES_OF_FREEDOM / chi2(DEGREES_OF_FREEDOM).ppf(uniform[:, -1]))
+    return ndtri(uniform[:, :-1]), np.sqrt(
+        DEGREES_OF_FREEDOM / chi_square_quantile(uniform[:, -1], DEGREES_OF_FREEDOM)
+    )
 
 
 @compiled

@@ -10,9 +10,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from estimation.shape.config import ReflectionConfig
 from estimation.shape.kinds.fit import OBJECT_KINDS
 from estimation.shape.reflection.posterior import Optimum, path_squares
-from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
+from estimation.shape.reflection.reflections import Reflections
 from scenes.record import FloatArray, IntArray
 
 GHOST = -1

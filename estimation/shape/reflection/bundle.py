@@ -17,6 +17,7 @@ import numpy as np
 
 from estimation.inference.least_squares import Attempt, Schedule, minimise
 from estimation.laws.plane import state_columns
+from estimation.shape.config import ReflectionConfig
 from estimation.shape.fit import ShapeFit, failed_fit
 from estimation.shape.kinds.fit import object_kind
 from estimation.shape.reflection.bundle_system import (
@@ -27,7 +28,7 @@ from estimation.shape.reflection.bundle_system import (
     bundle_system,
 )
 from estimation.shape.reflection.posterior import Optimum, Prior, with_offsets
-from estimation.shape.reflection.reflections import ReflectionConfig, Reflections, at_solution, prior_states
+from estimation.shape.reflection.reflections import Reflections, at_solution, prior_states
 from estimation.shape.reflection.search import CHI2_MEDIAN, FAR_OFF, N_COMMON
 from scenes.record import FloatArray, IntArray, concatenate
 

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import shapely
 
+from estimation.shape.config import ReflectionConfig
 from estimation.shape.fit import ShapeFit
 from estimation.shape.kinds.fit import fit_kind, refit_kind
-from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
+from estimation.shape.reflection.reflections import Reflections
 
 # Prior share of each kind within its class: half of all pillars are round, a quarter of all walls are curved.
 CLASSES: Mapping[str, Mapping[str, float]] = {

@@ -12,7 +12,7 @@ import numpy as np
 
 from estimation.execution import one_blas_thread, steps
 from estimation.laws.plane import state_columns
-from estimation.shape.config import ContourConfig
+from estimation.shape.config import ContourConfig, ReflectionConfig
 from estimation.shape.fit import ShapeFit
 from estimation.shape.reflection.association import MIN_PATHS, GroupFits, object_squares
 from estimation.shape.reflection.bundle import Bundle, BundleObject, fit_bundle
@@ -23,7 +23,7 @@ from estimation.shape.reflection.objects import FoundObject, find_objects, refit
 from estimation.shape.reflection.paths import CampaignPaths
 from estimation.shape.reflection.pillar_prior import prior_from_others
 from estimation.shape.reflection.raised import upright_paths
-from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
+from estimation.shape.reflection.reflections import Reflections
 from estimation.shape.reflection.search import CHI2_MEDIAN, N_COMMON
 from estimation.shape.reflection.tx_sessions import (
     Sessions,

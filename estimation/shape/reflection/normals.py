@@ -11,9 +11,10 @@ import numpy as np
 
 from estimation.laws import plane as plane_law
 from estimation.laws.support import CIRCLE, contour_points, normal_std_m
+from estimation.shape.config import ReflectionConfig
 from estimation.shape.fit import OK, ShapeFit, failed_fit
 from estimation.shape.record import N_CONTOUR_SAMPLES
-from estimation.shape.reflection.reflections import ReflectionConfig, Reflections, ray_points
+from estimation.shape.reflection.reflections import Reflections, ray_points
 from estimation.slam.mapping.point_fit import fit_points
 from scenes.record import FloatArray
 

@@ -10,11 +10,12 @@ import numpy as np
 
 from estimation.execution import steps
 from estimation.laws.plane import bounce, residual
+from estimation.shape.config import ReflectionConfig
 from estimation.shape.gp.clustering import NOISE, cluster_points
 from estimation.shape.reflection.association import GATE, GHOST, MIN_PATHS, GroupFits, split_rows
 from estimation.shape.reflection.normals import oriented_points
 from estimation.shape.reflection.posterior import Optimum
-from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
+from estimation.shape.reflection.reflections import Reflections
 from scenes.record import BoolArray, FloatArray, IntArray
 
 _MAX_ROUNDS = 6

@@ -8,10 +8,10 @@ import numpy as np
 from estimation.channel.record import ChannelEstimate
 from estimation.laws.plane import measurement_vectors
 from estimation.laws.raised import PathHeights
-from estimation.shape.config import ContourConfig
+from estimation.shape.config import ContourConfig, ReflectionConfig
 from estimation.shape.reflection.levels import is_level
 from estimation.shape.reflection.raised import UprightPaths
-from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
+from estimation.shape.reflection.reflections import Reflections
 from estimation.shape.reflection.tx_sessions import Sessions, los_sessions, stop_rows
 from estimation.slam.config import PathNoise
 from estimation.slam.record import IncidencePoints, PoseEstimates, SolveStatus

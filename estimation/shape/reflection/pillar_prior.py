@@ -11,8 +11,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from estimation.shape.config import ReflectionConfig
 from estimation.shape.reflection.choice import CLASSES, Choice
-from estimation.shape.reflection.reflections import ReflectionConfig
 from scenes.record import FloatArray
 
 _PILLAR_KINDS = tuple(CLASSES["pillar"])

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
+from estimation.shape.config import ReflectionConfig
+from estimation.shape.reflection.reflections import Reflections
 from estimation.shape.reflection.search import CHI2_MEDIAN, N_COMMON, GhostMixture, search_posterior, weigh_starts
 from scenes.pose import SPEED_OF_LIGHT_M_S
 from scenes.record import FloatArray

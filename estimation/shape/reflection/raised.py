@@ -11,16 +11,17 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import norm
 
+from estimation.distributions import normal_log_density
 from estimation.execution import compiled
 from estimation.laws.plane import bounce, residual, wrapped
 from estimation.laws.raised import RAISED_STD_M, image_path, raised_path
+from estimation.shape.config import ReflectionConfig
 from estimation.shape.kinds.fit import OBJECT_KINDS
 from estimation.shape.reflection.association import GATE, GHOST, MIN_GAIN_NAT
 from estimation.shape.reflection.levels import on_planes
 from estimation.shape.reflection.objects import FoundObject
-from estimation.shape.reflection.reflections import ReflectionConfig, Reflections, ray_points
+from estimation.shape.reflection.reflections import Reflections, ray_points
 from scenes.record import BoolArray, FloatArray, IntArray
 
 _HEIGHTS_M = (0.7, -0.7, 2.0, -2.0, 4.0)  # over the middle of the devices that fits of places start from
@@ -150,7 +151,7 @@ def _on_floor_or_ceiling(places: Sequence[Spot], difference_m: FloatArray) -> Bo
     """Which places (place,) are on floor or ceiling, away from the devices of height differences (path,)."""
     height = np.array([place.value[2] for place in places]) - np.nanmedian(difference_m) / 2
     variance = np.array([place.covariance[2, 2] for place in places])
-    elsewhere = norm(0.0, RAISED_STD_M).pdf(height)
+    elsewhere = np.exp(normal_log_density(height, 0.0, RAISED_STD_M))
     if np.nanmax(np.abs(difference_m)) < _SAME_M:  # below and above look the same
         height, elsewhere = np.abs(height), 2 * elsewhere
     found = np.abs(height) > _CLEAR_M

@@ -5,12 +5,10 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from pydantic import Field
 
 from estimation.laws.plane import ray_directions, start_point, state_columns
 from estimation.shape.reflection.search import PathArrays
 from scenes.record import FloatArray, IntArray, Record, array, concatenate, optional_array
-from scenes.toml_config import ConfigModel
 
 _EXACT_STD = 1e-6  # of a state with zero covariance, in m and rad
 
@@ -82,52 +80,6 @@ class Reflections(Record):
     def n_sessions(self) -> int:
         """Number of sessions, those without a path included."""
         return int(self.session.max(initial=-1)) + 1
-
-
-class ReflectionConfig(ConfigModel):
-    """Priors of the fits by the reflection law. A standard deviation of 0 fixes that unknown."""
-
-    radius_median_m: float = Field(0.45, gt=0, description="median of the log-normal prior of the radius in m")
-    radius_log_std: float = Field(0.5, gt=0, description="standard deviation of the logarithm of the radius")
-    axis_ratio_log_std: float = Field(
-        0.6, gt=0, description="ellipse: standard deviation of either part of the log axis ratio"
-    )
-    round_share_median: float = Field(
-        0.25, gt=0, lt=1, description="rounded square: median of the corner radius over half the width"
-    )
-    round_share_log_odds_std: float = Field(1.0, gt=0, description="rounded square: of its log odds")
-    pillars_resemble: bool = Field(
-        True, description="the other pillars of the scene give the prior of the radius and kind of a pillar"
-    )
-    bend_radius_median_m: float = Field(6.0, gt=0, description="curved wall: median of the log-normal radius")
-    bend_radius_log_std: float = Field(0.8, gt=0, description="curved wall: of the logarithm of the radius")
-    wall_relief_m: float = Field(
-        0.03, gt=0, description="standard deviation in m of the places of a rough wall about its line"
-    )
-    area_m2: float = Field(400.0, gt=0, description="area in m^2 over which centres and edges are uniform")
-    delay_offset_std_ns: float = Field(1.0, ge=0, description="common error of all delays in ns")
-    aod_offset_std_deg: float = Field(3.0, ge=0, description="common error of a session's departures in deg")
-    aoa_offset_std_deg: float = Field(3.0, ge=0, description="common error of all arrivals in deg")
-    ghost_share: float = Field(0.05, ge=0, lt=1, description="prior share of paths that belong to no object")
-    ghost_range_m: float = Field(20.0, gt=0, description="ghosts: uniform over this window of range in m")
-    ghost_angle_deg: float = Field(60.0, gt=0, le=360, description="ghosts: uniform over this window of angles")
-
-    @property
-    def log_path_share(self) -> float:
-        """Logarithm of the prior share of paths that are no ghosts."""
-        return float(np.log1p(-self.ghost_share))
-
-    @property
-    def log_ghost_density(self) -> float:
-        """Log density of a ghost's range and angles, times its share, per m rad^2; -inf without ghosts."""
-        if self.ghost_share == 0:
-            return -np.inf
-        return float(np.log(self.ghost_share)) + self.log_window_density
-
-    @property
-    def log_window_density(self) -> float:
-        """Log density of the range and angles of a path that may be anywhere, per m rad^2."""
-        return -float(np.log(self.ghost_range_m * np.deg2rad(self.ghost_angle_deg) ** 2))
 
 
 def ray_points(data: Reflections) -> tuple[FloatArray, FloatArray]:

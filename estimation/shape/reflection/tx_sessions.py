@@ -11,9 +11,10 @@ from typing import NamedTuple
 import numpy as np
 
 from estimation.laws.plane import bounce_jacobian_rx, predict_los, residual
+from estimation.shape.config import ReflectionConfig
 from estimation.shape.reflection.bundle import NORMAL_MEDIAN, BundleObject, fit_bundle
 from estimation.shape.reflection.objects import FoundObject
-from estimation.shape.reflection.reflections import ReflectionConfig, Reflections, ray_points
+from estimation.shape.reflection.reflections import Reflections, ray_points
 from estimation.shape.reflection.search import N_COMMON
 from estimation.slam.walk.sessions import segment_offsets
 from scenes.pose import Pose

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from estimation.channel.record import ChannelEstimate
+from estimation.distributions import chi_square_quantile
 from estimation.laws import plane as plane_law
 from estimation.slam.config import MappingConfig
 from estimation.slam.mapping.point_fit import ReflectionLaw, fit_points, joint_covariance, point_covariance
@@ -117,7 +117,7 @@ def map_paths(
     if state_covariance is not None:
         covariance = joint_covariance(conditional, sensitivity, state_covariance[row])
     freedom = measured.shape[-1] - point.shape[-1]
-    passed = cost <= chi2.ppf(config.gate_probability, freedom)
+    passed = cost <= chi_square_quantile(config.gate_probability, freedom)
     passed &= _is_possible(tx_pose, state[row], point, conditional, config)
     path = concatenate_stops([np.arange(len(e)) for e in estimates], int, ())[use]
     return MappedPaths(row, path, point, covariance, cost, seen.is_inlier[use] & passed)

@@ -10,8 +10,8 @@ from itertools import combinations, product
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import chi2
 
+from estimation.distributions import chi_square_quantile
 from estimation.inference.least_squares import Attempt, Schedule, damped_step, minimise
 from estimation.laws.plane import bounce_equation, state_columns
 from estimation.slam.config import SnapshotConfig
@@ -82,7 +82,7 @@ def joint_modes(problem: SnapshotProblem, config: SnapshotConfig) -> list[Fit]:
     alone = [problem.of_tx(tx) for tx in range(len(problem.every_tx))]
     model, law, prior = path_model(config.mixture), power_law(config.path_loss), prior_of(config)
     parts = [_Part(one, path_table(one, config.mixture), model) for one in alone]
-    gate = float(chi2.ppf(config.gate_probability, 1))
+    gate = float(chi_square_quantile(config.gate_probability, 1))
     clutter = sum(
         log_clutter(part.table.range_m, part.problem.power_dbm, law, prior) for part in parts if len(part.problem)
     )

@@ -8,8 +8,8 @@ evidence: with every credible path as line of sight, and without one.
 from functools import cache
 
 import numpy as np
-from scipy.stats import chi2
 
+from estimation.distributions import chi_square_quantile
 from estimation.execution import compiled
 from estimation.slam.config import SnapshotConfig
 from estimation.slam.snapshot.evidence import (
@@ -132,4 +132,4 @@ def _ranked(
 
 @cache
 def _gate(probability: float) -> float:
-    return float(chi2.ppf(probability, 1))
+    return float(chi_square_quantile(probability, 1))

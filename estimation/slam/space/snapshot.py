@@ -7,9 +7,9 @@ evidence.
 
 import numpy as np
 from scipy.special import expit
-from scipy.stats import chi2
 
 from estimation.channel.record import ChannelEstimate
+from estimation.distributions import chi_square_quantile
 from estimation.inference.least_squares import Attempt, Schedule, damped_step, minimise, student_t_efficiency
 from estimation.laws.space import N_STATE
 from estimation.slam.config import SnapshotConfig
@@ -144,7 +144,7 @@ def _modes(problem: SpatialProblem, state: FloatArray, los: int, config: Snapsho
     state, information, score = refine_spatial(problem, start, los, config)
     evidence, covariances = _log_evidence(problem, los, state, information, score, config)
     fit = bounce_fit(problem, state)
-    inlier = others & fit.is_feasible & (fit.square <= chi2.ppf(config.gate_probability, 2))
+    inlier = others & fit.is_feasible & (fit.square <= chi_square_quantile(config.gate_probability, 2))
     if los >= 0:
         inlier[:, los] = True
     enough = inlier.sum(axis=1) >= (MIN_LOS_INLIERS if los >= 0 else MIN_NLOS_INLIERS)

@@ -7,8 +7,8 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import chi2
 
+from estimation.distributions import chi_square_quantile
 from estimation.execution import steps
 from estimation.laws.plane import state_columns
 from estimation.slam.config import TrajectoryConfig
@@ -284,7 +284,7 @@ def _confirm_bounces(
     own = state_columns(seen.tx_of_path[doubted])
     covariance = covariance[row[:, None, None], own[:, :, None], own[:, None, :]]
     spread = np.einsum("pi,pij,pj->p", terms.jacobian, covariance, terms.jacobian)
-    gate = chi2.ppf(config.confirm_probability, 1)
+    gate = chi_square_quantile(config.confirm_probability, 1)
     agrees = terms.is_feasible & (terms.value_m**2 <= gate * (terms.variance_m2 + spread))
     kind[doubted[agrees]] = PathClass.BOUNCE
     return minimise_robust_cost(seen, replace(link, kind=kind), alone, config), replace(link, kind=kind)

@@ -1,8 +1,8 @@
 """Assignment of paths to known landmarks: the smallest chi-square within the gate, compiled."""
 
 import numpy as np
-from scipy.stats import chi2
 
+from estimation.distributions import chi_square_quantile
 from estimation.execution import compiled
 from estimation.laws.contour import closed_path
 from estimation.laws.plane import wrapped
@@ -37,8 +37,8 @@ def assign_to_landmarks(
     """
     gates = np.array(
         [
-            chi2.ppf(config.gate_probability, 3),
-            chi2.ppf(_DOUBLE_PROBABILITY, 3) if config.use_double_bounces else 0.0,
+            chi_square_quantile(config.gate_probability, 3),
+            chi_square_quantile(_DOUBLE_PROBABILITY, 3) if config.use_double_bounces else 0.0,
         ]
     )
     kind, landmark = link.kind.copy(), link.landmark.copy()

@@ -5,8 +5,8 @@ clusters of incidence points are objects.
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import chi2
 
+from estimation.distributions import chi_square_quantile
 from estimation.laws import plane as plane_law
 from estimation.slam.config import TrajectoryConfig
 from estimation.slam.mapping.point_fit import point_covariance
@@ -41,7 +41,7 @@ def single_bounces(
     terms = bounce_terms(
         seen.tx_rows, without_heading_offsets(seen, now, everyone), seen.covariance, seen.states(now.state)
     )
-    gate = chi2.ppf(config.gate_probability, 1)
+    gate = chi_square_quantile(config.gate_probability, 1)
     return np.asarray(~is_los & terms.is_feasible & (terms.value_m**2 <= gate * terms.variance_m2))
 
 

@@ -5,7 +5,7 @@ wall agree however far apart they are; what is no single bounce gives lines at r
 """
 
 import numpy as np
-from scipy.stats import binom
+from scipy.special import bdtrc
 
 from scenes.record import BoolArray, FloatArray, IntArray
 
@@ -118,7 +118,7 @@ def _false_alarms(
     is_near = between & (np.abs(point_m @ facing - wall[1]) < TOLERANCE_M)
     is_near[is_on] = True
     chance = min(GATE_STDS * np.sqrt(2) * float(np.median(std_rad[is_near])) / (np.pi / 2), 1.0)
-    return n_tried * float(binom.sf(len(is_on) - 2, np.count_nonzero(is_near) - 1, chance))
+    return n_tried * float(bdtrc(len(is_on) - 2, np.count_nonzero(is_near) - 1, chance))
 
 
 def _closeness(

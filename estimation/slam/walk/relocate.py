@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import chi2
 
+from estimation.distributions import chi_square_quantile
 from estimation.inference.least_squares import student_t_log_peak
 from estimation.laws.wall import wall_places
 from estimation.slam.config import TrajectoryConfig
@@ -319,7 +319,7 @@ def _lines_of_sight(
     distance = linearise(own, links[0], now, config).square()
     result = np.zeros(len(seen.row), bool)
     is_better = as_sight + odds > np.maximum(as_bounce, 0.0)
-    result[direct] = is_better & (distance < chi2.ppf(config.gate_probability, 3))
+    result[direct] = is_better & (distance < chi_square_quantile(config.gate_probability, 3))
     return result
 
 

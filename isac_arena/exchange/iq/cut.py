@@ -9,7 +9,7 @@ from isac_arena.exchange.iq.samples import IqRecording
 from isac_arena.exchange.iq.synchronise import Synchronisation, fft_size
 from isac_arena.exchange.iq.times import Pilots, SweepTimes, prefix_s
 from scenes.record import ComplexArray, FloatArray, IntArray
-from sim.signal.noise import dbm_to_mw
+from sim.signal.power import dbm_to_mw
 
 
 def cut_channel(

@@ -3,8 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import binomtest, chi2, norm
+from scipy.special import ndtr
 
+from estimation.distributions import chi_square_quantile, normal_log_density
 from isac_arena.scoring.metrics.metric import Metric
 from isac_arena.scoring.metrics.statistics import finite_entries, mean, squared_mahalanobis
 from scenes.record import BoolArray, FloatArray
@@ -30,21 +31,22 @@ def normalised_nees(error: FloatArray, covariance: FloatArray) -> Interval:
     freedom = len(nees) * error.shape[1]
     if not freedom:
         return Interval(np.nan, np.nan, np.nan)
-    low, high = chi2.ppf([0.025, 0.975], freedom) / freedom
+    low, high = chi_square_quantile([0.025, 0.975], freedom) / freedom
     return Interval(float(nees.sum() / freedom), float(low), float(high))
 
 
 def region_coverage(error: FloatArray, covariance: FloatArray, level: float = 0.95) -> Interval:
     """Share of errors (n, k) inside the `level` region of their covariance, with its Wilson interval."""
     nees = finite_entries(squared_mahalanobis(error, covariance))
-    return share_with_interval(nees <= chi2.ppf(level, error.shape[1]))
+    return share_with_interval(nees <= chi_square_quantile(level, error.shape[1]))
 
 
 def consistency_metrics(prefix: str, nees: FloatArray, freedom: int) -> list[Metric]:
     """Mean NEES (n,) over its degrees of freedom, and share inside the 95 % region; NaN entries are ignored."""
+    inside = finite_entries(nees) <= chi_square_quantile(0.95, freedom)
     return [
         Metric(f"{prefix}.nees", mean(nees / freedom), "1", "info"),
-        Metric(f"{prefix}.coverage95", mean(finite_entries(nees) <= chi2.ppf(0.95, freedom)), "1", "info"),
+        Metric(f"{prefix}.coverage95", mean(inside), "1", "info"),
     ]
 
 
@@ -52,6 +54,8 @@ def share_with_interval(hits: BoolArray) -> Interval:
     """Share of true entries with its Wilson score interval (Wilson 1927)."""
     if not len(hits):
         return Interval(np.nan, np.nan, np.nan)
+    from scipy.stats import binomtest  # noqa: PLC0415  (slow to import)
+
     found = binomtest(int(np.sum(hits)), len(hits)).proportion_ci(method="wilson")
     return Interval(mean(hits), float(found.low), float(found.high))
 
@@ -68,5 +72,5 @@ def gaussian_crps(truth: FloatArray, mean_value: FloatArray, std: FloatArray) ->
     error, sigma = np.broadcast_arrays(np.asarray(truth, float) - mean_value, np.asarray(std, float))
     safe = np.where(sigma > 0, sigma, 1.0)
     z = error / safe
-    score = safe * (z * (2 * norm.cdf(z) - 1) + 2 * norm.pdf(z) - 1 / np.sqrt(np.pi))
+    score = safe * (z * (2 * ndtr(z) - 1) + 2 * np.exp(normal_log_density(z, 0.0, 1.0)) - 1 / np.sqrt(np.pi))
     return np.asarray(np.where(sigma > 0, score, np.abs(error)))

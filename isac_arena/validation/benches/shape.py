@@ -14,10 +14,11 @@ from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import ConstantKernel, ExpSineSquared, WhiteKernel
 
 from estimation.execution import one_blas_thread
+from estimation.shape.config import ReflectionConfig
 from estimation.shape.gp.radial import fit_radial_gp, fit_radial_gps
 from estimation.shape.kinds.fit import fit_kind
 from estimation.shape.reflection.bundle import fit_bundle
-from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
+from estimation.shape.reflection.reflections import Reflections
 from isac_arena.validation.benches.plain_reflections import (
     Evaluation,
     circle_terms,

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from estimation.channel.estimate import ChannelConfig, estimate_channel
+from estimation.channel.config import ChannelConfig
+from estimation.channel.estimate import estimate_channel
 from estimation.channel.model.apparent import apparent_angles
 from estimation.channel.model.crb import joint_loss_db, path_information, path_snr_db
 from estimation.channel.model.manifold import Manifold

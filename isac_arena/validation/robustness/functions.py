@@ -36,7 +36,8 @@ HEAD = """
 import ctypes, os, signal, sys, warnings
 from dataclasses import replace
 import numpy as np
-from estimation.channel.estimate import ChannelConfig, estimate_channel
+from estimation.channel.config import ChannelConfig
+from estimation.channel.estimate import estimate_channel
 from estimation.channel.record import ChannelEstimate
 
 def good(sweep):

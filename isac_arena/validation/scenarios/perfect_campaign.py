@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimation.channel.beam_power_map import BeamPowerMap
-from estimation.channel.estimate import ChannelConfig
+from estimation.channel.config import ChannelConfig
 from estimation.channel.record import ChannelEstimate, PathMotion
 from estimation.shape.fit import OK
 from estimation.shape.record import CLASS_NAMES, Contours, Shapes

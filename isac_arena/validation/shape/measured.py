@@ -9,11 +9,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from estimation.laws.plane import measurement_vectors
+from estimation.shape.config import ReflectionConfig
 from estimation.shape.gp.clustering import to_polar
 from estimation.shape.gp.radial import fit_radial_gp
 from estimation.shape.reflection.bundle import Bundle, BundleObject, fit_bundle
 from estimation.shape.reflection.normals import oriented_points
-from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
+from estimation.shape.reflection.reflections import Reflections
 from isac_arena.campaign.measured import MeasuredCampaign
 from isac_arena.scoring.metrics.contours import intersection_over_union
 from isac_arena.validation.measured_data import SESSION_STOP, measured_campaign, with_values

@@ -5,12 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from estimation.shape.config import ReflectionConfig
 from estimation.shape.fit import ShapeFit
 from estimation.shape.kinds.fit import fit_kind
 from estimation.shape.reflection.bundle import BundleObject
 from estimation.shape.reflection.choice import choose_shape
 from estimation.shape.reflection.normals import fit_normals
-from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
+from estimation.shape.reflection.reflections import Reflections
 from isac_arena.scoring.metrics.contours import intersection_over_union, interval_iou, perpendicular_rmse_m
 from isac_arena.validation.measurement import Measurement, at_least, at_most
 from isac_arena.validation.monte_carlo import generators

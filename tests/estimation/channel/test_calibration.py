@@ -7,7 +7,6 @@ import pytest
 
 from estimation.channel.calibration.dominant import dominant_paths
 from estimation.channel.calibration.self_calibration import (
-    SelfCalibrationConfig,
     calibrate_array,
     calibration_rows,
     element_matrix,
@@ -15,6 +14,7 @@ from estimation.channel.calibration.self_calibration import (
     with_responses,
     without_gauge,
 )
+from estimation.channel.config import SelfCalibrationConfig
 from estimation.channel.model.manifold import Manifold
 from isac_arena.validation.scenarios.link_bench import LinkBench, draw_paths, make_bench, observe_paths
 from scenes.record import ComplexArray, FloatArray

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from estimation.channel.assemble import ordered_covariance
-from estimation.channel.config import MaximumLikelihoodConfig
-from estimation.channel.estimate import ChannelConfig, estimate_channel, path_capacity
+from estimation.channel.config import ChannelConfig, MaximumLikelihoodConfig
+from estimation.channel.estimate import estimate_channel, path_capacity
 from estimation.channel.record import AngleKind, ChannelEstimate, EstimateStatus, check_estimate
 from scenes.pose import wrap_angle
 from sim.config import ArrayConfig, SimulationConfig, WaveformConfig

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from estimation.channel.beam_power_map import beam_power_map
+from estimation.channel.config import PowerMethodConfig
 from estimation.channel.model.delay import delay_power, hann_window, parabola_peak, window_response
 from estimation.channel.power.beams import BeamAxis
 from estimation.channel.power.detect import noise_threshold
-from estimation.channel.power.paths import PowerMethodConfig, estimate_power
+from estimation.channel.power.paths import estimate_power
 from estimation.channel.record import ChannelEstimate, check_estimate
 from scenes.pose import Pose, wrap_angle
 from sim.config import ArrayConfig, SimulationConfig

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from estimation.channel.config import LosConfig
 from estimation.channel.los import (
-    LosConfig,
     LosDirection,
     clock_log_likelihood,
     line_of_sight,

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from estimation.shape.config import ReflectionConfig
 from estimation.shape.kinds.fit import fit_kind
 from estimation.shape.reflection.bundle import BundleObject, fit_bundle
 from estimation.shape.reflection.choice import choose_shape
 from estimation.shape.reflection.pillar_prior import prior_from_others, radius_prior
-from estimation.shape.reflection.reflections import ReflectionConfig
 from isac_arena.validation.scenarios.reflections import Errors, closed_paths, lit_pillar, observe, observe_together
 from scenes.contours.smooth import Circle
 

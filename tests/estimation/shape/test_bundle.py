@@ -9,9 +9,9 @@ from scipy.stats import chi2
 
 from estimation.laws.contour import predict_reflection
 from estimation.laws.support import CIRCLE
+from estimation.shape.config import ReflectionConfig
 from estimation.shape.kinds.fit import fit_kind
 from estimation.shape.reflection.bundle import BundleObject, fit_bundle
-from estimation.shape.reflection.reflections import ReflectionConfig
 from isac_arena.validation.scenarios.reflections import (
     TX,
     Errors,

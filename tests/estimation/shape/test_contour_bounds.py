@@ -8,11 +8,11 @@ import pytest
 from estimation.laws.contour import predict_reflection
 from estimation.laws.plane import los_path
 from estimation.laws.support import CIRCLE
-from estimation.shape.config import ContourConfig
+from estimation.shape.config import ContourConfig, ReflectionConfig
 from estimation.shape.reflection.bounds import ContourInformation, KnownContour, link_information
 from estimation.shape.reflection.bundle import BundleObject, fit_bundle
 from estimation.shape.reflection.objects import find_objects
-from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
+from estimation.shape.reflection.reflections import Reflections
 from scenes.record import concatenate
 
 TXS = np.array([[0.0, 0.0, 0.8], [12.0, 0.5, 2.3]])

@@ -8,10 +8,11 @@ from scipy.stats import chi2
 
 from estimation.laws.contour import predict_reflection
 from estimation.laws.support import CIRCLE, CLOSED_FAMILY, contour_points
+from estimation.shape.config import ReflectionConfig
 from estimation.shape.kinds.closed import HARMONIC_STD, fit_closed, harmonic_std
 from estimation.shape.kinds.fit import fit_kind
 from estimation.shape.reflection.posterior import Prior, maximise_posterior
-from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
+from estimation.shape.reflection.reflections import Reflections
 from isac_arena.scoring.metrics.contours import intersection_over_union
 from isac_arena.validation.scenarios.reflections import Errors, closed_paths, draw_circle, lit_pillar, observe
 from scenes.contours.smooth import Circle

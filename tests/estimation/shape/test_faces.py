@@ -8,6 +8,7 @@ from scipy.integrate import quad_vec
 from scipy.stats import multivariate_normal
 
 from estimation.laws.plane import bounce, residual
+from estimation.shape.config import ReflectionConfig
 from estimation.shape.kinds.fit import OBJECT_KINDS, fit_kind
 from estimation.shape.kinds.mirror_wall import longer_wall, scattering_wall
 from estimation.shape.reflection.choice import choose_shape
@@ -19,7 +20,7 @@ from estimation.shape.reflection.faces.parts import seen_parts
 from estimation.shape.reflection.faces.scattering import FaceLine, ScatteringPoints, along_face, scattering_places
 from estimation.shape.reflection.normals import oriented_points
 from estimation.shape.reflection.objects import FoundObject
-from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
+from estimation.shape.reflection.reflections import Reflections
 from isac_arena.validation.scenarios.reflections import (
     Errors,
     TruePaths,

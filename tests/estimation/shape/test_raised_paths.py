@@ -5,11 +5,11 @@ import pytest
 
 from estimation.laws.plane import residual
 from estimation.laws.raised import image_path, raised_path
-from estimation.shape.config import ContourConfig
+from estimation.shape.config import ContourConfig, ReflectionConfig
 from estimation.shape.reflection.levels import on_planes
 from estimation.shape.reflection.objects import find_objects
 from estimation.shape.reflection.raised import upright_paths
-from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
+from estimation.shape.reflection.reflections import Reflections
 from scenes.pose import wrap_angle
 
 PANELS = np.deg2rad([-180.0, -90.0, 0.0, 90.0])

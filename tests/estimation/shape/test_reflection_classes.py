@@ -6,10 +6,10 @@ from scipy.stats import chi2
 
 from estimation.laws.plane import lit_normals
 from estimation.laws.wall import wall_places
+from estimation.shape.config import ReflectionConfig
 from estimation.shape.kinds.fit import fit_kind
 from estimation.shape.reflection.choice import choose_shape
 from estimation.shape.reflection.normals import fit_normals, oriented_points
-from estimation.shape.reflection.reflections import ReflectionConfig
 from isac_arena.validation.scenarios.reflections import (
     TX,
     Errors,

@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from estimation.shape.config import ReflectionConfig
 from estimation.shape.reflection.association import GHOST, split_cluster
-from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
+from estimation.shape.reflection.reflections import Reflections
 from isac_arena.validation.scenarios.reflections import (
     Errors,
     TruePaths,

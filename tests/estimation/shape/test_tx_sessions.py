@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from estimation.laws.plane import predict_bounce, predict_los
+from estimation.shape.config import ReflectionConfig
 from estimation.shape.reflection import tx_sessions
-from estimation.shape.reflection.reflections import ReflectionConfig
 from estimation.shape.reflection.tx_sessions import (
     Sessions,
     object_sessions,

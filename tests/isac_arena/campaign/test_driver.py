@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 import isac_arena as ia
-from estimation.channel.calibration.self_calibration import SelfCalibrationConfig
-from estimation.channel.estimate import ChannelConfig
+from estimation.channel.config import ChannelConfig, SelfCalibrationConfig
 from estimation.slam.record import SolveStatus
 from isac_arena.campaign.campaign import Campaign, load_campaign
 from isac_arena.campaign.chain.inputs import known_receiver

@@ -103,6 +103,14 @@ def test_help_answers_without_heavy_imports() -> None:
     assert result.stdout.strip() == "[]"
 
 
+def test_a_command_imports_what_it_runs() -> None:
+    unused = {"isac_arena.campaign.load": ["numba", "scipy.stats"], "isac_arena.campaign.driver": ["scipy.stats"]}
+    for module, names in unused.items():
+        code = f"import sys, {module}; print([name for name in {names} if name in sys.modules])"
+        result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=True)
+        assert result.stdout.strip() == "[]", module
+
+
 def campaign_file(folder: Path, text: str) -> Path:
     path = folder / "mine.toml"
     path.write_text('name = "mine"\nscene = "box_room"\n' + text)

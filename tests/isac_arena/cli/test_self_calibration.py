@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimation.channel.calibration.self_calibration import SelfCalibrationConfig, self_calibrate
-from estimation.channel.estimate import ChannelConfig
+from estimation.channel.calibration.self_calibration import self_calibrate
+from estimation.channel.config import ChannelConfig, SelfCalibrationConfig
 from isac_arena.campaign.chain.inputs import channel_estimator
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.directory import CampaignStore

@@ -15,7 +15,8 @@ FUNCTIONS = """
 import os, sys, warnings
 from pathlib import Path
 import numpy as np
-from estimation.channel.estimate import ChannelConfig, estimate_channel
+from estimation.channel.config import ChannelConfig
+from estimation.channel.estimate import estimate_channel
 
 def good(sweep):
     return estimate_channel(sweep, config=ChannelConfig(method="power"))

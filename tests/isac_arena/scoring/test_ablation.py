@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from estimation.channel.calibration.self_calibration import Calibration, SelfCalibrationConfig
-from estimation.channel.estimate import ChannelConfig
+from estimation.channel.calibration.self_calibration import Calibration
+from estimation.channel.config import ChannelConfig, SelfCalibrationConfig
 from isac_arena.campaign import driver
 from isac_arena.campaign.driver import CampaignRun
 from isac_arena.insight.ablation import EFFECTS, ranked, table_rows, variants

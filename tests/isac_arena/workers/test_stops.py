@@ -29,7 +29,8 @@ RUN = ("run", "small.toml", "--out", "run", "--workers", "2")
 LAB = """
 import os, time
 from pathlib import Path
-from estimation.channel.estimate import ChannelConfig, estimate_channel
+from estimation.channel.config import ChannelConfig
+from estimation.channel.estimate import estimate_channel
 from estimation.channel.record import empty_estimate
 
 def good(sweep):

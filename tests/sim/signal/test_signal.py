@@ -11,7 +11,8 @@ from sim.propagation.paths import canonical_order, empty_paths
 from sim.signal.arrays.array import element_amplitude, steering_vector
 from sim.signal.generation import beam_channel
 from sim.signal.link import make_link
-from sim.signal.noise import add_noise, noise_power_mw
+from sim.signal.noise import add_noise
+from sim.signal.power import noise_power_mw
 from sim.simulate import RandomStage, clock_biases_s, stage_generator
 
 SMALL = SimulationConfig(

@@ -11,8 +11,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import norm
 
+from estimation.distributions import normal_log_density
+from estimation.shape.config import ReflectionConfig
 from estimation.shape.reflection.association import GATE, MIN_GAIN_NAT
 from estimation.shape.reflection.faces.face import Face
 from estimation.shape.reflection.faces.parts import seen_parts
@@ -31,7 +32,7 @@ from estimation.shape.reflection.faces.scattering import (
 from estimation.shape.reflection.normals import oriented_points
 from estimation.shape.reflection.objects import FoundObject
 from estimation.shape.reflection.posterior import Optimum
-from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
+from estimation.shape.reflection.reflections import Reflections
 from scenes.record import FloatArray, IntArray
 
 _MAX_ROUNDS = 8  # in which a face grows
@@ -103,9 +104,9 @@ class FaceSearch:
         if each.kind != "circle":
             return False
         config, log_radius = self.config, each.optimum.parameter[2]
-        pillar = norm(np.log(config.radius_median_m), config.radius_log_std)
-        bend = norm(np.log(config.bend_radius_median_m), config.bend_radius_log_std)
-        return bool(bend.logpdf(log_radius) > pillar.logpdf(log_radius))
+        pillar = normal_log_density(log_radius, np.log(config.radius_median_m), config.radius_log_std)
+        bend = normal_log_density(log_radius, np.log(config.bend_radius_median_m), config.bend_radius_log_std)
+        return bool(bend > pillar)
 
     def _mirror_line(self, k: int) -> FaceLine:
         """The line of a wall that mirrors its paths, seen from its first to its last mirror point."""

@@ -6,11 +6,12 @@ import numpy as np
 
 from estimation.laws.contour import WALL, predict_reflection
 from estimation.laws.wall import wall_places
+from estimation.shape.config import ReflectionConfig
 from estimation.shape.reflection.association import GATE
 from estimation.shape.reflection.faces.bends import fit_bend
 from estimation.shape.reflection.faces.scattering import OBJECT_REACH_M, FaceLine, Places, scattering_places
 from estimation.shape.reflection.normals import OrientedPoints
-from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
+from estimation.shape.reflection.reflections import Reflections
 from scenes.record import BoolArray, FloatArray, IntArray
 
 _TURNS = 60  # directions of the lines that are tried through an object

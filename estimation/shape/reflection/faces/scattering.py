@@ -9,10 +9,11 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from estimation.laws.plane import bounce, residual, start_point
+from estimation.shape.config import ReflectionConfig
 from estimation.shape.reflection.association import GATE
 from estimation.shape.reflection.normals import OrientedPoints
 from estimation.shape.reflection.posterior import Optimum
-from estimation.shape.reflection.reflections import ReflectionConfig, Reflections
+from estimation.shape.reflection.reflections import Reflections
 from scenes.record import BoolArray, FloatArray, IntArray
 
 OBJECT_REACH_M, PATH_REACH_M = 1.0, 0.3  # scales of how far beyond its seen part a face has objects, single paths

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimation.channel.config import LosConfig
 from estimation.channel.hall.geometry import ELEVATION_SIGNS, Heights
 from estimation.channel.hall.model import HallLink
-from estimation.channel.los import LosConfig
 from estimation.channel.model.apparent import apparent_angles
 from estimation.channel.model.manifold import Manifold
 from estimation.channel.record import AngleKind, ChannelEstimate
