@@ -64,8 +64,9 @@ class TimedProgress(Progress):
 
 
 def _left(task: Task) -> str:
-    """The time left at the mean speed so far; empty where nothing is done yet."""
-    if not (task.completed and task.elapsed and task.remaining):
+    """The time left at the mean speed so far; empty where no more than the share `told_from` is done."""
+    told_from = task.fields.get("told_from", 0.0) * (task.total or 0.0)
+    if not (task.completed > told_from and task.elapsed and task.remaining):
         return ""
     return f", about {duration(task.elapsed / task.completed * task.remaining)} left"
 

@@ -146,7 +146,8 @@ def _validated(data: Any, model: type[M], source: str, validate: Callable[[Any],
         return validate(data)
     except ValidationError as error:
         problems = error.errors(include_url=False)
-        more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+        rest = len(problems) - 1
+        more = f" (and {rest} more {'error' if rest == 1 else 'errors'})" if rest else ""
         raise ConfigError(f"{source}: {_sentence(problems[0], data)}{more}") from error
 
 

@@ -226,7 +226,7 @@ def build_maps(store: CampaignStore) -> list[EstimatorError]:
     channel = [estimate.channel for estimate in channel_estimates(store, n_stops)]
     with progress_bar(console) as progress:
         steps = list(MAP_STEPS)
-        task = progress.add_task(steps[0], total=sum(MAP_STEPS.values()))
+        task = progress.add_task(steps[0], total=sum(MAP_STEPS.values()), told_from=0.5)
 
         def begin(step: str) -> None:
             before = steps[: steps.index(step)]

@@ -1,7 +1,7 @@
 """The first table of a run: its main scores beside the paper's method and the bound."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,8 +17,9 @@ HEADS = ("published", "this run", "bound", "unit")
 
 @dataclass(frozen=True)
 class HeadlineRow:
-    """A score of this run, and the keys of the same by the paper's method, of its bound, of the count that it is a
-    part of, and of the count that it is a mean over; empty for none.
+    """A score of this run, and the keys of the same by the paper's method, of its bound, and of the whole count.
+
+    Empty for none. `of` and `kind` name the map and the objects that a mean is over.
     """
 
     label: str
@@ -26,7 +27,8 @@ class HeadlineRow:
     paper: str = ""
     bound: str = ""
     whole: str = ""
-    members: str = ""
+    of: str = ""
+    kind: str = ""
 
 
 def _pose_row(name: str, field: str, unit: str) -> HeadlineRow:
@@ -40,8 +42,8 @@ def _found_row(kind: str) -> HeadlineRow:
     return HeadlineRow(f"{kind.capitalize()}s found by mapping", f"contours.{key}", key, whole=whole)
 
 
-def _contour_row(label: str, of: str, score: str) -> HeadlineRow:
-    return HeadlineRow(label, f"contours.{of}.{score}", f"shapes.{of}.{score}", members=f"contours.{of}.count")
+def _contour_row(label: str, of: str, kind: str, score: str) -> HeadlineRow:
+    return HeadlineRow(label, f"contours.{of}.{kind}.{score}", f"shapes.{of}.{kind}.{score}", of=of, kind=kind)
 
 
 HEADLINE = (
@@ -57,13 +59,13 @@ HEADLINE = (
     HeadlineRow("Incidence point to surface, SLAM, median", "slam.ip_to_surface.median_m"),
     _found_row("pillar"),
     _found_row("wall"),
-    _contour_row("Pillars, seen part, mapping, RMSE", "mapping.pillar", "seen_rmse.mean_m"),
-    _contour_row("Walls, seen part, mapping, RMSE", "mapping.wall", "seen_rmse.mean_m"),
+    _contour_row("Pillars, seen part, mapping, RMSE", "mapping", "pillar", "seen_rmse.mean_m"),
+    _contour_row("Walls, seen part, mapping, RMSE", "mapping", "wall", "seen_rmse.mean_m"),
     HeadlineRow("Contours of the right class, mapping, share", "contours.mapping.class_accuracy"),
     HeadlineRow("False contours, mapping", "contours.mapping.false"),
     HeadlineRow("False contours, SLAM", "contours.slam.false"),
-    _contour_row("Pillars, overlap (IoU), mapping", "mapping.pillar", "iou.mean"),
-    _contour_row("Pillars, overlap (IoU), SLAM", "slam.pillar", "iou.mean"),
+    _contour_row("Pillars, overlap (IoU), mapping", "mapping", "pillar", "iou.mean"),
+    _contour_row("Pillars, overlap (IoU), SLAM", "slam", "pillar", "iou.mean"),
     HeadlineRow("Movers in view that are tracked, share", "tracks.found_share"),
     HeadlineRow("Tracks and movers in view, mean GOSPA", "tracks.gospa.mean_m"),
     HeadlineRow("Velocity of tracks, RMSE", "tracks.velocity.rmse_m_s", bound="tracks.velocity.bound_m_s"),
@@ -77,11 +79,19 @@ def headline(metrics: Sequence[Metric]) -> Iterator[tuple[str, list[Metric | Non
         cells = [known.get(key) for key in (row.paper, row.key, row.bound)]
         if (present := next(filter(None, cells), None)) is not None:
             unit = "" if present.unit == "1" else present.unit
-            whole, members = (known[key].value if key in known else math.nan for key in (row.whole, row.members))
-            unit = f"of {whole:g} visible" if math.isfinite(whole) else unit
-            if math.isfinite(members):
-                unit = ", ".join(filter(None, [unit, f"mean of {members:g}"]))
-            yield row.label, cells, unit
+            if row.whole in known and math.isfinite(known[row.whole].value):
+                unit = f"of {known[row.whole].value:g} visible"
+            yield row.label, cells, ", ".join(filter(None, [unit, _members(row, known)]))
+
+
+def _members(row: HeadlineRow, known: Mapping[str, Metric]) -> str:
+    """How many objects a mean is over; empty for other rows."""
+    keys = f"contours.{row.of}.{row.kind}.count", f"shapes.{row.of}.{row.kind}.count", f"scene.visible.{row.kind}"
+    ours, published, visible = (known[key].value if key in known else math.nan for key in keys)
+    if not ours > 0:
+        return ""
+    other = f" (published: {published:g})" if math.isfinite(published) and published != ours else ""
+    return f"mean of {ours:g}{other}" + (f", {visible:g} visible" if ours > visible else "")
 
 
 def bound_note(poses: PoseScores) -> str:

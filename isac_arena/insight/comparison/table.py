@@ -11,6 +11,8 @@ from rich.box import SIMPLE
 from rich.markup import escape
 from rich.table import Table
 
+from isac_arena.insight.comparison.difference import MIN_GROUPS
+
 if TYPE_CHECKING:
     from isac_arena.campaign.difference import SettingDifference
     from isac_arena.insight.comparison.difference import PairedDifference
@@ -26,12 +28,14 @@ def difference_table(compared: RunComparison) -> Table:
     """One row for each quantity of a run, under a heading for each group of quantities."""
     paired = [one for one in compared.differences if one.n_pairs]
     chance = round(0.05 * len(paired))
+    is_short = any(one.verdict == "too few" for one in paired)
+    few = f". Too few: under {MIN_GROUPS} stops or objects that have one" if is_short else ""
     table = Table(
         "quantity", "A", "B", "B - A (95 % interval)", "n", "B is",
         title=f"Paired differences over {compared.n_stops} stops", caption_justify="left",
         caption="n: pairs of stops, paths or objects, and the numbers in A|B where they are larger. Intervals: BCa"
         " bootstrap over stops or objects. A difference counts where the signed-rank test rejects as well; of"
-        f" {len(paired)} quantities about {chance} differ by chance",
+        f" {len(paired)} quantities about {chance} differ by chance{few}",
         box=SIMPLE, padding=0, show_edge=False,  # the box separates columns by a space
     )  # fmt: skip
     for index, column in enumerate(table.columns):

@@ -25,7 +25,8 @@ def axis_caption(results: SweepResults, key: str) -> str:
     if is_mixed and max(counts, default=0) >= LEAST_CASES:
         sentences.append("Cases at one value also differ in the other axes; the interval includes this.")
     if results.bound(key) is not None:
-        sentences.append("Dashed: the bound on the same stops.")
+        of_line = ", in the colour of its line" if any(len(found) > 1 for found in lines.values()) else ""
+        sentences.append(f"Dashed: the bound on the same stops{of_line}.")
     return " ".join(sentences)
 
 

@@ -57,8 +57,10 @@ def axis_figure(results: SweepResults, key: str) -> Figure:
         lines = axis_lines(results, axis)
         for (label, members), color in zip(lines, LINE_COLORS, strict=False):
             _curve(panel, axis, metric.value, members, color, label)
+            if bound is not None:
+                _bound_curve(panel, groups(axis), bound, members, color if label else TRUTH)
         if bound is not None:
-            _bound_curve(panel, groups(axis), bound)
+            panel.get_lines()[-1].set_label("bound, mean")
         is_marked = key.startswith("slam.") and bool(results.is_doubtful.any())
         if is_marked:
             _doubtful_cases(panel, results, axis, metric.value)
@@ -180,27 +182,29 @@ def _doubtful_cases(panel: Any, results: SweepResults, axis: SweepAxis, value: F
         panel.plot(np.full(len(cases), part.place), cases, "o", **look)
 
 
-def _bound_curve(panel: Any, parts: Sequence[Group], bound: FloatArray) -> None:
-    mean = np.array([mean_interval(bound[part.members])[0] for part in parts])
+def _bound_curve(panel: Any, parts: Sequence[Group], bound: FloatArray, members: BoolArray, color: str) -> None:
+    mean = np.array([mean_interval(bound[part.members & members])[0] for part in parts])
     place = np.array([part.place for part in parts])
-    panel.plot(place, mean, "--", color=TRUTH, linewidth=1.2, label="bound, mean")
+    known = np.isfinite(mean)
+    panel.plot(place[known], mean[known], "--", color=color, linewidth=1.2)
 
 
 def drawn_values(results: SweepResults, key: str) -> FloatArray:
     """All means (dot,) that the panels of a metric show, those of its bound, and cases of which there are few."""
     value, bound = results.metrics[key].value, results.bound(key)
-    dots = [
-        value[part.members & members]
+    drawn = [
+        part.members & members
         for axis in results.axes
         for _, members in axis_lines(results, axis)
         for part in groups(axis)
     ]
+    dots = [value[cases] for cases in drawn]
     means = [mean_interval(cases)[0] for cases in dots]
     means += [one for cases in dots if 1 < np.isfinite(cases).sum() < LEAST_CASES for one in cases]
     if key.startswith("slam."):
         means += value[results.is_doubtful].tolist()
     if bound is not None:
-        means += [mean_interval(bound[part.members])[0] for axis in results.axes for part in groups(axis)]
+        means += [mean_interval(bound[cases])[0] for cases in drawn]
     known = np.array(means, float)
     return np.asarray(known[np.isfinite(known)])
 

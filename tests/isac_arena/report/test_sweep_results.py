@@ -77,8 +77,10 @@ def test_bounds_stand_beside_what_they_bound() -> None:
     assert results.bound("rate") is None
     panel = axis_figure(results, KEY).axes[0]
     lines = {line.get_label(): line for line in panel.get_lines()}
-    expected = [np.mean(results.metrics[KEY].value[results.point == at]) / 2 for at in range(6)]
+    expected = [np.mean(results.metrics[KEY].value[results.point == at]) / 2 for at in (1, 3, 5)]  # of method b
     np.testing.assert_allclose(lines["bound, mean"].get_ydata(), expected)
+    assert lines["bound, mean"].get_color() == lines["method: b"].get_color()
+    assert sum(line.get_linestyle() == "--" for line in panel.get_lines()) == 2
     assert {"method: a", "method: b"} <= set(lines)
     assert varying(results, [KEY, "same", "nothing"]) == [KEY]
 
