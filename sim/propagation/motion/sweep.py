@@ -2,8 +2,8 @@
 
 Every path is followed by prediction: at two traced symbols it is the same path if it met the same objects and its
 length and directions are where the rates say. It has one stretch from one to the other if the second order also
-length and directions are where the rates say. It has one stretch between them if the second order also
-is thus found to the symbol. Between its ends only the objects that such paths meet are looked at again.
+predicts it between them; else the time between is halved. When a path appears or vanishes is thus found to the
+symbol. Between its ends only the objects that such paths meet are looked at again.
 """
 
 from __future__ import annotations

@@ -82,7 +82,7 @@ def test_a_new_estimator_and_a_new_sweep_work(tmp_path: Path, monkeypatch: pytes
     (truth,) = campaign.trace([1])
     found = ia.estimate_channel(campaign.observe(truth), names["estimate"])
     los_s = truth.paths.delay_s[truth.paths.is_los] + truth.clock_bias_s
-    assert found.delay_s == pytest.approx(los_s, abs=1e-9)
+    assert found.delay_s[0] == pytest.approx(los_s[0], abs=1e-9)
     assert "must be a Python name" in failure("new", "estimator", "my-lab", cwd=tmp_path)
     for hides in ("class", "random", "numpy"):  # a numpy.py in this folder would stop every later command
         assert "must not hide a word or module" in failure("new", "estimator", hides, cwd=tmp_path)
