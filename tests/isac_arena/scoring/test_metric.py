@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from isac_arena.scoring.headline import headline
 from isac_arena.scoring.metrics.metric import Metric, from_json, to_json
 from isac_arena.scoring.metrics.statistics import maximum, mean, quantile, ratio, rms, squared_mahalanobis
 
@@ -56,3 +57,12 @@ def test_mahalanobis_is_nan_without_variance_or_error():
     error = np.array([[1.0, 1.0], [np.nan, 1.0], [3.0, 4.0]])
     covariance = np.array([np.zeros((2, 2)), np.eye(2), np.eye(2)])
     np.testing.assert_allclose(squared_mahalanobis(error, covariance), [np.nan, np.nan, 25.0])
+
+
+def test_means_over_contours_say_how_many_they_are_over() -> None:
+    counts = {"contours.mapping.wall.count": 4, "shapes.mapping.wall.count": 5, "scene.visible.wall": 3}
+    metrics = [Metric(key, value, "1", "info") for key, value in counts.items()]
+    metrics.append(Metric("contours.mapping.wall.seen_rmse.mean_m", 0.01, "m", "lower"))
+    units = {label: unit for label, _, unit in headline(metrics)}
+    assert units["Walls, seen part, mapping, RMSE"] == "m, mean of 4 (published: 5), 3 visible"
+    assert not any("mean of" in unit for label, unit in units.items() if not label.startswith("Walls, seen"))
