@@ -8,7 +8,6 @@ from scenes.toml_config import ConfigModel, Pair
 
 MOST_INCOHERENT_PATHS = 80  # the time grows with their square: every pair of beams has a phase of its own
 
-
 MethodName = Literal["auto", "coherent", "incoherent", "power"]
 
 

@@ -19,7 +19,7 @@ from isac_arena.validation.chain.campaigns import (
     chain_campaigns,
     quick_campaigns,
 )
-from isac_arena.validation.chain.run import ChainFailure, ChainResult, run_chain
+from isac_arena.validation.chain.run import ChainFailure, ChainResult, failure_row, run_chain
 from isac_arena.validation.chain.statistics import (
     KNOWN_M,
     LIT_STOPS,
@@ -76,8 +76,7 @@ def chain_rows(results: Sequence[ChainResult], failures: Sequence[ChainFailure],
 
     In a quick run, with few stops, the bars of shares and of NEES are moved by three standard errors.
     """
-    reason = "; ".join(f"{failure.name}: {failure.reason}" for failure in failures) or "every campaign has scores"
-    rows = [at_most("chain.runs_with_errors", len(failures), 0, reason)]
+    rows = [failure_row("chain", failures)]
     for group in (ChainGroup.ROOMS, ChainGroup.LIBRARY):
         members = [result for result in results if result.group == group]
         if members:

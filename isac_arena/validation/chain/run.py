@@ -11,6 +11,7 @@ from isac_arena.scoring.record import ScoreTables
 from isac_arena.sweep.run import read_times
 from isac_arena.validation.case_runs import case_tables, run_cases
 from isac_arena.validation.chain.campaigns import ChainCampaign, ChainGroup, cases_of
+from isac_arena.validation.measurement import Measurement, at_most
 from scenes.record import FloatArray
 from scenes.scene import Scene
 
@@ -33,6 +34,12 @@ class ChainFailure:
     name: str
     group: ChainGroup
     reason: str
+
+
+def failure_row(key: str, failures: Sequence[ChainFailure]) -> Measurement:
+    """How many campaigns failed, and why."""
+    reason = "; ".join(f"{one.name}: {one.reason}" for one in failures) or "every campaign has scores"
+    return at_most(f"{key}.runs_with_errors", len(failures), 0, reason)
 
 
 def run_chain(
