@@ -23,7 +23,7 @@ from estimation.shape.reflection.objects import FoundObject, find_objects, refit
 from estimation.shape.reflection.paths import CampaignPaths
 from estimation.shape.reflection.pillar_prior import prior_from_others
 from estimation.shape.reflection.raised import upright_paths
-from estimation.shape.reflection.reflections import Reflections
+from estimation.shape.reflection.reflections import Reflections, prior_states
 from estimation.shape.reflection.search import CHI2_MEDIAN, N_COMMON
 from estimation.shape.reflection.tx_sessions import (
     Sessions,
@@ -37,6 +37,10 @@ from scenes.record import FloatArray, IntArray
 
 _UNLIKELY = 0.01  # probability of being a pillar above which the other pillars give the prior
 _NOISE_LIMITS = (0.3, 3.0)  # of the measured noise of all paths over the stated noise
+_SURVEY_LIMITS = (0.03, 3.0)  # of the deviations of given poses over those of the survey
+_SURVEY_ROUNDS = 3
+_LEAST_REDUNDANCY = 3.0  # a deviation is known to 40 % from here on
+_STATE_PARTS = (slice(2), slice(2, 3), slice(3, None))  # position, heading, clocks
 _STATED_PATHS = 4.0  # weight of the stated covariance of an object, in paths
 _LIKELY = 0.5  # least probability of a path to belong to its object
 
@@ -60,7 +64,8 @@ def fit_campaign(paths: CampaignPaths, config: ContourConfig) -> CampaignFit:
             paths = _aligned(paths, config)
         data, settings = paths.bounces, paths.config
         if paths.widening == 1:
-            data, settings = without_offsets(data, _bundle(paths, []), settings)
+            paths = _as_surveyed(paths) if config.learn_noise else paths
+            data, settings = without_offsets(paths.bounces, _bundle(paths, []), settings)
         objects = find_objects(data, config.eps_m, config.min_samples, settings)
         if (upright := upright_paths(objects, data, settings)) is not None:
             paths, data = paths.only(upright), upright.of(data)
@@ -158,6 +163,35 @@ def _bundle(paths: CampaignPaths, members: list[BundleObject]) -> Bundle:
 
     wide = [replace(each, paths=widened(each.paths)) for each in members]
     return fit_bundle(wide, widened(paths.los), paths.config)
+
+
+def _as_surveyed(paths: CampaignPaths) -> CampaignPaths:
+    """Given poses with the deviations that the lines of sight show in place of those of the survey."""
+    scale = np.repeat(survey_scale(paths.los, paths.config), [2, 1, 1])
+    wide = np.outer(scale, scale)
+    bounces, los = (replace(data, rx_covariance=data.rx_covariance * wide) for data in (paths.bounces, paths.los))
+    return replace(paths, bounces=bounces, los=los)
+
+
+def survey_scale(los: Reflections, config: ReflectionConfig) -> FloatArray:
+    """Deviations (3,) of given positions, headings and clocks over the stated ones, within limits.
+
+    They are variance components: squares of what the lines of sight add to the given states, over the redundancies
+    (Foerstner 1979), for the states with their new deviations again. What they do not determine stays 1.
+    """
+    scale = np.ones(len(_STATE_PARTS))
+    for _ in range(_SURVEY_ROUNDS if len(los) else 0):
+        each = np.repeat(scale, [2, 1, 1])
+        now = replace(los, rx_covariance=los.rx_covariance * np.outer(each, each))
+        _, given, weight = prior_states([now])
+        found, stated = fit_bundle([], now, config), 1 / np.diagonal(weight, axis1=1, axis2=2)
+        square = np.square(found.rx_state - given) / stated
+        redundancy = 1 - np.diagonal(found.rx_covariance, axis1=1, axis2=2) / stated
+        for k, part in enumerate(_STATE_PARTS):
+            if (known := float(redundancy[:, part].sum())) >= _LEAST_REDUNDANCY:
+                scale[k] *= np.sqrt(square[:, part].sum() / known)
+        scale = np.clip(scale, *_SURVEY_LIMITS)
+    return scale
 
 
 def _rescaled(paths: CampaignPaths, scale: FloatArray) -> CampaignPaths:

@@ -12,6 +12,7 @@ from estimation.laws.support import CIRCLE
 from estimation.shape.config import ReflectionConfig
 from estimation.shape.kinds.fit import fit_kind
 from estimation.shape.reflection.bundle import BundleObject, fit_bundle
+from estimation.shape.reflection.fit_all import survey_scale
 from isac_arena.validation.scenarios.reflections import (
     TX,
     Errors,
@@ -132,3 +133,14 @@ def test_paths_far_more_accurate_than_poses_are_no_ghosts(seed: int) -> None:
     for shape, inlier, (pillar, _) in zip(found.shapes, found.inlier, truths, strict=True):
         assert np.mean(inlier > 0.5) > 0.95
         assert np.hypot(*(shape.parameter[:2] - pillar.center_m)) < 0.15
+
+
+@pytest.mark.parametrize("stated", [1.0, 0.5, 10.0])
+def test_lines_of_sight_show_how_exact_the_survey_is(stated: float) -> None:
+    """Positions that are stated too well or too badly; headings and clocks are lost among the common offsets."""
+    _, los = campaign(3)
+    los = replace(los, rx_covariance=los.rx_covariance * stated**2)
+    assert survey_scale(los, CONFIG)[0] * stated == pytest.approx(1.0, abs=0.5)
+    few = los.take("path", np.arange(1))
+    np.testing.assert_array_equal(survey_scale(few, CONFIG), 1.0)
+    np.testing.assert_array_equal(survey_scale(los.take("path", np.arange(0)), CONFIG), 1.0)
