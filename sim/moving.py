@@ -57,16 +57,17 @@ class MovingWorld:
         middle = whole.with_rates(paths, self._scene.bodies_at(time_s, rx_m, velocity))
         exact = middle.take("path", ~middle.is_diffuse)
 
-        def trace(later_s: float, objects: IntArray | None) -> Paths:
+        def trace(later_s: float, objects: IntArray | None) -> tuple[Paths, IntArray]:
             """Exact paths with their rates, this many s after `time_s`; only of some `objects` where given."""
             if later_s == 0.0 and objects is None:
-                return exact
+                return exact, whole.bounce_pieces(exact)
             now_s, here = time_s + later_s, rx_m + later_s * velocity
             solver = self._propagator(now_s, traces=False)
             moved = None if chains is None else self._carried(chains, time_s, now_s)
             solver = solver if objects is None else solver.restricted(objects)
             found = solver.exact_paths(here, moved)
-            return solver.with_rates(found, self._scene.bodies_at(now_s, here, velocity))
+            bodies = self._scene.bodies_at(now_s, here, velocity)
+            return solver.with_rates(found, bodies), solver.bounce_pieces(found)
 
         order_s = self._clock.order_s
         speed = self._top_speed(float(np.linalg.norm(velocity)))

@@ -16,6 +16,7 @@ from sim.propagation.diffraction.creeping import convex_contours, creeping_paths
 from sim.propagation.diffraction.edge_paths import diffracted_paths
 from sim.propagation.diffraction.edges import find_edges
 from sim.propagation.diffraction.mesh_edges import diffracted_by_meshes, mesh_edges
+from sim.propagation.motion.bounces import bounce_pieces
 from sim.propagation.motion.rates import path_rates
 from sim.propagation.occlusion import occluders, surface_names
 from sim.propagation.paths import BounceKind, Paths, canonical_order, with_bounce_slots
@@ -116,6 +117,10 @@ class Propagator:
         meshes = None if self._meshes is None else self._meshes.edges
         args = self._scene, self._edges, self._rings, meshes, self._carrier_hz
         return replace(paths, rates=path_rates(paths, bodies, *args))
+
+    def bounce_pieces(self, paths: Paths) -> IntArray:
+        """Smooth pieces (path, bounce) of the contours of this scene that paths meet."""
+        return bounce_pieces(paths, self._scene)
 
     def restricted(self, objects: IntArray) -> Propagator:
         """The same scene where only these objects reflect and diffract; all of them still block."""

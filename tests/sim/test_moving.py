@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from scenes.config import load_scene
+from scenes.contours import RoundedPolygon
 from scenes.motion.motion import steady_motion
 from sim.clock import campaign_clock
 from sim.config import ArrayConfig, PropagationConfig, SimulationConfig, WaveformConfig
-from sim.moving import tx_pose_at
+from sim.moving import MovingWorld, tx_pose_at
+from sim.propagation.motion.tracks import lengths_at
 from sim.propagation.paths import BounceKind, path_labels
 from sim.propagation.propagator import Propagator
 from sim.signal.arrays.codebook import beam_response
@@ -96,6 +98,39 @@ def test_slow_worlds_are_traced_at_the_ends_and_the_middle_alone():
     scene = replace(scene, walk=replace(scene.walk, speed_m_s=0.01))
     [truth] = simulate_truth(config_of(), scene, [1])
     assert truth.motion.n_traces == 3 and truth.motion.second_order_phase_rad < 1e-6
+
+
+def test_a_flash_off_a_face_of_one_millimetre_is_seen():
+    """The bounce goes from arc to arc over a face that no symbol of the first traces falls on."""
+    scene = load_scene("box_room")
+    walk = replace(scene.walk, waypoints_m=np.array([(4.0, 2.0), (5.0, 2.0)]), n_stops=2, speed_m_s=1.0)
+    scene = replace(scene, walk=walk)
+    config = SimulationConfig(scene="-", propagation=EXACT, waveform=WaveformConfig(n_rb=24))
+    clock = campaign_clock(config, scene)
+    flash_s = 0.3 * float(clock.order_s[0])
+    rx = np.array([4.0 + flash_s, 2.0])
+    face, half_m = np.array([5.0, 5.2]), 0.1505
+    legs = [end - face for end in (scene.tx.position_m[:2], rx)]
+    normal = sum(leg / np.linalg.norm(leg) for leg in legs)
+    normal = normal / np.linalg.norm(normal)
+    along = np.array([-normal[1], normal[0]])
+    corners = [face + half_m * (normal * (a - 1) + along * b) for a, b in ((1, -1), (1, 1), (-1, 1), (-1, -1))]
+    pillar = replace(scene.object("pillar"), contour=RoundedPolygon(np.array(corners), np.full(4, half_m - 5e-4)))
+    objects = tuple(pillar if item.name == "pillar" else item for item in scene.objects)
+    scene = replace(scene, objects=objects)
+    world = MovingWorld(config, scene, clock)
+    _, motion, _ = world.swept(0)
+    solver = Propagator(scene, 60e9, EXACT, traces=False)
+    gains = []
+    for later_s in (flash_s, flash_s + 0.005):
+        traced = solver.exact_paths(scene.stops[0].position_m + later_s * motion.rx_velocity_m_s)
+        [row] = np.flatnonzero(path_labels(traced) == "S pillar")
+        here = motion.stretches(np.flatnonzero((motion.from_s <= later_s) & (later_s < motion.to_s)))
+        length_m, gain = (each[0] for each in lengths_at(here, np.array([later_s]), 60e9))
+        mine = np.abs(length_m - traced.length_m[row]).argmin()
+        gains.append(abs(traced.gain[row]))
+        assert np.isclose(abs(gain[mine]), gains[-1], rtol=1e-6)
+    assert gains[0] > 2 * gains[1], "the face flashes"
 
 
 def test_frozen_worlds_have_no_motion():

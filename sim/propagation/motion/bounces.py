@@ -18,6 +18,7 @@ from sim.propagation.paths import BounceKind, Paths
 N_SEEDS = 12  # per interval between breaks of a piece
 N_NEWTON = 8
 JOINT_M = 1e-9
+ON_CONTOUR_M = 1e-6  # bounces off the top of an object lie inside its contour
 UPRIGHT = 0.5  # a face whose normal rises less is vertical
 
 
@@ -94,18 +95,40 @@ def _edge_direction(edges: MeshEdges, mesh: int, point_m: FloatArray) -> FloatAr
     return np.asarray(edges.along[mine[away.argmin(axis=1)]])
 
 
+def bounce_pieces(paths: Paths, scene: Scene) -> IntArray:
+    """On which smooth piece of a contour with curved ones each bounce (path, bounce) lies; 0 on all else."""
+    found = np.zeros(paths.bounce_kind.shape, dtype=np.int64)
+    reflects = paths.bounce_kind == BounceKind.SPECULAR
+    for index, item in enumerate(scene.objects):
+        pieces = item.contour.pieces
+        here = reflects & (paths.bounce_object == index)
+        if here.any() and len(pieces) > 1 and any(piece.is_curved for piece in pieces):
+            nearest, _, away_m = _nearest_place(pieces, paths.vertex_m[here][:, :2])
+            found[here] = np.where(away_m < ON_CONTOUR_M, nearest, 0)
+    return found
+
+
 def _curvature_at(pieces: tuple[Piece, ...], point_m: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Curvature (point,) in 1/m and outward normal (point, xy) of a contour at points (point, xy) on it."""
-    best = np.full(len(point_m), np.inf)
+    nearest, t, _ = _nearest_place(pieces, point_m)
     curvature, normal = np.zeros(len(point_m)), np.zeros(point_m.shape)
-    for piece in pieces:
+    for index, piece in enumerate(pieces):
+        here = nearest == index
+        curvature[here] = piece.curvature(t[here]) if piece.is_curved else 0.0
+        normal[here] = piece.outward_normal(t[here])
+    return curvature, normal
+
+
+def _nearest_place(pieces: tuple[Piece, ...], point_m: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Piece (point,), its parameter t and the distance in m of the place nearest to points (point, xy)."""
+    nearest = np.zeros(len(point_m), dtype=np.int64)
+    place, apart = np.zeros(len(point_m)), np.full(len(point_m), np.inf)
+    for index, piece in enumerate(pieces):
         t = _nearest(piece, point_m)
         away = np.linalg.norm(piece.point(t) - point_m, axis=1)
-        nearer = away < best
-        best[nearer] = away[nearer]
-        curvature[nearer] = piece.curvature(t[nearer]) if piece.is_curved else 0.0
-        normal[nearer] = piece.outward_normal(t[nearer])
-    return curvature, normal
+        nearer = away < apart
+        nearest[nearer], place[nearer], apart[nearer] = index, t[nearer], away[nearer]
+    return nearest, place, apart
 
 
 def _nearest(piece: Piece, point_m: FloatArray) -> FloatArray:

@@ -2,8 +2,10 @@
 
 Every path is followed by prediction: at two traced symbols it is the same path if it met the same objects and its
 length and directions are where the rates say. It has one stretch from one to the other if the second order also
-predicts it between them; else the time between is halved. When a path appears or vanishes is thus found to the
-symbol. Between its ends only the objects that such paths meet are looked at again.
+predicts it between them, and if it keeps to the same smooth pieces of contours: where an arc meets a face the gain
+jumps, also where the face is a millimetre wide and no traced symbol falls on it. Else the time between is halved.
+When a path appears or vanishes is thus found to the symbol. Between its ends only the objects that such paths meet
+are looked at again.
 """
 
 from __future__ import annotations
@@ -25,13 +27,14 @@ FAINT = 1e-4  # of the strongest path: when a weaker one appears or vanishes is 
 APERTURE = 30.0  # phase over the half of an array per radian of direction
 SMOOTH = 1e-2  # of the allowed phase: error of the gain
 
-Trace = Callable[[float, IntArray | None], Paths]
+Trace = Callable[[float, IntArray | None], tuple[Paths, IntArray]]
 
 
 @dataclass
 class SweepTrace:
-    """The traced symbols of a sweep, and the stretches found so far. `trace` gives paths with rates at a time.
+    """The traced symbols of a sweep, and the stretches found so far.
 
+    `trace` gives paths with rates at a time, and the pieces (path, bounce) of contours that they meet.
     With objects `trace` finds only paths that meet no others.
     """
 
@@ -63,12 +66,12 @@ class SweepTrace:
         return middle.paths
 
     def _node(self, symbol: int, objects: IntArray | None) -> _Node:
-        paths = self.trace(float(self.time_s[symbol]), objects)
+        paths, pieces = self.trace(float(self.time_s[symbol]), objects)
         self.n_traces += 1
         self.states.append(paths)
         self.state_s.append(np.full(len(paths), self.time_s[symbol]))
         self.n_states += len(paths)
-        return _Node(symbol, float(self.time_s[symbol]), paths, self.n_states - len(paths))
+        return _Node(symbol, float(self.time_s[symbol]), paths, pieces, self.n_states - len(paths))
 
     def _refine(
         self, a: _Node, b: _Node, rows_a: IntArray, rows_b: IntArray, done: list[_Done], m: _Node | None = None
@@ -102,7 +105,7 @@ class SweepTrace:
     def _smooth(
         self, a: _Node, m: _Node, b: _Node, rows_a: IntArray, rows_m: IntArray, rows_b: IntArray
     ) -> IntArray:
-        """Rows (path, 3) at three symbols of the paths that the second order predicts from both ends."""
+        """Rows (path, 3) at three symbols of smooth paths: predicted from both ends, on the same pieces."""
         to_m, to_b = _same(a, m, rows_a, rows_m), _same(b, m, rows_b, rows_m)
         both = np.intersect1d(to_m[:, 1], to_b[:, 1])
         rows = np.column_stack([_partner(to_m, both), both, _partner(to_b, both)])
@@ -121,6 +124,8 @@ class SweepTrace:
         self.second_order_phase_rad = max(self.second_order_phase_rad, float((phase * weight).max(initial=0.0)))
         smooth = (phase * weight <= self.phase_rad) & (cubic * weight <= SMOOTH * self.phase_rad)
         smooth &= turn**2 * APERTURE * weight <= self.phase_rad
+        pieces = [node.pieces[rows[:, place]] for place, node in enumerate((a, m, b))]
+        smooth &= ((pieces[0] == pieces[1]) & (pieces[1] == pieces[2])).all(axis=1)
         return rows[smooth]
 
     def _is_faint(self, node: _Node, rows: IntArray) -> bool:
@@ -140,6 +145,7 @@ class _Node:
     symbol: int
     time_s: float
     paths: Paths
+    pieces: IntArray
     start: int
 
     def predicted(self, rows: IntArray, time_s: float) -> tuple[FloatArray, FloatArray]:
