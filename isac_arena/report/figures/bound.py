@@ -14,6 +14,7 @@ from scenes.pose import SPEED_OF_LIGHT_M_S
 from scenes.record import BoolArray, FloatArray
 from scenes.scene import Scene
 
+INSIDE = "white: inside an object"
 FROM_SIGNAL = "from the signal, the arrays and the joint paths"
 COLOR_MAP = "viridis_r"
 UNBOUNDED_COLOR = "#f2d7d5"
@@ -63,7 +64,8 @@ def bound_figure(scene: Scene, bound: BoundMap, errors: str = FROM_SIGNAL) -> Fi
     ax = figure.subplots()
     bar = {"label": "position error bound in m", "shrink": 0.85}
     _draw_bound(figure, ax, scene, bound, bound.peb_m, log_scale(bound.peb_m[np.isfinite(bound.peb_m)]), bar)
-    ax.set_title(f"{scene.name}: position error bound {errors}\n(dashed: edge of line of sight, pink: unbounded)")
+    key = f"dashed: edge of line of sight, pink: unbounded, {INSIDE}"
+    ax.set_title(f"{scene.name}: position error bound {errors}\n({key})")
     return figure
 
 
@@ -89,7 +91,7 @@ def channel_bound_figure(scene: Scene, bound: ChannelBoundMap) -> Figure:
     phases = "phases kept between beam pairs" if bound.is_coherent else "a random phase per beam pair"
     figure.suptitle(
         f"{scene.name}: Cramér-Rao bounds of the strongest path, {phases}"
-        " (dashed: edge of line of sight, pink: no path)",
+        f" (dashed: edge of line of sight, pink: no path, {INSIDE})",
         fontsize=10,
         fontweight="bold",
     )
