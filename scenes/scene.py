@@ -166,6 +166,10 @@ class Scene(Displayed):
             )
         return self.tx
 
+    def tx_at(self, time_s: float) -> Pose:
+        """The nominal pose of the TX at a time of the campaign."""
+        return self.at(time_s).tx if self.movers else self.tx
+
     def at(self, time_s: float) -> Scene:
         """The frozen scene at a time of the campaign: everything where its motion has brought it, at rest.
 

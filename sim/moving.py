@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from scenes.motion.motion import BodyMotion
-from scenes.pose import SPEED_OF_LIGHT_M_S, Pose, azimuth_elevation
+from scenes.pose import SPEED_OF_LIGHT_M_S, azimuth_elevation
 from scenes.record import FloatArray, IntArray, concatenate
 from scenes.scene import Scene
 from scenes.walks.trajectory import velocities_m_s
@@ -156,8 +156,3 @@ class MovingWorld:
         """Highest speed of anything against anything in m/s."""
         speeds = [motion.top_speed_m_s + motion.top_turn_rate_rad_s for motion in self._scene.movers.values()]
         return rx_m_s + max(speeds, default=0.0)
-
-
-def tx_pose_at(scene: Scene, time_s: float) -> Pose:
-    """The nominal pose of the TX at a time of the campaign."""
-    return scene.at(time_s).tx if scene.movers else scene.tx

@@ -7,6 +7,7 @@ any number of workers, gives the same bits.
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,11 +17,9 @@ from scenes.record import ComplexArray, FloatArray, IntArray
 from scenes.scene import Scene
 from sim.clock import beam_clock, campaign_clock
 from sim.config import LinkKind, SimulationConfig
-from sim.moving import moving_paths, tx_pose_at
 from sim.observation import BeamSweep
 from sim.propagation.deepmimo.folder import read_deepmimo
 from sim.propagation.deepmimo.scenario import SAME_PLACE_M, PathScenario
-from sim.propagation.propagator import PlanarComparison, Propagator
 from sim.signal.arrays.codebook import Codebook
 from sim.signal.crosstalk import crosstalk, do_meet, share_all_elements
 from sim.signal.demand import ask_sample_memory
@@ -39,6 +38,9 @@ from sim.signal.link import Link
 from sim.signal.moving import moving_channel
 from sim.signal.waveform.prs import SUBCARRIERS_PER_RB, prs_subcarriers
 from sim.truth import Truth
+
+if TYPE_CHECKING:
+    from sim.propagation.propagator import PlanarComparison
 
 __all__ = ["OtherTx", "RandomStage", "clock_biases_s", "observe", "simulate_truth", "stage_generator"]
 
@@ -94,6 +96,8 @@ def _truths(config: SimulationConfig, scene: Scene, stops: Iterable[int]) -> Ite
     biases_s = clock_biases_s(config, len(poses))
     carrier_hz = config.waveform.carrier_ghz * 1e9
     if scene.is_moving:
+        from sim.moving import moving_paths  # noqa: PLC0415  (slow to import, kept truths need none)
+
         for stop, paths, motion, compared in moving_paths(config, scene, stops):
             yield Truth(paths, poses[stop], stop, biases_s[stop], *_counts(compared), motion)
         return
@@ -102,6 +106,8 @@ def _truths(config: SimulationConfig, scene: Scene, stops: Iterable[int]) -> Ite
         for stop in stops:
             yield Truth(scenario.paths_at(poses[stop].position_m), poses[stop], stop, biases_s[stop])
         return
+    from sim.propagation.propagator import Propagator  # noqa: PLC0415
+
     propagator = Propagator(scene, carrier_hz, config.propagation)
     for stop in stops:
         rng = stage_generator(config.seed, RandomStage.TARGETS, stop)
@@ -109,7 +115,7 @@ def _truths(config: SimulationConfig, scene: Scene, stops: Iterable[int]) -> Ite
         yield Truth(paths, poses[stop], stop, biases_s[stop], *_counts(compared))
 
 
-def _counts(compared: PlanarComparison) -> tuple[int, int, int]:
+def _counts(compared: "PlanarComparison") -> tuple[int, int, int]:
     """Planar paths found, missed by the tracer, and found by the tracer alone."""
     return compared.n_common + compared.n_repaired + compared.n_extra, compared.n_repaired, compared.n_extra
 
@@ -170,7 +176,7 @@ def observe(
     samples = receive_samples(
         config, link, truth.stop, sent(0), None if is_alike else sent, _noise_number(config, link, others)
     )
-    tx_pose = scene.tx if truth.motion is None else tx_pose_at(scene, truth.motion.time_s)
+    tx_pose = scene.tx if truth.motion is None else scene.tx_at(truth.motion.time_s)
     if truth.tx_pose is not None:
         tx_pose = Pose(np.full(3, np.nan), np.nan)
     return BeamSweep(
@@ -254,7 +260,7 @@ def _moving_samples(
     time_s = campaign_clock(config, scene).symbol_s[repetition]
 
     def heading_rad(later_s: float) -> float:
-        return true_tx_pose(config, tx_pose_at(scene, motion.time_s + later_s)).heading_rad
+        return true_tx_pose(config, scene.tx_at(motion.time_s + later_s)).heading_rad
 
     def channel(later_s: float, subcarrier: slice | IntArray) -> ComplexArray:
         """Channel (tx_beam, rx_beam, subcarrier) at some subcarriers, `later_s` s after the times of the pairs."""

@@ -1,6 +1,5 @@
 """Channel estimation of one stop: one function for all methods, one record as the result of each."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import get_args
 
@@ -15,13 +14,17 @@ from estimation.channel.config import ChannelConfig, MethodName
 from estimation.channel.fit import PathFit
 from estimation.channel.incoherent.paths import IncoherentFit, fit_incoherent
 from estimation.channel.power.paths import estimate_power
-from estimation.channel.record import ChannelEstimate, EstimateStatus, check_estimate, empty_estimate
+from estimation.channel.record import (
+    ChannelEstimate,
+    ChannelEstimator,
+    EstimateStatus,
+    check_estimate,
+    empty_estimate,
+)
 from estimation.execution import one_blas_thread
 from scenes.arguments import need
 from sim.observation import BeamSweep
 from sim.signal.arrays.codebook import Codebook
-
-ChannelEstimator = Callable[[BeamSweep], ChannelEstimate]
 
 RANK_TOLERANCE = 1e-6  # singular values of beam weights below this share of the largest are rounding errors
 NUMBERS_PER_PATH = 5  # real numbers: delay, two angles, complex gain

@@ -1,5 +1,6 @@
 """The channel estimate: the paths of one stop as the receiver knows them, the same record for all methods."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Self
@@ -7,6 +8,7 @@ from typing import Self
 import numpy as np
 
 from scenes.record import BoolArray, FloatArray, IntArray, Record, array, optional_array
+from sim.observation import BeamSweep
 
 UNKNOWN_ANGLE_VARIANCE = np.pi**2 / 3  # of a uniform angle on the circle, as with a single beam
 MIN_PARAMETERS = 3  # delay, departure azimuth, arrival azimuth; then departure and arrival elevation
@@ -140,6 +142,9 @@ class ChannelEstimate(Record):
     def plane_covariance(self) -> FloatArray:
         """Covariance (path, 3, 3) of delay and both azimuths, in (s, rad, rad)^2."""
         return self.covariance[:, :MIN_PARAMETERS, :MIN_PARAMETERS]
+
+
+ChannelEstimator = Callable[[BeamSweep], ChannelEstimate]
 
 
 def empty_estimate(stop: int, method: str, status: EstimateStatus, reason: str) -> ChannelEstimate:

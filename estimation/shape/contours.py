@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from estimation.channel.record import ChannelEstimate
 from estimation.laws.raised import PathHeights
 from estimation.shape.config import ContourConfig
-from estimation.shape.points.contours import fit_point_contours
 from estimation.shape.record import Contours
 from estimation.shape.reflection.fit_all import fit_campaign
 from estimation.shape.reflection.paths import campaign_paths
@@ -38,6 +37,8 @@ def estimate_contours(
         if isinstance(tx_pose, Transmitters):
             allowed = "several need 'reflection' or 'none'"
             raise ValueError(f"contours.method = '{config.method}': is of one TX; {allowed}")
+        from estimation.shape.points.contours import fit_point_contours  # noqa: PLC0415  (slow to import)
+
         return fit_point_contours(ips, label, tx_pose, poses, config)
     paths = campaign_paths(channel, tx_pose, poses, ips, noise, config, heights)
     fit = fit_campaign(paths, config)

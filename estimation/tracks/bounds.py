@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from datetime import timedelta
 
 import numpy as np
-from scipy.optimize import approx_fprime
 
 from estimation.channel.record import ChannelEstimate
 from estimation.slam.record import PoseEstimates
@@ -61,6 +60,8 @@ def _direct(echoes: Sequence[Echo], state: FloatArray) -> Echo | None:
 
 def _of_echo(one: Echo, state: FloatArray) -> FloatArray:
     """Information (5, 5) of an echo about the state of its mover."""
+    from scipy.optimize import approx_fprime  # noqa: PLC0415  (slow to import)
+
     slope = approx_fprime(state, lambda mover: echo_of(one.geometry, mover), 1e-6)
     return np.asarray(slope.T @ np.linalg.solve(one.covariance, slope))
 

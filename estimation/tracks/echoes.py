@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import solve_triangular
-from scipy.optimize import least_squares
 
 from estimation.channel.record import AngleKind, ChannelEstimate
 from estimation.channel.still import still_motion
@@ -117,6 +116,8 @@ def _covariance(
 
 def as_one_bounce(echo: Echo, config: TrackConfig) -> OneBounce:
     """The mover that an echo of one bounce shows best, with the height and the speeds that movers have."""
+    from scipy.optimize import least_squares  # noqa: PLC0415  (slow to import)
+
     ends = echo.geometry
     row = np.array([*ends.tx_m[:2], ends.tx_heading_rad])
     state = np.array([*ends.rx_m[:2], ends.rx_heading_rad, 0.0])

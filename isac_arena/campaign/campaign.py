@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from estimation.channel.estimate import ChannelEstimator
-from estimation.channel.record import ChannelEstimate
+from estimation.channel.record import ChannelEstimate, ChannelEstimator
 from isac_arena.campaign.chain.memory import MemoryRun, RunResults
 from isac_arena.campaign.config import CampaignConfig, methods
 from isac_arena.campaign.directory import CampaignStore

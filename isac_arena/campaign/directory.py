@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from estimation.channel.beam_power_map import BeamPowerMap, beam_power_map
-from estimation.channel.calibration.self_calibration import Calibration
+from estimation.channel.calibration.record import Calibration
 from estimation.channel.record import ChannelEstimate, EstimateStatus
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.difference import first_difference, line_difference

@@ -14,9 +14,8 @@ from itertools import groupby
 
 import numpy as np
 
-from estimation.channel.calibration.self_calibration import Calibration, calibration_rows, self_calibrate
-from estimation.channel.estimate import ChannelEstimator
-from estimation.channel.record import ChannelEstimate, EstimateStatus, empty_estimate
+from estimation.channel.calibration.record import Calibration, calibration_rows
+from estimation.channel.record import ChannelEstimate, ChannelEstimator, EstimateStatus, empty_estimate
 from estimation.execution import STEPS
 from estimation.slam.checks import check_estimates
 from estimation.slam.config import MappingConfig, TrajectoryConfig
@@ -147,8 +146,9 @@ class CampaignRun:
             return None
         calibration = self.results.calibration()
         if calibration is None:
-            stops = self.chosen_stops
-            chosen = [stops[row] for row in calibration_rows(len(stops), settings)]
+            from estimation.channel.calibration.self_calibration import self_calibrate  # noqa: PLC0415  (slow to import)
+
+            chosen = [self.chosen_stops[row] for row in calibration_rows(len(self.chosen_stops), settings)]
             kept = ((stop, self.results.sweep(stop)) for stop in chosen)
             sweeps = (self.sweep(self.truth(stop)) if sweep is None else sweep for stop, sweep in kept)
             calibration = self_calibrate(sweeps, settings)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
 from estimation.channel.beam_power_map import BeamPowerMap
-from estimation.channel.calibration.self_calibration import Calibration
+from estimation.channel.calibration.record import Calibration
 from estimation.channel.record import ChannelEstimate
 from estimation.shape.record import Contours, Shapes
 from estimation.slam.record import IncidencePoints, PoseEstimates

@@ -1,7 +1,6 @@
 """Assignment of estimated paths to true paths: one to one, optimal, within a gate."""
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from isac_arena.scoring.config import Gate
 from isac_arena.scoring.metrics.sets import Gospa, gospa
@@ -41,6 +40,8 @@ def assign_by_error(error: FloatArray, half_width: FloatArray, unassigned_cost: 
     The errors (row, column, 3) of a pair have to lie within `half_width` (3,). The cost of such a pair is the norm
     of its error in units of that, and the cost of any other pair is `unassigned_cost`.
     """
+    from scipy.optimize import linear_sum_assignment  # noqa: PLC0415  (slow to import)
+
     inside = np.asarray((np.abs(error) <= half_width).all(axis=-1))
     cost = np.where(inside, np.linalg.norm(error / half_width, axis=-1), unassigned_cost)
     rows, columns = linear_sum_assignment(cost)

@@ -9,7 +9,6 @@ from collections.abc import Callable
 from functools import lru_cache
 
 import numpy as np
-import scipy.fft
 from numba import njit
 
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
@@ -113,13 +112,15 @@ class _DelayGrid:
             or np.ptp(steps) > EVEN * np.abs(steps).min(initial=np.inf)
         ):
             return self.amplitude @ grid_waves(self.n_delays, self.first_s, self.spacing_s, frequency_hz)
+        from scipy.fft import fft  # noqa: PLC0415  (slow to import)
+
         turn = -2 * np.pi * frequency_hz[0] * self.spacing_s * np.arange(self.n_delays)
         self.amplitude *= np.exp(1j * turn).astype(np.complex64)
         first = grid_waves(1, self.first_s, self.spacing_s, frequency_hz)
         made = np.empty((len(self.amplitude), n), np.complex64)
         for start in range(0, len(made), PAIRS_AT_ONCE):
             rows = slice(start, start + PAIRS_AT_ONCE)
-            spectrum = scipy.fft.fft(self.amplitude[rows], int(OVERSAMPLING * n), axis=1)
+            spectrum = fft(self.amplitude[rows], int(OVERSAMPLING * n), axis=1)
             np.multiply(spectrum[:, :n], first, out=made[rows])
         return made
 

@@ -10,7 +10,7 @@ from scenes.contours import RoundedPolygon
 from scenes.motion.motion import steady_motion
 from sim.clock import campaign_clock
 from sim.config import ArrayConfig, PropagationConfig, SimulationConfig, WaveformConfig
-from sim.moving import MovingWorld, tx_pose_at
+from sim.moving import MovingWorld
 from sim.propagation.motion.tracks import lengths_at
 from sim.propagation.paths import BounceKind, path_labels
 from sim.propagation.propagator import Propagator
@@ -60,7 +60,7 @@ def test_samples_are_those_of_paths_traced_at_every_symbol(combine: bool):
             for number, symbol in enumerate(prs.symbols if combine else prs.symbols[:1]):
                 later = clock.symbol_s[repetition, tx_beam, rx_beam] + number * prs.symbol_s
                 now, velocity = truth.motion.time_s + later, truth.motion.rx_velocity_m_s
-                tx, rx = tx_pose_at(scene, now), truth.rx_pose
+                tx, rx = scene.tx_at(now), truth.rx_pose
                 solver = Propagator(scene.at(now), 60e9, EXACT, traces=False)
                 paths = solver.exact_paths(rx.position_m + later * velocity)
                 seen.add(bool(paths.is_los.any()))

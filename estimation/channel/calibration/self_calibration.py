@@ -26,9 +26,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimation.channel.calibration.dominant import DominantPaths, dominant_paths
+from estimation.channel.calibration.record import Calibration
 from estimation.channel.config import SelfCalibrationConfig
 from estimation.channel.model.manifold import Manifold
-from scenes.record import ComplexArray, FloatArray, IntArray, Record, array, concatenate
+from scenes.record import ComplexArray, FloatArray, concatenate
 from sim.observation import BeamSweep
 from sim.signal.arrays.array import element_amplitude, steering_vector, to_panel, vertical_polarisation
 from sim.signal.arrays.codebook import Codebook
@@ -41,34 +42,12 @@ LEAST_MISFIT = 1e-9
 
 
 @dataclass(frozen=True)
-class Calibration(Record):
-    """Result of self-calibration: both codebooks with the responses as built in their weights."""
-
-    tx_codebook: Codebook
-    rx_codebook: Codebook
-    tx_element: ComplexArray = array("tx_element", dtype=complex, doc="response over the designed one")
-    rx_element: ComplexArray = array("rx_element", dtype=complex, doc="response over the designed one")
-    n_paths: int = array(dtype=int, doc="number of paths used")
-    is_coherent: bool = array(dtype=bool, doc="whether phases between beam pairs were used")
-    misfit: float = array(doc="mean share of a path's power that the calibrated arrays do not explain")
-
-    def applied(self, sweep: BeamSweep) -> BeamSweep:
-        """The sweep with the calibrated codebooks in place of the designed ones."""
-        return replace(sweep, tx_codebook=self.tx_codebook, rx_codebook=self.rx_codebook)
-
-
-@dataclass(frozen=True)
 class ArrayFactors:
     """Factors between one device as built and its design."""
 
     element: ComplexArray  # (element,)
     beam: ComplexArray  # (beam,)
     misfit: float  # mean share of the measured vectors' power that the model does not explain
-
-
-def calibration_rows(n_stops: int, config: SelfCalibrationConfig) -> IntArray:
-    """Rows of the stops that self-calibration uses, spread evenly over `n_stops`: sorted, each once."""
-    return np.unique(np.linspace(0, n_stops - 1, config.stops).round().astype(int))
 
 
 def self_calibrate(sweeps: Iterable[BeamSweep], config: SelfCalibrationConfig | None = None) -> Calibration:

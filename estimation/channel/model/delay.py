@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.fft
 
 from scenes.record import FloatArray, Record, array
 from sim.observation import BeamSweep
@@ -48,6 +47,8 @@ def delay_power(sweep: BeamSweep) -> DelayPower:
     oversampling of 2. The noise level of every RX beam is estimated from the data: the median over all beam pairs
     and delays of an exponential variable is ln 2 times its mean, and paths fill only a small share of the delays.
     """
+    from scipy.fft import ifft  # noqa: PLC0415  (slow to import)
+
     n = sweep.samples.shape[-1]
     spacing = float(sweep.frequency_offset_hz[1] - sweep.frequency_offset_hz[0])
     window = hann_window(n)
@@ -55,7 +56,7 @@ def delay_power(sweep: BeamSweep) -> DelayPower:
     snr = np.empty((sweep.size("tx_beam"), sweep.size("rx_beam"), n_fft), np.float32)
     for beam, (samples, symbols) in enumerate(zip(sweep.samples, sweep.prs_symbol, strict=True)):
         descrambled = samples * (symbols.conj() * (window / n)).astype(np.complex64)
-        response = scipy.fft.ifft(descrambled, n_fft, axis=-1, norm="forward", overwrite_x=True)
+        response = ifft(descrambled, n_fft, axis=-1, norm="forward", overwrite_x=True)
         snr[beam] = response.real**2 + response.imag**2
     noise_power_mw = np.median(snr, axis=(0, 2)).astype(float) / np.log(2)
     snr /= noise_power_mw.astype(np.float32)[:, None]

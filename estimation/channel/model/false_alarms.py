@@ -15,7 +15,6 @@ from functools import reduce
 
 import numpy as np
 from numpy.polynomial.hermite_e import hermeval
-from scipy.optimize import brentq
 
 from estimation.channel.model.manifold import CELL, FLAT, Manifold
 from scenes.record import FloatArray
@@ -36,6 +35,8 @@ def detection_level(probability: float, curvatures: FloatArray) -> float:
 
     Raises `ValueError` for a probability outside (0, 1).
     """
+    from scipy.optimize import brentq  # noqa: PLC0415  (slow to import)
+
     if not 0 < probability < 1:
         raise ValueError(f"false_alarm_probability = {probability:g}: must be between 0 and 1")
     # The Euler characteristic falls with the level above the largest root of its polynomial: search from above.

@@ -9,11 +9,10 @@ clusters are searched together in one compiled call (`newton.py`).
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import Bounds, OptimizeResult, minimize
 
 from estimation.execution import one_blas_thread
 from estimation.shape.gp.exact import ExactPosterior, Likelihood, chord, log_marginal_likelihood
@@ -25,6 +24,9 @@ from estimation.shape.gp.fourier import (
 )
 from estimation.shape.gp.newton import most_likely
 from scenes.record import FloatArray
+
+if TYPE_CHECKING:
+    from scipy.optimize import OptimizeResult
 
 # Bounds of the search: standard deviations relative to the rms radius, and the length scale. They keep the
 # covariance matrix well conditioned; an optimum beyond them describes the same function in practice.
@@ -196,6 +198,8 @@ def _maximise_likelihood(
     most harmonics. A `careful` search is scaled to a first step of about 1; the result of the start of the paper
     depends on the long step. A search that after some steps is far below the likelihood `to_beat` is stopped.
     """
+    from scipy.optimize import Bounds, minimize  # noqa: PLC0415  (slow to import)
+
     first = np.log(np.clip(start, *bounds))
     steepness = 1.0
     if careful:
@@ -209,7 +213,7 @@ def _maximise_likelihood(
 
     steps = 0
 
-    def give_up(intermediate_result: OptimizeResult) -> None:
+    def give_up(intermediate_result: "OptimizeResult") -> None:
         nonlocal steps
         steps += 1
         if steps >= TRIAL_STEPS and -steepness * float(intermediate_result.fun) < to_beat - HOPELESS_NAT:

@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import approx_fprime, minimize
 from scipy.special import ive, logsumexp, ndtr
 
 from estimation.execution import one_blas_thread
@@ -125,6 +124,8 @@ def _log_evidence(points: PointCluster, line: Line, ends: SegmentEnds, prior: Li
 
 def robust_line(points: PointCluster, prior: LinePrior) -> Line:
     """The most probable line, by the distances of its points, from the best of four azimuths."""
+    from scipy.optimize import approx_fprime, minimize  # noqa: PLC0415  (slow to import)
+
     origin = points.middle_m
     offset = points.position_m - origin
     length = float(np.hypot(*np.ptp(points.position_m, axis=0))) + prior.length_m[0]

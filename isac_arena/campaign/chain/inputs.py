@@ -5,12 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimation.channel.calibration.self_calibration import Calibration
-from estimation.channel.estimate import ChannelEstimator, estimate_channel
+from estimation.channel.calibration.record import Calibration
 from estimation.channel.interference import whitened
 from estimation.channel.model.delay import hann_window
 from estimation.channel.power.detect import noise_threshold
-from estimation.channel.record import ChannelEstimate
+from estimation.channel.record import ChannelEstimate, ChannelEstimator
 from estimation.slam.config import TrajectoryConfig
 from estimation.slam.level import KnownHeights
 from estimation.slam.record import PoseEstimates, SolveStatus
@@ -72,6 +71,8 @@ def channel_estimator(
 
     def estimate(sweep: BeamSweep) -> ChannelEstimate:
         """The estimate by the method of the settings."""
+        from estimation.channel.estimate import estimate_channel  # noqa: PLC0415  (slow to import, kept estimates need none)
+
         sweep = whitened(sweep) if whitens else sweep
         return estimate_channel(
             sweep if calibration is None else calibration.applied(sweep), config=config.channel

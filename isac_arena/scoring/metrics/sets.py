@@ -7,7 +7,6 @@ objects. Their unit is that of the base distance.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from scenes.record import FloatArray, IntArray
 
@@ -74,6 +73,8 @@ def ospa(distance: FloatArray, cutoff: float, order: float = 2.0) -> float:
 
 def _assignment(distance: FloatArray, cutoff: float, order: float) -> tuple[IntArray, IntArray]:
     """Rows and columns of the pairs of the best assignment that are closer than the cutoff."""
+    from scipy.optimize import linear_sum_assignment  # noqa: PLC0415  (slow to import)
+
     if not cutoff > 0 or not order >= 1:
         raise ValueError(f"cutoff = {cutoff:g}, order = {order:g}: cutoff > 0 and order >= 1 are needed")
     if np.isnan(distance).any() or (distance < 0).any():

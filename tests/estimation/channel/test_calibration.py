@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from estimation.channel.calibration.dominant import dominant_paths
+from estimation.channel.calibration.record import calibration_rows
 from estimation.channel.calibration.self_calibration import (
     calibrate_array,
-    calibration_rows,
     element_matrix,
     self_calibrate,
     with_responses,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from estimation.channel.calibration.self_calibration import Calibration
+from estimation.channel.calibration.record import Calibration
 from estimation.channel.config import ChannelConfig, SelfCalibrationConfig
 from isac_arena.campaign import driver
 from isac_arena.campaign.driver import CampaignRun
