@@ -21,6 +21,7 @@ SIMPLE_KINDS = ("circle", "wall", "edge")  # the simplest of each class
 MIN_PATHS = 4  # fewer do not make an object
 MIN_GAIN_NAT = 5.0  # of the evidence over that of ghosts alone
 GATE = 16.27  # chi-square of 3 degrees of freedom at 0.999
+ONE_GATE = 10.83  # the same of 1
 _MAX_OBJECTS = 5
 _MAX_ROUNDS = 5
 

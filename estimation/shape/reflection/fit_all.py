@@ -75,11 +75,11 @@ def fit_campaign(paths: CampaignPaths, config: ContourConfig) -> CampaignFit:
         together = _simple_bundle(paths, standing)
         data, settings = without_offsets(paths.bounces, together, paths.config)
         objects = refit_objects(GroupFits(data, settings), [each.paths for each in objects], config.min_samples)
-        if config.learn_noise:
-            paths = _rescaled(paths, together.noise_scale)
+        scale = _within_limits(together.noise_scale) if config.learn_noise else np.ones(3)
+        paths = _rescaled(paths, scale)
         together = _simple_bundle(paths, objects)
         data, settings = without_offsets(paths.bounces, together, paths.config)
-        return _final(paths, data, objects, settings, config)
+        return _final(paths, data, objects, settings, config, scale)
 
 
 def _standing(
@@ -194,10 +194,13 @@ def survey_scale(los: Reflections, config: ReflectionConfig) -> FloatArray:
     return scale
 
 
+def _within_limits(scale: FloatArray) -> FloatArray:
+    return np.clip(np.where(np.isfinite(scale), scale, 1.0), *_NOISE_LIMITS)
+
+
 def _rescaled(paths: CampaignPaths, scale: FloatArray) -> CampaignPaths:
-    """Paths with their standard deviations times those measured over those stated (3,), within limits."""
-    factor = np.clip(np.where(np.isfinite(scale), scale, 1.0), *_NOISE_LIMITS)
-    square = np.outer(factor, factor)
+    """Paths with their standard deviations times factors (3,)."""
+    square = np.outer(scale, scale)
     return replace(paths, bounces=_scaled(paths.bounces, square), los=_scaled(paths.los, square))
 
 
@@ -211,8 +214,13 @@ def _final(
     objects: list[FoundObject],
     settings: ReflectionConfig,
     config: ContourConfig,
+    scale: FloatArray,
 ) -> CampaignFit:
-    """Choose kinds and classes, then fit all objects that stand with all poses and offsets; faces with them."""
+    """Choose kinds and classes, then fit all objects that stand with all poses and offsets; faces with them.
+
+    `scale` (3,) is in the deviations of `paths`. Where it is below 1, the paths that tell it are better than most:
+    it holds for the choices, and the last fit has no less than the stated deviations.
+    """
     search = FaceSearch(objects, data, paths.los, settings)
     faces = search.run()
     standing = search.standing(faces)
@@ -225,8 +233,11 @@ def _final(
         noise = [object_noise(object_squares(each.kind, each.optimum, part)) for each, part in pairs]
     parts = [_scaled(part, factor) for part, factor in zip(parts, noise, strict=True)]
     choices, priors = _chosen(parts, of_wall, settings)
+    least = 1 / np.minimum(scale, 1.0)
+    paths = _rescaled(paths, least)
+    wider = [max(factor / float(np.prod(least)) ** (2 / 3), 1.0) for factor in noise]
     members = [
-        BundleObject(choice.best.kind, _scaled(paths.bounces.take("path", objects[k].paths), noise[k]), priors[k])
+        BundleObject(choice.best.kind, _scaled(paths.bounces.take("path", objects[k].paths), wider[k]), priors[k])
         for k, choice in enumerate(choices)
     ]
     bundle = _bundle(paths, members)

@@ -12,13 +12,14 @@ from estimation.execution import steps
 from estimation.laws.plane import bounce, residual
 from estimation.shape.config import ReflectionConfig
 from estimation.shape.gp.clustering import NOISE, cluster_points
-from estimation.shape.reflection.association import GATE, GHOST, MIN_PATHS, GroupFits, split_rows
+from estimation.shape.reflection.association import GATE, GHOST, MIN_PATHS, ONE_GATE, GroupFits, split_rows
 from estimation.shape.reflection.normals import oriented_points
 from estimation.shape.reflection.posterior import Optimum
 from estimation.shape.reflection.reflections import Reflections
 from scenes.record import BoolArray, FloatArray, IntArray
 
 _MAX_ROUNDS = 6
+_LEAST_M = 1e-9
 _SHARED = 0.5  # share of the paths of an object that another explains: the two are then tried as one
 
 
@@ -29,6 +30,18 @@ class FoundObject:
     kind: str
     optimum: Optimum
     paths: IntArray  # rows of the data
+
+    def holds(self, other: "FoundObject") -> bool:
+        """Whether this is a pillar, and the other an edge on or in it: what its sides diffract or scatter."""
+        if self.kind != "circle" or other.kind != "edge":
+            return False
+        body, edge = self.optimum, other.optimum
+        offset_m, radius_m = edge.parameter - body.parameter[:2], float(np.exp(body.parameter[2]))
+        distance_m = max(float(np.hypot(*offset_m)), _LEAST_M)
+        slope = np.append(-offset_m / distance_m, -radius_m)
+        variance = slope @ body.parameter_covariance @ slope
+        variance += slope[:2] @ edge.parameter_covariance @ slope[:2]
+        return bool(distance_m - radius_m < np.sqrt(ONE_GATE * variance))
 
 
 def find_objects(data: Reflections, eps_m: float, min_samples: int, config: ReflectionConfig) -> list[FoundObject]:

@@ -174,6 +174,24 @@ def test_what_a_wall_mirrors_is_hidden_and_a_pillar_before_it_stands() -> None:
         assert found.standing(found.run()) == expected
 
 
+def pillar(y: float) -> Reflections:
+    return seen(closed_paths(Circle(np.array([4.0, y]), 0.4), np.random.default_rng(6)), 7, 15)
+
+
+def test_a_pillar_that_touches_a_wall_from_behind_is_a_patch_of_it() -> None:
+    for y, expected in ((-6.4, (1,)), (-6.1, ()), (-5.4, ())):
+        found = search(("wall", wall()), ("circle", pillar(y)))
+        faces = found.run()
+        assert faces[0].objects == expected
+        assert found.standing(faces) == ([0] if expected else [0, 1])
+
+
+def test_an_edge_on_a_pillar_is_part_of_it_and_one_beside_it_stands() -> None:
+    for x, expected in ((4.4, [0]), (4.0, [0]), (5.2, [0, 1])):
+        found = search(("circle", pillar(-3.0)), ("edge", edge([x, -3.0])))
+        assert found.standing([]) == expected
+
+
 def test_scattering_places_about_a_point_are_no_object() -> None:
     rng = np.random.default_rng(5)
     blob = [seen(edge_paths(np.array(BEFORE_WALL) + rng.normal(0, 0.5, 2), rng), 30 + k, 12) for k in range(12)]

@@ -6,10 +6,12 @@ import numpy as np
 
 from estimation.shape.fit import ShapeFit
 from estimation.shape.kinds.mirror_wall import longer_wall, scattering_wall
+from estimation.shape.reflection.association import ONE_GATE
 from estimation.shape.reflection.choice import CLASSES, Choice
 from estimation.shape.reflection.faces.bends import bent_wall
 from estimation.shape.reflection.faces.points import FacePoints
-from estimation.shape.reflection.faces.scattering import FaceLine
+from estimation.shape.reflection.faces.scattering import PATH_REACH_M, FaceLine
+from estimation.shape.reflection.posterior import Optimum
 from scenes.record import BoolArray, FloatArray, IntArray
 
 _CHI2_MEDIAN = 0.455  # of 1 degree of freedom
@@ -36,6 +38,23 @@ class Face:
         """Whether places (...) along the face are on any of its parts, or at most so far beyond its ends."""
         first, last = self.parts_m[:, 0] - reach_m, self.parts_m[:, 1] + reach_m
         return np.asarray(((place_m[..., None] >= first) & (place_m[..., None] <= last)).any(axis=-1))
+
+    def is_flush(self, circle: Optimum, receivers_m: FloatArray, relief_m: float) -> bool:
+        """Whether a circle between the ends of the face touches it from behind: a patch of it that scatters.
+
+        Seen from the receivers (path, xy), its front is off the face by no more than errors and `relief_m`.
+        """
+        line, center_m, radius_m = self.line, circle.parameter[:2], float(np.exp(circle.parameter[2]))
+        side = np.sign(np.median(line.away_m(receivers_m)))
+        place_m, behind_m = center_m @ line.tangent, float(side * line.away_m(center_m))
+        is_between = (
+            self.parts_m.min(initial=np.inf) - PATH_REACH_M
+            < place_m
+            < self.parts_m.max(initial=-np.inf) + PATH_REACH_M
+        )
+        slope = np.append(side * line.normal, radius_m)
+        variance = slope @ circle.parameter_covariance @ slope + line.variance_m2(place_m, relief_m)
+        return bool(is_between and behind_m < 0 and (behind_m + radius_m) ** 2 < ONE_GATE * variance)
 
 
 def face_choice(choice: Choice, face: Face) -> Choice:

@@ -14,13 +14,12 @@ import numpy as np
 
 from estimation.distributions import normal_log_density
 from estimation.shape.config import ReflectionConfig
-from estimation.shape.reflection.association import GATE, MIN_GAIN_NAT
+from estimation.shape.reflection.association import GATE, MIN_GAIN_NAT, ONE_GATE
 from estimation.shape.reflection.faces.face import Face
 from estimation.shape.reflection.faces.parts import seen_parts
 from estimation.shape.reflection.faces.points import FacePoints
 from estimation.shape.reflection.faces.scattering import (
     OBJECT_REACH_M,
-    ONE_GATE,
     PATH_REACH_M,
     FaceLine,
     Places,
@@ -75,13 +74,16 @@ class FaceSearch:
     def standing(self, faces: Sequence[Face]) -> list[int]:
         """The objects that no face replaces or hides, and that are more than places about a point."""
         replaced = {k for face in faces for k in face.objects}
-        return [
+        found = [
             k
             for k, each in enumerate(self.objects)
             if k not in replaced
             and each.optimum.log_evidence > self._about_one[k] + MIN_GAIN_NAT
             and not self._is_hidden(k, faces)
         ]
+        by_gain = sorted(found, key=self._object_gain)
+        parts = {k for n, k in enumerate(by_gain) for of in by_gain[n:] if self.objects[of].holds(self.objects[k])}
+        return [k for k in found if k not in parts]
 
     def _is_hidden(self, k: int, faces: Sequence[Face]) -> bool:
         """Whether most points of an object lie behind faces of more evidence: it is a mirror image."""
@@ -221,7 +223,7 @@ class FaceSearch:
         return bool((place < first and before) or (place > last and behind))
 
     def _with_pillars(self, face: Face) -> Face:
-        """The face with the pillars that stand in it: most of their points are on it, and it explains them too."""
+        """The face with the pillars that it explains too, and those that do not stand out of it."""
         for k in self._left:
             found, rows = self.objects[k].optimum, self.objects[k].paths
             member = rows[found.inlier > 0.5]
@@ -229,10 +231,10 @@ class FaceSearch:
                 continue
             place = self.points.places_m(face.line, member)
             is_on = face.covers(place, PATH_REACH_M)
-            if np.mean(is_on & (self.points.squares(face.line, member) < ONE_GATE)) <= 0.5:
-                continue
             evidence, near = along_face(face.line, self.points.places(face.line, rows), self.config)
-            if found.log_evidence < evidence + _IN_FACE_NAT:
+            is_like = np.mean(is_on & (self.points.squares(face.line, member) < ONE_GATE)) > 0.5
+            is_flush = face.is_flush(found, self.data.rx_state[rows, :2], self.config.wall_relief_m)
+            if is_flush or (is_like and found.log_evidence < evidence + _IN_FACE_NAT):
                 scattered = np.union1d(face.scattered, rows[near])
                 face = self._taken(replace(face, objects=(*face.objects, k), scattered=scattered))
         return face

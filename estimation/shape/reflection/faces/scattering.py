@@ -10,7 +10,7 @@ import numpy as np
 
 from estimation.laws.plane import bounce, residual, start_point
 from estimation.shape.config import ReflectionConfig
-from estimation.shape.reflection.association import GATE
+from estimation.shape.reflection.association import GATE, ONE_GATE
 from estimation.shape.reflection.normals import OrientedPoints
 from estimation.shape.reflection.posterior import Optimum
 from estimation.shape.reflection.reflections import Reflections
@@ -20,7 +20,7 @@ OBJECT_REACH_M, PATH_REACH_M = 1.0, 0.3  # scales of how far beyond its seen par
 _SPREADS_M = (0.05, 0.1, 0.2, 0.4, 0.8)  # of the places of an object
 _STEPS = 2  # of each path to its place along the face
 _LEAST_SHARE = 1e-12  # of the largest variance, in every direction
-ONE_GATE, _PLACE_GATE = 10.83, 13.82  # chi-square of 1 and of 2 degrees of freedom at 0.999
+_PLACE_GATE = 13.82  # chi-square of 2 degrees of freedom at 0.999
 
 
 class Bend(NamedTuple):
