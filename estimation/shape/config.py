@@ -129,9 +129,13 @@ class ContourConfig(ConfigModel):
     min_samples: int = Field(5, ge=1, description="IPs within eps_m, itself included, that make a core point")
     reflection: ReflectionConfig = ReflectionConfig()
     learn_noise: bool = Field(
-        True, description="scale the covariances of the paths by their residuals, over all paths and per object"
+        True,
+        description="scale covariances: of paths by their residuals, over all paths and per object; "
+        "of given poses by lines of sight",
     )
-    survey_position_std_m: float = Field(0.05, gt=0, description="given poses: standard deviation of x and y")
+    survey_position_std_m: float = Field(
+        0.05, gt=0, description="given poses: standard deviation of x and y, at first"
+    )
     survey_heading_std_deg: float = Field(1.0, gt=0, description="of their heading")
     survey_clock_std_ns: float = Field(0.1, gt=0, description="of their clock bias")
     slam_widening: float = Field(
