@@ -269,6 +269,22 @@ def test_walls_are_seen_as_far_as_they_mirror_and_scatter() -> None:
     assert own.extent_m == 3.0
 
 
+def test_a_wall_ends_where_a_line_of_sight_passes_also_if_paths_are_mirrored_beyond() -> None:
+    data = wall()
+    found = search(("wall", data))
+    (face,) = found.run()
+    mirrored, rows = choose_shape(data, SURE).fits["wall"], np.arange(len(data))
+    places = found.points.places_m(face.line, rows)
+    middle = float(np.median(places))
+    [(shape, own)] = part_walls(
+        replace(face, line=face.line._replace(between_m=(-np.inf, middle))), rows, found.points, mirrored
+    )
+    assert mirrored.extent_m > 1.5 * shape.extent_m and 0 < len(own) < len(rows)
+    assert places[own].max() < middle
+    [(whole, own)] = part_walls(face, rows, found.points, mirrored)
+    assert whole.extent_m >= mirrored.extent_m and len(own) == len(rows)
+
+
 def test_evidence_along_a_face_is_the_integral_over_the_places(monkeypatch: pytest.MonkeyPatch) -> None:
     shape = choose_shape(wall(), SURE).fits["wall"]
     line = FaceLine(shape.parameter[:2], shape.parameter_covariance[:2, :2], shape.parameter[2:])

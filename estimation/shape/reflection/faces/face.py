@@ -39,6 +39,11 @@ class Face:
         first, last = self.parts_m[:, 0] - reach_m, self.parts_m[:, 1] + reach_m
         return np.asarray(((place_m[..., None] >= first) & (place_m[..., None] <= last)).any(axis=-1))
 
+    def is_open(self, place_m: FloatArray) -> BoolArray:
+        """Whether places (...) along the face are between those where lines of sight pass through its line."""
+        first, last = self.line.between_m
+        return np.asarray((place_m > first) & (place_m < last))
+
     def is_flush(self, circle: Optimum, receivers_m: FloatArray, relief_m: float) -> bool:
         """Whether a circle between the ends of the face touches it from behind: a patch of it that scatters.
 
@@ -74,24 +79,25 @@ def face_choice(choice: Choice, face: Face) -> Choice:
 def part_walls(
     face: Face, rows: IntArray, points: FacePoints, mirrored: ShapeFit | None = None
 ) -> list[tuple[ShapeFit, IntArray]]:
-    """The records of the parts of a face with their paths, of `rows`.
+    """The records of the parts of a face with their paths, of `rows`, as far as no line of sight passes.
 
     `mirrored` is the wall fitted to what a flat face mirrors. Without it the relief of all places may be the same.
     """
     line, relief_m, scale, log_evidence = face.line, points.config.wall_relief_m, 1.0, np.nan
-    if mirrored is None or line.bend is not None:
+    if mirrored is None or mirrored.kind != "wall" or line.bend is not None:
         scale = max(float(np.median(points.squares(line, rows))) / _CHI2_MEDIAN, 1.0)
         covariance = line.covariance * scale + np.diag([0.0, relief_m**2])
     else:
         log_evidence, covariance = mirrored.log_evidence, mirrored.parameter_covariance[:2, :2]
         line = FaceLine(mirrored.parameter[:2], covariance, line.seen_m)
-        if len(face.parts_m) == 1:
+        if len(face.parts_m) == 1 and face.is_open(mirrored.parameter[2:]).all():
             places = points.places(line, face.scattered)
             return [(longer_wall(mirrored, places.place_m, places.variance_m2), rows)]
     places = points.places(line, rows)
     outside = np.maximum(face.parts_m[:, :1] - places.place_m, places.place_m - face.parts_m[:, 1:])
-    part, found = outside.argmin(axis=0), []
-    for k in np.unique(part):
+    is_seen, found = face.is_open(places.place_m), []
+    part = np.where(is_seen, outside.argmin(axis=0), -1)
+    for k in np.unique(part[is_seen]):
         own = places.of(part == k)
         shape = scattering_wall(line.parameter, covariance, own.place_m, own.variance_m2, log_evidence)
         if line.bend is not None:
