@@ -148,9 +148,8 @@ def _validated(data: Any, model: type[M], source: str, validate: Callable[[Any],
         problems = error.errors(include_url=False)
         rest = len(problems) - 1
         more = f" (and {rest} more {'error' if rest == 1 else 'errors'})" if rest else ""
-        raise ConfigError(
-            f"{source}: {_sentence(problems[0], data)}{more}"
-        ) from None  # its own traceback tells no more
+        message = f"{source}: {_sentence(problems[0], data)}{more}"
+        raise ConfigError(message) from None  # its own traceback tells no more
 
 
 def _sentence(problem: ErrorDetails, data: dict[str, Any]) -> str:

@@ -39,11 +39,6 @@ class Face:
         first, last = self.parts_m[:, 0] - reach_m, self.parts_m[:, 1] + reach_m
         return np.asarray(((place_m[..., None] >= first) & (place_m[..., None] <= last)).any(axis=-1))
 
-    def is_open(self, place_m: FloatArray) -> BoolArray:
-        """Whether places (...) along the face are between those where lines of sight pass through its line."""
-        first, last = self.line.between_m
-        return np.asarray((place_m > first) & (place_m < last))
-
     def is_flush(self, circle: Optimum, receivers_m: FloatArray, relief_m: float) -> bool:
         """Whether a circle between the ends of the face touches it from behind: a patch of it that scatters.
 
@@ -90,12 +85,12 @@ def part_walls(
     else:
         log_evidence, covariance = mirrored.log_evidence, mirrored.parameter_covariance[:2, :2]
         line = FaceLine(mirrored.parameter[:2], covariance, line.seen_m)
-        if len(face.parts_m) == 1 and face.is_open(mirrored.parameter[2:]).all():
+        if len(face.parts_m) == 1 and face.line.is_between(mirrored.parameter[2:]).all():
             places = points.places(line, face.scattered)
             return [(longer_wall(mirrored, places.place_m, places.variance_m2), rows)]
     places = points.places(line, rows)
     outside = np.maximum(face.parts_m[:, :1] - places.place_m, places.place_m - face.parts_m[:, 1:])
-    is_seen, found = face.is_open(places.place_m), []
+    is_seen, found = face.line.is_between(places.place_m), []
     part = np.where(is_seen, outside.argmin(axis=0), -1)
     for k in np.unique(part[is_seen]):
         own = places.of(part == k)

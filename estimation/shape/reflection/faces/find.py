@@ -231,10 +231,12 @@ class FaceSearch:
                 continue
             place = self.points.places_m(face.line, member)
             is_on = face.covers(place, PATH_REACH_M)
-            evidence, near = along_face(face.line, self.points.places(face.line, rows), self.config)
             is_like = np.mean(is_on & (self.points.squares(face.line, member) < ONE_GATE)) > 0.5
             is_flush = face.is_flush(found, self.data.rx_state[rows, :2], self.config.wall_relief_m)
-            if is_flush or (is_like and found.log_evidence < evidence + _IN_FACE_NAT):
+            if not (is_like or is_flush):
+                continue
+            evidence, near = along_face(face.line, self.points.places(face.line, rows), self.config)
+            if is_flush or found.log_evidence < evidence + _IN_FACE_NAT:
                 scattered = np.union1d(face.scattered, rows[near])
                 face = self._taken(replace(face, objects=(*face.objects, k), scattered=scattered))
         return face

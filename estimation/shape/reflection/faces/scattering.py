@@ -79,8 +79,11 @@ class FaceLine(NamedTuple):
         first, last = self.seen_m
         beyond = np.maximum(np.maximum(first - place_m, place_m - last), 0.0)
         density = -np.log(last - first + np.sqrt(2 * np.pi) * reach_m) - 0.5 * (beyond / reach_m) ** 2
-        is_open = (place_m > self.between_m[0]) & (place_m < self.between_m[1])
-        return np.asarray(np.where(is_open, density, -np.inf))
+        return np.asarray(np.where(self.is_between(place_m), density, -np.inf))
+
+    def is_between(self, place_m: FloatArray) -> BoolArray:
+        """Whether places (...) are between those where lines of sight pass through the line."""
+        return np.asarray((place_m > self.between_m[0]) & (place_m < self.between_m[1]))
 
 
 class Places(NamedTuple):
