@@ -16,6 +16,7 @@ from scipy.linalg import lapack
 from scenes.record import FloatArray
 
 _COUPLING = 2  # a stop is coupled to this many later stops
+_ROUNDING = (0.0, 1e-15, 1e-14, 1e-13, 1e-12)  # relative growth of the diagonal, one after the other
 
 
 @dataclass(frozen=True)
@@ -88,11 +89,19 @@ class ArrowSystem:
         return np.asarray(solved)
 
     def _factor(self) -> FloatArray:
-        """Cholesky factor of B in banded form. `LinAlgError` where B is not positive definite."""
-        factor, order = lapack.dpbtrf(self._banded(), overwrite_ab=1)
-        if order:
-            raise np.linalg.LinAlgError(f"the block of stop {(order - 1) // self._size} is not positive definite")
-        return np.asarray(factor)
+        """Cholesky factor of B in banded form. `LinAlgError` where B is not positive definite.
+
+        Where one path tells 1e16 times more of a stop than the rest, rounding alone can make B indefinite. Then
+        its diagonal grows by as little as helps.
+        """
+        order = 0
+        for growth in _ROUNDING:
+            banded = self._banded()
+            banded[-1] *= 1 + growth
+            factor, order = lapack.dpbtrf(banded, overwrite_ab=1)
+            if not order:
+                return np.asarray(factor)
+        raise np.linalg.LinAlgError(f"the block of stop {(order - 1) // self._size} is not positive definite")
 
     def _banded(self) -> FloatArray:
         """B in the upper banded form of scipy.linalg."""

@@ -46,3 +46,27 @@ def test_solution_and_marginals_are_those_of_the_dense_matrix(n, shared):
         np.testing.assert_allclose(blocks[k], inverse[4 * k : 4 * k + 4, 4 * k : 4 * k + 4], rtol=1e-6)
     np.testing.assert_allclose(corner, inverse[4 * n :, 4 * n :], rtol=1e-6)
     assert system.log_determinant() == pytest.approx(np.linalg.slogdet(dense)[1])
+
+
+def one_strong_row(strength: float) -> ArrowSystem:
+    """Unknowns of a stop that a single path tells of, beside a weak prior."""
+    row = np.array([0.6, -0.5, 0.6, 0.2])
+    block = np.eye(4) * 1e-2 + strength * np.outer(row, row)
+    none = np.empty((0, 4, 4))
+    return ArrowSystem(
+        block[None], none, none, np.empty((1, 4, 0)), np.empty((0, 0)), row[None], np.empty(0)
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("strength", [1e15, 1e16, 1e17, 1e18])
+def test_a_path_that_tells_far_more_than_the_rest_breaks_no_solution(strength):
+    system = one_strong_row(strength)
+    states, _ = system.solve()
+    assert np.abs(system.diagonal[0] @ states[0] + system.gradient[0]).max() < 1e-2
+    assert np.isfinite(system.log_determinant())
+
+
+def test_a_matrix_that_is_indefinite_by_more_than_rounding_is_refused():
+    system = one_strong_row(-1.0)
+    with pytest.raises(np.linalg.LinAlgError, match="stop 0 is not positive definite"):
+        system.solve()
