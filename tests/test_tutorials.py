@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from markdown_it import MarkdownIt
 
-from isac_arena.campaign.directory import StopEstimate
 from isac_arena.campaign.files import write_record
+from isac_arena.campaign.results import StopEstimate
 from isac_arena.validation.scenarios.perfect_campaign import make_campaign
 from tests.command_line import ROOT, arena_here
 

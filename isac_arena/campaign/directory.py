@@ -4,6 +4,7 @@
     scene_files/        floor plans and meshes that the scene names
     truth/stop_000.nc   paths, RX pose, clock           sweep/stop_000.nc    samples, when kept
     channel/stop_000.nc paths as estimated              map/NAME.nc  poses, incidence points, shapes, contours
+    truth/stops_000-255.zip, channel/...                the same files of many stops: `shards.py`
     channel/calibration.nc  arrays as self-calibrated, where asked for
     scores.json, provenance.nc, report.html, figures/
 
@@ -24,11 +25,10 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
 
-from estimation.channel.beam_power_map import BeamPowerMap, beam_power_map
+from estimation.channel.beam_power_map import beam_power_map
 from estimation.channel.calibration.record import Calibration
 from estimation.channel.record import ChannelEstimate, EstimateStatus
 from isac_arena.campaign.config import CampaignConfig
-from isac_arena.campaign.difference import first_difference, line_difference
 from isac_arena.campaign.files import (
     read_attribute,
     read_record,
@@ -42,10 +42,12 @@ from isac_arena.campaign.files import (
 from isac_arena.campaign.integrity import code_digest, digest
 from isac_arena.campaign.load import campaign_scene
 from isac_arena.campaign.measured import MeasuredTruth
-from isac_arena.campaign.results import MapName, MapResult
+from isac_arena.campaign.results import MapName, MapResult, StopEstimate
+from isac_arena.campaign.shards import Stored, places, stop_name
 from isac_arena.scoring.metrics.metric import to_json
 from isac_arena.scoring.record import ScoreTables
 from isac_arena.scoring.score import Scores
+from isac_arena.setting_differences import first_difference, line_difference
 from isac_arena.user_functions.room import functions_digest
 from scenes.inputs import LARGEST_TEXT, read_input
 from scenes.names import path_in
@@ -64,14 +66,6 @@ RECORDED = "samples of "  # start of `measured` where a campaign holds recorded 
 FAILED = " failed"  # end of the fingerprint of a stop at which a user's function failed
 FOLDERS = ("truth", "sweep", "channel", "map", "figures")
 R = TypeVar("R", bound=Record)
-
-
-@dataclass(frozen=True)
-class StopEstimate(Record):
-    """One channel file: the paths of a stop and its beam power map."""
-
-    channel: ChannelEstimate
-    power_map: BeamPowerMap
 
 
 @dataclass(frozen=True)
@@ -162,10 +156,10 @@ class CampaignStore:
         campaign = self.config.model_dump(mode="json")
         settings = {"measured": self.measured, "campaign": campaign}
         for name, content in self.scene_files.items():
-            write_bytes(self._root / path_in(Path(), name), content)
-        write_text(self._root / "scene.toml", self.scene_text)
-        write_json(self._root / "campaign.json", settings)
-        for root in {self.directory, self._root}:
+            write_bytes(self.root / path_in(Path(), name), content)
+        write_text(self.root / "scene.toml", self.scene_text)
+        write_json(self.root / "campaign.json", settings)
+        for root in {self.directory, self.root}:
             for name in ("", *FOLDERS, KEPT_FOLDER):
                 remove_leftovers(root / name)
 
@@ -175,7 +169,7 @@ class CampaignStore:
 
     def has_truth(self, stop: int) -> bool:
         """Whether the truth of a stop is stored."""
-        return self._current(self.stop_file("truth", stop), self.truth_fingerprint) is not None
+        return self.current(self.stop_file("truth", stop), self.truth_fingerprint) is not None
 
     def measured_truth(self, stop: int) -> MeasuredTruth | None:
         """What is known about a measured stop, or None where it was not imported."""
@@ -183,7 +177,7 @@ class CampaignStore:
 
     def has_sweep(self, stop: int) -> bool:
         """Whether the samples of a stop are stored."""
-        return self._current(self.stop_file("sweep", stop), self.truth_fingerprint) is not None
+        return self.current(self.stop_file("sweep", stop), self.truth_fingerprint) is not None
 
     def write_truth(self, truth: Truth | MeasuredTruth) -> None:
         """Store the truth of a stop; scores made before are dropped."""
@@ -204,7 +198,7 @@ class CampaignStore:
 
     def has_channel(self, stop: int) -> bool:
         """Whether the channel estimate of a stop is stored; one that failed is tried again."""
-        return self._current(self.stop_file("channel", stop), self.channel_fingerprint) is not None
+        return self.current(self.stop_file("channel", stop), self.channel_fingerprint) is not None
 
     def write_channel(self, estimate: StopEstimate) -> None:
         """Store the channel estimate of a stop; scores made before are dropped."""
@@ -243,22 +237,22 @@ class CampaignStore:
     def write_scores(self, scores: Scores) -> None:
         """Store the tables behind the scores, then the metrics; a report made before is dropped."""
         self.write("provenance.nc", scores.tables, self.score_fingerprint)
-        write_json(self._root / "scores.json", to_json(scores.metrics))
+        write_json(self.root / "scores.json", to_json(scores.metrics))
 
     def write_report(self, page: str, pictures: Mapping[str, bytes]) -> None:
         """Store the figures, then the page."""
-        figures = self._root / "figures"
+        figures = self.root / "figures"
         for name, picture in pictures.items():
             write_bytes(path_in(figures, f"{name}.png"), picture)
         for old in figures.glob("*.png"):
             if old.stem not in pictures:
                 remove_file(old)
-        write_text(self._root / "report.html", page)
+        write_text(self.root / "report.html", page)
 
     def drop_results(self) -> None:
         """Remove scores and report, which an upstream change made stale."""
         for name in RESULTS:
-            remove_file(self._root / name)
+            remove_file(self.root / name)
 
     def _difference(self, held: CampaignStore) -> str | None:
         """The first difference to the stored campaign, the user's functions excepted; None for none."""
@@ -274,8 +268,8 @@ class CampaignStore:
         return f"{changed[0]} differs" if changed else None
 
     def stop_file(self, kind: str, stop: int) -> str:
-        """Name of the file of a stop, with that of the TX where there are several."""
-        return f"{kind}/stop_{stop:03d}{self.tx}.nc"
+        """Name of the file of a stop, with that of the TX where there are several; it may be in a shard."""
+        return f"{kind}/{stop_name(stop, self.tx)}"
 
     @property
     def _scene_digest(self) -> str:
@@ -288,27 +282,27 @@ class CampaignStore:
         return names <= {"scene.toml", KEPT_FOLDER}
 
     @property
-    def _root(self) -> Path:
+    def root(self) -> Path:
         """The folder that is written."""
         return self.directory if self.side is None else self.side
 
     def read(self, name: str, kind: type[R], fingerprint: str) -> R | None:
         """The record in a file with this fingerprint, None where there is none."""
-        path = self._current(name, fingerprint)
-        return None if path is None else read_record(path, kind)
+        stored = self.current(name, fingerprint)
+        return None if stored is None else read_record(stored, kind)
 
-    def _current(self, name: str, fingerprint: str) -> Path | None:
+    def current(self, name: str, fingerprint: str) -> Stored | None:
         """The file of that name with this fingerprint; None where there is none."""
-        for folder in dict.fromkeys((self._root, self.directory)):
-            path = folder / name
-            if path.is_file() and read_attribute(path, "fingerprint") == fingerprint:
-                return path
+        for folder in dict.fromkeys((self.root, self.directory)):
+            for stored in places(folder / name):
+                if stored.is_file() and read_attribute(stored, "fingerprint") == fingerprint:
+                    return stored
         return None
 
     def write(self, name: str, record: Record, fingerprint: str) -> None:
         """Store a record with its fingerprint; scores made before are dropped."""
         self.drop_results()
-        write_record(self._root / name, record, {"title": self.config.name, "fingerprint": fingerprint})
+        write_record(self.root / name, record, {"title": self.config.name, "fingerprint": fingerprint})
 
 
 def check_is_campaign(directory: Path) -> None:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from isac_arena.campaign.netcdf import from_netcdf, global_attribute, to_netcdf
+from isac_arena.campaign.shards import Member, Stored
 from scenes.arguments import need
 from scenes.record import Record
 
@@ -134,15 +135,15 @@ def write_record(path: Path, record: Record, attributes: Mapping[str, str] | Non
     write_bytes(path, to_netcdf(record, attributes or {}))
 
 
-def read_record(path: str | Path, kind: type[R]) -> R:
-    """Read a record of the given type from a file written by `write_record`.
+def read_record(path: str | Stored, kind: type[R]) -> R:
+    """Read a record of the given type from a file written by `write_record`, or from one in a shard.
 
     Raises `FileNotFoundError` where the file is missing; `ValueError` where the file is damaged, has changed
     since it was written, or holds something else.
     """
-    need("path", path, str, Path)
+    need("path", path, str, Path, Member)
     need("kind", kind, type)
-    path = Path(path)
+    path = Path(path) if isinstance(path, str) else path
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such file")
     try:
@@ -152,7 +153,7 @@ def read_record(path: str | Path, kind: type[R]) -> R:
         raise ValueError(f"{path}: not a readable {kind.__name__} file ({reason})") from error
 
 
-def read_attribute(path: Path, name: str) -> str | None:
+def read_attribute(path: Stored, name: str) -> str | None:
     """A global attribute of a netCDF file; None where the file or the attribute is missing or unreadable."""
     try:
         return global_attribute(path, name)

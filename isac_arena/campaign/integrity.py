@@ -30,8 +30,13 @@ def add_seal(content: bytes) -> bytes:
 
 def is_sealed(path: Path) -> bool:
     """Whether a file is, byte by byte, as `add_seal` made it; `OSError` where it cannot be read."""
-    content = memoryview(read_input(path))
-    return content[-SEAL_BYTES:] == _seal(content[:-SEAL_BYTES])
+    return has_seal(read_input(path))
+
+
+def has_seal(content: bytes) -> bool:
+    """Whether the bytes of a file are as `add_seal` made them."""
+    whole = memoryview(content)
+    return whole[-SEAL_BYTES:] == _seal(whole[:-SEAL_BYTES])
 
 
 def _seal(content: bytes | memoryview) -> bytes:

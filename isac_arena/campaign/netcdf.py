@@ -17,7 +17,8 @@ from typing import Any, TypeVar, get_args, get_type_hints
 import h5py
 import numpy as np
 
-from isac_arena.campaign.integrity import add_seal, is_sealed
+from isac_arena.campaign.integrity import add_seal, has_seal, is_sealed
+from isac_arena.campaign.shards import Stored
 from scenes.memory import ask_memory, limited_memory
 from scenes.record import Record, columns, is_optional
 
@@ -39,26 +40,27 @@ def to_netcdf(record: Record, attributes: Mapping[str, str]) -> bytes:
     return add_seal(buffer.getvalue())
 
 
-def from_netcdf(path: Path, kind: type[R]) -> R:
-    """The record of the given type in a netCDF-4 file made by `to_netcdf`.
+def from_netcdf(stored: Stored, kind: type[R]) -> R:
+    """The record of the given type in a netCDF-4 file made by `to_netcdf`, or in one that is in a shard.
 
     Raises `OSError`, `KeyError` or `ValueError` where the file is damaged or holds something else.
     """
-    with _open(path) as file:
+    with _open(stored) as file:
         return _read_group(file, kind)
 
 
-def global_attribute(path: Path, name: str) -> str | None:
+def global_attribute(stored: Stored, name: str) -> str | None:
     """A global attribute of a file made by `to_netcdf`, None where it has none; raises as `from_netcdf`."""
-    with _open(path) as file:
+    with _open(stored) as file:
         value = file.attrs.get(name)
     return None if value is None else str(value)
 
 
-def _open(path: Path) -> h5py.File:
-    if not is_sealed(path):
+def _open(stored: Stored) -> h5py.File:
+    content = b"" if isinstance(stored, Path) else stored.content()
+    if not (is_sealed(stored) if isinstance(stored, Path) else has_seal(content)):
         raise ValueError("its content is not what was written")
-    return h5py.File(path, "r")
+    return h5py.File(BytesIO(content) if content else stored, "r")
 
 
 def _write_group(group: h5py.Group, record: Record) -> None:

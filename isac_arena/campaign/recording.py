@@ -22,6 +22,7 @@ from isac_arena.campaign.manifest import (
     read_manifest,
     write_manifest,
 )
+from isac_arena.campaign.shards import is_whole_shard
 from isac_arena.workers.threads import one_thread
 
 PASSING = "signals"  # a folder of a sweep whose files are removed after use
@@ -123,4 +124,4 @@ def _is_whole(file: Path) -> bool:
             return bool(read_manifest(file.parent).files)
         except ValueError:
             return False
-    return file.suffix == ".nc" and is_sealed(file)
+    return (file.suffix == ".nc" and is_sealed(file)) or is_whole_shard(file)

@@ -20,6 +20,14 @@ MapName = Literal["mapping", "slam"]
 
 
 @dataclass(frozen=True)
+class StopEstimate(Record):
+    """One channel file: the paths of a stop and its beam power map."""
+
+    channel: ChannelEstimate
+    power_map: BeamPowerMap
+
+
+@dataclass(frozen=True)
 class MapResult(Record):
     """A map of the scene, from mapping or from SLAM.
 

@@ -15,6 +15,7 @@ from isac_arena.campaign.directory import RESULTS, CampaignStore
 from isac_arena.campaign.files import remove_file, take_over
 from isac_arena.campaign.integrity import file_digest
 from isac_arena.campaign.manifest import MANIFEST, PARTIAL, read_manifest
+from isac_arena.campaign.shards import replaced_by
 
 
 @contextmanager
@@ -58,7 +59,7 @@ def _swap_in(side: Path, directory: Path) -> None:
     is_other = settings.name in files and files[settings.name].read_bytes() != settings.read_bytes()
     before = read_manifest(directory).files
     is_new = any(
-        name.endswith(".nc") and before.get(name, {}).get("sha256") != file_digest(file)
+        name.endswith((".nc", ".zip")) and before.get(name, {}).get("sha256") != file_digest(file)
         for name, file in files.items()
     )
     stale = [name for name in RESULTS if is_other or is_new]
@@ -69,4 +70,6 @@ def _swap_in(side: Path, directory: Path) -> None:
             remove_file(directory / name)
     for name, file in files.items():
         take_over(file, directory / name)
+        for single in replaced_by(directory / name):
+            remove_file(single)
     shutil.rmtree(side, ignore_errors=True)

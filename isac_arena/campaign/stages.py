@@ -17,11 +17,13 @@ from isac_arena.campaign.manifest import MANIFEST, SETTINGS, check_unchanged
 from isac_arena.campaign.plan import RunPlan, check_elevations, plan_run
 from isac_arena.campaign.recording import recorded_run
 from isac_arena.campaign.results import MAP_STEPS, CampaignResults
+from isac_arena.campaign.shards import STOPS_A_SHARD
 from isac_arena.campaign.side import swapped_in
 from isac_arena.campaign.stored import (
     channel_estimates,
     known_stops,
     measured_truths,
+    pack_stops,
     present,
     stored_results,
     stored_truths,
@@ -195,12 +197,15 @@ def _each_stop(stops: StopRun, makers: StopMakers, description: str) -> list[Est
     with working(console, "self-calibration"):
         stops.run.calibrate()
     with progress_bar(console) as progress, closing(make_stops(stops, makers, progress.console.print)) as made:
-        for one in progress.track(made, len(stops.run.chosen_stops), description=description):
+        for number, one in enumerate(progress.track(made, len(stops.run.chosen_stops), description=description)):
+            if number % STOPS_A_SHARD == 0:
+                pack_stops(stops.store)
             counts += one.counts
             if one.failure is not None:
                 failures.append(one.failure)
                 if len(failures) <= SHOWN_FAILURES:
                     _print_failure(one.failure, progress.console)
+    pack_stops(stops.store)
     if more := max(len(failures) - SHOWN_FAILURES, 0):
         console.print(f"failed: {counted(more, 'more stop', 'more stops')}; the report has them all")
     for line in counts.lines:

@@ -3,23 +3,54 @@
 All raise `ValueError` in one line where a file is missing, damaged or out of date.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import TypeVar
 
 from estimation.channel.record import ChannelEstimate
 from estimation.slam.transmitters import joined_paths
 from isac_arena.campaign.campaign import link_stores
-from isac_arena.campaign.directory import CampaignStore, StopEstimate
-from isac_arena.campaign.files import read_attribute
+from isac_arena.campaign.directory import FAILED, CampaignStore
+from isac_arena.campaign.files import complete_file, read_attribute, remove_file
 from isac_arena.campaign.manifest import remedy
 from isac_arena.campaign.measured import MeasuredTruth, with_clock
-from isac_arena.campaign.results import CampaignResults, MapName, MapResult
+from isac_arena.campaign.results import CampaignResults, MapName, MapResult, StopEstimate
+from isac_arena.campaign.shards import Stored, blocks, replaced_by, shard_name, write_shard
 from sim.links import tx_links
 from sim.signal.hardware.apply_impairments import with_surveyed_pose
 from sim.truth import Truth
 
 T = TypeVar("T")
+
+
+def pack_stops(store: CampaignStore) -> None:
+    """Put the truths and channel estimates of a long campaign into shards, where a block of stops is complete."""
+    for each, own_stops in link_stores(store):
+        kinds = {"truth": [each.truth_fingerprint], "channel": [each.channel_fingerprint]}
+        kinds["channel"].append(f"{each.channel_fingerprint}{FAILED}")
+        for block in blocks(len(store.scene.stops)):
+            stops = [stop for stop in block if stop in own_stops]
+            for kind, fingerprints in kinds.items():
+                names = [each.stop_file(kind, stop) for stop in stops]
+                if any((each.root / name).is_file() for name in names):
+                    found = {Path(name).name: _found(each, name, fingerprints) for name in names}
+                    _write_shard(each.root / kind / shard_name(block[0], each.tx), found)
+
+
+def _found(store: CampaignStore, name: str, fingerprints: Sequence[str]) -> Stored | None:
+    return next((found for one in fingerprints if (found := store.current(name, one)) is not None), None)
+
+
+def _write_shard(path: Path, files: Mapping[str, Stored | None]) -> None:
+    """Write a shard and remove the files whose place it takes; nothing where a file is missing."""
+    there = [(name, one) for name, one in files.items() if one is not None]
+    if len(there) < len(files):
+        return
+    with complete_file(path) as partial:
+        write_shard(partial, there)
+    for file in replaced_by(path):
+        remove_file(file)
 
 
 def stored_truths(store: CampaignStore, n_stops: int) -> Iterator[Truth]:

@@ -13,10 +13,10 @@ import typer
 from isac_arena.cli.options import with_clock
 
 if TYPE_CHECKING:
-    from isac_arena.campaign.difference import SettingDifference
     from isac_arena.insight.comparison.runs import RunComparison
     from isac_arena.scoring.metrics.metric import Metric
     from isac_arena.scoring.record import ScoreTables
+    from isac_arena.setting_differences import SettingDifference
 
 SHOWN_KEYS = 4  # of the scores that one run alone has
 
@@ -133,7 +133,7 @@ def read_metrics(directory: Path) -> tuple[Metric, ...]:
 
 def changed_settings(first: Run, second: Run) -> list[SettingDifference]:
     """Settings, then fields of the scene, that are not the same in both runs."""
-    from isac_arena.campaign.difference import setting_differences  # noqa: PLC0415
+    from isac_arena.setting_differences import setting_differences  # noqa: PLC0415
 
     changed = setting_differences(first.settings, second.settings)
     if first.scene is not None and second.scene is not None:

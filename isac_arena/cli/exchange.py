@@ -72,6 +72,7 @@ def export_sigmf(
     """Write the received samples of beam pairs as a SigMF recording, one annotated burst per pair."""
     from isac_arena.campaign import stages  # noqa: PLC0415
     from isac_arena.campaign.recording import recorded_additions  # noqa: PLC0415
+    from isac_arena.campaign.shards import shard_name, stop_name  # noqa: PLC0415
     from isac_arena.exchange.sigmf_recording import write_sigmf  # noqa: PLC0415
     from sim.signal.link import make_link  # noqa: PLC0415
     from sim.signal.waveform.occasions import slot_of_beam  # noqa: PLC0415
@@ -80,7 +81,8 @@ def export_sigmf(
     from sim.simulate import observe  # noqa: PLC0415
     from sim.transmitters import refuse_several_tx  # noqa: PLC0415
 
-    store = stages.reopen(directory, reads=[f"{kind}/stop_{stop:03d}.nc" for kind in stages.SAMPLES])
+    names = (stop_name(stop), shard_name(stop))
+    store = stages.reopen(directory, reads=[f"{kind}/{name}" for kind in stages.SAMPLES for name in names])
     refuse_several_tx(store.config, store.scene, "arena export-sigmf")
     sweep = store.sweep(stop)
     if sweep is None:

@@ -16,7 +16,7 @@ from estimation.channel.beam_power_map import BeamPowerMap
 from estimation.channel.record import ChannelEstimate
 from estimation.slam.config import MappingConfig, PathLoss, PathNoise, SnapshotConfig
 from isac_arena.campaign.config import CampaignConfig
-from isac_arena.campaign.directory import CampaignStore, StopEstimate
+from isac_arena.campaign.directory import CampaignStore
 from isac_arena.campaign.load import SceneSource, read_scene_source
 from isac_arena.campaign.lock import one_run
 from isac_arena.campaign.measured import (
@@ -29,6 +29,7 @@ from isac_arena.campaign.measured import (
     measured_campaign,
 )
 from isac_arena.campaign.recording import recorded_run
+from isac_arena.campaign.results import StopEstimate
 from isac_arena.campaign.side import swapped_in
 from isac_arena.exchange.mat import is_layout, read_layout
 from isac_arena.exchange.path_table import measured_file, read_table

@@ -11,10 +11,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from isac_arena.campaign.difference import first_difference, line_difference
 from isac_arena.campaign.files import remove_file, remove_leftovers, write_json, write_text
 from isac_arena.campaign.integrity import file_digest
 from isac_arena.campaign.manifest import check_unchanged, read_manifest
+from isac_arena.setting_differences import first_difference, line_difference
 from isac_arena.sweep.config import SweepConfig
 from isac_arena.sweep.job import CASE_FILES, Job
 from scenes.inputs import read_input

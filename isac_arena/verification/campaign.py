@@ -11,9 +11,10 @@ from estimation.channel.beam_power_map import beam_power_map
 from isac_arena.campaign import stages
 from isac_arena.campaign.campaign import link_stores
 from isac_arena.campaign.chain.inputs import known_receiver
-from isac_arena.campaign.directory import CampaignStore, StopEstimate, open_campaign
+from isac_arena.campaign.directory import CampaignStore, open_campaign
 from isac_arena.campaign.driver import CampaignRun
-from isac_arena.campaign.results import MapName, MemoryResults
+from isac_arena.campaign.results import MapName, MemoryResults, StopEstimate
+from isac_arena.campaign.shards import Stored, places
 from isac_arena.campaign.stored import channel_estimates, known_stops, stored_results
 from isac_arena.scoring.metrics.metric import to_json
 from isac_arena.user_functions.errors import EstimatorError
@@ -26,10 +27,10 @@ from sim.truth import Truth
 class StoredCampaign(CampaignStore):
     """A campaign directory whose files count as current whatever version of the code made them."""
 
-    def _current(self, name: str, fingerprint: str) -> Path | None:
+    def current(self, name: str, fingerprint: str) -> Stored | None:
+        """The file of that name, of any version."""
         del fingerprint
-        path = self.directory / name
-        return path if path.is_file() else None
+        return next((stored for stored in places(self.directory / name) if stored.is_file()), None)
 
 
 class RecomputedResults(MemoryResults):

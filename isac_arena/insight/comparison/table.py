@@ -14,9 +14,9 @@ from rich.table import Table
 from isac_arena.insight.comparison.difference import MIN_GROUPS
 
 if TYPE_CHECKING:
-    from isac_arena.campaign.difference import SettingDifference
     from isac_arena.insight.comparison.difference import PairedDifference
     from isac_arena.insight.comparison.runs import RunComparison
+    from isac_arena.setting_differences import SettingDifference
 
 COLORS = {"better": "green", "worse": "bold red", "different": "magenta", "same": "dim", "undecided": "dim"}
 LONGEST_VALUE = 160

@@ -14,11 +14,11 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from isac_arena.campaign.directory import StopEstimate
 from isac_arena.campaign.files import read_record
 from isac_arena.campaign.load import LIBRARY as CAMPAIGNS
 from isac_arena.campaign.load import resolve_campaign
 from isac_arena.campaign.manifest import read_manifest
+from isac_arena.campaign.results import StopEstimate
 from isac_arena.cli.main import app
 from isac_arena.scoring.record import ScoreTables
 from isac_arena.sweep.cases import design_points

@@ -1,4 +1,4 @@
-from isac_arena.campaign.difference import first_difference, line_difference, setting_differences
+from isac_arena.setting_differences import first_difference, line_difference, setting_differences
 
 
 def test_fields_go_by_their_path_and_tables_by_their_name() -> None:
