@@ -300,9 +300,11 @@ def _page_payload(
 ) -> dict[str, Any]:
     """The data of the report page; a measured campaign has no true paths."""
     from isac_arena.report.page.payload.campaign import report_payload  # noqa: PLC0415  (brings matplotlib)
+    from isac_arena.report.page.payload.thinning import drawn_stops  # noqa: PLC0415
 
     name, n_stops = store.config.name, len(scene.stops)
-    truths = stored_truths(store, n_stops) if store.measured is None else ()
+    drawn = drawn_stops(results) if store.measured is None else ()
+    truths = stored_truths(store, n_stops, drawn)
     check_unchanged(store.directory / BUDGET_FILE.parent, [BUDGET_FILE.name])
     budget, txs = read_budget(store.directory, name), link_nodes(store.config, scene)
     return report_payload(name, scene, results, tables, truths, budget, txs, uplink_names(store.config, scene))

@@ -53,10 +53,13 @@ def _write_shard(path: Path, files: Mapping[str, Stored | None]) -> None:
         remove_file(file)
 
 
-def stored_truths(store: CampaignStore, n_stops: int) -> Iterator[Truth]:
-    """The stored truth of every stop, of several links one after the other; `ValueError` where one is missing."""
+def stored_truths(store: CampaignStore, n_stops: int, chosen: Sequence[int] | None = None) -> Iterator[Truth]:
+    """The stored truth of every stop or of some, of several links one after the other.
+
+    `ValueError` where one is missing.
+    """
     stores = link_stores(store)
-    for stop in range(n_stops):
+    for stop in range(n_stops) if chosen is None else chosen:
         for number, (each, stops) in enumerate(stores):
             if stop not in stops:
                 continue

@@ -12,8 +12,10 @@ from hypothesis.extra.numpy import arrays
 
 from isac_arena.report.figures.bands import contour_curve, normals, shape_curve
 from isac_arena.report.page.budget_file import BUDGET_FILE, read_budget
+from isac_arena.report.page.payload import thinning
 from isac_arena.report.page.payload.campaign import report_payload
 from isac_arena.report.page.payload.numbers import POWER_LEVELS, POWER_STEP_DB, number, quantised_power, rounded
+from isac_arena.report.page.payload.thinning import drawn_stops
 from isac_arena.scoring.config import Significance
 from isac_arena.scoring.record import PathStatus
 from isac_arena.scoring.score import score_campaign
@@ -197,3 +199,25 @@ def test_true_paths_stand_at_the_angles_that_their_estimates_report(campaign, tr
     np.testing.assert_allclose(
         np.deg2rad(payload["true"][4]["aod_deg"]), wrap_angle(significant.aod_azimuth_rad), atol=1e-5
     )
+
+
+def test_a_long_campaign_draws_evenly_spaced_stops_and_all_contours(campaign, true_power, monkeypatch):
+    tables = scored(campaign, campaign.results, true_power)
+    whole = report_payload("x", campaign.scene, campaign.results, tables, campaign.truths)
+    assert drawn_stops(campaign.results) == [estimate.stop for estimate in campaign.results.channel]
+    monkeypatch.setattr(thinning, "MOST_BYTES", 0.0)
+    drawn = drawn_stops(campaign.results)
+    assert drawn == [campaign.results.channel[0].stop, campaign.results.channel[-1].stop]
+    thin = report_payload("x", campaign.scene, campaign.results, tables, campaign.truths)
+    rows = [whole["stops"]["stop"].index(stop) for stop in drawn]
+    assert thin["n_stops"] == whole["n_stops"] == len(whole["stops"]["stop"]) and thin["stops"]["stop"] == drawn
+    for name in ("estimated", "true"):
+        assert thin[name] == [whole[name][row] for row in rows]
+    for name, part in thin["maps"].items():
+        all_ips, ips = whole["maps"][name]["ips"], part["ips"]
+        kept = [index for index, stop in enumerate(all_ips["stop"]) if stop in drawn]
+        assert 0 < len(kept) < len(all_ips["stop"])
+        assert ips["path"] == [all_ips["path"][index] for index in kept]
+        assert ips["xy"] == [all_ips["xy"][2 * index + axis] for index in kept for axis in range(2)]
+        assert len(ips["ours"]) == len(ips["nees"]) == len(kept)
+        assert part["contours"] == whole["maps"][name]["contours"]

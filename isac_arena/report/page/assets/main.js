@@ -23,7 +23,13 @@ function stopControl() {
   const turn = (step) => () => select({ row: (state.row + step + data.stops.stop.length) % data.stops.stop.length });
   onChange(() => { list.value = state.row; });
   return html("span", { class: "joined" }, html("button", { type: "button", id: "stop-before", "aria-label": "Stop before", onclick: turn(-1) }, "‹"),
-    list, html("button", { type: "button", id: "stop-after", "aria-label": "Next stop", onclick: turn(1) }, "›"));
+    list, html("button", { type: "button", id: "stop-after", "aria-label": "Next stop", onclick: turn(1) }, "›"), thinned());
+}
+
+/** What a long campaign leaves out. */
+function thinned() {
+  const shown = data.stops.stop.length;
+  return shown < data.n_stops ? html("span", {}, ` ${shown} of ${data.n_stops} stops are drawn; the scores are of all.`) : "";
 }
 
 function objectControl() {

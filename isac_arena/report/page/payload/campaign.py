@@ -14,6 +14,7 @@ from isac_arena.report.figures.plan import plan_view
 from isac_arena.report.page.payload.maps import map_payload
 from isac_arena.report.page.payload.numbers import POWER_STEP_DB, number, quantised_power, rounded, significant
 from isac_arena.report.page.payload.paths import estimated_paths, true_paths
+from isac_arena.report.page.payload.thinning import drawn_stops
 from isac_arena.report.page.payload.tracks import track_payload
 from isac_arena.scoring.record import PoseScores, ScoreTables
 from isac_arena.scoring.words import WORDS
@@ -39,17 +40,19 @@ def report_payload(
     """All data of the page, ready for JSON: lengths in m, delays in ns, angles in deg, powers in dBm.
 
     Numbers are rounded to the resolution of a screen. Points are flat lists of x and y. None stands for an unknown
-    value. Rows of stops, paths, incidence points and contours keep the order of their records. `truths` gives the
-    corners of the true paths, one stop at a time; a measured campaign has no truths and no power maps. `budget`
-    has the rows of the campaign's error budget, None if there is none. `txs` are the TX of the scene by
-    the names of their links; those of `uplinks` receive.
+    value. Rows of stops, paths, incidence points and contours keep the order of their records; of a long campaign
+    only the `drawn_stops` and their points are there. `truths` gives the corners of the true paths, one stop at a
+    time; a measured campaign has no truths and no power maps. `budget` has the rows of the error budget,
+    None if there is none. `txs` are the TX of the scene by the names of their links; those of `uplinks` receive.
     """
-    channel = {estimate.stop: estimate for estimate in results.channel}
+    stops = drawn_stops(results)
+    channel = {estimate.stop: estimate for estimate in results.channel if estimate.stop in set(stops)}
     by_stop = {
         stop: true_paths(group, channel[stop], tables)
         for stop, group in groupby(truths, key=lambda truth: truth.stop)
+        if stop in channel
     }
-    stops = tables.poses.stop.tolist()
+    poses = tables.poses.take("stop", np.isin(tables.poses.stop, stops))
     return {
         "name": name,
         "words": WORDS,
@@ -58,15 +61,16 @@ def report_payload(
             **_scene(scene, txs or {scene.tx_name: scene.tx_name}, uplinks),
             "extent": rounded(whole_view(scene, [results.mapping, results.slam]), 2),
         },
-        "stops": _stops(scene, tables.poses),
+        "n_stops": len(tables.poses.stop),
+        "stops": _stops(scene, poses),
         "estimated": [estimated_paths(channel[stop], tables) for stop in stops],
         "true": [by_stop.get(stop) for stop in stops],
         "power": _power(results, stops),
         "maps": {
-            "mapping": map_payload(results.mapping, tables.mapping),
-            "slam": map_payload(results.slam, tables.slam),
+            "mapping": map_payload(results.mapping, tables.mapping, stops),
+            "slam": map_payload(results.slam, tables.slam, stops),
         },
-        "tracks": track_payload(scene, results.channel, results.slam.tracks),
+        "tracks": track_payload(scene, list(channel.values()), results.slam.tracks),
         "budget": budget,
     }
 

@@ -1,5 +1,6 @@
 """The data of a map for the report page: poses, incidence points, and contours with their objects."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,15 +11,19 @@ from isac_arena.report.figures.bands import Curve, contour_curve, shape_curve
 from isac_arena.report.page.payload.numbers import number, rounded
 from isac_arena.scoring.causes import LEVEL, LEVEL_WORDS, PHANTOM, cause_words, ghost_words
 from isac_arena.scoring.record import ContourScores, IpScores, MapScores, OutlineScores
-from scenes.record import IntArray
+from scenes.record import BoolArray, IntArray
 
 SHAPE_STEP = 3  # every third sample of the paper's contours is drawn
 SHOWN_SCORES = ("iou", "hausdorff_m", "seen_rmse_m", "full_rmse_m", "coverage95", "extent_iou")
 
 
-def map_payload(result: MapResult, scores: MapScores) -> dict[str, Any]:
-    """One map. `ours` and `paper` of a point are its rows in `contours` and in `shapes`, -1 for none."""
-    poses, surface_m = result.poses, scores.ips.surface_distance_m
+def map_payload(result: MapResult, scores: MapScores, stops: Sequence[int]) -> dict[str, Any]:
+    """One map, with the poses and points of these stops.
+
+    `ours` and `paper` of a point are its rows in `contours` and in `shapes`, -1 for none.
+    """
+    surface_m = scores.ips.surface_distance_m
+    poses = result.poses.take("stop", np.isin(result.poses.stop, stops))
     ours = ghost_words(scores.contours.cause, result.contours.object, surface_m)
     paper = ghost_words(scores.clusters.cause, result.shapes.label, surface_m)
     return {
@@ -27,14 +32,14 @@ def map_payload(result: MapResult, scores: MapScores) -> dict[str, Any]:
             "heading_deg": rounded(np.rad2deg(poses.heading_rad), 2),
             "status": [SolveStatus(status).name for status in poses.status],
         },
-        "ips": _points(result, scores.ips),
+        "ips": _points(result, scores.ips, np.isin(result.ips.stop, stops)),
         "contours": [_contour(result, scores.contours, row, called) for row, called in enumerate(ours)],
         "shapes": [_shape(result, scores.clusters, row, called) for row, called in enumerate(paper)],
     }
 
 
-def _points(result: MapResult, scores: IpScores) -> dict[str, Any]:
-    ips = result.ips
+def _points(result: MapResult, scores: IpScores, is_drawn: BoolArray) -> dict[str, Any]:
+    ips, scores = result.ips.take("ip", is_drawn), scores.take("ip", is_drawn)
     variance, axes = np.linalg.eigh(ips.covariance_m2)
     return {
         "stop": ips.stop.tolist(),
@@ -43,8 +48,8 @@ def _points(result: MapResult, scores: IpScores) -> dict[str, Any]:
         "std_m": rounded(np.sqrt(np.maximum(variance[:, ::-1], 0)), 4),  # along the long axis, across it
         "axis_deg": rounded(np.rad2deg(np.arctan2(axes[:, 1, 1], axes[:, 0, 1])), 1),
         "inlier": ips.is_inlier.tolist(),
-        "ours": result.contours.object.tolist(),
-        "paper": result.shapes.label.tolist(),
+        "ours": result.contours.object[is_drawn].tolist(),
+        "paper": result.shapes.label[is_drawn].tolist(),
         "object": scores.object.tolist(),
         "cause": cause_words(scores.cause, scores.surface_distance_m),
         "surface_m": rounded(scores.surface_distance_m, 4),
