@@ -7,6 +7,7 @@ limit is reached. Each row is the worst of both stops. One thread, processor tim
 """
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import scipy.fft
@@ -36,7 +37,7 @@ EDGE_SINE = 0.9  # of departures: inside the sector of the beams
 SPREAD_S = 250e-9
 N_PASSES, PAIRS = 20, 3  # FFT passes beside each fit: one alone is too short to time
 MOST_PASSES, MOST_PER_PATH, MOST_GROWTH, MOST_RATIO = 40.0, 0.4, 1.15, 5.0
-FEW_BOUNCES = {
+FEW_BOUNCES: dict[str, Any] = {
     "propagation.max_bounces": 1, "propagation.diffuse_samples": 0, "propagation.diffraction": False,
     "propagation.compare_planar": False,
 }  # fmt: skip

@@ -101,9 +101,10 @@ def run_stages(campaign: Campaign) -> dict[str, float]:
 
 def floor(samples: ComplexArray) -> FloatArray:
     """Seconds (repeat, 2) of an FFT pass over the subcarriers of a stop's samples, and of a copy of them."""
-    times_s = np.empty((FLOOR_REPEATS, 2))
+    works: tuple[Callable[[], object], ...] = (partial(scipy.fft.fft, samples, axis=-1), samples.copy)
+    times_s = np.empty((FLOOR_REPEATS, len(works)))
     for repeat in range(FLOOR_REPEATS):
-        for k, work in enumerate((partial(scipy.fft.fft, samples, axis=-1), samples.copy)):
+        for k, work in enumerate(works):
             started = time.process_time()
             work()
             times_s[repeat, k] = time.process_time() - started
