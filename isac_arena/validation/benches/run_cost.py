@@ -132,11 +132,11 @@ run`. Several workers make stops side by side; the maps stay in one process.
 
 The samples of a stop are what every estimator has to read. An FFT pass over them, along the subcarriers, is the
 least that an estimator of paths does; a copy is the least that anything does which touches them. Times in FFT
-passes say more than seconds: they hardly change from machine to machine.
+passes change less from machine to machine than seconds do. Other work on a machine slows both down.
 
 {floor}
 
-The peak is that of the whole process, with all libraries.
+The peak is that of the whole process by then, with all libraries and what the runs before it left.
 
 {campaigns}
 

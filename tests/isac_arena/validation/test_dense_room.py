@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 
 from isac_arena.campaign.campaign import load_campaign
 from isac_arena.validation.benches import dense_room
-from isac_arena.validation.benches.dense_room import FitCost, dense_rows, dense_stop, drawn_paths
+from isac_arena.validation.benches.dense_room import FitCost, bench_dense_room, dense_rows, dense_stop, drawn_paths
 from isac_arena.validation.channel.arena import seen_paths
 from isac_arena.validation.scenarios.paths import made_paths
 from sim.truth import Truth
@@ -76,3 +76,12 @@ def test_rows_are_the_worst_of_all_stops_and_limits():
 def test_the_median_of_pairs_counts_and_a_quick_run_has_no_row_of_120_paths():
     found = values([cost("a", 30, [3.0, 3.0, 90.0]), cost("a", 60, 6.0)])
     assert found == {"passes_per_path": pytest.approx(0.1), "growth_over_linear": pytest.approx(1.0)}
+
+
+@pytest.mark.whole
+def test_the_quick_bench_fits_as_many_paths_as_it_may():
+    found = bench_dense_room(1, True)
+    (table,) = found.tables
+    assert [row[1:3] for row in table.rows] == [(30, 30), (60, 60)]
+    assert {row.key for row in found.rows} == {"channel.dense.passes_per_path", "channel.dense.growth_over_linear"}
+    assert all(row.value > 0 for row in found.rows)
