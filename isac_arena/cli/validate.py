@@ -55,6 +55,7 @@ BENCHES: Mapping[str, tuple[str, ...]] = {
     "shape": ("benches.shape",),
     "sweep": ("benches.sweep",),
     "endurance": ("benches.endurance",),
+    "growth": ("benches.growth",),
     "campaign": ("benches.whole_run", "benches.campaign"),  # memory first: later ones fill it
     "motion": ("benches.motion",),
     "dataset": ("benches.dataset",),

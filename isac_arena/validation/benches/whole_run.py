@@ -19,6 +19,8 @@ import scipy.fft
 
 from isac_arena.campaign import stages
 from isac_arena.campaign.campaign import Campaign, load_campaign
+from isac_arena.campaign.shards import STOPS_A_SHARD
+from isac_arena.campaign.stored import pack_stops
 from isac_arena.validation.benches.campaign import QUICK_STOPS, SMALL, box_campaign
 from isac_arena.validation.benches.run_cost import RunCost, performance_page, stage_table
 from isac_arena.validation.benches.sweep import peak_memory_mb
@@ -80,21 +82,28 @@ def generation(campaign: Campaign) -> tuple[float, float, ComplexArray]:
     return times_s["trace"], times_s["samples"], sweep.samples
 
 
-def run_stages(campaign: Campaign) -> dict[str, float]:
-    """Seconds of every stage of a run into a directory of its own, in the order of `arena run`."""
+def run_stages(campaign: Campaign, out: Path | None = None, *, maps: bool = True) -> dict[str, float]:
+    """Seconds of every stage of a run in the order of `arena run`, or of those before the maps.
+
+    `out` is the directory of the run; without, it has one for the moment.
+    """
     times_s: dict[str, float] = {}
     with tempfile.TemporaryDirectory() as folder:
         started = time.process_time()
-        with redirect_stdout(io.StringIO()), stages.opened(campaign, Path(folder, "run"), None) as store:
+        with redirect_stdout(io.StringIO()), stages.opened(campaign, out or Path(folder, "run"), None) as store:
             plan = timed(times_s, "plan", partial(stages.run_plan, store))
             run = campaign_run(store)
             for stop in run.chosen_stops:
                 truth = timed(times_s, "trace", partial(run.truth, stop))
                 sweep = timed(times_s, "samples", partial(run.sweep, truth))
                 timed(times_s, "channel", partial(run.estimate, truth, sweep))
-            timed(times_s, "maps", partial(stages.build_maps, store))
-            timed(times_s, "scores", partial(stages.write_scores, store))
-            timed(times_s, "report", partial(stages.write_report, store, plan))
+                if stop % STOPS_A_SHARD == 0:
+                    pack_stops(store)
+            pack_stops(store)
+            if maps:
+                timed(times_s, "maps", partial(stages.build_maps, store))
+                timed(times_s, "scores", partial(stages.write_scores, store))
+                timed(times_s, "report", partial(stages.write_report, store, plan))
         times_s["files"] = time.process_time() - started - sum(times_s.values())
     return times_s
 
