@@ -25,7 +25,7 @@ LINK = {**CAMPAIGN, "channel.method": "power"}
 
 @dataclass(frozen=True)
 class Grown:
-    """A run: processor times of its stages in s, peak memory of its process, number of files, size of the report."""
+    """A run: processor time of its stages in s, peak memory of its process, its files, the size of its report."""
 
     stages_s: dict[str, float]
     peak_mb: float
