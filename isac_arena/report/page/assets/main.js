@@ -29,7 +29,7 @@ function stopControl() {
 /** What a long campaign leaves out. */
 function thinned() {
   const shown = data.stops.stop.length;
-  return shown < data.n_stops ? html("span", {}, ` ${shown} of ${data.n_stops} stops are drawn; the scores are of all.`) : "";
+  return shown < data.n_stops ? html("span", { class: "thinned" }, `${shown} of ${data.n_stops} stops are drawn; the scores are of all.`) : "";
 }
 
 function objectControl() {
