@@ -35,14 +35,16 @@ class Member:
 
     def is_file(self) -> bool:
         """Whether the shard is there and holds it; `ValueError` where the shard is damaged."""
-        return self.shard.is_file() and self.name in _names(*_version(self.shard))
+        if not self.shard.is_file():
+            return False
+        about = self.shard.stat()
+        return self.name in _names(self.shard, about.st_mtime_ns, about.st_size)
 
     def content(self) -> bytes:
         """Its bytes; `ValueError` where the shard is damaged, `KeyError` where it does not hold it."""
         with _opened(self.shard) as archive:
-            if (
-                archive.getinfo(self.name).compress_type != zipfile.ZIP_STORED
-            ):  # its size is then no more than that of the shard
+            about = archive.getinfo(self.name)
+            if about.compress_type != zipfile.ZIP_STORED:  # it could unpack to any size
                 raise ValueError(f"{self.shard}: {self.name} is compressed; put the shard back as it was")
             return archive.read(self.name)
 
@@ -102,14 +104,9 @@ def is_whole_shard(path: Path) -> bool:
         return False
 
 
-def _version(shard: Path) -> tuple[Path, int, int]:
-    """A shard, and what changes when it is written again."""
-    about = shard.stat()
-    return shard, about.st_mtime_ns, about.st_size
-
-
 @lru_cache(maxsize=16)
-def _names(shard: Path, *_version: int) -> frozenset[str]:
+def _names(shard: Path, *_written: int) -> frozenset[str]:
+    """Names of the members of a shard; `_written` changes when it is written again."""
     with _opened(shard) as archive:
         return frozenset(archive.namelist())
 
