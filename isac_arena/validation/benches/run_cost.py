@@ -108,7 +108,7 @@ def _section(cost: RunCost) -> str:
     return (
         f"## {table.title}\n\n{_markdown(table.columns, rows)}\n\n"
         f"The run takes {cost.run_over_generation:.1f} times its rays and samples alone. The largest part is"
-        f" {STAGES[slowest]}: {cost.stages_s[slowest] / cost.run_s:.0%}. Scores and report take"
+        f" {STAGES[slowest]}: {cost.stages_s[slowest] / cost.run_s:.0%}.\nScores and report take"
         f" {cost.scoring_share:.1%} of the estimation.\n"
     )
 
@@ -124,9 +124,10 @@ PAGE = """# Performance
 What a campaign costs, stage by stage. `arena bench campaign --page docs/performance.md` measures it again and
 writes this page. The same numbers are printed beside the bars of the command.
 
-All times are processor times of one process with one thread, on a machine with {n_cores} cores. Libraries are
-loaded and code is compiled before: a first run of `box_room` pays for that. The run makes the calls of `arena
-run`. Several workers make stops side by side; the maps stay in one process.
+All times are processor times of one process on a machine with {n_cores} cores. Numerical code has one thread; what
+the ray tracer's own threads take is counted. Libraries are loaded and code is compiled before: a first run of
+`box_room` pays for that. The run makes the calls of `arena run`. Several workers make stops side by side; the
+maps stay in one process.
 
 ## The floor
 
