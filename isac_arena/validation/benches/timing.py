@@ -10,6 +10,7 @@ import numpy as np
 from scenes.record import FloatArray
 
 T = TypeVar("T")
+Work = Callable[[], object]
 
 
 def best_time(
@@ -24,37 +25,49 @@ def best_time(
     return shortest, value
 
 
-def paired_ratios(
-    work: Callable[[], object], beside: Callable[[], object], pairs: int
-) -> tuple[FloatArray, FloatArray]:
-    """Ratios (pair,) of the processor times of two works done in turns, after a first call of each; times in s.
+def times_in_turns(
+    works: Sequence[Work],
+    rounds: int,
+    calls: Sequence[int] = (),
+    *,
+    is_warm: bool = False,
+    clock: Callable[[], float] = time.process_time,
+) -> FloatArray:
+    """Times (round, work) in s of a call of each work, done in turns.
 
-    The times are (pair, work). What slows the machine down slows both works of a pair.
+    What slows the machine down slows all works of a round. A first round, which may compile, is not counted; there
+    is none with `is_warm`. `calls` is how often each is called in a round, 1 by default: more for short works.
     """
-    times = np.empty((pairs, 2))
-    for pair in range(-1, pairs):
-        for k, each in enumerate((work, beside)):
-            started = time.process_time()
-            each()
-            times[pair, k] = time.process_time() - started
+    counts = calls or [1] * len(works)
+    times = np.empty((rounds, len(works)))
+    for number in range(0 if is_warm else -1, rounds):
+        for k, (work, count) in enumerate(zip(works, counts, strict=True)):
+            started = clock()
+            for _ in range(count):
+                work()
+            times[number, k] = (clock() - started) / count
+    return times
+
+
+def paired_ratios(
+    work: Work, beside: Work, pairs: int, calls: tuple[int, int] = (1, 1), *, is_warm: bool = False
+) -> tuple[FloatArray, FloatArray]:
+    """Ratios (pair,) of the processor times of two works done in turns, and the times in s.
+
+    The times are (pair, work), of `times_in_turns`.
+    """
+    times = times_in_turns((work, beside), pairs, calls, is_warm=is_warm)
     return times[:, 0] / times[:, 1], times
 
 
-def median_time_s(
-    work: Callable[[T], object],
-    items: Sequence[T],
-    repeats: int = 1,
-    clock: Callable[[], float] = time.perf_counter,
-) -> float:
-    """Median over the items of the shortest time of several calls; a first call may compile."""
-    work(items[0])
+def spread_of(ratios: FloatArray) -> str:
+    """Where a median of paired ratios comes from, in words."""
+    return f"median of {len(ratios)} pairs, {ratios.min():.3g} to {ratios.max():.3g}"
 
-    def time_s(item: T) -> float:
-        started = clock()
-        work(item)
-        return clock() - started
 
-    return float(np.median([min(time_s(item) for _ in range(repeats)) for item in items]))
+def on_each(work: Callable[[T], object], items: Sequence[T]) -> Work:
+    """A work that calls a function with every item."""
+    return lambda: [work(item) for item in items]
 
 
 def peak_bytes(work: Callable[[], object]) -> int:
