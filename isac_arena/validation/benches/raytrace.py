@@ -37,7 +37,7 @@ def bench_exact_solver(seed: int, quick: bool) -> list[Measurement]:
     )
     clock = time.process_time if mitsuba_variant() == LLVM_VARIANT else time.perf_counter
     with one_blas_thread():
-        times_ms = 1e3 * times_in_turns(works, 3 if quick else 9, clock=clock) / len(stops)
+        times_ms = 1e3 * times_in_turns(works, 3 if quick else 5, clock=clock) / len(stops)
     exact, _, traced, call = times_ms.T
     exact_ms, single_ms, traced_ms, call_ms = np.median(times_ms, axis=0)
     lossy = (

@@ -47,7 +47,8 @@ def bench_radial_gp(seed: int, quick: bool) -> list[Measurement]:
     most, bar = (256, 1 / 5) if quick else (1024, 1 / 200)
     counts = (64, 256, 4096) if quick else (16, 64, 128, 256, 1024, 4096)
     drawn = {(n, shape): draw_points(shape, n, rng) for n in counts for shape in SHAPES}
-    works = [*(_fit(*points) for points in drawn.values()), partial(_scikit_learn, *drawn[most, "star"])]
+    works = [_fit(*points) for points in drawn.values()]
+    works.append(partial(_scikit_learn, *drawn[most, "star"]))
     with one_blas_thread():
         few = [
             paired_ratios(_fit(*drawn[64, shape]), partial(_scikit_learn, *drawn[64, shape]), 5 if quick else 25)

@@ -97,7 +97,7 @@ def bench_trajectory(seed: int, quick: bool) -> list[Measurement]:
     )
     took = f"{large} stops in {np.median(seconds[:, 0]):.1f} s, {small} in {np.median(seconds[:, 1]):.1f} s"
     return [
-        at_most("trajectory.stops45_with_shapes.over_45_compiled_references", np.median(ratios), 1.0, about),
+        at_most("trajectory.stops45_with_shapes.over_references", np.median(ratios), 1.0, about),
         at_most("trajectory.growth_over_linear", np.median(growths), 1.15, f"{took}; {spread_of(growths)}"),
     ]
 

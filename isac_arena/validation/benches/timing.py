@@ -13,18 +13,6 @@ T = TypeVar("T")
 Work = Callable[[], object]
 
 
-def best_time(
-    function: Callable[[], T], repeats: int, clock: Callable[[], float] = time.process_time
-) -> tuple[float, T]:
-    """Shortest time of several calls in s, after a first one that may compile, and what the last returned."""
-    value, shortest = function(), np.inf
-    for _ in range(repeats):
-        started = clock()
-        value = function()
-        shortest = min(shortest, clock() - started)
-    return shortest, value
-
-
 def times_in_turns(
     works: Sequence[Work],
     rounds: int,
