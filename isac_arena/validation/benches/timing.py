@@ -54,8 +54,13 @@ def spread_of(ratios: FloatArray) -> str:
 
 
 def on_each(work: Callable[[T], object], items: Sequence[T]) -> Work:
-    """A work that calls a function with every item."""
-    return lambda: [work(item) for item in items]
+    """A work that calls a function with every item, and keeps no result."""
+
+    def run() -> None:
+        for item in items:
+            work(item)
+
+    return run
 
 
 def peak_bytes(work: Callable[[], object]) -> int:
