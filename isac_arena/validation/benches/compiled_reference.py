@@ -5,8 +5,8 @@ of 361 headings; the matrices of a path once per heading; sums over all paths by
 of its normal matrix, by elimination with pivoting; a set that is not feasible, or has too few inliers, ends there;
 all in double precision on one core. Nothing else is skipped. Ours alone: small products are written out, so that
 the compiler needs no calls for them, and the best state is kept where the C stores the results of all sets. Both
-make this one faster than the C. With nine paths a search without line of sight takes 6 ms on one core of a server, and 6.0 ms as
-published.
+make this one faster than the C. With nine paths a search without line of sight takes 6 ms on one core of a server;
+published are 6.0 ms.
 
 The results are those of `estimation.slam.snapshot.reference`, which is written with NumPy.
 """
