@@ -1,7 +1,6 @@
-"""How numerical code runs: compiled loops, array calls over rows, one BLAS thread for small fits, steps."""
+"""How numerical code runs: compiled loops, array calls over rows, one BLAS thread for small fits."""
 
-import logging
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from contextlib import AbstractContextManager
 from functools import lru_cache
 from typing import Any, TypeVar, cast
@@ -13,8 +12,6 @@ from threadpoolctl import ThreadpoolController
 from estimation.kernel_cache import named_by_imports
 from scenes.record import FloatArray
 
-STEPS = logging.getLogger("estimation.steps")
-T = TypeVar("T")
 F = TypeVar("F", bound=Callable[..., Any])
 
 
@@ -66,10 +63,3 @@ def one_blas_thread() -> AbstractContextManager[Any]:
     """Context in which BLAS uses one thread: for matrices of tens of rows more threads are slower."""
     context: AbstractContextManager[Any] = _controller().limit(limits=1, user_api="blas")
     return context
-
-
-def steps(items: Sequence[T], what: str) -> Iterator[T]:
-    """The items, each told in words to whoever listens to the logger `STEPS`."""
-    for number, item in enumerate(items, 1):
-        STEPS.info("%s %d of %d", what, number, len(items))
-        yield item

@@ -22,8 +22,9 @@ from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.directory import CampaignStore
 from isac_arena.campaign.results import CampaignResults, MapResult
 from isac_arena.progress import told
+from isac_arena.scoring.chain import score_metrics
 from isac_arena.scoring.measured import measured_metrics
-from isac_arena.scoring.score import Scores, score_metrics
+from isac_arena.scoring.score import Scores
 from isac_arena.user_functions.errors import summed
 from isac_arena.workers.stops import StopMakers
 from scenes.arguments import need, need_each

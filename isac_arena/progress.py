@@ -20,7 +20,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from estimation.execution import STEPS
+from estimation.steps import STEPS
 
 PERIOD_S = 30.0  # of the lines where there is no terminal
 FIRST_S = 10.0  # calls of a script are silent so long; a longer pause ends a series of calls

@@ -35,7 +35,6 @@ from sim.signal.hardware.apply_impairments import (
 )
 from sim.signal.leakage import with_leakage
 from sim.signal.link import Link
-from sim.signal.moving import moving_channel
 from sim.signal.waveform.prs import SUBCARRIERS_PER_RB, prs_subcarriers
 from sim.truth import Truth
 
@@ -255,6 +254,8 @@ def _moving_samples(
 
     Where a beam pair combines the symbols of a resource, each subcarrier is the mean of the symbols that sound it.
     """
+    from sim.signal.moving import moving_channel  # noqa: PLC0415  (brings numba)
+
     assert truth.motion is not None
     motion, prs = truth.motion, config.waveform.prs
     time_s = campaign_clock(config, scene).symbol_s[repetition]

@@ -9,17 +9,19 @@ at the best of many distances of the first path: from a wrong one they can lead 
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
 from estimation.channel.record import AngleKind, ChannelEstimate
 from estimation.laws.level import nearest_boresight, plan_paths
-from estimation.laws.raised import PathHeights
 from estimation.slam.record import PoseEstimates, SolveStatus
 from estimation.slam.transmitters import of_tx, replaced_paths
 from scenes.pose import SPEED_OF_LIGHT_M_S
 from scenes.record import FloatArray
+
+if TYPE_CHECKING:
+    from estimation.laws.raised import PathHeights
 
 MAX_TURNS = 5
 SETTLED_M = 1e-5  # change of the clock biases that ends the turns
@@ -56,8 +58,10 @@ class KnownHeights:
         """Whether any estimate looks different from above."""
         return any(any(map(_is_seen_otherwise, estimates, one.difference_m)) for one in self.by_tx)
 
-    def of_paths(self, estimates: Sequence[ChannelEstimate]) -> list[PathHeights]:
+    def of_paths(self, estimates: Sequence[ChannelEstimate]) -> "list[PathHeights]":
         """What the paths of every estimate need where a point between the devices has a height of its own."""
+        from estimation.laws.raised import PathHeights  # noqa: PLC0415  (brings numba)
+
         ends = []
         for stop, estimate in enumerate(estimates):
             difference, boresight = np.zeros(len(estimate)), np.full((len(estimate), 2), np.nan)

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 from estimation.channel.record import ChannelEstimate
-from estimation.execution import steps
 from estimation.laws.raised import PathHeights
 from estimation.slam.config import MappingConfig, SnapshotConfig, TrajectoryConfig
 from estimation.slam.level import KnownHeights, solved_from_above
@@ -17,6 +16,7 @@ from estimation.slam.space.trajectory import run_spatial_trajectory
 from estimation.slam.transmitters import AnyTx, Transmitters, of_tx, transmitters_of
 from estimation.slam.walk.filter import run_filter
 from estimation.slam.walk.trajectory import run_trajectory
+from estimation.steps import steps
 
 
 def locate_and_map(

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from estimation.channel.record import ChannelEstimate
-from estimation.laws.plane import tx_row
 from estimation.slam.record import IncidencePoints, PoseEstimates
 from scenes.pose import SPEED_OF_LIGHT_M_S, Pose
 from scenes.record import BoolArray, FloatArray, IntArray, concatenate
@@ -45,6 +44,8 @@ class Transmitters:
     @property
     def rows(self) -> FloatArray:
         """[x, y, heading] (tx, 3) as the laws of the plane take it."""
+        from estimation.laws.plane import tx_row  # noqa: PLC0415  (brings numba)
+
         return np.array([tx_row(pose) for pose in self.poses])
 
     @property

@@ -3,6 +3,7 @@
 A `CampaignRun` states what is computed (which stops), from what (settings, scene, paths traced before), what
 replaces a stage (a user's function, another way to make sweeps, truth) and where results are kept. Stages use kept
 results and make the others. Every stop has its own random numbers, so any subset of stops gives the same bits.
+A stage is imported when it runs.
 """
 
 from __future__ import annotations
@@ -11,49 +12,41 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import groupby
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from estimation.channel.calibration.record import Calibration, calibration_rows
 from estimation.channel.record import ChannelEstimate, ChannelEstimator, EstimateStatus, empty_estimate
-from estimation.execution import STEPS
-from estimation.slam.checks import check_estimates
 from estimation.slam.config import MappingConfig, TrajectoryConfig
 from estimation.slam.level import KnownHeights
 from estimation.slam.record import IncidencePoints, PoseEstimates
 from estimation.slam.transmitters import AnyTx, joined_paths
+from estimation.steps import STEPS
 from isac_arena.campaign.chain.inputs import (
     all_tx,
     channel_estimator,
     known_heights,
     known_receiver,
     significance,
-    unsolved_poses,
     walk_settings,
 )
 from isac_arena.campaign.chain.links import disturbing, runs_of_links
-from isac_arena.campaign.chain.maps import (
-    campaign_tracks,
-    learned_mapping,
-    locate_or_take,
-    with_shapes,
-    without_map,
-)
-from isac_arena.campaign.chain.walks import from_nodes, located_walks
 from isac_arena.campaign.config import CampaignConfig
 from isac_arena.campaign.results import CampaignResults, MapName, MapResult, MemoryResults, Oracle, ResultStore
 from isac_arena.progress import told
-from isac_arena.scoring.link_view import link_view
-from isac_arena.scoring.score import Scores, channel_scores_of, score_stops
-from isac_arena.scoring.stages.channel import TrueStop, true_stop
+from isac_arena.scoring.score import Scores
 from isac_arena.user_functions.errors import EstimatorError
-from scenes.record import FloatArray, empty_record
+from scenes.record import FloatArray
 from scenes.scene import Scene
 from sim.observation import BeamSweep
 from sim.signal.hardware.apply_impairments import with_surveyed_pose
 from sim.signal.link import Link, best_beam_power_dbm, make_link
 from sim.simulate import OtherTx, clock_biases_s, observe, simulate_truth
 from sim.truth import Truth
+
+if TYPE_CHECKING:
+    from isac_arena.scoring.stages.channel import TrueStop
 
 Channel = Sequence[ChannelEstimate]
 Observe = Callable[[CampaignConfig, Link, Scene, Truth], BeamSweep]
@@ -98,6 +91,8 @@ class CampaignRun:
 
     def channel_scores(self) -> Scores:
         """The scores of the channel estimates alone: no later stage runs. Raises as `score_campaign` does."""
+        from isac_arena.scoring.chain import channel_scores_of  # noqa: PLC0415
+
         truths = list(self.truths())
         self.calibrate()
         return channel_scores_of(self.true_stops(truths), list(self.channel(truths)))
@@ -146,7 +141,7 @@ class CampaignRun:
             return None
         calibration = self.results.calibration()
         if calibration is None:
-            from estimation.channel.calibration.self_calibration import self_calibrate  # noqa: PLC0415  (slow to import)
+            from estimation.channel.calibration.self_calibration import self_calibrate  # noqa: PLC0415
 
             chosen = [self.chosen_stops[row] for row in calibration_rows(len(self.chosen_stops), settings)]
             kept = ((stop, self.results.sweep(stop)) for stop in chosen)
@@ -178,64 +173,27 @@ class CampaignRun:
         try:
             estimate = estimator(sweep)
         except EstimatorError as error:
-            self._tell(error)
+            self.tell(error)
             estimate = empty_estimate(sweep.stop, "function", EstimateStatus.FAILED, str(error))
         self.results.write_estimate(estimate, sweep)
         return estimate
 
     def maps(self, channel: Channel, receiver: PoseEstimates) -> dict[MapName, MapResult]:
         """Both maps, kept or made: mapping from the given receiver states, SLAM without them."""
-        given: dict[MapName, PoseEstimates | None] = {"mapping": receiver, "slam": None}
-        channel = from_nodes(self, channel)
-        found: dict[MapName, MapResult] = {}
-        for name, states in given.items():
-            kept = self.results.map_result(name)
-            if kept is None or kept.problem:
-                check_estimates(channel, self.scene.standing_tx)
-                kept = self._map(channel, states, receiver)
-                if states is None:
-                    self.on_step("published SLAM")
-                    published = located_walks(self, self.oracle.channel or channel, receiver, published=True)[0]
-                    kept = self._with_tracks(replace(kept, published=published), channel)
-                self.results.write_map(name, kept)
-            found[name] = kept
-        return found
+        from isac_arena.campaign.chain.both_maps import both_maps  # noqa: PLC0415
+
+        return both_maps(self, channel, receiver)
 
     def learned_mapping(self, channel: Channel, receiver: PoseEstimates | None) -> MappingConfig | None:
         """The settings of mapping at given states; None for SLAM."""
+        from isac_arena.campaign.chain.maps import learned_mapping  # noqa: PLC0415
+
         channel = channel if self.oracle.channel is None else self.oracle.channel
         receiver = receiver if self.oracle.receiver is None else self.oracle.receiver
         return None if receiver is None else learned_mapping(self.config, channel, self.tx, receiver, self.heights)
 
-    def _map(self, channel: Channel, states: PoseEstimates | None, receiver: PoseEstimates) -> MapResult:
-        """One map; where a user's function fails, what there is without it."""
-        stops = [estimate.stop for estimate in channel]
-        poses = unsolved_poses(stops, len(self.links)) if states is None else states
-        ips = empty_record(IncidencePoints)
-        name = "SLAM" if states is None else "mapping"
-        try:
-            self.on_step(name)
-            mapping = self.learned_mapping(channel, states)
-            if states is None:
-                poses, ips = located_walks(self, channel, receiver)
-            else:
-                poses, ips = self.locate(channel, states, mapping)
-            self.on_step(f"contours of {name}")
-            return self.shape(channel, poses, ips, mapping)
-        except EstimatorError as error:
-            self._tell(error)
-            return without_map(self.config, channel, self.tx, poses, ips, str(error))
-
-    def _with_tracks(self, found: MapResult, channel: Channel) -> MapResult:
-        """The map with the tracks of what moves; where a user's function fails, without."""
-        try:
-            return replace(found, tracks=campaign_tracks(self.config, self.scene, self.tx, channel, found.poses))
-        except EstimatorError as error:
-            self._tell(error)
-            return replace(found, problem="\n".join(filter(None, (found.problem, str(error)))))
-
-    def _tell(self, error: EstimatorError) -> None:
-        """Tell the error of a user's function, or raise it where nobody listens."""
+    def tell(self, error: EstimatorError) -> None:
+        """Say the error of a user's function, or raise it where nobody listens."""
         if self.on_failure is None:
             raise error
         self.on_failure(error)
@@ -247,6 +205,8 @@ class CampaignRun:
 
         `mapping` is `learned_mapping` of the given states, where the caller has it.
         """
+        from isac_arena.campaign.chain.maps import locate_or_take  # noqa: PLC0415
+
         tx, oracle = self.tx, self.oracle
         channel = channel if oracle.channel is None else oracle.channel
         receiver = receiver if oracle.receiver is None else oracle.receiver
@@ -261,16 +221,23 @@ class CampaignRun:
         self, channel: Channel, poses: PoseEstimates, ips: IncidencePoints, mapping: MappingConfig | None = None
     ) -> MapResult:
         """The map with the shapes of its clusters and the contours of its objects; `mapping` as for `locate`."""
+        from isac_arena.campaign.chain.maps import with_shapes  # noqa: PLC0415
+
         channel = channel if self.oracle.channel is None else self.oracle.channel
         label = None if self.oracle.clusters is None else self.oracle.clusters(ips)
         return with_shapes(self.config, channel, self.tx, poses, ips, label, self.heights, mapping)
 
     def score(self, truths: Iterable[Truth], results: CampaignResults) -> Scores:
         """The scores of estimates against the truth; raises as `score_campaign` does."""
+        from isac_arena.scoring.chain import score_stops  # noqa: PLC0415
+
         return score_stops(self.scene, self.true_stops(truths), results, motion=self.config.tracks)
 
     def true_stops(self, truths: Iterable[Truth]) -> Iterator[TrueStop]:
         """The truths prepared for scoring, each with the view of its link."""
+        from isac_arena.scoring.link_view import link_view  # noqa: PLC0415
+        from isac_arena.scoring.stages.channel import true_stop  # noqa: PLC0415
+
         views = [(significance(r.config, r.link), link_view(r.config, r.link, r.scene)) for r in self.links]
         for truth in truths:
             link, (limits, view) = self.link_of(truth), views[self._row(truth)]

@@ -17,7 +17,6 @@ from scenes.walks.trajectory import LEAST_STOPS, follow_one_another
 from sim.config import ArrayConfig, LinkKind
 from sim.links import TxLink, tx_links
 from sim.propagation.paths import Paths
-from sim.propagation.propagator import Propagator
 from sim.signal.link import Link, best_beam_power_dbm, line_of_sight_at_1m_dbm
 
 MOST_STOPS = 60  # looked at, evenly over the walk
@@ -112,6 +111,8 @@ def link_roles(links: Sequence[TxLink[CampaignConfig]]) -> str:
 
 def _seen_paths(config: CampaignConfig, link: TxLink[CampaignConfig], step: int) -> dict[int, Paths]:
     """Line of sight and single reflections at every step-th stop that a link has, by the stop."""
+    from sim.propagation.propagator import Propagator  # noqa: PLC0415  (slow to import)
+
     scene = link.scene
     changes = {"max_bounces": min(1, config.propagation.max_bounces), "diffuse_samples": 0, "diffraction": False}
     propagation = config.propagation.model_copy(update=changes)

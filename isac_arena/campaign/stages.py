@@ -32,9 +32,8 @@ from isac_arena.campaign.summary import TraceCounts, run_facts, score_legend, sc
 from isac_arena.progress import counted, heard_steps, progress_bar, working
 from isac_arena.report.page.budget_file import BUDGET_FILE, read_budget
 from isac_arena.scoring.doubts import run_doubts
-from isac_arena.scoring.measured import measured_metrics, score_measured
 from isac_arena.scoring.record import ScoreTables
-from isac_arena.scoring.score import Scores, score_metrics
+from isac_arena.scoring.score import Scores
 from isac_arena.user_functions.config import with_functions
 from isac_arena.user_functions.errors import EstimatorError
 from isac_arena.user_functions.room import check_functions
@@ -268,6 +267,8 @@ def write_report(store: CampaignStore, plan: RunPlan | None = None) -> None:
     from isac_arena.report.figures.by_tx import tx_shares  # noqa: PLC0415  (brings matplotlib)
     from isac_arena.report.page.figures import make_figures  # noqa: PLC0415
     from isac_arena.report.page.html import render_report  # noqa: PLC0415
+    from isac_arena.scoring.chain import score_metrics  # noqa: PLC0415
+    from isac_arena.scoring.measured import measured_metrics  # noqa: PLC0415
 
     scene = store.scene
     results = stored_results(store, len(scene.stops))
@@ -314,5 +315,7 @@ def scores_of(store: CampaignStore, scene: Scene, results: CampaignResults) -> S
     """The scores of a campaign's estimates against its stored truth, or the measurement."""
     n_stops = len(scene.stops)
     if store.measured is not None:
+        from isac_arena.scoring.measured import score_measured  # noqa: PLC0415  (slow to import)
+
         return score_measured(scene, measured_truths(store, n_stops), results)
     return campaign_run(store).score(stored_truths(store, n_stops), results)

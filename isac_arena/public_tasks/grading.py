@@ -21,10 +21,10 @@ from estimation.channel.record import AngleKind, ChannelEstimate
 from isac_arena.campaign.chain.inputs import significance
 from isac_arena.public_tasks.making import SealedScene, Stage
 from isac_arena.public_tasks.submissions import Submission
+from isac_arena.scoring.chain import score_channel
 from isac_arena.scoring.link_view import link_view
 from isac_arena.scoring.provenance import path_origin
 from isac_arena.scoring.record import PathKind, ScoreTables
-from isac_arena.scoring.score import score_channel
 from scenes.record import FloatArray
 
 UNITS: dict[Stage, str] = {"channel": "GOSPA", "slam": "m", "contours": "m"}

@@ -1,5 +1,5 @@
 """Scores of every stage against the truth: the only package that reads both.
 
-Read `score.py` first (`score_campaign`, `Scores`), then `record.py` (`ScoreTables`). `stages/` scores each stage,
-`metrics/` has the metrics, `causes.py` says why a path is false or missed.
+Read `chain.py` first (`score_campaign`), then `score.py` (`Scores`) and `record.py` (`ScoreTables`). `stages/`
+scores each stage, `metrics/` has the metrics, `causes.py` says why a path is false or missed.
 """

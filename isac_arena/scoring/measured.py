@@ -9,9 +9,10 @@ from estimation.channel.record import ChannelEstimate
 from isac_arena.campaign.measured import MeasuredTruth
 from isac_arena.campaign.results import CampaignResults
 from isac_arena.scoring.causes import Cause
+from isac_arena.scoring.chain import score_map, score_metrics
 from isac_arena.scoring.metrics.metric import Metric
 from isac_arena.scoring.record import PathKind, PathScores, PathStatus, ScoreTables, SignificantPaths, StopScores
-from isac_arena.scoring.score import Scores, score_map, score_metrics
+from isac_arena.scoring.score import Scores
 from isac_arena.scoring.stages.channel import reported_std
 from isac_arena.scoring.stages.maps import FOUND_DISTANCE_M
 from isac_arena.scoring.stages.poses import score_both_poses, unknown_bound

@@ -13,8 +13,8 @@ import numpy as np
 
 from isac_arena.campaign.load import SceneSource
 from isac_arena.campaign.results import MapResult
+from isac_arena.scoring.chain import score_metrics
 from isac_arena.scoring.record import ScoreTables
-from isac_arena.scoring.score import score_metrics
 from isac_arena.scoring.stages.scene import score_scene
 from isac_arena.sweep.cases import ask_cases, design_points, make_cases
 from isac_arena.sweep.config import SweepConfig

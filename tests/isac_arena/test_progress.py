@@ -8,7 +8,7 @@ import pytest
 from rich.console import Console
 from rich.progress import Task, TaskID
 
-from estimation.execution import STEPS
+from estimation.steps import STEPS
 from isac_arena import progress
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimation.execution import one_blas_thread, steps
+from estimation.execution import one_blas_thread
 from estimation.laws.plane import state_columns
 from estimation.shape.config import ContourConfig, ReflectionConfig
 from estimation.shape.fit import ShapeFit
@@ -32,6 +32,7 @@ from estimation.shape.reflection.tx_sessions import (
     rotated_about_tx,
     with_heading_error,
 )
+from estimation.steps import steps
 from scenes.pose import SPEED_OF_LIGHT_M_S
 from scenes.record import FloatArray, IntArray
 

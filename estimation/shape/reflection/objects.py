@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimation.execution import steps
 from estimation.laws.plane import bounce, residual
 from estimation.shape.config import ReflectionConfig
 from estimation.shape.gp.clustering import NOISE, cluster_points
@@ -16,6 +15,7 @@ from estimation.shape.reflection.association import GATE, GHOST, MIN_PATHS, ONE_
 from estimation.shape.reflection.normals import oriented_points
 from estimation.shape.reflection.posterior import Optimum
 from estimation.shape.reflection.reflections import Reflections
+from estimation.steps import steps
 from scenes.record import BoolArray, FloatArray, IntArray
 
 _MAX_ROUNDS = 6

@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 
 from estimation.distributions import chi_square_quantile
-from estimation.execution import steps
 from estimation.laws.plane import state_columns
 from estimation.slam.config import TrajectoryConfig
 from estimation.slam.mapping.noise import LEAST_GAIN, SHARES
@@ -37,6 +36,7 @@ from estimation.slam.walk.residuals import (
 from estimation.slam.walk.roughness import is_rough, own_roughness
 from estimation.slam.walk.sessions import split_sessions
 from estimation.slam.walk.smoother import LANDMARK_INFORMATION, minimise_robust_cost, normal_equations
+from estimation.steps import steps
 from scenes.record import BoolArray
 
 WALK_SHARES = (*SHARES, 0.01, 0.003, 0.001, 0.0003)  # of the floors: a whole walk tells less noise than one stop

@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimation.channel.record import ChannelEstimate
-from estimation.execution import steps
 from estimation.laws.raised import PathHeights
 from estimation.slam.config import MappingConfig, SnapshotConfig, TrajectoryConfig
 from estimation.slam.mapping.incidence_points import map_stops
@@ -34,6 +33,7 @@ from estimation.slam.walk.residuals import (
     spare_equations,
 )
 from estimation.slam.walk.smoother import robust_cost, solution_covariance
+from estimation.steps import steps
 from scenes.pose import SPEED_OF_LIGHT_M_S, wrap_angle
 from scenes.record import BoolArray, FloatArray, IntArray, Record, array
 

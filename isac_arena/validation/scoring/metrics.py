@@ -12,13 +12,13 @@ from estimation.shape.reflection.rows import no_contours
 from estimation.slam.record import SolveStatus
 from isac_arena.campaign.results import CampaignResults, MapResult
 from isac_arena.scoring.association import assign
+from isac_arena.scoring.chain import score_campaign
 from isac_arena.scoring.config import Gate, Significance
 from isac_arena.scoring.metrics import contours
 from isac_arena.scoring.metrics.consistency import gaussian_crps, normalised_nees, region_coverage
 from isac_arena.scoring.metrics.metric import Metric
 from isac_arena.scoring.metrics.sets import gospa, ospa
 from isac_arena.scoring.metrics.trajectories import absolute_errors, relative_errors
-from isac_arena.scoring.score import score_campaign
 from isac_arena.validation.measurement import Measurement, at_most
 from isac_arena.validation.scenarios.estimates import moved_poses, shift_estimate
 from isac_arena.validation.scenarios.perfect_campaign import MadeCampaign, made_view, make_campaign, power_dbm

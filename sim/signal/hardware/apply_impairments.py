@@ -27,7 +27,6 @@ from sim.signal.hardware.impairments import (
     with_mutual_coupling,
 )
 from sim.signal.link import Link, pilots
-from sim.signal.noise import add_noise
 from sim.signal.waveform.occasions import sweep_occasions
 from sim.truth import Truth
 
@@ -123,6 +122,8 @@ def receive_samples(
     later repetition, where they are not those of the first. `noise_number` is the TX whose noise it is: TX on the
     same resource elements share it.
     """
+    from sim.signal.noise import add_noise  # noqa: PLC0415  (brings numba)
+
     occasions = sweep_occasions(config.waveform, *clean.shape[:2])
     phase_rad = oscillator_phase_rad(config, stop, occasions.time_s)
     noise_rng = stage_generator(config.seed, RandomStage.NOISE, stop, noise_number)

@@ -16,9 +16,9 @@ from isac_arena.cli.compare import changed_settings, read_run, read_tables
 from isac_arena.cli.main import app
 from isac_arena.insight.comparison.runs import compare_runs
 from isac_arena.insight.comparison.table import difference_table, setting_table
+from isac_arena.scoring.chain import score_campaign
 from isac_arena.scoring.config import Significance
 from isac_arena.scoring.metrics.metric import to_json
-from isac_arena.scoring.score import score_campaign
 from isac_arena.validation.scenarios.perfect_campaign import make_campaign, power_dbm
 
 LIMITS = Significance(dynamic_range_db=28.0, noise_threshold_dbm=-150.0)

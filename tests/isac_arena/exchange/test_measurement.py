@@ -5,8 +5,8 @@ import pytest
 
 from isac_arena.exchange.mat import measurement_bytes, read_measurement
 from isac_arena.exchange.measurement import labelled_stops
+from isac_arena.scoring.chain import score_campaign
 from isac_arena.scoring.config import Significance
-from isac_arena.scoring.score import score_campaign
 from isac_arena.validation.scenarios.perfect_campaign import make_campaign, power_dbm
 from scenes.pose import SPEED_OF_LIGHT_M_S
 

@@ -15,8 +15,8 @@ from estimation.shape.reflection.rows import no_contours
 from isac_arena.report.page.figures import make_figures
 from isac_arena.report.page.html import render_report
 from isac_arena.report.page.payload.campaign import report_payload
+from isac_arena.scoring.chain import score_campaign
 from isac_arena.scoring.config import Significance
-from isac_arena.scoring.score import score_campaign
 from scenes.record import concatenate
 
 LIMITS = Significance(dynamic_range_db=28.0, noise_threshold_dbm=-150.0)

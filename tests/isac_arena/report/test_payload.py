@@ -16,9 +16,9 @@ from isac_arena.report.page.payload import thinning
 from isac_arena.report.page.payload.campaign import report_payload
 from isac_arena.report.page.payload.numbers import POWER_LEVELS, POWER_STEP_DB, number, quantised_power, rounded
 from isac_arena.report.page.payload.thinning import drawn_stops
+from isac_arena.scoring.chain import score_campaign
 from isac_arena.scoring.config import Significance
 from isac_arena.scoring.record import PathStatus
-from isac_arena.scoring.score import score_campaign
 from scenes.pose import wrap_angle
 from scenes.record import concatenate
 

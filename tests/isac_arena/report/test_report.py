@@ -24,11 +24,11 @@ from isac_arena.report.page.tables import (
     score_table,
 )
 from isac_arena.report.style import cluster_look
+from isac_arena.scoring.chain import score_campaign
 from isac_arena.scoring.config import Significance
 from isac_arena.scoring.headline import HEADLINE
 from isac_arena.scoring.metrics.metric import Metric
 from isac_arena.scoring.record import TrackScores
-from isac_arena.scoring.score import score_campaign
 from isac_arena.scoring.stages.tracks import track_metrics
 from scenes.record import empty_record
 

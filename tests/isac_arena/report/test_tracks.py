@@ -8,7 +8,7 @@ import pytest
 from isac_arena.report.page.html import render_report
 from isac_arena.report.page.payload.campaign import report_payload
 from isac_arena.report.page.payload.tracks import N_FRAMES, track_payload
-from isac_arena.scoring.score import score_campaign
+from isac_arena.scoring.chain import score_campaign
 from isac_arena.validation.scenarios.perfect_campaign import MadeCampaign, make_moving_campaign
 from tests.isac_arena.report.test_payload import LIMITS
 

@@ -8,7 +8,7 @@ import trimesh
 
 from estimation.shape.reflection.rows import no_contours
 from isac_arena.campaign.results import MapResult
-from isac_arena.scoring.score import score_campaign
+from isac_arena.scoring.chain import score_campaign
 from isac_arena.scoring.stages.contours import (
     contour_errors,
     contour_metrics,

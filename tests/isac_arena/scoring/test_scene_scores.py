@@ -3,8 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from isac_arena.scoring.chain import score_campaign
 from isac_arena.scoring.config import Significance
-from isac_arena.scoring.score import score_campaign
 
 LIMITS = Significance(dynamic_range_db=28.0, noise_threshold_dbm=-150.0)
 

@@ -8,10 +8,10 @@ from estimation.shape.reflection.rows import no_contours
 from estimation.slam.record import SolveStatus
 from isac_arena.campaign.files import read_record, write_record
 from isac_arena.campaign.results import MapResult
+from isac_arena.scoring.chain import score_campaign, score_metrics
 from isac_arena.scoring.config import Significance
 from isac_arena.scoring.metrics.metric import to_json
 from isac_arena.scoring.record import ScoreTables
-from isac_arena.scoring.score import score_campaign, score_metrics
 from scenes.record import concatenate
 
 LIMITS = Significance(dynamic_range_db=28.0, noise_threshold_dbm=-150.0)

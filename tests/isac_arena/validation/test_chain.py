@@ -9,9 +9,9 @@ from rich.console import Console
 
 from estimation.slam.config import TrajectoryConfig
 from estimation.slam.record import SolveStatus
+from isac_arena.scoring.chain import score_campaign
 from isac_arena.scoring.config import Significance
 from isac_arena.scoring.record import PoseScores
-from isac_arena.scoring.score import score_campaign
 from isac_arena.validation.chain.campaigns import (
     COLUMN_ROOMS,
     FEWEST_STOPS,

@@ -10,8 +10,8 @@ from isac_arena.insight.comparison.runs import compare_runs, pair_values
 from isac_arena.report.figures.comparison import compare_figure
 from isac_arena.report.page.tables import in_words
 from isac_arena.report.style import png_bytes
+from isac_arena.scoring.chain import score_campaign
 from isac_arena.scoring.config import Significance
-from isac_arena.scoring.score import score_campaign
 from isac_arena.validation.scenarios.perfect_campaign import make_moving_campaign
 
 LIMITS = Significance(dynamic_range_db=28.0, noise_threshold_dbm=-150.0)
