@@ -59,7 +59,7 @@ def doctor_report() -> list[Check]:
     Dr.Jit and Sionna are tried in subprocesses, because a wrong LLVM aborts the process that loads it.
     """
     llvm, disk = check_llvm(), check_disk(Path.cwd())
-    return [check_python(), check_packages(), llvm, check_sionna(llvm), check_memory(), disk]
+    return [check_python(), check_packages(), llvm, check_sionna(llvm), check_kernels(), check_memory(), disk]
 
 
 def check_python(version: tuple[int, int] = sys.version_info[:2]) -> Check:
@@ -139,6 +139,18 @@ def check_sionna(llvm: Check, timeout_s: float = 120.0) -> Check:
         lines = done.stderr.strip().splitlines() or [f"exit status {done.returncode}"]
         return Check("sionna", "fail", f"{chosen}: {lines[-1]}", REINSTALL)
     return Check("sionna", "ok", f"Sionna RT {done.stdout.split()[-1]} in {chosen}")
+
+
+def check_kernels() -> Check:
+    """The loops that numba compiles are on disk; where they are not, the first run compiles them."""
+    try:
+        from isac_arena.kernels import kernels_compiled  # noqa: PLC0415  (brings numba)
+    except (ImportError, RuntimeError) as error:
+        return Check("kernels", "warn", f"numba cannot load them: {error}", "solve problems of packages first")
+    if kernels_compiled():
+        return Check("kernels", "ok", "compiled for these sources and this machine")
+    todo = "nothing: the first run compiles them, once, in minutes; in a checkout scripts/bootstrap.sh does"
+    return Check("kernels", "warn", "not compiled yet", todo)
 
 
 def check_memory(available_gib: float | None = None) -> Check:

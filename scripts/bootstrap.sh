@@ -8,6 +8,7 @@ venv="$root/.venv"
 unfinished="$venv/.unfinished"  # there while the environment is being made
 installed="$venv/.installed"    # checkout, and checksum of what was installed
 llvm="$venv/.llvm"              # the libLLVM that compiled a kernel, or "cuda"
+kernels="$venv/.kernels"        # checksum of the sources whose kernels are compiled
 
 say() { printf '%s\n' "$*" >&2; }
 die() { say "error: $*"; exit 1; }
@@ -101,7 +102,7 @@ install_packages() {
     [[ -e "$installed" && "$(<"$installed")" == "$(wanted)" ]] && venv_is_ours && return
     venv_is_ours || make_venv
     touch -- "$unfinished"
-    rm -f -- "$installed" "$llvm"
+    rm -f -- "$installed" "$llvm" "$kernels"
     say "Installing the pinned packages into $venv (once, about a minute) ..."
     timed "packages" "${pip[@]}" --require-hashes -r "$root/requirements.lock" || die "the pinned packages could not be installed, see above"
     timed "the project" "${pip[@]}" --no-deps --no-build-isolation -e "$root" || die "the project could not be installed, see above"
@@ -146,6 +147,27 @@ ensure_llvm() {
     )"
 }
 
+# Compile the loops of numba once, not in the first run; where sources changed, those that come from them. Without
+# them all works: a run compiles what is missing.
+ensure_kernels() {
+    local sources
+    sources="$(cd -- "$root" && find scenes sim estimation -name '*.py' -exec cksum {} + 2>/dev/null | sort | cksum)" || true
+    [[ -e "$kernels" && "$(<"$kernels")" == "$sources" ]] && return
+    [[ -z "$is_new" ]] || say "Compiling kernels (once, one to three minutes) ..."
+    if timed "kernels" compile_kernels; then
+        printf '%s\n' "$sources" >"$kernels"
+    else
+        say "The kernels could not be compiled now; the first run does."
+    fi
+}
+
+compile_kernels() {
+    "$venv/bin/python" -c '
+import sys
+from isac_arena.kernels import compile_side_by_side, kernels_compiled
+sys.exit(not kernels_compiled() and compile_side_by_side() or 0)'
+}
+
 # One bootstrap at a time in this checkout, where flock is there.
 if command -v flock >/dev/null; then
     exec 9<"$root"
@@ -154,4 +176,5 @@ fi
 is_new=""
 install_packages
 ensure_llvm
+ensure_kernels
 [[ -z "$is_new" ]] || say "Installed. For this terminal: source .venv/bin/activate; then arena --help"

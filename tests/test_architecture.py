@@ -38,6 +38,7 @@ FILE_PARTS = (
     ),
     *("isac_arena/insight/budget/runs.py", "isac_arena/validation/benches/"),
     "estimation/kernel_cache.py",  # reads source code
+    "isac_arena/kernels.py",  # the marker beside compiled kernels
     *("scenes/inputs.py", "scenes/memory.py"),
     *("isac_arena/doctor.py", "isac_arena/validation/golden.py"),
     *("isac_arena/report/page/template.py", "isac_arena/report/page/budget_file.py"),

@@ -183,6 +183,8 @@ def sweep_and_estimate(
     if not store.has_samples:
         return []
     work = stop_run(store, keeps_sweeps=keep_sweeps, estimates=True, again=again)
+    if not all(map(work.is_done, work.run.chosen_stops)):
+        _ensure_kernels()
     failures = _each_stop(work, makers, "trace, sweep, estimate")
     if failures and len(failures) == len(work.run.chosen_stops):
         raise failures[0]
@@ -212,6 +214,12 @@ def _each_stop(stops: StopRun, makers: StopMakers, description: str) -> list[Est
     return failures
 
 
+def _ensure_kernels() -> None:
+    from isac_arena.kernels import ensure_kernels  # noqa: PLC0415  (brings numba)
+
+    ensure_kernels(console)
+
+
 def _print_failure(error: EstimatorError, where: Console) -> None:
     where.print(f"failed: {error}", markup=False, soft_wrap=True)
 
@@ -224,6 +232,7 @@ def build_maps(store: CampaignStore) -> list[EstimatorError]:
     kept = [store.map_result(name) for name in ("mapping", "slam")]
     if all(one is not None and not one.problem for one in kept):
         return []
+    _ensure_kernels()
     failures: list[EstimatorError] = []
     run = campaign_run(store, failures.append)
     n_stops = len(run.chosen_stops)

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 def doctor(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
 ) -> None:
-    """Check this machine: Python, packages, LLVM, Sionna, memory and disk. Ends with 1 if anything fails."""
+    """Check this machine: Python, packages, LLVM, Sionna, kernels, memory, disk. Ends with 1 if anything fails."""
     from rich.console import Console  # noqa: PLC0415
 
     from isac_arena.doctor import doctor_report  # noqa: PLC0415

@@ -33,7 +33,7 @@ from isac_arena.cli import (
 )
 from isac_arena.cli.bounds import bound, place
 from isac_arena.cli.learning import dataset, task
-from isac_arena.cli.options import with_clock, with_memory
+from isac_arena.cli.options import with_clock, with_kernels, with_memory
 from isac_arena.own_packages import hiding_names
 from isac_arena.user_functions.errors import EstimatorError, WentOnError
 
@@ -55,10 +55,11 @@ COMMANDS = (
     campaign.run, campaign.generate, campaign.estimate, campaign.score, campaign.report, with_clock(view.view),
     with_clock(exchange.import_paths), with_clock(exchange.import_mat), with_clock(exchange.import_iq),
     with_clock(exchange.import_deepmimo), with_clock(exchange.export), link.link,
-    with_clock(exchange.export_sigmf), bound.bound, place.place, ablate.ablate, budget.budget,
+    with_clock(exchange.export_sigmf), bound.bound, place.place,
+    with_kernels(ablate.ablate), with_kernels(budget.budget),
     sweep.sweep, sweep.sweep_report, dataset.dataset,
     verify.verify, with_clock(compare.compare), golden.golden,
-    twin.twin, doctor.doctor, validate.validate, validate.bench,
+    with_kernels(twin.twin), doctor.doctor, with_kernels(validate.validate), with_kernels(validate.bench),
 )  # fmt: skip
 PANELS = {  # of `arena --help`; imports and exports have one of their own
     "Your files": ("campaign", "scene", "new", "settings"),

@@ -62,6 +62,21 @@ def with_clock(command: Callable[..., Any]) -> Callable[..., Any]:
     return timed
 
 
+def with_kernels(command: Callable[..., Any]) -> Callable[..., Any]:
+    """A command that computes from its start: kernels that are not compiled are first."""
+
+    @wraps(command)
+    def prepared(*arguments: Any, **options: Any) -> Any:
+        from rich.console import Console  # noqa: PLC0415
+
+        from isac_arena.kernels import ensure_kernels  # noqa: PLC0415
+
+        ensure_kernels(Console(stderr=True, highlight=False))
+        return command(*arguments, **options)
+
+    return prepared
+
+
 def with_memory(command: Callable[..., Any]) -> Callable[..., Any]:
     """A command with the option `--memory`."""
 

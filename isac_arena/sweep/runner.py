@@ -90,12 +90,14 @@ def unknown_points(out: Path, config: SweepConfig, jobs: Sequence[Job]) -> set[i
 
 def run_missing(workers: Workers, console: Console, out: Path, jobs: Sequence[Job]) -> None:
     """Run the jobs that are neither done nor known to fail, with rate, failures and remaining time."""
+    from isac_arena.kernels import ensure_kernels  # noqa: PLC0415  (brings numba)
     from isac_arena.sweep.engine import run_jobs  # noqa: PLC0415
 
     known = read_failures(out)
     pending = [job for job in jobs if not job.is_done and job.key not in known]
     if not pending:
         return
+    ensure_kernels(console)
     n_failed, started = 0, time.monotonic()
     with progress_bar(console, "rate", speed_estimate_period=3600) as progress:
         task = progress.add_task("cases", total=len(jobs), completed=len(jobs) - len(pending), rate="")

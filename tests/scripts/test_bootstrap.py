@@ -61,6 +61,7 @@ def mark_installed(root: Path) -> None:
     library = root / "libLLVM.so"
     library.touch()
     (root / ".venv/.llvm").write_text(str(library), encoding="utf-8")
+    (root / ".venv/.kernels").write_text("4294967295 0\n", encoding="utf-8")  # the checksum of no sources
 
 
 @pytest.mark.parametrize("script", SCRIPTS)
@@ -106,6 +107,26 @@ def test_a_finished_environment_is_left_alone(checkout: Path) -> None:
     mark_installed(checkout)
     result = run(checkout / "scripts/bootstrap.sh", DRJIT_LIBLLVM_PATH="")
     assert (result.returncode, result.stderr) == (0, "")
+
+
+def test_kernels_are_compiled_once_and_their_failure_ends_nothing(checkout: Path) -> None:
+    mark_installed(checkout)
+    calls = checkout / "calls"
+
+    def bootstrap(status: int) -> str:
+        executable(checkout / ".venv/bin/python", f'echo "$2" >>"{calls}"; exit {status}')
+        result = run(checkout / "scripts/bootstrap.sh", DRJIT_LIBLLVM_PATH="")
+        assert result.returncode == 0
+        return result.stderr
+
+    (checkout / "sim").mkdir()
+    (checkout / "sim/noise.py").write_text("a = 1\n")
+    assert bootstrap(1) == "The kernels could not be compiled now; the first run does.\n"
+    assert bootstrap(0) == "" and calls.read_text().count("compile_side_by_side()") == 2
+    (checkout / "sim/noise.py").touch()
+    assert bootstrap(1) == ""  # as long as the sources stay
+    (checkout / "sim/noise.py").write_text("a = 2\n")
+    assert bootstrap(0) == "" and calls.read_text().count("compile_side_by_side()") == 3
 
 
 @pytest.mark.parametrize("trace", [".unfinished", "moved", "changed"])
