@@ -56,7 +56,7 @@ BENCHES: Mapping[str, tuple[str, ...]] = {
     "sweep": ("benches.sweep",),
     "endurance": ("benches.endurance",),
     "growth": ("benches.growth",),
-    "campaign": ("benches.whole_run", "benches.campaign"),  # memory first: later ones fill it
+    "campaign": ("benches.campaign", "benches.whole_run", "benches.start"),
     "motion": ("benches.motion",),
     "dataset": ("benches.dataset",),
 }
