@@ -21,6 +21,8 @@ from rich.console import Console
 
 from estimation.channel.model.kernels import unit_vectors
 from estimation.kernel_cache import OWN_PACKAGES, source_digest
+from isac_arena.campaign.campaign import load_campaign
+from isac_arena.campaign.driver import CampaignRun
 from isac_arena.own_packages import ROOT
 from isac_arena.progress import working
 from isac_arena.workers.workers import n_cores
@@ -31,10 +33,14 @@ TINY: dict[str, Any] = {
     "propagation.compare_planar": False,
 }  # fmt: skip
 FEW = TINY | {"propagation.max_bounces": 1, "channel.maximum_likelihood.max_paths": 8}
-WARM_UPS: tuple[tuple[str, dict[str, Any]], ...] = (
-    ("box_room", TINY),  # both channel methods, mapping, SLAM, contours
-    ("box_room_heights", FEW),  # elevations: paths and states in space
-    ("moving_target", FEW),  # samples of a world that moves, tracks
+POWER = FEW | {"channel.method": "power"}
+WARM_UPS: tuple[tuple[str, dict[str, Any], int], ...] = (  # campaign, settings, and so many stops at most
+    ("box_room", TINY, 4),  # all channel methods, mapping, SLAM, contours
+    ("box_room_heights", FEW, 4),  # elevations: paths and states in space
+    ("moving_target", FEW, 6),  # samples of a world that moves, tracks
+    ("campus_arena_hardware", FEW, 2),  # phases that walk, considered errors
+    ("pillar_hall_two", POWER, 5),  # SLAM of several TX
+    ("warehouse", POWER, 6),  # contours of long walls
 )
 
 
@@ -71,8 +77,8 @@ def compile_side_by_side() -> str:
     with ExitStack() as stack:
         every = stack.enter_context(_started("compile_kernels"))
         if n_cores() > 1:
-            slam = stack.enter_context(_started("compile_slam"))
-            stack.callback(slam.kill)  # what it has not compiled by then, the first has
+            second = stack.enter_context(_started("compile_late_ones"))
+            stack.callback(second.kill)  # what it has not compiled by then, the first has
         stack.callback(every.kill)
         errors = every.communicate()[1].strip().splitlines()
     return "" if not every.returncode else (errors or [f"exit status {every.returncode}"])[-1]
@@ -80,15 +86,17 @@ def compile_side_by_side() -> str:
 
 def compile_kernels() -> None:
     """Compile all kernels in this process by tiny runs of the whole chain, and leave the marker."""
-    for name, settings in WARM_UPS:
-        _tiny(name, settings).scores()
+    for one in WARM_UPS:
+        tiny_run(*one).scores()
     _write_marker()
 
 
-def compile_slam() -> None:
-    """Compile the kernels of SLAM alone: a second process does so while the first compiles those before it."""
-    run = _tiny("box_room", FEW | {"channel.method": "power"})
+def compile_late_ones() -> None:
+    """Compile SLAM and what the last tiny runs need: in a second process, before the first one needs them."""
+    run = tiny_run("box_room", POWER, 4)
     run.locate(list(run.channel(list(run.truths()))))
+    for one in reversed(WARM_UPS[1:]):
+        tiny_run(*one).scores()
 
 
 def kernels() -> dict[Path, list[Dispatcher]]:
@@ -101,10 +109,11 @@ def kernels() -> dict[Path, list[Dispatcher]]:
     return {path: each for path, each in found.items() if each}
 
 
-def _tiny(name: str, settings: dict[str, Any]) -> Any:
-    from isac_arena.campaign.campaign import load_campaign  # noqa: PLC0415  (slow to import)
-
-    return load_campaign(name, **settings).chain()
+def tiny_run(name: str, settings: dict[str, Any], most_stops: int) -> CampaignRun:
+    """The chain over at most so many stops, spread over the walk."""
+    campaign = load_campaign(name, **settings)
+    n_stops = len(campaign.stops)
+    return campaign.chain(range(0, n_stops, -(-n_stops // most_stops)))
 
 
 def child_environment() -> dict[str, str]:
