@@ -58,9 +58,16 @@ class TimedProgress(Progress):
         """The unfinished tasks: how much is done, and how long it takes."""
         tasks = [task for task in self.tasks if not task.finished and task.total]
         return "; ".join(
-            f"{task.description}: {task.completed:g} of {task.total:g}, {task.elapsed or 0:.0f} s{_left(task)}"
-            for task in tasks
+            f"{task.description}: {_done(task)}, {task.elapsed or 0:.0f} s{_left(task)}" for task in tasks
         )
+
+
+def _done(task: Task) -> str:
+    """What is done: a count, or the usual share in the time where the task `is_share`."""
+    total = task.total or 1.0
+    if task.fields.get("is_share"):
+        return f"{task.completed / total:.0%} done"
+    return f"{task.completed:g} of {total:g}"
 
 
 def _left(task: Task) -> str:

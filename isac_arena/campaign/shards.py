@@ -117,4 +117,5 @@ def _opened(shard: Path) -> Iterator[zipfile.ZipFile]:
         with zipfile.ZipFile(shard) as archive:
             yield archive
     except (zipfile.BadZipFile, OSError) as error:
-        raise ValueError(f"{shard}: damaged ({error}); remove it and run the same command again") from error
+        verb = "generate" if shard.parent.name == "truth" else "estimate"
+        raise ValueError(f"{shard}: damaged ({error}); remove it and run 'arena {verb}' again") from error

@@ -112,7 +112,7 @@ def run_campaign(
 
 def run_plan(store: CampaignStore) -> RunPlan:
     """What a run does and what is doubtful about it."""
-    with working(console, "plan"):
+    with working(console, "looking for what is doubtful"):
         scene = store.scene
         return plan_run(store.config, scene, make_link(store.config))
 
@@ -183,7 +183,7 @@ def sweep_and_estimate(
     if not store.has_samples:
         return []
     work = stop_run(store, keeps_sweeps=keep_sweeps, estimates=True, again=again)
-    if not all(map(work.is_done, work.run.chosen_stops)):
+    if not all(map(work.is_done, (work.run.chosen_stops[0], work.run.chosen_stops[-1]))):
         _ensure_kernels()
     failures = _each_stop(work, makers, "trace, sweep, estimate")
     if failures and len(failures) == len(work.run.chosen_stops):
@@ -239,7 +239,7 @@ def build_maps(store: CampaignStore) -> list[EstimatorError]:
     channel = [estimate.channel for estimate in channel_estimates(store, n_stops)]
     with progress_bar(console) as progress:
         steps = list(MAP_STEPS)
-        task = progress.add_task(steps[0], total=sum(MAP_STEPS.values()), told_from=0.5)
+        task = progress.add_task(steps[0], total=sum(MAP_STEPS.values()), told_from=0.5, is_share=True)
 
         def begin(step: str) -> None:
             before = steps[: steps.index(step)]

@@ -56,7 +56,7 @@ BENCHES: Mapping[str, tuple[str, ...]] = {
     "sweep": ("benches.sweep",),
     "endurance": ("benches.endurance",),
     "growth": ("benches.growth",),
-    "campaign": ("benches.campaign", "benches.whole_run", "benches.start"),
+    "campaign": ("benches.whole_run", "benches.campaign", "benches.start"),  # memory first: later ones fill it
     "motion": ("benches.motion",),
     "dataset": ("benches.dataset",),
 }

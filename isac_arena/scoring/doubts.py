@@ -47,6 +47,9 @@ def _pose_doubts(values: Mapping[str, float]) -> Iterator[str]:
         if over > FAR:
             itself = f" (SLAM itself states {stated:.2g} {unit})" if np.isfinite(stated) else ""
             yield f"{name} {values[f'slam.{key}']:.2g} {unit}, {_times(over)} its bound{itself}"
+        elif (half := values.get(f"{of}.over_bound.median", np.nan)) > FAR:
+            hidden = "few stops of large bounds make that of all"
+            yield f"{name}: half of the stops err {_times(half)} their bound or more; {hidden}"
     ours, published = (values.get(f"{one}.position.rmse_m", np.nan) for one in ("slam", "published"))
     as_many = values.get("published.solved_share", 0.0) >= values.get("slam.solved_share", np.inf)
     if as_many and ours > BEHIND * published:

@@ -9,8 +9,9 @@ WORDS = {
     "bound": "Cramér-Rao bound: least RMSE from the paths of each stop alone, over the stops that have one; using "
     "other stops can beat it",
     "stated": "what SLAM says itself of its errors, from its covariances: known without the truth",
-    "doubtful": "position, heading or clock over 5 times its bound, a position behind the published method, "
-    "errors over 3 times the stated ones, or 95 % regions of paths that hold less than 88 % of the true ones",
+    "doubtful": "position, heading or clock over 5 times its bound, in all or at half of the stops, a position "
+    "behind the published method, errors over 3 times the stated ones, or 95 % regions of paths that hold less "
+    "than 88 % of the true ones",
     "significant": "not diffuse, above the noise and within the dynamic range of the estimator",
     "separable": "far enough from its neighbours in delay and angles that an estimator can tell it from them",
     "weak": "an estimate that matches no significant path, but that weak or diffuse true energy explains",
@@ -26,6 +27,7 @@ WORDS = {
     "ghost": "a contour or point most of whose paths come from no object by one bounce",
     "phantom": "a closed contour half of whose area or more no object covers",
     "mixed": "of several objects: none has half of its points",
+    "found": "its contour has 3 points of its own and is within 0.5 m of half of the true incidence points or more",
     "visible": "met by 3 significant single bounces or more over all stops, so that it can be found",
     "incidence point": "where a path that bounced once met a surface; its distance to the surface counts in plan, "
     "off floor or ceiling in height, and not where no height was estimated",
