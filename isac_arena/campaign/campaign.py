@@ -28,7 +28,7 @@ from scenes.display import Displayed
 from scenes.pose import Pose
 from scenes.scene import Scene
 from scenes.tables import scene_tables
-from scenes.toml_config import read_toml
+from scenes.toml_config import ConfigError, read_toml
 from sim.links import link_stops
 from sim.observation import BeamSweep
 from sim.signal.link import Link
@@ -146,6 +146,9 @@ def _loaded(
 ) -> Campaign:
     path = Path(IN_PYTHON) if isinstance(source, Mapping) else campaign_path(str(source))
     document = dict(source) if isinstance(source, Mapping) else read_toml(path)
+    if "bounds_m" in document and "scene" not in document:
+        what = f"'arena new campaign NAME --scene {path}' writes a campaign in it"
+        raise ConfigError(f"{path}: is a scene; {what}")
     wanted = list(_fields(changes))
     if seed is not None:
         wanted.append(("seed", seed))

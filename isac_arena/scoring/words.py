@@ -27,7 +27,7 @@ WORDS = {
     "ghost": "a contour or point most of whose paths come from no object by one bounce",
     "phantom": "a closed contour half of whose area or more no object covers",
     "mixed": "of several objects: none has half of its points",
-    "found": "its contour has 3 points of its own and is within 0.5 m of half of the true incidence points or more",
+    "found": "its contour has 3 points of its own and lies within 0.5 m of half of the true incidence points",
     "visible": "met by 3 significant single bounces or more over all stops, so that it can be found",
     "incidence point": "where a path that bounced once met a surface; its distance to the surface counts in plan, "
     "off floor or ceiling in height, and not where no height was estimated",

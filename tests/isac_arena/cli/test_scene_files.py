@@ -116,3 +116,10 @@ def test_unknown_tx_and_walk(project: Path, tmp_path: Path, tx: str, walk: str, 
     (project / "mine.toml").write_text(CAMPAIGN.format(tx=tx, walk=walk))
     assert message in failure("run", project / "mine.toml", "--out", tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+def test_a_scene_in_place_of_a_campaign_is_told_from_one(tmp_path: Path) -> None:
+    scene = shutil.copy(LIBRARY / "box_room.toml", tmp_path / "mine.toml")
+    line = failure("run", scene, "--out", tmp_path / "out")
+    assert line == f"arena: {scene}: is a scene; 'arena new campaign NAME --scene {scene}' writes a campaign in it"
+    assert not (tmp_path / "out").exists()
