@@ -113,6 +113,6 @@ def test_campaigns_of_the_library_use_what_the_tiny_runs_compile() -> None:
     known = used()
     for name in library_campaigns():
         if name not in LARGE:
-            module.tiny_run(name, module.POWER, 6).scores()
+            module.tiny_run(name, module.POWER, 8).scores()  # some of the stops of fixed nodes fail
             new = used() - known
             assert {kernel for kernel, _ in new} <= RARE.keys(), name
