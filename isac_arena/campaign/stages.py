@@ -207,7 +207,8 @@ def _each_stop(stops: StopRun, makers: StopMakers, description: str) -> list[Est
                 if len(failures) <= SHOWN_FAILURES:
                     _print_failure(one.failure, progress.console)
     pack_stops(stops.store)
-    if more := max(len(failures) - SHOWN_FAILURES, 0):
+    more = max(len(failures) - SHOWN_FAILURES, 0)
+    if more and len(failures) < len(stops.run.chosen_stops):  # else there is no report
         console.print(f"failed: {counted(more, 'more stop', 'more stops')}; the report has them all")
     for line in counts.lines:
         console.print(line)

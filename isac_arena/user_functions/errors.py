@@ -1,6 +1,8 @@
 """Errors of a user's function, with the traceback of its own code alone, and a fence around its changes."""
 
 import importlib
+import os
+import sysconfig
 import traceback
 import warnings
 from collections.abc import Iterator
@@ -8,7 +10,14 @@ from contextlib import chdir, contextmanager
 from itertools import dropwhile
 from pathlib import Path
 
+from isac_arena.own_packages import OWN_PACKAGES, ROOT
+
 OURS = (str(Path(__file__).parent), importlib.__file__, "<frozen importlib")
+LIBRARIES = (  # an error in them, or in code that has no file, is told at the line of the user that called it
+    "<",
+    *(f"{ROOT / package}{os.sep}" for package in (*OWN_PACKAGES, "isac_arena")),
+    *(sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib")),
+)
 TRACE_FILE = "estimator_error.txt"
 LONGEST = 500  # characters of an error in its line; the traceback has all of it
 
@@ -65,7 +74,8 @@ def told(error: BaseException) -> tuple[str, str]:
     line = line if len(line) <= LONGEST else f"{line[:LONGEST]} ..."
     if not own:
         return line, ""
-    place = f" ({own[-1].filename}, line {own[-1].lineno})"
+    theirs = [frame for frame in own if not frame.filename.startswith(LIBRARIES)] or own
+    place = f" ({theirs[-1].filename}, line {theirs[-1].lineno})"
     return f"{line}{place}", f"{line}{place}\n\n{''.join(frames.format())}"
 
 

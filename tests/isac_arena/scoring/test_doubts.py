@@ -42,6 +42,10 @@ def test_nothing_is_said_of_good_poses_and_of_unknown_scores() -> None:
         ({"slam__position__over_bound": 163.0}, "position 0.002 m, 163 times its bound"),
         ({"slam__heading__over_bound": 10.0}, "heading 0.01 deg, 10 times its bound"),
         ({"slam__clock__over_bound": 30.0}, "clock bias 0.01 ns, 30 times its bound"),
+        (
+            {"slam__position__over_bound__median": 29.0},
+            "position: half of the stops err 29 times their bound or more; few stops of large bounds",
+        ),
         ({"published__position__rmse_m": 0.001}, "position 2 times that of the published method"),
         ({"slam__nees": 16.0}, "errors 4 times their stated deviations"),
     ],

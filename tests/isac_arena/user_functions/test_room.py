@@ -28,6 +28,7 @@ pytestmark = pytest.mark.whole  # whole commands: `.ci/run` runs them after the 
 
 LAB = """
 import ctypes, os, sys, time
+from dataclasses import replace
 import numpy as np
 from isac_arena import IncidencePoints, Tracks
 
@@ -49,6 +50,8 @@ def follow(channel, poses, survey):
 
 def loses(channel, poses, survey): return follow(channel, poses, survey).take("state", survey.stop != 0)
 def misses(channel, poses, survey): raise ValueError("no mover")
+def shapes(channel, tx, receiver):
+    return replace(receiver, position_m=receiver.position_m[1:])  # the line of the mistake
 def leaves(channel, tx, receiver): sys.exit(3)
 def dies(channel, tx, receiver): os._exit(7)
 def crashes(channel, tx, receiver): ctypes.string_at(0)
@@ -119,6 +122,15 @@ def test_failures_are_told_in_one_line_and_the_next_call_works(made: MadeCampaig
     with pytest.raises(KeyboardInterrupt):
         call(made, "interrupts")
     assert [estimate.delay_s.tolist() for estimate in made.results.channel] == before
+
+
+def test_a_mistake_that_a_library_finds_is_told_at_the_line_that_made_it(lab: Path, made: MadeCampaign) -> None:
+    with pytest.raises(EstimatorError) as told:
+        call(made, "shapes")
+    lines = LAB.splitlines()
+    number = next(n for n, line in enumerate(lines, start=1) if "the line of the mistake" in line)
+    assert f"({lab / 'lab_of_rooms.py'}, line {number})" in str(told.value)
+    assert "scenes/record.py" in told.value.trace
 
 
 @pytest.mark.usefixtures("lab")
