@@ -245,7 +245,8 @@ class CampaignRun:
 
     def surveyed_receiver(self, truths: Iterable[Truth]) -> PoseEstimates:
         """The receiver states that mapping gets: the true ones with the errors of the survey."""
-        return known_receiver(with_surveyed_pose(self.link_of(truth).config, truth) for truth in truths)
+        surveyed = (with_surveyed_pose(self.link_of(truth).config, truth) for truth in truths)
+        return known_receiver(surveyed, len(self.links))
 
     def true_power_dbm(self, truth: Truth) -> FloatArray:
         """Received power (path,) of the true paths in their best beam pairs."""

@@ -102,18 +102,18 @@ def _user_estimator(function: UserFunction) -> ChannelEstimator:
     return estimate
 
 
-def known_receiver(truths: Iterable[Truth | MeasuredTruth]) -> PoseEstimates:
+def known_receiver(truths: Iterable[Truth | MeasuredTruth], n_tx: int = 1) -> PoseEstimates:
     """The true receiver states as given poses: the input of mapping; SLAM does not use them.
 
     A stop that was not surveyed, or whose clock bias is unknown, counts as unsolved: mapping leaves it out. The
     truths of several TX at a stop, one after the other, are one state with a clock bias for each; that of a TX
-    without a link there is NaN.
+    without a link there is NaN. There are clock biases of `n_tx` TX at least, also where the stops have fewer.
     """
     need_each("truths", truths, Truth, MeasuredTruth)
     states = [(t.stop, *(p := _stop_pose(t)).position_m, p.heading_rad, t.clock_bias_s, _tx(t)) for t in truths]
     table = np.array(states, float).reshape(-1, 7)
     tx, row = table[:, 6].astype(int), np.cumsum(np.diff(table[:, 0], prepend=np.nan) != 0) - 1
-    clock_s = np.full((row.max(initial=-1) + 1, tx.max(initial=0) + 1), np.nan)
+    clock_s = np.full((row.max(initial=-1) + 1, max(tx.max(initial=0) + 1, n_tx)), np.nan)
     clock_s[row, tx] = table[:, 5]
     table = table[np.unique(row, return_index=True)[1]]
     return PoseEstimates(

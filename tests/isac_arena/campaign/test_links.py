@@ -119,3 +119,11 @@ def test_nodes_alone_are_not_asked_for_their_poses() -> None:
     assert scores.value("mapping.ip_to_surface.median_m") < 0.1
     for name in ("ip_to_surface.median_m", "objects_found"):
         assert scores.value(f"slam.{name}") == scores.value(f"mapping.{name}")
+
+
+def test_some_stops_of_a_campaign_with_links_have_maps_too() -> None:
+    run = mixed().chain([0])  # the last links have no stop
+    truths = list(run.truths())
+    assert len({truth.tx for truth in truths}) < len(run.links)
+    assert run.surveyed_receiver(truths).tx_clock_bias_s.shape == (1, len(run.links))
+    assert np.isfinite(run.scores().value("mapping.ip_to_surface.median_m"))
