@@ -75,7 +75,7 @@ def _channel_doubt(values: Mapping[str, float]) -> Iterator[str]:
         told = f"95 % regions hold {100 * coverage:.0f} % of the true paths"
         told += f", NEES is {nees:.2g} where 1 is right" if nees > 1 else ""
         why = "some paths, mostly close pairs, err more than they state"
-        mend = 'method = "auto" of [channel] if it is "power"; with "auto" little: SLAM and contours allow for most of it'
+        mend = 'method = "auto" of [channel] in place of "power"; with "auto" little: maps allow for most'
         yield f"channel: {told}: {why}. To do: {mend}; an estimator of yours should weigh paths with heavy tails"
     if (cut := values.get("channel.missed.path_limit", np.nan)) > 0:
         yield f"channel: {counted(int(cut), 'significant path')} missed where max_paths was reached: raise it"
