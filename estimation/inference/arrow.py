@@ -91,8 +91,8 @@ class ArrowSystem:
     def _factor(self) -> FloatArray:
         """Cholesky factor of B in banded form. `LinAlgError` where B is not positive definite.
 
-        Where one path tells 1e16 times more of a stop than the rest, rounding alone can make B indefinite. Then
-        its diagonal grows by as little as helps.
+        Where the information of one path about a stop is 1e16 times that of the rest, rounding alone can make B
+        indefinite. Then its diagonal grows by as little as helps.
         """
         order = 0
         for growth in _ROUNDING:

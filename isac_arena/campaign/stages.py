@@ -198,7 +198,8 @@ def _each_stop(stops: StopRun, makers: StopMakers, description: str) -> list[Est
     with working(console, "self-calibration"):
         stops.run.calibrate()
     with progress_bar(console) as progress, closing(make_stops(stops, makers, progress.console.print)) as made:
-        for number, one in enumerate(progress.track(made, len(stops.run.chosen_stops), description=description)):
+        tracked = progress.track(made, len(stops.run.chosen_stops), description=description)
+        for number, one in enumerate(tracked, 1):
             if number % STOPS_A_SHARD == 0:
                 pack_stops(stops.store)
             counts += one.counts

@@ -93,20 +93,16 @@ def _search(
             inlier[:] = False
             for k in range(size):
                 inlier[sets[s, k]] = True
-            _solve(terms, inlier, matrix, z)
-            if not _is_feasible(terms, measured, inlier, z):
+            if not _is_solved(terms, measured, inlier, matrix, z, square):
                 continue
-            _fill_distances2(terms, z, square)
             found = 0
             for j in range(n):
                 inlier[j] = square[j] <= gate_m2
                 found += inlier[j]
             if found < size:
                 continue
-            _solve(terms, inlier, matrix, z)
-            if not _is_feasible(terms, measured, inlier, z):
+            if not _is_solved(terms, measured, inlier, matrix, z, square):
                 continue
-            _fill_distances2(terms, z, square)
             cost = 0.0
             for j in range(n):
                 cost += gain[j] * (square[j] if inlier[j] else gate_m2)
@@ -114,6 +110,18 @@ def _search(
                 least, most = cost, found
                 best[0], best[1], best[2], best[3] = z[0], z[1], heading, z[2]
     return best, most
+
+
+@compiled
+def _is_solved(
+    terms: _Terms, measured: FloatArray, inlier: BoolArray, matrix: FloatArray, z: FloatArray, square: FloatArray
+) -> bool:
+    """Whether the state of some paths, in place in `z`, is feasible; then `square` has the distances of all."""
+    _solve(terms, inlier, matrix, z)
+    if not _is_feasible(terms, measured, inlier, z):
+        return False
+    _fill_distances2(terms, z, square)
+    return True
 
 
 @compiled

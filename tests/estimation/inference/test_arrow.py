@@ -49,7 +49,7 @@ def test_solution_and_marginals_are_those_of_the_dense_matrix(n, shared):
 
 
 def one_strong_row(strength: float) -> ArrowSystem:
-    """Unknowns of a stop that a single path tells of, beside a weak prior."""
+    """The state of a stop that a single path observes, beside a weak prior."""
     row = np.array([0.6, -0.5, 0.6, 0.2])
     block = np.eye(4) * 1e-2 + strength * np.outer(row, row)
     none = np.empty((0, 4, 4))
@@ -59,7 +59,7 @@ def one_strong_row(strength: float) -> ArrowSystem:
 
 
 @pytest.mark.parametrize("strength", [1e15, 1e16, 1e17, 1e18])
-def test_a_path_that_tells_far_more_than_the_rest_breaks_no_solution(strength):
+def test_a_path_of_far_more_information_than_the_rest_breaks_no_solution(strength):
     system = one_strong_row(strength)
     states, _ = system.solve()
     assert np.abs(system.diagonal[0] @ states[0] + system.gradient[0]).max() < 1e-2

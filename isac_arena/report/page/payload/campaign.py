@@ -46,7 +46,8 @@ def report_payload(
     None if there is none. `txs` are the TX of the scene by the names of their links; those of `uplinks` receive.
     """
     stops = drawn_stops(results)
-    channel = {estimate.stop: estimate for estimate in results.channel if estimate.stop in set(stops)}
+    every = {estimate.stop: estimate for estimate in results.channel}
+    channel = {stop: every[stop] for stop in stops}
     by_stop = {
         stop: true_paths(group, channel[stop], tables)
         for stop, group in groupby(truths, key=lambda truth: truth.stop)
