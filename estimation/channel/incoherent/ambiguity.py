@@ -25,6 +25,7 @@ from scenes.record import FloatArray
 LEVEL_STEP_RAD = np.deg2rad(1.0)  # between the searched elevations
 REACH_CELLS = 2.0  # of azimuth to either side of the path's own
 SCAN_PER_CELL = 16.0  # azimuths per Rayleigh cell
+FAR_BELOW = 30.0  # the path's own place, tempered: no prior brings such a mode back
 LEAST_LOG_WEIGHT = -5.0  # relative to the best mode, below which a mode does not count
 # Share of a path's power that beam models do not explain: the darkest pairs with a part of it are left out.
 MODEL_ERROR = 3e-3
@@ -45,7 +46,7 @@ def resolve_ambiguous_directions(
     if ends.tx.n_angles == ends.rx.n_angles == 1:
         return paths, at, spread
     temper = 1 + MODEL_ERROR * np.maximum(at.value - likelihood_without(local, ends, paths, np.arange(n)), 0.0)
-    modes = _modes(local, ends, paths, at)
+    modes = _modes(local, ends, paths, at, temper)
     chosen = [_weights(ends, *mode, factor)[1] for mode, factor in zip(modes, temper, strict=True)]
     together = np.array([places[second] for (places, _), second in zip(modes, chosen, strict=True)])
     if any(second > 0 for second in chosen):
@@ -66,7 +67,7 @@ def resolve_ambiguous_directions(
 
 
 def _modes(
-    local: LocalSamples, ends: LinkBeams, paths: FloatArray, at: Score
+    local: LocalSamples, ends: LinkBeams, paths: FloatArray, at: Score, temper: FloatArray
 ) -> list[tuple[FloatArray, FloatArray]]:
     """Places (mode, parameter) of each path, its own first, and log-likelihoods (mode,) of all paths."""
     size = paths.shape[1]
@@ -81,11 +82,12 @@ def _modes(
             bright = ends.bright_pairs(np.concatenate([own, starts]), 1 - MODEL_ERROR / 100)
             beside = local.of_pairs(bright)
             beside = beside.with_fixed(ends, others, own[:, 0]) if len(others) else beside
-            elsewhere = at.value - log_likelihood_gradient(beside, ends, own).value
+            here = log_likelihood_gradient(beside, ends, own).value
+            elsewhere, least = at.value - here, here - FAR_BELOW * temper[path]
         for start in starts:
-            mode, then, is_near = maximise_likelihood(beside, ends, start[None])
+            mode, then, is_near = maximise_likelihood(beside, ends, start[None], least=least)
             is_apart = (np.abs(_offset(mode, paths[path])[0, :-2]) > APART * std[path]).any()
-            if is_near and is_apart and ends.in_sight(mode).all():
+            if is_near and then.value >= least and is_apart and ends.in_sight(mode).all():
                 places.append(mode[0])
                 values.append(then.value + elsewhere)
         found.append((np.array(places), np.array(values)))

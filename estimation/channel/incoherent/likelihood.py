@@ -37,6 +37,7 @@ MOST_STEPS = 30
 FAINT = 0.03  # SNR of a path in a pair below which the pair is uninformative
 _SCHEDULE = Schedule(MOST_STEPS, least=1e-5, largest=1e4 / 8, factor=8.0, good=0.7, poor=0.2)
 _ENOUGH = 2e-3  # expected gain in log-likelihood at which the steps end: 0.06 standard deviations
+HOPE = 10.0  # times the gain that a step expects: more is not gained by the steps that follow
 _LARGEST_CELLS, _LARGEST_LOG_AMPLITUDE, _LARGEST_PHASE = 0.4, 0.7, 0.7  # of one step
 
 
@@ -281,11 +282,16 @@ def information_table() -> FloatArray:
 
 
 def maximise_likelihood(
-    local: LocalSamples, ends: LinkBeams, paths: FloatArray, most_steps: int = MOST_STEPS
+    local: LocalSamples,
+    ends: LinkBeams,
+    paths: FloatArray,
+    most_steps: int = MOST_STEPS,
+    least: float = -np.inf,
 ) -> tuple[FloatArray, Score, bool]:
     """Paths (path, parameter) at the nearest maximum of the likelihood, or after this many steps towards it.
 
-    The last result is whether all delays stayed in their reach; the steps end when one leaves it.
+    The last result is whether all delays stayed in their reach; the steps end when one leaves it, or when there is
+    no hope that the logarithm of the likelihood reaches `least`.
     """
     start = paths[:, 0].copy()
     longest = _longest_steps(ends, paths)
@@ -296,7 +302,8 @@ def maximise_likelihood(
         nonlocal inside
         paths, at = now
         step = _damped_step(at, damping)
-        if step @ at.gradient / 2 < _ENOUGH:
+        expected = float(step @ at.gradient) / 2
+        if expected < _ENOUGH or at.value + HOPE * expected < least:
             return None
         move = step.reshape(paths.shape)
         reach = (longest / np.maximum(np.abs(move), 1e-300)).min(axis=1, keepdims=True)

@@ -29,6 +29,7 @@ from sim.observation import BeamSweep
 
 _LIT = 0.02  # least SNR of a beam pair that takes part in a fit
 _ROUNDS = 30
+_IN_VAIN = 2  # rounds without a better set of paths: the same places come and go
 _ROUND_STEPS = 6  # of the fit of many paths: undetected paths would bias further steps
 _PATH_STEPS = 400  # over the number of paths, if that is more
 _REFIT_STEPS = 2  # of the next fit, without redundant paths
@@ -82,6 +83,7 @@ class IncoherentSearch:
         """Paths and the likelihood at its maximum; None if there are none."""
         paths, at = np.zeros((0, self.ends.n_parameters)), None
         new = self._first_starts()[: self.config.max_incoherent_paths]
+        best, most, n_vain = paths, -np.inf, 0
         for n_rounds in range(_ROUNDS):
             if len(new):
                 paths = np.concatenate([paths, new])
@@ -93,10 +95,15 @@ class IncoherentSearch:
             paths, at, residual = self._standing_out(paths, at)
             if at is None:
                 return paths, None
-            room = self.config.max_incoherent_paths - len(paths)
-            new = self._further_starts(paths, at, residual)[:room]
+            worth = at.value - self.levels.lowest * len(paths)
+            n_vain = 0 if worth > most + self.levels.lowest else n_vain + 1
+            best, most = (paths, worth) if n_vain == 0 else (best, most)
+            room = self.config.max_incoherent_paths - len(paths) if n_vain < _IN_VAIN else 0
+            new = self._further_starts(paths, at, residual)[:room] if room else paths[:0]
             if len(new):
                 continue
+            if n_vain >= _IN_VAIN:
+                paths, at = self._fitted(best, self._round_steps(best))
             paths, at = self._converged(*self._without_drift(paths, at))
             n_paths = len(paths)
             if at is not None and room:
