@@ -71,11 +71,16 @@ def _done(task: Task) -> str:
 
 
 def _left(task: Task) -> str:
-    """The time left at the mean speed so far; empty where no more than the share `told_from` is done."""
+    """The time left at the mean speed so far; empty where no more than the share `told_from` is done.
+
+    What several workers make `side_by_side` counts as half done.
+    """
     told_from = task.fields.get("told_from", 0.0) * (task.total or 0.0)
     if not (task.completed > told_from and task.elapsed and task.remaining):
         return ""
-    return f", about {duration(task.elapsed / task.completed * task.remaining)} left"
+    n_begun = min(task.fields.get("side_by_side", 1), task.remaining)
+    done = task.completed + (n_begun / 2 if n_begun > 1 else 0.0)
+    return f", about {duration(task.elapsed / done * ((task.total or 0.0) - done))} left"
 
 
 def duration(seconds: float) -> str:

@@ -231,11 +231,13 @@ def with_base(tables: Mapping[str, Any]) -> dict[str, Any]:
         raise ConfigError(f"base = '{base}': must be one of {', '.join(library_scenes())}")
     below = with_base(tomllib.loads(read_text(LIBRARY / f"{base}.toml")))
     for name, value in below.items():
-        given = whole.get(name, value)
-        if isinstance(value, list) and name in whole:
-            whole[name] = [*value, *given]
-        else:
-            whole[name] = value | given if isinstance(value, dict) else given
+        match value, whole.get(name):
+            case _, None:
+                whole[name] = value
+            case list(), list() as given:
+                whole[name] = [*value, *given]
+            case dict(), dict() as given:
+                whole[name] = value | given
     return whole
 
 

@@ -90,7 +90,9 @@ class ArrayConfig(ConfigModel):
         [0.0], min_length=1, description="elevation of the panel boresights, one for all or one each"
     )
     codebook: Literal["steered", "dft", "campus_63", "hierarchical", "file"] = Field(
-        "steered", description="beams of a panel"
+        "steered",
+        description="beams of a panel: a grid of angles, a Fourier matrix, the 63 of the measured campaign, ever "
+        "narrower ones, or those of a file",
     )
     beams_per_panel: int = Field(32, ge=1, le=1024, description="steered: beams, uniform in the sine of azimuth")
     sector_deg: float = Field(

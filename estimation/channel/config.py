@@ -104,7 +104,11 @@ class SelfCalibrationConfig(ConfigModel):
 class ChannelConfig(ConfigModel):
     """Settings of channel estimation: the method, and the settings of each method."""
 
-    method: MethodName = Field("auto", description="auto, coherent, incoherent or power")
+    method: MethodName = Field(
+        "auto",
+        description="maximum likelihood with or without phases between beam pairs, auto: as the signal allows; "
+        "or beam powers alone",
+    )
     maximum_likelihood: MaximumLikelihoodConfig = MaximumLikelihoodConfig()
     power: PowerMethodConfig = PowerMethodConfig()
     los: LosConfig = LosConfig()

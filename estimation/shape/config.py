@@ -124,7 +124,11 @@ class ContourConfig(ConfigModel):
         "recursive_gp",
         "star_convex_rhm",
         "none",
-    ] = Field("reflection", description="method of the contours; none for none")
+    ] = Field(
+        "reflection",
+        description="from delays and angles of all paths at once, or from incidence points by evidence; others: "
+        "one model a cluster, to compare with, see docs/method.md",
+    )
     eps_m: float = Field(0.6, gt=0, description="neighbourhood radius of DBSCAN in m, for candidate objects")
     min_samples: int = Field(5, ge=1, description="IPs within eps_m, itself included, that make a core point")
     reflection: ReflectionConfig = ReflectionConfig()

@@ -28,7 +28,7 @@ from isac_arena.campaign.stored import (
     stored_results,
     stored_truths,
 )
-from isac_arena.campaign.summary import TraceCounts, run_facts, score_legend, score_table
+from isac_arena.campaign.summary import TraceCounts, run_facts, score_table
 from isac_arena.progress import counted, heard_steps, progress_bar, working
 from isac_arena.report.page.budget_file import BUDGET_FILE, read_budget
 from isac_arena.scoring.doubts import run_doubts
@@ -38,6 +38,7 @@ from isac_arena.user_functions.config import with_functions
 from isac_arena.user_functions.errors import EstimatorError
 from isac_arena.user_functions.room import check_functions
 from isac_arena.workers.stops import StopMakers, StopRun, campaign_run, make_stops, stop_run
+from isac_arena.workers.workers import n_cores
 from scenes.scene import Scene
 from sim.clock import checked_clock
 from sim.links import link_nodes, uplink_names
@@ -198,8 +199,9 @@ def _each_stop(stops: StopRun, makers: StopMakers, description: str) -> list[Est
     with working(console, "self-calibration"):
         stops.run.calibrate()
     with progress_bar(console) as progress, closing(make_stops(stops, makers, progress.console.print)) as made:
-        tracked = progress.track(made, len(stops.run.chosen_stops), description=description)
-        for number, one in enumerate(tracked, 1):
+        n_stops = len(stops.run.chosen_stops)
+        task = progress.add_task(description, total=n_stops, side_by_side=makers.workers or n_cores())
+        for number, one in enumerate(progress.track(made, n_stops, task_id=task), 1):
             if number % STOPS_A_SHARD == 0:
                 pack_stops(stops.store)
             counts += one.counts
@@ -268,7 +270,7 @@ def write_scores(store: CampaignStore) -> None:
         scores = scores_of(store, scene, results)
     store.write_scores(scores)
     console.print(score_table(scores))
-    for line in score_legend(scores):
+    for line in scores.legend:
         console.print(line, markup=False, soft_wrap=True)
     print_doubts(run_doubts(scores.metrics, results.slam.poses))
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 import platform
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from importlib.metadata import PackageNotFoundError, version
 
@@ -15,9 +14,8 @@ from rich.table import Table
 from isac_arena.campaign.chain.inputs import walk_settings
 from isac_arena.campaign.config import CampaignConfig, methods
 from isac_arena.campaign.plan import link_roles, slam_of
-from isac_arena.scoring.headline import HEADS, bound_note, headline
+from isac_arena.scoring.headline import HEADS, headline, score_text
 from isac_arena.scoring.score import Scores
-from isac_arena.scoring.words import legend
 from isac_arena.user_functions.config import Stage
 from scenes.scene import Scene
 from sim.links import tx_links
@@ -53,10 +51,11 @@ class TraceCounts:
         """Lines for the terminal: none about what did not happen."""
         lines = []
         if self.n_compared:
-            extra = f"; {self.n_extra} that only the tracer found are not used" if self.n_extra else ""
+            extra = f"; {self.n_extra} that the ray tracer alone found are left out" if self.n_extra else ""
             n_exact = self.n_compared - self.n_extra
-            missed = f"the ray tracer missed {self.n_repaired}"
-            lines.append(f"line of sight and reflections: {n_exact} by the exact solver; {missed}{extra}")
+            added = f"{self.n_repaired} of them, which the ray tracer missed, are added"
+            missed = added if self.n_repaired else "the ray tracer found them all"
+            lines.append(f"lines of sight and reflections: {n_exact}, exact by mirror images; {missed}{extra}")
         if self.n_moving:
             lines.append(
                 f"motion: {self.n_moving} sweeps, {self.n_traced_again} of them traced again inside, "
@@ -82,16 +81,8 @@ def score_table(scores: Scores) -> Table:
     for column in table.columns[1:-1]:
         column.justify, column.no_wrap = "right", True
     for label, cells, unit in headline(scores.metrics):
-        values = [f"{one.value:.3g}" if one and math.isfinite(one.value) else "-" for one in cells]
-        table.add_row(label, *values, unit)
+        table.add_row(label, *map(score_text, cells), unit)
     return table
-
-
-def score_legend(scores: Scores) -> Iterator[str]:
-    """The meaning of every word of the score table, a line each, and what stops without a bound mean."""
-    labels = [label for row in headline(scores.metrics) for label in (row[0], row[2], *HEADS)]
-    yield from legend([*labels, *scores.doubts])
-    yield from filter(None, [bound_note(scores.tables.poses)])
 
 
 def scene_summary(scene: Scene) -> str:

@@ -46,7 +46,7 @@ def compare(
     from rich.console import Console  # noqa: PLC0415
 
     from isac_arena.insight.comparison.runs import compare_runs  # noqa: PLC0415
-    from isac_arena.insight.comparison.table import difference_table, method_table, setting_table  # noqa: PLC0415
+    from isac_arena.insight.comparison.table import difference_table, difference_words, method_table, setting_table  # noqa: PLC0415
 
     if (out / "campaign.json").exists():
         raise ValueError(f"--out = {out}: holds a campaign; choose another directory")
@@ -62,11 +62,15 @@ def compare(
     write_comparison(out, (a, b), compared, changed, notes)
     console = Console(highlight=False)
     console.print(difference_table(compared))
-    console.print(method_table(a.methods, b.methods))
+    for line in difference_words(compared):
+        console.print(line, markup=False, soft_wrap=True)
+    console.print(method_table(a.methods, b.methods) if a.methods != b.methods else "methods: all are the same")
     console.print(setting_table(changed) if changed else "settings: all are the same")
     for note in notes:
-        console.print(f"note: {note}", markup=False)
-    console.print(f"compare: {out / 'compare.png'} and compare.json, which has all scores side by side")
+        console.print(f"note: {note}", markup=False, soft_wrap=True)
+    console.print(
+        f"compare: {out / 'compare.png'} and compare.json, which has all scores side by side", soft_wrap=True
+    )
 
 
 def read_run(directory: Path) -> Run:

@@ -22,7 +22,7 @@ def golden(
     ] = False,
     folder: Annotated[Path, typer.Option(help="Folder of the golden files.")] = FOLDER,
 ) -> None:
-    """Run the golden campaigns and compare their scores with the stored ones; exit 1 if one deviates."""
+    """Run small campaigns and compare their scores with stored ones; exit 1 if one deviates."""
     from rich.console import Console  # noqa: PLC0415
 
     from isac_arena.progress import working  # noqa: PLC0415

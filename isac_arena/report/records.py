@@ -24,6 +24,7 @@ from isac_arena.report.figures.path_lines import path_summary
 from isac_arena.report.figures.plan import draw_legend, draw_paths, draw_plan
 from isac_arena.report.figures.power import draw_power
 from isac_arena.report.figures.scene3d import scene_figure
+from isac_arena.report.page.tables import headline_table
 from isac_arena.report.style import ESTIMATE, GHOST, SLAM, cluster_look, html_table, styled
 from isac_arena.scoring.score import Scores
 from scenes.arguments import need
@@ -213,7 +214,8 @@ def _(thing: Record) -> str:
 @html.register
 def _(thing: Scores) -> str:
     doubts = "".join(f"<p>doubtful: {escape(doubt)}</p>" for doubt in thing.doubts)
-    return doubts + str(thing.to_dataframe().to_html(max_rows=20, index=False))
+    more = f"<p><code>.to_dataframe()</code> has all {len(thing.metrics)} scores</p>"
+    return headline_table(thing.metrics) + doubts + more
 
 
 def _parts(thing: Record) -> list[tuple[str, Record]]:

@@ -10,8 +10,8 @@ from isac_arena.scoring.metrics.metric import Metric
 
 FAR = 5.0  # times a bound: the bar of the worst random hall, see docs/metrics.md
 FAR_STATED = 3.0  # times a stated deviation: chance takes one error in 370 there
-LEAST_COVERAGE = 0.88  # of 95 % regions of paths: the bar of the worst random hall
-MOST_NEES = 4.0  # of paths, 1 where covariances are right: errors of twice what is stated
+LEAST_COVERAGE = 0.88  # of 95 % regions: the bar of the worst random hall
+MOST_NEES = 4.0  # 1 where covariances are right: errors of twice what is stated
 BEHIND = 1.25  # times the RMSE of the published method: less is chance where both have the same paths
 FEW_STOPS = 6  # of a walk; box_room is .046, .007, .0015 and .0015 m off with 2, 4, 6 and 9 stops
 NONE_LOCATED = (
@@ -19,6 +19,13 @@ NONE_LOCATED = (
     "single bounces. Look at the paths of the stops in the report, then at beams, power and walk"
 )
 MORE_STOPS = "more stops (n_stops of the walk)"
+STATED = {
+    "channel": "paths",
+    "mapping.ip_position": "points of mapping",
+    "mapping.ip_height": "heights of points of mapping",
+    "slam.ip_position": "points of SLAM",
+    "slam.ip_height": "heights of points of SLAM",
+}
 POSES = (
     ("position", "position.rmse_m", "m"),
     ("heading", "heading.rmse_deg", "deg"),
@@ -41,6 +48,7 @@ def pose_doubts(values: Mapping[str, float]) -> tuple[str, ...]:
 
 
 def _pose_doubts(values: Mapping[str, float]) -> Iterator[str]:
+    halves = []
     for name, key, unit in POSES:
         of = f"slam.{key.partition('.')[0]}"
         over, stated = (values.get(f"{of}.{score}", np.nan) for score in ("over_bound", f"stated_{unit}"))
@@ -48,8 +56,10 @@ def _pose_doubts(values: Mapping[str, float]) -> Iterator[str]:
             itself = f" (SLAM itself states {stated:.2g} {unit})" if np.isfinite(stated) else ""
             yield f"{name} {values[f'slam.{key}']:.2g} {unit}, {_times(over)} its bound{itself}"
         elif (half := values.get(f"{of}.over_bound.median", np.nan)) > FAR:
-            hidden = "few stops of large bounds make that of all"
-            yield f"{name}: half of the stops err {_times(half)} their bound or more; {hidden}"
+            halves.append(f"{_times(half)} ({name})")
+    if halves:
+        hidden = "the bound of all is that of few stops with large ones"
+        yield f"half of the stops err {', '.join(halves)} their bound or more: {hidden}"
     ours, published = (values.get(f"{one}.position.rmse_m", np.nan) for one in ("slam", "published"))
     as_many = values.get("published.solved_share", 0.0) >= values.get("slam.solved_share", np.inf)
     if as_many and ours > BEHIND * published:
@@ -64,21 +74,43 @@ def _times(factor: float) -> str:
 
 
 def score_doubts(metrics: Sequence[Metric]) -> tuple[str, ...]:
-    """The doubts about covariances of paths and those of `pose_doubts`, a sentence each, with what to do."""
+    """What is doubtful in stated errors, cut paths, poses (`pose_doubts`) and contours, and what to do."""
     values = values_of(metrics)
-    return (*_channel_doubt(values), *_slam_doubt(values))
+    return (*_stated_doubt(values), *_cut_doubt(values), *_slam_doubt(values), *_contour_doubt(values))
 
 
-def _channel_doubt(values: Mapping[str, float]) -> Iterator[str]:
-    coverage, nees = values.get("channel.coverage95", np.nan), values.get("channel.nees", np.nan)
-    if coverage < LEAST_COVERAGE or nees > MOST_NEES:
-        told = f"95 % regions hold {100 * coverage:.0f} % of the true paths"
-        told += f", NEES is {nees:.2g} where 1 is right" if nees > 1 else ""
-        why = "some paths, mostly close pairs, err more than they state"
-        mend = 'method = "auto" of [channel] in place of "power"; with "auto" little: maps allow for most'
-        yield f"channel: {told}: {why}. To do: {mend}; an estimator of yours should weigh paths with heavy tails"
+def _stated_doubt(values: Mapping[str, float]) -> Iterator[str]:
+    """Where covariances of paths, or of the points that they make, are too small."""
+    told = []
+    for key, name in STATED.items():
+        coverage, nees = (values.get(f"{key}.{score}", np.nan) for score in ("coverage95", "nees"))
+        if coverage < LEAST_COVERAGE or nees > MOST_NEES:
+            told.append(f"{100 * coverage:.0f} % of {name}" + (f" (NEES {nees:.2g})" if nees > 1 else ""))
+    if told:
+        mend = 'where [channel] method is "power", take "auto"; in code of yours, weigh paths with heavy tails'
+        yield (
+            f"stated errors: regions that should hold 95 % hold {', '.join(told)}. Some paths, mostly pairs close "
+            f"together, err more than they state; SLAM and contours allow for that. To do: {mend}"
+        )
+
+
+def _cut_doubt(values: Mapping[str, float]) -> Iterator[str]:
     if (cut := values.get("channel.missed.path_limit", np.nan)) > 0:
         yield f"channel: {counted(int(cut), 'significant path')} missed where max_paths was reached: raise it"
+
+
+def _contour_doubt(values: Mapping[str, float]) -> Iterator[str]:
+    told = []
+    for of, name in (("mapping", "mapping"), ("slam", "SLAM")):
+        false, total = (values.get(f"contours.{of}.{score}", np.nan) for score in ("false", "accepted"))
+        if false > 0:
+            told.append(f"{false:.0f} of {total:.0f} of {name}")
+    if told:
+        yield (
+            f"contours: {', '.join(told)} are false, though their own probability may be high: paths of two "
+            "bounces agree on an object that is not there. To do: "
+            f"{MORE_STOPS}; the report shows which, under 'Contours'"
+        )
 
 
 def _slam_doubt(values: Mapping[str, float]) -> tuple[str, ...]:

@@ -19,7 +19,8 @@ HEADS = ("published", "this run", "bound", "unit")
 class HeadlineRow:
     """A score of this run, and the keys of the same by the paper's method, of its bound, and of the whole count.
 
-    Empty for none. `of` and `kind` name the map and the objects that a mean is over.
+    Empty for none. `of` and `kind` name the map and the objects that a mean is over. A row that `may_lack` is left
+    out where nothing has a value.
     """
 
     label: str
@@ -29,6 +30,7 @@ class HeadlineRow:
     whole: str = ""
     of: str = ""
     kind: str = ""
+    may_lack: bool = False
 
 
 def _pose_row(name: str, field: str, unit: str) -> HeadlineRow:
@@ -49,14 +51,20 @@ def _contour_row(label: str, of: str, kind: str, score: str) -> HeadlineRow:
 HEADLINE = (
     HeadlineRow("Separable paths detected, share", "channel.detection_rate"),
     HeadlineRow("False paths per stop", "channel.false_per_stop"),
+    HeadlineRow("Detected paths inside their 95 % regions, share", "channel.coverage95"),
     HeadlineRow("Stops located by SLAM, share", "slam.solved_share", "published.solved_share"),
-    _pose_row("position", "position", "m"),
-    HeadlineRow("Receiver position by SLAM, median", "slam.position.median_m", "published.position.median_m"),
-    HeadlineRow("Receiver position by SLAM, stated deviation", "slam.position.stated_m"),
+    _pose_row("position in plan", "position", "m"),
+    HeadlineRow(
+        "Receiver position in plan by SLAM, median", "slam.position.median_m", "published.position.median_m"
+    ),
+    HeadlineRow("Receiver position in plan by SLAM, stated deviation", "slam.position.stated_m"),
+    HeadlineRow("Receiver height by SLAM, RMSE", "slam.height.rmse_m", may_lack=True),
     _pose_row("heading", "heading", "deg"),
     _pose_row("clock bias", "clock", "ns"),
     HeadlineRow("Incidence point to surface, mapping, median", "mapping.ip_to_surface.median_m"),
+    HeadlineRow("Incidence point to surface, mapping, RMS", "mapping.ip_to_surface.rms_m"),
     HeadlineRow("Incidence point to surface, SLAM, median", "slam.ip_to_surface.median_m"),
+    HeadlineRow("Incidence point to surface, SLAM, RMS", "slam.ip_to_surface.rms_m"),
     _found_row("pillar"),
     _found_row("wall"),
     _contour_row("Pillars, seen part, mapping, RMSE", "mapping", "pillar", "seen_rmse.mean_m"),
@@ -77,11 +85,31 @@ def headline(metrics: Sequence[Metric]) -> Iterator[tuple[str, list[Metric | Non
     known = {metric.key: metric for metric in metrics}
     for row in HEADLINE:
         cells = [known.get(key) for key in (row.paper, row.key, row.bound)]
+        if row.may_lack and not any(math.isfinite(cell.value) for cell in cells if cell):
+            continue
         if (present := next(filter(None, cells), None)) is not None:
             unit = "" if present.unit == "1" else present.unit
             if row.whole in known and math.isfinite(known[row.whole].value):
                 unit = f"of {known[row.whole].value:g} visible"
             yield row.label, cells, ", ".join(filter(None, [unit, _members(row, known)]))
+
+
+def headline_text(metrics: Sequence[Metric]) -> str:
+    """The table as text of fixed width."""
+    rows = [("", *HEADS)]
+    for label, cells, unit in headline(metrics):
+        rows.append((label, *(score_text(cell) for cell in cells), unit))
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = (
+        "  ".join([label.ljust(widths[0]), *map(str.rjust, cells, widths[1:-1]), unit])
+        for label, *cells, unit in rows
+    )
+    return "\n".join(line.rstrip() for line in lines)
+
+
+def score_text(score: Metric | None) -> str:
+    """A score in three digits; a dash where there is none."""
+    return f"{score.value:.3g}" if score and math.isfinite(score.value) else "-"
 
 
 def _members(row: HeadlineRow, known: Mapping[str, Metric]) -> str:

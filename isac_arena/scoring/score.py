@@ -4,8 +4,10 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 
 from isac_arena.scoring.doubts import score_doubts
+from isac_arena.scoring.headline import HEADS, bound_note, headline, headline_text
 from isac_arena.scoring.metrics.metric import Metric
 from isac_arena.scoring.record import ScoreTables
+from isac_arena.scoring.words import legend
 from scenes.display import Displayed
 
 
@@ -20,6 +22,17 @@ class Scores(Displayed):
         n_stops = self.tables.stops.size("stop")
         doubts = "".join(f"; doubtful: {doubt}" for doubt in self.doubts)
         return f"Scores({len(self.metrics)} metrics over {n_stops} stops; .to_dataframe() has them all{doubts})"
+
+    def __str__(self) -> str:
+        doubts = (f"doubtful: {doubt}" for doubt in self.doubts)
+        return "\n".join([headline_text(self.metrics), *self.legend, *doubts])
+
+    @property
+    def legend(self) -> tuple[str, ...]:
+        """The meaning of every word of the main scores, a line each, and what stops without a bound mean."""
+        labels = [text for label, _, unit in headline(self.metrics) for text in (label, unit)]
+        note = bound_note(self.tables.poses)
+        return tuple(filter(None, [*legend([*labels, *HEADS, *self.doubts]), note]))
 
     @property
     def doubts(self) -> tuple[str, ...]:

@@ -10,16 +10,19 @@ WORDS = {
     "other stops can beat it",
     "stated": "what SLAM says itself of its errors, from its covariances: known without the truth",
     "doubtful": "position, heading or clock over 5 times its bound, in all or at half of the stops, a position "
-    "behind the published method, errors over 3 times the stated ones, or 95 % regions of paths that hold less "
-    "than 88 % of the true ones",
+    "behind the published method, errors over 3 times the stated ones, 95 % regions that hold less than 88 % of "
+    "the truth, or false contours",
+    "in plan": "by x and y alone, without the height",
+    "mean of": "over so many objects of this kind that have a contour with its points",
     "significant": "not diffuse, above the noise and within the dynamic range of the estimator",
     "separable": "far enough from its neighbours in delay and angles that an estimator can tell it from them",
     "weak": "an estimate that matches no significant path, but that weak or diffuse true energy explains",
-    "false contour": "a ghost or a phantom",
+    "false contour": "a ghost or a phantom: there is no such object",
     "false": "an estimate that no true path explains",
     "gate": "the largest errors at which an estimate still counts as a true path: 3 ns, 5 deg, 5 deg",
     "IoU": "area of the overlap over the area of the union: 1 is perfect, 0 is apart",
     "GOSPA": "distance of two sets: the errors of matched members, and a penalty for each missed or false one",
+    "modified Hausdorff distance": "the mean distance of two contours, of both directions the larger",
     "NEES": "squared error over its stated covariance, 1 a dimension where covariances are right",
     "coverage": "share of the truth inside the stated 95 % interval: .95 where intervals are right",
     "seen": "the part of a contour near the incidence points that it was fitted to",
@@ -44,8 +47,11 @@ def words_in(texts: Iterable[str]) -> list[str]:
 
 
 def legend(texts: Iterable[str]) -> Iterator[str]:
-    """A line for every known word in some texts."""
-    return (f"{word}: {WORDS[word]}" for word in words_in(texts))
+    """A line for every known word in some texts, and for every one that these lines need."""
+    texts, found = list(texts), list[str]()
+    while (known := words_in([*texts, *(WORDS[word] for word in found)])) != found:
+        found = known
+    return (f"{word}: {WORDS[word]}" for word in found)
 
 
 def explained(text: str) -> str:

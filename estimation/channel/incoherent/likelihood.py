@@ -282,11 +282,7 @@ def information_table() -> FloatArray:
 
 
 def maximise_likelihood(
-    local: LocalSamples,
-    ends: LinkBeams,
-    paths: FloatArray,
-    most_steps: int = MOST_STEPS,
-    least: float = -np.inf,
+    local: LocalSamples, ends: LinkBeams, paths: FloatArray, most_steps: int = MOST_STEPS, least: float = -np.inf
 ) -> tuple[FloatArray, Score, bool]:
     """Paths (path, parameter) at the nearest maximum of the likelihood, or after this many steps towards it.
 

@@ -13,7 +13,9 @@ import typer
 if TYPE_CHECKING:
     from isac_arena.public_tasks.board import BoardRow
 
-app = typer.Typer(no_args_is_help=True, help="Public tasks: observations, sealed truth, a leaderboard.")
+app = typer.Typer(
+    no_args_is_help=True, help="Tasks for all: observations to estimate from, the truth kept back, a leaderboard."
+)
 Task = Annotated[Path, typer.Argument(help="Directory of the task.")]
 
 
@@ -63,7 +65,7 @@ def grade(
     task: Annotated[Path, typer.Option(help="Directory of the task, with its seal.")],
     name: Annotated[str | None, typer.Option(help="Name on the leaderboard; by default that of the file.")] = None,
 ) -> None:
-    """Grade a submission against the sealed truth and enter it in the leaderboard."""
+    """Grade a submission against the truth that was kept back and enter it in the leaderboard."""
     from isac_arena.campaign.integrity import file_digest  # noqa: PLC0415
     from isac_arena.public_tasks import grading  # noqa: PLC0415
     from isac_arena.public_tasks.board import BoardRow  # noqa: PLC0415

@@ -81,8 +81,10 @@ def along_walk(model: ChannelModel, stops: Sequence[int]) -> Table:
     places = list(zip(poses, model.prepared.solver.paths(position_m), strict=True))
     table = Table(
         "median bound", "LOS", "LOS, power alone", "1 bounce", "1 bounce, power alone", "unit",
-        caption="Cramér-Rao bounds over the stops of the walk. Power alone: with a CFO or phase noise, which "
-        "change the phases from beam pair to beam pair", caption_justify="left",
+        caption="Cramér-Rao bounds over the stops of the walk, of all paths of a stop together: a strong path "
+        "within a cell of another can have a larger bound than a weak one that stands alone. "
+        "Power alone: with a CFO or phase noise, which change the phases from beam pair to beam pair",
+        caption_justify="left",
     )  # fmt: skip
     for column in range(1, 5):
         table.columns[column].justify = "right"

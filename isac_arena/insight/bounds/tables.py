@@ -9,11 +9,13 @@ from rich.table import Table
 from estimation.slam.bounds import StateBound
 from isac_arena.insight.bounds.position import QUANTITIES
 from isac_arena.insight.bounds.several_tx import SeveralTx, WalkBounds
-from isac_arena.progress import listed
+from isac_arena.progress import counted, listed
 from isac_arena.report.figures.bound import BoundMap
 from isac_arena.scoring.metrics.statistics import rms
 
 TOGETHER = "together"
+FEW_WEIGH = 10.0  # RMS over median, from which few places decide the RMS
+MOST = 0.9  # of a mean square
 
 
 def by_tx(several: SeveralTx) -> dict[str, WalkBounds]:
@@ -48,7 +50,13 @@ def state_table(stops: StateBound, plan: BoundMap) -> Table:
 
 def about_unbounded(stop: Sequence[int], stops: StateBound, plan: BoundMap) -> Iterator[str]:
     """What the RMS of `state_table` counts, and where there is no bound."""
-    yield "RMS: over the stops or places with a bound, as in the scores"
+    yield "position: in plan; RMS: over the stops or places with a bound, as in the scores"
+    known = plan.peb_m[np.isfinite(plan.peb_m)]
+    if len(known) and rms(known) > FEW_WEIGH * np.median(known):
+        worst = np.sort(known**2)[::-1]
+        n_most = int(np.searchsorted(np.cumsum(worst), MOST * worst.sum())) + 1
+        told = f"{counted(n_most, 'place')} of {len(known)} with large bounds make {MOST:.0%} of the mean square"
+        yield f"plan: {told}; the median tells the usual place"
     missing = np.array(stop)[np.isinf(stops.position_m)].tolist()
     n_places, n_missing = int((~np.isnan(plan.peb_m)).sum()), int(np.isinf(plan.peb_m).sum())
     parts = [f"stop {listed(missing)} ({len(missing)} of {len(stop)} stops)"] if missing else []

@@ -12,7 +12,6 @@ from isac_arena.scoring.record import MapScores, OutlineScores, ScoreTables
 from isac_arena.scoring.stages.shapes import best_rows
 from scenes.record import FloatArray, IntArray
 
-SHOWN_KEYS = 4  # of quantities without pairs
 SAME_PLACE_M = 1e-6
 SAME_DIRECTION_RAD = 1e-9
 DEGREES = float(np.rad2deg(1.0))
@@ -54,10 +53,6 @@ def compare_runs(first: ScoreTables, second: ScoreTables) -> RunComparison:
     pairs += _track_pairs(runs, stops)
     differences = tuple(one for one in map(paired_difference, pairs) if one.verdict)
     notes += [f"SLAM located no stop in {name}" for name, run in zip("AB", runs, strict=True) if _is_lost(run)]
-    alone = [one.key for one in differences if not one.n_pairs]
-    if alone:
-        more = f" and {len(alone) - SHOWN_KEYS} more" if len(alone) > SHOWN_KEYS else ""
-        notes.append(f"no pairs, so not shown: {', '.join(alone[:SHOWN_KEYS])}{more}")
     return RunComparison(differences, len(stops), tuple(notes))
 
 

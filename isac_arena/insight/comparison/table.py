@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 from rich.box import SIMPLE
@@ -12,6 +12,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from isac_arena.insight.comparison.difference import MIN_GROUPS
+from isac_arena.insight.comparison.names import GROUPS, group_of, name_of
+from isac_arena.scoring.words import legend
 
 if TYPE_CHECKING:
     from isac_arena.insight.comparison.difference import PairedDifference
@@ -28,14 +30,14 @@ def difference_table(compared: RunComparison) -> Table:
     """One row for each quantity of a run, under a heading for each group of quantities."""
     paired = [one for one in compared.differences if one.n_pairs]
     chance = round(0.05 * len(paired))
-    is_short = any(one.verdict == "too few" for one in paired)
-    few = f". Too few: under {MIN_GROUPS} stops or objects that have one" if is_short else ""
     table = Table(
         "quantity", "A", "B", "B - A (95 % interval)", "n", "B is",
         title=f"Paired differences over {compared.n_stops} stops", caption_justify="left",
-        caption="n: pairs of stops, paths or objects, and the numbers in A|B where they are larger. Intervals: BCa"
-        " bootstrap over stops or objects. A difference counts where the signed-rank test rejects as well; of"
-        f" {len(paired)} quantities about {chance} differ by chance{few}",
+        caption="A, B: means over the pairs, of absolute errors (tables of scores have RMSE over all).\n"
+        "n: pairs of stops, paths or objects that both runs have, and their numbers in A|B where these are"
+        " larger: a run that finds fewer is compared where it does.\n"
+        "Intervals: bootstrap over stops or objects. A difference counts where the signed-rank test rejects"
+        f" as well; of {len(paired)} quantities about {chance} differ by chance.",
         box=SIMPLE, padding=0, show_edge=False,  # the box separates columns by a space
     )  # fmt: skip
     for index, column in enumerate(table.columns):
@@ -45,24 +47,35 @@ def difference_table(compared: RunComparison) -> Table:
     table.columns[0].min_width = NAME_WIDTH
     table.columns[4].max_width = COUNTS_WIDTH
     group = ""
-    for one in paired:
-        prefix, _, name = one.key.rpartition(".")
-        if prefix != group:
-            group = prefix
-            table.add_row(f"[bold]{prefix}[/]")
-        words = name.replace("_", " ")  # lines break at spaces
-        table.add_row(f"{words} {one.unit}" if one.unit != "1" else words, *_cells(one))
+    for one in sorted(compared.differences, key=lambda one: list(GROUPS.values()).index(group_of(one.key))):
+        if group_of(one.key) != group:
+            group = group_of(one.key)
+            table.add_row(f"[bold]{group}[/]")
+        name = name_of(one.key)
+        table.add_row(f"{name}, {one.unit}" if one.unit != "1" else name, *_cells(one))
     return table
 
 
+def difference_words(compared: RunComparison) -> Iterator[str]:
+    """A line for every word of `difference_table` that needs one."""
+    if any(one.verdict == "too few" for one in compared.differences):
+        what = "stops" if compared.n_stops < MIN_GROUPS else "stops or objects"
+        yield f"too few: no verdict under {MIN_GROUPS} {what} that have the quantity in both runs"
+    if any(one.verdict == "undecided" for one in compared.differences):
+        yield "undecided: the interval holds 0, or the test does not reject"
+    yield from legend(f"{group_of(one.key)}, {name_of(one.key)}" for one in compared.differences)
+
+
 def method_table(first: Mapping[str, str], second: Mapping[str, str]) -> Table:
-    """One row for each stage of the chain: its method in both runs, ours or a function of the user."""
-    table = Table("stage", "A", "B", title="Methods", box=SIMPLE, padding=(0, 1, 0, 0), show_edge=False)
+    """One row for each stage of the chain whose method differs: one of ours, or a function of the user."""
+    table = Table(
+        "stage", "A", "B", title="Methods that differ", box=SIMPLE, padding=(0, 1, 0, 0), show_edge=False
+    )
     for column in table.columns:
         column.overflow = "fold"
     for stage, method in first.items():
-        style = "" if method == second[stage] else "bold"
-        table.add_row(stage, escape(_value(method)), escape(_value(second[stage])), style=style)
+        if method != second[stage]:
+            table.add_row(stage, escape(_value(method)), escape(_value(second[stage])))
     return table
 
 
@@ -83,7 +96,8 @@ def _cells(one: PairedDifference) -> list[str]:
     verdict = f"[{color}]{one.verdict}[/]" if color else one.verdict
     counts = "" if one.n_first == one.n_second == one.n_pairs else f" of {one.n_first}|{one.n_second}"
     interval = "" if math.isnan(one.low) else f" ({one.low:.2g}, {one.high:.2g})"
-    values = _number(one.first), _number(one.second), f"{one.difference:+.2g}{interval}"
+    change = "-" if math.isnan(one.difference) else f"{one.difference:+.2g}{interval}"
+    values = _number(one.first), _number(one.second), change
     return [*values, f"{one.n_pairs}{counts}", verdict]
 
 

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from isac_arena.insight.comparison.difference import PairedDifference
-from isac_arena.report.page.tables import in_words
+from isac_arena.insight.comparison.names import group_of, name_of
 from isac_arena.report.style import ESTIMATE, GHOST, SLAM, TRUTH, legend_below, new_figure, styled
 
 MOST_SHOWN_PERCENT = 150.0
@@ -98,4 +98,4 @@ def _change(percent: float) -> str:
 
 def _label(one: PairedDifference) -> str:
     wanted = {"lower": " (less is better)", "higher": " (more is better)", "info": ""}[one.direction]
-    return f"{in_words(one.key)}{wanted}"
+    return f"{group_of(one.key)}: {name_of(one.key)}{wanted}"

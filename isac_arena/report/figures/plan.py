@@ -4,12 +4,18 @@ from collections.abc import Iterable
 from typing import Any, Literal
 
 import numpy as np
-import shapely
-from matplotlib import patheffects
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
+from isac_arena.report.figures.object_names import (
+    BORESIGHT_LENGTH_M,
+    TX_LABEL_PT,
+    Box,
+    halo,
+    overlaps,
+    write_names,
+)
 from isac_arena.report.figures.path_lines import (
     COLORS,
     SCATTER_COLOR,
@@ -28,17 +34,11 @@ KIND_WORDS = {"clutter": "mesh"}  # in legends, where they are not the name of t
 RX_COLOR = "#1e8449"
 FIGURE_WIDTH_IN, PLAN_WIDTH_IN, MARGIN_IN = 10.5, 8.4, 0.9
 DRAWN_SAGITTA_M = 0.002
-BORESIGHT_LENGTH_M = 1.5
 CROP_MARGIN_M = 5.0
 EDGE_MARGIN_M = 0.5
 STOP_LABEL_STEP = 5
 LABEL_OFFSET_PT = 8.5
-OBJECT_LABEL_PT = 6.5
-LABEL_GAP_PT = 2.5
-TX_LABEL_PT = 11.0  # behind the TX
 MOST_NAMES = 40  # of objects: more would cover the plan
-
-Box = tuple[float, float, float, float]  # x_min, y_min, x_max, y_max
 
 
 def plan_figure(
@@ -92,7 +92,7 @@ def draw_plan(
     ax.grid(color="0.92", linewidth=0.6)
     ax.set_axisbelow(True)
     if label_objects:
-        _label_objects(ax, scene, view)
+        write_names(ax, scene, view)
     if labels:
         draw_legend(ax, scene, view)
 
@@ -142,7 +142,7 @@ def _draw_others(ax: Any, scene: Scene, *, labels: bool) -> None:
 def _write(ax: Any, text: str, place_m: FloatArray, offset_pt: tuple[float, float]) -> None:
     ax.annotate(
         text, place_m[:2], xytext=offset_pt, textcoords="offset points", fontsize=7, color="0.35",
-        ha="center", va="center", path_effects=_halo(),
+        ha="center", va="center", path_effects=halo(),
     )  # fmt: skip
 
 
@@ -178,7 +178,7 @@ def _draw_walk(ax: Any, scene: Scene, stops: Iterable[int] | None, *, labels: bo
         offset = _label_offset(position, heading, index)
         ax.annotate(
             str(index), position[index], xytext=offset, textcoords="offset points", fontsize=7,
-            color="#145a32", ha="center", va="center", path_effects=_halo(),
+            color="#145a32", ha="center", va="center", path_effects=halo(),
         )  # fmt: skip
 
 
@@ -202,66 +202,8 @@ def _draw_tx(ax: Any, scene: Scene, *, labels: bool) -> None:
     if labels:
         ax.annotate(
             "TX", here, xytext=-TX_LABEL_PT * boresight, textcoords="offset points", fontsize=9, weight="bold",
-            ha="center", va="center", path_effects=_halo(),
+            ha="center", va="center", path_effects=halo(),
         )  # fmt: skip
-
-
-def _label_objects(ax: Any, scene: Scene, view: Box) -> None:
-    """Write names beside the objects in view, where they fit in the view and cover no stop and no other name."""
-    ax.apply_aspect()
-    to_points = 72 / ax.figure.dpi
-    frame = shapely.box(*view)
-    limits = tuple(ax.transData.transform(np.reshape(view, (2, 2))).ravel() * to_points)
-    taken: list[Box] = [
-        (x - 5, y - 5, x + 5, y + 5)
-        for x, y in ax.transData.transform(scene.walk.positions_m()[:, :2]) * to_points
-    ]
-    tx, ahead = scene.tx.position_m[:2], np.array([np.cos(scene.tx.heading_rad), np.sin(scene.tx.heading_rad)])
-    ends = ax.transData.transform([tx, tx + BORESIGHT_LENGTH_M * ahead]) * to_points
-    for x, y in (ends[0] - TX_LABEL_PT * ahead, *np.linspace(ends[0], ends[1], 5)):
-        taken.append((x - 8, y - 8, x + 8, y + 8))
-    named: list[tuple[SceneObject | Clutter, Any]] = [(item, item.contour.outline) for item in scene.objects]
-    named += [(mesh, shapely.MultiPoint(mesh.vertices_m[:, :2]).convex_hull) for mesh in scene.clutter]
-    for item, outline in named:
-        seen = shapely.intersection(outline, frame)
-        if seen.is_empty or seen.length == 0:
-            continue
-        corners = ax.transData.transform(np.reshape(seen.bounds, (2, 2))) * to_points
-        center_pt, box = _free_place(corners, len(item.name), taken, limits)
-        taken.append(box)
-        label = ax.text(
-            *ax.transData.inverted().transform(np.array(center_pt) / to_points), item.name,
-            fontsize=OBJECT_LABEL_PT, color=KIND_COLORS[item.kind], ha="center", va="center",
-            path_effects=_halo(), clip_on=True,
-        )  # fmt: skip
-        label.set_in_layout(False)
-
-
-def _free_place(
-    corners_pt: FloatArray, n_letters: int, taken: list[Box], limits_pt: Box
-) -> tuple[tuple[float, float], Box]:
-    """Centre and box in points of a name beside a bounding box (corner, xy).
-
-    It is the first free place, or the first place of all where none is free. Tall narrow boxes are labelled at
-    their sides first, all others above or below.
-    """
-    half_width, half_height = 0.32 * OBJECT_LABEL_PT * n_letters, 0.6 * OBJECT_LABEL_PT
-    (left, low), (right, high) = corners_pt
-    mid_x, mid_y = corners_pt.mean(axis=0)
-    x_left, x_right = left - half_width - LABEL_GAP_PT, right + half_width + LABEL_GAP_PT
-    y_low, y_high = low - half_height - LABEL_GAP_PT, high + half_height + LABEL_GAP_PT
-    sides, ends = [(x_right, mid_y), (x_left, mid_y)], [(mid_x, y_high), (mid_x, y_low)]
-    upright = high - low > 2 * (right - left)
-    places = [*(sides + ends if upright else ends + sides)]
-    places += [(x, y) for x in (x_right, x_left) for y in (y_high, y_low)]
-    boxes = [(x - half_width, y - half_height, x + half_width, y + half_height) for x, y in places]
-    free = [
-        index
-        for index, box in enumerate(boxes)
-        if _inside(box, limits_pt) and not any(_overlaps(box, other) for other in taken)
-    ]
-    chosen = free[0] if free else 0
-    return places[chosen], boxes[chosen]
 
 
 def kind_patches(kinds: set[str]) -> list[Patch]:
@@ -278,7 +220,7 @@ def draw_legend(ax: Any, scene: Scene | None, view: Box | None = None, more: Ite
     What a legend of the axes shows already stays in it.
     """
     objects = () if scene is None else scene.objects
-    kinds: set[str] = {item.kind for item in objects if view is None or _overlaps(item.contour.bounds_m, view)}
+    kinds: set[str] = {item.kind for item in objects if view is None or overlaps(item.contour.bounds_m, view)}
     kinds |= set() if scene is None else {item.kind for item in scene.clutter}
     before, handles = ax.get_legend(), {}
     if before is not None:
@@ -290,15 +232,3 @@ def draw_legend(ax: Any, scene: Scene | None, view: Box | None = None, more: Ite
         handles.values(), handles.keys(), loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0,
         fontsize=8, frameon=False,
     )  # fmt: skip
-
-
-def _overlaps(box: Box, other: Box) -> bool:
-    return box[0] < other[2] and other[0] < box[2] and box[1] < other[3] and other[1] < box[3]
-
-
-def _inside(box: Box, limits: Box) -> bool:
-    return limits[0] <= box[0] and limits[1] <= box[1] and box[2] <= limits[2] and box[3] <= limits[3]
-
-
-def _halo() -> list[Any]:
-    return [patheffects.withStroke(linewidth=2, foreground="white")]

@@ -102,7 +102,7 @@ def test_a_run_in_memory_has_the_attributes_of_one_in_a_directory(
     with pytest.raises(TypeError, match=r"MemoryRun is no table; its parts: .*truths, results, scores"):
         run.to_dataframe()
     assert repr(run).startswith("MemoryRun('small' in memory, ")
-    assert re.search(r"Receiver position by SLAM, RMSE \d", repr(run)) and len(repr(run)) < 400
+    assert re.search(r"Receiver position in plan by SLAM, RMSE \d", repr(run)) and len(repr(run)) < 400
     assert repr(fresh) == f"MemoryRun('small' in memory, {len(STOPS)} stops: no scores yet)"
     assert len(repr(in_memory)) < 100
     with pytest.raises(ValueError, match="leave out either stops or out"):

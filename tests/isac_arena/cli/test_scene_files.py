@@ -85,7 +85,7 @@ def test_a_run_is_whole_by_itself_and_resumes_without_its_sources(project: Path,
     out = tmp_path / "out"
     result = arena("run", project / "mine.toml", "--out", out)
     assert result.returncode == 0, result.stderr
-    [line] = [line for line in result.stdout.splitlines() if line.startswith("line of sight and reflections: ")]
+    [line] = [line for line in result.stdout.splitlines() if line.startswith("lines of sight and reflections: ")]
     assert int(line.split(": ")[1].split()[0]) > 20 and "missed" in line
     truth = read_record(out / "truth" / "stop_001.nc", Truth)
     assert truth.n_planar_compared > 10

@@ -120,7 +120,7 @@ def test_trade_offs_use_the_directions_of_the_metrics() -> None:
     results = made()
     assert front_of(results, KEY, "rate").tolist() == [False] * 5 + [True]  # both are best at the last point
     figure = pareto_figure(results, KEY, "rate")
-    assert " ".join(figure.axes[0].get_xlabel().split()) == "Receiver position by SLAM, RMSE in m"
+    assert " ".join(figure.axes[0].get_xlabel().split()) == "Receiver position in plan by SLAM, RMSE in m"
     parallel = parallel_figure(results, [KEY, "rate"])
     assert sum(len(line.get_xdata()) == 4 for line in parallel.axes[0].get_lines()) == 6  # a line per point
 

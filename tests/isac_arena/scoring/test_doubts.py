@@ -44,7 +44,7 @@ def test_nothing_is_said_of_good_poses_and_of_unknown_scores() -> None:
         ({"slam__clock__over_bound": 30.0}, "clock bias 0.01 ns, 30 times its bound"),
         (
             {"slam__position__over_bound__median": 29.0},
-            "position: half of the stops err 29 times their bound or more; few stops of large bounds",
+            "half of the stops err 29 times (position) their bound or more",
         ),
         ({"published__position__rmse_m": 0.001}, "position 2 times that of the published method"),
         ({"slam__nees": 16.0}, "errors 4 times their stated deviations"),
@@ -68,8 +68,15 @@ def test_the_error_that_slam_states_itself_is_told_beside_the_true_one() -> None
 
 def test_covariances_of_paths_that_are_too_small_are_said() -> None:
     assert not sentence(channel__coverage95=0.93, channel__nees=1.2)
-    assert "hold 80 % of the true" in sentence(channel__coverage95=0.8, channel__nees=1.2)
-    assert "NEES is 25" in sentence(channel__coverage95=0.93, channel__nees=25.0)
+    assert "hold 80 % of paths (NEES 1.2)" in sentence(channel__coverage95=0.8, channel__nees=1.2)
+    both = sentence(channel__coverage95=0.8, mapping__ip_height__coverage95=0.93, mapping__ip_height__nees=25.0)
+    assert "hold 80 % of paths, 93 % of heights of points of mapping (NEES 25)" in both
+
+
+def test_contours_of_no_object_are_said() -> None:
+    assert not sentence(contours__mapping__false=0.0, contours__mapping__accepted=5.0)
+    told = sentence(contours__mapping__false=2.0, contours__mapping__accepted=5.0)
+    assert "contours: 2 of 5 of mapping are false" in told and "more stops" in told
 
 
 def test_paths_missed_by_the_limit_are_said() -> None:

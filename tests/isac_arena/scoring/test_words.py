@@ -1,5 +1,6 @@
 """Words are explained where they are shown, from one source."""
 
+from isac_arena.insight.comparison.names import NAMES
 from isac_arena.report.page.tables import (
     ACCEPTED,
     CHANNEL_COUNTS,
@@ -19,7 +20,11 @@ TABLES = (ACCEPTED, CHANNEL_COUNTS, CHANNEL_ERRORS, CONTOURS, MAPS, POSES, SHAPE
 def test_a_word_has_its_meaning_as_a_title_and_all_else_is_escaped() -> None:
     assert explained("Weak & diffuse <b>") == f'<abbr title="{WORDS["weak"]}">Weak</abbr> &amp; diffuse &lt;b&gt;'
     assert explained("weakness") == "weakness"
-    assert list(legend(["GOSPA of the bounds"])) == [f"bound: {WORDS['bound']}", f"GOSPA: {WORDS['GOSPA']}"]
+
+
+def test_a_legend_explains_the_words_of_its_own_lines_too() -> None:
+    words = ["bound", "false", "GOSPA"]  # a GOSPA is of missed and false members
+    assert list(legend(word for word in ["GOSPA of the bounds"])) == [f"{word}: {WORDS[word]}" for word in words]
 
 
 def test_the_words_of_the_first_table_have_a_legend() -> None:
@@ -30,8 +35,18 @@ def test_the_words_of_the_first_table_have_a_legend() -> None:
 
 def test_every_word_is_one_of_tables_pages_or_progress() -> None:
     shown = [text for table in TABLES for pair in (*table.columns, *table.rows) for text in pair[:1]]
-    elsewhere = {"doubtful", "gate", "self-calibration", "incidence point", "lit extent", "weak", "visible"}
-    found = {*words_in([*shown, *score_titles().values(), *HEADS, *(row.label for row in HEADLINE)]), *elsewhere}
+    elsewhere = {
+        "doubtful",
+        "gate",
+        "self-calibration",
+        "incidence point",
+        "lit extent",
+        "weak",
+        "visible",
+        "mean of",
+    }
+    rows = [*score_titles().values(), *HEADS, *(row.label for row in HEADLINE), *NAMES.values()]
+    found = {*words_in([*shown, *rows]), *elsewhere}
     assert found == set(WORDS)
 
 

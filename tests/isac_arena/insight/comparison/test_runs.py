@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from estimation.shape.reflection.rows import no_contours
+from isac_arena.insight.comparison.names import group_of, name_of
 from isac_arena.insight.comparison.runs import compare_runs, pair_values
 from isac_arena.report.figures.comparison import compare_figure
-from isac_arena.report.page.tables import in_words
 from isac_arena.report.style import png_bytes
 from isac_arena.scoring.chain import score_campaign
 from isac_arena.scoring.config import Significance
@@ -137,7 +137,7 @@ def test_the_figure_shows_every_quantity_and_where_it_ends(score, campaign):
     figure = compare_figure(compared, "a", "b")
     ax = figure.axes[0]
     assert [label.get_text().split(" (")[0] for label in ax.get_yticklabels()] == [
-        in_words(one.key) for one in reversed(compared)
+        f"{group_of(one.key)}: {name_of(one.key)}".split(" (")[0] for one in reversed(compared)
     ]
     texts = [text.get_text() for text in ax.texts]
     row = next(text for text in texts if text.endswith("times"))
