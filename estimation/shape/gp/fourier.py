@@ -12,59 +12,15 @@ that are made once.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import solve_triangular
-from scipy.linalg.lapack import dpotrf, dpotrs, dtrtri
-from scipy.special import ive
+from scipy.linalg.lapack import dpotrf, dpotrs
 
 from estimation.shape.gp.exact import Likelihood
+from estimation.shape.gp.harmonic_terms import harmonic_terms, needed_order, weights
 from scenes.record import FloatArray
-
-SMALLEST_ORDER = 8
-ORDER_TIMES_LENGTH = 6.8
-KERNEL_ERROR = 5e-9  # largest error of the kernel at sigma_f = 1, at any angle
-LIKELIHOOD_ERROR_NAT = 1e-8
-
-
-def smallest_order(length_scale: float) -> int:
-    """The least number K of harmonics that represents the kernel of a length scale to about 5e-9."""
-    return max(SMALLEST_ORDER, int(np.ceil(ORDER_TIMES_LENGTH / length_scale)))
-
-
-class Spectrum(NamedTuple):
-    """Weights w_k of the harmonics 0 .. K of the kernel, and d log w_k / d log l^2."""
-
-    weight: FloatArray
-    slope: FloatArray
-
-    @property
-    def order(self) -> int:
-        """The highest harmonic K."""
-        return len(self.weight) - 1
-
-
-def spectrum(length_squared: float, signal_to_noise: float) -> Spectrum:
-    """Weights of as many harmonics as the likelihood needs.
-
-    Truncation changes the likelihood by about the missing weight times `signal_to_noise` = M sigma_f^2 /
-    sigma_n^2. Beyond `smallest_order`, harmonics are kept until that is below 1e-8 nat and the missing weight
-    below 5e-9.
-    """
-    z = 1 / length_squared
-    least = smallest_order(float(np.sqrt(length_squared)))
-    order = np.arange(least + least // 2 + 8)
-    scaled = ive(order, z)
-    weight = np.where(order == 0, 1.0, 2.0) * scaled
-    beyond = np.cumsum(weight[::-1])[::-1]  # weight of the harmonics k and above
-    tolerance = min(KERNEL_ERROR, LIKELIHOOD_ERROR_NAT / signal_to_noise)
-    needless = beyond[least + 1 : -1] <= tolerance
-    highest = least + int(np.argmax(needless)) if needless.any() else len(order) - 2
-    kept = slice(0, highest + 1)
-    ratio = scaled[1 : highest + 2] / scaled[kept]  # I_k' / I_k = I_k+1 / I_k + k / z
-    return Spectrum(weight[kept], z * (1 - ratio) - order[kept])
 
 
 class FourierSums:
@@ -85,7 +41,7 @@ class FourierSums:
         if order > self._order:
             self._extend(order + order // 4)
         n_features = 2 * order + 1
-        return self._gram[:n_features, :n_features], self._moment[:n_features]
+        return np.ascontiguousarray(self._gram[:n_features, :n_features]), self._moment[:n_features]
 
     def _extend(self, order: int) -> None:
         power = np.ones(self.n_points, dtype=complex)
@@ -115,34 +71,11 @@ class FourierSums:
 
 
 def log_marginal_likelihood_fourier(sums: FourierSums, beta: ArrayLike) -> Likelihood:
-    """As `exact.log_marginal_likelihood` with the most likely mu, in a time independent of the number of points.
-
-    By B's Cholesky factor, with q = sigma_f W^1/2 Phi' eta / sigma_n^2 and v = B^-1 q:
-    eta' K_y^-1 eta = eta' eta / sigma_n^2 - q' v, log |K_y| = M log sigma_n^2 + log |B|, and the derivative by
-    log w_k is (v_k^2 - 1 + (B^-1)_kk) / 2.
-    """
-    signal_variance, length_squared, noise_variance = (float(value) for value in np.asarray(beta, float))
-    n = sums.n_points
-    kernel = spectrum(length_squared, n * signal_variance / noise_variance)
-    factor, q = _factor(sums, kernel, signal_variance, noise_variance)
-    v = dpotrs(factor, q, lower=1)[0]
-    inverse_diagonal = np.sum(np.tril(dtrtri(factor, lower=1)[0]) ** 2, axis=0)
-
-    ones_square = n / noise_variance - q[:, 1] @ v[:, 1]  # 1' K_y^-1 1
-    ones_residual = sums.residual_m.sum() / noise_variance - q[:, 1] @ v[:, 0]
-    shift = ones_residual / ones_square
-    v_eta = v[:, 0] - shift * v[:, 1]
-    square = sums.square_m2 / noise_variance - q[:, 0] @ v[:, 0] - shift * ones_residual  # eta' K_y^-1 eta
-
-    log_determinant = n * np.log(noise_variance) + 2 * np.log(np.diagonal(factor)).sum()
-    value = -0.5 * (square + log_determinant + n * np.log(2 * np.pi))
-    explained = 1 - inverse_diagonal  # how far the points determine each coefficient
-    by_weight = 0.5 * (v_eta**2 - explained)
-    by_signal = by_weight.sum() / signal_variance
-    by_length = by_weight @ _per_feature(kernel.slope) / length_squared
-    by_noise = 0.5 * (square - v_eta @ v_eta - n + explained.sum()) / noise_variance
-    mu = sums.mean_radius_m + shift
-    return Likelihood(float(value), float(mu), np.array([0.0, by_signal, by_length, by_noise]))
+    """As `exact.log_marginal_likelihood` with the most likely mu, in a time without the number of points."""
+    beta = np.asarray(beta, float)
+    gram, moment = sums.up_to(needed_order(beta[1], sums.n_points * beta[0] / beta[2]))
+    value, shift, by_log_beta, _ = harmonic_terms(gram, moment, sums.square_m2, sums.n_points, np.log(beta))
+    return Likelihood(value, sums.mean_radius_m + shift, np.array([0.0, *(by_log_beta / beta)]))
 
 
 @dataclass(frozen=True)
@@ -159,11 +92,14 @@ class FourierPosterior:
     def of(cls, sums: FourierSums, beta: ArrayLike, mu: float) -> FourierPosterior:
         """The posterior for beta = (sigma_f^2, l^2, sigma_n^2) and the mean radius mu."""
         signal_variance, length_squared, noise_variance = (float(value) for value in np.asarray(beta, float))
-        kernel = spectrum(length_squared, sums.n_points * signal_variance / noise_variance)
-        factor, q = _factor(sums, kernel, signal_variance, noise_variance)
+        order = needed_order(length_squared, sums.n_points * signal_variance / noise_variance)
+        weight = np.repeat(weights(length_squared, order)[0], 2)[
+            1:
+        ]  # of the features 1, cos t, sin t, cos 2t, ...
+        factor, q = _factor(sums, weight, signal_variance, noise_variance)
         v = dpotrs(factor, q, lower=1)[0]
         return cls(
-            scale_m=np.sqrt(signal_variance * _per_feature(kernel.weight)),
+            scale_m=np.sqrt(signal_variance * weight),
             factor=factor,
             coefficient=v[:, 0] - (mu - sums.mean_radius_m) * v[:, 1],
             ones=v[:, 1],
@@ -183,19 +119,14 @@ class FourierPosterior:
 
 
 def _factor(
-    sums: FourierSums, kernel: Spectrum, signal_variance: float, noise_variance: float
+    sums: FourierSums, weight: FloatArray, signal_variance: float, noise_variance: float
 ) -> tuple[FloatArray, FloatArray]:
     """Lower Cholesky factor of B, and q (feature, 2) of r - mean r and of ones."""
-    gram, moment = sums.up_to(kernel.order)
-    scale = np.sqrt(signal_variance / noise_variance * _per_feature(kernel.weight))
+    gram, moment = sums.up_to(len(weight) // 2)
+    scale = np.sqrt(signal_variance / noise_variance * weight)
     B = gram * scale
     B *= scale[:, None]
     B.flat[:: len(B) + 1] += 1
     factor = dpotrf(B, lower=1, overwrite_a=1)[0]
     q = np.stack([moment, gram[:, 0]], axis=1) * (scale / np.sqrt(noise_variance))[:, None]
     return factor, q
-
-
-def _per_feature(per_harmonic: FloatArray) -> FloatArray:
-    """Values (harmonic,) of the harmonics 0 .. K for the features 1, cos t, sin t, cos 2t, ... (feature,)."""
-    return np.repeat(per_harmonic, 2)[1:]

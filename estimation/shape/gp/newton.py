@@ -1,13 +1,14 @@
-"""Most likely hyperparameters of many small radial Gaussian processes, in one compiled call.
+"""Most likely hyperparameters of a radial Gaussian process by a compiled search: a projected Newton ascent.
 
-For few points the function calls cost more than the covariance matrix. Here a compiled search handles one
-cluster after another: a projected Newton ascent over log beta with the analytic Hessian of the profiled log
-marginal likelihood. The result of a cluster does not depend on the others.
+It runs over log beta with the analytic Hessian of the profiled log marginal likelihood, from the covariance matrix
+of few points or from the harmonics of many (`fourier.py`). Small clusters are searched one after another in one
+call, because for few points the function calls cost more than the algebra; no result depends on the others.
 """
 
 import numpy as np
 
 from estimation.execution import compiled
+from estimation.shape.gp.harmonic_terms import harmonic_terms, needed_order
 from scenes.record import FloatArray, IntArray
 
 LARGEST_STEP = 1.5  # of a log parameter
@@ -62,21 +63,59 @@ def likelihood_terms(
 
 
 @compiled
-def _ascend(
+def _terms(
+    chords: FloatArray, radius_m: FloatArray, gram: FloatArray, moment: FloatArray, log_beta: FloatArray
+) -> tuple[int, float, FloatArray, FloatArray]:
+    """The terms of the likelihood by the covariance matrix or by harmonics, whichever is smaller.
+
+    First comes the highest harmonic that they need: where `gram` has fewer, the terms are not known.
+    """
+    n = len(radius_m)
+    signal_variance, length_squared, noise_variance = np.exp(log_beta)
+    order = needed_order(length_squared, n * signal_variance / noise_variance)
+    if len(chords) > 0 and (len(gram) == 0 or n < 2 * order + 1):
+        value, gradient, hessian = likelihood_terms(chords, radius_m, log_beta)
+        return 0, value, gradient, hessian
+    if 2 * order + 1 > len(gram):
+        return order, -np.inf, np.zeros(3), np.zeros((3, 3))
+    eta = radius_m - radius_m.mean()
+    value, _, gradient, hessian = harmonic_terms(gram, moment, eta @ eta, n, log_beta)
+    return order, value, gradient, hessian
+
+
+@compiled
+def ascend(
     chords: FloatArray,
     radius_m: FloatArray,
+    gram: FloatArray,
+    moment: FloatArray,
     start: FloatArray,
     low: FloatArray,
     high: FloatArray,
-    slope_nat: float,
-) -> tuple[float, FloatArray]:
-    """Likelihood and log beta where no free slope exceeds `slope_nat`, by ascent within the bounds."""
+    enough_nat: float,
+) -> tuple[int, float, FloatArray]:
+    """Likelihood and log beta after the first step within the bounds that promised at most `enough_nat`.
+
+    Parameters
+    ----------
+    chords, radius_m
+        Chords (ip, ip) and radii (ip,); no chords where harmonics alone are used.
+    gram, moment
+        Sums of `FourierSums` up to some harmonic; empty where the covariance matrix alone is used.
+
+    Returns
+    -------
+    The highest harmonic that is needed, the likelihood and log beta. Where `gram` has fewer harmonics the ascent
+    stopped there, to go on with more.
+    """
     at = np.minimum(np.maximum(start, low), high)
-    value, gradient, hessian = likelihood_terms(chords, radius_m, at)
+    order, value, gradient, hessian = _terms(chords, radius_m, gram, moment, at)
+    if 2 * order + 1 > max(len(gram), 1):
+        return order, value, at
     for _ in range(N_STEPS):
         held = ((at <= low) & (gradient < 0)) | ((at >= high) & (gradient > 0))
         slope = np.where(held, 0.0, gradient)
-        if np.max(np.abs(slope)) <= slope_nat:
+        if np.max(np.abs(slope)) == 0.0:
             break
         curvature = -hessian
         for i in range(3):
@@ -86,19 +125,22 @@ def _ascend(
                 curvature[i, i] = 1.0
         eigenvalue, vector = np.linalg.eigh(curvature)
         step = vector @ ((vector.T @ slope) / np.maximum(np.abs(eigenvalue), SMALLEST_CURVATURE_NAT))
+        is_last = slope @ step <= 2 * enough_nat
         step *= min(1.0, LARGEST_STEP / np.max(np.abs(step)))
         rose = False
         for _ in range(N_HALVINGS):
             there = np.minimum(np.maximum(at + step, low), high)
-            found, its_gradient, its_hessian = likelihood_terms(chords, radius_m, there)
+            order, found, its_gradient, its_hessian = _terms(chords, radius_m, gram, moment, there)
+            if 2 * order + 1 > max(len(gram), 1):
+                return order, value, at
             if found >= value + SUFFICIENT_RISE * (slope @ (there - at)):
                 at, value, gradient, hessian = there, found, its_gradient, its_hessian
                 rose = True
                 break
             step = step / 2
-        if not rose:
+        if is_last or not rose:
             break
-    return value, at
+    return 0, value, at
 
 
 @compiled
@@ -109,15 +151,15 @@ def most_likely(
     start: FloatArray,
     low: FloatArray,
     high: FloatArray,
-    slope_nat: float,
+    enough_nat: float,
 ) -> FloatArray:
     """Log beta (cluster, 3) of the most likely optimum of every cluster.
 
     Cluster c holds the points `first[c]` up to `first[c + 1]` of `angle_rad` and `radius_m` (ip,). Each of its
-    starts of log beta (cluster, start, 3) is followed within the bounds `low` and `high` (cluster, 3) until no
-    free slope exceeds `slope_nat`.
+    starts of log beta (cluster, start, 3) is followed within the bounds `low` and `high` (cluster, 3) until a step
+    promises at most `enough_nat`.
     """
-    log_beta = np.empty((len(first) - 1, 3))
+    log_beta, none = np.empty((len(first) - 1, 3)), np.zeros((0, 0))
     for c in range(len(first) - 1):
         angle, radius = angle_rad[first[c] : first[c + 1]], radius_m[first[c] : first[c + 1]]
         chords = np.empty((len(angle), len(angle)))
@@ -126,7 +168,7 @@ def most_likely(
                 chords[i, j] = 2 * np.sin((angle[i] - angle[j]) / 2) ** 2
         best = -np.inf
         for k in range(start.shape[1]):
-            value, end = _ascend(chords, radius, start[c, k], low[c], high[c], slope_nat)
+            _, value, end = ascend(chords, radius, none, np.zeros(0), start[c, k], low[c], high[c], enough_nat)
             if value > best:
                 best = value
                 log_beta[c] = end

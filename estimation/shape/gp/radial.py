@@ -9,24 +9,17 @@ clusters are searched together in one compiled call (`newton.py`).
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from estimation.execution import one_blas_thread
 from estimation.shape.gp.exact import ExactPosterior, Likelihood, chord, log_marginal_likelihood
-from estimation.shape.gp.fourier import (
-    FourierPosterior,
-    FourierSums,
-    log_marginal_likelihood_fourier,
-    smallest_order,
-)
-from estimation.shape.gp.newton import most_likely
+from estimation.shape.gp.fourier import FourierPosterior, FourierSums, log_marginal_likelihood_fourier
+from estimation.shape.gp.harmonic_terms import smallest_order
+from estimation.shape.gp.newton import ascend, most_likely
 from scenes.record import FloatArray
-
-if TYPE_CHECKING:
-    from scipy.optimize import OptimizeResult
 
 # Bounds of the search: standard deviations relative to the rms radius, and the length scale. They keep the
 # covariance matrix well conditioned; an optimum beyond them describes the same function in practice.
@@ -35,13 +28,12 @@ NOISE_STD_BOUNDS = (1e-3, 10.0)
 LENGTH_SCALE_BOUNDS = (0.05, 10.0)
 SMALLEST_SCALE_M = 0.01
 
-COARSE_TOLERANCE_NAT = 0.1  # slope by log beta where a start stops: about 0.01 nat from its optimum
-FINE_TOLERANCE_NAT = 1e-3  # slope where the search of the best start ends: about 1e-6 nat from the optimum
-TRIAL_STEPS, HOPELESS_NAT = 6, 50.0  # a search this far below another after so many steps is stopped
+COARSE_NAT, FINE_NAT = 0.1, 1e-3  # promise of the last step of a start, and of the best: the rest is its square
+PAPER_TOLERANCES_NAT = 0.1, 1e-3  # slope by log beta where the search from the start of the paper ends, and again
 RELATIVE_TOLERANCE = 2.2e-9  # of the likelihood; the default of L-BFGS-B
-LARGEST_COMPILED = 32  # most points of a cluster that the compiled search takes
-NEWTON_TOLERANCE_NAT = 1e-5  # slope where the compiled search ends: about 1e-10 nat from the optimum
-PAPER_START = np.array([[4.0, 4.0, 4.0]])  # beta of sigma_f = l = sigma_n = 2
+LARGEST_TOGETHER = 32  # most points of clusters that one compiled call takes
+TOGETHER_NAT = 1e-10  # promise of the last step of small clusters
+PAPER_START = np.array([4.0, 4.0, 4.0])  # beta of sigma_f = l = sigma_n = 2
 
 
 @dataclass(frozen=True)
@@ -140,7 +132,7 @@ def fit_radial_gps(
     floors = [0.0] * len(clusters) if noise_floor_std_m is None else noise_floor_std_m
     data = [RadialData(*cluster) for cluster in clusters]
     bounds = [_search_bounds(one.radius_m, floor) for one, floor in zip(data, floors, strict=True)]
-    is_small = [start == "data" and len(one.radius_m) <= LARGEST_COMPILED for one in data]
+    is_small = [start == "data" and len(one.radius_m) <= LARGEST_TOGETHER for one in data]
     small = [k for k, compiled in enumerate(is_small) if compiled]
     with one_blas_thread():
         together = iter(_most_likely([data[k] for k in small], [bounds[k] for k in small]))
@@ -170,65 +162,58 @@ def _most_likely(data: list[RadialData], bounds: list[FloatArray]) -> FloatArray
     )
     starts = np.array([_data_starts(one.angle_rad, one.radius_m) for one in data])
     low, high = np.log(np.stack(bounds, axis=1))
-    return np.exp(most_likely(first, angle, radius, np.log(starts), low, high, NEWTON_TOLERANCE_NAT))
+    return np.exp(most_likely(first, angle, radius, np.log(starts), low, high, TOGETHER_NAT))
 
 
 def _searched(data: RadialData, start: Literal["paper", "data"], bounds: FloatArray) -> FloatArray:
-    """Most likely beta (3,) by L-BFGS-B from each start; only the best is refined to the fine tolerance."""
-    careful = start == "data"
-    starts = _data_starts(data.angle_rad, data.radius_m) if careful else PAPER_START
-    best: tuple[float, FloatArray] = (-np.inf, starts[0])
-    for first in starts:
-        found = _maximise_likelihood(data, first, bounds, COARSE_TOLERANCE_NAT, careful, best[0])
-        best = max(best, found, key=lambda optimum: optimum[0])
-    return _maximise_likelihood(data, best[1], bounds, FINE_TOLERANCE_NAT, careful)[1]
+    """Most likely beta (3,): from the data's starts by the compiled search, from the paper's by L-BFGS-B."""
+    if start == "paper":
+        beta = PAPER_START
+        for slope_nat in PAPER_TOLERANCES_NAT:
+            beta = _maximise_likelihood(data, beta, bounds, slope_nat)
+        return beta
+    starts = np.log(_data_starts(data.angle_rad, data.radius_m))
+    ends = [_ascended(data, first, bounds, COARSE_NAT) for first in starts]
+    _, best = max(ends, key=lambda optimum: optimum[0])
+    return np.asarray(np.exp(_ascended(data, best, bounds, FINE_NAT)[1]))
 
 
-def _maximise_likelihood(
-    data: RadialData,
-    start: FloatArray,
-    bounds: FloatArray,
-    tolerance_nat: float,
-    careful: bool,
-    to_beat: float = -np.inf,
+def _ascended(
+    data: RadialData, start: FloatArray, bounds: FloatArray, enough_nat: float
 ) -> tuple[float, FloatArray]:
-    """Log likelihood and beta at the optimum over log beta, by L-BFGS-B; mu follows from beta at each step.
+    """Log likelihood and log beta of the optimum above a start, with all harmonics that the search needs."""
+    at, (low, high) = start, np.log(bounds)
+    is_ever_exact = data.is_exact(bounds[0])
+    chords = data.chords if is_ever_exact else np.zeros((0, 0))
+    order = smallest_order(float(np.exp(start[1] / 2)))
+    while True:
+        gram, moment = data.sums.up_to(order + order // 2)  # more than asked for: the search may need them next
+        order, value, at = ascend(chords, data.radius_m, gram, moment, at, low, high, enough_nat)
+        if 2 * order + 1 <= len(gram):
+            return value, at
 
-    Where the likelihood is steep the first step of L-BFGS-B reaches the bounds, where the length scale needs the
-    most harmonics. A `careful` search is scaled to a first step of about 1; the result of the start of the paper
-    depends on the long step. A search that after some steps is far below the likelihood `to_beat` is stopped.
+
+def _maximise_likelihood(data: RadialData, start: FloatArray, bounds: FloatArray, slope_nat: float) -> FloatArray:
+    """Beta at the optimum over log beta, by L-BFGS-B; mu follows from beta at each step.
+
+    Its first step is long, and the result of the start of the paper depends on it.
     """
     from scipy.optimize import Bounds, minimize  # noqa: PLC0415  (slow to import)
-
-    first = np.log(np.clip(start, *bounds))
-    steepness = 1.0
-    if careful:
-        gradient = data.log_marginal_likelihood(np.exp(first)).gradient[1:] * np.exp(first)
-        steepness = max(float(np.linalg.norm(gradient)), 1.0)
 
     def negative(log_beta: FloatArray) -> tuple[float, FloatArray]:
         beta = np.exp(log_beta)
         likelihood = data.log_marginal_likelihood(beta)
-        return -likelihood.value / steepness, -likelihood.gradient[1:] * beta / steepness
-
-    steps = 0
-
-    def give_up(intermediate_result: "OptimizeResult") -> None:
-        nonlocal steps
-        steps += 1
-        if steps >= TRIAL_STEPS and -steepness * float(intermediate_result.fun) < to_beat - HOPELESS_NAT:
-            raise StopIteration
+        return -likelihood.value, -likelihood.gradient[1:] * beta
 
     found = minimize(
         negative,
-        first,
-        callback=give_up,
+        np.log(np.clip(start, *bounds)),
         jac=True,
         method="L-BFGS-B",
         bounds=Bounds(*np.log(bounds)),
-        options={"gtol": tolerance_nat / steepness, "ftol": RELATIVE_TOLERANCE / steepness},
+        options={"gtol": slope_nat, "ftol": RELATIVE_TOLERANCE},
     )
-    return -steepness * float(found.fun), np.exp(found.x)
+    return np.asarray(np.exp(found.x))
 
 
 def _search_bounds(radius_m: FloatArray, noise_floor_std_m: float) -> FloatArray:

@@ -3,15 +3,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import approx_fprime
+from scipy.special import ive
 
 from estimation.shape.gp.exact import ExactPosterior, chord, log_marginal_likelihood
-from estimation.shape.gp.fourier import (
-    FourierPosterior,
-    FourierSums,
-    log_marginal_likelihood_fourier,
-    smallest_order,
-    spectrum,
-)
+from estimation.shape.gp.fourier import FourierPosterior, FourierSums, log_marginal_likelihood_fourier
+from estimation.shape.gp.harmonic_terms import harmonic_terms, needed_order, smallest_order, weights
+from estimation.shape.gp.newton import likelihood_terms
 from estimation.shape.gp.radial import RadialData, fit_radial_gp
 
 
@@ -33,22 +30,39 @@ seeds = st.integers(0, 2**32 - 1)
 @given(length_scale=st.floats(0.05, 10))
 @settings(max_examples=60, deadline=None)
 def test_harmonics_add_up_to_the_kernel(length_scale):
-    kernel = spectrum(length_scale**2, 1.0)
+    order = needed_order(length_scale**2, 1.0)
     difference = np.linspace(0, 2 * np.pi, 97)
-    found = np.cos(difference[:, None] * np.arange(kernel.order + 1)) @ kernel.weight
+    found = np.cos(difference[:, None] * np.arange(order + 1)) @ weights(length_scale**2, order)[0]
     expected = np.exp(-2 * np.sin(difference / 2) ** 2 / length_scale**2)
     np.testing.assert_allclose(found, expected, atol=5e-9)
-    assert kernel.order >= smallest_order(length_scale)
+    assert order >= smallest_order(length_scale)
 
 
 @given(length_scale=st.floats(0.06, 9))
 @settings(max_examples=30, deadline=None)
-def test_slope_of_the_weights(length_scale):
-    step = 1e-6
-    order = spectrum(length_scale**2, 1.0).order
-    above, below = (spectrum(length_scale**2 * np.exp(s), 1.0).weight for s in (step, -step))
-    numerical = (np.log(above[:order]) - np.log(below[:order])) / (2 * step)
-    np.testing.assert_allclose(spectrum(length_scale**2, 1.0).slope[:order], numerical, rtol=1e-4, atol=1e-4)
+def test_weights_are_bessel_functions_and_their_slopes_are_differences(length_scale):
+    step, order = 1e-5, needed_order(length_scale**2, 1.0)
+    above, (weight, slope, bend), below = (weights(length_scale**2 * np.exp(s), order) for s in (step, 0.0, -step))
+    bessel = np.where(np.arange(order + 1) == 0, 1.0, 2.0) * ive(np.arange(order + 1), 1 / length_scale**2)
+    np.testing.assert_allclose(weight, bessel, rtol=1e-9, atol=1e-300)
+    np.testing.assert_allclose(slope, (np.log(above[0]) - np.log(below[0])) / (2 * step), rtol=1e-4, atol=1e-4)
+    np.testing.assert_allclose(bend, (above[1] - below[1]) / (2 * step), rtol=1e-4, atol=1e-4)
+
+
+@given(seed=seeds, beta=betas, n=st.integers(60, 300))
+@settings(max_examples=40, deadline=None)
+def test_terms_by_harmonics_are_those_of_the_covariance_matrix(seed, beta, n):
+    angle, radius = star(n, seed)
+    sums, log_beta = FourierSums(angle, radius), np.log(beta)
+    gram, moment = sums.up_to(needed_order(beta[1], n * beta[0] / beta[2]))
+    value, shift, gradient, hessian = harmonic_terms(gram, moment, sums.square_m2, n, log_beta)
+    exact_value, exact_gradient, exact_hessian = likelihood_terms(chord(angle, angle), radius, log_beta)
+    exact = log_marginal_likelihood(chord(angle, angle), radius, beta)
+    scale = 1 + np.abs(exact_hessian).max()
+    assert value == pytest.approx(exact_value, abs=1e-9 * scale)
+    assert sums.mean_radius_m + shift == pytest.approx(exact.mu, abs=1e-6)
+    np.testing.assert_allclose(gradient, exact_gradient, atol=1e-7 * scale)
+    np.testing.assert_allclose(hessian, exact_hessian, atol=1e-6 * scale)  # of the harmonics left out
 
 
 def test_sums_are_the_products_of_the_features():

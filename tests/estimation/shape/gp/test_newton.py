@@ -7,7 +7,14 @@ from hypothesis import strategies as st
 
 from estimation.shape.gp.exact import chord, log_marginal_likelihood
 from estimation.shape.gp.newton import likelihood_terms
-from estimation.shape.gp.radial import RadialData, _search_bounds, _searched, fit_radial_gp, fit_radial_gps
+from estimation.shape.gp.radial import (
+    RadialData,
+    _data_starts,
+    _maximise_likelihood,
+    _search_bounds,
+    fit_radial_gp,
+    fit_radial_gps,
+)
 from isac_arena.validation.shape.gp_study import SHAPES, draw_points
 
 AT = np.linspace(-np.pi, np.pi, 60)
@@ -48,21 +55,39 @@ def test_a_batch_is_its_clusters_one_by_one():
     assert fit_radial_gps([]) == []
 
 
+def by_l_bfgs_b(data):
+    """Most likely beta of the same starts by another search."""
+    starts, bounds = _data_starts(data.angle_rad, data.radius_m), _search_bounds(data.radius_m, 0.0)
+    ends = [_maximise_likelihood(data, start, bounds, 1e-3) for start in starts]
+    return max(ends, key=lambda beta: data.log_marginal_likelihood(beta).value)
+
+
 def test_the_compiled_search_ends_where_l_bfgs_b_does():
-    batch = clusters(2, [4, 8, 12, 16, 16, 20, 24, 32] * 5)
-    gain, difference = [], []
-    for (angle, radius), found in zip(batch, fit_radial_gps(batch), strict=True):
-        data = RadialData(angle, radius)
-        beta = _searched(data, "data", _search_bounds(radius, 0.0))
-        likelihood = data.log_marginal_likelihood(beta)
-        gain.append(found.log_likelihood - likelihood.value)
-        slow = likelihood.mu + data.posterior(beta, likelihood.mu).predict(AT)[0]
-        difference.append(np.max(np.abs(found.predict(AT)[0] - slow)))
-    gain, difference = np.array(gain), np.array(difference)
+    gain, difference = gains_over_l_bfgs_b(clusters(2, [4, 8, 12, 16, 16, 20, 24, 32] * 5))
     assert np.sum(gain < -1e-6) <= 2  # of 40: from the same starts the two may climb different hills
     same = np.abs(gain) < 1e-6
     assert same.sum() >= 25
     assert np.median(difference[same]) < 1e-4
+
+
+def test_large_clusters_end_there_too():
+    gain, difference = gains_over_l_bfgs_b(clusters(3, [48, 64, 100, 300] * 5))
+    assert np.sum(gain < -1e-2) <= 1  # of 20; without a signal the likelihood is flat over all length scales
+    assert np.median(np.abs(gain)) < 1e-5
+    assert np.median(difference) < 1e-4
+
+
+def gains_over_l_bfgs_b(batch):
+    """Gain in likelihood (cluster,) and largest difference of the radii in m."""
+    gain, difference = [], []
+    for (angle, radius), found in zip(batch, fit_radial_gps(batch), strict=True):
+        data = RadialData(angle, radius)
+        beta = by_l_bfgs_b(data)
+        likelihood = data.log_marginal_likelihood(beta)
+        gain.append(found.log_likelihood - likelihood.value)
+        slow = likelihood.mu + data.posterior(beta, likelihood.mu).predict(AT)[0]
+        difference.append(np.max(np.abs(found.predict(AT)[0] - slow)))
+    return np.array(gain), np.array(difference)
 
 
 def test_a_batch_names_a_bad_cluster():
