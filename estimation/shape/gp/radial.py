@@ -32,7 +32,7 @@ COARSE_NAT, FINE_NAT = 0.1, 1e-3  # promise of the last step of a start, and of 
 PAPER_TOLERANCES_NAT = 0.1, 1e-3  # slope by log beta where the search from the start of the paper ends, and again
 RELATIVE_TOLERANCE = 2.2e-9  # of the likelihood; the default of L-BFGS-B
 LARGEST_TOGETHER = 32  # most points of clusters that one compiled call takes
-TOGETHER_NAT = 1e-10  # promise of the last step of small clusters
+TOGETHER_NAT = 1e-8  # promise of the last step of small clusters
 PAPER_START = np.array([4.0, 4.0, 4.0])  # beta of sigma_f = l = sigma_n = 2
 
 
