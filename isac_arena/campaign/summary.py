@@ -55,7 +55,7 @@ class TraceCounts:
             n_exact = self.n_compared - self.n_extra
             added = f"{self.n_repaired} of them, which the ray tracer missed, are added"
             missed = added if self.n_repaired else "the ray tracer found them all"
-            lines.append(f"lines of sight and reflections: {n_exact}, exact by mirror images; {missed}{extra}")
+            lines.append(f"lines of sight and reflections: {n_exact} by exact mirror images; {missed}{extra}")
         if self.n_moving:
             lines.append(
                 f"motion: {self.n_moving} sweeps, {self.n_traced_again} of them traced again inside, "

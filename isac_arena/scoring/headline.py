@@ -96,7 +96,7 @@ def headline(metrics: Sequence[Metric]) -> Iterator[tuple[str, list[Metric | Non
 
 def headline_text(metrics: Sequence[Metric]) -> str:
     """The table as text of fixed width."""
-    rows = [("", *HEADS)]
+    rows: list[tuple[str, ...]] = [("", *HEADS)]
     for label, cells, unit in headline(metrics):
         rows.append((label, *(score_text(cell) for cell in cells), unit))
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]

@@ -286,8 +286,7 @@ def maximise_likelihood(
 ) -> tuple[FloatArray, Score, bool]:
     """Paths (path, parameter) at the nearest maximum of the likelihood, or after this many steps towards it.
 
-    The last result is whether all delays stayed in their reach; the steps end when one leaves it, or when there is
-    no hope that the logarithm of the likelihood reaches `least`.
+    The last result is whether all delays stayed in reach. Steps end when one leaves it, or cannot reach `least`.
     """
     start = paths[:, 0].copy()
     longest = _longest_steps(ends, paths)
@@ -298,8 +297,7 @@ def maximise_likelihood(
         nonlocal inside
         paths, at = now
         step = _damped_step(at, damping)
-        expected = float(step @ at.gradient) / 2
-        if expected < _ENOUGH or at.value + HOPE * expected < least:
+        if (expected := float(step @ at.gradient) / 2) < _ENOUGH or at.value + HOPE * expected < least:
             return None
         move = step.reshape(paths.shape)
         reach = (longest / np.maximum(np.abs(move), 1e-300)).min(axis=1, keepdims=True)

@@ -28,7 +28,7 @@ NOISE_STD_BOUNDS = (1e-3, 10.0)
 LENGTH_SCALE_BOUNDS = (0.05, 10.0)
 SMALLEST_SCALE_M = 0.01
 
-COARSE_NAT, FINE_NAT = 0.1, 1e-3  # promise of the last step of a start, and of the best: the rest is its square
+COARSE_NAT, FINE_NAT = 0.1, 1e-6  # promise of the last step of a start, and of the best: the rest is its square
 PAPER_TOLERANCES_NAT = 0.1, 1e-3  # slope by log beta where the search from the start of the paper ends, and again
 RELATIVE_TOLERANCE = 2.2e-9  # of the likelihood; the default of L-BFGS-B
 LARGEST_TOGETHER = 32  # most points of clusters that one compiled call takes

@@ -12,7 +12,8 @@ from matplotlib.patches import Patch
 from estimation.slam.record import SolveStatus
 from isac_arena.campaign.results import CampaignResults, MapResult
 from isac_arena.report.figures.bands import Curve, contour_curve, line_m, shape_curve
-from isac_arena.report.figures.plan import Box, draw_plan, plan_view
+from isac_arena.report.figures.object_names import Box
+from isac_arena.report.figures.plan import draw_plan, plan_view
 from isac_arena.report.style import BAND_ALPHA, GHOST, SLAM, TRUTH, cluster_look, legend_below, new_figure, styled
 from isac_arena.scoring.causes import LEVEL, LEVEL_WORDS, PHANTOM, RIGHT_SURFACE, ghost_words
 from isac_arena.scoring.record import MapScores, PoseScores, ScoreTables

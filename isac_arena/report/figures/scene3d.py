@@ -11,6 +11,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
+from isac_arena.report.figures.object_names import Box
 from isac_arena.report.figures.path_lines import (
     COLORS,
     SCATTER_COLOR,
@@ -19,7 +20,7 @@ from isac_arena.report.figures.path_lines import (
     path_summary,
     scatter_points,
 )
-from isac_arena.report.figures.plan import RX_COLOR, Box, kind_patches, plan_view
+from isac_arena.report.figures.plan import RX_COLOR, kind_patches, plan_view
 from scenes.objects.scene_object import KIND_COLORS
 from scenes.record import FloatArray
 from scenes.scene import Scene, SceneObject
