@@ -86,7 +86,7 @@ def test_a_run_is_whole_by_itself_and_resumes_without_its_sources(project: Path,
     result = arena("run", project / "mine.toml", "--out", out)
     assert result.returncode == 0, result.stderr
     [line] = [line for line in result.stdout.splitlines() if line.startswith("lines of sight and reflections: ")]
-    assert int(line.split(": ")[1].split()[0]) > 20 and "missed" in line
+    assert int(line.split(": ")[1].split()[0]) > 20 and "ray tracer" in line
     truth = read_record(out / "truth" / "stop_001.nc", Truth)
     assert truth.n_planar_compared > 10
     assert truth.rx_pose.position_m.tolist() == [4.0, 6.5, 1.4]
