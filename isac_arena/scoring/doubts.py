@@ -58,8 +58,7 @@ def _pose_doubts(values: Mapping[str, float]) -> Iterator[str]:
         elif (half := values.get(f"{of}.over_bound.median", np.nan)) > FAR:
             halves.append(f"{_times(half)} ({name})")
     if halves:
-        hidden = "the bound of all is that of few stops with large ones"
-        yield f"half of the stops err {', '.join(halves)} their bound or more: {hidden}"
+        yield f"half of the stops err {', '.join(halves)} their bound or more"
     ours, published = (values.get(f"{one}.position.rmse_m", np.nan) for one in ("slam", "published"))
     as_many = values.get("published.solved_share", 0.0) >= values.get("slam.solved_share", np.inf)
     if as_many and ours > BEHIND * published:
@@ -90,7 +89,7 @@ def _stated_doubt(values: Mapping[str, float]) -> Iterator[str]:
         mend = 'where [channel] method is "power", take "auto"; in code of yours, weigh paths with heavy tails'
         yield (
             f"stated errors: regions that should hold 95 % hold {', '.join(told)}. Some paths, mostly pairs close "
-            f"together, err more than they state; SLAM and contours allow for that. To do: {mend}"
+            f"together, err more than they state. To do: {mend}"
         )
 
 
@@ -107,9 +106,8 @@ def _contour_doubt(values: Mapping[str, float]) -> Iterator[str]:
             told.append(f"{false:.0f} of {total:.0f} of {name}")
     if told:
         yield (
-            f"contours: {', '.join(told)} are false, though their own probability may be high: paths of two "
-            "bounces agree on an object that is not there. To do: "
-            f"{MORE_STOPS}; the report shows which, under 'Contours'"
+            f"contours: {', '.join(told)} are false (a ghost or a phantom), though their own probability may be "
+            f"high. To do: {MORE_STOPS}; the report shows which, under 'Contours'"
         )
 
 

@@ -17,7 +17,7 @@ WORDS = {
     "significant": "not diffuse, above the noise and within the dynamic range of the estimator",
     "separable": "far enough from its neighbours in delay and angles that an estimator can tell it from them",
     "weak": "an estimate that matches no significant path, but that weak or diffuse true energy explains",
-    "false contour": "a ghost or a phantom: there is no such object",
+    "false contour": "a ghost or a phantom",
     "false": "an estimate that no true path explains",
     "gate": "the largest errors at which an estimate still counts as a true path: 3 ns, 5 deg, 5 deg",
     "IoU": "area of the overlap over the area of the union: 1 is perfect, 0 is apart",

@@ -73,8 +73,8 @@ class FourierSums:
 def log_marginal_likelihood_fourier(sums: FourierSums, beta: ArrayLike) -> Likelihood:
     """As `exact.log_marginal_likelihood` with the most likely mu, in a time without the number of points."""
     beta = np.asarray(beta, float)
-    gram, moment = sums.up_to(needed_order(beta[1], sums.n_points * beta[0] / beta[2]))
-    value, shift, by_log_beta, _ = harmonic_terms(gram, moment, sums.square_m2, sums.n_points, np.log(beta))
+    n, order = sums.n_points, needed_order(beta[1], sums.n_points * beta[0] / beta[2])
+    value, shift, by_log_beta, _ = harmonic_terms(*sums.up_to(order), sums.square_m2, n, order, np.log(beta))
     return Likelihood(value, sums.mean_radius_m + shift, np.array([0.0, *(by_log_beta / beta)]))
 
 

@@ -71,21 +71,20 @@ def needed_order(length_squared: float, signal_to_noise: float) -> int:
 
 @compiled
 def harmonic_terms(
-    gram: FloatArray, moment: FloatArray, square_m2: float, n_points: int, log_beta: FloatArray
+    gram: FloatArray, moment: FloatArray, square_m2: float, n_points: int, order: int, log_beta: FloatArray
 ) -> tuple[float, float, FloatArray, FloatArray]:
     """Log marginal likelihood, the most likely mu - mean r, gradient (3,) and Hessian (3, 3) by log beta.
-
-    The harmonics are those of `needed_order`.
 
     Parameters
     ----------
     gram, moment
-        Phi' Phi (feature, feature) and Phi' (r - mean r) (feature,), of as many harmonics or more.
+        Phi' Phi (feature, feature) and Phi' (r - mean r) (feature,), of `order` harmonics or more.
     square_m2
         Sum of the squared residuals r - mean r.
+    order
+        The highest harmonic to use, see `needed_order`.
     """
     signal_variance, length_squared, noise_variance = np.exp(log_beta)
-    order = needed_order(length_squared, n_points * signal_variance / noise_variance)
     weight, slope, bend = weights(length_squared, order)
     size = 2 * order + 1
     scale, by_length, twice_by_length = np.empty(size), np.empty(size), np.empty(size)

@@ -68,18 +68,20 @@ def _terms(
 ) -> tuple[int, float, FloatArray, FloatArray]:
     """The terms of the likelihood by the covariance matrix or by harmonics, whichever is smaller.
 
-    First comes the highest harmonic that they need: where `gram` has fewer, the terms are not known.
+    First comes the highest harmonic that they need: where `gram` has fewer, the terms are not known. It is 0 for
+    the covariance matrix, which is taken where `gram` is empty.
     """
-    n = len(radius_m)
-    signal_variance, length_squared, noise_variance = np.exp(log_beta)
-    order = needed_order(length_squared, n * signal_variance / noise_variance)
-    if len(chords) > 0 and (len(gram) == 0 or n < 2 * order + 1):
+    n, order = len(radius_m), 0
+    if len(gram) > 0:
+        signal_variance, length_squared, noise_variance = np.exp(log_beta)
+        order = needed_order(length_squared, n * signal_variance / noise_variance)
+    if order == 0 or (len(chords) > 0 and n < 2 * order + 1):
         value, gradient, hessian = likelihood_terms(chords, radius_m, log_beta)
         return 0, value, gradient, hessian
     if 2 * order + 1 > len(gram):
         return order, -np.inf, np.zeros(3), np.zeros((3, 3))
     eta = radius_m - radius_m.mean()
-    value, _, gradient, hessian = harmonic_terms(gram, moment, eta @ eta, n, log_beta)
+    value, _, gradient, hessian = harmonic_terms(gram, moment, eta @ eta, n, order, log_beta)
     return order, value, gradient, hessian
 
 

@@ -64,8 +64,8 @@ class RadialData:
     """Contour points in polar form; the terms of each form of the likelihood are computed at first use."""
 
     def __init__(self, angle_rad: FloatArray, radius_m: FloatArray) -> None:
-        self.angle_rad = angle_rad
-        self.radius_m = radius_m
+        self.angle_rad = np.ascontiguousarray(angle_rad, float)
+        self.radius_m = np.ascontiguousarray(radius_m, float)
 
     @cached_property
     def chords(self) -> FloatArray:
@@ -156,10 +156,7 @@ def _most_likely(data: list[RadialData], bounds: list[FloatArray]) -> FloatArray
     if not data:
         return np.zeros((0, 3))
     first = np.cumsum([0, *(len(one.radius_m) for one in data)])
-    angle, radius = (
-        np.concatenate([np.asarray(getattr(one, name), float) for one in data])
-        for name in ("angle_rad", "radius_m")
-    )
+    angle, radius = (np.concatenate([getattr(one, name) for one in data]) for name in ("angle_rad", "radius_m"))
     starts = np.array([_data_starts(one.angle_rad, one.radius_m) for one in data])
     low, high = np.log(np.stack(bounds, axis=1))
     return np.exp(most_likely(first, angle, radius, np.log(starts), low, high, TOGETHER_NAT))
@@ -183,8 +180,7 @@ def _ascended(
 ) -> tuple[float, FloatArray]:
     """Log likelihood and log beta of the optimum above a start, with all harmonics that the search needs."""
     at, (low, high) = start, np.log(bounds)
-    is_ever_exact = data.is_exact(bounds[0])
-    chords = data.chords if is_ever_exact else np.zeros((0, 0))
+    chords = data.chords if data.is_exact(bounds[0]) else np.zeros((0, 0))
     order = smallest_order(float(np.exp(start[1] / 2)))
     while True:
         gram, moment = data.sums.up_to(order + order // 2)  # more than asked for: the search may need them next

@@ -26,8 +26,7 @@ NAMES = {
 
 def group_of(key: str) -> str:
     """The stage, and the map where there are two, that a quantity belongs to."""
-    prefix = key.rpartition(".")[0]
-    return GROUPS.get(prefix, prefix)
+    return GROUPS[key.rpartition(".")[0]]
 
 
 def name_of(key: str) -> str:
