@@ -65,7 +65,7 @@ def _drawn(thing: Any, scene: Scene | None = None, *, ax: Any = None, view: View
 
 
 @_drawn.register
-@styled
+@styled()
 def _(thing: Scene, scene: Scene | None = None, *, ax: Any = None, view: View = "plan") -> Any:
     if view == "3d":
         return scene_figure(thing, extent="all", figure=plt.figure(figsize=(10.5, 7.5))).axes[0]
@@ -81,7 +81,7 @@ def _(thing: Campaign, scene: Scene | None = None, *, ax: Any = None, view: View
 
 
 @_drawn.register
-@styled
+@styled()
 def _(thing: Truth, scene: Scene | None = None, *, ax: Any = None, view: View = "plan") -> Any:
     if scene is None or view == "delay":
         ax = plot(thing.paths, ax=ax)
@@ -98,7 +98,7 @@ def _(thing: Truth, scene: Scene | None = None, *, ax: Any = None, view: View = 
 
 
 @_drawn.register
-@styled
+@styled()
 def _(thing: Paths, scene: Scene | None = None, *, ax: Any = None, view: View = "plan") -> Any:
     level_db = 20 * np.log10(np.maximum(np.abs(thing.gain), 1e-30))
     kinds = {"diffuse": (thing.is_diffuse, GHOST), "specular": (~thing.is_diffuse, ESTIMATE)}
@@ -108,7 +108,7 @@ def _(thing: Paths, scene: Scene | None = None, *, ax: Any = None, view: View = 
 
 
 @_drawn.register
-@styled
+@styled()
 def _(thing: ChannelEstimate, scene: Scene | None = None, *, ax: Any = None, view: View = "plan") -> Any:
     kinds = {"weak": (thing.is_weak, GHOST), "path": (~thing.is_weak & ~thing.is_los, ESTIMATE)}
     ax = _profile(ax, thing.delay_s, thing.power_dbm, kinds | {"taken as line of sight": (thing.is_los, SLAM)})
@@ -119,7 +119,7 @@ def _(thing: ChannelEstimate, scene: Scene | None = None, *, ax: Any = None, vie
 
 
 @_drawn.register
-@styled
+@styled()
 def _(thing: BeamPowerMap, scene: Scene | None = None, *, ax: Any = None, view: View = "plan") -> Any:
     ax = _axes(ax)
     ax.grid(visible=False)
@@ -135,7 +135,7 @@ def _(thing: BeamSweep, scene: Scene | None = None, *, ax: Any = None, view: Vie
 
 
 @_drawn.register
-@styled
+@styled()
 def _(thing: PoseEstimates, scene: Scene | None = None, *, ax: Any = None, view: View = "plan") -> Any:
     ax = _over_plan(ax, scene)
     u, v = np.cos(thing.heading_rad), np.sin(thing.heading_rad)
@@ -147,7 +147,7 @@ def _(thing: PoseEstimates, scene: Scene | None = None, *, ax: Any = None, view:
 
 
 @_drawn.register
-@styled
+@styled()
 def _(thing: IncidencePoints, scene: Scene | None = None, *, ax: Any = None, view: View = "plan") -> Any:
     ax = _over_plan(ax, scene)
     looks: dict[str, Any] = {"incidence point": {"marker": "o", "color": ESTIMATE, "markersize": 3.8, "zorder": 4}}
@@ -161,7 +161,7 @@ def _(thing: IncidencePoints, scene: Scene | None = None, *, ax: Any = None, vie
 
 @_drawn.register(Contours)
 @_drawn.register(Shapes)
-@styled
+@styled()
 def _(thing: Contours | Shapes, scene: Scene | None = None, *, ax: Any = None, view: View = "plan") -> Any:
     ax = _over_plan(ax, scene)
     if isinstance(thing, Contours):
@@ -174,7 +174,7 @@ def _(thing: Contours | Shapes, scene: Scene | None = None, *, ax: Any = None, v
 
 
 @_drawn.register
-@styled
+@styled()
 def _(thing: MapResult, scene: Scene | None = None, *, ax: Any = None, view: View = "plan") -> Any:
     ax = plot(thing.poses, scene, ax=ax)
     curves = [contour_curve(thing.contours, row) for row in range(len(thing.contours))]

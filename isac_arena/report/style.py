@@ -1,12 +1,13 @@
 """The common style of figures (colours for colour-blind readers, light axes, sizes in inches) and HTML pages."""
 
 from base64 import b64encode
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from html import escape
 from io import BytesIO
 from typing import Any
 
-from matplotlib import rc_context
+from matplotlib import rcParams
 from matplotlib.figure import Figure
 from matplotlib.legend import Legend
 
@@ -44,7 +45,21 @@ STYLE = {
 DOTS_PER_INCH = 130
 PIXELS_PER_INCH = 86  # on a page: the widest figure fills it, and all figures have the same letter size
 
-styled = rc_context(rc=STYLE)  # decorator: the function draws in this style and ignores the user's settings
+
+@contextmanager
+def styled() -> Iterator[None]:
+    """Decorator: the function draws in this style and ignores the user's settings.
+
+    Only the settings of the style are put back. `matplotlib.rc_context` would put back all of them, also what a
+    notebook sets while its first figure is made, and later figures would not be shown.
+    """
+    before = {name: rcParams[name] for name in STYLE}
+    rcParams.update(STYLE)
+    try:
+        yield
+    finally:
+        rcParams.update(before)
+
 
 
 def new_figure(width_in: float, height_in: float) -> Figure:
@@ -65,7 +80,7 @@ def legend_below(figure: Figure, handles: list[Any], columns: int) -> Legend:
     return figure.legend(handles=handles, loc="outside lower center", ncols=columns)
 
 
-@styled
+@styled()
 def png_bytes(figure: Figure) -> bytes:
     """The figure as a PNG file; equal figures give equal bytes."""
     buffer = BytesIO()

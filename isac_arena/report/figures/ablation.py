@@ -12,7 +12,7 @@ SHOWN_OCTAVES = (1.0, 4.0)  # the colour scale ends at a factor between 2 and 16
 DARK_LUMINANCE = 0.45  # text is white on darker cells
 
 
-@styled
+@styled()
 def ablation_figure(ablation: Ablation) -> Figure:
     """Scores of every variant as a matrix, coloured by their ratio to the campaign without impairments.
 

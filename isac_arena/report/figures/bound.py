@@ -53,7 +53,7 @@ class ChannelBoundMap:
     is_coherent: bool
 
 
-@styled
+@styled()
 def bound_figure(scene: Scene, bound: BoundMap, errors: str = FROM_SIGNAL) -> Figure:
     """PEB of a receiver at every place, in colour on a logarithmic scale; the edge of the LOS region is dashed.
 
@@ -69,7 +69,7 @@ def bound_figure(scene: Scene, bound: BoundMap, errors: str = FROM_SIGNAL) -> Fi
     return figure
 
 
-@styled
+@styled()
 def channel_bound_figure(scene: Scene, bound: ChannelBoundMap) -> Figure:
     """Bounds of path length, AoD and AoA side by side, in colours on logarithmic scales.
 

@@ -35,7 +35,7 @@ class _Bar:
     is_decided: bool = True
 
 
-@styled
+@styled()
 def budget_figure(budget: Budget) -> Figure:
     """A waterfall per outcome and kind of budget, in shares of the mean square error.
 

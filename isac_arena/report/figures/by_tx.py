@@ -64,7 +64,7 @@ def tx_shares(names: Sequence[str], result: MapResult, tables: ScoreTables) -> l
     return found
 
 
-@styled
+@styled()
 def by_tx_figure(scene: Scene, txs: Mapping[str, str], result: MapResult) -> Figure:
     """Plan with the incidence points in the colour of their TX, and a line along what it saw of each contour.
 

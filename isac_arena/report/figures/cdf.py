@@ -20,7 +20,7 @@ LINE_STYLES = ("-", "--", ":")
 KIND_LABELS = {"los": "line of sight", "single_bounce": "single bounce", "multi_bounce": "multiple bounce"}
 
 
-@styled
+@styled()
 def pose_cdf_figure(poses: PoseScores) -> Figure:
     """Errors of position, heading and clock bias by SLAM, with and without a line of sight."""
     every = np.ones(len(poses.stop), bool)
@@ -34,7 +34,7 @@ def pose_cdf_figure(poses: PoseScores) -> Figure:
     return _figure(curves, ("#222222", SLAM, MAPPING))
 
 
-@styled
+@styled()
 def channel_cdf_figure(paths: PathScores) -> Figure:
     """Errors of delay, departure and arrival of the detected paths, by kind of path."""
     panels = {
@@ -49,7 +49,7 @@ def channel_cdf_figure(paths: PathScores) -> Figure:
     return _figure(curves, CLUSTER_COLORS)
 
 
-@styled
+@styled()
 def surface_cdf_figure(tables: ScoreTables) -> Figure:
     """Distance of the incidence points of both maps to the nearest surface and to their true points."""
     maps = {"mapping": tables.mapping, "SLAM": tables.slam}

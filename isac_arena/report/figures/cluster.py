@@ -19,7 +19,7 @@ VIEW_MARGIN = 0.12
 WHOLE_OBJECT_M = 1.0  # a true outline up to this size is shown in full, a larger one only around the estimate
 
 
-@styled
+@styled()
 def cluster_figure(scene: Scene, result: MapResult, cluster: int, object_name: str, title: str) -> Figure:
     """Radius over polar angle (left) and contour in the plane (right) of one cluster.
 

@@ -25,7 +25,7 @@ MEANING = {"undecided": "undecided: the interval holds 0"}
 CLIPPED: dict[str, Any] = {"marker": ">", "color": "0.25", "markersize": 5, "linestyle": "none"}
 
 
-@styled
+@styled()
 def compare_figure(differences: Sequence[PairedDifference], first: str, second: str) -> Figure:
     """Mean difference of every quantity in percent of the first run's mean, with its 95 % interval.
 

@@ -15,7 +15,7 @@ POINTS: dict[str, Any] = {"color": "#009E73", "marker": ".", "linestyle": "none"
 BAND_STD = 2.0
 
 
-@styled
+@styled()
 def radial_function_figure(example: Example) -> Figure:
     """Fig. 1a: fitted radius against angle, its points and its 95 % interval."""
     figure = new_figure(4.4, 3.2)
@@ -43,7 +43,7 @@ def radial_function_figure(example: Example) -> Figure:
     return figure
 
 
-@styled
+@styled()
 def contour_figure(example: Example) -> Figure:
     """Fig. 1b: the contour about its centre."""
     figure = new_figure(4.0, 4.0)
@@ -68,7 +68,7 @@ def contour_figure(example: Example) -> Figure:
     return figure
 
 
-@styled
+@styled()
 def rmse_figure(cells: Sequence[StudyCell]) -> Figure:
     """Fig. 1c: RMSE at the training angles against the number of points, one panel per mode."""
     modes = list(dict.fromkeys(cell.mode for cell in cells))

@@ -34,7 +34,7 @@ RIGHT_LOOK: dict[str, Any] = {"color": GHOST, "marker": "2"}  # of a ghost on a 
 TRACK_COLOR = "#1e8449"  # of the walk in the plan
 
 
-@styled
+@styled()
 def map_figure(scene: Scene, results: CampaignResults, tables: ScoreTables) -> Figure:
     """Incidence points and contours over the plan: receiver known (left) and unknown (right).
 

@@ -24,7 +24,7 @@ STATUS_LOOK = {
 }
 
 
-@styled
+@styled()
 def power_figure(power_map: BeamPowerMap, estimate: ChannelEstimate, tables: ScoreTables) -> Figure:
     """Power in dBm per beam pair of one stop, with significant true paths and estimated ones near the beams."""
     figure = new_figure(8.4, 5.2)

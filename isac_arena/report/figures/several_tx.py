@@ -22,7 +22,7 @@ OFFSET_M = 0.15  # of the line of a TX from the outline, times its number
 HEADING_M = 0.8  # of the line that shows where a TX looks
 
 
-@styled
+@styled()
 def several_tx_figure(
     several: SeveralTx,
     chosen: Sequence[int],

@@ -20,7 +20,7 @@ N_BINS = 24
 MOST_OBJECTS = 14
 
 
-@styled
+@styled()
 def twin_map_figure(scene: Scene, twin: Twin, model: str) -> Figure:
     """Plan with the labelled incidence points that a model explains and those that it does not explain."""
     paths = twin.models[model].paths
@@ -53,7 +53,7 @@ def twin_map_figure(scene: Scene, twin: Twin, model: str) -> Figure:
     return figure
 
 
-@styled
+@styled()
 def twin_residual_figure(scene: Scene, twin: Twin) -> Figure:
     """Shares explained, residuals of delay and angles, and power: measured over predicted, and by object."""
     figure = new_figure(11.0, 7.0)

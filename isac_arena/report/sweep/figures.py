@@ -39,7 +39,7 @@ PALEST = 0.15  # of the colour map: lighter lines are invisible on white
 LABEL_BOX = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.8}
 
 
-@styled
+@styled()
 def axis_figure(results: SweepResults, key: str) -> Figure:
     """Mean of a metric over every axis, and its bound if it has one.
 
@@ -72,7 +72,7 @@ def axis_figure(results: SweepResults, key: str) -> Figure:
     return figure
 
 
-@styled
+@styled()
 def pareto_figure(results: SweepResults, first: str, second: str) -> Figure:
     """Two metrics against each other: the mean of every design point, and the points that no other one beats."""
     figure = new_figure(WIDTH_IN, 4.4)
@@ -101,7 +101,7 @@ def front_of(results: SweepResults, first: str, second: str) -> BoolArray:
     return nondominated(np.column_stack(costs))
 
 
-@styled
+@styled()
 def parallel_figure(results: SweepResults, keys: Sequence[str]) -> Figure:
     """Parallel coordinates: one line per design point through its axis values and its mean metrics.
 
