@@ -9,16 +9,13 @@ from enum import StrEnum
 
 import numpy as np
 
-from isac_arena.scoring.metrics.statistics import quantile, rows_of_groups
-from isac_arena.scoring.record import PathKind, PathStatus
+from isac_arena.scoring.metrics.statistics import rows_of_groups
+from isac_arena.scoring.record import ON_SURFACE_M, OutlineScores, PathKind, PathStatus
 from scenes.record import BoolArray, FloatArray, IntArray, TextArray
 
 WEAK_MARGIN_DB = 6.0  # true energy explains an estimate up to 6 dB stronger: it may add up to twice the amplitude
 NEAR_GATES = 2.0  # an estimate within this many gates of a path counts as an inaccurate estimate of it
 THRESHOLD_MARGIN_DB = 3.0  # this close to a threshold, noise decides whether a path exceeds it
-ON_SURFACE_M = (
-    0.1  # a double bounce this close to a true surface misleads no map: its distance is that of most points
-)
 RIGHT_SURFACE = "right surface, wrong path"
 LEVEL = ("floor", "ceiling")  # no plan shows in place what they scattered
 PHANTOM = "phantom"  # a closed contour where no object stands
@@ -165,11 +162,10 @@ def cause_words(cause: TextArray, surface_m: FloatArray | None = None) -> list[s
     ]
 
 
-def ghost_words(cause: TextArray, label: IntArray, surface_m: FloatArray) -> list[str]:
-    """What a ghost with each cause (cluster,) is called; `label` and `surface_m` (ip,) are those of its points."""
-    median_m = np.array([quantile(surface_m[rows], 0.5) for rows in rows_of_groups(label, len(cause))], float)
-    words = cause_words(cause, median_m)
-    return [one if one == RIGHT_SURFACE else f"ghost ({one})" if one else "ghost" for one in words]
+def ghost_words(table: OutlineScores) -> list[str]:
+    """What each ghost among some outlines (outline,) is called; what the others would be is of no meaning."""
+    called = [f"ghost ({cause})" if cause else "ghost" for cause in cause_words(table.cause)]
+    return [RIGHT_SURFACE if right else one for one, right in zip(called, table.is_right_surface, strict=True)]
 
 
 def _first(tests: dict[Cause, BoolArray], applies: BoolArray) -> TextArray:

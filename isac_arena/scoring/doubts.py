@@ -14,9 +14,9 @@ LEAST_COVERAGE = 0.88  # of 95 % regions: the bar of the worst random hall
 MOST_NEES = 4.0  # 1 where covariances are right: errors of twice what is stated
 BEHIND = 1.25  # times the RMSE of the published method: less is chance where both have the same paths
 FEW_STOPS = 6  # of a walk; box_room is .046, .007, .0015 and .0015 m off with 2, 4, 6 and 9 stops
-NONE_LOCATED = (
-    "SLAM located no stop, so it made no map: a stop needs its line of sight and a single bounce, or four "
-    "single bounces. Look at the paths of the stops in the report, then at beams, power and walk"
+NEEDED = (
+    "a stop needs its line of sight and a single bounce, or four single bounces. Look at the paths of the stops in "
+    "the report, then at beams, power and walk"
 )
 MORE_STOPS = "more stops (n_stops of the walk)"
 STATED = {
@@ -53,8 +53,10 @@ def _pose_doubts(values: Mapping[str, float]) -> Iterator[str]:
         of = f"slam.{key.partition('.')[0]}"
         over, stated = (values.get(f"{of}.{score}", np.nan) for score in ("over_bound", f"stated_{unit}"))
         if over > FAR:
+            error, bound = values[f"slam.{key}"], values.get(f"{of}.bound_{unit}", np.nan)
+            some = "" if abs(error - over * bound) < 0.05 * error else " at the stops that have one"
             itself = f" (SLAM itself states {stated:.2g} {unit})" if np.isfinite(stated) else ""
-            yield f"{name} {values[f'slam.{key}']:.2g} {unit}, {_times(over)} its bound{itself}"
+            yield f"{name} {error:.2g} {unit}, {_times(over)} its bound{some}{itself}"
         elif (half := values.get(f"{of}.over_bound.median", np.nan)) > FAR:
             halves.append(f"{_times(half)} ({name})")
     if halves:
@@ -86,7 +88,7 @@ def _stated_doubt(values: Mapping[str, float]) -> Iterator[str]:
         if coverage < LEAST_COVERAGE or nees > MOST_NEES:
             told.append(f"{100 * coverage:.0f} % of {name}" + (f" (NEES {nees:.2g})" if nees > 1 else ""))
     if told:
-        mend = 'where [channel] method is "power", take "auto"; in code of yours, weigh paths with heavy tails'
+        mend = 'where [channel] method is "power", take "auto"; in code of yours, use a cost that bears outliers (Huber, Student-t)'
         yield (
             f"stated errors: regions that should hold 95 % hold {', '.join(told)}. Some paths, mostly pairs close "
             f"together, err more than they state. To do: {mend}"
@@ -99,15 +101,25 @@ def _cut_doubt(values: Mapping[str, float]) -> Iterator[str]:
 
 
 def _contour_doubt(values: Mapping[str, float]) -> Iterator[str]:
-    told = []
+    told, narrow = [], []
     for of, name in (("mapping", "mapping"), ("slam", "SLAM")):
-        false, total = (values.get(f"contours.{of}.{score}", np.nan) for score in ("false", "accepted"))
+        scores = ("false", "accepted", "false_on_surface")
+        false, total, right = (values.get(f"contours.{of}.{score}", np.nan) for score in scores)
         if false > 0:
-            told.append(f"{false:.0f} of {total:.0f} of {name}")
+            near = f", {right:.0f} of these on a true surface by wrong paths" if right > 0 else ""
+            told.append(f"{false:.0f} of {total:.0f} of {name}{near}")
+        for kind in ("pillar", "wall"):
+            if (held := values.get(f"contours.{of}.{kind}.seen_coverage95.mean", np.nan)) < LEAST_COVERAGE:
+                narrow.append(f"{100 * held:.0f} % ({kind}s, {name})")
     if told:
         yield (
-            f"contours: {', '.join(told)} are false (a ghost or a phantom), though their own probability may be "
+            f"contours: {'; '.join(told)} are false (a ghost or a phantom), though their own probability may be "
             f"high. To do: {MORE_STOPS}; the report shows which, under 'Contours'"
+        )
+    if narrow:
+        yield (
+            f"bands of contours: those that should hold 95 % of the seen outline hold {', '.join(narrow)} in the "
+            "mean. The report shows which, under 'Contours'"
         )
 
 
@@ -134,12 +146,17 @@ def run_doubts(metrics: Sequence[Metric], poses: PoseEstimates) -> tuple[str, ..
 
 
 def estimate_doubts(poses: PoseEstimates) -> tuple[str, ...]:
-    """What the estimates of SLAM say themselves: no stop located, or stops with a second solution as good."""
-    poses = poses.take("stop", poses.status != SolveStatus.GIVEN)
-    if len(poses.stop) and (poses.status == SolveStatus.FAILED).all():
-        return (NONE_LOCATED,)
-    second = poses.stop[poses.is_ambiguous].tolist()
-    if not second:
-        return ()
-    what = "a second solution that is about as good, or too few paths to tell"
-    return (f"SLAM has {what}, at stop {listed(second)}",)
+    """What the estimates of SLAM say themselves: stops not located, or with a second solution as good."""
+    return tuple(_estimate_doubts(poses.take("stop", poses.status != SolveStatus.GIVEN)))
+
+
+def _estimate_doubts(poses: PoseEstimates) -> Iterator[str]:
+    lost = poses.stop[poses.status == SolveStatus.FAILED].tolist()
+    if lost and len(lost) == len(poses.stop):
+        yield f"SLAM located no stop, so it made no map: {NEEDED}"
+    elif lost:
+        of = f"{len(lost)} of {counted(len(poses.stop), 'stop')}"
+        yield f"SLAM did not locate {of}, stop {listed(lost)}; its scores and its map leave these out: {NEEDED}"
+    if second := poses.stop[poses.is_ambiguous & (poses.status != SolveStatus.FAILED)].tolist():
+        what = "a second solution that is about as good, or too few paths to tell"
+        yield f"SLAM has {what}, at stop {listed(second)}"

@@ -7,6 +7,8 @@ import numpy as np
 
 from scenes.record import BoolArray, FloatArray, IntArray, Record, TextArray, array, optional_array
 
+ON_SURFACE_M = 0.1  # nearer to a true surface than that what is found misleads no map: most right points lie so
+
 
 class PathStatus(IntEnum):
     """Status of an estimated path."""
@@ -176,6 +178,7 @@ class OutlineScores(Record):
     is_found: BoolArray = array("outline", dtype=bool, doc="enough close IPs to call the object found")
     is_ghost: BoolArray = array("outline", dtype=bool, doc="more than half of the IPs stem from no object")
     cause: TextArray = array("outline", dtype=str, doc="most frequent cause of the IPs of a ghost")
+    surface_m: FloatArray = array("outline", unit="m", doc="median distance of the IPs to the nearest true surface")
     iou: FloatArray = array("outline", doc="intersection over union of the areas, closed objects")
     hausdorff_m: FloatArray = array("outline", unit="m", doc="Hausdorff distance of the contours")
     modified_hausdorff_m: FloatArray = array("outline", unit="m", doc="larger mean distance of the contours")
@@ -192,6 +195,11 @@ class OutlineScores(Record):
         """Whether each outline shows no object of the scene."""
         return self.is_ghost
 
+    @property
+    def is_right_surface(self) -> BoolArray:
+        """Whether each outline is a ghost whose points lie on a true surface: the right place by wrong paths."""
+        return np.asarray(self.is_ghost & (self.surface_m <= ON_SURFACE_M))
+
 
 @dataclass(frozen=True)
 class ContourScores(OutlineScores):
@@ -204,6 +212,11 @@ class ContourScores(OutlineScores):
     def is_false(self) -> BoolArray:
         """Whether each contour shows no object of the scene: a ghost or a phantom."""
         return self.is_ghost | self.is_phantom
+
+    @property
+    def is_right_surface(self) -> BoolArray:
+        """As that of `OutlineScores`; a phantom shows nothing."""
+        return super().is_right_surface & ~self.is_phantom
 
     @property
     def is_mixed(self) -> BoolArray:

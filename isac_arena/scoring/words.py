@@ -5,7 +5,8 @@ from collections.abc import Iterable, Iterator
 from html import escape
 
 WORDS = {
-    "published": "the paper's method on the same paths: snapshot SLAM of each stop alone, contours of clusters",
+    "published": "the paper's method on the same paths: snapshot SLAM of each stop alone, which takes all heights as "
+    "equal, and contours of clusters",
     "bound": "Cramér-Rao bound: least RMSE from the paths of each stop alone, over the stops that have one; using "
     "other stops can beat it",
     "stated": "what SLAM says itself of its errors, from its covariances: known without the truth",
@@ -15,6 +16,7 @@ WORDS = {
     "in plan": "by x and y alone, without the height",
     "mean of": "over so many objects of this kind that have a contour with its points",
     "significant": "not diffuse, above the noise and within the dynamic range of the estimator",
+    "dynamic range": "how far below the strongest path the estimator looks for paths",
     "separable": "far enough from its neighbours in delay and angles that an estimator can tell it from them",
     "weak": "an estimate that matches no significant path, but that weak or diffuse true energy explains",
     "false contour": "a ghost or a phantom",
@@ -22,13 +24,16 @@ WORDS = {
     "gate": "the largest errors at which an estimate still counts as a true path: 3 ns, 5 deg, 5 deg",
     "IoU": "area of the overlap over the area of the union: 1 is perfect, 0 is apart",
     "GOSPA": "distance of two sets: the errors of matched members, and a penalty for each missed or false one",
+    "Hausdorff distance": "the largest distance from a point of either contour to the other contour",
     "modified Hausdorff distance": "the mean distance of two contours, of both directions the larger",
+    "RMS": "root of the mean square: a few far values, ghosts among them, outweigh all others",
     "NEES": "squared error over its stated covariance, 1 a dimension where covariances are right",
     "coverage": "share of the truth inside the stated 95 % interval: .95 where intervals are right",
     "seen": "the part of a contour near the incidence points that it was fitted to",
     "lit extent": "the part of an object where true single bounces met it on the walk",
     "ghost": "a contour or point most of whose paths come from no object by one bounce",
     "phantom": "a closed contour half of whose area or more no object covers",
+    "purity": "share of the points that come from the most frequent object",
     "mixed": "of several objects: none has half of its points",
     "found": "its contour has 3 points of its own and lies within 0.5 m of half of the true incidence points",
     "visible": "met by 3 significant single bounces or more over all stops, so that it can be found",

@@ -29,8 +29,9 @@ MAIN = (
     "channel.detection_rate",
     "channel.false_per_stop",
     "channel.delay.over_bound.median",
-    "shapes.mapping.pillar.seen_rmse.mean_m",
-    "shapes.mapping.pillar.iou.mean",
+    "contours.mapping.pillar.seen_rmse.mean_m",
+    "contours.mapping.pillar.iou.mean",
+    "contours.mapping.false",
 )
 TRADE_OFFS = (
     ("channel.false_per_stop", "channel.detection_rate"),

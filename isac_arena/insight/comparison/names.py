@@ -12,11 +12,11 @@ GROUPS = {
 }
 NAMES = {
     "gospa": "GOSPA",
-    "detected": "detected, share",
+    "detected": "significant ones detected, share",
     "aod_error": "AoD error",
     "aoa_error": "AoA error",
-    "ip_to_surface": "incidence point to surface",
-    "ip_height_error": "height error of incidence points",
+    "ip_to_surface": "incidence point to surface, median of a stop",
+    "ip_height_error": "height error of incidence points, median of a stop",
     "iou": "overlap (IoU)",
     "modified_hausdorff": "modified Hausdorff distance",
     "seen_rmse": "RMSE, seen part",

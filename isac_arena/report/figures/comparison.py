@@ -77,9 +77,12 @@ def _draw_row(ax: Any, row: int, one: PairedDifference, span: tuple[float, ...],
 
 
 def _percent(one: PairedDifference) -> tuple[float, ...]:
-    """Difference and limits of its interval in % of the first run's mean, NaN where there are none."""
+    """Difference and limits of its interval in % of the first run's mean, NaN where there are none.
+
+    All quantities are 0 or more, so they fall by 100 % at most, also where a bootstrap draws more.
+    """
     scale = 100 / abs(one.first) if one.first else math.nan
-    return tuple(scale * value for value in (one.difference, one.low, one.high))
+    return tuple(max(scale * value, -100.0) for value in (one.difference, one.low, one.high))
 
 
 def _text(one: PairedDifference, span: tuple[float, ...], limit: float) -> str:

@@ -15,7 +15,7 @@ from isac_arena.report.figures.bands import Curve, contour_curve, line_m, shape_
 from isac_arena.report.figures.object_names import Box
 from isac_arena.report.figures.plan import draw_plan, plan_view
 from isac_arena.report.style import BAND_ALPHA, GHOST, SLAM, TRUTH, cluster_look, legend_below, new_figure, styled
-from isac_arena.scoring.causes import LEVEL, LEVEL_WORDS, PHANTOM, RIGHT_SURFACE, ghost_words
+from isac_arena.scoring.causes import LEVEL, LEVEL_WORDS, PHANTOM, RIGHT_SURFACE
 from isac_arena.scoring.record import MapScores, PoseScores, ScoreTables
 from scenes.record import FloatArray
 from scenes.scene import Scene
@@ -31,6 +31,10 @@ GHOST_LOOK: dict[str, Any] = {"color": GHOST, "marker": "x"}
 LEVEL_LOOK: dict[str, Any] = {"color": GHOST, "marker": "_"}  # of what floor or ceiling scattered
 PHANTOM_LOOK: dict[str, Any] = {"color": GHOST, "marker": "+"}
 RIGHT_LOOK: dict[str, Any] = {"color": GHOST, "marker": "2"}  # of a ghost on a true surface
+LOST_LOOK: dict[str, Any] = {
+    "color": SLAM, "marker": "o", "markersize": 7, "markerfacecolor": "none", "markeredgewidth": 1.4,
+    "linestyle": "none",
+}  # fmt: skip
 TRACK_COLOR = "#1e8449"  # of the walk in the plan
 
 
@@ -64,7 +68,8 @@ def map_figure(scene: Scene, results: CampaignResults, tables: ScoreTables) -> F
     if len(views) > 1:
         for ax in grid[1]:
             ax.set_title("the same around the walk")
-    legend_below(figure, _legend_handles(has_others=bool(scene.other_txs)), 5)
+    has_lost = bool((tables.poses.status == SolveStatus.FAILED).any())
+    legend_below(figure, _legend_handles(has_others=bool(scene.other_txs), has_lost=has_lost), 5)
     return figure
 
 
@@ -102,14 +107,14 @@ def _draw_map(ax: Any, result: MapResult, scores: MapScores) -> None:
         curves = [contour_curve(contours, row) for row in range(len(contours))]
         label, table = contours.object, scores.contours
     ax.plot(*ips.position_m[ips.is_inlier & (label < 0)].T, ".", color=GHOST, markersize=3.5, zorder=3)
-    words = ghost_words(table.cause, label, scores.ips.surface_distance_m)
     looks = [
         LEVEL_LOOK if name in LEVEL
-        else (RIGHT_LOOK if words[row] == RIGHT_SURFACE else GHOST_LOOK) if ghost
+        else RIGHT_LOOK if right
+        else GHOST_LOOK if ghost
         else PHANTOM_LOOK if false
         else cluster_look(row)
-        for row, (name, ghost, false) in enumerate(
-            zip(table.object.tolist(), table.is_ghost, table.is_false, strict=True)
+        for row, (name, right, ghost, false) in enumerate(
+            zip(table.object.tolist(), table.is_right_surface, table.is_ghost, table.is_false, strict=True)
         )
     ]  # fmt: skip
     draw_contours(ax, curves, [ips.position_m[label == row] for row in range(len(curves))], looks)
@@ -140,9 +145,10 @@ def _draw_curve(ax: Any, curve: Curve, points_m: FloatArray, row: int, look: dic
 
 
 def _draw_track(ax: Any, results: CampaignResults, poses: PoseScores) -> None:
-    """Draw the estimated positions; a thin line connects each one to the true position."""
+    """Draw the estimated positions, each with a thin line to the true one, and where stops were not located."""
     row = {int(stop): position for position, stop in enumerate(results.slam.poses.stop)}
     estimate = results.slam.poses.position_m[[row[int(stop)] for stop in poses.stop]]
+    ax.plot(*poses.true_position_m[poses.status == SolveStatus.FAILED].T, **LOST_LOOK, zorder=4)
     ties = np.stack([poses.true_position_m, estimate, np.full_like(estimate, np.nan)], axis=1).reshape(-1, 2)
     ax.plot(*ties.T, color=SLAM, linewidth=0.8, zorder=3)
     ax.plot(*estimate.T, "+", color=SLAM, markersize=6, markeredgewidth=1.4, zorder=4)
@@ -156,12 +162,13 @@ def object_handles() -> list[Any]:
     ]
 
 
-def _legend_handles(*, has_others: bool) -> list[Any]:
+def _legend_handles(*, has_others: bool, has_lost: bool) -> list[Any]:
     other = Line2D([], [], marker="D", linestyle="none", color="0.55", markerfacecolor="white", label="other TX")
     return [
         Line2D([], [], marker="D", linestyle="none", color="black", markersize=5, label="TX, boresight"),
         Line2D([], [], marker="o", color=TRACK_COLOR, markersize=3.5, linewidth=0.8, label="true RX stops"),
         Line2D([], [], marker="+", linestyle="none", color=SLAM, markeredgewidth=1.4, label="RX by SLAM"),
+        *([Line2D([], [], label="stop that SLAM did not locate", **LOST_LOOK)] if has_lost else []),
         *object_handles(),
         Line2D([], [], color=TRUTH, linewidth=0.8, linestyle="--", label="published method"),
         Line2D([], [], linestyle="none", label="ghost", **GHOST_LOOK),

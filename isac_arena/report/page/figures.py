@@ -74,7 +74,7 @@ def _map(scene: Scene, results: CampaignResults, tables: ScoreTables) -> ReportF
         "contours of clusters by the published method. Left: mapping with the true receiver pose and clock. "
         "Right: SLAM, which estimates both; a thin line connects each estimated position to the true one. "
         "Contours are numbered as in the files. A ghost is a contour with most of its IPs from no single bounce; "
-        "if they are double bounces that lie on a true surface, it is a right surface by a wrong path."
+        "if they lie on a true surface all the same, it is a right surface by wrong paths."
         f"{_level_contours(tables)}"
     )
     return ReportFigure("map", "map", "Maps", caption, map_figure(scene, results, tables))

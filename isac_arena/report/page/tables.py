@@ -93,9 +93,9 @@ MAPS = ScoreTable(
         ("Clusters", "clusters"),
         ("Ghost clusters", "ghost_clusters"),
         ("Purity of the clusters, mean", "cluster_purity"),
-        ("Objects found", "objects_found"),
-        ("Pillars found", "objects_found.pillar"),
-        ("Walls found", "objects_found.wall"),
+        ("Objects that have a cluster", "objects_found"),
+        ("Pillars that have a cluster", "objects_found.pillar"),
+        ("Walls that have a cluster", "objects_found.wall"),
     ),
 )
 
@@ -134,7 +134,7 @@ ACCEPTED = ScoreTable(
         ("of these, mixed", "mixed"),
         ("Objects found", "objects_found"),
         ("Correct class, share", "class_accuracy"),
-        ("Closed outlines against objects, GOSPA over 1 - IoU", "scene_gospa"),
+        ("Closed outlines against objects, GOSPA of distances 1 - IoU", "scene_gospa"),
     ),
 )
 

@@ -28,6 +28,7 @@ from scenes.record import BoolArray, FloatArray
 MOST_LINES = 5  # with two axes, each value of the other axis has its own line up to this number of values
 LONGEST_LABEL = 24
 LETTERS_A_LINE = 30
+LETTERS_AN_INCH = 16  # of the smallest letters
 DECADES_FOR_LOG = 1.5
 WIDTH_IN = 10.0  # the page stretches it to its own width
 MARGIN, LOG_MARGIN = 0.15, 1.5  # of the vertical axis around the values: a share of their range, a factor
@@ -129,7 +130,8 @@ def parallel_figure(results: SweepResults, keys: Sequence[str]) -> Figure:
                 text, (at, height), xytext=(3, 0), textcoords="offset points", fontsize=7, va="center",
                 bbox=LABEL_BOX,
             )  # fmt: skip
-    panel.set_xticks(np.arange(len(columns)), [_wrapped(label) for label, _, _ in columns], fontsize=7)
+    letters = min(LETTERS_A_LINE, int(LETTERS_AN_INCH * WIDTH_IN / len(columns)))
+    panel.set_xticks(np.arange(len(columns)), [_wrapped(label, letters) for label, _, _ in columns], fontsize=7)
     panel.set_yticks([])
     panel.grid(visible=False)
     panel.set_ylim(-0.06, 1.06)
@@ -288,5 +290,5 @@ def _short(text: str) -> str:
     return text if len(text) <= LONGEST_LABEL else "…" + text[-LONGEST_LABEL + 1 :]
 
 
-def _wrapped(label: str) -> str:
-    return "\n".join(wrap(label, LETTERS_A_LINE))
+def _wrapped(label: str, letters: int = LETTERS_A_LINE) -> str:
+    return "\n".join(wrap(label.replace("\n", " "), letters))

@@ -98,9 +98,12 @@ def axis_tables(results: SweepResults, keys: Sequence[str]) -> list[str]:
             cells = [_interval(results, key, group) for key in keys]
             rows.append([group.label, str(int(group.members.sum())), *cells])
         made.append(f'<h3>{escape(axis.name)}</h3><div class="wide">{table(head, rows)}</div>')
+    about = ["±: half of the 95 % interval of the mean (Student's t). In brackets: the least and the largest case."]
     if results.is_doubtful.any():
-        made.append(f"<p>{MARK} with doubtful cases, see above.</p>")
-    return made
+        about.append(
+            f"{MARK}: at scores of SLAM, some of the cases are doubtful, in position, heading or clock; see above."
+        )
+    return [*made, *(f"<p>{sentence}</p>" for sentence in about)]
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]], style: str = "") -> str:
@@ -115,13 +118,13 @@ def _heading(results: SweepResults, key: str) -> str:
 
 
 def _interval(results: SweepResults, key: str, group: Group) -> str:
-    """The mean of a group with its interval or range, and a mark where the poses of a case are far off."""
+    """The mean of a group with its interval, or the range of its cases where that says more, and a mark where the poses of a case are far off."""
     known = results.metrics[key].value[group.members]
     mean, half, n = mean_interval(known)
     mark = f" {MARK}" if key.startswith("slam.") and results.is_doubtful[group.members].any() else ""
     if n == 0:
         return f"–{mark}"
-    if n < LEAST_CASES:
+    if n < LEAST_CASES or np.nanmin(known) >= 0 and half >= mean:  # then the interval holds what cannot be
         cases = f" ({np.nanmin(known):.3g} to {np.nanmax(known):.3g})" if n > 1 else ""
         return f"{mean:.3g}{cases}{mark}"
     return f"{mean:.3g} ± {half:.2g}{mark}"

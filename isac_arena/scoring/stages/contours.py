@@ -125,6 +125,7 @@ def contour_metrics(map_name: str, scene: Scene, table: ContourScores) -> list[M
         Metric(f"{prefix}.phantoms", table.is_phantom.sum(), "1", "lower"),
         Metric(f"{prefix}.mixed", table.is_mixed.sum(), "1", "lower"),
         Metric(f"{prefix}.false", table.is_false.sum(), "1", "lower"),
+        Metric(f"{prefix}.false_on_surface", table.is_right_surface.sum(), "1", "info"),
         Metric(f"{prefix}.objects_found", len(found), "1", "higher"),
         Metric(f"{prefix}.objects_found.pillar", found.count("pillar"), "1", "higher"),
         Metric(f"{prefix}.objects_found.wall", found.count("wall"), "1", "higher"),

@@ -10,7 +10,7 @@ import shapely
 from isac_arena.campaign.results import MapResult
 from isac_arena.scoring.causes import cluster_causes
 from isac_arena.scoring.metrics.metric import Metric
-from isac_arena.scoring.metrics.statistics import rows_of_groups
+from isac_arena.scoring.metrics.statistics import quantile, rows_of_groups
 from isac_arena.scoring.provenance import cluster_origin
 from isac_arena.scoring.record import IpScores, SignificantPaths
 from isac_arena.scoring.stages.maps import FOUND_DISTANCE_M, FOUND_POINTS, close_counts, is_ghost
@@ -58,6 +58,7 @@ def outline_columns(
         "is_found": np.asarray((n_close >= FOUND_POINTS) & _shows_enough(origin.object, line_of, significant)),
         "is_ghost": ghost,
         "cause": cluster_causes(ips.label, ips.object, ips.cause, ghost),
+        "surface_m": np.array([quantile(ips.surface_distance_m[rows], 0.5) for rows in members], float),
         **{field.name: column for field, column in zip(fields(ShapeErrors), columns, strict=True)},
     }
 

@@ -22,10 +22,8 @@ def map_payload(result: MapResult, scores: MapScores, stops: Sequence[int]) -> d
 
     `ours` and `paper` of a point are its rows in `contours` and in `shapes`, -1 for none.
     """
-    surface_m = scores.ips.surface_distance_m
     poses = result.poses.take("stop", np.isin(result.poses.stop, stops))
-    ours = ghost_words(scores.contours.cause, result.contours.object, surface_m)
-    paper = ghost_words(scores.clusters.cause, result.shapes.label, surface_m)
+    ours, paper = ghost_words(scores.contours), ghost_words(scores.clusters)
     return {
         "poses": {
             "xy": rounded(poses.position_m, 3),
