@@ -19,7 +19,7 @@ FILES: dict[str, type[ConfigModel]] = {
 UNITS = {
     "_s_m": "S/m", "_m2": "m²", "_dbm": "dBm", "_db": "dB", "_deg": "deg", "_ghz": "GHz", "_khz": "kHz",
     "_hz": "Hz", "_ns": "ns", "_us": "us", "_ppm": "ppm", "_deg_s": "deg/s", "_m_s": "m/s",
-    "_m": "m", "_s": "s",
+    "_m": "m", "_per_s": "1/s", "_s": "s",
 }  # fmt: skip
 LIMITS = {"minimum": "≥", "exclusiveMinimum": ">", "maximum": "≤", "exclusiveMaximum": "<"}
 LARGEST_PLAIN = 2**31  # larger limits are powers of two

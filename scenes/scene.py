@@ -17,7 +17,7 @@ from scenes.objects.clutter import Clutter
 from scenes.objects.material import Material
 from scenes.objects.scene_object import OBJECT_KINDS, ObjectKind, SceneObject, check_overlaps
 from scenes.pose import Pose
-from scenes.record import FloatArray, IntArray
+from scenes.record import BoolArray, FloatArray, IntArray
 from scenes.walks.trajectory import AnyWalk, RecordedWalk
 
 __all__ = ["OBJECT_KINDS", "HorizontalPlane", "ObjectKind", "Scene", "SceneObject"]
@@ -245,6 +245,14 @@ class Scene(Displayed):
             inside &= (points[..., 2] >= item.z_min_m) & (points[..., 2] <= item.z_max_m)
             found[inside] = index
         return found
+
+    def is_free(self, points_m: Any) -> BoolArray:
+        """Whether each point (..., xyz) lies in no object and in no mesh."""
+        points = np.asarray(points_m, float)
+        free = self.object_index_at(points) < 0
+        for mesh in self.clutter:
+            free &= ~mesh.contains(points.reshape(-1, 3)).reshape(free.shape)
+        return np.asarray(free)
 
     def _check_names(self) -> None:
         names = [*self.object_names, *(item.name for item in self.clutter)]

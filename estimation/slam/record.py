@@ -28,7 +28,9 @@ class IncidencePoints(Record):
     path: IntArray = array("ip", dtype=int, doc="index of the path in the channel estimate of its stop")
     position_m: FloatArray = array("ip", "xy", unit="m", doc="estimated incidence point")
     covariance_m2: FloatArray = array("ip", "xy", "xy2", unit="m^2", doc="covariance of the position")
-    cost: FloatArray = array("ip", doc="J of equation (4) at the minimum: chi-square, 1 degree of freedom")
+    cost: FloatArray = array(
+        "ip", doc="J of equation (4) of the GP paper at the minimum: chi-square, 1 degree of freedom"
+    )
     is_inlier: BoolArray = array("ip", dtype=bool, doc="taken as a single bounce; only these are clustered")
     height_m: FloatArray = optional_array("ip", unit="m", doc="estimated height; NaN in the plane")
     height_covariance_m2: FloatArray = optional_array(

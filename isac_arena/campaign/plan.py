@@ -200,7 +200,8 @@ def _why_unused(config: CampaignConfig) -> str:
     if not config.heights.use:
         return "heights.use = false"
     if function := config.functions.of("channel"):
-        return f"unless {function.function} says that its azimuths are cone angles, aod_angle_kind = 'cone'"
+        what = "gives cone angles and says so, aod_angle_kind = 'cone', as the file of 'arena new estimator' does"
+        return f"nothing to mend where {function.function} {what}"
     return "slam.method = 'reference'" if config.slam.method == "reference" else ""
 
 

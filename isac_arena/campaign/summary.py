@@ -14,10 +14,12 @@ from rich.table import Table
 from isac_arena.campaign.chain.inputs import walk_settings
 from isac_arena.campaign.config import CampaignConfig, methods
 from isac_arena.campaign.plan import link_roles, slam_of
+from isac_arena.progress import counted
 from isac_arena.scoring.headline import HEADS, headline, score_text
 from isac_arena.scoring.score import Scores
 from isac_arena.user_functions.config import Stage
 from scenes.scene import Scene
+from sim.config import ArrayConfig
 from sim.links import tx_links
 from sim.propagation.motion.sweep import TRACES_OF_A_SWEEP
 from sim.truth import Truth
@@ -127,14 +129,21 @@ def _version(distribution: str) -> str:
         return "(not installed)"
 
 
+def _array_facts(array: ArrayConfig) -> str:
+    n = len(array.beam_elevation_deg)
+    at = f" at each of {n} elevations" if n > 1 else ""
+    panels = counted(len(array.panel_azimuth_deg), "panel")
+    return f"{panels} of {array.rows} x {array.columns} elements and {array.beams_per_panel} beams{at}"
+
+
 def _signal_facts(config: CampaignConfig) -> dict[str, str]:
     wave, tx, rx = config.waveform, config.tx_array, config.rx_array
     bandwidth_mhz = wave.n_rb * 12 * 15e-3 * 2**wave.numerology
     return {
         "Seed": str(config.seed),
         "Waveform": f"NR PRS at {wave.carrier_ghz:g} GHz, {bandwidth_mhz:.1f} MHz, comb {wave.comb}",
-        "TX": f"{tx.rows} x {tx.columns} elements, {len(tx.panel_azimuth_deg)} x {tx.beams_per_panel} beams",
-        "RX": f"{rx.rows} x {rx.columns} elements, {len(rx.panel_azimuth_deg)} x {rx.beams_per_panel} beams",
+        "TX": _array_facts(tx),
+        "RX": _array_facts(rx),
         "Link": f"{config.link.tx_power_dbm:g} dBm, noise figure {config.link.noise_figure_db:g} dB",
         "Channel estimator": methods(config)["channel"],
     }

@@ -112,7 +112,7 @@ def print_plan(console: Console, config: SweepConfig, plan: Plan) -> None:
     console.print(
         f"{config.name}: {counted(len(jobs), 'case')}, {counted(points, 'point')} of "
         f"{counted(len(config.axes), 'axis', 'axes')}, {counted(len(plan.scenes), 'scene')}, "
-        f"{counted(paths, 'set of paths', 'sets of paths')}; {sum(job.is_done for job in jobs)} done"
+        f"paths traced {counted(paths, 'time')}; {sum(job.is_done for job in jobs)} done"
     )
     if config.until is not None:
         console.print(f"  and up to {config.until.max_repeats} repeats of every point")

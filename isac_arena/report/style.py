@@ -61,7 +61,6 @@ def styled() -> Iterator[None]:
         rcParams.update(before)
 
 
-
 def new_figure(width_in: float, height_in: float) -> Figure:
     """An empty figure with automatic layout, outside of any plotting state."""
     return Figure(figsize=(width_in, height_in), layout="constrained")

@@ -15,8 +15,8 @@ MOST_NEES = 4.0  # 1 where covariances are right: errors of twice what is stated
 BEHIND = 1.25  # times the RMSE of the published method: less is chance where both have the same paths
 FEW_STOPS = 6  # of a walk; box_room is .046, .007, .0015 and .0015 m off with 2, 4, 6 and 9 stops
 NEEDED = (
-    "a stop needs its line of sight and a single bounce, or four single bounces. Look at the paths of the stops in "
-    "the report, then at beams, power and walk"
+    "a stop needs its line of sight and a single bounce, or four single bounces. Look at the paths of the stops "
+    "in the report, then at beams, power and walk"
 )
 MORE_STOPS = "more stops (n_stops of the walk)"
 STATED = {
@@ -54,7 +54,7 @@ def _pose_doubts(values: Mapping[str, float]) -> Iterator[str]:
         over, stated = (values.get(f"{of}.{score}", np.nan) for score in ("over_bound", f"stated_{unit}"))
         if over > FAR:
             error, bound = values[f"slam.{key}"], values.get(f"{of}.bound_{unit}", np.nan)
-            some = "" if abs(error - over * bound) < 0.05 * error else " at the stops that have one"
+            some = " at the stops that have one" if abs(error - over * bound) > 0.05 * error else ""
             itself = f" (SLAM itself states {stated:.2g} {unit})" if np.isfinite(stated) else ""
             yield f"{name} {error:.2g} {unit}, {_times(over)} its bound{some}{itself}"
         elif (half := values.get(f"{of}.over_bound.median", np.nan)) > FAR:
@@ -88,7 +88,10 @@ def _stated_doubt(values: Mapping[str, float]) -> Iterator[str]:
         if coverage < LEAST_COVERAGE or nees > MOST_NEES:
             told.append(f"{100 * coverage:.0f} % of {name}" + (f" (NEES {nees:.2g})" if nees > 1 else ""))
     if told:
-        mend = 'where [channel] method is "power", take "auto"; in code of yours, use a cost that bears outliers (Huber, Student-t)'
+        mend = (
+            'where [channel] method is "power", take "auto"; in code of yours, use a cost that bears outliers '
+            "(Huber, Student-t)"
+        )
         yield (
             f"stated errors: regions that should hold 95 % hold {', '.join(told)}. Some paths, mostly pairs close "
             f"together, err more than they state. To do: {mend}"
@@ -106,14 +109,14 @@ def _contour_doubt(values: Mapping[str, float]) -> Iterator[str]:
         scores = ("false", "accepted", "false_on_surface")
         false, total, right = (values.get(f"contours.{of}.{score}", np.nan) for score in scores)
         if false > 0:
-            near = f", {right:.0f} of these on a true surface by wrong paths" if right > 0 else ""
+            near = f" ({right:.0f} on a true surface, by wrong paths)" if right > 0 else ""
             told.append(f"{false:.0f} of {total:.0f} of {name}{near}")
         for kind in ("pillar", "wall"):
             if (held := values.get(f"contours.{of}.{kind}.seen_coverage95.mean", np.nan)) < LEAST_COVERAGE:
                 narrow.append(f"{100 * held:.0f} % ({kind}s, {name})")
     if told:
         yield (
-            f"contours: {'; '.join(told)} are false (a ghost or a phantom), though their own probability may be "
+            f"contours: {', '.join(told)} are false (a ghost or a phantom), though their own probability may be "
             f"high. To do: {MORE_STOPS}; the report shows which, under 'Contours'"
         )
     if narrow:

@@ -178,7 +178,9 @@ class OutlineScores(Record):
     is_found: BoolArray = array("outline", dtype=bool, doc="enough close IPs to call the object found")
     is_ghost: BoolArray = array("outline", dtype=bool, doc="more than half of the IPs stem from no object")
     cause: TextArray = array("outline", dtype=str, doc="most frequent cause of the IPs of a ghost")
-    surface_m: FloatArray = array("outline", unit="m", doc="median distance of the IPs to the nearest true surface")
+    surface_m: FloatArray = array(
+        "outline", unit="m", doc="median distance of the IPs to the nearest true surface"
+    )
     iou: FloatArray = array("outline", doc="intersection over union of the areas, closed objects")
     hausdorff_m: FloatArray = array("outline", unit="m", doc="Hausdorff distance of the contours")
     modified_hausdorff_m: FloatArray = array("outline", unit="m", doc="larger mean distance of the contours")

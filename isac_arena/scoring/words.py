@@ -5,8 +5,8 @@ from collections.abc import Iterable, Iterator
 from html import escape
 
 WORDS = {
-    "published": "the paper's method on the same paths: snapshot SLAM of each stop alone, which takes all heights as "
-    "equal, and contours of clusters",
+    "published": "the paper's method on the same paths: snapshot SLAM of each stop alone, which takes all heights "
+    "as equal, and contours of clusters",
     "bound": "Cramér-Rao bound: least RMSE from the paths of each stop alone, over the stops that have one; using "
     "other stops can beat it",
     "stated": "what SLAM says itself of its errors, from its covariances: known without the truth",

@@ -44,7 +44,7 @@ def bound(
 ) -> None:
     """Draw the bounds of position and channel over the plan, and print those along the walk.
 
-    Bounds are those of the scores: from the signal, the arrays and the joint paths of the campaign. The channel's
+    Bounds are those of the scores: from the signal, the arrays and all paths of a stop together. The channel's
     figure, of delay and angles of the strongest path of a TX, is written beside: NAME_channel.png, of several TX
     NAME_channel_TX.png. With --contours a single figure shows stops and pillars. Half the --step takes four times
     as long; the time to expect is said after two stops.

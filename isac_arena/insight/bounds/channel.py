@@ -96,7 +96,13 @@ def along_walk(model: ChannelModel, stops: Sequence[int]) -> Table:
             columns.append(_median(np.concatenate(rows)))
     values = np.stack([column for columns in kinds.values() for column in columns])
     for index, (label, unit) in enumerate(
-        [("SNR", "dB"), ("delay", "ps"), ("path length", "mm"), ("AoD azimuth", "mdeg"), ("AoA azimuth", "mdeg")]
+        [
+            ("SNR", "dB"),
+            ("delay", "ps"),
+            ("path length", "mm"),
+            ("AoD azimuth", "0.001 deg"),
+            ("AoA azimuth", "0.001 deg"),
+        ]
     ):
         cells = ["-" if np.isnan(value) else f"{value:.3g}" for value in values[:, index]]
         table.add_row(label, *cells, unit)

@@ -103,7 +103,7 @@ def plan_grid(prepared: BoundInputs, step_m: float | None = None, n_links: int =
     height = np.full((len(y), len(x)), scene.walk.height_m)
     places = np.stack([*np.meshgrid(x, y), height], axis=-1)
     to_tx = np.linalg.norm(places - scene.tx.position_m, axis=-1)
-    is_free = (scene.object_index_at(places) < 0) & (to_tx >= MIN_TX_DISTANCE_M)
+    is_free = scene.is_free(places) & (to_tx >= MIN_TX_DISTANCE_M)
     return PlanGrid(x, y, is_free, places[is_free], prepared.solver)
 
 

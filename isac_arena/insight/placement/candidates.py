@@ -89,13 +89,11 @@ def _grid(text: str, scene: Scene) -> list[Candidate]:
 
 def _is_free(scene: Scene, places: FloatArray) -> FloatArray:
     """Whether places (..., xyz) keep their distance from all objects, and lie in no mesh."""
-    free = scene.object_index_at(places) < 0
+    free = scene.is_free(places)
     for item in scene.objects:
         level = (places[..., 2] >= item.z_min_m) & (places[..., 2] <= item.z_max_m)
         near = np.abs(item.contour.signed_distance(places[..., :2])) < MIN_CLEARANCE_M
         free &= ~(level & near)
-    for mesh in scene.clutter:
-        free &= ~mesh.contains(places.reshape(-1, 3)).reshape(free.shape)
     return np.asarray(free)
 
 

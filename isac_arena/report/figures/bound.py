@@ -14,8 +14,8 @@ from scenes.pose import SPEED_OF_LIGHT_M_S
 from scenes.record import BoolArray, FloatArray
 from scenes.scene import Scene
 
-INSIDE = "white: inside an object"
-FROM_SIGNAL = "from the signal, the arrays and the joint paths"
+INSIDE = "white: inside an object or a mesh"
+FROM_SIGNAL = "from the signal, the arrays and all paths of a stop together"
 COLOR_MAP = "viridis_r"
 UNBOUNDED_COLOR = "#f2d7d5"
 WIDTH_IN, BARS_IN = 13.0, 1.5  # width of the channel figure; height of its colour bars and titles
@@ -80,8 +80,8 @@ def channel_bound_figure(scene: Scene, bound: ChannelBoundMap) -> Figure:
     figure = new_figure(WIDTH_IN, panel_in * (y_max - y_min) / (x_max - x_min) + BARS_IN)
     panels = [
         ("path length (delay)", "mm", 1e3 * SPEED_OF_LIGHT_M_S * bound.delay_std_s),
-        ("angle of departure", "mdeg", 1e3 * np.rad2deg(bound.aod_std_rad)),
-        ("angle of arrival", "mdeg", 1e3 * np.rad2deg(bound.aoa_std_rad)),
+        ("angle of departure", "0.001 deg", 1e3 * np.rad2deg(bound.aod_std_rad)),
+        ("angle of arrival", "0.001 deg", 1e3 * np.rad2deg(bound.aoa_std_rad)),
     ]
     for ax, (name, unit, std) in zip(figure.subplots(1, 3, sharey=True), panels, strict=True):
         bar = {"label": f"{name}: standard deviation in {unit}", "orientation": "horizontal"}

@@ -98,7 +98,9 @@ def axis_tables(results: SweepResults, keys: Sequence[str]) -> list[str]:
             cells = [_interval(results, key, group) for key in keys]
             rows.append([group.label, str(int(group.members.sum())), *cells])
         made.append(f'<h3>{escape(axis.name)}</h3><div class="wide">{table(head, rows)}</div>')
-    about = ["±: half of the 95 % interval of the mean (Student's t). In brackets: the least and the largest case."]
+    about = [
+        "±: half of the 95 % interval of the mean (Student's t). In brackets: the least and the largest case."
+    ]
     if results.is_doubtful.any():
         about.append(
             f"{MARK}: at scores of SLAM, some of the cases are doubtful, in position, heading or clock; see above."
@@ -118,13 +120,16 @@ def _heading(results: SweepResults, key: str) -> str:
 
 
 def _interval(results: SweepResults, key: str, group: Group) -> str:
-    """The mean of a group with its interval, or the range of its cases where that says more, and a mark where the poses of a case are far off."""
+    """The mean of a group with its interval, or the range of its cases where that says more.
+
+    A mark tells that the poses of a case are far off.
+    """
     known = results.metrics[key].value[group.members]
     mean, half, n = mean_interval(known)
     mark = f" {MARK}" if key.startswith("slam.") and results.is_doubtful[group.members].any() else ""
     if n == 0:
         return f"–{mark}"
-    if n < LEAST_CASES or np.nanmin(known) >= 0 and half >= mean:  # then the interval holds what cannot be
+    if n < LEAST_CASES or (np.nanmin(known) >= 0 and half >= mean):  # then the interval holds what cannot be
         cases = f" ({np.nanmin(known):.3g} to {np.nanmax(known):.3g})" if n > 1 else ""
         return f"{mean:.3g}{cases}{mark}"
     return f"{mean:.3g} ± {half:.2g}{mark}"

@@ -20,7 +20,7 @@ from isac_arena.scoring.causes import (
     point_causes,
     weak_causes,
 )
-from isac_arena.scoring.record import PathKind, PathStatus
+from isac_arena.scoring.record import ContourScores, PathKind, PathStatus
 
 FAR = 9.0
 
@@ -152,9 +152,19 @@ def test_double_bounces_on_a_true_surface_are_told_from_ghosts():
     )
     assert cause_words(causes, surface_m) == [RIGHT_SURFACE, "double bounce", "side lobe", ""]
     assert cause_words(causes)[0] == "double bounce"
-    label, distance_m = np.array([0, 0, 0, 1, -1]), np.array([0.02, 0.05, 3.0, 0.0, 9.0])
-    assert ghost_words(causes[[0, 2, 0]], label, distance_m) == [
-        RIGHT_SURFACE,
-        "ghost (side lobe)",
-        "ghost (double bounce)",
-    ]
+
+
+def test_ghosts_whose_points_lie_on_a_true_surface_are_told_from_others() -> None:
+    n = 5
+    columns = {one.name: np.full(n, 0.0).astype(one.metadata["dtype"]) for one in fields(ContourScores)}
+    table = ContourScores(
+        **columns | {
+            "is_ghost": np.array([True, True, True, False, True]),
+            "is_phantom": np.array([False, False, False, False, True]),
+            "cause": np.array(["side_lobe", "double_bounce", "", "", "double_bounce"]),
+            "surface_m": np.array([0.02, 3.0, np.nan, 0.0, 0.02]),
+        }
+    )  # fmt: skip
+    assert table.is_right_surface.tolist() == [True, False, False, False, False]
+    assert ghost_words(table)[:3] == [RIGHT_SURFACE, "ghost (double bounce)", "ghost"]
+    assert ghost_words(table)[4] == "ghost (double bounce)"

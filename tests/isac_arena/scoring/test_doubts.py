@@ -64,6 +64,10 @@ def test_the_error_that_slam_states_itself_is_told_beside_the_true_one() -> None
     stated = sentence(slam__position__over_bound=30.0, slam__position__stated_m=0.001)
     assert "position 0.002 m, 30 times its bound (SLAM itself states 0.001 m)" in stated
     assert "states" not in sentence(slam__position__over_bound=30.0)
+    whole = {"slam__position__over_bound": 20.0, "slam__position__bound_m": 0.0001}
+    assert "20 times its bound;" in sentence(**whole, slam__nees=16.0)
+    some = sentence(slam__position__over_bound=30.0, slam__position__bound_m=0.0001)
+    assert "30 times its bound at the stops that have one" in some
 
 
 def test_covariances_of_paths_that_are_too_small_are_said() -> None:
@@ -77,6 +81,16 @@ def test_contours_of_no_object_are_said() -> None:
     assert not sentence(contours__mapping__false=0.0, contours__mapping__accepted=5.0)
     told = sentence(contours__mapping__false=2.0, contours__mapping__accepted=5.0)
     assert "contours: 2 of 5 of mapping are false" in told and "more stops" in told
+    near = sentence(contours__slam__false=2.0, contours__slam__accepted=5.0, contours__slam__false_on_surface=1.0)
+    assert "2 of 5 of SLAM (1 on a true surface, by wrong paths) are false" in near
+
+
+def test_bands_of_contours_that_are_too_narrow_are_said() -> None:
+    assert not sentence(contours__mapping__wall__seen_coverage95__mean=0.9)
+    told = sentence(
+        contours__mapping__wall__seen_coverage95__mean=0.68, contours__slam__pillar__seen_coverage95__mean=0.5
+    )
+    assert "bands of contours" in told and "68 % (walls, mapping), 50 % (pillars, SLAM)" in told
 
 
 def test_paths_missed_by_the_limit_are_said() -> None:
@@ -89,6 +103,8 @@ def test_estimates_alone_tell_that_no_stop_or_another_state_was_found(campaign) 
     assert not estimate_doubts(poses)
     none = replace(poses, status=np.full(len(poses.stop), SolveStatus.FAILED))
     assert "located no stop" in "".join(estimate_doubts(none))
+    some = replace(poses, status=np.where(poses.stop == 1, SolveStatus.FAILED, poses.status))
+    assert f"did not locate 1 of {len(poses.stop)} stops, stop 1;" in "".join(estimate_doubts(some))
     given = replace(poses, status=np.full(len(poses.stop), SolveStatus.GIVEN))
     assert not estimate_doubts(given)
     two = replace(poses, is_ambiguous=np.arange(len(poses.stop)) < 2)
