@@ -158,7 +158,7 @@ def object_handles() -> list[Any]:
     """Entries of a legend for the points and the contour of an object, in a colour that stands for all."""
     return [
         Line2D([], [], marker="o", linestyle="none", color="0.45", label="incidence points of an object"),
-        Patch(facecolor="0.85", edgecolor="0.45", label="contour, 95 % interval"),
+        Patch(facecolor="0.85", edgecolor="0.45", label="contour with its number, 95 % interval"),
     ]
 
 

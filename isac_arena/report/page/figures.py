@@ -87,7 +87,7 @@ def _level_contours(tables: ScoreTables) -> str:
         for label, scores in (("mapping", tables.mapping), ("SLAM", tables.slam))
     }
     found = "; ".join(f"{numbers[label]} in {label}" for label in numbers if numbers[label])
-    return f" Contours from points of floor or ceiling: {found}." if found else ""
+    return f" Contours from points of floor or ceiling have these numbers: {found}." if found else ""
 
 
 def _by_tx(scene: Scene, txs: Mapping[str, str], results: CampaignResults) -> Iterator[ReportFigure]:
