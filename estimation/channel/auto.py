@@ -70,11 +70,17 @@ def fit_auto(sweep: BeamSweep, config: MaximumLikelihoodConfig | None = None) ->
     steady = without_drift(sweep, incoherent.drift_s)
     ramp = fit_phase_ramp(phases_of(incoherent))
     coherent, tracked = None, None
-    if ramp.is_coherent or ramp.residual_rad <= DOUBTFUL_RAD:
-        joint = ramp if ramp.is_coherent else _joint_ramp(steady, ramp, few)
-        coherent = _coherent(steady, joint, config, is_sure=ramp.is_coherent)
+    if ramp.is_coherent:
+        coherent = _coherent(steady, ramp, config, is_sure=True)
+    elif ramp.residual_rad <= DOUBTFUL_RAD or not ramp.n_pairs:
+        start = ramp if ramp.n_pairs else fit_phase_ramp(phases_of(incoherent, all_usable=True))
+        joint = _joint_ramp(steady, start, few)
+        if ramp.n_pairs or joint.residual_rad <= DOUBTFUL_RAD:
+            coherent = _coherent(steady, joint, config, is_sure=False)
     if coherent is None:
         tracked = _tracked(steady, phases_of(incoherent), config, _TRACKING_PATHS)
+    if coherent is None and tracked is None and incoherent.is_ambiguous.any():
+        tracked = _tracked(steady, phases_of(incoherent, all_usable=True), config, _TRACKING_PATHS)
     if tracked is not None:
         joint = fit_phase_ramp(tracked.pairs)
         if joint.is_coherent:
@@ -158,12 +164,14 @@ def _joint_ramp(sweep: BeamSweep, ramp: PhaseRamp, few: MaximumLikelihoodConfig)
     ramps.
     """
     found = []
-    for steps in ((0.0, 0.0), (ramp.tx_step_rad, ramp.rx_step_rad)):
+    for steps in ((0.0, 0.0), *([(ramp.tx_step_rad, ramp.rx_step_rad)] if ramp.n_pairs else ())):
         back = without_phase_ramp(sweep, *steps)
         rest = fit_phase_ramp(phases_against(back, fit_over_background(back, few)))
         found.append(
             replace(rest, tx_step_rad=rest.tx_step_rad + steps[0], rx_step_rad=rest.rx_step_rad + steps[1])
         )
+        if rest.is_coherent:  # the sweep without any ramp comes first: a ramp may stand for wrong directions
+            break
     best = min(found, key=lambda one: one.residual_rad if one.n_pairs else np.inf)
     best = best if best.n_pairs else ramp
     over_sweep = np.abs([best.tx_step_rad, best.rx_step_rad]) * sweep.samples.shape[:2]
