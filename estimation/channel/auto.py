@@ -69,18 +69,19 @@ def fit_auto(sweep: BeamSweep, config: MaximumLikelihoodConfig | None = None) ->
     incoherent = fit_incoherent(sweep, few)
     steady = without_drift(sweep, incoherent.drift_s)
     ramp = fit_phase_ramp(phases_of(incoherent))
+    start = ramp if ramp.n_pairs else fit_phase_ramp(phases_of(incoherent, all_usable=True))
+    is_doubtful = start.residual_rad <= DOUBTFUL_RAD or not ramp.n_pairs
     coherent, tracked = None, None
     if ramp.is_coherent:
         coherent = _coherent(steady, ramp, config, is_sure=True)
-    elif ramp.residual_rad <= DOUBTFUL_RAD or not ramp.n_pairs:
-        start = ramp if ramp.n_pairs else fit_phase_ramp(phases_of(incoherent, all_usable=True))
-        joint = _joint_ramp(steady, start, few)
-        if ramp.n_pairs or joint.residual_rad <= DOUBTFUL_RAD:
-            coherent = _coherent(steady, joint, config, is_sure=False)
-    if coherent is None:
-        tracked = _tracked(steady, phases_of(incoherent), config, _TRACKING_PATHS)
-    if coherent is None and tracked is None and incoherent.is_ambiguous.any():
-        tracked = _tracked(steady, phases_of(incoherent, all_usable=True), config, _TRACKING_PATHS)
+    elif is_doubtful:
+        coherent = _coherent_by_few(steady, start, few, config)
+    for all_usable in (False, True) if coherent is None else ():
+        if tracked is None and (incoherent.is_ambiguous.any() or not all_usable):
+            pairs = phases_of(incoherent, all_usable=all_usable)
+            tracked = _tracked(steady, pairs, config, _TRACKING_PATHS)
+    if coherent is None and tracked is None and not is_doubtful:
+        coherent = _coherent_by_few(steady, start, few, config)
     if tracked is not None:
         joint = fit_phase_ramp(tracked.pairs)
         if joint.is_coherent:
@@ -100,6 +101,16 @@ def fit_auto(sweep: BeamSweep, config: MaximumLikelihoodConfig | None = None) ->
     incoherent = fit_incoherent(sweep, config if has_more else few, drift_odds=WANDERING)
     words = "; ".join(part for part in (_words(ramp, offset_hz), incoherent.caveat) if part)
     return AutoFit(incoherent, "incoherent", ramp, offset_hz, "incoherent: " + words)
+
+
+def _coherent_by_few(
+    sweep: BeamSweep, ramp: PhaseRamp, few: MaximumLikelihoodConfig, config: MaximumLikelihoodConfig
+) -> AutoFit | None:
+    """The coherent fit without the ramp of a few coherent paths, where these or the given ramp leave it open."""
+    joint = _joint_ramp(sweep, ramp, few)
+    if not (ramp.residual_rad <= DOUBTFUL_RAD or joint.residual_rad <= DOUBTFUL_RAD):
+        return None
+    return _coherent(sweep, joint, config, is_sure=False)
 
 
 def _coherent(
