@@ -163,7 +163,7 @@ def find_paths(
     """Paths in a compressed sweep, and the sweep whitened by the background that they leave.
 
     Every round finds paths in the residual, fits them jointly with all others, prunes, and estimates the
-    background from the new residual. It ends when nothing exceeds the level and the background stays. Where no
+    background from the new residual. It ends when nothing new explains more and the background stays. Where no
     path is found, moves to higher maxima take turns with convergence as long as they are worth a path. After the
     strongest paths a background is too high, never too low: weaker ones follow as it falls. Much weaker peaks than
     a round's strongest wait for a later one, unless the round is in vain: what strong paths leave at their first
@@ -180,22 +180,20 @@ def find_paths(
     for _ in range(MAX_ROUNDS):
         room = most - len(solution.paths)
         new, is_changed = _new_paths(search, reference, window, room, share), False
-        if not len(new) and n_passes < (MAX_PASSES if room > 0 else LIMIT_PASSES):
+        if len(new):
+            grown = _joined(reference, solution, new, window)
+            is_changed = grown is not solution or share > 0  # after a round in vain, all peaks are tried
+            share = 0.0 if grown is solution else least_share
+            solution = grown
+        if not is_changed and n_passes < (MAX_PASSES if room > 0 else LIMIT_PASSES):
             n_passes += 1
             finished = _finished(reference, higher_maximum(reference, solution), window, PASS_STEPS)
             is_changed = _worth(finished, window) > _worth(solution, window) + window.level / 2
-            solution = finished
-            reference = Reference(white, solution.paths)
+            solution, reference = finished, Reference(white, finished.paths)
             if not is_changed and room > 0:
-                new = hidden_second_paths(reference, solution, window.level).take(slice(room))
-        if len(new):
-            trial = refine_paths(reference, solution.paths.joined(new), ROUND_STEPS)
-            trial = prune_paths(reference, trial, window.level_at, ROUND_STEPS)
-            trial = without_cancelling_paths(reference, trial, ROUND_STEPS)
-            has_grown = trial.explained - solution.explained >= window.level / 2
-            solution = trial if has_grown else solution
-            is_changed = has_grown or share > 0  # after a round in vain, all peaks are tried
-            share = least_share if has_grown else 0.0
+                second = hidden_second_paths(reference, solution, window.level).take(slice(room))
+                grown = _joined(reference, solution, second, window)
+                is_changed, solution = grown is not solution, grown
         now = _background(sweep, solution.paths, config)
         if np.abs(now / background - 1).max() > CHANGED:
             background, white, is_changed = now, sweep.over_background(now), True
@@ -206,6 +204,16 @@ def find_paths(
             break
     finished = _finished(reference, solution, window, FINAL_STEPS)
     return white, freeze_still_paths(Reference(white, finished.paths), finished, FINAL_STEPS)
+
+
+def _joined(reference: Reference, solution: Solution, new: PathParameters, window: DelayWindow) -> Solution:
+    """The solution with new paths, pruned; the same solution where all of them are worth less than a path."""
+    if not len(new):
+        return solution
+    trial = refine_paths(reference, solution.paths.joined(new), ROUND_STEPS)
+    trial = prune_paths(reference, trial, window.level_at, ROUND_STEPS)
+    trial = without_cancelling_paths(reference, trial, ROUND_STEPS)
+    return trial if trial.explained - solution.explained >= window.level / 2 else solution
 
 
 def _background(sweep: CompressedSweep, paths: PathParameters, config: MaximumLikelihoodConfig) -> FloatArray:
