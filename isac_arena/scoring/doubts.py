@@ -11,6 +11,7 @@ from isac_arena.scoring.metrics.metric import Metric
 FAR = 5.0  # times a bound: the bar of the worst random hall, see docs/metrics.md
 FAR_STATED = 3.0  # times a stated deviation: chance takes one error in 370 there
 LEAST_COVERAGE = 0.88  # of 95 % regions: the bar of the worst random hall
+LEAST_SIGHT = 0.75  # of the stops with a right decision on the line of sight
 MOST_NEES = 4.0  # 1 where covariances are right: errors of twice what is stated
 BEHIND = 1.25  # times the RMSE of the published method: less is chance where both have the same paths
 FEW_STOPS = 6  # of a walk; box_room is .046, .007, .0015 and .0015 m off with 2, 4, 6 and 9 stops
@@ -77,7 +78,8 @@ def _times(factor: float) -> str:
 def score_doubts(metrics: Sequence[Metric]) -> tuple[str, ...]:
     """What is doubtful in stated errors, cut paths, poses (`pose_doubts`) and contours, and what to do."""
     values = values_of(metrics)
-    return (*_stated_doubt(values), *_cut_doubt(values), *_slam_doubt(values), *_contour_doubt(values))
+    about_paths = (*_stated_doubt(values), *_cut_doubt(values), *_sight_doubt(values))
+    return (*about_paths, *_slam_doubt(values), *_contour_doubt(values))
 
 
 def _stated_doubt(values: Mapping[str, float]) -> Iterator[str]:
@@ -88,13 +90,18 @@ def _stated_doubt(values: Mapping[str, float]) -> Iterator[str]:
         if coverage < LEAST_COVERAGE or nees > MOST_NEES:
             told.append(f"{100 * coverage:.0f} % of {name}" + (f" (NEES {nees:.2g})" if nees > 1 else ""))
     if told:
-        mend = (
-            'where [channel] method is "power", take "auto"; in code of yours, use a cost that bears outliers '
-            "(Huber, Student-t)"
-        )
+        mend = 'use a cost that bears outliers (Huber, Student-t); method "auto" errs less than "power"'
         yield (
-            f"stated errors: regions that should hold 95 % hold {', '.join(told)}. Some paths, mostly pairs close "
-            f"together, err more than they state. To do: {mend}"
+            f"stated errors: regions that should hold 95 % hold {', '.join(told)}. Some paths, in dense scenes "
+            f"many, err more than they state. To do: {mend}"
+        )
+
+
+def _sight_doubt(values: Mapping[str, float]) -> Iterator[str]:
+    if (right := values.get("channel.los.decision_accuracy", np.nan)) < LEAST_SIGHT:
+        yield (
+            f"lines of sight: whether a stop has one, and which path it is, was told right at {100 * right:.0f} % "
+            "of the stops; SLAM builds on it. To do: a probability of each path (los_probability) in code of yours"
         )
 
 
@@ -117,12 +124,12 @@ def _contour_doubt(values: Mapping[str, float]) -> Iterator[str]:
     if told:
         yield (
             f"contours: {', '.join(told)} are false (a ghost or a phantom), though their own probability may be "
-            f"high. To do: {MORE_STOPS}; the report shows which, under 'Contours'"
+            f"high. To do: {MORE_STOPS}; the report shows which, under 'Mapping and SLAM'"
         )
     if narrow:
         yield (
             f"bands of contours: those that should hold 95 % of the seen outline hold {', '.join(narrow)} in the "
-            "mean. The report shows which, under 'Contours'"
+            "mean. The report shows which, under 'Our contours'"
         )
 
 
@@ -130,7 +137,7 @@ def _slam_doubt(values: Mapping[str, float]) -> tuple[str, ...]:
     if not (found := pose_doubts(values)):
         return ()
     few = values.get("slam.stops", np.inf) < FEW_STOPS
-    what = f"{MORE_STOPS}; then" if few else "look at the stops under 'Receiver state' in the report;"
+    what = f"{MORE_STOPS}; then" if few else "look at the stops under 'Explore' in the report;"
     return (f"SLAM: {'; '.join(found)}. To do: {what} 'arena budget' tells which stage errs",)
 
 

@@ -12,6 +12,8 @@ from isac_arena.scoring.metrics.metric import Metric
 from isac_arena.scoring.metrics.statistics import rms
 from isac_arena.scoring.record import PoseScores
 
+FEW = 4  # stops, of which one may well make most of a mean square
+MOST = 0.5
 HEADS = ("published", "this run", "bound", "unit")
 
 
@@ -55,7 +57,10 @@ HEADLINE = (
     HeadlineRow("Stops located by SLAM, share", "slam.solved_share", "published.solved_share"),
     _pose_row("position in plan", "position", "m"),
     HeadlineRow(
-        "Receiver position in plan by SLAM, median", "slam.position.median_m", "published.position.median_m"
+        "Receiver position in plan by SLAM, median",
+        "slam.position.median_m",
+        "published.position.median_m",
+        "slam.position.bound_median_m",
     ),
     HeadlineRow("Receiver position in plan by SLAM, stated deviation", "slam.position.stated_m"),
     HeadlineRow("Receiver height by SLAM, RMSE", "slam.height.rmse_m", may_lack=True),
@@ -123,11 +128,27 @@ def _members(row: HeadlineRow, known: Mapping[str, Metric]) -> str:
 
 
 def bound_note(poses: PoseScores) -> str:
+    """What must be known to compare errors of poses with their bounds; empty where nothing is."""
+    poses = poses.take("stop", poses.status != SolveStatus.GIVEN)
+    return "; ".join(filter(None, [_unbounded_note(poses), _large_bound_note(poses)]))
+
+
+def _large_bound_note(poses: PoseScores) -> str:
+    """The stop that makes most of the mean square of the bounds; empty where none does, and of few stops."""
+    known = np.isfinite(poses.position_bound_m)
+    square, stops = np.square(poses.position_bound_m[known]), poses.stop[known]
+    if len(stops) < FEW or not square.max() > MOST * square.sum():
+        return ""
+    share = square.max() / square.sum()
+    stop = stops[square.argmax()]
+    return f"bound: stop {stop} makes {share:.0%} of its mean square; the medians tell the usual stop"
+
+
+def _unbounded_note(poses: PoseScores) -> str:
     """What the RMSE of poses is over the stops that have a bound, which that of the bound counts alone.
 
     Empty where all stops have one, or none.
     """
-    poses = poses.take("stop", poses.status != SolveStatus.GIVEN)
     known = np.isfinite(poses.position_bound_m)
     missing = poses.stop[np.isinf(poses.position_bound_m)].tolist()
     error_m, heading_deg = rms(poses.position_error_m[known]), np.rad2deg(rms(poses.heading_error_rad[known]))

@@ -21,7 +21,7 @@ VERDICTS: dict[str, dict[str, Any]] = {
     "same": {"color": TRUTH, "marker": "o", "markerfacecolor": "white", "markeredgewidth": 1.4},
     "too few": {"color": GHOST, "marker": "X"},
 }
-MEANING = {"undecided": "undecided: the interval holds 0"}
+MEANING = {"undecided": "undecided: the interval holds 0, or the test does not reject"}
 CLIPPED: dict[str, Any] = {"marker": ">", "color": "0.25", "markersize": 5, "linestyle": "none"}
 
 

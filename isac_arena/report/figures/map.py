@@ -65,6 +65,9 @@ def map_figure(scene: Scene, results: CampaignResults, tables: ScoreTables) -> F
     grid[0, 0].set_title("Mapping: receiver pose and clock known")
     is_given = bool((results.slam.poses.status == SolveStatus.GIVEN).all())
     grid[0, 1].set_title(f"SLAM: receiver pose and clock {'those of nodes' if is_given else 'unknown'}")
+    for ax, result in zip(grid[0], maps, strict=True):
+        if not len(result.contours) and len(result.shapes.center_m):
+            ax.set_title(f"{ax.get_title()}\nno contours of ours; those of the published method in colour")
     if len(views) > 1:
         for ax in grid[1]:
             ax.set_title("the same around the walk")

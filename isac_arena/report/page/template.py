@@ -38,8 +38,8 @@ beams cone angles: those off the boresight of the panel.</p>
 $channel_figures
 
 <h2 id="maps">Mapping and SLAM</h2>
-<p>Mapping uses the true pose and clock of the receiver; SLAM estimates them from the same paths. An object is
-found when at least half of the incidence points of a cluster stem from it and enough of them are close to it.</p>
+<p>Mapping uses the true pose and clock of the receiver; SLAM estimates them from the same paths. An object has
+a cluster when at least half of the incidence points of one stem from it and enough of them are close to it.</p>
 <div class="unit">$maps</div>
 $map_figures
 

@@ -233,7 +233,7 @@ def _trajectory_metrics(poses: PoseScores) -> list[Metric]:
 
 
 def _bound_metrics(poses: PoseScores) -> list[Metric]:
-    """RMS bounds; RMS errors over them at the solved stops; the median over stops of error over bound."""
+    """RMS and median bounds; RMS errors over RMS bounds at the solved stops; the median ratio."""
     metrics = []
     for name, error, bound, unit, scale in (
         ("position", poses.position_error_m, poses.position_bound_m, "m", 1.0),
@@ -241,6 +241,8 @@ def _bound_metrics(poses: PoseScores) -> list[Metric]:
         ("clock", poses.clock_error_s, poses.clock_bound_s, "ns", 1e9),
     ):
         metrics.append(Metric(f"slam.{name}.bound_{unit}", scale * rms(bound), unit, "info"))
+        median = scale * quantile(bound[np.isfinite(bound)], 0.5)
+        metrics.append(Metric(f"slam.{name}.bound_median_{unit}", median, unit, "info"))
         known = np.isfinite(error) & np.isfinite(bound) & (bound > 0)
         share = np.abs(error[known]) / bound[known]
         overall = ratio(rms(error[known]), rms(bound[known])) if known.any() else np.nan

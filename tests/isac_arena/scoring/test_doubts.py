@@ -52,7 +52,7 @@ def test_nothing_is_said_of_good_poses_and_of_unknown_scores() -> None:
 )
 def test_every_kind_of_doubt_is_said_with_what_to_do(changes: dict[str, float], told: str) -> None:
     assert told in sentence(**changes)
-    assert "arena budget" in sentence(**changes) and "Receiver state" in sentence(**changes)
+    assert "arena budget" in sentence(**changes) and "Explore" in sentence(**changes)
     assert "To do: more stops" in sentence(slam__stops=2.0, **changes)
 
 
@@ -114,3 +114,8 @@ def test_estimates_alone_tell_that_no_stop_or_another_state_was_found(campaign) 
 def test_few_stops_are_told_before_a_run() -> None:
     assert "4 stops of a walk" in "".join(few_stops(4)) and "1 stop of" in "".join(few_stops(1))
     assert not few_stops(FEW_STOPS)
+
+
+def test_wrong_decisions_on_the_line_of_sight_are_said() -> None:
+    assert not sentence(channel__los__decision_accuracy=0.9)
+    assert "told right at 11 % of the stops" in sentence(channel__los__decision_accuracy=0.11)

@@ -108,5 +108,10 @@ def test_pose_errors_are_those_put_in(campaign):
         f"bound: without one: stop {scores.stop[3]}, {scores.stop[5]} (2 of 12 stops); RMSE of this run"
     )
     assert note.endswith("over the others: 0.5 m, 2 deg, 1 ns")
+    large = scores.position_bound_m.copy()
+    large[4] *= 100
+    note = bound_note(replace(scores, position_bound_m=large))
+    assert note.startswith(f"bound: stop {scores.stop[4]} makes 100% of its mean square")
+    assert values["slam.position.bound_median_m"] == pytest.approx(np.median(scores.position_bound_m))
     with pytest.raises(ValueError, match="stop 99 is missing"):
         score_poses(np.array([99]), [truths[0].rx_pose], np.zeros(1), np.ones(1, bool), poses, unknown_bound(1))
