@@ -181,7 +181,7 @@ def _joint_ramp(sweep: BeamSweep, ramp: PhaseRamp, few: MaximumLikelihoodConfig)
         found.append(
             replace(rest, tx_step_rad=rest.tx_step_rad + steps[0], rx_step_rad=rest.rx_step_rad + steps[1])
         )
-        if rest.is_coherent:  # the sweep without any ramp comes first: a ramp may stand for wrong directions
+        if rest.residual_rad <= DOUBTFUL_RAD:  # no ramp comes first: a ramp may stand for wrong directions
             break
     best = min(found, key=lambda one: one.residual_rad if one.n_pairs else np.inf)
     best = best if best.n_pairs else ramp

@@ -14,6 +14,8 @@ LARGEST_RESIDUAL_RAD = np.deg2rad(10.0)  # rms without noise, of phases that cou
 _LEAST_PAIRS = 4  # degrees of freedom of the residual
 _CONFIDENCE = 1.64  # standard deviations by which the residual must be below its limit: 95 %
 _ZERO_PADDING = 4
+_STRONG_SHARE = 0.1  # of the pairs: the strongest, whose phases undetected paths hardly turn
+_LEAST_STRONG = 100  # of them: paths would follow the phases of fewer, whatever these are
 _REFINEMENTS = 6
 _LEAST_VARIANCE = np.deg2rad(1.0) ** 2  # of the residual, in the weights
 
@@ -65,7 +67,9 @@ def fit_phase_ramp(pairs: PairPhases) -> PhaseRamp:
     maximum over both steps nu of sum_i |sum over the pairs p of path i of w_p exp(j psi_p - j nu^T p)|, refined by
     least squares. Weights follow the noise and the variance of the previous iteration. Pairs with a large residual
     count less: undetected paths in it can change their phases. They change the magnitudes as much, for their own
-    phases are independent: the variance of the logarithms of the magnitudes is taken off that of the phases.
+    phases are independent: the variance of the logarithms of the magnitudes is taken off that of the phases. In
+    weak pairs it is not enough, where undetected paths are as strong as the others. An oscillator turns strong
+    pairs too, so the smaller of two residuals holds: of all pairs, and of the strongest.
     """
     n_rx = pairs.snr.shape[1]
     used = np.flatnonzero(((pairs.snr > LEAST_SNR) & pairs.is_usable).ravel())
@@ -80,6 +84,10 @@ def fit_phase_ramp(pairs: PairPhases) -> PhaseRamp:
         return PhaseRamp(np.nan, np.nan, np.nan, np.nan, np.nan, 0)
     variance = LARGEST_RESIDUAL_RAD**2
     step = _strongest_ramp(pair, phase, path, 1 / (noise + hidden + variance), pairs.snr.shape)
+    groups: list[slice | IntArray] = [slice(None)]
+    n_strong = int(_STRONG_SHARE * len(used))
+    if pairs.log_magnitude is not None and n_strong >= _LEAST_STRONG:
+        groups.append(np.argsort(-snr, kind="stable")[:n_strong])
     for _ in range(_REFINEMENTS):
         weight = 1 / (noise + hidden + max(variance, _LEAST_VARIANCE))
         centred = pair - np.stack([_path_means(axis.astype(float), path, weight) for axis in pair.T], axis=1)
@@ -87,13 +95,14 @@ def fit_phase_ramp(pairs: PairPhases) -> PhaseRamp:
         # An unobservable step, as with a single beam, stays.
         step = step + np.linalg.pinv((centred * weight[:, None]).T @ centred) @ (centred.T @ (weight * residual))
         residual = _remainder(pair, phase, path, weight, step)
-        variance = float((weight * (residual**2 * len(used) / n_free - noise)).sum() / weight.sum())
-    error = np.sqrt(2 * (weight**2 * (noise + max(variance, 0.0)) ** 2).sum()) / weight.sum()
+        square = residual**2 * len(used) / n_free - noise
+        variance = min(float(np.average(square[some], weights=weight[some])) for some in groups)
+    off = np.zeros_like(square)
     if pairs.log_magnitude is not None:
         log_magnitude = pairs.log_magnitude.ravel()[used]
-        off = log_magnitude - _path_means(log_magnitude, path, weight)
-        unmodelled = float((weight * (off**2 * len(used) / n_free - noise)).sum() / weight.sum())
-        variance, error = variance - max(unmodelled, 0.0), np.sqrt(2) * error
+        off = (log_magnitude - _path_means(log_magnitude, path, weight)) ** 2 * len(used) / n_free - noise
+    found = [_beyond(weight[some], square[some], off[some], noise[some]) for some in groups]
+    variance, error = min(found, key=lambda one: one[0] + _CONFIDENCE * one[1])
     return PhaseRamp(
         tx_step_rad=float(wrap_angle(step[0])),
         rx_step_rad=float(wrap_angle(step[1])),
@@ -102,6 +111,14 @@ def fit_phase_ramp(pairs: PairPhases) -> PhaseRamp:
         walk_rad=_walk(used, path, residual, noise),
         n_pairs=len(used),
     )
+
+
+def _beyond(weight: FloatArray, square: FloatArray, off: FloatArray, noise: FloatArray) -> tuple[float, float]:
+    """Variance of phases beyond that of log magnitudes, and its error; squares (pair,) of both, without noise."""
+    share = weight / weight.sum()
+    variance, unmodelled = float(share @ square), float(share @ off)
+    error = np.sqrt(2 * np.square(share * (noise + max(variance, 0.0))).sum())
+    return variance - max(unmodelled, 0.0), float(np.sqrt(2) * error if off.any() else error)
 
 
 def _strongest_ramp(
