@@ -28,7 +28,8 @@ WORDS = {
     "modified Hausdorff distance": "the mean distance of two contours, of both directions the larger",
     "RMS": "root of the mean square: a few far values, ghosts among them, outweigh all others",
     "NEES": "squared error over its stated covariance, 1 a dimension where covariances are right",
-    "coverage": "share of the truth inside the stated 95 % interval: .95 where intervals are right, 1 where too wide",
+    "coverage": "share of the truth inside the stated 95 % interval: .95 where intervals are right, 1 where they "
+    "are too wide",
     "seen": "the part of a contour near the incidence points that it was fitted to",
     "lit extent": "the part of an object where true single bounces met it on the walk",
     "ghost": "a contour or point most of whose paths come from no object by one bounce",
