@@ -39,7 +39,7 @@ from estimation.channel.coherent.refine import (
 from estimation.channel.coherent.search import SpectrumPeaks, SpectrumSearch, without_side_lobes
 from estimation.channel.config import MaximumLikelihoodConfig
 from estimation.channel.fit import PathFit, empty_fit
-from estimation.channel.model.apparent import reported_angles
+from estimation.channel.model.apparent import reported_angles, reported_covariance
 from estimation.channel.model.compress import CompressedSweep, check_sweep, compress
 from estimation.channel.model.manifold import Manifold
 from estimation.channel.model.path_model import PathParameters, no_paths, residual
@@ -269,7 +269,7 @@ def path_fit(
     tx_gain = np.abs(tx.response(aod_rad)) ** 2
     rx_gain = np.abs(rx.response(aoa_rad)) ** 2 / noise_power_mw
     snr = np.abs(gain) ** 2 * tx_gain.max(axis=1) * rx_gain.max(axis=1) * n / sweep.noise_scale
-    covariance = _of_reported(errors.covariance, aod_slopes, aoa_slopes)
+    covariance = reported_covariance(errors.covariance, aod_slopes, aoa_slopes)
     covariance[:, 0] *= sweep.bin_s
     covariance[:, :, 0] *= sweep.bin_s
     doppler_hz, seen_s = np.zeros((len(paths), 0)), np.zeros(len(paths))
@@ -302,18 +302,6 @@ def reported_delay_bins(sweep: CompressedSweep, paths: PathParameters) -> FloatA
     """Delays (path,) in bins within one period, whose last eighth is negative delays."""
     n = sweep.n_subcarriers
     return np.asarray((paths.delay_bins + n / 8) % n - n / 8)
-
-
-def _of_reported(covariance: FloatArray, aod_slopes: FloatArray, aoa_slopes: FloatArray) -> FloatArray:
-    """Covariance of delay, reported angles and turns from that of fitted ones; slopes (path, reported, fitted)."""
-    blocks = np.ones((len(covariance), 1, 1)), aod_slopes, aoa_slopes
-    n_turns = covariance.shape[1] - sum(block.shape[2] for block in blocks)
-    slopes = np.zeros((len(covariance), sum(block.shape[1] for block in blocks) + n_turns, covariance.shape[1]))
-    row = column = 0
-    for block in (*blocks, np.broadcast_to(np.eye(n_turns), (len(covariance), n_turns, n_turns))):
-        slopes[:, row : row + block.shape[1], column : column + block.shape[2]] = block
-        row, column = row + block.shape[1], column + block.shape[2]
-    return np.asarray(slopes @ covariance @ slopes.swapaxes(1, 2))
 
 
 def _new_paths(

@@ -44,6 +44,18 @@ def reported_angles(manifold: Manifold, angles_rad: FloatArray) -> tuple[FloatAr
     return cone[:, None], slopes[:, None, :n_given], gain[:, 0]
 
 
+def reported_covariance(covariance: FloatArray, aod_slopes: FloatArray, aoa_slopes: FloatArray) -> FloatArray:
+    """Covariance of delay, reported angles and turns from that of fitted ones; slopes (path, reported, fitted)."""
+    blocks = np.ones((len(covariance), 1, 1)), aod_slopes, aoa_slopes
+    n_turns = covariance.shape[1] - sum(block.shape[2] for block in blocks)
+    slopes = np.zeros((len(covariance), sum(block.shape[1] for block in blocks) + n_turns, covariance.shape[1]))
+    row = column = 0
+    for block in (*blocks, np.broadcast_to(np.eye(n_turns), (len(covariance), n_turns, n_turns))):
+        slopes[:, row : row + block.shape[1], column : column + block.shape[2]] = block
+        row, column = row + block.shape[1], column + block.shape[2]
+    return np.asarray(slopes @ covariance @ slopes.swapaxes(1, 2))
+
+
 def apparent_angles(
     codebook: Codebook, manifold: Manifold, azimuth_rad: Any, elevation_rad: Any
 ) -> tuple[FloatArray, ComplexArray]:
