@@ -124,13 +124,13 @@ def _seen_paths(config: CampaignConfig, link: TxLink[CampaignConfig], step: int)
 def _about_settings(config: CampaignConfig, scene: Scene) -> Iterator[str]:
     """What the settings alone tell: heights that are neither seen nor used, no movers, stops without an order."""
     sees = any(len(elevations_deg(array)) > 1 for array in (config.tx_array, config.rx_array))
-    why_unused = _why_unused(config)
-    if not sees and why_unused:
+    known_use = _use_of_heights(config)
+    if not sees and known_use:
         bias_m, height_m = _height_bias_m(scene)
         if bias_m > LEAST_BIAS_M:
             yield (
                 f"TX and receiver differ by up to {height_m:.2g} m in height, the beams are horizontal and the "
-                f"known heights are not used ({why_unused}): expect positions and points "
+                f"known heights are {known_use}: expect positions and points "
                 f"about {bias_m:.2g} m off; {HEIGHTS}"
             )
     elif sees and (not config.slam.solves_in_space or not config.mapping.use_elevation):
@@ -195,14 +195,14 @@ def _about_stops(config: CampaignConfig, scene: Scene) -> Iterator[str]:
         )
 
 
-def _why_unused(config: CampaignConfig) -> str:
-    """Why known heights are not used; empty if they are."""
+def _use_of_heights(config: CampaignConfig) -> str:
+    """How known heights are used, if not everywhere; empty if they are."""
     if not config.heights.use:
-        return "heights.use = false"
+        return "not used (heights.use = false)"
     if function := config.functions.of("channel"):
-        what = "gives cone angles and says so, aod_angle_kind = 'cone', as the file of 'arena new estimator' does"
-        return f"nothing to mend where {function.function} {what}"
-    return "slam.method = 'reference'" if config.slam.method == "reference" else ""
+        what = "gives cone angles and says so (aod_angle_kind = 'cone', as the file of 'arena new estimator' does)"
+        return f"used only where {function.function} {what}. Elsewhere"
+    return "not used (slam.method = 'reference')" if config.slam.method == "reference" else ""
 
 
 def _height_bias_m(scene: Scene) -> tuple[float, float]:

@@ -48,7 +48,7 @@ def test_unequal_heights_with_horizontal_beams() -> None:
     assert "slam.method = 'reference'" in doubts(high, slam={"method": "reference"})[0]
     own = ia.load_campaign("box_room", scene=high)
     guessed = with_functions(own.config, {"channel": "mine:guess"})
-    assert "says that its azimuths" in plan_run(guessed, own.scene, own.link).doubts[0]
+    assert "used only where mine:guess gives cone angles" in plan_run(guessed, own.scene, own.link).doubts[0]
     near = {**ROOM, "tx": {**tx, "position_m": [1.5, 4.0, 1.8]}, "walk": {**ROOM["walk"], "height_m": 1.2}}
     assert not any("above or below" in line for line in doubts(near))
     beams = {"beam_elevation_deg": [-10.0, 10.0]}

@@ -196,7 +196,7 @@ def test_points_are_repeated_until_the_mean_is_known_also_later_in_the_same_dire
 def test_a_dry_run_writes_nothing_and_wrong_sweeps_are_refused(files: Path) -> None:
     planned = run(files, "out", "--dry-run")
     assert planned.exit_code == 0
-    assert "4 cases, 2 points of 1 axis, 1 scene, 1 set of paths" in planned.output
+    assert "4 cases, 2 points of 1 axis, 1 scene, paths traced 1 time" in planned.output
     assert not (files / "out").exists()
     (files / "taken").mkdir()
     (files / "taken" / "thesis.txt").touch()
