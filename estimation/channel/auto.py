@@ -28,7 +28,7 @@ from estimation.channel.coherent.plan import nominal_manifold
 from estimation.channel.config import MaximumLikelihoodConfig
 from estimation.channel.fit import PathFit
 from estimation.channel.incoherent.clock_drift import WANDERING, ClockDrift, without_drift
-from estimation.channel.incoherent.paths import fit_incoherent
+from estimation.channel.incoherent.paths import IncoherentFit, fit_incoherent
 from estimation.channel.incoherent.response_errors import ResponseErrors
 from estimation.channel.phases.drift import drift_against, with_drift_errors
 from estimation.channel.phases.pairs import PairPhases, phases_against, phases_of, without_phases
@@ -71,15 +71,12 @@ def fit_auto(sweep: BeamSweep, config: MaximumLikelihoodConfig | None = None) ->
     ramp = fit_phase_ramp(phases_of(incoherent))
     start = ramp if ramp.n_pairs else fit_phase_ramp(phases_of(incoherent, all_usable=True))
     is_doubtful = start.residual_rad <= DOUBTFUL_RAD or not ramp.n_pairs
-    coherent, tracked = None, None
+    coherent = None
     if ramp.is_coherent:
         coherent = _coherent(steady, ramp, config, is_sure=True)
     elif is_doubtful:
         coherent = _coherent_by_few(steady, start, few, config)
-    for all_usable in (False, True) if coherent is None else ():
-        if tracked is None and (incoherent.is_ambiguous.any() or not all_usable):
-            pairs = phases_of(incoherent, all_usable=all_usable)
-            tracked = _tracked(steady, pairs, config, _TRACKING_PATHS)
+    tracked = _tracked_from(steady, incoherent, config) if coherent is None else None
     if coherent is None and tracked is None and not is_doubtful:
         coherent = _coherent_by_few(steady, start, few, config)
     if tracked is not None:
@@ -134,6 +131,14 @@ class _Tracked:
     track: PhaseTrack
     pairs: PairPhases
     drift: ClockDrift  # of the sweep that was given
+
+
+def _tracked_from(sweep: BeamSweep, incoherent: IncoherentFit, config: MaximumLikelihoodConfig) -> _Tracked | None:
+    """Tracked phases from those of an incoherent fit: without its ambiguous directions first, else with them."""
+    found = _tracked(sweep, phases_of(incoherent), config, _TRACKING_PATHS)
+    if found is None and incoherent.is_ambiguous.any():
+        found = _tracked(sweep, phases_of(incoherent, all_usable=True), config, _TRACKING_PATHS)
+    return found
 
 
 def _tracked(
