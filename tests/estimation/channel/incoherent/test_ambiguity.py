@@ -84,3 +84,9 @@ def test_a_path_and_its_reflection_off_the_floor_are_not_taken_for_one_far_above
     assert abs(fit.delay_s[strongest] - 30e-9) < 0.5e-9
     np.testing.assert_allclose(np.rad2deg(fit.aod_rad[strongest]), [2, 0], atol=2)
     np.testing.assert_allclose(np.rad2deg(fit.aoa_rad[strongest]), [-60, 0], atol=2)
+
+
+def test_phases_are_tested_where_every_path_fits_several_directions() -> None:
+    assert "2 of 2 paths fit several directions" in estimated(TWO_LEVELS, "incoherent").reason
+    chosen = estimated(TWO_LEVELS, "auto")
+    assert len(chosen) == 2 and chosen.reason.startswith("coherent: ")
