@@ -11,7 +11,9 @@ are then estimated in turn. Where they do not, the incoherent fit of all paths i
 
 Where many paths share beam pairs and delays, a few of them do not explain the phases. Then all paths of a coherent
 fit are the reference, and the phases of the pairs against their sum decide. What even this fit leaves out turns
-phases and scales magnitudes alike; unknown phases leave the magnitudes as they are.
+phases and scales magnitudes alike; unknown phases leave the magnitudes as they are. A few coherent paths tell
+whether such a fit is worth its time: where phases are doubtful, where all paths of the incoherent fit have
+ambiguous directions, and where no track of the phases is found.
 
 A sweep with a clock is fitted coherently with Doppler shifts first: a frequency offset is one common to all paths.
 If the phases do not follow that fit, the world is taken as frozen.
@@ -174,8 +176,9 @@ def _tracked(
 
 
 def _joint_ramp(sweep: BeamSweep, ramp: PhaseRamp, few: MaximumLikelihoodConfig) -> PhaseRamp:
-    """The ramp against the sum of a few coherent paths; they are fitted without it, and without any ramp.
+    """The ramp against the sum of a few coherent paths.
 
+    They are fitted to the sweep as it is; where its phases do not hold, also without the given ramp.
     A ramp that turns the phases over the whole sweep by less than the limit is left: undetected paths make such
     ramps.
     """

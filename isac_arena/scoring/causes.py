@@ -163,7 +163,7 @@ def cause_words(cause: TextArray, surface_m: FloatArray | None = None) -> list[s
 
 
 def ghost_words(table: OutlineScores) -> list[str]:
-    """What each ghost among some outlines (outline,) is called; what the others would be is of no meaning."""
+    """What each outline (outline,) is called if it is a ghost."""
     called = [f"ghost ({cause})" if cause else "ghost" for cause in cause_words(table.cause)]
     return [RIGHT_SURFACE if right else one for one, right in zip(called, table.is_right_surface, strict=True)]
 

@@ -81,8 +81,8 @@ class SweepModel:
 
 def phases_of(fit: IncoherentFit, *, all_usable: bool = False) -> PairPhases:
     """The phases of an incoherent fit; `all_usable` takes those of ambiguous directions too."""
-    usable = ~fit.is_ambiguous[fit.pair_path] if len(fit) else np.zeros(fit.pair_path.shape, bool)
-    usable = np.full(usable.shape, all_usable and len(fit) > 0) | usable
+    is_clear = ~fit.is_ambiguous | all_usable
+    usable = is_clear[fit.pair_path] if len(fit) else np.zeros(fit.pair_path.shape, bool)
     return PairPhases(fit.pair_phase_rad, fit.pair_snr, fit.pair_residual, fit.pair_path, usable)
 
 

@@ -97,11 +97,12 @@ def fit_phase_ramp(pairs: PairPhases) -> PhaseRamp:
         residual = _remainder(pair, phase, path, weight, step)
         square = residual**2 * len(used) / n_free - noise
         variance = min(float(np.average(square[some], weights=weight[some])) for some in groups)
-    off = np.zeros_like(square)
+    squares = [square]
     if pairs.log_magnitude is not None:
         log_magnitude = pairs.log_magnitude.ravel()[used]
-        off = (log_magnitude - _path_means(log_magnitude, path, weight)) ** 2 * len(used) / n_free - noise
-    found = [_beyond(weight[some], square[some], off[some], noise[some]) for some in groups]
+        off = log_magnitude - _path_means(log_magnitude, path, weight)
+        squares.append(off**2 * len(used) / n_free - noise)
+    found = [_beyond(weight[some], [one[some] for one in squares], noise[some]) for some in groups]
     variance, error = min(found, key=lambda one: one[0] + _CONFIDENCE * one[1])
     return PhaseRamp(
         tx_step_rad=float(wrap_angle(step[0])),
@@ -113,12 +114,15 @@ def fit_phase_ramp(pairs: PairPhases) -> PhaseRamp:
     )
 
 
-def _beyond(weight: FloatArray, square: FloatArray, off: FloatArray, noise: FloatArray) -> tuple[float, float]:
-    """Variance of phases beyond that of log magnitudes, and its error; squares (pair,) of both, without noise."""
+def _beyond(weight: FloatArray, squares: list[FloatArray], noise: FloatArray) -> tuple[float, float]:
+    """Variance of phases, beyond that of log magnitudes where these are given, and its error.
+
+    `squares` are those of phases (pair,), then of log magnitudes, without noise.
+    """
     share = weight / weight.sum()
-    variance, unmodelled = float(share @ square), float(share @ off)
-    error = np.sqrt(2 * np.square(share * (noise + max(variance, 0.0))).sum())
-    return variance - max(unmodelled, 0.0), float(np.sqrt(2) * error if off.any() else error)
+    variance, *unmodelled = (float(share @ square) for square in squares)
+    error = np.sqrt(2 * len(squares) * np.square(share * (noise + max(variance, 0.0))).sum())
+    return variance - max([0.0, *unmodelled]), float(error)
 
 
 def _strongest_ramp(
