@@ -153,7 +153,7 @@ ensure_kernels() {
     local sources
     sources="$(cd -- "$root" && find scenes sim estimation -name '*.py' -exec cksum {} + 2>/dev/null | sort | cksum)" || true
     [[ -e "$kernels" && "$(<"$kernels")" == "$sources" ]] && return
-    [[ -z "$is_new" ]] || say "Compiling kernels (once, one to three minutes) ..."
+    [[ -z "$is_new" ]] || say "Compiling kernels (once, two to five minutes) ..."
     if timed "kernels" compile_kernels; then
         printf '%s\n' "$sources" >"$kernels"
     else
