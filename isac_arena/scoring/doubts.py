@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
+from estimation.distributions import chi_square_quantile
 from estimation.slam.record import PoseEstimates, SolveStatus
 from isac_arena.progress import counted, listed
 from isac_arena.scoring.metrics.metric import Metric
@@ -13,6 +14,8 @@ FAR_STATED = 3.0  # times a stated deviation: chance takes one error in 370 ther
 LEAST_COVERAGE = 0.88  # of 95 % regions: the bar of the worst random hall
 LEAST_SIGHT = 0.75  # of the stops with a right decision on the line of sight
 MOST_NEES = 4.0  # 1 where covariances are right: errors of twice what is stated
+SMALL_NEES = 0.5  # stated deviations of 1.4 times the errors
+TEST_LEVEL = 0.05  # of the chi-square test that a NEES is smaller than that
 BEHIND = 1.25  # times the RMSE of the published method: less is chance where both have the same paths
 FEW_STOPS = 6  # of a walk; box_room is .046, .007, .0015 and .0015 m off with 2, 4, 6 and 9 stops
 NEEDED = (
@@ -26,6 +29,16 @@ STATED = {
     "mapping.ip_height": "heights of points of mapping",
     "slam.ip_position": "points of SLAM",
     "slam.ip_height": "heights of points of SLAM",
+}
+STATED_POSES = {"slam": "states of SLAM (position, heading, clock)", "slam.height": "receiver heights of SLAM"}
+FREEDOM = {  # numbers that one squared error is over
+    "channel": 3,
+    "mapping.ip_position": 2,
+    "mapping.ip_height": 1,
+    "slam.ip_position": 2,
+    "slam.ip_height": 1,
+    "slam": 4,
+    "slam.height": 1,
 }
 POSES = (
     ("position", "position.rmse_m", "m"),
@@ -78,7 +91,8 @@ def _times(factor: float) -> str:
 def score_doubts(metrics: Sequence[Metric]) -> tuple[str, ...]:
     """What is doubtful in stated errors, cut paths, poses (`pose_doubts`) and contours, and what to do."""
     values = values_of(metrics)
-    about_paths = (*_stated_doubt(values), *_cut_doubt(values), *_sight_doubt(values))
+    about_stated = (*_stated_doubt(values), *_too_large_doubt(values))
+    about_paths = (*about_stated, *_cut_doubt(values), *_sight_doubt(values))
     return (*about_paths, *_slam_doubt(values), *_contour_doubt(values))
 
 
@@ -94,6 +108,30 @@ def _stated_doubt(values: Mapping[str, float]) -> Iterator[str]:
         yield (
             f"stated errors: regions that should hold 95 % hold {', '.join(told)}. Some paths, in dense scenes "
             f"many, err more than they state. To do: {mend}"
+        )
+
+
+def _too_large_doubt(values: Mapping[str, float]) -> Iterator[str]:
+    """Where covariances are too large, by more than chance explains.
+
+    A stop counts as one sample, because its paths and points share the errors of its pose: the mean of their NEES
+    varies less than a single one. Stops count as independent; what all stops of a walk share is not tested.
+    """
+    n_stops = values.get("slam.stops", np.nan) * values.get("slam.solved_share", np.nan)
+    if not n_stops > 0:
+        return
+    told = []
+    for key, name in (STATED | STATED_POSES).items():
+        freedom = FREEDOM[key] * n_stops
+        nees, coverage = (values.get(f"{key}.{score}", np.nan) for score in ("nees", "coverage95"))
+        most = nees * freedom / chi_square_quantile(TEST_LEVEL, freedom)
+        if most < SMALL_NEES and coverage >= LEAST_COVERAGE:
+            told.append(f"{name} (NEES {nees:.2g}, {100 * coverage:.0f} % inside their 95 % regions)")
+    if told:
+        yield (
+            f"stated errors are too large: {', '.join(told)}. The NEES is 1 where they are right, and by a "
+            f"chi-square test {counted(round(n_stops), 'stop')} suffice to tell. Errors are smaller than stated, so "
+            "intervals are wider than they need be"
         )
 
 

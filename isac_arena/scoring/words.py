@@ -12,7 +12,7 @@ WORDS = {
     "stated": "what SLAM says itself of its errors, from its covariances: known without the truth",
     "doubtful": "position, heading or clock over 5 times its bound, in all or at half of the stops, a position "
     "behind the published method, errors over 3 times the stated ones, 95 % regions that hold less than 88 % of "
-    "the truth, or false contours",
+    "the truth, stated errors over 1.4 times the true ones, or false contours",
     "in plan": "by x and y alone, without the height",
     "mean of": "over so many objects of this kind that have a contour with its points",
     "significant": "not diffuse, above the noise and within the dynamic range of the estimator",

@@ -77,6 +77,26 @@ def test_covariances_of_paths_that_are_too_small_are_said() -> None:
     assert "hold 80 % of paths, 93 % of heights of points of mapping (NEES 25)" in both
 
 
+def test_covariances_that_are_too_large_are_said_where_the_stops_are_enough() -> None:
+    assert not sentence(mapping__ip_position__nees=0.8, mapping__ip_position__coverage95=0.97)
+    told = sentence(slam__ip_position__nees=0.18, slam__ip_position__coverage95=1.0)
+    assert "stated errors are too large: points of SLAM (NEES 0.18, 100 % inside" in told and "12 stops" in told
+    assert "states of SLAM" in sentence(slam__nees=0.2, slam__coverage95=1.0)
+    few = sentence(slam__ip_position__nees=0.18, slam__ip_position__coverage95=1.0, slam__stops=2.0)
+    assert "too large" not in few  # two stops of two coordinates: chance gives a NEES of .18 there
+    assert not sentence(slam__ip_position__nees=0.18, slam__solved_share=np.nan)
+
+
+@pytest.mark.parametrize(("variance", "share"), [(1.0, (0.0, 0.01)), (2.0, (0.0, 0.06)), (8.0, (0.95, 1.0))])
+def test_right_covariances_are_called_too_large_by_chance_alone(
+    variance: float, share: tuple[float, float]
+) -> None:
+    rng = np.random.default_rng(1)
+    nees = (rng.standard_normal((400, 12, 4)) ** 2 / variance).mean(axis=(1, 2))
+    called = np.mean(["too large" in sentence(slam__nees=float(one), slam__coverage95=1.0) for one in nees])
+    assert share[0] <= called <= share[1]
+
+
 def test_contours_of_no_object_are_said() -> None:
     assert not sentence(contours__mapping__false=0.0, contours__mapping__accepted=5.0)
     told = sentence(contours__mapping__false=2.0, contours__mapping__accepted=5.0)
