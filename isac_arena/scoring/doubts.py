@@ -130,8 +130,8 @@ def _too_large_doubt(values: Mapping[str, float]) -> Iterator[str]:
     if told:
         yield (
             f"stated errors are too large: {', '.join(told)}. The NEES is 1 where they are right, and by a "
-            f"chi-square test {counted(round(n_stops), 'stop')} suffice to tell. Errors are smaller than stated, so "
-            "intervals are wider than they need be"
+            f"chi-square test {counted(round(n_stops), 'stop')} suffice to tell. Errors are smaller than stated, "
+            "so intervals are wider than they need be"
         )
 
 

@@ -7,13 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimation.slam.record import SolveStatus
-from isac_arena.progress import listed
+from isac_arena.progress import counted, listed
 from isac_arena.scoring.metrics.metric import Metric
 from isac_arena.scoring.metrics.statistics import rms
 from isac_arena.scoring.record import PoseScores
 
 FEW = 4  # stops, of which one may well make most of a mean square
 MOST = 0.5
+ENOUGH = "3 single bounces or more"  # `maps.FOUND_POINTS`: fewer do not let an object be found
+IOU_COUNT = "iou.count"
 HEADS = ("published", "this run", "bound", "unit")
 
 
@@ -21,8 +23,8 @@ HEADS = ("published", "this run", "bound", "unit")
 class HeadlineRow:
     """A score of this run, and the keys of the same by the paper's method, of its bound, and of the whole count.
 
-    Empty for none. `of` and `kind` name the map and the objects that a mean is over. A row that `may_lack` is left
-    out where nothing has a value.
+    Empty for none. `of` and `kind` name the map and the objects that a mean is over, `count` the score that has
+    their number. A row that `may_lack` is left out where nothing has a value.
     """
 
     label: str
@@ -32,6 +34,7 @@ class HeadlineRow:
     whole: str = ""
     of: str = ""
     kind: str = ""
+    count: str = "count"
     may_lack: bool = False
 
 
@@ -47,7 +50,8 @@ def _found_row(kind: str) -> HeadlineRow:
 
 
 def _contour_row(label: str, of: str, kind: str, score: str) -> HeadlineRow:
-    return HeadlineRow(label, f"contours.{of}.{kind}.{score}", f"shapes.{of}.{kind}.{score}", of=of, kind=kind)
+    key, count = f"{of}.{kind}.{score}", IOU_COUNT if score.startswith("iou") else "count"
+    return HeadlineRow(label, f"contours.{key}", f"shapes.{key}", of=of, kind=kind, count=count)
 
 
 HEADLINE = (
@@ -95,7 +99,7 @@ def headline(metrics: Sequence[Metric]) -> Iterator[tuple[str, list[Metric | Non
         if (present := next(filter(None, cells), None)) is not None:
             unit = "" if present.unit == "1" else present.unit
             if row.whole in known and math.isfinite(known[row.whole].value):
-                unit = f"of {known[row.whole].value:g} visible"
+                unit = f"of {known[row.whole].value:g} that {ENOUGH} meet"
             yield row.label, cells, ", ".join(filter(None, [unit, _members(row, known)]))
 
 
@@ -119,12 +123,15 @@ def score_text(score: Metric | None) -> str:
 
 def _members(row: HeadlineRow, known: Mapping[str, Metric]) -> str:
     """How many objects a mean is over; empty for other rows."""
-    keys = f"contours.{row.of}.{row.kind}.count", f"shapes.{row.of}.{row.kind}.count", f"scene.visible.{row.kind}"
+    mean_over = f"{row.of}.{row.kind}.{row.count}"
+    keys = f"contours.{mean_over}", f"shapes.{mean_over}", f"scene.visible.{row.kind}"
     ours, published, visible = (known[key].value if key in known else math.nan for key in keys)
     if not ours > 0:
         return ""
+    contour = "closed contour" if row.count == IOU_COUNT else "contour"
     other = f" (published: {published:g})" if math.isfinite(published) and published != ours else ""
-    return f"mean of {ours:g}{other}" + (f", {visible:g} visible" if ours > visible else "")
+    met = f", where {ENOUGH} meet {counted(int(visible), row.kind)}" if ours > visible else ""
+    return f"mean over {counted(int(ours), row.kind)} with a {contour}{other}{met}"
 
 
 def bound_note(poses: PoseScores) -> str:

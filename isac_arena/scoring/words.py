@@ -14,7 +14,6 @@ WORDS = {
     "behind the published method, errors over 3 times the stated ones, 95 % regions that hold less than 88 % of "
     "the truth, stated errors over 1.4 times the true ones, or false contours",
     "in plan": "by x and y alone, without the height",
-    "mean of": "over so many objects of this kind that have a contour with its points",
     "significant": "not diffuse, above the noise and within the dynamic range of the estimator",
     "dynamic range": "how far below the strongest path the estimator looks for paths",
     "separable": "far enough from its neighbours in delay and angles that an estimator can tell it from them",
@@ -37,7 +36,7 @@ WORDS = {
     "purity": "share of the points that come from the most frequent object",
     "mixed": "of several objects: none has half of its points",
     "found": "its contour has 3 points of its own and lies within 0.5 m of half of the true incidence points",
-    "visible": "met by 3 significant single bounces or more over all stops, so that it can be found",
+    "single bounce": "a path that one surface reflected once; significant ones of all stops are counted",
     "incidence point": "where a path that bounced once met a surface; its distance to the surface counts in plan, "
     "off floor or ceiling in height, and not where no height was estimated",
     "self-calibration": "gains and phases of both arrays, estimated from some stops before all else",

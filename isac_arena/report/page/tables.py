@@ -101,6 +101,7 @@ MAPS = ScoreTable(
 
 SHAPE_ROWS = (
     ("Objects with a contour, which the means are over", "count"),
+    ("of these with a closed contour, which the IoU is over", "iou.count"),
     ("Overlap with the true area (IoU)", "iou.mean"),
     ("Hausdorff distance", "hausdorff.mean_m"),
     ("Seen contour, RMSE", "seen_rmse.mean_m"),

@@ -13,7 +13,7 @@ from isac_arena.scoring.metrics.metric import Metric
 from isac_arena.scoring.metrics.statistics import mean
 from isac_arena.scoring.record import ContourScores, IpScores, SignificantPaths
 from isac_arena.scoring.stages.maps import found_objects
-from isac_arena.scoring.stages.outlines import is_compact, outline_columns
+from isac_arena.scoring.stages.outlines import outline_columns
 from isac_arena.scoring.stages.shapes import (
     OUTLINE_SPACING_M,
     SEEN_MARGIN_RAD,
@@ -43,9 +43,7 @@ def score_contours(scene: Scene, result: MapResult, ips: IpScores, significant: 
         )
 
     def error_of(row: int, item: SceneObject, members_m: FloatArray, lit_m: FloatArray) -> ShapeErrors:
-        error = contour_errors(contours, row, members_m, item.contour, lit_m)
-        is_flat = not is_compact(item) and not contours.is_closed[row]
-        return replace(error, iou=np.nan) if is_flat else error
+        return contour_errors(contours, row, members_m, item.contour, lit_m)
 
     own = replace(ips, label=contours.object)
     columns = outline_columns(scene, result, own, n, significant, error_of, lambda row: _line(contours, row))
@@ -74,7 +72,7 @@ def contour_errors(
 
     An open contour is seen everywhere. A closed contour is seen in the directions, from its centre, within the
     margin of a member. The band contains the truth where the true outline is within 1.96 standard deviations of
-    a sample. An open contour has no area: its IoU with a closed object is 0.
+    a sample. An open contour, of a wall or an edge, has no area and no IoU: it is no estimate of an area.
     """
     points, std = contours.contour_m[row], contours.std_m[row]
     distance = np.abs(true.signed_distance(points))
@@ -83,7 +81,7 @@ def contour_errors(
     known = np.isfinite(std)
     covered = distance <= BAND_SIGMAS * std
     crps = gaussian_crps(np.zeros(known.sum()), distance[known], std[known])
-    iou = 0.0 if true.closed else np.nan
+    iou = np.nan
     if true.closed and contours.is_closed[row]:
         iou = intersection_over_union(points, np.asarray(true.outline.coords))
     return ShapeErrors(

@@ -138,6 +138,7 @@ def best_rows(table: OutlineScores) -> dict[str, int]:
 def _mean_metrics(prefix: str, rows: OutlineScores) -> list[Metric]:
     return [
         Metric(f"{prefix}.count", len(rows.object), "1", "info"),
+        Metric(f"{prefix}.iou.count", np.isfinite(rows.iou).sum(), "1", "info"),
         Metric(f"{prefix}.iou.mean", mean(rows.iou), "1", "higher"),
         Metric(f"{prefix}.hausdorff.mean_m", mean(rows.hausdorff_m), "m", "lower"),
         Metric(f"{prefix}.modified_hausdorff.mean_m", mean(rows.modified_hausdorff_m), "m", "lower"),

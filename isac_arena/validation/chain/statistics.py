@@ -94,7 +94,7 @@ class ChainObjects(Columns):
     radius_m: FloatArray  # (object,) of the circle of its area; NaN for an open contour
     n_lit: IntArray  # (object,) stops from which a significant single bounce meets it
     is_found: BoolArray  # (object,)
-    iou: FloatArray  # (object,) 0 without a contour
+    iou: FloatArray  # (object,) 0 without a closed contour
     coverage: FloatArray  # (object,) of the band, where seen
     seen_rmse_m: FloatArray  # (object,)
     class_right: FloatArray  # (contour,) of those with an object
@@ -151,7 +151,7 @@ def _objects(result: ChainResult, scores: MapScores) -> ChainObjects:
         radius_m=_radii_m(scene),
         n_lit=np.array(lit, int),
         is_found=np.append(contours.is_found, False)[row],
-        iou=np.append(contours.iou, 0.0)[row],
+        iou=np.append(np.nan_to_num(contours.iou), 0.0)[row],
         coverage=np.append(contours.seen_coverage95, np.nan)[row],
         seen_rmse_m=np.append(contours.seen_rmse_m, np.nan)[row],
         class_right=contours.class_right[np.isfinite(contours.class_right)],

@@ -87,8 +87,12 @@ def test_a_wall_moved_off_its_place_is_wrong_by_that_much(campaign, scored):
 
 def test_closed_contours_of_open_size_and_open_ones_of_pillars(campaign, scored):
     contours = campaign.results.mapping.contours
+    values = scored(replace(contours, is_closed=np.array([True, False, False, False])))
+    assert values["contours.mapping.pillar.count"] == 2
+    assert values["contours.mapping.pillar.iou.count"] == 1  # an edge has no area
+    assert values["contours.mapping.pillar.iou.mean"] == pytest.approx(1, abs=1e-3)
     values = scored(replace(contours, is_closed=np.zeros(4, bool)))
-    assert values["contours.mapping.pillar.iou.mean"] == 0
+    assert np.isnan(values["contours.mapping.pillar.iou.mean"])
     grown = contours.center_m[:, None] + 2 * (contours.contour_m - contours.center_m[:, None])
     values = scored(replace(contours, contour_m=grown))
     assert values["contours.mapping.pillar.iou.mean"] == pytest.approx(0.25, abs=1e-3)

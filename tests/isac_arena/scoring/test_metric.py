@@ -6,9 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from isac_arena.scoring.headline import headline
+from isac_arena.scoring.headline import ENOUGH, headline
 from isac_arena.scoring.metrics.metric import Metric, from_json, to_json
 from isac_arena.scoring.metrics.statistics import maximum, mean, quantile, ratio, rms, squared_mahalanobis
+from isac_arena.scoring.stages.maps import FOUND_POINTS
 
 
 def test_rows_survive_json_and_nan_becomes_null():
@@ -63,6 +64,18 @@ def test_means_over_contours_say_how_many_they_are_over() -> None:
     counts = {"contours.mapping.wall.count": 4, "shapes.mapping.wall.count": 5, "scene.visible.wall": 3}
     metrics = [Metric(key, value, "1", "info") for key, value in counts.items()]
     metrics.append(Metric("contours.mapping.wall.seen_rmse.mean_m", 0.01, "m", "lower"))
+    counts = {
+        "contours.mapping.pillar.count": 2,
+        "contours.mapping.pillar.iou.count": 1,
+        "scene.visible.pillar": 7,
+    }
+    metrics += [Metric(key, value, "1", "info") for key, value in counts.items()]
+    metrics.append(Metric("contours.mapping.objects_found.pillar", 1, "1", "higher"))
+    metrics.append(Metric("contours.mapping.pillar.iou.mean", 0.9, "1", "higher"))
     units = {label: unit for label, _, unit in headline(metrics)}
-    assert units["Walls, seen part, mapping, RMSE"] == "m, mean of 4 (published: 5), 3 visible"
-    assert not any("mean of" in unit for label, unit in units.items() if not label.startswith("Walls, seen"))
+    wall = "m, mean over 4 walls with a contour (published: 5), where 3 single bounces or more meet 3 walls"
+    assert units["Walls, seen part, mapping, RMSE"] == wall
+    assert units["Pillars, overlap (IoU), mapping"] == "mean over 1 pillar with a closed contour"
+    assert units["Pillars found by mapping"] == "of 7 that 3 single bounces or more meet"
+    assert ENOUGH.startswith(str(FOUND_POINTS))
+    assert sum("mean over" in unit for unit in units.values()) == 2
