@@ -51,7 +51,8 @@ def _means(counts: Iterable[int]) -> str:
     cases = f"{known[0]}" if known[0] == known[-1] else f"{known[0]} to {known[-1]}"
     if known[-1] < LEAST_CASES:
         return f"Dots: means of {cases} cases each, which are the crosses: too few for an interval."
-    text = f"Means of {cases} cases each, with the 95 % interval of the mean (Student's t)."
+    interval = "95 % interval of the mean (Student's t), inside the range of the score"
+    text = f"Means of {cases} cases each, with the {interval}."
     return text if known[0] >= LEAST_CASES else f"{text} Crosses: cases of means of fewer than {LEAST_CASES}."
 
 

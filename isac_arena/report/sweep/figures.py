@@ -19,6 +19,7 @@ from isac_arena.report.sweep.results import (
     SweepMetric,
     SweepResults,
     groups,
+    interval_ends,
     mean_interval,
     nondominated,
     point_means,
@@ -57,7 +58,7 @@ def axis_figure(results: SweepResults, key: str) -> Figure:
     for panel, axis in zip(panels, axes, strict=False):
         lines = axis_lines(results, axis)
         for (label, members), color in zip(lines, LINE_COLORS, strict=False):
-            _curve(panel, axis, metric.value, members, color, label)
+            _curve(panel, axis, metric, members, color, label)
             if bound is not None:
                 _bound_curve(panel, groups(axis), bound, members, color if label else TRUTH)
         if bound is not None:
@@ -154,19 +155,21 @@ def axis_lines(results: SweepResults, axis: SweepAxis) -> list[tuple[str, BoolAr
     return [(f"{others[0].name}: {part.label}", part.members) for part in parts]
 
 
-def _curve(panel: Any, axis: SweepAxis, value: FloatArray, members: BoolArray, color: str, label: str) -> None:
+def _curve(panel: Any, axis: SweepAxis, metric: SweepMetric, members: BoolArray, color: str, label: str) -> None:
     """Draw the means of the groups of an axis with intervals: a line with a band, or bars for an axis of texts."""
-    rows = np.array([(part.place, *mean_interval(value[part.members & members])) for part in groups(axis)])
-    rows = rows[np.isfinite(rows[:, 1])]
-    place, mean, half = rows[:, 0], rows[:, 1], np.where(rows[:, 3] >= LEAST_CASES, rows[:, 2], np.nan)
-    for part in groups(axis):
-        if 1 < np.isfinite(value[part.members & members]).sum() < LEAST_CASES:
-            cases = value[part.members & members]
-            panel.plot(np.full(len(cases), part.place), cases, "x", color=color, markersize=4, alpha=0.7)
-    lower, upper = mean - half, mean + half
+    value = metric.value
+    cases_of = [(part.place, value[part.members & members]) for part in groups(axis)]
+    rows = np.array(
+        [(place, *mean_interval(cases)[::2], *interval_ends(metric.key, cases)) for place, cases in cases_of]
+    )
+    place, mean, count, lower, upper = rows[np.isfinite(rows[:, 1])].T
+    lower, upper = (np.where(count >= LEAST_CASES, end, np.nan) for end in (lower, upper))
+    for at, cases in cases_of:
+        if 1 < np.isfinite(cases).sum() < LEAST_CASES:
+            panel.plot(np.full(len(cases), at), cases, "x", color=color, markersize=4, alpha=0.7)
     known = value[np.isfinite(value)]
     if len(known) and known.min() >= 0:
-        lower = np.maximum(lower, FLOOR * known.min())  # no mean of such values lies below 0
+        lower = np.maximum(lower, FLOOR * known.min())
     if not axis.is_numeric:
         bars = np.stack([mean - lower, upper - mean])
         panel.errorbar(place, mean, bars, fmt="o", color=color, capsize=3, label=label or None)

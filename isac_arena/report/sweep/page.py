@@ -10,7 +10,8 @@ from matplotlib.figure import Figure
 
 from isac_arena.report.page.tables import score_title
 from isac_arena.report.style import figure_html, html_table, png_bytes
-from isac_arena.report.sweep.results import LEAST_CASES, Group, SweepResults, groups, mean_interval
+from isac_arena.report.sweep.results import LEAST_CASES, Group, SweepResults, groups, interval_ends, mean_interval
+from isac_arena.scoring.metrics.metric import is_share
 from isac_arena.scoring.words import explained
 
 MARK = "⚠"  # of scores with doubtful cases
@@ -99,7 +100,8 @@ def axis_tables(results: SweepResults, keys: Sequence[str]) -> list[str]:
             rows.append([group.label, str(int(group.members.sum())), *cells])
         made.append(f'<h3>{escape(axis.name)}</h3><div class="wide">{table(head, rows)}</div>')
     about = [
-        "±: half of the 95 % interval of the mean (Student's t). In brackets: the least and the largest case."
+        "±, or in brackets for shares, which lie between 0 and 1: the 95 % interval of the mean (Student's t). "
+        "After a semicolon: the least and the largest case, where cases are few or the interval says less."
     ]
     if results.is_doubtful.any():
         about.append(
@@ -130,6 +132,9 @@ def _interval(results: SweepResults, key: str, group: Group) -> str:
     if n == 0:
         return f"–{mark}"
     if n < LEAST_CASES or (np.nanmin(known) >= 0 and half >= mean):  # then the interval holds what cannot be
-        cases = f" ({np.nanmin(known):.3g} to {np.nanmax(known):.3g})" if n > 1 else ""
+        cases = f"; {np.nanmin(known):.3g} to {np.nanmax(known):.3g}" if n > 1 else ""
         return f"{mean:.3g}{cases}{mark}"
+    if is_share(key):
+        low, high = interval_ends(key, known)
+        return f"{mean:.3g} ({low:.3g} to {high:.3g}){mark}"
     return f"{mean:.3g} ± {half:.2g}{mark}"

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.stats import t as student
 
 from isac_arena.scoring.doubts import pose_doubts
+from isac_arena.scoring.metrics.metric import is_share
 from scenes.record import BoolArray, FloatArray, IntArray
 
 LEAST_CASES = 4  # of a mean with an interval: Student's t of fewer says nothing that the cases do not
@@ -98,6 +99,17 @@ def mean_interval(values: FloatArray, confidence: float = 0.95) -> tuple[float, 
         return (float(known[0]) if n else np.nan), np.inf, n
     error = float(known.std(ddof=1)) / np.sqrt(n)
     return float(known.mean()), float(student.ppf((1 + confidence) / 2, n - 1) * error), n
+
+
+def interval_ends(key: str, values: FloatArray) -> tuple[float, float]:
+    """Ends of the 95 % interval of the mean of a metric over cases, inside the range of the metric.
+
+    A mean cannot lie outside that range, so the part of Student's t interval inside it holds the mean as often.
+    The range is 0 to 1 for a share, and 0 upwards for cases none of which is negative.
+    """
+    mean, half, _ = mean_interval(values)
+    least = 0.0 if np.nanmin(values, initial=np.inf) >= 0 else -np.inf
+    return max(mean - half, least), min(mean + half, 1.0 if is_share(key) else np.inf)
 
 
 def groups(axis: SweepAxis) -> list[Group]:

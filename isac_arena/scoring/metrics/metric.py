@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 Direction = Literal["lower", "higher", "info"]
+SHARES = ("share", "rate", "coverage95", "iou", "accuracy", "purity")  # how keys of scores from 0 to 1 end
 
 
 @dataclass(frozen=True)
@@ -31,6 +32,11 @@ class Metric:
                 f"must be one of {', '.join(get_args(Direction))}"
             )
         object.__setattr__(self, "value", float(self.value))
+
+
+def is_share(key: str) -> bool:
+    """Whether the score of a key, or its mean over objects, lies between 0 and 1 by its definition."""
+    return key.removesuffix(".mean").endswith(SHARES)
 
 
 def to_json(metrics: Iterable[Metric]) -> list[dict[str, Any]]:

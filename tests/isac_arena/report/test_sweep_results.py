@@ -15,6 +15,7 @@ from isac_arena.report.sweep.results import (
     SweepMetric,
     SweepResults,
     groups,
+    interval_ends,
     mean_interval,
     nondominated,
     varying,
@@ -50,6 +51,22 @@ def test_the_interval_contains_the_mean_at_its_confidence_level() -> None:
     rng = np.random.default_rng(3)
     held = [abs(mean) <= half for mean, half, _ in (mean_interval(rng.standard_normal(5)) for _ in range(2000))]
     assert 0.935 <= np.mean(held) <= 0.965
+
+
+def test_the_interval_of_a_share_ends_at_one() -> None:
+    key = "channel.detection_rate"
+    values = np.array([1.0, 1.0, 0.98, 1.0, 0.99])
+    mean, half, _ = mean_interval(values)
+    assert interval_ends(key, values) == (mean - half, 1.0)
+    assert interval_ends("channel.aoa.bias_deg", values - 1) == (mean - 1 - half, mean - 1 + half)
+    assert interval_ends(KEY, np.array([0.1, 0.0, 2.0, 0.1]))[0] == 0.0
+    results = replace(made(1, 5), metrics={key: SweepMetric(key, "1", "higher", values)})
+    assert "0.994 (0.983 to 1)" in axis_tables(results, [key])[0]
+    band = axis_figure(results, key).axes[0].collections[0].get_paths()[0].vertices
+    assert band[:, 1].max() == pytest.approx(1.0)
+    few = replace(results, point=results.point[:2], metrics={key: SweepMetric(key, "1", "higher", values[1:3])})
+    few = replace(few, axes=(SweepAxis("power", (0.0, 0.0)),))
+    assert "0.99; 0.98 to 1" in axis_tables(few, [key])[0]
 
 
 @given(st.lists(st.tuples(st.integers(0, 4), st.integers(0, 4)), min_size=1, max_size=12))

@@ -10,7 +10,7 @@ from isac_arena.campaign.files import read_record, write_record
 from isac_arena.campaign.results import MapResult
 from isac_arena.scoring.chain import score_campaign, score_metrics
 from isac_arena.scoring.config import Significance
-from isac_arena.scoring.metrics.metric import to_json
+from isac_arena.scoring.metrics.metric import is_share, to_json
 from isac_arena.scoring.record import ScoreTables
 from scenes.record import concatenate
 
@@ -48,6 +48,13 @@ def test_a_perfect_campaign_has_no_error(score):
         assert scores.value(f"shapes.{name}.pillar.coverage95.mean") == 1
     assert scores.tables.mapping.clusters.object.tolist() == ["pillar_a", "pillar_b", "wall_south", "wall_east"]
     assert np.all(scores.tables.mapping.clusters.purity == 1)
+
+
+def test_shares_lie_between_zero_and_one(score):
+    shares = {metric.key: metric.value for metric in score().metrics if is_share(metric.key)}
+    assert all(np.isnan(value) or 0 <= value <= 1 for value in shares.values())
+    assert {"channel.detection_rate", "slam.solved_share", "contours.slam.pillar.iou.mean"} <= set(shares)
+    assert not is_share("channel.false_per_stop") and not is_share("contours.slam.pillar.iou.count")
 
 
 def test_keys_stay_the_same_when_nothing_was_found(score, campaign):
